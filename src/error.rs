@@ -1,0 +1,87 @@
+//! What can go wrong between a file and a picture, sorted by whose move it is next.
+
+use crate::diagnostic::{Diagnostic, SourceText};
+use std::{io, path::Path, sync::Arc};
+
+/// The library's error: every variant says which file and what was wrong.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A text file says something that cannot work; the place is known.
+    #[error("{0}")]
+    Source(#[from] Box<Diagnostic>),
+    /// An input that is not text, or a request that cannot be met.
+    #[error("{subject}: {message}")]
+    Input {
+        /// The file, flag or thing at fault.
+        subject: String,
+        /// What was wrong and what to do.
+        message: String,
+    },
+    /// The machine could not do it: unreadable file, full disk.
+    #[error("{path}: {source}")]
+    Environment {
+        /// The file concerned.
+        path: String,
+        /// What the operating system said.
+        source: io::Error,
+    },
+    /// Stopped by the user; what was done is kept and can be resumed.
+    #[error("interrupted; {resume}")]
+    Interrupted {
+        /// How to go on.
+        resume: String,
+    },
+}
+
+/// The library's result.
+pub type Result<T, E = Error> = std::result::Result<T, E>;
+
+impl From<Diagnostic> for Error {
+    fn from(diagnostic: Diagnostic) -> Self {
+        Self::Source(Box::new(diagnostic))
+    }
+}
+
+impl Error {
+    /// An [`Error::Input`].
+    pub fn input(subject: impl Into<String>, message: impl Into<String>) -> Self {
+        Self::Input {
+            subject: subject.into(),
+            message: message.into(),
+        }
+    }
+
+    /// Sorts an I/O error: a file that is not there is bad input, anything else the environment.
+    pub fn io(path: &Path, source: io::Error) -> Self {
+        let path = path.display().to_string();
+        match source.kind() {
+            io::ErrorKind::NotFound => Self::input(path, "no such file or folder"),
+            io::ErrorKind::IsADirectory => Self::input(path, "is a folder, a file is needed"),
+            io::ErrorKind::InvalidData => Self::input(path, "is not UTF-8 text"),
+            _ => Self::Environment { path, source },
+        }
+    }
+
+    /// The process exit code that DESIGN §5 gives this error.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Source(_) | Self::Input { .. } => 2,
+            Self::Environment { .. } => 3,
+            Self::Interrupted { .. } => 75,
+        }
+    }
+
+    /// The text for a terminal: rustc-style with the source underlined where there is a source.
+    pub fn report(&self, colour: bool) -> String {
+        match self {
+            Self::Source(diagnostic) => diagnostic.report(colour),
+            other => format!("error: {other}"),
+        }
+    }
+}
+
+/// Reads a whole text file, or says why not.
+pub fn read_text(path: &Path) -> Result<Arc<SourceText>> {
+    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+    Ok(SourceText::new(path.display().to_string(), text))
+}

@@ -1,0 +1,1 @@
+//! Text -> expression graph -> derivatives -> straight-line tape run over lanes of rays.

@@ -1,0 +1,1 @@
+//! Camera, scene, tracers, lattice, intersection, shading and pictures.
