@@ -3,8 +3,12 @@
 //! geofan: precomputed geodesic lookup tables for curved 3-dimensional spaces.
 
 pub mod diagnostic;
+pub mod document;
 pub mod error;
 pub mod expr;
+pub mod geodesic;
+pub mod manifold;
 pub mod render;
+pub mod spelling;
 
 pub use error::{Error, Result};

@@ -1,0 +1,187 @@
+//! Exact derivatives of graphs, as new nodes of the same graph.
+//!
+//! In: a node and the rates of the inputs along some direction. Out: the node's rate along it
+//! (forward-mode automatic differentiation, carried out once on the graph instead of at every
+//! point). Applied twice it gives second derivatives.
+//!
+//! At kinks (`abs`, `min`, `max`, `if`) the derivative is the one of the branch taken there: one
+//! side of the kink, never an average.
+
+use super::graph::{Binary, Graph, Node, NodeId, Unary};
+use std::collections::HashMap;
+
+/// A direction in input space: how fast each input changes. Inputs not named stand still.
+#[derive(Debug, Clone, Default)]
+pub struct Direction {
+    rates: HashMap<NodeId, NodeId>,
+}
+
+impl Direction {
+    /// The direction in which input node `.0` changes at rate `.1`, for each pair.
+    pub fn new(seeds: impl IntoIterator<Item = (NodeId, NodeId)>) -> Self {
+        Self {
+            rates: seeds.into_iter().collect(),
+        }
+    }
+}
+
+impl Graph {
+    /// The rate of change of `root` along `direction`; results are kept in `direction`, so that
+    /// many roots share them.
+    pub fn derivative(&mut self, root: NodeId, direction: &mut Direction) -> NodeId {
+        let mut pending = vec![root];
+        while let Some(&id) = pending.last() {
+            if direction.rates.contains_key(&id) {
+                pending.pop();
+                continue;
+            }
+            let missing: Vec<_> = self
+                .node(id)
+                .operands()
+                .filter(|a| !direction.rates.contains_key(a))
+                .collect();
+            if missing.is_empty() {
+                let rate = self.rate(id, &direction.rates);
+                direction.rates.insert(id, rate);
+                pending.pop();
+            } else {
+                pending.extend(missing);
+            }
+        }
+        direction.rates[&root]
+    }
+
+    fn rate(&mut self, id: NodeId, rates: &HashMap<NodeId, NodeId>) -> NodeId {
+        match self.node(id) {
+            Node::Constant(_) | Node::Input(_) => self.constant(0.0),
+            Node::Unary(op, a) => {
+                let da = rates[&a];
+                if self.is(da, 0.0) {
+                    return da;
+                }
+                self.unary_rate(op, id, a, da)
+            }
+            Node::Binary(op, a, b) => self.binary_rate(op, id, (a, rates[&a]), (b, rates[&b])),
+            Node::Select(mask, yes, no) => self.select(mask, rates[&yes], rates[&no]),
+        }
+    }
+
+    /// The rate of `value = op(a)`, when `a` changes at rate `da`.
+    fn unary_rate(&mut self, op: Unary, value: NodeId, a: NodeId, da: NodeId) -> NodeId {
+        let one = self.constant(1.0);
+        let slope = match op {
+            Unary::Neg => return self.neg(da),
+            Unary::Floor => return self.constant(0.0),
+            Unary::Recip => {
+                let square = self.mul(value, value);
+                self.neg(square)
+            }
+            Unary::Sqrt => {
+                let half = self.constant(0.5);
+                self.div(half, value)
+            }
+            Unary::Abs => {
+                let (zero, minus) = (self.constant(0.0), self.constant(-1.0));
+                let negative = self.binary(Binary::Less, a, zero);
+                self.select(negative, minus, one)
+            }
+            Unary::Exp => value,
+            Unary::Log => self.recip(a),
+            Unary::Sin => self.unary(Unary::Cos, a),
+            Unary::Cos => {
+                let sine = self.unary(Unary::Sin, a);
+                self.neg(sine)
+            }
+            Unary::Tan => self.mul_add(value, value, one),
+            Unary::Sinh => self.unary(Unary::Cosh, a),
+            Unary::Cosh => self.unary(Unary::Sinh, a),
+            Unary::Tanh => {
+                let square = self.mul(value, value);
+                self.sub(one, square)
+            }
+            Unary::Asin
+            | Unary::Acos
+            | Unary::Atan
+            | Unary::Asinh
+            | Unary::Acosh
+            | Unary::Atanh => self.inverse_slope(op, a),
+        };
+        self.mul(slope, da)
+    }
+
+    /// The slope of the inverse circular and hyperbolic functions at `a`: ±1/√|1 ± a²| or 1/(1 ± a²).
+    fn inverse_slope(&mut self, op: Unary, a: NodeId) -> NodeId {
+        let one = self.constant(1.0);
+        let square = self.mul(a, a);
+        let radicand = match op {
+            Unary::Asin | Unary::Acos | Unary::Atanh => self.sub(one, square),
+            Unary::Acosh => self.sub(square, one),
+            _ => self.add(one, square),
+        };
+        let slope = match op {
+            Unary::Atan | Unary::Atanh => self.recip(radicand),
+            _ => {
+                let root = self.unary(Unary::Sqrt, radicand);
+                self.recip(root)
+            }
+        };
+        if op == Unary::Acos {
+            self.neg(slope)
+        } else {
+            slope
+        }
+    }
+
+    fn binary_rate(
+        &mut self,
+        op: Binary,
+        value: NodeId,
+        (a, da): (NodeId, NodeId),
+        (b, db): (NodeId, NodeId),
+    ) -> NodeId {
+        match op {
+            Binary::Add => self.add(da, db),
+            Binary::Sub => self.sub(da, db),
+            Binary::Mul => {
+                let first = self.mul(da, b);
+                self.mul_add(a, db, first)
+            }
+            Binary::Pow => self.power_rate(value, (a, da), (b, db)),
+            Binary::Atan2 => {
+                let (turn, back) = (self.mul(da, b), self.mul(a, db));
+                let turn = self.sub(turn, back);
+                let square = self.dot(&[a, b], &[a, b]);
+                self.div(turn, square)
+            }
+            Binary::Min => {
+                let mask = self.binary(Binary::Less, a, b);
+                self.select(mask, da, db)
+            }
+            Binary::Max => {
+                let mask = self.binary(Binary::Less, a, b);
+                self.select(mask, db, da)
+            }
+            Binary::Less | Binary::LessEqual => self.constant(0.0),
+        }
+    }
+
+    /// (a^b)˙ = b a^(b−1) ȧ + a^b ln(a) ḃ
+    fn power_rate(
+        &mut self,
+        value: NodeId,
+        (a, da): (NodeId, NodeId),
+        (b, db): (NodeId, NodeId),
+    ) -> NodeId {
+        let one = self.constant(1.0);
+        let less = self.sub(b, one);
+        let lower = self.pow(a, less);
+        let by_base = self.mul(b, lower);
+        let by_base = self.mul(by_base, da);
+        if self.is(db, 0.0) {
+            return by_base;
+        }
+        let log = self.unary(Unary::Log, a);
+        let by_exponent = self.mul(value, log);
+        self.mul_add(by_exponent, db, by_base)
+    }
+}

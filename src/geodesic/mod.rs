@@ -1,0 +1,89 @@
+//! Geodesics of a manifold: integrators, transport, deviation, paths with dense output.
+//!
+//! In: a [`Manifold`] and [`Ray`]s. Out: [`Step`]s given to a [`Sink`], or whole [`Path`]s.
+//! Arc length is measured in the metric; tangents have unit length.
+
+mod dormand_prince;
+mod events;
+mod integrator;
+mod path;
+mod spread;
+mod step;
+
+pub use integrator::follow;
+pub use path::{Path, paths};
+pub use spread::{Spread, perpendiculars, signed_area};
+pub use step::Step;
+
+use crate::manifold::{Carried, Manifold};
+use glam::DVec3;
+
+/// A geodesic to follow.
+#[derive(Debug, Clone, Copy)]
+pub struct Ray {
+    /// Chart point.
+    pub u: DVec3,
+    /// Tangent, chart components, unit length in the metric at `u`.
+    pub v: DVec3,
+    /// How far to follow it (arc length).
+    pub length: f64,
+    /// The initial δv of the two deviations, chart components; used only when deviation is carried.
+    pub spread: [DVec3; 2],
+}
+
+impl Ray {
+    /// The ray from `u` in the direction `d` (standard frame, unit), with deviations along two
+    /// perpendicular directions that make a right-handed triple with it.
+    pub fn new(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> Self {
+        let s = manifold.standard_frame(u);
+        let across = perpendiculars(d);
+        Self {
+            u,
+            v: s * d,
+            length,
+            spread: across.map(|e| s * e),
+        }
+    }
+}
+
+/// How a path ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum End {
+    /// At the length asked for.
+    Length,
+    /// Through the exit with this index in [`Manifold::exits`].
+    Exit(usize),
+    /// Where the metric allows no further step.
+    Singular,
+}
+
+impl End {
+    /// The name that `trace` prints.
+    pub fn name(self, manifold: &Manifold) -> &str {
+        match self {
+            Self::Length => "length",
+            Self::Singular => "singular",
+            Self::Exit(k) => &manifold.exits[k].name,
+        }
+    }
+}
+
+/// What to follow and how exactly.
+#[derive(Debug, Clone, Copy)]
+pub struct Settings {
+    /// Largest local error of a step: an angle in radians for directions and frames, a share of the
+    /// arc length for positions.
+    pub tolerance: f64,
+    /// What to carry along.
+    pub carried: Carried,
+    /// Whether to end rays at exits and at the end of the domain.
+    pub events: bool,
+}
+
+/// Takes the steps of many rays as they are made.
+pub trait Sink {
+    /// The next step of `ray`; steps of one ray come in order, those of different rays mixed.
+    fn step(&mut self, ray: usize, step: &Step);
+    /// `ray` has ended at arc length `s` after `steps` steps tried.
+    fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);
+}

@@ -1,0 +1,64 @@
+//! A whole geodesic with dense output.
+
+use super::{End, Ray, Settings, Sink, Step, follow};
+use crate::manifold::Manifold;
+
+/// A geodesic as its steps.
+#[derive(Debug, Clone)]
+pub struct Path {
+    /// The steps in order, without gaps.
+    pub steps: Vec<Step>,
+    /// How it ended.
+    pub end: End,
+    /// The arc length at which it ended.
+    pub length: f64,
+    /// How many steps were tried, rejected ones included.
+    pub tried: usize,
+}
+
+impl Path {
+    /// The step that covers arc length `s`; `None` for a path that ended at its start.
+    pub fn step_at(&self, s: f64) -> Option<&Step> {
+        let after = self.steps.partition_point(|step| step.end < s);
+        self.steps
+            .get(after.min(self.steps.len().saturating_sub(1)))
+    }
+}
+
+/// Follows `rays` and keeps their paths.
+pub fn paths(
+    manifold: &Manifold,
+    settings: Settings,
+    rays: impl IntoIterator<Item = Ray>,
+) -> Vec<Path> {
+    let mut kept = Kept(Vec::new());
+    follow(manifold, settings, rays, &mut kept);
+    kept.0
+}
+
+struct Kept(Vec<Path>);
+
+impl Kept {
+    fn path(&mut self, ray: usize) -> &mut Path {
+        while self.0.len() <= ray {
+            self.0.push(Path {
+                steps: Vec::new(),
+                end: End::Length,
+                length: 0.0,
+                tried: 0,
+            });
+        }
+        &mut self.0[ray]
+    }
+}
+
+impl Sink for Kept {
+    fn step(&mut self, ray: usize, step: &Step) {
+        self.path(ray).steps.push(step.clone());
+    }
+
+    fn end(&mut self, ray: usize, end: End, s: f64, steps: usize) {
+        let path = self.path(ray);
+        (path.end, path.length, path.tried) = (end, s, steps);
+    }
+}

@@ -1,0 +1,175 @@
+//! Manifold file -> metric, connection, frames, domain and exits, symmetry, camera region.
+//!
+//! In: the text of a manifold file (DESIGN §3) and parameter values that replace the file's.
+//! Out: a [`Manifold`], immutable and shared between threads, whose tapes evaluate everything that
+//! later stages need. Chart points `u` and tangents `v` are in coordinates; lengths are in the
+//! metric's unit.
+
+mod domain;
+mod geometry;
+mod load;
+mod probe;
+mod region;
+mod symmetry;
+
+pub use domain::{Domain, EventKind};
+pub use region::CameraRegion;
+pub use symmetry::{Isometry, Symmetry};
+
+use crate::{
+    diagnostic::SourceText,
+    error::{Error, Result, read_text},
+    expr::Tape,
+};
+use glam::{DMat3, DVec3};
+use std::{path::Path, sync::Arc};
+
+/// A way out of the manifold, with its own sky.
+#[derive(Debug, Clone)]
+pub struct Exit {
+    /// Its name in scene files and in `trace` output.
+    pub name: String,
+    /// (u, v) -> the direction in which its sky is looked up; `None`: the ambient direction.
+    direction: Option<Tape>,
+}
+
+/// Which rates a geodesic tape computes, besides acceleration and metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Carried {
+    /// The turning rate of the transported frame.
+    pub frame: bool,
+    /// The two columns of geodesic deviation.
+    pub deviation: bool,
+}
+
+impl Carried {
+    fn index(self) -> usize {
+        usize::from(self.frame) + 2 * usize::from(self.deviation)
+    }
+}
+
+/// A manifold, ready to be followed through.
+#[derive(Debug, Clone)]
+pub struct Manifold {
+    /// The file it came from.
+    pub source: Arc<SourceText>,
+    /// Its name.
+    pub name: String,
+    /// The names of the coordinates.
+    pub coordinates: [String; 3],
+    /// The parameters, after `--set`.
+    pub parameters: Vec<(String, f64)>,
+    /// Coordinate limits and other conditions.
+    pub domain: Domain,
+    /// The exits: those of the file, then `limit` and `inside`.
+    pub exits: Vec<Exit>,
+    /// Symmetry claims, each checked numerically on loading.
+    pub symmetry: Symmetry,
+    /// Where cameras may be.
+    pub cameras: Option<CameraRegion>,
+    /// How far a path is followed (arc length), if the file says.
+    pub length: Option<f64>,
+    /// Dimension N of the ambient space, for an embedding.
+    pub ambient: Option<usize>,
+    metric: Tape,
+    jacobian: Option<Tape>,
+    flows: [Tape; 4],
+}
+
+impl Manifold {
+    /// Loads a manifold file; `settings` replace its parameters.
+    ///
+    /// # Errors
+    /// Everything that DESIGN §3 refuses, with the place in the file.
+    pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
+        Self::from_source(read_text(path)?, settings)
+    }
+
+    /// Makes a manifold from the text of its file.
+    ///
+    /// # Errors
+    /// As [`Manifold::load`].
+    pub fn from_source(source: Arc<SourceText>, settings: &[(String, f64)]) -> Result<Self> {
+        let manifold = load::from_source(&source, settings)?;
+        probe::check(&manifold)?;
+        Ok(manifold)
+    }
+
+    /// `G(u)`.
+    pub fn metric(&self, u: DVec3) -> DMat3 {
+        self.metric_and_frame(u).0
+    }
+
+    /// `S(u)`: columns are the standard frame (Gram–Schmidt in coordinate order).
+    pub fn standard_frame(&self, u: DVec3) -> DMat3 {
+        self.metric_and_frame(u).1
+    }
+
+    /// `G(u)` and `S(u)`.
+    pub fn metric_and_frame(&self, u: DVec3) -> (DMat3, DMat3) {
+        let o = self.metric.at(&u.to_array());
+        let metric =
+            DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]]);
+        let frame = DMat3::from_cols_array(&[o[6], 0.0, 0.0, o[9], o[7], 0.0, o[10], o[11], o[8]]);
+        (metric, frame)
+    }
+
+    /// The tape u -> G (xx, yy, zz, xy, xz, yz), S (11, 22, 33, 12, 13, 23).
+    pub fn metric_tape(&self) -> &Tape {
+        &self.metric
+    }
+
+    /// The tape (u, v, δu₁, δv₁, δu₂, δv₂) -> acceleration (3), metric (6), then the turning rate
+    /// (3) if the frame is carried, then the deviation's acceleration (3 + 3) if it is.
+    pub fn flow(&self, carried: Carried) -> &Tape {
+        &self.flows[carried.index()]
+    }
+
+    /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with
+    /// tangent `v` (chart components): normalised, NaN only if the file's expressions are.
+    pub fn sky_direction(&self, exit: Option<usize>, u: DVec3, v: DVec3) -> DVec3 {
+        let point = [u.x, u.y, u.z, v.x, v.y, v.z];
+        let own = exit.and_then(|e| self.exits[e].direction.as_ref());
+        let direction = match (own, &self.jacobian) {
+            (Some(tape), _) => DVec3::from_slice(&tape.at(&point)),
+            (None, Some(jacobian)) => {
+                let j = jacobian.at(&point[..3]);
+                DVec3::from_array(
+                    [0, 1, 2].map(|i| j[3 * i] * v.x + j[3 * i + 1] * v.y + j[3 * i + 2] * v.z),
+                )
+            }
+            (None, None) => v,
+        };
+        direction.normalize_or_zero()
+    }
+
+    /// The index of the exit called `name`.
+    pub fn exit_named(&self, name: &str) -> Option<usize> {
+        self.exits.iter().position(|e| e.name == name)
+    }
+
+    /// The path length to follow: `asked`, else the file's.
+    ///
+    /// # Errors
+    /// Neither is given.
+    pub fn length_or(&self, asked: Option<f64>) -> Result<f64> {
+        asked.or(self.length).ok_or_else(|| {
+            Error::input(
+                self.source.name.clone(),
+                "no path length: add `length` under [cameras] or give --length",
+            )
+        })
+    }
+
+    /// A hash of everything that determines the geometry: the text and the parameter values.
+    pub fn fingerprint(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.source.text.as_bytes());
+        for (name, value) in &self.parameters {
+            hasher.update(name.as_bytes());
+            hasher.update(&[0]);
+            hasher.update(&value.to_bits().to_le_bytes());
+        }
+        *hasher.finalize().as_bytes()
+    }
+}
