@@ -2,12 +2,15 @@
 #![warn(missing_docs)]
 //! geofan: precomputed geodesic lookup tables for curved 3-dimensional spaces.
 
+pub mod bundle;
 pub mod diagnostic;
 pub mod document;
 pub mod error;
 pub mod expr;
+pub mod fan;
 pub mod geodesic;
 pub mod manifold;
+pub mod random;
 pub mod render;
 pub mod spelling;
 

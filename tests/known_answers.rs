@@ -9,27 +9,42 @@ use geofan::{
 use glam::{DMat3, DQuat, DVec3};
 
 fn manifold(text: &str) -> Manifold {
-    Manifold::from_source(SourceText::new("test.toml", text), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
+    Manifold::from_source(SourceText::new("test.toml", text), &[])
+        .unwrap_or_else(|e| panic!("{}", e.report(false)))
 }
 
 fn asset(name: &str) -> Manifold {
-    let path = format!("{}/assets/manifolds/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let path = format!(
+        "{}/assets/manifolds/{name}.toml",
+        env!("CARGO_MANIFEST_DIR")
+    );
     Manifold::load(path.as_ref(), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
 }
 
 fn follow(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> Path {
     let settings = Settings {
         tolerance: 1e-11,
-        carried: Carried { frame: true, deviation: true },
+        carried: Carried {
+            frame: true,
+            deviation: true,
+        },
         events: true,
     };
-    paths(manifold, settings, [Ray::new(manifold, u, d.normalize(), length)]).remove(0)
+    paths(
+        manifold,
+        settings,
+        [Ray::new(manifold, u, d.normalize(), length)],
+    )
+    .remove(0)
 }
 
 /// A tilt off every coordinate plane.
 fn tilts() -> [DMat3; 2] {
     let axis = DVec3::new(0.3, -0.7, 0.4).normalize();
-    [DMat3::IDENTITY, DMat3::from_quat(DQuat::from_axis_angle(axis, 1.1))]
+    [
+        DMat3::IDENTITY,
+        DMat3::from_quat(DQuat::from_axis_angle(axis, 1.1)),
+    ]
 }
 
 /// The angle swept about the origin by a path, followed step by step.
@@ -45,7 +60,12 @@ fn orbit(text: &str, rho: f64, sine: f64, tilt: DMat3) -> f64 {
     let manifold = manifold(text);
     let d = DVec3::new(-(1.0 - sine * sine).sqrt(), sine, 0.0);
     // Conformal charts: the standard frame is parallel to the coordinates, so tilting is plain.
-    let path = follow(&manifold, tilt * DVec3::new(rho, 0.0, 0.0), tilt * d, 1000.0);
+    let path = follow(
+        &manifold,
+        tilt * DVec3::new(rho, 0.0, 0.0),
+        tilt * d,
+        1000.0,
+    );
     assert!(matches!(path.end, End::Exit(0)));
     swept(&path)
 }
@@ -111,12 +131,20 @@ fn sphere_paths_meet_at_the_antipode_and_close() {
     let manifold = asset("s3");
     let u = DVec3::new(0.3, -0.2, 0.4);
     let antipode = -u / u.length_squared();
-    for d in [DVec3::X, DVec3::new(0.2, 0.5, -0.7), DVec3::new(-1.0, 0.3, 0.1)] {
+    for d in [
+        DVec3::X,
+        DVec3::new(0.2, 0.5, -0.7),
+        DVec3::new(-1.0, 0.3, 0.1),
+    ] {
         let path = follow(&manifold, u, d, 2.0 * std::f64::consts::PI);
         let half = std::f64::consts::PI;
         let meet = path.step_at(half).unwrap().position(half);
         let close = path.steps.last().unwrap().position(path.length);
-        assert!((meet - antipode).length() < 1e-8, "{}", (meet - antipode).length());
+        assert!(
+            (meet - antipode).length() < 1e-8,
+            "{}",
+            (meet - antipode).length()
+        );
         assert!((close - u).length() < 1e-8);
     }
 }

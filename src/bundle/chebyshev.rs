@@ -1,0 +1,105 @@
+//! Chebyshev polynomials on [−1, 1]: nodes, samples → coefficients, and values.
+//!
+//! First-kind nodes `cos(π(i+½)/n)`; `f(x) = Σ c_k T_k(x)`. Source: L. N. Trefethen,
+//! *Approximation Theory and Approximation Practice*, chapters 2–4.
+
+use ndarray::{Array2, ArrayD, Axis};
+use std::f64::consts::PI;
+
+/// The `n` nodes, ascending.
+pub fn nodes(n: usize) -> Vec<f64> {
+    (0..n)
+        .map(|i| -(PI * (i as f64 + 0.5) / n as f64).cos())
+        .collect()
+}
+
+/// `T_0(x) … T_(n−1)(x)` into `values`.
+pub fn values(x: f64, values: &mut [f64]) {
+    for k in 0..values.len() {
+        values[k] = match k {
+            0 => 1.0,
+            1 => x,
+            _ => 2.0 * x * values[k - 1] - values[k - 2],
+        };
+    }
+}
+
+/// The derivatives `T'_0(x) … T'_(n−1)(x)`, by differentiating the recurrence.
+pub fn slopes(x: f64, n: usize) -> Vec<f64> {
+    let mut t = vec![0.0; n];
+    values(x, &mut t);
+    let mut slopes = vec![0.0; n];
+    for k in 1..n {
+        slopes[k] = match k {
+            1 => 1.0,
+            _ => 2.0 * t[k - 1] + 2.0 * x * slopes[k - 1] - slopes[k - 2],
+        };
+    }
+    slopes
+}
+
+/// The matrix that takes samples at [`nodes`] to coefficients.
+fn transform(n: usize) -> Array2<f64> {
+    let nodes = nodes(n);
+    let mut t = vec![0.0; n];
+    let mut matrix = Array2::zeros((n, n));
+    for (i, &x) in nodes.iter().enumerate() {
+        values(x, &mut t);
+        for k in 0..n {
+            let weight = if k == 0 { 1.0 } else { 2.0 };
+            matrix[[k, i]] = weight * t[k] / n as f64;
+        }
+    }
+    matrix
+}
+
+/// Samples on a tensor grid of nodes → coefficients, along the first `axes` axes.
+pub fn coefficients(mut samples: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
+    for axis in 0..axes {
+        let matrix = transform(samples.len_of(Axis(axis)));
+        for mut lane in samples.lanes_mut(Axis(axis)) {
+            let transformed = matrix.dot(&lane);
+            lane.assign(&transformed);
+        }
+    }
+    samples
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::IxDyn;
+
+    #[test]
+    fn coefficients_reproduce_a_polynomial_of_two_variables() {
+        let f = |x: f64, y: f64| 1.0 + x * x * y - 0.5 * y.powi(4) * x.powi(3);
+        let (nx, ny) = (5, 6);
+        let (xs, ys) = (nodes(nx), nodes(ny));
+        let samples = ArrayD::from_shape_fn(IxDyn(&[nx, ny]), |i| f(xs[i[0]], ys[i[1]]));
+        let c = coefficients(samples, 2);
+        let (mut tx, mut ty) = (vec![0.0; nx], vec![0.0; ny]);
+        for (x, y) in [(0.3, -0.9), (-1.0, 1.0), (0.11, 0.5)] {
+            values(x, &mut tx);
+            values(y, &mut ty);
+            let sum: f64 = c.indexed_iter().map(|(i, c)| c * tx[i[0]] * ty[i[1]]).sum();
+            assert!((sum - f(x, y)).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn slopes_are_derivatives() {
+        for x in [-0.7_f64, 0.2, 1.0] {
+            let found = slopes(x, 5);
+            let exact = [
+                0.0,
+                1.0,
+                4.0 * x,
+                12.0 * x * x - 3.0,
+                32.0 * x.powi(3) - 16.0 * x,
+            ];
+            for (a, b) in found.iter().zip(exact) {
+                assert!((a - b).abs() < 1e-13);
+            }
+        }
+    }
+}

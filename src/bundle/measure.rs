@@ -1,0 +1,105 @@
+//! Table against exact: errors in mrad as DESIGN §1 defines them.
+//!
+//! In: rays and arc lengths. Out: [`Probe`]s (what is exactly there) and the [`Deviation`] of any
+//! other answer from them.
+
+use crate::{
+    geodesic::{End, Ray, Settings, Spread, paths},
+    manifold::{Carried, Manifold},
+};
+use glam::{DMat3, DQuat, DVec3};
+
+/// The exact state of a ray at an arc length.
+#[derive(Debug, Clone, Copy)]
+pub struct Probe {
+    /// Arc length.
+    pub s: f64,
+    /// Chart point.
+    pub u: DVec3,
+    frame_inverse: DMat3,
+    spread: Spread,
+    rotation: DQuat,
+}
+
+/// The distance of an answer from the exact one, in mrad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviation {
+    /// Transverse distance over arc length.
+    pub mrad: f64,
+    /// The same divided by the ray's magnification.
+    pub screen_mrad: f64,
+    /// Angle between the transported rotations; `None` if the answer has none.
+    pub rotation_mrad: Option<f64>,
+}
+
+impl Probe {
+    /// How far the answer (`u`, `rotation`) is from this.
+    pub fn deviation(&self, u: DVec3, rotation: Option<DQuat>) -> Deviation {
+        let e = self.frame_inverse * (u - self.u);
+        Deviation {
+            mrad: 1e3 * self.spread.transverse(e) / self.s,
+            screen_mrad: 1e3 * self.spread.screen_angle(e, self.s),
+            rotation_mrad: rotation.map(|q| 1e3 * self.rotation.angle_between(q)),
+        }
+    }
+
+    /// The largest factor by which a displacement in chart units can grow when measured in the
+    /// metric: the largest entry norm of `S⁻¹`.
+    pub fn stretch(&self) -> f64 {
+        let columns = [0, 1, 2].map(|k| self.frame_inverse.col(k).length_squared());
+        columns.iter().sum::<f64>().sqrt()
+    }
+}
+
+/// What is known exactly about one ray.
+#[derive(Debug, Clone)]
+pub struct Probed {
+    /// Where the ray ended.
+    pub end: End,
+    /// Its arc length.
+    pub length: f64,
+    /// The states asked for, as far as the ray went.
+    pub probes: Vec<Probe>,
+}
+
+/// Follows rays (chart point, direction in the standard frame) over `length`, ending at exits, and
+/// probes each at the arc lengths that `lengths` gives for its index and final length.
+pub fn probe(
+    manifold: &Manifold,
+    tolerance: f64,
+    length: f64,
+    rays: &[(DVec3, DVec3)],
+    lengths: impl Fn(usize, f64) -> Vec<f64>,
+) -> Vec<Probed> {
+    let settings = Settings {
+        tolerance,
+        carried: Carried {
+            frame: true,
+            deviation: true,
+        },
+        events: true,
+    };
+    let starts = rays.iter().map(|&(u, d)| Ray::new(manifold, u, d, length));
+    let paths = paths(manifold, settings, starts);
+    let mut probed = Vec::new();
+    for (i, path) in paths.iter().enumerate() {
+        let states = lengths(i, path.length).into_iter().filter_map(|s| {
+            let step = path.step_at(s)?;
+            let u = step.position(s);
+            let frame_inverse = manifold.standard_frame(u).inverse();
+            Some(Probe {
+                s,
+                u,
+                frame_inverse,
+                spread: Spread::new(frame_inverse, step.tangent(s), step.deviation(s)?),
+                rotation: step.rotation(s)?,
+            })
+        });
+        probed.push(Probed {
+            end: path.end,
+            length: path.length,
+            probes: states.collect(),
+        });
+    }
+    probed
+}

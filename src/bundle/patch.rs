@@ -1,0 +1,244 @@
+//! A patch: one polynomial for all paths of a box of (camera, direction, arc length), stored as
+//! quantised Chebyshev coefficients.
+//!
+//! In: exact samples at the tensor grid of Chebyshev nodes of the box ([`Polynomial::fit`]). Out:
+//! integers coded by pco ([`Tensor::encode`]), and for a fixed camera the small table over
+//! direction and arc length that remains when the camera axes are summed out
+//! ([`Tensor::contract`]). Axes: camera…, direction…, arc length, channel. Coefficients beyond the
+//! last one that rounds to something are not stored.
+
+use super::{
+    bytes::{Damage, Reader, Writer},
+    chebyshev,
+};
+use ndarray::{Array3, ArrayD, ArrayViewD, Axis, IxDyn, Slice};
+use std::sync::OnceLock;
+
+/// Chebyshev coefficients of one group of channels, not yet rounded.
+#[derive(Debug, Clone)]
+pub struct Polynomial(ArrayD<f64>);
+
+impl Polynomial {
+    /// From samples with axes (camera…, direction…, arc length, channel).
+    pub fn fit(samples: ArrayViewD<'_, f64>) -> Self {
+        let axes = samples.ndim() - 1;
+        Self(chebyshev::coefficients(samples.to_owned(), axes))
+    }
+
+    /// The root of the sum of squares of the two highest coefficients along each axis: what
+    /// splitting the axis would reduce most is largest.
+    pub fn tails(&self) -> Vec<f64> {
+        (0..self.0.ndim() - 1)
+            .map(|axis| {
+                let n = self.0.len_of(Axis(axis)) as isize;
+                let tail = self
+                    .0
+                    .slice_axis(Axis(axis), Slice::from((n - 2).max(0)..n));
+                tail.iter().map(|c| c * c).sum::<f64>().sqrt()
+            })
+            .collect()
+    }
+
+    /// Whether all coefficients are finite.
+    pub fn is_finite(&self) -> bool {
+        self.0.iter().all(|c| c.is_finite())
+    }
+
+    /// Rounds to multiples of `step`; `None` if a coefficient is too large for it.
+    pub fn quantise(&self, step: f64) -> Option<Tensor> {
+        let limit = f64::from(i32::MAX / 2) * step;
+        if !(step > 0.0) || self.0.iter().any(|c| !(c.abs() < limit)) {
+            return None;
+        }
+        let rounded = self.0.mapv(|c| (c / step).round());
+        let mut kept = vec![1; rounded.ndim()];
+        kept[rounded.ndim() - 1] = rounded.shape()[rounded.ndim() - 1];
+        for (index, value) in rounded.indexed_iter() {
+            if *value != 0.0 {
+                for (axis, k) in kept.iter_mut().enumerate() {
+                    *k = (*k).max(index[axis] + 1);
+                }
+            }
+        }
+        let trimmed = rounded.slice_each_axis(|axis| Slice::from(..kept[axis.axis.index()]));
+        let integers: Vec<i32> = trimmed.iter().map(|&x| x as i32).collect();
+        Some(Tensor::new(kept, step, &integers))
+    }
+}
+
+/// Quantised coefficients of one group of channels.
+#[derive(Debug, Clone)]
+pub struct Tensor {
+    shape: Vec<usize>,
+    step: f64,
+    /// The integers, coded.
+    stream: Vec<u8>,
+    decoded: OnceLock<Option<ArrayD<f64>>>,
+}
+
+/// The most coefficients of a tensor: far above any that a bake makes, and small enough that a
+/// hostile file cannot exhaust the memory.
+const MOST_COEFFICIENTS: u64 = 1 << 24;
+
+/// The most coefficients along one axis.
+pub const MOST_DEGREES: usize = 64;
+
+impl Tensor {
+    fn new(shape: Vec<usize>, step: f64, integers: &[i32]) -> Self {
+        let config = pco::ChunkConfig::default();
+        // pco refuses only configurations, never data.
+        let stream =
+            pco::standalone::simple_compress(integers, &config).expect("valid configuration");
+        Self {
+            shape,
+            step,
+            stream,
+            decoded: OnceLock::new(),
+        }
+    }
+
+    /// The coefficients; `None` if the stream does not hold as many as declared.
+    fn coefficients(&self) -> Option<&ArrayD<f64>> {
+        let decode = || {
+            let mut integers = vec![0_i32; self.shape.iter().product()];
+            let progress =
+                pco::standalone::simple_decompress_into(&self.stream, &mut integers).ok()?;
+            if !progress.finished || progress.n_processed != integers.len() {
+                return None;
+            }
+            let scaled = integers.iter().map(|&i| f64::from(i) * self.step).collect();
+            ArrayD::from_shape_vec(IxDyn(&self.shape), scaled).ok()
+        };
+        self.decoded.get_or_init(decode).as_ref()
+    }
+
+    /// The bytes it takes in a bundle.
+    pub fn bytes(&self) -> usize {
+        self.stream.len() + self.shape.len() + 14
+    }
+
+    /// The table over (direction 1, direction 2, arc length × channel…) that remains at camera
+    /// parameters `camera` in [−1, 1]; with one direction parameter the second axis has length 1.
+    ///
+    /// # Errors
+    /// The coded integers are not what their header says.
+    pub fn contract(&self, camera: &[f64]) -> Result<Contracted, Damage> {
+        let coefficients = self.coefficients().ok_or(Damage("coefficients"))?;
+        let mut table = coefficients.view().to_owned();
+        for &x in camera {
+            let mut weights = vec![0.0; table.len_of(Axis(0))];
+            chebyshev::values(x, &mut weights);
+            let mut sum = ArrayD::zeros(IxDyn(&table.shape()[1..]));
+            for (part, w) in table.axis_iter(Axis(0)).zip(weights) {
+                sum.scaled_add(w, &part);
+            }
+            table = sum;
+        }
+        if table.ndim() == 3 {
+            table.insert_axis_inplace(Axis(1));
+        }
+        let shape = table.shape().to_vec();
+        let [p, q, s, c] = shape[..] else {
+            return Err(Damage("number of axes"));
+        };
+        let flat = table
+            .into_shape_with_order((p, q, s * c))
+            .map_err(|_| Damage("axes"))?;
+        Ok(Contracted {
+            table: flat,
+            lengths: s,
+            channels: c,
+        })
+    }
+
+    /// Writes the tensor.
+    pub fn encode(&self, out: &mut Writer) {
+        out.u8(self.shape.len() as u8);
+        for &n in &self.shape {
+            out.u8(n as u8);
+        }
+        out.f64(self.step);
+        out.bytes(&self.stream);
+    }
+
+    /// Reads what [`Tensor::encode`] wrote, with `axes` axes, the last of `channels`.
+    pub fn decode(input: &mut Reader<'_>, axes: usize, channels: usize) -> Result<Self, Damage> {
+        if usize::from(input.u8()?) != axes {
+            return Err(Damage("number of axes"));
+        }
+        let mut shape = Vec::new();
+        let mut count = 1_u64;
+        for _ in 0..axes {
+            let n = input.u8()?;
+            count = count.saturating_mul(u64::from(n));
+            shape.push(usize::from(n).min(MOST_DEGREES));
+        }
+        if count == 0 || count > MOST_COEFFICIENTS || shape[axes - 1] != channels {
+            return Err(Damage("number of coefficients"));
+        }
+        let step = input.f64()?;
+        if !(step > 0.0 && step.is_finite()) {
+            return Err(Damage("quantisation step"));
+        }
+        Ok(Self {
+            shape,
+            step,
+            stream: input.bytes()?.to_vec(),
+            decoded: OnceLock::new(),
+        })
+    }
+}
+
+/// A patch at one camera: polynomials in the direction and the arc length.
+#[derive(Debug, Clone)]
+pub struct Contracted {
+    /// Coefficients (direction 1, direction 2, arc length × channel).
+    table: Array3<f64>,
+    lengths: usize,
+    channels: usize,
+}
+
+impl Contracted {
+    /// The coefficients in the arc length, `lengths` rows of `channels`, at direction parameters
+    /// (p, q) in [−1, 1], appended to `out`.
+    pub fn direction(&self, p: f64, q: f64, out: &mut Vec<f64>) {
+        let (np, nq, row) = self.table.dim();
+        let (mut tp, mut tq) = ([0.0; MOST_DEGREES], [0.0; MOST_DEGREES]);
+        chebyshev::values(p, &mut tp[..np]);
+        chebyshev::values(q, &mut tq[..nq]);
+        let start = out.len();
+        out.resize(start + row, 0.0);
+        let sum = &mut out[start..];
+        for (plane, wp) in self.table.outer_iter().zip(tp) {
+            for (line, wq) in plane.outer_iter().zip(tq) {
+                let w = wp * wq;
+                if let Some(line) = line.as_slice() {
+                    for (s, c) in sum.iter_mut().zip(line) {
+                        *s += w * c;
+                    }
+                }
+            }
+        }
+    }
+
+    /// (rows, channels) of what [`Contracted::direction`] appends.
+    pub fn shape(&self) -> (usize, usize) {
+        (self.lengths, self.channels)
+    }
+}
+
+/// A leaf of the table: displacement, and rotation unless left out.
+#[derive(Debug, Clone)]
+pub struct Patch {
+    /// Displacement channels.
+    pub displacement: Tensor,
+    /// Quaternion channels.
+    pub rotation: Option<Tensor>,
+}
+
+impl Patch {
+    /// The bytes it takes in a bundle.
+    pub fn bytes(&self) -> usize {
+        self.displacement.bytes() + self.rotation.as_ref().map_or(0, Tensor::bytes)
+    }
+}

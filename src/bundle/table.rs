@@ -1,0 +1,324 @@
+//! The table in memory, and what is left of it when the camera is fixed.
+//!
+//! In: chunks of the table ([`Tree`]s) over the rays of a [`FanSpace`]. Out: [`Fan`]s: all paths
+//! from one camera position, and from those single [`FanPath`]s: position, tangent and transported
+//! rotation at any arc length. Interpolation *is* the contraction of the camera axes, so a camera
+//! anywhere in the region costs the same.
+
+use super::{
+    bytes::Damage,
+    patch::{Contracted, Patch},
+    tree::{Shape, Tree},
+};
+use crate::{
+    error::Result,
+    fan::{FanSpace, Located, Place},
+};
+use glam::{DMat3, DQuat, DVec3};
+
+/// How a table is divided into chunks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Division {
+    /// Cells along each stored camera parameter.
+    pub cells: Vec<usize>,
+    /// Faces of directions.
+    pub faces: usize,
+}
+
+impl Division {
+    /// The number of chunks: cells × faces, faces running fastest.
+    pub fn chunks(&self) -> usize {
+        self.cells.iter().product::<usize>() * self.faces
+    }
+
+    /// The cell (along each parameter) and the face of a chunk.
+    pub fn of(&self, chunk: usize) -> (Vec<usize>, usize) {
+        let mut rest = chunk / self.faces;
+        let cell = self.cells.iter().map(|n| {
+            let c = rest % n;
+            rest /= n;
+            c
+        });
+        (cell.collect(), chunk % self.faces)
+    }
+
+    /// The first chunk (face 0) of the cell that holds `parameters`, and the parameters in it, in
+    /// [−1, 1].
+    fn locate(&self, intervals: &[[f64; 2]], parameters: &[f64]) -> (usize, Vec<f64>) {
+        let (mut cell, mut stride) = (0, 1);
+        let mut inner = Vec::new();
+        for ((&n, [low, high]), p) in self.cells.iter().zip(intervals).zip(parameters) {
+            let t = if high > low {
+                (p - low) / (high - low) * n as f64
+            } else {
+                0.5
+            };
+            let k = (t.max(0.0) as usize).min(n - 1);
+            cell += k * stride;
+            stride *= n;
+            inner.push((2.0 * (t - k as f64) - 1.0).clamp(-1.0, 1.0));
+        }
+        (cell * self.faces, inner)
+    }
+}
+
+/// A baked table.
+#[derive(Debug, Clone)]
+pub struct Table {
+    /// The rays it covers.
+    pub space: FanSpace,
+    /// How it is divided.
+    pub division: Division,
+    /// How far paths go.
+    pub length: f64,
+    /// The chunks, in order.
+    pub chunks: Vec<Tree>,
+}
+
+impl Table {
+    /// What the tensors of a table over `space` look like.
+    pub fn shape(space: &FanSpace) -> Shape {
+        Shape {
+            axes: space.cameras().len() + space.directions() + 1,
+            displacement: space.displacement_channels().len(),
+            rotation: space.rotation_channels().len(),
+        }
+    }
+
+    /// All paths from the camera position `u`.
+    ///
+    /// # Errors
+    /// `u` is not in the camera region, or the patches there are damaged.
+    pub fn fan(&self, u: DVec3) -> Result<Fan<'_>> {
+        let place = self.space.place(u)?;
+        let (first, camera) = self
+            .division
+            .locate(self.space.cameras(), &place.parameters);
+        let faces: Result<Vec<FanNode>, Damage> = (0..self.division.faces)
+            .map(|face| FanNode::contract(&self.chunks[first + face], camera.clone()))
+            .collect();
+        let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
+        Ok(Fan {
+            table: self,
+            place,
+            faces,
+        })
+    }
+}
+
+/// A tree at one camera: only direction (axes 0, 1) and arc length (axis 2) are left.
+#[derive(Debug, Clone)]
+enum FanNode {
+    Split {
+        axis: usize,
+        halves: Box<[FanNode; 2]>,
+    },
+    Leaf {
+        displacement: Contracted,
+        rotation: Option<Contracted>,
+    },
+    Flagged,
+}
+
+/// The local coordinate in the half that holds `x`, and which half it is.
+fn half(x: f64) -> (usize, f64) {
+    if x < 0.0 {
+        (0, 2.0 * x + 1.0)
+    } else {
+        (1, 2.0 * x - 1.0)
+    }
+}
+
+impl FanNode {
+    fn contract(tree: &Tree, mut camera: Vec<f64>) -> Result<Self, Damage> {
+        match tree {
+            Tree::Flagged => Ok(Self::Flagged),
+            Tree::Leaf(patch) => Self::leaf(patch, &camera),
+            Tree::Split { axis, halves } if *axis < camera.len() => {
+                let (side, inner) = half(camera[*axis]);
+                camera[*axis] = inner;
+                Self::contract(&halves[side], camera)
+            }
+            Tree::Split { axis, halves } => {
+                let [low, high] = halves.as_ref();
+                let (axis, cameras) = (*axis, camera.len());
+                let low = Self::contract(low, camera.clone())?;
+                let high = Self::contract(high, camera)?;
+                Ok(Self::Split {
+                    axis: axis - cameras,
+                    halves: Box::new([low, high]),
+                })
+            }
+        }
+    }
+
+    fn leaf(patch: &Patch, camera: &[f64]) -> Result<Self, Damage> {
+        Ok(Self::Leaf {
+            displacement: patch.displacement.contract(camera)?,
+            rotation: match &patch.rotation {
+                Some(rotation) => Some(rotation.contract(camera)?),
+                None => None,
+            },
+        })
+    }
+}
+
+/// All paths from one camera position.
+#[derive(Debug, Clone)]
+pub struct Fan<'t> {
+    table: &'t Table,
+    /// The camera position.
+    pub place: Place,
+    faces: Vec<FanNode>,
+}
+
+impl<'t> Fan<'t> {
+    /// The path in the direction `d` (standard frame, unit).
+    pub fn path(&self, d: DVec3) -> FanPath<'_, 't> {
+        let located = self.table.space.locate(&self.place, d);
+        let mut path = FanPath {
+            fan: self,
+            pieces: Vec::new(),
+            coefficients: Vec::new(),
+            located,
+        };
+        let mut direction = [0.0; 2];
+        direction[..path.located.direction.len()].copy_from_slice(&path.located.direction);
+        let root = &self.faces[path.located.face];
+        path.collect(root, direction, [0.0, self.table.length]);
+        path
+    }
+}
+
+/// A piece of a path: polynomials in the arc length.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    interval: [f64; 2],
+    /// Where its displacement coefficients start, and their (rows, channels).
+    displacement: (usize, (usize, usize)),
+    rotation: Option<(usize, (usize, usize))>,
+}
+
+/// One path of a fan.
+#[derive(Debug, Clone)]
+pub struct FanPath<'f, 't> {
+    fan: &'f Fan<'t>,
+    located: Located,
+    /// In order of arc length; `None` where the patch is flagged.
+    pieces: Vec<([f64; 2], Option<Piece>)>,
+    coefficients: Vec<f64>,
+}
+
+impl FanPath<'_, '_> {
+    fn collect(&mut self, node: &FanNode, direction: [f64; 2], interval: [f64; 2]) {
+        match node {
+            FanNode::Flagged => self.pieces.push((interval, None)),
+            FanNode::Split { axis, halves } if *axis == self.arc_axis() => {
+                let middle = 0.5 * (interval[0] + interval[1]);
+                self.collect(&halves[0], direction, [interval[0], middle]);
+                self.collect(&halves[1], direction, [middle, interval[1]]);
+            }
+            FanNode::Split { axis, halves } => {
+                let mut direction = direction;
+                let (side, inner) = half(direction[*axis]);
+                direction[*axis] = inner;
+                self.collect(&halves[side], direction, interval);
+            }
+            FanNode::Leaf {
+                displacement,
+                rotation,
+            } => {
+                let mut put = |table: &Contracted| {
+                    let start = self.coefficients.len();
+                    table.direction(direction[0], direction[1], &mut self.coefficients);
+                    (start, table.shape())
+                };
+                let piece = Piece {
+                    interval,
+                    displacement: put(displacement),
+                    rotation: rotation.as_ref().map(put),
+                };
+                self.pieces.push((interval, Some(piece)));
+            }
+        }
+    }
+
+    fn arc_axis(&self) -> usize {
+        self.fan.table.space.directions()
+    }
+
+    /// The first arc length at which the table gives up; infinite if it never does.
+    pub fn flagged_from(&self) -> f64 {
+        let first = self.pieces.iter().find(|(_, piece)| piece.is_none());
+        first.map_or(f64::INFINITY, |(interval, _)| interval[0])
+    }
+
+    fn piece(&self, s: f64) -> Option<&Piece> {
+        let after = self.pieces.partition_point(|(interval, _)| interval[1] < s);
+        let (_, piece) = self.pieces.get(after.min(self.pieces.len() - 1))?;
+        piece.as_ref()
+    }
+
+    /// The values (or slopes in s) at `s` of the polynomials stored at `start`.
+    fn sum(&self, (start, (rows, channels)): (usize, (usize, usize)), weights: &[f64]) -> [f64; 4] {
+        let mut sums = [0.0; 4];
+        let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
+        for (row, w) in rows.zip(weights) {
+            for (sum, c) in sums.iter_mut().zip(row) {
+                *sum += w * c;
+            }
+        }
+        sums
+    }
+
+    /// Chart point and tangent (chart components) at arc length `s`; `None` where flagged.
+    pub fn at(&self, s: f64) -> Option<(DVec3, DVec3)> {
+        let (stored, tangent) = self.stored_at(s)?;
+        let (u, differential) = self.located.isometry.apply(stored);
+        Some((u, differential * tangent))
+    }
+
+    fn stored_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
+        let piece = self.piece(s)?;
+        let width = piece.interval[1] - piece.interval[0];
+        let t = 2.0 * (s - piece.interval[0]) / width - 1.0;
+        let rows = piece.displacement.1.0;
+        let mut values = [0.0; super::patch::MOST_DEGREES];
+        super::chebyshev::values(t, &mut values[..rows]);
+        let slopes = super::chebyshev::slopes(t, rows);
+        let spread = |sums: [f64; 4]| {
+            let mut v = DVec3::ZERO;
+            let channels = self.fan.table.space.displacement_channels();
+            for (channel, x) in channels.iter().zip(sums) {
+                v[*channel] = x;
+            }
+            v
+        };
+        let displacement = spread(self.sum(piece.displacement, &values));
+        let slope = spread(self.sum(piece.displacement, &slopes)) * (2.0 / width);
+        let v = self.located.v + displacement;
+        Some((self.located.u + v * s, v + slope * s))
+    }
+
+    /// The transported rotation at `s` relative to the standard frames; `None` where flagged or
+    /// where the table has none.
+    pub fn rotation(&self, s: f64) -> Option<DQuat> {
+        let piece = self.piece(s)?;
+        let stored = piece.rotation?;
+        let width = piece.interval[1] - piece.interval[0];
+        let t = 2.0 * (s - piece.interval[0]) / width - 1.0;
+        let mut values = [0.0; super::patch::MOST_DEGREES];
+        super::chebyshev::values(t, &mut values[..stored.1.0]);
+        let mut q = [0.0; 4];
+        let channels = self.fan.table.space.rotation_channels();
+        for (channel, x) in channels.iter().zip(self.sum(stored, &values)) {
+            q[*channel] = x;
+        }
+        let q = DQuat::from_array(q).normalize();
+        let (u, _) = self.stored_at(s)?;
+        let space = &self.fan.table.space;
+        let place = &self.fan.place;
+        let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
+        Some(DQuat::from_mat3(&turned))
+    }
+}

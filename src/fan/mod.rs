@@ -1,0 +1,12 @@
+//! Many geodesics from one camera: directions and camera positions as parameters, both ways, and
+//! exact samples of them.
+//!
+//! In: a manifold. Out: [`FanSpace`] (which rays a table must know, after symmetry) and [`sample`]
+//! (arrays of exact paths).
+
+pub mod direction;
+mod sample;
+mod space;
+
+pub use sample::{CHANNELS, sample};
+pub use space::{FanSpace, Located, Place, Reduction};

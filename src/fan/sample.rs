@@ -1,0 +1,121 @@
+//! Rays followed exactly and read off at given arc lengths: what tables are made from.
+//!
+//! In: rays and arc lengths. Out: an array (ray, arc length, channel) with the channels
+//! displacement x, y, z and quaternion x, y, z, w. The displacement is `(u − u₀)/s − v₀`: the
+//! departure from the straight chart line, over the arc length; zero in flat space.
+
+use crate::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    manifold::{Carried, Manifold},
+};
+use glam::DVec3;
+use ndarray::{Array3, ArrayViewMut2, Axis, s};
+use rayon::prelude::*;
+
+/// Channels of a sample.
+pub const CHANNELS: usize = 7;
+
+/// Rays handed to one thread at once: long enough to keep lanes full, short enough to share.
+const BLOCK: usize = 512;
+
+/// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
+/// samples them there. Exits are passed by; where the metric ends the last tangent is continued
+/// straight in the chart. NaN only where the very start is singular.
+pub fn sample(
+    manifold: &Manifold,
+    tolerance: f64,
+    frame: bool,
+    rays: &[(DVec3, DVec3)],
+    lengths: &[f64],
+) -> Array3<f64> {
+    let mut samples = Array3::from_elem((rays.len(), lengths.len(), CHANNELS), f64::NAN);
+    let settings = Settings {
+        tolerance,
+        carried: Carried {
+            frame,
+            deviation: false,
+        },
+        events: false,
+    };
+    let farthest = lengths.last().copied().unwrap_or(0.0);
+    samples
+        .axis_chunks_iter_mut(Axis(0), BLOCK)
+        .into_par_iter()
+        .zip(rays.par_chunks(BLOCK))
+        .for_each(|(mut samples, rays)| {
+            let mut sampler = Sampler {
+                rays,
+                lengths,
+                next: vec![0; rays.len()],
+                last: vec![None; rays.len()],
+                rows: samples.axis_iter_mut(Axis(0)).collect(),
+            };
+            let starts = rays.iter().map(|&(u, v)| Ray {
+                u,
+                v,
+                length: farthest,
+                spread: [DVec3::ZERO; 2],
+            });
+            follow(manifold, settings, starts, &mut sampler);
+        });
+    samples
+}
+
+struct Sampler<'a> {
+    rays: &'a [(DVec3, DVec3)],
+    lengths: &'a [f64],
+    /// The next arc length to be sampled, for each ray.
+    next: Vec<usize>,
+    /// Arc length, point, tangent and rotation at the end of the last step of each ray.
+    last: Vec<Option<(f64, DVec3, DVec3, [f64; 4])>>,
+    rows: Vec<ArrayViewMut2<'a, f64>>,
+}
+
+impl Sampler<'_> {
+    fn put(&mut self, ray: usize, u: DVec3, q: [f64; 4]) {
+        let (u0, v0) = self.rays[ray];
+        let at = self.next[ray];
+        let displacement = (u - u0) / self.lengths[at] - v0;
+        let mut row = self.rows[ray].slice_mut(s![at, ..]);
+        for k in 0..3 {
+            row[k] = displacement[k];
+        }
+        for k in 0..4 {
+            row[3 + k] = q[k];
+        }
+        self.next[ray] += 1;
+    }
+}
+
+fn quaternion(step: &Step, s: f64, before: Option<[f64; 4]>) -> [f64; 4] {
+    let Some(q) = step.rotation(s) else {
+        return [0.0, 0.0, 0.0, 1.0];
+    };
+    let q = q.to_array();
+    // Dense output is continuous already; this keeps the sign across its normalisation too.
+    let same = before.is_none_or(|b| b.iter().zip(&q).map(|(x, y)| x * y).sum::<f64>() >= 0.0);
+    if same { q } else { q.map(|x| -x) }
+}
+
+impl Sink for Sampler<'_> {
+    fn step(&mut self, ray: usize, step: &Step) {
+        let mut before = self.last[ray].map(|l| l.3);
+        while let Some(&s) = self.lengths.get(self.next[ray])
+            && s <= step.end
+        {
+            let q = quaternion(step, s, before);
+            before = Some(q);
+            self.put(ray, step.position(s), q);
+        }
+        let q = quaternion(step, step.end, before);
+        self.last[ray] = Some((step.end, step.position(step.end), step.tangent(step.end), q));
+    }
+
+    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
+        while let (Some(&s), Some((end, u, v, q))) =
+            (self.lengths.get(self.next[ray]), self.last[ray])
+        {
+            self.put(ray, u + v * (s - end), q);
+        }
+    }
+}

@@ -1,0 +1,426 @@
+//! The space of rays that a bundle has to know: camera positions and directions after symmetry has
+//! been taken out.
+//!
+//! In: a manifold with its camera region. Out: [`FanSpace`]: the intervals of the camera and
+//! direction parameters, the map parameters → ray ([`FanSpace::ray`]), and its inverse: any camera
+//! and direction → parameters and the [`Isometry`] that carries the stored ray to the true one
+//! ([`FanSpace::place`], [`FanSpace::locate`]).
+//!
+//! | symmetry | stored cameras | stored directions |
+//! |---|---|---|
+//! | none | the region's parameters | the sphere, on cube faces |
+//! | rotation | (ρ, 0, 0) | (cos θ, sin θ, 0), 0 ≤ θ ≤ π |
+//! | translation | the other coordinates, or the region's parameters if fewer | the sphere |
+//! | group | the identity | the sphere |
+
+use super::direction::{FACES, direction, face_and_parameters};
+use crate::{
+    error::{Error, Result},
+    manifold::{Isometry, Manifold},
+};
+use glam::{DMat3, DVec2, DVec3};
+use std::{f64::consts::PI, sync::Arc};
+
+/// Which symmetry has been taken out.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reduction {
+    /// None.
+    Whole,
+    /// Rotations about the origin: one direction parameter is left.
+    Rotation,
+    /// Translations along coordinates.
+    Translation,
+    /// Left translations: one camera position is left.
+    Group,
+}
+
+/// The rays a bundle covers.
+#[derive(Debug, Clone)]
+pub struct FanSpace {
+    manifold: Arc<Manifold>,
+    reduction: Reduction,
+    /// Intervals of the stored camera parameters.
+    cameras: Vec<[f64; 2]>,
+    /// Whether the stored camera parameters are the region's own (else invariants: the radius, or
+    /// the coordinates not translated).
+    by_region: bool,
+}
+
+/// A camera position as the bundle sees it.
+#[derive(Debug, Clone)]
+pub struct Place {
+    /// The chart point.
+    pub u: DVec3,
+    /// `S(u)`.
+    pub frame: DMat3,
+    /// Stored camera parameters.
+    pub parameters: Vec<f64>,
+    /// The stored chart point.
+    stored: DVec3,
+    /// Takes the stored point to `u` (for rotations: some rotation; the direction decides which).
+    isometry: Isometry,
+}
+
+/// A ray as the bundle sees it.
+#[derive(Debug, Clone)]
+pub struct Located {
+    /// Cube face (0 under rotation).
+    pub face: usize,
+    /// Direction parameters: (p, q), or θ/π·2 − 1 alone.
+    pub direction: Vec<f64>,
+    /// The stored camera point.
+    pub u: DVec3,
+    /// The stored ray's tangent, chart components.
+    pub v: DVec3,
+    /// Takes the stored ray to the true one.
+    pub isometry: Isometry,
+}
+
+/// How finely the region is searched for the range of an invariant.
+const RANGE_SAMPLES: usize = 4096;
+
+impl FanSpace {
+    /// The rays of all cameras in the manifold's region.
+    ///
+    /// # Errors
+    /// The manifold has no camera region.
+    pub fn new(manifold: Arc<Manifold>) -> Result<Self> {
+        let Some(region) = &manifold.cameras else {
+            return Err(Error::input(
+                manifold.source.name.clone(),
+                "no camera region: add [cameras] with `at`, or limits for all coordinates under [domain]",
+            ));
+        };
+        let symmetry = &manifold.symmetry;
+        let translated = symmetry.translation.iter().filter(|t| **t).count();
+        let (reduction, invariants) = if symmetry.group.is_some() {
+            (Reduction::Group, 0)
+        } else if symmetry.rotation {
+            (Reduction::Rotation, 1)
+        } else if translated > 0 {
+            (Reduction::Translation, 3 - translated)
+        } else {
+            (Reduction::Whole, 3)
+        };
+        let mut space = Self {
+            reduction,
+            cameras: region.intervals.clone(),
+            by_region: true,
+            manifold: manifold.clone(),
+        };
+        let own = reduction != Reduction::Group && region.dimension() <= invariants;
+        if !(own && (reduction != Reduction::Rotation || space.radius_is_monotonic())) {
+            space.by_region = false;
+            space.cameras = space.ranges();
+        }
+        Ok(space)
+    }
+
+    /// The manifold.
+    pub fn manifold(&self) -> &Arc<Manifold> {
+        &self.manifold
+    }
+
+    /// The symmetry taken out.
+    pub fn reduction(&self) -> Reduction {
+        self.reduction
+    }
+
+    /// Intervals of the stored camera parameters.
+    pub fn cameras(&self) -> &[[f64; 2]] {
+        &self.cameras
+    }
+
+    /// The number of faces that directions are divided into.
+    pub fn faces(&self) -> usize {
+        match self.reduction {
+            Reduction::Rotation => 1,
+            _ => FACES,
+        }
+    }
+
+    /// The number of direction parameters; each runs over [−1, 1].
+    pub fn directions(&self) -> usize {
+        match self.reduction {
+            Reduction::Rotation => 1,
+            _ => 2,
+        }
+    }
+
+    /// Which displacement components can differ from zero for stored rays: under rotation the path
+    /// stays in the plane z = 0.
+    pub fn displacement_channels(&self) -> &'static [usize] {
+        match self.reduction {
+            Reduction::Rotation => &[0, 1],
+            _ => &[0, 1, 2],
+        }
+    }
+
+    /// Which quaternion components (x, y, z, w) can differ from zero for stored rays: under
+    /// rotation the normal of the orbit plane stays parallel.
+    pub fn rotation_channels(&self) -> &'static [usize] {
+        match self.reduction {
+            Reduction::Rotation => &[2, 3],
+            _ => &[0, 1, 2, 3],
+        }
+    }
+
+    fn region(&self) -> &crate::manifold::CameraRegion {
+        // `new` refuses manifolds without a region.
+        self.manifold.cameras.as_ref().expect("checked on creation")
+    }
+
+    fn radius_is_monotonic(&self) -> bool {
+        let region = self.region();
+        let radius = |i: usize| region.at(&region.lerp(&[i as f64 / 256.0])).length();
+        if region.dimension() == 0 {
+            return true;
+        }
+        let rises: Vec<bool> = (0..256).map(|i| radius(i + 1) > radius(i)).collect();
+        rises.iter().all(|r| *r) || rises.iter().all(|r| !*r)
+    }
+
+    /// The values at `u` of what the symmetry leaves unchanged.
+    fn invariants(&self, u: DVec3) -> Vec<f64> {
+        match self.reduction {
+            Reduction::Whole => u.to_array().to_vec(),
+            Reduction::Rotation => vec![u.length()],
+            Reduction::Translation => {
+                let kept = |k: &usize| !self.manifold.symmetry.translation[*k];
+                (0..3).filter(kept).map(|k| u[k]).collect()
+            }
+            Reduction::Group => Vec::new(),
+        }
+    }
+
+    /// The intervals of the invariants over the region.
+    fn ranges(&self) -> Vec<[f64; 2]> {
+        let region = self.region();
+        let k = region.dimension();
+        let side = (RANGE_SAMPLES as f64).powf(1.0 / k.max(1) as f64) as usize;
+        let mut ranges: Vec<[f64; 2]> = Vec::new();
+        for i in 0..if k == 0 { 1 } else { side.pow(k as u32) } {
+            let t: Vec<f64> = (0..k)
+                .map(|j| (i / side.pow(j as u32) % side) as f64 / (side - 1) as f64)
+                .collect();
+            let values = self.invariants(region.at(&region.lerp(&t)));
+            if ranges.is_empty() {
+                ranges = values.iter().map(|&x| [x, x]).collect();
+            }
+            for (range, x) in ranges.iter_mut().zip(values) {
+                *range = [range[0].min(x), range[1].max(x)];
+            }
+        }
+        ranges
+    }
+
+    /// The stored chart point at stored camera parameters.
+    fn stored_point(&self, parameters: &[f64]) -> DVec3 {
+        let point = if self.by_region {
+            self.region().at(parameters)
+        } else {
+            let mut point = self.region().at(&self.region().lerp(&[0.5; 3]));
+            match self.reduction {
+                Reduction::Rotation => point = DVec3::X * parameters[0],
+                Reduction::Translation => {
+                    let kept = (0..3).filter(|k| !self.manifold.symmetry.translation[*k]);
+                    for (k, value) in kept.zip(parameters) {
+                        point[k] = *value;
+                    }
+                }
+                Reduction::Group => point = DVec3::ZERO,
+                Reduction::Whole => {}
+            }
+            point
+        };
+        match self.reduction {
+            Reduction::Rotation => DVec3::X * point.length(),
+            _ => point,
+        }
+    }
+
+    /// The stored ray at camera and direction parameters: chart point and direction in the standard
+    /// frame.
+    pub fn ray(&self, face: usize, camera: &[f64], directions: &[f64]) -> (DVec3, DVec3) {
+        let d = match self.reduction {
+            Reduction::Rotation => {
+                let theta = (directions[0] + 1.0) * (0.5 * PI);
+                DVec3::new(theta.cos(), theta.sin(), 0.0)
+            }
+            _ => direction(face, DVec2::new(directions[0], directions[1])),
+        };
+        (self.stored_point(camera), d)
+    }
+
+    /// The camera position `u` in stored parameters.
+    ///
+    /// # Errors
+    /// No camera of the region can be carried to `u` by the symmetry.
+    pub fn place(&self, u: DVec3) -> Result<Place> {
+        let parameters = self.parameters_of(u).ok_or_else(|| {
+            Error::input(
+                "camera",
+                format!(
+                    "the position ({}, {}, {}) is not in the bundle's camera region {}",
+                    u.x,
+                    u.y,
+                    u.z,
+                    self.describe()
+                ),
+            )
+        })?;
+        let stored = self.stored_point(&parameters);
+        let isometry = match self.reduction {
+            Reduction::Whole | Reduction::Rotation => Isometry::Identity,
+            Reduction::Translation => Isometry::Shift(u - stored),
+            Reduction::Group => {
+                let tape = self.manifold.symmetry.group.clone();
+                tape.map_or(Isometry::Identity, |tape| Isometry::Left(u, tape))
+            }
+        };
+        Ok(Place {
+            u,
+            frame: self.manifold.standard_frame(u),
+            parameters,
+            stored,
+            isometry,
+        })
+    }
+
+    /// The region in words, for messages.
+    pub fn describe(&self) -> String {
+        let region = self.region();
+        let intervals: Vec<String> = region
+            .names
+            .iter()
+            .zip(&region.intervals)
+            .map(|(name, [low, high])| format!("{low} <= {name} <= {high}"))
+            .collect();
+        let symmetry = match self.reduction {
+            Reduction::Whole => "",
+            Reduction::Rotation => " (and its rotations about the origin)",
+            Reduction::Translation => " (and its translations)",
+            Reduction::Group => " (and its left translations)",
+        };
+        match intervals.is_empty() {
+            true => format!("of one point{symmetry}"),
+            false => format!("{}{symmetry}", intervals.join(", ")),
+        }
+    }
+
+    fn parameters_of(&self, u: DVec3) -> Option<Vec<f64>> {
+        let values = self.invariants(u);
+        match (self.by_region, self.reduction) {
+            (true, Reduction::Whole) => self.region().locate(u),
+            (true, _) => self.match_invariants(&values),
+            (false, _) => values
+                .iter()
+                .zip(&self.cameras)
+                .map(|(x, [low, high])| {
+                    let slack = 1e-9 * (high - low) + 1e-12 * x.abs();
+                    (low - slack..=high + slack)
+                        .contains(x)
+                        .then(|| x.clamp(*low, *high))
+                })
+                .collect(),
+        }
+    }
+
+    /// Region parameters whose point has these invariants.
+    fn match_invariants(&self, values: &[f64]) -> Option<Vec<f64>> {
+        let region = self.region();
+        if self.reduction == Reduction::Rotation {
+            return self.match_radius(values[0]);
+        }
+        // Translation: any point with these coordinates will do; move the region's middle there.
+        let mut target = region.at(&region.lerp(&[0.5; 3]));
+        let kept = (0..3).filter(|k| !self.manifold.symmetry.translation[*k]);
+        for (k, x) in kept.zip(values) {
+            target[k] = *x;
+        }
+        region.locate(target)
+    }
+
+    /// The region parameter at which the radius, monotonic over the region, is `rho`, by bisection.
+    fn match_radius(&self, rho: f64) -> Option<Vec<f64>> {
+        let region = self.region();
+        if region.dimension() == 0 {
+            let own = region.at(&[]).length();
+            return ((rho - own).abs() <= 1e-9 * own.max(1e-300)).then(Vec::new);
+        }
+        let radius = |p: f64| region.at(&[p]).length();
+        let [mut low, mut high] = region.intervals[0];
+        let rising = radius(high) > radius(low);
+        let [least, most] = if rising { [low, high] } else { [high, low] }.map(radius);
+        let slack = 1e-9 * (most - least);
+        if !(least - slack..=most + slack).contains(&rho) {
+            return None;
+        }
+        for _ in 0..200 {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if (radius(middle) < rho) == rising {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        Some(vec![0.5 * (low + high)])
+    }
+
+    /// The ray from `place` in the direction `d` (standard frame, unit) in stored parameters.
+    pub fn locate(&self, place: &Place, d: DVec3) -> Located {
+        let v = place.frame * d;
+        match self.reduction {
+            Reduction::Rotation => self.locate_rotated(place, v),
+            _ => {
+                let (_, differential) = place.isometry.apply(place.stored);
+                let v = differential.inverse() * v;
+                let d = self.manifold.standard_frame(place.stored).inverse() * v;
+                let (face, pq) = face_and_parameters(d);
+                Located {
+                    face,
+                    direction: pq.to_array().to_vec(),
+                    u: place.stored,
+                    v,
+                    isometry: place.isometry.clone(),
+                }
+            }
+        }
+    }
+
+    fn locate_rotated(&self, place: &Place, v: DVec3) -> Located {
+        // At the centre every direction is radial.
+        let radial = place.u.try_normalize().unwrap_or(v.normalize());
+        let across = v - radial * radial.dot(v);
+        let across = match across.length() > 1e-15 * v.length() {
+            true => across.normalize(),
+            false => radial.any_orthonormal_vector(),
+        };
+        let q = DMat3::from_cols(radial, across, radial.cross(across));
+        let v = q.transpose() * v;
+        let d = self.manifold.standard_frame(place.stored).inverse() * v;
+        Located {
+            face: 0,
+            direction: vec![d.y.atan2(d.x) / (0.5 * PI) - 1.0],
+            u: place.stored,
+            v,
+            isometry: Isometry::Rotation(q),
+        }
+    }
+
+    /// The transported rotation at the true point, relative to the standard frames, from the stored
+    /// one `q`: at stored point `u` of a ray located as `located` from `place`.
+    pub fn true_rotation(&self, place: &Place, located: &Located, u: DVec3, q: DMat3) -> DMat3 {
+        if self.reduction == Reduction::Whole {
+            return q;
+        }
+        let frame = |u: DVec3| self.manifold.standard_frame(u);
+        let (_, start) = located.isometry.apply(located.u);
+        let (image, differential) = located.isometry.apply(u);
+        let turned = place.frame.inverse() * start * frame(located.u);
+        frame(image).inverse() * differential * frame(u) * q * turned.transpose()
+    }
+}
