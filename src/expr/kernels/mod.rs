@@ -1,0 +1,186 @@
+//! Elementary functions on one number, written so that loops over them vectorise.
+//!
+//! In: a number of type `F`, `f64` or `f32`. Out: the function's value, in the same type and
+//! computed in that type's own arithmetic.
+//!
+//! Every function is straight-line code: reduce the argument to a short interval, evaluate a
+//! polynomial, undo the reduction, and repair special values with selects. The two types share
+//! the algorithms and differ in their coefficients.
+//!
+//! The polynomials are minimax fits made with a Remez exchange in 200-bit arithmetic, rounded
+//! coefficient by coefficient; the bound beside each is its error relative to the function,
+//! rounded coefficients included. An ulp is 2^-52 (`f32`: 2^-23) at most.
+
+pub(super) mod exponential;
+pub(super) mod inverse;
+pub(super) mod logarithm;
+#[cfg(test)]
+mod tests;
+pub(super) mod trigonometric;
+
+use super::real::Real;
+
+/// The layout of a binary floating-point type, and the operations on its bits.
+pub(super) trait Format: Real {
+    /// Positive infinity.
+    const INFINITY: Self;
+    /// 1/2
+    const HALF: Self;
+    /// Largest n for which both 2^n and 2^-n are normal.
+    const EXPONENT_LIMIT: Self;
+    /// Leading part of ln 2, short enough that its product with any exponent is exact.
+    const LN_2_HIGH: Self;
+    /// ln 2 − `LN_2_HIGH`
+    const LN_2_LOW: Self;
+
+    /// Nearest integer, for |x| below a quarter of the largest mantissa.
+    fn nearest(self) -> Self;
+    /// Bits 0 and 1 of an integer in the range of [`Format::nearest`], in two's complement.
+    fn low_bits(self) -> (bool, bool);
+    /// 2^self for an integer within the normal exponents; 0 one below them.
+    fn pow2(self) -> Self;
+    /// (k, m) with x = 2^k·m and m in [√½, √2), for positive finite x; anything otherwise.
+    fn split_exponent(self) -> (Self, Self);
+    /// The leading half of the mantissa: products of two such heads are exact.
+    fn head(self) -> Self;
+    /// Magnitude of `self` with the sign of `sign`.
+    fn with_sign_of(self, sign: Self) -> Self;
+    /// Whether the sign bit is set, as in −0.
+    fn has_sign_bit(self) -> bool;
+}
+
+macro_rules! implement_format {
+    ($float:ident, $bits:ident, half_root_bits: $half_root:expr, ln_2: $ln_2:expr) => {
+        impl Format for $float {
+            const INFINITY: Self = $float::INFINITY;
+            const HALF: Self = 0.5;
+            const EXPONENT_LIMIT: Self = ($float::MAX_EXP - 2) as $float;
+            const LN_2_HIGH: Self = $ln_2[0];
+            const LN_2_LOW: Self = $ln_2[1];
+
+            #[inline(always)]
+            fn nearest(self) -> Self {
+                (self + layout::$float::INTEGER) - layout::$float::INTEGER
+            }
+
+            #[inline(always)]
+            fn low_bits(self) -> (bool, bool) {
+                let bits = (self + layout::$float::INTEGER).to_bits();
+                (bits & 1 != 0, bits & 2 != 0)
+            }
+
+            #[inline(always)]
+            fn pow2(self) -> Self {
+                let bits = (self + layout::$float::INTEGER).to_bits();
+                $float::from_bits(
+                    bits.wrapping_add(layout::$float::BIAS) << layout::$float::FRACTION_BITS,
+                )
+            }
+
+            #[inline(always)]
+            fn split_exponent(self) -> (Self, Self) {
+                use layout::$float::{BIAS, FRACTION_BITS};
+                const HALF_ROOT: $bits = $half_root;
+                const LIFT: $float = ((1 as $bits) << (FRACTION_BITS + 1)) as $float;
+                const WHOLE: $bits = (BIAS + FRACTION_BITS) << FRACTION_BITS;
+
+                // Subnormal numbers are lifted into the normal range first.
+                let subnormal = self < $float::MIN_POSITIVE;
+                let lifted = Self::select(subnormal, self * LIFT, self);
+                let shift = Self::select(subnormal, (FRACTION_BITS + 1) as $float, 0.0);
+
+                // Counting from √½ instead of ½ moves the exponent's steps to √2·2^k.
+                let bits = lifted
+                    .to_bits()
+                    .wrapping_add((BIAS << FRACTION_BITS) - HALF_ROOT);
+                let biased = $float::from_bits(WHOLE | (bits >> FRACTION_BITS));
+                let exponent = biased - ($float::from_bits(WHOLE) + BIAS as $float) - shift;
+                let fraction = bits & ((1 << FRACTION_BITS) - 1);
+                (exponent, $float::from_bits(fraction + HALF_ROOT))
+            }
+
+            #[inline(always)]
+            fn head(self) -> Self {
+                const LOW: $bits =
+                    (1 << ($float::MANTISSA_DIGITS / 2 + $float::MANTISSA_DIGITS % 2)) - 1;
+                $float::from_bits(self.to_bits() & !LOW)
+            }
+
+            #[inline(always)]
+            fn with_sign_of(self, sign: Self) -> Self {
+                $float::copysign(self, sign)
+            }
+
+            #[inline(always)]
+            fn has_sign_bit(self) -> bool {
+                $float::is_sign_negative(self)
+            }
+        }
+    };
+}
+
+implement_format!(f64, u64, half_root_bits: 0x3fe6_a09e_0000_0000, ln_2: [0.693_147_180_369_123_8, 1.908_214_929_270_587_7e-10]);
+implement_format!(f32, u32, half_root_bits: 0x3f35_04f3, ln_2: [0.693_145_75, 1.428_606_8e-6]);
+
+/// Where the exponent and the fraction lie in each type.
+mod layout {
+    pub mod f64 {
+        pub const FRACTION_BITS: u64 = 52;
+        pub const BIAS: u64 = 1023;
+        /// 1.5·2^52: added to a small number, it leaves its nearest integer in the low bits.
+        pub const INTEGER: f64 = 6_755_399_441_055_744.0;
+    }
+    pub mod f32 {
+        pub const FRACTION_BITS: u32 = 23;
+        pub const BIAS: u32 = 127;
+        /// 1.5·2^23: added to a small number, it leaves its nearest integer in the low bits.
+        pub const INTEGER: f32 = 12_582_912.0;
+    }
+}
+
+/// Σ cᵢ zⁱ: low and high powers apart, two short chains instead of a long one.
+///
+/// The split is at the power of two next to half the length; at least two coefficients are
+/// needed. All loops have constant lengths and unroll.
+#[inline(always)]
+fn polynomial<F: Format>(z: F, coefficients: &[F]) -> F {
+    let squarings = (coefficients.len() * 2 / 3).ilog2();
+    let (low, high) = coefficients.split_at(1 << squarings);
+    let mut power = z;
+    for _ in 0..squarings {
+        power = power * power;
+    }
+    horner(z, low) + power * horner(z, high)
+}
+
+#[inline(always)]
+fn horner<F: Format>(z: F, coefficients: &[F]) -> F {
+    let (&last, rest) = coefficients
+        .split_last()
+        .expect("a polynomial has coefficients");
+    rest.iter().rev().fold(last, |sum, &c| c + sum * z)
+}
+
+/// (s, e) with s = a + b rounded and s + e = a + b exactly (Knuth).
+#[inline(always)]
+fn two_sum<F: Format>(a: F, b: F) -> (F, F) {
+    let s = a + b;
+    let t = s - a;
+    (s, (a - (s - t)) + (b - t))
+}
+
+/// As [`two_sum`], for |a| ≥ |b| or a = 0 (Dekker).
+#[inline(always)]
+fn fast_two_sum<F: Format>(a: F, b: F) -> (F, F) {
+    let s = a + b;
+    (s, b - (s - a))
+}
+
+/// (p, e) with p = a·b rounded and p + e = a·b to twice the precision (Dekker).
+#[inline(always)]
+fn two_product<F: Format>(a: F, b: F) -> (F, F) {
+    let p = a * b;
+    let (ah, bh) = (a.head(), b.head());
+    let (al, bl) = (a - ah, b - bh);
+    (p, (((ah * bh - p) + ah * bl) + al * bh) + al * bl)
+}
