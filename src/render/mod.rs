@@ -1,1 +1,5 @@
 //! Camera, scene, tracers, lattice, intersection, shading and pictures.
+
+pub mod accel;
+pub mod scene;
+pub mod sky;

@@ -1,0 +1,17 @@
+//! What stands in the manifold: scene files, meshes, materials and the pictures they name.
+//!
+//! In: paths. Out: [`SceneFile`] and [`Mesh`], checked, with warnings for what was mended.
+
+mod file;
+mod image_file;
+mod material;
+mod mesh;
+mod survey;
+mod table;
+
+pub use file::{
+    CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
+};
+pub use image_file::read_linear_rgb;
+pub use material::{Material, Texture};
+pub use mesh::Mesh;

@@ -1,0 +1,113 @@
+//! A picture of the whole sphere by longitude and latitude.
+//!
+//! In: rows from the top × columns × 3 of linear light. Out: radiance by direction.
+//!
+//! Convention, as seen from the centre looking out: the middle of the picture is +x, the top edge
+//! +z, the bottom edge −z. Longitude `φ = atan2(y, x)` grows to the *left*, so +y is a quarter of
+//! the width left of the middle and −y a quarter right of it; −x is at both side edges. Then
+//! someone who looks along +x with +z up sees the picture's right on the right.
+
+use super::angles::longitude_latitude;
+use crate::error::{Error, Result};
+use glam::Vec3;
+use ndarray::Array3;
+use std::f32::consts::{PI, TAU};
+
+/// A picture of the whole sphere with its reductions to half, a quarter, … of the size.
+#[derive(Debug, Clone)]
+pub struct Equirectangular {
+    levels: Vec<Level>,
+}
+
+/// One size of the picture, row by row from the top.
+#[derive(Debug, Clone)]
+struct Level {
+    width: usize,
+    height: usize,
+    pixels: Vec<Vec3>,
+}
+
+impl Equirectangular {
+    /// Takes rows from the top × columns × 3; `subject` is the picture's name for a complaint.
+    pub(super) fn new(subject: &str, pixels: &Array3<f32>) -> Result<Self> {
+        let (height, width, channels) = pixels.dim();
+        if channels != 3 || height == 0 || width == 0 {
+            let message = "a sky picture needs at least one pixel of three channels";
+            return Err(Error::input(subject, message));
+        }
+        // One bad pixel of a float picture would spread through every reduction.
+        let light = |x: f32| if x.is_finite() { x.max(0.0) } else { 0.0 };
+        let pixel = |p: ndarray::ArrayView1<f32>| Vec3::new(light(p[0]), light(p[1]), light(p[2]));
+        let mut levels = vec![Level {
+            width,
+            height,
+            pixels: pixels
+                .lanes(ndarray::Axis(2))
+                .into_iter()
+                .map(pixel)
+                .collect(),
+        }];
+        while let Some(half) = levels.last().and_then(Level::halved) {
+            levels.push(half);
+        }
+        Ok(Self { levels })
+    }
+
+    /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
+    pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
+        let (longitude, latitude) = longitude_latitude(d);
+        let (u, v) = (0.5 - longitude / TAU, 0.5 - latitude / PI);
+        let texel = PI / self.levels[0].height as f32;
+        if footprint <= texel {
+            return self.levels[0].bilinear(u, v);
+        }
+        let last = self.levels.len() - 1;
+        let level = (footprint / texel).log2().min(last as f32);
+        let (low, way) = (level as usize, level.fract());
+        let sharp = self.levels[low].bilinear(u, v);
+        let soft = self.levels[(low + 1).min(last)].bilinear(u, v);
+        sharp.lerp(soft, way)
+    }
+}
+
+impl Level {
+    /// Half the size, by means of 2 × 2 pixels; `None` when a side is odd.
+    fn halved(&self) -> Option<Self> {
+        let (width, height) = (self.width / 2, self.height / 2);
+        if !self.width.is_multiple_of(2) || !self.height.is_multiple_of(2) {
+            return None;
+        }
+        let mean = |i: usize| {
+            let first = 2 * (i / width) * self.width + 2 * (i % width);
+            let four = [first, first + 1, first + self.width, first + self.width + 1];
+            0.25 * four.into_iter().map(|i| self.pixels[i]).sum::<Vec3>()
+        };
+        let pixels = (0..width * height).map(mean).collect();
+        Some(Self {
+            width,
+            height,
+            pixels,
+        })
+    }
+
+    /// Bilinear at `u` from the left and `v` from the top, both in [0, 1]; `u` wraps around, and
+    /// past a pole the row goes on half a turn away.
+    fn bilinear(&self, u: f32, v: f32) -> Vec3 {
+        // Half a pixel less, and one more so that a cast rounds down.
+        let (x, y) = (u * self.width as f32 + 0.5, v * self.height as f32 + 0.5);
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = (x - column as f32, y - row as f32);
+        let above = self.between(row.saturating_sub(1), column + self.width - 1, row == 0, fx);
+        let under = row >= self.height;
+        let below = self.between(row.min(self.height - 1), column + self.width - 1, under, fx);
+        above.lerp(below, fy)
+    }
+
+    /// Between the pixels at `column` and one further right, `column` counted around.
+    fn between(&self, row: usize, column: usize, over_a_pole: bool, way: f32) -> Vec3 {
+        let turned = column + if over_a_pole { self.width / 2 } else { 0 };
+        let (left, right) = (turned % self.width, (turned + 1) % self.width);
+        let start = row * self.width;
+        self.pixels[start + left].lerp(self.pixels[start + right], way)
+    }
+}

@@ -1,0 +1,251 @@
+use super::*;
+
+/// A 8 × 4 picture whose pixel at row `r`, column `c` is `[r, c, 1]`.
+fn numbered() -> Sky {
+    let pixels = Array3::from_shape_fn((4, 8, 3), |(r, c, k)| [r as f32, c as f32, 1.0][k]);
+    Sky::from_image("numbered", pixels).unwrap()
+}
+
+fn from_angles(longitude: f64, latitude: f64) -> DVec3 {
+    let (sin, cos) = latitude.to_radians().sin_cos();
+    let (y, x) = longitude.to_radians().sin_cos();
+    DVec3::new(x * cos, y * cos, sin)
+}
+
+#[test]
+fn the_middle_is_forward_and_longitude_grows_to_the_left() {
+    let sky = numbered();
+    // Centre of column c: longitude 180° − 45° (c + ½). Columns 3 and 4 are either side of +x.
+    let at = |longitude, latitude| sky.radiance(from_angles(longitude, latitude), 0.0);
+    let near = |got: [f32; 3], want: [f32; 3]| {
+        assert!(
+            (Vec3::from(got) - Vec3::from(want)).length() < 1e-4,
+            "{got:?} {want:?}"
+        );
+    };
+    use glam::Vec3;
+    near(at(22.5, 22.5), [1.0, 3.0, 1.0]);
+    near(at(-22.5, 22.5), [1.0, 4.0, 1.0]);
+    near(at(90.0, 67.5), [0.0, 1.5, 1.0]);
+    near(at(-90.0, -67.5), [3.0, 5.5, 1.0]);
+    // Across the seam at −x the columns 7 and 0 meet.
+    near(at(180.0, 0.0), [1.5, 3.5, 1.0]);
+    near(at(157.5, 0.0), [1.5, 0.0, 1.0]);
+    near(at(-157.5, 0.0), [1.5, 7.0, 1.0]);
+}
+
+#[test]
+fn a_pole_looks_the_same_from_all_sides() {
+    let sky = numbered();
+    for pole in [89.999, -89.999] {
+        let around: Vec<_> = (0..16)
+            .map(|i| sky.radiance(from_angles(f64::from(i) * 22.5, pole), 0.0))
+            .collect();
+        for (i, value) in around.iter().enumerate() {
+            let opposite = around[(i + 8) % 16];
+            assert!((value[1] - opposite[1]).abs() < 1e-2, "{around:?}");
+        }
+        assert!(sky.radiance(DVec3::Z * pole.signum(), 0.0)[0].is_finite());
+    }
+}
+
+#[test]
+fn a_wide_footprint_averages() {
+    let mean = numbered().radiance(DVec3::X, 10.0);
+    assert!(
+        (mean[0] - 1.5).abs() < 1e-5 && (mean[1] - 3.5).abs() < 1.1,
+        "{mean:?}"
+    );
+}
+
+#[test]
+fn skies_answer_every_direction_with_finite_light() {
+    let skies = [
+        numbered(),
+        Pattern::Grid.into(),
+        Pattern::Stars.into(),
+        Pattern::Colour([1.0; 3]).into(),
+    ];
+    let odd = [
+        DVec3::ZERO,
+        DVec3::NAN,
+        DVec3::INFINITY,
+        DVec3::X * 1e-200,
+        DVec3::ONE * 1e200,
+    ];
+    let axes = [
+        DVec3::X,
+        DVec3::NEG_X,
+        DVec3::Y,
+        DVec3::NEG_Y,
+        DVec3::Z,
+        DVec3::NEG_Z,
+    ];
+    let corners = [
+        DVec3::ONE,
+        DVec3::NEG_ONE,
+        DVec3::new(1.0, 1.0, 0.0),
+        DVec3::new(0.0, -1.0, 1.0),
+    ];
+    for sky in &skies {
+        for direction in odd.iter().chain(&axes).chain(&corners) {
+            for footprint in [0.0, 1e-3, 1.0, f32::INFINITY, f32::NAN] {
+                let light = sky.radiance(*direction, footprint);
+                let fine = light.iter().all(|x| x.is_finite() && *x >= 0.0);
+                assert!(fine, "{direction} {footprint} {light:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn patterns_keep_their_mean_under_any_footprint() {
+    let directions: Vec<DVec3> = (0..120_000)
+        .map(|i| {
+            let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 120_000.0;
+            let (sin, cos) = (f64::from(i) * 2.399_963_229_728_653).sin_cos();
+            let across = (1.0 - z * z).sqrt();
+            DVec3::new(across * cos, across * sin, z)
+        })
+        .collect();
+    for (pattern, tolerance) in [(Pattern::Grid, 0.05), (Pattern::Stars, 0.1)] {
+        let sky = Sky::from(pattern);
+        let mean = |footprint| {
+            let sum: f64 = directions
+                .iter()
+                .map(|d| f64::from(sky.radiance(*d, footprint)[1]))
+                .sum();
+            sum / directions.len() as f64
+        };
+        let reference = mean(2e-3);
+        for footprint in [0.01, 0.05, 0.3] {
+            let ratio = mean(footprint) / reference;
+            assert!(
+                (ratio - 1.0).abs() < tolerance,
+                "{pattern:?} {footprint}: {ratio}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_axes_carry_their_colours() {
+    let sky = Sky::from(Pattern::Grid);
+    // A little above each axis, between the sign and the letter.
+    let dominant = |d: DVec3, up: DVec3| {
+        let light = sky.radiance(d + 0.07 * up, 0.0);
+        (0..3)
+            .max_by(|a, b| light[*a].total_cmp(&light[*b]))
+            .unwrap()
+    };
+    assert_eq!(dominant(DVec3::X, DVec3::Z), 0);
+    assert_eq!(dominant(DVec3::Y, DVec3::Z), 1);
+    assert_eq!(dominant(DVec3::Z, DVec3::NEG_X), 2);
+}
+
+/// Writes an equirectangular preview and one view along +x of every pattern.
+#[test]
+#[ignore = "writes pictures to look at into /tmp"]
+fn previews() {
+    for (name, pattern) in [("grid", Pattern::Grid), ("stars", Pattern::Stars)] {
+        let sky = Sky::from(pattern);
+        let (width, height) = (2048, 1024);
+        let whole = |x: f64, y: f64| from_angles(180.0 - 360.0 * x, 90.0 - 180.0 * y);
+        write(
+            &sky,
+            &format!("/tmp/sky-{name}.png"),
+            width,
+            height,
+            0.003,
+            whole,
+        );
+        let ahead = |x: f64, y: f64| DVec3::new(1.0, 1.0 - 2.0 * x, (1.0 - 2.0 * y) * 9.0 / 16.0);
+        write(
+            &sky,
+            &format!("/tmp/sky-{name}-ahead.png"),
+            1280,
+            720,
+            0.0013,
+            ahead,
+        );
+        // Between Orion and the Twins, where anybody sees whether the sky is mirrored.
+        let south = |x: f64, y: f64| {
+            let (right, up) = (DVec3::X, DVec3::Z);
+            DVec3::Y + right * (2.0 * x - 1.0) * 0.7 + up * (1.0 - 2.0 * y) * 0.4
+        };
+        write(
+            &sky,
+            &format!("/tmp/sky-{name}-left.png"),
+            1280,
+            720,
+            0.001,
+            south,
+        );
+        let up = |x: f64, y: f64| DVec3::new(-(1.0 - 2.0 * y) * 9.0 / 16.0, 1.0 - 2.0 * x, 1.0);
+        write(
+            &sky,
+            &format!("/tmp/sky-{name}-up.png"),
+            1280,
+            720,
+            0.0013,
+            up,
+        );
+    }
+}
+
+fn write(
+    sky: &Sky,
+    path: &str,
+    width: u32,
+    height: u32,
+    footprint: f32,
+    look: impl Fn(f64, f64) -> DVec3,
+) {
+    let picture = image::RgbImage::from_fn(width, height, |x, y| {
+        let centre = |i: u32, n: u32| (f64::from(i) + 0.5) / f64::from(n);
+        let light = sky.radiance(look(centre(x, width), centre(y, height)), footprint);
+        image::Rgb(light.map(|x| {
+            let x = x.clamp(0.0, 1.0);
+            let encoded = if x <= 0.0031308 {
+                12.92 * x
+            } else {
+                1.055 * x.powf(1.0 / 2.4) - 0.055
+            };
+            (encoded * 255.0).round() as u8
+        }))
+    });
+    picture.save(path).unwrap();
+    println!("{path}");
+}
+
+#[test]
+#[ignore = "prints times"]
+fn speed_of_lookup() {
+    let image = Sky::from_image(
+        "noise",
+        Array3::from_shape_fn((1024, 2048, 3), |(r, c, k)| (r * c % 7 + k) as f32),
+    )
+    .unwrap();
+    for (name, sky) in [
+        ("grid", Sky::Grid),
+        ("stars", Pattern::Stars.into()),
+        ("image", image),
+    ] {
+        // Rows of a picture: neighbours in memory, as a frame asks for them. The best of several
+        // rounds, as other work on the machine only ever slows one down.
+        let side = 500;
+        let round = || {
+            let start = std::time::Instant::now();
+            let mut sum = 0.0;
+            for y in 0..side {
+                for x in 0..side {
+                    let at = |i: i32| f64::from(i) / f64::from(side) * 2.0 - 1.0;
+                    sum += sky.radiance(DVec3::new(0.9, at(x), at(y)), 1.4e-3)[0];
+                }
+            }
+            assert!(sum > 0.0);
+            start.elapsed() / (side * side) as u32
+        };
+        println!("{name}: {:?} a lookup", (0..20).map(|_| round()).min());
+    }
+}
