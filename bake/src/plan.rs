@@ -37,11 +37,11 @@ impl Plan {
         // Many nodes where few axes share them: large patches of high degree win on bytes, but a
         // patch costs nodes^axes rays.
         let (nodes, volume_bits, arc) = match axes {
-            1 => (20, 11, 24),
-            2 => (12, 14, 20),
-            3 => (9, 14, 16),
-            4 => (8, 14, 16),
-            _ => (6, 15, 14),
+            1 => (20, 11, 40),
+            2 => (12, 11, 40),
+            3 => (9, 14, 24),
+            4 => (8, 14, 20),
+            _ => (6, 15, 16),
         };
         let mut all = vec![nodes; axes];
         all.push(arc);

@@ -127,6 +127,14 @@ impl Refiner<'_> {
         }
         let Some(axis) = self.axis_to_halve(&region, &displacement) else {
             self.finished(&region, 1);
+            if std::env::var("DBG").is_ok() {
+                eprintln!(
+                    "FLAG {:?} tails {:?} singular {}",
+                    region.intervals,
+                    displacement.tails(),
+                    held_out.singular
+                );
+            }
             return Some(Tree::Flagged);
         };
         let (low, high) = rayon::join(
@@ -286,17 +294,14 @@ impl Refiner<'_> {
         let probes = held_out.rays.iter().flat_map(|r| &r.3);
         let stretch = probes.map(Probe::stretch).fold(0.0, f64::max);
         let unit = 1e-3 * self.plan.max_error;
-        let displacement = STEPS.iter().find_map(|step| {
-            let tensor = displacement.quantise(step * unit / stretch.max(1e-300))?;
-            self.holds(region, &tensor, held_out, Self::screen_error)
-                .then_some(tensor)
+        let by = unit / stretch.max(f64::MIN_POSITIVE);
+        let displacement = self.coarsest(displacement, by, |polynomial| {
+            self.holds(region, polynomial, held_out, Self::screen_error)
         })?;
         let rotation = match self.plan.frames {
             false => None,
-            true => Some(STEPS.iter().find_map(|step| {
-                let tensor = rotation.quantise(step * unit)?;
-                self.holds(region, &tensor, held_out, Self::rotation_error)
-                    .then_some(tensor)
+            true => Some(self.coarsest(rotation, unit, |polynomial| {
+                self.holds(region, polynomial, held_out, Self::rotation_error)
             })?),
         };
         Some(Patch {
@@ -305,11 +310,29 @@ impl Refiner<'_> {
         })
     }
 
+    /// `polynomial` rounded with the coarsest of the steps (in units of `unit`) that `holds`. The
+    /// finest is tried first: where it fails the box must be halved.
+    fn coarsest(
+        &self,
+        polynomial: &Polynomial,
+        unit: f64,
+        holds: impl Fn(&Polynomial) -> bool,
+    ) -> Option<Tensor> {
+        let finest = STEPS[STEPS.len() - 1];
+        if !holds(&polynomial.rounded(finest * unit)?) {
+            return None;
+        }
+        STEPS.iter().find_map(|step| {
+            let rounded = polynomial.rounded(step * unit)?;
+            (*step == finest || holds(&rounded)).then(|| rounded.encode(step * unit))
+        })
+    }
+
     /// Whether at most the allowed share of comparisons exceeds the promise.
     fn holds(
         &self,
         region: &Region,
-        tensor: &Tensor,
+        polynomial: &Polynomial,
         held_out: &HeldOut,
         error: impl Fn(&Self, &[f64], DVec3, DVec3, &Probe) -> f64,
     ) -> bool {
@@ -320,9 +343,7 @@ impl Refiner<'_> {
             if probes.is_empty() {
                 continue;
             }
-            let Ok(contracted) = tensor.contract(&x[..k]) else {
-                return false;
-            };
+            let contracted = polynomial.contract(&x[..k]);
             for probe in probes {
                 let t = 2.0 * (probe.s - start) / (end - start) - 1.0;
                 let sums = evaluate(&contracted, &x[k..], t);

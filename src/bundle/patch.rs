@@ -2,7 +2,7 @@
 //! quantised Chebyshev coefficients.
 //!
 //! In: exact samples at the tensor grid of Chebyshev nodes of the box ([`Polynomial::fit`]). Out:
-//! integers coded by pco ([`Tensor::encode`]), and for a fixed camera the small table over
+//! integers coded by pco ([`Polynomial::encode`]), and for a fixed camera the small table over
 //! direction and arc length that remains when the camera axes are summed out
 //! ([`Tensor::contract`]). Axes: camera…, direction…, arc length, channel. Coefficients beyond the
 //! last one that rounds to something are not stored.
@@ -14,7 +14,7 @@ use super::{
 use ndarray::{Array3, ArrayD, ArrayViewD, Axis, IxDyn, Slice};
 use std::sync::OnceLock;
 
-/// Chebyshev coefficients of one group of channels, not yet rounded.
+/// Chebyshev coefficients of one group of channels, in standard layout.
 #[derive(Debug, Clone)]
 pub struct Polynomial(ArrayD<f64>);
 
@@ -22,7 +22,10 @@ impl Polynomial {
     /// From samples with axes (camera…, direction…, arc length, channel).
     pub fn fit(samples: ArrayViewD<'_, f64>) -> Self {
         let axes = samples.ndim() - 1;
-        Self(chebyshev::coefficients(samples.to_owned(), axes))
+        Self(chebyshev::coefficients(
+            samples.as_standard_layout().into_owned(),
+            axes,
+        ))
     }
 
     /// The root of the sum of squares of the two highest coefficients along each axis: what
@@ -44,8 +47,9 @@ impl Polynomial {
         self.0.iter().all(|c| c.is_finite())
     }
 
-    /// Rounds to multiples of `step`; `None` if a coefficient is too large for it.
-    pub fn quantise(&self, step: f64) -> Option<Tensor> {
+    /// Rounded to multiples of `step`, coefficients beyond the last that is not zero left out;
+    /// `None` if a coefficient is too large for the step.
+    pub fn rounded(&self, step: f64) -> Option<Self> {
         let limit = f64::from(i32::MAX / 2) * step;
         if !(step > 0.0) || self.0.iter().any(|c| !(c.abs() < limit)) {
             return None;
@@ -61,8 +65,50 @@ impl Polynomial {
             }
         }
         let trimmed = rounded.slice_each_axis(|axis| Slice::from(..kept[axis.axis.index()]));
-        let integers: Vec<i32> = trimmed.iter().map(|&x| x as i32).collect();
-        Some(Tensor::new(kept, step, &integers))
+        Some(Self(trimmed.mapv(|x| x * step)))
+    }
+
+    /// Codes a polynomial that [`Polynomial::rounded`] made with this `step`.
+    pub fn encode(&self, step: f64) -> Tensor {
+        let integers: Vec<i32> = self.0.iter().map(|c| (c / step).round() as i32).collect();
+        let config = pco::ChunkConfig::default();
+        // pco refuses only configurations, never data.
+        let stream =
+            pco::standalone::simple_compress(&integers, &config).expect("valid configuration");
+        Tensor {
+            shape: self.0.shape().to_vec(),
+            step,
+            stream,
+            decoded: OnceLock::new(),
+        }
+    }
+
+    /// The table over (direction 1, direction 2, arc length × channel) that remains at camera
+    /// parameters `camera` in [−1, 1]; with one direction parameter the second axis has length 1.
+    pub fn contract(&self, camera: &[f64]) -> Contracted {
+        let mut shape = self.0.shape().to_vec();
+        let mut flat = std::borrow::Cow::Borrowed(self.0.as_slice().unwrap_or_default());
+        for &x in camera {
+            let mut weights = [0.0; MOST_DEGREES];
+            let n = shape.remove(0);
+            chebyshev::values(x, &mut weights[..n]);
+            let mut sum = vec![0.0; flat.len() / n];
+            for (part, w) in flat.chunks_exact(sum.len()).zip(weights) {
+                for (s, c) in sum.iter_mut().zip(part) {
+                    *s += w * c;
+                }
+            }
+            flat = sum.into();
+        }
+        let channels = shape.pop().unwrap_or(1);
+        let lengths = shape.pop().unwrap_or(1);
+        let (p, q) = (shape[0], shape.get(1).copied().unwrap_or(1));
+        let table = Array3::from_shape_vec((p, q, lengths * channels), flat.into_owned());
+        Contracted {
+            table: table.expect("the axes multiply to the length"),
+            lengths,
+            channels,
+        }
     }
 }
 
@@ -73,7 +119,7 @@ pub struct Tensor {
     step: f64,
     /// The integers, coded.
     stream: Vec<u8>,
-    decoded: OnceLock<Option<ArrayD<f64>>>,
+    decoded: OnceLock<Option<Polynomial>>,
 }
 
 /// The most coefficients of a tensor: far above any that a bake makes, and small enough that a
@@ -84,21 +130,8 @@ const MOST_COEFFICIENTS: u64 = 1 << 24;
 pub const MOST_DEGREES: usize = 64;
 
 impl Tensor {
-    fn new(shape: Vec<usize>, step: f64, integers: &[i32]) -> Self {
-        let config = pco::ChunkConfig::default();
-        // pco refuses only configurations, never data.
-        let stream =
-            pco::standalone::simple_compress(integers, &config).expect("valid configuration");
-        Self {
-            shape,
-            step,
-            stream,
-            decoded: OnceLock::new(),
-        }
-    }
-
     /// The coefficients; `None` if the stream does not hold as many as declared.
-    fn coefficients(&self) -> Option<&ArrayD<f64>> {
+    fn decoded(&self) -> Option<&Polynomial> {
         let decode = || {
             let mut integers = vec![0_i32; self.shape.iter().product()];
             let progress =
@@ -107,48 +140,24 @@ impl Tensor {
                 return None;
             }
             let scaled = integers.iter().map(|&i| f64::from(i) * self.step).collect();
-            ArrayD::from_shape_vec(IxDyn(&self.shape), scaled).ok()
+            let array = ArrayD::from_shape_vec(IxDyn(&self.shape), scaled).ok()?;
+            Some(Polynomial(array))
         };
         self.decoded.get_or_init(decode).as_ref()
     }
 
     /// The bytes it takes in a bundle.
     pub fn bytes(&self) -> usize {
-        self.stream.len() + self.shape.len() + 14
+        self.stream.len() + self.shape.len() + 13
     }
 
-    /// The table over (direction 1, direction 2, arc length × channel…) that remains at camera
-    /// parameters `camera` in [−1, 1]; with one direction parameter the second axis has length 1.
+    /// [`Polynomial::contract`] of the coded polynomial.
     ///
     /// # Errors
     /// The coded integers are not what their header says.
     pub fn contract(&self, camera: &[f64]) -> Result<Contracted, Damage> {
-        let coefficients = self.coefficients().ok_or(Damage("coefficients"))?;
-        let mut table = coefficients.view().to_owned();
-        for &x in camera {
-            let mut weights = vec![0.0; table.len_of(Axis(0))];
-            chebyshev::values(x, &mut weights);
-            let mut sum = ArrayD::zeros(IxDyn(&table.shape()[1..]));
-            for (part, w) in table.axis_iter(Axis(0)).zip(weights) {
-                sum.scaled_add(w, &part);
-            }
-            table = sum;
-        }
-        if table.ndim() == 3 {
-            table.insert_axis_inplace(Axis(1));
-        }
-        let shape = table.shape().to_vec();
-        let [p, q, s, c] = shape[..] else {
-            return Err(Damage("number of axes"));
-        };
-        let flat = table
-            .into_shape_with_order((p, q, s * c))
-            .map_err(|_| Damage("axes"))?;
-        Ok(Contracted {
-            table: flat,
-            lengths: s,
-            channels: c,
-        })
+        let polynomial = self.decoded().ok_or(Damage("coefficients"))?;
+        Ok(polynomial.contract(camera))
     }
 
     /// Writes the tensor.

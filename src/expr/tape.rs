@@ -147,31 +147,36 @@ impl Tape {
     }
 }
 
+// Results go to a local first: written straight into the registers, which might overlap the
+// operands, the loops are not vectorised.
 #[inline(always)]
 fn map<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R) -> R) {
     let a = r[i.a as usize];
-    let to = &mut r[i.to as usize];
+    let mut to = [R::ZERO; W];
     for lane in 0..W {
         to[lane] = f(a[lane]);
     }
+    r[i.to as usize] = to;
 }
 
 #[inline(always)]
 fn zip<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R, R) -> R) {
     let (a, b) = (r[i.a as usize], r[i.b as usize]);
-    let to = &mut r[i.to as usize];
+    let mut to = [R::ZERO; W];
     for lane in 0..W {
         to[lane] = f(a[lane], b[lane]);
     }
+    r[i.to as usize] = to;
 }
 
 #[inline(always)]
 fn ternary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R, R, R) -> R) {
     let (a, b, c) = (r[i.a as usize], r[i.b as usize], r[i.c as usize]);
-    let to = &mut r[i.to as usize];
+    let mut to = [R::ZERO; W];
     for lane in 0..W {
         to[lane] = f(a[lane], b[lane], c[lane]);
     }
+    r[i.to as usize] = to;
 }
 
 /// One arm for each function, so that each is a loop of its own over the lanes.
