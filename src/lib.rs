@@ -5,6 +5,8 @@
 pub mod diagnostic;
 pub mod error;
 pub mod expr;
+pub mod files;
+pub mod quantiles;
 pub mod render;
 
 pub use error::{Error, Result};

@@ -1,1 +1,3 @@
 //! Camera, scene, tracers, lattice, intersection, shading and pictures.
+
+pub mod picture;
