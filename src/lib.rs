@@ -10,5 +10,6 @@ pub mod geodesic;
 pub mod manifold;
 pub mod render;
 pub mod spelling;
+pub mod terminal;
 
 pub use error::{Error, Result};
