@@ -15,5 +15,6 @@ pub mod quantiles;
 pub mod random;
 pub mod render;
 pub mod spelling;
+pub mod terminal;
 
 pub use error::{Error, Result};

@@ -1,26 +1,51 @@
 //! Which known name a misspelt one was meant to be.
 
-/// The one of `known` that looks most like `name`, if any is close.
+/// The one of `known` that looks most like `name`, if any is close and shares a letter with it.
 pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<String> {
+    let length = name.chars().count();
     known
         .map(|k| (edit_distance(name, k), k))
-        .filter(|(d, k)| *d <= 1.max(k.len().min(name.len()) / 3))
+        .filter(|(d, k)| {
+            let shorter = length.min(k.chars().count());
+            *d < shorter && *d <= 1.max(shorter / 3)
+        })
         .min()
         .map(|(_, k)| k.to_string())
 }
 
-/// Levenshtein's distance in characters.
+/// Levenshtein's distance in characters, where two neighbours swapped count as one change.
 fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let change = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = change.min(row[j] + 1).min(diagonal + 1);
+    let (a, b): (Vec<char>, Vec<char>) = (a.chars().collect(), b.chars().collect());
+    let mut rows = vec![vec![0; b.len() + 1]; a.len() + 1];
+    for i in 0..=a.len() {
+        for j in 0..=b.len() {
+            if i == 0 || j == 0 {
+                rows[i][j] = i + j;
+                continue;
+            }
+            let change = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            let mut best = change.min(rows[i - 1][j] + 1).min(rows[i][j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                best = best.min(rows[i - 2][j - 2] + 1);
+            }
+            rows[i][j] = best;
         }
     }
-    row[b.len()]
+    rows[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn close_names_are_found_and_strangers_are_not() {
+        let nearest = |name| nearest(name, ["alpha", "metric", "e", "rho"].into_iter());
+        assert_eq!(nearest("alpah").as_deref(), Some("alpha"));
+        assert_eq!(nearest("metirc").as_deref(), Some("metric"));
+        assert_eq!(nearest("roh").as_deref(), Some("rho"));
+        assert_eq!(nearest("b"), None);
+        assert_eq!(nearest("ρ"), None);
+        assert_eq!(nearest("omega"), None);
+    }
 }

@@ -109,7 +109,7 @@ impl<'m> EventFinder<'m> {
                 (low, below) = (s, v.min(-0.0));
                 above *= 0.5;
                 if v == 0.0 {
-                    break;
+                    return s;
                 }
             }
         }

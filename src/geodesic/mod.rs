@@ -3,15 +3,21 @@
 //! In: a [`Manifold`] and [`Ray`]s. Out: [`Step`]s given to a [`Sink`], or whole [`Path`]s.
 //! Arc length is measured in the metric; tangents have unit length.
 
+mod conjugate;
+mod departure;
 mod dormand_prince;
 mod events;
 mod integrator;
 mod path;
+mod samples;
 mod spread;
 mod step;
 
+pub use conjugate::conjugate_points;
+pub use departure::{check_point, depart};
 pub use integrator::follow;
 pub use path::{Path, paths};
+pub use samples::{Sample, samples};
 pub use spread::{Spread, perpendiculars, signed_area};
 pub use step::Step;
 

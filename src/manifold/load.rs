@@ -26,6 +26,20 @@ pub(super) const INSIDE: &str = "inside";
 /// The least and the most components of an embedding.
 const AMBIENT: std::ops::RangeInclusive<usize> = 3..=16;
 
+/// What a manifold file may have at its top.
+const KEYS: [&str; 10] = [
+    "name",
+    "coordinates",
+    "embedding",
+    "metric",
+    "parameters",
+    "let",
+    "domain",
+    "exit",
+    "symmetry",
+    "cameras",
+];
+
 /// Reads the file; nothing numerical is checked yet.
 pub(super) fn from_source(
     source: &Arc<SourceText>,
@@ -96,6 +110,11 @@ impl<'s> Loader<'s> {
         settings: &[(String, f64)],
         used: &mut [bool],
     ) -> Reading<Manifold> {
+        // First, so that a misspelt key is named and not the absence of the right one.
+        for key in KEYS {
+            root.get(key);
+        }
+        root.finish()?;
         let name = root.require("name")?.text()?.value;
         self.coordinates = self.read_coordinates(&root.require("coordinates")?)?;
         let parameters = self.read_parameters(root.get("parameters"), settings, used)?;
@@ -110,7 +129,6 @@ impl<'s> Loader<'s> {
         let cameras = root.get("cameras");
         let length = self.read_length(cameras.as_ref())?;
         let region = self.read_cameras(cameras.as_ref(), &domain, &symmetry)?;
-        root.finish()?;
         let compiled = self
             .compile(&geometry)
             .map_err(|e| place.complain(e.to_string()))?;

@@ -1,0 +1,33 @@
+//! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
+
+mod completions;
+mod info;
+mod trace;
+
+use geofan::{
+    Result,
+    terminal::{CommonArgs, Outcome},
+};
+
+/// What to do.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Follow one geodesic exactly and print samples of it
+    Trace(trace::TraceArgs),
+    /// Say what a file contains
+    Info(info::InfoArgs),
+    /// Print a completion script for a shell
+    #[command(hide = true)]
+    Completions(completions::CompletionsArgs),
+}
+
+impl Command {
+    /// Does it.
+    pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
+        match self {
+            Self::Trace(args) => trace::run(args, common),
+            Self::Info(args) => info::run(args, common),
+            Self::Completions(args) => completions::run(args),
+        }
+    }
+}

@@ -1,0 +1,214 @@
+//! What both programs share with the terminal: common options, logs, progress, results, exit codes.
+//!
+//! In: the command line and a command's result. Out: text on stdout (results, JSON) and stderr
+//! (logs, progress, errors), and the exit code of DESIGN §5.
+
+mod interrupt;
+mod log;
+mod progress;
+pub mod values;
+
+pub use interrupt::Interrupt;
+pub use log::{colour, line};
+pub use progress::Progress;
+
+use crate::error::{Error, Result};
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::{
+    io::{self, Write},
+    process::ExitCode,
+};
+
+/// Options of every command.
+#[derive(Debug, Clone, Default, clap::Args)]
+#[command(next_help_heading = "Common options")]
+pub struct CommonArgs {
+    /// Number of threads; 0 takes all cores
+    #[arg(long, global = true, value_name = "N", default_value_t = 0,
+          value_parser = clap::value_parser!(u16).range(..=4096), hide_default_value = true)]
+    pub threads: u16,
+    /// Print errors only
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Print results as JSON on stdout
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// How a command that did not fail has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// It did what was asked.
+    Done,
+    /// It ran, and its own check says no.
+    CheckFailed,
+}
+
+/// Reads the command line. A wrong one ends the process with code 2 (help and version with 0);
+/// with `--json` on it, the complaint goes to stdout as JSON too.
+pub fn parse<C: clap::Parser>() -> C {
+    C::try_parse().unwrap_or_else(|error| {
+        if error.use_stderr() && std::env::args_os().any(|a| a == "--json") {
+            let text = error.render().to_string();
+            let paragraph = text.split("\n\n").next().unwrap_or_default();
+            let message = paragraph.trim().trim_start_matches("error: ");
+            let _ = print_json(&json!({ "error": { "message": message } }));
+        }
+        error.exit()
+    })
+}
+
+/// Sets up logs and threads, runs `main`, and reports its error: on stderr with the source
+/// underlined, with `--json` on stdout as well. Panics go through.
+pub fn run(common: &CommonArgs, main: impl FnOnce() -> Result<Outcome>) -> ExitCode {
+    log::start(common.quiet);
+    match start_threads(common.threads).and_then(|()| main()) {
+        Ok(Outcome::Done) => ExitCode::SUCCESS,
+        Ok(Outcome::CheckFailed) => ExitCode::from(1),
+        // Whoever read the output has had enough (`geofan … | head`): nothing is wrong.
+        Err(error) if is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) => {
+            log::line(&error.report(colour()));
+            if common.json {
+                let _ = print_json(&json!({ "error": describe(&error) }));
+            }
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+fn start_threads(threads: u16) -> Result<()> {
+    if threads == 0 {
+        return Ok(());
+    }
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(threads));
+    pool.build_global().map_err(|e| Error::Environment {
+        path: format!("{threads} threads"),
+        source: io::Error::other(e),
+    })
+}
+
+/// What stdout is called in errors.
+const STDOUT: &str = "standard output";
+
+fn is_closed_pipe(error: &Error) -> bool {
+    matches!(error, Error::Environment { path, source }
+        if path == STDOUT && source.kind() == io::ErrorKind::BrokenPipe)
+}
+
+/// Writes `text` to stdout and flushes. Commands print by this and not by `println!`, which panics
+/// on a closed pipe.
+///
+/// # Errors
+/// stdout cannot be written; [`run`] takes a closed pipe for a quiet end.
+pub fn print(text: &str) -> Result<()> {
+    let mut stdout = io::stdout().lock();
+    let written = stdout.write_all(text.as_bytes());
+    written
+        .and_then(|()| stdout.flush())
+        .map_err(|source| Error::Environment {
+            path: STDOUT.into(),
+            source,
+        })
+}
+
+/// Writes `value` to stdout as one line of JSON.
+///
+/// # Errors
+/// As [`print()`].
+pub fn print_json(value: &impl Serialize) -> Result<()> {
+    let mut text = serde_json::to_string(value).map_err(|e| Error::Environment {
+        path: STDOUT.into(),
+        source: e.into(),
+    })?;
+    text.push('\n');
+    print(&text)
+}
+
+/// The error as JSON: `message`, and `file` or `option`, `line`, `column`, `hint` where known.
+fn describe(error: &Error) -> Value {
+    match error {
+        Error::Source(diagnostic) => {
+            let (line, column) = diagnostic.source.line_column(diagnostic.span.start);
+            let mut value = json!({
+                "file": diagnostic.source.name,
+                "line": line,
+                "column": column,
+                "message": diagnostic.message,
+            });
+            if let Some(hint) = &diagnostic.hint {
+                value["hint"] = json!(hint);
+            }
+            value
+        }
+        Error::Input { subject, message } => {
+            let kind = if subject.starts_with('-') {
+                "option"
+            } else {
+                "file"
+            };
+            json!({ kind: subject, "message": message })
+        }
+        Error::Environment { path, source } => {
+            json!({ "file": path, "message": source.to_string() })
+        }
+        Error::Interrupted { .. } => json!({ "message": error.to_string() }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnostic::{Diagnostic, SourceText};
+
+    fn common() -> CommonArgs {
+        CommonArgs {
+            quiet: true,
+            ..CommonArgs::default()
+        }
+    }
+
+    /// `ExitCode` cannot be compared.
+    fn code(result: Result<Outcome>) -> String {
+        format!("{:?}", run(&common(), || result))
+    }
+
+    #[test]
+    fn exit_codes_are_those_of_the_design() {
+        let is = |code: u8| format!("{:?}", ExitCode::from(code));
+        assert_eq!(code(Ok(Outcome::Done)), is(0));
+        assert_eq!(code(Ok(Outcome::CheckFailed)), is(1));
+        assert_eq!(code(Err(Error::input("--at", "test"))), is(2));
+        let environment = |path: &str, kind: io::ErrorKind| Error::Environment {
+            path: path.into(),
+            source: kind.into(),
+        };
+        let full = environment("disk", io::ErrorKind::StorageFull);
+        assert_eq!(code(Err(full)), is(3));
+        let closed = environment(STDOUT, io::ErrorKind::BrokenPipe);
+        assert_eq!(code(Err(closed)), is(0));
+        let resume = "--resume goes on".into();
+        assert_eq!(code(Err(Error::Interrupted { resume })), is(75));
+    }
+
+    #[test]
+    fn errors_become_json_with_their_place() {
+        let source = SourceText::new("a.toml", "x = 1\ny = oops");
+        let diagnostic = Diagnostic::new(&source, 10..14, "wrong").with_hint("mend it");
+        assert_eq!(
+            describe(&diagnostic.into()),
+            json!({"file": "a.toml", "line": 2, "column": 5, "message": "wrong", "hint": "mend it"})
+        );
+        assert_eq!(
+            describe(&Error::input("--set", "no")),
+            json!({"option": "--set", "message": "no"})
+        );
+    }
+
+    #[test]
+    #[should_panic(expected = "not swallowed")]
+    fn panics_go_through() {
+        run(&common(), || panic!("not swallowed"));
+    }
+}
