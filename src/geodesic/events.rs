@@ -7,7 +7,7 @@
 //! A ray that starts beyond an event is not over if it is on its way back: the event counts as soon
 //! as its value rises.
 
-use super::{End, Step};
+use super::{End, Step, crossing};
 use crate::{
     expr::Registers,
     manifold::{Domain, EventKind},
@@ -82,38 +82,12 @@ impl<'m> EventFinder<'m> {
         self.domain.events().run(&mut self.registers);
     }
 
-    /// The arc length in `[low, high]` at which event `k` becomes positive, by the Illinois method.
+    /// The arc length in `[low, high]` at which event `k` becomes positive.
     fn crossing(&mut self, step: &Step, k: usize, low: f64, high: f64) -> f64 {
-        let mut value = |s: f64| {
+        crossing(low, high, |s| {
             self.evaluate(step.position(s), step.tangent(s));
             self.registers.output(k)[0]
-        };
-        let (mut low, mut high) = (low, high);
-        let (mut below, mut above) = (value(low).min(-0.0), value(high));
-        for round in 0..100 {
-            if high - low <= 4.0 * f64::EPSILON * high {
-                break;
-            }
-            // Every fourth round bisects: no shape of event can make it crawl.
-            let share = if round % 4 == 3 {
-                0.5
-            } else {
-                (below / (below - above)).clamp(0.0, 1.0)
-            };
-            let s = low + (high - low) * if share.is_finite() { share } else { 0.5 };
-            let v = value(s);
-            if v > 0.0 {
-                (high, above) = (s, v);
-                below *= 0.5;
-            } else {
-                (low, below) = (s, v.min(-0.0));
-                above *= 0.5;
-                if v == 0.0 {
-                    return s;
-                }
-            }
-        }
-        0.5 * (low + high)
+        })
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod conjugate;
 mod departure;
+mod crossing;
 mod dormand_prince;
 mod events;
 mod integrator;
@@ -15,6 +16,7 @@ mod step;
 
 pub use conjugate::conjugate_points;
 pub use departure::{check_point, depart};
+pub use crossing::crossing;
 pub use integrator::follow;
 pub use path::{Path, paths};
 pub use samples::{Sample, samples};
