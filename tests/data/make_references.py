@@ -9,7 +9,7 @@ Method: metric and its first and second derivatives by sympy; geodesic, parallel
 extrapolation in 80-bit floats. Where a metric has a kink (if, max, abs) the crossing is located and
 the variation takes its jump there. Closed forms are checked first and discrepancies printed.
 
-Run: pip install numpy scipy sympy; python make_references.py   (several minutes, on x86-64)
+Run: pip install numpy scipy sympy; python make_references.py   (a few minutes, on x86-64)
 """
 
 import json
@@ -70,12 +70,12 @@ def evaluate(text, names, switches):
         "abs": lambda a: switches.choose(a, a, -a),
         "max": lambda a, b: switches.choose(a - b, a, b),
         "min": lambda a, b: switches.choose(b - a, a, b),
-        "R": sp.Rational,
+        "exact_": sp.Rational,
         "pi": sp.pi,
         "e": sp.E,
     }
     text = re.sub(r"\bif\s*\(", "if_(", text.replace("^", "**"))
-    text = re.sub(r"(?<![\w.])(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)", r'R("\1")', text)
+    text = re.sub(r"(?<![\w.])(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+(?:[eE][+-]?\d+)?)", r'exact_("\1")', text)
     return sp.sympify(eval(text, {"__builtins__": {}}, functions | names))
 
 
@@ -162,15 +162,22 @@ class Manifold:
 # --- the differential equation ---------------------------------------------------------------
 
 
+def pair(a, b):
+    return PAIRS.index((min(a, b), max(a, b)))
+
+
+# where each entry of G, dG and ddG stands in the list that Manifold.compute returns
+ENTRY = np.array([[pair(a, b) for b in range(3)] for a in range(3)])
+ENTRY1 = np.array([6 + 6 * l + ENTRY for l in range(3)])
+ENTRY2 = np.array([[24 + 6 * pair(l, m) + ENTRY for m in range(3)] for l in range(3)])
+
+
 def fields(manifold, u, switch):
-    """G, dG[l], ddG[l, m] at the points u (3, n), as arrays [3, 3, ..., n]."""
-    values = [np.broadcast_to(np.asarray(e, LD), u.shape[1:]) for e in manifold.compute(u, switch)]
-    g = np.array([[values[PAIRS.index((min(a, b), max(a, b)))] for b in range(3)] for a in range(3)])
-    at = lambda k, a, b: values[6 * k + PAIRS.index((min(a, b), max(a, b)))]
-    d1 = np.array([[[at(1 + l, a, b) for b in range(3)] for a in range(3)] for l in range(3)])
-    pair = lambda l, m: 4 + PAIRS.index((min(l, m), max(l, m)))
-    d2 = np.array([[[[at(pair(l, m), a, b) for b in range(3)] for a in range(3)] for m in range(3)] for l in range(3)])
-    return g, d1, d2
+    """G, dG[l], ddG[l, m] at the points u (3, n), as arrays [..., 3, 3, n]."""
+    values = np.empty((60, u.shape[1]), LD)
+    for row, value in zip(values, manifold.compute(u, switch)):
+        row[:] = value
+    return values[ENTRY], values[ENTRY1], values[ENTRY2]
 
 
 def inverse(g):
@@ -214,11 +221,11 @@ def extrapolated_step(f, y, h, rows):
             ratio = LD(n) ** 2 / LD(2 * (j - i)) ** 2 - 1
             line.append(line[i] + (line[i] - table[i]) / ratio)
         previous, table = table, line
-    size = 1e-3 + np.abs(y).max(axis=1, keepdims=True)
+    size = 1e-2 + np.maximum(np.abs(y), np.abs(table[-1])).max(axis=1, keepdims=True)
     return table[-1], float(np.max(np.abs(table[-1] - previous[-1]) / size))
 
 
-def integrate(manifold, y, scale, end, tolerance=3e-16, rows=8):
+def integrate(manifold, y, scale, end, tolerance=2e-15, rows=8):
     """The state after parameter `end`; crossings of switches need a batch of one ray."""
     switch = settle(manifold, y[0])
     assert not switch or y.shape[2] == 1
@@ -244,7 +251,10 @@ def integrate(manifold, y, scale, end, tolerance=3e-16, rows=8):
             h = LD(0.01)
             continue
         t, y = t + h, new
-        h *= LD(min(2.0, max(0.3, 0.85 * (tolerance / max(error, 1e-25)) ** (1 / (2 * rows - 1)))))
+        if error < 0.1 * tolerance:  # as good as rounding noise, which says nothing about the step
+            h *= LD(1.5)
+        else:
+            h *= LD(min(1.5, 0.9 * (tolerance / error) ** (1 / (2 * rows - 1))))
     return y
 
 
@@ -374,18 +384,16 @@ def references(path):
     manifold = Manifold(path)
     rays = candidates(manifold)
     if manifold.switch_symbols:
-        run = lambda some=rays, **options: [integrate(manifold, y, LD(1), length, **options) for _, _, length, y in some]
+        run = lambda **options: [integrate(manifold, y, LD(1), length, **options) for _, _, length, y in rays]
     else:
         batch = np.concatenate([r[3] for r in rays], axis=2)
         scale = np.array([r[2] for r in rays], LD)
 
-        def run(_=None, **options):
+        def run(**options):
             y = integrate(manifold, batch, scale, 1, **options)
             return [y[:, :, i : i + 1] for i in range(RAYS)]
 
-    finals = run()
-    rays_again = rays[:3] if manifold.switch_symbols else rays  # one at a time is slow
-    again = run(rays_again, tolerance=1e-14, rows=7)
+    finals, again = run(), run(tolerance=4e-14, rows=7)
     worst = max(float(np.max(np.abs(a - b)[:5])) for a, b in zip(finals, again))
     return [record(manifold, *ray, final) for ray, final in zip(rays, finals)], report(manifold, finals, worst)
 
