@@ -2,6 +2,7 @@
 
 mod completions;
 mod info;
+mod render;
 mod trace;
 
 use geofan::{
@@ -14,6 +15,8 @@ use geofan::{
 pub enum Command {
     /// Follow one geodesic exactly and print samples of it
     Trace(trace::TraceArgs),
+    /// Render a picture of a scene
+    Render(render::RenderArgs),
     /// Say what a file contains
     Info(info::InfoArgs),
     /// Print a completion script for a shell
@@ -26,6 +29,7 @@ impl Command {
     pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
         match self {
             Self::Trace(args) => trace::run(args, common),
+            Self::Render(args) => render::run(args, common),
             Self::Info(args) => info::run(args, common),
             Self::Completions(args) => completions::run(args),
         }

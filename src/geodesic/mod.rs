@@ -4,8 +4,8 @@
 //! Arc length is measured in the metric; tangents have unit length.
 
 mod conjugate;
-mod departure;
 mod crossing;
+mod departure;
 mod dormand_prince;
 mod events;
 mod integrator;
@@ -15,8 +15,8 @@ mod spread;
 mod step;
 
 pub use conjugate::conjugate_points;
-pub use departure::{check_point, depart};
 pub use crossing::crossing;
+pub use departure::{check_point, depart};
 pub use integrator::follow;
 pub use path::{Path, paths};
 pub use samples::{Sample, samples};

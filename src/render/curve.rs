@@ -136,7 +136,9 @@ impl Piece {
     /// The largest distance of the curve from its chord, bounded by the second derivative.
     pub fn sagitta(&self) -> f64 {
         let [c0, c1, c2, c3] = self.bezier();
-        let bend = (c0 - c1 * 2.0 + c2).length().max((c1 - c2 * 2.0 + c3).length());
+        let bend = (c0 - c1 * 2.0 + c2)
+            .length()
+            .max((c1 - c2 * 2.0 + c3).length());
         6.0 / 8.0 * bend
     }
 }
@@ -173,9 +175,8 @@ impl<'m> EndingFinder<'m> {
             self.evaluate(&u[first..first + count], &v[first..first + count]);
             for lane in 0..count {
                 let at = first + lane;
-                let hit = (0..before.len()).find(|&k| {
-                    at > 0 && self.registers.output(k)[lane] > before[k].max(0.0)
-                });
+                let hit = (0..before.len())
+                    .find(|&k| at > 0 && self.registers.output(k)[lane] > before[k].max(0.0));
                 if hit.is_some() {
                     let piece = Piece {
                         s: [s[at - 1], s[at]],

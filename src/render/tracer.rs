@@ -71,7 +71,14 @@ impl Tracer for ExactTracer<'_> {
             manifold: self.manifold,
             curves: directions
                 .iter()
-                .map(|&d| (vec![0.0], vec![self.u], vec![self.frame * d], Ending::Nowhere))
+                .map(|&d| {
+                    (
+                        vec![0.0],
+                        vec![self.u],
+                        vec![self.frame * d],
+                        Ending::Nowhere,
+                    )
+                })
                 .collect(),
         };
         follow(self.manifold, settings, rays, &mut sink);

@@ -67,9 +67,11 @@ pub fn camera_point(
     };
     match manifold.domain.violation(u) {
         None if u.is_finite() => Ok(u),
-        _ => Err(complain("the camera is outside the manifold's domain".into())
-            .with_hint("see [domain] in the manifold file")
-            .into()),
+        _ => Err(
+            complain("the camera is outside the manifold's domain".into())
+                .with_hint("see [domain] in the manifold file")
+                .into(),
+        ),
     }
 }
 
@@ -79,7 +81,9 @@ fn by_parameters(manifold: &Manifold, given: &[(String, f64)]) -> Result<DVec3, 
     };
     if let Some((name, _)) = given.iter().find(|(n, _)| !region.names.contains(n)) {
         let known = region.names.join(", ");
-        return Err(format!("`{name}` is not a camera parameter; there are: {known}"));
+        return Err(format!(
+            "`{name}` is not a camera parameter; there are: {known}"
+        ));
     }
     let mut values = Vec::new();
     for name in &region.names {
