@@ -26,6 +26,13 @@ pub use step::Step;
 use crate::manifold::{Carried, Manifold};
 use glam::DVec3;
 
+/// Lanes: wide enough that an instruction's dispatch costs less than its arithmetic, small enough
+/// that registers and stages stay in the first-level cache.
+const LANES: usize = 16;
+
+/// One number for every lane.
+type Row = [f64; LANES];
+
 /// A geodesic to follow.
 #[derive(Debug, Clone, Copy)]
 pub struct Ray {

@@ -101,8 +101,9 @@ struct CurveSink<'m> {
 impl Sink for CurveSink<'_> {
     fn step(&mut self, ray: usize, step: &Step) {
         let (s, u, v, _) = &mut self.curves[ray];
-        for k in 1..=cubics(step) {
-            let at = step.start + (step.end - step.start) * k as f64 / cubics(step) as f64;
+        let count = cubics(step);
+        for k in 1..=count {
+            let at = step.start + (step.end - step.start) * k as f64 / count as f64;
             s.push(at);
             u.push(step.position(at));
             v.push(step.tangent(at));
