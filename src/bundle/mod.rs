@@ -1,13 +1,20 @@
 //! The table: patches, quantisation, contraction, file format and certificate.
 
 mod bytes;
+mod certificate;
 pub mod chebyshev;
+pub mod container;
+mod file;
 pub mod measure;
 mod patch;
+mod records;
 mod table;
 mod tree;
 
-pub use bytes::Damage;
+pub use bytes::{Damage, Reader, Writer};
+pub use certificate::{Certificate, certify};
+pub use file::{Bundle, BundleError, Contents, decode_chunk, encode_chunk, identity};
 pub use patch::{Contracted, Patch, Polynomial, Tensor};
+pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
 pub use table::{Division, Fan, FanPath, Table};
 pub use tree::{Shape, Tree};

@@ -19,10 +19,11 @@ use crate::{
     manifold::{Isometry, Manifold},
 };
 use glam::{DMat3, DVec2, DVec3};
+use serde::{Deserialize, Serialize};
 use std::{f64::consts::PI, sync::Arc};
 
 /// Which symmetry has been taken out.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Reduction {
     /// None.
     Whole,

@@ -1,0 +1,250 @@
+//! How well a table keeps its promise: table against exact on fresh random rays.
+//!
+//! In: a [`Table`], a number of rays and a seed. Out: a [`Certificate`], the same for any number of
+//! threads. Cameras are uniform over the region's parameters and moved by a random element of the
+//! symmetry that the table uses; directions are uniform over the sphere; each ray is compared at
+//! one arc length, uniform up to the end of its exact path. A quantile of a sample is not a bound:
+//! it is published with the number of rays.
+
+use super::{Table, measure::probe};
+use crate::{
+    error::{Error, Result},
+    fan::Reduction,
+    manifold::{CameraRegion, Manifold},
+    quantiles::Quantiles,
+    random::Stream,
+};
+use glam::DVec3;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// The result of a comparison of a table with exact paths.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Certificate {
+    /// Transverse distance over arc length.
+    pub mrad: Quantiles,
+    /// The same divided by the ray's magnification.
+    pub screen_mrad: Quantiles,
+    /// Angle between the transported rotations; none if the table stores none.
+    pub rotation_mrad: Option<Quantiles>,
+    /// The fraction of rays of which the table gives up a part.
+    pub flagged: f64,
+    /// The number of rays.
+    pub rays: u64,
+    /// Their seed.
+    pub seed: u64,
+    /// Local tolerance of the exact tracer.
+    pub tolerance: f64,
+    /// Rays that the bake integrated; 0 in a check.
+    pub exact_rays_baked: u64,
+}
+
+/// Rays from each camera: contracting the table for one costs about as much as so many exact rays.
+const DIRECTIONS: usize = 16;
+
+/// Random cameras tried for one that lies in the domain.
+const ATTEMPTS: usize = 1000;
+
+/// Keeps the certificate's random numbers apart from those of a bake with the same seed.
+const KEY: u64 = 0x6365_7274_6966_7921;
+
+/// The errors found on some rays, in mrad.
+#[derive(Default)]
+struct Errors {
+    mrad: Vec<f64>,
+    screen: Vec<f64>,
+    rotation: Vec<f64>,
+    flagged: usize,
+}
+
+/// Compares `table` with exact paths of `rays` random rays. `progress` is told how many more are
+/// done, from any thread; an error from it ends the work.
+///
+/// # Errors
+/// No camera lies in the domain, the table is damaged, or `progress` says so.
+pub fn certify(
+    table: &Table,
+    rays: usize,
+    seed: u64,
+    tolerance: f64,
+    progress: impl Fn(u64) -> Result<()> + Sync,
+) -> Result<Certificate> {
+    let cameras: Result<Vec<Errors>> = (0..rays.div_ceil(DIRECTIONS))
+        .into_par_iter()
+        .map(|camera| {
+            let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
+            let errors = at_camera(table, count, &[KEY, seed, camera as u64], tolerance)?;
+            progress(count as u64)?;
+            Ok(errors)
+        })
+        .collect();
+    let mut all = Errors::default();
+    for mut errors in cameras? {
+        all.mrad.append(&mut errors.mrad);
+        all.screen.append(&mut errors.screen);
+        all.rotation.append(&mut errors.rotation);
+        all.flagged += errors.flagged;
+    }
+    Ok(Certificate {
+        mrad: Quantiles::of(&mut all.mrad),
+        screen_mrad: Quantiles::of(&mut all.screen),
+        rotation_mrad: (!all.rotation.is_empty()).then(|| Quantiles::of(&mut all.rotation)),
+        flagged: all.flagged as f64 / rays.max(1) as f64,
+        rays: rays as u64,
+        seed,
+        tolerance,
+        exact_rays_baked: 0,
+    })
+}
+
+fn at_camera(table: &Table, count: usize, key: &[u64; 3], tolerance: f64) -> Result<Errors> {
+    let manifold = table.space.manifold();
+    let mut stream = Stream::new(key);
+    let u = random_camera(table, &mut stream)?;
+    let fan = table.fan(u)?;
+    let rays: Vec<(DVec3, DVec3)> = (0..count).map(|_| (u, stream.direction())).collect();
+    let shares: Vec<f64> = rays.iter().map(|_| 1.0 - stream.uniform()).collect();
+    let lengths = |ray: usize, end: f64| vec![end * shares[ray]];
+    let probed = probe(manifold, tolerance, table.length, &rays, lengths);
+    let mut errors = Errors::default();
+    for ((_, d), exact) in rays.iter().zip(probed) {
+        let path = fan.path(*d);
+        let mut given_up = path.flagged_from() < exact.length;
+        for probe in &exact.probes {
+            let Some((u, _)) = path.at(probe.s) else {
+                given_up = true;
+                continue;
+            };
+            let found = probe.deviation(u, path.rotation(probe.s));
+            errors.mrad.push(found.mrad);
+            errors.screen.push(found.screen_mrad);
+            errors.rotation.extend(found.rotation_mrad);
+        }
+        errors.flagged += usize::from(given_up);
+    }
+    Ok(errors)
+}
+
+/// A camera of the region, moved by the symmetry, where rays can start.
+fn random_camera(table: &Table, stream: &mut Stream) -> Result<DVec3> {
+    let manifold = table.space.manifold();
+    let region = manifold.cameras.as_ref();
+    let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
+    let found = (0..ATTEMPTS)
+        .map(|_| moved(table.space.reduction(), manifold, region, stream))
+        .find(|u| crate::geodesic::check_point(manifold, "camera", *u).is_ok());
+    found.ok_or_else(|| {
+        let message = format!("none of {ATTEMPTS} random cameras lies in the domain");
+        Error::input(&manifold.source.name, message)
+    })
+}
+
+fn moved(
+    reduction: Reduction,
+    manifold: &Manifold,
+    region: &CameraRegion,
+    stream: &mut Stream,
+) -> DVec3 {
+    let t: Vec<f64> = (0..region.dimension()).map(|_| stream.uniform()).collect();
+    let mut u = region.at(&region.lerp(&t));
+    let mut anywhere = |k: usize| {
+        let [low, high] = manifold.domain.limits[k].unwrap_or([-1.0, 1.0]);
+        stream.between(low, high)
+    };
+    match reduction {
+        Reduction::Whole => {}
+        Reduction::Rotation => u = stream.rotation() * u,
+        Reduction::Translation => {
+            for k in (0..3).filter(|k| manifold.symmetry.translation[*k]) {
+                u[k] = anywhere(k);
+            }
+        }
+        // The group acts simply transitively: the identity goes to any point.
+        Reduction::Group => u = DVec3::from_array([0, 1, 2].map(anywhere)),
+    }
+    u
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        bundle::{Division, Patch, Polynomial, Tree},
+        diagnostic::SourceText,
+        fan::FanSpace,
+    };
+    use ndarray::{ArrayD, IxDyn};
+    use std::sync::Arc;
+
+    const FLAT: &str = r#"
+name = "flat"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1" }
+[symmetry]
+translation = ["x", "y", "z"]
+[cameras]
+at = ["0", "0", "0"]
+length = 5.0
+"#;
+
+    /// A flat table whose displacement along y and z is `wrong` everywhere; face 0 is flagged.
+    fn table(wrong: f64) -> Table {
+        let manifold = Manifold::from_source(SourceText::new("flat", FLAT), &[]).unwrap();
+        let space = FanSpace::new(Arc::new(manifold)).unwrap();
+        let tensor = |values: &[f64]| {
+            let shape = IxDyn(&[1, 1, 1, values.len()]);
+            let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
+            let polynomial = Polynomial::fit(samples.view()).rounded(1e-9).unwrap();
+            polynomial.encode(1e-9)
+        };
+        let leaf = Tree::Leaf(Arc::new(Patch {
+            displacement: tensor(&[0.0, wrong, wrong]),
+            rotation: Some(tensor(&[0.0, 0.0, 0.0, 1.0])),
+        }));
+        let mut chunks = vec![leaf; 6];
+        chunks[0] = Tree::Flagged;
+        Table {
+            space,
+            division: Division {
+                cells: Vec::new(),
+                faces: 6,
+            },
+            length: 5.0,
+            chunks,
+        }
+    }
+
+    #[test]
+    fn a_perfect_table_has_no_error_and_its_flagged_face_is_counted() {
+        let found = certify(&table(0.0), 3000, 7, 1e-10, |_| Ok(())).unwrap();
+        assert!(found.screen_mrad.max < 1e-6, "{found:?}");
+        assert!(found.rotation_mrad.unwrap().max < 1e-3);
+        assert!((found.flagged - 1.0 / 6.0).abs() < 0.03, "{found:?}");
+    }
+
+    #[test]
+    fn a_wrong_table_is_wrong_by_what_was_put_in() {
+        let found = certify(&table(1e-3), 1001, 7, 1e-10, |_| Ok(())).unwrap();
+        // Displacement is per arc length: √2 mrad, less its part along the ray.
+        assert!(found.screen_mrad.max <= 2_f64.sqrt() + 1e-6);
+        assert!(found.screen_mrad.max > 1.4 && found.screen_mrad.p50 > 0.8);
+        assert_eq!(found.rays, 1001);
+    }
+
+    #[test]
+    fn one_thread_and_many_find_the_same() {
+        let table = table(1e-3);
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let work = || certify(&table, 333, 9, 1e-9, |_| Ok(())).unwrap();
+            pool.build().unwrap().install(work)
+        };
+        assert_eq!(with(1), with(5));
+    }
+
+    #[test]
+    fn progress_can_stop_the_work() {
+        let stop = |_| Err(Error::input("test", "stop"));
+        assert!(certify(&table(0.0), 100, 1, 1e-9, stop).is_err());
+    }
+}
