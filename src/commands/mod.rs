@@ -1,8 +1,10 @@
 //! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
 
+mod compare;
 mod completions;
 mod info;
 mod render;
+mod scenery;
 mod trace;
 
 use geofan::{
@@ -17,6 +19,8 @@ pub enum Command {
     Trace(trace::TraceArgs),
     /// Render a picture of a scene
     Render(render::RenderArgs),
+    /// Hold a picture by table against the exact one
+    Compare(compare::CompareArgs),
     /// Say what a file contains
     Info(info::InfoArgs),
     /// Print a completion script for a shell
@@ -30,6 +34,7 @@ impl Command {
         match self {
             Self::Trace(args) => trace::run(args, common),
             Self::Render(args) => render::run(args, common),
+            Self::Compare(args) => compare::run(args, common),
             Self::Info(args) => info::run(args, common),
             Self::Completions(args) => completions::run(args),
         }

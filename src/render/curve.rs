@@ -69,6 +69,16 @@ impl Curve {
             .map(|k| self.piece(k - 1))
     }
 
+    /// The chart point at arc length `s`; `None` beyond the last knot.
+    pub fn position(&self, s: f64) -> Option<DVec3> {
+        let next = self.s.partition_point(|knot| *knot < s).max(1);
+        if next >= self.u.len() {
+            return None;
+        }
+        let piece = self.piece(next - 1);
+        Some(piece.position((s - piece.s[0]) / (piece.s[1] - piece.s[0])))
+    }
+
     /// The piece from knot `k` to the next.
     pub fn piece(&self, k: usize) -> Piece {
         Piece {

@@ -6,6 +6,7 @@
 //! found is shaded ([`shade`]).
 
 pub mod accel;
+pub mod comparison;
 mod curve;
 pub mod frame;
 mod intersect;
@@ -25,6 +26,6 @@ pub use intersect::Hit;
 pub use lattice::LatticeTally;
 pub use outcome::{Outcome, Seen};
 pub use stage::Stage;
-pub use tracer::{ExactTracer, GridTracer, TableTracer, Tracer};
+pub use tracer::{ExactTracer, FixedTracer, GridTracer, TableTracer, Tracer};
 pub use view::{View, camera_point};
 pub use world::{Face, World};

@@ -12,8 +12,12 @@ use super::{
     view::View,
     world::World,
 };
+use crate::{
+    geodesic::{Ray, Settings, paths, signed_area},
+    manifold::Carried,
+};
 use glam::DVec3;
-use ndarray::{Array2, Array3, ArrayView3};
+use ndarray::{Array2, Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
 /// The share of light that reaches surfaces from all sides.
@@ -170,4 +174,51 @@ pub fn with_layers(picture: Picture, world: &World, outcomes: ArrayView3<'_, Out
         .with_index("id", index(&object))
         .with_index("exit", index(&exit))
         .with_index("flagged", index(&|o| usize::from(o.flagged)))
+}
+
+/// Area by which a unit solid angle has spread where the first sample of each pixel ends: an exact
+/// path with deviation for each; NaN where nothing is seen.
+pub fn area(
+    world: &World,
+    view: &View,
+    outcomes: ArrayView3<'_, Outcome>,
+    tolerance: f64,
+) -> Array2<f32> {
+    let (height, width, samples) = outcomes.dim();
+    let offset = super::frame::offsets(samples)[0];
+    let settings = Settings {
+        tolerance,
+        carried: Carried {
+            frame: false,
+            deviation: true,
+        },
+        events: false,
+    };
+    let manifold = &world.manifold;
+    let mut areas = Array2::from_elem((height, width), f32::NAN);
+    areas
+        .axis_iter_mut(Axis(0))
+        .into_par_iter()
+        .enumerate()
+        .for_each(|(y, mut row)| {
+            let rays = (0..width).map(|x| {
+                let s = match outcomes[(y, x, 0)].seen {
+                    Seen::Surface(hit) => hit.s,
+                    Seen::Sky { s, .. } => s,
+                    Seen::Nothing => 0.0,
+                };
+                let d = view.direction(x as f64 + offset.x, y as f64 + offset.y);
+                Ray::new(manifold, view.u, d, s)
+            });
+            for (slot, path) in row.iter_mut().zip(paths(manifold, settings, rays)) {
+                let s = path.length;
+                if let Some(step) = path.steps.last()
+                    && let Some(columns) = step.deviation(s)
+                {
+                    let inverse = manifold.standard_frame(step.position(s)).inverse();
+                    *slot = signed_area(inverse, step.tangent(s), columns).abs() as f32;
+                }
+            }
+        });
+    areas
 }

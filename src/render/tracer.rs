@@ -6,7 +6,7 @@
 use super::curve::{Curve, Ending, EndingFinder, ending_at};
 use crate::{
     bundle::{Fan, FanPath},
-    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -131,6 +131,53 @@ fn cubics(step: &Step) -> usize {
     (error / allowed).powf(0.25).ceil().min(16.0) as usize
 }
 
+/// Follows each ray by equal steps in single precision: the rival that a table must beat at equal
+/// error (DESIGN §7).
+#[derive(Debug, Clone)]
+pub struct FixedTracer<'m> {
+    manifold: &'m Manifold,
+    u: DVec3,
+    frame: DMat3,
+    knots: Arc<[f64]>,
+}
+
+impl<'m> FixedTracer<'m> {
+    /// Rays from `u` over `length` in `steps` steps.
+    pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, steps: usize) -> Self {
+        Self {
+            manifold,
+            u,
+            frame: manifold.standard_frame(u),
+            knots: even_knots(length, steps),
+        }
+    }
+}
+
+impl Tracer for FixedTracer<'_> {
+    fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
+        let mut endings = EndingFinder::new(self.manifold);
+        let rays: Vec<_> = directions
+            .iter()
+            .map(|&d| (self.u, self.frame * d))
+            .collect();
+        let steps = self.knots.len() - 1;
+        let knots = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);
+        let curve = |(u, v): (Vec<DVec3>, Vec<DVec3>)| Curve {
+            ending: endings.ending(&self.knots, &u, &v),
+            s: self.knots.clone(),
+            u,
+            v,
+            flagged: false,
+        };
+        knots.into_iter().map(curve).collect()
+    }
+}
+
+/// The ends of `n` equal intervals of [0, `length`].
+fn even_knots(length: f64, n: usize) -> Arc<[f64]> {
+    (0..=n).map(|k| length * k as f64 / n as f64).collect()
+}
+
 /// Looks rays up in a fan.
 pub struct TableTracer<'f, 't> {
     fan: &'f Fan<'t>,
@@ -199,15 +246,14 @@ impl GridTracer for TableTracer<'_, '_> {
 /// paths to [`PIECE_ERROR`] for nearly all of them.
 fn choose_knots(fan: &Fan<'_>, length: f64) -> Arc<[f64]> {
     let directions: Vec<DVec3> = (0..48).map(fibonacci_direction).collect();
-    let even = |n: usize| -> Vec<f64> { (0..=n).map(|k| length * k as f64 / n as f64).collect() };
     let good = |n: &usize| {
-        let fine = even(2 * n);
+        let fine = even_knots(length, 2 * n);
         let errors = directions.iter().map(|&d| worst_middle(fan, d, &fine));
         let bad = errors.filter(|e| *e > 4.0 * PIECE_ERROR).count();
         bad <= directions.len() / 16
     };
     let n = [24, 48, 96, 192].into_iter().find(good).unwrap_or(384);
-    even(n).into()
+    even_knots(length, n)
 }
 
 /// The largest angle by which the middles of cubics between every second knot of `fine` miss.
