@@ -1,6 +1,9 @@
 //! What is to be baked: everything that a chunk's content depends on, besides the manifold.
 
-use geofan::{bundle::Division, fan::FanSpace};
+use geofan::{
+    bundle::{Division, PlanRecord},
+    fan::FanSpace,
+};
 use serde::{Deserialize, Serialize};
 
 /// The plan of a bake.
@@ -63,6 +66,22 @@ impl Plan {
         Division {
             cells: self.cells.clone(),
             faces: space.faces(),
+        }
+    }
+
+    /// The plan as a bundle's header holds it.
+    pub fn record(&self) -> PlanRecord {
+        let narrow = |sizes: &[usize]| sizes.iter().map(|n| *n as u32).collect();
+        PlanRecord {
+            max_error: self.max_error,
+            length: self.length,
+            frames: self.frames,
+            tolerance: self.tolerance,
+            nodes: narrow(&self.nodes),
+            least_volume: self.least_volume,
+            most_arc_halvings: self.most_arc_halvings,
+            cells: narrow(&self.cells),
+            seed: self.seed,
         }
     }
 }

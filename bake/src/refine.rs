@@ -127,14 +127,6 @@ impl Refiner<'_> {
         }
         let Some(axis) = self.axis_to_halve(&region, &displacement) else {
             self.finished(&region, 1);
-            if std::env::var("DBG").is_ok() {
-                eprintln!(
-                    "FLAG {:?} tails {:?} singular {}",
-                    region.intervals,
-                    displacement.tails(),
-                    held_out.singular
-                );
-            }
             return Some(Tree::Flagged);
         };
         let (low, high) = rayon::join(

@@ -39,6 +39,33 @@ pub struct Certificate {
     pub exact_rays_baked: u64,
 }
 
+impl Certificate {
+    /// Whether the table is as good as promised: 99 % of the screen errors within `promise` mrad.
+    pub fn keeps(&self, promise: f64) -> bool {
+        self.screen_mrad.p99 <= promise
+    }
+
+    /// The errors as lines of a table for people.
+    pub fn lines(&self) -> String {
+        let mut text = format!(
+            "{:<10} {:>10} {:>10} {:>10} {:>10}\n",
+            "mrad", "p50", "p95", "p99", "max"
+        );
+        let rows = [
+            ("screen", Some(self.screen_mrad)),
+            ("position", Some(self.mrad)),
+            ("rotation", self.rotation_mrad),
+        ];
+        for (name, q) in rows {
+            let Some(q) = q else { continue };
+            let cells = [q.p50, q.p95, q.p99, q.max].map(|x| format!("{x:>10.4}"));
+            text += &format!("{name:<10} {}\n", cells.join(" "));
+        }
+        let (flagged, rays) = (100.0 * self.flagged, self.rays);
+        text + &format!("flagged    {flagged:.3} % of {rays} rays (integrated exactly)\n")
+    }
+}
+
 /// Rays from each camera: contracting the table for one costs about as much as so many exact rays.
 const DIRECTIONS: usize = 16;
 

@@ -213,6 +213,24 @@ fn same_intervals(a: &[[f64; 2]], b: &[[f64; 2]]) -> bool {
 }
 
 impl Contents {
+    /// Freshly baked chunks of a table over `space`, without a certificate.
+    ///
+    /// # Errors
+    /// The plan is too long for a header.
+    pub fn new(
+        space: FanSpace,
+        plan: PlanRecord,
+        certify_rays: u64,
+        chunks: Vec<(u32, Vec<u8>)>,
+    ) -> Result<Self, BundleError> {
+        Ok(Self {
+            id: identity(space.manifold(), &plan)?,
+            header: Header::new(&space, plan, certify_rays),
+            space,
+            chunks,
+        })
+    }
+
     /// Reads a bundle or a shard.
     ///
     /// # Errors
@@ -328,30 +346,6 @@ impl Bundle {
             },
             header,
             id,
-            manifold,
-        })
-    }
-
-    /// A bundle of freshly baked chunks, without a certificate.
-    ///
-    /// # Errors
-    /// The plan is too long for a header.
-    pub fn new(
-        space: FanSpace,
-        plan: PlanRecord,
-        certify_rays: u64,
-        chunks: Vec<Tree>,
-    ) -> Result<Self, BundleError> {
-        let manifold = space.manifold().clone();
-        Ok(Self {
-            header: Header::new(&space, plan.clone(), certify_rays),
-            id: identity(&manifold, &plan)?,
-            table: Table {
-                division: plan.division(space.faces()),
-                length: plan.length,
-                space,
-                chunks,
-            },
             manifold,
         })
     }

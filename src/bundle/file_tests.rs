@@ -58,8 +58,9 @@ fn bundle(nodes: usize) -> Bundle {
         },
         _ => leaf(),
     });
-    let chunks = chunks.collect();
-    Bundle::new(space, plan(), 0, chunks).unwrap()
+    let chunks = (0..).zip(chunks.map(|tree| encode_chunk(&tree))).collect();
+    let contents = Contents::new(space, plan(), 0, chunks).unwrap();
+    Bundle::from_contents(contents).unwrap()
 }
 
 fn decode(bytes: &[u8]) -> Result<Bundle, BundleError> {

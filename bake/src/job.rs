@@ -1,0 +1,194 @@
+//! The chunks of one plan, baked in parallel with their parts on the disk.
+//!
+//! In: a [`Job`]. Out: its chunks in order, or why not. Every chunk has a [`Tally`] of its own, so
+//! the number of rays a chunk took is as reproducible as the chunk.
+
+use crate::{
+    args::Share,
+    parts::{Baked, Parts},
+    plan::Plan,
+    refine::{Refiner, Tally},
+};
+use geofan::{
+    Result,
+    bundle::{container::Id, encode_chunk},
+    fan::FanSpace,
+    terminal::{CommonArgs, Interrupt, Progress},
+};
+use rayon::prelude::*;
+use std::{
+    sync::{
+        atomic::{AtomicU64, Ordering::Relaxed},
+        mpsc::{self, RecvTimeoutError},
+    },
+    time::{Duration, Instant},
+};
+
+/// What is to be baked.
+#[derive(Debug)]
+pub struct Job<'a> {
+    /// The rays.
+    pub space: &'a FanSpace,
+    /// The plan.
+    pub plan: &'a Plan,
+    /// The bundle's id.
+    pub id: Id,
+    /// Which chunks; all if `None`.
+    pub share: Option<Share>,
+    /// Size of the chunks at which to give up.
+    pub most_bytes: Option<u64>,
+}
+
+/// How baking ended.
+#[derive(Debug)]
+pub enum Ended {
+    /// With all chunks of the job.
+    Done(Vec<(u32, Baked)>),
+    /// At the size limit: so many bytes were made of this share of the volume.
+    TooLarge {
+        /// Bytes of the patches so far.
+        bytes: u64,
+        /// The share of the volume that they cover.
+        share: f64,
+    },
+    /// The user asked for it.
+    Interrupted,
+}
+
+/// How often progress is looked at: seldom enough to cost nothing, often enough for a signal.
+const TICK: Duration = Duration::from_millis(100);
+
+/// Steps of the progress bar.
+const PARTS_OF_VOLUME: u64 = 1000;
+
+/// What chunks can be asked while they are baked.
+struct Watch<'a> {
+    tallies: &'a [Tally],
+    most_bytes: u64,
+    /// The volume of the job's chunks in the units of [`Tally::volume`].
+    volume: f64,
+    started: Instant,
+}
+
+impl Job<'_> {
+    /// Bakes the chunks that `parts` does not hold yet.
+    ///
+    /// # Errors
+    /// A part cannot be written.
+    pub fn run(&self, parts: &Parts, interrupt: &Interrupt, common: &CommonArgs) -> Result<Ended> {
+        let all = self.plan.division(self.space).chunks() as u32;
+        let mine = (0..all).filter(|c| self.share.is_none_or(|share| share.has(*c)));
+        let mine: Vec<u32> = mine.collect();
+        let tallies: Vec<Tally> = mine.iter().map(|_| Tally::default()).collect();
+        let unit = f64::from(u32::MAX) / f64::from(all);
+        let watch = Watch {
+            tallies: &tallies,
+            most_bytes: self.most_bytes.unwrap_or(u64::MAX),
+            volume: unit * mine.len() as f64,
+            started: Instant::now(),
+        };
+        let progress = Progress::new(common, "baking", PARTS_OF_VOLUME);
+        let baked = std::thread::scope(|scope| {
+            let (working, ended) = mpsc::channel::<()>();
+            let (watch, progress) = (&watch, &progress);
+            scope.spawn(move || watch.until(&ended, interrupt, progress));
+            let baked = self.all_chunks(&mine, &tallies, parts, unit);
+            drop(working);
+            baked
+        })?;
+        if baked.iter().all(Option::is_some) {
+            progress.finish();
+            let chunks = mine.into_iter().zip(baked.into_iter().flatten());
+            return Ok(Ended::Done(chunks.collect()));
+        }
+        let (bytes, share) = (watch.bytes(), watch.share());
+        Ok(match bytes > watch.most_bytes {
+            true => Ended::TooLarge { bytes, share },
+            false => Ended::Interrupted,
+        })
+    }
+
+    fn all_chunks(
+        &self,
+        mine: &[u32],
+        tallies: &[Tally],
+        parts: &Parts,
+        unit: f64,
+    ) -> Result<Vec<Option<Baked>>> {
+        mine.par_iter()
+            .zip(tallies)
+            .with_max_len(1)
+            .map(|(chunk, tally)| {
+                let baked = self.chunk(*chunk, tally, parts, unit);
+                if baked.is_err() {
+                    stop(tallies);
+                }
+                baked
+            })
+            .collect()
+    }
+
+    /// The chunk from its part, or baked; `None` if told to stop.
+    fn chunk(&self, chunk: u32, tally: &Tally, parts: &Parts, unit: f64) -> Result<Option<Baked>> {
+        if let Some(baked) = parts.load(chunk, self.id, self.space) {
+            tally.volume.store(unit as u64, Relaxed);
+            tally.bytes.store(baked.tree.len() as u64, Relaxed);
+            return Ok(Some(baked));
+        }
+        let refiner = Refiner {
+            space: self.space,
+            plan: self.plan,
+            tally,
+        };
+        let Some(tree) = refiner.chunk(chunk as usize) else {
+            return Ok(None);
+        };
+        let baked = Baked {
+            tree: encode_chunk(&tree),
+            rays: tally.rays.load(Relaxed),
+        };
+        parts.store(chunk, self.id, &baked)?;
+        Ok(Some(baked))
+    }
+}
+
+fn stop(tallies: &[Tally]) {
+    tallies.iter().for_each(|t| t.stop.store(true, Relaxed));
+}
+
+impl Watch<'_> {
+    fn sum(&self, of: impl Fn(&Tally) -> &AtomicU64) -> u64 {
+        self.tallies.iter().map(|t| of(t).load(Relaxed)).sum()
+    }
+
+    fn bytes(&self) -> u64 {
+        self.sum(|t| &t.bytes)
+    }
+
+    fn share(&self) -> f64 {
+        (self.sum(|t| &t.volume) as f64 / self.volume).min(1.0)
+    }
+
+    /// Shows progress, and stops the work when the user asks or the limit is reached, until the
+    /// other side of `ended` is dropped.
+    fn until(&self, ended: &mpsc::Receiver<()>, interrupt: &Interrupt, progress: &Progress) {
+        let mut shown = 0;
+        while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
+            if interrupt.requested() || self.bytes() > self.most_bytes {
+                stop(self.tallies);
+            }
+            let now = (self.share() * PARTS_OF_VOLUME as f64) as u64;
+            progress.set_message(self.message());
+            progress.inc(now.saturating_sub(shown));
+            shown = shown.max(now);
+        }
+        progress.inc(PARTS_OF_VOLUME.saturating_sub(shown));
+    }
+
+    fn message(&self) -> String {
+        let rays = self.sum(|t| &t.rays) as f64 / self.started.elapsed().as_secs_f64();
+        let patches = self.sum(|t| &t.patches);
+        let (kilorays, kilobytes) = (rays / 1e3, self.bytes() as f64 / 1e3);
+        format!("baking: {patches} patches, {kilobytes:.0} kB, {kilorays:.0}k rays/s; per mille")
+    }
+}

@@ -1,0 +1,151 @@
+//! Finished chunks on the disk while a bake is under way.
+//!
+//! In: chunks as they are finished. Out: the same after an interruption. Each is an immutable file
+//! `B.fan.parts/chunk-000123`, written whole or not at all, one checksummed block with the bundle's
+//! id: a damaged part, or one of another bake, is as good as none.
+
+use geofan::{
+    Error, Result,
+    bundle::{
+        Reader, Writer,
+        container::{Id, Kind, read_block, write_block},
+        decode_chunk, encode_chunk,
+    },
+    fan::FanSpace,
+    files::write_atomically,
+};
+use std::{
+    fs,
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+/// A chunk and what it cost.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Baked {
+    /// The coded tree.
+    pub tree: Vec<u8>,
+    /// Rays integrated for it.
+    pub rays: u64,
+}
+
+/// The folder of the parts of one output file.
+#[derive(Debug, Clone)]
+pub struct Parts {
+    folder: PathBuf,
+}
+
+/// Parts of another version are baked again: its refinement may differ.
+const GENERATOR: &str = env!("CARGO_PKG_VERSION");
+
+/// How the names of all files that belong here begin; the last is that of a write cut off.
+const NAMES: [&str; 3] = ["chunk-", "exceeds-", ".geofan-"];
+
+impl Parts {
+    /// The folder beside `output`, created if need be; the one that `output` lies in exists.
+    ///
+    /// # Errors
+    /// It cannot be created.
+    pub fn open(output: &Path) -> Result<Self> {
+        let mut name = output.as_os_str().to_owned();
+        name.push(".parts");
+        let folder = PathBuf::from(name);
+        if folder.is_dir() {
+            return Ok(Self { folder });
+        }
+        match fs::create_dir(&folder) {
+            Ok(()) => Ok(Self { folder }),
+            Err(source) => Err(Error::Environment {
+                path: folder.display().to_string(),
+                source,
+            }),
+        }
+    }
+
+    /// Where it is.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    fn path(&self, chunk: u32) -> PathBuf {
+        self.folder.join(format!("chunk-{chunk:06}"))
+    }
+
+    /// The finished chunk, if it is there, whole, and of the bundle `id` over `space`.
+    pub fn load(&self, chunk: u32, id: Id, space: &FanSpace) -> Option<Baked> {
+        let bytes = fs::read(self.path(chunk)).ok()?;
+        let payload = read_block(&bytes, Kind::Part, chunk, id)?;
+        let mut input = Reader(payload);
+        if input.bytes().ok()? != GENERATOR.as_bytes() {
+            return None;
+        }
+        let rays = u64::from_le_bytes(input.bytes().ok()?.try_into().ok()?);
+        let tree = input.0.to_vec();
+        // Only what this version would have written: the same bytes again.
+        let again = encode_chunk(&decode_chunk(space, &tree).ok()?);
+        (again == tree).then_some(Baked { tree, rays })
+    }
+
+    /// Keeps a finished chunk.
+    ///
+    /// # Errors
+    /// The disk is full or the folder is gone.
+    pub fn store(&self, chunk: u32, id: Id, baked: &Baked) -> Result<()> {
+        let mut payload = Writer::default();
+        payload.bytes(GENERATOR.as_bytes());
+        payload.bytes(&baked.rays.to_le_bytes());
+        payload.0.extend(&baked.tree);
+        write_atomically(&self.path(chunk), |out| {
+            write_block(out, Kind::Part, chunk, id, &payload.0)
+        })
+    }
+
+    /// Notes that the bundle `id` takes more than `bytes`.
+    ///
+    /// # Errors
+    /// As [`Parts::store`].
+    pub fn note_size(&self, id: Id, bytes: u64) -> Result<()> {
+        write_atomically(&self.note(id), |out| out.write_all(&bytes.to_le_bytes()))
+    }
+
+    /// What was noted about the size of the bundle `id`.
+    pub fn noted_size(&self, id: Id) -> Option<u64> {
+        let bytes = fs::read(self.note(id)).ok()?;
+        Some(u64::from_le_bytes(bytes.try_into().ok()?))
+    }
+
+    fn note(&self, id: Id) -> PathBuf {
+        let name: String = id.iter().map(|b| format!("{b:02x}")).collect();
+        self.folder.join(format!("exceeds-{name}"))
+    }
+
+    /// Removes all parts, of whatever bake; how many there were.
+    ///
+    /// # Errors
+    /// A file cannot be removed.
+    pub fn discard(&self) -> Result<usize> {
+        let failed = |e| Error::io(&self.folder, e);
+        let mut chunks = 0;
+        for entry in fs::read_dir(&self.folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if NAMES.iter().any(|start| name.starts_with(start)) {
+                fs::remove_file(entry.path()).map_err(|e| Error::io(&entry.path(), e))?;
+                chunks += usize::from(name.starts_with(NAMES[0]));
+            }
+        }
+        Ok(chunks)
+    }
+
+    /// Removes the folder with all parts; other files in it stay, and it with them.
+    ///
+    /// # Errors
+    /// As [`Parts::discard`].
+    pub fn remove(&self) -> Result<()> {
+        self.discard()?;
+        if let Err(error) = fs::remove_dir(&self.folder) {
+            tracing::warn!("{} stays: {error}", self.folder.display());
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,296 @@
+//! Bakes of tiny tables by the program: equal bytes whichever way they are made, and what is said
+//! when they cannot be made.
+
+use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
+use geofan::bundle::{Bundle, certify};
+use serde_json::Value;
+use std::{fs, path::PathBuf};
+use tempfile::TempDir;
+
+/// A mild lens seen from anywhere on a shell: two axes, four chunks.
+const LENS: &str = r#"
+name = "lens"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "exp(h*exp(-(x^2 + y^2 + z^2)/2))" }
+[parameters]
+h = 0.1
+[symmetry]
+rotation = "origin"
+[cameras]
+parameters = { c = [1, 2] }
+at = ["c", "0", "0"]
+length = 3.0
+"#;
+
+/// The same from one point: one face of one axis.
+const POINT: &str = r#"
+name = "point"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1 + 0.1*exp(-x^2)" }
+[cameras]
+at = ["1", "0", "0"]
+length = 2.0
+"#;
+
+struct Place {
+    folder: TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        let folder = TempDir::new().unwrap();
+        fs::write(folder.path().join("lens.toml"), LENS).unwrap();
+        fs::write(folder.path().join("point.toml"), POINT).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn bytes(&self, name: &str) -> Vec<u8> {
+        fs::read(self.path(name)).unwrap()
+    }
+
+    fn bake(&self, arguments: &str) -> Assert {
+        let mut command: Command = cargo_bin_cmd!("geofan-bake");
+        command.current_dir(self.folder.path()).env("NO_COLOR", "1");
+        command.args(arguments.split(' ')).assert()
+    }
+
+    /// A bake of the lens; tests differ in what they add.
+    fn lens(&self, arguments: &str) -> Assert {
+        self.bake(&format!(
+            "lens.toml --max-error 2 --certify-rays 400 {arguments}"
+        ))
+    }
+
+    fn json(&self, arguments: &str) -> Value {
+        let output = self.lens(arguments).success().get_output().stdout.clone();
+        serde_json::from_slice(&output).unwrap()
+    }
+}
+
+fn stderr(assert: &Assert) -> String {
+    String::from_utf8(assert.get_output().stderr.clone()).unwrap()
+}
+
+#[test]
+fn a_bake_keeps_its_promise_and_leaves_one_file() {
+    let place = Place::new();
+    let report = place.json("-o b.fan --json");
+    assert!(report["screen_mrad"]["p99"].as_f64().unwrap() <= 2.0);
+    assert!(report["rotation_mrad"]["p99"].as_f64().unwrap() <= 10.0);
+    assert_eq!(report["kept"], true);
+    let size = fs::metadata(place.path("b.fan")).unwrap().len();
+    assert_eq!(report["bytes"], size);
+    assert!(!place.path("b.fan.parts").exists());
+    let bundle = Bundle::read(&place.path("b.fan")).unwrap();
+    let certificate = bundle.header.certificate.clone().unwrap();
+    assert_eq!(report["exact_rays"], certificate.exact_rays_baked);
+    let fresh = certify(&bundle.table, 500, 77, 1e-9, |_| Ok(())).unwrap();
+    assert!(fresh.keeps(2.0), "{fresh:?}");
+}
+
+#[test]
+fn any_number_of_threads_makes_the_same_bytes() {
+    let place = Place::new();
+    for threads in [1, 2, 7] {
+        let output = format!("{threads}.fan");
+        place
+            .lens(&format!("-o {output} --threads {threads}"))
+            .success();
+    }
+    assert!(place.bytes("1.fan") == place.bytes("2.fan"));
+    assert!(place.bytes("1.fan") == place.bytes("7.fan"));
+}
+
+#[test]
+fn shards_merge_to_the_bytes_of_an_undivided_bake() {
+    let place = Place::new();
+    place.lens("-o whole.fan").success();
+    for share in 1..=3 {
+        place
+            .lens(&format!("-o {share}.fan --shard {share}/3"))
+            .success();
+    }
+    assert!(!place.path("1.fan.parts").exists());
+    place
+        .bake("merge 3.fan 1.fan 2.fan -o merged.fan")
+        .success();
+    assert!(place.bytes("whole.fan") == place.bytes("merged.fan"));
+
+    let missing = place.bake("merge 3.fan 1.fan -o no.fan").code(2);
+    assert!(stderr(&missing).contains("shard 2 of 3 is missing"));
+    let twice = place
+        .bake("merge 1.fan 1.fan 2.fan 3.fan -o no.fan")
+        .code(2);
+    assert!(stderr(&twice).contains("same share"));
+    let whole = place.bake("merge 1.fan whole.fan -o no.fan").code(2);
+    assert!(stderr(&whole).contains("whole bundle"));
+    place
+        .bake("lens.toml --max-error 3 --shard 2/3 -o other.fan")
+        .success();
+    let other = place.bake("merge 1.fan other.fan 3.fan -o no.fan").code(2);
+    assert!(stderr(&other).contains("not of the same bake"));
+    assert!(!place.path("no.fan").exists());
+}
+
+/// Leaves the parts of a finished bake in `b.fan.parts`, as an interruption would: a bake that
+/// cannot write its result keeps them.
+fn parts_of_a_bake(place: &Place) {
+    place.lens("--max-size 100 -o b.fan").code(1);
+    assert!(place.path("b.fan.parts/chunk-000000").exists());
+}
+
+#[test]
+fn resuming_uses_whole_parts_and_bakes_damaged_missing_and_foreign_ones_again() {
+    let place = Place::new();
+    place.lens("-o whole.fan").success();
+    // A limit that only the finished file exceeds: all parts are there.
+    let limit = place.bytes("whole.fan").len() - 1;
+    place.lens(&format!("--max-size {limit} -o b.fan")).code(1);
+    let part = |k: usize| place.path(&format!("b.fan.parts/chunk-00000{k}"));
+    assert!((0..4).all(|k| part(k).exists()));
+
+    fs::remove_file(part(0)).unwrap();
+    let mut damaged = fs::read(part(1)).unwrap();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 4;
+    fs::write(part(1), damaged).unwrap();
+    fs::copy(part(3), part(2)).unwrap();
+    fs::write(place.path("b.fan.parts/.geofan-x.part"), "cut off").unwrap();
+    place.lens("--resume -o b.fan").success();
+    assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
+    assert!(!place.path("b.fan.parts").exists());
+}
+
+#[test]
+fn without_resume_parts_are_discarded_with_a_note() {
+    let place = Place::new();
+    place.lens("-o whole.fan").success();
+    let limit = place.bytes("whole.fan").len() - 1;
+    place.lens(&format!("--max-size {limit} -o b.fan")).code(1);
+    let again = place.lens("-o b.fan").success();
+    assert!(stderr(&again).contains("discarded 4 chunks"));
+    assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
+}
+
+#[test]
+fn parts_of_another_promise_are_not_used() {
+    let place = Place::new();
+    place
+        .bake("lens.toml --max-error 0.3 --certify-rays 400 --max-size 1200 -o b.fan")
+        .code(1);
+    place.lens("-o whole.fan").success();
+    place.lens("--resume -o b.fan").success();
+    assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
+}
+
+#[test]
+fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
+    let place = Place::new();
+    place.lens("-o whole.fan").success();
+    let limit = place.bytes("whole.fan").len();
+    let explicit = place
+        .bake(&format!(
+            "lens.toml -o b.fan --max-error 0.02 --max-size {limit}"
+        ))
+        .code(1);
+    let text = stderr(&explicit);
+    assert!(
+        text.contains("0.0200 mrad") && text.contains(&limit.to_string()),
+        "{text}"
+    );
+    assert!(!place.path("b.fan").exists());
+    let loosened = place
+        .bake(&format!(
+            "lens.toml -o c.fan --certify-rays 400 --max-size {limit} --json"
+        ))
+        .success();
+    let report: Value = serde_json::from_slice(&loosened.get_output().stdout).unwrap();
+    assert!(report["bytes"].as_u64().unwrap() <= limit as u64);
+    assert!(report["promise"].as_f64().unwrap() >= 0.5);
+    assert!(!place.path("c.fan.parts").exists());
+}
+
+#[test]
+fn a_camera_at_one_point_can_be_baked_without_frames() {
+    let place = Place::new();
+    let output = place
+        .bake("point.toml -o p.fan --max-error 5 --no-frames --certify-rays 300 --json")
+        .success();
+    let report: Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+    assert!(report["rotation_mrad"].is_null());
+    assert!(report["screen_mrad"]["p99"].as_f64().unwrap() <= 5.0);
+}
+
+#[test]
+#[cfg(unix)]
+fn an_interrupted_bake_says_how_to_go_on() {
+    use std::process::{Command, Stdio};
+    let place = Place::new();
+    let child = Command::new(env!("CARGO_BIN_EXE_geofan-bake"))
+        .current_dir(place.folder.path())
+        .args("lens.toml -o b.fan --max-error 0.0001 --threads 1".split(' '))
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Long enough to have installed its handlers; the bake takes far longer.
+    let parts = place.path("b.fan.parts");
+    while !parts.exists() {
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let id = child.id().to_string();
+    assert!(Command::new("kill").arg(&id).status().unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(75), "{text}");
+    assert!(
+        text.contains("--max-error 0.0001 --threads 1 --resume"),
+        "{text}"
+    );
+    assert!(parts.exists() && !place.path("b.fan").exists());
+}
+
+#[test]
+fn wrong_flags_and_files_are_bad_input() {
+    let place = Place::new();
+    for wrong in [
+        "lens.toml",
+        "none.toml -o b.fan",
+        "lens.toml -o nowhere/b.fan",
+        "lens.toml -o .",
+        "lens.toml -o b.fan --max-error 0",
+        "lens.toml -o b.fan --max-size many",
+        "lens.toml -o b.fan --shard 0/3",
+        "lens.toml -o b.fan --shard 4/3",
+        "lens.toml -o b.fan --shard 1/2 --max-size 4MiB",
+        "lens.toml -o b.fan --length -1",
+        "lens.toml -o b.fan --set g=1",
+        "lens.toml -o b.fan --certify-rays 0",
+        "merge -o b.fan",
+        "merge lens.toml -o b.fan",
+        "merge none.fan -o b.fan",
+        "demo --nonsense",
+    ] {
+        place.bake(wrong).code(2);
+    }
+    assert!(!place.path("b.fan").exists() && !place.path("b.fan.parts").exists());
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_place_that_takes_no_files_is_the_environment() {
+    let place = Place::new();
+    // Nobody, not even root, can make a folder there.
+    place.lens("-o /proc/self/b.fan").code(3);
+}
+
+#[test]
+fn an_explicit_promise_that_does_not_fit_keeps_its_parts_for_a_larger_limit() {
+    let place = Place::new();
+    parts_of_a_bake(&place);
+    place.lens("--max-size 1MiB --resume -o b.fan").success();
+}
