@@ -330,9 +330,35 @@ impl FanPath<'_, '_> {
         (self.located.u + v * s, v + change * s)
     }
 
+    /// The tangent (chart components) at `s`: the first one carried along by the transported
+    /// rotation, because a geodesic's tangent is parallel. The slope of the displacement, which is
+    /// what [`FanPath::at`] gives, is a polynomial's derivative: where the table stores rotations
+    /// this is some ten times closer. `None` where flagged.
+    pub fn tangent(&self, s: f64) -> Option<DVec3> {
+        let (stored, slope) = self.stored_at(s)?;
+        let tangent = match self.stored_rotation(s) {
+            None => slope,
+            Some(q) => {
+                let manifold = self.fan.table.space.manifold();
+                let first = manifold.standard_frame(self.located.u).inverse() * self.located.v;
+                manifold.standard_frame(stored) * (q * first)
+            }
+        };
+        Some(self.located.isometry.apply(stored).1 * tangent)
+    }
+
     /// The transported rotation at `s` relative to the standard frames; `None` where flagged or
     /// where the table has none.
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
+        let q = self.stored_rotation(s)?;
+        let (u, _) = self.stored_at(s)?;
+        let space = &self.fan.table.space;
+        let place = &self.fan.place;
+        let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
+        Some(DQuat::from_mat3(&turned))
+    }
+
+    fn stored_rotation(&self, s: f64) -> Option<DQuat> {
         let piece = self.piece(s)?;
         let stored = piece.rotation?;
         let width = piece.interval[1] - piece.interval[0];
@@ -344,11 +370,6 @@ impl FanPath<'_, '_> {
         for (channel, x) in channels.iter().zip(self.sum(stored, &values)) {
             q[*channel] = x;
         }
-        let q = DQuat::from_array(q).normalize();
-        let (u, _) = self.stored_at(s)?;
-        let space = &self.fan.table.space;
-        let place = &self.fan.place;
-        let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
-        Some(DQuat::from_mat3(&turned))
+        Some(DQuat::from_array(q).normalize())
     }
 }

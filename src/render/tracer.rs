@@ -203,7 +203,12 @@ impl<'f, 't> TableTracer<'f, 't> {
         let flagged = path.flagged_from();
         let known = self.knots.partition_point(|s| *s < flagged);
         path.sample(&self.knots[..known], &mut u, &mut v);
-        let ending = endings.ending(&self.knots[..known], &u, &v);
+        let mut ending = endings.ending(&self.knots[..known], &u, &v);
+        if let Ending::Exit { exit, s, sky } = &mut ending
+            && let (Some((u, _)), Some(v)) = (path.at(*s), path.tangent(*s))
+        {
+            *sky = self.manifold.sky_direction(Some(*exit), u, v);
+        }
         let complete = known == self.knots.len() || ending.exit().is_some();
         complete.then(|| Curve {
             s: self.knots.clone(),
