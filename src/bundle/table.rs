@@ -12,6 +12,7 @@ use super::{
 };
 use crate::{
     error::Result,
+    expr::vectorised,
     fan::{FanSpace, Located, Place},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -190,6 +191,9 @@ impl<'t> Fan<'t> {
     }
 }
 
+/// Arc lengths summed at once.
+const LANES: usize = 16;
+
 /// A piece of a path: polynomials in the arc length.
 #[derive(Debug, Clone, Copy)]
 struct Piece {
@@ -278,53 +282,87 @@ impl FanPath<'_, '_> {
         Some((u, differential * tangent))
     }
 
-    /// Chart points and tangents at the ascending arc lengths `s`, none of them flagged.
+    /// Chart points and tangents at the ascending arc lengths `s`, appended to `u` and `v`; ends
+    /// where the table gives up.
     pub fn sample(&self, s: &[f64], u: &mut Vec<DVec3>, v: &mut Vec<DVec3>) {
-        let mut at = 0;
+        let mut rest = s;
         for (interval, piece) in &self.pieces {
             let last = interval[1] >= self.fan.table.length;
-            while at < s.len() && (s[at] <= interval[1] || last) {
-                let Some(piece) = piece else { return };
-                let (stored, tangent) = self.stored_in(piece, s[at]);
-                let (point, differential) = self.located.isometry.apply(stored);
-                u.push(point);
-                v.push(differential * tangent);
-                at += 1;
+            let here = match last {
+                true => rest.len(),
+                false => rest.partition_point(|s| *s <= interval[1]),
+            };
+            let Some(piece) = piece else {
+                if here > 0 {
+                    return;
+                }
+                continue;
+            };
+            for block in rest[..here].chunks(LANES) {
+                let mut lengths = [block[0]; LANES];
+                lengths[..block.len()].copy_from_slice(block);
+                let sums = self.sums(piece, &lengths);
+                for (lane, s) in block.iter().enumerate() {
+                    let (stored, tangent) = self.state(&sums, lane, *s);
+                    let (point, differential) = self.located.isometry.apply(stored);
+                    u.push(point);
+                    v.push(differential * tangent);
+                }
             }
+            rest = &rest[here..];
         }
     }
 
     fn stored_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
-        Some(self.stored_in(self.piece(s)?, s))
+        let sums = self.sums(self.piece(s)?, &[s]);
+        Some(self.state(&sums, 0, s))
     }
 
-    /// Point and tangent of the stored ray: Chebyshev sums of the displacement and its slope, by
-    /// the recurrences of `T_k` and `T'_k`.
-    fn stored_in(&self, piece: &Piece, s: f64) -> (DVec3, DVec3) {
-        let width = piece.interval[1] - piece.interval[0];
-        let t = 2.0 * (s - piece.interval[0]) / width - 1.0;
+    /// Chebyshev sums of the displacement channels and of their slopes in the arc length, at `W`
+    /// arc lengths of one piece at once, by the recurrences of `T_k` and `T'_k`.
+    fn sums<const W: usize>(&self, piece: &Piece, s: &[f64; W]) -> [[[f64; W]; 3]; 2] {
+        let [low, high] = piece.interval;
+        let scale = 2.0 / (high - low);
         let (start, (rows, channels)) = piece.displacement;
         let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
-        let (mut sum, mut slope) = ([0.0; 3], [0.0; 3]);
-        let (mut value, mut next) = (1.0, t);
-        let (mut rate, mut next_rate) = (0.0, 1.0);
-        for row in rows {
-            for (c, x) in row.iter().enumerate() {
-                sum[c] += value * x;
-                slope[c] += rate * x;
-            }
-            (value, next, rate, next_rate) = (
-                next,
-                2.0 * t * next - value,
-                next_rate,
-                2.0 * (next + t * next_rate) - rate,
-            );
-        }
+        let mut sums = [[[0.0; W]; 3]; 2];
+        vectorised(
+            #[inline(always)]
+            || {
+                let t = s.map(|s| scale * (s - low) - 1.0);
+                let (mut value, mut next) = ([1.0; W], t);
+                let (mut rate, mut next_rate) = ([0.0; W], [scale; W]);
+                for row in rows {
+                    for (c, x) in row.iter().enumerate() {
+                        for l in 0..W {
+                            sums[0][c][l] += value[l] * x;
+                            sums[1][c][l] += rate[l] * x;
+                        }
+                    }
+                    for l in 0..W {
+                        let after = 2.0 * t[l] * next[l] - value[l];
+                        let slope = 2.0 * (scale * next[l] + t[l] * next_rate[l]) - rate[l];
+                        (value[l], next[l], rate[l], next_rate[l]) =
+                            (next[l], after, next_rate[l], slope);
+                    }
+                }
+            },
+        );
+        sums
+    }
+
+    /// Point and tangent of the stored ray from [`FanPath::sums`].
+    fn state<const W: usize>(
+        &self,
+        sums: &[[[f64; W]; 3]; 2],
+        lane: usize,
+        s: f64,
+    ) -> (DVec3, DVec3) {
         let (mut displacement, mut change) = (DVec3::ZERO, DVec3::ZERO);
         let stored = self.fan.table.space.displacement_channels();
         for (k, channel) in stored.iter().enumerate() {
-            displacement[*channel] = sum[k];
-            change[*channel] = slope[k] * (2.0 / width);
+            displacement[*channel] = sums[0][k][lane];
+            change[*channel] = sums[1][k][lane];
         }
         let v = self.located.v + displacement;
         (self.located.u + v * s, v + change * s)

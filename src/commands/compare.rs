@@ -37,6 +37,7 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let view = args.scene.view(&stage)?;
     let options = Options {
         samples: usize::from(args.scene.spp),
+        promise: bundle.header.plan.max_error,
         error: args.scene.error,
         tolerance: args.scene.tolerance,
         repeats: usize::from(args.repeats),

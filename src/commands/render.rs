@@ -124,7 +124,13 @@ fn by_table(
     let fan = bundle.table.fan(view.u)?;
     let contract = began.elapsed().as_secs_f64();
     let manifold = &stage.world.manifold;
-    let tracer = TableTracer::new(&fan, manifold, bundle.table.length, args.scene.tolerance);
+    let tracer = TableTracer::new(
+        &fan,
+        manifold,
+        bundle.table.length,
+        1e-3 * bundle.header.plan.max_error,
+        args.scene.tolerance,
+    );
     let (samples, budget) = (usize::from(args.scene.spp), 1e-3 * args.scene.error);
     let (outcomes, _) = trace_lattice(&stage.world, view, &tracer, samples, budget);
     let mut report = report(args, "table", &outcomes);

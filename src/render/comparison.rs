@@ -38,6 +38,8 @@ use std::{
 pub struct Options {
     /// Samples for each pixel.
     pub samples: usize,
+    /// The table's promise, mrad.
+    pub promise: f64,
     /// Largest error of the lattice, mrad.
     pub error: f64,
     /// Local tolerance of the exact tracer.
@@ -283,7 +285,13 @@ fn table_frame<'t>(
         let began = Instant::now();
         let fan = table.fan(view.u)?;
         let contract = began.elapsed();
-        let tracer = TableTracer::new(&fan, &world.manifold, table.length, options.tolerance);
+        let tracer = TableTracer::new(
+            &fan,
+            &world.manifold,
+            table.length,
+            1e-3 * options.promise,
+            options.tolerance,
+        );
         let (outcomes, tally) = trace_lattice(world, view, &tracer, options.samples, budget);
         let paths = began.elapsed() - contract;
         let picture = shade(world, view, outcomes.view());

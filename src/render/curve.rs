@@ -6,7 +6,7 @@
 use crate::{
     expr::{Registers, vectorised},
     geodesic::{End, crossing},
-    manifold::{Domain, Manifold},
+    manifold::Manifold,
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -154,13 +154,16 @@ impl Piece {
 }
 
 /// Lanes in which events are evaluated along a curve.
-const LANES: usize = 16;
+pub const LANES: usize = 16;
 
 /// Finds how curves end from their knots.
 #[derive(Clone)]
 pub struct EndingFinder<'m> {
     manifold: &'m Manifold,
     registers: Registers<f64, LANES>,
+    single: Registers<f64, 1>,
+    /// The events' values at the knot before.
+    before: Vec<f64>,
 }
 
 impl<'m> EndingFinder<'m> {
@@ -169,38 +172,59 @@ impl<'m> EndingFinder<'m> {
         Self {
             manifold,
             registers: manifold.domain.events().registers(),
+            single: manifold.domain.events().registers(),
+            before: vec![f64::NAN; manifold.domain.kinds.len()],
         }
     }
 
     /// The first event on the curve through the knots (`s`, `u`, `v`): positive and not before, or
     /// rising beyond zero (DESIGN §3: the ray leaves where it *becomes* positive).
     pub fn ending(&mut self, s: &[f64], u: &[DVec3], v: &[DVec3]) -> Ending {
-        let domain: &Domain = &self.manifold.domain;
-        if domain.kinds.is_empty() {
-            return Ending::Nowhere;
-        }
-        let mut before = vec![f64::NAN; domain.kinds.len()];
-        for first in (0..u.len()).step_by(LANES) {
-            let count = LANES.min(u.len() - first);
-            self.evaluate(&u[first..first + count], &v[first..first + count]);
-            for lane in 0..count {
-                let at = first + lane;
-                let hit = (0..before.len())
-                    .find(|&k| at > 0 && self.registers.output(k)[lane] > before[k].max(0.0));
-                if hit.is_some() {
-                    let piece = Piece {
-                        s: [s[at - 1], s[at]],
-                        u: [u[at - 1], u[at]],
-                        v: [v[at - 1], v[at]],
-                    };
-                    return self.first_on(&piece, &before);
-                }
-                for (k, value) in before.iter_mut().enumerate() {
-                    *value = self.registers.output(k)[lane];
-                }
+        self.start();
+        let mut first = 0;
+        while first < u.len() {
+            let last = (first + LANES).min(u.len());
+            if let Some(ending) = self.ending_between(s, u, v, first..last) {
+                return ending;
             }
+            first = last;
         }
         Ending::Nowhere
+    }
+
+    /// Begins a new curve.
+    pub fn start(&mut self) {
+        self.before.fill(f64::NAN);
+    }
+
+    /// The ending at the knots of `range`, at most [`LANES`] of them, those before it looked at
+    /// already.
+    pub fn ending_between(
+        &mut self,
+        s: &[f64],
+        u: &[DVec3],
+        v: &[DVec3],
+        range: std::ops::Range<usize>,
+    ) -> Option<Ending> {
+        if self.before.is_empty() {
+            return None;
+        }
+        self.evaluate(&u[range.clone()], &v[range.clone()]);
+        for (lane, at) in range.enumerate() {
+            let counts = |k: usize| self.registers.output(k)[lane] > self.before[k].max(0.0);
+            if at > 0 && (0..self.before.len()).any(counts) {
+                let piece = Piece {
+                    s: [s[at - 1], s[at]],
+                    u: [u[at - 1], u[at]],
+                    v: [v[at - 1], v[at]],
+                };
+                return Some(self.first_on(&piece));
+            }
+            for (k, value) in self.before.iter_mut().enumerate() {
+                *value = self.registers.output(k)[lane];
+            }
+        }
+        None
     }
 
     fn evaluate(&mut self, u: &[DVec3], v: &[DVec3]) {
@@ -217,24 +241,32 @@ impl<'m> EndingFinder<'m> {
         );
     }
 
-    /// The earliest of the events that count at the end of `piece`; `before` are their values at
-    /// its start.
-    fn first_on(&mut self, piece: &Piece, before: &[f64]) -> Ending {
-        let tape = self.manifold.domain.events();
-        let value = |t: f64, k: usize| {
+    /// The earliest of the events that count at the end of `piece`.
+    fn first_on(&mut self, piece: &Piece) -> Ending {
+        let domain = &self.manifold.domain;
+        let mut value = |t: f64, k: usize| {
             let (u, v) = (piece.position(t), piece.tangent(t));
-            tape.at(&[u.x, u.y, u.z, v.x, v.y, v.z])[k]
+            for c in 0..3 {
+                *self.single.input(c) = [u[c]];
+                *self.single.input(3 + c) = [v[c]];
+            }
+            domain.events().run(&mut self.single);
+            self.single.output(k)[0]
         };
-        let first = (0..before.len())
-            .filter(|&k| value(1.0, k) > before[k].max(0.0))
-            .map(|k| match before[k] > 0.0 {
-                true => (0.0, k),
-                false => (crossing(0.0, 1.0, |t| value(t, k)), k),
-            })
-            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let mut first: Option<(f64, usize)> = None;
+        for (k, before) in self.before.iter().enumerate() {
+            if value(1.0, k) > before.max(0.0) {
+                let t = match *before > 0.0 {
+                    true => 0.0,
+                    false => crossing(0.0, 1.0, |t| value(t, k)),
+                };
+                if first.is_none_or(|(earlier, _)| t < earlier) {
+                    first = Some((t, k));
+                }
+            }
+        }
         match first {
             Some((t, k)) => {
-                let domain = &self.manifold.domain;
                 let end = End::of_event(domain, domain.kinds[k]);
                 let (u, v) = (piece.position(t), piece.tangent(t));
                 ending_at(self.manifold, end, piece.arc(t), u, v)

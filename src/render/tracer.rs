@@ -3,7 +3,7 @@
 //! In: directions in the standard frame at the camera. Out: [`Curve`]s. [`ExactTracer`] integrates,
 //! [`TableTracer`] looks up; where the table gave up it integrates too, and says so.
 
-use super::curve::{Curve, Ending, EndingFinder, ending_at};
+use super::curve::{Curve, Ending, EndingFinder, LANES, ending_at};
 use crate::{
     bundle::{Fan, FanPath},
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -187,36 +187,62 @@ pub struct TableTracer<'f, 't> {
 }
 
 impl<'f, 't> TableTracer<'f, 't> {
-    /// Rays of `fan` over the table's length; flagged ones are integrated at `tolerance`.
-    pub fn new(fan: &'f Fan<'t>, manifold: &'f Manifold, length: f64, tolerance: f64) -> Self {
+    /// Rays of `fan` over `length`, the table's; `error` is its promise in radians. Rays that it
+    /// gave up on are integrated at `tolerance`.
+    pub fn new(
+        fan: &'f Fan<'t>,
+        manifold: &'f Manifold,
+        length: f64,
+        error: f64,
+        tolerance: f64,
+    ) -> Self {
         let exact = ExactTracer::new(manifold, fan.place.u, length, tolerance);
         Self {
             fan,
             manifold,
-            knots: choose_knots(fan, length),
+            knots: choose_knots(fan, length, KNOT_SHARE * error),
             exact,
         }
     }
 
+    /// The curve of `path`, a block of knots at a time until it ends; `None` if the table gives up
+    /// before.
     fn curve(&self, path: &FanPath<'_, '_>, endings: &mut EndingFinder<'_>) -> Option<Curve> {
-        let (mut u, mut v) = (Vec::new(), Vec::new());
+        let knots = &self.knots;
+        let (mut u, mut v) = (
+            Vec::with_capacity(knots.len()),
+            Vec::with_capacity(knots.len()),
+        );
         let flagged = path.flagged_from();
-        let known = self.knots.partition_point(|s| *s < flagged);
-        path.sample(&self.knots[..known], &mut u, &mut v);
-        let mut ending = endings.ending(&self.knots[..known], &u, &v);
+        let known = knots.partition_point(|s| *s < flagged);
+        endings.start();
+        let mut ending = None;
+        while ending.is_none() && u.len() < known {
+            let range = u.len()..(u.len() + LANES).min(known);
+            path.sample(&knots[range.clone()], &mut u, &mut v);
+            ending = endings.ending_between(knots, &u, &v, range);
+        }
+        if ending.is_none() && known < knots.len() {
+            return None;
+        }
+        Some(Curve {
+            s: knots.clone(),
+            u,
+            v,
+            ending: self.sharpened(ending.unwrap_or(Ending::Nowhere), path),
+            flagged: false,
+        })
+    }
+
+    /// The ending with its sky's direction from the transported tangent, which is closer than the
+    /// slope of the interpolated curve.
+    fn sharpened(&self, mut ending: Ending, path: &FanPath<'_, '_>) -> Ending {
         if let Ending::Exit { exit, s, sky } = &mut ending
             && let (Some((u, _)), Some(v)) = (path.at(*s), path.tangent(*s))
         {
             *sky = self.manifold.sky_direction(Some(*exit), u, v);
         }
-        let complete = known == self.knots.len() || ending.exit().is_some();
-        complete.then(|| Curve {
-            s: self.knots.clone(),
-            u,
-            v,
-            ending,
-            flagged: false,
-        })
+        ending
     }
 }
 
@@ -247,17 +273,22 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 }
 
-/// The fewest equal intervals (a power of two) between which cubics follow a sample of the fan's
-/// paths to [`PIECE_ERROR`] for nearly all of them.
-fn choose_knots(fan: &Fan<'_>, length: f64) -> Arc<[f64]> {
+/// Share of the table's own error that cubics between knots may add.
+const KNOT_SHARE: f64 = 0.25;
+
+/// The fewest equal intervals (of a few doublings) between which cubics follow a sample of the
+/// fan's paths to `allowed` radians for nearly all of them.
+fn choose_knots(fan: &Fan<'_>, length: f64, allowed: f64) -> Arc<[f64]> {
     let directions: Vec<DVec3> = (0..48).map(fibonacci_direction).collect();
     let good = |n: &usize| {
         let fine = even_knots(length, 2 * n);
         let errors = directions.iter().map(|&d| worst_middle(fan, d, &fine));
-        let bad = errors.filter(|e| *e > 4.0 * PIECE_ERROR).count();
-        bad <= directions.len() / 16
+        errors.filter(|e| *e > allowed).count() <= directions.len() / 12
     };
-    let n = [24, 48, 96, 192].into_iter().find(good).unwrap_or(384);
+    let n = [16, 32, 48, 64, 96, 128]
+        .into_iter()
+        .find(good)
+        .unwrap_or(192);
     even_knots(length, n)
 }
 
