@@ -87,6 +87,8 @@ pub struct LatticeReport {
     pub lattice: f64,
     /// Time for samples, summed over threads, seconds.
     pub pixels: f64,
+    /// Time for the rays that the table gave up on, by the clock, seconds.
+    pub pending: f64,
 }
 
 impl From<LatticeTally> for LatticeReport {
@@ -97,6 +99,7 @@ impl From<LatticeTally> for LatticeReport {
             traced: tally.traced,
             lattice: tally.lattice.as_secs_f64(),
             pixels: tally.pixels.as_secs_f64(),
+            pending: tally.pending.as_secs_f64(),
         }
     }
 }

@@ -5,7 +5,7 @@
 
 use super::{
     curve::EndingFinder,
-    lattice::{Found, Lattice, LatticeTally, Tile},
+    lattice::{Found, Lattice, LatticeTally, Place, Tile},
     outcome::{Outcome, Seen, outcome},
     tracer::{GridTracer, Tracer},
     view::View,
@@ -14,6 +14,7 @@ use super::{
 use glam::{DVec2, DVec3};
 use ndarray::{Array3, Axis};
 use rayon::prelude::*;
+use std::time::Instant;
 
 /// Samples of a picture, axes (row, column, sample).
 pub type Outcomes = Array3<Outcome>;
@@ -74,25 +75,53 @@ pub fn trace_lattice(
         budget,
     };
     let tiles = Tile::covering(view.size);
-    let found: Vec<(Vec<Found>, LatticeTally)> = tiles
+    let found: Vec<Found> = tiles
         .into_par_iter()
         .map_init(
             || EndingFinder::new(&world.manifold),
             |endings, tile| {
-                let (mut found, mut tally) = (Vec::new(), LatticeTally::default());
-                lattice.tile(tile, endings, &mut found, &mut tally);
-                (found, tally)
+                let mut found = Found::default();
+                lattice.tile(tile, endings, &mut found);
+                found
             },
         )
         .collect();
     let (width, height) = view.size;
     let mut outcomes = Outcomes::from_elem((height, width, samples), NOTHING);
-    let mut total = LatticeTally::default();
-    for (found, tally) in found {
-        total = total.plus(tally);
-        for ((x, y, k), outcome) in found {
+    let mut tally = LatticeTally::default();
+    let mut pending = Vec::new();
+    for found in found {
+        tally = tally.plus(found.tally);
+        for ((x, y, k), outcome) in found.outcomes {
             outcomes[(y, x, k)] = outcome;
         }
+        pending.extend(found.pending);
     }
-    (outcomes, total)
+    let began = Instant::now();
+    for ((x, y, k), outcome) in trace_pending(world, tracer, &pending) {
+        outcomes[(y, x, k)] = outcome;
+    }
+    tally.pending = began.elapsed();
+    tally.traced = outcomes.len() - tally.interpolated;
+    (outcomes, tally)
+}
+
+/// Rays given to one thread at once: enough to keep its lanes full.
+const BLOCK: usize = 256;
+
+/// Samples that were put off, in blocks.
+fn trace_pending(
+    world: &World,
+    tracer: &dyn Tracer,
+    pending: &[(Place, DVec3)],
+) -> Vec<(Place, Outcome)> {
+    let block = |rays: &[(Place, DVec3)]| -> Vec<(Place, Outcome)> {
+        let directions: Vec<DVec3> = rays.iter().map(|(_, d)| *d).collect();
+        let curves = tracer.trace(&directions);
+        rays.iter()
+            .zip(curves)
+            .map(|((place, _), curve)| (*place, outcome(world, &curve)))
+            .collect()
+    };
+    pending.par_chunks(BLOCK).flat_map(block).collect()
 }

@@ -81,12 +81,14 @@ pub struct LatticeTally {
     pub curves: usize,
     /// Samples interpolated.
     pub interpolated: usize,
-    /// Samples traced one by one.
+    /// Samples traced one by one, or put off.
     pub traced: usize,
     /// Time for curves and checks.
     pub lattice: Duration,
     /// Time for samples: interpolation, intersection, and rays traced one by one.
     pub pixels: Duration,
+    /// Time for the samples put off, by the clock.
+    pub pending: Duration,
 }
 
 impl LatticeTally {
@@ -98,6 +100,7 @@ impl LatticeTally {
             traced: self.traced + other.traced,
             lattice: self.lattice + other.lattice,
             pixels: self.pixels + other.pixels,
+            pending: self.pending + other.pending,
         }
     }
 }
@@ -116,36 +119,41 @@ pub struct Lattice<'a> {
     pub budget: f64,
 }
 
-/// One sample's place (column, row, sample) and what it finds.
-pub type Found = ((usize, usize, usize), Outcome);
+/// Column, row and number of a sample.
+pub type Place = (usize, usize, usize);
+
+/// What the samples of a tile find.
+#[derive(Debug, Default)]
+pub struct Found {
+    /// Done.
+    pub outcomes: Vec<(Place, Outcome)>,
+    /// Put off, with their directions: to be traced together, so that lanes are full.
+    pub pending: Vec<(Place, DVec3)>,
+    /// Work and time.
+    pub tally: LatticeTally,
+}
 
 impl<'a> Lattice<'a> {
     /// All samples of `tile`, into `found`.
-    pub fn tile(
-        &self,
-        tile: Tile,
-        endings: &mut EndingFinder<'_>,
-        found: &mut Vec<Found>,
-        tally: &mut LatticeTally,
-    ) {
+    pub fn tile(&self, tile: Tile, endings: &mut EndingFinder<'_>, found: &mut Found) {
         if tile.x >= self.view.size.0 || tile.y >= self.view.size.1 {
             return;
         }
         let began = Instant::now();
-        let sheet = self.sheet(tile, endings, tally);
-        tally.lattice += began.elapsed();
+        let sheet = self.sheet(tile, endings, &mut found.tally);
+        found.tally.lattice += began.elapsed();
         let began = Instant::now();
         match sheet {
-            Some(sheet) => self.interpolate(tile, &sheet, found, tally),
+            Some(sheet) => self.interpolate(tile, &sheet, found),
             None if tile.side > SMALLEST_TILE => {
                 for quarter in tile.quarters() {
-                    self.tile(quarter, endings, found, tally);
+                    self.tile(quarter, endings, found);
                 }
                 return;
             }
-            None => self.trace(tile, found, tally),
+            None => self.trace(tile, endings, found),
         }
-        tally.pixels += began.elapsed();
+        found.tally.pixels += began.elapsed();
     }
 
     /// The sixteen curves of a tile, if they can be interpolated within the budget.
@@ -196,26 +204,15 @@ impl<'a> Lattice<'a> {
         })
     }
 
-    fn interpolate(
-        &self,
-        tile: Tile,
-        sheet: &Sheet,
-        found: &mut Vec<Found>,
-        tally: &mut LatticeTally,
-    ) {
+    fn interpolate(&self, tile: Tile, sheet: &Sheet, found: &mut Found) {
         let touched = sheet.touched(self.world);
         let corner = DVec2::new(tile.x as f64, tile.y as f64);
         for (x, y, k, at) in self.samples(tile) {
             let weights = Weights::at((at - corner) / tile.side as f64);
             let seen = self.seen(sheet, &touched, &weights);
-            tally.interpolated += 1;
-            found.push((
-                (x, y, k),
-                Outcome {
-                    seen,
-                    flagged: false,
-                },
-            ));
+            let flagged = false;
+            found.outcomes.push(((x, y, k), Outcome { seen, flagged }));
+            found.tally.interpolated += 1;
         }
     }
 
@@ -234,15 +231,16 @@ impl<'a> Lattice<'a> {
         beyond(&ending)
     }
 
-    fn trace(&self, tile: Tile, found: &mut Vec<Found>, tally: &mut LatticeTally) {
-        let samples: Vec<_> = self.samples(tile).collect();
-        let directions: Vec<DVec3> = samples
-            .iter()
-            .map(|(_, _, _, at)| self.view.direction(at.x, at.y))
-            .collect();
-        tally.traced += samples.len();
-        for ((x, y, k, _), curve) in samples.iter().zip(self.tracer.trace(&directions)) {
-            found.push(((*x, *y, *k), outcome(self.world, &curve)));
+    /// The samples of `tile` one by one; those that the tracer cannot give on its knots are put off.
+    fn trace(&self, tile: Tile, endings: &mut EndingFinder<'_>, found: &mut Found) {
+        for (x, y, k, at) in self.samples(tile) {
+            let direction = self.view.direction(at.x, at.y);
+            match self.tracer.on_knots(direction, endings) {
+                Some(curve) => found
+                    .outcomes
+                    .push(((x, y, k), outcome(self.world, &curve))),
+                None => found.pending.push(((x, y, k), direction)),
+            }
         }
     }
 }

@@ -188,7 +188,7 @@ pub struct TableTracer<'f, 't> {
 
 impl<'f, 't> TableTracer<'f, 't> {
     /// Rays of `fan` over `length`, the table's; `error` is its promise in radians. Rays that it
-    /// gave up on are integrated at `tolerance`.
+    /// gave up on are integrated at `tolerance`, or at a small share of the promise if that is wider.
     pub fn new(
         fan: &'f Fan<'t>,
         manifold: &'f Manifold,
@@ -196,6 +196,7 @@ impl<'f, 't> TableTracer<'f, 't> {
         error: f64,
         tolerance: f64,
     ) -> Self {
+        let tolerance = tolerance.max(FALLBACK_SHARE * error);
         let exact = ExactTracer::new(manifold, fan.place.u, length, tolerance);
         Self {
             fan,
@@ -272,6 +273,10 @@ impl GridTracer for TableTracer<'_, '_> {
         self.curve(&self.fan.path(direction), endings)
     }
 }
+
+/// Local tolerance of the rays that the table gave up on, as a share of its promise: their error is
+/// then far below the promise, and they cost half of what the finest tolerance does.
+const FALLBACK_SHARE: f64 = 1e-3;
 
 /// Share of the table's own error that cubics between knots may add.
 const KNOT_SHARE: f64 = 0.25;
