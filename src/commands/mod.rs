@@ -1,5 +1,6 @@
 //! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
 
+mod check;
 mod completions;
 mod info;
 mod trace;
@@ -12,8 +13,10 @@ use geofan::{
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Follow one geodesic exactly and print samples of it
+    /// Follow one geodesic, exactly or through a bundle, and print samples of it
     Trace(trace::TraceArgs),
+    /// Compare a bundle with exact paths of fresh random rays
+    Check(check::CheckArgs),
     /// Say what a file contains
     Info(info::InfoArgs),
     /// Print a completion script for a shell
@@ -26,6 +29,7 @@ impl Command {
     pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
         match self {
             Self::Trace(args) => trace::run(args, common),
+            Self::Check(args) => check::run(args, common),
             Self::Info(args) => info::run(args, common),
             Self::Completions(args) => completions::run(args),
         }

@@ -1,7 +1,7 @@
 //! Where a ray ends: the first arc length at which an event of the domain becomes positive.
 //!
-//! In: a [`Step`]. Out: the [`End`] and its arc length, found on the step's curve to rounding, not
-//! to the step. The curve is looked at in its middle and at its end, so an event that comes and goes
+//! In: a [`Step`], or any curve. Out: the [`End`] and its arc length, found on the curve to rounding,
+//! not to the step. A step is looked at in its middle and at its end, so an event that comes and goes
 //! within half a step is missed; steps are short against the curvature of the path.
 //!
 //! A ray that starts beyond an event is not over if it is on its way back: the event counts as soon
@@ -44,21 +44,32 @@ impl<'m> EventFinder<'m> {
             return None;
         }
         let middle = 0.5 * (step.start + step.end);
-        for (from, to) in [(step.start, middle), (middle, step.end)] {
-            self.evaluate(step.position(to), step.tangent(to));
-            let hit: Vec<usize> = (0..self.before.len()).filter(|&k| self.counts(k)).collect();
-            let first = hit
-                .into_iter()
-                .map(|k| match self.before[k] > 0.0 {
-                    true => (from, k),
-                    false => (self.crossing(step, k, from, to), k),
-                })
-                .min_by(|a, b| a.0.total_cmp(&b.0));
-            if let Some((s, k)) = first {
-                return Some((End::of_event(self.domain, self.domain.kinds[k]), s));
-            }
-            self.remember();
+        let curve = |s: f64| (step.position(s), step.tangent(s));
+        self.first_between(step.start, middle, curve)
+            .or_else(|| self.first_between(middle, step.end, curve))
+    }
+
+    /// The first event on the curve s -> (u, v) for s from `from`, where the last look was, to `to`.
+    fn first_between(
+        &mut self,
+        from: f64,
+        to: f64,
+        curve: impl Fn(f64) -> (DVec3, DVec3),
+    ) -> Option<(End, f64)> {
+        let (u, v) = curve(to);
+        self.evaluate(u, v);
+        let hit: Vec<usize> = (0..self.before.len()).filter(|&k| self.counts(k)).collect();
+        let first = hit
+            .into_iter()
+            .map(|k| match self.before[k] > 0.0 {
+                true => (from, k),
+                false => (self.crossing(&curve, k, from, to), k),
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        if let Some((s, k)) = first {
+            return Some((End::of_event(self.domain, self.domain.kinds[k]), s));
         }
+        self.remember();
         None
     }
 
@@ -83,9 +94,16 @@ impl<'m> EventFinder<'m> {
     }
 
     /// The arc length in `[low, high]` at which event `k` becomes positive, by the Illinois method.
-    fn crossing(&mut self, step: &Step, k: usize, low: f64, high: f64) -> f64 {
+    fn crossing(
+        &mut self,
+        curve: impl Fn(f64) -> (DVec3, DVec3),
+        k: usize,
+        low: f64,
+        high: f64,
+    ) -> f64 {
         let mut value = |s: f64| {
-            self.evaluate(step.position(s), step.tangent(s));
+            let (u, v) = curve(s);
+            self.evaluate(u, v);
             self.registers.output(k)[0]
         };
         let (mut low, mut high) = (low, high);
@@ -115,6 +133,26 @@ impl<'m> EventFinder<'m> {
         }
         0.5 * (low + high)
     }
+}
+
+/// How often a whole path is looked at for events: paths of tables bend over about a hundredth of
+/// their length at the least.
+const LOOKS: u32 = 256;
+
+/// The first event on a curve s -> (u, v), chart components, for s from 0 to `length`.
+pub fn first_event(
+    domain: &Domain,
+    length: f64,
+    curve: impl Fn(f64) -> (DVec3, DVec3),
+) -> Option<(End, f64)> {
+    if domain.kinds.is_empty() {
+        return None;
+    }
+    let mut finder = EventFinder::new(domain);
+    let (u, v) = curve(0.0);
+    finder.start(u, v);
+    let place = |i: u32| length * f64::from(i) / f64::from(LOOKS);
+    (0..LOOKS).find_map(|i| finder.first_between(place(i), place(i + 1), &curve))
 }
 
 impl End {

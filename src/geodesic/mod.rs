@@ -15,8 +15,10 @@ mod step;
 
 pub use conjugate::conjugate_points;
 pub use departure::{check_point, depart};
+pub use events::first_event;
 pub use integrator::follow;
 pub use path::{Path, paths};
+pub(crate) use samples::unit;
 pub use samples::{Sample, samples};
 pub use spread::{Spread, perpendiculars, signed_area};
 pub use step::Step;
