@@ -278,31 +278,87 @@ impl FanPath<'_, '_> {
         Some((u, differential * tangent))
     }
 
+    /// Chart points and tangents at the ascending arc lengths `s`, none of them flagged.
+    pub fn sample(&self, s: &[f64], u: &mut Vec<DVec3>, v: &mut Vec<DVec3>) {
+        let mut at = 0;
+        for (interval, piece) in &self.pieces {
+            let last = interval[1] >= self.fan.table.length;
+            while at < s.len() && (s[at] <= interval[1] || last) {
+                let Some(piece) = piece else { return };
+                let (stored, tangent) = self.stored_in(piece, s[at]);
+                let (point, differential) = self.located.isometry.apply(stored);
+                u.push(point);
+                v.push(differential * tangent);
+                at += 1;
+            }
+        }
+    }
+
     fn stored_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
-        let piece = self.piece(s)?;
+        Some(self.stored_in(self.piece(s)?, s))
+    }
+
+    /// Point and tangent of the stored ray: Chebyshev sums of the displacement and its slope, by
+    /// the recurrences of `T_k` and `T'_k`.
+    fn stored_in(&self, piece: &Piece, s: f64) -> (DVec3, DVec3) {
         let width = piece.interval[1] - piece.interval[0];
         let t = 2.0 * (s - piece.interval[0]) / width - 1.0;
-        let rows = piece.displacement.1.0;
-        let mut values = [0.0; super::patch::MOST_DEGREES];
-        super::chebyshev::values(t, &mut values[..rows]);
-        let slopes = super::chebyshev::slopes(t, rows);
-        let spread = |sums: [f64; 4]| {
-            let mut v = DVec3::ZERO;
-            let channels = self.fan.table.space.displacement_channels();
-            for (channel, x) in channels.iter().zip(sums) {
-                v[*channel] = x;
+        let (start, (rows, channels)) = piece.displacement;
+        let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
+        let (mut sum, mut slope) = ([0.0; 3], [0.0; 3]);
+        let (mut value, mut next) = (1.0, t);
+        let (mut rate, mut next_rate) = (0.0, 1.0);
+        for row in rows {
+            for (c, x) in row.iter().enumerate() {
+                sum[c] += value * x;
+                slope[c] += rate * x;
             }
-            v
-        };
-        let displacement = spread(self.sum(piece.displacement, &values));
-        let slope = spread(self.sum(piece.displacement, &slopes)) * (2.0 / width);
+            (value, next, rate, next_rate) = (
+                next,
+                2.0 * t * next - value,
+                next_rate,
+                2.0 * (next + t * next_rate) - rate,
+            );
+        }
+        let (mut displacement, mut change) = (DVec3::ZERO, DVec3::ZERO);
+        let stored = self.fan.table.space.displacement_channels();
+        for (k, channel) in stored.iter().enumerate() {
+            displacement[*channel] = sum[k];
+            change[*channel] = slope[k] * (2.0 / width);
+        }
         let v = self.located.v + displacement;
-        Some((self.located.u + v * s, v + slope * s))
+        (self.located.u + v * s, v + change * s)
+    }
+
+    /// The tangent (chart components) at `s`: the first one carried along by the transported
+    /// rotation, because a geodesic's tangent is parallel. The slope of the displacement, which is
+    /// what [`FanPath::at`] gives, is a polynomial's derivative: where the table stores rotations
+    /// this is some ten times closer. `None` where flagged.
+    pub fn tangent(&self, s: f64) -> Option<DVec3> {
+        let (stored, slope) = self.stored_at(s)?;
+        let tangent = match self.stored_rotation(s) {
+            None => slope,
+            Some(q) => {
+                let manifold = self.fan.table.space.manifold();
+                let first = manifold.standard_frame(self.located.u).inverse() * self.located.v;
+                manifold.standard_frame(stored) * (q * first)
+            }
+        };
+        Some(self.located.isometry.apply(stored).1 * tangent)
     }
 
     /// The transported rotation at `s` relative to the standard frames; `None` where flagged or
     /// where the table has none.
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
+        let q = self.stored_rotation(s)?;
+        let (u, _) = self.stored_at(s)?;
+        let space = &self.fan.table.space;
+        let place = &self.fan.place;
+        let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
+        Some(DQuat::from_mat3(&turned))
+    }
+
+    fn stored_rotation(&self, s: f64) -> Option<DQuat> {
         let piece = self.piece(s)?;
         let stored = piece.rotation?;
         let width = piece.interval[1] - piece.interval[0];
@@ -314,11 +370,6 @@ impl FanPath<'_, '_> {
         for (channel, x) in channels.iter().zip(self.sum(stored, &values)) {
             q[*channel] = x;
         }
-        let q = DQuat::from_array(q).normalize();
-        let (u, _) = self.stored_at(s)?;
-        let space = &self.fan.table.space;
-        let place = &self.fan.place;
-        let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
-        Some(DQuat::from_mat3(&turned))
+        Some(DQuat::from_array(q).normalize())
     }
 }

@@ -1,8 +1,11 @@
 //! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
 
 mod check;
+mod compare;
 mod completions;
 mod info;
+mod render;
+mod scenery;
 mod trace;
 
 use geofan::{
@@ -17,6 +20,10 @@ pub enum Command {
     Trace(trace::TraceArgs),
     /// Compare a bundle with exact paths of fresh random rays
     Check(check::CheckArgs),
+    /// Render a picture of a scene
+    Render(render::RenderArgs),
+    /// Hold a picture by table against the exact one
+    Compare(compare::CompareArgs),
     /// Say what a file contains
     Info(info::InfoArgs),
     /// Print a completion script for a shell
@@ -30,6 +37,8 @@ impl Command {
         match self {
             Self::Trace(args) => trace::run(args, common),
             Self::Check(args) => check::run(args, common),
+            Self::Render(args) => render::run(args, common),
+            Self::Compare(args) => compare::run(args, common),
             Self::Info(args) => info::run(args, common),
             Self::Completions(args) => completions::run(args),
         }

@@ -9,22 +9,15 @@
 //! carried, then (δu, δv) of two deviations if deviation is. Equations: DESIGN §2.
 
 use super::{
-    End, Ray, Settings, Sink, Step,
+    End, LANES, Ray, Row, Settings, Sink, Step,
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
-    events::EventFinder,
+    events::Events,
 };
 use crate::{
     expr::{Registers, Tape, vectorised},
     manifold::Manifold,
 };
 use glam::DVec3;
-
-/// Lanes: wide enough that an instruction's dispatch costs less than its arithmetic, small enough
-/// that registers and stages stay in the first-level cache. Measured on the Gaussian bump (one
-/// thread, AVX-512): 8 lanes 1.5 times slower, 32 lanes no faster.
-const LANES: usize = 16;
-
-type Row = [f64; LANES];
 
 /// Most steps of one ray; more than any honest path needs at the tightest tolerance, few enough that
 /// a ray caught in rounding noise ends in a second.
@@ -72,7 +65,7 @@ struct Lanes<'m> {
     settings: Settings,
     flow: &'m Tape,
     registers: Registers<f64, LANES>,
-    events: Vec<EventFinder<'m>>,
+    events: Option<Events<'m>>,
     ray: [Option<Progress>; LANES],
     s: Row,
     h: Row,
@@ -116,8 +109,8 @@ impl<'m> Lanes<'m> {
             flow,
             registers: flow.registers(),
             events: match settings.events {
-                true => vec![EventFinder::new(&manifold.domain); LANES],
-                false => Vec::new(),
+                true => Events::new(&manifold.domain),
+                false => None,
             },
             ray: [None; LANES],
             s: [0.0; LANES],
@@ -157,8 +150,8 @@ impl<'m> Lanes<'m> {
         for (row, value) in self.y.iter_mut().zip(state) {
             row[lane] = value;
         }
-        if let Some(events) = self.events.get_mut(lane) {
-            events.start(ray.u, ray.v);
+        if let Some(events) = &mut self.events {
+            events.start(lane, ray.u, ray.v);
         }
         self.s[lane] = 0.0;
         let rates = self.first_rates(lane);
@@ -227,6 +220,30 @@ impl<'m> Lanes<'m> {
             );
         }
         self.measure(layout);
+        self.look();
+    }
+
+    /// Evaluates the events in the middle of the trial steps (on the quintic) and at their ends.
+    #[inline(always)]
+    fn look(&mut self) {
+        let Some(events) = &mut self.events else {
+            return;
+        };
+        let (y, k, last) = (&self.y, &self.k[0], &self.k[STAGES - 1]);
+        let mut middle = [[0.0; LANES]; 6];
+        for c in 0..3 {
+            for l in 0..LANES {
+                let h = self.h[l];
+                let (u0, u1) = (y[c][l], self.trial[c][l]);
+                let (v0, v1) = (y[3 + c][l], self.trial[3 + c][l]);
+                let (a0, a1) = (k[3 + c][l], last[3 + c][l]);
+                middle[c][l] =
+                    0.5 * (u0 + u1) + h * ((v0 - v1) * (5.0 / 32.0) + h * (a0 + a1) / 64.0);
+                middle[3 + c][l] =
+                    (u1 - u0) / h * 1.875 - (v0 + v1) * 0.4375 + h * (a1 - a0) / 32.0;
+            }
+        }
+        events.look(middle, std::array::from_fn(|c| self.trial[c]));
     }
 
     /// The error of the trial in units of the tolerance, in the metric at the trial's end: an angle
@@ -327,7 +344,7 @@ impl<'m> Lanes<'m> {
         self.restore_speed(lane);
         let mut step = self.step(lane);
         let end_of_step = step.end;
-        let event = self.events.get_mut(lane).and_then(|e| e.first_in(&step));
+        let event = self.events.as_mut().and_then(|e| e.first_in(lane, &step));
         if let Some((_, s)) = event {
             step.end = s;
         }

@@ -4,9 +4,12 @@
 //! Arc length is measured in the metric; tangents have unit length.
 
 mod conjugate;
+mod crossing;
 mod departure;
 mod dormand_prince;
 mod events;
+mod first_event;
+mod fixed;
 mod integrator;
 mod path;
 mod samples;
@@ -14,8 +17,10 @@ mod spread;
 mod step;
 
 pub use conjugate::conjugate_points;
+pub use crossing::crossing;
 pub use departure::{check_point, depart};
-pub use events::first_event;
+pub use first_event::first_event;
+pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use path::{Path, paths};
 pub(crate) use samples::unit;
@@ -25,6 +30,13 @@ pub use step::Step;
 
 use crate::manifold::{Carried, Manifold};
 use glam::DVec3;
+
+/// Lanes: wide enough that an instruction's dispatch costs less than its arithmetic, small enough
+/// that registers and stages stay in the first-level cache.
+const LANES: usize = 16;
+
+/// One number for every lane.
+type Row = [f64; LANES];
 
 /// A geodesic to follow.
 #[derive(Debug, Clone, Copy)]

@@ -1,0 +1,85 @@
+//! Options that all commands with pictures share.
+
+use clap::Args;
+use geofan::{
+    Error, Result,
+    bundle::Bundle,
+    render::{Stage, View},
+    terminal::values,
+};
+use std::path::{Path, PathBuf};
+
+/// A scene, one of its cameras, and how finely to look.
+#[derive(Debug, Args)]
+pub struct SceneArgs {
+    /// The scene file
+    pub scene: PathBuf,
+    /// The camera: the name of one of the scene's views [default: its main camera]
+    #[arg(long, value_name = "NAME")]
+    pub view: Option<String>,
+    /// Picture size
+    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = values::picture_size)]
+    pub size: values::PictureSize,
+    /// Samples for each pixel
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=4096))]
+    pub spp: u16,
+    /// Largest error of interpolation between looked-up paths, mrad
+    #[arg(long, value_name = "MRAD", default_value = "0.5", value_parser = values::positive)]
+    pub error: f64,
+    /// Local tolerance of the exact tracer, radians
+    #[arg(long, value_name = "T", default_value = "1e-8", value_parser = values::tolerance)]
+    pub tolerance: f64,
+    /// Replace a parameter of the manifold; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
+    pub set: Vec<(String, f64)>,
+}
+
+impl SceneArgs {
+    /// Loads the scene; its manifold must be the one that `bundle` was baked from.
+    pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
+        let stage = Stage::load(&self.scene, &self.set)?;
+        match bundle {
+            Some(bundle) if bundle.manifold.fingerprint() != stage.world.manifold.fingerprint() => {
+                Err(Error::input(
+                    "--bundle",
+                    format!(
+                        "it was baked from another manifold (`{}`) than the scene's (`{}`), or with other parameters: bake again, or give the same --set",
+                        bundle.manifold.name, stage.world.manifold.name
+                    ),
+                ))
+            }
+            _ => {
+                for warning in &stage.world.warnings {
+                    tracing::warn!("{warning}");
+                }
+                Ok(stage)
+            }
+        }
+    }
+
+    /// The view that the options ask for.
+    pub fn view(&self, stage: &Stage) -> Result<View> {
+        let camera = stage.camera(self.view.as_deref())?;
+        stage.view(camera, (self.size.width, self.size.height))
+    }
+}
+
+/// Refuses an output that could not be written, before work is spent on it.
+pub fn check_output(path: &Path) -> Result<()> {
+    let known = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("png") || e.eq_ignore_ascii_case("exr"));
+    if !known {
+        return Err(Error::input(
+            path.display().to_string(),
+            "pictures are .png or .exr",
+        ));
+    }
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() && !folder.is_dir() => Err(Error::input(
+            path.display().to_string(),
+            "the folder does not exist; make it first",
+        )),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,46 @@
+//! Where a continuous function becomes positive.
+
+/// The `s` in `[low, high]` at which `value`, not positive at `low` and positive at `high`, becomes
+/// positive, to rounding: the Illinois method, with a bisection every fourth round so that no shape
+/// of function can make it crawl.
+pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (low, high);
+    let (mut below, mut above) = (value(low).min(-0.0), value(high));
+    for round in 0..100 {
+        if high - low <= 4.0 * f64::EPSILON * high.abs() {
+            break;
+        }
+        let share = if round % 4 == 3 {
+            0.5
+        } else {
+            (below / (below - above)).clamp(0.0, 1.0)
+        };
+        let s = low + (high - low) * if share.is_finite() { share } else { 0.5 };
+        let v = value(s);
+        if v > 0.0 {
+            (high, above) = (s, v);
+            below *= 0.5;
+        } else {
+            (low, below) = (s, v.min(-0.0));
+            above *= 0.5;
+            if v == 0.0 {
+                return s;
+            }
+        }
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crossings_are_found_to_rounding() {
+        let root = crossing(0.0, 3.0, |s| s * s - 2.0);
+        assert!((root - 2.0_f64.sqrt()).abs() < 1e-14);
+        let late = crossing(0.0, 1.0, |s| (s - 0.999).powi(9));
+        assert!((late - 0.999).abs() < 1e-2);
+        assert_eq!(crossing(0.0, 4.0, |s| s - 3.0), 3.0);
+    }
+}

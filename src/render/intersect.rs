@@ -1,0 +1,115 @@
+//! Curves against triangles.
+//!
+//! In: a cubic piece of a path. Out: its first hit. A piece whose box meets no leaf of the tree is
+//! skipped; another is flattened into as many chords as keep it within [`CHORD_ERROR`] of the
+//! cubic, and each chord is a straight segment. Glued coordinates: the piece is tried in every
+//! period in which the scene's box is.
+
+use super::{accel::Accelerator, curve::Piece};
+use crate::manifold::Domain;
+use glam::DVec3;
+
+/// A point of a curve on a triangle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Hit {
+    /// Arc length.
+    pub s: f64,
+    /// Chart point, inside the limits of glued coordinates.
+    pub u: DVec3,
+    /// Tangent.
+    pub v: DVec3,
+    /// Index of the triangle.
+    pub triangle: u32,
+    /// Weights of its second and third corners.
+    pub barycentric: (f64, f64),
+}
+
+/// Angle (radians) by which chords may depart from the curve: a twentieth of a mrad, a small part
+/// of a pixel.
+const CHORD_ERROR: f64 = 5e-5;
+
+/// Most chords of one piece: pieces are short already, so more means a broken curve.
+const MOST_CHORDS: f64 = 64.0;
+
+/// The first hit of `piece` before arc length `limit`.
+pub fn first_hit(
+    accelerator: &Accelerator,
+    domain: &Domain,
+    piece: &Piece,
+    limit: f64,
+) -> Option<Hit> {
+    let (low, high) = piece.bounds();
+    if !domain.periodic.iter().any(|p| *p) {
+        return hit_shifted(accelerator, piece, limit, DVec3::ZERO, (low, high));
+    }
+    let mut first: Option<Hit> = None;
+    for shift in shifts(accelerator, domain, low, high) {
+        let hit = hit_shifted(accelerator, piece, limit, shift, (low, high));
+        if let Some(hit) = hit
+            && first.is_none_or(|f| hit.s < f.s)
+        {
+            first = Some(hit);
+        }
+    }
+    first
+}
+
+/// The displacements by whole periods that bring the box into reach of the scene.
+fn shifts(accelerator: &Accelerator, domain: &Domain, low: DVec3, high: DVec3) -> Vec<DVec3> {
+    let Some((least, most)) = accelerator.bounds() else {
+        return Vec::new();
+    };
+    let mut shifts = vec![DVec3::ZERO];
+    for k in 0..3 {
+        if let Some(period) = domain.period(k) {
+            let from = ((least[k] - high[k]) / period).ceil() as i64;
+            let to = ((most[k] - low[k]) / period).floor() as i64;
+            shifts = shifts
+                .iter()
+                .flat_map(|s| {
+                    (from..=to).map(move |n| {
+                        let mut shift = *s;
+                        shift[k] = n as f64 * period;
+                        shift
+                    })
+                })
+                .collect();
+        }
+    }
+    shifts
+}
+
+fn hit_shifted(
+    accelerator: &Accelerator,
+    piece: &Piece,
+    limit: f64,
+    shift: DVec3,
+    (low, high): (DVec3, DVec3),
+) -> Option<Hit> {
+    if !accelerator.touches(low + shift, high + shift) {
+        return None;
+    }
+    let allowed = CHORD_ERROR * piece.s[1] * piece.v[1].length().min(piece.v[0].length());
+    let chords = (piece.sagitta() / allowed)
+        .sqrt()
+        .ceil()
+        .clamp(1.0, MOST_CHORDS);
+    let mut from = piece.u[0] + shift;
+    for i in 0..chords as usize {
+        let end = (i + 1) as f64 / chords;
+        let to = piece.position(end) + shift;
+        if let Some(hit) = accelerator.first_hit_on_chord(from, to) {
+            let t = (i as f64 + hit.t) / chords;
+            let s = piece.arc(t);
+            return (s <= limit).then(|| Hit {
+                s,
+                u: from + (to - from) * hit.t,
+                v: piece.tangent(t),
+                triangle: hit.triangle,
+                barycentric: hit.barycentric,
+            });
+        }
+        from = to;
+    }
+    None
+}

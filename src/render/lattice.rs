@@ -1,0 +1,441 @@
+//! The adaptive screen lattice: few paths, interpolated to every pixel.
+//!
+//! In: a tracer whose curves share their knots. Out: the [`Outcome`] of every sample. The picture is
+//! divided into square tiles; each is spanned by 4 × 4 curves at even spacing, and curves at other
+//! points tell whether the bicubic through the sixteen is within the budget. If not, or if the
+//! sixteen leave through different exits, the tile is quartered; the smallest are traced sample by
+//! sample. A tile whose tube of paths meets no leaf of the scene's tree goes straight to its sky.
+
+use super::{
+    curve::{Curve, Ending, EndingFinder, Piece},
+    intersect::first_hit,
+    outcome::{Outcome, Seen, beyond, outcome},
+    tracer::GridTracer,
+    view::View,
+    world::World,
+};
+use glam::{DVec2, DVec3};
+use std::time::{Duration, Instant};
+
+/// Pixels along a side of the largest tiles.
+pub const LARGEST_TILE: usize = 32;
+
+/// Pixels along a side of the smallest tiles: the 16 + 3 curves of a tile of 4 × 4 pixels would
+/// cost more than its 16 pixels.
+const SMALLEST_TILE: usize = 8;
+
+/// Points of a tile, as fractions of its side, at which the interpolation is compared: the middle
+/// and two places where the cubic's error is largest, off the diagonals' symmetry.
+const CHECKS: [DVec2; 3] = [
+    DVec2::new(0.5, 0.5),
+    DVec2::new(0.13, 0.85),
+    DVec2::new(0.84, 0.17),
+];
+
+/// Every so many knots the paths themselves are compared, besides the sky's direction.
+const CHECK_STRIDE: usize = 4;
+
+/// As for screen error (DESIGN §1): magnifications are raised to this before dividing by them.
+const LEAST_MAGNIFICATION: f64 = 0.25;
+
+/// A square of pixels.
+#[derive(Debug, Clone, Copy)]
+pub struct Tile {
+    /// Upper left pixel.
+    pub x: usize,
+    /// Upper left pixel.
+    pub y: usize,
+    /// Pixels along a side; tiles may reach over the picture's edge.
+    pub side: usize,
+}
+
+impl Tile {
+    /// The tiles that cover a picture.
+    pub fn covering((width, height): (usize, usize)) -> Vec<Tile> {
+        let steps = |n: usize| (0..n).step_by(LARGEST_TILE);
+        steps(height)
+            .flat_map(|y| {
+                steps(width).map(move |x| Tile {
+                    x,
+                    y,
+                    side: LARGEST_TILE,
+                })
+            })
+            .collect()
+    }
+
+    fn quarters(self) -> [Tile; 4] {
+        let side = self.side / 2;
+        [(0, 0), (side, 0), (0, side), (side, side)].map(|(dx, dy)| Tile {
+            x: self.x + dx,
+            y: self.y + dy,
+            side,
+        })
+    }
+}
+
+/// Work done and time spent, summed over threads.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct LatticeTally {
+    /// Curves looked up.
+    pub curves: usize,
+    /// Samples interpolated.
+    pub interpolated: usize,
+    /// Samples traced one by one.
+    pub traced: usize,
+    /// Time for curves and checks.
+    pub lattice: Duration,
+    /// Time for samples: interpolation, intersection, and rays traced one by one.
+    pub pixels: Duration,
+}
+
+impl LatticeTally {
+    /// The sum of two tallies.
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            curves: self.curves + other.curves,
+            interpolated: self.interpolated + other.interpolated,
+            traced: self.traced + other.traced,
+            lattice: self.lattice + other.lattice,
+            pixels: self.pixels + other.pixels,
+        }
+    }
+}
+
+/// The lattice over one picture.
+pub struct Lattice<'a> {
+    /// Where the curves come from.
+    pub tracer: &'a dyn GridTracer,
+    /// What they may meet.
+    pub world: &'a World,
+    /// The picture.
+    pub view: &'a View,
+    /// Where in a pixel its samples are, in [0, 1]².
+    pub offsets: &'a [DVec2],
+    /// Largest error of the interpolation, radians at the camera.
+    pub budget: f64,
+}
+
+/// One sample's place (column, row, sample) and what it finds.
+pub type Found = ((usize, usize, usize), Outcome);
+
+impl<'a> Lattice<'a> {
+    /// All samples of `tile`, into `found`.
+    pub fn tile(
+        &self,
+        tile: Tile,
+        endings: &mut EndingFinder<'_>,
+        found: &mut Vec<Found>,
+        tally: &mut LatticeTally,
+    ) {
+        if tile.x >= self.view.size.0 || tile.y >= self.view.size.1 {
+            return;
+        }
+        let began = Instant::now();
+        let sheet = self.sheet(tile, endings, tally);
+        tally.lattice += began.elapsed();
+        let began = Instant::now();
+        match sheet {
+            Some(sheet) => self.interpolate(tile, &sheet, found, tally),
+            None if tile.side > SMALLEST_TILE => {
+                for quarter in tile.quarters() {
+                    self.tile(quarter, endings, found, tally);
+                }
+                return;
+            }
+            None => self.trace(tile, found, tally),
+        }
+        tally.pixels += began.elapsed();
+    }
+
+    /// The sixteen curves of a tile, if they can be interpolated within the budget.
+    fn sheet(
+        &self,
+        tile: Tile,
+        endings: &mut EndingFinder<'_>,
+        tally: &mut LatticeTally,
+    ) -> Option<Sheet> {
+        let mut curve = |at: DVec2| {
+            tally.curves += 1;
+            let (x, y) = (
+                tile.x as f64 + at.x * tile.side as f64,
+                tile.y as f64 + at.y * tile.side as f64,
+            );
+            self.tracer.on_knots(self.view.direction(x, y), endings)
+        };
+        let mut curves: Vec<Curve> = Vec::with_capacity(16);
+        for i in 0..16 {
+            let next = curve(DVec2::new((i % 4) as f64, (i / 4) as f64) / 3.0)?;
+            if curves
+                .first()
+                .is_some_and(|c| c.ending.exit() != next.ending.exit())
+            {
+                return None;
+            }
+            curves.push(next);
+        }
+        let sheet = Sheet { curves };
+        let pixel = self.view.pixel_angle() * tile.side as f64;
+        for at in CHECKS {
+            let truth = curve(at)?;
+            if !(sheet.error(at, &truth, pixel) <= self.budget) {
+                return None;
+            }
+        }
+        Some(sheet)
+    }
+
+    fn samples(&self, tile: Tile) -> impl Iterator<Item = (usize, usize, usize, DVec2)> + '_ {
+        let columns = tile.x..(tile.x + tile.side).min(self.view.size.0);
+        let rows = tile.y..(tile.y + tile.side).min(self.view.size.1);
+        rows.flat_map(move |y| {
+            columns.clone().flat_map(move |x| {
+                let place = DVec2::new(x as f64, y as f64);
+                (0..self.offsets.len()).map(move |k| (x, y, k, place + self.offsets[k]))
+            })
+        })
+    }
+
+    fn interpolate(
+        &self,
+        tile: Tile,
+        sheet: &Sheet,
+        found: &mut Vec<Found>,
+        tally: &mut LatticeTally,
+    ) {
+        let touched = sheet.touched(self.world);
+        let corner = DVec2::new(tile.x as f64, tile.y as f64);
+        for (x, y, k, at) in self.samples(tile) {
+            let weights = Weights::at((at - corner) / tile.side as f64);
+            let seen = self.seen(sheet, &touched, &weights);
+            tally.interpolated += 1;
+            found.push((
+                (x, y, k),
+                Outcome {
+                    seen,
+                    flagged: false,
+                },
+            ));
+        }
+    }
+
+    fn seen(&self, sheet: &Sheet, touched: &[usize], weights: &Weights) -> Seen {
+        let ending = sheet.ending(weights);
+        for &k in touched {
+            let piece = sheet.piece(k, weights);
+            if piece.s[0] >= ending.limit() {
+                break;
+            }
+            let domain = &self.world.manifold.domain;
+            if let Some(hit) = first_hit(&self.world.accelerator, domain, &piece, ending.limit()) {
+                return Seen::Surface(hit);
+            }
+        }
+        beyond(&ending)
+    }
+
+    fn trace(&self, tile: Tile, found: &mut Vec<Found>, tally: &mut LatticeTally) {
+        let samples: Vec<_> = self.samples(tile).collect();
+        let directions: Vec<DVec3> = samples
+            .iter()
+            .map(|(_, _, _, at)| self.view.direction(at.x, at.y))
+            .collect();
+        tally.traced += samples.len();
+        for ((x, y, k, _), curve) in samples.iter().zip(self.tracer.trace(&directions)) {
+            found.push(((*x, *y, *k), outcome(self.world, &curve)));
+        }
+    }
+}
+
+/// Sixteen curves with common knots and a common exit.
+struct Sheet {
+    curves: Vec<Curve>,
+}
+
+/// Weights of the sixteen curves at a point of the tile.
+struct Weights([f64; 16]);
+
+impl Weights {
+    fn at(t: DVec2) -> Self {
+        Self::product(cubic(t.x), cubic(t.y))
+    }
+
+    /// Weights that give the derivatives along both sides of the tile.
+    fn slopes(t: DVec2) -> [Self; 2] {
+        [
+            Self::product(cubic_slope(t.x), cubic(t.y)),
+            Self::product(cubic(t.x), cubic_slope(t.y)),
+        ]
+    }
+
+    fn product(x: [f64; 4], y: [f64; 4]) -> Self {
+        Self(std::array::from_fn(|i| x[i % 4] * y[i / 4]))
+    }
+}
+
+/// Lagrange's cubic weights at `t` for nodes 0, 1/3, 2/3, 1.
+fn cubic(t: f64) -> [f64; 4] {
+    let (a, b, c, d) = (t, t - 1.0 / 3.0, t - 2.0 / 3.0, t - 1.0);
+    [
+        -4.5 * b * c * d,
+        13.5 * a * c * d,
+        -13.5 * a * b * d,
+        4.5 * a * b * c,
+    ]
+}
+
+/// The derivatives of [`cubic`].
+fn cubic_slope(t: f64) -> [f64; 4] {
+    let (a, b, c, d) = (t, t - 1.0 / 3.0, t - 2.0 / 3.0, t - 1.0);
+    [
+        -4.5 * (c * d + b * d + b * c),
+        13.5 * (c * d + a * d + a * c),
+        -13.5 * (b * d + a * d + a * b),
+        4.5 * (b * c + a * c + a * b),
+    ]
+}
+
+impl Sheet {
+    fn sum(&self, weights: &Weights, value: impl Fn(&Curve) -> DVec3) -> DVec3 {
+        self.curves
+            .iter()
+            .zip(weights.0)
+            .map(|(c, w)| value(c) * w)
+            .sum()
+    }
+
+    fn ending(&self, weights: &Weights) -> Ending {
+        let Ending::Exit { exit, .. } = self.curves[0].ending else {
+            return Ending::Nowhere;
+        };
+        let s = self
+            .curves
+            .iter()
+            .zip(weights.0)
+            .map(|(c, w)| c.ending.limit() * w);
+        Ending::Exit {
+            exit,
+            s: s.sum(),
+            sky: self.sum(weights, sky).normalize_or_zero(),
+        }
+    }
+
+    fn piece(&self, k: usize, weights: &Weights) -> Piece {
+        let s = &self.curves[0].s;
+        Piece {
+            s: [s[k], s[k + 1]],
+            u: [k, k + 1].map(|k| self.sum(weights, |c| c.u[k])),
+            v: [k, k + 1].map(|k| self.sum(weights, |c| c.v[k])),
+        }
+    }
+
+    /// The knots up to which the curves matter.
+    fn last(&self) -> usize {
+        let s = &self.curves[0].s;
+        let known = self.curves.iter().map(|c| c.u.len()).min().unwrap_or(0);
+        let limit = self
+            .curves
+            .iter()
+            .map(|c| c.ending.limit())
+            .fold(0.0, f64::max);
+        (s.partition_point(|s| *s < limit) + 1).min(known)
+    }
+
+    /// The pieces whose tube may meet the scene. The tube's box holds the sixteen curves and a
+    /// margin for what the interpolation adds between them.
+    fn touched(&self, world: &World) -> Vec<usize> {
+        if world.faces.is_empty() {
+            return Vec::new();
+        }
+        let periodic = world.manifold.domain.periodic.iter().any(|p| *p);
+        (0..self.last().saturating_sub(1))
+            .filter(|&k| {
+                let mut boxes = self.curves.iter().map(|c| c.piece(k).bounds());
+                let (mut low, mut high) = boxes.next().unwrap_or_default();
+                for (l, h) in boxes {
+                    (low, high) = (low.min(l), high.max(h));
+                }
+                let margin = DVec3::splat(0.15 * (high - low).max_element());
+                // Glued coordinates: the pieces themselves are tried in all periods.
+                periodic || world.accelerator.touches(low - margin, high + margin)
+            })
+            .collect()
+    }
+
+    /// The largest error of the interpolation at `at`, as an angle at the camera: of the points of
+    /// the path and of the sky's direction, against `truth`. `side` is the tile's angle.
+    fn error(&self, at: DVec2, truth: &Curve, side: f64) -> f64 {
+        if truth.ending.exit() != self.curves[0].ending.exit() {
+            return f64::INFINITY;
+        }
+        let (weights, slopes) = (Weights::at(at), Weights::slopes(at));
+        let compare = |value: &dyn Fn(&Curve) -> DVec3, along: DVec3, unit: f64| {
+            let e = self.sum(&weights, value) - value(truth);
+            let columns = slopes.each_ref().map(|w| self.sum(w, value) / side);
+            angle(e, columns, along, unit)
+        };
+        let mut worst: f64 = 0.0;
+        if truth.ending.exit().is_some() {
+            worst = compare(&sky, DVec3::ZERO, 1.0);
+        }
+        let last = self.last().min(truth.u.len());
+        for k in (CHECK_STRIDE..last).step_by(CHECK_STRIDE) {
+            let v = truth.v[k];
+            let error = compare(&|c| c.u[k], v.normalize_or_zero(), truth.s[k] * v.length());
+            worst = if error > worst || error.is_nan() {
+                error
+            } else {
+                worst
+            };
+        }
+        worst
+    }
+}
+
+fn sky(curve: &Curve) -> DVec3 {
+    match curve.ending {
+        Ending::Exit { sky, .. } => sky,
+        Ending::Nowhere => DVec3::ZERO,
+    }
+}
+
+/// The angle at the camera that looks like the displacement `e` across `along`, where the columns
+/// are displacement per radian in two directions of the picture and `unit` is what one radian moves
+/// in flat space: damped least squares, and what they leave over at the least magnification.
+fn angle(e: DVec3, columns: [DVec3; 2], along: DVec3, unit: f64) -> f64 {
+    let across = |x: DVec3| x - along * along.dot(x);
+    let (e, [a, b]) = (across(e), columns.map(across));
+    let floor = LEAST_MAGNIFICATION * unit;
+    let damping = floor * floor;
+    let (aa, ab, bb) = (a.dot(a) + damping, a.dot(b), b.dot(b) + damping);
+    let determinant = aa * bb - ab * ab;
+    let (ae, be) = (a.dot(e), b.dot(e));
+    let x = (bb * ae - ab * be) / determinant;
+    let y = (aa * be - ab * ae) / determinant;
+    let rest = e - a * x - b * y;
+    x.hypot(y) + rest.length() / floor
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cubic_weights_reproduce_cubics_and_their_slopes() {
+        let f = |t: f64| 1.0 - 2.0 * t + 3.0 * t * t - 4.0 * t * t * t;
+        let slope = |t: f64| -2.0 + 6.0 * t - 12.0 * t * t;
+        let nodes = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0].map(f);
+        for t in [0.0, 0.1, 0.5, 0.77, 1.0] {
+            let sum = |w: [f64; 4]| w.iter().zip(nodes).map(|(w, f)| w * f).sum::<f64>();
+            assert!((sum(cubic(t)) - f(t)).abs() < 1e-14);
+            assert!((sum(cubic_slope(t)) - slope(t)).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn displacements_become_angles_by_the_magnification() {
+        let columns = [DVec3::X * 8.0, DVec3::Y * 8.0];
+        let found = angle(DVec3::new(0.8, 0.0, 5.0), columns, DVec3::Z, 4.0);
+        assert!((found - 0.1).abs() < 4e-3, "{found}");
+    }
+}
