@@ -15,10 +15,10 @@ use geofan::{
     fan::FanSpace,
     terminal::{CommonArgs, Interrupt, Progress},
 };
-use rayon::prelude::*;
 use std::{
     sync::{
-        atomic::{AtomicU64, Ordering::Relaxed},
+        OnceLock,
+        atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed},
         mpsc::{self, RecvTimeoutError},
     },
     time::{Duration, Instant},
@@ -115,17 +115,28 @@ impl Job<'_> {
         parts: &Parts,
         unit: f64,
     ) -> Result<Vec<Option<Baked>>> {
-        mine.par_iter()
-            .zip(tallies)
-            .with_max_len(1)
-            .map(|(chunk, tally)| {
-                let baked = self.chunk(*chunk, tally, parts, unit);
+        // One waiting thread for each working one, so that only so many chunks are under way: what
+        // they have of unfinished chunks is lost in an interruption. Work itself is in the pool.
+        let next = AtomicUsize::new(0);
+        let results: Vec<OnceLock<Result<Option<Baked>>>> =
+            mine.iter().map(|_| OnceLock::new()).collect();
+        let take_chunks = || {
+            while let Some(k) = Some(next.fetch_add(1, Relaxed)).filter(|k| *k < mine.len()) {
+                let work = || self.chunk(mine[k], &tallies[k], parts, unit);
+                let (baked, ()) = rayon::join(work, || ());
                 if baked.is_err() {
                     stop(tallies);
                 }
-                baked
-            })
-            .collect()
+                let _ = results[k].set(baked);
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..rayon::current_num_threads().min(mine.len()) {
+                scope.spawn(take_chunks);
+            }
+        });
+        let results = results.into_iter().map(OnceLock::into_inner);
+        results.map(|result| result.unwrap_or(Ok(None))).collect()
     }
 
     /// The chunk from its part, or baked; `None` if told to stop.

@@ -9,6 +9,7 @@ pub mod measure;
 mod patch;
 mod records;
 mod table;
+mod trace;
 mod tree;
 
 pub use bytes::{Damage, Reader, Writer};
@@ -17,4 +18,5 @@ pub use file::{Bundle, BundleError, Contents, decode_chunk, encode_chunk, identi
 pub use patch::{Contracted, Patch, Polynomial, Tensor};
 pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
 pub use table::{Division, Fan, FanPath, Table};
+pub use trace::{Traced, trace};
 pub use tree::{Shape, Tree};

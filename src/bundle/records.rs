@@ -243,8 +243,11 @@ pub(super) mod tests {
         );
         let mirror: ((f64, f64, bool, f64), Sizes) = (start, sizes);
         assert_eq!(wincode::serialize(&mirror).unwrap(), by_bincode);
-        let options: (Option<(u32, u32, u64)>, Option<u8>, Vec<[f64; 2]>) =
-            (Some((1, 2, 3)), None, vec![[0.5, -1.0]]);
+        let options = (
+            Some((1_u32, 2_u32, 3_u64)),
+            None::<u8>,
+            vec![[0.5_f64, -1.0]],
+        );
         let by_bincode = encode(&options).unwrap();
         assert_eq!(wincode::serialize(&options).unwrap(), by_bincode);
     }

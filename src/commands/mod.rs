@@ -1,5 +1,6 @@
 //! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
 
+mod check;
 mod compare;
 mod completions;
 mod info;
@@ -15,8 +16,10 @@ use geofan::{
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Follow one geodesic exactly and print samples of it
+    /// Follow one geodesic, exactly or through a bundle, and print samples of it
     Trace(trace::TraceArgs),
+    /// Compare a bundle with exact paths of fresh random rays
+    Check(check::CheckArgs),
     /// Render a picture of a scene
     Render(render::RenderArgs),
     /// Hold a picture by table against the exact one
@@ -33,6 +36,7 @@ impl Command {
     pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
         match self {
             Self::Trace(args) => trace::run(args, common),
+            Self::Check(args) => check::run(args, common),
             Self::Render(args) => render::run(args, common),
             Self::Compare(args) => compare::run(args, common),
             Self::Info(args) => info::run(args, common),

@@ -1,30 +1,39 @@
-//! `geofan trace`: one geodesic, followed exactly.
+//! `geofan trace`: one geodesic, followed exactly or read from a bundle.
 //!
-//! In: a manifold file, a point, a direction, a length. Out: samples as a table or as JSON
-//! (DESIGN §5), the path's end and its conjugate points.
+//! In: a manifold file or a bundle, a point, a direction, a length. Out: samples as a table or as
+//! JSON (DESIGN §5), the path's end and, of an exact path, its conjugate points.
 
 use geofan::{
-    Result,
-    geodesic::{Path, Sample, Settings, conjugate_points, depart, paths, samples},
+    Error, Result,
+    bundle::{self, Bundle},
+    geodesic::{End, Sample, Settings, check_point, conjugate_points, depart, paths, samples},
     manifold::{Carried, Manifold},
     terminal::{self, CommonArgs, Outcome, values},
 };
 use glam::DVec3;
 use serde::Serialize;
-use std::{fmt::Write, path::PathBuf};
+use std::{
+    fmt::Write,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// Options of `geofan trace`.
 #[derive(Debug, clap::Args)]
 pub struct TraceArgs {
     /// The manifold file
-    manifold: PathBuf,
+    #[arg(required_unless_present = "bundle", conflicts_with = "bundle")]
+    manifold: Option<PathBuf>,
+    /// Read the path from this bundle; only flagged rays are followed exactly
+    #[arg(long, value_name = "B.fan", conflicts_with = "set")]
+    bundle: Option<PathBuf>,
     /// Where to start: a point in the chart's coordinates
     #[arg(long, value_name = "A,B,C", allow_hyphen_values = true, value_parser = values::vector)]
     at: DVec3,
     /// Where to go: a direction in the standard frame at the start, of any length
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = values::direction)]
     dir: DVec3,
-    /// How far to go (arc length) [default: the manifold file's]
+    /// How far to go (arc length) [default: the manifold file's, the bundle's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     length: Option<f64>,
     /// How many samples to print, equally spaced from the start to the end
@@ -41,15 +50,24 @@ pub struct TraceArgs {
 
 /// What is printed.
 struct Trace {
-    manifold: Manifold,
-    path: Path,
+    manifold: Arc<Manifold>,
     samples: Vec<Sample>,
-    conjugate: Vec<f64>,
+    end: End,
+    length: f64,
+    steps: usize,
+    /// Only exact paths know them.
+    conjugate: Option<Vec<f64>>,
+    /// Whether a bundle left this ray to the integrator.
+    flagged: bool,
 }
 
 /// Follows the geodesic and prints it.
 pub fn run(args: &TraceArgs, common: &CommonArgs) -> Result<Outcome> {
-    let trace = trace(args)?;
+    let trace = match (&args.bundle, &args.manifold) {
+        (Some(bundle), _) => from_bundle(args, bundle)?,
+        (None, Some(manifold)) => exact(args, manifold)?,
+        (None, None) => return Err(Error::input("MANIFOLD", "is missing")),
+    };
     if common.json {
         terminal::print_json(&trace.as_json())?;
     } else {
@@ -58,8 +76,8 @@ pub fn run(args: &TraceArgs, common: &CommonArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn trace(args: &TraceArgs) -> Result<Trace> {
-    let manifold = Manifold::load(&args.manifold, &args.set)?;
+fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
+    let manifold = Manifold::load(file, &args.set)?;
     let length = manifold.length_or(args.length)?;
     let ray = depart(&manifold, "--at", args.at, args.dir, length)?;
     let settings = Settings {
@@ -71,14 +89,47 @@ fn trace(args: &TraceArgs) -> Result<Trace> {
         events: true,
     };
     let path = paths(&manifold, settings, [ray]).remove(0);
-    let samples = samples(&manifold, &ray, &path, args.samples as usize);
-    let conjugate = conjugate_points(&manifold, &ray, &path);
+    Ok(Trace {
+        samples: samples(&manifold, &ray, &path, args.samples as usize),
+        conjugate: Some(conjugate_points(&manifold, &ray, &path)),
+        manifold: Arc::new(manifold),
+        end: path.end,
+        length: path.length,
+        steps: path.tried,
+        flagged: false,
+    })
+}
+
+fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
+    let Bundle {
+        table, manifold, ..
+    } = Bundle::read(file)?;
+    let length = args.length.unwrap_or(table.length);
+    if length > table.length {
+        let message = format!("the bundle's paths end at {}", table.length);
+        return Err(Error::input("--length", message));
+    }
+    check_point(&manifold, "--at", args.at)?;
+    table.space.place(args.at).map_err(about_at)?;
+    let count = args.samples as usize;
+    let traced = bundle::trace(&table, args.at, args.dir, length, count, args.tolerance)?;
     Ok(Trace {
         manifold,
-        path,
-        samples,
-        conjugate,
+        samples: traced.samples,
+        end: traced.end,
+        length: traced.length,
+        steps: traced.steps,
+        conjugate: None,
+        flagged: traced.exact,
     })
+}
+
+/// The same error about the option that gave the camera.
+fn about_at(error: Error) -> Error {
+    match error {
+        Error::Input { message, .. } => Error::input("--at", message),
+        other => other,
+    }
 }
 
 /// The JSON object of DESIGN §5, with the conjugate points besides.
@@ -87,7 +138,10 @@ struct TraceJson<'a> {
     samples: Vec<SampleJson>,
     end: &'a str,
     steps: usize,
-    conjugate: &'a [f64],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    conjugate: Option<&'a [f64]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    exact: Option<bool>,
 }
 
 #[derive(Serialize)]
@@ -117,9 +171,10 @@ impl Trace {
     fn as_json(&self) -> TraceJson<'_> {
         TraceJson {
             samples: self.samples.iter().map(SampleJson::from).collect(),
-            end: self.path.end.name(&self.manifold),
-            steps: self.path.tried,
-            conjugate: &self.conjugate,
+            end: self.end.name(&self.manifold),
+            steps: self.steps,
+            conjugate: self.conjugate.as_deref(),
+            exact: self.flagged.then_some(true),
         }
     }
 
@@ -128,17 +183,21 @@ impl Trace {
         for sample in &self.samples {
             text += &row(sample);
         }
-        if !self.conjugate.is_empty() {
-            let places: Vec<_> = self.conjugate.iter().map(|s| format!("{s:.9}")).collect();
+        let conjugate = self.conjugate.as_deref().unwrap_or_default();
+        if !conjugate.is_empty() {
+            let places: Vec<_> = conjugate.iter().map(|s| format!("{s:.9}")).collect();
             let _ = writeln!(text, "conjugate points at s = {}", places.join(", "));
         }
         let _ = writeln!(
             text,
             "end: {} at s = {}, {} steps",
-            self.path.end.name(&self.manifold),
-            self.path.length,
-            self.path.tried
+            self.end.name(&self.manifold),
+            self.length,
+            self.steps
         );
+        if self.flagged {
+            text += "the ray is flagged in the bundle and was followed exactly\n";
+        }
         text
     }
 

@@ -194,25 +194,32 @@ impl FanSpace {
         }
     }
 
-    /// The intervals of the invariants over the region.
+    /// The intervals of the invariants over the region: a search on a grid, then from its best
+    /// point downhill, because a least radius lies between the points of a grid.
     fn ranges(&self) -> Vec<[f64; 2]> {
-        let region = self.region();
-        let k = region.dimension();
-        let side = (RANGE_SAMPLES as f64).powf(1.0 / k.max(1) as f64) as usize;
-        let mut ranges: Vec<[f64; 2]> = Vec::new();
-        for i in 0..if k == 0 { 1 } else { side.pow(k as u32) } {
-            let t: Vec<f64> = (0..k)
-                .map(|j| (i / side.pow(j as u32) % side) as f64 / (side - 1) as f64)
-                .collect();
-            let values = self.invariants(region.at(&region.lerp(&t)));
-            if ranges.is_empty() {
-                ranges = values.iter().map(|&x| [x, x]).collect();
-            }
-            for (range, x) in ranges.iter_mut().zip(values) {
-                *range = [range[0].min(x), range[1].max(x)];
-            }
-        }
-        ranges
+        let k = self.region().dimension();
+        let side = (RANGE_SAMPLES as f64).powf(1.0 / k.max(1) as f64).round() as usize;
+        let count = if k == 0 { 1 } else { side.pow(k as u32) };
+        let place = |i: usize| -> Vec<f64> {
+            let along = |j: usize| i / side.pow(j as u32) % side;
+            (0..k)
+                .map(|j| along(j) as f64 / (side - 1) as f64)
+                .collect()
+        };
+        let values = |t: &[f64]| self.invariants(self.region().at(&self.region().lerp(t)));
+        let grid: Vec<Vec<f64>> = (0..count).map(|i| values(&place(i))).collect();
+        let extreme = |j: usize, sign: f64| {
+            let value = |t: &[f64]| sign * values(t)[j];
+            let best = (0..count).min_by(|&a, &b| {
+                let [a, b] = [a, b].map(|i| sign * grid[i][j]);
+                a.total_cmp(&b)
+            });
+            sign * descend(value, place(best.unwrap_or(0)), 1.0 / side as f64)
+        };
+        let invariants = grid[0].len();
+        (0..invariants)
+            .map(|j| [extreme(j, 1.0), extreme(j, -1.0)])
+            .collect()
     }
 
     /// The stored chart point at stored camera parameters.
@@ -423,5 +430,53 @@ impl FanSpace {
         let (image, differential) = located.isometry.apply(u);
         let turned = place.frame.inverse() * start * frame(located.u);
         frame(image).inverse() * differential * frame(u) * q * turned.transpose()
+    }
+}
+
+/// The least value near `t` in the unit cube, by trying both ways along each axis with steps that
+/// halve when none helps.
+fn descend(value: impl Fn(&[f64]) -> f64, mut t: Vec<f64>, mut step: f64) -> f64 {
+    let mut least = value(&t);
+    while step > 1e-12 {
+        let mut better = false;
+        for j in 0..t.len() {
+            for to in [t[j] - step, t[j] + step].map(|x| x.clamp(0.0, 1.0)) {
+                let before = std::mem::replace(&mut t[j], to);
+                let found = value(&t);
+                if found < least {
+                    (least, better) = (found, true);
+                } else {
+                    t[j] = before;
+                }
+            }
+        }
+        step *= if better { 1.0 } else { 0.5 };
+    }
+    least
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnostic::SourceText;
+
+    #[test]
+    fn the_least_radius_of_a_box_around_the_centre_is_found() {
+        let text = r#"
+name = "flat"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1" }
+[symmetry]
+rotation = "origin"
+[cameras]
+parameters = { a = [-1, 2], b = [-2, 1], c = [-1, 1] }
+at = ["a", "b", "c"]
+"#;
+        let source = SourceText::new("flat", text);
+        let manifold = Arc::new(Manifold::from_source(source, &[]).unwrap());
+        let space = FanSpace::new(manifold).unwrap();
+        let [least, most] = space.cameras()[0];
+        assert!(least.abs() < 1e-9 && (most - 3.0).abs() < 1e-12);
+        assert!(space.place(DVec3::new(1e-3, 0.0, 0.0)).is_ok());
     }
 }

@@ -64,7 +64,7 @@ fn at_start(manifold: &Manifold, ray: &Ray) -> Sample {
 
 /// `v` at unit length in the metric `g`: between the ends of a step a curve keeps it only to the
 /// tolerance.
-fn unit(g: DMat3, v: DVec3) -> DVec3 {
+pub(crate) fn unit(g: DMat3, v: DVec3) -> DVec3 {
     let length = v.dot(g * v).sqrt();
     if length > 0.0 { v / length } else { v }
 }

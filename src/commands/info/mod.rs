@@ -3,17 +3,16 @@
 //! In: a manifold file or a bundle, told apart by the bundle's first bytes. Out: a description, or
 //! the same as JSON.
 
+mod bundle;
 mod manifold;
 
 use geofan::{
     Error, Result,
+    bundle::container::MAGIC,
     terminal::{CommonArgs, Outcome, values},
 };
 use glam::DVec3;
 use std::{fs::File, io::Read, path::PathBuf};
-
-/// The first bytes of a bundle (DESIGN §6).
-const BUNDLE: &[u8; 10] = b"GEOFAN\r\n\x1a\n";
 
 /// Options of `geofan info`.
 #[derive(Debug, clap::Args)]
@@ -31,7 +30,7 @@ pub struct InfoArgs {
 /// Describes the file.
 pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
     if is_bundle(args)? {
-        bundle(args)
+        bundle::run(args, common)
     } else {
         manifold::run(args, common)
     }
@@ -40,15 +39,7 @@ pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
 fn is_bundle(args: &InfoArgs) -> Result<bool> {
     let mut start = Vec::new();
     File::open(&args.file)
-        .and_then(|file| file.take(BUNDLE.len() as u64).read_to_end(&mut start))
+        .and_then(|file| file.take(MAGIC.len() as u64).read_to_end(&mut start))
         .map_err(|e| Error::io(&args.file, e))?;
-    Ok(start == BUNDLE)
-}
-
-/// The place of what is said about bundles.
-fn bundle(args: &InfoArgs) -> Result<Outcome> {
-    Err(Error::input(
-        args.file.display().to_string(),
-        "is a bundle; this version describes manifold files only",
-    ))
+    Ok(start == MAGIC)
 }

@@ -1,0 +1,70 @@
+//! `geofan check`: a bundle against exact paths.
+//!
+//! In: a bundle. Out: quantiles of its errors on fresh random rays, and whether its promise holds
+//! on them too.
+
+use geofan::{
+    Error, Result,
+    bundle::{Bundle, Certificate, certify},
+    terminal::{self, CommonArgs, Outcome, Progress},
+};
+use serde_json::json;
+use std::path::PathBuf;
+
+/// Options of `geofan check`.
+#[derive(Debug, clap::Args)]
+pub struct CheckArgs {
+    /// The bundle
+    #[arg(value_name = "B.fan")]
+    bundle: PathBuf,
+    /// How many random rays to compare
+    #[arg(long, value_name = "N", default_value_t = 100_000,
+          value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    rays: u64,
+    /// Seed of the random rays; the bundle's own certificate has seed 1
+    #[arg(long, value_name = "K", default_value_t = 2)]
+    seed: u64,
+}
+
+/// Compares and prints.
+pub fn run(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
+    let size = std::fs::metadata(&args.bundle);
+    let bytes = size.map_err(|e| Error::io(&args.bundle, e))?.len();
+    let bundle = Bundle::read(&args.bundle)?;
+    let plan = &bundle.header.plan;
+    let progress = Progress::new(common, "checking", args.rays);
+    let rays = args.rays as usize;
+    let found = certify(&bundle.table, rays, args.seed, plan.tolerance, |count| {
+        progress.inc(count);
+        Ok(())
+    })?;
+    progress.finish();
+    report(&found, plan.max_error, bytes, common)?;
+    Ok(match found.keeps(plan.max_error) {
+        true => Outcome::Done,
+        false => Outcome::CheckFailed,
+    })
+}
+
+fn report(found: &Certificate, promise: f64, bytes: u64, common: &CommonArgs) -> Result<()> {
+    if common.json {
+        return terminal::print_json(&json!({
+            "mrad": found.mrad,
+            "screen_mrad": found.screen_mrad,
+            "rotation_mrad": found.rotation_mrad,
+            "flagged": found.flagged,
+            "bytes": bytes,
+            "rays": found.rays,
+            "seed": found.seed,
+            "promise": promise,
+        }));
+    }
+    let verdict = match found.keeps(promise) {
+        true => "kept",
+        false => "NOT KEPT",
+    };
+    terminal::print(&format!(
+        "{}{bytes} bytes\npromise: 99 % of screen errors within {promise} mrad: {verdict}\n",
+        found.lines()
+    ))
+}
