@@ -5,8 +5,10 @@
 //! (arrays of exact paths).
 
 pub mod direction;
+mod orbit;
 mod sample;
 mod space;
 
+pub use orbit::OrbitAngles;
 pub use sample::{CHANNELS, sample};
 pub use space::{FanSpace, Located, Place, Reduction};

@@ -9,18 +9,21 @@
 //! | symmetry | stored cameras | stored directions |
 //! |---|---|---|
 //! | none | the region's parameters | the sphere, on cube faces |
-//! | rotation | (ρ, 0, 0) | (cos θ, sin θ, 0), 0 ≤ θ ≤ π |
+//! | rotation | (ρ, 0, 0) | (cos θ, sin θ, 0), 0 ≤ θ ≤ π, by [`OrbitAngles`] |
 //! | translation | the other coordinates, or the region's parameters if fewer | the sphere |
 //! | group | the identity | the sphere |
 
-use super::direction::{FACES, direction, face_and_parameters};
+use super::{
+    direction::{FACES, direction, face_and_parameters},
+    orbit::{self, OrbitAngles},
+};
 use crate::{
     error::{Error, Result},
     manifold::{Isometry, Manifold},
 };
 use glam::{DMat3, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
-use std::{f64::consts::PI, sync::Arc};
+use std::sync::Arc;
 
 /// Which symmetry has been taken out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,6 +48,8 @@ pub struct FanSpace {
     /// Whether the stored camera parameters are the region's own (else invariants: the radius, or
     /// the coordinates not translated).
     by_region: bool,
+    /// How directions are divided under rotation.
+    orbits: OrbitAngles,
 }
 
 /// A camera position as the bundle sees it.
@@ -65,9 +70,9 @@ pub struct Place {
 /// A ray as the bundle sees it.
 #[derive(Debug, Clone)]
 pub struct Located {
-    /// Cube face (0 under rotation).
+    /// Cube face, or face of [`OrbitAngles`] under rotation.
     pub face: usize,
-    /// Direction parameters: (p, q), or θ/π·2 − 1 alone.
+    /// Direction parameters in [−1, 1]: (p, q), or one under rotation.
     pub direction: Vec<f64>,
     /// The stored camera point.
     pub u: DVec3,
@@ -79,6 +84,9 @@ pub struct Located {
 
 /// How finely the region is searched for the range of an invariant.
 const RANGE_SAMPLES: usize = 4096;
+
+/// How finely the camera's interval is searched for its least areal radius.
+const ORBIT_SAMPLES: usize = 256;
 
 impl FanSpace {
     /// The rays of all cameras in the manifold's region.
@@ -108,11 +116,15 @@ impl FanSpace {
             cameras: region.intervals.clone(),
             by_region: true,
             manifold: manifold.clone(),
+            orbits: OrbitAngles::default(),
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
         if !(own && (reduction != Reduction::Rotation || space.radius_is_monotonic())) {
             space.by_region = false;
             space.cameras = space.ranges();
+        }
+        if reduction == Reduction::Rotation {
+            space.orbits = OrbitAngles::new(space.least_areal_radius());
         }
         Ok(space)
     }
@@ -135,7 +147,7 @@ impl FanSpace {
     /// The number of faces that directions are divided into.
     pub fn faces(&self) -> usize {
         match self.reduction {
-            Reduction::Rotation => 1,
+            Reduction::Rotation => orbit::FACES,
             _ => FACES,
         }
     }
@@ -179,6 +191,29 @@ impl FanSpace {
         }
         let rises: Vec<bool> = (0..256).map(|i| radius(i + 1) > radius(i)).collect();
         rises.iter().all(|r| *r) || rises.iter().all(|r| !*r)
+    }
+
+    /// The circumference over 2π of the circle through the stored point `u` on the x axis.
+    fn areal_radius(&self, u: DVec3) -> f64 {
+        u.x * self.manifold.metric(u).y_axis.y.sqrt()
+    }
+
+    /// The least areal radius of the stored cameras.
+    fn least_areal_radius(&self) -> f64 {
+        let radius = |t: &[f64]| {
+            let camera = self.cameras.iter().zip(t);
+            let camera: Vec<f64> = camera
+                .map(|([low, high], t)| low + (high - low) * t)
+                .collect();
+            self.areal_radius(self.stored_point(&camera))
+        };
+        let grid = (0..=ORBIT_SAMPLES).map(|i| i as f64 / ORBIT_SAMPLES as f64);
+        let best = grid.min_by(|a, b| radius(&[*a]).total_cmp(&radius(&[*b])));
+        descend(
+            radius,
+            vec![best.unwrap_or(0.5)],
+            1.0 / ORBIT_SAMPLES as f64,
+        )
     }
 
     /// The values at `u` of what the symmetry leaves unchanged.
@@ -252,7 +287,8 @@ impl FanSpace {
     pub fn ray(&self, face: usize, camera: &[f64], directions: &[f64]) -> (DVec3, DVec3) {
         let d = match self.reduction {
             Reduction::Rotation => {
-                let theta = (directions[0] + 1.0) * (0.5 * PI);
+                let radius = self.areal_radius(self.stored_point(camera));
+                let theta = self.orbits.angle(face, directions[0], radius);
                 DVec3::new(theta.cos(), theta.sin(), 0.0)
             }
             _ => direction(face, DVec2::new(directions[0], directions[1])),
@@ -410,9 +446,11 @@ impl FanSpace {
         let q = DMat3::from_cols(radial, across, radial.cross(across));
         let v = q.transpose() * v;
         let d = self.manifold.standard_frame(place.stored).inverse() * v;
+        let radius = self.areal_radius(place.stored);
+        let (face, parameter) = self.orbits.parameter(d.y.atan2(d.x), radius);
         Located {
-            face: 0,
-            direction: vec![d.y.atan2(d.x) / (0.5 * PI) - 1.0],
+            face,
+            direction: vec![parameter],
             u: place.stored,
             v,
             isometry: Isometry::Rotation(q),
