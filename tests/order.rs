@@ -68,12 +68,8 @@ fn position_and_tangent_off(manifold: &Manifold, path: &Path, truth: &Path, s: f
 fn all_off(manifold: &Manifold, path: &Path, truth: &Path, s: f64) -> f64 {
     let (step, exact) = (path.step_at(s).unwrap(), truth.step_at(s).unwrap());
     let inverse = manifold.standard_frame(exact.position(s)).inverse();
-    let turn = step
-        .rotation(s)
-        .unwrap()
-        .angle_between(exact.rotation(s).unwrap());
-    // An angle below 1e-7 is lost in the arc cosine of a product of quaternions.
-    let turn = if turn < 1e-7 { 0.0 } else { turn };
+    let (q, truly) = (step.rotation(s).unwrap(), exact.rotation(s).unwrap());
+    let turn = 2.0 * (q.inverse() * truly).xyz().length();
     let (j, truly) = (step.deviation(s).unwrap(), exact.deviation(s).unwrap());
     let deviation = [0, 1].map(|k| {
         let (off, size) = (inverse * (j[k] - truly[k]), inverse * truly[k]);
@@ -129,8 +125,9 @@ fn the_error_of_adaptive_steps_follows_the_tolerance() {
         let slope = slope(&tolerances, &errors);
         println!("{:20} slope {slope:.2} {}", manifold.name, list(&errors));
         for (error, tolerance) in errors.iter().zip(&tolerances) {
+            // The tolerance is of one step; errors of about a hundred steps add up.
             assert!(
-                *error <= 20.0 * tolerance,
+                *error <= 100.0 * tolerance,
                 "{}: {errors:?} for {tolerances:?}",
                 manifold.name
             );
@@ -163,7 +160,7 @@ fn slope(x: &[f64], y: &[f64]) -> f64 {
 
 #[test]
 fn paths_are_as_exact_inside_their_steps_as_at_the_ends() {
-    for (manifold, ray) in cases() {
+    for (manifold, ray) in cases().into_iter().chain(long_cases()) {
         let truth = follow(&manifold, ray, TIGHTEST);
         for tolerance in [1e-5, 1e-7, 1e-9] {
             let path = follow(&manifold, ray, tolerance);

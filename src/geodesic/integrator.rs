@@ -28,10 +28,10 @@ const SHORTEST_STEP: f64 = 1e-13;
 
 /// No step is longer than this share of the ray. Where space is exactly flat (around a lens, far from
 /// a bump) the estimate of the error is zero, and steps that only grow leap over what lies ahead
-/// without a stage inside it: without a limit, rays missed the whole of a Luneburg lens. A quarter
-/// of this leaves rays that touch its outermost hundredth at fault; a half of it costs another third
-/// of the steps on the gentlest manifolds (measured at 1e-8: 1/32 adds nothing on most files of
-/// `assets/manifolds`, a sixth for a black hole, a half for a lone bump).
+/// without a stage inside it: without a limit, rays missed the whole of a Luneburg lens. What can
+/// still be missed is a chord of half a step. At a tolerance of 1e-8 this adds up to a tenth of the
+/// steps on most files of `assets/manifolds`, a sixth for a black hole and a half for a lone bump;
+/// 1/64 would more than double the steps of the last.
 const LONGEST_STEP: f64 = 1.0 / 32.0;
 
 /// A step that cannot be made shorter is taken all the same if its error is below this: that is a
@@ -339,10 +339,11 @@ impl<'m> Lanes<'m> {
             true => factor * h,
             false => factor.min(0.9) * h,
         };
+        // What is left may be shorter than the shortest step, and is no sign of trouble.
         self.h[lane] = next.min(LONGEST_STEP * progress.length).min(left);
         if end.is_none()
-            && (self.h[lane] <= SHORTEST_STEP * s
-                || self.h[lane] < f64::MIN_POSITIVE
+            && (next <= SHORTEST_STEP * s
+                || next < f64::MIN_POSITIVE
                 || progress.steps >= MOST_STEPS)
         {
             end = Some((End::Singular, s));
