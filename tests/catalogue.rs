@@ -210,7 +210,9 @@ fn a_gaussian_bump_deflects_by_the_known_angles() {
 #[test]
 fn solid_angles_spread_by_the_law_of_their_curvature() {
     let u = DVec3::new(0.2, -0.3, 0.45);
-    let laws: [(&str, f64, fn(f64) -> f64); 6] = [
+    /// Radius of the sphere of points at a distance.
+    type Law = fn(f64) -> f64;
+    let laws: [(&str, f64, Law); 6] = [
         ("s3", 2.8, f64::sin),
         ("s3-graph", 0.5, f64::sin),
         ("h3-ball", 4.0, f64::sinh),
