@@ -30,7 +30,7 @@ pub struct RenderArgs {
     #[arg(long, value_enum)]
     tracer: Option<TracerKind>,
     /// How far to follow exact paths [default: the manifold's]
-    #[arg(long, value_name = "L", value_parser = values::positive)]
+    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     length: Option<f64>,
     /// The picture: .png or .exr (with layers)
     #[arg(short, long, value_name = "FILE")]

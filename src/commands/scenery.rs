@@ -4,6 +4,8 @@ use clap::Args;
 use geofan::{
     Error, Result,
     bundle::Bundle,
+    diagnostic::Diagnostic,
+    geodesic::check_point,
     render::{Stage, View},
     terminal::values,
 };
@@ -60,7 +62,15 @@ impl SceneArgs {
     /// The view that the options ask for.
     pub fn view(&self, stage: &Stage) -> Result<View> {
         let camera = stage.camera(self.view.as_deref())?;
-        stage.view(camera, (self.size.width, self.size.height))
+        let view = stage.view(camera, (self.size.width, self.size.height))?;
+        // The domain does not say where the metric breaks down.
+        match check_point(&stage.world.manifold, "the camera", view.u) {
+            Err(fault) => {
+                let (source, span) = (&stage.scene.source, camera.position_span.clone());
+                Err(Diagnostic::new(source, span, fault.to_string()).into())
+            }
+            Ok(()) => Ok(view),
+        }
     }
 }
 

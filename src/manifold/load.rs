@@ -62,6 +62,7 @@ pub(super) fn from_source(
             let known: Vec<&str> = manifold.parameters.iter().map(|p| p.0.as_str()).collect();
             let hint = match nearest(name, known.iter().copied()) {
                 Some(near) => format!("; did you mean `{near}`?"),
+                None if known.is_empty() => String::from("; it has none"),
                 None => format!("; its parameters: {}", known.join(", ")),
             };
             Err(Error::input(

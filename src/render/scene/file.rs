@@ -9,7 +9,7 @@
 
 use super::table::{self, Span, Table, Value};
 use crate::{
-    diagnostic::SourceText,
+    diagnostic::{Diagnostic, SourceText},
     error::{Result, read_text},
     render::sky::Pattern,
 };
@@ -137,7 +137,26 @@ impl SceneFile {
     /// Reads and checks the scene file at `path`; paths in it are relative to its folder.
     pub fn load(path: &Path) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::parse(read_text(path)?, folder)
+        let scene = Self::parse(read_text(path)?, folder)?;
+        scene.check_files()?;
+        Ok(scene)
+    }
+
+    /// Refuses meshes and pictures that are not there, at the place where they are named.
+    fn check_files(&self) -> Result<()> {
+        let meshes = self.objects.iter().map(|o| (&o.mesh, &o.mesh_span));
+        let pictures = self.skies.iter().filter_map(|(_, span, sky)| match sky {
+            SkyEntry::Image(path) => Some((path, span)),
+            SkyEntry::Pattern(_) => None,
+        });
+        let missing = meshes.chain(pictures).find(|(path, _)| !path.exists());
+        let Some((path, span)) = missing else {
+            return Ok(());
+        };
+        let message = format!("{}: no such file or folder", path.display());
+        Err(Diagnostic::new(&self.source, span.clone(), message)
+            .with_hint("paths are relative to the scene file")
+            .into())
     }
 
     /// Checks the scene file `source`; paths in it are relative to `folder`.

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use exr::prelude as exrs;
 use image::{DynamicImage, ImageReader};
 use ndarray::Array3;
-use std::path::Path;
+use std::{io, path::Path};
 
 /// Reads the picture at `path` as height × width × 3 values of linear light.
 pub fn read_linear_rgb(path: impl AsRef<Path>) -> Result<Array3<f32>> {
@@ -20,13 +20,28 @@ pub fn read_linear_rgb(path: impl AsRef<Path>) -> Result<Array3<f32>> {
     }
 }
 
+/// As [`Error::io`]; but a file that ends too early or holds what decoders cannot follow is bad
+/// input, not a fault of the machine.
+fn io_error(path: &Path, error: io::Error) -> Error {
+    match error.kind() {
+        io::ErrorKind::UnexpectedEof => Error::input(
+            path.display().to_string(),
+            "is truncated: its end is missing",
+        ),
+        io::ErrorKind::InvalidData | io::ErrorKind::InvalidInput | io::ErrorKind::Other => {
+            Error::input(path.display().to_string(), format!("is damaged: {error}"))
+        }
+        _ => Error::io(path, error),
+    }
+}
+
 fn read_image(path: &Path) -> Result<Array3<f32>> {
     let reader = ImageReader::open(path).map_err(|e| Error::io(path, e))?;
     let reader = reader
         .with_guessed_format()
         .map_err(|e| Error::io(path, e))?;
     let decoded = reader.decode().map_err(|e| match e {
-        image::ImageError::IoError(e) => Error::io(path, e),
+        image::ImageError::IoError(e) => io_error(path, e),
         other => Error::input(path.display().to_string(), other.to_string()),
     })?;
     let (height, width) = (decoded.height() as usize, decoded.width() as usize);
@@ -79,7 +94,7 @@ fn read_exr(path: &Path) -> Result<Array3<f32>> {
             }
         };
     let image = exrs::read_first_rgba_layer_from_file(path, blank, store).map_err(|e| match e {
-        exrs::Error::Io(e) => Error::io(path, e),
+        exrs::Error::Io(e) => io_error(path, e),
         other => Error::input(path.display().to_string(), other.to_string()),
     })?;
     Ok(image.layer_data.channel_data.pixels)
