@@ -41,7 +41,7 @@ impl Plan {
         // patch costs nodes^axes rays.
         let (nodes, volume_bits, arc) = match axes {
             1 => (20, 11, 40),
-            2 => (12, 11, 40),
+            2 => (12, 11, 48),
             3 => (9, 14, 24),
             4 => (8, 14, 20),
             _ => (6, 15, 16),
@@ -55,7 +55,7 @@ impl Plan {
             tolerance: (max_error * 1e-3 * TOLERANCE_SHARE).clamp(1e-12, 1e-6),
             nodes: all,
             least_volume: 0.5_f64.powi(volume_bits),
-            most_arc_halvings: 4,
+            most_arc_halvings: 3,
             cells: vec![if axes <= 2 { 4 } else { 2 }; space.cameras().len()],
             seed: 1,
         }

@@ -19,7 +19,7 @@ use serde_json::json;
 use std::{path::Path, sync::Arc, time::Instant};
 
 /// The promise when none is asked for, mrad: half a pixel of a 1920-wide view of 90°.
-pub const USUAL_PROMISE: f64 = 0.5;
+const USUAL_PROMISE: f64 = 0.5;
 
 /// By how much the promise is loosened at a time when the table is too large. Less bakes more
 /// often, more gives away accuracy that would have fitted.

@@ -286,6 +286,7 @@ impl FanPath<'_, '_> {
     /// where the table gives up.
     pub fn sample(&self, s: &[f64], u: &mut Vec<DVec3>, v: &mut Vec<DVec3>) {
         let mut rest = s;
+        let affine = self.located.isometry.affine();
         for (interval, piece) in &self.pieces {
             let last = interval[1] >= self.fan.table.length;
             let here = match last {
@@ -304,9 +305,16 @@ impl FanPath<'_, '_> {
                 let sums = self.sums(piece, &lengths);
                 for (lane, s) in block.iter().enumerate() {
                     let (stored, tangent) = self.state(&sums, lane, *s);
-                    let (point, differential) = self.located.isometry.apply(stored);
+                    // Affine isometries, nearly all of them, are worked out once for the path.
+                    let (point, tangent) = match &affine {
+                        Some((q, t)) => (*q * stored + *t, *q * tangent),
+                        None => {
+                            let (point, differential) = self.located.isometry.apply(stored);
+                            (point, differential * tangent)
+                        }
+                    };
                     u.push(point);
-                    v.push(differential * tangent);
+                    v.push(tangent);
                 }
             }
             rest = &rest[here..];
@@ -368,21 +376,21 @@ impl FanPath<'_, '_> {
         (self.located.u + v * s, v + change * s)
     }
 
-    /// The tangent (chart components) at `s`: the first one carried along by the transported
+    /// The chart point and tangent at `s`, the tangent the first one carried along by the transported
     /// rotation, because a geodesic's tangent is parallel. The slope of the displacement, which is
     /// what [`FanPath::at`] gives, is a polynomial's derivative: where the table stores rotations
     /// this is some ten times closer. `None` where flagged.
-    pub fn tangent(&self, s: f64) -> Option<DVec3> {
+    pub fn state_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
         let (stored, slope) = self.stored_at(s)?;
         let tangent = match self.stored_rotation(s) {
             None => slope,
             Some(q) => {
                 let manifold = self.fan.table.space.manifold();
-                let first = manifold.standard_frame(self.located.u).inverse() * self.located.v;
-                manifold.standard_frame(stored) * (q * first)
+                manifold.standard_frame(stored) * (q * self.located.d)
             }
         };
-        Some(self.located.isometry.apply(stored).1 * tangent)
+        let (u, differential) = self.located.isometry.apply(stored);
+        Some((u, differential * tangent))
     }
 
     /// The transported rotation at `s` relative to the standard frames; `None` where flagged or

@@ -61,8 +61,11 @@ pub struct Place {
     pub frame: DMat3,
     /// Stored camera parameters.
     pub parameters: Vec<f64>,
-    /// The stored chart point.
+    /// The stored chart point, the inverse of its standard frame, and (under rotation) its areal
+    /// radius.
     stored: DVec3,
+    stored_inverse: DMat3,
+    areal_radius: f64,
     /// Takes the stored point to `u` (for rotations: some rotation; the direction decides which).
     isometry: Isometry,
 }
@@ -78,6 +81,8 @@ pub struct Located {
     pub u: DVec3,
     /// The stored ray's tangent, chart components.
     pub v: DVec3,
+    /// The same in the standard frame.
+    pub d: DVec3,
     /// Takes the stored ray to the true one.
     pub isometry: Isometry,
 }
@@ -327,6 +332,8 @@ impl FanSpace {
             frame: self.manifold.standard_frame(u),
             parameters,
             stored,
+            stored_inverse: self.manifold.standard_frame(stored).inverse(),
+            areal_radius: self.areal_radius(stored),
             isometry,
         })
     }
@@ -422,13 +429,14 @@ impl FanSpace {
             _ => {
                 let (_, differential) = place.isometry.apply(place.stored);
                 let v = differential.inverse() * v;
-                let d = self.manifold.standard_frame(place.stored).inverse() * v;
+                let d = place.stored_inverse * v;
                 let (face, pq) = face_and_parameters(d);
                 Located {
                     face,
                     direction: pq.to_array().to_vec(),
                     u: place.stored,
                     v,
+                    d,
                     isometry: place.isometry.clone(),
                 }
             }
@@ -445,14 +453,15 @@ impl FanSpace {
         };
         let q = DMat3::from_cols(radial, across, radial.cross(across));
         let v = q.transpose() * v;
-        let d = self.manifold.standard_frame(place.stored).inverse() * v;
-        let radius = self.areal_radius(place.stored);
-        let (face, parameter) = self.orbits.parameter(d.y.atan2(d.x), radius);
+        let d = place.stored_inverse * v;
+        let theta = d.y.atan2(d.x);
+        let (face, parameter) = self.orbits.parameter(theta, place.areal_radius);
         Located {
             face,
             direction: vec![parameter],
             u: place.stored,
             v,
+            d,
             isometry: Isometry::Rotation(q),
         }
     }

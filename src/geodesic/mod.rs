@@ -22,7 +22,7 @@ pub use departure::{check_point, depart};
 pub use first_event::first_event;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
-pub use path::{Path, paths};
+pub use path::{Path, ends, paths};
 pub(crate) use samples::unit;
 pub use samples::{Sample, samples};
 pub use spread::{Spread, perpendiculars, signed_area};

@@ -36,6 +36,35 @@ pub fn paths(
     kept.0
 }
 
+/// Follows `rays` and keeps the last step of each, with the arc length at which it ended; `None`
+/// for a ray that ended at its start.
+pub fn ends(
+    manifold: &Manifold,
+    settings: Settings,
+    rays: impl IntoIterator<Item = Ray>,
+) -> Vec<Option<(Step, f64)>> {
+    let mut last = Last(Vec::new());
+    follow(manifold, settings, rays, &mut last);
+    last.0
+}
+
+struct Last(Vec<Option<(Step, f64)>>);
+
+impl Sink for Last {
+    fn step(&mut self, ray: usize, step: &Step) {
+        if self.0.len() <= ray {
+            self.0.resize(ray + 1, None);
+        }
+        self.0[ray] = Some((step.clone(), step.end));
+    }
+
+    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
+        if self.0.len() <= ray {
+            self.0.resize(ray + 1, None);
+        }
+    }
+}
+
 struct Kept(Vec<Path>);
 
 impl Kept {

@@ -33,6 +33,16 @@ pub enum Isometry {
 }
 
 impl Isometry {
+    /// `Q` and `t` if the map is `u -> Q u + t` everywhere.
+    pub fn affine(&self) -> Option<(DMat3, DVec3)> {
+        match self {
+            Self::Identity => Some((DMat3::IDENTITY, DVec3::ZERO)),
+            Self::Rotation(q) => Some((*q, DVec3::ZERO)),
+            Self::Shift(t) => Some((DMat3::IDENTITY, *t)),
+            Self::Left(..) => None,
+        }
+    }
+
     /// The image of `u` and the differential there (chart components to chart components).
     pub fn apply(&self, u: DVec3) -> (DVec3, DMat3) {
         match self {

@@ -9,6 +9,7 @@ use super::{
     curve::Curve,
     frame::{Outcomes, trace_all, trace_lattice},
     lattice::LatticeTally,
+    outcome::{Outcome, Seen},
     picture::{Picture, error_picture, flip, flip::DEFAULT_PIXELS_PER_DEGREE, psnr, write_png},
     shade::shade,
     tracer::{ExactTracer, FixedTracer, TableTracer, Tracer},
@@ -115,6 +116,8 @@ pub struct Report {
     pub mrad: Quantiles,
     /// The same as seen.
     pub screen_mrad: Quantiles,
+    /// Angle between the directions in which the two pictures' samples look up the same sky.
+    pub sky_mrad: Quantiles,
     /// Share of samples that the table gave up on.
     pub flagged: f64,
     /// The table's frame.
@@ -163,6 +166,7 @@ impl fmt::Display for Report {
             quantiles(&self.mrad)
         )?;
         writeln!(f, "screen error, mrad   {}", quantiles(&self.screen_mrad))?;
+        writeln!(f, "sky direction, mrad  {}", quantiles(&self.sky_mrad))?;
         writeln!(
             f,
             "given up by table    {:.2} % of samples, integrated instead",
@@ -236,7 +240,7 @@ const RIVAL_STRIDE: usize = 8;
 pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> Result<Comparison> {
     let (table_frame, outcomes, tally, fan) = table_frame(world, view, table, options)?;
     let exact = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
-    let (exact_picture, exact_times, _) = direct_frame(world, view, &exact, options);
+    let (exact_picture, exact_times, exact_outcomes) = direct_frame(world, view, &exact, options);
     let probed = probe_pixels(world, view, table, options);
     let errors = table_errors(&fan, view, &probed);
     let equal_error = rival(world, view, table, options, &probed, &errors);
@@ -253,6 +257,7 @@ pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> R
         flip: flip.mean,
         mrad: finite(|e| e.0),
         screen_mrad: finite(|e| e.1),
+        sky_mrad: sky_errors(&outcomes, &exact_outcomes),
         flagged,
         table: table_times,
         exact: exact_times,
@@ -271,6 +276,25 @@ pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> R
         flip: flip.map,
         screen: screen.expect("one error for each pixel"),
     })
+}
+
+/// Angles between sky directions of samples that leave through the same exit, mrad.
+fn sky_errors(a: &Outcomes, b: &Outcomes) -> Quantiles {
+    let angle = |(a, b): (&Outcome, &Outcome)| match (a.seen, b.seen) {
+        (
+            Seen::Sky {
+                exit, direction, ..
+            },
+            Seen::Sky {
+                exit: other,
+                direction: d,
+                ..
+            },
+        ) if exit == other => Some(1e3 * (direction - d).length()),
+        _ => None,
+    };
+    let mut angles: Vec<f64> = a.iter().zip(b).filter_map(angle).collect();
+    Quantiles::of(&mut angles)
 }
 
 type Drawn = (Picture, Times);
@@ -429,8 +453,8 @@ fn curve_error(curve: &Curve, probed: &Probed) -> f64 {
     let Some(probe) = probed.probes.first() else {
         return 0.0;
     };
-    match curve.position(probe.s) {
-        Some(u) => probe.deviation(u, None).screen_mrad,
+    match curve.state(probe.s) {
+        Some((u, _)) => probe.deviation(u, None).screen_mrad,
         None => f64::INFINITY,
     }
 }

@@ -69,14 +69,15 @@ impl Curve {
             .map(|k| self.piece(k - 1))
     }
 
-    /// The chart point at arc length `s`; `None` beyond the last knot.
-    pub fn position(&self, s: f64) -> Option<DVec3> {
+    /// The chart point and tangent at arc length `s`; `None` beyond the last knot.
+    pub fn state(&self, s: f64) -> Option<(DVec3, DVec3)> {
         let next = self.s.partition_point(|knot| *knot < s).max(1);
         if next >= self.u.len() {
             return None;
         }
         let piece = self.piece(next - 1);
-        Some(piece.position((s - piece.s[0]) / (piece.s[1] - piece.s[0])))
+        let t = (s - piece.s[0]) / (piece.s[1] - piece.s[0]);
+        Some((piece.position(t), piece.tangent(t)))
     }
 
     /// The piece from knot `k` to the next.
@@ -210,6 +211,17 @@ impl<'m> EndingFinder<'m> {
             return None;
         }
         self.evaluate(&u[range.clone()], &v[range.clone()]);
+        let count = range.len();
+        let quiet = |k: usize| {
+            let values = &self.registers.output(k)[..count];
+            values.iter().fold(true, |quiet, x| quiet & (*x <= 0.0))
+        };
+        if (0..self.before.len()).all(quiet) {
+            for (k, value) in self.before.iter_mut().enumerate() {
+                *value = self.registers.output(k)[count - 1];
+            }
+            return None;
+        }
         for (lane, at) in range.enumerate() {
             let counts = |k: usize| self.registers.output(k)[lane] > self.before[k].max(0.0);
             if at > 0 && (0..self.before.len()).any(counts) {

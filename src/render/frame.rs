@@ -5,7 +5,7 @@
 
 use super::{
     curve::EndingFinder,
-    lattice::{Found, Lattice, LatticeTally, Place, Tile},
+    lattice::{Found, LARGEST_TILE, Lattice, LatticeTally, Place, Tile},
     outcome::{Outcome, Seen, outcome},
     tracer::{GridTracer, Tracer},
     view::View,
@@ -74,32 +74,39 @@ pub fn trace_lattice(
         offsets: &offsets,
         budget,
     };
-    let tiles = Tile::covering(view.size);
-    let found: Vec<Found> = tiles
-        .into_par_iter()
-        .map_init(
-            || EndingFinder::new(&world.manifold),
-            |endings, tile| {
-                let mut found = Found::default();
-                lattice.tile(tile, endings, &mut found);
-                found
-            },
-        )
-        .collect();
     let (width, height) = view.size;
     let mut outcomes = Outcomes::from_elem((height, width, samples), NOTHING);
+    let mut tiles: Vec<Found<'_>> = Vec::new();
+    for (row, band) in outcomes
+        .axis_chunks_iter_mut(Axis(0), LARGEST_TILE)
+        .enumerate()
+    {
+        // The views of a band are split off one after another: they do not overlap.
+        let mut rest = band;
+        let mut x = 0;
+        while x < width {
+            let (first, others) = rest.split_at(Axis(1), LARGEST_TILE.min(width - x));
+            tiles.push(Found::new((row * LARGEST_TILE, x), first));
+            (rest, x) = (others, x + LARGEST_TILE);
+        }
+    }
+    tiles.par_iter_mut().for_each_init(
+        || EndingFinder::new(&world.manifold),
+        |endings, found| {
+            let (y, x) = found.corner;
+            let side = LARGEST_TILE;
+            lattice.tile(Tile { x, y, side }, endings, found);
+        },
+    );
     let mut tally = LatticeTally::default();
     let mut pending = Vec::new();
-    for found in found {
+    for found in tiles {
         tally = tally.plus(found.tally);
-        for ((x, y, k), outcome) in found.outcomes {
-            outcomes[(y, x, k)] = outcome;
-        }
         pending.extend(found.pending);
     }
     let began = Instant::now();
-    for ((x, y, k), outcome) in trace_pending(world, tracer, &pending) {
-        outcomes[(y, x, k)] = outcome;
+    for (place, outcome) in trace_pending(world, tracer, &pending) {
+        outcomes[place] = outcome;
     }
     tally.pending = began.elapsed();
     tally.traced = outcomes.len() - tally.interpolated;

@@ -15,7 +15,12 @@ use super::{
     world::World,
 };
 use glam::{DVec2, DVec3};
-use std::time::{Duration, Instant};
+use ndarray::ArrayViewMut3;
+use std::{
+    ops::Range,
+    sync::Arc,
+    time::{Duration, Instant},
+};
 
 /// Pixels along a side of the largest tiles.
 pub const LARGEST_TILE: usize = 32;
@@ -50,20 +55,6 @@ pub struct Tile {
 }
 
 impl Tile {
-    /// The tiles that cover a picture.
-    pub fn covering((width, height): (usize, usize)) -> Vec<Tile> {
-        let steps = |n: usize| (0..n).step_by(LARGEST_TILE);
-        steps(height)
-            .flat_map(|y| {
-                steps(width).map(move |x| Tile {
-                    x,
-                    y,
-                    side: LARGEST_TILE,
-                })
-            })
-            .collect()
-    }
-
     fn quarters(self) -> [Tile; 4] {
         let side = self.side / 2;
         [(0, 0), (side, 0), (0, side), (side, side)].map(|(dx, dy)| Tile {
@@ -119,23 +110,40 @@ pub struct Lattice<'a> {
     pub budget: f64,
 }
 
-/// Column, row and number of a sample.
+/// Row, column and number of a sample.
 pub type Place = (usize, usize, usize);
 
-/// What the samples of a tile find.
-#[derive(Debug, Default)]
-pub struct Found {
-    /// Done.
-    pub outcomes: Vec<(Place, Outcome)>,
-    /// Put off, with their directions: to be traced together, so that lanes are full.
+/// What the samples of one of the largest tiles find.
+pub struct Found<'o> {
+    /// The tile's upper left pixel: row and column.
+    pub corner: (usize, usize),
+    /// Its outcomes, axes (row, column, sample) from the corner.
+    pub outcomes: ArrayViewMut3<'o, Outcome>,
+    /// Samples put off, with their directions: to be traced together, so that lanes are full.
     pub pending: Vec<(Place, DVec3)>,
     /// Work and time.
     pub tally: LatticeTally,
 }
 
+impl<'o> Found<'o> {
+    /// Nothing yet.
+    pub fn new(corner: (usize, usize), outcomes: ArrayViewMut3<'o, Outcome>) -> Self {
+        Self {
+            corner,
+            outcomes,
+            pending: Vec::new(),
+            tally: LatticeTally::default(),
+        }
+    }
+
+    fn put(&mut self, (y, x, k): Place, outcome: Outcome) {
+        self.outcomes[(y - self.corner.0, x - self.corner.1, k)] = outcome;
+    }
+}
+
 impl<'a> Lattice<'a> {
     /// All samples of `tile`, into `found`.
-    pub fn tile(&self, tile: Tile, endings: &mut EndingFinder<'_>, found: &mut Found) {
+    pub fn tile(&self, tile: Tile, endings: &mut EndingFinder<'_>, found: &mut Found<'_>) {
         if tile.x >= self.view.size.0 || tile.y >= self.view.size.1 {
             return;
         }
@@ -193,33 +201,39 @@ impl<'a> Lattice<'a> {
         Some(sheet)
     }
 
-    fn samples(&self, tile: Tile) -> impl Iterator<Item = (usize, usize, usize, DVec2)> + '_ {
-        let columns = tile.x..(tile.x + tile.side).min(self.view.size.0);
-        let rows = tile.y..(tile.y + tile.side).min(self.view.size.1);
-        rows.flat_map(move |y| {
-            columns.clone().flat_map(move |x| {
-                let place = DVec2::new(x as f64, y as f64);
-                (0..self.offsets.len()).map(move |k| (x, y, k, place + self.offsets[k]))
-            })
-        })
+    /// Rows and columns of the tile that are in the picture.
+    fn extent(&self, tile: Tile) -> (Range<usize>, Range<usize>) {
+        (
+            tile.y..(tile.y + tile.side).min(self.view.size.1),
+            tile.x..(tile.x + tile.side).min(self.view.size.0),
+        )
     }
 
-    fn interpolate(&self, tile: Tile, sheet: &Sheet, found: &mut Found) {
+    fn interpolate(&self, tile: Tile, sheet: &Sheet, found: &mut Found<'_>) {
         let touched = sheet.touched(self.world);
-        let corner = DVec2::new(tile.x as f64, tile.y as f64);
-        for (x, y, k, at) in self.samples(tile) {
-            let weights = Weights::at((at - corner) / tile.side as f64);
-            let seen = self.seen(sheet, &touched, &weights);
-            let flagged = false;
-            found.outcomes.push(((x, y, k), Outcome { seen, flagged }));
-            found.tally.interpolated += 1;
+        let side = tile.side as f64;
+        let (rows, columns) = self.extent(tile);
+        for y in rows {
+            for (k, offset) in self.offsets.iter().enumerate() {
+                let row = sheet.row(&touched, ((y - tile.y) as f64 + offset.y) / side);
+                for x in columns.clone() {
+                    let weights = cubic(((x - tile.x) as f64 + offset.x) / side);
+                    let (seen, flagged) = (self.seen(&row, &touched, weights), false);
+                    found.put((y, x, k), Outcome { seen, flagged });
+                }
+                found.tally.interpolated += columns.len();
+            }
         }
     }
 
-    fn seen(&self, sheet: &Sheet, touched: &[usize], weights: &Weights) -> Seen {
-        let ending = sheet.ending(weights);
-        for &k in touched {
-            let piece = sheet.piece(k, weights);
+    fn seen(&self, row: &Row, touched: &Touched, weights: [f64; 4]) -> Seen {
+        let ending = row.ending(weights);
+        for (k, at) in touched.pieces.iter().zip(&touched.knot_of) {
+            let piece = Piece {
+                s: [touched.s[*k], touched.s[*k + 1]],
+                u: [at, &(at + 1)].map(|&i| blend(&row.u[i], weights)),
+                v: [at, &(at + 1)].map(|&i| blend(&row.v[i], weights)),
+            };
             if piece.s[0] >= ending.limit() {
                 break;
             }
@@ -232,14 +246,17 @@ impl<'a> Lattice<'a> {
     }
 
     /// The samples of `tile` one by one; those that the tracer cannot give on its knots are put off.
-    fn trace(&self, tile: Tile, endings: &mut EndingFinder<'_>, found: &mut Found) {
-        for (x, y, k, at) in self.samples(tile) {
-            let direction = self.view.direction(at.x, at.y);
-            match self.tracer.on_knots(direction, endings) {
-                Some(curve) => found
-                    .outcomes
-                    .push(((x, y, k), outcome(self.world, &curve))),
-                None => found.pending.push(((x, y, k), direction)),
+    fn trace(&self, tile: Tile, endings: &mut EndingFinder<'_>, found: &mut Found<'_>) {
+        let (rows, columns) = self.extent(tile);
+        for (y, x) in rows.flat_map(|y| columns.clone().map(move |x| (y, x))) {
+            for (k, offset) in self.offsets.iter().enumerate() {
+                let direction = self
+                    .view
+                    .direction(x as f64 + offset.x, y as f64 + offset.y);
+                match self.tracer.on_knots(direction, endings) {
+                    Some(curve) => found.put((y, x, k), outcome(self.world, &curve)),
+                    None => found.pending.push(((y, x, k), direction)),
+                }
             }
         }
     }
@@ -302,28 +319,26 @@ impl Sheet {
             .sum()
     }
 
-    fn ending(&self, weights: &Weights) -> Ending {
-        let Ending::Exit { exit, .. } = self.curves[0].ending else {
-            return Ending::Nowhere;
+    /// The four curves to blend along a row of samples at the fraction `t` of the tile's height.
+    fn row(&self, touched: &Touched, t: f64) -> Row {
+        let weights = cubic(t);
+        let column = |x: usize, value: &dyn Fn(&Curve) -> DVec3| -> DVec3 {
+            (0..4)
+                .map(|y| value(&self.curves[4 * y + x]) * weights[y])
+                .sum()
         };
-        let s = self
-            .curves
-            .iter()
-            .zip(weights.0)
-            .map(|(c, w)| c.ending.limit() * w);
-        Ending::Exit {
-            exit,
-            s: s.sum(),
-            sky: self.sum(weights, sky).normalize_or_zero(),
-        }
-    }
-
-    fn piece(&self, k: usize, weights: &Weights) -> Piece {
-        let s = &self.curves[0].s;
-        Piece {
-            s: [s[k], s[k + 1]],
-            u: [k, k + 1].map(|k| self.sum(weights, |c| c.u[k])),
-            v: [k, k + 1].map(|k| self.sum(weights, |c| c.v[k])),
+        let four = |value: &dyn Fn(&Curve) -> DVec3| [0, 1, 2, 3].map(|x| column(x, value));
+        let limit = |x: usize| -> f64 {
+            (0..4)
+                .map(|y| self.curves[4 * y + x].ending.limit() * weights[y])
+                .sum()
+        };
+        Row {
+            exit: self.curves[0].ending.exit(),
+            limit: [0, 1, 2, 3].map(limit),
+            sky: four(&sky),
+            u: touched.knots.iter().map(|&k| four(&|c| c.u[k])).collect(),
+            v: touched.knots.iter().map(|&k| four(&|c| c.v[k])).collect(),
         }
     }
 
@@ -341,23 +356,35 @@ impl Sheet {
 
     /// The pieces whose tube may meet the scene. The tube's box holds the sixteen curves and a
     /// margin for what the interpolation adds between them.
-    fn touched(&self, world: &World) -> Vec<usize> {
+    fn touched(&self, world: &World) -> Touched {
+        let mut touched = Touched {
+            s: self.curves[0].s.clone(),
+            pieces: Vec::new(),
+            knot_of: Vec::new(),
+            knots: Vec::new(),
+        };
         if world.faces.is_empty() {
-            return Vec::new();
+            return touched;
         }
         let periodic = world.manifold.domain.periodic.iter().any(|p| *p);
-        (0..self.last().saturating_sub(1))
-            .filter(|&k| {
-                let mut boxes = self.curves.iter().map(|c| c.piece(k).bounds());
-                let (mut low, mut high) = boxes.next().unwrap_or_default();
-                for (l, h) in boxes {
-                    (low, high) = (low.min(l), high.max(h));
+        for k in 0..self.last().saturating_sub(1) {
+            let mut boxes = self.curves.iter().map(|c| c.piece(k).bounds());
+            let (mut low, mut high) = boxes.next().unwrap_or_default();
+            for (l, h) in boxes {
+                (low, high) = (low.min(l), high.max(h));
+            }
+            let margin = DVec3::splat(0.15 * (high - low).max_element());
+            // Glued coordinates: the pieces themselves are tried in all periods.
+            if periodic || world.accelerator.touches(low - margin, high + margin) {
+                if touched.knots.last() != Some(&k) {
+                    touched.knots.push(k);
                 }
-                let margin = DVec3::splat(0.15 * (high - low).max_element());
-                // Glued coordinates: the pieces themselves are tried in all periods.
-                periodic || world.accelerator.touches(low - margin, high + margin)
-            })
-            .collect()
+                touched.knot_of.push(touched.knots.len() - 1);
+                touched.knots.push(k + 1);
+                touched.pieces.push(k);
+            }
+        }
+        touched
     }
 
     /// The largest error of the interpolation at `at`, as an angle at the camera: of the points of
@@ -388,6 +415,44 @@ impl Sheet {
         }
         worst
     }
+}
+
+/// The pieces of a tile's curves that may meet the scene, and the knots they need.
+struct Touched {
+    /// Arc lengths of all knots.
+    s: Arc<[f64]>,
+    /// The pieces.
+    pieces: Vec<usize>,
+    /// For each, the place of its first knot in `knots`; its second follows.
+    knot_of: Vec<usize>,
+    /// The knots, ascending.
+    knots: Vec<usize>,
+}
+
+/// What is blended along one row of samples: four values of everything.
+struct Row {
+    exit: Option<usize>,
+    limit: [f64; 4],
+    sky: [DVec3; 4],
+    u: Vec<[DVec3; 4]>,
+    v: Vec<[DVec3; 4]>,
+}
+
+impl Row {
+    fn ending(&self, weights: [f64; 4]) -> Ending {
+        let Some(exit) = self.exit else {
+            return Ending::Nowhere;
+        };
+        Ending::Exit {
+            exit,
+            s: self.limit.iter().zip(weights).map(|(s, w)| s * w).sum(),
+            sky: blend(&self.sky, weights).normalize_or_zero(),
+        }
+    }
+}
+
+fn blend(values: &[DVec3; 4], w: [f64; 4]) -> DVec3 {
+    values[0] * w[0] + values[1] * w[1] + values[2] * w[2] + values[3] * w[3]
 }
 
 fn sky(curve: &Curve) -> DVec3 {

@@ -13,7 +13,7 @@ use super::{
     world::World,
 };
 use crate::{
-    geodesic::{Ray, Settings, paths, signed_area},
+    geodesic::{Ray, Settings, ends, signed_area},
     manifold::Carried,
 };
 use glam::DVec3;
@@ -210,9 +210,8 @@ pub fn area(
                 let d = view.direction(x as f64 + offset.x, y as f64 + offset.y);
                 Ray::new(manifold, view.u, d, s)
             });
-            for (slot, path) in row.iter_mut().zip(paths(manifold, settings, rays)) {
-                let s = path.length;
-                if let Some(step) = path.steps.last()
+            for (slot, end) in row.iter_mut().zip(ends(manifold, settings, rays)) {
+                if let Some((step, s)) = end
                     && let Some(columns) = step.deviation(s)
                 {
                     let inverse = manifold.standard_frame(step.position(s)).inverse();

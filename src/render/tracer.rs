@@ -201,7 +201,7 @@ impl<'f, 't> TableTracer<'f, 't> {
         Self {
             fan,
             manifold,
-            knots: choose_knots(fan, length, KNOT_SHARE * error),
+            knots: choose_knots(&exact, KNOT_SHARE * error),
             exact,
         }
     }
@@ -239,7 +239,7 @@ impl<'f, 't> TableTracer<'f, 't> {
     /// slope of the interpolated curve.
     fn sharpened(&self, mut ending: Ending, path: &FanPath<'_, '_>) -> Ending {
         if let Ending::Exit { exit, s, sky } = &mut ending
-            && let (Some((u, _)), Some(v)) = (path.at(*s), path.tangent(*s))
+            && let Some((u, v)) = path.state_at(*s)
         {
             *sky = self.manifold.sky_direction(Some(*exit), u, v);
         }
@@ -279,43 +279,48 @@ impl GridTracer for TableTracer<'_, '_> {
 const FALLBACK_SHARE: f64 = 1e-3;
 
 /// Share of the table's own error that cubics between knots may add.
-const KNOT_SHARE: f64 = 0.25;
+const KNOT_SHARE: f64 = 0.2;
 
-/// The fewest equal intervals (of a few doublings) between which cubics follow a sample of the
-/// fan's paths to `allowed` radians for nearly all of them.
-fn choose_knots(fan: &Fan<'_>, length: f64, allowed: f64) -> Arc<[f64]> {
-    let directions: Vec<DVec3> = (0..48).map(fibonacci_direction).collect();
+/// Paths on which the knots are chosen.
+const KNOT_PATHS: usize = 48;
+
+/// The fewest equal intervals (of a few) between which cubics follow a sample of exact paths to
+/// `allowed` radians, all but one in twelve. Exact paths, because the slopes of the table's own
+/// polynomials carry noise that finer knots would only follow.
+fn choose_knots(exact: &ExactTracer<'_>, allowed: f64) -> Arc<[f64]> {
+    let directions: Vec<DVec3> = (0..KNOT_PATHS).map(fibonacci_direction).collect();
+    let curves = exact.trace(&directions);
     let good = |n: &usize| {
-        let fine = even_knots(length, 2 * n);
-        let errors = directions.iter().map(|&d| worst_middle(fan, d, &fine));
-        errors.filter(|e| *e > allowed).count() <= directions.len() / 12
+        let knots = even_knots(exact.length, *n);
+        let errors = curves.iter().map(|curve| worst_middle(curve, &knots));
+        errors.filter(|e| *e > allowed).count() <= KNOT_PATHS / 12
     };
-    let n = [16, 32, 48, 64, 96, 128]
-        .into_iter()
-        .find(good)
-        .unwrap_or(192);
-    even_knots(length, n)
+    let counts = [12, 16, 24, 32, 48, 64, 96, 128];
+    even_knots(exact.length, counts.into_iter().find(good).unwrap_or(192))
 }
 
-/// The largest angle by which the middles of cubics between every second knot of `fine` miss.
-fn worst_middle(fan: &Fan<'_>, d: DVec3, fine: &[f64]) -> f64 {
-    let path = fan.path(d);
-    let known = fine.partition_point(|s| *s < path.flagged_from());
-    let (mut u, mut v) = (Vec::new(), Vec::new());
-    path.sample(&fine[..known], &mut u, &mut v);
-    (2..known)
-        .step_by(2)
-        .map(|k| {
-            let h = fine[k] - fine[k - 2];
-            let cubic = (u[k - 2] + u[k]) * 0.5 + (v[k - 2] - v[k]) * (h / 8.0);
-            (cubic - u[k - 1]).length() / (fine[k] * v[k - 1].length())
-        })
-        .fold(0.0, f64::max)
+/// The largest angle by which the middles of cubics between `knots` miss the curve.
+fn worst_middle(curve: &Curve, knots: &[f64]) -> f64 {
+    let end = curve.ending.limit();
+    let mut worst = 0.0_f64;
+    for pair in knots.windows(2).take_while(|pair| pair[1] < end) {
+        let middle = 0.5 * (pair[0] + pair[1]);
+        let (Some((u0, v0)), Some((u1, v1)), Some((u, v))) = (
+            curve.state(pair[0]),
+            curve.state(pair[1]),
+            curve.state(middle),
+        ) else {
+            break;
+        };
+        let cubic = (u0 + u1) * 0.5 + (v0 - v1) * ((pair[1] - pair[0]) / 8.0);
+        worst = worst.max((cubic - u).length() / (middle * v.length()));
+    }
+    worst
 }
 
 /// Directions spread evenly over the sphere.
 fn fibonacci_direction(i: usize) -> DVec3 {
-    let z = 1.0 - (2.0 * i as f64 + 1.0) / 48.0;
+    let z = 1.0 - (2.0 * i as f64 + 1.0) / KNOT_PATHS as f64;
     let phi = i as f64 * 2.399_963_229_728_653;
     let r = (1.0 - z * z).sqrt();
     DVec3::new(r * phi.cos(), r * phi.sin(), z)

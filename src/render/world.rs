@@ -12,7 +12,7 @@ use super::{
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},
-    geodesic::{Ray, Settings, paths, perpendiculars},
+    geodesic::{Ray, Settings, ends, perpendiculars},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -176,17 +176,17 @@ fn exponential(
         let d = x.try_normalize().unwrap_or(DVec3::X);
         Ray::new(manifold, object.at, d, x.length())
     });
-    let ends = paths(manifold, settings, rays);
+    let ends = ends(manifold, settings, rays);
     let axes = manifold.standard_frame(object.at);
     let mut placed = Vec::new();
-    for ((x, n), path) in turned.iter().zip(&mesh.normals).zip(&ends) {
+    for ((x, n), end) in turned.iter().zip(&mesh.normals).zip(&ends) {
         let n = object.rotation * *n;
         let length = x.length();
-        let Some(step) = path.steps.last() else {
+        let Some((step, reached)) = end else {
             placed.push((object.at, axes.inverse().transpose() * n));
             continue;
         };
-        if path.length < length {
+        if *reached < length {
             return None;
         }
         let d = *x / length;
