@@ -24,20 +24,6 @@ pub fn values(x: f64, values: &mut [f64]) {
     }
 }
 
-/// The derivatives `T'_0(x) … T'_(n−1)(x)`, by differentiating the recurrence.
-pub fn slopes(x: f64, n: usize) -> Vec<f64> {
-    let mut t = vec![0.0; n];
-    values(x, &mut t);
-    let mut slopes = vec![0.0; n];
-    for k in 1..n {
-        slopes[k] = match k {
-            1 => 1.0,
-            _ => 2.0 * t[k - 1] + 2.0 * x * slopes[k - 1] - slopes[k - 2],
-        };
-    }
-    slopes
-}
-
 /// The matrix that takes samples at [`nodes`] to coefficients.
 fn transform(n: usize) -> Array2<f64> {
     let nodes = nodes(n);
@@ -83,23 +69,6 @@ mod tests {
             values(y, &mut ty);
             let sum: f64 = c.indexed_iter().map(|(i, c)| c * tx[i[0]] * ty[i[1]]).sum();
             assert!((sum - f(x, y)).abs() < 1e-13);
-        }
-    }
-
-    #[test]
-    fn slopes_are_derivatives() {
-        for x in [-0.7_f64, 0.2, 1.0] {
-            let found = slopes(x, 5);
-            let exact = [
-                0.0,
-                1.0,
-                4.0 * x,
-                12.0 * x * x - 3.0,
-                32.0 * x.powi(3) - 16.0 * x,
-            ];
-            for (a, b) in found.iter().zip(exact) {
-                assert!((a - b).abs() < 1e-13);
-            }
         }
     }
 }

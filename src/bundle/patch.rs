@@ -180,7 +180,10 @@ impl Tensor {
         for _ in 0..axes {
             let n = input.u8()?;
             count = count.saturating_mul(u64::from(n));
-            shape.push(usize::from(n).min(MOST_DEGREES));
+            shape.push(usize::from(n));
+        }
+        if shape.iter().any(|n| *n > MOST_DEGREES) {
+            return Err(Damage("number of degrees"));
         }
         if count == 0 || count > MOST_COEFFICIENTS || shape[axes - 1] != channels {
             return Err(Damage("number of coefficients"));

@@ -61,13 +61,16 @@ pub fn sample(
     samples
 }
 
+/// Arc length, point, tangent and rotation.
+type Last = (f64, DVec3, DVec3, [f64; 4]);
+
 struct Sampler<'a> {
     rays: &'a [(DVec3, DVec3)],
     lengths: &'a [f64],
     /// The next arc length to be sampled, for each ray.
     next: Vec<usize>,
-    /// Arc length, point, tangent and rotation at the end of the last step of each ray.
-    last: Vec<Option<(f64, DVec3, DVec3, [f64; 4])>>,
+    /// The end of the last step of each ray.
+    last: Vec<Option<Last>>,
     rows: Vec<ArrayViewMut2<'a, f64>>,
 }
 

@@ -60,7 +60,10 @@ impl Stage {
                 .iter()
                 .filter_map(|v| v.name.as_deref())
                 .collect();
-            let known = known.join(", ");
+            let known = match known.is_empty() {
+                true => "none".into(),
+                false => known.join(", "),
+            };
             Error::input(
                 "--view",
                 format!("the scene has no view `{name}`; it has: {known}"),

@@ -82,7 +82,7 @@ impl Tracer for ExactTracer<'_> {
                 .collect(),
         };
         follow(self.manifold, settings, rays, &mut sink);
-        let curve = |(s, u, v, ending): (Vec<f64>, _, _, _)| Curve {
+        let curve = |(s, u, v, ending): Growing| Curve {
             s: s.into(),
             u,
             v,
@@ -93,9 +93,12 @@ impl Tracer for ExactTracer<'_> {
     }
 }
 
+/// A curve being made: arc lengths, points, tangents, and how it ends.
+type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending);
+
 struct CurveSink<'m> {
     manifold: &'m Manifold,
-    curves: Vec<(Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending)>,
+    curves: Vec<Growing>,
 }
 
 impl Sink for CurveSink<'_> {
