@@ -40,7 +40,7 @@ pub struct DemoArgs {
 
 /// The demonstration's promise, mrad: tight enough that pictures by table and by integration agree
 /// to 45 dB.
-const PROMISE: f64 = 0.2;
+const PROMISE: f64 = 0.15;
 
 /// Largest error of the lattice, mrad.
 const LATTICE_ERROR: f64 = 0.25;

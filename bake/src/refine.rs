@@ -38,6 +38,10 @@ const STEPS: [f64; 5] = [2.0, 1.0, 0.5, 0.25, 0.1];
 /// Share of the comparisons that may exceed the promise: the promise is a 99th percentile.
 const EXCEEDING: f64 = 0.01;
 
+/// Share of the promise that the transported rotation may be off: the direction of a sky follows
+/// from it, and the path's own error adds to that.
+const ROTATION_SHARE: f64 = 0.5;
+
 /// What refinement tells while it runs.
 #[derive(Debug, Default)]
 pub struct Tally {
@@ -292,9 +296,11 @@ impl Refiner<'_> {
         })?;
         let rotation = match self.plan.frames {
             false => None,
-            true => Some(self.coarsest(rotation, unit, |polynomial| {
-                self.holds(region, polynomial, held_out, Self::rotation_error)
-            })?),
+            true => Some(
+                self.coarsest(rotation, ROTATION_SHARE * unit, |polynomial| {
+                    self.holds(region, polynomial, held_out, Self::rotation_error)
+                })?,
+            ),
         };
         Some(Patch {
             displacement,
@@ -365,7 +371,7 @@ impl Refiner<'_> {
         probe
             .deviation(probe.u, Some(q))
             .rotation_mrad
-            .unwrap_or(f64::NAN)
+            .map_or(f64::NAN, |mrad| mrad / ROTATION_SHARE)
     }
 }
 
