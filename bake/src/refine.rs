@@ -33,7 +33,7 @@ const HELD_OUT_LENGTHS: usize = 6;
 
 /// Quantisation steps tried, coarsest first, as multiples of the step at which rounding alone would
 /// use up the promise in the worst case of one coefficient.
-const STEPS: [f64; 5] = [2.0, 1.0, 0.5, 0.25, 0.1];
+const STEPS: [f64; 7] = [2.0, 1.0, 0.5, 0.25, 0.1, 0.03, 0.01];
 
 /// Share of the comparisons that may exceed the promise: the promise is a 99th percentile.
 const EXCEEDING: f64 = 0.01;

@@ -198,7 +198,7 @@ impl<'m> EndingFinder<'m> {
         self.before.fill(f64::NAN);
     }
 
-    /// The ending at the knots of `range`, at most [`LANES`] of them, those before it looked at
+    /// The ending at the knots of `range`, at most `LANES` of them, those before it looked at
     /// already.
     pub fn ending_between(
         &mut self,
