@@ -6,7 +6,7 @@
 //! `tobj` parses the text, but panics on a colour of fewer than three numbers and gives up the
 //! whole file at the first bad number; so each line is checked and mended before `tobj` sees it.
 
-use super::image_file::read_linear_rgb;
+use crate::render::picture;
 use ndarray::Array3;
 use std::{
     collections::HashMap,
@@ -173,7 +173,7 @@ impl<'a> TextureShelf<'a> {
         if let Some(known) = self.loaded.get(&path) {
             return known.clone();
         }
-        let texture = match read_linear_rgb(&path) {
+        let texture = match picture::read(&path).map(|picture| picture.rgb) {
             Ok(pixels) => Texture::new(pixels).map(Arc::new),
             Err(error) => {
                 warnings.push(format!("texture left out: {error}"));

@@ -3,7 +3,6 @@
 //! In: paths. Out: [`SceneFile`] and [`Mesh`], checked, with warnings for what was mended.
 
 mod file;
-mod image_file;
 mod material;
 mod mesh;
 mod survey;
@@ -12,6 +11,5 @@ mod table;
 pub use file::{
     CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
 };
-pub use image_file::read_linear_rgb;
 pub use material::{Material, Texture};
 pub use mesh::Mesh;

@@ -55,7 +55,7 @@ impl Sky {
     }
 
     fn load_image(path: &Path) -> Result<Self> {
-        let pixels = crate::render::scene::read_linear_rgb(path)?;
+        let pixels = crate::render::picture::read(path)?.rgb;
         let subject = path.display().to_string();
         Self::from_image(&subject, pixels)
     }
