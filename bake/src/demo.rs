@@ -5,7 +5,7 @@
 //! error; errors and times are printed. A bundle that is already there is used again if nothing
 //! that it was baked from has changed; an interrupted bake is gone on with.
 
-use crate::{args::BakeArgs, plan::Plan, run};
+use crate::{args::BakeArgs, plan::plan, run};
 use geofan::{
     Error, Result,
     bundle::{Bundle, identity},
@@ -131,8 +131,8 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
         return Ok(None);
     };
     let space = FanSpace::new(manifold.clone())?;
-    let plan = Plan::new(&space, manifold.length_or(None)?, PROMISE, true);
-    let id = identity(manifold, &plan.record()).map_err(|e| e.about(path))?;
+    let (_, plan) = plan(space, manifold.length_or(None)?, PROMISE, true);
+    let id = identity(manifold, &plan).map_err(|e| e.about(path))?;
     let same = bundle.id == id && bundle.header.generator == env!("CARGO_PKG_VERSION");
     Ok(same.then_some(bundle))
 }

@@ -6,7 +6,7 @@
 //! one arc length, uniform up to the end of its exact path. A quantile of a sample is not a bound:
 //! it is published with the number of rays.
 
-use super::{Table, measure::probe};
+use super::{Table, measure::{probe, settings}};
 use crate::{
     error::{Error, Result},
     fan::Reduction,
@@ -132,7 +132,7 @@ fn at_camera(table: &Table, count: usize, key: &[u64; 3], tolerance: f64) -> Res
     let rays: Vec<(DVec3, DVec3)> = (0..count).map(|_| (u, stream.direction())).collect();
     let shares: Vec<f64> = rays.iter().map(|_| 1.0 - stream.uniform()).collect();
     let lengths = |ray: usize, end: f64| vec![end * shares[ray]];
-    let probed = probe(manifold, tolerance, table.length, &rays, lengths);
+    let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
     let mut errors = Errors::default();
     for ((_, d), exact) in rays.iter().zip(probed) {
         let path = fan.path(*d);
@@ -196,7 +196,7 @@ fn moved(
 mod tests {
     use super::*;
     use crate::{
-        bundle::{Division, Patch, Polynomial, Tree},
+        bundle::{Chunk, Division, Patch, Scale, Train, Tree},
         diagnostic::SourceText,
         fan::FanSpace,
     };
@@ -221,8 +221,7 @@ length = 5.0
         let tensor = |values: &[f64]| {
             let shape = IxDyn(&[1, 1, 1, values.len()]);
             let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
-            let polynomial = Polynomial::fit(samples.view()).rounded(1e-9).unwrap();
-            polynomial.encode(1e-9)
+            Train::plain(&samples, 0).rounded(Scale::near(1e-9)).unwrap()
         };
         let leaf = Tree::Leaf(Arc::new(Patch {
             displacement: tensor(&[0.0, wrong, wrong]),
@@ -230,6 +229,8 @@ length = 5.0
         }));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
+        let shape = Table::shape(&space);
+        let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
         Table {
             space,
             division: Division {
@@ -237,7 +238,7 @@ length = 5.0
                 faces: 6,
             },
             length: 5.0,
-            chunks,
+            chunks: chunks.collect(),
         }
     }
 

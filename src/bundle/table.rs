@@ -7,15 +7,17 @@
 
 use super::{
     bytes::Damage,
-    patch::{Contracted, Patch},
+    contracted::Contracted,
+    patch::Patch,
     tree::{Shape, Tree},
 };
 use crate::{
     error::Result,
     expr::vectorised,
-    fan::{FanSpace, Located, Place},
+    fan::{FanSpace, Located, Place, Start},
 };
 use glam::{DMat3, DQuat, DVec3};
+use std::sync::OnceLock;
 
 /// How a table is divided into chunks.
 #[derive(Debug, Clone, PartialEq)]
@@ -63,6 +65,40 @@ impl Division {
     }
 }
 
+/// A chunk, decoded when it is first used: a table of megabytes opens in milliseconds, and a camera
+/// needs the chunks of one cell only.
+#[derive(Debug, Clone)]
+pub struct Chunk {
+    bytes: Vec<u8>,
+    shape: Shape,
+    tree: OnceLock<Result<Tree, Damage>>,
+}
+
+impl Chunk {
+    /// From what [`Tree::encode`] wrote.
+    pub fn new(bytes: Vec<u8>, shape: Shape) -> Self {
+        Self {
+            bytes,
+            shape,
+            tree: OnceLock::new(),
+        }
+    }
+
+    /// The coded chunk.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The tree.
+    ///
+    /// # Errors
+    /// The bytes are not a tree.
+    pub fn tree(&self) -> Result<&Tree, Damage> {
+        let decode = || Tree::decode(&self.bytes, self.shape);
+        self.tree.get_or_init(decode).as_ref().map_err(|e| *e)
+    }
+}
+
 /// A baked table.
 #[derive(Debug, Clone)]
 pub struct Table {
@@ -73,17 +109,31 @@ pub struct Table {
     /// How far paths go.
     pub length: f64,
     /// The chunks, in order.
-    pub chunks: Vec<Tree>,
+    pub chunks: Vec<Chunk>,
 }
 
 impl Table {
     /// What the tensors of a table over `space` look like.
     pub fn shape(space: &FanSpace) -> Shape {
         Shape {
-            axes: space.cameras().len() + space.directions() + 1,
+            cameras: space.cameras().len(),
+            directions: space.directions(),
             displacement: space.displacement_channels().len(),
             rotation: space.rotation_channels().len(),
         }
+    }
+
+    /// How many patches and flagged boxes there are.
+    ///
+    /// # Errors
+    /// A chunk is damaged.
+    pub fn counts(&self) -> Result<(usize, usize), Damage> {
+        let mut sum = (0, 0);
+        for chunk in &self.chunks {
+            let (patches, flagged) = chunk.tree()?.count();
+            sum = (sum.0 + patches, sum.1 + flagged);
+        }
+        Ok(sum)
     }
 
     /// All paths from the camera position `u`.
@@ -96,7 +146,7 @@ impl Table {
             .division
             .locate(self.space.cameras(), &place.parameters);
         let faces: Result<Vec<FanNode>, Damage> = (0..self.division.faces)
-            .map(|face| FanNode::contract(&self.chunks[first + face], camera.clone()))
+            .map(|face| Ok(FanNode::contract(self.chunks[first + face].tree()?, &camera)))
             .collect();
         let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
         Ok(Fan {
@@ -131,36 +181,28 @@ fn half(x: f64) -> (usize, f64) {
 }
 
 impl FanNode {
-    fn contract(tree: &Tree, mut camera: Vec<f64>) -> Result<Self, Damage> {
+    fn contract(tree: &Tree, camera: &[f64]) -> Self {
         match tree {
-            Tree::Flagged => Ok(Self::Flagged),
-            Tree::Leaf(patch) => Self::leaf(patch, &camera),
+            Tree::Flagged => Self::Flagged,
+            Tree::Leaf(patch) => Self::leaf(patch, camera),
             Tree::Split { axis, halves } if *axis < camera.len() => {
+                let mut camera = camera.to_vec();
                 let (side, inner) = half(camera[*axis]);
                 camera[*axis] = inner;
-                Self::contract(&halves[side], camera)
+                Self::contract(&halves[side], &camera)
             }
-            Tree::Split { axis, halves } => {
-                let [low, high] = halves.as_ref();
-                let (axis, cameras) = (*axis, camera.len());
-                let low = Self::contract(low, camera.clone())?;
-                let high = Self::contract(high, camera)?;
-                Ok(Self::Split {
-                    axis: axis - cameras,
-                    halves: Box::new([low, high]),
-                })
-            }
+            Tree::Split { axis, halves } => Self::Split {
+                axis: axis - camera.len(),
+                halves: Box::new(halves.each_ref().map(|half| Self::contract(half, camera))),
+            },
         }
     }
 
-    fn leaf(patch: &Patch, camera: &[f64]) -> Result<Self, Damage> {
-        Ok(Self::Leaf {
-            displacement: patch.displacement.contract(camera)?,
-            rotation: match &patch.rotation {
-                Some(rotation) => Some(rotation.contract(camera)?),
-                None => None,
-            },
-        })
+    fn leaf(patch: &Patch, camera: &[f64]) -> Self {
+        Self::Leaf {
+            displacement: patch.displacement.contract(camera),
+            rotation: patch.rotation.as_ref().map(|r| r.contract(camera)),
+        }
     }
 }
 
@@ -177,8 +219,10 @@ impl<'t> Fan<'t> {
     /// The path in the direction `d` (standard frame, unit).
     pub fn path(&self, d: DVec3) -> FanPath<'_, 't> {
         let located = self.table.space.locate(&self.place, d);
+        let lift = self.table.space.lift();
         let mut path = FanPath {
             fan: self,
+            start: lift.start(located.u, located.v),
             pieces: Vec::new(),
             coefficients: Vec::new(),
             located,
@@ -207,6 +251,7 @@ struct Piece {
 #[derive(Debug, Clone)]
 pub struct FanPath<'f, 't> {
     fan: &'f Fan<'t>,
+    start: Start,
     located: Located,
     /// In order of arc length; `None` where the patch is flagged.
     pieces: Vec<([f64; 2], Option<Piece>)>,
@@ -328,12 +373,12 @@ impl FanPath<'_, '_> {
 
     /// Chebyshev sums of the displacement channels and of their slopes in the arc length, at `W`
     /// arc lengths of one piece at once, by the recurrences of `T_k` and `T'_k`.
-    fn sums<const W: usize>(&self, piece: &Piece, s: &[f64; W]) -> [[[f64; W]; 3]; 2] {
+    fn sums<const W: usize>(&self, piece: &Piece, s: &[f64; W]) -> [[[f64; W]; 4]; 2] {
         let [low, high] = piece.interval;
         let scale = 2.0 / (high - low);
         let (start, (rows, channels)) = piece.displacement;
         let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
-        let mut sums = [[[0.0; W]; 3]; 2];
+        let mut sums = [[[0.0; W]; 4]; 2];
         vectorised(
             #[inline(always)]
             || {
@@ -362,18 +407,17 @@ impl FanPath<'_, '_> {
     /// Point and tangent of the stored ray from [`FanPath::sums`].
     fn state<const W: usize>(
         &self,
-        sums: &[[[f64; W]; 3]; 2],
+        sums: &[[[f64; W]; 4]; 2],
         lane: usize,
         s: f64,
     ) -> (DVec3, DVec3) {
-        let (mut displacement, mut change) = (DVec3::ZERO, DVec3::ZERO);
-        let stored = self.fan.table.space.displacement_channels();
-        for (k, channel) in stored.iter().enumerate() {
-            displacement[*channel] = sums[0][k][lane];
-            change[*channel] = sums[1][k][lane];
+        let space = &self.fan.table.space;
+        let (mut values, mut slopes) = ([0.0; 4], [0.0; 4]);
+        for (k, channel) in space.displacement_channels().iter().enumerate() {
+            values[*channel] = sums[0][k][lane];
+            slopes[*channel] = sums[1][k][lane];
         }
-        let v = self.located.v + displacement;
-        (self.located.u + v * s, v + change * s)
+        space.lift().decode_state(&self.start, values, slopes, s)
     }
 
     /// The chart point and tangent at `s`, the tangent the first one carried along by the transported
@@ -382,7 +426,7 @@ impl FanPath<'_, '_> {
     /// this is some ten times closer. `None` where flagged.
     pub fn state_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
         let (stored, slope) = self.stored_at(s)?;
-        let tangent = match self.stored_rotation(s) {
+        let tangent = match self.stored_rotation(stored, s) {
             None => slope,
             Some(q) => {
                 let manifold = self.fan.table.space.manifold();
@@ -396,26 +440,28 @@ impl FanPath<'_, '_> {
     /// The transported rotation at `s` relative to the standard frames; `None` where flagged or
     /// where the table has none.
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
-        let q = self.stored_rotation(s)?;
         let (u, _) = self.stored_at(s)?;
+        let q = self.stored_rotation(u, s)?;
         let space = &self.fan.table.space;
         let place = &self.fan.place;
         let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
         Some(DQuat::from_mat3(&turned))
     }
 
-    fn stored_rotation(&self, s: f64) -> Option<DQuat> {
+    /// The transported rotation of the stored ray, at whose chart point `u` it is.
+    fn stored_rotation(&self, u: DVec3, s: f64) -> Option<DQuat> {
         let piece = self.piece(s)?;
         let stored = piece.rotation?;
         let width = piece.interval[1] - piece.interval[0];
         let t = 2.0 * (s - piece.interval[0]) / width - 1.0;
-        let mut values = [0.0; super::patch::MOST_DEGREES];
+        let mut values = [0.0; super::tensor::MOST_DEGREES];
         super::chebyshev::values(t, &mut values[..stored.1.0]);
         let mut q = [0.0; 4];
-        let channels = self.fan.table.space.rotation_channels();
-        for (channel, x) in channels.iter().zip(self.sum(stored, &values)) {
+        let space = &self.fan.table.space;
+        for (channel, x) in space.rotation_channels().iter().zip(self.sum(stored, &values)) {
             q[*channel] = x;
         }
-        Some(DQuat::from_array(q).normalize())
+        let twist = space.lift().twist(u);
+        Some(twist.conjugate() * DQuat::from_array(q).normalize())
     }
 }

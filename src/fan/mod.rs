@@ -6,9 +6,11 @@
 
 pub mod direction;
 mod orbit;
+mod position;
 mod sample;
 mod space;
 
 pub use orbit::OrbitAngles;
-pub use sample::{CHANNELS, sample};
+pub use position::{Lift, Start};
+pub use sample::{CHANNELS, ROTATION, sample};
 pub use space::{FanSpace, Located, Place, Reduction};

@@ -19,7 +19,7 @@ use super::{
 use crate::{
     bundle::{
         Fan, Table,
-        measure::{Probed, probe},
+        measure::{Probed, probe, settings},
     },
     error::Result,
     quantiles::Quantiles,
@@ -367,7 +367,7 @@ fn probe_pixels(world: &World, view: &View, table: &Table, options: Options) -> 
             let rays: Vec<(DVec3, DVec3)> =
                 (0..width).map(|x| (view.u, middle(view, x, y))).collect();
             let tolerance = options.tolerance;
-            probe(&world.manifold, tolerance, table.length, &rays, |_, end| {
+            probe(&world.manifold, settings(tolerance), table.length, &rays, |_, end| {
                 vec![end]
             })
         })
