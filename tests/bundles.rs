@@ -33,7 +33,9 @@ fn leaf(wrong: f64) -> Tree {
     let tensor = |values: &[f64]| {
         let shape = IxDyn(&[1, 1, 1, 1, values.len()]);
         let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
-        Train::plain(&samples, 1).rounded(Scale::near(1e-9)).unwrap()
+        Train::plain(&samples, 1)
+            .rounded(Scale::near(1e-9))
+            .unwrap()
     };
     Tree::Leaf(Arc::new(Patch {
         displacement: tensor(&[wrong, 0.0, 0.0]),
@@ -71,7 +73,8 @@ fn folder(wrong: f64) -> TempDir {
     let chunks = (0..6).map(|face| (face, chunk(face).encode()));
     let contents = Contents::new(space, plan, 0, chunks.collect()).unwrap();
     let bundle = Bundle::from_contents(contents).unwrap();
-    let certificate = certify(&bundle.table, 200, 1, 1e-9, |_| Ok(())).unwrap();
+    let certificate = certify(&bundle.table, 200, 1, 1e-9, 0.5, |_| Ok(()));
+    let certificate = certificate.unwrap().certificate;
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("b.fan");
     bundle.certified(certificate).write(&path).unwrap();

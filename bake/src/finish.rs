@@ -35,13 +35,17 @@ pub fn finish(
             false => Ok(()),
         }
     };
-    let mut certificate = certify(
+    let rays = rays as usize;
+    let promise = plan.max_error;
+    let checked = certify(
         &bundle.table,
-        rays as usize,
+        rays,
         plan.seed,
         plan.tolerance,
+        promise,
         tell,
     )?;
+    let mut certificate = checked.certificate;
     progress.finish();
     certificate.exact_rays_baked = exact_rays;
     let bundle = bundle.certified(certificate.clone());
@@ -73,7 +77,8 @@ impl Finished {
         let promise = self.bundle.header.plan.max_error;
         let kept = self.certificate.keeps(promise);
         let counts = self.bundle.table.counts();
-        let (patches, given_up) = counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
+        let (patches, given_up) =
+            counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
         let seconds = started.elapsed().as_secs_f64();
         let (certificate, bytes) = (&self.certificate, self.bytes);
         if common.json {

@@ -17,3 +17,4 @@ pub mod plan;
 pub mod refine;
 pub mod run;
 pub mod shard;
+mod tolerance;

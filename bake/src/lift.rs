@@ -7,7 +7,7 @@ use crate::refine::scout::{Line, Tails};
 use geofan::{
     bundle::{
         PlanRecord, chebyshev,
-        measure::{probe, settings},
+        measure::{probe, stored_settings},
     },
     fan::{FanSpace, Lift},
     random::Stream,
@@ -45,6 +45,21 @@ pub fn best_lift(space: &FanSpace, plan: &PlanRecord) -> Lift {
     }
 }
 
+/// Random stored rays of a space: chart point and direction in the standard frame.
+pub fn random_rays(space: &FanSpace, count: usize) -> Vec<(DVec3, DVec3)> {
+    let mut stream = Stream::new(&[SEED]);
+    let ray = |_| {
+        let cameras = space.cameras().iter();
+        let camera: Vec<f64> = cameras.map(|[a, b]| stream.between(*a, *b)).collect();
+        let directions: Vec<f64> = (0..space.directions())
+            .map(|_| stream.between(-1.0, 1.0))
+            .collect();
+        let face = (stream.bits() % space.faces() as u64) as usize;
+        space.ray(face, &camera, &directions)
+    };
+    (0..count).map(ray).collect()
+}
+
 /// Random paths of a space.
 struct Trial<'a> {
     space: &'a FanSpace,
@@ -56,22 +71,12 @@ struct Trial<'a> {
 
 impl<'a> Trial<'a> {
     fn new(space: &'a FanSpace, plan: &'a PlanRecord) -> Self {
-        let mut stream = Stream::new(&[SEED]);
-        let ray = |_| {
-            let cameras = space.cameras().iter();
-            let camera: Vec<f64> = cameras.map(|[a, b]| stream.between(*a, *b)).collect();
-            let directions: Vec<f64> = (0..space.directions())
-                .map(|_| stream.between(-1.0, 1.0))
-                .collect();
-            let face = (stream.bits() % space.faces() as u64) as usize;
-            space.ray(face, &camera, &directions)
-        };
         let nodes = chebyshev::nodes(NODES);
         let half = 0.5 * plan.length;
         Self {
             space,
             plan,
-            rays: (0..PATHS).map(ray).collect(),
+            rays: random_rays(space, PATHS),
             lengths: nodes.iter().map(|t| half * (t + 1.0)).collect(),
         }
     }
@@ -86,7 +91,7 @@ impl<'a> Trial<'a> {
 
     /// The median distance of points on paths from the chart's origin.
     fn middle_distance(&self) -> f64 {
-        let settings = settings(self.plan.tolerance);
+        let settings = stored_settings(self.space, self.plan.tolerance);
         let manifold = self.space.manifold();
         let lengths = |_: usize, _: f64| self.lengths.clone();
         let paths = probe(manifold, settings, self.plan.length, &self.rays, lengths);

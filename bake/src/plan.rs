@@ -1,14 +1,13 @@
 //! What is to be baked: everything that a chunk's content depends on, besides the manifold.
 
-use crate::lift::best_lift;
+use crate::{lift::best_lift, tolerance};
 use geofan::{
     bundle::PlanRecord,
     fan::{FanSpace, Lift},
 };
 
-/// The exact tracer's local tolerance as a share of the promised error: its own error must not
-/// count. 1e-3 of it leaves the certificate unchanged to three digits.
-const TOLERANCE_SHARE: f64 = 1e-3;
+/// The tracer's local tolerance while the plan is made.
+const FIRST_TOLERANCE: f64 = 1e-8;
 
 /// Counts up when refinement changes: parts of another count are baked again.
 const REFINEMENT: u32 = 2;
@@ -31,7 +30,7 @@ struct Sizes {
 fn sizes(axes: usize) -> Sizes {
     let (nodes, arc, rays, bits, cells) = match axes {
         0 | 1 => (32, 60, 32, 11, 4),
-        2 => (14, 48, 196, 11, 4),
+        2 => (20, 48, 400, 11, 4),
         3 => (16, 32, 2500, 14, 4),
         4 => (12, 28, 8000, 14, 4),
         _ => (10, 20, 20000, 15, 4),
@@ -46,12 +45,7 @@ fn sizes(axes: usize) -> Sizes {
 }
 
 /// The plan for the rays of `space`, and the space with its points stored as they are best.
-pub fn plan(
-    space: FanSpace,
-    length: f64,
-    max_error: f64,
-    frames: bool,
-) -> (FanSpace, PlanRecord) {
+pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanSpace, PlanRecord) {
     let axes = space.cameras().len() + space.directions();
     let sizes = sizes(axes);
     let mut nodes = vec![sizes.nodes; axes];
@@ -60,7 +54,7 @@ pub fn plan(
         max_error,
         length,
         frames,
-        tolerance: (max_error * 1e-3 * TOLERANCE_SHARE).clamp(1e-12, 1e-6),
+        tolerance: FIRST_TOLERANCE,
         nodes,
         most_rays: sizes.rays,
         lift: Lift::None,
@@ -71,5 +65,6 @@ pub fn plan(
         seed: 1,
     };
     plan.lift = best_lift(&space, &plan);
+    plan.tolerance = tolerance::needed(&space, &plan);
     (space.lifted(plan.lift), plan)
 }

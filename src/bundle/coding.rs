@@ -165,7 +165,9 @@ impl Streams {
         let mut left = MOST_INTEGERS;
         let streams = (0..=of_class[CLASSES - 1]).map(|_| {
             let count = input.u32()? as usize;
-            left = left.checked_sub(count).ok_or(Damage("number of coefficients"))?;
+            left = left
+                .checked_sub(count)
+                .ok_or(Damage("number of coefficients"))?;
             Ok(decompressed(input.bytes()?, count)?.into_iter())
         });
         Ok(Self {
@@ -217,7 +219,11 @@ pub fn bits(shape: &[usize], values: &[i32]) -> f64 {
     for (flat, value) in values.iter().enumerate() {
         // The middle of the class, in units of one.
         let class = walk.class(values, flat) as f64;
-        let mean = if class < 2.0 { 0.05 } else { 0.25 * 2_f64.powf(0.5 * (class - 2.0)) };
+        let mean = if class < 2.0 {
+            0.05
+        } else {
+            0.25 * 2_f64.powf(0.5 * (class - 2.0))
+        };
         let size = f64::from(value.unsigned_abs());
         bits += (1.0 + 2.0 * mean).log2() + size * (1.0 + 1.0 / (mean + 0.05)).log2().min(6.0);
     }

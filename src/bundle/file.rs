@@ -310,7 +310,9 @@ impl Bundle {
             return Err(BundleError::Shard { index, of });
         }
         let shape = Table::shape(&space);
-        let chunks = chunks.into_iter().map(|(_, bytes)| Chunk::new(bytes, shape));
+        let chunks = chunks
+            .into_iter()
+            .map(|(_, bytes)| Chunk::new(bytes, shape));
         let manifold = space.manifold().clone();
         Ok(Self {
             table: Table {

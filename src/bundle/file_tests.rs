@@ -45,7 +45,9 @@ fn bundle(nodes: usize) -> Bundle {
         let mut tensor = |channels| {
             let shape = IxDyn(&[nodes, 3, 3, 4, channels]);
             let samples = ArrayD::from_shape_simple_fn(shape, || stream.uniform());
-            Train::plain(&samples, 1).rounded(Scale::near(1e-6)).unwrap()
+            Train::plain(&samples, 1)
+                .rounded(Scale::near(1e-6))
+                .unwrap()
         };
         Tree::Leaf(Arc::new(Patch {
             displacement: tensor(3),

@@ -4,6 +4,7 @@
 //! other answer from them.
 
 use crate::{
+    fan::FanSpace,
     geodesic::{End, Ray, Settings, Spread, paths},
     manifold::{Carried, Manifold},
 };
@@ -43,9 +44,17 @@ impl Probe {
         }
     }
 
+    /// How much farther neighbouring rays part than in flat space, the smaller way: the smaller
+    /// singular value of `J/s`.
+    pub fn magnification(&self) -> f64 {
+        self.spread.least_magnification(self.s)
+    }
+
     /// The screen error of an answer off by `change` in the chart.
     pub fn screen_mrad(&self, change: DVec3) -> f64 {
-        1e3 * self.spread.screen_angle(self.frame_inverse * change, self.s)
+        1e3 * self
+            .spread
+            .screen_angle(self.frame_inverse * change, self.s)
     }
 
     /// The angle between the transported rotation and `rotation`.
@@ -74,6 +83,14 @@ pub fn settings(tolerance: f64) -> Settings {
             deviation: true,
         },
         events: true,
+    }
+}
+
+/// The same for the stored rays of `space`, which end only where every ray does that they stand for.
+pub fn stored_settings(space: &FanSpace, tolerance: f64) -> Settings {
+    Settings {
+        events: space.ends_alike(),
+        ..settings(tolerance)
     }
 }
 

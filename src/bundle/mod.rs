@@ -1,13 +1,14 @@
 //! The table: patches, quantisation, contraction, file format and certificate.
 
 mod bytes;
-mod coding;
-mod contracted;
 mod certificate;
 pub mod chebyshev;
+mod coding;
 pub mod container;
+mod contracted;
 mod file;
 pub mod measure;
+mod outlier;
 mod patch;
 mod polynomial;
 mod records;
@@ -17,9 +18,10 @@ mod trace;
 mod tree;
 
 pub use bytes::{Damage, Reader, Writer};
-pub use certificate::{Certificate, certify};
+pub use certificate::{Certificate, Checked, certify};
 pub use contracted::Contracted;
 pub use file::{Bundle, BundleError, Contents, identity};
+pub use outlier::{BoxPlace, FAR, Outlier};
 pub use patch::Patch;
 pub use polynomial::Polynomial;
 pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};

@@ -47,7 +47,7 @@ impl Division {
 
     /// The first chunk (face 0) of the cell that holds `parameters`, and the parameters in it, in
     /// [−1, 1].
-    fn locate(&self, intervals: &[[f64; 2]], parameters: &[f64]) -> (usize, Vec<f64>) {
+    pub(super) fn locate(&self, intervals: &[[f64; 2]], parameters: &[f64]) -> (usize, Vec<f64>) {
         let (mut cell, mut stride) = (0, 1);
         let mut inner = Vec::new();
         for ((&n, [low, high]), p) in self.cells.iter().zip(intervals).zip(parameters) {
@@ -146,7 +146,12 @@ impl Table {
             .division
             .locate(self.space.cameras(), &place.parameters);
         let faces: Result<Vec<FanNode>, Damage> = (0..self.division.faces)
-            .map(|face| Ok(FanNode::contract(self.chunks[first + face].tree()?, &camera)))
+            .map(|face| {
+                Ok(FanNode::contract(
+                    self.chunks[first + face].tree()?,
+                    &camera,
+                ))
+            })
             .collect();
         let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
         Ok(Fan {
@@ -172,7 +177,7 @@ enum FanNode {
 }
 
 /// The local coordinate in the half that holds `x`, and which half it is.
-fn half(x: f64) -> (usize, f64) {
+pub fn half(x: f64) -> (usize, f64) {
     if x < 0.0 {
         (0, 2.0 * x + 1.0)
     } else {
@@ -458,7 +463,11 @@ impl FanPath<'_, '_> {
         super::chebyshev::values(t, &mut values[..stored.1.0]);
         let mut q = [0.0; 4];
         let space = &self.fan.table.space;
-        for (channel, x) in space.rotation_channels().iter().zip(self.sum(stored, &values)) {
+        for (channel, x) in space
+            .rotation_channels()
+            .iter()
+            .zip(self.sum(stored, &values))
+        {
             q[*channel] = x;
         }
         let twist = space.lift().twist(u);

@@ -439,7 +439,9 @@ impl Core {
         let mut before = i32::from(step.0);
         let scales = streams.take(&[ranks])?.into_iter().map(|difference| {
             before = before.saturating_add(difference);
-            i16::try_from(before).map(Scale).map_err(|_| Damage("scale of a rank"))
+            i16::try_from(before)
+                .map(Scale)
+                .map_err(|_| Damage("scale of a rank"))
         });
         Ok(Self {
             shape,

@@ -5,6 +5,7 @@
 //! (arrays of exact paths).
 
 pub mod direction;
+mod ends;
 mod orbit;
 mod position;
 mod sample;

@@ -166,7 +166,10 @@ mod tests {
         for lift in LIFTS {
             let (u, v) = (DVec3::new(0.3, -1.2, 0.5), DVec3::new(0.2, 0.9, -0.4));
             let start = lift.start(u, v);
-            for (to, s) in [(DVec3::new(5.0, -3.0, 40.0), 2.5), (DVec3::splat(1e-3), 0.1)] {
+            for (to, s) in [
+                (DVec3::new(5.0, -3.0, 40.0), 2.5),
+                (DVec3::splat(1e-3), 0.1),
+            ] {
                 let found = lift.decode(&start, lift.encode(&start, to, s), s);
                 assert!((found - to).length() < 1e-11 * (1.0 + to.length_squared()));
             }

@@ -15,6 +15,7 @@
 
 use super::{
     direction::{FACES, direction, face_and_parameters},
+    ends::follow_symmetry,
     orbit::OrbitAngles,
     position::Lift,
 };
@@ -53,6 +54,8 @@ pub struct FanSpace {
     orbits: OrbitAngles,
     /// How chart points are stored.
     lift: Lift,
+    /// Whether rays that the symmetry carries into each other end alike.
+    ends_alike: bool,
 }
 
 /// A camera position as the bundle sees it.
@@ -126,6 +129,7 @@ impl FanSpace {
             manifold: manifold.clone(),
             orbits: OrbitAngles::default(),
             lift: Lift::None,
+            ends_alike: true,
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
         if !(own && (reduction != Reduction::Rotation || space.radius_is_monotonic())) {
@@ -136,6 +140,8 @@ impl FanSpace {
             let [least, most] = space.areal_radii();
             space.orbits = OrbitAngles::new(least, most);
         }
+        let middle = region.at(&region.lerp(&[0.5; 3])).length();
+        space.ends_alike = follow_symmetry(&space.manifold, reduction, middle.max(1.0));
         Ok(space)
     }
 
@@ -168,6 +174,12 @@ impl FanSpace {
             Reduction::Rotation => 1,
             _ => 2,
         }
+    }
+
+    /// Whether a stored ray ends where every ray does that the symmetry makes of it: if not, what
+    /// is stored must hold beyond its end.
+    pub fn ends_alike(&self) -> bool {
+        self.ends_alike
     }
 
     /// How chart points are stored.

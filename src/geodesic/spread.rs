@@ -58,6 +58,21 @@ impl Spread {
         DVec2::new(self.across[0].dot(e), self.across[1].dot(e))
     }
 
+    /// The smaller singular value of `J/s`: how much farther neighbouring rays part than in flat
+    /// space, in the direction in which they part least.
+    pub fn least_magnification(&self, s: f64) -> f64 {
+        let m = self.matrix * (1.0 / s);
+        let squares = m.x_axis.length_squared() + m.y_axis.length_squared();
+        let product = m.determinant().abs();
+        // σ₁² + σ₂² and σ₁σ₂ give both.
+        let larger = 0.5
+            * (squares
+                + (squares * squares - 4.0 * product * product)
+                    .max(0.0)
+                    .sqrt());
+        product / larger.max(f64::MIN_POSITIVE).sqrt()
+    }
+
     /// The angle at the camera (radians) that a displacement `e` (standard frame) at arc length `s`
     /// looks like: `|δ|` with `J δ = e`.
     pub fn screen_angle(&self, e: DVec3, s: f64) -> f64 {

@@ -367,9 +367,13 @@ fn probe_pixels(world: &World, view: &View, table: &Table, options: Options) -> 
             let rays: Vec<(DVec3, DVec3)> =
                 (0..width).map(|x| (view.u, middle(view, x, y))).collect();
             let tolerance = options.tolerance;
-            probe(&world.manifold, settings(tolerance), table.length, &rays, |_, end| {
-                vec![end]
-            })
+            probe(
+                &world.manifold,
+                settings(tolerance),
+                table.length,
+                &rays,
+                |_, end| vec![end],
+            )
         })
         .collect();
     rows.into_iter().flatten().collect()

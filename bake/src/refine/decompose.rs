@@ -113,7 +113,9 @@ impl Split {
         Some(Self {
             singular: (0..kept).map(|j| sizes[j]).collect(),
             left: left.map(|(i, j)| signs[j] * u[(i, j)]).collect(),
-            right: right.map(|(i, j)| signs[j] * sizes[j] * v[(i, j)]).collect(),
+            right: right
+                .map(|(i, j)| signs[j] * sizes[j] * v[(i, j)])
+                .collect(),
         })
     }
 }
@@ -135,7 +137,9 @@ mod tests {
 
     fn coefficients(shape: &[usize]) -> ArrayD<f64> {
         let mut stream = Stream::new(&[5]);
-        let waves: Vec<f64> = (0..4 * shape.len()).map(|_| stream.between(0.4, 1.3)).collect();
+        let waves: Vec<f64> = (0..4 * shape.len())
+            .map(|_| stream.between(0.4, 1.3))
+            .collect();
         ArrayD::from_shape_fn(IxDyn(shape), |index| {
             (0..4)
                 .map(|w| {
@@ -154,12 +158,21 @@ mod tests {
             let cameras = shape.len() - 4;
             let cameras = if shape.len() == 4 { 1 } else { cameras };
             let step = Scale::near(1e-5);
-            let train = decompose(&c, cameras, 0.3e-5).unwrap().rounded(step).unwrap();
-            let plain = Train::plain(&c, cameras).rounded(Scale::near(2e-6)).unwrap();
+            let train = decompose(&c, cameras, 0.3e-5)
+                .unwrap()
+                .rounded(step)
+                .unwrap();
+            let plain = Train::plain(&c, cameras)
+                .rounded(Scale::near(2e-6))
+                .unwrap();
             let x = vec![0.3; shape.len() - 2];
             let (a, b) = (train.at(&x), plain.at(&x));
             let n = b.len().min(a.len());
-            let worst = a.iter().zip(&b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            let worst = a
+                .iter()
+                .zip(&b)
+                .map(|(a, b)| (a - b).abs())
+                .fold(0.0, f64::max);
             assert!(n > 0 && worst < 3e-4, "{shape:?} {worst}");
             assert!(train.bytes() < plain.bytes());
         }
@@ -172,7 +185,11 @@ mod tests {
             .map(|k| {
                 let (i, j) = (k / columns, k % columns);
                 (1..30_usize)
-                    .map(|m| 0.5_f64.powi(m as i32) * ((i * m) as f64).sin() * ((j * m) as f64 * 0.7).cos())
+                    .map(|m| {
+                        0.5_f64.powi(m as i32)
+                            * ((i * m) as f64).sin()
+                            * ((j * m) as f64 * 0.7).cos()
+                    })
                     .sum()
             })
             .collect();

@@ -3,9 +3,8 @@
 use super::{Refiner, region::Region, scout::weigh};
 use geofan::{
     bundle::{
-        Tensor,
-        chebyshev,
-        measure::{Probe, Probed, probe, settings},
+        Tensor, chebyshev,
+        measure::{Probe, Probed, probe, stored_settings},
     },
     fan::{CHANNELS, FanSpace, Start},
     geodesic::End,
@@ -22,6 +21,11 @@ const FEWEST: usize = 48;
 /// for failures to hide, and can afford to look.
 const MOST: usize = 160;
 const FITTED_EACH: usize = 60;
+
+/// How often as many rays again are followed where too few get to the arc lengths of the box, because
+/// most end at an exit before: in the corner that is left a table failed by radians (Sol) when two
+/// rays out of 48 had vouched for it.
+const BATCHES: usize = 16;
 
 /// Arc lengths at which each is compared.
 const LENGTHS: usize = 6;
@@ -56,20 +60,46 @@ pub enum Quantity {
 }
 
 impl HeldOut {
-    /// Follows the held-out rays of `region` of `chunk`.
+    /// Follows held-out rays of `region` of `chunk`, until enough of them get as far as the box's arc
+    /// lengths or hardly any do.
     pub fn new(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
+        let count = (refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
+        let mut stream = Stream::new(&region.path);
+        let mut held_out = Self {
+            rays: Vec::new(),
+            interval: region.arc_interval(refiner.plan.length),
+            singular: false,
+        };
+        for _ in 0..BATCHES {
+            held_out.follow(refiner, chunk, region, (count, &mut stream));
+            if held_out.singular || held_out.rays.len() >= count / 3 {
+                break;
+            }
+        }
+        held_out
+    }
+
+    /// Follows `count` more rays and keeps those that get to the box's arc lengths.
+    fn follow(
+        &mut self,
+        refiner: &Refiner<'_>,
+        chunk: usize,
+        region: &Region,
+        (count, stream): (usize, &mut Stream),
+    ) {
         let (space, plan) = (refiner.space, refiner.plan);
         let manifold = space.manifold();
-        let count = (plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
-        let mut stream = Stream::new(&region.path);
-        let mut point = || (0..region.arc()).map(|_| stream.between(-1.0, 1.0)).collect();
+        let mut point = || {
+            (0..region.arc())
+                .map(|_| stream.between(-1.0, 1.0))
+                .collect()
+        };
         let parameters: Vec<Vec<f64>> = (0..count).map(|_| point()).collect();
         let rays: Vec<_> = parameters
             .iter()
             .map(|x| refiner.ray(chunk, region, x))
             .collect();
-        let interval = region.arc_interval(plan.length);
-        let [start, end] = interval;
+        let [start, end] = self.interval;
         let key = stream.bits();
         let lengths = |ray: usize, length: f64| {
             let mut stream = Stream::new(&[key, ray as u64]);
@@ -79,24 +109,30 @@ impl HeldOut {
                 .map(|_| end - (end - start) * stream.uniform())
                 .collect()
         };
-        let probed = probe(manifold, settings(plan.tolerance), end, &rays, lengths);
-        refiner
-            .tally
-            .rays
-            .fetch_add(count as u64, Ordering::Relaxed);
+        let probed = probe(
+            manifold,
+            stored_settings(space, plan.tolerance),
+            end,
+            &rays,
+            lengths,
+        );
+        let tried = count as u64;
+        refiner.tally.rays.fetch_add(tried, Ordering::Relaxed);
         let ended = |p: &Probed| p.end == End::Singular && p.length >= start;
-        let singular = probed.iter().any(ended);
+        self.singular |= probed.iter().any(ended);
         let rays = parameters.into_iter().zip(&rays).zip(probed);
-        let rays = rays.map(|((parameters, &(u, d)), probed)| HeldOutRay {
-            parameters,
-            start: space.lift().start(u, manifold.standard_frame(u) * d),
-            probes: probed.probes,
-        });
-        Self {
-            rays: rays.collect(),
-            interval,
-            singular,
-        }
+        let rays = rays.filter(|(_, probed)| !probed.probes.is_empty());
+        self.rays
+            .extend(rays.map(|((parameters, &(u, d)), probed)| HeldOutRay {
+                parameters,
+                start: space.lift().start(u, manifold.standard_frame(u) * d),
+                probes: probed.probes,
+            }));
+    }
+
+    /// Whether no ray gets as far as the box: whatever is stored will not be read.
+    pub fn is_empty(&self) -> bool {
+        self.rays.is_empty()
     }
 
     /// The error in mrad that an error of one unit in a displacement channel usually causes: the
@@ -149,7 +185,7 @@ impl HeldOut {
     ) -> ([usize; 2], [usize; 2]) {
         let [start, end] = self.interval;
         let (mut compared, mut exceeding) = ([0; 2], [0; 2]);
-        for ray in self.rays.iter().filter(|ray| !ray.probes.is_empty()) {
+        for ray in &self.rays {
             let rows = tensor.at(&ray.parameters);
             for probe in &ray.probes {
                 let t = 2.0 * (probe.s - start) / (end - start) - 1.0;

@@ -16,7 +16,7 @@ mod region;
 pub(crate) mod scout;
 
 use geofan::{
-    bundle::{PlanRecord, Polynomial, Tree, chebyshev},
+    bundle::{Patch, PlanRecord, Polynomial, Scale, Train, Tree, chebyshev},
     fan::{CHANNELS, FanSpace, ROTATION, sample},
 };
 use glam::DVec3;
@@ -100,6 +100,10 @@ impl Refiner<'_> {
 
     fn judge(&self, chunk: usize, region: &Region) -> Verdict {
         let held_out = HeldOut::new(self, chunk, region);
+        if held_out.is_empty() && !held_out.singular {
+            self.finished(region, 1);
+            return Verdict::Done(self.unread());
+        }
         let needs = Needs::new(self, chunk, region);
         let may_halve = self.may_halve(region);
         let resolved = needs.excess.iter().all(|e| *e <= 1.0);
@@ -165,6 +169,31 @@ impl Refiner<'_> {
                 return Err(urgency);
             }
         }
+    }
+
+    /// The patch of a box that no ray gets to: straight lines.
+    fn unread(&self) -> Tree {
+        let shape = |channels: usize| {
+            let mut shape = vec![1; self.plan.nodes.len()];
+            shape.push(channels);
+            IxDyn(&shape)
+        };
+        let cameras = self.space.cameras().len();
+        let straight = ArrayD::zeros(shape(self.space.displacement_channels().len()));
+        let channels = self.space.rotation_channels();
+        let mut still = ArrayD::zeros(shape(channels.len()));
+        still
+            .iter_mut()
+            .zip(channels)
+            .for_each(|(q, c)| *q = f64::from(u8::from(*c == 3)));
+        let tensor = |values: ArrayD<f64>| {
+            let rounded = Train::plain(&values, cameras).rounded(Scale::near(1.0));
+            rounded.expect("zeros and ones")
+        };
+        Tree::Leaf(Arc::new(Patch {
+            displacement: tensor(straight),
+            rotation: self.plan.frames.then(|| tensor(still)),
+        }))
     }
 
     fn finished(&self, region: &Region, bytes: usize) {

@@ -19,6 +19,9 @@ const FINEST: f64 = 5e-4;
 /// A step that changes nothing, as a share of the largest coefficient.
 const UNROUNDED: f64 = 1e-7;
 
+/// The finest step as a share of the largest coefficient: so many bits a core has room for.
+const ROOM: f64 = 4e-9;
+
 /// Singular values below this share of the finest step round to zero.
 const NEGLIGIBLE: f64 = 0.5;
 
@@ -34,9 +37,11 @@ impl Refiner<'_> {
             return None;
         }
         let promise = self.plan.max_error;
-        let displacement = self.smallest(displacement, promise / held_out.weight(self.space), |tensor| {
-            held_out.holds(self, tensor, Quantity::Screen, promise)
-        })?;
+        let displacement = self.smallest(
+            displacement,
+            promise / held_out.weight(self.space),
+            |tensor| held_out.holds(self, tensor, Quantity::Screen, promise),
+        )?;
         let limit = ROTATION_SHARE * promise;
         let rotation = match self.plan.frames {
             false => None,
@@ -53,9 +58,8 @@ impl Refiner<'_> {
 
     /// Whether the displacement holds in the first half of the arc lengths, hardly rounded.
     pub fn holds_early(&self, displacement: &Polynomial, held_out: &HeldOut) -> bool {
-        let largest = displacement.0.iter().fold(0.0_f64, |a, c| a.max(c.abs()));
         let plain = Train::plain(&displacement.0, self.space.cameras().len());
-        let tensor = plain.rounded(Scale::near(UNROUNDED * largest));
+        let tensor = plain.rounded(Scale::near(UNROUNDED * largest(displacement)));
         let promise = self.plan.max_error;
         let holds = |tensor| held_out.holds_early(self, &tensor, Quantity::Screen, promise);
         tensor.is_some_and(holds)
@@ -70,16 +74,21 @@ impl Refiner<'_> {
         holds: impl Fn(&Tensor) -> bool,
     ) -> Option<Tensor> {
         let cameras = self.space.cameras().len();
-        let threshold = NEGLIGIBLE * FINEST * unit;
+        let finest = (FINEST * unit).max(ROOM * largest(polynomial));
+        let threshold = NEGLIGIBLE * finest;
         let plain = Train::plain(&polynomial.0, cameras);
         let Some(train) = decompose(&polynomial.0, cameras, threshold) else {
-            return Some(coarsest(&plain, unit, &holds)?.1);
+            return Some(coarsest(&plain, finest, &holds)?.1);
         };
-        let (step, train) = coarsest(&train, unit, &holds)?;
+        let (step, train) = coarsest(&train, finest, &holds)?;
         // At the same step plain coefficients round more often: if they are larger all the same,
         // there is no need to try them.
-        let promising = plain.rounded(step).is_some_and(|t| t.bytes() < train.bytes());
-        let plain = promising.then(|| coarsest(&plain, unit, &holds)).flatten();
+        let promising = plain
+            .rounded(step)
+            .is_some_and(|t| t.bytes() < train.bytes());
+        let plain = promising
+            .then(|| coarsest(&plain, finest, &holds))
+            .flatten();
         match plain {
             Some((_, plain)) if plain.bytes() < train.bytes() => Some(plain),
             _ => Some(train),
@@ -89,9 +98,13 @@ impl Refiner<'_> {
 
 /// `train` rounded with the coarsest of the steps that `holds`, by bisection: rounding more coarsely
 /// is hardly ever better.
-fn coarsest(train: &Train, unit: f64, holds: &impl Fn(&Tensor) -> bool) -> Option<(Scale, Tensor)> {
+fn coarsest(
+    train: &Train,
+    finest: f64,
+    holds: &impl Fn(&Tensor) -> bool,
+) -> Option<(Scale, Tensor)> {
     let rounded = |k: i32| {
-        let step = Scale::near(FINEST * unit * 2_f64.powf(0.5 * f64::from(k)));
+        let step = Scale::near(finest * 2_f64.powf(0.5 * f64::from(k)));
         let tensor = train.rounded(step).filter(holds)?;
         Some((step, tensor))
     };
@@ -105,4 +118,9 @@ fn coarsest(train: &Train, unit: f64, holds: &impl Fn(&Tensor) -> bool) -> Optio
         }
     }
     Some(best)
+}
+
+/// The size of the largest coefficient.
+fn largest(polynomial: &Polynomial) -> f64 {
+    polynomial.0.iter().fold(0.0, |a, c| a.max(c.abs()))
 }

@@ -8,7 +8,7 @@ use super::{Refiner, region::Region};
 use geofan::{
     bundle::{
         PlanRecord, chebyshev,
-        measure::{Probe, probe, settings},
+        measure::{Probe, probe, stored_settings},
     },
     fan::{CHANNELS, FanSpace, ROTATION, sample},
     random::Stream,
@@ -152,12 +152,17 @@ impl Line {
         let values = sample(space, plan.tolerance, plan.frames, &tangents, lengths);
         let farthest = lengths.last().copied().unwrap_or(0.0);
         let within = |_: usize, end: f64| lengths.iter().copied().filter(|s| *s <= end).collect();
-        let settings = settings(plan.tolerance);
+        let settings = stored_settings(space, plan.tolerance);
         let probed = probe(manifold, settings, farthest, rays, within);
         let mut weights = Array3::zeros(values.dim());
         for (mut rows, probed) in weights.outer_iter_mut().zip(&probed) {
             for (mut row, probe) in rows.outer_iter_mut().zip(&probed.probes) {
-                weigh(space, plan.frames, probe, row.as_slice_mut().expect("contiguous"));
+                weigh(
+                    space,
+                    plan.frames,
+                    probe,
+                    row.as_slice_mut().expect("contiguous"),
+                );
             }
         }
         Self { values, weights }
@@ -266,7 +271,8 @@ impl Tails {
             }
         }
         self.counts.push(count);
-        self.ends.push(if end.is_finite() { end } else { f64::INFINITY });
+        self.ends
+            .push(if end.is_finite() { end } else { f64::INFINITY });
     }
 
     fn rank(&self) -> usize {
