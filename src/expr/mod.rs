@@ -14,4 +14,4 @@ mod tape;
 
 pub use derivative::Direction;
 pub use graph::{Binary, Graph, Node, NodeId, Unary};
-pub use tape::{Registers, Tape, TapeTooLarge, vectorised};
+pub use tape::{Registers, Tape, TapeTooLarge, Wide, vectorised};

@@ -10,6 +10,7 @@ use super::{
     real::Real,
 };
 use fearless_simd::{Level, Simd, dispatch};
+use std::ops::{Deref, DerefMut};
 
 /// Runs `work` with the widest vector instructions this machine has. `work` and what it calls must
 /// be `#[inline(always)]` to profit.
@@ -50,10 +51,32 @@ pub struct Tape {
     registers: usize,
 }
 
+/// `W` lanes on a boundary of the widest vectors: a vector that straddles two lines of the cache
+/// takes two loads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub struct Wide<R, const W: usize>(pub [R; W]);
+
+impl<R, const W: usize> Deref for Wide<R, W> {
+    type Target = [R; W];
+
+    #[inline(always)]
+    fn deref(&self) -> &[R; W] {
+        &self.0
+    }
+}
+
+impl<R, const W: usize> DerefMut for Wide<R, W> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [R; W] {
+        &mut self.0
+    }
+}
+
 /// The registers of one tape at work: `W` lanes of each.
 #[derive(Debug, Clone)]
 pub struct Registers<R, const W: usize> {
-    values: Vec<[R; W]>,
+    values: Vec<Wide<R, W>>,
     inputs: usize,
     outputs: Vec<u16>,
 }
@@ -108,9 +131,9 @@ impl Tape {
 
     /// Registers for this tape, constants set.
     pub fn registers<R: Real, const W: usize>(&self) -> Registers<R, W> {
-        let mut values = vec![[R::ZERO; W]; self.registers];
+        let mut values = vec![Wide([R::ZERO; W]); self.registers];
         for &(register, value) in &self.constants {
-            values[register as usize] = [R::from_f64(value); W];
+            values[register as usize] = Wide([R::from_f64(value); W]);
         }
         Registers {
             values,
@@ -119,9 +142,20 @@ impl Tape {
         }
     }
 
-    /// Computes all outputs from the inputs in `registers` (which must be of this tape).
-    #[inline(always)]
+    /// Computes all outputs from the inputs in `registers` (which must be of this tape), with the
+    /// widest vector instructions there are.
+    // Not inlined: one copy of the interpreter for each kind of number and of machine is large
+    // enough, and a call costs nothing against a tape.
+    #[inline(never)]
     pub fn run<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
+        vectorised(
+            #[inline(always)]
+            || self.interpret(registers),
+        );
+    }
+
+    #[inline(always)]
+    fn interpret<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
         let r = registers.values.as_mut_slice();
         for i in &self.code {
             match i.operation {
@@ -147,36 +181,84 @@ impl Tape {
     }
 }
 
-// Results go to a local first: written straight into the registers, which might overlap the
-// operands, the loops are not vectorised.
+/// Calls `$body` once for each vector's worth of lanes, with the lanes' number in `$C` and the
+/// first of them in `$first`.
+// A vector at a time goes through a local array, which the compiler keeps in a vector register;
+// written straight into the registers, which might overlap the operands, or through an array of all
+// lanes, which goes to memory and back, the loops are slower.
+macro_rules! by_vectors {
+    ($R:ident, $W:ident, |$first:ident, $C:ident| $body:block) => {{
+        /// Lanes in a vector of 64 bytes.
+        #[inline(always)]
+        const fn fitting<R>(lanes: usize) -> usize {
+            let fit = 64 / size_of::<R>();
+            if lanes % fit == 0 { fit } else { 1 }
+        }
+        match const { fitting::<$R>($W) } {
+            8 => {
+                const $C: usize = 8;
+                for $first in (0..$W).step_by($C) $body
+            }
+            16 => {
+                const $C: usize = 16;
+                for $first in (0..$W).step_by($C) $body
+            }
+            _ => {
+                const $C: usize = 1;
+                for $first in (0..$W).step_by($C) $body
+            }
+        }
+    }};
+}
+
+/// The `C` lanes of `row` from `first`.
 #[inline(always)]
-fn map<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R) -> R) {
-    let a = r[i.a as usize];
-    let mut to = [R::ZERO; W];
-    for lane in 0..W {
-        to[lane] = f(a[lane]);
-    }
-    r[i.to as usize] = to;
+fn lanes<R: Real, const W: usize, const C: usize>(row: &Wide<R, W>, first: usize) -> [R; C] {
+    let mut lanes = [R::ZERO; C];
+    lanes.copy_from_slice(&row[first..first + C]);
+    lanes
+}
+
+type File<R, const W: usize> = [Wide<R, W>];
+
+#[inline(always)]
+fn map<R: Real, const W: usize>(r: &mut File<R, W>, i: &Instruction, f: impl Fn(R) -> R) {
+    let (a, to) = (i.a as usize, i.to as usize);
+    by_vectors!(R, W, |first, C| {
+        let a: [R; C] = lanes(&r[a], first);
+        let mut result = [R::ZERO; C];
+        for lane in 0..C {
+            result[lane] = f(a[lane]);
+        }
+        r[to][first..first + C].copy_from_slice(&result);
+    });
 }
 
 #[inline(always)]
-fn zip<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R, R) -> R) {
-    let (a, b) = (r[i.a as usize], r[i.b as usize]);
-    let mut to = [R::ZERO; W];
-    for lane in 0..W {
-        to[lane] = f(a[lane], b[lane]);
-    }
-    r[i.to as usize] = to;
+fn zip<R: Real, const W: usize>(r: &mut File<R, W>, i: &Instruction, f: impl Fn(R, R) -> R) {
+    let (a, b, to) = (i.a as usize, i.b as usize, i.to as usize);
+    by_vectors!(R, W, |first, C| {
+        let (a, b): ([R; C], [R; C]) = (lanes(&r[a], first), lanes(&r[b], first));
+        let mut result = [R::ZERO; C];
+        for lane in 0..C {
+            result[lane] = f(a[lane], b[lane]);
+        }
+        r[to][first..first + C].copy_from_slice(&result);
+    });
 }
 
 #[inline(always)]
-fn ternary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R, R, R) -> R) {
-    let (a, b, c) = (r[i.a as usize], r[i.b as usize], r[i.c as usize]);
-    let mut to = [R::ZERO; W];
-    for lane in 0..W {
-        to[lane] = f(a[lane], b[lane], c[lane]);
-    }
-    r[i.to as usize] = to;
+fn ternary<R: Real, const W: usize>(r: &mut File<R, W>, i: &Instruction, f: impl Fn(R, R, R) -> R) {
+    let [a, b, c, to] = [i.a, i.b, i.c, i.to].map(usize::from);
+    by_vectors!(R, W, |first, C| {
+        let (a, b): ([R; C], [R; C]) = (lanes(&r[a], first), lanes(&r[b], first));
+        let c: [R; C] = lanes(&r[c], first);
+        let mut result = [R::ZERO; C];
+        for lane in 0..C {
+            result[lane] = f(a[lane], b[lane], c[lane]);
+        }
+        r[to][first..first + C].copy_from_slice(&result);
+    });
 }
 
 /// One arm for each function, so that each is a loop of its own over the lanes.
@@ -190,7 +272,7 @@ macro_rules! arms {
 }
 
 #[inline(always)]
-fn unary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, op: Unary) {
+fn unary<R: Real, const W: usize>(r: &mut File<R, W>, i: &Instruction, op: Unary) {
     arms!(
         map,
         r,
@@ -206,7 +288,7 @@ fn unary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, op: Unary) 
 }
 
 #[inline(always)]
-fn binary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, op: Binary) {
+fn binary<R: Real, const W: usize>(r: &mut File<R, W>, i: &Instruction, op: Binary) {
     arms!(
         zip,
         r,

@@ -77,6 +77,11 @@ impl<const N: usize> Dense<N> {
         }))
     }
 
+    /// The same components all over.
+    pub fn still(y: [f64; N]) -> Self {
+        Self(y.map(|a| [a, 0.0, 0.0, 0.0, 0.0]))
+    }
+
     /// The components at the fraction `t` of the step.
     pub fn at(&self, t: f64) -> [f64; N] {
         self.0
@@ -108,6 +113,15 @@ impl Quintic {
         Self {
             coefficients: [p0, v0, a0, c3, c4, c5],
             h,
+        }
+    }
+
+    /// The straight line through `p` with velocity `v`, over a step of 1.
+    pub fn straight(p: DVec3, v: DVec3) -> Self {
+        let nil = DVec3::ZERO;
+        Self {
+            coefficients: [p, v, nil, nil, nil, nil],
+            h: 1.0,
         }
     }
 

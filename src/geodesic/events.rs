@@ -8,9 +8,9 @@
 //! A ray that starts beyond an event is not over if it is on its way back: the event counts as soon
 //! as its value rises.
 
-use super::{End, LANES, Row, Step, crossing};
+use super::{End, LANES, NIL, Row, Step, crossing, integrator::take_where};
 use crate::{
-    expr::Registers,
+    expr::{Registers, Wide},
     manifold::{Domain, EventKind},
 };
 use glam::DVec3;
@@ -25,12 +25,14 @@ pub(super) struct Events<'m> {
     before: Vec<Row>,
     middle: Vec<Row>,
     end: Vec<Row>,
+    /// 1 where an event is met within the step tried, else 0.
+    met: Row,
 }
 
 impl<'m> Events<'m> {
     /// `None` when the domain has no events.
     pub fn new(domain: &'m Domain) -> Option<Self> {
-        let rows = vec![[f64::NAN; LANES]; domain.kinds.len()];
+        let rows = vec![Wide([f64::NAN; LANES]); domain.kinds.len()];
         (!rows.is_empty()).then(|| Self {
             domain,
             lanes: domain.events().registers(),
@@ -38,39 +40,70 @@ impl<'m> Events<'m> {
             before: rows.clone(),
             middle: rows.clone(),
             end: rows,
+            met: NIL,
         })
     }
 
-    /// Begins a ray at `u` with tangent `v` in `lane`.
-    pub fn start(&mut self, lane: usize, u: DVec3, v: DVec3) {
-        for k in 0..self.before.len() {
-            self.before[k][lane] = self.value(k, u, v);
+    /// The values of all events for the states (u, v) of all lanes.
+    pub fn values(&mut self, state: &[Row], values: &mut Vec<Row>) {
+        values.resize(self.before.len(), NIL);
+        self.evaluate(state);
+        for (k, row) in values.iter_mut().enumerate() {
+            **row = *self.lanes.output(k);
+        }
+    }
+
+    #[inline(always)]
+    fn evaluate(&mut self, state: &[Row]) {
+        for (k, row) in state.iter().enumerate() {
+            *self.lanes.input(k) = **row;
+        }
+        self.domain.events().run(&mut self.lanes);
+    }
+
+    /// Begins a ray in `lane`, where events have the values in `column` of `values`.
+    pub fn start(&mut self, lane: usize, values: &[Row], column: usize) {
+        for (before, value) in self.before.iter_mut().zip(values) {
+            before[lane] = value[column];
         }
     }
 
     /// Evaluates all events in all lanes for the middles and ends (u, v) of the steps tried.
     #[inline(always)]
-    pub fn look(&mut self, middle: [Row; 6], end: [Row; 6]) {
-        for (state, values) in [(middle, &mut self.middle), (end, &mut self.end)] {
-            for (k, row) in state.into_iter().enumerate() {
-                *self.lanes.input(k) = row;
-            }
-            self.domain.events().run(&mut self.lanes);
-            for (k, row) in values.iter_mut().enumerate() {
-                *row = *self.lanes.output(k);
+    pub fn look(&mut self, middle: &[Row], end: &[Row]) {
+        self.evaluate(middle);
+        for (k, row) in self.middle.iter_mut().enumerate() {
+            **row = *self.lanes.output(k);
+        }
+        self.evaluate(end);
+        self.met = NIL;
+        for (k, row) in self.end.iter_mut().enumerate() {
+            **row = *self.lanes.output(k);
+            let (before, middle) = (&self.before[k], &self.middle[k]);
+            for l in 0..LANES {
+                let rises = (middle[l] > 0.0) & (middle[l] > before[l])
+                    | (row[l] > 0.0) & (row[l] > middle[l]);
+                self.met[l] = if rises { 1.0 } else { self.met[l] };
             }
         }
+    }
+
+    /// Whether an event is met within the step tried in `lane`.
+    pub fn met(&self, lane: usize) -> bool {
+        self.met[lane] > 0.0
+    }
+
+    /// Moves on where `accepted` is 1.
+    #[inline(always)]
+    pub fn commit(&mut self, accepted: &Row) {
+        take_where(accepted, &self.end, &mut self.before);
     }
 
     /// The first event on the accepted step of `lane`, with its arc length.
     pub fn first_in(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
         let middle = 0.5 * (step.start + step.end);
         let first = self.first_between(lane, step, [step.start, middle], false);
-        let first = first.or_else(|| self.first_between(lane, step, [middle, step.end], true));
-        for k in 0..self.before.len() {
-            self.before[k][lane] = self.end[k][lane];
-        }
-        first
+        first.or_else(|| self.first_between(lane, step, [middle, step.end], true))
     }
 
     fn first_between(

@@ -4,6 +4,7 @@
 //! Arc length is measured in the metric; tangents have unit length.
 
 mod conjugate;
+mod control;
 mod crossing;
 mod departure;
 mod dormand_prince;
@@ -14,6 +15,8 @@ mod integrator;
 mod path;
 mod samples;
 mod spread;
+mod starts;
+mod state;
 mod step;
 
 pub use conjugate::conjugate_points;
@@ -28,15 +31,21 @@ pub use samples::{Sample, samples};
 pub use spread::{Spread, perpendiculars, signed_area};
 pub use step::Step;
 
-use crate::manifold::{Carried, Manifold};
+use crate::{
+    expr::Wide,
+    manifold::{Carried, Manifold},
+};
 use glam::DVec3;
 
 /// Lanes: wide enough that an instruction's dispatch costs less than its arithmetic, small enough
 /// that registers and stages stay in the first-level cache.
-const LANES: usize = 16;
+const LANES: usize = 32;
 
 /// One number for every lane.
-type Row = [f64; LANES];
+type Row = Wide<f64, LANES>;
+
+/// Zero in every lane.
+const NIL: Row = Wide([0.0; LANES]);
 
 /// A geodesic to follow.
 #[derive(Debug, Clone, Copy)]
@@ -100,8 +109,20 @@ pub struct Settings {
     pub events: bool,
 }
 
+/// Which steps a [`Sink`] takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Takes {
+    /// All of them.
+    EveryStep,
+    /// That in which a ray ends: following is quicker when only few steps are made into curves.
+    LastStep,
+}
+
 /// Takes the steps of many rays as they are made.
 pub trait Sink {
+    /// Which steps it takes.
+    const TAKES: Takes = Takes::EveryStep;
+
     /// The next step of `ray`; steps of one ray come in order, those of different rays mixed.
     fn step(&mut self, ray: usize, step: &Step);
     /// `ray` has ended at arc length `s` after `steps` steps tried.

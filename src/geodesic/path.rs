@@ -1,6 +1,6 @@
 //! A whole geodesic with dense output.
 
-use super::{End, Ray, Settings, Sink, Step, follow};
+use super::{End, Ray, Settings, Sink, Step, Takes, follow};
 use crate::manifold::Manifold;
 
 /// A geodesic as its steps.
@@ -51,6 +51,8 @@ pub fn ends(
 struct Last(Vec<Option<(Step, f64)>>);
 
 impl Sink for Last {
+    const TAKES: Takes = Takes::LastStep;
+
     fn step(&mut self, ray: usize, step: &Step) {
         if self.0.len() <= ray {
             self.0.resize(ray + 1, None);
