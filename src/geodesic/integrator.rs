@@ -107,49 +107,36 @@ impl<'m> Lanes<'m> {
     /// One trial step of every lane: stages, new state, error, judgement. Lanes without a ray compute
     /// what is left in them; nobody looks at it.
     fn attempt(&mut self) {
-        for stage in 1..STAGES {
-            vectorised(
-                #[inline(always)]
-                || self.advance(stage),
-            );
-            let (_, k) = self.k.split_at_mut(stage);
-            rates_at(
-                self.flow,
-                &mut self.registers,
-                self.layout,
-                &self.trial,
-                &mut k[0],
-            );
-        }
         vectorised(
             #[inline(always)]
             || {
+                for stage in 1..STAGES {
+                    self.advance(stage);
+                    rates_at(
+                        self.flow,
+                        &mut self.registers,
+                        self.layout,
+                        &self.trial,
+                        &mut self.k[stage],
+                    );
+                }
                 self.measure();
                 self.restore_speed();
                 self.control.judge();
+                self.look();
             },
         );
-        if self.events.is_some() {
-            vectorised(
-                #[inline(always)]
-                || self.look(),
-            );
-        }
     }
 
     /// The state at which stage `stage` is evaluated; that of the last is the trial's end.
     #[inline(always)]
     fn advance(&mut self, stage: usize) {
         let weights = &A[stage - 1][..stage];
-        for row in 0..self.layout.rows {
-            let mut sum = [0.0; LANES];
-            for (w, k) in weights.iter().zip(&self.k) {
-                for l in 0..LANES {
-                    sum[l] += w * k[row][l];
-                }
-            }
+        let h = &self.control.h;
+        for (row, (trial, y)) in self.trial.iter_mut().zip(&self.y).enumerate() {
+            let sum = weighted(weights, &self.k, row);
             for l in 0..LANES {
-                self.trial[row][l] = self.y[row][l] + self.control.h[l] * sum[l];
+                trial[l] = y[l] + h[l] * sum[l];
             }
         }
     }
@@ -160,19 +147,20 @@ impl<'m> Lanes<'m> {
         let Some(events) = &mut self.events else {
             return;
         };
-        let (y, k, last) = (&self.y, &self.k[0], &self.k[STAGES - 1]);
+        let h = &self.control.h;
         let mut middle = [NIL; 6];
         for c in 0..3 {
-            for l in 0..LANES {
-                let h = self.control.h[l];
-                let (u0, u1) = (y[c][l], self.trial[c][l]);
-                let (v0, v1) = (y[3 + c][l], self.trial[3 + c][l]);
-                let (a0, a1) = (k[3 + c][l], last[3 + c][l]);
-                middle[c][l] =
-                    0.5 * (u0 + u1) + h * ((v0 - v1) * (5.0 / 32.0) + h * (a0 + a1) / 64.0);
-                middle[3 + c][l] =
-                    (u1 - u0) / h * 1.875 - (v0 + v1) * 0.4375 + h * (a1 - a0) / 32.0;
-            }
+            let (u0, u1) = (&self.y[c], &self.trial[c]);
+            let (v0, v1) = (&self.y[3 + c], &self.trial[3 + c]);
+            let (a0, a1) = (&self.k[0][3 + c], &self.k[STAGES - 1][3 + c]);
+            middle[c] = each(|l| {
+                0.5 * (u0[l] + u1[l])
+                    + h[l] * ((v0[l] - v1[l]) * (5.0 / 32.0) + h[l] * (a0[l] + a1[l]) / 64.0)
+            });
+            middle[3 + c] = each(|l| {
+                (u1[l] - u0[l]) / h[l] * 1.875 - (v0[l] + v1[l]) * 0.4375
+                    + h[l] * (a1[l] - a0[l]) / 32.0
+            });
         }
         events.look(&middle, &self.trial[..6]);
     }
@@ -183,51 +171,33 @@ impl<'m> Lanes<'m> {
     #[inline(always)]
     fn measure(&mut self) {
         let metric = [3, 4, 5, 6, 7, 8].map(|i| self.registers.output(i));
-        let h = self.control.h;
+        let (s, h, k, trial) = (&self.control.s, &self.control.h, &self.k, &self.trial);
         let error = |row: usize| {
-            let mut sum = NIL;
-            for (w, k) in ERROR.iter().zip(&self.k) {
-                for l in 0..LANES {
-                    sum[l] += w * k[row][l];
-                }
-            }
-            for l in 0..LANES {
-                sum[l] *= h[l];
-            }
-            sum
+            let sum = weighted(&ERROR, k, row);
+            each(|l| sum[l] * h[l])
         };
-        let vector = |at: usize| [error(at), error(at + 1), error(at + 2)];
-        let value = |at: usize| [self.trial[at], self.trial[at + 1], self.trial[at + 2]];
-        let (point, tangent) = (norm2(metric, &vector(0)), norm2(metric, &vector(3)));
-        let mut inverse2 = NIL;
-        let mut worst = NIL;
-        for l in 0..LANES {
-            let inverse = 1.0 / (self.control.s[l] + h[l]);
-            inverse2[l] = inverse * inverse;
-            worst[l] = larger(point[l] * inverse2[l], tangent[l]);
-        }
+        let vector = |at: usize| norm2(metric, [&error(at), &error(at + 1), &error(at + 2)]);
+        let value = |at: usize| norm2(metric, [&trial[at], &trial[at + 1], &trial[at + 2]]);
+        let (point, tangent) = (vector(0), vector(3));
+        let inverse2 = each(|l| 1.0 / ((s[l] + h[l]) * (s[l] + h[l])));
+        let mut worst = each(|l| larger(point[l] * inverse2[l], tangent[l]));
         if let Some(at) = self.layout.turn {
             for row in at..at + 4 {
                 let e = error(row);
-                for l in 0..LANES {
-                    worst[l] = larger(worst[l], e[l] * e[l]);
-                }
+                worst = each(|l| larger(worst[l], e[l] * e[l]));
             }
         }
         if let Some(at) = self.layout.deviation {
             for column in [at, at + 6] {
-                let (du, dv) = (
-                    norm2(metric, &vector(column)),
-                    norm2(metric, &vector(column + 3)),
-                );
-                let size = norm2(metric, &value(column + 3));
-                for l in 0..LANES {
+                let (du, dv) = (vector(column), vector(column + 3));
+                let size = value(column + 3);
+                worst = each(|l| {
                     let e = larger(du[l] * inverse2[l], dv[l]);
-                    worst[l] = larger(worst[l], e / larger(1.0, size[l]));
-                }
+                    larger(worst[l], e / larger(1.0, size[l]))
+                });
             }
         }
-        self.control.speed2 = norm2(metric, &value(3));
+        self.control.speed2 = value(3);
         self.control.error2 = worst;
     }
 
@@ -235,33 +205,24 @@ impl<'m> Lanes<'m> {
     /// linear in it, so the rates at the new point follow without another evaluation.
     #[inline(always)]
     fn restore_speed(&mut self) {
+        let speed2 = &self.control.speed2;
+        let scale = each(|l| 1.0 / speed2[l].sqrt());
+        let scale2 = each(|l| scale[l] * scale[l]);
         let rates = &mut self.k[STAGES - 1];
-        let mut scale = NIL;
-        for l in 0..LANES {
-            scale[l] = 1.0 / self.control.speed2[l].sqrt();
-        }
         for c in 0..3 {
-            for l in 0..LANES {
-                self.trial[3 + c][l] *= scale[l];
-                rates[c][l] *= scale[l];
-                rates[3 + c][l] *= scale[l] * scale[l];
-            }
+            multiply(&mut self.trial[3 + c], &scale);
+            multiply(&mut rates[c], &scale);
+            multiply(&mut rates[3 + c], &scale2);
         }
         if let Some(turn) = self.layout.turn {
-            let mut unit = NIL;
-            for c in 0..4 {
-                for l in 0..LANES {
-                    unit[l] += self.trial[turn + c][l] * self.trial[turn + c][l];
-                }
-            }
-            for l in 0..LANES {
-                unit[l] = 1.0 / unit[l].sqrt();
-            }
-            for c in 0..4 {
-                for l in 0..LANES {
-                    self.trial[turn + c][l] *= unit[l];
-                    rates[turn + c][l] *= unit[l] * scale[l];
-                }
+            let [x, y, z, w] = [0, 1, 2, 3].map(|c| &self.trial[turn + c]);
+            let unit = each(|l| {
+                1.0 / (x[l] * x[l] + y[l] * y[l] + z[l] * z[l] + w[l] * w[l]).sqrt()
+            });
+            let rate = each(|l| unit[l] * scale[l]);
+            for c in turn..turn + 4 {
+                multiply(&mut self.trial[c], &unit);
+                multiply(&mut rates[c], &rate);
             }
         }
     }
@@ -382,16 +343,46 @@ impl<'m> Lanes<'m> {
     }
 }
 
+/// One number for each lane.
+#[inline(always)]
+fn each(f: impl Fn(usize) -> f64) -> Row {
+    let mut row = NIL;
+    for l in 0..LANES {
+        row[l] = f(l);
+    }
+    row
+}
+
+/// `row *= by`
+#[inline(always)]
+fn multiply(row: &mut Row, by: &Row) {
+    for l in 0..LANES {
+        row[l] *= by[l];
+    }
+}
+
+/// `Σ wⱼ kⱼ` of one row of the stages' rates.
+#[inline(always)]
+fn weighted(weights: &[f64], k: &[Vec<Row>; STAGES], row: usize) -> Row {
+    let mut sum = NIL;
+    for (&w, k) in weights.iter().zip(k) {
+        let k = &k[row];
+        for l in 0..LANES {
+            sum[l] += w * k[l];
+        }
+    }
+    sum
+}
+
 /// `xᵀGx`; metric entries in the order xx, yy, zz, xy, xz, yz.
 #[inline(always)]
-fn norm2(metric: [&[f64; LANES]; 6], x: &[Row; 3]) -> Row {
-    let mut norm2 = NIL;
-    for l in 0..LANES {
-        let [a, b, c] = [x[0][l], x[1][l], x[2][l]];
-        let mixed = a * b * metric[3][l] + a * c * metric[4][l] + b * c * metric[5][l];
-        norm2[l] = a * a * metric[0][l] + b * b * metric[1][l] + c * c * metric[2][l] + 2.0 * mixed;
-    }
-    norm2
+fn norm2(metric: [&[f64; LANES]; 6], [x, y, z]: [&Row; 3]) -> Row {
+    let [xx, yy, zz, xy, xz, yz] = metric;
+    each(|l| {
+        let [a, b, c] = [x[l], y[l], z[l]];
+        let mixed = a * b * xy[l] + a * c * xz[l] + b * c * yz[l];
+        a * a * xx[l] + b * b * yy[l] + c * c * zz[l] + 2.0 * mixed
+    })
 }
 
 /// The larger of two numbers; NaN wins, so that a broken estimate is never accepted.

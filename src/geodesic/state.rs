@@ -93,12 +93,16 @@ pub(super) fn rates_at(
 /// `q̇ = ½ (ω, 0) ⊗ q`, components x, y, z, w.
 #[inline(always)]
 fn turn_rates(omega: [&[f64; LANES]; 3], q: &[Row], rates: &mut [Row]) {
+    let [a, b, c] = omega;
+    let ([x, y, z, w], [dx, dy, dz, dw]) = (q, rates) else {
+        return;
+    };
     for l in 0..LANES {
-        let [a, b, c] = [0.5 * omega[0][l], 0.5 * omega[1][l], 0.5 * omega[2][l]];
-        let [x, y, z, w] = [q[0][l], q[1][l], q[2][l], q[3][l]];
-        rates[0][l] = a * w + b * z - c * y;
-        rates[1][l] = b * w + c * x - a * z;
-        rates[2][l] = c * w + a * y - b * x;
-        rates[3][l] = -(a * x + b * y + c * z);
+        let [a, b, c] = [0.5 * a[l], 0.5 * b[l], 0.5 * c[l]];
+        let [x, y, z, w] = [x[l], y[l], z[l], w[l]];
+        dx[l] = a * w + b * z - c * y;
+        dy[l] = b * w + c * x - a * z;
+        dz[l] = c * w + a * y - b * x;
+        dw[l] = -(a * x + b * y + c * z);
     }
 }
