@@ -172,32 +172,27 @@ impl<'m> Lanes<'m> {
     fn measure(&mut self) {
         let metric = [3, 4, 5, 6, 7, 8].map(|i| self.registers.output(i));
         let (s, h, k, trial) = (&self.control.s, &self.control.h, &self.k, &self.trial);
-        let error = |row: usize| {
-            let sum = weighted(&ERROR, k, row);
-            each(|l| sum[l] * h[l])
-        };
-        let vector = |at: usize| norm2(metric, [&error(at), &error(at + 1), &error(at + 2)]);
-        let value = |at: usize| norm2(metric, [&trial[at], &trial[at + 1], &trial[at + 2]]);
-        let (point, tangent) = (vector(0), vector(3));
+        let (point, tangent) = (vector_error(metric, k, h, 0), vector_error(metric, k, h, 3));
         let inverse2 = each(|l| 1.0 / ((s[l] + h[l]) * (s[l] + h[l])));
         let mut worst = each(|l| larger(point[l] * inverse2[l], tangent[l]));
         if let Some(at) = self.layout.turn {
             for row in at..at + 4 {
-                let e = error(row);
+                let e = error(k, h, row);
                 worst = each(|l| larger(worst[l], e[l] * e[l]));
             }
         }
         if let Some(at) = self.layout.deviation {
             for column in [at, at + 6] {
-                let (du, dv) = (vector(column), vector(column + 3));
-                let size = value(column + 3);
+                let du = vector_error(metric, k, h, column);
+                let dv = vector_error(metric, k, h, column + 3);
+                let size = norm2(metric, vector(trial, column + 3));
                 worst = each(|l| {
                     let e = larger(du[l] * inverse2[l], dv[l]);
                     larger(worst[l], e / larger(1.0, size[l]))
                 });
             }
         }
-        self.control.speed2 = value(3);
+        self.control.speed2 = norm2(metric, vector(trial, 3));
         self.control.error2 = worst;
     }
 
@@ -372,6 +367,27 @@ fn weighted(weights: &[f64], k: &[Vec<Row>; STAGES], row: usize) -> Row {
         }
     }
     sum
+}
+
+/// The error of one row of the trial.
+#[inline(always)]
+fn error(k: &[Vec<Row>; STAGES], h: &Row, row: usize) -> Row {
+    let mut error = weighted(&ERROR, k, row);
+    multiply(&mut error, h);
+    error
+}
+
+/// The squared length of the error of the vector that begins at row `at`.
+#[inline(always)]
+fn vector_error(metric: [&[f64; LANES]; 6], k: &[Vec<Row>; STAGES], h: &Row, at: usize) -> Row {
+    let [x, y, z] = [0, 1, 2].map(|c| error(k, h, at + c));
+    norm2(metric, [&x, &y, &z])
+}
+
+/// The three rows of the vector that begins at row `at`.
+#[inline(always)]
+fn vector(rows: &[Row], at: usize) -> [&Row; 3] {
+    [&rows[at], &rows[at + 1], &rows[at + 2]]
 }
 
 /// `xᵀGx`; metric entries in the order xx, yy, zz, xy, xz, yz.
