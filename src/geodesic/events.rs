@@ -1,9 +1,9 @@
 //! Where a ray ends: the first arc length at which an event of the domain becomes positive.
 //!
 //! In: trial states of all lanes, then the accepted [`Step`] of one. Out: the [`End`] and its arc
-//! length, found on the step's curve to rounding, not to the step. Events are looked at in the
-//! middle and at the end of a step, so one that comes and goes within half a step is missed; steps
-//! are short against the curvature of the path.
+//! length, found on the step's curve to rounding, not to the step. Events are looked at at the end of
+//! a step and at one or three places inside it, so one that comes and goes between two of them is
+//! missed: at most 1/64 of the ray lies between.
 //!
 //! A ray that starts beyond an event is not over if it is on its way back: the event counts as soon
 //! as its value rises.
@@ -15,16 +15,17 @@ use crate::{
 };
 use glam::DVec3;
 
+/// Where events are looked at, as fractions of a step.
+const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+
 /// Finds events on the steps of the rays in all lanes.
 pub(super) struct Events<'m> {
     domain: &'m Domain,
     lanes: Registers<f64, LANES>,
     single: Registers<f64, 1>,
-    /// The events' values at the end of the step before, and in the middle and at the end of the
-    /// step tried.
+    /// The events' values at the end of the step before, and at [`PLACES`] of the step tried.
     before: Vec<Row>,
-    middle: Vec<Row>,
-    end: Vec<Row>,
+    at: [Vec<Row>; 4],
     /// 1 where an event is met within the step tried, else 0.
     met: Row,
 }
@@ -38,8 +39,7 @@ impl<'m> Events<'m> {
             lanes: domain.events().registers(),
             single: domain.events().registers(),
             before: rows.clone(),
-            middle: rows.clone(),
-            end: rows,
+            at: std::array::from_fn(|_| rows.clone()),
             met: NIL,
         })
     }
@@ -68,24 +68,37 @@ impl<'m> Events<'m> {
         }
     }
 
-    /// Evaluates all events in all lanes for the middles and ends (u, v) of the steps tried.
+    /// Evaluates all events in all lanes for the states (u, v) at one of [`PLACES`] of the steps tried;
+    /// where `counts` is 0 the values are those of the place before.
     #[inline(always)]
-    pub fn look(&mut self, middle: &[Row], end: &[Row]) {
-        self.evaluate(middle);
-        for (k, row) in self.middle.iter_mut().enumerate() {
-            **row = *self.lanes.output(k);
+    pub fn look(&mut self, place: usize, state: &[Row], counts: &Row) {
+        self.evaluate(state);
+        if place == 0 {
+            self.met = NIL;
         }
-        self.evaluate(end);
-        self.met = NIL;
-        for (k, row) in self.end.iter_mut().enumerate() {
-            **row = *self.lanes.output(k);
-            let (before, middle) = (&self.before[k], &self.middle[k]);
+        for k in 0..self.before.len() {
+            let now = self.lanes.output(k);
+            let (earlier, later) = self.at.split_at_mut(place);
+            let before = earlier.last().map_or(&self.before[k], |rows| &rows[k]);
+            let (row, met) = (&mut later[0][k], &mut self.met);
             for l in 0..LANES {
-                let rises = (middle[l] > 0.0) & (middle[l] > before[l])
-                    | (row[l] > 0.0) & (row[l] > middle[l]);
-                self.met[l] = if rises { 1.0 } else { self.met[l] };
+                let value = if counts[l] > 0.0 { now[l] } else { before[l] };
+                let rises = (value > 0.0) & (value > before[l]);
+                row[l] = value;
+                met[l] = if rises { 1.0 } else { met[l] };
             }
         }
+    }
+
+    /// Leaves out a place: the values there are those of the place before.
+    #[inline(always)]
+    pub fn skip(&mut self, place: usize) {
+        if place == 0 {
+            self.met = NIL;
+        }
+        let (earlier, later) = self.at.split_at_mut(place);
+        let before = earlier.last().unwrap_or(&self.before);
+        later[0].copy_from_slice(before);
     }
 
     /// Whether an event is met within the step tried in `lane`.
@@ -96,30 +109,34 @@ impl<'m> Events<'m> {
     /// Moves on where `accepted` is 1.
     #[inline(always)]
     pub fn commit(&mut self, accepted: &Row) {
-        take_where(accepted, &self.end, &mut self.before);
+        take_where(accepted, &self.at[PLACES.len() - 1], &mut self.before);
     }
 
     /// The first event on the accepted step of `lane`, with its arc length.
     pub fn first_in(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
-        let middle = 0.5 * (step.start + step.end);
-        let first = self.first_between(lane, step, [step.start, middle], false);
-        first.or_else(|| self.first_between(lane, step, [middle, step.end], true))
+        let mut from = 0.0;
+        PLACES.into_iter().enumerate().find_map(|(place, to)| {
+            let [low, high] = [from, to].map(|t| step.start + t * step.h);
+            from = to;
+            self.first_before(lane, place, step, [low, high])
+        })
     }
 
-    fn first_between(
+    /// The first event between a place and the one before it, at the arc lengths `from` and `to`.
+    fn first_before(
         &mut self,
         lane: usize,
+        place: usize,
         step: &Step,
         [from, to]: [f64; 2],
-        second: bool,
     ) -> Option<(End, f64)> {
         let mut first: Option<(f64, usize)> = None;
         for k in 0..self.before.len() {
-            let (before, now) = match second {
-                false => (self.before[k][lane], self.middle[k][lane]),
-                true => (self.middle[k][lane], self.end[k][lane]),
+            let before = match place {
+                0 => self.before[k][lane],
+                _ => self.at[place - 1][k][lane],
             };
-            if now > before.max(0.0) {
+            if self.at[place][k][lane] > before.max(0.0) {
                 let s = match before > 0.0 {
                     true => from,
                     false => crossing(from, to, |s| {

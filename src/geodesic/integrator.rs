@@ -7,7 +7,7 @@
 
 use super::{
     End, LANES, NIL, Ray, Row, Settings, Sink, Step, Takes,
-    control::Control,
+    control::{Control, LOOK},
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
     events::Events,
     starts::{Start, Starts},
@@ -15,7 +15,7 @@ use super::{
 };
 use crate::{
     expr::{Registers, Tape, vectorised},
-    manifold::Manifold,
+    manifold::{Carried, Manifold},
 };
 use glam::DVec3;
 
@@ -43,6 +43,8 @@ struct Lanes<'m> {
     layout: Layout,
     flow: &'m Tape,
     registers: Registers<f64, LANES>,
+    /// The rates of a path that carries nothing.
+    bare: (&'m Tape, Registers<f64, LANES>),
     events: Option<Events<'m>>,
     starts: Starts<'m>,
     /// The number of the ray that a lane follows.
@@ -57,12 +59,14 @@ struct Lanes<'m> {
 impl<'m> Lanes<'m> {
     fn new(manifold: &'m Manifold, settings: Settings) -> Self {
         let flow = manifold.flow(settings.carried);
+        let bare = manifold.flow(Carried::default());
         let layout = Layout::of(settings);
         let rows = || vec![NIL; layout.rows];
         Self {
             layout,
             flow,
             registers: flow.registers(),
+            bare: (bare, bare.registers()),
             events: match settings.events {
                 true => Events::new(&manifold.domain),
                 false => None,
@@ -122,8 +126,12 @@ impl<'m> Lanes<'m> {
                 }
                 self.measure();
                 self.restore_speed();
+                let long = self.control.any_is_long();
+                if long {
+                    self.probe();
+                }
                 self.control.judge();
-                self.look();
+                self.look(long);
             },
         );
     }
@@ -141,28 +149,73 @@ impl<'m> Lanes<'m> {
         }
     }
 
-    /// Evaluates the events in the middle of the trial steps (on the quintic) and at their ends.
+    /// Looks at the acceleration between the stages: how far it bends the tangent over a step, beside
+    /// what the quintic through the step's ends does.
     #[inline(always)]
-    fn look(&mut self) {
-        let Some(events) = &mut self.events else {
+    fn probe(&mut self) {
+        let mut known = [NIL; 3];
+        for c in 0..3 {
+            let [u, v, a] = self.between(c, LOOK);
+            *self.bare.1.input(c) = *u;
+            *self.bare.1.input(3 + c) = *v;
+            known[c] = a;
+        }
+        self.bare.0.run(&mut self.bare.1);
+        let h = &self.control.h;
+        for (c, known) in known.iter_mut().enumerate() {
+            let a = self.bare.1.output(c);
+            *known = each(|l| (a[l] - known[l]) * h[l]);
+        }
+        let metric = [3, 4, 5, 6, 7, 8].map(|i| self.bare.1.output(i));
+        self.control.unforeseen2 = norm2(metric, [&known[0], &known[1], &known[2]]);
+    }
+
+    /// Component `c` of the point, the tangent and the acceleration at the fraction `t` of the trial
+    /// step, on the quintic through its ends.
+    #[inline(always)]
+    fn between(&self, c: usize, t: f64) -> [Row; 3] {
+        let h = &self.control.h;
+        let (u0, u1) = (&self.y[c], &self.trial[c]);
+        let (v0, v1) = (&self.y[3 + c], &self.trial[3 + c]);
+        let (a0, a1) = (&self.k[0][3 + c], &self.k[STAGES - 1][3 + c]);
+        let [mut u, mut v, mut a] = [NIL; 3];
+        for l in 0..LANES {
+            let h = h[l];
+            let (p1, p2) = (v0[l] * h, a0[l] * (0.5 * h * h));
+            let rise = u1[l] - u0[l] - p1 - p2;
+            let slope = v1[l] * h - p1 - p2 * 2.0;
+            let bend = a1[l] * (0.5 * h * h) - p2;
+            let p3 = rise * 10.0 - slope * 4.0 + bend;
+            let p4 = rise * -15.0 + slope * 7.0 - bend * 2.0;
+            let p5 = rise * 6.0 - slope * 3.0 + bend;
+            u[l] = u0[l] + (p1 + (p2 + (p3 + (p4 + p5 * t) * t) * t) * t) * t;
+            v[l] = (p1 + (p2 * 2.0 + (p3 * 3.0 + (p4 * 4.0 + p5 * (5.0 * t)) * t) * t) * t) / h;
+            a[l] = (p2 * 2.0 + (p3 * 6.0 + (p4 * 12.0 + p5 * (20.0 * t)) * t) * t) / (h * h);
+        }
+        [u, v, a]
+    }
+
+    /// Evaluates the events at the ends of the trial steps and inside them: in the middle, and where
+    /// steps are long (`long`: some are) in the middle of each half too.
+    #[inline(always)]
+    fn look(&mut self, long: bool) {
+        let Some(mut events) = self.events.take() else {
             return;
         };
-        let h = &self.control.h;
-        let mut middle = [NIL; 6];
-        for c in 0..3 {
-            let (u0, u1) = (&self.y[c], &self.trial[c]);
-            let (v0, v1) = (&self.y[3 + c], &self.trial[3 + c]);
-            let (a0, a1) = (&self.k[0][3 + c], &self.k[STAGES - 1][3 + c]);
-            middle[c] = each(|l| {
-                0.5 * (u0[l] + u1[l])
-                    + h[l] * ((v0[l] - v1[l]) * (5.0 / 32.0) + h[l] * (a0[l] + a1[l]) / 64.0)
+        for (place, t) in [0.25, 0.5, 0.75].into_iter().enumerate() {
+            let counts = each(|l| match place == 1 || self.control.is_long(l) {
+                true => 1.0,
+                false => 0.0,
             });
-            middle[3 + c] = each(|l| {
-                (u1[l] - u0[l]) / h[l] * 1.875 - (v0[l] + v1[l]) * 0.4375
-                    + h[l] * (a1[l] - a0[l]) / 32.0
-            });
+            if place == 1 || long {
+                let [x, y, z] = [0, 1, 2].map(|c| self.between(c, t));
+                events.look(place, &[x[0], y[0], z[0], x[1], y[1], z[1]], &counts);
+            } else {
+                events.skip(place);
+            }
         }
-        events.look(&middle, &self.trial[..6]);
+        events.look(3, &self.trial[..6], &each(|_| 1.0));
+        self.events = Some(events);
     }
 
     /// The error of the trial in the metric at the trial's end: an angle for the tangent and the
@@ -258,6 +311,7 @@ impl<'m> Lanes<'m> {
             if let Some((end, s)) = end {
                 sink.end(ray, end, s, self.control.steps[lane] as usize);
                 self.ray[lane] = None;
+                self.control.stop(lane);
             }
         }
     }
