@@ -5,6 +5,7 @@ use geofan::{
     diagnostic::SourceText,
     geodesic::{End, Path, Ray, Settings, paths},
     manifold::{Carried, Manifold},
+    random::Stream,
 };
 use glam::{DMat3, DQuat, DVec3};
 
@@ -146,5 +147,38 @@ fn sphere_paths_meet_at_the_antipode_and_close() {
             (meet - antipode).length()
         );
         assert!((close - u).length() < 1e-8);
+    }
+}
+
+/// A ball of radius 0.05 of denser medium: space is exactly flat around it, so that no error estimate
+/// tells of it before a stage lies inside.
+#[test]
+fn rays_through_a_small_lens_in_flat_space_do_not_leap_over_it() {
+    let text = r#"
+name = "Pea"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "if(r2 < 0.0025, (2 - r2/0.0025)^2, 1)" }
+[let]
+r2 = "(x - 0.3)^2 + (y + 0.2)^2 + (z - 0.1)^2"
+"#;
+    let manifold = manifold(text);
+    let centre = DVec3::new(0.3, -0.2, 0.1);
+    let length = 2.0;
+    for k in 0..400 {
+        let mut random = Stream::new(&[k]);
+        let d = random.direction();
+        let side = 0.035 * random.direction().cross(d).normalize();
+        let from = random.between(0.2, 1.5);
+        let u = centre + side - d * from;
+        for tolerance in [1e-4, 1e-6, 1e-9] {
+            let settings = Settings {
+                tolerance,
+                carried: Carried::default(),
+                events: false,
+            };
+            let path = paths(&manifold, settings, [Ray::new(&manifold, u, d, length)]).remove(0);
+            let out = path.steps.last().unwrap().tangent(path.length);
+            assert!(out.angle_between(d) > 0.1, "ray {k} at {tolerance} went straight on");
+        }
     }
 }

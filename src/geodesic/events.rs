@@ -26,6 +26,8 @@ pub(super) struct Events<'m> {
     /// The events' values at the end of the step before, and at [`PLACES`] of the step tried.
     before: Vec<Row>,
     at: [Vec<Row>; 4],
+    /// 1 where a lane looks at a place, else 0.
+    looked: [Row; 4],
     /// 1 where an event is met within the step tried, else 0.
     met: Row,
 }
@@ -40,6 +42,7 @@ impl<'m> Events<'m> {
             single: domain.events().registers(),
             before: rows.clone(),
             at: std::array::from_fn(|_| rows.clone()),
+            looked: [NIL; 4],
             met: NIL,
         })
     }
@@ -69,10 +72,11 @@ impl<'m> Events<'m> {
     }
 
     /// Evaluates all events in all lanes for the states (u, v) at one of [`PLACES`] of the steps tried;
-    /// where `counts` is 0 the values are those of the place before.
+    /// where `looked` is 0 the values are those of the place before.
     #[inline(always)]
-    pub fn look(&mut self, place: usize, state: &[Row], counts: &Row) {
+    pub fn look(&mut self, place: usize, state: &[Row], looked: &Row) {
         self.evaluate(state);
+        self.looked[place] = *looked;
         if place == 0 {
             self.met = NIL;
         }
@@ -82,7 +86,7 @@ impl<'m> Events<'m> {
             let before = earlier.last().map_or(&self.before[k], |rows| &rows[k]);
             let (row, met) = (&mut later[0][k], &mut self.met);
             for l in 0..LANES {
-                let value = if counts[l] > 0.0 { now[l] } else { before[l] };
+                let value = if looked[l] > 0.0 { now[l] } else { before[l] };
                 let rises = (value > 0.0) & (value > before[l]);
                 row[l] = value;
                 met[l] = if rises { 1.0 } else { met[l] };
@@ -96,6 +100,7 @@ impl<'m> Events<'m> {
         if place == 0 {
             self.met = NIL;
         }
+        self.looked[place] = NIL;
         let (earlier, later) = self.at.split_at_mut(place);
         let before = earlier.last().unwrap_or(&self.before);
         later[0].copy_from_slice(before);
@@ -116,13 +121,16 @@ impl<'m> Events<'m> {
     pub fn first_in(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
         let mut from = 0.0;
         PLACES.into_iter().enumerate().find_map(|(place, to)| {
+            if self.looked[place][lane] == 0.0 {
+                return None;
+            }
             let [low, high] = [from, to].map(|t| step.start + t * step.h);
             from = to;
             self.first_before(lane, place, step, [low, high])
         })
     }
 
-    /// The first event between a place and the one before it, at the arc lengths `from` and `to`.
+    /// The first event between a place and the one looked at before it, at the arc lengths `from` and `to`.
     fn first_before(
         &mut self,
         lane: usize,

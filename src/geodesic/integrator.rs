@@ -203,13 +203,13 @@ impl<'m> Lanes<'m> {
             return;
         };
         for (place, t) in [0.25, 0.5, 0.75].into_iter().enumerate() {
-            let counts = each(|l| match place == 1 || self.control.is_long(l) {
+            let looked = each(|l| match place == 1 || self.control.is_long(l) {
                 true => 1.0,
                 false => 0.0,
             });
             if place == 1 || long {
                 let [x, y, z] = [0, 1, 2].map(|c| self.between(c, t));
-                events.look(place, &[x[0], y[0], z[0], x[1], y[1], z[1]], &counts);
+                events.look(place, &[x[0], y[0], z[0], x[1], y[1], z[1]], &looked);
             } else {
                 events.skip(place);
             }
