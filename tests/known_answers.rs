@@ -178,7 +178,10 @@ r2 = "(x - 0.3)^2 + (y + 0.2)^2 + (z - 0.1)^2"
             };
             let path = paths(&manifold, settings, [Ray::new(&manifold, u, d, length)]).remove(0);
             let out = path.steps.last().unwrap().tangent(path.length);
-            assert!(out.angle_between(d) > 0.1, "ray {k} at {tolerance} went straight on");
+            assert!(
+                out.angle_between(d) > 0.1,
+                "ray {k} at {tolerance} went straight on"
+            );
         }
     }
 }

@@ -9,7 +9,7 @@ use crate::{
     manifold::{Carried, Manifold},
 };
 use glam::DVec3;
-use ndarray::{Array3, ArrayViewMut2, Axis, s};
+use ndarray::{Array3, ArrayViewMut2, Axis};
 use rayon::prelude::*;
 
 /// Channels of a sample.
@@ -47,7 +47,7 @@ pub fn sample(
                 rays,
                 lengths,
                 next: vec![0; rays.len()],
-                last: vec![None; rays.len()],
+                last: None,
                 rows: samples.axis_iter_mut(Axis(0)).collect(),
             };
             let starts = rays.iter().map(|&(u, v)| Ray {
@@ -69,8 +69,8 @@ struct Sampler<'a> {
     lengths: &'a [f64],
     /// The next arc length to be sampled, for each ray.
     next: Vec<usize>,
-    /// The end of the last step of each ray.
-    last: Vec<Option<Last>>,
+    /// The end of the last step, if its ray has samples left.
+    last: Option<Last>,
     rows: Vec<ArrayViewMut2<'a, f64>>,
 }
 
@@ -79,45 +79,43 @@ impl Sampler<'_> {
         let (u0, v0) = self.rays[ray];
         let at = self.next[ray];
         let displacement = (u - u0) / self.lengths[at] - v0;
-        let mut row = self.rows[ray].slice_mut(s![at, ..]);
+        let row = &mut self.rows[ray];
         for k in 0..3 {
-            row[k] = displacement[k];
+            row[[at, k]] = displacement[k];
         }
         for k in 0..4 {
-            row[3 + k] = q[k];
+            row[[at, 3 + k]] = q[k];
         }
         self.next[ray] += 1;
     }
 }
 
-fn quaternion(step: &Step, s: f64, before: Option<[f64; 4]>) -> [f64; 4] {
-    let Some(q) = step.rotation(s) else {
-        return [0.0, 0.0, 0.0, 1.0];
-    };
-    let q = q.to_array();
-    // Dense output is continuous already; this keeps the sign across its normalisation too.
-    let same = before.is_none_or(|b| b.iter().zip(&q).map(|(x, y)| x * y).sum::<f64>() >= 0.0);
-    if same { q } else { q.map(|x| -x) }
+/// The transported rotation at `s`, of a sign that is continuous along the ray: the integrated
+/// quaternion is.
+fn quaternion(step: &Step, s: f64) -> [f64; 4] {
+    step.rotation(s)
+        .map_or([0.0, 0.0, 0.0, 1.0], |q| q.to_array())
 }
 
 impl Sink for Sampler<'_> {
+    fn wants(&self, ray: usize, to: f64) -> bool {
+        self.lengths.get(self.next[ray]).is_some_and(|s| *s <= to)
+    }
+
     fn step(&mut self, ray: usize, step: &Step) {
-        let mut before = self.last[ray].map(|l| l.3);
         while let Some(&s) = self.lengths.get(self.next[ray])
             && s <= step.end
         {
-            let q = quaternion(step, s, before);
-            before = Some(q);
-            self.put(ray, step.position(s), q);
+            self.put(ray, step.position(s), quaternion(step, s));
         }
-        let q = quaternion(step, step.end, before);
-        self.last[ray] = Some((step.end, step.position(step.end), step.tangent(step.end), q));
+        let (s, left) = (step.end, self.next[ray] < self.lengths.len());
+        self.last = left.then(|| (s, step.position(s), step.tangent(s), quaternion(step, s)));
     }
 
-    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
-        while let (Some(&s), Some((end, u, v, q))) =
-            (self.lengths.get(self.next[ray]), self.last[ray])
-        {
+    fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {
+        // The step before was this ray's, unless it never took one.
+        let last = self.last.take().filter(|_| reached > 0.0);
+        while let (Some(&s), Some((end, u, v, q))) = (self.lengths.get(self.next[ray]), last) {
             self.put(ray, u + v * (s - end), q);
         }
     }

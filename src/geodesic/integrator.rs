@@ -6,12 +6,15 @@
 //! beside it, and nothing is allocated once the lanes are set up.
 
 use super::{
-    End, LANES, NIL, Ray, Row, Settings, Sink, Step, Takes,
+    End, LANES, NIL, Ray, Row, Settings, Sink, Step,
     control::{Control, LOOK},
+    curves::{Curves, Trial},
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
+    each,
     events::Events,
     starts::{Start, Starts},
     state::{Layout, rates_at},
+    weighted,
 };
 use crate::{
     expr::{Registers, Tape, vectorised},
@@ -49,6 +52,7 @@ struct Lanes<'m> {
     starts: Starts<'m>,
     /// The number of the ray that a lane follows.
     ray: [Option<usize>; LANES],
+    curves: Curves,
     control: Control,
     /// The present state, the state tried, and the stages' rates.
     y: Vec<Row>,
@@ -73,6 +77,7 @@ impl<'m> Lanes<'m> {
             },
             starts: Starts::new(flow, settings),
             ray: [None; LANES],
+            curves: Curves::new(layout),
             control: Control::new(settings.tolerance),
             y: rows(),
             trial: rows(),
@@ -126,6 +131,8 @@ impl<'m> Lanes<'m> {
                 }
                 self.measure();
                 self.restore_speed();
+                let (curves, trial) = self.trial();
+                curves.make_path(trial);
                 let long = self.control.any_is_long();
                 if long {
                     self.probe();
@@ -155,7 +162,7 @@ impl<'m> Lanes<'m> {
     fn probe(&mut self) {
         let mut known = [NIL; 3];
         for c in 0..3 {
-            let [u, v, a] = self.between(c, LOOK);
+            let [u, v, a] = self.curves.between(c, &self.control.h, LOOK);
             *self.bare.1.input(c) = *u;
             *self.bare.1.input(3 + c) = *v;
             known[c] = a;
@@ -168,31 +175,6 @@ impl<'m> Lanes<'m> {
         }
         let metric = [3, 4, 5, 6, 7, 8].map(|i| self.bare.1.output(i));
         self.control.unforeseen2 = norm2(metric, [&known[0], &known[1], &known[2]]);
-    }
-
-    /// Component `c` of the point, the tangent and the acceleration at the fraction `t` of the trial
-    /// step, on the quintic through its ends.
-    #[inline(always)]
-    fn between(&self, c: usize, t: f64) -> [Row; 3] {
-        let h = &self.control.h;
-        let (u0, u1) = (&self.y[c], &self.trial[c]);
-        let (v0, v1) = (&self.y[3 + c], &self.trial[3 + c]);
-        let (a0, a1) = (&self.k[0][3 + c], &self.k[STAGES - 1][3 + c]);
-        let [mut u, mut v, mut a] = [NIL; 3];
-        for l in 0..LANES {
-            let h = h[l];
-            let (p1, p2) = (v0[l] * h, a0[l] * (0.5 * h * h));
-            let rise = u1[l] - u0[l] - p1 - p2;
-            let slope = v1[l] * h - p1 - p2 * 2.0;
-            let bend = a1[l] * (0.5 * h * h) - p2;
-            let p3 = rise * 10.0 - slope * 4.0 + bend;
-            let p4 = rise * -15.0 + slope * 7.0 - bend * 2.0;
-            let p5 = rise * 6.0 - slope * 3.0 + bend;
-            u[l] = u0[l] + (p1 + (p2 + (p3 + (p4 + p5 * t) * t) * t) * t) * t;
-            v[l] = (p1 + (p2 * 2.0 + (p3 * 3.0 + (p4 * 4.0 + p5 * (5.0 * t)) * t) * t) * t) / h;
-            a[l] = (p2 * 2.0 + (p3 * 6.0 + (p4 * 12.0 + p5 * (20.0 * t)) * t) * t) / (h * h);
-        }
-        [u, v, a]
     }
 
     /// Evaluates the events at the ends of the trial steps and inside them: in the middle, and where
@@ -208,7 +190,7 @@ impl<'m> Lanes<'m> {
                 false => 0.0,
             });
             if place == 1 || long {
-                let [x, y, z] = [0, 1, 2].map(|c| self.between(c, t));
+                let [x, y, z] = [0, 1, 2].map(|c| self.curves.between(c, &self.control.h, t));
                 events.look(place, &[x[0], y[0], z[0], x[1], y[1], z[1]], &looked);
             } else {
                 events.skip(place);
@@ -264,9 +246,8 @@ impl<'m> Lanes<'m> {
         }
         if let Some(turn) = self.layout.turn {
             let [x, y, z, w] = [0, 1, 2, 3].map(|c| &self.trial[turn + c]);
-            let unit = each(|l| {
-                1.0 / (x[l] * x[l] + y[l] * y[l] + z[l] * z[l] + w[l] * w[l]).sqrt()
-            });
+            let unit =
+                each(|l| 1.0 / (x[l] * x[l] + y[l] * y[l] + z[l] * z[l] + w[l] * w[l]).sqrt());
             let rate = each(|l| unit[l] * scale[l]);
             for c in turn..turn + 4 {
                 multiply(&mut self.trial[c], &unit);
@@ -275,8 +256,9 @@ impl<'m> Lanes<'m> {
         }
     }
 
-    /// Hands on the accepted steps that `sink` takes, and ends rays.
-    fn report<S: Sink>(&mut self, sink: &mut S) {
+    /// Hands on the accepted steps that `sink` wants, and ends rays.
+    fn report(&mut self, sink: &mut impl Sink) {
+        let mut carried_made = false;
         for lane in 0..LANES {
             let Some(ray) = self.ray[lane] else {
                 continue;
@@ -285,11 +267,25 @@ impl<'m> Lanes<'m> {
             let complete = self.control.complete[lane] > 0.0;
             let over = complete || self.control.stuck[lane] > 0.0;
             let met = accepted && self.events.as_ref().is_some_and(|e| e.met(lane));
-            let taken = accepted && S::TAKES == Takes::EveryStep;
-            if !(taken || over || met) {
+            let wanted = accepted && sink.wants(ray, self.control.s[lane] + self.control.h[lane]);
+            if !(wanted || over || met) {
                 continue;
             }
-            let mut step = if accepted { self.step(lane) } else { self.rest(lane) };
+            if !carried_made {
+                carried_made = true;
+                vectorised(
+                    #[inline(always)]
+                    || {
+                        let (curves, trial) = self.trial();
+                        curves.make_carried(trial);
+                    },
+                );
+            }
+            let (s, h) = (self.control.s[lane], self.control.h[lane]);
+            let mut step = match accepted {
+                true => self.curves.step(lane, s, h),
+                false => self.rest(lane),
+            };
             let event = match met {
                 true => self.events.as_mut().and_then(|e| e.first_in(lane, &step)),
                 false => None,
@@ -304,8 +300,7 @@ impl<'m> Lanes<'m> {
             if let Some((_, s)) = end {
                 step.end = s;
             }
-            let last = end.is_some() && S::TAKES == Takes::LastStep && step.end > 0.0;
-            if last || (taken && step.end > step.start) {
+            if end.is_some() && step.end > 0.0 || wanted && step.end > step.start {
                 sink.step(ray, &step);
             }
             if let Some((end, s)) = end {
@@ -333,49 +328,23 @@ impl<'m> Lanes<'m> {
         );
     }
 
-    /// The trial as a curve.
-    fn step(&self, lane: usize) -> Step {
-        let h = self.control.h[lane];
-        let vector = |rows: &[Row], at: usize| {
-            DVec3::new(rows[at][lane], rows[at + 1][lane], rows[at + 2][lane])
+    /// The trial steps, to be made into curves.
+    #[inline(always)]
+    fn trial(&mut self) -> (&mut Curves, Trial<'_>) {
+        let trial = Trial {
+            layout: self.layout,
+            h: &self.control.h,
+            y: &self.y,
+            end: &self.trial,
+            k: &self.k,
         };
-        let (first, last) = (&self.k[0], &self.k[STAGES - 1]);
-        let quintic = |at: usize| {
-            Quintic::new(
-                [
-                    vector(&self.y, at),
-                    vector(&self.y, at + 3),
-                    vector(first, at + 3),
-                ],
-                [
-                    vector(&self.trial, at),
-                    vector(&self.trial, at + 3),
-                    vector(last, at + 3),
-                ],
-                h,
-            )
-        };
-        let turn = self.layout.turn.map(|at| {
-            let four = |rows: &[Row]| std::array::from_fn(|c| rows[at + c][lane]);
-            let k = std::array::from_fn(|i| four(&self.k[i]));
-            Dense::new(four(&self.y), four(&self.trial), h, k)
-        });
-        let start = self.control.s[lane];
-        Step {
-            start,
-            end: start + h,
-            h,
-            curve: quintic(0),
-            turn,
-            deviation: self.layout.deviation.map(|at| [quintic(at), quintic(at + 6)]),
-        }
+        (&mut self.curves, trial)
     }
 
     /// The present state as a step of no length.
     fn rest(&self, lane: usize) -> Step {
-        let vector = |at: usize| {
-            DVec3::new(self.y[at][lane], self.y[at + 1][lane], self.y[at + 2][lane])
-        };
+        let vector =
+            |at: usize| DVec3::new(self.y[at][lane], self.y[at + 1][lane], self.y[at + 2][lane]);
         let still = |at: usize| Quintic::straight(vector(at), vector(at + 3));
         let s = self.control.s[lane];
         Step {
@@ -392,35 +361,12 @@ impl<'m> Lanes<'m> {
     }
 }
 
-/// One number for each lane.
-#[inline(always)]
-fn each(f: impl Fn(usize) -> f64) -> Row {
-    let mut row = NIL;
-    for l in 0..LANES {
-        row[l] = f(l);
-    }
-    row
-}
-
 /// `row *= by`
 #[inline(always)]
 fn multiply(row: &mut Row, by: &Row) {
     for l in 0..LANES {
         row[l] *= by[l];
     }
-}
-
-/// `Σ wⱼ kⱼ` of one row of the stages' rates.
-#[inline(always)]
-fn weighted(weights: &[f64], k: &[Vec<Row>; STAGES], row: usize) -> Row {
-    let mut sum = NIL;
-    for (&w, k) in weights.iter().zip(k) {
-        let k = &k[row];
-        for l in 0..LANES {
-            sum[l] += w * k[l];
-        }
-    }
-    sum
 }
 
 /// The error of one row of the trial.

@@ -6,6 +6,7 @@
 mod conjugate;
 mod control;
 mod crossing;
+mod curves;
 mod departure;
 mod dormand_prince;
 mod events;
@@ -109,22 +110,39 @@ pub struct Settings {
     pub events: bool,
 }
 
-/// Which steps a [`Sink`] takes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Takes {
-    /// All of them.
-    EveryStep,
-    /// That in which a ray ends: following is quicker when only few steps are made into curves.
-    LastStep,
-}
-
 /// Takes the steps of many rays as they are made.
 pub trait Sink {
-    /// Which steps it takes.
-    const TAKES: Takes = Takes::EveryStep;
-
-    /// The next step of `ray`; steps of one ray come in order, those of different rays mixed.
+    /// Whether the step of `ray` that ends at arc length `to` is to be made into a curve and given to
+    /// [`Sink::step`]; the one in which the ray ends always is.
+    fn wants(&self, ray: usize, to: f64) -> bool {
+        let _ = (ray, to);
+        true
+    }
+    /// The next step of `ray` that was wanted; steps of one ray come in order, those of different rays mixed.
     fn step(&mut self, ray: usize, step: &Step);
     /// `ray` has ended at arc length `s` after `steps` steps tried.
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);
+}
+
+/// One number for each lane.
+#[inline(always)]
+fn each(f: impl Fn(usize) -> f64) -> Row {
+    let mut row = NIL;
+    for l in 0..LANES {
+        row[l] = f(l);
+    }
+    row
+}
+
+/// `Σ wⱼ kⱼ` of one row of the stages' rates.
+#[inline(always)]
+fn weighted(weights: &[f64], k: &[Vec<Row>], row: usize) -> Row {
+    let mut sum = NIL;
+    for (&w, k) in weights.iter().zip(k) {
+        let k = &k[row];
+        for l in 0..LANES {
+            sum[l] += w * k[l];
+        }
+    }
+    sum
 }

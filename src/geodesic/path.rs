@@ -1,6 +1,6 @@
 //! A whole geodesic with dense output.
 
-use super::{End, Ray, Settings, Sink, Step, Takes, follow};
+use super::{End, Ray, Settings, Sink, Step, follow};
 use crate::manifold::Manifold;
 
 /// A geodesic as its steps.
@@ -51,7 +51,9 @@ pub fn ends(
 struct Last(Vec<Option<(Step, f64)>>);
 
 impl Sink for Last {
-    const TAKES: Takes = Takes::LastStep;
+    fn wants(&self, _: usize, _: f64) -> bool {
+        false
+    }
 
     fn step(&mut self, ray: usize, step: &Step) {
         if self.0.len() <= ray {
