@@ -3,8 +3,10 @@
 //!
 //! In: starts. Out: chart points and tangents at the path's end. The method is the tracer's own
 //! pair (Dormand–Prince 5(4), the last stage reused), with its error norm and its controller, so
-//! that the ratio of times is that of the machinery alone. It is spared what the tracer does for
-//! manifolds that nobody has seen: no limit to the steps and no events.
+//! that the ratio of times is that of the machinery alone. It may follow the tracer's rules for the
+//! longest step, or be spared what the tracer must do for manifolds that nobody has seen
+//! ([`Limits::None`]): then it takes fewer steps, because its author knows that nothing small hides
+//! in flat space.
 //!
 //! `f = H exp(−|u|²/2)`, `∇f = −f u`, `f''(v,v) = f ((u·v)² − |v|²)`, `G = 1 + ∇f ∇fᵀ`, hence
 //! `a = −∇f f''(v,v) / (1 + |∇f|²)`.
@@ -12,10 +14,21 @@
 /// Position and tangent, or their rates.
 type State = [f64; 6];
 
-/// The bump's height.
+/// What limits the length of steps besides the error.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Limits {
+    /// Nothing.
+    None,
+    /// The tracer's rule: a sixteenth of the path, and one more look inside steps above half of that.
+    Tracers,
+}
+
+/// The bump, and how it is followed.
 pub struct Bump {
     /// H
     pub height: f64,
+    /// The rule for long steps.
+    pub limits: Limits,
 }
 
 impl Bump {
@@ -45,7 +58,7 @@ impl Bump {
         let (mut y, mut s) = (start, 0.0);
         let (mut k1, _) = self.rates(&y);
         let bend = norm2(&k1[3..], [0.0; 3]).sqrt() / norm2(&y[3..], [0.0; 3]).sqrt();
-        let mut h = (0.5 * tolerance.powf(0.2) / bend.max(1.0 / length)).min(length);
+        let mut h = (0.5 * tolerance.powf(0.2) / bend.max(1.0 / length)).min(self.longest(length));
         let mut steps = 0;
         while s < length {
             steps += 1;
@@ -54,7 +67,11 @@ impl Bump {
             let point = norm2(&error[..3], slope) * place * place;
             let worst = point.max(norm2(&error[3..], slope) * h * h).sqrt() / tolerance;
             let factor = (0.9 * worst.max(1e-10).powf(-0.2)).clamp(0.2, 5.0);
-            if worst <= 1.0 {
+            let missed = self.limits == Limits::Tracers
+                && h > 0.5 * self.longest(length)
+                && self.surprise(&y, &k1, &trial, &k7, h, slope)
+                    > tolerance.max(100.0 * worst * tolerance);
+            if worst <= 1.0 && !missed {
                 let scale = 1.0 / norm2(&trial[3..], slope).sqrt();
                 for c in 0..3 {
                     trial[3 + c] *= scale;
@@ -63,15 +80,53 @@ impl Bump {
                 }
                 (y, k1) = (trial, k7);
                 s += h;
-                h = (factor * h).min(length - s);
+                h = (factor * h).min(self.longest(length)).min(length - s);
                 if length - s < 1e-15 * length {
                     break;
                 }
             } else {
-                h *= factor.min(0.9);
+                h *= factor.min(if missed { 0.5 } else { 0.9 });
             }
         }
         (y, steps)
+    }
+
+    fn longest(&self, length: f64) -> f64 {
+        match self.limits {
+            Limits::None => length,
+            Limits::Tracers => length / 16.0,
+        }
+    }
+
+    /// By how much the acceleration inside a step bends the tangent beside what the quintic through
+    /// the step's ends does.
+    fn surprise(
+        &self,
+        y: &State,
+        k1: &State,
+        end: &State,
+        k7: &State,
+        h: f64,
+        slope: [f64; 3],
+    ) -> f64 {
+        let t = 0.55;
+        let (mut inside, mut bend) = ([0.0; 6], [0.0; 3]);
+        for c in 0..3 {
+            let (p1, p2) = (y[3 + c] * h, k1[3 + c] * (0.5 * h * h));
+            let rise = end[c] - y[c] - p1 - p2;
+            let slope = end[3 + c] * h - p1 - p2 * 2.0;
+            let last = k7[3 + c] * (0.5 * h * h) - p2;
+            let p3 = rise * 10.0 - slope * 4.0 + last;
+            let p4 = rise * -15.0 + slope * 7.0 - last * 2.0;
+            let p5 = rise * 6.0 - slope * 3.0 + last;
+            inside[c] = y[c] + (p1 + (p2 + (p3 + (p4 + p5 * t) * t) * t) * t) * t;
+            inside[3 + c] =
+                (p1 + (p2 * 2.0 + (p3 * 3.0 + (p4 * 4.0 + p5 * (5.0 * t)) * t) * t) * t) / h;
+            bend[c] = (p2 * 2.0 + (p3 * 6.0 + (p4 * 12.0 + p5 * (20.0 * t)) * t) * t) / (h * h);
+        }
+        let (rates, _) = self.rates(&inside);
+        let off = [0, 1, 2].map(|c| (rates[3 + c] - bend[c]) * h);
+        norm2(&off, slope).sqrt()
     }
 
     /// One trial step: the new state, its rates, the slope there, and the error over `h`.

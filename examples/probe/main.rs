@@ -10,7 +10,7 @@ mod rival;
 fn time(name: &str, n: usize, mut f: impl FnMut()) {
     f();
     let mut best = f64::MAX;
-    for _ in 0..7 {
+    for _ in 0..60 {
         let t = Instant::now();
         f();
         best = best.min(t.elapsed().as_secs_f64());
@@ -54,7 +54,10 @@ fn main() {
             rays.iter().copied(),
             &mut c,
         );
-        let rival = rival::Bump { height: 2.0 };
+        let rival = rival::Bump {
+            height: 2.0,
+            limits: rival::Limits::None,
+        };
         let tried: usize = rays
             .iter()
             .map(|r| {
@@ -105,7 +108,10 @@ fn main() {
         });
     }
     if on("rival") {
-        let rival = rival::Bump { height: 2.0 };
+        let rival = rival::Bump {
+            height: 2.0,
+            limits: rival::Limits::None,
+        };
         time("rival 1e-6", n, || {
             for r in &rays {
                 std::hint::black_box(rival.follow(
