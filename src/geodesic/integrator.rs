@@ -380,7 +380,7 @@ fn error(k: &[Vec<Row>; STAGES], h: &Row, row: usize) -> Row {
 /// The squared length of the error of the vector that begins at row `at`.
 #[inline(always)]
 fn vector_error(metric: [&[f64; LANES]; 6], k: &[Vec<Row>; STAGES], h: &Row, at: usize) -> Row {
-    let [x, y, z] = [0, 1, 2].map(|c| error(k, h, at + c));
+    let (x, y, z) = (error(k, h, at), error(k, h, at + 1), error(k, h, at + 2));
     norm2(metric, [&x, &y, &z])
 }
 
