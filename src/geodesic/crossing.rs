@@ -1,12 +1,14 @@
 //! Where a continuous function becomes positive.
 
 /// The `s` in `[low, high]` at which `value`, not positive at `low` and positive at `high`, becomes
-/// positive, to rounding: the Illinois method, with a bisection whenever three rounds did not halve
-/// the interval, so that no shape of function can make it crawl.
+/// positive, to rounding: the Illinois method (M. Dowell and P. Jarratt, BIT 11 (1971) 168–174), with
+/// a bisection whenever three rounds did not halve the interval, so that no shape of function can make
+/// it crawl. Smooth functions take about ten looks.
 pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
     let (mut low, mut high) = (low, high);
     let (mut below, mut above) = (value(low).min(-0.0), value(high));
     let mut width = high - low;
+    let mut was_above = None;
     for round in 1..100 {
         // Never nearer to an end than this: once a side has come close, one look across the crossing
         // closes the interval.
@@ -28,14 +30,15 @@ pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
         let v = value(s);
         if v > 0.0 {
             (high, above) = (s, v);
-            below *= 0.5;
+            below *= if was_above == Some(true) { 0.5 } else { 1.0 };
         } else {
             (low, below) = (s, v.min(-0.0));
-            above *= 0.5;
+            above *= if was_above == Some(false) { 0.5 } else { 1.0 };
             if v == 0.0 {
                 return s;
             }
         }
+        was_above = Some(v > 0.0);
     }
     0.5 * (low + high)
 }
