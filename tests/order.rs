@@ -189,3 +189,42 @@ fn paths_are_as_exact_inside_their_steps_as_at_the_ends() {
         }
     }
 }
+
+/// Rays share the lanes of one integration; what a ray meets must not depend on its company.
+#[test]
+fn a_ray_followed_alone_is_the_ray_followed_among_others_to_the_last_bit() {
+    for (manifold, ray) in cases() {
+        let settings = Settings {
+            tolerance: 1e-7,
+            carried: Carried {
+                frame: true,
+                deviation: true,
+            },
+            events: true,
+        };
+        let company = (1..=100).map(|k| Ray {
+            length: ray.length * f64::from(k) / 100.0,
+            ..Ray::new(
+                &manifold,
+                ray.u,
+                DVec3::new(0.1 * f64::from(k), 1.0, -0.5).normalize(),
+                1.0,
+            )
+        });
+        let company: Vec<Ray> = company.collect();
+        let together = paths(&manifold, settings, company.iter().copied());
+        for k in [0, 17, 31, 32, 63, 64, 99] {
+            let alone = paths(&manifold, settings, [company[k]]).remove(0);
+            let (a, b) = (
+                alone.steps.last().unwrap(),
+                together[k].steps.last().unwrap(),
+            );
+            let s = alone.length;
+            assert_eq!(alone.tried, together[k].tried);
+            assert_eq!(s, together[k].length);
+            assert_eq!(a.position(s), b.position(s));
+            assert_eq!(a.rotation(s), b.rotation(s));
+            assert_eq!(a.deviation(s), b.deviation(s));
+        }
+    }
+}
