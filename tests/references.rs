@@ -90,10 +90,7 @@ impl Off {
             position: (inverse * (u - reference.end)).length() / s,
             tangent: (inverse * (v - reference.velocity)).length(),
             frame: frame_off.into_iter().fold(0.0, worse),
-            area: match meets_a_kink(manifold, path) {
-                true => 0.0,
-                false => (area.abs() - reference.area).abs() / reference.area,
-            },
+            area: (area.abs() - reference.area).abs() / reference.area,
         }
     }
 
@@ -120,19 +117,6 @@ impl fmt::Display for Off {
             "position {position:.1e}  tangent {tangent:.1e}  frame {frame:.1e}  area {area:.1e}"
         )
     }
-}
-
-/// Whether the path passes a surface on which the slope of the metric jumps: r = 1 for the lenses of
-/// the catalogue. The variation of a path takes a jump of its own there, the jump of the acceleration
-/// times ∇φ·δu / ∇φ·v for the surface φ = 0. The reference takes it, the tracer does not: behind the
-/// surface its area is that of other rays, off by a factor of order one, and is not compared. (Where
-/// only the metric's second derivatives jump, as in interstellar-wormhole, nothing is amiss.)
-fn meets_a_kink(manifold: &Manifold, path: &Path) -> bool {
-    let names = ["Luneburg lens", "Maxwell's fish-eye"];
-    let outside = |s: f64| path.step_at(s).unwrap().position(s).length() > 1.0;
-    let ends = path.steps.iter().map(|step| outside(step.end));
-    let start = outside(0.0);
-    names.contains(&manifold.name.as_str()) && ends.into_iter().any(|end| end != start)
 }
 
 /// The larger of two; NaN is the largest.

@@ -1,7 +1,7 @@
 //! Expression text -> graph nodes, by precedence climbing.
 //!
 //! In: the text and a [`Scope`] of names. Out: a [`Parsed`] node, or an [`ExpressionError`] with the
-//! byte span at fault. Grammar and functions: DESIGN §3. `^` binds tighter than unary minus and is
+//! byte span at fault. `^` binds tighter than unary minus and is
 //! right-associative, so `-2^2` is −4 and `2^-1` is ½.
 
 use super::{
@@ -21,14 +21,17 @@ pub struct ExpressionError {
     pub message: String,
     /// What to do.
     pub hint: Option<String>,
+    /// The name that means nothing here, if that is what is wrong.
+    pub unknown: Option<String>,
 }
 
 impl ExpressionError {
-    pub(super) fn new(span: Range<usize>, message: impl Into<String>) -> Self {
+    pub(crate) fn new(span: Range<usize>, message: impl Into<String>) -> Self {
         Self {
             span,
             message: message.into(),
             hint: None,
+            unknown: None,
         }
     }
 
@@ -45,6 +48,16 @@ pub struct Binding {
     pub node: NodeId,
     /// Whether the node uses the components of the tangent, directly or through other names.
     pub uses_tangent: bool,
+}
+
+impl Binding {
+    /// A name for a node that does not use the tangent.
+    pub fn fixed(node: NodeId) -> Self {
+        Self {
+            node,
+            uses_tangent: false,
+        }
+    }
 }
 
 /// The names that an expression may use, besides the functions and the constants `pi` and `e`.
@@ -65,12 +78,10 @@ impl Scope {
             "e" => Some(std::f64::consts::E),
             _ => None,
         };
-        self.names.get(name).copied().or_else(|| {
-            constant.map(|value| Binding {
-                node: graph.constant(value),
-                uses_tangent: false,
-            })
-        })
+        self.names
+            .get(name)
+            .copied()
+            .or_else(|| constant.map(|value| Binding::fixed(graph.constant(value))))
     }
 
     fn nearest(&self, name: &str) -> Option<String> {
@@ -257,7 +268,8 @@ impl Parser<'_> {
             }
             return Ok(binding.node);
         }
-        let error = ExpressionError::new(span, format!("unknown name `{name}`"));
+        let mut error = ExpressionError::new(span, format!("unknown name `{name}`"));
+        error.unknown = Some(name.to_string());
         Err(if is_function(name) {
             error.hint(format!("`{name}` is a function: write {name}(…)"))
         } else if let Some(near) = self.scope.nearest(name) {

@@ -12,6 +12,7 @@ use super::{
     End, LANES, Ray, Row, Settings, Sink, Step,
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
     events::Events,
+    kinks::Kinks,
 };
 use crate::{
     expr::{Registers, Tape, vectorised},
@@ -79,6 +80,7 @@ struct Lanes<'m> {
     flow: &'m Tape,
     registers: Registers<f64, LANES>,
     events: Option<Events<'m>>,
+    kinks: Option<Kinks<'m>>,
     ray: [Option<Progress>; LANES],
     s: Row,
     h: Row,
@@ -125,6 +127,7 @@ impl<'m> Lanes<'m> {
                 true => Events::new(&manifold.domain),
                 false => None,
             },
+            kinks: Kinks::new(manifold, settings.carried),
             ray: [None; LANES],
             s: [0.0; LANES],
             h: [0.0; LANES],
@@ -364,6 +367,7 @@ impl<'m> Lanes<'m> {
         sink: &mut impl Sink,
     ) -> Option<(End, f64)> {
         self.restore_speed(lane);
+        self.cross_kinks(lane);
         let mut step = self.step(lane);
         let end_of_step = step.end;
         let event = self.events.as_mut().and_then(|e| e.first_in(lane, &step));
@@ -404,6 +408,32 @@ impl<'m> Lanes<'m> {
                 self.trial[turn + c][lane] *= unit;
                 rates[turn + c][lane] *= unit * scale;
             }
+        }
+    }
+
+    /// Adds to the deviations of the trial what they gain by kinks of the metric.
+    fn cross_kinks(&mut self, lane: usize) {
+        let layout = Layout::of(self.settings);
+        if self.kinks.is_none() {
+            return;
+        }
+        let step = self.step(lane);
+        let gains = self.kinks.as_mut().and_then(|kinks| kinks.gains(&step));
+        let (Some(at), Some(gains)) = (layout.deviation, gains) else {
+            return;
+        };
+        for (first, (du, dv)) in [at, at + 6].into_iter().zip(gains) {
+            for c in 0..3 {
+                self.trial[first + c][lane] += du[c];
+                self.trial[first + 3 + c][lane] += dv[c];
+            }
+        }
+        let state: Vec<[f64; 1]> = self.trial.iter().map(|row| [row[lane]]).collect();
+        let mut rates = vec![[0.0; 1]; layout.rows];
+        let mut single = self.flow.registers::<f64, 1>();
+        rates_at(self.flow, &mut single, layout, &state, &mut rates);
+        for (row, rate) in self.k[STAGES - 1].iter_mut().zip(&rates) {
+            row[lane] = rate[0];
         }
     }
 
