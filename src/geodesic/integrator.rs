@@ -12,7 +12,7 @@ use super::{
     End, LANES, Ray, Row, Settings, Sink, Step,
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
     events::Events,
-    kinks::Kinks,
+    kinks::{Kinks, Meeting},
 };
 use crate::{
     expr::{Registers, Tape, vectorised},
@@ -73,6 +73,8 @@ struct Progress {
     length: f64,
     steps: usize,
     rejected: bool,
+    /// The step to go on with behind a kink that the ray is about to cross.
+    behind: Option<f64>,
 }
 
 struct Lanes<'m> {
@@ -127,7 +129,7 @@ impl<'m> Lanes<'m> {
                 true => Events::new(&manifold.domain),
                 false => None,
             },
-            kinks: Kinks::new(manifold, settings.carried),
+            kinks: Kinks::new(manifold),
             ray: [None; LANES],
             s: [0.0; LANES],
             h: [0.0; LANES],
@@ -190,6 +192,7 @@ impl<'m> Lanes<'m> {
             length: ray.length,
             steps: 0,
             rejected: false,
+            behind: None,
         });
     }
 
@@ -320,6 +323,13 @@ impl<'m> Lanes<'m> {
         };
         let (error, h) = (self.error[lane], self.h[lane]);
         progress.steps += 1;
+        let meeting = self.meeting(lane);
+        if let (Some(Meeting::Ahead(landing)), true) = (meeting, progress.steps < MOST_STEPS) {
+            progress.behind.get_or_insert(h);
+            self.h[lane] = landing;
+            self.ray[lane] = Some(progress);
+            return;
+        }
         let shortest = h <= 8.0 * SHORTEST_STEP * self.s[lane];
         let kink = shortest && error * self.settings.tolerance <= KINK;
         let accepted = (error <= 1.0 || kink) && self.speed2[lane] > 0.0;
@@ -336,12 +346,17 @@ impl<'m> Lanes<'m> {
         }
         let s = self.s[lane];
         let left = progress.length - s;
-        let next = match accepted {
+        let behind = progress.behind.filter(|_| meeting.is_some());
+        let next = match (accepted, behind) {
             // Past a kink the error tells nothing about the next step.
-            true if kink => 5.0 * h,
-            true => factor * h,
-            false => factor.min(0.9) * h,
+            (true, Some(behind)) => behind,
+            (true, None) if kink => 5.0 * h,
+            (true, None) => factor * h,
+            (false, _) => factor.min(0.9) * h,
         };
+        if accepted && meeting.is_some() {
+            progress.behind = None;
+        }
         // What is left may be shorter than the shortest step, and is no sign of trouble.
         self.h[lane] = next.min(LONGEST_STEP * progress.length).min(left);
         if end.is_none()
@@ -411,15 +426,25 @@ impl<'m> Lanes<'m> {
         }
     }
 
+    /// The kink of the metric that the trial of `lane` meets.
+    fn meeting(&mut self, lane: usize) -> Option<Meeting> {
+        self.kinks
+            .is_some()
+            .then(|| self.step(lane))
+            .and_then(|step| {
+                let kinks = self.kinks.as_mut()?;
+                kinks.meeting(&step)
+            })
+    }
+
     /// Adds to the deviations of the trial what they gain by kinks of the metric.
     fn cross_kinks(&mut self, lane: usize) {
         let layout = Layout::of(self.settings);
-        if self.kinks.is_none() {
+        let (Some(at), true) = (layout.deviation, self.kinks.is_some()) else {
             return;
-        }
+        };
         let step = self.step(lane);
-        let gains = self.kinks.as_mut().and_then(|kinks| kinks.gains(&step));
-        let (Some(at), Some(gains)) = (layout.deviation, gains) else {
+        let Some(gains) = self.kinks.as_mut().and_then(|kinks| kinks.gains(&step)) else {
             return;
         };
         for (first, (du, dv)) in [at, at + 6].into_iter().zip(gains) {

@@ -1,13 +1,12 @@
-//! How the deviation of a path jumps where the metric has a kink.
+//! Where the metric has a kink: steps end there, and the deviation of the path jumps.
 //!
-//! In: an accepted [`Step`]. Out: the jumps on it. At a surface `φ(u) = 0` across which the
-//! acceleration jumps from `a⁻` to `a⁺`, a neighbour that arrives `−∇φ·δu / ∇φ·v` later bends later by
-//! as much: `δv` jumps by `(a⁺ − a⁻) ∇φ·δu / ∇φ·v` (the saltation of a piecewise smooth flow:
-//! M. di Bernardo et al., *Piecewise-smooth Dynamical Systems* (2008), ch. 2.5). Position, tangent and
-//! frame stay continuous.
+//! In: a trial [`Step`]. Out: the [`Meeting`] with a kink on it, and what the deviations gain by it
+//! ([`Kinks::gains`]).
 //!
-//! The integrator makes its steps short where a jump of the acceleration is felt, so what a step does
-//! not know of the jump inside it is small; where only higher derivatives jump, `a⁺ − a⁻` is zero.
+//! At a surface `φ(u) = 0` across which the acceleration jumps from `a⁻` to `a⁺`, a neighbour that
+//! arrives `−∇φ·δu / ∇φ·v` later bends later by as much: `δv` jumps by
+//! `(a⁺ − a⁻) ∇φ·δu / ∇φ·v` (the saltation of a piecewise smooth flow: M. di Bernardo et al.,
+//! *Piecewise-smooth Dynamical Systems* (2008), ch. 2.5). Position, tangent and frame stay continuous.
 
 use super::{Step, crossing};
 use crate::{
@@ -16,14 +15,15 @@ use crate::{
 };
 use glam::DVec3;
 
-/// How far on either side of a crossing, as a share of the step, the acceleration is taken: so near
-/// that its smooth change between the two points counts for nothing.
-const ASIDE: f64 = 1e-6;
+/// How near a kink a step ends, and half the length of a step that crosses one, as a share of the arc
+/// length and of the distance from the chart's origin. Rounding in `φ` moves the crossing by 1e-16 to
+/// 1e-15 of them, and both ends must not lie on one side of it; what the crossing step gets wrong is
+/// this share of the jump.
+const ASIDE: f64 = 1e-13;
 
-/// ... and at least this, as a share of the arc length and of the distance from the chart's origin:
-/// rounding in `φ` moves the crossing by 1e-16 to 1e-15 of them, and both points must not lie on one
-/// side of it.
-const LEAST_ASIDE: f64 = 1e-13;
+/// A path that meets a surface at a smaller angle than this runs along it, and rounding decides on
+/// which side; nothing can be said about a jump then, and no step is made shorter.
+const GRAZING: f64 = 1e-7;
 
 /// Finds kinks on the steps of single rays.
 pub(super) struct Kinks<'m> {
@@ -33,18 +33,27 @@ pub(super) struct Kinks<'m> {
     flow_registers: Registers<f64, 1>,
 }
 
-/// A jump at arc length `at`: `δv` gains `bend (slope·δu)`.
+/// How a trial step meets a kink.
 #[derive(Debug, Clone, Copy)]
-struct Jump {
-    at: f64,
-    bend: DVec3,
-    slope: DVec3,
+pub(super) enum Meeting {
+    /// The step is too long to cross it; it should have this length, which ends just before the kink
+    /// or just crosses it.
+    Ahead(f64),
+    /// The step crosses it, and is short enough to.
+    Here,
+}
+
+/// A surface `φ = 0` at a point.
+#[derive(Debug, Clone, Copy)]
+struct Surface {
+    value: f64,
+    gradient: DVec3,
 }
 
 impl<'m> Kinks<'m> {
-    /// `None` for a smooth metric, or when no deviation is carried.
-    pub fn new(manifold: &'m Manifold, carried: Carried) -> Option<Self> {
-        let tape = manifold.kinks().filter(|_| carried.deviation)?;
+    /// `None` for a smooth metric.
+    pub fn new(manifold: &'m Manifold) -> Option<Self> {
+        let tape = manifold.kinks()?;
         let flow = manifold.flow(Carried::default());
         Some(Self {
             tape,
@@ -54,74 +63,77 @@ impl<'m> Kinks<'m> {
         })
     }
 
-    /// What the two deviations gain by kinks on `step`: (δu, δv) at its end; `None` without kinks.
+    /// The first kink on the trial `step`, if there is one.
+    pub fn meeting(&mut self, step: &Step) -> Option<Meeting> {
+        let (at, _) = self.first(step)?;
+        let aside = aside(step, at);
+        let crosses = 2.0 * aside;
+        let before = at - step.start - aside;
+        Some(match step.end - step.start {
+            // Rounding may make the crossing step a little longer.
+            length if length <= 1.5 * crosses => Meeting::Here,
+            _ if before > aside => Meeting::Ahead(before),
+            _ => Meeting::Ahead(crosses),
+        })
+    }
+
+    /// What the two deviations gain by the first kink on `step`: (δu, δv) at its end.
     pub fn gains(&mut self, step: &Step) -> Option<[(DVec3, DVec3); 2]> {
-        let mut gains = [(DVec3::ZERO, DVec3::ZERO); 2];
-        let jumps = self.jumps(step);
-        for jump in &jumps {
-            for (gain, du) in gains.iter_mut().zip(step.deviation(jump.at)?) {
-                let bend = jump.bend * jump.slope.dot(du);
-                gain.0 += bend * (step.end - jump.at);
-                gain.1 += bend;
-            }
-        }
-        (!jumps.is_empty()).then_some(gains)
+        let (at, surface) = self.first(step)?;
+        let bend = self.jump(step, at);
+        let v = step.tangent(at);
+        let gain = |du: DVec3| {
+            let dv = bend * (surface.gradient.dot(du) / surface.gradient.dot(v));
+            (dv * (step.end - at), dv)
+        };
+        Some(step.deviation(at)?.map(gain))
     }
 
-    /// The jumps on `step`, in order, each surface once.
-    fn jumps(&mut self, step: &Step) -> Vec<Jump> {
+    /// The first arc length on `step` at which a surface is crossed, and the surface.
+    fn first(&mut self, step: &Step) -> Option<(f64, Surface)> {
         let functions = self.tape.outputs() / 4;
-        let mut places: Vec<(f64, usize)> = (0..functions)
-            .filter_map(|k| Some((self.crossed(k, step)?, k)))
-            .collect();
-        places.sort_by(|a, b| a.0.total_cmp(&b.0));
-        // Two functions may vanish on one surface.
-        places.dedup_by(|a, b| (a.0 - b.0).abs() <= 2.0 * aside(step, a.0));
-        let jumps = places.into_iter().map(|(s, k)| self.jump(k, step, s));
-        jumps
-            .filter(|jump| jump.bend.is_finite() && jump.slope.is_finite())
-            .collect()
+        let crossed = (0..functions).filter_map(|k| Some((self.crossed(k, step)?, k)));
+        let (at, k) = crossed.min_by(|a, b| a.0.total_cmp(&b.0))?;
+        Some((at, self.surface(k, step.position(at))))
     }
 
-    /// Where function `k` changes its sign on `step`.
+    /// Where surface `k` is crossed on `step`.
     fn crossed(&mut self, k: usize, step: &Step) -> Option<f64> {
-        let before = self.value(k, step.position(step.start));
-        let after = self.value(k, step.position(step.end));
+        let before = self.surface(k, step.position(step.start));
+        let after = self.surface(k, step.position(step.end));
         // The zero itself belongs to one side only, so that a kink at a step's end counts once.
-        if (before > 0.0) == (after > 0.0) {
+        if (before.value > 0.0) == (after.value > 0.0) {
             return None;
         }
-        let sign = if after > 0.0 { 1.0 } else { -1.0 };
+        let way = (step.position(step.end) - step.position(step.start)).length();
+        let reach = way * after.gradient.length().max(before.gradient.length());
+        if before.value.abs().max(after.value.abs()) < GRAZING * reach {
+            return None;
+        }
+        let sign = if after.value > 0.0 { 1.0 } else { -1.0 };
         Some(crossing(step.start, step.end, |s| {
-            sign * self.value(k, step.position(s))
+            sign * self.surface(k, step.position(s)).value
         }))
     }
 
-    fn value(&mut self, k: usize, u: DVec3) -> f64 {
-        self.run(u);
-        self.registers.output(4 * k)[0]
-    }
-
-    fn run(&mut self, u: DVec3) {
+    fn surface(&mut self, k: usize, u: DVec3) -> Surface {
         for c in 0..3 {
             *self.registers.input(c) = [u[c]];
         }
         self.tape.run(&mut self.registers);
+        let output = |c: usize| self.registers.output(4 * k + c)[0];
+        Surface {
+            value: output(0),
+            gradient: DVec3::new(output(1), output(2), output(3)),
+        }
     }
 
-    fn jump(&mut self, k: usize, step: &Step, s: f64) -> Jump {
-        let (u, v) = (step.position(s), step.tangent(s));
-        self.run(u);
-        let gradient = [1, 2, 3].map(|c| self.registers.output(4 * k + c)[0]);
-        let gradient = DVec3::from_array(gradient);
-        let aside = aside(step, s);
-        let before = self.acceleration(step.position(s - aside), v);
-        let after = self.acceleration(step.position(s + aside), v);
-        Jump {
-            at: s,
-            bend: after - before,
-            slope: gradient / gradient.dot(v),
-        }
+    /// `a⁺ − a⁻` at `at`.
+    fn jump(&mut self, step: &Step, at: f64) -> DVec3 {
+        let v = step.tangent(at);
+        let aside = aside(step, at);
+        let before = self.acceleration(step.position(at - aside), v);
+        self.acceleration(step.position(at + aside), v) - before
     }
 
     fn acceleration(&mut self, u: DVec3, v: DVec3) -> DVec3 {
@@ -136,5 +148,5 @@ impl<'m> Kinks<'m> {
 
 fn aside(step: &Step, s: f64) -> f64 {
     let origin = step.position(s).length() / step.tangent(s).length();
-    (ASIDE * (step.end - step.start)).max(LEAST_ASIDE * (s + origin))
+    ASIDE * (s + origin)
 }
