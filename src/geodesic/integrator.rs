@@ -12,7 +12,7 @@ use super::{
     End, LANES, Ray, Row, Settings, Sink, Step,
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
     events::Events,
-    kinks::{Kinks, Meeting},
+    kinks::{Kinks, Meeting, Surface},
 };
 use crate::{
     expr::{Registers, Tape, vectorised},
@@ -196,7 +196,7 @@ impl<'m> Lanes<'m> {
         });
     }
 
-    /// Rates at the start of a lane's ray, computed for that lane alone.
+    /// Rates of the present state of a lane, computed for that lane alone.
     fn first_rates(&mut self, lane: usize) -> [f64; 22] {
         let mut single = self.flow.registers::<f64, 1>();
         let layout = Layout::of(self.settings);
@@ -323,10 +323,19 @@ impl<'m> Lanes<'m> {
         };
         let (error, h) = (self.error[lane], self.h[lane]);
         progress.steps += 1;
-        let meeting = self.meeting(lane);
-        if let (Some(Meeting::Ahead(landing)), true) = (meeting, progress.steps < MOST_STEPS) {
-            progress.behind.get_or_insert(h);
-            self.h[lane] = landing;
+        if progress.steps < MOST_STEPS
+            && let Some(meeting) = self.meeting(lane)
+        {
+            match meeting {
+                Meeting::Ahead(length) => {
+                    progress.behind.get_or_insert(h);
+                    self.h[lane] = length;
+                }
+                Meeting::Here(way, surface) => {
+                    progress.behind = None;
+                    self.hop(lane, way, surface);
+                }
+            }
             self.ray[lane] = Some(progress);
             return;
         }
@@ -346,17 +355,13 @@ impl<'m> Lanes<'m> {
         }
         let s = self.s[lane];
         let left = progress.length - s;
-        let behind = progress.behind.filter(|_| meeting.is_some());
-        let next = match (accepted, behind) {
-            // Past a kink the error tells nothing about the next step.
+        let next = match (accepted, progress.behind) {
+            // Before and past a kink the error tells nothing about the next step.
             (true, Some(behind)) => behind,
             (true, None) if kink => 5.0 * h,
             (true, None) => factor * h,
             (false, _) => factor.min(0.9) * h,
         };
-        if accepted && meeting.is_some() {
-            progress.behind = None;
-        }
         // What is left may be shorter than the shortest step, and is no sign of trouble.
         self.h[lane] = next.min(LONGEST_STEP * progress.length).min(left);
         if end.is_none()
@@ -382,7 +387,6 @@ impl<'m> Lanes<'m> {
         sink: &mut impl Sink,
     ) -> Option<(End, f64)> {
         self.restore_speed(lane);
-        self.cross_kinks(lane);
         let mut step = self.step(lane);
         let end_of_step = step.end;
         let event = self.events.as_mut().and_then(|e| e.first_in(lane, &step));
@@ -437,29 +441,26 @@ impl<'m> Lanes<'m> {
             })
     }
 
-    /// Adds to the deviations of the trial what they gain by kinks of the metric.
-    fn cross_kinks(&mut self, lane: usize) {
-        let layout = Layout::of(self.settings);
-        let (Some(at), true) = (layout.deviation, self.kinks.is_some()) else {
+    /// Moves the present state of `lane` by `way` along its tangent, over a kink of the metric.
+    fn hop(&mut self, lane: usize, way: f64, surface: Surface) {
+        let vector =
+            |rows: &[Row], at: usize| DVec3::from_array([0, 1, 2].map(|c| rows[at + c][lane]));
+        let (v, before) = (vector(&self.y, 3), vector(&self.k[0], 3));
+        for c in 0..3 {
+            self.y[c][lane] += way * v[c];
+        }
+        self.first_rates(lane);
+        let bend = vector(&self.k[0], 3) - before;
+        let Some(at) = Layout::of(self.settings).deviation else {
             return;
         };
-        let step = self.step(lane);
-        let Some(gains) = self.kinks.as_mut().and_then(|kinks| kinks.gains(&step)) else {
-            return;
-        };
-        for (first, (du, dv)) in [at, at + 6].into_iter().zip(gains) {
+        for column in [at, at + 6] {
+            let gain = surface.gain(v, bend, vector(&self.y, column));
             for c in 0..3 {
-                self.trial[first + c][lane] += du[c];
-                self.trial[first + 3 + c][lane] += dv[c];
+                self.y[column + 3 + c][lane] += gain[c];
             }
         }
-        let state: Vec<[f64; 1]> = self.trial.iter().map(|row| [row[lane]]).collect();
-        let mut rates = vec![[0.0; 1]; layout.rows];
-        let mut single = self.flow.registers::<f64, 1>();
-        rates_at(self.flow, &mut single, layout, &state, &mut rates);
-        for (row, rate) in self.k[STAGES - 1].iter_mut().zip(&rates) {
-            row[lane] = rate[0];
-        }
+        self.first_rates(lane);
     }
 
     /// The trial as a curve.

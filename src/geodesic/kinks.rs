@@ -1,7 +1,7 @@
-//! Where the metric has a kink: steps end there, and the deviation of the path jumps.
+//! Where the metric has a kink: steps end there, the ray hops over it, and its deviation jumps.
 //!
-//! In: a trial [`Step`]. Out: the [`Meeting`] with a kink on it, and what the deviations gain by it
-//! ([`Kinks::gains`]).
+//! In: a trial [`Step`], and the state of the ray at its start. Out: the [`Meeting`] with the first
+//! kink on the step, and what the deviations gain by crossing it ([`Surface::gain`]).
 //!
 //! At a surface `φ(u) = 0` across which the acceleration jumps from `a⁻` to `a⁺`, a neighbour that
 //! arrives `−∇φ·δu / ∇φ·v` later bends later by as much: `δv` jumps by
@@ -11,102 +11,98 @@
 use super::{Step, crossing};
 use crate::{
     expr::{Registers, Tape},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
 };
 use glam::DVec3;
 
-/// How near a kink a step ends, and half the length of a step that crosses one, as a share of the arc
-/// length and of the distance from the chart's origin. Rounding in `φ` moves the crossing by 1e-16 to
-/// 1e-15 of them, and both ends must not lie on one side of it; what the crossing step gets wrong is
-/// this share of the jump.
-const ASIDE: f64 = 1e-13;
+/// How near a kink a step ends, and a hop beyond it, as a share of the arc length and of the distance
+/// from the chart's origin. Rounding in `φ` moves the crossing by 1e-16 to 1e-15 of them, and both ends
+/// of a hop must not lie on one side; the hop is an error of the position.
+const ASIDE: f64 = 2e-14;
 
 /// A path that meets a surface at a smaller angle than this runs along it, and rounding decides on
-/// which side; nothing can be said about a jump then, and no step is made shorter.
-const GRAZING: f64 = 1e-7;
+/// which side; nothing can be said about a jump then, and no step ends there.
+const GRAZING: f64 = 1e-4;
 
 /// Finds kinks on the steps of single rays.
 pub(super) struct Kinks<'m> {
     tape: &'m Tape,
     registers: Registers<f64, 1>,
-    flow: &'m Tape,
-    flow_registers: Registers<f64, 1>,
 }
 
 /// How a trial step meets a kink.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Meeting {
-    /// The step is too long to cross it; it should have this length, which ends just before the kink
-    /// or just crosses it.
+    /// It should have this length instead, which ends just before the kink.
     Ahead(f64),
-    /// The step crosses it, and is short enough to.
-    Here,
+    /// The kink is at the start of the step: moving this far along the tangent crosses it.
+    Here(f64, Surface),
 }
 
-/// A surface `φ = 0` at a point.
+/// A surface `φ = 0` near a point.
 #[derive(Debug, Clone, Copy)]
-struct Surface {
+pub(super) struct Surface {
     value: f64,
     gradient: DVec3,
+}
+
+impl Surface {
+    /// What `δv` of a neighbour at `du` gains where the acceleration of a ray with tangent `v` jumps by
+    /// `bend`; nothing for a ray along the surface.
+    pub fn gain(&self, v: DVec3, bend: DVec3, du: DVec3) -> DVec3 {
+        let late = self.gradient.dot(du) / self.gradient.dot(v);
+        if late.is_finite() {
+            bend * late
+        } else {
+            DVec3::ZERO
+        }
+    }
 }
 
 impl<'m> Kinks<'m> {
     /// `None` for a smooth metric.
     pub fn new(manifold: &'m Manifold) -> Option<Self> {
         let tape = manifold.kinks()?;
-        let flow = manifold.flow(Carried::default());
-        Some(Self {
-            tape,
-            registers: tape.registers(),
-            flow,
-            flow_registers: flow.registers(),
-        })
+        let registers = tape.registers();
+        Some(Self { tape, registers })
     }
 
     /// The first kink on the trial `step`, if there is one.
     pub fn meeting(&mut self, step: &Step) -> Option<Meeting> {
-        let (at, _) = self.first(step)?;
-        let aside = aside(step, at);
-        let crosses = 2.0 * aside;
-        let before = at - step.start - aside;
-        Some(match step.end - step.start {
-            // Rounding may make the crossing step a little longer.
-            length if length <= 1.5 * crosses => Meeting::Here,
-            _ if before > aside => Meeting::Ahead(before),
-            _ => Meeting::Ahead(crosses),
-        })
-    }
-
-    /// What the two deviations gain by the first kink on `step`: (δu, δv) at its end.
-    pub fn gains(&mut self, step: &Step) -> Option<[(DVec3, DVec3); 2]> {
-        let (at, surface) = self.first(step)?;
-        let bend = self.jump(step, at);
-        let v = step.tangent(at);
-        let gain = |du: DVec3| {
-            let dv = bend * (surface.gradient.dot(du) / surface.gradient.dot(v));
-            (dv * (step.end - at), dv)
-        };
-        Some(step.deviation(at)?.map(gain))
-    }
-
-    /// The first arc length on `step` at which a surface is crossed, and the surface.
-    fn first(&mut self, step: &Step) -> Option<(f64, Surface)> {
         let functions = self.tape.outputs() / 4;
         let crossed = (0..functions).filter_map(|k| Some((self.crossed(k, step)?, k)));
         let (at, k) = crossed.min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some((at, self.surface(k, step.position(at))))
+        let (u, v) = (step.position(step.start), step.tangent(step.start));
+        let aside = ASIDE * (at + u.length() / v.length());
+        let before = at - step.start - aside;
+        Some(match before > aside {
+            true => Meeting::Ahead(before),
+            false => self.hop(k, u, v, before + 2.0 * aside),
+        })
+    }
+
+    /// Moves at least `least` along the tangent: farther for a surface that is met at a small angle,
+    /// where rounding in `φ` moves the crossing farther.
+    fn hop(&mut self, k: usize, u: DVec3, v: DVec3, least: f64) -> Meeting {
+        let surface = self.surface(k, u);
+        let side = |surface: Surface| surface.value > 0.0;
+        let mut way = least;
+        // Up to where the angle is GRAZING.
+        while way < least / GRAZING && side(self.surface(k, u + v * way)) == side(surface) {
+            way *= 2.0;
+        }
+        Meeting::Here(way, surface)
     }
 
     /// Where surface `k` is crossed on `step`.
     fn crossed(&mut self, k: usize, step: &Step) -> Option<f64> {
-        let before = self.surface(k, step.position(step.start));
-        let after = self.surface(k, step.position(step.end));
-        // The zero itself belongs to one side only, so that a kink at a step's end counts once.
+        let [start, end] = [step.start, step.end].map(|s| step.position(s));
+        let (before, after) = (self.surface(k, start), self.surface(k, end));
         if (before.value > 0.0) == (after.value > 0.0) {
             return None;
         }
-        let way = (step.position(step.end) - step.position(step.start)).length();
-        let reach = way * after.gradient.length().max(before.gradient.length());
+        let steepest = after.gradient.length().max(before.gradient.length());
+        let reach = (end - start).length() * steepest;
         if before.value.abs().max(after.value.abs()) < GRAZING * reach {
             return None;
         }
@@ -127,26 +123,4 @@ impl<'m> Kinks<'m> {
             gradient: DVec3::new(output(1), output(2), output(3)),
         }
     }
-
-    /// `a⁺ − a⁻` at `at`.
-    fn jump(&mut self, step: &Step, at: f64) -> DVec3 {
-        let v = step.tangent(at);
-        let aside = aside(step, at);
-        let before = self.acceleration(step.position(at - aside), v);
-        self.acceleration(step.position(at + aside), v) - before
-    }
-
-    fn acceleration(&mut self, u: DVec3, v: DVec3) -> DVec3 {
-        for c in 0..3 {
-            *self.flow_registers.input(c) = [u[c]];
-            *self.flow_registers.input(3 + c) = [v[c]];
-        }
-        self.flow.run(&mut self.flow_registers);
-        DVec3::from_array([0, 1, 2].map(|c| self.flow_registers.output(c)[0]))
-    }
-}
-
-fn aside(step: &Step, s: f64) -> f64 {
-    let origin = step.position(s).length() / step.tangent(s).length();
-    ASIDE * (s + origin)
 }
