@@ -73,7 +73,7 @@ impl<'m> Kinks<'m> {
         let crossed = (0..functions).filter_map(|k| Some((self.crossed(k, step)?, k)));
         let (at, k) = crossed.min_by(|a, b| a.0.total_cmp(&b.0))?;
         let (u, v) = (step.position(step.start), step.tangent(step.start));
-        let aside = ASIDE * (at + u.length() / v.length());
+        let aside = ASIDE * (step.end + u.length() / v.length());
         let before = at - step.start - aside;
         Some(match before > aside {
             true => Meeting::Ahead(before),

@@ -17,7 +17,13 @@ impl Loader<'_> {
     ) -> Reading<(Definition, Item<'d>)> {
         match (root.get("embedding"), root.get("metric")) {
             (Some(item), None) => Ok((self.read_embedding(&item)?, item)),
-            (None, Some(item)) => Ok((self.read_metric(&item.table()?)?, item)),
+            (None, Some(item)) => {
+                let table = item.table().map_err(|complaint| {
+                    complaint
+                        .with_hint("write metric = { conformal = \"…\" }, or xx, yy, zz and so on")
+                })?;
+                Ok((self.read_metric(&table)?, item))
+            }
             (Some(_), Some(item)) => Err(item
                 .complain("both `embedding` and `metric` are given")
                 .with_hint("keep exactly one of them")),
@@ -44,7 +50,9 @@ impl Loader<'_> {
     fn read_metric(&mut self, table: &Table<'_>) -> Reading<Definition> {
         let zero = self.graph.constant(0.0);
         if let Some(item) = table.get("conformal") {
-            table.finish()?;
+            table.finish().map_err(|complaint| {
+                complaint.with_hint("`conformal` is the whole metric: give it, or the entries")
+            })?;
             let n = self.position_expression(&item.text()?)?;
             let n2 = self.graph.mul(n, n);
             return Ok(Definition::Metric([n2, n2, n2, zero, zero, zero]));

@@ -21,7 +21,11 @@ impl Loader<'_> {
         item: Option<Item<'_>>,
     ) -> Reading<(Vec<Exit>, Vec<NodeId>)> {
         let (mut exits, mut events) = (Vec::<Exit>::new(), Vec::new());
-        for item in item.map(|i| i.list()).transpose()?.unwrap_or_default() {
+        let list = item.map(|item| {
+            let list = item.list();
+            list.map_err(|complaint| complaint.with_hint("write [[exit]], in double brackets"))
+        });
+        for item in list.transpose()?.unwrap_or_default() {
             let table = item.table()?;
             exits.push(self.read_exit(&table, &exits)?);
             events.push(self.ray_expression(&table.require("when")?.text()?)?);
