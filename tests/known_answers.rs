@@ -1,41 +1,18 @@
-//! Closed-form truths of DESIGN §8, on the exact tracer, with orbit planes tilted off every
+//! Closed-form truths about manifolds written here, with exits, and with orbit planes tilted off every
 //! coordinate plane.
 
+mod support;
+
 use geofan::{
-    diagnostic::SourceText,
-    geodesic::{End, Path, Ray, Settings, paths},
-    manifold::{Carried, Manifold},
+    geodesic::{End, Path, Ray, paths},
+    manifold::Manifold,
 };
 use glam::{DMat3, DQuat, DVec3};
-
-fn manifold(text: &str) -> Manifold {
-    Manifold::from_source(SourceText::new("test.toml", text), &[])
-        .unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
-
-fn asset(name: &str) -> Manifold {
-    let path = format!(
-        "{}/assets/manifolds/{name}.toml",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    Manifold::load(path.as_ref(), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
+use support::{asset, manifold, settings};
 
 fn follow(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> Path {
-    let settings = Settings {
-        tolerance: 1e-11,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: true,
-    };
-    paths(
-        manifold,
-        settings,
-        [Ray::new(manifold, u, d.normalize(), length)],
-    )
-    .remove(0)
+    let ray = Ray::new(manifold, u, d.normalize(), length);
+    paths(manifold, settings(1e-11, true), [ray]).remove(0)
 }
 
 /// A tilt off every coordinate plane.
@@ -73,8 +50,6 @@ fn orbit(text: &str, rho: f64, sine: f64, tilt: DMat3) -> f64 {
 #[test]
 fn ellis_wormhole_sweeps_the_known_angle() {
     let text = r#"
-name = "Ellis"
-coordinates = ["x", "y", "z"]
 metric = { conformal = "1 + 1/(4*rho^2)" }
 [let]
 rho = "sqrt(x^2 + y^2 + z^2)"
@@ -92,8 +67,6 @@ when = "rho - 1/(4*rho) - 30"
 #[test]
 fn schwarzschild_sweeps_the_known_angle() {
     let text = r#"
-name = "Schwarzschild, optical"
-coordinates = ["x", "y", "z"]
 metric = { conformal = "(1 + 1/(2*rho))^3/(1 - 1/(2*rho))" }
 [let]
 rho = "sqrt(x^2 + y^2 + z^2)"
@@ -110,19 +83,6 @@ when = "rho*(1 + 1/(2*rho))^2 - 50"
     for tilt in tilts() {
         let angle = orbit(text, rho, sine, tilt);
         assert!((angle - 4.6204187268812).abs() < 1e-8, "{angle}");
-    }
-}
-
-#[test]
-fn gaussian_bump_deflects_by_the_known_angle() {
-    let manifold = asset("gaussian-bump");
-    for tilt in tilts() {
-        let start = tilt * DVec3::new(-12.0, 0.5, 0.0);
-        let path = follow(&manifold, start, tilt * DVec3::X, 30.0);
-        let last = path.steps.last().unwrap();
-        let out = last.tangent(path.length).normalize();
-        let angle = out.angle_between(tilt * DVec3::X);
-        assert!((angle - 0.3242617359016).abs() < 1e-8, "{angle}");
     }
 }
 

@@ -4,13 +4,16 @@
 //! Distances are taken in the metric at the reference end point: a position's over the arc length,
 //! a tangent's and a frame's as they are (angles), an area's relative to its size.
 
+mod support;
+
 use geofan::{
-    geodesic::{End, Path, Ray, Settings, Spread, paths},
-    manifold::{Carried, Manifold},
+    geodesic::{End, Path, Ray, Spread, paths},
+    manifold::Manifold,
 };
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use std::{collections::BTreeMap, fmt};
+use support::{asset, settings, worse};
 
 const TOLERANCE: f64 = 1e-12;
 
@@ -40,24 +43,8 @@ fn references() -> BTreeMap<String, Vec<Reference>> {
     sorted
 }
 
-fn asset(name: &str) -> Manifold {
-    let path = format!(
-        "{}/assets/manifolds/{name}.toml",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    Manifold::load(path.as_ref(), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
-
 fn follow(manifold: &Manifold, rays: impl IntoIterator<Item = Ray>) -> Vec<Path> {
-    let settings = Settings {
-        tolerance: TOLERANCE,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: false,
-    };
-    let paths = paths(manifold, settings, rays);
+    let paths = paths(manifold, settings(TOLERANCE, false), rays);
     assert!(paths.iter().all(|p| p.end == End::Length));
     paths
 }
@@ -117,11 +104,6 @@ impl fmt::Display for Off {
             "position {position:.1e}  tangent {tangent:.1e}  frame {frame:.1e}  area {area:.1e}"
         )
     }
-}
-
-/// The larger of two; NaN is the largest.
-fn worse(a: f64, b: f64) -> f64 {
-    if a > b || a.is_nan() { a } else { b }
 }
 
 #[test]

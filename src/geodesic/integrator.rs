@@ -332,7 +332,7 @@ impl<'m> Lanes<'m> {
                     self.h[lane] = length;
                 }
                 Meeting::Here(way, surface) => {
-                    progress.behind = None;
+                    self.h[lane] = progress.behind.take().unwrap_or(h);
                     self.hop(lane, way, surface);
                 }
             }
@@ -349,6 +349,7 @@ impl<'m> Lanes<'m> {
             0.2
         };
         progress.rejected = !accepted;
+        eprintln!(self.s[lane], h, error, accepted);
         let mut end = None;
         if accepted {
             end = self.accept(lane, progress, sink);
