@@ -349,7 +349,6 @@ impl<'m> Lanes<'m> {
             0.2
         };
         progress.rejected = !accepted;
-        eprintln!(self.s[lane], h, error, accepted);
         let mut end = None;
         if accepted {
             end = self.accept(lane, progress, sink);

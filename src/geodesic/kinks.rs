@@ -98,7 +98,8 @@ impl<'m> Kinks<'m> {
     fn crossed(&mut self, k: usize, step: &Step) -> Option<f64> {
         let [start, end] = [step.start, step.end].map(|s| step.position(s));
         let (before, after) = (self.surface(k, start), self.surface(k, end));
-        if (before.value > 0.0) == (after.value > 0.0) {
+        let seen = before.value.is_finite() && after.value.is_finite();
+        if !seen || (before.value > 0.0) == (after.value > 0.0) {
             return None;
         }
         let steepest = after.gradient.length().max(before.gradient.length());
