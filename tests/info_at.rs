@@ -58,8 +58,8 @@ fn everything_at_a_point_of_the_half_space_is_as_by_hand() {
 #[test]
 fn the_same_is_said_in_words() {
     let text = info("sol", &["--at", "0.1,0.2,0"]);
-    let after = text.find("metric\n").expect("a metric");
-    insta::assert_snapshot!(&text[after..]);
+    let at = text.find("\nmetric\n").expect("a metric");
+    insta::assert_snapshot!(&text[at + 1..]);
 }
 
 #[test]

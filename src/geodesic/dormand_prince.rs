@@ -84,6 +84,10 @@ impl<const N: usize> Dense<N> {
     }
 }
 
+/// What rounding of the positions at both ends leaves in the quintic's last coefficient, relative to
+/// them: six times the sum of four rounding errors.
+const ROUNDING: f64 = 24.0 * f64::EPSILON;
+
 /// A curve over one step that matches position, velocity and acceleration at both ends: error of
 /// order h⁶ in the position, h⁵ in the velocity.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,6 +109,17 @@ impl Quintic {
         let c3 = rise * 10.0 - slope * 4.0 + bend;
         let c4 = rise * -15.0 + slope * 7.0 - bend * 2.0;
         let c5 = rise * 6.0 - slope * 3.0 + bend;
+        // In a very short step the difference of the positions is rounding, and divided by `h` it
+        // would spoil the velocity: there the velocities alone decide, and c5 is zero.
+        let noise = ROUNDING * p0.abs().max(end[0].abs()).max_element();
+        let (c3, c4, c5) = match c5.abs().max_element() > noise {
+            true => (c3, c4, c5),
+            false => (
+                slope - bend * (2.0 / 3.0),
+                (bend - slope) * 0.5,
+                DVec3::ZERO,
+            ),
+        };
         Self {
             coefficients: [p0, v0, a0, c3, c4, c5],
             h,

@@ -94,9 +94,16 @@ impl<'m> Kinks<'m> {
         Meeting::Here(way, surface)
     }
 
-    /// Where surface `k` is crossed on `step`.
+    /// Where surface `k` is first crossed on `step`; one that is crossed twice within half a step is
+    /// left to the control of the error.
     fn crossed(&mut self, k: usize, step: &Step) -> Option<f64> {
-        let [start, end] = [step.start, step.end].map(|s| step.position(s));
+        let middle = 0.5 * (step.start + step.end);
+        let first = self.crossed_between(k, step, [step.start, middle]);
+        first.or_else(|| self.crossed_between(k, step, [middle, step.end]))
+    }
+
+    fn crossed_between(&mut self, k: usize, step: &Step, [low, high]: [f64; 2]) -> Option<f64> {
+        let [start, end] = [low, high].map(|s| step.position(s));
         let (before, after) = (self.surface(k, start), self.surface(k, end));
         let seen = before.value.is_finite() && after.value.is_finite();
         if !seen || (before.value > 0.0) == (after.value > 0.0) {
@@ -108,7 +115,7 @@ impl<'m> Kinks<'m> {
             return None;
         }
         let sign = if after.value > 0.0 { 1.0 } else { -1.0 };
-        Some(crossing(step.start, step.end, |s| {
+        Some(crossing(low, high, |s| {
             sign * self.surface(k, step.position(s)).value
         }))
     }

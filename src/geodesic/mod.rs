@@ -1,7 +1,8 @@
 //! Geodesics of a manifold: integrators, transport, deviation, paths with dense output.
 //!
 //! In: a [`Manifold`] and [`Ray`]s. Out: [`Step`]s given to a [`Sink`], or whole [`Path`]s.
-//! Arc length is measured in the metric; tangents have unit length.
+//! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
+//! any curve ([`transport`]), and the exponential map with its differential ([`exponential()`]).
 
 mod conjugate;
 mod crossing;

@@ -2,8 +2,8 @@
 //!
 //! In: the text of a manifold file and parameter values that replace the file's.
 //! Out: a [`Manifold`], immutable and shared between threads, whose tapes evaluate everything that
-//! later stages need. Chart points `u` and tangents `v` are in coordinates; lengths are in the
-//! metric's unit.
+//! later stages need; [`Manifold::curvature`] tells connection and curvature at a point. Chart points
+//! `u` and tangents `v` are in coordinates; lengths are in the metric's unit.
 
 mod curvature;
 mod curve;

@@ -96,7 +96,9 @@ fn rows(m: DMat3) -> [[f64; 3]; 3] {
 
 fn block(name: &str, rows: [[f64; 3]; 3]) -> String {
     let mut text = format!("{name}\n");
-    for [a, b, c] in rows {
+    for row in rows {
+        // No negative zeros.
+        let [a, b, c] = row.map(|x| x + 0.0);
         let _ = writeln!(text, "  {a:>16.9e} {b:>16.9e} {c:>16.9e}");
     }
     text
