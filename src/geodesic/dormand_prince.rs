@@ -85,8 +85,8 @@ impl<const N: usize> Dense<N> {
 }
 
 /// What rounding of the positions at both ends leaves in the quintic's last coefficient, relative to
-/// them: six times the sum of four rounding errors.
-const ROUNDING: f64 = 24.0 * f64::EPSILON;
+/// them: six times half a unit in the last place of each.
+const ROUNDING: f64 = 6.0 * f64::EPSILON;
 
 /// A curve over one step that matches position, velocity and acceleration at both ends: error of
 /// order h⁶ in the position, h⁵ in the velocity.
