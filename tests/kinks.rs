@@ -133,6 +133,21 @@ fn a_kink_costs_a_few_steps_only() {
 }
 
 #[test]
+fn the_edges_of_lenses_cost_a_few_steps_only() {
+    let d = DVec3::new(-1.0, -0.05, 0.06).normalize();
+    for name in ["luneburg", "maxwell-fish-eye"] {
+        let lens = asset(name);
+        let ray = Ray::new(&lens, DVec3::new(2.5, 0.3, 0.2), d, 6.0);
+        // 32 steps at the least; both edges together cost about 20.
+        for (tolerance, most) in [(1e-6, 80), (1e-10, 160)] {
+            let tried = follow(&lens, ray, tolerance).tried;
+            println!("{name} {tolerance}: {tried}");
+            assert!(tried < most, "{name}: {tried} steps");
+        }
+    }
+}
+
+#[test]
 fn rays_along_a_kink_are_followed() {
     // In the plane x = 0 the metric is flat, and rounding decides on which side of it a ray is.
     let fold = manifold("metric = { conformal = '1 + x*abs(x)' }");

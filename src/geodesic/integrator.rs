@@ -12,7 +12,7 @@ use super::{
     End, LANES, Ray, Row, Settings, Sink, Step,
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
     events::Events,
-    kinks::{Kinks, Meeting, Surface},
+    kinks::{Kinks, Meeting, Surface, approach},
 };
 use crate::{
     expr::{Registers, Tape, vectorised},
@@ -328,8 +328,8 @@ impl<'m> Lanes<'m> {
         {
             match meeting {
                 Meeting::Ahead(length) => {
-                    progress.behind.get_or_insert(h);
-                    self.h[lane] = length;
+                    let usual = *progress.behind.get_or_insert(h);
+                    self.h[lane] = approach(length, usual);
                 }
                 Meeting::Here(way, surface) => {
                     self.h[lane] = progress.behind.take().unwrap_or(h);
