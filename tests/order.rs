@@ -1,22 +1,21 @@
 //! The order of the integrators, not only their accuracy: a wrong coefficient hides behind step
 //! control. Rays start off every symmetry plane; the truth is a much tighter run.
 
+mod support;
+
 use geofan::{
     geodesic::{Path, Ray, Settings, fixed_steps, paths},
     manifold::{Carried, Manifold},
 };
 use glam::DVec3;
+use support::{asset, settings};
 
 /// The tolerance of the runs that count as the truth.
 const TIGHTEST: f64 = 1e-13;
 
 /// The ray from `u` along `d` in a manifold of the catalogue.
 fn case(name: &str, u: [f64; 3], d: [f64; 3], length: f64) -> (Manifold, Ray) {
-    let path = format!(
-        "{}/assets/manifolds/{name}.toml",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    let manifold = Manifold::load(path.as_ref(), &[]).unwrap();
+    let manifold = asset(name);
     let ray = Ray::new(&manifold, u.into(), DVec3::from(d).normalize(), length);
     (manifold, ray)
 }
@@ -44,15 +43,7 @@ fn long_cases() -> Vec<(Manifold, Ray)> {
 }
 
 fn follow(manifold: &Manifold, ray: Ray, tolerance: f64) -> Path {
-    let settings = Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: false,
-    };
-    paths(manifold, settings, [ray]).remove(0)
+    paths(manifold, settings(tolerance, false), [ray]).remove(0)
 }
 
 /// Position (over arc length) and tangent of `path` at `s` against `truth`, in the metric.

@@ -7,6 +7,7 @@
 mod derivative;
 mod graph;
 mod kernels;
+mod kinks;
 mod lexer;
 pub mod parse;
 pub mod real;

@@ -104,6 +104,26 @@ impl Control {
         self.next_h[lane] = 0.0;
     }
 
+    /// Whether the ray in `lane` may be given another step.
+    pub fn may_go_on(&self, lane: usize) -> bool {
+        self.steps[lane] < MOST_STEPS
+    }
+
+    /// Replaces the judgement of the trial in `lane`: it is not accepted, and `h` is tried instead.
+    pub fn try_instead(&mut self, lane: usize, h: f64) {
+        self.accepted[lane] = 0.0;
+        self.complete[lane] = 0.0;
+        self.stuck[lane] = 0.0;
+        self.next_s[lane] = self.s[lane];
+        self.next_h[lane] = h.min(self.length[lane] - self.s[lane]);
+    }
+
+    /// Replaces the step after the accepted trial in `lane`.
+    pub fn go_on_with(&mut self, lane: usize, h: f64) {
+        self.stuck[lane] = 0.0;
+        self.next_h[lane] = h.min(self.length[lane] - self.next_s[lane]);
+    }
+
     /// Whether the step of `lane` is so long that it needs more than its stages.
     #[inline(always)]
     pub fn is_long(&self, lane: usize) -> bool {

@@ -11,7 +11,12 @@ use super::{
     state::Layout,
     weighted,
 };
+use crate::expr::real::Real;
 use glam::DVec3;
+
+/// What rounding of the positions at both ends leaves in the quintic's last coefficient, relative to
+/// them: six times half a unit in the last place of each.
+const ROUNDING: f64 = 6.0 * f64::EPSILON;
 
 /// Rows of a quintic: six coefficients of three components.
 const QUINTIC: usize = 18;
@@ -132,12 +137,19 @@ fn quintic(trial: Trial<'_>, at: usize, rows: &mut [Row]) {
             let rise = u1[l] - u0[l] - p1 - p2;
             let slope = v1[l] * h[l] - p1 - p2 * 2.0;
             let bend = a1[l] * half - p2;
+            let last = rise * 6.0 - slope * 3.0 + bend;
+            // In a very short step the difference of the positions is rounding, and divided by `h`
+            // it would spoil the velocity: there the velocities alone decide, and the last
+            // coefficient is zero.
+            let noise = ROUNDING * Real::max(u0[l].abs(), u1[l].abs());
+            let noisy = last.abs() <= noise;
+            let rise = f64::select(noisy, slope * 0.5 - bend * (1.0 / 6.0), rise);
             p[0][l] = u0[l];
             p[1][l] = p1;
             p[2][l] = p2;
             p[3][l] = rise * 10.0 - slope * 4.0 + bend;
             p[4][l] = rise * -15.0 + slope * 7.0 - bend * 2.0;
-            p[5][l] = rise * 6.0 - slope * 3.0 + bend;
+            p[5][l] = f64::select(noisy, 0.0, last);
         }
         for (i, p) in p.iter().enumerate() {
             rows[3 * i + c - at] = *p;

@@ -12,6 +12,7 @@ use super::{
     dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
     each,
     events::Events,
+    kinks::{Kinks, Meeting},
     starts::{Start, Starts},
     state::{Layout, rates_at},
     weighted,
@@ -37,6 +38,7 @@ pub fn follow<S: Sink>(
             return;
         }
         lanes.attempt();
+        lanes.meet_kinks();
         lanes.report(sink);
         lanes.commit();
     }
@@ -49,6 +51,7 @@ struct Lanes<'m> {
     /// The rates of a path that carries nothing.
     bare: (&'m Tape, Registers<f64, LANES>),
     events: Option<Events<'m>>,
+    kinks: Option<Kinks<'m>>,
     starts: Starts<'m>,
     /// The number of the ray that a lane follows.
     ray: [Option<usize>; LANES],
@@ -75,6 +78,7 @@ impl<'m> Lanes<'m> {
                 true => Events::new(&manifold.domain),
                 false => None,
             },
+            kinks: Kinks::new(manifold, settings),
             starts: Starts::new(flow, settings),
             ray: [None; LANES],
             curves: Curves::new(layout),
@@ -111,6 +115,9 @@ impl<'m> Lanes<'m> {
         if let Some(events) = &mut self.events {
             events.start(lane, &self.starts.events, start.column);
         }
+        if let Some(kinks) = &mut self.kinks {
+            kinks.start(lane);
+        }
     }
 
     /// One trial step of every lane: stages, new state, error, judgement. Lanes without a ray compute
@@ -139,6 +146,7 @@ impl<'m> Lanes<'m> {
                 }
                 self.control.judge();
                 self.look(long);
+                self.look_for_kinks();
             },
         );
     }
@@ -198,6 +206,45 @@ impl<'m> Lanes<'m> {
         }
         events.look(3, &self.trial[..6], &each(|_| 1.0));
         self.events = Some(events);
+    }
+
+    /// Looks where the trial steps meet kinks of the metric.
+    #[inline(always)]
+    fn look_for_kinks(&mut self) {
+        if let Some(kinks) = &mut self.kinks {
+            let [x, y, z] = [0, 1, 2].map(|c| self.curves.between(c, &self.control.h, 0.5));
+            let middle = [&x[0], &y[0], &z[0]];
+            kinks.look([vector(&self.y, 0), middle, vector(&self.trial, 0)]);
+        }
+    }
+
+    /// Tries steps that end at a kink instead of those that meet one, and moves rays that are there
+    /// over it.
+    fn meet_kinks(&mut self) {
+        let Some(kinks) = &mut self.kinks else {
+            return;
+        };
+        for lane in 0..LANES {
+            if self.ray[lane].is_none() || !self.control.may_go_on(lane) {
+                continue;
+            }
+            let (s, h) = (self.control.s[lane], self.control.h[lane]);
+            let meeting = match kinks.is_crossed(lane) {
+                true => kinks.meeting(&self.curves.step(lane, s, h)),
+                false => None,
+            };
+            if let Some(meeting) = meeting {
+                let instead = kinks.instead(lane, meeting, h);
+                self.control.try_instead(lane, instead);
+                if let Meeting::Here(hop) = meeting {
+                    kinks.hop(lane, hop, &mut self.y, &mut self.k[0]);
+                }
+            } else if self.control.accepted[lane] > 0.0
+                && let Some(step) = kinks.go_on_with(lane)
+            {
+                self.control.go_on_with(lane, step);
+            }
+        }
     }
 
     /// The error of the trial in the metric at the trial's end: an angle for the tangent and the

@@ -1,7 +1,8 @@
 //! Geodesics of a manifold: integrators, transport, deviation, paths with dense output.
 //!
 //! In: a [`Manifold`] and [`Ray`]s. Out: [`Step`]s given to a [`Sink`], or whole [`Path`]s.
-//! Arc length is measured in the metric; tangents have unit length.
+//! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
+//! any curve ([`transport`]), and the exponential map with its differential ([`exponential()`]).
 
 mod conjugate;
 mod control;
@@ -10,19 +11,23 @@ mod curves;
 mod departure;
 mod dormand_prince;
 mod events;
+mod exponential;
 mod first_event;
 mod fixed;
 mod integrator;
+mod kinks;
 mod path;
 mod samples;
 mod spread;
 mod starts;
 mod state;
 mod step;
+mod transport;
 
 pub use conjugate::conjugate_points;
 pub use crossing::crossing;
 pub use departure::{check_point, depart};
+pub use exponential::{Exponential, exponential};
 pub use first_event::first_event;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
@@ -31,6 +36,7 @@ pub(crate) use samples::unit;
 pub use samples::{Sample, samples};
 pub use spread::{Spread, perpendiculars, signed_area};
 pub use step::Step;
+pub use transport::{Transport, TransportFailed, transport};
 
 use crate::{
     expr::Wide,

@@ -1,12 +1,12 @@
-//! The state of the rays in all lanes, and its rates.
+//! The state of rays, and its rates.
 //!
 //! Rows: u (3), v (3), then the transported quaternion q (x, y, z, w) if the frame is carried, then
 //! (δu, δv) of two deviations if deviation is. Equations: the formulas of [`Manifold::flow`].
 //!
 //! [`Manifold::flow`]: crate::manifold::Manifold::flow
 
-use super::{LANES, Ray, Row, Settings};
-use crate::expr::{Registers, Tape};
+use super::{Ray, Settings};
+use crate::expr::{Registers, Tape, Wide};
 
 /// Rows of the largest state.
 pub(super) const MOST_ROWS: usize = 22;
@@ -54,12 +54,12 @@ impl Layout {
 
 /// The rates of all rows of `y`; outputs 3 to 8 of `registers` then hold the metric there.
 #[inline(always)]
-pub(super) fn rates_at(
+pub(super) fn rates_at<const W: usize>(
     flow: &Tape,
-    registers: &mut Registers<f64, LANES>,
+    registers: &mut Registers<f64, W>,
     layout: Layout,
-    y: &[Row],
-    rates: &mut [Row],
+    y: &[Wide<f64, W>],
+    rates: &mut [Wide<f64, W>],
 ) {
     for k in 0..6 {
         *registers.input(k) = *y[k];
@@ -92,12 +92,16 @@ pub(super) fn rates_at(
 
 /// `q̇ = ½ (ω, 0) ⊗ q`, components x, y, z, w.
 #[inline(always)]
-fn turn_rates(omega: [&[f64; LANES]; 3], q: &[Row], rates: &mut [Row]) {
+fn turn_rates<const W: usize>(
+    omega: [&[f64; W]; 3],
+    q: &[Wide<f64, W>],
+    rates: &mut [Wide<f64, W>],
+) {
     let [a, b, c] = omega;
     let ([x, y, z, w], [dx, dy, dz, dw]) = (q, rates) else {
         return;
     };
-    for l in 0..LANES {
+    for l in 0..W {
         let [a, b, c] = [0.5 * a[l], 0.5 * b[l], 0.5 * c[l]];
         let [x, y, z, w] = [x[l], y[l], z[l], w[l]];
         dx[l] = a * w + b * z - c * y;
