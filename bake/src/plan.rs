@@ -27,10 +27,11 @@ struct Sizes {
     cells: u32,
 }
 
-fn sizes(axes: usize) -> Sizes {
+fn sizes(cameras: usize, axes: usize) -> Sizes {
     let (nodes, arc, rays, bits, cells) = match axes {
         0 | 1 => (32, 60, 32, 11, 4),
-        2 => (20, 48, 400, 11, 4),
+        2 if cameras == 0 => (24, 48, 576, 11, 1),
+        2 => (14, 48, 196, 11, 4),
         3 => (16, 32, 2500, 14, 4),
         4 => (12, 28, 8000, 14, 4),
         _ => (10, 20, 20000, 15, 4),
@@ -47,7 +48,7 @@ fn sizes(axes: usize) -> Sizes {
 /// The plan for the rays of `space`, and the space with its points stored as they are best.
 pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanSpace, PlanRecord) {
     let axes = space.cameras().len() + space.directions();
-    let sizes = sizes(axes);
+    let sizes = sizes(space.cameras().len(), axes);
     let mut nodes = vec![sizes.nodes; axes];
     nodes.push(sizes.arc);
     let mut plan = PlanRecord {

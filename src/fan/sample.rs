@@ -10,7 +10,7 @@ use crate::{
     manifold::Carried,
 };
 use glam::DVec3;
-use ndarray::{Array3, ArrayViewMut2, Axis, s};
+use ndarray::{Array3, ArrayViewMut2, Axis};
 use rayon::prelude::*;
 
 /// Channels of a sample.
@@ -53,7 +53,7 @@ pub fn sample(
                 starts: starts.collect(),
                 lengths,
                 next: vec![0; rays.len()],
-                last: vec![None; rays.len()],
+                last: None,
                 rows: samples.axis_iter_mut(Axis(0)).collect(),
             };
             let starts = rays.iter().map(|&(u, v)| Ray {
@@ -76,8 +76,8 @@ struct Sampler<'a> {
     lengths: &'a [f64],
     /// The next arc length to be sampled, for each ray.
     next: Vec<usize>,
-    /// The end of the last step of each ray.
-    last: Vec<Option<Last>>,
+    /// The end of the last step, if its ray has samples left.
+    last: Option<Last>,
     rows: Vec<ArrayViewMut2<'a, f64>>,
 }
 
@@ -86,43 +86,45 @@ impl Sampler<'_> {
         let at = self.next[ray];
         let lift = self.space.lift();
         let displacement = lift.encode(&self.starts[ray], u, self.lengths[at]);
-        let mut row = self.rows[ray].slice_mut(s![at, ..]);
+        let row = &mut self.rows[ray];
         for k in 0..4 {
-            row[k] = displacement[k];
-            row[ROTATION + k] = q[k];
+            row[[at, k]] = displacement[k];
+            row[[at, ROTATION + k]] = q[k];
         }
         self.next[ray] += 1;
     }
 
-    /// The transported rotation, twisted, of the sign that continues `before`.
-    fn quaternion(&self, step: &Step, s: f64, before: Option<[f64; 4]>) -> [f64; 4] {
-        let Some(q) = step.rotation(s) else {
-            return [0.0, 0.0, 0.0, 1.0];
-        };
-        let q = (self.space.lift().twist(step.position(s)) * q).to_array();
-        let same = before.is_none_or(|b| b.iter().zip(&q).map(|(x, y)| x * y).sum::<f64>() >= 0.0);
-        if same { q } else { q.map(|x| -x) }
+    /// The transported rotation, twisted, at `s`, of a sign that is continuous along the ray: the
+    /// integrated quaternion's and the twist's are.
+    fn quaternion(&self, step: &Step, s: f64) -> [f64; 4] {
+        step.rotation(s).map_or([0.0, 0.0, 0.0, 1.0], |q| {
+            (self.space.lift().twist(step.position(s)) * q).to_array()
+        })
     }
 }
 
 impl Sink for Sampler<'_> {
+    fn wants(&self, ray: usize, to: f64) -> bool {
+        self.lengths.get(self.next[ray]).is_some_and(|s| *s <= to)
+    }
+
     fn step(&mut self, ray: usize, step: &Step) {
-        let mut before = self.last[ray].map(|l| l.3);
         while let Some(&s) = self.lengths.get(self.next[ray])
             && s <= step.end
         {
-            let q = self.quaternion(step, s, before);
-            before = Some(q);
-            self.put(ray, step.position(s), q);
+            self.put(ray, step.position(s), self.quaternion(step, s));
         }
-        let q = self.quaternion(step, step.end, before);
-        self.last[ray] = Some((step.end, step.position(step.end), step.tangent(step.end), q));
+        let (s, left) = (step.end, self.next[ray] < self.lengths.len());
+        self.last = left.then(|| {
+            let q = self.quaternion(step, s);
+            (s, step.position(s), step.tangent(s), q)
+        });
     }
 
-    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
-        while let (Some(&s), Some((end, u, v, q))) =
-            (self.lengths.get(self.next[ray]), self.last[ray])
-        {
+    fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {
+        // The step before was this ray's, unless it never took one.
+        let last = self.last.take().filter(|_| reached > 0.0);
+        while let (Some(&s), Some((end, u, v, q))) = (self.lengths.get(self.next[ray]), last) {
             self.put(ray, u + v * (s - end), q);
         }
     }

@@ -1,6 +1,7 @@
 //! How neighbouring geodesics spread: area, and the screen error of a displacement.
 //!
-//! Formulas: DESIGN §1 and §2. Displacements are taken in the standard frame at the point.
+//! The area of a unit solid angle is `|det J⊥|`; a displacement `e` looks like the angle `|δ|` with
+//! `J δ = e`. Displacements are taken in the standard frame at the point.
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
@@ -17,7 +18,7 @@ pub fn perpendiculars(d: DVec3) -> [DVec3; 2] {
 }
 
 /// The singular values of `J/s` are raised to at least this before a displacement is divided by
-/// them (DESIGN §1): near conjugate points the inverse map is unbounded.
+/// them: near conjugate points the inverse map is unbounded.
 const LEAST_MAGNIFICATION: f64 = 0.25;
 
 /// The transverse part of the deviation matrix at a point of a path.
