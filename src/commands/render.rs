@@ -8,8 +8,8 @@ use geofan::{
     Error, Result,
     bundle::Bundle,
     render::{
-        ExactTracer, Stage, TableTracer, View,
-        frame::{Outcomes, trace_all, trace_lattice},
+        ExactTracer, Lookup, Stage, View,
+        frame::{Outcomes, Paths, offsets, trace},
         picture::{self, Metadata},
         shade::{area, shade, with_layers},
     },
@@ -120,19 +120,15 @@ fn by_table(
     view: &View,
     bundle: &Bundle,
 ) -> Result<(Outcomes, Report)> {
+    let promise = 1e-3 * bundle.header.plan.max_error;
+    let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
     let began = Instant::now();
     let fan = bundle.table.fan(view.u)?;
     let contract = began.elapsed().as_secs_f64();
-    let manifold = &stage.world.manifold;
-    let tracer = TableTracer::new(
-        &fan,
-        manifold,
-        bundle.table.length,
-        1e-3 * bundle.header.plan.max_error,
-        args.scene.tolerance,
-    );
+    let tracer = lookup.tracer(&fan);
     let (samples, budget) = (usize::from(args.scene.spp), 1e-3 * args.scene.error);
-    let (outcomes, _) = trace_lattice(&stage.world, view, &tracer, samples, budget);
+    let paths = Paths::Lattice(&tracer, budget);
+    let outcomes = trace(&stage.world, view, paths, &offsets(samples)).outcomes;
     let mut report = report(args, "table", &outcomes);
     (report.contract, report.paths) = (contract, began.elapsed().as_secs_f64() - contract);
     Ok((outcomes, report))
@@ -143,7 +139,8 @@ fn exactly(args: &RenderArgs, stage: &Stage, view: &View) -> Result<(Outcomes, R
     let length = manifold.length_or(args.length)?;
     let began = Instant::now();
     let tracer = ExactTracer::new(manifold, view.u, length, args.scene.tolerance);
-    let outcomes = trace_all(&stage.world, view, &tracer, usize::from(args.scene.spp));
+    let offsets = offsets(usize::from(args.scene.spp));
+    let outcomes = trace(&stage.world, view, Paths::Exact(&tracer), &offsets).outcomes;
     let mut report = report(args, "exact", &outcomes);
     report.paths = began.elapsed().as_secs_f64();
     Ok((outcomes, report))

@@ -6,13 +6,14 @@
 //! (DESIGN §7). Steps after the paths are the same code for all three.
 
 use super::{
-    curve::Curve,
-    frame::{Outcomes, trace_all, trace_lattice},
-    lattice::LatticeTally,
+    frame::{Outcomes, Paths, Traced, Work, offsets, trace},
+    lookup::Lookup,
     outcome::{Outcome, Seen},
     picture::{Picture, error_picture, flip, flip::DEFAULT_PIXELS_PER_DEGREE, psnr, write_png},
     shade::shade,
-    tracer::{ExactTracer, FixedTracer, TableTracer, Tracer},
+    endings::EndingFinder,
+    strands::{Strand, Strands},
+    tracer::{ExactTracer, FixedTracer, GridTracer},
     view::View,
     world::World,
 };
@@ -86,21 +87,24 @@ pub struct LatticeReport {
     pub traced: usize,
     /// Time for curves and checks, summed over threads, seconds.
     pub lattice: f64,
+    /// Time for tubes and chords, summed over threads, seconds.
+    pub tiles: f64,
     /// Time for samples, summed over threads, seconds.
     pub pixels: f64,
     /// Time for the rays that the table gave up on, by the clock, seconds.
     pub pending: f64,
 }
 
-impl From<LatticeTally> for LatticeReport {
-    fn from(tally: LatticeTally) -> Self {
+impl From<Work> for LatticeReport {
+    fn from(work: Work) -> Self {
         Self {
-            curves: tally.curves,
-            interpolated: tally.interpolated,
-            traced: tally.traced,
-            lattice: tally.lattice.as_secs_f64(),
-            pixels: tally.pixels.as_secs_f64(),
-            pending: tally.pending.as_secs_f64(),
+            curves: work.tally.paths,
+            interpolated: work.tally.interpolated,
+            traced: work.tally.traced,
+            lattice: work.tally.lattice.as_secs_f64(),
+            tiles: work.tally.tiles.as_secs_f64(),
+            pixels: work.tally.pixels.as_secs_f64(),
+            pending: work.pending_time.as_secs_f64(),
         }
     }
 }
@@ -240,7 +244,8 @@ const RIVAL_STRIDE: usize = 8;
 pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> Result<Comparison> {
     let (table_frame, outcomes, tally, fan) = table_frame(world, view, table, options)?;
     let exact = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
-    let (exact_picture, exact_times, exact_outcomes) = direct_frame(world, view, &exact, options);
+    let (exact_picture, exact_times, exact_outcomes) =
+        direct_frame(world, view, Paths::Exact(&exact), options);
     let probed = probe_pixels(world, view, table, options);
     let errors = table_errors(&fan, view, &probed);
     let equal_error = rival(world, view, table, options, &probed, &errors);
@@ -290,7 +295,7 @@ fn sky_errors(a: &Outcomes, b: &Outcomes) -> Quantiles {
                 direction: d,
                 ..
             },
-        ) if exit == other => Some(1e3 * (direction - d).length()),
+        ) if exit == other => Some(1e3 * f64::from((direction - d).length())),
         _ => None,
     };
     let mut angles: Vec<f64> = a.iter().zip(b).filter_map(angle).collect();
@@ -305,28 +310,26 @@ fn table_frame<'t>(
     view: &View,
     table: &'t Table,
     options: Options,
-) -> Result<(Drawn, Outcomes, LatticeTally, Fan<'t>)> {
+) -> Result<(Drawn, Outcomes, Work, Fan<'t>)> {
     let budget = 1e-3 * options.error;
     let mut all: Vec<Times> = Vec::new();
+    let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
+    let offsets = offsets(options.samples);
     loop {
         let began = Instant::now();
         let fan = table.fan(view.u)?;
         let contract = began.elapsed();
-        let tracer = TableTracer::new(
-            &fan,
-            &world.manifold,
-            table.length,
-            1e-3 * options.promise,
-            options.tolerance,
-        );
-        let (outcomes, tally) = trace_lattice(world, view, &tracer, options.samples, budget);
+        let tracer = lookup.tracer(&fan);
+        let Traced { outcomes, work } =
+            trace(world, view, Paths::Lattice(&tracer, budget), &offsets);
         let paths = began.elapsed() - contract;
         let picture = shade(world, view, outcomes.view());
         all.push(times(contract, paths, began.elapsed()));
         if all.len() >= options.repeats.max(1) {
             all.sort_by(|a, b| a.frame.total_cmp(&b.frame));
             let median = all[all.len() / 2];
-            return Ok(((picture, median), outcomes, tally, fan));
+            drop(tracer);
+            return Ok(((picture, median), outcomes, work, fan));
         }
     }
 }
@@ -343,11 +346,11 @@ fn times(contract: Duration, paths: Duration, frame: Duration) -> Times {
 fn direct_frame(
     world: &World,
     view: &View,
-    tracer: &dyn Tracer,
+    paths: Paths<'_>,
     options: Options,
 ) -> (Picture, Times, Outcomes) {
     let began = Instant::now();
-    let outcomes = trace_all(world, view, tracer, options.samples);
+    let Traced { outcomes, .. } = trace(world, view, paths, &offsets(options.samples));
     let paths = began.elapsed();
     let picture = shade(world, view, outcomes.view());
     (
@@ -424,11 +427,13 @@ fn rival(
         .collect();
     let measure = |steps: usize| {
         let tracer = FixedTracer::new(&world.manifold, view.u, table.length, steps);
-        let curves = tracer.trace(&directions);
+        let mut strands = Strands::new(tracer.knots().clone());
+        let mut endings = EndingFinder::new(&world.manifold);
+        tracer.add(&directions, &mut endings, &mut strands);
         let mut found: Vec<f64> = pixels
             .iter()
-            .zip(&curves)
-            .map(|(&i, c)| curve_error(c, &probed[i]))
+            .enumerate()
+            .map(|(k, &i)| strand_error(strands.strand(k), &probed[i]))
             .collect();
         Quantiles::of(&mut found)
     };
@@ -440,7 +445,7 @@ fn rival(
         }
     }
     let tracer = FixedTracer::new(&world.manifold, view.u, table.length, chosen.0);
-    let (_, times, _) = direct_frame(world, view, &tracer, options);
+    let (_, times, _) = direct_frame(world, view, Paths::Direct(&tracer), options);
     Rival {
         steps: chosen.0,
         equal: chosen.1.p99 <= goal,
@@ -449,12 +454,12 @@ fn rival(
     }
 }
 
-fn curve_error(curve: &Curve, probed: &Probed) -> f64 {
+fn strand_error(strand: Strand<'_>, probed: &Probed) -> f64 {
     let Some(probe) = probed.probes.first() else {
         return 0.0;
     };
-    match curve.state(probe.s) {
-        Some((u, _)) => probe.deviation(u, None).screen_mrad,
+    match strand.position(probe.s) {
+        Some(u) => probe.deviation(u, None).screen_mrad,
         None => f64::INFINITY,
     }
 }

@@ -16,7 +16,7 @@ use crate::{
     geodesic::{Ray, Settings, ends, signed_area},
     manifold::Carried,
 };
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use ndarray::{Array2, Array3, ArrayView3, Axis};
 use rayon::prelude::*;
 
@@ -58,8 +58,11 @@ fn colour(
         Seen::Surface(hit) => surface(world, &hit),
         Seen::Sky {
             exit, direction, ..
-        } => match &world.skies[exit] {
-            Some(sky) => sky.radiance(direction, footprint(view, outcomes, at, exit, direction)),
+        } => match &world.skies[exit as usize] {
+            Some(sky) => sky.radiance(
+                direction.as_dvec3(),
+                footprint(view, outcomes, at, exit, direction),
+            ),
             None => [0.0; 3],
         },
         Seen::Nothing => match world.skies.last() {
@@ -75,8 +78,8 @@ fn footprint(
     view: &View,
     outcomes: &ArrayView3<'_, Outcome>,
     (y, x, k): (usize, usize, usize),
-    exit: usize,
-    direction: DVec3,
+    exit: u32,
+    direction: Vec3,
 ) -> f32 {
     let (height, width, samples) = outcomes.dim();
     let distance = |y: usize, x: usize| match outcomes[(y, x, k)].seen {
@@ -87,7 +90,7 @@ fn footprint(
         } if other == exit => Some((d - direction).length()),
         _ => None,
     };
-    let either = |forward: Option<f64>, back: Option<f64>| forward.or(back);
+    let either = |forward: Option<f32>, back: Option<f32>| forward.or(back);
     let across = either(
         (x + 1 < width).then(|| distance(y, x + 1)).flatten(),
         x.checked_sub(1).and_then(|x| distance(y, x)),
@@ -96,9 +99,9 @@ fn footprint(
         (y + 1 < height).then(|| distance(y + 1, x)).flatten(),
         y.checked_sub(1).and_then(|y| distance(y, x)),
     );
-    let widest = across.into_iter().chain(down).fold(0.0, f64::max);
+    let widest = across.into_iter().chain(down).fold(0.0, f32::max);
     let angle = if widest > 0.0 {
-        widest
+        f64::from(widest)
     } else {
         view.pixel_angle()
     };
@@ -108,11 +111,11 @@ fn footprint(
 /// The normal of a hit in the standard frame there, unit, towards the camera; and the cosine.
 fn normal(world: &World, hit: &Hit) -> (DVec3, f64) {
     let face = &world.faces[hit.triangle as usize];
-    let (b, c) = hit.barycentric;
+    let [b, c] = hit.barycentric.map(f64::from);
     let covector = face.normals[0] * (1.0 - b - c) + face.normals[1] * b + face.normals[2] * c;
-    let frame = world.manifold.standard_frame(hit.u);
+    let frame = world.manifold.standard_frame(world.point(hit));
     let n = (frame.transpose() * covector).normalize_or_zero();
-    let v = (frame.inverse() * hit.v).normalize_or_zero();
+    let v = (frame.inverse() * hit.v.as_dvec3()).normalize_or_zero();
     let cosine = -n.dot(v);
     (if cosine < 0.0 { -n } else { n }, cosine.abs())
 }
@@ -121,7 +124,7 @@ fn surface(world: &World, hit: &Hit) -> [f32; 3] {
     let face = &world.faces[hit.triangle as usize];
     let material = &world.materials[face.material as usize];
     let (_, cosine) = normal(world, hit);
-    let (b, c) = (hit.barycentric.0 as f32, hit.barycentric.1 as f32);
+    let [b, c] = hit.barycentric;
     let uv = |k: usize| face.uvs[0][k] * (1.0 - b - c) + face.uvs[1][k] * b + face.uvs[2][k] * c;
     let diffuse = match &material.map_kd {
         Some(texture) => texture.sample(f64::from(uv(0)), f64::from(uv(1))),
@@ -159,12 +162,12 @@ pub fn with_layers(picture: Picture, world: &World, outcomes: ArrayView3<'_, Out
         _ => 0,
     };
     let exit = |o: &Outcome| match o.seen {
-        Seen::Sky { exit, .. } => exit + 1,
+        Seen::Sky { exit, .. } => exit as usize + 1,
         _ => 0,
     };
     let mut picture = picture.with_float("Z", float(&arc));
     for (k, axis) in ["X", "Y", "Z"].iter().enumerate() {
-        let point = float(&|o| vector(o, &|hit| hit.u, k));
+        let point = float(&|o| vector(o, &|hit| world.point(hit), k));
         let normal = float(&|o| vector(o, &|hit| normal(world, hit).0, k));
         picture = picture
             .with_float(format!("P.{axis}"), point)

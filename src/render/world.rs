@@ -6,6 +6,7 @@
 
 use super::{
     accel::Accelerator,
+    intersect::Hit,
     scene::{Material, Mesh, ObjectEntry, Placement, SceneFile},
     sky::Sky,
 };
@@ -89,6 +90,14 @@ impl World {
         }
         world.accelerator = Accelerator::build(&triangles);
         Ok(world)
+    }
+
+    /// The chart point of a hit, inside the limits of glued coordinates.
+    pub fn point(&self, hit: &Hit) -> DVec3 {
+        let [a, b, c] = self.accelerator.triangles()[hit.triangle as usize];
+        let [y, z] = hit.barycentric.map(f64::from);
+        let u = a * (1.0 - y - z) + b * y + c * z;
+        self.manifold.domain.wrap(u)
     }
 
     fn place(
