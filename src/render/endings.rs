@@ -11,9 +11,14 @@ use crate::{
     geodesic::{End, crossing},
     manifold::Manifold,
 };
+use glam::DVec3;
 
 /// Lanes in which events are evaluated along a path.
 const LANES: usize = 16;
+
+/// The part of a piece over which an event's slope is taken: far above rounding, and over it the
+/// slope changes by far less than the step that it is for needs.
+const SLOPE_STEP: f64 = 1e-3;
 
 /// Finds how paths end.
 #[derive(Clone)]
@@ -39,6 +44,41 @@ impl<'m> EndingFinder<'m> {
     /// The first event on the known part of `strand`: positive and not before, or rising beyond
     /// zero (a ray leaves where an exit's condition *becomes* positive). `None` if there is none.
     pub fn ending(&mut self, strand: Strand<'_>) -> Option<Ending> {
+        let piece = self.last_piece(strand)?;
+        Some(match self.first_on(&piece) {
+            Some((t, k)) => self.at(k, piece.arc(t), piece.position(t), piece.tangent(t)),
+            None => Ending::Nowhere,
+        })
+    }
+
+    /// The same with the event found on the path itself, which `state` knows better than the cubics:
+    /// from its place on them one step of Newton's method.
+    pub fn sharp_ending(
+        &mut self,
+        strand: Strand<'_>,
+        state: impl Fn(f64) -> Option<(DVec3, DVec3)>,
+    ) -> Option<Ending> {
+        let piece = self.last_piece(strand)?;
+        let Some((t, k)) = self.first_on(&piece) else {
+            return Some(Ending::Nowhere);
+        };
+        let mut s = piece.arc(t);
+        if let Some((u, v)) = state(s) {
+            let off = self.event(k, u, v);
+            let ahead = t + SLOPE_STEP * if t < 0.5 { 1.0 } else { -1.0 };
+            let there = self.event(k, piece.position(ahead), piece.tangent(ahead));
+            let here = self.event(k, piece.position(t), piece.tangent(t));
+            let step = off * (piece.arc(ahead) - s) / (there - here);
+            if step.is_finite() {
+                s = (s - step).clamp(piece.s[0], piece.s[1]);
+            }
+        }
+        let (u, v) = state(s).unwrap_or_else(|| (piece.position(t), piece.tangent(t)));
+        Some(self.at(k, s, u, v))
+    }
+
+    /// The piece on which the first event happens; `None` if there is none.
+    fn last_piece(&mut self, strand: Strand<'_>) -> Option<Piece> {
         if self.before.is_empty() {
             return None;
         }
@@ -47,10 +87,27 @@ impl<'m> EndingFinder<'m> {
             let count = LANES.min(strand.known - first);
             self.evaluate(&strand, first, count);
             if let Some(at) = self.rising(first, count) {
-                return Some(self.first_on(&strand.piece(at - 1)));
+                return Some(strand.piece(at - 1));
             }
         }
         None
+    }
+
+    /// The value of event `k`.
+    fn event(&mut self, k: usize, u: DVec3, v: DVec3) -> f64 {
+        for c in 0..3 {
+            *self.single.input(c) = [u[c]];
+            *self.single.input(3 + c) = [v[c]];
+        }
+        self.manifold.domain.events().run(&mut self.single);
+        self.single.output(k)[0]
+    }
+
+    /// The ending by event `k`.
+    fn at(&self, k: usize, s: f64, u: DVec3, v: DVec3) -> Ending {
+        let domain = &self.manifold.domain;
+        let end = End::of_event(domain, domain.kinds[k]);
+        ending_at(self.manifold, end, s, u, v)
     }
 
     /// The events at `count` knots from `first` on; lanes beyond repeat the last.
@@ -93,37 +150,22 @@ impl<'m> EndingFinder<'m> {
         None
     }
 
-    /// The earliest of the events that count at the end of `piece`.
-    fn first_on(&mut self, piece: &Piece) -> Ending {
-        let domain = &self.manifold.domain;
-        let mut value = |t: f64, k: usize| {
-            let (u, v) = (piece.position(t), piece.tangent(t));
-            for c in 0..3 {
-                *self.single.input(c) = [u[c]];
-                *self.single.input(3 + c) = [v[c]];
-            }
-            domain.events().run(&mut self.single);
-            self.single.output(k)[0]
-        };
+    /// The earliest of the events that count at the end of `piece`: where, and which.
+    fn first_on(&mut self, piece: &Piece) -> Option<(f64, usize)> {
         let mut first: Option<(f64, usize)> = None;
-        for (k, before) in self.before.iter().enumerate() {
-            if value(1.0, k) > before.max(0.0) {
-                let t = match *before > 0.0 {
+        for k in 0..self.before.len() {
+            let before = self.before[k];
+            let mut value = |t: f64| self.event(k, piece.position(t), piece.tangent(t));
+            if value(1.0) > before.max(0.0) {
+                let t = match before > 0.0 {
                     true => 0.0,
-                    false => crossing(0.0, 1.0, |t| value(t, k)),
+                    false => crossing(0.0, 1.0, value),
                 };
                 if first.is_none_or(|(earlier, _)| t < earlier) {
                     first = Some((t, k));
                 }
             }
         }
-        match first {
-            Some((t, k)) => {
-                let end = End::of_event(domain, domain.kinds[k]);
-                let (u, v) = (piece.position(t), piece.tangent(t));
-                ending_at(self.manifold, end, piece.arc(t), u, v)
-            }
-            None => Ending::Nowhere,
-        }
+        first
     }
 }

@@ -5,7 +5,7 @@
 
 use super::{
     endings::EndingFinder,
-    lattice::{LARGEST_TILE, Lattice, smallest_tile},
+    lattice::{Lattice, smallest_tile},
     outcome::{Outcome, Seen, outcome},
     tiles::{Found, Place, Samples, Tally},
     tracer::{ExactTracer, GridTracer},
@@ -127,7 +127,7 @@ fn trace_tiles(
 ) -> Traced {
     let (width, height) = samples.view.size;
     let mut outcomes = Outcomes::from_elem((height, width, samples.offsets.len()), NOTHING);
-    let mut tiles = split(&mut outcomes, width);
+    let mut tiles = Found::split(&mut outcomes);
     tiles.par_iter_mut().for_each_init(
         || EndingFinder::new(&samples.world.manifold),
         |endings, found| tile(endings, found),
@@ -147,22 +147,6 @@ fn trace_tiles(
     }
     work.pending_time = began.elapsed();
     Traced { outcomes, work }
-}
-
-/// The outcomes of each of the largest tiles; they do not overlap.
-fn split(outcomes: &mut Outcomes, width: usize) -> Vec<Found<'_>> {
-    let mut tiles = Vec::new();
-    let bands = outcomes.axis_chunks_iter_mut(Axis(0), LARGEST_TILE);
-    for (row, band) in bands.enumerate() {
-        let mut rest = band;
-        let mut x = 0;
-        while x < width {
-            let (first, others) = rest.split_at(Axis(1), LARGEST_TILE.min(width - x));
-            tiles.push(Found::new((row * LARGEST_TILE, x), first));
-            (rest, x) = (others, x + LARGEST_TILE);
-        }
-    }
-    tiles
 }
 
 /// Rays given to one thread at once: enough to keep its lanes full.

@@ -6,13 +6,10 @@
 use super::{
     curve::{Curve, Ending},
     endings::EndingFinder,
-    strands::Strands,
+    strands::{Strand, Strands, stay},
     tracer::{ExactTracer, GridTracer, even_knots},
 };
-use crate::{
-    bundle::{Fan, FanPath, Table},
-    manifold::Manifold,
-};
+use crate::bundle::{Fan, Table};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -32,7 +29,7 @@ impl<'t> Lookup<'t> {
         let tolerance = tolerance.max(FALLBACK_SHARE * error);
         Self {
             table,
-            knots: choose_knots(table, tolerance, KNOT_SHARE * error),
+            knots: choose_knots(table, tolerance),
             tolerance,
         }
     }
@@ -43,7 +40,6 @@ impl<'t> Lookup<'t> {
         let (u, length) = (fan.place.u, self.table.length);
         TableTracer {
             fan,
-            manifold,
             knots: &self.knots,
             exact: ExactTracer::new(manifold, u, length, self.tolerance),
         }
@@ -53,7 +49,6 @@ impl<'t> Lookup<'t> {
 /// Looks rays up in a fan.
 pub struct TableTracer<'f, 't> {
     fan: &'f Fan<'t>,
-    manifold: &'f Manifold,
     knots: &'f Arc<[f64]>,
     exact: ExactTracer<'f>,
 }
@@ -67,9 +62,10 @@ impl GridTracer for TableTracer<'_, '_> {
         for direction in directions {
             let path = self.fan.path(*direction);
             strands.push(
+                *direction,
                 |knots, rows| path.sample(knots, rows),
-                |strand| match endings.ending(strand) {
-                    Some(ending) => Some(self.sharpened(ending, &path)),
+                |strand| match endings.sharp_ending(strand, |s| path.state_at(s)) {
+                    Some(ending) => Some(ending),
                     // What the table gave up on might still end before anything is met.
                     None if strand.known < strand.knots.len() => None,
                     None => Some(Ending::Nowhere),
@@ -78,21 +74,17 @@ impl GridTracer for TableTracer<'_, '_> {
         }
     }
 
+    fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
+        let known = self.fan.path(strand.direction).sample(s, rows);
+        stay(rows, s.len(), known);
+    }
+
+    fn slack(&self) -> f64 {
+        KNOT_ERROR
+    }
+
     fn fallback(&self) -> Option<&ExactTracer<'_>> {
         Some(&self.exact)
-    }
-}
-
-impl TableTracer<'_, '_> {
-    /// The ending with its sky's direction from the transported tangent, which is closer than the
-    /// slope of the interpolated curve.
-    fn sharpened(&self, mut ending: Ending, path: &FanPath<'_, '_>) -> Ending {
-        if let Ending::Exit { exit, s, sky } = &mut ending
-            && let Some((u, v)) = path.state_at(*s)
-        {
-            *sky = self.manifold.sky_direction(Some(*exit), u, v);
-        }
-        ending
     }
 }
 
@@ -100,8 +92,11 @@ impl TableTracer<'_, '_> {
 /// then far below the promise, and they cost half of what the finest tolerance does.
 const FALLBACK_SHARE: f64 = 1e-3;
 
-/// Share of the table's own error that cubics between knots may add.
-const KNOT_SHARE: f64 = 0.2;
+/// By how much the cubics between knots may miss the path, radians at the camera. They decide what a
+/// tile may meet and how finely its chords are cut, both with a margin for this; points come from
+/// the table itself. With a tenth of it frames take half as long again, for the same pictures; with
+/// ten times as much boxes grow until everything seems to be met.
+const KNOT_ERROR: f64 = 2e-3;
 
 /// Paths on which the knots are chosen, from each of the places below.
 const KNOT_PATHS: usize = 24;
@@ -111,10 +106,10 @@ const KNOT_PATHS: usize = 24;
 const KNOT_PLACES: [f64; 4] = [0.0, 0.35, 0.65, 1.0];
 
 /// The fewest equal intervals (of a few) between which cubics follow a sample of exact paths to
-/// `allowed` radians, all but one in twelve. Exact paths, because the slopes of the table's own
+/// [`KNOT_ERROR`], all but one in twelve. Exact paths, because the slopes of the table's own
 /// polynomials carry noise that finer knots would only follow. Chosen for the whole region, because
 /// integrating the sample takes longer than a frame.
-fn choose_knots(table: &Table, tolerance: f64, allowed: f64) -> Arc<[f64]> {
+fn choose_knots(table: &Table, tolerance: f64) -> Arc<[f64]> {
     let manifold = table.space.manifold();
     let directions: Vec<DVec3> = (0..KNOT_PATHS).map(fibonacci_direction).collect();
     let places = manifold
@@ -127,7 +122,7 @@ fn choose_knots(table: &Table, tolerance: f64, allowed: f64) -> Arc<[f64]> {
     let good = |n: &usize| {
         let knots = even_knots(table.length, *n);
         let errors = curves.iter().map(|curve| worst_middle(curve, &knots));
-        errors.filter(|e| *e > allowed).count() <= curves.len() / 12
+        errors.filter(|e| *e > KNOT_ERROR).count() <= curves.len() / 12
     };
     let counts = [12, 16, 24, 32, 48, 64, 96, 128];
     even_knots(table.length, counts.into_iter().find(good).unwrap_or(192))

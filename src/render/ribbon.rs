@@ -10,6 +10,7 @@ use super::{
     intersect::{is_glued, shifts},
     lanes::{Points, bounds},
     sheaf::{Sheaf, Tube, Vertex, widened},
+    tracer::GridTracer,
     world::World,
 };
 use glam::DVec3;
@@ -39,7 +40,13 @@ pub struct RibbonChord {
 const MOST_CHORDS: f64 = 64.0;
 
 /// The pieces of `sheaf` whose boxes meet a leaf, into `pieces`.
-pub fn touched(sheaf: &Sheaf<'_>, world: &World, tube: &mut Tube, pieces: &mut Vec<usize>) {
+pub fn touched(
+    sheaf: &Sheaf<'_>,
+    world: &World,
+    slack: f64,
+    tube: &mut Tube,
+    pieces: &mut Vec<usize>,
+) {
     pieces.clear();
     if world.faces.is_empty() {
         return;
@@ -51,7 +58,7 @@ pub fn touched(sheaf: &Sheaf<'_>, world: &World, tube: &mut Tube, pieces: &mut V
     let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
     let periodic = is_glued(domain);
     for k in 0..tube.pieces() {
-        let (low, high) = tube.piece(k);
+        let (low, high) = tube.piece(k, sheaf.knots(), slack);
         let meets = match periodic {
             false => accelerator.touches(low, high),
             true => shifts(accelerator, domain, low, high)
@@ -66,29 +73,41 @@ pub fn touched(sheaf: &Sheaf<'_>, world: &World, tube: &mut Tube, pieces: &mut V
 
 impl Ribbon {
     /// The chords of the `pieces` of `sheaf` that may meet something, within `tolerance` radians of
-    /// the cubics; replaces what was here.
-    pub fn flatten(&mut self, sheaf: &Sheaf<'_>, world: &World, pieces: &[usize], tolerance: f64) {
+    /// the paths of `tracer`; replaces what was here.
+    pub fn flatten(
+        &mut self,
+        sheaf: &Sheaf<'_>,
+        (tracer, world): (&dyn GridTracer, &World),
+        pieces: &[usize],
+        tolerance: f64,
+    ) {
         self.vertices.clear();
         self.chords.clear();
         self.roots.clear();
+        let knots = sheaf.knots();
+        let mut s = Vec::new();
+        let mut begins = Vec::new();
         for (i, &k) in pieces.iter().enumerate() {
-            let continues = i > 0 && pieces[i - 1] + 1 == k;
-            if !continues {
-                self.vertices.push(sheaf.vertex(k, 0.0));
+            if i == 0 || pieces[i - 1] + 1 != k {
+                begins.push(s.len());
+                s.push(knots[k]);
             }
             let count = chords(sheaf, k, tolerance);
-            for j in 1..=count {
-                self.vertices.push(sheaf.vertex(k, j as f64 / count as f64));
-                self.add_chord(world);
+            let along = |j: usize| knots[k] + (knots[k + 1] - knots[k]) * j as f64 / count as f64;
+            s.extend((1..=count).map(along));
+        }
+        sheaf.vertices(tracer, &s, &mut self.vertices);
+        for from in 0..s.len().saturating_sub(1) {
+            if !begins.contains(&(from + 1)) {
+                self.add_chord(world, from);
             }
         }
     }
 
-    /// The chord between the last two vertices, in every period in which it may meet something.
-    fn add_chord(&mut self, world: &World) {
-        let from = self.vertices.len() - 2;
+    /// The chord from the vertex numbered `from`, in every period in which it may meet something.
+    fn add_chord(&mut self, world: &World, from: usize) {
         let [a, b] = [from, from + 1].map(|v| bounds(&self.vertices[v].point));
-        let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)));
+        let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), 0.0);
         let mut add = |shift: DVec3| {
             let first = self.roots.len();
             if world.accelerator.roots(low + shift, high + shift, &mut self.roots) {

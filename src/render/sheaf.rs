@@ -6,7 +6,8 @@
 use super::{
     curve::Ending,
     lanes::{LANES, Lanes, Points, each, each_point},
-    strands::{Strand, Strands},
+    strands::{ROWS, Strand, Strands},
+    tracer::GridTracer,
 };
 use glam::DVec3;
 
@@ -45,6 +46,11 @@ impl<'a> Sheaf<'a> {
     #[inline(always)]
     pub fn strand(&self, lane: usize) -> Strand<'a> {
         self.strands.strand(self.members[lane])
+    }
+
+    /// The arc lengths of the knots.
+    pub fn knots(&self) -> &'a [f64] {
+        self.strands.knots()
     }
 
     /// Any of the strands that these sixteen are of.
@@ -96,33 +102,31 @@ impl<'a> Sheaf<'a> {
         (0..LANES).all(|l| self.strand(l).known >= last)
     }
 
-    /// All paths at the fraction `t` of the piece from knot `k`, by Hermite's cubic.
-    pub fn vertex(&self, k: usize, t: f64) -> Vertex {
-        let knots = self.strands.knots();
-        let h = knots[k + 1] - knots[k];
-        let r = 1.0 - t;
-        let [p0, m0, p1, m1] = [
-            r * r * (1.0 + 2.0 * t),
-            h * t * r * r,
-            t * t * (3.0 - 2.0 * t),
-            -h * t * t * r,
-        ];
-        let slope = 6.0 * t * r / h;
-        let [n0, n1] = [r * (1.0 - 3.0 * t), t * (3.0 * t - 2.0)];
-        let mut vertex = Vertex {
-            s: knots[k] + t * h,
+    /// All paths at the ascending arc lengths `s`, appended to `vertices`.
+    pub fn vertices(&self, tracer: &dyn GridTracer, s: &[f64], vertices: &mut Vec<Vertex>) {
+        let first = vertices.len();
+        vertices.extend(s.iter().map(|&s| Vertex {
+            s,
             point: [[0.0; LANES]; 3],
             tangent: [[0.0; LANES]; 3],
-        };
+        }));
+        let mut rows = vec![0.0; ROWS * s.len()];
         for l in 0..LANES {
-            let strand = self.strand(l);
-            for c in 0..3 {
-                let (u, v) = (strand.row(c), strand.row(3 + c));
-                vertex.point[c][l] = p0 * u[k] + m0 * v[k] + p1 * u[k + 1] + m1 * v[k + 1];
-                vertex.tangent[c][l] = slope * (u[k + 1] - u[k]) + n0 * v[k] + n1 * v[k + 1];
+            if l > 0 && self.members[l] == self.members[l - 1] {
+                // Fewer than sixteen: the last is repeated.
+                for vertex in &mut vertices[first..] {
+                    vertex.repeat(l - 1, l);
+                }
+                continue;
+            }
+            tracer.refine(self.strand(l), s, &mut rows);
+            for (i, vertex) in vertices[first..].iter_mut().enumerate() {
+                for c in 0..3 {
+                    vertex.point[c][l] = rows[c * s.len() + i];
+                    vertex.tangent[c][l] = rows[(3 + c) * s.len() + i];
+                }
             }
         }
-        vertex
     }
 
     /// The arc lengths of the ends of the piece from knot `k`, the largest distance of any path
@@ -136,6 +140,15 @@ impl<'a> Sheaf<'a> {
             speed = speed.min(piece.v[0].length()).min(piece.v[1].length());
         }
         ([knots[k], knots[k + 1]], sagitta, speed)
+    }
+}
+
+impl Vertex {
+    fn repeat(&mut self, from: usize, to: usize) {
+        for c in 0..3 {
+            self.point[c][to] = self.point[c][from];
+            self.tangent[c][to] = self.tangent[c][from];
+        }
     }
 }
 
@@ -171,10 +184,12 @@ impl Tube {
         self.low[0].len()
     }
 
-    /// The box of piece `k`, widened by [`TUBE_MARGIN`] of its longest side.
-    pub fn piece(&self, k: usize) -> (DVec3, DVec3) {
+    /// The box of piece `k` between `knots`, widened by [`TUBE_MARGIN`] of its longest side and by
+    /// the angle `slack` (a piece is about as long as its box in the chart).
+    pub fn piece(&self, k: usize, knots: &[f64], slack: f64) -> (DVec3, DVec3) {
         let corner = |side: &[Vec<f64>; 3]| DVec3::new(side[0][k], side[1][k], side[2][k]);
-        widened((corner(&self.low), corner(&self.high)))
+        let lengths = knots[k + 1] / (knots[k + 1] - knots[k]);
+        widened((corner(&self.low), corner(&self.high)), slack * lengths)
     }
 }
 
@@ -184,9 +199,9 @@ impl Tube {
 /// On the wormhole's picture no sample was outside 0.02; wider boxes cost time only.
 const TUBE_MARGIN: f64 = 0.15;
 
-/// The box widened by the tube's margin.
-pub fn widened((low, high): (DVec3, DVec3)) -> (DVec3, DVec3) {
-    let margin = DVec3::splat(TUBE_MARGIN * (high - low).max_element());
+/// The box widened by the tube's margin and `more`, in units of its longest side.
+pub fn widened((low, high): (DVec3, DVec3), more: f64) -> (DVec3, DVec3) {
+    let margin = DVec3::splat((TUBE_MARGIN + more) * (high - low).max_element());
     (low - margin, high + margin)
 }
 

@@ -15,6 +15,8 @@ pub const ROWS: usize = 6;
 #[derive(Debug, Clone)]
 pub struct Strands {
     knots: Arc<[f64]>,
+    /// Directions at the camera, in the standard frame.
+    directions: Vec<DVec3>,
     /// Six rows for each path, each as long as `knots`.
     values: Vec<f64>,
     known: Vec<usize>,
@@ -26,6 +28,8 @@ pub struct Strands {
 pub struct Strand<'a> {
     /// Arc lengths of the knots.
     pub knots: &'a [f64],
+    /// Direction at the camera, in the standard frame.
+    pub direction: DVec3,
     /// Six rows, each as long as `knots`.
     rows: &'a [f64],
     /// How many knots are known.
@@ -39,6 +43,7 @@ impl Strands {
     pub fn new(knots: Arc<[f64]>) -> Self {
         Self {
             knots,
+            directions: Vec::new(),
             values: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
@@ -57,14 +62,16 @@ impl Strands {
 
     /// Forgets all.
     pub fn clear(&mut self) {
+        self.directions.clear();
         self.values.clear();
         self.known.clear();
         self.endings.clear();
     }
 
-    /// Adds a path: `fill` writes its rows and says how many knots are known, `end` how it ends.
+    /// Adds the path in `direction`: `fill` writes its rows and says how many knots are known, `end` how it ends.
     pub fn push(
         &mut self,
+        direction: DVec3,
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
         end: impl FnOnce(Strand<'_>) -> Option<Ending>,
     ) {
@@ -73,9 +80,11 @@ impl Strands {
         let rows = &mut self.values[start..];
         let known = fill(&self.knots, rows);
         stay(rows, self.knots.len(), known);
+        self.directions.push(direction);
         self.known.push(known);
         let strand = Strand {
             knots: &self.knots,
+            direction,
             rows: &self.values[start..],
             known,
             ending: None,
@@ -93,6 +102,7 @@ impl Strands {
         let length = ROWS * self.knots.len();
         Strand {
             knots: &self.knots,
+            direction: self.directions[i],
             rows: &self.values[i * length..(i + 1) * length],
             known: self.known[i],
             ending: self.endings[i],
@@ -101,7 +111,7 @@ impl Strands {
 }
 
 /// Beyond the known knots a path stays where it is, so that boxes around it stay small.
-fn stay(rows: &mut [f64], knots: usize, known: usize) {
+pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
     if known == knots || known == 0 {
         return;
     }
@@ -140,14 +150,28 @@ impl<'a> Strand<'a> {
         }
     }
 
-    /// The chart point at arc length `s`; `None` beyond the last known knot.
+    /// The chart point at arc length `s` on the cubics between the knots; `None` beyond the last
+    /// known knot.
     pub fn position(&self, s: f64) -> Option<DVec3> {
         let next = self.knots.partition_point(|knot| *knot < s).max(1);
         if next >= self.known {
             return None;
         }
         let piece = self.piece(next - 1);
-        let t = (s - piece.s[0]) / (piece.s[1] - piece.s[0]);
-        Some(piece.position(t))
+        Some(piece.position((s - piece.s[0]) / (piece.s[1] - piece.s[0])))
+    }
+
+    /// Points and tangents at the ascending arc lengths `s` on the cubics between the knots, into
+    /// six rows as long as `s`.
+    pub fn sample(&self, s: &[f64], rows: &mut [f64]) {
+        for (i, &at) in s.iter().enumerate() {
+            let next = self.knots.partition_point(|knot| *knot < at);
+            let piece = self.piece(next.clamp(1, self.knots.len() - 1) - 1);
+            let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
+            let (u, v) = (piece.position(t), piece.tangent(t));
+            for c in 0..3 {
+                (rows[c * s.len() + i], rows[(3 + c) * s.len() + i]) = (u[c], v[c]);
+            }
+        }
     }
 }

@@ -19,7 +19,7 @@ use super::{
 };
 use crate::expr::vectorised;
 use glam::{DVec2, DVec3};
-use ndarray::ArrayViewMut3;
+use ndarray::{Array3, ArrayViewMut3, Axis};
 use std::time::{Duration, Instant};
 
 /// Row, column and number of a sample.
@@ -91,6 +91,22 @@ impl<'o> Found<'o> {
         }
     }
 
+    /// The outcomes of each of the largest tiles, row by row; they do not overlap.
+    pub fn split(outcomes: &'o mut Array3<Outcome>) -> Vec<Self> {
+        let mut tiles = Vec::new();
+        let bands = outcomes.axis_chunks_iter_mut(Axis(0), LARGEST_TILE);
+        for (row, band) in bands.enumerate() {
+            let (mut rest, mut x) = (band, 0);
+            while rest.len_of(Axis(1)) > 0 {
+                let width = LARGEST_TILE.min(rest.len_of(Axis(1)));
+                let (first, others) = rest.split_at(Axis(1), width);
+                tiles.push(Found::new((row * LARGEST_TILE, x), first));
+                (rest, x) = (others, x + width);
+            }
+        }
+        tiles
+    }
+
     /// The tile.
     pub fn tile(&self) -> Tile {
         Tile {
@@ -123,7 +139,7 @@ impl Samples<'_> {
     ) {
         found.tally.paths += divided.strands.len();
         for leaf in &divided.leaves {
-            self.leaf(&divided.strands, leaf, found);
+            self.leaf(tracer, &divided.strands, leaf, found);
         }
         let places: Vec<Place> = divided
             .lost
@@ -133,12 +149,24 @@ impl Samples<'_> {
         self.trace(&places, tracer, endings, found);
     }
 
-    fn leaf(&self, strands: &Strands, leaf: &Leaf, found: &mut Found<'_>) {
+    /// The chords of a tile.
+    pub fn ribbon(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf) -> Ribbon {
+        let mut ribbon = Ribbon::default();
+        let sheaf = Sheaf::new(strands, leaf.members);
+        ribbon.flatten(&sheaf, (tracer, self.world), &leaf.touched, CHORD_ERROR);
+        ribbon
+    }
+
+    fn leaf(
+        &self,
+        tracer: &dyn GridTracer,
+        strands: &Strands,
+        leaf: &Leaf,
+        found: &mut Found<'_>,
+    ) {
         let began = Instant::now();
         let sheaf = Sheaf::new(strands, leaf.members);
-        found
-            .ribbon
-            .flatten(&sheaf, self.world, &leaf.touched, CHORD_ERROR);
+        found.ribbon = self.ribbon(tracer, strands, leaf);
         let flat = Instant::now();
         found.tally.tiles += flat - began;
         let places = self.places(leaf.tile);
@@ -177,7 +205,7 @@ impl Samples<'_> {
                 found.pending.push((places[i], directions[i]));
             }
             for members in known.chunks(LANES) {
-                self.sixteen(&strands, members, places, found);
+                self.sixteen(tracer, &strands, members, places, found);
             }
             found.tally.traced += places.len();
             found.tally.paths += places.len();
@@ -188,6 +216,7 @@ impl Samples<'_> {
     /// Up to sixteen samples whose paths are `members` of `strands`.
     fn sixteen(
         &self,
+        tracer: &dyn GridTracer,
         strands: &Strands,
         members: &[usize],
         places: &[Place],
@@ -196,10 +225,11 @@ impl Samples<'_> {
         let all = std::array::from_fn(|l| members[l.min(members.len() - 1)]);
         let sheaf = Sheaf::new(strands, all);
         let mut pieces = Vec::new();
-        touched(&sheaf, self.world, &mut found.tube, &mut pieces);
+        let slack = tracer.slack();
+        touched(&sheaf, self.world, slack, &mut found.tube, &mut pieces);
         found
             .ribbon
-            .flatten(&sheaf, self.world, &pieces, CHORD_ERROR);
+            .flatten(&sheaf, (tracer, self.world), &pieces, CHORD_ERROR);
         let places: Vec<Place> = members.iter().map(|&i| places[i]).collect();
         found.put_all(&places, &|ribbon| {
             let target = Target::new(self.world, &sheaf, ribbon);

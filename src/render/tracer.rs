@@ -7,7 +7,7 @@
 use super::{
     curve::{Curve, Ending, ending_at},
     endings::EndingFinder,
-    strands::Strands,
+    strands::{Strand, Strands},
 };
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -24,6 +24,14 @@ pub trait GridTracer: Sync {
     /// Appends the paths in `directions` to `strands`, which has these knots; a path that the tracer
     /// cannot give on them has no ending.
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands);
+
+    /// Points and tangents of a path that [`GridTracer::add`] made, at ascending arc lengths `s`,
+    /// into six rows as long as `s`: as close as the tracer can, where the cubics between knots only
+    /// serve to find what may be met.
+    fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]);
+
+    /// By how much the cubics between knots may miss the path, radians at the camera.
+    fn slack(&self) -> f64;
 
     /// Who follows the paths that cannot be given.
     fn fallback(&self) -> Option<&ExactTracer<'_>>;
@@ -170,7 +178,8 @@ impl GridTracer for FixedTracer<'_> {
             .map(|&d| (self.u, self.frame * d))
             .collect();
         let steps = self.knots.len() - 1;
-        for (u, v) in fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps) {
+        let paths = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);
+        for (direction, (u, v)) in directions.iter().zip(paths) {
             let fill = |_: &[f64], rows: &mut [f64]| {
                 let n = u.len();
                 for k in 0..n {
@@ -180,10 +189,19 @@ impl GridTracer for FixedTracer<'_> {
                 }
                 n
             };
-            strands.push(fill, |strand| {
+            strands.push(*direction, fill, |strand| {
                 Some(endings.ending(strand).unwrap_or(Ending::Nowhere))
             });
         }
+    }
+
+    /// The cubics between its steps are its path: the error at equal error is measured on them.
+    fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
+        strand.sample(s, rows);
+    }
+
+    fn slack(&self) -> f64 {
+        0.0
     }
 
     fn fallback(&self) -> Option<&ExactTracer<'_>> {

@@ -160,7 +160,8 @@ impl Lattice<'_> {
             return None;
         }
         let mut pieces = Vec::new();
-        touched(&sheaf, self.world, &mut Tube::default(), &mut pieces);
+        let slack = self.tracer.slack();
+        touched(&sheaf, self.world, slack, &mut Tube::default(), &mut pieces);
         if !(checks.path(&pieces) <= allowed) {
             return None;
         }
