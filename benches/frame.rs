@@ -9,9 +9,10 @@ use geofan::{
     bundle::Bundle,
     render::{
         EndingFinder, Lookup, Stage,
+        drawing::draw,
         frame::{Paths, offsets, trace},
         lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
-        shade::shade,
+        shade::{Footprints, shade},
         tiles::{Found, Samples},
     },
 };
@@ -72,7 +73,9 @@ fn steps(criterion: &mut Criterion) {
 
     let mut group = criterion.benchmark_group("frame");
     group.sample_size(20);
-    group.bench_function("contract", |b| b.iter(|| black_box(bundle.table.fan(view.u))));
+    group.bench_function("contract", |b| {
+        b.iter(|| black_box(bundle.table.fan(view.u)))
+    });
     group.bench_function("lattice", |b| b.iter(|| black_box(refine())));
     group.bench_function("tiles", |b| {
         b.iter(|| {
@@ -94,14 +97,22 @@ fn steps(criterion: &mut Criterion) {
     });
     let outcomes = trace(world, &view, Paths::Lattice(&tracer, BUDGET), &offsets).outcomes;
     group.bench_function("shade", |b| {
-        b.iter(|| black_box(shade(world, &view, outcomes.view())));
+        b.iter(|| {
+            black_box(shade(
+                world,
+                &view,
+                outcomes.view(),
+                1,
+                Footprints::Filtered,
+            ))
+        });
     });
     group.bench_function("whole", |b| {
         b.iter(|| {
             let fan = bundle.table.fan(view.u).expect("a camera in the table");
             let tracer = lookup.tracer(&fan);
-            let traced = trace(world, &view, Paths::Lattice(&tracer, BUDGET), &offsets);
-            black_box(shade(world, &view, traced.outcomes.view()))
+            let paths = Paths::Lattice(&tracer, BUDGET);
+            black_box(draw(world, &view, paths, 1, Footprints::Filtered).picture)
         });
     });
     group.finish();

@@ -16,9 +16,9 @@ mod tree;
 
 pub use bytes::{Damage, Reader, Writer};
 pub use certificate::{Certificate, certify};
-pub use file::{Bundle, BundleError, Contents, decode_chunk, encode_chunk, identity};
 pub use contracted::Contracted;
 pub use fan::{Fan, FanPath};
+pub use file::{Bundle, BundleError, Contents, decode_chunk, encode_chunk, identity};
 pub use patch::{Patch, Polynomial, Tensor};
 pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
 pub use table::{Division, Table};

@@ -8,15 +8,19 @@ use geofan::{
     Error, Result,
     bundle::Bundle,
     render::{
-        ExactTracer, Lookup, Stage, View,
-        frame::{Outcomes, Paths, offsets, trace},
+        ExactTracer, Lookup, Stage, View, World,
+        drawing::{Drawing, draw},
+        frame::Paths,
         picture::{self, Metadata},
-        shade::{area, shade, with_layers},
+        shade::{Footprints, area, with_layers},
     },
     terminal::{self, CommonArgs, Outcome, values},
 };
 use serde::Serialize;
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 /// Options of `geofan render`.
 #[derive(Debug, Args)]
@@ -66,84 +70,103 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let stage = args.scene.stage(bundle.as_ref())?;
     let view = args.scene.view(&stage)?;
-    let (outcomes, mut report) = match (args.tracer, &bundle) {
-        (Some(TracerKind::Table), None) => {
-            let message = "`table` needs --bundle FILE; bake one with geofan-bake";
-            return Err(Error::input("--tracer", message));
-        }
-        (None | Some(TracerKind::Table), Some(bundle)) => by_table(args, &stage, &view, bundle)?,
-        _ => exactly(args, &stage, &view)?,
-    };
-    let began = Instant::now();
-    let mut picture = shade(&stage.world, &view, outcomes.view());
-    report.shade = began.elapsed().as_secs_f64();
-    if args
-        .output
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-    {
-        picture = with_layers(picture, &stage.world, outcomes.view());
-        let area = area(&stage.world, &view, outcomes.view(), args.scene.tolerance);
-        picture = picture.with_float("area", area);
-    }
-    picture::write(&args.output, &picture, &metadata(&stage, &report))?;
+    let source = Source::new(args, &stage, bundle.as_ref())?;
+    let report = one(args, &stage, &view, &source, &args.output)?;
     print(&report, common)
 }
 
-fn metadata(stage: &Stage, report: &Report) -> Metadata {
+/// Where paths come from.
+enum Source<'b> {
+    Table(Lookup<'b>),
+    /// Integration over a length.
+    Exact(f64),
+}
+
+impl<'b> Source<'b> {
+    fn new(args: &RenderArgs, stage: &Stage, bundle: Option<&'b Bundle>) -> Result<Self> {
+        match (args.tracer, bundle) {
+            (Some(TracerKind::Table), None) => {
+                let message = "`table` needs --bundle FILE; bake one with geofan-bake";
+                Err(Error::input("--tracer", message))
+            }
+            (None | Some(TracerKind::Table), Some(bundle)) => {
+                let promise = 1e-3 * bundle.header.plan.max_error;
+                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
+                Ok(Self::Table(lookup))
+            }
+            _ => Ok(Self::Exact(stage.world.manifold.length_or(args.length)?)),
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Table(_) => "table",
+            Self::Exact(_) => "exact",
+        }
+    }
+
+    /// The picture, and the time that fixing the camera took.
+    fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
+        let samples = usize::from(args.scene.spp);
+        let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
+        match self {
+            Self::Table(lookup) => {
+                let began = Instant::now();
+                let fan = lookup.table.fan(view.u)?;
+                let contract = began.elapsed().as_secs_f64();
+                let tracer = lookup.tracer(&fan);
+                let budget = 1e-3 * args.scene.error;
+                Ok((by(Paths::Lattice(&tracer, budget)), contract))
+            }
+            Self::Exact(length) => {
+                let tolerance = args.scene.tolerance;
+                let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
+                Ok((by(Paths::Exact(&tracer)), 0.0))
+            }
+        }
+    }
+}
+
+/// Renders one picture into `output`.
+fn one(
+    args: &RenderArgs,
+    stage: &Stage,
+    view: &View,
+    source: &Source<'_>,
+    output: &Path,
+) -> Result<Report> {
+    let world = &stage.world;
+    let (drawing, contract) = source.draw(args, world, view)?;
+    let flagged = drawing.outcomes.iter().filter(|o| o.flagged).count() as f64;
+    let report = Report {
+        output: output.display().to_string(),
+        tracer: source.name(),
+        width: args.scene.size.width,
+        height: args.scene.size.height,
+        spp: usize::from(args.scene.spp),
+        flagged: flagged / drawing.outcomes.len() as f64,
+        contract,
+        paths: drawing.paths.as_secs_f64(),
+        shade: drawing.shade.as_secs_f64(),
+    };
+    let mut picture = drawing.picture;
+    let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
+    if output.extension().is_some_and(is_exr) {
+        picture = with_layers(picture, world, drawing.outcomes.view());
+        let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
+        picture = picture.with_float("area", area);
+    }
+    picture::write(output, &picture, &metadata(stage, source))?;
+    Ok(report)
+}
+
+fn metadata(stage: &Stage, source: &Source<'_>) -> Metadata {
     let command: Vec<String> = std::env::args().collect();
     Metadata::default()
         .with("command", command.join(" "))
         .with("manifold", &stage.world.manifold.name)
-        .with("tracer", report.tracer)
+        .with("tracer", source.name())
         .with("version", env!("CARGO_PKG_VERSION"))
-}
-
-fn report(args: &RenderArgs, tracer: &'static str, outcomes: &Outcomes) -> Report {
-    let flagged = outcomes.iter().filter(|o| o.flagged).count() as f64;
-    Report {
-        output: args.output.display().to_string(),
-        tracer,
-        width: args.scene.size.width,
-        height: args.scene.size.height,
-        spp: usize::from(args.scene.spp),
-        flagged: flagged / outcomes.len() as f64,
-        contract: 0.0,
-        paths: 0.0,
-        shade: 0.0,
-    }
-}
-
-fn by_table(
-    args: &RenderArgs,
-    stage: &Stage,
-    view: &View,
-    bundle: &Bundle,
-) -> Result<(Outcomes, Report)> {
-    let promise = 1e-3 * bundle.header.plan.max_error;
-    let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
-    let began = Instant::now();
-    let fan = bundle.table.fan(view.u)?;
-    let contract = began.elapsed().as_secs_f64();
-    let tracer = lookup.tracer(&fan);
-    let (samples, budget) = (usize::from(args.scene.spp), 1e-3 * args.scene.error);
-    let paths = Paths::Lattice(&tracer, budget);
-    let outcomes = trace(&stage.world, view, paths, &offsets(samples)).outcomes;
-    let mut report = report(args, "table", &outcomes);
-    (report.contract, report.paths) = (contract, began.elapsed().as_secs_f64() - contract);
-    Ok((outcomes, report))
-}
-
-fn exactly(args: &RenderArgs, stage: &Stage, view: &View) -> Result<(Outcomes, Report)> {
-    let manifold = &stage.world.manifold;
-    let length = manifold.length_or(args.length)?;
-    let began = Instant::now();
-    let tracer = ExactTracer::new(manifold, view.u, length, args.scene.tolerance);
-    let offsets = offsets(usize::from(args.scene.spp));
-    let outcomes = trace(&stage.world, view, Paths::Exact(&tracer), &offsets).outcomes;
-    let mut report = report(args, "exact", &outcomes);
-    report.paths = began.elapsed().as_secs_f64();
-    Ok((outcomes, report))
 }
 
 fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {

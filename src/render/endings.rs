@@ -16,9 +16,12 @@ use glam::DVec3;
 /// Lanes in which events are evaluated along a path.
 const LANES: usize = 16;
 
-/// The part of a piece over which an event's slope is taken: far above rounding, and over it the
-/// slope changes by far less than the step that it is for needs.
-const SLOPE_STEP: f64 = 1e-3;
+/// How near zero an event is taken to happen, as a share of its change over the piece: the place is
+/// then known to about as small a part of the piece, far below what turns a sky's direction.
+const EVENT_ERROR: f64 = 1e-5;
+
+/// Most rounds of the search: smooth events take three or four.
+const MOST_ROUNDS: usize = 40;
 
 /// Finds how paths end.
 #[derive(Clone)]
@@ -51,30 +54,64 @@ impl<'m> EndingFinder<'m> {
         })
     }
 
-    /// The same with the event found on the path itself, which `state` knows better than the cubics:
-    /// from its place on them one step of Newton's method.
+    /// The same with the event found on the path itself, which `state` knows better than the cubics;
+    /// `last_state` is the best that is known of it there.
     pub fn sharp_ending(
         &mut self,
         strand: Strand<'_>,
         state: impl Fn(f64) -> Option<(DVec3, DVec3)>,
+        last_state: impl Fn(f64) -> Option<(DVec3, DVec3)>,
     ) -> Option<Ending> {
         let piece = self.last_piece(strand)?;
-        let Some((t, k)) = self.first_on(&piece) else {
-            return Some(Ending::Nowhere);
+        let own = |s: f64| {
+            let t = (s - piece.s[0]) / (piece.s[1] - piece.s[0]);
+            state(s).unwrap_or_else(|| (piece.position(t), piece.tangent(t)))
         };
-        let mut s = piece.arc(t);
-        if let Some((u, v)) = state(s) {
-            let off = self.event(k, u, v);
-            let ahead = t + SLOPE_STEP * if t < 0.5 { 1.0 } else { -1.0 };
-            let there = self.event(k, piece.position(ahead), piece.tangent(ahead));
-            let here = self.event(k, piece.position(t), piece.tangent(t));
-            let step = off * (piece.arc(ahead) - s) / (there - here);
-            if step.is_finite() {
-                s = (s - step).clamp(piece.s[0], piece.s[1]);
+        let mut first: Option<(f64, usize)> = None;
+        for k in 0..self.before.len() {
+            let (before, end) = (self.before[k], own(piece.s[1]));
+            let after = self.event(k, end.0, end.1);
+            if after > before.max(0.0) {
+                let s = match before > 0.0 {
+                    true => piece.s[0],
+                    false => self.root(k, piece.s, [before, after], &own),
+                };
+                if first.is_none_or(|(earlier, _)| s < earlier) {
+                    first = Some((s, k));
+                }
             }
         }
-        let (u, v) = state(s).unwrap_or_else(|| (piece.position(t), piece.tangent(t)));
+        let (s, k) = first?;
+        let (u, v) = last_state(s).unwrap_or_else(|| own(s));
         Some(self.at(k, s, u, v))
+    }
+
+    /// Where event `k` becomes positive between `s`, at whose ends it has these values: the Illinois
+    /// method until it is within [`EVENT_ERROR`] of their difference.
+    fn root(
+        &mut self,
+        k: usize,
+        [mut low, mut high]: [f64; 2],
+        [mut below, mut above]: [f64; 2],
+        state: &impl Fn(f64) -> (DVec3, DVec3),
+    ) -> f64 {
+        let enough = EVENT_ERROR * (above - below);
+        for _ in 0..MOST_ROUNDS {
+            let s = low + (high - low) * (below / (below - above)).clamp(0.0, 1.0);
+            let (u, v) = state(s);
+            let value = self.event(k, u, v);
+            if !(value.abs() > enough) {
+                return s;
+            }
+            if value > 0.0 {
+                (high, above) = (s, value);
+                below *= 0.5;
+            } else {
+                (low, below) = (s, value);
+                above *= 0.5;
+            }
+        }
+        0.5 * (low + high)
     }
 
     /// The piece on which the first event happens; `None` if there is none.

@@ -20,7 +20,8 @@ use std::time::{Duration, Instant};
 /// Samples of a picture, axes (row, column, sample).
 pub type Outcomes = Array3<Outcome>;
 
-const NOTHING: Outcome = Outcome {
+/// A sample that sees nothing.
+pub const NOTHING: Outcome = Outcome {
     seen: Seen::Nothing,
     flagged: false,
 };
@@ -45,6 +46,14 @@ pub struct Work {
     pub pending: usize,
     /// Time for those, by the clock.
     pub pending_time: Duration,
+}
+
+impl std::ops::AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.tally += other.tally;
+        self.pending += other.pending;
+        self.pending_time += other.pending_time;
+    }
 }
 
 /// The outcomes of samples, and the work that it took.

@@ -8,7 +8,10 @@
 pub mod accel;
 pub mod comparison;
 mod curve;
+pub mod drawing;
 mod endings;
+pub mod film;
+mod footprint;
 pub mod frame;
 mod intersect;
 mod lanes;
@@ -31,6 +34,7 @@ mod world;
 
 pub use curve::{Curve, Ending, Piece};
 pub use endings::EndingFinder;
+pub use footprint::Footprint;
 pub use intersect::Hit;
 pub use lookup::{Lookup, TableTracer};
 pub use outcome::{Outcome, Seen};

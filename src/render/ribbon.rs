@@ -110,7 +110,10 @@ impl Ribbon {
         let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), 0.0);
         let mut add = |shift: DVec3| {
             let first = self.roots.len();
-            if world.accelerator.roots(low + shift, high + shift, &mut self.roots) {
+            if world
+                .accelerator
+                .roots(low + shift, high + shift, &mut self.roots)
+            {
                 self.chords.push(RibbonChord {
                     from,
                     shift,
@@ -121,7 +124,9 @@ impl Ribbon {
         let domain = &world.manifold.domain;
         match is_glued(domain) {
             false => add(DVec3::ZERO),
-            true => shifts(&world.accelerator, domain, low, high).into_iter().for_each(add),
+            true => shifts(&world.accelerator, domain, low, high)
+                .into_iter()
+                .for_each(add),
         }
     }
 

@@ -157,13 +157,7 @@ impl Samples<'_> {
         ribbon
     }
 
-    fn leaf(
-        &self,
-        tracer: &dyn GridTracer,
-        strands: &Strands,
-        leaf: &Leaf,
-        found: &mut Found<'_>,
-    ) {
+    fn leaf(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf, found: &mut Found<'_>) {
         let began = Instant::now();
         let sheaf = Sheaf::new(strands, leaf.members);
         found.ribbon = self.ribbon(tracer, strands, leaf);
@@ -171,7 +165,8 @@ impl Samples<'_> {
         found.tally.tiles += flat - began;
         let places = self.places(leaf.tile);
         for places in places.chunks(LANES) {
-            let at = std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
+            let at =
+                std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
             found.put_all(places, &|ribbon| {
                 let target = Target::new(self.world, &sheaf, ribbon);
                 vectorised(

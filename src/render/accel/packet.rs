@@ -59,7 +59,11 @@ impl Accelerator {
                 continue;
             }
             out.swap_remove(at);
-            out.extend([node.first_index, node.first_index + 1].into_iter().filter(|i| meets(*i)));
+            out.extend(
+                [node.first_index, node.first_index + 1]
+                    .into_iter()
+                    .filter(|i| meets(*i)),
+            );
         }
         out.len() > first
     }
@@ -98,7 +102,11 @@ impl Accelerator {
                 Some((nearest, i))
             });
             // The one that is met first is pushed last.
-            let order = if left <= right { [right, left] } else { [left, right] };
+            let order = if left <= right {
+                [right, left]
+            } else {
+                [left, right]
+            };
             for (_, child) in order.into_iter().flatten() {
                 stack.push_if(true, (child, 0.0));
             }
@@ -145,7 +153,11 @@ impl Chords {
     #[inline(always)]
     fn meet(&self, corners: &[DVec3; 3], triangle: u32, best: &mut Lanes, hits: &mut PacketHits) {
         let [a, b, c] = corners.map(|p| each_point(|k, l| p[k] - self.start[k][l]));
-        let edges = [self.volume(&c, &b), self.volume(&a, &c), self.volume(&b, &a)];
+        let edges = [
+            self.volume(&c, &b),
+            self.volume(&a, &c),
+            self.volume(&b, &a),
+        ];
         let [da, db, dc] = [self.along(&a), self.along(&b), self.along(&c)];
         let squared = self.along(&self.way);
         let mut found = [f64::INFINITY; LANES];
@@ -158,7 +170,11 @@ impl Chords {
             // Seen edge-on the weights and `t` are not numbers, and no comparison holds.
             let inside = (x >= 0.0) & (y >= 0.0) & (z >= 0.0);
             let ahead = (t >= -END_MARGIN) & (t <= best[l] + END_MARGIN) & (t < hits.t[l]);
-            found[l] = if inside & ahead { more(t, 0.0) } else { f64::INFINITY };
+            found[l] = if inside & ahead {
+                more(t, 0.0)
+            } else {
+                f64::INFINITY
+            };
             (weights[0][l], weights[1][l]) = (y, z);
         }
         if range(&found)[0] == f64::INFINITY {

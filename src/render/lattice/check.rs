@@ -129,9 +129,8 @@ impl<'a> Checks<'a> {
         for l in 0..LANES {
             sixteen[l] = value(&self.sheaf.strand(l));
         }
-        let sum = |weights: &Lanes| -> DVec3 {
-            weights.iter().zip(&sixteen).map(|(w, x)| *x * *w).sum()
-        };
+        let sum =
+            |weights: &Lanes| -> DVec3 { weights.iter().zip(&sixteen).map(|(w, x)| *x * *w).sum() };
         let mut worst = 0.0;
         for (truth, weights) in self.truths.iter().zip(WEIGHTS.iter()) {
             let e = sum(&weights.value) - value(truth);
@@ -151,7 +150,7 @@ fn larger(worst: f64, new: f64) -> f64 {
 /// The angle at the camera that looks like the displacement `e` across `along`, where the columns
 /// are displacement per radian in two directions of the picture and `unit` is what one radian moves
 /// in flat space: damped least squares, and what they leave over at the least magnification.
-fn angle(e: DVec3, columns: [DVec3; 2], along: DVec3, unit: f64) -> f64 {
+pub fn angle(e: DVec3, columns: [DVec3; 2], along: DVec3, unit: f64) -> f64 {
     let across = |x: DVec3| x - along * along.dot(x);
     let (e, [a, b]) = (across(e), columns.map(across));
     let floor = LEAST_MAGNIFICATION * unit;

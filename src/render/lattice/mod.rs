@@ -21,7 +21,7 @@ use super::{
     world::World,
 };
 use check::Checks;
-pub use check::LATTICE_SHARE;
+pub use check::{LATTICE_SHARE, angle as seen_angle};
 use nodes::Nodes;
 use std::ops::Range;
 
