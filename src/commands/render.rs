@@ -1,17 +1,22 @@
-//! `geofan render`: one picture of a scene.
+//! `geofan render`: one picture of a scene, or an animation.
 //!
-//! In: a scene file, perhaps a bundle. Out: a PNG or EXR file, and a line (or JSON) with times.
+//! In: a scene file, perhaps a bundle, perhaps key poses. Out: PNG or EXR files or a video, and a line
+//! (or JSON) with times.
 
-use super::scenery::{self, SceneArgs};
+use super::{
+    animation::{Animation, Target},
+    scenery::{self, SceneArgs},
+};
 use clap::{Args, ValueEnum};
 use geofan::{
     Error, Result,
     bundle::Bundle,
     render::{
-        ExactTracer, Lookup, Stage, View, World,
+        ExactTracer, Journey, Lookup, Stage, View, World,
         drawing::{Drawing, draw},
         frame::Paths,
         picture::{self, Metadata},
+        scene::PoseFile,
         shade::{Footprints, area, with_layers},
     },
     terminal::{self, CommonArgs, Outcome, values},
@@ -36,7 +41,15 @@ pub struct RenderArgs {
     /// How far to follow exact paths [default: the manifold's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     length: Option<f64>,
-    /// The picture: .png or .exr (with layers)
+    /// An animation: the file of its key poses (`[[pose]]` tables with `time` and what a scene's
+    /// `[camera]` has)
+    #[arg(long, value_name = "P.toml", requires = "frames")]
+    camera_path: Option<PathBuf>,
+    /// The animation's frames; those that are there already are kept
+    #[arg(long, value_name = "N", requires = "camera_path", value_parser = clap::value_parser!(u32).range(2..))]
+    frames: Option<u32>,
+    /// The picture: .png or .exr (with layers); for an animation a pattern such as frame-%04d.png,
+    /// or a video (.mp4) if ffmpeg can be run
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
 }
@@ -66,6 +79,9 @@ struct Report {
 
 /// Renders.
 pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
+    if let (Some(poses), Some(frames)) = (&args.camera_path, args.frames) {
+        return animate(args, poses, frames as usize, common);
+    }
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let stage = args.scene.stage(bundle.as_ref())?;
@@ -73,6 +89,60 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let source = Source::new(args, &stage, bundle.as_ref())?;
     let report = one(args, &stage, &view, &source, &args.output)?;
     print(&report, common)
+}
+
+/// What is printed of an animation.
+#[derive(Serialize)]
+struct AnimationReport {
+    output: String,
+    tracer: &'static str,
+    frames: usize,
+    drawn: usize,
+    kept: usize,
+    seconds: f64,
+}
+
+/// Renders an animation.
+fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) -> Result<Outcome> {
+    let target = Target::of(&args.output)?;
+    if let Target::Frames(..) = target {
+        scenery::check_output(&args.output)?;
+    }
+    let began = Instant::now();
+    let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
+    let stage = args.scene.stage(bundle.as_ref())?;
+    let source = Source::new(args, &stage, bundle.as_ref())?;
+    let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
+    let animation = Animation {
+        journey: &journey,
+        frames,
+        size: (args.scene.size.width, args.scene.size.height),
+    };
+    let made = match &target {
+        Target::Frames(..) => animation.write_frames(&target, common, |view, path| {
+            one(args, &stage, view, &source, path).map(|_| ())
+        }),
+        Target::Video(path) => animation.write_video(path, common, |view| {
+            Ok(source.draw(args, &stage.world, view)?.0.picture)
+        }),
+    }?;
+    let report = AnimationReport {
+        output: args.output.display().to_string(),
+        tracer: source.name(),
+        frames,
+        drawn: made.drawn,
+        kept: made.kept,
+        seconds: began.elapsed().as_secs_f64(),
+    };
+    if common.json {
+        terminal::print_json(&report)?;
+    } else if !common.quiet {
+        terminal::print(&format!(
+            "{}: {frames} frames, {} drawn, {} kept, {} tracer; {:.1} s\n",
+            report.output, made.drawn, made.kept, report.tracer, report.seconds
+        ))?;
+    }
+    Ok(Outcome::Done)
 }
 
 /// Where paths come from.

@@ -69,8 +69,8 @@ impl<'m> EndingFinder<'m> {
         };
         let mut first: Option<(f64, usize)> = None;
         for k in 0..self.before.len() {
-            let (before, end) = (self.before[k], own(piece.s[1]));
-            let after = self.event(k, end.0, end.1);
+            let before = self.before[k];
+            let after = self.event(k, piece.u[1], piece.v[1]);
             if after > before.max(0.0) {
                 let s = match before > 0.0 {
                     true => piece.s[0],

@@ -186,3 +186,6 @@ impl Shader<'_> {
         at(next).or_else(|| at(before).map(|change| -change))
     }
 }
+
+#[cfg(test)]
+mod tests;
