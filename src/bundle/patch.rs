@@ -101,7 +101,7 @@ impl Polynomial {
             }
             flat = sum.into();
         }
-        Contracted::new(&shape, flat.into_owned())
+        Contracted::new(&shape, &flat)
     }
 }
 

@@ -49,7 +49,7 @@ pub fn draw(
         work += traced.work;
         let middle = Instant::now();
         let colours = shade(world, view, traced.outcomes.view(), samples, footprints);
-        film.add(&colours, offsets);
+        film.add(colours, offsets);
         times[0] += middle - began;
         times[1] += middle.elapsed();
         if first.is_empty() {

@@ -16,64 +16,79 @@ use std::f64::consts::TAU;
 const RADIUS: f64 = 1.5;
 
 /// A picture being exposed.
-pub struct Film {
-    /// Axes (row, column, channel); the fourth channel is the sum of weights.
-    sums: Array3<f32>,
-    spread: bool,
+pub enum Film {
+    /// One sample for each pixel: its colour, once it is there.
+    Single(Picture),
+    /// Sums over samples, axes (row, column, channel); the fourth channel is the sum of weights.
+    Spread(Array3<f32>),
 }
 
 impl Film {
     /// For a picture of `size` (across, down) with `samples` for each pixel.
     pub fn new((width, height): (usize, usize), samples: usize) -> Self {
-        Self {
-            sums: Array3::zeros((height, width, 4)),
-            spread: samples > 1,
+        match samples {
+            1 => Self::Single(Picture::new(Array3::zeros((0, 0, 3)))),
+            _ => Self::Spread(Array3::zeros((height, width, 4))),
         }
     }
 
     /// Adds a pass of samples at `offsets` of every pixel.
-    pub fn add(&mut self, colours: &Colours, offsets: &[DVec2]) {
-        let (height, width, count, _) = colours.dim();
-        let reach: isize = if self.spread { 1 } else { 0 };
-        let mut taps: Vec<(isize, isize, usize, f32)> = Vec::new();
-        for dy in -reach..=reach {
-            for dx in -reach..=reach {
-                for (k, offset) in offsets.iter().enumerate().take(count) {
-                    let at = *offset + DVec2::new(dx as f64, dy as f64) - 0.5;
-                    let weight = match self.spread {
-                        true => window(at.x) * window(at.y),
-                        false => 1.0,
-                    };
-                    taps.push((dy, dx, k, weight as f32));
-                }
-            }
+    pub fn add(&mut self, colours: Colours, offsets: &[DVec2]) {
+        match self {
+            Self::Single(picture) => *picture = Picture::new(colours.index_axis_move(Axis(2), 0)),
+            Self::Spread(sums) => spread(sums, &colours, offsets),
         }
-        let rows = self.sums.axis_iter_mut(Axis(0)).into_par_iter();
-        rows.enumerate().for_each(|(y, mut row)| {
-            for x in 0..width {
-                for &(dy, dx, k, weight) in &taps {
-                    let (Some(y), Some(x1)) = (y.checked_add_signed(dy), x.checked_add_signed(dx))
-                    else {
-                        continue;
-                    };
-                    if y < height && x1 < width {
-                        for c in 0..3 {
-                            row[[x, c]] += weight * colours[[y, x1, k, c]];
-                        }
-                        row[[x, 3]] += weight;
-                    }
-                }
-            }
-        });
     }
 
-    /// The picture so far.
-    pub fn develop(&self) -> Picture {
-        let (height, width, _) = self.sums.dim();
-        Picture::new(Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
-            self.sums[[y, x, c]] / self.sums[[y, x, 3]]
-        }))
+    /// The picture.
+    pub fn develop(self) -> Picture {
+        match self {
+            Self::Single(picture) => picture,
+            Self::Spread(sums) => {
+                let (height, width, _) = sums.dim();
+                Picture::new(Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
+                    sums[[y, x, c]] / sums[[y, x, 3]]
+                }))
+            }
+        }
     }
+}
+
+/// A sample that counts in a pixel: rows and columns from it, number, weight.
+type Tap = (isize, isize, usize, f32);
+
+fn taps(offsets: &[DVec2]) -> Vec<Tap> {
+    let mut taps = Vec::new();
+    for dy in -1..=1 {
+        for dx in -1..=1 {
+            for (k, offset) in offsets.iter().enumerate() {
+                let at = *offset + DVec2::new(dx as f64, dy as f64) - 0.5;
+                taps.push((dy, dx, k, (window(at.x) * window(at.y)) as f32));
+            }
+        }
+    }
+    taps
+}
+
+/// Adds the colours of all samples to the sums of all pixels whose filter reaches them.
+fn spread(sums: &mut Array3<f32>, colours: &Colours, offsets: &[DVec2]) {
+    let (height, width, _, _) = colours.dim();
+    let taps = taps(offsets);
+    let rows = sums.axis_iter_mut(Axis(0)).into_par_iter();
+    rows.enumerate().for_each(|(y, mut row)| {
+        for x in 0..width {
+            for &(dy, dx, k, weight) in &taps {
+                let at = y.checked_add_signed(dy).zip(x.checked_add_signed(dx));
+                let Some((y, x1)) = at.filter(|&(y, x)| y < height && x < width) else {
+                    continue;
+                };
+                for c in 0..3 {
+                    row[[x, c]] += weight * colours[[y, x1, k, c]];
+                }
+                row[[x, 3]] += weight;
+            }
+        }
+    });
 }
 
 /// The window at `x` pixels from its middle.
@@ -105,7 +120,7 @@ mod tests {
     fn an_even_picture_stays_even_to_its_edges() {
         let offsets = offsets(5);
         let mut film = Film::new((7, 4), 5);
-        film.add(&Colours::from_elem((4, 7, 5, 3), 0.25), &offsets);
+        film.add(Colours::from_elem((4, 7, 5, 3), 0.25), &offsets);
         assert!(film.develop().rgb.iter().all(|x| (x - 0.25).abs() < 1e-6));
     }
 }

@@ -48,7 +48,7 @@ fn sky(stage: &Stage, view: &View, samples: usize, footprints: Footprints) -> Pi
             }
         });
         let colours = shade(&stage.world, view, outcomes.view(), samples, footprints);
-        film.add(&colours, offset);
+        film.add(colours, offset);
     }
     film.develop()
 }
