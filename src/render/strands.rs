@@ -122,7 +122,7 @@ pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
 }
 
 impl<'a> Strand<'a> {
-    /// Component `c` (below [`ROWS`]) at all knots.
+    /// Component `c` (below 6) at all knots.
     #[inline(always)]
     pub fn row(&self, c: usize) -> &'a [f64] {
         let n = self.knots.len();

@@ -236,7 +236,7 @@ impl Samples<'_> {
         });
     }
 
-    /// The samples of `tile` in the picture, by squares of [`SQUARE`] pixels so that sixteen in a
+    /// The samples of `tile` in the picture, by squares of 4 × 4 pixels so that sixteen in a
     /// row are close together.
     pub fn places(&self, tile: Tile) -> Vec<Place> {
         let (rows, columns) = tile.extent(self.view.size);

@@ -1,10 +1,10 @@
 //! One view by table and by exact integration: pictures, errors and times from the same run.
 //!
 //! In: a stage, a camera, a bundle's table. Out: a [`Comparison`]. The rivals are the adaptive
-//! integrator in double precision, and *equal-error exact* ([`rival`]): equal steps in single
+//! integrator in double precision, and *equal-error exact* (`rival`): equal steps in single
 //! precision, the fewest whose 99th percentile of screen error is no worse than the table's on the
 //! same rays. Steps after the paths are the same code for all. The table's frame is drawn from a
-//! camera that moves and turns a little each time, and its times are medians ([`times`]).
+//! camera that moves and turns a little each time, and its times are medians (`times`).
 
 mod errors;
 mod report;

@@ -1,7 +1,7 @@
 //! Outcomes to colours.
 //!
 //! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by a lamp at the
-//! camera ([`lamp`]). Skies and textures are averaged over the sample's footprint, measured from the
+//! camera (`lamp`). Skies and textures are averaged over the sample's footprint, measured from the
 //! samples beside and below that leave through the same exit or meet the same object.
 
 mod lamp;
