@@ -27,7 +27,7 @@ pub struct Drawing {
     pub shade: Duration,
 }
 
-/// Samples of one pass: as many as fit one packet, forty bytes each.
+/// Samples of one pass: as many as fit one packet.
 const PASS: usize = 16;
 
 /// Draws with `samples` for each pixel.

@@ -20,7 +20,7 @@ const LANES: usize = 16;
 /// then known to about as small a part of the piece, far below what turns a sky's direction.
 const EVENT_ERROR: f64 = 1e-5;
 
-/// Most rounds of the search: smooth events take three or four.
+/// Most rounds of the search, for events that are not smooth.
 const MOST_ROUNDS: usize = 40;
 
 /// Finds how paths end.

@@ -194,9 +194,9 @@ impl Tube {
 }
 
 /// What a box around sixteen paths is widened by, as a share of its longest side, for what the
-/// bicubic between them adds. The weights of the cubic through four points sum to at most 1.63 in
-/// magnitude, so for a tube as wide as its box is long it might add 0.31; tubes are long and thin.
-/// On the wormhole's picture no sample was outside 0.02; wider boxes cost time only.
+/// bicubic between them adds. Chosen, not measured: a box too narrow loses hits at a tile's edge, one
+/// too wide only costs time. The weights of the cubic through four points sum to at most 1.63 in
+/// magnitude, so a tube as wide as its box is long could leave it; tubes are usually long and thin.
 const TUBE_MARGIN: f64 = 0.15;
 
 /// The box widened by the tube's margin and `more`, in units of its longest side.

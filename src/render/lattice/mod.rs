@@ -25,8 +25,8 @@ pub use check::{LATTICE_SHARE, angle as seen_angle};
 use nodes::Nodes;
 use std::ops::Range;
 
-/// Pixels along a side of the largest tiles. Larger ones are nearly always divided (on the galleries
-/// of the scenes folder fewer than one in fifty of 128 is kept); smaller ones share fewer paths.
+/// Pixels along a side of the largest tiles: the pieces in which threads share a picture. Chosen, not
+/// measured: smaller ones share fewer paths, larger ones keep fewer threads busy.
 pub const LARGEST_TILE: usize = 64;
 
 /// A tile brings nine paths of its own (the others serve its neighbours too), so one with fewer

@@ -13,8 +13,7 @@ use glam::DVec3;
 /// The share of light that reaches surfaces from all sides.
 const AMBIENT: f32 = 0.2;
 
-/// How strongly glossy surfaces mirror the lamp, as a share of their `Ks`: with all of it the
-/// scenes' ceramics burn out.
+/// How strongly glossy surfaces mirror the lamp, as a share of their `Ks`: a matter of taste.
 const GLOSS: f32 = 0.3;
 
 /// Hits waiting to be lit.
