@@ -48,8 +48,8 @@ const LATTICE_ERROR: f64 = 0.25;
 /// Local tolerance of the exact tracer, radians.
 const TOLERANCE: f64 = 1e-8;
 
-/// How often the table's frame is drawn.
-const REPEATS: usize = 5;
+/// From how many cameras the table's frame is drawn.
+const FRAMES: usize = 20;
 
 /// Rays of the certificate.
 const CERTIFY_RAYS: u64 = 20_000;
@@ -148,7 +148,7 @@ fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<R
         promise: bundle.header.plan.max_error,
         error: LATTICE_ERROR,
         tolerance: TOLERANCE,
-        repeats: REPEATS,
+        frames: FRAMES,
     };
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;
     write_pictures(&comparison, &args.out, &format!("{name}-"))?;

@@ -3,7 +3,7 @@
 //! In: a comparison that went wrong. Out: an [`Outlier`]: the ray, its errors, and the box of the
 //! table that answered.
 
-use super::{Damage, Table, measure::Deviation, table::half, tree::Tree};
+use super::{Damage, Table, fan::half, measure::Deviation, tree::Tree};
 use crate::fan::{Located, Place};
 use glam::DVec3;
 use serde::Serialize;

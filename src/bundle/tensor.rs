@@ -331,15 +331,7 @@ impl Tensor {
         let mut all: Vec<Option<&[f64]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
         all.resize(shape.len(), None);
         let flat = self.sum(&all);
-        let [p, q] = match shape[self.cameras..shape.len() - 2] {
-            [p] => [p, 1],
-            [p, q] => [p, q],
-            _ => unreachable!("one or two direction axes"),
-        };
-        let [.., lengths, channels] = shape[..] else {
-            unreachable!("arc length and channel axes");
-        };
-        Contracted::new([p, q, lengths, channels], flat)
+        Contracted::new(&shape[self.cameras..], &flat)
     }
 
     /// The coefficients in the arc length, rows of channels, at camera and direction parameters in

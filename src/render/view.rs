@@ -10,7 +10,7 @@ use crate::{
     error::Result,
     manifold::Manifold,
 };
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use std::sync::Arc;
 
 /// A camera with a picture plane.
@@ -36,6 +36,26 @@ impl View {
             look: camera.look,
             right: camera.look.cross(camera.up).normalize() * pixel,
             down: -camera.up * pixel,
+        }
+    }
+
+    /// The direction of the middle of the picture.
+    pub fn look(&self) -> DVec3 {
+        self.look
+    }
+
+    /// The same view from `u`: the same components in the standard frame there.
+    pub fn moved(&self, u: DVec3) -> Self {
+        Self { u, ..self.clone() }
+    }
+
+    /// The view turned by `angle` (radians) to the right about the picture's upward direction.
+    pub fn turned(&self, angle: f64) -> Self {
+        let turn = DQuat::from_axis_angle(self.down.normalize(), angle);
+        Self {
+            look: turn * self.look,
+            right: turn * self.right,
+            ..self.clone()
         }
     }
 

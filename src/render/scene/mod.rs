@@ -5,6 +5,7 @@
 mod file;
 mod material;
 mod mesh;
+mod poses;
 mod survey;
 mod table;
 
@@ -13,3 +14,4 @@ pub use file::{
 };
 pub use material::{Material, Texture};
 pub use mesh::Mesh;
+pub use poses::{KeyPose, PoseFile};
