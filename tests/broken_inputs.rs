@@ -368,7 +368,7 @@ fn a_bundle_that_is_none_is_named() {
     asked().refused(&["b.fan: no such file"]);
     let named = |bytes: &[u8], word: &str| asked().with("b.fan", bytes).refused(&["b.fan", word]);
     let magic = b"GEOFAN\r\n\x1a\n";
-    let start = [&magic[..], &1_u32.to_le_bytes()].concat();
+    let start = [&magic[..], &2_u32.to_le_bytes()].concat();
     named(b"", "is not a bundle");
     named(b"GEO", "truncated");
     named(magic, "truncated");

@@ -34,7 +34,7 @@ fn leaf(wrong: f64) -> Tree {
         let shape = IxDyn(&[1, 1, 1, 1, values.len()]);
         let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
         Train::plain(&samples, 1)
-            .rounded(Scale::near(1e-9))
+            .rounded(Scale::near(1e-8))
             .unwrap()
     };
     Tree::Leaf(Arc::new(Patch {

@@ -88,8 +88,8 @@ fn a_bake_keeps_its_promise_and_leaves_one_file() {
     let bundle = Bundle::read(&place.path("b.fan")).unwrap();
     let certificate = bundle.header.certificate.clone().unwrap();
     assert_eq!(report["exact_rays"], certificate.exact_rays_baked);
-    let fresh = certify(&bundle.table, 500, 77, 1e-9, |_| Ok(())).unwrap();
-    assert!(fresh.keeps(2.0), "{fresh:?}");
+    let fresh = certify(&bundle.table, 500, 77, 1e-9, 2.0, |_| Ok(())).unwrap();
+    assert!(fresh.certificate.keeps(2.0), "{fresh:?}");
 }
 
 #[test]

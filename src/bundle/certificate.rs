@@ -265,7 +265,7 @@ length = 5.0
             let shape = IxDyn(&[1, 1, 1, values.len()]);
             let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
             Train::plain(&samples, 0)
-                .rounded(Scale::near(1e-9))
+                .rounded(Scale::near(1e-8))
                 .unwrap()
         };
         let leaf = Tree::Leaf(Arc::new(Patch {

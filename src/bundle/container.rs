@@ -21,7 +21,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const MAGIC: &[u8; 10] = b"GEOFAN\r\n\x1a\n";
 
 /// The format written, and the newest one read.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 
 /// The largest file read: files are read whole.
 pub const MOST_BYTES: u64 = 4 << 30;
@@ -60,6 +60,9 @@ pub enum ContainerError {
     /// Made by a later version.
     #[error("was written by a newer geofan (format {0}; this one reads up to {VERSION})")]
     Newer(u32),
+    /// Made by an earlier version, whose tables are no longer read.
+    #[error("was written by an older geofan (format {0}; this one reads {VERSION}): bake it again")]
+    Older(u32),
     /// No such format has existed.
     #[error("is damaged: format version {0}")]
     Version(u32),
@@ -223,6 +226,7 @@ fn check_start(bytes: &[u8]) -> Result<(), ContainerError> {
         None => Err(ContainerError::Truncated(bytes.len() as u64)),
         Some(VERSION) => Ok(()),
         Some(version) if version > VERSION => Err(ContainerError::Newer(version)),
+        Some(version @ 1..) => Err(ContainerError::Older(version)),
         Some(version) => Err(ContainerError::Version(version)),
     }
 }
@@ -350,9 +354,12 @@ mod tests {
     #[test]
     fn newer_formats_and_text_transfers_are_told_apart() {
         let mut bytes = container().encode();
-        bytes[MAGIC.len()] = 2;
-        let error = Container::decode(&bytes).unwrap_err();
-        assert!(error.to_string().contains("newer geofan (format 2"));
+        let mut version = |number: u8| {
+            bytes[MAGIC.len()] = number;
+            Container::decode(&bytes).unwrap_err().to_string()
+        };
+        assert!(version(VERSION as u8 + 1).contains("newer geofan"));
+        assert!(version(VERSION as u8 - 1).contains("older geofan"));
         let error = Container::decode(b"GEOFAN\n\x1a\n....").unwrap_err();
         assert_eq!(error, ContainerError::TextMode);
         let error = Container::decode(b"name = \"flat\"").unwrap_err();

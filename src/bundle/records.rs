@@ -228,7 +228,9 @@ pub(super) mod tests {
     fn wincode_reads_and_writes_the_same_bytes() {
         let Header { manifold, plan, .. } = header();
         type Manifold = (String, String, String, Vec<(String, f64)>);
-        type Sizes = (Vec<u32>, f64, u32, Vec<u32>, u64);
+        // An enumeration is its number, as 32 bits.
+        type Fitting = (u32, u32, u32);
+        type Sizes = (Vec<u32>, Fitting, f64, u32, Vec<u32>, u64);
         let by_bincode = encode(&manifold).unwrap();
         let mirror: Manifold = (
             manifold.name,
@@ -245,6 +247,7 @@ pub(super) mod tests {
         let start = (plan.max_error, plan.length, plan.frames, plan.tolerance);
         let sizes = (
             plan.nodes,
+            (plan.most_rays, 0, plan.refinement),
             plan.least_volume,
             plan.most_arc_halvings,
             plan.cells,

@@ -129,10 +129,7 @@ impl Train {
         let unit = step.value();
         let mut rounded = Vec::new();
         for core in &self.cores {
-            if core.iter().any(|c| !(c.abs() < LARGEST * unit)) {
-                return None;
-            }
-            rounded.push(core.mapv(|c| (c / unit).round() as i32));
+            rounded.push(integers(core, unit)?);
         }
         let ranks = kept_ranks(&rounded);
         let mut cores = Vec::new();
@@ -142,8 +139,9 @@ impl Train {
             let scales = self.scales.get(k);
             let scales = scales.map_or(Vec::new(), |s| right.iter().map(|&j| s[j]).collect());
             let last = k + 1 == self.cores.len();
-            let core = core.select(Axis(0), left);
-            let core = core.select(Axis(core.ndim() - 1), right);
+            let core = selected(core, 0, left);
+            let right_axis = core.ndim() - 1;
+            let core = selected(core, right_axis, right);
             cores.push(Core::new(trimmed(core, last), scales));
         }
         Some(Tensor {
@@ -152,6 +150,39 @@ impl Train {
             step,
             cores,
         })
+    }
+}
+
+/// Adding and subtracting this rounds numbers below 2⁵¹ to integers, in every lane of a register;
+/// `round` is a call for each.
+const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
+
+/// `core` in units of `unit`, rounded; `None` if a number is too large.
+fn integers(core: &ArrayD<f64>, unit: f64) -> Option<ArrayD<i32>> {
+    let inverse = 1.0 / unit;
+    let core = core.as_standard_layout();
+    let values = core.as_slice()?;
+    let mut rounded = vec![0_i32; values.len()];
+    let mut fits = true;
+    vectorised(
+        #[inline(always)]
+        || {
+            for (to, from) in rounded.iter_mut().zip(values) {
+                let x = from * inverse;
+                fits &= x.abs() < LARGEST;
+                *to = ((x + TO_INTEGER) - TO_INTEGER) as i32;
+            }
+        },
+    );
+    let rounded = ArrayD::from_shape_vec(core.raw_dim(), rounded).ok()?;
+    fits.then_some(rounded)
+}
+
+/// The entries of `core` at `kept` along `axis`.
+fn selected(core: ArrayD<i32>, axis: usize, kept: &[usize]) -> ArrayD<i32> {
+    match kept.len() == core.len_of(Axis(axis)) {
+        true => core,
+        false => core.select(Axis(axis), kept),
     }
 }
 

@@ -157,46 +157,19 @@ impl HeldOut {
         quantity: Quantity,
         limit: f64,
     ) -> bool {
-        let (compared, exceeding) = self.exceeding(refiner, tensor, quantity, limit);
-        let sum = |halves: [usize; 2]| (halves[0] + halves[1]) as f64;
-        sum(exceeding) <= EXCEEDING * sum(compared)
-    }
-
-    /// Whether that is so in the first half of the arc lengths.
-    pub fn holds_early(
-        &self,
-        refiner: &Refiner<'_>,
-        tensor: &Tensor,
-        quantity: Quantity,
-        limit: f64,
-    ) -> bool {
-        let (compared, exceeding) = self.exceeding(refiner, tensor, quantity, limit);
-        compared[0] > 0 && exceeding[0] as f64 <= EXCEEDING * compared[0] as f64
-    }
-
-    /// The number of comparisons in either half of the arc lengths, and of those that exceed `limit`
-    /// mrad.
-    fn exceeding(
-        &self,
-        refiner: &Refiner<'_>,
-        tensor: &Tensor,
-        quantity: Quantity,
-        limit: f64,
-    ) -> ([usize; 2], [usize; 2]) {
         let [start, end] = self.interval;
-        let (mut compared, mut exceeding) = ([0; 2], [0; 2]);
+        let (mut compared, mut exceeding) = (0, 0);
         for ray in &self.rays {
             let rows = tensor.at(&ray.parameters);
             for probe in &ray.probes {
                 let t = 2.0 * (probe.s - start) / (end - start) - 1.0;
                 let values = refiner.read(&rows, quantity, t);
                 let error = refiner.error(ray, probe, quantity, values);
-                let half = usize::from(t > 0.0);
-                compared[half] += 1;
-                exceeding[half] += usize::from(!(error <= limit));
+                compared += 1;
+                exceeding += usize::from(!(error <= limit));
             }
         }
-        (compared, exceeding)
+        exceeding as f64 <= EXCEEDING * f64::from(compared)
     }
 }
 

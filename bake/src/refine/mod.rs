@@ -162,11 +162,7 @@ impl Refiner<'_> {
                 return Ok(Tree::Leaf(Arc::new(patch)));
             }
             if !needs.raise(&self.plan.nodes, self.plan.most_rays) {
-                let mut urgency = displacement.tails();
-                if self.holds_early(&displacement, held_out) {
-                    urgency[region.arc()] = f64::INFINITY;
-                }
-                return Err(urgency);
+                return Err(displacement.tails());
             }
         }
     }

@@ -9,15 +9,13 @@ use geofan::bundle::{Patch, Polynomial, Scale, Tensor, Train};
 
 /// Quantisation steps tried: this many, each √2 of the one before. The finest decides whether the
 /// box can be kept at all.
-const STEPS: i32 = 36;
+const STEPS: i32 = 30;
 
-/// The finest step, in units of an error that uses up the promise. Rounding with it must add next to
-/// nothing even where ten thousand coefficients do, because they belong to what lies beyond an exit:
-/// with 0.02 Sol took 40 MB instead of half of one.
-const FINEST: f64 = 5e-4;
-
-/// A step that changes nothing, as a share of the largest coefficient.
-const UNROUNDED: f64 = 1e-7;
+/// What rounding with the finest step may add, if all coefficients are rounded, in units of an error
+/// that uses up the promise: steps of `1/√n` of it for `n` coefficients add 0.3 of it. A box that
+/// only holds with finer ones is so near its limit that its halves take fewer bytes (Ellis: 1 MB
+/// against 5); coarser ones halve boxes that need not be.
+const FINEST: f64 = 1.0;
 
 /// The finest step as a share of the largest coefficient: so many bits a core has room for.
 const ROOM: f64 = 4e-9;
@@ -56,15 +54,6 @@ impl Refiner<'_> {
         })
     }
 
-    /// Whether the displacement holds in the first half of the arc lengths, hardly rounded.
-    pub fn holds_early(&self, displacement: &Polynomial, held_out: &HeldOut) -> bool {
-        let plain = Train::plain(&displacement.0, self.space.cameras().len());
-        let tensor = plain.rounded(Scale::near(UNROUNDED * largest(displacement)));
-        let promise = self.plan.max_error;
-        let holds = |tensor| held_out.holds_early(self, &tensor, Quantity::Screen, promise);
-        tensor.is_some_and(holds)
-    }
-
     /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as
     /// `holds` allows; `unit` is an error that uses up the promise.
     fn smallest(
@@ -74,7 +63,8 @@ impl Refiner<'_> {
         holds: impl Fn(&Tensor) -> bool,
     ) -> Option<Tensor> {
         let cameras = self.space.cameras().len();
-        let finest = (FINEST * unit).max(ROOM * largest(polynomial));
+        let count = polynomial.0.len() as f64;
+        let finest = (FINEST * unit / count.sqrt()).max(ROOM * largest(polynomial));
         let threshold = NEGLIGIBLE * finest;
         let plain = Train::plain(&polynomial.0, cameras);
         let Some(train) = decompose(&polynomial.0, cameras, threshold) else {
