@@ -383,7 +383,10 @@ impl<'m> Lanes<'m> {
             self.k[0][row][lane] = self.k[STAGES - 1][row][lane];
         }
         self.s[lane] = step.end.max(end_of_step);
-        event.or(last.then_some((End::Length, progress.length)))
+        let given_up = || (!sink.wants_more(progress.index)).then_some((End::Length, step.end));
+        event
+            .or(last.then_some((End::Length, progress.length)))
+            .or_else(given_up)
     }
 
     /// Scales the new tangent to unit length; the acceleration is quadratic and the turning rate

@@ -6,6 +6,7 @@
 //! found is shaded ([`shade`]).
 
 pub mod accel;
+mod camera;
 pub mod comparison;
 mod curve;
 pub mod frame;
@@ -21,6 +22,7 @@ mod tracer;
 mod view;
 mod world;
 
+pub use camera::{Camera, Moved};
 pub use curve::{Curve, Ending, EndingFinder, Piece};
 pub use intersect::Hit;
 pub use lattice::LatticeTally;
