@@ -1,7 +1,8 @@
 //! Outcomes to colours and layers.
 //!
 //! In: what every sample finds. Out: a [`Picture`] in linear light, with the layers of DESIGN §5 if
-//! wanted. Surfaces are lit by a lamp at the camera: the cosine between the ray and the normal is
+//! wanted. Surfaces are lit by the world's baked light as matt ones (radiance `Kd E / π`); without it
+//! by a lamp at the camera: the cosine between the ray and the normal is
 //! taken in the metric at the hit, `|n·v| / |Sᵀn|` for a covector `n` and unit tangent `v`. Skies are
 //! filtered by the ray's footprint, measured from the neighbouring samples of the same exit.
 
@@ -19,6 +20,7 @@ use crate::{
 use glam::DVec3;
 use ndarray::{Array2, Array3, ArrayView3, Axis};
 use rayon::prelude::*;
+use std::f32::consts::FRAC_1_PI;
 
 /// The share of light that reaches surfaces from all sides.
 const AMBIENT: f32 = 0.2;
@@ -105,8 +107,9 @@ fn footprint(
     (angle.min(WIDEST_FOOTPRINT) / (samples as f64).sqrt()) as f32
 }
 
-/// The normal of a hit in the standard frame there, unit, towards the camera; and the cosine.
-fn normal(world: &World, hit: &Hit) -> (DVec3, f64) {
+/// The normal of a hit in the standard frame there, unit, towards the camera; the cosine; and whether
+/// the camera is on the side to which the mesh's normal points.
+fn normal(world: &World, hit: &Hit) -> (DVec3, f64, bool) {
     let face = &world.faces[hit.triangle as usize];
     let (b, c) = hit.barycentric;
     let covector = face.normals[0] * (1.0 - b - c) + face.normals[1] * b + face.normals[2] * c;
@@ -114,19 +117,34 @@ fn normal(world: &World, hit: &Hit) -> (DVec3, f64) {
     let n = (frame.transpose() * covector).normalize_or_zero();
     let v = (frame.inverse() * hit.v).normalize_or_zero();
     let cosine = -n.dot(v);
-    (if cosine < 0.0 { -n } else { n }, cosine.abs())
+    let front = cosine >= 0.0;
+    (if front { n } else { -n }, cosine.abs(), front)
+}
+
+/// The diffuse reflectance of what was hit: `Kd`, times its texture.
+pub(super) fn diffuse(world: &World, hit: &Hit) -> [f32; 3] {
+    let face = &world.faces[hit.triangle as usize];
+    let material = &world.materials[face.material as usize];
+    let (b, c) = (hit.barycentric.0 as f32, hit.barycentric.1 as f32);
+    let uv = |k: usize| face.uvs[0][k] * (1.0 - b - c) + face.uvs[1][k] * b + face.uvs[2][k] * c;
+    match &material.map_kd {
+        Some(texture) => {
+            let colour = texture.sample(f64::from(uv(0)), f64::from(uv(1)));
+            std::array::from_fn(|k| colour[k] * material.kd[k])
+        }
+        None => material.kd,
+    }
 }
 
 fn surface(world: &World, hit: &Hit) -> [f32; 3] {
     let face = &world.faces[hit.triangle as usize];
     let material = &world.materials[face.material as usize];
-    let (_, cosine) = normal(world, hit);
-    let (b, c) = (hit.barycentric.0 as f32, hit.barycentric.1 as f32);
-    let uv = |k: usize| face.uvs[0][k] * (1.0 - b - c) + face.uvs[1][k] * b + face.uvs[2][k] * c;
-    let diffuse = match &material.map_kd {
-        Some(texture) => texture.sample(f64::from(uv(0)), f64::from(uv(1))),
-        None => material.kd,
-    };
+    let (_, cosine, front) = normal(world, hit);
+    let diffuse = diffuse(world, hit);
+    if let Some(light) = &world.light {
+        let light = light.at(hit.triangle, hit.barycentric, front);
+        return std::array::from_fn(|k| diffuse[k] * light[k] * FRAC_1_PI + material.ke[k]);
+    }
     // The lamp is at the eye: the mirror direction makes twice the angle of incidence with it.
     let mirrored = (2.0 * cosine * cosine - 1.0).max(0.0) as f32;
     let gloss = mirrored.powf(material.ns.max(1.0));

@@ -3,7 +3,7 @@
 //! In: directions in the standard frame at the camera. Out: [`Curve`]s. [`ExactTracer`] integrates,
 //! [`TableTracer`] looks up; where the table gave up it integrates too, and says so.
 
-use super::curve::{Curve, Ending, EndingFinder, LANES, ending_at};
+use super::curve::{Curve, Ending, EndingFinder, LANES, Piece, ending_at};
 use crate::{
     bundle::{Fan, FanPath},
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -118,6 +118,20 @@ impl Sink for CurveSink<'_> {
         let (u, v) = (u[u.len() - 1], v[v.len() - 1]);
         *ending = ending_at(self.manifold, end, s, u, v);
     }
+}
+
+/// The step as cubics.
+pub(super) fn pieces(step: &Step) -> impl Iterator<Item = Piece> {
+    let count = cubics(step);
+    let at = move |k: usize| step.start + (step.end - step.start) * k as f64 / count as f64;
+    (0..count).map(move |k| {
+        let s = [at(k), at(k + 1)];
+        Piece {
+            s,
+            u: s.map(|s| step.position(s)),
+            v: s.map(|s| step.tangent(s)),
+        }
+    })
 }
 
 /// How many cubics replace the quintic of `step`: the middle of one cubic tells, and the error

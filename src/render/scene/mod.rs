@@ -5,6 +5,9 @@
 mod file;
 mod material;
 mod mesh;
+mod placement;
+mod smoothing;
+mod subdivide;
 mod survey;
 mod table;
 
@@ -13,3 +16,4 @@ pub use file::{
 };
 pub use material::{Material, Texture};
 pub use mesh::Mesh;
+pub(super) use placement::place;
