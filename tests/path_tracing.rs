@@ -315,7 +315,7 @@ fn baked_light_shows_what_the_path_tracer_does() {
         ..settings(Estimator::Connected)
     };
     let reference = film(&stage, &view, direct, 8).picture();
-    let light = cache::light(&stage.world, 8.0, 1e-7, None, |_| {})
+    let light = cache::light(&stage.world, 8.0, 1e-7, None, |_, _| {})
         .unwrap()
         .0;
     stage.world.light = Some(light);

@@ -2,7 +2,11 @@
 //!
 //! In: a scene file, perhaps a bundle. Out: a PNG or EXR file, and a line (or JSON) with times.
 
-use super::scenery::{self, SceneArgs};
+use super::{
+    light,
+    path_traced::{self, PathArgs},
+    scenery::{self, SceneArgs},
+};
 use clap::{Args, ValueEnum};
 use geofan::{
     Error, Result,
@@ -10,6 +14,7 @@ use geofan::{
     render::{
         ExactTracer, Stage, TableTracer, View,
         frame::{Outcomes, trace_all, trace_lattice},
+        local::draw,
         picture::{self, Metadata},
         shade::{area, shade, with_layers},
     },
@@ -22,7 +27,9 @@ use std::{path::PathBuf, time::Instant};
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     #[command(flatten)]
-    scene: SceneArgs,
+    pub(super) scene: SceneArgs,
+    #[command(flatten)]
+    pub(super) path: PathArgs,
     /// The table to look paths up in
     #[arg(long, value_name = "FILE")]
     bundle: Option<PathBuf>,
@@ -31,10 +38,10 @@ pub struct RenderArgs {
     tracer: Option<TracerKind>,
     /// How far to follow exact paths [default: the manifold's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
-    length: Option<f64>,
+    pub(super) length: Option<f64>,
     /// The picture: .png or .exr (with layers)
     #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
 }
 
 /// Who follows the paths.
@@ -44,6 +51,10 @@ enum TracerKind {
     Table,
     /// Integration for every sample
     Exact,
+    /// Straight lines of the chart: at once, and right near the camera
+    Local,
+    /// Light by Monte Carlo along exact paths
+    Path,
 }
 
 /// What is printed.
@@ -64,14 +75,21 @@ struct Report {
 pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
-    let stage = args.scene.stage(bundle.as_ref())?;
+    let mut stage = args.scene.stage(bundle.as_ref())?;
     let view = args.scene.view(&stage)?;
+    if args.tracer == Some(TracerKind::Path) {
+        return path_traced::run(args, &stage, &view, common);
+    }
+    let table_length = bundle.as_ref().map(|b| b.table.length);
+    let length = table_length.map_or_else(|| stage.world.manifold.length_or(args.length), Ok)?;
+    light::bake(&mut stage, args.bundle.as_deref(), length, common)?;
     let (outcomes, mut report) = match (args.tracer, &bundle) {
         (Some(TracerKind::Table), None) => {
             let message = "`table` needs --bundle FILE; bake one with geofan-bake";
             return Err(Error::input("--tracer", message));
         }
         (None | Some(TracerKind::Table), Some(bundle)) => by_table(args, &stage, &view, bundle)?,
+        (Some(TracerKind::Local), _) => locally(args, &stage, &view, length),
         _ => exactly(args, &stage, &view)?,
     };
     let began = Instant::now();
@@ -86,16 +104,17 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
         let area = area(&stage.world, &view, outcomes.view(), args.scene.tolerance);
         picture = picture.with_float("area", area);
     }
-    picture::write(&args.output, &picture, &metadata(&stage, &report))?;
+    picture::write(&args.output, &picture, &metadata(&stage, report.tracer))?;
     print(&report, common)
 }
 
-fn metadata(stage: &Stage, report: &Report) -> Metadata {
+/// Notes for a picture's file.
+pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
     let command: Vec<String> = std::env::args().collect();
     Metadata::default()
         .with("command", command.join(" "))
         .with("manifold", &stage.world.manifold.name)
-        .with("tracer", report.tracer)
+        .with("tracer", tracer)
         .with("version", env!("CARGO_PKG_VERSION"))
 }
 
@@ -147,6 +166,14 @@ fn exactly(args: &RenderArgs, stage: &Stage, view: &View) -> Result<(Outcomes, R
     let mut report = report(args, "exact", &outcomes);
     report.paths = began.elapsed().as_secs_f64();
     Ok((outcomes, report))
+}
+
+fn locally(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> (Outcomes, Report) {
+    let began = Instant::now();
+    let outcomes = draw(&stage.world, view, usize::from(args.scene.spp), length);
+    let mut report = report(args, "local", &outcomes);
+    report.paths = began.elapsed().as_secs_f64();
+    (outcomes, report)
 }
 
 fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {

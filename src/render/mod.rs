@@ -14,6 +14,7 @@ mod intersect;
 mod lattice;
 pub mod light;
 pub mod local;
+pub mod local_comparison;
 mod outcome;
 pub mod path_tracer;
 pub mod picture;

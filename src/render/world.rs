@@ -90,6 +90,21 @@ impl World {
         Ok(world)
     }
 
+    /// A hash of the triangles and their normals.
+    pub fn geometry_fingerprint(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        for (corners, face) in self.accelerator.triangles().iter().zip(&self.faces) {
+            for x in corners
+                .iter()
+                .chain(&face.normals)
+                .flat_map(|p| p.to_array())
+            {
+                hasher.update(&x.to_le_bytes());
+            }
+        }
+        *hasher.finalize().as_bytes()
+    }
+
     fn place(
         &mut self,
         scene: &SceneFile,

@@ -126,8 +126,9 @@ impl Layout {
 }
 
 impl Baked {
-    /// Lights the points of `layout`; `done` is told how many more are finished.
-    pub fn new(lamps: &Lamps<'_>, layout: Layout, done: impl Fn(usize) + Sync) -> Self {
+    /// Lights the points of `layout`; `done` is told how many more are finished, and how many
+    /// there are.
+    pub fn new(lamps: &Lamps<'_>, layout: Layout, done: impl Fn(usize, usize) + Sync) -> Self {
         let counted = AtomicUsize::new(0);
         let blocks: Vec<Vec<[f32; 6]>> = layout
             .points
@@ -142,7 +143,7 @@ impl Baked {
                         sums[index][side + k] += arrival.irradiance[k];
                     }
                 }
-                done(points.len());
+                done(points.len(), layout.len());
                 sums.into_iter().map(|s| s.map(|x| x as f32)).collect()
             })
             .collect();

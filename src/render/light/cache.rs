@@ -39,7 +39,7 @@ pub fn light(
     length: f64,
     tolerance: f64,
     path: Option<&Path>,
-    done: impl Fn(usize) + Sync,
+    done: impl Fn(usize, usize) + Sync,
 ) -> Result<(Baked, Source)> {
     let layout = Layout::new(world, POINTS);
     let fingerprint = fingerprint(world, length, tolerance);
@@ -81,12 +81,7 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
         numbers(&light.u.to_array());
         numbers(&light.intensity.map(f64::from));
     }
-    for (corners, face) in world.accelerator.triangles().iter().zip(&world.faces) {
-        corners
-            .iter()
-            .chain(&face.normals)
-            .for_each(|p| numbers(&p.to_array()));
-    }
+    hasher.update(&world.geometry_fingerprint());
     *hasher.finalize().as_bytes()
 }
 

@@ -17,6 +17,9 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::HashMap;
 
+/// A box of the chart, by its corners.
+pub type Region = (DVec3, DVec3);
+
 /// Halvings of the icosahedron's edges before rays are compared: 162 rays, 16° apart.
 const FIRST_LEVEL: usize = 2;
 
@@ -24,8 +27,12 @@ const FIRST_LEVEL: usize = 2;
 /// has spread over so much area that nobody sees it.
 const LAST_LEVEL: usize = 7;
 
-/// Most rays of one fan, for its memory: about 4 kB each.
-const MOST_RAYS: usize = 24_000;
+/// Most halvings because rays fold or end at different places: directions 2° apart. That has no
+/// natural end: the edges of caustics and shadows cross triangles of any size.
+const LAST_EDGE_LEVEL: usize = 5;
+
+/// Rays of one fan beyond which it is refined no further, for its memory: about 5 kB each.
+const MOST_RAYS: usize = 12_000;
 
 /// A triangle of rays is fine enough if the middle of each edge lies within this share of the edge
 /// from where interpolation puts it. Guesses are then so close that two or three steps of Newton's
@@ -33,7 +40,9 @@ const MOST_RAYS: usize = 24_000;
 const BEND: f64 = 0.08;
 
 /// Intervals of arc length, and how many at most. They are doubled while more than a tenth of the
-/// rays miss the middle of a cubic by more than [`BEND`] of it.
+/// rays miss the middle of a cubic by more than [`BEND`] of it. A cubic that misses by more than
+/// [`BROKEN`] of it stands for nothing (the ray has turned back, or has passed the chart's infinity).
+const BROKEN: f64 = 0.5;
 const INTERVALS: usize = 32;
 const MOST_INTERVALS: usize = 256;
 
@@ -43,7 +52,7 @@ const BLOCK: usize = 64;
 /// Tolerance of the fan's rays; they serve as guesses only.
 const TOLERANCE: f64 = 1e-6;
 
-/// A ray of the fan at the knots it reaches; the last knot may be extrapolated, so that the cells
+/// A ray of the fan at the knots it reaches; the last two may be extrapolated, so that the cells
 /// reach as far as the space does.
 #[derive(Debug, Clone, Default)]
 pub(super) struct FanRay {
@@ -61,19 +70,23 @@ pub struct LightFan<'m> {
     pub u: DVec3,
     /// How far its light is followed.
     pub length: f64,
+    /// Where connections are asked for.
+    region: Region,
     pub(super) rays: Vec<FanRay>,
+    /// Arc lengths at which rays are sampled: the ends of intervals and, in between, their middles.
     pub(super) knots: Vec<f64>,
     cells: Vec<Cell>,
     boxes: Boxes,
 }
 
 impl<'m> LightFan<'m> {
-    /// The rays from `u` over `length`.
-    pub fn new(manifold: &'m Manifold, u: DVec3, length: f64) -> Self {
+    /// The rays from `u` over `length`, for connections to points in `region`.
+    pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, region: Region) -> Self {
         let mut fan = Self {
             manifold,
             u,
             length,
+            region: widened(manifold, region),
             rays: Vec::new(),
             knots: Vec::new(),
             cells: Vec::new(),
@@ -81,16 +94,29 @@ impl<'m> LightFan<'m> {
         };
         fan.choose_knots();
         let triangles = fan.refine();
-        for corners in triangles {
-            let reach = corners.map(|i| fan.rays[i].u.len());
-            let longest = reach.into_iter().min().unwrap_or(0);
-            let cells = (1..longest).map(|k| Cell::new(&fan, corners, k - 1));
-            let cells: Vec<Cell> = cells.collect();
-            fan.cells.extend(cells);
-        }
-        let boxes: Vec<(DVec3, DVec3)> = fan.cells.par_iter().map(|c| c.bounds(&fan)).collect();
+        let (cells, boxes): (Vec<Cell>, Vec<Region>) = triangles
+            .par_iter()
+            .flat_map_iter(|corners| fan.cells_of(*corners))
+            .unzip();
         fan.boxes = Boxes::new(&boxes);
+        fan.cells = cells;
         fan
+    }
+
+    /// The cells of a triangle of rays that matter, with the boxes around them.
+    fn cells_of(&self, corners: [usize; 3]) -> Vec<(Cell, Region)> {
+        let rays = corners.map(|i| &self.rays[i]);
+        let reach = rays.iter().map(|r| r.u.len()).min().unwrap_or(0);
+        let starts = (0..reach.saturating_sub(2)).step_by(2);
+        let sound = starts.filter(|k| rays.iter().all(|r| r.miss(*k, self.knots[1]) <= BROKEN));
+        let cells = sound.map(|k| {
+            let cell = Cell::new(self, corners, k);
+            let bounds = cell.bounds(self);
+            (cell, bounds)
+        });
+        cells
+            .filter(|(_, bounds)| meet(*bounds, self.region))
+            .collect()
     }
 
     fn even_knots(&self, count: usize) -> Vec<f64> {
@@ -104,26 +130,19 @@ impl<'m> LightFan<'m> {
         let directions = icosphere::corners();
         let mut count = INTERVALS;
         loop {
-            // Every other knot is a middle.
             self.knots = self.even_knots(2 * count);
             let rays = self.trace(&directions);
-            let width = 2.0 * self.knots[1];
             let coarse = |ray: &&FanRay| {
-                let middles = (1..ray.u.len().saturating_sub(2)).step_by(2);
-                let misses = |k: usize| {
-                    let cubic = 0.5 * (ray.u[k - 1] + ray.u[k + 1])
-                        + (ray.v[k - 1] - ray.v[k + 1]) * (width / 8.0);
-                    (cubic - ray.u[k]).length() > BEND * (ray.u[k + 1] - ray.u[k - 1]).length()
-                };
-                middles.into_iter().any(misses)
+                let starts = (0..ray.u.len().saturating_sub(3)).step_by(2);
+                let mut inside = starts.filter(|k| holds(self.region, ray.u[*k]));
+                inside.any(|k| ray.miss(k, self.knots[1]) > BEND)
             };
             let bad = rays.iter().filter(coarse).count();
             if 10 * bad <= directions.len() || 2 * count > MOST_INTERVALS {
-                break;
+                return;
             }
             count *= 2;
         }
-        self.knots = self.even_knots(count);
     }
 
     /// Fills `rays` and returns the triangles of them.
@@ -139,7 +158,7 @@ impl<'m> LightFan<'m> {
             let mut next = Vec::new();
             for triangle in open {
                 let children = children(triangle, &middles);
-                let fine = level > FIRST_LEVEL && self.is_fine(triangle, &middles);
+                let fine = level > FIRST_LEVEL && self.is_fine(triangle, &middles, level);
                 let list = if fine || full || level == LAST_LEVEL {
                     &mut done
                 } else {
@@ -172,17 +191,30 @@ impl<'m> LightFan<'m> {
         self.rays.extend(rays);
     }
 
-    /// Whether interpolation between the triangle's rays is close to the rays in the middles.
-    fn is_fine(&self, [a, b, c]: [usize; 3], middles: &HashMap<[usize; 2], usize>) -> bool {
+    /// Whether interpolation between the triangle's rays is close to the rays in the middles, as far
+    /// as they are in the region.
+    fn is_fine(
+        &self,
+        [a, b, c]: [usize; 3],
+        middles: &HashMap<[usize; 2], usize>,
+        level: usize,
+    ) -> bool {
         [(a, b), (b, c), (c, a)].into_iter().all(|(i, j)| {
             let [p, q, m] = [i, j, middles[&edge(i, j)]].map(|k| &self.rays[k]);
             let reach = [p, q, m].map(|r| r.u.len());
-            let shortest = reach.into_iter().min().unwrap_or(0);
-            let straight = (1..shortest).all(|k| {
-                let bend = (0.5 * (p.u[k] + q.u[k]) - m.u[k]).length();
-                bend <= BEND * (p.u[k] - q.u[k]).length() && p.reversed[k] == q.reversed[k]
-            });
-            straight && reach.iter().all(|r| *r == reach[0])
+            let (least, most) = reach
+                .iter()
+                .fold((usize::MAX, 0), |(a, b), r| (a.min(*r), b.max(*r)));
+            let mut inside =
+                (1..least).filter(|k| [p, q, m].iter().any(|ray| holds(self.region, ray.u[*k])));
+            let whole = level >= LAST_EDGE_LEVEL
+                || most - least <= 4.max(most / 10)
+                    && inside.clone().all(|k| p.reversed[k] == q.reversed[k]);
+            whole
+                && inside.all(|k| {
+                    let bend = (0.5 * (p.u[k] + q.u[k]) - m.u[k]).length();
+                    bend <= BEND * (p.u[k] - q.u[k]).length()
+                })
         })
     }
 
@@ -262,6 +294,33 @@ impl<'m> LightFan<'m> {
     }
 }
 
+impl FanRay {
+    /// How far the cubic over the interval from knot `k` misses the ray in the middle, as a share of
+    /// the interval's chord; `half` is half the interval's arc length.
+    fn miss(&self, k: usize, half: f64) -> f64 {
+        let cubic = 0.5 * (self.u[k] + self.u[k + 2]) + (self.v[k] - self.v[k + 2]) * (0.25 * half);
+        (cubic - self.u[k + 1]).length() / (self.u[k + 2] - self.u[k]).length()
+    }
+}
+
+/// The region with half its size around it, and without end along glued coordinates.
+fn widened(manifold: &Manifold, (low, high): Region) -> Region {
+    let margin = 0.5 * (high - low).max_element();
+    let mut wide = (low - margin, high + margin);
+    for k in (0..3).filter(|k| manifold.domain.period(*k).is_some()) {
+        (wide.0[k], wide.1[k]) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
+    wide
+}
+
+fn holds((low, high): Region, u: DVec3) -> bool {
+    u.cmpge(low).all() && u.cmple(high).all()
+}
+
+fn meet(a: Region, b: Region) -> bool {
+    a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
+}
+
 /// Two rays, the lower number first.
 fn edge(i: usize, j: usize) -> [usize; 2] {
     [i.min(j), i.max(j)]
@@ -296,11 +355,11 @@ impl Sink for Sampler<'_, '_> {
     fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
         let ray = &mut self.rays[ray];
         let last = ray.u.len() - 1;
-        if let Some(&s) = self.fan.knots.get(last + 1) {
-            let (u, v) = (ray.u[last], ray.v[last]);
+        let (u, v, reversed) = (ray.u[last], ray.v[last], ray.reversed[last]);
+        for s in self.fan.knots.iter().skip(last + 1).take(2) {
             ray.u.push(u + v * (s - self.fan.knots[last]));
             ray.v.push(v);
-            ray.reversed.push(ray.reversed[last]);
+            ray.reversed.push(reversed);
         }
     }
 }

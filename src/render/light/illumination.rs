@@ -67,7 +67,12 @@ impl<'w> Lamps<'w> {
     /// Follows the light of the world's lights over `length`; geodesics are found at a local
     /// tolerance.
     pub fn new(world: &'w World, length: f64, tolerance: f64) -> Self {
-        let fan = |light: &PointLight| (*light, LightFan::new(&world.manifold, light.u, length));
+        let nowhere = (DVec3::ZERO, DVec3::ZERO);
+        let region = world.accelerator.bounds().unwrap_or(nowhere);
+        let fan = |light: &PointLight| {
+            let fan = LightFan::new(&world.manifold, light.u, length, region);
+            (*light, fan)
+        };
         Self {
             world,
             lamps: world.lights.iter().map(fan).collect(),
