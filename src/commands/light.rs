@@ -11,8 +11,8 @@ use geofan::{
 use std::path::{Path, PathBuf};
 
 /// Local tolerance of the light's geodesics: shadows and brightness are then right to a part in a
-/// million, far below what a picture shows.
-const TOLERANCE: f64 = 1e-7;
+/// hundred thousand, far below what a picture shows.
+const TOLERANCE: f64 = 1e-6;
 
 /// Puts the light of the scene's point lights, followed over `length`, on its surfaces; keeps it
 /// beside `bundle` if there is one.

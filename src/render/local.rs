@@ -63,9 +63,10 @@ const BAND: usize = 64;
 /// Knots of a straight line on which its exit is looked for.
 const KNOTS: usize = 64;
 
-/// Depth at which triangles are cut, as a share of the greatest depth: nearer things cannot be told
-/// apart in the depths of the rest.
-const NEAR: f64 = 1e-9;
+/// Depth at which triangles are cut, as a share of the greatest depth. What is cut off is nearer than
+/// anything that a picture is made for; a hundred times nearer, corners beside the camera lie so far
+/// outside the picture that the weights lose their digits.
+const NEAR: f64 = 1e-5;
 
 /// A triangle of the scene, or what cutting leaves of it, on the picture.
 struct Flat {

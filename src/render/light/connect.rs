@@ -60,9 +60,6 @@ const LARGEST_STRETCH: f64 = 0.4;
 /// An attempt has arrived when it misses by this many tolerances times the arc length.
 const ARRIVED: f64 = 30.0;
 
-/// A step is shortened by no more than this in all before the attempt is given up.
-const SHORTEST: f64 = 1.0 / 64.0;
-
 /// Finishes attempts at a local tolerance; those that do not arrive are left out, as are repetitions
 /// for the same index. By ascending index, and for each by arc length; with the number of geodesics
 /// that were followed.
@@ -161,12 +158,7 @@ impl State {
     /// Tries half the step from the best so far.
     fn shortened(mut self) -> Verdict {
         self.step *= 0.5;
-        let size = self
-            .step
-            .truncate()
-            .length()
-            .max(self.step.z.abs() / self.best.1);
-        match self.best.2.is_finite() && size > SHORTEST * 1e-6 {
+        match self.best.2.is_finite() {
             true => Verdict::Open(self),
             false => Verdict::Lost,
         }

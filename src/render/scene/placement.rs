@@ -196,7 +196,7 @@ impl Bend {
                 "{}: linear placement bends edges by up to {:.1}° and straight lines from its middle by up to {:.1}° (more than {:.0}° is seen); `placement = \"exponential\"` keeps those lines straight",
                 object.mesh.display(),
                 self.edges.to_degrees(),
-                self.spokes.to_degrees(),
+                self.spokes.to_degrees().min(360.0),
                 NOTICED.to_degrees(),
             )
         })
