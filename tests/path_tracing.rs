@@ -335,18 +335,19 @@ fn baked_light_shows_what_the_path_tracer_does() {
         "at = [0.15, -0.2, -0.3]\nscale = 0.2\nrotate = { axis = [0, 0, 1], degrees = 25 }",
     );
     let mut stage = floor(folder.path(), BUMP, &[body], lamp);
-    let view = view(&stage, (120, 90));
+    let view = view(&stage, (64, 48));
     let direct = Settings {
         bounces: 1,
         ..settings(Estimator::Connected)
     };
-    let reference = film(&stage, &view, direct, 8).picture();
-    let light = cache::light(&stage.world, 8.0, 1e-7, None, |_, _| {})
+    // As many samples as it takes for edges to be as smooth in both.
+    let reference = film(&stage, &view, direct, 48).picture();
+    let light = cache::light(&stage.world, 8.0, 1e-6, None, |_, _| {})
         .unwrap()
         .0;
     stage.world.light = Some(light);
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, 8.0, 1e-8);
-    let outcomes = trace_all(&stage.world, &view, &tracer, 4);
+    let outcomes = trace_all(&stage.world, &view, &tracer, 32);
     let preview = shade(&stage.world, &view, outcomes.view());
     let found = psnr(&reference, &preview).unwrap();
     assert!(found >= 38.0, "{found} dB");
