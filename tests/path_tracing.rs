@@ -208,7 +208,7 @@ fn a_shrinking_area_light_becomes_a_point_light() {
                 300,
             );
             let (area, error) = mean(&of_area, 0..12, 0..8);
-            assert!(error < 0.01 * area, "{error} of {area}");
+            assert!(error < 0.015 * area, "{error} of {area}");
             let off = (area / point - 1.0).abs();
             assert!(
                 off < allowed + 4.0 * error / area,
@@ -353,7 +353,7 @@ fn baked_light_shows_what_the_path_tracer_does() {
     assert!(found >= 38.0, "{found} dB");
     assert!(
         reference
-            .pixel(60, 60)
+            .pixel(32, 32)
             .iter()
             .copied()
             .map(f64::from)

@@ -4,14 +4,17 @@
 //! straight in the chart, depart from the geodesic between their ends, and from the image of the
 //! straight edge, by at most [`SAG`] of the object's size.
 //!
-//! Whether an edge is split depends on its ends alone, so both triangles at it agree and no gap
-//! opens. A triangle is cut by the middles of those of its edges that are split.
+//! An edge is split for both triangles at it, so no gap opens; where the mesh has two edges in one
+//! place (a seam of texture), a gap is at most as wide as the tolerance. A triangle is cut by the middles of those of its edges that are split.
 
 use super::{Mesh, placement::bend};
 use crate::manifold::Manifold;
 use glam::DVec3;
 use rayon::prelude::*;
-use std::{borrow::Cow, collections::HashMap};
+use std::{
+    borrow::Cow,
+    collections::{HashMap, HashSet},
+};
 
 /// Chart point and normal covector of every vertex.
 pub type Points = Vec<(DVec3, DVec3)>;
@@ -57,20 +60,32 @@ pub(super) fn subdivided<'m>(
             !fate.contains_key(e) && !(expected <= SAG * radius)
         };
         let middles = Middles::of(&mesh, all_edges(&mesh).into_iter().filter(new).collect());
-        let (placed, found) = departures(&middles, &vertices)?;
+        let (_, found) = departures(&middles, &vertices)?;
         let split: Vec<bool> = found.iter().map(|d| !(*d <= SAG * radius)).collect();
         let left = split.iter().filter(|s| **s).count();
         let full = mesh.triangles.len() + 3 * left > MOST_TRIANGLES;
         if left == 0 || round == MOST_ROUNDS || full {
             return Some((mesh, vertices, left));
         }
+        for (edge, _) in middles
+            .edges
+            .iter()
+            .zip(&split)
+            .filter(|(_, split)| !**split)
+        {
+            fate.insert(*edge, None);
+        }
+        let bent = middles
+            .edges
+            .iter()
+            .zip(&split)
+            .filter(|(_, split)| **split);
+        let middles = Middles::of(&mesh, with_longest(&mesh, bent.map(|(e, _)| *e).collect()));
+        let placed = place(&middles.positions, &middles.normals)?;
         let owned = mesh.to_mut();
         for (i, edge) in middles.edges.iter().enumerate() {
-            let vertex = split[i].then(|| {
-                vertices.push(placed[i]);
-                middles.append(i, owned)
-            });
-            fate.insert(*edge, vertex);
+            vertices.push(placed[i]);
+            fate.insert(*edge, Some(middles.append(i, owned)));
         }
         cut(owned, &fate);
     }
@@ -98,6 +113,32 @@ fn departure(manifold: &Manifold, a: DVec3, b: DVec3, middle: DVec3) -> f64 {
     let into = manifold.standard_frame(half).inverse();
     let sagitta = bend(manifold, a, b, 1) * (into * (b - a)).length() / 8.0;
     sagitta.max((into * (middle - half)).length())
+}
+
+/// The edges to split, in order, and with them the longest edge of every triangle that one of them
+/// belongs to: otherwise a long edge whose middle happens to be right would leave ever thinner
+/// triangles (M.-C. Rivara, *Mesh refinement processes based on the generalized bisection of
+/// simplices*, 1984).
+fn with_longest(mesh: &Mesh, mut split: HashSet<Edge>) -> Vec<Edge> {
+    loop {
+        let before = split.len();
+        for triangle in &mesh.triangles {
+            let sides = edges(*triangle);
+            if sides.iter().any(|e| split.contains(e)) {
+                let longer = |a: &Edge, b: &Edge| {
+                    squared_length(mesh, a)
+                        .total_cmp(&squared_length(mesh, b))
+                        .then(a.cmp(b))
+                };
+                split.extend(sides.into_iter().max_by(longer));
+            }
+        }
+        if split.len() == before {
+            let mut all: Vec<Edge> = split.into_iter().collect();
+            all.sort_unstable();
+            return all;
+        }
+    }
 }
 
 /// All edges, each once, in order.
