@@ -22,7 +22,7 @@ fn write_scene(folder: &Path) {
     let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
     write(
         "space.toml",
-        "name = 'space'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n[cameras]\nlength = 5\n",
+        "name = 'space'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n[cameras]\nlength = 5\n",
     );
     write(
         "square.obj",
@@ -140,7 +140,7 @@ fn a_light_outside_the_space_is_underlined() {
     write_scene(folder.path());
     let path = folder.path().join("space.toml");
     let text =
-        std::fs::read_to_string(&path).unwrap() + "[domain]\ninside = ['1 - x^2 - y^2 - 10*z^2']\n";
+        std::fs::read_to_string(&path).unwrap() + "[domain]\ninside = ['1 - x^2 - y^2 - 7*z^2']\n";
     std::fs::write(&path, text).unwrap();
     let words = ["render", "scene.toml", "--size", "8x8", "-o", "a.png"];
     let (code, said) = geofan(folder.path(), &words);

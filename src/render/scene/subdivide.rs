@@ -39,17 +39,16 @@ pub(super) fn subdivided<'m>(
     let mut mesh = Cow::Borrowed(mesh);
     let mut vertices = place(&mesh.positions, &mesh.normals)?;
     let mut fate: HashMap<Edge, Fate> = HashMap::new();
-    let departures = |middles: &Middles, vertices: &Points| -> Option<(Points, Vec<f64>)> {
+    let departures = |middles: &Middles, vertices: &Points| -> Option<Vec<f64>> {
         let placed = place(&middles.positions, &middles.normals)?;
         let of = |(edge, middle): (&Edge, &(DVec3, DVec3))| {
             let [a, b] = edge.map(|v| vertices[v as usize].0);
             departure(manifold, a, b, middle.0)
         };
-        let found = middles.edges.par_iter().zip(&placed).map(of).collect();
-        Some((placed, found))
+        Some(middles.edges.par_iter().zip(&placed).map(of).collect())
     };
     let sample = Middles::of(&mesh, sampled(all_edges(&mesh)));
-    let (_, found) = departures(&sample, &vertices)?;
+    let found = departures(&sample, &vertices)?;
     let rates = found.iter().zip(&sample.edges);
     let rate = rates
         .map(|(d, e)| d / squared_length(&mesh, e))
@@ -60,7 +59,7 @@ pub(super) fn subdivided<'m>(
             !fate.contains_key(e) && !(expected <= SAG * radius)
         };
         let middles = Middles::of(&mesh, all_edges(&mesh).into_iter().filter(new).collect());
-        let (_, found) = departures(&middles, &vertices)?;
+        let found = departures(&middles, &vertices)?;
         let split: Vec<bool> = found.iter().map(|d| !(*d <= SAG * radius)).collect();
         let left = split.iter().filter(|s| **s).count();
         let full = mesh.triangles.len() + 3 * left > MOST_TRIANGLES;
