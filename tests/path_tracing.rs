@@ -168,7 +168,7 @@ fn floor(folder: &Path, metric: &str, objects: &[(&str, &str, &str)], rest: &str
     stage(
         folder,
         metric,
-        "at = [-1.2, 0.1, 0.3]\nlook = [1, 0, -0.75]\nup = [0, 0, 1]\nfov = 40",
+        "at = [-0.7, 0.1, 0.3]\nlook = [0.7, 0, -0.8]\nup = [0, 0, 1]\nfov = 40",
         &all,
         rest,
     )
@@ -176,7 +176,7 @@ fn floor(folder: &Path, metric: &str, objects: &[(&str, &str, &str)], rest: &str
 
 #[test]
 fn a_shrinking_area_light_becomes_a_point_light() {
-    for metric in [FLAT, SPHERE] {
+    for metric in [FLAT, SPHERE, BUMP] {
         let folder = tempfile::tempdir().unwrap();
         let lamp = "[[light]]\nkind = 'point'\nat = [0.1, 0.2, 0.6]\nintensity = [1, 1, 1]\n";
         let stage = floor(folder.path(), metric, &[], lamp);
@@ -208,7 +208,7 @@ fn a_shrinking_area_light_becomes_a_point_light() {
                 300,
             );
             let (area, error) = mean(&of_area, 0..12, 0..8);
-            assert!(error < 0.015 * area, "{error} of {area}");
+            assert!(error < 0.02 * area, "{error} of {area}");
             let off = (area / point - 1.0).abs();
             assert!(
                 off < allowed + 4.0 * error / area,
@@ -335,25 +335,25 @@ fn baked_light_shows_what_the_path_tracer_does() {
         "at = [0.15, -0.2, -0.3]\nscale = 0.2\nrotate = { axis = [0, 0, 1], degrees = 25 }",
     );
     let mut stage = floor(folder.path(), BUMP, &[body], lamp);
-    let view = view(&stage, (64, 48));
+    let view = view(&stage, (48, 36));
     let direct = Settings {
         bounces: 1,
         ..settings(Estimator::Connected)
     };
     // As many samples as it takes for edges to be as smooth in both.
-    let reference = film(&stage, &view, direct, 48).picture();
+    let reference = film(&stage, &view, direct, 128).picture();
     let light = cache::light(&stage.world, 8.0, 1e-6, None, |_, _| {})
         .unwrap()
         .0;
     stage.world.light = Some(light);
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, 8.0, 1e-8);
-    let outcomes = trace_all(&stage.world, &view, &tracer, 32);
+    let outcomes = trace_all(&stage.world, &view, &tracer, 64);
     let preview = shade(&stage.world, &view, outcomes.view());
     let found = psnr(&reference, &preview).unwrap();
     assert!(found >= 38.0, "{found} dB");
     assert!(
         reference
-            .pixel(32, 32)
+            .pixel(24, 24)
             .iter()
             .copied()
             .map(f64::from)
