@@ -89,7 +89,14 @@ impl<'d> Item<'d> {
 
     fn wrong_type(&self, wanted: &str) -> Diagnostic {
         let found = self.value.type_str();
-        self.complain(format!("{wanted} is needed here, this is {found}"))
+        let article = if found.starts_with(['a', 'i']) {
+            "an"
+        } else {
+            "a"
+        };
+        self.complain(format!(
+            "{wanted} is needed here, this is {article} {found}"
+        ))
     }
 
     /// The value as a string.

@@ -2,7 +2,7 @@
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use geofan::{
-    bundle::{Bundle, Contents, Patch, PlanRecord, Polynomial, Tree, certify, encode_chunk},
+    bundle::{Bundle, Contents, Patch, PlanRecord, Scale, Train, Tree, certify},
     diagnostic::SourceText,
     fan::FanSpace,
     manifold::Manifold,
@@ -33,8 +33,9 @@ fn leaf(wrong: f64) -> Tree {
     let tensor = |values: &[f64]| {
         let shape = IxDyn(&[1, 1, 1, 1, values.len()]);
         let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
-        let polynomial = Polynomial::fit(samples.view()).rounded(1e-9).unwrap();
-        polynomial.encode(1e-9)
+        Train::plain(&samples, 1)
+            .rounded(Scale::near(1e-9))
+            .unwrap()
     };
     Tree::Leaf(Arc::new(Patch {
         displacement: tensor(&[wrong, 0.0, 0.0]),
@@ -53,6 +54,9 @@ fn folder(wrong: f64) -> TempDir {
         frames: true,
         tolerance: 1e-9,
         nodes: vec![1; 4],
+        most_rays: 1,
+        lift: geofan::fan::Lift::None,
+        refinement: 1,
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
@@ -66,10 +70,11 @@ fn folder(wrong: f64) -> TempDir {
         },
         _ => leaf(wrong),
     };
-    let chunks = (0..6).map(|face| (face, encode_chunk(&chunk(face))));
+    let chunks = (0..6).map(|face| (face, chunk(face).encode()));
     let contents = Contents::new(space, plan, 0, chunks.collect()).unwrap();
     let bundle = Bundle::from_contents(contents).unwrap();
-    let certificate = certify(&bundle.table, 200, 1, 1e-9, |_| Ok(())).unwrap();
+    let certificate = certify(&bundle.table, 200, 1, 1e-9, 0.5, |_| Ok(()));
+    let certificate = certificate.unwrap().certificate;
     let folder = TempDir::new().unwrap();
     let path = folder.path().join("b.fan");
     bundle.certified(certificate).write(&path).unwrap();

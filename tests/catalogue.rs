@@ -1,31 +1,15 @@
-//! More closed-form truths of DESIGN §8, on the manifold files themselves, with orbit planes tilted
-//! off every coordinate plane.
+//! Closed-form truths on the manifold files themselves, with orbit planes tilted off every coordinate
+//! plane.
+
+mod support;
 
 use geofan::{
-    geodesic::{End, Path, Ray, Settings, Spread, paths},
-    manifold::{Carried, Manifold},
+    geodesic::{End, Path, Ray, Spread, conjugate_points, paths},
+    manifold::Manifold,
 };
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};
-
-fn asset(name: &str) -> Manifold {
-    let path = format!(
-        "{}/assets/manifolds/{name}.toml",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    Manifold::load(path.as_ref(), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
-
-fn settings(tolerance: f64, events: bool) -> Settings {
-    Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events,
-    }
-}
+use support::{asset, settings};
 
 /// The path from `u` along the chart vector `v`, of any length, past all exits.
 fn along(manifold: &Manifold, u: DVec3, v: DVec3, length: f64) -> Path {
@@ -268,6 +252,37 @@ fn nil_geodesics_are_spirals_with_the_known_area() {
             let spread = spread.abs() / c.powi(4);
             let found = area(&manifold, &path, s);
             assert!((found - spread).abs() < 1e-9 * s * s, "{found} {spread}");
+        }
+    }
+}
+
+#[test]
+fn nil_geodesics_have_their_conjugate_points_where_the_area_vanishes() {
+    let manifold = asset("nil");
+    for d in [[0.5, -0.4, 0.6], [-0.7, 0.2, -0.3]] {
+        let d = DVec3::from(d).normalize();
+        let (c, length) = (d.z.abs(), 34.0);
+        // sin(w/2) = 0, and tan(w/2) = (1 − c²) w/2 once in each branch of the tangent but the first.
+        let mut expected = Vec::new();
+        for branch in 1..10 {
+            let (mut low, mut high) = (f64::from(branch) * PI, (f64::from(branch) + 0.5) * PI);
+            expected.push(2.0 * low / c);
+            for _ in 0..60 {
+                let x = 0.5 * (low + high);
+                match x.tan() < (1.0 - c * c) * x {
+                    true => low = x,
+                    false => high = x,
+                }
+            }
+            expected.push(2.0 * low / c);
+        }
+        expected.retain(|s| *s < length);
+        let ray = Ray::new(&manifold, DVec3::ZERO, d, length);
+        let path = paths(&manifold, settings(1e-12, false), [ray]).remove(0);
+        let found = conjugate_points(&manifold, &ray, &path);
+        assert_eq!(found.len(), expected.len(), "{found:?} {expected:?}");
+        for (a, b) in found.iter().zip(&expected) {
+            assert!((a - b).abs() < 1e-8, "{found:?} {expected:?}");
         }
     }
 }

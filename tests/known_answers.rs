@@ -1,41 +1,19 @@
-//! Closed-form truths of DESIGN §8, on the exact tracer, with orbit planes tilted off every
+//! Closed-form truths about manifolds written here, with exits, and with orbit planes tilted off every
 //! coordinate plane.
 
+mod support;
+
 use geofan::{
-    diagnostic::SourceText,
     geodesic::{End, Path, Ray, Settings, paths},
     manifold::{Carried, Manifold},
+    random::Stream,
 };
 use glam::{DMat3, DQuat, DVec3};
-
-fn manifold(text: &str) -> Manifold {
-    Manifold::from_source(SourceText::new("test.toml", text), &[])
-        .unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
-
-fn asset(name: &str) -> Manifold {
-    let path = format!(
-        "{}/assets/manifolds/{name}.toml",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    Manifold::load(path.as_ref(), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
+use support::{asset, manifold, settings};
 
 fn follow(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> Path {
-    let settings = Settings {
-        tolerance: 1e-11,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: true,
-    };
-    paths(
-        manifold,
-        settings,
-        [Ray::new(manifold, u, d.normalize(), length)],
-    )
-    .remove(0)
+    let ray = Ray::new(manifold, u, d.normalize(), length);
+    paths(manifold, settings(1e-11, true), [ray]).remove(0)
 }
 
 /// A tilt off every coordinate plane.
@@ -73,8 +51,6 @@ fn orbit(text: &str, rho: f64, sine: f64, tilt: DMat3) -> f64 {
 #[test]
 fn ellis_wormhole_sweeps_the_known_angle() {
     let text = r#"
-name = "Ellis"
-coordinates = ["x", "y", "z"]
 metric = { conformal = "1 + 1/(4*rho^2)" }
 [let]
 rho = "sqrt(x^2 + y^2 + z^2)"
@@ -92,8 +68,6 @@ when = "rho - 1/(4*rho) - 30"
 #[test]
 fn schwarzschild_sweeps_the_known_angle() {
     let text = r#"
-name = "Schwarzschild, optical"
-coordinates = ["x", "y", "z"]
 metric = { conformal = "(1 + 1/(2*rho))^3/(1 - 1/(2*rho))" }
 [let]
 rho = "sqrt(x^2 + y^2 + z^2)"
@@ -110,19 +84,6 @@ when = "rho*(1 + 1/(2*rho))^2 - 50"
     for tilt in tilts() {
         let angle = orbit(text, rho, sine, tilt);
         assert!((angle - 4.6204187268812).abs() < 1e-8, "{angle}");
-    }
-}
-
-#[test]
-fn gaussian_bump_deflects_by_the_known_angle() {
-    let manifold = asset("gaussian-bump");
-    for tilt in tilts() {
-        let start = tilt * DVec3::new(-12.0, 0.5, 0.0);
-        let path = follow(&manifold, start, tilt * DVec3::X, 30.0);
-        let last = path.steps.last().unwrap();
-        let out = last.tangent(path.length).normalize();
-        let angle = out.angle_between(tilt * DVec3::X);
-        assert!((angle - 0.3242617359016).abs() < 1e-8, "{angle}");
     }
 }
 
@@ -146,5 +107,39 @@ fn sphere_paths_meet_at_the_antipode_and_close() {
             (meet - antipode).length()
         );
         assert!((close - u).length() < 1e-8);
+    }
+}
+
+/// A ball of radius 0.05 of denser medium: space is exactly flat around it, so that no error estimate
+/// tells of it before a stage lies inside.
+#[test]
+fn rays_through_a_small_lens_in_flat_space_do_not_leap_over_it() {
+    let text = r#"
+metric = { conformal = "if(r2 < 0.0025, (2 - r2/0.0025)^2, 1)" }
+[let]
+r2 = "(x - 0.3)^2 + (y + 0.2)^2 + (z - 0.1)^2"
+"#;
+    let manifold = manifold(text);
+    let centre = DVec3::new(0.3, -0.2, 0.1);
+    let length = 2.0;
+    for k in 0..400 {
+        let mut random = Stream::new(&[k]);
+        let d = random.direction();
+        let side = 0.035 * random.direction().cross(d).normalize();
+        let from = random.between(0.2, 1.5);
+        let u = centre + side - d * from;
+        for tolerance in [1e-4, 1e-6, 1e-9] {
+            let settings = Settings {
+                tolerance,
+                carried: Carried::default(),
+                events: false,
+            };
+            let path = paths(&manifold, settings, [Ray::new(&manifold, u, d, length)]).remove(0);
+            let out = path.steps.last().unwrap().tangent(path.length);
+            assert!(
+                out.angle_between(d) > 0.1,
+                "ray {k} at {tolerance} went straight on"
+            );
+        }
     }
 }

@@ -382,8 +382,8 @@ fn baked_light_follows_the_inverse_square_law_and_casts_shadows() {
         let way = lamp - u;
         let through = u + way * (1.0 / way.z);
         let miss = (through - DVec3::new(1.0, 1.0, 1.0)).abs().max_element();
-        let got = light.at(triangle, (b, c), true);
-        assert_eq!(light.at(triangle, (b, c), false), [0.0; 3]);
+        let got = light.at(triangle, [b as f32, c as f32], true);
+        assert_eq!(light.at(triangle, [b as f32, c as f32], false), [0.0; 3]);
         let clear = way.z / way.length().powi(3);
         if miss < 0.23 {
             assert_eq!(got, [0.0; 3], "{u} is in the shadow");

@@ -220,7 +220,7 @@ at = ["c", "x", "0"]"#;
 fn a_number_in_place_of_an_expression_needs_quotes() {
     let text = r#"metric = { conformal = 1 }"#;
     assert_snapshot!(report(text), @r#"
-    error: a string is needed here, this is integer
+    error: a string is needed here, this is an integer
      --> m.toml:3:24
       |
     3 | metric = { conformal = 1 }

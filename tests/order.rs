@@ -1,22 +1,21 @@
 //! The order of the integrators, not only their accuracy: a wrong coefficient hides behind step
 //! control. Rays start off every symmetry plane; the truth is a much tighter run.
 
+mod support;
+
 use geofan::{
     geodesic::{Path, Ray, Settings, fixed_steps, paths},
     manifold::{Carried, Manifold},
 };
 use glam::DVec3;
+use support::{asset, settings};
 
 /// The tolerance of the runs that count as the truth.
 const TIGHTEST: f64 = 1e-13;
 
 /// The ray from `u` along `d` in a manifold of the catalogue.
 fn case(name: &str, u: [f64; 3], d: [f64; 3], length: f64) -> (Manifold, Ray) {
-    let path = format!(
-        "{}/assets/manifolds/{name}.toml",
-        env!("CARGO_MANIFEST_DIR")
-    );
-    let manifold = Manifold::load(path.as_ref(), &[]).unwrap();
+    let manifold = asset(name);
     let ray = Ray::new(&manifold, u.into(), DVec3::from(d).normalize(), length);
     (manifold, ray)
 }
@@ -44,15 +43,7 @@ fn long_cases() -> Vec<(Manifold, Ray)> {
 }
 
 fn follow(manifold: &Manifold, ray: Ray, tolerance: f64) -> Path {
-    let settings = Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: false,
-    };
-    paths(manifold, settings, [ray]).remove(0)
+    paths(manifold, settings(tolerance, false), [ray]).remove(0)
 }
 
 /// Position (over arc length) and tangent of `path` at `s` against `truth`, in the metric.
@@ -186,6 +177,45 @@ fn paths_are_as_exact_inside_their_steps_as_at_the_ends() {
                     manifold.name
                 );
             }
+        }
+    }
+}
+
+/// Rays share the lanes of one integration; what a ray meets must not depend on its company.
+#[test]
+fn a_ray_followed_alone_is_the_ray_followed_among_others_to_the_last_bit() {
+    for (manifold, ray) in cases() {
+        let settings = Settings {
+            tolerance: 1e-7,
+            carried: Carried {
+                frame: true,
+                deviation: true,
+            },
+            events: true,
+        };
+        let company = (1..=100).map(|k| Ray {
+            length: ray.length * f64::from(k) / 100.0,
+            ..Ray::new(
+                &manifold,
+                ray.u,
+                DVec3::new(0.1 * f64::from(k), 1.0, -0.5).normalize(),
+                1.0,
+            )
+        });
+        let company: Vec<Ray> = company.collect();
+        let together = paths(&manifold, settings, company.iter().copied());
+        for k in [0, 17, 31, 32, 63, 64, 99] {
+            let alone = paths(&manifold, settings, [company[k]]).remove(0);
+            let (a, b) = (
+                alone.steps.last().unwrap(),
+                together[k].steps.last().unwrap(),
+            );
+            let s = alone.length;
+            assert_eq!(alone.tried, together[k].tried);
+            assert_eq!(s, together[k].length);
+            assert_eq!(a.position(s), b.position(s));
+            assert_eq!(a.rotation(s), b.rotation(s));
+            assert_eq!(a.deviation(s), b.deviation(s));
         }
     }
 }

@@ -2,13 +2,14 @@
 
 use geofan::render::{
     ExactTracer, Stage, View,
-    frame::trace_all,
+    frame::{Paths, offsets, trace},
     light::cache,
     path_tracer::{Estimator, Film, PathTracer, Settings},
-    picture::psnr,
-    shade::shade,
+    picture::{Picture, psnr},
+    shade::{Footprints, shade},
 };
 use glam::DVec3;
+use ndarray::Axis;
 use std::{
     f64::consts::{PI, TAU},
     path::Path,
@@ -347,8 +348,16 @@ fn baked_light_shows_what_the_path_tracer_does() {
         .0;
     stage.world.light = Some(light);
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, 8.0, 1e-8);
-    let outcomes = trace_all(&stage.world, &view, &tracer, 64);
-    let preview = shade(&stage.world, &view, outcomes.view());
+    let outcomes = trace(&stage.world, &view, Paths::Exact(&tracer), &offsets(64)).outcomes;
+    let colours = shade(
+        &stage.world,
+        &view,
+        outcomes.view(),
+        64,
+        Footprints::Filtered,
+    );
+    // The mean of a pixel's own samples, as the path tracer takes it.
+    let preview = Picture::new(colours.mean_axis(Axis(2)).unwrap());
     let found = psnr(&reference, &preview).unwrap();
     assert!(found >= 38.0, "{found} dB");
     assert!(

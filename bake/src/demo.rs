@@ -5,7 +5,7 @@
 //! error; errors and times are printed. A bundle that is already there is used again if nothing
 //! that it was baked from has changed; an interrupted bake is gone on with.
 
-use crate::{args::BakeArgs, plan::Plan, run};
+use crate::{args::BakeArgs, plan::plan, run};
 use geofan::{
     Error, Result,
     bundle::{Bundle, identity},
@@ -48,8 +48,8 @@ const LATTICE_ERROR: f64 = 0.25;
 /// Local tolerance of the exact tracer, radians.
 const TOLERANCE: f64 = 1e-8;
 
-/// How often the table's frame is drawn.
-const REPEATS: usize = 5;
+/// From how many cameras the table's frame is drawn.
+const FRAMES: usize = 20;
 
 /// Rays of the certificate.
 const CERTIFY_RAYS: u64 = 20_000;
@@ -131,8 +131,8 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
         return Ok(None);
     };
     let space = FanSpace::new(manifold.clone())?;
-    let plan = Plan::new(&space, manifold.length_or(None)?, PROMISE, true);
-    let id = identity(manifold, &plan.record()).map_err(|e| e.about(path))?;
+    let (_, plan) = plan(space, manifold.length_or(None)?, PROMISE, true);
+    let id = identity(manifold, &plan).map_err(|e| e.about(path))?;
     let same = bundle.id == id && bundle.header.generator == env!("CARGO_PKG_VERSION");
     Ok(same.then_some(bundle))
 }
@@ -148,7 +148,7 @@ fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<R
         promise: bundle.header.plan.max_error,
         error: LATTICE_ERROR,
         tolerance: TOLERANCE,
-        repeats: REPEATS,
+        frames: FRAMES,
     };
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;
     write_pictures(&comparison, &args.out, &format!("{name}-"))?;

@@ -5,7 +5,7 @@
 
 use geofan::{
     Error, Result,
-    bundle::{Bundle, Certificate, Contents, Tree, certify},
+    bundle::{Bundle, Certificate, Contents, certify},
     terminal::{self, CommonArgs, Interrupt, Outcome, Progress},
 };
 use serde_json::json;
@@ -35,13 +35,17 @@ pub fn finish(
             false => Ok(()),
         }
     };
-    let mut certificate = certify(
+    let rays = rays as usize;
+    let promise = plan.max_error;
+    let checked = certify(
         &bundle.table,
-        rays as usize,
+        rays,
         plan.seed,
         plan.tolerance,
+        promise,
         tell,
     )?;
+    let mut certificate = checked.certificate;
     progress.finish();
     certificate.exact_rays_baked = exact_rays;
     let bundle = bundle.certified(certificate.clone());
@@ -72,8 +76,9 @@ impl Finished {
     pub fn report(&self, path: &Path, started: Instant, common: &CommonArgs) -> Result<Outcome> {
         let promise = self.bundle.header.plan.max_error;
         let kept = self.certificate.keeps(promise);
-        let counts = self.bundle.table.chunks.iter().map(Tree::count);
-        let (patches, given_up) = counts.fold((0, 0), |(a, b), (c, d)| (a + c, b + d));
+        let counts = self.bundle.table.counts();
+        let (patches, given_up) =
+            counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
         let seconds = started.elapsed().as_secs_f64();
         let (certificate, bytes) = (&self.certificate, self.bytes);
         if common.json {

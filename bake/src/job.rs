@@ -6,12 +6,11 @@
 use crate::{
     args::Share,
     parts::{Baked, Parts},
-    plan::Plan,
     refine::{Refiner, Tally},
 };
 use geofan::{
     Result,
-    bundle::{container::Id, encode_chunk},
+    bundle::{PlanRecord, container::Id},
     fan::FanSpace,
     terminal::{CommonArgs, Interrupt, Progress},
 };
@@ -30,7 +29,7 @@ pub struct Job<'a> {
     /// The rays.
     pub space: &'a FanSpace,
     /// The plan.
-    pub plan: &'a Plan,
+    pub plan: &'a PlanRecord,
     /// The bundle's id.
     pub id: Id,
     /// Which chunks; all if `None`.
@@ -76,7 +75,7 @@ impl Job<'_> {
     /// # Errors
     /// A part cannot be written.
     pub fn run(&self, parts: &Parts, interrupt: &Interrupt, common: &CommonArgs) -> Result<Ended> {
-        let all = self.plan.division(self.space).chunks() as u32;
+        let all = self.plan.division(self.space.faces()).chunks() as u32;
         let mine = (0..all).filter(|c| self.share.is_none_or(|share| share.has(*c)));
         let mine: Vec<u32> = mine.collect();
         let tallies: Vec<Tally> = mine.iter().map(|_| Tally::default()).collect();
@@ -155,7 +154,7 @@ impl Job<'_> {
             return Ok(None);
         };
         let baked = Baked {
-            tree: encode_chunk(&tree),
+            tree: tree.encode(),
             rays: tally.rays.load(Relaxed),
         };
         parts.store(chunk, self.id, &baked)?;

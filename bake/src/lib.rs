@@ -1,4 +1,4 @@
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)]
 #![warn(missing_docs)]
 //! The offline side of geofan: what to bake, where and until when.
 //!
@@ -11,8 +11,10 @@ pub mod args;
 pub mod demo;
 pub mod finish;
 pub mod job;
+mod lift;
 pub mod parts;
 pub mod plan;
 pub mod refine;
 pub mod run;
 pub mod shard;
+mod tolerance;

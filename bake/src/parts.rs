@@ -7,9 +7,8 @@
 use geofan::{
     Error, Result,
     bundle::{
-        Reader, Writer,
+        Reader, Table, Tree, Writer,
         container::{Id, Kind, read_block, write_block},
-        decode_chunk, encode_chunk,
     },
     fan::FanSpace,
     files::write_atomically,
@@ -82,7 +81,7 @@ impl Parts {
         let rays = u64::from_le_bytes(input.bytes().ok()?.try_into().ok()?);
         let tree = input.0.to_vec();
         // Only what this version would have written: the same bytes again.
-        let again = encode_chunk(&decode_chunk(space, &tree).ok()?);
+        let again = Tree::decode(&tree, Table::shape(space)).ok()?.encode();
         (again == tree).then_some(Baked { tree, rays })
     }
 

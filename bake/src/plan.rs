@@ -1,87 +1,71 @@
 //! What is to be baked: everything that a chunk's content depends on, besides the manifold.
 
+use crate::{lift::best_lift, tolerance};
 use geofan::{
-    bundle::{Division, PlanRecord},
-    fan::FanSpace,
+    bundle::PlanRecord,
+    fan::{FanSpace, Lift},
 };
-use serde::{Deserialize, Serialize};
 
-/// The plan of a bake.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Plan {
-    /// The promise: 99th percentile of the screen error, mrad.
-    pub max_error: f64,
-    /// How far paths go.
-    pub length: f64,
-    /// Whether the transported rotation is stored.
-    pub frames: bool,
-    /// Local tolerance of the exact tracer.
-    pub tolerance: f64,
-    /// Nodes along each axis: camera…, direction…, arc length.
-    pub nodes: Vec<usize>,
-    /// Smallest box that is divided further, as a share of its chunk (arc length not counted).
-    pub least_volume: f64,
-    /// How often the arc length may be halved.
-    pub most_arc_halvings: u32,
-    /// Cells along each camera parameter.
-    pub cells: Vec<usize>,
-    /// Seed of the held-out rays.
-    pub seed: u64,
+/// The tracer's local tolerance while the plan is made.
+const FIRST_TOLERANCE: f64 = 1e-8;
+
+/// Counts up when refinement changes: parts of another count are baked again.
+const REFINEMENT: u32 = 2;
+
+/// Sizes by the number of axes besides the arc length.
+struct Sizes {
+    /// The most nodes along a camera or direction axis. Many where few axes share them: large
+    /// patches of high degree win on bytes.
+    nodes: u32,
+    /// The most nodes along the arc length.
+    arc: u32,
+    /// The most rays one patch is fitted to.
+    rays: u32,
+    /// The smallest box is `2^-bits` of its chunk.
+    bits: i32,
+    /// Cells along each camera parameter: what a camera has to decode.
+    cells: u32,
 }
 
-/// The exact tracer's local tolerance as a share of the promised error: its own error must not
-/// count. 1e-3 of it leaves the certificate unchanged to three digits.
-const TOLERANCE_SHARE: f64 = 1e-3;
-
-impl Plan {
-    /// The plan for the rays of `space`.
-    pub fn new(space: &FanSpace, length: f64, max_error: f64, frames: bool) -> Self {
-        let axes = space.cameras().len() + space.directions();
-        // Many nodes where few axes share them: large patches of high degree win on bytes, but a
-        // patch costs nodes^axes rays.
-        let (nodes, volume_bits, arc) = match axes {
-            1 => (20, 11, 40),
-            2 => (12, 11, 48),
-            3 => (9, 14, 24),
-            4 => (8, 14, 20),
-            _ => (6, 15, 16),
-        };
-        let mut all = vec![nodes; axes];
-        all.push(arc);
-        Self {
-            max_error,
-            length,
-            frames,
-            tolerance: (max_error * 1e-3 * TOLERANCE_SHARE).clamp(1e-12, 1e-6),
-            nodes: all,
-            least_volume: 0.5_f64.powi(volume_bits),
-            most_arc_halvings: 3,
-            cells: vec![if axes <= 2 { 4 } else { 2 }; space.cameras().len()],
-            seed: 1,
-        }
+fn sizes(cameras: usize, axes: usize) -> Sizes {
+    let (nodes, arc, rays, bits, cells) = match axes {
+        0 | 1 => (32, 60, 32, 11, 4),
+        2 if cameras == 0 => (24, 48, 576, 11, 1),
+        2 => (14, 48, 196, 11, 4),
+        3 => (16, 32, 2500, 14, 4),
+        4 => (12, 28, 8000, 14, 4),
+        _ => (10, 20, 20000, 15, 4),
+    };
+    Sizes {
+        nodes,
+        arc,
+        rays,
+        bits,
+        cells,
     }
+}
 
-    /// How the table is divided into chunks.
-    pub fn division(&self, space: &FanSpace) -> Division {
-        Division {
-            cells: self.cells.clone(),
-            faces: space.faces(),
-        }
-    }
-
-    /// The plan as a bundle's header holds it.
-    pub fn record(&self) -> PlanRecord {
-        let narrow = |sizes: &[usize]| sizes.iter().map(|n| *n as u32).collect();
-        PlanRecord {
-            max_error: self.max_error,
-            length: self.length,
-            frames: self.frames,
-            tolerance: self.tolerance,
-            nodes: narrow(&self.nodes),
-            least_volume: self.least_volume,
-            most_arc_halvings: self.most_arc_halvings,
-            cells: narrow(&self.cells),
-            seed: self.seed,
-        }
-    }
+/// The plan for the rays of `space`, and the space with its points stored as they are best.
+pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanSpace, PlanRecord) {
+    let axes = space.cameras().len() + space.directions();
+    let sizes = sizes(space.cameras().len(), axes);
+    let mut nodes = vec![sizes.nodes; axes];
+    nodes.push(sizes.arc);
+    let mut plan = PlanRecord {
+        max_error,
+        length,
+        frames,
+        tolerance: FIRST_TOLERANCE,
+        nodes,
+        most_rays: sizes.rays,
+        lift: Lift::None,
+        refinement: REFINEMENT,
+        least_volume: 0.5_f64.powi(sizes.bits),
+        most_arc_halvings: 3,
+        cells: vec![sizes.cells; space.cameras().len()],
+        seed: 1,
+    };
+    plan.lift = best_lift(&space, &plan);
+    plan.tolerance = tolerance::needed(&space, &plan);
+    (space.lifted(plan.lift), plan)
 }

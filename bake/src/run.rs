@@ -5,12 +5,12 @@ use crate::{
     finish::finish,
     job::{Ended, Job},
     parts::{Baked, Parts},
-    plan::Plan,
+    plan::plan,
     shard,
 };
 use geofan::{
     Error, Result,
-    bundle::{Contents, identity},
+    bundle::{Contents, PlanRecord, identity},
     fan::FanSpace,
     manifold::Manifold,
     terminal::{self, CommonArgs, Interrupt, Outcome},
@@ -110,11 +110,11 @@ fn refuse(reason: &str, common: &CommonArgs) -> Result<Outcome> {
 
 impl Bake<'_> {
     fn attempt(&self, promise: f64) -> Result<Attempt> {
-        let plan = Plan::new(&self.space, self.length, promise, !self.args.no_frames);
-        let manifold = self.space.manifold();
-        let id = identity(manifold, &plan.record()).map_err(|e| e.about(&self.args.manifold))?;
+        let (space, frames) = (self.space.clone(), !self.args.no_frames);
+        let (space, plan) = plan(space, self.length, promise, frames);
+        let id = identity(space.manifold(), &plan).map_err(|e| e.about(&self.args.manifold))?;
         let job = Job {
-            space: &self.space,
+            space: &space,
             plan: &plan,
             id,
             share: self.args.shard,
@@ -134,17 +134,22 @@ impl Bake<'_> {
                 let limit = self.args.max_size.unwrap_or(bytes);
                 Ok(too_large(promise, limit, bytes, share))
             }
-            Ended::Done(chunks) => self.join(&plan, chunks),
+            Ended::Done(chunks) => self.join(space, plan, chunks),
         }
     }
 
     /// Writes the shard, or the bundle if it fits.
-    fn join(&self, plan: &Plan, chunks: Vec<(u32, Baked)>) -> Result<Attempt> {
+    fn join(
+        &self,
+        space: FanSpace,
+        plan: PlanRecord,
+        chunks: Vec<(u32, Baked)>,
+    ) -> Result<Attempt> {
         let output: &Path = &self.args.output;
         let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
         let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
-        let (space, record) = (self.space.clone(), plan.record());
-        let contents = Contents::new(space, record, self.args.certify_rays, chunks.collect())
+        let max_error = plan.max_error;
+        let contents = Contents::new(space, plan, self.args.certify_rays, chunks.collect())
             .map_err(|e| e.about(output))?;
         if let Some(share) = self.args.shard {
             let outcome = shard::write(contents, share, rays, output, self.common)?;
@@ -156,7 +161,7 @@ impl Bake<'_> {
             && size + CERTIFICATE_ROOM > limit
         {
             self.parts.note_size(contents.id, size + CERTIFICATE_ROOM)?;
-            return Ok(too_large(plan.max_error, limit, size, 1.0));
+            return Ok(too_large(max_error, limit, size, 1.0));
         }
         let resume = self.resume();
         let finished = finish(

@@ -15,14 +15,19 @@ impl Writer {
         self.0.push(x);
     }
 
-    /// A 64-bit float.
-    pub fn f64(&mut self, x: f64) {
+    /// A 16-bit integer.
+    pub fn i16(&mut self, x: i16) {
+        self.0.extend(x.to_le_bytes());
+    }
+
+    /// A 32-bit integer.
+    pub fn u32(&mut self, x: u32) {
         self.0.extend(x.to_le_bytes());
     }
 
     /// A length and the bytes.
     pub fn bytes(&mut self, x: &[u8]) {
-        self.0.extend((x.len() as u32).to_le_bytes());
+        self.u32(x.len() as u32);
         self.0.extend(x);
     }
 }
@@ -43,18 +48,25 @@ impl<'a> Reader<'a> {
         Ok(self.take(1)?[0])
     }
 
-    /// A 64-bit float.
-    pub fn f64(&mut self) -> Result<f64, Damage> {
-        let bytes = self.take(8)?;
-        Ok(f64::from_le_bytes(
+    /// A 16-bit integer.
+    pub fn i16(&mut self) -> Result<i16, Damage> {
+        let bytes = self.take(2)?;
+        Ok(i16::from_le_bytes(
+            bytes.try_into().map_err(|_| Damage("number"))?,
+        ))
+    }
+
+    /// A 32-bit integer.
+    pub fn u32(&mut self) -> Result<u32, Damage> {
+        let bytes = self.take(4)?;
+        Ok(u32::from_le_bytes(
             bytes.try_into().map_err(|_| Damage("number"))?,
         ))
     }
 
     /// A length and the bytes.
     pub fn bytes(&mut self) -> Result<&'a [u8], Damage> {
-        let length = self.take(4)?;
-        let length = u32::from_le_bytes(length.try_into().map_err(|_| Damage("length"))?);
+        let length = self.u32()?;
         self.take(length as usize)
     }
 

@@ -6,7 +6,11 @@
 //! one arc length, uniform up to the end of its exact path. A quantile of a sample is not a bound:
 //! it is published with the number of rays.
 
-use super::{Table, measure::probe};
+use super::{
+    Table,
+    measure::{probe, settings},
+    outlier::{FAR, MOST, Outlier},
+};
 use crate::{
     error::{Error, Result},
     fan::Reduction,
@@ -66,6 +70,17 @@ impl Certificate {
     }
 }
 
+/// A certificate and what it cannot say.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Checked {
+    /// The certificate.
+    pub certificate: Certificate,
+    /// The number of rays whose error is more than [`FAR`] times the promise.
+    pub far: usize,
+    /// The worst of them, worst first.
+    pub worst: Vec<Outlier>,
+}
+
 /// Rays from each camera: contracting the table for one costs about as much as so many exact rays.
 const DIRECTIONS: usize = 16;
 
@@ -82,6 +97,7 @@ struct Errors {
     screen: Vec<f64>,
     rotation: Vec<f64>,
     flagged: usize,
+    far: Vec<Outlier>,
 }
 
 /// Compares `table` with exact paths of `rays` random rays. `progress` is told how many more are
@@ -94,13 +110,19 @@ pub fn certify(
     rays: usize,
     seed: u64,
     tolerance: f64,
+    promise: f64,
     progress: impl Fn(u64) -> Result<()> + Sync,
-) -> Result<Certificate> {
+) -> Result<Checked> {
     let cameras: Result<Vec<Errors>> = (0..rays.div_ceil(DIRECTIONS))
         .into_par_iter()
         .map(|camera| {
             let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
-            let errors = at_camera(table, count, &[KEY, seed, camera as u64], tolerance)?;
+            let errors = at_camera(
+                table,
+                count,
+                &[KEY, seed, camera as u64],
+                (tolerance, promise),
+            )?;
             progress(count as u64)?;
             Ok(errors)
         })
@@ -111,8 +133,13 @@ pub fn certify(
         all.screen.append(&mut errors.screen);
         all.rotation.append(&mut errors.rotation);
         all.flagged += errors.flagged;
+        all.far.append(&mut errors.far);
     }
-    Ok(Certificate {
+    let far = all.far.len();
+    all.far
+        .sort_by(|a, b| b.screen_mrad.total_cmp(&a.screen_mrad));
+    all.far.truncate(MOST);
+    let certificate = Certificate {
         mrad: Quantiles::of(&mut all.mrad),
         screen_mrad: Quantiles::of(&mut all.screen),
         rotation_mrad: (!all.rotation.is_empty()).then(|| Quantiles::of(&mut all.rotation)),
@@ -121,10 +148,20 @@ pub fn certify(
         seed,
         tolerance,
         exact_rays_baked: 0,
+    };
+    Ok(Checked {
+        certificate,
+        far,
+        worst: all.far,
     })
 }
 
-fn at_camera(table: &Table, count: usize, key: &[u64; 3], tolerance: f64) -> Result<Errors> {
+fn at_camera(
+    table: &Table,
+    count: usize,
+    key: &[u64; 3],
+    (tolerance, promise): (f64, f64),
+) -> Result<Errors> {
     let manifold = table.space.manifold();
     let mut stream = Stream::new(key);
     let u = random_camera(table, &mut stream)?;
@@ -132,7 +169,7 @@ fn at_camera(table: &Table, count: usize, key: &[u64; 3], tolerance: f64) -> Res
     let rays: Vec<(DVec3, DVec3)> = (0..count).map(|_| (u, stream.direction())).collect();
     let shares: Vec<f64> = rays.iter().map(|_| 1.0 - stream.uniform()).collect();
     let lengths = |ray: usize, end: f64| vec![end * shares[ray]];
-    let probed = probe(manifold, tolerance, table.length, &rays, lengths);
+    let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
     let mut errors = Errors::default();
     for ((_, d), exact) in rays.iter().zip(probed) {
         let path = fan.path(*d);
@@ -146,6 +183,12 @@ fn at_camera(table: &Table, count: usize, key: &[u64; 3], tolerance: f64) -> Res
             errors.mrad.push(found.mrad);
             errors.screen.push(found.screen_mrad);
             errors.rotation.extend(found.rotation_mrad);
+            if !(found.screen_mrad <= FAR * promise) {
+                let (place, s) = (&fan.place, (probe.s, exact.length));
+                let outlier = table.outlier(place, *d, s, found, probe.magnification());
+                let damaged = |e: super::Damage| Error::input("bundle", e.to_string());
+                errors.far.push(outlier.map_err(damaged)?);
+            }
         }
         errors.flagged += usize::from(given_up);
     }
@@ -196,7 +239,7 @@ fn moved(
 mod tests {
     use super::*;
     use crate::{
-        bundle::{Division, Patch, Polynomial, Tree},
+        bundle::{Chunk, Division, Patch, Scale, Train, Tree},
         diagnostic::SourceText,
         fan::FanSpace,
     };
@@ -221,8 +264,9 @@ length = 5.0
         let tensor = |values: &[f64]| {
             let shape = IxDyn(&[1, 1, 1, values.len()]);
             let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
-            let polynomial = Polynomial::fit(samples.view()).rounded(1e-9).unwrap();
-            polynomial.encode(1e-9)
+            Train::plain(&samples, 0)
+                .rounded(Scale::near(1e-9))
+                .unwrap()
         };
         let leaf = Tree::Leaf(Arc::new(Patch {
             displacement: tensor(&[0.0, wrong, wrong]),
@@ -230,6 +274,8 @@ length = 5.0
         }));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
+        let shape = Table::shape(&space);
+        let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
         Table {
             space,
             division: Division {
@@ -237,13 +283,14 @@ length = 5.0
                 faces: 6,
             },
             length: 5.0,
-            chunks,
+            chunks: chunks.collect(),
         }
     }
 
     #[test]
     fn a_perfect_table_has_no_error_and_its_flagged_face_is_counted() {
-        let found = certify(&table(0.0), 3000, 7, 1e-10, |_| Ok(())).unwrap();
+        let found = certify(&table(0.0), 3000, 7, 1e-10, 1.0, |_| Ok(()));
+        let found = found.unwrap().certificate;
         assert!(found.screen_mrad.max < 1e-6, "{found:?}");
         assert!(found.rotation_mrad.unwrap().max < 1e-3);
         assert!((found.flagged - 1.0 / 6.0).abs() < 0.03, "{found:?}");
@@ -251,7 +298,10 @@ length = 5.0
 
     #[test]
     fn a_wrong_table_is_wrong_by_what_was_put_in() {
-        let found = certify(&table(1e-3), 1001, 7, 1e-10, |_| Ok(())).unwrap();
+        let found = certify(&table(1e-3), 1001, 7, 1e-10, 0.01, |_| Ok(())).unwrap();
+        assert!(found.far > 500 && found.worst.len() == MOST);
+        assert_eq!(found.worst[0].patch.intervals.len(), 3);
+        let found = found.certificate;
         // Displacement is per arc length: √2 mrad, less its part along the ray.
         assert!(found.screen_mrad.max <= 2_f64.sqrt() + 1e-6);
         assert!(found.screen_mrad.max > 1.4 && found.screen_mrad.p50 > 0.8);
@@ -263,7 +313,7 @@ length = 5.0
         let table = table(1e-3);
         let with = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
-            let work = || certify(&table, 333, 9, 1e-9, |_| Ok(())).unwrap();
+            let work = || certify(&table, 333, 9, 1e-9, 0.01, |_| Ok(())).unwrap();
             pool.build().unwrap().install(work)
         };
         assert_eq!(with(1), with(5));
@@ -272,6 +322,6 @@ length = 5.0
     #[test]
     fn progress_can_stop_the_work() {
         let stop = |_| Err(Error::input("test", "stop"));
-        assert!(certify(&table(0.0), 100, 1, 1e-9, stop).is_err());
+        assert!(certify(&table(0.0), 100, 1, 1e-9, 1.0, stop).is_err());
     }
 }

@@ -3,7 +3,8 @@
 //! First-kind nodes `cos(π(i+½)/n)`; `f(x) = Σ c_k T_k(x)`. Source: L. N. Trefethen,
 //! *Approximation Theory and Approximation Practice*, chapters 2–4.
 
-use ndarray::{Array2, ArrayD, Axis};
+use crate::expr::vectorised;
+use ndarray::{Array2, ArrayD, IxDyn};
 use std::f64::consts::PI;
 
 /// The `n` nodes, ascending.
@@ -24,8 +25,8 @@ pub fn values(x: f64, values: &mut [f64]) {
     }
 }
 
-/// The matrix that takes samples at [`nodes`] to coefficients.
-fn transform(n: usize) -> Array2<f64> {
+/// The matrix that takes `n` samples at [`nodes`] to coefficients.
+pub fn transform(n: usize) -> Array2<f64> {
     let nodes = nodes(n);
     let mut t = vec![0.0; n];
     let mut matrix = Array2::zeros((n, n));
@@ -40,21 +41,41 @@ fn transform(n: usize) -> Array2<f64> {
 }
 
 /// Samples on a tensor grid of nodes → coefficients, along the first `axes` axes.
-pub fn coefficients(mut samples: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
+pub fn coefficients(samples: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
+    let shape = samples.shape().to_vec();
+    let mut values: Vec<f64> = samples.as_standard_layout().iter().copied().collect();
     for axis in 0..axes {
-        let matrix = transform(samples.len_of(Axis(axis)));
-        for mut lane in samples.lanes_mut(Axis(axis)) {
-            let transformed = matrix.dot(&lane);
-            lane.assign(&transformed);
+        let matrix = transform(shape[axis]);
+        let block = shape[axis..].iter().product();
+        let mut out = vec![0.0; values.len()];
+        for (from, to) in values.chunks_exact(block).zip(out.chunks_exact_mut(block)) {
+            transformed(&matrix, from, to);
         }
+        values = out;
     }
-    samples
+    ArrayD::from_shape_vec(IxDyn(&shape), values).expect("as many as before")
+}
+
+/// `matrix` applied to the slowest axis of `from`.
+fn transformed(matrix: &Array2<f64>, from: &[f64], to: &mut [f64]) {
+    let row = from.len() / matrix.nrows();
+    vectorised(
+        #[inline(always)]
+        || {
+            for (weights, to) in matrix.outer_iter().zip(to.chunks_exact_mut(row)) {
+                for (w, from) in weights.iter().zip(from.chunks_exact(row)) {
+                    for (sum, x) in to.iter_mut().zip(from) {
+                        *sum += w * x;
+                    }
+                }
+            }
+        },
+    );
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ndarray::IxDyn;
 
     #[test]
     fn coefficients_reproduce_a_polynomial_of_two_variables() {

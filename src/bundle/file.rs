@@ -5,16 +5,15 @@
 //! are used, so opening costs two hashes over the file.
 
 use super::{
-    Certificate, Damage, Table, Tree,
-    bytes::{Reader, Writer},
+    Certificate, Table,
     container::{Container, ContainerError, Id, MOST_BYTES},
     records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
-    table::Division,
+    table::{Chunk, Division},
 };
 use crate::{
     diagnostic::SourceText,
     error::{Error, Result},
-    fan::FanSpace,
+    fan::{FanSpace, Lift},
     files::write_atomically,
     manifold::Manifold,
 };
@@ -35,14 +34,6 @@ pub enum BundleError {
     /// The header does not decode.
     #[error("is not a valid bundle: its header: {0}")]
     Record(#[from] RecordError),
-    /// A chunk does not decode.
-    #[error("is not a valid bundle: chunk {chunk}: {damage}")]
-    Chunk {
-        /// Its number.
-        chunk: u32,
-        /// What is wrong.
-        damage: Damage,
-    },
     /// Parts that do not fit each other.
     #[error("is not a valid bundle: {0}")]
     Disagrees(&'static str),
@@ -106,24 +97,6 @@ pub fn identity(manifold: &Manifold, plan: &PlanRecord) -> Result<Id, BundleErro
     let mut id = Id::default();
     id.copy_from_slice(&hasher.finalize().as_bytes()[..16]);
     Ok(id)
-}
-
-/// The bytes of a chunk.
-pub fn encode_chunk(tree: &Tree) -> Vec<u8> {
-    let mut out = Writer::default();
-    tree.encode(&mut out);
-    out.0
-}
-
-/// Reads what [`encode_chunk`] wrote, for a table over `space`.
-///
-/// # Errors
-/// The bytes are not a tree.
-pub fn decode_chunk(space: &FanSpace, bytes: &[u8]) -> Result<Tree, Damage> {
-    let mut input = Reader(bytes);
-    let tree = Tree::decode(&mut input, Table::shape(space))?;
-    input.finish()?;
-    Ok(tree)
 }
 
 impl PlanRecord {
@@ -191,6 +164,11 @@ impl Header {
         if plan.cells.len() != space.cameras().len() || plan.nodes.len() != axes {
             return wrong("its plan has another number of axes");
         }
+        if let Lift::Sphere { radius } = plan.lift
+            && !positive(radius)
+        {
+            return wrong("its plan's lift has no positive radius");
+        }
         if ![plan.length, plan.max_error, plan.tolerance]
             .map(positive)
             .iter()
@@ -254,7 +232,7 @@ impl Contents {
         let total = header.chunks();
         let total = total.ok_or(BundleError::Disagrees("its number of chunks"))?;
         let manifold = header.manifold(name)?;
-        let space = FanSpace::new(manifold.clone())?;
+        let space = FanSpace::new(manifold.clone())?.lifted(header.plan.lift);
         header.agrees(&space)?;
         if identity(&manifold, &header.plan)? != container.id {
             return Err(BundleError::Disagrees("its id is not that of its plan"));
@@ -317,10 +295,10 @@ impl Bundle {
         Self::from_contents(Contents::read(path)?).map_err(|e| e.about(path))
     }
 
-    /// Decodes the chunks of a whole bundle.
+    /// The bundle in the contents of a whole file. Chunks are decoded when they are used.
     ///
     /// # Errors
-    /// It is a shard, or a chunk is damaged.
+    /// It is a shard.
     pub fn from_contents(contents: Contents) -> Result<Self, BundleError> {
         let Contents {
             header,
@@ -331,18 +309,17 @@ impl Bundle {
         if let Some(ShardRecord { index, of, .. }) = header.shard {
             return Err(BundleError::Shard { index, of });
         }
-        let decode = |(chunk, bytes): &(u32, Vec<u8>)| {
-            let chunk = *chunk;
-            decode_chunk(&space, bytes).map_err(|damage| BundleError::Chunk { chunk, damage })
-        };
-        let chunks: Result<Vec<Tree>, _> = chunks.iter().map(decode).collect();
+        let shape = Table::shape(&space);
+        let chunks = chunks
+            .into_iter()
+            .map(|(_, bytes)| Chunk::new(bytes, shape));
         let manifold = space.manifold().clone();
         Ok(Self {
             table: Table {
                 division: header.plan.division(space.faces()),
                 length: header.plan.length,
                 space,
-                chunks: chunks?,
+                chunks: chunks.collect(),
             },
             header,
             id,
@@ -358,7 +335,7 @@ impl Bundle {
 
     /// What the file holds.
     pub fn contents(&self) -> Contents {
-        let chunks = self.table.chunks.iter().map(encode_chunk);
+        let chunks = self.table.chunks.iter().map(|chunk| chunk.bytes().to_vec());
         Contents {
             header: self.header.clone(),
             id: self.id,

@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    bundle::{Patch, Polynomial},
+    bundle::{Patch, Scale, Train, Tree},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
@@ -25,6 +25,9 @@ fn plan() -> PlanRecord {
         frames: true,
         tolerance: 1e-9,
         nodes: vec![3, 3, 3, 4],
+        most_rays: 1,
+        lift: crate::fan::Lift::None,
+        refinement: 1,
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
@@ -42,8 +45,9 @@ fn bundle(nodes: usize) -> Bundle {
         let mut tensor = |channels| {
             let shape = IxDyn(&[nodes, 3, 3, 4, channels]);
             let samples = ArrayD::from_shape_simple_fn(shape, || stream.uniform());
-            let rounded = Polynomial::fit(samples.view()).rounded(1e-6).unwrap();
-            rounded.encode(1e-6)
+            Train::plain(&samples, 1)
+                .rounded(Scale::near(1e-6))
+                .unwrap()
         };
         Tree::Leaf(Arc::new(Patch {
             displacement: tensor(3),
@@ -58,7 +62,7 @@ fn bundle(nodes: usize) -> Bundle {
         },
         _ => leaf(),
     });
-    let chunks = (0..).zip(chunks.map(|tree| encode_chunk(&tree))).collect();
+    let chunks = (0..).zip(chunks.map(|tree| tree.encode())).collect();
     let contents = Contents::new(space, plan(), 0, chunks).unwrap();
     Bundle::from_contents(contents).unwrap()
 }

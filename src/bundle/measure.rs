@@ -4,6 +4,7 @@
 //! other answer from them.
 
 use crate::{
+    fan::FanSpace,
     geodesic::{End, Ray, Settings, Spread, paths},
     manifold::{Carried, Manifold},
 };
@@ -39,15 +40,26 @@ impl Probe {
         Deviation {
             mrad: 1e3 * self.spread.transverse(e) / self.s,
             screen_mrad: 1e3 * self.spread.screen_angle(e, self.s),
-            rotation_mrad: rotation.map(|q| 1e3 * self.rotation.angle_between(q)),
+            rotation_mrad: rotation.map(|q| self.rotation_mrad(q)),
         }
     }
 
-    /// The largest factor by which a displacement in chart units can grow when measured in the
-    /// metric: the largest entry norm of `S⁻¹`.
-    pub fn stretch(&self) -> f64 {
-        let columns = [0, 1, 2].map(|k| self.frame_inverse.col(k).length_squared());
-        columns.iter().sum::<f64>().sqrt()
+    /// How much farther neighbouring rays part than in flat space, the smaller way: the smaller
+    /// singular value of `J/s`.
+    pub fn magnification(&self) -> f64 {
+        self.spread.least_magnification(self.s)
+    }
+
+    /// The screen error of an answer off by `change` in the chart.
+    pub fn screen_mrad(&self, change: DVec3) -> f64 {
+        1e3 * self
+            .spread
+            .screen_angle(self.frame_inverse * change, self.s)
+    }
+
+    /// The angle between the transported rotation and `rotation`.
+    pub fn rotation_mrad(&self, rotation: DQuat) -> f64 {
+        1e3 * self.rotation.angle_between(rotation)
     }
 }
 
@@ -62,23 +74,36 @@ pub struct Probed {
     pub probes: Vec<Probe>,
 }
 
-/// Follows rays (chart point, direction in the standard frame) over `length`, ending at exits, and
-/// probes each at the arc lengths that `lengths` gives for its index and final length.
-pub fn probe(
-    manifold: &Manifold,
-    tolerance: f64,
-    length: f64,
-    rays: &[(DVec3, DVec3)],
-    lengths: impl Fn(usize, f64) -> Vec<f64>,
-) -> Vec<Probed> {
-    let settings = Settings {
+/// Everything carried, ending at exits, to the local `tolerance`.
+pub fn settings(tolerance: f64) -> Settings {
+    Settings {
         tolerance,
         carried: Carried {
             frame: true,
             deviation: true,
         },
         events: true,
-    };
+    }
+}
+
+/// The same for the stored rays of `space`, which end only where every ray does that they stand for.
+pub fn stored_settings(space: &FanSpace, tolerance: f64) -> Settings {
+    Settings {
+        events: space.ends_alike(),
+        ..settings(tolerance)
+    }
+}
+
+/// Follows rays (chart point, direction in the standard frame) over `length` and probes each at the
+/// arc lengths that `lengths` gives for its index and final length. The settings must carry frame and
+/// deviation.
+pub fn probe(
+    manifold: &Manifold,
+    settings: Settings,
+    length: f64,
+    rays: &[(DVec3, DVec3)],
+    lengths: impl Fn(usize, f64) -> Vec<f64>,
+) -> Vec<Probed> {
     let starts = rays.iter().map(|&(u, d)| Ray::new(manifold, u, d, length));
     let paths = paths(manifold, settings, starts);
     let mut probed = Vec::new();

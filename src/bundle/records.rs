@@ -5,7 +5,7 @@
 //! is also that of bincode 1.3 and of wincode, so files outlive the crate.
 
 use super::Certificate;
-use crate::fan::Reduction;
+use crate::fan::{Lift, Reduction};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use serde::{Deserialize, Serialize};
 
@@ -60,8 +60,14 @@ pub struct PlanRecord {
     pub frames: bool,
     /// Local tolerance of the exact tracer.
     pub tolerance: f64,
-    /// Nodes along each axis: camera…, direction…, arc length.
+    /// The most nodes along each axis: camera…, direction…, arc length.
     pub nodes: Vec<u32>,
+    /// The most rays that one patch is fitted to.
+    pub most_rays: u32,
+    /// How chart points are stored.
+    pub lift: Lift,
+    /// The version of the refinement: chunks of another version are not those of this plan.
+    pub refinement: u32,
     /// Smallest box that is divided further, as a share of its chunk.
     pub least_volume: f64,
     /// How often the arc length may be halved.
@@ -160,6 +166,9 @@ pub(super) mod tests {
                 frames: true,
                 tolerance: 5e-7,
                 nodes: vec![8, 8, 20],
+                most_rays: 1,
+                lift: crate::fan::Lift::None,
+                refinement: 1,
                 least_volume: 0.25,
                 most_arc_halvings: 4,
                 cells: vec![2, 3],

@@ -6,7 +6,9 @@
 
 use super::{
     bytes::{Damage, Reader, Writer},
-    patch::{Patch, Tensor},
+    coding::{Classes, Streams},
+    patch::Patch,
+    tensor::Tensor,
 };
 use std::sync::Arc;
 
@@ -29,8 +31,10 @@ pub enum Tree {
 /// What a tree's tensors must look like.
 #[derive(Debug, Clone, Copy)]
 pub struct Shape {
-    /// Axes of boxes: camera…, direction…, arc length.
-    pub axes: usize,
+    /// Camera axes.
+    pub cameras: usize,
+    /// Direction axes.
+    pub directions: usize,
     /// Displacement channels.
     pub displacement: usize,
     /// Quaternion channels.
@@ -41,50 +45,83 @@ pub struct Shape {
 const DEEPEST: usize = 64;
 
 impl Tree {
-    /// Writes the tree, patches included.
-    pub fn encode(&self, out: &mut Writer) {
+    /// The bytes of a chunk.
+    pub fn encode(&self) -> Vec<u8> {
+        let (mut structure, mut classes) = (Writer::default(), Classes::new());
+        self.put(&mut structure, &mut classes);
+        let mut out = Writer::default();
+        classes.encode(&mut out);
+        out.bytes(&structure.0);
+        out.0
+    }
+
+    fn put(&self, out: &mut Writer, classes: &mut Classes) {
         match self {
             Tree::Split { axis, halves } => {
                 out.u8(*axis as u8);
-                halves.iter().for_each(|half| half.encode(out));
+                halves.iter().for_each(|half| half.put(out, classes));
             }
             Tree::Flagged => out.u8(FLAGGED),
             Tree::Leaf(patch) => {
-                out.u8(if patch.rotation.is_some() {
-                    TURNING
-                } else {
-                    PLAIN
-                });
-                patch.displacement.encode(out);
+                let turning = patch.rotation.is_some();
+                out.u8(if turning { TURNING } else { PLAIN });
+                patch.displacement.encode(out, classes);
                 if let Some(rotation) = &patch.rotation {
-                    rotation.encode(out);
+                    rotation.encode(out, classes);
                 }
             }
         }
     }
 
     /// Reads what [`Tree::encode`] wrote.
-    pub fn decode(input: &mut Reader<'_>, shape: Shape) -> Result<Self, Damage> {
-        Self::decode_at(input, shape, 0)
+    ///
+    /// # Errors
+    /// The bytes are not a chunk of tensors of this shape.
+    pub fn decode(bytes: &[u8], shape: Shape) -> Result<Self, Damage> {
+        let mut input = Reader(bytes);
+        let mut streams = Streams::decode(&mut input)?;
+        let mut structure = Reader(input.bytes()?);
+        input.finish()?;
+        let tree = Self::take(&mut structure, &mut streams, shape, 0)?;
+        structure.finish()?;
+        match streams.left() {
+            0 => Ok(tree),
+            _ => Err(Damage("end")),
+        }
     }
 
-    fn decode_at(input: &mut Reader<'_>, shape: Shape, depth: usize) -> Result<Self, Damage> {
-        let axes = shape.axes;
+    fn take(
+        input: &mut Reader<'_>,
+        streams: &mut Streams,
+        shape: Shape,
+        depth: usize,
+    ) -> Result<Self, Damage> {
         if depth > DEEPEST {
             return Err(Damage("depth of the tree"));
         }
+        let Shape {
+            cameras,
+            directions,
+            ..
+        } = shape;
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
-            kind @ (PLAIN | TURNING) => Ok(Tree::Leaf(Arc::new(Patch {
-                displacement: Tensor::decode(input, axes + 1, shape.displacement)?,
-                rotation: match kind {
-                    TURNING => Some(Tensor::decode(input, axes + 1, shape.rotation)?),
+            kind @ (PLAIN | TURNING) => {
+                let mut tensor =
+                    |channels| Tensor::decode(input, streams, [cameras, directions, channels]);
+                let displacement = tensor(shape.displacement)?;
+                let rotation = match kind {
+                    TURNING => Some(tensor(shape.rotation)?),
                     _ => None,
-                },
-            }))),
-            axis if usize::from(axis) < axes => {
-                let low = Self::decode_at(input, shape, depth + 1)?;
-                let high = Self::decode_at(input, shape, depth + 1)?;
+                };
+                Ok(Tree::Leaf(Arc::new(Patch {
+                    displacement,
+                    rotation,
+                })))
+            }
+            axis if usize::from(axis) <= cameras + directions => {
+                let low = Self::take(input, streams, shape, depth + 1)?;
+                let high = Self::take(input, streams, shape, depth + 1)?;
                 Ok(Tree::Split {
                     axis: usize::from(axis),
                     halves: Box::new([low, high]),

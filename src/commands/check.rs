@@ -5,7 +5,7 @@
 
 use geofan::{
     Error, Result,
-    bundle::{Bundle, Certificate, certify},
+    bundle::{Bundle, Checked, FAR, Outlier, certify},
     terminal::{self, CommonArgs, Outcome, Progress},
 };
 use serde_json::json;
@@ -34,19 +34,32 @@ pub fn run(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
     let plan = &bundle.header.plan;
     let progress = Progress::new(common, "checking", args.rays);
     let rays = args.rays as usize;
-    let found = certify(&bundle.table, rays, args.seed, plan.tolerance, |count| {
-        progress.inc(count);
-        Ok(())
-    })?;
+    let found = certify(
+        &bundle.table,
+        rays,
+        args.seed,
+        plan.tolerance,
+        plan.max_error,
+        |count| {
+            progress.inc(count);
+            Ok(())
+        },
+    )?;
     progress.finish();
     report(&found, plan.max_error, bytes, common)?;
-    Ok(match found.keeps(plan.max_error) {
+    Ok(match found.certificate.keeps(plan.max_error) {
         true => Outcome::Done,
         false => Outcome::CheckFailed,
     })
 }
 
-fn report(found: &Certificate, promise: f64, bytes: u64, common: &CommonArgs) -> Result<()> {
+fn report(checked: &Checked, promise: f64, bytes: u64, common: &CommonArgs) -> Result<()> {
+    let found = &checked.certificate;
+    let worst: Vec<_> = checked
+        .worst
+        .iter()
+        .map(|o| json!({"ray": o, "why": o.why()}))
+        .collect();
     if common.json {
         return terminal::print_json(&json!({
             "mrad": found.mrad,
@@ -57,6 +70,8 @@ fn report(found: &Certificate, promise: f64, bytes: u64, common: &CommonArgs) ->
             "rays": found.rays,
             "seed": found.seed,
             "promise": promise,
+            "beyond_20_promises": checked.far,
+            "worst": worst,
         }));
     }
     let verdict = match found.keeps(promise) {
@@ -66,5 +81,26 @@ fn report(found: &Certificate, promise: f64, bytes: u64, common: &CommonArgs) ->
     terminal::print(&format!(
         "{}{bytes} bytes\npromise: 99 % of screen errors within {promise} mrad: {verdict}\n",
         found.lines()
-    ))
+    ))?;
+    outliers(checked)
+}
+
+/// The rays that are worst, and why.
+fn outliers(checked: &Checked) -> Result<()> {
+    if checked.far == 0 {
+        return Ok(());
+    }
+    let mut text = format!(
+        "{} rays beyond {FAR} times the promise; the worst:\n",
+        checked.far
+    );
+    for outlier in &checked.worst {
+        let Outlier { at, dir, s, .. } = outlier;
+        let (error, patch, why) = (outlier.screen_mrad, &outlier.patch, outlier.why());
+        text += &format!(
+            "{error:>10.3} mrad: at {at:.6?} dir {dir:.6?} s {s:.4}; chunk {} box {:.4?}: {why}\n",
+            patch.chunk, patch.intervals
+        );
+    }
+    terminal::print(&text)
 }

@@ -35,9 +35,9 @@ pub struct CompareArgs {
     /// The folder for the pictures; made if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// How often the table's frame is drawn; its times are medians
-    #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u16).range(1..))]
-    repeats: u16,
+    /// From how many cameras, moving and turning, the table's frame is drawn; its times are medians
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u16).range(1..))]
+    frames: u16,
 }
 
 /// What can be compared in place of a table.
@@ -86,7 +86,7 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
         promise: bundle.header.plan.max_error,
         error: args.scene.error,
         tolerance: args.scene.tolerance,
-        repeats: usize::from(args.repeats),
+        frames: usize::from(args.frames),
     };
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;
     write_pictures(&comparison, &args.out, "")?;

@@ -1,5 +1,6 @@
 //! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
 
+mod animation;
 mod check;
 mod compare;
 mod completions;

@@ -9,7 +9,7 @@ use geofan::{
     Error, Result,
     render::{
         ExactTracer, Stage, View,
-        frame::trace_all,
+        frame::{Paths, offsets, trace},
         path_tracer::{Estimator, Film, PathTracer, Settings},
         picture::{self, Precision, write_exr},
         shade::with_layers,
@@ -177,8 +177,8 @@ fn write(args: &RenderArgs, stage: &Stage, view: &View, film: &Film, length: f64
         return picture::write(&args.output, &picture, &notes);
     }
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
-    let outcomes = trace_all(&stage.world, view, &tracer, 1);
-    let picture = with_layers(picture, &stage.world, outcomes.view());
+    let traced = trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1));
+    let picture = with_layers(picture, &stage.world, traced.outcomes.view());
     write_exr(&args.output, &picture, &notes, Precision::Float)
 }
 
@@ -191,8 +191,8 @@ fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f6
     let small = View::of_camera(&view.camera(), fov.to_degrees(), size);
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
     let began = Instant::now();
-    let outcomes = trace_all(&stage.world, &small, &tracer, 1);
-    outcomes.len() as f64 / began.elapsed().as_secs_f64()
+    let traced = trace(&stage.world, &small, Paths::Exact(&tracer), &offsets(1));
+    traced.outcomes.len() as f64 / began.elapsed().as_secs_f64()
 }
 
 fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {

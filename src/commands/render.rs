@@ -1,8 +1,10 @@
-//! `geofan render`: one picture of a scene.
+//! `geofan render`: one picture of a scene, or an animation.
 //!
-//! In: a scene file, perhaps a bundle. Out: a PNG or EXR file, and a line (or JSON) with times.
+//! In: a scene file, perhaps a bundle, perhaps key poses. Out: PNG or EXR files or a video, and a line
+//! (or JSON) with times.
 
 use super::{
+    animation::{Animation, Target},
     light,
     path_traced::{self, PathArgs},
     scenery::{self, SceneArgs},
@@ -12,16 +14,20 @@ use geofan::{
     Error, Result,
     bundle::Bundle,
     render::{
-        ExactTracer, Stage, TableTracer, View,
-        frame::{Outcomes, trace_all, trace_lattice},
-        local::draw,
+        ExactTracer, Journey, Lookup, Stage, View, World,
+        drawing::{Drawing, draw},
+        frame::Paths,
         picture::{self, Metadata},
-        shade::{area, shade, with_layers},
+        scene::PoseFile,
+        shade::{Footprints, area, with_layers},
     },
     terminal::{self, CommonArgs, Outcome, values},
 };
 use serde::Serialize;
-use std::{path::PathBuf, time::Instant};
+use std::{
+    path::{Path, PathBuf},
+    time::Instant,
+};
 
 /// Options of `geofan render`.
 #[derive(Debug, Args)]
@@ -39,7 +45,15 @@ pub struct RenderArgs {
     /// How far to follow exact paths [default: the manifold's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     pub(super) length: Option<f64>,
-    /// The picture: .png or .exr (with layers)
+    /// An animation: the file of its key poses (`[[pose]]` tables with `time` and what a scene's
+    /// `[camera]` has)
+    #[arg(long, value_name = "P.toml", requires = "frames")]
+    camera_path: Option<PathBuf>,
+    /// The animation's frames; those that are there already are kept
+    #[arg(long, value_name = "N", requires = "camera_path", value_parser = clap::value_parser!(u32).range(2..))]
+    frames: Option<u32>,
+    /// The picture: .png or .exr (with layers); for an animation a pattern such as frame-%04d.png,
+    /// or a video (.mp4) if ffmpeg can be run
     #[arg(short, long, value_name = "FILE")]
     pub(super) output: PathBuf,
 }
@@ -73,6 +87,9 @@ struct Report {
 
 /// Renders.
 pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
+    if let (Some(poses), Some(frames)) = (&args.camera_path, args.frames) {
+        return animate(args, poses, frames as usize, common);
+    }
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let mut stage = args.scene.stage(bundle.as_ref())?;
@@ -80,32 +97,175 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     if args.tracer == Some(TracerKind::Path) {
         return path_traced::run(args, &stage, &view, common);
     }
-    let table_length = bundle.as_ref().map(|b| b.table.length);
-    let length = table_length.map_or_else(|| stage.world.manifold.length_or(args.length), Ok)?;
-    light::bake(&mut stage, args.bundle.as_deref(), length, common)?;
-    let (outcomes, mut report) = match (args.tracer, &bundle) {
-        (Some(TracerKind::Table), None) => {
-            let message = "`table` needs --bundle FILE; bake one with geofan-bake";
-            return Err(Error::input("--tracer", message));
-        }
-        (None | Some(TracerKind::Table), Some(bundle)) => by_table(args, &stage, &view, bundle)?,
-        (Some(TracerKind::Local), _) => locally(args, &stage, &view, length),
-        _ => exactly(args, &stage, &view)?,
-    };
+    let source = Source::new(args, &stage, bundle.as_ref())?;
+    light_up(args, &mut stage, bundle.as_ref(), common)?;
+    let report = one(args, &stage, &view, &source, &args.output)?;
+    print(&report, common)
+}
+
+/// What is printed of an animation.
+#[derive(Serialize)]
+struct AnimationReport {
+    output: String,
+    tracer: &'static str,
+    frames: usize,
+    drawn: usize,
+    kept: usize,
+    seconds: f64,
+}
+
+/// Renders an animation.
+fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) -> Result<Outcome> {
+    if args.tracer == Some(TracerKind::Path) {
+        let message = "`path` draws single pictures, not animations";
+        return Err(Error::input("--tracer", message));
+    }
+    let target = Target::of(&args.output)?;
+    if let Target::Frames(..) = target {
+        scenery::check_output(&args.output)?;
+    }
     let began = Instant::now();
-    let mut picture = shade(&stage.world, &view, outcomes.view());
-    report.shade = began.elapsed().as_secs_f64();
-    if args
-        .output
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-    {
-        picture = with_layers(picture, &stage.world, outcomes.view());
-        let area = area(&stage.world, &view, outcomes.view(), args.scene.tolerance);
+    let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
+    let mut stage = args.scene.stage(bundle.as_ref())?;
+    let source = Source::new(args, &stage, bundle.as_ref())?;
+    light_up(args, &mut stage, bundle.as_ref(), common)?;
+    let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
+    let animation = Animation {
+        journey: &journey,
+        frames,
+        size: (args.scene.size.width, args.scene.size.height),
+    };
+    let made = match &target {
+        Target::Frames(..) => animation.write_frames(&target, common, |view, path| {
+            one(args, &stage, view, &source, path).map(|_| ())
+        }),
+        Target::Video(path) => animation.write_video(path, common, |view| {
+            Ok(source.draw(args, &stage.world, view)?.0.picture)
+        }),
+    }?;
+    let report = AnimationReport {
+        output: args.output.display().to_string(),
+        tracer: source.name(),
+        frames,
+        drawn: made.drawn,
+        kept: made.kept,
+        seconds: began.elapsed().as_secs_f64(),
+    };
+    if common.json {
+        terminal::print_json(&report)?;
+    } else if !common.quiet {
+        terminal::print(&format!(
+            "{}: {frames} frames, {} drawn, {} kept, {} tracer; {:.1} s\n",
+            report.output, made.drawn, made.kept, report.tracer, report.seconds
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Bakes the scene's light, followed as far as paths are in `bundle`.
+fn light_up(
+    args: &RenderArgs,
+    stage: &mut Stage,
+    bundle: Option<&Bundle>,
+    common: &CommonArgs,
+) -> Result<()> {
+    let length = match bundle {
+        Some(bundle) => bundle.table.length,
+        None => stage.world.manifold.length_or(args.length)?,
+    };
+    light::bake(stage, args.bundle.as_deref(), length, common)
+}
+
+/// Where paths come from.
+enum Source<'b> {
+    Table(Lookup<'b>),
+    /// Integration over a length.
+    Exact(f64),
+    /// Straight lines of the chart over a length.
+    Local(f64),
+}
+
+impl<'b> Source<'b> {
+    fn new(args: &RenderArgs, stage: &Stage, bundle: Option<&'b Bundle>) -> Result<Self> {
+        let length = || stage.world.manifold.length_or(args.length);
+        match (args.tracer, bundle) {
+            (Some(TracerKind::Table), None) => {
+                let message = "`table` needs --bundle FILE; bake one with geofan-bake";
+                Err(Error::input("--tracer", message))
+            }
+            (None | Some(TracerKind::Table), Some(bundle)) => {
+                let promise = 1e-3 * bundle.header.plan.max_error;
+                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
+                Ok(Self::Table(lookup))
+            }
+            (Some(TracerKind::Local), Some(bundle)) => Ok(Self::Local(bundle.table.length)),
+            (Some(TracerKind::Local), None) => Ok(Self::Local(length()?)),
+            _ => Ok(Self::Exact(length()?)),
+        }
+    }
+
+    fn name(&self) -> &'static str {
+        match self {
+            Self::Table(_) => "table",
+            Self::Exact(_) => "exact",
+            Self::Local(_) => "local",
+        }
+    }
+
+    /// The picture, and the time that fixing the camera took.
+    fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
+        let samples = usize::from(args.scene.spp);
+        let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
+        match self {
+            Self::Table(lookup) => {
+                let began = Instant::now();
+                let fan = lookup.table.fan(view.u)?;
+                let contract = began.elapsed().as_secs_f64();
+                let tracer = lookup.tracer(&fan);
+                let budget = 1e-3 * args.scene.error;
+                Ok((by(Paths::Lattice(&tracer, budget)), contract))
+            }
+            Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
+            Self::Exact(length) => {
+                let tolerance = args.scene.tolerance;
+                let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
+                Ok((by(Paths::Exact(&tracer)), 0.0))
+            }
+        }
+    }
+}
+
+/// Renders one picture into `output`.
+fn one(
+    args: &RenderArgs,
+    stage: &Stage,
+    view: &View,
+    source: &Source<'_>,
+    output: &Path,
+) -> Result<Report> {
+    let world = &stage.world;
+    let (drawing, contract) = source.draw(args, world, view)?;
+    let flagged = drawing.outcomes.iter().filter(|o| o.flagged).count() as f64;
+    let report = Report {
+        output: output.display().to_string(),
+        tracer: source.name(),
+        width: args.scene.size.width,
+        height: args.scene.size.height,
+        spp: usize::from(args.scene.spp),
+        flagged: flagged / drawing.outcomes.len() as f64,
+        contract,
+        paths: drawing.paths.as_secs_f64(),
+        shade: drawing.shade.as_secs_f64(),
+    };
+    let mut picture = drawing.picture;
+    let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
+    if output.extension().is_some_and(is_exr) {
+        picture = with_layers(picture, world, drawing.outcomes.view());
+        let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
         picture = picture.with_float("area", area);
     }
-    picture::write(&args.output, &picture, &metadata(&stage, report.tracer))?;
-    print(&report, common)
+    picture::write(output, &picture, &metadata(stage, source.name()))?;
+    Ok(report)
 }
 
 /// Notes for a picture's file.
@@ -116,64 +276,6 @@ pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
         .with("manifold", &stage.world.manifold.name)
         .with("tracer", tracer)
         .with("version", env!("CARGO_PKG_VERSION"))
-}
-
-fn report(args: &RenderArgs, tracer: &'static str, outcomes: &Outcomes) -> Report {
-    let flagged = outcomes.iter().filter(|o| o.flagged).count() as f64;
-    Report {
-        output: args.output.display().to_string(),
-        tracer,
-        width: args.scene.size.width,
-        height: args.scene.size.height,
-        spp: usize::from(args.scene.spp),
-        flagged: flagged / outcomes.len() as f64,
-        contract: 0.0,
-        paths: 0.0,
-        shade: 0.0,
-    }
-}
-
-fn by_table(
-    args: &RenderArgs,
-    stage: &Stage,
-    view: &View,
-    bundle: &Bundle,
-) -> Result<(Outcomes, Report)> {
-    let began = Instant::now();
-    let fan = bundle.table.fan(view.u)?;
-    let contract = began.elapsed().as_secs_f64();
-    let manifold = &stage.world.manifold;
-    let tracer = TableTracer::new(
-        &fan,
-        manifold,
-        bundle.table.length,
-        1e-3 * bundle.header.plan.max_error,
-        args.scene.tolerance,
-    );
-    let (samples, budget) = (usize::from(args.scene.spp), 1e-3 * args.scene.error);
-    let (outcomes, _) = trace_lattice(&stage.world, view, &tracer, samples, budget);
-    let mut report = report(args, "table", &outcomes);
-    (report.contract, report.paths) = (contract, began.elapsed().as_secs_f64() - contract);
-    Ok((outcomes, report))
-}
-
-fn exactly(args: &RenderArgs, stage: &Stage, view: &View) -> Result<(Outcomes, Report)> {
-    let manifold = &stage.world.manifold;
-    let length = manifold.length_or(args.length)?;
-    let began = Instant::now();
-    let tracer = ExactTracer::new(manifold, view.u, length, args.scene.tolerance);
-    let outcomes = trace_all(&stage.world, view, &tracer, usize::from(args.scene.spp));
-    let mut report = report(args, "exact", &outcomes);
-    report.paths = began.elapsed().as_secs_f64();
-    Ok((outcomes, report))
-}
-
-fn locally(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> (Outcomes, Report) {
-    let began = Instant::now();
-    let outcomes = draw(&stage.world, view, usize::from(args.scene.spp), length);
-    let mut report = report(args, "local", &outcomes);
-    report.paths = began.elapsed().as_secs_f64();
-    (outcomes, report)
 }
 
 fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {

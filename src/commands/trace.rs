@@ -1,7 +1,7 @@
 //! `geofan trace`: one geodesic, followed exactly or read from a bundle.
 //!
 //! In: a manifold file or a bundle, a point, a direction, a length. Out: samples as a table or as
-//! JSON (DESIGN §5), the path's end and, of an exact path, its conjugate points.
+//! JSON, the path's end and, of an exact path, its conjugate points.
 
 use geofan::{
     Error, Result,
@@ -132,7 +132,7 @@ fn about_at(error: Error) -> Error {
     }
 }
 
-/// The JSON object of DESIGN §5, with the conjugate points besides.
+/// The JSON object.
 #[derive(Serialize)]
 struct TraceJson<'a> {
     samples: Vec<SampleJson>,

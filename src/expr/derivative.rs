@@ -4,8 +4,20 @@
 //! (forward-mode automatic differentiation, carried out once on the graph instead of at every
 //! point). Applied twice it gives second derivatives.
 //!
-//! At kinks (`abs`, `min`, `max`, `if`) the derivative is the one of the branch taken there: one
-//! side of the kink, never an average.
+//! # At kinks
+//!
+//! Where the two sides of `abs`, `min`, `max` or `if` meet, the derivative is one-sided: that of the
+//! branch whose value is taken there, never an average.
+//!
+//! | expression | at | derivative |
+//! |---|---|---|
+//! | `abs(a)` | `a = 0` | `a'`, as for `a > 0` |
+//! | `min(a, b)`, `max(a, b)` | `a = b` | `min`: `b'`; `max`: `a'` |
+//! | `if(a < b, p, q)`, `if(a > b, p, q)` | `a = b` | `q'` |
+//! | `if(a <= b, p, q)`, `if(a >= b, p, q)` | `a = b` | `p'` |
+//!
+//! Only the branch taken counts, even where the other one is not finite. [`Graph::kinks`] names the
+//! functions that vanish at these places, because a variation of a path jumps there.
 
 use super::graph::{Binary, Graph, Node, NodeId, Unary};
 use std::collections::HashMap;
@@ -22,6 +34,11 @@ impl Direction {
         Self {
             rates: seeds.into_iter().collect(),
         }
+    }
+
+    /// The direction in which input `index` alone changes, at rate 1.
+    pub fn of_input(graph: &mut Graph, index: u32) -> Self {
+        Self::new([(graph.input(index), graph.constant(1.0))])
     }
 }
 

@@ -275,7 +275,24 @@ impl Graph {
             let two = self.constant(2.0);
             return self.mul(two, a);
         }
+        if let Some((factor, x, y)) = self.common_factor(a, b) {
+            let sum = self.add(x, y);
+            return self.mul(factor, sum);
+        }
         self.commutative(Binary::Add, a, b)
+    }
+
+    /// (c, x, y) if `a` is `c x` and `b` is `c y` with the same number `c`: derivatives of squares
+    /// are full of them, and taken out of a sum they meet other numbers.
+    fn common_factor(&self, a: NodeId, b: NodeId) -> Option<(NodeId, NodeId, NodeId)> {
+        match (self.node(a), self.node(b)) {
+            (Node::Binary(Binary::Mul, c, x), Node::Binary(Binary::Mul, d, y))
+                if c == d && self.value(c).is_some() =>
+            {
+                Some((c, x, y))
+            }
+            _ => None,
+        }
     }
 
     /// `a - b`.
@@ -295,6 +312,10 @@ impl Graph {
         if let Some(x) = self.negated(a) {
             let sum = self.add(x, b);
             return self.neg(sum);
+        }
+        if let Some((factor, x, y)) = self.common_factor(a, b) {
+            let difference = self.sub(x, y);
+            return self.mul(factor, difference);
         }
         self.plain_binary(Binary::Sub, a, b)
     }

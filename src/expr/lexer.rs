@@ -23,6 +23,14 @@ pub(super) enum Token {
     End,
 }
 
+impl Token {
+    /// Whether it is one of `< <= > >=`.
+    pub fn compares(&self) -> bool {
+        use Token::{Greater, GreaterEqual, Less, LessEqual};
+        matches!(self, Less | LessEqual | Greater | GreaterEqual)
+    }
+}
+
 /// All tokens of `text`, ending with [`Token::End`].
 pub(super) fn tokens(text: &str) -> Result<Vec<(Token, Range<usize>)>, ExpressionError> {
     let mut found = Vec::new();
@@ -101,6 +109,13 @@ fn number(rest: &str, at: usize) -> Result<(Token, usize), ExpressionError> {
         if exponent > 0 {
             end += 1 + sign + exponent;
         }
+    }
+    // `1.2.3` is one mistake, not two numbers.
+    if bytes.get(end) == Some(&b'.') {
+        let more = bytes[end..].iter();
+        end += more
+            .take_while(|b| b.is_ascii_digit() || **b == b'.')
+            .count();
     }
     match rest[..end].parse::<f64>() {
         Ok(value) if value.is_finite() => Ok((Token::Number(value), end)),

@@ -7,6 +7,7 @@
 mod derivative;
 mod graph;
 mod kernels;
+mod kinks;
 mod lexer;
 pub mod parse;
 pub mod real;
@@ -14,4 +15,4 @@ mod tape;
 
 pub use derivative::Direction;
 pub use graph::{Binary, Graph, Node, NodeId, Unary};
-pub use tape::{Registers, Tape, TapeTooLarge, vectorised};
+pub use tape::{Registers, Tape, TapeTooLarge, Wide, vectorised};

@@ -1,7 +1,7 @@
 //! Expression text -> graph nodes, by precedence climbing.
 //!
 //! In: the text and a [`Scope`] of names. Out: a [`Parsed`] node, or an [`ExpressionError`] with the
-//! byte span at fault. Grammar and functions: DESIGN §3. `^` binds tighter than unary minus and is
+//! byte span at fault. `^` binds tighter than unary minus and is
 //! right-associative, so `-2^2` is −4 and `2^-1` is ½.
 
 use super::{
@@ -21,14 +21,17 @@ pub struct ExpressionError {
     pub message: String,
     /// What to do.
     pub hint: Option<String>,
+    /// The name that means nothing here, if that is what is wrong.
+    pub unknown: Option<String>,
 }
 
 impl ExpressionError {
-    pub(super) fn new(span: Range<usize>, message: impl Into<String>) -> Self {
+    pub(crate) fn new(span: Range<usize>, message: impl Into<String>) -> Self {
         Self {
             span,
             message: message.into(),
             hint: None,
+            unknown: None,
         }
     }
 
@@ -45,6 +48,16 @@ pub struct Binding {
     pub node: NodeId,
     /// Whether the node uses the components of the tangent, directly or through other names.
     pub uses_tangent: bool,
+}
+
+impl Binding {
+    /// A name for a node that does not use the tangent.
+    pub fn fixed(node: NodeId) -> Self {
+        Self {
+            node,
+            uses_tangent: false,
+        }
+    }
 }
 
 /// The names that an expression may use, besides the functions and the constants `pi` and `e`.
@@ -65,12 +78,10 @@ impl Scope {
             "e" => Some(std::f64::consts::E),
             _ => None,
         };
-        self.names.get(name).copied().or_else(|| {
-            constant.map(|value| Binding {
-                node: graph.constant(value),
-                uses_tangent: false,
-            })
-        })
+        self.names
+            .get(name)
+            .copied()
+            .or_else(|| constant.map(|value| Binding::fixed(graph.constant(value))))
     }
 
     fn nearest(&self, name: &str) -> Option<String> {
@@ -142,9 +153,7 @@ pub fn parse(text: &str, scope: &Scope, graph: &mut Graph) -> Result<Parsed, Exp
             tangent_use: parser.tangent_use,
         }),
         Token::Close => Err(parser.fail("this bracket was never opened")),
-        Token::Less | Token::LessEqual | Token::Greater | Token::GreaterEqual => Err(parser
-            .fail("a comparison stands only as the first argument of `if`")
-            .hint("write if(a < b, value, other)")),
+        token if token.compares() => Err(parser.misplaced_comparison()),
         Token::Comma => Err(parser.fail("a comma stands only between arguments")),
         _ => Err(parser
             .fail("an operator is missing before this")
@@ -185,9 +194,16 @@ impl Parser<'_> {
     fn expect(&mut self, token: Token, message: impl Into<String>) -> Parse<Range<usize>> {
         if *self.peek() == token {
             Ok(self.next().1)
+        } else if self.peek().compares() {
+            Err(self.misplaced_comparison())
         } else {
             Err(self.fail(message))
         }
+    }
+
+    fn misplaced_comparison(&self) -> ExpressionError {
+        self.fail("a comparison stands only as the first argument of `if`, one at a time")
+            .hint("write if(a < b, value, other)")
     }
 
     /// An operand followed by operators that bind at least as tightly as `tightness`.
@@ -257,7 +273,8 @@ impl Parser<'_> {
             }
             return Ok(binding.node);
         }
-        let error = ExpressionError::new(span, format!("unknown name `{name}`"));
+        let mut error = ExpressionError::new(span, format!("unknown name `{name}`"));
+        error.unknown = Some(name.to_string());
         Err(if is_function(name) {
             error.hint(format!("`{name}` is a function: write {name}(…)"))
         } else if let Some(near) = self.scope.nearest(name) {
@@ -294,6 +311,17 @@ impl Parser<'_> {
 
     /// Exactly `N` arguments and the closing bracket.
     fn arguments<const N: usize>(&mut self, name: &str, span: Range<usize>) -> Parse<[NodeId; N]> {
+        let (found, whole) = self.argument_list(span)?;
+        let count = found.len();
+        found.try_into().map_err(|_| {
+            let plural = if N == 1 { "" } else { "s" };
+            let message = format!("`{name}` takes {N} argument{plural}, {count} given");
+            ExpressionError::new(whole, message)
+        })
+    }
+
+    /// Arguments up to the closing bracket, and the span of the whole call, whose name is at `span`.
+    fn argument_list(&mut self, span: Range<usize>) -> Parse<(Vec<NodeId>, Range<usize>)> {
         let mut found = Vec::new();
         if *self.peek() != Token::Close {
             found.push(self.expression(0)?);
@@ -303,30 +331,25 @@ impl Parser<'_> {
             }
         }
         let end = self.expect(Token::Close, "a comma or a closing bracket is missing here")?;
-        let count = found.len();
-        found.try_into().map_err(|_| {
-            let plural = if N == 1 { "" } else { "s" };
-            ExpressionError::new(
-                span.start..end.end,
-                format!("`{name}` takes {N} argument{plural}, {count} given"),
-            )
-        })
+        Ok((found, span.start..end.end))
     }
 
     /// The rest of `if(` — a comparison and two values.
     fn conditional(&mut self, span: Range<usize>) -> Parse<NodeId> {
         let left = self.expression(0)?;
-        let (comparison, _) = match self.peek() {
-            Token::Less | Token::LessEqual | Token::Greater | Token::GreaterEqual => self.next(),
-            _ => {
-                return Err(self
-                    .fail("`if` needs a comparison here")
-                    .hint("write if(a < b, value, other)"));
-            }
-        };
+        if !self.peek().compares() {
+            return Err(self
+                .fail("`if` needs a comparison here")
+                .hint("write if(a < b, value, other)"));
+        }
+        let (comparison, _) = self.next();
         let right = self.expression(0)?;
         self.expect(Token::Comma, "`if` needs a comma after its condition")?;
-        let [yes, no] = self.arguments::<2>("if(condition, …)", span)?;
+        let (values, whole) = self.argument_list(span)?;
+        let [yes, no] = values.try_into().map_err(|_| {
+            ExpressionError::new(whole, "`if` takes a condition and two values")
+                .hint("write if(a < b, value, other)")
+        })?;
         let mask = match comparison {
             Token::Less => self.graph.binary(Binary::Less, left, right),
             Token::LessEqual => self.graph.binary(Binary::LessEqual, left, right),

@@ -10,6 +10,7 @@ use super::{
     real::Real,
 };
 use fearless_simd::{Level, Simd, dispatch};
+use std::ops::{Deref, DerefMut};
 
 /// Runs `work` with the widest vector instructions this machine has. `work` and what it calls must
 /// be `#[inline(always)]` to profit.
@@ -18,26 +19,86 @@ pub fn vectorised<T>(work: impl FnOnce() -> T) -> T {
     dispatch!(Level::new(), simd => simd.vectorize(work))
 }
 
-/// What an instruction does with its operands a, b, c.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Operation {
-    Unary(Unary),
-    Binary(Binary),
-    /// `a b + c`, rounded twice.
-    MulAdd,
-    /// `c − a b`, rounded twice.
-    NegMulAdd,
-    /// `if a > 0 { b } else { c }`
-    Select,
+/// The operations of instructions, the interpreter's arm for each, and those of graph nodes: one list.
+macro_rules! operations {
+    (unary [$($unary:ident)*] binary [$($binary:ident)*] own [$($own:ident ($($operand:ident)*) $value:expr;)*]) => {
+        /// What an instruction does with its operands.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        enum Operation {
+            $($unary,)* $($binary,)* $($own,)*
+        }
+
+        impl From<Unary> for Operation {
+            fn from(op: Unary) -> Self {
+                match op { $(Unary::$unary => Self::$unary),* }
+            }
+        }
+
+        impl From<Binary> for Operation {
+            fn from(op: Binary) -> Self {
+                match op { $(Binary::$binary => Self::$binary),* }
+            }
+        }
+
+        /// Carries out one instruction. Every arm is a loop of its own over the lanes.
+        #[inline(always)]
+        fn carry_out<R: Real, const W: usize>(r: &mut [Wide<R, W>], i: &Instruction) {
+            match i.operation {
+                $(Operation::$unary => apply(r, i, #[inline(always)] |[x]| Unary::$unary.apply(x)),)*
+                $(Operation::$binary => apply(r, i, #[inline(always)] |[x, y]| Binary::$binary.apply(x, y)),)*
+                $(Operation::$own => apply(r, i, #[inline(always)] |[$($operand),*]| $value),)*
+            }
+        }
+    };
 }
+
+// Sums of products are operations of their own, rounded after every multiplication and addition:
+// that saves the dispatch of an instruction, and a store and a load of every lane.
+operations! {
+    unary [Neg Recip Sqrt Abs Floor Exp Log Sin Cos Tan Asin Acos Atan Sinh Cosh Tanh Asinh Acosh Atanh]
+    binary [Add Sub Mul Pow Atan2 Min Max Less LessEqual]
+    own [
+        MulAdd(a b c) a * b + c;
+        NegMulAdd(a b c) c - a * b;
+        MulAddTwice(a b c d e) (a * b + c) + d * e;
+        NegMulAddTwice(a b c d e) (c - a * b) - d * e;
+        DotOfTwo(a b c d) a * b + c * d;
+        DotOfThree(a b c d e f) (a * b + c * d) + e * f;
+        Select(a b c) R::select(a > R::ZERO, b, c);
+    ]
+}
+
+impl Operation {
+    fn is_transcendental(self) -> bool {
+        use Operation::{
+            Acos, Acosh, Asin, Asinh, Atan, Atan2, Atanh, Cos, Cosh, Exp, Log, Pow, Sin, Sinh, Tan,
+            Tanh,
+        };
+        let circular = matches!(self, Sin | Cos | Tan | Asin | Acos | Atan | Atan2);
+        let hyperbolic = matches!(self, Sinh | Cosh | Tanh | Asinh | Acosh | Atanh);
+        circular || hyperbolic || matches!(self, Exp | Log | Pow)
+    }
+
+    /// How many multiplications and additions (or other single steps) it takes.
+    fn arithmetic(self) -> usize {
+        match self {
+            Self::MulAdd | Self::NegMulAdd => 2,
+            Self::DotOfTwo => 3,
+            Self::MulAddTwice | Self::NegMulAddTwice => 4,
+            Self::DotOfThree => 5,
+            _ => 1,
+        }
+    }
+}
+
+/// Most operands of an instruction.
+const MOST_OPERANDS: usize = 6;
 
 #[derive(Debug, Clone, Copy)]
 struct Instruction {
     operation: Operation,
     to: u16,
-    a: u16,
-    b: u16,
-    c: u16,
+    operands: [u16; MOST_OPERANDS],
 }
 
 /// A compiled set of expressions.
@@ -50,10 +111,32 @@ pub struct Tape {
     registers: usize,
 }
 
+/// `W` lanes on a boundary of the widest vectors: a vector that straddles two lines of the cache
+/// takes two loads.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub struct Wide<R, const W: usize>(pub [R; W]);
+
+impl<R, const W: usize> Deref for Wide<R, W> {
+    type Target = [R; W];
+
+    #[inline(always)]
+    fn deref(&self) -> &[R; W] {
+        &self.0
+    }
+}
+
+impl<R, const W: usize> DerefMut for Wide<R, W> {
+    #[inline(always)]
+    fn deref_mut(&mut self) -> &mut [R; W] {
+        &mut self.0
+    }
+}
+
 /// The registers of one tape at work: `W` lanes of each.
 #[derive(Debug, Clone)]
 pub struct Registers<R, const W: usize> {
-    values: Vec<[R; W]>,
+    values: Vec<Wide<R, W>>,
     inputs: usize,
     outputs: Vec<u16>,
 }
@@ -87,18 +170,15 @@ impl Tape {
         Compiler::new(graph, outputs, inputs).compile(outputs)
     }
 
-    /// How many operations one run costs, by the hundred weight: (arithmetic, transcendental).
+    /// How many operations one run costs: (arithmetic, transcendental). A sum of products counts as
+    /// many as it has multiplications and additions.
     pub fn operations(&self) -> (usize, usize) {
-        let heavy = |i: &&Instruction| match i.operation {
-            Operation::Unary(op) => !matches!(
-                op,
-                Unary::Neg | Unary::Abs | Unary::Recip | Unary::Sqrt | Unary::Floor
-            ),
-            Operation::Binary(op) => matches!(op, Binary::Pow | Binary::Atan2),
-            _ => false,
-        };
-        let heavy = self.code.iter().filter(heavy).count();
-        (self.code.len() - heavy, heavy)
+        self.code.iter().fold((0, 0), |(plain, heavy), i| {
+            match i.operation.is_transcendental() {
+                true => (plain, heavy + 1),
+                false => (plain + i.operation.arithmetic(), heavy),
+            }
+        })
     }
 
     /// How many outputs there are.
@@ -108,9 +188,9 @@ impl Tape {
 
     /// Registers for this tape, constants set.
     pub fn registers<R: Real, const W: usize>(&self) -> Registers<R, W> {
-        let mut values = vec![[R::ZERO; W]; self.registers];
+        let mut values = vec![Wide([R::ZERO; W]); self.registers];
         for &(register, value) in &self.constants {
-            values[register as usize] = [R::from_f64(value); W];
+            values[register as usize] = Wide([R::from_f64(value); W]);
         }
         Registers {
             values,
@@ -119,18 +199,23 @@ impl Tape {
         }
     }
 
-    /// Computes all outputs from the inputs in `registers` (which must be of this tape).
-    #[inline(always)]
+    /// Computes all outputs from the inputs in `registers` (which must be of this tape), with the
+    /// widest vector instructions there are.
+    // Not inlined: one copy of the interpreter for each kind of number and of machine is large
+    // enough, and a call costs nothing against a tape.
+    #[inline(never)]
     pub fn run<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
+        vectorised(
+            #[inline(always)]
+            || self.interpret(registers),
+        );
+    }
+
+    #[inline(always)]
+    fn interpret<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
         let r = registers.values.as_mut_slice();
         for i in &self.code {
-            match i.operation {
-                Operation::Unary(op) => unary(r, i, op),
-                Operation::Binary(op) => binary(r, i, op),
-                Operation::MulAdd => ternary(r, i, |a, b, c| a * b + c),
-                Operation::NegMulAdd => ternary(r, i, |a, b, c| c - a * b),
-                Operation::Select => ternary(r, i, |a, b, c| R::select(a > R::ZERO, b, c)),
-            }
+            carry_out(r, i);
         }
     }
 
@@ -147,76 +232,55 @@ impl Tape {
     }
 }
 
-// Results go to a local first: written straight into the registers, which might overlap the
-// operands, the loops are not vectorised.
+/// `to = f(operands)` in every lane.
 #[inline(always)]
-fn map<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R) -> R) {
-    let a = r[i.a as usize];
-    let mut to = [R::ZERO; W];
-    for lane in 0..W {
-        to[lane] = f(a[lane]);
+fn apply<R: Real, const W: usize, const N: usize>(
+    r: &mut [Wide<R, W>],
+    i: &Instruction,
+    f: impl Fn([R; N]) -> R,
+) {
+    match const { lanes_in_a_vector::<R>(W) } {
+        8 => apply_by::<R, W, N, 8>(r, i, f),
+        16 => apply_by::<R, W, N, 16>(r, i, f),
+        _ => apply_by::<R, W, N, 1>(r, i, f),
     }
-    r[i.to as usize] = to;
 }
 
+/// How many of `lanes` fill a vector of 64 bytes; 1 if they do not fill whole ones.
+const fn lanes_in_a_vector<R>(lanes: usize) -> usize {
+    let fit = 64 / size_of::<R>();
+    if lanes.is_multiple_of(fit) { fit } else { 1 }
+}
+
+/// [`apply`], `C` lanes at a time.
+// A vector at a time goes through a local array, which the compiler keeps in a vector register;
+// written straight into the registers, which might overlap the operands, or through an array of all
+// lanes, which goes to memory and back, the loops are slower.
 #[inline(always)]
-fn zip<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R, R) -> R) {
-    let (a, b) = (r[i.a as usize], r[i.b as usize]);
-    let mut to = [R::ZERO; W];
-    for lane in 0..W {
-        to[lane] = f(a[lane], b[lane]);
+fn apply_by<R: Real, const W: usize, const N: usize, const C: usize>(
+    r: &mut [Wide<R, W>],
+    i: &Instruction,
+    f: impl Fn([R; N]) -> R,
+) {
+    for first in (0..W).step_by(C) {
+        let mut operands = [[R::ZERO; C]; N];
+        for k in 0..N {
+            operands[k].copy_from_slice(&r[i.operands[k] as usize][first..first + C]);
+        }
+        let mut result = [R::ZERO; C];
+        for lane in 0..C {
+            let mut arguments = [R::ZERO; N];
+            for k in 0..N {
+                arguments[k] = operands[k][lane];
+            }
+            result[lane] = f(arguments);
+        }
+        r[i.to as usize][first..first + C].copy_from_slice(&result);
     }
-    r[i.to as usize] = to;
 }
 
-#[inline(always)]
-fn ternary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, f: impl Fn(R, R, R) -> R) {
-    let (a, b, c) = (r[i.a as usize], r[i.b as usize], r[i.c as usize]);
-    let mut to = [R::ZERO; W];
-    for lane in 0..W {
-        to[lane] = f(a[lane], b[lane], c[lane]);
-    }
-    r[i.to as usize] = to;
-}
-
-/// One arm for each function, so that each is a loop of its own over the lanes.
-macro_rules! arms {
-    ($loop:ident, $r:expr, $i:expr, $op:expr, $kind:ident, $args:tt, [$($name:ident),*]) => {
-        match $op { $($kind::$name => arms!(@one $loop, $r, $i, $kind::$name, $args)),* }
-    };
-    (@one $loop:ident, $r:expr, $i:expr, $op:expr, ($($arg:ident),*)) => {
-        $loop($r, $i, #[inline(always)] |$($arg),*| $op.apply($($arg),*))
-    };
-}
-
-#[inline(always)]
-fn unary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, op: Unary) {
-    arms!(
-        map,
-        r,
-        i,
-        op,
-        Unary,
-        (x),
-        [
-            Neg, Recip, Sqrt, Abs, Floor, Exp, Log, Sin, Cos, Tan, Asin, Acos, Atan, Sinh, Cosh,
-            Tanh, Asinh, Acosh, Atanh
-        ]
-    );
-}
-
-#[inline(always)]
-fn binary<R: Real, const W: usize>(r: &mut [[R; W]], i: &Instruction, op: Binary) {
-    arms!(
-        zip,
-        r,
-        i,
-        op,
-        Binary,
-        (x, y),
-        [Add, Sub, Mul, Pow, Atan2, Min, Max, Less, LessEqual]
-    );
-}
+/// An operation with its operands.
+type Fused = (Operation, Vec<NodeId>);
 
 /// Chooses instructions and registers: inputs first, then constants, then scratch that is reused
 /// after a value's last use.
@@ -257,7 +321,7 @@ impl<'g> Compiler<'g> {
     fn compile(mut self, outputs: &[NodeId]) -> Result<Tape, TapeTooLarge> {
         let inputs = self.next;
         let constants = self.place_leaves()?;
-        let fused = self.fuse();
+        let mut fused = self.fuse();
         let mut code = Vec::new();
         for id in 0..self.graph.len() {
             let leaf = matches!(
@@ -265,7 +329,7 @@ impl<'g> Compiler<'g> {
                 Node::Constant(_) | Node::Input(_)
             );
             if self.reached[id] && !leaf && !fused[id].1 {
-                code.push(self.instruction(id, fused[id].0)?);
+                code.push(self.instruction(id, fused[id].0.take())?);
             }
         }
         Ok(Tape {
@@ -303,60 +367,112 @@ impl<'g> Compiler<'g> {
         Ok(constants)
     }
 
-    /// For each node, the product it absorbs, and whether it is itself absorbed. A product used
-    /// once, by a sum, is computed inside the sum's instruction: half the dispatches and stores.
-    fn fuse(&self) -> Vec<(Option<NodeId>, bool)> {
+    /// For each node, what is computed in its place, and whether it is absorbed by another. A product
+    /// used once, by a sum, is computed inside the sum's instruction, and so is a short sum of
+    /// products used once, by another.
+    fn fuse(&self) -> Vec<(Option<Fused>, bool)> {
         let mut fused = vec![(None, false); self.graph.len()];
         for id in 0..self.graph.len() {
             if !self.reached[id] {
                 continue;
             }
-            let candidates = match self.graph.node(NodeId(id as u32)) {
-                Node::Binary(Binary::Add, a, b) => [Some(b), Some(a)],
-                Node::Binary(Binary::Sub, _, b) => [Some(b), None],
-                _ => continue,
+            let Some((op, product, rest)) = self.sum_with_product(NodeId(id as u32)) else {
+                continue;
             };
-            let product = candidates.into_iter().flatten().find(|c| {
-                matches!(self.graph.node(*c), Node::Binary(Binary::Mul, ..))
-                    && self.uses[c.0 as usize] == 1
-            });
-            if let Some(product) = product {
-                fused[id].0 = Some(product);
-                fused[product.0 as usize].1 = true;
+            let inner = match self.used_once(rest) {
+                true => fused[rest.0 as usize].0.as_ref(),
+                false => None,
+            };
+            let whole = match self.used_once(rest) {
+                true => self.longer(op, rest, inner),
+                false => None,
+            };
+            let (operation, mut operands) = match whole {
+                Some(longer) => {
+                    fused[rest.0 as usize].1 = true;
+                    longer
+                }
+                None => match op {
+                    Binary::Sub => (Operation::NegMulAdd, vec![]),
+                    _ => (Operation::MulAdd, vec![]),
+                },
+            };
+            let alone = operands.is_empty();
+            operands.extend(self.graph.node(product).operands());
+            if alone {
+                operands.push(rest);
             }
+            fused[product.0 as usize].1 = true;
+            fused[id].0 = Some((operation, operands));
         }
         fused
+    }
+
+    /// A sum or difference with a product that it alone uses: (operation, product, the other term).
+    fn sum_with_product(&self, id: NodeId) -> Option<(Binary, NodeId, NodeId)> {
+        let pairs = match self.graph.node(id) {
+            Node::Binary(Binary::Add, a, b) => [Some((b, a)), Some((a, b))],
+            Node::Binary(Binary::Sub, a, b) => [Some((b, a)), None],
+            _ => return None,
+        };
+        let op = match self.graph.node(id) {
+            Node::Binary(op, ..) => op,
+            _ => return None,
+        };
+        let mut pairs = pairs.into_iter().flatten();
+        let (product, rest) = pairs.find(|(p, _)| self.is_product(*p) && self.used_once(*p))?;
+        Some((op, product, rest))
+    }
+
+    fn is_product(&self, id: NodeId) -> bool {
+        matches!(self.graph.node(id), Node::Binary(Binary::Mul, ..))
+    }
+
+    fn used_once(&self, id: NodeId) -> bool {
+        self.uses[id.0 as usize] == 1
+    }
+
+    /// The operation that adds (or subtracts) one more product to `rest`, which may be `inner`
+    /// itself, with the operands of `rest`.
+    fn longer(&self, op: Binary, rest: NodeId, inner: Option<&Fused>) -> Option<Fused> {
+        match (op, inner) {
+            (Binary::Add, None) if self.is_product(rest) => {
+                let operands = self.graph.node(rest).operands().collect();
+                Some((Operation::DotOfTwo, operands))
+            }
+            (Binary::Add, Some((Operation::MulAdd, operands))) => {
+                Some((Operation::MulAddTwice, operands.clone()))
+            }
+            (Binary::Add, Some((Operation::DotOfTwo, operands))) => {
+                Some((Operation::DotOfThree, operands.clone()))
+            }
+            (Binary::Sub, Some((Operation::NegMulAdd, operands))) => {
+                Some((Operation::NegMulAddTwice, operands.clone()))
+            }
+            _ => None,
+        }
     }
 
     fn instruction(
         &mut self,
         id: usize,
-        product: Option<NodeId>,
+        fused: Option<Fused>,
     ) -> Result<Instruction, TapeTooLarge> {
         let node = self.graph.node(NodeId(id as u32));
-        let (operation, operands) = match (node, product) {
-            (Node::Binary(op, x, y), Some(product)) => {
-                let rest = if x == product { y } else { x };
-                let mut operands: Vec<_> = self.graph.node(product).operands().collect();
-                operands.push(rest);
-                let operation = match op {
-                    Binary::Sub => Operation::NegMulAdd,
-                    _ => Operation::MulAdd,
-                };
-                (operation, operands)
-            }
-            (Node::Unary(op, _), _) => (Operation::Unary(op), node.operands().collect()),
-            (Node::Binary(op, ..), _) => (Operation::Binary(op), node.operands().collect()),
-            _ => (Operation::Select, node.operands().collect()),
-        };
-        let register = |k: usize| {
-            operands
-                .get(k)
-                .map_or(0, |o: &NodeId| self.register[o.0 as usize])
-        };
-        let (a, b, c) = (register(0), register(1), register(2));
-        for operand in &operands {
-            self.release(*operand);
+        let (operation, nodes) = fused.unwrap_or_else(|| {
+            let operation = match node {
+                Node::Unary(op, _) => op.into(),
+                Node::Binary(op, ..) => op.into(),
+                _ => Operation::Select,
+            };
+            (operation, node.operands().collect())
+        });
+        let mut operands = [0; MOST_OPERANDS];
+        for (operand, node) in operands.iter_mut().zip(&nodes) {
+            *operand = self.register[node.0 as usize];
+        }
+        for node in &nodes {
+            self.release(*node);
         }
         let to = match self.free.pop() {
             Some(register) => register,
@@ -366,9 +482,7 @@ impl<'g> Compiler<'g> {
         Ok(Instruction {
             operation,
             to,
-            a,
-            b,
-            c,
+            operands,
         })
     }
 

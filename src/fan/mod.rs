@@ -5,10 +5,13 @@
 //! (arrays of exact paths).
 
 pub mod direction;
+mod ends;
 mod orbit;
+mod position;
 mod sample;
 mod space;
 
 pub use orbit::OrbitAngles;
-pub use sample::{CHANNELS, sample};
+pub use position::{Lift, Start};
+pub use sample::{CHANNELS, ROTATION, sample};
 pub use space::{FanSpace, Located, Place, Reduction};

@@ -15,24 +15,33 @@
 //! | 2 | across, `b > R₀` | from `asin(R₀/R)` evenly to `π − asin(R₀/R)` |
 //!
 //! `R₀` is the least areal radius of the camera region, so that every camera has every `b` up to
-//! it. `b = R₀ sin(πt/2)`: where `R = R₀` this makes θ itself even in `t`.
+//! it; where that is 0 all rays are across, on face 0. `b = R₀ sin(πt/2)`: where `R = R₀` this makes θ itself even in `t`.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// The number of faces.
-pub const FACES: usize = 3;
+/// The most faces.
+const FACES: usize = 3;
+
+/// Cones narrower than this would be faces of no rays.
+const NARROWEST: f64 = 1e-6;
 
 /// The division of the angles for a region of cameras.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct OrbitAngles {
-    /// The least areal radius of the region; 0 leaves face 2 alone.
+    /// The least areal radius of the region; 0 leaves the rays across alone.
     least: f64,
 }
 
 impl OrbitAngles {
-    /// For cameras with areal radii from `least` up.
-    pub fn new(least: f64) -> Self {
+    /// For cameras with areal radii from `least` to `most`.
+    pub fn new(least: f64, most: f64) -> Self {
+        let least = if least > NARROWEST * most { least } else { 0.0 };
         Self { least }
+    }
+
+    /// The number of faces: all, or only the rays across.
+    pub fn faces(&self) -> usize {
+        if self.least > 0.0 { FACES } else { 1 }
     }
 
     /// The half-angle of the cones that faces 0 and 1 fill, at areal radius `radius`.
@@ -52,6 +61,7 @@ impl OrbitAngles {
                 .asin()
         };
         match face {
+            0 | 1 if self.least <= 0.0 => PI * t,
             0 if radius > 0.0 => PI - inner(),
             1 if radius > 0.0 => inner(),
             0 => PI,
@@ -70,7 +80,7 @@ impl OrbitAngles {
         if across || self.least <= 0.0 {
             let width = (PI - 2.0 * cone).max(f64::MIN_POSITIVE);
             let t = ((theta - cone) / width).clamp(0.0, 1.0);
-            return (2, 2.0 * t - 1.0);
+            return (self.faces() - 1, 2.0 * t - 1.0);
         }
         let t = (radius * theta.sin() / self.least).clamp(0.0, 1.0).asin() / FRAC_PI_2;
         (usize::from(theta <= FRAC_PI_2), 2.0 * t - 1.0)
@@ -84,12 +94,12 @@ mod tests {
     #[test]
     fn angles_and_parameters_are_inverse() {
         for least in [0.0, 0.3, 1.0] {
-            let orbits = OrbitAngles::new(least);
+            let orbits = OrbitAngles::new(least, 40.0);
             for radius in [1.0, 1.001, 1.7, 40.0] {
                 for i in 0..=400 {
                     let theta = PI * f64::from(i) / 400.0;
                     let (face, parameter) = orbits.parameter(theta, radius);
-                    assert!(face < FACES && parameter.abs() <= 1.0);
+                    assert!(face < orbits.faces() && parameter.abs() <= 1.0);
                     let back = orbits.angle(face, parameter, radius);
                     assert!(
                         (back - theta).abs() < 1e-7,
@@ -102,7 +112,7 @@ mod tests {
 
     #[test]
     fn angular_momentum_is_constant_along_parameters() {
-        let orbits = OrbitAngles::new(1.0);
+        let orbits = OrbitAngles::new(1.0, 9.0);
         for radius in [1.0, 2.0, 9.0] {
             let b = radius * orbits.angle(0, 0.2, radius).sin();
             assert!((b - orbits.angle(0, 0.2, 1.0).sin()).abs() < 1e-14);

@@ -1,19 +1,23 @@
 //! Rays followed exactly and read off at given arc lengths: what tables are made from.
 //!
-//! In: rays and arc lengths. Out: an array (ray, arc length, channel) with the channels
-//! displacement x, y, z and quaternion x, y, z, w. The displacement is `(u − u₀)/s − v₀`: the
-//! departure from the straight chart line, over the arc length; zero in flat space.
+//! In: rays and arc lengths. Out: an array (ray, arc length, channel) with four channels of
+//! displacement ([`Lift::encode`]) and the quaternion x, y, z, w of the transported rotation, twisted
+//! as the lift says.
 
+use super::{FanSpace, Start};
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Carried, Manifold},
+    manifold::Carried,
 };
 use glam::DVec3;
-use ndarray::{Array3, ArrayViewMut2, Axis, s};
+use ndarray::{Array3, ArrayViewMut2, Axis};
 use rayon::prelude::*;
 
 /// Channels of a sample.
-pub const CHANNELS: usize = 7;
+pub const CHANNELS: usize = 8;
+
+/// The first channel of the rotation.
+pub const ROTATION: usize = 4;
 
 /// Rays handed to one thread at once: long enough to keep lanes full, short enough to share.
 const BLOCK: usize = 512;
@@ -22,7 +26,7 @@ const BLOCK: usize = 512;
 /// samples them there. Exits are passed by; where the metric ends the last tangent is continued
 /// straight in the chart. NaN only where the very start is singular.
 pub fn sample(
-    manifold: &Manifold,
+    space: &FanSpace,
     tolerance: f64,
     frame: bool,
     rays: &[(DVec3, DVec3)],
@@ -43,11 +47,13 @@ pub fn sample(
         .into_par_iter()
         .zip(rays.par_chunks(BLOCK))
         .for_each(|(mut samples, rays)| {
+            let starts = rays.iter().map(|&(u, v)| space.lift().start(u, v));
             let mut sampler = Sampler {
-                rays,
+                space,
+                starts: starts.collect(),
                 lengths,
                 next: vec![0; rays.len()],
-                last: vec![None; rays.len()],
+                last: None,
                 rows: samples.axis_iter_mut(Axis(0)).collect(),
             };
             let starts = rays.iter().map(|&(u, v)| Ray {
@@ -56,7 +62,7 @@ pub fn sample(
                 length: farthest,
                 spread: [DVec3::ZERO; 2],
             });
-            follow(manifold, settings, starts, &mut sampler);
+            follow(space.manifold(), settings, starts, &mut sampler);
         });
     samples
 }
@@ -65,59 +71,60 @@ pub fn sample(
 type Last = (f64, DVec3, DVec3, [f64; 4]);
 
 struct Sampler<'a> {
-    rays: &'a [(DVec3, DVec3)],
+    space: &'a FanSpace,
+    starts: Vec<Start>,
     lengths: &'a [f64],
     /// The next arc length to be sampled, for each ray.
     next: Vec<usize>,
-    /// The end of the last step of each ray.
-    last: Vec<Option<Last>>,
+    /// The end of the last step, if its ray has samples left.
+    last: Option<Last>,
     rows: Vec<ArrayViewMut2<'a, f64>>,
 }
 
 impl Sampler<'_> {
     fn put(&mut self, ray: usize, u: DVec3, q: [f64; 4]) {
-        let (u0, v0) = self.rays[ray];
         let at = self.next[ray];
-        let displacement = (u - u0) / self.lengths[at] - v0;
-        let mut row = self.rows[ray].slice_mut(s![at, ..]);
-        for k in 0..3 {
-            row[k] = displacement[k];
-        }
+        let lift = self.space.lift();
+        let displacement = lift.encode(&self.starts[ray], u, self.lengths[at]);
+        let row = &mut self.rows[ray];
         for k in 0..4 {
-            row[3 + k] = q[k];
+            row[[at, k]] = displacement[k];
+            row[[at, ROTATION + k]] = q[k];
         }
         self.next[ray] += 1;
     }
-}
 
-fn quaternion(step: &Step, s: f64, before: Option<[f64; 4]>) -> [f64; 4] {
-    let Some(q) = step.rotation(s) else {
-        return [0.0, 0.0, 0.0, 1.0];
-    };
-    let q = q.to_array();
-    // Dense output is continuous already; this keeps the sign across its normalisation too.
-    let same = before.is_none_or(|b| b.iter().zip(&q).map(|(x, y)| x * y).sum::<f64>() >= 0.0);
-    if same { q } else { q.map(|x| -x) }
+    /// The transported rotation, twisted, at `s`, of a sign that is continuous along the ray: the
+    /// integrated quaternion's and the twist's are.
+    fn quaternion(&self, step: &Step, s: f64) -> [f64; 4] {
+        step.rotation(s).map_or([0.0, 0.0, 0.0, 1.0], |q| {
+            (self.space.lift().twist(step.position(s)) * q).to_array()
+        })
+    }
 }
 
 impl Sink for Sampler<'_> {
+    fn wants(&self, ray: usize, to: f64) -> bool {
+        self.lengths.get(self.next[ray]).is_some_and(|s| *s <= to)
+    }
+
     fn step(&mut self, ray: usize, step: &Step) {
-        let mut before = self.last[ray].map(|l| l.3);
         while let Some(&s) = self.lengths.get(self.next[ray])
             && s <= step.end
         {
-            let q = quaternion(step, s, before);
-            before = Some(q);
-            self.put(ray, step.position(s), q);
+            self.put(ray, step.position(s), self.quaternion(step, s));
         }
-        let q = quaternion(step, step.end, before);
-        self.last[ray] = Some((step.end, step.position(step.end), step.tangent(step.end), q));
+        let (s, left) = (step.end, self.next[ray] < self.lengths.len());
+        self.last = left.then(|| {
+            let q = self.quaternion(step, s);
+            (s, step.position(s), step.tangent(s), q)
+        });
     }
 
-    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
-        while let (Some(&s), Some((end, u, v, q))) =
-            (self.lengths.get(self.next[ray]), self.last[ray])
-        {
+    fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {
+        // The step before was this ray's, unless it never took one.
+        let last = self.last.take().filter(|_| reached > 0.0);
+        while let (Some(&s), Some((end, u, v, q))) = (self.lengths.get(self.next[ray]), last) {
             self.put(ray, u + v * (s - end), q);
         }
     }

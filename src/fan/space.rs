@@ -15,7 +15,9 @@
 
 use super::{
     direction::{FACES, direction, face_and_parameters},
-    orbit::{self, OrbitAngles},
+    ends::follow_symmetry,
+    orbit::OrbitAngles,
+    position::Lift,
 };
 use crate::{
     error::{Error, Result},
@@ -50,6 +52,10 @@ pub struct FanSpace {
     by_region: bool,
     /// How directions are divided under rotation.
     orbits: OrbitAngles,
+    /// How chart points are stored.
+    lift: Lift,
+    /// Whether rays that the symmetry carries into each other end alike.
+    ends_alike: bool,
 }
 
 /// A camera position as the bundle sees it.
@@ -122,6 +128,8 @@ impl FanSpace {
             by_region: true,
             manifold: manifold.clone(),
             orbits: OrbitAngles::default(),
+            lift: Lift::None,
+            ends_alike: true,
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
         if !(own && (reduction != Reduction::Rotation || space.radius_is_monotonic())) {
@@ -129,8 +137,11 @@ impl FanSpace {
             space.cameras = space.ranges();
         }
         if reduction == Reduction::Rotation {
-            space.orbits = OrbitAngles::new(space.least_areal_radius());
+            let [least, most] = space.areal_radii();
+            space.orbits = OrbitAngles::new(least, most);
         }
+        let middle = region.at(&region.lerp(&[0.5; 3])).length();
+        space.ends_alike = follow_symmetry(&space.manifold, reduction, middle.max(1.0));
         Ok(space)
     }
 
@@ -152,7 +163,7 @@ impl FanSpace {
     /// The number of faces that directions are divided into.
     pub fn faces(&self) -> usize {
         match self.reduction {
-            Reduction::Rotation => orbit::FACES,
+            Reduction::Rotation => self.orbits.faces(),
             _ => FACES,
         }
     }
@@ -165,22 +176,36 @@ impl FanSpace {
         }
     }
 
-    /// Which displacement components can differ from zero for stored rays: under rotation the path
-    /// stays in the plane z = 0.
-    pub fn displacement_channels(&self) -> &'static [usize] {
-        match self.reduction {
-            Reduction::Rotation => &[0, 1],
-            _ => &[0, 1, 2],
-        }
+    /// Whether a stored ray ends where every ray does that the symmetry makes of it: if not, what
+    /// is stored must hold beyond its end.
+    pub fn ends_alike(&self) -> bool {
+        self.ends_alike
     }
 
-    /// Which quaternion components (x, y, z, w) can differ from zero for stored rays: under
-    /// rotation the normal of the orbit plane stays parallel.
+    /// How chart points are stored.
+    pub fn lift(&self) -> Lift {
+        self.lift
+    }
+
+    /// The same rays with chart points stored in another way.
+    pub fn lifted(mut self, lift: Lift) -> Self {
+        self.lift = lift;
+        self
+    }
+
+    /// Whether stored paths stay in the plane z = 0, whose normal then stays parallel.
+    fn planar(&self) -> bool {
+        self.reduction == Reduction::Rotation
+    }
+
+    /// Which displacement channels can differ from zero for stored rays.
+    pub fn displacement_channels(&self) -> &'static [usize] {
+        self.lift.displacement_channels(self.planar())
+    }
+
+    /// Which quaternion components (x, y, z, w) can differ from zero for stored rays.
     pub fn rotation_channels(&self) -> &'static [usize] {
-        match self.reduction {
-            Reduction::Rotation => &[2, 3],
-            _ => &[0, 1, 2, 3],
-        }
+        self.lift.rotation_channels(self.planar())
     }
 
     fn region(&self) -> &crate::manifold::CameraRegion {
@@ -203,8 +228,8 @@ impl FanSpace {
         u.x * self.manifold.metric(u).y_axis.y.sqrt()
     }
 
-    /// The least areal radius of the stored cameras.
-    fn least_areal_radius(&self) -> f64 {
+    /// The least and the largest areal radius of the stored cameras.
+    fn areal_radii(&self) -> [f64; 2] {
         let radius = |t: &[f64]| {
             let camera = self.cameras.iter().zip(t);
             let camera: Vec<f64> = camera
@@ -212,13 +237,13 @@ impl FanSpace {
                 .collect();
             self.areal_radius(self.stored_point(&camera))
         };
-        let grid = (0..=ORBIT_SAMPLES).map(|i| i as f64 / ORBIT_SAMPLES as f64);
-        let best = grid.min_by(|a, b| radius(&[*a]).total_cmp(&radius(&[*b])));
-        descend(
-            radius,
-            vec![best.unwrap_or(0.5)],
-            1.0 / ORBIT_SAMPLES as f64,
-        )
+        let step = 1.0 / ORBIT_SAMPLES as f64;
+        [1.0, -1.0].map(|sign| {
+            let value = |t: &[f64]| sign * radius(t);
+            let grid = (0..=ORBIT_SAMPLES).map(|i| i as f64 * step);
+            let best = grid.min_by(|a, b| value(&[*a]).total_cmp(&value(&[*b])));
+            sign * descend(value, vec![best.unwrap_or(0.5)], step)
+        })
     }
 
     /// The values at `u` of what the symmetry leaves unchanged.

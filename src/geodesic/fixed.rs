@@ -9,8 +9,10 @@ use crate::{
 };
 use glam::DVec3;
 
-/// Lanes: two registers of the widest vectors in single precision.
-const LANES: usize = 32;
+/// Lanes: four of the widest vectors in single precision. With half of them the dispatch of
+/// instructions costs as much as their arithmetic; with twice as many the registers of a tape no
+/// longer stay in the first-level cache.
+const LANES: usize = 64;
 
 /// Knots of one path: points and tangents.
 pub type Knots = (Vec<DVec3>, Vec<DVec3>);

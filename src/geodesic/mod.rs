@@ -1,24 +1,33 @@
 //! Geodesics of a manifold: integrators, transport, deviation, paths with dense output.
 //!
 //! In: a [`Manifold`] and [`Ray`]s. Out: [`Step`]s given to a [`Sink`], or whole [`Path`]s.
-//! Arc length is measured in the metric; tangents have unit length.
+//! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
+//! any curve ([`transport`]), and the exponential map with its differential ([`exponential()`]).
 
 mod conjugate;
+mod control;
 mod crossing;
+mod curves;
 mod departure;
 mod dormand_prince;
 mod events;
+mod exponential;
 mod first_event;
 mod fixed;
 mod integrator;
+mod kinks;
 mod path;
 mod samples;
 mod spread;
+mod starts;
+mod state;
 mod step;
+mod transport;
 
 pub use conjugate::conjugate_points;
 pub use crossing::crossing;
 pub use departure::{check_point, depart};
+pub use exponential::{Exponential, exponential};
 pub use first_event::first_event;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
@@ -27,16 +36,24 @@ pub(crate) use samples::unit;
 pub use samples::{Sample, samples};
 pub use spread::{Spread, perpendiculars, signed_area};
 pub use step::Step;
+pub use transport::{Transport, TransportFailed, transport};
 
-use crate::manifold::{Carried, Manifold};
+use crate::{
+    expr::Wide,
+    manifold::{Carried, Manifold},
+};
 use glam::DVec3;
 
-/// Lanes: wide enough that an instruction's dispatch costs less than its arithmetic, small enough
-/// that registers and stages stay in the first-level cache.
-const LANES: usize = 16;
+/// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
+/// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
+/// stages no longer stay in the first-level cache.
+const LANES: usize = 32;
 
 /// One number for every lane.
-type Row = [f64; LANES];
+type Row = Wide<f64, LANES>;
+
+/// Zero in every lane.
+const NIL: Row = Wide([0.0; LANES]);
 
 /// A geodesic to follow.
 #[derive(Debug, Clone, Copy)]
@@ -102,7 +119,13 @@ pub struct Settings {
 
 /// Takes the steps of many rays as they are made.
 pub trait Sink {
-    /// The next step of `ray`; steps of one ray come in order, those of different rays mixed.
+    /// Whether the step of `ray` that ends at arc length `to` is to be made into a curve and given to
+    /// [`Sink::step`]; the one in which the ray ends always is.
+    fn wants(&self, ray: usize, to: f64) -> bool {
+        let _ = (ray, to);
+        true
+    }
+    /// The next step of `ray` that was wanted; steps of one ray come in order, those of different rays mixed.
     fn step(&mut self, ray: usize, step: &Step);
     /// Whether to follow `ray` further; asked after each of its steps. A ray that is given up ends
     /// as [`End::Length`] at the end of that step.
@@ -111,4 +134,27 @@ pub trait Sink {
     }
     /// `ray` has ended at arc length `s` after `steps` steps tried.
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);
+}
+
+/// One number for each lane.
+#[inline(always)]
+fn each(f: impl Fn(usize) -> f64) -> Row {
+    let mut row = NIL;
+    for l in 0..LANES {
+        row[l] = f(l);
+    }
+    row
+}
+
+/// `Σ wⱼ kⱼ` of one row of the stages' rates.
+#[inline(always)]
+fn weighted(weights: &[f64], k: &[Vec<Row>], row: usize) -> Row {
+    let mut sum = NIL;
+    for (&w, k) in weights.iter().zip(k).filter(|(w, _)| **w != 0.0) {
+        let k = &k[row];
+        for l in 0..LANES {
+            sum[l] += w * k[l];
+        }
+    }
+    sum
 }

@@ -51,6 +51,10 @@ pub fn ends(
 struct Last(Vec<Option<(Step, f64)>>);
 
 impl Sink for Last {
+    fn wants(&self, _: usize, _: f64) -> bool {
+        false
+    }
+
     fn step(&mut self, ray: usize, step: &Step) {
         if self.0.len() <= ray {
             self.0.resize(ray + 1, None);

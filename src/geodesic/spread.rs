@@ -1,6 +1,7 @@
 //! How neighbouring geodesics spread: area, and the screen error of a displacement.
 //!
-//! Formulas: DESIGN §1 and §2. Displacements are taken in the standard frame at the point.
+//! The area of a unit solid angle is `|det J⊥|`; a displacement `e` looks like the angle `|δ|` with
+//! `J δ = e`. Displacements are taken in the standard frame at the point.
 
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
@@ -17,7 +18,7 @@ pub fn perpendiculars(d: DVec3) -> [DVec3; 2] {
 }
 
 /// The singular values of `J/s` are raised to at least this before a displacement is divided by
-/// them (DESIGN §1): near conjugate points the inverse map is unbounded.
+/// them: near conjugate points the inverse map is unbounded.
 const LEAST_MAGNIFICATION: f64 = 0.25;
 
 /// The transverse part of the deviation matrix at a point of a path.
@@ -56,6 +57,21 @@ impl Spread {
 
     fn project(&self, e: DVec3) -> DVec2 {
         DVec2::new(self.across[0].dot(e), self.across[1].dot(e))
+    }
+
+    /// The smaller singular value of `J/s`: how much farther neighbouring rays part than in flat
+    /// space, in the direction in which they part least.
+    pub fn least_magnification(&self, s: f64) -> f64 {
+        let m = self.matrix * (1.0 / s);
+        let squares = m.x_axis.length_squared() + m.y_axis.length_squared();
+        let product = m.determinant().abs();
+        // σ₁² + σ₂² and σ₁σ₂ give both.
+        let larger = 0.5
+            * (squares
+                + (squares * squares - 4.0 * product * product)
+                    .max(0.0)
+                    .sqrt());
+        product / larger.max(f64::MIN_POSITIVE).sqrt()
     }
 
     /// The angle at the camera (radians) that a displacement `e` (standard frame) at arc length `s`

@@ -19,10 +19,31 @@ pub(super) enum Definition {
     Metric([NodeId; 6]),
 }
 
+impl Definition {
+    /// The expressions of the file.
+    pub fn nodes(&self) -> &[NodeId] {
+        match self {
+            Self::Embedding(f) => f,
+            Self::Metric(g) => g,
+        }
+    }
+
+    /// Dimension N of the ambient space, for an embedding.
+    pub fn ambient(&self) -> Option<usize> {
+        match self {
+            Self::Embedding(f) => Some(f.len()),
+            Self::Metric(_) => None,
+        }
+    }
+}
+
 /// Input numbers of the tapes: chart point, tangent, then the deviation columns (δu, δv) each.
 pub(super) const POINT: usize = 0;
 pub(super) const TANGENT: usize = 3;
 pub(super) const DEVIATION: usize = 6;
+
+/// The entries of a symmetric matrix in the order of storage.
+pub(super) const PAIRS: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
 
 /// Storage position of the entry (i, j) of a symmetric matrix.
 pub(super) fn symmetric(i: usize, j: usize) -> usize {
@@ -61,7 +82,7 @@ struct Factors {
 
 /// Builds the geometry of `definition`.
 pub(super) fn build(graph: &mut Graph, definition: &Definition) -> Geometry {
-    let mut axes = [0, 1, 2].map(|k| along_axis(graph, k));
+    let mut axes = [0, 1, 2].map(|k| Direction::of_input(graph, k));
     let mut along = along_tangent(graph);
     let v = [3, 4, 5].map(|k| graph.input(k));
     match definition {
@@ -74,12 +95,6 @@ pub(super) fn build(graph: &mut Graph, definition: &Definition) -> Geometry {
         }
         Definition::Metric(g) => by_metric(graph, *g, v, &mut axes, &mut along),
     }
-}
-
-/// The direction of coordinate `k`.
-fn along_axis(graph: &mut Graph, k: usize) -> Direction {
-    let (u, one) = (graph.input(k as u32), graph.constant(1.0));
-    Direction::new([(u, one)])
 }
 
 /// The direction of the tangent: each coordinate changes at its component's rate.
@@ -101,8 +116,7 @@ fn embedded(
 ) -> Geometry {
     let column = |k: usize| -> Vec<NodeId> { jacobian.iter().map(|row| row[k]).collect() };
     let columns = [column(0), column(1), column(2)];
-    let pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-    let metric = pairs.map(|(i, j)| graph.dot(&columns[i], &columns[j]));
+    let metric = PAIRS.map(|(i, j)| graph.dot(&columns[i], &columns[j]));
     let bending: Vec<NodeId> = f
         .iter()
         .map(|&f| {

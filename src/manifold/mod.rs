@@ -1,17 +1,22 @@
 //! Manifold file -> metric, connection, frames, domain and exits, symmetry, camera region.
 //!
-//! In: the text of a manifold file (DESIGN §3) and parameter values that replace the file's.
+//! In: the text of a manifold file and parameter values that replace the file's.
 //! Out: a [`Manifold`], immutable and shared between threads, whose tapes evaluate everything that
-//! later stages need. Chart points `u` and tangents `v` are in coordinates; lengths are in the
-//! metric's unit.
+//! later stages need; [`Manifold::curvature`] tells connection and curvature at a point. Chart points
+//! `u` and tangents `v` are in coordinates; lengths are in the metric's unit.
 
+mod curvature;
+mod curve;
 mod domain;
 mod geometry;
 mod load;
 mod probe;
 mod region;
 mod symmetry;
+mod tapes;
 
+pub use curvature::{Curvature, Rank3, Rank4};
+pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
 pub use region::CameraRegion;
 pub use symmetry::{Isometry, Symmetry};
@@ -23,6 +28,7 @@ use crate::{
 };
 use glam::{DMat3, DVec3};
 use std::{path::Path, sync::Arc};
+use tapes::Tapes;
 
 /// A way out of the manifold, with its own sky.
 #[derive(Debug, Clone)]
@@ -71,16 +77,14 @@ pub struct Manifold {
     pub length: Option<f64>,
     /// Dimension N of the ambient space, for an embedding.
     pub ambient: Option<usize>,
-    metric: Tape,
-    jacobian: Option<Tape>,
-    flows: [Tape; 4],
+    tapes: Tapes,
 }
 
 impl Manifold {
     /// Loads a manifold file; `settings` replace its parameters.
     ///
     /// # Errors
-    /// Everything that DESIGN §3 refuses, with the place in the file.
+    /// A file that cannot work, with the place in it.
     pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
         Self::from_source(read_text(path)?, settings)
     }
@@ -107,7 +111,7 @@ impl Manifold {
 
     /// `G(u)` and `S(u)`.
     pub fn metric_and_frame(&self, u: DVec3) -> (DMat3, DMat3) {
-        let o = self.metric.at(&u.to_array());
+        let o = self.tapes.metric.at(&u.to_array());
         let metric =
             DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]]);
         let frame = DMat3::from_cols_array(&[o[6], 0.0, 0.0, o[9], o[7], 0.0, o[10], o[11], o[8]]);
@@ -116,13 +120,19 @@ impl Manifold {
 
     /// The tape u -> G (xx, yy, zz, xy, xz, yz), S (11, 22, 33, 12, 13, 23).
     pub fn metric_tape(&self) -> &Tape {
-        &self.metric
+        &self.tapes.metric
     }
 
     /// The tape (u, v, δu₁, δv₁, δu₂, δv₂) -> acceleration (3), metric (6), then the turning rate
     /// (3) if the frame is carried, then the deviation's acceleration (3 + 3) if it is.
     pub fn flow(&self, carried: Carried) -> &Tape {
-        &self.flows[carried.index()]
+        &self.tapes.flows[carried.index()]
+    }
+
+    /// The tape u -> for each place where the metric is not smooth, a function φ(u) that vanishes there
+    /// and its gradient (4 numbers); `None` if `abs`, `min`, `max` and `if` do not occur.
+    pub fn kinks(&self) -> Option<&Tape> {
+        self.tapes.kinks.as_ref()
     }
 
     /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with
@@ -130,7 +140,7 @@ impl Manifold {
     pub fn sky_direction(&self, exit: Option<usize>, u: DVec3, v: DVec3) -> DVec3 {
         let point = [u.x, u.y, u.z, v.x, v.y, v.z];
         let own = exit.and_then(|e| self.exits[e].direction.as_ref());
-        let direction = match (own, &self.jacobian) {
+        let direction = match (own, &self.tapes.jacobian) {
             (Some(tape), _) => DVec3::from_slice(&tape.at(&point)),
             (None, Some(jacobian)) => {
                 let j = jacobian.at(&point[..3]);

@@ -1,10 +1,13 @@
 //! The numerical checks that a manifold must pass before it is used.
 //!
 //! In: a [`Manifold`] as read. Out: nothing, or a complaint with the point at which a check failed:
-//! a camera region outside the domain, a metric that is not positive definite, a false symmetry
-//! claim.
+//! a camera region outside the domain, a metric that is not positive definite or differs where limits
+//! are glued, a false symmetry claim.
 
-use super::{EventKind, Isometry, Manifold, symmetry::discrepancy};
+use super::{
+    EventKind, Isometry, Manifold,
+    symmetry::{discrepancy, largest},
+};
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},
@@ -19,6 +22,13 @@ const PROBES: usize = 64;
 /// 1e-15 to 1e-11 on the shipped files; claims wrong by one part in a million measure 1e-6.
 const WORST_DISCREPANCY: f64 = 1e-8;
 
+/// How far inside its limits, as a share of the period, a glued coordinate is looked at.
+const SEAM: f64 = 1e-9;
+
+/// The largest relative difference of the metric at glued limits: limits written with seven digits
+/// of π pass, a period that is wrong does not.
+const WORST_SEAM: f64 = 1e-6;
+
 /// Checks regions, metric and symmetry claims.
 pub(super) fn check(manifold: &Manifold) -> Result<()> {
     let points = probe_points(manifold);
@@ -27,6 +37,8 @@ pub(super) fn check(manifold: &Manifold) -> Result<()> {
             check_inside(manifold, *u)?;
         }
         check_metric(manifold, *u)?;
+        check_glued(manifold, *u)?;
+        check_identity(manifold, *u)?;
     }
     check_symmetry(manifold, &points)
 }
@@ -115,21 +127,76 @@ fn check_metric(manifold: &Manifold, u: DVec3) -> Result<()> {
     if finite(g) && finite(s) && positive {
         return Ok(());
     }
-    let what = if finite(g) {
-        "is not positive definite"
-    } else {
-        "is not finite"
+    let what = match (finite(g), manifold.ambient) {
+        (false, _) => "the metric is not finite",
+        (true, None) => "the metric is not positive definite",
+        (true, Some(_)) => "the embedding flattens space, its metric is not positive definite",
     };
     let entries = [
         g.x_axis.x, g.y_axis.y, g.z_axis.z, g.y_axis.x, g.z_axis.x, g.z_axis.y,
     ];
-    let message = format!("the metric {what} at {}", point(manifold, u));
+    let message = format!("{what} at {}", point(manifold, u));
     Err(
         complain(manifold, &["metric", "[metric]", "embedding"], message)
             .with_label(format!("xx, yy, zz, xy, xz, yz = {entries:.3?} there"))
             .with_hint("restrict the region with [domain] or [cameras], or mend the expressions")
             .into(),
     )
+}
+
+/// The metric must be the same at both limits of a glued coordinate. Its slope need not be: that is a
+/// kink like any other.
+fn check_glued(manifold: &Manifold, u: DVec3) -> Result<()> {
+    for k in 0..3 {
+        let (Some(period), Some([low, _])) = (manifold.domain.period(k), manifold.domain.limits[k])
+        else {
+            continue;
+        };
+        // Just inside either limit, as expressions see it.
+        let at = |part: f64| {
+            let mut near = u;
+            near[k] = low + period * part;
+            near
+        };
+        let (first, last) = (at(SEAM), at(1.0 - SEAM));
+        let (g, s) = manifold.metric_and_frame(first);
+        let found = largest(s.transpose() * (manifold.metric(last) - g) * s);
+        if found > WORST_SEAM {
+            let name = &manifold.coordinates[k];
+            let message = format!(
+                "the metric is not the same at both glued limits of `{name}`: at {} and {} lengths differ by {found:.2e}",
+                point(manifold, first),
+                point(manifold, last),
+            );
+            return Err(complain(manifold, &["periodic", "[domain]"], message)
+                .with_label("glued here")
+                .with_hint("choose limits that are a period of the expressions")
+                .into());
+        }
+    }
+    Ok(())
+}
+
+/// Left translation by p = 0 must leave everything, and bring u = 0 to p.
+fn check_identity(manifold: &Manifold, u: DVec3) -> Result<()> {
+    let Some(tape) = &manifold.symmetry.group else {
+        return Ok(());
+    };
+    let by = |p: DVec3, u: DVec3| Isometry::Left(p, tape.clone()).apply(u).0;
+    let (same, moved) = (by(DVec3::ZERO, u), by(u, DVec3::ZERO));
+    let off = (same - u).length().max((moved - u).length());
+    if off <= WORST_DISCREPANCY * (1.0 + u.length()) {
+        return Ok(());
+    }
+    let message = format!(
+        "the identity of this group is not 0: p = 0 brings {} to {}",
+        point(manifold, u),
+        point(manifold, same),
+    );
+    Err(complain(manifold, &["group", "[symmetry]"], message)
+        .with_label("claimed here")
+        .with_hint("p = 0 must leave every point, and x = y = z = 0 must go to p")
+        .into())
 }
 
 fn check_symmetry(manifold: &Manifold, points: &[(DVec3, bool)]) -> Result<()> {

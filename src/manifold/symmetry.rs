@@ -64,13 +64,14 @@ pub(super) fn discrepancy(manifold: &Manifold, isometry: &Isometry, u: DVec3) ->
     let (image, d) = isometry.apply(u);
     let (g, s) = manifold.metric_and_frame(u);
     let pulled = d.transpose() * manifold.metric(image) * d;
-    let difference = s.transpose() * (pulled - g) * s;
-    difference
-        .to_cols_array()
-        .iter()
-        .map(|x| x.abs())
-        .fold(
-            0.0,
-            |a, b| if b.is_nan() { f64::INFINITY } else { a.max(b) },
-        )
+    largest(s.transpose() * (pulled - g) * s)
+}
+
+/// The largest entry by size; infinite if one is not a number.
+pub(super) fn largest(m: DMat3) -> f64 {
+    let sizes = m.to_cols_array().map(f64::abs);
+    sizes.into_iter().fold(0.0, |a, b| match b.is_nan() {
+        true => f64::INFINITY,
+        false => a.max(b),
+    })
 }

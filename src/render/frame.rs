@@ -1,25 +1,28 @@
-//! One frame: paths, intersection and shading, for any tracer.
+//! One frame: paths and what they meet, for any tracer.
 //!
-//! In: a world, a view and a tracer. Out: the [`Outcome`] of every sample and the times of the
-//! steps. Shading is [`super::shade`]. Both tracers share everything after the paths.
+//! In: a world, a view and a tracer. Out: the [`Outcome`] of every sample, and the work and times of
+//! the steps. Shading is [`super::shade`]. All tracers share everything after the paths.
 
 use super::{
-    curve::EndingFinder,
-    lattice::{Found, LARGEST_TILE, Lattice, LatticeTally, Place, Tile},
+    endings::EndingFinder,
+    lattice::{Lattice, smallest_tile},
+    local::trace_straight,
     outcome::{Outcome, Seen, outcome},
-    tracer::{GridTracer, Tracer},
+    tiles::{Found, Place, Samples, Tally},
+    tracer::{ExactTracer, GridTracer},
     view::View,
     world::World,
 };
 use glam::{DVec2, DVec3};
 use ndarray::{Array3, Axis};
 use rayon::prelude::*;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Samples of a picture, axes (row, column, sample).
 pub type Outcomes = Array3<Outcome>;
 
-const NOTHING: Outcome = Outcome {
+/// A sample that sees nothing.
+pub const NOTHING: Outcome = Outcome {
     seen: Seen::Nothing,
     flagged: false,
 };
@@ -35,82 +38,131 @@ pub fn offsets(n: usize) -> Vec<DVec2> {
         .collect()
 }
 
-/// Every sample traced by itself.
-pub fn trace_all(world: &World, view: &View, tracer: &dyn Tracer, samples: usize) -> Outcomes {
-    let (width, height) = view.size;
-    let offsets = offsets(samples);
-    let mut outcomes = Outcomes::from_elem((height, width, samples), NOTHING);
+/// How the paths of a frame are made and what became of its samples.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Work {
+    /// Steps of the threads.
+    pub tally: Tally,
+    /// Samples that the tracer could not give.
+    pub pending: usize,
+    /// Time for those, by the clock.
+    pub pending_time: Duration,
+}
+
+impl std::ops::AddAssign for Work {
+    fn add_assign(&mut self, other: Self) {
+        self.tally += other.tally;
+        self.pending += other.pending;
+        self.pending_time += other.pending_time;
+    }
+}
+
+/// The outcomes of samples, and the work that it took.
+pub struct Traced {
+    /// What each sample sees.
+    pub outcomes: Outcomes,
+    /// The work.
+    pub work: Work,
+}
+
+/// How the paths of samples are made.
+#[derive(Clone, Copy)]
+pub enum Paths<'a> {
+    /// Each integrated by itself.
+    Exact(&'a ExactTracer<'a>),
+    /// Each looked up, or followed at common knots, by itself.
+    Direct(&'a dyn GridTracer),
+    /// Interpolated from a lattice of paths, within a budget in radians at the camera.
+    Lattice(&'a dyn GridTracer, f64),
+    /// Straight lines of the chart over a length (see [`super::local`]).
+    Straight(f64),
+}
+
+/// What the samples at `offsets` of every pixel see.
+pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) -> Traced {
+    let samples = Samples {
+        world,
+        view,
+        offsets,
+    };
+    match paths {
+        Paths::Exact(tracer) => trace_exact(&samples, tracer),
+        Paths::Straight(length) => Traced {
+            outcomes: trace_straight(&samples, length),
+            work: Work::default(),
+        },
+        Paths::Direct(tracer) => trace_tiles(&samples, tracer, |endings, found| {
+            let places = samples.places(found.tile());
+            samples.trace(&places, tracer, endings, found);
+        }),
+        Paths::Lattice(tracer, budget) => {
+            let lattice = Lattice {
+                tracer,
+                world,
+                view,
+                budget,
+                smallest: smallest_tile(offsets.len()),
+            };
+            trace_tiles(&samples, tracer, |endings, found| {
+                let began = Instant::now();
+                let corner = (found.corner.1, found.corner.0);
+                let divided = lattice.refine(corner, endings);
+                found.tally.lattice += began.elapsed();
+                samples.interpolate(&divided, tracer, endings, found);
+            })
+        }
+    }
+}
+
+fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
+    let (width, height) = samples.view.size;
+    let count = samples.offsets.len();
+    let mut outcomes = Outcomes::from_elem((height, width, count), NOTHING);
     outcomes
         .axis_iter_mut(Axis(0))
         .into_par_iter()
         .enumerate()
         .for_each(|(y, mut row)| {
-            let directions: Vec<DVec3> = (0..width * samples)
-                .map(|i| {
-                    let at = DVec2::new((i / samples) as f64, y as f64) + offsets[i % samples];
-                    view.direction(at.x, at.y)
-                })
+            let directions: Vec<DVec3> = (0..width * count)
+                .map(|i| samples.direction((y, i / count, i % count)))
                 .collect();
             for (slot, curve) in row.iter_mut().zip(tracer.trace(&directions)) {
-                *slot = outcome(world, &curve);
+                *slot = outcome(samples.world, &curve);
             }
         });
-    outcomes
+    let mut work = Work::default();
+    work.tally.traced = outcomes.len();
+    Traced { outcomes, work }
 }
 
-/// Samples interpolated from a lattice of curves within `budget` (radians at the camera).
-pub fn trace_lattice(
-    world: &World,
-    view: &View,
+/// Works on all of the largest tiles, then on what was put off.
+fn trace_tiles(
+    samples: &Samples<'_>,
     tracer: &dyn GridTracer,
-    samples: usize,
-    budget: f64,
-) -> (Outcomes, LatticeTally) {
-    let offsets = offsets(samples);
-    let lattice = Lattice {
-        tracer,
-        world,
-        view,
-        offsets: &offsets,
-        budget,
-    };
-    let (width, height) = view.size;
-    let mut outcomes = Outcomes::from_elem((height, width, samples), NOTHING);
-    let mut tiles: Vec<Found<'_>> = Vec::new();
-    for (row, band) in outcomes
-        .axis_chunks_iter_mut(Axis(0), LARGEST_TILE)
-        .enumerate()
-    {
-        // The views of a band are split off one after another: they do not overlap.
-        let mut rest = band;
-        let mut x = 0;
-        while x < width {
-            let (first, others) = rest.split_at(Axis(1), LARGEST_TILE.min(width - x));
-            tiles.push(Found::new((row * LARGEST_TILE, x), first));
-            (rest, x) = (others, x + LARGEST_TILE);
-        }
-    }
+    tile: impl Fn(&mut EndingFinder<'_>, &mut Found<'_>) + Sync,
+) -> Traced {
+    let (width, height) = samples.view.size;
+    let mut outcomes = Outcomes::from_elem((height, width, samples.offsets.len()), NOTHING);
+    let mut tiles = Found::split(&mut outcomes);
     tiles.par_iter_mut().for_each_init(
-        || EndingFinder::new(&world.manifold),
-        |endings, found| {
-            let (y, x) = found.corner;
-            let side = LARGEST_TILE;
-            lattice.tile(Tile { x, y, side }, endings, found);
-        },
+        || EndingFinder::new(&samples.world.manifold),
+        |endings, found| tile(endings, found),
     );
-    let mut tally = LatticeTally::default();
+    let mut work = Work::default();
     let mut pending = Vec::new();
     for found in tiles {
-        tally = tally.plus(found.tally);
+        work.tally += found.tally;
         pending.extend(found.pending);
     }
     let began = Instant::now();
-    for (place, outcome) in trace_pending(world, tracer, &pending) {
-        outcomes[place] = outcome;
+    work.pending = pending.len();
+    if let Some(tracer) = tracer.fallback() {
+        for (place, outcome) in trace_pending(samples.world, tracer, &pending) {
+            outcomes[place] = outcome;
+        }
     }
-    tally.pending = began.elapsed();
-    tally.traced = outcomes.len() - tally.interpolated;
-    (outcomes, tally)
+    work.pending_time = began.elapsed();
+    Traced { outcomes, work }
 }
 
 /// Rays given to one thread at once: enough to keep its lanes full.
@@ -119,7 +171,7 @@ const BLOCK: usize = 256;
 /// Samples that were put off, in blocks.
 fn trace_pending(
     world: &World,
-    tracer: &dyn Tracer,
+    tracer: &ExactTracer<'_>,
     pending: &[(Place, DVec3)],
 ) -> Vec<(Place, Outcome)> {
     let block = |rays: &[(Place, DVec3)]| -> Vec<(Place, Outcome)> {
@@ -127,7 +179,10 @@ fn trace_pending(
         let curves = tracer.trace(&directions);
         rays.iter()
             .zip(curves)
-            .map(|((place, _), curve)| (*place, outcome(world, &curve)))
+            .map(|((place, _), mut curve)| {
+                curve.flagged = true;
+                (*place, outcome(world, &curve))
+            })
             .collect()
     };
     pending.par_chunks(BLOCK).flat_map(block).collect()

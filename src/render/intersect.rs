@@ -7,26 +7,24 @@
 
 use super::{accel::Accelerator, curve::Piece};
 use crate::manifold::Domain;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
-/// A point of a curve on a triangle.
+/// A point of a curve on a triangle; its chart point is [`super::World::point`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// Arc length.
     pub s: f64,
-    /// Chart point, inside the limits of glued coordinates.
-    pub u: DVec3,
-    /// Tangent.
-    pub v: DVec3,
+    /// Tangent, chart components.
+    pub v: Vec3,
     /// Index of the triangle.
     pub triangle: u32,
     /// Weights of its second and third corners.
-    pub barycentric: (f64, f64),
+    pub barycentric: [f32; 2],
 }
 
 /// Angle (radians) by which chords may depart from the curve: a twentieth of a mrad, a small part
 /// of a pixel.
-const CHORD_ERROR: f64 = 5e-5;
+pub const CHORD_ERROR: f64 = 5e-5;
 
 /// Most chords of one piece: pieces are short already, so more means a broken curve.
 const MOST_CHORDS: f64 = 64.0;
@@ -39,7 +37,7 @@ pub fn first_hit(
     limit: f64,
 ) -> Option<Hit> {
     let (low, high) = piece.bounds();
-    if !domain.periodic.iter().any(|p| *p) {
+    if !is_glued(domain) {
         return hit_shifted(accelerator, piece, limit, DVec3::ZERO, (low, high));
     }
     let mut first: Option<Hit> = None;
@@ -54,8 +52,13 @@ pub fn first_hit(
     first
 }
 
+/// Whether any coordinate is glued.
+pub fn is_glued(domain: &Domain) -> bool {
+    domain.periodic.iter().any(|p| *p)
+}
+
 /// The displacements by whole periods that bring the box into reach of the scene.
-fn shifts(accelerator: &Accelerator, domain: &Domain, low: DVec3, high: DVec3) -> Vec<DVec3> {
+pub fn shifts(accelerator: &Accelerator, domain: &Domain, low: DVec3, high: DVec3) -> Vec<DVec3> {
     let Some((least, most)) = accelerator.bounds() else {
         return Vec::new();
     };
@@ -103,10 +106,9 @@ fn hit_shifted(
             let s = piece.arc(t);
             return (s <= limit).then(|| Hit {
                 s,
-                u: from + (to - from) * hit.t,
-                v: piece.tangent(t),
+                v: piece.tangent(t).as_vec3(),
                 triangle: hit.triangle,
-                barycentric: hit.barycentric,
+                barycentric: [hit.barycentric.0 as f32, hit.barycentric.1 as f32],
             });
         }
         from = to;

@@ -1,7 +1,6 @@
 //! The local view: the picture to first order in the distance, at once.
 //!
-//! In: a world and a view. Out: the [`Outcome`]s of a picture in which light goes straight in the
-//! chart. A chart point `u` lies at `p = (S R)ᵀ G (u − u_cam)` in the camera's axes, and on the
+//! In: samples of a picture. Out: their [`Outcome`]s if light goes straight in the chart. A chart point `u` lies at `p = (S R)ᵀ G (u − u_cam)` in the camera's axes, and on the
 //! picture at `p` divided by its depth; since `(S R)ᵀ G = (S R)⁻¹`, that is the chart's straight
 //! line from the camera. It is right near the camera, and off by an angle that grows in proportion
 //! to the distance.
@@ -10,17 +9,20 @@
 //! sample. In glued coordinates the scene is drawn in the periods next to the camera's too.
 
 use super::{
-    curve::{Curve, EndingFinder},
-    frame::{Outcomes, offsets},
+    curve::Ending,
+    endings::EndingFinder,
+    frame::{NOTHING, Outcomes},
     intersect::Hit,
     outcome::{Outcome, Seen, beyond},
+    strands::Strands,
+    tiles::Samples,
+    tracer::even_knots,
     view::View,
     world::World,
 };
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{ArrayViewMut3, Axis};
 use rayon::prelude::*;
-use std::sync::Arc;
 
 /// `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards).
 pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
@@ -28,28 +30,30 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
     axes.transpose() * world.manifold.metric(view.u) * (u - view.u)
 }
 
-/// Draws the view, straight lines followed over `length` to the skies.
-pub fn draw(world: &World, view: &View, samples: usize, length: f64) -> Outcomes {
-    let (width, height) = view.size;
-    let picture = Projected::new(world, view);
-    let offsets = offsets(samples);
-    let nothing = Outcome {
-        seen: Seen::Nothing,
-        flagged: false,
-    };
-    let mut outcomes = Outcomes::from_elem((height, width, samples), nothing);
+/// What `samples` see along straight lines, followed over `length` to the skies.
+pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
+    let (world, offsets) = (samples.world, samples.offsets);
+    let (width, height) = samples.view.size;
+    let picture = Projected::new(world, samples.view);
+    let knots = even_knots(length, INTERVALS);
+    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), NOTHING);
     outcomes
         .axis_chunks_iter_mut(Axis(0), BAND)
         .into_par_iter()
         .enumerate()
         .for_each_init(
-            || EndingFinder::new(&world.manifold),
-            |endings, (band, mut part)| {
-                picture.fill(band * BAND, &offsets, part.view_mut());
+            || {
+                (
+                    Strands::new(knots.clone()),
+                    EndingFinder::new(&world.manifold),
+                )
+            },
+            |(lines, endings), (band, mut part)| {
+                picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
                     if slot.seen == Seen::Nothing {
                         let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        slot.seen = picture.sky(at, length, endings);
+                        slot.seen = picture.sky(at, lines, endings);
                     }
                 }
             },
@@ -60,8 +64,8 @@ pub fn draw(world: &World, view: &View, samples: usize, length: f64) -> Outcomes
 /// Rows filled by one thread at a time; every band looks at every triangle's box.
 const BAND: usize = 64;
 
-/// Knots of a straight line on which its exit is looked for.
-const KNOTS: usize = 64;
+/// Intervals of a straight line on which its exit is looked for.
+const INTERVALS: usize = 64;
 
 /// Depth at which triangles are cut, as a share of the greatest depth. What is cut off is nearer than
 /// anything that a picture is made for; a hundred times nearer, corners beside the camera lie so far
@@ -87,6 +91,8 @@ struct Projected<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
+    /// The standard frame at the camera.
+    frame: DMat3,
     flats: Vec<Flat>,
 }
 
@@ -99,6 +105,7 @@ impl<'w> Projected<'w> {
             world,
             view,
             axes,
+            frame: world.manifold.standard_frame(view.u),
             flats: Vec::new(),
         };
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
@@ -188,28 +195,28 @@ impl<'w> Projected<'w> {
         let s = (self.axes.inverse() * way).length();
         Seen::Surface(Hit {
             s,
-            u,
-            v: way / s,
+            v: (way / s).as_vec3(),
             triangle,
-            barycentric: (weights.x, weights.y),
+            barycentric: weights.as_vec2().to_array(),
         })
     }
 
     /// What the chart's straight line through the point `at` of the picture ends in.
-    fn sky(&self, at: DVec2, length: f64, endings: &mut EndingFinder<'_>) -> Seen {
-        let frame = self.world.manifold.standard_frame(self.view.u);
-        let v = frame * self.view.direction(at.x, at.y);
-        let s: Arc<[f64]> = (0..=KNOTS)
-            .map(|k| length * k as f64 / KNOTS as f64)
-            .collect();
-        let line = Curve {
-            u: s.iter().map(|s| self.view.u + v * *s).collect(),
-            v: vec![v; s.len()],
-            ending: super::curve::Ending::Nowhere,
-            flagged: false,
-            s,
+    fn sky(&self, at: DVec2, lines: &mut Strands, endings: &mut EndingFinder<'_>) -> Seen {
+        let direction = self.view.direction(at.x, at.y);
+        let (u, v) = (self.view.u, self.frame * direction);
+        let fill = |knots: &[f64], rows: &mut [f64]| {
+            let n = knots.len();
+            for (k, s) in knots.iter().enumerate() {
+                for c in 0..3 {
+                    (rows[c * n + k], rows[(3 + c) * n + k]) = (u[c] + v[c] * s, v[c]);
+                }
+            }
+            n
         };
-        beyond(&endings.ending(&line.s, &line.u, &line.v))
+        lines.clear();
+        lines.push(direction, fill, |line| endings.ending(line));
+        beyond(&lines.strand(0).ending.unwrap_or(Ending::Nowhere))
     }
 }
 

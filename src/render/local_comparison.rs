@@ -4,11 +4,12 @@
 //! be the local view puts the points that the exact one shows, by their distance.
 
 use super::{
-    frame::{offsets, trace_all},
-    local::{draw, projection},
+    drawing::draw,
+    frame::{Paths, offsets},
+    local::projection,
     outcome::Seen,
     picture::{Picture, flip, flip::DEFAULT_PIXELS_PER_DEGREE, psnr},
-    shade::shade,
+    shade::Footprints,
     tracer::ExactTracer,
     view::View,
     world::World,
@@ -16,7 +17,7 @@ use super::{
 use crate::{error::Result, quantiles::Quantiles};
 use ndarray::Array2;
 use serde::Serialize;
-use std::{collections::BTreeMap, fmt, time::Instant};
+use std::{collections::BTreeMap, fmt};
 
 /// Error of the local view of what is at a distance.
 #[derive(Debug, Clone, Copy, Serialize)]
@@ -70,22 +71,16 @@ pub fn compare_local(
     length: f64,
     tolerance: f64,
 ) -> Result<LocalComparison> {
-    let began = Instant::now();
-    let near = draw(world, view, samples, length);
-    let local_time = began.elapsed().as_secs_f64();
-    let began = Instant::now();
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
-    let outcomes = trace_all(world, view, &tracer, samples);
-    let exact_time = began.elapsed().as_secs_f64();
-    let local = shade(world, view, near.view());
-    let exact = shade(world, view, outcomes.view());
-    let flip = flip(&exact, &local, DEFAULT_PIXELS_PER_DEGREE)?;
-    let psnr = psnr(&exact, &local)?;
+    let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
+    let (local, exact) = (by(Paths::Straight(length)), by(Paths::Exact(&tracer)));
+    let flip = flip(&exact.picture, &local.picture, DEFAULT_PIXELS_PER_DEGREE)?;
+    let psnr = psnr(&exact.picture, &local.picture)?;
     let mut errors: BTreeMap<i32, Vec<(f64, f64)>> = BTreeMap::new();
     let offset = offsets(samples)[0];
-    for ((y, x, k), outcome) in outcomes.indexed_iter() {
+    for ((y, x, k), outcome) in exact.outcomes.indexed_iter() {
         if let (0, Seen::Surface(hit)) = (k, outcome.seen) {
-            let p = projection(world, view, hit.u);
+            let p = projection(world, view, world.point(&hit));
             let seen = view.direction(x as f64 + offset.x, y as f64 + offset.y);
             let put = (view.camera().rotation * p).normalize_or_zero();
             let angle = 1e3 * seen.cross(put).length().atan2(seen.dot(put));
@@ -109,12 +104,12 @@ pub fn compare_local(
         report: Report {
             psnr: psnr.is_finite().then_some(psnr),
             flip: flip.mean,
-            local: local_time,
-            exact: exact_time,
+            local: local.paths.as_secs_f64(),
+            exact: exact.paths.as_secs_f64(),
             distances: errors.into_iter().map(at_distance).collect(),
         },
-        local,
-        exact,
+        local: local.picture,
+        exact: exact.picture,
         flip: flip.map,
     })
 }

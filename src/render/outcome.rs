@@ -5,9 +5,9 @@ use super::{
     intersect::{Hit, first_hit},
     world::World,
 };
-use glam::DVec3;
+use glam::Vec3;
 
-/// What a ray finds at last.
+/// What a ray finds at last. Kept small, because a frame writes and reads one for every sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Seen {
     /// A triangle.
@@ -15,11 +15,11 @@ pub enum Seen {
     /// A sky, by exit, in a direction.
     Sky {
         /// Index in [`crate::manifold::Manifold::exits`].
-        exit: usize,
+        exit: u32,
         /// Arc length at the exit.
         s: f64,
         /// Unit vector.
-        direction: DVec3,
+        direction: Vec3,
     },
     /// Nothing: the path ended before anything.
     Nothing,
@@ -54,9 +54,9 @@ pub fn outcome(world: &World, curve: &Curve) -> Outcome {
 pub fn beyond(ending: &Ending) -> Seen {
     match *ending {
         Ending::Exit { exit, s, sky } => Seen::Sky {
-            exit,
+            exit: exit as u32,
             s,
-            direction: sky,
+            direction: sky.as_vec3(),
         },
         Ending::Nowhere => Seen::Nothing,
     }

@@ -13,7 +13,7 @@ use crate::{
     error::Result,
     manifold::Manifold,
 };
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use std::sync::Arc;
 
 /// A camera with a picture plane.
@@ -61,6 +61,26 @@ impl View {
         let along = |axis: DVec3| direction.dot(axis) / (depth * axis.length_squared());
         let (w, h) = (self.size.0 as f64, self.size.1 as f64);
         (depth > 0.0).then(|| (along(self.right) + 0.5 * w, along(self.down) + 0.5 * h))
+    }
+
+    /// The direction of the middle of the picture.
+    pub fn look(&self) -> DVec3 {
+        self.look
+    }
+
+    /// The same view from `u`: the same components in the standard frame there.
+    pub fn moved(&self, u: DVec3) -> Self {
+        Self { u, ..self.clone() }
+    }
+
+    /// The view turned by `angle` (radians) to the right about the picture's upward direction.
+    pub fn turned(&self, angle: f64) -> Self {
+        let turn = DQuat::from_axis_angle(self.down.normalize(), angle);
+        Self {
+            look: turn * self.look,
+            right: turn * self.right,
+            ..self.clone()
+        }
     }
 
     /// The direction of the point (x, y) of the picture.

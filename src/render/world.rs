@@ -5,6 +5,7 @@
 
 use super::{
     accel::Accelerator,
+    intersect::Hit,
     light::{Baked, PointLight},
     scene::{LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
     sky::Sky,
@@ -103,6 +104,40 @@ impl World {
             }
         }
         *hasher.finalize().as_bytes()
+    }
+
+    /// The chart point of a hit, inside the limits of glued coordinates.
+    pub fn point(&self, hit: &Hit) -> DVec3 {
+        let [a, b, c] = self.accelerator.triangles()[hit.triangle as usize];
+        let [y, z] = hit.barycentric.map(f64::from);
+        let u = a * (1.0 - y - z) + b * y + c * z;
+        self.manifold.domain.wrap(u)
+    }
+
+    /// The normal of a hit as a covector of the chart, not of unit length.
+    pub fn covector(&self, hit: &Hit) -> DVec3 {
+        let [a, b, c] = self.faces[hit.triangle as usize].normals;
+        let [y, z] = hit.barycentric.map(f64::from);
+        a * (1.0 - y - z) + b * y + c * z
+    }
+
+    /// How texture coordinates change on the plane of a triangle by the way `way`.
+    pub fn texture_change(&self, triangle: u32, way: DVec3) -> [f32; 2] {
+        let [a, b, c] = self.accelerator.triangles()[triangle as usize];
+        let uvs = self.faces[triangle as usize].uvs;
+        let (e, f) = (b - a, c - a);
+        let (ee, ef, ff) = (e.dot(e), e.dot(f), f.dot(f));
+        let (we, wf) = (way.dot(e), way.dot(f));
+        let determinant = ee * ff - ef * ef;
+        let y = ((ff * we - ef * wf) / determinant) as f32;
+        let z = ((ee * wf - ef * we) / determinant) as f32;
+        let change = |k: usize| y * (uvs[1][k] - uvs[0][k]) + z * (uvs[2][k] - uvs[0][k]);
+        let change = [change(0), change(1)];
+        if change.iter().all(|x| x.is_finite()) {
+            change
+        } else {
+            [0.0; 2]
+        }
     }
 
     fn place(

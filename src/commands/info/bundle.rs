@@ -3,7 +3,7 @@
 use super::InfoArgs;
 use geofan::{
     Error, Result,
-    bundle::{Contents, Header, container::VERSION, decode_chunk},
+    bundle::{Contents, Header, Table, Tree, container::VERSION},
     fan::Reduction,
     terminal::{self, CommonArgs, Outcome},
 };
@@ -38,7 +38,8 @@ pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
 fn count(args: &InfoArgs, contents: &Contents) -> Result<(usize, usize)> {
     let mut sum = (0, 0);
     for (chunk, bytes) in &contents.chunks {
-        let tree = decode_chunk(&contents.space, bytes).map_err(|damage| {
+        let shape = Table::shape(&contents.space);
+        let tree = Tree::decode(bytes, shape).map_err(|damage| {
             let message = format!("is not a valid bundle: chunk {chunk}: {damage}");
             Error::input(args.file.display().to_string(), message)
         })?;

@@ -1,13 +1,11 @@
 //! `geofan info` on a manifold file.
 
-use super::InfoArgs;
+use super::{InfoArgs, place::Place};
 use geofan::{
     Result,
-    geodesic::check_point,
     manifold::{Carried, Manifold},
     terminal::{self, CommonArgs, Outcome},
 };
-use glam::{DMat3, DVec3};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
@@ -21,21 +19,6 @@ pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
         terminal::print(&as_text(&manifold, at.as_ref()))?;
     }
     Ok(Outcome::Done)
-}
-
-/// The geometry at one point.
-struct Place {
-    u: DVec3,
-    metric: DMat3,
-    frame: DMat3,
-}
-
-impl Place {
-    fn new(manifold: &Manifold, u: DVec3) -> Result<Self> {
-        check_point(manifold, "--at", u)?;
-        let (metric, frame) = manifold.metric_and_frame(u);
-        Ok(Self { u, metric, frame })
-    }
 }
 
 /// What a right-hand side carries, by name.
@@ -69,12 +52,7 @@ fn as_json(manifold: &Manifold, at: Option<&Place>) -> Value {
         "operations": operations_json(manifold),
     });
     if let Some(place) = at {
-        value["at"] = json!({
-            "u": place.u.to_array(),
-            "metric": rows(place.metric),
-            "inverse": rows(place.metric.inverse()),
-            "frame": place.frame.to_cols_array_2d(),
-        });
+        value["at"] = place.as_json();
     }
     value
 }
@@ -86,10 +64,6 @@ where
 {
     let entry = |(name, value): (N, V)| (name.into(), json!(value));
     Value::Object(entries.into_iter().map(entry).collect::<Map<_, _>>())
-}
-
-fn rows(m: DMat3) -> [[f64; 3]; 3] {
-    m.transpose().to_cols_array_2d()
 }
 
 fn definition(manifold: &Manifold) -> &'static str {
@@ -157,9 +131,7 @@ fn as_text(manifold: &Manifold, at: Option<&Place>) -> String {
         text.line("right-hand side", cost);
     }
     if let Some(place) = at {
-        text.matrix("metric", rows(place.metric));
-        text.matrix("inverse metric", rows(place.metric.inverse()));
-        text.matrix("standard frame (columns)", rows(place.frame));
+        text.0 += &place.as_text(&manifold.coordinates);
     }
     text.0
 }
@@ -171,13 +143,6 @@ struct Lines(String);
 impl Lines {
     fn line(&mut self, name: &str, value: impl std::fmt::Display) {
         let _ = writeln!(self.0, "{name:<16} {value}");
-    }
-
-    fn matrix(&mut self, name: &str, rows: [[f64; 3]; 3]) {
-        let _ = writeln!(self.0, "{name}");
-        for [a, b, c] in rows {
-            let _ = writeln!(self.0, "  {a:>16.9e} {b:>16.9e} {c:>16.9e}");
-        }
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod bundle;
 mod manifold;
+mod place;
 
 use geofan::{
     Error, Result,
@@ -19,7 +20,7 @@ use std::{fs::File, io::Read, path::PathBuf};
 pub struct InfoArgs {
     /// A manifold file or a bundle
     file: PathBuf,
-    /// Also show the metric and the standard frame at this point of the chart
+    /// Also show metric, standard frame, connection and curvature at this point of the chart
     #[arg(long, value_name = "A,B,C", allow_hyphen_values = true, value_parser = values::vector)]
     at: Option<DVec3>,
     /// Replace a parameter of the manifold; may be repeated

@@ -11,7 +11,7 @@ use glam::DVec3;
 /// How far before its start and past its end, in its own length, a chord still hits. Consecutive
 /// chords share an end, and rounding (1e-16 times the distance to the triangle) must not let a hit
 /// there fall out of both.
-const END_MARGIN: f64 = 1e-12;
+pub(super) const END_MARGIN: f64 = 1e-12;
 /// Coordinates beyond this are treated like infinite ones, so that no product overflows.
 const LARGEST: f64 = 1e100;
 

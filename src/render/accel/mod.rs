@@ -11,6 +11,9 @@
 //! tree's box in double precision before it is rounded, so a far camera costs no accuracy.
 
 mod chord;
+mod packet;
+
+pub use packet::PacketHits;
 
 use chord::{Chord, is_usable};
 use glam::{DVec3, Vec3, Vec3A};

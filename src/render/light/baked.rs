@@ -96,9 +96,9 @@ impl Layout {
 
     /// The numbers of the three points around the place with weights (b, c) of `triangle`, and their
     /// weights.
-    fn around(&self, triangle: u32, (b, c): (f64, f64)) -> [(u32, f32); 3] {
+    fn around(&self, triangle: u32, [b, c]: [f32; 2]) -> [(u32, f32); 3] {
         let n = usize::from(self.parts[triangle as usize]);
-        let scaled = |x: f64| (x * n as f64).clamp(0.0, n as f64);
+        let scaled = |x: f32| (f64::from(x) * n as f64).clamp(0.0, n as f64);
         let (x, y) = (scaled(b), scaled(c));
         let j = (y as usize).min(n - 1);
         let i = (x as usize).min(n - 1 - j);
@@ -161,7 +161,7 @@ impl Baked {
     }
 
     /// Irradiance at the place with weights `barycentric` of `triangle`, on the front or the back.
-    pub fn at(&self, triangle: u32, barycentric: (f64, f64), front: bool) -> [f32; 3] {
+    pub fn at(&self, triangle: u32, barycentric: [f32; 2], front: bool) -> [f32; 3] {
         let side = if front { 0 } else { 3 };
         let around = self.layout.around(triangle, barycentric);
         let part = |k: usize| {

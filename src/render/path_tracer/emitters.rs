@@ -108,7 +108,7 @@ impl Emitters {
         if self.triangles.binary_search(&hit.triangle).is_err() {
             return 0.0;
         }
-        let chosen = self.at(world, hit.triangle, hit.u);
+        let chosen = self.at(world, hit.triangle, world.point(hit));
         chosen.by_solid_angle(world, connection)
     }
 }

@@ -4,7 +4,7 @@
 //! off and how it scatters.
 
 use super::bsdf::{Around, Bsdf};
-use crate::render::{Hit, World, light::SurfacePoint, shade};
+use crate::render::{Footprint, Hit, World, light::SurfacePoint, shade};
 use glam::{DMat3, DVec3};
 
 /// A surface where a ray has met it.
@@ -33,11 +33,10 @@ impl Surface {
     pub fn new(world: &World, hit: &Hit) -> Self {
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
-        let (b, c) = hit.barycentric;
-        let covector = face.normals[0] * (1.0 - b - c) + face.normals[1] * b + face.normals[2] * c;
-        let frame = world.manifold.standard_frame(hit.u);
+        let (u, covector) = (world.point(hit), world.covector(hit));
+        let frame = world.manifold.standard_frame(u);
         let inverse = frame.inverse();
-        let back = -(inverse * hit.v).normalize_or_zero();
+        let back = -(inverse * hit.v.as_dvec3()).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
         let across = (frame.transpose() * (q - p).cross(r - p)).normalize_or_zero();
         let flat = if across.dot(back) < 0.0 {
@@ -53,7 +52,7 @@ impl Surface {
         let around = Around::new(normal);
         Self {
             point: SurfacePoint {
-                u: hit.u,
+                u,
                 normal: inverse.transpose() * normal,
                 triangle: hit.triangle,
             },
@@ -64,7 +63,7 @@ impl Surface {
             around,
             outside,
             emitted: DVec3::from_array(material.ke.map(f64::from)),
-            bsdf: Bsdf::new(material, shade::diffuse(world, hit)),
+            bsdf: Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT)),
         }
     }
 

@@ -12,11 +12,11 @@ use super::{
 use crate::{
     random::Stream,
     render::{
-        Hit, Probe, Seen, View, World, first_seen,
+        Footprint, Hit, Probe, Seen, View, World, first_seen,
         light::{Connection, Lamps, SurfacePoint},
     },
 };
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -189,10 +189,13 @@ impl<'w> PathTracer<'w> {
                 }
                 Seen::Sky {
                     exit, direction, ..
-                } => add(walk.pixel, walk.throughput * self.sky(exit, direction)),
+                } => add(
+                    walk.pixel,
+                    walk.throughput * self.sky(exit as usize, direction),
+                ),
                 Seen::Nothing => {
                     let nowhere = self.world.skies.len() - 1;
-                    add(walk.pixel, walk.throughput * self.sky(nowhere, DVec3::Z));
+                    add(walk.pixel, walk.throughput * self.sky(nowhere, Vec3::Z));
                 }
             }
         }
@@ -203,11 +206,11 @@ impl<'w> PathTracer<'w> {
         met.into_iter().filter_map(|m| self.scattered(m)).collect()
     }
 
-    fn sky(&self, exit: usize, direction: DVec3) -> DVec3 {
-        let footprint = self.view.pixel_angle() as f32;
+    fn sky(&self, exit: usize, direction: Vec3) -> DVec3 {
+        let footprint = Footprint::round(direction, self.view.pixel_angle() as f32);
         let radiance = self.world.skies[exit]
             .as_ref()
-            .map(|sky| sky.radiance(direction, footprint));
+            .map(|sky| sky.filtered(direction, &footprint));
         radiance.map_or(DVec3::ZERO, |r| DVec3::from_array(r.map(f64::from)))
     }
 
@@ -221,7 +224,10 @@ impl<'w> PathTracer<'w> {
                 _ => add(walk.pixel, walk.throughput * meeting.surface.emitted),
             }
         }
-        let pairs: Vec<(DVec3, DVec3)> = weighed.iter().map(|(m, d)| (d.u, m.hit.u)).collect();
+        let pairs: Vec<(DVec3, DVec3)> = weighed
+            .iter()
+            .map(|(m, d)| (d.u, m.surface.point.u))
+            .collect();
         for ((meeting, departure), connection) in weighed.into_iter().zip(self.principal(&pairs)) {
             let Meeting { walk, hit, surface } = meeting;
             let chosen = match (connection, &self.emitters) {
@@ -269,7 +275,10 @@ impl<'w> PathTracer<'w> {
             let point = emitters.choose(self.world, &mut meeting.walk.random);
             chosen.push((meeting, point));
         }
-        let pairs: Vec<(DVec3, DVec3)> = chosen.iter().map(|(m, c)| (m.hit.u, c.u)).collect();
+        let pairs: Vec<(DVec3, DVec3)> = chosen
+            .iter()
+            .map(|(m, c)| (m.surface.point.u, c.u))
+            .collect();
         let mut candidates: Vec<Candidate> = Vec::new();
         for ((meeting, chosen), connection) in chosen.iter().zip(self.principal(&pairs)) {
             let candidate = |c: Connection| self.candidate(meeting, chosen, &c);
@@ -336,7 +345,7 @@ impl<'w> PathTracer<'w> {
             walk.throughput /= survival;
         }
         walk.scattered = scattered.probability.map(|probability| Departure {
-            u: hit.u,
+            u: surface.point.u,
             direction: surface.around.out_of(scattered.wi),
             probability,
         });

@@ -34,9 +34,16 @@ pub(super) fn read_with_image_crate(path: &Path) -> Result<Picture> {
     decode(&bytes, format).map_err(|e| bad_input(path, e))
 }
 
+impl Picture {
+    /// The colours as 8-bit sRGB, row by row from the top, three bytes for each pixel.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.rgb.iter().map(|&linear| to_byte(linear)).collect()
+    }
+}
+
 /// The bytes of a PNG file.
 fn encode(picture: &Picture) -> image::ImageResult<Vec<u8>> {
-    let codes: Vec<u8> = picture.rgb.iter().map(|&linear| to_byte(linear)).collect();
+    let codes = picture.bytes();
     let (width, height) = (picture.width() as u32, picture.height() as u32);
     let mut bytes = Vec::new();
     let encoder = PngEncoder::new(&mut bytes);

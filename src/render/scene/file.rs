@@ -186,7 +186,7 @@ impl SceneFile {
 }
 
 /// Reads every table of the array of tables `key`.
-fn each<'a, T>(
+pub(super) fn each<'a, T>(
     root: &Table<'a>,
     key: &str,
     read: impl Fn(Table<'a>) -> Result<T>,
@@ -230,7 +230,7 @@ fn views<'a>(root: &Table<'a>) -> Result<Vec<CameraEntry>> {
 }
 
 /// The keys that `[camera]` and `[[view]]` share.
-fn camera_entry(table: &Table) -> Result<CameraEntry> {
+pub(super) fn camera_entry(table: &Table) -> Result<CameraEntry> {
     let (position, position_span) = position(table)?;
     let look = table
         .required("look", "look = [-1.0, 0.0, 0.0]")?

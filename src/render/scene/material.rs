@@ -6,7 +6,7 @@
 //! `tobj` parses the text, but panics on a colour of fewer than three numbers and gives up the
 //! whole file at the first bad number; so each line is checked and mended before `tobj` sees it.
 
-use crate::render::picture;
+use crate::render::{footprint::Footprint, picture};
 use ndarray::Array3;
 use std::{
     collections::HashMap,
@@ -58,28 +58,82 @@ impl Default for Material {
 /// A picture that repeats over the plane of texture coordinates.
 #[derive(Debug, Clone)]
 pub struct Texture {
-    /// Rows from the top × columns × linear red, green, blue.
-    pixels: Array3<f32>,
+    /// Rows from the top × columns × linear red, green, blue; then the same at half the size, a
+    /// quarter, … down to one pixel.
+    levels: Vec<Array3<f32>>,
 }
 
 impl Texture {
     /// Wraps rows from the top × columns × 3; `None` if there is no pixel.
     pub fn new(pixels: Array3<f32>) -> Option<Self> {
         let (height, width, channels) = pixels.dim();
-        (height > 0 && width > 0 && channels == 3).then_some(Self { pixels })
+        if height == 0 || width == 0 || channels != 3 {
+            return None;
+        }
+        let mut levels = vec![pixels];
+        while let Some(half) = levels.last().and_then(halved) {
+            levels.push(half);
+        }
+        Some(Self { levels })
+    }
+
+    /// Linear colour at `uv`, averaged over a footprint in texture widths.
+    pub fn filtered(&self, [u, v]: [f32; 2], footprint: &Footprint) -> [f32; 3] {
+        let (taps, width) = footprint.taps();
+        let (height, columns, _) = self.levels[0].dim();
+        let texels = width * height.max(columns) as f32;
+        let last = self.levels.len() - 1;
+        let level = texels.max(1.0).log2().min(last as f32);
+        let (low, way) = (level as usize, level.fract());
+        let mut sum = [0.0; 3];
+        let mut count = 0.0;
+        for tap in taps {
+            let (u, v) = (f64::from(u + tap.x), f64::from(v + tap.y));
+            let sharp = self.sample_level(low, u, v);
+            let soft = self.sample_level((low + 1).min(last), u, v);
+            for c in 0..3 {
+                sum[c] += lerp(sharp[c], soft[c], way);
+            }
+            count += 1.0;
+        }
+        sum.map(|x| x / count)
     }
 
     /// Linear colour at `(u, v)`, bilinear and repeating; `v` grows upwards as OBJ has it.
     pub fn sample(&self, u: f64, v: f64) -> [f32; 3] {
-        let (height, width, _) = self.pixels.dim();
+        self.sample_level(0, u, v)
+    }
+
+    fn sample_level(&self, level: usize, u: f64, v: f64) -> [f32; 3] {
+        let pixels = &self.levels[level];
+        let (height, width, _) = pixels.dim();
         let (x0, x1, fx) = neighbours(u, width);
         let (y0, y1, fy) = neighbours(-v, height);
         std::array::from_fn(|c| {
-            let top = lerp(self.pixels[[y0, x0, c]], self.pixels[[y0, x1, c]], fx);
-            let bottom = lerp(self.pixels[[y1, x0, c]], self.pixels[[y1, x1, c]], fx);
+            let top = lerp(pixels[[y0, x0, c]], pixels[[y0, x1, c]], fx);
+            let bottom = lerp(pixels[[y1, x0, c]], pixels[[y1, x1, c]], fx);
             lerp(top, bottom, fy)
         })
     }
+}
+
+/// Half the size, by means of up to 2 × 2 pixels; `None` for a single pixel.
+fn halved(pixels: &Array3<f32>) -> Option<Array3<f32>> {
+    let (height, width, _) = pixels.dim();
+    if height == 1 && width == 1 {
+        return None;
+    }
+    let half = |n: usize| n.div_ceil(2);
+    Some(Array3::from_shape_fn(
+        (half(height), half(width), 3),
+        |(y, x, c)| {
+            let rows = 2 * y..(2 * y + 2).min(height);
+            let columns = 2 * x..(2 * x + 2).min(width);
+            let count = (rows.len() * columns.len()) as f32;
+            let cells = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
+            cells.map(|(y, x)| pixels[[y, x, c]]).sum::<f32>() / count
+        },
+    ))
 }
 
 /// The two pixel centres around the repeating coordinate `t`, and the way between them.

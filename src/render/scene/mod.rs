@@ -6,6 +6,7 @@ mod file;
 mod material;
 mod mesh;
 mod placement;
+mod poses;
 mod smoothing;
 mod subdivide;
 mod survey;
@@ -17,3 +18,4 @@ pub use file::{
 pub use material::{Material, Texture};
 pub use mesh::Mesh;
 pub(super) use placement::place;
+pub use poses::{KeyPose, PoseFile};

@@ -14,7 +14,10 @@ mod glyph;
 mod grid;
 mod stars;
 
-use crate::{error::Result, render::scene::SkyEntry};
+use crate::{
+    error::Result,
+    render::{footprint::Footprint, scene::SkyEntry},
+};
 use equirectangular::Equirectangular;
 use glam::{DVec3, Vec3};
 use ndarray::Array3;
@@ -71,16 +74,36 @@ impl Sky {
     /// Linear light from `direction`, averaged over about `footprint` radians.
     #[inline]
     pub fn radiance(&self, direction: DVec3, footprint: f32) -> [f32; 3] {
+        self.round(unit(direction), footprint).to_array()
+    }
+
+    /// Linear light from the unit vector `d`, averaged over a footprint of any shape: round ones
+    /// along its longer axis.
+    #[inline]
+    pub fn filtered(&self, d: Vec3, footprint: &Footprint) -> [f32; 3] {
+        if let Self::Colour(colour) = self {
+            return *colour;
+        }
+        let (taps, width) = footprint.taps();
+        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
+        for tap in taps {
+            sum += self.round((d + tap).normalize_or(Vec3::X), width);
+            count += 1.0;
+        }
+        (sum / count).to_array()
+    }
+
+    /// Linear light from the unit vector `d` over a round footprint.
+    #[inline]
+    fn round(&self, d: Vec3, footprint: f32) -> Vec3 {
         // Written so that a footprint that is not a number asks for a point sample.
         let footprint = footprint.max(0.0);
-        let d = unit(direction);
-        let light = match self {
+        match self {
             Self::Equirectangular(image) => image.radiance(d, footprint),
             Self::Grid => grid::radiance(d, footprint),
             Self::Stars(stars) => stars.radiance(d, footprint),
-            Self::Colour(colour) => return *colour,
-        };
-        light.to_array()
+            Self::Colour(colour) => Vec3::from(*colour),
+        }
     }
 }
 

@@ -11,6 +11,7 @@
 //! corners hold the diffuse glow.
 
 use super::catalogue::{self, Star};
+use crate::render::footprint::FILTER_DEVIATION;
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -18,6 +19,9 @@ use std::f32::consts::PI;
 const CELLS: usize = 64;
 /// The widest disc; a wider one would reach into cells that do not list it.
 const REACH: f32 = 0.012;
+
+/// The radius of the disc (1 − r²/R²)² that is as wide as the pixel filter, in pixels.
+const DISC_RADII: f32 = 2.828_427 * FILTER_DEVIATION;
 
 /// The stars and the glow between them, sorted for look-up.
 #[derive(Debug, Clone)]
@@ -66,13 +70,13 @@ impl StarField {
         if melt == 1.0 {
             return place.between(&self.mean);
         }
-        let widest = footprint.min(REACH);
+        // The disc's deviation across is its radius over √8; variances add.
+        let spread = DISC_RADII * footprint;
         let cell = place.cell();
         let range = self.first[cell] as usize..self.first[cell + 1] as usize;
         let mut sharp = place.between(&self.glow);
         for star in &self.stars[range] {
-            let radius = star.radius.max(widest);
-            let squared = radius * radius;
+            let squared = (star.radius * star.radius + spread * spread).min(REACH * REACH);
             let inside = squared - star.direction.distance_squared(d);
             if inside > 0.0 {
                 // The disc (1 − r²/R²)² holds πR²/3.

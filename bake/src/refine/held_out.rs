@@ -1,0 +1,239 @@
+//! Random rays of a box that its polynomials are not fitted to, and what a table gets wrong on them.
+
+use super::{Refiner, region::Region, scout::weigh};
+use geofan::{
+    bundle::{
+        Tensor, chebyshev,
+        measure::{Probe, Probed, probe, stored_settings},
+    },
+    fan::{CHANNELS, FanSpace, Start},
+    geodesic::End,
+    random::Stream,
+};
+use glam::DQuat;
+use std::sync::atomic::Ordering;
+
+/// The fewest held-out rays of a box. Fewer miss narrow failures; more cost as much as fitting a box
+/// of two axes.
+const FEWEST: usize = 48;
+
+/// The most, and how many rays a box may be fitted to for each. Boxes of many axes have more places
+/// for failures to hide, and can afford to look.
+const MOST: usize = 160;
+const FITTED_EACH: usize = 60;
+
+/// How often as many rays again are followed where too few get to the arc lengths of the box, because
+/// most end at an exit before: in the corner that is left a table failed by radians (Sol) when two
+/// rays out of 48 had vouched for it.
+const BATCHES: usize = 16;
+
+/// Arc lengths at which each is compared.
+const LENGTHS: usize = 6;
+
+/// Share of the comparisons that may exceed the promise: the promise is a 99th percentile.
+const EXCEEDING: f64 = 0.01;
+
+/// A held-out ray.
+struct HeldOutRay {
+    /// Parameters in [−1, 1] of the box: camera…, direction….
+    parameters: Vec<f64>,
+    start: Start,
+    probes: Vec<Probe>,
+}
+
+/// The exact truth about the held-out rays of a box.
+pub struct HeldOut {
+    rays: Vec<HeldOutRay>,
+    /// Arc lengths of the box.
+    interval: [f64; 2],
+    /// Whether the metric ended a ray within the box: the table cannot know that.
+    pub singular: bool,
+}
+
+/// How far values stored for a path may be read wrong: channels → mrad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Screen error of the displacement channels.
+    Screen,
+    /// Angle of the rotation channels.
+    Rotation,
+}
+
+impl HeldOut {
+    /// Follows held-out rays of `region` of `chunk`, until enough of them get as far as the box's arc
+    /// lengths or hardly any do.
+    pub fn new(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
+        let count = (refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
+        let mut stream = Stream::new(&region.path);
+        let mut held_out = Self {
+            rays: Vec::new(),
+            interval: region.arc_interval(refiner.plan.length),
+            singular: false,
+        };
+        for _ in 0..BATCHES {
+            held_out.follow(refiner, chunk, region, (count, &mut stream));
+            if held_out.singular || held_out.rays.len() >= count / 3 {
+                break;
+            }
+        }
+        held_out
+    }
+
+    /// Follows `count` more rays and keeps those that get to the box's arc lengths.
+    fn follow(
+        &mut self,
+        refiner: &Refiner<'_>,
+        chunk: usize,
+        region: &Region,
+        (count, stream): (usize, &mut Stream),
+    ) {
+        let (space, plan) = (refiner.space, refiner.plan);
+        let manifold = space.manifold();
+        let mut point = || {
+            (0..region.arc())
+                .map(|_| stream.between(-1.0, 1.0))
+                .collect()
+        };
+        let parameters: Vec<Vec<f64>> = (0..count).map(|_| point()).collect();
+        let rays: Vec<_> = parameters
+            .iter()
+            .map(|x| refiner.ray(chunk, region, x))
+            .collect();
+        let [start, end] = self.interval;
+        let key = stream.bits();
+        let lengths = |ray: usize, length: f64| {
+            let mut stream = Stream::new(&[key, ray as u64]);
+            let end = end.min(length);
+            let count = if end > start { LENGTHS } else { 0 };
+            (0..count)
+                .map(|_| end - (end - start) * stream.uniform())
+                .collect()
+        };
+        let probed = probe(
+            manifold,
+            stored_settings(space, plan.tolerance),
+            end,
+            &rays,
+            lengths,
+        );
+        let tried = count as u64;
+        refiner.tally.rays.fetch_add(tried, Ordering::Relaxed);
+        let ended = |p: &Probed| p.end == End::Singular && p.length >= start;
+        self.singular |= probed.iter().any(ended);
+        let rays = parameters.into_iter().zip(&rays).zip(probed);
+        let rays = rays.filter(|(_, probed)| !probed.probes.is_empty());
+        self.rays
+            .extend(rays.map(|((parameters, &(u, d)), probed)| HeldOutRay {
+                parameters,
+                start: space.lift().start(u, manifold.standard_frame(u) * d),
+                probes: probed.probes,
+            }));
+    }
+
+    /// Whether no ray gets as far as the box: whatever is stored will not be read.
+    pub fn is_empty(&self) -> bool {
+        self.rays.is_empty()
+    }
+
+    /// The error in mrad that an error of one unit in a displacement channel usually causes: the
+    /// upper decile.
+    pub fn weight(&self, space: &FanSpace) -> f64 {
+        let mut found = Vec::new();
+        for probe in self.rays.iter().flat_map(|ray| &ray.probes) {
+            let mut weights = [0.0; CHANNELS];
+            weigh(space, false, probe, &mut weights);
+            let largest = weights.iter().copied().fold(0.0, f64::max);
+            found.extend(Some(largest).filter(|w| *w > 0.0 && w.is_finite()));
+        }
+        found.sort_by(f64::total_cmp);
+        found.get(found.len() * 9 / 10).map_or(1.0, |w| *w)
+    }
+
+    /// Whether at most the allowed share of comparisons with `tensor` exceeds `limit` mrad.
+    pub fn holds(
+        &self,
+        refiner: &Refiner<'_>,
+        tensor: &Tensor,
+        quantity: Quantity,
+        limit: f64,
+    ) -> bool {
+        let (compared, exceeding) = self.exceeding(refiner, tensor, quantity, limit);
+        let sum = |halves: [usize; 2]| (halves[0] + halves[1]) as f64;
+        sum(exceeding) <= EXCEEDING * sum(compared)
+    }
+
+    /// Whether that is so in the first half of the arc lengths.
+    pub fn holds_early(
+        &self,
+        refiner: &Refiner<'_>,
+        tensor: &Tensor,
+        quantity: Quantity,
+        limit: f64,
+    ) -> bool {
+        let (compared, exceeding) = self.exceeding(refiner, tensor, quantity, limit);
+        compared[0] > 0 && exceeding[0] as f64 <= EXCEEDING * compared[0] as f64
+    }
+
+    /// The number of comparisons in either half of the arc lengths, and of those that exceed `limit`
+    /// mrad.
+    fn exceeding(
+        &self,
+        refiner: &Refiner<'_>,
+        tensor: &Tensor,
+        quantity: Quantity,
+        limit: f64,
+    ) -> ([usize; 2], [usize; 2]) {
+        let [start, end] = self.interval;
+        let (mut compared, mut exceeding) = ([0; 2], [0; 2]);
+        for ray in &self.rays {
+            let rows = tensor.at(&ray.parameters);
+            for probe in &ray.probes {
+                let t = 2.0 * (probe.s - start) / (end - start) - 1.0;
+                let values = refiner.read(&rows, quantity, t);
+                let error = refiner.error(ray, probe, quantity, values);
+                let half = usize::from(t > 0.0);
+                compared[half] += 1;
+                exceeding[half] += usize::from(!(error <= limit));
+            }
+        }
+        (compared, exceeding)
+    }
+}
+
+impl Refiner<'_> {
+    fn channels(&self, quantity: Quantity) -> &'static [usize] {
+        match quantity {
+            Quantity::Screen => self.space.displacement_channels(),
+            Quantity::Rotation => self.space.rotation_channels(),
+        }
+    }
+
+    /// The channels at arc parameter `t` of the polynomials with coefficients `rows`.
+    fn read(&self, rows: &[f64], quantity: Quantity, t: f64) -> [f64; 4] {
+        let channels = self.channels(quantity);
+        let mut weights = vec![0.0; rows.len() / channels.len()];
+        chebyshev::values(t, &mut weights);
+        let mut values = [0.0; 4];
+        for (row, w) in rows.chunks_exact(channels.len()).zip(weights) {
+            for (channel, c) in channels.iter().zip(row) {
+                values[*channel] += w * c;
+            }
+        }
+        values
+    }
+
+    /// The error in mrad of stored `values` of a ray.
+    fn error(&self, ray: &HeldOutRay, probe: &Probe, quantity: Quantity, values: [f64; 4]) -> f64 {
+        let lift = self.space.lift();
+        match quantity {
+            Quantity::Screen => {
+                let found = lift.decode(&ray.start, values, probe.s);
+                probe.screen_mrad(found - probe.u)
+            }
+            Quantity::Rotation => {
+                let q = lift.twist(probe.u).conjugate() * DQuat::from_array(values).normalize();
+                probe.rotation_mrad(q)
+            }
+        }
+    }
+}

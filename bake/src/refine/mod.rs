@@ -1,0 +1,296 @@
+//! One chunk of the table: boxes halved until held-out rays meet the promise.
+//!
+//! In: a plan and a chunk number. Out: its [`Tree`], a pure function of both: neither threads nor
+//! other chunks matter.
+//!
+//! A few lines through a box tell how many nodes it needs ([`scout`]). If the plan allows as many it
+//! is sampled at the tensor grid of Chebyshev nodes and fitted; its coefficients are rounded as
+//! coarsely as random held-out rays allow, measured as the certificate measures them
+//! ([`held_out`], [`quantise`]). Otherwise it is halved along the axis that needs it most; one too
+//! small for that is flagged.
+
+mod decompose;
+mod held_out;
+mod quantise;
+mod region;
+pub(crate) mod scout;
+
+use geofan::{
+    bundle::{Patch, PlanRecord, Polynomial, Scale, Train, Tree, chebyshev},
+    fan::{CHANNELS, FanSpace, ROTATION, sample},
+};
+use glam::DVec3;
+use held_out::HeldOut;
+use ndarray::{Array3, ArrayD, Axis, IxDyn};
+use region::Region;
+use scout::Needs;
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, AtomicU64, Ordering},
+};
+
+/// Share of the promise that the transported rotation may be off: the direction of a sky follows
+/// from it.
+pub const ROTATION_SHARE: f64 = 1.0;
+
+/// By what factor the smallest boxes may exceed the promise along lines and still be fitted: the
+/// quantile often forgives it.
+const HOPE: f64 = 4.0;
+
+/// By what factor the first half of the arc lengths must be smoother than the whole for the arc
+/// length to be halved instead: neighbouring paths part exponentially, and what is sharp at their
+/// ends is not where they begin.
+const LATE: f64 = 10.0;
+
+/// What refinement tells while it runs.
+#[derive(Debug, Default)]
+pub struct Tally {
+    /// Rays integrated.
+    pub rays: AtomicU64,
+    /// Patches finished.
+    pub patches: AtomicU64,
+    /// Bytes of them.
+    pub bytes: AtomicU64,
+    /// Volume finished, in units of 2⁻³² of all chunks.
+    pub volume: AtomicU64,
+    /// Set from outside to stop early.
+    pub stop: AtomicBool,
+}
+
+/// Refines one chunk at a time.
+pub struct Refiner<'a> {
+    /// The rays.
+    pub space: &'a FanSpace,
+    /// The plan.
+    pub plan: &'a PlanRecord,
+    /// Progress.
+    pub tally: &'a Tally,
+}
+
+/// What becomes of a box.
+enum Verdict {
+    Done(Tree),
+    Halve(usize),
+}
+
+impl Refiner<'_> {
+    /// The tree of `chunk`; `None` if told to stop.
+    pub fn chunk(&self, chunk: usize) -> Option<Tree> {
+        let name = vec![self.plan.seed, chunk as u64];
+        self.refine(chunk, Region::whole(self.plan.nodes.len(), name))
+    }
+
+    fn refine(&self, chunk: usize, region: Region) -> Option<Tree> {
+        if self.tally.stop.load(Ordering::Relaxed) {
+            return None;
+        }
+        let axis = match self.judge(chunk, &region) {
+            Verdict::Done(tree) => return Some(tree),
+            Verdict::Halve(axis) => axis,
+        };
+        let (low, high) = rayon::join(
+            || self.refine(chunk, region.half(axis, 0)),
+            || self.refine(chunk, region.half(axis, 1)),
+        );
+        Some(Tree::Split {
+            axis,
+            halves: Box::new([low?, high?]),
+        })
+    }
+
+    fn judge(&self, chunk: usize, region: &Region) -> Verdict {
+        let held_out = HeldOut::new(self, chunk, region);
+        if held_out.is_empty() && !held_out.singular {
+            self.finished(region, 1);
+            return Verdict::Done(self.unread());
+        }
+        let needs = Needs::new(self, chunk, region);
+        let may_halve = self.may_halve(region);
+        let resolved = needs.excess.iter().all(|e| *e <= 1.0);
+        let hopeful = needs.excess.iter().all(|e| *e <= HOPE);
+        let affordable = needs.rays() <= self.plan.most_rays as usize;
+        let last = !may_halve.iter().any(|m| *m);
+        if affordable && !held_out.singular && (resolved || (last && hopeful)) {
+            match self.fitted(chunk, region, needs.clone(), &held_out) {
+                Ok(tree) => return Verdict::Done(tree),
+                Err(urgency) => {
+                    if let Some(axis) = largest(&urgency, &may_halve) {
+                        return Verdict::Halve(axis);
+                    }
+                }
+            }
+        }
+        // What exceeds most is halved; where the nodes are only too many in all, the axis with most.
+        let mut urgency: Vec<f64> = match resolved {
+            true => self.crowding(region, &needs),
+            false => needs.excess.clone(),
+        };
+        let most = urgency.iter().copied().fold(0.0, f64::max);
+        if !resolved && needs.early_excess * LATE < most {
+            urgency[region.arc()] = f64::INFINITY;
+        }
+        match largest(&urgency, &may_halve) {
+            Some(axis) => Verdict::Halve(axis),
+            None => {
+                self.finished(region, 1);
+                Verdict::Done(Tree::Flagged)
+            }
+        }
+    }
+
+    /// The number of nodes of each camera and direction axis: halving the arc length saves no rays.
+    fn crowding(&self, region: &Region, needs: &Needs) -> Vec<f64> {
+        let mut counts: Vec<f64> = needs.nodes.iter().map(|n| *n as f64).collect();
+        counts[region.arc()] = 0.0;
+        counts
+    }
+
+    /// The patch, with more nodes than needed along lines if those do not hold, or how urgent halving
+    /// is along each axis.
+    fn fitted(
+        &self,
+        chunk: usize,
+        region: &Region,
+        mut needs: Needs,
+        held_out: &HeldOut,
+    ) -> Result<Tree, Vec<f64>> {
+        loop {
+            let lengths = self.arc_lengths(region, needs.nodes[region.arc()]);
+            let (displacement, rotation) = self.fit(chunk, region, &needs.nodes, &lengths);
+            if let Some(patch) = self.quantise(&displacement, &rotation, held_out) {
+                self.finished(region, patch.bytes() as usize);
+                return Ok(Tree::Leaf(Arc::new(patch)));
+            }
+            if !needs.raise(&self.plan.nodes, self.plan.most_rays) {
+                let mut urgency = displacement.tails();
+                if self.holds_early(&displacement, held_out) {
+                    urgency[region.arc()] = f64::INFINITY;
+                }
+                return Err(urgency);
+            }
+        }
+    }
+
+    /// The patch of a box that no ray gets to: straight lines.
+    fn unread(&self) -> Tree {
+        let shape = |channels: usize| {
+            let mut shape = vec![1; self.plan.nodes.len()];
+            shape.push(channels);
+            IxDyn(&shape)
+        };
+        let cameras = self.space.cameras().len();
+        let straight = ArrayD::zeros(shape(self.space.displacement_channels().len()));
+        let channels = self.space.rotation_channels();
+        let mut still = ArrayD::zeros(shape(channels.len()));
+        still
+            .iter_mut()
+            .zip(channels)
+            .for_each(|(q, c)| *q = f64::from(u8::from(*c == 3)));
+        let tensor = |values: ArrayD<f64>| {
+            let rounded = Train::plain(&values, cameras).rounded(Scale::near(1.0));
+            rounded.expect("zeros and ones")
+        };
+        Tree::Leaf(Arc::new(Patch {
+            displacement: tensor(straight),
+            rotation: self.plan.frames.then(|| tensor(still)),
+        }))
+    }
+
+    fn finished(&self, region: &Region, bytes: usize) {
+        let chunks = self.plan.division(self.space.faces()).chunks() as f64;
+        let arc = 0.5_f64.powi(region.arc_halvings() as i32);
+        let share = region.volume() * arc / chunks * f64::from(u32::MAX);
+        self.tally.volume.fetch_add(share as u64, Ordering::Relaxed);
+        self.tally.patches.fetch_add(1, Ordering::Relaxed);
+        self.tally.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+    }
+
+    /// Along which axes the box may be halved.
+    fn may_halve(&self, region: &Region) -> Vec<bool> {
+        let small = region.volume() <= self.plan.least_volume;
+        let mut may = vec![!small; region.intervals.len()];
+        may[region.arc()] = region.arc_halvings() < self.plan.most_arc_halvings;
+        may
+    }
+
+    /// The stored ray at box parameters `x` (camera…, direction…).
+    fn ray(&self, chunk: usize, region: &Region, x: &[f64]) -> (DVec3, DVec3) {
+        let division = self.plan.division(self.space.faces());
+        let (cell, face) = division.of(chunk);
+        let k = self.space.cameras().len();
+        let camera: Vec<f64> = (0..k)
+            .map(|j| {
+                let [low, high] = self.space.cameras()[j];
+                let t =
+                    (cell[j] as f64 + 0.5 * (region.at(j, x[j]) + 1.0)) / division.cells[j] as f64;
+                low + (high - low) * t
+            })
+            .collect();
+        let directions: Vec<f64> = (k..x.len()).map(|j| region.at(j, x[j])).collect();
+        self.space.ray(face, &camera, &directions)
+    }
+
+    /// The `count` Chebyshev nodes of the box's arc lengths.
+    fn arc_lengths(&self, region: &Region, count: usize) -> Vec<f64> {
+        let [start, end] = region.arc_interval(self.plan.length);
+        let nodes = chebyshev::nodes(count);
+        let at = |t: &f64| start + 0.5 * (t + 1.0) * (end - start);
+        nodes.iter().map(at).collect()
+    }
+
+    /// Exact samples (point, arc length, channel) at `points` of the box.
+    fn samples(
+        &self,
+        chunk: usize,
+        region: &Region,
+        points: &[Vec<f64>],
+        lengths: &[f64],
+    ) -> Array3<f64> {
+        let manifold = self.space.manifold();
+        let ray = |x: &Vec<f64>| {
+            let (u, d) = self.ray(chunk, region, x);
+            (u, manifold.standard_frame(u) * d)
+        };
+        let rays: Vec<_> = points.iter().map(ray).collect();
+        let count = rays.len() as u64;
+        self.tally.rays.fetch_add(count, Ordering::Relaxed);
+        let (tolerance, frames) = (self.plan.tolerance, self.plan.frames);
+        sample(self.space, tolerance, frames, &rays, lengths)
+    }
+
+    /// The polynomials through exact samples on the tensor grid of `nodes`: displacement, rotation.
+    fn fit(
+        &self,
+        chunk: usize,
+        region: &Region,
+        nodes: &[usize],
+        lengths: &[f64],
+    ) -> (Polynomial, Polynomial) {
+        let grids: Vec<Vec<f64>> = nodes.iter().map(|&n| chebyshev::nodes(n)).collect();
+        let points: Vec<Vec<f64>> = ndarray::indices(IxDyn(&nodes[..region.arc()]))
+            .into_iter()
+            .map(|i| (0..region.arc()).map(|a| grids[a][i[a]]).collect())
+            .collect();
+        let mut shape = nodes.to_vec();
+        shape.push(CHANNELS);
+        let samples: ArrayD<f64> = self
+            .samples(chunk, region, &points, lengths)
+            .into_shape_with_order(IxDyn(&shape))
+            .expect("one sample for each node");
+        let channels = Axis(shape.len() - 1);
+        let displacement = samples.select(channels, self.space.displacement_channels());
+        let turning = self.space.rotation_channels().iter().map(|c| ROTATION + c);
+        let rotation = samples.select(channels, &turning.collect::<Vec<_>>());
+        (
+            Polynomial::fit(displacement.view()),
+            Polynomial::fit(rotation.view()),
+        )
+    }
+}
+
+/// The axis with the largest value of those allowed.
+fn largest(values: &[f64], allowed: &[bool]) -> Option<usize> {
+    (0..values.len())
+        .filter(|&axis| allowed[axis])
+        .max_by(|&a, &b| values[a].total_cmp(&values[b]).then(b.cmp(&a)))
+}

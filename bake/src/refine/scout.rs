@@ -1,0 +1,326 @@
+//! How many nodes a box needs along each axis, found from a few lines through it.
+//!
+//! In: a box. Out: [`Needs`]. Fitting a box costs the product of its nodes in rays; a few random
+//! lines along each axis cost their sum, and their Chebyshev coefficients tell how many of the nodes
+//! are needed, and which axis must be halved because no number allowed is enough.
+
+use super::{Refiner, region::Region};
+use geofan::{
+    bundle::{
+        PlanRecord, chebyshev,
+        measure::{Probe, probe, stored_settings},
+    },
+    fan::{CHANNELS, FanSpace, ROTATION, sample},
+    random::Stream,
+};
+use glam::{DVec3, DVec4};
+use ndarray::{Array2, Array3, ArrayView2, Axis};
+use std::sync::atomic::Ordering;
+
+/// Lines along each axis. With two, one in a flat part of the box hides what the other would show;
+/// four find hardly more than three.
+const LINES: usize = 3;
+
+/// The share of the promise that what lies beyond the last node may cost along one axis: the errors
+/// of all axes add up. Above 0.6 one box in four that was found resolved fails; below 0.2 boxes are
+/// fitted to twice the rays for nothing.
+const SHARE: f64 = 0.35;
+
+/// The share of line positions, the worst, that need not be met: the promise is a quantile too.
+const IGNORED: f64 = 0.03;
+
+/// What a box needs.
+#[derive(Debug, Clone)]
+pub struct Needs {
+    /// Nodes along each axis (camera…, direction…, arc length), at most those of the plan.
+    pub nodes: Vec<usize>,
+    /// By what factor the error exceeds its share where all nodes of the plan are not enough; at
+    /// most 1 where they are.
+    pub excess: Vec<f64>,
+    /// The largest excess in the first half of the arc lengths.
+    pub early_excess: f64,
+}
+
+impl Needs {
+    /// Of `region` of `chunk`.
+    pub fn new(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
+        let all = Self::all(refiner);
+        match all.rays() <= refiner.plan.most_rays as usize {
+            true => all,
+            false => Self::along_lines(refiner, chunk, region),
+        }
+    }
+
+    fn along_lines(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
+        let most: Vec<usize> = refiner.plan.nodes.iter().map(|n| *n as usize).collect();
+        let lengths = refiner.arc_lengths(region, most[region.arc()]);
+        let mut stream = Stream::new(&[&region.path[..], &[u64::MAX]].concat());
+        let allowed = SHARE * refiner.plan.max_error;
+        let mut along_arc = Tails::new(most[region.arc()], allowed);
+        let mut early_excess = 0.0_f64;
+        let (mut nodes, mut excess) = (Vec::new(), Vec::new());
+        for axis in 0..region.arc() {
+            let mut halves = [0, 1].map(|_| Tails::new(most[axis], allowed));
+            for _ in 0..LINES {
+                let through: Vec<f64> = (0..region.arc())
+                    .map(|_| stream.between(-1.0, 1.0))
+                    .collect();
+                let points = along(axis, &chebyshev::nodes(most[axis]), &through);
+                let rays: Vec<_> = points
+                    .iter()
+                    .map(|x| refiner.ray(chunk, region, x))
+                    .collect();
+                let count = rays.len() as u64;
+                refiner.tally.rays.fetch_add(count, Ordering::Relaxed);
+                let line = Line::new(refiner.space, refiner.plan, &rays, &lengths);
+                line.each(Axis(0), &mut along_arc);
+                let middle = lengths.len() / 2;
+                let [early, late] = line.halves(middle);
+                early.each(Axis(1), &mut halves[0]);
+                late.each(Axis(1), &mut halves[1]);
+            }
+            let [early, late] = halves;
+            early_excess = early_excess.max(early.excess());
+            nodes.push(early.nodes().max(late.nodes()));
+            excess.push(early.excess().max(late.excess()));
+        }
+        nodes.push(along_arc.nodes());
+        excess.push(along_arc.excess());
+        Self {
+            nodes,
+            excess,
+            early_excess,
+        }
+    }
+
+    /// All nodes of the plan: where they are few, looking first costs more than it saves.
+    fn all(refiner: &Refiner<'_>) -> Self {
+        let nodes: Vec<usize> = refiner.plan.nodes.iter().map(|n| *n as usize).collect();
+        Self {
+            excess: vec![0.0; nodes.len()],
+            nodes,
+            early_excess: 0.0,
+        }
+    }
+
+    /// More nodes along all axes, if the plan has room for them.
+    pub fn raise(&mut self, most: &[u32], most_rays: u32) -> bool {
+        let raised = |(n, most): (&usize, &u32)| (n + n.div_ceil(3)).min(*most as usize);
+        let nodes: Vec<usize> = self.nodes.iter().zip(most).map(raised).collect();
+        let before = std::mem::replace(&mut self.nodes, nodes);
+        self.rays() <= most_rays as usize && self.nodes != before
+    }
+
+    /// Rays of a full grid.
+    pub fn rays(&self) -> usize {
+        self.nodes[..self.nodes.len() - 1].iter().product()
+    }
+}
+
+/// The points with `nodes` along `axis`, at `through` of the others.
+fn along(axis: usize, nodes: &[f64], through: &[f64]) -> Vec<Vec<f64>> {
+    let at = |x: &f64| {
+        let mut point = through.to_vec();
+        point[axis] = *x;
+        point
+    };
+    nodes.iter().map(at).collect()
+}
+
+/// Exact paths from the nodes of a line.
+pub struct Line {
+    /// Node, arc length, channel.
+    values: Array3<f64>,
+    /// By what an error of each value is to be multiplied to be one in mrad; zero where no one will
+    /// look.
+    weights: Array3<f64>,
+}
+
+impl Line {
+    /// Follows `rays` (chart point, direction in the standard frame) to the arc lengths.
+    pub fn new(
+        space: &FanSpace,
+        plan: &PlanRecord,
+        rays: &[(DVec3, DVec3)],
+        lengths: &[f64],
+    ) -> Self {
+        let manifold = space.manifold();
+        let tangents = rays
+            .iter()
+            .map(|&(u, d)| (u, manifold.standard_frame(u) * d));
+        let tangents: Vec<_> = tangents.collect();
+        let values = sample(space, plan.tolerance, plan.frames, &tangents, lengths);
+        let farthest = lengths.last().copied().unwrap_or(0.0);
+        let within = |_: usize, end: f64| lengths.iter().copied().filter(|s| *s <= end).collect();
+        let settings = stored_settings(space, plan.tolerance);
+        let probed = probe(manifold, settings, farthest, rays, within);
+        let mut weights = Array3::zeros(values.dim());
+        for (mut rows, probed) in weights.outer_iter_mut().zip(&probed) {
+            for (mut row, probe) in rows.outer_iter_mut().zip(&probed.probes) {
+                weigh(
+                    space,
+                    plan.frames,
+                    probe,
+                    row.as_slice_mut().expect("contiguous"),
+                );
+            }
+        }
+        Self { values, weights }
+    }
+
+    /// The parts before and after the arc length number `middle`.
+    fn halves(&self, middle: usize) -> [Self; 2] {
+        let (values, weights) = (self.values.view(), self.weights.view());
+        let (early, late) = values.split_at(Axis(1), middle);
+        let (early_weights, late_weights) = weights.split_at(Axis(1), middle);
+        [(early, early_weights), (late, late_weights)].map(|(values, weights)| Self {
+            values: values.to_owned(),
+            weights: weights.to_owned(),
+        })
+    }
+
+    /// Adds the tails of all series across `axis` (0: along the arc length, 1: along the line).
+    pub fn each(&self, axis: Axis, tails: &mut Tails) {
+        let weights = self.weights.axis_iter(axis);
+        for (values, weights) in self.values.axis_iter(axis).zip(weights) {
+            tails.add(values, weights);
+        }
+    }
+}
+
+/// The factors that make errors of the channels at `probe` mrad.
+pub fn weigh(space: &FanSpace, frames: bool, probe: &Probe, weights: &mut [f64]) {
+    let lift = space.lift();
+    for channel in space.displacement_channels() {
+        let mut unit = [0.0; 4];
+        unit[*channel] = probe.s;
+        let change = lift.chart_change(probe.u, DVec4::from_array(unit));
+        weights[*channel] = probe.screen_mrad(change);
+    }
+    if frames {
+        for channel in space.rotation_channels() {
+            // A quaternion turns by twice the angle.
+            weights[ROTATION + channel] = 2e3 / super::ROTATION_SHARE;
+        }
+    }
+}
+
+/// What polynomials of too few degrees miss, at many places.
+pub struct Tails {
+    most: usize,
+    allowed: f64,
+    /// `T_k(x_i)` at `[i, k]`.
+    values: Array2<f64>,
+    /// Samples to coefficients.
+    transform: Array2<f64>,
+    /// The number of coefficients needed at each place.
+    counts: Vec<usize>,
+    /// What the last two coefficients contribute, in units of what is allowed.
+    ends: Vec<f64>,
+}
+
+impl Tails {
+    /// None yet, of series of `most` nodes, with `allowed` mrad to be missed.
+    pub fn new(most: usize, allowed: f64) -> Self {
+        let mut values = Array2::zeros((most, most));
+        for (x, mut row) in chebyshev::nodes(most).iter().zip(values.outer_iter_mut()) {
+            chebyshev::values(*x, row.as_slice_mut().expect("contiguous"));
+        }
+        Self {
+            most,
+            allowed,
+            values,
+            transform: chebyshev::transform(most),
+            counts: Vec::new(),
+            ends: Vec::new(),
+        }
+    }
+
+    /// Adds a series of samples (node, channel) with its weights.
+    fn add(&mut self, samples: ArrayView2<'_, f64>, weights: ArrayView2<'_, f64>) {
+        let coefficients = self.transform.dot(&samples);
+        for (place, weights) in weights.outer_iter().enumerate() {
+            let channels = (0..weights.len()).filter(|c| weights[*c] > 0.0);
+            let channels: Vec<(usize, f64)> = channels.map(|c| (c, weights[c])).collect();
+            if !channels.is_empty() {
+                self.add_place(&coefficients, place, &channels);
+            }
+        }
+    }
+
+    /// Adds what is missed at node `place`, in `channels` with their weights.
+    fn add_place(&mut self, coefficients: &Array2<f64>, place: usize, channels: &[(usize, f64)]) {
+        let mut missed = [0.0; CHANNELS];
+        let (mut count, mut end) = (1, 0.0);
+        for k in (1..self.most).rev() {
+            let value = self.values[[place, k]];
+            let mut square = 0.0;
+            for (c, weight) in channels {
+                missed[*c] += weight * value * coefficients[[k, *c]];
+                square += missed[*c] * missed[*c];
+            }
+            let excess = square.sqrt() / self.allowed;
+            if k + 2 >= self.most {
+                end = excess;
+            }
+            if count == 1 && !(excess <= 1.0) {
+                count = k + 1;
+            }
+            if count > 1 && k + 2 <= self.most {
+                break;
+            }
+        }
+        self.counts.push(count);
+        self.ends
+            .push(if end.is_finite() { end } else { f64::INFINITY });
+    }
+
+    fn rank(&self) -> usize {
+        ((1.0 - IGNORED) * self.counts.len().saturating_sub(1) as f64).round() as usize
+    }
+
+    /// The number of nodes that is enough at nearly all places.
+    pub fn nodes(&self) -> usize {
+        let mut counts = self.counts.clone();
+        counts.sort_unstable();
+        counts.get(self.rank()).map_or(1, |n| *n)
+    }
+
+    /// By what factor what is missed with two nodes fewer than the most exceeds what is allowed.
+    pub fn excess(&self) -> f64 {
+        let mut ends = self.ends.clone();
+        ends.sort_by(f64::total_cmp);
+        ends.get(self.rank()).map_or(0.0, |e| *e)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tails(sizes: impl Fn(usize) -> f64) -> Tails {
+        let nodes = chebyshev::nodes(12);
+        let samples = Array2::from_shape_fn((12, 1), |(i, _)| {
+            let mut values = [0.0; 12];
+            chebyshev::values(nodes[i], &mut values);
+            values.iter().enumerate().map(|(k, t)| sizes(k) * t).sum()
+        });
+        let mut tails = Tails::new(12, 1e-3);
+        tails.add(samples.view(), Array2::ones((12, 1)).view());
+        tails
+    }
+
+    #[test]
+    fn what_falls_off_needs_the_nodes_above_what_is_allowed() {
+        let falling = tails(|k| 0.1_f64.powi(k as i32));
+        assert!((4..=5).contains(&falling.nodes()));
+        assert!(falling.excess() < 1e-6);
+    }
+
+    #[test]
+    fn what_does_not_fall_off_exceeds() {
+        let flat = tails(|_| 1.0);
+        assert!(flat.nodes() > 10 && flat.excess() > 500.0);
+        assert_eq!(tails(|_| f64::NAN).excess(), f64::INFINITY);
+    }
+}

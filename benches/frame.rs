@@ -1,0 +1,122 @@
+//! The steps of a frame, one by one: contract, lattice, tiles, pixels, shade; and whole frames.
+//!
+//! In: a bundle of the Ellis wormhole, `demo/ellis-wormhole.fan` as `geofan-bake demo` leaves it, or
+//! the file that `GEOFAN_BENCH_BUNDLE` names. Without one there is nothing to measure. Each step
+//! works on one thread on the whole picture of 640 × 360 pixels.
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use geofan::{
+    bundle::Bundle,
+    render::{
+        EndingFinder, Lookup, Stage,
+        drawing::draw,
+        frame::{Paths, offsets, trace},
+        lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
+        shade::{Footprints, shade},
+        tiles::{Found, Samples},
+    },
+};
+use std::{hint::black_box, path::PathBuf};
+
+const SIZE: (usize, usize) = (640, 360);
+
+/// The default lattice budget, radians.
+const BUDGET: f64 = 5e-4;
+
+/// The default tolerance of the exact tracer.
+const TOLERANCE: f64 = 1e-8;
+
+fn bundle() -> Option<Bundle> {
+    let path = std::env::var_os("GEOFAN_BENCH_BUNDLE")
+        .map_or_else(|| PathBuf::from("demo/ellis-wormhole.fan"), PathBuf::from);
+    Bundle::read(&path)
+        .map_err(|e| eprintln!("nothing measured: {e}"))
+        .ok()
+}
+
+fn steps(criterion: &mut Criterion) {
+    let Some(bundle) = bundle() else { return };
+    let scene = PathBuf::from("assets/scenes/wormhole-gallery.toml");
+    let stage = Stage::load(&scene, &[]).expect("the scene of the repository");
+    let (world, camera) = (&stage.world, &stage.scene.camera);
+    let view = stage.view(camera, SIZE).expect("a camera in the domain");
+    let promise = 1e-3 * bundle.header.plan.max_error;
+    let lookup = Lookup::new(&bundle.table, promise, TOLERANCE);
+    let fan = bundle.table.fan(view.u).expect("a camera in the table");
+    let tracer = lookup.tracer(&fan);
+    let offsets = offsets(1);
+    let lattice = Lattice {
+        tracer: &tracer,
+        world,
+        view: &view,
+        budget: BUDGET,
+        smallest: smallest_tile(1),
+    };
+    let samples = Samples {
+        world,
+        view: &view,
+        offsets: &offsets,
+    };
+    let corners: Vec<(usize, usize)> = (0..SIZE.1)
+        .step_by(LARGEST_TILE)
+        .flat_map(|y| (0..SIZE.0).step_by(LARGEST_TILE).map(move |x| (x, y)))
+        .collect();
+    let refine = || -> Vec<Divided> {
+        let mut endings = EndingFinder::new(&world.manifold);
+        corners
+            .iter()
+            .map(|corner| lattice.refine(*corner, &mut endings))
+            .collect()
+    };
+    let divided = refine();
+    let mut traced = trace(world, &view, Paths::Lattice(&tracer, BUDGET), &offsets);
+
+    let mut group = criterion.benchmark_group("frame");
+    group.sample_size(20);
+    group.bench_function("contract", |b| {
+        b.iter(|| black_box(bundle.table.fan(view.u)))
+    });
+    group.bench_function("lattice", |b| b.iter(|| black_box(refine())));
+    group.bench_function("tiles", |b| {
+        b.iter(|| {
+            for divided in &divided {
+                for leaf in &divided.leaves {
+                    black_box(samples.ribbon(&tracer, &divided.strands, leaf));
+                }
+            }
+        });
+    });
+    group.bench_function("pixels", |b| {
+        let mut endings = EndingFinder::new(&world.manifold);
+        b.iter(|| {
+            let mut found = Found::split(&mut traced.outcomes);
+            for (divided, found) in divided.iter().zip(&mut found) {
+                samples.interpolate(divided, &tracer, &mut endings, found);
+            }
+        });
+    });
+    let outcomes = trace(world, &view, Paths::Lattice(&tracer, BUDGET), &offsets).outcomes;
+    group.bench_function("shade", |b| {
+        b.iter(|| {
+            black_box(shade(
+                world,
+                &view,
+                outcomes.view(),
+                1,
+                Footprints::Filtered,
+            ))
+        });
+    });
+    group.bench_function("whole", |b| {
+        b.iter(|| {
+            let fan = bundle.table.fan(view.u).expect("a camera in the table");
+            let tracer = lookup.tracer(&fan);
+            let paths = Paths::Lattice(&tracer, BUDGET);
+            black_box(draw(world, &view, paths, 1, Footprints::Filtered).picture)
+        });
+    });
+    group.finish();
+}
+
+criterion_group!(benches, steps);
+criterion_main!(benches);

@@ -1,0 +1,434 @@
+//! What is left of the table when the camera is fixed.
+//!
+//! In: the chunks of a table around one camera position. Out: a [`Fan`], all paths from there, and
+//! from it single [`FanPath`]s: position, tangent and transported rotation at any arc length.
+
+use super::{contracted::Contracted, patch::Patch, table::Table, tensor::MOST_DEGREES, tree::Tree};
+use crate::{
+    expr::{Tape, vectorised},
+    fan::{Lift, Located, Place, Start},
+    manifold::Isometry,
+};
+use glam::{DMat3, DQuat, DVec3};
+use std::ops::Range;
+
+/// A tree at one camera: only direction (axes 0, 1) and arc length (axis 2) are left.
+#[derive(Debug, Clone)]
+enum FanNode {
+    Split {
+        axis: usize,
+        halves: Box<[FanNode; 2]>,
+    },
+    Leaf {
+        displacement: Contracted,
+        rotation: Option<Contracted>,
+    },
+    Flagged,
+}
+
+/// The local coordinate in the half that holds `x`, and which half it is.
+pub fn half(x: f64) -> (usize, f64) {
+    if x < 0.0 {
+        (0, 2.0 * x + 1.0)
+    } else {
+        (1, 2.0 * x - 1.0)
+    }
+}
+
+impl FanNode {
+    fn contract(tree: &Tree, camera: &[f64]) -> Self {
+        match tree {
+            Tree::Flagged => Self::Flagged,
+            Tree::Leaf(patch) => Self::leaf(patch, camera),
+            Tree::Split { axis, halves } if *axis < camera.len() => {
+                let mut camera = camera.to_vec();
+                let (side, inner) = half(camera[*axis]);
+                camera[*axis] = inner;
+                Self::contract(&halves[side], &camera)
+            }
+            Tree::Split { axis, halves } => Self::Split {
+                axis: axis - camera.len(),
+                halves: Box::new(halves.each_ref().map(|half| Self::contract(half, camera))),
+            },
+        }
+    }
+
+    fn leaf(patch: &Patch, camera: &[f64]) -> Self {
+        Self::Leaf {
+            displacement: patch.displacement.contract(camera),
+            rotation: patch.rotation.as_ref().map(|r| r.contract(camera)),
+        }
+    }
+}
+
+/// All paths from one camera position.
+#[derive(Debug, Clone)]
+pub struct Fan<'t> {
+    table: &'t Table,
+    /// The camera position.
+    pub place: Place,
+    faces: Vec<FanNode>,
+}
+
+impl<'t> Fan<'t> {
+    /// The paths from `place`, at the parameters `camera` (in [−1, 1]) of the cell whose faces are
+    /// `chunks`.
+    pub(super) fn contract(
+        table: &'t Table,
+        place: Place,
+        chunks: &[&Tree],
+        camera: &[f64],
+    ) -> Self {
+        let contract = |chunk: &&Tree| FanNode::contract(chunk, camera);
+        Self {
+            table,
+            place,
+            faces: chunks.iter().map(contract).collect(),
+        }
+    }
+
+    /// The path in the direction `d` (standard frame, unit).
+    pub fn path(&self, d: DVec3) -> FanPath<'_, 't> {
+        let located = self.table.space.locate(&self.place, d);
+        let lift = self.table.space.lift();
+        let mut path = FanPath {
+            fan: self,
+            start: lift.start(located.u, located.v),
+            pieces: Vec::new(),
+            coefficients: Vec::new(),
+            located,
+        };
+        let mut direction = [0.0; 2];
+        direction[..path.located.direction.len()].copy_from_slice(&path.located.direction);
+        let root = &self.faces[path.located.face];
+        path.collect(root, direction, [0.0, self.table.length]);
+        path
+    }
+}
+
+/// Arc lengths summed at once.
+const LANES: usize = 16;
+
+/// Values and their slopes in the arc length, or points and tangents: three components each, at `W`
+/// arc lengths.
+type State<const W: usize> = [[[f64; W]; 3]; 2];
+
+/// Stored values and their slopes in the arc length.
+type Sums<const W: usize> = [[[f64; W]; 4]; 2];
+
+/// One lane of three components.
+fn lane<const W: usize>(lanes: &[[f64; W]; 3], lane: usize) -> DVec3 {
+    DVec3::new(lanes[0][lane], lanes[1][lane], lanes[2][lane])
+}
+
+/// Points and tangents carried by an isometry.
+#[inline(always)]
+fn carried<const W: usize>(isometry: &Isometry, state: State<W>) -> State<W> {
+    match isometry {
+        Isometry::Identity => state,
+        Isometry::Rotation(q) => {
+            let turn = |x: &[[f64; W]; 3]| affine(q, DVec3::ZERO, x);
+            [turn(&state[0]), turn(&state[1])]
+        }
+        Isometry::Shift(t) => [affine(&DMat3::IDENTITY, *t, &state[0]), state[1]],
+        Isometry::Left(p, tape) => translated(*p, tape, &state),
+    }
+}
+
+/// Points and tangents carried by the left translation by `p`: the tape gives the image and then
+/// the rows of the differential.
+#[inline(always)]
+fn translated<const W: usize>(p: DVec3, tape: &Tape, state: &State<W>) -> State<W> {
+    let mut registers = tape.registers::<f64, W>();
+    for c in 0..3 {
+        *registers.input(c) = state[0][c];
+        *registers.input(3 + c) = [p[c]; W];
+    }
+    tape.run(&mut registers);
+    let mut image = [[[0.0; W]; 3]; 2];
+    for c in 0..3 {
+        image[0][c] = *registers.output(c);
+        for j in 0..3 {
+            let slope = registers.output(3 + 3 * c + j);
+            for l in 0..W {
+                image[1][c][l] += slope[l] * state[1][j][l];
+            }
+        }
+    }
+    image
+}
+
+/// `Q x + t` lane by lane.
+#[inline(always)]
+fn affine<const W: usize>(q: &DMat3, t: DVec3, x: &[[f64; W]; 3]) -> [[f64; W]; 3] {
+    let mut image = [[0.0; W]; 3];
+    for c in 0..3 {
+        let row = q.row(c);
+        for l in 0..W {
+            image[c][l] = row.x * x[0][l] + row.y * x[1][l] + row.z * x[2][l] + t[c];
+        }
+    }
+    image
+}
+
+/// A piece of a path: polynomials in the arc length.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    interval: [f64; 2],
+    /// Where its displacement coefficients start, and their (rows, channels).
+    displacement: (usize, (usize, usize)),
+    rotation: Option<(usize, (usize, usize))>,
+}
+
+/// One path of a fan.
+#[derive(Debug, Clone)]
+pub struct FanPath<'f, 't> {
+    fan: &'f Fan<'t>,
+    start: Start,
+    located: Located,
+    /// In order of arc length; `None` where the patch is flagged.
+    pieces: Vec<([f64; 2], Option<Piece>)>,
+    coefficients: Vec<f64>,
+}
+
+impl FanPath<'_, '_> {
+    fn collect(&mut self, node: &FanNode, direction: [f64; 2], interval: [f64; 2]) {
+        match node {
+            FanNode::Flagged => self.pieces.push((interval, None)),
+            FanNode::Split { axis, halves } if *axis == self.arc_axis() => {
+                let middle = 0.5 * (interval[0] + interval[1]);
+                self.collect(&halves[0], direction, [interval[0], middle]);
+                self.collect(&halves[1], direction, [middle, interval[1]]);
+            }
+            FanNode::Split { axis, halves } => {
+                let mut direction = direction;
+                let (side, inner) = half(direction[*axis]);
+                direction[*axis] = inner;
+                self.collect(&halves[side], direction, interval);
+            }
+            FanNode::Leaf {
+                displacement,
+                rotation,
+            } => {
+                let mut put = |table: &Contracted| {
+                    let start = self.coefficients.len();
+                    table.direction(direction[0], direction[1], &mut self.coefficients);
+                    (start, table.shape())
+                };
+                let piece = Piece {
+                    interval,
+                    displacement: put(displacement),
+                    rotation: rotation.as_ref().map(put),
+                };
+                self.pieces.push((interval, Some(piece)));
+            }
+        }
+    }
+
+    fn arc_axis(&self) -> usize {
+        self.fan.table.space.directions()
+    }
+
+    /// The first arc length at which the table gives up; infinite if it never does.
+    pub fn flagged_from(&self) -> f64 {
+        let first = self.pieces.iter().find(|(_, piece)| piece.is_none());
+        first.map_or(f64::INFINITY, |(interval, _)| interval[0])
+    }
+
+    fn piece(&self, s: f64) -> Option<&Piece> {
+        let after = self.pieces.partition_point(|(interval, _)| interval[1] < s);
+        let (_, piece) = self.pieces.get(after.min(self.pieces.len() - 1))?;
+        piece.as_ref()
+    }
+
+    /// The values (or slopes in s) at `s` of the polynomials stored at `start`.
+    fn sum(&self, (start, (rows, channels)): (usize, (usize, usize)), weights: &[f64]) -> [f64; 4] {
+        let mut sums = [0.0; 4];
+        let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
+        for (row, w) in rows.zip(weights) {
+            for (sum, c) in sums.iter_mut().zip(row) {
+                *sum += w * c;
+            }
+        }
+        sums
+    }
+
+    /// Chart point and tangent (chart components) at arc length `s`; `None` where flagged.
+    pub fn at(&self, s: f64) -> Option<(DVec3, DVec3)> {
+        let (stored, tangent) = self.stored_at(s)?;
+        let (u, differential) = self.located.isometry.apply(stored);
+        Some((u, differential * tangent))
+    }
+
+    /// Chart points and tangents at the ascending arc lengths `s` into `rows`: x, y, z and the
+    /// tangent's three components, each as many as there are lengths. Returns how many are known:
+    /// the table may give up before the last.
+    pub fn sample(&self, s: &[f64], rows: &mut [f64]) -> usize {
+        let mut known = 0;
+        for (interval, piece) in &self.pieces {
+            let last = interval[1] >= self.fan.table.length;
+            let end = match last {
+                true => s.len(),
+                false => known + s[known..].partition_point(|s| *s <= interval[1]),
+            };
+            match piece {
+                None if end > known => return known,
+                None => {}
+                Some(piece) => self.fill(piece, s, known..end, rows),
+            }
+            known = end;
+        }
+        known
+    }
+
+    /// The rows of [`FanPath::sample`] at the lengths of `range`, all in `piece`.
+    fn fill(&self, piece: &Piece, s: &[f64], range: Range<usize>, rows: &mut [f64]) {
+        for start in range.clone().step_by(LANES) {
+            let count = LANES.min(range.end - start);
+            let mut lengths = [s[start]; LANES];
+            lengths[..count].copy_from_slice(&s[start..start + count]);
+            let sums = self.sums(piece, &lengths);
+            let state = self.state(&sums, &lengths);
+            for (row, lanes) in rows.chunks_exact_mut(s.len()).zip(state.as_flattened()) {
+                row[start..start + count].copy_from_slice(&lanes[..count]);
+            }
+        }
+    }
+
+    fn stored_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
+        let sums = self.sums(self.piece(s)?, &[s]);
+        let [u, v] = self.stored_state(&sums, &[s]);
+        Some((lane(&u, 0), lane(&v, 0)))
+    }
+
+    /// Chebyshev sums of the displacement channels and of their slopes in the arc length, at `W`
+    /// arc lengths of one piece at once, by the recurrences of `T_k` and `T'_k`.
+    fn sums<const W: usize>(&self, piece: &Piece, s: &[f64; W]) -> Sums<W> {
+        let [low, high] = piece.interval;
+        let scale = 2.0 / (high - low);
+        let (start, (rows, channels)) = piece.displacement;
+        let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
+        let mut sums = [[[0.0; W]; 4]; 2];
+        vectorised(
+            #[inline(always)]
+            || {
+                let t = s.map(|s| scale * (s - low) - 1.0);
+                let (mut value, mut next) = ([1.0; W], t);
+                let (mut rate, mut next_rate) = ([0.0; W], [scale; W]);
+                for row in rows {
+                    for (c, x) in row.iter().enumerate() {
+                        for l in 0..W {
+                            sums[0][c][l] += value[l] * x;
+                            sums[1][c][l] += rate[l] * x;
+                        }
+                    }
+                    for l in 0..W {
+                        let after = 2.0 * t[l] * next[l] - value[l];
+                        let slope = 2.0 * (scale * next[l] + t[l] * next_rate[l]) - rate[l];
+                        (value[l], next[l], rate[l], next_rate[l]) =
+                            (next[l], after, next_rate[l], slope);
+                    }
+                }
+            },
+        );
+        sums
+    }
+
+    /// Points and tangents of the stored ray from [`FanPath::sums`].
+    #[inline(always)]
+    fn stored_state<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
+        let space = &self.fan.table.space;
+        let stored = space.displacement_channels();
+        if space.lift() != Lift::None {
+            return self.projected(sums, s);
+        }
+        let (from, along) = (self.located.u, self.located.v);
+        let mut state = [[[0.0; W]; 3]; 2];
+        for c in 0..3 {
+            let channel = stored.iter().position(|channel| *channel == c);
+            let [values, slopes] = match channel {
+                Some(k) => [sums[0][k], sums[1][k]],
+                None => [[0.0; W]; 2],
+            };
+            for l in 0..W {
+                let v = along[c] + values[l];
+                state[0][c][l] = from[c] + v * s[l];
+                state[1][c][l] = v + slopes[l] * s[l];
+            }
+        }
+        state
+    }
+
+    /// The same where points are stored lifted.
+    fn projected<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
+        let space = &self.fan.table.space;
+        let mut state = [[[0.0; W]; 3]; 2];
+        for l in 0..W {
+            let (mut values, mut slopes) = ([0.0; 4], [0.0; 4]);
+            for (k, channel) in space.displacement_channels().iter().enumerate() {
+                values[*channel] = sums[0][k][l];
+                slopes[*channel] = sums[1][k][l];
+            }
+            let (u, v) = space.lift().decode_state(&self.start, values, slopes, s[l]);
+            for c in 0..3 {
+                state[0][c][l] = u[c];
+                state[1][c][l] = v[c];
+            }
+        }
+        state
+    }
+
+    /// Chart points and tangents of the true ray from [`FanPath::sums`].
+    fn state<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
+        vectorised(
+            #[inline(always)]
+            || carried(&self.located.isometry, self.stored_state(sums, s)),
+        )
+    }
+
+    /// The chart point and tangent at `s`, the tangent the first one carried along by the transported
+    /// rotation, because a geodesic's tangent is parallel. The slope of the displacement, which is
+    /// what [`FanPath::at`] gives, is a polynomial's derivative: where the table stores rotations
+    /// this is some ten times closer. `None` where flagged.
+    pub fn state_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
+        let (stored, slope) = self.stored_at(s)?;
+        let tangent = match self.stored_rotation(stored, s) {
+            None => slope,
+            Some(q) => {
+                let manifold = self.fan.table.space.manifold();
+                manifold.standard_frame(stored) * (q * self.located.d)
+            }
+        };
+        let (u, differential) = self.located.isometry.apply(stored);
+        Some((u, differential * tangent))
+    }
+
+    /// The transported rotation at `s` relative to the standard frames; `None` where flagged or
+    /// where the table has none.
+    pub fn rotation(&self, s: f64) -> Option<DQuat> {
+        let (u, _) = self.stored_at(s)?;
+        let q = self.stored_rotation(u, s)?;
+        let space = &self.fan.table.space;
+        let place = &self.fan.place;
+        let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
+        Some(DQuat::from_mat3(&turned))
+    }
+
+    /// The transported rotation of the stored ray, whose chart point is `u`.
+    fn stored_rotation(&self, u: DVec3, s: f64) -> Option<DQuat> {
+        let piece = self.piece(s)?;
+        let stored = piece.rotation?;
+        let width = piece.interval[1] - piece.interval[0];
+        let t = 2.0 * (s - piece.interval[0]) / width - 1.0;
+        let mut values = [0.0; MOST_DEGREES];
+        super::chebyshev::values(t, &mut values[..stored.1.0]);
+        let mut q = [0.0; 4];
+        let space = &self.fan.table.space;
+        let channels = space.rotation_channels();
+        for (channel, x) in channels.iter().zip(self.sum(stored, &values)) {
+            q[*channel] = x;
+        }
+        let twist = space.lift().twist(u);
+        Some(twist.conjugate() * DQuat::from_array(q).normalize())
+    }
+}

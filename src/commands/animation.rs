@@ -1,0 +1,222 @@
+//! `geofan render --camera-path`: numbered frames, or a video through ffmpeg.
+//!
+//! In: a journey and something that draws one view. Out: files named by a pattern such as
+//! `frame-%04d.png`, those already there left alone; or one video, when ffmpeg can be run.
+
+use geofan::{
+    Error, Result,
+    render::{Journey, View, picture::Picture},
+    terminal::{CommonArgs, Interrupt, Progress},
+};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    process::{Child, ChildStdin, Command, Stdio},
+};
+
+/// Where frames go.
+pub enum Target {
+    /// One file each: what stands before the number, its digits, and after.
+    Frames(String, usize, String),
+    /// One video.
+    Video(PathBuf),
+}
+
+/// Names of video files that ffmpeg is asked for.
+const VIDEOS: [&str; 4] = ["mp4", "mkv", "webm", "mov"];
+
+impl Target {
+    /// What `output` asks for.
+    pub fn of(output: &Path) -> Result<Self> {
+        let text = output.display().to_string();
+        let extension = output
+            .extension()
+            .map(|e| e.to_string_lossy().to_lowercase());
+        if VIDEOS.iter().any(|v| extension.as_deref() == Some(v)) {
+            return Ok(Self::Video(output.to_path_buf()));
+        }
+        let refuse = || {
+            let message = "an animation needs a place for the number, such as frame-%04d.png, or a video (.mp4, .mkv, .webm, .mov)";
+            Error::input(text.clone(), message)
+        };
+        let (before, rest) = text.split_once('%').ok_or_else(refuse)?;
+        let (digits, after) = rest.split_once('d').ok_or_else(refuse)?;
+        let digits = match digits {
+            "" => 1,
+            digits => digits.parse::<usize>().map_err(|_| refuse())?,
+        };
+        if digits > 9 || after.contains('%') {
+            return Err(refuse());
+        }
+        Ok(Self::Frames(before.into(), digits, after.into()))
+    }
+
+    fn frame(&self, number: usize) -> Option<PathBuf> {
+        match self {
+            Self::Frames(before, digits, after) => {
+                Some(format!("{before}{number:0digits$}{after}").into())
+            }
+            Self::Video(_) => None,
+        }
+    }
+}
+
+/// An animation to be drawn.
+pub struct Animation<'a> {
+    /// The camera's way.
+    pub journey: &'a Journey,
+    /// How many frames, at least two.
+    pub frames: usize,
+    /// Size of the pictures.
+    pub size: (usize, usize),
+}
+
+/// What became of it.
+#[derive(Debug, Default)]
+pub struct Made {
+    /// Frames drawn.
+    pub drawn: usize,
+    /// Frames that were there already.
+    pub kept: usize,
+}
+
+impl Animation<'_> {
+    fn view(&self, number: usize) -> View {
+        let [from, to] = self.journey.interval();
+        let share = number as f64 / (self.frames - 1) as f64;
+        self.journey.view(from + (to - from) * share, self.size)
+    }
+
+    /// Frames for each second.
+    fn rate(&self) -> f64 {
+        let [from, to] = self.journey.interval();
+        (self.frames - 1) as f64 / (to - from)
+    }
+
+    /// Writes one file for each frame; `draw` draws a view into a file.
+    pub fn write_frames(
+        &self,
+        target: &Target,
+        common: &CommonArgs,
+        mut draw: impl FnMut(&View, &Path) -> Result<()>,
+    ) -> Result<Made> {
+        let interrupt = Interrupt::install()?;
+        let progress = Progress::new(common, "frames", self.frames as u64);
+        let mut made = Made::default();
+        for (number, path) in (0..self.frames).filter_map(|n| Some((n, target.frame(n)?))) {
+            if interrupt.requested() {
+                let resume = "finished frames are kept; run the same command again".into();
+                return Err(Error::Interrupted { resume });
+            }
+            // Files appear under their names only when they are whole.
+            if path.is_file() {
+                made.kept += 1;
+            } else {
+                draw(&self.view(number), &path)?;
+                made.drawn += 1;
+            }
+            progress.inc(1);
+        }
+        progress.finish();
+        Ok(made)
+    }
+
+    /// Sends all frames to ffmpeg; `draw` draws a view.
+    pub fn write_video(
+        &self,
+        output: &Path,
+        common: &CommonArgs,
+        mut draw: impl FnMut(&View) -> Result<Picture>,
+    ) -> Result<Made> {
+        let interrupt = Interrupt::install()?;
+        let (mut child, mut pipe) = self.ffmpeg(output)?;
+        let progress = Progress::new(common, "frames", self.frames as u64);
+        let failed = |source| environment(output, source);
+        for number in 0..self.frames {
+            if interrupt.requested() {
+                let resume = "videos are not resumed; numbered frames are".into();
+                return Err(Error::Interrupted { resume });
+            }
+            let picture = draw(&self.view(number))?;
+            pipe.write_all(&picture.bytes()).map_err(failed)?;
+            progress.inc(1);
+        }
+        progress.finish();
+        drop(pipe);
+        match child.wait().map_err(failed)?.success() {
+            true => Ok(Made {
+                drawn: self.frames,
+                kept: 0,
+            }),
+            false => Err(failed(std::io::Error::other(
+                "ffmpeg could not write the video",
+            ))),
+        }
+    }
+
+    fn ffmpeg(&self, output: &Path) -> Result<(Child, ChildStdin)> {
+        let (width, height) = self.size;
+        let mut child = Command::new("ffmpeg")
+            .args([
+                "-loglevel",
+                "error",
+                "-y",
+                "-f",
+                "rawvideo",
+                "-pix_fmt",
+                "rgb24",
+            ])
+            .args([
+                "-s",
+                &format!("{width}x{height}"),
+                "-r",
+                &self.rate().to_string(),
+            ])
+            // Sides that are not even are refused by the usual codecs.
+            .args([
+                "-i",
+                "-",
+                "-vf",
+                "pad=ceil(iw/2)*2:ceil(ih/2)*2",
+                "-pix_fmt",
+                "yuv420p",
+            ])
+            .arg(output)
+            .stdin(Stdio::piped())
+            .spawn()
+            .map_err(|e| {
+                let message = format!(
+                    "ffmpeg cannot be run ({e}); give a pattern such as frame-%04d.png instead"
+                );
+                environment(output, std::io::Error::other(message))
+            })?;
+        let pipe = child.stdin.take();
+        pipe.map(|pipe| (child, pipe))
+            .ok_or_else(|| environment(output, std::io::Error::other("no pipe to ffmpeg")))
+    }
+}
+
+fn environment(output: &Path, source: std::io::Error) -> Error {
+    Error::Environment {
+        path: output.display().to_string(),
+        source,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_number_frames_with_their_digits() {
+        let target = Target::of(Path::new("out/frame-%04d.png")).unwrap();
+        assert_eq!(target.frame(17), Some(PathBuf::from("out/frame-0017.png")));
+        assert!(matches!(
+            Target::of(Path::new("a.mp4")),
+            Ok(Target::Video(_))
+        ));
+        for wrong in ["frame.png", "a-%x.png", "a-%03d-%d.png", "a-%99d.png"] {
+            assert!(Target::of(Path::new(wrong)).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! Whether rays that the symmetry carries into each other end at the same arc length.
+//!
+//! In: a manifold and the symmetry taken out. Out: a yes or no, found at random points. The metric
+//! has the symmetry, but exits, limits and conditions need not: a sphere of exits around the origin
+//! turns with a rotation, and does not move with a translation. Where the answer is no a stored path
+//! must hold beyond its own end, because another camera sees farther along it.
+
+use super::Reduction;
+use crate::{manifold::Manifold, random::Stream};
+use glam::DVec3;
+
+/// Random points tried.
+const TRIALS: usize = 64;
+
+/// How far apart the values of a condition may be that is unchanged, as a share of their size.
+const ROUNDING: f64 = 1e-9;
+
+/// Points are tried up to this many times nearer to the origin and farther than `distance`.
+const REACH: f64 = 10.0;
+
+/// Whether the ends of rays are unchanged by the symmetry; cameras are about `distance` from the
+/// origin.
+pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64) -> bool {
+    if manifold.domain.kinds.is_empty() || reduction == Reduction::Whole {
+        return true;
+    }
+    let mut stream = Stream::new(&[0x656e_6473]);
+    (0..TRIALS).all(|_| {
+        let scale = distance.max(f64::MIN_POSITIVE) * REACH.powf(stream.between(-1.0, 1.0));
+        let u = stream.direction() * scale;
+        let v = stream.direction();
+        let (moved, turned) = match reduction {
+            Reduction::Rotation => {
+                let q = stream.rotation();
+                (q * u, q * v)
+            }
+            Reduction::Translation => {
+                let free = manifold.symmetry.translation;
+                let shift = free.map(|free| if free { stream.between(-1.0, 1.0) } else { 0.0 });
+                (u + scale * DVec3::from_array(shift), v)
+            }
+            // No condition but a constant one is unchanged by all left translations.
+            Reduction::Group | Reduction::Whole => return false,
+        };
+        same(manifold, (u, v), (moved, turned))
+    })
+}
+
+fn same(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
+    let values = |(u, v): (DVec3, DVec3)| {
+        let events = manifold.domain.events();
+        events.at(&[u.x, u.y, u.z, v.x, v.y, v.z])
+    };
+    let close = |(x, y): (&f64, &f64)| {
+        (x - y).abs() <= ROUNDING * (1.0 + x.abs()) || (x.is_nan() && y.is_nan())
+    };
+    values(a).iter().zip(&values(b)).all(close)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::diagnostic::SourceText;
+
+    fn manifold(when: &str) -> Manifold {
+        let text = format!(
+            r#"
+name = "flat"
+coordinates = ["x", "y", "z"]
+metric = {{ conformal = "1" }}
+[[exit]]
+name = "sky"
+when = "{when}"
+[symmetry]
+rotation = "origin"
+[cameras]
+at = ["1", "0", "0"]
+length = 1.0
+"#
+        );
+        Manifold::from_source(SourceText::new("flat", &text), &[]).unwrap()
+    }
+
+    #[test]
+    fn a_sphere_follows_rotations_and_a_plane_does_not() {
+        let sphere = manifold("sqrt(x^2 + y^2 + z^2) - 3");
+        assert!(follow_symmetry(&sphere, Reduction::Rotation, 1.0));
+        assert!(!follow_symmetry(&sphere, Reduction::Group, 1.0));
+        let plane = manifold("z - 3");
+        assert!(!follow_symmetry(&plane, Reduction::Rotation, 1.0));
+        assert!(follow_symmetry(&plane, Reduction::Whole, 1.0));
+    }
+}

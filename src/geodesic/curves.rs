@@ -1,0 +1,224 @@
+//! The trial steps of all lanes as polynomials.
+//!
+//! In: the states and rates at both ends of the steps. Out: the coefficients of the quintics of the
+//! path and of the deviations and of the quaternion's dense output, a row for each, from which the
+//! [`Step`] of one lane is only gathered.
+
+use super::{
+    LANES, NIL, Row, Step,
+    dormand_prince::{DENSE, Dense, Quintic, STAGES},
+    each,
+    state::Layout,
+    weighted,
+};
+use crate::expr::real::Real;
+use glam::DVec3;
+
+/// What rounding of the positions at both ends leaves in the quintic's last coefficient, relative to
+/// them: six times half a unit in the last place of each.
+const ROUNDING: f64 = 6.0 * f64::EPSILON;
+
+/// Rows of a quintic: six coefficients of three components.
+const QUINTIC: usize = 18;
+
+/// Rows of the quaternion: four components of five terms.
+const TURN: usize = 20;
+
+/// The ends of the trial steps of all lanes.
+#[derive(Clone, Copy)]
+pub(super) struct Trial<'a> {
+    pub layout: Layout,
+    /// Length of the steps.
+    pub h: &'a Row,
+    /// States at the start and at the end.
+    pub y: &'a [Row],
+    pub end: &'a [Row],
+    /// The stages' rates: the first are those at the start, the last those at the end.
+    pub k: &'a [Vec<Row>; STAGES],
+}
+
+/// The curves of all lanes.
+pub(super) struct Curves {
+    path: Vec<Row>,
+    turn: Vec<Row>,
+    deviation: Vec<Row>,
+}
+
+impl Curves {
+    pub fn new(layout: Layout) -> Self {
+        Self {
+            path: vec![NIL; QUINTIC],
+            turn: vec![NIL; layout.turn.map_or(0, |_| TURN)],
+            deviation: vec![NIL; layout.deviation.map_or(0, |_| 2 * QUINTIC)],
+        }
+    }
+
+    /// Makes the quintics of the paths.
+    #[inline(always)]
+    pub fn make_path(&mut self, trial: Trial<'_>) {
+        quintic(trial, 0, &mut self.path);
+    }
+
+    /// Makes the curves of everything that is carried along.
+    #[inline(always)]
+    pub fn make_carried(&mut self, trial: Trial<'_>) {
+        if let Some(at) = trial.layout.turn {
+            dense(trial, at, &mut self.turn);
+        }
+        if let Some(at) = trial.layout.deviation {
+            let (first, second) = self.deviation.split_at_mut(QUINTIC);
+            quintic(trial, at, first);
+            quintic(trial, at + 6, second);
+        }
+    }
+
+    /// Component `c` of the point, of the tangent and of the acceleration at the fraction `t` of the
+    /// steps, which are `h` long.
+    #[inline(always)]
+    pub fn between(&self, c: usize, h: &Row, t: f64) -> [Row; 3] {
+        let [p0, p1, p2, p3, p4, p5] = [0, 1, 2, 3, 4, 5].map(|i| &self.path[3 * i + c]);
+        let [mut u, mut v, mut a] = [NIL; 3];
+        for l in 0..LANES {
+            let [p0, p1, p2] = [p0[l], p1[l], p2[l]];
+            let [p3, p4, p5] = [p3[l], p4[l], p5[l]];
+            let inverse = 1.0 / h[l];
+            u[l] = p0 + (p1 + (p2 + (p3 + (p4 + p5 * t) * t) * t) * t) * t;
+            let slope = p1 + (p2 * 2.0 + (p3 * 3.0 + (p4 * 4.0 + p5 * (5.0 * t)) * t) * t) * t;
+            let bend = p2 * 2.0 + (p3 * 6.0 + (p4 * 12.0 + p5 * (20.0 * t)) * t) * t;
+            v[l] = slope * inverse;
+            a[l] = bend * (inverse * inverse);
+        }
+        [u, v, a]
+    }
+
+    /// The step of one lane, from arc length `start` over `h`.
+    pub fn step(&self, lane: usize, start: f64, h: f64) -> Step {
+        Step {
+            start,
+            end: start + h,
+            h,
+            curve: gathered(&self.path, lane, h),
+            turn: (!self.turn.is_empty()).then(|| {
+                let mut terms = [[0.0; 5]; 4];
+                for (term, row) in terms.as_flattened_mut().iter_mut().zip(&self.turn) {
+                    *term = row[lane];
+                }
+                Dense(terms)
+            }),
+            deviation: (!self.deviation.is_empty()).then(|| {
+                let (first, second) = self.deviation.split_at(QUINTIC);
+                [gathered(first, lane, h), gathered(second, lane, h)]
+            }),
+        }
+    }
+}
+
+fn gathered(rows: &[Row], lane: usize, h: f64) -> Quintic {
+    let mut coefficients = [DVec3::ZERO; 6];
+    for (p, rows) in coefficients.iter_mut().zip(rows.as_chunks::<3>().0) {
+        *p = DVec3::new(rows[0][lane], rows[1][lane], rows[2][lane]);
+    }
+    Quintic { coefficients, h }
+}
+
+/// The quintic that matches position, velocity and acceleration at both ends, of the vector that
+/// begins at row `at`.
+#[inline(always)]
+fn quintic(trial: Trial<'_>, at: usize, rows: &mut [Row]) {
+    let Trial { h, y, end, k, .. } = trial;
+    for c in at..at + 3 {
+        let (u0, v0, a0) = (&y[c], &y[c + 3], &k[0][c + 3]);
+        let (u1, v1, a1) = (&end[c], &end[c + 3], &k[STAGES - 1][c + 3]);
+        let mut p = [NIL; 6];
+        for l in 0..LANES {
+            let half = 0.5 * h[l] * h[l];
+            let (p1, p2) = (v0[l] * h[l], a0[l] * half);
+            // What the end conditions still ask of the cubic to quintic terms.
+            let rise = u1[l] - u0[l] - p1 - p2;
+            let slope = v1[l] * h[l] - p1 - p2 * 2.0;
+            let bend = a1[l] * half - p2;
+            let last = rise * 6.0 - slope * 3.0 + bend;
+            // In a very short step the difference of the positions is rounding, and divided by `h`
+            // it would spoil the velocity: there the velocities alone decide, and the last
+            // coefficient is zero.
+            let noise = ROUNDING * Real::max(u0[l].abs(), u1[l].abs());
+            let noisy = last.abs() <= noise;
+            let rise = f64::select(noisy, slope * 0.5 - bend * (1.0 / 6.0), rise);
+            p[0][l] = u0[l];
+            p[1][l] = p1;
+            p[2][l] = p2;
+            p[3][l] = rise * 10.0 - slope * 4.0 + bend;
+            p[4][l] = rise * -15.0 + slope * 7.0 - bend * 2.0;
+            p[5][l] = f64::select(noisy, 0.0, last);
+        }
+        for (i, p) in p.iter().enumerate() {
+            rows[3 * i + c - at] = *p;
+        }
+    }
+}
+
+/// The dense output of the quaternion, which begins at row `at`.
+#[inline(always)]
+fn dense(trial: Trial<'_>, at: usize, rows: &mut [Row]) {
+    let Trial { h, y, end, k, .. } = trial;
+    for c in 0..4 {
+        let (y, end) = (&y[at + c], &end[at + c]);
+        let (first, last) = (&k[0][at + c], &k[STAGES - 1][at + c]);
+        let rise = each(|l| end[l] - y[l]);
+        let bend = each(|l| h[l] * first[l] - rise[l]);
+        let fourth = weighted(&DENSE, k, at + c);
+        rows[5 * c] = *y;
+        rows[5 * c + 1] = rise;
+        rows[5 * c + 2] = bend;
+        rows[5 * c + 3] = each(|l| rise[l] - h[l] * last[l] - bend[l]);
+        rows[5 * c + 4] = each(|l| h[l] * fourth[l]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{geodesic::Settings, manifold::Carried};
+
+    #[test]
+    fn quintic_reproduces_a_quintic() {
+        let p = |t: f64| DVec3::new(t.powi(5), 1.0 - t.powi(4), 2.0 * t.powi(3) + t);
+        let v = |t: f64| DVec3::new(5.0 * t.powi(4), -4.0 * t.powi(3), 6.0 * t * t + 1.0);
+        let a = |t: f64| DVec3::new(20.0 * t.powi(3), -12.0 * t * t, 12.0 * t);
+        let (s0, h) = (0.3, 1.7);
+        let rows = |vectors: [DVec3; 2]| -> Vec<Row> {
+            let numbers = vectors.iter().flat_map(|x| x.to_array());
+            numbers.map(|x| each(|_| x)).collect()
+        };
+        let s1 = s0 + h;
+        let mut k: [Vec<Row>; STAGES] = std::array::from_fn(|_| vec![NIL; 6]);
+        k[0] = rows([v(s0), a(s0)]);
+        k[STAGES - 1] = rows([v(s1), a(s1)]);
+        let layout = Layout::of(Settings {
+            tolerance: 1.0,
+            carried: Carried::default(),
+            events: false,
+        });
+        let mut curves = Curves::new(layout);
+        let width = each(|_| h);
+        curves.make_path(Trial {
+            layout,
+            h: &width,
+            y: &rows([p(s0), v(s0)]),
+            end: &rows([p(s1), v(s1)]),
+            k: &k,
+        });
+        let step = curves.step(5, s0, h);
+        for t in [0.0, 0.2, 0.5, 0.9, 1.0] {
+            let s = s0 + t * h;
+            assert!((step.position(s) - p(s)).length() < 1e-12);
+            assert!((step.tangent(s) - v(s)).length() < 1e-12);
+            for c in 0..3 {
+                let here = curves.between(c, &width, t).map(|row| row[9]);
+                assert!((here[0] - p(s)[c]).abs() < 1e-12);
+                assert!((here[1] - v(s)[c]).abs() < 1e-12);
+                assert!((here[2] - a(s)[c]).abs() < 1e-11);
+            }
+        }
+    }
+}

@@ -1,0 +1,72 @@
+//! Sixteen numbers side by side: the width in which tiles and samples are worked on.
+//!
+//! Loops over [`Lanes`] become vector instructions where they are inlined under
+//! [`crate::expr::vectorised`]. Results go to a local array first: written where operands might
+//! overlap, the loops stay scalar.
+
+use glam::DVec3;
+
+/// How many.
+pub const LANES: usize = 16;
+
+/// One number in each lane.
+pub type Lanes = [f64; LANES];
+
+/// x, y and z of one point in each lane.
+pub type Points = [Lanes; 3];
+
+/// `f` of every lane's number.
+#[inline(always)]
+pub fn each(f: impl Fn(usize) -> f64) -> Lanes {
+    let mut to = [0.0; LANES];
+    for l in 0..LANES {
+        to[l] = f(l);
+    }
+    to
+}
+
+/// `f` of every component and lane.
+#[inline(always)]
+pub fn each_point(f: impl Fn(usize, usize) -> f64) -> Points {
+    [each(|l| f(0, l)), each(|l| f(1, l)), each(|l| f(2, l))]
+}
+
+/// The point in one lane.
+#[inline(always)]
+pub fn lane(points: &Points, l: usize) -> DVec3 {
+    DVec3::new(points[0][l], points[1][l], points[2][l])
+}
+
+/// The least and the largest number, halves against halves so that it takes vector instructions.
+#[inline(always)]
+pub fn range(x: &Lanes) -> [f64; 2] {
+    let (mut low, mut high) = (*x, *x);
+    let mut half = LANES / 2;
+    while half > 0 {
+        for l in 0..half {
+            low[l] = less(low[l], low[l + half]);
+            high[l] = -less(-high[l], -high[l + half]);
+        }
+        half /= 2;
+    }
+    [low[0], high[0]]
+}
+
+/// The smaller of two; the second if one is not a number.
+#[inline(always)]
+pub fn less(a: f64, b: f64) -> f64 {
+    if a < b { a } else { b }
+}
+
+/// The larger of two; the second if one is not a number.
+#[inline(always)]
+pub fn more(a: f64, b: f64) -> f64 {
+    if a > b { a } else { b }
+}
+
+/// Corners of the box around the points.
+#[inline(always)]
+pub fn bounds(points: &Points) -> (DVec3, DVec3) {
+    let [x, y, z] = points.each_ref().map(range);
+    (DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1]))
+}

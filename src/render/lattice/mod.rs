@@ -1,0 +1,174 @@
+//! The adaptive screen lattice: few paths, interpolated to every pixel.
+//!
+//! In: a tracer whose paths share their knots. Out: for one of the largest tiles ([`Lattice::refine`])
+//! the tiles into which it was divided, each spanned by 4 × 4 paths at even spacing, and the pixels
+//! that have to be traced one by one. Paths at three more points of a tile tell whether the bicubic
+//! through the sixteen is within the budget; if not, or if the sixteen leave through different
+//! exits, the tile is quartered. All these points lie on one grid, so that a tile's paths serve its
+//! quarters and its neighbours too, and are looked up together, level by level.
+
+mod check;
+mod nodes;
+
+use super::{
+    endings::EndingFinder,
+    lanes::LANES,
+    ribbon::touched,
+    sheaf::{Sheaf, Tube},
+    strands::Strands,
+    tracer::GridTracer,
+    view::View,
+    world::World,
+};
+use check::Checks;
+pub use check::{LATTICE_SHARE, angle as seen_angle};
+use nodes::Nodes;
+use std::ops::Range;
+
+/// Pixels along a side of the largest tiles: the pieces in which threads share a picture. Chosen, not
+/// measured: smaller ones share fewer paths, larger ones keep fewer threads busy.
+pub const LARGEST_TILE: usize = 64;
+
+/// A tile brings nine paths of its own (the others serve its neighbours too), so one with fewer
+/// samples than this is not worth its paths.
+const FEWEST_SAMPLES: usize = 16;
+
+/// A square of pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tile {
+    /// Upper left pixel.
+    pub x: usize,
+    /// Upper left pixel.
+    pub y: usize,
+    /// Pixels along a side; tiles may reach over the picture's edge.
+    pub side: usize,
+}
+
+impl Tile {
+    fn quarters(self) -> [Tile; 4] {
+        let side = self.side / 2;
+        [(0, 0), (side, 0), (0, side), (side, side)].map(|(dx, dy)| Tile {
+            x: self.x + dx,
+            y: self.y + dy,
+            side,
+        })
+    }
+
+    /// Rows and columns of the tile that are in a picture of `size` (across, down).
+    pub fn extent(self, size: (usize, usize)) -> (Range<usize>, Range<usize>) {
+        (
+            self.y..(self.y + self.side).min(size.1),
+            self.x..(self.x + self.side).min(size.0),
+        )
+    }
+
+    fn is_outside(self, size: (usize, usize)) -> bool {
+        self.x >= size.0 || self.y >= size.1
+    }
+}
+
+/// The side of the smallest tiles worth their paths, with `samples` for each pixel.
+pub fn smallest_tile(samples: usize) -> usize {
+    let mut side = LARGEST_TILE;
+    while side > 1 && side * side / 4 * samples >= FEWEST_SAMPLES {
+        side /= 2;
+    }
+    side
+}
+
+/// The lattice over one picture.
+#[derive(Clone, Copy)]
+pub struct Lattice<'a> {
+    /// Where the paths come from.
+    pub tracer: &'a dyn GridTracer,
+    /// What they may meet.
+    pub world: &'a World,
+    /// The picture.
+    pub view: &'a View,
+    /// Largest error of the interpolation, radians at the camera.
+    pub budget: f64,
+    /// Side of the smallest tiles.
+    pub smallest: usize,
+}
+
+/// A tile whose sixteen paths can be interpolated.
+pub struct Leaf {
+    /// Which pixels.
+    pub tile: Tile,
+    /// Its paths among the patch's strands, row by row.
+    pub members: [usize; LANES],
+    /// Pieces that may meet the scene.
+    pub touched: Vec<usize>,
+}
+
+/// One of the largest tiles, divided.
+pub struct Divided {
+    /// All paths looked up for it.
+    pub strands: Strands,
+    /// Tiles to be interpolated.
+    pub leaves: Vec<Leaf>,
+    /// Tiles whose pixels are to be traced one by one.
+    pub lost: Vec<Tile>,
+}
+
+impl Lattice<'_> {
+    /// Divides the tile at (`x`, `y`).
+    pub fn refine(&self, (x, y): (usize, usize), endings: &mut EndingFinder<'_>) -> Divided {
+        let root = Tile {
+            x,
+            y,
+            side: LARGEST_TILE,
+        };
+        let mut nodes = Nodes::new(root, self.smallest, self.tracer.knots().clone());
+        let mut divided = (Vec::new(), Vec::new());
+        let mut level = vec![root];
+        while !level.is_empty() {
+            nodes.trace(&level, self, endings);
+            let mut next = Vec::new();
+            for tile in level {
+                match self.leaf(tile, &nodes) {
+                    Some(leaf) => divided.0.push(leaf),
+                    None if tile.side <= self.smallest => divided.1.push(tile),
+                    None => next.extend(
+                        tile.quarters()
+                            .into_iter()
+                            .filter(|q| !q.is_outside(self.view.size)),
+                    ),
+                }
+            }
+            level = next;
+        }
+        Divided {
+            strands: nodes.into_strands(),
+            leaves: divided.0,
+            lost: divided.1,
+        }
+    }
+
+    /// The tile's paths, if they can be interpolated within the budget.
+    fn leaf(&self, tile: Tile, nodes: &Nodes) -> Option<Leaf> {
+        let members = nodes.members(tile)?;
+        let sheaf = Sheaf::new(nodes.strands(), members);
+        if sheaf.exit().is_none() || !sheaf.is_known() {
+            return None;
+        }
+        let angle = self.view.pixel_angle() * tile.side as f64;
+        let checks = Checks::new(&sheaf, nodes.checks(tile)?, angle);
+        let allowed = LATTICE_SHARE * self.budget;
+        // The sky is cheap to compare and rules most tiles out.
+        if !(checks.sky() <= allowed) {
+            return None;
+        }
+        let mut pieces = Vec::new();
+        let slack = self.tracer.slack();
+        touched(&sheaf, self.world, slack, &mut Tube::default(), &mut pieces);
+        if !(checks.path(&pieces) <= allowed) {
+            return None;
+        }
+        Some(Leaf {
+            tile,
+            members,
+            touched: pieces,
+        })
+    }
+}

@@ -1,0 +1,152 @@
+//! The part of a tile's tube that may meet the scene, as chords.
+//!
+//! In: a sheaf and the pieces whose boxes meet leaves of the scene's tree ([`touched`]). Out: a
+//! [`Ribbon`]: each such piece flattened into as many chords as keep it within a tolerance of the
+//! cubic, those whose own boxes miss everything left out, and for each of the others the few
+//! subtrees that it can meet. Glued coordinates: a chord is tried in every period in which the
+//! scene's box is.
+
+use super::{
+    intersect::{is_glued, shifts},
+    lanes::{Points, bounds},
+    sheaf::{Sheaf, Tube, Vertex, widened},
+    tracer::GridTracer,
+    world::World,
+};
+use glam::DVec3;
+use std::ops::Range;
+
+/// Chords of sixteen paths, in order of arc length.
+#[derive(Debug, Clone, Default)]
+pub struct Ribbon {
+    /// Ends of chords.
+    pub vertices: Vec<Vertex>,
+    /// The chords.
+    pub chords: Vec<RibbonChord>,
+    roots: Vec<u32>,
+}
+
+/// A chord of all paths.
+#[derive(Debug, Clone)]
+pub struct RibbonChord {
+    /// The vertex where it begins; it ends at the next.
+    pub from: usize,
+    /// By how much glued coordinates are shifted to reach the scene.
+    pub shift: DVec3,
+    roots: Range<usize>,
+}
+
+/// Most chords of one piece: pieces are short already, so more means a broken curve.
+const MOST_CHORDS: f64 = 64.0;
+
+/// The pieces of `sheaf` whose boxes meet a leaf, into `pieces`.
+pub fn touched(
+    sheaf: &Sheaf<'_>,
+    world: &World,
+    slack: f64,
+    tube: &mut Tube,
+    pieces: &mut Vec<usize>,
+) {
+    pieces.clear();
+    if world.faces.is_empty() {
+        return;
+    }
+    crate::expr::vectorised(
+        #[inline(always)]
+        || tube.surround(sheaf, sheaf.last()),
+    );
+    let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+    let periodic = is_glued(domain);
+    for k in 0..tube.pieces() {
+        let (low, high) = tube.piece(k, sheaf.knots(), slack);
+        let meets = match periodic {
+            false => accelerator.touches(low, high),
+            true => shifts(accelerator, domain, low, high)
+                .iter()
+                .any(|shift| accelerator.touches(low + *shift, high + *shift)),
+        };
+        if meets {
+            pieces.push(k);
+        }
+    }
+}
+
+impl Ribbon {
+    /// The chords of the `pieces` of `sheaf` that may meet something, within `tolerance` radians of
+    /// the paths of `tracer`; replaces what was here.
+    pub fn flatten(
+        &mut self,
+        sheaf: &Sheaf<'_>,
+        (tracer, world): (&dyn GridTracer, &World),
+        pieces: &[usize],
+        tolerance: f64,
+    ) {
+        self.vertices.clear();
+        self.chords.clear();
+        self.roots.clear();
+        let knots = sheaf.knots();
+        let mut s = Vec::new();
+        let mut begins = Vec::new();
+        for (i, &k) in pieces.iter().enumerate() {
+            if i == 0 || pieces[i - 1] + 1 != k {
+                begins.push(s.len());
+                s.push(knots[k]);
+            }
+            let count = chords(sheaf, k, tolerance);
+            let along = |j: usize| knots[k] + (knots[k + 1] - knots[k]) * j as f64 / count as f64;
+            s.extend((1..=count).map(along));
+        }
+        sheaf.vertices(tracer, &s, &mut self.vertices);
+        for from in 0..s.len().saturating_sub(1) {
+            if !begins.contains(&(from + 1)) {
+                self.add_chord(world, from);
+            }
+        }
+    }
+
+    /// The chord from the vertex numbered `from`, in every period in which it may meet something.
+    fn add_chord(&mut self, world: &World, from: usize) {
+        let [a, b] = [from, from + 1].map(|v| bounds(&self.vertices[v].point));
+        let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), 0.0);
+        let mut add = |shift: DVec3| {
+            let first = self.roots.len();
+            if world
+                .accelerator
+                .roots(low + shift, high + shift, &mut self.roots)
+            {
+                self.chords.push(RibbonChord {
+                    from,
+                    shift,
+                    roots: first..self.roots.len(),
+                });
+            }
+        };
+        let domain = &world.manifold.domain;
+        match is_glued(domain) {
+            false => add(DVec3::ZERO),
+            true => shifts(&world.accelerator, domain, low, high)
+                .into_iter()
+                .for_each(add),
+        }
+    }
+
+    /// The roots of the subtrees that `chord` may meet.
+    #[inline(always)]
+    pub fn roots(&self, chord: &RibbonChord) -> &[u32] {
+        &self.roots[chord.roots.clone()]
+    }
+
+    /// The points of the vertex numbered `v`.
+    #[inline(always)]
+    pub fn point(&self, v: usize) -> &Points {
+        &self.vertices[v].point
+    }
+}
+
+/// How many chords keep within `tolerance` radians of the piece from knot `k`: the distance falls
+/// with the square of their number.
+fn chords(sheaf: &Sheaf<'_>, k: usize, tolerance: f64) -> usize {
+    let (s, sagitta, speed) = sheaf.bend(k);
+    let allowed = tolerance * s[1] * speed;
+    (sagitta / allowed).sqrt().ceil().clamp(1.0, MOST_CHORDS) as usize
+}

@@ -1,0 +1,212 @@
+//! Sixteen paths that span a tile, or that are sixteen samples themselves.
+//!
+//! In: strands. Out: their common exit, and a box around the tube that they span between each two
+//! knots ([`Tube`]).
+
+use super::{
+    curve::Ending,
+    lanes::{LANES, Lanes, Points, each, each_point},
+    strands::{ROWS, Strand, Strands},
+    tracer::GridTracer,
+};
+use glam::DVec3;
+
+/// Sixteen of many strands.
+#[derive(Clone, Copy)]
+pub struct Sheaf<'a> {
+    strands: &'a Strands,
+    members: [usize; LANES],
+}
+
+/// Points and tangents of sixteen paths at one arc length.
+#[derive(Debug, Clone)]
+pub struct Vertex {
+    /// Arc length.
+    pub s: f64,
+    /// Chart points.
+    pub point: Points,
+    /// Tangents.
+    pub tangent: Points,
+}
+
+/// Boxes around pieces of a tube.
+#[derive(Debug, Clone, Default)]
+pub struct Tube {
+    low: [Vec<f64>; 3],
+    high: [Vec<f64>; 3],
+}
+
+impl<'a> Sheaf<'a> {
+    /// The strands with these numbers.
+    pub fn new(strands: &'a Strands, members: [usize; LANES]) -> Self {
+        Self { strands, members }
+    }
+
+    /// One of them.
+    #[inline(always)]
+    pub fn strand(&self, lane: usize) -> Strand<'a> {
+        self.strands.strand(self.members[lane])
+    }
+
+    /// The arc lengths of the knots.
+    pub fn knots(&self) -> &'a [f64] {
+        self.strands.knots()
+    }
+
+    /// Any of the strands that these sixteen are of.
+    pub fn among(&self, number: usize) -> Strand<'a> {
+        self.strands.strand(number)
+    }
+
+    /// The exit that all share (`Some(None)`: none ends through one); `None` if they differ or one is
+    /// not known.
+    pub fn exit(&self) -> Option<Option<usize>> {
+        let first = self.strand(0).ending?.exit();
+        let same = |l| self.strand(l).ending.is_some_and(|e| e.exit() == first);
+        (1..LANES).all(same).then_some(first)
+    }
+
+    /// The exit of each.
+    pub fn exits(&self) -> [Option<usize>; LANES] {
+        std::array::from_fn(|l| self.strand(l).ending.and_then(|e| e.exit()))
+    }
+
+    /// The arc lengths beyond which nothing counts.
+    pub fn limits(&self) -> Lanes {
+        each(|l| self.strand(l).ending.map_or(0.0, |e| e.limit()))
+    }
+
+    /// The directions of their skies; zero without one.
+    pub fn skies(&self) -> Points {
+        let mut skies = [[0.0; LANES]; 3];
+        for l in 0..LANES {
+            if let Some(Ending::Exit { sky, .. }) = self.strand(l).ending {
+                for c in 0..3 {
+                    skies[c][l] = sky[c];
+                }
+            }
+        }
+        skies
+    }
+
+    /// How many knots matter: up to the first at which all have ended.
+    pub fn last(&self) -> usize {
+        let limit = self.limits().into_iter().fold(0.0, f64::max);
+        let knots = self.strands.knots();
+        (knots.partition_point(|s| *s < limit) + 1).min(knots.len())
+    }
+
+    /// Whether all paths are known at all knots that matter.
+    pub fn is_known(&self) -> bool {
+        let last = self.last();
+        (0..LANES).all(|l| self.strand(l).known >= last)
+    }
+
+    /// All paths at the ascending arc lengths `s`, appended to `vertices`.
+    pub fn vertices(&self, tracer: &dyn GridTracer, s: &[f64], vertices: &mut Vec<Vertex>) {
+        let first = vertices.len();
+        vertices.extend(s.iter().map(|&s| Vertex {
+            s,
+            point: [[0.0; LANES]; 3],
+            tangent: [[0.0; LANES]; 3],
+        }));
+        let mut rows = vec![0.0; ROWS * s.len()];
+        for l in 0..LANES {
+            if l > 0 && self.members[l] == self.members[l - 1] {
+                // Fewer than sixteen: the last is repeated.
+                for vertex in &mut vertices[first..] {
+                    vertex.repeat(l - 1, l);
+                }
+                continue;
+            }
+            tracer.refine(self.strand(l), s, &mut rows);
+            for (i, vertex) in vertices[first..].iter_mut().enumerate() {
+                for c in 0..3 {
+                    vertex.point[c][l] = rows[c * s.len() + i];
+                    vertex.tangent[c][l] = rows[(3 + c) * s.len() + i];
+                }
+            }
+        }
+    }
+
+    /// The arc lengths of the ends of the piece from knot `k`, the largest distance of any path
+    /// from its chord there (bounded by the second derivative), and the least speed.
+    pub fn bend(&self, k: usize) -> ([f64; 2], f64, f64) {
+        let knots = self.strands.knots();
+        let (mut sagitta, mut speed) = (0.0_f64, f64::INFINITY);
+        for l in 0..LANES {
+            let piece = self.strand(l).piece(k);
+            sagitta = sagitta.max(piece.sagitta());
+            speed = speed.min(piece.v[0].length()).min(piece.v[1].length());
+        }
+        ([knots[k], knots[k + 1]], sagitta, speed)
+    }
+}
+
+impl Vertex {
+    fn repeat(&mut self, from: usize, to: usize) {
+        for c in 0..3 {
+            self.point[c][to] = self.point[c][from];
+            self.tangent[c][to] = self.tangent[c][from];
+        }
+    }
+}
+
+impl Tube {
+    /// Boxes around the pieces between the first `last` knots of all paths of `sheaf`: around the
+    /// control points of their cubics.
+    #[inline(always)]
+    pub fn surround(&mut self, sheaf: &Sheaf<'_>, last: usize) {
+        let knots = sheaf.strands.knots();
+        let pieces = last.saturating_sub(1);
+        for c in 0..3 {
+            self.low[c].clear();
+            self.low[c].resize(pieces, f64::INFINITY);
+            self.high[c].clear();
+            self.high[c].resize(pieces, f64::NEG_INFINITY);
+            for l in 0..LANES {
+                let strand = sheaf.strand(l);
+                let (u, v) = (&strand.row(c)[..=pieces], &strand.row(3 + c)[..=pieces]);
+                let (low, high) = (&mut self.low[c][..pieces], &mut self.high[c][..pieces]);
+                for k in 0..pieces {
+                    let third = (knots[k + 1] - knots[k]) * (1.0 / 3.0);
+                    let (a, d) = (u[k], u[k + 1]);
+                    let (b, c) = (a + v[k] * third, d - v[k + 1] * third);
+                    low[k] = low[k].min(a.min(b)).min(c.min(d));
+                    high[k] = high[k].max(a.max(b)).max(c.max(d));
+                }
+            }
+        }
+    }
+
+    /// How many pieces there are.
+    pub fn pieces(&self) -> usize {
+        self.low[0].len()
+    }
+
+    /// The box of piece `k` between `knots`, widened by [`TUBE_MARGIN`] of its longest side and by
+    /// the angle `slack` (a piece is about as long as its box in the chart).
+    pub fn piece(&self, k: usize, knots: &[f64], slack: f64) -> (DVec3, DVec3) {
+        let corner = |side: &[Vec<f64>; 3]| DVec3::new(side[0][k], side[1][k], side[2][k]);
+        let lengths = knots[k + 1] / (knots[k + 1] - knots[k]);
+        widened((corner(&self.low), corner(&self.high)), slack * lengths)
+    }
+}
+
+/// What a box around sixteen paths is widened by, as a share of its longest side, for what the
+/// bicubic between them adds. Chosen, not measured: a box too narrow loses hits at a tile's edge, one
+/// too wide only costs time. The weights of the cubic through four points sum to at most 1.63 in
+/// magnitude, so a tube as wide as its box is long could leave it; tubes are usually long and thin.
+const TUBE_MARGIN: f64 = 0.15;
+
+/// The box widened by the tube's margin and `more`, in units of its longest side.
+pub fn widened((low, high): (DVec3, DVec3), more: f64) -> (DVec3, DVec3) {
+    let margin = DVec3::splat((TUBE_MARGIN + more) * (high - low).max_element());
+    (low - margin, high + margin)
+}
+
+/// The vertex's points moved by `shift`.
+#[inline(always)]
+pub fn shifted(points: &Points, shift: DVec3) -> Points {
+    each_point(|c, l| points[c][l] + shift[c])
+}

@@ -1,0 +1,177 @@
+//! Many paths at common arc lengths, side by side.
+//!
+//! In: chart points and tangents at knots, six rows for each path. Out: [`Strands`], from which
+//! tiles take what they interpolate. Components of one path are contiguous, so that whatever is
+//! computed knot by knot is computed in vectors.
+
+use super::curve::{Ending, Piece};
+use glam::DVec3;
+use std::sync::Arc;
+
+/// Rows of a path: x, y, z and the components of the tangent.
+pub const ROWS: usize = 6;
+
+/// Paths at common knots.
+#[derive(Debug, Clone)]
+pub struct Strands {
+    knots: Arc<[f64]>,
+    /// Directions at the camera, in the standard frame.
+    directions: Vec<DVec3>,
+    /// Six rows for each path, each as long as `knots`.
+    values: Vec<f64>,
+    known: Vec<usize>,
+    endings: Vec<Option<Ending>>,
+}
+
+/// One of them.
+#[derive(Debug, Clone, Copy)]
+pub struct Strand<'a> {
+    /// Arc lengths of the knots.
+    pub knots: &'a [f64],
+    /// Direction at the camera, in the standard frame.
+    pub direction: DVec3,
+    /// Six rows, each as long as `knots`.
+    rows: &'a [f64],
+    /// How many knots are known.
+    pub known: usize,
+    /// How it ends; `None` where the tracer cannot give it on these knots.
+    pub ending: Option<Ending>,
+}
+
+impl Strands {
+    /// None yet.
+    pub fn new(knots: Arc<[f64]>) -> Self {
+        Self {
+            knots,
+            directions: Vec::new(),
+            values: Vec::new(),
+            known: Vec::new(),
+            endings: Vec::new(),
+        }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.known.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.known.is_empty()
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.directions.clear();
+        self.values.clear();
+        self.known.clear();
+        self.endings.clear();
+    }
+
+    /// Adds the path in `direction`: `fill` writes its rows and says how many knots are known, `end` how it ends.
+    pub fn push(
+        &mut self,
+        direction: DVec3,
+        fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
+        end: impl FnOnce(Strand<'_>) -> Option<Ending>,
+    ) {
+        let start = self.values.len();
+        self.values.resize(start + ROWS * self.knots.len(), 0.0);
+        let rows = &mut self.values[start..];
+        let known = fill(&self.knots, rows);
+        stay(rows, self.knots.len(), known);
+        self.directions.push(direction);
+        self.known.push(known);
+        let strand = Strand {
+            knots: &self.knots,
+            direction,
+            rows: &self.values[start..],
+            known,
+            ending: None,
+        };
+        self.endings.push(end(strand));
+    }
+
+    /// The arc lengths of the knots.
+    pub fn knots(&self) -> &Arc<[f64]> {
+        &self.knots
+    }
+
+    /// The path numbered `i`.
+    pub fn strand(&self, i: usize) -> Strand<'_> {
+        let length = ROWS * self.knots.len();
+        Strand {
+            knots: &self.knots,
+            direction: self.directions[i],
+            rows: &self.values[i * length..(i + 1) * length],
+            known: self.known[i],
+            ending: self.endings[i],
+        }
+    }
+}
+
+/// Beyond the known knots a path stays where it is, so that boxes around it stay small.
+pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
+    if known == knots || known == 0 {
+        return;
+    }
+    for (c, row) in rows.chunks_exact_mut(knots).enumerate() {
+        let last = if c < 3 { row[known - 1] } else { 0.0 };
+        row[known..].fill(last);
+    }
+}
+
+impl<'a> Strand<'a> {
+    /// Component `c` (below 6) at all knots.
+    #[inline(always)]
+    pub fn row(&self, c: usize) -> &'a [f64] {
+        let n = self.knots.len();
+        &self.rows[c * n..(c + 1) * n]
+    }
+
+    /// The chart point at knot `k`.
+    #[inline(always)]
+    pub fn point(&self, k: usize) -> DVec3 {
+        DVec3::new(self.row(0)[k], self.row(1)[k], self.row(2)[k])
+    }
+
+    /// The tangent at knot `k`.
+    #[inline(always)]
+    pub fn tangent(&self, k: usize) -> DVec3 {
+        DVec3::new(self.row(3)[k], self.row(4)[k], self.row(5)[k])
+    }
+
+    /// The piece from knot `k` to the next.
+    pub fn piece(&self, k: usize) -> Piece {
+        Piece {
+            s: [self.knots[k], self.knots[k + 1]],
+            u: [self.point(k), self.point(k + 1)],
+            v: [self.tangent(k), self.tangent(k + 1)],
+        }
+    }
+
+    /// The chart point at arc length `s` on the cubics between the knots; `None` beyond the last
+    /// known knot.
+    pub fn position(&self, s: f64) -> Option<DVec3> {
+        let next = self.knots.partition_point(|knot| *knot < s).max(1);
+        if next >= self.known {
+            return None;
+        }
+        let piece = self.piece(next - 1);
+        Some(piece.position((s - piece.s[0]) / (piece.s[1] - piece.s[0])))
+    }
+
+    /// Points and tangents at the ascending arc lengths `s` on the cubics between the knots, into
+    /// six rows as long as `s`.
+    pub fn sample(&self, s: &[f64], rows: &mut [f64]) {
+        for (i, &at) in s.iter().enumerate() {
+            let next = self.knots.partition_point(|knot| *knot < at);
+            let piece = self.piece(next.clamp(1, self.knots.len() - 1) - 1);
+            let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
+            let (u, v) = (piece.position(t), piece.tangent(t));
+            for c in 0..3 {
+                (rows[c * s.len() + i], rows[(3 + c) * s.len() + i]) = (u[c], v[c]);
+            }
+        }
+    }
+}

@@ -1,0 +1,283 @@
+//! Samples of one of the largest tiles: what they see.
+//!
+//! In: a divided tile of the lattice, or directions alone. Out: outcomes, and the samples that the
+//! tracer cannot give, put off so that they are traced together.
+
+use super::{
+    endings::EndingFinder,
+    intersect::CHORD_ERROR,
+    lanes::LANES,
+    lattice::{Divided, LARGEST_TILE, Leaf, Tile},
+    outcome::Outcome,
+    packet::{Mixing, Target},
+    ribbon::{Ribbon, touched},
+    sheaf::{Sheaf, Tube},
+    strands::Strands,
+    tracer::GridTracer,
+    view::View,
+    world::World,
+};
+use crate::expr::vectorised;
+use glam::{DVec2, DVec3};
+use ndarray::{Array3, ArrayViewMut3, Axis};
+use std::time::{Duration, Instant};
+
+/// Row, column and number of a sample.
+pub type Place = (usize, usize, usize);
+
+/// Work done and time spent, summed over threads.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Tally {
+    /// Paths looked up or followed at common knots.
+    pub paths: usize,
+    /// Samples interpolated.
+    pub interpolated: usize,
+    /// Samples traced one by one.
+    pub traced: usize,
+    /// Time for paths and for dividing tiles.
+    pub lattice: Duration,
+    /// Time for tubes and chords.
+    pub tiles: Duration,
+    /// Time for samples.
+    pub pixels: Duration,
+}
+
+impl std::ops::AddAssign for Tally {
+    fn add_assign(&mut self, other: Self) {
+        self.paths += other.paths;
+        self.interpolated += other.interpolated;
+        self.traced += other.traced;
+        self.lattice += other.lattice;
+        self.tiles += other.tiles;
+        self.pixels += other.pixels;
+    }
+}
+
+/// The picture's samples and what they may meet.
+#[derive(Clone, Copy)]
+pub struct Samples<'a> {
+    /// The scene.
+    pub world: &'a World,
+    /// The picture.
+    pub view: &'a View,
+    /// Where in a pixel its samples are, in [0, 1]².
+    pub offsets: &'a [DVec2],
+}
+
+/// What the samples of one of the largest tiles find.
+pub struct Found<'o> {
+    /// The tile's upper left pixel: row and column.
+    pub corner: (usize, usize),
+    /// Its outcomes, axes (row, column, sample) from the corner.
+    pub outcomes: ArrayViewMut3<'o, Outcome>,
+    /// Samples put off, with their directions.
+    pub pending: Vec<(Place, DVec3)>,
+    /// Work and time.
+    pub tally: Tally,
+    tube: Tube,
+    ribbon: Ribbon,
+}
+
+impl<'o> Found<'o> {
+    /// Nothing yet.
+    pub fn new(corner: (usize, usize), outcomes: ArrayViewMut3<'o, Outcome>) -> Self {
+        Self {
+            corner,
+            outcomes,
+            pending: Vec::new(),
+            tally: Tally::default(),
+            tube: Tube::default(),
+            ribbon: Ribbon::default(),
+        }
+    }
+
+    /// The outcomes of each of the largest tiles, row by row; they do not overlap.
+    pub fn split(outcomes: &'o mut Array3<Outcome>) -> Vec<Self> {
+        let mut tiles = Vec::new();
+        let bands = outcomes.axis_chunks_iter_mut(Axis(0), LARGEST_TILE);
+        for (row, band) in bands.enumerate() {
+            let (mut rest, mut x) = (band, 0);
+            while rest.len_of(Axis(1)) > 0 {
+                let width = LARGEST_TILE.min(rest.len_of(Axis(1)));
+                let (first, others) = rest.split_at(Axis(1), width);
+                tiles.push(Found::new((row * LARGEST_TILE, x), first));
+                (rest, x) = (others, x + width);
+            }
+        }
+        tiles
+    }
+
+    /// The tile.
+    pub fn tile(&self) -> Tile {
+        Tile {
+            x: self.corner.1,
+            y: self.corner.0,
+            side: LARGEST_TILE,
+        }
+    }
+
+    fn put(&mut self, (y, x, k): Place, outcome: Outcome) {
+        self.outcomes[(y - self.corner.0, x - self.corner.1, k)] = outcome;
+    }
+
+    fn put_all(&mut self, places: &[Place], target: &impl Fn(&Ribbon) -> [Outcome; LANES]) {
+        let outcomes = target(&self.ribbon);
+        for (place, outcome) in places.iter().zip(outcomes) {
+            self.put(*place, outcome);
+        }
+    }
+}
+
+impl Samples<'_> {
+    /// The samples of a tile that the lattice divided.
+    pub fn interpolate(
+        &self,
+        divided: &Divided,
+        tracer: &dyn GridTracer,
+        endings: &mut EndingFinder<'_>,
+        found: &mut Found<'_>,
+    ) {
+        found.tally.paths += divided.strands.len();
+        for leaf in &divided.leaves {
+            self.leaf(tracer, &divided.strands, leaf, found);
+        }
+        let places: Vec<Place> = divided
+            .lost
+            .iter()
+            .flat_map(|tile| self.places(*tile))
+            .collect();
+        self.trace(&places, tracer, endings, found);
+    }
+
+    /// The chords of a tile.
+    pub fn ribbon(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf) -> Ribbon {
+        let mut ribbon = Ribbon::default();
+        let sheaf = Sheaf::new(strands, leaf.members);
+        ribbon.flatten(&sheaf, (tracer, self.world), &leaf.touched, CHORD_ERROR);
+        ribbon
+    }
+
+    fn leaf(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf, found: &mut Found<'_>) {
+        let began = Instant::now();
+        let sheaf = Sheaf::new(strands, leaf.members);
+        found.ribbon = self.ribbon(tracer, strands, leaf);
+        let flat = Instant::now();
+        found.tally.tiles += flat - began;
+        let places = self.places(leaf.tile);
+        for places in places.chunks(LANES) {
+            let at =
+                std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
+            found.put_all(places, &|ribbon| {
+                let target = Target::new(self.world, &sheaf, ribbon);
+                vectorised(
+                    #[inline(always)]
+                    || target.seen(&Mixing::bicubic(&at)),
+                )
+                .map(looked_up)
+            });
+        }
+        found.tally.interpolated += places.len();
+        found.tally.pixels += flat.elapsed();
+    }
+
+    /// The samples at `places`, each by a path of its own.
+    pub fn trace(
+        &self,
+        places: &[Place],
+        tracer: &dyn GridTracer,
+        endings: &mut EndingFinder<'_>,
+        found: &mut Found<'_>,
+    ) {
+        let began = Instant::now();
+        let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
+        let mut strands = Strands::new(tracer.knots().clone());
+        for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
+            strands.clear();
+            tracer.add(directions, endings, &mut strands);
+            let (known, unknown): (Vec<usize>, Vec<usize>) =
+                (0..places.len()).partition(|&i| strands.strand(i).ending.is_some());
+            for i in unknown {
+                found.pending.push((places[i], directions[i]));
+            }
+            for members in known.chunks(LANES) {
+                self.sixteen(tracer, &strands, members, places, found);
+            }
+            found.tally.traced += places.len();
+            found.tally.paths += places.len();
+        }
+        found.tally.pixels += began.elapsed();
+    }
+
+    /// Up to sixteen samples whose paths are `members` of `strands`.
+    fn sixteen(
+        &self,
+        tracer: &dyn GridTracer,
+        strands: &Strands,
+        members: &[usize],
+        places: &[Place],
+        found: &mut Found<'_>,
+    ) {
+        let all = std::array::from_fn(|l| members[l.min(members.len() - 1)]);
+        let sheaf = Sheaf::new(strands, all);
+        let mut pieces = Vec::new();
+        let slack = tracer.slack();
+        touched(&sheaf, self.world, slack, &mut found.tube, &mut pieces);
+        found
+            .ribbon
+            .flatten(&sheaf, (tracer, self.world), &pieces, CHORD_ERROR);
+        let places: Vec<Place> = members.iter().map(|&i| places[i]).collect();
+        found.put_all(&places, &|ribbon| {
+            let target = Target::new(self.world, &sheaf, ribbon);
+            vectorised(
+                #[inline(always)]
+                || target.seen(&Mixing::Same),
+            )
+            .map(looked_up)
+        });
+    }
+
+    /// The samples of `tile` in the picture, by squares of 4 × 4 pixels so that sixteen in a
+    /// row are close together.
+    pub fn places(&self, tile: Tile) -> Vec<Place> {
+        let (rows, columns) = tile.extent(self.view.size);
+        let mut places = Vec::with_capacity(rows.len() * columns.len() * self.offsets.len());
+        for top in rows.clone().step_by(SQUARE) {
+            for left in columns.clone().step_by(SQUARE) {
+                for y in top..(top + SQUARE).min(rows.end) {
+                    for x in left..(left + SQUARE).min(columns.end) {
+                        places.extend((0..self.offsets.len()).map(|k| (y, x, k)));
+                    }
+                }
+            }
+        }
+        places
+    }
+
+    fn point(&self, (y, x, k): Place) -> DVec2 {
+        DVec2::new(x as f64, y as f64) + self.offsets[k]
+    }
+
+    /// Where in a tile a sample is, as fractions of its side.
+    fn fraction(&self, tile: Tile, place: Place) -> DVec2 {
+        (self.point(place) - DVec2::new(tile.x as f64, tile.y as f64)) / tile.side as f64
+    }
+
+    /// The direction of a sample.
+    pub fn direction(&self, place: Place) -> DVec3 {
+        let at = self.point(place);
+        self.view.direction(at.x, at.y)
+    }
+}
+
+/// Pixels along a side of the squares of one packet at one sample for each.
+const SQUARE: usize = 4;
+
+/// Paths followed at once: enough to keep the tracer's lanes full, few enough to stay in the cache.
+const BLOCK: usize = 256;
+
+fn looked_up(seen: super::outcome::Seen) -> Outcome {
+    Outcome {
+        seen,
+        flagged: false,
+    }
+}

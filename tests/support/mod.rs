@@ -1,0 +1,77 @@
+//! What several tests need: the catalogue, manifolds from text, random rays.
+
+// Each test uses a part of it.
+#![allow(dead_code)]
+
+use geofan::{
+    diagnostic::SourceText,
+    geodesic::{Settings, check_point},
+    manifold::{Carried, Manifold},
+    random::Stream,
+};
+use glam::DVec3;
+
+/// The names of all files of `assets/manifolds`.
+pub fn catalogue() -> Vec<String> {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
+    let files = std::fs::read_dir(folder).unwrap();
+    let mut names: Vec<String> = files
+        .map(|file| file.unwrap().file_name().into_string().unwrap())
+        .filter_map(|name| name.strip_suffix(".toml").map(String::from))
+        .collect();
+    names.sort();
+    names
+}
+
+/// A manifold of the catalogue.
+pub fn asset(name: &str) -> Manifold {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
+    let path = format!("{folder}/{name}.toml");
+    Manifold::load(path.as_ref(), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
+}
+
+/// The manifold of a file with this text after its name and the coordinates x, y, z.
+pub fn manifold(text: &str) -> Manifold {
+    let text = format!("name = 'test'\ncoordinates = ['x', 'y', 'z']\n{text}");
+    Manifold::from_source(SourceText::new("test.toml", text), &[])
+        .unwrap_or_else(|e| panic!("{}", e.report(false)))
+}
+
+/// Settings that carry everything.
+pub fn settings(tolerance: f64, events: bool) -> Settings {
+    Settings {
+        tolerance,
+        carried: Carried {
+            frame: true,
+            deviation: true,
+        },
+        events,
+    }
+}
+
+/// A random point of the domain: a camera of the region moved by the manifold's symmetry, so that it
+/// lies off every symmetry plane.
+pub fn random_point(manifold: &Manifold, stream: &mut Stream) -> DVec3 {
+    let region = manifold.cameras.as_ref().expect("a camera region");
+    for _ in 0..1000 {
+        let t = [stream.uniform(), stream.uniform(), stream.uniform()];
+        let mut u = region.at(&region.lerp(&t[..region.dimension()]));
+        if manifold.symmetry.rotation {
+            u = stream.rotation() * u;
+        }
+        for k in 0..3 {
+            if manifold.symmetry.translation[k] || manifold.symmetry.group.is_some() {
+                u[k] = stream.between(-1.0, 1.0);
+            }
+        }
+        if check_point(manifold, "point", u).is_ok() {
+            return u;
+        }
+    }
+    panic!("{}: no point found", manifold.name)
+}
+
+/// The larger of two numbers; NaN is the largest.
+pub fn worse(a: f64, b: f64) -> f64 {
+    if a > b || a.is_nan() { a } else { b }
+}
