@@ -1,15 +1,20 @@
 //! `geofan compare`: a view by table and by exact integration, with errors and times of one run.
 //!
 //! In: a scene and a bundle. Out: `table.png`, `exact.png`, `error.png` (FLIP) and `mrad.png`
-//! (screen error of the table's paths) in a folder, and a report as text or JSON.
+//! (screen error of the table's paths) in a folder, and a report as text or JSON. With `--tracer
+//! local` the local view takes the table's place.
 
-use super::scenery::SceneArgs;
+use super::{light, scenery::SceneArgs};
 use clap::Args;
 use geofan::{
     Error, Result,
     bundle::Bundle,
-    render::comparison::{Options, compare, write_pictures},
-    terminal::{self, CommonArgs, Outcome},
+    render::{
+        comparison::{Options, compare, write_pictures},
+        local_comparison::compare_local,
+        picture::{error_picture, write_png},
+    },
+    terminal::{self, CommonArgs, Outcome, values},
 };
 use std::path::PathBuf;
 
@@ -19,8 +24,14 @@ pub struct CompareArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// The table
-    #[arg(long, value_name = "FILE")]
-    bundle: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "tracer")]
+    bundle: Option<PathBuf>,
+    /// Hold the local view, not the table, against exact paths
+    #[arg(long, value_enum, conflicts_with = "bundle")]
+    tracer: Option<Rival>,
+    /// How far to follow paths of the local view [default: the manifold's]
+    #[arg(long, value_name = "L", requires = "tracer", value_parser = values::positive)]
+    length: Option<f64>,
     /// The folder for the pictures; made if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -29,12 +40,47 @@ pub struct CompareArgs {
     frames: u16,
 }
 
+/// What can be compared in place of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Rival {
+    /// Straight lines of the chart
+    Local,
+}
+
+/// Compares the local view with the exact one.
+fn run_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
+    let mut stage = args.scene.stage(None)?;
+    let view = args.scene.view(&stage)?;
+    let length = stage.world.manifold.length_or(args.length)?;
+    light::bake(&mut stage, None, length, common)?;
+    let samples = usize::from(args.scene.spp);
+    let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance)?;
+    let error = error_picture(&found.flip, "FLIP", "local against exact", None);
+    let pictures = [
+        ("local", &found.local),
+        ("exact", &found.exact),
+        ("error", &error),
+    ];
+    for (name, picture) in pictures {
+        write_png(&args.out.join(format!("{name}.png")), picture)?;
+    }
+    match common.json {
+        true => terminal::print_json(&found.report)?,
+        false => terminal::print(&found.report.to_string())?,
+    }
+    Ok(Outcome::Done)
+}
+
 /// Compares.
 pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     std::fs::create_dir_all(&args.out).map_err(|e| Error::io(&args.out, e))?;
-    let bundle = Bundle::read(&args.bundle)?;
-    let stage = args.scene.stage(Some(&bundle))?;
+    let Some(path) = &args.bundle else {
+        return run_local(args, common);
+    };
+    let bundle = Bundle::read(path)?;
+    let mut stage = args.scene.stage(Some(&bundle))?;
     let view = args.scene.view(&stage)?;
+    light::bake(&mut stage, Some(path), bundle.table.length, common)?;
     let options = Options {
         samples: usize::from(args.scene.spp),
         promise: bundle.header.plan.max_error,

@@ -5,6 +5,8 @@ mod check;
 mod compare;
 mod completions;
 mod info;
+mod light;
+mod path_traced;
 mod render;
 mod scenery;
 mod trace;

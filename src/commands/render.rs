@@ -5,6 +5,8 @@
 
 use super::{
     animation::{Animation, Target},
+    light,
+    path_traced::{self, PathArgs},
     scenery::{self, SceneArgs},
 };
 use clap::{Args, ValueEnum};
@@ -31,7 +33,9 @@ use std::{
 #[derive(Debug, Args)]
 pub struct RenderArgs {
     #[command(flatten)]
-    scene: SceneArgs,
+    pub(super) scene: SceneArgs,
+    #[command(flatten)]
+    pub(super) path: PathArgs,
     /// The table to look paths up in
     #[arg(long, value_name = "FILE")]
     bundle: Option<PathBuf>,
@@ -40,7 +44,7 @@ pub struct RenderArgs {
     tracer: Option<TracerKind>,
     /// How far to follow exact paths [default: the manifold's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
-    length: Option<f64>,
+    pub(super) length: Option<f64>,
     /// An animation: the file of its key poses (`[[pose]]` tables with `time` and what a scene's
     /// `[camera]` has)
     #[arg(long, value_name = "P.toml", requires = "frames")]
@@ -51,7 +55,7 @@ pub struct RenderArgs {
     /// The picture: .png or .exr (with layers); for an animation a pattern such as frame-%04d.png,
     /// or a video (.mp4) if ffmpeg can be run
     #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
+    pub(super) output: PathBuf,
 }
 
 /// Who follows the paths.
@@ -61,6 +65,10 @@ enum TracerKind {
     Table,
     /// Integration for every sample
     Exact,
+    /// Straight lines of the chart: at once, and right near the camera
+    Local,
+    /// Light by Monte Carlo along exact paths
+    Path,
 }
 
 /// What is printed.
@@ -84,9 +92,13 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     }
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
-    let stage = args.scene.stage(bundle.as_ref())?;
+    let mut stage = args.scene.stage(bundle.as_ref())?;
     let view = args.scene.view(&stage)?;
+    if args.tracer == Some(TracerKind::Path) {
+        return path_traced::run(args, &stage, &view, common);
+    }
     let source = Source::new(args, &stage, bundle.as_ref())?;
+    light_up(args, &mut stage, bundle.as_ref(), common)?;
     let report = one(args, &stage, &view, &source, &args.output)?;
     print(&report, common)
 }
@@ -104,14 +116,19 @@ struct AnimationReport {
 
 /// Renders an animation.
 fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) -> Result<Outcome> {
+    if args.tracer == Some(TracerKind::Path) {
+        let message = "`path` draws single pictures, not animations";
+        return Err(Error::input("--tracer", message));
+    }
     let target = Target::of(&args.output)?;
     if let Target::Frames(..) = target {
         scenery::check_output(&args.output)?;
     }
     let began = Instant::now();
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
-    let stage = args.scene.stage(bundle.as_ref())?;
+    let mut stage = args.scene.stage(bundle.as_ref())?;
     let source = Source::new(args, &stage, bundle.as_ref())?;
+    light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
     let animation = Animation {
         journey: &journey,
@@ -145,15 +162,32 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     Ok(Outcome::Done)
 }
 
+/// Bakes the scene's light, followed as far as paths are in `bundle`.
+fn light_up(
+    args: &RenderArgs,
+    stage: &mut Stage,
+    bundle: Option<&Bundle>,
+    common: &CommonArgs,
+) -> Result<()> {
+    let length = match bundle {
+        Some(bundle) => bundle.table.length,
+        None => stage.world.manifold.length_or(args.length)?,
+    };
+    light::bake(stage, args.bundle.as_deref(), length, common)
+}
+
 /// Where paths come from.
 enum Source<'b> {
     Table(Lookup<'b>),
     /// Integration over a length.
     Exact(f64),
+    /// Straight lines of the chart over a length.
+    Local(f64),
 }
 
 impl<'b> Source<'b> {
     fn new(args: &RenderArgs, stage: &Stage, bundle: Option<&'b Bundle>) -> Result<Self> {
+        let length = || stage.world.manifold.length_or(args.length);
         match (args.tracer, bundle) {
             (Some(TracerKind::Table), None) => {
                 let message = "`table` needs --bundle FILE; bake one with geofan-bake";
@@ -164,7 +198,9 @@ impl<'b> Source<'b> {
                 let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
                 Ok(Self::Table(lookup))
             }
-            _ => Ok(Self::Exact(stage.world.manifold.length_or(args.length)?)),
+            (Some(TracerKind::Local), Some(bundle)) => Ok(Self::Local(bundle.table.length)),
+            (Some(TracerKind::Local), None) => Ok(Self::Local(length()?)),
+            _ => Ok(Self::Exact(length()?)),
         }
     }
 
@@ -172,6 +208,7 @@ impl<'b> Source<'b> {
         match self {
             Self::Table(_) => "table",
             Self::Exact(_) => "exact",
+            Self::Local(_) => "local",
         }
     }
 
@@ -188,6 +225,7 @@ impl<'b> Source<'b> {
                 let budget = 1e-3 * args.scene.error;
                 Ok((by(Paths::Lattice(&tracer, budget)), contract))
             }
+            Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
             Self::Exact(length) => {
                 let tolerance = args.scene.tolerance;
                 let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
@@ -226,16 +264,17 @@ fn one(
         let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
         picture = picture.with_float("area", area);
     }
-    picture::write(output, &picture, &metadata(stage, source))?;
+    picture::write(output, &picture, &metadata(stage, source.name()))?;
     Ok(report)
 }
 
-fn metadata(stage: &Stage, source: &Source<'_>) -> Metadata {
+/// Notes for a picture's file.
+pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
     let command: Vec<String> = std::env::args().collect();
     Metadata::default()
         .with("command", command.join(" "))
         .with("manifold", &stage.world.manifold.name)
-        .with("tracer", source.name())
+        .with("tracer", tracer)
         .with("version", env!("CARGO_PKG_VERSION"))
 }
 

@@ -350,7 +350,8 @@ impl<'m> Lanes<'m> {
             if end.is_some() && step.end > 0.0 || wanted && step.end > step.start {
                 sink.step(ray, &step);
             }
-            if let Some((end, s)) = end {
+            let given_up = || (!sink.wants_more(ray)).then_some((End::Length, step.end));
+            if let Some((end, s)) = end.or_else(given_up) {
                 sink.end(ray, end, s, self.control.steps[lane] as usize);
                 self.ray[lane] = None;
                 self.control.stop(lane);

@@ -86,7 +86,7 @@ impl Ray {
 /// How a path ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
-    /// At the length asked for.
+    /// At the length asked for, or where its [`Sink`] had seen enough.
     Length,
     /// Through the exit with this index in [`Manifold::exits`].
     Exit(usize),
@@ -127,6 +127,11 @@ pub trait Sink {
     }
     /// The next step of `ray` that was wanted; steps of one ray come in order, those of different rays mixed.
     fn step(&mut self, ray: usize, step: &Step);
+    /// Whether to follow `ray` further; asked after each of its steps. A ray that is given up ends
+    /// as [`End::Length`] at the end of that step.
+    fn wants_more(&self, _ray: usize) -> bool {
+        true
+    }
     /// `ray` has ended at arc length `s` after `steps` steps tried.
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);
 }

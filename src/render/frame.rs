@@ -6,6 +6,7 @@
 use super::{
     endings::EndingFinder,
     lattice::{Lattice, smallest_tile},
+    local::trace_straight,
     outcome::{Outcome, Seen, outcome},
     tiles::{Found, Place, Samples, Tally},
     tracer::{ExactTracer, GridTracer},
@@ -73,6 +74,8 @@ pub enum Paths<'a> {
     Direct(&'a dyn GridTracer),
     /// Interpolated from a lattice of paths, within a budget in radians at the camera.
     Lattice(&'a dyn GridTracer, f64),
+    /// Straight lines of the chart over a length (see [`super::local`]).
+    Straight(f64),
 }
 
 /// What the samples at `offsets` of every pixel see.
@@ -84,6 +87,10 @@ pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) ->
     };
     match paths {
         Paths::Exact(tracer) => trace_exact(&samples, tracer),
+        Paths::Straight(length) => Traced {
+            outcomes: trace_straight(&samples, length),
+            work: Work::default(),
+        },
         Paths::Direct(tracer) => trace_tiles(&samples, tracer, |endings, found| {
             let places = samples.places(found.tile());
             samples.trace(&places, tracer, endings, found);

@@ -7,7 +7,8 @@
 //! piecewise cubic interpolation*, 1980), at rest at both ends.
 
 use super::{
-    scene::{CameraEntry, CameraPosition, KeyPose, PoseFile},
+    camera::Camera,
+    scene::{KeyPose, PoseFile},
     view::{View, camera_point},
 };
 use crate::{
@@ -109,7 +110,7 @@ impl Journey {
 
 impl Leg {
     fn new(manifold: &Manifold, poses: [&KeyPose; 2], u: [DVec3; 2]) -> Option<Self> {
-        let [from, to] = poses.map(|pose| rotation(&pose.camera));
+        let [from, to] = poses.map(rotation);
         let (path, length) = match join(manifold, u[0], u[1])? {
             None => (None, 0.0),
             Some(ray) => {
@@ -162,22 +163,13 @@ impl Leg {
     fn view(&self, share: f64, size: (usize, usize)) -> View {
         let (u, carried) = self.carried(share);
         let rotation = carried * DQuat::IDENTITY.slerp(self.turn, share);
-        let camera = CameraEntry {
-            name: None,
-            position: CameraPosition::Chart(u),
-            position_span: 0..0,
-            look: rotation * DVec3::X,
-            up: rotation * DVec3::Z,
-            fov_degrees: self.fov[0] + (self.fov[1] - self.fov[0]) * share,
-        };
-        View::new(&camera, u, size)
+        let fov_degrees = self.fov[0] + (self.fov[1] - self.fov[0]) * share;
+        View::of_camera(&Camera { u, rotation }, fov_degrees, size)
     }
 }
 
-/// The rotation whose columns are look, left and up.
-fn rotation(camera: &CameraEntry) -> DQuat {
-    let left = camera.up.cross(camera.look);
-    DQuat::from_mat3(&DMat3::from_cols(camera.look, left, camera.up))
+fn rotation(pose: &KeyPose) -> DQuat {
+    Camera::looking(DVec3::ZERO, pose.camera.look, pose.camera.up).rotation
 }
 
 /// Steps by which the aim is moved from the start to the end, and rounds of Newton's method at each.

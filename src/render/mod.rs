@@ -6,6 +6,7 @@
 //! found is shaded ([`shade`]).
 
 pub mod accel;
+mod camera;
 pub mod comparison;
 mod curve;
 pub mod drawing;
@@ -17,10 +18,15 @@ mod intersect;
 mod journey;
 mod lanes;
 pub mod lattice;
+pub mod light;
+pub mod local;
+pub mod local_comparison;
 mod lookup;
 mod outcome;
 mod packet;
+pub mod path_tracer;
 pub mod picture;
+mod rays;
 mod ribbon;
 pub mod scene;
 pub mod shade;
@@ -33,6 +39,7 @@ mod tracer;
 mod view;
 mod world;
 
+pub use camera::{Camera, Moved};
 pub use curve::{Curve, Ending, Piece};
 pub use endings::EndingFinder;
 pub use footprint::Footprint;
@@ -40,6 +47,7 @@ pub use intersect::Hit;
 pub use journey::Journey;
 pub use lookup::{Lookup, TableTracer};
 pub use outcome::{Outcome, Seen};
+pub use rays::{Probe, first_seen};
 pub use stage::Stage;
 pub use strands::{Strand, Strands};
 pub use tiles::Tally;

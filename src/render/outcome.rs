@@ -40,17 +40,24 @@ pub fn outcome(world: &World, curve: &Curve) -> Outcome {
     let mut hits = curve
         .pieces()
         .filter_map(|piece| first_hit(&world.accelerator, &world.manifold.domain, &piece, limit));
-    let seen = match (hits.next(), curve.ending) {
-        (Some(hit), _) => Seen::Surface(hit),
-        (None, Ending::Exit { exit, s, sky }) => Seen::Sky {
-            exit: exit as u32,
-            s,
-            direction: sky.as_vec3(),
-        },
-        (None, Ending::Nowhere) => Seen::Nothing,
+    let seen = match hits.next() {
+        Some(hit) => Seen::Surface(hit),
+        None => beyond(&curve.ending),
     };
     Outcome {
         seen,
         flagged: curve.flagged,
+    }
+}
+
+/// What is seen where no surface is in the way.
+pub fn beyond(ending: &Ending) -> Seen {
+    match *ending {
+        Ending::Exit { exit, s, sky } => Seen::Sky {
+            exit: exit as u32,
+            s,
+            direction: sky.as_vec3(),
+        },
+        Ending::Nowhere => Seen::Nothing,
     }
 }

@@ -5,7 +5,7 @@
 //! paths up: [`super::TableTracer`].
 
 use super::{
-    curve::{Curve, Ending, ending_at},
+    curve::{Curve, Ending, Piece, ending_at},
     endings::EndingFinder,
     strands::{Strand, Strands},
 };
@@ -129,6 +129,20 @@ impl Sink for CurveSink<'_> {
         let (u, v) = (u[u.len() - 1], v[v.len() - 1]);
         *ending = ending_at(self.manifold, end, s, u, v);
     }
+}
+
+/// The step as cubics.
+pub(super) fn pieces(step: &Step) -> impl Iterator<Item = Piece> {
+    let count = cubics(step);
+    let at = move |k: usize| step.start + (step.end - step.start) * k as f64 / count as f64;
+    (0..count).map(move |k| {
+        let s = [at(k), at(k + 1)];
+        Piece {
+            s,
+            u: s.map(|s| step.position(s)),
+            v: s.map(|s| step.tangent(s)),
+        }
+    })
 }
 
 /// How many cubics replace the quintic of `step`: the middle of one cubic tells, and the error

@@ -4,13 +4,16 @@
 //! direction in the standard frame at the camera. Pixel (0, 0) is the upper left one; its middle is
 //! the point (0.5, 0.5). The picture is upright and not mirrored: right is `look × up`.
 
-use super::scene::{CameraEntry, CameraPosition};
+use super::{
+    camera::Camera,
+    scene::{CameraEntry, CameraPosition},
+};
 use crate::{
     diagnostic::{Diagnostic, SourceText},
     error::Result,
     manifold::Manifold,
 };
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use std::sync::Arc;
 
 /// A camera with a picture plane.
@@ -29,14 +32,35 @@ pub struct View {
 impl View {
     /// The view of `camera` from the chart point `u`.
     pub fn new(camera: &CameraEntry, u: DVec3, size: (usize, usize)) -> Self {
-        let pixel = 2.0 * (0.5 * camera.fov_degrees.to_radians()).tan() / size.0 as f64;
+        let placed = Camera::looking(u, camera.look, camera.up);
+        Self::of_camera(&placed, camera.fov_degrees, size)
+    }
+
+    /// What `camera` sees at a horizontal angle of view of `fov_degrees`.
+    pub fn of_camera(camera: &Camera, fov_degrees: f64, size: (usize, usize)) -> Self {
+        let pixel = 2.0 * (0.5 * fov_degrees.to_radians()).tan() / size.0 as f64;
+        let axes = DMat3::from_quat(camera.rotation);
         Self {
-            u,
+            u: camera.u,
             size,
-            look: camera.look,
-            right: camera.look.cross(camera.up).normalize() * pixel,
-            down: -camera.up * pixel,
+            look: -axes.z_axis,
+            right: axes.x_axis * pixel,
+            down: -axes.y_axis * pixel,
         }
+    }
+
+    /// The camera that sees this.
+    pub fn camera(&self) -> Camera {
+        Camera::looking(self.u, self.look, -self.down)
+    }
+
+    /// The point of the picture in `direction` (standard frame): the inverse of
+    /// [`View::direction`]; `None` behind the camera.
+    pub fn pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
+        let depth = direction.dot(self.look);
+        let along = |axis: DVec3| direction.dot(axis) / (depth * axis.length_squared());
+        let (w, h) = (self.size.0 as f64, self.size.1 as f64);
+        (depth > 0.0).then(|| (along(self.right) + 0.5 * w, along(self.down) + 0.5 * h))
     }
 
     /// The direction of the middle of the picture.

@@ -1,22 +1,22 @@
 //! A scene placed in its manifold: triangles in chart coordinates, materials, skies.
 //!
 //! In: a [`SceneFile`] and its [`Manifold`]. Out: a [`World`] that rays can be intersected with and
-//! hits be shaded from. Placement: DESIGN §2; normals are carried as covectors, by the inverse
-//! transpose of the placement's differential.
+//! hits be shaded from.
 
 use super::{
     accel::Accelerator,
     intersect::Hit,
-    scene::{Material, Mesh, ObjectEntry, Placement, SceneFile},
+    light::{Baked, PointLight},
+    scene::{LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
     sky::Sky,
 };
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},
-    geodesic::{Ray, Settings, ends, perpendiculars},
-    manifold::{Carried, Manifold},
+    geodesic::check_point,
+    manifold::Manifold,
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use std::{path::Path, sync::Arc};
 
 /// The corners of a triangle as shading needs them.
@@ -44,15 +44,17 @@ pub struct World {
     pub materials: Vec<Material>,
     /// The sky of each exit, and last the one of paths that end nowhere.
     pub skies: Vec<Option<Sky>>,
+    /// Lights without extent.
+    pub lights: Vec<PointLight>,
+    /// Their light on the triangles, where it has been baked; without, the only lamp is at the
+    /// camera.
+    pub light: Option<Baked>,
     /// What was mended or left out while loading.
     pub warnings: Vec<String>,
 }
 
 /// The key under `[sky]` for paths that end by their length.
 const NOWHERE: &str = "length";
-
-/// Tolerance of the geodesics that carry exponentially placed vertices.
-const PLACEMENT_TOLERANCE: f64 = 1e-9;
 
 impl World {
     /// Loads meshes and skies of `scene` and places them in `manifold`.
@@ -66,6 +68,8 @@ impl World {
             faces: Vec::new(),
             materials: Vec::new(),
             skies,
+            lights: lights(scene, &manifold)?,
+            light: None,
             warnings: Vec::new(),
             manifold,
         };
@@ -83,13 +87,23 @@ impl World {
             };
             world.place(scene, index as u32, object, &mesh, &mut triangles)?;
         }
-        if !scene.lights.is_empty() {
-            world.warnings.push(
-                "lights of the scene are not followed yet: objects are lit from the camera".into(),
-            );
-        }
         world.accelerator = Accelerator::build(&triangles);
         Ok(world)
+    }
+
+    /// A hash of the triangles and their normals.
+    pub fn geometry_fingerprint(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        for (corners, face) in self.accelerator.triangles().iter().zip(&self.faces) {
+            for x in corners
+                .iter()
+                .chain(&face.normals)
+                .flat_map(|p| p.to_array())
+            {
+                hasher.update(&x.to_le_bytes());
+            }
+        }
+        *hasher.finalize().as_bytes()
     }
 
     /// The chart point of a hit, inside the limits of glued coordinates.
@@ -144,11 +158,11 @@ impl World {
                 .with_hint("see [domain] in the manifold file")
                 .into());
         }
-        let vertices = match object.placement {
-            Placement::Linear => linear(&self.manifold, object, mesh),
-            Placement::Exponential => exponential(&self.manifold, object, mesh)
-                .ok_or_else(|| self.unreachable(scene, object))?,
+        let Some(placed) = place(&self.manifold, object, mesh) else {
+            return Err(self.unreachable(scene, object));
         };
+        self.warnings.extend(placed.warning);
+        let (mesh, vertices) = (placed.mesh, placed.vertices);
         let first = self.materials.len() as u32;
         self.materials.extend(mesh.materials.iter().cloned());
         for (corners, material) in mesh.triangles.iter().zip(&mesh.material_of) {
@@ -175,68 +189,19 @@ impl World {
     }
 }
 
-/// Chart point and normal covector of every vertex: `u0 + S R x`, `(S R)⁻ᵀ n`.
-fn linear(manifold: &Manifold, object: &ObjectEntry, mesh: &Mesh) -> Vec<(DVec3, DVec3)> {
-    let axes = manifold.standard_frame(object.at) * DMat3::from_quat(object.rotation);
-    let covector = axes.inverse().transpose();
-    let place = |(x, n): (&DVec3, &DVec3)| (object.at + axes * *x * object.scale, covector * *n);
-    mesh.positions
-        .iter()
-        .zip(&mesh.normals)
-        .map(place)
-        .collect()
-}
-
-/// Chart point and normal covector of every vertex: `exp(S R x)`, its differential from the
-/// tangent and the deviation columns at the end. `None` if a geodesic does not get there.
-fn exponential(
-    manifold: &Manifold,
-    object: &ObjectEntry,
-    mesh: &Mesh,
-) -> Option<Vec<(DVec3, DVec3)>> {
-    let turned: Vec<DVec3> = mesh
-        .positions
-        .iter()
-        .map(|x| object.rotation * *x * object.scale)
-        .collect();
-    let settings = Settings {
-        tolerance: PLACEMENT_TOLERANCE,
-        carried: Carried {
-            frame: false,
-            deviation: true,
-        },
-        events: false,
-    };
-    let rays = turned.iter().map(|x| {
-        let d = x.try_normalize().unwrap_or(DVec3::X);
-        Ray::new(manifold, object.at, d, x.length())
-    });
-    let ends = ends(manifold, settings, rays);
-    let axes = manifold.standard_frame(object.at);
-    let mut placed = Vec::new();
-    for ((x, n), end) in turned.iter().zip(&mesh.normals).zip(&ends) {
-        let n = object.rotation * *n;
-        let length = x.length();
-        let Some((step, reached)) = end else {
-            placed.push((object.at, axes.inverse().transpose() * n));
-            continue;
-        };
-        if *reached < length {
-            return None;
+/// The lights of `scene`, all inside the domain.
+fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
+    let light = |entry: &LightEntry| match check_point(manifold, "the light", entry.at) {
+        Ok(()) => Ok(PointLight {
+            u: entry.at,
+            intensity: entry.intensity,
+        }),
+        Err(fault) => {
+            let span = entry.at_span.clone();
+            Err(Diagnostic::new(&scene.source, span, fault.to_string()).into())
         }
-        let d = *x / length;
-        let [e1, e2] = perpendiculars(d);
-        let [j1, j2] = step.deviation(length)?;
-        let to = DMat3::from_cols(step.tangent(length), j1 / length, j2 / length);
-        let from = DMat3::from_cols(d, e1, e2);
-        // The differential takes d, e1, e2 to the columns of `to`; covectors go by its inverse
-        // transpose.
-        placed.push((
-            step.position(length),
-            to.inverse().transpose() * (from.transpose() * n),
-        ));
-    }
-    Some(placed)
+    };
+    scene.lights.iter().map(light).collect()
 }
 
 fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>> {

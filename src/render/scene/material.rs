@@ -29,6 +29,11 @@ pub struct Material {
     pub ke: [f32; 3],
     /// Opacity (`d`): 1 solid, 0 not there.
     pub dissolve: f32,
+    /// Index of refraction (`Ni`).
+    pub ni: f32,
+    /// The illumination model's number (`illum`): 2 matt and glossy, 3 and 5 mirror, 4, 6, 7 and 9
+    /// glass.
+    pub illumination: u8,
     /// Texture that multiplies `kd` (`map_Kd`).
     pub map_kd: Option<Arc<Texture>>,
 }
@@ -43,6 +48,8 @@ impl Default for Material {
             ns: 10.0,
             ke: [0.0; 3],
             dissolve: 1.0,
+            ni: 1.5,
+            illumination: 2,
             map_kd: None,
         }
     }
@@ -170,7 +177,8 @@ fn mend_line(line: &str) -> Option<String> {
             };
             Some(format!("{key} {r} {g} {b}"))
         }
-        "Ns" => Some(format!("Ns {}", not_negative(words().next()?)?)),
+        "Ns" | "Ni" => Some(format!("{key} {}", not_negative(words().next()?)?)),
+        "illum" => Some(format!("illum {}", words().next()?.parse::<u8>().ok()?)),
         "d" => Some(format!("d {}", not_negative(words().last()?)?.min(1.0))),
         "Tr" => Some(format!(
             "d {}",
@@ -218,6 +226,8 @@ impl<'a> TextureShelf<'a> {
             ns: from.shininess.unwrap_or(grey.ns),
             ke: from.emissive.unwrap_or(grey.ke),
             dissolve: from.dissolve.unwrap_or(grey.dissolve),
+            ni: from.optical_density.unwrap_or(grey.ni),
+            illumination: from.illumination_model.unwrap_or(grey.illumination),
             map_kd: map.and_then(|map| self.texture(map, warnings)),
         }
     }
@@ -266,7 +276,7 @@ mod tests {
         );
         let expected = ["a.mtl:3: ignored `Ks 1 2`", "a.mtl:4: ignored `Ns x`"];
         assert_eq!(warnings[..2], expected);
-        assert_eq!(warnings.len(), 4);
+        assert_eq!(warnings.len(), 5);
     }
 
     #[test]

@@ -7,13 +7,15 @@
 //! them, and gives no line with its errors. So the text is surveyed first ([`Survey`]), the reader
 //! that feeds `tobj` counts lines, and what comes out is checked again.
 
-use super::material::{Material, TextureShelf, mend_mtl};
-use super::survey::Survey;
+use super::{
+    material::{Material, TextureShelf, mend_mtl},
+    smoothing::{FLAT, Lacking, group_of, mend_obj, unshared},
+    survey::Survey,
+};
 use crate::error::{Error, Result};
 use glam::DVec3;
 use std::{
     cell::{Cell, RefCell},
-    collections::HashMap,
     io::{self, BufRead, Read},
     path::Path,
 };
@@ -23,7 +25,8 @@ use std::{
 pub struct Mesh {
     /// Vertices, in the mesh's units.
     pub positions: Vec<DVec3>,
-    /// Unit normals, one a vertex; from the file, else area-weighted means of the faces around.
+    /// Unit normals, one a vertex; from the file, else area-weighted means of the faces around
+    /// that share a smoothing group.
     pub normals: Vec<DVec3>,
     /// Texture coordinates, one a vertex; zero where the file gives none.
     pub uvs: Vec<[f32; 2]>,
@@ -51,19 +54,25 @@ impl Mesh {
 
     /// Reads the OBJ text that the user calls `name`; other files are relative to `folder`.
     pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self> {
-        let survey = Survey::of(name, text)?;
+        let mended = mend_obj(text);
+        let survey = Survey::of(name, &mended)?;
         let mut mesh = Self::default();
-        let (models, materials) = parse_obj(name, text, folder, &mut mesh.warnings)?;
+        let (models, materials) = parse_obj(name, &mended, folder, &mut mesh.warnings)?;
         mesh.warnings.extend(survey.warnings(name, &materials));
         let mut shelf = TextureShelf::new(folder);
         for material in &materials {
             let material = shelf.material(material, &mut mesh.warnings);
             mesh.materials.push(material);
         }
-        let mut lacking = Vec::new();
+        let mut lacking = Lacking::default();
         let mut degenerate = 0;
-        for model in &models {
-            degenerate += mesh.append(name, &model.mesh, &mut lacking)?;
+        for model in models {
+            lacking.group = group_of(&model.name);
+            let part = match lacking.group {
+                Some(FLAT) => unshared(model.mesh),
+                _ => model.mesh,
+            };
+            degenerate += mesh.append(name, &part, &mut lacking)?;
         }
         if degenerate > 0 {
             let note = format!("{name}: {degenerate} triangles without area left out");
@@ -72,13 +81,13 @@ impl Mesh {
         if mesh.triangles.is_empty() {
             return Err(Error::input(name, "holds no triangle with an area"));
         }
-        mesh.fill_normals(&lacking);
+        lacking.fill(&mut mesh);
         Ok(mesh)
     }
 
     /// Appends one of `tobj`'s models; notes vertices that lack a normal and returns how many
     /// triangles were degenerate.
-    fn append(&mut self, name: &str, from: &tobj::Mesh, lacking: &mut Vec<u32>) -> Result<usize> {
+    fn append(&mut self, name: &str, from: &tobj::Mesh, lacking: &mut Lacking) -> Result<usize> {
         if from.indices.is_empty() {
             return Ok(0);
         }
@@ -108,9 +117,11 @@ impl Mesh {
             self.uvs.resize(base + count, [0.0; 2]);
         }
         let bad = |i: &usize| self.normals[*i] == DVec3::ZERO;
-        lacking.extend((base..base + count).filter(bad).map(|i| i as u32));
+        lacking.note((base..base + count).filter(bad).map(|i| i as u32));
         let material = self.material_index(from.material_id);
-        Ok(self.append_triangles(base as u32, &from.indices, material))
+        let degenerate = self.append_triangles(base as u32, &from.indices, material);
+        lacking.note_triangles(self.triangles.len());
+        Ok(degenerate)
     }
 
     fn append_triangles(&mut self, base: u32, indices: &[u32], material: u32) -> usize {
@@ -128,7 +139,7 @@ impl Mesh {
     }
 
     /// Normal of a triangle, twice its area long.
-    fn doubled_area(&self, triangle: [u32; 3]) -> DVec3 {
+    pub(super) fn doubled_area(&self, triangle: [u32; 3]) -> DVec3 {
         let [a, b, c] = triangle.map(|i| self.positions[i as usize]);
         (b - a).cross(c - a)
     }
@@ -144,35 +155,6 @@ impl Mesh {
             })
         });
         index as u32
-    }
-
-    /// Gives the vertices in `lacking` the area-weighted mean normal of all triangles at their
-    /// position; position and not index, because texture seams split vertices.
-    fn fill_normals(&mut self, lacking: &[u32]) {
-        if lacking.is_empty() {
-            return;
-        }
-        // Adding zero turns -0 into 0, which has other bits but is the same place.
-        let key = |p: DVec3| (p + DVec3::ZERO).to_array().map(f64::to_bits);
-        let mut sums: HashMap<[u64; 3], DVec3> = HashMap::with_capacity(lacking.len());
-        for &vertex in lacking {
-            sums.insert(key(self.positions[vertex as usize]), DVec3::ZERO);
-        }
-        for &triangle in &self.triangles {
-            let normal = self.doubled_area(triangle);
-            for corner in triangle {
-                if let Some(sum) = sums.get_mut(&key(self.positions[corner as usize])) {
-                    *sum += normal;
-                }
-            }
-        }
-        for &vertex in lacking {
-            let sum = sums[&key(self.positions[vertex as usize])];
-            // Opposite faces can cancel; any unit vector will do then, shading is two-sided.
-            let largest = sum.abs().max_element();
-            let normal = (sum / largest).normalize_or(DVec3::Z);
-            self.normals[vertex as usize] = normal;
-        }
     }
 }
 

@@ -214,3 +214,33 @@ fn a_million_triangles_load_quickly() {
         start.elapsed()
     );
 }
+
+#[test]
+fn faces_smooth_their_normals_within_their_group_only() {
+    let roof = "v 0 0 1\nv 0 1 1\nv 1 0 0\nv -1 0 0\n";
+    let normals = |text: &str| parse(&format!("{roof}{text}")).unwrap().normals;
+    let slopes = [
+        DVec3::new(1.0, 0.0, 1.0).normalize(),
+        DVec3::new(-1.0, 0.0, 1.0).normalize(),
+    ];
+    let flat = normals("s off\nf 1 3 2\nf 1 2 4\n");
+    assert_eq!(flat.len(), 6);
+    assert!(flat[..3].iter().all(|n| n.abs_diff_eq(slopes[0], 1e-12)));
+    assert!(flat[3..].iter().all(|n| n.abs_diff_eq(slopes[1], 1e-12)));
+    let apart = normals("g left\ns 1\nf 1 3 2\ng right\ns 2\nf 1 2 4\n");
+    assert!(
+        apart
+            .iter()
+            .all(|n| slopes.iter().any(|s| n.abs_diff_eq(*s, 1e-12)))
+    );
+    let together = normals("s 1\nf 1 3 2\no other\nf 1 2 4\n");
+    assert!(together.iter().any(|n| n.abs_diff_eq(DVec3::Z, 1e-12)));
+}
+
+#[test]
+fn a_line_may_go_on_after_a_backslash_and_line_numbers_stay() {
+    let mesh = parse(&format!("{TRIANGLE}f 1 \\\n 2 \\\n 3\n")).unwrap();
+    assert_eq!(mesh.triangles, [[0, 1, 2]]);
+    let message = refusal(&format!("{TRIANGLE}f 1 \\\n 2 3\nf 1 2 9\n"));
+    assert!(message.starts_with("a.obj:6: "), "{message}");
+}

@@ -5,7 +5,10 @@
 mod file;
 mod material;
 mod mesh;
+mod placement;
 mod poses;
+mod smoothing;
+mod subdivide;
 mod survey;
 mod table;
 
@@ -14,4 +17,5 @@ pub use file::{
 };
 pub use material::{Material, Texture};
 pub use mesh::Mesh;
+pub(super) use placement::place;
 pub use poses::{KeyPose, PoseFile};

@@ -1,14 +1,19 @@
-//! Surfaces lit by a lamp at the camera.
+//! Surfaces lit by the world's baked light, or without it by a lamp at the camera.
 //!
-//! In: hits. Out: colours. The cosine between ray and normal is taken in the metric at the hit,
+//! In: hits. Out: colours. Baked light is reflected by matt surfaces: radiance `Kd E / π`, for the
+//! irradiance `E` on the side of the surface that the ray meets. Of the lamp, the cosine between ray and normal is taken in the metric at the hit,
 //! `|n·v| / (|Sᵀn| |v|)` for a covector `n` and tangent `v`; the metric of sixteen hits is evaluated
 //! at once.
 
 use crate::{
     expr::{Registers, vectorised},
-    render::{footprint::Footprint, intersect::Hit, lanes::LANES, world::World},
+    render::{
+        footprint::Footprint, intersect::Hit, lanes::LANES, light::Baked, scene::Material,
+        world::World,
+    },
 };
 use glam::DVec3;
+use std::f32::consts::FRAC_1_PI;
 
 /// The share of light that reaches surfaces from all sides.
 const AMBIENT: f32 = 0.2;
@@ -41,6 +46,20 @@ impl<'w> Lamp<'w> {
     /// Lights all on the list into `row`, three numbers for each place.
     pub(super) fn light(&mut self, row: &mut [f32]) {
         let waiting = std::mem::take(&mut self.waiting);
+        match &self.world.light {
+            Some(light) => {
+                for (index, hit, footprint) in &waiting {
+                    put(row, *index, by_baked(self.world, light, hit, footprint));
+                }
+            }
+            None => self.by_lamp(&waiting, row),
+        }
+        self.waiting = waiting;
+        self.waiting.clear();
+    }
+
+    /// The light of the lamp at the camera.
+    fn by_lamp(&mut self, waiting: &[(usize, Hit, Footprint)], row: &mut [f32]) {
         for sixteen in waiting.chunks(LANES) {
             for (lane, (_, hit, _)) in sixteen.iter().enumerate() {
                 let u = self.world.point(hit);
@@ -55,12 +74,9 @@ impl<'w> Lamp<'w> {
             );
             for (lane, (index, hit, footprint)) in sixteen.iter().enumerate() {
                 let cosine = self.cosine(lane, hit);
-                let colour = self.surface(hit, footprint, cosine as f32);
-                row[3 * index..3 * index + 3].copy_from_slice(&colour);
+                put(row, *index, self.surface(hit, footprint, cosine as f32));
             }
         }
-        self.waiting = waiting;
-        self.waiting.clear();
     }
 
     /// The cosine between ray and normal, from the metric (outputs 0 to 5: xx, yy, zz, xy, xz, yz)
@@ -86,15 +102,8 @@ impl<'w> Lamp<'w> {
     }
 
     fn surface(&self, hit: &Hit, footprint: &Footprint, cosine: f32) -> [f32; 3] {
-        let face = &self.world.faces[hit.triangle as usize];
-        let material = &self.world.materials[face.material as usize];
-        let [b, c] = hit.barycentric;
-        let uv =
-            |k: usize| face.uvs[0][k] * (1.0 - b - c) + face.uvs[1][k] * b + face.uvs[2][k] * c;
-        let diffuse = match &material.map_kd {
-            Some(texture) => texture.filtered([uv(0), uv(1)], footprint),
-            None => material.kd,
-        };
+        let material = material(self.world, hit);
+        let diffuse = diffuse(self.world, hit, footprint);
         // The lamp is at the eye: the mirror direction makes twice the angle of incidence with it.
         let mirrored = (2.0 * cosine * cosine - 1.0).max(0.0);
         let gloss = match material.ks == [0.0; 3] {
@@ -103,5 +112,36 @@ impl<'w> Lamp<'w> {
         };
         let light = AMBIENT + (1.0 - AMBIENT) * cosine;
         std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + material.ke[k])
+    }
+}
+
+fn put(row: &mut [f32], index: usize, colour: [f32; 3]) {
+    row[3 * index..3 * index + 3].copy_from_slice(&colour);
+}
+
+/// The reflected light that was baked, and what the surface gives off itself.
+fn by_baked(world: &World, light: &Baked, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
+    let front = world.covector(hit).dot(hit.v.as_dvec3()) <= 0.0;
+    let irradiance = light.at(hit.triangle, hit.barycentric, front);
+    let (diffuse, ke) = (diffuse(world, hit, footprint), material(world, hit).ke);
+    std::array::from_fn(|k| diffuse[k] * irradiance[k] * FRAC_1_PI + ke[k])
+}
+
+fn material<'w>(world: &'w World, hit: &Hit) -> &'w Material {
+    &world.materials[world.faces[hit.triangle as usize].material as usize]
+}
+
+/// The diffuse reflectance of what was hit: `Kd`, times its texture averaged over `footprint`.
+pub(in crate::render) fn diffuse(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
+    let uvs = world.faces[hit.triangle as usize].uvs;
+    let [b, c] = hit.barycentric;
+    let uv = |k: usize| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c;
+    let material = material(world, hit);
+    match &material.map_kd {
+        Some(texture) => {
+            let colour = texture.filtered([uv(0), uv(1)], footprint);
+            std::array::from_fn(|k| colour[k] * material.kd[k])
+        }
+        None => material.kd,
     }
 }

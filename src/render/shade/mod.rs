@@ -1,7 +1,7 @@
 //! Outcomes to colours.
 //!
-//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by a lamp at the
-//! camera (`lamp`). Skies and textures are averaged over the sample's footprint, measured from the
+//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by
+//! baked light or by a lamp at the camera (`lamp`). Skies and textures are averaged over the sample's footprint, measured from the
 //! samples beside and below that leave through the same exit or meet the same object.
 
 mod lamp;
@@ -18,6 +18,7 @@ use super::{
 };
 use glam::{DVec3, Vec3};
 use lamp::Lamp;
+pub(super) use lamp::diffuse;
 use ndarray::{Array4, ArrayView3, Axis};
 use rayon::prelude::*;
 

@@ -1,0 +1,214 @@
+//! `geofan render --tracer path`: a picture by path tracing, pass after pass.
+//!
+//! In: a scene, and how long or how many samples. Out: a PNG, or an EXR with variance; a file
+//! `PICTURE.passes` while the picture is not complete, from which `--resume` goes on.
+
+use super::render::{RenderArgs, metadata};
+use clap::Args;
+use geofan::{
+    Error, Result,
+    render::{
+        ExactTracer, Stage, View,
+        frame::{Paths, offsets, trace},
+        path_tracer::{Estimator, Film, PathTracer, Settings},
+        picture::{self, Precision, write_exr},
+        shade::with_layers,
+    },
+    terminal::{self, CommonArgs, Interrupt, Outcome, Progress, values},
+};
+use serde::Serialize;
+use std::{
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+
+/// Options of the path tracer.
+#[derive(Debug, Args)]
+pub struct PathArgs {
+    /// Path tracer: another seed gives other noise
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+    /// Path tracer: stop after this time although fewer than --spp samples are done
+    #[arg(long, value_name = "SECONDS", value_parser = values::positive)]
+    time: Option<f64>,
+    /// Path tracer: go on with an interrupted picture, or add samples to one that --time ended
+    #[arg(long)]
+    resume: bool,
+    /// Path tracer: leave out light that was reflected more often (1: direct light only)
+    #[arg(long, value_name = "N")]
+    bounces: Option<u32>,
+}
+
+/// What is printed.
+#[derive(Serialize)]
+struct Report {
+    output: String,
+    tracer: &'static str,
+    width: usize,
+    height: usize,
+    spp: u64,
+    seconds: f64,
+    rays: u64,
+    rays_per_second: f64,
+    exact_rays_per_second: f64,
+}
+
+/// Time between two checkpoints: an interruption that comes without a signal costs no more.
+const BETWEEN_CHECKPOINTS: Duration = Duration::from_secs(60);
+
+/// Longer side of the picture by which the exact tracer's speed is measured.
+const MEASURED_SIDE: usize = 160;
+
+/// Renders.
+pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -> Result<Outcome> {
+    let length = stage.world.manifold.length_or(args.length)?;
+    let settings = Settings {
+        seed: args.path.seed,
+        length,
+        tolerance: args.scene.tolerance,
+        bounces: args.path.bounces.unwrap_or(u32::MAX),
+        estimator: Estimator::Connected,
+    };
+    let kept = Kept {
+        path: checkpoint(&args.output),
+        key: key(args, stage, view, settings),
+    };
+    let mut film = match args.path.resume {
+        true => Film::load(&kept.path, &kept.key, view.size)?,
+        false => Film::new(view.size),
+    };
+    let tracer = PathTracer::new(&stage.world, view, settings);
+    let began = Instant::now();
+    let passes = u64::from(args.scene.spp);
+    let complete = accumulate(args, &tracer, &mut film, passes, &kept, common)?;
+    let seconds = began.elapsed().as_secs_f64();
+    write(args, stage, view, &film, length)?;
+    match complete {
+        true if kept.path.exists() => {
+            std::fs::remove_file(&kept.path).map_err(|e| Error::io(&kept.path, e))?;
+        }
+        true => {}
+        false => film.save(&kept.path, &kept.key)?,
+    }
+    let report = Report {
+        output: args.output.display().to_string(),
+        tracer: "path",
+        width: view.size.0,
+        height: view.size.1,
+        spp: film.passes(),
+        seconds,
+        rays: tracer.rays(),
+        rays_per_second: tracer.rays() as f64 / seconds,
+        exact_rays_per_second: exact_speed(args, stage, view, length),
+    };
+    print(&report, common)
+}
+
+/// The checkpoint and what it must belong to.
+struct Kept {
+    path: PathBuf,
+    key: [u8; 32],
+}
+
+/// Adds passes until there are enough (then true) or the time is up.
+fn accumulate(
+    args: &RenderArgs,
+    tracer: &PathTracer<'_>,
+    film: &mut Film,
+    passes: u64,
+    kept: &Kept,
+    common: &CommonArgs,
+) -> Result<bool> {
+    let interrupt = Interrupt::install()?;
+    let progress = Progress::new(common, "samples", passes);
+    progress.inc(film.passes());
+    let began = Instant::now();
+    let mut saved = Instant::now();
+    while film.passes() < passes {
+        let pass = tracer.pass(film.passes(), || interrupt.requested());
+        let Some(pass) = pass else {
+            film.save(&kept.path, &kept.key)?;
+            return Err(Error::Interrupted {
+                resume: format!(
+                    "{} of {passes} samples are kept; give the same command with --resume",
+                    film.passes()
+                ),
+            });
+        };
+        film.add(&pass);
+        progress.inc(1);
+        let up = |seconds: f64| began.elapsed().as_secs_f64() >= seconds;
+        if args.path.time.is_some_and(up) {
+            break;
+        }
+        if saved.elapsed() > BETWEEN_CHECKPOINTS {
+            film.save(&kept.path, &kept.key)?;
+            saved = Instant::now();
+        }
+    }
+    progress.finish();
+    Ok(film.passes() >= passes)
+}
+
+fn checkpoint(output: &Path) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(".passes");
+    name.into()
+}
+
+/// A hash of everything that decides the passes.
+fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: Settings) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&stage.world.manifold.fingerprint());
+    hasher.update(&stage.world.geometry_fingerprint());
+    hasher.update(stage.scene.source.text.as_bytes());
+    hasher.update(format!("{settings:?} {view:?} {:?}", args.scene.view).as_bytes());
+    *hasher.finalize().as_bytes()
+}
+
+fn write(args: &RenderArgs, stage: &Stage, view: &View, film: &Film, length: f64) -> Result<()> {
+    let picture = film.picture();
+    let notes = metadata(stage, "path").with("samples", film.passes().to_string());
+    let exr = args
+        .output
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("exr"));
+    if !exr {
+        return picture::write(&args.output, &picture, &notes);
+    }
+    let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
+    let traced = trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1));
+    let picture = with_layers(picture, &stage.world, traced.outcomes.view());
+    write_exr(&args.output, &picture, &notes, Precision::Float)
+}
+
+/// Camera rays of the exact tracer for each second, intersected with the same scene.
+fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f64 {
+    let longer = view.size.0.max(view.size.1);
+    let scaled = |n: usize| (n * MEASURED_SIDE / longer).clamp(1, n);
+    let size = (scaled(view.size.0), scaled(view.size.1));
+    let fov = 2.0 * (0.5 * view.size.0 as f64 * view.pixel_angle()).atan();
+    let small = View::of_camera(&view.camera(), fov.to_degrees(), size);
+    let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
+    let began = Instant::now();
+    let traced = trace(&stage.world, &small, Paths::Exact(&tracer), &offsets(1));
+    traced.outcomes.len() as f64 / began.elapsed().as_secs_f64()
+}
+
+fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {
+    if common.json {
+        terminal::print_json(report)?;
+    } else if !common.quiet {
+        terminal::print(&format!(
+            "{}: {}x{}, {} spp, path tracer; {:.1} s, {:.0} thousand rays a second (exact tracer: {:.0})\n",
+            report.output,
+            report.width,
+            report.height,
+            report.spp,
+            report.seconds,
+            1e-3 * report.rays_per_second,
+            1e-3 * report.exact_rays_per_second,
+        ))?;
+    }
+    Ok(Outcome::Done)
+}

@@ -1,0 +1,140 @@
+//! The file in which baked light is kept beside a bundle.
+//!
+//! In: a world with lights. Out: its light, from the file if that is whole and of this very world,
+//! else computed and written there. Layout, little-endian: the magic, a fingerprint (32 bytes) of
+//! everything that the light depends on, the number of points (8 bytes), six f32 a point, and a
+//! checksum (XXH3, 8 bytes) of all that comes before.
+
+use super::{
+    Baked, Lamps,
+    baked::{Layout, POINTS},
+};
+use crate::{error::Result, files::write_atomically, render::World};
+use std::{io::Write, path::Path};
+use xxhash_rust::xxh3::xxh3_64;
+
+const MAGIC: &[u8; 16] = b"geofan light 1\r\n";
+const HEAD: usize = 16 + 32 + 8;
+
+/// Where the light came from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// The file had it.
+    File,
+    /// There was no file.
+    Computed,
+    /// The file was of another world or settings.
+    Outdated,
+    /// The file was damaged.
+    Damaged,
+}
+
+/// The light of `world`, followed over `length` at a local tolerance: from the file at `path` if that
+/// fits; else computed, and kept there if a path is given.
+///
+/// # Errors
+/// The file cannot be written. One that cannot be read, is damaged or of another world is replaced.
+pub fn light(
+    world: &World,
+    length: f64,
+    tolerance: f64,
+    path: Option<&Path>,
+    done: impl Fn(usize, usize) + Sync,
+) -> Result<(Baked, Source)> {
+    let layout = Layout::new(world, POINTS);
+    let fingerprint = fingerprint(world, length, tolerance);
+    let kept = path.and_then(|path| std::fs::read(path).ok());
+    let source = match kept
+        .as_deref()
+        .map(|bytes| decode(bytes, &fingerprint, layout.len()))
+    {
+        Some(Ok(values)) => {
+            let baked = Baked::from_values(layout.clone(), values);
+            if let Some(baked) = baked {
+                return Ok((baked, Source::File));
+            }
+            Source::Damaged
+        }
+        Some(Err(source)) => source,
+        None => Source::Computed,
+    };
+    let lamps = Lamps::new(world, length, tolerance);
+    let baked = Baked::new(&lamps, layout, done);
+    if let Some(path) = path {
+        let bytes = encode(&baked, &fingerprint);
+        write_atomically(path, |out| out.write_all(&bytes))?;
+    }
+    Ok((baked, source))
+}
+
+/// Everything that baked light depends on.
+fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&world.manifold.fingerprint());
+    let mut numbers = |numbers: &[f64]| {
+        numbers.iter().for_each(|x| {
+            hasher.update(&x.to_le_bytes());
+        });
+    };
+    numbers(&[length, tolerance, POINTS as f64]);
+    for light in &world.lights {
+        numbers(&light.u.to_array());
+        numbers(&light.intensity.map(f64::from));
+    }
+    hasher.update(&world.geometry_fingerprint());
+    *hasher.finalize().as_bytes()
+}
+
+fn encode(baked: &Baked, fingerprint: &[u8; 32]) -> Vec<u8> {
+    let mut bytes = MAGIC.to_vec();
+    bytes.extend_from_slice(fingerprint);
+    bytes.extend((baked.values.len() as u64).to_le_bytes());
+    let numbers = baked.values.iter().flatten();
+    bytes.extend(numbers.flat_map(|x| x.to_le_bytes()));
+    bytes.extend(xxh3_64(&bytes).to_le_bytes());
+    bytes
+}
+
+/// The values in `bytes`, undoing [`encode`]; or why not.
+fn decode(bytes: &[u8], fingerprint: &[u8; 32], count: usize) -> Result<Vec<[f32; 6]>, Source> {
+    let (body, sum) = bytes.split_last_chunk::<8>().ok_or(Source::Damaged)?;
+    if u64::from_le_bytes(*sum) != xxh3_64(body) || body.len() < HEAD || !body.starts_with(MAGIC) {
+        return Err(Source::Damaged);
+    }
+    let (head, numbers) = body.split_at(HEAD);
+    if head[16..48] != fingerprint[..] {
+        return Err(Source::Outdated);
+    }
+    if head[48..] != (count as u64).to_le_bytes() || numbers.len() as u64 != 24 * count as u64 {
+        return Err(Source::Damaged);
+    }
+    let number = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
+    let point = |b: &[u8]| std::array::from_fn(|k| number(&b[4 * k..]));
+    Ok(numbers.chunks_exact(24).map(point).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_single_flipped_bit_is_noticed_and_another_world_too() {
+        let values = vec![[0.5, 1.0, 2.0, 0.0, -0.0, 1e-9], [3.0; 6]];
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend([7; 32]);
+        bytes.extend(2_u64.to_le_bytes());
+        bytes.extend(values.iter().flatten().flat_map(|x: &f32| x.to_le_bytes()));
+        bytes.extend(xxh3_64(&bytes).to_le_bytes());
+        assert_eq!(decode(&bytes, &[7; 32], 2), Ok(values));
+        assert_eq!(decode(&bytes, &[8; 32], 2), Err(Source::Outdated));
+        assert_eq!(decode(&bytes, &[7; 32], 3), Err(Source::Damaged));
+        for i in 0..bytes.len() * 8 {
+            let mut damaged = bytes.clone();
+            damaged[i / 8] ^= 1 << (i % 8);
+            assert_eq!(decode(&damaged, &[7; 32], 2), Err(Source::Damaged));
+        }
+        for length in 0..bytes.len() {
+            assert!(decode(&bytes[..length], &[7; 32], 2).is_err());
+        }
+    }
+}

@@ -1,0 +1,365 @@
+//! The geodesics of a light in all directions, as cells of space in which its rays lie.
+//!
+//! In: a light's chart point and a length. Out: [`LightFan`]: exact rays on a triangle mesh of
+//! directions, fine where they diverge or fold, cut by arc length into prisms. A point that the
+//! light reaches lies in a prism for every geodesic that reaches it.
+
+use super::{
+    boxes::Boxes,
+    cell::{Cell, Guess},
+    icosphere,
+};
+use crate::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
+    manifold::{Carried, Manifold},
+};
+use glam::DVec3;
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// A box of the chart, by its corners.
+pub type Region = (DVec3, DVec3);
+
+/// Halvings of the icosahedron's edges before rays are compared: 162 rays, 16° apart.
+const FIRST_LEVEL: usize = 2;
+
+/// Most halvings: directions 0.5° apart. Light that needs finer ones (that has circled a black hole)
+/// has spread over so much area that nobody sees it.
+const LAST_LEVEL: usize = 7;
+
+/// Most halvings because rays fold or end at different places: directions 2° apart. That has no
+/// natural end: the edges of caustics and shadows cross triangles of any size.
+const LAST_EDGE_LEVEL: usize = 5;
+
+/// Rays of one fan beyond which it is refined no further, for its memory: about 5 kB each.
+const MOST_RAYS: usize = 12_000;
+
+/// A triangle of rays is fine enough if the middle of each edge lies within this share of the edge
+/// from where interpolation puts it. Guesses are then so close that two or three steps of Newton's
+/// method finish them; twice the share costs a step, half of it four times the rays.
+const BEND: f64 = 0.08;
+
+/// Intervals of arc length, and how many at most. They are doubled while more than a tenth of the
+/// rays miss the middle of a cubic by more than [`BEND`] of it. A cubic that misses by more than
+/// [`BROKEN`] of it stands for nothing (the ray has turned back, or has passed the chart's infinity).
+const BROKEN: f64 = 0.5;
+const INTERVALS: usize = 32;
+const MOST_INTERVALS: usize = 256;
+
+/// Rays traced by one thread at a time.
+const BLOCK: usize = 64;
+
+/// Tolerance of the fan's rays; they serve as guesses only.
+const TOLERANCE: f64 = 1e-6;
+
+/// A ray of the fan at the knots it reaches; the last two may be extrapolated, so that the cells
+/// reach as far as the space does.
+#[derive(Debug, Clone, Default)]
+pub(super) struct FanRay {
+    pub direction: DVec3,
+    pub u: Vec<DVec3>,
+    pub v: Vec<DVec3>,
+    /// Whether the area is negative.
+    pub reversed: Vec<bool>,
+}
+
+/// The rays of a light.
+pub struct LightFan<'m> {
+    pub(super) manifold: &'m Manifold,
+    /// The light's chart point.
+    pub u: DVec3,
+    /// How far its light is followed.
+    pub length: f64,
+    /// Where connections are asked for.
+    region: Region,
+    pub(super) rays: Vec<FanRay>,
+    /// Arc lengths at which rays are sampled: the ends of intervals and, in between, their middles.
+    pub(super) knots: Vec<f64>,
+    cells: Vec<Cell>,
+    boxes: Boxes,
+}
+
+impl<'m> LightFan<'m> {
+    /// The rays from `u` over `length`, for connections to points in `region`.
+    pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, region: Region) -> Self {
+        let mut fan = Self {
+            manifold,
+            u,
+            length,
+            region: widened(manifold, region),
+            rays: Vec::new(),
+            knots: Vec::new(),
+            cells: Vec::new(),
+            boxes: Boxes::new(&[]),
+        };
+        fan.choose_knots();
+        let triangles = fan.refine();
+        let (cells, boxes): (Vec<Cell>, Vec<Region>) = triangles
+            .par_iter()
+            .flat_map_iter(|corners| fan.cells_of(*corners))
+            .unzip();
+        fan.boxes = Boxes::new(&boxes);
+        fan.cells = cells;
+        fan
+    }
+
+    /// The cells of a triangle of rays that matter, with the boxes around them.
+    fn cells_of(&self, corners: [usize; 3]) -> Vec<(Cell, Region)> {
+        let rays = corners.map(|i| &self.rays[i]);
+        let reach = rays.iter().map(|r| r.u.len()).min().unwrap_or(0);
+        let starts = (0..reach.saturating_sub(2)).step_by(2);
+        let sound = starts.filter(|k| rays.iter().all(|r| r.miss(*k, self.knots[1]) <= BROKEN));
+        let cells = sound.map(|k| {
+            let cell = Cell::new(self, corners, k);
+            let bounds = cell.bounds(self);
+            (cell, bounds)
+        });
+        cells
+            .filter(|(_, bounds)| meet(*bounds, self.region))
+            .collect()
+    }
+
+    fn even_knots(&self, count: usize) -> Vec<f64> {
+        (0..=count)
+            .map(|k| self.length * k as f64 / count as f64)
+            .collect()
+    }
+
+    /// The fewest intervals on which cubics follow most rays.
+    fn choose_knots(&mut self) {
+        let directions = icosphere::corners();
+        let mut count = INTERVALS;
+        loop {
+            self.knots = self.even_knots(2 * count);
+            let rays = self.trace(&directions);
+            let coarse = |ray: &&FanRay| {
+                let starts = (0..ray.u.len().saturating_sub(3)).step_by(2);
+                let mut inside = starts.filter(|k| holds(self.region, ray.u[*k]));
+                inside.any(|k| ray.miss(k, self.knots[1]) > BEND)
+            };
+            let bad = rays.iter().filter(coarse).count();
+            if 10 * bad <= directions.len() || 2 * count > MOST_INTERVALS {
+                return;
+            }
+            count *= 2;
+        }
+    }
+
+    /// Fills `rays` and returns the triangles of them.
+    fn refine(&mut self) -> Vec<[usize; 3]> {
+        let corners = icosphere::corners();
+        let mut open = icosphere::faces(&corners);
+        self.rays = self.trace(&corners);
+        let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
+        let mut done = Vec::new();
+        for level in 1..=LAST_LEVEL {
+            self.trace_middles(&open, &mut middles);
+            let full = self.rays.len() > MOST_RAYS;
+            let mut next = Vec::new();
+            for triangle in open {
+                let children = children(triangle, &middles);
+                let fine = level > FIRST_LEVEL && self.is_fine(triangle, &middles, level);
+                let list = if fine || full || level == LAST_LEVEL {
+                    &mut done
+                } else {
+                    &mut next
+                };
+                list.extend(children);
+            }
+            open = next;
+        }
+        done
+    }
+
+    /// Traces the middles of all edges that have none yet.
+    fn trace_middles(
+        &mut self,
+        triangles: &[[usize; 3]],
+        middles: &mut HashMap<[usize; 2], usize>,
+    ) {
+        let mut directions = Vec::new();
+        for [a, b, c] in triangles {
+            for (i, j) in [(*a, *b), (*b, *c), (*c, *a)] {
+                middles.entry(edge(i, j)).or_insert_with(|| {
+                    let middle = self.rays[i].direction + self.rays[j].direction;
+                    directions.push(middle.normalize());
+                    self.rays.len() + directions.len() - 1
+                });
+            }
+        }
+        let rays = self.trace(&directions);
+        self.rays.extend(rays);
+    }
+
+    /// Whether interpolation between the triangle's rays is close to the rays in the middles, as far
+    /// as they are in the region.
+    fn is_fine(
+        &self,
+        [a, b, c]: [usize; 3],
+        middles: &HashMap<[usize; 2], usize>,
+        level: usize,
+    ) -> bool {
+        [(a, b), (b, c), (c, a)].into_iter().all(|(i, j)| {
+            let [p, q, m] = [i, j, middles[&edge(i, j)]].map(|k| &self.rays[k]);
+            let reach = [p, q, m].map(|r| r.u.len());
+            let (least, most) = reach
+                .iter()
+                .fold((usize::MAX, 0), |(a, b), r| (a.min(*r), b.max(*r)));
+            let mut inside =
+                (1..least).filter(|k| [p, q, m].iter().any(|ray| holds(self.region, ray.u[*k])));
+            let whole = level >= LAST_EDGE_LEVEL
+                || most - least <= 4.max(most / 10)
+                    && inside.clone().all(|k| p.reversed[k] == q.reversed[k]);
+            whole
+                && inside.all(|k| {
+                    let bend = (0.5 * (p.u[k] + q.u[k]) - m.u[k]).length();
+                    bend <= BEND * (p.u[k] - q.u[k]).length()
+                })
+        })
+    }
+
+    /// Exact rays, sampled at the knots.
+    fn trace(&self, directions: &[DVec3]) -> Vec<FanRay> {
+        let settings = Settings {
+            tolerance: TOLERANCE,
+            carried: Carried {
+                frame: false,
+                deviation: true,
+            },
+            events: true,
+        };
+        let block = |directions: &[DVec3]| -> Vec<FanRay> {
+            let mut sampler = Sampler {
+                fan: self,
+                rays: directions.iter().map(|d| self.first_knot(*d)).collect(),
+            };
+            let rays = directions
+                .iter()
+                .map(|d| Ray::new(self.manifold, self.u, *d, self.length));
+            follow(self.manifold, settings, rays, &mut sampler);
+            sampler.rays
+        };
+        directions.par_chunks(BLOCK).flat_map(block).collect()
+    }
+
+    fn first_knot(&self, direction: DVec3) -> FanRay {
+        FanRay {
+            direction,
+            u: vec![self.u],
+            v: vec![self.manifold.standard_frame(self.u) * direction],
+            reversed: vec![false],
+        }
+    }
+
+    /// Guesses of all geodesics to the chart point `x`, with the image of `x` that each is for (in
+    /// glued coordinates, a point whole periods away).
+    pub(super) fn guesses(&self, x: DVec3) -> Vec<(DVec3, Guess)> {
+        let mut around = Vec::new();
+        let mut guesses: Vec<(DVec3, Guess)> = Vec::new();
+        for image in self.images(x) {
+            self.boxes.around(image, &mut around);
+            let from = guesses.len();
+            for &i in &around {
+                for guess in self.cells[i as usize].guesses(self, image) {
+                    let known = guesses[from..].iter().any(|(_, g)| g.is_like(&guess));
+                    if !known {
+                        guesses.push((image, guess));
+                    }
+                }
+            }
+        }
+        guesses
+    }
+
+    /// The points whole periods from `x` within reach of the fan.
+    fn images(&self, x: DVec3) -> Vec<DVec3> {
+        let Some((low, high)) = self.boxes.bounds() else {
+            return Vec::new();
+        };
+        let mut images = vec![x];
+        for k in 0..3 {
+            if let Some(period) = self.manifold.domain.period(k) {
+                let from = ((low[k] - x[k]) / period).ceil() as i64;
+                let to = ((high[k] - x[k]) / period).floor() as i64;
+                let along = |p: &DVec3| -> Vec<DVec3> {
+                    let p = *p;
+                    (from..=to)
+                        .map(|n| p + DVec3::AXES[k] * (n as f64 * period))
+                        .collect()
+                };
+                images = images.iter().flat_map(along).collect();
+            }
+        }
+        images
+    }
+}
+
+impl FanRay {
+    /// How far the cubic over the interval from knot `k` misses the ray in the middle, as a share of
+    /// the interval's chord; `half` is half the interval's arc length.
+    fn miss(&self, k: usize, half: f64) -> f64 {
+        let cubic = 0.5 * (self.u[k] + self.u[k + 2]) + (self.v[k] - self.v[k + 2]) * (0.25 * half);
+        (cubic - self.u[k + 1]).length() / (self.u[k + 2] - self.u[k]).length()
+    }
+}
+
+/// The region with half its size around it, and without end along glued coordinates.
+fn widened(manifold: &Manifold, (low, high): Region) -> Region {
+    let margin = 0.5 * (high - low).max_element();
+    let mut wide = (low - margin, high + margin);
+    for k in (0..3).filter(|k| manifold.domain.period(*k).is_some()) {
+        (wide.0[k], wide.1[k]) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
+    wide
+}
+
+fn holds((low, high): Region, u: DVec3) -> bool {
+    u.cmpge(low).all() && u.cmple(high).all()
+}
+
+fn meet(a: Region, b: Region) -> bool {
+    a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
+}
+
+/// Two rays, the lower number first.
+fn edge(i: usize, j: usize) -> [usize; 2] {
+    [i.min(j), i.max(j)]
+}
+
+fn children([a, b, c]: [usize; 3], middles: &HashMap<[usize; 2], usize>) -> [[usize; 3]; 4] {
+    let [m, n, o] = [edge(a, b), edge(b, c), edge(c, a)].map(|e| middles[&e]);
+    [[a, m, o], [m, b, n], [o, n, c], [m, n, o]]
+}
+
+/// Samples steps at the knots.
+struct Sampler<'f, 'm> {
+    fan: &'f LightFan<'m>,
+    rays: Vec<FanRay>,
+}
+
+impl Sink for Sampler<'_, '_> {
+    fn step(&mut self, ray: usize, step: &Step) {
+        let ray = &mut self.rays[ray];
+        while let Some(&s) = self.fan.knots.get(ray.u.len())
+            && s <= step.end
+        {
+            let (u, v) = (step.position(s), step.tangent(s));
+            let inverse = self.fan.manifold.standard_frame(u).inverse();
+            let area = step.deviation(s).map(|j| signed_area(inverse, v, j));
+            ray.u.push(u);
+            ray.v.push(v);
+            ray.reversed.push(area.is_some_and(|a| a < 0.0));
+        }
+    }
+
+    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
+        let ray = &mut self.rays[ray];
+        let last = ray.u.len() - 1;
+        let (u, v, reversed) = (ray.u[last], ray.v[last], ray.reversed[last]);
+        for s in self.fan.knots.iter().skip(last + 1).take(2) {
+            ray.u.push(u + v * (s - self.fan.knots[last]));
+            ray.v.push(v);
+            ray.reversed.push(reversed);
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! The camera against what is known of parallel transport: holonomy is area times curvature.
+
+use geofan::{diagnostic::SourceText, manifold::Manifold, render::Camera};
+use glam::{DQuat, DVec3};
+use std::f64::consts::PI;
+
+fn manifold(text: &str) -> Manifold {
+    Manifold::from_source(SourceText::new("test.toml", text), &[]).unwrap()
+}
+
+fn sphere() -> Manifold {
+    manifold(
+        "name = 's3'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }",
+    )
+}
+
+fn sphere_times_line() -> Manifold {
+    manifold(
+        "name = 's2xr'\ncoordinates = ['x', 'y', 'z']\nmetric = { xx = '4/(1 + x^2 + y^2)^2', yy = '4/(1 + x^2 + y^2)^2', zz = '1' }",
+    )
+}
+
+/// A triangle of great arcs: sides b and c that enclose the angle A. Its third side, the other
+/// angles (the one at the end of c first), and its area.
+fn triangle(b: f64, c: f64, angle: f64) -> (f64, [f64; 2], f64) {
+    let a = (b.cos() * c.cos() + b.sin() * c.sin() * angle.cos()).acos();
+    let opposite =
+        |x: f64, y: f64, z: f64| ((x.cos() - y.cos() * z.cos()) / (y.sin() * z.sin())).acos();
+    let (at_c, at_b) = (opposite(b, a, c), opposite(c, a, b));
+    (a, [at_c, at_b], angle + at_b + at_c - PI)
+}
+
+/// Walks around the triangle in the plane of `first` and the axis-right-angled `second`.
+fn walked(
+    manifold: &Manifold,
+    start: Camera,
+    [first, second]: [DVec3; 2],
+    (b, c, angle): (f64, f64, f64),
+) -> (Camera, f64) {
+    let (a, [at_c, at_b], area) = triangle(b, c, angle);
+    let normal = first.cross(second);
+    let legs = [(c, 0.0), (a, PI - at_c), (b, PI - at_c + PI - at_b)];
+    let end = legs.iter().fold(start, |camera, (length, turn)| {
+        let moved = camera.moved(
+            manifold,
+            DQuat::from_axis_angle(normal, *turn) * first * *length,
+        );
+        assert!((moved.length - length).abs() < 1e-12);
+        moved.camera
+    });
+    (end, area)
+}
+
+#[test]
+fn a_loop_on_the_three_sphere_turns_the_camera_by_its_area() {
+    let s3 = sphere();
+    let start = Camera {
+        u: DVec3::new(0.3, -0.2, 0.4),
+        rotation: DQuat::from_xyzw(0.1, 0.7, -0.3, 0.5).normalize(),
+    };
+    for (b, c, angle) in [
+        (0.3, 0.4, 0.9),
+        (1.1, 0.7, 2.0),
+        (PI / 2.0, PI / 2.0, PI / 2.0),
+    ] {
+        let plane = [
+            DVec3::new(1.0, 2.0, 0.5).normalize(),
+            DVec3::new(-2.0, 1.0, 0.0).normalize(),
+        ];
+        let (end, area) = walked(&s3, start, plane, (b, c, angle));
+        assert!((end.u - start.u).length() < 1e-9, "{}", end.u);
+        let holonomy = start.rotation.inverse() * end.rotation;
+        let expected = DQuat::from_axis_angle(plane[0].cross(plane[1]), area);
+        assert!(
+            holonomy.dot(expected).abs() > 1.0 - 1e-14,
+            "{holonomy} {expected}"
+        );
+        assert!(holonomy.angle_between(expected) < 1e-7);
+    }
+}
+
+#[test]
+fn a_loop_on_the_sphere_factor_turns_about_the_line_and_one_along_the_line_does_not() {
+    let space = sphere_times_line();
+    let start = Camera {
+        u: DVec3::new(0.4, 0.1, 2.0),
+        rotation: DQuat::from_rotation_z(0.3),
+    };
+    let (end, area) = walked(&space, start, [DVec3::X, DVec3::Y], (0.8, 1.2, 1.3));
+    assert!((end.u - start.u).length() < 1e-9);
+    let holonomy = start.rotation.inverse() * end.rotation;
+    assert!(holonomy.angle_between(DQuat::from_rotation_z(area)) < 1e-7);
+    let up_and_back = start
+        .moved(&space, DVec3::Z * 1.5)
+        .camera
+        .moved(&space, DVec3::Z * -1.5)
+        .camera;
+    assert!(up_and_back.rotation.angle_between(start.rotation) < 1e-7);
+}
+
+#[test]
+fn a_hundred_thousand_small_moves_do_not_drift() {
+    // Round a great circle of the three-sphere 16 times: back at the start, not turned.
+    let s3 = sphere();
+    let start = Camera {
+        u: DVec3::new(0.3, -0.2, 0.1),
+        rotation: DQuat::from_rotation_y(0.4),
+    };
+    let moves = 100_000;
+    let by = DVec3::new(0.2, 0.5, -0.4).normalize() * (32.0 * PI / f64::from(moves));
+    let mut camera = start;
+    for _ in 0..moves {
+        camera = camera.moved(&s3, by).camera;
+    }
+    assert!(
+        (camera.u - start.u).length() < 1e-7,
+        "{}",
+        camera.u - start.u
+    );
+    assert!((camera.rotation.length() - 1.0).abs() < 1e-15);
+    assert!(camera.rotation.dot(start.rotation).abs() > 1.0 - 1e-14);
+}
+
+#[test]
+fn a_camera_stops_where_the_space_ends() {
+    let cut = manifold(
+        "name = 'cut'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '2' }\n[domain]\nx = [-1, 1]\ny = [0, 3]\nperiodic = ['y']",
+    );
+    let camera = Camera {
+        u: DVec3::new(0.5, 1.0, 0.0),
+        rotation: DQuat::IDENTITY,
+    };
+    let moved = camera.moved(&cut, DVec3::X * 10.0);
+    assert!((moved.length - 1.0).abs() < 1e-9 && (moved.camera.u.x - 1.0).abs() < 1e-9);
+    let round = camera.moved(&cut, DVec3::Y * 7.0);
+    assert!((round.camera.u.y - 1.5).abs() < 1e-9, "{}", round.camera.u);
+    let nowhere = camera.moved(&cut, DVec3::ZERO);
+    assert_eq!(nowhere.camera, camera);
+}
+
+#[test]
+fn turning_is_in_the_cameras_own_axes() {
+    let camera = Camera::looking(DVec3::ZERO, DVec3::X, DVec3::Z);
+    let axes = glam::DMat3::from_quat(camera.rotation);
+    assert!(axes.x_axis.abs_diff_eq(-DVec3::Y, 1e-15) && axes.y_axis.abs_diff_eq(DVec3::Z, 1e-15));
+    // A quarter turn to the left about its own upward axis: it now looks where its left was.
+    let left = camera.turned(DQuat::from_rotation_y(PI / 2.0));
+    assert!((left.rotation * -DVec3::Z).abs_diff_eq(DVec3::Y, 1e-15));
+}

@@ -1,0 +1,151 @@
+//! The commands that follow light: pictures by the path tracer and by the local view.
+
+use assert_cmd::Command;
+use std::path::Path;
+
+fn geofan(folder: &Path, words: &[&str]) -> (Option<i32>, String) {
+    let output = Command::cargo_bin("geofan")
+        .unwrap()
+        .current_dir(folder)
+        .args(["--quiet", "--json"])
+        .args(words)
+        .output()
+        .unwrap();
+    let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
+    (
+        output.status.code(),
+        text(output.stdout) + &text(output.stderr),
+    )
+}
+
+fn write_scene(folder: &Path) {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    write(
+        "space.toml",
+        "name = 'space'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n[cameras]\nlength = 5\n",
+    );
+    write(
+        "square.obj",
+        "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n",
+    );
+    write(
+        "scene.toml",
+        "manifold = 'space.toml'\n[camera]\nat = [0, -0.8, 0.4]\nlook = [0, 1, -0.6]\nup = [0, 0, 1]\n\
+         [[object]]\nmesh = 'square.obj'\nat = [0, 0, 0]\nscale = 0.5\n\
+         [[light]]\nkind = 'point'\nat = [0.1, 0, 0.4]\nintensity = [1, 1, 1]\n",
+    );
+}
+
+#[test]
+fn a_path_traced_picture_can_be_left_and_taken_up_again() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let render = |output: &str, more: &[&str]| {
+        let mut words = vec![
+            "render",
+            "scene.toml",
+            "--tracer",
+            "path",
+            "--size",
+            "24x16",
+            "-o",
+            output,
+        ];
+        words.extend_from_slice(more);
+        geofan(folder.path(), &words)
+    };
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    let (code, said) = render("whole.png", &["--spp", "6"]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(
+        said.contains("\"spp\":6") && said.contains("exact_rays_per_second"),
+        "{said}"
+    );
+    // No time at all: one pass is done and kept.
+    let (code, said) = render("parts.png", &["--spp", "6", "--time", "1e-9"]);
+    assert!(code == Some(0) && said.contains("\"spp\":1"), "{said}");
+    assert!(folder.path().join("parts.png.passes").exists());
+    let (code, said) = render("parts.png", &["--spp", "6", "--seed", "9", "--resume"]);
+    assert!(
+        code == Some(2) && said.contains("another picture"),
+        "{said}"
+    );
+    let (code, said) = render("parts.png", &["--spp", "6", "--resume"]);
+    assert!(code == Some(0) && said.contains("\"spp\":6"), "{said}");
+    assert_eq!(read("whole.png"), read("parts.png"));
+    assert!(!folder.path().join("parts.png.passes").exists());
+}
+
+#[test]
+fn an_exr_of_the_path_tracer_has_its_variance() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let words = [
+        "render",
+        "scene.toml",
+        "--tracer",
+        "path",
+        "--size",
+        "8x6",
+        "--spp",
+        "3",
+        "-o",
+        "a.exr",
+    ];
+    let (code, said) = geofan(folder.path(), &words);
+    assert_eq!(code, Some(0), "{said}");
+    let (picture, _) = geofan::render::picture::read_exr(&folder.path().join("a.exr")).unwrap();
+    for name in ["variance.R", "variance.G", "variance.B", "Z", "N.X", "id"] {
+        assert!(picture.layer(name).is_some(), "no layer {name}");
+    }
+}
+
+#[test]
+fn the_local_view_is_drawn_and_compared() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let words = [
+        "render",
+        "scene.toml",
+        "--tracer",
+        "local",
+        "--size",
+        "24x16",
+        "-o",
+        "local.png",
+    ];
+    let (code, said) = geofan(folder.path(), &words);
+    assert_eq!(code, Some(0), "{said}");
+    let words = [
+        "compare",
+        "scene.toml",
+        "--tracer",
+        "local",
+        "--size",
+        "24x16",
+        "--out",
+        ".",
+    ];
+    let (code, said) = geofan(folder.path(), &words);
+    assert!(
+        code == Some(0) && said.contains("mrad_per_length"),
+        "{said}"
+    );
+    assert!(folder.path().join("error.png").exists());
+}
+
+#[test]
+fn a_light_outside_the_space_is_underlined() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let path = folder.path().join("space.toml");
+    let text =
+        std::fs::read_to_string(&path).unwrap() + "[domain]\ninside = ['1 - x^2 - y^2 - 7*z^2']\n";
+    std::fs::write(&path, text).unwrap();
+    let words = ["render", "scene.toml", "--size", "8x8", "-o", "a.png"];
+    let (code, said) = geofan(folder.path(), &words);
+    assert!(
+        code == Some(2) && said.contains("scene.toml") && said.contains("^"),
+        "{said}"
+    );
+}
