@@ -158,9 +158,7 @@ impl<'m> Lanes<'m> {
         let h = &self.control.h;
         for (row, (trial, y)) in self.trial.iter_mut().zip(&self.y).enumerate() {
             let sum = weighted(weights, &self.k, row);
-            for l in 0..LANES {
-                trial[l] = y[l] + h[l] * sum[l];
-            }
+            *trial = each(|l| y[l] + h[l] * sum[l]);
         }
     }
 
@@ -458,8 +456,10 @@ fn larger(a: f64, b: f64) -> f64 {
 #[inline(always)]
 pub(super) fn take_where(mask: &Row, from: &[Row], to: &mut [Row]) {
     for (from, to) in from.iter().zip(to) {
-        for l in 0..LANES {
-            to[l] = if mask[l] > 0.0 { from[l] } else { to[l] };
-        }
+        let old = *to;
+        *to = each(|l| {
+            let (new, old) = (from[l], old[l]);
+            if mask[l] > 0.0 { new } else { old }
+        });
     }
 }
