@@ -14,7 +14,7 @@ use super::{
     events::Events,
     kinks::{Kinks, Meeting},
     starts::{Start, Starts},
-    state::{Layout, rates_at},
+    state::{Layout, metric, rates_at},
     weighted,
 };
 use crate::{
@@ -136,6 +136,7 @@ impl<'m> Lanes<'m> {
                         &mut self.k[stage],
                     );
                 }
+                self.flow.run_rest(&mut self.registers);
                 self.measure();
                 self.restore_speed();
                 let (curves, trial) = self.trial();
@@ -179,7 +180,7 @@ impl<'m> Lanes<'m> {
             let a = self.bare.1.output(c);
             *known = each(|l| (a[l] - known[l]) * h[l]);
         }
-        let metric = [3, 4, 5, 6, 7, 8].map(|i| self.bare.1.output(i));
+        let metric = metric(self.bare.0, &self.bare.1);
         self.control.unforeseen2 = norm2(metric, [&known[0], &known[1], &known[2]]);
     }
 
@@ -250,7 +251,7 @@ impl<'m> Lanes<'m> {
     /// deviations.
     #[inline(always)]
     fn measure(&mut self) {
-        let metric = [3, 4, 5, 6, 7, 8].map(|i| self.registers.output(i));
+        let metric = metric(self.flow, &self.registers);
         let (s, h, k, trial) = (&self.control.s, &self.control.h, &self.k, &self.trial);
         let (point, tangent) = (vector_error(metric, k, h, 0), vector_error(metric, k, h, 3));
         let inverse2 = each(|l| 1.0 / ((s[l] + h[l]) * (s[l] + h[l])));
