@@ -18,7 +18,7 @@ use super::{
     weighted,
 };
 use crate::{
-    expr::{Registers, Tape, vectorised},
+    expr::{Registers, Tape, real::Real, vectorised},
     manifold::{Carried, Manifold},
 };
 use glam::DVec3;
@@ -454,13 +454,20 @@ fn larger(a: f64, b: f64) -> f64 {
 }
 
 /// Copies the lanes of `from` where `mask` is 1.
+// A vector at a time through local arrays, all of it read first: a choice between two places in
+// memory would be a branch for each lane.
 #[inline(always)]
 pub(super) fn take_where(mask: &Row, from: &[Row], to: &mut [Row]) {
+    let (masks, _) = mask.as_chunks::<8>();
     for (from, to) in from.iter().zip(to) {
-        let old = *to;
-        *to = each(|l| {
-            let (new, old) = (from[l], old[l]);
-            if mask[l] > 0.0 { new } else { old }
-        });
+        let ((from, _), (to, _)) = (from.as_chunks::<8>(), to.as_chunks_mut::<8>());
+        for ((mask, new), to) in masks.iter().zip(from).zip(to) {
+            let (mask, new, old) = (*mask, *new, *to);
+            let mut chosen = old;
+            for l in 0..8 {
+                chosen[l] = f64::select(mask[l] > 0.0, new[l], old[l]);
+            }
+            *to = chosen;
+        }
     }
 }
