@@ -110,6 +110,8 @@ pub struct Tape {
     constants: Vec<(u16, f64)>,
     outputs: Vec<u16>,
     inputs: usize,
+    /// For each input, whether anything depends on it.
+    read: Vec<bool>,
     registers: usize,
 }
 
@@ -198,6 +200,11 @@ impl Tape {
     /// How many outputs there are.
     pub fn outputs(&self) -> usize {
         self.outputs.len()
+    }
+
+    /// Whether anything depends on the input `index`.
+    pub fn reads(&self, index: usize) -> bool {
+        self.read[index]
     }
 
     /// Registers for this tape, constants set.
@@ -364,6 +371,7 @@ impl<'g> Compiler<'g> {
                 .map(|o| self.register[o.0 as usize])
                 .collect(),
             inputs,
+            read: self.inputs_read(inputs),
             registers: self.next,
         })
     }
@@ -446,6 +454,16 @@ impl<'g> Compiler<'g> {
         let mut pairs = pairs.into_iter().flatten();
         let (product, rest) = pairs.find(|(p, _)| self.is_product(*p) && self.used_once(*p))?;
         Some((op, product, rest))
+    }
+
+    fn inputs_read(&self, inputs: usize) -> Vec<bool> {
+        let mut read = vec![false; inputs];
+        for id in (0..self.graph.len()).filter(|id| self.reached[*id]) {
+            if let Node::Input(index) = self.graph.node(NodeId(id as u32)) {
+                read[index as usize] = true;
+            }
+        }
+        read
     }
 
     fn is_leaf(&self, id: usize) -> bool {
