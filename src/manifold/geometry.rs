@@ -198,7 +198,13 @@ fn by_metric(
         half_difference(graph, forth, back)
     });
     let factors = factor(graph, g);
-    let acceleration = solve(graph, &factors, force);
+    let zero = graph.constant(0.0);
+    let acceleration = match g {
+        [xx, yy, zz, off @ ..] if xx == yy && xx == zz && off == [zero; 3] => {
+            conformal(graph, xx, v, axes)
+        }
+        _ => solve(graph, &factors, force),
+    };
     let bare = Bare {
         metric: g,
         factors,
@@ -206,6 +212,29 @@ fn by_metric(
         twist,
     };
     finish(graph, bare, along, None)
+}
+
+/// The acceleration where `G = g 1`: `a = |v|² q − 2 (q·v) v` with `q = ∇g / 2g`, half as many
+/// operations.
+fn conformal(
+    graph: &mut Graph,
+    g: NodeId,
+    v: [NodeId; 3],
+    axes: &mut [Direction; 3],
+) -> [NodeId; 3] {
+    let half = graph.constant(0.5);
+    let inverse = graph.recip(g);
+    let share = graph.mul(half, inverse);
+    let q = [0, 1, 2].map(|k| {
+        let slope = graph.derivative(g, &mut axes[k]);
+        graph.mul(share, slope)
+    });
+    let (size, along) = (graph.dot(&v, &v), graph.dot(&q, &v));
+    let twice = graph.add(along, along);
+    [0, 1, 2].map(|k| {
+        let (turn, slow) = (graph.mul(size, q[k]), graph.mul(twice, v[k]));
+        graph.sub(turn, slow)
+    })
 }
 
 fn half_difference(graph: &mut Graph, a: NodeId, b: NodeId) -> NodeId {
