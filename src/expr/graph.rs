@@ -151,6 +151,21 @@ impl Graph {
         self.nodes[id.0 as usize]
     }
 
+    /// For each node, whether `roots` depend on it; they depend on themselves.
+    pub(super) fn reached_from(&self, roots: &[NodeId]) -> Vec<bool> {
+        let mut reached = vec![false; self.nodes.len()];
+        for root in roots {
+            reached[root.0 as usize] = true;
+        }
+        for id in (0..reached.len()).rev() {
+            if reached[id] {
+                let operands = self.nodes[id].operands();
+                operands.for_each(|a| reached[a.0 as usize] = true);
+            }
+        }
+        reached
+    }
+
     /// The number of nodes made so far.
     pub fn len(&self) -> usize {
         self.nodes.len()

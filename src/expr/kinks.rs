@@ -29,19 +29,9 @@ impl Graph {
 
     /// All nodes that `roots` depend on, themselves included.
     fn below(&self, roots: &[NodeId]) -> Vec<Node> {
-        let mut reached = vec![false; self.len()];
-        for root in roots {
-            reached[root.0 as usize] = true;
-        }
-        let mut nodes = Vec::new();
-        for id in (0..self.len()).rev() {
-            if reached[id] {
-                let node = self.node(NodeId(id as u32));
-                node.operands().for_each(|a| reached[a.0 as usize] = true);
-                nodes.push(node);
-            }
-        }
-        nodes
+        let reached = self.reached_from(roots);
+        let ids = (0..self.len()).rev().filter(|id| reached[*id]);
+        ids.map(|id| self.node(NodeId(id as u32))).collect()
     }
 }
 

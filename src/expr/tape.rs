@@ -105,9 +105,13 @@ struct Instruction {
 #[derive(Debug, Clone)]
 pub struct Tape {
     code: Vec<Instruction>,
+    /// How many instructions of the code [`Tape::run_first`] carries out.
+    first: usize,
     constants: Vec<(u16, f64)>,
     outputs: Vec<u16>,
     inputs: usize,
+    /// For each input, whether anything depends on it.
+    read: Vec<bool>,
     registers: usize,
 }
 
@@ -167,7 +171,19 @@ pub struct TapeTooLarge;
 impl Tape {
     /// Compiles `outputs` of `graph`, whose inputs are numbered below `inputs`.
     pub fn compile(graph: &Graph, outputs: &[NodeId], inputs: usize) -> Result<Self, TapeTooLarge> {
-        Compiler::new(graph, outputs, inputs).compile(outputs)
+        Self::compile_parts(graph, outputs, &[], inputs)
+    }
+
+    /// Compiles the outputs `first` and then `rest`, which need not be computed together: see
+    /// [`Tape::run_first`].
+    pub fn compile_parts(
+        graph: &Graph,
+        first: &[NodeId],
+        rest: &[NodeId],
+        inputs: usize,
+    ) -> Result<Self, TapeTooLarge> {
+        let outputs = [first, rest].concat();
+        Compiler::new(graph, &outputs, inputs).compile(first, &outputs)
     }
 
     /// How many operations one run costs: (arithmetic, transcendental). A sum of products counts as
@@ -186,6 +202,11 @@ impl Tape {
         self.outputs.len()
     }
 
+    /// Whether anything depends on the input `index`.
+    pub fn reads(&self, index: usize) -> bool {
+        self.read[index]
+    }
+
     /// Registers for this tape, constants set.
     pub fn registers<R: Real, const W: usize>(&self) -> Registers<R, W> {
         let mut values = vec![Wide([R::ZERO; W]); self.registers];
@@ -201,22 +222,18 @@ impl Tape {
 
     /// Computes all outputs from the inputs in `registers` (which must be of this tape), with the
     /// widest vector instructions there are.
-    // Not inlined: one copy of the interpreter for each kind of number and of machine is large
-    // enough, and a call costs nothing against a tape.
-    #[inline(never)]
     pub fn run<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        vectorised(
-            #[inline(always)]
-            || self.interpret(registers),
-        );
+        interpret(&self.code, registers);
     }
 
-    #[inline(always)]
-    fn interpret<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        let r = registers.values.as_mut_slice();
-        for i in &self.code {
-            carry_out(r, i);
-        }
+    /// [`Tape::run`] for the first part of the outputs only.
+    pub fn run_first<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
+        interpret(&self.code[..self.first], registers);
+    }
+
+    /// Computes the rest of the outputs after [`Tape::run_first`], for the same inputs.
+    pub fn run_rest<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
+        interpret(&self.code[self.first..], registers);
     }
 
     /// The outputs at one point, in double precision.
@@ -230,6 +247,21 @@ impl Tape {
             .map(|k| registers.output(k)[0])
             .collect()
     }
+}
+
+// Not inlined: one copy of the interpreter for each kind of number and of machine is large enough,
+// and a call costs nothing against a tape.
+#[inline(never)]
+fn interpret<R: Real, const W: usize>(code: &[Instruction], registers: &mut Registers<R, W>) {
+    vectorised(
+        #[inline(always)]
+        || {
+            let r = registers.values.as_mut_slice();
+            for i in code {
+                carry_out(r, i);
+            }
+        },
+    );
 }
 
 /// `to = f(operands)` in every lane.
@@ -295,22 +327,21 @@ struct Compiler<'g> {
 
 impl<'g> Compiler<'g> {
     fn new(graph: &'g Graph, outputs: &[NodeId], inputs: usize) -> Self {
+        let reached = graph.reached_from(outputs);
         let mut compiler = Self {
             graph,
-            reached: vec![false; graph.len()],
+            reached,
             uses: vec![0; graph.len()],
             register: vec![0; graph.len()],
             free: Vec::new(),
             next: inputs,
         };
         for output in outputs {
-            compiler.reached[output.0 as usize] = true;
             compiler.uses[output.0 as usize] += 1;
         }
-        for id in (0..graph.len()).rev() {
+        for id in 0..graph.len() {
             if compiler.reached[id] {
                 for operand in graph.node(NodeId(id as u32)).operands() {
-                    compiler.reached[operand.0 as usize] = true;
                     compiler.uses[operand.0 as usize] += 1;
                 }
             }
@@ -318,28 +349,29 @@ impl<'g> Compiler<'g> {
         compiler
     }
 
-    fn compile(mut self, outputs: &[NodeId]) -> Result<Tape, TapeTooLarge> {
+    fn compile(mut self, first: &[NodeId], outputs: &[NodeId]) -> Result<Tape, TapeTooLarge> {
         let inputs = self.next;
         let constants = self.place_leaves()?;
         let mut fused = self.fuse();
-        let mut code = Vec::new();
-        for id in 0..self.graph.len() {
-            let leaf = matches!(
-                self.graph.node(NodeId(id as u32)),
-                Node::Constant(_) | Node::Input(_)
-            );
-            if self.reached[id] && !leaf && !fused[id].1 {
-                code.push(self.instruction(id, fused[id].0.take())?);
+        let first = self.graph.reached_from(first);
+        let mut parts = [const { Vec::new() }; 2];
+        for (part, wanted) in parts.iter_mut().zip([true, false]) {
+            for id in 0..self.graph.len() {
+                if self.reached[id] && first[id] == wanted && !self.is_leaf(id) && !fused[id].1 {
+                    part.push(self.instruction(id, fused[id].0.take())?);
+                }
             }
         }
         Ok(Tape {
-            code,
+            first: parts[0].len(),
+            code: parts.concat(),
             constants,
             outputs: outputs
                 .iter()
                 .map(|o| self.register[o.0 as usize])
                 .collect(),
             inputs,
+            read: self.inputs_read(inputs),
             registers: self.next,
         })
     }
@@ -424,6 +456,21 @@ impl<'g> Compiler<'g> {
         Some((op, product, rest))
     }
 
+    fn inputs_read(&self, inputs: usize) -> Vec<bool> {
+        let mut read = vec![false; inputs];
+        for id in (0..self.graph.len()).filter(|id| self.reached[*id]) {
+            if let Node::Input(index) = self.graph.node(NodeId(id as u32)) {
+                read[index as usize] = true;
+            }
+        }
+        read
+    }
+
+    fn is_leaf(&self, id: usize) -> bool {
+        let node = self.graph.node(NodeId(id as u32));
+        matches!(node, Node::Constant(_) | Node::Input(_))
+    }
+
     fn is_product(&self, id: NodeId) -> bool {
         matches!(self.graph.node(id), Node::Binary(Binary::Mul, ..))
     }
@@ -490,8 +537,7 @@ impl<'g> Compiler<'g> {
     fn release(&mut self, id: NodeId) {
         let at = id.0 as usize;
         self.uses[at] -= 1;
-        let scratch = !matches!(self.graph.node(id), Node::Constant(_) | Node::Input(_));
-        if self.uses[at] == 0 && scratch {
+        if self.uses[at] == 0 && !self.is_leaf(at) {
             self.free.push(self.register[at]);
         }
     }

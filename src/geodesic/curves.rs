@@ -72,23 +72,44 @@ impl Curves {
         }
     }
 
-    /// Component `c` of the point, of the tangent and of the acceleration at the fraction `t` of the
-    /// steps, which are `h` long.
+    /// Component `c` of the points at the fraction `t` of the steps.
     #[inline(always)]
-    pub fn between(&self, c: usize, h: &Row, t: f64) -> [Row; 3] {
-        let [p0, p1, p2, p3, p4, p5] = [0, 1, 2, 3, 4, 5].map(|i| &self.path[3 * i + c]);
-        let [mut u, mut v, mut a] = [NIL; 3];
-        for l in 0..LANES {
-            let [p0, p1, p2] = [p0[l], p1[l], p2[l]];
-            let [p3, p4, p5] = [p3[l], p4[l], p5[l]];
-            let inverse = 1.0 / h[l];
-            u[l] = p0 + (p1 + (p2 + (p3 + (p4 + p5 * t) * t) * t) * t) * t;
-            let slope = p1 + (p2 * 2.0 + (p3 * 3.0 + (p4 * 4.0 + p5 * (5.0 * t)) * t) * t) * t;
-            let bend = p2 * 2.0 + (p3 * 6.0 + (p4 * 12.0 + p5 * (20.0 * t)) * t) * t;
-            v[l] = slope * inverse;
-            a[l] = bend * (inverse * inverse);
-        }
-        [u, v, a]
+    pub fn point(&self, c: usize, t: f64) -> Row {
+        let [p0, p1, p2, p3, p4, p5] = self.component(c);
+        each(|l| p0[l] + (p1[l] + (p2[l] + (p3[l] + (p4[l] + p5[l] * t) * t) * t) * t) * t)
+    }
+
+    /// Component `c` of the tangents there; `inverse` is one over the steps' lengths.
+    #[inline(always)]
+    pub fn tangent(&self, c: usize, inverse: &Row, t: f64) -> Row {
+        let [_, p1, p2, p3, p4, p5] = self.component(c);
+        each(|l| {
+            let inner = p3[l] * 3.0 + (p4[l] * 4.0 + p5[l] * (5.0 * t)) * t;
+            (p1[l] + (p2[l] * 2.0 + inner * t) * t) * inverse[l]
+        })
+    }
+
+    /// Component `c` of the accelerations there.
+    #[inline(always)]
+    pub fn acceleration(&self, c: usize, inverse: &Row, t: f64) -> Row {
+        let [_, _, p2, p3, p4, p5] = self.component(c);
+        each(|l| {
+            let bend = p3[l] * 6.0 + (p4[l] * 12.0 + p5[l] * (20.0 * t)) * t;
+            (p2[l] * 2.0 + bend * t) * (inverse[l] * inverse[l])
+        })
+    }
+
+    #[inline(always)]
+    fn component(&self, c: usize) -> [&Row; 6] {
+        let p = &self.path;
+        [
+            &p[c],
+            &p[3 + c],
+            &p[6 + c],
+            &p[9 + c],
+            &p[12 + c],
+            &p[15 + c],
+        ]
     }
 
     /// The step of one lane, from arc length `start` over `h`.
@@ -214,10 +235,10 @@ mod tests {
             assert!((step.position(s) - p(s)).length() < 1e-12);
             assert!((step.tangent(s) - v(s)).length() < 1e-12);
             for c in 0..3 {
-                let here = curves.between(c, &width, t).map(|row| row[9]);
-                assert!((here[0] - p(s)[c]).abs() < 1e-12);
-                assert!((here[1] - v(s)[c]).abs() < 1e-12);
-                assert!((here[2] - a(s)[c]).abs() < 1e-11);
+                let inverse = each(|_| 1.0 / h);
+                assert!((curves.point(c, t)[9] - p(s)[c]).abs() < 1e-12);
+                assert!((curves.tangent(c, &inverse, t)[9] - v(s)[c]).abs() < 1e-12);
+                assert!((curves.acceleration(c, &inverse, t)[9] - a(s)[c]).abs() < 1e-11);
             }
         }
     }

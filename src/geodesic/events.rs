@@ -8,62 +8,56 @@
 //! A ray that starts beyond an event is not over if it is on its way back.
 
 use super::{
-    End, LANES, NIL, Row, Step,
-    first_event::{first_between, is_met},
+    End, LANES, NIL, Row, Step, control::Control, curves::Curves, each, first_event::first_between,
     integrator::take_where,
 };
 use crate::{
-    expr::{Registers, Wide},
+    expr::{Registers, Wide, real::Real},
     manifold::{Domain, EventKind},
 };
 
-/// Where events are looked at, as fractions of a step.
+/// Where events are looked at, as fractions of a step; short steps only at every second place.
 const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 
 /// Finds events on the steps of the rays in all lanes.
 pub(super) struct Events<'m> {
     domain: &'m Domain,
-    lanes: Registers<f64, LANES>,
+    /// Whether the events depend on the tangent.
+    tangent: bool,
     single: Registers<f64, 1>,
-    /// The events' values at the end of the step before, and at [`PLACES`] of the step tried.
+    /// The events' values at the end of the step before.
     before: Vec<Row>,
-    at: [Vec<Row>; 4],
-    /// 1 where a lane looks at a place, else 0.
-    looked: [Row; 4],
-    /// 1 where an event is met within the step tried, else 0.
-    met: Row,
+    /// Those at [`PLACES`] of the step tried.
+    at: [Registers<f64, LANES>; 4],
+    /// 1 where a step is looked at in all places, else 0.
+    long: Row,
+    /// The largest value of any event at any place.
+    most: Row,
 }
 
 impl<'m> Events<'m> {
     /// `None` when the domain has no events.
     pub fn new(domain: &'m Domain) -> Option<Self> {
         let rows = vec![Wide([f64::NAN; LANES]); domain.kinds.len()];
+        let tape = domain.events();
         (!rows.is_empty()).then(|| Self {
             domain,
-            lanes: domain.events().registers(),
-            single: domain.events().registers(),
-            before: rows.clone(),
-            at: std::array::from_fn(|_| rows.clone()),
-            looked: [NIL; 4],
-            met: NIL,
+            tangent: [3, 4, 5].into_iter().any(|input| tape.reads(input)),
+            single: tape.registers(),
+            before: rows,
+            at: std::array::from_fn(|_| tape.registers()),
+            long: NIL,
+            most: NIL,
         })
     }
 
     /// The values of all events for the states (u, v) of all lanes.
     pub fn values(&mut self, state: &[Row], values: &mut Vec<Row>) {
         values.resize(self.before.len(), NIL);
-        self.evaluate(state);
+        self.look_at_state(state);
         for (k, row) in values.iter_mut().enumerate() {
-            **row = *self.lanes.output(k);
+            **row = *self.at[PLACES.len() - 1].output(k);
         }
-    }
-
-    #[inline(always)]
-    fn evaluate(&mut self, state: &[Row]) {
-        for (k, row) in state.iter().enumerate() {
-            *self.lanes.input(k) = **row;
-        }
-        self.domain.events().run(&mut self.lanes);
     }
 
     /// Begins a ray in `lane`, where events have the values in `column` of `values`.
@@ -73,50 +67,66 @@ impl<'m> Events<'m> {
         }
     }
 
-    /// Evaluates all events in all lanes for the states (u, v) at one of [`PLACES`] of the steps tried;
-    /// where `looked` is 0 the values are those of the place before.
+    /// Evaluates all events in all lanes on the steps tried, whose ends are the states (u, v).
     #[inline(always)]
-    pub fn look(&mut self, place: usize, state: &[Row], looked: &Row) {
-        self.evaluate(state);
-        self.looked[place] = *looked;
-        if place == 0 {
-            self.met = NIL;
-        }
-        for k in 0..self.before.len() {
-            let now = self.lanes.output(k);
-            let (earlier, later) = self.at.split_at_mut(place);
-            let before = earlier.last().map_or(&self.before[k], |rows| &rows[k]);
-            let (row, met) = (&mut later[0][k], &mut self.met);
-            for l in 0..LANES {
-                let value = if looked[l] > 0.0 { now[l] } else { before[l] };
-                let rises = is_met(before[l], value);
-                row[l] = value;
-                met[l] = if rises { 1.0 } else { met[l] };
+    pub fn look(&mut self, curves: &Curves, control: &Control, ends: &[Row]) {
+        self.most = NIL;
+        self.long = each(|l| if control.is_long(l) { 1.0 } else { 0.0 });
+        let inverse = each(|l| 1.0 / control.h[l]);
+        let any_is_long = control.any_is_long();
+        for place in 0..PLACES.len() - 1 {
+            if any_is_long || place % 2 == 1 {
+                self.look_inside(place, curves, &inverse);
+                self.note(place);
             }
         }
+        self.look_at_state(ends);
+        self.note(PLACES.len() - 1);
     }
 
-    /// Leaves out a place: the values there are those of the place before.
     #[inline(always)]
-    pub fn skip(&mut self, place: usize) {
-        if place == 0 {
-            self.met = NIL;
+    fn look_inside(&mut self, place: usize, curves: &Curves, inverse: &Row) {
+        let (registers, t) = (&mut self.at[place], PLACES[place]);
+        for c in 0..3 {
+            *registers.input(c) = *curves.point(c, t);
+            if self.tangent {
+                *registers.input(3 + c) = *curves.tangent(c, inverse, t);
+            }
         }
-        self.looked[place] = NIL;
-        let (earlier, later) = self.at.split_at_mut(place);
-        let before = earlier.last().unwrap_or(&self.before);
-        later[0].copy_from_slice(before);
+        self.domain.events().run(registers);
     }
 
-    /// Whether an event is met within the step tried in `lane`.
-    pub fn met(&self, lane: usize) -> bool {
-        self.met[lane] > 0.0
+    #[inline(always)]
+    fn look_at_state(&mut self, state: &[Row]) {
+        let registers = &mut self.at[PLACES.len() - 1];
+        for k in 0..6 {
+            *registers.input(k) = *state[k];
+        }
+        self.domain.events().run(registers);
+    }
+
+    #[inline(always)]
+    fn note(&mut self, place: usize) {
+        let mut most = self.most;
+        for k in 0..self.before.len() {
+            let now = self.at[place].output(k);
+            most = each(|l| Real::max(now[l], most[l]));
+        }
+        self.most = most;
+    }
+
+    /// Whether an event may be met within the step tried in `lane`.
+    pub fn may_be_met(&self, lane: usize) -> bool {
+        self.most[lane] > 0.0
     }
 
     /// Moves on where `accepted` is 1.
     #[inline(always)]
     pub fn commit(&mut self, accepted: &Row) {
-        take_where(accepted, &self.at[PLACES.len() - 1], &mut self.before);
+        for (k, before) in self.before.iter_mut().enumerate() {
+            let now = Wide(*self.at[PLACES.len() - 1].output(k));
+            take_where(accepted, &[now], std::slice::from_mut(before));
+        }
     }
 
     /// The first event on the accepted step of `lane`, with its arc length.
@@ -126,17 +136,21 @@ impl<'m> Events<'m> {
             single,
             before,
             at,
-            looked,
+            long,
             ..
         } = self;
-        let mut from = (step.start, &*before);
+        let mut from = (step.start, None);
         PLACES.into_iter().enumerate().find_map(|(place, t)| {
-            if looked[place][lane] == 0.0 {
+            if place % 2 == 0 && long[lane] == 0.0 {
                 return None;
             }
-            let to = (step.start + t * step.h, &at[place]);
-            let ends = |k: usize| [from.1[k][lane], to.1[k][lane]];
-            let first = first_between(domain, [from.0, to.0], ends, |k, s| {
+            let to = step.start + t * step.h;
+            let value = |place: Option<usize>, k: usize| match place {
+                Some(place) => at[place].output(k)[lane],
+                None => before[k][lane],
+            };
+            let ends = |k: usize| [value(from.1, k), value(Some(place), k)];
+            let first = first_between(domain, [from.0, to], ends, |k, s| {
                 let (u, v) = (step.position(s), step.tangent(s));
                 for c in 0..3 {
                     *single.input(c) = [u[c]];
@@ -145,7 +159,7 @@ impl<'m> Events<'m> {
                 domain.events().run(single);
                 single.output(k)[0]
             });
-            from = to;
+            from = (to, Some(place));
             first
         })
     }

@@ -95,7 +95,7 @@ fn rates<R: Real>(flow: &Tape, registers: &mut Registers<R, LANES>, y: &State<R>
     for (k, row) in y.iter().enumerate() {
         *registers.input(k) = *row;
     }
-    flow.run(registers);
+    flow.run_first(registers);
     [
         y[3],
         y[4],

@@ -14,11 +14,11 @@ use super::{
     events::Events,
     kinks::{Kinks, Meeting},
     starts::{Start, Starts},
-    state::{Layout, rates_at},
+    state::{Layout, metric, rates_at},
     weighted,
 };
 use crate::{
-    expr::{Registers, Tape, vectorised},
+    expr::{Registers, Tape, real::Real, vectorised},
     manifold::{Carried, Manifold},
 };
 use glam::DVec3;
@@ -136,16 +136,18 @@ impl<'m> Lanes<'m> {
                         &mut self.k[stage],
                     );
                 }
+                self.flow.run_rest(&mut self.registers);
                 self.measure();
                 self.restore_speed();
                 let (curves, trial) = self.trial();
                 curves.make_path(trial);
-                let long = self.control.any_is_long();
-                if long {
+                if self.control.any_is_long() {
                     self.probe();
                 }
                 self.control.judge();
-                self.look(long);
+                if let Some(events) = &mut self.events {
+                    events.look(&self.curves, &self.control, &self.trial);
+                }
                 self.look_for_kinks();
             },
         );
@@ -158,9 +160,7 @@ impl<'m> Lanes<'m> {
         let h = &self.control.h;
         for (row, (trial, y)) in self.trial.iter_mut().zip(&self.y).enumerate() {
             let sum = weighted(weights, &self.k, row);
-            for l in 0..LANES {
-                trial[l] = y[l] + h[l] * sum[l];
-            }
+            *trial = each(|l| y[l] + h[l] * sum[l]);
         }
     }
 
@@ -168,53 +168,38 @@ impl<'m> Lanes<'m> {
     /// what the quintic through the step's ends does.
     #[inline(always)]
     fn probe(&mut self) {
-        let mut known = [NIL; 3];
+        let h = &self.control.h;
+        let inverse = each(|l| 1.0 / h[l]);
         for c in 0..3 {
-            let [u, v, a] = self.curves.between(c, &self.control.h, LOOK);
-            *self.bare.1.input(c) = *u;
-            *self.bare.1.input(3 + c) = *v;
-            known[c] = a;
+            *self.bare.1.input(c) = *self.curves.point(c, LOOK);
+            *self.bare.1.input(3 + c) = *self.curves.tangent(c, &inverse, LOOK);
         }
         self.bare.0.run(&mut self.bare.1);
-        let h = &self.control.h;
-        for (c, known) in known.iter_mut().enumerate() {
-            let a = self.bare.1.output(c);
-            *known = each(|l| (a[l] - known[l]) * h[l]);
+        let mut surprise = [NIL; 3];
+        for (c, surprise) in surprise.iter_mut().enumerate() {
+            let (known, a) = (
+                self.curves.acceleration(c, &inverse, LOOK),
+                self.bare.1.output(c),
+            );
+            *surprise = each(|l| (a[l] - known[l]) * h[l]);
         }
-        let metric = [3, 4, 5, 6, 7, 8].map(|i| self.bare.1.output(i));
-        self.control.unforeseen2 = norm2(metric, [&known[0], &known[1], &known[2]]);
-    }
-
-    /// Evaluates the events at the ends of the trial steps and inside them: in the middle, and where
-    /// steps are long (`long`: some are) in the middle of each half too.
-    #[inline(always)]
-    fn look(&mut self, long: bool) {
-        let Some(mut events) = self.events.take() else {
-            return;
-        };
-        for (place, t) in [0.25, 0.5, 0.75].into_iter().enumerate() {
-            let looked = each(|l| match place == 1 || self.control.is_long(l) {
-                true => 1.0,
-                false => 0.0,
-            });
-            if place == 1 || long {
-                let [x, y, z] = [0, 1, 2].map(|c| self.curves.between(c, &self.control.h, t));
-                events.look(place, &[x[0], y[0], z[0], x[1], y[1], z[1]], &looked);
-            } else {
-                events.skip(place);
-            }
-        }
-        events.look(3, &self.trial[..6], &each(|_| 1.0));
-        self.events = Some(events);
+        let metric = metric(self.bare.0, &self.bare.1);
+        self.control.unforeseen2 = norm2(metric, vector(&surprise, 0));
     }
 
     /// Looks where the trial steps meet kinks of the metric.
     #[inline(always)]
     fn look_for_kinks(&mut self) {
         if let Some(kinks) = &mut self.kinks {
-            let [x, y, z] = [0, 1, 2].map(|c| self.curves.between(c, &self.control.h, 0.5));
-            let middle = [&x[0], &y[0], &z[0]];
-            kinks.look([vector(&self.y, 0), middle, vector(&self.trial, 0)]);
+            let mut middle = [NIL; 3];
+            for (c, middle) in middle.iter_mut().enumerate() {
+                *middle = self.curves.point(c, 0.5);
+            }
+            kinks.look([
+                vector(&self.y, 0),
+                vector(&middle, 0),
+                vector(&self.trial, 0),
+            ]);
         }
     }
 
@@ -252,7 +237,7 @@ impl<'m> Lanes<'m> {
     /// deviations.
     #[inline(always)]
     fn measure(&mut self) {
-        let metric = [3, 4, 5, 6, 7, 8].map(|i| self.registers.output(i));
+        let metric = metric(self.flow, &self.registers);
         let (s, h, k, trial) = (&self.control.s, &self.control.h, &self.k, &self.trial);
         let (point, tangent) = (vector_error(metric, k, h, 0), vector_error(metric, k, h, 3));
         let inverse2 = each(|l| 1.0 / ((s[l] + h[l]) * (s[l] + h[l])));
@@ -313,7 +298,7 @@ impl<'m> Lanes<'m> {
             let accepted = self.control.accepted[lane] > 0.0;
             let complete = self.control.complete[lane] > 0.0;
             let over = complete || self.control.stuck[lane] > 0.0;
-            let met = accepted && self.events.as_ref().is_some_and(|e| e.met(lane));
+            let met = accepted && self.events.as_ref().is_some_and(|e| e.may_be_met(lane));
             let wanted = accepted && sink.wants(ray, self.control.s[lane] + self.control.h[lane]);
             if !(wanted || over || met) {
                 continue;
@@ -456,11 +441,20 @@ fn larger(a: f64, b: f64) -> f64 {
 }
 
 /// Copies the lanes of `from` where `mask` is 1.
+// A vector at a time through local arrays, all of it read first: a choice between two places in
+// memory would be a branch for each lane.
 #[inline(always)]
 pub(super) fn take_where(mask: &Row, from: &[Row], to: &mut [Row]) {
+    let (masks, _) = mask.as_chunks::<8>();
     for (from, to) in from.iter().zip(to) {
-        for l in 0..LANES {
-            to[l] = if mask[l] > 0.0 { from[l] } else { to[l] };
+        let ((from, _), (to, _)) = (from.as_chunks::<8>(), to.as_chunks_mut::<8>());
+        for ((mask, new), to) in masks.iter().zip(from).zip(to) {
+            let (mask, new, old) = (*mask, *new, *to);
+            let mut chosen = old;
+            for l in 0..8 {
+                chosen[l] = f64::select(mask[l] > 0.0, new[l], old[l]);
+            }
+            *to = chosen;
         }
     }
 }

@@ -52,7 +52,7 @@ impl Layout {
     }
 }
 
-/// The rates of all rows of `y`; outputs 3 to 8 of `registers` then hold the metric there.
+/// The rates of all rows of `y`.
 #[inline(always)]
 pub(super) fn rates_at<const W: usize>(
     flow: &Tape,
@@ -69,16 +69,16 @@ pub(super) fn rates_at<const W: usize>(
             *registers.input(6 + k) = *y[at + k];
         }
     }
-    flow.run(registers);
+    flow.run_first(registers);
     for k in 0..3 {
         rates[k] = y[3 + k];
         *rates[3 + k] = *registers.output(k);
     }
-    let mut output = 9;
+    let mut output = 3;
     if let Some(at) = layout.turn {
-        let turning = [9, 10, 11].map(|k| registers.output(k));
+        let turning = [3, 4, 5].map(|k| registers.output(k));
         turn_rates(turning, &y[at..at + 4], &mut rates[at..at + 4]);
-        output = 12;
+        output = 6;
     }
     if let Some(at) = layout.deviation {
         for (column, first) in [(0, at), (1, at + 6)] {
@@ -88,6 +88,16 @@ pub(super) fn rates_at<const W: usize>(
             }
         }
     }
+}
+
+/// The metric (xx, yy, zz, xy, xz, yz) for the inputs that all of `flow` has been run on.
+#[inline(always)]
+pub(super) fn metric<'r, const W: usize>(
+    flow: &Tape,
+    registers: &'r Registers<f64, W>,
+) -> [&'r [f64; W]; 6] {
+    let first = flow.outputs() - 6;
+    [0, 1, 2, 3, 4, 5].map(|i| registers.output(first + i))
 }
 
 /// `q̇ = ½ (ω, 0) ⊗ q`, components x, y, z, w.

@@ -123,8 +123,9 @@ impl Manifold {
         &self.tapes.metric
     }
 
-    /// The tape (u, v, δu₁, δv₁, δu₂, δv₂) -> acceleration (3), metric (6), then the turning rate
-    /// (3) if the frame is carried, then the deviation's acceleration (3 + 3) if it is.
+    /// The tape (u, v, δu₁, δv₁, δu₂, δv₂) -> acceleration (3), then the turning rate (3) if the frame
+    /// is carried, then the deviation's acceleration (3 + 3) if it is, and as the rest
+    /// ([`Tape::run_rest`]) the metric (6).
     pub fn flow(&self, carried: Carried) -> &Tape {
         &self.tapes.flows[carried.index()]
     }

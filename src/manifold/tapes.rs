@@ -92,14 +92,13 @@ fn flows(graph: &mut Graph, geometry: &Geometry) -> Result<[Tape; 4], TapeTooLar
     let flow = |frame: bool, deviation: bool| {
         let carried = Carried { frame, deviation };
         let mut outputs = geometry.acceleration.to_vec();
-        outputs.extend(geometry.metric);
         if carried.frame {
             outputs.extend(geometry.turning);
         }
         if carried.deviation {
             outputs.extend(rates.iter().flatten());
         }
-        Tape::compile(graph, &outputs, geometry::DEVIATION + 12)
+        Tape::compile_parts(graph, &outputs, &geometry.metric, geometry::DEVIATION + 12)
     };
     Ok([
         flow(false, false)?,
