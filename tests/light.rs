@@ -302,6 +302,29 @@ fn all_ways_past_a_bump_are_found() {
 }
 
 #[test]
+fn no_way_is_counted_twice_where_geodesics_are_found_less_exactly() {
+    let bump = manifold("embedding = ['x', 'y', 'z', 'exp(-(x^2 + y^2 + z^2)/2)']");
+    let from = DVec3::new(-4.0, 0.1, 0.8);
+    let mut stream = Stream::new(&[7]);
+    let points: Vec<DVec3> = (0..1500)
+        .map(|_| DVec3::new(stream.between(2.3, 6.3), stream.between(-2.0, 2.0), -0.75))
+        .collect();
+    let fan = fan(&bump, from, 16.0, &points);
+    let counts = |tolerance: f64| {
+        let mut counts = vec![0; points.len()];
+        for (index, _) in fan.connections(&points, tolerance).0 {
+            counts[index] += 1;
+        }
+        counts
+    };
+    let (coarse, fine) = (counts(1e-6), counts(1e-10));
+    let other = coarse.iter().zip(&fine).filter(|(a, b)| a != b).count();
+    // Beside a caustic two ways merge, and the tolerance decides whether they have.
+    assert!(other <= 3, "{other} points have other ways");
+    assert!(fine.iter().filter(|count| **count == 3).count() > 50);
+}
+
+#[test]
 fn every_image_in_glued_coordinates_is_found() {
     let torus = manifold(
         "metric = { conformal = '1' }\n[domain]\nx = [-1, 1]\ny = [-1.5, 1.5]\nz = [-1, 1]\nperiodic = ['x', 'y', 'z']",

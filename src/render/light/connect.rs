@@ -117,9 +117,7 @@ impl State {
     /// The direction and arc length that the present step leads to.
     fn tried(&self) -> (DVec3, f64) {
         let (d, s, _) = self.best;
-        let [e1, e2] = perpendiculars(d);
-        let turned = d + e1 * self.step.x + e2 * self.step.y;
-        (turned.normalize(), s + self.step.z)
+        stepped(d, s, self.step)
     }
 
     fn judged(mut self, manifold: &Manifold, end: Option<&(Step, f64)>, tolerance: f64) -> Verdict {
@@ -134,9 +132,13 @@ impl State {
         let (u, v) = (step.position(s), step.tangent(s));
         let into = manifold.standard_frame(u).inverse();
         let miss = into * (self.attempt.to - u);
+        let slope = DMat3::from_cols(into * columns[0], into * columns[1], into * v);
         if miss.length() <= ARRIVED * tolerance * s {
+            // What is still missing is put right to first order, so that attempts that have come to
+            // the same geodesic from different sides agree.
+            let (nearer, s) = stepped(direction, s, limited(least_squares(slope, miss, s), s));
             return Verdict::Arrived(Connection {
-                direction,
+                direction: nearer,
                 s,
                 u,
                 v,
@@ -146,7 +148,6 @@ impl State {
         if !(miss.length() < self.best.2) {
             return self.shortened();
         }
-        let slope = DMat3::from_cols(into * columns[0], into * columns[1], into * v);
         self.best = (direction, s, miss.length());
         self.step = limited(least_squares(slope, miss, s), s);
         match self.step.is_finite() {
@@ -163,6 +164,12 @@ impl State {
             false => Verdict::Lost,
         }
     }
+}
+
+/// A direction turned by two angles, and an arc length changed, by `step`.
+fn stepped(d: DVec3, s: f64, step: DVec3) -> (DVec3, f64) {
+    let [e1, e2] = perpendiculars(d);
+    ((d + e1 * step.x + e2 * step.y).normalize(), s + step.z)
 }
 
 /// The smallest solution of `slope x = miss`, damped by rounding's share of the arc length so that
