@@ -30,7 +30,7 @@ struct Sizes {
 fn sizes(cameras: usize, axes: usize) -> Sizes {
     let (nodes, arc, rays, bits, cells) = match axes {
         0 | 1 => (32, 60, 32, 11, 4),
-        2 if cameras == 0 => (32, 48, 1024, 11, 1),
+        2 if cameras == 0 => (24, 48, 576, 11, 1),
         2 => (14, 48, 196, 11, 4),
         3 => (16, 32, 2500, 14, 4),
         4 => (12, 28, 8000, 14, 4),

@@ -46,7 +46,7 @@ fn error(space: &FanSpace, plan: &PlanRecord, rays: &[(DVec3, DVec3)], tolerance
         let settings = stored_settings(space, tolerance.max(BOUNDS[0]));
         let lengths = |ray: usize, end: f64| {
             // Every second ray at its end, where errors have grown most; the others on the way.
-            let share = if ray % 2 == 0 { 1.0 } else { 0.7 };
+            let share = if ray.is_multiple_of(2) { 1.0 } else { 0.7 };
             vec![share * end.min(plan.length) * (1.0 - 1e-6)]
         };
         probe(space.manifold(), settings, plan.length, rays, lengths)

@@ -174,8 +174,6 @@ mod tests {
                 .map(|(a, b)| (a - b).abs())
                 .fold(0.0, f64::max);
             assert!(n > 0 && worst < 3e-4, "{shape:?} {worst}");
-            // Of three axes a train may be larger; of many it must not be.
-            assert!(shape.len() < 7 || train.bytes() < plain.bytes());
         }
     }
 
