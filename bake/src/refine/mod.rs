@@ -3,10 +3,10 @@
 //! In: a plan and a chunk number. Out: its [`Tree`], a pure function of both: neither threads nor
 //! other chunks matter.
 //!
-//! A few lines through a box tell how many nodes it needs ([`scout`]). If the plan allows as many it
+//! A few lines through a box tell how many nodes it needs (`scout`). If the plan allows as many it
 //! is sampled at the tensor grid of Chebyshev nodes and fitted; its coefficients are rounded as
 //! coarsely as random held-out rays allow, measured as the certificate measures them
-//! ([`held_out`], [`quantise`]). Otherwise it is halved along the axis that needs it most; one too
+//! (`held_out`, `quantise`). Otherwise it is halved along the axis that needs it most; one too
 //! small for that is flagged.
 
 mod decompose;
