@@ -9,7 +9,7 @@ use geofan::{
     random::Stream,
 };
 use glam::DVec3;
-use support::{asset, catalogue, random_point, settings, worse};
+use support::{asset, catalogue, missed, random_point, settings, turned, worse};
 
 /// A field along which the metric does not change.
 type Killing = fn(DVec3) -> DVec3;
@@ -117,25 +117,8 @@ fn random_rays_turned_back_return_to_their_start() {
         let manifold = asset(name);
         let (there, forth): (Vec<Ray>, Vec<Path>) =
             random_paths(&manifold, 100 + i as u64).into_iter().unzip();
-        let turned = forth.iter().map(|path| {
-            let step = path.steps.last().unwrap();
-            Ray {
-                u: step.position(path.length),
-                v: -step.tangent(path.length),
-                length: path.length,
-                spread: [DVec3::ZERO; 2],
-            }
-        });
-        let back = paths(&manifold, settings(1e-12, false), turned);
-        let mut worst = 0.0;
-        for (path, ray) in back.iter().zip(&there) {
-            let inverse = manifold.standard_frame(ray.u).inverse();
-            let step = path.steps.last().unwrap();
-            let point = inverse * (step.position(path.length) - ray.u);
-            let tangent = inverse * (step.tangent(path.length) + ray.v);
-            worst = worse(worst, point.length() / path.length);
-            worst = worse(worst, tangent.length());
-        }
+        let back = paths(&manifold, settings(1e-12, false), turned(&forth));
+        let worst = missed(&manifold, &back, &there);
         report += &format!("{name:22} {worst:.1e}\n");
         worst_of_all = worse(worst_of_all, worst);
     }

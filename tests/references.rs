@@ -13,7 +13,7 @@ use geofan::{
 use glam::{DMat3, DVec3};
 use serde::Deserialize;
 use std::{collections::BTreeMap, fmt};
-use support::{asset, settings, worse};
+use support::{asset, missed, settings, turned, worse};
 
 const TOLERANCE: f64 = 1e-12;
 
@@ -139,24 +139,8 @@ fn rays_turned_back_return_to_their_start() {
         let manifold = asset(name);
         let there = rays(&manifold, references);
         let forth = follow(&manifold, there.iter().copied());
-        let turned = forth.iter().map(|path| {
-            let step = path.steps.last().unwrap();
-            Ray {
-                u: step.position(path.length),
-                v: -step.tangent(path.length),
-                length: path.length,
-                spread: [DVec3::ZERO; 2],
-            }
-        });
-        let mut worst = 0.0;
-        for (path, ray) in follow(&manifold, turned).iter().zip(&there) {
-            let inverse = manifold.standard_frame(ray.u).inverse();
-            let step = path.steps.last().unwrap();
-            let point = inverse * (step.position(path.length) - ray.u);
-            let tangent = inverse * (step.tangent(path.length) + ray.v);
-            worst = worse(worst, point.length() / path.length);
-            worst = worse(worst, tangent.length());
-        }
+        let back = follow(&manifold, turned(&forth));
+        let worst = missed(&manifold, &back, &there);
         report += &format!("{name:22} {worst:.1e}\n");
         worst_of_all = worse(worst_of_all, worst);
     }

@@ -357,16 +357,11 @@ impl Tensor {
     /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
     /// parameters `camera` in [−1, 1]; with one direction parameter the second axis has length 1.
     pub fn contract(&self, camera: &[f64]) -> Contracted {
-        let shape = self.shape();
-        let weights = values_at(&shape, camera);
-        let mut all: Vec<Option<&[f64]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
-        all.resize(shape.len(), None);
-        let flat = self.sum(&all);
-        Contracted::new(&shape[self.cameras..], &flat)
+        Contracted::new(&self.shape()[self.cameras..], &self.at(camera))
     }
 
-    /// The coefficients in the arc length, rows of channels, at camera and direction parameters in
-    /// [−1, 1]. Cheaper than [`Tensor::contract`] for a single ray.
+    /// The coefficients that remain, in table order, at parameters in [−1, 1] of the first axes. With
+    /// camera and direction, for a single ray, that is cheaper than [`Tensor::contract`].
     pub fn at(&self, parameters: &[f64]) -> Vec<f64> {
         let shape = self.shape();
         let weights = values_at(&shape, parameters);

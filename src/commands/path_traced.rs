@@ -11,7 +11,7 @@ use geofan::{
         ExactTracer, Stage, View,
         frame::{Paths, offsets, trace},
         path_tracer::{Estimator, Film, PathTracer, Settings},
-        picture::{self, Precision, write_exr},
+        picture::{self, Format, Precision, write_exr},
         shade::with_layers,
     },
     terminal::{self, CommonArgs, Interrupt, Outcome, Progress, values},
@@ -169,11 +169,7 @@ fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: Settings) -> [u8
 fn write(args: &RenderArgs, stage: &Stage, view: &View, film: &Film, length: f64) -> Result<()> {
     let picture = film.picture();
     let notes = metadata(stage, "path").with("samples", film.passes().to_string());
-    let exr = args
-        .output
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("exr"));
-    if !exr {
+    if Format::of(&args.output) != Some(Format::Exr) {
         return picture::write(&args.output, &picture, &notes);
     }
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);

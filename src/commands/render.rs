@@ -17,7 +17,7 @@ use geofan::{
         ExactTracer, Journey, Lookup, Stage, View, World,
         drawing::{Drawing, draw},
         frame::Paths,
-        picture::{self, Metadata},
+        picture::{self, Format, Metadata},
         scene::PoseFile,
         shade::{Footprints, area, with_layers},
     },
@@ -258,8 +258,7 @@ fn one(
         shade: drawing.shade.as_secs_f64(),
     };
     let mut picture = drawing.picture;
-    let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
-    if output.extension().is_some_and(is_exr) {
+    if Format::of(output) == Some(Format::Exr) {
         picture = with_layers(picture, world, drawing.outcomes.view());
         let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
         picture = picture.with_float("area", area);

@@ -6,7 +6,7 @@ use geofan::{
     bundle::Bundle,
     diagnostic::Diagnostic,
     geodesic::check_point,
-    render::{Stage, View},
+    render::{Stage, View, picture::Format},
     terminal::values,
 };
 use std::path::{Path, PathBuf};
@@ -76,10 +76,7 @@ impl SceneArgs {
 
 /// Refuses an output that could not be written, before work is spent on it.
 pub fn check_output(path: &Path) -> Result<()> {
-    let known = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("png") || e.eq_ignore_ascii_case("exr"));
-    if !known {
+    if Format::of(path).is_none() {
         return Err(Error::input(
             path.display().to_string(),
             "pictures are .png or .exr",

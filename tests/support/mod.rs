@@ -5,7 +5,7 @@
 
 use geofan::{
     diagnostic::SourceText,
-    geodesic::{Settings, check_point},
+    geodesic::{Path, Ray, Settings, check_point},
     manifold::{Carried, Manifold},
     random::Stream,
 };
@@ -69,6 +69,34 @@ pub fn random_point(manifold: &Manifold, stream: &mut Stream) -> DVec3 {
         }
     }
     panic!("{}: no point found", manifold.name)
+}
+
+/// The rays that go back along `paths` from their ends.
+pub fn turned(paths: &[Path]) -> impl Iterator<Item = Ray> {
+    paths.iter().map(|path| {
+        let step = path.steps.last().unwrap();
+        Ray {
+            u: step.position(path.length),
+            v: -step.tangent(path.length),
+            length: path.length,
+            spread: [DVec3::ZERO; 2],
+        }
+    })
+}
+
+/// How far the paths `back` miss the starts of the rays that went `there`: the largest distance over
+/// arc length, or difference of tangents.
+pub fn missed(manifold: &Manifold, back: &[Path], there: &[Ray]) -> f64 {
+    let mut worst = 0.0;
+    for (path, ray) in back.iter().zip(there) {
+        let inverse = manifold.standard_frame(ray.u).inverse();
+        let step = path.steps.last().unwrap();
+        let point = inverse * (step.position(path.length) - ray.u);
+        let tangent = inverse * (step.tangent(path.length) + ray.v);
+        worst = worse(worst, point.length() / path.length);
+        worst = worse(worst, tangent.length());
+    }
+    worst
 }
 
 /// The larger of two numbers; NaN is the largest.

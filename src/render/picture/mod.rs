@@ -193,13 +193,33 @@ fn displayable(linear: f32) -> f32 {
     linear.clamp(0.0, 1.0).max(0.0)
 }
 
+/// The formats that pictures are written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// 8 bit sRGB, colours only.
+    Png,
+    /// Linear light, with layers.
+    Exr,
+}
+
+impl Format {
+    /// The format that the ending of a file's name asks for, in capitals or not.
+    pub fn of(path: &Path) -> Option<Self> {
+        match extension(path).as_str() {
+            "png" => Some(Self::Png),
+            "exr" => Some(Self::Exr),
+            _ => None,
+        }
+    }
+}
+
 /// Writes a picture in the format of the file name's ending: `.png` (8 bit sRGB, colours only) or
 /// `.exr` (colours in half floats, all layers, `metadata`; [`write_exr`] offers full floats).
 pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> {
-    match extension(path).as_str() {
-        "png" => write_png(path, picture),
-        "exr" => write_exr(path, picture, metadata, Precision::Half),
-        _ => Err(bad_input(path, "a picture's name ends in .png or .exr")),
+    match Format::of(path) {
+        Some(Format::Png) => write_png(path, picture),
+        Some(Format::Exr) => write_exr(path, picture, metadata, Precision::Half),
+        None => Err(bad_input(path, "a picture's name ends in .png or .exr")),
     }
 }
 
