@@ -89,6 +89,7 @@ impl Finished {
                 "kept": kept,
                 "mrad": certificate.mrad,
                 "screen_mrad": certificate.screen_mrad,
+                "sky_mrad": certificate.sky_mrad,
                 "rotation_mrad": certificate.rotation_mrad,
                 "flagged": certificate.flagged,
                 "rays": certificate.rays,

@@ -29,7 +29,9 @@ pub struct Certificate {
     pub mrad: Quantiles,
     /// The same divided by the ray's magnification.
     pub screen_mrad: Quantiles,
-    /// Angle between the transported rotations; none if the table stores none.
+    /// Sky error of the tangent; none if the table does not promise it.
+    pub sky_mrad: Option<Quantiles>,
+    /// Angle between the transported rotations; none if the table does not promise them.
     pub rotation_mrad: Option<Quantiles>,
     /// The fraction of rays of which the table gives up a part.
     pub flagged: f64,
@@ -58,6 +60,7 @@ impl Certificate {
         let rows = [
             ("screen", Some(self.screen_mrad)),
             ("position", Some(self.mrad)),
+            ("sky", self.sky_mrad),
             ("rotation", self.rotation_mrad),
         ];
         for (name, q) in rows {
@@ -95,6 +98,7 @@ const KEY: u64 = 0x6365_7274_6966_7921;
 struct Errors {
     mrad: Vec<f64>,
     screen: Vec<f64>,
+    sky: Vec<f64>,
     rotation: Vec<f64>,
     flagged: usize,
     far: Vec<Outlier>,
@@ -131,6 +135,7 @@ pub fn certify(
     for mut errors in cameras? {
         all.mrad.append(&mut errors.mrad);
         all.screen.append(&mut errors.screen);
+        all.sky.append(&mut errors.sky);
         all.rotation.append(&mut errors.rotation);
         all.flagged += errors.flagged;
         all.far.append(&mut errors.far);
@@ -142,6 +147,7 @@ pub fn certify(
     let certificate = Certificate {
         mrad: Quantiles::of(&mut all.mrad),
         screen_mrad: Quantiles::of(&mut all.screen),
+        sky_mrad: (!all.sky.is_empty()).then(|| Quantiles::of(&mut all.sky)),
         rotation_mrad: (!all.rotation.is_empty()).then(|| Quantiles::of(&mut all.rotation)),
         flagged: all.flagged as f64 / rays.max(1) as f64,
         rays: rays as u64,
@@ -175,13 +181,14 @@ fn at_camera(
         let path = fan.path(*d);
         let mut given_up = path.flagged_from() < exact.length;
         for probe in &exact.probes {
-            let Some((u, _)) = path.at(probe.s) else {
+            let Some(state) = path.at(probe.s) else {
                 given_up = true;
                 continue;
             };
-            let found = probe.deviation(u, path.rotation(probe.s));
+            let found = probe.deviation(state, path.rotation(probe.s));
             errors.mrad.push(found.mrad);
             errors.screen.push(found.screen_mrad);
+            errors.sky.extend(table.frames.then_some(found.sky_mrad));
             errors.rotation.extend(found.rotation_mrad);
             if !(found.screen_mrad <= FAR * promise) {
                 let (place, s) = (&fan.place, (probe.s, exact.length));
@@ -239,7 +246,7 @@ fn moved(
 mod tests {
     use super::*;
     use crate::{
-        bundle::{Chunk, Division, Patch, Scale, Train, Tree},
+        bundle::{Chunk, Division, Scale, Train, Tree},
         diagnostic::SourceText,
         fan::FanSpace,
     };
@@ -257,21 +264,14 @@ at = ["0", "0", "0"]
 length = 5.0
 "#;
 
-    /// A flat table whose displacement along y and z is `wrong` everywhere; face 0 is flagged.
+    /// A flat table whose slope along y and z is `wrong` everywhere; face 0 is flagged.
     fn table(wrong: f64) -> Table {
         let manifold = Manifold::from_source(SourceText::new("flat", FLAT), &[]).unwrap();
         let space = FanSpace::new(Arc::new(manifold)).unwrap();
-        let tensor = |values: &[f64]| {
-            let shape = IxDyn(&[1, 1, 1, values.len()]);
-            let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
-            Train::plain(&samples, 0)
-                .rounded(Scale::near(1e-8))
-                .unwrap()
-        };
-        let leaf = Tree::Leaf(Arc::new(Patch {
-            displacement: tensor(&[0.0, wrong, wrong]),
-            rotation: Some(tensor(&[0.0, 0.0, 0.0, 1.0])),
-        }));
+        let slopes = vec![0.0, wrong, wrong];
+        let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 3]), slopes).unwrap();
+        let tensor = Train::plain(&samples, 0).rounded(Scale::near(1e-8));
+        let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
         let shape = Table::shape(&space);
@@ -283,6 +283,7 @@ length = 5.0
                 faces: 6,
             },
             length: 5.0,
+            frames: true,
             chunks: chunks.collect(),
         }
     }

@@ -3,10 +3,16 @@
 //! In: the chunks of a table around one camera position. Out: a [`Fan`], all paths from there, and
 //! from it single [`FanPath`]s: position, tangent and transported rotation at any arc length.
 
-use super::{contracted::Contracted, patch::Patch, table::Table, tensor::MOST_DEGREES, tree::Tree};
+use super::{
+    arc::{self, Sums},
+    contracted::Contracted,
+    table::Table,
+    tree::Tree,
+};
 use crate::{
     expr::{Tape, vectorised},
     fan::{Lift, Located, Place, Start},
+    geodesic::transport,
     manifold::Isometry,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -19,10 +25,7 @@ enum FanNode {
         axis: usize,
         halves: Box<[FanNode; 2]>,
     },
-    Leaf {
-        displacement: Contracted,
-        rotation: Option<Contracted>,
-    },
+    Leaf(Contracted),
     Flagged,
 }
 
@@ -39,7 +42,7 @@ impl FanNode {
     fn contract(tree: &Tree, camera: &[f64]) -> Self {
         match tree {
             Tree::Flagged => Self::Flagged,
-            Tree::Leaf(patch) => Self::leaf(patch, camera),
+            Tree::Leaf(tensor) => Self::Leaf(tensor.contract(camera)),
             Tree::Split { axis, halves } if *axis < camera.len() => {
                 let mut camera = camera.to_vec();
                 let (side, inner) = half(camera[*axis]);
@@ -50,13 +53,6 @@ impl FanNode {
                 axis: axis - camera.len(),
                 halves: Box::new(halves.each_ref().map(|half| Self::contract(half, camera))),
             },
-        }
-    }
-
-    fn leaf(patch: &Patch, camera: &[f64]) -> Self {
-        Self::Leaf {
-            displacement: patch.displacement.contract(camera),
-            rotation: patch.rotation.as_ref().map(|r| r.contract(camera)),
         }
     }
 }
@@ -112,9 +108,6 @@ const LANES: usize = 16;
 /// Values and their slopes in the arc length, or points and tangents: three components each, at `W`
 /// arc lengths.
 type State<const W: usize> = [[[f64; W]; 3]; 2];
-
-/// Stored values and their slopes in the arc length.
-type Sums<const W: usize> = [[[f64; W]; 4]; 2];
 
 /// One lane of three components.
 fn lane<const W: usize>(lanes: &[[f64; W]; 3], lane: usize) -> DVec3 {
@@ -175,10 +168,13 @@ fn affine<const W: usize>(q: &DMat3, t: DVec3, x: &[[f64; W]; 3]) -> [[f64; W]; 
 #[derive(Debug, Clone, Copy)]
 struct Piece {
     interval: [f64; 2],
-    /// Where its displacement coefficients start, and their (rows, channels).
-    displacement: (usize, (usize, usize)),
-    rotation: Option<(usize, (usize, usize))>,
+    /// Where its rows start and how many they are.
+    rows: (usize, usize),
 }
+
+/// The most that one step of a transport along a stored path may be off, radians: far below any
+/// promise.
+const TRANSPORT_TOLERANCE: f64 = 1e-7;
 
 /// One path of a fan.
 #[derive(Debug, Clone)]
@@ -188,6 +184,7 @@ pub struct FanPath<'f, 't> {
     located: Located,
     /// In order of arc length; `None` where the patch is flagged.
     pieces: Vec<([f64; 2], Option<Piece>)>,
+    /// Rows as [`arc::unfold`] makes them.
     coefficients: Vec<f64>,
 }
 
@@ -206,21 +203,14 @@ impl FanPath<'_, '_> {
                 direction[*axis] = inner;
                 self.collect(&halves[side], direction, interval);
             }
-            FanNode::Leaf {
-                displacement,
-                rotation,
-            } => {
-                let mut put = |table: &Contracted| {
-                    let start = self.coefficients.len();
-                    table.direction(direction[0], direction[1], &mut self.coefficients);
-                    (start, table.shape())
-                };
-                let piece = Piece {
-                    interval,
-                    displacement: put(displacement),
-                    rotation: rotation.as_ref().map(put),
-                };
-                self.pieces.push((interval, Some(piece)));
+            FanNode::Leaf(table) => {
+                let mut stored = Vec::new();
+                table.direction(direction[0], direction[1], &mut stored);
+                let (_, channels) = table.shape();
+                let start = self.coefficients.len();
+                let degrees = arc::unfold(&stored, channels, interval, &mut self.coefficients);
+                let rows = (start, 2 * channels * degrees);
+                self.pieces.push((interval, Some(Piece { interval, rows })));
             }
         }
     }
@@ -241,23 +231,10 @@ impl FanPath<'_, '_> {
         piece.as_ref()
     }
 
-    /// The values (or slopes in s) at `s` of the polynomials stored at `start`.
-    fn sum(&self, (start, (rows, channels)): (usize, (usize, usize)), weights: &[f64]) -> [f64; 4] {
-        let mut sums = [0.0; 4];
-        let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
-        for (row, w) in rows.zip(weights) {
-            for (sum, c) in sums.iter_mut().zip(row) {
-                *sum += w * c;
-            }
-        }
-        sums
-    }
-
     /// Chart point and tangent (chart components) at arc length `s`; `None` where flagged.
     pub fn at(&self, s: f64) -> Option<(DVec3, DVec3)> {
-        let (stored, tangent) = self.stored_at(s)?;
-        let (u, differential) = self.located.isometry.apply(stored);
-        Some((u, differential * tangent))
+        let state = self.state(&self.sums(self.piece(s)?, &[s]), &[s]);
+        Some((lane(&state[0], 0), lane(&state[1], 0)))
     }
 
     /// Chart points and tangents at the ascending arc lengths `s` into `rows`: x, y, z and the
@@ -295,50 +272,19 @@ impl FanPath<'_, '_> {
         }
     }
 
-    fn stored_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
-        let sums = self.sums(self.piece(s)?, &[s]);
-        let [u, v] = self.stored_state(&sums, &[s]);
-        Some((lane(&u, 0), lane(&v, 0)))
-    }
-
-    /// Chebyshev sums of the displacement channels and of their slopes in the arc length, at `W`
-    /// arc lengths of one piece at once, by the recurrences of `T_k` and `T'_k`.
+    /// Departures and slopes at `W` arc lengths of one piece.
     fn sums<const W: usize>(&self, piece: &Piece, s: &[f64; W]) -> Sums<W> {
-        let [low, high] = piece.interval;
-        let scale = 2.0 / (high - low);
-        let (start, (rows, channels)) = piece.displacement;
-        let rows = self.coefficients[start..start + rows * channels].chunks_exact(channels);
-        let mut sums = [[[0.0; W]; 4]; 2];
-        vectorised(
-            #[inline(always)]
-            || {
-                let t = s.map(|s| scale * (s - low) - 1.0);
-                let (mut value, mut next) = ([1.0; W], t);
-                let (mut rate, mut next_rate) = ([0.0; W], [scale; W]);
-                for row in rows {
-                    for (c, x) in row.iter().enumerate() {
-                        for l in 0..W {
-                            sums[0][c][l] += value[l] * x;
-                            sums[1][c][l] += rate[l] * x;
-                        }
-                    }
-                    for l in 0..W {
-                        let after = 2.0 * t[l] * next[l] - value[l];
-                        let slope = 2.0 * (scale * next[l] + t[l] * next_rate[l]) - rate[l];
-                        (value[l], next[l], rate[l], next_rate[l]) =
-                            (next[l], after, next_rate[l], slope);
-                    }
-                }
-            },
-        );
-        sums
+        let (start, count) = piece.rows;
+        let rows = &self.coefficients[start..start + count];
+        let channels = self.fan.table.space.channels().len();
+        arc::sums(rows, channels, piece.interval, s)
     }
 
     /// Points and tangents of the stored ray from [`FanPath::sums`].
     #[inline(always)]
     fn stored_state<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
         let space = &self.fan.table.space;
-        let stored = space.displacement_channels();
+        let stored = space.channels();
         if space.lift() != Lift::None {
             return self.projected(sums, s);
         }
@@ -351,9 +297,8 @@ impl FanPath<'_, '_> {
                 None => [[0.0; W]; 2],
             };
             for l in 0..W {
-                let v = along[c] + values[l];
-                state[0][c][l] = from[c] + v * s[l];
-                state[1][c][l] = v + slopes[l] * s[l];
+                state[0][c][l] = from[c] + along[c] * s[l] + values[l];
+                state[1][c][l] = along[c] + slopes[l];
             }
         }
         state
@@ -365,11 +310,11 @@ impl FanPath<'_, '_> {
         let mut state = [[[0.0; W]; 3]; 2];
         for l in 0..W {
             let (mut values, mut slopes) = ([0.0; 4], [0.0; 4]);
-            for (k, channel) in space.displacement_channels().iter().enumerate() {
+            for (k, channel) in space.channels().iter().enumerate() {
                 values[*channel] = sums[0][k][l];
                 slopes[*channel] = sums[1][k][l];
             }
-            let (u, v) = space.lift().decode_state(&self.start, values, slopes, s[l]);
+            let (u, v) = space.lift().state(&self.start, values, slopes, s[l]);
             for c in 0..3 {
                 state[0][c][l] = u[c];
                 state[1][c][l] = v[c];
@@ -386,49 +331,16 @@ impl FanPath<'_, '_> {
         )
     }
 
-    /// The chart point and tangent at `s`, the tangent the first one carried along by the transported
-    /// rotation, because a geodesic's tangent is parallel. The slope of the displacement, which is
-    /// what [`FanPath::at`] gives, is a polynomial's derivative: where the table stores rotations
-    /// this is some ten times closer. `None` where flagged.
-    pub fn state_at(&self, s: f64) -> Option<(DVec3, DVec3)> {
-        let (stored, slope) = self.stored_at(s)?;
-        let tangent = match self.stored_rotation(stored, s) {
-            None => slope,
-            Some(q) => {
-                let manifold = self.fan.table.space.manifold();
-                manifold.standard_frame(stored) * (q * self.located.d)
-            }
-        };
-        let (u, differential) = self.located.isometry.apply(stored);
-        Some((u, differential * tangent))
-    }
-
-    /// The transported rotation at `s` relative to the standard frames; `None` where flagged or
-    /// where the table has none.
+    /// The transported rotation at `s` relative to the standard frames, by transport along the path;
+    /// `None` where flagged, or where the table does not promise tangents.
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
-        let (u, _) = self.stored_at(s)?;
-        let q = self.stored_rotation(u, s)?;
-        let space = &self.fan.table.space;
-        let place = &self.fan.place;
-        let turned = space.true_rotation(place, &self.located, u, DMat3::from_quat(q));
-        Some(DQuat::from_mat3(&turned))
-    }
-
-    /// The transported rotation of the stored ray, whose chart point is `u`.
-    fn stored_rotation(&self, u: DVec3, s: f64) -> Option<DQuat> {
-        let piece = self.piece(s)?;
-        let stored = piece.rotation?;
-        let width = piece.interval[1] - piece.interval[0];
-        let t = 2.0 * (s - piece.interval[0]) / width - 1.0;
-        let mut values = [0.0; MOST_DEGREES];
-        super::chebyshev::values(t, &mut values[..stored.1.0]);
-        let mut q = [0.0; 4];
-        let space = &self.fan.table.space;
-        let channels = space.rotation_channels();
-        for (channel, x) in channels.iter().zip(self.sum(stored, &values)) {
-            q[*channel] = x;
+        let table = self.fan.table;
+        if !table.frames || self.flagged_from() < s {
+            return None;
         }
-        let twist = space.lift().twist(u);
-        Some(twist.conjugate() * DQuat::from_array(q).normalize())
+        let curve = |s: f64| self.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
+        let manifold = table.space.manifold();
+        let carried = transport(manifold, curve, [0.0, s], TRANSPORT_TOLERANCE);
+        Some(carried.ok()?.rotation)
     }
 }

@@ -318,6 +318,7 @@ impl Bundle {
             table: Table {
                 division: header.plan.division(space.faces()),
                 length: header.plan.length,
+                frames: header.plan.frames,
                 space,
                 chunks: chunks.collect(),
             },

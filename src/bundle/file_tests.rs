@@ -41,17 +41,10 @@ fn bundle(nodes: usize) -> Bundle {
     let space = FanSpace::new(Arc::new(manifold)).unwrap();
     let mut stream = Stream::new(&[3]);
     let mut leaf = || {
-        let mut tensor = |channels| {
-            let shape = IxDyn(&[nodes, 3, 3, 4, channels]);
-            let samples = ArrayD::from_shape_simple_fn(shape, || stream.uniform());
-            Train::plain(&samples, 1)
-                .rounded(Scale::near(1e-6))
-                .unwrap()
-        };
-        Tree::Leaf(Arc::new(Patch {
-            displacement: tensor(3),
-            rotation: Some(tensor(4)),
-        }))
+        let shape = IxDyn(&[nodes, 3, 3, 4, 3]);
+        let samples = ArrayD::from_shape_simple_fn(shape, || stream.uniform());
+        let tensor = Train::plain(&samples, 1).rounded(Scale::near(1e-6));
+        Tree::Leaf(Arc::new(tensor.unwrap()))
     };
     let chunks = (0..6).map(|face| match face {
         5 => Tree::Flagged,

@@ -1,11 +1,16 @@
-//! Table against exact: errors in mrad as DESIGN §1 defines them.
+//! Table against exact: errors in mrad.
+//!
+//! The error of a point is its transverse distance, in the metric at the exact point, over the arc
+//! length; its screen error is what it looks like from the camera, `|δ|` with `J δ = e`. The sky error
+//! of a tangent is its angle from the exact one, or, where neighbouring tangents part faster than in
+//! flat space, what that looks like from the camera: how far a star seen along it is off.
 //!
 //! In: rays and arc lengths. Out: [`Probe`]s (what is exactly there) and the [`Deviation`] of any
 //! other answer from them.
 
 use crate::{
     fan::FanSpace,
-    geodesic::{End, Ray, Settings, Spread, paths},
+    geodesic::{End, Ray, Settings, Spread, Step, paths},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -17,8 +22,12 @@ pub struct Probe {
     pub s: f64,
     /// Chart point.
     pub u: DVec3,
+    /// Tangent, chart components.
+    pub v: DVec3,
     frame_inverse: DMat3,
+    /// Of points, and of tangents.
     spread: Spread,
+    turning: Spread,
     rotation: DQuat,
 }
 
@@ -29,18 +38,21 @@ pub struct Deviation {
     pub mrad: f64,
     /// The same divided by the ray's magnification.
     pub screen_mrad: f64,
+    /// Sky error of the tangent.
+    pub sky_mrad: f64,
     /// Angle between the transported rotations; `None` if the answer has none.
     pub rotation_mrad: Option<f64>,
 }
 
 impl Probe {
-    /// How far the answer (`u`, `rotation`) is from this.
-    pub fn deviation(&self, u: DVec3, rotation: Option<DQuat>) -> Deviation {
+    /// How far the answer (`u`, `v`, `rotation`) is from this.
+    pub fn deviation(&self, (u, v): (DVec3, DVec3), rotation: Option<DQuat>) -> Deviation {
         let e = self.frame_inverse * (u - self.u);
         Deviation {
             mrad: 1e3 * self.spread.transverse(e) / self.s,
             screen_mrad: 1e3 * self.spread.screen_angle(e, self.s),
-            rotation_mrad: rotation.map(|q| self.rotation_mrad(q)),
+            sky_mrad: self.sky_mrad(v - self.v),
+            rotation_mrad: rotation.map(|q| 1e3 * self.rotation.angle_between(q)),
         }
     }
 
@@ -57,9 +69,9 @@ impl Probe {
             .screen_angle(self.frame_inverse * change, self.s)
     }
 
-    /// The angle between the transported rotation and `rotation`.
-    pub fn rotation_mrad(&self, rotation: DQuat) -> f64 {
-        1e3 * self.rotation.angle_between(rotation)
+    /// The sky error of a tangent off by `change` in the chart.
+    pub fn sky_mrad(&self, change: DVec3) -> f64 {
+        1e3 * self.turning.sky_angle(self.frame_inverse * change)
     }
 }
 
@@ -108,18 +120,9 @@ pub fn probe(
     let paths = paths(manifold, settings, starts);
     let mut probed = Vec::new();
     for (i, path) in paths.iter().enumerate() {
-        let states = lengths(i, path.length).into_iter().filter_map(|s| {
-            let step = path.step_at(s)?;
-            let u = step.position(s);
-            let frame_inverse = manifold.standard_frame(u).inverse();
-            Some(Probe {
-                s,
-                u,
-                frame_inverse,
-                spread: Spread::new(frame_inverse, step.tangent(s), step.deviation(s)?),
-                rotation: step.rotation(s)?,
-            })
-        });
+        let states = lengths(i, path.length)
+            .into_iter()
+            .filter_map(|s| state(manifold, path.step_at(s)?, s));
         probed.push(Probed {
             end: path.end,
             length: path.length,
@@ -127,4 +130,22 @@ pub fn probe(
         });
     }
     probed
+}
+
+/// The exact state at `s` on `step`; `None` if it does not carry frame and deviation.
+fn state(manifold: &Manifold, step: &Step, s: f64) -> Option<Probe> {
+    let (u, v) = (step.position(s), step.tangent(s));
+    let frame_inverse = manifold.standard_frame(u).inverse();
+    let deviation = step.deviation(s)?;
+    let rates = step.deviation_rate(s)?;
+    let covariant = [0, 1].map(|k| rates[k] - manifold.parallel_rate(u, v, deviation[k]));
+    Some(Probe {
+        s,
+        u,
+        v,
+        frame_inverse,
+        spread: Spread::new(frame_inverse, v, deviation),
+        turning: Spread::new(frame_inverse, v, covariant),
+        rotation: step.rotation(s)?,
+    })
 }

@@ -1,5 +1,6 @@
 //! The table: patches, quantisation, contraction, file format and certificate.
 
+pub mod arc;
 mod bytes;
 mod certificate;
 pub mod chebyshev;
@@ -10,7 +11,6 @@ mod fan;
 mod file;
 pub mod measure;
 mod outlier;
-mod patch;
 mod polynomial;
 mod records;
 mod table;
@@ -24,7 +24,6 @@ pub use contracted::Contracted;
 pub use fan::{Fan, FanPath};
 pub use file::{Bundle, BundleError, Contents, identity};
 pub use outlier::{BoxPlace, FAR, Outlier};
-pub use patch::Patch;
 pub use polynomial::Polynomial;
 pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
 pub use table::{Chunk, Division, Table};

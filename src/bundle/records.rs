@@ -56,7 +56,7 @@ pub struct PlanRecord {
     pub max_error: f64,
     /// How far paths go (arc length).
     pub length: f64,
-    /// Whether the transported rotation is stored.
+    /// Whether tangents keep the promise too, and with them transported frames.
     pub frames: bool,
     /// Local tolerance of the exact tracer.
     pub tolerance: f64,
@@ -178,6 +178,7 @@ pub(super) mod tests {
             certificate: Some(Certificate {
                 mrad: quantiles(0.1),
                 screen_mrad: quantiles(0.2),
+                sky_mrad: None,
                 rotation_mrad: None,
                 flagged: 0.01,
                 rays: 20_000,

@@ -103,6 +103,8 @@ pub struct Table {
     pub division: Division,
     /// How far paths go.
     pub length: f64,
+    /// Whether tangents keep the promise too, and with them transported frames.
+    pub frames: bool,
     /// The chunks, in order.
     pub chunks: Vec<Chunk>,
 }
@@ -113,8 +115,7 @@ impl Table {
         Shape {
             cameras: space.cameras().len(),
             directions: space.directions(),
-            displacement: space.displacement_channels().len(),
-            rotation: space.rotation_channels().len(),
+            channels: space.channels().len(),
         }
     }
 

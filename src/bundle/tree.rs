@@ -7,7 +7,6 @@
 use super::{
     bytes::{Damage, Reader, Writer},
     coding::{Classes, Streams},
-    patch::Patch,
     tensor::Tensor,
 };
 use std::sync::Arc;
@@ -22,8 +21,8 @@ pub enum Tree {
         /// The lower and the upper half.
         halves: Box<[Tree; 2]>,
     },
-    /// One polynomial.
-    Leaf(Arc<Patch>),
+    /// A patch: one polynomial for all its paths.
+    Leaf(Arc<Tensor>),
     /// Given up: rays here are integrated exactly.
     Flagged,
 }
@@ -35,10 +34,8 @@ pub struct Shape {
     pub cameras: usize,
     /// Direction axes.
     pub directions: usize,
-    /// Displacement channels.
-    pub displacement: usize,
-    /// Quaternion channels.
-    pub rotation: usize,
+    /// Stored channels.
+    pub channels: usize,
 }
 
 /// Deepest tree accepted from a file; bakes stop far earlier.
@@ -62,13 +59,9 @@ impl Tree {
                 halves.iter().for_each(|half| half.put(out, classes));
             }
             Tree::Flagged => out.u8(FLAGGED),
-            Tree::Leaf(patch) => {
-                let turning = patch.rotation.is_some();
-                out.u8(if turning { TURNING } else { PLAIN });
-                patch.displacement.encode(out, classes);
-                if let Some(rotation) = &patch.rotation {
-                    rotation.encode(out, classes);
-                }
+            Tree::Leaf(tensor) => {
+                out.u8(PATCH);
+                tensor.encode(out, classes);
             }
         }
     }
@@ -102,22 +95,13 @@ impl Tree {
         let Shape {
             cameras,
             directions,
-            ..
+            channels,
         } = shape;
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
-            kind @ (PLAIN | TURNING) => {
-                let mut tensor =
-                    |channels| Tensor::decode(input, streams, [cameras, directions, channels]);
-                let displacement = tensor(shape.displacement)?;
-                let rotation = match kind {
-                    TURNING => Some(tensor(shape.rotation)?),
-                    _ => None,
-                };
-                Ok(Tree::Leaf(Arc::new(Patch {
-                    displacement,
-                    rotation,
-                })))
+            PATCH => {
+                let tensor = Tensor::decode(input, streams, [cameras, directions, channels])?;
+                Ok(Tree::Leaf(Arc::new(tensor)))
             }
             axis if usize::from(axis) <= cameras + directions => {
                 let low = Self::take(input, streams, shape, depth + 1)?;
@@ -145,5 +129,4 @@ impl Tree {
 }
 
 const FLAGGED: u8 = 255;
-const PLAIN: u8 = 254;
-const TURNING: u8 = 253;
+const PATCH: u8 = 254;

@@ -64,6 +64,7 @@ fn report(checked: &Checked, promise: f64, bytes: u64, common: &CommonArgs) -> R
         return terminal::print_json(&json!({
             "mrad": found.mrad,
             "screen_mrad": found.screen_mrad,
+            "sky_mrad": found.sky_mrad,
             "rotation_mrad": found.rotation_mrad,
             "flagged": found.flagged,
             "bytes": bytes,

@@ -13,5 +13,5 @@ mod space;
 
 pub use orbit::OrbitAngles;
 pub use position::{Lift, Start};
-pub use sample::{CHANNELS, ROTATION, sample};
+pub use sample::{CHANNELS, DISPLACEMENT, sample};
 pub use space::{FanSpace, Located, Place, Reduction};

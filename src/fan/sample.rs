@@ -1,8 +1,11 @@
 //! Rays followed exactly and read off at given arc lengths: what tables are made from.
 //!
-//! In: rays and arc lengths. Out: an array (ray, arc length, channel) with four channels of
-//! displacement ([`Lift::encode`]) and the quaternion x, y, z, w of the transported rotation, twisted
-//! as the lift says.
+//! In: rays and arc lengths. Out: an array (ray, arc length, channel) with four channels of the slope
+//! that is stored ([`Lift::slope`]) and, from [`DISPLACEMENT`] on, four of the displacement that it
+//! adds up to ([`Lift::displacement`]).
+//!
+//! [`Lift::slope`]: super::Lift::slope
+//! [`Lift::displacement`]: super::Lift::displacement
 
 use super::{FanSpace, Start};
 use crate::{
@@ -16,8 +19,8 @@ use rayon::prelude::*;
 /// Channels of a sample.
 pub const CHANNELS: usize = 8;
 
-/// The first channel of the rotation.
-pub const ROTATION: usize = 4;
+/// The first channel of the displacement.
+pub const DISPLACEMENT: usize = 4;
 
 /// Rays handed to one thread at once: long enough to keep lanes full, short enough to share.
 const BLOCK: usize = 512;
@@ -28,7 +31,6 @@ const BLOCK: usize = 512;
 pub fn sample(
     space: &FanSpace,
     tolerance: f64,
-    frame: bool,
     rays: &[(DVec3, DVec3)],
     lengths: &[f64],
 ) -> Array3<f64> {
@@ -36,7 +38,7 @@ pub fn sample(
     let settings = Settings {
         tolerance,
         carried: Carried {
-            frame,
+            frame: false,
             deviation: false,
         },
         events: false,
@@ -67,8 +69,8 @@ pub fn sample(
     samples
 }
 
-/// Arc length, point, tangent and rotation.
-type Last = (f64, DVec3, DVec3, [f64; 4]);
+/// Arc length, point and tangent.
+type Last = (f64, DVec3, DVec3);
 
 struct Sampler<'a> {
     space: &'a FanSpace,
@@ -82,24 +84,17 @@ struct Sampler<'a> {
 }
 
 impl Sampler<'_> {
-    fn put(&mut self, ray: usize, u: DVec3, q: [f64; 4]) {
+    fn put(&mut self, ray: usize, u: DVec3, v: DVec3) {
         let at = self.next[ray];
-        let lift = self.space.lift();
-        let displacement = lift.encode(&self.starts[ray], u, self.lengths[at]);
+        let (lift, start) = (self.space.lift(), &self.starts[ray]);
+        let slope = lift.slope(start, u, v);
+        let displacement = lift.displacement(start, u, self.lengths[at]);
         let row = &mut self.rows[ray];
         for k in 0..4 {
-            row[[at, k]] = displacement[k];
-            row[[at, ROTATION + k]] = q[k];
+            row[[at, k]] = slope[k];
+            row[[at, DISPLACEMENT + k]] = displacement[k];
         }
         self.next[ray] += 1;
-    }
-
-    /// The transported rotation, twisted, at `s`, of a sign that is continuous along the ray: the
-    /// integrated quaternion's and the twist's are.
-    fn quaternion(&self, step: &Step, s: f64) -> [f64; 4] {
-        step.rotation(s).map_or([0.0, 0.0, 0.0, 1.0], |q| {
-            (self.space.lift().twist(step.position(s)) * q).to_array()
-        })
     }
 }
 
@@ -112,20 +107,17 @@ impl Sink for Sampler<'_> {
         while let Some(&s) = self.lengths.get(self.next[ray])
             && s <= step.end
         {
-            self.put(ray, step.position(s), self.quaternion(step, s));
+            self.put(ray, step.position(s), step.tangent(s));
         }
         let (s, left) = (step.end, self.next[ray] < self.lengths.len());
-        self.last = left.then(|| {
-            let q = self.quaternion(step, s);
-            (s, step.position(s), step.tangent(s), q)
-        });
+        self.last = left.then(|| (s, step.position(s), step.tangent(s)));
     }
 
     fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {
         // The step before was this ray's, unless it never took one.
         let last = self.last.take().filter(|_| reached > 0.0);
-        while let (Some(&s), Some((end, u, v, q))) = (self.lengths.get(self.next[ray]), last) {
-            self.put(ray, u + v * (s - end), q);
+        while let (Some(&s), Some((end, u, v))) = (self.lengths.get(self.next[ray]), last) {
+            self.put(ray, u + v * (s - end), v);
         }
     }
 }

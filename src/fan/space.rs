@@ -198,14 +198,9 @@ impl FanSpace {
         self.reduction == Reduction::Rotation
     }
 
-    /// Which displacement channels can differ from zero for stored rays.
-    pub fn displacement_channels(&self) -> &'static [usize] {
-        self.lift.displacement_channels(self.planar())
-    }
-
-    /// Which quaternion components (x, y, z, w) can differ from zero for stored rays.
-    pub fn rotation_channels(&self) -> &'static [usize] {
-        self.lift.rotation_channels(self.planar())
+    /// Which channels can differ from zero for stored rays.
+    pub fn channels(&self) -> &'static [usize] {
+        self.lift.channels(self.planar())
     }
 
     fn region(&self) -> &crate::manifold::CameraRegion {
@@ -489,19 +484,6 @@ impl FanSpace {
             d,
             isometry: Isometry::Rotation(q),
         }
-    }
-
-    /// The transported rotation at the true point, relative to the standard frames, from the stored
-    /// one `q`: at stored point `u` of a ray located as `located` from `place`.
-    pub fn true_rotation(&self, place: &Place, located: &Located, u: DVec3, q: DMat3) -> DMat3 {
-        if self.reduction == Reduction::Whole {
-            return q;
-        }
-        let frame = |u: DVec3| self.manifold.standard_frame(u);
-        let (_, start) = located.isometry.apply(located.u);
-        let (image, differential) = located.isometry.apply(u);
-        let turned = place.frame.inverse() * start * frame(located.u);
-        frame(image).inverse() * differential * frame(u) * q * turned.transpose()
     }
 }
 

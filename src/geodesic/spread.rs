@@ -21,6 +21,9 @@ pub fn perpendiculars(d: DVec3) -> [DVec3; 2] {
 /// them: near conjugate points the inverse map is unbounded.
 const LEAST_MAGNIFICATION: f64 = 0.25;
 
+/// The same for tangents: a sky that is magnified shows its own grain before the error of a tangent.
+const LEAST_SKY_MAGNIFICATION: f64 = 1.0;
+
 /// The transverse part of the deviation matrix at a point of a path.
 #[derive(Debug, Clone, Copy)]
 pub struct Spread {
@@ -77,23 +80,33 @@ impl Spread {
     /// The angle at the camera (radians) that a displacement `e` (standard frame) at arc length `s`
     /// looks like: `|δ|` with `J δ = e`.
     pub fn screen_angle(&self, e: DVec3, s: f64) -> f64 {
-        let m = self.matrix * (1.0 / s);
-        let e = self.project(e) / s;
-        // Singular values and left vectors of m from the symmetric m mᵀ.
-        let w = m * m.transpose();
-        let (mean, half) = (
-            0.5 * (w.x_axis.x + w.y_axis.y),
-            0.5 * (w.x_axis.x - w.y_axis.y),
-        );
-        let off = w.x_axis.y;
-        let spread = (half * half + off * off).sqrt();
-        let angle = 0.5 * off.atan2(half);
-        let major = DVec2::new(angle.cos(), angle.sin());
-        let large = (mean + spread).max(0.0).sqrt().max(LEAST_MAGNIFICATION);
-        let small = m.determinant().abs() / (mean + spread).max(f64::MIN_POSITIVE).sqrt();
-        let small = small.max(LEAST_MAGNIFICATION);
-        (major.dot(e) / large).hypot(major.perp().dot(e) / small)
+        let matrix = self.matrix * (1.0 / s);
+        looks_like(matrix, self.project(e) / s, LEAST_MAGNIFICATION)
     }
+
+    /// The same for an error `e` of the unit tangent, if this is the spread of tangents: the angle on
+    /// the sky, or what it looks like at the camera where the sky is shrunk.
+    pub fn sky_angle(&self, e: DVec3) -> f64 {
+        looks_like(self.matrix, self.project(e), LEAST_SKY_MAGNIFICATION)
+    }
+}
+
+/// `|δ|` with `m δ = e`, the singular values of `m` raised to at least `least`.
+fn looks_like(m: DMat2, e: DVec2, least: f64) -> f64 {
+    // Singular values and left vectors of m from the symmetric m mᵀ.
+    let w = m * m.transpose();
+    let (mean, half) = (
+        0.5 * (w.x_axis.x + w.y_axis.y),
+        0.5 * (w.x_axis.x - w.y_axis.y),
+    );
+    let off = w.x_axis.y;
+    let spread = (half * half + off * off).sqrt();
+    let angle = 0.5 * off.atan2(half);
+    let major = DVec2::new(angle.cos(), angle.sin());
+    let large = (mean + spread).max(0.0).sqrt().max(least);
+    let small = m.determinant().abs() / (mean + spread).max(f64::MIN_POSITIVE).sqrt();
+    let small = small.max(least);
+    (major.dot(e) / large).hypot(major.perp().dot(e) / small)
 }
 
 /// [`Spread::signed_area`] at the point with `s_inverse = S(u)⁻¹`.

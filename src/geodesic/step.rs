@@ -47,4 +47,12 @@ impl Step {
             .as_ref()
             .map(|columns| columns.each_ref().map(|c| c.position(t)))
     }
+
+    /// The derivative of [`Step::deviation`] in the arc length, chart components.
+    pub fn deviation_rate(&self, s: f64) -> Option<[DVec3; 2]> {
+        let t = self.fraction(s);
+        self.deviation
+            .as_ref()
+            .map(|columns| columns.each_ref().map(|c| c.velocity(t)))
+    }
 }

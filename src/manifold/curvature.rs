@@ -7,7 +7,7 @@
 //! `∂_k` is the derivative by coordinate k; repeated indices are summed over.
 
 use super::{
-    Manifold,
+    Carried, Manifold,
     geometry::{PAIRS, symmetric},
 };
 use crate::error::{Error, Result};
@@ -73,6 +73,28 @@ impl Manifold {
         }
         self.tapes.turning.run(&mut registers);
         DVec3::from_array([0, 1, 2].map(|k| registers.output(k)[0]))
+    }
+
+    /// `−Γ^k_ij v^i w^j` at `u`: the rate at which the chart components of `w`, transported along a
+    /// curve with velocity `v`, change. From the acceleration of geodesics, which is that of `v = w`:
+    /// `2Γ(v, w) = Γ(v + w, v + w) − Γ(v, v) − Γ(w, w)`.
+    pub fn parallel_rate(&self, u: DVec3, v: DVec3, w: DVec3) -> DVec3 {
+        // Vectors of one length: nothing cancels.
+        let (Some(v_unit), Some(w_unit)) = (v.try_normalize(), w.try_normalize()) else {
+            return DVec3::ZERO;
+        };
+        let tape = self.flow(Carried::default());
+        let mut registers = tape.registers::<f64, 4>();
+        for k in 0..3 {
+            *registers.input(k) = [u[k]; 4];
+            *registers.input(3 + k) = [v_unit[k] + w_unit[k], v_unit[k], w_unit[k], 0.0];
+        }
+        tape.run(&mut registers);
+        let rate = [0, 1, 2].map(|k| {
+            let [both, v, w, _] = *registers.output(k);
+            0.5 * (both - v - w)
+        });
+        DVec3::from_array(rate) * (v.length() * w.length())
     }
 }
 

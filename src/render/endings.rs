@@ -54,13 +54,11 @@ impl<'m> EndingFinder<'m> {
         })
     }
 
-    /// The same with the event found on the path itself, which `state` knows better than the cubics;
-    /// `last_state` is the best that is known of it there.
+    /// The same with the event found on the path itself, which `state` knows better than the cubics.
     pub fn sharp_ending(
         &mut self,
         strand: Strand<'_>,
         state: impl Fn(f64) -> Option<(DVec3, DVec3)>,
-        last_state: impl Fn(f64) -> Option<(DVec3, DVec3)>,
     ) -> Option<Ending> {
         let piece = self.last_piece(strand)?;
         let own = |s: f64| {
@@ -82,7 +80,7 @@ impl<'m> EndingFinder<'m> {
             }
         }
         let (s, k) = first?;
-        let (u, v) = last_state(s).unwrap_or_else(|| own(s));
+        let (u, v) = own(s);
         Some(self.at(k, s, u, v))
     }
 

@@ -64,7 +64,7 @@ impl GridTracer for TableTracer<'_, '_> {
             strands.push(
                 *direction,
                 |knots, rows| path.sample(knots, rows),
-                |strand| match endings.sharp_ending(strand, |s| path.at(s), |s| path.state_at(s)) {
+                |strand| match endings.sharp_ending(strand, |s| path.at(s)) {
                     Some(ending) => Some(ending),
                     // What the table gave up on might still end before anything is met.
                     None if strand.known < strand.knots.len() => None,

@@ -16,22 +16,18 @@ mod region;
 pub(crate) mod scout;
 
 use geofan::{
-    bundle::{Patch, PlanRecord, Polynomial, Scale, Train, Tree, chebyshev},
-    fan::{CHANNELS, FanSpace, ROTATION, sample},
+    bundle::{PlanRecord, Polynomial, Scale, Train, Tree, arc, chebyshev},
+    fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
 };
 use glam::DVec3;
 use held_out::HeldOut;
-use ndarray::{Array3, ArrayD, Axis, IxDyn};
+use ndarray::{Array3, ArrayD, ArrayView, Axis, IxDyn, concatenate};
 use region::Region;
 use scout::Needs;
 use std::sync::{
     Arc,
     atomic::{AtomicBool, AtomicU64, Ordering},
 };
-
-/// Share of the promise that the transported rotation may be off: the direction of a sky follows
-/// from it.
-pub const ROTATION_SHARE: f64 = 1.0;
 
 /// By what factor the smallest boxes may exceed the promise along lines and still be fitted: the
 /// quantile often forgives it.
@@ -155,41 +151,24 @@ impl Refiner<'_> {
         held_out: &HeldOut,
     ) -> Result<Tree, Vec<f64>> {
         loop {
-            let lengths = self.arc_lengths(region, needs.nodes[region.arc()]);
-            let (displacement, rotation) = self.fit(chunk, region, &needs.nodes, &lengths);
-            if let Some(patch) = self.quantise(&displacement, &rotation, held_out) {
-                self.finished(region, patch.bytes() as usize);
-                return Ok(Tree::Leaf(Arc::new(patch)));
+            let polynomial = self.fit(chunk, region, &needs.nodes);
+            if let Some(tensor) = self.quantise(&polynomial, held_out) {
+                self.finished(region, tensor.bytes() as usize);
+                return Ok(Tree::Leaf(Arc::new(tensor)));
             }
             if !needs.raise(&self.plan.nodes, self.plan.most_rays) {
-                return Err(displacement.tails());
+                return Err(polynomial.tails());
             }
         }
     }
 
     /// The patch of a box that no ray gets to: straight lines.
     fn unread(&self) -> Tree {
-        let shape = |channels: usize| {
-            let mut shape = vec![1; self.plan.nodes.len()];
-            shape.push(channels);
-            IxDyn(&shape)
-        };
-        let cameras = self.space.cameras().len();
-        let straight = ArrayD::zeros(shape(self.space.displacement_channels().len()));
-        let channels = self.space.rotation_channels();
-        let mut still = ArrayD::zeros(shape(channels.len()));
-        still
-            .iter_mut()
-            .zip(channels)
-            .for_each(|(q, c)| *q = f64::from(u8::from(*c == 3)));
-        let tensor = |values: ArrayD<f64>| {
-            let rounded = Train::plain(&values, cameras).rounded(Scale::near(1.0));
-            rounded.expect("zeros and ones")
-        };
-        Tree::Leaf(Arc::new(Patch {
-            displacement: tensor(straight),
-            rotation: self.plan.frames.then(|| tensor(still)),
-        }))
+        let mut shape = vec![1; self.plan.nodes.len()];
+        shape.push(self.space.channels().len());
+        let straight = Train::plain(&ArrayD::zeros(shape), self.space.cameras().len());
+        let rounded = straight.rounded(Scale::near(1.0));
+        Tree::Leaf(Arc::new(rounded.expect("zeros")))
     }
 
     fn finished(&self, region: &Region, bytes: usize) {
@@ -250,37 +229,43 @@ impl Refiner<'_> {
         let rays: Vec<_> = points.iter().map(ray).collect();
         let count = rays.len() as u64;
         self.tally.rays.fetch_add(count, Ordering::Relaxed);
-        let (tolerance, frames) = (self.plan.tolerance, self.plan.frames);
-        sample(self.space, tolerance, frames, &rays, lengths)
+        sample(self.space, self.plan.tolerance, &rays, lengths)
     }
 
-    /// The polynomials through exact samples on the tensor grid of `nodes`: displacement, rotation.
-    fn fit(
-        &self,
-        chunk: usize,
-        region: &Region,
-        nodes: &[usize],
-        lengths: &[f64],
-    ) -> (Polynomial, Polynomial) {
+    /// The polynomial through exact samples on the tensor grid of `nodes`, its rows along the arc
+    /// length as [`arc`] unfolds them.
+    fn fit(&self, chunk: usize, region: &Region, nodes: &[usize]) -> Polynomial {
         let grids: Vec<Vec<f64>> = nodes.iter().map(|&n| chebyshev::nodes(n)).collect();
         let points: Vec<Vec<f64>> = ndarray::indices(IxDyn(&nodes[..region.arc()]))
             .into_iter()
             .map(|i| (0..region.arc()).map(|a| grids[a][i[a]]).collect())
             .collect();
+        let interval = region.arc_interval(self.plan.length);
+        let starts = usize::from(arc::stores_start(interval));
+        let mut lengths = vec![interval[0]; starts];
+        lengths.extend(self.arc_lengths(region, nodes[region.arc()]));
         let mut shape = nodes.to_vec();
+        shape[region.arc()] = lengths.len();
         shape.push(CHANNELS);
         let samples: ArrayD<f64> = self
-            .samples(chunk, region, &points, lengths)
+            .samples(chunk, region, &points, &lengths)
             .into_shape_with_order(IxDyn(&shape))
             .expect("one sample for each node");
         let channels = Axis(shape.len() - 1);
-        let displacement = samples.select(channels, self.space.displacement_channels());
-        let turning = self.space.rotation_channels().iter().map(|c| ROTATION + c);
-        let rotation = samples.select(channels, &turning.collect::<Vec<_>>());
-        (
-            Polynomial::fit(displacement.view()),
-            Polynomial::fit(rotation.view()),
-        )
+        let select = |samples: ArrayView<f64, IxDyn>, first: usize| {
+            let kept: Vec<usize> = self.space.channels().iter().map(|c| first + c).collect();
+            Polynomial::fit(samples.select(channels, &kept).view()).0
+        };
+        let (start, slopes) = samples.view().split_at(Axis(region.arc()), starts);
+        let slopes = select(slopes, 0);
+        Polynomial(match starts {
+            0 => slopes,
+            _ => {
+                let parts = [select(start, DISPLACEMENT), slopes];
+                let views = parts.each_ref().map(|part| part.view());
+                concatenate(Axis(region.arc()), &views).expect("the same nodes")
+            }
+        })
     }
 }
 

@@ -1,11 +1,7 @@
 //! Coefficients → the smallest tensor that keeps the promise on the held-out rays.
 
-use super::{
-    ROTATION_SHARE, Refiner,
-    decompose::decompose,
-    held_out::{HeldOut, Quantity},
-};
-use geofan::bundle::{Patch, Polynomial, Scale, Tensor, Train};
+use super::{Refiner, decompose::decompose, held_out::HeldOut};
+use geofan::bundle::{Polynomial, Scale, Tensor, Train};
 
 /// Quantisation steps tried: this many, each √2 of the one before. The finest decides whether the
 /// box can be kept at all.
@@ -24,34 +20,13 @@ const ROOM: f64 = 4e-9;
 const NEGLIGIBLE: f64 = 0.5;
 
 impl Refiner<'_> {
-    /// The smallest patch of the polynomials that keeps the promise on the held-out rays.
-    pub fn quantise(
-        &self,
-        displacement: &Polynomial,
-        rotation: &Polynomial,
-        held_out: &HeldOut,
-    ) -> Option<Patch> {
-        if !displacement.is_finite() || !rotation.is_finite() {
+    /// The smallest tensor of the polynomial that keeps the promise on the held-out rays.
+    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut) -> Option<Tensor> {
+        if !polynomial.is_finite() {
             return None;
         }
-        let promise = self.plan.max_error;
-        let displacement = self.smallest(
-            displacement,
-            promise / held_out.weight(self.space),
-            |tensor| held_out.holds(self, tensor, Quantity::Screen, promise),
-        )?;
-        let limit = ROTATION_SHARE * promise;
-        let rotation = match self.plan.frames {
-            false => None,
-            // A quaternion turns by twice the angle.
-            true => Some(self.smallest(rotation, 0.5e-3 * limit, |tensor| {
-                held_out.holds(self, tensor, Quantity::Rotation, limit)
-            })?),
-        };
-        Some(Patch {
-            displacement,
-            rotation,
-        })
+        let unit = self.plan.max_error / held_out.weight(self.space);
+        self.smallest(polynomial, unit, |tensor| held_out.holds(self, tensor))
     }
 
     /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as

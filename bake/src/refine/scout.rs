@@ -10,7 +10,7 @@ use geofan::{
         PlanRecord, chebyshev,
         measure::{Probe, probe, stored_settings},
     },
-    fan::{CHANNELS, FanSpace, ROTATION, sample},
+    fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
     random::Stream,
 };
 use glam::{DVec3, DVec4};
@@ -149,7 +149,7 @@ impl Line {
             .iter()
             .map(|&(u, d)| (u, manifold.standard_frame(u) * d));
         let tangents: Vec<_> = tangents.collect();
-        let values = sample(space, plan.tolerance, plan.frames, &tangents, lengths);
+        let values = sample(space, plan.tolerance, &tangents, lengths);
         let farthest = lengths.last().copied().unwrap_or(0.0);
         let within = |_: usize, end: f64| lengths.iter().copied().filter(|s| *s <= end).collect();
         let settings = stored_settings(space, plan.tolerance);
@@ -188,19 +188,17 @@ impl Line {
     }
 }
 
-/// The factors that make errors of the channels at `probe` mrad.
+/// The factors that make errors of the channels at `probe` mrad: of displacements, and of slopes
+/// where tangents matter.
 pub fn weigh(space: &FanSpace, frames: bool, probe: &Probe, weights: &mut [f64]) {
     let lift = space.lift();
-    for channel in space.displacement_channels() {
+    for channel in space.channels() {
         let mut unit = [0.0; 4];
-        unit[*channel] = probe.s;
+        unit[*channel] = 1.0;
         let change = lift.chart_change(probe.u, DVec4::from_array(unit));
-        weights[*channel] = probe.screen_mrad(change);
-    }
-    if frames {
-        for channel in space.rotation_channels() {
-            // A quaternion turns by twice the angle.
-            weights[ROTATION + channel] = 2e3 / super::ROTATION_SHARE;
+        weights[DISPLACEMENT + channel] = probe.screen_mrad(change * probe.s);
+        if frames {
+            weights[*channel] = probe.sky_mrad(change);
         }
     }
 }
@@ -254,12 +252,13 @@ impl Tails {
         let (mut count, mut end) = (1, 0.0);
         for k in (1..self.most).rev() {
             let value = self.values[[place, k]];
-            let mut square = 0.0;
+            // Of tangents and of points.
+            let mut squares = [0.0; 2];
             for (c, weight) in channels {
                 missed[*c] += weight * value * coefficients[[k, *c]];
-                square += missed[*c] * missed[*c];
+                squares[*c / DISPLACEMENT] += missed[*c] * missed[*c];
             }
-            let excess = square.sqrt() / self.allowed;
+            let excess = squares[0].max(squares[1]).sqrt() / self.allowed;
             if k + 2 >= self.most {
                 end = excess;
             }

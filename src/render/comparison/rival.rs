@@ -129,7 +129,7 @@ fn strand_error(strand: Strand<'_>, probed: &Probed) -> f64 {
         return 0.0;
     };
     match strand.position(probe.s) {
-        Some(u) => probe.deviation(u, None).screen_mrad,
+        Some(u) => probe.screen_mrad(u - probe.u),
         None => f64::INFINITY,
     }
 }
