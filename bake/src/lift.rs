@@ -24,9 +24,10 @@ const PATHS: usize = 96;
 /// Nodes along each: enough to tell a path that leaves through infinity from one that does not.
 const NODES: usize = 40;
 
-/// By what factor the error of the highest coefficients must fall to leave the chart: its plain
-/// coordinates need fewer channels.
-const GAIN: f64 = 20.0;
+/// By what factor the error of the highest coefficients must fall to leave the chart for a sphere:
+/// its plain coordinates need fewer channels. For polar coordinates: they need as many.
+const SPHERE_GAIN: f64 = 20.0;
+const POLAR_GAIN: f64 = 2.0;
 
 /// Radii tried, in units of the median distance of paths from the chart's origin.
 const RADII: [f64; 3] = [0.5, 1.0, 2.0];
@@ -35,12 +36,23 @@ const RADII: [f64; 3] = [0.5, 1.0, 2.0];
 pub fn best_lift(space: &FanSpace, plan: &PlanRecord) -> Lift {
     let trial = Trial::new(space, plan);
     let middle = trial.middle_distance();
-    let spheres = RADII.map(|r| Lift::Sphere { radius: r * middle });
-    let roughness = spheres.map(|lift| trial.roughness(lift));
-    let best = (0..RADII.len()).min_by(|&a, &b| roughness[a].total_cmp(&roughness[b]));
-    let usable = middle.is_finite() && middle > 0.0;
-    match best.filter(|_| usable) {
-        Some(k) if GAIN * roughness[k] < trial.roughness(Lift::None) => spheres[k],
+    let mut tried: Vec<(Lift, f64)> = Vec::new();
+    if middle.is_finite() && middle > 0.0 {
+        let sphere = |r: f64| Lift::Sphere { radius: r * middle };
+        tried.extend(RADII.map(|r| (sphere(r), SPHERE_GAIN)));
+    }
+    if space.planar() {
+        tried.push((Lift::Polar, POLAR_GAIN));
+    }
+    let costs = tried
+        .iter()
+        .map(|(lift, gain)| gain * trial.roughness(*lift));
+    let best = tried
+        .iter()
+        .zip(costs)
+        .min_by(|(_, a), (_, b)| a.total_cmp(b));
+    match best {
+        Some(((lift, _), cost)) if cost < trial.roughness(Lift::None) => *lift,
         _ => Lift::None,
     }
 }

@@ -10,7 +10,7 @@ use super::{
     tree::Tree,
 };
 use crate::{
-    expr::{Tape, vectorised},
+    expr::{Tape, real::Real, vectorised},
     fan::{Lift, Located, Place, Start},
     geodesic::transport,
     manifold::Isometry,
@@ -285,8 +285,10 @@ impl FanPath<'_, '_> {
     fn stored_state<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
         let space = &self.fan.table.space;
         let stored = space.channels();
-        if space.lift() != Lift::None {
-            return self.projected(sums, s);
+        match space.lift() {
+            Lift::None => {}
+            Lift::Polar => return self.from_polar(sums, s),
+            Lift::Sphere { .. } => return self.projected(sums, s),
         }
         let (from, along) = (self.located.u, self.located.v);
         let mut state = [[[0.0; W]; 3]; 2];
@@ -304,7 +306,26 @@ impl FanPath<'_, '_> {
         state
     }
 
-    /// The same where points are stored lifted.
+    /// The same where points are stored in polar coordinates.
+    #[inline(always)]
+    fn from_polar<const W: usize>(&self, [departure, slope]: &Sums<W>, s: &[f64; W]) -> State<W> {
+        let (x, rate) = (self.start.x, self.start.slope);
+        let mut state = [[[0.0; W]; 3]; 2];
+        for l in 0..W {
+            let angle = x.x + rate.x * s[l] + departure[0][l];
+            let radius = Real::exp(x.w + rate.w * s[l] + departure[1][l]);
+            let (along, across) = (rate.w + slope[1][l], rate.x + slope[0][l]);
+            let u = [radius * Real::cos(angle), radius * Real::sin(angle)];
+            for c in 0..2 {
+                state[0][c][l] = u[c];
+            }
+            state[1][0][l] = along * u[0] - across * u[1];
+            state[1][1][l] = along * u[1] + across * u[0];
+        }
+        state
+    }
+
+    /// The same where points are stored on a sphere.
     fn projected<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
         let space = &self.fan.table.space;
         let mut state = [[[0.0; W]; 3]; 2];

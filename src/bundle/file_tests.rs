@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    bundle::{Patch, Scale, Train, Tree},
+    bundle::{Scale, Train, Tree},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};

@@ -14,9 +14,14 @@
 //! - [`Lift::Sphere`] of radius ℓ: `X = (2ℓu, |u|² − ℓ²)/(|u|² + ℓ²)`, the inverse of stereographic
 //!   projection, for charts whose infinity is an ordinary place: paths through it are smooth on the
 //!   sphere, and no polynomial in the chart.
+//! - [`Lift::Polar`]: `X = (θ, 0, 0, ln r)` for paths in the plane z = 0, in polar coordinates there,
+//!   for charts that shrink a whole region around the origin, as the far side of a wormhole: there
+//!   one rounding step for all points of a path is too fine for some or too coarse for others. The
+//!   angle is continued along a path, over as many turns as it takes.
 
 use glam::{DVec3, DVec4};
 use serde::{Deserialize, Serialize};
+use std::f64::consts::TAU;
 
 /// How chart points are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -29,13 +34,17 @@ pub enum Lift {
         /// ℓ, in chart units.
         radius: f64,
     },
+    /// As the angle about the chart's origin and the logarithm of the distance, in the plane z = 0.
+    Polar,
 }
 
 /// The start of a path, lifted.
 #[derive(Debug, Clone, Copy)]
 pub struct Start {
-    x: DVec4,
-    slope: DVec4,
+    /// The point.
+    pub x: DVec4,
+    /// The tangent.
+    pub slope: DVec4,
 }
 
 impl Lift {
@@ -47,6 +56,7 @@ impl Lift {
                 let w = u / radius;
                 (2.0 * w).extend(w.length_squared() - 1.0) / (w.length_squared() + 1.0)
             }
+            Self::Polar => DVec4::new(u.y.atan2(u.x), 0.0, 0.0, u.truncate().length().ln()),
         }
     }
 
@@ -59,6 +69,11 @@ impl Lift {
                 let (sum, change) = (w.length_squared() + 1.0, 2.0 * w.dot(dw));
                 (2.0 * dw).extend(change) / sum - self.point(u) * (change / sum)
             }
+            Self::Polar => {
+                let (u, v) = (u.truncate(), v.truncate());
+                let square = u.length_squared();
+                DVec4::new(u.perp_dot(v), 0.0, 0.0, u.dot(v)) / square
+            }
         }
     }
 
@@ -70,6 +85,7 @@ impl Lift {
                 let x = x.normalize();
                 radius * x.truncate() / (1.0 - x.w)
             }
+            Self::Polar => x.w.exp() * DVec3::new(x.x.cos(), x.x.sin(), 0.0),
         }
     }
 
@@ -83,6 +99,10 @@ impl Lift {
                 let slope = (slope - x * x.dot(slope)) / length;
                 let below = 1.0 - x.w;
                 radius * (slope.truncate() + x.truncate() * (slope.w / below)) / below
+            }
+            Self::Polar => {
+                let u = self.project(x);
+                u * slope.w + DVec3::new(-u.y, u.x, 0.0) * slope.x
             }
         }
     }
@@ -105,9 +125,19 @@ impl Lift {
         (self.tangent(u, v) - start.slope).to_array()
     }
 
-    /// The departure of the chart point `u` at arc length `s`, over `s`.
-    pub fn displacement(self, start: &Start, u: DVec3, s: f64) -> [f64; 4] {
-        ((self.point(u) - start.x) / s - start.slope).to_array()
+    /// The departure of the lifted point `x` at arc length `s`, over `s`.
+    pub fn displacement(self, start: &Start, x: DVec4, s: f64) -> [f64; 4] {
+        ((x - start.x) / s - start.slope).to_array()
+    }
+
+    /// The lifted chart point `u` on a path that has come from the lifted point `before`, by less than
+    /// half a turn.
+    pub fn continued(self, u: DVec3, before: DVec4) -> DVec4 {
+        let mut x = self.point(u);
+        if self == Self::Polar {
+            x.x += TAU * ((before.x - x.x) / TAU).round();
+        }
+        x
     }
 
     /// Chart point and tangent at arc length `s` of a departure and its slope.
@@ -130,6 +160,7 @@ impl Lift {
             (Self::None, true) => &[0, 1],
             (Self::Sphere { .. }, false) => &[0, 1, 2, 3],
             (Self::Sphere { .. }, true) => &[0, 1, 3],
+            (Self::Polar, _) => &[0, 3],
         }
     }
 }
@@ -138,18 +169,23 @@ impl Lift {
 mod tests {
     use super::*;
 
-    const LIFTS: [Lift; 2] = [Lift::None, Lift::Sphere { radius: 0.7 }];
+    const LIFTS: [Lift; 3] = [Lift::None, Lift::Sphere { radius: 0.7 }, Lift::Polar];
+
+    /// In the plane that is the only one where all lifts are.
+    fn start(lift: Lift) -> Start {
+        lift.start(DVec3::new(0.3, -1.2, 0.0), DVec3::new(0.2, 0.9, 0.0))
+    }
 
     #[test]
     fn points_and_tangents_come_back() {
         for lift in LIFTS {
-            let (u, v) = (DVec3::new(0.3, -1.2, 0.5), DVec3::new(0.2, 0.9, -0.4));
-            let start = lift.start(u, v);
+            let start = start(lift);
             for (to, along, s) in [
-                (DVec3::new(5.0, -3.0, 40.0), DVec3::new(-1.0, 0.4, 2.0), 2.5),
-                (DVec3::splat(1e-3), DVec3::new(0.1, 0.2, 0.3), 0.1),
+                (DVec3::new(5.0, -30.0, 0.0), DVec3::new(-1.0, 0.4, 0.0), 2.5),
+                (DVec3::new(-1e-3, 2e-3, 0.0), DVec3::new(0.1, 0.2, 0.0), 0.1),
             ] {
-                let departure = lift.displacement(&start, to, s).map(|d| d * s);
+                let x = lift.continued(to, start.x);
+                let departure = lift.displacement(&start, x, s).map(|d| d * s);
                 let slope = lift.slope(&start, to, along);
                 let (u, v) = lift.state(&start, departure, slope, s);
                 let scale = 1.0 + to.length_squared();
@@ -162,7 +198,7 @@ mod tests {
     #[test]
     fn the_tangent_is_the_derivative_of_the_point() {
         for lift in LIFTS {
-            let start = lift.start(DVec3::new(0.3, -1.2, 0.5), DVec3::new(0.2, 0.9, -0.4));
+            let start = start(lift);
             let departure = |s: f64| [0.1 * s, 0.3 * s * s, -0.2 * s, 0.05 * s];
             let slopes = |s: f64| [0.1, 0.6 * s, -0.2, 0.05];
             let at = |s: f64| lift.state(&start, departure(s), slopes(s), s);
@@ -171,5 +207,15 @@ mod tests {
             let difference = (at(0.8 + h).0 - at(0.8 - h).0) / (2.0 * h);
             assert!((v - difference).length() < 1e-8, "{v} {difference}");
         }
+    }
+
+    #[test]
+    fn angles_go_on_over_whole_turns() {
+        let mut x = Lift::Polar.point(DVec3::X);
+        for step in 1..=40 {
+            let (y, cos) = (0.5 * f64::from(step)).sin_cos();
+            x = Lift::Polar.continued(2.0 * DVec3::new(cos, y, 0.0), x);
+        }
+        assert!((x.x - 20.0).abs() < 1e-12 && (x.w - 2_f64.ln()).abs() < 1e-12);
     }
 }

@@ -7,12 +7,12 @@
 //! [`Lift::slope`]: super::Lift::slope
 //! [`Lift::displacement`]: super::Lift::displacement
 
-use super::{FanSpace, Start};
+use super::{FanSpace, Lift, Start};
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
     manifold::Carried,
 };
-use glam::DVec3;
+use glam::{DVec3, DVec4};
 use ndarray::{Array3, ArrayViewMut2, Axis};
 use rayon::prelude::*;
 
@@ -52,6 +52,7 @@ pub fn sample(
             let starts = rays.iter().map(|&(u, v)| space.lift().start(u, v));
             let mut sampler = Sampler {
                 space,
+                points: Vec::new(),
                 starts: starts.collect(),
                 lengths,
                 next: vec![0; rays.len()],
@@ -64,6 +65,7 @@ pub fn sample(
                 length: farthest,
                 spread: [DVec3::ZERO; 2],
             });
+            sampler.points = sampler.starts.iter().map(|start| start.x).collect();
             follow(space.manifold(), settings, starts, &mut sampler);
         });
     samples
@@ -75,6 +77,8 @@ type Last = (f64, DVec3, DVec3);
 struct Sampler<'a> {
     space: &'a FanSpace,
     starts: Vec<Start>,
+    /// The last lifted point of each ray.
+    points: Vec<DVec4>,
     lengths: &'a [f64],
     /// The next arc length to be sampled, for each ray.
     next: Vec<usize>,
@@ -88,7 +92,8 @@ impl Sampler<'_> {
         let at = self.next[ray];
         let (lift, start) = (self.space.lift(), &self.starts[ray]);
         let slope = lift.slope(start, u, v);
-        let displacement = lift.displacement(start, u, self.lengths[at]);
+        self.points[ray] = lift.continued(u, self.points[ray]);
+        let displacement = lift.displacement(start, self.points[ray], self.lengths[at]);
         let row = &mut self.rows[ray];
         for k in 0..4 {
             row[[at, k]] = slope[k];
@@ -100,7 +105,9 @@ impl Sampler<'_> {
 
 impl Sink for Sampler<'_> {
     fn wants(&self, ray: usize, to: f64) -> bool {
-        self.lengths.get(self.next[ray]).is_some_and(|s| *s <= to)
+        let next = self.lengths.get(self.next[ray]);
+        // Turns are counted step by step.
+        next.is_some_and(|s| *s <= to || self.space.lift() == Lift::Polar)
     }
 
     fn step(&mut self, ray: usize, step: &Step) {
@@ -109,6 +116,10 @@ impl Sink for Sampler<'_> {
         {
             self.put(ray, step.position(s), step.tangent(s));
         }
+        self.points[ray] = self
+            .space
+            .lift()
+            .continued(step.position(step.end), self.points[ray]);
         let (s, left) = (step.end, self.next[ray] < self.lengths.len());
         self.last = left.then(|| (s, step.position(s), step.tangent(s)));
     }

@@ -194,7 +194,7 @@ impl FanSpace {
     }
 
     /// Whether stored paths stay in the plane z = 0, whose normal then stays parallel.
-    fn planar(&self) -> bool {
+    pub fn planar(&self) -> bool {
         self.reduction == Reduction::Rotation
     }
 
