@@ -2,6 +2,7 @@
 //! it, no panic, and no picture.
 
 use assert_cmd::{Command, cargo::cargo_bin_cmd};
+use geofan::bundle::container::VERSION;
 use std::{fs, path::Path};
 use tempfile::TempDir;
 
@@ -368,7 +369,7 @@ fn a_bundle_that_is_none_is_named() {
     asked().refused(&["b.fan: no such file"]);
     let named = |bytes: &[u8], word: &str| asked().with("b.fan", bytes).refused(&["b.fan", word]);
     let magic = b"GEOFAN\r\n\x1a\n";
-    let start = [&magic[..], &2_u32.to_le_bytes()].concat();
+    let start = [&magic[..], &VERSION.to_le_bytes()].concat();
     named(b"", "is not a bundle");
     named(b"GEO", "truncated");
     named(magic, "truncated");

@@ -2,7 +2,7 @@
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use geofan::{
-    bundle::{Bundle, Contents, Patch, PlanRecord, Scale, Train, Tree, certify},
+    bundle::{Bundle, Contents, PlanRecord, Scale, Train, Tree, certify},
     diagnostic::SourceText,
     fan::FanSpace,
     manifold::Manifold,
@@ -30,17 +30,10 @@ length = 8.0
 "#;
 
 fn leaf(wrong: f64) -> Tree {
-    let tensor = |values: &[f64]| {
-        let shape = IxDyn(&[1, 1, 1, 1, values.len()]);
-        let samples = ArrayD::from_shape_vec(shape, values.to_vec()).unwrap();
-        Train::plain(&samples, 1)
-            .rounded(Scale::near(1e-8))
-            .unwrap()
-    };
-    Tree::Leaf(Arc::new(Patch {
-        displacement: tensor(&[wrong, 0.0, 0.0]),
-        rotation: Some(tensor(&[0.0, 0.0, 0.0, 1.0])),
-    }))
+    let slopes = vec![wrong, 0.0, 0.0];
+    let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 1, 3]), slopes).unwrap();
+    let tensor = Train::plain(&samples, 1).rounded(Scale::near(1e-8));
+    Tree::Leaf(Arc::new(tensor.unwrap()))
 }
 
 /// A folder with `b.fan`: flat, its displacement `wrong` everywhere; rays around −y are flagged,

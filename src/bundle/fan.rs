@@ -287,7 +287,7 @@ impl FanPath<'_, '_> {
         let stored = space.channels();
         match space.lift() {
             Lift::None => {}
-            Lift::Polar => return self.from_polar(sums, s),
+            Lift::Polar => return self.polar(sums, s),
             Lift::Sphere { .. } => return self.projected(sums, s),
         }
         let (from, along) = (self.located.u, self.located.v);
@@ -308,7 +308,7 @@ impl FanPath<'_, '_> {
 
     /// The same where points are stored in polar coordinates.
     #[inline(always)]
-    fn from_polar<const W: usize>(&self, [departure, slope]: &Sums<W>, s: &[f64; W]) -> State<W> {
+    fn polar<const W: usize>(&self, [departure, slope]: &Sums<W>, s: &[f64; W]) -> State<W> {
         let (x, rate) = (self.start.x, self.start.slope);
         let mut state = [[[0.0; W]; 3]; 2];
         for l in 0..W {

@@ -163,7 +163,7 @@ impl HeldOut {
                 compared += 1;
                 points += limit(probe.screen_mrad(u - probe.u));
                 if plan.frames {
-                    tangents += limit(probe.sky_mrad(v - probe.v) / super::SKY_SHARE);
+                    tangents += limit(probe.sky_mrad(v - probe.v));
                 }
             }
         }

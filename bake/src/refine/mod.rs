@@ -29,11 +29,6 @@ use std::sync::{
     atomic::{AtomicBool, AtomicU64, Ordering},
 };
 
-/// By what factor tangents may exceed the promise that points are held to. At 1 tables take 1.2 times
-/// the bytes, and points are better than promised; at 2 both are as good as they must be: a star is
-/// off by a pixel of a 1920-wide view where the promise is half a pixel.
-pub const SKY_SHARE: f64 = 2.0;
-
 /// By what factor the smallest boxes may exceed the promise along lines and still be fitted: the
 /// quantile often forgives it.
 const HOPE: f64 = 4.0;

@@ -198,7 +198,7 @@ pub fn weigh(space: &FanSpace, frames: bool, probe: &Probe, weights: &mut [f64])
         let change = lift.chart_change(probe.u, DVec4::from_array(unit));
         weights[DISPLACEMENT + channel] = probe.screen_mrad(change * probe.s);
         if frames {
-            weights[*channel] = probe.sky_mrad(change) / super::SKY_SHARE;
+            weights[*channel] = probe.sky_mrad(change);
         }
     }
 }
