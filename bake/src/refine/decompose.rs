@@ -21,7 +21,7 @@ const SMALL: usize = 96;
 const OVERSAMPLING: usize = 12;
 
 /// The largest rank worth having: beyond it plain coefficients are smaller.
-const MOST_RANK: usize = 200;
+const MOST_RANK: usize = 500;
 
 /// The train of `coefficients` (axes camera…, direction…, arc length, channel); `None` where a rank
 /// explodes.

@@ -139,11 +139,11 @@ impl HeldOut {
         found.get(found.len() * 9 / 10).map_or(1.0, |w| *w)
     }
 
-    /// Whether at most the allowed share of comparisons with `tensor` exceeds the promise.
-    pub fn holds(&self, refiner: &Refiner<'_>, tensor: &Tensor) -> bool {
+    /// The error of `tensor` that all but the allowed share of comparisons keep, of points or of
+    /// tangents, in units of the promise.
+    pub fn error(&self, refiner: &Refiner<'_>, tensor: &Tensor) -> f64 {
         let plan = refiner.plan;
-        let limit = |error: f64| usize::from(!(error <= plan.max_error));
-        let (mut compared, mut points, mut tangents) = (0, 0, 0);
+        let (mut points, mut tangents) = (Vec::new(), Vec::new());
         let mut rows = Vec::new();
         for ray in &self.rays {
             rows.clear();
@@ -160,13 +160,20 @@ impl HeldOut {
                 });
                 let lift = refiner.space.lift();
                 let (u, v) = lift.state(&ray.start, departure, slope, probe.s);
-                compared += 1;
-                points += limit(probe.screen_mrad(u - probe.u));
+                points.push(probe.screen_mrad(u - probe.u));
                 if plan.frames {
-                    tangents += limit(probe.sky_mrad(v - probe.v));
+                    tangents.push(probe.sky_mrad(v - probe.v));
                 }
             }
         }
-        points.max(tangents) as f64 <= EXCEEDING * f64::from(compared)
+        quantile(points).max(quantile(tangents)) / plan.max_error
     }
+}
+
+/// The error that all but the allowed share of `errors` keep; infinite if it is not a number.
+fn quantile(mut errors: Vec<f64>) -> f64 {
+    errors.iter_mut().filter(|e| e.is_nan()).for_each(|e| *e = f64::INFINITY);
+    let exceeding = (EXCEEDING * errors.len() as f64) as usize;
+    errors.sort_by(|a, b| b.total_cmp(a));
+    errors.get(exceeding).map_or(0.0, |e| *e)
 }

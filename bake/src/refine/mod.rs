@@ -16,11 +16,12 @@ mod region;
 pub(crate) mod scout;
 
 use geofan::{
-    bundle::{PlanRecord, Polynomial, Scale, Train, Tree, arc, chebyshev},
+    bundle::{PlanRecord, Polynomial, Scale, Tensor, Train, Tree, arc, chebyshev},
     fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
 };
 use glam::DVec3;
 use held_out::HeldOut;
+use quantise::Quantised;
 use ndarray::{Array3, ArrayD, ArrayView, Axis, IxDyn, concatenate};
 use region::Region;
 use scout::Needs;
@@ -32,6 +33,10 @@ use std::sync::{
 /// By what factor the smallest boxes may exceed the promise along lines and still be fitted: the
 /// quantile often forgives it.
 const HOPE: f64 = 4.0;
+
+/// The share of the promise that a polynomial may miss before more nodes are tried: what it leaves is
+/// for rounding, and coarser steps save more bytes than the nodes cost.
+const ROOMY: f64 = 0.5;
 
 /// By what factor the first half of the arc lengths must be smoother than the whole for the arc
 /// length to be halved instead: neighbouring paths part exponentially, and what is sharp at their
@@ -141,8 +146,8 @@ impl Refiner<'_> {
         counts
     }
 
-    /// The patch, with more nodes than needed along lines if those do not hold, or how urgent halving
-    /// is along each axis.
+    /// The patch, with more nodes than needed along lines if those do not hold or leave no room for
+    /// rounding, or how urgent halving is along each axis.
     fn fitted(
         &self,
         chunk: usize,
@@ -150,16 +155,28 @@ impl Refiner<'_> {
         mut needs: Needs,
         held_out: &HeldOut,
     ) -> Result<Tree, Vec<f64>> {
-        loop {
+        let mut best: Option<Tensor> = None;
+        let urgency = loop {
             let polynomial = self.fit(chunk, region, &needs.nodes);
-            if let Some(tensor) = self.quantise(&polynomial, held_out) {
-                self.finished(region, tensor.bytes() as usize);
-                return Ok(Tree::Leaf(Arc::new(tensor)));
+            let found = self.quantise(&polynomial, held_out);
+            let smaller = |found: &Quantised| {
+                let bytes = found.tensor.bytes();
+                best.as_ref().is_none_or(|best| bytes < best.bytes())
+            };
+            let roomy = match found.filter(smaller) {
+                Some(found) => {
+                    best = Some(found.tensor);
+                    found.left <= ROOMY
+                }
+                None => best.is_some(),
+            };
+            if roomy || !needs.raise(&self.plan.nodes, self.plan.most_rays) {
+                break polynomial.tails();
             }
-            if !needs.raise(&self.plan.nodes, self.plan.most_rays) {
-                return Err(polynomial.tails());
-            }
-        }
+        };
+        let tensor = best.ok_or(urgency)?;
+        self.finished(region, tensor.bytes() as usize);
+        Ok(Tree::Leaf(Arc::new(tensor)))
     }
 
     /// The patch of a box that no ray gets to: straight lines.

@@ -16,73 +16,95 @@ const FINEST: f64 = 1.0;
 /// The finest step as a share of the largest coefficient: so many bits a core has room for.
 const ROOM: f64 = 4e-9;
 
+/// The finest step in units of an error that uses up the promise, however many coefficients there
+/// are: most of those of large patches round to zero and add nothing.
+const FINE_ENOUGH: f64 = 0.005;
+
 /// Singular values below this share of the finest step round to zero.
 const NEGLIGIBLE: f64 = 0.5;
 
+/// The most coefficients for which rounding them one by one is tried: larger polynomials always take
+/// fewer bytes as trains, and reading them at a ray takes as long as fitting them.
+const MOST_PLAIN: f64 = 3e5;
+
+/// A tensor that keeps the promise.
+pub struct Quantised {
+    /// The tensor.
+    pub tensor: Tensor,
+    /// The error that is left with the finest step, in units of the promise: what rounding cannot
+    /// help.
+    pub left: f64,
+}
+
 impl Refiner<'_> {
     /// The smallest tensor of the polynomial that keeps the promise on the held-out rays.
-    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut) -> Option<Tensor> {
+    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut) -> Option<Quantised> {
         if !polynomial.is_finite() {
             return None;
         }
         let unit = self.plan.max_error / held_out.weight(self.space);
-        self.smallest(polynomial, unit, |tensor| held_out.holds(self, tensor))
+        self.smallest(polynomial, unit, |tensor| held_out.error(self, tensor))
     }
 
-    /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as
-    /// `holds` allows; `unit` is an error that uses up the promise.
+    /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as the
+    /// `error`, in units of the promise, allows; `unit` is an error that uses up the promise.
     fn smallest(
         &self,
         polynomial: &Polynomial,
         unit: f64,
-        holds: impl Fn(&Tensor) -> bool,
-    ) -> Option<Tensor> {
+        error: impl Fn(&Tensor) -> f64,
+    ) -> Option<Quantised> {
         let cameras = self.space.cameras().len();
         let count = polynomial.0.len() as f64;
-        let finest = (FINEST * unit / count.sqrt()).max(ROOM * largest(polynomial));
-        let threshold = NEGLIGIBLE * finest;
+        let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
+        let finest = finest.max(ROOM * largest(polynomial));
+        let train = decompose(&polynomial.0, cameras, NEGLIGIBLE * finest);
+        let train = train.and_then(|train| coarsest(&train, finest, &error));
+        if count > MOST_PLAIN {
+            return train.map(|(_, found)| found);
+        }
         let plain = Train::plain(&polynomial.0, cameras);
-        let Some(train) = decompose(&polynomial.0, cameras, threshold) else {
-            return Some(coarsest(&plain, finest, &holds)?.1);
+        let Some((step, train)) = train else {
+            return Some(coarsest(&plain, finest, &error)?.1);
         };
-        let (step, train) = coarsest(&train, finest, &holds)?;
         // At the same step plain coefficients round more often: if they are larger all the same,
         // there is no need to try them.
         let promising = plain
             .rounded(step)
-            .is_some_and(|t| t.bytes() < train.bytes());
+            .is_some_and(|t| t.bytes() < train.tensor.bytes());
         let plain = promising
-            .then(|| coarsest(&plain, finest, &holds))
+            .then(|| coarsest(&plain, finest, &error))
             .flatten();
         match plain {
-            Some((_, plain)) if plain.bytes() < train.bytes() => Some(plain),
+            Some((_, plain)) if plain.tensor.bytes() < train.tensor.bytes() => Some(plain),
             _ => Some(train),
         }
     }
 }
 
-/// `train` rounded with the coarsest of the steps that `holds`, by bisection: rounding more coarsely
-/// is hardly ever better.
+/// `train` rounded with the coarsest of the steps whose error keeps the promise, by bisection:
+/// rounding more coarsely is hardly ever better.
 fn coarsest(
     train: &Train,
     finest: f64,
-    holds: &impl Fn(&Tensor) -> bool,
-) -> Option<(Scale, Tensor)> {
+    error: &impl Fn(&Tensor) -> f64,
+) -> Option<(Scale, Quantised)> {
     let rounded = |k: i32| {
         let step = Scale::near(finest * 2_f64.powf(0.5 * f64::from(k)));
-        let tensor = train.rounded(step).filter(holds)?;
-        Some((step, tensor))
+        let tensor = train.rounded(step)?;
+        let error = error(&tensor);
+        (error <= 1.0).then_some((step, tensor, error))
     };
-    let mut best = rounded(0)?;
+    let (mut step, mut tensor, left) = rounded(0)?;
     let (mut low, mut high) = (0, STEPS);
     while high - low > 1 {
         let middle = (low + high) / 2;
         match rounded(middle) {
-            Some(found) => (best, low) = (found, middle),
+            Some((s, t, _)) => (step, tensor, low) = (s, t, middle),
             None => high = middle,
         }
     }
-    Some(best)
+    Some((step, Quantised { tensor, left }))
 }
 
 /// The size of the largest coefficient.

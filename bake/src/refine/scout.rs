@@ -24,10 +24,10 @@ const LINES: usize = 3;
 /// The share of the promise that what lies beyond the last node may cost along one axis: the errors
 /// of all axes add up. Above 0.6 one box in four that was found resolved fails; below 0.2 boxes are
 /// fitted to twice the rays for nothing.
-const SHARE: f64 = 0.35;
+const SHARE: f64 = 1.0;
 
 /// The share of line positions, the worst, that need not be met: the promise is a quantile too.
-const IGNORED: f64 = 0.03;
+const IGNORED: f64 = 0.15;
 
 /// What a box needs.
 #[derive(Debug, Clone)]
