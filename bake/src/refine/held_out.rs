@@ -29,8 +29,10 @@ const BATCHES: usize = 16;
 /// Arc lengths at which each is compared.
 const LENGTHS: usize = 6;
 
-/// Share of the comparisons that may exceed the promise: the promise is a 99th percentile.
-const EXCEEDING: f64 = 0.01;
+/// Share of a box's comparisons that may exceed the promise. The promise is a 99th percentile over
+/// all rays, and many boxes stay far below it: at 0.01 certificates found 0.7 to 0.9 of the promise,
+/// at 0.015 they find 0.7 to 0.95, and tables are 3 to 7 % smaller.
+const EXCEEDING: f64 = 0.015;
 
 /// A held-out ray.
 struct HeldOutRay {
@@ -172,7 +174,10 @@ impl HeldOut {
 
 /// The error that all but the allowed share of `errors` keep; infinite if it is not a number.
 fn quantile(mut errors: Vec<f64>) -> f64 {
-    errors.iter_mut().filter(|e| e.is_nan()).for_each(|e| *e = f64::INFINITY);
+    errors
+        .iter_mut()
+        .filter(|e| e.is_nan())
+        .for_each(|e| *e = f64::INFINITY);
     let exceeding = (EXCEEDING * errors.len() as f64) as usize;
     errors.sort_by(|a, b| b.total_cmp(a));
     errors.get(exceeding).map_or(0.0, |e| *e)

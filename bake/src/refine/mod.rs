@@ -21,8 +21,8 @@ use geofan::{
 };
 use glam::DVec3;
 use held_out::HeldOut;
-use quantise::Quantised;
 use ndarray::{Array3, ArrayD, ArrayView, Axis, IxDyn, concatenate};
+use quantise::Quantised;
 use region::Region;
 use scout::Needs;
 use std::sync::{
@@ -170,8 +170,9 @@ impl Refiner<'_> {
                 }
                 None => best.is_some(),
             };
-            if roomy || !needs.raise(&self.plan.nodes, self.plan.most_rays) {
-                break polynomial.tails();
+            let tails = polynomial.tails();
+            if roomy || !needs.raise(&self.plan.nodes, self.plan.most_rays, &tails) {
+                break tails;
             }
         };
         let tensor = best.ok_or(urgency)?;

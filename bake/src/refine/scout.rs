@@ -24,10 +24,13 @@ const LINES: usize = 3;
 /// The share of the promise that what lies beyond the last node may cost along one axis: the errors
 /// of all axes add up. Above 0.6 one box in four that was found resolved fails; below 0.2 boxes are
 /// fitted to twice the rays for nothing.
-const SHARE: f64 = 1.0;
+const SHARE: f64 = 0.6;
 
 /// The share of line positions, the worst, that need not be met: the promise is a quantile too.
-const IGNORED: f64 = 0.15;
+const IGNORED: f64 = 0.05;
+
+/// The share of the largest tail from which on an axis has too few nodes.
+const SHORT: f64 = 0.2;
 
 /// What a box needs.
 #[derive(Debug, Clone)]
@@ -103,10 +106,15 @@ impl Needs {
         }
     }
 
-    /// More nodes along all axes, if the plan has room for them.
-    pub fn raise(&mut self, most: &[u32], most_rays: u32) -> bool {
-        let raised = |(n, most): (&usize, &u32)| (n + n.div_ceil(3)).min(*most as usize);
-        let nodes: Vec<usize> = self.nodes.iter().zip(most).map(raised).collect();
+    /// More nodes along the axes whose highest coefficients, `tails`, are largest, if the plan has
+    /// room for them.
+    pub fn raise(&mut self, most: &[u32], most_rays: u32, tails: &[f64]) -> bool {
+        let largest = tails.iter().copied().fold(0.0, f64::max);
+        let raised = |((n, most), tail): ((&usize, &u32), &f64)| match *tail >= SHORT * largest {
+            true => (n + n.div_ceil(4)).min(*most as usize),
+            false => *n,
+        };
+        let nodes = self.nodes.iter().zip(most).zip(tails).map(raised).collect();
         let before = std::mem::replace(&mut self.nodes, nodes);
         self.rays() <= most_rays as usize && self.nodes != before
     }
