@@ -2,7 +2,12 @@
 //! when they cannot be made.
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
-use geofan::bundle::{Bundle, certify};
+use geofan::{
+    bundle::{Bundle, certify},
+    random::Stream,
+    render::Camera,
+};
+use glam::DVec3;
 use serde_json::Value;
 use std::{fs, path::PathBuf};
 use tempfile::TempDir;
@@ -293,4 +298,45 @@ fn an_explicit_promise_that_does_not_fit_keeps_its_parts_for_a_larger_limit() {
     let place = Place::new();
     parts_of_a_bake(&place);
     place.lens("--max-size 1MiB --resume -o b.fan").success();
+}
+
+/// Both ways of moving share no step: one integrates, the other reads what was baked.
+#[test]
+fn a_camera_moved_by_table_comes_where_the_geodesic_goes() {
+    let place = Place::new();
+    place
+        .bake("lens.toml -o lens.fan --max-error 0.2")
+        .success();
+    let bundle = Bundle::read(&place.path("lens.fan")).unwrap();
+    let (manifold, table) = (bundle.manifold.as_ref(), &bundle.table);
+    let mut stream = Stream::new(&[11]);
+    let (mut points, mut turns) = (Vec::new(), Vec::new());
+    for _ in 0..300 {
+        let camera = Camera {
+            u: stream.direction() * stream.between(1.0, 2.0),
+            rotation: stream.rotation(),
+        };
+        let by = stream.direction() * stream.between(0.1, 2.9);
+        let exact = camera.moved(manifold, by);
+        let read = camera.moved_by(table, by).unwrap();
+        assert!((exact.length - read.length).abs() < 1e-12);
+        let off =
+            manifold.standard_frame(exact.camera.u).inverse() * (read.camera.u - exact.camera.u);
+        points.push(1e3 * off.length() / exact.length);
+        turns.push(1e3 * exact.camera.rotation.angle_between(read.camera.rotation));
+    }
+    for errors in [&mut points, &mut turns] {
+        errors.sort_by(f64::total_cmp);
+        assert!(
+            errors[297] < 0.3 && errors[299] < 2.0,
+            "{:?}",
+            &errors[290..]
+        );
+    }
+    assert!(camera_outside(table));
+}
+
+fn camera_outside(table: &geofan::bundle::Table) -> bool {
+    let camera = Camera::looking(DVec3::X * 9.0, -DVec3::X, DVec3::Z);
+    camera.moved_by(table, DVec3::X).is_err()
 }

@@ -8,7 +8,9 @@
 //! brings the camera back turned by the holonomy of the loop.
 
 use crate::{
-    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    bundle::Table,
+    error::Result,
+    geodesic::{End, Ray, Settings, Sink, Step, first_event, follow},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -118,5 +120,36 @@ impl Camera {
             },
             length,
         }
+    }
+    /// The same by table: point and transported rotation are read from the path that starts at the
+    /// camera, as exact as the table's certificate says, and nothing is integrated but the turning
+    /// along that path. Where the table gives up before the end of the move, or does not promise
+    /// tangents, it is [`Camera::moved`].
+    ///
+    /// # Errors
+    /// The camera is not in the table's region, or the table is damaged there.
+    pub fn moved_by(&self, table: &Table, by: DVec3) -> Result<Moved> {
+        let manifold = table.space.manifold();
+        let fan = table.fan(self.u)?;
+        let Some(direction) = (self.rotation * by).try_normalize() else {
+            return Ok(self.moved(manifold, by));
+        };
+        let path = fan.path(direction);
+        let wanted = by.length();
+        let known = path.flagged_from().min(table.length);
+        let curve = |s: f64| path.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
+        let event = first_event(&manifold.domain, known.min(wanted), curve);
+        let length = event.map_or(wanted, |(_, s)| s);
+        let turn = path.rotation(length).filter(|_| length <= known);
+        let Some((turn, (u, _))) = turn.zip(path.at(length)) else {
+            return Ok(self.moved(manifold, by));
+        };
+        Ok(Moved {
+            camera: Self {
+                u: manifold.domain.wrap(u),
+                rotation: (turn * self.rotation).normalize(),
+            },
+            length,
+        })
     }
 }

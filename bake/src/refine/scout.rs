@@ -266,7 +266,12 @@ impl Tails {
                 missed[*c] += weight * value * coefficients[[k, *c]];
                 squares[*c / DISPLACEMENT] += missed[*c] * missed[*c];
             }
-            let excess = squares[0].max(squares[1]).sqrt() / self.allowed;
+            // `max` forgets what is not a number.
+            let worst = match squares[0] >= squares[1] || squares[0].is_nan() {
+                true => squares[0],
+                false => squares[1],
+            };
+            let excess = worst.sqrt() / self.allowed;
             if k + 2 >= self.most {
                 end = excess;
             }
