@@ -211,6 +211,9 @@ fn decompressed(coded: &[u8], count: usize) -> Result<Vec<i32>, Damage> {
     }
 }
 
+/// Bits that name the bin of an integer much larger than its class.
+const OUTLIER_BITS: f64 = 6.0;
+
 /// About how many bits the integers of a tensor take, without coding them: a two-sided geometric
 /// distribution about as wide as the neighbours are large.
 pub fn bits(shape: &[usize], values: &[i32]) -> f64 {
@@ -225,7 +228,10 @@ pub fn bits(shape: &[usize], values: &[i32]) -> f64 {
             0.25 * 2_f64.powf(0.5 * (class - 2.0))
         };
         let size = f64::from(value.unsigned_abs());
-        bits += (1.0 + 2.0 * mean).log2() + size * (1.0 + 1.0 / (mean + 0.05)).log2().min(6.0);
+        let usual = size * (1.0 + 1.0 / (mean + 0.05)).log2().min(6.0);
+        // What stands out goes to a bin of its own.
+        let apart = OUTLIER_BITS + (1.0 + size).log2();
+        bits += (1.0 + 2.0 * mean).log2() + usual.min(apart);
     }
     bits
 }
