@@ -1,6 +1,6 @@
 //! The options of `geofan-bake`.
 
-use crate::{demo::DemoArgs, shard::MergeArgs};
+use crate::{demo::DemoArgs, shard::MergeArgs, sweep::SweepArgs};
 use geofan::terminal::{CommonArgs, values};
 use std::path::PathBuf;
 
@@ -31,6 +31,8 @@ pub enum Command {
     Merge(MergeArgs),
     /// Bake the wormhole, render it and compare
     Demo(DemoArgs),
+    /// Measure accuracy against table size
+    Sweep(SweepArgs),
 }
 
 /// Options of a bake.

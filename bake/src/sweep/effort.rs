@@ -1,0 +1,55 @@
+//! What a sweep measures: promises, sizes of grids, limits.
+//!
+//! In: the number of axes and camera parameters of a space. Out: an [`Effort`].
+
+use super::patches::Limits;
+
+/// What is measured of one manifold.
+#[derive(Debug, Clone)]
+pub struct Effort {
+    /// Promises of bundles, mrad, loosest first.
+    pub promises: Vec<f64>,
+    /// Even numbers of cells of grids, coarsest first.
+    pub cells: Vec<f64>,
+    /// Limits of one bake.
+    pub limits: Limits,
+    /// The most bytes of a grid in single precision.
+    pub grid_bytes: u64,
+    /// Fresh rays.
+    pub rays: usize,
+}
+
+/// The promise at which one bundle is also made without halving, and at which errors are mapped, as
+/// a place in the list of promises.
+pub const MIDDLE: usize = 1;
+
+impl Effort {
+    /// For a space with so many camera parameters and axes (arc length included).
+    pub fn new(cameras: usize, axes: usize, quick: bool) -> Self {
+        // Three camera parameters make large files: a quick sweep asks for little of them.
+        let promises: &[f64] = match (cameras, quick) {
+            (0 | 1, true) => &[2.0, 0.5, 0.1],
+            (0 | 1, false) => &[4.0, 1.0, 0.3, 0.1, 0.03, 0.01],
+            (_, true) => &[100.0, 40.0],
+            (_, false) => &[100.0, 40.0, 15.0, 6.0, 2.0],
+        };
+        // Spacings are halved where axes are few; with more, doubling all cells would leave two
+        // sizes between nothing and too much.
+        let (first, ratio, count) = match axes {
+            0..=2 => (16.0, 2.0, 5),
+            3 => (8.0, 2.0, if quick { 4 } else { 5 }),
+            4 => (6.0, std::f64::consts::SQRT_2, 5),
+            _ => (3.0, std::f64::consts::SQRT_2, 5),
+        };
+        Self {
+            promises: promises.to_vec(),
+            cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
+            limits: Limits {
+                seconds: if quick { 60.0 } else { 1200.0 },
+                bytes: if quick { 64 << 20 } else { 512 << 20 },
+            },
+            grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
+            rays: if quick { 4_000 } else { 20_000 },
+        }
+    }
+}

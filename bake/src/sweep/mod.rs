@@ -1,0 +1,110 @@
+//! `geofan-bake sweep`: accuracy against table size, for any manifolds.
+//!
+//! In: manifold files. Out, in a folder: `sweep.csv` (one row for each table measured), figures, and a
+//! page. Tables are bundles at several promises and uniform grids of several sizes ([`grid`]); all
+//! are measured on the same fresh exact rays ([`truth`]), beside an integrator that is as accurate
+//! ([`rival`]). Points that were measured before are kept ([`point`]).
+
+mod effort;
+mod frames;
+pub mod grid;
+mod maps;
+mod npz;
+mod patches;
+mod point;
+mod rival;
+mod speed;
+mod subject;
+mod table;
+mod truth;
+
+use geofan::{
+    Error, Result,
+    terminal::{self, CommonArgs, Interrupt, Outcome, Progress},
+};
+use point::Store;
+use serde_json::json;
+use std::path::PathBuf;
+use subject::{Results, Shared, Subject};
+
+/// Options of `geofan-bake sweep`.
+#[derive(Debug, clap::Args)]
+pub struct SweepArgs {
+    /// The manifold files
+    #[arg(required = true, value_name = "MANIFOLD")]
+    pub manifolds: Vec<PathBuf>,
+    /// The folder for the results; made if missing
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Fewer and smaller tables: minutes instead of hours
+    #[arg(long)]
+    pub quick: bool,
+    /// Also write the fans sampled for every grid as NPZ, for numpy
+    #[arg(long)]
+    pub export_npz: bool,
+    /// Seed of the fresh rays on which tables are measured
+    #[arg(long, value_name = "K", default_value_t = 2)]
+    pub seed: u64,
+}
+
+/// Measures everything that is not yet measured, then writes the results.
+///
+/// # Errors
+/// Bad input, an interruption, or a folder that cannot be written.
+pub fn run(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
+    let interrupt = Interrupt::install()?;
+    std::fs::create_dir_all(&args.out).map_err(|e| Error::io(&args.out, e))?;
+    let store = Store::open(&args.out)?;
+    let shared = Shared {
+        store: &store,
+        interrupt: &interrupt,
+        out: &args.out,
+        quick: args.quick,
+        export: args.export_npz,
+        seed: args.seed,
+    };
+    let subjects = args
+        .manifolds
+        .iter()
+        .map(|path| Subject::load(path, &shared));
+    let subjects: Vec<Subject> = subjects.collect::<Result<_>>()?;
+    let all = measured(&subjects, common)?;
+    let csv = args.out.join("sweep.csv");
+    table::write(&csv, &all)?;
+    report(args, &all, common)
+}
+
+fn measured(subjects: &[Subject<'_>], common: &CommonArgs) -> Result<Vec<Results>> {
+    let total = subjects.iter().map(Subject::work).sum();
+    let progress = Progress::new(common, "measuring", total);
+    let mut all = Vec::new();
+    for subject in subjects {
+        let name = subject.name();
+        all.push(subject.measure(|what| {
+            progress.set_message(format!("{name}: {what}"));
+            progress.inc(1);
+        })?);
+    }
+    progress.finish();
+    Ok(all)
+}
+
+fn report(args: &SweepArgs, all: &[Results], common: &CommonArgs) -> Result<Outcome> {
+    let points = all.iter().flat_map(|results| &results.points);
+    let (count, measured) = points.fold((0, 0), |(all, done), point| {
+        (all + 1, done + usize::from(point.measured().is_some()))
+    });
+    let folder = args.out.display();
+    if common.json {
+        let folder = folder.to_string();
+        terminal::print_json(&json!({
+            "out": folder, "points": count, "measured": measured, "skipped": count - measured,
+        }))?;
+    } else if !common.quiet {
+        terminal::print(&format!(
+            "{folder}: {measured} tables measured, {} skipped for their size or time\n",
+            count - measured
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
