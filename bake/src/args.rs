@@ -90,7 +90,11 @@ impl Share {
 /// exact enough; above the second a picture shows nothing.
 const PROMISES: std::ops::RangeInclusive<f64> = 1e-5..=1e3;
 
-fn promise(text: &str) -> Result<f64, String> {
+/// A promise, mrad.
+///
+/// # Errors
+/// A message for the user.
+pub fn promise(text: &str) -> Result<f64, String> {
     let value = values::positive(text)?;
     if PROMISES.contains(&value) {
         return Ok(value);

@@ -19,10 +19,6 @@ pub struct Effort {
     pub rays: usize,
 }
 
-/// The promise at which one bundle is also made without halving, and at which errors are mapped, as
-/// a place in the list of promises.
-pub const MIDDLE: usize = 1;
-
 impl Effort {
     /// For a space with so many camera parameters and axes (arc length included).
     pub fn new(cameras: usize, axes: usize, quick: bool) -> Self {
@@ -30,8 +26,8 @@ impl Effort {
         let promises: &[f64] = match (cameras, quick) {
             (0 | 1, true) => &[2.0, 0.5, 0.1],
             (0 | 1, false) => &[4.0, 1.0, 0.3, 0.1, 0.03, 0.01],
-            (_, true) => &[100.0, 40.0],
-            (_, false) => &[100.0, 40.0, 15.0, 6.0, 2.0],
+            (_, true) => &[60.0],
+            (_, false) => &[60.0, 30.0, 15.0, 8.0],
         };
         // Spacings are halved where axes are few; with more, doubling all cells would leave two
         // sizes between nothing and too much.
@@ -45,11 +41,17 @@ impl Effort {
             promises: promises.to_vec(),
             cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
             limits: Limits {
-                seconds: if quick { 60.0 } else { 1200.0 },
+                seconds: if quick { 240.0 } else { 3600.0 },
                 bytes: if quick { 64 << 20 } else { 512 << 20 },
             },
             grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
             rays: if quick { 4_000 } else { 20_000 },
         }
+    }
+
+    /// The promise in the middle of the list: there errors are mapped, and one bundle is also made
+    /// without halving.
+    pub fn middle(&self) -> Option<f64> {
+        self.promises.get(self.promises.len() / 2).copied()
     }
 }

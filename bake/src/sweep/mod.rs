@@ -9,15 +9,17 @@ mod effort;
 mod frames;
 pub mod grid;
 mod maps;
-mod npz;
+pub mod npz;
 mod patches;
 mod point;
+mod report;
 mod rival;
 mod speed;
 mod subject;
 mod table;
 mod truth;
 
+use crate::run::quoted;
 use geofan::{
     Error, Result,
     terminal::{self, CommonArgs, Interrupt, Outcome, Progress},
@@ -39,12 +41,45 @@ pub struct SweepArgs {
     /// Fewer and smaller tables: minutes instead of hours
     #[arg(long)]
     pub quick: bool,
+    /// Promises of bundles, mrad, instead of the usual ones; may be repeated
+    #[arg(long, value_name = "MRAD", value_parser = crate::args::promise)]
+    pub max_error: Vec<f64>,
+    /// Mean numbers of cells of grids, instead of the usual ones; may be repeated
+    #[arg(long, value_name = "N", value_parser = cells)]
+    pub cells: Vec<f64>,
+    /// Fresh rays on which tables are measured [default: 20000, with --quick 4000]
+    #[arg(long, value_name = "RAYS", value_parser = rays)]
+    pub rays: Option<usize>,
     /// Also write the fans sampled for every grid as NPZ, for numpy
     #[arg(long)]
     pub export_npz: bool,
     /// Seed of the fresh rays on which tables are measured
     #[arg(long, value_name = "K", default_value_t = 2)]
     pub seed: u64,
+    /// Tensors for numpy.
+    #[command(flatten)]
+    pub tensor: npz::TensorArgs,
+}
+
+/// The most cells along an axis, on average.
+const MOST_CELLS: f64 = 4096.0;
+
+fn cells(text: &str) -> Result<f64, String> {
+    match geofan::terminal::values::positive(text)? {
+        cells if cells <= MOST_CELLS => Ok(cells),
+        _ => Err(format!(
+            "a grid has at most {MOST_CELLS} cells along an axis"
+        )),
+    }
+}
+
+fn rays(text: &str) -> Result<usize, String> {
+    match text.trim().parse() {
+        Ok(rays) if (100..=10_000_000).contains(&rays) => Ok(rays),
+        _ => Err(format!(
+            "`{text}` is not a number of rays from 100 to 10000000"
+        )),
+    }
 }
 
 /// Measures everything that is not yet measured, then writes the results.
@@ -54,14 +89,18 @@ pub struct SweepArgs {
 pub fn run(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
     let interrupt = Interrupt::install()?;
     std::fs::create_dir_all(&args.out).map_err(|e| Error::io(&args.out, e))?;
+    if let Some(nodes) = args.tensor.npz_nodes {
+        for manifold in &args.manifolds {
+            let path = args.tensor.write(manifold, nodes, &args.out, &interrupt)?;
+            terminal::print(&format!("{}\n", path.display()))?;
+        }
+        return Ok(Outcome::Done);
+    }
     let store = Store::open(&args.out)?;
     let shared = Shared {
         store: &store,
         interrupt: &interrupt,
-        out: &args.out,
-        quick: args.quick,
-        export: args.export_npz,
-        seed: args.seed,
+        args,
     };
     let subjects = args
         .manifolds
@@ -71,7 +110,9 @@ pub fn run(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
     let all = measured(&subjects, common)?;
     let csv = args.out.join("sweep.csv");
     table::write(&csv, &all)?;
-    report(args, &all, common)
+    let words: Vec<String> = std::env::args().map(|word| quoted(&word)).collect();
+    report::write(&args.out, &all, &words.join(" "))?;
+    say(args, &all, common)
 }
 
 fn measured(subjects: &[Subject<'_>], common: &CommonArgs) -> Result<Vec<Results>> {
@@ -89,7 +130,7 @@ fn measured(subjects: &[Subject<'_>], common: &CommonArgs) -> Result<Vec<Results
     Ok(all)
 }
 
-fn report(args: &SweepArgs, all: &[Results], common: &CommonArgs) -> Result<Outcome> {
+fn say(args: &SweepArgs, all: &[Results], common: &CommonArgs) -> Result<Outcome> {
     let points = all.iter().flat_map(|results| &results.points);
     let (count, measured) = points.fold((0, 0), |(all, done), point| {
         (all + 1, done + usize::from(point.measured().is_some()))

@@ -5,7 +5,8 @@
 //! them is measured.
 
 use super::{
-    effort::{Effort, MIDDLE},
+    SweepArgs,
+    effort::Effort,
     frames::Stage,
     grid::{Axes, FEWEST, Grid, Interpolation, Number, Samples, Spacing, balanced, cells},
     maps::{ErrorMap, Map, maps},
@@ -92,14 +93,26 @@ pub struct Shared<'a> {
     pub store: &'a Store,
     /// Signals.
     pub interrupt: &'a Interrupt,
-    /// The folder of results.
-    pub out: &'a Path,
-    /// Whether to do little.
-    pub quick: bool,
-    /// Whether sampled fans are written.
-    pub export: bool,
-    /// Seed of the fresh rays.
-    pub seed: u64,
+    /// The command's options.
+    pub args: &'a SweepArgs,
+}
+
+impl Shared<'_> {
+    /// What to measure of a space with so many camera parameters and axes.
+    fn effort(&self, cameras: usize, axes: usize) -> Effort {
+        let args = self.args;
+        let usual = Effort::new(cameras, axes, args.quick);
+        let own = |given: &[f64], usual: Vec<f64>| match given {
+            [] => usual,
+            given => given.to_vec(),
+        };
+        Effort {
+            promises: own(&args.max_error, usual.promises),
+            cells: own(&args.cells, usual.cells),
+            rays: args.rays.unwrap_or(usual.rays),
+            ..usual
+        }
+    }
 }
 
 impl<'a> Subject<'a> {
@@ -112,7 +125,7 @@ impl<'a> Subject<'a> {
         let length = manifold.length_or(None)?;
         let space = FanSpace::new(manifold.clone())?;
         let axes = space.cameras().len() + space.directions() + 1;
-        let effort = Effort::new(space.cameras().len(), axes, shared.quick);
+        let effort = shared.effort(space.cameras().len(), axes);
         let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
         let (format, version) = Key::current();
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
@@ -121,8 +134,8 @@ impl<'a> Subject<'a> {
         Ok(Self {
             store: shared.store,
             interrupt: shared.interrupt,
-            out: shared.out,
-            export: shared.export,
+            out: &shared.args.out,
+            export: shared.args.export_npz,
             key: Key {
                 format,
                 version,
@@ -130,7 +143,7 @@ impl<'a> Subject<'a> {
                 fingerprint: fingerprint.iter().map(|b| format!("{b:02x}")).collect(),
                 length,
                 rays: effort.rays,
-                seed: shared.seed,
+                seed: shared.args.seed,
                 // A place holder: every point has its own.
                 what: What::Patches {
                     promise: 0.0,
@@ -164,13 +177,10 @@ impl<'a> Subject<'a> {
     /// Interrupted, or the folder cannot be written.
     pub fn measure(&self, done: impl Fn(&str)) -> Result<Results> {
         let mut points = Vec::new();
-        let undivided = self.effort.promises.get(MIDDLE);
-        let adaptive = self
-            .effort
-            .promises
-            .iter()
-            .map(|p| (*p, Refinement::Adaptive));
-        let all = adaptive.chain(undivided.map(|p| (*p, Refinement::Undivided)));
+        let undivided = self.effort.middle();
+        let promises = self.effort.promises.iter();
+        let adaptive = promises.map(|p| (*p, Refinement::Adaptive));
+        let all = adaptive.chain(undivided.map(|p| (p, Refinement::Undivided)));
         let kept = self.kept_rivals()?;
         done("exact");
         for (promise, refinement) in all {
@@ -242,14 +252,17 @@ impl<'a> Subject<'a> {
     /// A coarse grid with as many cells along every axis.
     fn pilot(&self) -> Option<Samples> {
         let axes = self.space.cameras().len() + self.space.directions() + 1;
-        let count = self.effort.cells[0].round() as usize + 1;
+        let coarsest = self.effort.cells.first().map_or(0.0, |cells| cells.round());
+        let count = coarsest as usize + 1;
         self.sampled(&vec![count.max(FEWEST); axes])
     }
 
     fn sampled(&self, nodes: &[usize]) -> Option<Samples> {
         let (space, plan) = (&self.grid_space, &self.grid_plan);
         let axes = Axes::new(space, plan.length, nodes, Spacing::Uniform);
-        Samples::new(space, axes, plan.tolerance, || self.interrupt.requested())
+        Samples::new(space, axes, (plan.tolerance, true), || {
+            self.interrupt.requested()
+        })
     }
 
     fn patches(&self, promise: f64, refinement: Refinement, rivals: &[Rival]) -> Result<Point> {
@@ -282,8 +295,8 @@ impl<'a> Subject<'a> {
                     Some(stage) => Some(stage.by_table(table, promise)?),
                     None => None,
                 };
-                let wanted = refinement == Refinement::Adaptive
-                    && self.effort.promises.get(MIDDLE) == Some(&promise);
+                let wanted =
+                    refinement == Refinement::Adaptive && self.effort.middle() == Some(promise);
                 let maps = if wanted {
                     self.mapped(table)?
                 } else {
@@ -366,7 +379,7 @@ impl<'a> Subject<'a> {
     /// Why a grid of so many nodes is not made, if it is not.
     fn too_large(&self, nodes: &[usize]) -> Option<String> {
         let axes = Axes::new(&self.grid_space, self.key.length, nodes, Spacing::Uniform);
-        let channels = super::grid::stored_channels(&self.grid_space).len();
+        let channels = super::grid::stored_channels(&self.grid_space, true).len();
         let bytes = 4 * (axes.rays() * axes.lengths.len() * channels) as u64;
         let most = self.effort.grid_bytes;
         (bytes > most).then(|| format!("skipped: {bytes} bytes, the limit is {most}"))

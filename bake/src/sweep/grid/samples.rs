@@ -25,23 +25,23 @@ pub struct Samples {
     pub seconds: f64,
 }
 
-/// The channels of [`sample`] that a table of `space` stores.
-pub fn stored_channels(space: &FanSpace) -> Vec<usize> {
+/// The channels of [`sample`] that a table of `space` stores, rotations only with `frames`.
+pub fn stored_channels(space: &FanSpace, frames: bool) -> Vec<usize> {
     let displacement = space.displacement_channels().iter().copied();
     let rotation = space.rotation_channels().iter().map(|c| ROTATION + c);
-    displacement.chain(rotation).collect()
+    displacement.chain(rotation.filter(|_| frames)).collect()
 }
 
 impl Samples {
-    /// Follows every ray of `axes` at a local `tolerance`; `None` if `stop` says so between batches.
+    /// Follows every ray of `axes` at a local tolerance, with or without transported `frames`; `None` if `stop` says so between batches.
     pub fn new(
         space: &FanSpace,
         axes: Axes,
-        tolerance: f64,
+        (tolerance, frames): (f64, bool),
         stop: impl Fn() -> bool,
     ) -> Option<Self> {
         let began = Instant::now();
-        let channels = stored_channels(space);
+        let channels = stored_channels(space, frames);
         let (rays, arcs) = (axes.rays(), axes.lengths.len());
         let mut values = Vec::with_capacity(rays * arcs * channels.len());
         for first in (0..rays).step_by(BATCH) {
@@ -83,7 +83,8 @@ fn append(
         .map(|&(u, d)| (u, manifold.standard_frame(u) * d));
     let rays: Vec<_> = tangents.collect();
     let starts = lengths.iter().take_while(|s| **s <= 0.0).count();
-    let found = sample(space, tolerance, true, &rays, &lengths[starts..]);
+    let frames = channels.iter().any(|c| *c >= ROTATION);
+    let found = sample(space, tolerance, frames, &rays, &lengths[starts..]);
     for (path, (u, _)) in found.outer_iter().zip(batch) {
         let rest = at_rest(space, *u);
         let mut put = |at: &dyn Fn(usize) -> f64| {
