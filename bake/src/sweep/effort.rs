@@ -11,10 +11,8 @@ pub struct Effort {
     pub promises: Vec<f64>,
     /// Even numbers of cells of grids, coarsest first.
     pub cells: Vec<f64>,
-    /// Limits of one bake.
+    /// Limits of one table.
     pub limits: Limits,
-    /// The most bytes of a grid in single precision.
-    pub grid_bytes: u64,
     /// Fresh rays.
     pub rays: usize,
 }
@@ -43,8 +41,8 @@ impl Effort {
             limits: Limits {
                 seconds: if quick { 240.0 } else { 3600.0 },
                 bytes: if quick { 64 << 20 } else { 512 << 20 },
+                grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
             },
-            grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
             rays: if quick { 4_000 } else { 20_000 },
         }
     }

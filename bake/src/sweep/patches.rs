@@ -33,12 +33,14 @@ pub enum Refinement {
 }
 
 /// What a bake may take.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
-    /// Seconds.
+    /// Seconds for a bundle.
     pub seconds: f64,
-    /// Bytes of patches.
+    /// Bytes of its patches.
     pub bytes: u64,
+    /// Bytes of a grid in single precision.
+    pub grid_bytes: u64,
 }
 
 /// How a bake ended.

@@ -7,10 +7,10 @@
 use super::{
     grid::{Interpolation, Number},
     maps::ErrorMap,
-    patches::Refinement,
+    patches::{Limits, Refinement},
     truth::Errors,
 };
-use geofan::{Error, Result, files::write_atomically};
+use geofan::{Error, Result, files::write_atomically, manifold::Manifold};
 use serde::{Deserialize, Serialize};
 use std::{
     fs,
@@ -120,9 +120,9 @@ impl Kind {
     }
 }
 
-/// Everything that a measurement depends on, besides the machine.
+/// What all points of a manifold depend on, besides the machine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Key {
+pub struct Basis {
     /// Version of the measurement.
     pub format: u32,
     /// Version of geofan, and of its refinement.
@@ -133,10 +133,18 @@ pub struct Key {
     pub fingerprint: String,
     /// How far paths go.
     pub length: f64,
-    /// Fresh rays, and their seed.
+    /// The number of fresh rays.
     pub rays: usize,
-    /// Seed of the fresh rays.
+    /// Their seed.
     pub seed: u64,
+}
+
+/// Everything that a measurement depends on, besides the machine.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Key {
+    /// What it shares with the manifold's other points.
+    #[serde(flatten)]
+    pub basis: Basis,
     /// The table.
     pub what: What,
 }
@@ -172,8 +180,13 @@ pub struct Measured {
 pub enum Outcome {
     /// It was measured.
     Measured(Box<Measured>),
-    /// It was beyond a limit, in words.
-    Skipped(String),
+    /// It was beyond a limit.
+    Skipped {
+        /// Which, in words.
+        why: String,
+        /// The limits.
+        limits: Limits,
+    },
 }
 
 /// A point of the sweep.
@@ -187,28 +200,36 @@ pub struct Point {
     pub maps: Vec<ErrorMap>,
 }
 
-impl Key {
-    /// The key of another table over the same rays.
-    pub fn of(&self, what: What) -> Self {
+impl Basis {
+    /// Of fresh rays in a manifold, by the running version.
+    pub fn new(name: String, manifold: &Manifold, length: f64, rays: usize, seed: u64) -> Self {
+        let fingerprint = manifold.fingerprint();
+        let refinement = crate::plan::REFINEMENT;
         Self {
-            what,
-            ..self.clone()
+            format: FORMAT,
+            version: format!("{}+{refinement}", env!("CARGO_PKG_VERSION")),
+            manifold: name,
+            fingerprint: fingerprint.iter().map(|b| format!("{b:02x}")).collect(),
+            length,
+            rays,
+            seed,
         }
     }
 
+    /// The key of a table.
+    pub fn of(&self, what: What) -> Key {
+        Key {
+            basis: self.clone(),
+            what,
+        }
+    }
+}
+
+impl Key {
     /// A name for files.
     pub fn name(&self) -> String {
-        let (manifold, what) = (&self.manifold, &self.what);
+        let (manifold, what) = (&self.basis.manifold, &self.what);
         format!("{manifold}-{}-{}", what.kind().name(), what.setting())
-    }
-
-    /// The version of what measures.
-    pub fn current() -> (u32, String) {
-        let refinement = crate::plan::REFINEMENT;
-        (
-            FORMAT,
-            format!("{}+{refinement}", env!("CARGO_PKG_VERSION")),
-        )
     }
 }
 
@@ -217,7 +238,7 @@ impl Point {
     pub fn measured(&self) -> Option<&Measured> {
         match &self.outcome {
             Outcome::Measured(measured) => Some(measured),
-            Outcome::Skipped(_) => None,
+            Outcome::Skipped { .. } => None,
         }
     }
 }
@@ -257,10 +278,15 @@ impl Store {
         })
     }
 
-    /// The kept point of `key`, if everything that it depends on is the same.
-    pub fn point(&self, key: &Key) -> Option<Point> {
-        self.load(&key.name())
-            .filter(|point: &Point| point.key == *key)
+    /// The kept point of `key`, if everything that it depends on is the same; one that was skipped
+    /// depends on the `limits` too.
+    pub fn point(&self, key: &Key, limits: Limits) -> Option<Point> {
+        let point: Point = self.load(&key.name())?;
+        let skipped_for_others = match &point.outcome {
+            Outcome::Measured(_) => false,
+            Outcome::Skipped { limits: then, .. } => *then != limits,
+        };
+        (point.key == *key && !skipped_for_others).then_some(point)
     }
 
     fn path(&self, name: &str) -> PathBuf {

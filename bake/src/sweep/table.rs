@@ -87,19 +87,19 @@ fn row<'a>(results: &'a Results, point: &'a Point) -> Row<'a> {
         What::Grid { cells, .. } => (None, Some(cells)),
     };
     Row {
-        manifold: &key.manifold,
-        fingerprint: &key.fingerprint[..16.min(key.fingerprint.len())],
-        version: &key.version,
+        manifold: &key.basis.manifold,
+        fingerprint: &key.basis.fingerprint[..16.min(key.basis.fingerprint.len())],
+        version: &key.basis.version,
         camera_parameters: results.cameras,
         axes: results.axes,
-        length: key.length,
+        length: key.basis.length,
         representation: key.what.kind().name(),
         promise_mrad: promise,
         cells: cells.map(|_| key.what.setting()),
         mean_spacing_1_per_cells: cells.map(|cells| 1.0 / mean(cells)),
         outcome: match &point.outcome {
             Outcome::Measured(_) => "measured",
-            Outcome::Skipped(why) => why,
+            Outcome::Skipped { why, .. } => why,
         },
         disk_bytes: measured.map(|m| m.disk),
         memory_bytes: measured.map(|m| m.memory),
@@ -125,8 +125,8 @@ fn row<'a>(results: &'a Results, point: &'a Point) -> Row<'a> {
         exact_screen_p99_mrad: rival.map(|r| r.screen.p99),
         exact_ns_per_path: rival.map(|r| r.path_ns),
         exact_frame_ms: measured.and_then(|m| m.rival_frame_ms),
-        check_rays: key.rays,
-        seed: key.seed,
+        check_rays: key.basis.rays,
+        seed: key.basis.seed,
         load_1min: measured.and_then(|m| m.load),
     }
 }

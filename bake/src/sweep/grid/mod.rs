@@ -17,3 +17,6 @@ pub use samples::{Samples, stored_channels};
 pub use stencil::{FEWEST, Interpolation};
 pub use storage::Number;
 pub use table::{Grid, GridFan, GridPath};
+
+#[cfg(test)]
+mod tests;

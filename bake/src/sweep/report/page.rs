@@ -43,7 +43,7 @@ fn definitions(all: &[Results]) -> String {
     let rays = all
         .iter()
         .flat_map(|r| r.points.first())
-        .map(|p| p.key.rays)
+        .map(|p| p.key.basis.rays)
         .max();
     let rays = rays.unwrap_or(0);
     format!(
@@ -231,7 +231,7 @@ fn slopes_table(results: &Results) -> String {
 
 fn skipped(results: &Results) -> String {
     let points = results.points.iter().filter_map(|p| match &p.outcome {
-        Outcome::Skipped(why) => Some(format!(
+        Outcome::Skipped { why, .. } => Some(format!(
             "<li>{} {}: {}</li>",
             p.key.what.kind().title(),
             p.key.what.setting(),
