@@ -23,9 +23,9 @@ impl Effort {
         // Three camera parameters make large files: a quick sweep asks for little of them.
         let promises: &[f64] = match (cameras, quick) {
             (0 | 1, true) => &[2.0, 0.5, 0.1],
-            (0 | 1, false) => &[4.0, 1.0, 0.3, 0.1, 0.03, 0.01],
+            (0 | 1, false) => &[2.0, 0.5, 0.2, 0.1, 0.03],
             (_, true) => &[60.0],
-            (_, false) => &[60.0, 30.0, 15.0, 8.0],
+            (_, false) => &[60.0, 30.0, 15.0],
         };
         // Spacings are halved where axes are few; with more, doubling all cells would leave two
         // sizes between nothing and too much.
@@ -38,11 +38,7 @@ impl Effort {
         Self {
             promises: promises.to_vec(),
             cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
-            limits: Limits {
-                seconds: if quick { 240.0 } else { 3600.0 },
-                bytes: if quick { 64 << 20 } else { 512 << 20 },
-                grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
-            },
+            limits: limits(cameras, quick),
             rays: if quick { 4_000 } else { 20_000 },
         }
     }
@@ -51,5 +47,21 @@ impl Effort {
     /// without halving.
     pub fn middle(&self) -> Option<f64> {
         self.promises.get(self.promises.len() / 2).copied()
+    }
+}
+
+/// What one table may take. A bundle that needs more than these is a way of saying that the space
+/// should not be baked at that promise.
+fn limits(cameras: usize, quick: bool) -> Limits {
+    let (seconds, bytes) = match (cameras, quick) {
+        (0 | 1, true) => (60.0, 32 << 20),
+        (0 | 1, false) => (600.0, 64 << 20),
+        (_, true) => (240.0, 64 << 20),
+        (_, false) => (3600.0, 512 << 20),
+    };
+    Limits {
+        seconds,
+        bytes,
+        grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
     }
 }

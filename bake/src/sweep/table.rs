@@ -22,7 +22,7 @@ struct Row<'a> {
     representation: &'a str,
     promise_mrad: Option<f64>,
     cells: Option<String>,
-    mean_spacing_1_per_cells: Option<f64>,
+    mean_spacing_share_of_axis: Option<f64>,
     outcome: &'a str,
     disk_bytes: Option<u64>,
     memory_bytes: Option<u64>,
@@ -96,7 +96,7 @@ fn row<'a>(results: &'a Results, point: &'a Point) -> Row<'a> {
         representation: key.what.kind().name(),
         promise_mrad: promise,
         cells: cells.map(|_| key.what.setting()),
-        mean_spacing_1_per_cells: cells.map(|cells| 1.0 / mean(cells)),
+        mean_spacing_share_of_axis: cells.map(|cells| 1.0 / mean(cells)),
         outcome: match &point.outcome {
             Outcome::Measured(_) => "measured",
             Outcome::Skipped { why, .. } => why,

@@ -182,11 +182,23 @@ fn law(points: &[Pair<'_>]) -> String {
     }
 }
 
+/// The share of rays that a table leaves to the integrator.
+fn flagged(points: &[Pair<'_>]) -> String {
+    points.last().map_or(String::new(), |(_, m)| {
+        format!(" ({:.0} % flagged)", 100.0 * m.errors.flagged)
+    })
+}
+
 fn all_kinds(chart: &mut Chart, results: &Results, x: impl Fn(&Measured) -> f64, laws: bool) {
     for kind in KINDS {
         let points = results.of(kind);
         let data = points.iter().map(|(_, m)| (x(m), m.errors.screen.p99));
         let law = if laws { law(&points) } else { String::new() };
+        let law = if kind == Kind::UndividedPatches {
+            flagged(&points)
+        } else {
+            law
+        };
         let label = format!("{}{law}", kind.title());
         chart.series(data.collect(), colour(kind), marker(kind), label);
     }
@@ -244,7 +256,7 @@ fn error_by_bytes(results: &Results) -> Result<Figure> {
     let layout = with_rivals(layout, &chart, results);
     let caption = "Every point is a measured table. In brackets the slope between the two largest \
         tables of a kind: the order in the mean spacing h for grids, the power of the bytes for \
-        patches. Rings mark the Pareto front. Undivided patches leave most rays to the integrator. \
+        patches. Rings mark the Pareto front. Undivided patches leave the flagged share of rays to the integrator. \
         Dashed: the integrator at so many steps, with its time for a path.";
     let name = format!("{}-error-bytes", results.name);
     Figure::draw(name, caption.into(), chart.plots, layout)

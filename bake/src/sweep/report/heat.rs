@@ -1,7 +1,7 @@
 //! Error maps as pictures.
 //!
 //! In: the maps that points keep. Out: [`Figure`]s with axes and a colour bar; colours are the
-//! logarithm of the error, on one scale for all maps of a manifold over the same thing.
+//! logarithm of the error, on a scale of each map's own.
 
 use super::{figures::Figure, page::short};
 use crate::sweep::{
@@ -14,7 +14,7 @@ use kuva::prelude::{ColorMap, Heatmap, Layout, Plot, TickFormat};
 use std::sync::Arc;
 
 /// Decades shown below the largest error: what is smaller gets the darkest colour.
-const DECADES: f64 = 4.0;
+const DECADES: f64 = 3.0;
 
 /// The maps of `results`: those of its patches, and of its largest mapped grid.
 ///
@@ -23,13 +23,8 @@ const DECADES: f64 = 4.0;
 pub fn pictures(results: &Results) -> Result<Vec<Figure>> {
     let mut figures = Vec::new();
     for over in [Over::Direction, Over::Camera] {
-        let mapped = chosen(results, over);
-        let most = mapped
-            .iter()
-            .map(|(_, map)| largest(map))
-            .fold(0.0, f64::max);
-        for (point, map) in mapped {
-            figures.push(picture(results, point, map, most)?);
+        for (point, map) in chosen(results, over) {
+            figures.push(picture(results, point, map)?);
         }
     }
     Ok(figures)
@@ -53,8 +48,8 @@ fn largest(map: &ErrorMap) -> f64 {
     cells.copied().fold(0.0, f64::max)
 }
 
-fn picture(results: &Results, point: &Point, map: &ErrorMap, most: f64) -> Result<Figure> {
-    let top = most.max(1e-9).log10();
+fn picture(results: &Results, point: &Point, map: &ErrorMap) -> Result<Figure> {
+    let top = largest(map).max(1e-9).log10();
     let bottom = top - DECADES;
     let cell = |c: &Option<f64>| c.map_or(f64::NAN, |e| e.max(1e-12).log10().clamp(bottom, top));
     // The picture's first row is the upper one.
