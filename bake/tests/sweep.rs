@@ -201,6 +201,7 @@ fn wrong_requests_are_refused() {
     let place = Place::new();
     place.sweep("missing.toml --out out").code(2);
     place.sweep("lens.toml").code(2);
+    place.sweep("lens.toml ./lens.toml --out out").code(2);
     place.sweep("lens.toml --out out --npz-nodes 3,4").code(2);
     place.sweep("lens.toml --out out --npz-face 1").code(2);
     place.sweep("lens.toml --out out --cells 0").code(2);

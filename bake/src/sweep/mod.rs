@@ -107,12 +107,25 @@ pub fn run(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
         .iter()
         .map(|path| Subject::load(path, &shared));
     let subjects: Vec<Subject> = subjects.collect::<Result<_>>()?;
+    names_differ(&subjects)?;
     let all = measured(&subjects, common)?;
     let csv = args.out.join("sweep.csv");
     table::write(&csv, &all)?;
     let words: Vec<String> = std::env::args().map(|word| quoted(&word)).collect();
     report::write(&args.out, &all, &words.join(" "))?;
     say(args, &all, common)
+}
+
+/// That no two manifolds would share the names of their points and figures.
+fn names_differ(subjects: &[Subject<'_>]) -> Result<()> {
+    for (k, subject) in subjects.iter().enumerate() {
+        let name = subject.name();
+        if subjects[..k].iter().any(|other| other.name() == name) {
+            let message = "two manifold files have this name: sweep them into folders of their own";
+            return Err(Error::input(name, message));
+        }
+    }
+    Ok(())
 }
 
 fn measured(subjects: &[Subject<'_>], common: &CommonArgs) -> Result<Vec<Results>> {

@@ -34,7 +34,7 @@ pub struct Times {
 
 /// Nanoseconds for each direction of `work` on blocks of them.
 fn each(work: impl Fn(&[DVec3]) + Sync) -> f64 {
-    let mut stream = Stream::new(&[0x7370_6565_64]);
+    let mut stream = Stream::new(&[0x73_7065_6564]);
     let directions: Vec<DVec3> = (0..DIRECTIONS).map(|_| stream.direction()).collect();
     let run = || {
         let began = Instant::now();

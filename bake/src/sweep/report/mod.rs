@@ -42,3 +42,6 @@ fn save(folder: &Path, figure: &Figure) -> Result<()> {
     }
     write_atomically(&path("png"), |file| file.write_all(&figure.png))
 }
+
+#[cfg(test)]
+mod tests;

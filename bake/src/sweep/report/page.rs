@@ -160,7 +160,7 @@ fn at_equal_error(all: &[Results]) -> String {
                 m.disk.to_string(),
             ];
             let ratios = others.map(|kind| ratio(m, &results.of(kind)));
-            let text = |r: Option<Ratio>| r.map_or("–".into(), |r| r.to_string());
+            let text = |r: Option<Ratio>| r.map_or("–".into(), |r| escaped(&r.to_string()));
             cells.extend(ratios.map(text));
             cells
         })
