@@ -2,8 +2,8 @@
 //!
 //! In: manifold files. Out, in a folder: `sweep.csv` (one row for each table measured), figures, and a
 //! page. Tables are bundles at several promises and uniform grids of several sizes ([`grid`]); all
-//! are measured on the same fresh exact rays ([`truth`]), beside an integrator that is as accurate
-//! ([`rival`]). Points that were measured before are kept ([`point`]).
+//! are measured on the same fresh exact rays (`truth`), beside an integrator that is as accurate
+//! (`rival`). Points that were measured before are kept (`point`).
 
 mod effort;
 mod frames;

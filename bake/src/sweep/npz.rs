@@ -68,31 +68,47 @@ impl TensorArgs {
     pub fn write(
         &self,
         path: &Path,
-        [camera, direction, arc]: [usize; 3],
+        nodes: [usize; 3],
         out: &Path,
         interrupt: &Interrupt,
     ) -> Result<PathBuf> {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
         let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
-        let mut counts = vec![camera; space.cameras().len()];
-        counts.extend(vec![direction; space.directions()]);
-        counts.push(arc);
-        let mut axes = Axes::new(&space, length, &counts, self.npz_spacing);
-        let wanted = |face: &usize| self.npz_face.is_none_or(|only| only == *face);
-        axes.faces.retain(wanted);
         let frames = !self.npz_no_frames;
-        let numbers = axes
-            .rays()
-            .saturating_mul(arc * stored_channels(&space, frames).len());
-        if axes.faces.is_empty() || numbers > MOST {
-            let message = format!("{numbers} numbers, from 1 to {MOST} can be written");
-            return Err(Error::input("--npz-nodes", message));
-        }
+        let axes = self.axes(&space, length, nodes)?;
         let stop = || interrupt.requested();
         let samples = Samples::new(&space, axes, (plan.tolerance, frames), stop);
         let samples = samples.ok_or_else(interrupted)?;
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        write(out, &format!("{stem}-{}", self.name(nodes)), &samples)
+    }
+
+    fn axes(
+        &self,
+        space: &FanSpace,
+        length: f64,
+        [camera, direction, arc]: [usize; 3],
+    ) -> Result<Axes> {
+        let mut counts = vec![camera; space.cameras().len()];
+        counts.extend(vec![direction; space.directions()]);
+        counts.push(arc);
+        let mut axes = Axes::new(space, length, &counts, self.npz_spacing);
+        let wanted = |face: &usize| self.npz_face.is_none_or(|only| only == *face);
+        axes.faces.retain(wanted);
+        let channels = stored_channels(space, !self.npz_no_frames).len();
+        let factors = counts.iter().copied().chain([axes.faces.len(), channels]);
+        let numbers = factors.fold(1, |n: usize, factor| n.saturating_mul(factor));
+        match (1..=MOST).contains(&numbers) {
+            true => Ok(axes),
+            false => {
+                let message = format!("{numbers} numbers; from 1 to {MOST} can be written");
+                Err(Error::input("--npz-nodes", message))
+            }
+        }
+    }
+
+    fn name(&self, [camera, direction, arc]: [usize; 3]) -> String {
         let face = self
             .npz_face
             .map_or(String::new(), |face| format!("-face{face}"));
@@ -100,8 +116,7 @@ impl TensorArgs {
             Spacing::Uniform => "uniform",
             Spacing::Chebyshev => "chebyshev",
         };
-        let name = format!("{stem}-{camera}-{direction}-{arc}-{spacing}{face}");
-        write(out, &name, &samples)
+        format!("{camera}-{direction}-{arc}-{spacing}{face}")
     }
 }
 

@@ -10,7 +10,7 @@ use crate::{
 };
 use geofan::{
     Error, Result,
-    bundle::{Bundle, Contents, Tree, identity},
+    bundle::{Bundle, Contents, PlanRecord, Tree, identity},
     fan::FanSpace,
     terminal::{CommonArgs, Interrupt},
 };
@@ -30,6 +30,15 @@ pub enum Refinement {
     /// Boxes are not halved; what one polynomial cannot hold is flagged. It shows what halving is
     /// worth.
     Undivided,
+}
+
+impl Refinement {
+    fn apply(self, plan: &mut PlanRecord) {
+        if self == Self::Undivided {
+            plan.least_volume = 1.0;
+            plan.most_arc_halvings = 0;
+        }
+    }
 }
 
 /// What a bake may take.
@@ -82,10 +91,7 @@ pub fn bake(
 ) -> Result<Attempt> {
     let began = Instant::now();
     let (space, mut plan) = plan(space, length, promise, true);
-    if refinement == Refinement::Undivided {
-        plan.least_volume = 1.0;
-        plan.most_arc_halvings = 0;
-    }
+    refinement.apply(&mut plan);
     let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
     let parts = Parts::open(path)?;
     // Parts of an earlier run would make this bake look quicker than it is.
@@ -104,16 +110,8 @@ pub fn bake(
     parts.remove()?;
     let chunks = match ended {
         Ended::Done(chunks) => chunks,
-        Ended::TooLarge { bytes, share } => {
-            let percent = 100.0 * share;
-            let why = format!("skipped: {bytes} bytes for {percent:.0} % of the table");
-            return Ok(Attempt::Skipped(why));
-        }
         Ended::Interrupted if interrupt.requested() => return Err(interrupted()),
-        Ended::Interrupted => {
-            let why = format!("skipped: not finished after {:.0} s", limits.seconds);
-            return Ok(Attempt::Skipped(why));
-        }
+        other => return Ok(Attempt::Skipped(skipped(&other, limits))),
     };
     let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
     let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
@@ -127,6 +125,17 @@ pub fn bake(
         seconds,
         rays,
     })))
+}
+
+/// Which limit a bake met.
+fn skipped(ended: &Ended, limits: Limits) -> String {
+    match ended {
+        Ended::TooLarge { bytes, share } => {
+            let percent = 100.0 * share;
+            format!("skipped: {bytes} bytes for {percent:.0} % of the table")
+        }
+        _ => format!("skipped: not finished after {:.0} s", limits.seconds),
+    }
 }
 
 /// What an interrupted sweep says.

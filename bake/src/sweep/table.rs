@@ -77,9 +77,9 @@ pub fn write(path: &Path, all: &[Results]) -> Result<()> {
 fn row<'a>(results: &'a Results, point: &'a Point) -> Row<'a> {
     let measured = point.measured();
     let errors = measured.map(|m| m.errors);
-    let screen = |pick: fn(&Quantiles) -> f64| errors.map(|e| pick(&e.screen));
-    let position = |pick: fn(&Quantiles) -> f64| errors.map(|e| pick(&e.mrad));
-    let rotation = |pick: fn(&Quantiles) -> f64| errors.and_then(|e| e.rotation).map(|q| pick(&q));
+    let screen = four(errors.map(|e| e.screen));
+    let position = four(errors.map(|e| e.mrad));
+    let rotation = four(errors.and_then(|e| e.rotation));
     let rival = errors.and_then(|e| equal(&results.rivals, e.screen.p99));
     let key = &point.key;
     let (promise, cells) = match &key.what {
@@ -103,18 +103,18 @@ fn row<'a>(results: &'a Results, point: &'a Point) -> Row<'a> {
         },
         disk_bytes: measured.map(|m| m.disk),
         memory_bytes: measured.map(|m| m.memory),
-        screen_p50_mrad: screen(|q| q.p50),
-        screen_p95_mrad: screen(|q| q.p95),
-        screen_p99_mrad: screen(|q| q.p99),
-        screen_max_mrad: screen(|q| q.max),
-        position_p50_mrad: position(|q| q.p50),
-        position_p95_mrad: position(|q| q.p95),
-        position_p99_mrad: position(|q| q.p99),
-        position_max_mrad: position(|q| q.max),
-        rotation_p50_mrad: rotation(|q| q.p50),
-        rotation_p95_mrad: rotation(|q| q.p95),
-        rotation_p99_mrad: rotation(|q| q.p99),
-        rotation_max_mrad: rotation(|q| q.max),
+        screen_p50_mrad: screen[0],
+        screen_p95_mrad: screen[1],
+        screen_p99_mrad: screen[2],
+        screen_max_mrad: screen[3],
+        position_p50_mrad: position[0],
+        position_p95_mrad: position[1],
+        position_p99_mrad: position[2],
+        position_max_mrad: position[3],
+        rotation_p50_mrad: rotation[0],
+        rotation_p95_mrad: rotation[1],
+        rotation_p99_mrad: rotation[2],
+        rotation_max_mrad: rotation[3],
         flagged_fraction: errors.map(|e| e.flagged),
         bake_s: measured.map(|m| m.bake_s),
         baked_rays: measured.map(|m| m.baked_rays),
@@ -129,4 +129,15 @@ fn row<'a>(results: &'a Results, point: &'a Point) -> Row<'a> {
         seed: key.basis.seed,
         load_1min: measured.and_then(|m| m.load),
     }
+}
+
+/// Median, 95th and 99th percentile, largest.
+fn four(quantiles: Option<Quantiles>) -> [Option<f64>; 4] {
+    let pick = |of: fn(Quantiles) -> f64| quantiles.map(of);
+    [
+        pick(|q| q.p50),
+        pick(|q| q.p95),
+        pick(|q| q.p99),
+        pick(|q| q.max),
+    ]
 }

@@ -6,7 +6,7 @@
 use super::{figures::Figure, page::short};
 use crate::sweep::{
     maps::{ErrorMap, Over},
-    point::Point,
+    point::{Point, What},
     subject::Results,
 };
 use geofan::{Error, Result};
@@ -33,7 +33,7 @@ pub fn pictures(results: &Results) -> Result<Vec<Figure>> {
 /// The maps over one thing: of every bundle that has them, and of the largest grid.
 fn chosen(results: &Results, over: Over) -> Vec<(&Point, &ErrorMap)> {
     let with = |point: &'_ Point| point.maps.iter().any(|map| map.over == over);
-    let is_grid = |point: &Point| matches!(point.key.what, crate::sweep::point::What::Grid { .. });
+    let is_grid = |point: &Point| matches!(point.key.what, What::Grid { .. });
     let grid = results.points.iter().rev().find(|p| is_grid(p) && with(p));
     let bundles = results.points.iter().filter(|p| !is_grid(p));
     let points = bundles.chain(grid);
@@ -49,6 +49,32 @@ fn largest(map: &ErrorMap) -> f64 {
 }
 
 fn picture(results: &Results, point: &Point, map: &ErrorMap) -> Result<Figure> {
+    let kind = point.key.what.kind();
+    let plots: Vec<Plot> = vec![heatmap(map).into()];
+    let title = format!("{}: {} {}", results.title, kind.title(), unit(point));
+    let layout = layout(&plots, &title, map);
+    let (over, caption) = match map.over {
+        Over::Direction => (
+            "direction",
+            "Screen error at the end of each path, over the direction from the middle of the camera region.",
+        ),
+        Over::Camera => (
+            "camera",
+            "Screen error at the end of paths, over the camera's position.",
+        ),
+    };
+    let name = format!("{}-map-{over}-{}", results.name, kind.name());
+    let png = kuva::render_to_png(plots, layout, 1.0).map_err(|e| Error::input(&name, e))?;
+    Ok(Figure {
+        name,
+        caption: caption.into(),
+        svg: None,
+        png,
+    })
+}
+
+/// The cells, coloured by the logarithm of their error.
+fn heatmap(map: &ErrorMap) -> Heatmap {
     let top = largest(map).max(1e-9).log10();
     let bottom = top - DECADES;
     let cell = |c: &Option<f64>| c.map_or(f64::NAN, |e| e.max(1e-12).log10().clamp(bottom, top));
@@ -56,17 +82,18 @@ fn picture(results: &Results, point: &Point, map: &ErrorMap) -> Result<Figure> {
     let rows = map.rows.iter().rev();
     let data: Vec<Vec<f64>> = rows.map(|row| row.iter().map(cell).collect()).collect();
     let [x, y] = map.ranges;
-    let heat = Heatmap::new()
+    Heatmap::new()
         .with_data(data)
         .with_color_map(ColorMap::Viridis)
         .with_x_range(x[0], x[1])
         .with_y_range(y[0], y[1])
-        .with_cell_size(1.0);
-    let plots: Vec<Plot> = vec![heat.into()];
-    let what = &point.key.what;
-    let title = format!("{}: {} {}", results.title, what.kind().title(), unit(point));
+        .with_cell_size(1.0)
+}
+
+fn layout(plots: &[Plot], title: &str, map: &ErrorMap) -> Layout {
+    let [x, y] = map.ranges;
     let mrad = |v: f64| short(10.0_f64.powf(v));
-    let layout = Layout::auto_from_plots(&plots)
+    Layout::auto_from_plots(plots)
         .with_width(560.0)
         .with_height(360.0)
         .with_title(title)
@@ -83,31 +110,13 @@ fn picture(results: &Results, point: &Point, map: &ErrorMap) -> Result<Figure> {
         .with_label_size(12)
         .with_tick_size(11)
         .with_body_size(11)
-        .with_colorbar_tick_format(TickFormat::Custom(Arc::new(mrad)));
-    let over = match map.over {
-        Over::Direction => "direction",
-        Over::Camera => "camera",
-    };
-    let name = format!("{}-map-{over}-{}", results.name, what.kind().name());
-    let png = kuva::render_to_png(plots, layout, 1.0).map_err(|e| Error::input(&name, e))?;
-    let caption = match map.over {
-        Over::Direction => {
-            "Screen error at the end of each path, over the direction from the middle of the camera region."
-        }
-        Over::Camera => "Screen error at the end of paths, over the camera's position.",
-    };
-    Ok(Figure {
-        name,
-        caption: caption.into(),
-        svg: None,
-        png,
-    })
+        .with_colorbar_tick_format(TickFormat::Custom(Arc::new(mrad)))
 }
 
 fn unit(point: &Point) -> String {
     let setting = point.key.what.setting();
     match point.key.what {
-        crate::sweep::point::What::Patches { .. } => format!("at {setting} mrad"),
-        crate::sweep::point::What::Grid { .. } => format!("of {setting} cells"),
+        What::Patches { .. } => format!("at {setting} mrad"),
+        What::Grid { .. } => format!("of {setting} cells"),
     }
 }

@@ -86,6 +86,21 @@ fn after(count: Option<f64>) -> String {
     count.map_or("never".into(), short)
 }
 
+const PAYOFF_HEAD: [&str; 12] = [
+    "manifold",
+    "promise, mrad",
+    "p99, mrad",
+    "bytes",
+    "bake, s",
+    "table, ns/path",
+    "table, ms/frame",
+    "exact steps",
+    "exact, ns/path",
+    "exact, ms/frame",
+    "pays after paths",
+    "pays after frames",
+];
+
 fn when_to_bake(all: &[Results]) -> String {
     let rows = all.iter().flat_map(|results| {
         let points = results.of(Kind::Patches).into_iter();
@@ -107,23 +122,7 @@ fn when_to_bake(all: &[Results]) -> String {
         "<h2>When to bake</h2><p>Bake and lookups against equal-error exact. Frames are \
          {WIDTH} × {HEIGHT} pixels of an empty scene by the same lattice of paths, the camera \
          fixed anew for each; <i>never</i>: the integrator is as quick.</p>\n{}",
-        table(
-            &[
-                "manifold",
-                "promise, mrad",
-                "p99, mrad",
-                "bytes",
-                "bake, s",
-                "table, ns/path",
-                "table, ms/frame",
-                "exact steps",
-                "exact, ns/path",
-                "exact, ms/frame",
-                "pays after paths",
-                "pays after frames",
-            ],
-            rows
-        )
+        table(&PAYOFF_HEAD, rows)
     )
 }
 
@@ -142,13 +141,27 @@ fn payoff_cells(payoff: Option<Payoff>, m: &Measured) -> Vec<String> {
     ]
 }
 
+const RATIO_HEAD: [&str; 9] = [
+    "manifold",
+    "camera parameters",
+    "promise, mrad",
+    "p99, mrad",
+    "bytes of patches",
+    "multilinear, float",
+    "multilinear, 16-bit",
+    "cubic, float",
+    "cubic, 16-bit",
+];
+
+/// The last columns of [`RATIO_HEAD`].
+const OTHERS: [Kind; 4] = [
+    Kind::MultilinearF32,
+    Kind::MultilinearU16,
+    Kind::CubicF32,
+    Kind::CubicU16,
+];
+
 fn at_equal_error(all: &[Results]) -> String {
-    let others = [
-        Kind::MultilinearF32,
-        Kind::MultilinearU16,
-        Kind::CubicF32,
-        Kind::CubicU16,
-    ];
     let rows = all.iter().flat_map(|results| {
         let points = results.of(Kind::Patches).into_iter();
         points.map(move |(point, m)| {
@@ -159,7 +172,7 @@ fn at_equal_error(all: &[Results]) -> String {
                 short(m.errors.screen.p99),
                 m.disk.to_string(),
             ];
-            let ratios = others.map(|kind| ratio(m, &results.of(kind)));
+            let ratios = OTHERS.map(|kind| ratio(m, &results.of(kind)));
             let text = |r: Option<Ratio>| r.map_or("–".into(), |r| escaped(&r.to_string()));
             cells.extend(ratios.map(text));
             cells
@@ -169,20 +182,7 @@ fn at_equal_error(all: &[Results]) -> String {
         "<h2>Size at equal error</h2><p>How many times larger the smallest measured grid is that \
          is at least as accurate (99th percentile of the screen error). <i>&gt;</i>: the largest \
          grid measured is so many times larger and not yet as accurate.</p>\n{}",
-        table(
-            &[
-                "manifold",
-                "camera parameters",
-                "promise, mrad",
-                "p99, mrad",
-                "bytes of patches",
-                "multilinear, float",
-                "multilinear, 16-bit",
-                "cubic, float",
-                "cubic, 16-bit",
-            ],
-            rows
-        )
+        table(&RATIO_HEAD, rows)
     )
 }
 

@@ -21,42 +21,38 @@ const READINGS: [(Interpolation, Number); 4] = [
 impl Subject<'_> {
     /// The four readings of one sampled grid.
     pub(super) fn grids(&self, cells: &[usize]) -> Result<Vec<Point>> {
-        let keys = READINGS.map(|(interpolation, number)| {
-            self.basis.of(What::Grid {
-                interpolation,
-                number,
-                cells: cells.to_vec(),
-            })
-        });
-        let kept: Vec<Option<Point>> = keys
-            .iter()
-            .map(|key| self.store.point(key, self.effort.limits))
-            .collect();
+        let limits = self.effort.limits;
+        let keys = READINGS.map(|reading| self.grid_key(reading, cells));
+        let kept = keys.iter().map(|key| self.store.point(key, limits));
+        let kept: Vec<Option<Point>> = kept.collect();
         if kept.iter().all(Option::is_some) && !self.export {
             return Ok(kept.into_iter().flatten().collect());
         }
         self.check()?;
         let nodes: Vec<usize> = cells.iter().map(|n| n + 1).collect();
         if let Some(why) = self.too_large(&nodes) {
-            let limits = self.effort.limits;
             let why = || why.clone();
             let skip = |key| self.finish(key, Outcome::Skipped { why: why(), limits }, Vec::new());
             return keys.into_iter().map(skip).collect();
         }
         let samples = self.sampled(&nodes).ok_or_else(interrupted)?;
         if self.export {
-            let name = format!("{}-{}", self.basis.manifold, keys[0].what.setting());
+            let name = format!("{}-{}", self.name(), keys[0].what.setting());
             npz::write(self.out, &name, &samples)?;
         }
-        let mut points = Vec::new();
-        for (key, kept) in keys.into_iter().zip(kept) {
-            self.check()?;
-            points.push(match kept {
-                Some(point) => point,
-                None => self.grid(key, &samples)?,
-            });
-        }
-        Ok(points)
+        let read = |(key, kept): (Key, Option<Point>)| match kept {
+            Some(point) => Ok(point),
+            None => self.grid(key, &samples),
+        };
+        keys.into_iter().zip(kept).map(read).collect()
+    }
+
+    fn grid_key(&self, (interpolation, number): (Interpolation, Number), cells: &[usize]) -> Key {
+        self.basis.of(What::Grid {
+            interpolation,
+            number,
+            cells: cells.to_vec(),
+        })
     }
 
     /// Why a grid of so many nodes is not made, if it is not.
@@ -72,6 +68,7 @@ impl Subject<'_> {
     }
 
     fn grid(&self, key: Key, samples: &Samples) -> Result<Point> {
+        self.check()?;
         let What::Grid {
             interpolation,
             number,
