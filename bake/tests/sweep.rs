@@ -95,7 +95,7 @@ fn a_sweep_writes_a_row_for_every_table_and_a_page_that_stands_alone() {
         assert_eq!(row["outcome"], "measured");
         let number = |name: &str| row[name].parse::<f64>().unwrap();
         assert!(number("screen_p50_mrad") <= number("screen_p99_mrad"));
-        assert!(number("lookup_ns_per_path") > 0.0 && number("bake_s") > 0.0);
+        assert!(number("lookup_cpu_ns_per_path") > 0.0 && number("bake_wall_s") > 0.0);
         assert_eq!(row["seed"], "2");
     }
     let patches = rows

@@ -50,18 +50,15 @@ impl Effort {
     }
 }
 
-/// What one table may take. A bundle that needs more than these is a way of saying that the space
-/// should not be baked at that promise.
+/// What one table may take.
 fn limits(cameras: usize, quick: bool) -> Limits {
-    let (seconds, bytes) = match (cameras, quick) {
-        (0 | 1, true) => (60.0, 32 << 20),
-        (0 | 1, false) => (600.0, 64 << 20),
-        (_, true) => (240.0, 64 << 20),
-        (_, false) => (3600.0, 512 << 20),
-    };
     Limits {
-        seconds,
-        bytes,
+        seconds: match (cameras, quick) {
+            (0 | 1, true) => 60.0,
+            (0 | 1, false) => 600.0,
+            (_, true) => 240.0,
+            (_, false) => 3600.0,
+        },
         grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
     }
 }

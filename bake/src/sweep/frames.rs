@@ -1,9 +1,10 @@
 //! Times of frames of a default view: no objects, a sky behind every exit.
 //!
-//! In: a manifold, and a bundle's table or a number of steps. Out: wall-clock milliseconds of a
+//! In: a manifold, and a bundle's table or a number of steps. Out: processor milliseconds of a
 //! frame of [`WIDTH`] × [`HEIGHT`] pixels, one sample each, seen from the middle of the camera
 //! region along the first axis of the standard frame, by the lattice that `geofan render` uses.
 
+use super::clock::Clock;
 use geofan::{
     Result,
     bundle::Table,
@@ -15,7 +16,7 @@ use geofan::{
     },
 };
 use glam::DVec3;
-use std::{path::Path, sync::Arc, time::Instant};
+use std::{path::Path, sync::Arc};
 
 /// Columns of a frame.
 pub const WIDTH: usize = 640;
@@ -64,7 +65,7 @@ impl Stage {
         }))
     }
 
-    /// Milliseconds of a frame by `table`, whose promise is `promise` mrad.
+    /// Processor milliseconds of a frame by `table`, whose promise is `promise` mrad.
     ///
     /// # Errors
     /// The view's camera is not in the table's region.
@@ -72,22 +73,22 @@ impl Stage {
         let lookup = Lookup::new(table, 1e-3 * promise, TOLERANCE);
         let mut least = f64::INFINITY;
         for _ in 0..FRAMES {
-            let began = Instant::now();
+            let clock = Clock::start();
             let fan = table.fan(self.view.u)?;
             let tracer = lookup.tracer(&fan);
             self.draw(Paths::Lattice(&tracer, 1e-3 * LATTICE_ERROR));
-            least = least.min(1e3 * began.elapsed().as_secs_f64());
+            least = least.min(1e3 * clock.spent().cpu_s);
         }
         Ok(least)
     }
 
-    /// Milliseconds of a frame by `steps` equal steps over `length`, by the same lattice.
+    /// Processor milliseconds of a frame by `steps` equal steps over `length`, by the same lattice.
     pub fn by_steps(&self, length: f64, steps: usize) -> f64 {
         let tracer = FixedTracer::new(&self.world.manifold, self.view.u, length, steps);
         let frame = || {
-            let began = Instant::now();
+            let clock = Clock::start();
             self.draw(Paths::Lattice(&tracer, 1e-3 * LATTICE_ERROR));
-            1e3 * began.elapsed().as_secs_f64()
+            1e3 * clock.spent().cpu_s
         };
         (0..FRAMES).map(|_| frame()).fold(f64::INFINITY, f64::min)
     }

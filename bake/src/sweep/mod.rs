@@ -5,6 +5,7 @@
 //! are measured on the same fresh exact rays (`truth`), beside an integrator that is as accurate
 //! (`rival`). Points that were measured before are kept (`point`).
 
+mod clock;
 mod effort;
 mod frames;
 pub mod grid;

@@ -3,6 +3,7 @@
 //! In: the rays of a space, a promise, limits. Out: the bundle that `geofan-bake` makes for it, or
 //! which limit it met.
 
+use super::clock::{Clock, Spent};
 use crate::{
     job::{Ended, Job},
     parts::Parts,
@@ -46,8 +47,6 @@ impl Refinement {
 pub struct Limits {
     /// Seconds for a bundle.
     pub seconds: f64,
-    /// Bytes of its patches.
-    pub bytes: u64,
     /// Bytes of a grid in single precision.
     pub grid_bytes: u64,
 }
@@ -68,8 +67,8 @@ pub struct Baked {
     pub bundle: Bundle,
     /// Its file's bytes.
     pub bytes: u64,
-    /// Wall-clock time of the bake.
-    pub seconds: f64,
+    /// Time of the bake.
+    pub spent: Spent,
     /// Rays integrated.
     pub rays: u64,
 }
@@ -89,7 +88,7 @@ pub fn bake(
     path: &Path,
     interrupt: &Interrupt,
 ) -> Result<Attempt> {
-    let began = Instant::now();
+    let clock = Clock::start();
     let (space, mut plan) = plan(space, length, promise, true);
     refinement.apply(&mut plan);
     let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
@@ -101,7 +100,8 @@ pub fn bake(
         plan: &plan,
         id,
         share: None,
-        most_bytes: Some(limits.bytes),
+        // The bytes that are counted while a bake runs are an estimate, at times far too large.
+        most_bytes: None,
     };
     let ended = within(limits.seconds, interrupt, |stop| {
         job.run(&parts, stop, &quiet())
@@ -111,31 +111,23 @@ pub fn bake(
     let chunks = match ended {
         Ended::Done(chunks) => chunks,
         Ended::Interrupted if interrupt.requested() => return Err(interrupted()),
-        other => return Ok(Attempt::Skipped(skipped(&other, limits))),
+        Ended::Interrupted | Ended::TooLarge { .. } => {
+            let why = format!("skipped: not finished after {:.0} s", limits.seconds);
+            return Ok(Attempt::Skipped(why));
+        }
     };
     let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
     let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
     let contents = Contents::new(space, plan, 0, chunks.collect()).map_err(|e| e.about(path))?;
-    let seconds = began.elapsed().as_secs_f64();
+    let spent = clock.spent();
     let bytes = contents.write(path)?;
     let bundle = Bundle::from_contents(contents).map_err(|e| e.about(path))?;
     Ok(Attempt::Baked(Box::new(Baked {
         bundle,
         bytes,
-        seconds,
+        spent,
         rays,
     })))
-}
-
-/// Which limit a bake met.
-fn skipped(ended: &Ended, limits: Limits) -> String {
-    match ended {
-        Ended::TooLarge { bytes, share } => {
-            let percent = 100.0 * share;
-            format!("skipped: {bytes} bytes for {percent:.0} % of the table")
-        }
-        _ => format!("skipped: not finished after {:.0} s", limits.seconds),
-    }
 }
 
 /// What an interrupted sweep says.

@@ -5,6 +5,7 @@
 //! measurement depends on is the same.
 
 use super::{
+    clock::Spent,
     grid::{Interpolation, Number},
     maps::ErrorMap,
     patches::{Limits, Refinement},
@@ -19,7 +20,7 @@ use std::{
 };
 
 /// Counts up when measurements change their meaning.
-const FORMAT: u32 = 1;
+const FORMAT: u32 = 2;
 
 /// Which table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -158,15 +159,15 @@ pub struct Measured {
     pub memory: u64,
     /// Its errors.
     pub errors: Errors,
-    /// Wall-clock time of its bake.
-    pub bake_s: f64,
+    /// Time of its bake.
+    pub bake: Spent,
     /// Rays that the bake integrated.
     pub baked_rays: u64,
-    /// For fixing the camera.
+    /// Processor time for fixing the camera.
     pub contract_ms: f64,
-    /// For one path.
+    /// Processor time for one path.
     pub path_ns: f64,
-    /// For a frame of the default view.
+    /// Processor time for a frame of the default view.
     pub frame_ms: Option<f64>,
     /// For the same frame by equal-error exact.
     pub rival_frame_ms: Option<f64>,

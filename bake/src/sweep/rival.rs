@@ -30,7 +30,7 @@ pub struct Rival {
     pub steps: usize,
     /// Screen errors, mrad.
     pub screen: Quantiles,
-    /// Wall-clock nanoseconds for a path on all threads.
+    /// Processor nanoseconds for a path.
     pub path_ns: f64,
 }
 

@@ -1,15 +1,16 @@
 //! Times for one path.
 //!
-//! In: a table, or a number of steps, and a camera. Out: wall-clock nanoseconds for the path of a
-//! random direction with all threads at work, the camera being fixed before. A path is its chart
-//! points at [`POINTS`] arc lengths; the integrator's is all its steps. The bundle's times include
-//! tangents, which the others do not need for theirs.
+//! In: a table, or a number of steps, and a camera. Out: processor time for the path of a random
+//! direction on one thread, the camera being fixed before. A path is its chart points at [`POINTS`]
+//! arc lengths; the integrator's is all its steps. A bundle's paths come with tangents and are summed
+//! over vectors of arc lengths; a grid's are without and point by point, so a grid could be made
+//! somewhat quicker than it is here.
 
-use super::grid::Grid;
+use super::{clock::Clock, grid::Grid};
+use cpu_time::ThreadTime;
 use geofan::{Result, bundle::Table, geodesic::fixed_steps, manifold::Manifold, random::Stream};
 use glam::DVec3;
-use rayon::prelude::*;
-use std::{hint::black_box, time::Instant};
+use std::hint::black_box;
 
 /// Arc lengths at which a path is wanted.
 pub const POINTS: usize = 16;
@@ -17,10 +18,11 @@ pub const POINTS: usize = 16;
 /// Directions of one measurement.
 const DIRECTIONS: usize = 8192;
 
-/// Directions handed to a thread at once.
+/// Directions handed on at once.
 const BLOCK: usize = 256;
 
-/// Measurements, of which the quickest counts: what disturbs only ever slows down.
+/// Measurements, of which the quickest counts: what disturbs only ever slows down (caches and
+/// clock rates are shared with other programs).
 const REPEATS: usize = 3;
 
 /// Times of a table at one camera.
@@ -33,12 +35,12 @@ pub struct Times {
 }
 
 /// Nanoseconds for each direction of `work` on blocks of them.
-fn each(work: impl Fn(&[DVec3]) + Sync) -> f64 {
+fn each(work: impl Fn(&[DVec3])) -> f64 {
     let mut stream = Stream::new(&[0x73_7065_6564]);
     let directions: Vec<DVec3> = (0..DIRECTIONS).map(|_| stream.direction()).collect();
     let run = || {
-        let began = Instant::now();
-        directions.par_chunks(BLOCK).for_each(&work);
+        let began = ThreadTime::now();
+        directions.chunks(BLOCK).for_each(&work);
         began.elapsed().as_secs_f64() * 1e9 / DIRECTIONS as f64
     };
     (0..REPEATS).map(|_| run()).fold(f64::INFINITY, f64::min)
@@ -48,12 +50,12 @@ fn lengths(length: f64) -> [f64; POINTS] {
     std::array::from_fn(|i| length * (i + 1) as f64 / POINTS as f64)
 }
 
-/// Milliseconds of the quickest of a few runs, and what the last one made.
+/// Processor milliseconds of the quickest of a few runs, and what the last one made.
 fn quickest<T>(work: impl Fn() -> Result<T>) -> Result<(T, f64)> {
     let mut least = f64::INFINITY;
     let run = || {
-        let began = Instant::now();
-        work().map(|found| (found, 1e3 * began.elapsed().as_secs_f64()))
+        let clock = Clock::start();
+        work().map(|found| (found, 1e3 * clock.spent().cpu_s))
     };
     // The first run decodes; later frames do not.
     let mut found = run()?.0;

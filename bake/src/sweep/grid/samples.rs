@@ -5,8 +5,8 @@
 //! Channels are those that a bundle stores: displacement, then transported rotation.
 
 use super::axes::Axes;
+use crate::sweep::clock::{Clock, Spent};
 use geofan::fan::{CHANNELS, FanSpace, ROTATION, sample};
-use std::time::Instant;
 
 /// Rays followed at once: enough to keep all threads busy, few enough that their samples in double
 /// precision stay small beside the grid.
@@ -22,7 +22,7 @@ pub struct Samples {
     /// The numbers.
     pub values: Vec<f32>,
     /// Time it took.
-    pub seconds: f64,
+    pub spent: Spent,
 }
 
 /// The channels of [`sample`] that a table of `space` stores, rotations only with `frames`.
@@ -40,7 +40,7 @@ impl Samples {
         (tolerance, frames): (f64, bool),
         stop: impl Fn() -> bool,
     ) -> Option<Self> {
-        let began = Instant::now();
+        let clock = Clock::start();
         let channels = stored_channels(space, frames);
         let (rays, arcs) = (axes.rays(), axes.lengths.len());
         let mut values = Vec::with_capacity(rays * arcs * channels.len());
@@ -63,7 +63,7 @@ impl Samples {
             axes,
             channels,
             values,
-            seconds: began.elapsed().as_secs_f64(),
+            spent: clock.spent(),
         })
     }
 }

@@ -9,13 +9,13 @@ use super::{
     stencil::{Interpolation, Stencil, prefilter},
     storage::{Number, Storage},
 };
+use crate::sweep::clock::{Clock, Spent};
 use geofan::{
     Result,
     fan::{FanSpace, Located, Place, ROTATION, Start},
 };
 use glam::{DMat3, DQuat, DVec3};
 use rayon::prelude::*;
-use std::time::Instant;
 
 /// A table of fans on equally spaced nodes.
 #[derive(Debug, Clone)]
@@ -32,7 +32,7 @@ pub struct Grid {
     channels: Vec<usize>,
     storage: Storage,
     /// Time for all of it, sampling included.
-    pub seconds: f64,
+    pub spent: Spent,
 }
 
 /// Rows and their weights.
@@ -47,7 +47,7 @@ impl Grid {
         interpolation: Interpolation,
         number: Number,
     ) -> Self {
-        let began = Instant::now();
+        let clock = Clock::start();
         let axes = &samples.axes;
         let (shape, arcs) = (axes.ray_shape(), axes.lengths.len());
         let channels = samples.channels.clone();
@@ -70,7 +70,7 @@ impl Grid {
             length,
             storage: Storage::new(values, channels.len(), number),
             channels,
-            seconds: samples.seconds + began.elapsed().as_secs_f64(),
+            spent: samples.spent + clock.spent(),
         }
     }
 

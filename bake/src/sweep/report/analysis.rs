@@ -111,7 +111,7 @@ impl std::fmt::Display for Ratio {
     }
 }
 
-/// When a bundle pays, against the integrator that is as accurate.
+/// When a bundle pays in processor time, against the integrator that is as accurate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Payoff {
     /// Steps of the integrator.
@@ -127,7 +127,7 @@ pub struct Payoff {
 /// When `table` pays; `None` if no integrator that was tried is as accurate.
 pub fn payoff(results: &Results, table: &Measured) -> Option<Payoff> {
     let rival = equal(&results.rivals, table.errors.screen.p99)?;
-    let after = |saved_s: f64| (saved_s > 0.0).then(|| (table.bake_s / saved_s).ceil());
+    let after = |saved_s: f64| (saved_s > 0.0).then(|| (table.bake.cpu_s / saved_s).ceil());
     let frames = table.frame_ms.zip(table.rival_frame_ms);
     Some(Payoff {
         steps: rival.steps,

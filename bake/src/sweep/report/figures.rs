@@ -264,12 +264,12 @@ fn error_by_bytes(results: &Results) -> Result<Figure> {
 
 fn error_by_bake(results: &Results) -> Result<Figure> {
     let mut chart = Chart::new();
-    all_kinds(&mut chart, results, |m| m.bake_s, false);
+    all_kinds(&mut chart, results, |m| m.bake.cpu_s, false);
     let title = format!("{}: error against bake time", results.title);
-    let layout = chart.layout([&title, DASHED], "bake (s)", room(&chart));
+    let layout = chart.layout([&title, DASHED], "bake (s of processor time)", room(&chart));
     let layout = with_rivals(layout, &chart, results);
-    let caption = "Wall-clock time of the bake on all threads, sampling included. Dashed: the \
-        integrator, which needs no bake.";
+    let caption = "Processor time of the bake, all threads together, sampling included. \
+        Dashed: the integrator, which needs no bake.";
     let name = format!("{}-error-bake", results.name);
     Figure::draw(name, caption.into(), chart.plots, layout)
 }
@@ -284,10 +284,10 @@ fn error_by_path(results: &Results) -> Result<Figure> {
     let exact: Vec<(f64, f64)> = rivals.map(|r| (r.path_ns, r.screen.p99)).collect();
     chart.series(exact, BLACK, MarkerShape::Plus, "exact, equal steps".into());
     let title = format!("{}: error against lookup time", results.title);
-    let subtitle = "all threads; exact: equal steps in single precision";
-    let layout = chart.layout([&title, subtitle], "time for a path (ns)", 0.15);
-    let caption = "Wall-clock time for one path in a random direction with all threads at work, \
-        the camera fixed before: 16 chart points from a table, all steps of the integrator.";
+    let subtitle = "exact: equal steps in single precision";
+    let layout = chart.layout([&title, subtitle], "time for a path (ns of one core)", 0.15);
+    let caption = "Processor time for one path in a random direction, the camera fixed before: \
+        16 chart points from a table, all steps of the integrator.";
     let name = format!("{}-error-lookup", results.name);
     Figure::draw(name, caption.into(), chart.plots, layout)
 }

@@ -53,8 +53,8 @@ fn definitions(all: &[Results]) -> String {
          that no table was made from; a largest error is the largest of those, not a bound. \
          <i>Exact</i> is classical Runge–Kutta in single precision over vectors of rays, with the \
          fewest equal steps whose 99th percentile is no worse than the table's. A path from a table \
-         is its chart points at {POINTS} arc lengths. Times are wall-clock with all threads at \
-         work.</p>\n"
+         is its chart points at {POINTS} arc lengths. Times are processor time, all threads together, which other \
+         programs on the machine disturb less than the clock.</p>\n"
     )
 }
 
@@ -110,7 +110,7 @@ fn when_to_bake(all: &[Results]) -> String {
                 point.key.what.setting(),
                 short(m.errors.screen.p99),
                 m.disk.to_string(),
-                short(m.bake_s),
+                short(m.bake.cpu_s),
                 short(m.path_ns),
                 m.frame_ms.map_or("–".into(), short),
             ];

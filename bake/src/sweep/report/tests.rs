@@ -5,6 +5,7 @@ use super::{
     page::{page, short},
 };
 use crate::sweep::{
+    clock::Spent,
     grid::{Interpolation, Number},
     patches::Refinement,
     point::{Basis, Key, Kind, Measured, Outcome, Point, What},
@@ -43,7 +44,10 @@ fn point(what: What, bytes: u64, p99: f64) -> Point {
             rotation: None,
             flagged: 0.0,
         },
-        bake_s: 2.0,
+        bake: Spent {
+            wall_s: 1.0,
+            cpu_s: 2.0,
+        },
         baked_rays: 1,
         contract_ms: 1.0,
         path_ns: 100.0,

@@ -63,7 +63,7 @@ impl Subject<'_> {
             disk: baked.bytes,
             memory: baked.memory()?,
             errors,
-            bake_s: baked.seconds,
+            bake: baked.spent,
             baked_rays: baked.rays,
             contract_ms: times.contract_ms,
             path_ns: times.path_ns,
@@ -86,7 +86,7 @@ impl Subject<'_> {
         Ok(self.stage.get().and_then(Option::as_ref))
     }
 
-    /// Milliseconds of a frame by `table`.
+    /// Processor milliseconds of a frame by `table`.
     fn frame(&self, table: &Table, promise: f64) -> Result<Option<f64>> {
         let stage = self.stage()?;
         stage
@@ -94,7 +94,7 @@ impl Subject<'_> {
             .transpose()
     }
 
-    /// Milliseconds of a frame by the rival that is no worse than `p99`.
+    /// Processor milliseconds of a frame by the rival that is no worse than `p99`.
     fn rival_frame(&self, rivals: &[Rival], p99: f64) -> Result<Option<f64>> {
         let frame = self.stage()?.zip(equal(rivals, p99));
         Ok(frame.map(|(stage, rival)| stage.by_steps(self.basis.length, rival.steps)))

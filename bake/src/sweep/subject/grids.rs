@@ -84,7 +84,7 @@ impl Subject<'_> {
             disk: grid.bytes(),
             memory: grid.bytes(),
             errors: self.truth()?.errors(&grid)?,
-            bake_s: grid.seconds,
+            bake: grid.spent,
             baked_rays: samples.axes.rays() as u64,
             contract_ms: times.contract_ms,
             path_ns: times.path_ns,
