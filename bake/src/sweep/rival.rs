@@ -20,8 +20,12 @@ const STEPS: [usize; 20] = [
     3, 4, 6, 8, 10, 12, 16, 20, 24, 32, 40, 48, 64, 96, 128, 192, 256, 384, 512, 1024,
 ];
 
-/// An error, mrad, below which more steps show nothing: rounding of single precision is near.
+/// An error, mrad, below which no table is.
 const FLOOR: f64 = 1e-3;
+
+/// An error, mrad, below which more steps that do not help mean that rounding of single precision
+/// has been reached.
+const ROUNDING: f64 = 1e-2;
 
 /// An integrator with a fixed number of steps.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -39,8 +43,10 @@ pub fn rivals(manifold: &Manifold, truth: &Truth, u: DVec3) -> Vec<Rival> {
     let mut found: Vec<Rival> = Vec::new();
     for steps in STEPS {
         let rival = measure(manifold, truth, u, steps);
+        let p99 = rival.screen.p99;
+        let before = found.last().map_or(f64::INFINITY, |last| last.screen.p99);
         found.push(rival);
-        if rival.screen.p99 < FLOOR {
+        if p99 < FLOOR || (before < ROUNDING && p99 >= before) {
             break;
         }
     }
