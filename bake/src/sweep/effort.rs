@@ -11,6 +11,8 @@ pub struct Effort {
     pub promises: Vec<f64>,
     /// Even numbers of cells of grids, coarsest first.
     pub cells: Vec<f64>,
+    /// Cells along every axis of the grid from which it is learnt how to share them out.
+    pub pilot: usize,
     /// Limits of one table.
     pub limits: Limits,
     /// Fresh rays.
@@ -37,6 +39,7 @@ impl Effort {
         };
         Self {
             promises: promises.to_vec(),
+            pilot: first as usize,
             cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
             limits: limits(cameras, quick),
             rays: if quick { 4_000 } else { 20_000 },

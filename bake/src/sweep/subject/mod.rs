@@ -230,9 +230,7 @@ impl<'a> Subject<'a> {
 
     /// A coarse grid with as many cells along every axis.
     fn pilot(&self) -> Option<Samples> {
-        let coarsest = self.effort.cells.first().map_or(0.0, |cells| cells.round());
-        let count = coarsest as usize + 1;
-        self.sampled(&vec![count.max(FEWEST); axes(&self.space)])
+        self.sampled(&vec![self.effort.pilot + 1; axes(&self.space)])
     }
 
     fn sampled(&self, nodes: &[usize]) -> Option<Samples> {
