@@ -78,8 +78,8 @@ fn heatmap(map: &ErrorMap) -> Heatmap {
     let top = largest(map).max(1e-9).log10();
     let bottom = top - DECADES;
     let cell = |c: &Option<f64>| c.map_or(f64::NAN, |e| e.max(1e-12).log10().clamp(bottom, top));
-    // The picture's first row is the upper one.
-    let rows = map.rows.iter().rev();
+    // Where an axis has a range, kuva's first row is the lowest, as here.
+    let rows = map.rows.iter();
     let data: Vec<Vec<f64>> = rows.map(|row| row.iter().map(cell).collect()).collect();
     let [x, y] = map.ranges;
     Heatmap::new()
@@ -118,5 +118,33 @@ fn unit(point: &Point) -> String {
     match point.key.what {
         What::Patches { .. } => format!("at {setting} mrad"),
         What::Grid { .. } => format!("of {setting} cells"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The first rectangle of `colour` in an SVG: its upper edge.
+    fn upper_edge(svg: &str, colour: &str) -> f64 {
+        let rect = svg.split("<rect").find(|rect| rect.contains(colour));
+        let rect = rect.unwrap_or_else(|| panic!("no {colour} in {svg}"));
+        let y = rect.split(" y=\"").nth(1).unwrap();
+        y.split('"').next().unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn the_first_row_of_a_map_is_the_lowest_of_its_picture() {
+        let map = ErrorMap {
+            over: Over::Camera,
+            labels: ["across".into(), "up".into()],
+            ranges: [[0.0, 1.0], [2.0, 3.0]],
+            rows: vec![vec![Some(1.0)], vec![Some(1e-3)]],
+        };
+        let plots: Vec<Plot> = vec![heatmap(&map).into()];
+        let layout = layout(&plots, "title", &map);
+        let svg = kuva::render_to_svg(plots, layout);
+        let viridis = |t: f64| ColorMap::Viridis.map(t);
+        assert!(upper_edge(&svg, &viridis(1.0)) > upper_edge(&svg, &viridis(0.0)));
     }
 }
