@@ -19,21 +19,31 @@ pub struct Effort {
     pub rays: usize,
 }
 
+/// How much is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// Minutes.
+    Quick,
+    /// Up to hours.
+    Full,
+}
+
 impl Effort {
     /// For a space with so many camera parameters and axes (arc length included).
-    pub fn new(cameras: usize, axes: usize, quick: bool) -> Self {
+    pub fn new(cameras: usize, axes: usize, extent: Extent) -> Self {
         // Three camera parameters make large files: a quick sweep asks for little of them.
-        let promises: &[f64] = match (cameras, quick) {
-            (0 | 1, true) => &[2.0, 0.5, 0.1],
-            (0 | 1, false) => &[2.0, 0.5, 0.2, 0.1, 0.03],
-            (_, true) => &[60.0],
-            (_, false) => &[60.0, 30.0, 15.0],
+        let promises: &[f64] = match (cameras, extent) {
+            (0 | 1, Extent::Quick) => &[2.0, 0.5, 0.1],
+            (0 | 1, Extent::Full) => &[2.0, 0.5, 0.2, 0.1, 0.03],
+            (_, Extent::Quick) => &[60.0],
+            (_, Extent::Full) => &[60.0, 30.0, 15.0],
         };
         // Spacings are halved where axes are few; with more, doubling all cells would leave two
         // sizes between nothing and too much.
         let (first, ratio, count) = match axes {
             0..=2 => (16.0, 2.0, 5),
-            3 => (8.0, 2.0, if quick { 4 } else { 5 }),
+            3 if extent == Extent::Quick => (8.0, 2.0, 4),
+            3 => (8.0, 2.0, 5),
             4 => (6.0, std::f64::consts::SQRT_2, 5),
             _ => (3.0, std::f64::consts::SQRT_2, 5),
         };
@@ -41,8 +51,11 @@ impl Effort {
             promises: promises.to_vec(),
             pilot: first as usize,
             cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
-            limits: limits(cameras, quick),
-            rays: if quick { 4_000 } else { 20_000 },
+            limits: limits(cameras, extent),
+            rays: match extent {
+                Extent::Quick => 4_000,
+                Extent::Full => 20_000,
+            },
         }
     }
 
@@ -54,14 +67,17 @@ impl Effort {
 }
 
 /// What one table may take.
-fn limits(cameras: usize, quick: bool) -> Limits {
+fn limits(cameras: usize, extent: Extent) -> Limits {
     Limits {
-        seconds: match (cameras, quick) {
-            (0 | 1, true) => 60.0,
-            (0 | 1, false) => 600.0,
-            (_, true) => 240.0,
-            (_, false) => 3600.0,
+        seconds: match (cameras, extent) {
+            (0 | 1, Extent::Quick) => 60.0,
+            (0 | 1, Extent::Full) => 600.0,
+            (_, Extent::Quick) => 240.0,
+            (_, Extent::Full) => 3600.0,
         },
-        grid_bytes: if quick { 128 << 20 } else { 1 << 30 },
+        grid_bytes: match extent {
+            Extent::Quick => 128 << 20,
+            Extent::Full => 1 << 30,
+        },
     }
 }

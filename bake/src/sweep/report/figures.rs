@@ -189,17 +189,25 @@ fn flagged(points: &[Pair<'_>]) -> String {
     })
 }
 
-fn all_kinds(chart: &mut Chart, results: &Results, x: impl Fn(&Measured) -> f64, laws: bool) {
+/// What a legend adds about a kind.
+fn remark(kind: Kind, points: &[Pair<'_>]) -> String {
+    match kind {
+        Kind::UndividedPatches => flagged(points),
+        _ => law(points),
+    }
+}
+
+/// The points of all kinds at `x`, named by their kind and what `remark` adds.
+fn all_kinds(
+    chart: &mut Chart,
+    results: &Results,
+    x: impl Fn(&Measured) -> f64,
+    remark: impl Fn(Kind, &[Pair<'_>]) -> String,
+) {
     for kind in KINDS {
         let points = results.of(kind);
         let data = points.iter().map(|(_, m)| (x(m), m.errors.screen.p99));
-        let law = if laws { law(&points) } else { String::new() };
-        let law = if kind == Kind::UndividedPatches {
-            flagged(&points)
-        } else {
-            law
-        };
-        let label = format!("{}{law}", kind.title());
+        let label = format!("{}{}", kind.title(), remark(kind, &points));
         chart.series(data.collect(), colour(kind), marker(kind), label);
     }
 }
@@ -243,7 +251,7 @@ fn with_rivals(mut layout: Layout, chart: &Chart, results: &Results) -> Layout {
 
 fn error_by_bytes(results: &Results) -> Result<Figure> {
     let mut chart = Chart::new();
-    all_kinds(&mut chart, results, |m| m.disk as f64, true);
+    all_kinds(&mut chart, results, |m| m.disk as f64, remark);
     let front = results.front();
     let front = front
         .iter()
@@ -264,7 +272,7 @@ fn error_by_bytes(results: &Results) -> Result<Figure> {
 
 fn error_by_bake(results: &Results) -> Result<Figure> {
     let mut chart = Chart::new();
-    all_kinds(&mut chart, results, |m| m.bake.cpu_s, false);
+    all_kinds(&mut chart, results, |m| m.bake.cpu_s, |_, _| String::new());
     let title = format!("{}: error against bake time", results.title);
     let layout = chart.layout([&title, DASHED], "bake (s of processor time)", room(&chart));
     let layout = with_rivals(layout, &chart, results);
@@ -276,7 +284,7 @@ fn error_by_bake(results: &Results) -> Result<Figure> {
 
 fn error_by_path(results: &Results) -> Result<Figure> {
     let mut chart = Chart::new();
-    all_kinds(&mut chart, results, |m| m.path_ns, false);
+    all_kinds(&mut chart, results, |m| m.path_ns, |_, _| String::new());
     let [best, worst] = chart.range(|p| p.1);
     let within = 0.3 * best..=3.0 * worst;
     let rivals = results.rivals.iter();

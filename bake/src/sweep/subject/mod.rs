@@ -9,7 +9,7 @@ mod grids;
 
 use super::{
     SweepArgs,
-    effort::Effort,
+    effort::{Effort, Extent},
     frames::Stage,
     grid::{Axes, FEWEST, Samples, Spacing, balanced, cells},
     maps::{ErrorMap, Map, maps},
@@ -94,7 +94,11 @@ impl Shared<'_> {
     /// What to measure of the rays of `space`.
     fn effort(&self, space: &FanSpace) -> Effort {
         let args = self.args;
-        let usual = Effort::new(space.cameras().len(), axes(space), args.quick);
+        let extent = match args.quick {
+            true => Extent::Quick,
+            false => Extent::Full,
+        };
+        let usual = Effort::new(space.cameras().len(), axes(space), extent);
         let own = |given: &[f64], usual: Vec<f64>| match given {
             [] => usual,
             given => given.to_vec(),
