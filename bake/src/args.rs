@@ -1,6 +1,6 @@
 //! The options of `geofan-bake`.
 
-use crate::{demo::DemoArgs, shard::MergeArgs};
+use crate::{demo::DemoArgs, shard::MergeArgs, sweep::SweepArgs};
 use geofan::terminal::{CommonArgs, values};
 use std::path::PathBuf;
 
@@ -31,6 +31,8 @@ pub enum Command {
     Merge(MergeArgs),
     /// Bake the wormhole, render it and compare
     Demo(DemoArgs),
+    /// Measure accuracy against table size
+    Sweep(SweepArgs),
 }
 
 /// Options of a bake.
@@ -88,7 +90,11 @@ impl Share {
 /// exact enough; above the second a picture shows nothing.
 const PROMISES: std::ops::RangeInclusive<f64> = 1e-5..=1e3;
 
-fn promise(text: &str) -> Result<f64, String> {
+/// A promise, mrad.
+///
+/// # Errors
+/// A message for the user.
+pub fn promise(text: &str) -> Result<f64, String> {
     let value = values::positive(text)?;
     if PROMISES.contains(&value) {
         return Ok(value);

@@ -17,4 +17,5 @@ pub mod plan;
 pub mod refine;
 pub mod run;
 pub mod shard;
+pub mod sweep;
 mod tolerance;

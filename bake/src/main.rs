@@ -3,7 +3,7 @@
 use geofan::{Error, Result, terminal, terminal::Outcome};
 use geofan_bake::{
     args::{Cli, Command},
-    demo, run, shard,
+    demo, run, shard, sweep,
 };
 use std::process::ExitCode;
 
@@ -16,6 +16,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     match (&cli.command, &cli.bake) {
         (Some(Command::Merge(args)), None) => shard::merge(args, &cli.common),
         (Some(Command::Demo(args)), None) => demo::run(args, &cli.common),
+        (Some(Command::Sweep(args)), None) => sweep::run(args, &cli.common),
         (None, Some(args)) => run::run(args, &cli.common),
         _ => Err(Error::input(
             "MANIFOLD",

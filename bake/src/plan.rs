@@ -10,7 +10,7 @@ use geofan::{
 const FIRST_TOLERANCE: f64 = 1e-8;
 
 /// Counts up when refinement changes: parts of another count are baked again.
-const REFINEMENT: u32 = 3;
+pub(crate) const REFINEMENT: u32 = 3;
 
 /// Sizes by the number of axes besides the arc length.
 struct Sizes {
@@ -28,16 +28,6 @@ struct Sizes {
 }
 
 fn sizes(cameras: usize, axes: usize) -> Sizes {
-    if let Ok(v) = std::env::var("SIZES") {
-        let v: Vec<u32> = v.split(',').map(|x| x.parse().unwrap()).collect();
-        return Sizes {
-            nodes: v[0],
-            arc: v[1],
-            rays: v[2],
-            bits: v[3] as i32,
-            cells: v[4],
-        };
-    }
     let (nodes, arc, rays, bits, cells) = match axes {
         0 | 1 => (32, 60, 32, 11, 4),
         2 if cameras == 0 => (24, 48, 576, 11, 1),

@@ -198,7 +198,7 @@ fn too_large(promise: f64, limit: u64, bytes: u64, share: f64) -> Attempt {
 }
 
 /// A word as a shell takes it back.
-fn quoted(word: &str) -> String {
+pub fn quoted(word: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,+:@%".contains(c);
     match !word.is_empty() && word.chars().all(plain) {
         true => word.into(),

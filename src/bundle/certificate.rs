@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     error::{Error, Result},
-    fan::Reduction,
+    fan::{FanSpace, Reduction},
     manifold::{CameraRegion, Manifold},
     quantiles::Quantiles,
     random::Stream,
@@ -170,7 +170,7 @@ fn at_camera(
 ) -> Result<Errors> {
     let manifold = table.space.manifold();
     let mut stream = Stream::new(key);
-    let u = random_camera(table, &mut stream)?;
+    let u = random_camera(&table.space, &mut stream)?;
     let fan = table.fan(u)?;
     let rays: Vec<(DVec3, DVec3)> = (0..count).map(|_| (u, stream.direction())).collect();
     let shares: Vec<f64> = rays.iter().map(|_| 1.0 - stream.uniform()).collect();
@@ -203,12 +203,15 @@ fn at_camera(
 }
 
 /// A camera of the region, moved by the symmetry, where rays can start.
-fn random_camera(table: &Table, stream: &mut Stream) -> Result<DVec3> {
-    let manifold = table.space.manifold();
+///
+/// # Errors
+/// There is no region, or none of many cameras lies in the domain.
+pub fn random_camera(space: &FanSpace, stream: &mut Stream) -> Result<DVec3> {
+    let manifold = space.manifold();
     let region = manifold.cameras.as_ref();
     let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
     let found = (0..ATTEMPTS)
-        .map(|_| moved(table.space.reduction(), manifold, region, stream))
+        .map(|_| moved(space.reduction(), manifold, region, stream))
         .find(|u| crate::geodesic::check_point(manifold, "camera", *u).is_ok());
     found.ok_or_else(|| {
         let message = format!("none of {ATTEMPTS} random cameras lies in the domain");
@@ -248,7 +251,6 @@ mod tests {
     use crate::{
         bundle::{Chunk, Division, Scale, Train, Tree},
         diagnostic::SourceText,
-        fan::FanSpace,
     };
     use ndarray::{ArrayD, IxDyn};
     use std::sync::Arc;

@@ -19,7 +19,7 @@ mod trace;
 mod tree;
 
 pub use bytes::{Damage, Reader, Writer};
-pub use certificate::{Certificate, Checked, certify};
+pub use certificate::{Certificate, Checked, certify, random_camera};
 pub use contracted::Contracted;
 pub use fan::{Fan, FanPath};
 pub use file::{Bundle, BundleError, Contents, identity};

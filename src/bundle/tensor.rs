@@ -370,6 +370,11 @@ impl Tensor {
         self.sum(&all)
     }
 
+    /// How many integers it holds, of 32 bits each.
+    pub fn integers(&self) -> usize {
+        self.cores.iter().map(|core| core.values.len()).sum()
+    }
+
     /// About how many bytes it takes in a chunk.
     pub fn bytes(&self) -> f64 {
         let cores = self.cores.iter();

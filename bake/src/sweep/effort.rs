@@ -1,0 +1,83 @@
+//! What a sweep measures: promises, sizes of grids, limits.
+//!
+//! In: the number of axes and camera parameters of a space. Out: an [`Effort`].
+
+use super::patches::Limits;
+
+/// What is measured of one manifold.
+#[derive(Debug, Clone)]
+pub struct Effort {
+    /// Promises of bundles, mrad, loosest first.
+    pub promises: Vec<f64>,
+    /// Even numbers of cells of grids, coarsest first.
+    pub cells: Vec<f64>,
+    /// Cells along every axis of the grid from which it is learnt how to share them out.
+    pub pilot: usize,
+    /// Limits of one table.
+    pub limits: Limits,
+    /// Fresh rays.
+    pub rays: usize,
+}
+
+/// How much is measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Extent {
+    /// Minutes.
+    Quick,
+    /// Up to hours.
+    Full,
+}
+
+impl Effort {
+    /// For a space with so many camera parameters and axes (arc length included).
+    pub fn new(cameras: usize, axes: usize, extent: Extent) -> Self {
+        // Three camera parameters make large files: a quick sweep asks for little of them.
+        let promises: &[f64] = match (cameras, extent) {
+            (0 | 1, Extent::Quick) => &[2.0, 0.5, 0.1],
+            (0 | 1, Extent::Full) => &[2.0, 0.5, 0.2, 0.1, 0.03],
+            (_, Extent::Quick) => &[60.0],
+            (_, Extent::Full) => &[60.0, 30.0, 15.0],
+        };
+        // Spacings are halved where axes are few; with more, doubling all cells would leave two
+        // sizes between nothing and too much.
+        let (first, ratio, count) = match axes {
+            0..=2 => (16.0, 2.0, 5),
+            3 if extent == Extent::Quick => (8.0, 2.0, 4),
+            3 => (8.0, 2.0, 5),
+            4 => (6.0, std::f64::consts::SQRT_2, 5),
+            _ => (3.0, std::f64::consts::SQRT_2, 5),
+        };
+        Self {
+            promises: promises.to_vec(),
+            pilot: first as usize,
+            cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
+            limits: limits(cameras, extent),
+            rays: match extent {
+                Extent::Quick => 4_000,
+                Extent::Full => 20_000,
+            },
+        }
+    }
+
+    /// The promise in the middle of the list: there errors are mapped, and one bundle is also made
+    /// without halving.
+    pub fn middle(&self) -> Option<f64> {
+        self.promises.get(self.promises.len() / 2).copied()
+    }
+}
+
+/// What one table may take.
+fn limits(cameras: usize, extent: Extent) -> Limits {
+    Limits {
+        seconds: match (cameras, extent) {
+            (0 | 1, Extent::Quick) => 60.0,
+            (0 | 1, Extent::Full) => 600.0,
+            (_, Extent::Quick) => 240.0,
+            (_, Extent::Full) => 3600.0,
+        },
+        grid_bytes: match extent {
+            Extent::Quick => 128 << 20,
+            Extent::Full => 1 << 30,
+        },
+    }
+}

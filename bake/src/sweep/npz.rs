@@ -1,0 +1,172 @@
+//! Sampled fans for numpy.
+//!
+//! In: [`Samples`]. Out: an `.npz` file of single-precision arrays: `displacement` and `rotation` with
+//! axes (camera…, face, direction…, arc length, channel), and the positions of the nodes: `camera_0`…
+//! (stored camera parameters), `face`, `direction_0`…, `arc_length`. Displacement is
+//! `(X(s) − X(0))/s − X'(0)` of the stored chart point, rotation the quaternion x, y, z, w (or those
+//! components of it that can differ from zero).
+
+use super::{
+    grid::{Axes, Samples, Spacing, stored_channels},
+    patches::interrupted,
+};
+use crate::plan::plan;
+use geofan::{
+    Error, Result,
+    fan::{DISPLACEMENT, FanSpace},
+    files::write_atomically,
+    manifold::Manifold,
+    terminal::Interrupt,
+};
+use ndarray::{Array1, ArrayD, Axis, IxDyn, Slice};
+use ndarray_npy::{NpzWriter, WriteNpzError};
+use std::{
+    fs, io,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// One tensor instead of a sweep.
+#[derive(Debug, Clone, clap::Args)]
+pub struct TensorArgs {
+    /// Measure nothing, but write the fans on so many nodes along every camera parameter, direction
+    /// parameter and the arc length as NPZ
+    #[arg(long, value_name = "CAMERA,DIRECTION,ARC", value_parser = nodes)]
+    pub npz_nodes: Option<[usize; 3]>,
+    /// How those nodes are placed
+    #[arg(long, value_enum, default_value = "uniform", requires = "npz_nodes")]
+    pub npz_spacing: Spacing,
+    /// One face of directions only, numbered from 0
+    #[arg(long, value_name = "FACE", requires = "npz_nodes")]
+    pub npz_face: Option<usize>,
+    /// Without the transported rotations
+    #[arg(long, requires = "npz_nodes")]
+    pub npz_no_frames: bool,
+}
+
+/// The most numbers of a tensor: four gigabytes.
+const MOST: usize = 1 << 30;
+
+fn nodes(text: &str) -> Result<[usize; 3], String> {
+    let wrong = || format!("`{text}` is not three numbers of nodes: write 12,24,16");
+    let numbers = text
+        .split(',')
+        .map(|n| n.trim().parse().map_err(|_| wrong()));
+    let numbers: Vec<usize> = numbers.collect::<Result<_, String>>()?;
+    match <[usize; 3]>::try_from(numbers) {
+        Ok(nodes) if nodes.iter().all(|n| (1..=4096).contains(n)) => Ok(nodes),
+        _ => Err(wrong()),
+    }
+}
+
+impl TensorArgs {
+    /// Samples the fans of the manifold in the file `path` and writes them to `out`.
+    ///
+    /// # Errors
+    /// The file cannot work, the tensor is too large, an interruption, or the place cannot be
+    /// written.
+    pub fn write(
+        &self,
+        path: &Path,
+        nodes: [usize; 3],
+        out: &Path,
+        interrupt: &Interrupt,
+    ) -> Result<PathBuf> {
+        let manifold = Arc::new(Manifold::load(path, &[])?);
+        let length = manifold.length_or(None)?;
+        let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
+        let frames = !self.npz_no_frames;
+        let axes = self.axes(&space, length, nodes)?;
+        let stop = || interrupt.requested();
+        let samples = Samples::new(&space, axes, (plan.tolerance, frames), stop);
+        let samples = samples.ok_or_else(interrupted)?;
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        write(out, &format!("{stem}-{}", self.name(nodes)), &samples)
+    }
+
+    fn axes(
+        &self,
+        space: &FanSpace,
+        length: f64,
+        [camera, direction, arc]: [usize; 3],
+    ) -> Result<Axes> {
+        let mut counts = vec![camera; space.cameras().len()];
+        counts.extend(vec![direction; space.directions()]);
+        counts.push(arc);
+        let mut axes = Axes::new(space, length, &counts, self.npz_spacing);
+        let wanted = |face: &usize| self.npz_face.is_none_or(|only| only == *face);
+        axes.faces.retain(wanted);
+        let channels = stored_channels(space, !self.npz_no_frames).len();
+        let factors = counts.iter().copied().chain([axes.faces.len(), channels]);
+        let numbers = factors.fold(1, |n: usize, factor| n.saturating_mul(factor));
+        match (1..=MOST).contains(&numbers) {
+            true => Ok(axes),
+            false => {
+                let message = format!("{numbers} numbers; from 1 to {MOST} can be written");
+                Err(Error::input("--npz-nodes", message))
+            }
+        }
+    }
+
+    fn name(&self, [camera, direction, arc]: [usize; 3]) -> String {
+        let face = self
+            .npz_face
+            .map_or(String::new(), |face| format!("-face{face}"));
+        let spacing = match self.npz_spacing {
+            Spacing::Uniform => "uniform",
+            Spacing::Chebyshev => "chebyshev",
+        };
+        format!("{camera}-{direction}-{arc}-{spacing}{face}")
+    }
+}
+
+/// The promise that the integrator's tolerance is chosen for, mrad.
+const PROMISE: f64 = 0.02;
+
+/// Writes `samples` to `npz/NAME.npz` in `out`.
+///
+/// # Errors
+/// The place cannot be written.
+pub fn write(out: &Path, name: &str, samples: &Samples) -> Result<PathBuf> {
+    let folder = out.join("npz");
+    fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+    let path = folder.join(format!("{name}.npz"));
+    write_atomically(&path, |file| {
+        put(NpzWriter::new(file), samples).map_err(io::Error::other)
+    })?;
+    Ok(path)
+}
+
+fn put<W: io::Write + io::Seek>(
+    mut npz: NpzWriter<W>,
+    samples: &Samples,
+) -> Result<(), WriteNpzError> {
+    let axes = &samples.axes;
+    let nodes = |nodes: &[f64]| nodes.iter().map(|x| *x as f32).collect::<Array1<f32>>();
+    for (k, camera) in axes.cameras.iter().enumerate() {
+        npz.add_array(format!("camera_{k}"), &nodes(camera))?;
+    }
+    let faces: Array1<i32> = axes.faces.iter().map(|f| *f as i32).collect();
+    npz.add_array("face", &faces)?;
+    for (k, direction) in axes.directions.iter().enumerate() {
+        npz.add_array(format!("direction_{k}"), &nodes(direction))?;
+    }
+    npz.add_array("arc_length", &nodes(&axes.lengths))?;
+    let mut shape = axes.ray_shape();
+    shape.extend([axes.lengths.len(), samples.channels.len()]);
+    let last = Axis(shape.len() - 1);
+    let all = ndarray::ArrayView::from_shape(IxDyn(&shape), &samples.values);
+    let Ok(all) = all else { return Ok(()) };
+    let split = samples
+        .channels
+        .iter()
+        .filter(|c| **c >= DISPLACEMENT)
+        .count();
+    let part = |slice: Slice| -> ArrayD<f32> { all.slice_axis(last, slice).to_owned() };
+    npz.add_array("displacement", &part(Slice::from(..split)))?;
+    if split < samples.channels.len() {
+        npz.add_array("slope", &part(Slice::from(split..)))?;
+    }
+    npz.finish()?;
+    Ok(())
+}

@@ -1,0 +1,189 @@
+//! A bundle as a point of the sweep.
+//!
+//! In: the rays of a space, a promise, limits. Out: the bundle that `geofan-bake` makes for it, or
+//! which limit it met.
+
+use super::clock::{Clock, Spent};
+use crate::{
+    job::{Ended, Job},
+    parts::Parts,
+    plan::plan,
+};
+use geofan::{
+    Error, Result,
+    bundle::{Bundle, Contents, PlanRecord, Tree, identity},
+    fan::FanSpace,
+    terminal::{CommonArgs, Interrupt},
+};
+use serde::{Deserialize, Serialize};
+use std::{
+    path::Path,
+    sync::mpsc::{self, RecvTimeoutError},
+    time::{Duration, Instant},
+};
+
+/// How patches are refined.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Refinement {
+    /// As bundles are: boxes halved until held-out rays meet the promise.
+    Adaptive,
+    /// Boxes are not halved; what one polynomial cannot hold is flagged. It shows what halving is
+    /// worth.
+    Undivided,
+}
+
+impl Refinement {
+    fn apply(self, plan: &mut PlanRecord) {
+        if self == Self::Undivided {
+            plan.least_volume = 1.0;
+            plan.most_arc_halvings = 0;
+        }
+    }
+}
+
+/// What a bake may take.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Limits {
+    /// Seconds for a bundle.
+    pub seconds: f64,
+    /// Bytes of a grid in single precision.
+    pub grid_bytes: u64,
+}
+
+/// How a bake ended.
+#[derive(Debug)]
+pub enum Attempt {
+    /// With a bundle.
+    Baked(Box<Baked>),
+    /// At a limit, in words.
+    Skipped(String),
+}
+
+/// A bundle and what it took.
+#[derive(Debug)]
+pub struct Baked {
+    /// The bundle, without a certificate.
+    pub bundle: Bundle,
+    /// Its file's bytes.
+    pub bytes: u64,
+    /// Time of the bake.
+    pub spent: Spent,
+    /// Rays integrated.
+    pub rays: u64,
+}
+
+/// How often limits and signals are looked at.
+const TICK: Duration = Duration::from_millis(50);
+
+/// Bakes into the file `path`.
+///
+/// # Errors
+/// Interrupted, or the place cannot be written.
+pub fn bake(
+    space: FanSpace,
+    length: f64,
+    (promise, refinement): (f64, Refinement),
+    limits: Limits,
+    path: &Path,
+    interrupt: &Interrupt,
+) -> Result<Attempt> {
+    let clock = Clock::start();
+    let (space, mut plan) = plan(space, length, promise, true);
+    refinement.apply(&mut plan);
+    let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
+    let parts = Parts::open(path)?;
+    // Parts of an earlier run would make this bake look quicker than it is.
+    parts.discard()?;
+    let job = Job {
+        space: &space,
+        plan: &plan,
+        id,
+        share: None,
+        // The bytes that are counted while a bake runs are an estimate, at times far too large.
+        most_bytes: None,
+    };
+    let ended = within(limits.seconds, interrupt, |stop| {
+        job.run(&parts, stop, &quiet())
+    });
+    let ended = ended?;
+    parts.remove()?;
+    let chunks = match ended {
+        Ended::Done(chunks) => chunks,
+        Ended::Interrupted if interrupt.requested() => return Err(interrupted()),
+        Ended::Interrupted | Ended::TooLarge { .. } => {
+            let why = format!("skipped: not finished after {:.0} s", limits.seconds);
+            return Ok(Attempt::Skipped(why));
+        }
+    };
+    let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
+    let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
+    let contents = Contents::new(space, plan, 0, chunks.collect()).map_err(|e| e.about(path))?;
+    let spent = clock.spent();
+    let bytes = contents.write(path)?;
+    let bundle = Bundle::from_contents(contents).map_err(|e| e.about(path))?;
+    Ok(Attempt::Baked(Box::new(Baked {
+        bundle,
+        bytes,
+        spent,
+        rays,
+    })))
+}
+
+/// What an interrupted sweep says.
+pub fn interrupted() -> Error {
+    Error::Interrupted {
+        resume: "measured points are kept; run the same command again to go on".into(),
+    }
+}
+
+/// The sweep shows progress of its own.
+fn quiet() -> CommonArgs {
+    CommonArgs {
+        quiet: true,
+        ..CommonArgs::default()
+    }
+}
+
+/// Runs `work` with an interrupt that is also requested after so many seconds.
+fn within<T>(seconds: f64, interrupt: &Interrupt, work: impl FnOnce(&Interrupt) -> T) -> T {
+    let (stop, began) = (Interrupt::default(), Instant::now());
+    std::thread::scope(|scope| {
+        let (working, ended) = mpsc::channel::<()>();
+        let stop = &stop;
+        scope.spawn(move || {
+            while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
+                if interrupt.requested() || began.elapsed().as_secs_f64() > seconds {
+                    stop.request();
+                }
+            }
+        });
+        let found = work(stop);
+        drop(working);
+        found
+    })
+}
+
+impl Baked {
+    /// Bytes when every patch is decoded: the coded chunks stay, and every integer takes 32 bits.
+    ///
+    /// # Errors
+    /// A chunk is damaged.
+    pub fn memory(&self) -> Result<u64> {
+        let mut sum = 0;
+        for chunk in &self.bundle.table.chunks {
+            let tree = chunk.tree();
+            let tree = tree.map_err(|e| Error::input("bundle", e.to_string()))?;
+            sum += chunk.bytes().len() as u64 + 4 * integers(tree);
+        }
+        Ok(sum)
+    }
+}
+
+fn integers(tree: &Tree) -> u64 {
+    match tree {
+        Tree::Flagged => 0,
+        Tree::Split { halves, .. } => halves.iter().map(integers).sum(),
+        Tree::Leaf(tensor) => tensor.integers() as u64,
+    }
+}
