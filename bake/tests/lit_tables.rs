@@ -57,7 +57,7 @@ fn scene(folder: &Path, camera: f64) -> Stage {
 }
 
 /// Samples of a pixel: edges must be as smooth in both pictures.
-const SAMPLES: usize = 64;
+const SAMPLES: usize = 32;
 
 fn path_traced(stage: &Stage, view: &View, length: f64) -> Picture {
     let settings = Settings {
