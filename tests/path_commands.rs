@@ -1,7 +1,7 @@
 //! The commands that follow light: pictures by the path tracer and by the local view.
 
-use assert_cmd::Command;
-use std::path::Path;
+use assert_cmd::{Command, cargo::cargo_bin};
+use std::{path::Path, process::Stdio, time::Duration};
 
 fn geofan(folder: &Path, words: &[&str]) -> (Option<i32>, String) {
     let output = Command::cargo_bin("geofan")
@@ -74,6 +74,74 @@ fn a_path_traced_picture_can_be_left_and_taken_up_again() {
     assert!(code == Some(0) && said.contains("\"spp\":6"), "{said}");
     assert_eq!(read("whole.png"), read("parts.png"));
     assert!(!folder.path().join("parts.png.passes").exists());
+}
+
+/// Begins a picture that takes minutes, and presses Ctrl-C after a while: the exit code (none if the
+/// program was not yet ready for the signal) and what was said.
+fn interrupted(folder: &Path, words: &[&str], after: Duration) -> (Option<i32>, String) {
+    let child = std::process::Command::new(cargo_bin("geofan"))
+        .current_dir(folder)
+        .args(["--quiet", "--threads", "1"])
+        .args(words)
+        .args(["--spp", "4096"])
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    std::thread::sleep(after);
+    let kill = std::process::Command::new("kill")
+        .args(["-INT", &child.id().to_string()])
+        .status();
+    assert!(kill.unwrap().success());
+    let output = child.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    (output.status.code(), said)
+}
+
+#[test]
+fn a_path_traced_picture_goes_on_after_an_interruption_as_if_there_had_been_none() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let words = |output: &'static str| {
+        let words = [
+            "render",
+            "scene.toml",
+            "--tracer",
+            "path",
+            "--size",
+            "160x120",
+        ];
+        [&words[..], &["-o", output]].concat()
+    };
+    let (code, said) = [300, 1000, 4000]
+        .into_iter()
+        .map(|ms| {
+            interrupted(
+                folder.path(),
+                &words("parts.png"),
+                Duration::from_millis(ms),
+            )
+        })
+        .find(|(code, _)| code.is_some())
+        .unwrap();
+    assert_eq!(code, Some(75), "{said}");
+    assert!(said.contains("--resume"), "{said}");
+    assert!(folder.path().join("parts.png.passes").exists());
+    assert!(!folder.path().join("parts.png").exists());
+    let (kept, _) = said.split_once(" of 4096 samples are kept").unwrap();
+    let kept: u64 = kept.rsplit(' ').next().unwrap().parse().unwrap();
+    let samples = (kept + 2).to_string();
+    let (code, said) = geofan(
+        folder.path(),
+        &[&words("parts.png")[..], &["--spp", &samples, "--resume"]].concat(),
+    );
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = geofan(
+        folder.path(),
+        &[&words("whole.png")[..], &["--spp", &samples]].concat(),
+    );
+    assert_eq!(code, Some(0), "{said}");
+    let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
+    assert_eq!(read("whole.png"), read("parts.png"));
 }
 
 #[test]

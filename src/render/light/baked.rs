@@ -13,8 +13,8 @@ use std::{
     sync::atomic::{AtomicUsize, Ordering},
 };
 
-/// Points of the lattices of a whole scene. Behind a bump one core lights 2,000 points a second, so
-/// this many take ten seconds on two; on a floor that fills the picture they are two or three pixels
+/// Points of the lattices of a whole scene. Behind a bump one core lights 15,000 points a second, so
+/// this many take two seconds on two; on a floor that fills the picture they are two or three pixels
 /// of a thousand apart, and shadows have edges that soft.
 pub const POINTS: usize = 40_000;
 

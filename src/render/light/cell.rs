@@ -1,32 +1,37 @@
 //! A cell of a light's fan: three neighbouring rays between two knots.
 //!
 //! In: a chart point. Out: guesses of the direction and arc length at which the light reaches it,
-//! by inverting the interpolated map (b, c, t) → u: cubics in t along the three rays, weights
-//! 1 − b − c, b, c between them.
+//! by inverting the interpolated map (b, c, t) → u: see [`Prism`].
 
-use super::fan::{FanRay, LightFan};
-use glam::{DMat3, DVec3};
+use super::{fan::LightFan, prism::Prism};
+use glam::{DMat3, DVec3, Mat3, Vec3};
 
-/// How far outside its cell, in b, c and t, a point may lie and still be guessed from it. The
-/// interpolated map is off by up to a tenth of a cell; a wider margin only repeats what neighbours
-/// find.
-const MARGIN: f64 = 0.3;
+/// How far outside its cell, in b, c and t, a point may lie and still be guessed from it: neighbours
+/// agree about a point to a hundredth of a cell, except where rays fold. A wider margin only repeats
+/// what they find.
+const MARGIN: f64 = 0.1;
+const FOLD_MARGIN: f64 = 0.2;
 
-/// Where nothing folds, the map is nearly linear: a point that the first step of Newton's method puts
-/// this many cells from the middle is not in the cell. Most cells whose box holds a point end here;
-/// with twice the distance nothing more is found.
-const FAR: f64 = 2.5;
+/// The map is nearly linear: a point that the slope in the cell's middle puts this far outside, in b,
+/// c or t, is not in the cell. Most cells whose box holds a point end here; with twice the distance
+/// nothing more is found.
+const FAR: f32 = 0.5;
+const FOLD_FAR: f32 = 0.6;
+
+/// Where rays fold the slope has no inverse; one that ignores what is shorter than this share of the
+/// cell still tells about the other ways.
+const FLAT: f64 = 0.1;
 
 /// Steps of Newton's method for one guess.
 const STEPS: usize = 10;
 
 /// A guess is settled when the map misses the point by less than this share of the cell; exact
-/// rays take it from there.
-const SETTLED: f64 = 1e-3;
+/// rays take it from there. The map itself is hardly better.
+const SETTLED: f64 = 1e-4;
 
 /// Where rays fold, a point that the interpolated map misses by this share of the cell may still be
 /// met by the true one.
-const NEAR_FOLD: f64 = 0.3;
+const NEAR_FOLD: f64 = 0.05;
 
 /// Three rays between two knots.
 pub(super) struct Cell {
@@ -34,7 +39,15 @@ pub(super) struct Cell {
     knot: u32,
     /// Whether the rays fold inside: then the point may be met more than once.
     folded: bool,
+    /// Whether the rays' own maps tell anything about what is between them.
+    smooth: bool,
+    /// The cell's middle, and the inverse of the map's slope there.
+    middle: Vec3,
+    inverse: Mat3,
 }
+
+/// The middle in b, c and t.
+const MIDDLE: DVec3 = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5);
 
 /// Where a light's ray might reach a point.
 #[derive(Debug, Clone, Copy)]
@@ -68,68 +81,56 @@ impl Cell {
         let folded = signs
             .iter()
             .any(|s| s[start] != first || s[knot + 1] != first);
-        Self {
+        let mut cell = Self {
             corners: corners.map(|i| i as u32),
             knot: knot as u32,
             folded,
-        }
+            smooth: true,
+            middle: Vec3::ZERO,
+            inverse: Mat3::ZERO,
+        };
+        cell.smooth = cell.prism(fan).is_smooth();
+        let (middle, slope) = cell.prism(fan).map(MIDDLE);
+        cell.middle = middle.as_vec3();
+        cell.inverse = inverse(slope, if folded { FLAT } else { 0.0 }).as_mat3();
+        cell
     }
 
-    fn rays<'f>(&self, fan: &'f LightFan<'_>) -> [&'f FanRay; 3] {
-        self.corners.map(|i| &fan.rays[i as usize])
-    }
-
-    fn width(&self, fan: &LightFan<'_>) -> f64 {
+    fn prism<'f>(&self, fan: &'f LightFan<'_>) -> Prism<'f> {
+        let rays = self.corners.map(|i| &fan.rays[i as usize]);
         let knot = self.knot as usize;
-        fan.knots[knot + 2] - fan.knots[knot]
+        let width = fan.knots[knot + 2] - fan.knots[knot];
+        Prism::new(rays, knot, width, self.smooth)
     }
 
     /// A box around everything that the cell may be asked about.
     pub fn bounds(&self, fan: &LightFan<'_>) -> (DVec3, DVec3) {
-        let (k, third) = (self.knot as usize, self.width(fan) / 3.0);
-        let rays = self.rays(fan);
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for ray in rays {
-            let ends = [ray.u[k], ray.u[k + 2]];
-            let controls = [ends[0] + ray.v[k] * third, ends[1] - ray.v[k + 2] * third];
-            for p in ends.into_iter().chain(controls) {
-                (low, high) = (low.min(p), high.max(p));
-            }
-        }
-        // Sideways by the distance of the rays, lengthwise by that of the knots.
-        let side = |i: usize, j: usize, k: usize| (rays[i].u[k] - rays[j].u[k]).abs();
-        let sides = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| side(i, j, k).max(side(i, j, k + 2)));
-        let along = (rays[0].u[k + 2] - rays[0].u[k]).abs();
-        let margin = (sides[0].max(sides[1]).max(sides[2]) + along) * MARGIN;
-        (low - margin, high + margin)
+        self.prism(fan).bounds(self.margin())
     }
 
-    /// The interpolated point and its derivatives by b, c, t.
-    fn map(&self, rays: &[&FanRay; 3], width: f64, at: DVec3) -> (DVec3, DMat3) {
-        let (k, t) = (self.knot as usize, at.z);
-        let r = 1.0 - t;
-        let curve = |ray: &FanRay| {
-            let (u0, u1) = (ray.u[k], ray.u[k + 2]);
-            let (w0, w1) = (ray.v[k] * width, ray.v[k + 2] * width);
-            let u =
-                u0 * (r * r * (1.0 + 2.0 * t)) + w0 * (r * r * t) + u1 * (t * t * (3.0 - 2.0 * t))
-                    - w1 * (t * t * r);
-            let slope =
-                (u1 - u0) * (6.0 * t * r) + w0 * (r * (1.0 - 3.0 * t)) + w1 * (t * (3.0 * t - 2.0));
-            (u, slope)
-        };
-        let [p, q, o] = [curve(rays[0]), curve(rays[1]), curve(rays[2])];
-        let a = 1.0 - at.x - at.y;
-        let u = p.0 * a + q.0 * at.x + o.0 * at.y;
-        let slope = p.1 * a + q.1 * at.x + o.1 * at.y;
-        (u, DMat3::from_cols(q.0 - p.0, o.0 - p.0, slope))
+    fn margin(&self) -> f64 {
+        if self.folded { FOLD_MARGIN } else { MARGIN }
+    }
+
+    /// From the middle to `x` in b, c and t, as far as the linear map of the middle can tell; `None` if
+    /// `x` is not in the cell.
+    fn linear(&self, x: DVec3) -> Option<DVec3> {
+        let way = self.inverse * (x.as_vec3() - self.middle);
+        let far = if self.folded { FOLD_FAR } else { FAR };
+        let third = far + 1.0 / 3.0;
+        let outside =
+            way.x < -third || way.y < -third || way.x + way.y > third || way.z.abs() > far + 0.5;
+        (!outside).then(|| way.as_dvec3())
     }
 
     /// Where the light might reach `x` through this cell.
     pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3) -> Vec<Guess> {
-        let rays = self.rays(fan);
+        let Some(way) = self.linear(x) else {
+            return Vec::new();
+        };
+        let prism = self.prism(fan);
         let starts: &[DVec3] = match self.folded {
-            false => &[DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5)],
+            false => &[MIDDLE + way],
             true => &[
                 DVec3::new(0.1, 0.1, 0.5),
                 DVec3::new(0.8, 0.1, 0.5),
@@ -140,60 +141,61 @@ impl Cell {
         };
         let mut found: Vec<DVec3> = Vec::new();
         for start in starts {
-            if let Some(at) = self.invert(fan, &rays, x, *start)
+            if let Some(at) = self.invert(&prism, x, *start)
                 && !found.iter().any(|other| (*other - at).length() < 0.05)
             {
                 found.push(at);
             }
         }
-        found
-            .into_iter()
-            .map(|at| self.guess(fan, &rays, at))
-            .collect()
+        let guess = |at: DVec3| self.guess(fan, &prism, at);
+        found.into_iter().map(guess).collect()
     }
 
     /// The (b, c, t) at which the map is `x`, or comes close where it folds; `None` outside.
-    fn invert(
-        &self,
-        fan: &LightFan<'_>,
-        rays: &[&FanRay; 3],
-        x: DVec3,
-        start: DVec3,
-    ) -> Option<DVec3> {
-        let width = self.width(fan);
+    fn invert(&self, prism: &Prism<'_>, x: DVec3, start: DVec3) -> Option<DVec3> {
         let allowed = if self.folded { NEAR_FOLD } else { SETTLED };
+        let patience = if self.folded { 2 } else { 1 };
         let mut at = start;
         for step in 0..STEPS {
-            let (u, slope) = self.map(rays, width, at);
+            let (u, slope) = prism.map(at);
             let size = slope.x_axis.length().max(slope.y_axis.length());
             let miss = (x - u).length();
-            let outside = (at - 0.5).abs().max_element() > 0.5 + MARGIN;
-            if miss <= SETTLED * size || step + 1 == STEPS || (outside && step > 3) {
-                let inside = !outside && at.x + at.y <= 1.0 + MARGIN;
-                return (miss <= allowed * size && inside).then_some(at);
+            let outside = outside(at) > self.margin();
+            if miss <= SETTLED * size || step + 1 == STEPS || (outside && step >= patience) {
+                return (miss <= allowed * size && !outside).then_some(at);
             }
             let way = slope.inverse() * (x - u);
             if !way.is_finite() {
                 return None;
             }
             let long = way.length();
-            if step == 0 && long > FAR && !self.folded {
-                return None;
-            }
             at += if long > 0.5 { way * (0.5 / long) } else { way };
         }
         None
     }
 
-    fn guess(&self, fan: &LightFan<'_>, rays: &[&FanRay; 3], at: DVec3) -> Guess {
-        let [p, q, o] = rays.map(|r| r.direction);
-        let width = self.width(fan);
+    fn guess(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3) -> Guess {
+        let width = prism.width();
         Guess {
-            direction: (p * (1.0 - at.x - at.y) + q * at.x + o * at.y).normalize(),
+            direction: prism.toward(at).normalize(),
             s: (fan.knots[self.knot as usize] + at.z * width).max(1e-3 * width),
-            angle: (q - p).length(),
+            angle: prism.angle(),
             width,
             folded: self.folded,
         }
     }
+}
+
+/// How far outside its cell a point lies, in b, c, t or 1 − b − c.
+fn outside(at: DVec3) -> f64 {
+    let across = (at.truncate() - 0.5).abs().max_element() - 0.5;
+    across.max((at.z - 0.5).abs() - 0.5).max(at.x + at.y - 1.0)
+}
+
+/// The inverse of a slope; ways that it makes shorter than the share `flat` of the longest are left
+/// out smoothly.
+fn inverse(slope: DMat3, flat: f64) -> DMat3 {
+    let size = slope.x_axis.length().max(slope.y_axis.length()) * flat;
+    let normal = slope.transpose() * slope + DMat3::from_diagonal(DVec3::splat(size * size));
+    normal.inverse() * slope.transpose()
 }

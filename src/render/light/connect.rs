@@ -1,9 +1,14 @@
 //! The geodesics that connect two points, exactly.
 //!
 //! In: guesses of direction and length. Out: [`Connection`]s, by Newton's method with the deviation
-//! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`.
+//! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`. Far from its end an attempt is followed coarsely;
+//! when its next step is small, exactly, and what stands in its way is found on the same path.
 
-use super::fan::LightFan;
+use super::{
+    cell::Guess,
+    fan::LightFan,
+    way::{Reached, Way, reached},
+};
 use crate::{
     geodesic::{Ray, Settings, Step, ends, perpendiculars, signed_area},
     manifold::{Carried, Manifold},
@@ -47,122 +52,176 @@ struct State {
     best: (DVec3, f64, f64),
     /// The step from the best that is being tried: two angles and an arc length.
     step: DVec3,
+    /// Whether the step is so small that it may be the last.
+    near: bool,
 }
 
-/// Most integrations of one attempt: honest ones need two to four.
-const MOST_STEPS: usize = 14;
+/// Most integrations of one attempt: honest ones need two, beside caustics three or four. The others
+/// look for light beyond a fold, where there is none.
+const MOST_STEPS: usize = 8;
 
 /// Largest turn (radians) of one step, and largest change of the arc length as a share of it: from
 /// farther away the linear map says nothing.
 const LARGEST_TURN: f64 = 0.3;
 const LARGEST_STRETCH: f64 = 0.4;
 
-/// An attempt has arrived when it misses by this many tolerances times the arc length.
-const ARRIVED: f64 = 30.0;
+/// An attempt has arrived when it misses by this share of the arc length times the square root of the
+/// tolerance. The miss is then put right to first order, so that direction and length are as good as
+/// the tolerance; the area stays that of the path beside, off by some ten times the miss: a part in a
+/// million at a tolerance of 1e-10. A tenth of this would cost another integration for most.
+const ARRIVED: f64 = 1e-2;
 
-/// Finishes attempts at a local tolerance; those that do not arrive are left out, as are repetitions
-/// for the same index. By ascending index, and for each by arc length; with the number of geodesics
-/// that were followed.
+/// Coarse integrations have a tolerance of this many times the miss that is allowed, so that they do
+/// not keep the exact one from arriving.
+const COARSE: f64 = 0.3;
+
+/// A step that turns by less than this (radians), and changes the arc length by less than this share,
+/// is expected to be the last: what it leaves out is of the order of its square, and what is in its
+/// way is in the way of the connection.
+const NEAR: f64 = 2e-3;
+
+/// Finishes attempts at a local tolerance; those that do not arrive are left out, as are those with
+/// something in their way, and repetitions for the same index. By ascending index, and for each by
+/// arc length; with the number of geodesics that were followed.
 pub(crate) fn connect(
     manifold: &Manifold,
     attempts: Vec<Attempt>,
     tolerance: f64,
+    way: Way<'_>,
 ) -> (Vec<(usize, Connection)>, usize) {
-    let mut followed = 0;
-    let begin = |attempt: Attempt| State {
-        attempt,
-        best: (attempt.direction, attempt.s, f64::INFINITY),
-        step: DVec3::ZERO,
-    };
-    let mut open: Vec<State> = attempts.into_iter().map(begin).collect();
-    let mut found = Vec::new();
+    let allowed = ARRIVED * tolerance.sqrt();
+    let coarse = tolerance.max(COARSE * allowed);
+    let mut open: Vec<State> = attempts.into_iter().map(State::new).collect();
+    let (mut found, mut followed) = (Vec::new(), 0);
     for _ in 0..MOST_STEPS {
-        if open.is_empty() {
-            break;
-        }
-        let settings = Settings {
+        followed += open.len();
+        let (near, far): (Vec<State>, Vec<State>) = open.iter().partition(|state| state.near);
+        let settings = |tolerance: f64, events: bool| Settings {
             tolerance,
             carried: Carried {
                 frame: false,
                 deviation: true,
             },
-            events: false,
+            events,
         };
-        let rays = open.iter().map(|state| {
-            let (d, s) = state.tried();
-            Ray::new(manifold, state.attempt.from, d, s)
-        });
-        followed += open.len();
-        let ends = ends(manifold, settings, rays);
-        let mut next = Vec::new();
-        for (state, end) in open.into_iter().zip(&ends) {
-            match state.judged(manifold, end.as_ref(), tolerance) {
-                Verdict::Arrived(connection) => found.push((state.attempt.index, connection)),
-                Verdict::Open(state) => next.push(state),
-                Verdict::Lost => {}
+        let rays = |states: &[State]| -> Vec<Ray> {
+            states.iter().map(|state| state.ray(manifold)).collect()
+        };
+        open.clear();
+        let ends = ends(manifold, settings(coarse, false), rays(&far));
+        for (state, end) in far.into_iter().zip(ends) {
+            let reached = end.filter(|(_, s)| *s >= state.tried().1);
+            let target = reached.and_then(|(step, _)| state.target(manifold, &step));
+            open.extend(state.stepped(target));
+        }
+        let numbers = near.iter().map(|state| state.attempt.index).collect();
+        let flights = reached(
+            manifold,
+            settings(tolerance, true),
+            rays(&near),
+            numbers,
+            way,
+        );
+        for (state, flight) in near.into_iter().zip(flights) {
+            let target = match &flight {
+                Reached::Blocked => continue,
+                Reached::End(step) => state.target(manifold, step),
+                Reached::Nothing => None,
+            };
+            match target {
+                Some(target) if target.miss.length() <= allowed * target.s => {
+                    found.push((state.attempt.index, target.connection()));
+                }
+                target => open.extend(state.stepped(target)),
             }
         }
-        open = next;
     }
     (distinct(found), followed)
 }
 
-enum Verdict {
-    Arrived(Connection),
-    Open(State),
-    Lost,
+/// Where a tried geodesic has come to.
+struct Target {
+    direction: DVec3,
+    s: f64,
+    u: DVec3,
+    v: DVec3,
+    /// From there to the point, in the standard frame.
+    miss: DVec3,
+    /// The derivatives of the end by two angles and the arc length, in the standard frame.
+    slope: DMat3,
+    area: f64,
+}
+
+impl Target {
+    /// The Newton step towards the point.
+    fn step(&self) -> DVec3 {
+        limited(least_squares(self.slope, self.miss, self.s), self.s)
+    }
+
+    /// What is still missing is put right to first order, so that attempts that have come to the same
+    /// geodesic from different sides agree.
+    fn connection(&self) -> Connection {
+        let (direction, s) = stepped(self.direction, self.s, self.step());
+        Connection {
+            direction,
+            s,
+            u: self.u,
+            v: self.v,
+            area: self.area,
+        }
+    }
 }
 
 impl State {
+    fn new(attempt: Attempt) -> Self {
+        Self {
+            attempt,
+            best: (attempt.direction, attempt.s, f64::INFINITY),
+            step: DVec3::ZERO,
+            near: false,
+        }
+    }
+
     /// The direction and arc length that the present step leads to.
     fn tried(&self) -> (DVec3, f64) {
         let (d, s, _) = self.best;
         stepped(d, s, self.step)
     }
 
-    fn judged(mut self, manifold: &Manifold, end: Option<&(Step, f64)>, tolerance: f64) -> Verdict {
-        let (direction, s) = self.tried();
-        let reached = end
-            .filter(|(_, reached)| *reached >= s)
-            .map(|(step, _)| step);
-        let Some((step, columns)) = reached.and_then(|step| Some((step, step.deviation(s)?)))
-        else {
-            return self.shortened();
-        };
-        let (u, v) = (step.position(s), step.tangent(s));
-        let into = manifold.standard_frame(u).inverse();
-        let miss = into * (self.attempt.to - u);
-        let slope = DMat3::from_cols(into * columns[0], into * columns[1], into * v);
-        if miss.length() <= ARRIVED * tolerance * s {
-            // What is still missing is put right to first order, so that attempts that have come to
-            // the same geodesic from different sides agree.
-            let (nearer, s) = stepped(direction, s, limited(least_squares(slope, miss, s), s));
-            return Verdict::Arrived(Connection {
-                direction: nearer,
-                s,
-                u,
-                v,
-                area: signed_area(into, v, columns),
-            });
-        }
-        if !(miss.length() < self.best.2) {
-            return self.shortened();
-        }
-        self.best = (direction, s, miss.length());
-        self.step = limited(least_squares(slope, miss, s), s);
-        match self.step.is_finite() {
-            true => Verdict::Open(self),
-            false => Verdict::Lost,
-        }
+    fn ray(&self, manifold: &Manifold) -> Ray {
+        let (d, s) = self.tried();
+        Ray::new(manifold, self.attempt.from, d, s)
     }
 
-    /// Tries half the step from the best so far.
-    fn shortened(mut self) -> Verdict {
-        self.step *= 0.5;
-        match self.best.2.is_finite() {
-            true => Verdict::Open(self),
-            false => Verdict::Lost,
+    /// Where the present step has led to; `end` is the last step of its path.
+    fn target(&self, manifold: &Manifold, end: &Step) -> Option<Target> {
+        let (direction, s) = self.tried();
+        let (u, v, columns) = (end.position(s), end.tangent(s), end.deviation(s)?);
+        let into = manifold.standard_frame(u).inverse();
+        Some(Target {
+            direction,
+            s,
+            u,
+            v,
+            miss: into * (self.attempt.to - u),
+            slope: DMat3::from_cols(into * columns[0], into * columns[1], into * v),
+            area: signed_area(into, v, columns),
+        })
+    }
+
+    /// With the next step, from where the present one has led to if that is better than the best, else
+    /// half the present one; `None` if there is none.
+    fn stepped(mut self, target: Option<Target>) -> Option<Self> {
+        match target.filter(|target| target.miss.length() < self.best.2) {
+            Some(target) => {
+                self.best = (target.direction, target.s, target.miss.length());
+                self.step = target.step();
+            }
+            None => self.step *= 0.5,
         }
+        let (turn, stretch) = (self.step.truncate().length(), self.step.z / self.best.1);
+        self.near = turn.max(stretch.abs()) <= NEAR;
+        (self.best.2.is_finite() && self.step.is_finite()).then_some(self)
     }
 }
 
@@ -217,19 +276,27 @@ impl LightFan<'_> {
         points: &[DVec3],
         tolerance: f64,
     ) -> (Vec<(usize, Connection)>, usize) {
-        let mut attempts = Vec::new();
-        for (index, point) in points.iter().enumerate() {
-            for (to, guess) in self.guesses(*point) {
-                attempts.push(Attempt {
-                    index,
-                    from: self.u,
-                    to,
-                    direction: guess.direction,
-                    s: guess.s,
-                });
-            }
-        }
-        let (mut found, followed) = connect(self.manifold, attempts, tolerance);
+        self.connected(points.iter().copied(), tolerance, Way::Any)
+    }
+
+    /// The same, but only those on a `way` of their own.
+    pub(super) fn connected(
+        &self,
+        points: impl Iterator<Item = DVec3>,
+        tolerance: f64,
+        way: Way<'_>,
+    ) -> (Vec<(usize, Connection)>, usize) {
+        let attempts = points.enumerate().flat_map(|(index, point)| {
+            let attempt = move |(to, guess): (DVec3, Guess)| Attempt {
+                index,
+                from: self.u,
+                to,
+                direction: guess.direction,
+                s: guess.s,
+            };
+            self.guesses(point).into_iter().map(attempt)
+        });
+        let (mut found, followed) = connect(self.manifold, attempts.collect(), tolerance, way);
         found.retain(|(_, c)| c.s <= self.length);
         (found, followed)
     }

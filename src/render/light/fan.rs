@@ -13,7 +13,7 @@ use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
     manifold::{Carried, Manifold},
 };
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -59,6 +59,8 @@ pub(super) struct FanRay {
     pub direction: DVec3,
     pub u: Vec<DVec3>,
     pub v: Vec<DVec3>,
+    /// How the points move when the direction turns towards each of its perpendiculars.
+    pub spread: Vec<[Vec3; 2]>,
     /// Whether the area is negative.
     pub reversed: Vec<bool>,
 }
@@ -247,6 +249,7 @@ impl<'m> LightFan<'m> {
             direction,
             u: vec![self.u],
             v: vec![self.manifold.standard_frame(self.u) * direction],
+            spread: vec![[Vec3::ZERO; 2]],
             reversed: vec![false],
         }
     }
@@ -345,10 +348,11 @@ impl Sink for Sampler<'_, '_> {
         {
             let (u, v) = (step.position(s), step.tangent(s));
             let inverse = self.fan.manifold.standard_frame(u).inverse();
-            let area = step.deviation(s).map(|j| signed_area(inverse, v, j));
+            let spread = step.deviation(s).unwrap_or_default();
             ray.u.push(u);
             ray.v.push(v);
-            ray.reversed.push(area.is_some_and(|a| a < 0.0));
+            ray.spread.push(spread.map(|j| j.as_vec3()));
+            ray.reversed.push(signed_area(inverse, v, spread) < 0.0);
         }
     }
 
@@ -356,9 +360,11 @@ impl Sink for Sampler<'_, '_> {
         let ray = &mut self.rays[ray];
         let last = ray.u.len() - 1;
         let (u, v, reversed) = (ray.u[last], ray.v[last], ray.reversed[last]);
+        let spread = ray.spread[last];
         for s in self.fan.knots.iter().skip(last + 1).take(2) {
             ray.u.push(u + v * (s - self.fan.knots[last]));
             ray.v.push(v);
+            ray.spread.push(spread);
             ray.reversed.push(reversed);
         }
     }

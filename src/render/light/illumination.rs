@@ -2,11 +2,8 @@
 //!
 //! In: a world with its lights, and points on its surfaces. Out: irradiance on either side.
 
-use super::{Connection, LightFan, PointLight};
-use crate::{
-    manifold::Manifold,
-    render::{Probe, Seen, World, first_seen},
-};
+use super::{Connection, LightFan, PointLight, way::Way};
+use crate::{manifold::Manifold, render::World};
 use glam::DVec3;
 
 /// Caustics: no geodesic brings more than this many times the irradiance that it would bring over
@@ -47,11 +44,6 @@ pub struct Lamps<'w> {
     tolerance: f64,
 }
 
-/// Share of the arc length by which a ray may stop short of its point and still have reached it: the
-/// curve that is intersected departs from the exact one by a tenth of that. Farther from the
-/// surface, shadows begin to come off what casts them.
-const REACH: f64 = 5e-4;
-
 /// Light that reaches a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Arrival {
@@ -85,30 +77,19 @@ impl<'w> Lamps<'w> {
         self.lamps.is_empty()
     }
 
-    /// All light that arrives at `points` unhindered, by the number of the point; and how many rays
-    /// were followed to see whether it does.
+    /// All light that arrives at `points` unhindered, by the number of the point; and how many
+    /// geodesics were followed to find it.
     pub fn arrivals(&self, points: &[SurfacePoint]) -> (Vec<(usize, Arrival)>, usize) {
-        let places: Vec<DVec3> = points.iter().map(|p| p.u).collect();
         let (mut arrivals, mut rays) = (Vec::new(), 0);
         for (light, fan) in &self.lamps {
-            let (connections, followed) = fan.connections(&places, self.tolerance);
-            let frame = self.world.manifold.standard_frame(light.u);
-            let probes: Vec<Probe> = connections
-                .iter()
-                .map(|(_, c)| Probe {
-                    u: light.u,
-                    v: frame * c.direction,
-                    length: c.s,
-                })
-                .collect();
-            rays += probes.len() + followed;
-            let seen = first_seen(self.world, &probes, self.tolerance);
-            for ((index, connection), seen) in connections.iter().zip(seen) {
-                let point = &points[*index];
-                if reaches(seen, connection, point.triangle) {
-                    arrivals.push((*index, self.arrival(light, point, connection)));
-                }
-            }
+            let way = Way::Clear(self.world, points);
+            let places = points.iter().map(|p| p.u);
+            let (connections, followed) = fan.connected(places, self.tolerance, way);
+            rays += followed;
+            let arrival = |(index, connection): (usize, Connection)| {
+                (index, self.arrival(light, &points[index], &connection))
+            };
+            arrivals.extend(connections.into_iter().map(arrival));
         }
         (arrivals, rays)
     }
@@ -119,18 +100,6 @@ impl<'w> Lamps<'w> {
             irradiance: light.intensity.map(|i| f64::from(i) * share.abs()),
             front: share > 0.0,
             v: connection.v,
-        }
-    }
-}
-
-/// Whether what a light's ray finds first is the point on `triangle` at its end.
-fn reaches(seen: Seen, connection: &Connection, triangle: u32) -> bool {
-    match seen {
-        Seen::Nothing => true,
-        Seen::Sky { .. } => false,
-        Seen::Surface(hit) => {
-            hit.triangle == triangle && hit.s > 0.9 * connection.s
-                || hit.s >= connection.s * (1.0 - REACH)
         }
     }
 }

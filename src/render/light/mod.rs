@@ -17,12 +17,15 @@ mod connect;
 mod fan;
 mod icosphere;
 mod illumination;
+mod prism;
+mod way;
 
 pub use baked::Baked;
 pub use connect::Connection;
 pub(crate) use connect::{Attempt, connect};
 pub use fan::LightFan;
 pub use illumination::{Lamps, MOST_GAIN, SurfacePoint, irradiance};
+pub(crate) use way::Way;
 
 use glam::DVec3;
 

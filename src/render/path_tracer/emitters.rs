@@ -12,7 +12,7 @@ use crate::{
     random::Stream,
     render::{
         Hit, World,
-        light::{Attempt, Connection, connect},
+        light::{Attempt, Connection, Way, connect},
     },
 };
 use glam::DVec3;
@@ -156,7 +156,7 @@ pub fn principal(
             s: way.length(),
         })
     });
-    let (found, followed) = connect(&world.manifold, attempts.collect(), tolerance);
+    let (found, followed) = connect(&world.manifold, attempts.collect(), tolerance, Way::Any);
     let mut principal = vec![None; pairs.len()];
     for (index, connection) in found {
         principal[index] = Some(connection);

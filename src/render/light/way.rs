@@ -1,0 +1,116 @@
+//! Whether light comes all the way to where it should.
+//!
+//! In: geodesics from a light to just at points of surfaces. Out: the end of each, unless something
+//! is in its way ([`Way`]). Intersection goes along with integration, so a shadow costs no ray of its
+//! own, and a ray in shadow is given up where it begins.
+
+use super::SurfacePoint;
+use crate::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    manifold::Manifold,
+    render::{World, intersect::first_hit, tracer::pieces},
+};
+
+/// What may be in the way of a geodesic.
+#[derive(Clone, Copy)]
+pub(crate) enum Way<'a> {
+    /// Anything.
+    Any,
+    /// Nothing of the world, up to the surface point with the geodesic's number.
+    Clear(&'a World, &'a [SurfacePoint]),
+}
+
+/// How far a geodesic has come.
+pub(super) enum Reached {
+    /// To its end: the last step.
+    End(Box<Step>),
+    /// Not so far.
+    Nothing,
+    /// To a surface that is in its way.
+    Blocked,
+}
+
+/// Share of the arc length by which a ray may stop short of its point and still have reached it: the
+/// curve that is intersected departs from the exact one by a tenth of that. Farther from the
+/// surface, shadows begin to come off what casts them.
+const SHORT: f64 = 5e-4;
+
+/// The triangle of the point itself may be met as much earlier, where light grazes it.
+const GRAZING: f64 = 0.1;
+
+/// Follows `rays` along their `way`; `numbers` are those of their surface points.
+pub(super) fn reached(
+    manifold: &Manifold,
+    settings: Settings,
+    rays: Vec<Ray>,
+    numbers: Vec<usize>,
+    way: Way<'_>,
+) -> Vec<Reached> {
+    let flight = |(ray, number): (&Ray, usize)| Flight {
+        length: ray.length,
+        number,
+        met: false,
+        reached: Reached::Nothing,
+    };
+    let flights = rays.iter().zip(numbers).map(flight).collect();
+    let mut sink = Flights { flights, way };
+    follow(manifold, settings, rays, &mut sink);
+    sink.flights.into_iter().map(|f| f.reached).collect()
+}
+
+struct Flight {
+    length: f64,
+    number: usize,
+    /// Whether the surface of its point has been met.
+    met: bool,
+    reached: Reached,
+}
+
+struct Flights<'a> {
+    flights: Vec<Flight>,
+    way: Way<'a>,
+}
+
+impl Sink for Flights<'_> {
+    fn wants(&self, ray: usize, _: f64) -> bool {
+        matches!(self.way, Way::Clear(..)) && !self.flights[ray].met
+    }
+
+    fn step(&mut self, ray: usize, step: &Step) {
+        let flight = &mut self.flights[ray];
+        if let Way::Clear(world, points) = self.way
+            && !flight.met
+        {
+            match flight.meets(world, points, step) {
+                Some(true) => flight.met = true,
+                Some(false) => {
+                    flight.reached = Reached::Blocked;
+                    return;
+                }
+                None => {}
+            }
+        }
+        if step.end >= flight.length {
+            flight.reached = Reached::End(Box::new(step.clone()));
+        }
+    }
+
+    fn wants_more(&self, ray: usize) -> bool {
+        !matches!(self.flights[ray].reached, Reached::Blocked)
+    }
+
+    fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}
+}
+
+impl Flight {
+    /// Whether what the step meets is the surface of the flight's point; `None` if it meets nothing.
+    fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
+        let domain = &world.manifold.domain;
+        let mut hits = pieces(step)
+            .filter_map(|piece| first_hit(&world.accelerator, domain, &piece, f64::INFINITY));
+        let hit = hits.next()?;
+        let own =
+            hit.triangle == points[self.number].triangle && hit.s > (1.0 - GRAZING) * self.length;
+        Some(own || hit.s >= (1.0 - SHORT) * self.length)
+    }
+}
