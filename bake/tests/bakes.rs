@@ -210,7 +210,7 @@ fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
     assert!(!place.path("b.fan").exists());
     let loosened = place
         .bake(&format!(
-            "lens.toml -o c.fan --certify-rays 400 --max-size {limit} --json"
+            "lens.toml -o c.fan --certify-rays 4000 --max-size {limit} --json"
         ))
         .success();
     let report: Value = serde_json::from_slice(&loosened.get_output().stdout).unwrap();

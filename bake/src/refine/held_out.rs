@@ -29,9 +29,9 @@ const BATCHES: usize = 16;
 /// Arc lengths at which each is compared.
 const LENGTHS: usize = 6;
 
-/// Share of a box's comparisons that may exceed the promise, which is a 99th percentile. Many boxes
-/// stay far below it, so that more would often do; where all boxes are alike certificates would then
-/// find more than was promised.
+/// Share of a box's comparisons that may exceed the promise, which is a 99th percentile; rounded
+/// down to a whole number. Rounded up it saves 3 % of the bytes, and certificates of small tables
+/// then find more than was promised.
 const EXCEEDING: f64 = 0.01;
 
 /// A held-out ray.
@@ -178,7 +178,7 @@ fn quantile(mut errors: Vec<f64>) -> f64 {
         .iter_mut()
         .filter(|e| e.is_nan())
         .for_each(|e| *e = f64::INFINITY);
-    let exceeding = (EXCEEDING * errors.len() as f64).ceil() as usize;
+    let exceeding = (EXCEEDING * errors.len() as f64) as usize;
     errors.sort_by(|a, b| b.total_cmp(a));
     errors.get(exceeding).map_or(0.0, |e| *e)
 }
