@@ -62,7 +62,7 @@ impl Error {
         }
     }
 
-    /// The process exit code that DESIGN §5 gives this error.
+    /// The process exit code that belongs to this error.
     pub fn exit_code(&self) -> u8 {
         match self {
             Self::Source(_) | Self::Input { .. } => 2,

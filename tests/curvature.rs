@@ -306,6 +306,25 @@ fn christoffel_symbols_are_those_of_the_accelerations() {
 }
 
 #[test]
+fn rates_of_parallel_vectors_are_those_of_the_christoffel_symbols() {
+    let mut stream = Stream::new(&[23]);
+    for name in catalogue() {
+        let manifold = asset(&name);
+        for (u, curvature) in at_random_points(&name) {
+            let v = stream.direction();
+            // As long as deviations become.
+            let w = 1e5 * stream.direction();
+            let expected = curvature.parallel_rate(v, w);
+            let off = manifold.parallel_rate(u, v, w) - expected;
+            assert!(
+                off.length() < 1e-9 * (1e5 + expected.length()),
+                "{name} {off}"
+            );
+        }
+    }
+}
+
+#[test]
 fn an_embedding_into_sixteen_dimensions_is_measured_as_its_metric() {
     // Three planes turned at rates 1 to 5, and a product of circles: g_ij by hand.
     let components = "'x', 'y', 'z', 'sin(x)', 'cos(x)', 'sin(2*y)', 'cos(2*y)', 'sin(3*z)', \

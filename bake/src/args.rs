@@ -55,7 +55,7 @@ pub struct BakeArgs {
     /// Replace a parameter of the manifold; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
     pub set: Vec<(String, f64)>,
-    /// Leave out the transported rotations: smaller, but cameras cannot be carried along paths
+    /// Promise points only, not tangents: smaller, but skies are less sharp and frames are not told
     #[arg(long)]
     pub no_frames: bool,
     /// Bake the share I of N only (I from 1 to N) and write it as a shard for `merge`

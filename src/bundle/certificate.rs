@@ -308,6 +308,10 @@ length = 5.0
         // Displacement is per arc length: √2 mrad, less its part along the ray.
         assert!(found.screen_mrad.max <= 2_f64.sqrt() + 1e-6);
         assert!(found.screen_mrad.max > 1.4 && found.screen_mrad.p50 > 0.8);
+        // In flat space a tangent that is off by as much looks the same, and frames do not turn.
+        let sky = found.sky_mrad.unwrap();
+        assert!((sky.max - found.screen_mrad.max).abs() < 1e-3);
+        assert!(found.rotation_mrad.unwrap().max < 1e-3);
         assert_eq!(found.rays, 1001);
     }
 

@@ -1,7 +1,7 @@
 //! What both programs share with the terminal: common options, logs, progress, results, exit codes.
 //!
 //! In: the command line and a command's result. Out: text on stdout (results, JSON) and stderr
-//! (logs, progress, errors), and the exit code of DESIGN §5.
+//! (logs, progress, errors), and the exit code of a run.
 
 mod interrupt;
 mod log;

@@ -120,8 +120,12 @@ impl Summary {
         line("cameras", self.contents.space.describe());
         line("symmetry used", reduction(header).into());
         line("length", plan.length.to_string());
-        let frames = if plan.frames { "stored" } else { "left out" };
-        line("rotations", frames.into());
+        let frames = if plan.frames {
+            "promised"
+        } else {
+            "not promised"
+        };
+        line("tangents", frames.into());
         line("chunks", self.contents.chunks.len().to_string());
         line("patches", self.patches.to_string());
         line("flagged boxes", self.flagged.to_string());
