@@ -54,31 +54,65 @@ pub fn unfold(stored: &[f64], channels: usize, interval: [f64; 2], rows: &mut Ve
 pub fn sums<const W: usize>(
     rows: &[f64],
     channels: usize,
-    [low, high]: [f64; 2],
+    interval: [f64; 2],
     s: &[f64; W],
 ) -> Sums<W> {
-    let scale = 2.0 / (high - low);
-    let mut sums = [[[0.0; W]; 4]; 2];
-    vectorised(
+    match channels {
+        1 => sums_of::<1, W>(rows, interval, s),
+        2 => sums_of::<2, W>(rows, interval, s),
+        3 => sums_of::<3, W>(rows, interval, s),
+        _ => sums_of::<4, W>(rows, interval, s),
+    }
+}
+
+/// The same for `C` channels: known beforehand, all sums stay in vector registers.
+fn sums_of<const C: usize, const W: usize>(
+    rows: &[f64],
+    interval: [f64; 2],
+    s: &[f64; W],
+) -> Sums<W> {
+    let (departures, slopes) = vectorised(
         #[inline(always)]
-        || {
-            let t = s.map(|s| scale * (s - low) - 1.0);
-            let (mut value, mut next) = ([1.0; W], t);
-            for row in rows.chunks_exact(2 * channels) {
-                for (kind, sums) in sums.iter_mut().enumerate() {
-                    for (c, x) in row[kind * channels..][..channels].iter().enumerate() {
-                        for l in 0..W {
-                            sums[c][l] += value[l] * x;
-                        }
-                    }
-                }
-                for l in 0..W {
-                    (value[l], next[l]) = (next[l], 2.0 * t[l] * next[l] - value[l]);
-                }
-            }
-        },
+        || sums_inline::<C, W>(rows, interval, s),
     );
+    let mut sums = [[[0.0; W]; 4]; 2];
+    sums[0][..C].copy_from_slice(&departures);
+    sums[1][..C].copy_from_slice(&slopes);
     sums
+}
+
+/// Departures and slopes: `C` channels each.
+#[inline(always)]
+fn sums_inline<const C: usize, const W: usize>(
+    rows: &[f64],
+    [low, high]: [f64; 2],
+    s: &[f64; W],
+) -> ([[f64; W]; C], [[f64; W]; C]) {
+    let scale = 2.0 / (high - low);
+    let t = s.map(|s| scale * (s - low) - 1.0);
+    // Local, so that no sum might overlap what it is made of (see `render::lanes`).
+    let mut departures = [[0.0; W]; C];
+    let mut slopes = [[0.0; W]; C];
+    let (mut value, mut next) = ([1.0; W], t);
+    for row in rows.chunks_exact(2 * C) {
+        for c in 0..C {
+            departures[c] = plus(&departures[c], &value, row[c]);
+            slopes[c] = plus(&slopes[c], &value, row[C + c]);
+        }
+        let after = std::array::from_fn(|l| 2.0 * t[l] * next[l] - value[l]);
+        (value, next) = (next, after);
+    }
+    (departures, slopes)
+}
+
+/// `sum + x value`, lane by lane.
+#[inline(always)]
+fn plus<const W: usize>(sum: &[f64; W], value: &[f64; W], x: f64) -> [f64; W] {
+    let mut to = [0.0; W];
+    for l in 0..W {
+        to[l] = sum[l] + value[l] * x;
+    }
+    to
 }
 
 #[cfg(test)]

@@ -64,7 +64,7 @@ impl GridTracer for TableTracer<'_, '_> {
             strands.push(
                 *direction,
                 |knots, rows| path.sample(knots, rows),
-                |strand| match endings.sharp_ending(strand, |s| path.at(s)) {
+                |strand| match endings.sharp_ending(strand, |s, rows| path.sample(s, rows)) {
                     Some(ending) => Some(ending),
                     // What the table gave up on might still end before anything is met.
                     None if strand.known < strand.knots.len() => None,
@@ -96,7 +96,7 @@ const FALLBACK_SHARE: f64 = 1e-3;
 /// tile may meet and how finely its chords are cut, both with a margin for this; points come from
 /// the table itself. Chosen, not measured: smaller takes more knots (on the Ellis wormhole 48 for
 /// this, more than 128 for 3e-5), larger makes boxes that seem to meet more.
-const KNOT_ERROR: f64 = 2e-3;
+const KNOT_ERROR: f64 = 8e-3;
 
 /// Paths on which the knots are chosen, from each of the places below.
 const KNOT_PATHS: usize = 24;

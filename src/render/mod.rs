@@ -21,6 +21,7 @@ pub mod lattice;
 pub mod light;
 pub mod local;
 pub mod local_comparison;
+mod lone;
 mod lookup;
 mod outcome;
 mod packet;

@@ -1,6 +1,6 @@
 //! Sixteen samples at once: the pixel step.
 //!
-//! In: a tile's ribbon and endings, and how each sample's path comes from the sixteen ([`Mixing`]).
+//! In: a tile's ribbon and endings, and how each sample's path comes from its sixteen ([`Mixing`]).
 //! Out: what each sample sees.
 
 use super::{
@@ -14,13 +14,9 @@ use super::{
 };
 use glam::{DVec2, Vec3};
 
-/// How the paths of sixteen samples come from the sixteen of a sheaf.
-pub enum Mixing {
-    /// They are the same.
-    Same,
-    /// Weighted sums: the weights of each path, for all samples.
-    Weights(Box<[Lanes; LANES]>),
-}
+/// How the paths of sixteen samples come from the sixteen of a sheaf: the weights of each path, for
+/// all samples.
+pub struct Mixing(Box<[Lanes; LANES]>);
 
 impl Mixing {
     /// Bicubic weights of 4 × 4 paths at even spacing, at places in the tile as fractions of its
@@ -33,18 +29,15 @@ impl Mixing {
         for i in 0..LANES {
             weights[i] = each(|l| x[i % 4][l] * y[i / 4][l]);
         }
-        Self::Weights(weights)
+        Self(weights)
     }
 
     #[inline(always)]
     fn mix(&self, values: &Lanes) -> Lanes {
-        let Self::Weights(weights) = self else {
-            return *values;
-        };
         let mut sum = [0.0; LANES];
         for i in 0..LANES {
             for l in 0..LANES {
-                sum[l] += weights[i][l] * values[i];
+                sum[l] += self.0[i][l] * values[i];
             }
         }
         sum
@@ -89,8 +82,8 @@ fn cubic_lanes(t: impl Fn(usize) -> f64) -> [Lanes; 4] {
 pub struct Target<'a> {
     world: &'a World,
     ribbon: &'a Ribbon,
-    /// The exit of each sample; the same for all where paths are mixed.
-    exits: [Option<usize>; LANES],
+    /// The exit of all.
+    exit: Option<usize>,
     limits: Lanes,
     skies: Points,
 }
@@ -106,12 +99,12 @@ struct Found {
 }
 
 impl<'a> Target<'a> {
-    /// Paths that are to be mixed must share their exit.
+    /// The paths of `sheaf` must share their exit.
     pub fn new(world: &'a World, sheaf: &Sheaf<'_>, ribbon: &'a Ribbon) -> Self {
         Self {
             world,
             ribbon,
-            exits: sheaf.exits(),
+            exit: sheaf.exit().flatten(),
             limits: sheaf.limits(),
             skies: sheaf.skies(),
         }
@@ -120,17 +113,16 @@ impl<'a> Target<'a> {
     /// What sixteen samples see.
     #[inline(always)]
     pub fn seen(&self, mixing: &Mixing) -> [Seen; LANES] {
-        let mixed = mixing.mix(&self.limits);
         // An infinite limit times a weight is no number.
-        let limits = each(|l| match self.exits[l] {
-            Some(_) => mixed[l],
-            None => f64::INFINITY,
-        });
+        let limits = match self.exit {
+            Some(_) => mixing.mix(&self.limits),
+            None => [f64::INFINITY; LANES],
+        };
         let found = self.first_hits(mixing, &limits);
         let sky = mixing.mix_points(&self.skies);
         let mut seen = [Seen::Nothing; LANES];
         for l in 0..LANES {
-            seen[l] = match (found.hit[l], self.exits[l]) {
+            seen[l] = match (found.hit[l], self.exit) {
                 (true, _) => Seen::Surface(found.hit(l)),
                 (false, Some(exit)) => Seen::Sky {
                     exit: exit as u32,

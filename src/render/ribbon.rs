@@ -1,6 +1,6 @@
 //! The part of a tile's tube that may meet the scene, as chords.
 //!
-//! In: a sheaf and the pieces whose boxes meet leaves of the scene's tree ([`touched`]). Out: a
+//! In: a sheaf and the pieces whose boxes meet leaves of the scene's tree ([`Touched`]). Out: a
 //! [`Ribbon`]: each such piece flattened into as many chords as keep it within a tolerance of the
 //! cubic, those whose own boxes miss everything left out, and for each of the others the few
 //! subtrees that it can meet. Glued coordinates: a chord is tried in every period in which the
@@ -9,7 +9,8 @@
 use super::{
     intersect::{is_glued, shifts},
     lanes::{Points, bounds},
-    sheaf::{Sheaf, Tube, Vertex, widened},
+    sheaf::{Sheaf, TUBE_MARGIN, Tube, Vertex, widened},
+    strands::Strand,
     tracer::GridTracer,
     world::World,
 };
@@ -39,34 +40,46 @@ pub struct RibbonChord {
 /// Most chords of one piece: pieces are short already, so more means a broken curve.
 const MOST_CHORDS: f64 = 64.0;
 
-/// The pieces of `sheaf` whose boxes meet a leaf, into `pieces`.
-pub fn touched(
-    sheaf: &Sheaf<'_>,
-    world: &World,
-    slack: f64,
-    tube: &mut Tube,
-    pieces: &mut Vec<usize>,
-) {
-    pieces.clear();
-    if world.faces.is_empty() {
-        return;
-    }
-    crate::expr::vectorised(
-        #[inline(always)]
-        || tube.surround(sheaf, sheaf.last()),
-    );
-    let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
-    let periodic = is_glued(domain);
-    for k in 0..tube.pieces() {
-        let (low, high) = tube.piece(k, sheaf.knots(), slack);
-        let meets = match periodic {
-            false => accelerator.touches(low, high),
-            true => shifts(accelerator, domain, low, high)
-                .iter()
-                .any(|shift| accelerator.touches(low + *shift, high + *shift)),
-        };
-        if meets {
-            pieces.push(k);
+/// Pieces of one path or of several side by side that may meet the scene.
+#[derive(Debug, Clone, Default)]
+pub struct Touched {
+    /// Their numbers, ascending.
+    pub pieces: Vec<usize>,
+    tube: Tube,
+}
+
+impl Touched {
+    /// The pieces between the first `last` knots of `strands` whose boxes, widened by `margin` (see
+    /// [`Tube::piece`]) and the angle `slack`, meet a leaf of the scene's tree.
+    pub fn find(
+        &mut self,
+        strands: &[Strand<'_>],
+        last: usize,
+        world: &World,
+        margin: f64,
+        slack: f64,
+    ) {
+        self.pieces.clear();
+        if world.faces.is_empty() {
+            return;
+        }
+        crate::expr::vectorised(
+            #[inline(always)]
+            || self.tube.surround(strands, last),
+        );
+        let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+        let periodic = is_glued(domain);
+        for k in 0..self.tube.pieces() {
+            let (low, high) = self.tube.piece(k, strands[0].knots, margin, slack);
+            let meets = match periodic {
+                false => accelerator.touches(low, high),
+                true => shifts(accelerator, domain, low, high)
+                    .iter()
+                    .any(|shift| accelerator.touches(low + *shift, high + *shift)),
+            };
+            if meets {
+                self.pieces.push(k);
+            }
         }
     }
 }
@@ -107,7 +120,7 @@ impl Ribbon {
     /// The chord from the vertex numbered `from`, in every period in which it may meet something.
     fn add_chord(&mut self, world: &World, from: usize) {
         let [a, b] = [from, from + 1].map(|v| bounds(&self.vertices[v].point));
-        let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), 0.0);
+        let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), TUBE_MARGIN);
         let mut add = |shift: DVec3| {
             let first = self.roots.len();
             if world

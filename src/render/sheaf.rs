@@ -1,4 +1,4 @@
-//! Sixteen paths that span a tile, or that are sixteen samples themselves.
+//! Sixteen paths that span a tile.
 //!
 //! In: strands. Out: their common exit, and a box around the tube that they span between each two
 //! knots ([`Tube`]).
@@ -48,6 +48,11 @@ impl<'a> Sheaf<'a> {
         self.strands.strand(self.members[lane])
     }
 
+    /// All sixteen.
+    pub fn all(&self) -> [Strand<'a>; LANES] {
+        std::array::from_fn(|lane| self.strand(lane))
+    }
+
     /// The arc lengths of the knots.
     pub fn knots(&self) -> &'a [f64] {
         self.strands.knots()
@@ -64,11 +69,6 @@ impl<'a> Sheaf<'a> {
         let first = self.strand(0).ending?.exit();
         let same = |l| self.strand(l).ending.is_some_and(|e| e.exit() == first);
         (1..LANES).all(same).then_some(first)
-    }
-
-    /// The exit of each.
-    pub fn exits(&self) -> [Option<usize>; LANES] {
-        std::array::from_fn(|l| self.strand(l).ending.and_then(|e| e.exit()))
     }
 
     /// The arc lengths beyond which nothing counts.
@@ -112,13 +112,6 @@ impl<'a> Sheaf<'a> {
         }));
         let mut rows = vec![0.0; ROWS * s.len()];
         for l in 0..LANES {
-            if l > 0 && self.members[l] == self.members[l - 1] {
-                // Fewer than sixteen: the last is repeated.
-                for vertex in &mut vertices[first..] {
-                    vertex.repeat(l - 1, l);
-                }
-                continue;
-            }
             tracer.refine(self.strand(l), s, &mut rows);
             for (i, vertex) in vertices[first..].iter_mut().enumerate() {
                 for c in 0..3 {
@@ -143,29 +136,19 @@ impl<'a> Sheaf<'a> {
     }
 }
 
-impl Vertex {
-    fn repeat(&mut self, from: usize, to: usize) {
-        for c in 0..3 {
-            self.point[c][to] = self.point[c][from];
-            self.tangent[c][to] = self.tangent[c][from];
-        }
-    }
-}
-
 impl Tube {
-    /// Boxes around the pieces between the first `last` knots of all paths of `sheaf`: around the
-    /// control points of their cubics.
+    /// Boxes around the pieces between the first `last` knots of all `strands`: around the control
+    /// points of their cubics.
     #[inline(always)]
-    pub fn surround(&mut self, sheaf: &Sheaf<'_>, last: usize) {
-        let knots = sheaf.strands.knots();
+    pub fn surround(&mut self, strands: &[Strand<'_>], last: usize) {
+        let knots = strands[0].knots;
         let pieces = last.saturating_sub(1);
         for c in 0..3 {
             self.low[c].clear();
             self.low[c].resize(pieces, f64::INFINITY);
             self.high[c].clear();
             self.high[c].resize(pieces, f64::NEG_INFINITY);
-            for l in 0..LANES {
-                let strand = sheaf.strand(l);
+            for strand in strands {
                 let (u, v) = (&strand.row(c)[..=pieces], &strand.row(3 + c)[..=pieces]);
                 let (low, high) = (&mut self.low[c][..pieces], &mut self.high[c][..pieces]);
                 for k in 0..pieces {
@@ -184,12 +167,13 @@ impl Tube {
         self.low[0].len()
     }
 
-    /// The box of piece `k` between `knots`, widened by [`TUBE_MARGIN`] of its longest side and by
-    /// the angle `slack` (a piece is about as long as its box in the chart).
-    pub fn piece(&self, k: usize, knots: &[f64], slack: f64) -> (DVec3, DVec3) {
+    /// The box of piece `k` between `knots`, widened by `margin` of its longest side and by the angle
+    /// `slack` (a piece is about as long as its box in the chart).
+    pub fn piece(&self, k: usize, knots: &[f64], margin: f64, slack: f64) -> (DVec3, DVec3) {
         let corner = |side: &[Vec<f64>; 3]| DVec3::new(side[0][k], side[1][k], side[2][k]);
         let lengths = knots[k + 1] / (knots[k + 1] - knots[k]);
-        widened((corner(&self.low), corner(&self.high)), slack * lengths)
+        let corners = (corner(&self.low), corner(&self.high));
+        widened(corners, margin + slack * lengths)
     }
 }
 
@@ -197,11 +181,11 @@ impl Tube {
 /// bicubic between them adds. Chosen, not measured: a box too narrow loses hits at a tile's edge, one
 /// too wide only costs time. The weights of the cubic through four points sum to at most 1.63 in
 /// magnitude, so a tube as wide as its box is long could leave it; tubes are usually long and thin.
-const TUBE_MARGIN: f64 = 0.15;
+pub const TUBE_MARGIN: f64 = 0.15;
 
-/// The box widened by the tube's margin and `more`, in units of its longest side.
-pub fn widened((low, high): (DVec3, DVec3), more: f64) -> (DVec3, DVec3) {
-    let margin = DVec3::splat((TUBE_MARGIN + more) * (high - low).max_element());
+/// The box widened by `margin` of its longest side.
+pub fn widened((low, high): (DVec3, DVec3), margin: f64) -> (DVec3, DVec3) {
+    let margin = DVec3::splat(margin * (high - low).max_element());
     (low - margin, high + margin)
 }
 

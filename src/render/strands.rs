@@ -31,7 +31,7 @@ pub struct Strand<'a> {
     /// Direction at the camera, in the standard frame.
     pub direction: DVec3,
     /// Six rows, each as long as `knots`.
-    rows: &'a [f64],
+    pub(super) rows: &'a [f64],
     /// How many knots are known.
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.

@@ -8,10 +8,11 @@ use super::{
     intersect::CHORD_ERROR,
     lanes::LANES,
     lattice::{Divided, LARGEST_TILE, Leaf, Tile},
+    lone::Lone,
     outcome::Outcome,
     packet::{Mixing, Target},
-    ribbon::{Ribbon, touched},
-    sheaf::{Sheaf, Tube},
+    ribbon::Ribbon,
+    sheaf::Sheaf,
     strands::Strands,
     tracer::GridTracer,
     view::View,
@@ -74,8 +75,7 @@ pub struct Found<'o> {
     pub pending: Vec<(Place, DVec3)>,
     /// Work and time.
     pub tally: Tally,
-    tube: Tube,
-    ribbon: Ribbon,
+    lone: Lone,
 }
 
 impl<'o> Found<'o> {
@@ -86,8 +86,7 @@ impl<'o> Found<'o> {
             outcomes,
             pending: Vec::new(),
             tally: Tally::default(),
-            tube: Tube::default(),
-            ribbon: Ribbon::default(),
+            lone: Lone::default(),
         }
     }
 
@@ -118,13 +117,6 @@ impl<'o> Found<'o> {
 
     fn put(&mut self, (y, x, k): Place, outcome: Outcome) {
         self.outcomes[(y - self.corner.0, x - self.corner.1, k)] = outcome;
-    }
-
-    fn put_all(&mut self, places: &[Place], target: &impl Fn(&Ribbon) -> [Outcome; LANES]) {
-        let outcomes = target(&self.ribbon);
-        for (place, outcome) in places.iter().zip(outcomes) {
-            self.put(*place, outcome);
-        }
     }
 }
 
@@ -160,21 +152,21 @@ impl Samples<'_> {
     fn leaf(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf, found: &mut Found<'_>) {
         let began = Instant::now();
         let sheaf = Sheaf::new(strands, leaf.members);
-        found.ribbon = self.ribbon(tracer, strands, leaf);
+        let ribbon = self.ribbon(tracer, strands, leaf);
         let flat = Instant::now();
         found.tally.tiles += flat - began;
+        let target = Target::new(self.world, &sheaf, &ribbon);
         let places = self.places(leaf.tile);
         for places in places.chunks(LANES) {
             let at =
                 std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
-            found.put_all(places, &|ribbon| {
-                let target = Target::new(self.world, &sheaf, ribbon);
-                vectorised(
-                    #[inline(always)]
-                    || target.seen(&Mixing::bicubic(&at)),
-                )
-                .map(looked_up)
-            });
+            let seen = vectorised(
+                #[inline(always)]
+                || target.seen(&Mixing::bicubic(&at)),
+            );
+            for (place, seen) in places.iter().zip(seen) {
+                found.put(*place, looked_up(seen));
+            }
         }
         found.tally.interpolated += places.len();
         found.tally.pixels += flat.elapsed();
@@ -194,46 +186,20 @@ impl Samples<'_> {
         for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
             strands.clear();
             tracer.add(directions, endings, &mut strands);
-            let (known, unknown): (Vec<usize>, Vec<usize>) =
-                (0..places.len()).partition(|&i| strands.strand(i).ending.is_some());
-            for i in unknown {
-                found.pending.push((places[i], directions[i]));
-            }
-            for members in known.chunks(LANES) {
-                self.sixteen(tracer, &strands, members, places, found);
+            for (i, place) in places.iter().enumerate() {
+                let strand = strands.strand(i);
+                match strand.ending {
+                    None => found.pending.push((*place, directions[i])),
+                    Some(ending) => {
+                        let seen = found.lone.seen(strand, &ending, tracer, self.world);
+                        found.put(*place, looked_up(seen));
+                    }
+                }
             }
             found.tally.traced += places.len();
             found.tally.paths += places.len();
         }
         found.tally.pixels += began.elapsed();
-    }
-
-    /// Up to sixteen samples whose paths are `members` of `strands`.
-    fn sixteen(
-        &self,
-        tracer: &dyn GridTracer,
-        strands: &Strands,
-        members: &[usize],
-        places: &[Place],
-        found: &mut Found<'_>,
-    ) {
-        let all = std::array::from_fn(|l| members[l.min(members.len() - 1)]);
-        let sheaf = Sheaf::new(strands, all);
-        let mut pieces = Vec::new();
-        let slack = tracer.slack();
-        touched(&sheaf, self.world, slack, &mut found.tube, &mut pieces);
-        found
-            .ribbon
-            .flatten(&sheaf, (tracer, self.world), &pieces, CHORD_ERROR);
-        let places: Vec<Place> = members.iter().map(|&i| places[i]).collect();
-        found.put_all(&places, &|ribbon| {
-            let target = Target::new(self.world, &sheaf, ribbon);
-            vectorised(
-                #[inline(always)]
-                || target.seen(&Mixing::Same),
-            )
-            .map(looked_up)
-        });
     }
 
     /// The samples of `tile` in the picture, by squares of 4 × 4 pixels so that sixteen in a

@@ -13,8 +13,8 @@ mod nodes;
 use super::{
     endings::EndingFinder,
     lanes::LANES,
-    ribbon::touched,
-    sheaf::{Sheaf, Tube},
+    ribbon::Touched,
+    sheaf::{Sheaf, TUBE_MARGIN},
     strands::Strands,
     tracer::GridTracer,
     view::View,
@@ -31,7 +31,7 @@ pub const LARGEST_TILE: usize = 64;
 
 /// A tile brings nine paths of its own (the others serve its neighbours too), so one with fewer
 /// samples than this is not worth its paths.
-const FEWEST_SAMPLES: usize = 16;
+const FEWEST_SAMPLES: usize = 64;
 
 /// A square of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -159,9 +159,10 @@ impl Lattice<'_> {
         if !(checks.sky() <= allowed) {
             return None;
         }
-        let mut pieces = Vec::new();
+        let mut touched = Touched::default();
         let slack = self.tracer.slack();
-        touched(&sheaf, self.world, slack, &mut Tube::default(), &mut pieces);
+        touched.find(&sheaf.all(), sheaf.last(), self.world, TUBE_MARGIN, slack);
+        let pieces = touched.pieces;
         if !(checks.path(&pieces) <= allowed) {
             return None;
         }

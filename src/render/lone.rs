@@ -1,0 +1,87 @@
+//! One path by itself: what it meets first.
+//!
+//! In: a strand of a tracer. Out: what it sees. The pieces of the strand whose boxes meet leaves of
+//! the scene's tree are sampled again, as finely as makes the cubics between the samples as good as
+//! chords have to be, and those cubics are intersected in order.
+
+use super::{
+    curve::{Ending, Piece},
+    intersect::{CHORD_ERROR, first_hit},
+    outcome::{Seen, beyond},
+    ribbon::Touched,
+    strands::{ROWS, Strand},
+    tracer::GridTracer,
+    world::World,
+};
+use glam::DVec3;
+
+/// How many cubics replace one piece whose cubic may be off by the angle `slack`: a cubic's error
+/// falls with the fourth power of its length.
+fn finer(slack: f64) -> usize {
+    (slack / CHORD_ERROR).max(1.0).powf(0.25).ceil() as usize
+}
+
+/// Finds what single paths see.
+#[derive(Debug, Clone, Default)]
+pub struct Lone {
+    touched: Touched,
+    lengths: Vec<f64>,
+    rows: Vec<f64>,
+}
+
+impl Lone {
+    /// What `strand` of `tracer`, whose ending is known, sees in `world`.
+    pub fn seen(
+        &mut self,
+        strand: Strand<'_>,
+        ending: &Ending,
+        tracer: &dyn GridTracer,
+        world: &World,
+    ) -> Seen {
+        let limit = ending.limit();
+        let knots = strand.knots;
+        let last = (knots.partition_point(|s| *s < limit) + 1).min(knots.len());
+        self.touched
+            .find(&[strand], last, world, 0.0, tracer.slack());
+        self.sample(strand, tracer);
+        let n = self.lengths.len();
+        let point = |i: usize, c: usize| {
+            DVec3::new(
+                self.rows[c * n + i],
+                self.rows[(c + 1) * n + i],
+                self.rows[(c + 2) * n + i],
+            )
+        };
+        let per_piece = finer(tracer.slack());
+        let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+        for first in (0..n).step_by(per_piece + 1) {
+            for i in first..first + per_piece {
+                let piece = Piece {
+                    s: [self.lengths[i], self.lengths[i + 1]],
+                    u: [point(i, 0), point(i + 1, 0)],
+                    v: [point(i, 3), point(i + 1, 3)],
+                };
+                if let Some(hit) = first_hit(accelerator, domain, &piece, limit) {
+                    return Seen::Surface(hit);
+                }
+            }
+        }
+        beyond(ending)
+    }
+
+    /// The path at the ends of the finer cubics of its touched pieces.
+    fn sample(&mut self, strand: Strand<'_>, tracer: &dyn GridTracer) {
+        let per_piece = finer(tracer.slack());
+        self.lengths.clear();
+        for &k in &self.touched.pieces {
+            let [from, to] = [strand.knots[k], strand.knots[k + 1]];
+            let along = |j: usize| from + (to - from) * j as f64 / per_piece as f64;
+            self.lengths.extend((0..=per_piece).map(along));
+        }
+        self.rows.clear();
+        self.rows.resize(ROWS * self.lengths.len(), 0.0);
+        if !self.lengths.is_empty() {
+            tracer.refine(strand, &self.lengths, &mut self.rows);
+        }
+    }
+}
