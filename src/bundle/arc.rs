@@ -20,33 +20,42 @@ pub fn stores_start(interval: [f64; 2]) -> bool {
 /// Appends to `rows`, for each degree, the coefficients of the departures and then those of the
 /// slopes, from what is `stored` for one path. Returns how many degrees there are.
 pub fn unfold(stored: &[f64], channels: usize, interval: [f64; 2], rows: &mut Vec<f64>) -> usize {
-    let (start, slopes) = match stores_start(interval) {
-        true => stored.split_at(channels),
-        false => (&[][..], stored),
-    };
+    match channels {
+        1 => unfold_of::<1>(stored, interval, rows),
+        2 => unfold_of::<2>(stored, interval, rows),
+        3 => unfold_of::<3>(stored, interval, rows),
+        _ => unfold_of::<4>(stored, interval, rows),
+    }
+}
+
+/// The same for `C` channels.
+fn unfold_of<const C: usize>(stored: &[f64], interval: [f64; 2], rows: &mut Vec<f64>) -> usize {
+    let (starts, slopes) = stored.as_chunks::<C>().0.split_at(match stores_start(interval) {
+        true => 1,
+        false => 0,
+    });
     let half = 0.5 * (interval[1] - interval[0]);
-    let degrees = slopes.len() / channels + 1;
+    let degrees = slopes.len() + 1;
     let first = rows.len();
-    rows.resize(first + 2 * channels * degrees, 0.0);
-    let rows = &mut rows[first..];
-    for (row, slope) in rows
-        .chunks_exact_mut(2 * channels)
-        .zip(slopes.chunks_exact(channels))
-    {
-        row[channels..].copy_from_slice(slope);
+    rows.resize(first + 2 * C * degrees, 0.0);
+    let rows = rows[first..].as_chunks_mut::<C>().0;
+    let mut constant = starts.first().map_or([0.0; C], |d| d.map(|d| d * interval[0]));
+    for (k, slope) in slopes.iter().enumerate() {
+        rows[2 * k + 1] = *slope;
     }
-    for c in 0..channels {
-        let slope = |k: usize| slopes.get(k * channels + c).copied().unwrap_or(0.0);
-        let mut constant = start.get(c).map_or(0.0, |d| d * interval[0]);
-        for k in 1..degrees {
-            let before = if k == 1 { 2.0 } else { 1.0 } * slope(k - 1);
-            let departure = half * (before - slope(k + 1)) / (2 * k) as f64;
-            rows[2 * channels * k + c] = departure;
-            // T_k(−1) = ±1: the departure starts where it is stored to.
-            constant -= if k % 2 == 0 { departure } else { -departure };
+    for k in 1..degrees {
+        let before = slopes[k - 1].map(|a| if k == 1 { 2.0 * a } else { a });
+        let after = slopes.get(k + 1).copied().unwrap_or([0.0; C]);
+        let scale = half / (2 * k) as f64;
+        // T_k(−1) = ±1: the departure starts where it is stored to.
+        let sign = if k % 2 == 0 { -1.0 } else { 1.0 };
+        for c in 0..C {
+            let departure = scale * (before[c] - after[c]);
+            rows[2 * k][c] = departure;
+            constant[c] += sign * departure;
         }
-        rows[c] = constant;
     }
+    rows[0] = constant;
     degrees
 }
 

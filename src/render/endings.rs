@@ -4,11 +4,11 @@
 
 use super::{
     curve::{Ending, Piece, ending_at},
-    strands::{ROWS, Strand},
+    strands::{ROWS, Strand, put},
 };
 use crate::{
     expr::{Registers, vectorised},
-    geodesic::{End, crossing},
+    geodesic::End,
     manifold::Manifold,
 };
 use glam::DVec3;
@@ -21,9 +21,10 @@ const LANES: usize = 16;
 pub struct EndingFinder<'m> {
     manifold: &'m Manifold,
     registers: Registers<f64, LANES>,
-    single: Registers<f64, 1>,
     /// The events' values at the knot before.
     before: Vec<f64>,
+    /// Their values at both ends of the piece on which the first event was found last.
+    rise: Vec<[f64; 2]>,
 }
 
 impl<'m> EndingFinder<'m> {
@@ -32,43 +33,61 @@ impl<'m> EndingFinder<'m> {
         Self {
             manifold,
             registers: manifold.domain.events().registers(),
-            single: manifold.domain.events().registers(),
             before: vec![f64::NAN; manifold.domain.kinds.len()],
+            rise: vec![[f64::NAN; 2]; manifold.domain.kinds.len()],
         }
     }
 
     /// The first event on the known part of `strand`: positive and not before, or rising beyond
     /// zero (a ray leaves where an exit's condition *becomes* positive). `None` if there is none.
     pub fn ending(&mut self, strand: Strand<'_>) -> Option<Ending> {
-        let piece = self.last_piece(strand)?;
-        Some(match self.first_on(&piece) {
-            Some((t, k)) => self.at(k, piece.arc(t), piece.position(t), piece.tangent(t)),
-            None => Ending::Nowhere,
+        self.sharp_ending(strand, |s, rows| {
+            strand.sample(s, rows);
+            s.len()
         })
     }
 
     /// The same with the event found on the path itself, which `sample` knows better than the cubics
-    /// (as [`Strand::sample`], but says how many are known): first between knots of the strand, then
-    /// on cubics between sixteen points there, whose error is 1e-5 times as large.
+    /// (as [`Strand::sample`], but says how many are known): between two knots of the strand, then
+    /// between two of sixteen points there, then between two of sixteen on the cubic there, which is
+    /// so short that the event is linear on it.
     pub fn sharp_ending(
         &mut self,
         strand: Strand<'_>,
         sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
     ) -> Option<Ending> {
         let piece = self.last_piece(strand)?;
-        let knots: [f64; LANES] =
-            std::array::from_fn(|l| piece.arc(l as f64 / (LANES - 1) as f64));
+        // At the very end of a piece rounding may hide the event from the points between.
+        let piece = self.closer(piece, sample).unwrap_or(piece);
+        let cubic = |s: &[f64], rows: &mut [f64]| {
+            for (i, &s) in s.iter().enumerate() {
+                let t = (s - piece.s[0]) / (piece.s[1] - piece.s[0]);
+                put(rows, i, (piece.position(t), piece.tangent(t)));
+            }
+            s.len()
+        };
+        let piece = self.closer(piece, cubic).unwrap_or(piece);
+        let (t, k) = self.first_on()?;
+        Some(self.at(k, piece.arc(t), piece.position(t), piece.tangent(t)))
+    }
+
+    /// The piece on which the first event happens, of fifteen into which `sample` divides `piece`.
+    fn closer(
+        &mut self,
+        piece: Piece,
+        sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
+    ) -> Option<Piece> {
+        let last = (LANES - 1) as f64;
+        let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
         let mut rows = [0.0; ROWS * LANES];
         let known = sample(&knots, &mut rows);
-        let closer = Strand {
+        self.last_piece(Strand {
             knots: &knots,
-            direction: strand.direction,
+            direction: DVec3::ZERO,
             rows: &rows,
             known,
             ending: None,
-        };
-        // At the very end of the piece rounding may hide the event from the points between.
-        self.ending(closer).or_else(|| self.ending(strand))
+        })
     }
 
     /// The piece on which the first event happens; `None` if there is none.
@@ -85,16 +104,6 @@ impl<'m> EndingFinder<'m> {
             }
         }
         None
-    }
-
-    /// The value of event `k`.
-    fn event(&mut self, k: usize, u: DVec3, v: DVec3) -> f64 {
-        for c in 0..3 {
-            *self.single.input(c) = [u[c]];
-            *self.single.input(3 + c) = [v[c]];
-        }
-        self.manifold.domain.events().run(&mut self.single);
-        self.single.output(k)[0]
     }
 
     /// The ending by event `k`.
@@ -119,8 +128,8 @@ impl<'m> EndingFinder<'m> {
         );
     }
 
-    /// The first of the knots just evaluated at which an event counts, if any; `before` is then
-    /// what it was at the knot before.
+    /// The first of the knots just evaluated at which an event counts, if any; `rise` is then what
+    /// the events are there and at the knot before.
     fn rising(&mut self, first: usize, count: usize) -> Option<usize> {
         let quiet = |k: usize| {
             let values = self.registers.output(k);
@@ -135,6 +144,9 @@ impl<'m> EndingFinder<'m> {
         for lane in 0..count {
             let counts = |k: usize| self.registers.output(k)[lane] > self.before[k].max(0.0);
             if first + lane > 0 && (0..self.before.len()).any(counts) {
+                for (k, rise) in self.rise.iter_mut().enumerate() {
+                    *rise = [self.before[k], self.registers.output(k)[lane]];
+                }
                 return Some(first + lane);
             }
             for (k, value) in self.before.iter_mut().enumerate() {
@@ -144,17 +156,14 @@ impl<'m> EndingFinder<'m> {
         None
     }
 
-    /// The earliest of the events that count at the end of `piece`: where, and which.
-    fn first_on(&mut self, piece: &Piece) -> Option<(f64, usize)> {
+    /// The earliest of the events that count between the ends of the piece found last, each taken to
+    /// be linear there: the fraction of the piece, and which.
+    fn first_on(&self) -> Option<(f64, usize)> {
         let mut first: Option<(f64, usize)> = None;
-        for k in 0..self.before.len() {
-            let before = self.before[k];
-            let mut value = |t: f64| self.event(k, piece.position(t), piece.tangent(t));
-            if value(1.0) > before.max(0.0) {
-                let t = match before > 0.0 {
-                    true => 0.0,
-                    false => crossing(0.0, 1.0, value),
-                };
+        for (k, [before, after]) in self.rise.iter().enumerate() {
+            if *after > before.max(0.0) {
+                let below = before.min(0.0);
+                let t = below / (below - after);
                 if first.is_none_or(|(earlier, _)| t < earlier) {
                     first = Some((t, k));
                 }

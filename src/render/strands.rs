@@ -121,6 +121,14 @@ pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
     }
 }
 
+/// Writes a point and a tangent into column `i` of six rows.
+pub fn put(rows: &mut [f64], i: usize, (u, v): (DVec3, DVec3)) {
+    let n = rows.len() / ROWS;
+    for c in 0..3 {
+        (rows[c * n + i], rows[(3 + c) * n + i]) = (u[c], v[c]);
+    }
+}
+
 impl<'a> Strand<'a> {
     /// Component `c` (below 6) at all knots.
     #[inline(always)]
@@ -168,10 +176,7 @@ impl<'a> Strand<'a> {
             let next = self.knots.partition_point(|knot| *knot < at);
             let piece = self.piece(next.clamp(1, self.knots.len() - 1) - 1);
             let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
-            let (u, v) = (piece.position(t), piece.tangent(t));
-            for c in 0..3 {
-                (rows[c * s.len() + i], rows[(3 + c) * s.len() + i]) = (u[c], v[c]);
-            }
+            put(rows, i, (piece.position(t), piece.tangent(t)));
         }
     }
 }

@@ -7,7 +7,7 @@
 use super::{
     curve::{Curve, Ending, Piece, ending_at},
     endings::EndingFinder,
-    strands::{Strand, Strands},
+    strands::{Strand, Strands, put},
 };
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -195,13 +195,10 @@ impl GridTracer for FixedTracer<'_> {
         let paths = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);
         for (direction, (u, v)) in directions.iter().zip(paths) {
             let fill = |_: &[f64], rows: &mut [f64]| {
-                let n = u.len();
-                for k in 0..n {
-                    for c in 0..3 {
-                        (rows[c * n + k], rows[(3 + c) * n + k]) = (u[k][c], v[k][c]);
-                    }
+                for (k, (u, v)) in u.iter().zip(&v).enumerate() {
+                    put(rows, k, (*u, *v));
                 }
-                n
+                u.len()
             };
             strands.push(*direction, fill, |strand| {
                 Some(endings.ending(strand).unwrap_or(Ending::Nowhere))
