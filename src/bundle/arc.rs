@@ -3,11 +3,15 @@
 //! In: what a patch stores for one path, rows of channels: the displacement at the start of the
 //! patch's arc lengths if that is not the start of the path, and the Chebyshev coefficients of the
 //! departure's slope ([`Lift::slope`](crate::fan::Lift::slope)). Out: departures and slopes at arc
-//! lengths. The departure is the integral of its slope, coefficient by coefficient (L. N. Trefethen,
+//! lengths, and the points and tangents there. The departure is the integral of its slope, coefficient by coefficient (L. N. Trefethen,
 //! *Approximation Theory and Approximation Practice*, exercise 2.8 and chapter 21):
 //! `b_k = h (a_{k−1} − a_{k+1})/2k`, with `a₀` doubled, for `h` half the length of the interval.
 
-use crate::expr::vectorised;
+use crate::{
+    expr::vectorised,
+    fan::{FanSpace, Start},
+};
+use glam::DVec3;
 
 /// Departures and their slopes in the arc length: four channels each, at `W` arc lengths.
 pub type Sums<const W: usize> = [[[f64; W]; 4]; 2];
@@ -79,6 +83,24 @@ pub fn sums<const W: usize>(
         },
     );
     sums
+}
+
+/// Chart point and tangent of the stored ray from `start` at arc length `s`, whose departure and slope
+/// are in the lane `lane` of `sums`.
+#[inline]
+pub fn state<const W: usize>(
+    space: &FanSpace,
+    start: &Start,
+    sums: &Sums<W>,
+    lane: usize,
+    s: f64,
+) -> (DVec3, DVec3) {
+    let [mut departure, mut slope] = [[0.0; 4]; 2];
+    for (k, channel) in space.channels().iter().enumerate() {
+        departure[*channel] = sums[0][k][lane];
+        slope[*channel] = sums[1][k][lane];
+    }
+    space.lift().state(start, departure, slope, s)
 }
 
 #[cfg(test)]

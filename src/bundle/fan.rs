@@ -342,12 +342,7 @@ impl FanPath<'_, '_> {
         let space = &self.fan.table.space;
         let mut state = [[[0.0; W]; 3]; 2];
         for l in 0..W {
-            let (mut values, mut slopes) = ([0.0; 4], [0.0; 4]);
-            for (k, channel) in space.channels().iter().enumerate() {
-                values[*channel] = sums[0][k][l];
-                slopes[*channel] = sums[1][k][l];
-            }
-            let (u, v) = space.lift().state(&self.start, values, slopes, s[l]);
+            let (u, v) = arc::state(space, &self.start, sums, l, s[l]);
             for c in 0..3 {
                 state[0][c][l] = u[c];
                 state[1][c][l] = v[c];
