@@ -87,8 +87,6 @@ pub struct Located {
     pub u: DVec3,
     /// The stored ray's tangent, chart components.
     pub v: DVec3,
-    /// The same in the standard frame.
-    pub d: DVec3,
     /// Takes the stored ray to the true one.
     pub isometry: Isometry,
 }
@@ -456,7 +454,6 @@ impl FanSpace {
                     direction: pq.to_array().to_vec(),
                     u: place.stored,
                     v,
-                    d,
                     isometry: place.isometry.clone(),
                 }
             }
@@ -481,7 +478,6 @@ impl FanSpace {
             direction: vec![parameter],
             u: place.stored,
             v,
-            d,
             isometry: Isometry::Rotation(q),
         }
     }
