@@ -3,12 +3,14 @@
 use assert_cmd::{Command, cargo::cargo_bin};
 use std::{path::Path, process::Stdio, time::Duration};
 
-fn geofan(folder: &Path, words: &[&str]) -> (Option<i32>, String) {
+/// Runs the program in `folder` with `arguments`, which are divided at spaces: its exit code, and what
+/// was said.
+fn geofan(folder: &Path, arguments: &str) -> (Option<i32>, String) {
     let output = Command::cargo_bin("geofan")
         .unwrap()
         .current_dir(folder)
         .args(["--quiet", "--json"])
-        .args(words)
+        .args(arguments.split(' '))
         .output()
         .unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8(bytes).unwrap();
@@ -40,50 +42,39 @@ fn write_scene(folder: &Path) {
 fn a_path_traced_picture_can_be_left_and_taken_up_again() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());
-    let render = |output: &str, more: &[&str]| {
-        let mut words = vec![
-            "render",
-            "scene.toml",
-            "--tracer",
-            "path",
-            "--size",
-            "24x16",
-            "-o",
-            output,
-        ];
-        words.extend_from_slice(more);
-        geofan(folder.path(), &words)
+    let render = |more: &str| {
+        let arguments = format!("render scene.toml --tracer path --size 24x16 --spp 6 -o {more}");
+        geofan(folder.path(), &arguments)
     };
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
-    let (code, said) = render("whole.png", &["--spp", "6"]);
+    let (code, said) = render("whole.png");
     assert_eq!(code, Some(0), "{said}");
     assert!(
         said.contains("\"spp\":6") && said.contains("exact_rays_per_second"),
         "{said}"
     );
     // No time at all: one pass is done and kept.
-    let (code, said) = render("parts.png", &["--spp", "6", "--time", "1e-9"]);
+    let (code, said) = render("parts.png --time 1e-9");
     assert!(code == Some(0) && said.contains("\"spp\":1"), "{said}");
     assert!(folder.path().join("parts.png.passes").exists());
-    let (code, said) = render("parts.png", &["--spp", "6", "--seed", "9", "--resume"]);
+    let (code, said) = render("parts.png --seed 9 --resume");
     assert!(
         code == Some(2) && said.contains("another picture"),
         "{said}"
     );
-    let (code, said) = render("parts.png", &["--spp", "6", "--resume"]);
+    let (code, said) = render("parts.png --resume");
     assert!(code == Some(0) && said.contains("\"spp\":6"), "{said}");
     assert_eq!(read("whole.png"), read("parts.png"));
     assert!(!folder.path().join("parts.png.passes").exists());
 }
 
-/// Begins a picture that takes minutes, and presses Ctrl-C after a while: the exit code (none if the
+/// Begins what takes minutes, and presses Ctrl-C after a while: the exit code (none if the
 /// program was not yet ready for the signal) and what was said.
-fn interrupted(folder: &Path, words: &[&str], after: Duration) -> (Option<i32>, String) {
+fn interrupted(folder: &Path, arguments: &str, after: Duration) -> (Option<i32>, String) {
     let child = std::process::Command::new(cargo_bin("geofan"))
         .current_dir(folder)
-        .args(["--quiet", "--threads", "1"])
-        .args(words)
-        .args(["--spp", "4096"])
+        .args("--quiet --threads 1".split(' '))
+        .args(arguments.split(' '))
         .stderr(Stdio::piped())
         .spawn()
         .unwrap();
@@ -101,26 +92,11 @@ fn interrupted(folder: &Path, words: &[&str], after: Duration) -> (Option<i32>, 
 fn a_path_traced_picture_goes_on_after_an_interruption_as_if_there_had_been_none() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());
-    let words = |output: &'static str| {
-        let words = [
-            "render",
-            "scene.toml",
-            "--tracer",
-            "path",
-            "--size",
-            "160x120",
-        ];
-        [&words[..], &["-o", output]].concat()
-    };
+    let render = "render scene.toml --tracer path --size 160x120";
+    let begun = format!("{render} --spp 4096 -o parts.png");
     let (code, said) = [300, 1000, 4000]
         .into_iter()
-        .map(|ms| {
-            interrupted(
-                folder.path(),
-                &words("parts.png"),
-                Duration::from_millis(ms),
-            )
-        })
+        .map(|ms| interrupted(folder.path(), &begun, Duration::from_millis(ms)))
         .find(|(code, _)| code.is_some())
         .unwrap();
     assert_eq!(code, Some(75), "{said}");
@@ -129,17 +105,12 @@ fn a_path_traced_picture_goes_on_after_an_interruption_as_if_there_had_been_none
     assert!(!folder.path().join("parts.png").exists());
     let (kept, _) = said.split_once(" of 4096 samples are kept").unwrap();
     let kept: u64 = kept.rsplit(' ').next().unwrap().parse().unwrap();
-    let samples = (kept + 2).to_string();
-    let (code, said) = geofan(
-        folder.path(),
-        &[&words("parts.png")[..], &["--spp", &samples, "--resume"]].concat(),
-    );
-    assert_eq!(code, Some(0), "{said}");
-    let (code, said) = geofan(
-        folder.path(),
-        &[&words("whole.png")[..], &["--spp", &samples]].concat(),
-    );
-    assert_eq!(code, Some(0), "{said}");
+    let samples = kept + 2;
+    for end in ["-o parts.png --resume", "-o whole.png"] {
+        let arguments = format!("{render} --spp {samples} {end}");
+        let (code, said) = geofan(folder.path(), &arguments);
+        assert_eq!(code, Some(0), "{said}");
+    }
     let read = |name: &str| std::fs::read(folder.path().join(name)).unwrap();
     assert_eq!(read("whole.png"), read("parts.png"));
 }
@@ -148,19 +119,8 @@ fn a_path_traced_picture_goes_on_after_an_interruption_as_if_there_had_been_none
 fn an_exr_of_the_path_tracer_has_its_variance() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());
-    let words = [
-        "render",
-        "scene.toml",
-        "--tracer",
-        "path",
-        "--size",
-        "8x6",
-        "--spp",
-        "3",
-        "-o",
-        "a.exr",
-    ];
-    let (code, said) = geofan(folder.path(), &words);
+    let arguments = "render scene.toml --tracer path --size 8x6 --spp 3 -o a.exr";
+    let (code, said) = geofan(folder.path(), arguments);
     assert_eq!(code, Some(0), "{said}");
     let (picture, _) = geofan::render::picture::read_exr(&folder.path().join("a.exr")).unwrap();
     for name in ["variance.R", "variance.G", "variance.B", "Z", "N.X", "id"] {
@@ -172,29 +132,11 @@ fn an_exr_of_the_path_tracer_has_its_variance() {
 fn the_local_view_is_drawn_and_compared() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());
-    let words = [
-        "render",
-        "scene.toml",
-        "--tracer",
-        "local",
-        "--size",
-        "24x16",
-        "-o",
-        "local.png",
-    ];
-    let (code, said) = geofan(folder.path(), &words);
+    let arguments = "render scene.toml --tracer local --size 24x16 -o local.png";
+    let (code, said) = geofan(folder.path(), arguments);
     assert_eq!(code, Some(0), "{said}");
-    let words = [
-        "compare",
-        "scene.toml",
-        "--tracer",
-        "local",
-        "--size",
-        "24x16",
-        "--out",
-        ".",
-    ];
-    let (code, said) = geofan(folder.path(), &words);
+    let arguments = "compare scene.toml --tracer local --size 24x16 --out .";
+    let (code, said) = geofan(folder.path(), arguments);
     assert!(
         code == Some(0) && said.contains("mrad_per_length"),
         "{said}"
@@ -210,8 +152,8 @@ fn a_light_outside_the_space_is_underlined() {
     let text =
         std::fs::read_to_string(&path).unwrap() + "[domain]\ninside = ['1 - x^2 - y^2 - 7*z^2']\n";
     std::fs::write(&path, text).unwrap();
-    let words = ["render", "scene.toml", "--size", "8x8", "-o", "a.png"];
-    let (code, said) = geofan(folder.path(), &words);
+    let arguments = "render scene.toml --size 8x8 -o a.png";
+    let (code, said) = geofan(folder.path(), arguments);
     assert!(
         code == Some(2) && said.contains("scene.toml") && said.contains("^"),
         "{said}"

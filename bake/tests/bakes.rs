@@ -1,7 +1,9 @@
 //! Bakes of tiny tables by the program: equal bytes whichever way they are made, and what is said
 //! when they cannot be made.
 
-use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
+mod support;
+
+use assert_cmd::assert::Assert;
 use geofan::{
     bundle::{Bundle, certify},
     random::Stream,
@@ -9,8 +11,8 @@ use geofan::{
 };
 use glam::DVec3;
 use serde_json::Value;
-use std::{fs, path::PathBuf};
-use tempfile::TempDir;
+use std::fs;
+use support::Place;
 
 /// A mild lens seen from anywhere on a shell: two axes, four chunks.
 const LENS: &str = r#"
@@ -37,43 +39,20 @@ at = ["1", "0", "0"]
 length = 2.0
 "#;
 
-struct Place {
-    folder: TempDir,
+fn place() -> Place {
+    Place::with(&[("lens.toml", LENS), ("point.toml", POINT)])
 }
 
-impl Place {
-    fn new() -> Self {
-        let folder = TempDir::new().unwrap();
-        fs::write(folder.path().join("lens.toml"), LENS).unwrap();
-        fs::write(folder.path().join("point.toml"), POINT).unwrap();
-        Self { folder }
-    }
+/// A bake of the lens; tests differ in what they add.
+fn lens(place: &Place, arguments: &str) -> Assert {
+    place.bake(&format!(
+        "lens.toml --max-error 2 --certify-rays 400 {arguments}"
+    ))
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn bytes(&self, name: &str) -> Vec<u8> {
-        fs::read(self.path(name)).unwrap()
-    }
-
-    fn bake(&self, arguments: &str) -> Assert {
-        let mut command: Command = cargo_bin_cmd!("geofan-bake");
-        command.current_dir(self.folder.path()).env("NO_COLOR", "1");
-        command.args(arguments.split(' ')).assert()
-    }
-
-    /// A bake of the lens; tests differ in what they add.
-    fn lens(&self, arguments: &str) -> Assert {
-        self.bake(&format!(
-            "lens.toml --max-error 2 --certify-rays 400 {arguments}"
-        ))
-    }
-
-    fn json(&self, arguments: &str) -> Value {
-        let output = self.lens(arguments).success().get_output().stdout.clone();
-        serde_json::from_slice(&output).unwrap()
-    }
+fn json(place: &Place, arguments: &str) -> Value {
+    let output = lens(place, arguments).success().get_output().stdout.clone();
+    serde_json::from_slice(&output).unwrap()
 }
 
 fn stderr(assert: &Assert) -> String {
@@ -82,8 +61,8 @@ fn stderr(assert: &Assert) -> String {
 
 #[test]
 fn a_bake_keeps_its_promise_and_leaves_one_file() {
-    let place = Place::new();
-    let report = place.json("-o b.fan --json");
+    let place = place();
+    let report = json(&place, "-o b.fan --json");
     assert!(report["screen_mrad"]["p99"].as_f64().unwrap() <= 2.0);
     assert!(report["rotation_mrad"]["p99"].as_f64().unwrap() <= 10.0);
     assert_eq!(report["kept"], true);
@@ -99,12 +78,10 @@ fn a_bake_keeps_its_promise_and_leaves_one_file() {
 
 #[test]
 fn any_number_of_threads_makes_the_same_bytes() {
-    let place = Place::new();
+    let place = place();
     for threads in [1, 2, 7] {
         let output = format!("{threads}.fan");
-        place
-            .lens(&format!("-o {output} --threads {threads}"))
-            .success();
+        lens(&place, &format!("-o {output} --threads {threads}")).success();
     }
     assert!(place.bytes("1.fan") == place.bytes("2.fan"));
     assert!(place.bytes("1.fan") == place.bytes("7.fan"));
@@ -112,12 +89,10 @@ fn any_number_of_threads_makes_the_same_bytes() {
 
 #[test]
 fn shards_merge_to_the_bytes_of_an_undivided_bake() {
-    let place = Place::new();
-    place.lens("-o whole.fan").success();
+    let place = place();
+    lens(&place, "-o whole.fan").success();
     for share in 1..=3 {
-        place
-            .lens(&format!("-o {share}.fan --shard {share}/3"))
-            .success();
+        lens(&place, &format!("-o {share}.fan --shard {share}/3")).success();
     }
     assert!(!place.path("1.fan.parts").exists());
     place
@@ -144,17 +119,17 @@ fn shards_merge_to_the_bytes_of_an_undivided_bake() {
 /// Leaves the parts of a finished bake in `b.fan.parts`, as an interruption would: a bake that
 /// cannot write its result keeps them.
 fn parts_of_a_bake(place: &Place) {
-    place.lens("--max-size 100 -o b.fan").code(1);
+    lens(place, "--max-size 100 -o b.fan").code(1);
     assert!(place.path("b.fan.parts/chunk-000000").exists());
 }
 
 #[test]
 fn resuming_uses_whole_parts_and_bakes_damaged_missing_and_foreign_ones_again() {
-    let place = Place::new();
-    place.lens("-o whole.fan").success();
+    let place = place();
+    lens(&place, "-o whole.fan").success();
     // A limit that only the finished file exceeds: all parts are there.
     let limit = place.bytes("whole.fan").len() - 1;
-    place.lens(&format!("--max-size {limit} -o b.fan")).code(1);
+    lens(&place, &format!("--max-size {limit} -o b.fan")).code(1);
     let part = |k: usize| place.path(&format!("b.fan.parts/chunk-00000{k}"));
     assert!((0..4).all(|k| part(k).exists()));
 
@@ -165,37 +140,37 @@ fn resuming_uses_whole_parts_and_bakes_damaged_missing_and_foreign_ones_again() 
     fs::write(part(1), damaged).unwrap();
     fs::copy(part(3), part(2)).unwrap();
     fs::write(place.path("b.fan.parts/.geofan-x.part"), "cut off").unwrap();
-    place.lens("--resume -o b.fan").success();
+    lens(&place, "--resume -o b.fan").success();
     assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
     assert!(!place.path("b.fan.parts").exists());
 }
 
 #[test]
 fn without_resume_parts_are_discarded_with_a_note() {
-    let place = Place::new();
-    place.lens("-o whole.fan").success();
+    let place = place();
+    lens(&place, "-o whole.fan").success();
     let limit = place.bytes("whole.fan").len() - 1;
-    place.lens(&format!("--max-size {limit} -o b.fan")).code(1);
-    let again = place.lens("-o b.fan").success();
+    lens(&place, &format!("--max-size {limit} -o b.fan")).code(1);
+    let again = lens(&place, "-o b.fan").success();
     assert!(stderr(&again).contains("discarded 12 chunks"));
     assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
 }
 
 #[test]
 fn parts_of_another_promise_are_not_used() {
-    let place = Place::new();
+    let place = place();
     place
         .bake("lens.toml --max-error 0.3 --certify-rays 400 --max-size 1200 -o b.fan")
         .code(1);
-    place.lens("-o whole.fan").success();
-    place.lens("--resume -o b.fan").success();
+    lens(&place, "-o whole.fan").success();
+    lens(&place, "--resume -o b.fan").success();
     assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
 }
 
 #[test]
 fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
-    let place = Place::new();
-    place.lens("-o whole.fan").success();
+    let place = place();
+    lens(&place, "-o whole.fan").success();
     let limit = place.bytes("whole.fan").len();
     let explicit = place
         .bake(&format!(
@@ -221,7 +196,7 @@ fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
 
 #[test]
 fn a_camera_at_one_point_can_be_baked_without_frames() {
-    let place = Place::new();
+    let place = place();
     let output = place
         .bake("point.toml -o p.fan --max-error 5 --no-frames --certify-rays 300 --json")
         .success();
@@ -233,35 +208,22 @@ fn a_camera_at_one_point_can_be_baked_without_frames() {
 #[test]
 #[cfg(unix)]
 fn an_interrupted_bake_says_how_to_go_on() {
-    use std::process::{Command, Stdio};
-    let place = Place::new();
-    let child = Command::new(env!("CARGO_BIN_EXE_geofan-bake"))
-        .current_dir(place.folder.path())
-        .args("lens.toml -o b.fan --max-error 0.0001 --threads 1".split(' '))
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let place = place();
     // Long enough to have installed its handlers; the bake takes far longer.
-    let parts = place.path("b.fan.parts");
-    while !parts.exists() {
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
-    let id = child.id().to_string();
-    assert!(Command::new("kill").arg(&id).status().unwrap().success());
-    let output = child.wait_with_output().unwrap();
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(75), "{text}");
+    let text = place.interrupted(
+        "lens.toml -o b.fan --max-error 0.0001 --threads 1",
+        "b.fan.parts",
+    );
     assert!(
         text.contains("--max-error 0.0001 --threads 1 --resume"),
         "{text}"
     );
-    assert!(parts.exists() && !place.path("b.fan").exists());
+    assert!(place.path("b.fan.parts").exists() && !place.path("b.fan").exists());
 }
 
 #[test]
 fn wrong_flags_and_files_are_bad_input() {
-    let place = Place::new();
+    let place = place();
     for wrong in [
         "lens.toml",
         "none.toml -o b.fan",
@@ -288,22 +250,22 @@ fn wrong_flags_and_files_are_bad_input() {
 #[test]
 #[cfg(target_os = "linux")]
 fn a_place_that_takes_no_files_is_the_environment() {
-    let place = Place::new();
+    let place = place();
     // Nobody, not even root, can make a folder there.
-    place.lens("-o /proc/self/b.fan").code(3);
+    lens(&place, "-o /proc/self/b.fan").code(3);
 }
 
 #[test]
 fn an_explicit_promise_that_does_not_fit_keeps_its_parts_for_a_larger_limit() {
-    let place = Place::new();
+    let place = place();
     parts_of_a_bake(&place);
-    place.lens("--max-size 1MiB --resume -o b.fan").success();
+    lens(&place, "--max-size 1MiB --resume -o b.fan").success();
 }
 
 /// Both ways of moving share no step: one integrates, the other reads what was baked.
 #[test]
 fn a_camera_moved_by_table_comes_where_the_geodesic_goes() {
-    let place = Place::new();
+    let place = place();
     place
         .bake("lens.toml -o lens.fan --max-error 0.2")
         .success();

@@ -1,15 +1,16 @@
 //! `geofan-bake sweep` on a tiny manifold: what it writes, and that it goes on where it was stopped.
 
-use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
+mod support;
+
+use assert_cmd::assert::Assert;
 use ndarray::{ArrayD, Ix1};
 use ndarray_npy::NpzReader;
 use std::{
     collections::BTreeMap,
     fs::{self, File},
-    path::PathBuf,
     time::SystemTime,
 };
-use tempfile::TempDir;
+use support::Place;
 
 /// A mild lens seen from anywhere on a shell: two axes and the arc length.
 const LENS: &str = r#"
@@ -40,43 +41,31 @@ at = ["a", "b", "c"]
 length = 3.0
 "#;
 
-struct Place {
-    folder: TempDir,
+fn place() -> Place {
+    Place::with(&[("lens.toml", LENS), ("box.toml", BOX)])
 }
 
-impl Place {
-    fn new() -> Self {
-        let folder = TempDir::new().unwrap();
-        fs::write(folder.path().join("lens.toml"), LENS).unwrap();
-        fs::write(folder.path().join("box.toml"), BOX).unwrap();
-        Self { folder }
-    }
+fn sweep(place: &Place, arguments: &str) -> Assert {
+    place.bake(&format!("sweep {arguments}"))
+}
 
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
+/// A sweep of few and small tables.
+fn little(place: &Place) -> Assert {
+    sweep(
+        place,
+        "lens.toml --quick --out out --max-error 3 --cells 8 --cells 16 --rays 320",
+    )
+}
 
-    fn sweep(&self, arguments: &str) -> Assert {
-        let mut command: Command = cargo_bin_cmd!("geofan-bake");
-        command.current_dir(self.folder.path()).env("NO_COLOR", "1");
-        command.arg("sweep").args(arguments.split(' ')).assert()
-    }
-
-    /// A sweep of few and small tables.
-    fn little(&self) -> Assert {
-        self.sweep("lens.toml --quick --out out --max-error 3 --cells 8 --cells 16 --rays 320")
-    }
-
-    /// When each point was written.
-    fn written(&self) -> BTreeMap<String, SystemTime> {
-        let entries = fs::read_dir(self.path("out/points")).unwrap();
-        let file = |entry: std::io::Result<fs::DirEntry>| {
-            let entry = entry.unwrap();
-            let name = entry.file_name().into_string().unwrap();
-            (name, entry.metadata().unwrap().modified().unwrap())
-        };
-        entries.map(file).collect()
-    }
+/// When each point was written.
+fn written(place: &Place) -> BTreeMap<String, SystemTime> {
+    let entries = fs::read_dir(place.path("out/points")).unwrap();
+    let file = |entry: std::io::Result<fs::DirEntry>| {
+        let entry = entry.unwrap();
+        let name = entry.file_name().into_string().unwrap();
+        (name, entry.metadata().unwrap().modified().unwrap())
+    };
+    entries.map(file).collect()
 }
 
 fn rows(csv: &str) -> Vec<BTreeMap<String, String>> {
@@ -86,8 +75,8 @@ fn rows(csv: &str) -> Vec<BTreeMap<String, String>> {
 
 #[test]
 fn a_sweep_writes_a_row_for_every_table_and_a_page_that_stands_alone() {
-    let place = Place::new();
-    place.little().success();
+    let place = place();
+    little(&place).success();
     let rows = rows(&fs::read_to_string(place.path("out/sweep.csv")).unwrap());
     // One bundle, one undivided, and two grids in four readings.
     assert_eq!(rows.len(), 10);
@@ -103,7 +92,7 @@ fn a_sweep_writes_a_row_for_every_table_and_a_page_that_stands_alone() {
         .find(|r| r["representation"] == "patches")
         .unwrap();
     assert!(patches["screen_p99_mrad"].parse::<f64>().unwrap() <= 3.0);
-    let file = fs::metadata(place.path("out/bundles/lens-patches-3.fan")).unwrap();
+    let file = place.bytes("out/bundles/lens-patches-3.fan");
     assert_eq!(patches["disk_bytes"], file.len().to_string());
 
     let page = fs::read_to_string(place.path("out/index.html")).unwrap();
@@ -125,13 +114,13 @@ fn a_sweep_writes_a_row_for_every_table_and_a_page_that_stands_alone() {
 
 #[test]
 fn points_already_measured_are_kept_and_changed_ones_measured_again() {
-    let place = Place::new();
-    place.little().success();
-    let first = place.written();
+    let place = place();
+    little(&place).success();
+    let first = written(&place);
     fs::remove_file(place.path("out/points/lens-patches-3.json")).unwrap();
     fs::write(place.path("out/points/lens-exact.json"), "{ cut off").unwrap();
-    place.little().success();
-    let second = place.written();
+    little(&place).success();
+    let second = written(&place);
     assert_eq!(first.len(), second.len());
     for (name, when) in &second {
         let again = ["lens-patches-3.json", "lens-exact.json"].contains(&name.as_str());
@@ -140,8 +129,8 @@ fn points_already_measured_are_kept_and_changed_ones_measured_again() {
     // Another manifold of the same name shares nothing.
     let other = LENS.replace("h = 0.1", "h = 0.11");
     fs::write(place.path("lens.toml"), other).unwrap();
-    place.little().success();
-    let third = place.written();
+    little(&place).success();
+    let third = written(&place);
     assert!(
         third
             .iter()
@@ -153,34 +142,24 @@ fn points_already_measured_are_kept_and_changed_ones_measured_again() {
 #[test]
 #[cfg(unix)]
 fn an_interrupted_sweep_keeps_its_points_and_says_so() {
-    use std::process::{Command, Stdio};
-    let place = Place::new();
-    let child = Command::new(env!("CARGO_BIN_EXE_geofan-bake"))
-        .current_dir(place.folder.path())
-        .args("sweep lens.toml --out out --max-error 3 --max-error 0.0001 --threads 1".split(' '))
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
-    let kept = place.path("out/points/lens-patches-3.json");
-    while !kept.exists() {
-        std::thread::sleep(std::time::Duration::from_millis(10));
-    }
-    let id = child.id().to_string();
-    assert!(Command::new("kill").arg(&id).status().unwrap().success());
-    let output = child.wait_with_output().unwrap();
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(75), "{text}");
+    let place = place();
+    let kept = "out/points/lens-patches-3.json";
+    let text = place.interrupted(
+        "sweep lens.toml --out out --max-error 3 --max-error 0.0001 --threads 1",
+        kept,
+    );
     assert!(text.contains("run the same command again"), "{text}");
-    assert!(kept.exists());
+    assert!(place.path(kept).exists());
 }
 
 #[test]
 fn a_tensor_of_one_face_has_its_axes_beside_it() {
-    let place = Place::new();
-    place
-        .sweep("box.toml --out out --npz-nodes 3,4,5 --npz-face 0 --npz-no-frames")
-        .success();
+    let place = place();
+    sweep(
+        &place,
+        "box.toml --out out --npz-nodes 3,4,5 --npz-face 0 --npz-no-frames",
+    )
+    .success();
     let file = File::open(place.path("out/npz/box-3-4-5-uniform-face0.npz")).unwrap();
     let mut npz = NpzReader::new(file).unwrap();
     let tensor: ArrayD<f32> = npz.by_name("displacement").unwrap();
@@ -198,14 +177,12 @@ fn a_tensor_of_one_face_has_its_axes_beside_it() {
 
 #[test]
 fn wrong_requests_are_refused() {
-    let place = Place::new();
-    place.sweep("missing.toml --out out").code(2);
-    place.sweep("lens.toml").code(2);
-    place.sweep("lens.toml ./lens.toml --out out").code(2);
-    place.sweep("lens.toml --out out --npz-nodes 3,4").code(2);
-    place.sweep("lens.toml --out out --npz-face 1").code(2);
-    place.sweep("lens.toml --out out --cells 0").code(2);
-    place
-        .sweep("box.toml --out out --npz-nodes 200,200,200")
-        .code(2);
+    let place = place();
+    sweep(&place, "missing.toml --out out").code(2);
+    sweep(&place, "lens.toml").code(2);
+    sweep(&place, "lens.toml ./lens.toml --out out").code(2);
+    sweep(&place, "lens.toml --out out --npz-nodes 3,4").code(2);
+    sweep(&place, "lens.toml --out out --npz-face 1").code(2);
+    sweep(&place, "lens.toml --out out --cells 0").code(2);
+    sweep(&place, "box.toml --out out --npz-nodes 200,200,200").code(2);
 }

@@ -3,11 +3,16 @@
 //! In: what a patch stores for one path, rows of channels: the displacement at the start of the
 //! patch's arc lengths if that is not the start of the path, and the Chebyshev coefficients of the
 //! departure's slope ([`Lift::slope`](crate::fan::Lift::slope)). Out: departures and slopes at arc
-//! lengths. The departure is the integral of its slope, coefficient by coefficient (L. N. Trefethen,
+//! lengths, and the points and tangents there. The departure is the integral of its slope, coefficient by coefficient (L. N. Trefethen,
 //! *Approximation Theory and Approximation Practice*, exercise 2.8 and chapter 21):
 //! `b_k = h (a_{k−1} − a_{k+1})/2k`, with `a₀` doubled, for `h` half the length of the interval.
 
-use crate::expr::vectorised;
+use super::tensor::MOST_DEGREES;
+use crate::{
+    expr::vectorised,
+    fan::{FanSpace, Start},
+};
+use glam::DVec3;
 
 /// Departures and their slopes in the arc length: four channels each, at `W` arc lengths.
 pub type Sums<const W: usize> = [[[f64; W]; 4]; 2];
@@ -30,34 +35,48 @@ pub fn unfold(stored: &[f64], channels: usize, interval: [f64; 2], rows: &mut Ve
 
 /// The same for `C` channels.
 fn unfold_of<const C: usize>(stored: &[f64], interval: [f64; 2], rows: &mut Vec<f64>) -> usize {
-    let (starts, slopes) = stored.as_chunks::<C>().0.split_at(match stores_start(interval) {
-        true => 1,
-        false => 0,
-    });
-    let half = 0.5 * (interval[1] - interval[0]);
-    let degrees = slopes.len() + 1;
-    let first = rows.len();
-    rows.resize(first + 2 * C * degrees, 0.0);
-    let rows = rows[first..].as_chunks_mut::<C>().0;
-    let mut constant = starts.first().map_or([0.0; C], |d| d.map(|d| d * interval[0]));
-    for (k, slope) in slopes.iter().enumerate() {
-        rows[2 * k + 1] = *slope;
+    let stored = stored.as_chunks::<C>().0;
+    let (starts, slopes) = stored.split_at(usize::from(stores_start(interval)));
+    let (first, degrees) = (rows.len(), slopes.len() + 1);
+    // One degree more, whose slope is zero like that of the last.
+    rows.resize(first + 2 * C * (degrees + 1), 0.0);
+    let pairs = rows[first..].as_chunks_mut::<C>().0.as_chunks_mut::<2>().0;
+    for (pair, slope) in pairs.iter_mut().zip(slopes) {
+        pair[1] = *slope;
     }
+    let half = 0.5 * (interval[1] - interval[0]);
+    let mut constant = match starts.first() {
+        Some(start) => start.map(|d| d * interval[0]),
+        None => [0.0; C],
+    };
     for k in 1..degrees {
-        let before = slopes[k - 1].map(|a| if k == 1 { 2.0 * a } else { a });
-        let after = slopes.get(k + 1).copied().unwrap_or([0.0; C]);
-        let scale = half / (2 * k) as f64;
-        // T_k(−1) = ±1: the departure starts where it is stored to.
-        let sign = if k % 2 == 0 { -1.0 } else { 1.0 };
+        let scale = half * HALF_RECIPROCALS[k];
+        let (doubled, sign) = (
+            if k == 1 { 2.0 } else { 1.0 },
+            if k % 2 == 0 { 1.0 } else { -1.0 },
+        );
         for c in 0..C {
-            let departure = scale * (before[c] - after[c]);
-            rows[2 * k][c] = departure;
-            constant[c] += sign * departure;
+            let departure = scale * (doubled * pairs[k - 1][1][c] - pairs[k + 1][1][c]);
+            pairs[k][0][c] = departure;
+            // T_k(−1) = ±1: the departure starts where it is stored to.
+            constant[c] -= sign * departure;
         }
     }
-    rows[0] = constant;
+    pairs[0][0] = constant;
+    rows.truncate(first + 2 * C * degrees);
     degrees
 }
+
+/// 1/2k for every degree `k`: divisions would take longer than all the rest.
+static HALF_RECIPROCALS: [f64; MOST_DEGREES + 1] = {
+    let mut table = [0.0; MOST_DEGREES + 1];
+    let mut k = 1;
+    while k <= MOST_DEGREES {
+        table[k] = 0.5 / k as f64;
+        k += 1;
+    }
+    table
+};
 
 /// Chebyshev sums of unfolded `rows` at `W` arc lengths of their interval at once.
 pub fn sums<const W: usize>(
@@ -122,6 +141,24 @@ fn plus<const W: usize>(sum: &[f64; W], value: &[f64; W], x: f64) -> [f64; W] {
         to[l] = sum[l] + value[l] * x;
     }
     to
+}
+
+/// Chart point and tangent of the stored ray from `start` at arc length `s`, whose departure and slope
+/// are in the lane `lane` of `sums`.
+#[inline]
+pub fn state<const W: usize>(
+    space: &FanSpace,
+    start: &Start,
+    sums: &Sums<W>,
+    lane: usize,
+    s: f64,
+) -> (DVec3, DVec3) {
+    let [mut departure, mut slope] = [[0.0; 4]; 2];
+    for (k, channel) in space.channels().iter().enumerate() {
+        departure[*channel] = sums[0][k][lane];
+        slope[*channel] = sums[1][k][lane];
+    }
+    space.lift().state(start, departure, slope, s)
 }
 
 #[cfg(test)]

@@ -1,22 +1,17 @@
 //! How well a table keeps its promise: table against exact on fresh random rays.
 //!
-//! In: a [`Table`], a number of rays and a seed. Out: a [`Certificate`], the same for any number of
-//! threads. Cameras are uniform over the region's parameters and moved by a random element of the
-//! symmetry that the table uses; directions are uniform over the sphere; each ray is compared at
-//! one arc length, uniform up to the end of its exact path. A quantile of a sample is not a bound:
-//! it is published with the number of rays.
+//! In: a [`Table`], a number of [`RandomRays`] and a seed. Out: a [`Certificate`], the same for any
+//! number of threads. A quantile of a sample is not a bound: it is published with the number of rays.
 
 use super::{
     Table,
     measure::{probe, settings},
     outlier::{FAR, MOST, Outlier},
+    random_rays::RandomRays,
 };
 use crate::{
     error::{Error, Result},
-    fan::{FanSpace, Reduction},
-    manifold::{CameraRegion, Manifold},
     quantiles::Quantiles,
-    random::Stream,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -84,12 +79,6 @@ pub struct Checked {
     pub worst: Vec<Outlier>,
 }
 
-/// Rays from each camera: contracting the table for one costs about as much as so many exact rays.
-const DIRECTIONS: usize = 16;
-
-/// Random cameras tried for one that lies in the domain.
-const ATTEMPTS: usize = 1000;
-
 /// Keeps the certificate's random numbers apart from those of a bake with the same seed.
 const KEY: u64 = 0x6365_7274_6966_7921;
 
@@ -117,17 +106,11 @@ pub fn certify(
     promise: f64,
     progress: impl Fn(u64) -> Result<()> + Sync,
 ) -> Result<Checked> {
-    let cameras: Result<Vec<Errors>> = (0..rays.div_ceil(DIRECTIONS))
-        .into_par_iter()
-        .map(|camera| {
-            let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
-            let errors = at_camera(
-                table,
-                count,
-                &[KEY, seed, camera as u64],
-                (tolerance, promise),
-            )?;
-            progress(count as u64)?;
+    let cameras: Result<Vec<Errors>> = RandomRays::all(&table.space, rays, [KEY, seed])
+        .map(|random| {
+            let random = random?;
+            let errors = at_camera(table, &random, (tolerance, promise))?;
+            progress(random.directions.len() as u64)?;
             Ok(errors)
         })
         .collect();
@@ -164,17 +147,13 @@ pub fn certify(
 
 fn at_camera(
     table: &Table,
-    count: usize,
-    key: &[u64; 3],
+    random: &RandomRays,
     (tolerance, promise): (f64, f64),
 ) -> Result<Errors> {
     let manifold = table.space.manifold();
-    let mut stream = Stream::new(key);
-    let u = random_camera(&table.space, &mut stream)?;
-    let fan = table.fan(u)?;
-    let rays: Vec<(DVec3, DVec3)> = (0..count).map(|_| (u, stream.direction())).collect();
-    let shares: Vec<f64> = rays.iter().map(|_| 1.0 - stream.uniform()).collect();
-    let lengths = |ray: usize, end: f64| vec![end * shares[ray]];
+    let fan = table.fan(random.u)?;
+    let rays: Vec<(DVec3, DVec3)> = random.directions.iter().map(|d| (random.u, *d)).collect();
+    let lengths = |ray: usize, end: f64| vec![end * random.shares[ray]];
     let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
     let mut errors = Errors::default();
     for ((_, d), exact) in rays.iter().zip(probed) {
@@ -202,55 +181,14 @@ fn at_camera(
     Ok(errors)
 }
 
-/// A camera of the region, moved by the symmetry, where rays can start.
-///
-/// # Errors
-/// There is no region, or none of many cameras lies in the domain.
-pub fn random_camera(space: &FanSpace, stream: &mut Stream) -> Result<DVec3> {
-    let manifold = space.manifold();
-    let region = manifold.cameras.as_ref();
-    let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
-    let found = (0..ATTEMPTS)
-        .map(|_| moved(space.reduction(), manifold, region, stream))
-        .find(|u| crate::geodesic::check_point(manifold, "camera", *u).is_ok());
-    found.ok_or_else(|| {
-        let message = format!("none of {ATTEMPTS} random cameras lies in the domain");
-        Error::input(&manifold.source.name, message)
-    })
-}
-
-fn moved(
-    reduction: Reduction,
-    manifold: &Manifold,
-    region: &CameraRegion,
-    stream: &mut Stream,
-) -> DVec3 {
-    let t: Vec<f64> = (0..region.dimension()).map(|_| stream.uniform()).collect();
-    let mut u = region.at(&region.lerp(&t));
-    let mut anywhere = |k: usize| {
-        let [low, high] = manifold.domain.limits[k].unwrap_or([-1.0, 1.0]);
-        stream.between(low, high)
-    };
-    match reduction {
-        Reduction::Whole => {}
-        Reduction::Rotation => u = stream.rotation() * u,
-        Reduction::Translation => {
-            for k in (0..3).filter(|k| manifold.symmetry.translation[*k]) {
-                u[k] = anywhere(k);
-            }
-        }
-        // The group acts simply transitively: the identity goes to any point.
-        Reduction::Group => u = DVec3::from_array([0, 1, 2].map(anywhere)),
-    }
-    u
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::{
         bundle::{Chunk, Division, Scale, Train, Tree},
         diagnostic::SourceText,
+        fan::FanSpace,
+        manifold::Manifold,
     };
     use ndarray::{ArrayD, IxDyn};
     use std::sync::Arc;

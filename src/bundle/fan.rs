@@ -12,7 +12,7 @@ use super::{
 use crate::{
     expr::{Tape, real::Real, vectorised},
     fan::{Lift, Located, Place, Start},
-    geodesic::transport,
+    geodesic::{End, first_event, transport},
     manifold::Isometry,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -237,6 +237,18 @@ impl FanPath<'_, '_> {
         Some((lane(&state[0], 0), lane(&state[1], 0)))
     }
 
+    /// The path as a curve s -> (chart point, tangent); not numbers where flagged.
+    fn curve(&self) -> impl Fn(f64) -> (DVec3, DVec3) {
+        |s| self.at(s).unwrap_or((DVec3::NAN, DVec3::NAN))
+    }
+
+    /// How and at which arc length the domain ends the path before `length` and before the table
+    /// gives up; `None` if it does not.
+    pub fn first_event(&self, length: f64) -> Option<(End, f64)> {
+        let known = self.flagged_from().min(length);
+        first_event(&self.fan.table.space.manifold().domain, known, self.curve())
+    }
+
     /// Chart points and tangents at the ascending arc lengths `s` into `rows`: x, y, z and the
     /// tangent's three components, each as many as there are lengths. Returns how many are known:
     /// the table may give up before the last.
@@ -330,12 +342,7 @@ impl FanPath<'_, '_> {
         let space = &self.fan.table.space;
         let mut state = [[[0.0; W]; 3]; 2];
         for l in 0..W {
-            let (mut values, mut slopes) = ([0.0; 4], [0.0; 4]);
-            for (k, channel) in space.channels().iter().enumerate() {
-                values[*channel] = sums[0][k][l];
-                slopes[*channel] = sums[1][k][l];
-            }
-            let (u, v) = space.lift().state(&self.start, values, slopes, s[l]);
+            let (u, v) = arc::state(space, &self.start, sums, l, s[l]);
             for c in 0..3 {
                 state[0][c][l] = u[c];
                 state[1][c][l] = v[c];
@@ -359,9 +366,8 @@ impl FanPath<'_, '_> {
         if !table.frames || self.flagged_from() < s {
             return None;
         }
-        let curve = |s: f64| self.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
         let manifold = table.space.manifold();
-        let carried = transport(manifold, curve, [0.0, s], TRANSPORT_TOLERANCE);
+        let carried = transport(manifold, self.curve(), [0.0, s], TRANSPORT_TOLERANCE);
         Some(carried.ok()?.rotation)
     }
 }

@@ -7,7 +7,7 @@
 use super::{FanPath, Table};
 use crate::{
     error::Result,
-    geodesic::{End, Ray, Sample, Settings, first_event, paths, samples, unit},
+    geodesic::{End, Ray, Sample, Settings, paths, samples, unit},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -43,14 +43,9 @@ pub fn trace(
     let manifold = table.space.manifold();
     let fan = table.fan(u)?;
     let path = fan.path(d);
-    let known = path.flagged_from().min(length);
+    let event = path.first_event(length);
     // A flagged part is only reached where nothing ends the ray before it.
-    let curve = |s: f64| path.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
-    let event = match known > 0.0 {
-        true => first_event(&manifold.domain, known, curve),
-        false => None,
-    };
-    if event.is_none() && known < length {
+    if event.is_none() && path.flagged_from() < length {
         return Ok(exactly(manifold, u, d, length, count, tolerance));
     }
     let (end, length) = event.unwrap_or((End::Length, length));

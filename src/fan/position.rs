@@ -7,7 +7,7 @@
 //! the polynomial, its integral is not, so points and tangents both come back as exact as what was
 //! stored. Transported frames need not be stored beside them: a tangent is parallel, which leaves
 //! one angle about it, and that follows from transport along the path. Against storing displacements
-//! and quaternions this takes 0.2 (S³, Nil) to 0.8 (Sol, H³) of the bytes, and boxes near photon
+//! and quaternions this takes 0.2 (Nil) to 0.9 (Sol) of the bytes, and boxes near photon
 //! spheres, where rotations are no polynomials, need not be given up (Ellis: 1619 of them).
 //!
 //! - [`Lift::None`]: `X = (u, 0)`.

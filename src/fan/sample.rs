@@ -116,12 +116,11 @@ impl Sink for Sampler<'_> {
         {
             self.put(ray, step.position(s), step.tangent(s));
         }
-        self.points[ray] = self
-            .space
-            .lift()
-            .continued(step.position(step.end), self.points[ray]);
         let (s, left) = (step.end, self.next[ray] < self.lengths.len());
         self.last = left.then(|| (s, step.position(s), step.tangent(s)));
+        if let (Lift::Polar, Some((_, u, _))) = (self.space.lift(), self.last) {
+            self.points[ray] = Lift::Polar.continued(u, self.points[ray]);
+        }
     }
 
     fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {

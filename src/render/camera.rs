@@ -10,7 +10,7 @@
 use crate::{
     bundle::Table,
     error::Result,
-    geodesic::{End, Ray, Settings, Sink, Step, first_event, follow},
+    geodesic::{End, Ray, Settings, Sink, Step, follow},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -121,6 +121,7 @@ impl Camera {
             length,
         }
     }
+
     /// The same by table: point and transported rotation are read from the path that starts at the
     /// camera, as exact as the table's certificate says, and nothing is integrated but the turning
     /// along that path. Where the table gives up before the end of the move, or does not promise
@@ -136,11 +137,9 @@ impl Camera {
         };
         let path = fan.path(direction);
         let wanted = by.length();
-        let known = path.flagged_from().min(table.length);
-        let curve = |s: f64| path.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
-        let event = first_event(&manifold.domain, known.min(wanted), curve);
+        let event = path.first_event(wanted.min(table.length));
         let length = event.map_or(wanted, |(_, s)| s);
-        let turn = path.rotation(length).filter(|_| length <= known);
+        let turn = path.rotation(length).filter(|_| length <= table.length);
         let Some((turn, (u, _))) = turn.zip(path.at(length)) else {
             return Ok(self.moved(manifold, by));
         };

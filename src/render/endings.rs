@@ -4,6 +4,7 @@
 
 use super::{
     curve::{Ending, Piece, ending_at},
+    lanes::{LANES, range},
     strands::{ROWS, Strand, put},
 };
 use crate::{
@@ -12,9 +13,6 @@ use crate::{
     manifold::Manifold,
 };
 use glam::DVec3;
-
-/// Lanes in which events are evaluated along a path.
-const LANES: usize = 16;
 
 /// Finds how paths end.
 #[derive(Clone)]
@@ -98,9 +96,13 @@ impl<'m> EndingFinder<'m> {
         self.before.fill(f64::NAN);
         for first in (0..strand.known).step_by(LANES) {
             let count = LANES.min(strand.known - first);
-            self.evaluate(&strand, first, count);
-            if let Some(at) = self.rising(first, count) {
-                return Some(strand.piece(at - 1));
+            match self.evaluate(&strand, first, count) {
+                false => self.remember(count - 1),
+                true => {
+                    if let Some(at) = self.rising(first, count) {
+                        return Some(strand.piece(at - 1));
+                    }
+                }
             }
         }
         None
@@ -113,34 +115,34 @@ impl<'m> EndingFinder<'m> {
         ending_at(self.manifold, end, s, u, v)
     }
 
-    /// The events at `count` knots from `first` on; lanes beyond repeat the last.
-    fn evaluate(&mut self, strand: &Strand<'_>, first: usize, count: usize) {
-        for c in 0..6 {
+    /// The events at `count` knots from `first` on; lanes beyond repeat the last. Whether any is
+    /// positive.
+    fn evaluate(&mut self, strand: &Strand<'_>, first: usize, count: usize) -> bool {
+        for c in 0..ROWS {
             let row = &strand.row(c)[first..first + count];
             let input = self.registers.input(c);
-            input[..count].copy_from_slice(row);
-            input[count..].fill(row[count - 1]);
+            match row.first_chunk() {
+                Some(sixteen) => *input = *sixteen,
+                None => {
+                    input[..count].copy_from_slice(row);
+                    input[count..].fill(row[count - 1]);
+                }
+            }
         }
         let tape = self.manifold.domain.events();
+        let (registers, events) = (&mut self.registers, self.before.len());
         vectorised(
             #[inline(always)]
-            || tape.run(&mut self.registers),
-        );
+            || {
+                tape.run(registers);
+                (0..events).any(|k| !(range(registers.output(k))[1] <= 0.0))
+            },
+        )
     }
 
-    /// The first of the knots just evaluated at which an event counts, if any; `rise` is then what
-    /// the events are there and at the knot before.
+    /// The first of the `count` knots from `first` on, just evaluated, at which an event counts, if
+    /// any; `rise` is then what the events are there and at the knot before.
     fn rising(&mut self, first: usize, count: usize) -> Option<usize> {
-        let quiet = |k: usize| {
-            let values = self.registers.output(k);
-            values.iter().fold(true, |quiet, x| quiet & (*x <= 0.0))
-        };
-        if (0..self.before.len()).all(quiet) {
-            for (k, value) in self.before.iter_mut().enumerate() {
-                *value = self.registers.output(k)[count - 1];
-            }
-            return None;
-        }
         for lane in 0..count {
             let counts = |k: usize| self.registers.output(k)[lane] > self.before[k].max(0.0);
             if first + lane > 0 && (0..self.before.len()).any(counts) {
@@ -149,11 +151,16 @@ impl<'m> EndingFinder<'m> {
                 }
                 return Some(first + lane);
             }
-            for (k, value) in self.before.iter_mut().enumerate() {
-                *value = self.registers.output(k)[lane];
-            }
+            self.remember(lane);
         }
         None
+    }
+
+    /// Makes the events in `lane` those at the knot before.
+    fn remember(&mut self, lane: usize) {
+        for (k, value) in self.before.iter_mut().enumerate() {
+            *value = self.registers.output(k)[lane];
+        }
     }
 
     /// The earliest of the events that count between the ends of the piece found last, each taken to

@@ -149,19 +149,12 @@ impl HeldOut {
         let mut rows = Vec::new();
         for ray in &self.rays {
             rows.clear();
-            let channels = refiner.space.channels();
+            let channels = refiner.space.channels().len();
             let stored = tensor.at(&ray.parameters);
-            arc::unfold(&stored, channels.len(), self.interval, &mut rows);
+            arc::unfold(&stored, channels, self.interval, &mut rows);
             for probe in &ray.probes {
-                let sums = arc::sums(&rows, channels.len(), self.interval, &[probe.s]);
-                let [departure, slope] = sums.map(|sums| {
-                    let mut values = [0.0; 4];
-                    let pairs = channels.iter().zip(sums);
-                    pairs.for_each(|(channel, [x])| values[*channel] = x);
-                    values
-                });
-                let lift = refiner.space.lift();
-                let (u, v) = lift.state(&ray.start, departure, slope, probe.s);
+                let sums = arc::sums(&rows, channels, self.interval, &[probe.s]);
+                let (u, v) = arc::state(refiner.space, &ray.start, &sums, 0, probe.s);
                 points.push(probe.screen_mrad(u - probe.u));
                 if plan.frames {
                     tangents.push(probe.sky_mrad(v - probe.v));

@@ -2,28 +2,22 @@
 //!
 //! In: a manifold's rays, their number and a seed. Out: [`Truth`], made once for a manifold so that
 //! all tables answer the same rays, and the [`Errors`] of one. Rays and errors are those of
-//! `geofan check`: cameras uniform over the region's parameters and moved by the symmetry, directions
-//! uniform over the sphere, one arc length each, uniform up to the end of the exact path.
+//! `geofan check`: [`RandomRays`].
 
 use geofan::{
     Result,
     bundle::{
-        Fan, Table,
+        Fan, RandomRays, Table,
         measure::{Deviation, Probe, Probed, probe, settings},
-        random_camera,
     },
     fan::FanSpace,
     quantiles::Quantiles,
-    random::Stream,
 };
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::grid::{Grid, GridFan};
-
-/// Rays from each camera.
-const DIRECTIONS: usize = 16;
 
 /// Keeps these random numbers apart from those that steer a bake.
 const KEY: u64 = 0x7377_6565_7021;
@@ -124,16 +118,14 @@ impl Truth {
     /// # Errors
     /// No camera lies in the domain.
     pub fn new(space: &FanSpace, length: f64, rays: usize, seed: u64) -> Result<Self> {
-        let cameras = (0..rays.div_ceil(DIRECTIONS))
-            .into_par_iter()
-            .map(|camera| {
-                let mut stream = Stream::new(&[KEY, seed, camera as u64]);
-                let u = random_camera(space, &mut stream)?;
-                let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
-                let directions = (0..count).map(|_| stream.direction()).collect();
-                let shares: Vec<f64> = (0..count).map(|_| 1.0 - stream.uniform()).collect();
-                Ok(Camera::new(space, u, length, directions, |ray| shares[ray]))
-            });
+        let cameras = RandomRays::all(space, rays, [KEY, seed]).map(|random| {
+            let RandomRays {
+                u,
+                directions,
+                shares,
+            } = random?;
+            Ok(Camera::new(space, u, length, directions, |ray| shares[ray]))
+        });
         Ok(Self {
             cameras: cameras.collect::<Result<_>>()?,
             length,

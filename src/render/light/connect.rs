@@ -89,54 +89,81 @@ pub(crate) fn connect(
     tolerance: f64,
     way: Way<'_>,
 ) -> (Vec<(usize, Connection)>, usize) {
-    let allowed = ARRIVED * tolerance.sqrt();
-    let coarse = tolerance.max(COARSE * allowed);
+    let coarse = tolerance.max(COARSE * allowed(tolerance));
     let mut open: Vec<State> = attempts.into_iter().map(State::new).collect();
     let (mut found, mut followed) = (Vec::new(), 0);
     for _ in 0..MOST_STEPS {
         followed += open.len();
         let (near, far): (Vec<State>, Vec<State>) = open.iter().partition(|state| state.near);
-        let settings = |tolerance: f64, events: bool| Settings {
-            tolerance,
-            carried: Carried {
-                frame: false,
-                deviation: true,
-            },
-            events,
-        };
-        let rays = |states: &[State]| -> Vec<Ray> {
-            states.iter().map(|state| state.ray(manifold)).collect()
-        };
-        open.clear();
-        let ends = ends(manifold, settings(coarse, false), rays(&far));
-        for (state, end) in far.into_iter().zip(ends) {
-            let reached = end.filter(|(_, s)| *s >= state.tried().1);
-            let target = reached.and_then(|(step, _)| state.target(manifold, &step));
-            open.extend(state.stepped(target));
-        }
-        let numbers = near.iter().map(|state| state.attempt.index).collect();
-        let flights = reached(
-            manifold,
-            settings(tolerance, true),
-            rays(&near),
-            numbers,
-            way,
-        );
-        for (state, flight) in near.into_iter().zip(flights) {
-            let target = match &flight {
-                Reached::Blocked => continue,
-                Reached::End(step) => state.target(manifold, step),
-                Reached::Nothing => None,
-            };
-            match target {
-                Some(target) if target.miss.length() <= allowed * target.s => {
-                    found.push((state.attempt.index, target.connection()));
-                }
-                target => open.extend(state.stepped(target)),
-            }
-        }
+        open = approached(manifold, far, coarse);
+        let (arrived, others) = arrived(manifold, near, tolerance, way);
+        found.extend(arrived);
+        open.extend(others);
     }
     (distinct(found), followed)
+}
+
+/// By how much an arrived attempt may miss, as a share of the arc length.
+fn allowed(tolerance: f64) -> f64 {
+    ARRIVED * tolerance.sqrt()
+}
+
+fn settings(tolerance: f64, events: bool) -> Settings {
+    Settings {
+        tolerance,
+        carried: Carried {
+            frame: false,
+            deviation: true,
+        },
+        events,
+    }
+}
+
+fn rays(manifold: &Manifold, states: &[State]) -> Vec<Ray> {
+    states.iter().map(|state| state.ray(manifold)).collect()
+}
+
+/// Follows attempts whatever is in their way: those that have a next step, with it.
+fn approached(manifold: &Manifold, states: Vec<State>, tolerance: f64) -> Vec<State> {
+    let ends = ends(
+        manifold,
+        settings(tolerance, false),
+        rays(manifold, &states),
+    );
+    let next = |(state, end): (State, Option<(Step, f64)>)| {
+        let reached = end.filter(|(_, s)| *s >= state.tried().1);
+        let target = reached.and_then(|(step, _)| state.target(manifold, &step));
+        state.stepped(target)
+    };
+    states.into_iter().zip(ends).filter_map(next).collect()
+}
+
+/// Follows attempts as far as the way is free: those that have arrived, and those others that have a
+/// next step, with it.
+fn arrived(
+    manifold: &Manifold,
+    states: Vec<State>,
+    tolerance: f64,
+    way: Way<'_>,
+) -> (Vec<(usize, Connection)>, Vec<State>) {
+    let numbers = states.iter().map(|state| state.attempt.index).collect();
+    let rays = rays(manifold, &states);
+    let flights = reached(manifold, settings(tolerance, true), rays, numbers, way);
+    let (mut found, mut others) = (Vec::new(), Vec::new());
+    for (state, flight) in states.into_iter().zip(flights) {
+        let target = match &flight {
+            Reached::Blocked => continue,
+            Reached::End(step) => state.target(manifold, step),
+            Reached::Nothing => None,
+        };
+        match target {
+            Some(target) if target.miss.length() <= allowed(tolerance) * target.s => {
+                found.push((state.attempt.index, target.connection()));
+            }
+            target => others.extend(state.stepped(target)),
+        }
+    }
+    (found, others)
 }
 
 /// Where a tried geodesic has come to.
