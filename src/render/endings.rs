@@ -4,8 +4,8 @@
 
 use super::{
     curve::{Ending, Piece, ending_at},
-    lanes::{LANES, range},
-    strands::{ROWS, Strand, put},
+    lanes::{LANES, Lanes, more},
+    strands::{ROWS, Strand},
 };
 use crate::{
     expr::{Registers, vectorised},
@@ -13,6 +13,17 @@ use crate::{
     manifold::Manifold,
 };
 use glam::DVec3;
+
+/// Sixteen fractions from 0 to 1.
+static FRACTIONS: Lanes = {
+    let mut t = [0.0; LANES];
+    let mut l = 0;
+    while l < LANES {
+        t[l] = l as f64 / (LANES - 1) as f64;
+        l += 1;
+    }
+    t
+};
 
 /// Finds how paths end.
 #[derive(Clone)]
@@ -57,12 +68,14 @@ impl<'m> EndingFinder<'m> {
         let piece = self.last_piece(strand)?;
         // At the very end of a piece rounding may hide the event from the points between.
         let piece = self.closer(piece, sample).unwrap_or(piece);
-        let cubic = |s: &[f64], rows: &mut [f64]| {
-            for (i, &s) in s.iter().enumerate() {
-                let t = (s - piece.s[0]) / (piece.s[1] - piece.s[0]);
-                put(rows, i, (piece.position(t), piece.tangent(t)));
+        let cubic = |_: &[f64], rows: &mut [f64]| {
+            for (to, from) in rows
+                .chunks_exact_mut(LANES)
+                .zip(piece.at_lanes(&FRACTIONS).as_flattened())
+            {
+                to.copy_from_slice(from);
             }
-            s.len()
+            LANES
         };
         let piece = self.closer(piece, cubic).unwrap_or(piece);
         let (t, k) = self.first_on()?;
@@ -75,8 +88,7 @@ impl<'m> EndingFinder<'m> {
         piece: Piece,
         sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
     ) -> Option<Piece> {
-        let last = (LANES - 1) as f64;
-        let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
+        let knots = FRACTIONS.map(|t| piece.arc(t));
         let mut rows = [0.0; ROWS * LANES];
         let known = sample(&knots, &mut rows);
         self.last_piece(Strand {
@@ -93,16 +105,12 @@ impl<'m> EndingFinder<'m> {
         if self.before.is_empty() {
             return None;
         }
-        self.before.fill(f64::NAN);
+        // Nothing rises beyond this: at the first knot no event counts.
+        self.before.fill(f64::INFINITY);
         for first in (0..strand.known).step_by(LANES) {
             let count = LANES.min(strand.known - first);
-            match self.evaluate(&strand, first, count) {
-                false => self.remember(count - 1),
-                true => {
-                    if let Some(at) = self.rising(first, count) {
-                        return Some(strand.piece(at - 1));
-                    }
-                }
+            if let Some(lane) = self.rising(&strand, first, count) {
+                return Some(strand.piece(first + lane - 1));
             }
         }
         None
@@ -115,9 +123,9 @@ impl<'m> EndingFinder<'m> {
         ending_at(self.manifold, end, s, u, v)
     }
 
-    /// The events at `count` knots from `first` on; lanes beyond repeat the last. Whether any is
-    /// positive.
-    fn evaluate(&mut self, strand: &Strand<'_>, first: usize, count: usize) -> bool {
+    /// The first of the `count` knots from `first` on at which an event counts, if any; `rise` is then
+    /// what the events are there and at the knot before.
+    fn rising(&mut self, strand: &Strand<'_>, first: usize, count: usize) -> Option<usize> {
         for c in 0..ROWS {
             let row = &strand.row(c)[first..first + count];
             let input = self.registers.input(c);
@@ -125,42 +133,30 @@ impl<'m> EndingFinder<'m> {
                 Some(sixteen) => *input = *sixteen,
                 None => {
                     input[..count].copy_from_slice(row);
+                    // The last again, which does not rise.
                     input[count..].fill(row[count - 1]);
                 }
             }
         }
         let tape = self.manifold.domain.events();
-        let (registers, events) = (&mut self.registers, self.before.len());
-        vectorised(
+        let (registers, before) = (&mut self.registers, &self.before);
+        let counts = vectorised(
             #[inline(always)]
             || {
                 tape.run(registers);
-                (0..events).any(|k| !(range(registers.output(k))[1] <= 0.0))
+                counting(registers, before)
             },
-        )
-    }
-
-    /// The first of the `count` knots from `first` on, just evaluated, at which an event counts, if
-    /// any; `rise` is then what the events are there and at the knot before.
-    fn rising(&mut self, first: usize, count: usize) -> Option<usize> {
-        for lane in 0..count {
-            let counts = |k: usize| self.registers.output(k)[lane] > self.before[k].max(0.0);
-            if first + lane > 0 && (0..self.before.len()).any(counts) {
-                for (k, rise) in self.rise.iter_mut().enumerate() {
-                    *rise = [self.before[k], self.registers.output(k)[lane]];
-                }
-                return Some(first + lane);
+        );
+        let lane = counts.iter().position(|counts| *counts);
+        for (k, before) in self.before.iter_mut().enumerate() {
+            let values = self.registers.output(k);
+            match lane {
+                Some(0) => self.rise[k] = [*before, values[0]],
+                Some(lane) => self.rise[k] = [values[lane - 1], values[lane]],
+                None => *before = values[count - 1],
             }
-            self.remember(lane);
         }
-        None
-    }
-
-    /// Makes the events in `lane` those at the knot before.
-    fn remember(&mut self, lane: usize) {
-        for (k, value) in self.before.iter_mut().enumerate() {
-            *value = self.registers.output(k)[lane];
-        }
+        lane
     }
 
     /// The earliest of the events that count between the ends of the piece found last, each taken to
@@ -178,4 +174,20 @@ impl<'m> EndingFinder<'m> {
         }
         first
     }
+}
+
+/// The lanes in which any event is positive and more than in the lane before it (`before` for the
+/// first).
+#[inline(always)]
+fn counting(events: &Registers<f64, LANES>, before: &[f64]) -> [bool; LANES] {
+    let mut counts = [false; LANES];
+    for (k, before) in before.iter().enumerate() {
+        let values = events.output(k);
+        let mut earlier = [*before; LANES];
+        earlier[1..].copy_from_slice(&values[..LANES - 1]);
+        for l in 0..LANES {
+            counts[l] |= values[l] > more(earlier[l], 0.0);
+        }
+    }
+    counts
 }

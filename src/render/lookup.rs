@@ -124,8 +124,9 @@ fn choose_knots(table: &Table, tolerance: f64) -> Arc<[f64]> {
         let errors = curves.iter().map(|curve| worst_middle(curve, &knots));
         errors.filter(|e| *e > KNOT_ERROR).count() <= curves.len() / 12
     };
-    let counts = [12, 16, 24, 32, 48, 64, 96, 128];
-    even_knots(table.length, counts.into_iter().find(good).unwrap_or(192))
+    // With the first knot multiples of sixteen, in which paths are sampled.
+    let counts = [15, 31, 47, 63, 79, 95, 127];
+    even_knots(table.length, counts.into_iter().find(good).unwrap_or(191))
 }
 
 /// The largest angle by which the middles of cubics between `knots` miss the curve.
