@@ -49,28 +49,34 @@ impl Contracted {
         }
     }
 
-    /// (rows, channels) of what [`Contracted::direction`] appends.
-    pub fn shape(&self) -> (usize, usize) {
-        (self.lengths, self.channels)
+    /// Channels of what [`Contracted::direction`] gives.
+    pub fn channels(&self) -> usize {
+        self.channels
     }
 
     /// The coefficients in the arc length, `lengths` rows of `channels`, at direction parameters
-    /// (p, q), appended to `out`.
-    pub fn direction(&self, p: f64, q: f64, out: &mut Vec<f64>) {
+    /// (p, q), written to the front of `row`; what is behind them there is undefined.
+    pub fn direction<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
         let [np, nq] = self.degrees;
         let (mut tp, mut tq) = ([0.0; MOST_DEGREES], [0.0; MOST_DEGREES]);
         chebyshev::values(p, &mut tp[..np]);
         chebyshev::values(q, &mut tq[..nq]);
-        let row = self.lengths * self.channels;
-        let start = out.len();
-        out.resize(start + row.next_multiple_of(BLOCK), 0.0);
+        let length = self.lengths * self.channels;
+        let sum = &mut row[..length.next_multiple_of(BLOCK)];
         vectorised(
             #[inline(always)]
-            || weigh(&self.table, &tp[..np], &tq[..nq], &mut out[start..]),
+            || weigh(&self.table, &tp[..np], &tq[..nq], sum),
         );
-        out.truncate(start + row);
+        &row[..length]
     }
 }
+
+/// Room for what any patch stores for one path: every degree and the start, four channels, whole
+/// [`BLOCK`]s.
+pub type Row = [f64; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
+
+/// An empty one.
+pub const EMPTY_ROW: Row = [0.0; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 
 /// `sum = Σ p_i q_j line_ij` over the lines of `table`, each as long as `sum`.
 #[inline(always)]
@@ -127,8 +133,8 @@ mod tests {
             let table: Vec<f64> = (0..count).map(|i| (i as f64 * 0.7).sin()).collect();
             let contracted = Contracted::new(&[np, nq, lengths, channels], &table);
             let (p, q) = (0.3, -0.8);
-            let mut found = Vec::new();
-            contracted.direction(p, q, &mut found);
+            let mut found = EMPTY_ROW;
+            let found = contracted.direction(p, q, &mut found);
             let row = lengths * channels;
             for at in 0..row {
                 let mut expected = 0.0;

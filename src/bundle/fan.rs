@@ -5,7 +5,7 @@
 
 use super::{
     arc::{self, Sums},
-    contracted::Contracted,
+    contracted::{Contracted, EMPTY_ROW},
     table::Table,
     tree::Tree,
 };
@@ -204,11 +204,10 @@ impl FanPath<'_, '_> {
                 self.collect(&halves[side], direction, interval);
             }
             FanNode::Leaf(table) => {
-                let mut stored = Vec::new();
-                table.direction(direction[0], direction[1], &mut stored);
-                let (_, channels) = table.shape();
-                let start = self.coefficients.len();
-                let degrees = arc::unfold(&stored, channels, interval, &mut self.coefficients);
+                let mut row = EMPTY_ROW;
+                let stored = table.direction(direction[0], direction[1], &mut row);
+                let (start, channels) = (self.coefficients.len(), table.channels());
+                let degrees = arc::unfold(stored, channels, interval, &mut self.coefficients);
                 let rows = (start, 2 * channels * degrees);
                 self.pieces.push((interval, Some(Piece { interval, rows })));
             }

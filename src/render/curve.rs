@@ -3,8 +3,7 @@
 //! In: chart points and tangents at knots. Out: pieces to intersect, and the [`Ending`]. Every
 //! tracer hands out curves, so everything after the paths is the same for all.
 
-use super::lanes::{Lanes, Points, each_point};
-use crate::{expr::vectorised, geodesic::End, manifold::Manifold};
+use crate::{geodesic::End, manifold::Manifold};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -116,31 +115,6 @@ impl Piece {
         let r = 1.0 - t;
         let slope = (c1 - c0) * (r * r) + (c2 - c1) * (2.0 * r * t) + (c3 - c2) * (t * t);
         slope * (3.0 / self.width())
-    }
-
-    /// Chart points and tangents at sixteen fractions.
-    pub fn at_lanes(&self, t: &Lanes) -> [Points; 2] {
-        let bezier = self.bezier();
-        let rate = 3.0 / self.width();
-        vectorised(
-            #[inline(always)]
-            || {
-                let coefficients = |c: usize| bezier.map(|p| p[c]);
-                [
-                    each_point(|c, l| {
-                        let ([a, b, c, d], t, r) = (coefficients(c), t[l], 1.0 - t[l]);
-                        a * (r * r * r)
-                            + b * (3.0 * r * r * t)
-                            + c * (3.0 * r * t * t)
-                            + d * (t * t * t)
-                    }),
-                    each_point(|c, l| {
-                        let ([a, b, c, d], t, r) = (coefficients(c), t[l], 1.0 - t[l]);
-                        rate * ((b - a) * (r * r) + (c - b) * (2.0 * r * t) + (d - c) * (t * t))
-                    }),
-                ]
-            },
-        )
     }
 
     /// The arc length at the fraction `t`.

@@ -4,7 +4,7 @@
 
 use super::{
     curve::{Ending, Piece, ending_at},
-    lanes::{LANES, Lanes, more},
+    lanes::{LANES, more},
     strands::{ROWS, Strand},
 };
 use crate::{
@@ -14,17 +14,6 @@ use crate::{
 };
 use glam::DVec3;
 
-/// Sixteen fractions from 0 to 1.
-static FRACTIONS: Lanes = {
-    let mut t = [0.0; LANES];
-    let mut l = 0;
-    while l < LANES {
-        t[l] = l as f64 / (LANES - 1) as f64;
-        l += 1;
-    }
-    t
-};
-
 /// Finds how paths end.
 #[derive(Clone)]
 pub struct EndingFinder<'m> {
@@ -32,8 +21,9 @@ pub struct EndingFinder<'m> {
     registers: Registers<f64, LANES>,
     /// The events' values at the knot before.
     before: Vec<f64>,
-    /// Their values at both ends of the piece on which the first event was found last.
-    rise: Vec<[f64; 2]>,
+    /// Their values at both ends of the piece on which the first event was found last, and at the
+    /// knot after it.
+    rise: Vec<[f64; 3]>,
 }
 
 impl<'m> EndingFinder<'m> {
@@ -43,7 +33,7 @@ impl<'m> EndingFinder<'m> {
             manifold,
             registers: manifold.domain.events().registers(),
             before: vec![f64::NAN; manifold.domain.kinds.len()],
-            rise: vec![[f64::NAN; 2]; manifold.domain.kinds.len()],
+            rise: vec![[f64::NAN; 3]; manifold.domain.kinds.len()],
         }
     }
 
@@ -58,46 +48,28 @@ impl<'m> EndingFinder<'m> {
 
     /// The same with the event found on the path itself, which `sample` knows better than the cubics
     /// (as [`Strand::sample`], but says how many are known): between two knots of the strand, then
-    /// between two of sixteen points there, then between two of sixteen on the cubic there, which is
-    /// so short that the event is linear on it.
+    /// between two of sixteen points there, where it is taken to be a parabola.
     pub fn sharp_ending(
         &mut self,
         strand: Strand<'_>,
         sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
     ) -> Option<Ending> {
         let piece = self.last_piece(strand)?;
-        // At the very end of a piece rounding may hide the event from the points between.
-        let piece = self.closer(piece, sample).unwrap_or(piece);
-        let cubic = |_: &[f64], rows: &mut [f64]| {
-            for (to, from) in rows
-                .chunks_exact_mut(LANES)
-                .zip(piece.at_lanes(&FRACTIONS).as_flattened())
-            {
-                to.copy_from_slice(from);
-            }
-            LANES
-        };
-        let piece = self.closer(piece, cubic).unwrap_or(piece);
-        let (t, k) = self.first_on()?;
-        Some(self.at(k, piece.arc(t), piece.position(t), piece.tangent(t)))
-    }
-
-    /// The piece on which the first event happens, of fifteen into which `sample` divides `piece`.
-    fn closer(
-        &mut self,
-        piece: Piece,
-        sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
-    ) -> Option<Piece> {
-        let knots = FRACTIONS.map(|t| piece.arc(t));
+        let last = (LANES - 1) as f64;
+        let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
         let mut rows = [0.0; ROWS * LANES];
         let known = sample(&knots, &mut rows);
-        self.last_piece(Strand {
+        let closer = self.last_piece(Strand {
             knots: &knots,
-            direction: DVec3::ZERO,
+            direction: strand.direction,
             rows: &rows,
             known,
             ending: None,
-        })
+        });
+        // At the very end of the piece rounding may hide the event from the points between.
+        let piece = closer.unwrap_or(piece);
+        let (t, k) = self.first_on()?;
+        Some(self.at(k, piece.arc(t), piece.position(t), piece.tangent(t)))
     }
 
     /// The piece on which the first event happens; `None` if there is none.
@@ -124,7 +96,7 @@ impl<'m> EndingFinder<'m> {
     }
 
     /// The first of the `count` knots from `first` on at which an event counts, if any; `rise` is then
-    /// what the events are there and at the knot before.
+    /// what the events are there, before and after.
     fn rising(&mut self, strand: &Strand<'_>, first: usize, count: usize) -> Option<usize> {
         for c in 0..ROWS {
             let row = &strand.row(c)[first..first + count];
@@ -151,28 +123,46 @@ impl<'m> EndingFinder<'m> {
         for (k, before) in self.before.iter_mut().enumerate() {
             let values = self.registers.output(k);
             match lane {
-                Some(0) => self.rise[k] = [*before, values[0]],
-                Some(lane) => self.rise[k] = [values[lane - 1], values[lane]],
+                Some(lane) => {
+                    let earlier = if lane == 0 { *before } else { values[lane - 1] };
+                    // Without a third value it is on the line.
+                    let next = values.get(lane + 1).filter(|_| lane + 1 < count);
+                    let line = 2.0 * values[lane] - earlier;
+                    self.rise[k] = [earlier, values[lane], next.copied().unwrap_or(line)];
+                }
                 None => *before = values[count - 1],
             }
         }
         lane
     }
 
-    /// The earliest of the events that count between the ends of the piece found last, each taken to
-    /// be linear there: the fraction of the piece, and which.
+    /// The earliest of the events that count between the ends of the piece found last: the fraction
+    /// of the piece, and which.
     fn first_on(&self) -> Option<(f64, usize)> {
         let mut first: Option<(f64, usize)> = None;
-        for (k, [before, after]) in self.rise.iter().enumerate() {
-            if *after > before.max(0.0) {
-                let below = before.min(0.0);
-                let t = below / (below - after);
+        for (k, rise) in self.rise.iter().enumerate() {
+            if rise[1] > rise[0].max(0.0) {
+                let t = root(*rise);
                 if first.is_none_or(|(earlier, _)| t < earlier) {
                     first = Some((t, k));
                 }
             }
         }
         first
+    }
+}
+
+/// Where in [0, 1] the parabola through `before` at 0, `after` at 1 and `next` at 2 becomes positive:
+/// one step of Newton from the chord. 0 if `before` is positive or no number.
+fn root([before, after, next]: [f64; 3]) -> f64 {
+    let before = before.min(0.0);
+    let chord = before / (before - after);
+    let bend = 0.5 * (next - 2.0 * after + before);
+    let value = bend * chord * (chord - 1.0);
+    let t = chord - value / (after - before + bend * (2.0 * chord - 1.0));
+    match (0.0..=1.0).contains(&t) {
+        true => t,
+        false => chord,
     }
 }
 
