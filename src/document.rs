@@ -5,7 +5,7 @@
 
 use crate::{
     diagnostic::{Diagnostic, SourceText},
-    spelling::nearest,
+    spelling::suggestion,
 };
 use std::{cell::RefCell, ops::Range, sync::Arc};
 use toml::{
@@ -247,13 +247,10 @@ impl<'d> Table<'d> {
         let known = self.known.borrow();
         for (key, _) in self.entries() {
             if !known.contains(&key.value) {
-                let near = nearest(&key.value, known.iter().map(String::as_str));
+                let known: Vec<&str> = known.iter().map(String::as_str).collect();
                 return Err(key
                     .complain(format!("unknown key `{}`", key.value))
-                    .with_hint(match near {
-                        Some(near) => format!("did you mean `{near}`?"),
-                        None => format!("known here: {}", known.join(", ")),
-                    }));
+                    .with_hint(suggestion(&key.value, &known)));
             }
         }
         Ok(())

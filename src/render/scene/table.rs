@@ -7,6 +7,7 @@
 use crate::{
     diagnostic::{Diagnostic, SourceText},
     error::Result,
+    spelling::suggestion,
 };
 use glam::DVec3;
 use std::{ops::Range, sync::Arc};
@@ -251,31 +252,4 @@ impl<'a> Value<'a> {
             .with_hint(suggestion(word, &names))
             .into())
     }
-}
-
-/// "did you mean" when a known word is near, else the list of known words.
-fn suggestion(word: &str, known: &[&str]) -> String {
-    let nearest = known.iter().min_by_key(|k| edit_distance(word, k));
-    match nearest {
-        Some(near) if edit_distance(word, near) <= 1 + near.chars().count() / 3 => {
-            format!("did you mean `{near}`?")
-        }
-        _ => format!("known here: {}", known.join(", ")),
-    }
-}
-
-/// Levenshtein distance in characters.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }
