@@ -5,7 +5,7 @@
 
 use crate::{
     diagnostic::{Diagnostic, SourceText},
-    spelling::nearest,
+    spelling::suggestion,
 };
 use std::{cell::RefCell, ops::Range, sync::Arc};
 use toml::{
@@ -21,12 +21,7 @@ pub fn read<T>(source: &Arc<SourceText>, read: impl FnOnce(Table<'_>) -> Reading
         Diagnostic::new(source, e.span().unwrap_or(0..0), e.message().to_string())
             .with_hint("the file is TOML: key = value lines and [table] headings")
     })?;
-    read(Table {
-        source,
-        span: 0..0,
-        entries: root.get_ref(),
-        known: RefCell::default(),
-    })
+    read(Table::root(source, &root))
 }
 
 /// A string with its place.
@@ -87,8 +82,47 @@ impl<'d> Item<'d> {
         Diagnostic::new(self.source, self.span.clone(), message)
     }
 
+    /// What TOML calls its type.
+    pub fn type_name(&self) -> &'static str {
+        self.value.type_str()
+    }
+
+    /// The string that it is.
+    pub fn as_str(&self) -> Option<&'d str> {
+        self.value.as_str()
+    }
+
+    /// The number that it is; not finite if it is too large for double precision.
+    pub fn as_number(&self) -> Option<f64> {
+        let parsed = match self.value {
+            DeValue::Float(f) => f.as_str().parse().ok(),
+            DeValue::Integer(i) if i.radix() == 10 => i.as_str().parse().ok(),
+            DeValue::Integer(i) => u64::from_str_radix(i.as_str(), i.radix())
+                .ok()
+                .map(|i| i as f64),
+            _ => return None,
+        };
+        Some(parsed.unwrap_or(f64::NAN))
+    }
+
+    /// The items of the list that it is.
+    pub fn as_list(&self) -> Option<Vec<Self>> {
+        let items = self.value.as_array()?.iter();
+        Some(items.map(|item| Self::new(self.source, item)).collect())
+    }
+
+    /// The table that it is.
+    pub fn as_table(&self) -> Option<Table<'d>> {
+        Some(Table {
+            source: self.source,
+            span: self.span.clone(),
+            entries: self.value.as_table()?,
+            known: RefCell::default(),
+        })
+    }
+
     fn wrong_type(&self, wanted: &str) -> Diagnostic {
-        let found = self.value.type_str();
+        let found = self.type_name();
         let article = if found.starts_with(['a', 'i']) {
             "an"
         } else {
@@ -116,33 +150,19 @@ impl<'d> Item<'d> {
 
     /// The value as a finite number.
     pub fn number(&self) -> Reading<f64> {
-        let parsed = match self.value {
-            DeValue::Float(f) => f.as_str().parse::<f64>().ok(),
-            DeValue::Integer(i) => i64::from_str_radix(i.as_str(), i.radix())
-                .ok()
-                .map(|i| i as f64),
-            DeValue::String(_) => {
-                return Err(self
-                    .wrong_type("a number")
-                    .with_hint("take the quotes away; expressions are not possible here"));
-            }
-            _ => return Err(self.wrong_type("a number")),
-        };
-        match parsed {
+        match self.as_number() {
             Some(value) if value.is_finite() => Ok(value),
-            _ => Err(self.complain("a finite number is needed here")),
+            Some(_) => Err(self.complain("a finite number is needed here")),
+            None if self.as_str().is_some() => Err(self
+                .wrong_type("a number")
+                .with_hint("take the quotes away; expressions are not possible here")),
+            None => Err(self.wrong_type("a number")),
         }
     }
 
     /// The value as a list.
     pub fn list(&self) -> Reading<Vec<Item<'d>>> {
-        match self.value {
-            DeValue::Array(array) => Ok(array
-                .iter()
-                .map(|item| Item::new(self.source, item))
-                .collect()),
-            _ => Err(self.wrong_type("a list")),
-        }
+        self.as_list().ok_or_else(|| self.wrong_type("a list"))
     }
 
     /// The value as a list of exactly `N` things; `what` names them for the complaint.
@@ -181,15 +201,7 @@ impl<'d> Item<'d> {
 
     /// The value as a table.
     pub fn table(&self) -> Reading<Table<'d>> {
-        match self.value {
-            DeValue::Table(entries) => Ok(Table {
-                source: self.source,
-                span: self.span.clone(),
-                entries,
-                known: RefCell::default(),
-            }),
-            _ => Err(self.wrong_type("a table")),
-        }
+        self.as_table().ok_or_else(|| self.wrong_type("a table"))
     }
 
     /// Whether the value is a table.
@@ -200,7 +212,7 @@ impl<'d> Item<'d> {
 
 /// A table of the document. It remembers the keys asked for, so that [`Table::finish`] can refuse
 /// the others.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Table<'d> {
     source: &'d Arc<SourceText>,
     /// Its bytes in the source (empty for the root).
@@ -210,6 +222,16 @@ pub struct Table<'d> {
 }
 
 impl<'d> Table<'d> {
+    /// All of a parsed text.
+    pub fn root(source: &'d Arc<SourceText>, document: &'d Spanned<DeTable<'d>>) -> Self {
+        Self {
+            source,
+            span: 0..0,
+            entries: document.get_ref(),
+            known: RefCell::default(),
+        }
+    }
+
     /// The value under `key`, if it is there.
     pub fn get(&self, key: &str) -> Option<Item<'d>> {
         self.known.borrow_mut().push(key.to_string());
@@ -247,13 +269,10 @@ impl<'d> Table<'d> {
         let known = self.known.borrow();
         for (key, _) in self.entries() {
             if !known.contains(&key.value) {
-                let near = nearest(&key.value, known.iter().map(String::as_str));
+                let known: Vec<&str> = known.iter().map(String::as_str).collect();
                 return Err(key
                     .complain(format!("unknown key `{}`", key.value))
-                    .with_hint(match near {
-                        Some(near) => format!("did you mean `{near}`?"),
-                        None => format!("known here: {}", known.join(", ")),
-                    }));
+                    .with_hint(suggestion(&key.value, &known)));
             }
         }
         Ok(())

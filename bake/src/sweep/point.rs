@@ -1,6 +1,6 @@
 //! One point of the sweep: what was measured, under which settings, and the file that keeps it.
 //!
-//! In: a [`Key`]. Out: its [`Row`], from the file of an earlier run or measured now. A point is one
+//! In: a [`Key`]. Out: its [`Point`], from the file of an earlier run or measured now. A point is one
 //! small JSON file in `points/`, written whole or not at all; it counts only if everything that the
 //! measurement depends on is the same.
 

@@ -1,19 +1,19 @@
-//! Reading a TOML document value by value, with a diagnostic for everything that does not fit.
+//! Reading a scene value by value, under the names that the user knows, with a diagnostic for
+//! everything that does not fit.
 //!
-//! In: a parsed document whose keys and values still know their byte spans.
-//! Out: strings, numbers, vectors and sub-tables, each with its span; or a
-//! [`Diagnostic`] that underlines the culprit, says what was expected and what to do.
+//! In: a parsed [`document`](crate::document). Out: strings, numbers, vectors and sub-tables, each
+//! with its span; or a [`Diagnostic`] that underlines the culprit, says what was expected and what
+//! to do.
 
 use crate::{
     diagnostic::{Diagnostic, SourceText},
+    document::{self, Item},
     error::Result,
+    spelling::suggestion,
 };
 use glam::DVec3;
 use std::{ops::Range, sync::Arc};
-use toml::{
-    Spanned,
-    de::{DeTable, DeValue},
-};
+use toml::{Spanned, de::DeTable};
 
 /// Bytes of the source text.
 pub(super) type Span = Range<usize>;
@@ -21,19 +21,15 @@ pub(super) type Span = Range<usize>;
 /// A table of the document under the name the user knows it by.
 #[derive(Clone)]
 pub(super) struct Table<'a> {
-    source: &'a Arc<SourceText>,
     name: String,
-    span: Span,
-    entries: &'a DeTable<'a>,
+    table: document::Table<'a>,
 }
 
 /// A value of the document under the name the user knows it by.
 #[derive(Clone)]
 pub(super) struct Value<'a> {
-    source: &'a Arc<SourceText>,
     name: String,
-    span: Span,
-    value: &'a DeValue<'a>,
+    item: Item<'a>,
 }
 
 /// Parses the whole text, or says where it stops being TOML.
@@ -52,45 +48,40 @@ impl<'a> Table<'a> {
     /// The document itself.
     pub(super) fn root(source: &'a Arc<SourceText>, document: &'a Spanned<DeTable<'a>>) -> Self {
         Self {
-            source,
             name: String::from("the scene file"),
-            span: 0..0,
-            entries: document.get_ref(),
+            table: document::Table::root(source, document),
         }
     }
 
     /// Where the table stands.
     pub(super) fn span(&self) -> Span {
-        self.span.clone()
+        self.table.span.clone()
     }
 
     /// A diagnostic at the table as a whole.
     pub(super) fn complain(&self, message: String) -> Diagnostic {
-        Diagnostic::new(self.source, self.span(), message)
+        self.table.complain(message)
     }
 
     /// Refuses any key that is not in `known`.
     pub(super) fn allow_only(&self, known: &[&str]) -> Result<()> {
-        let stranger = self
-            .entries
-            .keys()
-            .find(|k| !known.contains(&&**k.get_ref()));
-        let Some(key) = stranger else { return Ok(()) };
-        let hint = suggestion(key.get_ref(), known);
-        Err(Diagnostic::new(
-            self.source,
-            key.span(),
-            format!("unknown key `{}` in {}", key.get_ref(), self.name),
-        )
-        .with_label("not a key of the scene format")
-        .with_hint(hint)
-        .into())
+        let mut keys = self.table.entries().into_iter().map(|(key, _)| key);
+        let Some(key) = keys.find(|key| !known.contains(&key.value.as_str())) else {
+            return Ok(());
+        };
+        Err(key
+            .complain(format!("unknown key `{}` in {}", key.value, self.name))
+            .with_label("not a key of the scene format")
+            .with_hint(suggestion(&key.value, known))
+            .into())
     }
 
     /// The value of `key`, if it is there.
     pub(super) fn optional(&self, key: &str) -> Option<Value<'a>> {
-        let value = self.entries.get(key)?;
-        Some(Value::new(self.source, key.to_owned(), value))
+        Some(Value {
+            name: key.to_owned(),
+            item: self.table.get(key)?,
+        })
     }
 
     /// The value of `key`, which must be there; `example` shows how it could look.
@@ -105,37 +96,27 @@ impl<'a> Table<'a> {
 
     /// All entries in the order of the file, named by their keys, with the keys' spans.
     pub(super) fn entries(&self) -> impl Iterator<Item = (String, Span, Value<'a>)> {
-        self.entries.iter().map(|(key, value)| {
-            let name = key.get_ref().to_string();
-            let value = Value::new(self.source, name.clone(), value);
-            (name, key.span(), value)
+        self.table.entries().into_iter().map(|(key, item)| {
+            let name = key.value.clone();
+            (key.value, key.span, Value { name, item })
         })
     }
 }
 
 impl<'a> Value<'a> {
-    fn new(source: &'a Arc<SourceText>, name: String, value: &'a Spanned<DeValue<'a>>) -> Self {
-        Self {
-            source,
-            name,
-            span: value.span(),
-            value: value.get_ref(),
-        }
-    }
-
     /// Where the value stands.
     pub(super) fn span(&self) -> Span {
-        self.span.clone()
+        self.item.span.clone()
     }
 
     /// A diagnostic at the value.
     pub(super) fn complain(&self, message: String) -> Diagnostic {
-        Diagnostic::new(self.source, self.span(), message)
+        self.item.complain(message)
     }
 
     /// A diagnostic that another type was expected.
     pub(super) fn wrong_type(&self, expected: &str) -> Diagnostic {
-        let found = self.value.type_str();
+        let found = self.item.type_name();
         self.complain(format!("`{}` must be {expected}", self.name))
             .with_label(format!("this is of type {found}"))
             .with_hint(format!("write {expected}"))
@@ -143,7 +124,7 @@ impl<'a> Value<'a> {
 
     /// The value as a string that is not empty.
     pub(super) fn string(&self) -> Result<&'a str> {
-        match self.value.as_str() {
+        match self.item.as_str() {
             Some("") => Err(self
                 .complain(format!("`{}` is empty", self.name))
                 .with_label("nothing between the quotes")
@@ -155,17 +136,10 @@ impl<'a> Value<'a> {
 
     /// The value as a finite number.
     pub(super) fn number(&self) -> Result<f64> {
-        let parsed = match self.value {
-            DeValue::Float(float) => float.as_str().parse().ok(),
-            DeValue::Integer(integer) if integer.radix() == 10 => integer.as_str().parse().ok(),
-            DeValue::Integer(integer) => u64::from_str_radix(integer.as_str(), integer.radix())
-                .ok()
-                .map(|n| n as f64),
-            _ => return Err(self.wrong_type("a number").into()),
-        };
-        match parsed {
-            Some(number) if f64::is_finite(number) => Ok(number),
-            _ => Err(self
+        match self.item.as_number() {
+            None => Err(self.wrong_type("a number").into()),
+            Some(number) if number.is_finite() => Ok(number),
+            Some(_) => Err(self
                 .complain(format!("`{}` is not a finite number", self.name))
                 .with_label("a finite number is needed here")
                 .into()),
@@ -174,10 +148,13 @@ impl<'a> Value<'a> {
 
     /// The value as an array.
     pub(super) fn array(&self, expected: &str) -> Result<Vec<Value<'a>>> {
-        let array = self.value.as_array();
-        let items = array.ok_or_else(|| self.wrong_type(expected))?;
-        let named = |(i, v)| Value::new(self.source, format!("{}[{i}]", self.name), v);
-        Ok(items.iter().enumerate().map(named).collect())
+        let list = self.item.as_list();
+        let items = list.ok_or_else(|| self.wrong_type(expected))?;
+        let named = |(i, item)| Value {
+            name: format!("{}[{i}]", self.name),
+            item,
+        };
+        Ok(items.into_iter().enumerate().map(named).collect())
     }
 
     /// The value as three finite numbers.
@@ -223,19 +200,14 @@ impl<'a> Value<'a> {
 
     /// The value as a table that `name` describes to the user.
     pub(super) fn table(&self, name: String, expected: &str) -> Result<Table<'a>> {
-        let table = self.value.as_table();
-        let entries = table.ok_or_else(|| self.wrong_type(expected))?;
-        Ok(Table {
-            source: self.source,
-            name,
-            span: self.span(),
-            entries,
-        })
+        let table = self.item.as_table();
+        let table = table.ok_or_else(|| self.wrong_type(expected))?;
+        Ok(Table { name, table })
     }
 
     /// Whether the value is a string (several keys take a word or a table).
     pub(super) fn is_string(&self) -> bool {
-        self.value.is_str()
+        self.item.as_str().is_some()
     }
 
     /// The choice whose name the string is.
@@ -251,31 +223,4 @@ impl<'a> Value<'a> {
             .with_hint(suggestion(word, &names))
             .into())
     }
-}
-
-/// "did you mean" when a known word is near, else the list of known words.
-fn suggestion(word: &str, known: &[&str]) -> String {
-    let nearest = known.iter().min_by_key(|k| edit_distance(word, k));
-    match nearest {
-        Some(near) if edit_distance(word, near) <= 1 + near.chars().count() / 3 => {
-            format!("did you mean `{near}`?")
-        }
-        _ => format!("known here: {}", known.join(", ")),
-    }
-}
-
-/// Levenshtein distance in characters.
-fn edit_distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, cb) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(ca != *cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }
