@@ -36,6 +36,7 @@ pub struct Accelerator {
     nodes: Vec<Bvh2Node>,
     /// Triangle numbers in the order of the leaves.
     order: Vec<u32>,
+    top: Top,
     /// Corners of the box around all triangles.
     bounds: Option<(DVec3, DVec3)>,
     /// Tree coordinates are `(u - centre) / scale`.
@@ -91,6 +92,7 @@ impl Accelerator {
         let number = |slot: u32| usable[slot as usize];
         built.order = tree.primitive_indices.into_iter().map(number).collect();
         built.nodes = tree.nodes;
+        built.top = Top::of(&built.nodes);
         built
     }
 
@@ -177,7 +179,9 @@ impl Accelerator {
         }
         let query = self.tree_box((min.max(bounds.0), max.min(bounds.1)));
         let mut stack = Stack::default();
-        let mut next = Some((0, 0.0));
+        self.top
+            .met(&query, |index| stack.push_if(true, (index, 0.0)));
+        let mut next = stack.pop();
         while let Some((index, _)) = next {
             let node: &Bvh2Node = &self.nodes[index as usize];
             if node.aabb().intersect_aabb(&query) {
@@ -223,6 +227,60 @@ impl Accelerator {
     fn tree_box(&self, (min, max): (DVec3, DVec3)) -> Aabb {
         let min = Vec3A::from(self.tree_point(min)) - MARGIN;
         Aabb::new(min, Vec3A::from(self.tree_point(max)) + MARGIN)
+    }
+}
+
+/// The subtrees below the root whose boxes are looked at together, because most boxes that are asked
+/// about meet none of them.
+#[derive(Clone, Default)]
+struct Top {
+    count: usize,
+    nodes: [u32; TOP],
+    low: [[f32; TOP]; 3],
+    high: [[f32; TOP]; 3],
+}
+
+/// How many.
+const TOP: usize = 16;
+
+impl Top {
+    fn of(nodes: &[Bvh2Node]) -> Self {
+        let mut open = vec![0_u32];
+        let area = |i: &u32| nodes[*i as usize].aabb().half_area();
+        while open.len() < TOP {
+            let inner = (0..open.len()).filter(|k| !nodes[open[*k] as usize].is_leaf());
+            let Some(k) = inner.max_by(|a, b| area(&open[*a]).total_cmp(&area(&open[*b]))) else {
+                break;
+            };
+            let first = nodes[open.swap_remove(k) as usize].first_index;
+            open.extend([first, first + 1]);
+        }
+        let mut top = Self {
+            count: open.len(),
+            ..Self::default()
+        };
+        for (k, index) in open.into_iter().enumerate() {
+            let aabb = nodes[index as usize].aabb();
+            top.nodes[k] = index;
+            for c in 0..3 {
+                (top.low[c][k], top.high[c][k]) = (aabb.min[c], aabb.max[c]);
+            }
+        }
+        top
+    }
+
+    /// Shows those that meet `query`.
+    fn met(&self, query: &Aabb, mut show: impl FnMut(u32)) {
+        let mut meets = [true; TOP];
+        for c in 0..3 {
+            let (low, high) = (query.min[c], query.max[c]);
+            for k in 0..TOP {
+                meets[k] &= (self.low[c][k] <= high) & (self.high[c][k] >= low);
+            }
+        }
+        for k in (0..self.count).filter(|k| meets[*k]) {
+            show(self.nodes[k]);
+        }
     }
 }
 
