@@ -14,6 +14,7 @@ use super::{
     tracer::GridTracer,
     world::World,
 };
+use crate::expr::vectorised;
 use glam::DVec3;
 use std::ops::Range;
 
@@ -46,11 +47,12 @@ pub struct Touched {
     /// Their numbers, ascending.
     pub pieces: Vec<usize>,
     tube: Tube,
+    near: Vec<bool>,
 }
 
 impl Touched {
-    /// The pieces between the first `last` knots of `strands` whose boxes, widened by `margin` (see
-    /// [`Tube::piece`]) and the angle `slack`, meet a leaf of the scene's tree.
+    /// The pieces between the first `last` knots of `strands` whose boxes, widened by `margin` and
+    /// `slack` (see [`Tube::surround`]), meet a leaf of the scene's tree.
     pub fn find(
         &mut self,
         strands: &[Strand<'_>],
@@ -60,31 +62,26 @@ impl Touched {
         slack: f64,
     ) {
         self.pieces.clear();
-        if world.faces.is_empty() {
+        let Some(bounds) = world.accelerator.bounds() else {
             return;
-        }
-        crate::expr::vectorised(
+        };
+        // In a glued space the scene is everywhere.
+        let bounds = match is_glued(&world.manifold.domain) {
+            true => (DVec3::NEG_INFINITY, DVec3::INFINITY),
+            false => bounds,
+        };
+        vectorised(
             #[inline(always)]
-            || self.tube.surround(strands, last),
+            || {
+                self.tube.surround(strands, last, margin, slack);
+                self.tube.meeting(bounds, &mut self.near);
+            },
         );
-        let pieces = self.tube.pieces();
-        for group in (0..pieces).step_by(GROUP) {
-            let group = group..(group + GROUP).min(pieces);
-            let boxes = |k| self.tube.piece(k, strands[0].knots, margin, slack);
-            let around = group
-                .clone()
-                .map(boxes)
-                .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
-            if around.is_some_and(|around| meets(world, around)) {
-                self.pieces
-                    .extend(group.filter(|&k| meets(world, boxes(k))));
-            }
-        }
+        let (tube, near) = (&self.tube, &self.near);
+        let touched = (0..tube.pieces()).filter(|k| near[*k] && meets(world, tube.piece(*k)));
+        self.pieces.extend(touched);
     }
 }
-
-/// Pieces that are asked about together first: most of a path is far from everything.
-const GROUP: usize = 4;
 
 /// Whether a box meets a leaf of the scene's tree, in any period.
 fn meets(world: &World, (low, high): (DVec3, DVec3)) -> bool {

@@ -34,6 +34,8 @@ pub struct Vertex {
 pub struct Tube {
     low: [Vec<f64>; 3],
     high: [Vec<f64>; 3],
+    /// By how much each is widened.
+    margin: Vec<f64>,
 }
 
 impl<'a> Sheaf<'a> {
@@ -138,9 +140,10 @@ impl<'a> Sheaf<'a> {
 
 impl Tube {
     /// Boxes around the pieces between the first `last` knots of all `strands`: around the control
-    /// points of their cubics.
+    /// points of their cubics, widened by `margin` of their longest side and by the angle `slack` (a
+    /// piece is about as long as its box in the chart).
     #[inline(always)]
-    pub fn surround(&mut self, strands: &[Strand<'_>], last: usize) {
+    pub fn surround(&mut self, strands: &[Strand<'_>], last: usize, margin: f64, slack: f64) {
         let knots = strands[0].knots;
         let pieces = last.saturating_sub(1);
         for c in 0..3 {
@@ -160,20 +163,54 @@ impl Tube {
                 }
             }
         }
+        self.widen(&knots[..last], margin, slack);
+    }
+
+    #[inline(always)]
+    fn widen(&mut self, knots: &[f64], margin: f64, slack: f64) {
+        let pieces = self.low[0].len();
+        self.margin.clear();
+        self.margin.resize(pieces, 0.0);
+        for (low, high) in self.low.iter().zip(&self.high) {
+            let (low, high) = (&low[..pieces], &high[..pieces]);
+            for (k, widest) in self.margin.iter_mut().enumerate() {
+                *widest = widest.max(high[k] - low[k]);
+            }
+        }
+        for (widest, pair) in self.margin.iter_mut().zip(knots.windows(2)) {
+            *widest *= margin + slack * pair[1] / (pair[1] - pair[0]);
+        }
+        for (low, high) in self.low.iter_mut().zip(&mut self.high) {
+            for (k, margin) in self.margin.iter().enumerate() {
+                low[k] -= margin;
+                high[k] += margin;
+            }
+        }
     }
 
     /// How many pieces there are.
     pub fn pieces(&self) -> usize {
-        self.low[0].len()
+        self.margin.len()
     }
 
-    /// The box of piece `k` between `knots`, widened by `margin` of its longest side and by the angle
-    /// `slack` (a piece is about as long as its box in the chart).
-    pub fn piece(&self, k: usize, knots: &[f64], margin: f64, slack: f64) -> (DVec3, DVec3) {
+    /// The box of piece `k`.
+    pub fn piece(&self, k: usize) -> (DVec3, DVec3) {
         let corner = |side: &[Vec<f64>; 3]| DVec3::new(side[0][k], side[1][k], side[2][k]);
-        let lengths = knots[k + 1] / (knots[k + 1] - knots[k]);
-        let corners = (corner(&self.low), corner(&self.high));
-        widened(corners, margin + slack * lengths)
+        (corner(&self.low), corner(&self.high))
+    }
+
+    /// Which boxes meet the one with these corners, into `meets`.
+    #[inline(always)]
+    pub fn meeting(&self, (low, high): (DVec3, DVec3), meets: &mut Vec<bool>) {
+        let pieces = self.pieces();
+        meets.clear();
+        meets.resize(pieces, true);
+        for c in 0..3 {
+            let (lows, highs) = (&self.low[c][..pieces], &self.high[c][..pieces]);
+            for (k, meets) in meets.iter_mut().enumerate() {
+                *meets &= (lows[k] <= high[c]) & (highs[k] >= low[c]);
+            }
+        }
     }
 }
 
