@@ -16,11 +16,11 @@ use crate::{
     manifold::Isometry,
 };
 use glam::{DMat3, DQuat, DVec3};
-use std::ops::Range;
+use std::{ops::Range, sync::Arc};
 
 /// A tree at one camera: only direction (axes 0, 1) and arc length (axis 2) are left.
 #[derive(Debug, Clone)]
-enum FanNode {
+pub(super) enum FanNode {
     Split {
         axis: usize,
         halves: Box<[FanNode; 2]>,
@@ -39,7 +39,7 @@ pub fn half(x: f64) -> (usize, f64) {
 }
 
 impl FanNode {
-    fn contract(tree: &Tree, camera: &[f64]) -> Self {
+    pub(super) fn contract(tree: &Tree, camera: &[f64]) -> Self {
         match tree {
             Tree::Flagged => Self::Flagged,
             Tree::Leaf(tensor) => Self::Leaf(tensor.contract(camera)),
@@ -63,23 +63,16 @@ pub struct Fan<'t> {
     table: &'t Table,
     /// The camera position.
     pub place: Place,
-    faces: Vec<FanNode>,
+    faces: Vec<Arc<FanNode>>,
 }
 
 impl<'t> Fan<'t> {
-    /// The paths from `place`, at the parameters `camera` (in [−1, 1]) of the cell whose faces are
-    /// `chunks`.
-    pub(super) fn contract(
-        table: &'t Table,
-        place: Place,
-        chunks: &[&Tree],
-        camera: &[f64],
-    ) -> Self {
-        let contract = |chunk: &&Tree| FanNode::contract(chunk, camera);
+    /// The paths from `place`, where the chunks of its cell are contracted to `faces`.
+    pub(super) fn new(table: &'t Table, place: Place, faces: Vec<Arc<FanNode>>) -> Self {
         Self {
             table,
             place,
-            faces: chunks.iter().map(contract).collect(),
+            faces,
         }
     }
 

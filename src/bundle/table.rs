@@ -7,12 +7,12 @@
 
 use super::{
     bytes::Damage,
-    fan::Fan,
+    fan::{Fan, FanNode},
     tree::{Shape, Tree},
 };
 use crate::{error::Result, fan::FanSpace};
 use glam::DVec3;
-use std::sync::OnceLock;
+use std::sync::{Arc, OnceLock};
 
 /// How a table is divided into chunks.
 #[derive(Debug, Clone, PartialEq)]
@@ -67,6 +67,8 @@ pub struct Chunk {
     bytes: Vec<u8>,
     shape: Shape,
     tree: OnceLock<Result<Tree, Damage>>,
+    /// The chunk contracted, where a symmetry takes every camera to the same one.
+    fixed: OnceLock<Arc<FanNode>>,
 }
 
 impl Chunk {
@@ -76,6 +78,7 @@ impl Chunk {
             bytes,
             shape,
             tree: OnceLock::new(),
+            fixed: OnceLock::new(),
         }
     }
 
@@ -91,6 +94,19 @@ impl Chunk {
     pub fn tree(&self) -> Result<&Tree, Damage> {
         let decode = || Tree::decode(&self.bytes, self.shape);
         self.tree.get_or_init(decode).as_ref().map_err(|e| *e)
+    }
+
+    /// What is left at the parameters `camera` (in [−1, 1]).
+    ///
+    /// # Errors
+    /// The bytes are not a tree.
+    fn contract(&self, camera: &[f64]) -> Result<Arc<FanNode>, Damage> {
+        let tree = self.tree()?;
+        let contract = || Arc::new(FanNode::contract(tree, camera));
+        Ok(match camera.is_empty() {
+            true => self.fixed.get_or_init(contract).clone(),
+            false => contract(),
+        })
     }
 }
 
@@ -141,10 +157,9 @@ impl Table {
         let (first, camera) = self
             .division
             .locate(self.space.cameras(), &place.parameters);
-        let chunks: Result<Vec<&Tree>, Damage> = (0..self.division.faces)
-            .map(|face| self.chunks[first + face].tree())
-            .collect();
-        let chunks = chunks.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
-        Ok(Fan::contract(self, place, &chunks, &camera))
+        let chunks = &self.chunks[first..first + self.division.faces];
+        let faces: Result<Vec<_>, Damage> = chunks.iter().map(|c| c.contract(&camera)).collect();
+        let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
+        Ok(Fan::new(self, place, faces))
     }
 }

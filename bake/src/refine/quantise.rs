@@ -3,9 +3,9 @@
 use super::{Refiner, decompose::decompose, held_out::HeldOut};
 use geofan::bundle::{Polynomial, Scale, Tensor, Train};
 
-/// Quantisation steps tried: this many, each √2 of the one before. The finest decides whether the
-/// box can be kept at all.
-const STEPS: i32 = 30;
+/// Quantisation steps tried: this many, each 2^(1/4) of the one before, as fine as a [`Scale`] is. The
+/// finest decides whether the box can be kept at all.
+const STEPS: i32 = 60;
 
 /// What rounding with the finest step may add, if all coefficients are rounded, in units of an error
 /// that uses up the promise: steps of `1/√n` of it for `n` coefficients add 0.3 of it. A box that
@@ -90,7 +90,7 @@ fn coarsest(
     error: &impl Fn(&Tensor) -> f64,
 ) -> Option<(Scale, Quantised)> {
     let rounded = |k: i32| {
-        let step = Scale::near(finest * 2_f64.powf(0.5 * f64::from(k)));
+        let step = Scale::near(finest * 2_f64.powf(0.25 * f64::from(k)));
         let tensor = train.rounded(step)?;
         let error = error(&tensor);
         (error <= 1.0).then_some((step, tensor, error))
