@@ -254,18 +254,33 @@ impl Core {
             });
             shape.remove(axis);
         }
-        let all = || self.values.iter().map(|x| f64::from(*x)).collect();
-        let mut values = values.unwrap_or_else(all);
         let divisors = self.scales.iter().map(|s| unit / s.value());
         let divisors: Vec<f64> = match self.scales.is_empty() {
             true => vec![unit],
             false => divisors.collect(),
         };
-        for row in values.chunks_exact_mut(divisors.len()) {
-            row.iter_mut().zip(&divisors).for_each(|(x, d)| *x *= d);
+        match values {
+            Some(values) => scaled(&values, |x| *x, &divisors),
+            None => scaled(&self.values, |x| f64::from(*x), &divisors),
         }
-        values
     }
+}
+
+/// The numbers of rows as long as `factors`, times these.
+fn scaled<T>(values: &[T], real: impl Fn(&T) -> f64, factors: &[f64]) -> Vec<f64> {
+    let mut to = vec![0.0; values.len()];
+    vectorised(
+        #[inline(always)]
+        || {
+            let rows = values.chunks_exact(factors.len());
+            for (to, row) in to.chunks_exact_mut(factors.len()).zip(rows) {
+                for ((to, x), factor) in to.iter_mut().zip(row).zip(factors) {
+                    *to = real(x) * factor;
+                }
+            }
+        },
+    );
+    to
 }
 
 /// `Σ_i w_i x[a, i, b]` for an array (left, weights, right).
@@ -293,23 +308,69 @@ fn summed<T>(
     sums
 }
 
-/// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows).
+/// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of
+/// the rows of `b`.
 fn product(a: &[f64], inner: usize, b: &[f64]) -> Vec<f64> {
     let width = b.len() / inner;
     let mut product = vec![0.0; a.len() / inner * width];
     vectorised(
         #[inline(always)]
         || {
-            for (row, out) in a.chunks_exact(inner).zip(product.chunks_exact_mut(width)) {
-                for (x, line) in row.iter().zip(b.chunks_exact(width)) {
-                    for (sum, y) in out.iter_mut().zip(line) {
-                        *sum += x * y;
+            const ROWS: usize = 4;
+            let bands = a.chunks(ROWS * inner).zip(product.chunks_mut(ROWS * width));
+            for (rows, out) in bands {
+                match rows.len() / inner {
+                    ROWS => band::<ROWS>(rows, inner, b, out),
+                    _ => {
+                        let single = rows.chunks_exact(inner).zip(out.chunks_exact_mut(width));
+                        single.for_each(|(row, out)| band::<1>(row, inner, b, out));
                     }
                 }
             }
         },
     );
     product
+}
+
+/// `R` rows of a product, by blocks of columns whose sums stay in registers.
+#[inline(always)]
+fn band<const R: usize>(rows: &[f64], inner: usize, b: &[f64], out: &mut [f64]) {
+    let width = out.len() / R;
+    let mut column = 0;
+    while column < width {
+        column += match width - column {
+            16.. => block::<R, 16>(rows, inner, b, (width, column), out),
+            4.. => block::<R, 4>(rows, inner, b, (width, column), out),
+            _ => block::<R, 1>(rows, inner, b, (width, column), out),
+        };
+    }
+}
+
+/// `C` columns of them from `column` on; `C`.
+#[inline(always)]
+fn block<const R: usize, const C: usize>(
+    rows: &[f64],
+    inner: usize,
+    b: &[f64],
+    (width, column): (usize, usize),
+    out: &mut [f64],
+) -> usize {
+    let mut sums = [[0.0; C]; R];
+    for (k, line) in b.chunks_exact(width).enumerate() {
+        let Some(line) = line[column..].first_chunk::<C>() else {
+            break;
+        };
+        for r in 0..R {
+            let x = rows[r * inner + k];
+            for c in 0..C {
+                sums[r][c] += x * line[c];
+            }
+        }
+    }
+    for (row, sums) in out.chunks_exact_mut(width).zip(sums) {
+        row[column..column + C].copy_from_slice(&sums);
+    }
+    C
 }
 
 impl Tensor {
