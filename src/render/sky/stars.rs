@@ -10,9 +10,12 @@
 //! Look-up goes through the cells of a cube: each lists the stars that reach into it, and its
 //! corners hold the diffuse glow.
 
-use super::catalogue::{self, Star};
-use crate::render::footprint::FILTER_DEVIATION;
-use glam::Vec3;
+use super::{
+    catalogue::{self, Star},
+    sixteen::{Mask, Numbers, Vectors, each_vector, lane, put},
+};
+use crate::render::{footprint::FILTER_DEVIATION, lanes::LANES};
+use glam::{Vec3, Vec3A};
 use std::f32::consts::PI;
 
 /// Cells along an edge of the cube; one is at most 31 mrad wide.
@@ -30,9 +33,9 @@ pub struct StarField {
     first: Vec<u32>,
     stars: Vec<Star>,
     /// Glow at the corners of the cells, `CELLS + 1` along each edge of each face.
-    glow: Vec<Vec3>,
-    /// Glow and stars together, spread evenly, cell by cell corner.
-    mean: Vec<Vec3>,
+    glow: Vec<Vec3A>,
+    /// The stars' light spread evenly over the sphere.
+    even: Vec3A,
 }
 
 impl StarField {
@@ -50,87 +53,124 @@ impl StarField {
             *sum += cell.len() as u32;
             Some(*sum)
         }));
-        let corners: Vec<Vec3> = corner_directions().collect();
-        let glow: Vec<Vec3> = corners.iter().map(|d| catalogue::glow(*d)).collect();
+        let glow = corner_directions().map(|d| catalogue::glow(d).into());
         let total: Vec3 = stars.iter().map(|s| s.light).sum();
-        let even = total / (4.0 * PI);
         Self {
             first,
             stars: cells.concat(),
-            mean: glow.iter().map(|g| *g + even).collect(),
-            glow,
+            glow: glow.collect(),
+            even: (total / (4.0 * PI)).into(),
         }
     }
 
     /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
     pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
-        let place = CubePlace::of(d);
+        self.radiance_at(CubePlace::of(d), d, footprint)
+    }
+
+    /// [`StarField::radiance`] in the lanes that are `wanted`.
+    #[inline(always)]
+    pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+        let places = each_vector(
+            #[inline(always)]
+            |l| {
+                let place = CubePlace::of(lane(d, l));
+                Vec3::new(place.x, place.y, place.face as f32)
+            },
+        );
+        let mut light = [[0.0; LANES]; 3];
+        for l in (0..LANES).filter(|l| wanted[*l]) {
+            let [x, y, face] = lane(&places, l).to_array();
+            let place = CubePlace {
+                face: face as i32,
+                x,
+                y,
+            };
+            put(
+                &mut light,
+                l,
+                self.radiance_at(place, lane(d, l), widths[l]),
+            );
+        }
+        light
+    }
+
+    fn radiance_at(&self, place: CubePlace, d: Vec3, footprint: f32) -> Vec3 {
         // Past the reach the stars melt into their mean, over one doubling of the footprint.
         let melt = (footprint / REACH - 1.0).clamp(0.0, 1.0);
+        let glow = place.between(&self.glow);
         if melt == 1.0 {
-            return place.between(&self.mean);
+            return (glow + self.even).into();
         }
         // The disc's deviation across is its radius over √8; variances add.
         let spread = DISC_RADII * footprint;
         let cell = place.cell();
         let range = self.first[cell] as usize..self.first[cell + 1] as usize;
-        let mut sharp = place.between(&self.glow);
+        let mut stars = Vec3A::ZERO;
         for star in &self.stars[range] {
             let squared = (star.radius * star.radius + spread * spread).min(REACH * REACH);
             let inside = squared - star.direction.distance_squared(d);
             if inside > 0.0 {
                 // The disc (1 − r²/R²)² holds πR²/3.
                 let depth = inside / squared;
-                sharp += star.light * (depth * depth * 3.0 / (PI * squared));
+                stars += Vec3A::from(star.light) * (depth * depth * 3.0 / (PI * squared));
             }
         }
-        if melt == 0.0 {
-            return sharp;
-        }
-        sharp.lerp(place.between(&self.mean), melt)
+        (glow + stars.lerp(self.even, melt)).into()
     }
 }
 
 /// A place on the cube's surface: face, and cells from its lower edges.
+#[derive(Clone, Copy)]
 struct CubePlace {
-    face: usize,
+    face: i32,
     x: f32,
     y: f32,
 }
 
 impl CubePlace {
+    /// Without branches, so that a loop over directions takes vector instructions.
+    #[inline(always)]
     fn of(d: Vec3) -> Self {
-        let axis = d.abs().max_position();
-        let face = 2 * axis + usize::from(d[axis] < 0.0);
+        let (x, y, z) = (d.x.abs(), d.y.abs(), d.z.abs());
+        let (is_x, is_y) = ((x >= y) & (x >= z), y >= z);
+        let pick = |x: f32, y: f32, z: f32| {
+            let other = if is_y { y } else { z };
+            if is_x { x } else { other }
+        };
+        let height = pick(d.x, d.y, d.z);
+        let face = pick(0.0, 2.0, 4.0) + if height < 0.0 { 1.0 } else { 0.0 };
         let scale = 0.5 * CELLS as f32;
-        let coordinate = |i: usize| (d[i % 3] / d[axis].abs() + 1.0) * scale;
+        let inverse = 1.0 / height.abs();
         Self {
-            face,
-            x: coordinate(axis + 1),
-            y: coordinate(axis + 2),
+            face: face as i32,
+            x: (pick(d.y, d.z, d.x) * inverse + 1.0) * scale,
+            y: (pick(d.z, d.x, d.y) * inverse + 1.0) * scale,
         }
     }
 
-    fn column_row(&self) -> (usize, usize) {
+    fn column_row(&self) -> (i32, i32) {
+        let last = CELLS as i32 - 1;
         (
-            (self.x as usize).min(CELLS - 1),
-            (self.y as usize).min(CELLS - 1),
+            (self.x as i32).clamp(0, last),
+            (self.y as i32).clamp(0, last),
         )
     }
 
     fn cell(&self) -> usize {
         let (column, row) = self.column_row();
-        (self.face * CELLS + row) * CELLS + column
+        ((self.face * CELLS as i32 + row) * CELLS as i32 + column) as usize
     }
 
     /// Bilinear between the four corners of the cell.
-    fn between(&self, corners: &[Vec3]) -> Vec3 {
+    fn between(&self, corners: &[Vec3A]) -> Vec3A {
         let (column, row) = self.column_row();
         let (fx, fy) = (self.x - column as f32, self.y - row as f32);
-        let low = (self.face * (CELLS + 1) + row) * (CELLS + 1) + column;
-        let high = low + CELLS + 1;
-        let below = corners[low].lerp(corners[low + 1], fx);
-        below.lerp(corners[high].lerp(corners[high + 1], fx), fy)
+        let side = CELLS + 1;
+        let low = (self.face as usize * side + row as usize) * side + column as usize;
+        let corners = &corners[low..low + side + 2];
+        let below = corners[0].lerp(corners[1], fx);
+        below.lerp(corners[side].lerp(corners[side + 1], fx), fy)
     }
 }
 
@@ -194,7 +234,7 @@ mod tests {
         for face in 0..6 {
             for (x, y) in [(0.5, 0.5), (10.25, 63.5), (33.0, 1.0)] {
                 let place = CubePlace::of(cube_direction(face, x, y));
-                assert_eq!(place.face, face);
+                assert_eq!(place.face as usize, face);
                 assert!((place.x - x).abs() < 1e-4 && (place.y - y).abs() < 1e-4);
             }
         }
