@@ -102,8 +102,8 @@ fn spread(sums: &mut Array3<f32>, colours: &Colours, taps: &[Vec<Across>; 3]) {
                     continue;
                 };
                 for (k, across) in taps.iter().enumerate() {
-                    let colours = colours.slice(s![y, .., k, ..]);
-                    for (to, from) in samples[3..].chunks_exact_mut(3).zip(colours.rows()) {
+                    let from = colours.slice(s![y, .., k, ..]);
+                    for (to, from) in samples[3..].chunks_exact_mut(3).zip(from.rows()) {
                         to.copy_from_slice(&[from[0], from[1], from[2]]);
                     }
                     add_row(row, samples, across);

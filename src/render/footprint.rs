@@ -4,6 +4,7 @@
 //! below. Out: the axes of the ellipse through them, and round footprints along its longer axis that
 //! cover it. Without branches, so that a loop over samples takes vector instructions.
 
+use super::sky::nearest;
 use glam::Vec3;
 
 /// The change to the next samples.
@@ -52,9 +53,7 @@ impl Footprint {
     pub fn taps(&self) -> Taps {
         let (major, short) = self.axes();
         let long = major.length();
-        // Half more, so that the cast rounds to the nearest.
-        let ratio = (long / short.max(1e-12) + 0.5).clamp(1.0, MOST_TAPS);
-        let count = ratio as i32 as f32;
+        let count = nearest((long / short.max(1e-12)).clamp(1.0, MOST_TAPS));
         let step = major * (1.0 / count);
         Taps {
             first: step * (0.5 - 0.5 * count),

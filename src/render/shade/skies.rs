@@ -10,7 +10,7 @@ use crate::{
         footprint::{Footprint, Taps},
         lanes::LANES,
         outcome::{Outcome, Seen},
-        sky::{Mask, Numbers, Sky, Vectors, each, each_vector, first, lane, mask},
+        sky::{Mask, Numbers, Sky, Vectors, each, each_vector, first, lane, largest, mask},
         world::World,
     },
 };
@@ -225,7 +225,7 @@ impl Footprints {
             #[inline(always)]
             |l| if wanted[l] { self.count[l] } else { 0.0 },
         );
-        let most = counts.iter().fold(0.0, |a: f32, b| a.max(*b));
+        let most = largest(&counts);
         let mut sum = Vectors::default();
         for i in 0..most as u32 {
             let i = i as f32;

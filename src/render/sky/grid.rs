@@ -10,7 +10,7 @@
 use super::{
     angles::longitude_latitude,
     glyph::{self, Stroke},
-    sixteen::{Mask, Numbers, Vectors, each, each_vector, first, lane, mask},
+    sixteen::{Mask, Numbers, Vectors, each, each_vector, first, floor, lane, mask, nearest},
 };
 use crate::render::lanes::LANES;
 use glam::{Vec2, Vec3};
@@ -124,7 +124,7 @@ fn lines(d: Vec3, footprint: Footprint) -> Vec3 {
     let across = (d.x * d.x + d.y * d.y).sqrt();
     let (longitude, latitude) = longitude_latitude(d);
     let (row, column) = (latitude * (1.0 / STEP), longitude * (1.0 / STEP));
-    let (nearest_row, nearest_column) = (floor(row + 0.5), floor(column + 0.5));
+    let (nearest_row, nearest_column) = (nearest(row), nearest(column));
     let from_row = (row - nearest_row).abs() * STEP;
     // Half a step is small enough for the sine's first two terms.
     let turn = (column - nearest_column).abs() * STEP;
@@ -139,13 +139,13 @@ fn lines(d: Vec3, footprint: Footprint) -> Vec3 {
 
     // Only every sixth meridian goes on past the last circle, where all would run together.
     let sixth = nearest_column * (1.0 / 6.0);
-    let drawn = (across > POLAR_CIRCLE) | ((sixth - floor(sixth + 0.5)).abs() < 0.01);
-    let nearest = if drawn {
+    let drawn = (across > POLAR_CIRCLE) | ((sixth - nearest(sixth)).abs() < 0.01);
+    let from_line = if drawn {
         from_row.min(from_column)
     } else {
         from_row
     };
-    let line = tint.lerp(LINE, coverage(nearest, THIN, footprint));
+    let line = tint.lerp(LINE, coverage(from_line, THIN, footprint));
     let line = line.lerp(MERIDIAN, coverage(d.y.abs(), THICK, footprint));
     line.lerp(EQUATOR, coverage(latitude.abs(), THICK, footprint))
 }
@@ -154,12 +154,6 @@ fn lines(d: Vec3, footprint: Footprint) -> Vec3 {
 #[inline(always)]
 fn clear(distance: f32, footprint: Footprint) -> f32 {
     (2.0 * distance * footprint.inverse).min(1.0)
-}
-
-/// The whole number below `x`, for |x| < 1000: without SSE 4.1 `f32::floor` is a library call.
-#[inline(always)]
-fn floor(x: f32) -> f32 {
-    ((x + 1024.0) as i32 - 1024) as f32
 }
 
 /// Part of a footprint that a line covers whose middle is `distance` away.

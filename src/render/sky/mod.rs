@@ -22,7 +22,9 @@ use crate::{
 use equirectangular::Equirectangular;
 use glam::{DVec3, Vec3};
 use ndarray::Array3;
-pub(super) use sixteen::{Mask, Numbers, Vectors, each, each_vector, first, lane, mask};
+pub(super) use sixteen::{
+    Mask, Numbers, Vectors, each, each_vector, first, lane, largest, mask, nearest,
+};
 use stars::StarField;
 use std::path::Path;
 

@@ -48,6 +48,21 @@ pub fn mask(f: impl Fn(usize) -> bool) -> Mask {
     to
 }
 
+/// The largest number, halves against halves so that it takes vector instructions.
+#[inline(always)]
+pub fn largest(x: &Numbers) -> f32 {
+    let mut high = *x;
+    let mut half = LANES / 2;
+    while half > 0 {
+        for l in 0..half {
+            let other = high[l + half];
+            high[l] = if high[l] > other { high[l] } else { other };
+        }
+        half /= 2;
+    }
+    high[0]
+}
+
 /// The first lane of those marked.
 #[inline(always)]
 pub fn first(mask: &Mask) -> Option<usize> {
@@ -58,6 +73,21 @@ pub fn first(mask: &Mask) -> Option<usize> {
 #[inline(always)]
 pub fn lane(vectors: &Vectors, l: usize) -> Vec3 {
     Vec3::new(vectors[0][l], vectors[1][l], vectors[2][l])
+}
+
+/// The whole number nearest to `x`, for |x| < 2²². The digits behind the point fall off the end of
+/// the sum: the standard library's rounding is a call on some machines, which keeps loops scalar.
+#[inline(always)]
+pub fn nearest(x: f32) -> f32 {
+    const SHIFT: f32 = 1.5 * (1 << 23) as f32;
+    (x + SHIFT) - SHIFT
+}
+
+/// The whole number not above `x`, for |x| < 2²².
+#[inline(always)]
+pub fn floor(x: f32) -> f32 {
+    let near = nearest(x);
+    if near > x { near - 1.0 } else { near }
 }
 
 /// Replaces the vector in one lane.

@@ -12,10 +12,10 @@
 
 use super::{
     catalogue::{self, Star},
-    sixteen::{Mask, Numbers, Vectors, each_vector, lane, put},
+    sixteen::{Mask, Numbers, Vectors, each, each_vector, first, floor, lane, largest, mask},
 };
 use crate::render::{footprint::FILTER_DEVIATION, lanes::LANES};
-use glam::{Vec3, Vec3A};
+use glam::Vec3;
 use std::f32::consts::PI;
 
 /// Cells along an edge of the cube; one is at most 31 mrad wide.
@@ -33,9 +33,9 @@ pub struct StarField {
     first: Vec<u32>,
     stars: Vec<Star>,
     /// Glow at the corners of the cells, `CELLS + 1` along each edge of each face.
-    glow: Vec<Vec3A>,
+    glow: Vec<Vec3>,
     /// The stars' light spread evenly over the sphere.
-    even: Vec3A,
+    even: Vec3,
 }
 
 impl StarField {
@@ -53,77 +53,134 @@ impl StarField {
             *sum += cell.len() as u32;
             Some(*sum)
         }));
-        let glow = corner_directions().map(|d| catalogue::glow(d).into());
+        let glow = corner_directions().map(catalogue::glow);
         let total: Vec3 = stars.iter().map(|s| s.light).sum();
         Self {
             first,
             stars: cells.concat(),
             glow: glow.collect(),
-            even: (total / (4.0 * PI)).into(),
+            even: total / (4.0 * PI),
         }
     }
 
     /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
     pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
-        self.radiance_at(CubePlace::of(d), d, footprint)
+        let place = CubePlace::of(d);
+        let (cell, corners) = (place.cell() as usize, self.corners(place.corner() as usize));
+        let stars = self.stars_near(cell).iter();
+        let sharp: Vec3 = stars.map(|star| star.light * star.seen(d, footprint)).sum();
+        between(&corners, place.x, place.y) + sharp.lerp(self.even, melt(footprint))
     }
 
-    /// [`StarField::radiance`] in the lanes that are `wanted`.
+    /// [`StarField::radiance`] in the lanes that are `wanted`. Lanes in one cell are worked on
+    /// together.
     #[inline(always)]
     pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
-        let places = each_vector(
-            #[inline(always)]
-            |l| {
-                let place = CubePlace::of(lane(d, l));
-                Vec3::new(place.x, place.y, place.face as f32)
-            },
-        );
-        let mut light = [[0.0; LANES]; 3];
-        for l in (0..LANES).filter(|l| wanted[*l]) {
-            let [x, y, face] = lane(&places, l).to_array();
-            let place = CubePlace {
-                face: face as i32,
-                x,
-                y,
-            };
-            put(
-                &mut light,
-                l,
-                self.radiance_at(place, lane(d, l), widths[l]),
+        let places = Places::of(d);
+        let mut light = Vectors::default();
+        let mut pending = *wanted;
+        while let Some(l) = first(&pending) {
+            let cell = places.cells[l];
+            let lit = self.in_cell(&places, l, d, widths);
+            let here = mask(
+                #[inline(always)]
+                |l| places.cells[l] == cell,
+            );
+            light = each_vector(
+                #[inline(always)]
+                |l| lane(if here[l] { &lit } else { &light }, l),
+            );
+            pending = mask(
+                #[inline(always)]
+                |l| pending[l] & !here[l],
             );
         }
         light
     }
 
-    fn radiance_at(&self, place: CubePlace, d: Vec3, footprint: f32) -> Vec3 {
-        // Past the reach the stars melt into their mean, over one doubling of the footprint.
-        let melt = (footprint / REACH - 1.0).clamp(0.0, 1.0);
-        let glow = place.between(&self.glow);
-        if melt == 1.0 {
-            return (glow + self.even).into();
-        }
-        // The disc's deviation across is its radius over √8; variances add.
-        let spread = DISC_RADII * footprint;
-        let cell = place.cell();
-        let range = self.first[cell] as usize..self.first[cell + 1] as usize;
-        let mut stars = Vec3A::ZERO;
-        for star in &self.stars[range] {
-            let squared = (star.radius * star.radius + spread * spread).min(REACH * REACH);
-            let inside = squared - star.direction.distance_squared(d);
-            if inside > 0.0 {
-                // The disc (1 − r²/R²)² holds πR²/3.
-                let depth = inside / squared;
-                stars += Vec3A::from(star.light) * (depth * depth * 3.0 / (PI * squared));
+    /// The light in all lanes that are in the same cell as lane `l`.
+    #[inline(always)]
+    fn in_cell(&self, places: &Places, l: usize, d: &Vectors, widths: &Numbers) -> Vectors {
+        let corners = self.corners(places.corners[l] as usize);
+        let mut stars = Vectors::default();
+        for star in self.stars_near(places.cells[l] as usize) {
+            let inside = each(
+                #[inline(always)]
+                |l| star.inside(lane(d, l), widths[l]),
+            );
+            if largest(&inside) > 0.0 {
+                let old = stars;
+                stars = each_vector(
+                    #[inline(always)]
+                    |l| lane(&old, l) + star.light * star.seen(lane(d, l), widths[l]),
+                );
             }
         }
-        (glow + stars.lerp(self.even, melt)).into()
+        each_vector(
+            #[inline(always)]
+            |l| {
+                let glow = between(&corners, places.x[l], places.y[l]);
+                glow + lane(&stars, l).lerp(self.even, melt(widths[l]))
+            },
+        )
+    }
+
+    fn stars_near(&self, cell: usize) -> &[Star] {
+        &self.stars[self.first[cell] as usize..self.first[cell + 1] as usize]
+    }
+
+    /// The glow at the corners of a cell, of which the lowest has number `low`.
+    fn corners(&self, low: usize) -> [Vec3; 4] {
+        let side = CELLS + 1;
+        let glow = &self.glow[low..low + side + 2];
+        [glow[0], glow[1], glow[side], glow[side + 1]]
     }
 }
 
-/// A place on the cube's surface: face, and cells from its lower edges.
+/// How far the stars have melted into their mean: past the reach, over one doubling of the footprint.
+#[inline(always)]
+fn melt(footprint: f32) -> f32 {
+    (footprint * (1.0 / REACH) - 1.0).max(0.0).min(1.0)
+}
+
+impl Star {
+    /// Square of the radius of its disc when widened by the footprint, up to the reach.
+    #[inline(always)]
+    fn squared_radius(&self, footprint: f32) -> f32 {
+        // The disc's deviation across is its radius over √8; variances add.
+        let spread = DISC_RADII * footprint;
+        (self.radius * self.radius + spread * spread).min(REACH * REACH)
+    }
+
+    /// Positive where `d` is inside the disc.
+    #[inline(always)]
+    fn inside(&self, d: Vec3, footprint: f32) -> f32 {
+        self.squared_radius(footprint) - self.direction.distance_squared(d)
+    }
+
+    /// The part of its light that is seen from `d` in each unit of solid angle: that of the disc
+    /// (1 − r²/R²)², which holds πR²/3.
+    #[inline(always)]
+    fn seen(&self, d: Vec3, footprint: f32) -> f32 {
+        let squared = self.squared_radius(footprint);
+        let depth = self.inside(d, footprint).max(0.0) / squared;
+        depth * depth * 3.0 / (PI * squared)
+    }
+}
+
+/// Bilinear between the four corners of a cell: below, then above.
+#[inline(always)]
+fn between(corners: &[Vec3; 4], x: f32, y: f32) -> Vec3 {
+    let below = corners[0].lerp(corners[1], x);
+    below.lerp(corners[2].lerp(corners[3], x), y)
+}
+
+/// A place on the cube's surface: face, cell on it, and place in the cell.
 #[derive(Clone, Copy)]
 struct CubePlace {
-    face: i32,
+    face: f32,
+    column: f32,
+    row: f32,
     x: f32,
     y: f32,
 }
@@ -142,35 +199,59 @@ impl CubePlace {
         let face = pick(0.0, 2.0, 4.0) + if height < 0.0 { 1.0 } else { 0.0 };
         let scale = 0.5 * CELLS as f32;
         let inverse = 1.0 / height.abs();
+        let x = (pick(d.y, d.z, d.x) * inverse + 1.0) * scale;
+        let y = (pick(d.z, d.x, d.y) * inverse + 1.0) * scale;
+        let last = CELLS as f32 - 1.0;
+        let (column, row) = (floor(x).max(0.0).min(last), floor(y).max(0.0).min(last));
+        let (x, y) = (x - column, y - row);
         Self {
-            face: face as i32,
-            x: (pick(d.y, d.z, d.x) * inverse + 1.0) * scale,
-            y: (pick(d.z, d.x, d.y) * inverse + 1.0) * scale,
+            face,
+            column,
+            row,
+            x,
+            y,
         }
     }
 
-    fn column_row(&self) -> (i32, i32) {
-        let last = CELLS as i32 - 1;
-        (
-            (self.x as i32).clamp(0, last),
-            (self.y as i32).clamp(0, last),
-        )
+    /// The number of its cell.
+    #[inline(always)]
+    fn cell(&self) -> f32 {
+        (self.face * CELLS as f32 + self.row) * CELLS as f32 + self.column
     }
 
-    fn cell(&self) -> usize {
-        let (column, row) = self.column_row();
-        ((self.face * CELLS as i32 + row) * CELLS as i32 + column) as usize
+    /// The number of the lowest corner of its cell.
+    #[inline(always)]
+    fn corner(&self) -> f32 {
+        let side = CELLS as f32 + 1.0;
+        (self.face * side + self.row) * side + self.column
     }
+}
 
-    /// Bilinear between the four corners of the cell.
-    fn between(&self, corners: &[Vec3A]) -> Vec3A {
-        let (column, row) = self.column_row();
-        let (fx, fy) = (self.x - column as f32, self.y - row as f32);
-        let side = CELLS + 1;
-        let low = (self.face as usize * side + row as usize) * side + column as usize;
-        let corners = &corners[low..low + side + 2];
-        let below = corners[0].lerp(corners[1], fx);
-        below.lerp(corners[side].lerp(corners[side + 1], fx), fy)
+/// [`CubePlace`] in sixteen lanes: numbers of cells and their lowest corners, and the places in them.
+struct Places {
+    cells: Numbers,
+    corners: Numbers,
+    x: Numbers,
+    y: Numbers,
+}
+
+impl Places {
+    #[inline(always)]
+    fn of(d: &Vectors) -> Self {
+        let [mut cells, mut corners, mut x, mut y] = [[0.0; LANES]; 4];
+        for l in 0..LANES {
+            let place = CubePlace::of(lane(d, l));
+            cells[l] = place.cell();
+            corners[l] = place.corner();
+            x[l] = place.x;
+            y[l] = place.y;
+        }
+        Self {
+            cells,
+            corners,
+            x,
+            y,
+        }
     }
 }
 
@@ -235,7 +316,8 @@ mod tests {
             for (x, y) in [(0.5, 0.5), (10.25, 63.5), (33.0, 1.0)] {
                 let place = CubePlace::of(cube_direction(face, x, y));
                 assert_eq!(place.face as usize, face);
-                assert!((place.x - x).abs() < 1e-4 && (place.y - y).abs() < 1e-4);
+                let (x1, y1) = (place.column + place.x, place.row + place.y);
+                assert!((x1 - x).abs() < 1e-4 && (y1 - y).abs() < 1e-4);
             }
         }
     }
@@ -250,7 +332,10 @@ mod tests {
                 let (sin, cos) = (turn as f32 / 16.0 * std::f32::consts::TAU).sin_cos();
                 let side = across * cos + star.cross(across) * sin;
                 let edge = (star + 0.99 * REACH * side).normalize();
-                assert!(cells.contains(&CubePlace::of(edge).cell()), "{star} {edge}");
+                assert!(
+                    cells.contains(&(CubePlace::of(edge).cell() as usize)),
+                    "{star} {edge}"
+                );
             }
         }
     }
