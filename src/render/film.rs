@@ -24,7 +24,7 @@ pub enum Film {
     Spread {
         /// Weighted colours.
         sums: Array3<f32>,
-        /// The weights of all samples of the pixels around one, by row and column.
+        /// The weights in a pixel of all samples of the pixels around it, by row and column.
         weights: [[f32; 3]; 3],
     },
 }
@@ -69,11 +69,10 @@ impl Film {
     }
 }
 
-/// The weights of one sample in the pixels before it, its own, and the next (from the pixel's
-/// place: of the next, its own, and the one before).
+/// The weights in a pixel of one sample of the pixel before, the same, and the next.
 type Across = [f32; 3];
 
-/// How samples count in a pixel, by the row from it (before, same, next) and number.
+/// How samples count in a pixel: those of the row above, the same, and the one below, by number.
 fn taps(offsets: &[DVec2]) -> [Vec<Across>; 3] {
     let weight = |offset: &DVec2, dx: f64, dy: f64| {
         let at = *offset + DVec2::new(dx, dy) - 0.5;

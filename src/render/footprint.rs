@@ -71,13 +71,18 @@ impl Footprint {
         let (mean, half) = (0.5 * (aa + bb), 0.5 * (aa - bb));
         let spread = (half * half + ab * ab).sqrt();
         let short = (mean - spread).max(0.0).sqrt();
-        // The angle of the axis is half of that of (half, ab). A circle has none: any will do.
-        let part = half / spread;
+        // The angle of the axis is half of that of (half, ab); its smaller side follows from the
+        // larger, as a difference would lose digits. A circle has no axis: any will do.
+        let larger = (0.5 * (1.0 + half.abs() / spread)).sqrt();
+        let smaller = 0.5 * ab.abs() / (spread * larger);
+        let (cosine, sine) = if half > 0.0 {
+            (larger, smaller)
+        } else {
+            (smaller, larger)
+        };
         let long = spread > 1e-3 * mean;
-        let cosine = (0.5 * (1.0 + part)).max(0.0).sqrt();
-        let sine = (0.5 * (1.0 - part)).max(0.0).sqrt().copysign(ab);
         let cosine = if long { cosine } else { 1.0 };
-        let sine = if long { sine } else { 0.0 };
+        let sine = if long { sine.copysign(ab) } else { 0.0 };
         (a * cosine + b * sine, short)
     }
 }

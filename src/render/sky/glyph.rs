@@ -1,7 +1,7 @@
 //! The two-letter names of the axes as pen strokes, for marks on the sphere.
 //!
 //! In: a point of the plane of the mark, right and up, with letters one unit high around (0, 0).
-//! Out: the distance to the nearest stroke.
+//! Out: the strokes of a name, and the squared distance to each.
 
 use glam::Vec2;
 
