@@ -1,8 +1,9 @@
 //! Outcomes to colours.
 //!
-//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by
-//! baked light or by a lamp at the camera (`lamp`). Skies and textures are averaged over the sample's footprint, measured from the
-//! samples beside and below that leave through the same exit or meet the same object.
+//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by baked light or
+//! by a lamp at the camera (`lamp`). Skies (`skies`) and textures are averaged over the sample's
+//! footprint, measured from the samples beside and below that leave through the same exit or meet
+//! the same object.
 
 mod lamp;
 mod layers;
@@ -88,9 +89,10 @@ type Place = (usize, usize, usize);
 impl Shader<'_> {
     /// The colours of the rows from `first` on, three for each sample.
     fn band(&self, first: usize, rows: &mut [f32], lamp: &mut Lamp<'_>) {
-        let (_, width, count) = self.outcomes.dim();
+        let (height, width, count) = self.outcomes.dim();
         let line = |y: Option<usize>| {
-            let row = y.and_then(|y| self.outcomes.axis_iter(Axis(0)).nth(y));
+            let row = y.filter(|y| *y < height);
+            let row = row.map(|y| self.outcomes.index_axis(Axis(0), y));
             Line::new(self.world, width, count, row)
         };
         let skies = Skies {
@@ -99,7 +101,7 @@ impl Shader<'_> {
             spacing: self.spacing,
         };
         let (mut above, mut here) = (line(first.checked_sub(1)), line(Some(first)));
-        for (y, row) in (first..).zip(rows.chunks_exact_mut(3 * width * count)) {
+        for (y, row) in (first..).zip(rows.chunks_exact_mut((3 * width * count).max(1))) {
             let below = line(Some(y + 1));
             skies.light([&above, &here, &below], row);
             for i in here.surfaces() {

@@ -55,7 +55,7 @@ impl Footprint {
     #[inline(always)]
     fn of(width: f32) -> Self {
         // Beyond one step a footprint holds several lines and all there is to see is their mean.
-        let width = width.max(1e-5).min(STEP);
+        let width = width.clamp(1e-5, STEP);
         let inverse = 1.0 / width;
         Self { width, inverse }
     }

@@ -140,7 +140,7 @@ impl StarField {
 /// How far the stars have melted into their mean: past the reach, over one doubling of the footprint.
 #[inline(always)]
 fn melt(footprint: f32) -> f32 {
-    (footprint * (1.0 / REACH) - 1.0).max(0.0).min(1.0)
+    (footprint * (1.0 / REACH) - 1.0).clamp(0.0, 1.0)
 }
 
 impl Star {
