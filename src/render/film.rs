@@ -6,8 +6,9 @@
 //! for each pixel is not spread: there the footprints of skies and textures do the filtering.
 
 use super::{picture::Picture, shade::Colours};
+use crate::expr::vectorised;
 use glam::DVec2;
-use ndarray::{Array3, Axis};
+use ndarray::{Array3, Axis, s};
 use rayon::prelude::*;
 use std::f64::consts::TAU;
 
@@ -19,8 +20,13 @@ const RADIUS: f64 = 1.5;
 pub enum Film {
     /// One sample for each pixel: its colour, once it is there.
     Single(Picture),
-    /// Sums over samples, axes (row, column, channel); the fourth channel is the sum of weights.
-    Spread(Array3<f32>),
+    /// Sums over samples, axes (row, column, channel).
+    Spread {
+        /// Weighted colours.
+        sums: Array3<f32>,
+        /// The weights in a pixel of all samples of the pixels around it, by row and column.
+        weights: [[f32; 3]; 3],
+    },
 }
 
 impl Film {
@@ -28,7 +34,10 @@ impl Film {
     pub fn new((width, height): (usize, usize), samples: usize) -> Self {
         match samples {
             1 => Self::Single(Picture::new(Array3::zeros((0, 0, 3)))),
-            _ => Self::Spread(Array3::zeros((height, width, 4))),
+            _ => Self::Spread {
+                sums: Array3::zeros((height, width, 3)),
+                weights: [[0.0; 3]; 3],
+            },
         }
     }
 
@@ -36,7 +45,15 @@ impl Film {
     pub fn add(&mut self, colours: Colours, offsets: &[DVec2]) {
         match self {
             Self::Single(picture) => *picture = Picture::new(colours.index_axis_move(Axis(2), 0)),
-            Self::Spread(sums) => spread(sums, &colours, offsets),
+            Self::Spread { sums, weights } => {
+                let taps = taps(offsets);
+                for (dy, row) in weights.iter_mut().enumerate() {
+                    for (dx, weight) in row.iter_mut().enumerate() {
+                        *weight += taps[dy].iter().map(|of_sample| of_sample[dx]).sum::<f32>();
+                    }
+                }
+                spread(sums, &colours, &taps);
+            }
         }
     }
 
@@ -44,49 +61,90 @@ impl Film {
     pub fn develop(self) -> Picture {
         match self {
             Self::Single(picture) => picture,
-            Self::Spread(sums) => {
-                let (height, width, _) = sums.dim();
-                Picture::new(Array3::from_shape_fn((height, width, 3), |(y, x, c)| {
-                    sums[[y, x, c]] / sums[[y, x, 3]]
-                }))
+            Self::Spread { mut sums, weights } => {
+                divide(&mut sums, &weights);
+                Picture::new(sums)
             }
         }
     }
 }
 
-/// A sample that counts in a pixel: rows and columns from it, number, weight.
-type Tap = (isize, isize, usize, f32);
+/// The weights in a pixel of one sample of the pixel before, the same, and the next.
+type Across = [f32; 3];
 
-fn taps(offsets: &[DVec2]) -> Vec<Tap> {
-    let mut taps = Vec::new();
-    for dy in -1..=1 {
-        for dx in -1..=1 {
-            for (k, offset) in offsets.iter().enumerate() {
-                let at = *offset + DVec2::new(dx as f64, dy as f64) - 0.5;
-                taps.push((dy, dx, k, (window(at.x) * window(at.y)) as f32));
-            }
-        }
-    }
-    taps
+/// How samples count in a pixel: those of the row above, the same, and the one below, by number.
+fn taps(offsets: &[DVec2]) -> [Vec<Across>; 3] {
+    let weight = |offset: &DVec2, dx: f64, dy: f64| {
+        let at = *offset + DVec2::new(dx, dy) - 0.5;
+        (window(at.x) * window(at.y)) as f32
+    };
+    [-1.0, 0.0, 1.0].map(|dy| {
+        let across = |offset: &DVec2| [-1.0, 0.0, 1.0].map(|dx| weight(offset, dx, dy));
+        offsets.iter().map(across).collect()
+    })
 }
 
 /// Adds the colours of all samples to the sums of all pixels whose filter reaches them.
-fn spread(sums: &mut Array3<f32>, colours: &Colours, offsets: &[DVec2]) {
+fn spread(sums: &mut Array3<f32>, colours: &Colours, taps: &[Vec<Across>; 3]) {
     let (height, width, _, _) = colours.dim();
-    let taps = taps(offsets);
     let rows = sums.axis_iter_mut(Axis(0)).into_par_iter();
-    rows.enumerate().for_each(|(y, mut row)| {
-        for x in 0..width {
-            for &(dy, dx, k, weight) in &taps {
-                let at = y.checked_add_signed(dy).zip(x.checked_add_signed(dx));
-                let Some((y, x1)) = at.filter(|&(y, x)| y < height && x < width) else {
+    rows.enumerate().for_each_init(
+        // One more pixel, black, on each side.
+        || vec![0.0; 3 * width + 6],
+        |samples, (y, mut row)| {
+            let Some(row) = row.as_slice_mut() else {
+                return;
+            };
+            for (y, taps) in (y..).zip(taps) {
+                // Rows are counted from the one before the first.
+                let Some(y) = y.checked_sub(1).filter(|y| *y < height) else {
                     continue;
                 };
-                for c in 0..3 {
-                    row[[x, c]] += weight * colours[[y, x1, k, c]];
+                for (k, across) in taps.iter().enumerate() {
+                    let from = colours.slice(s![y, .., k, ..]);
+                    for (to, from) in samples[3..].chunks_exact_mut(3).zip(from.rows()) {
+                        to.copy_from_slice(&[from[0], from[1], from[2]]);
+                    }
+                    add_row(row, samples, across);
                 }
-                row[[x, 3]] += weight;
             }
+        },
+    );
+}
+
+/// Adds one sample of every pixel of a row, its own and its neighbours', to the sums.
+fn add_row(row: &mut [f32], samples: &[f32], across: &Across) {
+    let [before, same, next] = [0, 3, 6].map(|start| &samples[start..start + row.len()]);
+    vectorised(
+        #[inline(always)]
+        || {
+            for (i, sum) in row.iter_mut().enumerate() {
+                *sum += across[0] * before[i] + across[1] * same[i] + across[2] * next[i];
+            }
+        },
+    );
+}
+
+/// Divides sums by the weights of the samples that there are: none outside the picture.
+fn divide(sums: &mut Array3<f32>, weights: &[[f32; 3]; 3]) {
+    let (height, width, _) = sums.dim();
+    let inside = |at: usize, step: usize, size: usize| (1..=size).contains(&(at + step));
+    let rows = sums.axis_iter_mut(Axis(0)).into_par_iter();
+    rows.enumerate().for_each(|(y, mut row)| {
+        let columns: Across = std::array::from_fn(|dx| {
+            let rows = (0..3).filter(|dy| inside(y, *dy, height));
+            rows.map(|dy| weights[dy][dx]).sum()
+        });
+        let all: f32 = columns.iter().sum();
+        for (x, mut pixel) in row.rows_mut().into_iter().enumerate() {
+            let weight = match x > 0 && x + 1 < width {
+                true => all,
+                false => (0..3)
+                    .filter(|dx| inside(x, *dx, width))
+                    .map(|dx| columns[dx])
+                    .sum(),
+            };
+            pixel.mapv_inplace(|sum| sum / weight);
         }
     });
 }

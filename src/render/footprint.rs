@@ -2,8 +2,9 @@
 //!
 //! In: how a direction (or texture coordinates) changes to the next sample on the right and the next
 //! below. Out: the axes of the ellipse through them, and round footprints along its longer axis that
-//! cover it.
+//! cover it. Without branches, so that a loop over samples takes vector instructions.
 
+use super::sky::nearest;
 use glam::Vec3;
 
 /// The change to the next samples.
@@ -39,40 +40,84 @@ impl Footprint {
     }
 
     /// A similar one.
+    #[inline(always)]
     pub fn scaled(self, factor: f32) -> Self {
+        let [right, down] = self.across;
         Self {
-            across: self.across.map(|x| x * factor),
+            across: [right * factor, down * factor],
         }
     }
 
-    /// The places, as displacements, and the width of the round footprints that cover this.
-    #[inline]
-    pub fn taps(&self) -> (impl Iterator<Item = Vec3> + use<>, f32) {
+    /// The round footprints that cover this.
+    #[inline(always)]
+    pub fn taps(&self) -> Taps {
         let (major, short) = self.axes();
         let long = major.length();
-        let count = (long / short.max(1e-12)).round().clamp(1.0, MOST_TAPS);
-        let width = short.max(long / count).min(WIDEST);
+        let count = nearest((long / short.max(1e-12)).clamp(1.0, MOST_TAPS));
         let step = major * (1.0 / count);
-        let first = step * (0.5 - 0.5 * count);
-        let taps = (0..count as u32).map(move |i| first + step * i as f32);
-        (taps, width)
+        Taps {
+            first: step * (0.5 - 0.5 * count),
+            step,
+            count,
+            width: short.max(long / count).min(WIDEST),
+        }
     }
 
     /// The longer axis of the ellipse that the unit circle becomes, and the length of the shorter.
+    #[inline(always)]
     fn axes(&self) -> (Vec3, f32) {
-        let [a, b] = self.across.map(|x| x.clamp_length_max(WIDEST));
+        let (a, b) = (shortened(self.across[0]), shortened(self.across[1]));
         let (aa, ab, bb) = (a.dot(a), a.dot(b), b.dot(b));
         let (mean, half) = (0.5 * (aa + bb), 0.5 * (aa - bb));
         let spread = (half * half + ab * ab).sqrt();
         let short = (mean - spread).max(0.0).sqrt();
-        if !(spread > 1e-3 * mean) {
-            return (a, short);
-        }
-        // The angle of the axis is half of that of (half, ab).
-        let cosine = (0.5 * (1.0 + half / spread)).max(0.0).sqrt();
-        let sine = (0.5 * (1.0 - half / spread)).max(0.0).sqrt().copysign(ab);
+        // The angle of the axis is half of that of (half, ab); its smaller side follows from the
+        // larger, as a difference would lose digits. A circle has no axis: any will do.
+        let larger = (0.5 * (1.0 + half.abs() / spread)).sqrt();
+        let smaller = 0.5 * ab.abs() / (spread * larger);
+        let (cosine, sine) = if half > 0.0 {
+            (larger, smaller)
+        } else {
+            (smaller, larger)
+        };
+        let long = spread > 1e-3 * mean;
+        let cosine = if long { cosine } else { 1.0 };
+        let sine = if long { sine.copysign(ab) } else { 0.0 };
         (a * cosine + b * sine, short)
     }
+}
+
+/// Round footprints evenly along a line.
+#[derive(Debug, Clone, Copy)]
+pub struct Taps {
+    /// Displacement of the first.
+    pub first: Vec3,
+    /// From each to the next.
+    pub step: Vec3,
+    /// How many: a whole number from 1 to 8.
+    pub count: f32,
+    /// How wide each is.
+    pub width: f32,
+}
+
+impl Taps {
+    /// The displacement of number `i`.
+    #[inline(always)]
+    pub fn at(&self, i: f32) -> Vec3 {
+        self.first + self.step * i
+    }
+
+    /// All displacements.
+    #[inline]
+    pub fn places(&self) -> impl Iterator<Item = Vec3> {
+        (0..self.count as u32).map(|i| self.at(i as f32))
+    }
+}
+
+/// No longer than the widest footprint.
+#[inline(always)]
+fn shortened(x: Vec3) -> Vec3 {
+    x * (WIDEST / x.length()).min(1.0)
 }
 
 #[cfg(test)]
@@ -95,10 +140,10 @@ mod tests {
         let footprint = Footprint {
             across: [Vec3::X * 0.04, Vec3::Y * 0.01],
         };
-        let (taps, width) = footprint.taps();
-        let taps: Vec<f32> = taps.map(|t| t.x).collect();
-        assert_eq!(taps.len(), 4);
-        assert!((width - 0.01).abs() < 1e-7 && (taps[0] + 0.015).abs() < 1e-7);
-        assert_eq!(Footprint::POINT.taps().0.count(), 1);
+        let taps = footprint.taps();
+        let places: Vec<f32> = taps.places().map(|t| t.x).collect();
+        assert_eq!(places.len(), 4);
+        assert!((taps.width - 0.01).abs() < 1e-7 && (places[0] + 0.015).abs() < 1e-7);
+        assert_eq!(Footprint::POINT.taps().places().count(), 1);
     }
 }

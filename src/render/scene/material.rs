@@ -79,24 +79,22 @@ impl Texture {
 
     /// Linear colour at `uv`, averaged over a footprint in texture widths.
     pub fn filtered(&self, [u, v]: [f32; 2], footprint: &Footprint) -> [f32; 3] {
-        let (taps, width) = footprint.taps();
+        let taps = footprint.taps();
         let (height, columns, _) = self.levels[0].dim();
-        let texels = width * height.max(columns) as f32;
+        let texels = taps.width * height.max(columns) as f32;
         let last = self.levels.len() - 1;
         let level = texels.max(1.0).log2().min(last as f32);
         let (low, way) = (level as usize, level.fract());
         let mut sum = [0.0; 3];
-        let mut count = 0.0;
-        for tap in taps {
+        for tap in taps.places() {
             let (u, v) = (f64::from(u + tap.x), f64::from(v + tap.y));
             let sharp = self.sample_level(low, u, v);
             let soft = self.sample_level((low + 1).min(last), u, v);
             for c in 0..3 {
                 sum[c] += lerp(sharp[c], soft[c], way);
             }
-            count += 1.0;
         }
-        sum.map(|x| x / count)
+        sum.map(|x| x / taps.count)
     }
 
     /// Linear colour at `(u, v)`, bilinear and repeating; `v` grows upwards as OBJ has it.

@@ -6,7 +6,7 @@
 //! at once.
 
 use crate::{
-    expr::{Registers, vectorised},
+    expr::{Registers, real::Real, vectorised},
     render::{
         footprint::Footprint, intersect::Hit, lanes::LANES, light::Baked, scene::Material,
         world::World,
@@ -108,7 +108,7 @@ impl<'w> Lamp<'w> {
         let mirrored = (2.0 * cosine * cosine - 1.0).max(0.0);
         let gloss = match material.ks == [0.0; 3] {
             true => 0.0,
-            false => GLOSS * mirrored.powf(material.ns.max(1.0)),
+            false => GLOSS * Real::pow(mirrored, material.ns.max(1.0)),
         };
         let light = AMBIENT + (1.0 - AMBIENT) * cosine;
         std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + material.ke[k])

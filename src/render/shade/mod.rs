@@ -1,11 +1,13 @@
 //! Outcomes to colours.
 //!
-//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by
-//! baked light or by a lamp at the camera (`lamp`). Skies and textures are averaged over the sample's footprint, measured from the
-//! samples beside and below that leave through the same exit or meet the same object.
+//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by baked light or
+//! by a lamp at the camera (`lamp`). Skies (`skies`) and textures are averaged over the sample's
+//! footprint, measured from the samples beside and below that leave through the same exit or meet
+//! the same object.
 
 mod lamp;
 mod layers;
+mod skies;
 
 pub use layers::{area, with_layers};
 
@@ -21,6 +23,7 @@ use lamp::Lamp;
 pub(super) use lamp::diffuse;
 use ndarray::{Array4, ArrayView3, Axis};
 use rayon::prelude::*;
+use skies::{Line, Skies};
 
 /// Colours of samples, axes (row, column, sample, channel).
 pub type Colours = Array4<f32>;
@@ -54,19 +57,23 @@ pub fn shade(
     };
     let mut colours = Colours::zeros((height, width, count, 3));
     colours
-        .axis_iter_mut(Axis(0))
+        .axis_chunks_iter_mut(Axis(0), BAND)
         .into_par_iter()
         .enumerate()
         .for_each_init(
             || Lamp::new(world),
-            |lamp, (y, mut row)| {
-                if let Some(row) = row.as_slice_mut() {
-                    shader.row(y, row, lamp);
+            |lamp, (band, mut rows)| {
+                if let Some(rows) = rows.as_slice_mut() {
+                    shader.band(band * BAND, rows, lamp);
                 }
             },
         );
     colours
 }
+
+/// Rows that are coloured one after another, so that what is seen is sorted once for a row and
+/// those above and below it.
+const BAND: usize = 12;
 
 struct Shader<'a> {
     world: &'a World,
@@ -80,60 +87,32 @@ struct Shader<'a> {
 type Place = (usize, usize, usize);
 
 impl Shader<'_> {
-    /// The colours of one row, three for each sample.
-    fn row(&self, y: usize, row: &mut [f32], lamp: &mut Lamp<'_>) {
-        let count = self.outcomes.dim().2;
-        for (i, colour) in row.chunks_exact_mut(3).enumerate() {
-            let at = (y, i / count, i % count);
-            match self.outcomes[at].seen {
-                Seen::Surface(hit) => lamp.add(i, hit, self.texture_footprint(at, &hit)),
-                Seen::Sky {
-                    exit, direction, ..
-                } => colour.copy_from_slice(&self.sky(at, exit, direction)),
-                Seen::Nothing => colour.copy_from_slice(&self.nothing()),
+    /// The colours of the rows from `first` on, three for each sample.
+    fn band(&self, first: usize, rows: &mut [f32], lamp: &mut Lamp<'_>) {
+        let (height, width, count) = self.outcomes.dim();
+        let line = |y: Option<usize>| {
+            let row = y.filter(|y| *y < height);
+            let row = row.map(|y| self.outcomes.index_axis(Axis(0), y));
+            Line::new(self.world, width, count, row)
+        };
+        let skies = Skies {
+            world: self.world,
+            pixel: self.view.pixel_angle() as f32,
+            spacing: self.spacing,
+        };
+        let (mut above, mut here) = (line(first.checked_sub(1)), line(Some(first)));
+        for (y, row) in (first..).zip(rows.chunks_exact_mut((3 * width * count).max(1))) {
+            let below = line(Some(y + 1));
+            skies.light([&above, &here, &below], row);
+            for i in here.surfaces() {
+                let at = (y, i / count, i % count);
+                if let Seen::Surface(hit) = self.outcomes[at].seen {
+                    lamp.add(i, hit, self.texture_footprint(at, &hit));
+                }
             }
+            lamp.light(row);
+            (above, here) = (here, below);
         }
-        lamp.light(row);
-    }
-
-    fn sky(&self, at: Place, exit: u32, direction: Vec3) -> [f32; 3] {
-        match &self.world.skies[exit as usize] {
-            Some(sky) => sky.filtered(direction, &self.sky_footprint(at, exit, direction)),
-            None => [0.0; 3],
-        }
-    }
-
-    fn nothing(&self) -> [f32; 3] {
-        match self.world.skies.last() {
-            Some(Some(sky)) => sky.filtered(Vec3::Z, &Footprint::POINT),
-            _ => [0.0; 3],
-        }
-    }
-
-    /// How the sky's direction changes from sample to sample: to the pixels beside and below (or
-    /// above, before) that leave through the same exit.
-    fn sky_footprint(&self, at: Place, exit: u32, direction: Vec3) -> Footprint {
-        if self.spacing == 0.0 {
-            return Footprint::POINT;
-        }
-        let change = |axis: usize| {
-            self.neighbour(at, axis, |seen| match seen {
-                Seen::Sky {
-                    exit: other,
-                    direction: d,
-                    ..
-                } if *other == exit => Some(*d - direction),
-                _ => None,
-            })
-        };
-        let pixel = self.view.pixel_angle() as f32;
-        let across = match (change(0), change(1)) {
-            (Some(right), Some(down)) => [right, down],
-            // One side alone tells the size, as if the picture were not sheared here.
-            (Some(one), None) | (None, Some(one)) => [one, direction.cross(one)],
-            (None, None) => Footprint::round(direction, pixel).across,
-        };
-        Footprint { across }.scaled(self.spacing)
     }
 
     /// How texture coordinates change from sample to sample; a point without a texture.

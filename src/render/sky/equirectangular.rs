@@ -7,11 +7,18 @@
 //! the width left of the middle and −y a quarter right of it; −x is at both side edges. Then
 //! someone who looks along +x with +z up sees the picture's right on the right.
 
-use super::angles::longitude_latitude;
-use crate::error::{Error, Result};
-use glam::Vec3;
+use super::{
+    angles::longitude_latitude,
+    sixteen::{Mask, Numbers, Vectors, each_vector, lane, put},
+};
+use crate::{
+    error::{Error, Result},
+    expr::real::Real,
+    render::lanes::LANES,
+};
+use glam::{Vec2, Vec3};
 use ndarray::Array3;
-use std::f32::consts::{PI, TAU};
+use std::f32::consts::{LOG2_E, PI, TAU};
 
 /// A picture of the whole sphere with its reductions to half, a quarter, … of the size.
 #[derive(Debug, Clone)]
@@ -55,19 +62,55 @@ impl Equirectangular {
 
     /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
     pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
-        let (longitude, latitude) = longitude_latitude(d);
-        let (u, v) = (0.5 - longitude / TAU, 0.5 - latitude / PI);
-        let texel = PI / self.levels[0].height as f32;
-        if footprint <= texel {
-            return self.levels[0].bilinear(u, v);
-        }
-        let last = self.levels.len() - 1;
-        let level = (footprint / texel).log2().min(last as f32);
-        let (low, way) = (level as usize, level.fract());
-        let sharp = self.levels[low].bilinear(u, v);
-        let soft = self.levels[(low + 1).min(last)].bilinear(u, v);
-        sharp.lerp(soft, way)
+        let [texel, last] = self.texel_last();
+        self.radiance_at(place(d).extend(level(footprint / texel, last)))
     }
+
+    /// [`Equirectangular::radiance`] in the lanes that are `wanted`.
+    #[inline(always)]
+    pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+        let [texel, last] = self.texel_last();
+        let places = each_vector(
+            #[inline(always)]
+            |l| place(lane(d, l)).extend(level(widths[l] / texel, last)),
+        );
+        let mut light = [[0.0; LANES]; 3];
+        for l in (0..LANES).filter(|l| wanted[*l]) {
+            put(&mut light, l, self.radiance_at(lane(&places, l)));
+        }
+        light
+    }
+
+    /// How high a pixel of the picture is, and the number of the least size.
+    #[inline(always)]
+    fn texel_last(&self) -> [f32; 2] {
+        let texel = PI / self.levels[0].height as f32;
+        [texel, (self.levels.len() - 1) as f32]
+    }
+
+    /// At a place of the picture (x and y) on a level (z).
+    fn radiance_at(&self, at: Vec3) -> Vec3 {
+        let (low, way) = (at.z as usize, at.z.fract());
+        let sharp = self.levels[low].bilinear(at.x, at.y);
+        if way == 0.0 {
+            return sharp;
+        }
+        sharp.lerp(self.levels[low + 1].bilinear(at.x, at.y), way)
+    }
+}
+
+/// The place in the picture, from the left and the top, both in [0, 1].
+#[inline(always)]
+fn place(d: Vec3) -> Vec2 {
+    let (longitude, latitude) = longitude_latitude(d);
+    Vec2::new(0.5 - longitude / TAU, 0.5 - latitude / PI)
+}
+
+/// Which size of the picture has pixels `texels` times as wide as the full one, counted from that;
+/// fractions are between two sizes.
+#[inline(always)]
+fn level(texels: f32, last: f32) -> f32 {
+    (Real::ln(texels.max(1.0)) * LOG2_E).min(last)
 }
 
 impl Level {

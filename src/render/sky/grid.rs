@@ -7,8 +7,13 @@
 //! gets fainter. Letters stand upright for someone who turns from +x without rolling: up is +z on
 //! the horizon, and at ±z whatever tilting the head from +x brings to the top.
 
-use super::{angles::longitude_latitude, glyph};
-use glam::{Vec2, Vec3, Vec3A};
+use super::{
+    angles::longitude_latitude,
+    glyph::{self, Stroke},
+    sixteen::{Mask, Numbers, Vectors, each, each_vector, first, floor, lane, mask, nearest},
+};
+use crate::render::lanes::LANES;
+use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
 /// Angle between lines.
@@ -19,8 +24,6 @@ const THIN: f32 = 0.0009;
 const THICK: f32 = 0.0028;
 /// Angular radius of a mark.
 const MARK: f32 = 0.125;
-/// A little less than the cosine of that angle.
-const MARK_COSINE: f32 = 0.99;
 /// Cosine of the latitude of the last circle, five steps up.
 const POLAR_CIRCLE: f32 = 0.258_819;
 /// Height of the letters and half the width of their strokes, in the tangent plane of the axis.
@@ -28,17 +31,17 @@ const LETTER: f32 = 0.11;
 const PEN: f32 = 0.008;
 
 /// The tint's mean and how it varies along each axis.
-const TINT: Vec3A = Vec3A::new(0.085, 0.09, 0.115);
-const TINT_SLOPE: Vec3A = Vec3A::new(0.055, 0.045, 0.06);
-const LINE: Vec3A = Vec3A::new(0.62, 0.66, 0.7);
-const EQUATOR: Vec3A = Vec3A::new(1.0, 0.62, 0.12);
-const MERIDIAN: Vec3A = Vec3A::new(0.2, 0.85, 0.95);
-const INK: Vec3A = Vec3A::new(1.0, 1.0, 1.0);
+const TINT: Vec3 = Vec3::new(0.085, 0.09, 0.115);
+const TINT_SLOPE: Vec3 = Vec3::new(0.055, 0.045, 0.06);
+const LINE: Vec3 = Vec3::new(0.62, 0.66, 0.7);
+const EQUATOR: Vec3 = Vec3::new(1.0, 0.62, 0.12);
+const MERIDIAN: Vec3 = Vec3::new(0.2, 0.85, 0.95);
+const INK: Vec3 = Vec3::new(1.0, 1.0, 1.0);
 /// Colours of the marks: by axis, positive first.
-const MARKS: [[Vec3A; 2]; 3] = [
-    [Vec3A::new(0.75, 0.02, 0.02), Vec3A::new(0.0, 0.34, 0.4)],
-    [Vec3A::new(0.02, 0.4, 0.03), Vec3A::new(0.5, 0.02, 0.42)],
-    [Vec3A::new(0.03, 0.07, 0.8), Vec3A::new(0.42, 0.3, 0.0)],
+const MARKS: [[Vec3; 2]; 3] = [
+    [Vec3::new(0.75, 0.02, 0.02), Vec3::new(0.0, 0.34, 0.4)],
+    [Vec3::new(0.02, 0.4, 0.03), Vec3::new(0.5, 0.02, 0.42)],
+    [Vec3::new(0.03, 0.07, 0.8), Vec3::new(0.42, 0.3, 0.0)],
 ];
 
 /// The angle to average over, in radians, and its inverse.
@@ -48,88 +51,200 @@ struct Footprint {
     inverse: f32,
 }
 
-/// Linear light of the pattern from the unit vector `d`, averaged over about `footprint` radians.
-pub(super) fn radiance(d: Vec3, footprint: f32) -> Vec3 {
-    // Beyond one step a footprint holds several lines and all there is to see is their mean.
-    let width = footprint.clamp(1e-5, STEP);
-    let inverse = 1.0 / width;
-    let footprint = Footprint { width, inverse };
-    let lines = lines(d, footprint);
-    // The footprint softens a mark's rim outwards too.
-    if d.abs().max_element() > MARK_COSINE - width {
-        with_mark(d, footprint, lines).into()
-    } else {
-        lines.into()
+impl Footprint {
+    #[inline(always)]
+    fn of(width: f32) -> Self {
+        // Beyond one step a footprint holds several lines and all there is to see is their mean.
+        let width = width.clamp(1e-5, STEP);
+        let inverse = 1.0 / width;
+        Self { width, inverse }
     }
 }
 
-/// Tint, chequers and lines.
-fn lines(d: Vec3, footprint: Footprint) -> Vec3A {
+/// Linear light of the pattern from the unit vector `d`, averaged over about `width` radians.
+pub(super) fn radiance(d: Vec3, width: f32) -> Vec3 {
+    let footprint = Footprint::of(width);
+    let behind = lines(d, footprint);
+    if !touches_mark(d, footprint) {
+        return behind;
+    }
+    let mark = Mark::nearest(d);
+    let p = mark.place(d);
+    let distances = mark
+        .strokes()
+        .map(|s| glyph::squared_distance(s, p / LETTER));
+    let squared = distances.fold(f32::INFINITY, f32::min);
+    mark.over(behind, p, squared, footprint)
+}
+
+/// [`radiance`] in the lanes that are `wanted`.
+#[inline(always)]
+pub(super) fn radiances(d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+    let mut light = each_vector(
+        #[inline(always)]
+        |l| lines(lane(d, l), Footprint::of(widths[l])),
+    );
+    let mut touched = mask(
+        #[inline(always)]
+        |l| wanted[l] & touches_mark(lane(d, l), Footprint::of(widths[l])),
+    );
+    while let Some(l) = first(&touched) {
+        let mark = Mark::nearest(lane(d, l));
+        let here = mask(
+            #[inline(always)]
+            // What is not a number is here, or it would be nowhere.
+            |l| touched[l] & !(mark.height(lane(d, l)) <= 0.9),
+        );
+        let marked = mark.over_lanes(&light, d, widths);
+        light = each_vector(
+            #[inline(always)]
+            |l| lane(if here[l] { &marked } else { &light }, l),
+        );
+        touched = mask(
+            #[inline(always)]
+            |l| touched[l] & !here[l],
+        );
+    }
+    light
+}
+
+/// Whether the mark of the nearest axis reaches into the footprint.
+#[inline(always)]
+fn touches_mark(d: Vec3, footprint: Footprint) -> bool {
+    let cosine = d.x.abs().max(d.y.abs()).max(d.z.abs());
+    let reach = MARK + 0.5 * footprint.width;
+    // In the tangent plane; a little more than that, as the cosine is rounded.
+    1.0 - cosine * cosine < cosine * cosine * reach * reach + 1e-5
+}
+
+/// Tint, chequers and lines. Without branches, so that a loop over directions takes vector
+/// instructions.
+#[inline(always)]
+fn lines(d: Vec3, footprint: Footprint) -> Vec3 {
     let across = (d.x * d.x + d.y * d.y).sqrt();
     let (longitude, latitude) = longitude_latitude(d);
     let (row, column) = (latitude * (1.0 / STEP), longitude * (1.0 / STEP));
-    let (nearest_row, nearest_column) = (floor(row + 0.5), floor(column + 0.5));
-    let from_row = (row - nearest_row as f32).abs() * STEP;
+    let (nearest_row, nearest_column) = (nearest(row), nearest(column));
+    let from_row = (row - nearest_row).abs() * STEP;
     // Half a step is small enough for the sine's first two terms.
-    let turn = (column - nearest_column as f32).abs() * STEP;
+    let turn = (column - nearest_column).abs() * STEP;
     let from_column = (turn - turn * turn * turn * (1.0 / 6.0)) * across;
 
     // Chequers, faded out at their edges over the footprint and where they shrink at the poles.
-    let odd = (floor(row) + floor(column)) & 1;
-    let clear = |distance: f32| (2.0 * distance * footprint.inverse).min(1.0);
-    let fade = clear(from_row) * clear(from_column) * clear(0.5 * across * STEP);
-    let shade = 1.0 + 0.16 * fade * (1 - 2 * odd) as f32;
-    let mut colour = (TINT + TINT_SLOPE * Vec3A::from(d)) * shade;
+    let half = 0.5 * (floor(row) + floor(column));
+    let sign = 1.0 - 4.0 * (half - floor(half));
+    let fade = clear(from_row, footprint) * clear(from_column, footprint);
+    let fade = fade * clear(0.5 * across * STEP, footprint);
+    let tint = (TINT + TINT_SLOPE * d) * (1.0 + 0.16 * fade * sign);
 
     // Only every sixth meridian goes on past the last circle, where all would run together.
-    let drawn = nearest_column % 6 == 0 || across > POLAR_CIRCLE;
-    let nearest = if drawn {
+    let sixth = nearest_column * (1.0 / 6.0);
+    let drawn = (across > POLAR_CIRCLE) | ((sixth - nearest(sixth)).abs() < 0.01);
+    let from_line = if drawn {
         from_row.min(from_column)
     } else {
         from_row
     };
-    // Most of the sky is clear of lines.
-    if nearest < THICK + footprint.width {
-        colour = colour.lerp(LINE, coverage(nearest, THIN, footprint));
-        colour = colour.lerp(MERIDIAN, coverage(d.y.abs(), THICK, footprint));
-        colour = colour.lerp(EQUATOR, coverage(latitude.abs(), THICK, footprint));
-    }
-    colour
+    let line = tint.lerp(LINE, coverage(from_line, THIN, footprint));
+    let line = line.lerp(MERIDIAN, coverage(d.y.abs(), THICK, footprint));
+    line.lerp(EQUATOR, coverage(latitude.abs(), THICK, footprint))
 }
 
-/// The whole number below `x`, for |x| < 1000: without SSE 4.1 `f32::floor` is a library call.
-fn floor(x: f32) -> i32 {
-    (x + 1024.0) as i32 - 1024
+/// How much of the chequers is left at a distance from their edges.
+#[inline(always)]
+fn clear(distance: f32, footprint: Footprint) -> f32 {
+    (2.0 * distance * footprint.inverse).min(1.0)
 }
 
 /// Part of a footprint that a line covers whose middle is `distance` away.
+#[inline(always)]
 fn coverage(distance: f32, half_width: f32, footprint: Footprint) -> f32 {
     let half = 0.5 * footprint.width;
     let covered = (distance + half).min(half_width) - (distance - half).max(-half_width);
     (covered * footprint.inverse).clamp(0.0, 1.0)
 }
 
-/// `behind` with the nearest axis's mark laid over it.
-fn with_mark(d: Vec3, footprint: Footprint, behind: Vec3A) -> Vec3A {
-    let axis = d.abs().max_position();
-    let positive = d[axis] > 0.0;
-    let (right, up) = upright(axis, positive);
-    // Gnomonic, so that straight strokes are geodesics.
-    let p = Vec2::new(right.dot(d), up.dot(d)) / d[axis].abs();
-    let inside = |depth: f32| (depth * footprint.inverse + 0.5).clamp(0.0, 1.0);
-    let from_centre = p.length();
-    let disc = inside(MARK - from_centre);
-    if disc == 0.0 {
-        return behind;
+/// The lettered disc on an axis.
+#[derive(Clone, Copy)]
+struct Mark {
+    axis: usize,
+    positive: bool,
+    right: Vec3,
+    up: Vec3,
+    /// Along the axis, outwards.
+    forward: Vec3,
+}
+
+impl Mark {
+    fn nearest(d: Vec3) -> Self {
+        let axis = d.abs().max_position();
+        let positive = d[axis] > 0.0;
+        let (right, up) = upright(axis, positive);
+        let forward = Vec3::AXES[axis] * d[axis].signum();
+        Self {
+            axis,
+            positive,
+            right,
+            up,
+            forward,
+        }
     }
-    let from_stroke = glyph::distance(axis, positive, p / LETTER) * LETTER;
-    let ink = coverage(from_stroke, PEN, footprint).max(coverage(
-        MARK - 0.004 - from_centre,
-        0.002,
-        footprint,
-    ));
-    let face = MARKS[axis][usize::from(!positive)];
-    behind.lerp(face.lerp(INK, ink), disc)
+
+    fn strokes(&self) -> impl Iterator<Item = &'static Stroke> {
+        glyph::strokes(self.axis, self.positive)
+    }
+
+    /// The cosine of the angle to the axis.
+    #[inline(always)]
+    fn height(&self, d: Vec3) -> f32 {
+        self.forward.dot(d)
+    }
+
+    /// The place in the tangent plane: gnomonic, so that straight strokes are geodesics.
+    #[inline(always)]
+    fn place(&self, d: Vec3) -> Vec2 {
+        Vec2::new(self.right.dot(d), self.up.dot(d)) / self.height(d)
+    }
+
+    /// The light of the disc laid over `behind`, at the place `p` whose distance from the strokes is
+    /// the square root of `squared` letters.
+    #[inline(always)]
+    fn over(&self, behind: Vec3, p: Vec2, squared: f32, footprint: Footprint) -> Vec3 {
+        let from_centre = p.length();
+        let inside = (MARK - from_centre) * footprint.inverse + 0.5;
+        let disc = inside.clamp(0.0, 1.0);
+        let pen = coverage(squared.sqrt() * LETTER, PEN, footprint);
+        let rim = coverage(MARK - 0.004 - from_centre, 0.002, footprint);
+        let face = MARKS[self.axis][usize::from(!self.positive)];
+        behind.lerp(face.lerp(INK, pen.max(rim)), disc)
+    }
+
+    /// [`Mark::over`] in all lanes.
+    #[inline(always)]
+    fn over_lanes(&self, behind: &Vectors, d: &Vectors, widths: &Numbers) -> Vectors {
+        let places = each_vector(
+            #[inline(always)]
+            |l| self.place(lane(d, l)).extend(0.0),
+        );
+        let mut squared = [f32::INFINITY; LANES];
+        for stroke in self.strokes() {
+            let old = squared;
+            squared = each(
+                #[inline(always)]
+                |l| {
+                    let p = lane(&places, l).truncate() / LETTER;
+                    glyph::squared_distance(stroke, p).min(old[l])
+                },
+            );
+        }
+        each_vector(
+            #[inline(always)]
+            |l| {
+                let (behind, p) = (lane(behind, l), lane(&places, l).truncate());
+                self.over(behind, p, squared[l], Footprint::of(widths[l]))
+            },
+        )
+    }
 }
 
 /// Right and up of the letters on an axis, as seen from the centre.
@@ -160,10 +275,7 @@ mod tests {
     #[test]
     fn coverage_conserves_a_line_however_wide_the_footprint() {
         for footprint in [1e-4_f32, 1e-3, 1e-2, 0.2] {
-            let both = Footprint {
-                width: footprint,
-                inverse: footprint.recip(),
-            };
+            let both = Footprint::of(footprint);
             let step = footprint.min(THIN) / 50.0;
             let reach = THIN + footprint;
             let count = (reach / step) as i32;

@@ -12,15 +12,19 @@ mod catalogue;
 mod equirectangular;
 mod glyph;
 mod grid;
+mod sixteen;
 mod stars;
 
 use crate::{
     error::Result,
-    render::{footprint::Footprint, scene::SkyEntry},
+    render::{footprint::Footprint, lanes::LANES, scene::SkyEntry},
 };
 use equirectangular::Equirectangular;
 use glam::{DVec3, Vec3};
 use ndarray::Array3;
+pub(super) use sixteen::{
+    Mask, Numbers, Vectors, each, each_vector, first, lane, largest, mask, nearest,
+};
 use stars::StarField;
 use std::path::Path;
 
@@ -84,13 +88,21 @@ impl Sky {
         if let Self::Colour(colour) = self {
             return *colour;
         }
-        let (taps, width) = footprint.taps();
-        let (mut sum, mut count) = (Vec3::ZERO, 0.0);
-        for tap in taps {
-            sum += self.round((d + tap).normalize_or(Vec3::X), width);
-            count += 1.0;
+        let taps = footprint.taps();
+        let round = |tap: Vec3| self.round((d + tap).normalize_or(Vec3::X), taps.width);
+        let sum: Vec3 = taps.places().map(round).sum();
+        (sum / taps.count).to_array()
+    }
+
+    /// Linear light from the unit vectors `d` over round footprints, in the lanes that are `wanted`.
+    #[inline(always)]
+    pub(super) fn rounds(&self, d: &Vectors, footprints: &Numbers, wanted: &Mask) -> Vectors {
+        match self {
+            Self::Equirectangular(image) => image.radiances(d, footprints, wanted),
+            Self::Grid => grid::radiances(d, footprints, wanted),
+            Self::Stars(stars) => stars.radiances(d, footprints, wanted),
+            Self::Colour(colour) => colour.map(|x| [x; LANES]),
         }
-        (sum / count).to_array()
     }
 
     /// Linear light from the unit vector `d` over a round footprint.

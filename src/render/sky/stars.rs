@@ -10,8 +10,11 @@
 //! Look-up goes through the cells of a cube: each lists the stars that reach into it, and its
 //! corners hold the diffuse glow.
 
-use super::catalogue::{self, Star};
-use crate::render::footprint::FILTER_DEVIATION;
+use super::{
+    catalogue::{self, Star},
+    sixteen::{Mask, Numbers, Vectors, each, each_vector, first, floor, lane, largest, mask},
+};
+use crate::render::{footprint::FILTER_DEVIATION, lanes::LANES};
 use glam::Vec3;
 use std::f32::consts::PI;
 
@@ -31,8 +34,8 @@ pub struct StarField {
     stars: Vec<Star>,
     /// Glow at the corners of the cells, `CELLS + 1` along each edge of each face.
     glow: Vec<Vec3>,
-    /// Glow and stars together, spread evenly, cell by cell corner.
-    mean: Vec<Vec3>,
+    /// The stars' light spread evenly over the sphere.
+    even: Vec3,
 }
 
 impl StarField {
@@ -50,87 +53,205 @@ impl StarField {
             *sum += cell.len() as u32;
             Some(*sum)
         }));
-        let corners: Vec<Vec3> = corner_directions().collect();
-        let glow: Vec<Vec3> = corners.iter().map(|d| catalogue::glow(*d)).collect();
+        let glow = corner_directions().map(catalogue::glow);
         let total: Vec3 = stars.iter().map(|s| s.light).sum();
-        let even = total / (4.0 * PI);
         Self {
             first,
             stars: cells.concat(),
-            mean: glow.iter().map(|g| *g + even).collect(),
-            glow,
+            glow: glow.collect(),
+            even: total / (4.0 * PI),
         }
     }
 
     /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
     pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
         let place = CubePlace::of(d);
-        // Past the reach the stars melt into their mean, over one doubling of the footprint.
-        let melt = (footprint / REACH - 1.0).clamp(0.0, 1.0);
-        if melt == 1.0 {
-            return place.between(&self.mean);
+        let (cell, corners) = (place.cell() as usize, self.corners(place.corner() as usize));
+        let stars = self.stars_near(cell).iter();
+        let sharp: Vec3 = stars.map(|star| star.light * star.seen(d, footprint)).sum();
+        between(&corners, place.x, place.y) + sharp.lerp(self.even, melt(footprint))
+    }
+
+    /// [`StarField::radiance`] in the lanes that are `wanted`. Lanes in one cell are worked on
+    /// together.
+    #[inline(always)]
+    pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+        let places = Places::of(d);
+        let mut light = Vectors::default();
+        let mut pending = *wanted;
+        while let Some(l) = first(&pending) {
+            let cell = places.cells[l];
+            let lit = self.in_cell(&places, l, d, widths);
+            let here = mask(
+                #[inline(always)]
+                |l| places.cells[l] == cell,
+            );
+            light = each_vector(
+                #[inline(always)]
+                |l| lane(if here[l] { &lit } else { &light }, l),
+            );
+            pending = mask(
+                #[inline(always)]
+                |l| pending[l] & !here[l],
+            );
         }
-        // The disc's deviation across is its radius over √8; variances add.
-        let spread = DISC_RADII * footprint;
-        let cell = place.cell();
-        let range = self.first[cell] as usize..self.first[cell + 1] as usize;
-        let mut sharp = place.between(&self.glow);
-        for star in &self.stars[range] {
-            let squared = (star.radius * star.radius + spread * spread).min(REACH * REACH);
-            let inside = squared - star.direction.distance_squared(d);
-            if inside > 0.0 {
-                // The disc (1 − r²/R²)² holds πR²/3.
-                let depth = inside / squared;
-                sharp += star.light * (depth * depth * 3.0 / (PI * squared));
+        light
+    }
+
+    /// The light in all lanes that are in the same cell as lane `l`.
+    #[inline(always)]
+    fn in_cell(&self, places: &Places, l: usize, d: &Vectors, widths: &Numbers) -> Vectors {
+        let corners = self.corners(places.corners[l] as usize);
+        let mut stars = Vectors::default();
+        for star in self.stars_near(places.cells[l] as usize) {
+            let inside = each(
+                #[inline(always)]
+                |l| star.inside(lane(d, l), widths[l]),
+            );
+            if largest(&inside) > 0.0 {
+                let old = stars;
+                stars = each_vector(
+                    #[inline(always)]
+                    |l| lane(&old, l) + star.light * star.seen(lane(d, l), widths[l]),
+                );
             }
         }
-        if melt == 0.0 {
-            return sharp;
-        }
-        sharp.lerp(place.between(&self.mean), melt)
+        each_vector(
+            #[inline(always)]
+            |l| {
+                let glow = between(&corners, places.x[l], places.y[l]);
+                glow + lane(&stars, l).lerp(self.even, melt(widths[l]))
+            },
+        )
+    }
+
+    fn stars_near(&self, cell: usize) -> &[Star] {
+        &self.stars[self.first[cell] as usize..self.first[cell + 1] as usize]
+    }
+
+    /// The glow at the corners of a cell, of which the lowest has number `low`.
+    fn corners(&self, low: usize) -> [Vec3; 4] {
+        let side = CELLS + 1;
+        let glow = &self.glow[low..low + side + 2];
+        [glow[0], glow[1], glow[side], glow[side + 1]]
     }
 }
 
-/// A place on the cube's surface: face, and cells from its lower edges.
+/// How far the stars have melted into their mean: past the reach, over one doubling of the footprint.
+#[inline(always)]
+fn melt(footprint: f32) -> f32 {
+    (footprint * (1.0 / REACH) - 1.0).clamp(0.0, 1.0)
+}
+
+impl Star {
+    /// Square of the radius of its disc when widened by the footprint, up to the reach.
+    #[inline(always)]
+    fn squared_radius(&self, footprint: f32) -> f32 {
+        // The disc's deviation across is its radius over √8; variances add.
+        let spread = DISC_RADII * footprint;
+        (self.radius * self.radius + spread * spread).min(REACH * REACH)
+    }
+
+    /// Positive where `d` is inside the disc.
+    #[inline(always)]
+    fn inside(&self, d: Vec3, footprint: f32) -> f32 {
+        self.squared_radius(footprint) - self.direction.distance_squared(d)
+    }
+
+    /// The part of its light that is seen from `d` in each unit of solid angle: that of the disc
+    /// (1 − r²/R²)², which holds πR²/3.
+    #[inline(always)]
+    fn seen(&self, d: Vec3, footprint: f32) -> f32 {
+        let squared = self.squared_radius(footprint);
+        let depth = self.inside(d, footprint).max(0.0) / squared;
+        depth * depth * 3.0 / (PI * squared)
+    }
+}
+
+/// Bilinear between the four corners of a cell: below, then above.
+#[inline(always)]
+fn between(corners: &[Vec3; 4], x: f32, y: f32) -> Vec3 {
+    let below = corners[0].lerp(corners[1], x);
+    below.lerp(corners[2].lerp(corners[3], x), y)
+}
+
+/// A place on the cube's surface: face, cell on it, and place in the cell.
+#[derive(Clone, Copy)]
 struct CubePlace {
-    face: usize,
+    face: f32,
+    column: f32,
+    row: f32,
     x: f32,
     y: f32,
 }
 
 impl CubePlace {
+    /// Without branches, so that a loop over directions takes vector instructions.
+    #[inline(always)]
     fn of(d: Vec3) -> Self {
-        let axis = d.abs().max_position();
-        let face = 2 * axis + usize::from(d[axis] < 0.0);
+        let (x, y, z) = (d.x.abs(), d.y.abs(), d.z.abs());
+        let (is_x, is_y) = ((x >= y) & (x >= z), y >= z);
+        let pick = |x: f32, y: f32, z: f32| {
+            let other = if is_y { y } else { z };
+            if is_x { x } else { other }
+        };
+        let height = pick(d.x, d.y, d.z);
+        let face = pick(0.0, 2.0, 4.0) + if height < 0.0 { 1.0 } else { 0.0 };
         let scale = 0.5 * CELLS as f32;
-        let coordinate = |i: usize| (d[i % 3] / d[axis].abs() + 1.0) * scale;
+        let inverse = 1.0 / height.abs();
+        let x = (pick(d.y, d.z, d.x) * inverse + 1.0) * scale;
+        let y = (pick(d.z, d.x, d.y) * inverse + 1.0) * scale;
+        let last = CELLS as f32 - 1.0;
+        let (column, row) = (floor(x).max(0.0).min(last), floor(y).max(0.0).min(last));
+        let (x, y) = (x - column, y - row);
         Self {
             face,
-            x: coordinate(axis + 1),
-            y: coordinate(axis + 2),
+            column,
+            row,
+            x,
+            y,
         }
     }
 
-    fn column_row(&self) -> (usize, usize) {
-        (
-            (self.x as usize).min(CELLS - 1),
-            (self.y as usize).min(CELLS - 1),
-        )
+    /// The number of its cell.
+    #[inline(always)]
+    fn cell(&self) -> f32 {
+        (self.face * CELLS as f32 + self.row) * CELLS as f32 + self.column
     }
 
-    fn cell(&self) -> usize {
-        let (column, row) = self.column_row();
-        (self.face * CELLS + row) * CELLS + column
+    /// The number of the lowest corner of its cell.
+    #[inline(always)]
+    fn corner(&self) -> f32 {
+        let side = CELLS as f32 + 1.0;
+        (self.face * side + self.row) * side + self.column
     }
+}
 
-    /// Bilinear between the four corners of the cell.
-    fn between(&self, corners: &[Vec3]) -> Vec3 {
-        let (column, row) = self.column_row();
-        let (fx, fy) = (self.x - column as f32, self.y - row as f32);
-        let low = (self.face * (CELLS + 1) + row) * (CELLS + 1) + column;
-        let high = low + CELLS + 1;
-        let below = corners[low].lerp(corners[low + 1], fx);
-        below.lerp(corners[high].lerp(corners[high + 1], fx), fy)
+/// [`CubePlace`] in sixteen lanes: numbers of cells and their lowest corners, and the places in them.
+struct Places {
+    cells: Numbers,
+    corners: Numbers,
+    x: Numbers,
+    y: Numbers,
+}
+
+impl Places {
+    #[inline(always)]
+    fn of(d: &Vectors) -> Self {
+        let [mut cells, mut corners, mut x, mut y] = [[0.0; LANES]; 4];
+        for l in 0..LANES {
+            let place = CubePlace::of(lane(d, l));
+            cells[l] = place.cell();
+            corners[l] = place.corner();
+            x[l] = place.x;
+            y[l] = place.y;
+        }
+        Self {
+            cells,
+            corners,
+            x,
+            y,
+        }
     }
 }
 
@@ -194,8 +315,9 @@ mod tests {
         for face in 0..6 {
             for (x, y) in [(0.5, 0.5), (10.25, 63.5), (33.0, 1.0)] {
                 let place = CubePlace::of(cube_direction(face, x, y));
-                assert_eq!(place.face, face);
-                assert!((place.x - x).abs() < 1e-4 && (place.y - y).abs() < 1e-4);
+                assert_eq!(place.face as usize, face);
+                let (x1, y1) = (place.column + place.x, place.row + place.y);
+                assert!((x1 - x).abs() < 1e-4 && (y1 - y).abs() < 1e-4);
             }
         }
     }
@@ -210,7 +332,10 @@ mod tests {
                 let (sin, cos) = (turn as f32 / 16.0 * std::f32::consts::TAU).sin_cos();
                 let side = across * cos + star.cross(across) * sin;
                 let edge = (star + 0.99 * REACH * side).normalize();
-                assert!(cells.contains(&CubePlace::of(edge).cell()), "{star} {edge}");
+                assert!(
+                    cells.contains(&(CubePlace::of(edge).cell() as usize)),
+                    "{star} {edge}"
+                );
             }
         }
     }
