@@ -29,6 +29,10 @@ const STEPS: usize = 10;
 /// rays take it from there. The map itself is hardly better.
 const SETTLED: f64 = 1e-4;
 
+/// A step of Newton's method from where the map misses by this share of the cell, and nothing folds,
+/// leaves about its square, so it settles the guess.
+const LAST: f64 = 1e-2;
+
 /// Where rays fold, a point that the interpolated map misses by this share of the cell may still be
 /// met by the true one.
 const NEAR_FOLD: f64 = 0.05;
@@ -56,6 +60,9 @@ pub(super) struct Guess {
     pub direction: DVec3,
     /// Arc length.
     pub s: f64,
+    /// How the point moves when the direction turns towards each of its perpendiculars, by the
+    /// interpolated map.
+    pub spread: [DVec3; 2],
     /// The cell's size, as an angle and as an arc length.
     angle: f64,
     width: f64,
@@ -139,20 +146,21 @@ impl Cell {
                 DVec3::new(0.33, 0.33, 0.95),
             ],
         };
-        let mut found: Vec<DVec3> = Vec::new();
+        let mut found: Vec<(DVec3, DMat3)> = Vec::new();
         for start in starts {
-            if let Some(at) = self.invert(&prism, x, *start)
-                && !found.iter().any(|other| (*other - at).length() < 0.05)
+            if let Some((at, slope)) = self.invert(&prism, x, *start)
+                && !found.iter().any(|(other, _)| (*other - at).length() < 0.05)
             {
-                found.push(at);
+                found.push((at, slope));
             }
         }
-        let guess = |at: DVec3| self.guess(fan, &prism, at);
+        let guess = |(at, slope): (DVec3, DMat3)| self.guess(fan, &prism, at, slope);
         found.into_iter().map(guess).collect()
     }
 
-    /// The (b, c, t) at which the map is `x`, or comes close where it folds; `None` outside.
-    fn invert(&self, prism: &Prism<'_>, x: DVec3, start: DVec3) -> Option<DVec3> {
+    /// The (b, c, t) at which the map is `x`, or comes close where it folds, with the slope there;
+    /// `None` outside.
+    fn invert(&self, prism: &Prism<'_>, x: DVec3, start: DVec3) -> Option<(DVec3, DMat3)> {
         let allowed = if self.folded { NEAR_FOLD } else { SETTLED };
         let patience = if self.folded { 2 } else { 1 };
         let mut at = start;
@@ -162,11 +170,15 @@ impl Cell {
             let miss = (x - u).length();
             let outside = outside(at) > self.margin();
             if miss <= SETTLED * size || step + 1 == STEPS || (outside && step >= patience) {
-                return (miss <= allowed * size && !outside).then_some(at);
+                return (miss <= allowed * size && !outside).then_some((at, slope));
             }
             let way = slope.inverse() * (x - u);
             if !way.is_finite() {
                 return None;
+            }
+            if !self.folded && miss <= LAST * size {
+                let inside = self::outside(at + way) <= self.margin();
+                return inside.then_some((at + way, slope));
             }
             let long = way.length();
             at += if long > 0.5 { way * (0.5 / long) } else { way };
@@ -174,10 +186,11 @@ impl Cell {
         None
     }
 
-    fn guess(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3) -> Guess {
+    fn guess(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3, slope: DMat3) -> Guess {
         let width = prism.width();
         Guess {
             direction: prism.toward(at).normalize(),
+            spread: prism.spread(at, slope),
             s: (fan.knots[self.knot as usize] + at.z * width).max(1e-3 * width),
             angle: prism.angle(),
             width,

@@ -1,8 +1,9 @@
 //! The geodesics that connect two points, exactly.
 //!
 //! In: guesses of direction and length. Out: [`Connection`]s, by Newton's method with the deviation
-//! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`. Far from its end an attempt is followed coarsely;
-//! when its next step is small, exactly, and what stands in its way is found on the same path.
+//! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`. A guess that brings its own matrix is first followed
+//! without deviation, which costs a fraction; when its next step is small, an attempt is followed with
+//! deviation, and what stands in its way is found on the same path.
 
 use super::{
     cell::Guess,
@@ -42,6 +43,8 @@ pub(crate) struct Attempt {
     /// Direction in the standard frame at the start, and arc length.
     pub direction: DVec3,
     pub s: f64,
+    /// Roughly the two deviations at the end, chart components, if something is known about them.
+    pub spread: Option<[DVec3; 2]>,
 }
 
 /// An attempt with what its last steps have shown.
@@ -54,6 +57,10 @@ struct State {
     step: DVec3,
     /// Whether the step is so small that it may be the last.
     near: bool,
+    /// Whether it is to be followed without deviation, and the next step found by the guess.
+    bare: bool,
+    /// Whether the step was found so.
+    guided: bool,
 }
 
 /// Most integrations of one attempt: honest ones need two, beside caustics three or four. The others
@@ -71,8 +78,9 @@ const LARGEST_STRETCH: f64 = 0.4;
 /// million at a tolerance of 1e-10. A tenth of this would cost another integration for most.
 const ARRIVED: f64 = 1e-2;
 
-/// Coarse integrations have a tolerance of this many times the miss that is allowed, so that they do
-/// not keep the exact one from arriving.
+/// Integrations have a tolerance of this many times the miss that is allowed: what they leave of the
+/// area is no more than what the miss does, and it is well below the distance at which two solutions
+/// are told apart.
 const COARSE: f64 = 0.3;
 
 /// A step that turns by less than this (radians), and changes the arc length by less than this share,
@@ -89,14 +97,14 @@ pub(crate) fn connect(
     tolerance: f64,
     way: Way<'_>,
 ) -> (Vec<(usize, Connection)>, usize) {
-    let coarse = tolerance.max(COARSE * allowed(tolerance));
+    let local = tolerance.max(COARSE * allowed(tolerance).min(0.1 * SAME));
     let mut open: Vec<State> = attempts.into_iter().map(State::new).collect();
     let (mut found, mut followed) = (Vec::new(), 0);
     for _ in 0..MOST_STEPS {
         followed += open.len();
-        let (near, far): (Vec<State>, Vec<State>) = open.iter().partition(|state| state.near);
-        open = approached(manifold, far, coarse);
-        let (arrived, others) = arrived(manifold, near, tolerance, way);
+        let (near, far): (Vec<State>, Vec<State>) = open.into_iter().partition(|s| s.near);
+        open = approached(manifold, far, local);
+        let (arrived, others) = arrived(manifold, near, [local, allowed(tolerance)], way);
         found.extend(arrived);
         open.extend(others);
     }
@@ -108,12 +116,12 @@ fn allowed(tolerance: f64) -> f64 {
     ARRIVED * tolerance.sqrt()
 }
 
-fn settings(tolerance: f64, events: bool) -> Settings {
+fn settings(tolerance: f64, deviation: bool, events: bool) -> Settings {
     Settings {
         tolerance,
         carried: Carried {
             frame: false,
-            deviation: true,
+            deviation,
         },
         events,
     }
@@ -125,30 +133,33 @@ fn rays(manifold: &Manifold, states: &[State]) -> Vec<Ray> {
 
 /// Follows attempts whatever is in their way: those that have a next step, with it.
 fn approached(manifold: &Manifold, states: Vec<State>, tolerance: f64) -> Vec<State> {
-    let ends = ends(
-        manifold,
-        settings(tolerance, false),
-        rays(manifold, &states),
-    );
-    let next = |(state, end): (State, Option<(Step, f64)>)| {
-        let reached = end.filter(|(_, s)| *s >= state.tried().1);
-        let target = reached.and_then(|(step, _)| state.target(manifold, &step));
-        state.stepped(target)
-    };
-    states.into_iter().zip(ends).filter_map(next).collect()
+    let (bare, others): (Vec<State>, Vec<State>) = states.into_iter().partition(|s| s.bare);
+    let mut open = Vec::with_capacity(bare.len() + others.len());
+    for (states, deviation) in [(bare, false), (others, true)] {
+        let settings = settings(tolerance, deviation, false);
+        let ends = ends(manifold, settings, rays(manifold, &states));
+        let next = |(state, end): (State, Option<(Step, f64)>)| {
+            let reached = end.filter(|(_, s)| *s >= state.tried().1);
+            let target = reached.and_then(|(step, _)| state.target(manifold, &step));
+            state.stepped(target)
+        };
+        open.extend(states.into_iter().zip(ends).filter_map(next));
+    }
+    open
 }
 
-/// Follows attempts as far as the way is free: those that have arrived, and those others that have a
-/// next step, with it.
+/// Follows attempts as far as the way is free: those that have arrived, missing by at most the share
+/// `allowed`, and those others that have a next step, with it.
 fn arrived(
     manifold: &Manifold,
     states: Vec<State>,
-    tolerance: f64,
+    [tolerance, allowed]: [f64; 2],
     way: Way<'_>,
 ) -> (Vec<(usize, Connection)>, Vec<State>) {
     let numbers = states.iter().map(|state| state.attempt.index).collect();
     let rays = rays(manifold, &states);
-    let flights = reached(manifold, settings(tolerance, true), rays, numbers, way);
+    let settings = settings(tolerance, true, true);
+    let flights = reached(manifold, settings, rays, numbers, way);
     let (mut found, mut others) = (Vec::new(), Vec::new());
     for (state, flight) in states.into_iter().zip(flights) {
         let target = match &flight {
@@ -157,7 +168,7 @@ fn arrived(
             Reached::Nothing => None,
         };
         match target {
-            Some(target) if target.miss.length() <= allowed(tolerance) * target.s => {
+            Some(target) if target.miss.length() <= allowed * target.s => {
                 found.push((state.attempt.index, target.connection()));
             }
             target => others.extend(state.stepped(target)),
@@ -206,6 +217,8 @@ impl State {
             best: (attempt.direction, attempt.s, f64::INFINITY),
             step: DVec3::ZERO,
             near: false,
+            bare: attempt.spread.is_some(),
+            guided: false,
         }
     }
 
@@ -223,8 +236,9 @@ impl State {
     /// Where the present step has led to; `end` is the last step of its path.
     fn target(&self, manifold: &Manifold, end: &Step) -> Option<Target> {
         let (direction, s) = self.tried();
-        let (u, v, columns) = (end.position(s), end.tangent(s), end.deviation(s)?);
+        let (u, v) = (end.position(s), end.tangent(s));
         let into = manifold.standard_frame(u).inverse();
+        let columns = end.deviation(s).or(self.attempt.spread)?;
         Some(Target {
             direction,
             s,
@@ -243,9 +257,21 @@ impl State {
             Some(target) => {
                 self.best = (target.direction, target.s, target.miss.length());
                 self.step = target.step();
+                self.guided = self.bare;
+            }
+            // The guess has led astray: once more from the best, with deviation.
+            None if self.guided => {
+                let (direction, s, _) = self.best;
+                return Some(Self::new(Attempt {
+                    direction,
+                    s,
+                    spread: None,
+                    ..self.attempt
+                }));
             }
             None => self.step *= 0.5,
         }
+        self.bare = false;
         let (turn, stretch) = (self.step.truncate().length(), self.step.z / self.best.1);
         self.near = turn.max(stretch.abs()) <= NEAR;
         (self.best.2.is_finite() && self.step.is_finite()).then_some(self)
@@ -320,6 +346,7 @@ impl LightFan<'_> {
                 to,
                 direction: guess.direction,
                 s: guess.s,
+                spread: Some(guess.spread),
             };
             self.guesses(point).into_iter().map(attempt)
         });

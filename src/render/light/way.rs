@@ -8,7 +8,11 @@ use super::SurfacePoint;
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
     manifold::Manifold,
-    render::{World, intersect::first_hit, tracer::pieces},
+    render::{
+        World,
+        intersect::{first_hit, is_glued},
+        tracer::pieces,
+    },
 };
 
 /// What may be in the way of a geodesic.
@@ -106,6 +110,9 @@ impl Flight {
     /// Whether what the step meets is the surface of the flight's point; `None` if it meets nothing.
     fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
         let domain = &world.manifold.domain;
+        if !is_glued(domain) && !meets_bounds(world, step) {
+            return None;
+        }
         let mut hits = pieces(step)
             .filter_map(|piece| first_hit(&world.accelerator, domain, &piece, f64::INFINITY));
         let hit = hits.next()?;
@@ -113,4 +120,13 @@ impl Flight {
             hit.triangle == points[self.number].triangle && hit.s > (1.0 - GRAZING) * self.length;
         Some(own || hit.s >= (1.0 - SHORT) * self.length)
     }
+}
+
+/// Whether the step comes near anything at all.
+fn meets_bounds(world: &World, step: &Step) -> bool {
+    let (low, high) = step.bounds();
+    world
+        .accelerator
+        .bounds()
+        .is_some_and(|(least, most)| low.cmple(most).all() && high.cmpge(least).all())
 }
