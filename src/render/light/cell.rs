@@ -130,10 +130,10 @@ impl Cell {
         (!outside).then(|| way.as_dvec3())
     }
 
-    /// Where the light might reach `x` through this cell.
-    pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3) -> Vec<Guess> {
+    /// Tells `add` where the light might reach `x` through this cell.
+    pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, mut add: impl FnMut(Guess)) {
         let Some(way) = self.linear(x) else {
-            return Vec::new();
+            return;
         };
         let prism = self.prism(fan);
         let starts: &[DVec3] = match self.folded {
@@ -146,16 +146,15 @@ impl Cell {
                 DVec3::new(0.33, 0.33, 0.95),
             ],
         };
-        let mut found: Vec<(DVec3, DMat3)> = Vec::new();
-        for start in starts {
+        let mut found = [DVec3::INFINITY; 5];
+        for (i, start) in starts.iter().enumerate() {
             if let Some((at, slope)) = self.invert(&prism, x, *start)
-                && !found.iter().any(|(other, _)| (*other - at).length() < 0.05)
+                && !found.iter().any(|other| (*other - at).length() < 0.05)
             {
-                found.push((at, slope));
+                found[i] = at;
+                add(self.guess(fan, &prism, at, slope));
             }
         }
-        let guess = |(at, slope): (DVec3, DMat3)| self.guess(fan, &prism, at, slope);
-        found.into_iter().map(guess).collect()
     }
 
     /// The (b, c, t) at which the map is `x`, or comes close where it folds, with the slope there;
@@ -176,11 +175,17 @@ impl Cell {
             if !way.is_finite() {
                 return None;
             }
-            if !self.folded && miss <= LAST * size {
-                let inside = self::outside(at + way) <= self.margin();
-                return inside.then_some((at + way, slope));
-            }
             let long = way.length();
+            if !self.folded {
+                let beyond = self::outside(at + way) - self.margin();
+                if miss <= LAST * size {
+                    return (beyond <= 0.0).then_some((at + way, slope));
+                }
+                // What a step leaves out is shorter than the step.
+                if beyond > long {
+                    return None;
+                }
+            }
             at += if long > 0.5 { way * (0.5 / long) } else { way };
         }
         None

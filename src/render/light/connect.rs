@@ -8,10 +8,10 @@
 use super::{
     cell::Guess,
     fan::LightFan,
-    way::{Reached, Way, reached},
+    way::{Arrival, Reached, Way, reached},
 };
 use crate::{
-    geodesic::{Ray, Settings, Step, ends, perpendiculars, signed_area},
+    geodesic::{Ray, Settings, perpendiculars, signed_area},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -81,7 +81,7 @@ const ARRIVED: f64 = 1e-2;
 /// Integrations have a tolerance of this many times the miss that is allowed: what they leave of the
 /// area is no more than what the miss does, and it is well below the distance at which two solutions
 /// are told apart.
-const COARSE: f64 = 0.3;
+const COARSE: f64 = 1.0;
 
 /// A step that turns by less than this (radians), and changes the arc length by less than this share,
 /// is expected to be the last: what it leaves out is of the order of its square, and what is in its
@@ -127,8 +127,16 @@ fn settings(tolerance: f64, deviation: bool, events: bool) -> Settings {
     }
 }
 
-fn rays(manifold: &Manifold, states: &[State]) -> Vec<Ray> {
-    states.iter().map(|state| state.ray(manifold)).collect()
+/// How far what the attempts try now comes on its `way`.
+fn followed(
+    manifold: &Manifold,
+    settings: Settings,
+    states: &[State],
+    way: Way<'_>,
+) -> Vec<Reached> {
+    let numbers = states.iter().map(|state| state.attempt.index).collect();
+    let rays = states.iter().map(|state| state.ray(manifold)).collect();
+    reached(manifold, settings, rays, numbers, way)
 }
 
 /// Follows attempts whatever is in their way: those that have a next step, with it.
@@ -137,13 +145,12 @@ fn approached(manifold: &Manifold, states: Vec<State>, tolerance: f64) -> Vec<St
     let mut open = Vec::with_capacity(bare.len() + others.len());
     for (states, deviation) in [(bare, false), (others, true)] {
         let settings = settings(tolerance, deviation, false);
-        let ends = ends(manifold, settings, rays(manifold, &states));
-        let next = |(state, end): (State, Option<(Step, f64)>)| {
-            let reached = end.filter(|(_, s)| *s >= state.tried().1);
-            let target = reached.and_then(|(step, _)| state.target(manifold, &step));
+        let flights = followed(manifold, settings, &states, Way::Any);
+        let next = |(state, flight): (State, Reached)| {
+            let target = state.target(manifold, &flight);
             state.stepped(target)
         };
-        open.extend(states.into_iter().zip(ends).filter_map(next));
+        open.extend(states.into_iter().zip(flights).filter_map(next));
     }
     open
 }
@@ -156,18 +163,13 @@ fn arrived(
     [tolerance, allowed]: [f64; 2],
     way: Way<'_>,
 ) -> (Vec<(usize, Connection)>, Vec<State>) {
-    let numbers = states.iter().map(|state| state.attempt.index).collect();
-    let rays = rays(manifold, &states);
-    let settings = settings(tolerance, true, true);
-    let flights = reached(manifold, settings, rays, numbers, way);
+    let flights = followed(manifold, settings(tolerance, true, true), &states, way);
     let (mut found, mut others) = (Vec::new(), Vec::new());
     for (state, flight) in states.into_iter().zip(flights) {
-        let target = match &flight {
-            Reached::Blocked => continue,
-            Reached::End(step) => state.target(manifold, step),
-            Reached::Nothing => None,
-        };
-        match target {
+        if matches!(flight, Reached::Blocked) {
+            continue;
+        }
+        match state.target(manifold, &flight) {
             Some(target) if target.miss.length() <= allowed * target.s => {
                 found.push((state.attempt.index, target.connection()));
             }
@@ -233,12 +235,14 @@ impl State {
         Ray::new(manifold, self.attempt.from, d, s)
     }
 
-    /// Where the present step has led to; `end` is the last step of its path.
-    fn target(&self, manifold: &Manifold, end: &Step) -> Option<Target> {
+    /// Where the present step has led to, if its path has reached its end.
+    fn target(&self, manifold: &Manifold, flight: &Reached) -> Option<Target> {
+        let &Reached::End(Arrival { u, v, spread }) = flight else {
+            return None;
+        };
         let (direction, s) = self.tried();
-        let (u, v) = (end.position(s), end.tangent(s));
         let into = manifold.standard_frame(u).inverse();
-        let columns = end.deviation(s).or(self.attempt.spread)?;
+        let columns = spread.or(self.attempt.spread)?;
         Some(Target {
             direction,
             s,
@@ -339,6 +343,7 @@ impl LightFan<'_> {
         tolerance: f64,
         way: Way<'_>,
     ) -> (Vec<(usize, Connection)>, usize) {
+        let mut around = Vec::new();
         let attempts = points.enumerate().flat_map(|(index, point)| {
             let attempt = move |(to, guess): (DVec3, Guess)| Attempt {
                 index,
@@ -348,7 +353,7 @@ impl LightFan<'_> {
                 s: guess.s,
                 spread: Some(guess.spread),
             };
-            self.guesses(point).into_iter().map(attempt)
+            self.guesses(point, &mut around).into_iter().map(attempt)
         });
         let (mut found, followed) = connect(self.manifold, attempts.collect(), tolerance, way);
         found.retain(|(_, c)| c.s <= self.length);

@@ -256,19 +256,19 @@ impl<'m> LightFan<'m> {
 
     /// Guesses of all geodesics to the chart point `x`, with the image of `x` that each is for (in
     /// glued coordinates, a point whole periods away).
-    pub(super) fn guesses(&self, x: DVec3) -> Vec<(DVec3, Guess)> {
-        let mut around = Vec::new();
+    /// `around` is room to work in.
+    pub(super) fn guesses(&self, x: DVec3, around: &mut Vec<u32>) -> Vec<(DVec3, Guess)> {
         let mut guesses: Vec<(DVec3, Guess)> = Vec::new();
         for image in self.images(x) {
-            self.boxes.around(image, &mut around);
+            self.boxes.around(image, around);
             let from = guesses.len();
-            for &i in &around {
-                for guess in self.cells[i as usize].guesses(self, image) {
+            for &i in around.iter() {
+                self.cells[i as usize].guesses(self, image, |guess| {
                     let known = guesses[from..].iter().any(|(_, g)| g.is_like(&guess));
                     if !known {
                         guesses.push((image, guess));
                     }
-                }
+                });
             }
         }
         guesses

@@ -14,6 +14,7 @@ use crate::{
         tracer::pieces,
     },
 };
+use glam::DVec3;
 
 /// What may be in the way of a geodesic.
 #[derive(Clone, Copy)]
@@ -26,12 +27,22 @@ pub(crate) enum Way<'a> {
 
 /// How far a geodesic has come.
 pub(super) enum Reached {
-    /// To its end: the last step.
-    End(Box<Step>),
+    /// To its end.
+    End(Arrival),
     /// Not so far.
     Nothing,
     /// To a surface that is in its way.
     Blocked,
+}
+
+/// The end of a geodesic.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrival {
+    /// Chart point, and unit tangent there.
+    pub u: DVec3,
+    pub v: DVec3,
+    /// The two deviations, if they were carried.
+    pub spread: Option<[DVec3; 2]>,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
@@ -95,7 +106,12 @@ impl Sink for Flights<'_> {
             }
         }
         if step.end >= flight.length {
-            flight.reached = Reached::End(Box::new(step.clone()));
+            let s = flight.length;
+            flight.reached = Reached::End(Arrival {
+                u: step.position(s),
+                v: step.tangent(s),
+                spread: step.deviation(s),
+            });
         }
     }
 
