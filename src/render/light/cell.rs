@@ -50,6 +50,11 @@ pub(super) struct Cell {
     inverse: Mat3,
 }
 
+/// Guesses within this share of a cell where nothing folds are of the same geodesic; and a cell whose
+/// linear map puts the point within the larger share of a guess has no other.
+const ALIKE: f64 = 0.2;
+const ROUGHLY_ALIKE: f64 = 0.4;
+
 /// The middle in b, c and t.
 const MIDDLE: DVec3 = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5);
 
@@ -72,9 +77,14 @@ pub(super) struct Guess {
 impl Guess {
     /// Whether both are guesses of the same geodesic: close to each other where nothing folds.
     pub fn is_like(&self, other: &Self) -> bool {
-        let close = (self.direction - other.direction).length() < 0.2 * self.angle
-            && (self.s - other.s).abs() < 0.2 * self.width;
-        close && (!self.folded && !other.folded)
+        !other.folded && self.is_near(other.direction, other.s, ALIKE)
+    }
+
+    /// Whether nothing folds and a geodesic is within this share of the cell.
+    fn is_near(&self, direction: DVec3, s: f64, share: f64) -> bool {
+        let close = (self.direction - direction).length() < share * self.angle
+            && (self.s - s).abs() < share * self.width;
+        close && !self.folded
     }
 }
 
@@ -119,25 +129,30 @@ impl Cell {
         if self.folded { FOLD_MARGIN } else { MARGIN }
     }
 
-    /// From the middle to `x` in b, c and t, as far as the linear map of the middle can tell; `None` if
-    /// `x` is not in the cell.
-    fn linear(&self, x: DVec3) -> Option<DVec3> {
+    /// The b, c and t of `x`, as far as the linear map of the middle can tell; `None` if `x` is not in
+    /// the cell.
+    pub fn place(&self, x: DVec3) -> Option<DVec3> {
         let way = self.inverse * (x.as_vec3() - self.middle);
         let far = if self.folded { FOLD_FAR } else { FAR };
         let third = far + 1.0 / 3.0;
         let outside =
             way.x < -third || way.y < -third || way.x + way.y > third || way.z.abs() > far + 0.5;
-        (!outside).then(|| way.as_dvec3())
+        (!outside).then(|| MIDDLE + way.as_dvec3())
     }
 
-    /// Tells `add` where the light might reach `x` through this cell.
-    pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, mut add: impl FnMut(Guess)) {
-        let Some(way) = self.linear(x) else {
-            return;
-        };
+    /// Adds where the light might reach `x`, roughly at `place`, through this cell, to what is `known`
+    /// already.
+    pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, place: DVec3, known: &mut Vec<Guess>) {
         let prism = self.prism(fan);
+        if !self.folded {
+            let direction = prism.toward(place).normalize();
+            let s = self.arc(fan, &prism, place);
+            if known.iter().any(|g| g.is_near(direction, s, ROUGHLY_ALIKE)) {
+                return;
+            }
+        }
         let starts: &[DVec3] = match self.folded {
-            false => &[MIDDLE + way],
+            false => &[place],
             true => &[
                 DVec3::new(0.1, 0.1, 0.5),
                 DVec3::new(0.8, 0.1, 0.5),
@@ -152,7 +167,10 @@ impl Cell {
                 && !found.iter().any(|other| (*other - at).length() < 0.05)
             {
                 found[i] = at;
-                add(self.guess(fan, &prism, at, slope));
+                let guess = self.guess(fan, &prism, at, slope);
+                if !known.iter().any(|g| g.is_like(&guess)) {
+                    known.push(guess);
+                }
             }
         }
     }
@@ -192,20 +210,25 @@ impl Cell {
     }
 
     fn guess(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3, slope: DMat3) -> Guess {
-        let width = prism.width();
         Guess {
             direction: prism.toward(at).normalize(),
             spread: prism.spread(at, slope),
-            s: (fan.knots[self.knot as usize] + at.z * width).max(1e-3 * width),
+            s: self.arc(fan, prism, at),
             angle: prism.angle(),
-            width,
+            width: prism.width(),
             folded: self.folded,
         }
+    }
+
+    /// The arc length at (b, c, t); not zero.
+    fn arc(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3) -> f64 {
+        let width = prism.width();
+        (fan.knots[self.knot as usize] + at.z * width).max(1e-3 * width)
     }
 }
 
 /// How far outside its cell a point lies, in b, c, t or 1 − b − c.
-fn outside(at: DVec3) -> f64 {
+pub(super) fn outside(at: DVec3) -> f64 {
     let across = (at.truncate() - 0.5).abs().max_element() - 0.5;
     across.max((at.z - 0.5).abs() - 0.5).max(at.x + at.y - 1.0)
 }

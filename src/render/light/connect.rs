@@ -7,7 +7,7 @@
 
 use super::{
     cell::Guess,
-    fan::LightFan,
+    fan::{LightFan, Room},
     way::{Arrival, Reached, Way, reached},
 };
 use crate::{
@@ -343,7 +343,7 @@ impl LightFan<'_> {
         tolerance: f64,
         way: Way<'_>,
     ) -> (Vec<(usize, Connection)>, usize) {
-        let mut around = Vec::new();
+        let mut room = Room::default();
         let attempts = points.enumerate().flat_map(|(index, point)| {
             let attempt = move |(to, guess): (DVec3, Guess)| Attempt {
                 index,
@@ -353,7 +353,7 @@ impl LightFan<'_> {
                 s: guess.s,
                 spread: Some(guess.spread),
             };
-            self.guesses(point, &mut around).into_iter().map(attempt)
+            self.guesses(point, &mut room).into_iter().map(attempt)
         });
         let (mut found, followed) = connect(self.manifold, attempts.collect(), tolerance, way);
         found.retain(|(_, c)| c.s <= self.length);
