@@ -101,6 +101,9 @@ pub(crate) fn connect(
     let mut open: Vec<State> = attempts.into_iter().map(State::new).collect();
     let (mut found, mut followed) = (Vec::new(), 0);
     for _ in 0..MOST_STEPS {
+        if open.is_empty() {
+            break;
+        }
         followed += open.len();
         let (near, far): (Vec<State>, Vec<State>) = open.into_iter().partition(|s| s.near);
         open = approached(manifold, far, local);

@@ -10,7 +10,7 @@ use crate::{
     manifold::Manifold,
     render::{
         World,
-        intersect::{first_hit, is_glued},
+        intersect::{first_hit, may_meet},
         tracer::pieces,
     },
 };
@@ -126,7 +126,7 @@ impl Flight {
     /// Whether what the step meets is the surface of the flight's point; `None` if it meets nothing.
     fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
         let domain = &world.manifold.domain;
-        if !is_glued(domain) && !meets_bounds(world, step) {
+        if !may_meet(&world.accelerator, domain, step.bounds()) {
             return None;
         }
         let mut hits = pieces(step)
@@ -136,13 +136,4 @@ impl Flight {
             hit.triangle == points[self.number].triangle && hit.s > (1.0 - GRAZING) * self.length;
         Some(own || hit.s >= (1.0 - SHORT) * self.length)
     }
-}
-
-/// Whether the step comes near anything at all.
-fn meets_bounds(world: &World, step: &Step) -> bool {
-    let (low, high) = step.bounds();
-    world
-        .accelerator
-        .bounds()
-        .is_some_and(|(least, most)| low.cmple(most).all() && high.cmpge(least).all())
 }
