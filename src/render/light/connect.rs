@@ -1,4 +1,4 @@
-//! The geodesics that connect two points, exactly.
+//! The geodesics that connect two points.
 //!
 //! In: guesses of direction and length. Out: [`Connection`]s, by Newton's method with the deviation
 //! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`. A guess that brings its own matrix is first followed
@@ -74,8 +74,9 @@ const LARGEST_STRETCH: f64 = 0.4;
 
 /// An attempt has arrived when it misses by this share of the arc length times the square root of the
 /// tolerance. The miss is then put right to first order, so that direction and length are as good as
-/// the tolerance; the area stays that of the path beside, off by some ten times the miss: a part in a
-/// million at a tolerance of 1e-10. A tenth of this would cost another integration for most.
+/// the integration (see [`COARSE`]); the area stays that of the path beside, off by some ten times the
+/// miss: a part in a million at a tolerance of 1e-10. A tenth of this would cost another integration
+/// for most.
 const ARRIVED: f64 = 1e-2;
 
 /// Integrations have a tolerance of this many times the miss that is allowed: what they leave of the
