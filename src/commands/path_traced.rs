@@ -49,7 +49,7 @@ struct Report {
     spp: u64,
     seconds: f64,
     /// Geodesics followed: from the camera, from surfaces, and all that were tried to find those that
-    /// connect to lights.
+    /// connect to lights; for most connections two, the first without deviation.
     rays: u64,
     rays_per_second: f64,
     /// Camera rays of the exact tracer.

@@ -106,6 +106,20 @@ impl Quintic {
         c[0] + (c[1] + (c[2] + (c[3] + (c[4] + c[5] * t) * t) * t) * t) * t
     }
 
+    /// Corners of a box around all positions: every term beyond the first lies between zero and its
+    /// coefficient.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let [first, terms @ ..] = self.coefficients;
+        let sum = |part: fn(DVec3, DVec3) -> DVec3| {
+            let mut sum = first;
+            for term in terms {
+                sum += part(term, DVec3::ZERO);
+            }
+            sum
+        };
+        (sum(DVec3::min), sum(DVec3::max))
+    }
+
     /// The velocity (per unit of `h`'s unit) at the fraction `t` of the step.
     pub fn velocity(&self, t: f64) -> DVec3 {
         let c = &self.coefficients;

@@ -30,8 +30,11 @@ pub fn follow<S: Sink>(
     rays: impl IntoIterator<Item = Ray>,
     sink: &mut S,
 ) {
+    let mut rays = rays.into_iter().enumerate().peekable();
+    if rays.peek().is_none() {
+        return;
+    }
     let mut lanes = Lanes::new(manifold, settings);
-    let mut rays = rays.into_iter().enumerate();
     loop {
         lanes.refill(&mut rays, sink);
         if lanes.ray.iter().all(Option::is_none) {

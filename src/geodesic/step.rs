@@ -27,6 +27,11 @@ impl Step {
         self.curve.position(self.fraction(s))
     }
 
+    /// Corners of a box of the chart around the whole step; not the tightest.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        self.curve.bounds()
+    }
+
     /// The tangent at arc length `s`, chart components, unit length to the integrator's tolerance.
     pub fn tangent(&self, s: f64) -> DVec3 {
         self.curve.velocity(self.fraction(s))

@@ -52,6 +52,11 @@ pub fn first_hit(
     first
 }
 
+/// Whether a curve inside the box may meet anything: cheaper than to divide it into pieces.
+pub fn may_meet(accelerator: &Accelerator, domain: &Domain, (low, high): (DVec3, DVec3)) -> bool {
+    is_glued(domain) || accelerator.touches(low, high)
+}
+
 /// Whether any coordinate is glued.
 pub fn is_glued(domain: &Domain) -> bool {
     domain.periodic.iter().any(|p| *p)

@@ -5,7 +5,7 @@
 
 use super::{
     curve::{Ending, ending_at},
-    intersect::first_hit,
+    intersect::{first_hit, may_meet},
     outcome::{Seen, beyond},
     tracer::pieces,
     world::World,
@@ -60,8 +60,9 @@ impl Sink for FirstSeen<'_> {
     fn step(&mut self, ray: usize, step: &Step) {
         let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
         let (u, v, seen) = &mut self.rays[ray];
-        for piece in pieces(step) {
-            if let Some(hit) = first_hit(accelerator, domain, &piece, f64::INFINITY) {
+        if may_meet(accelerator, domain, step.bounds()) {
+            let hit = |piece| first_hit(accelerator, domain, &piece, f64::INFINITY);
+            if let Some(hit) = pieces(step).find_map(hit) {
                 *seen = Some(Seen::Surface(hit));
                 return;
             }

@@ -29,6 +29,10 @@ const STEPS: usize = 10;
 /// rays take it from there. The map itself is hardly better.
 const SETTLED: f64 = 1e-4;
 
+/// A step of Newton's method from where the map misses by this share of the cell, and nothing folds,
+/// leaves about its square, so it settles the guess.
+const LAST: f64 = 1e-2;
+
 /// Where rays fold, a point that the interpolated map misses by this share of the cell may still be
 /// met by the true one.
 const NEAR_FOLD: f64 = 0.05;
@@ -46,6 +50,11 @@ pub(super) struct Cell {
     inverse: Mat3,
 }
 
+/// Guesses within this share of a cell where nothing folds are of the same geodesic; and a cell whose
+/// linear map puts the point within the larger share of a guess has no other.
+const ALIKE: f64 = 0.2;
+const ROUGHLY_ALIKE: f64 = 0.4;
+
 /// The middle in b, c and t.
 const MIDDLE: DVec3 = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5);
 
@@ -56,6 +65,9 @@ pub(super) struct Guess {
     pub direction: DVec3,
     /// Arc length.
     pub s: f64,
+    /// How the point moves when the direction turns towards each of its perpendiculars, by the
+    /// interpolated map.
+    pub spread: [DVec3; 2],
     /// The cell's size, as an angle and as an arc length.
     angle: f64,
     width: f64,
@@ -65,9 +77,14 @@ pub(super) struct Guess {
 impl Guess {
     /// Whether both are guesses of the same geodesic: close to each other where nothing folds.
     pub fn is_like(&self, other: &Self) -> bool {
-        let close = (self.direction - other.direction).length() < 0.2 * self.angle
-            && (self.s - other.s).abs() < 0.2 * self.width;
-        close && (!self.folded && !other.folded)
+        !other.folded && self.is_near(other.direction, other.s, ALIKE)
+    }
+
+    /// Whether nothing folds and a geodesic is within this share of the cell.
+    fn is_near(&self, direction: DVec3, s: f64, share: f64) -> bool {
+        let close = (self.direction - direction).length() < share * self.angle
+            && (self.s - s).abs() < share * self.width;
+        close && !self.folded
     }
 }
 
@@ -112,25 +129,30 @@ impl Cell {
         if self.folded { FOLD_MARGIN } else { MARGIN }
     }
 
-    /// From the middle to `x` in b, c and t, as far as the linear map of the middle can tell; `None` if
-    /// `x` is not in the cell.
-    fn linear(&self, x: DVec3) -> Option<DVec3> {
+    /// The b, c and t of `x`, as far as the linear map of the middle can tell; `None` if `x` is not in
+    /// the cell.
+    pub fn place(&self, x: DVec3) -> Option<DVec3> {
         let way = self.inverse * (x.as_vec3() - self.middle);
         let far = if self.folded { FOLD_FAR } else { FAR };
         let third = far + 1.0 / 3.0;
         let outside =
             way.x < -third || way.y < -third || way.x + way.y > third || way.z.abs() > far + 0.5;
-        (!outside).then(|| way.as_dvec3())
+        (!outside).then(|| MIDDLE + way.as_dvec3())
     }
 
-    /// Where the light might reach `x` through this cell.
-    pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3) -> Vec<Guess> {
-        let Some(way) = self.linear(x) else {
-            return Vec::new();
-        };
+    /// Adds where the light might reach `x`, roughly at `place`, through this cell, to what is `known`
+    /// already.
+    pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, place: DVec3, known: &mut Vec<Guess>) {
         let prism = self.prism(fan);
+        if !self.folded {
+            let direction = prism.toward(place).normalize();
+            let s = self.arc(fan, &prism, place);
+            if known.iter().any(|g| g.is_near(direction, s, ROUGHLY_ALIKE)) {
+                return;
+            }
+        }
         let starts: &[DVec3] = match self.folded {
-            false => &[MIDDLE + way],
+            false => &[place],
             true => &[
                 DVec3::new(0.1, 0.1, 0.5),
                 DVec3::new(0.8, 0.1, 0.5),
@@ -139,20 +161,23 @@ impl Cell {
                 DVec3::new(0.33, 0.33, 0.95),
             ],
         };
-        let mut found: Vec<DVec3> = Vec::new();
-        for start in starts {
-            if let Some(at) = self.invert(&prism, x, *start)
+        let mut found = [DVec3::INFINITY; 5];
+        for (i, start) in starts.iter().enumerate() {
+            if let Some((at, slope)) = self.invert(&prism, x, *start)
                 && !found.iter().any(|other| (*other - at).length() < 0.05)
             {
-                found.push(at);
+                found[i] = at;
+                let guess = self.guess(fan, &prism, at, slope);
+                if !known.iter().any(|g| g.is_like(&guess)) {
+                    known.push(guess);
+                }
             }
         }
-        let guess = |at: DVec3| self.guess(fan, &prism, at);
-        found.into_iter().map(guess).collect()
     }
 
-    /// The (b, c, t) at which the map is `x`, or comes close where it folds; `None` outside.
-    fn invert(&self, prism: &Prism<'_>, x: DVec3, start: DVec3) -> Option<DVec3> {
+    /// The (b, c, t) at which the map is `x`, or comes close where it folds, with the slope there;
+    /// `None` outside.
+    fn invert(&self, prism: &Prism<'_>, x: DVec3, start: DVec3) -> Option<(DVec3, DMat3)> {
         let allowed = if self.folded { NEAR_FOLD } else { SETTLED };
         let patience = if self.folded { 2 } else { 1 };
         let mut at = start;
@@ -162,32 +187,48 @@ impl Cell {
             let miss = (x - u).length();
             let outside = outside(at) > self.margin();
             if miss <= SETTLED * size || step + 1 == STEPS || (outside && step >= patience) {
-                return (miss <= allowed * size && !outside).then_some(at);
+                return (miss <= allowed * size && !outside).then_some((at, slope));
             }
             let way = slope.inverse() * (x - u);
             if !way.is_finite() {
                 return None;
             }
             let long = way.length();
+            if !self.folded {
+                let beyond = self::outside(at + way) - self.margin();
+                if miss <= LAST * size {
+                    return (beyond <= 0.0).then_some((at + way, slope));
+                }
+                // What a step leaves out is shorter than the step.
+                if beyond > long {
+                    return None;
+                }
+            }
             at += if long > 0.5 { way * (0.5 / long) } else { way };
         }
         None
     }
 
-    fn guess(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3) -> Guess {
-        let width = prism.width();
+    fn guess(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3, slope: DMat3) -> Guess {
         Guess {
             direction: prism.toward(at).normalize(),
-            s: (fan.knots[self.knot as usize] + at.z * width).max(1e-3 * width),
+            spread: prism.spread(at, slope),
+            s: self.arc(fan, prism, at),
             angle: prism.angle(),
-            width,
+            width: prism.width(),
             folded: self.folded,
         }
+    }
+
+    /// The arc length at (b, c, t); not zero.
+    fn arc(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3) -> f64 {
+        let width = prism.width();
+        (fan.knots[self.knot as usize] + at.z * width).max(1e-3 * width)
     }
 }
 
 /// How far outside its cell a point lies, in b, c, t or 1 − b − c.
-fn outside(at: DVec3) -> f64 {
+pub(super) fn outside(at: DVec3) -> f64 {
     let across = (at.truncate() - 0.5).abs().max_element() - 0.5;
     across.max((at.z - 0.5).abs() - 0.5).max(at.x + at.y - 1.0)
 }

@@ -1,16 +1,17 @@
-//! The geodesics that connect two points, exactly.
+//! The geodesics that connect two points.
 //!
 //! In: guesses of direction and length. Out: [`Connection`]s, by Newton's method with the deviation
-//! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`. Far from its end an attempt is followed coarsely;
-//! when its next step is small, exactly, and what stands in its way is found on the same path.
+//! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`. A guess that brings its own matrix is first followed
+//! without deviation, which costs a fraction; when its next step is small, an attempt is followed with
+//! deviation, and what stands in its way is found on the same path.
 
 use super::{
     cell::Guess,
-    fan::LightFan,
-    way::{Reached, Way, reached},
+    fan::{LightFan, Room},
+    way::{Arrival, Reached, Way, reached},
 };
 use crate::{
-    geodesic::{Ray, Settings, Step, ends, perpendiculars, signed_area},
+    geodesic::{Ray, Settings, perpendiculars, signed_area},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -42,6 +43,8 @@ pub(crate) struct Attempt {
     /// Direction in the standard frame at the start, and arc length.
     pub direction: DVec3,
     pub s: f64,
+    /// Roughly the two deviations at the end, chart components, if something is known about them.
+    pub spread: Option<[DVec3; 2]>,
 }
 
 /// An attempt with what its last steps have shown.
@@ -54,6 +57,10 @@ struct State {
     step: DVec3,
     /// Whether the step is so small that it may be the last.
     near: bool,
+    /// Whether it is to be followed without deviation, and the next step found by the guess.
+    bare: bool,
+    /// Whether the step was found so.
+    guided: bool,
 }
 
 /// Most integrations of one attempt: honest ones need two, beside caustics three or four. The others
@@ -67,13 +74,15 @@ const LARGEST_STRETCH: f64 = 0.4;
 
 /// An attempt has arrived when it misses by this share of the arc length times the square root of the
 /// tolerance. The miss is then put right to first order, so that direction and length are as good as
-/// the tolerance; the area stays that of the path beside, off by some ten times the miss: a part in a
-/// million at a tolerance of 1e-10. A tenth of this would cost another integration for most.
+/// the integration (see [`COARSE`]); the area stays that of the path beside, off by some ten times the
+/// miss: a part in a million at a tolerance of 1e-10. A tenth of this would cost another integration
+/// for most.
 const ARRIVED: f64 = 1e-2;
 
-/// Coarse integrations have a tolerance of this many times the miss that is allowed, so that they do
-/// not keep the exact one from arriving.
-const COARSE: f64 = 0.3;
+/// Integrations have a tolerance of this many times the miss that is allowed: what they leave of the
+/// area is no more than what the miss does, and it is well below the distance at which two solutions
+/// are told apart.
+const COARSE: f64 = 1.0;
 
 /// A step that turns by less than this (radians), and changes the arc length by less than this share,
 /// is expected to be the last: what it leaves out is of the order of its square, and what is in its
@@ -89,14 +98,17 @@ pub(crate) fn connect(
     tolerance: f64,
     way: Way<'_>,
 ) -> (Vec<(usize, Connection)>, usize) {
-    let coarse = tolerance.max(COARSE * allowed(tolerance));
+    let local = tolerance.max(COARSE * allowed(tolerance).min(0.1 * SAME));
     let mut open: Vec<State> = attempts.into_iter().map(State::new).collect();
     let (mut found, mut followed) = (Vec::new(), 0);
     for _ in 0..MOST_STEPS {
+        if open.is_empty() {
+            break;
+        }
         followed += open.len();
-        let (near, far): (Vec<State>, Vec<State>) = open.iter().partition(|state| state.near);
-        open = approached(manifold, far, coarse);
-        let (arrived, others) = arrived(manifold, near, tolerance, way);
+        let (near, far): (Vec<State>, Vec<State>) = open.into_iter().partition(|s| s.near);
+        open = approached(manifold, far, local);
+        let (arrived, others) = arrived(manifold, near, [local, allowed(tolerance)], way);
         found.extend(arrived);
         open.extend(others);
     }
@@ -108,56 +120,61 @@ fn allowed(tolerance: f64) -> f64 {
     ARRIVED * tolerance.sqrt()
 }
 
-fn settings(tolerance: f64, events: bool) -> Settings {
+fn settings(tolerance: f64, deviation: bool, events: bool) -> Settings {
     Settings {
         tolerance,
         carried: Carried {
             frame: false,
-            deviation: true,
+            deviation,
         },
         events,
     }
 }
 
-fn rays(manifold: &Manifold, states: &[State]) -> Vec<Ray> {
-    states.iter().map(|state| state.ray(manifold)).collect()
+/// How far what the attempts try now comes on its `way`.
+fn followed(
+    manifold: &Manifold,
+    settings: Settings,
+    states: &[State],
+    way: Way<'_>,
+) -> Vec<Reached> {
+    let numbers = states.iter().map(|state| state.attempt.index).collect();
+    let rays = states.iter().map(|state| state.ray(manifold)).collect();
+    reached(manifold, settings, rays, numbers, way)
 }
 
 /// Follows attempts whatever is in their way: those that have a next step, with it.
 fn approached(manifold: &Manifold, states: Vec<State>, tolerance: f64) -> Vec<State> {
-    let ends = ends(
-        manifold,
-        settings(tolerance, false),
-        rays(manifold, &states),
-    );
-    let next = |(state, end): (State, Option<(Step, f64)>)| {
-        let reached = end.filter(|(_, s)| *s >= state.tried().1);
-        let target = reached.and_then(|(step, _)| state.target(manifold, &step));
-        state.stepped(target)
-    };
-    states.into_iter().zip(ends).filter_map(next).collect()
+    let (bare, others): (Vec<State>, Vec<State>) = states.into_iter().partition(|s| s.bare);
+    let mut open = Vec::with_capacity(bare.len() + others.len());
+    for (states, deviation) in [(bare, false), (others, true)] {
+        let settings = settings(tolerance, deviation, false);
+        let flights = followed(manifold, settings, &states, Way::Any);
+        let next = |(state, flight): (State, Reached)| {
+            let target = state.target(manifold, &flight);
+            state.stepped(target)
+        };
+        open.extend(states.into_iter().zip(flights).filter_map(next));
+    }
+    open
 }
 
-/// Follows attempts as far as the way is free: those that have arrived, and those others that have a
-/// next step, with it.
+/// Follows attempts as far as the way is free: those that have arrived, missing by at most the share
+/// `allowed`, and those others that have a next step, with it.
 fn arrived(
     manifold: &Manifold,
     states: Vec<State>,
-    tolerance: f64,
+    [tolerance, allowed]: [f64; 2],
     way: Way<'_>,
 ) -> (Vec<(usize, Connection)>, Vec<State>) {
-    let numbers = states.iter().map(|state| state.attempt.index).collect();
-    let rays = rays(manifold, &states);
-    let flights = reached(manifold, settings(tolerance, true), rays, numbers, way);
+    let flights = followed(manifold, settings(tolerance, true, true), &states, way);
     let (mut found, mut others) = (Vec::new(), Vec::new());
     for (state, flight) in states.into_iter().zip(flights) {
-        let target = match &flight {
-            Reached::Blocked => continue,
-            Reached::End(step) => state.target(manifold, step),
-            Reached::Nothing => None,
-        };
-        match target {
-            Some(target) if target.miss.length() <= allowed(tolerance) * target.s => {
+        if matches!(flight, Reached::Blocked) {
+            continue;
+        }
+        match state.target(manifold, &flight) {
+            Some(target) if target.miss.length() <= allowed * target.s => {
                 found.push((state.attempt.index, target.connection()));
             }
             target => others.extend(state.stepped(target)),
@@ -206,6 +223,8 @@ impl State {
             best: (attempt.direction, attempt.s, f64::INFINITY),
             step: DVec3::ZERO,
             near: false,
+            bare: attempt.spread.is_some(),
+            guided: false,
         }
     }
 
@@ -220,11 +239,14 @@ impl State {
         Ray::new(manifold, self.attempt.from, d, s)
     }
 
-    /// Where the present step has led to; `end` is the last step of its path.
-    fn target(&self, manifold: &Manifold, end: &Step) -> Option<Target> {
+    /// Where the present step has led to, if its path has reached its end.
+    fn target(&self, manifold: &Manifold, flight: &Reached) -> Option<Target> {
+        let &Reached::End(Arrival { u, v, spread }) = flight else {
+            return None;
+        };
         let (direction, s) = self.tried();
-        let (u, v, columns) = (end.position(s), end.tangent(s), end.deviation(s)?);
         let into = manifold.standard_frame(u).inverse();
+        let columns = spread.or(self.attempt.spread)?;
         Some(Target {
             direction,
             s,
@@ -243,9 +265,21 @@ impl State {
             Some(target) => {
                 self.best = (target.direction, target.s, target.miss.length());
                 self.step = target.step();
+                self.guided = self.bare;
+            }
+            // The guess has led astray: once more from the best, with deviation.
+            None if self.guided => {
+                let (direction, s, _) = self.best;
+                return Some(Self::new(Attempt {
+                    direction,
+                    s,
+                    spread: None,
+                    ..self.attempt
+                }));
             }
             None => self.step *= 0.5,
         }
+        self.bare = false;
         let (turn, stretch) = (self.step.truncate().length(), self.step.z / self.best.1);
         self.near = turn.max(stretch.abs()) <= NEAR;
         (self.best.2.is_finite() && self.step.is_finite()).then_some(self)
@@ -313,6 +347,7 @@ impl LightFan<'_> {
         tolerance: f64,
         way: Way<'_>,
     ) -> (Vec<(usize, Connection)>, usize) {
+        let mut room = Room::default();
         let attempts = points.enumerate().flat_map(|(index, point)| {
             let attempt = move |(to, guess): (DVec3, Guess)| Attempt {
                 index,
@@ -320,8 +355,9 @@ impl LightFan<'_> {
                 to,
                 direction: guess.direction,
                 s: guess.s,
+                spread: Some(guess.spread),
             };
-            self.guesses(point).into_iter().map(attempt)
+            self.guesses(point, &mut room).into_iter().map(attempt)
         });
         let (mut found, followed) = connect(self.manifold, attempts.collect(), tolerance, way);
         found.retain(|(_, c)| c.s <= self.length);

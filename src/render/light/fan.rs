@@ -6,7 +6,7 @@
 
 use super::{
     boxes::Boxes,
-    cell::{Cell, Guess},
+    cell::{Cell, Guess, outside},
     icosphere,
 };
 use crate::{
@@ -63,6 +63,15 @@ pub(super) struct FanRay {
     pub spread: Vec<[Vec3; 2]>,
     /// Whether the area is negative.
     pub reversed: Vec<bool>,
+}
+
+/// Room to look for guesses in.
+#[derive(Default)]
+pub(super) struct Room {
+    around: Vec<u32>,
+    /// Cells, and roughly where in them the point is.
+    places: Vec<(u32, DVec3)>,
+    known: Vec<Guess>,
 }
 
 /// The rays of a light.
@@ -256,20 +265,21 @@ impl<'m> LightFan<'m> {
 
     /// Guesses of all geodesics to the chart point `x`, with the image of `x` that each is for (in
     /// glued coordinates, a point whole periods away).
-    pub(super) fn guesses(&self, x: DVec3) -> Vec<(DVec3, Guess)> {
-        let mut around = Vec::new();
+    pub(super) fn guesses(&self, x: DVec3, room: &mut Room) -> Vec<(DVec3, Guess)> {
         let mut guesses: Vec<(DVec3, Guess)> = Vec::new();
         for image in self.images(x) {
-            self.boxes.around(image, &mut around);
-            let from = guesses.len();
-            for &i in &around {
-                for guess in self.cells[i as usize].guesses(self, image) {
-                    let known = guesses[from..].iter().any(|(_, g)| g.is_like(&guess));
-                    if !known {
-                        guesses.push((image, guess));
-                    }
-                }
+            self.boxes.around(image, &mut room.around);
+            room.places.clear();
+            let place = |i: &u32| Some((*i, self.cells[*i as usize].place(image)?));
+            room.places.extend(room.around.iter().filter_map(place));
+            // The cell that the point is in first: what it finds spares the search in its neighbours.
+            room.places
+                .sort_by(|(_, a), (_, b)| outside(*a).total_cmp(&outside(*b)));
+            room.known.clear();
+            for (i, place) in &room.places {
+                self.cells[*i as usize].guesses(self, image, *place, &mut room.known);
             }
+            guesses.extend(room.known.iter().map(|guess| (image, *guess)));
         }
         guesses
     }

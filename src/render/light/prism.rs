@@ -11,7 +11,7 @@
 
 use super::fan::FanRay;
 use crate::geodesic::perpendiculars;
-use glam::{DMat3, DVec3};
+use glam::{DMat2, DMat3, DVec2, DVec3};
 
 /// Three rays between two knots.
 pub(super) struct Prism<'f> {
@@ -101,6 +101,17 @@ impl<'f> Prism<'f> {
     pub fn toward(&self, at: DVec3) -> DVec3 {
         let [p, q, o] = self.rays.map(|r| r.direction);
         p * (1.0 - at.x - at.y) + q * at.x + o * at.y
+    }
+
+    /// How the point moves when the direction at (b, c, t) turns towards each of its perpendiculars;
+    /// `slope` is that of the map there.
+    pub fn spread(&self, at: DVec3, slope: DMat3) -> [DVec3; 2] {
+        let toward = self.toward(at);
+        let across = perpendiculars(toward.normalize());
+        let [p, q, o] = self.rays.map(|r| r.direction);
+        let turn = |way: DVec3| DVec2::from_array(across.map(|e| e.dot(way))) / toward.length();
+        let weights = DMat2::from_cols(turn(q - p), turn(o - p)).inverse();
+        [weights.x_axis, weights.y_axis].map(|w| slope.x_axis * w.x + slope.y_axis * w.y)
     }
 
     /// Whether the rays' own maps tell anything about the other rays.

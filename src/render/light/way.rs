@@ -8,8 +8,13 @@ use super::SurfacePoint;
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
     manifold::Manifold,
-    render::{World, intersect::first_hit, tracer::pieces},
+    render::{
+        World,
+        intersect::{first_hit, may_meet},
+        tracer::pieces,
+    },
 };
+use glam::DVec3;
 
 /// What may be in the way of a geodesic.
 #[derive(Clone, Copy)]
@@ -22,12 +27,22 @@ pub(crate) enum Way<'a> {
 
 /// How far a geodesic has come.
 pub(super) enum Reached {
-    /// To its end: the last step.
-    End(Box<Step>),
+    /// To its end.
+    End(Arrival),
     /// Not so far.
     Nothing,
     /// To a surface that is in its way.
     Blocked,
+}
+
+/// The end of a geodesic.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrival {
+    /// Chart point, and unit tangent there.
+    pub u: DVec3,
+    pub v: DVec3,
+    /// The two deviations, if they were carried.
+    pub spread: Option<[DVec3; 2]>,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
@@ -91,7 +106,12 @@ impl Sink for Flights<'_> {
             }
         }
         if step.end >= flight.length {
-            flight.reached = Reached::End(Box::new(step.clone()));
+            let s = flight.length;
+            flight.reached = Reached::End(Arrival {
+                u: step.position(s),
+                v: step.tangent(s),
+                spread: step.deviation(s),
+            });
         }
     }
 
@@ -106,6 +126,9 @@ impl Flight {
     /// Whether what the step meets is the surface of the flight's point; `None` if it meets nothing.
     fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
         let domain = &world.manifold.domain;
+        if !may_meet(&world.accelerator, domain, step.bounds()) {
+            return None;
+        }
         let mut hits = pieces(step)
             .filter_map(|piece| first_hit(&world.accelerator, domain, &piece, f64::INFINITY));
         let hit = hits.next()?;

@@ -154,6 +154,7 @@ pub fn principal(
             to,
             direction: way.try_normalize()?,
             s: way.length(),
+            spread: None,
         })
     });
     let (found, followed) = connect(&world.manifold, attempts.collect(), tolerance, Way::Any);
