@@ -30,7 +30,8 @@ use std::ops::Range;
 pub const LARGEST_TILE: usize = 64;
 
 /// A tile brings nine paths of its own (the others serve its neighbours too), so one with fewer
-/// samples than this is not worth its paths.
+/// samples than this is not worth its paths. Measured on the wormhole gallery, 16 takes as long: what
+/// smaller tiles save in single paths they cost in paths of their own.
 const FEWEST_SAMPLES: usize = 64;
 
 /// A square of pixels.
