@@ -9,6 +9,7 @@ pub mod container;
 mod contracted;
 mod fan;
 mod file;
+mod matrix;
 pub mod measure;
 mod outlier;
 mod polynomial;

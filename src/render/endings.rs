@@ -181,3 +181,23 @@ fn counting(events: &Registers<f64, LANES>, before: &[f64]) -> [bool; LANES] {
     }
     counts
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_root_of_a_parabola_is_nearer_than_that_of_its_chord() {
+        let f = |t: f64| (t - 0.3) * (t + 2.0);
+        let t = root([f(0.0), f(1.0), f(2.0)]);
+        assert!((t - 0.3).abs() < 0.005, "{t}");
+        // A line is its own chord.
+        assert_eq!(root([-1.0, 3.0, 7.0]), 0.25);
+    }
+
+    #[test]
+    fn what_is_positive_already_or_no_number_begins_at_once() {
+        assert_eq!(root([0.5, 1.0, 1.5]), 0.0);
+        assert_eq!(root([f64::NAN, 1.0, 2.0]), 0.0);
+    }
+}
