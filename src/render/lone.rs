@@ -5,15 +5,14 @@
 //! chords have to be, and those cubics are intersected in order.
 
 use super::{
-    curve::{Ending, Piece},
+    curve::Ending,
     intersect::{CHORD_ERROR, first_hit},
     outcome::{Seen, beyond},
     ribbon::Touched,
-    strands::{ROWS, Strand},
+    strands::{ROWS, Strand, knots_until},
     tracer::GridTracer,
     world::World,
 };
-use glam::DVec3;
 
 /// How many cubics replace one piece whose cubic may be off by the angle `slack`: a cubic's error
 /// falls with the fourth power of its length.
@@ -39,28 +38,21 @@ impl Lone {
         world: &World,
     ) -> Seen {
         let limit = ending.limit();
-        let knots = strand.knots;
-        let last = (knots.partition_point(|s| *s < limit) + 1).min(knots.len());
+        let last = knots_until(strand.knots, limit);
         self.touched
             .find(&[strand], last, world, 0.0, tracer.slack());
-        self.sample(strand, tracer);
-        let n = self.lengths.len();
-        let point = |i: usize, c: usize| {
-            DVec3::new(
-                self.rows[c * n + i],
-                self.rows[(c + 1) * n + i],
-                self.rows[(c + 2) * n + i],
-            )
-        };
         let per_piece = finer(tracer.slack());
+        self.sample(strand, tracer, per_piece);
+        let closer = Strand {
+            knots: &self.lengths,
+            rows: &self.rows,
+            known: self.lengths.len(),
+            ..strand
+        };
         let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
-        for first in (0..n).step_by(per_piece + 1) {
+        for first in (0..closer.known).step_by(per_piece + 1) {
             for i in first..first + per_piece {
-                let piece = Piece {
-                    s: [self.lengths[i], self.lengths[i + 1]],
-                    u: [point(i, 0), point(i + 1, 0)],
-                    v: [point(i, 3), point(i + 1, 3)],
-                };
+                let piece = closer.piece(i);
                 if let Some(hit) = first_hit(accelerator, domain, &piece, limit) {
                     return Seen::Surface(hit);
                 }
@@ -69,9 +61,8 @@ impl Lone {
         beyond(ending)
     }
 
-    /// The path at the ends of the finer cubics of its touched pieces.
-    fn sample(&mut self, strand: Strand<'_>, tracer: &dyn GridTracer) {
-        let per_piece = finer(tracer.slack());
+    /// The path at the ends of the finer cubics, so many for each of its touched pieces.
+    fn sample(&mut self, strand: Strand<'_>, tracer: &dyn GridTracer, per_piece: usize) {
         self.lengths.clear();
         for &k in &self.touched.pieces {
             let [from, to] = [strand.knots[k], strand.knots[k + 1]];

@@ -47,7 +47,6 @@ pub struct Touched {
     /// Their numbers, ascending.
     pub pieces: Vec<usize>,
     tube: Tube,
-    near: Vec<bool>,
 }
 
 impl Touched {
@@ -62,23 +61,15 @@ impl Touched {
         slack: f64,
     ) {
         self.pieces.clear();
-        let Some(bounds) = world.accelerator.bounds() else {
+        if world.faces.is_empty() {
             return;
-        };
-        // In a glued space the scene is everywhere.
-        let bounds = match is_glued(&world.manifold.domain) {
-            true => (DVec3::NEG_INFINITY, DVec3::INFINITY),
-            false => bounds,
-        };
+        }
         vectorised(
             #[inline(always)]
-            || {
-                self.tube.surround(strands, last, margin, slack);
-                self.tube.meeting(bounds, &mut self.near);
-            },
+            || self.tube.surround(strands, last, margin, slack),
         );
-        let (tube, near) = (&self.tube, &self.near);
-        let touched = (0..tube.pieces()).filter(|k| near[*k] && meets(world, tube.piece(*k)));
+        let tube = &self.tube;
+        let touched = (0..tube.pieces()).filter(|k| meets(world, tube.piece(*k)));
         self.pieces.extend(touched);
     }
 }

@@ -6,7 +6,7 @@
 use super::{
     curve::Ending,
     lanes::{LANES, Lanes, Points, each, each_point},
-    strands::{ROWS, Strand, Strands},
+    strands::{ROWS, Strand, Strands, knots_until},
     tracer::GridTracer,
 };
 use glam::DVec3;
@@ -94,8 +94,7 @@ impl<'a> Sheaf<'a> {
     /// How many knots matter: up to the first at which all have ended.
     pub fn last(&self) -> usize {
         let limit = self.limits().into_iter().fold(0.0, f64::max);
-        let knots = self.strands.knots();
-        (knots.partition_point(|s| *s < limit) + 1).min(knots.len())
+        knots_until(self.strands.knots(), limit)
     }
 
     /// Whether all paths are known at all knots that matter.
@@ -197,20 +196,6 @@ impl Tube {
     pub fn piece(&self, k: usize) -> (DVec3, DVec3) {
         let corner = |side: &[Vec<f64>; 3]| DVec3::new(side[0][k], side[1][k], side[2][k]);
         (corner(&self.low), corner(&self.high))
-    }
-
-    /// Which boxes meet the one with these corners, into `meets`.
-    #[inline(always)]
-    pub fn meeting(&self, (low, high): (DVec3, DVec3), meets: &mut Vec<bool>) {
-        let pieces = self.pieces();
-        meets.clear();
-        meets.resize(pieces, true);
-        for c in 0..3 {
-            let (lows, highs) = (&self.low[c][..pieces], &self.high[c][..pieces]);
-            for (k, meets) in meets.iter_mut().enumerate() {
-                *meets &= (lows[k] <= high[c]) & (highs[k] >= low[c]);
-            }
-        }
     }
 }
 

@@ -121,6 +121,11 @@ pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
     }
 }
 
+/// How many of the `knots` matter to what ends at `limit`: up to the first that is not before it.
+pub fn knots_until(knots: &[f64], limit: f64) -> usize {
+    (knots.partition_point(|s| *s < limit) + 1).min(knots.len())
+}
+
 /// Writes a point and a tangent into column `i` of six rows.
 pub fn put(rows: &mut [f64], i: usize, (u, v): (DVec3, DVec3)) {
     let n = rows.len() / ROWS;
