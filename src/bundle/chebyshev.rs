@@ -40,12 +40,31 @@ pub fn transform(n: usize) -> Array2<f64> {
     matrix
 }
 
+/// The matrix that takes `n` coefficients to samples at [`nodes`].
+pub fn inverse_transform(n: usize) -> Array2<f64> {
+    let mut matrix = Array2::zeros((n, n));
+    for (x, mut row) in nodes(n).iter().zip(matrix.outer_iter_mut()) {
+        values(*x, row.as_slice_mut().expect("contiguous"));
+    }
+    matrix
+}
+
 /// Samples on a tensor grid of nodes → coefficients, along the first `axes` axes.
 pub fn coefficients(samples: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
-    let shape = samples.shape().to_vec();
-    let mut values: Vec<f64> = samples.as_standard_layout().iter().copied().collect();
+    along_axes(samples, axes, transform)
+}
+
+/// Coefficients → samples on the tensor grid of nodes, along the first `axes` axes.
+pub fn samples(coefficients: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
+    along_axes(coefficients, axes, inverse_transform)
+}
+
+/// The square matrices that `of` gives for their lengths, applied to the first `axes` axes.
+fn along_axes(array: ArrayD<f64>, axes: usize, of: impl Fn(usize) -> Array2<f64>) -> ArrayD<f64> {
+    let shape = array.shape().to_vec();
+    let mut values: Vec<f64> = array.as_standard_layout().iter().copied().collect();
     for axis in 0..axes {
-        let matrix = transform(shape[axis]);
+        let matrix = of(shape[axis]);
         let block = shape[axis..].iter().product();
         let mut out = vec![0.0; values.len()];
         for (from, to) in values.chunks_exact(block).zip(out.chunks_exact_mut(block)) {
@@ -83,7 +102,13 @@ mod tests {
         let (nx, ny) = (5, 6);
         let (xs, ys) = (nodes(nx), nodes(ny));
         let samples = ArrayD::from_shape_fn(IxDyn(&[nx, ny]), |i| f(xs[i[0]], ys[i[1]]));
-        let c = coefficients(samples, 2);
+        let c = coefficients(samples.clone(), 2);
+        let back = super::samples(c.clone(), 2);
+        assert!(
+            back.iter()
+                .zip(&samples)
+                .all(|(a, b)| (a - b).abs() < 1e-14)
+        );
         let (mut tx, mut ty) = (vec![0.0; nx], vec![0.0; ny]);
         for (x, y) in [(0.3, -0.9), (-1.0, 1.0), (0.11, 0.5)] {
             values(x, &mut tx);

@@ -20,12 +20,13 @@ const SMALL: usize = 96;
 /// Columns that a random range has more than the rank it is to find.
 const OVERSAMPLING: usize = 12;
 
-/// The largest rank worth having: beyond it plain coefficients are smaller.
-const MOST_RANK: usize = 500;
-
-/// The train of `coefficients` (axes camera…, direction…, arc length, channel); `None` where a rank
-/// explodes.
-pub fn decompose(coefficients: &ArrayD<f64>, cameras: usize, threshold: f64) -> Option<Train> {
+/// The train of `coefficients` (axes camera…, direction…, arc length, channel) without singular values
+/// below `threshold`; `None` where a rank exceeds `most_rank`.
+pub fn decompose(
+    coefficients: &ArrayD<f64>,
+    cameras: usize,
+    (threshold, most_rank): (f64, usize),
+) -> Option<Train> {
     let directions = coefficients.ndim() - 2 - cameras;
     let axes = Layout::Paired.cores(cameras, directions);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
@@ -40,7 +41,7 @@ pub fn decompose(coefficients: &ArrayD<f64>, cameras: usize, threshold: f64) -> 
     let (mut cores, mut scales, mut rank) = (Vec::new(), Vec::new(), 1);
     for core in &sizes[..sizes.len() - 1] {
         let rows = rank * core[0];
-        let split = Split::new(&rest, rows, threshold)?;
+        let split = Split::new(&rest, rows, (threshold, most_rank))?;
         let bond: Vec<Scale> = split.singular.iter().map(|x| Scale::near(*x)).collect();
         let left = split.left.chunks_exact(bond.len());
         let scaled = left.flat_map(|row| row.iter().zip(&bond).map(|(x, s)| x * s.value()));
@@ -71,7 +72,7 @@ struct Split {
 }
 
 impl Split {
-    fn new(flat: &[f64], rows: usize, threshold: f64) -> Option<Self> {
+    fn new(flat: &[f64], rows: usize, (threshold, most_rank): (f64, usize)) -> Option<Self> {
         let columns = flat.len() / rows;
         let a = MatRef::from_row_major_slice(flat, rows, columns);
         if rows.min(columns) <= SMALL {
@@ -85,7 +86,7 @@ impl Split {
                 return Some(split);
             }
             rank *= 2;
-            if rank > MOST_RANK {
+            if rank > most_rank {
                 return None;
             }
         }
@@ -158,7 +159,7 @@ mod tests {
             let cameras = shape.len() - 4;
             let cameras = if shape.len() == 4 { 1 } else { cameras };
             let step = Scale::near(1e-5);
-            let train = decompose(&c, cameras, 0.3e-5)
+            let train = decompose(&c, cameras, (0.3e-5, 500))
                 .unwrap()
                 .rounded(step)
                 .unwrap();
@@ -192,7 +193,7 @@ mod tests {
                     .sum()
             })
             .collect();
-        let split = Split::new(&flat, rows, 1e-7).unwrap();
+        let split = Split::new(&flat, rows, (1e-7, 100)).unwrap();
         let rank = split.singular.len();
         assert!(rank < 30);
         for (i, j) in [(0, 0), (17, 300), (149, 399), (80, 5)] {

@@ -9,7 +9,7 @@
 //! (`held_out`, `quantise`). Otherwise it is halved along the axis that needs it most; one too
 //! small for that is flagged.
 
-mod decompose;
+pub(crate) mod decompose;
 mod held_out;
 mod quantise;
 mod region;

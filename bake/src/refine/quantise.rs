@@ -23,6 +23,9 @@ const FINE_ENOUGH: f64 = 0.005;
 /// Singular values below this share of the finest step round to zero.
 const NEGLIGIBLE: f64 = 0.5;
 
+/// The largest rank worth having: beyond it plain coefficients are smaller.
+const MOST_RANK: usize = 500;
+
 /// The most coefficients for which rounding them one by one is tried: larger polynomials always take
 /// fewer bytes as trains, and reading them at a ray takes as long as fitting them.
 const MOST_PLAIN: f64 = 3e5;
@@ -58,7 +61,7 @@ impl Refiner<'_> {
         let count = polynomial.0.len() as f64;
         let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
         let finest = finest.max(ROOM * largest(polynomial));
-        let train = decompose(&polynomial.0, cameras, NEGLIGIBLE * finest);
+        let train = decompose(&polynomial.0, cameras, (NEGLIGIBLE * finest, MOST_RANK));
         let train = train.and_then(|train| coarsest(&train, finest, &error));
         if count > MOST_PLAIN {
             return train.map(|(_, found)| found);

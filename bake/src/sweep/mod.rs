@@ -11,6 +11,7 @@ mod frames;
 pub mod grid;
 mod maps;
 pub mod npz;
+mod npz_bytes;
 mod patches;
 mod point;
 mod report;

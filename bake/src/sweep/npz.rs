@@ -8,6 +8,7 @@
 
 use super::{
     grid::{Axes, Samples, Spacing, stored_channels},
+    npz_bytes,
     patches::interrupted,
 };
 use crate::plan::plan;
@@ -16,7 +17,7 @@ use geofan::{
     fan::{DISPLACEMENT, FanSpace},
     files::write_atomically,
     manifold::Manifold,
-    terminal::Interrupt,
+    terminal::{self, Interrupt, values},
 };
 use ndarray::{Array1, ArrayD, Axis, IxDyn, Slice};
 use ndarray_npy::{NpzWriter, WriteNpzError};
@@ -42,6 +43,10 @@ pub struct TensorArgs {
     /// Without the transported rotations
     #[arg(long, requires = "npz_nodes")]
     pub npz_no_frames: bool,
+    /// Say how many bytes the tensor takes as one quantised train, as in a bundle, if no number may
+    /// be off by more than this; may be repeated; needs --npz-spacing chebyshev
+    #[arg(long, value_name = "E", requires = "npz_nodes", value_parser = values::positive)]
+    pub npz_train: Vec<f64>,
 }
 
 /// The most numbers of a tensor: four gigabytes.
@@ -77,9 +82,16 @@ impl TensorArgs {
         let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
         let frames = !self.npz_no_frames;
         let axes = self.axes(&space, length, nodes)?;
+        if !self.npz_train.is_empty() && self.npz_spacing == Spacing::Uniform {
+            let message = "trains are of Chebyshev polynomials: add --npz-spacing chebyshev";
+            return Err(Error::input("--npz-train", message));
+        }
         let stop = || interrupt.requested();
         let samples = Samples::new(&space, axes, (plan.tolerance, frames), stop);
         let samples = samples.ok_or_else(interrupted)?;
+        for line in npz_bytes::lines(&samples, &self.npz_train)? {
+            terminal::print(&line)?;
+        }
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         write(out, &format!("{stem}-{}", self.name(nodes)), &samples)
     }
