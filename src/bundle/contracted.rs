@@ -24,7 +24,7 @@ const BLOCK: usize = 16;
 
 impl Contracted {
     /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest.
-    pub fn new(shape: &[usize], coefficients: &[f64]) -> Self {
+    pub fn new(shape: &[usize], coefficients: &[f32]) -> Self {
         let axis = |from_end: usize| shape.len().checked_sub(from_end).map_or(1, |i| shape[i]);
         let (channels, lengths) = (axis(1), axis(2));
         let row = (channels * lengths).max(1);
@@ -34,9 +34,7 @@ impl Contracted {
             .chunks_exact_mut(padded)
             .zip(coefficients.chunks_exact(row))
         {
-            for (to, from) in to.iter_mut().zip(from) {
-                *to = *from as f32;
-            }
+            to[..row].copy_from_slice(from);
         }
         Self {
             table,
@@ -130,7 +128,7 @@ mod tests {
     fn rows_of_any_length_are_summed_like_one_by_one() {
         for (np, nq, lengths, channels) in [(3, 4, 17, 3), (5, 1, 2, 2), (1, 1, 32, 1)] {
             let count = np * nq * lengths * channels;
-            let table: Vec<f64> = (0..count).map(|i| (i as f64 * 0.7).sin()).collect();
+            let table: Vec<f32> = (0..count).map(|i| (i as f32 * 0.7).sin()).collect();
             let contracted = Contracted::new(&[np, nq, lengths, channels], &table);
             let (p, q) = (0.3, -0.8);
             let mut found = EMPTY_ROW;
@@ -141,7 +139,7 @@ mod tests {
                 for i in 0..np {
                     for j in 0..nq {
                         let (a, b) = ((i as f64) * p.acos(), (j as f64) * q.acos());
-                        expected += a.cos() * b.cos() * table[(i * nq + j) * row + at];
+                        expected += a.cos() * b.cos() * f64::from(table[(i * nq + j) * row + at]);
                     }
                 }
                 assert!((found[at] - expected).abs() < 1e-5);

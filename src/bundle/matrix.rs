@@ -4,18 +4,18 @@
 //! summed out or multiplied. Every number is summed in the order of the axis, whatever the blocks, so
 //! that the bits are the same on every machine.
 
-use crate::expr::vectorised;
+use crate::expr::{real::Real, vectorised};
 
 /// The numbers of rows as long as `factors`, times these.
-pub(super) fn scaled<T>(values: &[T], real: impl Fn(&T) -> f64, factors: &[f64]) -> Vec<f64> {
-    let mut to = vec![0.0; values.len()];
+pub(super) fn scaled<N, T: Real>(values: &[N], real: impl Fn(&N) -> T, factors: &[T]) -> Vec<T> {
+    let mut to = vec![T::ZERO; values.len()];
     vectorised(
         #[inline(always)]
         || {
             let rows = values.chunks_exact(factors.len());
             for (to, row) in to.chunks_exact_mut(factors.len()).zip(rows) {
                 for ((to, x), factor) in to.iter_mut().zip(row).zip(factors) {
-                    *to = real(x) * factor;
+                    *to = real(x) * *factor;
                 }
             }
         },
@@ -24,14 +24,14 @@ pub(super) fn scaled<T>(values: &[T], real: impl Fn(&T) -> f64, factors: &[f64])
 }
 
 /// `Σ_i w_i x[a, i, b]` for an array (left, weights, right).
-pub(super) fn summed<T>(
-    values: &[T],
-    real: impl Fn(&T) -> f64,
+pub(super) fn summed<N, T: Real>(
+    values: &[N],
+    real: impl Fn(&N) -> T,
     left: usize,
     right: usize,
-    weights: &[f64],
-) -> Vec<f64> {
-    let mut sums = vec![0.0; left * right];
+    weights: &[T],
+) -> Vec<T> {
+    let mut sums = vec![T::ZERO; left * right];
     vectorised(
         #[inline(always)]
         || {
@@ -39,7 +39,7 @@ pub(super) fn summed<T>(
             for (sum, block) in sums.chunks_exact_mut(right).zip(blocks) {
                 for (part, w) in block.chunks_exact(right).zip(weights) {
                     for (s, x) in sum.iter_mut().zip(part) {
-                        *s += w * real(x);
+                        *s = *s + *w * real(x);
                     }
                 }
             }
@@ -50,52 +50,54 @@ pub(super) fn summed<T>(
 
 /// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of
 /// the rows of `b`.
-pub(super) fn product(a: &[f64], inner: usize, b: &[f64]) -> Vec<f64> {
+pub(super) fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let width = b.len() / inner;
-    let mut product = vec![0.0; a.len() / inner * width];
+    let rows = a.len() / inner;
+    let mut product = vec![T::ZERO; rows * width];
     vectorised(
         #[inline(always)]
         || {
-            const ROWS: usize = 4;
-            let bands = a.chunks(ROWS * inner).zip(product.chunks_mut(ROWS * width));
-            for (rows, out) in bands {
-                match rows.len() / inner {
-                    ROWS => band::<ROWS>(rows, inner, b, out),
-                    _ => {
-                        let single = rows.chunks_exact(inner).zip(out.chunks_exact_mut(width));
-                        single.for_each(|(row, out)| band::<1>(row, inner, b, out));
-                    }
-                }
+            let mut row = 0;
+            while row < rows {
+                let (a, out) = (&a[row * inner..], &mut product[row * width..]);
+                row += match rows - row {
+                    8.. => band::<T, 8>(a, inner, b, out),
+                    4.. => band::<T, 4>(a, inner, b, out),
+                    _ => band::<T, 1>(a, inner, b, out),
+                };
             }
         },
     );
     product
 }
 
-/// `R` rows of a product, by blocks of columns whose sums stay in registers.
+/// The first `R` rows of a product, by blocks of columns whose sums stay in registers (sixteen: the
+/// compiler turns longer ones into scalar code); `R`.
 #[inline(always)]
-fn band<const R: usize>(rows: &[f64], inner: usize, b: &[f64], out: &mut [f64]) {
-    let width = out.len() / R;
+fn band<T: Real, const R: usize>(rows: &[T], inner: usize, b: &[T], out: &mut [T]) -> usize {
+    let width = b.len() / inner;
+    let out = &mut out[..R * width];
     let mut column = 0;
     while column < width {
         column += match width - column {
-            16.. => block::<R, 16>(rows, inner, b, (width, column), out),
-            4.. => block::<R, 4>(rows, inner, b, (width, column), out),
-            _ => block::<R, 1>(rows, inner, b, (width, column), out),
+            16.. => block::<T, R, 16>(rows, inner, b, (width, column), out),
+            4.. => block::<T, R, 4>(rows, inner, b, (width, column), out),
+            _ => block::<T, R, 1>(rows, inner, b, (width, column), out),
         };
     }
+    R
 }
 
 /// `C` columns of them from `column` on; `C`.
 #[inline(always)]
-fn block<const R: usize, const C: usize>(
-    rows: &[f64],
+fn block<T: Real, const R: usize, const C: usize>(
+    rows: &[T],
     inner: usize,
-    b: &[f64],
+    b: &[T],
     (width, column): (usize, usize),
-    out: &mut [f64],
+    out: &mut [T],
 ) -> usize {
-    let mut sums = [[0.0; C]; R];
+    let mut sums = [[T::ZERO; C]; R];
     for (k, line) in b.chunks_exact(width).enumerate() {
         let Some(line) = line[column..].first_chunk::<C>() else {
             break;
@@ -103,7 +105,7 @@ fn block<const R: usize, const C: usize>(
         for r in 0..R {
             let x = rows[r * inner + k];
             for c in 0..C {
-                sums[r][c] += x * line[c];
+                sums[r][c] = sums[r][c] + x * line[c];
             }
         }
     }

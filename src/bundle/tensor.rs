@@ -20,7 +20,7 @@ use super::{
     contracted::Contracted,
     matrix::{product, scaled, summed},
 };
-use crate::expr::vectorised;
+use crate::expr::{real::Real, vectorised};
 use ndarray::{ArrayD, Axis, Slice};
 
 /// The most coefficients along one axis.
@@ -237,9 +237,10 @@ impl Core {
 
     /// The core with the axes that have `weights` summed out, times `unit`, its columns divided by
     /// their scales: a matrix (left rank, open axes × right rank).
-    fn closed(&self, weights: &[Option<&[f64]>], unit: f64) -> Vec<f64> {
+    fn closed<T: Real>(&self, weights: &[Option<&[T]>], unit: f64) -> Vec<T> {
+        let integer = |x: &i32| T::from_f64(f64::from(*x));
         let mut shape = self.shape.clone();
-        let mut values: Option<Vec<f64>> = None;
+        let mut values: Option<Vec<T>> = None;
         let mut axis = 1;
         for weights in weights {
             let Some(weights) = weights else {
@@ -250,19 +251,19 @@ impl Core {
             let right: usize = shape[axis + 1..].iter().product();
             let weights = &weights[..shape[axis]];
             values = Some(match values {
-                None => summed(&self.values, |x| f64::from(*x), left, right, weights),
+                None => summed(&self.values, integer, left, right, weights),
                 Some(values) => summed(&values, |x| *x, left, right, weights),
             });
             shape.remove(axis);
         }
-        let divisors = self.scales.iter().map(|s| unit / s.value());
-        let divisors: Vec<f64> = match self.scales.is_empty() {
-            true => vec![unit],
+        let divisors = self.scales.iter().map(|s| T::from_f64(unit / s.value()));
+        let divisors: Vec<T> = match self.scales.is_empty() {
+            true => vec![T::from_f64(unit)],
             false => divisors.collect(),
         };
         match values {
             Some(values) => scaled(&values, |x| *x, &divisors),
-            None => scaled(&self.values, |x| f64::from(*x), &divisors),
+            None => scaled(&self.values, integer, &divisors),
         }
     }
 }
@@ -296,12 +297,12 @@ impl Tensor {
     }
 
     /// The coefficients that remain when the axes with `weights` are summed out, in table order.
-    fn sum(&self, weights: &[Option<&[f64]>]) -> Vec<f64> {
-        let mut state = vec![1.0];
+    fn sum<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<T> {
+        let mut state = vec![T::ONE];
         let mut rank = 1;
         // The unit of the step belongs to every core.
         for (axes, core) in self.table_axes().iter().zip(&self.cores) {
-            let weights: Vec<Option<&[f64]>> = axes.iter().map(|a| weights[*a]).collect();
+            let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
             let closed = core.closed(&weights, self.step.value());
             state = product(&state, rank, &closed);
             rank = core.shape[core.shape.len() - 1];
@@ -311,16 +312,22 @@ impl Tensor {
 
     /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
     /// parameters `camera` in [−1, 1]; with one direction parameter the second axis has length 1.
+    /// In single precision, as the table is kept: rounding adds 1e-7 or so of the largest
+    /// coefficient.
     pub fn contract(&self, camera: &[f64]) -> Contracted {
-        Contracted::new(&self.shape()[self.cameras..], &self.at(camera))
+        Contracted::new(&self.shape()[self.cameras..], &self.at_in::<f32>(camera))
     }
 
     /// The coefficients that remain, in table order, at parameters in [−1, 1] of the first axes. With
     /// camera and direction, for a single ray, that is cheaper than [`Tensor::contract`].
     pub fn at(&self, parameters: &[f64]) -> Vec<f64> {
+        self.at_in(parameters)
+    }
+
+    fn at_in<T: Real>(&self, parameters: &[f64]) -> Vec<T> {
         let shape = self.shape();
         let weights = values_at(&shape, parameters);
-        let mut all: Vec<Option<&[f64]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
+        let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
         all.resize(shape.len(), None);
         self.sum(&all)
     }
@@ -430,11 +437,11 @@ impl Core {
 }
 
 /// Chebyshev values at `parameters` along the first axes of `shape`.
-fn values_at(shape: &[usize], parameters: &[f64]) -> Vec<Vec<f64>> {
+fn values_at<T: Real>(shape: &[usize], parameters: &[f64]) -> Vec<Vec<T>> {
     let along = |(x, n): (&f64, &usize)| {
         let mut values = vec![0.0; *n];
         chebyshev::values(*x, &mut values);
-        values
+        values.into_iter().map(T::from_f64).collect()
     };
     parameters.iter().zip(shape).map(along).collect()
 }
