@@ -20,7 +20,7 @@
 //! 4. [`geodesic`] follows rays: an adaptive integrator with dense output that carries the
 //!    transported frame and the geodesic deviation along.
 //! 5. [`fan`] says which rays a table must know: camera positions and directions as parameters, what
-//!    a symmetry removes of them, and exact samples at given parameters.
+//!    symmetries, claimed or found, remove of them, and exact samples at given parameters.
 //! 6. [`bundle`] holds all those rays as Chebyshev patches, quantised and compressed: the file, its
 //!    checksums, its contraction to one camera, its certificate.
 //! 7. [`render`] makes a picture: paths from a tracer, intersected with the scene, shaded.
