@@ -34,7 +34,7 @@ pub fn follow<S: Sink>(
     if rays.peek().is_none() {
         return;
     }
-    let mut lanes = Lanes::new(manifold, settings);
+    let mut lanes = Lanes::new(manifold, settings, sink.region());
     loop {
         lanes.refill(&mut rays, sink);
         if lanes.ray.iter().all(Option::is_none) {
@@ -59,6 +59,9 @@ struct Lanes<'m> {
     /// The number of the ray that a lane follows.
     ray: [Option<usize>; LANES],
     curves: Curves,
+    /// Where steps are of interest, and 1 where the trial may come there, else 0.
+    region: Option<(DVec3, DVec3)>,
+    near: Row,
     control: Control,
     /// The present state, the state tried, and the stages' rates.
     y: Vec<Row>,
@@ -67,7 +70,7 @@ struct Lanes<'m> {
 }
 
 impl<'m> Lanes<'m> {
-    fn new(manifold: &'m Manifold, settings: Settings) -> Self {
+    fn new(manifold: &'m Manifold, settings: Settings, region: Option<(DVec3, DVec3)>) -> Self {
         let flow = manifold.flow(settings.carried);
         let bare = manifold.flow(Carried::default());
         let layout = Layout::of(settings);
@@ -85,6 +88,8 @@ impl<'m> Lanes<'m> {
             starts: Starts::new(flow, settings),
             ray: [None; LANES],
             curves: Curves::new(layout),
+            region,
+            near: each(|_| 1.0),
             control: Control::new(settings.tolerance),
             y: rows(),
             trial: rows(),
@@ -148,6 +153,9 @@ impl<'m> Lanes<'m> {
                     self.probe();
                 }
                 self.control.judge();
+                if let Some(region) = self.region {
+                    self.near = self.curves.near(region);
+                }
                 if let Some(events) = &mut self.events {
                     events.look(&self.curves, &self.control, &self.trial);
                 }
@@ -302,24 +310,22 @@ impl<'m> Lanes<'m> {
             let complete = self.control.complete[lane] > 0.0;
             let over = complete || self.control.stuck[lane] > 0.0;
             let met = accepted && self.events.as_ref().is_some_and(|e| e.may_be_met(lane));
-            let wanted = accepted && sink.wants(ray, self.control.s[lane] + self.control.h[lane]);
+            let to = self.control.s[lane] + self.control.h[lane];
+            let wanted = accepted && self.near[lane] > 0.0 && sink.wants(ray, to);
             if !(wanted || over || met) {
                 continue;
             }
-            if !carried_made {
-                carried_made = true;
-                vectorised(
-                    #[inline(always)]
-                    || {
-                        let (curves, trial) = self.trial();
-                        curves.make_carried(trial);
-                    },
-                );
-            }
-            let (s, h) = (self.control.s[lane], self.control.h[lane]);
             let mut step = match accepted {
-                true => self.curves.step(lane, s, h),
                 false => self.rest(lane),
+                true if sink.wants_carried() => {
+                    if !carried_made {
+                        carried_made = true;
+                        self.make_carried();
+                    }
+                    let (s, h) = (self.control.s[lane], self.control.h[lane]);
+                    self.curves.step(lane, s, h)
+                }
+                true => self.lone_step(lane, over || met),
             };
             let event = match met {
                 true => self.events.as_mut().and_then(|e| e.first_in(lane, &step)),
@@ -344,6 +350,27 @@ impl<'m> Lanes<'m> {
                 self.ray[lane] = None;
                 self.control.stop(lane);
             }
+        }
+    }
+
+    /// Makes the curves of what all trials carry.
+    fn make_carried(&mut self) {
+        vectorised(
+            #[inline(always)]
+            || {
+                let (curves, trial) = self.trial();
+                curves.make_carried(trial);
+            },
+        );
+    }
+
+    /// The trial of one lane, with what it carries if that is `carried` for it alone.
+    fn lone_step(&mut self, lane: usize, carried: bool) -> Step {
+        let (s, h) = (self.control.s[lane], self.control.h[lane]);
+        let (curves, trial) = self.trial();
+        match carried {
+            true => curves.lone_step(trial, lane, s),
+            false => curves.path(lane, s, h),
         }
     }
 

@@ -10,7 +10,7 @@ use crate::{
     manifold::Manifold,
     render::{
         World,
-        intersect::{first_hit, may_meet},
+        intersect::{first_hit, may_meet, region},
         tracer::pieces,
     },
 };
@@ -89,6 +89,17 @@ struct Flights<'a> {
 impl Sink for Flights<'_> {
     fn wants(&self, ray: usize, _: f64) -> bool {
         matches!(self.way, Way::Clear(..)) && !self.flights[ray].met
+    }
+
+    fn region(&self) -> Option<(DVec3, DVec3)> {
+        match self.way {
+            Way::Any => None,
+            Way::Clear(world, _) => region(&world.accelerator, &world.manifold.domain),
+        }
+    }
+
+    fn wants_carried(&self) -> bool {
+        false
     }
 
     fn step(&mut self, ray: usize, step: &Step) {
