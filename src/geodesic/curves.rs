@@ -277,13 +277,7 @@ fn turn_terms(h: f64, y: f64, end: f64, k: [f64; STAGES]) -> [f64; 5] {
     for (weight, k) in DENSE.iter().zip(k).filter(|(w, _)| **w != 0.0) {
         fourth += weight * k;
     }
-    [
-        y,
-        rise,
-        bend,
-        rise - h * k[STAGES - 1] - bend,
-        h * fourth,
-    ]
+    [y, rise, bend, rise - h * k[STAGES - 1] - bend, h * fourth]
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
     manifold::{Carried, Manifold},
 };
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -79,6 +79,8 @@ pub struct LightFan<'m> {
     pub(super) manifold: &'m Manifold,
     /// The light's chart point.
     pub u: DVec3,
+    /// The standard frame there.
+    pub(super) frame: DMat3,
     /// How far its light is followed.
     pub length: f64,
     /// Where connections are asked for.
@@ -96,6 +98,7 @@ impl<'m> LightFan<'m> {
         let mut fan = Self {
             manifold,
             u,
+            frame: manifold.standard_frame(u),
             length,
             region: widened(manifold, region),
             rays: Vec::new(),
@@ -246,7 +249,7 @@ impl<'m> LightFan<'m> {
             };
             let rays = directions
                 .iter()
-                .map(|d| Ray::new(self.manifold, self.u, *d, self.length));
+                .map(|d| Ray::in_frame(self.frame, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
             sampler.rays
         };
@@ -257,7 +260,7 @@ impl<'m> LightFan<'m> {
         FanRay {
             direction,
             u: vec![self.u],
-            v: vec![self.manifold.standard_frame(self.u) * direction],
+            v: vec![self.frame * direction],
             spread: vec![[Vec3::ZERO; 2]],
             reversed: vec![false],
         }

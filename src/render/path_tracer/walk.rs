@@ -180,13 +180,10 @@ impl<'w> PathTracer<'w> {
     /// Takes all paths to the next surface; returns those that go on. `add` takes a pixel and light.
     fn bounce(&self, walks: Vec<Walk>, add: &mut dyn FnMut(usize, DVec3)) -> Vec<Walk> {
         let probes: Vec<Probe> = walks.iter().map(|w| w.ray).collect();
-        let mut met: Vec<Meeting> = Vec::new();
+        let mut met: Vec<(Walk, Hit)> = Vec::new();
         for (walk, seen) in walks.into_iter().zip(self.seen(&probes)) {
             match seen {
-                Seen::Surface(hit) => {
-                    let surface = Surface::new(self.world, &hit);
-                    met.push(Meeting { walk, hit, surface });
-                }
+                Seen::Surface(hit) => met.push((walk, hit)),
                 Seen::Sky {
                     exit, direction, ..
                 } => add(
@@ -199,11 +196,19 @@ impl<'w> PathTracer<'w> {
                 }
             }
         }
+        let mut met = self.meetings(met);
         self.add_emitted(&met, add);
         met.retain(|m| m.walk.bounce < self.settings.bounces);
         self.add_lamps(&met, add);
         self.add_emitters(&mut met, add);
         met.into_iter().filter_map(|m| self.scattered(m)).collect()
+    }
+
+    fn meetings(&self, met: Vec<(Walk, Hit)>) -> Vec<Meeting> {
+        let hits: Vec<Hit> = met.iter().map(|(_, hit)| *hit).collect();
+        let surfaces = Surface::all(self.world, &hits);
+        let meeting = |((walk, hit), surface)| Meeting { walk, hit, surface };
+        met.into_iter().zip(surfaces).map(meeting).collect()
     }
 
     fn sky(&self, exit: usize, direction: Vec3) -> DVec3 {
