@@ -18,6 +18,7 @@ mod fan;
 mod icosphere;
 mod illumination;
 mod prism;
+mod slanted;
 mod way;
 
 pub use baked::Baked;

@@ -55,8 +55,13 @@ pub struct PathTracer<'w> {
     rays: AtomicU64,
 }
 
-/// Pixels whose paths go together: enough that the lanes stay full while most paths have ended.
-const BLOCK: usize = 4096;
+/// Fewest and most pixels whose paths go together: enough that the lanes stay full while most paths
+/// have ended, and few enough that what is kept of them stays small.
+const BLOCKS: [usize; 2] = [4096, 16384];
+
+/// Blocks for each thread, if they are not too small: the last to finish keeps the others waiting for
+/// an eighth of the time at most.
+const BLOCKS_OF_A_THREAD: usize = 8;
 
 /// Bounces that are never cut short: most light that matters arrives within them, and a path that is
 /// cut earlier adds more noise than it saves time.
@@ -134,8 +139,11 @@ impl<'w> PathTracer<'w> {
     pub fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
         let (width, height) = self.view.size;
         let pixels: Vec<usize> = (0..width * height).collect();
+        // A pixel's light does not depend on those that go with it.
+        let threads = rayon::current_num_threads() * BLOCKS_OF_A_THREAD;
+        let block = (pixels.len() / threads).clamp(BLOCKS[0], BLOCKS[1]);
         let blocks: Option<Vec<Vec<DVec3>>> = pixels
-            .par_chunks(BLOCK)
+            .par_chunks(block)
             .map(|pixels| (!stop()).then(|| self.block(pixels, number)))
             .collect();
         Some(blocks?.concat())
