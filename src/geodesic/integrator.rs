@@ -134,16 +134,12 @@ impl<'m> Lanes<'m> {
         vectorised(
             #[inline(always)]
             || {
-                for stage in 1..STAGES {
-                    self.advance(stage);
-                    rates_at(
-                        self.flow,
-                        &mut self.registers,
-                        self.layout,
-                        &self.trial,
-                        &mut self.k[stage],
-                    );
-                }
+                self.stage::<1>();
+                self.stage::<2>();
+                self.stage::<3>();
+                self.stage::<4>();
+                self.stage::<5>();
+                self.stage::<6>();
                 self.flow.run_rest(&mut self.registers);
                 self.measure();
                 self.restore_speed();
@@ -164,15 +160,31 @@ impl<'m> Lanes<'m> {
         );
     }
 
-    /// The state at which stage `stage` is evaluated; that of the last is the trial's end.
+    /// The state at which stage `N` is evaluated, and the rates there; the state of the last is the
+    /// trial's end.
+    // A function for each stage: sums of as many terms as there are, without a loop over them.
     #[inline(always)]
-    fn advance(&mut self, stage: usize) {
-        let weights = &A[stage - 1][..stage];
+    fn stage<const N: usize>(&mut self) {
         let h = &self.control.h;
         for (row, (trial, y)) in self.trial.iter_mut().zip(&self.y).enumerate() {
-            let sum = weighted(weights, &self.k, row);
-            *trial = each(|l| y[l] + h[l] * sum[l]);
+            let k: [&Row; N] = std::array::from_fn(|stage| &self.k[stage][row]);
+            *trial = each(|l| {
+                let mut sum = A[N - 1][0] * k[0][l];
+                for stage in 1..N {
+                    if A[N - 1][stage] != 0.0 {
+                        sum += A[N - 1][stage] * k[stage][l];
+                    }
+                }
+                y[l] + h[l] * sum
+            });
         }
+        rates_at(
+            self.flow,
+            &mut self.registers,
+            self.layout,
+            &self.trial,
+            &mut self.k[N],
+        );
     }
 
     /// Looks at the acceleration between the stages: how far it bends the tangent over a step, beside
