@@ -14,6 +14,7 @@ mod boxes;
 pub mod cache;
 mod cell;
 mod connect;
+mod facets;
 mod fan;
 mod icosphere;
 mod illumination;
