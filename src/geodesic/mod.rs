@@ -47,7 +47,7 @@ use glam::{DMat3, DVec3};
 /// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
 /// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
 /// stages no longer stay in the first-level cache.
-const LANES: usize = 16;
+const LANES: usize = 32;
 
 /// One number for every lane.
 type Row = Wide<f64, LANES>;
