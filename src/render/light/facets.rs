@@ -147,9 +147,10 @@ impl Layout {
     pub fn divide(&mut self, facet: u32) -> Option<()> {
         let first = self.facets.len() as u32;
         let of = self.facets.get_mut(facet as usize)?;
-        if of.parts.replace(first).is_some() {
+        if of.parts.is_some() {
             return None;
         }
+        of.parts = Some(first);
         let (triangle, area, [a, b, c]) = (of.triangle, 0.25 * of.area, of.corners);
         let [ab, bc, ca] = [[a, b], [b, c], [c, a]].map(|ends| self.middle(triangle, ends));
         let parts = [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]];
