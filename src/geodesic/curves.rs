@@ -9,7 +9,6 @@ use super::{
     dormand_prince::{DENSE, Dense, Quintic, STAGES},
     each,
     state::Layout,
-    weighted,
 };
 use crate::expr::real::Real;
 use glam::DVec3;
@@ -112,13 +111,40 @@ impl Curves {
         ]
     }
 
-    /// The step of one lane, from arc length `start` over `h`.
-    pub fn step(&self, lane: usize, start: f64, h: f64) -> Step {
+    /// 1 for the steps that may meet the box with these corners, else 0: see [`Quintic::bounds`].
+    #[inline(always)]
+    pub fn near(&self, (least, most): (DVec3, DVec3)) -> Row {
+        let mut near = each(|_| 1.0);
+        for c in 0..3 {
+            let p = self.component(c);
+            let (least, most) = (least[c], most[c]);
+            near = each(|l| {
+                let (mut low, mut high) = (p[0][l], p[0][l]);
+                for term in &p[1..] {
+                    low += Real::min(term[l], 0.0);
+                    high += Real::max(term[l], 0.0);
+                }
+                f64::select((low > most) | (high < least), 0.0, near[l])
+            });
+        }
+        near
+    }
+
+    /// The path of the step of one lane, from arc length `start` over `h`; without what is carried.
+    pub fn path(&self, lane: usize, start: f64, h: f64) -> Step {
         Step {
             start,
             end: start + h,
             h,
             curve: gathered(&self.path, lane, h),
+            turn: None,
+            deviation: None,
+        }
+    }
+
+    /// The same with the curves of [`Curves::make_carried`].
+    pub fn step(&self, lane: usize, start: f64, h: f64) -> Step {
+        Step {
             turn: (!self.turn.is_empty()).then(|| {
                 let mut terms = [[0.0; 5]; 4];
                 for (term, row) in terms.as_flattened_mut().iter_mut().zip(&self.turn) {
@@ -130,6 +156,19 @@ impl Curves {
                 let (first, second) = self.deviation.split_at(QUINTIC);
                 [gathered(first, lane, h), gathered(second, lane, h)]
             }),
+            ..self.path(lane, start, h)
+        }
+    }
+
+    /// The same where those of all lanes have not been made.
+    pub fn lone_step(&self, trial: Trial<'_>, lane: usize, start: f64) -> Step {
+        let h = trial.h[lane];
+        Step {
+            turn: (trial.layout.turn)
+                .map(|at| Dense(std::array::from_fn(|c| lone_turn(trial, at + c, lane)))),
+            deviation: (trial.layout.deviation)
+                .map(|at| [lone(trial, at, lane), lone(trial, at + 6, lane)]),
+            ..self.path(lane, start, h)
         }
     }
 }
@@ -142,8 +181,29 @@ fn gathered(rows: &[Row], lane: usize, h: f64) -> Quintic {
     Quintic { coefficients, h }
 }
 
-/// The quintic that matches position, velocity and acceleration at both ends, of the vector that
-/// begins at row `at`.
+/// The terms of the dense output of row `c` of one lane.
+fn lone_turn(trial: Trial<'_>, c: usize, lane: usize) -> [f64; 5] {
+    let Trial { h, y, end, k, .. } = trial;
+    let k = k.each_ref().map(|k| k[c][lane]);
+    turn_terms(h[lane], y[c][lane], end[c][lane], k)
+}
+
+/// The quintic of one lane for the vector that begins at row `at`.
+fn lone(trial: Trial<'_>, at: usize, lane: usize) -> Quintic {
+    let Trial { h, y, end, k, .. } = trial;
+    let last = &k[STAGES - 1];
+    let [x, y, z] = [at, at + 1, at + 2].map(|c| {
+        let start = [y[c][lane], y[c + 3][lane], k[0][c + 3][lane]];
+        let end = [end[c][lane], end[c + 3][lane], last[c + 3][lane]];
+        quintic_terms(h[lane], start, end)
+    });
+    Quintic {
+        coefficients: std::array::from_fn(|i| DVec3::new(x[i], y[i], z[i])),
+        h: h[lane],
+    }
+}
+
+/// The quintics of all lanes for the vector that begins at row `at`.
 #[inline(always)]
 fn quintic(trial: Trial<'_>, at: usize, rows: &mut [Row]) {
     let Trial { h, y, end, k, .. } = trial;
@@ -152,25 +212,11 @@ fn quintic(trial: Trial<'_>, at: usize, rows: &mut [Row]) {
         let (u1, v1, a1) = (&end[c], &end[c + 3], &k[STAGES - 1][c + 3]);
         let mut p = [NIL; 6];
         for l in 0..LANES {
-            let half = 0.5 * h[l] * h[l];
-            let (p1, p2) = (v0[l] * h[l], a0[l] * half);
-            // What the end conditions still ask of the cubic to quintic terms.
-            let rise = u1[l] - u0[l] - p1 - p2;
-            let slope = v1[l] * h[l] - p1 - p2 * 2.0;
-            let bend = a1[l] * half - p2;
-            let last = rise * 6.0 - slope * 3.0 + bend;
-            // In a very short step the difference of the positions is rounding, and divided by `h`
-            // it would spoil the velocity: there the velocities alone decide, and the last
-            // coefficient is zero.
-            let noise = ROUNDING * Real::max(u0[l].abs(), u1[l].abs());
-            let noisy = last.abs() <= noise;
-            let rise = f64::select(noisy, slope * 0.5 - bend * (1.0 / 6.0), rise);
-            p[0][l] = u0[l];
-            p[1][l] = p1;
-            p[2][l] = p2;
-            p[3][l] = rise * 10.0 - slope * 4.0 + bend;
-            p[4][l] = rise * -15.0 + slope * 7.0 - bend * 2.0;
-            p[5][l] = f64::select(noisy, 0.0, last);
+            let (start, end) = ([u0[l], v0[l], a0[l]], [u1[l], v1[l], a1[l]]);
+            let terms = quintic_terms(h[l], start, end);
+            for i in 0..6 {
+                p[i][l] = terms[i];
+            }
         }
         for (i, p) in p.iter().enumerate() {
             rows[3 * i + c - at] = *p;
@@ -178,22 +224,60 @@ fn quintic(trial: Trial<'_>, at: usize, rows: &mut [Row]) {
     }
 }
 
-/// The dense output of the quaternion, which begins at row `at`.
+/// The coefficients of the quintic that matches position, velocity and acceleration at both ends of a
+/// step of length `h`.
+#[inline(always)]
+fn quintic_terms(h: f64, [u0, v0, a0]: [f64; 3], [u1, v1, a1]: [f64; 3]) -> [f64; 6] {
+    let half = 0.5 * h * h;
+    let (p1, p2) = (v0 * h, a0 * half);
+    // What the end conditions still ask of the cubic to quintic terms.
+    let rise = u1 - u0 - p1 - p2;
+    let slope = v1 * h - p1 - p2 * 2.0;
+    let bend = a1 * half - p2;
+    let last = rise * 6.0 - slope * 3.0 + bend;
+    // In a very short step the difference of the positions is rounding, and divided by `h` it would
+    // spoil the velocity: there the velocities alone decide, and the last coefficient is zero.
+    let noise = ROUNDING * Real::max(u0.abs(), u1.abs());
+    let noisy = last.abs() <= noise;
+    let rise = f64::select(noisy, slope * 0.5 - bend * (1.0 / 6.0), rise);
+    [
+        u0,
+        p1,
+        p2,
+        rise * 10.0 - slope * 4.0 + bend,
+        rise * -15.0 + slope * 7.0 - bend * 2.0,
+        f64::select(noisy, 0.0, last),
+    ]
+}
+
+/// The dense output of the quaternions of all lanes, which begin at row `at`.
 #[inline(always)]
 fn dense(trial: Trial<'_>, at: usize, rows: &mut [Row]) {
     let Trial { h, y, end, k, .. } = trial;
     for c in 0..4 {
         let (y, end) = (&y[at + c], &end[at + c]);
-        let (first, last) = (&k[0][at + c], &k[STAGES - 1][at + c]);
-        let rise = each(|l| end[l] - y[l]);
-        let bend = each(|l| h[l] * first[l] - rise[l]);
-        let fourth = weighted(&DENSE, k, at + c);
-        rows[5 * c] = *y;
-        rows[5 * c + 1] = rise;
-        rows[5 * c + 2] = bend;
-        rows[5 * c + 3] = each(|l| rise[l] - h[l] * last[l] - bend[l]);
-        rows[5 * c + 4] = each(|l| h[l] * fourth[l]);
+        let k = k.each_ref().map(|k| &k[at + c]);
+        let mut p = [NIL; 5];
+        for l in 0..LANES {
+            let terms = turn_terms(h[l], y[l], end[l], k.map(|k| k[l]));
+            for i in 0..5 {
+                p[i][l] = terms[i];
+            }
+        }
+        rows[5 * c..5 * c + 5].copy_from_slice(&p);
     }
+}
+
+/// The terms of the dense output of one component from `y` to `end`, with the rates `k` of the stages.
+#[inline(always)]
+fn turn_terms(h: f64, y: f64, end: f64, k: [f64; STAGES]) -> [f64; 5] {
+    let rise = end - y;
+    let bend = h * k[0] - rise;
+    let mut fourth = 0.0;
+    for (weight, k) in DENSE.iter().zip(k).filter(|(w, _)| **w != 0.0) {
+        fourth += weight * k;
+    }
+    [y, rise, bend, rise - h * k[STAGES - 1] - bend, h * fourth]
 }
 
 #[cfg(test)]

@@ -34,7 +34,7 @@ pub fn follow<S: Sink>(
     if rays.peek().is_none() {
         return;
     }
-    let mut lanes = Lanes::new(manifold, settings);
+    let mut lanes = Lanes::new(manifold, settings, sink.region());
     loop {
         lanes.refill(&mut rays, sink);
         if lanes.ray.iter().all(Option::is_none) {
@@ -59,6 +59,9 @@ struct Lanes<'m> {
     /// The number of the ray that a lane follows.
     ray: [Option<usize>; LANES],
     curves: Curves,
+    /// Where steps are of interest, and 1 where the trial may come there, else 0.
+    region: Option<(DVec3, DVec3)>,
+    near: Row,
     control: Control,
     /// The present state, the state tried, and the stages' rates.
     y: Vec<Row>,
@@ -67,7 +70,7 @@ struct Lanes<'m> {
 }
 
 impl<'m> Lanes<'m> {
-    fn new(manifold: &'m Manifold, settings: Settings) -> Self {
+    fn new(manifold: &'m Manifold, settings: Settings, region: Option<(DVec3, DVec3)>) -> Self {
         let flow = manifold.flow(settings.carried);
         let bare = manifold.flow(Carried::default());
         let layout = Layout::of(settings);
@@ -85,6 +88,8 @@ impl<'m> Lanes<'m> {
             starts: Starts::new(flow, settings),
             ray: [None; LANES],
             curves: Curves::new(layout),
+            region,
+            near: each(|_| 1.0),
             control: Control::new(settings.tolerance),
             y: rows(),
             trial: rows(),
@@ -129,16 +134,12 @@ impl<'m> Lanes<'m> {
         vectorised(
             #[inline(always)]
             || {
-                for stage in 1..STAGES {
-                    self.advance(stage);
-                    rates_at(
-                        self.flow,
-                        &mut self.registers,
-                        self.layout,
-                        &self.trial,
-                        &mut self.k[stage],
-                    );
-                }
+                self.stage::<1>();
+                self.stage::<2>();
+                self.stage::<3>();
+                self.stage::<4>();
+                self.stage::<5>();
+                self.stage::<6>();
                 self.flow.run_rest(&mut self.registers);
                 self.measure();
                 self.restore_speed();
@@ -148,6 +149,9 @@ impl<'m> Lanes<'m> {
                     self.probe();
                 }
                 self.control.judge();
+                if let Some(region) = self.region {
+                    self.near = self.curves.near(region);
+                }
                 if let Some(events) = &mut self.events {
                     events.look(&self.curves, &self.control, &self.trial);
                 }
@@ -156,15 +160,31 @@ impl<'m> Lanes<'m> {
         );
     }
 
-    /// The state at which stage `stage` is evaluated; that of the last is the trial's end.
+    /// The state at which stage `N` is evaluated, and the rates there; the state of the last is the
+    /// trial's end.
+    // A function for each stage: sums of as many terms as there are, without a loop over them.
     #[inline(always)]
-    fn advance(&mut self, stage: usize) {
-        let weights = &A[stage - 1][..stage];
+    fn stage<const N: usize>(&mut self) {
         let h = &self.control.h;
         for (row, (trial, y)) in self.trial.iter_mut().zip(&self.y).enumerate() {
-            let sum = weighted(weights, &self.k, row);
-            *trial = each(|l| y[l] + h[l] * sum[l]);
+            let k: [&Row; N] = std::array::from_fn(|stage| &self.k[stage][row]);
+            *trial = each(|l| {
+                let mut sum = A[N - 1][0] * k[0][l];
+                for stage in 1..N {
+                    if A[N - 1][stage] != 0.0 {
+                        sum += A[N - 1][stage] * k[stage][l];
+                    }
+                }
+                y[l] + h[l] * sum
+            });
         }
+        rates_at(
+            self.flow,
+            &mut self.registers,
+            self.layout,
+            &self.trial,
+            &mut self.k[N],
+        );
     }
 
     /// Looks at the acceleration between the stages: how far it bends the tangent over a step, beside
@@ -302,24 +322,22 @@ impl<'m> Lanes<'m> {
             let complete = self.control.complete[lane] > 0.0;
             let over = complete || self.control.stuck[lane] > 0.0;
             let met = accepted && self.events.as_ref().is_some_and(|e| e.may_be_met(lane));
-            let wanted = accepted && sink.wants(ray, self.control.s[lane] + self.control.h[lane]);
+            let to = self.control.s[lane] + self.control.h[lane];
+            let wanted = accepted && self.near[lane] > 0.0 && sink.wants(ray, to);
             if !(wanted || over || met) {
                 continue;
             }
-            if !carried_made {
-                carried_made = true;
-                vectorised(
-                    #[inline(always)]
-                    || {
-                        let (curves, trial) = self.trial();
-                        curves.make_carried(trial);
-                    },
-                );
-            }
-            let (s, h) = (self.control.s[lane], self.control.h[lane]);
             let mut step = match accepted {
-                true => self.curves.step(lane, s, h),
                 false => self.rest(lane),
+                true if sink.wants_carried() => {
+                    if !carried_made {
+                        carried_made = true;
+                        self.make_carried();
+                    }
+                    let (s, h) = (self.control.s[lane], self.control.h[lane]);
+                    self.curves.step(lane, s, h)
+                }
+                true => self.lone_step(lane, over || met),
             };
             let event = match met {
                 true => self.events.as_mut().and_then(|e| e.first_in(lane, &step)),
@@ -344,6 +362,27 @@ impl<'m> Lanes<'m> {
                 self.ray[lane] = None;
                 self.control.stop(lane);
             }
+        }
+    }
+
+    /// Makes the curves of what all trials carry.
+    fn make_carried(&mut self) {
+        vectorised(
+            #[inline(always)]
+            || {
+                let (curves, trial) = self.trial();
+                curves.make_carried(trial);
+            },
+        );
+    }
+
+    /// The trial of one lane, with what it carries if that is `carried` for it alone.
+    fn lone_step(&mut self, lane: usize, carried: bool) -> Step {
+        let (s, h) = (self.control.s[lane], self.control.h[lane]);
+        let (curves, trial) = self.trial();
+        match carried {
+            true => curves.lone_step(trial, lane, s),
+            false => curves.path(lane, s, h),
         }
     }
 

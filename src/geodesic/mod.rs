@@ -42,7 +42,7 @@ use crate::{
     expr::Wide,
     manifold::{Carried, Manifold},
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
 /// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
@@ -72,13 +72,17 @@ impl Ray {
     /// The ray from `u` in the direction `d` (standard frame, unit), with deviations along two
     /// perpendicular directions that make a right-handed triple with it.
     pub fn new(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> Self {
-        let s = manifold.standard_frame(u);
+        Self::in_frame(manifold.standard_frame(u), u, d, length)
+    }
+
+    /// [`Ray::new`] where the standard frame at `u` is known: its vectors are the columns of `frame`.
+    pub fn in_frame(frame: DMat3, u: DVec3, d: DVec3, length: f64) -> Self {
         let across = perpendiculars(d);
         Self {
             u,
-            v: s * d,
+            v: frame * d,
             length,
-            spread: across.map(|e| s * e),
+            spread: across.map(|e| frame * e),
         }
     }
 }
@@ -123,6 +127,15 @@ pub trait Sink {
     /// [`Sink::step`]; the one in which the ray ends always is.
     fn wants(&self, ray: usize, to: f64) -> bool {
         let _ = (ray, to);
+        true
+    }
+    /// The box of the chart in which steps are of interest: others are not wanted. Lanes see that for
+    /// all of their steps at once, before any is made into a curve. `None` for everywhere.
+    fn region(&self) -> Option<(DVec3, DVec3)> {
+        None
+    }
+    /// Whether steps are to have what is carried along; that in which a ray ends always has.
+    fn wants_carried(&self) -> bool {
         true
     }
     /// The next step of `ray` that was wanted; steps of one ray come in order, those of different rays mixed.

@@ -114,8 +114,29 @@ impl Manifold {
         let o = self.tapes.metric.at(&u.to_array());
         let metric =
             DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]]);
-        let frame = DMat3::from_cols_array(&[o[6], 0.0, 0.0, o[9], o[7], 0.0, o[10], o[11], o[8]]);
-        (metric, frame)
+        (metric, frame_of([o[6], o[7], o[8], o[9], o[10], o[11]]))
+    }
+
+    /// `S(u)` at many points: a vector of them at a time, at a fraction of the cost.
+    pub fn standard_frames(&self, points: &[DVec3]) -> Vec<DMat3> {
+        const LANES: usize = 16;
+        if points.is_empty() {
+            return Vec::new();
+        }
+        let tape = &self.tapes.metric;
+        let mut registers = tape.registers::<f64, LANES>();
+        let mut frames = Vec::with_capacity(points.len());
+        for points in points.chunks(LANES) {
+            for (lane, u) in points.iter().enumerate() {
+                for k in 0..3 {
+                    registers.input(k)[lane] = u[k];
+                }
+            }
+            tape.run(&mut registers);
+            let frame = |lane| frame_of([6, 7, 8, 9, 10, 11].map(|k| registers.output(k)[lane]));
+            frames.extend((0..points.len()).map(frame));
+        }
+        frames
     }
 
     /// The tape u -> G (xx, yy, zz, xy, xz, yz), S (11, 22, 33, 12, 13, 23).
@@ -183,4 +204,9 @@ impl Manifold {
         }
         *hasher.finalize().as_bytes()
     }
+}
+
+/// The upper triangular matrix with the entries 11, 22, 33, 12, 13, 23.
+fn frame_of([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> DMat3 {
+    DMat3::from_cols_array(&[xx, 0.0, 0.0, xy, yy, 0.0, xz, yz, zz])
 }

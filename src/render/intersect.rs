@@ -57,6 +57,11 @@ pub fn may_meet(accelerator: &Accelerator, domain: &Domain, (low, high): (DVec3,
     is_glued(domain) || accelerator.touches(low, high)
 }
 
+/// The box outside which curves meet nothing; `None` if that is not known.
+pub fn region(accelerator: &Accelerator, domain: &Domain) -> Option<(DVec3, DVec3)> {
+    accelerator.bounds().filter(|_| !is_glued(domain))
+}
+
 /// Whether any coordinate is glued.
 pub fn is_glued(domain: &Domain) -> bool {
     domain.periodic.iter().any(|p| *p)

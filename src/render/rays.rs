@@ -5,7 +5,7 @@
 
 use super::{
     curve::{Ending, ending_at},
-    intersect::{first_hit, may_meet},
+    intersect::{first_hit, may_meet, region},
     outcome::{Seen, beyond},
     tracer::pieces,
     world::World,
@@ -57,6 +57,10 @@ struct FirstSeen<'w> {
 }
 
 impl Sink for FirstSeen<'_> {
+    fn region(&self) -> Option<(DVec3, DVec3)> {
+        region(&self.world.accelerator, &self.world.manifold.domain)
+    }
+
     fn step(&mut self, ray: usize, step: &Step) {
         let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
         let (u, v, seen) = &mut self.rays[ray];

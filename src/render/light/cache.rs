@@ -2,19 +2,22 @@
 //!
 //! In: a world with lights. Out: its light, from the file if that is whole and of this very world,
 //! else computed and written there. Layout, little-endian: the magic, a fingerprint (32 bytes) of
-//! everything that the light depends on, the number of points (8 bytes), six f32 a point, and a
-//! checksum (XXH3, 8 bytes) of all that comes before.
+//! everything that the light depends on, the numbers of facets divided and of points (8 bytes each),
+//! the facets divided (u32), six f32 a point, and a checksum (XXH3, 8 bytes) of all that comes before.
 
 use super::{
     Baked, Lamps,
-    baked::{Layout, POINTS},
+    baked::{ADDED, EVEN},
+    facets::{CONTRAST, Layout, Light},
 };
 use crate::{error::Result, files::write_atomically, render::World};
 use std::{io::Write, path::Path};
 use xxhash_rust::xxh3::xxh3_64;
 
-const MAGIC: &[u8; 16] = b"geofan light 1\r\n";
-const HEAD: usize = 16 + 32 + 8;
+/// Begins every version of the file; the whole is that of this version.
+const NAME: &[u8; 13] = b"geofan light ";
+const MAGIC: &[u8; 16] = b"geofan light 2\r\n";
+const HEAD: usize = 16 + 32 + 8 + 8;
 
 /// Where the light came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +26,7 @@ pub enum Source {
     File,
     /// There was no file.
     Computed,
-    /// The file was of another world or settings.
+    /// The file was of another world or settings, or of another version.
     Outdated,
     /// The file was damaged.
     Damaged,
@@ -41,15 +44,12 @@ pub fn light(
     path: Option<&Path>,
     done: impl Fn(usize, usize) + Sync,
 ) -> Result<(Baked, Source)> {
-    let layout = Layout::new(world, POINTS);
+    let layout = Layout::new(world, EVEN);
     let fingerprint = fingerprint(world, length, tolerance);
     let kept = path.and_then(|path| std::fs::read(path).ok());
-    let source = match kept
-        .as_deref()
-        .map(|bytes| decode(bytes, &fingerprint, layout.len()))
-    {
-        Some(Ok(values)) => {
-            let baked = Baked::from_values(layout.clone(), values);
+    let source = match kept.as_deref().map(|bytes| decode(bytes, &fingerprint)) {
+        Some(Ok((divided, values))) => {
+            let baked = Baked::from_values(layout.clone(), &divided, values);
             if let Some(baked) = baked {
                 return Ok((baked, Source::File));
             }
@@ -59,7 +59,7 @@ pub fn light(
         None => Source::Computed,
     };
     let lamps = Lamps::new(world, length, tolerance);
-    let baked = Baked::new(&lamps, layout, done);
+    let baked = Baked::new(&lamps, layout, ADDED, done);
     if let Some(path) = path {
         let bytes = encode(&baked, &fingerprint);
         write_atomically(path, |out| out.write_all(&bytes))?;
@@ -76,7 +76,9 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
             hasher.update(&x.to_le_bytes());
         });
     };
-    numbers(&[length, tolerance, POINTS as f64]);
+    let layout = [EVEN as f64, ADDED as f64, f64::from(CONTRAST)];
+    numbers(&[length, tolerance]);
+    numbers(&layout);
     for light in &world.lights {
         numbers(&light.u.to_array());
         numbers(&light.intensity.map(f64::from));
@@ -88,29 +90,42 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
 fn encode(baked: &Baked, fingerprint: &[u8; 32]) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     bytes.extend_from_slice(fingerprint);
+    bytes.extend((baked.divided().len() as u64).to_le_bytes());
     bytes.extend((baked.values.len() as u64).to_le_bytes());
+    bytes.extend(baked.divided().iter().flat_map(|x| x.to_le_bytes()));
     let numbers = baked.values.iter().flatten();
     bytes.extend(numbers.flat_map(|x| x.to_le_bytes()));
     bytes.extend(xxh3_64(&bytes).to_le_bytes());
     bytes
 }
 
-/// The values in `bytes`, undoing [`encode`]; or why not.
-fn decode(bytes: &[u8], fingerprint: &[u8; 32], count: usize) -> Result<Vec<[f32; 6]>, Source> {
+/// The facets divided and the values in `bytes`, undoing [`encode`]; or why not.
+fn decode(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<(Vec<u32>, Vec<Light>), Source> {
     let (body, sum) = bytes.split_last_chunk::<8>().ok_or(Source::Damaged)?;
-    if u64::from_le_bytes(*sum) != xxh3_64(body) || body.len() < HEAD || !body.starts_with(MAGIC) {
+    if u64::from_le_bytes(*sum) != xxh3_64(body) || body.len() < HEAD || !body.starts_with(NAME) {
         return Err(Source::Damaged);
     }
-    let (head, numbers) = body.split_at(HEAD);
-    if head[16..48] != fingerprint[..] {
+    let (head, rest) = body.split_at(HEAD);
+    if !head.starts_with(MAGIC) || head[16..48] != fingerprint[..] {
         return Err(Source::Outdated);
     }
-    if head[48..] != (count as u64).to_le_bytes() || numbers.len() as u64 != 24 * count as u64 {
+    let (counts, []) = head[48..].as_chunks::<8>() else {
+        return Err(Source::Damaged);
+    };
+    let [divided, points] = [counts[0], counts[1]].map(u64::from_le_bytes);
+    // Both are at most as many as bytes follow, so the sum does not overflow once that is known.
+    let most = rest.len() as u64;
+    if divided > most || points > most || 4 * divided + 24 * points != most {
         return Err(Source::Damaged);
     }
-    let number = |b: &[u8]| f32::from_le_bytes([b[0], b[1], b[2], b[3]]);
-    let point = |b: &[u8]| std::array::from_fn(|k| number(&b[4 * k..]));
-    Ok(numbers.chunks_exact(24).map(point).collect())
+    let (divided, numbers) = rest.split_at(4 * divided as usize);
+    let word = |b: &[u8]| [b[0], b[1], b[2], b[3]];
+    let point = |b: &[u8]| std::array::from_fn(|k| f32::from_le_bytes(word(&b[4 * k..])));
+    let divided = divided.chunks_exact(4).map(|b| u32::from_le_bytes(word(b)));
+    Ok((
+        divided.collect(),
+        numbers.chunks_exact(24).map(point).collect(),
+    ))
 }
 
 #[cfg(test)]
@@ -120,21 +135,33 @@ mod tests {
     #[test]
     fn a_single_flipped_bit_is_noticed_and_another_world_too() {
         let values = vec![[0.5, 1.0, 2.0, 0.0, -0.0, 1e-9], [3.0; 6]];
-        let mut bytes = MAGIC.to_vec();
-        bytes.extend([7; 32]);
-        bytes.extend(2_u64.to_le_bytes());
-        bytes.extend(values.iter().flatten().flat_map(|x: &f32| x.to_le_bytes()));
-        bytes.extend(xxh3_64(&bytes).to_le_bytes());
-        assert_eq!(decode(&bytes, &[7; 32], 2), Ok(values));
-        assert_eq!(decode(&bytes, &[8; 32], 2), Err(Source::Outdated));
-        assert_eq!(decode(&bytes, &[7; 32], 3), Err(Source::Damaged));
+        let divided = vec![5, 0, 7];
+        let sealed = |magic: &[u8; 16], counts: [u64; 2]| {
+            let mut bytes = magic.to_vec();
+            bytes.extend([7; 32]);
+            bytes.extend(counts.iter().flat_map(|n| n.to_le_bytes()));
+            bytes.extend(divided.iter().flat_map(|x: &u32| x.to_le_bytes()));
+            bytes.extend(values.iter().flatten().flat_map(|x: &f32| x.to_le_bytes()));
+            bytes.extend(xxh3_64(&bytes).to_le_bytes());
+            bytes
+        };
+        let bytes = sealed(MAGIC, [3, 2]);
+        let known = (divided.clone(), values.clone());
+        assert_eq!(decode(&bytes, &[7; 32]), Ok(known));
+        assert_eq!(decode(&bytes, &[8; 32]), Err(Source::Outdated));
+        let older = sealed(b"geofan light 1\r\n", [3, 2]);
+        assert_eq!(decode(&older, &[7; 32]), Err(Source::Outdated));
+        for counts in [[3, 3], [4, 2], [u64::MAX, 2], [3, u64::MAX / 24]] {
+            let wrong = decode(&sealed(MAGIC, counts), &[7; 32]);
+            assert_eq!(wrong, Err(Source::Damaged), "{counts:?}");
+        }
         for i in 0..bytes.len() * 8 {
             let mut damaged = bytes.clone();
             damaged[i / 8] ^= 1 << (i % 8);
-            assert_eq!(decode(&damaged, &[7; 32], 2), Err(Source::Damaged));
+            assert_eq!(decode(&damaged, &[7; 32]), Err(Source::Damaged));
         }
         for length in 0..bytes.len() {
-            assert!(decode(&bytes[..length], &[7; 32], 2).is_err());
+            assert!(decode(&bytes[..length], &[7; 32]).is_err());
         }
     }
 }

@@ -3,7 +3,7 @@
 //! In: a chart point. Out: guesses of the direction and arc length at which the light reaches it,
 //! by inverting the interpolated map (b, c, t) → u: see [`Prism`].
 
-use super::{fan::LightFan, prism::Prism};
+use super::{fan::LightFan, prism::Prism, slanted::slanted};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
 /// How far outside its cell, in b, c and t, a point may lie and still be guessed from it: neighbours
@@ -16,11 +16,6 @@ const FOLD_MARGIN: f64 = 0.2;
 /// c or t, is not in the cell. Most cells whose box holds a point end here; with twice the distance
 /// nothing more is found.
 const FAR: f32 = 0.5;
-const FOLD_FAR: f32 = 0.6;
-
-/// Where rays fold the slope has no inverse; one that ignores what is shorter than this share of the
-/// cell still tells about the other ways.
-const FLAT: f64 = 0.1;
 
 /// Steps of Newton's method for one guess.
 const STEPS: usize = 10;
@@ -45,7 +40,8 @@ pub(super) struct Cell {
     folded: bool,
     /// Whether the rays' own maps tell anything about what is between them.
     smooth: bool,
-    /// The cell's middle, and the inverse of the map's slope there.
+    /// The cell's middle, and the inverse of the map's slope there; where rays fold, the map into the
+    /// cube of [`slanted`].
     middle: Vec3,
     inverse: Mat3,
 }
@@ -91,13 +87,12 @@ impl Guess {
 impl Cell {
     /// The cell of three rays that starts at a knot.
     pub fn new(fan: &LightFan<'_>, corners: [usize; 3], knot: usize) -> Self {
-        let signs = corners.map(|i| &fan.rays[i].reversed);
-        let first = signs[0][knot + 1];
+        let reversed = |i: usize, k: usize| fan.rays[i].knots[k].reversed;
+        let first = reversed(corners[0], knot + 1);
         // At the light itself all areas are zero and their signs mean nothing.
-        let start = knot.max(1);
-        let folded = signs
-            .iter()
-            .any(|s| s[start] != first || s[knot + 1] != first);
+        let looked_at = [knot.max(1), knot + 1];
+        let differs = |i: &usize| looked_at.iter().any(|k| reversed(*i, *k) != first);
+        let folded = corners.iter().any(differs);
         let mut cell = Self {
             corners: corners.map(|i| i as u32),
             knot: knot as u32,
@@ -107,17 +102,26 @@ impl Cell {
             inverse: Mat3::ZERO,
         };
         cell.smooth = cell.prism(fan).is_smooth();
-        let (middle, slope) = cell.prism(fan).map(MIDDLE);
-        cell.middle = middle.as_vec3();
-        cell.inverse = inverse(slope, if folded { FLAT } else { 0.0 }).as_mat3();
+        let (middle, inverse) = match folded {
+            true => slanted(&cell.prism(fan), FOLD_MARGIN, NEAR_FOLD),
+            false => {
+                let (middle, slope) = cell.prism(fan).map(MIDDLE);
+                (middle, slope.inverse())
+            }
+        };
+        (cell.middle, cell.inverse) = (middle.as_vec3(), inverse.as_mat3());
         cell
     }
 
     fn prism<'f>(&self, fan: &'f LightFan<'_>) -> Prism<'f> {
         let rays = self.corners.map(|i| &fan.rays[i as usize]);
+        Prism::new(rays, self.knot as usize, self.width(fan), self.smooth)
+    }
+
+    /// The arc length that it covers.
+    fn width(&self, fan: &LightFan<'_>) -> f64 {
         let knot = self.knot as usize;
-        let width = fan.knots[knot + 2] - fan.knots[knot];
-        Prism::new(rays, knot, width, self.smooth)
+        fan.knots[knot + 2] - fan.knots[knot]
     }
 
     /// A box around everything that the cell may be asked about.
@@ -129,28 +133,36 @@ impl Cell {
         if self.folded { FOLD_MARGIN } else { MARGIN }
     }
 
-    /// The b, c and t of `x`, as far as the linear map of the middle can tell; `None` if `x` is not in
-    /// the cell.
+    /// The b, c and t of `x`, as far as the linear map of the middle can tell, or of any place where
+    /// rays fold; `None` if `x` is not in the cell.
     pub fn place(&self, x: DVec3) -> Option<DVec3> {
         let way = self.inverse * (x.as_vec3() - self.middle);
-        let far = if self.folded { FOLD_FAR } else { FAR };
-        let third = far + 1.0 / 3.0;
+        if self.folded {
+            return (!(way.abs().max_element() > 1.0)).then_some(MIDDLE);
+        }
+        let third = FAR + 1.0 / 3.0;
         let outside =
-            way.x < -third || way.y < -third || way.x + way.y > third || way.z.abs() > far + 0.5;
+            way.x < -third || way.y < -third || way.x + way.y > third || way.z.abs() > FAR + 0.5;
         (!outside).then(|| MIDDLE + way.as_dvec3())
+    }
+
+    /// How far from certain it is that the point at `place` is in the cell: rays that fold cannot tell.
+    pub fn doubt(&self, place: DVec3) -> f64 {
+        if self.folded { 1.0 } else { outside(place) }
     }
 
     /// Adds where the light might reach `x`, roughly at `place`, through this cell, to what is `known`
     /// already.
     pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, place: DVec3, known: &mut Vec<Guess>) {
-        let prism = self.prism(fan);
-        if !self.folded {
-            let direction = prism.toward(place).normalize();
-            let s = self.arc(fan, &prism, place);
+        if !(self.folded || known.is_empty()) {
+            let [p, q, o] = self.corners.map(|i| fan.directions[i as usize]);
+            let direction = (p * (1.0 - place.x - place.y) + q * place.x + o * place.y).normalize();
+            let s = self.arc(fan, place);
             if known.iter().any(|g| g.is_near(direction, s, ROUGHLY_ALIKE)) {
                 return;
             }
         }
+        let prism = self.prism(fan);
         let starts: &[DVec3] = match self.folded {
             false => &[place],
             true => &[
@@ -213,16 +225,16 @@ impl Cell {
         Guess {
             direction: prism.toward(at).normalize(),
             spread: prism.spread(at, slope),
-            s: self.arc(fan, prism, at),
+            s: self.arc(fan, at),
             angle: prism.angle(),
-            width: prism.width(),
+            width: self.width(fan),
             folded: self.folded,
         }
     }
 
     /// The arc length at (b, c, t); not zero.
-    fn arc(&self, fan: &LightFan<'_>, prism: &Prism<'_>, at: DVec3) -> f64 {
-        let width = prism.width();
+    fn arc(&self, fan: &LightFan<'_>, at: DVec3) -> f64 {
+        let width = self.width(fan);
         (fan.knots[self.knot as usize] + at.z * width).max(1e-3 * width)
     }
 }
@@ -231,12 +243,4 @@ impl Cell {
 pub(super) fn outside(at: DVec3) -> f64 {
     let across = (at.truncate() - 0.5).abs().max_element() - 0.5;
     across.max((at.z - 0.5).abs() - 0.5).max(at.x + at.y - 1.0)
-}
-
-/// The inverse of a slope; ways that it makes shorter than the share `flat` of the longest are left
-/// out smoothly.
-fn inverse(slope: DMat3, flat: f64) -> DMat3 {
-    let size = slope.x_axis.length().max(slope.y_axis.length()) * flat;
-    let normal = slope.transpose() * slope + DMat3::from_diagonal(DVec3::splat(size * size));
-    normal.inverse() * slope.transpose()
 }

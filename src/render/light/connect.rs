@@ -37,8 +37,9 @@ pub struct Connection {
 pub(crate) struct Attempt {
     /// What it is for.
     pub index: usize,
-    /// The point to start from, and the one to reach.
+    /// The point to start from with the standard frame there, and the one to reach.
     pub from: DVec3,
+    pub frame: DMat3,
     pub to: DVec3,
     /// Direction in the standard frame at the start, and arc length.
     pub direction: DVec3,
@@ -139,7 +140,7 @@ fn followed(
     way: Way<'_>,
 ) -> Vec<Reached> {
     let numbers = states.iter().map(|state| state.attempt.index).collect();
-    let rays = states.iter().map(|state| state.ray(manifold)).collect();
+    let rays = states.iter().map(State::ray).collect();
     reached(manifold, settings, rays, numbers, way)
 }
 
@@ -151,7 +152,7 @@ fn approached(manifold: &Manifold, states: Vec<State>, tolerance: f64) -> Vec<St
         let settings = settings(tolerance, deviation, false);
         let flights = followed(manifold, settings, &states, Way::Any);
         let next = |(state, flight): (State, Reached)| {
-            let target = state.target(manifold, &flight);
+            let target = state.target(&flight);
             state.stepped(target)
         };
         open.extend(states.into_iter().zip(flights).filter_map(next));
@@ -173,7 +174,7 @@ fn arrived(
         if matches!(flight, Reached::Blocked) {
             continue;
         }
-        match state.target(manifold, &flight) {
+        match state.target(&flight) {
             Some(target) if target.miss.length() <= allowed * target.s => {
                 found.push((state.attempt.index, target.connection()));
             }
@@ -234,18 +235,24 @@ impl State {
         stepped(d, s, self.step)
     }
 
-    fn ray(&self, manifold: &Manifold) -> Ray {
+    fn ray(&self) -> Ray {
         let (d, s) = self.tried();
-        Ray::new(manifold, self.attempt.from, d, s)
+        Ray::in_frame(self.attempt.frame, self.attempt.from, d, s)
     }
 
     /// Where the present step has led to, if its path has reached its end.
-    fn target(&self, manifold: &Manifold, flight: &Reached) -> Option<Target> {
-        let &Reached::End(Arrival { u, v, spread }) = flight else {
+    fn target(&self, flight: &Reached) -> Option<Target> {
+        let &Reached::End(Arrival {
+            u,
+            v,
+            spread,
+            frame,
+        }) = flight
+        else {
             return None;
         };
         let (direction, s) = self.tried();
-        let into = manifold.standard_frame(u).inverse();
+        let into = frame.inverse();
         let columns = spread.or(self.attempt.spread)?;
         Some(Target {
             direction,
@@ -352,6 +359,7 @@ impl LightFan<'_> {
             let attempt = move |(to, guess): (DVec3, Guess)| Attempt {
                 index,
                 from: self.u,
+                frame: self.frame,
                 to,
                 direction: guess.direction,
                 s: guess.s,

@@ -6,14 +6,14 @@
 
 use super::{
     boxes::Boxes,
-    cell::{Cell, Guess, outside},
+    cell::{Cell, Guess},
     icosphere,
 };
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
     manifold::{Carried, Manifold},
 };
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -57,12 +57,18 @@ const TOLERANCE: f64 = 1e-6;
 #[derive(Debug, Clone, Default)]
 pub(super) struct FanRay {
     pub direction: DVec3,
-    pub u: Vec<DVec3>,
-    pub v: Vec<DVec3>,
-    /// How the points move when the direction turns towards each of its perpendiculars.
-    pub spread: Vec<[Vec3; 2]>,
+    pub knots: Vec<Knot>,
+}
+
+/// A ray at one arc length: what a cell needs of it lies together.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Knot {
+    pub u: DVec3,
+    pub v: DVec3,
+    /// How the point moves when the direction turns towards each of its perpendiculars.
+    pub spread: [Vec3; 2],
     /// Whether the area is negative.
-    pub reversed: Vec<bool>,
+    pub reversed: bool,
 }
 
 /// Room to look for guesses in.
@@ -79,11 +85,15 @@ pub struct LightFan<'m> {
     pub(super) manifold: &'m Manifold,
     /// The light's chart point.
     pub u: DVec3,
+    /// The standard frame there.
+    pub(super) frame: DMat3,
     /// How far its light is followed.
     pub length: f64,
     /// Where connections are asked for.
     region: Region,
     pub(super) rays: Vec<FanRay>,
+    /// The rays' directions once more, close together: most cells need no more of their rays.
+    pub(super) directions: Vec<DVec3>,
     /// Arc lengths at which rays are sampled: the ends of intervals and, in between, their middles.
     pub(super) knots: Vec<f64>,
     cells: Vec<Cell>,
@@ -96,15 +106,18 @@ impl<'m> LightFan<'m> {
         let mut fan = Self {
             manifold,
             u,
+            frame: manifold.standard_frame(u),
             length,
             region: widened(manifold, region),
             rays: Vec::new(),
+            directions: Vec::new(),
             knots: Vec::new(),
             cells: Vec::new(),
             boxes: Boxes::new(&[]),
         };
         fan.choose_knots();
         let triangles = fan.refine();
+        fan.directions = fan.rays.iter().map(|ray| ray.direction).collect();
         let (cells, boxes): (Vec<Cell>, Vec<Region>) = triangles
             .par_iter()
             .flat_map_iter(|corners| fan.cells_of(*corners))
@@ -117,7 +130,7 @@ impl<'m> LightFan<'m> {
     /// The cells of a triangle of rays that matter, with the boxes around them.
     fn cells_of(&self, corners: [usize; 3]) -> Vec<(Cell, Region)> {
         let rays = corners.map(|i| &self.rays[i]);
-        let reach = rays.iter().map(|r| r.u.len()).min().unwrap_or(0);
+        let reach = rays.iter().map(|r| r.knots.len()).min().unwrap_or(0);
         let starts = (0..reach.saturating_sub(2)).step_by(2);
         let sound = starts.filter(|k| rays.iter().all(|r| r.miss(*k, self.knots[1]) <= BROKEN));
         let cells = sound.map(|k| {
@@ -144,8 +157,8 @@ impl<'m> LightFan<'m> {
             self.knots = self.even_knots(2 * count);
             let rays = self.trace(&directions);
             let coarse = |ray: &&FanRay| {
-                let starts = (0..ray.u.len().saturating_sub(3)).step_by(2);
-                let mut inside = starts.filter(|k| holds(self.region, ray.u[*k]));
+                let starts = (0..ray.knots.len().saturating_sub(3)).step_by(2);
+                let mut inside = starts.filter(|k| holds(self.region, ray.knots[*k].u));
                 inside.any(|k| ray.miss(k, self.knots[1]) > BEND)
             };
             let bad = rays.iter().filter(coarse).count();
@@ -212,19 +225,24 @@ impl<'m> LightFan<'m> {
     ) -> bool {
         [(a, b), (b, c), (c, a)].into_iter().all(|(i, j)| {
             let [p, q, m] = [i, j, middles[&edge(i, j)]].map(|k| &self.rays[k]);
-            let reach = [p, q, m].map(|r| r.u.len());
+            let reach = [p, q, m].map(|r| r.knots.len());
             let (least, most) = reach
                 .iter()
                 .fold((usize::MAX, 0), |(a, b), r| (a.min(*r), b.max(*r)));
-            let mut inside =
-                (1..least).filter(|k| [p, q, m].iter().any(|ray| holds(self.region, ray.u[*k])));
+            let mut inside = (1..least).filter(|k| {
+                [p, q, m]
+                    .iter()
+                    .any(|ray| holds(self.region, ray.knots[*k].u))
+            });
             let whole = level >= LAST_EDGE_LEVEL
                 || most - least <= 4.max(most / 10)
-                    && inside.clone().all(|k| p.reversed[k] == q.reversed[k]);
+                    && inside
+                        .clone()
+                        .all(|k| p.knots[k].reversed == q.knots[k].reversed);
             whole
                 && inside.all(|k| {
-                    let bend = (0.5 * (p.u[k] + q.u[k]) - m.u[k]).length();
-                    bend <= BEND * (p.u[k] - q.u[k]).length()
+                    let [p, q, m] = [p, q, m].map(|ray| ray.knots[k].u);
+                    (0.5 * (p + q) - m).length() <= BEND * (p - q).length()
                 })
         })
     }
@@ -246,7 +264,7 @@ impl<'m> LightFan<'m> {
             };
             let rays = directions
                 .iter()
-                .map(|d| Ray::new(self.manifold, self.u, *d, self.length));
+                .map(|d| Ray::in_frame(self.frame, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
             sampler.rays
         };
@@ -256,10 +274,12 @@ impl<'m> LightFan<'m> {
     fn first_knot(&self, direction: DVec3) -> FanRay {
         FanRay {
             direction,
-            u: vec![self.u],
-            v: vec![self.manifold.standard_frame(self.u) * direction],
-            spread: vec![[Vec3::ZERO; 2]],
-            reversed: vec![false],
+            knots: vec![Knot {
+                u: self.u,
+                v: self.frame * direction,
+                spread: [Vec3::ZERO; 2],
+                reversed: false,
+            }],
         }
     }
 
@@ -273,8 +293,8 @@ impl<'m> LightFan<'m> {
             let place = |i: &u32| Some((*i, self.cells[*i as usize].place(image)?));
             room.places.extend(room.around.iter().filter_map(place));
             // The cell that the point is in first: what it finds spares the search in its neighbours.
-            room.places
-                .sort_by(|(_, a), (_, b)| outside(*a).total_cmp(&outside(*b)));
+            let doubt = |(i, place): &(u32, DVec3)| self.cells[*i as usize].doubt(*place);
+            room.places.sort_by(|a, b| doubt(a).total_cmp(&doubt(b)));
             room.known.clear();
             for (i, place) in &room.places {
                 self.cells[*i as usize].guesses(self, image, *place, &mut room.known);
@@ -311,8 +331,9 @@ impl FanRay {
     /// How far the cubic over the interval from knot `k` misses the ray in the middle, as a share of
     /// the interval's chord; `half` is half the interval's arc length.
     fn miss(&self, k: usize, half: f64) -> f64 {
-        let cubic = 0.5 * (self.u[k] + self.u[k + 2]) + (self.v[k] - self.v[k + 2]) * (0.25 * half);
-        (cubic - self.u[k + 1]).length() / (self.u[k + 2] - self.u[k]).length()
+        let [p, m, q] = [k, k + 1, k + 2].map(|k| &self.knots[k]);
+        let cubic = 0.5 * (p.u + q.u) + (p.v - q.v) * (0.25 * half);
+        (cubic - m.u).length() / (q.u - p.u).length()
     }
 }
 
@@ -353,29 +374,28 @@ struct Sampler<'f, 'm> {
 impl Sink for Sampler<'_, '_> {
     fn step(&mut self, ray: usize, step: &Step) {
         let ray = &mut self.rays[ray];
-        while let Some(&s) = self.fan.knots.get(ray.u.len())
+        while let Some(&s) = self.fan.knots.get(ray.knots.len())
             && s <= step.end
         {
             let (u, v) = (step.position(s), step.tangent(s));
             let inverse = self.fan.manifold.standard_frame(u).inverse();
             let spread = step.deviation(s).unwrap_or_default();
-            ray.u.push(u);
-            ray.v.push(v);
-            ray.spread.push(spread.map(|j| j.as_vec3()));
-            ray.reversed.push(signed_area(inverse, v, spread) < 0.0);
+            ray.knots.push(Knot {
+                u,
+                v,
+                spread: spread.map(|j| j.as_vec3()),
+                reversed: signed_area(inverse, v, spread) < 0.0,
+            });
         }
     }
 
     fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
         let ray = &mut self.rays[ray];
-        let last = ray.u.len() - 1;
-        let (u, v, reversed) = (ray.u[last], ray.v[last], ray.reversed[last]);
-        let spread = ray.spread[last];
-        for s in self.fan.knots.iter().skip(last + 1).take(2) {
-            ray.u.push(u + v * (s - self.fan.knots[last]));
-            ray.v.push(v);
-            ray.spread.push(spread);
-            ray.reversed.push(reversed);
+        let at = ray.knots.len() - 1;
+        let last = ray.knots[at];
+        for s in self.fan.knots.iter().skip(at + 1).take(2) {
+            let u = last.u + last.v * (s - self.fan.knots[at]);
+            ray.knots.push(Knot { u, ..last });
         }
     }
 }

@@ -4,7 +4,7 @@
 
 use super::{Connection, LightFan, PointLight, way::Way};
 use crate::{manifold::Manifold, render::World};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// Caustics: no geodesic brings more than this many times the irradiance that it would bring over
 /// the same arc length in flat space, `I cosθ / s²`. In terms of energy: of a pencil of light whose
@@ -30,7 +30,11 @@ pub struct SurfacePoint {
 /// covector `normal`: `cosθ / area`. Positive on the side to which the normal points, negative on
 /// the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
-    let frame = manifold.standard_frame(u);
+    irradiance_in(manifold.standard_frame(u), normal, connection)
+}
+
+/// The same where the standard frame at the point is known.
+fn irradiance_in(frame: DMat3, normal: DVec3, connection: &Connection) -> f64 {
     let n = (frame.transpose() * normal).normalize_or_zero();
     let v = (frame.inverse() * connection.v).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
@@ -86,20 +90,25 @@ impl<'w> Lamps<'w> {
             let places = points.iter().map(|p| p.u);
             let (connections, followed) = fan.connected(places, self.tolerance, way);
             rays += followed;
-            let arrival = |(index, connection): (usize, Connection)| {
-                (index, self.arrival(light, &points[index], &connection))
+            let places: Vec<DVec3> = connections.iter().map(|(i, _)| points[*i].u).collect();
+            let frames = self.world.manifold.standard_frames(&places);
+            let arrival = |((index, connection), frame): ((usize, Connection), DMat3)| {
+                let share = irradiance_in(frame, points[index].normal, &connection);
+                (index, Arrival::new(light, share, connection.v))
             };
-            arrivals.extend(connections.into_iter().map(arrival));
+            arrivals.extend(connections.into_iter().zip(frames).map(arrival));
         }
         (arrivals, rays)
     }
+}
 
-    fn arrival(&self, light: &PointLight, at: &SurfacePoint, connection: &Connection) -> Arrival {
-        let share = irradiance(&self.world.manifold, at.u, at.normal, connection);
-        Arrival {
+impl Arrival {
+    /// Light that brings `share` of the light's intensity, positive on the front; `v` is its tangent.
+    fn new(light: &PointLight, share: f64, v: DVec3) -> Self {
+        Self {
             irradiance: light.intensity.map(|i| f64::from(i) * share.abs()),
             front: share > 0.0,
-            v: connection.v,
+            v,
         }
     }
 }

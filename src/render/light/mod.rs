@@ -14,10 +14,12 @@ mod boxes;
 pub mod cache;
 mod cell;
 mod connect;
+mod facets;
 mod fan;
 mod icosphere;
 mod illumination;
 mod prism;
+mod slanted;
 mod way;
 
 pub use baked::Baked;

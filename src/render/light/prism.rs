@@ -60,13 +60,14 @@ impl Weights {
     #[inline(always)]
     fn point(&self, ray: &FanRay, k: usize) -> DVec3 {
         let [a, b, c, d] = self.cubic;
-        ray.u[k] * a + ray.v[k] * b + ray.u[k + 2] * c + ray.v[k + 2] * d
+        let (p, q) = (&ray.knots[k], &ray.knots[k + 2]);
+        p.u * a + p.v * b + q.u * c + q.v * d
     }
 
     #[inline(always)]
     fn spread(&self, ray: &FanRay, k: usize) -> [DVec3; 2] {
         let [a, b, c] = self.parabola;
-        let [x, y, z] = [ray.spread[k], ray.spread[k + 1], ray.spread[k + 2]];
+        let [x, y, z] = [k, k + 1, k + 2].map(|k| ray.knots[k].spread);
         [
             x[0].as_dvec3() * a + y[0].as_dvec3() * b + z[0].as_dvec3() * c,
             x[1].as_dvec3() * a + y[1].as_dvec3() * b + z[1].as_dvec3() * c,
@@ -85,11 +86,6 @@ impl<'f> Prism<'f> {
             width,
             share: if smooth { 0.5 } else { 0.0 },
         }
-    }
-
-    /// Arc length between the knots.
-    pub fn width(&self) -> f64 {
-        self.width
     }
 
     /// The angle between two of the rays.
@@ -120,10 +116,11 @@ impl<'f> Prism<'f> {
         let (mut miss, mut side) = (0.0_f64, 0.0_f64);
         for (a, across) in self.rays.iter().zip(self.across) {
             for b in self.rays {
-                let way = b.u[end] - a.u[end];
+                let way = b.knots[end].u - a.knots[end].u;
                 let turn = b.direction - a.direction;
                 let [x, y] = across.map(|e| e.dot(turn));
-                let own = a.spread[end][0].as_dvec3() * x + a.spread[end][1].as_dvec3() * y;
+                let [j, k] = a.knots[end].spread.map(|j| j.as_dvec3());
+                let own = j * x + k * y;
                 miss = miss.max((own - way).length());
                 side = side.max(way.length());
             }
@@ -136,16 +133,15 @@ impl<'f> Prism<'f> {
         let (k, third, rays) = (self.knot, self.width / 3.0, self.rays);
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for ray in rays {
-            let ends = [ray.u[k], ray.u[k + 2]];
-            let controls = [ends[0] + ray.v[k] * third, ends[1] - ray.v[k + 2] * third];
-            for p in ends.into_iter().chain(controls) {
+            let (p, q) = (&ray.knots[k], &ray.knots[k + 2]);
+            for p in [p.u, q.u, p.u + p.v * third, q.u - q.v * third] {
                 (low, high) = (low.min(p), high.max(p));
             }
         }
         // Sideways by the distance of the rays, lengthwise by that of the knots.
-        let side = |i: usize, j: usize, k: usize| (rays[i].u[k] - rays[j].u[k]).abs();
+        let side = |i: usize, j: usize, k: usize| (rays[i].knots[k].u - rays[j].knots[k].u).abs();
         let sides = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| side(i, j, k).max(side(i, j, k + 2)));
-        let along = (rays[0].u[k + 2] - rays[0].u[k]).abs();
+        let along = (rays[0].knots[k + 2].u - rays[0].knots[k].u).abs();
         let margin = (sides[0].max(sides[1]).max(sides[2]) + along) * margin;
         (low - margin, high + margin)
     }
@@ -186,6 +182,7 @@ impl<'f> Prism<'f> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::light::fan::Knot;
 
     /// A quadratic map of the direction, cubic along the rays, is met to rounding.
     #[test]
@@ -207,17 +204,15 @@ mod tests {
             let h = 1e-5;
             (u(d + way * h, s) - u(d - way * h, s)) / (2.0 * h)
         };
-        let knots = [1.0, 1.3, 1.6];
+        let knot = |d: DVec3, s: f64| Knot {
+            u: u(d, s),
+            v: (u(d, s + 1e-5) - u(d, s - 1e-5)) / 2e-5,
+            spread: perpendiculars(d).map(|e| turned(d, e, s).as_vec3()),
+            reversed: false,
+        };
         let ray = |d: DVec3| FanRay {
             direction: d,
-            u: knots.map(|s| u(d, s)).to_vec(),
-            v: knots
-                .map(|s| (u(d, s + 1e-5) - u(d, s - 1e-5)) / 2e-5)
-                .to_vec(),
-            spread: knots
-                .map(|s| perpendiculars(d).map(|e| turned(d, e, s).as_vec3()))
-                .to_vec(),
-            reversed: vec![false; 3],
+            knots: [1.0, 1.3, 1.6].map(|s| knot(d, s)).to_vec(),
         };
         let rays = directions.map(ray);
         let prism = Prism::new([&rays[0], &rays[1], &rays[2]], 0, 0.6, true);

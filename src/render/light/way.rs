@@ -10,11 +10,11 @@ use crate::{
     manifold::Manifold,
     render::{
         World,
-        intersect::{first_hit, may_meet},
+        intersect::{first_hit, may_meet, region},
         tracer::pieces,
     },
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// What may be in the way of a geodesic.
 #[derive(Clone, Copy)]
@@ -43,6 +43,8 @@ pub(super) struct Arrival {
     pub v: DVec3,
     /// The two deviations, if they were carried.
     pub spread: Option<[DVec3; 2]>,
+    /// The standard frame there.
+    pub frame: DMat3,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
@@ -65,12 +67,34 @@ pub(super) fn reached(
         length: ray.length,
         number,
         met: false,
-        reached: Reached::Nothing,
+        blocked: false,
+        end: None,
     };
     let flights = rays.iter().zip(numbers).map(flight).collect();
     let mut sink = Flights { flights, way };
     follow(manifold, settings, rays, &mut sink);
-    sink.flights.into_iter().map(|f| f.reached).collect()
+    with_frames(manifold, &sink.flights)
+}
+
+/// What the flights have reached.
+fn with_frames(manifold: &Manifold, flights: &[Flight]) -> Vec<Reached> {
+    let ends = |f: &Flight| f.end.map(|(u, ..)| u);
+    let ends: Vec<DVec3> = flights.iter().filter_map(ends).collect();
+    let mut frames = manifold.standard_frames(&ends).into_iter();
+    let reached = |f: &Flight| match (f.blocked, f.end) {
+        (true, _) => Reached::Blocked,
+        (false, None) => Reached::Nothing,
+        (false, Some((u, v, spread))) => {
+            let frame = frames.next().expect("as many frames as ends");
+            Reached::End(Arrival {
+                u,
+                v,
+                spread,
+                frame,
+            })
+        }
+    };
+    flights.iter().map(reached).collect()
 }
 
 struct Flight {
@@ -78,7 +102,10 @@ struct Flight {
     number: usize,
     /// Whether the surface of its point has been met.
     met: bool,
-    reached: Reached,
+    /// Whether something is in its way.
+    blocked: bool,
+    /// Point, tangent and deviations at its end.
+    end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,
 }
 
 struct Flights<'a> {
@@ -91,6 +118,17 @@ impl Sink for Flights<'_> {
         matches!(self.way, Way::Clear(..)) && !self.flights[ray].met
     }
 
+    fn region(&self) -> Option<(DVec3, DVec3)> {
+        match self.way {
+            Way::Any => None,
+            Way::Clear(world, _) => region(&world.accelerator, &world.manifold.domain),
+        }
+    }
+
+    fn wants_carried(&self) -> bool {
+        false
+    }
+
     fn step(&mut self, ray: usize, step: &Step) {
         let flight = &mut self.flights[ray];
         if let Way::Clear(world, points) = self.way
@@ -99,7 +137,7 @@ impl Sink for Flights<'_> {
             match flight.meets(world, points, step) {
                 Some(true) => flight.met = true,
                 Some(false) => {
-                    flight.reached = Reached::Blocked;
+                    flight.blocked = true;
                     return;
                 }
                 None => {}
@@ -107,16 +145,12 @@ impl Sink for Flights<'_> {
         }
         if step.end >= flight.length {
             let s = flight.length;
-            flight.reached = Reached::End(Arrival {
-                u: step.position(s),
-                v: step.tangent(s),
-                spread: step.deviation(s),
-            });
+            flight.end = Some((step.position(s), step.tangent(s), step.deviation(s)));
         }
     }
 
     fn wants_more(&self, ray: usize) -> bool {
-        !matches!(self.flights[ray].reached, Reached::Blocked)
+        !self.flights[ray].blocked
     }
 
     fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}

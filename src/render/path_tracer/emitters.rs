@@ -144,13 +144,16 @@ pub fn principal(
     pairs: &[(DVec3, DVec3)],
     tolerance: f64,
 ) -> (Vec<Option<Connection>>, usize) {
-    let attempts = pairs.iter().enumerate();
-    let attempts = attempts.filter_map(|(index, (from, to))| {
+    let starts: Vec<DVec3> = pairs.iter().map(|(from, _)| *from).collect();
+    let frames = world.manifold.standard_frames(&starts);
+    let attempts = pairs.iter().zip(frames).enumerate();
+    let attempts = attempts.filter_map(|(index, ((from, to), frame))| {
         let to = nearest_image(world, *from, *to);
-        let way = world.manifold.standard_frame(*from).inverse() * (to - *from);
+        let way = frame.inverse() * (to - *from);
         Some(Attempt {
             index,
             from: *from,
+            frame,
             to,
             direction: way.try_normalize()?,
             s: way.length(),

@@ -29,12 +29,19 @@ pub struct Surface {
 }
 
 impl Surface {
-    /// Of what `hit` met.
-    pub fn new(world: &World, hit: &Hit) -> Self {
+    /// Of what each of `hits` met.
+    pub fn all(world: &World, hits: &[Hit]) -> Vec<Self> {
+        let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
+        let frames = world.manifold.standard_frames(&points);
+        let surface = |((hit, u), frame)| Self::new(world, hit, u, frame);
+        hits.iter().zip(points).zip(frames).map(surface).collect()
+    }
+
+    /// Of what `hit` met, at the chart point `u` with the standard frame `frame`.
+    fn new(world: &World, hit: &Hit, u: DVec3, frame: DMat3) -> Self {
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
-        let (u, covector) = (world.point(hit), world.covector(hit));
-        let frame = world.manifold.standard_frame(u);
+        let covector = world.covector(hit);
         let inverse = frame.inverse();
         let back = -(inverse * hit.v.as_dvec3()).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];

@@ -55,8 +55,13 @@ pub struct PathTracer<'w> {
     rays: AtomicU64,
 }
 
-/// Pixels whose paths go together: enough that the lanes stay full while most paths have ended.
-const BLOCK: usize = 4096;
+/// Fewest and most pixels whose paths go together: enough that the lanes stay full while most paths
+/// have ended, and few enough that what is kept of them stays small.
+const BLOCKS: [usize; 2] = [4096, 16384];
+
+/// Blocks for each thread, if they are not too small: the last to finish keeps the others waiting for
+/// an eighth of the time at most.
+const BLOCKS_OF_A_THREAD: usize = 8;
 
 /// Bounces that are never cut short: most light that matters arrives within them, and a path that is
 /// cut earlier adds more noise than it saves time.
@@ -134,8 +139,11 @@ impl<'w> PathTracer<'w> {
     pub fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
         let (width, height) = self.view.size;
         let pixels: Vec<usize> = (0..width * height).collect();
+        // A pixel's light does not depend on those that go with it.
+        let threads = rayon::current_num_threads() * BLOCKS_OF_A_THREAD;
+        let block = (pixels.len() / threads).clamp(BLOCKS[0], BLOCKS[1]);
         let blocks: Option<Vec<Vec<DVec3>>> = pixels
-            .par_chunks(BLOCK)
+            .par_chunks(block)
             .map(|pixels| (!stop()).then(|| self.block(pixels, number)))
             .collect();
         Some(blocks?.concat())
@@ -180,13 +188,10 @@ impl<'w> PathTracer<'w> {
     /// Takes all paths to the next surface; returns those that go on. `add` takes a pixel and light.
     fn bounce(&self, walks: Vec<Walk>, add: &mut dyn FnMut(usize, DVec3)) -> Vec<Walk> {
         let probes: Vec<Probe> = walks.iter().map(|w| w.ray).collect();
-        let mut met: Vec<Meeting> = Vec::new();
+        let mut met: Vec<(Walk, Hit)> = Vec::new();
         for (walk, seen) in walks.into_iter().zip(self.seen(&probes)) {
             match seen {
-                Seen::Surface(hit) => {
-                    let surface = Surface::new(self.world, &hit);
-                    met.push(Meeting { walk, hit, surface });
-                }
+                Seen::Surface(hit) => met.push((walk, hit)),
                 Seen::Sky {
                     exit, direction, ..
                 } => add(
@@ -199,11 +204,19 @@ impl<'w> PathTracer<'w> {
                 }
             }
         }
+        let mut met = self.meetings(met);
         self.add_emitted(&met, add);
         met.retain(|m| m.walk.bounce < self.settings.bounces);
         self.add_lamps(&met, add);
         self.add_emitters(&mut met, add);
         met.into_iter().filter_map(|m| self.scattered(m)).collect()
+    }
+
+    fn meetings(&self, met: Vec<(Walk, Hit)>) -> Vec<Meeting> {
+        let hits: Vec<Hit> = met.iter().map(|(_, hit)| *hit).collect();
+        let surfaces = Surface::all(self.world, &hits);
+        let meeting = |((walk, hit), surface)| Meeting { walk, hit, surface };
+        met.into_iter().zip(surfaces).map(meeting).collect()
     }
 
     fn sky(&self, exit: usize, direction: Vec3) -> DVec3 {
