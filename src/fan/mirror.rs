@@ -178,7 +178,7 @@ impl Mirror {
             cameras.iter().all(|t| {
                 let image = p * space.stored_at(t) + shift;
                 let off = (space.stored_at(&cameras_by.apply(t)) - image).length();
-                off <= ROUNDING * (1.0 + image.length())
+                off <= ROUNDING * (image.length() + space.middle().length())
             })
         };
         let cameras = SignedPermutation::all(dimension)
