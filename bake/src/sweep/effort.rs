@@ -31,20 +31,25 @@ pub enum Extent {
 impl Effort {
     /// For a space with so many camera parameters and axes (arc length included).
     pub fn new(cameras: usize, axes: usize, extent: Extent) -> Self {
-        // Three camera parameters make large files: a quick sweep asks for little of them.
+        // Two and three camera parameters make large files: a quick sweep asks for little of them.
         let promises: &[f64] = match (cameras, extent) {
             (0 | 1, Extent::Quick) => &[2.0, 0.5, 0.1],
             (0 | 1, Extent::Full) => &[2.0, 0.5, 0.2, 0.1, 0.03],
+            (2, Extent::Quick) => &[10.0],
+            (2, Extent::Full) => &[30.0, 10.0, 3.0, 1.0],
             (_, Extent::Quick) => &[60.0],
             (_, Extent::Full) => &[60.0, 30.0, 15.0],
         };
         // Spacings are halved where axes are few; with more, doubling all cells would leave two
-        // sizes between nothing and too much.
-        let (first, ratio, count) = match axes {
-            0..=2 => (16.0, 2.0, 5),
-            3 if extent == Extent::Quick => (8.0, 2.0, 4),
-            3 => (8.0, 2.0, 5),
-            4 => (6.0, std::f64::consts::SQRT_2, 5),
+        // sizes between nothing and too much. The largest end near the limit of bytes.
+        let (first, ratio, count) = match (axes, extent) {
+            (0..=2, _) => (16.0, 2.0, 5),
+            (3, Extent::Quick) => (8.0, 2.0, 4),
+            (3, Extent::Full) => (8.0, 2.0, 7),
+            (4, Extent::Quick) => (6.0, std::f64::consts::SQRT_2, 5),
+            (4, Extent::Full) => (6.0, std::f64::consts::SQRT_2, 7),
+            (5, Extent::Quick) => (4.0, std::f64::consts::SQRT_2, 4),
+            (5, Extent::Full) => (4.0, std::f64::consts::SQRT_2, 6),
             _ => (3.0, std::f64::consts::SQRT_2, 5),
         };
         Self {
@@ -77,7 +82,7 @@ fn limits(cameras: usize, extent: Extent) -> Limits {
         },
         grid_bytes: match extent {
             Extent::Quick => 128 << 20,
-            Extent::Full => 1 << 30,
+            Extent::Full => 5 << 28,
         },
     }
 }

@@ -1,13 +1,13 @@
 //! Sampled fans for numpy.
 //!
-//! In: [`Samples`]. Out: an `.npz` file of single-precision arrays: `displacement` and `rotation` with
-//! axes (camera…, face, direction…, arc length, channel), and the positions of the nodes: `camera_0`…
-//! (stored camera parameters), `face`, `direction_0`…, `arc_length`. Displacement is
-//! `(X(s) − X(0))/s − X'(0)` of the stored chart point, rotation the quaternion x, y, z, w (or those
-//! components of it that can differ from zero).
+//! In: [`Samples`]. Out: an `.npz` file of single-precision arrays: `displacement` and `slope`, as far
+//! as they were sampled, with axes (camera…, face, direction…, arc length, channel), and the positions
+//! of the nodes: `camera_0`… (stored camera parameters), `face`, `direction_0`…, `arc_length`.
+//! Displacement is `(X(s) − X(0))/s − X'(0)` of the stored chart point, slope `X'(s) − X'(0)`, the
+//! derivative of s times the displacement (of each those components that can differ from zero).
 
 use super::{
-    grid::{Axes, Samples, Spacing, stored_channels},
+    grid::{Axes, Samples, Spacing, Stored},
     patches::interrupted,
 };
 use crate::plan::plan;
@@ -39,9 +39,9 @@ pub struct TensorArgs {
     /// One face of directions only, numbered from 0
     #[arg(long, value_name = "FACE", requires = "npz_nodes")]
     pub npz_face: Option<usize>,
-    /// Without the transported rotations
-    #[arg(long, requires = "npz_nodes")]
-    pub npz_no_frames: bool,
+    /// What is sampled of paths
+    #[arg(long, value_enum, default_value = "both", requires = "npz_nodes")]
+    pub npz_stored: Stored,
 }
 
 /// The most numbers of a tensor: four gigabytes.
@@ -75,10 +75,9 @@ impl TensorArgs {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
         let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
-        let frames = !self.npz_no_frames;
         let axes = self.axes(&space, length, nodes)?;
         let stop = || interrupt.requested();
-        let samples = Samples::new(&space, axes, (plan.tolerance, frames), stop);
+        let samples = Samples::new(&space, axes, (plan.tolerance, self.npz_stored), stop);
         let samples = samples.ok_or_else(interrupted)?;
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         write(out, &format!("{stem}-{}", self.name(nodes)), &samples)
@@ -96,7 +95,7 @@ impl TensorArgs {
         let mut axes = Axes::new(space, length, &counts, self.npz_spacing);
         let wanted = |face: &usize| self.npz_face.is_none_or(|only| only == *face);
         axes.faces.retain(wanted);
-        let channels = stored_channels(space, !self.npz_no_frames).len();
+        let channels = self.npz_stored.channels(space).len();
         let factors = counts.iter().copied().chain([axes.faces.len(), channels]);
         let numbers = factors.fold(1, |n: usize, factor| n.saturating_mul(factor));
         match (1..=MOST).contains(&numbers) {
@@ -163,7 +162,9 @@ fn put<W: io::Write + io::Seek>(
         .filter(|c| **c >= DISPLACEMENT)
         .count();
     let part = |slice: Slice| -> ArrayD<f32> { all.slice_axis(last, slice).to_owned() };
-    npz.add_array("displacement", &part(Slice::from(..split)))?;
+    if split > 0 {
+        npz.add_array("displacement", &part(Slice::from(..split)))?;
+    }
     if split < samples.channels.len() {
         npz.add_array("slope", &part(Slice::from(split..)))?;
     }

@@ -2,7 +2,7 @@
 
 use super::Subject;
 use crate::sweep::{
-    grid::{Grid, Interpolation, Number, Samples, stored_channels},
+    grid::{Grid, Interpolation, Number, Samples, Stored},
     npz,
     patches::interrupted,
     point::{Key, Measured, Outcome, Point, What, load},
@@ -57,7 +57,7 @@ impl Subject<'_> {
 
     /// Why a grid of so many nodes is not made, if it is not.
     fn too_large(&self, nodes: &[usize]) -> Option<String> {
-        let channels = stored_channels(&self.grid_space, true).len();
+        let channels = Stored::Slope.channels(&self.grid_space).len();
         let factors = nodes
             .iter()
             .copied()

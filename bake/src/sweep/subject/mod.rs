@@ -11,7 +11,7 @@ use super::{
     SweepArgs,
     effort::{Effort, Extent},
     frames::Stage,
-    grid::{Axes, FEWEST, Samples, Spacing, balanced, cells},
+    grid::{Axes, FEWEST, Samples, Spacing, Stored, balanced, cells},
     maps::{ErrorMap, Map, maps},
     patches::{Refinement, interrupted},
     point::{Basis, Key, Outcome, Point, Store},
@@ -240,7 +240,7 @@ impl<'a> Subject<'a> {
     fn sampled(&self, nodes: &[usize]) -> Option<Samples> {
         let (space, plan) = (&self.grid_space, &self.grid_plan);
         let axes = Axes::new(space, plan.length, nodes, Spacing::Uniform);
-        Samples::new(space, axes, (plan.tolerance, true), || {
+        Samples::new(space, axes, (plan.tolerance, Stored::Slope), || {
             self.interrupt.requested()
         })
     }
