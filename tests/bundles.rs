@@ -53,6 +53,7 @@ fn folder(wrong: f64) -> TempDir {
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
+        mirrors: Vec::new(),
         seed: 1,
     };
     let chunk = |face| match face {

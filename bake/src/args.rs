@@ -58,6 +58,9 @@ pub struct BakeArgs {
     /// Promise points only, not tangents: smaller, but skies are less sharp and frames are not told
     #[arg(long)]
     pub no_frames: bool,
+    /// Store every chunk, also those that reflections or exchanges of coordinates carry into others
+    #[arg(long)]
+    pub no_mirrors: bool,
     /// Bake the share I of N only (I from 1 to N) and write it as a shard for `merge`
     #[arg(long, value_name = "I/N", value_parser = share)]
     pub shard: Option<Share>,

@@ -117,6 +117,7 @@ fn bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
         length: None,
         set: Vec::new(),
         no_frames: false,
+        no_mirrors: false,
         shard: None,
         resume: true,
         certify_rays: CERTIFY_RAYS,

@@ -10,7 +10,7 @@ use crate::{
 };
 use geofan::{
     Result,
-    bundle::{PlanRecord, container::Id},
+    bundle::{Division, PlanRecord, container::Id},
     fan::FanSpace,
     terminal::{CommonArgs, Interrupt, Progress},
 };
@@ -30,6 +30,8 @@ pub struct Job<'a> {
     pub space: &'a FanSpace,
     /// The plan.
     pub plan: &'a PlanRecord,
+    /// How the table is divided into chunks.
+    pub division: Division,
     /// The bundle's id.
     pub id: Id,
     /// Which chunks; all if `None`.
@@ -75,7 +77,7 @@ impl Job<'_> {
     /// # Errors
     /// A part cannot be written.
     pub fn run(&self, parts: &Parts, interrupt: &Interrupt, common: &CommonArgs) -> Result<Ended> {
-        let all = self.plan.division(self.space.faces()).chunks() as u32;
+        let all = self.division.chunks() as u32;
         let mine = (0..all).filter(|c| self.share.is_none_or(|share| share.has(*c)));
         let mine: Vec<u32> = mine.collect();
         let tallies: Vec<Tally> = mine.iter().map(|_| Tally::default()).collect();
@@ -148,6 +150,7 @@ impl Job<'_> {
         let refiner = Refiner {
             space: self.space,
             plan: self.plan,
+            division: &self.division,
             tally,
         };
         let Some(tree) = refiner.chunk(chunk as usize) else {

@@ -12,6 +12,7 @@ pub mod demo;
 pub mod finish;
 pub mod job;
 mod lift;
+mod mirrors;
 pub mod parts;
 pub mod plan;
 pub mod refine;

@@ -1,6 +1,6 @@
 //! What is to be baked: everything that a chunk's content depends on, besides the manifold.
 
-use crate::{lift::best_lift, tolerance};
+use crate::{lift::best_lift, mirrors, tolerance};
 use geofan::{
     bundle::PlanRecord,
     fan::{FanSpace, Lift},
@@ -63,9 +63,17 @@ pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanS
         least_volume: 0.5_f64.powi(sizes.bits),
         most_arc_halvings: 3,
         cells: vec![sizes.cells; space.cameras().len()],
+        mirrors: Vec::new(),
         seed: 1,
     };
+    plan.mirrors = mirrors::of(&space, &plan);
     plan.lift = best_lift(&space, &plan);
     plan.tolerance = tolerance::needed(&space, &plan);
-    (space.lifted(plan.lift), plan)
+    (space.lifted(plan.lift).mirrored(plan.mirrors.clone()), plan)
+}
+
+/// The same without discrete symmetries.
+pub fn unmirrored(space: FanSpace, mut plan: PlanRecord) -> (FanSpace, PlanRecord) {
+    plan.mirrors = Vec::new();
+    (space.mirrored(Vec::new()), plan)
 }

@@ -5,7 +5,7 @@ use crate::{
     finish::finish,
     job::{Ended, Job},
     parts::{Baked, Parts},
-    plan::plan,
+    plan::{plan, unmirrored},
     shard,
 };
 use geofan::{
@@ -112,10 +112,15 @@ impl Bake<'_> {
     fn attempt(&self, promise: f64) -> Result<Attempt> {
         let (space, frames) = (self.space.clone(), !self.args.no_frames);
         let (space, plan) = plan(space, self.length, promise, frames);
+        let (space, plan) = match self.args.no_mirrors {
+            true => unmirrored(space, plan),
+            false => (space, plan),
+        };
         let id = identity(space.manifold(), &plan).map_err(|e| e.about(&self.args.manifold))?;
         let job = Job {
             space: &space,
             plan: &plan,
+            division: plan.division(&space),
             id,
             share: self.args.shard,
             most_bytes: self.args.max_size,

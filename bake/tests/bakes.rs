@@ -39,8 +39,23 @@ at = ["1", "0", "0"]
 length = 2.0
 "#;
 
+/// A lens seen from anywhere in a box, with all reflections and exchanges of coordinates.
+const BOX: &str = r#"
+name = "box"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "exp(0.2*exp(-(x^2 + y^2 + z^2)/2))" }
+[cameras]
+parameters = { a = [-1, 1], b = [-1, 1], c = [-1, 1] }
+at = ["a", "b", "c"]
+length = 2.0
+"#;
+
 fn place() -> Place {
-    Place::with(&[("lens.toml", LENS), ("point.toml", POINT)])
+    Place::with(&[
+        ("lens.toml", LENS),
+        ("point.toml", POINT),
+        ("box.toml", BOX),
+    ])
 }
 
 /// A bake of the lens; tests differ in what they add.
@@ -301,4 +316,35 @@ fn a_camera_moved_by_table_comes_where_the_geodesic_goes() {
 fn camera_outside(table: &geofan::bundle::Table) -> bool {
     let camera = Camera::looking(DVec3::X * 9.0, -DVec3::X, DVec3::Z);
     camera.moved_by(table, DVec3::X).is_err()
+}
+
+#[test]
+fn chunks_that_mirrors_make_of_others_are_not_stored() {
+    let place = place();
+    let bake = |name: &str, arguments: &str| {
+        let options = "--max-error 4 --certify-rays 400";
+        place
+            .bake(&format!("box.toml -o {name} {options}{arguments}"))
+            .success();
+        Bundle::read(&place.path(name)).unwrap()
+    };
+    let [folded, whole] = [bake("folded.fan", ""), bake("whole.fan", " --no-mirrors")];
+    assert_eq!(folded.header.plan.mirrors.len(), 47);
+    assert_eq!((folded.table.chunks.len(), whole.table.chunks.len()), (2, 48));
+    let size = |b: &Bundle| b.contents().encode().unwrap().len();
+    assert!(8 * size(&folded) < size(&whole));
+    // Rays from everywhere in all directions, against exact ones.
+    let checked = certify(&folded.table, 2000, 3, 1e-9, 4.0, |_| Ok(())).unwrap();
+    let certificate = checked.certificate;
+    assert!(certificate.screen_mrad.p99 < 4.0, "{certificate:?}");
+    assert!(certificate.sky_mrad.unwrap().p99 < 4.0);
+    assert!(certificate.rotation_mrad.unwrap().p99 < 8.0);
+    // A box of the table is named where the ray's image is.
+    let table = &folded.table;
+    let camera = table.space.place(DVec3::new(0.5, -0.3, 0.8)).unwrap();
+    for d in [DVec3::X, DVec3::NEG_Y, DVec3::new(0.2, 0.3, -0.9).normalize()] {
+        let located = table.space.locate(&camera, d);
+        let found = table.box_at(&camera, &located, 1.0).unwrap();
+        assert!(found.chunk < 2 && !found.flagged);
+    }
 }

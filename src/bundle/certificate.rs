@@ -218,10 +218,7 @@ length = 5.0
         let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
         Table {
             space,
-            division: Division {
-                cells: Vec::new(),
-                faces: 6,
-            },
+            division: Division::new(Vec::new(), 6, &[]),
             length: 5.0,
             frames: true,
             chunks: chunks.collect(),

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::{
     expr::{Tape, real::Real, vectorised},
-    fan::{Lift, Located, Place, Start},
+    fan::{Image, Lift, Located, Place, Start},
     geodesic::{End, first_event, transport},
     manifold::Isometry,
 };
@@ -63,12 +63,19 @@ pub struct Fan<'t> {
     table: &'t Table,
     /// The camera position.
     pub place: Place,
-    faces: Vec<Arc<FanNode>>,
+    faces: Vec<Facet>,
+}
+
+/// The directions of one face: where they are stored, and the mirror that carries them there.
+#[derive(Debug, Clone)]
+pub(super) struct Facet {
+    pub(super) node: Arc<FanNode>,
+    pub(super) image: Option<Image>,
 }
 
 impl<'t> Fan<'t> {
     /// The paths from `place`, where the chunks of its cell are contracted to `faces`.
-    pub(super) fn new(table: &'t Table, place: Place, faces: Vec<Arc<FanNode>>) -> Self {
+    pub(super) fn new(table: &'t Table, place: Place, faces: Vec<Facet>) -> Self {
         Self {
             table,
             place,
@@ -79,6 +86,11 @@ impl<'t> Fan<'t> {
     /// The path in the direction `d` (standard frame, unit).
     pub fn path(&self, d: DVec3) -> FanPath<'_, 't> {
         let located = self.table.space.locate(&self.place, d);
+        let facet = &self.faces[located.face];
+        let located = match &facet.image {
+            Some(image) => image.located(located),
+            None => located,
+        };
         let lift = self.table.space.lift();
         let mut path = FanPath {
             fan: self,
@@ -89,8 +101,7 @@ impl<'t> Fan<'t> {
         };
         let mut direction = [0.0; 2];
         direction[..path.located.direction.len()].copy_from_slice(&path.located.direction);
-        let root = &self.faces[path.located.face];
-        path.collect(root, direction, [0.0, self.table.length]);
+        path.collect(&facet.node, direction, [0.0, self.table.length]);
         path
     }
 }
@@ -112,13 +123,17 @@ fn lane<const W: usize>(lanes: &[[f64; W]; 3], lane: usize) -> DVec3 {
 fn carried<const W: usize>(isometry: &Isometry, state: State<W>) -> State<W> {
     match isometry {
         Isometry::Identity => state,
-        Isometry::Rotation(q) => {
-            let turn = |x: &[[f64; W]; 3]| affine(q, DVec3::ZERO, x);
-            [turn(&state[0]), turn(&state[1])]
+        Isometry::Affine(q, t) => moved((q, *t), &state),
+        Isometry::Left { p, first, tape } => {
+            translated(*p, tape, &moved((&first.0, first.1), &state))
         }
-        Isometry::Shift(t) => [affine(&DMat3::IDENTITY, *t, &state[0]), state[1]],
-        Isometry::Left(p, tape) => translated(*p, tape, &state),
     }
+}
+
+/// Points and tangents carried by `u -> Q u + t`.
+#[inline(always)]
+fn moved<const W: usize>((q, t): (&DMat3, DVec3), state: &State<W>) -> State<W> {
+    [affine(q, t, &state[0]), affine(q, DVec3::ZERO, &state[1])]
 }
 
 /// Points and tangents carried by the left translation by `p`: the tape gives the image and then

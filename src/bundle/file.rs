@@ -7,8 +7,9 @@
 use super::{
     Certificate, Table,
     container::{Container, ContainerError, Id, MOST_BYTES},
+    division::Division,
     records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
-    table::{Chunk, Division},
+    table::Chunk,
 };
 use crate::{
     diagnostic::SourceText,
@@ -100,12 +101,10 @@ pub fn identity(manifold: &Manifold, plan: &PlanRecord) -> Result<Id, BundleErro
 }
 
 impl PlanRecord {
-    /// How the table is divided into chunks.
-    pub fn division(&self, faces: usize) -> Division {
-        Division {
-            cells: self.cells.iter().map(|n| *n as usize).collect(),
-            faces,
-        }
+    /// How the table over `space` is divided into chunks.
+    pub fn division(&self, space: &FanSpace) -> Division {
+        let cells = self.cells.iter().map(|n| *n as usize).collect();
+        Division::new(cells, space.faces(), space.mirrors())
     }
 }
 
@@ -142,11 +141,11 @@ impl Header {
         )?))
     }
 
-    /// The number of chunks of the whole bundle, if the plan makes sense.
-    fn chunks(&self) -> Option<u64> {
+    /// Whether the number of cells and faces makes sense.
+    fn is_divided_sensibly(&self) -> bool {
         let cells = self.plan.cells.iter();
         let product = cells.fold(u64::from(self.faces), |n, c| n.saturating_mul((*c).into()));
-        (1..=MOST_CHUNKS).contains(&product).then_some(product)
+        (1..=MOST_CHUNKS).contains(&product)
     }
 
     /// That plan and cameras are those of `space`.
@@ -163,6 +162,9 @@ impl Header {
         }
         if plan.cells.len() != space.cameras().len() || plan.nodes.len() != axes {
             return wrong("its plan has another number of axes");
+        }
+        if !plan.mirrors.iter().all(|mirror| mirror.fits(space)) {
+            return wrong("its mirrors are not the manifold's");
         }
         if let Lift::Sphere { radius } = plan.lift
             && !positive(radius)
@@ -229,11 +231,14 @@ impl Contents {
     pub fn decode(name: &str, bytes: &[u8]) -> Result<Self, BundleError> {
         let container = Container::decode(bytes)?;
         let header = Header::decode(&container.header)?;
-        let total = header.chunks();
-        let total = total.ok_or(BundleError::Disagrees("its number of chunks"))?;
+        if !header.is_divided_sensibly() {
+            return Err(BundleError::Disagrees("its number of chunks"));
+        }
         let manifold = header.manifold(name)?;
         let space = FanSpace::new(manifold.clone())?.lifted(header.plan.lift);
         header.agrees(&space)?;
+        let space = space.mirrored(header.plan.mirrors.clone());
+        let total = header.plan.division(&space).chunks() as u64;
         if identity(&manifold, &header.plan)? != container.id {
             return Err(BundleError::Disagrees("its id is not that of its plan"));
         }
@@ -316,7 +321,7 @@ impl Bundle {
         let manifold = space.manifold().clone();
         Ok(Self {
             table: Table {
-                division: header.plan.division(space.faces()),
+                division: header.plan.division(&space),
                 length: header.plan.length,
                 frames: header.plan.frames,
                 space,

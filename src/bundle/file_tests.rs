@@ -30,6 +30,7 @@ fn plan() -> PlanRecord {
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
+        mirrors: Vec::new(),
         seed: 1,
     }
 }

@@ -70,11 +70,20 @@ impl Table {
     /// # Errors
     /// The chunk is damaged.
     pub fn box_at(&self, place: &Place, located: &Located, s: f64) -> Result<BoxPlace, Damage> {
-        let (first, mut point) = self
+        let (cell, camera) = self
             .division
             .locate(self.space.cameras(), &place.parameters);
-        let chunk = first + located.face;
-        point.extend(&located.direction);
+        let stored = self.division.stored(&cell, located.face);
+        let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
+        let (chunk, mut point) = (stored.chunk, camera);
+        match mirror {
+            None => point.extend(&located.direction),
+            Some(mirror) => {
+                point = mirror.camera(&point);
+                let image = mirror.image(&self.space, located.face);
+                point.extend(image.located(located.clone()).direction);
+            }
+        }
         point.push(2.0 * s / self.length - 1.0);
         let mut intervals = vec![[-1.0, 1.0]; point.len()];
         let mut tree = self.chunks[chunk].tree()?;

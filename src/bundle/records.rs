@@ -5,7 +5,7 @@
 //! is also that of bincode 1.3 and of wincode, so files outlive the crate.
 
 use super::Certificate;
-use crate::fan::{Lift, Reduction};
+use crate::fan::{Lift, Mirror, Reduction};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use serde::{Deserialize, Serialize};
 
@@ -74,6 +74,8 @@ pub struct PlanRecord {
     pub most_arc_halvings: u32,
     /// Cells along each stored camera parameter.
     pub cells: Vec<u32>,
+    /// Discrete symmetries: of the chunks that they carry into each other one is stored.
+    pub mirrors: Vec<Mirror>,
     /// Seed of the held-out rays and of the certificate.
     pub seed: u64,
 }
@@ -172,6 +174,7 @@ pub(super) mod tests {
                 least_volume: 0.25,
                 most_arc_halvings: 4,
                 cells: vec![2, 3],
+                mirrors: Vec::new(),
                 seed: u64::MAX,
             },
             certify_rays: 20_000,
@@ -231,7 +234,7 @@ pub(super) mod tests {
         type Manifold = (String, String, String, Vec<(String, f64)>);
         // An enumeration is its number, as 32 bits.
         type Fitting = (u32, u32, u32);
-        type Sizes = (Vec<u32>, Fitting, f64, u32, Vec<u32>, u64);
+        type Sizes = (Vec<u32>, Fitting, f64, u32, Vec<u32>, (Vec<u8>, u64));
         let by_bincode = encode(&manifold).unwrap();
         let mirror: Manifold = (
             manifold.name,
@@ -252,7 +255,7 @@ pub(super) mod tests {
             plan.least_volume,
             plan.most_arc_halvings,
             plan.cells,
-            plan.seed,
+            (Vec::new(), plan.seed),
         );
         let mirror: ((f64, f64, bool, f64), Sizes) = (start, sizes);
         assert_eq!(wincode::serialize(&mirror).unwrap(), by_bincode);

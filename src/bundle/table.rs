@@ -7,58 +7,13 @@
 
 use super::{
     bytes::Damage,
-    fan::{Fan, FanNode},
+    division::Division,
+    fan::{Facet, Fan, FanNode},
     tree::{Shape, Tree},
 };
 use crate::{error::Result, fan::FanSpace};
 use glam::DVec3;
 use std::sync::{Arc, OnceLock};
-
-/// How a table is divided into chunks.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Division {
-    /// Cells along each stored camera parameter.
-    pub cells: Vec<usize>,
-    /// Faces of directions.
-    pub faces: usize,
-}
-
-impl Division {
-    /// The number of chunks: cells × faces, faces running fastest.
-    pub fn chunks(&self) -> usize {
-        self.cells.iter().product::<usize>() * self.faces
-    }
-
-    /// The cell (along each parameter) and the face of a chunk.
-    pub fn of(&self, chunk: usize) -> (Vec<usize>, usize) {
-        let mut rest = chunk / self.faces;
-        let cell = self.cells.iter().map(|n| {
-            let c = rest % n;
-            rest /= n;
-            c
-        });
-        (cell.collect(), chunk % self.faces)
-    }
-
-    /// The first chunk (face 0) of the cell that holds `parameters`, and the parameters in it, in
-    /// [−1, 1].
-    pub(super) fn locate(&self, intervals: &[[f64; 2]], parameters: &[f64]) -> (usize, Vec<f64>) {
-        let (mut cell, mut stride) = (0, 1);
-        let mut inner = Vec::new();
-        for ((&n, [low, high]), p) in self.cells.iter().zip(intervals).zip(parameters) {
-            let t = if high > low {
-                (p - low) / (high - low) * n as f64
-            } else {
-                0.5
-            };
-            let k = (t.max(0.0) as usize).min(n - 1);
-            cell += k * stride;
-            stride *= n;
-            inner.push((2.0 * (t - k as f64) - 1.0).clamp(-1.0, 1.0));
-        }
-        (cell * self.faces, inner)
-    }
-}
 
 /// A chunk, decoded when it is first used: a table of megabytes opens in milliseconds, and a camera
 /// needs the chunks of one cell only.
@@ -154,12 +109,29 @@ impl Table {
     /// `u` is not in the camera region, or the patches there are damaged.
     pub fn fan(&self, u: DVec3) -> Result<Fan<'_>> {
         let place = self.space.place(u)?;
-        let (first, camera) = self
+        let (cell, camera) = self
             .division
             .locate(self.space.cameras(), &place.parameters);
-        let chunks = &self.chunks[first..first + self.division.faces];
-        let faces: Result<Vec<_>, Damage> = chunks.iter().map(|c| c.contract(&camera)).collect();
+        let faces = (0..self.space.faces()).map(|face| self.facet(&cell, face, &camera));
+        let faces = faces.collect::<Result<Vec<_>, Damage>>();
         let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
         Ok(Fan::new(self, place, faces))
+    }
+
+    /// The directions of `face` from the cameras of `cell`, at the parameters `camera` of it.
+    fn facet(&self, cell: &[usize], face: usize, camera: &[f64]) -> Result<Facet, Damage> {
+        let stored = self.division.stored(cell, face);
+        let chunk = &self.chunks[stored.chunk];
+        let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
+        Ok(match mirror {
+            None => Facet {
+                node: chunk.contract(camera)?,
+                image: None,
+            },
+            Some(mirror) => Facet {
+                node: chunk.contract(&mirror.camera(camera))?,
+                image: Some(mirror.image(&self.space, face)),
+            },
+        })
     }
 }

@@ -6,11 +6,13 @@
 
 pub mod direction;
 mod ends;
+mod mirror;
 mod orbit;
 mod position;
 mod sample;
 mod space;
 
+pub use mirror::{Image, Mirror};
 pub use orbit::OrbitAngles;
 pub use position::{Lift, Start};
 pub use sample::{CHANNELS, DISPLACEMENT, sample};

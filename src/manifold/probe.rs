@@ -4,10 +4,7 @@
 //! a camera region outside the domain, a metric that is not positive definite or differs where limits
 //! are glued, a false symmetry claim.
 
-use super::{
-    EventKind, Isometry, Manifold,
-    symmetry::{discrepancy, largest},
-};
+use super::{EventKind, Isometry, Manifold, symmetry::largest};
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},
@@ -182,7 +179,7 @@ fn check_identity(manifold: &Manifold, u: DVec3) -> Result<()> {
     let Some(tape) = &manifold.symmetry.group else {
         return Ok(());
     };
-    let by = |p: DVec3, u: DVec3| Isometry::Left(p, tape.clone()).apply(u).0;
+    let by = |p: DVec3, u: DVec3| Isometry::left(p, tape.clone()).apply(u).0;
     let (same, moved) = (by(DVec3::ZERO, u), by(u, DVec3::ZERO));
     let off = (same - u).length().max((moved - u).length());
     if off <= WORST_DISCREPANCY * (1.0 + u.length()) {
@@ -202,7 +199,7 @@ fn check_identity(manifold: &Manifold, u: DVec3) -> Result<()> {
 fn check_symmetry(manifold: &Manifold, points: &[(DVec3, bool)]) -> Result<()> {
     let claims = claimed(manifold, points);
     for (key, isometry, u) in claims {
-        let found = discrepancy(manifold, &isometry, u);
+        let found = manifold.discrepancy(&isometry, u);
         if found > WORST_DISCREPANCY {
             let (image, _) = isometry.apply(u);
             let message = format!(
@@ -228,19 +225,19 @@ fn claimed(manifold: &Manifold, points: &[(DVec3, bool)]) -> Vec<(&'static str, 
         if manifold.symmetry.rotation {
             let axis = DVec3::new(t[0] - 0.5, t[1] - 0.5, t[2] - 0.3).normalize_or(DVec3::Z);
             let q = DQuat::from_axis_angle(axis, 1.0 + 2.0 * t[0]);
-            claims.push(("rotation", Isometry::Rotation(DMat3::from_quat(q)), u));
+            claims.push(("rotation", Isometry::rotation(DMat3::from_quat(q)), u));
         }
         for k in 0..3 {
             if manifold.symmetry.translation[k] {
                 let [low, high] = manifold.domain.limits[k].unwrap_or([u[k] - 2.0, u[k] + 3.0]);
                 let mut shift = DVec3::ZERO;
                 shift[k] = low + (high - low) * t[k] - u[k];
-                claims.push(("translation", Isometry::Shift(shift), u));
+                claims.push(("translation", Isometry::shift(shift), u));
             }
         }
         if let Some(tape) = &manifold.symmetry.group {
             let p = points[(i + points.len() / 2) % points.len()].0;
-            claims.push(("group", Isometry::Left(p, tape.clone()), u));
+            claims.push(("group", Isometry::left(p, tape.clone()), u));
         }
     }
     claims.retain(|(_, isometry, u)| {

@@ -16,7 +16,7 @@ mod region;
 pub(crate) mod scout;
 
 use geofan::{
-    bundle::{PlanRecord, Polynomial, Scale, Tensor, Train, Tree, arc, chebyshev},
+    bundle::{Division, PlanRecord, Polynomial, Scale, Tensor, Train, Tree, arc, chebyshev},
     fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
 };
 use glam::DVec3;
@@ -64,6 +64,8 @@ pub struct Refiner<'a> {
     pub space: &'a FanSpace,
     /// The plan.
     pub plan: &'a PlanRecord,
+    /// How the table is divided into chunks.
+    pub division: &'a Division,
     /// Progress.
     pub tally: &'a Tally,
 }
@@ -190,7 +192,7 @@ impl Refiner<'_> {
     }
 
     fn finished(&self, region: &Region, bytes: usize) {
-        let chunks = self.plan.division(self.space.faces()).chunks() as f64;
+        let chunks = self.division.chunks() as f64;
         let arc = 0.5_f64.powi(region.arc_halvings() as i32);
         let share = region.volume() * arc / chunks * f64::from(u32::MAX);
         self.tally.volume.fetch_add(share as u64, Ordering::Relaxed);
@@ -208,7 +210,7 @@ impl Refiner<'_> {
 
     /// The stored ray at box parameters `x` (camera…, direction…).
     fn ray(&self, chunk: usize, region: &Region, x: &[f64]) -> (DVec3, DVec3) {
-        let division = self.plan.division(self.space.faces());
+        let division = self.division;
         let (cell, face) = division.of(chunk);
         let k = self.space.cameras().len();
         let camera: Vec<f64> = (0..k)

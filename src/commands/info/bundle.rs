@@ -91,6 +91,7 @@ impl Summary {
             "cameras": self.contents.space.describe(),
             "reduction": reduction(header),
             "stored_cameras": header.cameras,
+            "mirrors": plan.mirrors.len(),
             "length": plan.length,
             "frames": plan.frames,
             "promise": plan.max_error,
@@ -119,6 +120,7 @@ impl Summary {
         }
         line("cameras", self.contents.space.describe());
         line("symmetry used", reduction(header).into());
+        line("mirrors used", plan.mirrors.len().to_string());
         line("length", plan.length.to_string());
         let frames = if plan.frames {
             "promised"

@@ -18,6 +18,7 @@ mod ranges;
 use super::{
     direction::{FACES, direction, face_and_parameters},
     ends::follow_symmetry,
+    mirror::Mirror,
     orbit::OrbitAngles,
     position::Lift,
 };
@@ -58,6 +59,8 @@ pub struct FanSpace {
     lift: Lift,
     /// Whether rays that the symmetry carries into each other end alike.
     ends_alike: bool,
+    /// Discrete symmetries beside the one taken out.
+    mirrors: Vec<Mirror>,
 }
 
 /// A camera position as the bundle sees it.
@@ -124,6 +127,7 @@ impl FanSpace {
             orbits: OrbitAngles::default(),
             lift: Lift::None,
             ends_alike: true,
+            mirrors: Vec::new(),
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
         if !(own && (reduction != Reduction::Rotation || space.radius_is_monotonic())) {
@@ -185,6 +189,29 @@ impl FanSpace {
     pub fn lifted(mut self, lift: Lift) -> Self {
         self.lift = lift;
         self
+    }
+
+    /// The same rays, of which `mirrors` carry some into others.
+    pub fn mirrored(mut self, mirrors: Vec<Mirror>) -> Self {
+        self.mirrors = mirrors;
+        self
+    }
+
+    /// Discrete symmetries that are used.
+    pub fn mirrors(&self) -> &[Mirror] {
+        &self.mirrors
+    }
+
+    /// The stored chart point at camera parameters scaled to [−1, 1].
+    pub(super) fn stored_at(&self, t: &[f64]) -> DVec3 {
+        let scaled = self.cameras.iter().zip(t);
+        let scaled = scaled.map(|([low, high], t)| low + 0.5 * (t + 1.0) * (high - low));
+        self.stored_point(&scaled.collect::<Vec<f64>>())
+    }
+
+    /// The stored chart point in the middle of the camera region.
+    pub(super) fn middle(&self) -> DVec3 {
+        self.stored_at(&vec![0.0; self.cameras.len()])
     }
 
     /// Whether stored paths stay in the plane z = 0, whose normal then stays parallel.
@@ -279,10 +306,10 @@ impl FanSpace {
         let stored = self.stored_point(&parameters);
         let isometry = match self.reduction {
             Reduction::Whole | Reduction::Rotation => Isometry::Identity,
-            Reduction::Translation => Isometry::Shift(u - stored),
+            Reduction::Translation => Isometry::shift(u - stored),
             Reduction::Group => {
                 let tape = self.manifold.symmetry.group.clone();
-                tape.map_or(Isometry::Identity, |tape| Isometry::Left(u, tape))
+                tape.map_or(Isometry::Identity, |tape| Isometry::left(u, tape))
             }
         };
         Ok(Place {
@@ -418,7 +445,7 @@ impl FanSpace {
             direction: vec![parameter],
             u: place.stored,
             v,
-            isometry: Isometry::Rotation(q),
+            isometry: Isometry::rotation(q),
         }
     }
 }

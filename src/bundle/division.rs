@@ -1,0 +1,136 @@
+//! How a table is divided into chunks, and which of them are stored.
+//!
+//! In: cells along each camera parameter, faces of directions, and mirrors that carry some of them
+//! into others. Out: the chunks, one for each class of cells and faces that mirrors carry into each
+//! other, and for any cell and face the chunk that holds it ([`Division::stored`]).
+
+use crate::fan::Mirror;
+
+/// How a table is divided into chunks.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Division {
+    /// Cells along each stored camera parameter.
+    pub cells: Vec<usize>,
+    /// Faces of directions.
+    pub faces: usize,
+    /// Where each cell and face is stored; faces run fastest, then the first parameter's cells.
+    stored: Vec<Stored>,
+    /// The cell and face of each chunk, in the same numbering.
+    chunks: Vec<usize>,
+}
+
+/// Where a cell and face is stored.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Stored {
+    /// The chunk.
+    pub chunk: usize,
+    /// The mirror that carries the cell and face to those of the chunk; `None` if they are its own.
+    pub mirror: Option<usize>,
+}
+
+impl Division {
+    /// With `cells` along each camera parameter. A cell and face that one of the `mirrors` carries to
+    /// an earlier one is not stored.
+    pub fn new(cells: Vec<usize>, faces: usize, mirrors: &[Mirror]) -> Self {
+        let all = cells.iter().product::<usize>() * faces;
+        let mut division = Self {
+            cells,
+            faces,
+            stored: Vec::with_capacity(all),
+            chunks: Vec::new(),
+        };
+        for place in 0..all {
+            let earlier = (0..mirrors.len()).find_map(|i| division.image(place, i, &mirrors[i]));
+            let stored = earlier.unwrap_or(Stored {
+                chunk: division.chunks.len(),
+                mirror: None,
+            });
+            if stored.mirror.is_none() {
+                division.chunks.push(place);
+            }
+            division.stored.push(stored);
+        }
+        division
+    }
+
+    /// Where `place` is stored if mirror number `i` carries it to a chunk.
+    fn image(&self, place: usize, i: usize, mirror: &Mirror) -> Option<Stored> {
+        let (cell, face) = self.split(place);
+        let cell = mirror.cell(&cell, &self.cells)?;
+        let image = self.place(&cell, mirror.face(face));
+        let chunk = self.chunks.binary_search(&image).ok()?;
+        Some(Stored {
+            chunk,
+            mirror: Some(i),
+        })
+    }
+
+    /// The number of chunks.
+    pub fn chunks(&self) -> usize {
+        self.chunks.len()
+    }
+
+    /// The cell (along each parameter) and the face of a chunk.
+    pub fn of(&self, chunk: usize) -> (Vec<usize>, usize) {
+        self.split(self.chunks[chunk])
+    }
+
+    /// Where `face` of `cell` is stored.
+    pub fn stored(&self, cell: &[usize], face: usize) -> Stored {
+        self.stored[self.place(cell, face)]
+    }
+
+    fn split(&self, place: usize) -> (Vec<usize>, usize) {
+        let mut rest = place / self.faces;
+        let cell = self.cells.iter().map(|n| {
+            let c = rest % n;
+            rest /= n;
+            c
+        });
+        (cell.collect(), place % self.faces)
+    }
+
+    fn place(&self, cell: &[usize], face: usize) -> usize {
+        let cells = cell.iter().zip(&self.cells).rev();
+        cells.fold(0, |sum, (c, n)| sum * n + c) * self.faces + face
+    }
+
+    /// The cell that holds `parameters`, and the parameters in it, in [−1, 1].
+    pub(super) fn locate(
+        &self,
+        intervals: &[[f64; 2]],
+        parameters: &[f64],
+    ) -> (Vec<usize>, Vec<f64>) {
+        let axes = self.cells.iter().zip(intervals).zip(parameters);
+        let along = axes.map(|((&n, [low, high]), p)| {
+            let t = if high > low {
+                (p - low) / (high - low) * n as f64
+            } else {
+                0.5
+            };
+            let k = (t.max(0.0) as usize).min(n - 1);
+            (k, (2.0 * (t - k as f64) - 1.0).clamp(-1.0, 1.0))
+        });
+        along.unzip()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_mirrors_all_cells_and_faces_are_chunks() {
+        let division = Division::new(vec![2, 3], 6, &[]);
+        assert_eq!(division.chunks(), 36);
+        for chunk in 0..36 {
+            let (cell, face) = division.of(chunk);
+            let stored = division.stored(&cell, face);
+            assert_eq!((stored.chunk, stored.mirror), (chunk, None));
+        }
+        assert_eq!(division.of(7), (vec![1, 0], 1));
+        let intervals = [[0.0, 1.0], [-1.0, 1.0]];
+        let (cell, inner) = division.locate(&intervals, &[0.75, 1.0]);
+        assert_eq!((cell, inner), (vec![1, 2], vec![0.0, 1.0]));
+    }
+}
