@@ -40,6 +40,8 @@ pub struct Subject<'a> {
     /// The plan of its grids: how points are stored and how exactly they are integrated.
     grid_space: FanSpace,
     grid_plan: PlanRecord,
+    /// The share of a grid that the space's mirrors leave.
+    grid_share: f64,
     /// The camera of timings.
     u: DVec3,
     truth: OnceCell<Truth>,
@@ -123,6 +125,8 @@ impl<'a> Subject<'a> {
         let space = FanSpace::new(manifold.clone())?;
         let effort = shared.effort(&space);
         let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
+        let division = grid_plan.division(&grid_space);
+        let all = division.cells.iter().product::<usize>() * division.faces;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let (name, seed) = (name.into_owned(), shared.args.seed);
         let region = manifold.cameras.as_ref();
@@ -137,6 +141,7 @@ impl<'a> Subject<'a> {
             space,
             grid_space,
             grid_plan,
+            grid_share: division.chunks() as f64 / all as f64,
             truth: OnceCell::new(),
             maps: OnceCell::new(),
             stage: OnceCell::new(),
