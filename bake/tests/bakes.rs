@@ -330,7 +330,10 @@ fn chunks_that_mirrors_make_of_others_are_not_stored() {
     };
     let [folded, whole] = [bake("folded.fan", ""), bake("whole.fan", " --no-mirrors")];
     assert_eq!(folded.header.plan.mirrors.len(), 47);
-    assert_eq!((folded.table.chunks.len(), whole.table.chunks.len()), (2, 48));
+    assert_eq!(
+        (folded.table.chunks.len(), whole.table.chunks.len()),
+        (2, 48)
+    );
     let size = |b: &Bundle| b.contents().encode().unwrap().len();
     assert!(8 * size(&folded) < size(&whole));
     // Rays from everywhere in all directions, against exact ones.
@@ -342,7 +345,11 @@ fn chunks_that_mirrors_make_of_others_are_not_stored() {
     // A box of the table is named where the ray's image is.
     let table = &folded.table;
     let camera = table.space.place(DVec3::new(0.5, -0.3, 0.8)).unwrap();
-    for d in [DVec3::X, DVec3::NEG_Y, DVec3::new(0.2, 0.3, -0.9).normalize()] {
+    for d in [
+        DVec3::X,
+        DVec3::NEG_Y,
+        DVec3::new(0.2, 0.3, -0.9).normalize(),
+    ] {
         let located = table.space.locate(&camera, d);
         let found = table.box_at(&camera, &located, 1.0).unwrap();
         assert!(found.chunk < 2 && !found.flagged);

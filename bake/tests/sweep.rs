@@ -159,7 +159,7 @@ fn a_tensor_of_one_face_has_its_axes_beside_it() {
     let place = place();
     sweep(
         &place,
-        "box.toml --out out --npz-nodes 3,4,5 --npz-face 0 --npz-stored displacement",
+        "box.toml --out out --npz-nodes 3,4,5 --npz-face 0 --npz-no-frames",
     )
     .success();
     let file = File::open(place.path("out/npz/box-3-4-5-uniform-face0.npz")).unwrap();

@@ -38,7 +38,7 @@ impl Effort {
             (2, Extent::Quick) => &[10.0],
             (2, Extent::Full) => &[30.0, 10.0, 3.0, 1.0],
             (_, Extent::Quick) => &[60.0],
-            (_, Extent::Full) => &[60.0, 30.0, 15.0],
+            (_, Extent::Full) => &[60.0, 30.0, 15.0, 4.0, 1.0],
         };
         // Spacings are halved where axes are few; with more, doubling all cells would leave two
         // sizes between nothing and too much. The largest end near the limit of bytes.
@@ -75,10 +75,9 @@ impl Effort {
 fn limits(cameras: usize, extent: Extent) -> Limits {
     Limits {
         seconds: match (cameras, extent) {
-            (0 | 1, Extent::Quick) => 60.0,
-            (0 | 1, Extent::Full) => 600.0,
+            (0 | 1, Extent::Quick) => 120.0,
             (_, Extent::Quick) => 240.0,
-            (_, Extent::Full) => 3600.0,
+            (_, Extent::Full) => 900.0,
         },
         grid_bytes: match extent {
             Extent::Quick => 128 << 20,

@@ -39,9 +39,9 @@ pub struct TensorArgs {
     /// One face of directions only, numbered from 0
     #[arg(long, value_name = "FACE", requires = "npz_nodes")]
     pub npz_face: Option<usize>,
-    /// What is sampled of paths
-    #[arg(long, value_enum, default_value = "both", requires = "npz_nodes")]
-    pub npz_stored: Stored,
+    /// Without the slopes, which tell tangents and with them the transported frames
+    #[arg(long, requires = "npz_nodes")]
+    pub npz_no_frames: bool,
 }
 
 /// The most numbers of a tensor: four gigabytes.
@@ -77,10 +77,17 @@ impl TensorArgs {
         let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
         let axes = self.axes(&space, length, nodes)?;
         let stop = || interrupt.requested();
-        let samples = Samples::new(&space, axes, (plan.tolerance, self.npz_stored), stop);
+        let samples = Samples::new(&space, axes, (plan.tolerance, self.stored()), stop);
         let samples = samples.ok_or_else(interrupted)?;
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         write(out, &format!("{stem}-{}", self.name(nodes)), &samples)
+    }
+
+    fn stored(&self) -> Stored {
+        match self.npz_no_frames {
+            true => Stored::Displacement,
+            false => Stored::Both,
+        }
     }
 
     fn axes(
@@ -95,7 +102,7 @@ impl TensorArgs {
         let mut axes = Axes::new(space, length, &counts, self.npz_spacing);
         let wanted = |face: &usize| self.npz_face.is_none_or(|only| only == *face);
         axes.faces.retain(wanted);
-        let channels = self.npz_stored.channels(space).len();
+        let channels = self.stored().channels(space).len();
         let factors = counts.iter().copied().chain([axes.faces.len(), channels]);
         let numbers = factors.fold(1, |n: usize, factor| n.saturating_mul(factor));
         match (1..=MOST).contains(&numbers) {

@@ -13,7 +13,7 @@ use geofan::fan::{DISPLACEMENT, FanSpace, sample};
 const BATCH: usize = 1 << 15;
 
 /// What is kept of a path at a node.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stored {
     /// The slope of the departure, as bundles do: points are its integral.
     Slope,

@@ -105,8 +105,10 @@ impl Shared<'_> {
             [] => usual,
             given => given.to_vec(),
         };
+        let mut promises = own(&args.max_error, usual.promises);
+        promises.sort_by(|a, b| b.total_cmp(a));
         Effort {
-            promises: own(&args.max_error, usual.promises),
+            promises,
             cells: own(&args.cells, usual.cells),
             rays: args.rays.unwrap_or(usual.rays),
             ..usual
@@ -164,15 +166,21 @@ impl<'a> Subject<'a> {
     /// Interrupted, or the folder cannot be written.
     pub fn measure(&self, done: impl Fn(&str)) -> Result<Results> {
         let mut points = Vec::new();
-        let undivided = self.effort.middle();
-        let promises = self.effort.promises.iter();
-        let adaptive = promises.map(|p| (*p, Refinement::Adaptive));
-        let all = adaptive.chain(undivided.map(|p| (p, Refinement::Undivided)));
         let kept = self.kept_rivals()?;
         done("exact");
-        for (promise, refinement) in all {
-            points.push(self.patches(promise, refinement, &kept.rivals)?);
+        let mut within_limits = true;
+        for promise in self.effort.promises.iter().copied() {
+            let point = match within_limits {
+                true => self.patches(promise, Refinement::Adaptive, &kept.rivals)?,
+                false => self.beyond(promise)?,
+            };
+            within_limits = point.measured().is_some();
+            points.push(point);
             done(&format!("patches {promise} mrad"));
+        }
+        if let Some(promise) = self.effort.middle() {
+            points.push(self.patches(promise, Refinement::Undivided, &kept.rivals)?);
+            done("undivided patches");
         }
         for even in &self.effort.cells {
             points.extend(self.grids(&cells(*even, &kept.cells, FEWEST - 1))?);
