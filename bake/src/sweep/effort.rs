@@ -56,7 +56,7 @@ impl Effort {
             promises: promises.to_vec(),
             pilot: first as usize,
             cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
-            limits: limits(cameras, extent),
+            limits: limits(extent),
             rays: match extent {
                 Extent::Quick => 4_000,
                 Extent::Full => 20_000,
@@ -72,12 +72,11 @@ impl Effort {
 }
 
 /// What one table may take.
-fn limits(cameras: usize, extent: Extent) -> Limits {
+fn limits(extent: Extent) -> Limits {
     Limits {
-        seconds: match (cameras, extent) {
-            (0 | 1, Extent::Quick) => 120.0,
-            (_, Extent::Quick) => 240.0,
-            (_, Extent::Full) => 900.0,
+        seconds: match extent {
+            Extent::Quick => 120.0,
+            Extent::Full => 900.0,
         },
         grid_bytes: match extent {
             Extent::Quick => 128 << 20,
