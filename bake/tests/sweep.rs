@@ -86,6 +86,8 @@ fn a_sweep_writes_a_row_for_every_table_and_a_page_that_stands_alone() {
         assert!(number("screen_p50_mrad") <= number("screen_p99_mrad"));
         assert!(number("lookup_cpu_ns_per_path") > 0.0 && number("bake_wall_s") > 0.0);
         assert_eq!(row["seed"], "2");
+        // Frames are transported along the paths of every table.
+        assert!(number("rotation_p99_mrad") < 30.0);
     }
     let patches = rows
         .iter()
@@ -170,7 +172,7 @@ fn a_tensor_of_one_face_has_its_axes_beside_it() {
     assert_eq!(axis("direction_0")[3], 1.0);
     assert_eq!(axis("arc_length").to_vec(), [0.0, 0.75, 1.5, 2.25, 3.0]);
     assert!(
-        npz.by_name::<ndarray::OwnedRepr<f32>, ndarray::IxDyn>("rotation")
+        npz.by_name::<ndarray::OwnedRepr<f32>, ndarray::IxDyn>("slope")
             .is_err()
     );
 }

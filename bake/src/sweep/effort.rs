@@ -31,27 +31,32 @@ pub enum Extent {
 impl Effort {
     /// For a space with so many camera parameters and axes (arc length included).
     pub fn new(cameras: usize, axes: usize, extent: Extent) -> Self {
-        // Three camera parameters make large files: a quick sweep asks for little of them.
+        // Two and three camera parameters make large files: a quick sweep asks for little of them.
         let promises: &[f64] = match (cameras, extent) {
             (0 | 1, Extent::Quick) => &[2.0, 0.5, 0.1],
             (0 | 1, Extent::Full) => &[2.0, 0.5, 0.2, 0.1, 0.03],
+            (2, Extent::Quick) => &[10.0],
+            (2, Extent::Full) => &[30.0, 10.0, 3.0, 1.0],
             (_, Extent::Quick) => &[60.0],
-            (_, Extent::Full) => &[60.0, 30.0, 15.0],
+            (_, Extent::Full) => &[60.0, 30.0, 15.0, 4.0, 1.0],
         };
         // Spacings are halved where axes are few; with more, doubling all cells would leave two
-        // sizes between nothing and too much.
-        let (first, ratio, count) = match axes {
-            0..=2 => (16.0, 2.0, 5),
-            3 if extent == Extent::Quick => (8.0, 2.0, 4),
-            3 => (8.0, 2.0, 5),
-            4 => (6.0, std::f64::consts::SQRT_2, 5),
+        // sizes between nothing and too much. The largest end near the limit of bytes.
+        let (first, ratio, count) = match (axes, extent) {
+            (0..=2, _) => (16.0, 2.0, 5),
+            (3, Extent::Quick) => (8.0, 2.0, 4),
+            (3, Extent::Full) => (8.0, 2.0, 7),
+            (4, Extent::Quick) => (6.0, std::f64::consts::SQRT_2, 5),
+            (4, Extent::Full) => (6.0, std::f64::consts::SQRT_2, 7),
+            (5, Extent::Quick) => (4.0, std::f64::consts::SQRT_2, 4),
+            (5, Extent::Full) => (4.0, std::f64::consts::SQRT_2, 6),
             _ => (3.0, std::f64::consts::SQRT_2, 5),
         };
         Self {
             promises: promises.to_vec(),
             pilot: first as usize,
             cells: (0..count).map(|i| first * f64::powi(ratio, i)).collect(),
-            limits: limits(cameras, extent),
+            limits: limits(extent),
             rays: match extent {
                 Extent::Quick => 4_000,
                 Extent::Full => 20_000,
@@ -67,17 +72,15 @@ impl Effort {
 }
 
 /// What one table may take.
-fn limits(cameras: usize, extent: Extent) -> Limits {
+fn limits(extent: Extent) -> Limits {
     Limits {
-        seconds: match (cameras, extent) {
-            (0 | 1, Extent::Quick) => 60.0,
-            (0 | 1, Extent::Full) => 600.0,
-            (_, Extent::Quick) => 240.0,
-            (_, Extent::Full) => 3600.0,
+        seconds: match extent {
+            Extent::Quick => 120.0,
+            Extent::Full => 900.0,
         },
         grid_bytes: match extent {
             Extent::Quick => 128 << 20,
-            Extent::Full => 1 << 30,
+            Extent::Full => 5 << 28,
         },
     }
 }

@@ -1,13 +1,13 @@
 //! Sampled fans for numpy.
 //!
-//! In: [`Samples`]. Out: an `.npz` file of single-precision arrays: `displacement` and `rotation` with
-//! axes (camera…, face, direction…, arc length, channel), and the positions of the nodes: `camera_0`…
-//! (stored camera parameters), `face`, `direction_0`…, `arc_length`. Displacement is
-//! `(X(s) − X(0))/s − X'(0)` of the stored chart point, rotation the quaternion x, y, z, w (or those
-//! components of it that can differ from zero).
+//! In: [`Samples`]. Out: an `.npz` file of single-precision arrays: `displacement` and `slope`, as far
+//! as they were sampled, with axes (camera…, face, direction…, arc length, channel), and the positions
+//! of the nodes: `camera_0`… (stored camera parameters), `face`, `direction_0`…, `arc_length`.
+//! Displacement is `(X(s) − X(0))/s − X'(0)` of the stored chart point, slope `X'(s) − X'(0)`, the
+//! derivative of s times the displacement (of each those components that can differ from zero).
 
 use super::{
-    grid::{Axes, Samples, Spacing, stored_channels},
+    grid::{Axes, Samples, Spacing, Stored},
     npz_bytes,
     patches::interrupted,
 };
@@ -40,7 +40,7 @@ pub struct TensorArgs {
     /// One face of directions only, numbered from 0
     #[arg(long, value_name = "FACE", requires = "npz_nodes")]
     pub npz_face: Option<usize>,
-    /// Without the transported rotations
+    /// Without the slopes, which tell tangents and with them the transported frames
     #[arg(long, requires = "npz_nodes")]
     pub npz_no_frames: bool,
     /// Say how many bytes the tensor takes as one quantised train, as in a bundle, if no number may
@@ -80,20 +80,26 @@ impl TensorArgs {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
         let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
-        let frames = !self.npz_no_frames;
         let axes = self.axes(&space, length, nodes)?;
         if !self.npz_train.is_empty() && self.npz_spacing == Spacing::Uniform {
             let message = "trains are of Chebyshev polynomials: add --npz-spacing chebyshev";
             return Err(Error::input("--npz-train", message));
         }
         let stop = || interrupt.requested();
-        let samples = Samples::new(&space, axes, (plan.tolerance, frames), stop);
+        let samples = Samples::new(&space, axes, (plan.tolerance, self.stored()), stop);
         let samples = samples.ok_or_else(interrupted)?;
         for line in npz_bytes::lines(&samples, &self.npz_train)? {
             terminal::print(&line)?;
         }
         let stem = path.file_stem().unwrap_or_default().to_string_lossy();
         write(out, &format!("{stem}-{}", self.name(nodes)), &samples)
+    }
+
+    fn stored(&self) -> Stored {
+        match self.npz_no_frames {
+            true => Stored::Displacement,
+            false => Stored::Both,
+        }
     }
 
     fn axes(
@@ -108,7 +114,7 @@ impl TensorArgs {
         let mut axes = Axes::new(space, length, &counts, self.npz_spacing);
         let wanted = |face: &usize| self.npz_face.is_none_or(|only| only == *face);
         axes.faces.retain(wanted);
-        let channels = stored_channels(space, !self.npz_no_frames).len();
+        let channels = self.stored().channels(space).len();
         let factors = counts.iter().copied().chain([axes.faces.len(), channels]);
         let numbers = factors.fold(1, |n: usize, factor| n.saturating_mul(factor));
         match (1..=MOST).contains(&numbers) {
@@ -175,7 +181,9 @@ fn put<W: io::Write + io::Seek>(
         .filter(|c| **c >= DISPLACEMENT)
         .count();
     let part = |slice: Slice| -> ArrayD<f32> { all.slice_axis(last, slice).to_owned() };
-    npz.add_array("displacement", &part(Slice::from(..split)))?;
+    if split > 0 {
+        npz.add_array("displacement", &part(Slice::from(..split)))?;
+    }
     if split < samples.channels.len() {
         npz.add_array("slope", &part(Slice::from(split..)))?;
     }

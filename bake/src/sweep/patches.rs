@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use std::{
     path::Path,
     sync::mpsc::{self, RecvTimeoutError},
-    time::{Duration, Instant},
+    time::Duration,
 };
 
 /// How patches are refined.
@@ -45,7 +45,7 @@ impl Refinement {
 /// What a bake may take.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Limits {
-    /// Seconds for a bundle.
+    /// Processor seconds for a bundle, all threads together.
     pub seconds: f64,
     /// Bytes of a grid in single precision.
     pub grid_bytes: u64,
@@ -113,7 +113,10 @@ pub fn bake(
         Ended::Done(chunks) => chunks,
         Ended::Interrupted if interrupt.requested() => return Err(interrupted()),
         Ended::Interrupted | Ended::TooLarge { .. } => {
-            let why = format!("skipped: not finished after {:.0} s", limits.seconds);
+            let why = format!(
+                "skipped: not finished after {:.0} s of processor time",
+                limits.seconds
+            );
             return Ok(Attempt::Skipped(why));
         }
     };
@@ -146,15 +149,15 @@ fn quiet() -> CommonArgs {
     }
 }
 
-/// Runs `work` with an interrupt that is also requested after so many seconds.
+/// Runs `work` with an interrupt that is also requested after so many processor seconds.
 fn within<T>(seconds: f64, interrupt: &Interrupt, work: impl FnOnce(&Interrupt) -> T) -> T {
-    let (stop, began) = (Interrupt::default(), Instant::now());
+    let (stop, clock) = (Interrupt::default(), Clock::start());
     std::thread::scope(|scope| {
         let (working, ended) = mpsc::channel::<()>();
         let stop = &stop;
         scope.spawn(move || {
             while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
-                if interrupt.requested() || began.elapsed().as_secs_f64() > seconds {
+                if interrupt.requested() || clock.spent().cpu_s > seconds {
                     stop.request();
                 }
             }

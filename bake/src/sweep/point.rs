@@ -20,7 +20,7 @@ use std::{
 };
 
 /// Counts up when measurements change their meaning.
-const FORMAT: u32 = 2;
+const FORMAT: u32 = 3;
 
 /// Which table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

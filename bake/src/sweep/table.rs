@@ -158,10 +158,12 @@ impl<'a> Subject<'a> {
 
 impl ErrorCells {
     fn new(errors: Option<Errors>) -> Self {
-        let screen = four(errors.map(|e| e.screen));
-        let position = four(errors.map(|e| e.mrad));
-        let sky = four(errors.map(|e| e.sky));
-        let rotation = four(errors.and_then(|e| e.rotation));
+        // A table that gave up on every ray has no errors.
+        let known = errors.filter(|e| e.flagged < 1.0);
+        let screen = four(known.map(|e| e.screen));
+        let position = four(known.map(|e| e.mrad));
+        let sky = four(known.map(|e| e.sky));
+        let rotation = four(known.and_then(|e| e.rotation));
         Self {
             screen_p50_mrad: screen[0],
             screen_p95_mrad: screen[1],

@@ -108,7 +108,8 @@ impl Lookup for Grid {
 
 impl Answers for GridFan<'_> {
     fn answer(&self, d: DVec3, s: f64) -> (Option<Answer>, f64) {
-        (Some((self.path(d).at(s), None)), f64::INFINITY)
+        let path = self.path(d);
+        (Some((path.at(s), path.rotation(s))), f64::INFINITY)
     }
 }
 

@@ -37,15 +37,14 @@ pub fn balanced(samples: &Samples) -> Vec<f64> {
     within.iter().map(|l| (l - mean).exp()).collect()
 }
 
-/// The typical size of second differences of the displacement along `axis`.
+/// The typical size of second differences along `axis`.
 fn second_difference(samples: &Samples, shape: &[usize], axis: usize) -> f64 {
     let stride: usize = shape[axis + 1..].iter().product();
-    let (n, channels) = (shape[axis], samples.channels.len());
-    let displaced = |i: &usize| samples.channels[i % channels] >= geofan::fan::DISPLACEMENT;
+    let n = shape[axis];
     let inner = |i: &usize| (1..n - 1).contains(&(i / stride % n));
     let values = &samples.values;
     let mut found: Vec<f32> = (0..values.len())
-        .filter(|i| displaced(i) && inner(i))
+        .filter(inner)
         .map(|i| (values[i - stride] - 2.0 * values[i] + values[i + stride]).abs())
         .collect();
     let rank = (found.len() as f64 * TYPICAL) as usize;

@@ -2,7 +2,8 @@
 //!
 //! In: the rays of a space, numbers of cells. Out: a [`Grid`] with multilinear or cubic B-spline
 //! interpolation, in single precision or 16 bits. The axes are those of a bundle: camera parameters
-//! after symmetry, direction parameters on faces, arc length; so are the channels.
+//! after symmetry, direction parameters on faces, arc length; so are the channels, the slope of the
+//! departure, whose integral along the path gives points.
 
 mod axes;
 mod balance;
@@ -13,7 +14,7 @@ mod table;
 
 pub use axes::{Axes, Spacing};
 pub use balance::{balanced, cells, mean};
-pub use samples::{Samples, stored_channels};
+pub use samples::{Samples, Stored};
 pub use stencil::{FEWEST, Interpolation};
 pub use storage::Number;
 pub use table::{Grid, GridFan, GridPath};

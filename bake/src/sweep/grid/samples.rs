@@ -1,9 +1,8 @@
 //! Exact fans at the nodes of a grid.
 //!
-//! In: rays of a space and [`Axes`]. Out: [`Samples`]: one number for each node and channel, in
-//! single precision, axes (camera…, face, direction…, arc length, channel), the last running fastest.
-//! Channels are the displacement, whose interpolation loses less than that of points, and then the
-//! slope of the departure, for tangents.
+//! In: rays of a space, [`Axes`] and what is to be [`Stored`]. Out: [`Samples`]: one number for each
+//! node and channel, in single precision, axes (camera…, face, direction…, arc length, channel), the
+//! last running fastest.
 
 use super::axes::Axes;
 use crate::sweep::clock::{Clock, Spent};
@@ -12,6 +11,30 @@ use geofan::fan::{DISPLACEMENT, FanSpace, sample};
 /// Rays followed at once: enough to keep all threads busy, few enough that their samples in double
 /// precision stay small beside the grid.
 const BATCH: usize = 1 << 15;
+
+/// What is kept of a path at a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stored {
+    /// The slope of the departure, as bundles do: points are its integral.
+    Slope,
+    /// The displacement: points.
+    Displacement,
+    /// Both.
+    Both,
+}
+
+impl Stored {
+    /// Which channels of [`sample`] that is in `space`.
+    pub fn channels(self, space: &FanSpace) -> Vec<usize> {
+        let displacement = space.channels().iter().map(|c| DISPLACEMENT + c);
+        let slope = space.channels().iter().copied();
+        match self {
+            Self::Slope => slope.collect(),
+            Self::Displacement => displacement.collect(),
+            Self::Both => displacement.chain(slope).collect(),
+        }
+    }
+}
 
 /// Sampled fans.
 #[derive(Debug, Clone)]
@@ -26,23 +49,17 @@ pub struct Samples {
     pub spent: Spent,
 }
 
-/// The channels of [`sample`] that a grid over `space` stores, slopes only with `tangents`.
-pub fn stored_channels(space: &FanSpace, tangents: bool) -> Vec<usize> {
-    let displacement = space.channels().iter().map(|c| DISPLACEMENT + c);
-    let slope = space.channels().iter().copied();
-    displacement.chain(slope.filter(|_| tangents)).collect()
-}
-
 impl Samples {
-    /// Follows every ray of `axes` at a local tolerance, with or without `tangents`; `None` if `stop` says so between batches.
+    /// Follows every ray of `axes` at a local tolerance and keeps what is to be `stored`; `None` if
+    /// `stop` says so between batches.
     pub fn new(
         space: &FanSpace,
         axes: Axes,
-        (tolerance, tangents): (f64, bool),
+        (tolerance, stored): (f64, Stored),
         stop: impl Fn() -> bool,
     ) -> Option<Self> {
         let clock = Clock::start();
-        let channels = stored_channels(space, tangents);
+        let channels = stored.channels(space);
         let (rays, arcs) = (axes.rays(), axes.lengths.len());
         let mut values = Vec::with_capacity(rays * arcs * channels.len());
         for first in (0..rays).step_by(BATCH) {

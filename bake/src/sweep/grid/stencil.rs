@@ -41,9 +41,12 @@ impl Stencil {
 impl Interpolation {
     /// The stencil at `t`, in [0, 1] along an axis of `nodes` nodes (at least [`FEWEST`]).
     pub fn stencil(self, nodes: usize, t: f64) -> Stencil {
-        let place = t.clamp(0.0, 1.0) * (nodes - 1) as f64;
-        let cell = (place as usize).min(nodes - 2);
-        let x = place - cell as f64;
+        let (cell, x) = cell(nodes, t);
+        self.in_cell(nodes, cell, x)
+    }
+
+    /// The stencil at the share `x` of the cell `cell`.
+    fn in_cell(self, nodes: usize, cell: usize, x: f64) -> Stencil {
         match self {
             Self::Multilinear => Stencil {
                 start: cell,
@@ -53,6 +56,22 @@ impl Interpolation {
             Self::Cubic => cubic(nodes, cell, x),
         }
     }
+
+    /// The stencil of the integral from the start of the cell `cell` to its share `x`, in cells: two
+    /// Gauss points are exact for cubics.
+    pub fn integral(self, nodes: usize, cell: usize, x: f64) -> Stencil {
+        let offset = 0.5 / f64::sqrt(3.0);
+        let [a, b] = [0.5 - offset, 0.5 + offset].map(|g| self.in_cell(nodes, cell, g * x));
+        let weights = std::array::from_fn(|k| 0.5 * x * (a.weights[k] + b.weights[k]));
+        Stencil { weights, ..a }
+    }
+}
+
+/// The cell of `t`, in [0, 1] along an axis of `nodes` nodes, and the share of it that lies before.
+pub fn cell(nodes: usize, t: f64) -> (usize, f64) {
+    let place = t.clamp(0.0, 1.0) * (nodes - 1) as f64;
+    let cell = (place as usize).min(nodes - 2);
+    (cell, place - cell as f64)
 }
 
 /// Weights of the coefficients `cell − 1 … cell + 2`. The coefficient beyond either end continues
@@ -120,6 +139,27 @@ mod tests {
             .zip(values)
             .map(|(w, v)| w * v)
             .sum()
+    }
+
+    #[test]
+    fn integrals_add_up_to_that_of_a_cubic() {
+        let f = |t: f64| 1.0 - 2.0 * t + 3.0 * t * t - 4.0 * t * t * t;
+        let integral = |t: f64| t - t * t + t * t * t - t * t * t * t;
+        for n in [4, 5, 9] {
+            let coefficients = spline(n, f);
+            let sum = |end: usize, x: f64| {
+                let stencil = Interpolation::Cubic.integral(n, end, x);
+                let values = &coefficients[stencil.start..];
+                let terms = stencil.weights().iter().zip(values).map(|(w, v)| w * v);
+                terms.sum::<f64>() / (n - 1) as f64
+            };
+            for t in [0.05, 0.3, 0.5, 0.77, 1.0] {
+                let (last, x) = cell(n, t);
+                let whole: f64 = (0..last).map(|cell| sum(cell, 1.0)).sum();
+                let found = whole + sum(last, x);
+                assert!((found - integral(t)).abs() < 1e-12, "{n} {t} {found}");
+            }
+        }
     }
 
     fn spline(n: usize, f: impl Fn(f64) -> f64) -> Vec<f64> {

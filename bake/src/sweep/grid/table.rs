@@ -1,20 +1,21 @@
 //! A grid of fans as a table: storage and lookup.
 //!
 //! In: [`Samples`] on uniform nodes. Out: a [`Grid`], which for a camera gives a [`GridFan`], and for
-//! a direction a [`GridPath`]: chart point and tangent at any arc length. A row is what
-//! one stored ray holds: (arc length, channel).
+//! a direction a [`GridPath`]: chart point, tangent and transported rotation at any arc length. A row
+//! is what one stored ray holds: (arc length, channel).
 
 use super::{
     samples::Samples,
-    stencil::{Interpolation, Stencil, prefilter},
+    stencil::{Interpolation, Stencil, cell, prefilter},
     storage::{Number, Storage},
 };
 use crate::sweep::clock::{Clock, Spent};
 use geofan::{
     Result,
-    fan::{DISPLACEMENT, FanSpace, Located, Place, Start},
+    fan::{FanSpace, Located, Place, Start},
+    geodesic::transport,
 };
-use glam::DVec3;
+use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 
 /// A table of fans on equally spaced nodes.
@@ -28,6 +29,8 @@ pub struct Grid {
     shape: Vec<usize>,
     /// Nodes along the arc length.
     arcs: usize,
+    /// Of the integral over each cell of the arc length.
+    cells: Vec<Stencil>,
     length: f64,
     channels: Vec<usize>,
     storage: Storage,
@@ -39,7 +42,7 @@ pub struct Grid {
 type Rows = Vec<(usize, f32)>;
 
 impl Grid {
-    /// From samples on uniform nodes over `space` and `length`.
+    /// From samples of the slope on uniform nodes over `space` and `length`.
     pub fn new(
         space: &FanSpace,
         samples: &Samples,
@@ -67,6 +70,9 @@ impl Grid {
             cameras: space.cameras().to_vec(),
             shape,
             arcs,
+            cells: (0..arcs - 1)
+                .map(|cell| interpolation.integral(arcs, cell, 1.0))
+                .collect(),
             length,
             storage: Storage::new(values, channels.len(), number),
             channels,
@@ -118,6 +124,7 @@ impl Grid {
             shape: self.shape[k..].to_vec(),
             storage: Storage::new(values, self.channels.len(), Number::F32),
             channels: self.channels.clone(),
+            cells: self.cells.clone(),
             ..*self
         };
         Ok((contracted, place))
@@ -221,12 +228,19 @@ impl<'g> GridFan<'g> {
         grid.storage.sum(&rows, &mut row);
         GridPath {
             start: grid.space.lift().start(located.u, located.v),
+            sums: grid.cell_sums(&row),
             fan: self,
             located,
             row,
         }
     }
 }
+
+/// The slope of a departure, or what it adds up to: four channels.
+type Channels = [f64; 4];
+
+/// The most that one step of a transport along a path may be off, radians.
+const TRANSPORT_TOLERANCE: f64 = 1e-6;
 
 /// One path of a grid.
 #[derive(Debug, Clone)]
@@ -235,31 +249,66 @@ pub struct GridPath<'f, 'g> {
     located: Located,
     start: Start,
     row: Vec<f32>,
+    /// The departure at every node of the arc length, in cells.
+    sums: Vec<Channels>,
+}
+
+impl Grid {
+    /// The departures of the path with the slopes `row` at all nodes of the arc length, in cells.
+    fn cell_sums(&self, row: &[f32]) -> Vec<Channels> {
+        let mut sums = vec![[0.0; 4]];
+        let mut sum = [0.0; 4];
+        for stencil in &self.cells {
+            self.add(row, stencil, &mut sum);
+            sums.push(sum);
+        }
+        sums
+    }
+
+    /// Adds what `stencil` gives of the path with the slopes `row`.
+    fn add(&self, row: &[f32], stencil: &Stencil, sum: &mut Channels) {
+        let channels = self.channels.len();
+        let rows = row[stencil.start * channels..].chunks_exact(channels);
+        for (row, w) in rows.zip(stencil.weights()) {
+            for (&c, x) in self.channels.iter().zip(row) {
+                sum[c] += w * f64::from(*x);
+            }
+        }
+    }
 }
 
 impl GridPath<'_, '_> {
-    /// The stored channels at arc length `s`: slope and displacement.
-    fn values(&self, s: f64) -> [[f64; 4]; 2] {
+    /// Departure and slope at arc length `s`.
+    fn values(&self, s: f64) -> [Channels; 2] {
         let grid = self.fan.grid;
-        let stencil = grid.interpolation.stencil(grid.arcs, s / grid.length);
-        let channels = grid.channels.len();
-        let mut values = [[0.0; 4]; 2];
-        let rows = self.row[stencil.start * channels..].chunks_exact(channels);
-        for (row, w) in rows.zip(stencil.weights()) {
-            for (&c, x) in grid.channels.iter().zip(row) {
-                values[c / DISPLACEMENT][c % DISPLACEMENT] += w * f64::from(*x);
-            }
-        }
-        values
+        let t = s / grid.length;
+        let (cell, x) = cell(grid.arcs, t);
+        let (mut departure, mut slope) = (self.sums[cell], [0.0; 4]);
+        let (interpolation, arcs) = (grid.interpolation, grid.arcs);
+        grid.add(
+            &self.row,
+            &interpolation.integral(arcs, cell, x),
+            &mut departure,
+        );
+        grid.add(&self.row, &interpolation.stencil(arcs, t), &mut slope);
+        let of_a_cell = grid.length / (arcs - 1) as f64;
+        [departure.map(|d| d * of_a_cell), slope]
     }
 
-    /// The chart point and the tangent at `s`; the tangent is the first one where none are stored.
+    /// The chart point and the tangent at `s`.
     pub fn at(&self, s: f64) -> (DVec3, DVec3) {
         let space = &self.fan.grid.space;
-        let [slope, displacement] = self.values(s);
-        let departure = displacement.map(|d| d * s);
+        let [departure, slope] = self.values(s);
         let (u, v) = space.lift().state(&self.start, departure, slope, s);
         let (u, differential) = self.located.isometry.apply(u);
         (u, differential * v)
+    }
+
+    /// The transported rotation at `s` relative to the standard frames, by transport along the path as
+    /// a bundle does it; `None` where the path leads out of the space.
+    pub fn rotation(&self, s: f64) -> Option<DQuat> {
+        let manifold = self.fan.grid.space.manifold();
+        let carried = transport(manifold, |s| self.at(s), [0.0, s], TRANSPORT_TOLERANCE);
+        Some(carried.ok()?.rotation)
     }
 }

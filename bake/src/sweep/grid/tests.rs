@@ -28,7 +28,7 @@ fn space() -> FanSpace {
 fn samples(space: &FanSpace, cells: usize) -> Samples {
     let nodes = vec![cells + 1; space.cameras().len() + space.directions() + 1];
     let axes = Axes::new(space, LENGTH, &nodes, Spacing::Uniform);
-    Samples::new(space, axes, (TOLERANCE, true), || false).unwrap()
+    Samples::new(space, axes, (TOLERANCE, Stored::Slope), || false).unwrap()
 }
 
 fn errors(truth: &Truth, cells: usize, interpolation: Interpolation, number: Number) -> Errors {
@@ -56,6 +56,11 @@ fn errors_fall_with_the_orders_of_the_interpolations() {
         assert!((screen - order).abs() < 0.7, "{interpolation:?} {screen}");
         let sky = slope(|e| e.sky.p99);
         assert!((sky - order).abs() < 0.9, "{interpolation:?} {sky}");
+        let rotation = slope(|e| e.rotation.unwrap().p99);
+        assert!(
+            (rotation - order).abs() < 0.9,
+            "{interpolation:?} {rotation}"
+        );
         assert_eq!(fine.flagged, 0.0);
     }
 }
@@ -87,6 +92,11 @@ fn fixing_the_camera_changes_no_path() {
         let (whole, fixed) = (grid.fan(u).unwrap(), fixed.fixed_fan(place));
         for d in [glam::DVec3::X, glam::DVec3::new(-0.6, 0.64, 0.48)] {
             let (a, b) = (whole.path(d), fixed.path(d));
+            let turned = a
+                .rotation(2.1)
+                .unwrap()
+                .angle_between(b.rotation(2.1).unwrap());
+            assert!(turned < 1e-5);
             assert!((a.at(2.1).1 - b.at(2.1).1).length() < 1e-5);
             assert!((a.at(2.1).0 - b.at(2.1).0).length() < 1e-5);
         }
@@ -97,7 +107,7 @@ fn fixing_the_camera_changes_no_path() {
 fn sampling_can_be_stopped() {
     let space = space();
     let axes = Axes::new(&space, LENGTH, &[4; 4], Spacing::Uniform);
-    assert!(Samples::new(&space, axes, (TOLERANCE, true), || true).is_none());
+    assert!(Samples::new(&space, axes, (TOLERANCE, Stored::Slope), || true).is_none());
 }
 
 #[test]

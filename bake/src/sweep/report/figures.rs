@@ -197,6 +197,14 @@ fn remark(kind: Kind, points: &[Pair<'_>]) -> String {
     }
 }
 
+/// What a legend adds about a kind beside times, which know no slope.
+fn share(kind: Kind, points: &[Pair<'_>]) -> String {
+    match kind {
+        Kind::UndividedPatches => flagged(points),
+        _ => String::new(),
+    }
+}
+
 /// The points of all kinds at `x`, named by their kind and what `remark` adds.
 fn all_kinds(
     chart: &mut Chart,
@@ -272,7 +280,7 @@ fn error_by_bytes(results: &Results) -> Result<Figure> {
 
 fn error_by_bake(results: &Results) -> Result<Figure> {
     let mut chart = Chart::new();
-    all_kinds(&mut chart, results, |m| m.bake.cpu_s, |_, _| String::new());
+    all_kinds(&mut chart, results, |m| m.bake.cpu_s, share);
     let title = format!("{}: error against bake time", results.title);
     let layout = chart.layout([&title, DASHED], "bake (s of processor time)", room(&chart));
     let layout = with_rivals(layout, &chart, results);
@@ -284,7 +292,7 @@ fn error_by_bake(results: &Results) -> Result<Figure> {
 
 fn error_by_path(results: &Results) -> Result<Figure> {
     let mut chart = Chart::new();
-    all_kinds(&mut chart, results, |m| m.path_ns, |_, _| String::new());
+    all_kinds(&mut chart, results, |m| m.path_ns, share);
     let [best, worst] = chart.range(|p| p.1);
     let within = 0.3 * best..=3.0 * worst;
     let rivals = results.rivals.iter();

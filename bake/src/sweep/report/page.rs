@@ -51,6 +51,7 @@ fn definitions(all: &[Results]) -> String {
          by arc length and by the ray's magnification (taken as at least 0.25); one mrad is about a \
          pixel of a 1920-wide view of 90°. Errors are quantiles over up to {rays} fresh random rays \
          that no table was made from; a largest error is the largest of those, not a bound. \
+         Of grids, only the share of bytes counts that a space's mirrors leave to a bundle. \
          <i>Exact</i> is classical Runge–Kutta in single precision over vectors of rays, with the \
          fewest equal steps whose 99th percentile is no worse than the table's. A path from a table \
          is its chart points at {POINTS} arc lengths. Times are processor time, all threads together, which other \

@@ -55,6 +55,20 @@ impl Subject<'_> {
         }
     }
 
+    /// A promise below one that met a limit: it would take longer still.
+    pub(super) fn beyond(&self, promise: f64) -> Result<Point> {
+        let key = self.basis.of(What::Patches {
+            promise,
+            refinement: Refinement::Adaptive,
+        });
+        let limits = self.effort.limits;
+        if let Some(kept) = self.store.point(&key, limits) {
+            return Ok(kept);
+        }
+        let why = "skipped: a looser promise met the limit".into();
+        self.finish(key, Outcome::Skipped { why, limits }, Vec::new())
+    }
+
     fn bundle(&self, baked: &Baked, promise: f64, rivals: &[Rival]) -> Result<Measured> {
         let table = &baked.bundle.table;
         let errors = self.truth()?.errors(table)?;

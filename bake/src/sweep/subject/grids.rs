@@ -1,8 +1,12 @@
 //! Grids of one manifold: one sampled grid is read in four ways.
+//!
+//! Discrete symmetries of a space, which a bundle takes out, would serve a grid just as well. They are
+//! not taken out of the grids here, but their bytes count only by the share of cells and faces that a
+//! bundle stores.
 
 use super::Subject;
 use crate::sweep::{
-    grid::{Grid, Interpolation, Number, Samples, stored_channels},
+    grid::{Grid, Interpolation, Number, Samples, Stored},
     npz,
     patches::interrupted,
     point::{Key, Measured, Outcome, Point, What, load},
@@ -57,7 +61,7 @@ impl Subject<'_> {
 
     /// Why a grid of so many nodes is not made, if it is not.
     fn too_large(&self, nodes: &[usize]) -> Option<String> {
-        let channels = stored_channels(&self.grid_space, true).len();
+        let channels = Stored::Slope.channels(&self.grid_space).len();
         let factors = nodes
             .iter()
             .copied()
@@ -80,9 +84,12 @@ impl Subject<'_> {
         let length = self.basis.length;
         let grid = Grid::new(&self.grid_space, samples, length, interpolation, number);
         let times = speed::grid(&grid, self.u, length)?;
+        // All of it is sampled, but only what a bundle would store is charged: the other samples are
+        // the same up to signs.
+        let bytes = (grid.bytes() as f64 * self.grid_share).ceil() as u64;
         let measured = Measured {
-            disk: grid.bytes(),
-            memory: grid.bytes(),
+            disk: bytes,
+            memory: bytes,
             errors: self.truth()?.errors(&grid)?,
             bake: grid.spent,
             baked_rays: samples.axes.rays() as u64,

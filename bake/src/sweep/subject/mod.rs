@@ -11,7 +11,7 @@ use super::{
     SweepArgs,
     effort::{Effort, Extent},
     frames::Stage,
-    grid::{Axes, FEWEST, Samples, Spacing, balanced, cells},
+    grid::{Axes, FEWEST, Samples, Spacing, Stored, balanced, cells},
     maps::{ErrorMap, Map, maps},
     patches::{Refinement, interrupted},
     point::{Basis, Key, Outcome, Point, Store},
@@ -40,6 +40,8 @@ pub struct Subject<'a> {
     /// The plan of its grids: how points are stored and how exactly they are integrated.
     grid_space: FanSpace,
     grid_plan: PlanRecord,
+    /// The share of a grid that the space's mirrors leave.
+    grid_share: f64,
     /// The camera of timings.
     u: DVec3,
     truth: OnceCell<Truth>,
@@ -103,8 +105,10 @@ impl Shared<'_> {
             [] => usual,
             given => given.to_vec(),
         };
+        let mut promises = own(&args.max_error, usual.promises);
+        promises.sort_by(|a, b| b.total_cmp(a));
         Effort {
-            promises: own(&args.max_error, usual.promises),
+            promises,
             cells: own(&args.cells, usual.cells),
             rays: args.rays.unwrap_or(usual.rays),
             ..usual
@@ -123,6 +127,8 @@ impl<'a> Subject<'a> {
         let space = FanSpace::new(manifold.clone())?;
         let effort = shared.effort(&space);
         let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
+        let division = grid_plan.division(&grid_space);
+        let all = division.cells.iter().product::<usize>() * division.faces;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let (name, seed) = (name.into_owned(), shared.args.seed);
         let region = manifold.cameras.as_ref();
@@ -137,6 +143,7 @@ impl<'a> Subject<'a> {
             space,
             grid_space,
             grid_plan,
+            grid_share: division.chunks() as f64 / all as f64,
             truth: OnceCell::new(),
             maps: OnceCell::new(),
             stage: OnceCell::new(),
@@ -159,15 +166,21 @@ impl<'a> Subject<'a> {
     /// Interrupted, or the folder cannot be written.
     pub fn measure(&self, done: impl Fn(&str)) -> Result<Results> {
         let mut points = Vec::new();
-        let undivided = self.effort.middle();
-        let promises = self.effort.promises.iter();
-        let adaptive = promises.map(|p| (*p, Refinement::Adaptive));
-        let all = adaptive.chain(undivided.map(|p| (p, Refinement::Undivided)));
         let kept = self.kept_rivals()?;
         done("exact");
-        for (promise, refinement) in all {
-            points.push(self.patches(promise, refinement, &kept.rivals)?);
+        let mut within_limits = true;
+        for promise in self.effort.promises.iter().copied() {
+            let point = match within_limits {
+                true => self.patches(promise, Refinement::Adaptive, &kept.rivals)?,
+                false => self.beyond(promise)?,
+            };
+            within_limits = point.measured().is_some();
+            points.push(point);
             done(&format!("patches {promise} mrad"));
+        }
+        if let Some(promise) = self.effort.middle() {
+            points.push(self.patches(promise, Refinement::Undivided, &kept.rivals)?);
+            done("undivided patches");
         }
         for even in &self.effort.cells {
             points.extend(self.grids(&cells(*even, &kept.cells, FEWEST - 1))?);
@@ -240,7 +253,7 @@ impl<'a> Subject<'a> {
     fn sampled(&self, nodes: &[usize]) -> Option<Samples> {
         let (space, plan) = (&self.grid_space, &self.grid_plan);
         let axes = Axes::new(space, plan.length, nodes, Spacing::Uniform);
-        Samples::new(space, axes, (plan.tolerance, true), || {
+        Samples::new(space, axes, (plan.tolerance, Stored::Slope), || {
             self.interrupt.requested()
         })
     }
