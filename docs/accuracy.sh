@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # The table "Accuracy and size" of the README: bakes each row, then checks it with 100,000 fresh
 # rays. Usage: docs/accuracy.sh [ROW...]; needs `cargo build --release --workspace` and jq.
-# The rows of three bumps and of the lens take minutes and are made only when they are named.
+# Three minutes; the floor and the box of three bumps take longer and are made only when they are
+# named.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=$(mktemp -d)
@@ -51,6 +52,8 @@ make() {
     esac
 }
 
-usual=(s3 h3-ball nil sol schwarzschild ellis-wormhole interstellar-wormhole three-bumps-rail)
+usual=(
+    s3 h3-ball nil sol schwarzschild ellis-wormhole interstellar-wormhole three-bumps-rail gaussian-lens
+)
 if [[ $# -eq 0 ]]; then set -- "${usual[@]}"; fi
 for r in "$@"; do make "$r"; done
