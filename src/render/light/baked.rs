@@ -1,7 +1,7 @@
 //! Light on surfaces that do not move, computed once.
 //!
 //! In: a world with lights. Out: [`Baked`]: irradiance on both sides of every triangle, at the points
-//! of a [`Layout`] that is as fine as the budget allows where light changes, linear in between.
+//! of a layout that is as fine as the budget allows where light changes, linear in between.
 
 use super::{
     Lamps, SurfacePoint,
