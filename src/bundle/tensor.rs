@@ -6,8 +6,7 @@
 //!
 //! A tensor with axes (camera…, direction…, arc length, channel) is a product of cores
 //! `C_1 D_1 C_2 D_2 … C_d`, each over one axis (the last over arc length and channel), in the order
-//! (camera 1, direction 1, camera 2, direction 2, camera 3, arc length × channel). The diagonal
-//! matrices `D_k` divide by the singular values of the bond, and the cores are multiplied by them:
+//! that its [`Layout`] tells. The diagonal matrices `D_k` divide by the singular values of the bond, and the cores are multiplied by them:
 //! `C_k` is then the centre of a train that is orthogonal to both sides, so that one step for all
 //! cores makes each rounded integer cost the same error (I. V. Oseledets, *Tensor-train
 //! decomposition*, SIAM J. Sci. Comput. 33 (2011)). [`Layout::Plain`] is the same with a single
@@ -15,10 +14,12 @@
 
 use super::{
     bytes::{Damage, Reader, Writer},
+    chain::{Link, chained},
     chebyshev,
     coding::{self, Classes, Streams},
     contracted::Contracted,
-    matrix::{product, scaled, summed},
+    layout::Layout,
+    matrix::{scaled, summed},
 };
 use crate::expr::{real::Real, vectorised};
 use ndarray::{ArrayD, Axis, Slice};
@@ -34,32 +35,6 @@ const LARGEST: f64 = (1 << 30) as f64;
 
 /// Steps and scales are powers of `2^(1/4)`: 9 % of a step is not worth eight bytes.
 const PER_OCTAVE: f64 = 4.0;
-
-/// How the axes are shared out among cores.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Layout {
-    /// One core over all axes.
-    Plain,
-    /// A train in which each camera axis stands next to a direction axis.
-    Paired,
-}
-
-impl Layout {
-    /// The table axes of each core.
-    pub fn cores(self, cameras: usize, directions: usize) -> Vec<Vec<usize>> {
-        let arc = cameras + directions;
-        if self == Layout::Plain {
-            return vec![(0..arc + 2).collect()];
-        }
-        let mut cores = Vec::new();
-        for j in 0..cameras.max(directions) {
-            cores.extend((j < cameras).then(|| vec![j]));
-            cores.extend((j < directions).then(|| vec![cameras + j]));
-        }
-        cores.push(vec![arc, arc + 1]);
-        cores
-    }
-}
 
 /// A number of the form `2^(k/4)`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -146,7 +121,7 @@ impl Train {
             cores.push(Core::new(trimmed(core, last), scales));
         }
         Some(Tensor {
-            layout: self.layout,
+            layout: self.layout.clone(),
             cameras: self.cameras,
             step,
             cores,
@@ -275,8 +250,7 @@ impl Tensor {
     }
 
     fn table_axes(&self) -> Vec<Vec<usize>> {
-        self.layout
-            .cores(self.cameras, self.axes() - 2 - self.cameras)
+        self.layout.cores(self.axes() - 2)
     }
 
     /// The lengths of the axes (camera…, direction…, arc length, channel).
@@ -298,16 +272,25 @@ impl Tensor {
 
     /// The coefficients that remain when the axes with `weights` are summed out, in table order.
     fn sum<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<T> {
-        let mut state = vec![T::ONE];
-        let mut rank = 1;
-        // The unit of the step belongs to every core.
-        for (axes, core) in self.table_axes().iter().zip(&self.cores) {
+        let table_axes = self.table_axes();
+        let mut left = 1;
+        let links = table_axes.iter().zip(&self.cores).map(|(axes, core)| {
             let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
-            let closed = core.closed(&weights, self.step.value());
-            state = product(&state, rank, &closed);
-            rank = core.shape[core.shape.len() - 1];
-        }
-        state
+            let right = core.shape[core.shape.len() - 1];
+            // The unit of the step belongs to every core.
+            let values = core.closed(&weights, self.step.value());
+            let link = Link {
+                left,
+                right,
+                values,
+            };
+            left = right;
+            link
+        });
+        let sums = chained(links.collect());
+        let open = table_axes.concat();
+        let open: Vec<usize> = open.into_iter().filter(|a| weights[*a].is_none()).collect();
+        in_table_order(sums, &open, &self.shape())
     }
 
     /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
@@ -318,8 +301,7 @@ impl Tensor {
         Contracted::new(&self.shape()[self.cameras..], &self.at_in::<f32>(camera))
     }
 
-    /// The coefficients that remain at parameters in [−1, 1] of the first axes: in table order if those
-    /// are all cameras at least, else in the order of the cores. With
+    /// The coefficients that remain at parameters in [−1, 1] of the first axes, in table order. With
     /// camera and direction, for a single ray, that is cheaper than [`Tensor::contract`].
     pub fn at(&self, parameters: &[f64]) -> Vec<f64> {
         self.at_in(parameters)
@@ -348,7 +330,7 @@ impl Tensor {
 
     /// Writes the tensor: its shape to `out`, its integers to `classes`.
     pub fn encode(&self, out: &mut Writer, classes: &mut Classes) {
-        out.u8(self.layout as u8);
+        out.u8(self.layout.code());
         out.i16(self.step.0);
         for core in &self.cores {
             core.shape[1..].iter().for_each(|n| out.u32(*n as u32));
@@ -372,14 +354,11 @@ impl Tensor {
         streams: &mut Streams,
         [cameras, directions, channels]: [usize; 3],
     ) -> Result<Self, Damage> {
-        let layout = match input.u8()? {
-            0 => Layout::Plain,
-            1 => Layout::Paired,
-            _ => return Err(Damage("layout of a tensor")),
-        };
+        let layout = Layout::of_code(input.u8()?, cameras + directions);
+        let layout = layout.ok_or(Damage("layout of a tensor"))?;
         let step = Scale(input.i16()?);
         let mut cores: Vec<Core> = Vec::new();
-        let axes = layout.cores(cameras, directions);
+        let axes = layout.cores(cameras + directions);
         for (k, axes_of_core) in axes.iter().enumerate() {
             let left = cores.last().map_or(1, |c| c.scales.len());
             let last = k + 1 == axes.len();
@@ -435,6 +414,32 @@ impl Core {
             scales: scales.collect::<Result<_, _>>()?,
         })
     }
+}
+
+/// `values` over the axes `open` (the last two in their place), put in ascending order of axes.
+fn in_table_order<T: Copy>(values: Vec<T>, open: &[usize], shape: &[usize]) -> Vec<T> {
+    if open.is_sorted() {
+        return values;
+    }
+    let rays = &open[..open.len() - 2];
+    let row: usize = open[rays.len()..].iter().map(|a| shape[*a]).product();
+    let mut ascending = rays.to_vec();
+    ascending.sort_unstable();
+    let stride = |axis: &usize| -> usize {
+        let after = rays.iter().skip_while(|a| *a != axis).skip(1);
+        after.map(|a| shape[*a]).product()
+    };
+    let mut firsts = vec![0];
+    for axis in &ascending {
+        let stride = stride(axis);
+        let along = |first: &usize| (0..shape[*axis]).map(move |i| first + i * stride).collect();
+        firsts = firsts
+            .iter()
+            .flat_map(|f| -> Vec<usize> { along(f) })
+            .collect();
+    }
+    let rows = firsts.iter().flat_map(|f| &values[f * row..(f + 1) * row]);
+    rows.copied().collect()
 }
 
 /// Chebyshev values at `parameters` along the first axes of `shape`.

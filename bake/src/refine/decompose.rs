@@ -20,15 +20,15 @@ const SMALL: usize = 96;
 /// Columns that a random range has more than the rank it is to find.
 const OVERSAMPLING: usize = 12;
 
-/// The train of `coefficients` (axes camera…, direction…, arc length, channel) without singular values
-/// below `threshold`; `None` where a rank exceeds `most_rank`.
+/// The train of `coefficients` (axes camera…, direction…, arc length, channel) in the order of `layout`,
+/// without singular values below `threshold`; `None` where a rank exceeds `most_rank`.
 pub fn decompose(
     coefficients: &ArrayD<f64>,
     cameras: usize,
+    layout: Layout,
     (threshold, most_rank): (f64, usize),
 ) -> Option<Train> {
-    let directions = coefficients.ndim() - 2 - cameras;
-    let axes = Layout::Paired.cores(cameras, directions);
+    let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
     let permuted = coefficients.view().permuted_axes(IxDyn(&order));
     let permuted = permuted.as_standard_layout();
@@ -55,7 +55,7 @@ pub fn decompose(
     let shape = IxDyn(&[rank, last[0], last[1], 1]);
     cores.push(ArrayD::from_shape_vec(shape, rest).ok()?);
     Some(Train {
-        layout: Layout::Paired,
+        layout,
         cameras,
         cores,
         scales,
@@ -159,7 +159,8 @@ mod tests {
             let cameras = shape.len() - 4;
             let cameras = if shape.len() == 4 { 1 } else { cameras };
             let step = Scale::near(1e-5);
-            let train = decompose(&c, cameras, (0.3e-5, 500))
+            let layout = Layout::paired(cameras, shape.len() - 2 - cameras);
+            let train = decompose(&c, cameras, layout, (0.3e-5, 500))
                 .unwrap()
                 .rounded(step)
                 .unwrap();

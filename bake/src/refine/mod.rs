@@ -11,6 +11,7 @@
 
 pub(crate) mod decompose;
 mod held_out;
+pub(crate) mod order;
 mod quantise;
 mod region;
 pub(crate) mod scout;

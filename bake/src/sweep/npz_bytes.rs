@@ -5,10 +5,10 @@
 //! compressor of the samples would be held to.
 
 use super::grid::Samples;
-use crate::refine::decompose::decompose;
+use crate::refine::{decompose::decompose, order};
 use geofan::{
     Error, Result,
-    bundle::{Layout, Scale, Tensor, Train, Tree, chebyshev},
+    bundle::{Scale, Tensor, Train, Tree, chebyshev},
 };
 use ndarray::{ArrayD, Axis, IxDyn};
 use std::sync::Arc;
@@ -62,7 +62,13 @@ fn faces(samples: &Samples) -> Vec<ArrayD<f64>> {
 
 /// The bytes of the train rounded with the coarsest step that keeps the error, by bisection.
 fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<usize> {
-    let train = decompose(coefficients, cameras, (NEGLIGIBLE * error, MOST_RANK))?;
+    let layout = order::best(coefficients, cameras, NEGLIGIBLE * error);
+    let train = decompose(
+        coefficients,
+        cameras,
+        layout,
+        (NEGLIGIBLE * error, MOST_RANK),
+    )?;
     let mut best = None;
     let (mut low, mut high) = (0, STEPS);
     while high > low {
@@ -79,7 +85,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
 /// The bytes of `train` rounded with `step`; `None` if a number is off by more than `error`.
 fn rounded(train: &Train, step: Scale, exact: &ArrayD<f64>, error: f64) -> Option<usize> {
     let tensor = train.rounded(step)?;
-    let kept = unpacked(&tensor, train.cameras)?;
+    let kept = unpacked(&tensor)?;
     let mut off = exact.clone();
     let mut part = off.slice_each_axis_mut(|axis| (..kept.len_of(axis.axis)).into());
     part -= &kept;
@@ -89,18 +95,9 @@ fn rounded(train: &Train, step: Scale, exact: &ArrayD<f64>, error: f64) -> Optio
     fits.then(|| Tree::Leaf(Arc::new(tensor)).encode().len())
 }
 
-/// All coefficients of `tensor`, which comes with its axes in the order of its cores.
-fn unpacked(tensor: &Tensor, cameras: usize) -> Option<ArrayD<f64>> {
-    let shape = tensor.shape();
-    let order = Layout::Paired
-        .cores(cameras, shape.len() - 2 - cameras)
-        .concat();
-    let permuted: Vec<usize> = order.iter().map(|a| shape[*a]).collect();
-    let all = ArrayD::from_shape_vec(IxDyn(&permuted), tensor.at(&[])).ok()?;
-    let back: Option<Vec<usize>> = (0..order.len())
-        .map(|a| order.iter().position(|b| *b == a))
-        .collect();
-    Some(all.permuted_axes(IxDyn(&back?)))
+/// All coefficients of `tensor`.
+fn unpacked(tensor: &Tensor) -> Option<ArrayD<f64>> {
+    ArrayD::from_shape_vec(IxDyn(&tensor.shape()), tensor.at(&[])).ok()
 }
 
 #[cfg(test)]

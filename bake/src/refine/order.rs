@@ -1,0 +1,142 @@
+//! In which order the axes of a box are strung on its tensor train.
+//!
+//! In: the coefficients of a box. Out: the [`Layout`] whose cores are smallest. How many numbers a core
+//! holds depends on the ranks of the bonds beside it, and the rank of a bond on nothing but which axes
+//! are on either side. Those ranks are estimated from small random parts of the matrices in question:
+//! values at random nodes of the axes on one side against random nodes of those on the other. The best
+//! order is then a shortest way from no axis to all.
+
+use faer::Mat;
+use geofan::{
+    bundle::{Layout, chebyshev},
+    random::Stream,
+};
+use ndarray::ArrayD;
+
+/// Rows and columns of the part of a matrix that is looked at. Half as many cannot tell large ranks
+/// apart.
+const PART: usize = 160;
+
+/// Fewest ray axes between which there is a choice worth a look: with two, either order has the same
+/// bond in the middle.
+const FEWEST: usize = 3;
+
+/// The order of the ray axes of `coefficients` (axes camera…, direction…, arc length, channel), of
+/// whose singular values those below `threshold` do not count.
+pub fn best(coefficients: &ArrayD<f64>, cameras: usize, threshold: f64) -> Layout {
+    let rays = coefficients.ndim() - 2;
+    if rays < FEWEST {
+        return Layout::paired(cameras, rays - cameras);
+    }
+    let values = Values::new(coefficients, rays);
+    let all = (1_usize << rays) - 1;
+    let ranks: Vec<f64> = (0..=all).map(|set| values.rank(set, threshold)).collect();
+    // For each set of axes the smallest cores over them, and the last of them.
+    let mut best = vec![(0.0, 0); all + 1];
+    for set in 1..=all {
+        let ending = |axis: usize| {
+            let before = set & !(1 << axis);
+            let core = ranks[before] * values.sizes[axis] as f64 * ranks[set];
+            (best[before].0 + core, axis)
+        };
+        let axes = (0..rays).filter(|axis| set >> axis & 1 == 1);
+        let smallest = axes.map(ending).min_by(|a, b| a.0.total_cmp(&b.0));
+        best[set] = smallest.expect("a set with axes");
+    }
+    let (mut order, mut set) = (Vec::new(), all);
+    while set != 0 {
+        let last = best[set].1;
+        order.push(last);
+        set &= !(1 << last);
+    }
+    order.reverse();
+    Layout::Train(order)
+}
+
+pub fn cost(coefficients: &ArrayD<f64>, layout: &Layout) -> f64 {
+    let rays = coefficients.ndim() - 2;
+    let values = Values::new(coefficients, rays);
+    let Layout::Train(order) = layout else {
+        return 0.0;
+    };
+    let (mut set, mut rank, mut sum) = (0, 1.0, 0.0);
+    for a in order {
+        set |= 1 << a;
+        let next = values.rank(set, 0.0);
+        sum += rank * values.sizes[*a] as f64 * next;
+        rank = next;
+    }
+    sum
+}
+
+/// Values at the nodes of the ray axes, still coefficients along the arc length.
+struct Values {
+    /// Lengths of the ray axes.
+    sizes: Vec<usize>,
+    /// How many numbers there are for each ray.
+    row: usize,
+    values: Vec<f64>,
+}
+
+impl Values {
+    fn new(coefficients: &ArrayD<f64>, rays: usize) -> Self {
+        let sizes = coefficients.shape()[..rays].to_vec();
+        let row = coefficients.shape()[rays..].iter().product();
+        let samples = chebyshev::samples(coefficients.clone(), rays);
+        Self {
+            sizes,
+            row,
+            values: samples.into_raw_vec_and_offset().0,
+        }
+    }
+
+    /// The numerical rank of the matrix whose rows are the nodes of the axes in `set`, about.
+    fn rank(&self, set: usize, threshold: f64) -> f64 {
+        let all = (1 << self.sizes.len()) - 1;
+        if set == 0 {
+            return 1.0;
+        }
+        let mut stream = Stream::new(&[set as u64]);
+        let rows = self.places(set, &mut stream);
+        let mut columns = Vec::new();
+        for place in self.places(all & !set, &mut stream) {
+            // Every ray has few numbers that are not like their neighbours: one of them each.
+            let at = (stream.uniform() * self.row as f64) as usize;
+            columns.push(place + at.min(self.row - 1));
+        }
+        let count = |set: usize| -> f64 {
+            let axes = (0..self.sizes.len()).filter(|a| set >> a & 1 == 1);
+            axes.map(|a| self.sizes[a] as f64).product()
+        };
+        let _ = count;
+        let part = Mat::from_fn(rows.len(), columns.len(), |i, j| {
+            self.values[rows[i] + columns[j]]
+        });
+        let Ok(svd) = part.thin_svd() else {
+            return f64::INFINITY;
+        };
+        let sizes = svd.S().column_vector();
+        let largest = sizes.iter().copied().fold(0.0, f64::max);
+        let _ = threshold;
+        let floor = 1e-4 * largest;
+        sizes.iter().map(|x| (1.0 + x / floor).log2()).sum()
+    }
+
+    /// Where random nodes of the axes in `set` are found; those of the others count from there.
+    fn places(&self, set: usize, stream: &mut Stream) -> Vec<usize> {
+        let mut strides = vec![self.row; self.sizes.len()];
+        for axis in (1..self.sizes.len()).rev() {
+            strides[axis - 1] = strides[axis] * self.sizes[axis];
+        }
+        let mut place = || {
+            let mut sum = 0;
+            for (axis, n) in self.sizes.iter().enumerate() {
+                if set >> axis & 1 == 1 {
+                    sum += strides[axis] * ((stream.uniform() * *n as f64) as usize).min(n - 1);
+                }
+            }
+            sum
+        };
+        (0..PART).map(|_| place()).collect()
+    }
+}
