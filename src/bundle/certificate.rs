@@ -5,7 +5,7 @@
 
 use super::{
     Table,
-    measure::{probe, settings},
+    measure::{Probe, probe, settings, with_end},
     outlier::{FAR, MOST, Outlier},
     random_rays::RandomRays,
 };
@@ -24,7 +24,8 @@ pub struct Certificate {
     pub mrad: Quantiles,
     /// The same divided by the ray's magnification.
     pub screen_mrad: Quantiles,
-    /// Sky error of the tangent; none if the table does not promise it.
+    /// Sky error of the tangent at the exit, or, in a manifold without exits, where the other errors
+    /// are; none if the table does not promise it.
     pub sky_mrad: Option<Quantiles>,
     /// Angle between the transported rotations; none if the table does not promise them.
     pub rotation_mrad: Option<Quantiles>,
@@ -153,21 +154,24 @@ fn at_camera(
     let manifold = table.space.manifold();
     let fan = table.fan(random.u)?;
     let rays: Vec<(DVec3, DVec3)> = random.directions.iter().map(|d| (random.u, *d)).collect();
-    let lengths = |ray: usize, end: f64| vec![end * random.shares[ray]];
+    let lengths = |ray: usize, end: f64| with_end(random.shares[ray], end);
     let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
     let mut errors = Errors::default();
     for ((_, d), exact) in rays.iter().zip(probed) {
         let path = fan.path(*d);
-        let mut given_up = path.flagged_from() < exact.length;
-        for probe in &exact.probes {
-            let Some(state) = path.at(probe.s) else {
-                given_up = true;
+        let known = |probe: &Probe| path.at(probe.s);
+        if let Some(tangent) = exact.tangent().filter(|_| table.frames) {
+            let error = |(_, v)| tangent.sky_mrad(v - tangent.v);
+            errors.sky.extend(known(tangent).map(error));
+        }
+        if let Some(probe) = exact.probes.first() {
+            let Some((u, _)) = known(probe) else {
+                errors.flagged += 1;
                 continue;
             };
-            let found = probe.deviation(state, path.rotation(probe.s));
+            let found = probe.deviation(u, path.rotation(probe.s));
             errors.mrad.push(found.mrad);
             errors.screen.push(found.screen_mrad);
-            errors.sky.extend(table.frames.then_some(found.sky_mrad));
             errors.rotation.extend(found.rotation_mrad);
             if !(found.screen_mrad <= FAR * promise) {
                 let (place, s) = (&fan.place, (probe.s, exact.length));
@@ -176,7 +180,7 @@ fn at_camera(
                 errors.far.push(outlier.map_err(damaged)?);
             }
         }
-        errors.flagged += usize::from(given_up);
+        errors.flagged += usize::from(path.flagged_from() < exact.length);
     }
     Ok(errors)
 }

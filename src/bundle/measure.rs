@@ -38,20 +38,17 @@ pub struct Deviation {
     pub mrad: f64,
     /// The same divided by the ray's magnification.
     pub screen_mrad: f64,
-    /// Sky error of the tangent.
-    pub sky_mrad: f64,
     /// Angle between the transported rotations; `None` if the answer has none.
     pub rotation_mrad: Option<f64>,
 }
 
 impl Probe {
-    /// How far the answer (`u`, `v`, `rotation`) is from this.
-    pub fn deviation(&self, (u, v): (DVec3, DVec3), rotation: Option<DQuat>) -> Deviation {
+    /// How far the answer (`u`, `rotation`) is from this.
+    pub fn deviation(&self, u: DVec3, rotation: Option<DQuat>) -> Deviation {
         let e = self.frame_inverse * (u - self.u);
         Deviation {
             mrad: 1e3 * self.spread.transverse(e) / self.s,
             screen_mrad: 1e3 * self.spread.screen_angle(e, self.s),
-            sky_mrad: self.sky_mrad(v - self.v),
             rotation_mrad: rotation.map(|q| 1e3 * self.rotation.angle_between(q)),
         }
     }
@@ -84,6 +81,34 @@ pub struct Probed {
     pub length: f64,
     /// The states asked for, as far as the ray went.
     pub probes: Vec<Probe>,
+    /// Whether the manifold has exits.
+    exits_exist: bool,
+}
+
+impl Probed {
+    /// Whether an exit ended the ray.
+    pub fn exits(&self) -> bool {
+        matches!(self.end, End::Exit(_))
+    }
+
+    /// Where the tangent of a ray probed with [`with_end`] is compared: at the exit, where it tells what
+    /// is seen of the sky. In a manifold without exits, where the point is.
+    pub fn tangent(&self) -> Option<&Probe> {
+        match self.exits_exist {
+            true => self.probes.last().filter(|_| self.exits()),
+            false => self.probes.first(),
+        }
+    }
+}
+
+/// Whether tangents of the stored rays of `space` are compared at exits only.
+pub fn tangents_at_exits(space: &FanSpace) -> bool {
+    space.ends_alike() && !space.manifold().exits.is_empty()
+}
+
+/// The arc lengths at which a ray that ends at `end` is compared: at `share` of it, and there.
+pub fn with_end(share: f64, end: f64) -> Vec<f64> {
+    vec![end * share, end]
 }
 
 /// Everything carried, ending at exits, to the local `tolerance`.
@@ -127,6 +152,7 @@ pub fn probe(
             end: path.end,
             length: path.length,
             probes: states.collect(),
+            exits_exist: !manifold.exits.is_empty(),
         });
     }
     probed

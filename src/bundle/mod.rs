@@ -35,6 +35,6 @@ pub use polynomial::Polynomial;
 pub use random_rays::RandomRays;
 pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
 pub use table::{Chunk, Table};
-pub use tensor::{Scale, Tensor, Train};
+pub use tensor::{Scale, Tensor, Train, graded};
 pub use trace::{Traced, trace};
 pub use tree::{Shape, Tree};

@@ -89,7 +89,7 @@ pub struct Train {
 impl Train {
     /// All coefficients as one core.
     pub fn plain(coefficients: &ArrayD<f64>, cameras: usize) -> Self {
-        let core = coefficients.clone().insert_axis(Axis(0));
+        let core = graded(coefficients).insert_axis(Axis(0));
         let last = Axis(core.ndim());
         Self {
             layout: Layout::Plain,
@@ -278,7 +278,10 @@ impl Tensor {
             let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
             let right = core.shape[core.shape.len() - 1];
             // The unit of the step belongs to every core.
-            let values = core.closed(&weights, self.step.value());
+            let mut values = core.closed(&weights, self.step.value());
+            if axes.len() > 1 {
+                ungrade(&mut values, &core.shape);
+            }
             let link = Link {
                 left,
                 right,
@@ -413,6 +416,33 @@ impl Core {
             values,
             scales: scales.collect::<Result<_, _>>()?,
         })
+    }
+}
+
+/// How much more coarsely coefficients of degree `k` along the arc length are rounded: an error of that
+/// degree in the slope moves points by 1/k of it. With the degree itself instead of its root tangents
+/// suffer (three bumps on a rail 318 kB, 281 kB with the root, 326 kB without).
+fn coarseness(degree: usize) -> f64 {
+    ((1 + degree) as f64).sqrt()
+}
+
+/// Coefficients (…, arc length, channel) as they are rounded.
+pub fn graded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
+    let mut graded = coefficients.clone();
+    let arc = Axis(graded.ndim() - 2);
+    for (degree, mut rows) in graded.axis_iter_mut(arc).enumerate() {
+        rows /= coarseness(degree);
+    }
+    graded
+}
+
+/// What [`graded`] did to `values` of a core of `shape`, whose last axes are arc length and channel.
+fn ungrade<T: Real>(values: &mut [T], shape: &[usize]) {
+    let [degrees, channels] = [shape[shape.len() - 3], shape[shape.len() - 2]];
+    let factors: Vec<T> = (0..degrees).map(|k| T::from_f64(coarseness(k))).collect();
+    let rows = values.chunks_exact_mut(channels);
+    for (row, factor) in rows.zip(factors.iter().cycle()) {
+        row.iter_mut().for_each(|x| *x = *x * *factor);
     }
 }
 

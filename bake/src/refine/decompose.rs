@@ -9,7 +9,7 @@
 
 use faer::{Mat, MatRef};
 use geofan::{
-    bundle::{Layout, Scale, Train},
+    bundle::{Layout, Scale, Train, graded},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
@@ -30,7 +30,8 @@ pub fn decompose(
 ) -> Option<Train> {
     let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
-    let permuted = coefficients.view().permuted_axes(IxDyn(&order));
+    let graded = graded(coefficients);
+    let permuted = graded.view().permuted_axes(IxDyn(&order));
     let permuted = permuted.as_standard_layout();
     let mut rest: Vec<f64> = permuted.iter().copied().collect();
     let sizes = axes.iter().map(|axes| {

@@ -4,7 +4,7 @@ use super::{Refiner, region::Region, scout::weigh};
 use geofan::{
     bundle::{
         Tensor, arc,
-        measure::{Probe, Probed, probe, stored_settings},
+        measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
     },
     fan::{CHANNELS, FanSpace, Start},
     geodesic::End,
@@ -40,6 +40,8 @@ struct HeldOutRay {
     parameters: Vec<f64>,
     start: Start,
     probes: Vec<Probe>,
+    /// Whether an exit in the box ends it: the last probe is there.
+    exits: bool,
 }
 
 /// The exact truth about the held-out rays of a box.
@@ -97,9 +99,8 @@ impl HeldOut {
             let mut stream = Stream::new(&[key, ray as u64]);
             let end = end.min(length);
             let count = if end > start { LENGTHS } else { 0 };
-            (0..count)
-                .map(|_| end - (end - start) * stream.uniform())
-                .collect()
+            let within = (0..count).map(|_| end - (end - start) * stream.uniform());
+            within.chain((count > 0).then_some(end)).collect()
         };
         let probed = probe(
             manifold,
@@ -115,10 +116,17 @@ impl HeldOut {
         let rays = parameters.into_iter().zip(&rays).zip(probed);
         let rays = rays.filter(|(_, probed)| !probed.probes.is_empty());
         self.rays
-            .extend(rays.map(|((parameters, &(u, d)), probed)| HeldOutRay {
-                parameters,
-                start: space.lift().start(u, manifold.standard_frame(u) * d),
-                probes: probed.probes,
+            .extend(rays.map(|((parameters, &(u, d)), mut probed)| {
+                let exits = probed.exits();
+                if !exits {
+                    probed.probes.pop();
+                }
+                HeldOutRay {
+                    parameters,
+                    start: space.lift().start(u, manifold.standard_frame(u) * d),
+                    probes: probed.probes,
+                    exits,
+                }
             }));
     }
 
@@ -147,16 +155,18 @@ impl HeldOut {
         let plan = refiner.plan;
         let (mut points, mut tangents) = (Vec::new(), Vec::new());
         let mut rows = Vec::new();
+        let only_exits = tangents_at_exits(refiner.space);
         for ray in &self.rays {
             rows.clear();
             let channels = refiner.space.channels().len();
             let stored = tensor.at(&ray.parameters);
             arc::unfold(&stored, channels, self.interval, &mut rows);
-            for probe in &ray.probes {
+            for (i, probe) in ray.probes.iter().enumerate() {
                 let sums = arc::sums(&rows, channels, self.interval, &[probe.s]);
                 let (u, v) = arc::state(refiner.space, &ray.start, &sums, 0, probe.s);
                 points.push(probe.screen_mrad(u - probe.u));
-                if plan.frames {
+                let exit = ray.exits && i + 1 == ray.probes.len();
+                if plan.frames && (exit || !only_exits) {
                     tangents.push(probe.sky_mrad(v - probe.v));
                 }
             }

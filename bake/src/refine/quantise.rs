@@ -61,46 +61,7 @@ impl Refiner<'_> {
         let count = polynomial.0.len() as f64;
         let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
         let finest = finest.max(ROOM * largest(polynomial));
-        let layout = order::best(&polynomial.0, cameras, NEGLIGIBLE * finest);
-        if std::env::var("GF_ORDER").is_ok() && polynomial.0.ndim() > 4 {
-            let rays = polynomial.0.ndim() - 2;
-            let paired = geofan::bundle::Layout::paired(cameras, rays - cameras);
-            for code in 1..=120 {
-                let Some(l) = geofan::bundle::Layout::of_code(code, rays) else {
-                    break;
-                };
-                if rays > 3 && code % 7 != 1 && l != layout && l != paired {
-                    continue;
-                }
-                let t0 = std::time::Instant::now();
-                let t = decompose(
-                    &polynomial.0,
-                    cameras,
-                    l.clone(),
-                    (NEGLIGIBLE * finest * 16.0, MOST_RANK),
-                );
-                let r = t.and_then(|t| t.rounded(Scale::near(finest * 16.0)));
-                eprintln!(
-                    "{l:?} {} ranks {:?} bytes {:?} cost {:.4e} {:?}",
-                    if l == layout {
-                        "CHOSEN"
-                    } else if l == paired {
-                        "PAIRED"
-                    } else {
-                        ""
-                    },
-                    r.as_ref().map(|r| r.ranks()),
-                    r.as_ref().map(|r| r.bytes()),
-                    order::cost(&polynomial.0, &l),
-                    t0.elapsed()
-                );
-            }
-        }
-        if std::env::var("GF_FIX").is_ok() {
-            let rays = polynomial.0.ndim() - 2;
-            let layout = geofan::bundle::Layout::paired(cameras, rays - cameras);
-            let _ = layout;
-        }
+        let layout = order::best(&polynomial.0, cameras);
         let train = decompose(
             &polynomial.0,
             cameras,

@@ -8,7 +8,7 @@ use super::{Refiner, region::Region};
 use geofan::{
     bundle::{
         PlanRecord, chebyshev,
-        measure::{Probe, probe, stored_settings},
+        measure::{Probe, probe, stored_settings, tangents_at_exits},
     },
     fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
     random::Stream,
@@ -164,12 +164,18 @@ impl Line {
         let within = |_: usize, end: f64| lengths.iter().copied().filter(|s| *s <= end).collect();
         let settings = stored_settings(space, plan.tolerance);
         let probed = probe(manifold, settings, farthest, rays, within);
+        let only_exits = tangents_at_exits(space);
         let mut weights = Array3::zeros(values.dim());
         for (mut rows, probed) in weights.outer_iter_mut().zip(&probed) {
-            for (mut row, probe) in rows.outer_iter_mut().zip(&probed.probes) {
+            let last = probed.probes.len().saturating_sub(1);
+            let seen = |i: usize| match only_exits {
+                true => i == last && probed.exits(),
+                false => true,
+            };
+            for (i, (mut row, probe)) in rows.outer_iter_mut().zip(&probed.probes).enumerate() {
                 weigh(
                     space,
-                    plan.frames,
+                    plan.frames && seen(i),
                     probe,
                     row.as_slice_mut().expect("contiguous"),
                 );

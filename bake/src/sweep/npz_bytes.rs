@@ -62,7 +62,7 @@ fn faces(samples: &Samples) -> Vec<ArrayD<f64>> {
 
 /// The bytes of the train rounded with the coarsest step that keeps the error, by bisection.
 fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<usize> {
-    let layout = order::best(coefficients, cameras, NEGLIGIBLE * error);
+    let layout = order::best(coefficients, cameras);
     let train = decompose(
         coefficients,
         cameras,

@@ -8,7 +8,7 @@ use geofan::{
     Result,
     bundle::{
         Fan, RandomRays, Table,
-        measure::{Deviation, Probe, Probed, probe, settings},
+        measure::{Deviation, Probe, Probed, probe, settings, with_end},
     },
     fan::FanSpace,
     quantiles::Quantiles,
@@ -50,7 +50,7 @@ pub struct Errors {
     pub mrad: Quantiles,
     /// The same divided by the ray's magnification, mrad.
     pub screen: Quantiles,
-    /// Sky error of the tangents, mrad.
+    /// Sky error of the tangents at exits, mrad; without exits at the same places as the others.
     pub sky: Quantiles,
     /// Angle between the transported rotations, mrad; none if the table has none.
     pub rotation: Option<Quantiles>,
@@ -144,6 +144,7 @@ impl Truth {
         let mut rays = 0;
         for (mut found, camera) in found.into_iter().zip(&self.cameras) {
             all.deviations.append(&mut found.deviations);
+            all.sky.append(&mut found.sky);
             all.flagged += found.flagged;
             rays += camera.rays.len();
         }
@@ -155,7 +156,7 @@ impl Truth {
         Ok(Errors {
             mrad: quantiles(&|d| Some(d.mrad)).unwrap_or_default(),
             screen: quantiles(&|d| Some(d.screen_mrad)).unwrap_or_default(),
-            sky: quantiles(&|d| Some(d.sky_mrad)).unwrap_or_default(),
+            sky: Quantiles::of(&mut all.sky),
             rotation: quantiles(&|d| d.rotation_mrad),
             flagged: all.flagged as f64 / rays.max(1) as f64,
         })
@@ -171,6 +172,8 @@ pub fn tellable(mrad: f64) -> f64 {
 #[derive(Default)]
 struct Found {
     deviations: Vec<Option<Deviation>>,
+    /// Of the tangents, where the table tells them.
+    sky: Vec<f64>,
     flagged: usize,
 }
 
@@ -184,7 +187,7 @@ impl Camera {
         share: impl Fn(usize) -> f64,
     ) -> Self {
         let rays: Vec<(DVec3, DVec3)> = directions.iter().map(|d| (u, *d)).collect();
-        let lengths = |ray: usize, end: f64| vec![end * share(ray)];
+        let lengths = |ray: usize, end: f64| with_end(share(ray), end);
         let probed = probe(
             space.manifold(),
             settings(TOLERANCE),
@@ -217,9 +220,13 @@ impl Camera {
                 continue;
             };
             let (answer, flagged_from) = fan.answer(*d, probe.s);
-            let deviation = |(state, q): Answer| probe.deviation(state, q);
+            let deviation = |((u, _), q): Answer| probe.deviation(u, q);
             found.deviations.push(answer.map(deviation));
             found.flagged += usize::from(flagged_from < exact.length);
+            if let Some(end) = exact.tangent() {
+                let sky = |((_, v), _): Answer| tellable(end.sky_mrad(v - end.v));
+                found.sky.extend(fan.answer(*d, end.s).0.map(sky));
+            }
         }
         Ok(found)
     }

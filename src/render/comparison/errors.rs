@@ -154,7 +154,7 @@ pub(super) fn table_errors(
             if path.flagged_from() < probe.s {
                 return None;
             }
-            let deviation = probe.deviation(path.at(probe.s)?, None);
+            let deviation = probe.deviation(path.at(probe.s)?.0, None);
             Some((deviation.mrad, deviation.screen_mrad))
         })
         .collect()
