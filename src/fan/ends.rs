@@ -42,7 +42,7 @@ pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64)
             // No condition but a constant one is unchanged by all left translations.
             Reduction::Group | Reduction::Whole => return false,
         };
-        same(manifold, (u, v), (moved, turned))
+        end_together(manifold, (u, v), (moved, turned))
     })
 }
 
@@ -54,12 +54,6 @@ pub fn end_together(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -
         values.fold(f64::NEG_INFINITY, f64::max)
     };
     manifold.domain.kinds.is_empty() || close(first(a), first(b))
-}
-
-/// Whether all conditions have the same values at two places.
-fn same(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
-    let pairs = values(manifold, a).into_iter().zip(values(manifold, b));
-    pairs.into_iter().all(|(x, y)| close(x, y))
 }
 
 /// The values of all conditions for a ray at `u` with tangent `v`.
