@@ -30,8 +30,6 @@ pub struct Job<'a> {
     pub space: &'a FanSpace,
     /// The plan.
     pub plan: &'a PlanRecord,
-    /// How the table is divided into chunks.
-    pub division: Division,
     /// The bundle's id.
     pub id: Id,
     /// Which chunks; all if `None`.
@@ -71,17 +69,23 @@ struct Watch<'a> {
     started: Instant,
 }
 
+/// The volume of a chunk in the units of [`Tally::volume`].
+fn volume(division: &Division) -> f64 {
+    f64::from(u32::MAX) / division.chunks() as f64
+}
+
 impl Job<'_> {
     /// Bakes the chunks that `parts` does not hold yet.
     ///
     /// # Errors
     /// A part cannot be written.
     pub fn run(&self, parts: &Parts, interrupt: &Interrupt, common: &CommonArgs) -> Result<Ended> {
-        let all = self.division.chunks() as u32;
+        let division = self.plan.division(self.space);
+        let all = division.chunks() as u32;
         let mine = (0..all).filter(|c| self.share.is_none_or(|share| share.has(*c)));
         let mine: Vec<u32> = mine.collect();
         let tallies: Vec<Tally> = mine.iter().map(|_| Tally::default()).collect();
-        let unit = f64::from(u32::MAX) / f64::from(all);
+        let unit = volume(&division);
         let watch = Watch {
             tallies: &tallies,
             most_bytes: self.most_bytes.unwrap_or(u64::MAX),
@@ -93,7 +97,7 @@ impl Job<'_> {
             let (working, ended) = mpsc::channel::<()>();
             let (watch, progress) = (&watch, &progress);
             scope.spawn(move || watch.until(&ended, interrupt, progress));
-            let baked = self.all_chunks(&mine, &tallies, parts, unit);
+            let baked = self.all_chunks(&mine, &tallies, parts, &division);
             drop(working);
             baked
         })?;
@@ -114,7 +118,7 @@ impl Job<'_> {
         mine: &[u32],
         tallies: &[Tally],
         parts: &Parts,
-        unit: f64,
+        division: &Division,
     ) -> Result<Vec<Option<Baked>>> {
         // One waiting thread for each working one, so that only so many chunks are under way: what
         // they have of unfinished chunks is lost in an interruption. Work itself is in the pool.
@@ -123,7 +127,7 @@ impl Job<'_> {
             mine.iter().map(|_| OnceLock::new()).collect();
         let take_chunks = || {
             while let Some(k) = Some(next.fetch_add(1, Relaxed)).filter(|k| *k < mine.len()) {
-                let work = || self.chunk(mine[k], &tallies[k], parts, unit);
+                let work = || self.chunk(mine[k], &tallies[k], parts, division);
                 let (baked, ()) = rayon::join(work, || ());
                 if baked.is_err() {
                     stop(tallies);
@@ -141,16 +145,22 @@ impl Job<'_> {
     }
 
     /// The chunk from its part, or baked; `None` if told to stop.
-    fn chunk(&self, chunk: u32, tally: &Tally, parts: &Parts, unit: f64) -> Result<Option<Baked>> {
+    fn chunk(
+        &self,
+        chunk: u32,
+        tally: &Tally,
+        parts: &Parts,
+        division: &Division,
+    ) -> Result<Option<Baked>> {
         if let Some(baked) = parts.load(chunk, self.id, self.space) {
-            tally.volume.store(unit as u64, Relaxed);
+            tally.volume.store(volume(division) as u64, Relaxed);
             tally.bytes.store(baked.tree.len() as u64, Relaxed);
             return Ok(Some(baked));
         }
         let refiner = Refiner {
             space: self.space,
             plan: self.plan,
-            division: &self.division,
+            division,
             tally,
         };
         let Some(tree) = refiner.chunk(chunk as usize) else {

@@ -120,7 +120,6 @@ impl Bake<'_> {
         let job = Job {
             space: &space,
             plan: &plan,
-            division: plan.division(&space),
             id,
             share: self.args.shard,
             most_bytes: self.args.max_size,

@@ -87,10 +87,7 @@ impl<'t> Fan<'t> {
     pub fn path(&self, d: DVec3) -> FanPath<'_, 't> {
         let located = self.table.space.locate(&self.place, d);
         let facet = &self.faces[located.face];
-        let located = match &facet.image {
-            Some(image) => image.located(located),
-            None => located,
-        };
+        let located = located.carried(facet.image.as_ref());
         let lift = self.table.space.lift();
         let mut path = FanPath {
             fan: self,

@@ -70,20 +70,9 @@ impl Table {
     /// # Errors
     /// The chunk is damaged.
     pub fn box_at(&self, place: &Place, located: &Located, s: f64) -> Result<BoxPlace, Damage> {
-        let (cell, camera) = self
-            .division
-            .locate(self.space.cameras(), &place.parameters);
-        let stored = self.division.stored(&cell, located.face);
-        let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
-        let (chunk, mut point) = (stored.chunk, camera);
-        match mirror {
-            None => point.extend(&located.direction),
-            Some(mirror) => {
-                point = mirror.camera(&point);
-                let image = mirror.image(&self.space, located.face);
-                point.extend(image.located(located.clone()).direction);
-            }
-        }
+        let kept = self.kept(place, located.face);
+        let (chunk, mut point) = (kept.chunk, kept.camera);
+        point.extend(located.clone().carried(kept.image.as_ref()).direction);
         point.push(2.0 * s / self.length - 1.0);
         let mut intervals = vec![[-1.0, 1.0]; point.len()];
         let mut tree = self.chunks[chunk].tree()?;

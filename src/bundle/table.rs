@@ -11,7 +11,10 @@ use super::{
     fan::{Facet, Fan, FanNode},
     tree::{Shape, Tree},
 };
-use crate::{error::Result, fan::FanSpace};
+use crate::{
+    error::Result,
+    fan::{FanSpace, Image, Place},
+};
 use glam::DVec3;
 use std::sync::{Arc, OnceLock};
 
@@ -109,29 +112,40 @@ impl Table {
     /// `u` is not in the camera region, or the patches there are damaged.
     pub fn fan(&self, u: DVec3) -> Result<Fan<'_>> {
         let place = self.space.place(u)?;
-        let (cell, camera) = self
-            .division
-            .locate(self.space.cameras(), &place.parameters);
-        let faces = (0..self.space.faces()).map(|face| self.facet(&cell, face, &camera));
+        let faces = (0..self.space.faces()).map(|face| self.facet(&place, face));
         let faces = faces.collect::<Result<Vec<_>, Damage>>();
         let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
         Ok(Fan::new(self, place, faces))
     }
 
-    /// The directions of `face` from the cameras of `cell`, at the parameters `camera` of it.
-    fn facet(&self, cell: &[usize], face: usize, camera: &[f64]) -> Result<Facet, Damage> {
-        let stored = self.division.stored(cell, face);
-        let chunk = &self.chunks[stored.chunk];
-        let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
-        Ok(match mirror {
-            None => Facet {
-                node: chunk.contract(camera)?,
-                image: None,
-            },
-            Some(mirror) => Facet {
-                node: chunk.contract(&mirror.camera(camera))?,
-                image: Some(mirror.image(&self.space, face)),
-            },
+    fn facet(&self, place: &Place, face: usize) -> Result<Facet, Damage> {
+        let kept = self.kept(place, face);
+        Ok(Facet {
+            node: self.chunks[kept.chunk].contract(&kept.camera)?,
+            image: kept.image,
         })
     }
+
+    /// Where the table holds the rays from `place` in the directions of `face`.
+    pub(super) fn kept(&self, place: &Place, face: usize) -> Kept {
+        let (cell, camera) = self
+            .division
+            .locate(self.space.cameras(), &place.parameters);
+        let stored = self.division.stored(&cell, face);
+        let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
+        Kept {
+            chunk: stored.chunk,
+            camera: mirror.map_or_else(|| camera.clone(), |mirror| mirror.camera(&camera)),
+            image: mirror.map(|mirror| mirror.image(&self.space, face)),
+        }
+    }
+}
+
+/// Where a table holds the rays from one camera in the directions of one face.
+pub(super) struct Kept {
+    pub(super) chunk: usize,
+    /// The camera's parameters in the chunk, in [−1, 1].
+    pub(super) camera: Vec<f64>,
+    /// What carries the rays to those of the chunk; `None` if they are its own.
+    pub(super) image: Option<Image>,
 }

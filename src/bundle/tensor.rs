@@ -318,7 +318,8 @@ impl Tensor {
         Contracted::new(&self.shape()[self.cameras..], &self.at_in::<f32>(camera))
     }
 
-    /// The coefficients that remain, in table order, at parameters in [−1, 1] of the first axes. With
+    /// The coefficients that remain at parameters in [−1, 1] of the first axes: in table order if those
+    /// are all cameras at least, else in the order of the cores. With
     /// camera and direction, for a single ray, that is cheaper than [`Tensor::contract`].
     pub fn at(&self, parameters: &[f64]) -> Vec<f64> {
         self.at_in(parameters)

@@ -46,15 +46,30 @@ pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64)
     })
 }
 
+/// Whether rays at two places (chart point, tangent) end or go on together; which of the ends it is
+/// does not matter.
+pub fn end_together(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
+    let first = |at| {
+        let values = values(manifold, at).into_iter();
+        values.fold(f64::NEG_INFINITY, f64::max)
+    };
+    manifold.domain.kinds.is_empty() || close(first(a), first(b))
+}
+
+/// Whether all conditions have the same values at two places.
 fn same(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
-    let values = |(u, v): (DVec3, DVec3)| {
-        let events = manifold.domain.events();
-        events.at(&[u.x, u.y, u.z, v.x, v.y, v.z])
-    };
-    let close = |(x, y): (&f64, &f64)| {
-        (x - y).abs() <= ROUNDING * (1.0 + x.abs()) || (x.is_nan() && y.is_nan())
-    };
-    values(a).iter().zip(&values(b)).all(close)
+    let pairs = values(manifold, a).into_iter().zip(values(manifold, b));
+    pairs.into_iter().all(|(x, y)| close(x, y))
+}
+
+/// The values of all conditions for a ray at `u` with tangent `v`.
+fn values(manifold: &Manifold, (u, v): (DVec3, DVec3)) -> Vec<f64> {
+    let events = manifold.domain.events();
+    events.at(&[u.x, u.y, u.z, v.x, v.y, v.z])
+}
+
+fn close(x: f64, y: f64) -> bool {
+    (x - y).abs() <= ROUNDING * (1.0 + x.abs()) || (x.is_nan() && y.is_nan())
 }
 
 #[cfg(test)]

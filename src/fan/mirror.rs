@@ -6,7 +6,10 @@
 //! carry into each other only one has to be stored. No file claims them: they are looked for, and used
 //! where the metric has them.
 
-use super::space::{FanSpace, Located, Reduction};
+use super::{
+    ends::end_together,
+    space::{FanSpace, Located, Reduction},
+};
 use crate::{manifold::Isometry, random::Stream};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -202,7 +205,7 @@ impl Mirror {
             && rays.iter().all(|&(u, v)| {
                 let image = domain.wrap(p * u + shift);
                 manifold.discrepancy(&isometry, u) <= WORST_DISCREPANCY
-                    && same_end(space, (u, v), (image, p * v))
+                    && end_together(manifold, (u, v), (image, p * v))
             })
     }
 
@@ -273,34 +276,20 @@ pub struct Image {
     back: (DMat3, DVec3),
 }
 
-impl Image {
-    /// The ray that `located` is carried to, and how to get back from there.
-    pub fn located(&self, located: Located) -> Located {
-        let (p, shift) = self.forth;
-        let parameters = self.parameters.map(|(j, sign)| sign * located.direction[j]);
-        Located {
-            face: self.face,
+impl Located {
+    /// The ray that this is carried to by `image`, and how to get back from there; this one without.
+    pub fn carried(self, image: Option<&Image>) -> Self {
+        let Some(image) = image else { return self };
+        let (p, shift) = image.forth;
+        let parameters = image.parameters.map(|(j, sign)| sign * self.direction[j]);
+        Self {
+            face: image.face,
             direction: parameters.to_vec(),
-            u: p * located.u + shift,
-            v: p * located.v,
-            isometry: located.isometry.after(self.back),
+            u: p * self.u + shift,
+            v: p * self.v,
+            isometry: self.isometry.after(image.back),
         }
     }
-}
-
-/// Whether rays at two places that a mirror carries into each other end or go on together.
-fn same_end(space: &FanSpace, a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
-    let domain = &space.manifold().domain;
-    if domain.kinds.is_empty() {
-        return true;
-    }
-    // Which of the ends it is does not matter: the table does not tell.
-    let first = |(u, v): (DVec3, DVec3)| {
-        let values = domain.events().at(&[u.x, u.y, u.z, v.x, v.y, v.z]);
-        values.into_iter().fold(f64::NEG_INFINITY, f64::max)
-    };
-    let (a, b) = (first(a), first(b));
-    (a - b).abs() <= ROUNDING * (1.0 + a.abs())
 }
 
 #[cfg(test)]
@@ -400,7 +389,7 @@ mod tests {
             for face in 0..FACES {
                 let d = direction(face, DVec2::new(0.3, -0.6));
                 let located = space.locate(&place, d);
-                let image = mirror.image(&space, face).located(located.clone());
+                let image = located.clone().carried(Some(&mirror.image(&space, face)));
                 assert_eq!(image.face, mirror.face(face));
                 let (back, p) = image.isometry.apply(image.u);
                 assert!((back - u).length() < 1e-15);

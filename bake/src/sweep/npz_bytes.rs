@@ -20,7 +20,7 @@ const NEGLIGIBLE: f64 = 0.0025;
 /// The largest rank tried.
 const MOST_RANK: usize = 3000;
 
-/// Steps tried: so many, each 2^(1/4) of the one before; the largest is four times the error.
+/// Steps tried: so many, each 2^(1/4) of the one before; the largest is the error.
 const STEPS: i32 = 48;
 
 /// For each of `errors` a line that tells the bytes of the whole tensor, all faces together.
@@ -78,9 +78,8 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
 
 /// The bytes of `train` rounded with `step`; `None` if a number is off by more than `error`.
 fn rounded(train: &Train, step: Scale, exact: &ArrayD<f64>, error: f64) -> Option<usize> {
-    let cameras = train.cameras;
     let tensor = train.rounded(step)?;
-    let kept = unpacked(&tensor, cameras)?;
+    let kept = unpacked(&tensor, train.cameras)?;
     let mut off = exact.clone();
     let mut part = off.slice_each_axis_mut(|axis| (..kept.len_of(axis.axis)).into());
     part -= &kept;

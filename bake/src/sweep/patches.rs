@@ -98,7 +98,6 @@ pub fn bake(
     let job = Job {
         space: &space,
         plan: &plan,
-        division: plan.division(&space),
         id,
         share: None,
         // The bytes that are counted while a bake runs are an estimate, at times far too large.
