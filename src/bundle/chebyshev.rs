@@ -3,8 +3,9 @@
 //! First-kind nodes `cos(π(i+½)/n)`; `f(x) = Σ c_k T_k(x)`. Source: L. N. Trefethen,
 //! *Approximation Theory and Approximation Practice*, chapters 2–4.
 
-use crate::expr::vectorised;
-use ndarray::{Array2, ArrayD, IxDyn};
+use super::matrix::product;
+use ndarray::{Array2, ArrayD};
+use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// The `n` nodes, ascending.
@@ -61,40 +62,78 @@ pub fn samples(coefficients: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
 
 /// The square matrices that `of` gives for their lengths, applied to the first `axes` axes.
 fn along_axes(array: ArrayD<f64>, axes: usize, of: impl Fn(usize) -> Array2<f64>) -> ArrayD<f64> {
-    let shape = array.shape().to_vec();
-    let mut values: Vec<f64> = array.as_standard_layout().iter().copied().collect();
+    let mut array = match array.is_standard_layout() {
+        true => array,
+        false => array.as_standard_layout().into_owned(),
+    };
     for axis in 0..axes {
-        let matrix = of(shape[axis]);
-        let block = shape[axis..].iter().product();
-        let mut out = vec![0.0; values.len()];
-        for (from, to) in values.chunks_exact(block).zip(out.chunks_exact_mut(block)) {
-            transformed(&matrix, from, to);
-        }
-        values = out;
+        let matrix = of(array.shape()[axis]);
+        along_axis(&mut array, axis, &matrix);
     }
-    ArrayD::from_shape_vec(IxDyn(&shape), values).expect("as many as before")
+    array
 }
 
-/// `matrix` applied to the slowest axis of `from`.
-fn transformed(matrix: &Array2<f64>, from: &[f64], to: &mut [f64]) {
-    let row = from.len() / matrix.nrows();
-    vectorised(
-        #[inline(always)]
-        || {
-            for (weights, to) in matrix.outer_iter().zip(to.chunks_exact_mut(row)) {
-                for (w, from) in weights.iter().zip(from.chunks_exact(row)) {
-                    for (sum, x) in to.iter_mut().zip(from) {
-                        *sum += w * x;
-                    }
-                }
-            }
-        },
-    );
+/// Columns that are transformed together: what one thread works on fits into a cache near it.
+const TILE: usize = 128;
+
+/// The square `matrix` applied to `axis` of `array`, which has the standard layout.
+pub fn along_axis(array: &mut ArrayD<f64>, axis: usize, matrix: &Array2<f64>) {
+    let n = matrix.nrows();
+    let inner: usize = array.shape()[axis + 1..].iter().product();
+    let matrix: Vec<f64> = matrix.iter().copied().collect();
+    let values = array.as_slice_mut().expect("standard layout");
+    if inner < TILE {
+        let group = TILE.div_ceil(inner) * n * inner;
+        values
+            .par_chunks_mut(group)
+            .for_each(|blocks| short_blocks(blocks, inner, &matrix, n));
+    } else {
+        values
+            .par_chunks_mut(n * inner)
+            .for_each(|block| long_block(block, inner, &matrix, n));
+    }
+}
+
+/// `matrix` applied to the slowest axis of each of `blocks`, whose rows are shorter than a tile.
+fn short_blocks(blocks: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
+    let count = blocks.len() / (n * inner);
+    let mut rows = vec![0.0; blocks.len()];
+    for (b, block) in blocks.chunks_exact(n * inner).enumerate() {
+        for (i, row) in block.chunks_exact(inner).enumerate() {
+            rows[(i * count + b) * inner..][..inner].copy_from_slice(row);
+        }
+    }
+    let rows = product(matrix, n, &rows);
+    for (b, block) in blocks.chunks_exact_mut(n * inner).enumerate() {
+        for (i, row) in block.chunks_exact_mut(inner).enumerate() {
+            row.copy_from_slice(&rows[(i * count + b) * inner..][..inner]);
+        }
+    }
+}
+
+/// `matrix` applied to the slowest axis of `block`, whose rows are tiles side by side.
+fn long_block(block: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
+    let mut tiles: Vec<Vec<&mut [f64]>> = Vec::new();
+    tiles.resize_with(inner.div_ceil(TILE), || Vec::with_capacity(n));
+    for row in block.chunks_exact_mut(inner) {
+        for (tile, part) in tiles.iter_mut().zip(row.chunks_mut(TILE)) {
+            tile.push(part);
+        }
+    }
+    tiles.into_par_iter().for_each(|tile| {
+        let rows: Vec<f64> = tile.iter().flat_map(|row| row.iter()).copied().collect();
+        let rows = product(matrix, n, &rows);
+        let width = rows.len() / n;
+        for (to, from) in tile.into_iter().zip(rows.chunks_exact(width)) {
+            to.copy_from_slice(from);
+        }
+    });
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ndarray::IxDyn;
 
     #[test]
     fn coefficients_reproduce_a_polynomial_of_two_variables() {

@@ -1,7 +1,18 @@
 //! A polynomial of several variables, fitted to samples.
 
-use super::chebyshev;
-use ndarray::{ArrayD, ArrayViewD, Axis, Slice};
+use super::{
+    chebyshev,
+    matrix::{product, summed},
+};
+use ndarray::{Array2, ArrayD, Axis, s};
+use rayon::prelude::*;
+
+/// Coefficients of the first axes that are summed at once for many points; fewer leave larger
+/// remainders to each point, more are copied to no avail.
+const SUMMED_AT_ONCE: usize = 128;
+
+/// Columns that are copied together, so that they lie in a cache while all points read them.
+const TILE: usize = 128;
 
 /// Chebyshev coefficients of one group of channels, in standard layout: axes camera…, direction…,
 /// arc length, channel.
@@ -9,31 +20,152 @@ use ndarray::{ArrayD, ArrayViewD, Axis, Slice};
 pub struct Polynomial(pub ArrayD<f64>);
 
 impl Polynomial {
-    /// From samples at the tensor grid of Chebyshev nodes, with the same axes.
-    pub fn fit(samples: ArrayViewD<'_, f64>) -> Self {
-        let axes = samples.ndim() - 1;
-        Self(chebyshev::coefficients(
-            samples.as_standard_layout().into_owned(),
-            axes,
-        ))
+    /// From samples at the tensor grid of Chebyshev nodes, with the same axes; the first `starts`
+    /// along the arc length are not at nodes but stay beside the coefficients.
+    pub fn fit(mut samples: ArrayD<f64>, starts: usize) -> Self {
+        let arc = samples.ndim() - 2;
+        let slopes = samples.len_of(Axis(arc)) - starts;
+        let mut along_arc = Array2::eye(starts + slopes);
+        let mut nodes = along_arc.slice_mut(s![starts.., starts..]);
+        nodes.assign(&chebyshev::transform(slopes));
+        chebyshev::along_axis(&mut samples, arc, &along_arc);
+        Self(chebyshev::coefficients(samples, arc))
     }
 
-    /// The root of the sum of squares of the two highest coefficients along each axis: what
-    /// splitting the axis would reduce most is largest.
-    pub fn tails(&self) -> Vec<f64> {
-        (0..self.0.ndim() - 1)
-            .map(|axis| {
-                let n = self.0.len_of(Axis(axis)) as isize;
-                let tail = self
-                    .0
-                    .slice_axis(Axis(axis), Slice::from((n - 2).max(0)..n));
-                tail.iter().map(|c| c * c).sum::<f64>().sqrt()
-            })
+    /// Along each axis but the channels, the root of the sum of squares of the coefficients of each
+    /// degree.
+    pub fn spectra(&self) -> Vec<Vec<f64>> {
+        let shape = self.0.shape();
+        let values = self.0.as_slice().unwrap_or_default();
+        let mut spectra: Vec<Vec<f64>> = shape.iter().map(|n| vec![0.0; *n]).collect();
+        // Sums over the axes behind are summed further: every axis reads what the one behind left.
+        let mut squares: Vec<f64> = values
+            .par_chunks(shape[shape.len() - 1])
+            .map(|channels| channels.iter().map(|c| c * c).sum())
+            .collect();
+        spectra.pop();
+        for (axis, spectrum) in spectra.iter_mut().enumerate().rev() {
+            let n = shape[axis];
+            for row in squares.chunks_exact(n) {
+                spectrum.iter_mut().zip(row).for_each(|(s, x)| *s += x);
+            }
+            squares = squares
+                .chunks_exact(n)
+                .map(|row| row.iter().sum())
+                .collect();
+        }
+        spectra.iter_mut().flatten().for_each(|s| *s = s.sqrt());
+        spectra
+    }
+
+    /// What remains at each of `points` (parameters in [−1, 1] of all axes but the last two): rows
+    /// over (arc length, channel).
+    pub fn at(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
+        let shape = self.0.shape();
+        let inputs = shape.len() - 2;
+        let enough = |axes: &usize| shape[..*axes].iter().product::<usize>() >= SUMMED_AT_ONCE;
+        let first = (1..inputs).find(enough).unwrap_or(inputs);
+        let weights: Vec<Vec<Vec<f64>>> = points.iter().map(|x| values_at(shape, x)).collect();
+        let at_once: Vec<f64> = weights.iter().flat_map(|w| products(&w[..first])).collect();
+        let count: usize = shape[..first].iter().product();
+        let sums = self.weighted(&at_once, count);
+        let rest = |(sums, weights): (&[f64], &Vec<Vec<f64>>)| {
+            let mut sums = sums.to_vec();
+            for w in &weights[first..] {
+                sums = summed(&sums, |x| *x, 1, sums.len() / w.len(), w);
+            }
+            sums
+        };
+        let width = self.0.len() / count;
+        sums.par_chunks_exact(width)
+            .zip(&weights)
+            .map(rest)
             .collect()
+    }
+
+    /// The product of `weights`, rows of `count`, with the coefficients as a matrix of `count` rows.
+    fn weighted(&self, weights: &[f64], count: usize) -> Vec<f64> {
+        let values = self.0.as_slice().unwrap_or_default();
+        let width = values.len() / count;
+        let tile = |tile: usize| {
+            let columns = tile * TILE..width.min((tile + 1) * TILE);
+            let rows = values.chunks_exact(width);
+            let copied: Vec<f64> = rows
+                .flat_map(|row| &row[columns.clone()])
+                .copied()
+                .collect();
+            product(weights, count, &copied)
+        };
+        let tiles: Vec<Vec<f64>> = (0..width.div_ceil(TILE))
+            .into_par_iter()
+            .map(tile)
+            .collect();
+        let mut sums = vec![0.0; weights.len() / count * width];
+        for (row, sums) in sums.chunks_exact_mut(width).enumerate() {
+            for (to, tile) in sums.chunks_mut(TILE).zip(&tiles) {
+                to.copy_from_slice(&tile[row * to.len()..][..to.len()]);
+            }
+        }
+        sums
     }
 
     /// Whether all coefficients are finite.
     pub fn is_finite(&self) -> bool {
         self.0.iter().all(|c| c.is_finite())
+    }
+}
+
+/// Chebyshev values at `x` along the first axes of `shape`.
+fn values_at(shape: &[usize], x: &[f64]) -> Vec<Vec<f64>> {
+    let along = |(x, n): (&f64, &usize)| {
+        let mut values = vec![0.0; *n];
+        chebyshev::values(*x, &mut values);
+        values
+    };
+    x.iter().zip(shape).map(along).collect()
+}
+
+/// The products of one of each of `values`, the last running fastest.
+fn products(values: &[Vec<f64>]) -> Vec<f64> {
+    values.iter().fold(vec![1.0], |products, values| {
+        let each = |p: &f64| values.iter().map(|v| p * v).collect::<Vec<f64>>();
+        products.iter().flat_map(each).collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::IxDyn;
+
+    #[test]
+    fn many_points_at_once_give_the_sum_of_all_terms() {
+        let shape = [5, 4, 40, 3, 2];
+        let polynomial = Polynomial(ArrayD::from_shape_fn(IxDyn(&shape), |i| {
+            (0..5).map(|a| (a + 1) * i[a]).sum::<usize>() as f64 % 7.0 - 3.0
+        }));
+        let points = [[0.3, -0.9, 0.1], [1.0, 0.5, -0.7]];
+        let rows = polynomial.at(&points.each_ref().map(|p| p.as_slice()));
+        for (row, x) in rows.iter().zip(points) {
+            let weights = values_at(&shape, &x);
+            let mut expected = vec![0.0; 6];
+            for (i, c) in polynomial.0.indexed_iter() {
+                let weight: f64 = (0..3).map(|a| weights[a][i[a]]).product();
+                expected[2 * i[3] + i[4]] += c * weight;
+            }
+            let close = |(a, b): (&f64, &f64)| (a - b).abs() < 1e-11;
+            assert!(row.len() == 6 && row.iter().zip(&expected).all(close));
+        }
+    }
+
+    #[test]
+    fn spectra_are_the_sizes_of_the_coefficients_of_each_degree() {
+        let mut coefficients = ArrayD::zeros(IxDyn(&[3, 4, 2, 2]));
+        coefficients[[1, 3, 0, 1]] = 3.0;
+        coefficients[[1, 0, 1, 0]] = -4.0;
+        let spectra = Polynomial(coefficients).spectra();
+        assert_eq!(spectra[0], [0.0, 5.0, 0.0]);
+        assert_eq!(spectra[1], [4.0, 0.0, 0.0, 3.0]);
+        assert_eq!(spectra[2], [3.0, 4.0]);
     }
 }

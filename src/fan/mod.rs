@@ -15,5 +15,5 @@ mod space;
 pub use mirror::{Image, Mirror};
 pub use orbit::OrbitAngles;
 pub use position::{Lift, Start};
-pub use sample::{CHANNELS, DISPLACEMENT, sample};
+pub use sample::{CHANNELS, DISPLACEMENT, Sample, Samples, sample};
 pub use space::{FanSpace, Located, Place, Reduction};

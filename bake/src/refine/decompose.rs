@@ -7,17 +7,18 @@
 //! range is found from random combinations of columns (N. Halko, P. G. Martinsson, J. A. Tropp,
 //! *Finding structure with randomness*, SIAM Review 53 (2011), algorithm 4.3).
 
-use faer::{Mat, MatRef};
+use faer::{Accum, Mat, MatMut, MatRef, Par, diag::DiagRef, linalg::matmul::matmul};
 use geofan::{
     bundle::{Layout, Scale, Train, graded},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
+use rayon::prelude::*;
 
 /// Below this smaller side a matrix is decomposed as it is: random combinations save nothing.
 const SMALL: usize = 96;
 
-/// Columns that a random range has more than the rank it is to find.
+/// Columns that a random range has beyond those that belong to singular values worth keeping.
 const OVERSAMPLING: usize = 12;
 
 /// The train of `coefficients` (axes camera…, direction…, arc length, channel) in the order of `layout`,
@@ -73,64 +74,231 @@ struct Split {
 }
 
 impl Split {
+    /// Of the matrix of so many rows that is `flat` row by row, without singular values below
+    /// `threshold`; `None` where more than `most_rank` are left.
     fn new(flat: &[f64], rows: usize, (threshold, most_rank): (f64, usize)) -> Option<Self> {
         let columns = flat.len() / rows;
         let a = MatRef::from_row_major_slice(flat, rows, columns);
-        if rows.min(columns) <= SMALL {
-            return Self::exact(a, None, threshold);
+        if columns <= SMALL.min(rows) {
+            return Self::tall(a, threshold);
         }
-        let mut rank = SMALL / 2;
-        loop {
-            let basis = range(a, rank + OVERSAMPLING);
-            let split = Self::exact((basis.transpose() * a).as_ref(), Some(&basis), threshold)?;
-            if split.singular.len() < rank {
-                return Some(split);
-            }
-            rank *= 2;
-            if rank > most_rank {
-                return None;
-            }
+        if rows <= SMALL {
+            return Self::wide(a, None, threshold);
         }
+        let basis = range(a, (threshold, most_rank))?;
+        let within = product(basis.transpose(), a);
+        let split = Self::wide(within.as_ref(), Some(&basis), threshold)?;
+        (split.singular.len() <= most_rank).then_some(split)
     }
 
-    /// The decomposition of `a`, or of `basis · a`.
-    fn exact(a: MatRef<'_, f64>, basis: Option<&Mat<f64>>, threshold: f64) -> Option<Self> {
+    /// The decomposition of a matrix with few columns.
+    fn tall(a: MatRef<'_, f64>, threshold: f64) -> Option<Self> {
         let svd = a.thin_svd().ok()?;
-        let sizes = svd.S().column_vector();
-        let kept = sizes.iter().take_while(|x| **x > threshold).count().max(1);
-        let u = svd.U().subcols(0, kept);
-        let u = basis.map_or_else(|| u.to_owned(), |basis| basis * u);
-        let v = svd.V();
-        // The sign of a singular pair is arbitrary: the largest entry of each left vector is made
-        // positive, so that a bake is reproducible.
-        let sign = |j: usize| {
-            let column = u.col(j).iter().copied();
-            let largest = column.fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
-            if largest < 0.0 { -1.0 } else { 1.0 }
-        };
-        let signs: Vec<f64> = (0..kept).map(sign).collect();
-        let row = |i: usize| (0..kept).map(move |j| (i, j));
-        let left = (0..u.nrows()).flat_map(row);
-        let right = (0..kept).flat_map(|j| (0..v.nrows()).map(move |i| (i, j)));
+        let kept = kept(svd.S(), threshold);
+        let u = svd.U().subcols(0, kept.len());
+        let signs = signs(u);
+        let scaled = Mat::from_fn(kept.len(), a.ncols(), |j, i| {
+            signs[j] * kept[j] * svd.V()[(i, j)]
+        });
         Some(Self {
-            singular: (0..kept).map(|j| sizes[j]).collect(),
-            left: left.map(|(i, j)| signs[j] * u[(i, j)]).collect(),
-            right: right
-                .map(|(i, j)| signs[j] * sizes[j] * v[(i, j)])
-                .collect(),
+            left: row_by_row(u, &signs),
+            right: row_by_row(scaled.as_ref(), &vec![1.0; a.ncols()]),
+            singular: kept,
+        })
+    }
+
+    /// The decomposition of a matrix `a` with more columns than rows, or of `basis · a`. Its left
+    /// singular vectors are those of its lower triangle (LQ), and with them `Σ Vᵀ = Uᵀ A`.
+    fn wide(a: MatRef<'_, f64>, basis: Option<&Mat<f64>>, threshold: f64) -> Option<Self> {
+        let lower = triangle(a);
+        let svd = lower.transpose().thin_svd().ok()?;
+        let kept = kept(svd.S(), threshold);
+        let u = svd.U().subcols(0, kept.len());
+        let all = basis.map_or_else(|| u.to_owned(), |basis| product(basis.as_ref(), u));
+        let signs = signs(all.as_ref());
+        let signed = Mat::from_fn(u.nrows(), kept.len(), |i, j| signs[j] * u[(i, j)]);
+        Some(Self {
+            left: row_by_row(all.as_ref(), &signs),
+            right: flat_product(signed.transpose(), a),
+            singular: kept,
         })
     }
 }
 
-/// An orthonormal basis (columns) of nearly all of the range of `a`.
-fn range(a: MatRef<'_, f64>, width: usize) -> Mat<f64> {
-    let width = width.min(a.nrows());
+/// The singular values above `threshold`, the largest at least.
+fn kept(singular: DiagRef<'_, f64>, threshold: f64) -> Vec<f64> {
+    let sizes = singular.column_vector();
+    let kept = sizes.iter().take_while(|x| **x > threshold).count().max(1);
+    sizes.iter().take(kept).copied().collect()
+}
+
+/// The sign of a singular pair is arbitrary: with these the largest entry of each left vector is
+/// positive, so that a bake is reproducible.
+fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
+    let sign = |j: usize| {
+        let column = u.col(j).iter().copied();
+        let largest = column.fold(0.0_f64, |a, b| if b.abs() > a.abs() { b } else { a });
+        if largest < 0.0 { -1.0 } else { 1.0 }
+    };
+    (0..u.ncols()).map(sign).collect()
+}
+
+/// The entries of `a`, its columns multiplied by `factors`.
+fn row_by_row(a: MatRef<'_, f64>, factors: &[f64]) -> Vec<f64> {
+    let row = |i: usize| factors.iter().enumerate().map(move |(j, f)| f * a[(i, j)]);
+    (0..a.nrows()).flat_map(row).collect()
+}
+
+/// Columns that one thread works on at once. Every product and every triangle is put together from
+/// the same parts, however many threads there are.
+const COLUMNS: usize = 1024;
+
+/// `a b`, row by row.
+fn flat_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
+    let mut flat = vec![0.0; a.nrows() * b.ncols()];
+    into_parts(
+        MatMut::from_row_major_slice_mut(&mut flat, a.nrows(), b.ncols()),
+        a,
+        b,
+    );
+    flat
+}
+
+/// `a b`.
+fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+    let mut all = Mat::zeros(a.nrows(), b.ncols());
+    into_parts(all.as_mut(), a, b);
+    all
+}
+
+/// `to = a b`, by parts of its columns.
+fn into_parts(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+    let mut parts = Vec::new();
+    let mut rest = to;
+    for columns in parts_of(b) {
+        let (part, after) = rest.split_at_col_mut(columns.ncols());
+        parts.push((part, columns));
+        rest = after;
+    }
+    parts
+        .into_par_iter()
+        .for_each(|(to, b)| matmul(to, Accum::Replace, a, b, 1.0, Par::Seq));
+}
+
+/// `a` by parts of its columns.
+fn parts_of(a: MatRef<'_, f64>) -> impl Iterator<Item = MatRef<'_, f64>> {
+    let part = move |first: usize| a.subcols(first, COLUMNS.min(a.ncols() - first));
+    (0..a.ncols()).step_by(COLUMNS).map(part)
+}
+
+/// The upper triangle R of Aᵀ = Q R: parts are made triangular one by one, and then all those
+/// triangles together (J. Demmel and others, *Communication-optimal parallel and sequential QR and LU
+/// factorizations*, SIAM J. Sci. Comput. 34 (2012)).
+fn triangle(a: MatRef<'_, f64>) -> Mat<f64> {
+    let parts: Vec<MatRef<'_, f64>> = parts_of(a).collect();
+    let together = (COLUMNS * parts.len()).div_ceil(COLUMNS.max(8 * a.nrows()));
+    let together = parts.len().div_ceil(together.max(1));
+    let triangles: Vec<Mat<f64>> = (0..parts.len().div_ceil(together))
+        .into_par_iter()
+        .map(|k| {
+            let first = k * together * COLUMNS;
+            let count = (together * COLUMNS).min(a.ncols() - first);
+            a.subcols(first, count)
+                .transpose()
+                .to_owned()
+                .qr()
+                .thin_R()
+                .to_owned()
+        })
+        .collect();
+    let rows = triangles.iter().map(|r| r.nrows()).sum();
+    let mut stacked = Mat::zeros(rows, a.nrows());
+    let mut first = 0;
+    for triangle in &triangles {
+        stacked
+            .subrows_mut(first, triangle.nrows())
+            .copy_from(triangle);
+        first += triangle.nrows();
+    }
+    match triangles.len() {
+        1 => stacked,
+        _ => stacked.qr().thin_R().to_owned(),
+    }
+}
+
+/// Columns that stand for those of a matrix with many more, for each of its rows.
+const SKETCH: usize = 3;
+
+/// Columns found at a time.
+const STRIDE: usize = 64;
+
+/// An orthonormal basis (columns) of nearly all of the range of `a`, as wide as it takes to leave no
+/// singular value above `threshold`; `None` where that is more than `most_rank`.
+fn range(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option<Mat<f64>> {
     let mut stream = Stream::new(&[a.nrows() as u64, a.ncols() as u64]);
-    let random = Mat::from_fn(a.ncols(), width, |_, _| stream.between(-1.0, 1.0));
-    let once = (a * random).qr().compute_thin_Q();
-    // Once through AᵀA: singular values that fall off slowly are told apart better.
-    let again = a.transpose() * once;
-    (a * again).qr().compute_thin_Q()
+    let sketch = sketch(a, &mut stream);
+    let a = sketch.as_ref().map_or(a, |s| s.as_ref());
+    let mut basis: Mat<f64> = Mat::zeros(a.nrows(), 0);
+    while basis.ncols() < a.nrows() {
+        let width = STRIDE.min(a.nrows() - basis.ncols());
+        let random = Mat::from_fn(a.ncols(), width, |_, _| stream.between(-1.0, 1.0));
+        let once = outside(&basis, a * random);
+        // Once through AᵀA: singular values that fall off slowly are told apart better.
+        let again = product(once.transpose(), a);
+        let new = outside(&basis, a * again.transpose());
+        let found = triangle(product(new.transpose(), a).as_ref());
+        let sizes = found.singular_values().ok()?;
+        let above = sizes.iter().filter(|x| **x > threshold).count();
+        let wider = Mat::from_fn(a.nrows(), basis.ncols() + width, |i, j| {
+            match j.checked_sub(basis.ncols()) {
+                Some(j) => new[(i, j)],
+                None => basis[(i, j)],
+            }
+        });
+        if above + OVERSAMPLING <= width {
+            return Some(wider);
+        }
+        if basis.ncols() + above > most_rank {
+            return None;
+        }
+        basis = wider;
+    }
+    Some(basis)
+}
+
+/// An orthonormal basis of what `columns` have that `basis` has not.
+fn outside(basis: &Mat<f64>, columns: Mat<f64>) -> Mat<f64> {
+    // Twice: once leaves rounding errors as large as what remains is small.
+    let once = &columns - basis * (basis.transpose() * &columns);
+    let once = once.qr().compute_thin_Q();
+    let twice = &once - basis * (basis.transpose() * &once);
+    twice.qr().compute_thin_Q()
+}
+
+/// A matrix with far fewer columns and nearly the same range: sums of columns with random signs
+/// (D. P. Woodruff, *Sketching as a tool for numerical linear algebra*, 2014, section 2.1).
+fn sketch(a: MatRef<'_, f64>, stream: &mut Stream) -> Option<Mat<f64>> {
+    let count = SKETCH * a.nrows();
+    if a.ncols() < 2 * count {
+        return None;
+    }
+    let places = (0..a.ncols()).map(|_| {
+        let bits = stream.bits();
+        let sign = if bits & 1 == 0 { 1.0 } else { -1.0 };
+        ((bits >> 1) as usize % count, sign)
+    });
+    let places: Vec<(usize, f64)> = places.collect();
+    let rows: Vec<Vec<f64>> = (0..a.nrows())
+        .into_par_iter()
+        .map(|i| {
+            let mut sums = vec![0.0; count];
+            for (x, (place, sign)) in a.row(i).iter().zip(&places) {
+                sums[*place] += sign * x;
+            }
+            sums
+        })
+        .collect();
+    Some(Mat::from_fn(a.nrows(), count, |i, j| rows[i][j]))
 }
 
 #[cfg(test)]

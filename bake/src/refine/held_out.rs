@@ -3,13 +3,14 @@
 use super::{Refiner, region::Region, scout::weigh};
 use geofan::{
     bundle::{
-        Tensor, arc,
+        Polynomial, Tensor, arc,
         measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
     },
     fan::{CHANNELS, FanSpace, Start},
     geodesic::End,
     random::Stream,
 };
+use rayon::prelude::*;
 use std::sync::atomic::Ordering;
 
 /// The fewest held-out rays of a box. Fewer miss narrow failures; more cost as much as fitting a box
@@ -33,6 +34,9 @@ const LENGTHS: usize = 6;
 /// down to a whole number. Rounded up it saves 3 % of the bytes, and certificates of small tables
 /// then find more than was promised.
 const EXCEEDING: f64 = 0.01;
+
+/// Rays that a polynomial is summed for at once: reading its coefficients takes longer than a sum.
+const AT_ONCE: usize = 16;
 
 /// A held-out ray.
 struct HeldOutRay {
@@ -152,27 +156,86 @@ impl HeldOut {
     /// The error of `tensor` that all but the allowed share of comparisons keep, of points or of
     /// tangents, in units of the promise.
     pub fn error(&self, refiner: &Refiner<'_>, tensor: &Tensor) -> f64 {
-        let plan = refiner.plan;
-        let (mut points, mut tangents) = (Vec::new(), Vec::new());
-        let mut rows = Vec::new();
-        let only_exits = tangents_at_exits(refiner.space);
-        for ray in &self.rays {
-            rows.clear();
-            let channels = refiner.space.channels().len();
+        let errors = self.rays.par_iter().map(|ray| {
             let stored = tensor.at(&ray.parameters);
-            arc::unfold(&stored, channels, self.interval, &mut rows);
-            for (i, probe) in ray.probes.iter().enumerate() {
-                let sums = arc::sums(&rows, channels, self.interval, &[probe.s]);
-                let (u, v) = arc::state(refiner.space, &ray.start, &sums, 0, probe.s);
-                points.push(probe.screen_mrad(u - probe.u));
-                let exit = ray.exits && i + 1 == ray.probes.len();
-                if plan.frames && (exit || !only_exits) {
-                    tangents.push(probe.sky_mrad(v - probe.v));
-                }
+            self.errors(refiner, ray, &stored)
+        });
+        Errors::of(errors.collect()).most() / refiner.plan.max_error
+    }
+
+    /// The same of a polynomial. One that fails is given up as soon as enough rays show it; its error
+    /// is then that of those rays.
+    pub fn error_of(&self, refiner: &Refiner<'_>, polynomial: &Polynomial) -> f64 {
+        let comparisons: usize = self.rays.iter().map(|ray| ray.probes.len()).sum();
+        let mut all: Vec<Errors> = Vec::new();
+        for rays in self.rays.chunks(AT_ONCE) {
+            let points: Vec<&[f64]> = rays.iter().map(|r| r.parameters.as_slice()).collect();
+            let stored = polynomial.at(&points);
+            let errors = rays.par_iter().zip(&stored);
+            let errors = errors.map(|(ray, stored)| self.errors(refiner, ray, stored));
+            all.par_extend(errors);
+            let failures = all
+                .iter()
+                .map(|e| e.exceeding(refiner.plan.max_error))
+                .sum();
+            if exceeding(comparisons) < failures {
+                break;
             }
         }
-        quantile(points).max(quantile(tangents)) / plan.max_error
+        Errors::of(all).most() / refiner.plan.max_error
     }
+
+    /// What a table gets wrong that has `stored` these coefficients for the ray.
+    fn errors(&self, refiner: &Refiner<'_>, ray: &HeldOutRay, stored: &[f64]) -> Errors {
+        let channels = refiner.space.channels().len();
+        let mut rows = Vec::new();
+        arc::unfold(stored, channels, self.interval, &mut rows);
+        let mut errors = Errors::default();
+        let only_exits = tangents_at_exits(refiner.space);
+        for (i, probe) in ray.probes.iter().enumerate() {
+            let sums = arc::sums(&rows, channels, self.interval, &[probe.s]);
+            let (u, v) = arc::state(refiner.space, &ray.start, &sums, 0, probe.s);
+            errors.points.push(probe.screen_mrad(u - probe.u));
+            let exit = ray.exits && i + 1 == ray.probes.len();
+            if refiner.plan.frames && (exit || !only_exits) {
+                errors.tangents.push(probe.sky_mrad(v - probe.v));
+            }
+        }
+        errors
+    }
+}
+
+/// Errors in mrad.
+#[derive(Default)]
+struct Errors {
+    points: Vec<f64>,
+    tangents: Vec<f64>,
+}
+
+impl Errors {
+    fn of(rays: Vec<Self>) -> Self {
+        let mut all = Self::default();
+        for ray in rays {
+            all.points.extend(ray.points);
+            all.tangents.extend(ray.tangents);
+        }
+        all
+    }
+
+    /// How many points or tangents miss the promise `most`.
+    fn exceeding(&self, most: f64) -> usize {
+        let count = |errors: &[f64]| errors.iter().filter(|e| !(**e <= most)).count();
+        count(&self.points).max(count(&self.tangents))
+    }
+
+    fn most(self) -> f64 {
+        quantile(self.points).max(quantile(self.tangents))
+    }
+}
+
+/// How many of so many comparisons may exceed the promise.
+fn exceeding(comparisons: usize) -> usize {
+    (EXCEEDING * comparisons as f64) as usize
 }
 
 /// The error that all but the allowed share of `errors` keep; infinite if it is not a number.
@@ -181,7 +244,7 @@ fn quantile(mut errors: Vec<f64>) -> f64 {
         .iter_mut()
         .filter(|e| e.is_nan())
         .for_each(|e| *e = f64::INFINITY);
-    let exceeding = (EXCEEDING * errors.len() as f64) as usize;
+    let exceeding = exceeding(errors.len());
     errors.sort_by(|a, b| b.total_cmp(a));
     errors.get(exceeding).map_or(0.0, |e| *e)
 }

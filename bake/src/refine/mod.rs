@@ -17,15 +17,14 @@ mod region;
 pub(crate) mod scout;
 
 use geofan::{
-    bundle::{Division, PlanRecord, Polynomial, Scale, Tensor, Train, Tree, arc, chebyshev},
-    fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
+    bundle::{Division, PlanRecord, Polynomial, Scale, Train, Tree, arc, chebyshev},
+    fan::{DISPLACEMENT, FanSpace, Sample, Samples},
 };
 use glam::DVec3;
 use held_out::HeldOut;
-use ndarray::{Array3, ArrayD, ArrayView, Axis, IxDyn, concatenate};
-use quantise::Quantised;
+use ndarray::ArrayD;
 use region::Region;
-use scout::Needs;
+use scout::{Needs, tail};
 use std::sync::{
     Arc,
     atomic::{AtomicBool, AtomicU64, Ordering},
@@ -158,29 +157,22 @@ impl Refiner<'_> {
         mut needs: Needs,
         held_out: &HeldOut,
     ) -> Result<Tree, Vec<f64>> {
-        let mut best: Option<Tensor> = None;
-        let urgency = loop {
+        loop {
             let polynomial = self.fit(chunk, region, &needs.nodes);
-            let found = self.quantise(&polynomial, held_out);
-            let smaller = |found: &Quantised| {
-                let bytes = found.tensor.bytes();
-                best.as_ref().is_none_or(|best| bytes < best.bytes())
-            };
-            let roomy = match found.filter(smaller) {
-                Some(found) => {
-                    best = Some(found.tensor);
-                    found.left <= ROOMY
-                }
-                None => best.is_some(),
-            };
-            let tails = polynomial.tails();
-            if roomy || !needs.raise(&self.plan.nodes, self.plan.most_rays, &tails) {
-                break tails;
+            let spectra = polynomial.spectra();
+            let left = held_out.error_of(self, &polynomial);
+            if left > ROOMY && needs.raise(self.plan, &spectra, left) {
+                continue;
             }
-        };
-        let tensor = best.ok_or(urgency)?;
-        self.finished(region, tensor.bytes() as usize);
-        Ok(Tree::Leaf(Arc::new(tensor)))
+            let urgency: Vec<f64> = spectra.iter().map(|s| tail(s)).collect();
+            let holds = left <= 1.0;
+            let found = holds
+                .then(|| self.quantise(&polynomial, held_out))
+                .flatten();
+            let tensor = found.ok_or(urgency)?.tensor;
+            self.finished(region, tensor.bytes() as usize);
+            return Ok(Tree::Leaf(Arc::new(tensor)));
+        }
     }
 
     /// The patch of a box that no ray gets to: straight lines.
@@ -234,59 +226,56 @@ impl Refiner<'_> {
         nodes.iter().map(at).collect()
     }
 
-    /// Exact samples (point, arc length, channel) at `points` of the box.
-    fn samples(
-        &self,
-        chunk: usize,
-        region: &Region,
-        points: &[Vec<f64>],
-        lengths: &[f64],
-    ) -> Array3<f64> {
-        let manifold = self.space.manifold();
-        let ray = |x: &Vec<f64>| {
-            let (u, d) = self.ray(chunk, region, x);
-            (u, manifold.standard_frame(u) * d)
-        };
-        let rays: Vec<_> = points.iter().map(ray).collect();
-        let count = rays.len() as u64;
-        self.tally.rays.fetch_add(count, Ordering::Relaxed);
-        sample(self.space, self.plan.tolerance, &rays, lengths)
-    }
-
     /// The polynomial through exact samples on the tensor grid of `nodes`, its rows along the arc
     /// length as [`arc`] unfolds them.
     fn fit(&self, chunk: usize, region: &Region, nodes: &[usize]) -> Polynomial {
-        let grids: Vec<Vec<f64>> = nodes.iter().map(|&n| chebyshev::nodes(n)).collect();
-        let points: Vec<Vec<f64>> = ndarray::indices(IxDyn(&nodes[..region.arc()]))
-            .into_iter()
-            .map(|i| (0..region.arc()).map(|a| grids[a][i[a]]).collect())
-            .collect();
         let interval = region.arc_interval(self.plan.length);
         let starts = usize::from(arc::stores_start(interval));
         let mut lengths = vec![interval[0]; starts];
         lengths.extend(self.arc_lengths(region, nodes[region.arc()]));
-        let mut shape = nodes.to_vec();
-        shape[region.arc()] = lengths.len();
-        shape.push(CHANNELS);
-        let samples: ArrayD<f64> = self
-            .samples(chunk, region, &points, &lengths)
-            .into_shape_with_order(IxDyn(&shape))
-            .expect("one sample for each node");
-        let channels = Axis(shape.len() - 1);
-        let select = |samples: ArrayView<f64, IxDyn>, first: usize| {
-            let kept: Vec<usize> = self.space.channels().iter().map(|c| first + c).collect();
-            Polynomial::fit(samples.select(channels, &kept).view()).0
+        let channels = self.space.channels();
+        let samples = Samples {
+            space: self.space,
+            tolerance: self.plan.tolerance,
+            lengths: &lengths,
+            width: channels.len(),
         };
-        let (start, slopes) = samples.view().split_at(Axis(region.arc()), starts);
-        let slopes = select(slopes, 0);
-        Polynomial(match starts {
-            0 => slopes,
-            _ => {
-                let parts = [select(start, DISPLACEMENT), slopes];
-                let views = parts.each_ref().map(|part| part.view());
-                concatenate(Axis(region.arc()), &views).expect("the same nodes")
+        let keep = |at: usize, sample: &Sample, to: &mut [f64]| {
+            let first = if at < starts { DISPLACEMENT } else { 0 };
+            for (to, channel) in to.iter_mut().zip(channels) {
+                *to = sample[first + channel];
             }
-        })
+        };
+        let count = nodes[..region.arc()].iter().product();
+        let samples = samples.of(count, self.grid(chunk, region, nodes), keep);
+        self.tally.rays.fetch_add(count as u64, Ordering::Relaxed);
+        let mut shape = nodes[..region.arc()].to_vec();
+        shape.extend([lengths.len(), channels.len()]);
+        let samples = ArrayD::from_shape_vec(shape, samples);
+        Polynomial::fit(samples.expect("one sample for each node"), starts)
+    }
+
+    /// The rays of the tensor grid of `nodes` (chart point, unit tangent) by their number, the last
+    /// axis running fastest.
+    fn grid(
+        &self,
+        chunk: usize,
+        region: &Region,
+        nodes: &[usize],
+    ) -> impl Fn(usize) -> (DVec3, DVec3) + Sync {
+        let inputs = &nodes[..region.arc()];
+        let grids: Vec<Vec<f64>> = inputs.iter().map(|&n| chebyshev::nodes(n)).collect();
+        let manifold = self.space.manifold();
+        move |number| {
+            let mut rest = number;
+            let mut x = vec![0.0; grids.len()];
+            for (x, grid) in x.iter_mut().zip(&grids).rev() {
+                *x = grid[rest % grid.len()];
+                rest /= grid.len();
+            }
+            let (u, d) = self.ray(chunk, region, &x);
+            (u, manifold.standard_frame(u) * d)
+        }
     }
 }
 

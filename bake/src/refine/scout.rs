@@ -31,8 +31,13 @@ const SHARE: f64 = 0.6;
 /// held-out rays find what the worst positions cost. From 0.01 to 0.15 the bytes are the same to 2 %.
 const IGNORED: f64 = 0.05;
 
-/// The share of the largest tail from which on an axis has too few nodes.
-const SHORT: f64 = 0.2;
+/// The error aimed at when nodes are raised, in units of the promise; the next where the plan has no
+/// room for the first.
+const AIMS: [f64; 2] = [0.35, 0.8];
+
+/// How fast and how slowly coefficients are believed to fall from degree to degree.
+const FASTEST: f64 = 0.2;
+const SLOWEST: f64 = 0.9;
 
 /// What a box needs.
 #[derive(Debug, Clone)]
@@ -108,22 +113,61 @@ impl Needs {
         }
     }
 
-    /// More nodes along the axes whose highest coefficients, `tails`, are largest, if the plan has
-    /// room for them.
-    pub fn raise(&mut self, most: &[u32], most_rays: u32, tails: &[f64]) -> bool {
-        let largest = tails.iter().copied().fold(0.0, f64::max);
-        let raised = |((n, most), tail): ((&usize, &u32), &f64)| match *tail >= SHORT * largest {
-            true => (n + n.div_ceil(4)).min(*most as usize),
-            false => *n,
-        };
-        let nodes = self.nodes.iter().zip(most).zip(tails).map(raised).collect();
-        let before = std::mem::replace(&mut self.nodes, nodes);
-        self.rays() <= most_rays as usize && self.nodes != before
+    /// As many more nodes as the fall of the coefficients of each degree (`spectra`) promises to be
+    /// needed, if the plan has room for them: `left` is the error with the present ones, in units of
+    /// the promise.
+    pub fn raise(&mut self, plan: &PlanRecord, spectra: &[Vec<f64>], left: f64) -> bool {
+        AIMS.iter().any(|aim| {
+            let more = additional(spectra, left / aim);
+            let most = plan.nodes.iter().map(|n| *n as usize);
+            let raised = |((n, more), most): ((&usize, usize), usize)| (n + more).min(most);
+            let nodes = self.nodes.iter().zip(more).zip(most).map(raised).collect();
+            let more = Self {
+                nodes,
+                ..self.clone()
+            };
+            let fits = more.rays() <= plan.most_rays as usize && more.nodes != self.nodes;
+            if fits {
+                *self = more;
+            }
+            fits
+        })
     }
 
     /// Rays of a full grid.
     pub fn rays(&self) -> usize {
         self.nodes[..self.nodes.len() - 1].iter().product()
+    }
+}
+
+/// The nodes along each axis that are to be added to reduce the error by `factor`.
+fn additional(spectra: &[Vec<f64>], factor: f64) -> impl Iterator<Item = usize> {
+    let tails: Vec<f64> = spectra.iter().map(|s| tail(s)).collect();
+    let all = tails.iter().map(|t| t * t).sum::<f64>().sqrt();
+    let share = all / (factor * (spectra.len() as f64).sqrt());
+    spectra.iter().zip(tails).map(move |(spectrum, tail)| {
+        let n = spectrum.len();
+        let more = (tail / share).ln() / -fall(spectrum).ln();
+        (more.max(0.0).ceil() as usize).min(n.div_ceil(2))
+    })
+}
+
+/// The size of the two highest coefficients.
+pub fn tail(spectrum: &[f64]) -> f64 {
+    let n = spectrum.len();
+    let last = &spectrum[n.saturating_sub(2)..];
+    last.iter().map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// By what factor coefficients fall from one degree to the next, in the upper half of them.
+fn fall(spectrum: &[f64]) -> f64 {
+    let (n, half) = (spectrum.len(), spectrum.len() / 2);
+    let fall = tail(spectrum) / tail(&spectrum[..(n - half).max(1)]);
+    let fall = fall.powf(1.0 / half.max(1) as f64);
+    if fall.is_nan() {
+        SLOWEST
+    } else {
+        fall.clamp(FASTEST, SLOWEST)
     }
 }
 
