@@ -149,10 +149,8 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
         self.points[ray] = lift.continued(u, self.points[ray]);
         let displacement = lift.displacement(start, self.points[ray], lengths[at]);
         let mut sample = [0.0; CHANNELS];
-        for k in 0..4 {
-            sample[k] = slope[k];
-            sample[DISPLACEMENT + k] = displacement[k];
-        }
+        sample[..DISPLACEMENT].copy_from_slice(&slope);
+        sample[DISPLACEMENT..].copy_from_slice(&displacement);
         let row = (ray * lengths.len() + at) * width;
         (self.keep)(at, &sample, &mut self.samples[row..row + width]);
         self.next[ray] += 1;

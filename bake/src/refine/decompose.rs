@@ -76,40 +76,46 @@ struct Split {
 impl Split {
     /// Of the matrix of so many rows that is `flat` row by row, without singular values below
     /// `threshold`; `None` where more than `most_rank` are left.
-    fn new(flat: &[f64], rows: usize, (threshold, most_rank): (f64, usize)) -> Option<Self> {
+    fn new(flat: &[f64], rows: usize, limits: (f64, usize)) -> Option<Self> {
         let columns = flat.len() / rows;
         let a = MatRef::from_row_major_slice(flat, rows, columns);
-        if columns <= SMALL.min(rows) {
-            return Self::tall(a, threshold);
+        if rows <= columns {
+            return Self::wide(a, limits);
         }
-        if rows <= SMALL {
-            return Self::wide(a, None, threshold);
-        }
-        let basis = range(a, (threshold, most_rank))?;
-        let within = product(basis.transpose(), a);
-        let split = Self::wide(within.as_ref(), Some(&basis), threshold)?;
-        (split.singular.len() <= most_rank).then_some(split)
-    }
-
-    /// The decomposition of a matrix with few columns.
-    fn tall(a: MatRef<'_, f64>, threshold: f64) -> Option<Self> {
-        let svd = a.thin_svd().ok()?;
-        let kept = kept(svd.S(), threshold);
-        let u = svd.U().subcols(0, kept.len());
-        let signs = signs(u);
-        let scaled = Mat::from_fn(kept.len(), a.ncols(), |j, i| {
-            signs[j] * kept[j] * svd.V()[(i, j)]
+        // The transpose: A = U Σ Vᵀ, Aᵀ = V Σ Uᵀ.
+        let Self {
+            singular,
+            left: v,
+            right: scaled_u,
+        } = Self::wide(a.transpose(), limits)?;
+        let scaled_u = MatRef::from_row_major_slice(&scaled_u, singular.len(), rows);
+        let u = Mat::from_fn(rows, singular.len(), |i, j| scaled_u[(j, i)] / singular[j]);
+        let v = MatRef::from_row_major_slice(&v, columns, singular.len());
+        let signs = signs(u.as_ref());
+        let scaled_v = Mat::from_fn(singular.len(), columns, |j, i| {
+            signs[j] * singular[j] * v[(i, j)]
         });
         Some(Self {
-            left: row_by_row(u, &signs),
-            right: row_by_row(scaled.as_ref(), &vec![1.0; a.ncols()]),
-            singular: kept,
+            left: row_by_row(u.as_ref(), &signs),
+            right: row_by_row(scaled_v.as_ref(), &vec![1.0; columns]),
+            singular,
         })
     }
 
-    /// The decomposition of a matrix `a` with more columns than rows, or of `basis · a`. Its left
-    /// singular vectors are those of its lower triangle (LQ), and with them `Σ Vᵀ = Uᵀ A`.
-    fn wide(a: MatRef<'_, f64>, basis: Option<&Mat<f64>>, threshold: f64) -> Option<Self> {
+    /// Of a matrix with no more rows than columns.
+    fn wide(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option<Self> {
+        if a.nrows() <= SMALL {
+            return Self::exact(a, None, threshold);
+        }
+        let basis = range(a, (threshold, most_rank))?;
+        let within = product(basis.transpose(), a);
+        let split = Self::exact(within.as_ref(), Some(&basis), threshold)?;
+        (split.singular.len() <= most_rank).then_some(split)
+    }
+
+    /// The decomposition of `a`, or of `basis · a`. Its left singular vectors are those of its lower
+    /// triangle (LQ), and with them `Σ Vᵀ = Uᵀ A`.
+    fn exact(a: MatRef<'_, f64>, basis: Option<&Mat<f64>>, threshold: f64) -> Option<Self> {
         let lower = triangle(a);
         let svd = lower.transpose().thin_svd().ok()?;
         let kept = kept(svd.S(), threshold);
@@ -226,8 +232,8 @@ fn triangle(a: MatRef<'_, f64>) -> Mat<f64> {
     }
 }
 
-/// Columns that stand for those of a matrix with many more, for each of its rows.
-const SKETCH: usize = 3;
+/// Columns that stand for those of a matrix with many more, for each of the most ranks.
+const SKETCH: usize = 4;
 
 /// Columns found at a time.
 const STRIDE: usize = 64;
@@ -236,7 +242,7 @@ const STRIDE: usize = 64;
 /// singular value above `threshold`; `None` where that is more than `most_rank`.
 fn range(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option<Mat<f64>> {
     let mut stream = Stream::new(&[a.nrows() as u64, a.ncols() as u64]);
-    let sketch = sketch(a, &mut stream);
+    let sketch = sketch(a, SKETCH * most_rank, &mut stream);
     let a = sketch.as_ref().map_or(a, |s| s.as_ref());
     let mut basis: Mat<f64> = Mat::zeros(a.nrows(), 0);
     while basis.ncols() < a.nrows() {
@@ -277,8 +283,7 @@ fn outside(basis: &Mat<f64>, columns: Mat<f64>) -> Mat<f64> {
 
 /// A matrix with far fewer columns and nearly the same range: sums of columns with random signs
 /// (D. P. Woodruff, *Sketching as a tool for numerical linear algebra*, 2014, section 2.1).
-fn sketch(a: MatRef<'_, f64>, stream: &mut Stream) -> Option<Mat<f64>> {
-    let count = SKETCH * a.nrows();
+fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f64>> {
     if a.ncols() < 2 * count {
         return None;
     }

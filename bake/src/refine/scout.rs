@@ -35,6 +35,13 @@ const IGNORED: f64 = 0.05;
 /// room for the first.
 const AIMS: [f64; 2] = [0.35, 0.8];
 
+/// By what share more nodes than the plan allows may seem to be needed and it is still tried with as
+/// many as it allows.
+const HOPEFUL: f64 = 1.15;
+
+/// The most nodes that are believed to be missing along one axis: more is as hopeless.
+const FARTHEST: f64 = 100.0;
+
 /// How fast and how slowly coefficients are believed to fall from degree to degree.
 const FASTEST: f64 = 0.2;
 const SLOWEST: f64 = 0.9;
@@ -118,20 +125,34 @@ impl Needs {
     /// the promise.
     pub fn raise(&mut self, plan: &PlanRecord, spectra: &[Vec<f64>], left: f64) -> bool {
         AIMS.iter().any(|aim| {
-            let more = additional(spectra, left / aim);
-            let most = plan.nodes.iter().map(|n| *n as usize);
-            let raised = |((n, more), most): ((&usize, usize), usize)| (n + more).min(most);
-            let nodes = self.nodes.iter().zip(more).zip(most).map(raised).collect();
+            let shares = self.shares(plan, spectra, left / aim);
+            let wanted = shares.iter().zip(&plan.nodes);
+            let raised = wanted.zip(&self.nodes).map(|((share, most), n)| {
+                let more = ((share * f64::from(*most)).round() as usize).saturating_sub(*n);
+                (n + more.min(n.div_ceil(2))).min(*most as usize)
+            });
             let more = Self {
-                nodes,
+                nodes: raised.collect(),
                 ..self.clone()
             };
-            let fits = more.rays() <= plan.most_rays as usize && more.nodes != self.nodes;
+            let fits = shares.iter().all(|share| *share <= HOPEFUL)
+                && more.rays() <= plan.most_rays as usize
+                && more.nodes != self.nodes;
             if fits {
                 *self = more;
             }
             fits
         })
+    }
+
+    /// The nodes along each axis that promise to reduce the error by `factor`, as shares of the most
+    /// that the plan allows.
+    fn shares(&self, plan: &PlanRecord, spectra: &[Vec<f64>], factor: f64) -> Vec<f64> {
+        let wanted = self.nodes.iter().zip(additional(spectra, factor));
+        let shares = wanted.zip(&plan.nodes);
+        shares
+            .map(|((n, more), most)| (n + more) as f64 / f64::from(*most))
+            .collect()
     }
 
     /// Rays of a full grid.
@@ -146,9 +167,8 @@ fn additional(spectra: &[Vec<f64>], factor: f64) -> impl Iterator<Item = usize> 
     let all = tails.iter().map(|t| t * t).sum::<f64>().sqrt();
     let share = all / (factor * (spectra.len() as f64).sqrt());
     spectra.iter().zip(tails).map(move |(spectrum, tail)| {
-        let n = spectrum.len();
         let more = (tail / share).ln() / -fall(spectrum).ln();
-        (more.max(0.0).ceil() as usize).min(n.div_ceil(2))
+        more.clamp(0.0, FARTHEST).ceil() as usize
     })
 }
 
