@@ -8,8 +8,7 @@
 
 use super::{
     intersect::{is_glued, shifts},
-    lanes::{Points, bounds},
-    sheaf::{Sheaf, TUBE_MARGIN, Tube, Vertex, widened},
+    sheaf::{Sheaf, Spread, TUBE_MARGIN, Tube, Vertex, widened},
     strands::Strand,
     tracer::GridTracer,
     world::World,
@@ -120,7 +119,7 @@ impl Ribbon {
 
     /// The chord from the vertex numbered `from`, in every period in which it may meet something.
     fn add_chord(&mut self, world: &World, from: usize) {
-        let [a, b] = [from, from + 1].map(|v| bounds(&self.vertices[v].point));
+        let [a, b] = [from, from + 1].map(|v| self.vertices[v].point.bounds());
         let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), TUBE_MARGIN);
         let mut add = |shift: DVec3| {
             let first = self.roots.len();
@@ -152,7 +151,7 @@ impl Ribbon {
 
     /// The points of the vertex numbered `v`.
     #[inline(always)]
-    pub fn point(&self, v: usize) -> &Points {
+    pub fn point(&self, v: usize) -> &Spread {
         &self.vertices[v].point
     }
 }
