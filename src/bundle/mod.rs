@@ -2,11 +2,13 @@
 
 pub mod arc;
 mod bytes;
+mod cells;
 mod certificate;
 pub mod chebyshev;
 mod coding;
 pub mod container;
 mod contracted;
+mod course;
 mod division;
 mod fan;
 mod file;
@@ -24,8 +26,9 @@ mod tree;
 pub use bytes::{Damage, Reader, Writer};
 pub use certificate::{Certificate, Checked, certify};
 pub use contracted::Contracted;
+pub use course::{Courses, FanPath};
 pub use division::{Division, Stored};
-pub use fan::{Fan, FanPath};
+pub use fan::Fan;
 pub use file::{Bundle, BundleError, Contents, identity};
 pub use outlier::{BoxPlace, FAR, Outlier};
 pub use polynomial::Polynomial;

@@ -61,10 +61,9 @@ impl<'m> EndingFinder<'m> {
         let known = sample(&knots, &mut rows);
         let closer = self.last_piece(Strand {
             knots: &knots,
-            direction: strand.direction,
             rows: &rows,
             known,
-            ending: None,
+            ..strand
         });
         // At the very end of the piece rounding may hide the event from the points between.
         let piece = closer.unwrap_or(piece);

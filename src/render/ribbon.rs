@@ -71,6 +71,26 @@ impl Touched {
         let touched = (0..tube.pieces()).filter(|k| meets(world, tube.piece(*k)));
         self.pieces.extend(touched);
     }
+
+    /// The same for one strand of those that touch the `pieces` of `all`, without a margin.
+    pub fn find_among(
+        &mut self,
+        all: &Self,
+        strand: Strand<'_>,
+        last: usize,
+        world: &World,
+        slack: f64,
+    ) {
+        let touched = |k: &usize| {
+            let piece = strand.piece(*k);
+            let [from, to] = piece.s;
+            meets(world, widened(piece.bounds(), slack * to / (to - from)))
+        };
+        let pieces = all.pieces.iter().copied();
+        self.pieces.clear();
+        self.pieces
+            .extend(pieces.take_while(|k| k + 1 < last).filter(touched));
+    }
 }
 
 /// Whether a box meets a leaf of the scene's tree, in any period.

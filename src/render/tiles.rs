@@ -13,7 +13,7 @@ use super::{
     packet::{Mixing, Target},
     ribbon::Ribbon,
     sheaf::Sheaf,
-    strands::Strands,
+    strands::{Strand, Strands},
     tracer::GridTracer,
     view::View,
     world::World,
@@ -186,20 +186,37 @@ impl Samples<'_> {
         for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
             strands.clear();
             tracer.add(directions, endings, &mut strands);
-            for (i, place) in places.iter().enumerate() {
-                let strand = strands.strand(i);
-                match strand.ending {
-                    None => found.pending.push((*place, directions[i])),
-                    Some(ending) => {
-                        let seen = found.lone.seen(strand, &ending, tracer, self.world);
-                        found.put(*place, looked_up(seen));
-                    }
-                }
+            for (first, places) in places.chunks(LANES).enumerate() {
+                let first = LANES * first;
+                self.lone(tracer, &strands, first, places, found);
             }
             found.tally.traced += places.len();
             found.tally.paths += places.len();
         }
         found.tally.pixels += began.elapsed();
+    }
+
+    /// The samples at `places`, close together, whose paths are `strands` from number `first` on.
+    fn lone(
+        &self,
+        tracer: &dyn GridTracer,
+        strands: &Strands,
+        first: usize,
+        places: &[Place],
+        found: &mut Found<'_>,
+    ) {
+        let all: [Strand<'_>; LANES] =
+            std::array::from_fn(|l| strands.strand(first + l.min(places.len() - 1)));
+        found.lone.surround(&all, tracer, self.world);
+        for (strand, place) in all.into_iter().zip(places) {
+            match strand.ending {
+                None => found.pending.push((*place, strand.direction)),
+                Some(ending) => {
+                    let seen = found.lone.seen(strand, &ending, tracer, self.world);
+                    found.put(*place, looked_up(seen));
+                }
+            }
+        }
     }
 
     /// The samples of `tile` in the picture, by squares of 4 × 4 pixels so that sixteen in a
