@@ -5,9 +5,10 @@
 
 use super::{
     accel::PacketHits,
+    curve::Ending,
     intersect::Hit,
     lanes::{LANES, Lanes, Points, SingleLanes, each, each_point, lane, range},
-    outcome::Seen,
+    outcome::{Seen, beyond},
     ribbon::{Ribbon, RibbonChord},
     sheaf::{Sheaf, Spread, shifted},
     world::World,
@@ -133,6 +134,21 @@ impl<'a> Target<'a> {
                     direction: lane(&sky, l).as_vec3().normalize_or_zero(),
                 },
                 (false, None) => Seen::Nothing,
+            };
+        }
+        seen
+    }
+
+    /// What sixteen samples see whose paths end each in its own way.
+    #[inline(always)]
+    pub fn seen_before(&self, mixing: &Mixing, endings: &[Ending; LANES]) -> [Seen; LANES] {
+        let limits = each(|l| endings[l].limit());
+        let found = self.first_hits(mixing, &limits);
+        let mut seen = [Seen::Nothing; LANES];
+        for l in 0..LANES {
+            seen[l] = match found.hit[l] {
+                true => Seen::Surface(found.hit(l)),
+                false => beyond(&endings[l]),
             };
         }
         seen

@@ -7,7 +7,8 @@ use super::{
     endings::EndingFinder,
     intersect::CHORD_ERROR,
     lanes::LANES,
-    lattice::{Divided, LARGEST_TILE, Leaf, Tile},
+    last_pieces::LastPieces,
+    lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
     lone::Lone,
     outcome::Outcome,
     packet::{Mixing, Target},
@@ -131,7 +132,7 @@ impl Samples<'_> {
     ) {
         found.tally.paths += divided.strands.len();
         for leaf in &divided.leaves {
-            self.leaf(tracer, &divided.strands, leaf, found);
+            self.leaf((tracer, endings), &divided.strands, leaf, found);
         }
         let places: Vec<Place> = divided
             .lost
@@ -149,10 +150,20 @@ impl Samples<'_> {
         ribbon
     }
 
-    fn leaf(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf, found: &mut Found<'_>) {
+    fn leaf(
+        &self,
+        (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
+        strands: &Strands,
+        leaf: &Leaf,
+        found: &mut Found<'_>,
+    ) {
         let began = Instant::now();
         let sheaf = Sheaf::new(strands, leaf.members);
         let ribbon = self.ribbon(tracer, strands, leaf);
+        let last = match &leaf.ends {
+            Ends::Alike => None,
+            Ends::Within(pieces) => Some(LastPieces::new(&sheaf, tracer, pieces)),
+        };
         let flat = Instant::now();
         found.tally.tiles += flat - began;
         let target = Target::new(self.world, &sheaf, &ribbon);
@@ -162,7 +173,13 @@ impl Samples<'_> {
                 std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
             let seen = vectorised(
                 #[inline(always)]
-                || target.seen(&Mixing::bicubic(&at)),
+                || {
+                    let mixing = Mixing::bicubic(&at);
+                    match &last {
+                        None => target.seen(&mixing),
+                        Some(last) => target.seen_before(&mixing, &last.endings(&mixing, endings)),
+                    }
+                },
             );
             for (place, seen) in places.iter().zip(seen) {
                 found.put(*place, looked_up(seen));
