@@ -171,16 +171,20 @@ impl Samples<'_> {
         for places in places.chunks(LANES) {
             let at =
                 std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
-            let seen = vectorised(
-                #[inline(always)]
-                || {
-                    let mixing = Mixing::bicubic(&at);
-                    match &last {
-                        None => target.seen(&mixing),
-                        Some(last) => target.seen_before(&mixing, &last.endings(&mixing, endings)),
-                    }
-                },
-            );
+            // Two kernels: one for both would be slower for the one that most tiles need.
+            let seen = match &last {
+                None => vectorised(
+                    #[inline(always)]
+                    || target.seen(&Mixing::bicubic(&at)),
+                ),
+                Some(last) => vectorised(
+                    #[inline(always)]
+                    || {
+                        let mixing = Mixing::bicubic(&at);
+                        target.seen_before(&mixing, &last.endings(&mixing, endings))
+                    },
+                ),
+            };
             for (place, seen) in places.iter().zip(seen) {
                 found.put(*place, looked_up(seen));
             }
