@@ -99,23 +99,19 @@ fn sums_of<const C: usize, const W: usize>(
     interval: [f64; 2],
     s: &[f64; W],
 ) -> Sums<W> {
-    let (departures, slopes) = vectorised(
+    vectorised(
         #[inline(always)]
         || sums_inline::<C, W>(rows, interval, s),
-    );
-    let mut sums = [[[0.0; W]; 4]; 2];
-    sums[0][..C].copy_from_slice(&departures);
-    sums[1][..C].copy_from_slice(&slopes);
-    sums
+    )
 }
 
-/// Departures and slopes: `C` channels each.
+/// The same inside of a kernel.
 #[inline(always)]
-fn sums_inline<const C: usize, const W: usize>(
+pub(super) fn sums_inline<const C: usize, const W: usize>(
     rows: &[f64],
     [low, high]: [f64; 2],
     s: &[f64; W],
-) -> ([[f64; W]; C], [[f64; W]; C]) {
+) -> Sums<W> {
     let scale = 2.0 / (high - low);
     let t = s.map(|s| scale * (s - low) - 1.0);
     // Local, so that no sum might overlap what it is made of (see `render::lanes`).
@@ -130,7 +126,10 @@ fn sums_inline<const C: usize, const W: usize>(
         let after = std::array::from_fn(|l| 2.0 * t[l] * next[l] - value[l]);
         (value, next) = (next, after);
     }
-    (departures, slopes)
+    let mut sums = [[[0.0; W]; 4]; 2];
+    sums[0][..C].copy_from_slice(&departures);
+    sums[1][..C].copy_from_slice(&slopes);
+    sums
 }
 
 /// `sum + x value`, lane by lane.

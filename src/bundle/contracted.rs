@@ -4,7 +4,7 @@
 //! [−1, 1]. Out: for one direction, the coefficients in the arc length. With one direction
 //! parameter the second axis has length 1.
 
-use super::{chebyshev, tensor::MOST_DEGREES};
+use super::{cells::Cells, chebyshev, tensor::MOST_DEGREES};
 use crate::expr::vectorised;
 
 /// A patch at one camera, in single precision: its rounding, 6e-8 of the largest coefficient, is far
@@ -17,6 +17,8 @@ pub struct Contracted {
     degrees: [usize; 2],
     lengths: usize,
     channels: usize,
+    /// Cells for paths close together; `None` if the whole is cheap enough.
+    cells: Option<Cells>,
 }
 
 /// Numbers summed at once: one of the widest registers.
@@ -36,15 +38,43 @@ impl Contracted {
         {
             to[..row].copy_from_slice(from);
         }
+        let degrees = match shape.len() {
+            4.. => [axis(4), axis(3)],
+            _ => [axis(3), 1],
+        };
         Self {
             table,
-            degrees: match shape.len() {
-                4.. => [axis(4), axis(3)],
-                _ => [axis(3), 1],
-            },
+            degrees,
             lengths,
             channels,
+            cells: Cells::new(degrees),
         }
+    }
+
+    /// The same for other polynomials, of `degrees` coefficients in the direction parameters.
+    pub(super) fn with_table(&self, table: Vec<f32>, degrees: [usize; 2]) -> Self {
+        Self {
+            table,
+            degrees,
+            lengths: self.lengths,
+            channels: self.channels,
+            cells: None,
+        }
+    }
+
+    /// Coefficients along both direction parameters.
+    pub(super) fn degrees(&self) -> [usize; 2] {
+        self.degrees
+    }
+
+    /// The coefficients, axes (p, q, row).
+    pub(super) fn table(&self) -> &[f32] {
+        &self.table
+    }
+
+    /// The length of a row.
+    pub(super) fn row(&self) -> usize {
+        (self.lengths * self.channels).next_multiple_of(BLOCK)
     }
 
     /// Channels of what [`Contracted::direction`] gives.
@@ -66,6 +96,18 @@ impl Contracted {
             || weigh(&self.table, &tp[..np], &tq[..nq], sum),
         );
         &row[..length]
+    }
+}
+
+impl Contracted {
+    /// The same as [`Contracted::direction`], for one of many directions close together: from the cell
+    /// around it, without what does not count there.
+    pub fn nearby<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
+        let cell = self.cells.as_ref().and_then(|cells| cells.at(self, [p, q]));
+        match cell {
+            Some((cell, [p, q])) => cell.direction(p, q, row),
+            None => self.direction(p, q, row),
+        }
     }
 }
 
@@ -123,6 +165,33 @@ fn part<const N: usize>(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn cells_leave_out_what_does_not_count() {
+        let shape = [24, 18, 6, 3];
+        let count = shape.iter().product();
+        // Coefficients fall as those of a table do.
+        let coefficient = |i: usize| {
+            let (p, q) = (i / (18 * 18), i / 18 % 18);
+            (i as f32 * 0.7).sin() * (-0.5 * (p + q) as f32).exp()
+        };
+        let table: Vec<f32> = (0..count).map(coefficient).collect();
+        let patch = Contracted::new(&shape, &table);
+        let (mut used, mut worst) = (0, 0.0_f64);
+        for i in 0..400 {
+            let [p, q] = [0.618, 0.755].map(|step| (f64::from(i) * step).fract() * 2.0 - 1.0);
+            let (mut whole, mut near) = (EMPTY_ROW, EMPTY_ROW);
+            let whole = patch.direction(p, q, &mut whole);
+            let near = patch.nearby(p, q, &mut near);
+            let cell = patch.cells.as_ref().and_then(|c| c.at(&patch, [p, q]));
+            used += usize::from(cell.is_some_and(|(cell, _)| cell.table.len() < table.len() / 4));
+            let errors = whole.iter().zip(near).map(|(a, b)| (a - b).abs());
+            worst = errors.fold(worst, f64::max);
+        }
+        assert!(used > 300, "{used}");
+        // Twice what may be left out along each axis, of coefficients up to about 1.
+        assert!(worst < 2e-5, "{worst}");
+    }
 
     #[test]
     fn rows_of_any_length_are_summed_like_one_by_one() {

@@ -2,12 +2,14 @@
 
 pub mod arc;
 mod bytes;
+mod cells;
 mod certificate;
 mod chain;
 pub mod chebyshev;
 mod coding;
 pub mod container;
 mod contracted;
+mod course;
 mod division;
 mod fan;
 mod file;
@@ -26,8 +28,9 @@ mod tree;
 pub use bytes::{Damage, Reader, Writer};
 pub use certificate::{Certificate, Checked, certify};
 pub use contracted::Contracted;
+pub use course::{Courses, FanPath};
 pub use division::{Division, Stored};
-pub use fan::{Fan, FanPath};
+pub use fan::Fan;
 pub use file::{Bundle, BundleError, Contents, identity};
 pub use layout::Layout;
 pub use outlier::{BoxPlace, FAR, Outlier};

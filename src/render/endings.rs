@@ -4,7 +4,7 @@
 
 use super::{
     curve::{Ending, Piece, ending_at},
-    lanes::{LANES, more},
+    lanes::{LANES, Points, lane, more},
     strands::{ROWS, Strand},
 };
 use crate::{
@@ -61,15 +61,68 @@ impl<'m> EndingFinder<'m> {
         let known = sample(&knots, &mut rows);
         let closer = self.last_piece(Strand {
             knots: &knots,
-            direction: strand.direction,
             rows: &rows,
             known,
-            ending: None,
+            ..strand
         });
         // At the very end of the piece rounding may hide the event from the points between.
         let piece = closer.unwrap_or(piece);
         let (t, k) = self.first_on()?;
         Some(self.at(k, piece.arc(t), piece.position(t), piece.tangent(t)))
+    }
+
+    /// How sixteen paths side by side end: the first event of each on cubics between its points and
+    /// tangents at the `vertices`, given one after the other as (arc length, state). The event is
+    /// taken to change evenly between two of them.
+    #[inline(always)]
+    pub fn endings_of_sixteen(
+        &mut self,
+        vertices: impl Iterator<Item = (f64, [Points; 2])>,
+    ) -> [Ending; LANES] {
+        let mut endings = [Ending::Nowhere; LANES];
+        let mut before: Option<(f64, [Points; 2])> = None;
+        let mut earlier = vec![[f64::INFINITY; LANES]; self.before.len()];
+        for (s, state) in vertices {
+            for c in 0..ROWS {
+                *self.registers.input(c) = state[c / 3][c % 3];
+            }
+            self.manifold.domain.events().run(&mut self.registers);
+            for l in 0..LANES {
+                let Some((from, old)) = &before else { continue };
+                if endings[l] == Ending::Nowhere
+                    && let Some((t, k)) = self.first_in_lane(l, &earlier)
+                {
+                    let piece = Piece {
+                        s: [*from, s],
+                        u: [lane(&old[0], l), lane(&state[0], l)],
+                        v: [lane(&old[1], l), lane(&state[1], l)],
+                    };
+                    endings[l] = self.at(k, piece.arc(t), piece.position(t), piece.tangent(t));
+                }
+            }
+            for (k, earlier) in earlier.iter_mut().enumerate() {
+                *earlier = *self.registers.output(k);
+            }
+            before = Some((s, state));
+        }
+        endings
+    }
+
+    /// The earliest of the events that count in lane `l` since they were `earlier`: the fraction of the
+    /// way, and which.
+    #[inline(always)]
+    fn first_in_lane(&self, l: usize, earlier: &[[f64; LANES]]) -> Option<(f64, usize)> {
+        let mut first: Option<(f64, usize)> = None;
+        for (k, earlier) in earlier.iter().enumerate() {
+            let (before, after) = (earlier[l], self.registers.output(k)[l]);
+            if after > more(before, 0.0) {
+                let t = root([before, after, 2.0 * after - before]);
+                if first.is_none_or(|(earlier, _)| t < earlier) {
+                    first = Some((t, k));
+                }
+            }
+        }
+        first
     }
 
     /// The piece on which the first event happens; `None` if there is none.
@@ -185,6 +238,40 @@ fn counting(events: &Registers<f64, LANES>, before: &[f64]) -> [bool; LANES] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{diagnostic::SourceText, render::lanes::each_point};
+
+    #[test]
+    fn sixteen_paths_end_as_each_by_itself() {
+        let text = r#"
+            name = "flat"
+            coordinates = ["x", "y", "z"]
+            metric = { conformal = "1" }
+            [[exit]]
+            name = "sky"
+            when = "x^2 + y^2 + z^2 - 4"
+        "#;
+        let source = SourceText::new("flat.toml", text);
+        let manifold = Manifold::from_source(source, &[]).expect("a manifold");
+        let mut finder = EndingFinder::new(&manifold);
+        // From y = 0.1 l along x: the lower ones are still inside after 1.7.
+        let start = |l: usize| DVec3::new(0.0, 0.1 * l as f64, 0.0);
+        let knots: Vec<f64> = (0..=17).map(|k| 0.1 * f64::from(k)).collect();
+        let state = |s: f64| {
+            let point = each_point(|c, l| start(l)[c] + if c == 0 { s } else { 0.0 });
+            (s, [point, each_point(|c, _| f64::from(c == 0))])
+        };
+        let together = finder.endings_of_sixteen(knots.iter().map(|s| state(*s)));
+        for (l, ending) in together.into_iter().enumerate() {
+            let s = (4.0 - start(l).length_squared()).sqrt();
+            match ending {
+                Ending::Exit { exit, s: at, sky } => {
+                    assert_eq!((exit, sky), (0, DVec3::X));
+                    assert!((at - s).abs() < 2e-3, "{at} {s}");
+                }
+                Ending::Nowhere => assert!(s > 1.7),
+            }
+        }
+    }
 
     #[test]
     fn the_root_of_a_parabola_is_nearer_than_that_of_its_chord() {

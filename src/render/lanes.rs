@@ -5,12 +5,16 @@
 //! overlap, the loops stay scalar.
 
 use glam::DVec3;
+use std::ops::Neg;
 
 /// How many.
 pub const LANES: usize = 16;
 
 /// One number in each lane.
 pub type Lanes = [f64; LANES];
+
+/// One number in each lane, in single precision: half as many instructions.
+pub type SingleLanes = [f32; LANES];
 
 /// x, y and z of one point in each lane.
 pub type Points = [Lanes; 3];
@@ -39,7 +43,7 @@ pub fn lane(points: &Points, l: usize) -> DVec3 {
 
 /// The least and the largest number, halves against halves so that it takes vector instructions.
 #[inline(always)]
-pub fn range(x: &Lanes) -> [f64; 2] {
+pub fn range<T: Copy + PartialOrd + Neg<Output = T>>(x: &[T; LANES]) -> [T; 2] {
     let (mut low, mut high) = (*x, *x);
     let mut half = LANES / 2;
     while half > 0 {
@@ -54,19 +58,12 @@ pub fn range(x: &Lanes) -> [f64; 2] {
 
 /// The smaller of two; the second if one is not a number.
 #[inline(always)]
-pub fn less(a: f64, b: f64) -> f64 {
+pub fn less<T: PartialOrd>(a: T, b: T) -> T {
     if a < b { a } else { b }
 }
 
 /// The larger of two; the second if one is not a number.
 #[inline(always)]
-pub fn more(a: f64, b: f64) -> f64 {
+pub fn more<T: PartialOrd>(a: T, b: T) -> T {
     if a > b { a } else { b }
-}
-
-/// Corners of the box around the points.
-#[inline(always)]
-pub fn bounds(points: &Points) -> (DVec3, DVec3) {
-    let [x, y, z] = points.each_ref().map(range);
-    (DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1]))
 }

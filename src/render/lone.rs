@@ -1,8 +1,9 @@
 //! One path by itself: what it meets first.
 //!
-//! In: a strand of a tracer. Out: what it sees. The pieces of the strand whose boxes meet leaves of
-//! the scene's tree are sampled again, as finely as makes the cubics between the samples as good as
-//! chords have to be, and those cubics are intersected in order.
+//! In: strands of a tracer close together. Out: what each sees. The pieces of all together whose boxes
+//! meet leaves of the scene's tree are looked at for each strand again: where its own box does, it is
+//! sampled, as finely as makes the cubics between the samples as good as chords have to be, and those
+//! cubics are intersected in order.
 
 use super::{
     curve::Ending,
@@ -23,13 +24,24 @@ fn finer(slack: f64) -> usize {
 /// Finds what single paths see.
 #[derive(Debug, Clone, Default)]
 pub struct Lone {
+    /// What all together touch, and what one does.
+    together: Touched,
     touched: Touched,
     lengths: Vec<f64>,
     rows: Vec<f64>,
 }
 
 impl Lone {
-    /// What `strand` of `tracer`, whose ending is known, sees in `world`.
+    /// Makes ready for `strands` of `tracer`, which are close together.
+    pub fn surround(&mut self, strands: &[Strand<'_>], tracer: &dyn GridTracer, world: &World) {
+        let limits = strands.iter().filter_map(|strand| strand.ending);
+        let limit = limits.map(|ending| ending.limit()).fold(0.0, f64::max);
+        let last = knots_until(tracer.knots(), limit);
+        self.together
+            .find(strands, last, world, 0.0, tracer.slack());
+    }
+
+    /// What one of them, whose ending is known, sees in `world`.
     pub fn seen(
         &mut self,
         strand: Strand<'_>,
@@ -37,10 +49,13 @@ impl Lone {
         tracer: &dyn GridTracer,
         world: &World,
     ) -> Seen {
+        if self.together.pieces.is_empty() {
+            return beyond(ending);
+        }
         let limit = ending.limit();
         let last = knots_until(strand.knots, limit);
         self.touched
-            .find(&[strand], last, world, 0.0, tracer.slack());
+            .find_among(&self.together, strand, last, world, tracer.slack());
         let per_piece = finer(tracer.slack());
         self.sample(strand, tracer, per_piece);
         let closer = Strand {

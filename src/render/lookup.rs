@@ -59,23 +59,27 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
-        for direction in directions {
-            let path = self.fan.path(*direction);
-            strands.push(
-                *direction,
-                |knots, rows| path.sample(knots, rows),
-                |strand| match endings.sharp_ending(strand, |s, rows| path.sample(s, rows)) {
-                    Some(ending) => Some(ending),
-                    // What the table gave up on might still end before anything is met.
-                    None if strand.known < strand.knots.len() => None,
-                    None => Some(Ending::Nowhere),
-                },
-            );
-        }
+        strands.with_courses(|strands, courses| {
+            for direction in directions {
+                let number = self.fan.add(*direction, courses);
+                let path = self.fan.among(courses, number);
+                strands.push(
+                    *direction,
+                    |knots, rows| path.sample(knots, rows),
+                    |strand| match endings.sharp_ending(strand, |s, rows| path.sample(s, rows)) {
+                        Some(ending) => Some(ending),
+                        // What the table gave up on might still end before anything is met.
+                        None if strand.known < strand.knots.len() => None,
+                        None => Some(Ending::Nowhere),
+                    },
+                );
+            }
+        });
     }
 
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
-        let known = self.fan.path(strand.direction).sample(s, rows);
+        let (courses, number) = strand.source;
+        let known = self.fan.among(courses, number).sample(s, rows);
         stay(rows, s.len(), known);
     }
 

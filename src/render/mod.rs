@@ -17,6 +17,7 @@ pub mod frame;
 mod intersect;
 mod journey;
 mod lanes;
+mod last_pieces;
 pub mod lattice;
 pub mod light;
 pub mod local;

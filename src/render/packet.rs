@@ -5,18 +5,19 @@
 
 use super::{
     accel::PacketHits,
+    curve::Ending,
     intersect::Hit,
-    lanes::{LANES, Lanes, Points, each, lane, range},
-    outcome::Seen,
+    lanes::{LANES, Lanes, Points, SingleLanes, each, each_point, lane, range},
+    outcome::{Seen, beyond},
     ribbon::{Ribbon, RibbonChord},
-    sheaf::{Sheaf, shifted},
+    sheaf::{Sheaf, Spread, shifted},
     world::World,
 };
 use glam::{DVec2, Vec3};
 
 /// How the paths of sixteen samples come from the sixteen of a sheaf: the weights of each path, for
-/// all samples.
-pub struct Mixing(Box<[Lanes; LANES]>);
+/// all samples. In single precision, which is enough for differences between neighbours.
+pub struct Mixing(Box<[SingleLanes; LANES]>);
 
 impl Mixing {
     /// Bicubic weights of 4 × 4 paths at even spacing, at places in the tile as fractions of its
@@ -27,29 +28,32 @@ impl Mixing {
         let y = cubic_lanes(|l| places[l].y);
         let mut weights = Box::new([[0.0; LANES]; LANES]);
         for i in 0..LANES {
-            weights[i] = each(|l| x[i % 4][l] * y[i / 4][l]);
+            for l in 0..LANES {
+                weights[i][l] = x[i % 4][l] * y[i / 4][l];
+            }
         }
         Self(weights)
     }
 
     #[inline(always)]
     fn mix(&self, values: &Lanes) -> Lanes {
-        let mut sum = [0.0; LANES];
-        for i in 0..LANES {
-            for l in 0..LANES {
-                sum[l] += self.0[i][l] * values[i];
-            }
-        }
-        sum
+        let spread = Spread::of(&[*values, [0.0; LANES], [0.0; LANES]]);
+        self.mix_points(&spread)[0]
     }
 
+    /// The points of the sixteen samples. The weights sum to 1, so only differences need them.
     #[inline(always)]
-    fn mix_points(&self, points: &Points) -> Points {
-        [
-            self.mix(&points[0]),
-            self.mix(&points[1]),
-            self.mix(&points[2]),
-        ]
+    pub fn mix_points(&self, spread: &Spread) -> Points {
+        let mut sums = [[0.0; LANES]; 3];
+        for (i, weights) in self.0.iter().enumerate() {
+            for c in 0..3 {
+                let difference = spread.differences[c][i];
+                for l in 0..LANES {
+                    sums[c][l] += weights[l] * difference;
+                }
+            }
+        }
+        each_point(|c, l| spread.middle[c] + f64::from(sums[c][l]))
     }
 }
 
@@ -67,12 +71,12 @@ pub fn cubic(t: f64) -> [f64; 4] {
 
 /// [`cubic`] in every lane.
 #[inline(always)]
-fn cubic_lanes(t: impl Fn(usize) -> f64) -> [Lanes; 4] {
+fn cubic_lanes(t: impl Fn(usize) -> f64) -> [SingleLanes; 4] {
     let mut weights = [[0.0; LANES]; 4];
     for l in 0..LANES {
         let w = cubic(t(l));
         for i in 0..4 {
-            weights[i][l] = w[i];
+            weights[i][l] = w[i] as f32;
         }
     }
     weights
@@ -85,7 +89,7 @@ pub struct Target<'a> {
     /// The exit of all.
     exit: Option<usize>,
     limits: Lanes,
-    skies: Points,
+    skies: Spread,
 }
 
 /// The first hits of sixteen paths.
@@ -106,7 +110,7 @@ impl<'a> Target<'a> {
             ribbon,
             exit: sheaf.exit().flatten(),
             limits: sheaf.limits(),
-            skies: sheaf.skies(),
+            skies: Spread::of(&sheaf.skies()),
         }
     }
 
@@ -130,6 +134,21 @@ impl<'a> Target<'a> {
                     direction: lane(&sky, l).as_vec3().normalize_or_zero(),
                 },
                 (false, None) => Seen::Nothing,
+            };
+        }
+        seen
+    }
+
+    /// What sixteen samples see whose paths end each in its own way.
+    #[inline(always)]
+    pub fn seen_before(&self, mixing: &Mixing, endings: &[Ending; LANES]) -> [Seen; LANES] {
+        let limits = each(|l| endings[l].limit());
+        let found = self.first_hits(mixing, &limits);
+        let mut seen = [Seen::Nothing; LANES];
+        for l in 0..LANES {
+            seen[l] = match found.hit[l] {
+                true => Seen::Surface(found.hit(l)),
+                false => beyond(&endings[l]),
             };
         }
         seen

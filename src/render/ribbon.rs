@@ -8,8 +8,7 @@
 
 use super::{
     intersect::{is_glued, shifts},
-    lanes::{Points, bounds},
-    sheaf::{Sheaf, TUBE_MARGIN, Tube, Vertex, widened},
+    sheaf::{Sheaf, Spread, TUBE_MARGIN, Tube, Vertex, widened},
     strands::Strand,
     tracer::GridTracer,
     world::World,
@@ -72,6 +71,26 @@ impl Touched {
         let touched = (0..tube.pieces()).filter(|k| meets(world, tube.piece(*k)));
         self.pieces.extend(touched);
     }
+
+    /// The same for one strand of those that touch the `pieces` of `all`, without a margin.
+    pub fn find_among(
+        &mut self,
+        all: &Self,
+        strand: Strand<'_>,
+        last: usize,
+        world: &World,
+        slack: f64,
+    ) {
+        let touched = |k: &usize| {
+            let piece = strand.piece(*k);
+            let [from, to] = piece.s;
+            meets(world, widened(piece.bounds(), slack * to / (to - from)))
+        };
+        let pieces = all.pieces.iter().copied();
+        self.pieces.clear();
+        self.pieces
+            .extend(pieces.take_while(|k| k + 1 < last).filter(touched));
+    }
 }
 
 /// Whether a box meets a leaf of the scene's tree, in any period.
@@ -120,7 +139,7 @@ impl Ribbon {
 
     /// The chord from the vertex numbered `from`, in every period in which it may meet something.
     fn add_chord(&mut self, world: &World, from: usize) {
-        let [a, b] = [from, from + 1].map(|v| bounds(&self.vertices[v].point));
+        let [a, b] = [from, from + 1].map(|v| self.vertices[v].point.bounds());
         let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), TUBE_MARGIN);
         let mut add = |shift: DVec3| {
             let first = self.roots.len();
@@ -152,7 +171,7 @@ impl Ribbon {
 
     /// The points of the vertex numbered `v`.
     #[inline(always)]
-    pub fn point(&self, v: usize) -> &Points {
+    pub fn point(&self, v: usize) -> &Spread {
         &self.vertices[v].point
     }
 }

@@ -5,7 +5,7 @@
 
 use super::{
     curve::Ending,
-    lanes::{LANES, Lanes, Points, each, each_point},
+    lanes::{LANES, Lanes, Points, SingleLanes, each, each_point, lane, range},
     strands::{ROWS, Strand, Strands, knots_until},
     tracer::GridTracer,
 };
@@ -24,9 +24,43 @@ pub struct Vertex {
     /// Arc length.
     pub s: f64,
     /// Chart points.
-    pub point: Points,
+    pub point: Spread,
     /// Tangents.
-    pub tangent: Points,
+    pub tangent: Spread,
+}
+
+/// Sixteen points by how they differ from one of them: single precision is enough for that, and half
+/// as much work.
+#[derive(Debug, Clone, Default)]
+pub struct Spread {
+    /// The one.
+    pub middle: DVec3,
+    /// The differences, in each lane.
+    pub differences: [SingleLanes; 3],
+}
+
+impl Spread {
+    /// Of these points.
+    pub fn of(points: &Points) -> Self {
+        let middle = lane(points, LANES / 2);
+        let mut differences = [[0.0; LANES]; 3];
+        for c in 0..3 {
+            for l in 0..LANES {
+                differences[c][l] = (points[c][l] - middle[c]) as f32;
+            }
+        }
+        Self {
+            middle,
+            differences,
+        }
+    }
+
+    /// Corners of the box around the points.
+    pub fn bounds(&self) -> (DVec3, DVec3) {
+        let [x, y, z] = self.differences.each_ref().map(range);
+        let corner = |k: usize| DVec3::new(x[k].into(), y[k].into(), z[k].into());
+        (self.middle + corner(0), self.middle + corner(1))
+    }
 }
 
 /// Boxes around pieces of a tube.
@@ -105,22 +139,22 @@ impl<'a> Sheaf<'a> {
 
     /// All paths at the ascending arc lengths `s`, appended to `vertices`.
     pub fn vertices(&self, tracer: &dyn GridTracer, s: &[f64], vertices: &mut Vec<Vertex>) {
-        let first = vertices.len();
-        vertices.extend(s.iter().map(|&s| Vertex {
-            s,
-            point: [[0.0; LANES]; 3],
-            tangent: [[0.0; LANES]; 3],
-        }));
-        let mut rows = vec![0.0; ROWS * s.len()];
-        for l in 0..LANES {
-            tracer.refine(self.strand(l), s, &mut rows);
-            for (i, vertex) in vertices[first..].iter_mut().enumerate() {
-                for c in 0..3 {
-                    vertex.point[c][l] = rows[c * s.len() + i];
-                    vertex.tangent[c][l] = rows[(3 + c) * s.len() + i];
-                }
-            }
+        let length = ROWS * s.len();
+        let mut rows = vec![0.0; LANES * length];
+        for (l, rows) in rows.chunks_exact_mut(length.max(1)).enumerate() {
+            tracer.refine(self.strand(l), s, rows);
         }
+        vertices.extend(s.iter().enumerate().map(|(i, &at)| {
+            let row = |first: usize| {
+                let points = each_point(|c, l| rows[l * length + (first + c) * s.len() + i]);
+                Spread::of(&points)
+            };
+            Vertex {
+                s: at,
+                point: row(0),
+                tangent: row(3),
+            }
+        }));
     }
 
     /// The arc lengths of the ends of the piece from knot `k`, the largest distance of any path

@@ -5,6 +5,7 @@
 //! computed knot by knot is computed in vectors.
 
 use super::curve::{Ending, Piece};
+use crate::bundle::Courses;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -21,6 +22,8 @@ pub struct Strands {
     values: Vec<f64>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
+    /// What a tracer that looks paths up took from its table for each of them, else nothing.
+    courses: Courses,
 }
 
 /// One of them.
@@ -36,6 +39,8 @@ pub struct Strand<'a> {
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
+    /// What its tracer took from a table, and the path's number there.
+    pub(super) source: (&'a Courses, usize),
 }
 
 impl Strands {
@@ -47,6 +52,7 @@ impl Strands {
             values: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
+            courses: Courses::default(),
         }
     }
 
@@ -66,6 +72,14 @@ impl Strands {
         self.values.clear();
         self.known.clear();
         self.endings.clear();
+        self.courses.clear();
+    }
+
+    /// Adds paths with their `courses`, one for each of the paths that there will be, by what `add` does.
+    pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut Courses)) {
+        let mut courses = std::mem::take(&mut self.courses);
+        add(self, &mut courses);
+        self.courses = courses;
     }
 
     /// Adds the path in `direction`: `fill` writes its rows and says how many knots are known, `end` how it ends.
@@ -88,6 +102,7 @@ impl Strands {
             rows: &self.values[start..],
             known,
             ending: None,
+            source: (&self.courses, self.endings.len()),
         };
         self.endings.push(end(strand));
     }
@@ -106,6 +121,7 @@ impl Strands {
             rows: &self.values[i * length..(i + 1) * length],
             known: self.known[i],
             ending: self.endings[i],
+            source: (&self.courses, i),
         }
     }
 }

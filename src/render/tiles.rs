@@ -7,13 +7,14 @@ use super::{
     endings::EndingFinder,
     intersect::CHORD_ERROR,
     lanes::LANES,
-    lattice::{Divided, LARGEST_TILE, Leaf, Tile},
+    last_pieces::LastPieces,
+    lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
     lone::Lone,
     outcome::Outcome,
     packet::{Mixing, Target},
     ribbon::Ribbon,
     sheaf::Sheaf,
-    strands::Strands,
+    strands::{Strand, Strands},
     tracer::GridTracer,
     view::View,
     world::World,
@@ -131,7 +132,7 @@ impl Samples<'_> {
     ) {
         found.tally.paths += divided.strands.len();
         for leaf in &divided.leaves {
-            self.leaf(tracer, &divided.strands, leaf, found);
+            self.leaf((tracer, endings), &divided.strands, leaf, found);
         }
         let places: Vec<Place> = divided
             .lost
@@ -149,10 +150,20 @@ impl Samples<'_> {
         ribbon
     }
 
-    fn leaf(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf, found: &mut Found<'_>) {
+    fn leaf(
+        &self,
+        (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
+        strands: &Strands,
+        leaf: &Leaf,
+        found: &mut Found<'_>,
+    ) {
         let began = Instant::now();
         let sheaf = Sheaf::new(strands, leaf.members);
         let ribbon = self.ribbon(tracer, strands, leaf);
+        let last = match &leaf.ends {
+            Ends::Alike => None,
+            Ends::Within(pieces) => Some(LastPieces::new(&sheaf, tracer, pieces)),
+        };
         let flat = Instant::now();
         found.tally.tiles += flat - began;
         let target = Target::new(self.world, &sheaf, &ribbon);
@@ -160,10 +171,20 @@ impl Samples<'_> {
         for places in places.chunks(LANES) {
             let at =
                 std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
-            let seen = vectorised(
-                #[inline(always)]
-                || target.seen(&Mixing::bicubic(&at)),
-            );
+            // Two kernels: one for both would be slower for the one that most tiles need.
+            let seen = match &last {
+                None => vectorised(
+                    #[inline(always)]
+                    || target.seen(&Mixing::bicubic(&at)),
+                ),
+                Some(last) => vectorised(
+                    #[inline(always)]
+                    || {
+                        let mixing = Mixing::bicubic(&at);
+                        target.seen_before(&mixing, &last.endings(&mixing, endings))
+                    },
+                ),
+            };
             for (place, seen) in places.iter().zip(seen) {
                 found.put(*place, looked_up(seen));
             }
@@ -186,20 +207,37 @@ impl Samples<'_> {
         for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
             strands.clear();
             tracer.add(directions, endings, &mut strands);
-            for (i, place) in places.iter().enumerate() {
-                let strand = strands.strand(i);
-                match strand.ending {
-                    None => found.pending.push((*place, directions[i])),
-                    Some(ending) => {
-                        let seen = found.lone.seen(strand, &ending, tracer, self.world);
-                        found.put(*place, looked_up(seen));
-                    }
-                }
+            for (first, places) in places.chunks(LANES).enumerate() {
+                let first = LANES * first;
+                self.lone(tracer, &strands, first, places, found);
             }
             found.tally.traced += places.len();
             found.tally.paths += places.len();
         }
         found.tally.pixels += began.elapsed();
+    }
+
+    /// The samples at `places`, close together, whose paths are `strands` from number `first` on.
+    fn lone(
+        &self,
+        tracer: &dyn GridTracer,
+        strands: &Strands,
+        first: usize,
+        places: &[Place],
+        found: &mut Found<'_>,
+    ) {
+        let all: [Strand<'_>; LANES] =
+            std::array::from_fn(|l| strands.strand(first + l.min(places.len() - 1)));
+        found.lone.surround(&all, tracer, self.world);
+        for (strand, place) in all.into_iter().zip(places) {
+            match strand.ending {
+                None => found.pending.push((*place, strand.direction)),
+                Some(ending) => {
+                    let seen = found.lone.seen(strand, &ending, tracer, self.world);
+                    found.put(*place, looked_up(seen));
+                }
+            }
+        }
     }
 
     /// The samples of `tile` in the picture, by squares of 4 × 4 pixels so that sixteen in a

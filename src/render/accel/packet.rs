@@ -2,15 +2,18 @@
 //!
 //! In: the chords' ends and the roots of subtrees in which they can hit anything
 //! ([`Accelerator::roots`]). Out: [`PacketHits`]. Neighbouring chords visit nearly the same nodes,
-//! so a node is fetched once for all of them and every test is one vector instruction for eight.
+//! so a node is fetched once for all of them and every test is one vector instruction for sixteen
+//! (boxes, in single precision) or eight (triangles).
 //!
 //! The triangle test takes the signed volumes of chord and edge (Plücker's form of the watertight
 //! test of one chord): two triangles that share an edge compute the same number for it with
 //! opposite sign, so no chord slips between them.
 
 use super::{Accelerator, Stack, chord::END_MARGIN};
-use crate::render::lanes::{LANES, Lanes, Points, each, each_point, less, more, range};
-use glam::{DVec3, Vec3A};
+use crate::render::lanes::{
+    LANES, Lanes, Points, SingleLanes, each, each_point, less, more, range,
+};
+use glam::DVec3;
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 
 /// Where the chords meet their first triangles.
@@ -28,10 +31,16 @@ pub struct PacketHits {
 struct Chords {
     start: Points,
     way: Points,
-    /// The start and 1 over the way in tree coordinates.
-    tree_start: Points,
-    tree_inverse: Points,
+    /// 1 over the way in tree coordinates, and the start times that.
+    inverse: [SingleLanes; 3],
+    start_ways: [SingleLanes; 3],
+    /// By how much a place on the chord may be off in single precision.
+    slack: [SingleLanes; 3],
 }
+
+/// What one slab test in single precision may move a point by, as a share of its distance from the
+/// tree's centre plus 1: the six roundings that it takes, and two to spare.
+const SLAB_ERROR: f32 = 8.0 * 0.5 * f32::EPSILON;
 
 /// Most subtrees that [`Accelerator::roots`] names: enough to leave out what lies between two
 /// objects; more would only be sorted by every packet again.
@@ -79,26 +88,31 @@ impl Accelerator {
             weights: [[0.0; LANES]; 2],
         };
         let mut best = *limit;
+        let mut reach = rounded_up(&best);
         let mut stack = Stack::default();
         for root in roots {
-            stack.push_if(true, (*root, 0.0));
+            let entered = chords.enter(self.nodes[*root as usize].aabb(), &reach);
+            stack.push_if(entered.is_some(), (*root, 0.0));
         }
+        let mut met = false;
         while let Some((index, _)) = stack.pop() {
             let node: &Bvh2Node = &self.nodes[index as usize];
-            if chords.enter(node.aabb(), &best).is_none() {
+            // A node on the stack has been entered, if no nearer triangle has been met since.
+            if met && chords.enter(node.aabb(), &reach).is_none() {
                 continue;
             }
             if node.is_leaf() {
                 for &triangle in self.leaf(node) {
                     if let Some(corners) = self.triangles.get(triangle as usize) {
-                        chords.meet(corners, triangle, &mut best, &mut hits);
+                        met |= chords.meet(corners, triangle, &mut best, &mut hits);
                     }
                 }
+                reach = rounded_up(&best);
                 continue;
             }
             let children = [node.first_index, node.first_index + 1];
             let [left, right] = children.map(|i| {
-                let nearest = chords.enter(self.nodes[i as usize].aabb(), &best)?;
+                let nearest = chords.enter(self.nodes[i as usize].aabb(), &reach)?;
                 Some((nearest, i))
             });
             // The one that is met first is pushed last.
@@ -117,41 +131,60 @@ impl Accelerator {
     #[inline(always)]
     fn chords(&self, a: &Points, b: &Points) -> Chords {
         let way = each_point(|c, l| b[c][l] - a[c][l]);
-        let inverse = 1.0 / self.scale;
-        // A component that is zero would turn 0 · ∞ into NaN.
-        let safe = |x: f64| if x.abs() < 1e-300 { 1e-300 } else { x };
+        let scale = 1.0 / self.scale;
+        let mut inverse = [[0.0; LANES]; 3];
+        let (mut start_ways, mut slack) = (inverse, inverse);
+        for c in 0..3 {
+            for l in 0..LANES {
+                let start = ((a[c][l] - self.centre[c]) * scale) as f32;
+                let way = (way[c][l] * scale) as f32;
+                // A component that is zero would turn 0 · ∞ into NaN; one of 1e-25 moves nothing.
+                let way = if way.abs() < 1e-25 { 1e-25 } else { way };
+                inverse[c][l] = 1.0 / way;
+                start_ways[c][l] = start * inverse[c][l];
+                slack[c][l] = SLAB_ERROR * (1.0 + start.abs()) * inverse[c][l].abs();
+            }
+        }
         Chords {
             start: *a,
-            tree_start: each_point(|c, l| (a[c][l] - self.centre[c]) * inverse),
-            tree_inverse: each_point(|c, l| 1.0 / safe(way[c][l] * inverse)),
             way,
+            inverse,
+            start_ways,
+            slack,
         }
     }
 }
 
 impl Chords {
-    /// Where the first of the chords enters the box before its `best`; `None` if none does.
+    /// Where the first of the chords enters the box before its `reach`; `None` if none does. The
+    /// tree's own margin is in the box already.
     #[inline(always)]
-    fn enter(&self, b: &Aabb, best: &Lanes) -> Option<f64> {
-        let (min, max) = (slab(b.min), slab(b.max));
+    fn enter(&self, b: &Aabb, reach: &SingleLanes) -> Option<f32> {
+        let (min, max) = (b.min.to_array(), b.max.to_array());
         let mut first = [0.0; LANES];
         for l in 0..LANES {
-            let (mut enter, mut leave) = (0.0, best[l]);
+            let (mut enter, mut leave) = (0.0, reach[l]);
             for c in 0..3 {
-                let from = (min[c] - self.tree_start[c][l]) * self.tree_inverse[c][l];
-                let to = (max[c] - self.tree_start[c][l]) * self.tree_inverse[c][l];
-                enter = more(less(from, to), enter);
-                leave = less(more(from, to), leave);
+                let from = min[c] * self.inverse[c][l] - self.start_ways[c][l];
+                let to = max[c] * self.inverse[c][l] - self.start_ways[c][l];
+                enter = more(less(from, to) - self.slack[c][l], enter);
+                leave = less(more(from, to) + self.slack[c][l], leave);
             }
-            first[l] = if enter <= leave { enter } else { f64::INFINITY };
+            first[l] = if enter <= leave { enter } else { f32::INFINITY };
         }
         let [nearest, _] = range(&first);
-        (nearest < f64::INFINITY).then_some(nearest)
+        (nearest < f32::INFINITY).then_some(nearest)
     }
 
-    /// Keeps the triangle where it is nearer than what is known.
+    /// Keeps the triangle where it is nearer than what is known; whether it is anywhere.
     #[inline(always)]
-    fn meet(&self, corners: &[DVec3; 3], triangle: u32, best: &mut Lanes, hits: &mut PacketHits) {
+    fn meet(
+        &self,
+        corners: &[DVec3; 3],
+        triangle: u32,
+        best: &mut Lanes,
+        hits: &mut PacketHits,
+    ) -> bool {
         let [a, b, c] = corners.map(|p| each_point(|k, l| p[k] - self.start[k][l]));
         let edges = [
             self.volume(&c, &b),
@@ -178,7 +211,7 @@ impl Chords {
             (weights[0][l], weights[1][l]) = (y, z);
         }
         if range(&found)[0] == f64::INFINITY {
-            return;
+            return false;
         }
         for l in 0..LANES {
             if found[l] < f64::INFINITY {
@@ -187,6 +220,7 @@ impl Chords {
                 (hits.weights[0][l], hits.weights[1][l]) = (weights[0][l], weights[1][l]);
             }
         }
+        true
     }
 
     /// Six times the signed volume of the chord and the edge from `p` to `q`.
@@ -208,8 +242,12 @@ impl Chords {
     }
 }
 
-/// A corner of a box; the tree's margin is in it already.
+/// Places on chords in single precision, none nearer than it is.
 #[inline(always)]
-fn slab(corner: Vec3A) -> [f64; 3] {
-    corner.to_array().map(f64::from)
+fn rounded_up(places: &Lanes) -> SingleLanes {
+    let mut up = [0.0; LANES];
+    for l in 0..LANES {
+        up[l] = (places[l] + f64::from(f32::EPSILON) * places[l].abs()) as f32;
+    }
+    up
 }

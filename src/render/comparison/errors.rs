@@ -3,7 +3,7 @@
 use super::Options;
 use crate::{
     bundle::{
-        Fan, Table,
+        Courses, Fan, Table,
         measure::{Probed, probe, settings},
     },
     quantiles::Quantiles,
@@ -150,7 +150,10 @@ pub(super) fn table_errors(
         .enumerate()
         .map(|(i, probed)| {
             let probe = probed.probes.first()?;
-            let path = fan.path(middle(view, i % width, i / width));
+            // As the renderer looks it up.
+            let mut courses = Courses::default();
+            let number = fan.add(middle(view, i % width, i / width), &mut courses);
+            let path = fan.among(&courses, number);
             if path.flagged_from() < probe.s {
                 return None;
             }

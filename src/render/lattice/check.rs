@@ -9,10 +9,10 @@ use crate::render::{
     lanes::{LANES, Lanes},
     packet::cubic,
     sheaf::Sheaf,
-    strands::Strand,
+    strands::{Strand, knots_until},
 };
 use glam::DVec3;
-use std::sync::LazyLock;
+use std::{ops::Range, sync::LazyLock};
 
 /// The share of the lattice's budget that its error may reach at the points where it is checked.
 /// Three points do not see the largest error. Measured at 640 × 360 with a budget of 0.5 mrad, 99th
@@ -20,6 +20,13 @@ use std::sync::LazyLock;
 /// so a maximum is not bounded by it. On the wormhole 0.8 gives 0.14 and 0.33 with a tenth fewer
 /// paths, 1 gives 0.19 and 0.62.
 pub const LATTICE_SHARE: f64 = 0.5;
+
+/// Knots from the end of the piece in which the first of a tile's paths ends back to where ends are
+/// looked for: one piece earlier, as a path between them may end a little before.
+const LEAD: usize = 3;
+
+/// Most pieces in which the ends of a tile's paths are looked for: each pixel pays for all.
+const MOST_LAST_PIECES: usize = 6;
 
 /// As for screen error: magnifications are raised to this before dividing by them.
 const LEAST_MAGNIFICATION: f64 = 0.25;
@@ -87,6 +94,33 @@ impl<'a> Checks<'a> {
             return 0.0;
         }
         self.worst(sky, |_| (DVec3::ZERO, 1.0))
+    }
+
+    /// The pieces in which all paths end, through whatever exit; `None` if they are too many.
+    pub(super) fn last_pieces(&self) -> Option<Range<usize>> {
+        let sixteen = (0..LANES).map(|l| self.sheaf.strand(l));
+        let (mut first, mut last) = (f64::INFINITY, 0.0_f64);
+        for strand in sixteen.chain(self.truths) {
+            let limit = strand.ending?.limit();
+            (first, last) = (first.min(limit), last.max(limit));
+        }
+        let knots = self.sheaf.knots();
+        let first = knots_until(knots, first).saturating_sub(LEAD);
+        let last = knots_until(knots, last);
+        let known = self.truths.iter().all(|truth| truth.known >= last);
+        (known && last <= first + MOST_LAST_PIECES).then_some(first..last - 1)
+    }
+
+    /// The largest error of the paths and of their directions in `pieces`: as much as what they end
+    /// by and the sky there may be off.
+    pub(super) fn endings(&self, pieces: &Range<usize>) -> f64 {
+        let mut worst = 0.0;
+        for k in pieces.start.max(1)..=pieces.end {
+            let direction = |strand: &Strand<'_>| strand.tangent(k).normalize_or_zero();
+            let turned = self.worst(direction, |_| (DVec3::ZERO, 1.0));
+            worst = larger(larger(worst, self.at_knot(k)), turned);
+        }
+        worst
     }
 
     /// The largest error of the points at both ends of the `pieces` of the path. Where nothing can

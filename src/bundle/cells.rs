@@ -1,0 +1,131 @@
+//! A patch at one camera, cut into cells on each of which few coefficients do.
+//!
+//! In: a [`Contracted`] with many coefficients in both direction parameters, which is dear to evaluate
+//! for one path. Out: for the cell around a direction, made when it is first asked for, the same
+//! polynomials in the cell's own parameters, without the coefficients that do not count there. The
+//! cells' edges are `−cos(πi/n)`, so that a Chebyshev polynomial swings as often in each.
+
+use super::{chebyshev, contracted::Contracted, matrix::product};
+use crate::expr::real::Real;
+use std::{f64::consts::PI, sync::OnceLock};
+
+/// Nodes along each side of a cell.
+const NODES: usize = 8;
+
+/// Coefficients of the whole patch for each cell along an axis: a polynomial of that degree swings once
+/// in a cell, so that its coefficients there fall fast before the last of [`NODES`].
+const PER_CELL: usize = 2;
+
+/// What the coefficients that are left out may sum to, as a share of the largest: a few dozen roundings
+/// of single precision, far below any promise that a table can make. Cells that would leave out more
+/// are not used.
+const LEFT_OUT: f32 = 4e-6;
+
+/// The cells of a patch.
+#[derive(Debug, Clone)]
+pub(super) struct Cells {
+    edges: [Vec<f64>; 2],
+    /// `None` where a cell would leave out too much.
+    cells: Box<[OnceLock<Option<Box<Contracted>>>]>,
+}
+
+impl Cells {
+    /// Cells for `degrees` coefficients in both parameters; `None` if they would hardly be fewer in
+    /// a cell.
+    pub(super) fn new(degrees: [usize; 2]) -> Option<Self> {
+        if degrees[0] * degrees[1] < 2 * NODES * NODES {
+            return None;
+        }
+        let edges = degrees.map(|n| edges(n.div_ceil(PER_CELL)));
+        let count = edges.each_ref().map(|edges| edges.len() - 1);
+        Some(Self {
+            edges,
+            cells: (0..count[0] * count[1]).map(|_| OnceLock::new()).collect(),
+        })
+    }
+
+    /// The cell of `patch` around (p, q), and where in it that is.
+    pub(super) fn at(
+        &self,
+        patch: &Contracted,
+        place: [f64; 2],
+    ) -> Option<(&Contracted, [f64; 2])> {
+        let [i, j] = [0, 1].map(|k| number(&self.edges[k], place[k]));
+        let sides = [(0, i), (1, j)].map(|(k, i)| [self.edges[k][i], self.edges[k][i + 1]]);
+        let cell = &self.cells[i * (self.edges[1].len() - 1) + j];
+        let cell = cell.get_or_init(|| restricted(patch, sides).map(Box::new));
+        let inner = [0, 1].map(|k| {
+            let [low, high] = sides[k];
+            2.0 * (place[k] - low) / (high - low) - 1.0
+        });
+        Some((cell.as_deref()?, inner))
+    }
+}
+
+fn edges(cells: usize) -> Vec<f64> {
+    let edge = |i: usize| -Real::cos(PI * i as f64 / cells as f64);
+    (0..=cells).map(edge).collect()
+}
+
+/// Which of the intervals between `edges` holds `x`.
+fn number(edges: &[f64], x: f64) -> usize {
+    edges[1..edges.len() - 1].partition_point(|edge| *edge <= x)
+}
+
+/// `patch` on a box of its parameters; `None` if that leaves out too much.
+fn restricted(patch: &Contracted, sides: [[f64; 2]; 2]) -> Option<Contracted> {
+    let [np, nq] = patch.degrees();
+    let row = patch.row();
+    let along_p = product(&restriction(np, sides[0]), np, patch.table());
+    let matrix = restriction(nq, sides[1]);
+    let mut table = Vec::with_capacity(NODES * NODES * row);
+    for plane in along_p.chunks_exact(nq * row) {
+        table.extend(product(&matrix, nq, plane));
+    }
+    let sizes: Vec<f32> = table
+        .chunks_exact(row)
+        .map(|line| line.iter().fold(0.0, |most, c| c.abs().max(most)))
+        .collect();
+    let allowed = LEFT_OUT * sizes.iter().fold(0.0, |most: f32, size| size.max(most));
+    let kept = [
+        kept(|i| (0..NODES).map(|j| sizes[i * NODES + j]).sum(), allowed)?,
+        kept(|j| (0..NODES).map(|i| sizes[i * NODES + j]).sum(), allowed)?,
+    ];
+    let lines = |i: usize| &table[i * NODES * row..][..kept[1] * row];
+    let table = (0..kept[0])
+        .flat_map(|i| lines(i).iter().copied())
+        .collect();
+    Some(patch.with_table(table, kept))
+}
+
+/// The matrix that takes `n` coefficients on [−1, 1] to [`NODES`] of the polynomial through its values
+/// at as many nodes of a part of it.
+fn restriction(n: usize, [low, high]: [f64; 2]) -> Vec<f32> {
+    let transform = chebyshev::transform(NODES);
+    let mut values = vec![0.0; NODES * n];
+    for (x, values) in chebyshev::nodes(NODES)
+        .iter()
+        .zip(values.chunks_exact_mut(n))
+    {
+        chebyshev::values(low + 0.5 * (x + 1.0) * (high - low), values);
+    }
+    product(&transform.into_raw_vec_and_offset().0, NODES, &values)
+        .into_iter()
+        .map(|x: f64| x as f32)
+        .collect()
+}
+
+/// How many coefficients along an axis must be kept so that the rest, of sums `size`, is `allowed`;
+/// `None` if all must: then more are missing.
+fn kept(size: impl Fn(usize) -> f32, allowed: f32) -> Option<usize> {
+    let mut left = 0.0;
+    let mut kept = NODES;
+    while kept > 1 {
+        left += size(kept - 1);
+        if !(left <= allowed) {
+            break;
+        }
+        kept -= 1;
+    }
+    (kept < NODES).then_some(kept)
+}
