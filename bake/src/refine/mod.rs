@@ -169,7 +169,7 @@ impl Refiner<'_> {
             let found = holds
                 .then(|| self.quantise(&polynomial, held_out))
                 .flatten();
-            let tensor = found.ok_or(urgency)?.tensor;
+            let tensor = found.ok_or(urgency)?;
             self.finished(region, tensor.bytes() as usize);
             return Ok(Tree::Leaf(Arc::new(tensor)));
         }

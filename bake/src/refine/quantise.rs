@@ -30,18 +30,9 @@ const MOST_RANK: usize = 500;
 /// fewer bytes as trains, and reading them at a ray takes as long as fitting them.
 const MOST_PLAIN: f64 = 3e5;
 
-/// A tensor that keeps the promise.
-pub struct Quantised {
-    /// The tensor.
-    pub tensor: Tensor,
-    /// The error that is left with the finest step, in units of the promise: what rounding cannot
-    /// help.
-    pub left: f64,
-}
-
 impl Refiner<'_> {
     /// The smallest tensor of the polynomial that keeps the promise on the held-out rays.
-    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut) -> Option<Quantised> {
+    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut) -> Option<Tensor> {
         if !polynomial.is_finite() {
             return None;
         }
@@ -56,21 +47,17 @@ impl Refiner<'_> {
         polynomial: &Polynomial,
         unit: f64,
         error: impl Fn(&Tensor) -> f64,
-    ) -> Option<Quantised> {
+    ) -> Option<Tensor> {
         let cameras = self.space.cameras().len();
         let count = polynomial.0.len() as f64;
         let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
         let finest = finest.max(ROOM * largest(polynomial));
         let layout = order::best(&polynomial.0, cameras);
-        let train = decompose(
-            &polynomial.0,
-            cameras,
-            layout,
-            (NEGLIGIBLE * finest, MOST_RANK),
-        );
+        let threshold = (NEGLIGIBLE * finest, MOST_RANK);
+        let train = decompose(&polynomial.0, cameras, layout, threshold);
         let train = train.and_then(|train| coarsest(&train, finest, &error));
         if count > MOST_PLAIN {
-            return train.map(|(_, found)| found);
+            return train.map(|(_, tensor)| tensor);
         }
         let plain = Train::plain(&polynomial.0, cameras);
         let Some((step, train)) = train else {
@@ -80,12 +67,12 @@ impl Refiner<'_> {
         // there is no need to try them.
         let promising = plain
             .rounded(step)
-            .is_some_and(|t| t.bytes() < train.tensor.bytes());
+            .is_some_and(|t| t.bytes() < train.bytes());
         let plain = promising
             .then(|| coarsest(&plain, finest, &error))
             .flatten();
         match plain {
-            Some((_, plain)) if plain.tensor.bytes() < train.tensor.bytes() => Some(plain),
+            Some((_, plain)) if plain.bytes() < train.bytes() => Some(plain),
             _ => Some(train),
         }
     }
@@ -97,23 +84,22 @@ fn coarsest(
     train: &Train,
     finest: f64,
     error: &impl Fn(&Tensor) -> f64,
-) -> Option<(Scale, Quantised)> {
+) -> Option<(Scale, Tensor)> {
     let rounded = |k: i32| {
         let step = Scale::near(finest * 2_f64.powf(0.25 * f64::from(k)));
         let tensor = train.rounded(step)?;
-        let error = error(&tensor);
-        (error <= 1.0).then_some((step, tensor, error))
+        (error(&tensor) <= 1.0).then_some((step, tensor))
     };
-    let (mut step, mut tensor, left) = rounded(0)?;
+    let mut best = rounded(0)?;
     let (mut low, mut high) = (0, STEPS);
     while high - low > 1 {
         let middle = (low + high) / 2;
         match rounded(middle) {
-            Some((s, t, _)) => (step, tensor, low) = (s, t, middle),
+            Some(found) => (best, low) = (found, middle),
             None => high = middle,
         }
     }
-    Some((step, Quantised { tensor, left }))
+    Some(best)
 }
 
 /// The size of the largest coefficient.
