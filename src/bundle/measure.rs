@@ -103,7 +103,7 @@ impl Probed {
 
 /// Whether tangents of the stored rays of `space` are compared at exits only.
 pub fn tangents_at_exits(space: &FanSpace) -> bool {
-    space.ends_alike() && !space.manifold().domain.kinds.is_empty()
+    space.ends_alike() && space.manifold().domain.ends_rays()
 }
 
 /// The arc lengths at which a ray that ends at `end` is compared: at `share` of it, and there.
@@ -152,7 +152,7 @@ pub fn probe(
             end: path.end,
             length: path.length,
             probes: states.collect(),
-            exits_exist: !manifold.domain.kinds.is_empty(),
+            exits_exist: manifold.domain.ends_rays(),
         });
     }
     probed

@@ -38,6 +38,6 @@ pub use polynomial::Polynomial;
 pub use random_rays::RandomRays;
 pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
 pub use table::{Chunk, Table};
-pub use tensor::{Scale, Tensor, Train, graded};
+pub use tensor::{Scale, Tensor, Train, graded, ungraded};
 pub use trace::{Traced, trace};
 pub use tree::{Shape, Tree};

@@ -3,6 +3,7 @@
 use super::{
     chebyshev,
     matrix::{product, summed},
+    tensor::values_at,
 };
 use ndarray::{Array2, ArrayD, Axis, s};
 use rayon::prelude::*;
@@ -113,16 +114,6 @@ impl Polynomial {
     pub fn is_finite(&self) -> bool {
         self.0.iter().all(|c| c.is_finite())
     }
-}
-
-/// Chebyshev values at `x` along the first axes of `shape`.
-fn values_at(shape: &[usize], x: &[f64]) -> Vec<Vec<f64>> {
-    let along = |(x, n): (&f64, &usize)| {
-        let mut values = vec![0.0; *n];
-        chebyshev::values(*x, &mut values);
-        values
-    };
-    x.iter().zip(shape).map(along).collect()
 }
 
 /// The products of one of each of `values`, the last running fastest.

@@ -428,12 +428,22 @@ fn coarseness(degree: usize) -> f64 {
 
 /// Coefficients (…, arc length, channel) as they are rounded.
 pub fn graded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
-    let mut graded = coefficients.clone();
-    let arc = Axis(graded.ndim() - 2);
-    for (degree, mut rows) in graded.axis_iter_mut(arc).enumerate() {
-        rows /= coarseness(degree);
+    by_degree(coefficients, |x, factor| x / factor)
+}
+
+/// What [`graded`] makes these `coefficients` of.
+pub fn ungraded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
+    by_degree(coefficients, |x, factor| x * factor)
+}
+
+/// Each coefficient with the [`coarseness`] of its degree.
+fn by_degree(coefficients: &ArrayD<f64>, with: impl Fn(f64, f64) -> f64) -> ArrayD<f64> {
+    let mut changed = coefficients.clone();
+    let arc = Axis(changed.ndim() - 2);
+    for (degree, mut rows) in changed.axis_iter_mut(arc).enumerate() {
+        rows.mapv_inplace(|x| with(x, coarseness(degree)));
     }
-    graded
+    changed
 }
 
 /// What [`graded`] did to `values` of a core of `shape`, whose last axes are arc length and channel.
@@ -473,7 +483,7 @@ fn in_table_order<T: Copy>(values: Vec<T>, open: &[usize], shape: &[usize]) -> V
 }
 
 /// Chebyshev values at `parameters` along the first axes of `shape`.
-fn values_at<T: Real>(shape: &[usize], parameters: &[f64]) -> Vec<Vec<T>> {
+pub(super) fn values_at<T: Real>(shape: &[usize], parameters: &[f64]) -> Vec<Vec<T>> {
     let along = |(x, n): (&f64, &usize)| {
         let mut values = vec![0.0; *n];
         chebyshev::values(*x, &mut values);

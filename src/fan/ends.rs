@@ -21,7 +21,7 @@ const REACH: f64 = 10.0;
 /// Whether the ends of rays are unchanged by the symmetry; cameras are about `distance` from the
 /// origin.
 pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64) -> bool {
-    if manifold.domain.kinds.is_empty() || reduction == Reduction::Whole {
+    if !manifold.domain.ends_rays() || reduction == Reduction::Whole {
         return true;
     }
     let mut stream = Stream::new(&[0x656e_6473]);
@@ -53,7 +53,7 @@ pub fn end_together(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -
         let values = values(manifold, at).into_iter();
         values.fold(f64::NEG_INFINITY, f64::max)
     };
-    manifold.domain.kinds.is_empty() || close(first(a), first(b))
+    !manifold.domain.ends_rays() || close(first(a), first(b))
 }
 
 /// The values of all conditions for a ray at `u` with tangent `v`.

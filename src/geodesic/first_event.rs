@@ -49,7 +49,7 @@ pub fn first_event(
     length: f64,
     curve: impl Fn(f64) -> (DVec3, DVec3),
 ) -> Option<(End, f64)> {
-    if domain.kinds.is_empty() {
+    if !domain.ends_rays() {
         return None;
     }
     let values = |s: f64| {

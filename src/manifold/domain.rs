@@ -30,6 +30,11 @@ pub struct Domain {
 }
 
 impl Domain {
+    /// Whether a ray can end anywhere, at a limit or an exit.
+    pub fn ends_rays(&self) -> bool {
+        !self.kinds.is_empty()
+    }
+
     /// The tape (u, v) -> one number for each of [`Domain::kinds`]; a ray ends where one becomes
     /// positive.
     pub fn events(&self) -> &Tape {

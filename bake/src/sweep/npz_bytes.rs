@@ -8,7 +8,7 @@ use super::grid::Samples;
 use crate::refine::{decompose::decompose, order};
 use geofan::{
     Error, Result,
-    bundle::{Scale, Tensor, Train, Tree, chebyshev},
+    bundle::{Scale, Tensor, Train, Tree, chebyshev, graded, ungraded},
 };
 use ndarray::{ArrayD, Axis, IxDyn};
 use std::sync::Arc;
@@ -63,8 +63,10 @@ fn faces(samples: &Samples) -> Vec<ArrayD<f64>> {
 /// The bytes of the train rounded with the coarsest step that keeps the error, by bisection.
 fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<usize> {
     let layout = order::best(coefficients, cameras);
+    // Patches round slopes more coarsely the higher their degree. Of these numbers all are worth the
+    // same.
     let train = decompose(
-        coefficients,
+        &ungraded(coefficients),
         cameras,
         layout,
         (NEGLIGIBLE * error, MOST_RANK),
@@ -95,9 +97,10 @@ fn rounded(train: &Train, step: Scale, exact: &ArrayD<f64>, error: f64) -> Optio
     fits.then(|| Tree::Leaf(Arc::new(tensor)).encode().len())
 }
 
-/// All coefficients of `tensor`.
+/// All coefficients that `tensor` was made of.
 fn unpacked(tensor: &Tensor) -> Option<ArrayD<f64>> {
-    ArrayD::from_shape_vec(IxDyn(&tensor.shape()), tensor.at(&[])).ok()
+    let all = ArrayD::from_shape_vec(IxDyn(&tensor.shape()), tensor.at(&[]));
+    Some(graded(&all.ok()?))
 }
 
 #[cfg(test)]
