@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    bundle::{Scale, Train, Tree},
+    bundle::{Step, Train, Tree},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
@@ -44,7 +44,7 @@ fn bundle(nodes: usize) -> Bundle {
     let mut leaf = || {
         let shape = IxDyn(&[nodes, 3, 3, 4, 3]);
         let samples = ArrayD::from_shape_simple_fn(shape, || stream.uniform());
-        let tensor = Train::plain(&samples, 1).rounded(Scale::near(1e-6));
+        let tensor = Train::plain(&samples, 1).rounded(Step::near(1e-6));
         Tree::Leaf(Arc::new(tensor.unwrap()))
     };
     let chunks = (0..6).map(|face| match face {

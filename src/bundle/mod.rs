@@ -1,5 +1,6 @@
 //! The table: patches, quantisation, contraction, file format and certificate.
 
+mod adaptive;
 pub mod arc;
 mod bytes;
 mod cells;
@@ -13,6 +14,7 @@ mod course;
 mod division;
 mod fan;
 mod file;
+mod grade;
 mod layout;
 mod matrix;
 pub mod measure;
@@ -20,9 +22,11 @@ mod outlier;
 mod polynomial;
 mod random_rays;
 mod records;
+mod scale;
 mod table;
 mod tensor;
 mod trace;
+mod train;
 mod tree;
 
 pub use bytes::{Damage, Reader, Writer};
@@ -32,12 +36,15 @@ pub use course::{Courses, FanPath};
 pub use division::{Division, Stored};
 pub use fan::Fan;
 pub use file::{Bundle, BundleError, Contents, identity};
+pub use grade::{graded, ungraded};
 pub use layout::Layout;
 pub use outlier::{BoxPlace, FAR, Outlier};
 pub use polynomial::Polynomial;
 pub use random_rays::RandomRays;
 pub use records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
+pub use scale::{Scale, Step};
 pub use table::{Chunk, Table};
-pub use tensor::{Scale, Tensor, Train, graded, ungraded};
+pub use tensor::Tensor;
 pub use trace::{Traced, trace};
+pub use train::Train;
 pub use tree::{Shape, Tree};

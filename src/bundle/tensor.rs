@@ -16,13 +16,15 @@ use super::{
     bytes::{Damage, Reader, Writer},
     chain::{Link, chained},
     chebyshev,
-    coding::{self, Classes, Streams},
+    coding::{Coded, Integers},
     contracted::Contracted,
+    grade::ungrade,
     layout::Layout,
     matrix::{scaled, summed},
+    scale::{Scale, Step},
 };
-use crate::expr::{real::Real, vectorised};
-use ndarray::{ArrayD, Axis, Slice};
+use crate::expr::real::Real;
+use ndarray::ArrayD;
 
 /// The most coefficients along one axis.
 pub const MOST_DEGREES: usize = 64;
@@ -30,31 +32,9 @@ pub const MOST_DEGREES: usize = 64;
 /// The most integers of a core: far above any that a bake makes.
 const MOST_INTEGERS: u64 = 1 << 24;
 
-/// Largest rounded coefficient: sums of a few in 32 bits stay exact.
-const LARGEST: f64 = (1 << 30) as f64;
-
-/// Steps and scales are powers of `2^(1/4)`: 9 % of a step is not worth eight bytes.
-const PER_OCTAVE: f64 = 4.0;
-
-/// A number of the form `2^(k/4)`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Scale(i16);
-
-impl Scale {
-    /// The nearest to `x`, clamped to the range of 16 bits.
-    pub fn near(x: f64) -> Self {
-        Self((PER_OCTAVE * x.log2()).round() as i16)
-    }
-
-    /// The number.
-    pub fn value(self) -> f64 {
-        (f64::from(self.0) / PER_OCTAVE).exp2()
-    }
-}
-
 /// A rounded core.
 #[derive(Debug, Clone)]
-struct Core {
+pub(super) struct Core {
     /// Left rank, lengths of its axes, right rank.
     shape: Vec<usize>,
     /// In storage order, in units of the step.
@@ -66,143 +46,14 @@ struct Core {
 /// Quantised coefficients of one group of channels.
 #[derive(Debug, Clone)]
 pub struct Tensor {
-    layout: Layout,
-    cameras: usize,
-    step: Scale,
-    cores: Vec<Core>,
-}
-
-/// A tensor train before rounding: cores scaled to the right by the singular values of their bonds.
-#[derive(Debug, Clone)]
-pub struct Train {
-    /// How axes are shared out.
-    pub layout: Layout,
-    /// The number of camera axes.
-    pub cameras: usize,
-    /// Cores (left rank, axes…, right rank), the columns of all but the last multiplied by the
-    /// values of their scales.
-    pub cores: Vec<ArrayD<f64>>,
-    /// Scales of each bond.
-    pub scales: Vec<Vec<Scale>>,
-}
-
-impl Train {
-    /// All coefficients as one core.
-    pub fn plain(coefficients: &ArrayD<f64>, cameras: usize) -> Self {
-        let core = graded(coefficients).insert_axis(Axis(0));
-        let last = Axis(core.ndim());
-        Self {
-            layout: Layout::Plain,
-            cameras,
-            cores: vec![core.insert_axis(last)],
-            scales: Vec::new(),
-        }
-    }
-
-    /// Rounded to multiples of `step`; what is zero at the ends of axes and bonds is left out.
-    /// `None` if a coefficient is too large for the step.
-    pub fn rounded(&self, step: Scale) -> Option<Tensor> {
-        let unit = step.value();
-        let mut rounded = Vec::new();
-        for core in &self.cores {
-            rounded.push(integers(core, unit)?);
-        }
-        let ranks = kept_ranks(&rounded);
-        let mut cores = Vec::new();
-        for (k, core) in rounded.into_iter().enumerate() {
-            let left = if k == 0 { &[0][..] } else { &ranks[k - 1] };
-            let right = ranks.get(k).map_or(&[0][..], Vec::as_slice);
-            let scales = self.scales.get(k);
-            let scales = scales.map_or(Vec::new(), |s| right.iter().map(|&j| s[j]).collect());
-            let last = k + 1 == self.cores.len();
-            let core = selected(core, 0, left);
-            let right_axis = core.ndim() - 1;
-            let core = selected(core, right_axis, right);
-            cores.push(Core::new(trimmed(core, last), scales));
-        }
-        Some(Tensor {
-            layout: self.layout.clone(),
-            cameras: self.cameras,
-            step,
-            cores,
-        })
-    }
-}
-
-/// Adding and subtracting this rounds numbers below 2⁵¹ to integers, in every lane of a register;
-/// `round` is a call for each.
-const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
-
-/// `core` in units of `unit`, rounded; `None` if a number is too large.
-fn integers(core: &ArrayD<f64>, unit: f64) -> Option<ArrayD<i32>> {
-    let inverse = 1.0 / unit;
-    let core = core.as_standard_layout();
-    let values = core.as_slice()?;
-    let mut rounded = vec![0_i32; values.len()];
-    let mut fits = true;
-    vectorised(
-        #[inline(always)]
-        || {
-            for (to, from) in rounded.iter_mut().zip(values) {
-                let x = from * inverse;
-                fits &= x.abs() < LARGEST;
-                *to = ((x + TO_INTEGER) - TO_INTEGER) as i32;
-            }
-        },
-    );
-    let rounded = ArrayD::from_shape_vec(core.raw_dim(), rounded).ok()?;
-    fits.then_some(rounded)
-}
-
-/// The entries of `core` at `kept` along `axis`.
-fn selected(core: ArrayD<i32>, axis: usize, kept: &[usize]) -> ArrayD<i32> {
-    match kept.len() == core.len_of(Axis(axis)) {
-        true => core,
-        false => core.select(Axis(axis), kept),
-    }
-}
-
-/// For each bond the indices whose column and row are not zero; at least one.
-fn kept_ranks(cores: &[ArrayD<i32>]) -> Vec<Vec<usize>> {
-    let lives = |core: &ArrayD<i32>, axis: usize, j: usize| {
-        core.index_axis(Axis(axis), j).iter().any(|c| *c != 0)
-    };
-    let pairs = cores.windows(2);
-    let kept = pairs.map(|pair| {
-        let axis = pair[0].ndim() - 1;
-        let both = |j: &usize| lives(&pair[0], axis, *j) && lives(&pair[1], 0, *j);
-        let kept: Vec<usize> = (0..pair[1].len_of(Axis(0))).filter(both).collect();
-        if kept.is_empty() { vec![0] } else { kept }
-    });
-    kept.collect()
-}
-
-/// Without the degrees beyond the last that is not zero; the channels of the last core are kept.
-fn trimmed(core: ArrayD<i32>, last: bool) -> ArrayD<i32> {
-    let shape = core.shape().to_vec();
-    let core = core.as_standard_layout();
-    let mut kept = vec![1; shape.len()];
-    let values = core.as_slice().unwrap_or_default();
-    for (flat, _) in values.iter().enumerate().filter(|(_, value)| **value != 0) {
-        let mut rest = flat;
-        for (axis, n) in shape.iter().enumerate().rev() {
-            kept[axis] = kept[axis].max(rest % n + 1);
-            rest /= n;
-        }
-    }
-    let (right, channel) = (shape.len() - 1, shape.len() - 2);
-    let slice = core.slice_each_axis(|axis| {
-        let a = axis.axis.index();
-        match a == 0 || a == right || (last && a == channel) {
-            true => Slice::from(..),
-            false => Slice::from(..kept[a]),
-        }
-    });
-    slice.to_owned()
+    pub(super) layout: Layout,
+    pub(super) cameras: usize,
+    pub(super) step: Step,
+    pub(super) cores: Vec<Core>,
 }
 
 impl Core {
-    fn new(values: ArrayD<i32>, scales: Vec<Scale>) -> Self {
+    pub(super) fn new(values: ArrayD<i32>, scales: Vec<Scale>) -> Self {
         Self {
             shape: values.shape().to_vec(),
             values: values.as_standard_layout().iter().copied().collect(),
@@ -323,28 +174,27 @@ impl Tensor {
         self.cores.iter().map(|core| core.values.len()).sum()
     }
 
-    /// About how many bytes it takes in a chunk.
-    pub fn bytes(&self) -> f64 {
-        let cores = self.cores.iter();
-        let bits: f64 = cores.map(|c| coding::bits(&c.shape, &c.values)).sum();
-        let scales: usize = self.ranks().iter().sum();
-        4.0 + 4.0 * self.cores.len() as f64 + 0.6 * scales as f64 + bits / 8.0
+    /// About how many bytes it takes in a chunk, where it shares what is learnt with other tensors.
+    pub fn bytes(&self) -> usize {
+        let (mut structure, mut integers) = (Writer::default(), Integers::new());
+        self.encode(&mut structure, &mut integers);
+        structure.0.len() + integers.bytes()
     }
 
-    /// Writes the tensor: its shape to `out`, its integers to `classes`.
-    pub fn encode(&self, out: &mut Writer, classes: &mut Classes) {
+    /// Writes the tensor: its shape to `out`, its integers to `integers`.
+    pub fn encode(&self, out: &mut Writer, integers: &mut Integers) {
         out.u8(self.layout.code());
         out.i16(self.step.0);
         for core in &self.cores {
             core.shape[1..].iter().for_each(|n| out.u32(*n as u32));
-            classes.put(&core.shape, &core.values);
-            let mut before = self.step.0;
+            integers.put(&core.shape, &core.values);
+            let mut before = self.step.scale().0;
             let scales = core.scales.iter().map(|scale| {
                 let difference = i32::from(scale.0) - i32::from(before);
                 before = scale.0;
                 difference
             });
-            classes.put(&[core.scales.len()], &scales.collect::<Vec<_>>());
+            integers.put(&[core.scales.len()], &scales.collect::<Vec<_>>());
         }
     }
 
@@ -354,18 +204,18 @@ impl Tensor {
     /// It is not one.
     pub fn decode(
         input: &mut Reader<'_>,
-        streams: &mut Streams,
+        coded: &mut Coded,
         [cameras, directions, channels]: [usize; 3],
     ) -> Result<Self, Damage> {
         let layout = Layout::of_code(input.u8()?, cameras + directions);
         let layout = layout.ok_or(Damage("layout of a tensor"))?;
-        let step = Scale(input.i16()?);
+        let step = Step(input.i16()?);
         let mut cores: Vec<Core> = Vec::new();
         let axes = layout.cores(cameras + directions);
         for (k, axes_of_core) in axes.iter().enumerate() {
             let left = cores.last().map_or(1, |c| c.scales.len());
             let last = k + 1 == axes.len();
-            let core = Core::decode(input, streams, left, axes_of_core.len(), (last, step))?;
+            let core = Core::decode(input, coded, left, axes_of_core.len(), (last, step))?;
             if last && core.shape[axes_of_core.len()] != channels {
                 return Err(Damage("number of channels"));
             }
@@ -383,10 +233,10 @@ impl Tensor {
 impl Core {
     fn decode(
         input: &mut Reader<'_>,
-        streams: &mut Streams,
+        coded: &mut Coded,
         left: usize,
         axes: usize,
-        (last, step): (bool, Scale),
+        (last, step): (bool, Step),
     ) -> Result<Self, Damage> {
         let mut shape = vec![left];
         let mut count = left as u64;
@@ -402,10 +252,10 @@ impl Core {
         if count == 0 || count > MOST_INTEGERS {
             return Err(Damage("number of coefficients"));
         }
-        let values = streams.take(&shape)?;
+        let values = coded.take(&shape)?;
         let ranks = if last { 0 } else { right };
-        let mut before = i32::from(step.0);
-        let scales = streams.take(&[ranks])?.into_iter().map(|difference| {
+        let mut before = i32::from(step.scale().0);
+        let scales = coded.take(&[ranks])?.into_iter().map(|difference| {
             before = before.saturating_add(difference);
             i16::try_from(before)
                 .map(Scale)
@@ -416,43 +266,6 @@ impl Core {
             values,
             scales: scales.collect::<Result<_, _>>()?,
         })
-    }
-}
-
-/// How much more coarsely coefficients of degree `k` along the arc length are rounded: an error of that
-/// degree in the slope moves points by 1/k of it. With the degree itself instead of its root tangents
-/// suffer (three bumps on a rail 318 kB, 281 kB with the root, 326 kB without).
-fn coarseness(degree: usize) -> f64 {
-    ((1 + degree) as f64).sqrt()
-}
-
-/// Coefficients (…, arc length, channel) as they are rounded.
-pub fn graded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
-    by_degree(coefficients, |x, factor| x / factor)
-}
-
-/// What [`graded`] makes these `coefficients` of.
-pub fn ungraded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
-    by_degree(coefficients, |x, factor| x * factor)
-}
-
-/// Each coefficient with the [`coarseness`] of its degree.
-fn by_degree(coefficients: &ArrayD<f64>, with: impl Fn(f64, f64) -> f64) -> ArrayD<f64> {
-    let mut changed = coefficients.clone();
-    let arc = Axis(changed.ndim() - 2);
-    for (degree, mut rows) in changed.axis_iter_mut(arc).enumerate() {
-        rows.mapv_inplace(|x| with(x, coarseness(degree)));
-    }
-    changed
-}
-
-/// What [`graded`] did to `values` of a core of `shape`, whose last axes are arc length and channel.
-fn ungrade<T: Real>(values: &mut [T], shape: &[usize]) {
-    let [degrees, channels] = [shape[shape.len() - 3], shape[shape.len() - 2]];
-    let factors: Vec<T> = (0..degrees).map(|k| T::from_f64(coarseness(k))).collect();
-    let rows = values.chunks_exact_mut(channels);
-    for (row, factor) in rows.zip(factors.iter().cycle()) {
-        row.iter_mut().for_each(|x| *x = *x * *factor);
     }
 }
 

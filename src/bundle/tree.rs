@@ -6,7 +6,7 @@
 
 use super::{
     bytes::{Damage, Reader, Writer},
-    coding::{Classes, Streams},
+    coding::{Coded, Integers},
     tensor::Tensor,
 };
 use std::sync::Arc;
@@ -44,24 +44,24 @@ const DEEPEST: usize = 64;
 impl Tree {
     /// The bytes of a chunk.
     pub fn encode(&self) -> Vec<u8> {
-        let (mut structure, mut classes) = (Writer::default(), Classes::new());
-        self.put(&mut structure, &mut classes);
+        let (mut structure, mut integers) = (Writer::default(), Integers::new());
+        self.put(&mut structure, &mut integers);
         let mut out = Writer::default();
-        classes.encode(&mut out);
+        integers.encode(&mut out);
         out.bytes(&structure.0);
         out.0
     }
 
-    fn put(&self, out: &mut Writer, classes: &mut Classes) {
+    fn put(&self, out: &mut Writer, integers: &mut Integers) {
         match self {
             Tree::Split { axis, halves } => {
                 out.u8(*axis as u8);
-                halves.iter().for_each(|half| half.put(out, classes));
+                halves.iter().for_each(|half| half.put(out, integers));
             }
             Tree::Flagged => out.u8(FLAGGED),
             Tree::Leaf(tensor) => {
                 out.u8(PATCH);
-                tensor.encode(out, classes);
+                tensor.encode(out, integers);
             }
         }
     }
@@ -72,20 +72,18 @@ impl Tree {
     /// The bytes are not a chunk of tensors of this shape.
     pub fn decode(bytes: &[u8], shape: Shape) -> Result<Self, Damage> {
         let mut input = Reader(bytes);
-        let mut streams = Streams::decode(&mut input)?;
+        let mut coded = Coded::decode(&mut input)?;
         let mut structure = Reader(input.bytes()?);
         input.finish()?;
-        let tree = Self::take(&mut structure, &mut streams, shape, 0)?;
+        let tree = Self::take(&mut structure, &mut coded, shape, 0)?;
         structure.finish()?;
-        match streams.left() {
-            0 => Ok(tree),
-            _ => Err(Damage("end")),
-        }
+        coded.finish()?;
+        Ok(tree)
     }
 
     fn take(
         input: &mut Reader<'_>,
-        streams: &mut Streams,
+        coded: &mut Coded,
         shape: Shape,
         depth: usize,
     ) -> Result<Self, Damage> {
@@ -100,12 +98,12 @@ impl Tree {
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
             PATCH => {
-                let tensor = Tensor::decode(input, streams, [cameras, directions, channels])?;
+                let tensor = Tensor::decode(input, coded, [cameras, directions, channels])?;
                 Ok(Tree::Leaf(Arc::new(tensor)))
             }
             axis if usize::from(axis) <= cameras + directions => {
-                let low = Self::take(input, streams, shape, depth + 1)?;
-                let high = Self::take(input, streams, shape, depth + 1)?;
+                let low = Self::take(input, coded, shape, depth + 1)?;
+                let high = Self::take(input, coded, shape, depth + 1)?;
                 Ok(Tree::Split {
                     axis: usize::from(axis),
                     halves: Box::new([low, high]),

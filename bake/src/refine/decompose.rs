@@ -309,6 +309,7 @@ fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geofan::bundle::Step;
 
     fn coefficients(shape: &[usize]) -> ArrayD<f64> {
         let mut stream = Stream::new(&[5]);
@@ -332,15 +333,13 @@ mod tests {
             let c = coefficients(shape);
             let cameras = shape.len() - 4;
             let cameras = if shape.len() == 4 { 1 } else { cameras };
-            let step = Scale::near(1e-5);
+            let step = Step::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);
             let train = decompose(&c, cameras, layout, (0.3e-5, 500))
                 .unwrap()
                 .rounded(step)
                 .unwrap();
-            let plain = Train::plain(&c, cameras)
-                .rounded(Scale::near(2e-6))
-                .unwrap();
+            let plain = Train::plain(&c, cameras).rounded(Step::near(2e-6)).unwrap();
             let x = vec![0.3; shape.len() - 2];
             let (a, b) = (train.at(&x), plain.at(&x));
             let n = b.len().min(a.len());

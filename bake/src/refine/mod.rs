@@ -17,7 +17,7 @@ mod region;
 pub(crate) mod scout;
 
 use geofan::{
-    bundle::{Division, PlanRecord, Polynomial, Scale, Train, Tree, arc, chebyshev},
+    bundle::{Division, PlanRecord, Polynomial, Step, Train, Tree, arc, chebyshev},
     fan::{DISPLACEMENT, FanSpace, Sample, Samples},
 };
 use glam::DVec3;
@@ -170,7 +170,7 @@ impl Refiner<'_> {
                 .then(|| self.quantise(&polynomial, held_out))
                 .flatten();
             let tensor = found.ok_or(urgency)?;
-            self.finished(region, tensor.bytes() as usize);
+            self.finished(region, tensor.bytes());
             return Ok(Tree::Leaf(Arc::new(tensor)));
         }
     }
@@ -180,7 +180,7 @@ impl Refiner<'_> {
         let mut shape = vec![1; self.plan.nodes.len()];
         shape.push(self.space.channels().len());
         let straight = Train::plain(&ArrayD::zeros(shape), self.space.cameras().len());
-        let rounded = straight.rounded(Scale::near(1.0));
+        let rounded = straight.rounded(Step::near(1.0));
         Tree::Leaf(Arc::new(rounded.expect("zeros")))
     }
 

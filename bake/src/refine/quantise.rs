@@ -1,11 +1,11 @@
 //! Coefficients → the smallest tensor that keeps the promise on the held-out rays.
 
 use super::{Refiner, decompose::decompose, held_out::HeldOut, order};
-use geofan::bundle::{Polynomial, Scale, Tensor, Train};
+use geofan::bundle::{Polynomial, Step, Tensor, Train};
 
-/// Quantisation steps tried: this many, each 2^(1/4) of the one before, as fine as a [`Scale`] is. The
-/// finest decides whether the box can be kept at all.
-const STEPS: i32 = 60;
+/// Steps tried: this many, each the next coarser. The finest decides whether the box can be kept at
+/// all, the coarsest is 15 octaves above.
+const STEPS: i16 = 240;
 
 /// What rounding with the finest step may add, if all coefficients are rounded, in units of an error
 /// that uses up the promise: steps of `1/√n` of it for `n` coefficients add 0.3 of it. A box that
@@ -80,13 +80,9 @@ impl Refiner<'_> {
 
 /// `train` rounded with the coarsest of the steps whose error keeps the promise, by bisection:
 /// rounding more coarsely is hardly ever better.
-fn coarsest(
-    train: &Train,
-    finest: f64,
-    error: &impl Fn(&Tensor) -> f64,
-) -> Option<(Scale, Tensor)> {
-    let rounded = |k: i32| {
-        let step = Scale::near(finest * 2_f64.powf(0.25 * f64::from(k)));
+fn coarsest(train: &Train, finest: f64, error: &impl Fn(&Tensor) -> f64) -> Option<(Step, Tensor)> {
+    let rounded = |k: i16| {
+        let step = Step::near(finest).coarser(k);
         let tensor = train.rounded(step)?;
         (error(&tensor) <= 1.0).then_some((step, tensor))
     };

@@ -8,7 +8,7 @@ use super::grid::Samples;
 use crate::refine::{decompose::decompose, order};
 use geofan::{
     Error, Result,
-    bundle::{Scale, Tensor, Train, Tree, chebyshev, graded, ungraded},
+    bundle::{Step, Tensor, Train, Tree, chebyshev, graded, ungraded},
 };
 use ndarray::{ArrayD, Axis, IxDyn};
 use std::sync::Arc;
@@ -20,8 +20,8 @@ const NEGLIGIBLE: f64 = 0.0025;
 /// The largest rank tried.
 const MOST_RANK: usize = 3000;
 
-/// Steps tried: so many, each 2^(1/4) of the one before; the largest is the error.
-const STEPS: i32 = 48;
+/// Steps tried: so many, each the next finer; the coarsest is the error.
+const STEPS: i16 = 192;
 
 /// For each of `errors` a line that tells the bytes of the whole tensor, all faces together.
 ///
@@ -75,7 +75,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
     let (mut low, mut high) = (0, STEPS);
     while high > low {
         let middle = (low + high) / 2;
-        let step = Scale::near(error * 2_f64.powf(-0.25 * f64::from(middle)));
+        let step = Step::near(error).coarser(-middle);
         match rounded(&train, step, coefficients, error) {
             Some(bytes) => (best, high) = (Some(bytes), middle),
             None => low = middle + 1,
@@ -85,7 +85,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
 }
 
 /// The bytes of `train` rounded with `step`; `None` if a number is off by more than `error`.
-fn rounded(train: &Train, step: Scale, exact: &ArrayD<f64>, error: f64) -> Option<usize> {
+fn rounded(train: &Train, step: Step, exact: &ArrayD<f64>, error: f64) -> Option<usize> {
     let tensor = train.rounded(step)?;
     let kept = unpacked(&tensor)?;
     let mut off = exact.clone();

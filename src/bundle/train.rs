@@ -1,0 +1,150 @@
+//! Tensor trains before rounding, and how they are rounded.
+//!
+//! In: real cores, scaled so that one step serves all. Out: a [`Tensor`].
+
+use super::{
+    grade::graded,
+    layout::Layout,
+    scale::{Scale, Step},
+    tensor::{Core, Tensor},
+};
+use crate::expr::vectorised;
+use ndarray::{ArrayD, Axis, Slice};
+
+/// A tensor train before rounding: cores scaled to the right by the singular values of their bonds.
+#[derive(Debug, Clone)]
+pub struct Train {
+    /// How axes are shared out.
+    pub layout: Layout,
+    /// The number of camera axes.
+    pub cameras: usize,
+    /// Cores (left rank, axes…, right rank), the columns of all but the last multiplied by the
+    /// values of their scales.
+    pub cores: Vec<ArrayD<f64>>,
+    /// Scales of each bond.
+    pub scales: Vec<Vec<Scale>>,
+}
+
+impl Train {
+    /// All coefficients as one core.
+    pub fn plain(coefficients: &ArrayD<f64>, cameras: usize) -> Self {
+        let core = graded(coefficients).insert_axis(Axis(0));
+        let last = Axis(core.ndim());
+        Self {
+            layout: Layout::Plain,
+            cameras,
+            cores: vec![core.insert_axis(last)],
+            scales: Vec::new(),
+        }
+    }
+
+    /// Rounded to multiples of `step`; what is zero at the ends of axes and bonds is left out.
+    /// `None` if a coefficient is too large for the step.
+    pub fn rounded(&self, step: Step) -> Option<Tensor> {
+        let unit = step.value();
+        let mut rounded = Vec::new();
+        for core in &self.cores {
+            rounded.push(integers(core, unit)?);
+        }
+        let ranks = kept_ranks(&rounded);
+        let mut cores = Vec::new();
+        for (k, core) in rounded.into_iter().enumerate() {
+            let left = if k == 0 { &[0][..] } else { &ranks[k - 1] };
+            let right = ranks.get(k).map_or(&[0][..], Vec::as_slice);
+            let scales = self.scales.get(k);
+            let scales = scales.map_or(Vec::new(), |s| right.iter().map(|&j| s[j]).collect());
+            let last = k + 1 == self.cores.len();
+            let core = selected(core, 0, left);
+            let right_axis = core.ndim() - 1;
+            let core = selected(core, right_axis, right);
+            cores.push(Core::new(trimmed(core, last), scales));
+        }
+        Some(Tensor {
+            layout: self.layout.clone(),
+            cameras: self.cameras,
+            step,
+            cores,
+        })
+    }
+}
+
+/// Largest rounded coefficient: sums of a few in 32 bits stay exact.
+const LARGEST: f64 = (1 << 30) as f64;
+
+/// By what share of a step numbers are moved towards zero before they are rounded: small ones cost more
+/// bits than their error is worth. Three bumps on a rail and Schwarzschild take 1.6 % fewer bytes with
+/// 0.1, 0.2 gives no more.
+const DEAD: f64 = 0.1;
+
+/// Adding and subtracting this rounds numbers below 2⁵¹ to integers, in every lane of a register;
+/// `round` is a call for each.
+const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
+
+/// `core` in units of `unit`, rounded; `None` if a number is too large.
+fn integers(core: &ArrayD<f64>, unit: f64) -> Option<ArrayD<i32>> {
+    let inverse = 1.0 / unit;
+    let core = core.as_standard_layout();
+    let values = core.as_slice()?;
+    let mut rounded = vec![0_i32; values.len()];
+    let mut fits = true;
+    vectorised(
+        #[inline(always)]
+        || {
+            for (to, from) in rounded.iter_mut().zip(values) {
+                let x = from * inverse;
+                fits &= x.abs() < LARGEST;
+                let x = (x.abs() - DEAD).max(0.0).copysign(x);
+                *to = ((x + TO_INTEGER) - TO_INTEGER) as i32;
+            }
+        },
+    );
+    let rounded = ArrayD::from_shape_vec(core.raw_dim(), rounded).ok()?;
+    fits.then_some(rounded)
+}
+
+/// The entries of `core` at `kept` along `axis`.
+fn selected(core: ArrayD<i32>, axis: usize, kept: &[usize]) -> ArrayD<i32> {
+    match kept.len() == core.len_of(Axis(axis)) {
+        true => core,
+        false => core.select(Axis(axis), kept),
+    }
+}
+
+/// For each bond the indices whose column and row are not zero; at least one.
+fn kept_ranks(cores: &[ArrayD<i32>]) -> Vec<Vec<usize>> {
+    let lives = |core: &ArrayD<i32>, axis: usize, j: usize| {
+        core.index_axis(Axis(axis), j).iter().any(|c| *c != 0)
+    };
+    let pairs = cores.windows(2);
+    let kept = pairs.map(|pair| {
+        let axis = pair[0].ndim() - 1;
+        let both = |j: &usize| lives(&pair[0], axis, *j) && lives(&pair[1], 0, *j);
+        let kept: Vec<usize> = (0..pair[1].len_of(Axis(0))).filter(both).collect();
+        if kept.is_empty() { vec![0] } else { kept }
+    });
+    kept.collect()
+}
+
+/// Without the degrees beyond the last that is not zero; the channels of the last core are kept.
+fn trimmed(core: ArrayD<i32>, last: bool) -> ArrayD<i32> {
+    let shape = core.shape().to_vec();
+    let core = core.as_standard_layout();
+    let mut kept = vec![1; shape.len()];
+    let values = core.as_slice().unwrap_or_default();
+    for (flat, _) in values.iter().enumerate().filter(|(_, value)| **value != 0) {
+        let mut rest = flat;
+        for (axis, n) in shape.iter().enumerate().rev() {
+            kept[axis] = kept[axis].max(rest % n + 1);
+            rest /= n;
+        }
+    }
+    let (right, channel) = (shape.len() - 1, shape.len() - 2);
+    let slice = core.slice_each_axis(|axis| {
+        let a = axis.axis.index();
+        match a == 0 || a == right || (last && a == channel) {
+            true => Slice::from(..),
+            false => Slice::from(..kept[a]),
+        }
+    });
+    slice.to_owned()
+}
