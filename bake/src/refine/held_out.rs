@@ -19,8 +19,8 @@ const FEWEST: usize = 48;
 
 /// The most, and how many rays a box may be fitted to for each. Boxes of many axes have more places
 /// for failures to hide, and can afford to look.
-const MOST: usize = 160;
-const FITTED_EACH: usize = 60;
+const MOST: usize = 480;
+const FITTED_EACH: usize = 40;
 
 /// How often as many rays again are followed where too few get to the arc lengths of the box, because
 /// most end at an exit before: in the corner that is left a table failed by radians (Sol) when two
@@ -33,7 +33,7 @@ const LENGTHS: usize = 6;
 /// Share of a box's comparisons that may exceed the promise, which is a 99th percentile; rounded
 /// down to a whole number. Rounded up it saves 3 % of the bytes, and certificates of small tables
 /// then find more than was promised.
-const EXCEEDING: f64 = 0.01;
+const EXCEEDING: f64 = 0.009;
 
 /// Rays that a polynomial is summed for at once: reading its coefficients takes longer than a sum.
 const AT_ONCE: usize = 16;

@@ -12,10 +12,11 @@ use geofan::{
     random::Stream,
 };
 use ndarray::ArrayD;
+use std::collections::HashSet;
 
 /// Rows and columns of the part of a matrix that is looked at. Half as many cannot tell large ranks
 /// apart.
-const PART: usize = 400;
+const PART: usize = 160;
 
 /// Fewest ray axes between which there is a choice worth a look: with two, either order has the same
 /// bond in the middle.
@@ -53,7 +54,6 @@ pub fn best(coefficients: &ArrayD<f64>, cameras: usize) -> Layout {
         set &= !(1 << last);
     }
     order.reverse();
-    if std::env::var("GF_ORDER").is_ok() {
         eprintln!(
             "{:?} {:?} ranks {:?}",
             values.sizes,
@@ -96,40 +96,42 @@ impl Values {
             return 1.0;
         }
         let mut stream = Stream::new(&[set as u64]);
-        let rows = self.places(set, &mut stream);
-        let mut columns = Vec::new();
-        for place in self.places(all & !set, &mut stream) {
+        let rows = distinct(|| self.place(set, &mut stream));
+        let mut stream = Stream::new(&[set as u64, 1]);
+        let columns = distinct(|| {
             // Every ray has few numbers that are not like their neighbours: one of them each.
-            let at = (stream.uniform() * self.row as f64) as usize;
-            columns.push(place + at.min(self.row - 1));
-        }
+            let place = self.place(all & !set, &mut stream);
+            place + ((stream.uniform() * self.row as f64) as usize).min(self.row - 1)
+        });
         let part = Mat::from_fn(rows.len(), columns.len(), |i, j| {
             self.values[rows[i] + columns[j]]
         });
-        let Ok(svd) = part.thin_svd() else {
+        let Ok(sizes) = part.singular_values() else {
             return f64::INFINITY;
         };
-        let sizes = svd.S().column_vector();
         let largest = sizes.iter().copied().fold(0.0, f64::max);
         let floor = FLOOR * largest;
         sizes.iter().map(|x| (1.0 + x / floor).log2()).sum()
     }
 
-    /// Where random nodes of the axes in `set` are found; those of the others count from there.
-    fn places(&self, set: usize, stream: &mut Stream) -> Vec<usize> {
-        let mut strides = vec![self.row; self.sizes.len()];
-        for axis in (1..self.sizes.len()).rev() {
-            strides[axis - 1] = strides[axis] * self.sizes[axis];
-        }
-        let mut place = || {
-            let mut sum = 0;
-            for (axis, n) in self.sizes.iter().enumerate() {
-                if set >> axis & 1 == 1 {
-                    sum += strides[axis] * ((stream.uniform() * *n as f64) as usize).min(n - 1);
-                }
+    /// Where a random node of the axes in `set` is found; those of the others count from there.
+    fn place(&self, set: usize, stream: &mut Stream) -> usize {
+        let (mut sum, mut stride) = (0, self.row);
+        for (axis, n) in self.sizes.iter().enumerate().rev() {
+            if set >> axis & 1 == 1 {
+                sum += stride * ((stream.uniform() * *n as f64) as usize).min(n - 1);
             }
-            sum
-        };
-        (0..PART).map(|_| place()).collect()
+            stride *= n;
+        }
+        sum
     }
+}
+
+/// [`PART`] random places, each once: as many as are found.
+fn distinct(mut place: impl FnMut() -> usize) -> Vec<usize> {
+    let mut places: Vec<usize> = (0..2 * PART).map(|_| place()).collect();
+    let mut seen = HashSet::new();
+    places.retain(|place| seen.insert(*place));
+    places.truncate(PART);
+    places
 }
