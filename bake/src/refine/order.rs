@@ -54,16 +54,6 @@ pub fn best(coefficients: &ArrayD<f64>, cameras: usize) -> Layout {
         set &= !(1 << last);
     }
     order.reverse();
-        eprintln!(
-            "{:?} {:?} ranks {:?}",
-            values.sizes,
-            order,
-            ranks.iter().map(|r| *r as i32).collect::<Vec<_>>()
-        );
-    }
-    if std::env::var("GF_PAIRED").is_ok() {
-        return Layout::paired(cameras, rays - cameras);
-    }
     Layout::Train(order)
 }
 
