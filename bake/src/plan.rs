@@ -10,7 +10,7 @@ use geofan::{
 const FIRST_TOLERANCE: f64 = 1e-8;
 
 /// Counts up when refinement changes: parts of another count are baked again.
-pub(crate) const REFINEMENT: u32 = 6;
+pub(crate) const REFINEMENT: u32 = 7;
 
 /// Sizes by the number of axes besides the arc length.
 struct Sizes {
@@ -33,8 +33,8 @@ fn sizes(cameras: usize, axes: usize) -> Sizes {
         2 if cameras == 0 => (24, 48, 576, 11, 1),
         2 => (14, 48, 196, 11, 4),
         3 => (32, 40, 20_000, 14, 2),
-        4 => (24, 28, 100_000, 14, 2),
-        _ => (14, 20, 200_000, 15, 2),
+        4 => (32, 32, 400_000, 14, 2),
+        _ => (18, 24, 700_000, 15, 2),
     };
     Sizes {
         nodes,

@@ -31,10 +31,9 @@ pub fn decompose(
 ) -> Option<Train> {
     let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
-    let graded = graded(coefficients);
-    let permuted = graded.view().permuted_axes(IxDyn(&order));
-    let permuted = permuted.as_standard_layout();
-    let mut rest: Vec<f64> = permuted.iter().copied().collect();
+    let permuted = graded(coefficients).permuted_axes(IxDyn(&order));
+    let permuted = permuted.as_standard_layout().into_owned();
+    let mut rest: Vec<f64> = permuted.into_raw_vec_and_offset().0;
     let sizes = axes.iter().map(|axes| {
         let sizes = axes.iter().map(|a| coefficients.shape()[*a]);
         sizes.collect::<Vec<usize>>()
