@@ -1,7 +1,7 @@
 //! How coarsely coefficients are rounded, by their degree along the arc length.
 
 use crate::expr::real::Real;
-use ndarray::{ArrayD, Axis};
+use ndarray::{Array1, ArrayD};
 
 /// How much more coarsely coefficients of degree `k` along the arc length are rounded: an error of that
 /// degree in the slope moves points by 1/k of it. With the degree itself instead of its root tangents
@@ -12,22 +12,20 @@ fn coarseness(degree: usize) -> f64 {
 
 /// Coefficients (…, arc length, channel) as they are rounded.
 pub fn graded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
-    by_degree(coefficients, |x, factor| x / factor)
+    by_degree(coefficients, |degree| 1.0 / coarseness(degree))
 }
 
 /// What [`graded`] makes these `coefficients` of.
 pub fn ungraded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
-    by_degree(coefficients, |x, factor| x * factor)
+    by_degree(coefficients, coarseness)
 }
 
-/// Each coefficient with the [`coarseness`] of its degree.
-fn by_degree(coefficients: &ArrayD<f64>, with: impl Fn(f64, f64) -> f64) -> ArrayD<f64> {
-    let mut changed = coefficients.clone();
-    let arc = Axis(changed.ndim() - 2);
-    for (degree, mut rows) in changed.axis_iter_mut(arc).enumerate() {
-        rows.mapv_inplace(|x| with(x, coarseness(degree)));
-    }
-    changed
+/// Each coefficient times the factor of its degree along the arc length.
+fn by_degree(coefficients: &ArrayD<f64>, factor: impl Fn(usize) -> f64) -> ArrayD<f64> {
+    let [degrees, channels] = [2, 1].map(|i| coefficients.shape()[coefficients.ndim() - i]);
+    let row = (0..degrees).flat_map(|k| std::iter::repeat_n(factor(k), channels));
+    let row = Array1::from_iter(row).into_shape_with_order((degrees, channels));
+    coefficients * &row.expect("a factor for each degree and channel")
 }
 
 /// What [`graded`] did to `values` of a core of `shape`, whose last axes are arc length and channel.

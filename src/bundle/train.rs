@@ -112,17 +112,28 @@ fn selected(core: ArrayD<i32>, axis: usize, kept: &[usize]) -> ArrayD<i32> {
 
 /// For each bond the indices whose column and row are not zero; at least one.
 fn kept_ranks(cores: &[ArrayD<i32>]) -> Vec<Vec<usize>> {
-    let lives = |core: &ArrayD<i32>, axis: usize, j: usize| {
-        core.index_axis(Axis(axis), j).iter().any(|c| *c != 0)
-    };
-    let pairs = cores.windows(2);
-    let kept = pairs.map(|pair| {
-        let axis = pair[0].ndim() - 1;
-        let both = |j: &usize| lives(&pair[0], axis, *j) && lives(&pair[1], 0, *j);
-        let kept: Vec<usize> = (0..pair[1].len_of(Axis(0))).filter(both).collect();
+    let kept = cores.windows(2).map(|pair| {
+        let (columns, rows) = (living_columns(&pair[0]), living_rows(&pair[1]));
+        let both = |j: &usize| columns[*j] && rows[*j];
+        let kept: Vec<usize> = (0..rows.len()).filter(both).collect();
         if kept.is_empty() { vec![0] } else { kept }
     });
     kept.collect()
+}
+
+/// Which indices of the first axis have a number that is not zero.
+fn living_rows(core: &ArrayD<i32>) -> Vec<bool> {
+    let rows = core.outer_iter();
+    rows.map(|row| row.iter().any(|x| *x != 0)).collect()
+}
+
+/// The same of the last axis.
+fn living_columns(core: &ArrayD<i32>) -> Vec<bool> {
+    let mut living = vec![false; core.len_of(Axis(core.ndim() - 1))];
+    for row in core.rows() {
+        living.iter_mut().zip(row).for_each(|(l, x)| *l |= *x != 0);
+    }
+    living
 }
 
 /// Without the degrees beyond the last that is not zero; the channels of the last core are kept.
