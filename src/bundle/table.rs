@@ -16,6 +16,7 @@ use crate::{
     fan::{FanSpace, Image, Place},
 };
 use glam::DVec3;
+use rayon::prelude::*;
 use std::sync::{Arc, OnceLock};
 
 /// A chunk, decoded when it is first used: a table of megabytes opens in milliseconds, and a camera
@@ -112,7 +113,10 @@ impl Table {
     /// `u` is not in the camera region, or the patches there are damaged.
     pub fn fan(&self, u: DVec3) -> Result<Fan<'_>> {
         let place = self.space.place(u)?;
-        let faces = (0..self.space.faces()).map(|face| self.facet(&place, face));
+        // A chunk that no camera has needed before is decoded now, which takes far longer than the
+        // contraction.
+        let faces = (0..self.space.faces()).into_par_iter();
+        let faces = faces.map(|face| self.facet(&place, face));
         let faces = faces.collect::<Result<Vec<_>, Damage>>();
         let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
         Ok(Fan::new(self, place, faces))
