@@ -138,7 +138,7 @@ mod tests {
         let points = [[0.3, -0.9, 0.1], [1.0, 0.5, -0.7]];
         let rows = polynomial.at(&points.each_ref().map(|p| p.as_slice()));
         for (row, x) in rows.iter().zip(points) {
-            let weights = values_at(&shape, &x);
+            let weights: Vec<Vec<f64>> = values_at(&shape, &x);
             let mut expected = vec![0.0; 6];
             for (i, c) in polynomial.0.indexed_iter() {
                 let weight: f64 = (0..3).map(|a| weights[a][i[a]]).product();

@@ -42,8 +42,8 @@ impl LastPieces {
     #[inline(always)]
     pub fn endings(&self, mixing: &Mixing, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
         let mixed = |vertex: &Vertex| {
-            let state = [&vertex.point, &vertex.tangent];
-            (vertex.s, state.map(|points| mixing.mix_points(points)))
+            let point = mixing.mix_points(&vertex.point);
+            (vertex.s, [point, mixing.mix_points(&vertex.tangent)])
         };
         finder.endings_of_sixteen(self.vertices.iter().map(mixed))
     }
