@@ -22,8 +22,9 @@ pub struct Strands {
     values: Vec<f64>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
-    /// What a tracer that looks paths up took from its table for each of them, else nothing.
+    /// What a tracer that looks paths up took from its table for some of them, and their numbers there.
     courses: Courses,
+    numbers: Vec<Option<usize>>,
 }
 
 /// One of them.
@@ -39,8 +40,8 @@ pub struct Strand<'a> {
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
-    /// What its tracer took from a table, and the path's number there.
-    pub(super) source: (&'a Courses, usize),
+    /// What its tracer took from a table, and the path's number there if it is there.
+    pub(super) source: (&'a Courses, Option<usize>),
 }
 
 impl Strands {
@@ -53,6 +54,7 @@ impl Strands {
             known: Vec::new(),
             endings: Vec::new(),
             courses: Courses::default(),
+            numbers: Vec::new(),
         }
     }
 
@@ -73,19 +75,21 @@ impl Strands {
         self.known.clear();
         self.endings.clear();
         self.courses.clear();
+        self.numbers.clear();
     }
 
-    /// Adds paths with their `courses`, one for each of the paths that there will be, by what `add` does.
+    /// Adds paths, some of them with `courses`, by what `add` does.
     pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut Courses)) {
         let mut courses = std::mem::take(&mut self.courses);
         add(self, &mut courses);
         self.courses = courses;
     }
 
-    /// Adds the path in `direction`: `fill` writes its rows and says how many knots are known, `end` how it ends.
+    /// Adds the path in `direction`, which may have a number among the courses: `fill` writes its rows
+    /// and says how many knots are known, `end` how it ends.
     pub fn push(
         &mut self,
-        direction: DVec3,
+        (direction, number): (DVec3, Option<usize>),
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
         end: impl FnOnce(Strand<'_>) -> Option<Ending>,
     ) {
@@ -102,9 +106,10 @@ impl Strands {
             rows: &self.values[start..],
             known,
             ending: None,
-            source: (&self.courses, self.endings.len()),
+            source: (&self.courses, number),
         };
         self.endings.push(end(strand));
+        self.numbers.push(number);
     }
 
     /// The arc lengths of the knots.
@@ -121,7 +126,7 @@ impl Strands {
             rows: &self.values[i * length..(i + 1) * length],
             known: self.known[i],
             ending: self.endings[i],
-            source: (&self.courses, i),
+            source: (&self.courses, self.numbers[i]),
         }
     }
 }

@@ -406,6 +406,18 @@ impl FanSpace {
         Some(vec![0.5 * (low + high)])
     }
 
+    /// The stored ray at direction parameters, from the camera position stored for `place`.
+    pub fn stored_ray(&self, place: &Place, face: usize, directions: &[f64]) -> Located {
+        let (u, d) = self.ray(face, &place.parameters, directions);
+        Located {
+            face,
+            direction: directions.to_vec(),
+            u,
+            v: place.stored_inverse.inverse() * d,
+            isometry: Isometry::Identity,
+        }
+    }
+
     /// The ray from `place` in the direction `d` (standard frame, unit) in stored parameters.
     pub fn locate(&self, place: &Place, d: DVec3) -> Located {
         let v = place.frame * d;
