@@ -8,7 +8,7 @@ use super::{
     curve::Ending,
     endings::EndingFinder,
     lanes::LANES,
-    packet::Mixing,
+    packet::Bicubic,
     sheaf::{Sheaf, Vertex},
     tracer::GridTracer,
 };
@@ -40,7 +40,7 @@ impl LastPieces {
 
     /// How the paths of sixteen samples end.
     #[inline(always)]
-    pub fn endings(&self, mixing: &Mixing, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
+    pub fn endings(&self, mixing: &Bicubic, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
         let mixed = |vertex: &Vertex| {
             let point = mixing.mix_points(&vertex.point);
             (vertex.s, [point, mixing.mix_points(&vertex.tangent)])

@@ -1,6 +1,6 @@
 //! Sixteen samples at once: the pixel step.
 //!
-//! In: a tile's ribbon and endings, and how each sample's path comes from its sixteen ([`Mixing`]).
+//! In: a tile's ribbon and endings, and how each sample's path comes from its sixteen ([`Bicubic`]).
 //! Out: what each sample sees.
 
 use super::{
@@ -9,7 +9,7 @@ use super::{
     intersect::Hit,
     lanes::{LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, range, single},
     outcome::{Seen, beyond},
-    ribbon::{Ribbon, RibbonChord},
+    ribbon::{Chords, Ribbon, RibbonChord},
     sheaf::{Sheaf, Spread},
     world::World,
 };
@@ -17,13 +17,13 @@ use glam::{DVec2, DVec3, Vec3};
 
 /// How the paths of sixteen samples come from the sixteen of a sheaf: the weights of each path, for
 /// all samples. In single precision, which is enough for differences between neighbours.
-pub struct Mixing([SingleLanes; LANES]);
+pub struct Bicubic([SingleLanes; LANES]);
 
-impl Mixing {
+impl Bicubic {
     /// Bicubic weights of 4 × 4 paths at even spacing, at places in the tile as fractions of its
     /// side.
     #[inline(always)]
-    pub fn bicubic(places: &[DVec2; LANES]) -> Self {
+    pub fn new(places: &[DVec2; LANES]) -> Self {
         let x = cubic_lanes(|l| places[l].x);
         let y = cubic_lanes(|l| places[l].y);
         let mut weights = [[0.0; LANES]; LANES];
@@ -133,15 +133,15 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// What sixteen samples see.
+    /// What sixteen samples see, where they may meet something on `chords`.
     #[inline(always)]
-    pub fn seen(&self, mixing: &Mixing) -> [Seen; LANES] {
+    pub fn seen(&self, mixing: &Bicubic, chords: &Chords) -> [Seen; LANES] {
         // An infinite limit times a weight is no number.
         let limits = match self.exit {
             Some(_) => mixing.mix(&self.limits),
             None => [f64::INFINITY; LANES],
         };
-        let found = self.first_hits(mixing, &limits);
+        let found = self.first_hits(mixing, chords, &limits);
         let sky = directions(&mixing.mix_spread(&self.skies));
         let mut seen = [Seen::Nothing; LANES];
         for l in 0..LANES {
@@ -160,9 +160,14 @@ impl<'a> Target<'a> {
 
     /// What sixteen samples see whose paths end each in its own way.
     #[inline(always)]
-    pub fn seen_before(&self, mixing: &Mixing, endings: &[Ending; LANES]) -> [Seen; LANES] {
+    pub fn seen_before(
+        &self,
+        mixing: &Bicubic,
+        chords: &Chords,
+        endings: &[Ending; LANES],
+    ) -> [Seen; LANES] {
         let limits = each(|l| endings[l].limit());
-        let found = self.first_hits(mixing, &limits);
+        let found = self.first_hits(mixing, chords, &limits);
         let mut seen = [Seen::Nothing; LANES];
         for l in 0..LANES {
             seen[l] = match found.hit[l] {
@@ -174,7 +179,7 @@ impl<'a> Target<'a> {
     }
 
     #[inline(always)]
-    fn first_hits(&self, mixing: &Mixing, limits: &Lanes) -> Found {
+    fn first_hits(&self, mixing: &Bicubic, chords: &Chords, limits: &Lanes) -> Found {
         let mut found = Found {
             s: *limits,
             hit: [false; LANES],
@@ -184,7 +189,7 @@ impl<'a> Target<'a> {
         };
         // The ends of the chord before, which are often needed again.
         let mut known: Option<(usize, [Spread; 2])> = None;
-        for chord in &self.ribbon.chords {
+        for chord in chords.iter() {
             let (s, next) = (self.s(chord.from), self.s(chord.from + 1));
             let share = 1.0 / (next - s);
             let most = single(|l| ((found.s[l] - s) * share).min(1.0) as f32);
@@ -192,7 +197,7 @@ impl<'a> Target<'a> {
                 break;
             }
             let ends = self.ends(mixing, chord.from, known);
-            let roots = self.ribbon.roots(chord);
+            let roots = chords.roots(chord);
             let accelerator = &self.world.accelerator;
             let hits = accelerator.first_hits(roots, [&ends[0], &ends[1]], chord.shift, &most);
             if range(&hits.t)[0] < f32::INFINITY {
@@ -213,7 +218,7 @@ impl<'a> Target<'a> {
     #[inline(always)]
     fn ends(
         &self,
-        mixing: &Mixing,
+        mixing: &Bicubic,
         from: usize,
         known: Option<(usize, [Spread; 2])>,
     ) -> [Spread; 2] {
@@ -227,7 +232,7 @@ impl<'a> Target<'a> {
 
     /// Takes over the hits of one chord, which are nearer than what was known.
     #[inline(always)]
-    fn keep(&self, mixing: &Mixing, chord: &RibbonChord, hits: &PacketHits, found: &mut Found) {
+    fn keep(&self, mixing: &Bicubic, chord: &RibbonChord, hits: &PacketHits, found: &mut Found) {
         let (from, to) = (chord.from, chord.from + 1);
         let (s, length) = (self.s(from), self.s(to) - self.s(from));
         let start = mixing.mix_spread(&self.ribbon.vertices[from].tangent);
