@@ -108,9 +108,9 @@ impl<'t> Fan<'t> {
     }
 
     /// The path at direction parameters of a face as it is stored: what no isometry has carried.
-    pub fn stored_path(&self, face: usize, directions: &[f64]) -> FanPath<'_, 't> {
+    pub fn stored_path(&self, face: usize, direction: [f64; 2]) -> FanPath<'_, 't> {
         let mut courses = Courses::default();
-        let located = self.table.space.stored_ray(&self.place, face, directions);
+        let located = self.table.space.stored_ray(&self.place, face, direction);
         let number = self.follow(located, &mut courses, Contracted::direction);
         FanPath::new(self, courses, number)
     }
@@ -118,8 +118,6 @@ impl<'t> Fan<'t> {
     fn follow(&self, located: Located, courses: &mut Courses, evaluate: Evaluate) -> usize {
         let facet = &self.faces[located.face];
         let located = located.carried(facet.image.as_ref());
-        let mut direction = [0.0; 2];
-        direction[..located.direction.len()].copy_from_slice(&located.direction);
-        courses.add(self.table, &facet.node, (located, direction), evaluate)
+        courses.add(self.table, &facet.node, located, evaluate)
     }
 }

@@ -3,7 +3,7 @@
 //! In: a [`Strand`]. Out: its [`Ending`]: the first event on the cubics between its knots.
 
 use super::{
-    curve::{Ending, Piece, ending_at},
+    curve::{Ending, Piece},
     lanes::{LANES, Points, lane, more},
     strands::{ROWS, Strand},
 };
@@ -37,6 +37,8 @@ pub struct EndingFinder<'m> {
     /// Their values at both ends of the piece on which the first event was found last, and at the
     /// knot after it.
     rise: Vec<[f64; 3]>,
+    /// For the sky's direction at each exit.
+    skies: Vec<Option<Registers<f64, 1>>>,
 }
 
 impl Event {
@@ -59,6 +61,9 @@ impl<'m> EndingFinder<'m> {
             registers: manifold.domain.events().registers(),
             before: vec![f64::NAN; manifold.domain.kinds.len()],
             rise: vec![[f64::NAN; 3]; manifold.domain.kinds.len()],
+            skies: (0..manifold.exits.len())
+                .map(|exit| manifold.sky_registers(Some(exit)))
+                .collect(),
         }
     }
 
@@ -177,10 +182,17 @@ impl<'m> EndingFinder<'m> {
     }
 
     /// The ending by an event.
-    pub fn by(&self, event: &Event) -> Ending {
+    pub fn by(&mut self, event: &Event) -> Ending {
         let domain = &self.manifold.domain;
-        let end = End::of_event(domain, domain.kinds[event.kind]);
-        ending_at(self.manifold, end, event.s, event.u, event.v)
+        let Event { s, u, v, .. } = *event;
+        match End::of_event(domain, domain.kinds[event.kind]) {
+            End::Exit(exit) => {
+                let registers = self.skies[exit].as_mut();
+                let sky = self.manifold.sky_direction_in(registers, Some(exit), u, v);
+                Ending::Exit { exit, s, sky }
+            }
+            End::Length | End::Singular => Ending::Nowhere,
+        }
     }
 
     /// The first of the `count` knots from `first` on at which an event counts, if any; `rise` is then

@@ -81,10 +81,14 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
-        let known = match strand.source {
-            (courses, Some(number)) => self.fan.among(courses, number).sample(s, rows),
-            (_, None) => self.fan.path(strand.direction).sample(s, rows),
-        };
+        let (courses, number) = strand.source;
+        let number = number.get().unwrap_or_else(|| {
+            let located = self.fan.locate(strand.direction);
+            let added = self.fan.add(located, &mut courses.borrow_mut());
+            number.set(Some(added));
+            added
+        });
+        let known = self.fan.among(&courses.borrow(), number).sample(s, rows);
         stay(rows, s.len(), known);
     }
 

@@ -12,12 +12,15 @@ use super::{
     strands::{ROWS, Strand},
 };
 use crate::{
-    bundle::{Courses, Fan, chebyshev},
+    bundle::{Fan, chebyshev},
     expr::vectorised,
     fan::Located,
 };
 use glam::{DMat3, DVec3};
-use std::sync::{Arc, LazyLock, OnceLock};
+use std::{
+    cell::{Cell, RefCell},
+    sync::{Arc, LazyLock, OnceLock},
+};
 
 /// Paths along an interval.
 const NODES: usize = 8;
@@ -172,7 +175,7 @@ impl<'f, 't> Pencil<'f, 't> {
         p: f64,
         endings: &mut EndingFinder<'_>,
     ) -> Option<(Vec<f64>, Option<Event>)> {
-        let path = self.fan.stored_path(face, &[p]);
+        let path = self.fan.stored_path(face, [p, 0.0]);
         let mut rows = vec![0.0; ROWS * self.knots.len()];
         let known = path.sample(&self.knots, &mut rows);
         let strand = Strand {
@@ -181,7 +184,7 @@ impl<'f, 't> Pencil<'f, 't> {
             rows: &rows,
             known,
             ending: None,
-            source: (&Courses::default(), None),
+            source: (&RefCell::default(), &Cell::new(None)),
         };
         let event = endings.sharp_event(strand, |s, rows| path.sample(s, rows));
         (known == self.knots.len()).then_some((rows, event))

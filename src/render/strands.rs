@@ -7,7 +7,10 @@
 use super::curve::{Ending, Piece};
 use crate::bundle::Courses;
 use glam::DVec3;
-use std::sync::Arc;
+use std::{
+    cell::{Cell, RefCell},
+    sync::Arc,
+};
 
 /// Rows of a path: x, y, z and the components of the tangent.
 pub const ROWS: usize = 6;
@@ -23,8 +26,8 @@ pub struct Strands {
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
     /// What a tracer that looks paths up took from its table for some of them, and their numbers there.
-    courses: Courses,
-    numbers: Vec<Option<usize>>,
+    courses: RefCell<Courses>,
+    numbers: Vec<Cell<Option<usize>>>,
 }
 
 /// One of them.
@@ -40,8 +43,8 @@ pub struct Strand<'a> {
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
-    /// What its tracer took from a table, and the path's number there if it is there.
-    pub(super) source: (&'a Courses, Option<usize>),
+    /// What its tracer took from a table, and the path's number there once it is there.
+    pub(super) source: (&'a RefCell<Courses>, &'a Cell<Option<usize>>),
 }
 
 impl Strands {
@@ -53,7 +56,7 @@ impl Strands {
             values: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
-            courses: Courses::default(),
+            courses: RefCell::default(),
             numbers: Vec::new(),
         }
     }
@@ -74,15 +77,15 @@ impl Strands {
         self.values.clear();
         self.known.clear();
         self.endings.clear();
-        self.courses.clear();
+        self.courses.get_mut().clear();
         self.numbers.clear();
     }
 
     /// Adds paths, some of them with `courses`, by what `add` does.
     pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut Courses)) {
-        let mut courses = std::mem::take(&mut self.courses);
+        let mut courses = self.courses.take();
         add(self, &mut courses);
-        self.courses = courses;
+        self.courses.replace(courses);
     }
 
     /// Adds the path in `direction`, which may have a number among the courses: `fill` writes its rows
@@ -106,10 +109,10 @@ impl Strands {
             rows: &self.values[start..],
             known,
             ending: None,
-            source: (&self.courses, number),
+            source: (&self.courses, &Cell::new(number)),
         };
         self.endings.push(end(strand));
-        self.numbers.push(number);
+        self.numbers.push(Cell::new(number));
     }
 
     /// The arc lengths of the knots.
@@ -126,7 +129,7 @@ impl Strands {
             rows: &self.values[i * length..(i + 1) * length],
             known: self.known[i],
             ending: self.endings[i],
-            source: (&self.courses, self.numbers[i]),
+            source: (&self.courses, &self.numbers[i]),
         }
     }
 }
