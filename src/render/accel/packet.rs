@@ -232,6 +232,15 @@ impl Chords {
             self.volume(&a, &c),
             self.volume(&b, &a),
         );
+        let mut inside = [false; LANES];
+        for l in 0..LANES {
+            let (x, y, z) = (edges.0[l], edges.1[l], edges.2[l]);
+            inside[l] = (less(less(x, y), z) >= 0.0) | (more(more(x, y), z) <= 0.0);
+        }
+        // Most triangles are beside all chords.
+        if !inside.contains(&true) {
+            return false;
+        }
         let ahead = (self.along(&a), self.along(&b), self.along(&c));
         let mut found = [f32::INFINITY; LANES];
         let mut weights = [[0.0; LANES]; 2];
@@ -241,9 +250,8 @@ impl Chords {
             let (y, z, x) = (y * scale, z * scale, x * scale);
             let t = (x * ahead.0[l] + y * ahead.1[l] + z * ahead.2[l]) / self.squared[l];
             // Seen edge-on the weights and `t` are not numbers, and no comparison holds.
-            let inside = (x >= 0.0) & (y >= 0.0) & (z >= 0.0);
             let within = (t >= -self.margin[l]) & (t <= best[l] + self.margin[l]);
-            found[l] = if inside & within & (t < hits.t[l]) {
+            found[l] = if inside[l] & within & (t < hits.t[l]) {
                 more(t, 0.0)
             } else {
                 f32::INFINITY
