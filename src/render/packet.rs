@@ -7,7 +7,7 @@ use super::{
     accel::PacketHits,
     curve::Ending,
     intersect::Hit,
-    lanes::{LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, range, single},
+    lanes::{LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, single},
     outcome::{Seen, beyond},
     ribbon::{Chords, Ribbon, RibbonChord},
     sheaf::{Sheaf, Spread},
@@ -193,14 +193,14 @@ impl<'a> Target<'a> {
             let (s, next) = (self.s(chord.from), self.s(chord.from + 1));
             let share = 1.0 / (next - s);
             let most = single(|l| ((found.s[l] - s) * share).min(1.0) as f32);
-            if range(&most)[1] < 0.0 {
+            if !most.iter().any(|most| *most >= 0.0) {
                 break;
             }
             let ends = self.ends(mixing, chord.from, known);
             let roots = chords.roots(chord);
             let accelerator = &self.world.accelerator;
-            let hits = accelerator.first_hits(roots, [&ends[0], &ends[1]], chord.shift, &most);
-            if range(&hits.t)[0] < f32::INFINITY {
+            let both = [&ends[0], &ends[1]];
+            if let Some(hits) = accelerator.first_hits(roots, both, chord.shift, &most) {
                 self.keep(mixing, chord, &hits, &mut found);
             }
             known = Some((chord.from, ends));

@@ -92,7 +92,7 @@ impl Accelerator {
     }
 
     /// The first triangle on each chord from `a` to `b`, both moved by `shift`, at most at `limit`
-    /// (negative: nothing is asked of this lane) below the nodes `roots`.
+    /// (negative: nothing is asked of this lane) below the nodes `roots`; `None` if there are none.
     #[inline(always)]
     pub fn first_hits(
         &self,
@@ -100,7 +100,7 @@ impl Accelerator {
         [a, b]: [&Spread; 2],
         shift: DVec3,
         limit: &SingleLanes,
-    ) -> PacketHits {
+    ) -> Option<PacketHits> {
         let chords = self.chords(a, b, shift);
         let mut hits = PacketHits {
             t: [f32::INFINITY; LANES],
@@ -111,13 +111,13 @@ impl Accelerator {
         let mut stack = Stack::default();
         for root in roots {
             let entered = chords.enter(self.nodes[*root as usize].aabb(), &reach);
-            stack.push_if(entered < f32::INFINITY, (*root, 0.0));
+            stack.push_if(entered, (*root, 0.0));
         }
         let mut met = false;
         while let Some((index, _)) = stack.pop() {
             let node: &Bvh2Node = &self.nodes[index as usize];
             // A node on the stack has been entered, if no nearer triangle has been met since.
-            if met && chords.enter(node.aabb(), &reach) == f32::INFINITY {
+            if met && !chords.enter(node.aabb(), &reach) {
                 continue;
             }
             if node.is_leaf() {
@@ -129,20 +129,19 @@ impl Accelerator {
                 }
                 continue;
             }
-            let (left, right) = (node.first_index, node.first_index + 1);
-            let to_left = chords.enter(self.nodes[left as usize].aabb(), &reach);
-            let to_right = chords.enter(self.nodes[right as usize].aabb(), &reach);
+            let [left, right] = [node.first_index, node.first_index + 1];
+            let boxes = [left, right].map(|i| self.nodes[i as usize].aabb());
             // The one that is met first is pushed last.
-            let order = if to_left <= to_right {
-                [(to_right, right), (to_left, left)]
+            let order = if chords.run_from(boxes[0], boxes[1]) {
+                [(right, boxes[1]), (left, boxes[0])]
             } else {
-                [(to_left, left), (to_right, right)]
+                [(left, boxes[0]), (right, boxes[1])]
             };
-            for (entered, child) in order {
-                stack.push_if(entered < f32::INFINITY, (child, 0.0));
+            for (child, aabb) in order {
+                stack.push_if(chords.enter(aabb, &reach), (child, 0.0));
             }
         }
-        hits
+        met.then_some(hits)
     }
 
     /// A chart length in tree units.
@@ -191,12 +190,12 @@ impl Accelerator {
 }
 
 impl Chords {
-    /// Where the first of the chords enters the box before its `reach`; infinite if none does. The
-    /// tree's own margin is in the box already.
+    /// Whether any of the chords enters the box before its `reach`. The tree's own margin is in the box
+    /// already.
     #[inline(always)]
-    fn enter(&self, b: &Aabb, reach: &SingleLanes) -> f32 {
+    fn enter(&self, b: &Aabb, reach: &SingleLanes) -> bool {
         let (min, max) = (b.min.to_array(), b.max.to_array());
-        let mut first = [0.0; LANES];
+        let mut entered = [false; LANES];
         for l in 0..LANES {
             let (mut enter, mut leave) = (0.0, reach[l]);
             for c in 0..3 {
@@ -205,9 +204,17 @@ impl Chords {
                 enter = more(less(from, to) - self.slack[c][l], enter);
                 leave = less(more(from, to) + self.slack[c][l], leave);
             }
-            first[l] = if enter <= leave { enter } else { f32::INFINITY };
+            entered[l] = enter <= leave;
         }
-        range(&first)[0]
+        entered.contains(&true)
+    }
+
+    /// Whether the chords, of which one stands for all, run from one box to the other rather than back.
+    #[inline(always)]
+    fn run_from(&self, from: &Aabb, to: &Aabb) -> bool {
+        let way = to.min + to.max - from.min - from.max;
+        let along = |c: usize| way[c] * self.way[c][LANES / 2];
+        along(0) + along(1) + along(2) >= 0.0
     }
 
     /// A triangle's corners from the origin, in tree units.
