@@ -233,7 +233,7 @@ impl Chords {
         best: &mut SingleLanes,
         hits: &mut PacketHits,
     ) -> bool {
-        let (a, b, c) = (self.from_start(a), self.from_start(b), self.from_start(c));
+        let (a, b, c) = (self.offsets(a), self.offsets(b), self.offsets(c));
         let edges = (
             self.volume(&c, &b),
             self.volume(&a, &c),
@@ -284,9 +284,9 @@ impl Chords {
         true
     }
 
-    /// A point from every chord's start.
+    /// A point's offsets from the chords' starts.
     #[inline(always)]
-    fn from_start(&self, p: &[f32; 3]) -> SinglePoints {
+    fn offsets(&self, p: &[f32; 3]) -> SinglePoints {
         let from = |c: usize| single(|l| p[c] - self.start[c][l]);
         [from(0), from(1), from(2)]
     }
