@@ -9,8 +9,12 @@ use super::{chebyshev, contracted::Contracted, matrix::product};
 use crate::expr::real::Real;
 use std::{f64::consts::PI, sync::OnceLock};
 
-/// Nodes along each side of a cell.
-const NODES: usize = 8;
+/// Nodes along each side of a cell. With 8, a third of the paths of a frame among three bumps found
+/// that their cell would leave out too much, and took the whole patch; with 10 none does.
+const NODES: usize = 10;
+
+/// Patches with fewer coefficients in the direction are evaluated whole: cells keep some 40.
+const FEWEST: usize = 128;
 
 /// Coefficients of the whole patch for each cell along an axis: a polynomial of that degree swings once
 /// in a cell, so that its coefficients there fall fast before the last of [`NODES`].
@@ -25,6 +29,8 @@ const LEFT_OUT: f32 = 4e-6;
 #[derive(Debug, Clone)]
 pub(super) struct Cells {
     edges: [Vec<f64>; 2],
+    /// The patch on the cells of each interval of the first parameter, whole in the second.
+    strips: Box<[OnceLock<Vec<f32>>]>,
     /// `None` where a cell would leave out too much.
     cells: Box<[OnceLock<Option<Box<Contracted>>>]>,
 }
@@ -33,13 +39,14 @@ impl Cells {
     /// Cells for `degrees` coefficients in both parameters; `None` if they would hardly be fewer in
     /// a cell.
     pub(super) fn new(degrees: [usize; 2]) -> Option<Self> {
-        if degrees[0] * degrees[1] < 2 * NODES * NODES {
+        if degrees[0] * degrees[1] < FEWEST {
             return None;
         }
         let edges = degrees.map(|n| edges(n.div_ceil(PER_CELL)));
         let count = edges.each_ref().map(|edges| edges.len() - 1);
         Some(Self {
             edges,
+            strips: (0..count[0]).map(|_| OnceLock::new()).collect(),
             cells: (0..count[0] * count[1]).map(|_| OnceLock::new()).collect(),
         })
     }
@@ -53,7 +60,8 @@ impl Cells {
         let [i, j] = [0, 1].map(|k| number(&self.edges[k], place[k]));
         let sides = [(0, i), (1, j)].map(|(k, i)| [self.edges[k][i], self.edges[k][i + 1]]);
         let cell = &self.cells[i * (self.edges[1].len() - 1) + j];
-        let cell = cell.get_or_init(|| restricted(patch, sides).map(Box::new));
+        let strip = || self.strips[i].get_or_init(|| strip(patch, sides[0]));
+        let cell = cell.get_or_init(|| restricted(patch, strip(), sides[1]).map(Box::new));
         let inner = [0, 1].map(|k| {
             let [low, high] = sides[k];
             2.0 * (place[k] - low) / (high - low) - 1.0
@@ -72,14 +80,18 @@ fn number(edges: &[f64], x: f64) -> usize {
     edges[1..edges.len() - 1].partition_point(|edge| *edge <= x)
 }
 
-/// `patch` on a box of its parameters; `None` if that leaves out too much.
-fn restricted(patch: &Contracted, sides: [[f64; 2]; 2]) -> Option<Contracted> {
-    let [np, nq] = patch.degrees();
-    let row = patch.row();
-    let along_p = product(&restriction(np, sides[0]), np, patch.table());
-    let matrix = restriction(nq, sides[1]);
+/// The coefficients of `patch` on an interval of its first parameter, axes (p, q, row).
+fn strip(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
+    let np = patch.degrees()[0];
+    product(&restriction(np, side), np, patch.table())
+}
+
+/// `patch` on a box of its parameters, from its `strip` there; `None` if that leaves out too much.
+fn restricted(patch: &Contracted, strip: &[f32], side: [f64; 2]) -> Option<Contracted> {
+    let (nq, row) = (patch.degrees()[1], patch.row());
+    let matrix = restriction(nq, side);
     let mut table = Vec::with_capacity(NODES * NODES * row);
-    for plane in along_p.chunks_exact(nq * row) {
+    for plane in strip.chunks_exact(nq * row) {
         table.extend(product(&matrix, nq, plane));
     }
     let sizes: Vec<f32> = table

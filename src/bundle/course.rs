@@ -51,17 +51,17 @@ impl Courses {
         self.coefficients.clear();
     }
 
-    /// Takes up a ray of `table` from the patches of `node` around the direction parameters; its number.
+    /// Takes up a ray of `table` from the patches of `node` around it; its number.
     pub(super) fn add(
         &mut self,
         table: &Table,
         node: &FanNode,
-        (located, direction): (Located, [f64; 2]),
+        located: Located,
         evaluate: Evaluate,
     ) -> usize {
         let first = self.pieces.len();
         let axis = table.space.directions();
-        self.collect(node, axis, direction, [0.0, table.length], evaluate);
+        self.collect(node, axis, located.direction, [0.0, table.length], evaluate);
         self.heads.push(Head {
             start: table.space.lift().start(located.u, located.v),
             u: located.u,

@@ -9,7 +9,7 @@ use super::{
     table::Table,
     tree::Tree,
 };
-use crate::fan::{Image, Place};
+use crate::fan::{FanSpace, Image, Located, Place};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -81,15 +81,15 @@ impl<'t> Fan<'t> {
     /// The path in the direction `d` (standard frame, unit).
     pub fn path(&self, d: DVec3) -> FanPath<'_, 't> {
         let mut courses = Courses::default();
-        let number = self.follow(d, &mut courses, Contracted::direction);
+        let number = self.follow(self.locate(d), &mut courses, Contracted::direction);
         FanPath::new(self, courses, number)
     }
 
-    /// Appends the path in the direction `d`, one of many close together, to `courses`; its number
-    /// there. It is that of [`Fan::path`] but for what cells of patches leave out (see
+    /// Appends the path of a located ray, one of many close together, to `courses`; its number there.
+    /// It is that of [`Fan::path`] but for what cells of patches leave out (see
     /// [`Contracted::nearby`]).
-    pub fn add(&self, d: DVec3, courses: &mut Courses) -> usize {
-        self.follow(d, courses, Contracted::nearby)
+    pub fn add(&self, located: Located, courses: &mut Courses) -> usize {
+        self.follow(located, courses, Contracted::nearby)
     }
 
     /// The path that [`Fan::add`] gave a number.
@@ -97,12 +97,27 @@ impl<'t> Fan<'t> {
         FanPath::new(self, courses, number)
     }
 
-    fn follow(&self, d: DVec3, courses: &mut Courses, evaluate: Evaluate) -> usize {
-        let located = self.table.space.locate(&self.place, d);
+    /// The rays that the table knows.
+    pub fn space(&self) -> &FanSpace {
+        &self.table.space
+    }
+
+    /// The ray in the direction `d` in stored parameters.
+    pub fn locate(&self, d: DVec3) -> Located {
+        self.table.space.locate(&self.place, d)
+    }
+
+    /// The path at direction parameters of a face as it is stored: what no isometry has carried.
+    pub fn stored_path(&self, face: usize, direction: [f64; 2]) -> FanPath<'_, 't> {
+        let mut courses = Courses::default();
+        let located = self.table.space.stored_ray(&self.place, face, direction);
+        let number = self.follow(located, &mut courses, Contracted::direction);
+        FanPath::new(self, courses, number)
+    }
+
+    fn follow(&self, located: Located, courses: &mut Courses, evaluate: Evaluate) -> usize {
         let facet = &self.faces[located.face];
         let located = located.carried(facet.image.as_ref());
-        let mut direction = [0.0; 2];
-        direction[..located.direction.len()].copy_from_slice(&located.direction);
-        courses.add(self.table, &facet.node, (located, direction), evaluate)
+        courses.add(self.table, &facet.node, located, evaluate)
     }
 }

@@ -72,7 +72,8 @@ impl Table {
     pub fn box_at(&self, place: &Place, located: &Located, s: f64) -> Result<BoxPlace, Damage> {
         let kept = self.kept(place, located.face);
         let (chunk, mut point) = (kept.chunk, kept.camera);
-        point.extend(located.clone().carried(kept.image.as_ref()).direction);
+        let carried = located.clone().carried(kept.image.as_ref());
+        point.extend(&carried.direction[..self.space.directions()]);
         point.push(2.0 * s / self.length - 1.0);
         let mut intervals = vec![[-1.0, 1.0]; point.len()];
         let mut tree = self.chunks[chunk].tree()?;

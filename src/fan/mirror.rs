@@ -284,7 +284,7 @@ impl Located {
         let parameters = image.parameters.map(|(j, sign)| sign * self.direction[j]);
         Self {
             face: image.face,
-            direction: parameters.to_vec(),
+            direction: parameters,
             u: p * self.u + shift,
             v: p * self.v,
             isometry: self.isometry.after(image.back),

@@ -24,7 +24,7 @@ pub use symmetry::{Isometry, Symmetry};
 use crate::{
     diagnostic::SourceText,
     error::{Error, Result, read_text},
-    expr::Tape,
+    expr::{Registers, Tape},
 };
 use glam::{DMat3, DVec3};
 use std::{path::Path, sync::Arc};
@@ -160,19 +160,42 @@ impl Manifold {
     /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with
     /// tangent `v` (chart components): normalised, NaN only if the file's expressions are.
     pub fn sky_direction(&self, exit: Option<usize>, u: DVec3, v: DVec3) -> DVec3 {
-        let point = [u.x, u.y, u.z, v.x, v.y, v.z];
-        let own = exit.and_then(|e| self.exits[e].direction.as_ref());
-        let direction = match (own, &self.tapes.jacobian) {
-            (Some(tape), _) => DVec3::from_slice(&tape.at(&point)),
-            (None, Some(jacobian)) => {
-                let j = jacobian.at(&point[..3]);
-                DVec3::from_array(
-                    [0, 1, 2].map(|i| j[3 * i] * v.x + j[3 * i + 1] * v.y + j[3 * i + 2] * v.z),
-                )
+        let mut registers = self.sky_registers(exit);
+        self.sky_direction_in(registers.as_mut(), exit, u, v)
+    }
+
+    /// Registers for [`Manifold::sky_direction_in`] at an exit; `None` if it needs none.
+    pub fn sky_registers(&self, exit: Option<usize>) -> Option<Registers<f64, 1>> {
+        let tape = self.own_sky(exit).or(self.tapes.jacobian.as_ref());
+        tape.map(Tape::registers)
+    }
+
+    /// [`Manifold::sky_direction`] in registers made before.
+    pub fn sky_direction_in(
+        &self,
+        registers: Option<&mut Registers<f64, 1>>,
+        exit: Option<usize>,
+        u: DVec3,
+        v: DVec3,
+    ) -> DVec3 {
+        let direction = match (self.own_sky(exit), &self.tapes.jacobian, registers) {
+            (Some(tape), _, Some(registers)) => {
+                tape.run_at(registers, &[u.x, u.y, u.z, v.x, v.y, v.z]);
+                DVec3::from_array([0, 1, 2].map(|i| registers.output(i)[0]))
             }
-            (None, None) => v,
+            (None, Some(jacobian), Some(registers)) => {
+                jacobian.run_at(registers, &u.to_array());
+                let j = |k: usize| registers.output(k)[0];
+                DVec3::from_array([0, 3, 6].map(|i| j(i) * v.x + j(i + 1) * v.y + j(i + 2) * v.z))
+            }
+            _ => v,
         };
         direction.normalize_or_zero()
+    }
+
+    /// The directions by which an exit's own sky is looked up.
+    fn own_sky(&self, exit: Option<usize>) -> Option<&Tape> {
+        exit.and_then(|e| self.exits[e].direction.as_ref())
     }
 
     /// The index of the exit called `name`.

@@ -3,7 +3,7 @@
 //! In: a [`Strand`]. Out: its [`Ending`]: the first event on the cubics between its knots.
 
 use super::{
-    curve::{Ending, Piece, ending_at},
+    curve::{Ending, Piece},
     lanes::{LANES, Points, lane, more},
     strands::{ROWS, Strand},
 };
@@ -13,6 +13,19 @@ use crate::{
     manifold::Manifold,
 };
 use glam::DVec3;
+
+/// What ends a path.
+#[derive(Debug, Clone, Copy)]
+pub struct Event {
+    /// Which of the domain's events.
+    pub kind: usize,
+    /// Arc length.
+    pub s: f64,
+    /// Chart point.
+    pub u: DVec3,
+    /// Tangent.
+    pub v: DVec3,
+}
 
 /// Finds how paths end.
 #[derive(Clone)]
@@ -24,6 +37,20 @@ pub struct EndingFinder<'m> {
     /// Their values at both ends of the piece on which the first event was found last, and at the
     /// knot after it.
     rise: Vec<[f64; 3]>,
+    /// For the sky's direction at each exit.
+    skies: Vec<Option<Registers<f64, 1>>>,
+}
+
+impl Event {
+    /// At the fraction `t` of a piece.
+    fn on(piece: &Piece, t: f64, kind: usize) -> Self {
+        Self {
+            kind,
+            s: piece.arc(t),
+            u: piece.position(t),
+            v: piece.tangent(t),
+        }
+    }
 }
 
 impl<'m> EndingFinder<'m> {
@@ -34,6 +61,9 @@ impl<'m> EndingFinder<'m> {
             registers: manifold.domain.events().registers(),
             before: vec![f64::NAN; manifold.domain.kinds.len()],
             rise: vec![[f64::NAN; 3]; manifold.domain.kinds.len()],
+            skies: (0..manifold.exits.len())
+                .map(|exit| manifold.sky_registers(Some(exit)))
+                .collect(),
         }
     }
 
@@ -54,6 +84,16 @@ impl<'m> EndingFinder<'m> {
         strand: Strand<'_>,
         sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
     ) -> Option<Ending> {
+        let event = self.sharp_event(strand, sample)?;
+        Some(self.by(&event))
+    }
+
+    /// The event itself.
+    pub fn sharp_event(
+        &mut self,
+        strand: Strand<'_>,
+        sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
+    ) -> Option<Event> {
         let piece = self.last_piece(strand)?;
         let last = (LANES - 1) as f64;
         let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
@@ -67,8 +107,8 @@ impl<'m> EndingFinder<'m> {
         });
         // At the very end of the piece rounding may hide the event from the points between.
         let piece = closer.unwrap_or(piece);
-        let (t, k) = self.first_on()?;
-        Some(self.at(k, piece.arc(t), piece.position(t), piece.tangent(t)))
+        let (t, kind) = self.first_on()?;
+        Some(Event::on(&piece, t, kind))
     }
 
     /// How sixteen paths side by side end: the first event of each on cubics between its points and
@@ -97,7 +137,7 @@ impl<'m> EndingFinder<'m> {
                         u: [lane(&old[0], l), lane(&state[0], l)],
                         v: [lane(&old[1], l), lane(&state[1], l)],
                     };
-                    endings[l] = self.at(k, piece.arc(t), piece.position(t), piece.tangent(t));
+                    endings[l] = self.by(&Event::on(&piece, t, k));
                 }
             }
             for (k, earlier) in earlier.iter_mut().enumerate() {
@@ -141,11 +181,18 @@ impl<'m> EndingFinder<'m> {
         None
     }
 
-    /// The ending by event `k`.
-    fn at(&self, k: usize, s: f64, u: DVec3, v: DVec3) -> Ending {
+    /// The ending by an event.
+    pub fn by(&mut self, event: &Event) -> Ending {
         let domain = &self.manifold.domain;
-        let end = End::of_event(domain, domain.kinds[k]);
-        ending_at(self.manifold, end, s, u, v)
+        let Event { s, u, v, .. } = *event;
+        match End::of_event(domain, domain.kinds[event.kind]) {
+            End::Exit(exit) => {
+                let registers = self.skies[exit].as_mut();
+                let sky = self.manifold.sky_direction_in(registers, Some(exit), u, v);
+                Ending::Exit { exit, s, sky }
+            }
+            End::Length | End::Singular => Ending::Nowhere,
+        }
     }
 
     /// The first of the `count` knots from `first` on at which an event counts, if any; `rise` is then

@@ -114,6 +114,12 @@ pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) ->
     }
 }
 
+/// What nothing has been found for yet; written by all threads, as it is megabytes.
+fn nothing((height, width, count): (usize, usize, usize)) -> Outcomes {
+    let all = rayon::iter::repeat_n(NOTHING, height * width * count).collect();
+    Array3::from_shape_vec((height, width, count), all).expect("one for each sample")
+}
+
 fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
     let (width, height) = samples.view.size;
     let count = samples.offsets.len();
@@ -142,7 +148,7 @@ fn trace_tiles(
     tile: impl Fn(&mut EndingFinder<'_>, &mut Found<'_>) + Sync,
 ) -> Traced {
     let (width, height) = samples.view.size;
-    let mut outcomes = Outcomes::from_elem((height, width, samples.offsets.len()), NOTHING);
+    let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = Found::split(&mut outcomes);
     tiles.par_iter_mut().for_each_init(
         || EndingFinder::new(&samples.world.manifold),

@@ -2,7 +2,8 @@
 //!
 //! Loops over [`Lanes`] become vector instructions where they are inlined under
 //! [`crate::expr::vectorised`]. Results go to a local array first: written where operands might
-//! overlap, the loops stay scalar.
+//! overlap, the loops stay scalar. In such kernels arrays are not mapped: what `map` calls is not
+//! always inlined, and then compiled for the oldest processors.
 
 use glam::DVec3;
 use std::ops::Neg;
@@ -19,9 +20,22 @@ pub type SingleLanes = [f32; LANES];
 /// x, y and z of one point in each lane.
 pub type Points = [Lanes; 3];
 
+/// The same in single precision.
+pub type SinglePoints = [SingleLanes; 3];
+
 /// `f` of every lane's number.
 #[inline(always)]
 pub fn each(f: impl Fn(usize) -> f64) -> Lanes {
+    let mut to = [0.0; LANES];
+    for l in 0..LANES {
+        to[l] = f(l);
+    }
+    to
+}
+
+/// `f` of every lane's number, in single precision.
+#[inline(always)]
+pub fn single(f: impl Fn(usize) -> f32) -> SingleLanes {
     let mut to = [0.0; LANES];
     for l in 0..LANES {
         to[l] = f(l);

@@ -8,7 +8,7 @@ use super::{
     curve::Ending,
     endings::EndingFinder,
     lanes::LANES,
-    packet::Mixing,
+    packet::Bicubic,
     sheaf::{Sheaf, Vertex},
     tracer::GridTracer,
 };
@@ -40,10 +40,10 @@ impl LastPieces {
 
     /// How the paths of sixteen samples end.
     #[inline(always)]
-    pub fn endings(&self, mixing: &Mixing, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
+    pub fn endings(&self, mixing: &Bicubic, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
         let mixed = |vertex: &Vertex| {
-            let state = [&vertex.point, &vertex.tangent];
-            (vertex.s, state.map(|points| mixing.mix_points(points)))
+            let point = mixing.mix_points(&vertex.point);
+            (vertex.s, [point, mixing.mix_points(&vertex.tangent)])
         };
         finder.endings_of_sixteen(self.vertices.iter().map(mixed))
     }

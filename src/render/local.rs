@@ -215,7 +215,7 @@ impl<'w> Projected<'w> {
             n
         };
         lines.clear();
-        lines.push(direction, fill, |line| endings.ending(line));
+        lines.push((direction, None), fill, |line| endings.ending(line));
         beyond(&lines.strand(0).ending.unwrap_or(Ending::Nowhere))
     }
 }

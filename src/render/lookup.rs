@@ -6,12 +6,13 @@
 use super::{
     curve::{Curve, Ending},
     endings::EndingFinder,
+    pencil::{Pencil, Rung},
     strands::{Strand, Strands, stay},
     tracer::{ExactTracer, GridTracer, even_knots},
 };
-use crate::bundle::{Fan, Table};
+use crate::bundle::{Courses, Fan, FanPath, Table};
 use glam::DVec3;
-use std::sync::Arc;
+use std::{borrow::Borrow, sync::Arc};
 
 /// A table made ready for frames.
 #[derive(Debug, Clone)]
@@ -42,6 +43,7 @@ impl<'t> Lookup<'t> {
             fan,
             knots: &self.knots,
             exact: ExactTracer::new(manifold, u, length, self.tolerance),
+            pencil: Pencil::new(fan, &self.knots),
         }
     }
 }
@@ -51,6 +53,7 @@ pub struct TableTracer<'f, 't> {
     fan: &'f Fan<'t>,
     knots: &'f Arc<[f64]>,
     exact: ExactTracer<'f>,
+    pencil: Option<Pencil<'f, 't>>,
 }
 
 impl GridTracer for TableTracer<'_, '_> {
@@ -61,25 +64,31 @@ impl GridTracer for TableTracer<'_, '_> {
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
         strands.with_courses(|strands, courses| {
             for direction in directions {
-                let number = self.fan.add(*direction, courses);
-                let path = self.fan.among(courses, number);
-                strands.push(
-                    *direction,
-                    |knots, rows| path.sample(knots, rows),
-                    |strand| match endings.sharp_ending(strand, |s, rows| path.sample(s, rows)) {
-                        Some(ending) => Some(ending),
-                        // What the table gave up on might still end before anything is met.
-                        None if strand.known < strand.knots.len() => None,
-                        None => Some(Ending::Nowhere),
-                    },
-                );
+                let located = self.fan.locate(*direction);
+                let pencil = self.pencil.as_ref();
+                match pencil.and_then(|pencil| pencil.rung(&located, endings)) {
+                    Some(rung) => self.climb(*direction, &rung, endings, strands),
+                    None => {
+                        let number = self.fan.add(located, courses);
+                        let path = self.fan.among(courses, number);
+                        let course = (*direction, Some(number));
+                        let ending = |strand: Strand<'_>| ending(&path, strand, endings);
+                        strands.push(course, |knots, rows| path.sample(knots, rows), ending);
+                    }
+                }
             }
         });
     }
 
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
         let (courses, number) = strand.source;
-        let known = self.fan.among(courses, number).sample(s, rows);
+        let number = number.get().unwrap_or_else(|| {
+            let located = self.fan.locate(strand.direction);
+            let added = self.fan.add(located, &mut courses.borrow_mut());
+            number.set(Some(added));
+            added
+        });
+        let known = self.fan.among(&courses.borrow(), number).sample(s, rows);
         stay(rows, s.len(), known);
     }
 
@@ -89,6 +98,41 @@ impl GridTracer for TableTracer<'_, '_> {
 
     fn fallback(&self) -> Option<&ExactTracer<'_>> {
         Some(&self.exact)
+    }
+}
+
+impl TableTracer<'_, '_> {
+    /// Adds the path of a rung.
+    fn climb(
+        &self,
+        direction: DVec3,
+        rung: &Rung<'_>,
+        endings: &mut EndingFinder<'_>,
+        strands: &mut Strands,
+    ) {
+        let fill = |knots: &[f64], rows: &mut [f64]| {
+            rung.fill(rows);
+            knots.len()
+        };
+        strands.push((direction, None), fill, |strand| match rung.event() {
+            Some(Some(event)) => Some(endings.by(&event)),
+            Some(None) => Some(Ending::Nowhere),
+            None => ending(&self.fan.path(direction), strand, endings),
+        });
+    }
+}
+
+/// How a strand of `path` ends.
+fn ending<C: Borrow<Courses>>(
+    path: &FanPath<'_, '_, C>,
+    strand: Strand<'_>,
+    endings: &mut EndingFinder<'_>,
+) -> Option<Ending> {
+    match endings.sharp_ending(strand, |s, rows| path.sample(s, rows)) {
+        Some(ending) => Some(ending),
+        // What the table gave up on might still end before anything is met.
+        None if strand.known < strand.knots.len() => None,
+        None => Some(Ending::Nowhere),
     }
 }
 

@@ -27,6 +27,7 @@ mod lookup;
 mod outcome;
 mod packet;
 pub mod path_tracer;
+mod pencil;
 pub mod picture;
 mod rays;
 mod ribbon;

@@ -1,32 +1,32 @@
 //! Sixteen samples at once: the pixel step.
 //!
-//! In: a tile's ribbon and endings, and how each sample's path comes from its sixteen ([`Mixing`]).
+//! In: a tile's ribbon and endings, and how each sample's path comes from its sixteen ([`Bicubic`]).
 //! Out: what each sample sees.
 
 use super::{
     accel::PacketHits,
     curve::Ending,
     intersect::Hit,
-    lanes::{LANES, Lanes, Points, SingleLanes, each, each_point, lane, range},
+    lanes::{LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, single},
     outcome::{Seen, beyond},
-    ribbon::{Ribbon, RibbonChord},
-    sheaf::{Sheaf, Spread, shifted},
+    ribbon::{Chords, Ribbon, RibbonChord},
+    sheaf::{Sheaf, Spread},
     world::World,
 };
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 /// How the paths of sixteen samples come from the sixteen of a sheaf: the weights of each path, for
 /// all samples. In single precision, which is enough for differences between neighbours.
-pub struct Mixing(Box<[SingleLanes; LANES]>);
+pub struct Bicubic([SingleLanes; LANES]);
 
-impl Mixing {
+impl Bicubic {
     /// Bicubic weights of 4 × 4 paths at even spacing, at places in the tile as fractions of its
     /// side.
     #[inline(always)]
-    pub fn bicubic(places: &[DVec2; LANES]) -> Self {
+    pub fn new(places: &[DVec2; LANES]) -> Self {
         let x = cubic_lanes(|l| places[l].x);
         let y = cubic_lanes(|l| places[l].y);
-        let mut weights = Box::new([[0.0; LANES]; LANES]);
+        let mut weights = [[0.0; LANES]; LANES];
         for i in 0..LANES {
             for l in 0..LANES {
                 weights[i][l] = x[i % 4][l] * y[i / 4][l];
@@ -38,22 +38,41 @@ impl Mixing {
     #[inline(always)]
     fn mix(&self, values: &Lanes) -> Lanes {
         let spread = Spread::of(&[*values, [0.0; LANES], [0.0; LANES]]);
-        self.mix_points(&spread)[0]
+        let mixed = self.mix_component(&spread.differences[0]);
+        each(|l| spread.middle.x + f64::from(mixed[l]))
     }
 
-    /// The points of the sixteen samples. The weights sum to 1, so only differences need them.
+    /// The points of the sixteen samples.
     #[inline(always)]
     pub fn mix_points(&self, spread: &Spread) -> Points {
-        let mut sums = [[0.0; LANES]; 3];
-        for (i, weights) in self.0.iter().enumerate() {
-            for c in 0..3 {
-                let difference = spread.differences[c][i];
-                for l in 0..LANES {
-                    sums[c][l] += weights[l] * difference;
-                }
+        let mixed = self.mix_spread(spread);
+        each_point(|c, l| mixed.middle[c] + f64::from(mixed.differences[c][l]))
+    }
+
+    /// The same by how they differ from the middle of `spread`: the weights sum to 1, so only
+    /// differences need them.
+    #[inline(always)]
+    pub fn mix_spread(&self, spread: &Spread) -> Spread {
+        let [x, y, z] = &spread.differences;
+        Spread {
+            middle: spread.middle,
+            differences: [
+                self.mix_component(x),
+                self.mix_component(y),
+                self.mix_component(z),
+            ],
+        }
+    }
+
+    #[inline(always)]
+    fn mix_component(&self, differences: &SingleLanes) -> SingleLanes {
+        let mut sum = [0.0; LANES];
+        for (weights, difference) in self.0.iter().zip(differences) {
+            for l in 0..LANES {
+                sum[l] += weights[l] * difference;
             }
         }
-        each_point(|c, l| spread.middle[c] + f64::from(sums[c][l]))
+        sum
     }
 }
 
@@ -97,9 +116,9 @@ struct Found {
     /// Arc lengths of the hits; of the endings where there are none.
     s: Lanes,
     hit: [bool; LANES],
-    triangle: [u64; LANES],
-    weights: [Lanes; 2],
-    tangent: Points,
+    triangle: [u32; LANES],
+    weights: [SingleLanes; 2],
+    tangent: SinglePoints,
 }
 
 impl<'a> Target<'a> {
@@ -114,16 +133,16 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// What sixteen samples see.
+    /// What sixteen samples see, where they may meet something on `chords`.
     #[inline(always)]
-    pub fn seen(&self, mixing: &Mixing) -> [Seen; LANES] {
+    pub fn seen(&self, mixing: &Bicubic, chords: &Chords) -> [Seen; LANES] {
         // An infinite limit times a weight is no number.
         let limits = match self.exit {
             Some(_) => mixing.mix(&self.limits),
             None => [f64::INFINITY; LANES],
         };
-        let found = self.first_hits(mixing, &limits);
-        let sky = mixing.mix_points(&self.skies);
+        let found = self.first_hits(mixing, chords, &limits);
+        let sky = directions(&mixing.mix_spread(&self.skies));
         let mut seen = [Seen::Nothing; LANES];
         for l in 0..LANES {
             seen[l] = match (found.hit[l], self.exit) {
@@ -131,7 +150,7 @@ impl<'a> Target<'a> {
                 (false, Some(exit)) => Seen::Sky {
                     exit: exit as u32,
                     s: found.s[l],
-                    direction: lane(&sky, l).as_vec3().normalize_or_zero(),
+                    direction: Vec3::new(sky[0][l], sky[1][l], sky[2][l]),
                 },
                 (false, None) => Seen::Nothing,
             };
@@ -141,9 +160,14 @@ impl<'a> Target<'a> {
 
     /// What sixteen samples see whose paths end each in its own way.
     #[inline(always)]
-    pub fn seen_before(&self, mixing: &Mixing, endings: &[Ending; LANES]) -> [Seen; LANES] {
+    pub fn seen_before(
+        &self,
+        mixing: &Bicubic,
+        chords: &Chords,
+        endings: &[Ending; LANES],
+    ) -> [Seen; LANES] {
         let limits = each(|l| endings[l].limit());
-        let found = self.first_hits(mixing, &limits);
+        let found = self.first_hits(mixing, chords, &limits);
         let mut seen = [Seen::Nothing; LANES];
         for l in 0..LANES {
             seen[l] = match found.hit[l] {
@@ -155,7 +179,7 @@ impl<'a> Target<'a> {
     }
 
     #[inline(always)]
-    fn first_hits(&self, mixing: &Mixing, limits: &Lanes) -> Found {
+    fn first_hits(&self, mixing: &Bicubic, chords: &Chords, limits: &Lanes) -> Found {
         let mut found = Found {
             s: *limits,
             hit: [false; LANES],
@@ -164,59 +188,118 @@ impl<'a> Target<'a> {
             tangent: [[0.0; LANES]; 3],
         };
         // The ends of the chord before, which are often needed again.
-        let mut known: [Option<(usize, Points)>; 2] = [None, None];
-        for chord in &self.ribbon.chords {
-            let ends = [chord.from, chord.from + 1].map(|v| {
-                let again = known.iter().flatten().find(|(k, _)| *k == v);
-                again.map_or_else(|| mixing.mix_points(self.ribbon.point(v)), |(_, p)| *p)
-            });
-            known = [Some((chord.from, ends[0])), Some((chord.from + 1, ends[1]))];
-            let s = [chord.from, chord.from + 1].map(|v| self.ribbon.vertices[v].s);
-            let share = 1.0 / (s[1] - s[0]);
-            let most = each(|l| ((found.s[l] - s[0]) * share).min(1.0));
-            if range(&most)[1] < 0.0 {
+        let mut known: Option<(usize, [Spread; 2])> = None;
+        for chord in chords.iter() {
+            let (s, next) = (self.s(chord.from), self.s(chord.from + 1));
+            let share = 1.0 / (next - s);
+            let most = single(|l| ((found.s[l] - s) * share).min(1.0) as f32);
+            if !most.iter().any(|most| *most >= 0.0) {
                 break;
             }
-            let [a, b] = ends.map(|p| shifted(&p, chord.shift));
-            let roots = self.ribbon.roots(chord);
-            let hits = self.world.accelerator.first_hits(roots, &a, &b, &most);
-            if range(&hits.t)[0] < f64::INFINITY {
+            let ends = self.ends(mixing, chord.from, known);
+            let roots = chords.roots(chord);
+            let accelerator = &self.world.accelerator;
+            let both = [&ends[0], &ends[1]];
+            if let Some(hits) = accelerator.first_hits(roots, both, chord.shift, &most) {
                 self.keep(mixing, chord, &hits, &mut found);
             }
+            known = Some((chord.from, ends));
         }
         found
     }
 
+    /// The arc length of a vertex of the ribbon.
+    #[inline(always)]
+    fn s(&self, vertex: usize) -> f64 {
+        self.ribbon.vertices[vertex].s
+    }
+
+    /// The ends of the chords that begin at a vertex; those that began at another are `known`.
+    #[inline(always)]
+    fn ends(
+        &self,
+        mixing: &Bicubic,
+        from: usize,
+        known: Option<(usize, [Spread; 2])>,
+    ) -> [Spread; 2] {
+        let end = |vertex: usize| mixing.mix_spread(self.ribbon.point(vertex));
+        match known {
+            Some((same, ends)) if same == from => ends,
+            Some((before, [_, start])) if before + 1 == from => [start, end(from + 1)],
+            _ => [end(from), end(from + 1)],
+        }
+    }
+
     /// Takes over the hits of one chord, which are nearer than what was known.
     #[inline(always)]
-    fn keep(&self, mixing: &Mixing, chord: &RibbonChord, hits: &PacketHits, found: &mut Found) {
-        let [from, to] = [chord.from, chord.from + 1].map(|v| &self.ribbon.vertices[v]);
-        let [v0, v1] = [from, to].map(|v| mixing.mix_points(&v.tangent));
+    fn keep(&self, mixing: &Bicubic, chord: &RibbonChord, hits: &PacketHits, found: &mut Found) {
+        let (from, to) = (chord.from, chord.from + 1);
+        let (s, length) = (self.s(from), self.s(to) - self.s(from));
+        let start = mixing.mix_spread(&self.ribbon.vertices[from].tangent);
+        let end = mixing.mix_spread(&self.ribbon.vertices[to].tangent);
         for l in 0..LANES {
-            let t = hits.t[l];
-            if t < f64::INFINITY {
-                found.hit[l] = true;
-                found.s[l] = from.s + t * (to.s - from.s);
-                found.triangle[l] = hits.triangle[l];
-                for c in 0..2 {
-                    found.weights[c][l] = hits.weights[c][l];
-                }
-                for c in 0..3 {
-                    found.tangent[c][l] = v0[c][l] + t * (v1[c][l] - v0[c][l]);
-                }
-            }
+            let hit = hits.t[l] < f32::INFINITY;
+            let at = s + f64::from(hits.t[l]) * length;
+            found.hit[l] |= hit;
+            found.s[l] = if hit { at } else { found.s[l] };
+            found.triangle[l] = if hit {
+                hits.triangle[l]
+            } else {
+                found.triangle[l]
+            };
+        }
+        for k in 0..2 {
+            put(&mut found.weights[k], &hits.weights[k], &hits.t);
+        }
+        for c in 0..3 {
+            let (a, b) = (start.middle[c] as f32, end.middle[c] as f32);
+            let tangent = single(|l| {
+                let (a, b) = (a + start.differences[c][l], b + end.differences[c][l]);
+                a + hits.t[l] * (b - a)
+            });
+            put(&mut found.tangent[c], &tangent, &hits.t);
         }
     }
 }
 
+/// Puts the numbers of the lanes with a finite place `t` into `to`.
+#[inline(always)]
+fn put(to: &mut SingleLanes, from: &SingleLanes, t: &SingleLanes) {
+    for l in 0..LANES {
+        to[l] = if t[l] < f32::INFINITY { from[l] } else { to[l] };
+    }
+}
+
+/// Sixteen vectors made unit vectors; zero stays.
+#[inline(always)]
+fn directions(vectors: &Spread) -> SinglePoints {
+    let middle: DVec3 = vectors.middle;
+    let mut to = vectors.differences;
+    for c in 0..3 {
+        let middle = middle[c] as f32;
+        to[c] = single(|l| middle + vectors.differences[c][l]);
+    }
+    let length = single(|l| {
+        let squared = to[0][l] * to[0][l] + to[1][l] * to[1][l] + to[2][l] * to[2][l];
+        1.0 / squared.max(f32::MIN_POSITIVE).sqrt()
+    });
+    for c in 0..3 {
+        for l in 0..LANES {
+            to[c][l] *= length[l];
+        }
+    }
+    to
+}
+
 impl Found {
+    #[inline(always)]
     fn hit(&self, l: usize) -> Hit {
-        let [x, y, z] = self.tangent.map(|lanes| lanes[l] as f32);
+        let ([x, y, z], [b, c]) = (&self.tangent, &self.weights);
         Hit {
             s: self.s[l],
-            v: Vec3::new(x, y, z),
-            triangle: self.triangle[l] as u32,
-            barycentric: self.weights.map(|w| w[l] as f32),
+            v: Vec3::new(x[l], y[l], z[l]),
+            triangle: self.triangle[l],
+            barycentric: [b[l], c[l]],
         }
     }
 }

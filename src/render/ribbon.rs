@@ -8,6 +8,7 @@
 
 use super::{
     intersect::{is_glued, shifts},
+    packet::Bicubic,
     sheaf::{Sheaf, Spread, TUBE_MARGIN, Tube, Vertex, widened},
     strands::Strand,
     tracer::GridTracer,
@@ -23,7 +24,13 @@ pub struct Ribbon {
     /// Ends of chords.
     pub vertices: Vec<Vertex>,
     /// The chords.
-    pub chords: Vec<RibbonChord>,
+    pub chords: Chords,
+}
+
+/// Chords of a ribbon, and what each can meet.
+#[derive(Debug, Clone, Default)]
+pub struct Chords {
+    list: Vec<RibbonChord>,
     roots: Vec<u32>,
 }
 
@@ -35,6 +42,44 @@ pub struct RibbonChord {
     /// By how much glued coordinates are shifted to reach the scene.
     pub shift: DVec3,
     roots: Range<usize>,
+}
+
+impl Chords {
+    /// The chords, in order.
+    #[inline(always)]
+    pub fn iter(&self) -> impl Iterator<Item = &RibbonChord> {
+        self.list.iter()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.list.is_empty()
+    }
+
+    /// The roots of the subtrees that `chord` may meet.
+    #[inline(always)]
+    pub fn roots(&self, chord: &RibbonChord) -> &[u32] {
+        &self.roots[chord.roots.clone()]
+    }
+
+    fn clear(&mut self) {
+        self.list.clear();
+        self.roots.clear();
+    }
+
+    /// The chord from vertex `from`, in the box from `low` to `high`, if it meets anything when moved by
+    /// `shift`.
+    fn add(&mut self, world: &World, from: usize, (low, high): (DVec3, DVec3), shift: DVec3) {
+        let (low, high) = widened((low + shift, high + shift), TUBE_MARGIN);
+        let first = self.roots.len();
+        if world.accelerator.roots(low, high, &mut self.roots) {
+            self.list.push(RibbonChord {
+                from,
+                shift,
+                roots: first..self.roots.len(),
+            });
+        }
+    }
 }
 
 /// Most chords of one piece: pieces are short already, so more means a broken curve.
@@ -116,7 +161,6 @@ impl Ribbon {
     ) {
         self.vertices.clear();
         self.chords.clear();
-        self.roots.clear();
         let knots = sheaf.knots();
         let mut s = Vec::new();
         let mut begins = Vec::new();
@@ -140,33 +184,40 @@ impl Ribbon {
     /// The chord from the vertex numbered `from`, in every period in which it may meet something.
     fn add_chord(&mut self, world: &World, from: usize) {
         let [a, b] = [from, from + 1].map(|v| self.vertices[v].point.bounds());
-        let (low, high) = widened((a.0.min(b.0), a.1.max(b.1)), TUBE_MARGIN);
-        let mut add = |shift: DVec3| {
-            let first = self.roots.len();
-            if world
-                .accelerator
-                .roots(low + shift, high + shift, &mut self.roots)
-            {
-                self.chords.push(RibbonChord {
-                    from,
-                    shift,
-                    roots: first..self.roots.len(),
-                });
-            }
-        };
+        let (low, high) = around(a, b);
         let domain = &world.manifold.domain;
         match is_glued(domain) {
-            false => add(DVec3::ZERO),
-            true => shifts(&world.accelerator, domain, low, high)
-                .into_iter()
-                .for_each(add),
+            false => self.chords.add(world, from, (low, high), DVec3::ZERO),
+            true => {
+                let (least, most) = widened((low, high), TUBE_MARGIN);
+                for shift in shifts(&world.accelerator, domain, least, most) {
+                    self.chords.add(world, from, (low, high), shift);
+                }
+            }
         }
     }
 
-    /// The roots of the subtrees that `chord` may meet.
-    #[inline(always)]
-    pub fn roots(&self, chord: &RibbonChord) -> &[u32] {
-        &self.roots[chord.roots.clone()]
+    /// Those of its chords that a part of the tile may meet something with, where `mixing` gives 4 × 4
+    /// paths over that part.
+    pub fn within(&self, world: &World, mixing: &Bicubic) -> Chords {
+        let mut chords = Chords::default();
+        let mut before: Option<(usize, (DVec3, DVec3))> = None;
+        for chord in self.chords.iter() {
+            let bounds = |vertex: usize| {
+                vectorised(
+                    #[inline(always)]
+                    || mixing.mix_spread(self.point(vertex)).bounds(),
+                )
+            };
+            let start = match before {
+                Some((vertex, bounds)) if vertex == chord.from => bounds,
+                _ => bounds(chord.from),
+            };
+            let end = bounds(chord.from + 1);
+            chords.add(world, chord.from, around(start, end), chord.shift);
+            before = Some((chord.from + 1, end));
+        }
+        chords
     }
 
     /// The points of the vertex numbered `v`.
@@ -174,6 +225,11 @@ impl Ribbon {
     pub fn point(&self, v: usize) -> &Spread {
         &self.vertices[v].point
     }
+}
+
+/// The box around two boxes.
+fn around(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
+    (a.0.min(b.0), a.1.max(b.1))
 }
 
 /// How many chords keep within `tolerance` radians of the piece from knot `k`: the distance falls

@@ -5,7 +5,7 @@
 
 use super::{
     curve::Ending,
-    lanes::{LANES, Lanes, Points, SingleLanes, each, each_point, lane, range},
+    lanes::{LANES, Lanes, Points, SinglePoints, each, each_point, lane, range},
     strands::{ROWS, Strand, Strands, knots_until},
     tracer::GridTracer,
 };
@@ -36,7 +36,7 @@ pub struct Spread {
     /// The one.
     pub middle: DVec3,
     /// The differences, in each lane.
-    pub differences: [SingleLanes; 3],
+    pub differences: SinglePoints,
 }
 
 impl Spread {
@@ -243,10 +243,4 @@ pub const TUBE_MARGIN: f64 = 0.15;
 pub fn widened((low, high): (DVec3, DVec3), margin: f64) -> (DVec3, DVec3) {
     let margin = DVec3::splat(margin * (high - low).max_element());
     (low - margin, high + margin)
-}
-
-/// The vertex's points moved by `shift`.
-#[inline(always)]
-pub fn shifted(points: &Points, shift: DVec3) -> Points {
-    each_point(|c, l| points[c][l] + shift[c])
 }

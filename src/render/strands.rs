@@ -7,7 +7,10 @@
 use super::curve::{Ending, Piece};
 use crate::bundle::Courses;
 use glam::DVec3;
-use std::sync::Arc;
+use std::{
+    cell::{Cell, RefCell},
+    sync::Arc,
+};
 
 /// Rows of a path: x, y, z and the components of the tangent.
 pub const ROWS: usize = 6;
@@ -22,8 +25,9 @@ pub struct Strands {
     values: Vec<f64>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
-    /// What a tracer that looks paths up took from its table for each of them, else nothing.
-    courses: Courses,
+    /// What a tracer that looks paths up took from its table for some of them, and their numbers there.
+    courses: RefCell<Courses>,
+    numbers: Vec<Cell<Option<usize>>>,
 }
 
 /// One of them.
@@ -39,8 +43,8 @@ pub struct Strand<'a> {
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
-    /// What its tracer took from a table, and the path's number there.
-    pub(super) source: (&'a Courses, usize),
+    /// What its tracer took from a table, and the path's number there once it is there.
+    pub(super) source: (&'a RefCell<Courses>, &'a Cell<Option<usize>>),
 }
 
 impl Strands {
@@ -52,7 +56,8 @@ impl Strands {
             values: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
-            courses: Courses::default(),
+            courses: RefCell::default(),
+            numbers: Vec::new(),
         }
     }
 
@@ -72,20 +77,22 @@ impl Strands {
         self.values.clear();
         self.known.clear();
         self.endings.clear();
-        self.courses.clear();
+        self.courses.get_mut().clear();
+        self.numbers.clear();
     }
 
-    /// Adds paths with their `courses`, one for each of the paths that there will be, by what `add` does.
+    /// Adds paths, some of them with `courses`, by what `add` does.
     pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut Courses)) {
-        let mut courses = std::mem::take(&mut self.courses);
+        let mut courses = self.courses.take();
         add(self, &mut courses);
-        self.courses = courses;
+        self.courses.replace(courses);
     }
 
-    /// Adds the path in `direction`: `fill` writes its rows and says how many knots are known, `end` how it ends.
+    /// Adds the path in `direction`, which may have a number among the courses: `fill` writes its rows
+    /// and says how many knots are known, `end` how it ends.
     pub fn push(
         &mut self,
-        direction: DVec3,
+        (direction, number): (DVec3, Option<usize>),
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
         end: impl FnOnce(Strand<'_>) -> Option<Ending>,
     ) {
@@ -102,9 +109,10 @@ impl Strands {
             rows: &self.values[start..],
             known,
             ending: None,
-            source: (&self.courses, self.endings.len()),
+            source: (&self.courses, &Cell::new(number)),
         };
         self.endings.push(end(strand));
+        self.numbers.push(Cell::new(number));
     }
 
     /// The arc lengths of the knots.
@@ -121,7 +129,7 @@ impl Strands {
             rows: &self.values[i * length..(i + 1) * length],
             known: self.known[i],
             ending: self.endings[i],
-            source: (&self.courses, i),
+            source: (&self.courses, &self.numbers[i]),
         }
     }
 }

@@ -11,7 +11,7 @@ use super::{
     lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
     lone::Lone,
     outcome::Outcome,
-    packet::{Mixing, Target},
+    packet::{Bicubic, Target},
     ribbon::Ribbon,
     sheaf::Sheaf,
     strands::{Strand, Strands},
@@ -167,29 +167,36 @@ impl Samples<'_> {
         let flat = Instant::now();
         found.tally.tiles += flat - began;
         let target = Target::new(self.world, &sheaf, &ribbon);
-        let places = self.places(leaf.tile);
-        for places in places.chunks(LANES) {
-            let at =
-                std::array::from_fn(|l| self.fraction(leaf.tile, places[l.min(places.len() - 1)]));
-            // Two kernels: one for both would be slower for the one that most tiles need.
-            let seen = match &last {
-                None => vectorised(
-                    #[inline(always)]
-                    || target.seen(&Mixing::bicubic(&at)),
-                ),
-                Some(last) => vectorised(
-                    #[inline(always)]
-                    || {
-                        let mixing = Mixing::bicubic(&at);
-                        target.seen_before(&mixing, &last.endings(&mixing, endings))
-                    },
-                ),
+        for part in leaf.tile.parts(PART) {
+            let narrowed = match ribbon.chords.is_empty() || part == leaf.tile {
+                true => None,
+                false => Some(ribbon.within(self.world, &Bicubic::new(&grid(leaf.tile, part)))),
             };
-            for (place, seen) in places.iter().zip(seen) {
-                found.put(*place, looked_up(seen));
+            let chords = narrowed.as_ref().unwrap_or(&ribbon.chords);
+            let places = self.places(part);
+            for places in places.chunks(LANES) {
+                let place = |l: usize| places[l.min(places.len() - 1)];
+                let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
+                // Two kernels: one for both would be slower for the one that most tiles need.
+                let seen = match &last {
+                    None => vectorised(
+                        #[inline(always)]
+                        || target.seen(&Bicubic::new(&at), chords),
+                    ),
+                    Some(last) => vectorised(
+                        #[inline(always)]
+                        || {
+                            let mixing = Bicubic::new(&at);
+                            target.seen_before(&mixing, chords, &last.endings(&mixing, endings))
+                        },
+                    ),
+                };
+                for (place, seen) in places.iter().zip(seen) {
+                    found.put(*place, looked_up(seen));
+                }
             }
+            found.tally.interpolated += places.len();
         }
-        found.tally.interpolated += places.len();
         found.tally.pixels += flat.elapsed();
     }
 
@@ -271,6 +278,19 @@ impl Samples<'_> {
         let at = self.point(place);
         self.view.direction(at.x, at.y)
     }
+}
+
+/// Pixels along a side of the parts of a tile for which chords are looked at again: each look costs about
+/// as much as sixteen samples do. With it frames take two to four hundredths less.
+const PART: usize = 16;
+
+/// The places of 4 × 4 paths that span a part of a tile, as fractions of the tile's side.
+fn grid(tile: Tile, part: Tile) -> [DVec2; LANES] {
+    let corner = DVec2::new((part.x - tile.x) as f64, (part.y - tile.y) as f64);
+    let step = part.side as f64 / 3.0;
+    std::array::from_fn(|i| {
+        (corner + step * DVec2::new((i % 4) as f64, (i / 4) as f64)) / tile.side as f64
+    })
 }
 
 /// Pixels along a side of the squares of one packet at one sample for each.

@@ -200,7 +200,7 @@ impl GridTracer for FixedTracer<'_> {
                 }
                 u.len()
             };
-            strands.push(*direction, fill, |strand| {
+            strands.push((*direction, None), fill, |strand| {
                 Some(endings.ending(strand).unwrap_or(Ending::Nowhere))
             });
         }

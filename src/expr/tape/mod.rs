@@ -139,14 +139,19 @@ impl Tape {
 
     /// The outputs at one point, in double precision.
     pub fn at(&self, inputs: &[f64]) -> Vec<f64> {
-        let mut registers = self.registers::<f64, 1>();
-        for (i, &value) in inputs.iter().enumerate() {
-            *registers.input(i) = [value];
-        }
-        self.run(&mut registers);
+        let mut registers = self.registers();
+        self.run_at(&mut registers, inputs);
         (0..self.outputs())
             .map(|k| registers.output(k)[0])
             .collect()
+    }
+
+    /// Runs at one point, in registers made before.
+    pub fn run_at(&self, registers: &mut Registers<f64, 1>, inputs: &[f64]) {
+        for (i, &value) in inputs.iter().enumerate() {
+            *registers.input(i) = [value];
+        }
+        self.run(registers);
     }
 }
 

@@ -86,8 +86,8 @@ pub struct Place {
 pub struct Located {
     /// Cube face, or face of [`OrbitAngles`] under rotation.
     pub face: usize,
-    /// Direction parameters in [−1, 1]: (p, q), or one under rotation.
-    pub direction: Vec<f64>,
+    /// Direction parameters in [−1, 1]: (p, q), or one under rotation and then 0.
+    pub direction: [f64; 2],
     /// The stored camera point.
     pub u: DVec3,
     /// The stored ray's tangent, chart components.
@@ -406,6 +406,18 @@ impl FanSpace {
         Some(vec![0.5 * (low + high)])
     }
 
+    /// The stored ray at direction parameters, from the camera position stored for `place`.
+    pub fn stored_ray(&self, place: &Place, face: usize, direction: [f64; 2]) -> Located {
+        let (u, d) = self.ray(face, &place.parameters, &direction);
+        Located {
+            face,
+            direction,
+            u,
+            v: place.stored_inverse.inverse() * d,
+            isometry: Isometry::Identity,
+        }
+    }
+
     /// The ray from `place` in the direction `d` (standard frame, unit) in stored parameters.
     pub fn locate(&self, place: &Place, d: DVec3) -> Located {
         let v = place.frame * d;
@@ -418,7 +430,7 @@ impl FanSpace {
                 let (face, pq) = face_and_parameters(d);
                 Located {
                     face,
-                    direction: pq.to_array().to_vec(),
+                    direction: pq.to_array(),
                     u: place.stored,
                     v,
                     isometry: place.isometry.clone(),
@@ -442,7 +454,7 @@ impl FanSpace {
         let (face, parameter) = self.orbits.parameter(theta, place.areal_radius);
         Located {
             face,
-            direction: vec![parameter],
+            direction: [parameter, 0.0],
             u: place.stored,
             v,
             isometry: Isometry::rotation(q),

@@ -375,10 +375,13 @@ impl TreeRay {
     }
 }
 
+/// Nodes that fit the array of a [`Stack`], which is cleared for every question.
+const STACK: usize = 32;
+
 /// Nodes still to visit, with the place where the ray enters them. Trees are rarely deeper than
 /// the array; the list takes what is.
 struct Stack {
-    array: [(u32, f32); 64],
+    array: [(u32, f32); STACK],
     count: usize,
     rest: Vec<(u32, f32)>,
 }
@@ -386,7 +389,7 @@ struct Stack {
 impl Default for Stack {
     fn default() -> Self {
         Self {
-            array: [(0, 0.0); 64],
+            array: [(0, 0.0); STACK],
             count: 0,
             rest: Vec::new(),
         }

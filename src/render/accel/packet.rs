@@ -2,16 +2,19 @@
 //!
 //! In: the chords' ends and the roots of subtrees in which they can hit anything
 //! ([`Accelerator::roots`]). Out: [`PacketHits`]. Neighbouring chords visit nearly the same nodes,
-//! so a node is fetched once for all of them and every test is one vector instruction for sixteen
-//! (boxes, in single precision) or eight (triangles).
+//! so a node is fetched once for all of them and every test is one vector instruction for sixteen, in
+//! single precision. All is measured in tree units from a point beside the chords' starts, which
+//! triangles are moved to in double precision: rounding then turns a chord by 1e-7, far less than
+//! chords depart from paths.
 //!
 //! The triangle test takes the signed volumes of chord and edge (Plücker's form of the watertight
 //! test of one chord): two triangles that share an edge compute the same number for it with
 //! opposite sign, so no chord slips between them.
 
-use super::{Accelerator, Stack, chord::END_MARGIN};
-use crate::render::lanes::{
-    LANES, Lanes, Points, SingleLanes, each, each_point, less, more, range,
+use super::{Accelerator, Stack};
+use crate::render::{
+    lanes::{LANES, SingleLanes, SinglePoints, less, more, range, single},
+    sheaf::Spread,
 };
 use glam::DVec3;
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
@@ -20,27 +23,38 @@ use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 #[derive(Debug, Clone)]
 pub struct PacketHits {
     /// Place on the chord, 0 at its start and 1 at its end; infinite for a miss.
-    pub t: Lanes,
+    pub t: SingleLanes,
     /// The triangle's number.
-    pub triangle: [u64; LANES],
+    pub triangle: [u32; LANES],
     /// Weights of the triangle's second and third corner.
-    pub weights: [Lanes; 2],
+    pub weights: [SingleLanes; 2],
 }
 
-/// Sixteen chords.
+/// Sixteen chords in tree units.
 struct Chords {
-    start: Points,
-    way: Points,
-    /// 1 over the way in tree coordinates, and the start times that.
-    inverse: [SingleLanes; 3],
-    start_ways: [SingleLanes; 3],
-    /// By how much a place on the chord may be off in single precision.
-    slack: [SingleLanes; 3],
+    /// What they are measured from, in the chart.
+    origin: DVec3,
+    start: SinglePoints,
+    way: SinglePoints,
+    /// The length of the way squared, and as a part of the way what a hit may lie before its start
+    /// or past its end.
+    squared: SingleLanes,
+    margin: SingleLanes,
+    /// 1 over the way, and the start in tree coordinates times that.
+    inverse: SinglePoints,
+    start_ways: SinglePoints,
+    /// By how much a place on the chord may be off in a slab test.
+    slack: SinglePoints,
 }
 
 /// What one slab test in single precision may move a point by, as a share of its distance from the
-/// tree's centre plus 1: the six roundings that it takes, and two to spare.
-const SLAB_ERROR: f32 = 8.0 * 0.5 * f32::EPSILON;
+/// tree's centre plus 1: the eight roundings that it takes, and two to spare.
+const SLAB_ERROR: f32 = 10.0 * 0.5 * f32::EPSILON;
+
+/// How far past its ends a chord still hits, as a share of its own length and of the tree's, for what
+/// single precision moves triangles by: consecutive chords share an end, and a hit there must not
+/// fall out of both. Sixteen roundings.
+const END_MARGIN: f32 = 8.0 * f32::EPSILON;
 
 /// Most subtrees that [`Accelerator::roots`] names: enough to leave out what lies between two
 /// objects; more would only be sorted by every packet again.
@@ -77,91 +91,111 @@ impl Accelerator {
         out.len() > first
     }
 
-    /// The first triangle on each chord from `a` to `b` at most at `limit` (negative: nothing is
-    /// asked of this lane) below the nodes `roots`.
+    /// The first triangle on each chord from `a` to `b`, both moved by `shift`, at most at `limit`
+    /// (negative: nothing is asked of this lane) below the nodes `roots`; `None` if there are none.
     #[inline(always)]
-    pub fn first_hits(&self, roots: &[u32], a: &Points, b: &Points, limit: &Lanes) -> PacketHits {
-        let chords = self.chords(a, b);
+    pub fn first_hits(
+        &self,
+        roots: &[u32],
+        [a, b]: [&Spread; 2],
+        shift: DVec3,
+        limit: &SingleLanes,
+    ) -> Option<PacketHits> {
+        let chords = self.chords(a, b, shift);
         let mut hits = PacketHits {
-            t: [f64::INFINITY; LANES],
+            t: [f32::INFINITY; LANES],
             triangle: [0; LANES],
             weights: [[0.0; LANES]; 2],
         };
-        let mut best = *limit;
-        let mut reach = rounded_up(&best);
+        let mut reach = *limit;
         let mut stack = Stack::default();
         for root in roots {
             let entered = chords.enter(self.nodes[*root as usize].aabb(), &reach);
-            stack.push_if(entered.is_some(), (*root, 0.0));
+            stack.push_if(entered, (*root, 0.0));
         }
         let mut met = false;
         while let Some((index, _)) = stack.pop() {
             let node: &Bvh2Node = &self.nodes[index as usize];
             // A node on the stack has been entered, if no nearer triangle has been met since.
-            if met && chords.enter(node.aabb(), &reach).is_none() {
+            if met && !chords.enter(node.aabb(), &reach) {
                 continue;
             }
             if node.is_leaf() {
                 for &triangle in self.leaf(node) {
                     if let Some(corners) = self.triangles.get(triangle as usize) {
-                        met |= chords.meet(corners, triangle, &mut best, &mut hits);
+                        let corners = chords.seen_from(corners, self.unit());
+                        met |= chords.meet(&corners, triangle, &mut reach, &mut hits);
                     }
                 }
-                reach = rounded_up(&best);
                 continue;
             }
-            let children = [node.first_index, node.first_index + 1];
-            let [left, right] = children.map(|i| {
-                let nearest = chords.enter(self.nodes[i as usize].aabb(), &reach)?;
-                Some((nearest, i))
-            });
+            let [left, right] = [node.first_index, node.first_index + 1];
+            let boxes = [left, right].map(|i| self.nodes[i as usize].aabb());
             // The one that is met first is pushed last.
-            let order = if left <= right {
-                [right, left]
+            let order = if chords.run_from(boxes[0], boxes[1]) {
+                [(right, boxes[1]), (left, boxes[0])]
             } else {
-                [left, right]
+                [(left, boxes[0]), (right, boxes[1])]
             };
-            for (_, child) in order.into_iter().flatten() {
-                stack.push_if(true, (child, 0.0));
+            for (child, aabb) in order {
+                stack.push_if(chords.enter(aabb, &reach), (child, 0.0));
             }
         }
-        hits
+        met.then_some(hits)
+    }
+
+    /// A chart length in tree units.
+    #[inline(always)]
+    fn unit(&self) -> f64 {
+        1.0 / self.scale
     }
 
     #[inline(always)]
-    fn chords(&self, a: &Points, b: &Points) -> Chords {
-        let way = each_point(|c, l| b[c][l] - a[c][l]);
-        let scale = 1.0 / self.scale;
-        let mut inverse = [[0.0; LANES]; 3];
-        let (mut start_ways, mut slack) = (inverse, inverse);
+    fn chords(&self, a: &Spread, b: &Spread, shift: DVec3) -> Chords {
+        let unit = self.unit();
+        let origin = a.middle + shift;
+        let (base, between) = ((origin - self.centre) * unit, (b.middle - a.middle) * unit);
+        let mut chords = Chords {
+            origin,
+            start: [[0.0; LANES]; 3],
+            way: [[0.0; LANES]; 3],
+            squared: [0.0; LANES],
+            margin: [0.0; LANES],
+            inverse: [[0.0; LANES]; 3],
+            start_ways: [[0.0; LANES]; 3],
+            slack: [[0.0; LANES]; 3],
+        };
         for c in 0..3 {
+            let (base, between, unit) = (base[c] as f32, between[c] as f32, unit as f32);
             for l in 0..LANES {
-                let start = ((a[c][l] - self.centre[c]) * scale) as f32;
-                let way = (way[c][l] * scale) as f32;
+                let start = a.differences[c][l] * unit;
+                let way = between + (b.differences[c][l] * unit - start);
                 // A component that is zero would turn 0 · ∞ into NaN; one of 1e-25 moves nothing.
-                let way = if way.abs() < 1e-25 { 1e-25 } else { way };
-                inverse[c][l] = 1.0 / way;
-                start_ways[c][l] = start * inverse[c][l];
-                slack[c][l] = SLAB_ERROR * (1.0 + start.abs()) * inverse[c][l].abs();
+                let safe = if way.abs() < 1e-25 { 1e-25 } else { way };
+                let inverse = 1.0 / safe;
+                chords.start[c][l] = start;
+                chords.way[c][l] = way;
+                chords.squared[l] += way * way;
+                chords.inverse[c][l] = inverse;
+                chords.start_ways[c][l] = (base + start) * inverse;
+                chords.slack[c][l] = SLAB_ERROR * (1.0 + (base + start).abs()) * inverse.abs();
             }
         }
-        Chords {
-            start: *a,
-            way,
-            inverse,
-            start_ways,
-            slack,
+        for l in 0..LANES {
+            // The tree is two units long.
+            chords.margin[l] = END_MARGIN * (1.0 + 2.0 / chords.squared[l].sqrt());
         }
+        chords
     }
 }
 
 impl Chords {
-    /// Where the first of the chords enters the box before its `reach`; `None` if none does. The
-    /// tree's own margin is in the box already.
+    /// Whether any of the chords enters the box before its `reach`. The tree's own margin is in the box
+    /// already.
     #[inline(always)]
-    fn enter(&self, b: &Aabb, reach: &SingleLanes) -> Option<f32> {
+    fn enter(&self, b: &Aabb, reach: &SingleLanes) -> bool {
         let (min, max) = (b.min.to_array(), b.max.to_array());
-        let mut first = [0.0; LANES];
+        let mut entered = [false; LANES];
         for l in 0..LANES {
             let (mut enter, mut leave) = (0.0, reach[l]);
             for c in 0..3 {
@@ -170,64 +204,98 @@ impl Chords {
                 enter = more(less(from, to) - self.slack[c][l], enter);
                 leave = less(more(from, to) + self.slack[c][l], leave);
             }
-            first[l] = if enter <= leave { enter } else { f32::INFINITY };
+            entered[l] = enter <= leave;
         }
-        let [nearest, _] = range(&first);
-        (nearest < f32::INFINITY).then_some(nearest)
+        entered.contains(&true)
+    }
+
+    /// Whether the chords, of which one stands for all, run from one box to the other rather than back.
+    #[inline(always)]
+    fn run_from(&self, from: &Aabb, to: &Aabb) -> bool {
+        let way = to.min + to.max - from.min - from.max;
+        let along = |c: usize| way[c] * self.way[c][LANES / 2];
+        along(0) + along(1) + along(2) >= 0.0
+    }
+
+    /// A triangle's corners from the origin, in tree units.
+    #[inline(always)]
+    fn seen_from(&self, [a, b, c]: &[DVec3; 3], unit: f64) -> [[f32; 3]; 3] {
+        let from_origin = |p: &DVec3| ((*p - self.origin) * unit).as_vec3().to_array();
+        [from_origin(a), from_origin(b), from_origin(c)]
     }
 
     /// Keeps the triangle where it is nearer than what is known; whether it is anywhere.
     #[inline(always)]
     fn meet(
         &self,
-        corners: &[DVec3; 3],
+        [a, b, c]: &[[f32; 3]; 3],
         triangle: u32,
-        best: &mut Lanes,
+        best: &mut SingleLanes,
         hits: &mut PacketHits,
     ) -> bool {
-        let [a, b, c] = corners.map(|p| each_point(|k, l| p[k] - self.start[k][l]));
-        let edges = [
+        let (a, b, c) = (self.offsets(a), self.offsets(b), self.offsets(c));
+        let edges = (
             self.volume(&c, &b),
             self.volume(&a, &c),
             self.volume(&b, &a),
-        ];
-        let [da, db, dc] = [self.along(&a), self.along(&b), self.along(&c)];
-        let squared = self.along(&self.way);
-        let mut found = [f64::INFINITY; LANES];
+        );
+        let mut inside = [false; LANES];
+        for l in 0..LANES {
+            let (x, y, z) = (edges.0[l], edges.1[l], edges.2[l]);
+            inside[l] = (less(less(x, y), z) >= 0.0) | (more(more(x, y), z) <= 0.0);
+        }
+        // Most triangles are beside all chords.
+        if !inside.contains(&true) {
+            return false;
+        }
+        let ahead = (self.along(&a), self.along(&b), self.along(&c));
+        let mut found = [f32::INFINITY; LANES];
         let mut weights = [[0.0; LANES]; 2];
         for l in 0..LANES {
-            let [x, y, z] = [edges[0][l], edges[1][l], edges[2][l]];
+            let (x, y, z) = (edges.0[l], edges.1[l], edges.2[l]);
             let scale = 1.0 / (x + y + z);
             let (y, z, x) = (y * scale, z * scale, x * scale);
-            let t = (x * da[l] + y * db[l] + z * dc[l]) / squared[l];
+            let t = (x * ahead.0[l] + y * ahead.1[l] + z * ahead.2[l]) / self.squared[l];
             // Seen edge-on the weights and `t` are not numbers, and no comparison holds.
-            let inside = (x >= 0.0) & (y >= 0.0) & (z >= 0.0);
-            let ahead = (t >= -END_MARGIN) & (t <= best[l] + END_MARGIN) & (t < hits.t[l]);
-            found[l] = if inside & ahead {
+            let within = (t >= -self.margin[l]) & (t <= best[l] + self.margin[l]);
+            found[l] = if inside[l] & within & (t < hits.t[l]) {
                 more(t, 0.0)
             } else {
-                f64::INFINITY
+                f32::INFINITY
             };
             (weights[0][l], weights[1][l]) = (y, z);
         }
-        if range(&found)[0] == f64::INFINITY {
+        if range(&found)[0] == f32::INFINITY {
             return false;
         }
         for l in 0..LANES {
-            if found[l] < f64::INFINITY {
-                (best[l], hits.t[l]) = (found[l], found[l]);
-                hits.triangle[l] = u64::from(triangle);
-                (hits.weights[0][l], hits.weights[1][l]) = (weights[0][l], weights[1][l]);
+            let nearer = found[l] < f32::INFINITY;
+            best[l] = if nearer { found[l] } else { best[l] };
+            hits.t[l] = if nearer { found[l] } else { hits.t[l] };
+            hits.triangle[l] = if nearer { triangle } else { hits.triangle[l] };
+            for k in 0..2 {
+                hits.weights[k][l] = if nearer {
+                    weights[k][l]
+                } else {
+                    hits.weights[k][l]
+                };
             }
         }
         true
     }
 
+    /// A point's offsets from the chords' starts.
+    #[inline(always)]
+    fn offsets(&self, p: &[f32; 3]) -> SinglePoints {
+        let from = |c: usize| single(|l| p[c] - self.start[c][l]);
+        [from(0), from(1), from(2)]
+    }
+
     /// Six times the signed volume of the chord and the edge from `p` to `q`.
     #[inline(always)]
-    fn volume(&self, p: &Points, q: &Points) -> Lanes {
+    fn volume(&self, p: &SinglePoints, q: &SinglePoints) -> SingleLanes {
         let [x, y, z] = &self.way;
-        each(|l| {
+        single(|l| {
             x[l] * (p[1][l] * q[2][l] - p[2][l] * q[1][l])
                 + y[l] * (p[2][l] * q[0][l] - p[0][l] * q[2][l])
                 + z[l] * (p[0][l] * q[1][l] - p[1][l] * q[0][l])
@@ -236,18 +304,8 @@ impl Chords {
 
     /// The component along the chord times its length.
     #[inline(always)]
-    fn along(&self, p: &Points) -> Lanes {
+    fn along(&self, p: &SinglePoints) -> SingleLanes {
         let [x, y, z] = &self.way;
-        each(|l| x[l] * p[0][l] + y[l] * p[1][l] + z[l] * p[2][l])
+        single(|l| x[l] * p[0][l] + y[l] * p[1][l] + z[l] * p[2][l])
     }
-}
-
-/// Places on chords in single precision, none nearer than it is.
-#[inline(always)]
-fn rounded_up(places: &Lanes) -> SingleLanes {
-    let mut up = [0.0; LANES];
-    for l in 0..LANES {
-        up[l] = (places[l] + f64::from(f32::EPSILON) * places[l].abs()) as f32;
-    }
-    up
 }

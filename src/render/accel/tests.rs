@@ -1,4 +1,5 @@
 use super::*;
+use crate::render::{lanes::each_point, sheaf::Spread};
 
 /// A small deterministic generator of numbers in [0, 1).
 struct Random(u64);
@@ -134,6 +135,68 @@ fn a_path_of_many_chords_loses_no_hit_at_the_joints() {
         let first = accelerator.first_hit_on_chord(start, joint);
         let second = accelerator.first_hit_on_chord(joint, start + way);
         assert!(first.is_some() || second.is_some());
+    }
+}
+
+/// The first hits of sixteen chords on any triangle.
+fn packet(accelerator: &Accelerator, a: &[DVec3; 16], b: &[DVec3; 16]) -> Option<PacketHits> {
+    let spread = |p: &[DVec3; 16]| Spread::of(&each_point(|c, l| p[l][c]));
+    let (a, b) = (spread(a), spread(b));
+    accelerator.first_hits(&[0], [&a, &b], DVec3::ZERO, &[1.0; 16])
+}
+
+#[test]
+fn sixteen_chords_meet_what_each_does_by_itself() {
+    let mut random = Random(7);
+    for scale in [1e-3, 1.0, 100.0] {
+        let triangles = soup(&mut random, 400, 0.2, DVec3::splat(3.0 * scale), scale);
+        let accelerator = Accelerator::build(&triangles);
+        let (mut hits, mut other) = (0, 0);
+        for _ in 0..500 {
+            let mut point = |at: DVec3, spread: f64| at + scale * (3.0 + spread * random.point());
+            let middles = [0; 2].map(|_| point(DVec3::ZERO, 1.0) - 3.0 * scale);
+            let [a, b] = middles.map(|middle| [0; 16].map(|_| point(middle, 0.05)));
+            let found = packet(&accelerator, &a, &b);
+            let t = |l: usize| found.as_ref().map_or(f32::INFINITY, |found| found.t[l]);
+            for l in 0..16 {
+                let alone = accelerator.first_hit_on_chord(a[l], b[l]);
+                let expected = alone.map_or(f32::INFINITY, |hit| hit.t as f32);
+                hits += usize::from(alone.is_some());
+                // At an edge either answer is right.
+                let same = expected == t(l) || (expected - t(l)).abs() < 1e-5;
+                other += usize::from(!same);
+                if let (true, Some(hit), Some(found)) = (same, alone, &found) {
+                    let weight = hit.barycentric.0 as f32 - found.weights[0][l];
+                    let near = hit.triangle != found.triangle[l] || weight.abs() < 1e-4;
+                    assert!(near, "{weight}");
+                }
+            }
+        }
+        assert!(hits > 1000 && other < 3, "{hits} {other}");
+    }
+}
+
+#[test]
+fn sixteen_chords_find_no_cracks_and_lose_nothing_at_joints() {
+    let accelerator = Accelerator::build(&sphere(24));
+    let mut random = Random(8);
+    for _ in 0..2_000 {
+        let start = random.point() * 0.3;
+        let aim = random.point().normalize();
+        let starts = [0; 16].map(|_| start + 0.01 * random.point());
+        let ends = [0; 16].map(|_| 2.0 * (aim + 0.01 * random.point()));
+        let whole = packet(&accelerator, &starts, &ends).expect("a closed surface");
+        // The joints are put on the surface.
+        let joints = std::array::from_fn(|l| starts[l].lerp(ends[l], whole.t[l].into()));
+        let [first, second] = [(&starts, &joints), (&joints, &ends)];
+        let [first, second] = [first, second].map(|(a, b)| packet(&accelerator, a, b));
+        let is_hit = |found: &Option<PacketHits>, l: usize| {
+            found.as_ref().is_some_and(|found| found.t[l].is_finite())
+        };
+        for l in 0..16 {
+            assert!(whole.t[l].is_finite(), "{}", starts[l]);
+            assert!(is_hit(&first, l) || is_hit(&second, l));
+        }
     }
 }
 

@@ -152,7 +152,7 @@ pub(super) fn table_errors(
             let probe = probed.probes.first()?;
             // As the renderer looks it up.
             let mut courses = Courses::default();
-            let number = fan.add(middle(view, i % width, i / width), &mut courses);
+            let number = fan.add(fan.locate(middle(view, i % width, i / width)), &mut courses);
             let path = fan.among(&courses, number);
             if path.flagged_from() < probe.s {
                 return None;

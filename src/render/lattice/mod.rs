@@ -62,6 +62,20 @@ impl Tile {
         })
     }
 
+    /// The squares of at most `side` pixels that it is made of, row by row.
+    pub fn parts(self, side: usize) -> impl Iterator<Item = Tile> {
+        let side = side.min(self.side);
+        let steps = move || (0..self.side).step_by(side);
+        let part = move |(dy, dx)| Tile {
+            x: self.x + dx,
+            y: self.y + dy,
+            side,
+        };
+        steps()
+            .flat_map(move |dy| steps().map(move |dx| (dy, dx)))
+            .map(part)
+    }
+
     /// Rows and columns of the tile that are in a picture of `size` (across, down).
     pub fn extent(self, size: (usize, usize)) -> (Range<usize>, Range<usize>) {
         (
