@@ -178,7 +178,7 @@ fn complaints_name_the_file_and_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("b.fan");
     let bytes = bundle(1).contents().encode().unwrap();
-    fs::write(&path, &bytes[..bytes.len() - 50]).unwrap();
+    fs::write(&path, &bytes[..bytes.len() - 20]).unwrap();
     let error = Bundle::read(&path).unwrap_err();
     assert_eq!(error.exit_code(), 2);
     let text = error.to_string();
