@@ -20,6 +20,10 @@ const ROOM: f64 = 4e-9;
 /// are: most of those of large patches round to zero and add nothing.
 const FINE_ENOUGH: f64 = 0.005;
 
+/// Errors up to this, in units of the promise, tell by how much a step is too coarse; larger ones need
+/// not grow as steps do.
+const NEAR: f64 = 4.0;
+
 /// Singular values below this share of the finest step round to zero.
 const NEGLIGIBLE: f64 = 0.5;
 
@@ -78,27 +82,68 @@ impl Refiner<'_> {
     }
 }
 
-/// `train` rounded with the coarsest of the steps whose error keeps the promise, by bisection:
-/// rounding more coarsely is hardly ever better.
+/// `train` rounded with the coarsest of the steps whose error keeps the promise: rounding more coarsely
+/// is hardly ever better.
 fn coarsest(train: &Train, finest: f64, error: &impl Fn(&Tensor) -> f64) -> Option<(Step, Tensor)> {
     let rounded = |k: i16| {
         let step = Step::near(finest).coarser(k);
         let tensor = train.rounded(step)?;
-        (error(&tensor) <= 1.0).then_some((step, tensor))
+        Some((error(&tensor), step, tensor))
     };
-    let mut best = rounded(0)?;
-    let (mut low, mut high) = (0, STEPS);
-    while high - low > 1 {
-        let middle = (low + high) / 2;
-        match rounded(middle) {
-            Some(found) => (best, low) = (found, middle),
-            None => high = middle,
+    let (first, step, tensor) = rounded(0).filter(|(error, ..)| *error <= 1.0)?;
+    let mut best = (step, tensor);
+    let (mut keeps, mut misses) = ((0, first), (STEPS, f64::INFINITY));
+    while misses.0 - keeps.0 > 1 {
+        let k = between(keeps, misses);
+        match rounded(k) {
+            Some((error, step, tensor)) if error <= 1.0 => {
+                (best, keeps) = ((step, tensor), (k, error));
+            }
+            found => misses = (k, found.map_or(f64::INFINITY, |(error, ..)| error)),
         }
     }
     Some(best)
 }
 
+/// The step to be tried after one that keeps the promise and one that does not, each with its error:
+/// where a power law between them meets the promise, or the middle while one of them is far from it.
+fn between(keeps: (i16, f64), misses: (i16, f64)) -> i16 {
+    let share = (1.0 / keeps.1).ln() / (misses.1 / keeps.1).ln();
+    let share = if misses.1 <= NEAR && share.is_finite() {
+        share
+    } else {
+        0.5
+    };
+    let steps = (share * f64::from(misses.0 - keeps.0)) as i16;
+    (keeps.0 + steps).clamp(keeps.0 + 1, misses.0 - 1)
+}
+
 /// The size of the largest coefficient.
 fn largest(polynomial: &Polynomial) -> f64 {
     polynomial.0.iter().fold(0.0, |a, c| a.max(c.abs()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_last_step_that_keeps_the_promise_is_found_in_few_trials() {
+        for (floor, crossing) in [(0.3, 77.0), (0.9, 150.5), (0.01, 3.2)] {
+            let error =
+                |k: i16| floor + (1.0 - floor) * 2_f64.powf((f64::from(k) - crossing) / 16.0);
+            let (mut keeps, mut misses) = ((0, error(0)), (STEPS, f64::INFINITY));
+            let mut trials = 0;
+            while misses.0 - keeps.0 > 1 {
+                let k = between(keeps, misses);
+                trials += 1;
+                match error(k) <= 1.0 {
+                    true => keeps = (k, error(k)),
+                    false => misses = (k, error(k)),
+                }
+            }
+            assert_eq!(keeps.0, crossing as i16);
+            assert!(trials <= 9, "{trials}");
+        }
+    }
 }
