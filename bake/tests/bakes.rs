@@ -213,7 +213,7 @@ fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
 fn a_camera_at_one_point_can_be_baked_without_frames() {
     let place = place();
     let output = place
-        .bake("point.toml -o p.fan --max-error 5 --no-frames --certify-rays 300 --json")
+        .bake("point.toml -o p.fan --max-error 5 --no-frames --certify-rays 3000 --json")
         .success();
     let report: Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
     assert!(report["rotation_mrad"].is_null());
