@@ -251,19 +251,16 @@ impl Decoder {
     /// # Errors
     /// No coder wrote this.
     pub fn take(&mut self, class: usize) -> Result<i32, Damage> {
-        let (mut times, mut answers) = (0, ANSWERS);
-        while times < ANSWERS {
-            let answer = &mut self.learnt.0[class][times];
+        let mut times = 0;
+        for answer in &mut self.learnt.0[class] {
             let yes = self.words.decode_symbol(*answer).map_err(|_| DAMAGE)?;
             answer.learn(yes);
             if !yes {
                 break;
             }
             times += 1;
-            answers -= 1;
         }
-        let mut times = times as u32;
-        if answers == 0 {
+        if times == ANSWERS as u32 {
             times = times.checked_add(self.take_beyond()? - 1).ok_or(DAMAGE)?;
         }
         let low = dropped(class);

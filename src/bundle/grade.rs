@@ -1,7 +1,7 @@
 //! How coarsely coefficients are rounded, by their degree along the arc length.
 
 use crate::expr::real::Real;
-use ndarray::{Array1, ArrayD};
+use ndarray::{Array2, ArrayD};
 
 /// How much more coarsely coefficients of degree `k` along the arc length are rounded: an error of that
 /// degree in the slope moves points by 1/k of it. With the degree itself instead of its root tangents
@@ -23,9 +23,7 @@ pub fn ungraded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
 /// Each coefficient times the factor of its degree along the arc length.
 fn by_degree(coefficients: &ArrayD<f64>, factor: impl Fn(usize) -> f64) -> ArrayD<f64> {
     let [degrees, channels] = [2, 1].map(|i| coefficients.shape()[coefficients.ndim() - i]);
-    let row = (0..degrees).flat_map(|k| std::iter::repeat_n(factor(k), channels));
-    let row = Array1::from_iter(row).into_shape_with_order((degrees, channels));
-    coefficients * &row.expect("a factor for each degree and channel")
+    coefficients * &Array2::from_shape_fn((degrees, channels), |(k, _)| factor(k))
 }
 
 /// What [`graded`] did to `values` of a core of `shape`, whose last axes are arc length and channel.

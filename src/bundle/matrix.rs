@@ -50,7 +50,7 @@ pub(super) fn summed<N, T: Real>(
 
 /// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of
 /// the rows of `b`.
-pub(super) fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
+pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let width = b.len() / inner;
     let rows = a.len() / inner;
     let mut product = vec![T::ZERO; rows * width];

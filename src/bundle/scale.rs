@@ -2,44 +2,30 @@
 //!
 //! Both are powers of a root of two, kept as exponents of 16 bits.
 
-/// Scales are powers of `2^(1/4)`: any number near the singular value will do.
-const SCALES_PER_OCTAVE: i16 = 4;
+/// `2^(k/N)`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Power<const N: i16>(pub(super) i16);
 
-/// Steps are powers of `2^(1/16)`: with those of scales they are on average 9 % finer than they need to
-/// be.
-const STEPS_PER_OCTAVE: i16 = 16;
+/// By what a column of a core is multiplied: any number near the singular value will do.
+pub type Scale = Power<4>;
 
-/// By what a column of a core is multiplied, `2^(k/4)`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Scale(pub(super) i16);
+/// The unit that numbers are rounded to multiples of. As coarse as scales, steps would be on average
+/// 9 % finer than they need to be.
+pub type Step = Power<16>;
 
-impl Scale {
+impl<const N: i16> Power<N> {
     /// The nearest to `x`, clamped to the range of 16 bits.
     pub fn near(x: f64) -> Self {
-        Self(nearest(x, SCALES_PER_OCTAVE))
+        Self((f64::from(N) * x.log2()).round() as i16)
     }
 
     /// The number.
     pub fn value(self) -> f64 {
-        power(self.0, SCALES_PER_OCTAVE)
+        (f64::from(self.0) / f64::from(N)).exp2()
     }
 }
 
-/// The unit that numbers are rounded to multiples of, `2^(k/16)`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Step(pub(super) i16);
-
 impl Step {
-    /// The nearest to `x`, clamped to the range of 16 bits.
-    pub fn near(x: f64) -> Self {
-        Self(nearest(x, STEPS_PER_OCTAVE))
-    }
-
-    /// The number.
-    pub fn value(self) -> f64 {
-        power(self.0, STEPS_PER_OCTAVE)
-    }
-
     /// The step so many times coarser by `2^(1/16)`.
     pub fn coarser(self, times: i16) -> Self {
         Self(self.0.saturating_add(times))
@@ -47,16 +33,8 @@ impl Step {
 
     /// A scale of about this size.
     pub(super) fn scale(self) -> Scale {
-        Scale(self.0.div_euclid(STEPS_PER_OCTAVE / SCALES_PER_OCTAVE))
+        Power(self.0.div_euclid(4))
     }
-}
-
-fn nearest(x: f64, per_octave: i16) -> i16 {
-    (f64::from(per_octave) * x.log2()).round() as i16
-}
-
-fn power(exponent: i16, per_octave: i16) -> f64 {
-    (f64::from(exponent) / f64::from(per_octave)).exp2()
 }
 
 #[cfg(test)]

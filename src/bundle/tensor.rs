@@ -21,7 +21,7 @@ use super::{
     grade::ungrade,
     layout::Layout,
     matrix::{scaled, summed},
-    scale::{Scale, Step},
+    scale::{Power, Scale, Step},
 };
 use crate::expr::real::Real;
 use ndarray::ArrayD;
@@ -209,7 +209,7 @@ impl Tensor {
     ) -> Result<Self, Damage> {
         let layout = Layout::of_code(input.u8()?, cameras + directions);
         let layout = layout.ok_or(Damage("layout of a tensor"))?;
-        let step = Step(input.i16()?);
+        let step = Power(input.i16()?);
         let mut cores: Vec<Core> = Vec::new();
         let axes = layout.cores(cameras + directions);
         for (k, axes_of_core) in axes.iter().enumerate() {
@@ -258,7 +258,7 @@ impl Core {
         let scales = coded.take(&[ranks])?.into_iter().map(|difference| {
             before = before.saturating_add(difference);
             i16::try_from(before)
-                .map(Scale)
+                .map(Power)
                 .map_err(|_| Damage("scale of a rank"))
         });
         Ok(Self {

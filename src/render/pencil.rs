@@ -12,7 +12,7 @@ use super::{
     strands::{ROWS, Strand},
 };
 use crate::{
-    bundle::{Fan, chebyshev},
+    bundle::{Fan, chebyshev, product},
     expr::vectorised,
     fan::Located,
 };
@@ -291,19 +291,7 @@ impl Rung<'_> {
 fn transformed(values: &[f64]) -> Vec<f64> {
     static TRANSFORM: LazyLock<Vec<f64>> =
         LazyLock::new(|| chebyshev::transform(NODES).into_iter().collect());
-    let width = values.len() / NODES;
-    let mut sums = vec![0.0; values.len()];
-    for (sums, weights) in sums
-        .chunks_exact_mut(width)
-        .zip(TRANSFORM.chunks_exact(NODES))
-    {
-        for (row, weight) in values.chunks_exact(width).zip(weights) {
-            for (sum, value) in sums.iter_mut().zip(row) {
-                *sum += weight * value;
-            }
-        }
-    }
-    sums
+    product(&TRANSFORM, NODES, values)
 }
 
 /// Whether points and tangents at all knots are known within the tolerance.

@@ -69,37 +69,37 @@ impl Refiner<'_> {
         };
         // At the same step plain coefficients round more often: if they are larger all the same,
         // there is no need to try them.
-        let promising = plain
-            .rounded(step)
-            .is_some_and(|t| t.bytes() < train.bytes());
+        let bytes = train.bytes();
+        let promising = plain.rounded(step).is_some_and(|t| t.bytes() < bytes);
         let plain = promising
             .then(|| coarsest(&plain, finest, &error))
             .flatten();
         match plain {
-            Some((_, plain)) if plain.bytes() < train.bytes() => Some(plain),
+            Some((_, plain)) if plain.bytes() < bytes => Some(plain),
             _ => Some(train),
         }
     }
 }
 
-/// `train` rounded with the coarsest of the steps whose error keeps the promise: rounding more coarsely
-/// is hardly ever better.
+/// `train` rounded with the coarsest of the steps whose error keeps the promise.
 fn coarsest(train: &Train, finest: f64, error: &impl Fn(&Tensor) -> f64) -> Option<(Step, Tensor)> {
-    let rounded = |k: i16| {
+    last_kept(|k| {
         let step = Step::near(finest).coarser(k);
         let tensor = train.rounded(step)?;
-        Some((error(&tensor), step, tensor))
-    };
-    let (first, step, tensor) = rounded(0).filter(|(error, ..)| *error <= 1.0)?;
-    let mut best = (step, tensor);
+        Some((error(&tensor), (step, tensor)))
+    })
+}
+
+/// What the coarsest step that keeps the promise gives, of those that are `tried` by number (error, what
+/// it gives): rounding more coarsely is hardly ever better.
+fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
+    let (first, mut best) = tried(0).filter(|(error, _)| *error <= 1.0)?;
     let (mut keeps, mut misses) = ((0, first), (STEPS, f64::INFINITY));
     while misses.0 - keeps.0 > 1 {
         let k = between(keeps, misses);
-        match rounded(k) {
-            Some((error, step, tensor)) if error <= 1.0 => {
-                (best, keeps) = ((step, tensor), (k, error));
-            }
-            found => misses = (k, found.map_or(f64::INFINITY, |(error, ..)| error)),
+        match tried(k) {
+            Some((error, found)) if error <= 1.0 => (best, keeps) = (found, (k, error)),
+            found => misses = (k, found.map_or(f64::INFINITY, |(error, _)| error)),
         }
     }
     Some(best)
@@ -126,24 +126,20 @@ fn largest(polynomial: &Polynomial) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::Cell;
 
     #[test]
     fn the_last_step_that_keeps_the_promise_is_found_in_few_trials() {
         for (floor, crossing) in [(0.3, 77.0), (0.9, 150.5), (0.01, 3.2)] {
-            let error =
-                |k: i16| floor + (1.0 - floor) * 2_f64.powf((f64::from(k) - crossing) / 16.0);
-            let (mut keeps, mut misses) = ((0, error(0)), (STEPS, f64::INFINITY));
-            let mut trials = 0;
-            while misses.0 - keeps.0 > 1 {
-                let k = between(keeps, misses);
-                trials += 1;
-                match error(k) <= 1.0 {
-                    true => keeps = (k, error(k)),
-                    false => misses = (k, error(k)),
-                }
-            }
-            assert_eq!(keeps.0, crossing as i16);
-            assert!(trials <= 9, "{trials}");
+            let trials = Cell::new(0);
+            let found = last_kept(|k| {
+                trials.set(trials.get() + 1);
+                let rounding = 2_f64.powf((f64::from(k) - crossing) / 16.0);
+                Some((floor + (1.0 - floor) * rounding, k))
+            });
+            assert_eq!(found, Some(crossing as i16));
+            // The finest step is tried besides.
+            assert!(trials.get() <= 10, "{trials:?}");
         }
     }
 }
