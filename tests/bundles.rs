@@ -2,7 +2,7 @@
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use geofan::{
-    bundle::{Bundle, Contents, PlanRecord, Step, Train, Tree, certify},
+    bundle::{Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, certify},
     diagnostic::SourceText,
     fan::FanSpace,
     manifold::Manifold,
@@ -32,7 +32,11 @@ length = 8.0
 fn leaf(wrong: f64) -> Tree {
     let slopes = vec![wrong, 0.0, 0.0];
     let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 1, 3]), slopes).unwrap();
-    let tensor = Train::plain(&samples, 1).rounded(Step::near(1e-8));
+    let polynomial = Polynomial {
+        coefficients: samples,
+        stretch: Stretch::NONE,
+    };
+    let tensor = Train::plain(&polynomial, 1).rounded(Step::near(1e-8));
     Tree::Leaf(Arc::new(tensor.unwrap()))
 }
 

@@ -10,7 +10,7 @@ use crate::{
 };
 use geofan::{
     Result,
-    bundle::{Division, PlanRecord, container::Id},
+    bundle::{Division, PlanRecord, Table, container::Id},
     fan::FanSpace,
     terminal::{CommonArgs, Interrupt, Progress},
 };
@@ -152,7 +152,8 @@ impl Job<'_> {
         parts: &Parts,
         division: &Division,
     ) -> Result<Option<Baked>> {
-        if let Some(baked) = parts.load(chunk, self.id, self.space) {
+        if let Some(baked) = parts.load(chunk, self.id, Table::shape(self.space, self.plan.stretch))
+        {
             tally.volume.store(volume(division) as u64, Relaxed);
             tally.bytes.store(baked.tree.len() as u64, Relaxed);
             return Ok(Some(baked));

@@ -10,6 +10,7 @@
 pub mod args;
 pub mod demo;
 pub mod finish;
+mod focus;
 pub mod job;
 mod lift;
 mod mirrors;

@@ -7,10 +7,9 @@
 use geofan::{
     Error, Result,
     bundle::{
-        Reader, Table, Tree, Writer,
+        Reader, Shape, Tree, Writer,
         container::{Id, Kind, read_block, write_block},
     },
-    fan::FanSpace,
     files::write_atomically,
 };
 use std::{
@@ -70,8 +69,9 @@ impl Parts {
         self.folder.join(format!("chunk-{chunk:06}"))
     }
 
-    /// The finished chunk, if it is there, whole, and of the bundle `id` over `space`.
-    pub fn load(&self, chunk: u32, id: Id, space: &FanSpace) -> Option<Baked> {
+    /// The finished chunk, if it is there, whole, and of the bundle `id` with tensors of
+    /// this `shape`.
+    pub fn load(&self, chunk: u32, id: Id, shape: Shape) -> Option<Baked> {
         let bytes = fs::read(self.path(chunk)).ok()?;
         let payload = read_block(&bytes, Kind::Part, chunk, id)?;
         let mut input = Reader(payload);
@@ -81,7 +81,7 @@ impl Parts {
         let rays = u64::from_le_bytes(input.bytes().ok()?.try_into().ok()?);
         let tree = input.0.to_vec();
         // Only what this version would have written: the same bytes again.
-        let again = Tree::decode(&tree, Table::shape(space)).ok()?.encode();
+        let again = Tree::decode(&tree, shape).ok()?.encode();
         (again == tree).then_some(Baked { tree, rays })
     }
 

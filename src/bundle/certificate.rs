@@ -189,7 +189,7 @@ fn at_camera(
 mod tests {
     use super::*;
     use crate::{
-        bundle::{Chunk, Division, Step, Train, Tree},
+        bundle::{Chunk, Division, Polynomial, Step, Stretch, Train, Tree},
         diagnostic::SourceText,
         fan::FanSpace,
         manifold::Manifold,
@@ -214,11 +214,15 @@ length = 5.0
         let space = FanSpace::new(Arc::new(manifold)).unwrap();
         let slopes = vec![0.0, wrong, wrong];
         let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 3]), slopes).unwrap();
-        let tensor = Train::plain(&samples, 0).rounded(Step::near(1e-8));
+        let polynomial = Polynomial {
+            coefficients: samples,
+            stretch: Stretch::NONE,
+        };
+        let tensor = Train::plain(&polynomial, 0).rounded(Step::near(1e-8));
         let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
-        let shape = Table::shape(&space);
+        let shape = Table::shape(&space, Stretch::NONE);
         let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
         Table {
             space,

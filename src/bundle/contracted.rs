@@ -4,7 +4,7 @@
 //! [−1, 1]. Out: for one direction, the coefficients in the arc length. With one direction
 //! parameter the second axis has length 1.
 
-use super::{cells::Cells, chebyshev, tensor::MOST_DEGREES};
+use super::{cells::Cells, chebyshev, stretch::Stretch, tensor::MOST_DEGREES};
 use crate::expr::vectorised;
 
 /// A patch at one camera, in single precision: its rounding, 6e-8 of the largest coefficient, is far
@@ -17,6 +17,8 @@ pub struct Contracted {
     degrees: [usize; 2],
     lengths: usize,
     channels: usize,
+    /// Of the direction parameters; cells have their own variables.
+    stretch: Stretch,
     /// Cells for paths close together; `None` if the whole is cheap enough.
     cells: Option<Cells>,
 }
@@ -26,7 +28,7 @@ const BLOCK: usize = 16;
 
 impl Contracted {
     /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest.
-    pub fn new(shape: &[usize], coefficients: &[f32]) -> Self {
+    pub fn new(shape: &[usize], coefficients: &[f32], stretch: Stretch) -> Self {
         let axis = |from_end: usize| shape.len().checked_sub(from_end).map_or(1, |i| shape[i]);
         let (channels, lengths) = (axis(1), axis(2));
         let row = (channels * lengths).max(1);
@@ -47,6 +49,7 @@ impl Contracted {
             degrees,
             lengths,
             channels,
+            stretch,
             cells: Cells::new(degrees),
         }
     }
@@ -58,6 +61,7 @@ impl Contracted {
             degrees,
             lengths: self.lengths,
             channels: self.channels,
+            stretch: Stretch::NONE,
             cells: None,
         }
     }
@@ -85,6 +89,11 @@ impl Contracted {
     /// The coefficients in the arc length, `lengths` rows of `channels`, at direction parameters
     /// (p, q), written to the front of `row`; what is behind them there is undefined.
     pub fn direction<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
+        self.sum([p, q].map(|x| self.stretch.variable(x)), row)
+    }
+
+    /// The same at variables of the polynomials.
+    fn sum<'r>(&self, [p, q]: [f64; 2], row: &'r mut Row) -> &'r [f64] {
         let [np, nq] = self.degrees;
         let (mut tp, mut tq) = ([0.0; MOST_DEGREES], [0.0; MOST_DEGREES]);
         chebyshev::values(p, &mut tp[..np]);
@@ -103,10 +112,14 @@ impl Contracted {
     /// The same as [`Contracted::direction`], for one of many directions close together: from the cell
     /// around it, without what does not count there.
     pub fn nearby<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
-        let cell = self.cells.as_ref().and_then(|cells| cells.at(self, [p, q]));
+        let variables = [p, q].map(|x| self.stretch.variable(x));
+        let cell = self
+            .cells
+            .as_ref()
+            .and_then(|cells| cells.at(self, variables));
         match cell {
-            Some((cell, [p, q])) => cell.direction(p, q, row),
-            None => self.direction(p, q, row),
+            Some((cell, inner)) => cell.sum(inner, row),
+            None => self.sum(variables, row),
         }
     }
 }
@@ -176,7 +189,7 @@ mod tests {
             (i as f32 * 0.7).sin() * (-0.5 * (p + q) as f32).exp()
         };
         let table: Vec<f32> = (0..count).map(coefficient).collect();
-        let patch = Contracted::new(&shape, &table);
+        let patch = Contracted::new(&shape, &table, Stretch::NONE);
         let (mut used, mut worst) = (0, 0.0_f64);
         for i in 0..400 {
             let [p, q] = [0.618, 0.755].map(|step| (f64::from(i) * step).fract() * 2.0 - 1.0);
@@ -198,7 +211,7 @@ mod tests {
         for (np, nq, lengths, channels) in [(3, 4, 17, 3), (5, 1, 2, 2), (1, 1, 32, 1)] {
             let count = np * nq * lengths * channels;
             let table: Vec<f32> = (0..count).map(|i| (i as f32 * 0.7).sin()).collect();
-            let contracted = Contracted::new(&[np, nq, lengths, channels], &table);
+            let contracted = Contracted::new(&[np, nq, lengths, channels], &table, Stretch::NONE);
             let (p, q) = (0.3, -0.8);
             let mut found = EMPTY_ROW;
             let found = contracted.direction(p, q, &mut found);

@@ -94,25 +94,6 @@ impl Division {
         let cells = cell.iter().zip(&self.cells).rev();
         cells.fold(0, |sum, (c, n)| sum * n + c) * self.faces + face
     }
-
-    /// The cell that holds `parameters`, and the parameters in it, in [−1, 1].
-    pub(super) fn locate(
-        &self,
-        intervals: &[[f64; 2]],
-        parameters: &[f64],
-    ) -> (Vec<usize>, Vec<f64>) {
-        let axes = self.cells.iter().zip(intervals).zip(parameters);
-        let along = axes.map(|((&n, [low, high]), p)| {
-            let t = if high > low {
-                (p - low) / (high - low) * n as f64
-            } else {
-                0.5
-            };
-            let k = (t.max(0.0) as usize).min(n - 1);
-            (k, (2.0 * (t - k as f64) - 1.0).clamp(-1.0, 1.0))
-        });
-        along.unzip()
-    }
 }
 
 #[cfg(test)]
@@ -129,8 +110,5 @@ mod tests {
             assert_eq!((stored.chunk, stored.mirror), (chunk, None));
         }
         assert_eq!(division.of(7), (vec![1, 0], 1));
-        let intervals = [[0.0, 1.0], [-1.0, 1.0]];
-        let (cell, inner) = division.locate(&intervals, &[0.75, 1.0]);
-        assert_eq!((cell, inner), (vec![1, 2], vec![0.0, 1.0]));
     }
 }

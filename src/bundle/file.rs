@@ -166,6 +166,9 @@ impl Header {
         if !plan.mirrors.iter().all(|mirror| mirror.fits(space)) {
             return wrong("its mirrors are not the manifold's");
         }
+        if !plan.stretch.is_valid() || !plan.focus.iter().flatten().all(|x| x.is_finite()) {
+            return wrong("its stretch or its focus is out of range");
+        }
         if let Lift::Sphere { radius } = plan.lift
             && !positive(radius)
         {
@@ -235,9 +238,9 @@ impl Contents {
             return Err(BundleError::Disagrees("its number of chunks"));
         }
         let manifold = header.manifold(name)?;
-        let space = FanSpace::new(manifold.clone())?.lifted(header.plan.lift);
+        let space = FanSpace::new(manifold.clone())?;
         header.agrees(&space)?;
-        let space = space.mirrored(header.plan.mirrors.clone());
+        let space = header.plan.applied(space);
         let total = header.plan.division(&space).chunks() as u64;
         if identity(&manifold, &header.plan)? != container.id {
             return Err(BundleError::Disagrees("its id is not that of its plan"));
@@ -314,7 +317,7 @@ impl Bundle {
         if let Some(ShardRecord { index, of, .. }) = header.shard {
             return Err(BundleError::Shard { index, of });
         }
-        let shape = Table::shape(&space);
+        let shape = Table::shape(&space, header.plan.stretch);
         let chunks = chunks
             .into_iter()
             .map(|(_, bytes)| Chunk::new(bytes, shape));

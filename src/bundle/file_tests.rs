@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    bundle::{Step, Train, Tree},
+    bundle::{Polynomial, Step, Stretch, Train, Tree},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
@@ -30,6 +30,8 @@ fn plan() -> PlanRecord {
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
+        stretch: Stretch::new(0.8),
+        focus: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
         mirrors: Vec::new(),
         seed: 1,
     }
@@ -43,8 +45,11 @@ fn bundle(nodes: usize) -> Bundle {
     let mut stream = Stream::new(&[3]);
     let mut leaf = || {
         let shape = IxDyn(&[nodes, 3, 3, 4, 3]);
-        let samples = ArrayD::from_shape_simple_fn(shape, || stream.uniform());
-        let tensor = Train::plain(&samples, 1).rounded(Step::near(1e-6));
+        let polynomial = Polynomial {
+            coefficients: ArrayD::from_shape_simple_fn(shape, || stream.uniform()),
+            stretch: plan().stretch,
+        };
+        let tensor = Train::plain(&polynomial, 1).rounded(Step::near(1e-6));
         Tree::Leaf(Arc::new(tensor.unwrap()))
     };
     let chunks = (0..6).map(|face| match face {

@@ -3,6 +3,7 @@
 use super::{
     chebyshev,
     matrix::{product, summed},
+    stretch::Stretch,
     tensor::values_at,
 };
 use ndarray::{Array2, ArrayD, Axis, s};
@@ -15,29 +16,37 @@ const SUMMED_AT_ONCE: usize = 128;
 /// Columns that are copied together, so that they lie in a cache while all points read them.
 const TILE: usize = 128;
 
-/// Chebyshev coefficients of one group of channels, in standard layout: axes camera…, direction…,
-/// arc length, channel.
+/// A polynomial of one group of channels.
 #[derive(Debug, Clone)]
-pub struct Polynomial(pub ArrayD<f64>);
+pub struct Polynomial {
+    /// Chebyshev coefficients in standard layout: axes camera…, direction…, arc length, channel.
+    pub coefficients: ArrayD<f64>,
+    /// Of the variables of cameras and directions.
+    pub stretch: Stretch,
+}
 
 impl Polynomial {
-    /// From samples at the tensor grid of Chebyshev nodes, with the same axes; the first `starts`
-    /// along the arc length are not at nodes but stay beside the coefficients.
-    pub fn fit(mut samples: ArrayD<f64>, starts: usize) -> Self {
+    /// From samples at the tensor grid of Chebyshev nodes, those of cameras and directions placed by
+    /// `stretch`, with the same axes; the first `starts` along the arc length are not at nodes but stay
+    /// beside the coefficients.
+    pub fn fit(mut samples: ArrayD<f64>, starts: usize, stretch: Stretch) -> Self {
         let arc = samples.ndim() - 2;
         let slopes = samples.len_of(Axis(arc)) - starts;
         let mut along_arc = Array2::eye(starts + slopes);
         let mut nodes = along_arc.slice_mut(s![starts.., starts..]);
         nodes.assign(&chebyshev::transform(slopes));
         chebyshev::along_axis(&mut samples, arc, &along_arc);
-        Self(chebyshev::coefficients(samples, arc))
+        Self {
+            coefficients: chebyshev::coefficients(samples, arc),
+            stretch,
+        }
     }
 
     /// Along each axis but the channels, the root of the sum of squares of the coefficients of each
     /// degree.
     pub fn spectra(&self) -> Vec<Vec<f64>> {
-        let shape = self.0.shape();
-        let values = self.0.as_slice().unwrap_or_default();
+        let shape = self.coefficients.shape();
+        let values = self.coefficients.as_slice().unwrap_or_default();
         let mut spectra: Vec<Vec<f64>> = shape.iter().map(|n| vec![0.0; *n]).collect();
         // Sums over the axes behind are summed further: every axis reads what the one behind left.
         let mut squares: Vec<f64> = values
@@ -62,11 +71,12 @@ impl Polynomial {
     /// What remains at each of `points` (parameters in [−1, 1] of all axes but the last two): rows
     /// over (arc length, channel).
     pub fn at(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
-        let shape = self.0.shape();
+        let shape = self.coefficients.shape();
         let inputs = shape.len() - 2;
         let enough = |axes: &usize| shape[..*axes].iter().product::<usize>() >= SUMMED_AT_ONCE;
         let first = (1..inputs).find(enough).unwrap_or(inputs);
-        let weights: Vec<Vec<Vec<f64>>> = points.iter().map(|x| values_at(shape, x)).collect();
+        let weights = points.iter().map(|x| values_at(shape, x, self.stretch));
+        let weights: Vec<Vec<Vec<f64>>> = weights.collect();
         let at_once: Vec<f64> = weights.iter().flat_map(|w| products(&w[..first])).collect();
         let count: usize = shape[..first].iter().product();
         let sums = self.weighted(&at_once, count);
@@ -77,7 +87,7 @@ impl Polynomial {
             }
             sums
         };
-        let width = self.0.len() / count;
+        let width = self.coefficients.len() / count;
         sums.par_chunks_exact(width)
             .zip(&weights)
             .map(rest)
@@ -86,7 +96,7 @@ impl Polynomial {
 
     /// The product of `weights`, rows of `count`, with the coefficients as a matrix of `count` rows.
     fn weighted(&self, weights: &[f64], count: usize) -> Vec<f64> {
-        let values = self.0.as_slice().unwrap_or_default();
+        let values = self.coefficients.as_slice().unwrap_or_default();
         let width = values.len() / count;
         let tile = |tile: usize| {
             let columns = tile * TILE..width.min((tile + 1) * TILE);
@@ -112,7 +122,7 @@ impl Polynomial {
 
     /// Whether all coefficients are finite.
     pub fn is_finite(&self) -> bool {
-        self.0.iter().all(|c| c.is_finite())
+        self.coefficients.iter().all(|c| c.is_finite())
     }
 }
 
@@ -132,15 +142,20 @@ mod tests {
     #[test]
     fn many_points_at_once_give_the_sum_of_all_terms() {
         let shape = [5, 4, 40, 3, 2];
-        let polynomial = Polynomial(ArrayD::from_shape_fn(IxDyn(&shape), |i| {
+        let coefficients = ArrayD::from_shape_fn(IxDyn(&shape), |i| {
             (0..5).map(|a| (a + 1) * i[a]).sum::<usize>() as f64 % 7.0 - 3.0
-        }));
+        });
+        let stretch = Stretch::new(0.8);
+        let polynomial = Polynomial {
+            coefficients,
+            stretch,
+        };
         let points = [[0.3, -0.9, 0.1], [1.0, 0.5, -0.7]];
         let rows = polynomial.at(&points.each_ref().map(|p| p.as_slice()));
         for (row, x) in rows.iter().zip(points) {
-            let weights = values_at::<f64>(&shape, &x);
+            let weights = values_at::<f64>(&shape, &x, stretch);
             let mut expected = vec![0.0; 6];
-            for (i, c) in polynomial.0.indexed_iter() {
+            for (i, c) in polynomial.coefficients.indexed_iter() {
                 let weight: f64 = (0..3).map(|a| weights[a][i[a]]).product();
                 expected[2 * i[3] + i[4]] += c * weight;
             }
@@ -154,7 +169,11 @@ mod tests {
         let mut coefficients = ArrayD::zeros(IxDyn(&[3, 4, 2, 2]));
         coefficients[[1, 3, 0, 1]] = 3.0;
         coefficients[[1, 0, 1, 0]] = -4.0;
-        let spectra = Polynomial(coefficients).spectra();
+        let polynomial = Polynomial {
+            coefficients,
+            stretch: Stretch::NONE,
+        };
+        let spectra = polynomial.spectra();
         assert_eq!(spectra[0], [0.0, 5.0, 0.0]);
         assert_eq!(spectra[1], [4.0, 0.0, 0.0, 3.0]);
         assert_eq!(spectra[2], [3.0, 4.0]);

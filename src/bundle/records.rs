@@ -4,9 +4,10 @@
 //! integers, lengths of 8 bytes), and back. This is the only module that uses bincode; the format
 //! is also that of bincode 1.3 and of wincode, so files outlive the crate.
 
-use super::Certificate;
-use crate::fan::{Lift, Mirror, Reduction};
+use super::{Certificate, Stretch};
+use crate::fan::{FanSpace, Focus, Lift, Mirror, Reduction};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
+use glam::DMat3;
 use serde::{Deserialize, Serialize};
 
 /// The most bytes of a header: a manifold file is text, far smaller. Without a limit a hostile
@@ -74,6 +75,10 @@ pub struct PlanRecord {
     pub most_arc_halvings: u32,
     /// Cells along each stored camera parameter.
     pub cells: Vec<u32>,
+    /// Of the variables of cameras and directions.
+    pub stretch: Stretch,
+    /// How far away directions aim: the columns of the parallax of [`Focus`].
+    pub focus: [[f64; 3]; 3],
     /// Discrete symmetries: of the chunks that they carry into each other one is stored.
     pub mirrors: Vec<Mirror>,
     /// Seed of the held-out rays and of the certificate.
@@ -136,6 +141,13 @@ impl Header {
 }
 
 impl PlanRecord {
+    /// The rays of `space` as a table of this plan knows them.
+    pub fn applied(&self, space: FanSpace) -> FanSpace {
+        let cells = self.cells.iter().map(|n| *n as usize).collect();
+        let space = space.lifted(self.lift).mirrored(self.mirrors.clone());
+        space.focused(Focus::new(DMat3::from_cols_array_2d(&self.focus), cells))
+    }
+
     /// The bytes that stand for the plan in the bundle's id.
     ///
     /// # Errors
@@ -174,6 +186,8 @@ pub(super) mod tests {
                 least_volume: 0.25,
                 most_arc_halvings: 4,
                 cells: vec![2, 3],
+                stretch: Stretch::new(0.75),
+                focus: [[0.25, 0.0, 0.0], [0.0; 3], [0.0, -1.0, 0.0]],
                 mirrors: Vec::new(),
                 seed: u64::MAX,
             },
@@ -234,7 +248,8 @@ pub(super) mod tests {
         type Manifold = (String, String, String, Vec<(String, f64)>);
         // An enumeration is its number, as 32 bits.
         type Fitting = (u32, u32, u32);
-        type Sizes = (Vec<u32>, Fitting, f64, u32, Vec<u32>, (Vec<u8>, u64));
+        type Last = (f64, [[f64; 3]; 3], Vec<u8>, u64);
+        type Sizes = (Vec<u32>, Fitting, f64, u32, Vec<u32>, Last);
         let by_bincode = encode(&manifold).unwrap();
         let mirror: Manifold = (
             manifold.name,
@@ -255,7 +270,7 @@ pub(super) mod tests {
             plan.least_volume,
             plan.most_arc_halvings,
             plan.cells,
-            (Vec::new(), plan.seed),
+            (0.75, plan.focus, Vec::new(), plan.seed),
         );
         let mirror: ((f64, f64, bool, f64), Sizes) = (start, sizes);
         assert_eq!(wincode::serialize(&mirror).unwrap(), by_bincode);

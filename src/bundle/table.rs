@@ -9,11 +9,12 @@ use super::{
     bytes::Damage,
     division::Division,
     fan::{Facet, Fan, FanNode},
+    stretch::Stretch,
     tree::{Shape, Tree},
 };
 use crate::{
     error::Result,
-    fan::{FanSpace, Image, Place},
+    fan::{FanSpace, Image, Place, cell},
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -86,11 +87,12 @@ pub struct Table {
 
 impl Table {
     /// What the tensors of a table over `space` look like.
-    pub fn shape(space: &FanSpace) -> Shape {
+    pub fn shape(space: &FanSpace, stretch: Stretch) -> Shape {
         Shape {
             cameras: space.cameras().len(),
             directions: space.directions(),
             channels: space.channels().len(),
+            stretch,
         }
     }
 
@@ -132,9 +134,8 @@ impl Table {
 
     /// Where the table holds the rays from `place` in the directions of `face`.
     pub(super) fn kept(&self, place: &Place, face: usize) -> Kept {
-        let (cell, camera) = self
-            .division
-            .locate(self.space.cameras(), &place.parameters);
+        let cells = &self.division.cells;
+        let (cell, camera) = cell::locate(cells, self.space.cameras(), &place.parameters);
         let stored = self.division.stored(&cell, face);
         let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
         Kept {

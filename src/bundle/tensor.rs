@@ -22,6 +22,8 @@ use super::{
     layout::Layout,
     matrix::{scaled, summed},
     scale::{Power, Scale, Step},
+    stretch::Stretch,
+    tree::Shape,
 };
 use crate::expr::real::Real;
 use ndarray::ArrayD;
@@ -48,6 +50,7 @@ pub(super) struct Core {
 pub struct Tensor {
     pub(super) layout: Layout,
     pub(super) cameras: usize,
+    pub(super) stretch: Stretch,
     pub(super) step: Step,
     pub(super) cores: Vec<Core>,
 }
@@ -152,7 +155,8 @@ impl Tensor {
     /// In single precision, as the table is kept: rounding adds 1e-7 or so of the largest
     /// coefficient.
     pub fn contract(&self, camera: &[f64]) -> Contracted {
-        Contracted::new(&self.shape()[self.cameras..], &self.at_in::<f32>(camera))
+        let table = self.at_in::<f32>(camera);
+        Contracted::new(&self.shape()[self.cameras..], &table, self.stretch)
     }
 
     /// The coefficients that remain at parameters in [−1, 1] of the first axes, in table order. With
@@ -163,7 +167,7 @@ impl Tensor {
 
     fn at_in<T: Real>(&self, parameters: &[f64]) -> Vec<T> {
         let shape = self.shape();
-        let weights = values_at(&shape, parameters);
+        let weights = values_at(&shape, parameters, self.stretch);
         let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
         all.resize(shape.len(), None);
         self.sum(&all)
@@ -198,15 +202,17 @@ impl Tensor {
         }
     }
 
-    /// Reads what [`Tensor::encode`] wrote: a tensor of so many axes and `channels`.
+    /// Reads what [`Tensor::encode`] wrote: a tensor of this `shape`.
     ///
     /// # Errors
     /// It is not one.
-    pub fn decode(
-        input: &mut Reader<'_>,
-        coded: &mut Coded,
-        [cameras, directions, channels]: [usize; 3],
-    ) -> Result<Self, Damage> {
+    pub fn decode(input: &mut Reader<'_>, coded: &mut Coded, shape: Shape) -> Result<Self, Damage> {
+        let Shape {
+            cameras,
+            directions,
+            channels,
+            stretch,
+        } = shape;
         let layout = Layout::of_code(input.u8()?, cameras + directions);
         let layout = layout.ok_or(Damage("layout of a tensor"))?;
         let step = Power(input.i16()?);
@@ -224,6 +230,7 @@ impl Tensor {
         Ok(Self {
             layout,
             cameras,
+            stretch,
             step,
             cores,
         })
@@ -296,10 +303,14 @@ fn in_table_order<T: Copy>(values: Vec<T>, open: &[usize], shape: &[usize]) -> V
 }
 
 /// Chebyshev values at `parameters` along the first axes of `shape`.
-pub(super) fn values_at<T: Real>(shape: &[usize], parameters: &[f64]) -> Vec<Vec<T>> {
+pub(super) fn values_at<T: Real>(
+    shape: &[usize],
+    parameters: &[f64],
+    stretch: Stretch,
+) -> Vec<Vec<T>> {
     let along = |(x, n): (&f64, &usize)| {
         let mut values = vec![0.0; *n];
-        chebyshev::values(*x, &mut values);
+        chebyshev::values(stretch.variable(*x), &mut values);
         values.into_iter().map(T::from_f64).collect()
     };
     parameters.iter().zip(shape).map(along).collect()

@@ -5,7 +5,9 @@
 use super::{
     grade::graded,
     layout::Layout,
+    polynomial::Polynomial,
     scale::{Scale, Step},
+    stretch::Stretch,
     tensor::{Core, Tensor},
 };
 use crate::expr::vectorised;
@@ -18,6 +20,8 @@ pub struct Train {
     pub layout: Layout,
     /// The number of camera axes.
     pub cameras: usize,
+    /// Of the variables of cameras and directions.
+    pub stretch: Stretch,
     /// Cores (left rank, axes…, right rank), the columns of all but the last multiplied by the
     /// values of their scales.
     pub cores: Vec<ArrayD<f64>>,
@@ -27,12 +31,13 @@ pub struct Train {
 
 impl Train {
     /// All coefficients as one core.
-    pub fn plain(coefficients: &ArrayD<f64>, cameras: usize) -> Self {
-        let core = graded(coefficients).insert_axis(Axis(0));
+    pub fn plain(polynomial: &Polynomial, cameras: usize) -> Self {
+        let core = graded(&polynomial.coefficients).insert_axis(Axis(0));
         let last = Axis(core.ndim());
         Self {
             layout: Layout::Plain,
             cameras,
+            stretch: polynomial.stretch,
             cores: vec![core.insert_axis(last)],
             scales: Vec::new(),
         }
@@ -62,6 +67,7 @@ impl Train {
         Some(Tensor {
             layout: self.layout.clone(),
             cameras: self.cameras,
+            stretch: self.stretch,
             step,
             cores,
         })

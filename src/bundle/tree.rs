@@ -7,6 +7,7 @@
 use super::{
     bytes::{Damage, Reader, Writer},
     coding::{Coded, Integers},
+    stretch::Stretch,
     tensor::Tensor,
 };
 use std::sync::Arc;
@@ -36,6 +37,8 @@ pub struct Shape {
     pub directions: usize,
     /// Stored channels.
     pub channels: usize,
+    /// Of the variables of cameras and directions.
+    pub stretch: Stretch,
 }
 
 /// Deepest tree accepted from a file; bakes stop far earlier.
@@ -90,18 +93,13 @@ impl Tree {
         if depth > DEEPEST {
             return Err(Damage("depth of the tree"));
         }
-        let Shape {
-            cameras,
-            directions,
-            channels,
-        } = shape;
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
             PATCH => {
-                let tensor = Tensor::decode(input, coded, [cameras, directions, channels])?;
+                let tensor = Tensor::decode(input, coded, shape)?;
                 Ok(Tree::Leaf(Arc::new(tensor)))
             }
-            axis if usize::from(axis) <= cameras + directions => {
+            axis if usize::from(axis) <= shape.cameras + shape.directions => {
                 let low = Self::take(input, coded, shape, depth + 1)?;
                 let high = Self::take(input, coded, shape, depth + 1)?;
                 Ok(Tree::Split {

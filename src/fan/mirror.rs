@@ -129,6 +129,16 @@ const WORST_DISCREPANCY: f64 = 1e-8;
 const CAMERAS: usize = 16;
 
 impl Mirror {
+    /// `map`, from chart coordinates to standard frames, averaged over the group `mirrors`: afterwards it
+    /// takes images to images.
+    pub fn averaged(mirrors: &[Self], map: DMat3) -> DMat3 {
+        let images = mirrors
+            .iter()
+            .map(|m| m.directions.matrix().transpose() * map * m.axes.matrix());
+        let sum = images.fold(map, |sum, image| sum + image);
+        sum * (1.0 / (mirrors.len() + 1) as f64)
+    }
+
     /// The mirrors of `space` whose metric, and whose rays' ends, agree at all of `rays` (chart points
     /// and tangents).
     pub fn find(space: &FanSpace, rays: &[(DVec3, DVec3)]) -> Vec<Self> {

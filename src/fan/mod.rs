@@ -4,14 +4,17 @@
 //! In: a manifold. Out: [`FanSpace`] (which rays a table must know, after symmetry) and [`sample`]
 //! (arrays of exact paths).
 
+pub mod cell;
 pub mod direction;
 mod ends;
+mod focus;
 mod mirror;
 mod orbit;
 mod position;
 mod sample;
 mod space;
 
+pub use focus::Focus;
 pub use mirror::{Image, Mirror};
 pub use orbit::OrbitAngles;
 pub use position::{Lift, Start};

@@ -9,7 +9,7 @@
 
 use faer::{Accum, Mat, MatMut, MatRef, Par, diag::DiagRef, linalg::matmul::matmul};
 use geofan::{
-    bundle::{Layout, Scale, Train, graded},
+    bundle::{Layout, Polynomial, Scale, Train, graded},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
@@ -21,14 +21,15 @@ const SMALL: usize = 96;
 /// Columns that a random range has beyond those that belong to singular values worth keeping.
 const OVERSAMPLING: usize = 12;
 
-/// The train of `coefficients` (axes camera…, direction…, arc length, channel) in the order of `layout`,
-/// without singular values below `threshold`; `None` where a rank exceeds `most_rank`.
+/// The train of `polynomial` (axes camera…, direction…, arc length, channel) in the order of `layout`, without
+/// its singular values below `threshold`; `None` where a rank exceeds `most_rank`.
 pub fn decompose(
-    coefficients: &ArrayD<f64>,
+    polynomial: &Polynomial,
     cameras: usize,
     layout: Layout,
     (threshold, most_rank): (f64, usize),
 ) -> Option<Train> {
+    let coefficients = &polynomial.coefficients;
     let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
     let permuted = graded(coefficients).permuted_axes(IxDyn(&order));
@@ -58,6 +59,7 @@ pub fn decompose(
     Some(Train {
         layout,
         cameras,
+        stretch: polynomial.stretch,
         cores,
         scales,
     })
@@ -308,7 +310,7 @@ fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan::bundle::Step;
+    use geofan::bundle::{Step, Stretch};
 
     fn coefficients(shape: &[usize]) -> ArrayD<f64> {
         let mut stream = Stream::new(&[5]);
@@ -329,16 +331,21 @@ mod tests {
     #[test]
     fn a_rounded_train_is_the_polynomial_within_its_step() {
         for shape in [&[6, 7, 8, 9, 3][..], &[5, 6, 5, 6, 5, 8, 3], &[9, 8, 7, 3]] {
-            let c = coefficients(shape);
+            let polynomial = Polynomial {
+                coefficients: coefficients(shape),
+                stretch: Stretch::new(0.6),
+            };
             let cameras = shape.len() - 4;
             let cameras = if shape.len() == 4 { 1 } else { cameras };
             let step = Step::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);
-            let train = decompose(&c, cameras, layout, (0.3e-5, 500))
+            let train = decompose(&polynomial, cameras, layout, (0.3e-5, 500))
                 .unwrap()
                 .rounded(step)
                 .unwrap();
-            let plain = Train::plain(&c, cameras).rounded(Step::near(2e-6)).unwrap();
+            let plain = Train::plain(&polynomial, cameras)
+                .rounded(Step::near(2e-6))
+                .unwrap();
             let x = vec![0.3; shape.len() - 2];
             let (a, b) = (train.at(&x), plain.at(&x));
             let n = b.len().min(a.len());

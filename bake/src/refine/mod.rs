@@ -18,7 +18,7 @@ pub(crate) mod scout;
 
 use geofan::{
     bundle::{Division, PlanRecord, Polynomial, Step, Train, Tree, arc, chebyshev},
-    fan::{DISPLACEMENT, FanSpace, Sample, Samples},
+    fan::{DISPLACEMENT, FanSpace, Sample, Samples, cell},
 };
 use glam::DVec3;
 use held_out::HeldOut;
@@ -179,7 +179,11 @@ impl Refiner<'_> {
     fn unread(&self) -> Tree {
         let mut shape = vec![1; self.plan.nodes.len()];
         shape.push(self.space.channels().len());
-        let straight = Train::plain(&ArrayD::zeros(shape), self.space.cameras().len());
+        let straight = Polynomial {
+            coefficients: ArrayD::zeros(shape),
+            stretch: self.plan.stretch,
+        };
+        let straight = Train::plain(&straight, self.space.cameras().len());
         let rounded = straight.rounded(Step::near(1.0));
         Tree::Leaf(Arc::new(rounded.expect("zeros")))
     }
@@ -206,16 +210,10 @@ impl Refiner<'_> {
         let division = self.division;
         let (cell, face) = division.of(chunk);
         let k = self.space.cameras().len();
-        let camera: Vec<f64> = (0..k)
-            .map(|j| {
-                let [low, high] = self.space.cameras()[j];
-                let t =
-                    (cell[j] as f64 + 0.5 * (region.at(j, x[j]) + 1.0)) / division.cells[j] as f64;
-                low + (high - low) * t
-            })
-            .collect();
-        let directions: Vec<f64> = (k..x.len()).map(|j| region.at(j, x[j])).collect();
-        self.space.ray(face, &camera, &directions)
+        let inner: Vec<f64> = (0..x.len()).map(|j| region.at(j, x[j])).collect();
+        let (camera, directions) = inner.split_at(k);
+        let camera = cell::parameters(&division.cells, self.space.cameras(), &cell, camera);
+        self.space.ray(face, &camera, directions)
     }
 
     /// The `count` Chebyshev nodes of the box's arc lengths.
@@ -252,7 +250,17 @@ impl Refiner<'_> {
         let mut shape = nodes[..region.arc()].to_vec();
         shape.extend([lengths.len(), channels.len()]);
         let samples = ArrayD::from_shape_vec(shape, samples);
-        Polynomial::fit(samples.expect("one sample for each node"), starts)
+        Polynomial::fit(
+            samples.expect("one sample for each node"),
+            starts,
+            self.plan.stretch,
+        )
+    }
+
+    /// Where `count` nodes lie along a camera or direction axis of a box.
+    fn places(&self, count: usize) -> Vec<f64> {
+        let nodes = chebyshev::nodes(count);
+        nodes.iter().map(|y| self.plan.stretch.place(*y)).collect()
     }
 
     /// The rays of the tensor grid of `nodes` (chart point, unit tangent) by their number, the last
@@ -264,7 +272,7 @@ impl Refiner<'_> {
         nodes: &[usize],
     ) -> impl Fn(usize) -> (DVec3, DVec3) + Sync {
         let inputs = &nodes[..region.arc()];
-        let grids: Vec<Vec<f64>> = inputs.iter().map(|&n| chebyshev::nodes(n)).collect();
+        let grids: Vec<Vec<f64>> = inputs.iter().map(|&n| self.places(n)).collect();
         let manifold = self.space.manifold();
         move |number| {
             let mut rest = number;

@@ -96,12 +96,7 @@ impl Values {
         let part = Mat::from_fn(rows.len(), columns.len(), |i, j| {
             self.values[rows[i] + columns[j]]
         });
-        let Ok(sizes) = part.singular_values() else {
-            return f64::INFINITY;
-        };
-        let largest = sizes.iter().copied().fold(0.0, f64::max);
-        let floor = FLOOR * largest;
-        sizes.iter().map(|x| (1.0 + x / floor).log2()).sum()
+        bits(&part)
     }
 
     /// Where a random node of the axes in `set` is found; those of the others count from there.
@@ -115,6 +110,16 @@ impl Values {
         }
         sum
     }
+}
+
+/// About the rank of a matrix, times the bits that its singular values have.
+pub fn bits(part: &Mat<f64>) -> f64 {
+    let Ok(sizes) = part.singular_values() else {
+        return f64::INFINITY;
+    };
+    let largest = sizes.iter().copied().fold(0.0, f64::max);
+    let floor = FLOOR * largest;
+    sizes.iter().map(|x| (1.0 + x / floor).log2()).sum()
 }
 
 /// [`PART`] random places, each once: as many as are found.

@@ -53,17 +53,17 @@ impl Refiner<'_> {
         error: impl Fn(&Tensor) -> f64,
     ) -> Option<Tensor> {
         let cameras = self.space.cameras().len();
-        let count = polynomial.0.len() as f64;
+        let count = polynomial.coefficients.len() as f64;
         let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
         let finest = finest.max(ROOM * largest(polynomial));
-        let layout = order::best(&polynomial.0, cameras);
+        let layout = order::best(&polynomial.coefficients, cameras);
         let threshold = (NEGLIGIBLE * finest, MOST_RANK);
-        let train = decompose(&polynomial.0, cameras, layout, threshold);
+        let train = decompose(polynomial, cameras, layout, threshold);
         let train = train.and_then(|train| coarsest(&train, finest, &error));
         if count > MOST_PLAIN {
             return train.map(|(_, tensor)| tensor);
         }
-        let plain = Train::plain(&polynomial.0, cameras);
+        let plain = Train::plain(polynomial, cameras);
         let Some((step, train)) = train else {
             return Some(coarsest(&plain, finest, &error)?.1);
         };
@@ -120,7 +120,10 @@ fn between(keeps: (i16, f64), misses: (i16, f64)) -> i16 {
 
 /// The size of the largest coefficient.
 fn largest(polynomial: &Polynomial) -> f64 {
-    polynomial.0.iter().fold(0.0, |a, c| a.max(c.abs()))
+    polynomial
+        .coefficients
+        .iter()
+        .fold(0.0, |a, c| a.max(c.abs()))
 }
 
 #[cfg(test)]

@@ -82,7 +82,7 @@ impl Needs {
                 let through: Vec<f64> = (0..region.arc())
                     .map(|_| stream.between(-1.0, 1.0))
                     .collect();
-                let points = along(axis, &chebyshev::nodes(most[axis]), &through);
+                let points = along(axis, &refiner.places(most[axis]), &through);
                 let rays: Vec<_> = points
                     .iter()
                     .map(|x| refiner.ray(chunk, region, x))

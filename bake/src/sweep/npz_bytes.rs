@@ -8,7 +8,7 @@ use super::grid::Samples;
 use crate::refine::{decompose::decompose, order};
 use geofan::{
     Error, Result,
-    bundle::{Step, Tensor, Train, Tree, chebyshev, graded, ungraded},
+    bundle::{Polynomial, Step, Stretch, Tensor, Train, Tree, chebyshev, graded, ungraded},
 };
 use ndarray::{ArrayD, Axis, IxDyn};
 use std::sync::Arc;
@@ -65,8 +65,12 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
     let layout = order::best(coefficients, cameras);
     // Patches round slopes more coarsely the higher their degree. Of these numbers all are worth the
     // same.
+    let polynomial = Polynomial {
+        coefficients: ungraded(coefficients),
+        stretch: Stretch::NONE,
+    };
     let train = decompose(
-        &ungraded(coefficients),
+        &polynomial,
         cameras,
         layout,
         (NEGLIGIBLE * error, MOST_RANK),

@@ -6,6 +6,8 @@
 //! and direction → parameters and the [`Isometry`] that carries the stored ray to the true one
 //! ([`FanSpace::place`], [`FanSpace::locate`]).
 //!
+//! On cube faces directions are known by what they aim at ([`Focus`]).
+//!
 //! | symmetry | stored cameras | stored directions |
 //! |---|---|---|
 //! | none | the region's parameters | the sphere, on cube faces |
@@ -18,6 +20,7 @@ mod ranges;
 use super::{
     direction::{FACES, direction, face_and_parameters},
     ends::follow_symmetry,
+    focus::{Focus, aim_of, direction_of},
     mirror::Mirror,
     orbit::OrbitAngles,
     position::Lift,
@@ -61,6 +64,8 @@ pub struct FanSpace {
     ends_alike: bool,
     /// Discrete symmetries beside the one taken out.
     mirrors: Vec<Mirror>,
+    /// How far away directions on cube faces aim.
+    focus: Focus,
 }
 
 /// A camera position as the bundle sees it.
@@ -77,6 +82,8 @@ pub struct Place {
     stored: DVec3,
     stored_inverse: DMat3,
     areal_radius: f64,
+    /// Of the stored point in its cell.
+    parallax: DVec3,
     /// Takes the stored point to `u` (for rotations: some rotation; the direction decides which).
     isometry: Isometry,
 }
@@ -128,6 +135,7 @@ impl FanSpace {
             lift: Lift::None,
             ends_alike: true,
             mirrors: Vec::new(),
+            focus: Focus::default(),
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
         if !(own && (reduction != Reduction::Rotation || space.radius_is_monotonic())) {
@@ -194,6 +202,12 @@ impl FanSpace {
     /// The same rays, of which `mirrors` carry some into others.
     pub fn mirrored(mut self, mirrors: Vec<Mirror>) -> Self {
         self.mirrors = mirrors;
+        self
+    }
+
+    /// The same rays, aimed in another way; `focus` has the cells of the table.
+    pub fn focused(mut self, focus: Focus) -> Self {
+        self.focus = focus;
         self
     }
 
@@ -281,9 +295,25 @@ impl FanSpace {
                 let theta = self.orbits.angle(face, directions[0], radius);
                 DVec3::new(theta.cos(), theta.sin(), 0.0)
             }
-            _ => direction(face, DVec2::new(directions[0], directions[1])),
+            _ => {
+                let aim = direction(face, DVec2::new(directions[0], directions[1]));
+                direction_of(aim, self.parallax(camera))
+            }
         };
         (self.stored_point(camera), d)
+    }
+
+    /// The parallax of the camera at stored parameters.
+    fn parallax(&self, camera: &[f64]) -> DVec3 {
+        match self.focus.middle(&self.cameras, camera) {
+            Some(middle) => self.focus.parallax(self.offset(camera, &middle)),
+            None => DVec3::ZERO,
+        }
+    }
+
+    /// How the camera at stored parameters lies from the one at `middle`, in chart coordinates.
+    pub fn offset(&self, camera: &[f64], middle: &[f64]) -> DVec3 {
+        self.stored_point(camera) - self.stored_point(middle)
     }
 
     /// The camera position `u` in stored parameters.
@@ -315,10 +345,11 @@ impl FanSpace {
         Ok(Place {
             u,
             frame: self.manifold.standard_frame(u),
-            parameters,
             stored,
             stored_inverse: self.manifold.standard_frame(stored).inverse(),
             areal_radius: self.areal_radius(stored),
+            parallax: self.parallax(&parameters),
+            parameters,
             isometry,
         })
     }
@@ -427,7 +458,7 @@ impl FanSpace {
                 let (_, differential) = place.isometry.apply(place.stored);
                 let v = differential.inverse() * v;
                 let d = place.stored_inverse * v;
-                let (face, pq) = face_and_parameters(d);
+                let (face, pq) = face_and_parameters(aim_of(d, place.parallax));
                 Located {
                     face,
                     direction: pq.to_array(),
