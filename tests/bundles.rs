@@ -57,6 +57,8 @@ fn folder(wrong: f64) -> TempDir {
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
+        stretch: Stretch::NONE,
+        focus: [[0.0; 3]; 3],
         mirrors: Vec::new(),
         seed: 1,
     };

@@ -18,12 +18,19 @@ use glam::{DMat3, DVec3};
 const FARTHEST: f64 = 0.9;
 
 /// How far away the rays of a space aim.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Focus {
     /// W: from chart coordinates to the standard frame; zero if directions are named by themselves.
     parallax: DMat3,
     /// Cells along each stored camera parameter.
     cells: Vec<usize>,
+}
+
+impl Default for Focus {
+    /// Directions named by themselves.
+    fn default() -> Self {
+        Self::new(DMat3::ZERO, Vec::new())
+    }
 }
 
 impl Focus {

@@ -14,7 +14,7 @@ use super::{
 use crate::plan::plan;
 use geofan::{
     Error, Result,
-    fan::{DISPLACEMENT, FanSpace},
+    fan::{DISPLACEMENT, FanSpace, Focus},
     files::write_atomically,
     manifold::Manifold,
     terminal::{self, Interrupt, values},
@@ -80,6 +80,8 @@ impl TensorArgs {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
         let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
+        // Plain directions, as any other program would sample them.
+        let space = space.focused(Focus::default());
         let axes = self.axes(&space, length, nodes)?;
         if !self.npz_train.is_empty() && self.npz_spacing == Spacing::Uniform {
             let message = "trains are of Chebyshev polynomials: add --npz-spacing chebyshev";

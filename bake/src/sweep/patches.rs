@@ -91,6 +91,7 @@ pub fn bake(
     let clock = Clock::start();
     let (space, mut plan) = plan(space, length, promise, true);
     refinement.apply(&mut plan);
+    let space = plan.applied(space);
     let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
     let parts = Parts::open(path)?;
     // Parts of an earlier run would make this bake look quicker than it is.

@@ -20,7 +20,11 @@ use super::{
 };
 use crate::plan::plan;
 use geofan::{
-    Error, Result, bundle::PlanRecord, fan::FanSpace, manifold::Manifold, terminal::Interrupt,
+    Error, Result,
+    bundle::PlanRecord,
+    fan::{FanSpace, Focus},
+    manifold::Manifold,
+    terminal::Interrupt,
 };
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -127,6 +131,8 @@ impl<'a> Subject<'a> {
         let space = FanSpace::new(manifold.clone())?;
         let effort = shared.effort(&space);
         let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
+        // The usual table knows directions by themselves.
+        let grid_space = grid_space.focused(Focus::default());
         let division = grid_plan.division(&grid_space);
         let all = division.cells.iter().product::<usize>() * division.faces;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
