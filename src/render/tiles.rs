@@ -4,6 +4,7 @@
 //! tracer cannot give, put off so that they are traced together.
 
 use super::{
+    curve::Ending,
     endings::EndingFinder,
     intersect::CHORD_ERROR,
     lanes::LANES,
@@ -131,15 +132,12 @@ impl Samples<'_> {
         found: &mut Found<'_>,
     ) {
         found.tally.paths += divided.strands.len();
+        let mut lost = Vec::new();
         for leaf in &divided.leaves {
-            self.leaf((tracer, endings), &divided.strands, leaf, found);
+            self.leaf((tracer, endings), &divided.strands, leaf, found, &mut lost);
         }
-        let places: Vec<Place> = divided
-            .lost
-            .iter()
-            .flat_map(|tile| self.places(*tile))
-            .collect();
-        self.trace(&places, tracer, endings, found);
+        lost.extend(divided.lost.iter().flat_map(|tile| self.places(*tile)));
+        self.trace(&lost, tracer, endings, found);
     }
 
     /// The chords of a tile.
@@ -156,12 +154,13 @@ impl Samples<'_> {
         strands: &Strands,
         leaf: &Leaf,
         found: &mut Found<'_>,
+        lost: &mut Vec<Place>,
     ) {
         let began = Instant::now();
         let sheaf = Sheaf::new(strands, leaf.members);
         let ribbon = self.ribbon(tracer, strands, leaf);
         let last = match &leaf.ends {
-            Ends::Alike => None,
+            Ends::Alike | Ends::Each => None,
             Ends::Within(pieces) => Some(LastPieces::new(&sheaf, tracer, pieces)),
         };
         let flat = Instant::now();
@@ -179,6 +178,13 @@ impl Samples<'_> {
                 let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
                 // Two kernels: one for both would be slower for the one that most tiles need.
                 let seen = match &last {
+                    None if leaf.ends == Ends::Each => {
+                        let ends = self.endings(places, tracer, endings, lost);
+                        vectorised(
+                            #[inline(always)]
+                            || target.seen_before(&Bicubic::new(&at), chords, &ends),
+                        )
+                    }
                     None => vectorised(
                         #[inline(always)]
                         || target.seen(&Bicubic::new(&at), chords),
@@ -198,6 +204,24 @@ impl Samples<'_> {
             found.tally.interpolated += places.len();
         }
         found.tally.pixels += flat.elapsed();
+    }
+
+    /// How the samples at at most sixteen `places` end; those of which that is not known are `lost`.
+    fn endings(
+        &self,
+        places: &[Place],
+        tracer: &dyn GridTracer,
+        endings: &mut EndingFinder<'_>,
+        lost: &mut Vec<Place>,
+    ) -> [Ending; LANES] {
+        let mut ends = [Ending::Nowhere; LANES];
+        for (end, place) in ends.iter_mut().zip(places) {
+            match tracer.ending(self.direction(*place), endings) {
+                Some(known) => *end = known,
+                None => lost.push(*place),
+            }
+        }
+        ends
     }
 
     /// The samples at `places`, each by a path of its own.
