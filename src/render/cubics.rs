@@ -20,13 +20,11 @@ pub struct Cubics {
 impl Cubics {
     /// Between the knots numbered `k` and `k + 1`.
     pub fn new(sheaf: &Sheaf<'_>, k: usize) -> Self {
-        let knots = sheaf.knots();
+        let (knots, strands) = (sheaf.knots(), sheaf.all());
         let s = [knots[k], knots[k + 1]];
         let third = (s[1] - s[0]) / 3.0;
-        let row = |c: usize, k: usize| each(|l| sheaf.strand(l).row(c)[k]);
-        let point = |k: usize| [row(0, k), row(1, k), row(2, k)];
-        let tangent = |k: usize| [row(3, k), row(4, k), row(5, k)];
-        let (a, d, v, w) = (point(k), point(k + 1), tangent(k), tangent(k + 1));
+        let at = |first: usize, k: usize| each_point(|c, l| strands[l].row(first + c)[k]);
+        let (a, d, v, w) = (at(0, k), at(0, k + 1), at(3, k), at(3, k + 1));
         let b = each_point(|c, l| a[c][l] + v[c][l] * third);
         let c = each_point(|c, l| d[c][l] - w[c][l] * third);
         let control = [a, b, c, d];

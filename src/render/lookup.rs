@@ -62,6 +62,7 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
+        strands.reserve(directions.len());
         strands.with_courses(|strands, courses| {
             for direction in directions {
                 let located = self.fan.locate(*direction);

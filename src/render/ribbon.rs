@@ -127,12 +127,13 @@ impl Touched {
         world: &World,
         slack: f64,
     ) {
-        let touched = |k: &usize| {
-            let piece = strand.piece(*k);
-            let [from, to] = piece.s;
-            meets(world, widened(piece.bounds(), slack * to / (to - from)))
-        };
+        vectorised(
+            #[inline(always)]
+            || self.tube.surround(&[strand], last, 0.0, slack),
+        );
+        let tube = &self.tube;
         let pieces = all.pieces.iter().copied();
+        let touched = |k: &usize| meets(world, tube.piece(*k));
         self.pieces.clear();
         self.pieces
             .extend(pieces.take_while(|k| k + 1 < last).filter(touched));

@@ -41,9 +41,10 @@ const FEWEST_SAMPLES: usize = 64;
 /// pixels of three bumps rose from 0.17 to 0.21 mrad, with 0.5 and with this to 0.19.
 const END_SHARE: f64 = 0.25;
 
-/// How many times what is allowed the sky's direction may be off in a tile where the end of each sample
-/// is looked up. Where it is off by more, the sixteen paths may not tell what those between them meet.
-const STEEPEST: f64 = 16.0;
+/// Most pieces that may meet something of a tile in which the end of each sample is looked up: where
+/// there are more, its paths are so unlike that following each is cheaper. On the wormhole gallery as many
+/// as there are cost a tenth of a frame.
+const EACH_PIECES: usize = 3;
 
 /// A square of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -198,9 +199,17 @@ impl Lattice<'_> {
         let each = || tile.side <= self.smallest && self.knows_end(tile, endings);
         let ends = ends(&sheaf, &checks, allowed, each)?;
         let mut touched = Touched::default();
-        let slack = self.tracer.slack();
-        touched.find(&sheaf.all(), sheaf.last(), self.world, TUBE_MARGIN, slack);
+        let (last, slack) = (sheaf.last(), self.tracer.slack());
+        // What is between paths that end in all ways is told a little better by those that check them.
+        let strands = match ends {
+            Ends::Each => checks.all(),
+            _ => sheaf.all().to_vec(),
+        };
+        touched.find(&strands, last, self.world, TUBE_MARGIN, slack);
         let pieces = touched.pieces;
+        if ends == Ends::Each && pieces.len() > EACH_PIECES {
+            return None;
+        }
         if !(checks.path(&pieces) <= allowed) {
             return None;
         }
@@ -235,9 +244,14 @@ fn ends(
     if sky <= allowed {
         return Some(Ends::Alike);
     }
+    let each = || each().then_some(Ends::Each);
     if sky < f64::INFINITY {
-        return (sky <= STEEPEST * allowed && each()).then_some(Ends::Each);
+        return each();
     }
-    let pieces = checks.last_pieces()?;
-    (checks.endings(&pieces) <= END_SHARE * allowed).then_some(Ends::Within(pieces))
+    match checks.last_pieces() {
+        Some(pieces) if checks.endings(&pieces) <= END_SHARE * allowed => {
+            Some(Ends::Within(pieces))
+        }
+        _ => each(),
+    }
 }
