@@ -62,6 +62,7 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
+        strands.reserve(directions.len());
         strands.with_courses(|strands, courses| {
             for direction in directions {
                 let located = self.fan.locate(*direction);
@@ -78,6 +79,12 @@ impl GridTracer for TableTracer<'_, '_> {
                 }
             }
         });
+    }
+
+    fn ending(&self, direction: DVec3, endings: &mut EndingFinder<'_>) -> Option<Ending> {
+        let located = self.fan.locate(direction);
+        let rung = self.pencil.as_ref()?.rung(&located, endings)?;
+        rung.ending(endings)
     }
 
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
@@ -114,10 +121,9 @@ impl TableTracer<'_, '_> {
             rung.fill(rows);
             knots.len()
         };
-        strands.push((direction, None), fill, |strand| match rung.event() {
-            Some(Some(event)) => Some(endings.by(&event)),
-            Some(None) => Some(Ending::Nowhere),
-            None => ending(&self.fan.path(direction), strand, endings),
+        strands.push((direction, None), fill, |strand| {
+            let known = rung.ending(endings);
+            known.or_else(|| ending(&self.fan.path(direction), strand, endings))
         });
     }
 }

@@ -8,6 +8,7 @@
 pub mod accel;
 mod camera;
 pub mod comparison;
+mod cubics;
 mod curve;
 pub mod drawing;
 mod endings;

@@ -8,6 +8,7 @@
 //! interval straddles two.
 
 use super::{
+    curve::Ending,
     endings::{EndingFinder, Event},
     strands::{ROWS, Strand},
 };
@@ -134,10 +135,13 @@ impl<'f, 't> Pencil<'f, 't> {
             true => self.strip(face, interval, endings),
             false => None,
         };
+        let ends_alike = self.fan.space().ends_alike();
         match strip {
-            Some(strip) => Node::Strip(Box::new(strip)),
-            None if depth < most => Node::Halves(Box::default()),
-            None => Node::Bare,
+            Some(strip) if strip.end.is_some() || !ends_alike || depth == most => {
+                Node::Strip(Box::new(strip))
+            }
+            _ if depth < most => Node::Halves(Box::default()),
+            _ => Node::Bare,
         }
     }
 
@@ -265,8 +269,14 @@ impl Rung<'_> {
         sums
     }
 
+    /// How the path ends; `None` if that has to be looked for.
+    pub(super) fn ending(&self, endings: &mut EndingFinder<'_>) -> Option<Ending> {
+        let event = self.event()?;
+        Some(event.map_or(Ending::Nowhere, |event| endings.by(&event)))
+    }
+
     /// The event that ends the path: `None` if that has to be looked for, `Some(None)` if there is none.
-    pub(super) fn event(&self) -> Option<Option<Event>> {
+    fn event(&self) -> Option<Option<Event>> {
         let (kind, coefficients) = match self.strip.end.as_ref()? {
             End::Nowhere => return Some(None),
             End::Event(kind, coefficients) => (*kind, coefficients),

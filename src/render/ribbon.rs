@@ -7,6 +7,7 @@
 //! scene's box is.
 
 use super::{
+    cubics::Cubics,
     intersect::{is_glued, shifts},
     packet::Bicubic,
     sheaf::{Sheaf, Spread, TUBE_MARGIN, Tube, Vertex, widened},
@@ -126,12 +127,13 @@ impl Touched {
         world: &World,
         slack: f64,
     ) {
-        let touched = |k: &usize| {
-            let piece = strand.piece(*k);
-            let [from, to] = piece.s;
-            meets(world, widened(piece.bounds(), slack * to / (to - from)))
-        };
+        vectorised(
+            #[inline(always)]
+            || self.tube.surround(&[strand], last, 0.0, slack),
+        );
+        let tube = &self.tube;
         let pieces = all.pieces.iter().copied();
+        let touched = |k: &usize| meets(world, tube.piece(*k));
         self.pieces.clear();
         self.pieces
             .extend(pieces.take_while(|k| k + 1 < last).filter(touched));
@@ -161,17 +163,17 @@ impl Ribbon {
     ) {
         self.vertices.clear();
         self.chords.clear();
-        let knots = sheaf.knots();
         let mut s = Vec::new();
         let mut begins = Vec::new();
-        for (i, &k) in pieces.iter().enumerate() {
-            if i == 0 || pieces[i - 1] + 1 != k {
-                begins.push(s.len());
-                s.push(knots[k]);
-            }
-            let count = chords(sheaf, k, tolerance);
-            let along = |j: usize| knots[k] + (knots[k + 1] - knots[k]) * j as f64 / count as f64;
-            s.extend((1..=count).map(along));
+        for &k in pieces {
+            let cubics = Cubics::new(sheaf, k);
+            cut(&cubics, tolerance, tracer.slack(), world, |[from, to]| {
+                if s.last() != Some(&from) {
+                    begins.push(s.len());
+                    s.push(from);
+                }
+                s.push(to);
+            });
         }
         sheaf.vertices(tracer, &s, &mut self.vertices);
         for from in 0..s.len().saturating_sub(1) {
@@ -232,10 +234,35 @@ fn around(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
-/// How many chords keep within `tolerance` radians of the piece from knot `k`: the distance falls
-/// with the square of their number.
-fn chords(sheaf: &Sheaf<'_>, k: usize, tolerance: f64) -> usize {
-    let (s, sagitta, speed) = sheaf.bend(k);
-    let allowed = tolerance * s[1] * speed;
+/// Cuts a piece into chords that keep within `tolerance` radians of it, and shows the arc lengths of
+/// the ends of those that may meet something, in order. The cubics, which may be off by the angle
+/// `slack`, tell: most chords meet nothing, and then their ends need not be known better.
+fn cut(cubics: &Cubics, tolerance: f64, slack: f64, world: &World, mut show: impl FnMut([f64; 2])) {
+    let [from, to] = cubics.s;
+    let [least, most] = cubics.speeds();
+    let count = chords(cubics.sagitta(), tolerance * to * least);
+    let margin = DVec3::splat(SLACKS * slack * to * most);
+    let along = |j: usize| match j == count {
+        true => to,
+        false => from + (to - from) * j as f64 / count as f64,
+    };
+    let mut start = cubics.bounds(0.0);
+    for j in 1..=count {
+        let end = cubics.bounds(j as f64 / count as f64);
+        let (low, high) = widened(around(start, end), TUBE_MARGIN);
+        if meets(world, (low - margin, high + margin)) {
+            show([along(j - 1), along(j)]);
+        }
+        start = end;
+    }
+}
+
+/// By how many times its slack a cubic is trusted to miss the path at most: some miss it by more than
+/// once.
+const SLACKS: f64 = 2.0;
+
+/// How many chords keep within `allowed` of a piece: the distance falls with the square of their
+/// number.
+fn chords(sagitta: f64, allowed: f64) -> usize {
     (sagitta / allowed).sqrt().ceil().clamp(1.0, MOST_CHORDS) as usize
 }

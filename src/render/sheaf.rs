@@ -156,19 +156,6 @@ impl<'a> Sheaf<'a> {
             }
         }));
     }
-
-    /// The arc lengths of the ends of the piece from knot `k`, the largest distance of any path
-    /// from its chord there (bounded by the second derivative), and the least speed.
-    pub fn bend(&self, k: usize) -> ([f64; 2], f64, f64) {
-        let knots = self.strands.knots();
-        let (mut sagitta, mut speed) = (0.0_f64, f64::INFINITY);
-        for l in 0..LANES {
-            let piece = self.strand(l).piece(k);
-            sagitta = sagitta.max(piece.sagitta());
-            speed = speed.min(piece.v[0].length()).min(piece.v[1].length());
-        }
-        ([knots[k], knots[k + 1]], sagitta, speed)
-    }
 }
 
 impl Tube {

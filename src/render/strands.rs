@@ -88,6 +88,11 @@ impl Strands {
         self.courses.replace(courses);
     }
 
+    /// Makes room for `count` more.
+    pub fn reserve(&mut self, count: usize) {
+        self.values.reserve(count * ROWS * self.knots.len());
+    }
+
     /// Adds the path in `direction`, which may have a number among the courses: `fill` writes its rows
     /// and says how many knots are known, `end` how it ends.
     pub fn push(

@@ -4,15 +4,16 @@
 //! tracer cannot give, put off so that they are traced together.
 
 use super::{
+    curve::Ending,
     endings::EndingFinder,
     intersect::CHORD_ERROR,
     lanes::LANES,
     last_pieces::LastPieces,
     lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
     lone::Lone,
-    outcome::Outcome,
+    outcome::{Outcome, Seen, beyond},
     packet::{Bicubic, Target},
-    ribbon::Ribbon,
+    ribbon::{Chords, Ribbon},
     sheaf::Sheaf,
     strands::{Strand, Strands},
     tracer::GridTracer,
@@ -131,15 +132,12 @@ impl Samples<'_> {
         found: &mut Found<'_>,
     ) {
         found.tally.paths += divided.strands.len();
+        let mut lost = Vec::new();
         for leaf in &divided.leaves {
-            self.leaf((tracer, endings), &divided.strands, leaf, found);
+            self.leaf((tracer, endings), &divided.strands, leaf, found, &mut lost);
         }
-        let places: Vec<Place> = divided
-            .lost
-            .iter()
-            .flat_map(|tile| self.places(*tile))
-            .collect();
-        self.trace(&places, tracer, endings, found);
+        lost.extend(divided.lost.iter().flat_map(|tile| self.places(*tile)));
+        self.trace(&lost, tracer, endings, found);
     }
 
     /// The chords of a tile.
@@ -156,13 +154,15 @@ impl Samples<'_> {
         strands: &Strands,
         leaf: &Leaf,
         found: &mut Found<'_>,
+        lost: &mut Vec<Place>,
     ) {
         let began = Instant::now();
         let sheaf = Sheaf::new(strands, leaf.members);
         let ribbon = self.ribbon(tracer, strands, leaf);
-        let last = match &leaf.ends {
-            Ends::Alike => None,
-            Ends::Within(pieces) => Some(LastPieces::new(&sheaf, tracer, pieces)),
+        let finish = match &leaf.ends {
+            Ends::Alike => Finish::Alike,
+            Ends::Within(pieces) => Finish::Within(LastPieces::new(&sheaf, tracer, pieces)),
+            Ends::Each => Finish::Each,
         };
         let flat = Instant::now();
         found.tally.tiles += flat - began;
@@ -177,19 +177,23 @@ impl Samples<'_> {
             for places in places.chunks(LANES) {
                 let place = |l: usize| places[l.min(places.len() - 1)];
                 let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
-                // Two kernels: one for both would be slower for the one that most tiles need.
-                let seen = match &last {
-                    None => vectorised(
+                // A kernel for each: one for all would be slower for the one that most tiles need.
+                let seen = match &finish {
+                    Finish::Alike => vectorised(
                         #[inline(always)]
                         || target.seen(&Bicubic::new(&at), chords),
                     ),
-                    Some(last) => vectorised(
+                    Finish::Within(last) => vectorised(
                         #[inline(always)]
                         || {
                             let mixing = Bicubic::new(&at);
                             target.seen_before(&mixing, chords, &last.endings(&mixing, endings))
                         },
                     ),
+                    Finish::Each => {
+                        let ends = self.endings(places, (tracer, endings), lost);
+                        before(&target, &at, chords, &ends)
+                    }
                 };
                 for (place, seen) in places.iter().zip(seen) {
                     found.put(*place, looked_up(seen));
@@ -198,6 +202,23 @@ impl Samples<'_> {
             found.tally.interpolated += places.len();
         }
         found.tally.pixels += flat.elapsed();
+    }
+
+    /// How the samples at at most sixteen `places` end; those of which that is not known are `lost`.
+    fn endings(
+        &self,
+        places: &[Place],
+        (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
+        lost: &mut Vec<Place>,
+    ) -> [Ending; LANES] {
+        let mut ends = [Ending::Nowhere; LANES];
+        for (end, place) in ends.iter_mut().zip(places) {
+            match tracer.ending(self.direction(*place), endings) {
+                Some(known) => *end = known,
+                None => lost.push(*place),
+            }
+        }
+        ends
     }
 
     /// The samples at `places`, each by a path of its own.
@@ -280,6 +301,29 @@ impl Samples<'_> {
     }
 }
 
+/// How the samples of a tile end.
+enum Finish {
+    Alike,
+    Within(LastPieces),
+    Each,
+}
+
+/// What sixteen samples at these places in their tile see whose ends are known.
+fn before(
+    target: &Target<'_>,
+    at: &[DVec2; LANES],
+    chords: &Chords,
+    ends: &[Ending; LANES],
+) -> [Seen; LANES] {
+    match chords.is_empty() {
+        true => std::array::from_fn(|l| beyond(&ends[l])),
+        false => vectorised(
+            #[inline(always)]
+            || target.seen_before(&Bicubic::new(at), chords, ends),
+        ),
+    }
+}
+
 /// Pixels along a side of the parts of a tile for which chords are looked at again: each look costs about
 /// as much as sixteen samples do. With it frames take two to four hundredths less.
 const PART: usize = 16;
@@ -299,7 +343,7 @@ const SQUARE: usize = 4;
 /// Paths followed at once: enough to keep the tracer's lanes full, few enough to stay in the cache.
 const BLOCK: usize = 256;
 
-fn looked_up(seen: super::outcome::Seen) -> Outcome {
+fn looked_up(seen: Seen) -> Outcome {
     Outcome {
         seen,
         flagged: false,

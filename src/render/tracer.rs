@@ -25,6 +25,11 @@ pub trait GridTracer: Sync {
     /// cannot give on them has no ending.
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands);
 
+    /// How the path in `direction` ends, where that is known without the path.
+    fn ending(&self, _direction: DVec3, _endings: &mut EndingFinder<'_>) -> Option<Ending> {
+        None
+    }
+
     /// Points and tangents of a path that [`GridTracer::add`] made, at ascending arc lengths `s`,
     /// into six rows as long as `s`: as close as the tracer can, where the cubics between knots only
     /// serve to find what may be met.

@@ -220,8 +220,14 @@ impl Accelerator {
         (start <= end).then_some((start, end))
     }
 
+    /// A chart length in tree units.
+    #[inline(always)]
+    fn unit(&self) -> f64 {
+        1.0 / self.scale
+    }
+
     fn tree_point(&self, p: DVec3) -> Vec3 {
-        ((p - self.centre) / self.scale).as_vec3()
+        ((p - self.centre) * self.unit()).as_vec3()
     }
 
     fn tree_box(&self, (min, max): (DVec3, DVec3)) -> Aabb {

@@ -144,12 +144,6 @@ impl Accelerator {
         met.then_some(hits)
     }
 
-    /// A chart length in tree units.
-    #[inline(always)]
-    fn unit(&self) -> f64 {
-        1.0 / self.scale
-    }
-
     #[inline(always)]
     fn chords(&self, a: &Spread, b: &Spread, shift: DVec3) -> Chords {
         let unit = self.unit();

@@ -9,7 +9,7 @@ use crate::{
         drawing::draw,
         endings::EndingFinder,
         frame::Paths,
-        lattice::{LARGEST_TILE, Lattice, smallest_tile},
+        lattice::{Ends, LARGEST_TILE, Lattice, Tile, smallest_tile},
         lookup::Lookup,
         shade::Footprints,
         strands::Strands,
@@ -157,16 +157,24 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
             let divided = lattice.refine(*corner, endings);
             let mut strands = Strands::new(tracer.knots().clone());
             for tile in &divided.lost {
-                let (rows, columns) = tile.extent(view.size);
-                let lost: Vec<DVec3> = rows
-                    .flat_map(|y| columns.clone().map(move |x| (x, y)))
-                    .map(|(x, y)| view.direction(x as f64 + 0.5, y as f64 + 0.5))
-                    .collect();
                 strands.clear();
-                tracer.add(&lost, endings, &mut strands);
+                tracer.add(&directions(view, *tile), endings, &mut strands);
+            }
+            for leaf in divided.leaves.iter().filter(|l| l.ends == Ends::Each) {
+                for direction in directions(view, leaf.tile) {
+                    std::hint::black_box(tracer.ending(direction, endings));
+                }
             }
             std::hint::black_box((divided, strands));
         },
     );
     1e9 * began.elapsed().as_secs_f64() / (width * height) as f64
+}
+
+/// The directions through the middles of the pixels of a tile.
+fn directions(view: &View, tile: Tile) -> Vec<DVec3> {
+    let (rows, columns) = tile.extent(view.size);
+    rows.flat_map(|y| columns.clone().map(move |x| (x, y)))
+        .map(|(x, y)| view.direction(x as f64 + 0.5, y as f64 + 0.5))
+        .collect()
 }

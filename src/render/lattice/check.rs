@@ -79,6 +79,11 @@ impl<'a> Checks<'a> {
         }
     }
 
+    /// All paths: the sixteen, and those that check them.
+    pub(super) fn all(&self) -> Vec<Strand<'a>> {
+        [&self.sheaf.all()[..], &self.truths].concat()
+    }
+
     /// The largest error of the sky's direction; infinite if a check leaves elsewhere.
     pub(super) fn sky(&self) -> f64 {
         let sky = |strand: &Strand<'_>| match strand.ending {

@@ -41,6 +41,11 @@ const FEWEST_SAMPLES: usize = 64;
 /// pixels of three bumps rose from 0.17 to 0.21 mrad, with 0.5 and with this to 0.19.
 const END_SHARE: f64 = 0.25;
 
+/// Most pieces that may meet something of a tile in which the end of each sample is looked up: where
+/// there are more, its paths are so unlike that following each is cheaper. On the wormhole gallery as many
+/// as there are cost a tenth of a frame.
+const EACH_PIECES: usize = 3;
+
 /// A square of pixels.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tile {
@@ -132,6 +137,8 @@ pub enum Ends {
     Alike,
     /// Not alike, but in these pieces.
     Within(Range<usize>),
+    /// In skies that change too fast to be interpolated: the end of each sample is looked up.
+    Each,
 }
 
 /// One of the largest tiles, divided.
@@ -159,7 +166,7 @@ impl Lattice<'_> {
             nodes.trace(&level, self, endings);
             let mut next = Vec::new();
             for tile in level {
-                match self.leaf(tile, &nodes) {
+                match self.leaf(tile, &nodes, endings) {
                     Some(leaf) => divided.0.push(leaf),
                     None if tile.side <= self.smallest => divided.1.push(tile),
                     None => next.extend(
@@ -179,7 +186,7 @@ impl Lattice<'_> {
     }
 
     /// The tile's paths, if they can be interpolated within the budget.
-    fn leaf(&self, tile: Tile, nodes: &Nodes) -> Option<Leaf> {
+    fn leaf(&self, tile: Tile, nodes: &Nodes, endings: &mut EndingFinder<'_>) -> Option<Leaf> {
         let members = nodes.members(tile)?;
         let sheaf = Sheaf::new(nodes.strands(), members);
         if !sheaf.is_known() {
@@ -189,11 +196,20 @@ impl Lattice<'_> {
         let checks = Checks::new(&sheaf, nodes.checks(tile)?, angle);
         let allowed = LATTICE_SHARE * self.budget;
         // The sky is cheap to compare and rules most tiles out.
-        let ends = ends(&sheaf, &checks, allowed)?;
+        let each = || tile.side <= self.smallest && self.knows_end(tile, endings);
+        let ends = ends(&sheaf, &checks, allowed, each)?;
         let mut touched = Touched::default();
-        let slack = self.tracer.slack();
-        touched.find(&sheaf.all(), sheaf.last(), self.world, TUBE_MARGIN, slack);
+        let (last, slack) = (sheaf.last(), self.tracer.slack());
+        // What is between paths that end in all ways is told a little better by those that check them.
+        let strands = match ends {
+            Ends::Each => checks.all(),
+            _ => sheaf.all().to_vec(),
+        };
+        touched.find(&strands, last, self.world, TUBE_MARGIN, slack);
         let pieces = touched.pieces;
+        if ends == Ends::Each && pieces.len() > EACH_PIECES {
+            return None;
+        }
         if !(checks.path(&pieces) <= allowed) {
             return None;
         }
@@ -204,10 +220,23 @@ impl Lattice<'_> {
             ends,
         })
     }
+
+    /// Whether the tracer knows the end of the path in the middle of a tile, and so most likely of all.
+    fn knows_end(&self, tile: Tile, endings: &mut EndingFinder<'_>) -> bool {
+        let [x, y] = [tile.x, tile.y].map(|corner| corner as f64 + 0.5 * tile.side as f64);
+        let direction = self.view.direction(x, y);
+        self.tracer.ending(direction, endings).is_some()
+    }
 }
 
-/// How the paths of a tile end, if what they see there is within `allowed`.
-fn ends(sheaf: &Sheaf<'_>, checks: &Checks<'_>, allowed: f64) -> Option<Ends> {
+/// How the paths of a tile end, if what they see there is within `allowed` or `each` says that the end
+/// of each can be looked up.
+fn ends(
+    sheaf: &Sheaf<'_>,
+    checks: &Checks<'_>,
+    allowed: f64,
+    each: impl FnOnce() -> bool,
+) -> Option<Ends> {
     let sky = match sheaf.exit() {
         Some(_) => checks.sky(),
         None => f64::INFINITY,
@@ -215,9 +244,14 @@ fn ends(sheaf: &Sheaf<'_>, checks: &Checks<'_>, allowed: f64) -> Option<Ends> {
     if sky <= allowed {
         return Some(Ends::Alike);
     }
+    let each = || each().then_some(Ends::Each);
     if sky < f64::INFINITY {
-        return None;
+        return each();
     }
-    let pieces = checks.last_pieces()?;
-    (checks.endings(&pieces) <= END_SHARE * allowed).then_some(Ends::Within(pieces))
+    match checks.last_pieces() {
+        Some(pieces) if checks.endings(&pieces) <= END_SHARE * allowed => {
+            Some(Ends::Within(pieces))
+        }
+        _ => each(),
+    }
 }

@@ -12,7 +12,7 @@
 
 use super::{
     catalogue::{self, Star},
-    sixteen::{Mask, Numbers, Vectors, each, each_vector, first, floor, lane, largest, mask},
+    sixteen::{Mask, Numbers, Vectors, each, each_vector, floor, lane, largest},
 };
 use crate::render::{footprint::FILTER_DEVIATION, lanes::LANES};
 use glam::Vec3;
@@ -66,7 +66,8 @@ impl StarField {
     /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
     pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
         let place = CubePlace::of(d);
-        let (cell, corners) = (place.cell() as usize, self.corners(place.corner() as usize));
+        let cell = place.cell() as usize;
+        let corners = self.corners(lowest_corner(cell));
         let stars = self.stars_near(cell).iter();
         let sharp: Vec3 = stars.map(|star| star.light * star.seen(d, footprint)).sum();
         between(&corners, place.x, place.y) + sharp.lerp(self.even, melt(footprint))
@@ -78,32 +79,38 @@ impl StarField {
     pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
         let places = Places::of(d);
         let mut light = Vectors::default();
-        let mut pending = *wanted;
-        while let Some(l) = first(&pending) {
-            let cell = places.cells[l];
-            let lit = self.in_cell(&places, l, d, widths);
-            let here = mask(
+        // What is not asked for, or has its light, is in no cell.
+        let mut rest = each(
+            #[inline(always)]
+            |l| if wanted[l] { places.cells[l] } else { -1.0 },
+        );
+        loop {
+            let cell = largest(&rest);
+            if cell < 0.0 {
+                return light;
+            }
+            let lit = self.in_cell(cell as usize, &places, d, widths);
+            for c in 0..3 {
+                let old = light[c];
+                light[c] = each(
+                    #[inline(always)]
+                    |l| if rest[l] == cell { lit[c][l] } else { old[l] },
+                );
+            }
+            let old = rest;
+            rest = each(
                 #[inline(always)]
-                |l| places.cells[l] == cell,
-            );
-            light = each_vector(
-                #[inline(always)]
-                |l| lane(if here[l] { &lit } else { &light }, l),
-            );
-            pending = mask(
-                #[inline(always)]
-                |l| pending[l] & !here[l],
+                |l| if old[l] == cell { -1.0 } else { old[l] },
             );
         }
-        light
     }
 
-    /// The light in all lanes that are in the same cell as lane `l`.
+    /// The light in all lanes that are in the cell with this number.
     #[inline(always)]
-    fn in_cell(&self, places: &Places, l: usize, d: &Vectors, widths: &Numbers) -> Vectors {
-        let corners = self.corners(places.corners[l] as usize);
+    fn in_cell(&self, cell: usize, places: &Places, d: &Vectors, widths: &Numbers) -> Vectors {
+        let corners = self.corners(lowest_corner(cell));
         let mut stars = Vectors::default();
-        for star in self.stars_near(places.cells[l] as usize) {
+        for star in self.stars_near(cell) {
             let inside = each(
                 #[inline(always)]
                 |l| star.inside(lane(d, l), widths[l]),
@@ -218,19 +225,18 @@ impl CubePlace {
     fn cell(&self) -> f32 {
         (self.face * CELLS as f32 + self.row) * CELLS as f32 + self.column
     }
-
-    /// The number of the lowest corner of its cell.
-    #[inline(always)]
-    fn corner(&self) -> f32 {
-        let side = CELLS as f32 + 1.0;
-        (self.face * side + self.row) * side + self.column
-    }
 }
 
-/// [`CubePlace`] in sixteen lanes: numbers of cells and their lowest corners, and the places in them.
+/// The number of the lowest corner of a cell.
+fn lowest_corner(cell: usize) -> usize {
+    let (row, column) = (cell / CELLS, cell % CELLS);
+    // Every face has one row of corners more than of cells.
+    (row + row / CELLS) * (CELLS + 1) + column
+}
+
+/// [`CubePlace`] in sixteen lanes: numbers of cells, and the places in them.
 struct Places {
     cells: Numbers,
-    corners: Numbers,
     x: Numbers,
     y: Numbers,
 }
@@ -238,20 +244,14 @@ struct Places {
 impl Places {
     #[inline(always)]
     fn of(d: &Vectors) -> Self {
-        let [mut cells, mut corners, mut x, mut y] = [[0.0; LANES]; 4];
+        let [mut cells, mut x, mut y] = [[0.0; LANES]; 3];
         for l in 0..LANES {
             let place = CubePlace::of(lane(d, l));
             cells[l] = place.cell();
-            corners[l] = place.corner();
             x[l] = place.x;
             y[l] = place.y;
         }
-        Self {
-            cells,
-            corners,
-            x,
-            y,
-        }
+        Self { cells, x, y }
     }
 }
 
@@ -280,6 +280,16 @@ fn cells_within(d: Vec3, reach: f32) -> Vec<usize> {
     // The cells of a face are graph-paper squares in the gnomonic plane; a cap around `d` meets a
     // face only if its direction, pushed by the reach, does.
     let mut cells = Vec::new();
+    let is_near = |face: usize, column: usize, row: usize| {
+        let at = |x: f32, y: f32| cube_direction(face, column as f32 + x, row as f32 + y);
+        let middle = at(0.5, 0.5);
+        let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
+        let radius = corners
+            .map(|p| p.distance(middle))
+            .into_iter()
+            .fold(0.0, f32::max);
+        d.distance(middle) <= 1.001 * (reach + radius)
+    };
     for face in 0..6 {
         let axis = face / 2;
         let height = if face % 2 == 0 { d[axis] } else { -d[axis] };
@@ -300,7 +310,8 @@ fn cells_within(d: Vec3, reach: f32) -> Vec<usize> {
             continue;
         };
         for row in rows {
-            cells.extend(columns.clone().map(|c| (face * CELLS + row) * CELLS + c));
+            let near = columns.clone().filter(|c| is_near(face, *c, row));
+            cells.extend(near.map(|c| (face * CELLS + row) * CELLS + c));
         }
     }
     cells
