@@ -73,6 +73,7 @@
 //! | fan | all paths from one camera position |
 //! | bundle | the compressed set of fans over a region of camera positions; one file, `*.fan` |
 //! | patch | a box of camera × direction parameters on which all paths are one polynomial |
+//! | aim, parallax | the direction a table knows a ray by, and what it differs by from the ray's own (times a length): seen from the middle of the camera's cell, the ray's point on a sphere about it |
 //! | flagged | of a patch or ray: the table gave up on it, it is integrated exactly |
 //! | tracer | anything that turns a camera and directions into paths: *exact* integrates, *table* looks up |
 //! | exit | a named way out of the manifold, with a sky of its own |

@@ -1,8 +1,8 @@
 //! How far away the rays of a table had best aim.
 //!
 //! In: the rays of a space. Out: the parallax of [`Focus`](geofan::fan::Focus) with which paths from
-//! neighbouring cameras are most alike. Looked at are small random parts of the matrices cameras × directions of some
-//! cells and faces: the fewer singular values count, the smaller are tensor trains.
+//! neighbouring cameras are most alike. Looked at are small random parts of the matrices cameras ×
+//! directions of some cells and faces: the fewer singular values count, the smaller are tensor trains.
 
 use crate::{lift::random_rays, refine::order};
 use faer::Mat;

@@ -305,7 +305,10 @@ impl Located {
 #[cfg(test)]
 mod tests {
     use super::{
-        super::direction::{FACES, direction, face_and_parameters},
+        super::{
+            direction::{FACES, direction},
+            focus::Focus,
+        },
         *,
     };
     use crate::{diagnostic::SourceText, manifold::Manifold};
@@ -393,23 +396,34 @@ mod tests {
     fn images_of_rays_come_back() {
         let round = r#"conformal = "exp(exp(-(x^2 + y^2 + z^2)/2))""#;
         let space = space(round, BOX);
+        let mirrors = Mirror::find(&space, &rays());
+        come_back(&space, &mirrors);
+        let uneven = DMat3::from_diagonal(DVec3::new(0.1, 0.2, 0.3));
+        let even = Mirror::averaged(&mirrors, uneven);
+        assert!((even - DMat3::from_diagonal(DVec3::splat(0.2))).abs_diff_eq(DMat3::ZERO, 1e-15));
+        come_back(&space.focused(Focus::new(even, vec![2; 3])), &mirrors);
+    }
+
+    fn come_back(space: &FanSpace, mirrors: &[Mirror]) {
         let u = DVec3::new(0.3, -1.1, 0.7);
         let place = space.place(u).unwrap();
-        for mirror in Mirror::find(&space, &rays()) {
+        for mirror in mirrors {
             for face in 0..FACES {
                 let d = direction(face, DVec2::new(0.3, -0.6));
                 let located = space.locate(&place, d);
-                let image = located.clone().carried(Some(&mirror.image(&space, face)));
-                assert_eq!(image.face, mirror.face(face));
+                let image = located
+                    .clone()
+                    .carried(Some(&mirror.image(space, located.face)));
+                assert_eq!(image.face, mirror.face(located.face));
                 let (back, p) = image.isometry.apply(image.u);
                 assert!((back - u).length() < 1e-15);
                 assert!((p * image.v - located.v).length() < 1e-15);
-                // The image's direction in its own frame is that of its parameters.
+                // The image is known as the ray that it is.
                 let own = space.manifold().standard_frame(image.u).inverse() * image.v;
-                let (found, parameters) = face_and_parameters(own);
-                let given = DVec2::from_slice(&image.direction);
-                assert_eq!(found, image.face);
-                assert!((parameters - given).length() < 1e-12);
+                let known = space.locate(&space.place(image.u).unwrap(), own);
+                let [found, given] = [known.direction, image.direction].map(DVec2::from_array);
+                assert_eq!(known.face, image.face);
+                assert!((found - given).length() < 1e-12);
                 let camera = mirror.camera(&[u.x / 2.0, u.y / 2.0, u.z / 2.0]);
                 assert!((space.stored_at(&camera) - image.u).length() < 1e-15);
             }
