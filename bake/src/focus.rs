@@ -137,9 +137,8 @@ impl<'a> Trial<'a> {
         let corner = |part: &Part, number: usize| {
             let side = |axis: usize| if number >> axis & 1 == 0 { -1.0 } else { 1.0 };
             let inner: Vec<f64> = (0..axes).map(side).collect();
-            let middle = self.parameters(&part.cell, &vec![0.0; axes]);
-            let corner = self.parameters(&part.cell, &inner);
-            (parallax * self.space.offset(&corner, &middle)).length()
+            let at = |inner: &[f64]| self.space.stored_point(&self.parameters(&part.cell, inner));
+            (parallax * (at(&inner) - at(&vec![0.0; axes]))).length()
         };
         let all = self.parts.iter();
         let all = all.flat_map(|part| (0..1 << axes).map(move |number| corner(part, number)));

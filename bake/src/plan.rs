@@ -88,5 +88,5 @@ pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanS
 /// The same without discrete symmetries.
 pub fn unmirrored(space: FanSpace, mut plan: PlanRecord) -> (FanSpace, PlanRecord) {
     plan.mirrors = Vec::new();
-    (space.mirrored(Vec::new()), plan)
+    (plan.applied(space), plan)
 }

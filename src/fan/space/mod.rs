@@ -262,7 +262,7 @@ impl FanSpace {
     }
 
     /// The stored chart point at stored camera parameters.
-    fn stored_point(&self, parameters: &[f64]) -> DVec3 {
+    pub fn stored_point(&self, parameters: &[f64]) -> DVec3 {
         let point = if self.by_region {
             self.region().at(parameters)
         } else {
@@ -289,31 +289,26 @@ impl FanSpace {
     /// The stored ray at camera and direction parameters: chart point and direction in the standard
     /// frame.
     pub fn ray(&self, face: usize, camera: &[f64], directions: &[f64]) -> (DVec3, DVec3) {
+        let u = self.stored_point(camera);
         let d = match self.reduction {
             Reduction::Rotation => {
-                let radius = self.areal_radius(self.stored_point(camera));
-                let theta = self.orbits.angle(face, directions[0], radius);
+                let theta = self.orbits.angle(face, directions[0], self.areal_radius(u));
                 DVec3::new(theta.cos(), theta.sin(), 0.0)
             }
             _ => {
                 let aim = direction(face, DVec2::new(directions[0], directions[1]));
-                direction_of(aim, self.parallax(camera))
+                direction_of(aim, self.parallax(u, camera))
             }
         };
-        (self.stored_point(camera), d)
+        (u, d)
     }
 
-    /// The parallax of the camera at stored parameters.
-    fn parallax(&self, camera: &[f64]) -> DVec3 {
+    /// The parallax of the camera at the stored point `u` with these parameters.
+    fn parallax(&self, u: DVec3, camera: &[f64]) -> DVec3 {
         match self.focus.middle(&self.cameras, camera) {
-            Some(middle) => self.focus.parallax(self.offset(camera, &middle)),
+            Some(middle) => self.focus.parallax(u - self.stored_point(&middle)),
             None => DVec3::ZERO,
         }
-    }
-
-    /// How the camera at stored parameters lies from the one at `middle`, in chart coordinates.
-    pub fn offset(&self, camera: &[f64], middle: &[f64]) -> DVec3 {
-        self.stored_point(camera) - self.stored_point(middle)
     }
 
     /// The camera position `u` in stored parameters.
@@ -348,7 +343,7 @@ impl FanSpace {
             stored,
             stored_inverse: self.manifold.standard_frame(stored).inverse(),
             areal_radius: self.areal_radius(stored),
-            parallax: self.parallax(&parameters),
+            parallax: self.parallax(stored, &parameters),
             parameters,
             isometry,
         })

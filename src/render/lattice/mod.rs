@@ -201,11 +201,10 @@ impl Lattice<'_> {
         let mut touched = Touched::default();
         let (last, slack) = (sheaf.last(), self.tracer.slack());
         // What is between paths that end in all ways is told a little better by those that check them.
-        let strands = match ends {
-            Ends::Each => checks.all(),
-            _ => sheaf.all().to_vec(),
-        };
-        touched.find(&strands, last, self.world, TUBE_MARGIN, slack);
+        match ends {
+            Ends::Each => touched.find(&checks.all(), last, self.world, TUBE_MARGIN, slack),
+            _ => touched.find(&sheaf.all(), last, self.world, TUBE_MARGIN, slack),
+        }
         let pieces = touched.pieces;
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
             return None;
