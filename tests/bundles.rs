@@ -2,7 +2,7 @@
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use geofan::{
-    bundle::{Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, certify},
+    bundle::{Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, Variables, certify},
     diagnostic::SourceText,
     fan::FanSpace,
     manifold::Manifold,
@@ -34,9 +34,9 @@ fn leaf(wrong: f64) -> Tree {
     let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 1, 3]), slopes).unwrap();
     let polynomial = Polynomial {
         coefficients: samples,
-        stretch: Stretch::NONE,
+        variables: Variables::of_face(1, Stretch::NONE),
     };
-    let tensor = Train::plain(&polynomial, 1).rounded(Step::near(1e-8));
+    let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
     Tree::Leaf(Arc::new(tensor.unwrap()))
 }
 
@@ -59,6 +59,7 @@ fn folder(wrong: f64) -> TempDir {
         cells: vec![1],
         stretch: Stretch::NONE,
         focus: [[0.0; 3]; 3],
+        sphere: None,
         mirrors: Vec::new(),
         seed: 1,
     };

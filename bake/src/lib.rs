@@ -19,5 +19,6 @@ pub mod plan;
 pub mod refine;
 pub mod run;
 pub mod shard;
+mod sphere;
 pub mod sweep;
 mod tolerance;

@@ -3,7 +3,10 @@
 //! In: the rays of a space. Out: the [`Lift`] under which polynomials in the arc length fall off
 //! fastest along random paths.
 
-use crate::refine::scout::{Line, Tails};
+use crate::refine::{
+    scout::{Line, Tails},
+    sweep::Basis,
+};
 use geofan::{
     bundle::{
         PlanRecord, chebyshev,
@@ -96,7 +99,7 @@ impl<'a> Trial<'a> {
     /// What polynomials in the arc length miss along nearly all paths, in units of the promise.
     fn roughness(&self, lift: Lift) -> f64 {
         let space = self.space.clone().lifted(lift);
-        let mut tails = Tails::new(NODES, self.plan.max_error);
+        let mut tails = Tails::new(Basis::Polynomials, NODES, self.plan.max_error);
         Line::new(&space, self.plan, &self.rays, &self.lengths).each(Axis(0), &mut tails);
         tails.excess()
     }

@@ -1,6 +1,6 @@
 //! What is to be baked: everything that a chunk's content depends on, besides the manifold.
 
-use crate::{focus, lift::best_lift, mirrors, tolerance};
+use crate::{focus, lift::best_lift, mirrors, sphere, tolerance};
 use geofan::{
     bundle::{PlanRecord, Stretch},
     fan::{FanSpace, Lift},
@@ -10,7 +10,7 @@ use geofan::{
 const FIRST_TOLERANCE: f64 = 1e-8;
 
 /// Counts up when refinement changes: parts of another count are baked again.
-pub(crate) const REFINEMENT: u32 = 8;
+pub(crate) const REFINEMENT: u32 = 9;
 
 /// Sizes by the number of axes besides the arc length.
 struct Sizes {
@@ -75,6 +75,7 @@ pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanS
         cells: vec![sizes.cells; space.cameras().len()],
         stretch: stretch(axes),
         focus: [[0.0; 3]; 3],
+        sphere: None,
         mirrors: Vec::new(),
         seed: 1,
     };
@@ -82,11 +83,13 @@ pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanS
     plan.lift = best_lift(&space, &plan);
     plan.tolerance = tolerance::needed(&space, &plan);
     plan.focus = focus::best(&space, &plan);
+    plan.sphere = sphere::axes(&space, &plan);
     (plan.applied(space), plan)
 }
 
 /// The same without discrete symmetries.
 pub fn unmirrored(space: FanSpace, mut plan: PlanRecord) -> (FanSpace, PlanRecord) {
     plan.mirrors = Vec::new();
+    plan.sphere = sphere::axes(&space, &plan);
     (plan.applied(space), plan)
 }

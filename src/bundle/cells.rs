@@ -3,9 +3,10 @@
 //! In: a [`Contracted`] with many coefficients in both direction parameters, which is dear to evaluate
 //! for one path. Out: for the cell around a direction, made when it is first asked for, the same
 //! polynomials in the cell's own parameters, without the coefficients that do not count there. The
-//! cells' edges are `−cos(πi/n)`, so that a Chebyshev polynomial swings as often in each.
+//! cells' edges are `−cos(πi/n)`, so that a Chebyshev polynomial swings as often in each; on the whole
+//! sphere they are evenly spaced.
 
-use super::{chebyshev, contracted::Contracted, matrix::product};
+use super::{chebyshev, contracted::Contracted, matrix::product, spherical};
 use crate::expr::real::Real;
 use std::{f64::consts::PI, sync::OnceLock};
 
@@ -29,7 +30,8 @@ const LEFT_OUT: f32 = 4e-6;
 #[derive(Debug, Clone)]
 pub(super) struct Cells {
     edges: [Vec<f64>; 2],
-    /// The patch on the cells of each interval of the first parameter, whole in the second.
+    /// The patch on the cells of each interval of the first parameter, whole in the second: one table,
+    /// or those of even and of odd multiples of the azimuth.
     strips: Box<[OnceLock<Vec<f32>>]>,
     /// `None` where a cell would leave out too much.
     cells: Box<[OnceLock<Option<Box<Contracted>>>]>,
@@ -38,11 +40,11 @@ pub(super) struct Cells {
 impl Cells {
     /// Cells for `degrees` coefficients in both parameters; `None` if they would hardly be fewer in
     /// a cell.
-    pub(super) fn new(degrees: [usize; 2]) -> Option<Self> {
+    pub(super) fn new(degrees: [usize; 2], sphere: bool) -> Option<Self> {
         if degrees[0] * degrees[1] < FEWEST {
             return None;
         }
-        let edges = degrees.map(|n| edges(n.div_ceil(PER_CELL)));
+        let edges = degrees.map(|n| edges(n.div_ceil(PER_CELL), sphere));
         let count = edges.each_ref().map(|edges| edges.len() - 1);
         Some(Self {
             edges,
@@ -70,8 +72,11 @@ impl Cells {
     }
 }
 
-fn edges(cells: usize) -> Vec<f64> {
-    let edge = |i: usize| -Real::cos(PI * i as f64 / cells as f64);
+fn edges(cells: usize, even: bool) -> Vec<f64> {
+    let edge = |i: usize| match even {
+        true => 2.0 * i as f64 / cells as f64 - 1.0,
+        false => -Real::cos(PI * i as f64 / cells as f64),
+    };
     (0..=cells).map(edge).collect()
 }
 
@@ -80,19 +85,47 @@ fn number(edges: &[f64], x: f64) -> usize {
     edges[1..edges.len() - 1].partition_point(|edge| *edge <= x)
 }
 
-/// The coefficients of `patch` on an interval of its first parameter, axes (p, q, row).
+/// The coefficients of `patch` on an interval of its first parameter, axes (p, q, row), for each table of
+/// [`Cells`].
 fn strip(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
     let np = patch.degrees()[0];
-    product(&restriction(np, side), np, patch.table())
+    let matrices = match patch.is_sphere() {
+        false => restriction(np, side, chebyshev::values),
+        true => [false, true]
+            .map(|odd| {
+                restriction(np, side, |a, values| {
+                    spherical::azimuth_values(a, values);
+                    let others = (0..np).filter(|i| spherical::is_odd(*i) != odd);
+                    others.for_each(|i| values[i] = 0.0);
+                })
+            })
+            .concat(),
+    };
+    product(&matrices, np, patch.table())
+}
+
+/// The matrices that restrict the second parameter to `side`, one for each table of a strip.
+fn second_restrictions(patch: &Contracted, side: [f64; 2]) -> Vec<Vec<f32>> {
+    let nq = patch.degrees()[1];
+    match patch.is_sphere() {
+        false => vec![restriction(nq, side, chebyshev::values)],
+        true => [false, true]
+            .map(|odd| restriction(nq, side, |b, values| spherical::polar_values(b, odd, values)))
+            .into(),
+    }
 }
 
 /// `patch` on a box of its parameters, from its `strip` there; `None` if that leaves out too much.
 fn restricted(patch: &Contracted, strip: &[f32], side: [f64; 2]) -> Option<Contracted> {
     let (nq, row) = (patch.degrees()[1], patch.row());
-    let matrix = restriction(nq, side);
-    let mut table = Vec::with_capacity(NODES * NODES * row);
-    for plane in strip.chunks_exact(nq * row) {
-        table.extend(product(&matrix, nq, plane));
+    let matrices = second_restrictions(patch, side);
+    let mut table = vec![0.0; NODES * NODES * row];
+    for (matrix, strip) in matrices.iter().zip(strip.chunks_exact(NODES * nq * row)) {
+        let planes = strip.chunks_exact(nq * row);
+        for (to, plane) in table.chunks_exact_mut(NODES * row).zip(planes) {
+            let restricted = product(matrix, nq, plane);
+            to.iter_mut().zip(restricted).for_each(|(t, x)| *t += x);
+        }
     }
     let sizes: Vec<f32> = table
         .chunks_exact(row)
@@ -110,16 +143,16 @@ fn restricted(patch: &Contracted, strip: &[f32], side: [f64; 2]) -> Option<Contr
     Some(patch.with_table(table, kept))
 }
 
-/// The matrix that takes `n` coefficients on [−1, 1] to [`NODES`] of the polynomial through its values
-/// at as many nodes of a part of it.
-fn restriction(n: usize, [low, high]: [f64; 2]) -> Vec<f32> {
+/// The matrix that takes the coefficients of `n` terms to [`NODES`] of the polynomial through their sum at
+/// as many nodes of a part of [−1, 1]; `of` gives the values of the terms.
+fn restriction(n: usize, [low, high]: [f64; 2], of: impl Fn(f64, &mut [f64])) -> Vec<f32> {
     let transform = chebyshev::transform(NODES);
     let mut values = vec![0.0; NODES * n];
     for (x, values) in chebyshev::nodes(NODES)
         .iter()
         .zip(values.chunks_exact_mut(n))
     {
-        chebyshev::values(low + 0.5 * (x + 1.0) * (high - low), values);
+        of(low + 0.5 * (x + 1.0) * (high - low), values);
     }
     product(&transform.into_raw_vec_and_offset().0, NODES, &values)
         .into_iter()

@@ -189,7 +189,7 @@ fn at_camera(
 mod tests {
     use super::*;
     use crate::{
-        bundle::{Chunk, Division, Polynomial, Step, Stretch, Train, Tree},
+        bundle::{Chunk, Division, Polynomial, Step, Stretch, Train, Tree, Variables},
         diagnostic::SourceText,
         fan::FanSpace,
         manifold::Manifold,
@@ -216,9 +216,9 @@ length = 5.0
         let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 3]), slopes).unwrap();
         let polynomial = Polynomial {
             coefficients: samples,
-            stretch: Stretch::NONE,
+            variables: Variables::of_face(0, Stretch::NONE),
         };
-        let tensor = Train::plain(&polynomial, 0).rounded(Step::near(1e-8));
+        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
         let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;

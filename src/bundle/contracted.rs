@@ -1,10 +1,15 @@
 //! What is left of a patch at a fixed camera: polynomials in the direction and the arc length.
 //!
 //! In: coefficients over (direction…, arc length, channel), each direction parameter p, q in
-//! [−1, 1]. Out: for one direction, the coefficients in the arc length. With one direction
-//! parameter the second axis has length 1.
+//! [−1, 1]: of a face, or the azimuth and the polar angle of the whole sphere. Out: for one direction,
+//! the coefficients in the arc length. With one direction parameter the second axis has length 1.
 
-use super::{cells::Cells, chebyshev, stretch::Stretch, tensor::MOST_DEGREES};
+use super::{
+    cells::Cells,
+    chebyshev, spherical,
+    tensor::{MOST_DEGREES, MOST_TERMS},
+    variables::Variables,
+};
 use crate::expr::vectorised;
 
 /// A patch at one camera, in single precision: its rounding, 6e-8 of the largest coefficient, is far
@@ -17,8 +22,8 @@ pub struct Contracted {
     degrees: [usize; 2],
     lengths: usize,
     channels: usize,
-    /// Of the direction parameters; cells have their own variables.
-    stretch: Stretch,
+    /// What the direction parameters stand for; `None` in a cell, whose variables are its own.
+    variables: Option<Variables>,
     /// Cells for paths close together; `None` if the whole is cheap enough.
     cells: Option<Cells>,
 }
@@ -28,7 +33,7 @@ const BLOCK: usize = 16;
 
 impl Contracted {
     /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest.
-    pub fn new(shape: &[usize], coefficients: &[f32], stretch: Stretch) -> Self {
+    pub fn new(shape: &[usize], coefficients: &[f32], variables: Variables) -> Self {
         let axis = |from_end: usize| shape.len().checked_sub(from_end).map_or(1, |i| shape[i]);
         let (channels, lengths) = (axis(1), axis(2));
         let row = (channels * lengths).max(1);
@@ -49,8 +54,8 @@ impl Contracted {
             degrees,
             lengths,
             channels,
-            stretch,
-            cells: Cells::new(degrees),
+            variables: Some(variables),
+            cells: Cells::new(degrees, variables.sphere),
         }
     }
 
@@ -61,7 +66,7 @@ impl Contracted {
             degrees,
             lengths: self.lengths,
             channels: self.channels,
-            stretch: Stretch::NONE,
+            variables: None,
             cells: None,
         }
     }
@@ -89,20 +94,44 @@ impl Contracted {
     /// The coefficients in the arc length, `lengths` rows of `channels`, at direction parameters
     /// (p, q), written to the front of `row`; what is behind them there is undefined.
     pub fn direction<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
-        self.sum([p, q].map(|x| self.stretch.variable(x)), row)
+        self.sum(self.variables_at([p, q]), row)
+    }
+
+    /// The variables of the polynomials at direction parameters; on the sphere, those parameters.
+    fn variables_at(&self, parameters: [f64; 2]) -> [f64; 2] {
+        match self.variables {
+            Some(variables) if !variables.sphere => {
+                parameters.map(|x| variables.stretch.variable(x))
+            }
+            _ => parameters,
+        }
+    }
+
+    /// Whether the directions are the whole sphere.
+    pub(super) fn is_sphere(&self) -> bool {
+        self.variables.is_some_and(|variables| variables.sphere)
     }
 
     /// The same at variables of the polynomials.
     fn sum<'r>(&self, [p, q]: [f64; 2], row: &'r mut Row) -> &'r [f64] {
         let [np, nq] = self.degrees;
-        let (mut tp, mut tq) = ([0.0; MOST_DEGREES], [0.0; MOST_DEGREES]);
-        chebyshev::values(p, &mut tp[..np]);
-        chebyshev::values(q, &mut tq[..nq]);
+        let mut tp = [0.0; MOST_TERMS];
+        let mut tq = [[0.0; MOST_TERMS]; 2];
+        if self.is_sphere() {
+            spherical::azimuth_values(p, &mut tp[..np]);
+            spherical::polar_values(q, false, &mut tq[0][..nq]);
+            spherical::polar_values(q, true, &mut tq[1][..nq]);
+        } else {
+            chebyshev::values(p, &mut tp[..np]);
+            chebyshev::values(q, &mut tq[0][..nq]);
+        }
+        let second = usize::from(self.is_sphere());
+        let tq = [&tq[0][..nq], &tq[second][..nq]];
         let length = self.lengths * self.channels;
         let sum = &mut row[..length.next_multiple_of(BLOCK)];
         vectorised(
             #[inline(always)]
-            || weigh(&self.table, &tp[..np], &tq[..nq], sum),
+            || weigh(&self.table, &tp[..np], tq, sum),
         );
         &row[..length]
     }
@@ -112,7 +141,7 @@ impl Contracted {
     /// The same as [`Contracted::direction`], for one of many directions close together: from the cell
     /// around it, without what does not count there.
     pub fn nearby<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
-        let variables = [p, q].map(|x| self.stretch.variable(x));
+        let variables = self.variables_at([p, q]);
         let cell = self
             .cells
             .as_ref()
@@ -131,9 +160,10 @@ pub type Row = [f64; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 /// An empty one.
 pub const EMPTY_ROW: Row = [0.0; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 
-/// `sum = Σ p_i q_j line_ij` over the lines of `table`, each as long as `sum`.
+/// `sum = Σ p_i q_j line_ij` over the lines of `table`, each as long as `sum`; `q` for the terms of even
+/// multiples of an azimuth, and of odd ones.
 #[inline(always)]
-fn weigh(table: &[f32], p: &[f64], q: &[f64], sum: &mut [f64]) {
+fn weigh(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &mut [f64]) {
     let row = sum.len();
     let mut block = 0;
     while block < row {
@@ -152,14 +182,14 @@ fn weigh(table: &[f32], p: &[f64], q: &[f64], sum: &mut [f64]) {
 fn part<const N: usize>(
     table: &[f32],
     p: &[f64],
-    q: &[f64],
+    q: [&[f64]; 2],
     (row, block): (usize, usize),
     sum: &mut [f64],
 ) -> usize {
     let mut sums = [0.0_f32; N];
     let mut start = block;
-    for wp in p {
-        for wq in q {
+    for (i, wp) in p.iter().enumerate() {
+        for wq in q[usize::from(spherical::is_odd(i))] {
             let w = (wp * wq) as f32;
             if let Some(line) = table[start..].first_chunk::<N>() {
                 for l in 0..N {
@@ -177,7 +207,9 @@ fn part<const N: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::stretch::Stretch, *};
+
+    const FACE: Variables = Variables::of_face(0, Stretch::NONE);
 
     #[test]
     fn cells_leave_out_what_does_not_count() {
@@ -189,7 +221,7 @@ mod tests {
             (i as f32 * 0.7).sin() * (-0.5 * (p + q) as f32).exp()
         };
         let table: Vec<f32> = (0..count).map(coefficient).collect();
-        let patch = Contracted::new(&shape, &table, Stretch::NONE);
+        let patch = Contracted::new(&shape, &table, FACE);
         let (mut used, mut worst) = (0, 0.0_f64);
         for i in 0..400 {
             let [p, q] = [0.618, 0.755].map(|step| (f64::from(i) * step).fract() * 2.0 - 1.0);
@@ -211,7 +243,7 @@ mod tests {
         for (np, nq, lengths, channels) in [(3, 4, 17, 3), (5, 1, 2, 2), (1, 1, 32, 1)] {
             let count = np * nq * lengths * channels;
             let table: Vec<f32> = (0..count).map(|i| (i as f32 * 0.7).sin()).collect();
-            let contracted = Contracted::new(&[np, nq, lengths, channels], &table, Stretch::NONE);
+            let contracted = Contracted::new(&[np, nq, lengths, channels], &table, FACE);
             let (p, q) = (0.3, -0.8);
             let mut found = EMPTY_ROW;
             let found = contracted.direction(p, q, &mut found);

@@ -60,8 +60,13 @@ impl Courses {
         evaluate: Evaluate,
     ) -> usize {
         let first = self.pieces.len();
-        let axis = table.space.directions();
-        self.collect(node, axis, located.direction, [0.0, table.length], evaluate);
+        let direction = match table.space.sphere() {
+            Some(sphere) => sphere.parameters(located.aim()),
+            None => located.direction,
+        };
+        let arc_axis = table.space.directions();
+        let from = (&located, arc_axis);
+        self.collect(node, from, direction, [0.0, table.length], evaluate);
         self.heads.push(Head {
             start: table.space.lift().start(located.u, located.v),
             u: located.u,
@@ -72,29 +77,35 @@ impl Courses {
         self.heads.len() - 1
     }
 
-    /// Takes the polynomials in one direction from all patches that hold it; `arc_axis` is the number of
-    /// the axis of arc length.
+    /// Takes the polynomials of the located ray from all patches that hold it, at parameters `direction`
+    /// of what `node` covers; `arc_axis` is the number of the axis of arc length.
     fn collect(
         &mut self,
         node: &FanNode,
-        arc_axis: usize,
+        (located, arc_axis): (&Located, usize),
         mut direction: [f64; 2],
         interval: [f64; 2],
         evaluate: Evaluate,
     ) {
         match node {
             FanNode::Flagged => self.pieces.push((interval, None)),
+            FanNode::Faces(faces) => {
+                let face = &faces[located.face];
+                let from = (located, arc_axis);
+                self.collect(face, from, located.direction, interval, evaluate);
+            }
             FanNode::Split { axis, halves } if *axis == arc_axis => {
                 let middle = 0.5 * (interval[0] + interval[1]);
                 let parts = [[interval[0], middle], [middle, interval[1]]];
                 for (half, part) in halves.iter().zip(parts) {
-                    self.collect(half, arc_axis, direction, part, evaluate);
+                    self.collect(half, (located, arc_axis), direction, part, evaluate);
                 }
             }
             FanNode::Split { axis, halves } => {
                 let (side, inner) = half(direction[*axis]);
                 direction[*axis] = inner;
-                self.collect(&halves[side], arc_axis, direction, interval, evaluate);
+                let from = (located, arc_axis);
+                self.collect(&halves[side], from, direction, interval, evaluate);
             }
             FanNode::Leaf(table) => {
                 let mut row = EMPTY_ROW;

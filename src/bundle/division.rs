@@ -1,8 +1,9 @@
 //! How a table is divided into chunks, and which of them are stored.
 //!
-//! In: cells along each camera parameter, faces of directions, and mirrors that carry some of them
-//! into others. Out: the chunks, one for each class of cells and faces that mirrors carry into each
-//! other, and for any cell and face the chunk that holds it ([`Division::stored`]).
+//! In: cells along each camera parameter, blocks of directions (each face, or all of them together), and
+//! mirrors that carry some of them into others. Out: the chunks, one for each class of cells and blocks
+//! that mirrors carry into each other, and for any cell and block the chunk that holds it
+//! ([`Division::stored`]).
 
 use crate::fan::Mirror;
 
@@ -11,31 +12,31 @@ use crate::fan::Mirror;
 pub struct Division {
     /// Cells along each stored camera parameter.
     pub cells: Vec<usize>,
-    /// Faces of directions.
-    pub faces: usize,
-    /// Where each cell and face is stored; faces run fastest, then the first parameter's cells.
+    /// Blocks of directions: the faces, or one.
+    pub blocks: usize,
+    /// Where each cell and block is stored; blocks run fastest, then the first parameter's cells.
     stored: Vec<Stored>,
-    /// The cell and face of each chunk, in the same numbering.
+    /// The cell and block of each chunk, in the same numbering.
     chunks: Vec<usize>,
 }
 
-/// Where a cell and face is stored.
+/// Where a cell and block is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Stored {
     /// The chunk.
     pub chunk: usize,
-    /// The mirror that carries the cell and face to those of the chunk; `None` if they are its own.
+    /// The mirror that carries the cell and block to those of the chunk; `None` if they are its own.
     pub mirror: Option<usize>,
 }
 
 impl Division {
-    /// With `cells` along each camera parameter. A cell and face that one of the `mirrors` carries to
+    /// With `cells` along each camera parameter. A cell and block that one of the `mirrors` carries to
     /// an earlier one is not stored.
-    pub fn new(cells: Vec<usize>, faces: usize, mirrors: &[Mirror]) -> Self {
-        let all = cells.iter().product::<usize>() * faces;
+    pub fn new(cells: Vec<usize>, blocks: usize, mirrors: &[Mirror]) -> Self {
+        let all = cells.iter().product::<usize>() * blocks;
         let mut division = Self {
             cells,
-            faces,
+            blocks,
             stored: Vec::with_capacity(all),
             chunks: Vec::new(),
         };
@@ -55,9 +56,13 @@ impl Division {
 
     /// Where `place` is stored if mirror number `i` carries it to a chunk.
     fn image(&self, place: usize, i: usize, mirror: &Mirror) -> Option<Stored> {
-        let (cell, face) = self.split(place);
+        let (cell, block) = self.split(place);
         let cell = mirror.cell(&cell, &self.cells)?;
-        let image = self.place(&cell, mirror.face(face));
+        let block = match self.blocks {
+            1 => 0,
+            _ => mirror.face(block),
+        };
+        let image = self.place(&cell, block);
         let chunk = self.chunks.binary_search(&image).ok()?;
         Some(Stored {
             chunk,
@@ -70,29 +75,29 @@ impl Division {
         self.chunks.len()
     }
 
-    /// The cell (along each parameter) and the face of a chunk.
+    /// The cell (along each parameter) and the block of a chunk.
     pub fn of(&self, chunk: usize) -> (Vec<usize>, usize) {
         self.split(self.chunks[chunk])
     }
 
-    /// Where `face` of `cell` is stored.
-    pub fn stored(&self, cell: &[usize], face: usize) -> Stored {
-        self.stored[self.place(cell, face)]
+    /// Where `block` of `cell` is stored.
+    pub fn stored(&self, cell: &[usize], block: usize) -> Stored {
+        self.stored[self.place(cell, block)]
     }
 
     fn split(&self, place: usize) -> (Vec<usize>, usize) {
-        let mut rest = place / self.faces;
+        let mut rest = place / self.blocks;
         let cell = self.cells.iter().map(|n| {
             let c = rest % n;
             rest /= n;
             c
         });
-        (cell.collect(), place % self.faces)
+        (cell.collect(), place % self.blocks)
     }
 
-    fn place(&self, cell: &[usize], face: usize) -> usize {
+    fn place(&self, cell: &[usize], block: usize) -> usize {
         let cells = cell.iter().zip(&self.cells).rev();
-        cells.fold(0, |sum, (c, n)| sum * n + c) * self.faces + face
+        cells.fold(0, |sum, (c, n)| sum * n + c) * self.blocks + block
     }
 }
 

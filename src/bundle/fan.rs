@@ -9,7 +9,7 @@ use super::{
     table::Table,
     tree::Tree,
 };
-use crate::fan::{FanSpace, Image, Located, Place};
+use crate::fan::{FACES, FanSpace, Image, Located, Place};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -20,6 +20,8 @@ pub(super) enum FanNode {
         axis: usize,
         halves: Box<[FanNode; 2]>,
     },
+    /// The whole sphere of directions parted into its faces.
+    Faces(Box<[FanNode; FACES]>),
     Leaf(Contracted),
     Flagged,
 }
@@ -44,6 +46,9 @@ impl FanNode {
                 camera[*axis] = inner;
                 Self::contract(&halves[side], &camera)
             }
+            Tree::Faces(faces) => Self::Faces(Box::new(
+                faces.each_ref().map(|face| Self::contract(face, camera)),
+            )),
             Tree::Split { axis, halves } => Self::Split {
                 axis: axis - camera.len(),
                 halves: Box::new(halves.each_ref().map(|half| Self::contract(half, camera))),

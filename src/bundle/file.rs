@@ -104,7 +104,7 @@ impl PlanRecord {
     /// How the table over `space` is divided into chunks.
     pub fn division(&self, space: &FanSpace) -> Division {
         let cells = self.cells.iter().map(|n| *n as usize).collect();
-        Division::new(cells, space.faces(), space.mirrors())
+        Division::new(cells, space.blocks(), space.mirrors())
     }
 }
 
@@ -168,6 +168,10 @@ impl Header {
         }
         if !plan.stretch.is_valid() || !plan.focus.iter().flatten().all(|x| x.is_finite()) {
             return wrong("its stretch or its focus is out of range");
+        }
+        let sphere = plan.sphere();
+        if sphere.is_some_and(|sphere| space.planar() || !sphere.is_valid()) {
+            return wrong("its axes of directions are out of range");
         }
         if let Lift::Sphere { radius } = plan.lift
             && !positive(radius)

@@ -1,6 +1,6 @@
 use super::*;
 use crate::{
-    bundle::{Polynomial, Step, Stretch, Train, Tree},
+    bundle::{Polynomial, Step, Stretch, Train, Tree, Variables},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
@@ -32,6 +32,7 @@ fn plan() -> PlanRecord {
         cells: vec![1],
         stretch: Stretch::new(0.8),
         focus: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
+        sphere: None,
         mirrors: Vec::new(),
         seed: 1,
     }
@@ -47,9 +48,9 @@ fn bundle(nodes: usize) -> Bundle {
         let shape = IxDyn(&[nodes, 3, 3, 4, 3]);
         let polynomial = Polynomial {
             coefficients: ArrayD::from_shape_simple_fn(shape, || stream.uniform()),
-            stretch: plan().stretch,
+            variables: Variables::of_face(1, plan().stretch),
         };
-        let tensor = Train::plain(&polynomial, 1).rounded(Step::near(1e-6));
+        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-6));
         Tree::Leaf(Arc::new(tensor.unwrap()))
     };
     let chunks = (0..6).map(|face| match face {

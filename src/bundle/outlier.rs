@@ -19,6 +19,8 @@ pub const MOST: usize = 20;
 pub struct BoxPlace {
     /// The chunk.
     pub chunk: usize,
+    /// Its face of directions; `None` if it has all of them.
+    pub face: Option<usize>,
     /// Its intervals within the chunk, which is [−1, 1] along camera…, direction…, arc length.
     pub intervals: Vec<[f64; 2]>,
     /// Whether it is flagged.
@@ -77,15 +79,26 @@ impl Table {
         point.push(2.0 * s / self.length - 1.0);
         let mut intervals = vec![[-1.0, 1.0]; point.len()];
         let mut tree = self.chunks[chunk].tree()?;
-        while let Tree::Split { axis, halves } = tree {
-            let (side, inner) = half(point[*axis]);
-            point[*axis] = inner;
-            let [a, b] = intervals[*axis];
-            intervals[*axis][1 - side] = 0.5 * (a + b);
-            tree = &halves[side];
+        let mut face = (self.division.blocks == self.space.faces()).then_some(carried.face);
+        loop {
+            match tree {
+                Tree::Split { axis, halves } => {
+                    let (side, inner) = half(point[*axis]);
+                    point[*axis] = inner;
+                    let [a, b] = intervals[*axis];
+                    intervals[*axis][1 - side] = 0.5 * (a + b);
+                    tree = &halves[side];
+                }
+                Tree::Faces(faces) => {
+                    face = Some(carried.face);
+                    tree = &faces[carried.face];
+                }
+                Tree::Leaf(_) | Tree::Flagged => break,
+            }
         }
         Ok(BoxPlace {
             chunk,
+            face,
             intervals,
             flagged: matches!(tree, Tree::Flagged),
         })

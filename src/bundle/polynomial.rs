@@ -3,9 +3,10 @@
 use super::{
     chebyshev,
     matrix::{product, summed},
-    stretch::Stretch,
-    tensor::values_at,
+    spherical,
+    variables::{Variables, Weights},
 };
+use crate::expr::real::Real;
 use ndarray::{Array2, ArrayD, Axis, s};
 use rayon::prelude::*;
 
@@ -19,26 +20,32 @@ const TILE: usize = 128;
 /// A polynomial of one group of channels.
 #[derive(Debug, Clone)]
 pub struct Polynomial {
-    /// Chebyshev coefficients in standard layout: axes camera…, direction…, arc length, channel.
+    /// Coefficients in standard layout: axes camera…, direction…, arc length, channel.
     pub coefficients: ArrayD<f64>,
-    /// Of the variables of cameras and directions.
-    pub stretch: Stretch,
+    /// Of cameras and directions.
+    pub variables: Variables,
 }
 
 impl Polynomial {
-    /// From samples at the tensor grid of Chebyshev nodes, those of cameras and directions placed by
-    /// `stretch`, with the same axes; the first `starts` along the arc length are not at nodes but stay
-    /// beside the coefficients.
-    pub fn fit(mut samples: ArrayD<f64>, starts: usize, stretch: Stretch) -> Self {
+    /// From samples with the same axes at the tensor grid of [`Variables::places`], along the arc length
+    /// of Chebyshev nodes; the first `starts` there are not at nodes but stay beside the coefficients.
+    pub fn fit(mut samples: ArrayD<f64>, starts: usize, variables: Variables) -> Self {
         let arc = samples.ndim() - 2;
         let slopes = samples.len_of(Axis(arc)) - starts;
         let mut along_arc = Array2::eye(starts + slopes);
         let mut nodes = along_arc.slice_mut(s![starts.., starts..]);
         nodes.assign(&chebyshev::transform(slopes));
         chebyshev::along_axis(&mut samples, arc, &along_arc);
+        let plain = match variables.sphere {
+            true => {
+                spherical::coefficients(&mut samples, variables.cameras);
+                variables.cameras
+            }
+            false => arc,
+        };
         Self {
-            coefficients: chebyshev::coefficients(samples, arc),
-            stretch,
+            coefficients: chebyshev::coefficients(samples, plain),
+            variables,
         }
     }
 
@@ -75,12 +82,14 @@ impl Polynomial {
         let inputs = shape.len() - 2;
         let enough = |axes: &usize| shape[..*axes].iter().product::<usize>() >= SUMMED_AT_ONCE;
         let first = (1..inputs).find(enough).unwrap_or(inputs);
-        let weights = points.iter().map(|x| values_at(shape, x, self.stretch));
-        let weights: Vec<Vec<Vec<f64>>> = weights.collect();
+        let sets = points.iter().map(|x| self.variables.weights(shape, x));
+        let sets: Vec<Vec<Weights<f64>>> = sets.collect();
+        let each = sets.first().map_or(1, Vec::len);
+        let weights: Vec<&Weights<f64>> = sets.iter().flatten().collect();
         let at_once: Vec<f64> = weights.iter().flat_map(|w| products(&w[..first])).collect();
         let count: usize = shape[..first].iter().product();
         let sums = self.weighted(&at_once, count);
-        let rest = |(sums, weights): (&[f64], &Vec<Vec<f64>>)| {
+        let rest = |(sums, weights): (&[f64], &&Weights<f64>)| {
             let mut sums = sums.to_vec();
             for w in &weights[first..] {
                 sums = summed(&sums, |x| *x, 1, sums.len() / w.len(), w);
@@ -88,10 +97,9 @@ impl Polynomial {
             sums
         };
         let width = self.coefficients.len() / count;
-        sums.par_chunks_exact(width)
-            .zip(&weights)
-            .map(rest)
-            .collect()
+        let sums = sums.par_chunks_exact(width).zip(&weights).map(rest);
+        let sums: Vec<Vec<f64>> = sums.collect();
+        sums.chunks(each).map(added).collect()
     }
 
     /// The product of `weights`, rows of `count`, with the coefficients as a matrix of `count` rows.
@@ -120,10 +128,36 @@ impl Polynomial {
         sums
     }
 
+    /// Values at the nodes of the ray axes, still coefficients along the arc length. On the sphere those
+    /// of odd multiples of the azimuth are sums of other terms of the polar angle than their own: ranks
+    /// are the same.
+    pub fn samples(&self) -> ArrayD<f64> {
+        let (samples, arc) = (self.coefficients.clone(), self.coefficients.ndim() - 2);
+        if !self.variables.sphere {
+            return chebyshev::samples(samples, arc);
+        }
+        let mut samples = chebyshev::samples(samples, self.variables.cameras);
+        let [azimuth, polar] = [arc - 2, arc - 1];
+        let [values, _] = spherical::azimuth_transforms(samples.len_of(Axis(azimuth)));
+        chebyshev::along_axis(&mut samples, azimuth, &values);
+        let [values, _] = spherical::polar_transforms(samples.len_of(Axis(polar)), false);
+        chebyshev::along_axis(&mut samples, polar, &values);
+        samples
+    }
+
     /// Whether all coefficients are finite.
     pub fn is_finite(&self) -> bool {
         self.coefficients.iter().all(|c| c.is_finite())
     }
+}
+
+/// The sum of rows.
+pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
+    let mut sum = rows[0].clone();
+    for row in &rows[1..] {
+        sum.iter_mut().zip(row).for_each(|(s, x)| *s = *s + *x);
+    }
+    sum
 }
 
 /// The products of one of each of `values`, the last running fastest.
@@ -136,7 +170,7 @@ fn products(values: &[Vec<f64>]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::stretch::Stretch, *};
     use ndarray::IxDyn;
 
     #[test]
@@ -145,15 +179,15 @@ mod tests {
         let coefficients = ArrayD::from_shape_fn(IxDyn(&shape), |i| {
             (0..5).map(|a| (a + 1) * i[a]).sum::<usize>() as f64 % 7.0 - 3.0
         });
-        let stretch = Stretch::new(0.8);
+        let variables = Variables::of_face(1, Stretch::new(0.8));
         let polynomial = Polynomial {
             coefficients,
-            stretch,
+            variables,
         };
         let points = [[0.3, -0.9, 0.1], [1.0, 0.5, -0.7]];
         let rows = polynomial.at(&points.each_ref().map(|p| p.as_slice()));
         for (row, x) in rows.iter().zip(points) {
-            let weights = values_at::<f64>(&shape, &x, stretch);
+            let weights = &variables.weights::<f64>(&shape, &x)[0];
             let mut expected = vec![0.0; 6];
             for (i, c) in polynomial.coefficients.indexed_iter() {
                 let weight: f64 = (0..3).map(|a| weights[a][i[a]]).product();
@@ -171,7 +205,7 @@ mod tests {
         coefficients[[1, 0, 1, 0]] = -4.0;
         let polynomial = Polynomial {
             coefficients,
-            stretch: Stretch::NONE,
+            variables: Variables::of_face(0, Stretch::NONE),
         };
         let spectra = polynomial.spectra();
         assert_eq!(spectra[0], [0.0, 5.0, 0.0]);

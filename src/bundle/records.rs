@@ -5,7 +5,7 @@
 //! is also that of bincode 1.3 and of wincode, so files outlive the crate.
 
 use super::{Certificate, Stretch};
-use crate::fan::{FanSpace, Focus, Lift, Mirror, Reduction};
+use crate::fan::{FanSpace, Focus, Lift, Mirror, Reduction, Sphere};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
@@ -79,6 +79,9 @@ pub struct PlanRecord {
     pub stretch: Stretch,
     /// How far away directions aim: the columns of the parallax of [`Focus`].
     pub focus: [[f64; 3]; 3],
+    /// Axes of the sphere whose directions have one chunk together, if they can ([`Sphere`], columns);
+    /// `None` if each face has one.
+    pub sphere: Option<[[f64; 3]; 3]>,
     /// Discrete symmetries: of the chunks that they carry into each other one is stored.
     pub mirrors: Vec<Mirror>,
     /// Seed of the held-out rays and of the certificate.
@@ -145,7 +148,14 @@ impl PlanRecord {
     pub fn applied(&self, space: FanSpace) -> FanSpace {
         let cells = self.cells.iter().map(|n| *n as usize).collect();
         let space = space.lifted(self.lift).mirrored(self.mirrors.clone());
+        let space = space.on_sphere(self.sphere());
         space.focused(Focus::new(DMat3::from_cols_array_2d(&self.focus), cells))
+    }
+
+    /// The sphere whose directions are held together.
+    pub fn sphere(&self) -> Option<Sphere> {
+        let axes = self.sphere.as_ref().map(DMat3::from_cols_array_2d);
+        axes.map(Sphere::new)
     }
 
     /// The bytes that stand for the plan in the bundle's id.
@@ -188,6 +198,7 @@ pub(super) mod tests {
                 cells: vec![2, 3],
                 stretch: Stretch::new(0.75),
                 focus: [[0.25, 0.0, 0.0], [0.0; 3], [0.0, -1.0, 0.0]],
+                sphere: None,
                 mirrors: Vec::new(),
                 seed: u64::MAX,
             },

@@ -11,6 +11,7 @@ use super::{
     fan::{Facet, Fan, FanNode},
     stretch::Stretch,
     tree::{Shape, Tree},
+    variables::Variables,
 };
 use crate::{
     error::Result,
@@ -89,10 +90,13 @@ impl Table {
     /// What the tensors of a table over `space` look like.
     pub fn shape(space: &FanSpace, stretch: Stretch) -> Shape {
         Shape {
-            cameras: space.cameras().len(),
+            variables: Variables {
+                cameras: space.cameras().len(),
+                stretch,
+                sphere: space.sphere().is_some(),
+            },
             directions: space.directions(),
             channels: space.channels().len(),
-            stretch,
         }
     }
 
@@ -117,26 +121,33 @@ impl Table {
         let place = self.space.place(u)?;
         // A chunk that no camera has needed before is decoded now, which takes far longer than the
         // contraction.
-        let faces = (0..self.space.faces()).into_par_iter();
-        let faces = faces.map(|face| self.facet(&place, face));
-        let faces = faces.collect::<Result<Vec<_>, Damage>>();
+        let faces = self.facets(&place);
         let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
         Ok(Fan::new(self, place, faces))
     }
 
-    fn facet(&self, place: &Place, face: usize) -> Result<Facet, Damage> {
-        let kept = self.kept(place, face);
-        Ok(Facet {
-            node: self.chunks[kept.chunk].contract(&kept.camera)?,
+    fn facets(&self, place: &Place) -> Result<Vec<Facet>, Damage> {
+        let kept = (0..self.space.faces()).map(|face| self.kept(place, face));
+        let contract = |kept: &Kept| self.chunks[kept.chunk].contract(&kept.camera);
+        let kept: Vec<Kept> = kept.collect();
+        let nodes: Vec<Arc<FanNode>> = match self.space.sphere() {
+            // All faces are in one chunk.
+            Some(_) => vec![contract(&kept[0])?; kept.len()],
+            None => kept.par_iter().map(contract).collect::<Result<_, _>>()?,
+        };
+        let facets = nodes.into_iter().zip(kept);
+        let facet = |(node, kept): (_, Kept)| Facet {
+            node,
             image: kept.image,
-        })
+        };
+        Ok(facets.map(facet).collect())
     }
 
     /// Where the table holds the rays from `place` in the directions of `face`.
     pub(super) fn kept(&self, place: &Place, face: usize) -> Kept {
         let cells = &self.division.cells;
         let (cell, camera) = cell::locate(cells, self.space.cameras(), &place.parameters);
-        let stored = self.division.stored(&cell, face);
+        let stored = self.division.stored(&cell, self.space.block(face));
         let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
         Kept {
             chunk: stored.chunk,

@@ -15,21 +15,24 @@
 use super::{
     bytes::{Damage, Reader, Writer},
     chain::{Link, chained},
-    chebyshev,
     coding::{Coded, Integers},
     contracted::Contracted,
     grade::ungrade,
     layout::Layout,
     matrix::{scaled, summed},
     scale::{Power, Scale, Step},
-    stretch::Stretch,
+    polynomial::added,
     tree::Shape,
+    variables::{Variables, Weights},
 };
 use crate::expr::real::Real;
 use ndarray::ArrayD;
 
-/// The most coefficients along one axis.
+/// The most coefficients along the arc length.
 pub const MOST_DEGREES: usize = 64;
+
+/// The most coefficients along another axis.
+pub const MOST_TERMS: usize = 128;
 
 /// The most integers of a core: far above any that a bake makes.
 const MOST_INTEGERS: u64 = 1 << 24;
@@ -49,8 +52,7 @@ pub(super) struct Core {
 #[derive(Debug, Clone)]
 pub struct Tensor {
     pub(super) layout: Layout,
-    pub(super) cameras: usize,
-    pub(super) stretch: Stretch,
+    pub(super) variables: Variables,
     pub(super) step: Step,
     pub(super) cores: Vec<Core>,
 }
@@ -156,7 +158,8 @@ impl Tensor {
     /// coefficient.
     pub fn contract(&self, camera: &[f64]) -> Contracted {
         let table = self.at_in::<f32>(camera);
-        Contracted::new(&self.shape()[self.cameras..], &table, self.stretch)
+        let shape = &self.shape()[self.variables.cameras..];
+        Contracted::new(shape, &table, self.variables)
     }
 
     /// The coefficients that remain at parameters in [−1, 1] of the first axes, in table order. With
@@ -167,10 +170,13 @@ impl Tensor {
 
     fn at_in<T: Real>(&self, parameters: &[f64]) -> Vec<T> {
         let shape = self.shape();
-        let weights = values_at(&shape, parameters, self.stretch);
-        let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
-        all.resize(shape.len(), None);
-        self.sum(&all)
+        let sum = |weights: &Weights<T>| {
+            let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
+            all.resize(shape.len(), None);
+            self.sum(&all)
+        };
+        let sets = self.variables.weights(&shape, parameters);
+        added(&sets.iter().map(sum).collect::<Vec<_>>())
     }
 
     /// How many integers it holds, of 32 bits each.
@@ -208,16 +214,16 @@ impl Tensor {
     /// It is not one.
     pub fn decode(input: &mut Reader<'_>, coded: &mut Coded, shape: Shape) -> Result<Self, Damage> {
         let Shape {
-            cameras,
+            variables,
             directions,
             channels,
-            stretch,
         } = shape;
-        let layout = Layout::of_code(input.u8()?, cameras + directions);
+        let rays = variables.cameras + directions;
+        let layout = Layout::of_code(input.u8()?, rays);
         let layout = layout.ok_or(Damage("layout of a tensor"))?;
         let step = Power(input.i16()?);
         let mut cores: Vec<Core> = Vec::new();
-        let axes = layout.cores(cameras + directions);
+        let axes = layout.cores(rays);
         for (k, axes_of_core) in axes.iter().enumerate() {
             let left = cores.last().map_or(1, |c| c.scales.len());
             let last = k + 1 == axes.len();
@@ -229,8 +235,7 @@ impl Tensor {
         }
         Ok(Self {
             layout,
-            cameras,
-            stretch,
+            variables,
             step,
             cores,
         })
@@ -253,7 +258,9 @@ impl Core {
             shape.push(n as usize);
         }
         let right = shape[axes + 1];
-        if shape[1..=axes].iter().any(|n| *n > MOST_DEGREES) || (last && right != 1) {
+        let lengths = if last { shape[axes - 1] } else { 0 };
+        let too_many = lengths > MOST_DEGREES || shape[1..=axes].iter().any(|n| *n > MOST_TERMS);
+        if too_many || (last && right != 1) {
             return Err(Damage("number of degrees"));
         }
         if count == 0 || count > MOST_INTEGERS {
@@ -300,18 +307,4 @@ fn in_table_order<T: Copy>(values: Vec<T>, open: &[usize], shape: &[usize]) -> V
     }
     let rows = firsts.iter().flat_map(|f| &values[f * row..(f + 1) * row]);
     rows.copied().collect()
-}
-
-/// Chebyshev values at `parameters` along the first axes of `shape`.
-pub(super) fn values_at<T: Real>(
-    shape: &[usize],
-    parameters: &[f64],
-    stretch: Stretch,
-) -> Vec<Vec<T>> {
-    let along = |(x, n): (&f64, &usize)| {
-        let mut values = vec![0.0; *n];
-        chebyshev::values(stretch.variable(*x), &mut values);
-        values.into_iter().map(T::from_f64).collect()
-    };
-    parameters.iter().zip(shape).map(along).collect()
 }

@@ -7,8 +7,8 @@ use super::{
     layout::Layout,
     polynomial::Polynomial,
     scale::{Scale, Step},
-    stretch::Stretch,
     tensor::{Core, Tensor},
+    variables::Variables,
 };
 use crate::expr::vectorised;
 use ndarray::{ArrayD, Axis, Slice};
@@ -18,10 +18,8 @@ use ndarray::{ArrayD, Axis, Slice};
 pub struct Train {
     /// How axes are shared out.
     pub layout: Layout,
-    /// The number of camera axes.
-    pub cameras: usize,
-    /// Of the variables of cameras and directions.
-    pub stretch: Stretch,
+    /// Of cameras and directions.
+    pub variables: Variables,
     /// Cores (left rank, axes…, right rank), the columns of all but the last multiplied by the
     /// values of their scales.
     pub cores: Vec<ArrayD<f64>>,
@@ -31,13 +29,12 @@ pub struct Train {
 
 impl Train {
     /// All coefficients as one core.
-    pub fn plain(polynomial: &Polynomial, cameras: usize) -> Self {
+    pub fn plain(polynomial: &Polynomial) -> Self {
         let core = graded(&polynomial.coefficients).insert_axis(Axis(0));
         let last = Axis(core.ndim());
         Self {
             layout: Layout::Plain,
-            cameras,
-            stretch: polynomial.stretch,
+            variables: polynomial.variables,
             cores: vec![core.insert_axis(last)],
             scales: Vec::new(),
         }
@@ -66,8 +63,7 @@ impl Train {
         }
         Some(Tensor {
             layout: self.layout.clone(),
-            cameras: self.cameras,
-            stretch: self.stretch,
+            variables: self.variables,
             step,
             cores,
         })

@@ -1,15 +1,16 @@
 //! The tree of boxes over one chunk of the table.
 //!
-//! A chunk covers one cell of camera parameters, one face of directions and all arc lengths, all in
-//! [−1, 1]. [`Tree`] halves boxes along one axis at a time down to patches. Axes are numbered
-//! camera…, direction…, arc length.
+//! A chunk covers one cell of camera parameters, one face of directions or all of them, and all arc
+//! lengths, all in [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one
+//! axis at a time down to patches. Axes are numbered camera…, direction…, arc length.
 
 use super::{
     bytes::{Damage, Reader, Writer},
     coding::{Coded, Integers},
-    stretch::Stretch,
     tensor::Tensor,
+    variables::Variables,
 };
+use crate::fan::FACES;
 use std::sync::Arc;
 
 /// A box of the table, divided or not.
@@ -22,6 +23,8 @@ pub enum Tree {
         /// The lower and the upper half.
         halves: Box<[Tree; 2]>,
     },
+    /// All directions parted into their faces.
+    Faces(Box<[Tree; FACES]>),
     /// A patch: one polynomial for all its paths.
     Leaf(Arc<Tensor>),
     /// Given up: rays here are integrated exactly.
@@ -31,14 +34,12 @@ pub enum Tree {
 /// What a tree's tensors must look like.
 #[derive(Debug, Clone, Copy)]
 pub struct Shape {
-    /// Camera axes.
-    pub cameras: usize,
+    /// Of cameras and directions.
+    pub variables: Variables,
     /// Direction axes.
     pub directions: usize,
     /// Stored channels.
     pub channels: usize,
-    /// Of the variables of cameras and directions.
-    pub stretch: Stretch,
 }
 
 /// Deepest tree accepted from a file; bakes stop far earlier.
@@ -60,6 +61,10 @@ impl Tree {
             Tree::Split { axis, halves } => {
                 out.u8(*axis as u8);
                 halves.iter().for_each(|half| half.put(out, integers));
+            }
+            Tree::Faces(faces) => {
+                out.u8(PARTED);
+                faces.iter().for_each(|face| face.put(out, integers));
             }
             Tree::Flagged => out.u8(FLAGGED),
             Tree::Leaf(tensor) => {
@@ -99,7 +104,14 @@ impl Tree {
                 let tensor = Tensor::decode(input, coded, shape)?;
                 Ok(Tree::Leaf(Arc::new(tensor)))
             }
-            axis if usize::from(axis) <= shape.cameras + shape.directions => {
+            PARTED if shape.variables.sphere => {
+                let shape = shape.of_a_face();
+                let face = |_| Self::take(input, coded, shape, depth + 1);
+                let faces: Result<Vec<Self>, Damage> = (0..FACES).map(face).collect();
+                let faces = faces?.try_into();
+                Ok(Tree::Faces(faces.map_err(|_| Damage("number of faces"))?))
+            }
+            axis if shape.may_halve(usize::from(axis)) => {
                 let low = Self::take(input, coded, shape, depth + 1)?;
                 let high = Self::take(input, coded, shape, depth + 1)?;
                 Ok(Tree::Split {
@@ -116,13 +128,35 @@ impl Tree {
         match self {
             Tree::Leaf(_) => (1, 0),
             Tree::Flagged => (0, 1),
-            Tree::Split { halves, .. } => {
-                let [(a, b), (c, d)] = halves.each_ref().map(Tree::count);
-                (a + c, b + d)
-            }
+            Tree::Split { halves, .. } => counts(halves.as_slice()),
+            Tree::Faces(faces) => counts(faces.as_slice()),
         }
     }
 }
 
+impl Shape {
+    /// What the tensors of a single face must look like.
+    fn of_a_face(mut self) -> Self {
+        self.variables.sphere = false;
+        self
+    }
+
+    /// Whether boxes can be halved along `axis`: the whole sphere has no halves.
+    fn may_halve(&self, axis: usize) -> bool {
+        let (cameras, arc) = (
+            self.variables.cameras,
+            self.variables.cameras + self.directions,
+        );
+        axis < cameras || axis == arc || (axis < arc && !self.variables.sphere)
+    }
+}
+
+/// The patches and flagged boxes of all `parts`.
+fn counts(parts: &[Tree]) -> (usize, usize) {
+    let counts = parts.iter().map(Tree::count);
+    counts.fold((0, 0), |(a, b), (c, d)| (a + c, b + d))
+}
+
 const FLAGGED: u8 = 255;
 const PATCH: u8 = 254;
+const PARTED: u8 = 253;

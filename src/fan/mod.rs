@@ -13,10 +13,13 @@ mod orbit;
 mod position;
 mod sample;
 mod space;
+mod sphere;
 
+pub use direction::FACES;
 pub use focus::Focus;
 pub use mirror::{Image, Mirror};
 pub use orbit::OrbitAngles;
 pub use position::{Lift, Start};
 pub use sample::{CHANNELS, DISPLACEMENT, Sample, Samples, sample};
 pub use space::{FanSpace, Located, Place, Reduction};
+pub use sphere::{Sphere, parallel};

@@ -25,7 +25,6 @@ const OVERSAMPLING: usize = 12;
 /// its singular values below `threshold`; `None` where a rank exceeds `most_rank`.
 pub fn decompose(
     polynomial: &Polynomial,
-    cameras: usize,
     layout: Layout,
     (threshold, most_rank): (f64, usize),
 ) -> Option<Train> {
@@ -58,8 +57,7 @@ pub fn decompose(
     cores.push(ArrayD::from_shape_vec(shape, rest).ok()?);
     Some(Train {
         layout,
-        cameras,
-        stretch: polynomial.stretch,
+        variables: polynomial.variables,
         cores,
         scales,
     })
@@ -310,7 +308,7 @@ fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan::bundle::{Step, Stretch};
+    use geofan::bundle::{Step, Stretch, Variables};
 
     fn coefficients(shape: &[usize]) -> ArrayD<f64> {
         let mut stream = Stream::new(&[5]);
@@ -331,19 +329,23 @@ mod tests {
     #[test]
     fn a_rounded_train_is_the_polynomial_within_its_step() {
         for shape in [&[6, 7, 8, 9, 3][..], &[5, 6, 5, 6, 5, 8, 3], &[9, 8, 7, 3]] {
-            let polynomial = Polynomial {
-                coefficients: coefficients(shape),
-                stretch: Stretch::new(0.6),
-            };
             let cameras = shape.len() - 4;
             let cameras = if shape.len() == 4 { 1 } else { cameras };
+            let polynomial = Polynomial {
+                coefficients: coefficients(shape),
+                variables: Variables {
+                    cameras,
+                    stretch: Stretch::new(0.6),
+                    sphere: false,
+                },
+            };
             let step = Step::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);
-            let train = decompose(&polynomial, cameras, layout, (0.3e-5, 500))
+            let train = decompose(&polynomial, layout, (0.3e-5, 500))
                 .unwrap()
                 .rounded(step)
                 .unwrap();
-            let plain = Train::plain(&polynomial, cameras)
+            let plain = Train::plain(&polynomial)
                 .rounded(Step::near(2e-6))
                 .unwrap();
             let x = vec![0.3; shape.len() - 2];

@@ -22,6 +22,9 @@ const FEWEST: usize = 96;
 const MOST: usize = 480;
 const FITTED_EACH: usize = 40;
 
+/// How many times as many the whole sphere of directions has: it stands for six faces.
+const ON_SPHERE: usize = 3;
+
 /// How often as many rays again are followed where too few get to the arc lengths of the box, because
 /// most end at an exit before: in the corner that is left a table failed by radians (Sol) when two
 /// rays out of 48 had vouched for it.
@@ -65,6 +68,10 @@ impl HeldOut {
     /// lengths or hardly any do.
     pub fn new(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
         let count = (refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
+        let count = match region.face {
+            Some(_) => count,
+            None => ON_SPHERE * count,
+        };
         let mut stream = Stream::new(&region.path);
         let mut held_out = Self {
             rays: Vec::new(),
@@ -90,12 +97,8 @@ impl HeldOut {
     ) {
         let (space, plan) = (refiner.space, refiner.plan);
         let manifold = space.manifold();
-        let mut point = || {
-            (0..region.arc())
-                .map(|_| stream.between(-1.0, 1.0))
-                .collect()
-        };
-        let parameters: Vec<Vec<f64>> = (0..count).map(|_| point()).collect();
+        let parameters = (0..count).map(|_| region.ray(stream));
+        let parameters: Vec<Vec<f64>> = parameters.collect();
         let rays: Vec<_> = parameters
             .iter()
             .map(|x| refiner.ray(chunk, region, x))

@@ -15,14 +15,16 @@ pub(crate) mod order;
 mod quantise;
 mod region;
 pub(crate) mod scout;
+pub(crate) mod sweep;
 
 use geofan::{
-    bundle::{Division, PlanRecord, Polynomial, Step, Train, Tree, arc, chebyshev},
-    fan::{DISPLACEMENT, FanSpace, Sample, Samples, cell},
+    bundle::{Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev},
+    fan::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, cell},
 };
 use glam::DVec3;
 use held_out::HeldOut;
 use ndarray::ArrayD;
+use rayon::prelude::*;
 use region::Region;
 use scout::{Needs, tail};
 use std::sync::{
@@ -42,6 +44,9 @@ const ROOMY: f64 = 0.5;
 /// length to be halved instead: neighbouring paths part exponentially, and what is sharp at their
 /// ends is not where they begin.
 const LATE: f64 = 10.0;
+
+/// The most rays that a patch of the whole sphere is fitted to: what they take of memory.
+const MOST_RAYS: usize = 1_000_000;
 
 /// What refinement tells while it runs.
 #[derive(Debug, Default)]
@@ -74,13 +79,19 @@ pub struct Refiner<'a> {
 enum Verdict {
     Done(Tree),
     Halve(usize),
+    /// The whole sphere of directions is too much at once.
+    Part,
 }
 
 impl Refiner<'_> {
     /// The tree of `chunk`; `None` if told to stop.
     pub fn chunk(&self, chunk: usize) -> Option<Tree> {
         let name = vec![self.plan.seed, chunk as u64];
-        self.refine(chunk, Region::whole(self.plan.nodes.len(), name))
+        let face = match self.space.sphere() {
+            Some(_) => None,
+            None => Some(self.division.of(chunk).1),
+        };
+        self.refine(chunk, Region::whole(self.plan.nodes.len(), face, name))
     }
 
     fn refine(&self, chunk: usize, region: Region) -> Option<Tree> {
@@ -89,6 +100,7 @@ impl Refiner<'_> {
         }
         let axis = match self.judge(chunk, &region) {
             Verdict::Done(tree) => return Some(tree),
+            Verdict::Part => return self.parted(chunk, &region),
             Verdict::Halve(axis) => axis,
         };
         let (low, high) = rayon::join(
@@ -101,17 +113,41 @@ impl Refiner<'_> {
         })
     }
 
+    /// The tree of a box with the whole sphere of directions, each face by itself.
+    fn parted(&self, chunk: usize, region: &Region) -> Option<Tree> {
+        let faces = region.faces().into_par_iter();
+        let faces: Option<Vec<Tree>> = faces.map(|face| self.refine(chunk, face)).collect();
+        let faces = faces?.try_into().expect("one tree for each face");
+        Some(Tree::Faces(faces))
+    }
+
+    /// What becomes of a box with the whole sphere of directions: one patch, or its faces are refined
+    /// each by itself, because they need different halving.
+    fn judge_sphere(&self, chunk: usize, region: &Region, held_out: &HeldOut) -> Verdict {
+        let needs = Needs::new(self, chunk, region);
+        let resolved = needs.excess.iter().all(|e| *e <= 1.0);
+        let affordable = needs.rays() <= self.most_rays(region);
+        if held_out.singular || !resolved || !affordable {
+            return Verdict::Part;
+        }
+        let tree = self.fitted(chunk, region, needs, held_out);
+        tree.map_or(Verdict::Part, Verdict::Done)
+    }
+
     fn judge(&self, chunk: usize, region: &Region) -> Verdict {
         let held_out = HeldOut::new(self, chunk, region);
         if held_out.is_empty() && !held_out.singular {
             self.finished(region, 1);
-            return Verdict::Done(self.unread());
+            return Verdict::Done(self.unread(region));
+        }
+        if region.face.is_none() {
+            return self.judge_sphere(chunk, region, &held_out);
         }
         let needs = Needs::new(self, chunk, region);
         let may_halve = self.may_halve(region);
         let resolved = needs.excess.iter().all(|e| *e <= 1.0);
         let hopeful = needs.excess.iter().all(|e| *e <= HOPE);
-        let affordable = needs.rays() <= self.plan.most_rays as usize;
+        let affordable = needs.rays() <= self.most_rays(region);
         let last = !may_halve.iter().any(|m| *m);
         if affordable && !held_out.singular && (resolved || (last && hopeful)) {
             match self.fitted(chunk, region, needs.clone(), &held_out) {
@@ -158,10 +194,15 @@ impl Refiner<'_> {
         held_out: &HeldOut,
     ) -> Result<Tree, Vec<f64>> {
         loop {
+            if region.face.is_none() {
+                // Waves come in pairs.
+                needs.nodes[region.arc() - 2] |= 1;
+            }
             let polynomial = self.fit(chunk, region, &needs.nodes);
             let spectra = polynomial.spectra();
             let left = held_out.error_of(self, &polynomial);
-            if left > ROOMY && needs.raise(self.plan, &spectra, left) {
+            let limits = (&self.most_nodes(region)[..], self.most_rays(region));
+            if left > ROOMY && needs.raise(limits, &spectra, left) {
                 continue;
             }
             let urgency: Vec<f64> = spectra.iter().map(|s| tail(s)).collect();
@@ -176,14 +217,14 @@ impl Refiner<'_> {
     }
 
     /// The patch of a box that no ray gets to: straight lines.
-    fn unread(&self) -> Tree {
+    fn unread(&self, region: &Region) -> Tree {
         let mut shape = vec![1; self.plan.nodes.len()];
         shape.push(self.space.channels().len());
         let straight = Polynomial {
             coefficients: ArrayD::zeros(shape),
-            stretch: self.plan.stretch,
+            variables: self.variables(region),
         };
-        let straight = Train::plain(&straight, self.space.cameras().len());
+        let straight = Train::plain(&straight);
         let rounded = straight.rounded(Step::near(1.0));
         Tree::Leaf(Arc::new(rounded.expect("zeros")))
     }
@@ -208,12 +249,18 @@ impl Refiner<'_> {
     /// The stored ray at box parameters `x` (camera…, direction…).
     fn ray(&self, chunk: usize, region: &Region, x: &[f64]) -> (DVec3, DVec3) {
         let division = self.division;
-        let (cell, face) = division.of(chunk);
+        let (cell, _) = division.of(chunk);
         let k = self.space.cameras().len();
         let inner: Vec<f64> = (0..x.len()).map(|j| region.at(j, x[j])).collect();
         let (camera, directions) = inner.split_at(k);
         let camera = cell::parameters(&division.cells, self.space.cameras(), &cell, camera);
-        self.space.ray(face, &camera, directions)
+        match (region.face, self.space.sphere()) {
+            (None, Some(sphere)) => {
+                let aim = sphere.direction([directions[0], directions[1]]);
+                self.space.ray_aimed(&camera, aim)
+            }
+            (face, _) => self.space.ray(face.unwrap_or(0), &camera, directions),
+        }
     }
 
     /// The `count` Chebyshev nodes of the box's arc lengths.
@@ -253,14 +300,34 @@ impl Refiner<'_> {
         Polynomial::fit(
             samples.expect("one sample for each node"),
             starts,
-            self.plan.stretch,
+            self.variables(region),
         )
     }
 
-    /// Where `count` nodes lie along a camera or direction axis of a box.
-    fn places(&self, count: usize) -> Vec<f64> {
-        let nodes = chebyshev::nodes(count);
-        nodes.iter().map(|y| self.plan.stretch.place(*y)).collect()
+    /// How the parameters of rays enter the polynomials of a box.
+    fn variables(&self, region: &Region) -> Variables {
+        region.variables(self.space.cameras().len(), self.plan.stretch)
+    }
+
+    /// The most nodes along each axis of a box. Around the whole sphere there are four faces, from pole
+    /// to pole two, and without edges they need fewer nodes each.
+    fn most_nodes(&self, region: &Region) -> Vec<usize> {
+        let mut most: Vec<usize> = self.plan.nodes.iter().map(|n| *n as usize).collect();
+        if region.face.is_none() {
+            let arc = region.arc();
+            most[arc - 2] = (3 * most[arc - 2] - 1) | 1;
+            most[arc - 1] = 3 * most[arc - 1] / 2;
+        }
+        most
+    }
+
+    /// The most rays that a box is fitted to.
+    fn most_rays(&self, region: &Region) -> usize {
+        let most = self.plan.most_rays as usize;
+        match region.face {
+            Some(_) => most,
+            None => (FACES * most).min(MOST_RAYS.max(most)),
+        }
     }
 
     /// The rays of the tensor grid of `nodes` (chart point, unit tangent) by their number, the last
@@ -272,7 +339,9 @@ impl Refiner<'_> {
         nodes: &[usize],
     ) -> impl Fn(usize) -> (DVec3, DVec3) + Sync {
         let inputs = &nodes[..region.arc()];
-        let grids: Vec<Vec<f64>> = inputs.iter().map(|&n| self.places(n)).collect();
+        let variables = self.variables(region);
+        let along = |(axis, n): (usize, &usize)| variables.places(axis, *n);
+        let grids: Vec<Vec<f64>> = inputs.iter().enumerate().map(along).collect();
         let manifold = self.space.manifold();
         move |number| {
             let mut rest = number;

@@ -8,10 +8,9 @@
 
 use faer::Mat;
 use geofan::{
-    bundle::{Layout, chebyshev},
+    bundle::{Layout, Polynomial},
     random::Stream,
 };
-use ndarray::ArrayD;
 use std::collections::HashSet;
 
 /// Rows and columns of the part of a matrix that is looked at. Half as many cannot tell large ranks
@@ -26,13 +25,14 @@ const FEWEST: usize = 3;
 /// those below 1e-5 to 1e-3; the orders found are the same.
 const FLOOR: f64 = 1e-4;
 
-/// The order of the ray axes of `coefficients` (axes camera…, direction…, arc length, channel).
-pub fn best(coefficients: &ArrayD<f64>, cameras: usize) -> Layout {
-    let rays = coefficients.ndim() - 2;
+/// The order of the ray axes of a polynomial (axes camera…, direction…, arc length, channel).
+pub fn best(polynomial: &Polynomial) -> Layout {
+    let rays = polynomial.coefficients.ndim() - 2;
     if rays < FEWEST {
+        let cameras = polynomial.variables.cameras;
         return Layout::paired(cameras, rays - cameras);
     }
-    let values = Values::new(coefficients, rays);
+    let values = Values::new(polynomial, rays);
     let all = (1_usize << rays) - 1;
     let ranks: Vec<f64> = (0..=all).map(|set| values.rank(set)).collect();
     // For each set of axes the smallest cores over them, and the last of them.
@@ -67,10 +67,11 @@ struct Values {
 }
 
 impl Values {
-    fn new(coefficients: &ArrayD<f64>, rays: usize) -> Self {
-        let sizes = coefficients.shape()[..rays].to_vec();
-        let row = coefficients.shape()[rays..].iter().product();
-        let samples = chebyshev::samples(coefficients.clone(), rays);
+    fn new(polynomial: &Polynomial, rays: usize) -> Self {
+        let shape = polynomial.coefficients.shape();
+        let sizes = shape[..rays].to_vec();
+        let row = shape[rays..].iter().product();
+        let samples = polynomial.samples();
         Self {
             sizes,
             row,

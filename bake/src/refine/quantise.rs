@@ -52,18 +52,17 @@ impl Refiner<'_> {
         unit: f64,
         error: impl Fn(&Tensor) -> f64,
     ) -> Option<Tensor> {
-        let cameras = self.space.cameras().len();
         let count = polynomial.coefficients.len() as f64;
         let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
         let finest = finest.max(ROOM * largest(polynomial));
-        let layout = order::best(&polynomial.coefficients, cameras);
+        let layout = order::best(polynomial);
         let threshold = (NEGLIGIBLE * finest, MOST_RANK);
-        let train = decompose(polynomial, cameras, layout, threshold);
+        let train = decompose(polynomial, layout, threshold);
         let train = train.and_then(|train| coarsest(&train, finest, &error));
         if count > MOST_PLAIN {
             return train.map(|(_, tensor)| tensor);
         }
-        let plain = Train::plain(polynomial, cameras);
+        let plain = Train::plain(polynomial);
         let Some((step, train)) = train else {
             return Some(coarsest(&plain, finest, &error)?.1);
         };

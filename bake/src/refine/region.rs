@@ -1,21 +1,60 @@
 //! A box of the table.
 
+use geofan::{
+    bundle::{Stretch, Variables},
+    fan::{FACES, parallel},
+    random::Stream,
+};
+
 /// A box of the table: an interval of [−1, 1] of each axis of the chunk, and its place in the tree.
 #[derive(Debug, Clone)]
 pub struct Region {
     /// Intervals of the axes camera…, direction…, arc length.
     pub intervals: Vec<[f64; 2]>,
+    /// The face of its directions; `None` if it has the whole sphere of them.
+    pub face: Option<usize>,
     /// One number for each halving, after those of the chunk: names the box.
     pub path: Vec<u64>,
 }
 
 impl Region {
-    /// The whole of a chunk of so many axes, named by `path`.
-    pub fn whole(axes: usize, path: Vec<u64>) -> Self {
+    /// The whole of a chunk of so many axes and of the directions of `face`, named by `path`.
+    pub fn whole(axes: usize, face: Option<usize>, path: Vec<u64>) -> Self {
         Self {
             intervals: vec![[-1.0, 1.0]; axes],
+            face,
             path,
         }
+    }
+
+    /// The faces of the whole sphere.
+    pub fn faces(&self) -> Vec<Self> {
+        let face = |face: usize| Self {
+            face: Some(face),
+            path: [&self.path[..], &[(2 * self.intervals.len() + face) as u64]].concat(),
+            ..self.clone()
+        };
+        (0..FACES).map(face).collect()
+    }
+
+    /// How the parameters of its rays enter polynomials.
+    pub fn variables(&self, cameras: usize, stretch: Stretch) -> Variables {
+        Variables {
+            cameras,
+            stretch,
+            sphere: self.face.is_none(),
+        }
+    }
+
+    /// Random parameters of a ray, in [−1, 1]: all directions of the sphere are equally likely, and all
+    /// parameters of a face.
+    pub fn ray(&self, stream: &mut Stream) -> Vec<f64> {
+        let axes = 0..self.arc();
+        let mut x: Vec<f64> = axes.map(|_| stream.between(-1.0, 1.0)).collect();
+        if let (None, Some(b)) = (self.face, x.last_mut()) {
+            *b = parallel(*b);
+        }
+        x
     }
 
     /// The index of the arc length.

@@ -4,10 +4,15 @@
 //! lines along each axis cost their sum, and their Chebyshev coefficients tell how many of the nodes
 //! are needed, and which axis must be halved because no number allowed is enough.
 
-use super::{Refiner, region::Region};
+use super::{
+    Refiner,
+    region::Region,
+    sweep::{Basis, Sweep},
+};
 use geofan::{
     bundle::{
         PlanRecord, chebyshev,
+        spherical,
         measure::{Probe, probe, stored_settings, tangents_at_exits},
     },
     fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
@@ -61,28 +66,27 @@ pub struct Needs {
 impl Needs {
     /// Of `region` of `chunk`.
     pub fn new(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
-        let all = Self::all(refiner);
-        match all.rays() <= refiner.plan.most_rays as usize {
+        let all = Self::all(refiner, region);
+        match all.rays() <= refiner.most_rays(region) {
             true => all,
             false => Self::along_lines(refiner, chunk, region),
         }
     }
 
     fn along_lines(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
-        let most: Vec<usize> = refiner.plan.nodes.iter().map(|n| *n as usize).collect();
+        let most = refiner.most_nodes(region);
+        let variables = refiner.variables(region);
         let lengths = refiner.arc_lengths(region, most[region.arc()]);
         let mut stream = Stream::new(&[&region.path[..], &[u64::MAX]].concat());
         let allowed = SHARE * refiner.plan.max_error;
-        let mut along_arc = Tails::new(most[region.arc()], allowed);
+        let mut along_arc = Tails::new(Basis::Polynomials, most[region.arc()], allowed);
         let mut early_excess = 0.0_f64;
         let (mut nodes, mut excess) = (Vec::new(), Vec::new());
         for axis in 0..region.arc() {
-            let mut halves = [0, 1].map(|_| Tails::new(most[axis], allowed));
+            let sweep = Sweep::new(variables, axis, most[axis]);
+            let mut halves = [0, 1].map(|_| Tails::new(sweep.basis(), sweep.count(), allowed));
             for _ in 0..LINES {
-                let through: Vec<f64> = (0..region.arc())
-                    .map(|_| stream.between(-1.0, 1.0))
-                    .collect();
-                let points = along(axis, &refiner.places(most[axis]), &through);
+                let points = sweep.through(&region.ray(&mut stream));
                 let rays: Vec<_> = points
                     .iter()
                     .map(|x| refiner.ray(chunk, region, x))
@@ -98,7 +102,7 @@ impl Needs {
             }
             let [early, late] = halves;
             early_excess = early_excess.max(early.excess());
-            nodes.push(early.nodes().max(late.nodes()));
+            nodes.push(sweep.nodes(early.nodes().max(late.nodes())));
             excess.push(early.excess().max(late.excess()));
         }
         nodes.push(along_arc.nodes());
@@ -111,8 +115,8 @@ impl Needs {
     }
 
     /// All nodes of the plan: where they are few, looking first costs more than it saves.
-    fn all(refiner: &Refiner<'_>) -> Self {
-        let nodes: Vec<usize> = refiner.plan.nodes.iter().map(|n| *n as usize).collect();
+    fn all(refiner: &Refiner<'_>, region: &Region) -> Self {
+        let nodes = refiner.most_nodes(region);
         Self {
             excess: vec![0.0; nodes.len()],
             nodes,
@@ -121,22 +125,23 @@ impl Needs {
     }
 
     /// As many more nodes as the fall of the coefficients of each degree (`spectra`) promises to be
-    /// needed, if the plan has room for them: `left` is the error with the present ones, in units of
+    /// needed, if `limits` (nodes along each axis, rays) have room for them: `left` is the error with the present ones, in units of
     /// the promise.
-    pub fn raise(&mut self, plan: &PlanRecord, spectra: &[Vec<f64>], left: f64) -> bool {
+    pub fn raise(&mut self, limits: (&[usize], usize), spectra: &[Vec<f64>], left: f64) -> bool {
+        let (most, most_rays) = limits;
         AIMS.iter().any(|aim| {
-            let shares = self.shares(plan, spectra, left / aim);
-            let wanted = shares.iter().zip(&plan.nodes);
+            let shares = self.shares(most, spectra, left / aim);
+            let wanted = shares.iter().zip(most);
             let raised = wanted.zip(&self.nodes).map(|((share, most), n)| {
-                let more = ((share * f64::from(*most)).round() as usize).saturating_sub(*n);
-                (n + more.min(n.div_ceil(2))).min(*most as usize)
+                let more = ((share * *most as f64).round() as usize).saturating_sub(*n);
+                (n + more.min(n.div_ceil(2))).min(*most)
             });
             let more = Self {
                 nodes: raised.collect(),
                 ..self.clone()
             };
             let fits = shares.iter().all(|share| *share <= HOPEFUL)
-                && more.rays() <= plan.most_rays as usize
+                && more.rays() <= most_rays
                 && more.nodes != self.nodes;
             if fits {
                 *self = more;
@@ -145,13 +150,12 @@ impl Needs {
         })
     }
 
-    /// The nodes along each axis that promise to reduce the error by `factor`, as shares of the most
-    /// that the plan allows.
-    fn shares(&self, plan: &PlanRecord, spectra: &[Vec<f64>], factor: f64) -> Vec<f64> {
+    /// The nodes along each axis that promise to reduce the error by `factor`, as shares of the `most`.
+    fn shares(&self, most: &[usize], spectra: &[Vec<f64>], factor: f64) -> Vec<f64> {
         let wanted = self.nodes.iter().zip(additional(spectra, factor));
-        let shares = wanted.zip(&plan.nodes);
+        let shares = wanted.zip(most);
         shares
-            .map(|((n, more), most)| (n + more) as f64 / f64::from(*most))
+            .map(|((n, more), most)| (n + more) as f64 / *most as f64)
             .collect()
     }
 
@@ -189,16 +193,6 @@ fn fall(spectrum: &[f64]) -> f64 {
     } else {
         fall.clamp(FASTEST, SLOWEST)
     }
-}
-
-/// The points with `nodes` along `axis`, at `through` of the others.
-fn along(axis: usize, nodes: &[f64], through: &[f64]) -> Vec<Vec<f64>> {
-    let at = |x: &f64| {
-        let mut point = through.to_vec();
-        point[axis] = *x;
-        point
-    };
-    nodes.iter().map(at).collect()
 }
 
 /// Exact paths from the nodes of a line.
@@ -287,7 +281,7 @@ pub fn weigh(space: &FanSpace, frames: bool, probe: &Probe, weights: &mut [f64])
 pub struct Tails {
     most: usize,
     allowed: f64,
-    /// `T_k(x_i)` at `[i, k]`.
+    /// Of term `k` at node `i` at `[i, k]`.
     values: Array2<f64>,
     /// Samples to coefficients.
     transform: Array2<f64>,
@@ -298,17 +292,20 @@ pub struct Tails {
 }
 
 impl Tails {
-    /// None yet, of series of `most` nodes, with `allowed` mrad to be missed.
-    pub fn new(most: usize, allowed: f64) -> Self {
-        let mut values = Array2::zeros((most, most));
-        for (x, mut row) in chebyshev::nodes(most).iter().zip(values.outer_iter_mut()) {
-            chebyshev::values(*x, row.as_slice_mut().expect("contiguous"));
-        }
+    /// None yet, of series of `most` nodes of a `basis`, with `allowed` mrad to be missed.
+    pub fn new(basis: Basis, most: usize, allowed: f64) -> Self {
+        let [values, transform] = match basis {
+            Basis::Polynomials => [
+                chebyshev::inverse_transform(most),
+                chebyshev::transform(most),
+            ],
+            Basis::Waves => spherical::azimuth_transforms(most),
+        };
         Self {
             most,
             allowed,
             values,
-            transform: chebyshev::transform(most),
+            transform,
             counts: Vec::new(),
             ends: Vec::new(),
         }
@@ -389,7 +386,7 @@ mod tests {
             chebyshev::values(nodes[i], &mut values);
             values.iter().enumerate().map(|(k, t)| sizes(k) * t).sum()
         });
-        let mut tails = Tails::new(12, 1e-3);
+        let mut tails = Tails::new(Basis::Polynomials, 12, 1e-3);
         tails.add(samples.view(), Array2::ones((12, 1)).view());
         tails
     }

@@ -8,7 +8,7 @@ use super::grid::Samples;
 use crate::refine::{decompose::decompose, order};
 use geofan::{
     Error, Result,
-    bundle::{Polynomial, Step, Stretch, Tensor, Train, Tree, chebyshev, graded, ungraded},
+    bundle::{Polynomial, Step, Stretch, Tensor, Train, Tree, Variables, chebyshev, graded, ungraded},
 };
 use ndarray::{ArrayD, Axis, IxDyn};
 use std::sync::Arc;
@@ -62,19 +62,14 @@ fn faces(samples: &Samples) -> Vec<ArrayD<f64>> {
 
 /// The bytes of the train rounded with the coarsest step that keeps the error, by bisection.
 fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<usize> {
-    let layout = order::best(coefficients, cameras);
     // Patches round slopes more coarsely the higher their degree. Of these numbers all are worth the
     // same.
     let polynomial = Polynomial {
         coefficients: ungraded(coefficients),
-        stretch: Stretch::NONE,
+        variables: Variables::of_face(cameras, Stretch::NONE),
     };
-    let train = decompose(
-        &polynomial,
-        cameras,
-        layout,
-        (NEGLIGIBLE * error, MOST_RANK),
-    )?;
+    let layout = order::best(&polynomial);
+    let train = decompose(&polynomial, layout, (NEGLIGIBLE * error, MOST_RANK))?;
     let mut best = None;
     let (mut low, mut high) = (0, STEPS);
     while high > low {

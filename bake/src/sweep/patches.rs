@@ -188,6 +188,7 @@ fn integers(tree: &Tree) -> u64 {
     match tree {
         Tree::Flagged => 0,
         Tree::Split { halves, .. } => halves.iter().map(integers).sum(),
+        Tree::Faces(faces) => faces.iter().map(integers).sum(),
         Tree::Leaf(tensor) => tensor.integers() as u64,
     }
 }

@@ -24,6 +24,7 @@ use super::{
     mirror::Mirror,
     orbit::OrbitAngles,
     position::Lift,
+    sphere::Sphere,
 };
 use crate::{
     error::{Error, Result},
@@ -66,6 +67,8 @@ pub struct FanSpace {
     mirrors: Vec<Mirror>,
     /// How far away directions on cube faces aim.
     focus: Focus,
+    /// The axes of the sphere if all directions are held together.
+    sphere: Option<Sphere>,
 }
 
 /// A camera position as the bundle sees it.
@@ -103,6 +106,13 @@ pub struct Located {
     pub isometry: Isometry,
 }
 
+impl Located {
+    /// The unit vector that a ray on a cube face is known by.
+    pub fn aim(&self) -> DVec3 {
+        direction(self.face, DVec2::from_array(self.direction))
+    }
+}
+
 impl FanSpace {
     /// The rays of all cameras in the manifold's region.
     ///
@@ -136,6 +146,7 @@ impl FanSpace {
             ends_alike: true,
             mirrors: Vec::new(),
             focus: Focus::default(),
+            sphere: None,
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
         if !(own && (reduction != Reduction::Rotation || space.radius_is_monotonic())) {
@@ -209,6 +220,34 @@ impl FanSpace {
     pub fn focused(mut self, focus: Focus) -> Self {
         self.focus = focus;
         self
+    }
+
+    /// The same rays, those in all directions held together on this sphere; `None` if each face is held
+    /// by itself.
+    pub fn on_sphere(mut self, sphere: Option<Sphere>) -> Self {
+        self.sphere = sphere;
+        self
+    }
+
+    /// The sphere if all directions are held together.
+    pub fn sphere(&self) -> Option<Sphere> {
+        self.sphere
+    }
+
+    /// The number of blocks in which directions are held: each face is one, or all are together.
+    pub fn blocks(&self) -> usize {
+        match self.sphere {
+            Some(_) => 1,
+            None => self.faces(),
+        }
+    }
+
+    /// The block that holds a face.
+    pub fn block(&self, face: usize) -> usize {
+        match self.sphere {
+            Some(_) => 0,
+            None => face,
+        }
     }
 
     /// Discrete symmetries that are used.
@@ -289,18 +328,19 @@ impl FanSpace {
     /// The stored ray at camera and direction parameters: chart point and direction in the standard
     /// frame.
     pub fn ray(&self, face: usize, camera: &[f64], directions: &[f64]) -> (DVec3, DVec3) {
+        if self.reduction != Reduction::Rotation {
+            let aim = direction(face, DVec2::new(directions[0], directions[1]));
+            return self.ray_aimed(camera, aim);
+        }
         let u = self.stored_point(camera);
-        let d = match self.reduction {
-            Reduction::Rotation => {
-                let theta = self.orbits.angle(face, directions[0], self.areal_radius(u));
-                DVec3::new(theta.cos(), theta.sin(), 0.0)
-            }
-            _ => {
-                let aim = direction(face, DVec2::new(directions[0], directions[1]));
-                direction_of(aim, self.parallax(u, camera))
-            }
-        };
-        (u, d)
+        let theta = self.orbits.angle(face, directions[0], self.areal_radius(u));
+        (u, DVec3::new(theta.cos(), theta.sin(), 0.0))
+    }
+
+    /// The stored ray at camera parameters that is known by the unit vector `aim`.
+    pub fn ray_aimed(&self, camera: &[f64], aim: DVec3) -> (DVec3, DVec3) {
+        let u = self.stored_point(camera);
+        (u, direction_of(aim, self.parallax(u, camera)))
     }
 
     /// The parallax of the camera at the stored point `u` with these parameters.

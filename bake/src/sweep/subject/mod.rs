@@ -132,9 +132,9 @@ impl<'a> Subject<'a> {
         let effort = shared.effort(&space);
         let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
         // The usual table knows directions by themselves.
-        let grid_space = grid_space.focused(Focus::default());
+        let grid_space = grid_space.focused(Focus::default()).on_sphere(None);
         let division = grid_plan.division(&grid_space);
-        let all = division.cells.iter().product::<usize>() * division.faces;
+        let all = division.cells.iter().product::<usize>() * division.blocks;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
         let (name, seed) = (name.into_owned(), shared.args.seed);
         let region = manifold.cameras.as_ref();
