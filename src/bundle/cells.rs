@@ -117,7 +117,7 @@ fn second_restrictions(patch: &Contracted, side: [f64; 2]) -> Vec<Vec<f32>> {
 
 /// `patch` on a box of its parameters, from its `strip` there; `None` if that leaves out too much.
 fn restricted(patch: &Contracted, strip: &[f32], side: [f64; 2]) -> Option<Contracted> {
-    let (nq, row) = (patch.degrees()[1], patch.row());
+    let (nq, row) = (patch.degrees()[1], patch.width());
     let matrices = second_restrictions(patch, side);
     let mut table = vec![0.0; NODES * NODES * row];
     for (matrix, strip) in matrices.iter().zip(strip.chunks_exact(NODES * nq * row)) {
@@ -127,6 +127,7 @@ fn restricted(patch: &Contracted, strip: &[f32], side: [f64; 2]) -> Option<Contr
             to.iter_mut().zip(restricted).for_each(|(t, x)| *t += x);
         }
     }
+    let (table, row) = (patch.expanded(table), patch.row());
     let sizes: Vec<f32> = table
         .chunks_exact(row)
         .map(|line| line.iter().fold(0.0, |most, c| c.abs().max(most)))

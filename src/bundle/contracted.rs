@@ -6,7 +6,9 @@
 
 use super::{
     cells::Cells,
-    chebyshev, spherical,
+    chebyshev,
+    matrix::product,
+    spherical,
     tensor::{MOST_DEGREES, MOST_TERMS},
     variables::Variables,
 };
@@ -16,9 +18,11 @@ use crate::expr::vectorised;
 /// below any promise that a table can make, and half the bytes take half the time.
 #[derive(Debug, Clone)]
 pub struct Contracted {
-    /// Coefficients, axes (p, q, row): a row holds (arc length, channel), the last running fastest,
-    /// and zeros up to a whole number of [`BLOCK`]s.
+    /// Coefficients, axes (p, q, row): a row holds (arc length, channel), the last running fastest, or
+    /// how much of each of `rows` it is, and zeros up to a whole number of [`BLOCK`]s.
     table: Vec<f32>,
+    /// Rows that all others are sums of; none if the table has those others themselves.
+    rows: Option<Vec<f32>>,
     degrees: [usize; 2],
     lengths: usize,
     channels: usize,
@@ -32,25 +36,25 @@ pub struct Contracted {
 const BLOCK: usize = 16;
 
 impl Contracted {
-    /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest.
-    pub fn new(shape: &[usize], coefficients: &[f32], variables: Variables) -> Self {
+    /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest; with
+    /// `rows`, those of the last two axes are instead the sums of these rows that `coefficients` tell.
+    pub fn new(
+        shape: &[usize],
+        coefficients: &[f32],
+        rows: Option<Vec<f32>>,
+        variables: Variables,
+    ) -> Self {
         let axis = |from_end: usize| shape.len().checked_sub(from_end).map_or(1, |i| shape[i]);
         let (channels, lengths) = (axis(1), axis(2));
         let row = (channels * lengths).max(1);
-        let padded = row.next_multiple_of(BLOCK);
-        let mut table = vec![0.0; coefficients.len() / row * padded];
-        for (to, from) in table
-            .chunks_exact_mut(padded)
-            .zip(coefficients.chunks_exact(row))
-        {
-            to[..row].copy_from_slice(from);
-        }
+        let width = rows.as_ref().map_or(row, |rows| rows.len() / row);
         let degrees = match shape.len() {
             4.. => [axis(4), axis(3)],
             _ => [axis(3), 1],
         };
         Self {
-            table,
+            table: padded(coefficients, width),
+            rows: rows.map(|rows| padded(&rows, row)),
             degrees,
             lengths,
             channels,
@@ -63,6 +67,7 @@ impl Contracted {
     pub(super) fn with_table(&self, table: Vec<f32>, degrees: [usize; 2]) -> Self {
         Self {
             table,
+            rows: None,
             degrees,
             lengths: self.lengths,
             channels: self.channels,
@@ -81,9 +86,23 @@ impl Contracted {
         &self.table
     }
 
-    /// The length of a row.
+    /// The length of a row of the table.
+    pub(super) fn width(&self) -> usize {
+        self.table.len() / (self.degrees[0] * self.degrees[1]).max(1)
+    }
+
+    /// The length of a row over (arc length, channel).
     pub(super) fn row(&self) -> usize {
         (self.lengths * self.channels).next_multiple_of(BLOCK)
+    }
+
+    /// Rows over (arc length, channel) from rows like those of the table.
+    pub(super) fn expanded(&self, table: Vec<f32>) -> Vec<f32> {
+        let Some(rows) = &self.rows else { return table };
+        let (width, used) = (self.width(), rows.len() / self.row());
+        let lines = table.chunks_exact(width).flat_map(|line| &line[..used]);
+        let lines: Vec<f32> = lines.copied().collect();
+        product(&lines, used, rows)
     }
 
     /// Channels of what [`Contracted::direction`] gives.
@@ -127,13 +146,18 @@ impl Contracted {
         }
         let second = usize::from(self.is_sphere());
         let tq = [&tq[0][..nq], &tq[second][..nq]];
-        let length = self.lengths * self.channels;
-        let sum = &mut row[..length.next_multiple_of(BLOCK)];
+        let sum = &mut row[..self.width()];
         vectorised(
             #[inline(always)]
             || weigh(&self.table, &tp[..np], tq, sum),
         );
-        &row[..length]
+        if self.rows.is_some() {
+            let sum: Vec<f32> = sum.iter().map(|x| *x as f32).collect();
+            let expanded = self.expanded(sum);
+            let to = row.iter_mut().zip(expanded);
+            to.for_each(|(to, x)| *to = f64::from(x));
+        }
+        &row[..self.lengths * self.channels]
     }
 }
 
@@ -151,6 +175,17 @@ impl Contracted {
             None => self.sum(variables, row),
         }
     }
+}
+
+/// Rows of `row` numbers with zeros up to a whole number of [`BLOCK`]s.
+fn padded(values: &[f32], row: usize) -> Vec<f32> {
+    let padded = row.next_multiple_of(BLOCK);
+    let mut table = vec![0.0; values.len() / row.max(1) * padded];
+    let rows = values.chunks_exact(row.max(1));
+    for (to, from) in table.chunks_exact_mut(padded.max(1)).zip(rows) {
+        to[..row].copy_from_slice(from);
+    }
+    table
 }
 
 /// Room for what any patch stores for one path: every degree and the start, four channels, whole
@@ -221,7 +256,7 @@ mod tests {
             (i as f32 * 0.7).sin() * (-0.5 * (p + q) as f32).exp()
         };
         let table: Vec<f32> = (0..count).map(coefficient).collect();
-        let patch = Contracted::new(&shape, &table, FACE);
+        let patch = Contracted::new(&shape, &table, None, FACE);
         let (mut used, mut worst) = (0, 0.0_f64);
         for i in 0..400 {
             let [p, q] = [0.618, 0.755].map(|step| (f64::from(i) * step).fract() * 2.0 - 1.0);
@@ -243,7 +278,7 @@ mod tests {
         for (np, nq, lengths, channels) in [(3, 4, 17, 3), (5, 1, 2, 2), (1, 1, 32, 1)] {
             let count = np * nq * lengths * channels;
             let table: Vec<f32> = (0..count).map(|i| (i as f32 * 0.7).sin()).collect();
-            let contracted = Contracted::new(&[np, nq, lengths, channels], &table, FACE);
+            let contracted = Contracted::new(&[np, nq, lengths, channels], &table, None, FACE);
             let (p, q) = (0.3, -0.8);
             let mut found = EMPTY_ROW;
             let found = contracted.direction(p, q, &mut found);

@@ -48,18 +48,24 @@ pub(super) fn summed<N, T: Real>(
     sums
 }
 
+/// Columns that are summed at once: longer blocks the compiler turns into scalar code.
+const COLUMNS: usize = 16;
+
 /// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of
 /// the rows of `b`.
 pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let width = b.len() / inner;
     let rows = a.len() / inner;
     let mut product = vec![T::ZERO; rows * width];
+    let whole = width - width % COLUMNS;
+    let rest = rest(b, width, whole);
     vectorised(
         #[inline(always)]
         || {
             let mut row = 0;
             while row < rows {
                 let (a, out) = (&a[row * inner..], &mut product[row * width..]);
+                let b = (b, &rest[..], width);
                 row += match rows - row {
                     8.. => band::<T, 8>(a, inner, b, out),
                     4.. => band::<T, 4>(a, inner, b, out),
@@ -71,48 +77,63 @@ pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     product
 }
 
-/// The first `R` rows of a product, by blocks of columns whose sums stay in registers (sixteen: the
-/// compiler turns longer ones into scalar code); `R`.
+/// The columns of `b` from `first` on, fewer than [`COLUMNS`], filled up with zeros.
+fn rest<T: Real>(b: &[T], width: usize, first: usize) -> Vec<T> {
+    if first == width {
+        return Vec::new();
+    }
+    let mut rest = vec![T::ZERO; b.len() / width * COLUMNS];
+    for (to, line) in rest.chunks_exact_mut(COLUMNS).zip(b.chunks_exact(width)) {
+        to[..width - first].copy_from_slice(&line[first..]);
+    }
+    rest
+}
+
+/// The first `R` rows of a product with `b` (and the [`rest`] of its columns) of so many columns; `R`.
 #[inline(always)]
-fn band<T: Real, const R: usize>(rows: &[T], inner: usize, b: &[T], out: &mut [T]) -> usize {
-    let width = b.len() / inner;
-    let out = &mut out[..R * width];
-    let mut column = 0;
-    while column < width {
-        column += match width - column {
-            16.. => block::<T, R, 16>(rows, inner, b, (width, column), out),
-            4.. => block::<T, R, 4>(rows, inner, b, (width, column), out),
-            _ => block::<T, R, 1>(rows, inner, b, (width, column), out),
-        };
+fn band<T: Real, const R: usize>(
+    rows: &[T],
+    inner: usize,
+    (b, rest, width): (&[T], &[T], usize),
+    out: &mut [T],
+) -> usize {
+    let whole = width - width % COLUMNS;
+    for column in (0..whole).step_by(COLUMNS) {
+        let sums = block::<T, R>(rows, inner, b, (width, column));
+        for (row, sums) in out.chunks_exact_mut(width).zip(sums) {
+            row[column..column + COLUMNS].copy_from_slice(&sums);
+        }
+    }
+    if whole < width {
+        let sums = block::<T, R>(rows, inner, rest, (COLUMNS, 0));
+        for (row, sums) in out.chunks_exact_mut(width).zip(sums) {
+            row[whole..].copy_from_slice(&sums[..width - whole]);
+        }
     }
     R
 }
 
-/// `C` columns of them from `column` on; `C`.
+/// [`COLUMNS`] columns of them from `column` on: sums that stay in registers.
 #[inline(always)]
-fn block<T: Real, const R: usize, const C: usize>(
+fn block<T: Real, const R: usize>(
     rows: &[T],
     inner: usize,
     b: &[T],
     (width, column): (usize, usize),
-    out: &mut [T],
-) -> usize {
-    let mut sums = [[T::ZERO; C]; R];
+) -> [[T; COLUMNS]; R] {
+    let mut sums = [[T::ZERO; COLUMNS]; R];
     for (k, line) in b.chunks_exact(width).enumerate() {
-        let Some(line) = line[column..].first_chunk::<C>() else {
+        let Some(line) = line[column..].first_chunk::<COLUMNS>() else {
             break;
         };
         for r in 0..R {
             let x = rows[r * inner + k];
-            for c in 0..C {
+            for c in 0..COLUMNS {
                 sums[r][c] = sums[r][c] + x * line[c];
             }
         }
     }
-    for (row, sums) in out.chunks_exact_mut(width).zip(sums) {
-        row[column..column + C].copy_from_slice(&sums);
-    }
-    C
+    sums
 }
 
 #[cfg(test)]

@@ -126,8 +126,8 @@ impl Tensor {
         inner.iter().map(|core| core.scales.len()).collect()
     }
 
-    /// The coefficients that remain when the axes with `weights` are summed out, in table order.
-    fn sum<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<T> {
+    /// The cores with the axes summed out that have `weights`.
+    fn links<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Link<T>> {
         let table_axes = self.table_axes();
         let mut left = 1;
         let links = table_axes.iter().zip(&self.cores).map(|(axes, core)| {
@@ -146,10 +146,22 @@ impl Tensor {
             left = right;
             link
         });
-        let sums = chained(links.collect());
-        let open = table_axes.concat();
-        let open: Vec<usize> = open.into_iter().filter(|a| weights[*a].is_none()).collect();
-        in_table_order(sums, &open, &self.shape())
+        links.collect()
+    }
+
+    /// The ray axes without `weights`, in the order of the cores.
+    fn open<T>(&self, weights: &[Option<&[T]>]) -> Vec<usize> {
+        let axes = self.table_axes().concat();
+        let open = |axis: &usize| weights[*axis].is_none();
+        axes[..axes.len() - 2].iter().copied().filter(open).collect()
+    }
+
+    /// The coefficients that remain when the axes with `weights` are summed out, in table order.
+    fn sum<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<T> {
+        let shape = self.shape();
+        let row = shape[shape.len() - 2..].iter().product();
+        let sums = chained(self.links(weights));
+        in_table_order(sums, &self.open(weights), &shape, row)
     }
 
     /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
@@ -157,9 +169,18 @@ impl Tensor {
     /// In single precision, as the table is kept: rounding adds 1e-7 or so of the largest
     /// coefficient.
     pub fn contract(&self, camera: &[f64]) -> Contracted {
-        let table = self.at_in::<f32>(camera);
-        let shape = &self.shape()[self.variables.cameras..];
-        Contracted::new(shape, &table, self.variables)
+        let shape = self.shape();
+        let weights = &self.variables.weights::<f32>(&shape, camera)[0];
+        let weights = open_beyond(weights, shape.len());
+        let mut links = self.links(&weights);
+        let row: usize = shape[shape.len() - 2..].iter().product();
+        // The last core, over arc length and channel, is worth multiplying only for few directions.
+        let split = links.len() > 1;
+        let rows = links.pop_if(|last| split && last.left < row);
+        let width = rows.as_ref().map_or(row, |rows| rows.left);
+        let table = in_table_order(chained(links), &self.open(&weights), &shape, width);
+        let rows = rows.map(|rows| rows.values);
+        Contracted::new(&shape[camera.len()..], &table, rows, self.variables)
     }
 
     /// The coefficients that remain at parameters in [−1, 1] of the first axes, in table order. With
@@ -170,11 +191,7 @@ impl Tensor {
 
     fn at_in<T: Real>(&self, parameters: &[f64]) -> Vec<T> {
         let shape = self.shape();
-        let sum = |weights: &Weights<T>| {
-            let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
-            all.resize(shape.len(), None);
-            self.sum(&all)
-        };
+        let sum = |weights: &Weights<T>| self.sum(&open_beyond(weights, shape.len()));
         let sets = self.variables.weights(&shape, parameters);
         added(&sets.iter().map(sum).collect::<Vec<_>>())
     }
@@ -283,13 +300,23 @@ impl Core {
     }
 }
 
-/// `values` over the axes `open` (the last two in their place), put in ascending order of axes.
-fn in_table_order<T: Copy>(values: Vec<T>, open: &[usize], shape: &[usize]) -> Vec<T> {
-    if open.is_sorted() {
+/// The weights of the first axes and none for the others of `axes`.
+fn open_beyond<T>(weights: &[Vec<T>], axes: usize) -> Vec<Option<&[T]>> {
+    let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
+    all.resize(axes, None);
+    all
+}
+
+/// `values` over the ray axes `rays` and rows of `row` numbers, put in ascending order of axes.
+fn in_table_order<T: Copy>(
+    values: Vec<T>,
+    rays: &[usize],
+    shape: &[usize],
+    row: usize,
+) -> Vec<T> {
+    if rays.is_sorted() {
         return values;
     }
-    let rays = &open[..open.len() - 2];
-    let row: usize = open[rays.len()..].iter().map(|a| shape[*a]).product();
     let mut ascending = rays.to_vec();
     ascending.sort_unstable();
     let stride = |axis: &usize| -> usize {

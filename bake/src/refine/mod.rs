@@ -317,6 +317,7 @@ impl Refiner<'_> {
             let arc = region.arc();
             most[arc - 2] = (3 * most[arc - 2] - 1) | 1;
             most[arc - 1] = 3 * most[arc - 1] / 2;
+            most[arc] = (5 * most[arc] / 4).min(60);
         }
         most
     }

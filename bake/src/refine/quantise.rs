@@ -27,8 +27,8 @@ const NEAR: f64 = 4.0;
 /// Singular values below this share of the finest step round to zero.
 const NEGLIGIBLE: f64 = 0.5;
 
-/// The largest rank worth having: beyond it plain coefficients are smaller.
-const MOST_RANK: usize = 500;
+/// The largest ranks worth having: beyond the first plain coefficients are smaller, where they are tried.
+const MOST_RANKS: [usize; 2] = [500, 1500];
 
 /// The most coefficients for which rounding them one by one is tried: larger polynomials always take
 /// fewer bytes as trains, and reading them at a ray takes as long as fitting them.
@@ -56,7 +56,8 @@ impl Refiner<'_> {
         let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
         let finest = finest.max(ROOM * largest(polynomial));
         let layout = order::best(polynomial);
-        let threshold = (NEGLIGIBLE * finest, MOST_RANK);
+        let most_rank = MOST_RANKS[usize::from(count > MOST_PLAIN)];
+        let threshold = (NEGLIGIBLE * finest, most_rank);
         let train = decompose(polynomial, layout, threshold);
         let train = train.and_then(|train| coarsest(&train, finest, &error));
         if count > MOST_PLAIN {
