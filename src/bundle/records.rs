@@ -198,7 +198,7 @@ pub(super) mod tests {
                 cells: vec![2, 3],
                 stretch: Stretch::new(0.75),
                 focus: [[0.25, 0.0, 0.0], [0.0; 3], [0.0, -1.0, 0.0]],
-                sphere: None,
+                sphere: Some([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
                 mirrors: Vec::new(),
                 seed: u64::MAX,
             },
@@ -259,7 +259,7 @@ pub(super) mod tests {
         type Manifold = (String, String, String, Vec<(String, f64)>);
         // An enumeration is its number, as 32 bits.
         type Fitting = (u32, u32, u32);
-        type Last = (f64, [[f64; 3]; 3], Vec<u8>, u64);
+        type Last = (f64, [[f64; 3]; 3], Option<[[f64; 3]; 3]>, Vec<u8>, u64);
         type Sizes = (Vec<u32>, Fitting, f64, u32, Vec<u32>, Last);
         let by_bincode = encode(&manifold).unwrap();
         let mirror: Manifold = (
@@ -281,7 +281,7 @@ pub(super) mod tests {
             plan.least_volume,
             plan.most_arc_halvings,
             plan.cells,
-            (0.75, plan.focus, Vec::new(), plan.seed),
+            (0.75, plan.focus, plan.sphere, Vec::new(), plan.seed),
         );
         let mirror: ((f64, f64, bool, f64), Sizes) = (start, sizes);
         assert_eq!(wincode::serialize(&mirror).unwrap(), by_bincode);
