@@ -11,10 +11,10 @@ use geofan::{
         PlanRecord,
         measure::{probe, stored_settings},
     },
-    fan::{FanSpace, Mirror, cell, sample},
+    fan::{FanSpace, Mirror, cell, direction::direction, parallel, sample},
     random::Stream,
 };
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 /// Seed of the random parts.
 const SEED: u64 = 0x0066_6f63_7573;
@@ -31,12 +31,12 @@ const PATHS: usize = 256;
 const PLACES: [f64; 3] = [0.3, 0.6, 0.95];
 
 /// Spheres tried: the parallax of the farthest corner of a cell.
-const TRIED: [f64; 5] = [0.15, 0.3, 0.45, 0.6, 0.75];
+const TRIED: [f64; 6] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7];
 
 /// By what share fewer bits must be promised to aim nearer. The strongest parallax is never worth it: it
 /// crowds directions (a Gaussian lens takes 102 kB with 0.4, 117 kB with the 0.6 that promises 0.7 %
 /// fewer bits).
-const WORTH: f64 = 0.008;
+const WORTH: f64 = 0.004;
 
 /// The best parallax for the rays of `plan`, whose own does not count (columns of W).
 pub fn best(space: &FanSpace, plan: &PlanRecord) -> [[f64; 3]; 3] {
@@ -51,6 +51,7 @@ pub fn best(space: &FanSpace, plan: &PlanRecord) -> [[f64; 3]; 3] {
         return none;
     }
     let mut best = (trial.bits(none), none);
+
     for share in TRIED {
         let focus = (unit * (share / reach)).to_cols_array_2d();
         let bits = trial.bits(focus);
@@ -62,12 +63,12 @@ pub fn best(space: &FanSpace, plan: &PlanRecord) -> [[f64; 3]; 3] {
     best.1
 }
 
-/// A part of the table: its cell and face, and in it cameras and directions, in [−1, 1].
+/// A part of the table: its cell, in it cameras in [−1, 1], and the unit vectors that rays are known by, in
+/// a face or anywhere.
 struct Part {
     cell: Vec<usize>,
-    face: usize,
     cameras: Vec<Vec<f64>>,
-    directions: Vec<Vec<f64>>,
+    aims: Vec<DVec3>,
 }
 
 /// Random parts of a table.
@@ -88,11 +89,16 @@ impl<'a> Trial<'a> {
                 let point = |_| (0..axes).map(|_| stream.between(-1.0, 1.0)).collect();
                 (0..count).map(point).collect()
             };
+            let cameras = points(CAMERAS, cells.len());
+            let directions = points(DIRECTIONS, space.directions());
+            let aim = |d: &Vec<f64>| match plan.sphere() {
+                Some(sphere) => sphere.direction([d[0], parallel(d[1])]),
+                None => direction(number % space.faces(), DVec2::new(d[0], d[1])),
+            };
             Part {
                 cell,
-                face: number % space.faces(),
-                cameras: points(CAMERAS, cells.len()),
-                directions: points(DIRECTIONS, space.directions()),
+                cameras,
+                aims: directions.iter().map(aim).collect(),
             }
         };
         Self {
@@ -160,11 +166,11 @@ impl<'a> Trial<'a> {
         let manifold = space.manifold();
         let rays = part.cameras.iter().flat_map(|camera| {
             let camera = self.parameters(&part.cell, camera);
-            let ray = move |d: &Vec<f64>| -> (DVec3, DVec3) {
-                let (u, d) = space.ray(part.face, &camera, d);
+            let ray = move |aim: &DVec3| -> (DVec3, DVec3) {
+                let (u, d) = space.ray_aimed(&camera, *aim);
                 (u, manifold.standard_frame(u) * d)
             };
-            part.directions.iter().map(ray)
+            part.aims.iter().map(ray)
         });
         let rays: Vec<(DVec3, DVec3)> = rays.collect();
         let lengths = self.lengths();

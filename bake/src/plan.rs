@@ -82,8 +82,8 @@ pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanS
     plan.mirrors = mirrors::of(&space, &plan);
     plan.lift = best_lift(&space, &plan);
     plan.tolerance = tolerance::needed(&space, &plan);
-    plan.focus = focus::best(&space, &plan);
     plan.sphere = sphere::axes(&space, &plan);
+    plan.focus = focus::best(&space, &plan);
     (plan.applied(space), plan)
 }
 

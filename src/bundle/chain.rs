@@ -7,7 +7,7 @@ use super::matrix::product;
 use crate::expr::real::Real;
 
 /// An array (left rank, open axes, right rank).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Link<T> {
     pub left: usize,
     pub right: usize,

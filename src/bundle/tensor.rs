@@ -128,25 +128,39 @@ impl Tensor {
 
     /// The cores with the axes summed out that have `weights`.
     fn links<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Link<T>> {
-        let table_axes = self.table_axes();
-        let mut left = 1;
-        let links = table_axes.iter().zip(&self.cores).map(|(axes, core)| {
-            let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
-            let right = core.shape[core.shape.len() - 1];
-            // The unit of the step belongs to every core.
-            let mut values = core.closed(&weights, self.step.value());
-            if axes.len() > 1 {
-                ungrade(&mut values, &core.shape);
+        let axes = self.table_axes();
+        let links = axes.iter().zip(&self.cores);
+        links.map(|(axes, core)| self.link(axes, core, weights)).collect()
+    }
+
+    /// One of them, over `axes`.
+    fn link<T: Real>(&self, axes: &[usize], core: &Core, weights: &[Option<&[T]>]) -> Link<T> {
+        let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
+        // The unit of the step belongs to every core.
+        let mut values = core.closed(&weights, self.step.value());
+        if axes.len() > 1 {
+            ungrade(&mut values, &core.shape);
+        }
+        Link {
+            left: core.shape[0],
+            right: core.shape[core.shape.len() - 1],
+            values,
+        }
+    }
+
+    /// `links` with those over directions made anew with other `weights`.
+    fn turned<T: Real>(&self, links: &[Link<T>], weights: &[Option<&[T]>]) -> Vec<Link<T>> {
+        let rays = self.axes() - 2;
+        let directions = self.variables.cameras..rays;
+        let axes = self.table_axes();
+        let cores = axes.iter().zip(&self.cores).zip(links);
+        let link = |((axes, core), link): ((&Vec<usize>, &Core), &Link<T>)| {
+            match axes.iter().any(|axis| directions.contains(axis)) {
+                true => self.link(axes, core, weights),
+                false => link.clone(),
             }
-            let link = Link {
-                left,
-                right,
-                values,
-            };
-            left = right;
-            link
-        });
-        links.collect()
+        };
+        cores.map(link).collect()
     }
 
     /// The ray axes without `weights`, in the order of the cores.
@@ -154,14 +168,6 @@ impl Tensor {
         let axes = self.table_axes().concat();
         let open = |axis: &usize| weights[*axis].is_none();
         axes[..axes.len() - 2].iter().copied().filter(open).collect()
-    }
-
-    /// The coefficients that remain when the axes with `weights` are summed out, in table order.
-    fn sum<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<T> {
-        let shape = self.shape();
-        let row = shape[shape.len() - 2..].iter().product();
-        let sums = chained(self.links(weights));
-        in_table_order(sums, &self.open(weights), &shape, row)
     }
 
     /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
@@ -191,9 +197,16 @@ impl Tensor {
 
     fn at_in<T: Real>(&self, parameters: &[f64]) -> Vec<T> {
         let shape = self.shape();
-        let sum = |weights: &Weights<T>| self.sum(&open_beyond(weights, shape.len()));
-        let sets = self.variables.weights(&shape, parameters);
-        added(&sets.iter().map(sum).collect::<Vec<_>>())
+        let sets: Vec<Weights<T>> = self.variables.weights(&shape, parameters);
+        let sets = sets.iter().map(|weights| open_beyond(weights, shape.len()));
+        let sets: Vec<Vec<Option<&[T]>>> = sets.collect();
+        let row = shape[shape.len() - 2..].iter().product();
+        let (open, links) = (self.open(&sets[0]), self.links(&sets[0]));
+        let others = sets[1..].iter().map(|weights| self.turned(&links, weights));
+        let mut all: Vec<Vec<Link<T>>> = others.collect();
+        all.push(links);
+        let sum = |links| in_table_order(chained(links), &open, &shape, row);
+        added(&all.into_iter().map(sum).collect::<Vec<_>>())
     }
 
     /// How many integers it holds, of 32 bits each.
