@@ -2,7 +2,9 @@
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use geofan::{
-    bundle::{Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, Variables, certify},
+    bundle::{
+        Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, Variables, certify,
+    },
     diagnostic::SourceText,
     fan::FanSpace,
     manifold::Manifold,

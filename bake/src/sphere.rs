@@ -88,6 +88,9 @@ mod tests {
         let spread = axes * DMat3::from_diagonal(DVec3::new(0.2, 3.0, 1.0)) * axes.transpose();
         assert!(longest(spread).dot(axes.y_axis).abs() > 1.0 - 1e-12);
         assert_eq!(longest(DMat3::ZERO), DVec3::Z);
-        assert_eq!(longest(DMat3::from_diagonal(DVec3::new(2.0, 2.0, 0.0))), DVec3::X);
+        assert_eq!(
+            longest(DMat3::from_diagonal(DVec3::new(2.0, 2.0, 0.0))),
+            DVec3::X
+        );
     }
 }

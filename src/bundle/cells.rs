@@ -110,7 +110,11 @@ fn second_restrictions(patch: &Contracted, side: [f64; 2]) -> Vec<Vec<f32>> {
     match patch.is_sphere() {
         false => vec![restriction(nq, side, chebyshev::values)],
         true => [false, true]
-            .map(|odd| restriction(nq, side, |b, values| spherical::polar_values(b, odd, values)))
+            .map(|odd| {
+                restriction(nq, side, |b, values| {
+                    spherical::polar_values(b, odd, values)
+                })
+            })
             .into(),
     }
 }

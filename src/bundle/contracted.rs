@@ -242,7 +242,13 @@ fn part<const N: usize>(
 
 #[cfg(test)]
 mod tests {
-    use super::{super::stretch::Stretch, *};
+    use super::{
+        super::{
+            polynomial::Polynomial, scale::Step, stretch::Stretch, tensor::Tensor, train::Train,
+        },
+        *,
+    };
+    use ndarray::{ArrayD, IxDyn};
 
     const FACE: Variables = Variables::of_face(0, Stretch::NONE);
 
@@ -271,6 +277,53 @@ mod tests {
         assert!(used > 300, "{used}");
         // Twice what may be left out along each axis, of coefficients up to about 1.
         assert!(worst < 2e-5, "{worst}");
+    }
+
+    /// A tensor over one camera parameter and the whole sphere, of coefficients that fall as those of a
+    /// table do.
+    fn sphere() -> Tensor {
+        let shape = [3, 33, 17, 8, 2];
+        let coefficient = |i: IxDyn| {
+            let sum = (0..4).map(|a| i[a] as f64).sum::<f64>();
+            let wave = (0..5).map(|a| (a + 2) as f64 * i[a] as f64).sum::<f64>();
+            wave.sin() * (-0.25 * sum).exp()
+        };
+        let polynomial = Polynomial {
+            coefficients: ArrayD::from_shape_fn(IxDyn(&shape), coefficient),
+            variables: Variables {
+                cameras: 1,
+                stretch: Stretch::new(0.5),
+                sphere: true,
+            },
+        };
+        Train::plain(&polynomial).rounded(Step::near(1e-7)).unwrap()
+    }
+
+    #[test]
+    fn the_whole_sphere_and_its_cells_agree_with_the_tensor() {
+        let tensor = sphere();
+        let patch = tensor.contract(&[0.3]);
+        let (mut used, mut worst) = (0, [0.0_f64; 2]);
+        for i in 0..400 {
+            // Poles and the seam of the azimuth among them.
+            let step = |step: f64| (f64::from(i) * step).fract() * 2.0 - 1.0;
+            let [a, b] = match i {
+                0..4 => [[-1.0, 1.0][i as usize % 2], [-1.0, 1.0][i as usize / 2]],
+                _ => [step(0.618), step(0.755)],
+            };
+            let (mut whole, mut near) = (EMPTY_ROW, EMPTY_ROW);
+            let whole = patch.direction(a, b, &mut whole);
+            let near = patch.nearby(a, b, &mut near);
+            let cell = patch.cells.as_ref().and_then(|c| c.at(&patch, [a, b]));
+            used += usize::from(cell.is_some());
+            for (k, exact) in tensor.at(&[0.3, a, b]).iter().enumerate() {
+                worst[0] = worst[0].max((whole[k] - exact).abs());
+                worst[1] = worst[1].max((near[k] - exact).abs());
+            }
+        }
+        assert!(used > 300, "{used}");
+        // Sums of thousands of coefficients in single precision, and what cells leave out.
+        assert!(worst[0] < 1e-5 && worst[1] < 1e-4, "{worst:?}");
     }
 
     #[test]

@@ -20,8 +20,8 @@ use super::{
     grade::ungrade,
     layout::Layout,
     matrix::{scaled, summed},
-    scale::{Power, Scale, Step},
     polynomial::added,
+    scale::{Power, Scale, Step},
     tree::Shape,
     variables::{Variables, Weights},
 };
@@ -130,7 +130,9 @@ impl Tensor {
     fn links<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Link<T>> {
         let axes = self.table_axes();
         let links = axes.iter().zip(&self.cores);
-        links.map(|(axes, core)| self.link(axes, core, weights)).collect()
+        links
+            .map(|(axes, core)| self.link(axes, core, weights))
+            .collect()
     }
 
     /// One of them, over `axes`.
@@ -154,11 +156,12 @@ impl Tensor {
         let directions = self.variables.cameras..rays;
         let axes = self.table_axes();
         let cores = axes.iter().zip(&self.cores).zip(links);
-        let link = |((axes, core), link): ((&Vec<usize>, &Core), &Link<T>)| {
-            match axes.iter().any(|axis| directions.contains(axis)) {
-                true => self.link(axes, core, weights),
-                false => link.clone(),
-            }
+        let link = |((axes, core), link): ((&Vec<usize>, &Core), &Link<T>)| match axes
+            .iter()
+            .any(|axis| directions.contains(axis))
+        {
+            true => self.link(axes, core, weights),
+            false => link.clone(),
         };
         cores.map(link).collect()
     }
@@ -167,7 +170,11 @@ impl Tensor {
     fn open<T>(&self, weights: &[Option<&[T]>]) -> Vec<usize> {
         let axes = self.table_axes().concat();
         let open = |axis: &usize| weights[*axis].is_none();
-        axes[..axes.len() - 2].iter().copied().filter(open).collect()
+        axes[..axes.len() - 2]
+            .iter()
+            .copied()
+            .filter(open)
+            .collect()
     }
 
     /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
@@ -321,12 +328,7 @@ fn open_beyond<T>(weights: &[Vec<T>], axes: usize) -> Vec<Option<&[T]>> {
 }
 
 /// `values` over the ray axes `rays` and rows of `row` numbers, put in ascending order of axes.
-fn in_table_order<T: Copy>(
-    values: Vec<T>,
-    rays: &[usize],
-    shape: &[usize],
-    row: usize,
-) -> Vec<T> {
+fn in_table_order<T: Copy>(values: Vec<T>, rays: &[usize], shape: &[usize], row: usize) -> Vec<T> {
     if rays.is_sorted() {
         return values;
     }

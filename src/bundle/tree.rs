@@ -160,3 +160,66 @@ fn counts(parts: &[Tree]) -> (usize, usize) {
 const FLAGGED: u8 = 255;
 const PATCH: u8 = 254;
 const PARTED: u8 = 253;
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        super::{polynomial::Polynomial, scale::Step, stretch::Stretch, train::Train},
+        *,
+    };
+    use ndarray::{ArrayD, IxDyn};
+
+    fn shape(sphere: bool) -> Shape {
+        Shape {
+            variables: Variables {
+                cameras: 1,
+                stretch: Stretch::new(0.5),
+                sphere,
+            },
+            directions: 2,
+            channels: 3,
+        }
+    }
+
+    fn leaf(sphere: bool) -> Tree {
+        let polynomial = Polynomial {
+            coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, 4, 3]), 0.5),
+            variables: shape(sphere).variables,
+        };
+        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-3));
+        Tree::Leaf(Arc::new(tensor.unwrap()))
+    }
+
+    #[test]
+    fn a_sphere_may_be_parted_into_faces_once() {
+        let faces = |inner: fn() -> Tree| Tree::Faces(Box::new([(); FACES].map(|()| inner())));
+        let half = |axis: usize, sphere: bool| Tree::Split {
+            axis,
+            halves: Box::new([leaf(sphere), Tree::Flagged]),
+        };
+        for good in [
+            leaf(true),
+            faces(|| leaf(false)),
+            half(0, true),
+            half(3, true),
+        ] {
+            let back = Tree::decode(&good.encode(), shape(true)).unwrap();
+            assert_eq!(back.count(), good.count());
+            assert_eq!(back.encode(), good.encode());
+        }
+        let parted = Tree::decode(&faces(|| leaf(false)).encode(), shape(true)).unwrap();
+        let Tree::Faces(faces_of_it) = parted else {
+            panic!("{parted:?}")
+        };
+        let Tree::Leaf(tensor) = &faces_of_it[2] else {
+            panic!("{:?}", faces_of_it[2])
+        };
+        assert!(!tensor.variables.sphere);
+        // The sphere has no halves along directions, and a face no faces.
+        assert!(Tree::decode(&half(1, true).encode(), shape(true)).is_err());
+        assert!(Tree::decode(&half(1, false).encode(), shape(false)).is_ok());
+        assert!(Tree::decode(&faces(|| leaf(false)).encode(), shape(false)).is_err());
+        let twice = Tree::Faces(Box::new([(); FACES].map(|()| faces(|| leaf(false)))));
+        assert!(Tree::decode(&twice.encode(), shape(true)).is_err());
+    }
+}

@@ -60,7 +60,11 @@ impl Variables {
 
     /// Where `count` nodes lie along `axis`, in [−1, 1].
     pub fn places(self, axis: usize, count: usize) -> Vec<f64> {
-        match self.sphere.then(|| axis.checked_sub(self.cameras)).flatten() {
+        match self
+            .sphere
+            .then(|| axis.checked_sub(self.cameras))
+            .flatten()
+        {
             Some(0) => spherical::azimuths(count),
             Some(_) => spherical::polar_angles(count),
             None => {

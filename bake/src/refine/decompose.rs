@@ -345,9 +345,7 @@ mod tests {
                 .unwrap()
                 .rounded(step)
                 .unwrap();
-            let plain = Train::plain(&polynomial)
-                .rounded(Step::near(2e-6))
-                .unwrap();
+            let plain = Train::plain(&polynomial).rounded(Step::near(2e-6)).unwrap();
             let x = vec![0.3; shape.len() - 2];
             let (a, b) = (train.at(&x), plain.at(&x));
             let n = b.len().min(a.len());

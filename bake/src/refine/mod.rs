@@ -205,7 +205,11 @@ impl Refiner<'_> {
             let spectra = polynomial.spectra();
             let left = held_out.error_of(self, &polynomial);
             let limits = (&self.most_nodes(region)[..], self.most_rays(region));
-            let roomy = if region.face.is_some() { ROOMY } else { ROOMY_SPHERE };
+            let roomy = if region.face.is_some() {
+                ROOMY
+            } else {
+                ROOMY_SPHERE
+            };
             if left > roomy && needs.raise(limits, &spectra, left) {
                 continue;
             }
@@ -314,13 +318,13 @@ impl Refiner<'_> {
     }
 
     /// The most nodes along each axis of a box. Around the whole sphere there are four faces, from pole
-    /// to pole two, and without edges they need fewer nodes each.
+    /// to pole two.
     fn most_nodes(&self, region: &Region) -> Vec<usize> {
         let mut most: Vec<usize> = self.plan.nodes.iter().map(|n| *n as usize).collect();
         if region.face.is_none() {
             let arc = region.arc();
-            most[arc - 2] = (3 * most[arc - 2] - 1) | 1;
-            most[arc - 1] = 3 * most[arc - 1] / 2;
+            most[arc - 2] = (4 * most[arc - 2] - 1) | 1;
+            most[arc - 1] *= 2;
             most[arc] = (5 * most[arc] / 4).min(60);
         }
         most

@@ -12,8 +12,8 @@ use super::{
 use geofan::{
     bundle::{
         PlanRecord, chebyshev,
-        spherical,
         measure::{Probe, probe, stored_settings, tangents_at_exits},
+        spherical,
     },
     fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
     random::Stream,

@@ -8,7 +8,9 @@ use super::grid::Samples;
 use crate::refine::{decompose::decompose, order};
 use geofan::{
     Error, Result,
-    bundle::{Polynomial, Step, Stretch, Tensor, Train, Tree, Variables, chebyshev, graded, ungraded},
+    bundle::{
+        Polynomial, Step, Stretch, Tensor, Train, Tree, Variables, chebyshev, graded, ungraded,
+    },
 };
 use ndarray::{ArrayD, Axis, IxDyn};
 use std::sync::Arc;

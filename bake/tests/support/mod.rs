@@ -1,5 +1,8 @@
 //! What the tests of the program share: a folder to run it in, and a run that is interrupted.
 
+// Each test takes what it needs.
+#![allow(dead_code)]
+
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use std::{fs, path::PathBuf};
 use tempfile::TempDir;

@@ -15,12 +15,15 @@
 //! | translation | the other coordinates, or the region's parameters if fewer | the sphere |
 //! | group | the identity | the sphere |
 
+mod place;
 mod ranges;
 
+pub use place::{Located, Place};
+
 use super::{
-    direction::{FACES, direction, face_and_parameters},
+    direction::{FACES, direction},
     ends::follow_symmetry,
-    focus::{Focus, aim_of, direction_of},
+    focus::{Focus, direction_of},
     mirror::Mirror,
     orbit::OrbitAngles,
     position::Lift,
@@ -28,9 +31,9 @@ use super::{
 };
 use crate::{
     error::{Error, Result},
-    manifold::{Isometry, Manifold},
+    manifold::Manifold,
 };
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
@@ -69,48 +72,6 @@ pub struct FanSpace {
     focus: Focus,
     /// The axes of the sphere if all directions are held together.
     sphere: Option<Sphere>,
-}
-
-/// A camera position as the bundle sees it.
-#[derive(Debug, Clone)]
-pub struct Place {
-    /// The chart point.
-    pub u: DVec3,
-    /// `S(u)`.
-    pub frame: DMat3,
-    /// Stored camera parameters.
-    pub parameters: Vec<f64>,
-    /// The stored chart point, the inverse of its standard frame, and (under rotation) its areal
-    /// radius.
-    stored: DVec3,
-    stored_inverse: DMat3,
-    areal_radius: f64,
-    /// Of the stored point in its cell.
-    parallax: DVec3,
-    /// Takes the stored point to `u` (for rotations: some rotation; the direction decides which).
-    isometry: Isometry,
-}
-
-/// A ray as the bundle sees it.
-#[derive(Debug, Clone)]
-pub struct Located {
-    /// Cube face, or face of [`OrbitAngles`] under rotation.
-    pub face: usize,
-    /// Direction parameters in [−1, 1]: (p, q), or one under rotation and then 0.
-    pub direction: [f64; 2],
-    /// The stored camera point.
-    pub u: DVec3,
-    /// The stored ray's tangent, chart components.
-    pub v: DVec3,
-    /// Takes the stored ray to the true one.
-    pub isometry: Isometry,
-}
-
-impl Located {
-    /// The unit vector that a ray on a cube face is known by.
-    pub fn aim(&self) -> DVec3 {
-        direction(self.face, DVec2::from_array(self.direction))
-    }
 }
 
 impl FanSpace {
@@ -351,44 +312,6 @@ impl FanSpace {
         }
     }
 
-    /// The camera position `u` in stored parameters.
-    ///
-    /// # Errors
-    /// No camera of the region can be carried to `u` by the symmetry.
-    pub fn place(&self, u: DVec3) -> Result<Place> {
-        let parameters = self.parameters_of(u).ok_or_else(|| {
-            Error::input(
-                "camera",
-                format!(
-                    "the position ({}, {}, {}) is not in the bundle's camera region {}",
-                    u.x,
-                    u.y,
-                    u.z,
-                    self.describe()
-                ),
-            )
-        })?;
-        let stored = self.stored_point(&parameters);
-        let isometry = match self.reduction {
-            Reduction::Whole | Reduction::Rotation => Isometry::Identity,
-            Reduction::Translation => Isometry::shift(u - stored),
-            Reduction::Group => {
-                let tape = self.manifold.symmetry.group.clone();
-                tape.map_or(Isometry::Identity, |tape| Isometry::left(u, tape))
-            }
-        };
-        Ok(Place {
-            u,
-            frame: self.manifold.standard_frame(u),
-            stored,
-            stored_inverse: self.manifold.standard_frame(stored).inverse(),
-            areal_radius: self.areal_radius(stored),
-            parallax: self.parallax(stored, &parameters),
-            parameters,
-            isometry,
-        })
-    }
-
     /// The region in words, for messages.
     pub fn describe(&self) -> String {
         let region = self.region();
@@ -407,123 +330,6 @@ impl FanSpace {
         match intervals.is_empty() {
             true => format!("of one point{symmetry}"),
             false => format!("{}{symmetry}", intervals.join(", ")),
-        }
-    }
-
-    fn parameters_of(&self, u: DVec3) -> Option<Vec<f64>> {
-        let values = self.invariants(u);
-        match (self.by_region, self.reduction) {
-            (true, Reduction::Whole) => self.region().locate(u),
-            (true, _) => self.match_invariants(&values),
-            (false, _) => values
-                .iter()
-                .zip(&self.cameras)
-                .map(|(x, [low, high])| {
-                    let slack = 1e-9 * (high - low) + 1e-12 * x.abs();
-                    (low - slack..=high + slack)
-                        .contains(x)
-                        .then(|| x.clamp(*low, *high))
-                })
-                .collect(),
-        }
-    }
-
-    /// Region parameters whose point has these invariants.
-    fn match_invariants(&self, values: &[f64]) -> Option<Vec<f64>> {
-        let region = self.region();
-        if self.reduction == Reduction::Rotation {
-            return self.match_radius(values[0]);
-        }
-        // Translation: any point with these coordinates will do; move the region's middle there.
-        let mut target = region.at(&region.lerp(&[0.5; 3]));
-        let kept = (0..3).filter(|k| !self.manifold.symmetry.translation[*k]);
-        for (k, x) in kept.zip(values) {
-            target[k] = *x;
-        }
-        region.locate(target)
-    }
-
-    /// The region parameter at which the radius, monotonic over the region, is `rho`, by bisection.
-    fn match_radius(&self, rho: f64) -> Option<Vec<f64>> {
-        let region = self.region();
-        if region.dimension() == 0 {
-            let own = region.at(&[]).length();
-            return ((rho - own).abs() <= 1e-9 * own.max(1e-300)).then(Vec::new);
-        }
-        let radius = |p: f64| region.at(&[p]).length();
-        let [mut low, mut high] = region.intervals[0];
-        let rising = radius(high) > radius(low);
-        let [least, most] = if rising { [low, high] } else { [high, low] }.map(radius);
-        let slack = 1e-9 * (most - least);
-        if !(least - slack..=most + slack).contains(&rho) {
-            return None;
-        }
-        for _ in 0..200 {
-            let middle = 0.5 * (low + high);
-            if middle <= low || middle >= high {
-                break;
-            }
-            if (radius(middle) < rho) == rising {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        Some(vec![0.5 * (low + high)])
-    }
-
-    /// The stored ray at direction parameters, from the camera position stored for `place`.
-    pub fn stored_ray(&self, place: &Place, face: usize, direction: [f64; 2]) -> Located {
-        let (u, d) = self.ray(face, &place.parameters, &direction);
-        Located {
-            face,
-            direction,
-            u,
-            v: place.stored_inverse.inverse() * d,
-            isometry: Isometry::Identity,
-        }
-    }
-
-    /// The ray from `place` in the direction `d` (standard frame, unit) in stored parameters.
-    pub fn locate(&self, place: &Place, d: DVec3) -> Located {
-        let v = place.frame * d;
-        match self.reduction {
-            Reduction::Rotation => self.locate_rotated(place, v),
-            _ => {
-                let (_, differential) = place.isometry.apply(place.stored);
-                let v = differential.inverse() * v;
-                let d = place.stored_inverse * v;
-                let (face, pq) = face_and_parameters(aim_of(d, place.parallax));
-                Located {
-                    face,
-                    direction: pq.to_array(),
-                    u: place.stored,
-                    v,
-                    isometry: place.isometry.clone(),
-                }
-            }
-        }
-    }
-
-    fn locate_rotated(&self, place: &Place, v: DVec3) -> Located {
-        // At the centre every direction is radial.
-        let radial = place.u.try_normalize().unwrap_or(v.normalize());
-        let across = v - radial * radial.dot(v);
-        let across = match across.length() > 1e-15 * v.length() {
-            true => across.normalize(),
-            false => radial.any_orthonormal_vector(),
-        };
-        let q = DMat3::from_cols(radial, across, radial.cross(across));
-        let v = q.transpose() * v;
-        let d = place.stored_inverse * v;
-        let theta = d.y.atan2(d.x);
-        let (face, parameter) = self.orbits.parameter(theta, place.areal_radius);
-        Located {
-            face,
-            direction: [parameter, 0.0],
-            u: place.stored,
-            v,
-            isometry: Isometry::rotation(q),
         }
     }
 }
