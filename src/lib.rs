@@ -21,8 +21,9 @@
 //!    transported frame and the geodesic deviation along.
 //! 5. [`fan`] says which rays a table must know: camera positions and directions as parameters, what
 //!    symmetries, claimed or found, remove of them, and exact samples at given parameters.
-//! 6. [`bundle`] holds all those rays as Chebyshev patches, quantised and compressed: the file, its
-//!    checksums, its contraction to one camera, its certificate.
+//! 6. [`bundle`] holds all those rays as patches, quantised and compressed: polynomials on faces of
+//!    directions, or waves on the whole sphere of them; the file, its checksums, its contraction to one
+//!    camera, its certificate.
 //! 7. [`render`] makes a picture: paths from a tracer, intersected with the scene, shaded.
 //!
 //! [`terminal`] is what the two programs share with a command line. [`error`], [`files`],
@@ -72,7 +73,8 @@
 //! | path | geodesic followed for a length `s ∈ [0, L]` at unit speed; carries position and transported frame |
 //! | fan | all paths from one camera position |
 //! | bundle | the compressed set of fans over a region of camera positions; one file, `*.fan` |
-//! | patch | a box of camera × direction parameters on which all paths are one polynomial |
+//! | patch | a box of camera × direction parameters on which all paths are one polynomial; its directions are (a part of) a face of a cube, or the whole sphere |
+//! | pole | of the sphere of directions: the way along which a table's cameras are spread most |
 //! | aim, parallax | the direction a table knows a ray by, and what it differs by from the ray's own (times a length): seen from the middle of the camera's cell, the ray's point on a sphere about it |
 //! | flagged | of a patch or ray: the table gave up on it, it is integrated exactly |
 //! | tracer | anything that turns a camera and directions into paths: *exact* integrates, *table* looks up |

@@ -2,8 +2,8 @@
 //!
 //! In: a unit vector in the standard frame. Out: parameters (a, b) in [−1, 1]²: the azimuth `φ = π a`
 //! about the pole and the polar angle `θ = π (b + 1)/2` from it, and back. At the poles, and where the
-//! azimuth jumps from 1 to −1, nothing is special about a direction: functions of it are periodic in
-//! (a, b) in a way that [`spherical`](crate::bundle::spherical) knows.
+//! azimuth jumps from 1 to −1, nothing is special about a direction: smooth functions of it continue over
+//! a pole on the opposite meridian, and around the circle.
 
 use glam::{DMat3, DVec3};
 use std::f64::consts::{FRAC_PI_2, PI};

@@ -37,7 +37,7 @@ pub struct Place {
 /// A ray as the bundle sees it.
 #[derive(Debug, Clone)]
 pub struct Located {
-    /// Cube face, or face of [`OrbitAngles`] under rotation.
+    /// Cube face, or face of [`OrbitAngles`](crate::fan::OrbitAngles) under rotation.
     pub face: usize,
     /// Direction parameters in [−1, 1]: (p, q), or one under rotation and then 0.
     pub direction: [f64; 2],
