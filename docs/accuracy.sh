@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # The table "Accuracy and size" of the README: bakes each row, then checks it with 100,000 fresh
 # rays. Usage: docs/accuracy.sh [ROW...]; needs `cargo build --release --workspace` and jq.
-# Two minutes; the floor of three bumps, four more, and their box, hours, are made only when they are
-# named.
+# Three minutes; the floor of three bumps, two more, and their box, a quarter of an hour or more, are made
+# only when they are named.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=$(mktemp -d)

@@ -36,32 +36,37 @@ pub fn axes(space: &FanSpace, plan: &PlanRecord) -> Option<[[f64; 3]; 3]> {
 
 /// The direction in the standard frame along which cells of cameras are longest.
 fn pole(space: &FanSpace, plan: &PlanRecord) -> DVec3 {
-    let cells: Vec<usize> = plan.cells.iter().map(|n| *n as usize).collect();
-    let middle = vec![0.0; cells.len()];
-    let all = 0..cells.iter().product::<usize>();
-    let spreads = all.map(|number| {
-        let mut rest = number;
-        let cell: Vec<usize> = cells
-            .iter()
-            .map(|n| {
-                let along = rest % n;
-                rest /= n;
-                along
-            })
-            .collect();
-        let at = |inner: &[f64]| {
-            space.stored_point(&cell::parameters(&cells, space.cameras(), &cell, inner))
-        };
-        let inverse = space.manifold().standard_frame(at(&middle)).inverse();
-        let sides = (0..cells.len()).map(|axis| {
-            let mut inner = middle.clone();
-            inner[axis] = 1.0;
-            let offset = inverse * (at(&inner) - at(&middle));
-            DMat3::from_cols(offset * offset.x, offset * offset.y, offset * offset.z)
-        });
-        sides.fold(DMat3::ZERO, |sum, side| sum + side)
-    });
+    let counts: Vec<usize> = plan.cells.iter().map(|n| *n as usize).collect();
+    let all = 0..counts.iter().product::<usize>();
+    let spreads = all.map(|number| spread(space, &counts, &cell_of(number, &counts)));
     longest(spreads.fold(DMat3::ZERO, |sum, spread| sum + spread))
+}
+
+/// The cell of a number, the first parameter's running fastest.
+fn cell_of(number: usize, counts: &[usize]) -> Vec<usize> {
+    let mut rest = number;
+    let along = counts.iter().map(|n| {
+        let place = rest % n;
+        rest /= n;
+        place
+    });
+    along.collect()
+}
+
+/// The sum of `o oᵀ` over the offsets o, in the standard frame, from the middle of a cell to its sides.
+fn spread(space: &FanSpace, counts: &[usize], cell: &[usize]) -> DMat3 {
+    let at =
+        |inner: &[f64]| space.stored_point(&cell::parameters(counts, space.cameras(), cell, inner));
+    let middle = vec![0.0; counts.len()];
+    let inverse = space.manifold().standard_frame(at(&middle)).inverse();
+    let side = |axis: usize| {
+        let mut inner = middle.clone();
+        inner[axis] = 1.0;
+        let o = inverse * (at(&inner) - at(&middle));
+        DMat3::from_cols(o * o.x, o * o.y, o * o.z)
+    };
+    let sides = (0..counts.len()).map(side);
+    sides.fold(DMat3::ZERO, |sum, side| sum + side)
 }
 
 /// The longest axis of a symmetric matrix without negative eigenvalues, by iteration from the coordinate
