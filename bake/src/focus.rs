@@ -51,7 +51,6 @@ pub fn best(space: &FanSpace, plan: &PlanRecord) -> [[f64; 3]; 3] {
         return none;
     }
     let mut best = (trial.bits(none), none);
-
     for share in TRIED {
         let focus = (unit * (share / reach)).to_cols_array_2d();
         let bits = trial.bits(focus);

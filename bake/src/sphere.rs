@@ -5,7 +5,7 @@
 //! beside it turns about that way: with the pole there, motion changes polar angles only.
 
 use geofan::{
-    bundle::PlanRecord,
+    bundle::{Division, PlanRecord},
     fan::{FanSpace, cell},
 };
 use glam::{DMat3, DVec3};
@@ -37,20 +37,9 @@ pub fn axes(space: &FanSpace, plan: &PlanRecord) -> Option<[[f64; 3]; 3]> {
 /// The direction in the standard frame along which cells of cameras are longest.
 fn pole(space: &FanSpace, plan: &PlanRecord) -> DVec3 {
     let counts: Vec<usize> = plan.cells.iter().map(|n| *n as usize).collect();
-    let all = 0..counts.iter().product::<usize>();
-    let spreads = all.map(|number| spread(space, &counts, &cell_of(number, &counts)));
+    let cells = Division::new(counts.clone(), 1, &[]);
+    let spreads = (0..cells.chunks()).map(|cell| spread(space, &counts, &cells.of(cell).0));
     longest(spreads.fold(DMat3::ZERO, |sum, spread| sum + spread))
-}
-
-/// The cell of a number, the first parameter's running fastest.
-fn cell_of(number: usize, counts: &[usize]) -> Vec<usize> {
-    let mut rest = number;
-    let along = counts.iter().map(|n| {
-        let place = rest % n;
-        rest /= n;
-        place
-    });
-    along.collect()
 }
 
 /// The sum of `o oᵀ` over the offsets o, in the standard frame, from the middle of a cell to its sides.

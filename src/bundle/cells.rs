@@ -94,9 +94,7 @@ fn strip(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
         true => [false, true]
             .map(|odd| {
                 restriction(np, side, |a, values| {
-                    spherical::azimuth_values(a, values);
-                    let others = (0..np).filter(|i| spherical::is_odd(*i) != odd);
-                    others.for_each(|i| values[i] = 0.0);
+                    spherical::azimuth_values_of(odd, a, values)
                 })
             })
             .concat(),

@@ -43,9 +43,14 @@ pub fn transform(n: usize) -> Array2<f64> {
 
 /// The matrix that takes `n` coefficients to samples at [`nodes`].
 pub fn inverse_transform(n: usize) -> Array2<f64> {
-    let mut matrix = Array2::zeros((n, n));
-    for (x, mut row) in nodes(n).iter().zip(matrix.outer_iter_mut()) {
-        values(*x, row.as_slice_mut().expect("contiguous"));
+    at_nodes(&nodes(n), values)
+}
+
+/// The values of as many terms as there are nodes, one row for each node; `of` gives those at a node.
+pub(super) fn at_nodes(nodes: &[f64], of: impl Fn(f64, &mut [f64])) -> Array2<f64> {
+    let mut matrix = Array2::zeros((nodes.len(), nodes.len()));
+    for (x, mut row) in nodes.iter().zip(matrix.outer_iter_mut()) {
+        of(*x, row.as_slice_mut().expect("contiguous"));
     }
     matrix
 }

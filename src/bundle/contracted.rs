@@ -131,7 +131,7 @@ impl Contracted {
         self.variables.is_some_and(|variables| variables.sphere)
     }
 
-    /// The same at variables of the polynomials.
+    /// What [`Contracted::direction`] gives, at variables of the polynomials.
     fn sum<'r>(&self, [p, q]: [f64; 2], row: &'r mut Row) -> &'r [f64] {
         let [np, nq] = self.degrees;
         let mut tp = [0.0; MOST_TERMS];

@@ -48,6 +48,15 @@ pub(super) fn summed<N, T: Real>(
     sums
 }
 
+/// The sum of rows.
+pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
+    let mut sum = rows[0].clone();
+    for row in &rows[1..] {
+        sum.iter_mut().zip(row).for_each(|(s, x)| *s = *s + *x);
+    }
+    sum
+}
+
 /// Columns that are summed at once: longer blocks the compiler turns into scalar code.
 const COLUMNS: usize = 16;
 

@@ -2,11 +2,10 @@
 
 use super::{
     chebyshev,
-    matrix::{product, summed},
+    matrix::{added, product, summed},
     spherical,
     variables::{Variables, Weights},
 };
-use crate::expr::real::Real;
 use ndarray::{Array2, ArrayD, Axis, s};
 use rayon::prelude::*;
 
@@ -149,15 +148,6 @@ impl Polynomial {
     pub fn is_finite(&self) -> bool {
         self.coefficients.iter().all(|c| c.is_finite())
     }
-}
-
-/// The sum of rows.
-pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
-    let mut sum = rows[0].clone();
-    for row in &rows[1..] {
-        sum.iter_mut().zip(row).for_each(|(s, x)| *s = *s + *x);
-    }
-    sum
 }
 
 /// The products of one of each of `values`, the last running fastest.

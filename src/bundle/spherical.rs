@@ -47,6 +47,13 @@ pub fn azimuth_values(a: f64, values: &mut [f64]) {
     }
 }
 
+/// The same with zeros for odd multiples of φ, or, if `odd`, for even ones.
+pub fn azimuth_values_of(odd: bool, a: f64, values: &mut [f64]) {
+    azimuth_values(a, values);
+    let others = (0..values.len()).filter(|i| is_odd(*i) != odd);
+    others.for_each(|i| values[i] = 0.0);
+}
+
 /// The terms of the polar parameter `b`: sines if `odd`, else cosines, into `values`.
 pub fn polar_values(b: f64, odd: bool, values: &mut [f64]) {
     let theta = FRAC_PI_2 * (b + 1.0);
@@ -64,15 +71,6 @@ fn turned(z: (f64, f64), w: (f64, f64)) -> (f64, f64) {
     (z.0 * w.0 - z.1 * w.1, z.0 * w.1 + z.1 * w.0)
 }
 
-/// Values of orthogonal terms at all nodes, one row for each node.
-fn at_nodes(nodes: &[f64], values: impl Fn(f64, &mut [f64])) -> Array2<f64> {
-    let mut matrix = Array2::zeros((nodes.len(), nodes.len()));
-    for (x, mut row) in nodes.iter().zip(matrix.outer_iter_mut()) {
-        values(*x, row.as_slice_mut().expect("contiguous"));
-    }
-    matrix
-}
-
 /// The inverse of a matrix with orthogonal columns.
 fn inverse(matrix: &Array2<f64>) -> Array2<f64> {
     let squares: Vec<f64> = matrix.columns().into_iter().map(|c| c.dot(&c)).collect();
@@ -81,14 +79,14 @@ fn inverse(matrix: &Array2<f64>) -> Array2<f64> {
 
 /// The matrix that takes coefficients of an odd number of azimuth terms to samples, and its inverse.
 pub fn azimuth_transforms(n: usize) -> [Array2<f64>; 2] {
-    let values = at_nodes(&azimuths(n), azimuth_values);
+    let values = chebyshev::at_nodes(&azimuths(n), azimuth_values);
     let inverse = inverse(&values);
     [values, inverse]
 }
 
 /// The same for polar terms, for `odd` ones or others.
 pub fn polar_transforms(n: usize, odd: bool) -> [Array2<f64>; 2] {
-    let values = at_nodes(&polar_angles(n), |b, values| polar_values(b, odd, values));
+    let values = chebyshev::at_nodes(&polar_angles(n), |b, values| polar_values(b, odd, values));
     let inverse = inverse(&values);
     [values, inverse]
 }

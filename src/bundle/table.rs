@@ -119,13 +119,13 @@ impl Table {
     /// `u` is not in the camera region, or the patches there are damaged.
     pub fn fan(&self, u: DVec3) -> Result<Fan<'_>> {
         let place = self.space.place(u)?;
-        // A chunk that no camera has needed before is decoded now, which takes far longer than the
-        // contraction.
         let faces = self.facets(&place);
         let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
         Ok(Fan::new(self, place, faces))
     }
 
+    /// The directions of each face from `place`. A chunk that no camera has needed before is decoded now,
+    /// which takes far longer than the contraction.
     fn facets(&self, place: &Place) -> Result<Vec<Facet>, Damage> {
         let kept = (0..self.space.faces()).map(|face| self.kept(place, face));
         let contract = |kept: &Kept| self.chunks[kept.chunk].contract(&kept.camera);

@@ -47,10 +47,8 @@ impl Variables {
         };
         let sets = [false, true].map(|odd| {
             let [mut azimuth, mut polar] = [0, 1].map(|k| vec![0.0; shape[count + k]]);
-            spherical::azimuth_values(*a, &mut azimuth);
+            spherical::azimuth_values_of(odd, *a, &mut azimuth);
             spherical::polar_values(*b, odd, &mut polar);
-            let others = (0..azimuth.len()).filter(|i| spherical::is_odd(*i) != odd);
-            others.for_each(|i| azimuth[i] = 0.0);
             let mut weights = plain.clone();
             weights.extend([azimuth, polar].map(|v| v.into_iter().map(T::from_f64).collect()));
             weights

@@ -333,11 +333,7 @@ mod tests {
             let cameras = if shape.len() == 4 { 1 } else { cameras };
             let polynomial = Polynomial {
                 coefficients: coefficients(shape),
-                variables: Variables {
-                    cameras,
-                    stretch: Stretch::new(0.6),
-                    sphere: false,
-                },
+                variables: Variables::of_face(cameras, Stretch::new(0.6)),
             };
             let step = Step::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);

@@ -22,10 +22,6 @@ const FEWEST: usize = 96;
 const MOST: usize = 480;
 const FITTED_EACH: usize = 40;
 
-/// The same of the whole sphere, where more rays are compared and one patch is most of a table. With
-/// 0.0095 the certificate of three bumps on a floor exceeded the promise by 1 %.
-const EXCEEDING_ON_SPHERE: f64 = 0.0085;
-
 /// How many times as many the whole sphere of directions has: it stands for six faces.
 const ON_SPHERE: usize = 3;
 
@@ -41,6 +37,10 @@ const LENGTHS: usize = 6;
 /// is a 99th percentile, but the step is the coarsest that these few rays let pass, and others find more:
 /// with 0.01 certificates exceed it by up to 5 %. From 0.01 to 0.007 costs 2 % of the bytes.
 const EXCEEDING: f64 = 0.007;
+
+/// The same of the whole sphere, where more rays are compared and one patch is most of a table. With
+/// 0.0095 the certificate of three bumps on a floor exceeded the promise by 1 %.
+const EXCEEDING_ON_SPHERE: f64 = 0.0085;
 
 /// The most rays that judge a polynomial, and how many of them come first, to find out most failures.
 /// All the others follow in parts of twice as many each: reading the coefficients takes as long as
@@ -74,18 +74,15 @@ impl HeldOut {
     /// lengths or hardly any do.
     pub fn new(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
         let count = (refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
-        let count = match region.face {
-            Some(_) => count,
-            None => ON_SPHERE * count,
+        let (count, exceeding) = match region.face {
+            Some(_) => (count, EXCEEDING),
+            None => (ON_SPHERE * count, EXCEEDING_ON_SPHERE),
         };
         let mut stream = Stream::new(&region.path);
         let mut held_out = Self {
             rays: Vec::new(),
             interval: region.arc_interval(refiner.plan.length),
-            exceeding: match region.face {
-                Some(_) => EXCEEDING,
-                None => EXCEEDING_ON_SPHERE,
-            },
+            exceeding,
             singular: false,
         };
         for _ in 0..BATCHES {
@@ -198,7 +195,7 @@ impl HeldOut {
                 .iter()
                 .map(|e| e.exceeding(refiner.plan.max_error))
                 .sum();
-            if ((self.exceeding * comparisons as f64) as usize) < failures {
+            if allowed(self.exceeding, comparisons) < failures {
                 break;
             }
         }
@@ -254,14 +251,18 @@ impl Errors {
     }
 }
 
-/// The error that all but this share of `errors` keep, rounded down to a whole number of them; infinite
-/// if it is not a number.
+/// How many of so many comparisons a share of them is, rounded down.
+fn allowed(share: f64, comparisons: usize) -> usize {
+    (share * comparisons as f64) as usize
+}
+
+/// The error that all but this share of `errors` keep; infinite if it is not a number.
 fn quantile(mut errors: Vec<f64>, exceeding: f64) -> f64 {
     errors
         .iter_mut()
         .filter(|e| e.is_nan())
         .for_each(|e| *e = f64::INFINITY);
-    let exceeding = (exceeding * errors.len() as f64) as usize;
+    let exceeding = allowed(exceeding, errors.len());
     errors.sort_by(|a, b| b.total_cmp(a));
     errors.get(exceeding).map_or(0.0, |e| *e)
 }

@@ -48,6 +48,9 @@ const ROOMY_SPHERE: f64 = 0.6;
 /// ends is not where they begin.
 const LATE: f64 = 10.0;
 
+/// The most nodes along the arc length of a patch of the whole sphere: files have room for few more.
+const MOST_ALONG_ARC: usize = 60;
+
 /// The most rays that a patch of the whole sphere is fitted to: what they take of memory.
 const MOST_RAYS: usize = 1_000_000;
 
@@ -318,14 +321,14 @@ impl Refiner<'_> {
     }
 
     /// The most nodes along each axis of a box. Around the whole sphere there are four faces, from pole
-    /// to pole two.
+    /// to pole two; and along the arc it needs what the worst of its faces does.
     fn most_nodes(&self, region: &Region) -> Vec<usize> {
         let mut most: Vec<usize> = self.plan.nodes.iter().map(|n| *n as usize).collect();
         if region.face.is_none() {
             let arc = region.arc();
-            most[arc - 2] = (4 * most[arc - 2] - 1) | 1;
+            most[arc - 2] = 4 * most[arc - 2] - 1;
             most[arc - 1] *= 2;
-            most[arc] = (5 * most[arc] / 4).min(60);
+            most[arc] = (5 * most[arc] / 4).min(MOST_ALONG_ARC);
         }
         most
     }
