@@ -39,7 +39,7 @@ struct Neighbour {
 }
 
 /// Walks a tensor in storage order and tells the class of each place from the values before it.
-struct Walk {
+pub(super) struct Walk {
     /// Lengths of the axes that are longer than one.
     shape: Vec<usize>,
     index: Vec<usize>,
@@ -49,7 +49,8 @@ struct Walk {
 }
 
 impl Walk {
-    fn new(shape: &[usize]) -> Self {
+    /// At the first place of a tensor of this shape.
+    pub(super) fn new(shape: &[usize]) -> Self {
         let shape: Vec<usize> = shape.iter().copied().filter(|n| *n > 1).collect();
         let mut walk = Self {
             index: vec![0; shape.len()],
@@ -69,7 +70,7 @@ impl Walk {
     }
 
     /// The class of the place after the `values`, and on to the next place.
-    fn class(&mut self, values: &[i32]) -> usize {
+    pub(super) fn class(&mut self, values: &[i32]) -> usize {
         let column = self.index.last().copied().unwrap_or(0);
         let (mut sum, mut weight) = (0, 0);
         for neighbour in &self.of_row {

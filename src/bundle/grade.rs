@@ -3,11 +3,14 @@
 use crate::expr::real::Real;
 use ndarray::{Array2, ArrayD};
 
-/// How much more coarsely coefficients of degree `k` along the arc length are rounded: an error of that
-/// degree in the slope moves points by 1/k of it. With the degree itself instead of its root tangents
-/// suffer (three bumps on a rail 318 kB, 281 kB with the root, 326 kB without).
+/// How much more coarsely coefficients of degree `k` along the arc length are rounded: by `(1 + k)^(5/8)`.
+/// An error of that degree in the slope moves points by 1/k of it, but tangents by all of it. With powers
+/// of 0.3, 0.4, 0.5, 0.6, 0.7 and 0.8 three bumps on a rail take 116, 112, 108, 106, 104 and 108 kB, on a
+/// quarter of the floor 627, 590, 577, 565, 558 and 602; with 0.9 tangents exceed the promise.
 fn coarseness(degree: usize) -> f64 {
-    ((1 + degree) as f64).sqrt()
+    let root = ((1 + degree) as f64).sqrt();
+    // Roots are the same on every machine.
+    root * root.sqrt().sqrt()
 }
 
 /// Coefficients (…, arc length, channel) as they are rounded.

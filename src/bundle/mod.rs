@@ -22,6 +22,7 @@ mod outlier;
 mod polynomial;
 mod random_rays;
 mod records;
+mod rounding;
 mod scale;
 pub mod spherical;
 mod stretch;

@@ -6,11 +6,11 @@ use super::{
     grade::graded,
     layout::Layout,
     polynomial::Polynomial,
+    rounding::rounded,
     scale::{Scale, Step},
     tensor::{Core, Tensor},
     variables::Variables,
 };
-use crate::expr::vectorised;
 use ndarray::{ArrayD, Axis, Slice};
 
 /// A tensor train before rounding: cores scaled to the right by the singular values of their bonds.
@@ -73,35 +73,13 @@ impl Train {
 /// Largest rounded coefficient: sums of a few in 32 bits stay exact.
 const LARGEST: f64 = (1 << 30) as f64;
 
-/// By what share of a step numbers are moved towards zero before they are rounded: small ones cost more
-/// bits than their error is worth. Three bumps on a rail and Schwarzschild take 1.6 % fewer bytes with
-/// 0.1, 0.2 gives no more.
-const DEAD: f64 = 0.1;
-
-/// Adding and subtracting this rounds numbers below 2⁵¹ to integers, in every lane of a register;
-/// `round` is a call for each.
-const TO_INTEGER: f64 = 6_755_399_441_055_744.0;
-
 /// `core` in units of `unit`, rounded; `None` if a number is too large.
 fn integers(core: &ArrayD<f64>, unit: f64) -> Option<ArrayD<i32>> {
     let inverse = 1.0 / unit;
-    let core = core.as_standard_layout();
-    let values = core.as_slice()?;
-    let mut rounded = vec![0_i32; values.len()];
-    let mut fits = true;
-    vectorised(
-        #[inline(always)]
-        || {
-            for (to, from) in rounded.iter_mut().zip(values) {
-                let x = from * inverse;
-                fits &= x.abs() < LARGEST;
-                let x = (x.abs() - DEAD).max(0.0).copysign(x);
-                *to = ((x + TO_INTEGER) - TO_INTEGER) as i32;
-            }
-        },
-    );
-    let rounded = ArrayD::from_shape_vec(core.raw_dim(), rounded).ok()?;
-    fits.then_some(rounded)
+    let values: Vec<f64> = core.iter().map(|x| x * inverse).collect();
+    let fits = values.iter().all(|x| x.abs() < LARGEST);
+    let rounded = fits.then(|| rounded(core.shape(), &values))?;
+    ArrayD::from_shape_vec(core.raw_dim(), rounded).ok()
 }
 
 /// The entries of `core` at `kept` along `axis`.
