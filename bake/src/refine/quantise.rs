@@ -18,11 +18,15 @@ const ROOM: f64 = 4e-9;
 
 /// The finest step in units of an error that uses up the promise, however many coefficients there
 /// are: most of those of large patches round to zero and add nothing.
-const FINE_ENOUGH: f64 = 0.005;
+const FINE_ENOUGH: f64 = 0.0035;
 
 /// Errors up to this, in units of the promise, tell by how much a step is too coarse; larger ones need
 /// not grow as steps do.
 const NEAR: f64 = 4.0;
+
+/// How many steps coarser usually double the error: more than one octave has, because truncation adds to
+/// the error of rounding.
+const USUAL: f64 = 22.0;
 
 /// Singular values below this share of the finest step round to zero.
 const NEGLIGIBLE: f64 = 0.5;
@@ -95,27 +99,36 @@ fn coarsest(train: &Train, finest: f64, error: &impl Fn(&Tensor) -> f64) -> Opti
 fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
     let (first, mut best) = tried(0).filter(|(error, _)| *error <= 1.0)?;
     let (mut keeps, mut misses) = ((0, first), (STEPS, f64::INFINITY));
+    let mut kept = 1;
     while misses.0 - keeps.0 > 1 {
-        let k = between(keeps, misses);
+        let k = match misses.1 <= NEAR {
+            true => between(keeps, misses),
+            false => beyond(keeps, kept).min(i16::midpoint(keeps.0, misses.0)),
+        };
         match tried(k) {
-            Some((error, found)) if error <= 1.0 => (best, keeps) = (found, (k, error)),
+            Some((error, found)) if error <= 1.0 => {
+                (best, keeps) = (found, (k, error));
+                kept += 1;
+            }
             found => misses = (k, found.map_or(f64::INFINITY, |(error, _)| error)),
         }
     }
     Some(best)
 }
 
-/// The step to be tried after one that keeps the promise and one that does not, each with its error:
-/// where a power law between them meets the promise, or the middle while one of them is far from it.
+/// The step to be tried between one that keeps the promise and one that does not, each with its error:
+/// where a power law between them meets the promise.
 fn between(keeps: (i16, f64), misses: (i16, f64)) -> i16 {
     let share = (1.0 / keeps.1).ln() / (misses.1 / keeps.1).ln();
-    let share = if misses.1 <= NEAR && share.is_finite() {
-        share
-    } else {
-        0.5
-    };
     let steps = (share * f64::from(misses.0 - keeps.0)) as i16;
     (keeps.0 + steps).clamp(keeps.0 + 1, misses.0 - 1)
+}
+
+/// The step to be tried after `kept` ones that keep the promise, the last with its error, while none is
+/// known that nearly does: farther each time, in case errors grow more slowly than they usually do.
+fn beyond(keeps: (i16, f64), kept: i16) -> i16 {
+    let steps = USUAL * (1.0 / keeps.1).log2() * f64::from(kept);
+    keeps.0.saturating_add((steps as i16).max(1))
 }
 
 /// The size of the largest coefficient.
@@ -142,7 +155,7 @@ mod tests {
             });
             assert_eq!(found, Some(crossing as i16));
             // The finest step is tried besides.
-            assert!(trials.get() <= 10, "{trials:?}");
+            assert!(trials.get() <= 12, "{trials:?}");
         }
     }
 }
