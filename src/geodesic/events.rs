@@ -9,7 +9,7 @@
 
 use super::{
     End, LANES, NIL, Row, Step, control::Control, curves::Curves, each, first_event::first_between,
-    integrator::take_where,
+    rows::take_where,
 };
 use crate::{
     expr::{Registers, Wide, real::Real},

@@ -5,20 +5,23 @@
 //! ray at once, so no lane idles while rays are left. A ray's result does not depend on the lanes
 //! beside it, and nothing is allocated once the lanes are set up.
 
+mod report;
+
 use super::{
-    End, LANES, NIL, Ray, Row, Settings, Sink, Step,
+    End, LANES, NIL, Ray, Row, Settings, Sink,
     control::{Control, LOOK},
     curves::{Curves, Trial},
-    dormand_prince::{A, Dense, ERROR, Quintic, STAGES},
+    dormand_prince::{A, ERROR, STAGES},
     each,
     events::Events,
     kinks::{Kinks, Meeting},
+    rows::{larger, multiply, norm2, take_where, vector},
     starts::{Start, Starts},
     state::{Layout, metric, rates_at},
     weighted,
 };
 use crate::{
-    expr::{Registers, Tape, real::Real, vectorised},
+    expr::{Registers, Tape, vectorised},
     manifold::{Carried, Manifold},
 };
 use glam::DVec3;
@@ -311,81 +314,6 @@ impl<'m> Lanes<'m> {
         }
     }
 
-    /// Hands on the accepted steps that `sink` wants, and ends rays.
-    fn report(&mut self, sink: &mut impl Sink) {
-        let mut carried_made = false;
-        for lane in 0..LANES {
-            let Some(ray) = self.ray[lane] else {
-                continue;
-            };
-            let accepted = self.control.accepted[lane] > 0.0;
-            let complete = self.control.complete[lane] > 0.0;
-            let over = complete || self.control.stuck[lane] > 0.0;
-            let met = accepted && self.events.as_ref().is_some_and(|e| e.may_be_met(lane));
-            let to = self.control.s[lane] + self.control.h[lane];
-            let wanted = accepted && self.near[lane] > 0.0 && sink.wants(ray, to);
-            if !(wanted || over || met) {
-                continue;
-            }
-            let mut step = match accepted {
-                false => self.rest(lane),
-                true if sink.wants_carried() => {
-                    if !carried_made {
-                        carried_made = true;
-                        self.make_carried();
-                    }
-                    let (s, h) = (self.control.s[lane], self.control.h[lane]);
-                    self.curves.step(lane, s, h)
-                }
-                true => self.lone_step(lane, over || met),
-            };
-            let event = match met {
-                true => self.events.as_mut().and_then(|e| e.first_in(lane, &step)),
-                false => None,
-            };
-            // The last step ends at the length asked for, not a rounding error beside it.
-            let end = match event {
-                Some((end, s)) => Some((end, s)),
-                None if complete => Some((End::Length, self.control.length[lane])),
-                None if over => Some((End::Singular, step.end)),
-                None => None,
-            };
-            if let Some((_, s)) = end {
-                step.end = s;
-            }
-            if end.is_some() && step.end > 0.0 || wanted && step.end > step.start {
-                sink.step(ray, &step);
-            }
-            let given_up = || (!sink.wants_more(ray)).then_some((End::Length, step.end));
-            if let Some((end, s)) = end.or_else(given_up) {
-                sink.end(ray, end, s, self.control.steps[lane] as usize);
-                self.ray[lane] = None;
-                self.control.stop(lane);
-            }
-        }
-    }
-
-    /// Makes the curves of what all trials carry.
-    fn make_carried(&mut self) {
-        vectorised(
-            #[inline(always)]
-            || {
-                let (curves, trial) = self.trial();
-                curves.make_carried(trial);
-            },
-        );
-    }
-
-    /// The trial of one lane, with what it carries if that is `carried` for it alone.
-    fn lone_step(&mut self, lane: usize, carried: bool) -> Step {
-        let (s, h) = (self.control.s[lane], self.control.h[lane]);
-        let (curves, trial) = self.trial();
-        match carried {
-            true => curves.lone_step(trial, lane, s),
-            false => curves.path(lane, s, h),
-        }
-    }
-
     /// Makes the ends of accepted trials the present states.
     fn commit(&mut self) {
         vectorised(
@@ -415,33 +343,6 @@ impl<'m> Lanes<'m> {
         };
         (&mut self.curves, trial)
     }
-
-    /// The present state as a step of no length.
-    fn rest(&self, lane: usize) -> Step {
-        let vector =
-            |at: usize| DVec3::new(self.y[at][lane], self.y[at + 1][lane], self.y[at + 2][lane]);
-        let still = |at: usize| Quintic::straight(vector(at), vector(at + 3));
-        let s = self.control.s[lane];
-        Step {
-            start: s,
-            end: s,
-            h: 1.0,
-            curve: still(0),
-            turn: self
-                .layout
-                .turn
-                .map(|at| Dense::still(std::array::from_fn(|c| self.y[at + c][lane]))),
-            deviation: self.layout.deviation.map(|at| [still(at), still(at + 6)]),
-        }
-    }
-}
-
-/// `row *= by`
-#[inline(always)]
-fn multiply(row: &mut Row, by: &Row) {
-    for l in 0..LANES {
-        row[l] *= by[l];
-    }
 }
 
 /// The error of one row of the trial.
@@ -457,46 +358,4 @@ fn error(k: &[Vec<Row>; STAGES], h: &Row, row: usize) -> Row {
 fn vector_error(metric: [&[f64; LANES]; 6], k: &[Vec<Row>; STAGES], h: &Row, at: usize) -> Row {
     let (x, y, z) = (error(k, h, at), error(k, h, at + 1), error(k, h, at + 2));
     norm2(metric, [&x, &y, &z])
-}
-
-/// The three rows of the vector that begins at row `at`.
-#[inline(always)]
-fn vector(rows: &[Row], at: usize) -> [&Row; 3] {
-    [&rows[at], &rows[at + 1], &rows[at + 2]]
-}
-
-/// `xᵀGx`; metric entries in the order xx, yy, zz, xy, xz, yz.
-#[inline(always)]
-fn norm2(metric: [&[f64; LANES]; 6], [x, y, z]: [&Row; 3]) -> Row {
-    let [xx, yy, zz, xy, xz, yz] = metric;
-    each(|l| {
-        let [a, b, c] = [x[l], y[l], z[l]];
-        let mixed = a * b * xy[l] + a * c * xz[l] + b * c * yz[l];
-        a * a * xx[l] + b * b * yy[l] + c * c * zz[l] + 2.0 * mixed
-    })
-}
-
-/// The larger of two numbers; NaN wins, so that a broken estimate is never accepted.
-#[inline(always)]
-fn larger(a: f64, b: f64) -> f64 {
-    if (a < b) | b.is_nan() { b } else { a }
-}
-
-/// Copies the lanes of `from` where `mask` is 1.
-// A vector at a time through local arrays, all of it read first: a choice between two places in
-// memory would be a branch for each lane.
-#[inline(always)]
-pub(super) fn take_where(mask: &Row, from: &[Row], to: &mut [Row]) {
-    let (masks, _) = mask.as_chunks::<8>();
-    for (from, to) in from.iter().zip(to) {
-        let ((from, _), (to, _)) = (from.as_chunks::<8>(), to.as_chunks_mut::<8>());
-        for ((mask, new), to) in masks.iter().zip(from).zip(to) {
-            let (mask, new, old) = (*mask, *new, *to);
-            let mut chosen = old;
-            for l in 0..8 {
-                chosen[l] = f64::select(mask[l] > 0.0, new[l], old[l]);
-            }
-            *to = chosen;
-        }
-    }
 }

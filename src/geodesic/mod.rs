@@ -17,6 +17,7 @@ mod fixed;
 mod integrator;
 mod kinks;
 mod path;
+mod rows;
 mod samples;
 mod spread;
 mod starts;
