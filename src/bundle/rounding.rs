@@ -32,12 +32,17 @@ type Dead = [f64; SIZES - 1];
 pub(super) fn rounded(shape: &[usize], values: &[f64]) -> Vec<i32> {
     let mut counts = [[1.0; SIZES]; CLASSES];
     each(shape, values, |class, x| {
-        let size = nearest(x - FIRST);
+        let size = nearest_size(x - FIRST);
         counts[class][(size as usize).min(SIZES - 1)] += 1.0;
         size
     });
     let dead = counts.map(|counts| dead(&counts));
     each(shape, values, |class, x| size(x, &dead[class]))
+}
+
+/// `values` as the nearest integers.
+pub(super) fn nearest(values: &[f64]) -> Vec<i32> {
+    values.iter().map(|x| x.round() as i32).collect()
 }
 
 /// The integers whose sizes `of` tells from the class of a place and the size of the number there.
@@ -69,11 +74,11 @@ fn size(x: f64, dead: &Dead) -> i32 {
     if x < 1.5 + dead[1] {
         return 1;
     }
-    nearest(x - dead[2]).max(2)
+    nearest_size(x - dead[2]).max(2)
 }
 
 /// The integer nearest to `x`, not below zero.
-fn nearest(x: f64) -> i32 {
+fn nearest_size(x: f64) -> i32 {
     (x + 0.5) as i32
 }
 

@@ -6,7 +6,7 @@ use super::{
     grade::graded,
     layout::Layout,
     polynomial::Polynomial,
-    rounding::rounded,
+    rounding::{nearest, rounded},
     scale::{Scale, Step},
     tensor::{Core, Tensor},
     variables::Variables,
@@ -40,13 +40,27 @@ impl Train {
         }
     }
 
-    /// Rounded to multiples of `step`; what is zero at the ends of axes and bonds is left out.
-    /// `None` if a coefficient is too large for the step.
+    /// Rounded to multiples of `step` that are worth their bits: the fewest bytes for errors that hold for
+    /// most values. What is zero at the ends of axes and bonds is left out. `None` if a coefficient is too
+    /// large for the step.
     pub fn rounded(&self, step: Step) -> Option<Tensor> {
+        self.rounded_by(step, rounded)
+    }
+
+    /// The same rounded to the nearest multiples: the fewest bytes for errors that hold for all values.
+    pub fn nearest(&self, step: Step) -> Option<Tensor> {
+        self.rounded_by(step, |_, values| nearest(values))
+    }
+
+    fn rounded_by(
+        &self,
+        step: Step,
+        round: impl Fn(&[usize], &[f64]) -> Vec<i32>,
+    ) -> Option<Tensor> {
         let unit = step.value();
         let mut rounded = Vec::new();
         for core in &self.cores {
-            rounded.push(integers(core, unit)?);
+            rounded.push(integers(core, unit, &round)?);
         }
         let ranks = kept_ranks(&rounded);
         let mut cores = Vec::new();
@@ -73,12 +87,16 @@ impl Train {
 /// Largest rounded coefficient: sums of a few in 32 bits stay exact.
 const LARGEST: f64 = (1 << 30) as f64;
 
-/// `core` in units of `unit`, rounded; `None` if a number is too large.
-fn integers(core: &ArrayD<f64>, unit: f64) -> Option<ArrayD<i32>> {
+/// `core` in units of `unit`, made integers by `round`; `None` if a number is too large.
+fn integers(
+    core: &ArrayD<f64>,
+    unit: f64,
+    round: impl Fn(&[usize], &[f64]) -> Vec<i32>,
+) -> Option<ArrayD<i32>> {
     let inverse = 1.0 / unit;
     let values: Vec<f64> = core.iter().map(|x| x * inverse).collect();
     let fits = values.iter().all(|x| x.abs() < LARGEST);
-    let rounded = fits.then(|| rounded(core.shape(), &values))?;
+    let rounded = fits.then(|| round(core.shape(), &values))?;
     ArrayD::from_shape_vec(core.raw_dim(), rounded).ok()
 }
 

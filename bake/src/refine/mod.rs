@@ -40,9 +40,6 @@ const HOPE: f64 = 4.0;
 /// for rounding, and coarser steps save more bytes than the nodes cost.
 const ROOMY: f64 = 0.5;
 
-/// The same of the whole sphere, whose fits take longer.
-const ROOMY_SPHERE: f64 = 0.6;
-
 /// By what factor the first half of the arc lengths must be smoother than the whole for the arc
 /// length to be halved instead: neighbouring paths part exponentially, and what is sharp at their
 /// ends is not where they begin.
@@ -208,12 +205,7 @@ impl Refiner<'_> {
             let spectra = polynomial.spectra();
             let left = held_out.error_of(self, &polynomial);
             let limits = (&self.most_nodes(region)[..], self.most_rays(region));
-            let roomy = if region.face.is_some() {
-                ROOMY
-            } else {
-                ROOMY_SPHERE
-            };
-            if left > roomy && needs.raise(limits, &spectra, left) {
+            if left > ROOMY && needs.raise(limits, &spectra, left) {
                 continue;
             }
             let urgency: Vec<f64> = spectra.iter().map(|s| tail(s)).collect();

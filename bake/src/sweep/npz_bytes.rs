@@ -87,7 +87,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
 
 /// The bytes of `train` rounded with `step`; `None` if a number is off by more than `error`.
 fn rounded(train: &Train, step: Step, exact: &ArrayD<f64>, error: f64) -> Option<usize> {
-    let tensor = train.rounded(step)?;
+    let tensor = train.nearest(step)?;
     let kept = unpacked(&tensor)?;
     let mut off = exact.clone();
     let mut part = off.slice_each_axis_mut(|axis| (..kept.len_of(axis.axis)).into());
