@@ -114,7 +114,7 @@ mod tests {
         let alone = |i: usize| if i % 97 == 50 { 0.7 } else { 0.01 };
         let lone = rounded(&[4000], &(0..4000).map(alone).collect::<Vec<_>>());
         assert!(lone.iter().all(|i| *i == 0));
-        let among = |i: usize| if i % 3 == 0 { 0.7 } else { 2.3 };
+        let among = |i: usize| if i.is_multiple_of(3) { 0.7 } else { 2.3 };
         let common = rounded(&[4000], &(0..4000).map(among).collect::<Vec<_>>());
         assert!(common.iter().filter(|i| **i == 1).count() > 1000);
     }
