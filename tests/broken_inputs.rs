@@ -377,7 +377,10 @@ fn a_bundle_that_is_none_is_named() {
     named(&[&start[..], &[0x5a; 400]].concat(), "b.fan");
     named(&[&start[..], &[0; 400]].concat(), "b.fan");
     named(&[&start[..], &[0xff; 400]].concat(), "b.fan");
-    named(&[&magic[..], &(VERSION + 1).to_le_bytes()].concat(), "newer");
+    named(
+        &[&magic[..], &(VERSION + 1).to_le_bytes()].concat(),
+        "newer",
+    );
     named(b"GEOFAN\n\x1a\n\x01\x00\x00\x00", "b.fan");
     named(&[0x5a; 4096], "is not a bundle");
     named(SCENE.as_bytes(), "is not a bundle");
