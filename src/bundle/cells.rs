@@ -30,9 +30,9 @@ const LEFT_OUT: f32 = 4e-6;
 #[derive(Debug, Clone)]
 pub(super) struct Cells {
     edges: [Vec<f64>; 2],
-    /// The patch on the cells of each interval of the first parameter, whole in the second: one table,
-    /// or those of even and of odd multiples of the azimuth.
-    strips: Box<[OnceLock<Vec<f32>>]>,
+    /// The patch on the cells of each interval of the second parameter, whole in the first. A picture
+    /// sees most azimuths if a pole is in it, but rarely all polar angles.
+    bands: Box<[OnceLock<Vec<f32>>]>,
     /// `None` where a cell would leave out too much.
     cells: Box<[OnceLock<Option<Box<Contracted>>>]>,
 }
@@ -48,7 +48,7 @@ impl Cells {
         let count = edges.each_ref().map(|edges| edges.len() - 1);
         Some(Self {
             edges,
-            strips: (0..count[0]).map(|_| OnceLock::new()).collect(),
+            bands: (0..count[1]).map(|_| OnceLock::new()).collect(),
             cells: (0..count[0] * count[1]).map(|_| OnceLock::new()).collect(),
         })
     }
@@ -62,8 +62,8 @@ impl Cells {
         let [i, j] = [0, 1].map(|k| number(&self.edges[k], place[k]));
         let sides = [(0, i), (1, j)].map(|(k, i)| [self.edges[k][i], self.edges[k][i + 1]]);
         let cell = &self.cells[i * (self.edges[1].len() - 1) + j];
-        let strip = || self.strips[i].get_or_init(|| strip(patch, sides[0]));
-        let cell = cell.get_or_init(|| restricted(patch, strip(), sides[1]).map(Box::new));
+        let band = || self.bands[j].get_or_init(|| band(patch, sides[1]));
+        let cell = cell.get_or_init(|| restricted(patch, band(), sides[0]).map(Box::new));
         let inner = [0, 1].map(|k| {
             let [low, high] = sides[k];
             2.0 * (place[k] - low) / (high - low) - 1.0
@@ -85,27 +85,10 @@ fn number(edges: &[f64], x: f64) -> usize {
     edges[1..edges.len() - 1].partition_point(|edge| *edge <= x)
 }
 
-/// The coefficients of `patch` on an interval of its first parameter, axes (p, q, row), for each table of
-/// [`Cells`].
-fn strip(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
-    let np = patch.degrees()[0];
-    let matrices = match patch.is_sphere() {
-        false => restriction(np, side, chebyshev::values),
-        true => [false, true]
-            .map(|odd| {
-                restriction(np, side, |a, values| {
-                    spherical::azimuth_values_of(odd, a, values)
-                })
-            })
-            .concat(),
-    };
-    product(&matrices, np, patch.table())
-}
-
-/// The matrices that restrict the second parameter to `side`, one for each table of a strip.
-fn second_restrictions(patch: &Contracted, side: [f64; 2]) -> Vec<Vec<f32>> {
+/// The coefficients of `patch` on an interval of its second parameter, axes (p, q, row).
+fn band(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
     let nq = patch.degrees()[1];
-    match patch.is_sphere() {
+    let matrices = match patch.is_sphere() {
         false => vec![restriction(nq, side, chebyshev::values)],
         true => [false, true]
             .map(|odd| {
@@ -114,21 +97,23 @@ fn second_restrictions(patch: &Contracted, side: [f64; 2]) -> Vec<Vec<f32>> {
                 })
             })
             .into(),
-    }
+    };
+    let planes = patch.table().chunks_exact(nq * patch.width());
+    let restricted = planes.enumerate().flat_map(|(i, plane)| {
+        let odd = patch.is_sphere() && spherical::is_odd(i);
+        product(&matrices[usize::from(odd)], nq, plane)
+    });
+    restricted.collect()
 }
 
-/// `patch` on a box of its parameters, from its `strip` there; `None` if that leaves out too much.
-fn restricted(patch: &Contracted, strip: &[f32], side: [f64; 2]) -> Option<Contracted> {
-    let (nq, row) = (patch.degrees()[1], patch.width());
-    let matrices = second_restrictions(patch, side);
-    let mut table = vec![0.0; NODES * NODES * row];
-    for (matrix, strip) in matrices.iter().zip(strip.chunks_exact(NODES * nq * row)) {
-        let planes = strip.chunks_exact(nq * row);
-        for (to, plane) in table.chunks_exact_mut(NODES * row).zip(planes) {
-            let restricted = product(matrix, nq, plane);
-            to.iter_mut().zip(restricted).for_each(|(t, x)| *t += x);
-        }
-    }
+/// `patch` on a box of its parameters, from its `band` there; `None` if that leaves out too much.
+fn restricted(patch: &Contracted, band: &[f32], side: [f64; 2]) -> Option<Contracted> {
+    let np = patch.degrees()[0];
+    let matrix = match patch.is_sphere() {
+        false => restriction(np, side, chebyshev::values),
+        true => restriction(np, side, spherical::azimuth_values),
+    };
+    let table = product(&matrix, np, band);
     let (table, row) = (patch.expanded(table), patch.row());
     let sizes: Vec<f32> = table
         .chunks_exact(row)
