@@ -112,32 +112,62 @@ impl<'m> EndingFinder<'m> {
     }
 
     /// How sixteen paths side by side end: the first event of each on cubics between its points and
-    /// tangents at the `vertices`, given one after the other as (arc length, state). The event is
-    /// taken to change evenly between two of them.
+    /// tangents at the vertices. `vertex` gives arc length and state of each by its number; between two of
+    /// them the event is taken to change evenly. Each of the `pieces` has `per_piece` intervals, and those
+    /// at whose end no path has ended are passed over.
     #[inline(always)]
     pub fn endings_of_sixteen(
         &mut self,
-        vertices: impl Iterator<Item = (f64, [Points; 2])>,
+        (pieces, per_piece): (usize, usize),
+        vertex: impl Fn(usize) -> (f64, [Points; 2]),
     ) -> [Ending; LANES] {
+        let ends = (0..=pieces).map(|k| vertex(k * per_piece));
+        let roughly = self.first_of_sixteen(ends);
         let mut endings = [Ending::Nowhere; LANES];
+        for piece in 0..pieces {
+            if roughly.iter().flatten().all(|(k, _)| *k != piece) {
+                continue;
+            }
+            let inside = (piece * per_piece..=(piece + 1) * per_piece).map(&vertex);
+            let events = self.first_of_sixteen(inside);
+            for (ending, event) in endings.iter_mut().zip(events) {
+                if let (Ending::Nowhere, Some((_, event))) = (&ending, event) {
+                    *ending = self.by(&event);
+                }
+            }
+        }
+        endings
+    }
+
+    /// The first event of each of sixteen paths on the cubics between vertices, and the number of the
+    /// interval between those.
+    #[inline(always)]
+    fn first_of_sixteen(
+        &mut self,
+        vertices: impl Iterator<Item = (f64, [Points; 2])>,
+    ) -> [Option<(usize, Event)>; LANES] {
+        let mut events = [None; LANES];
         let mut before: Option<(f64, [Points; 2])> = None;
         let mut earlier = vec![[f64::INFINITY; LANES]; self.before.len()];
-        for (s, state) in vertices {
+        for (number, (s, state)) in vertices.enumerate() {
             for c in 0..ROWS {
                 *self.registers.input(c) = state[c / 3][c % 3];
             }
             self.manifold.domain.events().run(&mut self.registers);
-            for l in 0..LANES {
-                let Some((from, old)) = &before else { continue };
-                if endings[l] == Ending::Nowhere
-                    && let Some((t, k)) = self.first_in_lane(l, &earlier)
-                {
+            if let Some((from, old)) = &before {
+                let counts = self.counting_since(&earlier);
+                for l in (0..LANES).filter(|l| counts[*l]) {
+                    let event = match events[l] {
+                        None => self.first_in_lane(l, &earlier),
+                        Some(_) => None,
+                    };
+                    let Some((t, kind)) = event else { continue };
                     let piece = Piece {
                         s: [*from, s],
                         u: [lane(&old[0], l), lane(&state[0], l)],
                         v: [lane(&old[1], l), lane(&state[1], l)],
                     };
-                    endings[l] = self.by(&Event::on(&piece, t, k));
+                    events[l] = Some((number - 1, Event::on(&piece, t, kind)));
                 }
             }
             for (k, earlier) in earlier.iter_mut().enumerate() {
@@ -145,7 +175,20 @@ impl<'m> EndingFinder<'m> {
             }
             before = Some((s, state));
         }
-        endings
+        events
+    }
+
+    /// The lanes in which any event counts since they were `earlier`.
+    #[inline(always)]
+    fn counting_since(&self, earlier: &[[f64; LANES]]) -> [bool; LANES] {
+        let mut counts = [false; LANES];
+        for (k, earlier) in earlier.iter().enumerate() {
+            let values = self.registers.output(k);
+            for l in 0..LANES {
+                counts[l] |= values[l] > more(earlier[l], 0.0);
+            }
+        }
+        counts
     }
 
     /// The earliest of the events that count in lane `l` since they were `earlier`: the fraction of the
@@ -307,7 +350,9 @@ mod tests {
             let point = each_point(|c, l| start(l)[c] + if c == 0 { s } else { 0.0 });
             (s, [point, each_point(|c, _| f64::from(c == 0))])
         };
-        let together = finder.endings_of_sixteen(knots.iter().map(|s| state(*s)));
+        let together = finder.endings_of_sixteen((1, 17), |i| state(knots[i]));
+        let parted = finder.endings_of_sixteen((17, 1), |i| state(knots[i]));
+        assert_eq!(together, parted);
         for (l, ending) in together.into_iter().enumerate() {
             let s = (4.0 - start(l).length_squared()).sqrt();
             match ending {

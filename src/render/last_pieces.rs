@@ -22,6 +22,7 @@ const PER_PIECE: usize = 8;
 /// Where paths of a tile end.
 pub struct LastPieces {
     vertices: Vec<Vertex>,
+    pieces: usize,
 }
 
 impl LastPieces {
@@ -35,16 +36,17 @@ impl LastPieces {
         }
         let mut vertices = Vec::new();
         sheaf.vertices(tracer, &s, &mut vertices);
-        Self { vertices }
+        let pieces = pieces.len();
+        Self { vertices, pieces }
     }
 
     /// How the paths of sixteen samples end.
     #[inline(always)]
     pub fn endings(&self, mixing: &Bicubic, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
-        let mixed = |vertex: &Vertex| {
+        finder.endings_of_sixteen((self.pieces, PER_PIECE), |i| {
+            let vertex = &self.vertices[i];
             let point = mixing.mix_points(&vertex.point);
             (vertex.s, [point, mixing.mix_points(&vertex.tangent)])
-        };
-        finder.endings_of_sixteen(self.vertices.iter().map(mixed))
+        })
     }
 }

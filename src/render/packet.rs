@@ -38,7 +38,7 @@ impl Bicubic {
     #[inline(always)]
     fn mix(&self, values: &Lanes) -> Lanes {
         let spread = Spread::of(&[*values, [0.0; LANES], [0.0; LANES]]);
-        let mixed = self.mix_component(&spread.differences[0]);
+        let [mixed] = self.mix_components([&spread.differences[0]]);
         each(|l| spread.middle.x + f64::from(mixed[l]))
     }
 
@@ -53,26 +53,26 @@ impl Bicubic {
     /// differences need them.
     #[inline(always)]
     pub fn mix_spread(&self, spread: &Spread) -> Spread {
-        let [x, y, z] = &spread.differences;
         Spread {
             middle: spread.middle,
-            differences: [
-                self.mix_component(x),
-                self.mix_component(y),
-                self.mix_component(z),
-            ],
+            differences: self.mix_components(spread.differences.each_ref()),
         }
     }
 
+    /// Several at once: the sums of one alone would wait for each other.
     #[inline(always)]
-    fn mix_component(&self, differences: &SingleLanes) -> SingleLanes {
-        let mut sum = [0.0; LANES];
-        for (weights, difference) in self.0.iter().zip(differences) {
-            for l in 0..LANES {
-                sum[l] += weights[l] * difference;
+    fn mix_components<const N: usize>(&self, differences: [&SingleLanes; N]) -> [SingleLanes; N] {
+        let mut sums = [[0.0; LANES]; N];
+        for i in 0..LANES {
+            let weights = &self.0[i];
+            for n in 0..N {
+                let difference = differences[n][i];
+                for l in 0..LANES {
+                    sums[n][l] += weights[l] * difference;
+                }
             }
         }
-        sum
+        sums
     }
 }
 
