@@ -81,7 +81,7 @@ fn steps(criterion: &mut Criterion) {
         b.iter(|| {
             for divided in &divided {
                 for leaf in &divided.leaves {
-                    black_box(samples.ribbon(&tracer, &divided.strands, leaf));
+                    black_box(samples.ribbon(&tracer, divided, leaf));
                 }
             }
         });

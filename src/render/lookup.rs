@@ -6,8 +6,9 @@
 use super::{
     curve::{Curve, Ending},
     endings::EndingFinder,
-    pencil::{Pencil, Rung},
+    pencil::Pencil,
     strands::{Strand, Strands, stay},
+    strip::Rung,
     tracer::{ExactTracer, GridTracer, even_knots},
 };
 use crate::bundle::{Courses, Fan, FanPath, Table};
@@ -89,13 +90,12 @@ impl GridTracer for TableTracer<'_, '_> {
 
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
         let (courses, number) = strand.source;
-        let number = number.get().unwrap_or_else(|| {
+        let Some(number) = number else {
             let located = self.fan.locate(strand.direction);
-            let added = self.fan.add(located, &mut courses.borrow_mut());
-            number.set(Some(added));
-            added
-        });
-        let known = self.fan.among(&courses.borrow(), number).sample(s, rows);
+            let rung = self.pencil.as_ref().and_then(|pencil| pencil.known(&located));
+            return rung.into_iter().for_each(|rung| rung.refine(s, rows));
+        };
+        let known = self.fan.among(courses, number).sample(s, rows);
         stay(rows, s.len(), known);
     }
 
@@ -113,7 +113,7 @@ impl TableTracer<'_, '_> {
     fn climb(
         &self,
         direction: DVec3,
-        rung: &Rung<'_>,
+        rung: &Rung<'_, '_, '_>,
         endings: &mut EndingFinder<'_>,
         strands: &mut Strands,
     ) {

@@ -38,6 +38,7 @@ mod sheaf;
 pub mod sky;
 mod stage;
 mod strands;
+mod strip;
 pub mod tiles;
 mod tracer;
 mod view;

@@ -127,16 +127,14 @@ impl Touched {
         world: &World,
         slack: f64,
     ) {
-        vectorised(
-            #[inline(always)]
-            || self.tube.surround(&[strand], last, 0.0, slack),
-        );
-        let tube = &self.tube;
-        let pieces = all.pieces.iter().copied();
-        let touched = |k: &usize| meets(world, tube.piece(*k));
         self.pieces.clear();
-        self.pieces
-            .extend(pieces.take_while(|k| k + 1 < last).filter(touched));
+        for &k in all.pieces.iter().take_while(|k| *k + 1 < last) {
+            let piece = strand.piece(k);
+            let margin = slack * piece.s[1] / (piece.s[1] - piece.s[0]);
+            if meets(world, widened(piece.bounds(), margin)) {
+                self.pieces.push(k);
+            }
+        }
     }
 }
 

@@ -139,20 +139,30 @@ impl<'a> Sheaf<'a> {
 
     /// All paths at the ascending arc lengths `s`, appended to `vertices`.
     pub fn vertices(&self, tracer: &dyn GridTracer, s: &[f64], vertices: &mut Vec<Vertex>) {
-        let length = ROWS * s.len();
+        let knots = self.knots();
+        let numbers = s.iter().map(|s| knots.binary_search_by(|knot| knot.total_cmp(s)).ok());
+        let numbers: Vec<Option<usize>> = numbers.collect();
+        let between = s.iter().zip(&numbers).filter(|(_, number)| number.is_none());
+        let between: Vec<f64> = between.map(|(s, _)| *s).collect();
+        let length = ROWS * between.len();
         let mut rows = vec![0.0; LANES * length];
         for (l, rows) in rows.chunks_exact_mut(length.max(1)).enumerate() {
-            tracer.refine(self.strand(l), s, rows);
+            tracer.refine(self.strand(l), &between, rows);
         }
-        vertices.extend(s.iter().enumerate().map(|(i, &at)| {
-            let row = |first: usize| {
-                let points = each_point(|c, l| rows[l * length + (first + c) * s.len() + i]);
-                Spread::of(&points)
+        let strands = self.all();
+        let mut column = 0;
+        vertices.extend(s.iter().zip(numbers).map(|(&at, number)| {
+            let row = |first: usize| match number {
+                // At the knots paths are known as well as they can be.
+                Some(k) => each_point(|c, l| strands[l].row(first + c)[k]),
+                None => each_point(|c, l| rows[l * length + (first + c) * between.len() + column]),
             };
+            let (point, tangent) = (Spread::of(&row(0)), Spread::of(&row(3)));
+            column += usize::from(number.is_none());
             Vertex {
                 s: at,
-                point: row(0),
-                tangent: row(3),
+                point,
+                tangent,
             }
         }));
     }

@@ -7,10 +7,7 @@
 use super::curve::{Ending, Piece};
 use crate::bundle::Courses;
 use glam::DVec3;
-use std::{
-    cell::{Cell, RefCell},
-    sync::Arc,
-};
+use std::{mem::take, sync::Arc};
 
 /// Rows of a path: x, y, z and the components of the tangent.
 pub const ROWS: usize = 6;
@@ -26,8 +23,8 @@ pub struct Strands {
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
     /// What a tracer that looks paths up took from its table for some of them, and their numbers there.
-    courses: RefCell<Courses>,
-    numbers: Vec<Cell<Option<usize>>>,
+    courses: Courses,
+    numbers: Vec<Option<usize>>,
 }
 
 /// One of them.
@@ -43,8 +40,8 @@ pub struct Strand<'a> {
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
-    /// What its tracer took from a table, and the path's number there once it is there.
-    pub(super) source: (&'a RefCell<Courses>, &'a Cell<Option<usize>>),
+    /// What its tracer took from a table, and the path's number there if it is there.
+    pub(super) source: (&'a Courses, Option<usize>),
 }
 
 impl Strands {
@@ -56,7 +53,7 @@ impl Strands {
             values: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
-            courses: RefCell::default(),
+            courses: Courses::default(),
             numbers: Vec::new(),
         }
     }
@@ -77,15 +74,15 @@ impl Strands {
         self.values.clear();
         self.known.clear();
         self.endings.clear();
-        self.courses.get_mut().clear();
+        self.courses.clear();
         self.numbers.clear();
     }
 
     /// Adds paths, some of them with `courses`, by what `add` does.
     pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut Courses)) {
-        let mut courses = self.courses.take();
+        let mut courses = take(&mut self.courses);
         add(self, &mut courses);
-        self.courses.replace(courses);
+        self.courses = courses;
     }
 
     /// Makes room for `count` more.
@@ -114,10 +111,10 @@ impl Strands {
             rows: &self.values[start..],
             known,
             ending: None,
-            source: (&self.courses, &Cell::new(number)),
+            source: (&self.courses, number),
         };
         self.endings.push(end(strand));
-        self.numbers.push(Cell::new(number));
+        self.numbers.push(number);
     }
 
     /// The arc lengths of the knots.
@@ -134,7 +131,7 @@ impl Strands {
             rows: &self.values[i * length..(i + 1) * length],
             known: self.known[i],
             ending: self.endings[i],
-            source: (&self.courses, &self.numbers[i]),
+            source: (&self.courses, self.numbers[i]),
         }
     }
 }

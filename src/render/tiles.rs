@@ -6,7 +6,6 @@
 use super::{
     curve::Ending,
     endings::EndingFinder,
-    intersect::CHORD_ERROR,
     lanes::LANES,
     last_pieces::LastPieces,
     lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
@@ -134,31 +133,32 @@ impl Samples<'_> {
         found.tally.paths += divided.strands.len();
         let mut lost = Vec::new();
         for leaf in &divided.leaves {
-            self.leaf((tracer, endings), &divided.strands, leaf, found, &mut lost);
+            self.leaf((tracer, endings), divided, leaf, found, &mut lost);
         }
         lost.extend(divided.lost.iter().flat_map(|tile| self.places(*tile)));
         self.trace(&lost, tracer, endings, found);
     }
 
     /// The chords of a tile.
-    pub fn ribbon(&self, tracer: &dyn GridTracer, strands: &Strands, leaf: &Leaf) -> Ribbon {
+    pub fn ribbon(&self, tracer: &dyn GridTracer, divided: &Divided, leaf: &Leaf) -> Ribbon {
         let mut ribbon = Ribbon::default();
-        let sheaf = Sheaf::new(strands, leaf.members);
-        ribbon.flatten(&sheaf, (tracer, self.world), &leaf.touched, CHORD_ERROR);
+        let sheaf = Sheaf::new(&divided.strands, leaf.members);
+        let within = divided.chord_error;
+        ribbon.flatten(&sheaf, (tracer, self.world), &leaf.touched, within);
         ribbon
     }
 
     fn leaf(
         &self,
         (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
-        strands: &Strands,
+        divided: &Divided,
         leaf: &Leaf,
         found: &mut Found<'_>,
         lost: &mut Vec<Place>,
     ) {
         let began = Instant::now();
-        let sheaf = Sheaf::new(strands, leaf.members);
-        let ribbon = self.ribbon(tracer, strands, leaf);
+        let sheaf = Sheaf::new(&divided.strands, leaf.members);
+        let ribbon = self.ribbon(tracer, divided, leaf);
         let finish = match &leaf.ends {
             Ends::Alike => Finish::Alike,
             Ends::Within(pieces) => Finish::Within(LastPieces::new(&sheaf, tracer, pieces)),

@@ -12,7 +12,7 @@
 
 use super::{
     catalogue::{self, Star},
-    sixteen::{Mask, Numbers, Vectors, each, each_vector, floor, lane, largest},
+    sixteen::{Mask, Numbers, Vectors, each, each_vector, floor, lane, largest, put},
 };
 use crate::render::{footprint::FILTER_DEVIATION, lanes::LANES};
 use glam::Vec3;
@@ -73,29 +73,30 @@ impl StarField {
         between(&corners, place.x, place.y) + sharp.lerp(self.even, melt(footprint))
     }
 
-    /// [`StarField::radiance`] in the lanes that are `wanted`. Lanes in one cell are worked on
-    /// together.
+    /// [`StarField::radiance`] in the lanes that are `wanted`. Lanes in one cell see its stars together.
     #[inline(always)]
     pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
         let places = Places::of(d);
-        let mut light = Vectors::default();
-        // What is not asked for, or has its light, is in no cell.
+        let mut stars = Vectors::default();
+        // What is not asked for, sees no stars, or has its light, is in no cell.
         let mut rest = each(
             #[inline(always)]
-            |l| if wanted[l] { places.cells[l] } else { -1.0 },
+            |l| {
+                let sees = wanted[l] & (melt(widths[l]) < 1.0);
+                if sees { places.cells[l] } else { -1.0 }
+            },
         );
         loop {
             let cell = largest(&rest);
             if cell < 0.0 {
-                return light;
+                break;
             }
-            let lit = self.in_cell(cell as usize, &places, d, widths);
-            for c in 0..3 {
-                let old = light[c];
-                light[c] = each(
-                    #[inline(always)]
-                    |l| if rest[l] == cell { lit[c][l] } else { old[l] },
-                );
+            let here = each(
+                #[inline(always)]
+                |l| if rest[l] == cell { 1.0 } else { 0.0 },
+            );
+            for star in self.stars_near(cell as usize) {
+                star.shine(d, widths, &here, &mut stars);
             }
             let old = rest;
             rest = each(
@@ -103,31 +104,29 @@ impl StarField {
                 |l| if old[l] == cell { -1.0 } else { old[l] },
             );
         }
+        let glow = self.glow(&places);
+        each_vector(
+            #[inline(always)]
+            |l| lane(&glow, l) + lane(&stars, l).lerp(self.even, melt(widths[l])),
+        )
     }
 
-    /// The light in all lanes that are in the cell with this number.
+    /// The glow in all lanes.
     #[inline(always)]
-    fn in_cell(&self, cell: usize, places: &Places, d: &Vectors, widths: &Numbers) -> Vectors {
-        let corners = self.corners(lowest_corner(cell));
-        let mut stars = Vectors::default();
-        for star in self.stars_near(cell) {
-            let inside = each(
-                #[inline(always)]
-                |l| star.inside(lane(d, l), widths[l]),
-            );
-            if largest(&inside) > 0.0 {
-                let old = stars;
-                stars = each_vector(
-                    #[inline(always)]
-                    |l| lane(&old, l) + star.light * star.seen(lane(d, l), widths[l]),
-                );
+    fn glow(&self, places: &Places) -> Vectors {
+        let mut corners = [Vectors::default(); 4];
+        for l in 0..LANES {
+            let around = self.corners(lowest_corner(places.cells[l] as usize));
+            for (corners, glow) in corners.iter_mut().zip(around) {
+                put(corners, l, glow);
             }
         }
         each_vector(
             #[inline(always)]
             |l| {
-                let glow = between(&corners, places.x[l], places.y[l]);
-                glow + lane(&stars, l).lerp(self.even, melt(widths[l]))
+                let [a, b, c, d] = &corners;
+                let around = [lane(a, l), lane(b, l), lane(c, l), lane(d, l)];
+                between(&around, places.x[l], places.y[l])
             },
         )
     }
@@ -163,6 +162,22 @@ impl Star {
     #[inline(always)]
     fn inside(&self, d: Vec3, footprint: f32) -> f32 {
         self.squared_radius(footprint) - self.direction.distance_squared(d)
+    }
+
+    /// Adds its light in the lanes that are `here` (1; 0 elsewhere), if any of those is in the disc.
+    #[inline(always)]
+    fn shine(&self, d: &Vectors, widths: &Numbers, here: &Numbers, light: &mut Vectors) {
+        let inside = each(
+            #[inline(always)]
+            |l| here[l] * self.inside(lane(d, l), widths[l]),
+        );
+        if largest(&inside) > 0.0 {
+            let old = *light;
+            *light = each_vector(
+                #[inline(always)]
+                |l| lane(&old, l) + self.light * (here[l] * self.seen(lane(d, l), widths[l])),
+            );
+        }
     }
 
     /// The part of its light that is seen from `d` in each unit of solid angle: that of the disc

@@ -1,0 +1,356 @@
+//! Paths from one camera along an interval of the single parameter that tells them apart.
+//!
+//! In: an interval. Out: the stored plane's points and tangents at all knots and at the path's end as
+//! polynomials in the parameter ([`Strip`]), if those through a few paths have converged, and from
+//! them one path ([`Rung`]): a few dozen sums in place of a patch's rows and Chebyshev sums along the
+//! arc. What is between two knots is known as well, once it has been asked for.
+
+use super::{
+    curve::{Ending, Piece},
+    endings::{EndingFinder, Event},
+    lanes::LANES,
+    strands::{ROWS, Strand, put},
+};
+use crate::{
+    bundle::{Courses, Fan, FanPath, chebyshev, product},
+    expr::vectorised,
+};
+use glam::{DMat3, DVec3};
+use std::sync::{Arc, LazyLock, OnceLock};
+
+/// Paths along an interval. On the wormhole gallery's near half frames with 6 take a tenth longer (more
+/// intervals), with 10 some hundredths (longer sums).
+const NODES: usize = 8;
+
+/// What the last two coefficients may be, as an angle at the camera: a small part of any promise, and
+/// the next ones are smaller still.
+const TOLERANCE: f64 = 1e-5;
+
+/// x, y and the tangent's two components: what differs from zero in the stored plane.
+const PLANE: usize = 4;
+
+/// Where those are among the rows of a path.
+const STORED: [usize; PLANE] = [0, 1, 3, 4];
+
+/// Numbers summed at once.
+const BLOCK: usize = 16;
+
+/// The paths of one interval.
+pub(super) struct Strip<'f, 't> {
+    /// Those at the nodes.
+    paths: Vec<FanPath<'f, 't>>,
+    knots: Arc<[f64]>,
+    /// Coefficients, axes (degree, [`PLANE`], knot), each row filled up to whole blocks.
+    table: Vec<f32>,
+    row: usize,
+    /// The same at sixteen arc lengths from each knot to the next.
+    between: Box<[OnceLock<Vec<f64>>]>,
+    end: Option<End>,
+}
+
+/// How all paths of an interval end.
+enum End {
+    Nowhere,
+    /// By the same event: its arc length, and the stored plane's point and tangent there.
+    Event(usize, Vec<[f64; 1 + PLANE]>),
+}
+
+/// A path in its strip.
+pub(super) struct Rung<'p, 'f, 't> {
+    strip: &'p Strip<'f, 't>,
+    weights: [f64; NODES],
+    /// Takes the stored plane to the true one.
+    rotation: DMat3,
+}
+
+impl<'f, 't> Strip<'f, 't> {
+    /// The paths of an interval of a face of `fan`; `None` if more would have to be known of them, or
+    /// the table gave up on one.
+    pub(super) fn new(
+        fan: &'f Fan<'t>,
+        (face, [low, high]): (usize, [f64; 2]),
+        knots: &Arc<[f64]>,
+        endings: &mut EndingFinder<'_>,
+    ) -> Option<Self> {
+        let n = knots.len();
+        let along = |x: &f64| fan.stored_path(face, [low + 0.5 * (x + 1.0) * (high - low), 0.0]);
+        let paths: Vec<_> = chebyshev::nodes(NODES).iter().map(along).collect();
+        let sampled: Option<Vec<Vec<f64>>> = paths.iter().map(|path| sample(path, knots)).collect();
+        let sampled = sampled?;
+        let coefficients = transformed(&in_plane(&sampled));
+        if !has_converged(&coefficients, knots) {
+            return None;
+        }
+        let end = match fan.space().ends_alike() {
+            true => {
+                let both = paths.iter().zip(&sampled);
+                End::of(&both.map(|(path, rows)| event(path, knots, rows, endings)).collect::<Vec<_>>())
+            }
+            false => None,
+        };
+        Some(Self {
+            row: n.next_multiple_of(BLOCK),
+            table: padded(&coefficients, n),
+            between: (1..n).map(|_| OnceLock::new()).collect(),
+            knots: knots.clone(),
+            paths,
+            end,
+        })
+    }
+
+    /// Whether the end of all paths is known.
+    pub(super) fn knows_end(&self) -> bool {
+        self.end.is_some()
+    }
+
+    /// The path at the place `x` in [−1, 1] of the interval, with the stored plane turned by `rotation`.
+    pub(super) fn rung(&self, x: f64, rotation: DMat3) -> Rung<'_, 'f, 't> {
+        let mut weights = [0.0; NODES];
+        chebyshev::values(x, &mut weights);
+        Rung {
+            strip: self,
+            weights,
+            rotation,
+        }
+    }
+
+    /// Coefficients, axes (degree, [`PLANE`], lane), at arc lengths evenly from knot `k` to the next.
+    fn between(&self, k: usize) -> &[f64] {
+        self.between[k].get_or_init(|| {
+            let piece = [self.knots[k], self.knots[k + 1]];
+            let s: [f64; LANES] = std::array::from_fn(|l| {
+                piece[0] + (piece[1] - piece[0]) * l as f64 / (LANES - 1) as f64
+            });
+            // All knots are known, so this is.
+            let sampled: Vec<_> = self.paths.iter().filter_map(|path| sample(path, &s)).collect();
+            transformed(&in_plane(&sampled))
+        })
+    }
+}
+
+/// Six rows of a path at the arc lengths `s`; `None` where the table gave up.
+fn sample(path: &FanPath<'_, '_>, s: &[f64]) -> Option<Vec<f64>> {
+    let mut rows = vec![0.0; ROWS * s.len()];
+    (path.sample(s, &mut rows) == s.len()).then_some(rows)
+}
+
+/// Of the rows of several paths those that differ from zero.
+fn in_plane(sampled: &[Vec<f64>]) -> Vec<f64> {
+    let rows = |of: &'_ Vec<f64>| {
+        let n = of.len() / ROWS;
+        STORED.map(|c| of[c * n..(c + 1) * n].to_vec()).concat()
+    };
+    sampled.iter().flat_map(rows).collect()
+}
+
+/// The first event on a path that is known at the knots.
+fn event(
+    path: &FanPath<'_, '_>,
+    knots: &[f64],
+    rows: &[f64],
+    endings: &mut EndingFinder<'_>,
+) -> Option<Event> {
+    let strand = Strand {
+        knots,
+        direction: DVec3::ZERO,
+        rows,
+        known: knots.len(),
+        ending: None,
+        source: (&Courses::default(), None),
+    };
+    endings.sharp_event(strand, |s, rows| path.sample(s, rows))
+}
+
+impl End {
+    /// From the events at the nodes; `None` if paths end in different ways.
+    fn of(events: &[Option<Event>]) -> Option<Self> {
+        let kinds = || events.iter().map(|event| event.as_ref().map(|e| e.kind));
+        let first = kinds().next()?;
+        if kinds().any(|kind| kind != first) {
+            return None;
+        }
+        let Some(kind) = first else {
+            return Some(Self::Nowhere);
+        };
+        let columns: Vec<f64> = events
+            .iter()
+            .flatten()
+            .flat_map(|e| [e.s, e.u.x, e.u.y, e.v.x, e.v.y])
+            .collect();
+        let coefficients = transformed(&columns);
+        let rows = coefficients.as_chunks::<{ 1 + PLANE }>().0;
+        let tail = |c: usize| rows[NODES - 1][c].abs().max(rows[NODES - 2][c].abs());
+        let [s, _, _, vx, vy] = rows[0];
+        let speed = vx.hypot(vy);
+        let good = tail(0) <= TOLERANCE * s
+            && tail(1).max(tail(2)) <= TOLERANCE * s * speed
+            && tail(3).max(tail(4)) <= TOLERANCE * speed;
+        good.then(|| Self::Event(kind, rows.to_vec()))
+    }
+}
+
+impl Rung<'_, '_, '_> {
+    /// Points and tangents at the knots into six rows.
+    pub(super) fn fill(&self, rows: &mut [f64]) {
+        let n = rows.len() / ROWS;
+        vectorised(
+            #[inline(always)]
+            || {
+                for first in (0..n).step_by(BLOCK) {
+                    let count = BLOCK.min(n - first);
+                    let sums = self.block(first);
+                    for c in 0..3 {
+                        let (a, b) = (self.rotation.x_axis[c], self.rotation.y_axis[c]);
+                        for (row, along, across) in [(c, 0, 1), (3 + c, 2, 3)] {
+                            let (x, y) = (&sums[along], &sums[across]);
+                            let mut to = [0.0; BLOCK];
+                            for l in 0..BLOCK {
+                                to[l] = a * f64::from(x[l]) + b * f64::from(y[l]);
+                            }
+                            rows[row * n + first..][..count].copy_from_slice(&to[..count]);
+                        }
+                    }
+                }
+            },
+        );
+    }
+
+    /// The sums at the knots from `first` on.
+    #[inline(always)]
+    fn block(&self, first: usize) -> [[f32; BLOCK]; PLANE] {
+        let Strip { table, row, .. } = self.strip;
+        let mut sums = [[0.0; BLOCK]; PLANE];
+        for (lines, weight) in table.chunks_exact(PLANE * row).zip(self.weights) {
+            let weight = weight as f32;
+            for c in 0..PLANE {
+                if let Some(line) = lines[c * row + first..].first_chunk::<BLOCK>() {
+                    for l in 0..BLOCK {
+                        sums[c][l] += weight * line[l];
+                    }
+                }
+            }
+        }
+        sums
+    }
+
+    /// Points and tangents at ascending arc lengths into six rows, on cubics between sixteen points from
+    /// each knot to the next: what those between knots miss the path by falls by fifteen to the fourth.
+    pub(super) fn refine(&self, s: &[f64], rows: &mut [f64]) {
+        let knots = &self.strip.knots;
+        let mut known: Option<(usize, [[f64; LANES]; PLANE])> = None;
+        for (i, &at) in s.iter().enumerate() {
+            let (k, plane) = match known {
+                Some((k, plane)) if at <= knots[k + 1] => (k, plane),
+                _ => {
+                    let next = knots.partition_point(|knot| *knot <= at);
+                    let k = next.clamp(1, knots.len() - 1) - 1;
+                    (k, self.between(k))
+                }
+            };
+            known = Some((k, plane));
+            let piece = self.part(&plane, [knots[k], knots[k + 1]], at);
+            let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
+            put(rows, i, (piece.position(t), piece.tangent(t)));
+        }
+    }
+
+    /// The stored plane's components at sixteen arc lengths from knot `k` to the next.
+    fn between(&self, k: usize) -> [[f64; LANES]; PLANE] {
+        let table = self.strip.between(k);
+        vectorised(
+            #[inline(always)]
+            || {
+                let mut sums = [[0.0; LANES]; PLANE];
+                for (lines, weight) in table.chunks_exact(PLANE * LANES).zip(self.weights) {
+                    for (sum, line) in sums.iter_mut().zip(lines.as_chunks::<LANES>().0) {
+                        for l in 0..LANES {
+                            sum[l] += weight * line[l];
+                        }
+                    }
+                }
+                sums
+            },
+        )
+    }
+
+    /// The cubic around arc length `at` between two of sixteen points from one knot to another.
+    fn part(
+        &self,
+        [x, y, vx, vy]: &[[f64; LANES]; PLANE],
+        [from, to]: [f64; 2],
+        at: f64,
+    ) -> Piece {
+        let width = (to - from) / (LANES - 1) as f64;
+        let first = (((at - from) / width) as usize).min(LANES - 2);
+        let turned = |x: f64, y: f64| self.rotation.x_axis * x + self.rotation.y_axis * y;
+        let ends = [first, first + 1];
+        Piece {
+            s: ends.map(|l| from + width * l as f64),
+            u: ends.map(|l| turned(x[l], y[l])),
+            v: ends.map(|l| turned(vx[l], vy[l])),
+        }
+    }
+
+    /// How the path ends; `None` if that has to be looked for.
+    pub(super) fn ending(&self, endings: &mut EndingFinder<'_>) -> Option<Ending> {
+        let event = self.event()?;
+        Some(event.map_or(Ending::Nowhere, |event| endings.by(&event)))
+    }
+
+    /// The event that ends the path: `None` if that has to be looked for, `Some(None)` if there is none.
+    fn event(&self) -> Option<Option<Event>> {
+        let (kind, coefficients) = match self.strip.end.as_ref()? {
+            End::Nowhere => return Some(None),
+            End::Event(kind, coefficients) => (*kind, coefficients),
+        };
+        let mut sums = [0.0; 1 + PLANE];
+        for (row, weight) in coefficients.iter().zip(self.weights) {
+            for (sum, c) in sums.iter_mut().zip(row) {
+                *sum += weight * c;
+            }
+        }
+        let [s, x, y, vx, vy] = sums;
+        Some(Some(Event {
+            kind,
+            s,
+            u: self.rotation * DVec3::new(x, y, 0.0),
+            v: self.rotation * DVec3::new(vx, vy, 0.0),
+        }))
+    }
+}
+
+/// Columns of coefficients from the columns' values at the nodes, one row for each node.
+fn transformed(values: &[f64]) -> Vec<f64> {
+    static TRANSFORM: LazyLock<Vec<f64>> =
+        LazyLock::new(|| chebyshev::transform(NODES).into_iter().collect());
+    product(&TRANSFORM, NODES, values)
+}
+
+/// Whether points and tangents at all knots are known within the tolerance.
+fn has_converged(coefficients: &[f64], knots: &[f64]) -> bool {
+    let n = knots.len();
+    let at = |degree: usize, c: usize, k: usize| coefficients[(degree * PLANE + c) * n + k];
+    let tail = |c: usize, k: usize| at(NODES - 1, c, k).abs().max(at(NODES - 2, c, k).abs());
+    (0..n).all(|k| {
+        let speed = at(0, 2, k).hypot(at(0, 3, k));
+        let allowed = TOLERANCE * speed;
+        // At the camera itself all paths are at one point.
+        tail(0, k).max(tail(1, k)) <= allowed * knots[k].max(knots[1])
+            && tail(2, k).max(tail(3, k)) <= allowed
+    })
+}
+
+/// Rows of `n` filled up to whole blocks.
+fn padded(coefficients: &[f64], n: usize) -> Vec<f32> {
+    let row = n.next_multiple_of(BLOCK);
+    let mut table = vec![0.0; coefficients.len() / n * row];
+    for (to, from) in table
+        .chunks_exact_mut(row)
+        .zip(coefficients.chunks_exact(n))
+    {
+        for (to, from) in to.iter_mut().zip(from) {
+            *to = *from as f32;
+        }
+    }
+    table
+}
