@@ -14,12 +14,12 @@ use crate::render::{
 use glam::DVec3;
 use std::{ops::Range, sync::LazyLock};
 
-/// The share of the lattice's budget that its error may reach at the points where it is checked.
-/// Three points do not see the largest error. Measured at 640 × 360 with a budget of 0.5 mrad, 99th
-/// percentile and maximum over all pixels: wormhole gallery 0.10 and 0.31, three bumps 0.27 and 1.38,
-/// so a maximum is not bounded by it. On the wormhole 0.8 gives 0.14 and 0.33 with a tenth fewer
-/// paths, 1 gives 0.19 and 0.62.
-pub const LATTICE_SHARE: f64 = 0.5;
+/// The share of the lattice's budget that its error may reach at the points where it is checked; chords
+/// take the rest. Three points do not see the largest error. Measured at 640 × 360 with a budget of 0.5
+/// mrad, 99th percentile over all pixels with 0.5 and 0.8: wormhole gallery 0.09 to 0.13 and 0.14 to 0.17,
+/// three bumps 0.17 and 0.28; single pixels reach 2.4 with either, so a maximum is not bounded by it.
+/// Frames take 0.95 to 0.97 of the time with 0.8.
+pub const LATTICE_SHARE: f64 = 0.8;
 
 /// Knots from the end of the piece in which the first of a tile's paths ends back to where ends are
 /// looked for: one piece earlier, as a path between them may end a little before.
