@@ -92,7 +92,10 @@ impl GridTracer for TableTracer<'_, '_> {
         let (courses, number) = strand.source;
         let Some(number) = number else {
             let located = self.fan.locate(strand.direction);
-            let rung = self.pencil.as_ref().and_then(|pencil| pencil.known(&located));
+            let rung = self
+                .pencil
+                .as_ref()
+                .and_then(|pencil| pencil.known(&located));
             return rung.into_iter().for_each(|rung| rung.refine(s, rows));
         };
         let known = self.fan.among(courses, number).sample(s, rows);

@@ -140,9 +140,14 @@ impl<'a> Sheaf<'a> {
     /// All paths at the ascending arc lengths `s`, appended to `vertices`.
     pub fn vertices(&self, tracer: &dyn GridTracer, s: &[f64], vertices: &mut Vec<Vertex>) {
         let knots = self.knots();
-        let numbers = s.iter().map(|s| knots.binary_search_by(|knot| knot.total_cmp(s)).ok());
+        let numbers = s
+            .iter()
+            .map(|s| knots.binary_search_by(|knot| knot.total_cmp(s)).ok());
         let numbers: Vec<Option<usize>> = numbers.collect();
-        let between = s.iter().zip(&numbers).filter(|(_, number)| number.is_none());
+        let between = s
+            .iter()
+            .zip(&numbers)
+            .filter(|(_, number)| number.is_none());
         let between: Vec<f64> = between.map(|(s, _)| *s).collect();
         let length = ROWS * between.len();
         let mut rows = vec![0.0; LANES * length];

@@ -84,7 +84,11 @@ impl<'f, 't> Strip<'f, 't> {
         let end = match fan.space().ends_alike() {
             true => {
                 let both = paths.iter().zip(&sampled);
-                End::of(&both.map(|(path, rows)| event(path, knots, rows, endings)).collect::<Vec<_>>())
+                End::of(
+                    &both
+                        .map(|(path, rows)| event(path, knots, rows, endings))
+                        .collect::<Vec<_>>(),
+                )
             }
             false => None,
         };
@@ -122,7 +126,11 @@ impl<'f, 't> Strip<'f, 't> {
                 piece[0] + (piece[1] - piece[0]) * l as f64 / (LANES - 1) as f64
             });
             // All knots are known, so this is.
-            let sampled: Vec<_> = self.paths.iter().filter_map(|path| sample(path, &s)).collect();
+            let sampled: Vec<_> = self
+                .paths
+                .iter()
+                .filter_map(|path| sample(path, &s))
+                .collect();
             transformed(&in_plane(&sampled))
         })
     }
@@ -274,12 +282,7 @@ impl Rung<'_, '_, '_> {
     }
 
     /// The cubic around arc length `at` between two of sixteen points from one knot to another.
-    fn part(
-        &self,
-        [x, y, vx, vy]: &[[f64; LANES]; PLANE],
-        [from, to]: [f64; 2],
-        at: f64,
-    ) -> Piece {
+    fn part(&self, [x, y, vx, vy]: &[[f64; LANES]; PLANE], [from, to]: [f64; 2], at: f64) -> Piece {
         let width = (to - from) / (LANES - 1) as f64;
         let first = (((at - from) / width) as usize).min(LANES - 2);
         let turned = |x: f64, y: f64| self.rotation.x_axis * x + self.rotation.y_axis * y;

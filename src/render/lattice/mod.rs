@@ -41,7 +41,7 @@ const FEWEST_SAMPLES: usize = 64;
 /// pixels of three bumps rose from 0.17 to 0.21 mrad, with 0.5 and with this to 0.19.
 const END_SHARE: f64 = 0.25;
 
-/// The share of the budget by which chords may miss the interpolated paths. With a quarter of it frames of
+/// The share of the budget by which chords may miss the interpolated paths. With half of it frames of
 /// the wormhole gallery take 1.01 to 1.08 times as long.
 const CHORD_SHARE: f64 = 0.2;
 
