@@ -57,17 +57,24 @@ pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
     sum
 }
 
-/// Columns that are summed at once: longer blocks the compiler turns into scalar code.
-const COLUMNS: usize = 16;
-
 /// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of
 /// the rows of `b`.
 pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
+    // Columns that are summed at once, two vectors of them: with six rows all sums and what they are
+    // made of stay in 16 registers. Longer blocks the compiler turns into scalar code.
+    match size_of::<T>() {
+        8 => product_by::<T, 8>(a, inner, b),
+        _ => product_by::<T, 16>(a, inner, b),
+    }
+}
+
+/// The same by blocks of `C` columns.
+fn product_by<T: Real, const C: usize>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let width = b.len() / inner;
     let rows = a.len() / inner;
     let mut product = vec![T::ZERO; rows * width];
-    let whole = width - width % COLUMNS;
-    let rest = rest(b, width, whole);
+    let whole = width - width % C;
+    let rest = rest(b, width, whole, C);
     vectorised(
         #[inline(always)]
         || {
@@ -76,9 +83,10 @@ pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
                 let (a, out) = (&a[row * inner..], &mut product[row * width..]);
                 let b = (b, &rest[..], width);
                 row += match rows - row {
-                    8.. => band::<T, 8>(a, inner, b, out),
-                    4.. => band::<T, 4>(a, inner, b, out),
-                    _ => band::<T, 1>(a, inner, b, out),
+                    6.. => band::<T, 6, C>(a, inner, b, out),
+                    4.. => band::<T, 4, C>(a, inner, b, out),
+                    2.. => band::<T, 2, C>(a, inner, b, out),
+                    _ => band::<T, 1, C>(a, inner, b, out),
                 };
             }
         },
@@ -86,13 +94,13 @@ pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     product
 }
 
-/// The columns of `b` from `first` on, fewer than [`COLUMNS`], filled up with zeros.
-fn rest<T: Real>(b: &[T], width: usize, first: usize) -> Vec<T> {
+/// The columns of `b` from `first` on, filled up with zeros to so many `columns`.
+fn rest<T: Real>(b: &[T], width: usize, first: usize, columns: usize) -> Vec<T> {
     if first == width {
         return Vec::new();
     }
-    let mut rest = vec![T::ZERO; b.len() / width * COLUMNS];
-    for (to, line) in rest.chunks_exact_mut(COLUMNS).zip(b.chunks_exact(width)) {
+    let mut rest = vec![T::ZERO; b.len() / width * columns];
+    for (to, line) in rest.chunks_exact_mut(columns).zip(b.chunks_exact(width)) {
         to[..width - first].copy_from_slice(&line[first..]);
     }
     rest
@@ -100,21 +108,21 @@ fn rest<T: Real>(b: &[T], width: usize, first: usize) -> Vec<T> {
 
 /// The first `R` rows of a product with `b` (and the [`rest`] of its columns) of so many columns; `R`.
 #[inline(always)]
-fn band<T: Real, const R: usize>(
+fn band<T: Real, const R: usize, const C: usize>(
     rows: &[T],
     inner: usize,
     (b, rest, width): (&[T], &[T], usize),
     out: &mut [T],
 ) -> usize {
-    let whole = width - width % COLUMNS;
-    for column in (0..whole).step_by(COLUMNS) {
-        let sums = block::<T, R>(rows, inner, b, (width, column));
+    let whole = width - width % C;
+    for column in (0..whole).step_by(C) {
+        let sums = block::<T, R, C>(rows, inner, b, (width, column));
         for (row, sums) in out.chunks_exact_mut(width).zip(sums) {
-            row[column..column + COLUMNS].copy_from_slice(&sums);
+            row[column..column + C].copy_from_slice(&sums);
         }
     }
     if whole < width {
-        let sums = block::<T, R>(rows, inner, rest, (COLUMNS, 0));
+        let sums = block::<T, R, C>(rows, inner, rest, (C, 0));
         for (row, sums) in out.chunks_exact_mut(width).zip(sums) {
             row[whole..].copy_from_slice(&sums[..width - whole]);
         }
@@ -122,22 +130,22 @@ fn band<T: Real, const R: usize>(
     R
 }
 
-/// [`COLUMNS`] columns of them from `column` on: sums that stay in registers.
+/// `C` columns of them from `column` on: sums that stay in registers.
 #[inline(always)]
-fn block<T: Real, const R: usize>(
+fn block<T: Real, const R: usize, const C: usize>(
     rows: &[T],
     inner: usize,
     b: &[T],
     (width, column): (usize, usize),
-) -> [[T; COLUMNS]; R] {
-    let mut sums = [[T::ZERO; COLUMNS]; R];
+) -> [[T; C]; R] {
+    let mut sums = [[T::ZERO; C]; R];
     for (k, line) in b.chunks_exact(width).enumerate() {
-        let Some(line) = line[column..].first_chunk::<COLUMNS>() else {
+        let Some(line) = line[column..].first_chunk::<C>() else {
             break;
         };
         for r in 0..R {
             let x = rows[r * inner + k];
-            for c in 0..COLUMNS {
+            for c in 0..C {
                 sums[r][c] = sums[r][c] + x * line[c];
             }
         }
