@@ -169,10 +169,10 @@ impl HeldOut {
     /// The error of `tensor` that all but the allowed share of comparisons keep, of points or of
     /// tangents, in units of the promise.
     pub fn error(&self, refiner: &Refiner<'_>, tensor: &Tensor) -> f64 {
-        let errors = self.rays.par_iter().map(|ray| {
-            let stored = tensor.at(&ray.parameters);
-            self.errors(refiner, ray, &stored)
-        });
+        let points: Vec<&[f64]> = self.rays.iter().map(|r| r.parameters.as_slice()).collect();
+        let stored = tensor.at_many(&points);
+        let errors = self.rays.par_iter().zip(&stored);
+        let errors = errors.map(|(ray, stored)| self.errors(refiner, ray, stored));
         Errors::of(errors.collect()).most(self.exceeding) / refiner.plan.max_error
     }
 
