@@ -19,7 +19,7 @@ pub(crate) mod sweep;
 
 use geofan::{
     bundle::{Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev},
-    fan::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, cell},
+    fan::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, StoredCamera, cell},
 };
 use glam::DVec3;
 use held_out::HeldOut;
@@ -27,9 +27,12 @@ use ndarray::ArrayD;
 use rayon::prelude::*;
 use region::Region;
 use scout::{Needs, tail};
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, AtomicU64, Ordering},
+use std::{
+    ops::Range,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
 };
 
 /// By what factor the smallest boxes may exceed the promise along lines and still be fitted: the
@@ -251,18 +254,28 @@ impl Refiner<'_> {
 
     /// The stored ray at box parameters `x` (camera…, direction…).
     fn ray(&self, chunk: usize, region: &Region, x: &[f64]) -> (DVec3, DVec3) {
+        let (camera, directions) = x.split_at(self.space.cameras().len());
+        let camera = self.camera(chunk, region, camera);
+        (camera.u, self.direction(&camera, region, directions))
+    }
+
+    /// The camera at box parameters `x` (camera…).
+    fn camera(&self, chunk: usize, region: &Region, x: &[f64]) -> StoredCamera {
         let division = self.division;
         let (cell, _) = division.of(chunk);
-        let k = self.space.cameras().len();
         let inner: Vec<f64> = (0..x.len()).map(|j| region.at(j, x[j])).collect();
-        let (camera, directions) = inner.split_at(k);
-        let camera = cell::parameters(&division.cells, self.space.cameras(), &cell, camera);
+        let cameras = self.space.cameras();
+        let parameters = cell::parameters(&division.cells, cameras, &cell, &inner);
+        self.space.stored_camera(&parameters)
+    }
+
+    /// The direction in the standard frame of the ray from `camera` at box parameters `x` (direction…).
+    fn direction(&self, camera: &StoredCamera, region: &Region, x: &[f64]) -> DVec3 {
+        let first = self.space.cameras().len();
+        let inner: Vec<f64> = (0..x.len()).map(|j| region.at(first + j, x[j])).collect();
         match (region.face, self.space.sphere()) {
-            (None, Some(sphere)) => {
-                let aim = sphere.direction([directions[0], directions[1]]);
-                self.space.ray_aimed(&camera, aim)
-            }
-            (face, _) => self.space.ray(face.unwrap_or(0), &camera, directions),
+            (None, Some(sphere)) => camera.direction(sphere.direction([inner[0], inner[1]])),
+            (face, _) => self.space.direction_from(camera, face.unwrap_or(0), &inner),
         }
     }
 
@@ -341,23 +354,39 @@ impl Refiner<'_> {
         chunk: usize,
         region: &Region,
         nodes: &[usize],
-    ) -> impl Fn(usize) -> (DVec3, DVec3) + Sync {
+    ) -> impl Fn(Range<usize>) -> Vec<(DVec3, DVec3)> + Sync {
         let inputs = &nodes[..region.arc()];
         let variables = self.variables(region);
         let along = |(axis, n): (usize, &usize)| variables.places(axis, *n);
-        let grids: Vec<Vec<f64>> = inputs.iter().enumerate().map(along).collect();
-        let manifold = self.space.manifold();
-        move |number| {
-            let mut rest = number;
-            let mut x = vec![0.0; grids.len()];
-            for (x, grid) in x.iter_mut().zip(&grids).rev() {
-                *x = grid[rest % grid.len()];
-                rest /= grid.len();
+        let mut cameras: Vec<Vec<f64>> = inputs.iter().enumerate().map(along).collect();
+        let directions = cameras.split_off(self.space.cameras().len());
+        let each: usize = directions.iter().map(Vec::len).product();
+        move |numbers| {
+            let mut rays = Vec::with_capacity(numbers.len());
+            for number in numbers.start / each..numbers.end.div_ceil(each) {
+                let camera = self.camera(chunk, region, &node(&cameras, number));
+                let frame = self.space.manifold().standard_frame(camera.u);
+                let first = numbers.start.max(number * each);
+                let own = first..numbers.end.min((number + 1) * each);
+                rays.extend(own.map(|ray| {
+                    let x = node(&directions, ray % each);
+                    (camera.u, frame * self.direction(&camera, region, &x))
+                }));
             }
-            let (u, d) = self.ray(chunk, region, &x);
-            (u, manifold.standard_frame(u) * d)
+            rays
         }
     }
+}
+
+/// The place in a tensor grid of the node of this `number`, the last axis running fastest.
+fn node(grids: &[Vec<f64>], number: usize) -> Vec<f64> {
+    let mut rest = number;
+    let mut x = vec![0.0; grids.len()];
+    for (x, grid) in x.iter_mut().zip(grids).rev() {
+        *x = grid[rest % grid.len()];
+        rest /= grid.len();
+    }
+    x
 }
 
 /// The axis with the largest value of those allowed.
