@@ -129,7 +129,7 @@ impl Refiner<'_> {
 
     /// What becomes of a box with the whole sphere of directions: one patch, or its faces are refined
     /// each by itself, because they need different halving.
-    fn judge_sphere(&self, chunk: usize, region: &Region, held_out: &HeldOut) -> Verdict {
+    fn judge_sphere(&self, chunk: usize, region: &Region, held_out: &mut HeldOut<'_>) -> Verdict {
         let needs = Needs::new(self, chunk, region);
         let resolved = needs.excess.iter().all(|e| *e <= 1.0);
         let affordable = needs.rays() <= self.most_rays(region);
@@ -141,13 +141,13 @@ impl Refiner<'_> {
     }
 
     fn judge(&self, chunk: usize, region: &Region) -> Verdict {
-        let held_out = HeldOut::new(self, chunk, region);
+        let mut held_out = HeldOut::new(self, chunk, region);
         if held_out.is_empty() && !held_out.singular {
             self.finished(region, 1);
             return Verdict::Done(self.unread(region));
         }
         if region.face.is_none() {
-            return self.judge_sphere(chunk, region, &held_out);
+            return self.judge_sphere(chunk, region, &mut held_out);
         }
         let needs = Needs::new(self, chunk, region);
         let may_halve = self.may_halve(region);
@@ -156,8 +156,10 @@ impl Refiner<'_> {
         let affordable = needs.rays() <= self.most_rays(region);
         let last = !may_halve.iter().any(|m| *m);
         if affordable && !held_out.singular && (resolved || (last && hopeful)) {
-            match self.fitted(chunk, region, needs.clone(), &held_out) {
+            match self.fitted(chunk, region, needs.clone(), &mut held_out) {
                 Ok(tree) => return Verdict::Done(tree),
+                // What ends within the box is not to be seen in its coefficients.
+                Err(_) if held_out.singular => {}
                 Err(urgency) => {
                     if let Some(axis) = largest(&urgency, &may_halve) {
                         return Verdict::Halve(axis);
@@ -197,7 +199,7 @@ impl Refiner<'_> {
         chunk: usize,
         region: &Region,
         mut needs: Needs,
-        held_out: &HeldOut,
+        held_out: &mut HeldOut<'_>,
     ) -> Result<Tree, Vec<f64>> {
         loop {
             if region.face.is_none() {
@@ -206,13 +208,13 @@ impl Refiner<'_> {
             }
             let polynomial = self.fit(chunk, region, &needs.nodes);
             let spectra = polynomial.spectra();
-            let left = held_out.error_of(self, &polynomial);
+            let left = held_out.error_of(&polynomial);
             let limits = (&self.most_nodes(region)[..], self.most_rays(region));
-            if left > ROOMY && needs.raise(limits, &spectra, left) {
+            if left > ROOMY && !held_out.singular && needs.raise(limits, &spectra, left) {
                 continue;
             }
             let urgency: Vec<f64> = spectra.iter().map(|s| tail(s)).collect();
-            let holds = left <= 1.0;
+            let holds = left <= 1.0 && !held_out.singular;
             let found = holds
                 .then(|| self.quantise(&polynomial, held_out))
                 .flatten();

@@ -40,12 +40,12 @@ const MOST_PLAIN: f64 = 3e5;
 
 impl Refiner<'_> {
     /// The smallest tensor of the polynomial that keeps the promise on the held-out rays.
-    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut) -> Option<Tensor> {
+    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut<'_>) -> Option<Tensor> {
         if !polynomial.is_finite() {
             return None;
         }
-        let unit = self.plan.max_error / held_out.weight(self.space);
-        self.smallest(polynomial, unit, |tensor| held_out.error(self, tensor))
+        let unit = self.plan.max_error / held_out.weight();
+        self.smallest(polynomial, unit, |tensor| held_out.error(tensor))
     }
 
     /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as the
