@@ -123,11 +123,10 @@ impl Polynomial {
         let width = values.len() / count.max(1);
         let tile = |tile: usize| {
             let columns = tile * TILE..width.min((tile + 1) * TILE);
-            let rows = used.iter().map(|row| &values[row * width..][..width]);
-            let copied: Vec<f64> = rows
-                .flat_map(|row| &row[columns.clone()])
-                .copied()
-                .collect();
+            let mut copied = Vec::with_capacity(used.len() * columns.len());
+            for row in used {
+                copied.extend_from_slice(&values[row * width..][columns.clone()]);
+            }
             product(weights, used.len(), &copied)
         };
         let tiles: Vec<Vec<f64>> = (0..width.div_ceil(TILE))

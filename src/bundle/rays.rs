@@ -48,9 +48,10 @@ impl Tensor {
             }
             let weights = |row: usize| &sets[row % points.len()][row / points.len()][axes[k][0]];
             let (core, count) = (&cores[k], rows.len() / cores[k].left);
-            let weighted = rows.chunks_exact(core.left).enumerate();
-            let weighted = weighted.flat_map(|(row, values)| products(values, weights(row)));
-            let weighted: Vec<f64> = weighted.collect();
+            let mut weighted = Vec::with_capacity(rows.len() * weights(0).len());
+            for (row, values) in rows.chunks_exact(core.left).enumerate() {
+                put_products(values, weights(row), &mut weighted);
+            }
             rows = product(&weighted, weighted.len() / count, &core.values);
             if Some(k) == after {
                 let all = rows.chunks_exact(rows.len() / sets[0].len());
@@ -63,12 +64,11 @@ impl Tensor {
     }
 }
 
-/// Each of `values` times each of `weights`, these running fastest.
-fn products(values: &[f64], weights: &[f64]) -> Vec<f64> {
-    let each = values
-        .iter()
-        .flat_map(|x| weights.iter().map(move |w| x * w));
-    each.collect()
+/// Adds each of `values` times each of `weights`, these running fastest.
+fn put_products(values: &[f64], weights: &[f64], to: &mut Vec<f64>) {
+    for x in values {
+        to.extend(weights.iter().map(|w| x * w));
+    }
 }
 
 #[cfg(test)]
