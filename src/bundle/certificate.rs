@@ -5,7 +5,7 @@
 
 use super::{
     Table,
-    measure::{Probe, probe, settings, with_end},
+    measure::{Probe, Probed, probe, settings, with_end},
     outlier::{FAR, MOST, Outlier},
     random_rays::RandomRays,
 };
@@ -83,6 +83,9 @@ pub struct Checked {
 /// Keeps the certificate's random numbers apart from those of a bake with the same seed.
 const KEY: u64 = 0x6365_7274_6966_7921;
 
+/// Cameras whose exact rays are followed together: those of one alone leave most lanes idle.
+const CAMERAS: usize = 16;
+
 /// The errors found on some rays, in mrad.
 #[derive(Default)]
 struct Errors {
@@ -107,16 +110,18 @@ pub fn certify(
     promise: f64,
     progress: impl Fn(u64) -> Result<()> + Sync,
 ) -> Result<Checked> {
-    let cameras: Result<Vec<Errors>> = RandomRays::all(&table.space, rays, [KEY, seed])
-        .map(|random| {
-            let random = random?;
-            let errors = at_camera(table, &random, (tolerance, promise))?;
-            progress(random.directions.len() as u64)?;
+    let groups: Result<Vec<Errors>> = RandomRays::all(&table.space, rays, [KEY, seed])
+        .chunks(CAMERAS)
+        .map(|cameras| {
+            let cameras: Vec<RandomRays> = cameras.into_iter().collect::<Result<_>>()?;
+            let errors = at_cameras(table, &cameras, (tolerance, promise))?;
+            let count: usize = cameras.iter().map(|camera| camera.directions.len()).sum();
+            progress(count as u64)?;
             Ok(errors)
         })
         .collect();
     let mut all = Errors::default();
-    for mut errors in cameras? {
+    for mut errors in groups? {
         all.mrad.append(&mut errors.mrad);
         all.screen.append(&mut errors.screen);
         all.sky.append(&mut errors.sky);
@@ -146,43 +151,65 @@ pub fn certify(
     })
 }
 
-fn at_camera(
+fn at_cameras(
     table: &Table,
-    random: &RandomRays,
+    cameras: &[RandomRays],
     (tolerance, promise): (f64, f64),
 ) -> Result<Errors> {
     let manifold = table.space.manifold();
-    let fan = table.fan(random.u)?;
-    let rays: Vec<(DVec3, DVec3)> = random.directions.iter().map(|d| (random.u, *d)).collect();
-    let lengths = |ray: usize, end: f64| with_end(random.shares[ray], end);
+    let rays = cameras
+        .iter()
+        .flat_map(|camera| camera.directions.iter().map(|d| (camera.u, *d)));
+    let rays: Vec<(DVec3, DVec3)> = rays.collect();
+    let shares: Vec<f64> = cameras.iter().flat_map(|c| &c.shares).copied().collect();
+    let lengths = |ray: usize, end: f64| with_end(shares[ray], end);
     let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
     let mut errors = Errors::default();
-    for ((_, d), exact) in rays.iter().zip(probed) {
-        let path = fan.path(*d);
-        let known = |probe: &Probe| path.at(probe.s);
-        if let Some(tangent) = exact.tangent().filter(|_| table.frames) {
-            let error = |(_, v)| tangent.sky_mrad(v - tangent.v);
-            errors.sky.extend(known(tangent).map(error));
-        }
-        if let Some(probe) = exact.probes.first() {
-            let Some((u, _)) = known(probe) else {
-                errors.flagged += 1;
-                continue;
-            };
-            let found = probe.deviation(u, path.rotation(probe.s));
-            errors.mrad.push(found.mrad);
-            errors.screen.push(found.screen_mrad);
-            errors.rotation.extend(found.rotation_mrad);
-            if !(found.screen_mrad <= FAR * promise) {
-                let (place, s) = (&fan.place, (probe.s, exact.length));
-                let outlier = table.outlier(place, *d, s, found, probe.magnification());
-                let damaged = |e: super::Damage| Error::input("bundle", e.to_string());
-                errors.far.push(outlier.map_err(damaged)?);
-            }
-        }
-        errors.flagged += usize::from(path.flagged_from() < exact.length);
+    let mut probed = probed.into_iter();
+    for camera in cameras {
+        let exact = probed.by_ref().take(camera.directions.len());
+        errors.add(table, camera, exact, promise)?;
     }
     Ok(errors)
+}
+
+impl Errors {
+    /// Adds those on the rays of `camera`, whose `exact` paths are these.
+    fn add(
+        &mut self,
+        table: &Table,
+        camera: &RandomRays,
+        exact: impl Iterator<Item = Probed>,
+        promise: f64,
+    ) -> Result<()> {
+        let fan = table.fan(camera.u)?;
+        for (d, exact) in camera.directions.iter().zip(exact) {
+            let path = fan.path(*d);
+            let known = |probe: &Probe| path.at(probe.s);
+            if let Some(tangent) = exact.tangent().filter(|_| table.frames) {
+                let error = |(_, v)| tangent.sky_mrad(v - tangent.v);
+                self.sky.extend(known(tangent).map(error));
+            }
+            if let Some(probe) = exact.probes.first() {
+                let Some((u, _)) = known(probe) else {
+                    self.flagged += 1;
+                    continue;
+                };
+                let found = probe.deviation(u, path.rotation(probe.s));
+                self.mrad.push(found.mrad);
+                self.screen.push(found.screen_mrad);
+                self.rotation.extend(found.rotation_mrad);
+                if !(found.screen_mrad <= FAR * promise) {
+                    let (place, s) = (&fan.place, (probe.s, exact.length));
+                    let outlier = table.outlier(place, *d, s, found, probe.magnification());
+                    let damaged = |e: super::Damage| Error::input("bundle", e.to_string());
+                    self.far.push(outlier.map_err(damaged)?);
+                }
+            }
+            self.flagged += usize::from(path.flagged_from() < exact.length);
+        }
+        Ok(())
+    }
 }
 
 #[cfg(test)]

@@ -126,7 +126,7 @@ fn long_block(block: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
         }
     }
     tiles.into_par_iter().for_each(|tile| {
-        let rows: Vec<f64> = tile.iter().flat_map(|row| row.iter()).copied().collect();
+        let rows = tile.iter().map(|row| &**row).collect::<Vec<_>>().concat();
         let rows = product(matrix, n, &rows);
         let width = rows.len() / n;
         for (to, from) in tile.into_iter().zip(rows.chunks_exact(width)) {

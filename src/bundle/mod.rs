@@ -21,6 +21,7 @@ pub mod measure;
 mod outlier;
 mod polynomial;
 mod random_rays;
+mod rays;
 mod records;
 mod rounding;
 mod scale;

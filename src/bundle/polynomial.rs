@@ -83,42 +83,57 @@ impl Polynomial {
         let first = (1..inputs).find(enough).unwrap_or(inputs);
         let sets = points.iter().map(|x| self.variables.weights(shape, x));
         let sets: Vec<Vec<Weights<f64>>> = sets.collect();
-        let each = sets.first().map_or(1, Vec::len);
-        let weights: Vec<&Weights<f64>> = sets.iter().flatten().collect();
-        let at_once: Vec<f64> = weights.iter().flat_map(|w| products(&w[..first])).collect();
-        let count: usize = shape[..first].iter().product();
-        let sums = self.weighted(&at_once, count);
-        let rest = |(sums, weights): (&[f64], &&Weights<f64>)| {
-            let mut sums = sums.to_vec();
-            for w in &weights[first..] {
-                sums = summed(&sums, |x| *x, 1, sums.len() / w.len(), w);
-            }
-            sums
+        // Cameras have the same weights in all sets.
+        let sums = match first <= self.variables.cameras {
+            true => 1,
+            false => sets.first().map_or(1, Vec::len),
         };
-        let width = self.coefficients.len() / count;
-        let sums = sums.par_chunks_exact(width).zip(&weights).map(rest);
-        let sums: Vec<Vec<f64>> = sums.collect();
-        sums.chunks(each).map(added).collect()
+        let sums: Vec<Vec<f64>> = (0..sums)
+            .map(|set| self.first_sums(&sets, set, first))
+            .collect();
+        let width = self.coefficients.len() / shape[..first].iter().product::<usize>();
+        let point = |(point, sets): (usize, &Vec<Weights<f64>>)| {
+            let all = sets.iter().enumerate().map(|(set, weights)| {
+                let mut sums = sums[set % sums.len()][point * width..][..width].to_vec();
+                for w in &weights[first..] {
+                    sums = summed(&sums, |x| *x, 1, sums.len() / w.len(), w);
+                }
+                sums
+            });
+            added(&all.collect::<Vec<_>>())
+        };
+        sets.par_iter().enumerate().map(point).collect()
     }
 
-    /// The product of `weights`, rows of `count`, with the coefficients as a matrix of `count` rows.
-    fn weighted(&self, weights: &[f64], count: usize) -> Vec<f64> {
+    /// The sums over the `first` axes with the weights number `set` of each point.
+    fn first_sums(&self, sets: &[Vec<Weights<f64>>], set: usize, first: usize) -> Vec<f64> {
+        let rows = sets.iter().map(|sets| products(&sets[set][..first]));
+        let rows: Vec<Vec<f64>> = rows.collect();
+        let count = rows.first().map_or(0, Vec::len);
+        // A set for even or odd multiples of the azimuth has no others.
+        let used = (0..count).filter(|i| rows.iter().any(|row| row[*i] != 0.0));
+        let used: Vec<usize> = used.collect();
+        let weights = rows.iter().flat_map(|row| used.iter().map(|i| row[*i]));
+        self.weighted(&weights.collect::<Vec<_>>(), &used, count)
+    }
+
+    /// The product of `weights` with the rows `used` of the coefficients as a matrix of `count` rows.
+    fn weighted(&self, weights: &[f64], used: &[usize], count: usize) -> Vec<f64> {
         let values = self.coefficients.as_slice().unwrap_or_default();
-        let width = values.len() / count;
+        let width = values.len() / count.max(1);
         let tile = |tile: usize| {
             let columns = tile * TILE..width.min((tile + 1) * TILE);
-            let rows = values.chunks_exact(width);
-            let copied: Vec<f64> = rows
-                .flat_map(|row| &row[columns.clone()])
-                .copied()
-                .collect();
-            product(weights, count, &copied)
+            let mut copied = Vec::with_capacity(used.len() * columns.len());
+            for row in used {
+                copied.extend_from_slice(&values[row * width..][columns.clone()]);
+            }
+            product(weights, used.len(), &copied)
         };
         let tiles: Vec<Vec<f64>> = (0..width.div_ceil(TILE))
             .into_par_iter()
             .map(tile)
             .collect();
-        let mut sums = vec![0.0; weights.len() / count * width];
+        let mut sums = vec![0.0; weights.len() / used.len().max(1) * width];
         for (row, sums) in sums.chunks_exact_mut(width).enumerate() {
             for (to, tile) in sums.chunks_mut(TILE).zip(&tiles) {
                 to.copy_from_slice(&tile[row * to.len()..][..to.len()]);

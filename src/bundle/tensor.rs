@@ -104,7 +104,7 @@ impl Tensor {
         self.cores.iter().map(|core| core.shape.len() - 2).sum()
     }
 
-    fn table_axes(&self) -> Vec<Vec<usize>> {
+    pub(super) fn table_axes(&self) -> Vec<Vec<usize>> {
         self.layout.cores(self.axes() - 2)
     }
 
@@ -126,7 +126,7 @@ impl Tensor {
     }
 
     /// The cores with the axes summed out that have `weights`.
-    fn links<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Link<T>> {
+    pub(super) fn links<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Link<T>> {
         let axes = self.table_axes();
         let links = axes.iter().zip(&self.cores);
         links

@@ -15,6 +15,7 @@ use crate::{
 use glam::{DVec3, DVec4};
 use ndarray::Array3;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Channels of a sample.
 pub const CHANNELS: usize = 8;
@@ -44,7 +45,7 @@ pub fn sample(
         width: CHANNELS,
     };
     let all = |_: usize, sample: &Sample, to: &mut [f64]| to.copy_from_slice(sample);
-    let samples = samples.of(rays.len(), |ray| rays[ray], all);
+    let samples = samples.of(rays.len(), |block| rays[block].to_vec(), all);
     let shape = (rays.len(), lengths.len(), CHANNELS);
     Array3::from_shape_vec(shape, samples).expect("a sample of each ray at each length")
 }
@@ -63,12 +64,12 @@ pub struct Samples<'a> {
 }
 
 impl Samples<'_> {
-    /// Of `count` rays, each as `ray` gives it (chart point, unit tangent), what `keep` writes for the
+    /// Of `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what `keep` writes for the
     /// sample at the arc length of a number: (ray, arc length, number kept), the last running fastest.
     pub fn of(
         &self,
         count: usize,
-        ray: impl Fn(usize) -> (DVec3, DVec3) + Sync,
+        rays: impl Fn(Range<usize>) -> Vec<(DVec3, DVec3)> + Sync,
         keep: impl Fn(usize, &Sample, &mut [f64]) + Sync,
     ) -> Vec<f64> {
         let row = self.lengths.len() * self.width;
@@ -77,8 +78,8 @@ impl Samples<'_> {
         blocks.for_each(|(block, samples)| {
             samples.fill(f64::NAN);
             let first = block * BLOCK;
-            let rays = first..count.min(first + BLOCK);
-            self.block(rays.map(&ray).collect(), &keep, samples);
+            let rays = rays(first..count.min(first + BLOCK));
+            self.block(rays, &keep, samples);
         });
         samples
     }

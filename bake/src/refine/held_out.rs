@@ -6,12 +6,12 @@ use geofan::{
         Polynomial, Tensor, arc,
         measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
     },
-    fan::{CHANNELS, FanSpace, Start},
+    fan::{CHANNELS, Start},
     geodesic::End,
     random::Stream,
 };
 use rayon::prelude::*;
-use std::sync::atomic::Ordering;
+use std::{ops::Range, sync::atomic::Ordering};
 
 /// The fewest held-out rays of a box. Fewer miss narrow failures, and let steps pass that other rays
 /// would not (S³ and H³: 99th percentiles 0.98 of the promise with 48, 0.9 with 96).
@@ -48,6 +48,10 @@ const EXCEEDING_ON_SPHERE: f64 = 0.0085;
 const JUDGES: usize = 160;
 const FIRST: usize = 16;
 
+/// How many rays are followed before a polynomial is judged at all: as many as fill all lanes. Half of
+/// the boxes of a wormhole fail on the first of them.
+const AT_ONCE: usize = 32;
+
 /// A held-out ray.
 struct HeldOutRay {
     /// Parameters in [−1, 1] of the box: camera…, direction….
@@ -59,8 +63,15 @@ struct HeldOutRay {
 }
 
 /// The exact truth about the held-out rays of a box.
-pub struct HeldOut {
+pub struct HeldOut<'a> {
+    refiner: &'a Refiner<'a>,
+    chunk: usize,
+    region: &'a Region,
+    stream: Stream,
     rays: Vec<HeldOutRay>,
+    /// The first rays that have not been followed yet, and the key of their arc lengths.
+    pending: Vec<Vec<f64>>,
+    key: u64,
     /// Arc lengths of the box.
     interval: [f64; 2],
     /// Share of comparisons that may exceed the promise.
@@ -69,64 +80,90 @@ pub struct HeldOut {
     pub singular: bool,
 }
 
-impl HeldOut {
-    /// Follows held-out rays of `region` of `chunk`, until enough of them get as far as the box's arc
-    /// lengths or hardly any do.
-    pub fn new(refiner: &Refiner<'_>, chunk: usize, region: &Region) -> Self {
-        let count = (refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
-        let (count, exceeding) = match region.face {
-            Some(_) => (count, EXCEEDING),
-            None => (ON_SPHERE * count, EXCEEDING_ON_SPHERE),
+impl<'a> HeldOut<'a> {
+    /// Those of `region` of `chunk`. Only the first are followed, all others when they are asked for.
+    pub fn new(refiner: &'a Refiner<'a>, chunk: usize, region: &'a Region) -> Self {
+        let exceeding = match region.face {
+            Some(_) => EXCEEDING,
+            None => EXCEEDING_ON_SPHERE,
         };
-        let mut stream = Stream::new(&region.path);
         let mut held_out = Self {
+            refiner,
+            chunk,
+            region,
+            stream: Stream::new(&region.path),
             rays: Vec::new(),
+            pending: Vec::new(),
+            key: 0,
             interval: region.arc_interval(refiner.plan.length),
             exceeding,
             singular: false,
         };
-        for _ in 0..BATCHES {
-            held_out.follow(refiner, chunk, region, (count, &mut stream));
-            if held_out.singular || held_out.rays.len() >= count / 3 {
-                break;
-            }
+        held_out.draw();
+        held_out.follow(AT_ONCE);
+        if held_out.rays.len() < FIRST {
+            held_out.complete();
         }
         held_out
     }
 
-    /// Follows `count` more rays and keeps those that get to the box's arc lengths.
-    fn follow(
-        &mut self,
-        refiner: &Refiner<'_>,
-        chunk: usize,
-        region: &Region,
-        (count, stream): (usize, &mut Stream),
-    ) {
+    /// How many rays are drawn at once.
+    fn count(&self) -> usize {
+        let count = (self.refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
+        match self.region.face {
+            Some(_) => count,
+            None => ON_SPHERE * count,
+        }
+    }
+
+    /// Draws more rays.
+    fn draw(&mut self) {
+        let (count, region) = (self.count(), self.region);
+        let parameters = (0..count).map(|_| region.ray(&mut self.stream));
+        self.pending = parameters.collect();
+        self.key = self.stream.bits();
+    }
+
+    /// Follows all rays, and more, until enough of them get as far as the box's arc lengths or hardly any
+    /// do.
+    pub fn complete(&mut self) {
+        if self.pending.is_empty() {
+            return;
+        }
+        self.follow(usize::MAX);
+        let enough = self.count() / 3;
+        for _ in 1..BATCHES {
+            if self.singular || self.rays.len() >= enough {
+                break;
+            }
+            self.draw();
+            self.follow(usize::MAX);
+        }
+    }
+
+    /// Follows the next `count` rays that have been drawn and keeps those that get to the box's arc lengths.
+    fn follow(&mut self, count: usize) {
+        let (refiner, [start, end]) = (self.refiner, self.interval);
         let (space, plan) = (refiner.space, refiner.plan);
         let manifold = space.manifold();
-        let parameters = (0..count).map(|_| region.ray(stream));
-        let parameters: Vec<Vec<f64>> = parameters.collect();
-        let rays: Vec<_> = parameters
-            .iter()
-            .map(|x| refiner.ray(chunk, region, x))
+        let first = self.count() - self.pending.len();
+        let later = self.pending.split_off(count.min(self.pending.len()));
+        let parameters = std::mem::replace(&mut self.pending, later);
+        let rays = parameters.iter();
+        let rays: Vec<_> = rays
+            .map(|x| refiner.ray(self.chunk, self.region, x))
             .collect();
-        let [start, end] = self.interval;
-        let key = stream.bits();
+        let key = self.key;
         let lengths = |ray: usize, length: f64| {
-            let mut stream = Stream::new(&[key, ray as u64]);
+            let mut stream = Stream::new(&[key, (first + ray) as u64]);
             let end = end.min(length);
             let count = if end > start { LENGTHS } else { 0 };
             let within = (0..count).map(|_| end - (end - start) * stream.uniform());
             within.chain((count > 0).then_some(end)).collect()
         };
-        let probed = probe(
-            manifold,
-            stored_settings(space, plan.tolerance),
-            end,
-            &rays,
-            lengths,
-        );
-        let tried = count as u64;
+        let settings = stored_settings(space, plan.tolerance);
+        let probed = probe(manifold, settings, end, &rays, lengths);
+        let tried = rays.len() as u64;
         refiner.tally.rays.fetch_add(tried, Ordering::Relaxed);
         let ended = |p: &Probed| p.end == End::Singular && p.length >= start;
         self.singular |= probed.iter().any(ended);
@@ -154,7 +191,8 @@ impl HeldOut {
 
     /// The error in mrad that an error of one unit in a displacement channel usually causes: the
     /// upper decile.
-    pub fn weight(&self, space: &FanSpace) -> f64 {
+    pub fn weight(&self) -> f64 {
+        let space = self.refiner.space;
         let mut found = Vec::new();
         for probe in self.rays.iter().flat_map(|ray| &ray.probes) {
             let mut weights = [0.0; CHANNELS];
@@ -168,42 +206,54 @@ impl HeldOut {
 
     /// The error of `tensor` that all but the allowed share of comparisons keep, of points or of
     /// tangents, in units of the promise.
-    pub fn error(&self, refiner: &Refiner<'_>, tensor: &Tensor) -> f64 {
-        let errors = self.rays.par_iter().map(|ray| {
-            let stored = tensor.at(&ray.parameters);
-            self.errors(refiner, ray, &stored)
-        });
-        Errors::of(errors.collect()).most(self.exceeding) / refiner.plan.max_error
+    pub fn error(&self, tensor: &Tensor) -> f64 {
+        let points: Vec<&[f64]> = self.rays.iter().map(|r| r.parameters.as_slice()).collect();
+        let stored = tensor.at_many(&points);
+        let errors = self.rays.par_iter().zip(&stored);
+        let errors = errors.map(|(ray, stored)| self.errors(ray, stored));
+        Errors::of(errors.collect()).most(self.exceeding) / self.refiner.plan.max_error
     }
 
     /// The same of a polynomial. One that fails is given up as soon as enough rays show it; its error
-    /// is then that of those rays.
-    pub fn error_of(&self, refiner: &Refiner<'_>, polynomial: &Polynomial) -> f64 {
-        let judges = &self.rays[..self.rays.len().min(JUDGES)];
-        let comparisons: usize = judges.iter().map(|ray| ray.probes.len()).sum();
-        let mut all: Vec<Errors> = Vec::new();
-        let (mut left, mut count) = (judges, FIRST);
-        while !left.is_empty() {
-            let (rays, after) = left.split_at(count.min(left.len()));
-            (left, count) = (after, 2 * count);
-            let points: Vec<&[f64]> = rays.iter().map(|r| r.parameters.as_slice()).collect();
-            let stored = polynomial.at(&points);
-            let errors = rays.par_iter().zip(&stored);
-            let errors = errors.map(|(ray, stored)| self.errors(refiner, ray, stored));
-            all.par_extend(errors);
-            let failures = all
-                .iter()
-                .map(|e| e.exceeding(refiner.plan.max_error))
-                .sum();
-            if allowed(self.exceeding, comparisons) < failures {
+    /// is then that of those rays, and the others may not have been followed.
+    pub fn error_of(&mut self, polynomial: &Polynomial) -> f64 {
+        let most = self.refiner.plan.max_error;
+        let (mut all, mut from, mut count) = (Vec::<Errors>::new(), 0, FIRST);
+        while from < self.rays.len().min(JUDGES) {
+            let to = (from + count).min(self.rays.len()).min(JUDGES);
+            all.extend(self.errors_of(polynomial, from..to));
+            let failures = all.iter().map(|e| e.exceeding(most)).sum();
+            if self.allowed() < failures {
                 break;
             }
+            self.complete();
+            (from, count) = (to, 2 * count);
         }
-        Errors::of(all).most(self.exceeding) / refiner.plan.max_error
+        Errors::of(all).most(self.exceeding) / most
+    }
+
+    /// How many comparisons of those with judges may exceed the promise; of rays that have not been
+    /// followed as many may be compared as possible.
+    fn allowed(&self) -> usize {
+        let judges = &self.rays[..self.rays.len().min(JUDGES)];
+        let comparisons: usize = judges.iter().map(|ray| ray.probes.len()).sum();
+        let others = self.pending.len().min(JUDGES - judges.len());
+        allowed(self.exceeding, comparisons + others * (LENGTHS + 1))
+    }
+
+    fn errors_of(&self, polynomial: &Polynomial, rays: Range<usize>) -> Vec<Errors> {
+        let rays = &self.rays[rays];
+        let points: Vec<&[f64]> = rays.iter().map(|r| r.parameters.as_slice()).collect();
+        let stored = polynomial.at(&points);
+        let errors = rays.par_iter().zip(&stored);
+        errors
+            .map(|(ray, stored)| self.errors(ray, stored))
+            .collect()
     }
 
     /// What a table gets wrong that has `stored` these coefficients for the ray.
-    fn errors(&self, refiner: &Refiner<'_>, ray: &HeldOutRay, stored: &[f64]) -> Errors {
+    fn errors(&self, ray: &HeldOutRay, stored: &[f64]) -> Errors {
+        let refiner = self.refiner;
         let channels = refiner.space.channels().len();
         let mut rows = Vec::new();
         arc::unfold(stored, channels, self.interval, &mut rows);

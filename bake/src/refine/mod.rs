@@ -19,7 +19,7 @@ pub(crate) mod sweep;
 
 use geofan::{
     bundle::{Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev},
-    fan::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, cell},
+    fan::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, StoredCamera, cell},
 };
 use glam::DVec3;
 use held_out::HeldOut;
@@ -27,9 +27,12 @@ use ndarray::ArrayD;
 use rayon::prelude::*;
 use region::Region;
 use scout::{Needs, tail};
-use std::sync::{
-    Arc,
-    atomic::{AtomicBool, AtomicU64, Ordering},
+use std::{
+    ops::Range,
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
 };
 
 /// By what factor the smallest boxes may exceed the promise along lines and still be fitted: the
@@ -126,7 +129,7 @@ impl Refiner<'_> {
 
     /// What becomes of a box with the whole sphere of directions: one patch, or its faces are refined
     /// each by itself, because they need different halving.
-    fn judge_sphere(&self, chunk: usize, region: &Region, held_out: &HeldOut) -> Verdict {
+    fn judge_sphere(&self, chunk: usize, region: &Region, held_out: &mut HeldOut<'_>) -> Verdict {
         let needs = Needs::new(self, chunk, region);
         let resolved = needs.excess.iter().all(|e| *e <= 1.0);
         let affordable = needs.rays() <= self.most_rays(region);
@@ -138,13 +141,13 @@ impl Refiner<'_> {
     }
 
     fn judge(&self, chunk: usize, region: &Region) -> Verdict {
-        let held_out = HeldOut::new(self, chunk, region);
+        let mut held_out = HeldOut::new(self, chunk, region);
         if held_out.is_empty() && !held_out.singular {
             self.finished(region, 1);
             return Verdict::Done(self.unread(region));
         }
         if region.face.is_none() {
-            return self.judge_sphere(chunk, region, &held_out);
+            return self.judge_sphere(chunk, region, &mut held_out);
         }
         let needs = Needs::new(self, chunk, region);
         let may_halve = self.may_halve(region);
@@ -153,8 +156,10 @@ impl Refiner<'_> {
         let affordable = needs.rays() <= self.most_rays(region);
         let last = !may_halve.iter().any(|m| *m);
         if affordable && !held_out.singular && (resolved || (last && hopeful)) {
-            match self.fitted(chunk, region, needs.clone(), &held_out) {
+            match self.fitted(chunk, region, needs.clone(), &mut held_out) {
                 Ok(tree) => return Verdict::Done(tree),
+                // What ends within the box is not to be seen in its coefficients.
+                Err(_) if held_out.singular => {}
                 Err(urgency) => {
                     if let Some(axis) = largest(&urgency, &may_halve) {
                         return Verdict::Halve(axis);
@@ -194,7 +199,7 @@ impl Refiner<'_> {
         chunk: usize,
         region: &Region,
         mut needs: Needs,
-        held_out: &HeldOut,
+        held_out: &mut HeldOut<'_>,
     ) -> Result<Tree, Vec<f64>> {
         loop {
             if region.face.is_none() {
@@ -203,13 +208,13 @@ impl Refiner<'_> {
             }
             let polynomial = self.fit(chunk, region, &needs.nodes);
             let spectra = polynomial.spectra();
-            let left = held_out.error_of(self, &polynomial);
+            let left = held_out.error_of(&polynomial);
             let limits = (&self.most_nodes(region)[..], self.most_rays(region));
-            if left > ROOMY && needs.raise(limits, &spectra, left) {
+            if left > ROOMY && !held_out.singular && needs.raise(limits, &spectra, left) {
                 continue;
             }
             let urgency: Vec<f64> = spectra.iter().map(|s| tail(s)).collect();
-            let holds = left <= 1.0;
+            let holds = left <= 1.0 && !held_out.singular;
             let found = holds
                 .then(|| self.quantise(&polynomial, held_out))
                 .flatten();
@@ -251,18 +256,28 @@ impl Refiner<'_> {
 
     /// The stored ray at box parameters `x` (camera…, direction…).
     fn ray(&self, chunk: usize, region: &Region, x: &[f64]) -> (DVec3, DVec3) {
+        let (camera, directions) = x.split_at(self.space.cameras().len());
+        let camera = self.camera(chunk, region, camera);
+        (camera.u, self.direction(&camera, region, directions))
+    }
+
+    /// The camera at box parameters `x` (camera…).
+    fn camera(&self, chunk: usize, region: &Region, x: &[f64]) -> StoredCamera {
         let division = self.division;
         let (cell, _) = division.of(chunk);
-        let k = self.space.cameras().len();
         let inner: Vec<f64> = (0..x.len()).map(|j| region.at(j, x[j])).collect();
-        let (camera, directions) = inner.split_at(k);
-        let camera = cell::parameters(&division.cells, self.space.cameras(), &cell, camera);
+        let cameras = self.space.cameras();
+        let parameters = cell::parameters(&division.cells, cameras, &cell, &inner);
+        self.space.stored_camera(&parameters)
+    }
+
+    /// The direction in the standard frame of the ray from `camera` at box parameters `x` (direction…).
+    fn direction(&self, camera: &StoredCamera, region: &Region, x: &[f64]) -> DVec3 {
+        let first = self.space.cameras().len();
+        let inner: Vec<f64> = (0..x.len()).map(|j| region.at(first + j, x[j])).collect();
         match (region.face, self.space.sphere()) {
-            (None, Some(sphere)) => {
-                let aim = sphere.direction([directions[0], directions[1]]);
-                self.space.ray_aimed(&camera, aim)
-            }
-            (face, _) => self.space.ray(face.unwrap_or(0), &camera, directions),
+            (None, Some(sphere)) => camera.direction(sphere.direction([inner[0], inner[1]])),
+            (face, _) => self.space.direction_from(camera, face.unwrap_or(0), &inner),
         }
     }
 
@@ -341,23 +356,39 @@ impl Refiner<'_> {
         chunk: usize,
         region: &Region,
         nodes: &[usize],
-    ) -> impl Fn(usize) -> (DVec3, DVec3) + Sync {
+    ) -> impl Fn(Range<usize>) -> Vec<(DVec3, DVec3)> + Sync {
         let inputs = &nodes[..region.arc()];
         let variables = self.variables(region);
         let along = |(axis, n): (usize, &usize)| variables.places(axis, *n);
-        let grids: Vec<Vec<f64>> = inputs.iter().enumerate().map(along).collect();
-        let manifold = self.space.manifold();
-        move |number| {
-            let mut rest = number;
-            let mut x = vec![0.0; grids.len()];
-            for (x, grid) in x.iter_mut().zip(&grids).rev() {
-                *x = grid[rest % grid.len()];
-                rest /= grid.len();
+        let mut cameras: Vec<Vec<f64>> = inputs.iter().enumerate().map(along).collect();
+        let directions = cameras.split_off(self.space.cameras().len());
+        let each: usize = directions.iter().map(Vec::len).product();
+        move |numbers| {
+            let mut rays = Vec::with_capacity(numbers.len());
+            for number in numbers.start / each..numbers.end.div_ceil(each) {
+                let camera = self.camera(chunk, region, &node(&cameras, number));
+                let frame = self.space.manifold().standard_frame(camera.u);
+                let first = numbers.start.max(number * each);
+                let own = first..numbers.end.min((number + 1) * each);
+                rays.extend(own.map(|ray| {
+                    let x = node(&directions, ray % each);
+                    (camera.u, frame * self.direction(&camera, region, &x))
+                }));
             }
-            let (u, d) = self.ray(chunk, region, &x);
-            (u, manifold.standard_frame(u) * d)
+            rays
         }
     }
+}
+
+/// The place in a tensor grid of the node of this `number`, the last axis running fastest.
+fn node(grids: &[Vec<f64>], number: usize) -> Vec<f64> {
+    let mut rest = number;
+    let mut x = vec![0.0; grids.len()];
+    for (x, grid) in x.iter_mut().zip(grids).rev() {
+        *x = grid[rest % grid.len()];
+        rest /= grid.len();
+    }
+    x
 }
 
 /// The axis with the largest value of those allowed.

@@ -28,9 +28,9 @@ const LINES: usize = 3;
 
 /// The share of the promise that what lies beyond the last node may cost along one axis: the errors
 /// of all axes add up. Nodes that prove too few are raised after the fit, so little depends on it:
-/// from 0.2 to 1 tables of five and six axes take the same bytes to 4 %. Of the rays, 0.2 takes 0.5 to
+/// from 0.2 to 1 tables of five and six axes take the same bytes to 4 %. Of the rays, 0.25 takes 0.5 to
 /// 0.8 of those that 0.6 takes, because fewer boxes are fitted again.
-const SHARE: f64 = 0.6;
+const SHARE: f64 = 0.25;
 
 /// The share of line positions, the worst, that need not be met: the promise is a quantile too, and
 /// held-out rays find what the worst positions cost. From 0.01 to 0.15 the bytes are the same to 2 %.

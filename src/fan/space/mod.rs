@@ -74,6 +74,23 @@ pub struct FanSpace {
     sphere: Option<Sphere>,
 }
 
+/// What all stored rays from one camera share.
+#[derive(Debug, Clone, Copy)]
+pub struct StoredCamera {
+    /// The chart point.
+    pub u: DVec3,
+    parallax: DVec3,
+    /// Where stored paths are planar.
+    areal_radius: f64,
+}
+
+impl StoredCamera {
+    /// The direction of the ray that is known by the unit vector `aim`.
+    pub fn direction(&self, aim: DVec3) -> DVec3 {
+        direction_of(aim, self.parallax)
+    }
+}
+
 impl FanSpace {
     /// The rays of all cameras in the manifold's region.
     ///
@@ -289,19 +306,39 @@ impl FanSpace {
     /// The stored ray at camera and direction parameters: chart point and direction in the standard
     /// frame.
     pub fn ray(&self, face: usize, camera: &[f64], directions: &[f64]) -> (DVec3, DVec3) {
-        if self.reduction != Reduction::Rotation {
-            let aim = direction(face, DVec2::new(directions[0], directions[1]));
-            return self.ray_aimed(camera, aim);
-        }
-        let u = self.stored_point(camera);
-        let theta = self.orbits.angle(face, directions[0], self.areal_radius(u));
-        (u, DVec3::new(theta.cos(), theta.sin(), 0.0))
+        let camera = self.stored_camera(camera);
+        (camera.u, self.direction_from(&camera, face, directions))
     }
 
     /// The stored ray at camera parameters that is known by the unit vector `aim`.
     pub fn ray_aimed(&self, camera: &[f64], aim: DVec3) -> (DVec3, DVec3) {
-        let u = self.stored_point(camera);
-        (u, direction_of(aim, self.parallax(u, camera)))
+        let camera = self.stored_camera(camera);
+        (camera.u, camera.direction(aim))
+    }
+
+    /// What all stored rays at camera parameters share.
+    pub fn stored_camera(&self, parameters: &[f64]) -> StoredCamera {
+        let u = self.stored_point(parameters);
+        let planar = self.planar();
+        StoredCamera {
+            u,
+            parallax: if planar {
+                DVec3::ZERO
+            } else {
+                self.parallax(u, parameters)
+            },
+            areal_radius: if planar { self.areal_radius(u) } else { 0.0 },
+        }
+    }
+
+    /// The direction, in the standard frame, of the stored ray from `camera` at direction parameters.
+    pub fn direction_from(&self, camera: &StoredCamera, face: usize, directions: &[f64]) -> DVec3 {
+        if !self.planar() {
+            let aim = direction(face, DVec2::new(directions[0], directions[1]));
+            return camera.direction(aim);
+        }
+        let theta = self.orbits.angle(face, directions[0], camera.areal_radius);
+        DVec3::new(theta.cos(), theta.sin(), 0.0)
     }
 
     /// The parallax of the camera at the stored point `u` with these parameters.
