@@ -64,8 +64,9 @@ pub struct Samples<'a> {
 }
 
 impl Samples<'_> {
-    /// Of `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what `keep` writes for the
-    /// sample at the arc length of a number: (ray, arc length, number kept), the last running fastest.
+    /// Of `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
+    /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
+    /// last running fastest.
     pub fn of(
         &self,
         count: usize,

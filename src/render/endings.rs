@@ -155,7 +155,7 @@ impl<'m> EndingFinder<'m> {
             }
             self.manifold.domain.events().run(&mut self.registers);
             if let Some((from, old)) = &before {
-                let counts = self.counting_since(&earlier);
+                let counts = counting(&self.registers, &earlier, |before, _| *before);
                 for l in (0..LANES).filter(|l| counts[*l]) {
                     let event = match events[l] {
                         None => self.first_in_lane(l, &earlier),
@@ -176,19 +176,6 @@ impl<'m> EndingFinder<'m> {
             before = Some((s, state));
         }
         events
-    }
-
-    /// The lanes in which any event counts since they were `earlier`.
-    #[inline(always)]
-    fn counting_since(&self, earlier: &[[f64; LANES]]) -> [bool; LANES] {
-        let mut counts = [false; LANES];
-        for (k, earlier) in earlier.iter().enumerate() {
-            let values = self.registers.output(k);
-            for l in 0..LANES {
-                counts[l] |= values[l] > more(earlier[l], 0.0);
-            }
-        }
-        counts
     }
 
     /// The earliest of the events that count in lane `l` since they were `earlier`: the fraction of the
@@ -259,7 +246,7 @@ impl<'m> EndingFinder<'m> {
             #[inline(always)]
             || {
                 tape.run(registers);
-                counting(registers, before)
+                counting(registers, before, after)
             },
         );
         let lane = counts.iter().position(|counts| *counts);
@@ -309,20 +296,31 @@ fn root([before, after, next]: [f64; 3]) -> f64 {
     }
 }
 
-/// The lanes in which any event is positive and more than in the lane before it (`before` for the
-/// first).
+/// The lanes in which any event is positive and more than it was, which `earlier` tells from what is known
+/// of that event and its values.
 #[inline(always)]
-fn counting(events: &Registers<f64, LANES>, before: &[f64]) -> [bool; LANES] {
+fn counting<T>(
+    events: &Registers<f64, LANES>,
+    known: &[T],
+    earlier: impl Fn(&T, &[f64; LANES]) -> [f64; LANES],
+) -> [bool; LANES] {
     let mut counts = [false; LANES];
-    for (k, before) in before.iter().enumerate() {
+    for (k, known) in known.iter().enumerate() {
         let values = events.output(k);
-        let mut earlier = [*before; LANES];
-        earlier[1..].copy_from_slice(&values[..LANES - 1]);
+        let earlier = earlier(known, values);
         for l in 0..LANES {
             counts[l] |= values[l] > more(earlier[l], 0.0);
         }
     }
     counts
+}
+
+/// The values in the lanes before: `before` for the first.
+#[inline(always)]
+fn after(before: &f64, values: &[f64; LANES]) -> [f64; LANES] {
+    let mut earlier = [*before; LANES];
+    earlier[1..].copy_from_slice(&values[..LANES - 1]);
+    earlier
 }
 
 #[cfg(test)]

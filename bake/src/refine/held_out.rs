@@ -11,7 +11,7 @@ use geofan::{
     random::Stream,
 };
 use rayon::prelude::*;
-use std::{ops::Range, sync::atomic::Ordering};
+use std::sync::atomic::Ordering;
 
 /// The fewest held-out rays of a box. Fewer miss narrow failures, and let steps pass that other rays
 /// would not (S³ and H³: 99th percentiles 0.98 of the promise with 48, 0.9 with 96).
@@ -207,11 +207,8 @@ impl<'a> HeldOut<'a> {
     /// The error of `tensor` that all but the allowed share of comparisons keep, of points or of
     /// tangents, in units of the promise.
     pub fn error(&self, tensor: &Tensor) -> f64 {
-        let points: Vec<&[f64]> = self.rays.iter().map(|r| r.parameters.as_slice()).collect();
-        let stored = tensor.at_many(&points);
-        let errors = self.rays.par_iter().zip(&stored);
-        let errors = errors.map(|(ray, stored)| self.errors(ray, stored));
-        Errors::of(errors.collect()).most(self.exceeding) / self.refiner.plan.max_error
+        let errors = self.errors_of(&self.rays, |points| tensor.at_many(points));
+        Errors::of(errors).most(self.exceeding) / self.refiner.plan.max_error
     }
 
     /// The same of a polynomial. One that fails is given up as soon as enough rays show it; its error
@@ -221,7 +218,8 @@ impl<'a> HeldOut<'a> {
         let (mut all, mut from, mut count) = (Vec::<Errors>::new(), 0, FIRST);
         while from < self.rays.len().min(JUDGES) {
             let to = (from + count).min(self.rays.len()).min(JUDGES);
-            all.extend(self.errors_of(polynomial, from..to));
+            let rays = &self.rays[from..to];
+            all.extend(self.errors_of(rays, |points| polynomial.at(points)));
             let failures = all.iter().map(|e| e.exceeding(most)).sum();
             if self.allowed() < failures {
                 break;
@@ -241,10 +239,14 @@ impl<'a> HeldOut<'a> {
         allowed(self.exceeding, comparisons + others * (LENGTHS + 1))
     }
 
-    fn errors_of(&self, polynomial: &Polynomial, rays: Range<usize>) -> Vec<Errors> {
-        let rays = &self.rays[rays];
+    /// The errors of what `read` gives at the parameters of `rays`.
+    fn errors_of(
+        &self,
+        rays: &[HeldOutRay],
+        read: impl FnOnce(&[&[f64]]) -> Vec<Vec<f64>>,
+    ) -> Vec<Errors> {
         let points: Vec<&[f64]> = rays.iter().map(|r| r.parameters.as_slice()).collect();
-        let stored = polynomial.at(&points);
+        let stored = read(&points);
         let errors = rays.par_iter().zip(&stored);
         errors
             .map(|(ray, stored)| self.errors(ray, stored))
