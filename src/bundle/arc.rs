@@ -7,7 +7,7 @@
 //! *Approximation Theory and Approximation Practice*, exercise 2.8 and chapter 21):
 //! `b_k = h (a_{k−1} − a_{k+1})/2k`, with `a₀` doubled, for `h` half the length of the interval.
 
-use super::tensor::MOST_DEGREES;
+use super::cores::MOST_DEGREES;
 use crate::{
     expr::vectorised,
     fan::{FanSpace, Start},

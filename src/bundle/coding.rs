@@ -11,6 +11,7 @@
 use super::{
     adaptive::{CLASSES, Coder, Decoder},
     bytes::{Damage, Reader, Writer},
+    reflections::Taken,
 };
 
 /// The most integers of a chunk: far above any that a bake makes, and small enough that a hostile
@@ -175,12 +176,17 @@ impl Integers {
         }
     }
 
-    /// Adds a tensor in storage order.
-    pub fn put(&mut self, shape: &[usize], values: &[i32]) {
+    /// Adds the numbers of a tensor in storage order: [reduced](super::reflections::reduced) vectors of
+    /// this `length`.
+    pub fn put(&mut self, shape: &[usize], length: usize, values: &[i32]) {
         let mut walk = Walk::new(shape);
+        let mut taken = Taken::none(length);
         for (flat, value) in values.iter().enumerate() {
             let class = walk.class(&values[..flat]);
-            self.coder.put(class, *value);
+            if !taken.holds(flat % length) {
+                self.coder.put(class, *value);
+            }
+            taken.behind(&values[..=flat]);
         }
         self.count += values.len() as u32;
     }
@@ -220,19 +226,24 @@ impl Coded {
         })
     }
 
-    /// Takes the next tensor out, in storage order.
+    /// Takes the numbers of the next tensor out, vectors of this `length`.
     ///
     /// # Errors
     /// There are fewer integers.
-    pub fn take(&mut self, shape: &[usize]) -> Result<Vec<i32>, Damage> {
+    pub fn take(&mut self, shape: &[usize], length: usize) -> Result<Vec<i32>, Damage> {
         let count = shape.iter().product();
         let left = self.left.checked_sub(count);
         self.left = left.ok_or(Damage("number of coefficients"))?;
         let mut values = Vec::with_capacity(count);
         let mut walk = Walk::new(shape);
-        for _ in 0..count {
+        let mut taken = Taken::none(length);
+        for flat in 0..count {
             let class = walk.class(&values);
-            values.push(self.decoder.take(class)?);
+            values.push(match taken.holds(flat % length) {
+                true => 0,
+                false => self.decoder.take(class)?,
+            });
+            taken.behind(&values);
         }
         Ok(values)
     }
@@ -274,17 +285,17 @@ mod tests {
         let tensors: Vec<Vec<i32>> = (0..).zip(shapes).map(|(i, s)| falling(s, i)).collect();
         let mut integers = Integers::new();
         for (shape, tensor) in shapes.iter().zip(&tensors) {
-            integers.put(shape, tensor);
+            integers.put(shape, tensor.len(), tensor);
         }
         let mut out = Writer::default();
         integers.encode(&mut out);
         let mut coded = Coded::decode(&mut Reader(&out.0)).unwrap();
         for (shape, tensor) in shapes.iter().zip(&tensors) {
             assert!(coded.finish().is_err());
-            assert_eq!(&coded.take(shape).unwrap(), tensor);
+            assert_eq!(&coded.take(shape, tensor.len()).unwrap(), tensor);
         }
         assert_eq!(coded.finish(), Ok(()));
-        assert!(coded.take(&[1]).is_err());
+        assert!(coded.take(&[1], 1).is_err());
     }
 
     #[test]
@@ -292,12 +303,13 @@ mod tests {
         let shape = [12, 12, 40];
         let tensor = falling(shape, 7);
         let mut integers = Integers::new();
-        integers.put(&shape, &tensor);
+        integers.put(&shape, tensor.len(), &tensor);
         let mut shuffled = Integers::new();
         let mut stream = Stream::new(&[3]);
         let mut order: Vec<(u64, i32)> = tensor.iter().map(|x| (stream.bits(), *x)).collect();
         order.sort_unstable();
-        shuffled.put(&shape, &order.iter().map(|(_, x)| *x).collect::<Vec<_>>());
+        let order: Vec<i32> = order.iter().map(|(_, x)| *x).collect();
+        shuffled.put(&shape, order.len(), &order);
         assert!(2 * integers.bytes() < shuffled.bytes());
     }
 
@@ -305,7 +317,7 @@ mod tests {
     fn a_shorter_file_is_refused() {
         let shape = [9, 7, 12];
         let mut integers = Integers::new();
-        integers.put(&shape, &falling(shape, 3));
+        integers.put(&shape, 9 * 7 * 12, &falling(shape, 3));
         let mut out = Writer::default();
         integers.encode(&mut out);
         for cut in 0..out.0.len() {

@@ -7,9 +7,9 @@
 use super::{
     cells::Cells,
     chebyshev,
+    cores::{MOST_DEGREES, MOST_TERMS},
     matrix::product,
     spherical,
-    tensor::{MOST_DEGREES, MOST_TERMS},
     variables::Variables,
 };
 use crate::expr::vectorised;

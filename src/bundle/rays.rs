@@ -74,11 +74,7 @@ fn put_products(values: &[f64], weights: &[f64], to: &mut Vec<f64>) {
 #[cfg(test)]
 mod tests {
     use super::super::{
-        polynomial::Polynomial,
-        scale::{Scale, Step},
-        stretch::Stretch,
-        train::Train,
-        variables::Variables,
+        polynomial::Polynomial, scale::Step, stretch::Stretch, train::Train, variables::Variables,
     };
     use super::*;
     use crate::random::Stream;
@@ -92,7 +88,7 @@ mod tests {
             |shape: &[usize]| ArrayD::from_shape_fn(IxDyn(shape), |_| stream.between(-1.0, 1.0));
         for axis in order {
             cores.push(random(&[left, lengths[*axis], 2]));
-            scales.push(vec![Scale::near(1.5), Scale::near(0.2)]);
+            scales.push(vec![1.5, 0.2]);
             left = 2;
         }
         cores.push(random(&[left, 6, 3, 1]));
@@ -100,7 +96,7 @@ mod tests {
             layout: Layout::Train(order.to_vec()),
             variables,
             cores,
-            scales,
+            singular: scales,
         };
         train.rounded(Step::near(1e-5)).unwrap()
     }

@@ -7,7 +7,7 @@
 //! exponential and Laplacian random variables*, IEEE Trans. Inf. Theory 42 (1996), with the rates
 //! that were counted.
 
-use super::{adaptive::CLASSES, coding::Walk};
+use super::{adaptive::CLASSES, coding::Walk, reflections::reduced};
 
 /// How much squared error, in squared steps, a bit is worth. Fine rounding has the slope `ln 2 / 6 =
 /// 0.12`, and where most integers are zero it is larger. Three bumps on a rail and on a quarter of the
@@ -28,32 +28,44 @@ const MOST_BITS: [f64; SIZES - 1] = [12.0, 6.0, 1.5];
 /// zero.
 type Dead = [f64; SIZES - 1];
 
-/// `values`, the entries of a core of `shape` in units of the step, as integers.
-pub(super) fn rounded(shape: &[usize], values: &[f64]) -> Vec<i32> {
+/// Orthogonal vectors of this `length`, in units of the step, one after the other as a core of `shape`,
+/// as integers that [`restored`](super::reflections::restored) makes them of.
+pub(super) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
+    let dead = dead_zones(shape, vectors);
+    let mut walk = Walk::new(shape);
+    reduced(vectors, length, |x, taken, integers| {
+        let class = walk.class(integers);
+        match taken {
+            true => 0,
+            false => with_sign(size(x.abs(), &dead[class]), x),
+        }
+    })
+}
+
+/// The same as the nearest integers.
+pub(super) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
+    reduced(vectors, length, |x, taken, _| match taken {
+        true => 0,
+        false => x.round() as i32,
+    })
+}
+
+/// What is worth its bits in each class of places, as they are counted in a first rounding of numbers that
+/// are not reduced.
+fn dead_zones(shape: &[usize], values: &[f64]) -> [Dead; CLASSES] {
     let mut counts = [[1.0; SIZES]; CLASSES];
-    each(shape, values, |class, x| {
-        let size = nearest_size(x - FIRST);
-        counts[class][(size as usize).min(SIZES - 1)] += 1.0;
-        size
-    });
-    let dead = counts.map(|counts| dead(&counts));
-    each(shape, values, |class, x| size(x, &dead[class]))
-}
-
-/// `values` as the nearest integers.
-pub(super) fn nearest(values: &[f64]) -> Vec<i32> {
-    values.iter().map(|x| x.round() as i32).collect()
-}
-
-/// The integers whose sizes `of` tells from the class of a place and the size of the number there.
-fn each(shape: &[usize], values: &[f64], mut of: impl FnMut(usize, f64) -> i32) -> Vec<i32> {
     let mut walk = Walk::new(shape);
     let mut integers = Vec::with_capacity(values.len());
     for x in values {
-        let size = of(walk.class(&integers), x.abs());
-        integers.push(if *x < 0.0 { -size } else { size });
+        let size = nearest_size(x.abs() - FIRST);
+        counts[walk.class(&integers)][(size as usize).min(SIZES - 1)] += 1.0;
+        integers.push(with_sign(size, *x));
     }
-    integers
+    counts.map(|counts| dead(&counts))
+}
+
+fn with_sign(size: i32, x: f64) -> i32 {
+    if x < 0.0 { -size } else { size }
 }
 
 /// Half of what the bits of one more in size are worth, of a class in which sizes were counted.
@@ -95,7 +107,7 @@ mod tests {
         let values: Vec<f64> = (0..shape.iter().product())
             .map(|i| size(i) * stream.between(-1.0, 1.0))
             .collect();
-        let integers = rounded(&shape, &values);
+        let integers = rounded(&shape, values.len(), &values);
         let mut moved = 0;
         for (x, i) in values.iter().zip(&integers) {
             let (x, i) = (*x, f64::from(*i));
@@ -112,10 +124,10 @@ mod tests {
     #[test]
     fn what_is_expected_costs_little() {
         let alone = |i: usize| if i % 97 == 50 { 0.7 } else { 0.01 };
-        let lone = rounded(&[4000], &(0..4000).map(alone).collect::<Vec<_>>());
+        let lone = rounded(&[4000], 4000, &(0..4000).map(alone).collect::<Vec<_>>());
         assert!(lone.iter().all(|i| *i == 0));
         let among = |i: usize| if i.is_multiple_of(3) { 0.7 } else { 2.3 };
-        let common = rounded(&[4000], &(0..4000).map(among).collect::<Vec<_>>());
+        let common = rounded(&[4000], 4000, &(0..4000).map(among).collect::<Vec<_>>());
         assert!(common.iter().filter(|i| **i == 1).count() > 1000);
     }
 }

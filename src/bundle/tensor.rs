@@ -6,46 +6,28 @@
 //!
 //! A tensor with axes (camera…, direction…, arc length, channel) is a product of cores
 //! `C_1 D_1 C_2 D_2 … C_d`, each over one axis (the last over arc length and channel), in the order
-//! that its [`Layout`] tells. The diagonal matrices `D_k` divide by the singular values of the bond, and the cores are multiplied by them:
-//! `C_k` is then the centre of a train that is orthogonal to both sides, so that one step for all
-//! cores makes each rounded integer cost the same error (I. V. Oseledets, *Tensor-train
-//! decomposition*, SIAM J. Sci. Comput. 33 (2011)). [`Layout::Plain`] is the same with a single
-//! core over all axes: where ranks explode it is smaller.
+//! that its [`Layout`] tells. The diagonal matrices `D_k` divide by the singular values of the bond, and
+//! the cores are multiplied by them: `C_k` is then the centre of a train that is orthogonal to both
+//! sides, so that one step for all cores makes each rounded integer cost the same error (I. V.
+//! Oseledets, *Tensor-train decomposition*, SIAM J. Sci. Comput. 33 (2011)). Its columns and rows are
+//! orthogonal too, and what that leaves free is what a file holds ([`super::reflections`]: an eighth
+//! fewer bytes for three bumps on a floor). [`Layout::Plain`] is the same with a single core over all
+//! axes: where ranks explode it is smaller.
 
 use super::{
     bytes::{Damage, Reader, Writer},
     chain::{Link, chained},
     coding::{Coded, Integers},
     contracted::Contracted,
+    cores::Core,
     grade::ungrade,
     layout::Layout,
-    matrix::{added, scaled, summed},
-    scale::{Power, Scale, Step},
+    matrix::added,
+    scale::{Power, Step},
     tree::Shape,
     variables::{Variables, Weights},
 };
 use crate::expr::real::Real;
-use ndarray::ArrayD;
-
-/// The most coefficients along the arc length.
-pub const MOST_DEGREES: usize = 64;
-
-/// The most coefficients along another axis.
-pub const MOST_TERMS: usize = 128;
-
-/// The most integers of a core: far above any that a bake makes.
-const MOST_INTEGERS: u64 = 1 << 24;
-
-/// A rounded core.
-#[derive(Debug, Clone)]
-pub(super) struct Core {
-    /// Left rank, lengths of its axes, right rank.
-    shape: Vec<usize>,
-    /// In storage order, in units of the step.
-    values: Vec<i32>,
-    /// By what the columns of each right index were multiplied; none after the last core.
-    scales: Vec<Scale>,
-}
 
 /// Quantised coefficients of one group of channels.
 #[derive(Debug, Clone)]
@@ -54,48 +36,6 @@ pub struct Tensor {
     pub(super) variables: Variables,
     pub(super) step: Step,
     pub(super) cores: Vec<Core>,
-}
-
-impl Core {
-    pub(super) fn new(values: ArrayD<i32>, scales: Vec<Scale>) -> Self {
-        Self {
-            shape: values.shape().to_vec(),
-            values: values.as_standard_layout().iter().copied().collect(),
-            scales,
-        }
-    }
-
-    /// The core with the axes that have `weights` summed out, times `unit`, its columns divided by
-    /// their scales: a matrix (left rank, open axes × right rank).
-    fn closed<T: Real>(&self, weights: &[Option<&[T]>], unit: f64) -> Vec<T> {
-        let integer = |x: &i32| T::from_f64(f64::from(*x));
-        let mut shape = self.shape.clone();
-        let mut values: Option<Vec<T>> = None;
-        let mut axis = 1;
-        for weights in weights {
-            let Some(weights) = weights else {
-                axis += 1;
-                continue;
-            };
-            let left: usize = shape[..axis].iter().product();
-            let right: usize = shape[axis + 1..].iter().product();
-            let weights = &weights[..shape[axis]];
-            values = Some(match values {
-                None => summed(&self.values, integer, left, right, weights),
-                Some(values) => summed(&values, |x| *x, left, right, weights),
-            });
-            shape.remove(axis);
-        }
-        let divisors = self.scales.iter().map(|s| T::from_f64(unit / s.value()));
-        let divisors: Vec<T> = match self.scales.is_empty() {
-            true => vec![T::from_f64(unit)],
-            false => divisors.collect(),
-        };
-        match values {
-            Some(values) => scaled(&values, |x| *x, &divisors),
-            None => scaled(&self.values, integer, &divisors),
-        }
-    }
 }
 
 impl Tensor {
@@ -217,7 +157,7 @@ impl Tensor {
 
     /// How many integers it holds, of 32 bits each.
     pub fn integers(&self) -> usize {
-        self.cores.iter().map(|core| core.values.len()).sum()
+        self.cores.iter().map(Core::integers).sum()
     }
 
     /// About how many bytes it takes in a chunk, where it shares what is learnt with other tensors.
@@ -232,15 +172,7 @@ impl Tensor {
         out.u8(self.layout.code());
         out.i16(self.step.0);
         for core in &self.cores {
-            core.shape[1..].iter().for_each(|n| out.u32(*n as u32));
-            integers.put(&core.shape, &core.values);
-            let mut before = self.step.scale().0;
-            let scales = core.scales.iter().map(|scale| {
-                let difference = i32::from(scale.0) - i32::from(before);
-                before = scale.0;
-                difference
-            });
-            integers.put(&[core.scales.len()], &scales.collect::<Vec<_>>());
+            core.encode(out, integers, self.step);
         }
     }
 
@@ -261,9 +193,8 @@ impl Tensor {
         let mut cores: Vec<Core> = Vec::new();
         let axes = layout.cores(rays);
         for (k, axes_of_core) in axes.iter().enumerate() {
-            let left = cores.last().map_or(1, |c| c.scales.len());
             let last = k + 1 == axes.len();
-            let core = Core::decode(input, coded, left, axes_of_core.len(), (last, step))?;
+            let core = Core::decode(input, coded, (cores.last(), last), axes_of_core.len(), step)?;
             if last && core.shape[axes_of_core.len()] != channels {
                 return Err(Damage("number of channels"));
             }
@@ -274,47 +205,6 @@ impl Tensor {
             variables,
             step,
             cores,
-        })
-    }
-}
-
-impl Core {
-    fn decode(
-        input: &mut Reader<'_>,
-        coded: &mut Coded,
-        left: usize,
-        axes: usize,
-        (last, step): (bool, Step),
-    ) -> Result<Self, Damage> {
-        let mut shape = vec![left];
-        let mut count = left as u64;
-        for _ in 0..=axes {
-            let n = input.u32()?;
-            count = count.saturating_mul(n.into());
-            shape.push(n as usize);
-        }
-        let right = shape[axes + 1];
-        let lengths = if last { shape[axes - 1] } else { 0 };
-        let too_many = lengths > MOST_DEGREES || shape[1..=axes].iter().any(|n| *n > MOST_TERMS);
-        if too_many || (last && right != 1) {
-            return Err(Damage("number of degrees"));
-        }
-        if count == 0 || count > MOST_INTEGERS {
-            return Err(Damage("number of coefficients"));
-        }
-        let values = coded.take(&shape)?;
-        let ranks = if last { 0 } else { right };
-        let mut before = i32::from(step.scale().0);
-        let scales = coded.take(&[ranks])?.into_iter().map(|difference| {
-            before = before.saturating_add(difference);
-            i16::try_from(before)
-                .map(Power)
-                .map_err(|_| Damage("scale of a rank"))
-        });
-        Ok(Self {
-            shape,
-            values,
-            scales: scales.collect::<Result<_, _>>()?,
         })
     }
 }

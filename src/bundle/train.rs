@@ -3,28 +3,30 @@
 //! In: real cores, scaled so that one step serves all. Out: a [`Tensor`].
 
 use super::{
+    cores::Core,
     grade::graded,
     layout::Layout,
     polynomial::Polynomial,
     rounding::{nearest, rounded},
     scale::{Scale, Step},
-    tensor::{Core, Tensor},
+    side::Side,
+    tensor::Tensor,
     variables::Variables,
 };
-use ndarray::{ArrayD, Axis, Slice};
+use ndarray::{ArrayD, Axis};
 
-/// A tensor train before rounding: cores scaled to the right by the singular values of their bonds.
+/// A tensor train before rounding.
 #[derive(Debug, Clone)]
 pub struct Train {
     /// How axes are shared out.
     pub layout: Layout,
     /// Of cameras and directions.
     pub variables: Variables,
-    /// Cores (left rank, axes…, right rank), the columns of all but the last multiplied by the
-    /// values of their scales.
+    /// Cores (left rank, axes…, right rank), each the centre of a train that is orthogonal to both sides:
+    /// the columns of all but the last multiplied by the singular values of their bond.
     pub cores: Vec<ArrayD<f64>>,
-    /// Scales of each bond.
-    pub scales: Vec<Vec<Scale>>,
+    /// Singular values of each bond.
+    pub singular: Vec<Vec<f64>>,
 }
 
 impl Train {
@@ -36,7 +38,7 @@ impl Train {
             layout: Layout::Plain,
             variables: polynomial.variables,
             cores: vec![core.insert_axis(last)],
-            scales: Vec::new(),
+            singular: Vec::new(),
         }
     }
 
@@ -49,31 +51,29 @@ impl Train {
 
     /// The same rounded to the nearest multiples: the fewest bytes for errors that hold for all values.
     pub fn nearest(&self, step: Step) -> Option<Tensor> {
-        self.rounded_by(step, |_, values| nearest(values))
+        self.rounded_by(step, nearest)
     }
 
-    fn rounded_by(
-        &self,
-        step: Step,
-        round: impl Fn(&[usize], &[f64]) -> Vec<i32>,
-    ) -> Option<Tensor> {
-        let unit = step.value();
-        let mut rounded = Vec::new();
-        for core in &self.cores {
-            rounded.push(integers(core, unit, &round)?);
+    fn rounded_by(&self, step: Step, round: Round) -> Option<Tensor> {
+        let in_steps = self.cores.iter().map(|core| core / step.value());
+        let in_steps: Vec<ArrayD<f64>> = in_steps.collect();
+        let fits = |core: &ArrayD<f64>| core.iter().all(|x| x.abs() < LARGEST);
+        if !in_steps.iter().all(fits) {
+            return None;
         }
-        let ranks = kept_ranks(&rounded);
-        let mut cores = Vec::new();
-        for (k, core) in rounded.into_iter().enumerate() {
-            let left = if k == 0 { &[0][..] } else { &ranks[k - 1] };
-            let right = ranks.get(k).map_or(&[0][..], Vec::as_slice);
-            let scales = self.scales.get(k);
-            let scales = scales.map_or(Vec::new(), |s| right.iter().map(|&j| s[j]).collect());
-            let last = k + 1 == self.cores.len();
-            let core = selected(core, 0, left);
-            let right_axis = core.ndim() - 1;
-            let core = selected(core, right_axis, right);
-            cores.push(Core::new(trimmed(core, last), scales));
+        let alone: Vec<ArrayD<i32>> = in_steps.iter().map(|core| alone(core, round)).collect();
+        let (mut bonds, mut before) = (kept_ranks(&alone).into_iter(), Bond::none());
+        let mut cores: Vec<Core> = Vec::new();
+        for (k, (core, alone)) in in_steps.iter().zip(&alone).enumerate() {
+            let behind = bonds.next().zip(self.singular.get(k));
+            let last = behind.is_none();
+            let behind = behind.map_or_else(Bond::none, |(kept, all)| Bond::new(kept, all));
+            let lengths = lengths(&between(alone, &before, &behind), last);
+            let mut core = between(core, &before, &behind);
+            core.slice_each_axis_inplace(|axis| (..lengths[axis.axis.index()]).into());
+            let side = cores.last().map(|core| core.side);
+            cores.push(rounded_core(core, side, (before, &behind), round));
+            before = behind;
         }
         Some(Tensor {
             layout: self.layout.clone(),
@@ -84,29 +84,85 @@ impl Train {
     }
 }
 
-/// Largest rounded coefficient: sums of a few in 32 bits stay exact.
-const LARGEST: f64 = (1 << 30) as f64;
+/// Integers of the numbers of an array of this shape, vectors of this length.
+type Round = fn(shape: &[usize], length: usize, values: &[f64]) -> Vec<i32>;
 
-/// `core` in units of `unit`, made integers by `round`; `None` if a number is too large.
-fn integers(
-    core: &ArrayD<f64>,
-    unit: f64,
-    round: impl Fn(&[usize], &[f64]) -> Vec<i32>,
-) -> Option<ArrayD<i32>> {
-    let inverse = 1.0 / unit;
-    let values: Vec<f64> = core.iter().map(|x| x * inverse).collect();
-    let fits = values.iter().all(|x| x.abs() < LARGEST);
-    let rounded = fits.then(|| round(core.shape(), &values))?;
-    ArrayD::from_shape_vec(core.raw_dim(), rounded).ok()
+/// The integers of all numbers of `core`, each for itself.
+fn alone(core: &ArrayD<f64>, round: Round) -> ArrayD<i32> {
+    let values: Vec<f64> = core.iter().copied().collect();
+    let integers = round(core.shape(), values.len(), &values);
+    ArrayD::from_shape_vec(core.raw_dim(), integers).expect("as many integers as numbers")
 }
 
-/// The entries of `core` at `kept` along `axis`.
-fn selected(core: ArrayD<i32>, axis: usize, kept: &[usize]) -> ArrayD<i32> {
-    match kept.len() == core.len_of(Axis(axis)) {
-        true => core,
-        false => core.select(Axis(axis), kept),
+/// What is kept of the indices between two cores.
+struct Bond {
+    /// Which of them.
+    kept: Vec<usize>,
+    scales: Vec<Scale>,
+    /// How many times larger scales are than singular values.
+    off: Vec<f64>,
+}
+
+impl Bond {
+    /// Before the first core and behind the last.
+    fn none() -> Self {
+        Self {
+            kept: vec![0],
+            scales: Vec::new(),
+            off: vec![1.0],
+        }
+    }
+
+    /// Of all its singular values those `kept`.
+    fn new(kept: Vec<usize>, singular: &[f64]) -> Self {
+        let singular: Vec<f64> = kept.iter().map(|j| singular[*j]).collect();
+        let scales: Vec<Scale> = singular.iter().map(|x| Scale::near(*x)).collect();
+        let off = scales.iter().zip(&singular).map(|(s, x)| s.value() / x);
+        Self {
+            kept,
+            off: off.collect(),
+            scales,
+        }
     }
 }
+
+/// `core`, between these bonds and behind a core whose vectors of one side are kept, rounded. What scales are
+/// off is made good where it leaves the vectors that are kept orthogonal.
+fn rounded_core(
+    mut core: ArrayD<f64>,
+    side_before: Option<Side>,
+    (before, behind): (Bond, &Bond),
+    round: Round,
+) -> Core {
+    let shape = core.shape().to_vec();
+    let side = Side::behind(side_before, &shape);
+    if side_before == Some(Side::Rows) {
+        multiply(&mut core, Axis(0), &before.off);
+    }
+    if side == Side::Columns {
+        multiply(&mut core, Axis(shape.len() - 1), &behind.off);
+    }
+    let vectors = side.vectors(&shape, core.iter().copied().collect());
+    let kept = round(&side.shape(&shape), side.length(&shape), &vectors);
+    Core::new(shape, side, kept, behind.scales.clone())
+}
+
+/// Multiplies the parts of `core` at each index of `axis`.
+fn multiply(core: &mut ArrayD<f64>, axis: Axis, factors: &[f64]) {
+    for (mut part, factor) in core.axis_iter_mut(axis).zip(factors) {
+        part *= *factor;
+    }
+}
+
+/// The entries of `core` at the indices that two bonds keep.
+fn between<T: Clone>(core: &ArrayD<T>, before: &Bond, behind: &Bond) -> ArrayD<T> {
+    let right = Axis(core.ndim() - 1);
+    core.select(Axis(0), &before.kept)
+        .select(right, &behind.kept)
+}
+
+/// Largest rounded coefficient: sums of a few in 32 bits stay exact.
+const LARGEST: f64 = (1 << 28) as f64;
 
 /// For each bond the indices whose column and row are not zero; at least one.
 fn kept_ranks(cores: &[ArrayD<i32>]) -> Vec<Vec<usize>> {
@@ -134,8 +190,9 @@ fn living_columns(core: &ArrayD<i32>) -> Vec<bool> {
     living
 }
 
-/// Without the degrees beyond the last that is not zero; the channels of the last core are kept.
-fn trimmed(core: ArrayD<i32>, last: bool) -> ArrayD<i32> {
+/// The lengths of all axes without the degrees beyond the last that is not zero; ranks and the channels of the
+/// last core are kept.
+fn lengths(core: &ArrayD<i32>, last: bool) -> Vec<usize> {
     let shape = core.shape().to_vec();
     let core = core.as_standard_layout();
     let mut kept = vec![1; shape.len()];
@@ -148,12 +205,10 @@ fn trimmed(core: ArrayD<i32>, last: bool) -> ArrayD<i32> {
         }
     }
     let (right, channel) = (shape.len() - 1, shape.len() - 2);
-    let slice = core.slice_each_axis(|axis| {
-        let a = axis.axis.index();
-        match a == 0 || a == right || (last && a == channel) {
-            true => Slice::from(..),
-            false => Slice::from(..kept[a]),
+    for axis in 0..shape.len() {
+        if axis == 0 || axis == right || (last && axis == channel) {
+            kept[axis] = shape[axis];
         }
-    });
-    slice.to_owned()
+    }
+    kept
 }

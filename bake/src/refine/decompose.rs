@@ -1,7 +1,7 @@
 //! Coefficients → tensor train.
 //!
-//! In: the coefficients of a box and a threshold. Out: a [`Train`] whose cores are scaled by the
-//! singular values of their bonds, so that all can be rounded with one step. Singular values below
+//! In: the coefficients of a box and a threshold. Out: a [`Train`] whose cores are multiplied by
+//! the singular values of their bonds, so that all can be rounded with one step. Singular values below
 //! the threshold are left out: what belongs to them would round to zero. Source: I. V. Oseledets,
 //! *Tensor-train decomposition*, SIAM J. Sci. Comput. 33 (2011), algorithm 1; for large matrices the
 //! range is found from random combinations of columns (N. Halko, P. G. Martinsson, J. A. Tropp,
@@ -9,7 +9,7 @@
 
 use faer::{Accum, Mat, MatMut, MatRef, Par, diag::DiagRef, linalg::matmul::matmul};
 use geofan::{
-    bundle::{Layout, Polynomial, Scale, Train, graded},
+    bundle::{Layout, Polynomial, Train, graded},
     random::Stream,
 };
 use ndarray::{ArrayD, IxDyn};
@@ -39,17 +39,17 @@ pub fn decompose(
         sizes.collect::<Vec<usize>>()
     });
     let sizes: Vec<Vec<usize>> = sizes.collect();
-    let (mut cores, mut scales, mut rank) = (Vec::new(), Vec::new(), 1);
+    let (mut cores, mut singular, mut rank) = (Vec::new(), Vec::new(), 1);
     for core in &sizes[..sizes.len() - 1] {
         let rows = rank * core[0];
         let split = Split::new(&rest, rows, (threshold, most_rank))?;
-        let bond: Vec<Scale> = split.singular.iter().map(|x| Scale::near(*x)).collect();
+        let bond = split.singular;
         let left = split.left.chunks_exact(bond.len());
-        let scaled = left.flat_map(|row| row.iter().zip(&bond).map(|(x, s)| x * s.value()));
+        let scaled = left.flat_map(|row| row.iter().zip(&bond).map(|(x, s)| x * s));
         let shape = IxDyn(&[rank, core[0], bond.len()]);
         cores.push(ArrayD::from_shape_vec(shape, scaled.collect()).ok()?);
         rank = bond.len();
-        scales.push(bond);
+        singular.push(bond);
         rest = split.right;
     }
     let last = &sizes[sizes.len() - 1];
@@ -59,7 +59,7 @@ pub fn decompose(
         layout,
         variables: polynomial.variables,
         cores,
-        scales,
+        singular,
     })
 }
 
@@ -308,7 +308,8 @@ fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan::bundle::{Step, Stretch, Variables};
+    use geofan::bundle::{Shape, Step, Stretch, Tensor, Tree, Variables};
+    use std::sync::Arc;
 
     fn coefficients(shape: &[usize]) -> ArrayD<f64> {
         let mut stream = Stream::new(&[5]);
@@ -324,6 +325,21 @@ mod tests {
                 })
                 .sum()
         })
+    }
+
+    /// What a reader makes of the bytes of `tensor`.
+    fn read_again(tensor: &Tensor, polynomial: &Polynomial, shape: &[usize]) -> Tensor {
+        let cameras = polynomial.variables.cameras;
+        let bytes = Tree::Leaf(Arc::new(tensor.clone())).encode();
+        let shape = Shape {
+            variables: polynomial.variables,
+            directions: shape.len() - 2 - cameras,
+            channels: shape[shape.len() - 1],
+        };
+        let Ok(Tree::Leaf(read)) = Tree::decode(&bytes, shape) else {
+            panic!("{shape:?}")
+        };
+        Arc::unwrap_or_clone(read)
     }
 
     #[test]
@@ -344,6 +360,7 @@ mod tests {
             let plain = Train::plain(&polynomial).rounded(Step::near(2e-6)).unwrap();
             let x = vec![0.3; shape.len() - 2];
             let (a, b) = (train.at(&x), plain.at(&x));
+            assert_eq!(read_again(&train, &polynomial, shape).at(&x), a);
             let n = b.len().min(a.len());
             let worst = a
                 .iter()

@@ -14,7 +14,7 @@ const STEPS: i16 = 240;
 const FINEST: f64 = 1.0;
 
 /// The finest step as a share of the largest coefficient: so many bits a core has room for.
-const ROOM: f64 = 4e-9;
+const ROOM: f64 = 1.6e-8;
 
 /// The finest step in units of an error that uses up the promise, however many coefficients there
 /// are: most of those of large patches round to zero and add nothing.

@@ -1,0 +1,168 @@
+//! The rounded cores of a train.
+//!
+//! In: integers as they are kept ([`super::reflections`]). Out: a [`Core`] whose values can be summed,
+//! coded integers, and back.
+
+use super::{
+    bytes::{Damage, Reader, Writer},
+    coding::{Coded, Integers},
+    matrix::{scaled, summed},
+    reflections::restored,
+    scale::{Power, Scale, Step},
+    side::Side,
+};
+use crate::expr::real::Real;
+
+/// The most coefficients along the arc length.
+pub const MOST_DEGREES: usize = 64;
+
+/// The most coefficients along another axis.
+pub const MOST_TERMS: usize = 128;
+
+/// The most integers of a core: far above any that a bake makes.
+const MOST_INTEGERS: u64 = 1 << 24;
+
+/// Bits behind the point that values have at most: their rounding adds nothing to that of the integers.
+const MOST_FRACTION: i32 = 10;
+
+/// A rounded core.
+#[derive(Debug, Clone)]
+pub(super) struct Core {
+    /// Left rank, lengths of its axes, right rank.
+    pub shape: Vec<usize>,
+    /// Which vectors are kept.
+    pub side: Side,
+    /// In storage order, in units of 2^−`fraction` steps.
+    values: Vec<i32>,
+    fraction: u32,
+    /// What values are restored from, in the order of the file, in units of the step.
+    kept: Vec<i32>,
+    /// By what the columns of each right index were multiplied; none after the last core.
+    pub scales: Vec<Scale>,
+}
+
+impl Core {
+    /// Of what is kept of the vectors of one `side`.
+    pub fn new(shape: Vec<usize>, side: Side, kept: Vec<i32>, scales: Vec<Scale>) -> Self {
+        let vectors = restored(&kept, side.length(&shape));
+        let values = side.values(&shape, vectors);
+        let largest = values.iter().fold(1.0, |a: f64, x| a.max(x.abs()));
+        // Without the sign 31 bits, of which rounding up may take part of one.
+        let fraction = (30 - largest.log2().ceil() as i32).clamp(0, MOST_FRACTION) as u32;
+        let unit = f64::from(1 << fraction);
+        Self {
+            values: values.iter().map(|x| (x * unit).round() as i32).collect(),
+            shape,
+            side,
+            fraction,
+            kept,
+            scales,
+        }
+    }
+
+    /// How many integers are kept.
+    pub fn integers(&self) -> usize {
+        self.kept.len()
+    }
+
+    /// The core with the axes that have `weights` summed out, times `unit`, its columns divided by
+    /// their scales: a matrix (left rank, open axes × right rank).
+    pub fn closed<T: Real>(&self, weights: &[Option<&[T]>], unit: f64) -> Vec<T> {
+        let integer = |x: &i32| T::from_f64(f64::from(*x));
+        let unit = unit / f64::from(1 << self.fraction);
+        let mut shape = self.shape.clone();
+        let mut values: Option<Vec<T>> = None;
+        let mut axis = 1;
+        for weights in weights {
+            let Some(weights) = weights else {
+                axis += 1;
+                continue;
+            };
+            let left: usize = shape[..axis].iter().product();
+            let right: usize = shape[axis + 1..].iter().product();
+            let weights = &weights[..shape[axis]];
+            values = Some(match values {
+                None => summed(&self.values, integer, left, right, weights),
+                Some(values) => summed(&values, |x| *x, left, right, weights),
+            });
+            shape.remove(axis);
+        }
+        let divisors = self.scales.iter().map(|s| T::from_f64(unit / s.value()));
+        let divisors: Vec<T> = match self.scales.is_empty() {
+            true => vec![T::from_f64(unit)],
+            false => divisors.collect(),
+        };
+        match values {
+            Some(values) => scaled(&values, |x| *x, &divisors),
+            None => scaled(&self.values, integer, &divisors),
+        }
+    }
+
+    /// Writes lengths of axes to `out` and all integers to `integers`.
+    pub fn encode(&self, out: &mut Writer, integers: &mut Integers, step: Step) {
+        self.shape[1..].iter().for_each(|n| out.u32(*n as u32));
+        let length = self.side.length(&self.shape);
+        integers.put(&self.side.shape(&self.shape), length, &self.kept);
+        let mut before = step.scale().0;
+        let scales = self.scales.iter().map(|scale| {
+            let difference = i32::from(scale.0) - i32::from(before);
+            before = scale.0;
+            difference
+        });
+        let scales: Vec<i32> = scales.collect();
+        integers.put(&[scales.len()], scales.len(), &scales);
+    }
+
+    /// Reads what [`Core::encode`] wrote: a core of so many `axes` behind another, and whether it is the
+    /// last.
+    ///
+    /// # Errors
+    /// It is not one.
+    pub fn decode(
+        input: &mut Reader<'_>,
+        coded: &mut Coded,
+        (before, last): (Option<&Self>, bool),
+        axes: usize,
+        step: Step,
+    ) -> Result<Self, Damage> {
+        let left = before.map_or(1, |core| core.scales.len());
+        let shape = decode_shape(input, left, axes, last)?;
+        let side = Side::behind(before.map(|core| core.side), &shape);
+        let kept = coded.take(&side.shape(&shape), side.length(&shape))?;
+        let ranks = if last { 0 } else { shape[axes + 1] };
+        let mut before = i32::from(step.scale().0);
+        let scales = coded.take(&[ranks], ranks)?.into_iter().map(|difference| {
+            before = before.saturating_add(difference);
+            i16::try_from(before)
+                .map(Power)
+                .map_err(|_| Damage("scale of a rank"))
+        });
+        let scales = scales.collect::<Result<_, _>>()?;
+        Ok(Self::new(shape, side, kept, scales))
+    }
+}
+
+/// The shape of a core whose left rank is `left`.
+fn decode_shape(
+    input: &mut Reader<'_>,
+    left: usize,
+    axes: usize,
+    last: bool,
+) -> Result<Vec<usize>, Damage> {
+    let mut shape = vec![left];
+    let mut count = left as u64;
+    for _ in 0..=axes {
+        let n = input.u32()?;
+        count = count.saturating_mul(n.into());
+        shape.push(n as usize);
+    }
+    let lengths = if last { shape[axes - 1] } else { 0 };
+    let too_many = lengths > MOST_DEGREES || shape[1..=axes].iter().any(|n| *n > MOST_TERMS);
+    if too_many || (last && shape[axes + 1] != 1) {
+        return Err(Damage("number of degrees"));
+    }
+    if count == 0 || count > MOST_INTEGERS {
+        return Err(Damage("number of coefficients"));
+    }
+    Ok(shape)
+}
