@@ -18,8 +18,16 @@ use constriction::{
 };
 use std::{borrow::Borrow, num::NonZeroU32};
 
-/// Classes: no neighbour, all neighbours zero, and two for each doubling of their mean size.
-pub const CLASSES: usize = 70;
+/// Classes by neighbours: none, all zero, and two for each doubling of their mean size.
+pub const SIZES: usize = 70;
+
+/// How many doublings what was at a place before is told to be larger or smaller than neighbours, at most,
+/// and the number of such classes.
+pub const MOST_TREND: i32 = 2;
+pub const TRENDS: usize = 2 * MOST_TREND as usize + 1;
+
+/// All classes: number `TRENDS · size + trend`.
+pub const CLASSES: usize = SIZES * TRENDS;
 
 /// Bits of a probability.
 const PRECISION: usize = 16;
@@ -43,7 +51,7 @@ const RAW: u32 = 16;
 /// How many bits of an integer of `class` are not worth learning about: what is left is 2.4 to 4.5 on
 /// average.
 fn dropped(class: usize) -> u32 {
-    (class.saturating_sub(9) / 2) as u32
+    ((class / TRENDS).saturating_sub(9) / 2) as u32
 }
 
 /// Whether the answer is yes.
@@ -56,8 +64,8 @@ struct Answer {
 
 impl Answer {
     /// For integers of mean size `numerator / denominator` in units of what is asked for.
-    fn expected(numerator: u32, denominator: u32) -> Self {
-        let yes = (u64::from(ONE) * u64::from(numerator)) / u64::from(numerator + denominator);
+    fn expected(numerator: u64, denominator: u64) -> Self {
+        let yes = u64::from(ONE) * numerator / (numerator + denominator);
         Self {
             yes: (yes as u32).clamp(LEAST, ONE - LEAST),
             seen: GUESSED,
@@ -138,13 +146,14 @@ struct Learnt(Vec<[Answer; ANSWERS]>);
 impl Learnt {
     fn new() -> Self {
         let rows = (0..CLASSES).map(|class| {
-            let answer = match class {
-                0 | 1 => Answer::expected(1, 20),
-                // The middle of the class, 0.2 (√2)^(class − 1.5), in units of 2^dropped.
-                _ => {
-                    let halves = class as u32 - 2;
+            let answer = match (class / TRENDS).checked_sub(2) {
+                None => Answer::expected(1, 20),
+                // The middle of the class, 0.2 (√2)^(size − 1.5), and half of the way to what was before,
+                // in units of 2^dropped.
+                Some(halves) => {
+                    let halves = halves + class % TRENDS;
                     let middle = if halves.is_multiple_of(2) { 238 } else { 336 };
-                    Answer::expected(middle << (halves / 2 - dropped(class)), 1000)
+                    Answer::expected(middle << (halves / 2), 2000 << dropped(class))
                 }
             };
             [answer; ANSWERS]
@@ -333,7 +342,8 @@ mod tests {
     /// Integers of a two-sided geometric distribution take hardly more than their entropy.
     #[test]
     fn expected_integers_take_their_entropy() {
-        for (class, yes) in [(1, 0.05_f64), (6, 0.5), (10, 0.8), (24, 0.998)] {
+        for (size, yes) in [(1, 0.05_f64), (6, 0.5), (10, 0.8), (24, 0.998)] {
+            let class = TRENDS * size + MOST_TREND as usize;
             let mut stream = Stream::new(&[class as u64]);
             let mut coder = Coder::new();
             let count = 20_000;
