@@ -7,19 +7,21 @@
 //! range is found from random combinations of columns (N. Halko, P. G. Martinsson, J. A. Tropp,
 //! *Finding structure with randomness*, SIAM Review 53 (2011), algorithm 4.3).
 
-use faer::{Accum, Mat, MatMut, MatRef, Par, diag::DiagRef, linalg::matmul::matmul};
-use geofan::{
-    bundle::{Layout, Polynomial, Train, graded},
-    random::Stream,
-};
+mod products;
+mod range;
+
+use faer::{Mat, MatRef, Side};
+use geofan::bundle::{Layout, Polynomial, Train, graded};
 use ndarray::{ArrayD, IxDyn};
-use rayon::prelude::*;
+use products::{flat_product, product, square, triangle};
+use range::range;
 
 /// Below this smaller side a matrix is decomposed as it is: random combinations save nothing.
-const SMALL: usize = 96;
+const SMALL: usize = 192;
 
-/// Columns that a random range has beyond those that belong to singular values worth keeping.
-const OVERSAMPLING: usize = 12;
+/// Down to this share of the size of a matrix its singular values are found from its square, to within
+/// a hundredth; smaller ones drown in rounding errors there, and take a triangle.
+const SQUARES: f64 = 1e-7;
 
 /// The train of `polynomial` (axes camera…, direction…, arc length, channel) in the order of `layout`, without
 /// its singular values below `threshold`; `None` where a rank exceeds `most_rank`.
@@ -112,14 +114,10 @@ impl Split {
         (split.singular.len() <= most_rank).then_some(split)
     }
 
-    /// The decomposition of `a`, or of `basis · a`. Its left singular vectors are those of its lower
-    /// triangle (LQ), and with them `Σ Vᵀ = Uᵀ A`.
+    /// The decomposition of `a`, or of `basis · a`: with its left singular vectors `Σ Vᵀ = Uᵀ A`.
     fn exact(a: MatRef<'_, f64>, basis: Option<&Mat<f64>>, threshold: f64) -> Option<Self> {
-        let lower = triangle(a);
-        let svd = lower.transpose().thin_svd().ok()?;
-        let kept = kept(svd.S(), threshold);
-        let u = svd.U().subcols(0, kept.len());
-        let all = basis.map_or_else(|| u.to_owned(), |basis| product(basis.as_ref(), u));
+        let (u, kept) = left_vectors(a, threshold)?;
+        let all = basis.map_or_else(|| u.clone(), |basis| product(basis.as_ref(), u.as_ref()));
         let signs = signs(all.as_ref());
         let signed = Mat::from_fn(u.nrows(), kept.len(), |i, j| signs[j] * u[(i, j)]);
         Some(Self {
@@ -130,11 +128,34 @@ impl Split {
     }
 }
 
-/// The singular values above `threshold`, the largest at least.
-fn kept(singular: DiagRef<'_, f64>, threshold: f64) -> Vec<f64> {
-    let sizes = singular.column_vector();
-    let kept = sizes.iter().take_while(|x| **x > threshold).count().max(1);
-    sizes.iter().take(kept).copied().collect()
+/// The left singular vectors of `a` and their singular values, of those above `threshold`: of its square
+/// or, where that is not accurate enough, of its lower triangle (LQ).
+fn left_vectors(a: MatRef<'_, f64>, threshold: f64) -> Option<(Mat<f64>, Vec<f64>)> {
+    let square = square(a);
+    let size: f64 = (0..a.nrows()).map(|i| square[(i, i)]).sum::<f64>().sqrt();
+    if threshold < SQUARES * size {
+        let svd = triangle(a).transpose().thin_svd().ok()?;
+        let sizes = svd.S().column_vector().iter().copied();
+        let kept = kept(sizes, threshold);
+        return Some((svd.U().subcols(0, kept.len()).to_owned(), kept));
+    }
+    let found = square.self_adjoint_eigen(Side::Lower).ok()?;
+    let squares = found.S().column_vector().iter().rev();
+    let kept = kept(squares.map(|x| x.max(0.0).sqrt()), threshold);
+    let vectors = found.U().reverse_cols();
+    Some((vectors.subcols(0, kept.len()).to_owned(), kept))
+}
+
+/// The singular values above `threshold` of those in falling order, the largest at least.
+fn kept(sizes: impl Iterator<Item = f64>, threshold: f64) -> Vec<f64> {
+    let mut all = sizes.peekable();
+    let largest = all.peek().copied();
+    let kept: Vec<f64> = all.take_while(|x| *x > threshold).collect();
+    if kept.is_empty() {
+        largest.into_iter().collect()
+    } else {
+        kept
+    }
 }
 
 /// The sign of a singular pair is arbitrary: with these the largest entry of each left vector is
@@ -154,161 +175,13 @@ fn row_by_row(a: MatRef<'_, f64>, factors: &[f64]) -> Vec<f64> {
     (0..a.nrows()).flat_map(row).collect()
 }
 
-/// Columns that one thread works on at once. Every product and every triangle is put together from
-/// the same parts, however many threads there are.
-const COLUMNS: usize = 1024;
-
-/// `a b`, row by row.
-fn flat_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
-    let mut flat = vec![0.0; a.nrows() * b.ncols()];
-    into_parts(
-        MatMut::from_row_major_slice_mut(&mut flat, a.nrows(), b.ncols()),
-        a,
-        b,
-    );
-    flat
-}
-
-/// `a b`.
-fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
-    let mut all = Mat::zeros(a.nrows(), b.ncols());
-    into_parts(all.as_mut(), a, b);
-    all
-}
-
-/// `to = a b`, by parts of its columns.
-fn into_parts(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
-    let mut parts = Vec::new();
-    let mut rest = to;
-    for columns in parts_of(b) {
-        let (part, after) = rest.split_at_col_mut(columns.ncols());
-        parts.push((part, columns));
-        rest = after;
-    }
-    parts
-        .into_par_iter()
-        .for_each(|(to, b)| matmul(to, Accum::Replace, a, b, 1.0, Par::Seq));
-}
-
-/// `a` by parts of its columns.
-fn parts_of(a: MatRef<'_, f64>) -> impl Iterator<Item = MatRef<'_, f64>> {
-    let part = move |first: usize| a.subcols(first, COLUMNS.min(a.ncols() - first));
-    (0..a.ncols()).step_by(COLUMNS).map(part)
-}
-
-/// The upper triangle R of Aᵀ = Q R: parts are made triangular one by one, and then all those
-/// triangles together (J. Demmel and others, *Communication-optimal parallel and sequential QR and LU
-/// factorizations*, SIAM J. Sci. Comput. 34 (2012)).
-fn triangle(a: MatRef<'_, f64>) -> Mat<f64> {
-    let parts: Vec<MatRef<'_, f64>> = parts_of(a).collect();
-    let together = (COLUMNS * parts.len()).div_ceil(COLUMNS.max(8 * a.nrows()));
-    let together = parts.len().div_ceil(together.max(1));
-    let triangles: Vec<Mat<f64>> = (0..parts.len().div_ceil(together))
-        .into_par_iter()
-        .map(|k| {
-            let first = k * together * COLUMNS;
-            let count = (together * COLUMNS).min(a.ncols() - first);
-            a.subcols(first, count)
-                .transpose()
-                .to_owned()
-                .qr()
-                .thin_R()
-                .to_owned()
-        })
-        .collect();
-    let rows = triangles.iter().map(|r| r.nrows()).sum();
-    let mut stacked = Mat::zeros(rows, a.nrows());
-    let mut first = 0;
-    for triangle in &triangles {
-        stacked
-            .subrows_mut(first, triangle.nrows())
-            .copy_from(triangle);
-        first += triangle.nrows();
-    }
-    match triangles.len() {
-        1 => stacked,
-        _ => stacked.qr().thin_R().to_owned(),
-    }
-}
-
-/// Columns that stand for those of a matrix with many more, for each of the most ranks.
-const SKETCH: usize = 4;
-
-/// Columns found at a time.
-const STRIDE: usize = 64;
-
-/// An orthonormal basis (columns) of nearly all of the range of `a`, as wide as it takes to leave no
-/// singular value above `threshold`; `None` where that is more than `most_rank`.
-fn range(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option<Mat<f64>> {
-    let mut stream = Stream::new(&[a.nrows() as u64, a.ncols() as u64]);
-    let sketch = sketch(a, SKETCH * most_rank, &mut stream);
-    let a = sketch.as_ref().map_or(a, |s| s.as_ref());
-    let mut basis: Mat<f64> = Mat::zeros(a.nrows(), 0);
-    while basis.ncols() < a.nrows() {
-        let width = STRIDE.min(a.nrows() - basis.ncols());
-        let random = Mat::from_fn(a.ncols(), width, |_, _| stream.between(-1.0, 1.0));
-        let once = outside(&basis, a * random);
-        // Once through AᵀA: singular values that fall off slowly are told apart better.
-        let again = product(once.transpose(), a);
-        let new = outside(&basis, a * again.transpose());
-        let found = triangle(product(new.transpose(), a).as_ref());
-        let sizes = found.singular_values().ok()?;
-        let above = sizes.iter().filter(|x| **x > threshold).count();
-        let wider = Mat::from_fn(a.nrows(), basis.ncols() + width, |i, j| {
-            match j.checked_sub(basis.ncols()) {
-                Some(j) => new[(i, j)],
-                None => basis[(i, j)],
-            }
-        });
-        if above + OVERSAMPLING <= width {
-            return Some(wider);
-        }
-        if basis.ncols() + above > most_rank {
-            return None;
-        }
-        basis = wider;
-    }
-    Some(basis)
-}
-
-/// An orthonormal basis of what `columns` have that `basis` has not.
-fn outside(basis: &Mat<f64>, columns: Mat<f64>) -> Mat<f64> {
-    // Twice: once leaves rounding errors as large as what remains is small.
-    let once = &columns - basis * (basis.transpose() * &columns);
-    let once = once.qr().compute_thin_Q();
-    let twice = &once - basis * (basis.transpose() * &once);
-    twice.qr().compute_thin_Q()
-}
-
-/// A matrix with far fewer columns and nearly the same range: sums of columns with random signs
-/// (D. P. Woodruff, *Sketching as a tool for numerical linear algebra*, 2014, section 2.1).
-fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f64>> {
-    if a.ncols() < 2 * count {
-        return None;
-    }
-    let places = (0..a.ncols()).map(|_| {
-        let bits = stream.bits();
-        let sign = if bits & 1 == 0 { 1.0 } else { -1.0 };
-        ((bits >> 1) as usize % count, sign)
-    });
-    let places: Vec<(usize, f64)> = places.collect();
-    let rows: Vec<Vec<f64>> = (0..a.nrows())
-        .into_par_iter()
-        .map(|i| {
-            let mut sums = vec![0.0; count];
-            for (x, (place, sign)) in a.row(i).iter().zip(&places) {
-                sums[*place] += sign * x;
-            }
-            sums
-        })
-        .collect();
-    Some(Mat::from_fn(a.nrows(), count, |i, j| rows[i][j]))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan::bundle::{Shape, Step, Stretch, Tensor, Tree, Variables};
+    use geofan::{
+        bundle::{Shape, Step, Stretch, Tensor, Tree, Variables},
+        random::Stream,
+    };
     use std::sync::Arc;
 
     fn coefficients(shape: &[usize]) -> ArrayD<f64> {

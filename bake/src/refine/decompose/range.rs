@@ -1,0 +1,102 @@
+//! An orthonormal basis of what a matrix with many columns makes of vectors.
+//!
+//! In: a matrix and a threshold. Out: columns that leave out singular values below the threshold only.
+//! They are random combinations of columns (N. Halko, P. G. Martinsson, J. A. Tropp, *Finding structure
+//! with randomness*, SIAM Review 53 (2011), algorithm 4.2), not of the matrix but of a [`sketch`] of it
+//! with far fewer columns, which grows as the basis does.
+
+use super::products::product;
+use faer::{Mat, MatRef};
+use geofan::random::Stream;
+use rayon::prelude::*;
+
+/// Columns that a sketch has for each of the basis, at least, and how many it begins with for each of
+/// those found at a time.
+const SKETCH: usize = 3;
+const FIRST: usize = 16;
+
+/// To how many columns of a sketch each column is added: with one, two that are large and alike in no
+/// way may fall on the same and cannot be told apart.
+const PLACES: usize = 4;
+
+/// Columns found at a time.
+const STRIDE: usize = 64;
+
+/// An orthonormal basis (columns) of nearly all of the range of `a`, as wide as it takes to leave no
+/// singular value above `threshold`; `None` where that is more than `most_rank` and two strides.
+pub fn range(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option<Mat<f64>> {
+    let mut stream = Stream::new(&[a.nrows() as u64, a.ncols() as u64]);
+    let mut count = FIRST * STRIDE;
+    let mut sketched = sketch(a, count, &mut stream);
+    let mut basis: Mat<f64> = Mat::zeros(a.nrows(), 0);
+    while basis.ncols() < a.nrows() {
+        if sketched.is_some() && SKETCH * (basis.ncols() + STRIDE) > count {
+            count *= 2;
+            sketched = sketch(a, count, &mut stream);
+        }
+        let from = sketched.as_ref().map_or(a, |s| s.as_ref());
+        let width = STRIDE.min(a.nrows() - basis.ncols());
+        // A stride makes of any vector one that is as long on average.
+        let size = (3.0 / width as f64).sqrt();
+        let random = Mat::from_fn(from.ncols(), width, |_, _| stream.between(-size, size));
+        let (new, largest) = outside(&basis, product(from, random.as_ref()))?;
+        if largest <= threshold {
+            return Some(basis);
+        }
+        if basis.ncols() > most_rank + STRIDE {
+            return None;
+        }
+        basis = beside(&basis, &new);
+    }
+    Some(basis)
+}
+
+/// An orthonormal basis of what `columns` have that `basis` has not, and the largest singular value of
+/// that.
+fn outside(basis: &Mat<f64>, columns: Mat<f64>) -> Option<(Mat<f64>, f64)> {
+    // Twice: once leaves rounding errors as large as what remains is small.
+    let once = &columns - basis * (basis.transpose() * &columns);
+    let once = once.qr();
+    let largest = once.thin_R().singular_values().ok()?;
+    let largest = largest.iter().copied().fold(0.0, f64::max);
+    let once = once.compute_thin_Q();
+    let twice = &once - basis * (basis.transpose() * &once);
+    Some((twice.qr().compute_thin_Q(), largest))
+}
+
+/// The columns of `a`, then those of `b`.
+fn beside(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
+    let mut both = Mat::zeros(a.nrows(), a.ncols() + b.ncols());
+    both.subcols_mut(0, a.ncols()).copy_from(a);
+    both.subcols_mut(a.ncols(), b.ncols()).copy_from(b);
+    both
+}
+
+/// A matrix of `count` columns and nearly the same range: sums of columns with random signs; `None` where
+/// that is hardly fewer columns (D. P. Woodruff, *Sketching as a tool for numerical linear algebra*, 2014,
+/// section 2.1; J. Nelson, H. L. Nguyễn, *OSNAP*, FOCS 2013).
+fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f64>> {
+    if a.ncols() < 2 * count {
+        return None;
+    }
+    let size = 1.0 / (PLACES as f64).sqrt();
+    let place = |_| {
+        let bits = stream.bits();
+        let sign = if bits & 1 == 0 { size } else { -size };
+        ((bits >> 1) as usize % count, sign)
+    };
+    let places: Vec<(usize, f64)> = (0..PLACES * a.ncols()).map(place).collect();
+    let rows: Vec<Vec<f64>> = (0..a.nrows())
+        .into_par_iter()
+        .map(|i| {
+            let mut sums = vec![0.0; count];
+            for (x, places) in a.row(i).iter().zip(places.chunks_exact(PLACES)) {
+                for (place, sign) in places {
+                    sums[*place] += sign * x;
+                }
+            }
+            sums
+        })
+        .collect();
+    Some(Mat::from_fn(a.nrows(), count, |i, j| rows[i][j]))
+}
