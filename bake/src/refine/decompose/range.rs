@@ -40,7 +40,8 @@ pub fn range(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option
         let size = (3.0 / width as f64).sqrt();
         let random = Mat::from_fn(from.ncols(), width, |_, _| stream.between(-size, size));
         let (new, largest) = outside(&basis, product(from, random.as_ref()))?;
-        if largest <= threshold {
+        // One stride at least: something is always kept.
+        if largest <= threshold && basis.ncols() > 0 {
             return Some(basis);
         }
         if basis.ncols() > most_rank + STRIDE {
