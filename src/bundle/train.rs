@@ -55,22 +55,22 @@ impl Train {
     }
 
     fn rounded_by(&self, step: Step, round: Round) -> Option<Tensor> {
-        let in_steps = self.cores.iter().map(|core| core / step.value());
-        let in_steps: Vec<ArrayD<f64>> = in_steps.collect();
-        let fits = |core: &ArrayD<f64>| core.iter().all(|x| x.abs() < LARGEST);
-        if !in_steps.iter().all(fits) {
+        let unit = step.value();
+        let fits = |core: &ArrayD<f64>| core.iter().all(|x| x.abs() < LARGEST * unit);
+        if !self.cores.iter().all(fits) {
             return None;
         }
-        let alone: Vec<ArrayD<i32>> = in_steps.iter().map(|core| alone(core, round)).collect();
-        let (mut bonds, mut before) = (kept_ranks(&alone).into_iter(), Bond::none());
+        let counts = |x: &f64| x.abs() > COUNTS * unit;
+        let (mut bonds, mut before) = (kept_ranks(&self.cores, counts).into_iter(), Bond::none());
         let mut cores: Vec<Core> = Vec::new();
-        for (k, (core, alone)) in in_steps.iter().zip(&alone).enumerate() {
+        for (k, core) in self.cores.iter().enumerate() {
             let behind = bonds.next().zip(self.singular.get(k));
             let last = behind.is_none();
             let behind = behind.map_or_else(Bond::none, |(kept, all)| Bond::new(kept, all));
-            let lengths = lengths(&between(alone, &before, &behind), last);
             let mut core = between(core, &before, &behind);
+            let lengths = lengths(&core, last, counts);
             core.slice_each_axis_inplace(|axis| (..lengths[axis.axis.index()]).into());
+            core /= unit;
             let side = cores.last().map(|core| core.side);
             cores.push(rounded_core(core, side, (before, &behind), round));
             before = behind;
@@ -87,12 +87,9 @@ impl Train {
 /// Integers of the numbers of an array of this shape, vectors of this length.
 type Round = fn(shape: &[usize], length: usize, values: &[f64]) -> Vec<i32>;
 
-/// The integers of all numbers of `core`, each for itself.
-fn alone(core: &ArrayD<f64>, round: Round) -> ArrayD<i32> {
-    let values: Vec<f64> = core.iter().copied().collect();
-    let integers = round(core.shape(), values.len(), &values);
-    ArrayD::from_shape_vec(core.raw_dim(), integers).expect("as many integers as numbers")
-}
+/// Vectors and degrees without a number of more steps than this are left out: smaller ones by themselves are
+/// hardly ever worth their bits.
+const COUNTS: f64 = 1.0;
 
 /// What is kept of the indices between two cores.
 struct Bond {
@@ -155,7 +152,7 @@ fn multiply(core: &mut ArrayD<f64>, axis: Axis, factors: &[f64]) {
 }
 
 /// The entries of `core` at the indices that two bonds keep.
-fn between<T: Clone>(core: &ArrayD<T>, before: &Bond, behind: &Bond) -> ArrayD<T> {
+fn between(core: &ArrayD<f64>, before: &Bond, behind: &Bond) -> ArrayD<f64> {
     let right = Axis(core.ndim() - 1);
     core.select(Axis(0), &before.kept)
         .select(right, &behind.kept)
@@ -164,10 +161,13 @@ fn between<T: Clone>(core: &ArrayD<T>, before: &Bond, behind: &Bond) -> ArrayD<T
 /// Largest rounded coefficient: sums of a few in 32 bits stay exact.
 const LARGEST: f64 = (1 << 28) as f64;
 
-/// For each bond the indices whose column and row are not zero; at least one.
-fn kept_ranks(cores: &[ArrayD<i32>]) -> Vec<Vec<usize>> {
+/// For each bond the indices in whose column and row a number `counts`; at least one.
+fn kept_ranks(cores: &[ArrayD<f64>], counts: impl Fn(&f64) -> bool) -> Vec<Vec<usize>> {
     let kept = cores.windows(2).map(|pair| {
-        let (columns, rows) = (living_columns(&pair[0]), living_rows(&pair[1]));
+        let (columns, rows) = (
+            living_columns(&pair[0], &counts),
+            living_rows(&pair[1], &counts),
+        );
         let both = |j: &usize| columns[*j] && rows[*j];
         let kept: Vec<usize> = (0..rows.len()).filter(both).collect();
         if kept.is_empty() { vec![0] } else { kept }
@@ -175,40 +175,35 @@ fn kept_ranks(cores: &[ArrayD<i32>]) -> Vec<Vec<usize>> {
     kept.collect()
 }
 
-/// Which indices of the first axis have a number that is not zero.
-fn living_rows(core: &ArrayD<i32>) -> Vec<bool> {
+/// Which indices of the first axis have a number that counts.
+fn living_rows(core: &ArrayD<f64>, counts: impl Fn(&f64) -> bool) -> Vec<bool> {
     let rows = core.outer_iter();
-    rows.map(|row| row.iter().any(|x| *x != 0)).collect()
+    rows.map(|row| row.iter().any(&counts)).collect()
 }
 
 /// The same of the last axis.
-fn living_columns(core: &ArrayD<i32>) -> Vec<bool> {
+fn living_columns(core: &ArrayD<f64>, counts: impl Fn(&f64) -> bool) -> Vec<bool> {
     let mut living = vec![false; core.len_of(Axis(core.ndim() - 1))];
     for row in core.rows() {
-        living.iter_mut().zip(row).for_each(|(l, x)| *l |= *x != 0);
+        living
+            .iter_mut()
+            .zip(row)
+            .for_each(|(l, x)| *l |= counts(x));
     }
     living
 }
 
-/// The lengths of all axes without the degrees beyond the last that is not zero; ranks and the channels of the
+/// The lengths of all axes without the degrees beyond the last that counts; ranks and the channels of the
 /// last core are kept.
-fn lengths(core: &ArrayD<i32>, last: bool) -> Vec<usize> {
-    let shape = core.shape().to_vec();
-    let core = core.as_standard_layout();
-    let mut kept = vec![1; shape.len()];
-    let values = core.as_slice().unwrap_or_default();
-    for (flat, _) in values.iter().enumerate().filter(|(_, value)| **value != 0) {
-        let mut rest = flat;
-        for (axis, n) in shape.iter().enumerate().rev() {
-            kept[axis] = kept[axis].max(rest % n + 1);
-            rest /= n;
+fn lengths(core: &ArrayD<f64>, last: bool, counts: impl Fn(&f64) -> bool) -> Vec<usize> {
+    let ends = core.ndim() - if last { 2 } else { 1 };
+    let length = |axis: usize| {
+        let all = core.len_of(Axis(axis));
+        let lives = |i: &usize| core.index_axis(Axis(axis), *i).iter().any(&counts);
+        match axis == 0 || axis >= ends {
+            true => all,
+            false => (0..all).rev().find(lives).map_or(1, |i| i + 1),
         }
-    }
-    let (right, channel) = (shape.len() - 1, shape.len() - 2);
-    for axis in 0..shape.len() {
-        if axis == 0 || axis == right || (last && axis == channel) {
-            kept[axis] = shape[axis];
-        }
-    }
-    kept
+    };
+    (0..core.ndim()).map(length).collect()
 }
