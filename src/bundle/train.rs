@@ -89,7 +89,7 @@ type Round = fn(shape: &[usize], length: usize, values: &[f64]) -> Vec<i32>;
 
 /// Vectors and degrees without a number of more steps than this are left out: smaller ones by themselves are
 /// hardly ever worth their bits.
-const COUNTS: f64 = 1.0;
+const COUNTS: f64 = 1.2;
 
 /// What is kept of the indices between two cores.
 struct Bond {

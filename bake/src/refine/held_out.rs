@@ -24,7 +24,7 @@ const MOST: usize = 960;
 const FITTED_EACH: usize = 40;
 
 /// How many times as many the whole sphere of directions has: it stands for six faces.
-const ON_SPHERE: usize = 3;
+const ON_SPHERE: usize = 2;
 
 /// How often as many rays again are followed where too few get to the arc lengths of the box, because
 /// most end at an exit before: in the corner that is left a table failed by radians (Sol) when two
@@ -39,13 +39,14 @@ const LENGTHS: usize = 6;
 /// with 0.01 certificates exceed it by up to 5 %. From 0.01 to 0.007 costs 2 % of the bytes.
 const EXCEEDING: f64 = 0.007;
 
-/// The same of the whole sphere, where more rays are compared and one patch is most of a table.
-const EXCEEDING_ON_SPHERE: f64 = 0.0085;
+/// The same of the whole sphere, where more rays are compared and one patch is most of a table. With
+/// 0.0085 the certificate of three bumps on a floor exceeded the promise by 1 % on the sky.
+const EXCEEDING_ON_SPHERE: f64 = 0.0082;
 
 /// How many rays tell whether a tensor is so far from the promise that the others need not be asked, and how
 /// far that is: among so many few decide.
 const GLANCE: usize = 480;
-const NEAR: [f64; 2] = [0.75, 1.33];
+const NEAR: [f64; 2] = [0.8, 1.25];
 
 /// The most rays that judge a polynomial, and how many of them come first, to find out most failures.
 /// All the others follow in parts of twice as many each: reading the coefficients takes as long as

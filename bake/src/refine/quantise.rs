@@ -18,7 +18,7 @@ const ROOM: f64 = 1.6e-8;
 
 /// The finest step in units of an error that uses up the promise, however many coefficients there
 /// are: most of those of large patches round to zero and add nothing.
-const FINE_ENOUGH: f64 = 0.0035;
+const FINE_ENOUGH: f64 = 0.005;
 
 /// Errors up to this, in units of the promise, tell by how much a step is too coarse; larger ones need
 /// not grow as steps do.
@@ -39,6 +39,10 @@ const MOST_RANKS: [usize; 2] = [500, 1500];
 /// The most coefficients for which rounding them one by one is tried: larger polynomials always take
 /// fewer bytes as trains, and reading them at a ray takes as long as fitting them.
 const MOST_PLAIN: f64 = 3e5;
+
+/// How far beyond the last step that keeps the promise others are tried as well: from step to step errors
+/// scatter by some percent, as much as steps differ.
+const BEYOND: i16 = 2;
 
 impl Refiner<'_> {
     /// The smallest tensor of the polynomial that keeps the promise on the held-out rays.
@@ -115,6 +119,11 @@ fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
             found => misses = (k, found.map_or(f64::INFINITY, |(error, _)| error)),
         }
     }
+    for k in keeps.0 + 2..=keeps.0 + BEYOND {
+        if let Some((_, found)) = tried(k).filter(|(error, _)| *error <= 1.0) {
+            best = found;
+        }
+    }
     Some(best)
 }
 
@@ -156,8 +165,8 @@ mod tests {
                 Some((floor + (1.0 - floor) * rounding, k))
             });
             assert_eq!(found, Some(crossing as i16));
-            // The finest step is tried besides.
-            assert!(trials.get() <= 12, "{trials:?}");
+            // The finest step is tried besides, and some beyond.
+            assert!(trials.get() <= 15, "{trials:?}");
         }
     }
 }
