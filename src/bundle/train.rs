@@ -46,31 +46,29 @@ impl Train {
     /// most values. What is zero at the ends of axes and bonds is left out. `None` if a coefficient is too
     /// large for the step.
     pub fn rounded(&self, step: Step) -> Option<Tensor> {
-        self.rounded_by(step, rounded)
+        self.rounded_by(step, rounded, WORTH)
     }
 
     /// The same rounded to the nearest multiples: the fewest bytes for errors that hold for all values.
     pub fn nearest(&self, step: Step) -> Option<Tensor> {
-        self.rounded_by(step, nearest)
+        self.rounded_by(step, nearest, 0.5)
     }
 
-    fn rounded_by(&self, step: Step, round: Round) -> Option<Tensor> {
+    /// Vectors and degrees without a number of `least` steps are left out.
+    fn rounded_by(&self, step: Step, round: Round, least: f64) -> Option<Tensor> {
         let unit = step.value();
         let fits = |core: &ArrayD<f64>| core.iter().all(|x| x.abs() < LARGEST * unit);
         if !self.cores.iter().all(fits) {
             return None;
         }
-        let counts = |x: &f64| x.abs() > COUNTS * unit;
+        let counts = |x: &f64| x.abs() >= least * unit;
         let (mut bonds, mut before) = (kept_ranks(&self.cores, counts).into_iter(), Bond::none());
         let mut cores: Vec<Core> = Vec::new();
         for (k, core) in self.cores.iter().enumerate() {
             let behind = bonds.next().zip(self.singular.get(k));
-            let last = behind.is_none();
             let behind = behind.map_or_else(Bond::none, |(kept, all)| Bond::new(kept, all));
-            let mut core = between(core, &before, &behind);
-            let lengths = lengths(&core, last, counts);
-            core.slice_each_axis_inplace(|axis| (..lengths[axis.axis.index()]).into());
-            core /= unit;
+            let core = between(core, &before, &behind);
+            let core = shortened(core, k + 1 == self.cores.len(), counts) / unit;
             let side = cores.last().map(|core| core.side);
             cores.push(rounded_core(core, side, (before, &behind), round));
             before = behind;
@@ -87,9 +85,8 @@ impl Train {
 /// Integers of the numbers of an array of this shape, vectors of this length.
 type Round = fn(shape: &[usize], length: usize, values: &[f64]) -> Vec<i32>;
 
-/// Vectors and degrees without a number of more steps than this are left out: smaller ones by themselves are
-/// hardly ever worth their bits.
-const COUNTS: f64 = 1.2;
+/// The fewest steps that are worth their bits in a vector or a degree that has nothing larger.
+const WORTH: f64 = 1.2;
 
 /// What is kept of the indices between two cores.
 struct Bond {
@@ -114,7 +111,14 @@ impl Bond {
     fn new(kept: Vec<usize>, singular: &[f64]) -> Self {
         let singular: Vec<f64> = kept.iter().map(|j| singular[*j]).collect();
         let scales: Vec<Scale> = singular.iter().map(|x| Scale::near(*x)).collect();
-        let off = scales.iter().zip(&singular).map(|(s, x)| s.value() / x);
+        let off = scales
+            .iter()
+            .zip(&singular)
+            .map(|(scale, x)| match *x > 0.0 {
+                true => scale.value() / x,
+                // Of a train that is zero.
+                false => 1.0,
+            });
         Self {
             kept,
             off: off.collect(),
@@ -193,9 +197,8 @@ fn living_columns(core: &ArrayD<f64>, counts: impl Fn(&f64) -> bool) -> Vec<bool
     living
 }
 
-/// The lengths of all axes without the degrees beyond the last that counts; ranks and the channels of the
-/// last core are kept.
-fn lengths(core: &ArrayD<f64>, last: bool, counts: impl Fn(&f64) -> bool) -> Vec<usize> {
+/// `core` without the degrees beyond the last that counts; ranks and the channels of the last core are kept.
+fn shortened(mut core: ArrayD<f64>, last: bool, counts: impl Fn(&f64) -> bool) -> ArrayD<f64> {
     let ends = core.ndim() - if last { 2 } else { 1 };
     let length = |axis: usize| {
         let all = core.len_of(Axis(axis));
@@ -205,5 +208,7 @@ fn lengths(core: &ArrayD<f64>, last: bool, counts: impl Fn(&f64) -> bool) -> Vec
             false => (0..all).rev().find(lives).map_or(1, |i| i + 1),
         }
     };
-    (0..core.ndim()).map(length).collect()
+    let lengths: Vec<usize> = (0..core.ndim()).map(length).collect();
+    core.slice_each_axis_inplace(|axis| (..lengths[axis.axis.index()]).into());
+    core
 }
