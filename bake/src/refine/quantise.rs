@@ -40,10 +40,6 @@ const MOST_RANKS: [usize; 2] = [500, 1500];
 /// fewer bytes as trains, and reading them at a ray takes as long as fitting them.
 const MOST_PLAIN: f64 = 3e5;
 
-/// How far beyond the last step that keeps the promise others are tried as well: from step to step errors
-/// scatter by some percent, as much as steps differ.
-const BEYOND: i16 = 2;
-
 impl Refiner<'_> {
     /// The smallest tensor of the polynomial that keeps the promise on the held-out rays.
     pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut<'_>) -> Option<Tensor> {
@@ -119,11 +115,6 @@ fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
             found => misses = (k, found.map_or(f64::INFINITY, |(error, _)| error)),
         }
     }
-    for k in keeps.0 + 2..=keeps.0 + BEYOND {
-        if let Some((_, found)) = tried(k).filter(|(error, _)| *error <= 1.0) {
-            best = found;
-        }
-    }
     Some(best)
 }
 
@@ -165,8 +156,8 @@ mod tests {
                 Some((floor + (1.0 - floor) * rounding, k))
             });
             assert_eq!(found, Some(crossing as i16));
-            // The finest step is tried besides, and some beyond.
-            assert!(trials.get() <= 15, "{trials:?}");
+            // The finest step is tried besides.
+            assert!(trials.get() <= 12, "{trials:?}");
         }
     }
 }
