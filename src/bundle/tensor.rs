@@ -11,7 +11,7 @@
 //! sides, so that one step for all cores makes each rounded integer cost the same error (I. V.
 //! Oseledets, *Tensor-train decomposition*, SIAM J. Sci. Comput. 33 (2011)). Its columns and rows are
 //! orthogonal too, and what that leaves free is what a file holds ([`super::reflections`]: an eighth
-//! fewer bytes for three bumps on a floor). [`Layout::Plain`] is the same with a single core over all
+//! fewer bytes for three bumps on a quarter of a floor). [`Layout::Plain`] is the same with a single core over all
 //! axes: where ranks explode it is smaller.
 
 use super::{

@@ -5,7 +5,7 @@
 //! the threshold are left out: what belongs to them would round to zero. Source: I. V. Oseledets,
 //! *Tensor-train decomposition*, SIAM J. Sci. Comput. 33 (2011), algorithm 1; for large matrices the
 //! range is found from random combinations of columns (N. Halko, P. G. Martinsson, J. A. Tropp,
-//! *Finding structure with randomness*, SIAM Review 53 (2011), algorithm 4.3).
+//! *Finding structure with randomness*, SIAM Review 53 (2011), algorithm 4.2).
 
 mod products;
 mod range;
