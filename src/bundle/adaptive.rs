@@ -1,11 +1,11 @@
 //! Integers of a known class, coded in as many bits as they are unexpected.
 //!
 //! In: integers, each with its class. Out: words of a range coder (the crate `constriction`), and
-//! back. Of an integer of size about `m` the last `k` bits and the sign are as good as random; how
+//! back. Of an integer of size about `m` the last `k` bits are as good as random; how
 //! often `2^k ≈ m/3` goes into it is told by a row of yes and no, one for each time it does, and how
 //! likely yes is at each is learnt for each class while coding (J. Rissanen, G. G. Langdon,
-//! *Arithmetic coding*, IBM J. Res. Dev. 23 (1979)). All arithmetic is that of integers: every machine
-//! reads what any other wrote.
+//! *Arithmetic coding*, IBM J. Res. Dev. 23 (1979)). Signs come with a probability of their own. All
+//! arithmetic is that of integers: every machine reads what any other wrote.
 
 use super::bytes::Damage;
 use constriction::{
@@ -69,6 +69,15 @@ impl Answer {
         Self {
             yes: (yes as u32).clamp(LEAST, ONE - LEAST),
             seen: GUESSED,
+        }
+    }
+
+    /// Of a probability that others learn.
+    fn known(likely: f64) -> Self {
+        let yes = (likely * f64::from(ONE)) as u32;
+        Self {
+            yes: yes.clamp(LEAST, ONE - LEAST),
+            seen: FORGETS,
         }
     }
 
@@ -178,9 +187,9 @@ impl Coder {
         }
     }
 
-    /// Adds `value`, of `class`.
-    pub fn put(&mut self, class: usize, value: i32) {
-        let (size, low) = (value.unsigned_abs(), dropped(class));
+    /// Adds an integer of this `size` and `class`, but for its sign.
+    pub fn put(&mut self, class: usize, size: u32) {
+        let low = dropped(class);
         let times = size >> low;
         for (told, answer) in (0..).zip(&mut self.learnt.0[class]) {
             let yes = times > told;
@@ -195,9 +204,11 @@ impl Coder {
             self.put_beyond(beyond + 1);
         }
         self.put_raw(low, size);
-        if size > 0 {
-            self.put_raw(1, u32::from(value < 0));
-        }
+    }
+
+    /// Adds a yes or no, where yes has the probability `likely`.
+    pub fn put_likely(&mut self, likely: f64, yes: bool) {
+        let _ = self.words.encode_symbol(yes, Answer::known(likely));
     }
 
     /// A number from 1 up: how many bits it has, and those (P. Elias, *Universal codeword sets and
@@ -255,7 +266,7 @@ impl Decoder {
         })
     }
 
-    /// The next value, of `class`.
+    /// The size of the next integer, of `class`.
     ///
     /// # Errors
     /// No coder wrote this.
@@ -275,9 +286,16 @@ impl Decoder {
         let low = dropped(class);
         let high = times.checked_mul(1 << low).ok_or(DAMAGE)?;
         let size = high | self.take_raw(low)?;
-        let size = i32::try_from(size).map_err(|_| DAMAGE)?;
-        let negative = size > 0 && self.take_raw(1)? == 1;
-        Ok(if negative { -size } else { size })
+        i32::try_from(size).map_err(|_| DAMAGE)
+    }
+
+    /// A yes or no, where yes has the probability `likely`.
+    ///
+    /// # Errors
+    /// No coder wrote this.
+    pub fn take_likely(&mut self, likely: f64) -> Result<bool, Damage> {
+        let answer = Answer::known(likely);
+        self.words.decode_symbol(answer).map_err(|_| DAMAGE)
     }
 
     fn take_beyond(&mut self) -> Result<u32, Damage> {
@@ -311,35 +329,25 @@ mod tests {
 
     #[test]
     fn every_integer_comes_back_in_every_class() {
-        let extremes = [
-            0,
-            1,
-            -1,
-            2,
-            14,
-            15,
-            16,
-            -17,
-            1000,
-            -(1 << 20),
-            1 << 30,
-            i32::MAX,
-            -i32::MAX,
-        ];
+        let extremes = [0, 1, 2, 14, 15, 16, 17, 1000, 1 << 20, 1 << 30, i32::MAX];
         let mut coder = Coder::new();
         for class in 0..CLASSES {
-            extremes.iter().for_each(|value| coder.put(class, *value));
+            for size in extremes {
+                coder.put(class, size as u32);
+                coder.put_likely(0.1, size % 2 == 0);
+            }
         }
         let mut decoder = Decoder::new(&coder.finish()).unwrap();
         for class in 0..CLASSES {
-            for value in extremes {
-                assert_eq!(decoder.take(class), Ok(value), "class {class}");
+            for size in extremes {
+                assert_eq!(decoder.take(class), Ok(size), "class {class}");
+                assert_eq!(decoder.take_likely(0.1), Ok(size % 2 == 0));
             }
         }
         assert!(decoder.is_done());
     }
 
-    /// Integers of a two-sided geometric distribution take hardly more than their entropy.
+    /// Sizes of a geometric distribution take hardly more than their entropy.
     #[test]
     fn expected_integers_take_their_entropy() {
         for (size, yes) in [(1, 0.05_f64), (6, 0.5), (10, 0.8), (24, 0.998)] {
@@ -349,10 +357,10 @@ mod tests {
             let count = 20_000;
             for _ in 0..count {
                 let size = (stream.uniform().ln() / yes.ln()) as i32;
-                coder.put(class, if stream.uniform() < 0.5 { size } else { -size });
+                coder.put(class, size as u32);
             }
             let binary = -(yes * yes.log2() + (1.0 - yes) * (1.0 - yes).log2()) / (1.0 - yes);
-            let entropy = f64::from(count) * (binary + yes) / 8.0;
+            let entropy = f64::from(count) * binary / 8.0;
             let bytes = coder.bytes() as f64;
             assert!(
                 bytes < 1.02 * entropy + 50.0,

@@ -1,207 +1,30 @@
 //! Integers of many tensors, coded together.
 //!
 //! In: tensors of rounded coefficients. Out: bytes, and back. Coefficients fall off along every
-//! axis, so what stands just before an integer tells how large it will be: each has a class by the
-//! mean size of its neighbours, and by how that compares with the mean size at the same place of the
-//! vectors before; integers of one class are coded alike ([`adaptive`]). All tensors of a chunk share
-//! what is learnt of the classes. By neighbours alone this takes 0.88 of the bytes of one pco stream for
-//! each class (three bumps on a rail) and 0.6 of those of one for each tensor; the vectors before take off
-//! another 1 to 4 % (Ellis, three bumps, the Gaussian lens).
-//!
-//! [`adaptive`]: super::adaptive
+//! axis, so what stands around an integer tells how large it will be ([`super::walk`]); integers of one
+//! class are coded alike ([`super::adaptive`]), and what stands around them tells their signs as well
+//! ([`super::signs`]). All tensors of a chunk share what is learnt. By neighbours alone this takes 0.88 of
+//! the bytes of one pco stream for each class (three bumps on a rail) and 0.6 of those of one for each
+//! tensor; the vectors before take off another 1 to 4 %, signs 1.5 to 4.5 % (Ellis, three bumps, the Gaussian
+//! lens).
 
 use super::{
-    adaptive::{Coder, Decoder, MOST_TREND, SIZES, TRENDS},
+    adaptive::{Coder, Decoder},
     bytes::{Damage, Reader, Writer},
     reflections::Taken,
+    signs::Signs,
+    walk::Walk,
 };
 
 /// The most integers of a chunk: far above any that a bake makes, and small enough that a hostile
 /// file cannot exhaust the memory.
 const MOST_INTEGERS: usize = 1 << 26;
 
-/// How much the neighbours before an integer count that are one and two places back: along the last
-/// axis, and along any other. Two back as well: in even and odd functions every other coefficient is zero.
-/// Fitted to the integers of Sol (where 4, 2, 3, 1 take 5 % more bytes), Schwarzschild and Ellis (1 %
-/// fewer), the Gaussian lens and three bumps (the same).
-const ALONG_LAST: [u32; 2] = [3, 3];
-const ALONG_OTHERS: [u32; 2] = [3, 2];
-
-/// An integer that comes before.
-#[derive(Debug, Clone, Copy)]
-struct Neighbour {
-    axis: usize,
-    /// How many places along it.
-    back: usize,
-    /// How far before in storage.
-    offset: usize,
-    weight: u32,
-}
-
-/// Walks a tensor in storage order and tells the class of each place from the values before it.
-pub(super) struct Walk {
-    /// Lengths of the axes that are longer than one.
-    shape: Vec<usize>,
-    index: Vec<usize>,
-    neighbours: Vec<Neighbour>,
-    /// Those that exist in the present row, but for its first columns.
-    of_row: Vec<Neighbour>,
-    history: History,
-}
-
-/// Mean sizes at each place of the vectors before: what has one index along the first axis is a vector.
-struct History {
-    /// In units of 1/[`PARTS`].
-    means: Vec<i64>,
-    place: usize,
-    /// Complete vectors, as far as they count.
-    vectors: i64,
-}
-
-/// Parts of one that means are counted in.
-const PARTS: i64 = 16;
-
-/// How many vectors a mean goes back. With twice as many up to 0.4 % more bytes.
-const REMEMBERED: i64 = 8;
-
-impl History {
-    fn new(length: usize) -> Self {
-        Self {
-            means: vec![0; length],
-            place: 0,
-            vectors: 0,
-        }
-    }
-
-    /// The mean at the present place; `None` in the first vector.
-    fn mean(&self) -> Option<f64> {
-        let mean = self.means[self.place] as f64 / PARTS as f64;
-        (self.vectors > 0).then_some(mean)
-    }
-
-    /// Adds the value of the present place, and on to the next.
-    fn add(&mut self, value: i32) {
-        let off = PARTS * i64::from(value.unsigned_abs()) - self.means[self.place];
-        self.means[self.place] += off / (self.vectors + 1);
-        self.place += 1;
-        if self.place == self.means.len() {
-            self.place = 0;
-            self.vectors = (self.vectors + 1).min(REMEMBERED - 1);
-        }
-    }
-}
-
-impl Walk {
-    /// At the first place of a tensor of this shape.
-    pub(super) fn new(shape: &[usize]) -> Self {
-        let shape: Vec<usize> = shape.iter().copied().filter(|n| *n > 1).collect();
-        let mut walk = Self {
-            index: vec![0; shape.len()],
-            neighbours: neighbours(&shape),
-            of_row: Vec::new(),
-            history: History::new(shape.iter().skip(1).product()),
-            shape,
-        };
-        walk.start_row();
-        walk
-    }
-
-    fn start_row(&mut self) {
-        let (index, last) = (&self.index, self.shape.len().saturating_sub(1));
-        let exists = |n: &&Neighbour| n.axis == last || index[n.axis] >= n.back;
-        self.of_row.clear();
-        self.of_row.extend(self.neighbours.iter().filter(exists));
-    }
-
-    /// The class of the place after the `values`, and on to the next place.
-    pub(super) fn class(&mut self, values: &[i32]) -> usize {
-        if let Some(last) = values.last() {
-            self.history.add(*last);
-        }
-        let last = self.shape.len().saturating_sub(1);
-        let column = self.index.last().copied().unwrap_or(0);
-        let (mut sum, mut weight) = (0, 0);
-        for neighbour in &self.of_row {
-            if neighbour.axis < last || neighbour.back <= column {
-                let value = values[values.len() - neighbour.offset];
-                sum += u64::from(neighbour.weight) * u64::from(value.unsigned_abs());
-                weight += neighbour.weight;
-            }
-        }
-        self.advance();
-        let trend = self
-            .history
-            .mean()
-            .map_or(0, |mean| trend(mean, sum, weight));
-        TRENDS * class(sum, weight) + (trend + MOST_TREND) as usize
-    }
-
-    fn advance(&mut self) {
-        for axis in (0..self.shape.len()).rev() {
-            self.index[axis] += 1;
-            if self.index[axis] < self.shape[axis] {
-                if axis + 1 < self.shape.len() {
-                    self.start_row();
-                }
-                return;
-            }
-            self.index[axis] = 0;
-        }
-    }
-}
-
-/// All that a place inside of a tensor of this shape has.
-fn neighbours(shape: &[usize]) -> Vec<Neighbour> {
-    let mut all = Vec::new();
-    for axis in 0..shape.len() {
-        let weights = match axis + 1 == shape.len() {
-            true => ALONG_LAST,
-            false => ALONG_OTHERS,
-        };
-        let stride: usize = shape[axis + 1..].iter().product();
-        for (back, weight) in (1..).zip(weights) {
-            all.push(Neighbour {
-                axis,
-                back,
-                offset: back * stride,
-                weight,
-            });
-        }
-    }
-    all
-}
-
-/// The class of integers whose neighbours, of total `weight`, sum up to `sum`.
-fn class(sum: u64, weight: u32) -> usize {
-    if weight == 0 || sum == 0 {
-        return usize::from(weight > 0);
-    }
-    // Half powers of two of the mean, from 1/5 up: the exponent of (5 · mean)².
-    let mean = 5.0 * sum as f64 / f64::from(weight);
-    (2 + exponent(mean * mean).max(0) as usize).min(SIZES - 1)
-}
-
-/// How many times twice as large as its neighbours those before were: `mean`.
-fn trend(mean: f64, sum: u64, weight: u32) -> i32 {
-    let neighbours = sum as f64 / f64::from(weight.max(1));
-    let ratio = (mean + LITTLE) / (neighbours + LITTLE);
-    // The nearest power of two.
-    let halves = exponent(2.0 * ratio * ratio);
-    halves.div_euclid(2).clamp(-MOST_TREND, MOST_TREND)
-}
-
-/// Sizes much smaller than this are alike.
-const LITTLE: f64 = 0.05;
-
-/// The exponent of 2 of a positive number.
-fn exponent(x: f64) -> i32 {
-    (x.to_bits() >> (f64::MANTISSA_DIGITS - 1)) as i32 - (f64::MAX_EXP - 1)
-}
-
 /// Integers on their way into a chunk.
 #[derive(Debug)]
 pub struct Integers {
     coder: Coder,
+    signs: Signs,
     count: u32,
 }
 
@@ -210,6 +33,7 @@ impl Integers {
     pub fn new() -> Self {
         Self {
             coder: Coder::new(),
+            signs: Signs::new(),
             count: 0,
         }
     }
@@ -219,14 +43,27 @@ impl Integers {
     pub fn put(&mut self, shape: &[usize], length: usize, values: &[i32]) {
         let mut walk = Walk::new(shape);
         let mut taken = Taken::none(length);
-        for (flat, value) in values.iter().enumerate() {
-            let class = walk.class(&values[..flat]);
-            if !taken.holds(flat % length) {
-                self.coder.put(class, *value);
+        for (number, vector) in values.chunks_exact(length.max(1)).enumerate() {
+            for (place, value) in vector.iter().enumerate() {
+                let before = &values[..number * length + place];
+                let class = walk.class(before);
+                if !taken.holds(place) {
+                    self.coder.put(class, value.unsigned_abs());
+                    self.put_sign(&walk, before, *value);
+                }
             }
-            taken.behind(&values[..=flat]);
+            taken.behind(vector);
         }
         self.count += values.len() as u32;
+    }
+
+    /// Adds the sign of `value`, if it has one.
+    fn put_sign(&mut self, walk: &Walk, before: &[i32], value: i32) {
+        if value != 0 {
+            let plus = self.signs.plus(walk, before, value.unsigned_abs());
+            self.coder.put_likely(plus, value > 0);
+            self.signs.learn(value > 0);
+        }
     }
 
     /// How many bytes they take.
@@ -245,6 +82,7 @@ impl Integers {
 #[derive(Debug)]
 pub struct Coded {
     decoder: Decoder,
+    signs: Signs,
     left: usize,
 }
 
@@ -260,6 +98,7 @@ impl Coded {
         }
         Ok(Self {
             decoder: Decoder::new(input.bytes()?)?,
+            signs: Signs::new(),
             left,
         })
     }
@@ -275,15 +114,29 @@ impl Coded {
         let mut values = Vec::with_capacity(count);
         let mut walk = Walk::new(shape);
         let mut taken = Taken::none(length);
-        for flat in 0..count {
-            let class = walk.class(&values);
-            values.push(match taken.holds(flat % length) {
-                true => 0,
-                false => self.decoder.take(class)?,
-            });
-            taken.behind(&values);
+        for first in (0..count).step_by(length.max(1)) {
+            for place in 0..length {
+                let class = walk.class(&values);
+                values.push(match taken.holds(place) {
+                    true => 0,
+                    false => self.take_one(&walk, class, &values)?,
+                });
+            }
+            taken.behind(&values[first..]);
         }
         Ok(values)
+    }
+
+    /// The integer of this class behind those `before`.
+    fn take_one(&mut self, walk: &Walk, class: usize, before: &[i32]) -> Result<i32, Damage> {
+        let size = self.decoder.take(class)?;
+        if size == 0 {
+            return Ok(0);
+        }
+        let plus = self.signs.plus(walk, before, size.unsigned_abs());
+        let positive = self.decoder.take_likely(plus)?;
+        self.signs.learn(positive);
+        Ok(if positive { size } else { -size })
     }
 
     /// That nothing is left.

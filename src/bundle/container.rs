@@ -21,7 +21,7 @@ use xxhash_rust::xxh3::xxh3_64;
 pub const MAGIC: &[u8; 10] = b"GEOFAN\r\n\x1a\n";
 
 /// The format written, and the newest one read.
-pub const VERSION: u32 = 10;
+pub const VERSION: u32 = 11;
 
 /// The largest file read: files are read whole.
 pub const MOST_BYTES: u64 = 4 << 30;

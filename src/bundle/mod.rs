@@ -28,6 +28,7 @@ mod reflections;
 mod rounding;
 mod scale;
 mod side;
+mod signs;
 pub mod spherical;
 mod stretch;
 mod table;
@@ -36,6 +37,7 @@ mod trace;
 mod train;
 mod tree;
 mod variables;
+mod walk;
 
 pub use bytes::{Damage, Reader, Writer};
 pub use certificate::{Certificate, Checked, certify};

@@ -49,18 +49,13 @@ impl Taken {
         self.0[place]
     }
 
-    /// After the last of `vectors`, if it is complete, takes the axis that it is carried to: that of its
-    /// largest number. `None` for one too short to tell its direction.
-    pub(super) fn behind(&mut self, vectors: &[i32]) -> Option<usize> {
-        let length = self.0.len();
-        if !vectors.len().is_multiple_of(length) {
-            return None;
-        }
-        let vector = &vectors[vectors.len() - length..];
+    /// After `vector`, takes the axis that it is carried to: that of its largest number. `None` for one too
+    /// short to tell its direction.
+    pub(super) fn behind(&mut self, vector: &[i32]) -> Option<usize> {
         if square(vector) < SHORTEST * SHORTEST {
             return None;
         }
-        let free = (0..length).filter(|place| !self.0[*place]);
+        let free = (0..vector.len()).filter(|place| !self.0[*place]);
         let axis = free.max_by_key(|place| (vector[*place].unsigned_abs(), Reverse(*place)))?;
         self.0[axis] = true;
         Some(axis)
@@ -73,10 +68,9 @@ fn square(vector: &[i32]) -> f64 {
 }
 
 impl Reflection {
-    /// That carries the last of `vectors` to a new axis.
-    fn of(vectors: &[i32], taken: &mut Taken) -> Option<Self> {
-        let axis = taken.behind(vectors)?;
-        let vector = &vectors[vectors.len() - taken.0.len()..];
+    /// That carries `vector` to a new axis.
+    fn of(vector: &[i32], taken: &mut Taken) -> Option<Self> {
+        let axis = taken.behind(vector)?;
         let length = square(vector).sqrt();
         let mut normal: Vec<f64> = vector.iter().map(|x| f64::from(*x) / length).collect();
         normal[axis] += if vector[axis] < 0 { -1.0 } else { 1.0 };
@@ -158,12 +152,12 @@ pub(super) fn transposed<T: Copy>(matrix: &[T], width: usize) -> Vec<T> {
     (0..width).flat_map(column).collect()
 }
 
-/// Integers of `vectors` (rows of `length` numbers). Each is made by `round`: it is told the number, whether
-/// its axis is taken, where it must be zero, and all integers before.
+/// Integers of `vectors` (rows of `length` numbers). Those of each are made by `round`: it is told the
+/// vector, which axes are taken, where they must be zero, and all integers before, to which it adds its own.
 pub(super) fn reduced(
     vectors: &[f64],
     length: usize,
-    mut round: impl FnMut(f64, bool, &[i32]) -> i32,
+    mut round: impl FnMut(&[f64], &Taken, &mut Vec<i32>),
 ) -> Vec<i32> {
     let mut integers = Vec::with_capacity(vectors.len());
     let mut taken = Taken::none(length);
@@ -174,10 +168,9 @@ pub(super) fn reduced(
         let mut own: Vec<Reflection> = Vec::new();
         for vector in turned.chunks_exact_mut(length) {
             own.iter().for_each(|reflection| reflection.apply(vector));
-            for (place, x) in vector.iter().enumerate() {
-                integers.push(round(*x, taken.holds(place), &integers));
-            }
-            own.extend(Reflection::of(&integers, &mut taken));
+            let first = integers.len();
+            round(vector, &taken, &mut integers);
+            own.extend(Reflection::of(&integers[first..], &mut taken));
         }
         before.extend(Block::new(&own));
     }
@@ -230,13 +223,13 @@ mod tests {
             vectors.push(x);
         }
         let flat = vectors.concat();
-        let integers = reduced(
-            &flat,
-            length,
-            |x, taken, _| {
-                if taken { 0 } else { x.round() as i32 }
-            },
-        );
+        let integers = reduced(&flat, length, |vector, taken, integers| {
+            let place = |(place, x): (usize, &f64)| match taken.holds(place) {
+                true => 0,
+                false => x.round() as i32,
+            };
+            integers.extend(vector.iter().enumerate().map(place));
+        });
         let back = restored(&integers, length);
         let errors = flat.iter().zip(&back).map(|(a, b)| (a - b).abs());
         let square: f64 = errors.clone().map(|e| e * e).sum::<f64>() / flat.len() as f64;

@@ -7,7 +7,7 @@
 //! exponential and Laplacian random variables*, IEEE Trans. Inf. Theory 42 (1996), with the rates
 //! that were counted.
 
-use super::{adaptive::CLASSES, coding::Walk, reflections::reduced};
+use super::{adaptive::CLASSES, reflections::reduced, walk::Walk};
 
 /// How much squared error, in squared steps, a bit is worth. Fine rounding has the slope `ln 2 / 6 =
 /// 0.12`, and where most integers are zero it is larger. Three bumps on a rail and on a quarter of the
@@ -33,20 +33,25 @@ type Dead = [f64; SIZES - 1];
 pub(super) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
     let dead = dead_zones(shape, vectors);
     let mut walk = Walk::new(shape);
-    reduced(vectors, length, |x, taken, integers| {
-        let class = walk.class(integers);
-        match taken {
-            true => 0,
-            false => with_sign(size(x.abs(), &dead[class]), x),
+    reduced(vectors, length, |vector, taken, integers| {
+        for (place, x) in vector.iter().enumerate() {
+            let class = walk.class(integers);
+            integers.push(match taken.holds(place) {
+                true => 0,
+                false => with_sign(size(x.abs(), &dead[class]), *x),
+            });
         }
     })
 }
 
 /// The same as the nearest integers.
 pub(super) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
-    reduced(vectors, length, |x, taken, _| match taken {
-        true => 0,
-        false => x.round() as i32,
+    reduced(vectors, length, |vector, taken, integers| {
+        let nearest = |(place, x): (usize, &f64)| match taken.holds(place) {
+            true => 0,
+            false => x.round() as i32,
+        };
+        integers.extend(vector.iter().enumerate().map(nearest));
     })
 }
 

@@ -10,8 +10,8 @@ pub struct Power<const N: i16>(pub(super) i16);
 pub type Scale = Power<4>;
 
 /// The unit that numbers are rounded to multiples of. As coarse as scales, steps would be on average
-/// 9 % finer than they need to be.
-pub type Step = Power<16>;
+/// 9 % finer than they need to be, which is 4 % of the bytes of a large patch.
+pub type Step = Power<32>;
 
 impl<const N: i16> Power<N> {
     /// The nearest to `x`, clamped to the range of 16 bits.
@@ -26,14 +26,14 @@ impl<const N: i16> Power<N> {
 }
 
 impl Step {
-    /// The step so many times coarser by `2^(1/16)`.
+    /// The step so many times coarser by `2^(1/32)`.
     pub fn coarser(self, times: i16) -> Self {
         Self(self.0.saturating_add(times))
     }
 
     /// A scale of about this size.
     pub(super) fn scale(self) -> Scale {
-        Power(self.0.div_euclid(4))
+        Power(self.0.div_euclid(8))
     }
 }
 
@@ -44,11 +44,11 @@ mod tests {
     #[test]
     fn steps_and_scales_are_near_what_they_stand_for() {
         for x in [1e-9, 3e-4, 1.0, 7.0, 1e6] {
-            assert!((Step::near(x).value() / x).log2().abs() <= 1.0 / 32.0 + 1e-12);
+            assert!((Step::near(x).value() / x).log2().abs() <= 1.0 / 64.0 + 1e-12);
             assert!((Scale::near(x).value() / x).log2().abs() <= 1.0 / 8.0 + 1e-12);
             assert!((Step::near(x).scale().value() / x).log2().abs() <= 0.3);
             assert!(
-                (Step::near(x).coarser(16).value() / Step::near(x).value() - 2.0).abs() < 1e-12
+                (Step::near(x).coarser(32).value() / Step::near(x).value() - 2.0).abs() < 1e-12
             );
         }
     }

@@ -5,7 +5,7 @@ use geofan::bundle::{Polynomial, Step, Tensor, Train};
 
 /// Steps tried: this many, each the next coarser. The finest decides whether the box can be kept at
 /// all, the coarsest is 15 octaves above.
-const STEPS: i16 = 240;
+const STEPS: i16 = 480;
 
 /// What rounding with the finest step may add, if all coefficients are rounded, in units of an error
 /// that uses up the promise: steps of `1/√n` of it for `n` coefficients add 0.3 of it. A box that
@@ -17,8 +17,9 @@ const FINEST: f64 = 1.0;
 const ROOM: f64 = 1.6e-8;
 
 /// The finest step in units of an error that uses up the promise, however many coefficients there
-/// are: most of those of large patches round to zero and add nothing.
-const FINE_ENOUGH: f64 = 0.005;
+/// are: most of those of large patches round to zero and add nothing. Where the first does not hold the
+/// second is tried, which takes longer.
+const FINE_ENOUGH: [f64; 2] = [0.005, 0.0025];
 
 /// Errors up to this, in units of the promise, tell by how much a step is too coarse; larger ones need
 /// not grow as steps do.
@@ -26,7 +27,7 @@ const NEAR: f64 = 4.0;
 
 /// How many steps coarser usually double the error: more than one octave has, because truncation adds to
 /// the error of rounding.
-const USUAL: f64 = 22.0;
+const USUAL: f64 = 44.0;
 
 /// Singular values below this share of the finest step round to zero: their vectors would need an entry
 /// that is more than half of their length. Of those a little above, most do as well (with 0.5 a quarter
@@ -59,13 +60,17 @@ impl Refiner<'_> {
         error: impl Fn(&Tensor) -> f64,
     ) -> Option<Tensor> {
         let count = polynomial.coefficients.len() as f64;
-        let finest = unit * (FINEST / count.sqrt()).max(FINE_ENOUGH);
-        let finest = finest.max(ROOM * largest(polynomial));
+        let usual = FINEST / count.sqrt();
+        let room = ROOM * largest(polynomial);
+        let [finest, finer] = FINE_ENOUGH.map(|share| (unit * share.max(usual)).max(room));
         let layout = order::best(polynomial);
         let most_rank = MOST_RANKS[usize::from(count > MOST_PLAIN)];
-        let threshold = (NEGLIGIBLE * finest, most_rank);
-        let train = decompose(polynomial, layout, threshold);
-        let train = train.and_then(|train| coarsest(&train, finest, &error));
+        let train = |finest: f64| {
+            let threshold = (NEGLIGIBLE * finest, most_rank);
+            let train = decompose(polynomial, layout.clone(), threshold)?;
+            coarsest(&train, finest, &error)
+        };
+        let train = train(finest).or_else(|| (finer < finest).then(|| train(finer))?);
         if count > MOST_PLAIN {
             return train.map(|(_, tensor)| tensor);
         }
@@ -148,11 +153,11 @@ mod tests {
 
     #[test]
     fn the_last_step_that_keeps_the_promise_is_found_in_few_trials() {
-        for (floor, crossing) in [(0.3, 77.0), (0.9, 150.5), (0.01, 3.2)] {
+        for (floor, crossing) in [(0.3, 154.0), (0.9, 301.0), (0.01, 6.4)] {
             let trials = Cell::new(0);
             let found = last_kept(|k| {
                 trials.set(trials.get() + 1);
-                let rounding = 2_f64.powf((f64::from(k) - crossing) / 16.0);
+                let rounding = 2_f64.powf((f64::from(k) - crossing) / 32.0);
                 Some((floor + (1.0 - floor) * rounding, k))
             });
             assert_eq!(found, Some(crossing as i16));

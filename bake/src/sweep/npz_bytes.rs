@@ -23,7 +23,7 @@ const NEGLIGIBLE: f64 = 0.0025;
 const MOST_RANK: usize = 3000;
 
 /// Steps tried: so many, each the next finer; the coarsest is the error.
-const STEPS: i16 = 192;
+const STEPS: i16 = 384;
 
 /// For each of `errors` a line that tells the bytes of the whole tensor, all faces together.
 ///
