@@ -46,7 +46,7 @@ impl Train {
     /// most values. What is zero at the ends of axes and bonds is left out. `None` if a coefficient is too
     /// large for the step.
     pub fn rounded(&self, step: Step) -> Option<Tensor> {
-        self.rounded_by(step, rounded, WORTH)
+        self.rounded_by(step, rounded, WORTH_KEEPING)
     }
 
     /// The same rounded to the nearest multiples: the fewest bytes for errors that hold for all values.
@@ -86,7 +86,7 @@ impl Train {
 type Round = fn(shape: &[usize], length: usize, values: &[f64]) -> Vec<i32>;
 
 /// The fewest steps that are worth their bits in a vector or a degree that has nothing larger.
-const WORTH: f64 = 1.2;
+const WORTH_KEEPING: f64 = 1.2;
 
 /// What is kept of the indices between two cores.
 struct Bond {

@@ -192,6 +192,11 @@ impl<'a> HeldOut<'a> {
             }));
     }
 
+    /// Whether the box has the whole sphere of directions.
+    pub fn on_sphere(&self) -> bool {
+        self.region.face.is_none()
+    }
+
     /// Whether no ray gets as far as the box: whatever is stored will not be read.
     pub fn is_empty(&self) -> bool {
         self.rays.is_empty()

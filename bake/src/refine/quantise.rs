@@ -17,8 +17,8 @@ const FINEST: f64 = 1.0;
 const ROOM: f64 = 1.6e-8;
 
 /// The finest step in units of an error that uses up the promise, however many coefficients there
-/// are: most of those of large patches round to zero and add nothing. Where the first does not hold the
-/// second is tried, which takes longer.
+/// are: most of those of large patches round to zero and add nothing. The second is tried on whole spheres
+/// that do not hold with the first: six faces take several times their bytes.
 const FINE_ENOUGH: [f64; 2] = [0.005, 0.0025];
 
 /// Errors up to this, in units of the promise, tell by how much a step is too coarse; larger ones need
@@ -48,48 +48,57 @@ impl Refiner<'_> {
             return None;
         }
         let unit = self.plan.max_error / held_out.weight();
-        self.smallest(polynomial, unit, |tensor| held_out.error(tensor))
+        let finest = finest(polynomial, unit, held_out.on_sphere());
+        self.smallest(polynomial, &finest, |tensor| held_out.error(tensor))
     }
 
     /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as the
-    /// `error`, in units of the promise, allows; `unit` is an error that uses up the promise.
+    /// `error`, in units of the promise, allows, from the first of the `finest` steps that does.
     fn smallest(
         &self,
         polynomial: &Polynomial,
-        unit: f64,
+        finest: &[f64],
         error: impl Fn(&Tensor) -> f64,
     ) -> Option<Tensor> {
         let count = polynomial.coefficients.len() as f64;
-        let usual = FINEST / count.sqrt();
-        let room = ROOM * largest(polynomial);
-        let [finest, finer] = FINE_ENOUGH.map(|share| (unit * share.max(usual)).max(room));
         let layout = order::best(polynomial);
         let most_rank = MOST_RANKS[usize::from(count > MOST_PLAIN)];
-        let train = |finest: f64| {
+        let train = finest.iter().find_map(|finest| {
             let threshold = (NEGLIGIBLE * finest, most_rank);
             let train = decompose(polynomial, layout.clone(), threshold)?;
-            coarsest(&train, finest, &error)
-        };
-        let train = train(finest).or_else(|| (finer < finest).then(|| train(finer))?);
+            coarsest(&train, *finest, &error)
+        });
         if count > MOST_PLAIN {
             return train.map(|(_, tensor)| tensor);
         }
         let plain = Train::plain(polynomial);
         let Some((step, train)) = train else {
-            return Some(coarsest(&plain, finest, &error)?.1);
+            return Some(coarsest(&plain, finest[0], &error)?.1);
         };
         // At the same step plain coefficients round more often: if they are larger all the same,
         // there is no need to try them.
         let bytes = train.bytes();
         let promising = plain.rounded(step).is_some_and(|t| t.bytes() < bytes);
         let plain = promising
-            .then(|| coarsest(&plain, finest, &error))
+            .then(|| coarsest(&plain, finest[0], &error))
             .flatten();
         match plain {
             Some((_, plain)) if plain.bytes() < bytes => Some(plain),
             _ => Some(train),
         }
     }
+}
+
+/// The finest steps worth trying, where `unit` is an error that uses up the promise.
+fn finest(polynomial: &Polynomial, unit: f64, on_sphere: bool) -> Vec<f64> {
+    let usual = FINEST / (polynomial.coefficients.len() as f64).sqrt();
+    let room = ROOM * largest(polynomial);
+    let mut finest = FINE_ENOUGH
+        .map(|share| (unit * share.max(usual)).max(room))
+        .to_vec();
+    finest.truncate(if on_sphere { 2 } else { 1 });
+    finest.dedup();
+    finest
 }
 
 /// `train` rounded with the coarsest of the steps whose error keeps the promise.
