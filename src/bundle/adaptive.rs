@@ -18,16 +18,9 @@ use constriction::{
 };
 use std::{borrow::Borrow, num::NonZeroU32};
 
-/// Classes by neighbours: none, all zero, and two for each doubling of their mean size.
-pub const SIZES: usize = 70;
-
-/// How many doublings what was at a place before is told to be larger or smaller than neighbours, at most,
-/// and the number of such classes.
-pub const MOST_TREND: i32 = 2;
-pub const TRENDS: usize = 2 * MOST_TREND as usize + 1;
-
-/// All classes: number `TRENDS · size + trend`.
-pub const CLASSES: usize = SIZES * TRENDS;
+/// Classes by the expected size: of integers with nothing around them, with zeros around them, and four for
+/// each doubling from 1/5 up.
+pub const CLASSES: usize = 130;
 
 /// Bits of a probability.
 const PRECISION: usize = 16;
@@ -51,7 +44,7 @@ const RAW: u32 = 16;
 /// How many bits of an integer of `class` are not worth learning about: what is left is 2.4 to 4.5 on
 /// average.
 fn dropped(class: usize) -> u32 {
-    ((class / TRENDS).saturating_sub(9) / 2) as u32
+    (class.saturating_sub(16) / 4) as u32
 }
 
 /// Whether the answer is yes.
@@ -155,14 +148,12 @@ struct Learnt(Vec<[Answer; ANSWERS]>);
 impl Learnt {
     fn new() -> Self {
         let rows = (0..CLASSES).map(|class| {
-            let answer = match (class / TRENDS).checked_sub(2) {
+            let answer = match class.checked_sub(2) {
                 None => Answer::expected(1, 20),
-                // The middle of the class, 0.2 (√2)^(size − 1.5), and half of the way to what was before,
-                // in units of 2^dropped.
-                Some(halves) => {
-                    let halves = halves + class % TRENDS;
-                    let middle = if halves.is_multiple_of(2) { 238 } else { 336 };
-                    Answer::expected(middle << (halves / 2), 2000 << dropped(class))
+                // The middle of the class, 0.2 · 2^((class − 1.5)/4), in units of 2^dropped.
+                Some(quarters) => {
+                    let middle = [218, 259, 308, 367][quarters % 4] << (quarters / 4);
+                    Answer::expected(middle, 1000 << dropped(class))
                 }
             };
             [answer; ANSWERS]
@@ -350,8 +341,8 @@ mod tests {
     /// Sizes of a geometric distribution take hardly more than their entropy.
     #[test]
     fn expected_integers_take_their_entropy() {
-        for (size, yes) in [(1, 0.05_f64), (6, 0.5), (10, 0.8), (24, 0.998)] {
-            let class = TRENDS * size + MOST_TREND as usize;
+        for (size, yes) in [(1_i32, 0.05_f64), (6, 0.5), (10, 0.8), (24, 0.998)] {
+            let class = 2 + 2 * (size - 2).max(0) as usize;
             let mut stream = Stream::new(&[class as u64]);
             let mut coder = Coder::new();
             let count = 20_000;

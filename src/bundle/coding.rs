@@ -1,18 +1,16 @@
 //! Integers of many tensors, coded together.
 //!
 //! In: tensors of rounded coefficients. Out: bytes, and back. Coefficients fall off along every
-//! axis, so what stands around an integer tells how large it will be ([`super::walk`]); integers of one
-//! class are coded alike ([`super::adaptive`]), and what stands around them tells their signs as well
-//! ([`super::signs`]). All tensors of a chunk share what is learnt. By neighbours alone this takes 0.88 of
-//! the bytes of one pco stream for each class (three bumps on a rail) and 0.6 of those of one for each
-//! tensor; the vectors before take off another 1 to 4 %, signs 1.5 to 4.5 % (Ellis, three bumps, the Gaussian
-//! lens).
+//! axis, so what stands around an integer ([`super::walk`]) tells how large it will be ([`super::sizes`]);
+//! integers of one class are coded alike ([`super::adaptive`]). It tells something of their signs, too
+//! ([`super::signs`]). All tensors of a chunk share what is learnt.
 
 use super::{
     adaptive::{Coder, Decoder},
     bytes::{Damage, Reader, Writer},
     reflections::Taken,
     signs::Signs,
+    sizes::Sizes,
     walk::Walk,
 };
 
@@ -24,6 +22,7 @@ const MOST_INTEGERS: usize = 1 << 26;
 #[derive(Debug)]
 pub struct Integers {
     coder: Coder,
+    sizes: Sizes,
     signs: Signs,
     count: u32,
 }
@@ -33,6 +32,7 @@ impl Integers {
     pub fn new() -> Self {
         Self {
             coder: Coder::new(),
+            sizes: Sizes::new(),
             signs: Signs::new(),
             count: 0,
         }
@@ -45,11 +45,9 @@ impl Integers {
         let mut taken = Taken::none(length);
         for (number, vector) in values.chunks_exact(length.max(1)).enumerate() {
             for (place, value) in vector.iter().enumerate() {
-                let before = &values[..number * length + place];
-                let class = walk.class(before);
+                walk.on(&values[..number * length + place]);
                 if !taken.holds(place) {
-                    self.coder.put(class, value.unsigned_abs());
-                    self.put_sign(&walk, before, *value);
+                    self.put_one(&walk, *value);
                 }
             }
             taken.behind(vector);
@@ -57,11 +55,14 @@ impl Integers {
         self.count += values.len() as u32;
     }
 
-    /// Adds the sign of `value`, if it has one.
-    fn put_sign(&mut self, walk: &Walk, before: &[i32], value: i32) {
+    /// Adds the integer at the present place.
+    fn put_one(&mut self, walk: &Walk, value: i32) {
+        let size = value.unsigned_abs();
+        self.coder.put(self.sizes.class(walk), size);
+        self.sizes.learn(walk, size);
         if value != 0 {
-            let plus = self.signs.plus(walk, before, value.unsigned_abs());
-            self.coder.put_likely(plus, value > 0);
+            self.coder
+                .put_likely(self.signs.plus(walk, size), value > 0);
             self.signs.learn(value > 0);
         }
     }
@@ -82,6 +83,7 @@ impl Integers {
 #[derive(Debug)]
 pub struct Coded {
     decoder: Decoder,
+    sizes: Sizes,
     signs: Signs,
     left: usize,
 }
@@ -98,6 +100,7 @@ impl Coded {
         }
         Ok(Self {
             decoder: Decoder::new(input.bytes()?)?,
+            sizes: Sizes::new(),
             signs: Signs::new(),
             left,
         })
@@ -116,10 +119,10 @@ impl Coded {
         let mut taken = Taken::none(length);
         for first in (0..count).step_by(length.max(1)) {
             for place in 0..length {
-                let class = walk.class(&values);
+                walk.on(&values);
                 values.push(match taken.holds(place) {
                     true => 0,
-                    false => self.take_one(&walk, class, &values)?,
+                    false => self.take_one(&walk)?,
                 });
             }
             taken.behind(&values[first..]);
@@ -127,16 +130,17 @@ impl Coded {
         Ok(values)
     }
 
-    /// The integer of this class behind those `before`.
-    fn take_one(&mut self, walk: &Walk, class: usize, before: &[i32]) -> Result<i32, Damage> {
-        let size = self.decoder.take(class)?;
-        if size == 0 {
+    /// The integer at the present place.
+    fn take_one(&mut self, walk: &Walk) -> Result<i32, Damage> {
+        let value = self.decoder.take(self.sizes.class(walk))?;
+        let size = value.unsigned_abs();
+        self.sizes.learn(walk, size);
+        if value == 0 {
             return Ok(0);
         }
-        let plus = self.signs.plus(walk, before, size.unsigned_abs());
-        let positive = self.decoder.take_likely(plus)?;
+        let positive = self.decoder.take_likely(self.signs.plus(walk, size))?;
         self.signs.learn(positive);
-        Ok(if positive { size } else { -size })
+        Ok(if positive { value } else { -value })
     }
 
     /// That nothing is left.

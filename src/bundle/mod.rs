@@ -29,6 +29,7 @@ mod rounding;
 mod scale;
 mod side;
 mod signs;
+mod sizes;
 pub mod spherical;
 mod stretch;
 mod table;

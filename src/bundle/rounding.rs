@@ -3,11 +3,11 @@
 //! In: numbers in units of the step, in storage order. Out: integers. The nearest integer is not always
 //! the best: between two, the smaller is taken where the larger would cost more bits than its error is
 //! worth. How many bits that is depends on what stands before it, so it is counted for each class of
-//! places ([`Walk`]) in a first rounding. Source: G. J. Sullivan, *Efficient scalar quantization of
+//! places ([`Sizes`]) in a first rounding. Source: G. J. Sullivan, *Efficient scalar quantization of
 //! exponential and Laplacian random variables*, IEEE Trans. Inf. Theory 42 (1996), with the rates
 //! that were counted.
 
-use super::{adaptive::CLASSES, reflections::reduced, walk::Walk};
+use super::{adaptive::CLASSES, reflections::reduced, sizes::Sizes, walk::Walk};
 
 /// How much squared error, in squared steps, a bit is worth. Fine rounding has the slope `ln 2 / 6 =
 /// 0.12`, and where most integers are zero it is larger. Three bumps on a rail and on a quarter of the
@@ -32,13 +32,17 @@ type Dead = [f64; SIZES - 1];
 /// as integers that [`restored`](super::reflections::restored) makes them of.
 pub(super) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
     let dead = dead_zones(shape, vectors);
-    let mut walk = Walk::new(shape);
+    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::new());
     reduced(vectors, length, |vector, taken, integers| {
         for (place, x) in vector.iter().enumerate() {
-            let class = walk.class(integers);
+            walk.on(integers);
             integers.push(match taken.holds(place) {
                 true => 0,
-                false => with_sign(size(x.abs(), &dead[class]), *x),
+                false => {
+                    let size = size(x.abs(), &dead[sizes.class(&walk)]);
+                    sizes.learn(&walk, size as u32);
+                    with_sign(size, *x)
+                }
             });
         }
     })
@@ -59,11 +63,13 @@ pub(super) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
 /// are not reduced.
 fn dead_zones(shape: &[usize], values: &[f64]) -> [Dead; CLASSES] {
     let mut counts = [[1.0; SIZES]; CLASSES];
-    let mut walk = Walk::new(shape);
+    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::new());
     let mut integers = Vec::with_capacity(values.len());
     for x in values {
         let size = nearest_size(x.abs() - FIRST);
-        counts[walk.class(&integers)][(size as usize).min(SIZES - 1)] += 1.0;
+        walk.on(&integers);
+        counts[sizes.class(&walk)][(size as usize).min(SIZES - 1)] += 1.0;
+        sizes.learn(&walk, size as u32);
         integers.push(with_sign(size, *x));
     }
     counts.map(|counts| dead(&counts))

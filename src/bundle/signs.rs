@@ -43,21 +43,16 @@ impl Signs {
         }
     }
 
-    /// The probability that the integer after those `before`, of this `size`, is positive.
-    pub(super) fn plus(&mut self, walk: &Walk, before: &[i32], size: u32) -> f64 {
+    /// The probability that the integer at the present place, of this `size`, is positive.
+    pub(super) fn plus(&mut self, walk: &Walk, size: u32) -> f64 {
+        let (beside, present) = walk.beside();
+        let sum: f64 = beside.iter().map(|x| x.abs()).sum();
+        let count: f64 = present.iter().sum();
+        let unit = 1.0 / f64::max(sum / count.max(1.0), LEAST);
+        let own = f64::min(f64::from(size) * unit, MOST);
+        let pull = |x: &f64| own * (x * unit).clamp(-MOST, MOST);
         self.pulls.clear();
-        let (mut sum, mut count) = (0.0, 0.0);
-        for neighbour in walk.beside(before) {
-            let value = neighbour.map_or(0.0, f64::from);
-            sum += value.abs();
-            count += if neighbour.is_some() { 1.0 } else { 0.0 };
-            self.pulls.push(value);
-        }
-        let mean = f64::max(sum / f64::max(count, 1.0), LEAST);
-        let own = f64::min(f64::from(size) / mean, MOST);
-        for pull in &mut self.pulls {
-            *pull = own * (*pull / mean).clamp(-MOST, MOST);
-        }
+        self.pulls.extend(beside.iter().map(pull));
         self.present(walk.axes());
         let weights = &self.weights[self.axes];
         let pull: f64 = weights.iter().zip(&self.pulls).map(|(w, x)| w * x).sum();
@@ -99,9 +94,8 @@ mod tests {
         let (mut walk, mut signs) = (Walk::new(&[values.len()]), Signs::new());
         let mut bits = 0.0;
         for (place, value) in values.iter().enumerate() {
-            let before = &values[..place];
-            walk.class(before);
-            let plus = signs.plus(&walk, before, value.unsigned_abs());
+            walk.on(&values[..place]);
+            let plus = signs.plus(&walk, value.unsigned_abs());
             signs.learn(*value > 0);
             bits -= if *value > 0 { plus } else { 1.0 - plus }.log2();
         }

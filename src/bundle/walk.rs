@@ -1,52 +1,55 @@
 //! What stands around an integer of a tensor, before it in storage order.
 //!
-//! In: a shape, and place after place. Out: the class of each ([`Walk::class`]) by the mean size of its
-//! neighbours and by how that compares with the mean size at the same place of the vectors before, and the
-//! integers that tell its sign ([`Walk::beside`]).
-
-use super::adaptive::{MOST_TREND, SIZES, TRENDS};
-
-/// How much the neighbours before an integer count that are one and two places back: along the last
-/// axis, and along any other. Two back as well: in even and odd functions every other coefficient is zero.
-/// Fitted to the integers of Sol (where 4, 2, 3, 1 take 5 % more bytes), Schwarzschild and Ellis (1 %
-/// fewer), the Gaussian lens and three bumps (the same).
-const ALONG_LAST: [u32; 2] = [3, 3];
-const ALONG_OTHERS: [u32; 2] = [3, 2];
+//! In: a shape, and place after place. Out: the integers beside each, and the mean size at the same place of
+//! the vectors before it.
 
 /// An integer that comes before.
 #[derive(Debug, Clone, Copy)]
-struct Neighbour {
-    axis: usize,
-    /// How many places along it.
-    back: usize,
-    /// How far before in storage.
-    offset: usize,
-    weight: u32,
-}
-
-/// Another, by which signs are guessed.
-#[derive(Debug, Clone, Copy)]
 struct Beside {
     axis: usize,
+    /// How many places back along it.
     back: usize,
     /// How many places further along the last axis.
     shift: isize,
+    /// How far before in storage.
     offset: usize,
+    /// How much it counts at first.
+    weight: f64,
 }
 
-/// Walks a tensor in storage order and tells the class of each place from the values before it.
+/// How far back along the last axis integers are looked at, and how much they count at first. Two back as
+/// much as one: in even and odd functions every other coefficient is zero.
+const ALONG_LAST: [f64; 4] = [3.0, 3.0, 0.5, 0.5];
+
+/// How far back along another axis, and how far on along the last, and how much these count at first.
+const ALONG_OTHERS: [(usize, isize, f64); 6] = [
+    (1, 0, 3.0),
+    (2, 0, 2.0),
+    (3, 0, 0.5),
+    (1, -1, 0.5),
+    (1, 1, 0.5),
+    (1, 2, 0.5),
+];
+
+/// How much the mean of the vectors before counts at first.
+const BEFORE: f64 = 3.0;
+
+/// Walks a tensor in storage order.
+#[derive(Debug)]
 pub(super) struct Walk {
     /// Lengths of the axes that are longer than one.
     shape: Vec<usize>,
     index: Vec<usize>,
-    neighbours: Vec<Neighbour>,
-    /// Those that exist in the present row, but for its first columns.
-    of_row: Vec<Neighbour>,
     beside: Vec<Beside>,
     history: History,
+    /// What stands around the present place, and one for each that does, zero for others: in an order that
+    /// depends on the number of axes only, the mean of the vectors before last.
+    around: Vec<f64>,
+    present: Vec<f64>,
 }
 
 /// Mean sizes at each place of the vectors before: what has one index along the first axis is a vector.
+#[derive(Debug)]
 struct History {
     /// In units of 1/[`PARTS`].
     means: Vec<i64>,
@@ -72,8 +75,7 @@ impl History {
 
     /// The mean at the present place; `None` in the first vector.
     fn mean(&self) -> Option<f64> {
-        let mean = self.means[self.place] as f64 / PARTS as f64;
-        (self.vectors > 0).then_some(mean)
+        (self.vectors > 0).then(|| self.means[self.place] as f64 / PARTS as f64)
     }
 
     /// Adds the value of the present place, and on to the next.
@@ -89,49 +91,41 @@ impl History {
 }
 
 impl Walk {
-    /// At the first place of a tensor of this shape.
+    /// Before the first place of a tensor of this shape.
     pub(super) fn new(shape: &[usize]) -> Self {
         let shape: Vec<usize> = shape.iter().copied().filter(|n| *n > 1).collect();
-        let mut walk = Self {
+        let beside = beside(&shape);
+        Self {
             index: vec![0; shape.len()],
-            neighbours: neighbours(&shape),
-            of_row: Vec::new(),
-            beside: beside(&shape),
             history: History::new(shape.iter().skip(1).product()),
+            around: vec![0.0; beside.len() + 1],
+            present: vec![0.0; beside.len() + 1],
+            beside,
             shape,
-        };
-        walk.start_row();
-        walk
+        }
     }
 
-    fn start_row(&mut self) {
-        let (index, last) = (&self.index, self.shape.len().saturating_sub(1));
-        let exists = |n: &&Neighbour| n.axis == last || index[n.axis] >= n.back;
-        self.of_row.clear();
-        self.of_row.extend(self.neighbours.iter().filter(exists));
-    }
-
-    /// On to the place after the `values`, and its class.
-    pub(super) fn class(&mut self, values: &[i32]) -> usize {
+    /// On to the place after the `values`.
+    pub(super) fn on(&mut self, values: &[i32]) {
         if let Some(last) = values.last() {
             self.history.add(*last);
             self.advance();
         }
         let last = self.shape.len().saturating_sub(1);
-        let column = self.index.last().copied().unwrap_or(0);
-        let (mut sum, mut weight) = (0, 0);
-        for neighbour in &self.of_row {
-            if neighbour.axis < last || neighbour.back <= column {
-                let value = values[values.len() - neighbour.offset];
-                sum += u64::from(neighbour.weight) * u64::from(value.unsigned_abs());
-                weight += neighbour.weight;
-            }
+        for (i, beside) in self.beside.iter().enumerate() {
+            let column = self.index[last].wrapping_add_signed(beside.shift);
+            let exists = self.index[beside.axis] >= beside.back && column < self.shape[last];
+            let value = if exists {
+                values[values.len() - beside.offset]
+            } else {
+                0
+            };
+            self.around[i] = f64::from(value);
+            self.present[i] = f64::from(u8::from(exists));
         }
-        let trend = self
-            .history
-            .mean()
-            .map_or(0, |mean| trend(mean, sum, weight));
-        TRENDS * class(sum, weight) + (trend + MOST_TREND) as usize
+        let (before, i) = (self.history.mean(), self.beside.len());
+        self.around[i] = before.unwrap_or(0.0);
+        self.present[i] = f64::from(u8::from(before.is_some()));
     }
 
     /// How many axes are longer than one.
@@ -139,24 +133,30 @@ impl Walk {
         self.shape.len()
     }
 
-    /// The integers beside the present place, after the `values`, in an order that only depends on the
-    /// number of axes; `None` where there is none.
-    pub(super) fn beside(&self, values: &[i32]) -> impl Iterator<Item = Option<i32>> {
-        let last = self.shape.len().saturating_sub(1);
-        self.beside.iter().map(move |b| {
-            let column = self.index[last].checked_add_signed(b.shift)?;
-            let exists = self.index[b.axis] >= b.back && column < self.shape[last];
-            exists.then(|| values[values.len() - b.offset])
-        })
+    /// What stands around the present place (0 where nothing does), and one for each that does, zero for
+    /// others. Last the mean size at this place of the vectors before.
+    pub(super) fn around(&self) -> (&[f64], &[f64]) {
+        (&self.around, &self.present)
+    }
+
+    /// The integers beside the present place, and for each whether there is one.
+    pub(super) fn beside(&self) -> (&[f64], &[f64]) {
+        let count = self.beside.len();
+        (&self.around[..count], &self.present[..count])
+    }
+
+    /// How much each of those around counts before anything is known, all together one.
+    pub(super) fn first_weights(&self) -> Vec<f64> {
+        let beside = self.beside.iter().map(|b| b.weight);
+        let weights: Vec<f64> = beside.chain([BEFORE]).collect();
+        let sum: f64 = weights.iter().sum();
+        weights.iter().map(|w| w / sum).collect()
     }
 
     fn advance(&mut self) {
         for axis in (0..self.shape.len()).rev() {
             self.index[axis] += 1;
             if self.index[axis] < self.shape[axis] {
-                if axis + 1 < self.shape.len() {
-                    self.start_row();
-                }
                 return;
             }
             self.index[axis] = 0;
@@ -165,69 +165,22 @@ impl Walk {
 }
 
 /// All that a place inside of a tensor of this shape has.
-fn neighbours(shape: &[usize]) -> Vec<Neighbour> {
-    let mut all = Vec::new();
-    for axis in 0..shape.len() {
-        let weights = match axis + 1 == shape.len() {
-            true => ALONG_LAST,
-            false => ALONG_OTHERS,
-        };
-        let stride: usize = shape[axis + 1..].iter().product();
-        for (back, weight) in (1..).zip(weights) {
-            all.push(Neighbour {
-                axis,
-                back,
-                offset: back * stride,
-                weight,
-            });
-        }
-    }
-    all
-}
-
-/// All by which signs are guessed inside of a tensor of this shape: along the last axis four, along each
-/// other two, and those on both sides of the first of them.
 fn beside(shape: &[usize]) -> Vec<Beside> {
     let mut all = Vec::new();
     for axis in (0..shape.len()).rev() {
         let stride: usize = shape[axis + 1..].iter().product();
-        let ways: &[(usize, isize)] = match axis + 1 == shape.len() {
-            true => &[(1, 0), (2, 0), (3, 0), (4, 0)],
-            false => &[(1, 0), (2, 0), (1, -1), (1, 1)],
+        let along_last = (1..).zip(ALONG_LAST).map(|(back, w)| (back, 0, w));
+        let ways: Vec<(usize, isize, f64)> = match axis + 1 == shape.len() {
+            true => along_last.collect(),
+            false => ALONG_OTHERS.to_vec(),
         };
-        all.extend(ways.iter().map(|&(back, shift)| Beside {
+        all.extend(ways.into_iter().map(|(back, shift, weight)| Beside {
             axis,
             back,
             shift,
             offset: (back * stride).saturating_add_signed(-shift),
+            weight,
         }));
     }
     all
-}
-
-/// The class of integers whose neighbours, of total `weight`, sum up to `sum`.
-fn class(sum: u64, weight: u32) -> usize {
-    if weight == 0 || sum == 0 {
-        return usize::from(weight > 0);
-    }
-    // Half powers of two of the mean, from 1/5 up: the exponent of (5 · mean)².
-    let mean = 5.0 * sum as f64 / f64::from(weight);
-    (2 + exponent(mean * mean).max(0) as usize).min(SIZES - 1)
-}
-
-/// How many times twice as large as its neighbours those before were: `mean`.
-fn trend(mean: f64, sum: u64, weight: u32) -> i32 {
-    let neighbours = sum as f64 / f64::from(weight.max(1));
-    let ratio = (mean + LITTLE) / (neighbours + LITTLE);
-    // The nearest power of two.
-    let halves = exponent(2.0 * ratio * ratio);
-    halves.div_euclid(2).clamp(-MOST_TREND, MOST_TREND)
-}
-
-/// Sizes much smaller than this are alike.
-const LITTLE: f64 = 0.05;
-
-/// The exponent of 2 of a positive number.
-fn exponent(x: f64) -> i32 {
-    (x.to_bits() >> (f64::MANTISSA_DIGITS - 1)) as i32 - (f64::MAX_EXP - 1)
 }
