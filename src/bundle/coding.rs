@@ -45,8 +45,10 @@ impl Integers {
         let mut taken = Taken::none(length);
         for (number, vector) in values.chunks_exact(length.max(1)).enumerate() {
             for (place, value) in vector.iter().enumerate() {
-                walk.on(&values[..number * length + place]);
+                let before = &values[..number * length + place];
+                walk.on(before);
                 if !taken.holds(place) {
+                    walk.look(before);
                     self.put_one(&walk, *value);
                 }
             }
@@ -122,7 +124,10 @@ impl Coded {
                 walk.on(&values);
                 values.push(match taken.holds(place) {
                     true => 0,
-                    false => self.take_one(&walk)?,
+                    false => {
+                        walk.look(&values);
+                        self.take_one(&walk)?
+                    }
                 });
             }
             taken.behind(&values[first..]);

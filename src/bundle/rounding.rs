@@ -39,6 +39,7 @@ pub(super) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i3
             integers.push(match taken.holds(place) {
                 true => 0,
                 false => {
+                    walk.look(integers);
                     let size = size(x.abs(), &dead[sizes.class(&walk)]);
                     sizes.learn(&walk, size as u32);
                     with_sign(size, *x)
@@ -68,6 +69,7 @@ fn dead_zones(shape: &[usize], values: &[f64]) -> [Dead; CLASSES] {
     for x in values {
         let size = nearest_size(x.abs() - FIRST);
         walk.on(&integers);
+        walk.look(&integers);
         counts[sizes.class(&walk)][(size as usize).min(SIZES - 1)] += 1.0;
         sizes.learn(&walk, size as u32);
         integers.push(with_sign(size, *x));

@@ -95,6 +95,7 @@ mod tests {
         let mut bits = 0.0;
         for (place, value) in values.iter().enumerate() {
             walk.on(&values[..place]);
+            walk.look(&values[..place]);
             let plus = signs.plus(&walk, value.unsigned_abs());
             signs.learn(*value > 0);
             bits -= if *value > 0 { plus } else { 1.0 - plus }.log2();

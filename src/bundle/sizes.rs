@@ -19,13 +19,18 @@ const LITTLE: f64 = 1.0;
 const MOST_SURPRISE: f64 = 4.0;
 const MOST_OFF: f64 = 2.0;
 
+/// After how many integers the sum of weights is made one.
+const OFTEN: u32 = 32;
+
 /// What is known of sizes.
 #[derive(Debug)]
 pub(super) struct Sizes {
-    /// For each number of axes the weights of what stands around; their sum is one.
+    /// For each number of axes the weights of what stands around; their sum is near one.
     weights: Vec<Vec<f64>>,
     /// The size that the present integer is expected to have.
     expected: f64,
+    /// How many integers weights were learnt from.
+    learnt: u32,
 }
 
 impl Sizes {
@@ -34,6 +39,7 @@ impl Sizes {
         Self {
             weights: Vec::new(),
             expected: 0.0,
+            learnt: 0,
         }
     }
 
@@ -67,14 +73,15 @@ impl Sizes {
         let surprise = (f64::from(size) * unit).min(MOST_SURPRISE) - self.expected * unit;
         let (around, present) = walk.around();
         let weights = &mut self.weights[walk.axes()];
-        let mut sum = 0.0;
         for ((weight, x), present) in weights.iter_mut().zip(around).zip(present) {
             let off = ((x.abs() - self.expected) * unit).clamp(-MOST_OFF, MOST_OFF);
             *weight = (*weight + RATE * surprise * off * present).max(0.0);
-            sum += *weight;
         }
-        let factor = 1.0 / sum;
-        weights.iter_mut().for_each(|weight| *weight *= factor);
+        self.learnt += 1;
+        if self.learnt.is_multiple_of(OFTEN) {
+            let factor = 1.0 / weights.iter().sum::<f64>();
+            weights.iter_mut().for_each(|weight| *weight *= factor);
+        }
     }
 }
 
@@ -107,6 +114,7 @@ mod tests {
         let mut classes = Vec::new();
         for (place, value) in row.iter().enumerate() {
             walk.on(&row[..place]);
+            walk.look(&row[..place]);
             classes.push(sizes.class(&walk));
             sizes.learn(&walk, value.unsigned_abs());
         }

@@ -31,6 +31,10 @@ const ALONG_OTHERS: [(usize, isize, f64); 6] = [
     (1, 2, 0.5),
 ];
 
+/// The farthest of them.
+const FARTHEST_BACK: usize = 3;
+const FARTHEST_ON: usize = 2;
+
 /// How much the mean of the vectors before counts at first.
 const BEFORE: f64 = 3.0;
 
@@ -111,6 +115,38 @@ impl Walk {
             self.history.add(*last);
             self.advance();
         }
+    }
+
+    /// Looks around at the present place, after the `values`.
+    pub(super) fn look(&mut self, values: &[i32]) {
+        match self.is_inside() {
+            true => self.look_inside(values),
+            false => self.look_at_border(values),
+        }
+        let (before, i) = (self.history.mean(), self.beside.len());
+        self.around[i] = before.unwrap_or(0.0);
+        self.present[i] = f64::from(u8::from(before.is_some()));
+    }
+
+    /// Whether all neighbours exist.
+    fn is_inside(&self) -> bool {
+        let last = self.shape.len().saturating_sub(1);
+        let (column, width) = match self.index.last() {
+            Some(column) => (*column, self.shape[last]),
+            None => return false,
+        };
+        let row = self.index[..last].iter().all(|i| *i >= FARTHEST_BACK);
+        row && column >= ALONG_LAST.len() && column + FARTHEST_ON < width
+    }
+
+    fn look_inside(&mut self, values: &[i32]) {
+        for (around, beside) in self.around.iter_mut().zip(&self.beside) {
+            *around = f64::from(values[values.len() - beside.offset]);
+        }
+        self.present.fill(1.0);
+    }
+
+    fn look_at_border(&mut self, values: &[i32]) {
         let last = self.shape.len().saturating_sub(1);
         for (i, beside) in self.beside.iter().enumerate() {
             let column = self.index[last].wrapping_add_signed(beside.shift);
@@ -123,9 +159,6 @@ impl Walk {
             self.around[i] = f64::from(value);
             self.present[i] = f64::from(u8::from(exists));
         }
-        let (before, i) = (self.history.mean(), self.beside.len());
-        self.around[i] = before.unwrap_or(0.0);
-        self.present[i] = f64::from(u8::from(before.is_some()));
     }
 
     /// How many axes are longer than one.
