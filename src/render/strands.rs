@@ -7,7 +7,10 @@
 use super::curve::{Ending, Piece};
 use crate::bundle::Courses;
 use glam::DVec3;
-use std::{mem::take, sync::Arc};
+use std::{
+    mem::{replace, take},
+    sync::Arc,
+};
 
 /// Rows of a path: x, y, z and the components of the tangent.
 pub const ROWS: usize = 6;
@@ -66,6 +69,12 @@ impl Strands {
     /// Whether there are none.
     pub fn is_empty(&self) -> bool {
         self.known.is_empty()
+    }
+
+    /// All of them; none are left, at the same knots.
+    pub fn take(&mut self) -> Self {
+        let none = Self::new(self.knots.clone());
+        replace(self, none)
     }
 
     /// Forgets all.
