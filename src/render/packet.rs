@@ -222,12 +222,17 @@ impl<'a> Target<'a> {
         from: usize,
         known: Option<(usize, [Spread; 2])>,
     ) -> [Spread; 2] {
-        let end = |vertex: usize| mixing.mix_spread(self.ribbon.point(vertex));
         match known {
             Some((same, ends)) if same == from => ends,
-            Some((before, [_, start])) if before + 1 == from => [start, end(from + 1)],
-            _ => [end(from), end(from + 1)],
+            Some((before, [_, start])) if before + 1 == from => [start, self.end(mixing, from + 1)],
+            _ => [self.end(mixing, from), self.end(mixing, from + 1)],
         }
+    }
+
+    /// A vertex of the ribbon for the sixteen samples.
+    #[inline(always)]
+    fn end(&self, mixing: &Bicubic, vertex: usize) -> Spread {
+        mixing.mix_spread(self.ribbon.point(vertex))
     }
 
     /// Takes over the hits of one chord, which are nearer than what was known.
