@@ -112,24 +112,26 @@ impl<'m> EndingFinder<'m> {
     }
 
     /// How sixteen paths side by side end: the first event of each on cubics between its points and
-    /// tangents at the vertices. `vertex` gives arc length and state of each by its number; between two of
-    /// them the event is taken to change evenly. Each of the `pieces` has `per_piece` intervals, and those
-    /// at whose end no path has ended are passed over.
+    /// tangents at the vertices. `point` and `tangent` give arc length and state of each by its number;
+    /// between two of them the event is taken to change evenly. Each of the `pieces` has `per_piece`
+    /// intervals, and those at whose end no path has ended are passed over.
     #[inline(always)]
     pub fn endings_of_sixteen(
         &mut self,
         (pieces, per_piece): (usize, usize),
-        vertex: impl Fn(usize) -> (f64, [Points; 2]),
+        point: impl Fn(usize) -> (f64, Points),
+        tangent: impl Fn(usize) -> Points,
     ) -> [Ending; LANES] {
-        let ends = (0..=pieces).map(|k| vertex(k * per_piece));
-        let roughly = self.first_of_sixteen(ends);
+        let path = (&point, &tangent);
+        let ends = (0..=pieces * per_piece).step_by(per_piece);
+        let roughly = self.first_of_sixteen(ends, path);
         let mut endings = [Ending::Nowhere; LANES];
         for piece in 0..pieces {
             if roughly.iter().flatten().all(|(k, _)| *k != piece) {
                 continue;
             }
-            let inside = (piece * per_piece..=(piece + 1) * per_piece).map(&vertex);
-            let events = self.first_of_sixteen(inside);
+            let inside = piece * per_piece..(piece + 1) * per_piece + 1;
+            let events = self.first_of_sixteen(inside, path);
             for (ending, event) in endings.iter_mut().zip(events) {
                 if let (Ending::Nowhere, Some((_, event))) = (&ending, event) {
                     *ending = self.by(&event);
@@ -139,43 +141,64 @@ impl<'m> EndingFinder<'m> {
         endings
     }
 
-    /// The first event of each of sixteen paths on the cubics between vertices, and the number of the
-    /// interval between those.
+    /// The first event of each of sixteen paths on the cubics between vertices with these numbers, and the
+    /// number of the interval between those.
     #[inline(always)]
-    fn first_of_sixteen(
+    fn first_of_sixteen<P: Fn(usize) -> (f64, Points), V: Fn(usize) -> Points>(
         &mut self,
-        vertices: impl Iterator<Item = (f64, [Points; 2])>,
+        numbers: impl Iterator<Item = usize>,
+        (point, tangent): (&P, &V),
     ) -> [Option<(usize, Event)>; LANES] {
+        let tape = self.manifold.domain.events();
+        // Few domains end where a path runs in a certain direction, and tangents are half the work.
+        let needs_tangents = (3..ROWS).any(|c| tape.reads(c));
         let mut events = [None; LANES];
-        let mut before: Option<(f64, [Points; 2])> = None;
+        let mut before: Option<(usize, f64, Points)> = None;
         let mut earlier = vec![[f64::INFINITY; LANES]; self.before.len()];
-        for (number, (s, state)) in vertices.enumerate() {
-            for c in 0..ROWS {
-                *self.registers.input(c) = state[c / 3][c % 3];
+        for (end, number) in numbers.enumerate() {
+            let (s, here) = point(number);
+            self.put(0, &here);
+            if needs_tangents {
+                self.put(3, &tangent(number));
             }
-            self.manifold.domain.events().run(&mut self.registers);
-            if let Some((from, old)) = &before {
-                let counts = counting(&self.registers, &earlier, |before, _| *before);
-                for l in (0..LANES).filter(|l| counts[*l]) {
-                    let event = match events[l] {
-                        None => self.first_in_lane(l, &earlier),
-                        Some(_) => None,
-                    };
-                    let Some((t, kind)) = event else { continue };
-                    let piece = Piece {
-                        s: [*from, s],
-                        u: [lane(&old[0], l), lane(&state[0], l)],
-                        v: [lane(&old[1], l), lane(&state[1], l)],
-                    };
-                    events[l] = Some((number - 1, Event::on(&piece, t, kind)));
+            tape.run(&mut self.registers);
+            if let Some((start, from, old)) = &before {
+                let mut counts = counting(&self.registers, &earlier, |before, _| *before);
+                for l in 0..LANES {
+                    counts[l] &= events[l].is_none();
+                }
+                if counts.contains(&true) {
+                    let ways = [tangent(*start), tangent(number)];
+                    for l in (0..LANES).filter(|l| counts[*l]) {
+                        let Some((t, kind)) = self.first_in_lane(l, &earlier) else {
+                            continue;
+                        };
+                        let piece = Piece {
+                            s: [*from, s],
+                            u: [lane(old, l), lane(&here, l)],
+                            v: [lane(&ways[0], l), lane(&ways[1], l)],
+                        };
+                        events[l] = Some((end - 1, Event::on(&piece, t, kind)));
+                    }
+                    if events.iter().all(Option::is_some) {
+                        break;
+                    }
                 }
             }
             for (k, earlier) in earlier.iter_mut().enumerate() {
                 *earlier = *self.registers.output(k);
             }
-            before = Some((s, state));
+            before = Some((number, s, here));
         }
         events
+    }
+
+    /// Sets three inputs of the events from number `first` on.
+    #[inline(always)]
+    fn put(&mut self, first: usize, values: &Points) {
+        for c in 0..3 {
+            *self.registers.input(first + c) = values[c];
+        }
     }
 
     /// The earliest of the events that count in lane `l` since they were `earlier`: the fraction of the
@@ -344,12 +367,13 @@ mod tests {
         // From y = 0.1 l along x: the lower ones are still inside after 1.7.
         let start = |l: usize| DVec3::new(0.0, 0.1 * l as f64, 0.0);
         let knots: Vec<f64> = (0..=17).map(|k| 0.1 * f64::from(k)).collect();
-        let state = |s: f64| {
+        let point = |s: f64| {
             let point = each_point(|c, l| start(l)[c] + if c == 0 { s } else { 0.0 });
-            (s, [point, each_point(|c, _| f64::from(c == 0))])
+            (s, point)
         };
-        let together = finder.endings_of_sixteen((1, 17), |i| state(knots[i]));
-        let parted = finder.endings_of_sixteen((17, 1), |i| state(knots[i]));
+        let tangent = |_| each_point(|c, _| f64::from(c == 0));
+        let together = finder.endings_of_sixteen((1, 17), |i| point(knots[i]), tangent);
+        let parted = finder.endings_of_sixteen((17, 1), |i| point(knots[i]), tangent);
         assert_eq!(together, parted);
         for (l, ending) in together.into_iter().enumerate() {
             let s = (4.0 - start(l).length_squared()).sqrt();
