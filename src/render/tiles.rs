@@ -262,11 +262,11 @@ impl Samples<'_> {
         let all: [Strand<'_>; LANES] =
             std::array::from_fn(|l| strands.strand(first + l.min(places.len() - 1)));
         lone.surround(&all, tracer, self.world);
-        for (strand, place) in all.into_iter().zip(places) {
+        for (strand, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {
             match strand.ending {
                 None => found.pending.push((*place, strand.direction)),
                 Some(ending) => {
-                    let seen = lone.seen(strand, &ending, tracer, self.world);
+                    let seen = lone.seen((l, strand), &ending, tracer, self.world);
                     found.put(*place, looked_up(seen));
                 }
             }

@@ -10,8 +10,8 @@
 //! margin then means the same for an object 1e-3 large as for one 100 large. A chord is cut to the
 //! tree's box in double precision before it is rounded, so a far camera costs no accuracy.
 
+mod boxes;
 mod chord;
-mod occupied;
 mod packet;
 
 pub use packet::PacketHits;
@@ -24,7 +24,6 @@ use obvhs::{
     bvh2::{Bvh2, leaf_collapser::collapse, node::Bvh2Node, reinsertion::ReinsertionOptimizer},
     ploc::PlocBuilder,
 };
-use occupied::Occupied;
 
 /// Margin of every box in tree coordinates. Rounding a point of [-1, 1]³ to single precision and
 /// one slab test move it by at most 5e-7; a wider margin only lets more triangles through.
@@ -39,7 +38,6 @@ pub struct Accelerator {
     /// Triangle numbers in the order of the leaves.
     order: Vec<u32>,
     top: Top,
-    occupied: Occupied,
     /// Corners of the box around all triangles.
     bounds: Option<(DVec3, DVec3)>,
     /// Tree coordinates are `(u - centre) / scale`.
@@ -96,8 +94,6 @@ impl Accelerator {
         built.order = tree.primitive_indices.into_iter().map(number).collect();
         built.nodes = tree.nodes;
         built.top = Top::of(&built.nodes);
-        let leaves = built.nodes.iter().filter(|node| node.is_leaf());
-        built.occupied = Occupied::by(leaves.map(|leaf| *leaf.aabb()));
         built
     }
 
@@ -183,9 +179,6 @@ impl Accelerator {
             return false;
         }
         let query = self.tree_box((min.max(bounds.0), max.min(bounds.1)));
-        if !self.occupied.may_meet(&query) {
-            return false;
-        }
         let mut stack = Stack::default();
         self.top
             .met(&query, |index| stack.push_if(true, (index, 0.0)));

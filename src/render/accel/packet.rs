@@ -68,9 +68,6 @@ impl Accelerator {
             return false;
         };
         let query = self.tree_box((min.max(bounds.0), max.min(bounds.1)));
-        if !self.occupied.may_meet(&query) {
-            return false;
-        }
         let first = out.len();
         let meets = |i: u32| self.nodes[i as usize].aabb().intersect_aabb(&query);
         if meets(0) {
