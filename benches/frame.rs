@@ -8,7 +8,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use geofan::{
     bundle::Bundle,
     render::{
-        EndingFinder, Lookup, Stage,
+        Desk, EndingFinder, GridTracer, Lookup, Stage, Strands,
         drawing::draw,
         frame::{Paths, offsets, trace},
         lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
@@ -65,7 +65,9 @@ fn steps(criterion: &mut Criterion) {
         let mut endings = EndingFinder::new(&world.manifold);
         corners
             .iter()
-            .map(|corner| lattice.refine(*corner, &mut endings))
+            .map(|corner| {
+                lattice.refine(*corner, Strands::new(tracer.knots().clone()), &mut endings)
+            })
             .collect()
     };
     let divided = refine();
@@ -87,11 +89,11 @@ fn steps(criterion: &mut Criterion) {
         });
     });
     group.bench_function("pixels", |b| {
-        let mut endings = EndingFinder::new(&world.manifold);
+        let mut desk = Desk::new(&world.manifold, tracer.knots());
         b.iter(|| {
             let mut found = Found::split(&mut traced.outcomes);
             for (divided, found) in divided.iter().zip(&mut found) {
-                samples.interpolate(divided, &tracer, &mut endings, found);
+                samples.interpolate(divided, &tracer, &mut desk, found);
             }
         });
     });

@@ -2,9 +2,11 @@
 //!
 //! In: a [`Strand`]. Out: its [`Ending`]: the first event on the cubics between its knots.
 
+mod sixteen;
+
 use super::{
     curve::{Ending, Piece},
-    lanes::{LANES, Points, lane, more},
+    lanes::{LANES, more},
     strands::{ROWS, Strand},
 };
 use crate::{
@@ -109,90 +111,6 @@ impl<'m> EndingFinder<'m> {
         let piece = closer.unwrap_or(piece);
         let (t, kind) = self.first_on()?;
         Some(Event::on(&piece, t, kind))
-    }
-
-    /// How sixteen paths side by side end: the first event of each on cubics between its points and
-    /// tangents at the vertices. `vertex` gives arc length and state of each by its number; between two of
-    /// them the event is taken to change evenly. Each of the `pieces` has `per_piece` intervals, and those
-    /// at whose end no path has ended are passed over.
-    #[inline(always)]
-    pub fn endings_of_sixteen(
-        &mut self,
-        (pieces, per_piece): (usize, usize),
-        vertex: impl Fn(usize) -> (f64, [Points; 2]),
-    ) -> [Ending; LANES] {
-        let ends = (0..=pieces).map(|k| vertex(k * per_piece));
-        let roughly = self.first_of_sixteen(ends);
-        let mut endings = [Ending::Nowhere; LANES];
-        for piece in 0..pieces {
-            if roughly.iter().flatten().all(|(k, _)| *k != piece) {
-                continue;
-            }
-            let inside = (piece * per_piece..=(piece + 1) * per_piece).map(&vertex);
-            let events = self.first_of_sixteen(inside);
-            for (ending, event) in endings.iter_mut().zip(events) {
-                if let (Ending::Nowhere, Some((_, event))) = (&ending, event) {
-                    *ending = self.by(&event);
-                }
-            }
-        }
-        endings
-    }
-
-    /// The first event of each of sixteen paths on the cubics between vertices, and the number of the
-    /// interval between those.
-    #[inline(always)]
-    fn first_of_sixteen(
-        &mut self,
-        vertices: impl Iterator<Item = (f64, [Points; 2])>,
-    ) -> [Option<(usize, Event)>; LANES] {
-        let mut events = [None; LANES];
-        let mut before: Option<(f64, [Points; 2])> = None;
-        let mut earlier = vec![[f64::INFINITY; LANES]; self.before.len()];
-        for (number, (s, state)) in vertices.enumerate() {
-            for c in 0..ROWS {
-                *self.registers.input(c) = state[c / 3][c % 3];
-            }
-            self.manifold.domain.events().run(&mut self.registers);
-            if let Some((from, old)) = &before {
-                let counts = counting(&self.registers, &earlier, |before, _| *before);
-                for l in (0..LANES).filter(|l| counts[*l]) {
-                    let event = match events[l] {
-                        None => self.first_in_lane(l, &earlier),
-                        Some(_) => None,
-                    };
-                    let Some((t, kind)) = event else { continue };
-                    let piece = Piece {
-                        s: [*from, s],
-                        u: [lane(&old[0], l), lane(&state[0], l)],
-                        v: [lane(&old[1], l), lane(&state[1], l)],
-                    };
-                    events[l] = Some((number - 1, Event::on(&piece, t, kind)));
-                }
-            }
-            for (k, earlier) in earlier.iter_mut().enumerate() {
-                *earlier = *self.registers.output(k);
-            }
-            before = Some((s, state));
-        }
-        events
-    }
-
-    /// The earliest of the events that count in lane `l` since they were `earlier`: the fraction of the
-    /// way, and which.
-    #[inline(always)]
-    fn first_in_lane(&self, l: usize, earlier: &[[f64; LANES]]) -> Option<(f64, usize)> {
-        let mut first: Option<(f64, usize)> = None;
-        for (k, earlier) in earlier.iter().enumerate() {
-            let (before, after) = (earlier[l], self.registers.output(k)[l]);
-            if after > more(before, 0.0) {
-                let t = root([before, after, 2.0 * after - before]);
-                if first.is_none_or(|(earlier, _)| t < earlier) {
-                    first = Some((t, k));
-                }
-            }
-        }
-        first
     }
 
     /// The piece on which the first event happens; `None` if there is none.
@@ -344,12 +262,13 @@ mod tests {
         // From y = 0.1 l along x: the lower ones are still inside after 1.7.
         let start = |l: usize| DVec3::new(0.0, 0.1 * l as f64, 0.0);
         let knots: Vec<f64> = (0..=17).map(|k| 0.1 * f64::from(k)).collect();
-        let state = |s: f64| {
+        let point = |s: f64| {
             let point = each_point(|c, l| start(l)[c] + if c == 0 { s } else { 0.0 });
-            (s, [point, each_point(|c, _| f64::from(c == 0))])
+            (s, point)
         };
-        let together = finder.endings_of_sixteen((1, 17), |i| state(knots[i]));
-        let parted = finder.endings_of_sixteen((17, 1), |i| state(knots[i]));
+        let tangent = |_| each_point(|c, _| f64::from(c == 0));
+        let together = finder.endings_of_sixteen((1, 17), |i| point(knots[i]), tangent);
+        let parted = finder.endings_of_sixteen((17, 1), |i| point(knots[i]), tangent);
         assert_eq!(together, parted);
         for (l, ending) in together.into_iter().enumerate() {
             let s = (4.0 - start(l).length_squared()).sqrt();

@@ -4,7 +4,7 @@
 //! the steps. Shading is [`super::shade`]. All tracers share everything after the paths.
 
 use super::{
-    endings::EndingFinder,
+    desk::Desk,
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
     outcome::{Outcome, Seen, outcome},
@@ -91,9 +91,9 @@ pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) ->
             outcomes: trace_straight(&samples, length),
             work: Work::default(),
         },
-        Paths::Direct(tracer) => trace_tiles(&samples, tracer, |endings, found| {
+        Paths::Direct(tracer) => trace_tiles(&samples, tracer, |desk, found| {
             let places = samples.places(found.tile());
-            samples.trace(&places, tracer, endings, found);
+            samples.trace(&places, tracer, desk, found);
         }),
         Paths::Lattice(tracer, budget) => {
             let lattice = Lattice {
@@ -103,12 +103,14 @@ pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) ->
                 budget,
                 smallest: smallest_tile(offsets.len()),
             };
-            trace_tiles(&samples, tracer, |endings, found| {
+            trace_tiles(&samples, tracer, |desk, found| {
                 let began = Instant::now();
                 let corner = (found.corner.1, found.corner.0);
-                let divided = lattice.refine(corner, endings);
+                let spare = desk.strands.take();
+                let divided = lattice.refine(corner, spare, &mut desk.endings);
                 found.tally.lattice += began.elapsed();
-                samples.interpolate(&divided, tracer, endings, found);
+                samples.interpolate(&divided, tracer, desk, found);
+                desk.strands = divided.strands;
             })
         }
     }
@@ -145,14 +147,14 @@ fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
 fn trace_tiles(
     samples: &Samples<'_>,
     tracer: &dyn GridTracer,
-    tile: impl Fn(&mut EndingFinder<'_>, &mut Found<'_>) + Sync,
+    tile: impl Fn(&mut Desk<'_>, &mut Found<'_>) + Sync,
 ) -> Traced {
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = Found::split(&mut outcomes);
     tiles.par_iter_mut().for_each_init(
-        || EndingFinder::new(&samples.world.manifold),
-        |endings, found| tile(endings, found),
+        || Desk::new(&samples.world.manifold, tracer.knots()),
+        |desk, found| tile(desk, found),
     );
     let mut work = Work::default();
     let mut pending = Vec::new();

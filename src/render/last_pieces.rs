@@ -43,10 +43,17 @@ impl LastPieces {
     /// How the paths of sixteen samples end.
     #[inline(always)]
     pub fn endings(&self, mixing: &Bicubic, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
-        finder.endings_of_sixteen((self.pieces, PER_PIECE), |i| {
-            let vertex = &self.vertices[i];
-            let point = mixing.mix_points(&vertex.point);
-            (vertex.s, [point, mixing.mix_points(&vertex.tangent)])
-        })
+        finder.endings_of_sixteen(
+            (self.pieces, PER_PIECE),
+            #[inline(always)]
+            |i| {
+                (
+                    self.vertices[i].s,
+                    mixing.mix_points(&self.vertices[i].point),
+                )
+            },
+            #[inline(always)]
+            |i| mixing.mix_points(&self.vertices[i].tangent),
+        )
     }
 }

@@ -14,7 +14,7 @@ use super::{
     frame::{NOTHING, Outcomes},
     intersect::Hit,
     outcome::{Outcome, Seen, beyond},
-    strands::Strands,
+    strands::{Source, Strands},
     tiles::Samples,
     tracer::even_knots,
     view::View,
@@ -215,7 +215,9 @@ impl<'w> Projected<'w> {
             n
         };
         lines.clear();
-        lines.push((direction, None), fill, |line| endings.ending(line));
+        lines.push((direction, Source::Knots), fill, |line| {
+            endings.ending(line)
+        });
         beyond(&lines.strand(0).ending.unwrap_or(Ending::Nowhere))
     }
 }

@@ -8,6 +8,7 @@
 use super::{
     curve::Ending,
     intersect::{CHORD_ERROR, first_hit},
+    lanes::LANES,
     outcome::{Seen, beyond},
     ribbon::Touched,
     strands::{ROWS, Strand, knots_until},
@@ -24,27 +25,35 @@ fn finer(slack: f64) -> usize {
 /// Finds what single paths see.
 #[derive(Debug, Clone, Default)]
 pub struct Lone {
-    /// What all together touch, and what one does.
+    /// What all together touch, and which of them touch each of those pieces.
     together: Touched,
-    touched: Touched,
+    touching: Vec<[bool; LANES]>,
+    /// The pieces that one touches.
+    touched: Vec<usize>,
     lengths: Vec<f64>,
     rows: Vec<f64>,
 }
 
 impl Lone {
     /// Makes ready for `strands` of `tracer`, which are close together.
-    pub fn surround(&mut self, strands: &[Strand<'_>], tracer: &dyn GridTracer, world: &World) {
+    pub fn surround(
+        &mut self,
+        strands: &[Strand<'_>; LANES],
+        tracer: &dyn GridTracer,
+        world: &World,
+    ) {
         let limits = strands.iter().filter_map(|strand| strand.ending);
         let limit = limits.map(|ending| ending.limit()).fold(0.0, f64::max);
         let last = knots_until(tracer.knots(), limit);
         self.together
             .find(strands, last, world, 0.0, tracer.slack());
+        self.touching = self.together.by_strand(strands, world, tracer.slack());
     }
 
-    /// What one of them, whose ending is known, sees in `world`.
+    /// What the one in lane `l`, whose ending is known, sees in `world`.
     pub fn seen(
         &mut self,
-        strand: Strand<'_>,
+        (l, strand): (usize, Strand<'_>),
         ending: &Ending,
         tracer: &dyn GridTracer,
         world: &World,
@@ -54,8 +63,10 @@ impl Lone {
         }
         let limit = ending.limit();
         let last = knots_until(strand.knots, limit);
-        self.touched
-            .find_among(&self.together, strand, last, world, tracer.slack());
+        let pieces = self.together.pieces.iter().zip(&self.touching);
+        let own = pieces.filter(|(k, touching)| touching[l] && **k + 1 < last);
+        self.touched.clear();
+        self.touched.extend(own.map(|(k, _)| *k));
         let per_piece = finer(tracer.slack());
         self.sample(strand, tracer, per_piece);
         let closer = Strand {
@@ -79,7 +90,7 @@ impl Lone {
     /// The path at the ends of the finer cubics, so many for each of its touched pieces.
     fn sample(&mut self, strand: Strand<'_>, tracer: &dyn GridTracer, per_piece: usize) {
         self.lengths.clear();
-        for &k in &self.touched.pieces {
+        for &k in &self.touched {
             let [from, to] = [strand.knots[k], strand.knots[k + 1]];
             let along = |j: usize| from + (to - from) * j as f64 / per_piece as f64;
             self.lengths.extend((0..=per_piece).map(along));

@@ -6,12 +6,15 @@
 use super::{
     curve::{Curve, Ending},
     endings::EndingFinder,
-    pencil::Pencil,
-    strands::{Strand, Strands, stay},
+    pencil::{Pencil, Spoke},
+    strands::{Source, Strand, Strands, stay},
     strip::Rung,
     tracer::{ExactTracer, GridTracer, even_knots},
 };
-use crate::bundle::{Courses, Fan, FanPath, Table};
+use crate::{
+    bundle::{Courses, Fan, FanPath, Table},
+    fan::Located,
+};
 use glam::DVec3;
 use std::{borrow::Borrow, sync::Arc};
 
@@ -67,13 +70,14 @@ impl GridTracer for TableTracer<'_, '_> {
         strands.with_courses(|strands, courses| {
             for direction in directions {
                 let located = self.fan.locate(*direction);
-                let pencil = self.pencil.as_ref();
-                match pencil.and_then(|pencil| pencil.rung(&located, endings)) {
-                    Some(rung) => self.climb(*direction, &rung, endings, strands),
+                match self.rung(&located, endings) {
+                    Some((spoke, rung)) => {
+                        self.climb((*direction, spoke), &rung, endings, strands);
+                    }
                     None => {
                         let number = self.fan.add(located, courses);
                         let path = self.fan.among(courses, number);
-                        let course = (*direction, Some(number));
+                        let course = (*direction, Source::Course(number));
                         let ending = |strand: Strand<'_>| ending(&path, strand, endings);
                         strands.push(course, |knots, rows| path.sample(knots, rows), ending);
                     }
@@ -84,22 +88,23 @@ impl GridTracer for TableTracer<'_, '_> {
 
     fn ending(&self, direction: DVec3, endings: &mut EndingFinder<'_>) -> Option<Ending> {
         let located = self.fan.locate(direction);
-        let rung = self.pencil.as_ref()?.rung(&located, endings)?;
+        let (_, rung) = self.rung(&located, endings)?;
         rung.ending(endings)
     }
 
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
-        let (courses, number) = strand.source;
-        let Some(number) = number else {
-            let located = self.fan.locate(strand.direction);
-            let rung = self
-                .pencil
-                .as_ref()
-                .and_then(|pencil| pencil.known(&located));
-            return rung.into_iter().for_each(|rung| rung.refine(s, rows));
-        };
-        let known = self.fan.among(courses, number).sample(s, rows);
-        stay(rows, s.len(), known);
+        match strand.source {
+            (_, Source::Knots) => strand.sample(s, rows),
+            (courses, Source::Course(number)) => {
+                let known = self.fan.among(courses, *number).sample(s, rows);
+                stay(rows, s.len(), known);
+            }
+            (_, Source::Pencil(spoke)) => {
+                let pencil = self.pencil.as_ref();
+                let rung = pencil.and_then(|pencil| pencil.known(spoke));
+                rung.into_iter().for_each(|rung| rung.refine(s, rows));
+            }
+        }
     }
 
     fn slack(&self) -> f64 {
@@ -111,11 +116,22 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 }
 
-impl TableTracer<'_, '_> {
+impl<'t> TableTracer<'_, 't> {
+    /// A located ray among the paths of the pencil, if there is one that holds it.
+    fn rung(
+        &self,
+        located: &Located,
+        endings: &mut EndingFinder<'_>,
+    ) -> Option<(Spoke, Rung<'_, '_, 't>)> {
+        let pencil = self.pencil.as_ref()?;
+        let spoke = Spoke::of(located);
+        Some((spoke, pencil.rung(&spoke, endings)?))
+    }
+
     /// Adds the path of a rung.
     fn climb(
         &self,
-        direction: DVec3,
+        (direction, spoke): (DVec3, Spoke),
         rung: &Rung<'_, '_, '_>,
         endings: &mut EndingFinder<'_>,
         strands: &mut Strands,
@@ -124,7 +140,7 @@ impl TableTracer<'_, '_> {
             rung.fill(rows);
             knots.len()
         };
-        strands.push((direction, None), fill, |strand| {
+        strands.push((direction, Source::Pencil(spoke)), fill, |strand| {
             let known = rung.ending(endings);
             known.or_else(|| ending(&self.fan.path(direction), strand, endings))
         });

@@ -10,6 +10,7 @@ mod camera;
 pub mod comparison;
 mod cubics;
 mod curve;
+mod desk;
 pub mod drawing;
 mod endings;
 pub mod film;
@@ -46,6 +47,7 @@ mod world;
 
 pub use camera::{Camera, Moved};
 pub use curve::{Curve, Ending, Piece};
+pub use desk::Desk;
 pub use endings::EndingFinder;
 pub use footprint::Footprint;
 pub use intersect::Hit;

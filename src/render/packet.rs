@@ -187,8 +187,7 @@ impl<'a> Target<'a> {
             weights: [[0.0; LANES]; 2],
             tangent: [[0.0; LANES]; 3],
         };
-        // The ends of the chord before, which are often needed again.
-        let mut known: Option<(usize, [Spread; 2])> = None;
+        let mut ends = Ends::default();
         for chord in chords.iter() {
             let (s, next) = (self.s(chord.from), self.s(chord.from + 1));
             let share = 1.0 / (next - s);
@@ -196,14 +195,13 @@ impl<'a> Target<'a> {
             if !most.iter().any(|most| *most >= 0.0) {
                 break;
             }
-            let ends = self.ends(mixing, chord.from, known);
+            self.mix_ends(mixing, chord.from, &mut ends);
             let roots = chords.roots(chord);
             let accelerator = &self.world.accelerator;
-            let both = [&ends[0], &ends[1]];
+            let both = ends.from(chord.from);
             if let Some(hits) = accelerator.first_hits(roots, both, chord.shift, &most) {
                 self.keep(mixing, chord, &hits, &mut found);
             }
-            known = Some((chord.from, ends));
         }
         found
     }
@@ -214,19 +212,14 @@ impl<'a> Target<'a> {
         self.ribbon.vertices[vertex].s
     }
 
-    /// The ends of the chords that begin at a vertex; those that began at another are `known`.
+    /// Makes sure of both ends of the chords that begin at vertex `from`.
     #[inline(always)]
-    fn ends(
-        &self,
-        mixing: &Bicubic,
-        from: usize,
-        known: Option<(usize, [Spread; 2])>,
-    ) -> [Spread; 2] {
-        let end = |vertex: usize| mixing.mix_spread(self.ribbon.point(vertex));
-        match known {
-            Some((same, ends)) if same == from => ends,
-            Some((before, [_, start])) if before + 1 == from => [start, end(from + 1)],
-            _ => [end(from), end(from + 1)],
+    fn mix_ends(&self, mixing: &Bicubic, from: usize, ends: &mut Ends) {
+        for vertex in [from, from + 1] {
+            if ends.vertices[vertex % 2] != Some(vertex) {
+                ends.points[vertex % 2] = mixing.mix_spread(self.ribbon.point(vertex));
+                ends.vertices[vertex % 2] = Some(vertex);
+            }
         }
     }
 
@@ -259,6 +252,22 @@ impl<'a> Target<'a> {
             });
             put(&mut found.tangent[c], &tangent, &hits.t);
         }
+    }
+}
+
+/// The ends of a chord, which are often those of the next too: each stays in the place that the parity of
+/// its number gives it.
+#[derive(Default)]
+struct Ends {
+    vertices: [Option<usize>; 2],
+    points: [Spread; 2],
+}
+
+impl Ends {
+    /// Those of the chords that begin at vertex `from`.
+    #[inline(always)]
+    fn from(&self, from: usize) -> [&Spread; 2] {
+        [&self.points[from % 2], &self.points[(from + 1) % 2]]
     }
 }
 

@@ -10,7 +10,7 @@ use super::{
     strip::{Rung, Strip},
 };
 use crate::{bundle::Fan, fan::Located};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::sync::{Arc, OnceLock};
 
 /// Intervals are not tried before they have been halved this often, because none so wide converges, and
@@ -22,6 +22,27 @@ pub(super) struct Pencil<'f, 't> {
     fan: &'f Fan<'t>,
     knots: Arc<[f64]>,
     faces: Vec<OnceLock<Node<'f, 't>>>,
+}
+
+/// What tells a path of a pencil from the others.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spoke {
+    face: usize,
+    /// The parameter, in [−1, 1].
+    parameter: f64,
+    /// Takes the stored plane to the true one.
+    rotation: DMat3,
+}
+
+impl Spoke {
+    /// Of a located ray.
+    pub(super) fn of(located: &Located) -> Self {
+        Self {
+            face: located.face,
+            parameter: located.direction[0],
+            rotation: located.isometry.apply(DVec3::ZERO).1,
+        }
+    }
 }
 
 /// An interval of the parameter.
@@ -43,30 +64,30 @@ impl<'f, 't> Pencil<'f, 't> {
         })
     }
 
-    /// The path of a located ray; `None` where intervals do not pay.
+    /// The path; `None` where intervals do not pay.
     pub(super) fn rung(
         &self,
-        located: &Located,
+        spoke: &Spoke,
         endings: &mut EndingFinder<'_>,
     ) -> Option<Rung<'_, 'f, 't>> {
-        self.descend(located, |node, interval, depth| {
-            Some(node.get_or_init(|| self.node(located.face, interval, depth, endings)))
+        self.descend(spoke, |node, interval, depth| {
+            Some(node.get_or_init(|| self.node(spoke.face, interval, depth, endings)))
         })
     }
 
-    /// The same for a ray whose path has been asked for before.
-    pub(super) fn known(&self, located: &Located) -> Option<Rung<'_, 'f, 't>> {
-        self.descend(located, |node, _, _| node.get())
+    /// The same for a path that has been asked for before.
+    pub(super) fn known(&self, spoke: &Spoke) -> Option<Rung<'_, 'f, 't>> {
+        self.descend(spoke, |node, _, _| node.get())
     }
 
-    /// Goes down to the strip around a ray, where `open` gives the node of an interval at a depth.
+    /// Goes down to the strip around a path, where `open` gives the node of an interval at a depth.
     fn descend<'p>(
         &'p self,
-        located: &Located,
+        spoke: &Spoke,
         mut open: impl FnMut(&'p OnceLock<Node<'f, 't>>, [f64; 2], u32) -> Option<&'p Node<'f, 't>>,
     ) -> Option<Rung<'p, 'f, 't>> {
-        let p = located.direction[0];
-        let (mut node, mut interval) = (&self.faces[located.face], [-1.0, 1.0]);
+        let p = spoke.parameter;
+        let (mut node, mut interval) = (&self.faces[spoke.face], [-1.0, 1.0]);
         for depth in 0.. {
             let [low, high] = interval;
             let middle = 0.5 * (low + high);
@@ -78,8 +99,8 @@ impl<'f, 't> Pencil<'f, 't> {
                     interval = if upper { [middle, high] } else { [low, middle] };
                 }
                 Node::Strip(strip) => {
-                    let rotation = located.isometry.apply(DVec3::ZERO).1;
-                    return Some(strip.rung((p - middle) / (0.5 * (high - low)), rotation));
+                    let x = (p - middle) / (0.5 * (high - low));
+                    return Some(strip.rung(x, spoke.rotation));
                 }
             }
         }

@@ -9,6 +9,7 @@
 use super::{
     cubics::Cubics,
     intersect::{is_glued, shifts},
+    lanes::{LANES, Points, each, lane, less, more},
     packet::Bicubic,
     sheaf::{Sheaf, Spread, TUBE_MARGIN, Tube, Vertex, widened},
     strands::Strand,
@@ -118,24 +119,62 @@ impl Touched {
         self.pieces.extend(touched);
     }
 
-    /// The same for one strand of those that touch the `pieces` of `all`, without a margin.
-    pub fn find_among(
-        &mut self,
-        all: &Self,
-        strand: Strand<'_>,
-        last: usize,
+    /// For each of the pieces which of the `strands` touch it, without a margin.
+    pub fn by_strand(
+        &self,
+        strands: &[Strand<'_>; LANES],
         world: &World,
         slack: f64,
-    ) {
-        self.pieces.clear();
-        for &k in all.pieces.iter().take_while(|k| *k + 1 < last) {
-            let piece = strand.piece(k);
-            let margin = slack * piece.s[1] / (piece.s[1] - piece.s[0]);
-            if meets(world, widened(piece.bounds(), margin)) {
-                self.pieces.push(k);
-            }
+    ) -> Vec<[bool; LANES]> {
+        let touches = |k: &usize| {
+            vectorised(
+                #[inline(always)]
+                || {
+                    let (low, high) = boxes(strands, *k, slack);
+                    match is_glued(&world.manifold.domain) {
+                        false => world.accelerator.touched(&low, &high),
+                        true => {
+                            std::array::from_fn(|l| meets(world, (lane(&low, l), lane(&high, l))))
+                        }
+                    }
+                },
+            )
+        };
+        self.pieces.iter().map(touches).collect()
+    }
+}
+
+/// Corners of the boxes around piece `k` of the `strands`, widened by the angle `slack`.
+#[inline(always)]
+fn boxes(strands: &[Strand<'_>; LANES], k: usize, slack: f64) -> (Points, Points) {
+    let [from, to] = [strands[0].knots[k], strands[0].knots[k + 1]];
+    let third = (to - from) * (1.0 / 3.0);
+    let at = |c: usize, k: usize| {
+        each(
+            #[inline(always)]
+            |l| strands[l].row(c)[k],
+        )
+    };
+    let (mut low, mut high) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
+    let mut longest = [0.0; LANES];
+    for c in 0..3 {
+        let (a, d) = (at(c, k), at(c, k + 1));
+        let (v, w) = (at(3 + c, k), at(3 + c, k + 1));
+        for l in 0..LANES {
+            let (b, e) = (a[l] + v[l] * third, d[l] - w[l] * third);
+            low[c][l] = less(less(a[l], b), less(e, d[l]));
+            high[c][l] = more(more(a[l], b), more(e, d[l]));
+            longest[l] = more(high[c][l] - low[c][l], longest[l]);
         }
     }
+    let share = slack * to / (to - from);
+    for c in 0..3 {
+        for l in 0..LANES {
+            low[c][l] -= share * longest[l];
+            high[c][l] += share * longest[l];
+        }
+    }
+    (low, high)
 }
 
 /// Whether a box meets a leaf of the scene's tree, in any period.

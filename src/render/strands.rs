@@ -4,10 +4,16 @@
 //! tiles take what they interpolate. Components of one path are contiguous, so that whatever is
 //! computed knot by knot is computed in vectors.
 
-use super::curve::{Ending, Piece};
+use super::{
+    curve::{Ending, Piece},
+    pencil::Spoke,
+};
 use crate::bundle::Courses;
 use glam::DVec3;
-use std::{mem::take, sync::Arc};
+use std::{
+    mem::{replace, take},
+    sync::Arc,
+};
 
 /// Rows of a path: x, y, z and the components of the tangent.
 pub const ROWS: usize = 6;
@@ -22,9 +28,20 @@ pub struct Strands {
     values: Vec<f64>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
-    /// What a tracer that looks paths up took from its table for some of them, and their numbers there.
+    /// What a tracer that looks paths up took from its table for some of them.
     courses: Courses,
-    numbers: Vec<Option<usize>>,
+    sources: Vec<Source>,
+}
+
+/// Where a tracer took a path from, to take more from there.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Source {
+    /// The path on its knots is all there is.
+    Knots,
+    /// From a table, with this number among the courses.
+    Course(usize),
+    /// From a pencil.
+    Pencil(Spoke),
 }
 
 /// One of them.
@@ -40,8 +57,8 @@ pub struct Strand<'a> {
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
-    /// What its tracer took from a table, and the path's number there if it is there.
-    pub(super) source: (&'a Courses, Option<usize>),
+    /// What its tracer took from a table, and where the path is.
+    pub(super) source: (&'a Courses, &'a Source),
 }
 
 impl Strands {
@@ -54,7 +71,7 @@ impl Strands {
             known: Vec::new(),
             endings: Vec::new(),
             courses: Courses::default(),
-            numbers: Vec::new(),
+            sources: Vec::new(),
         }
     }
 
@@ -68,6 +85,12 @@ impl Strands {
         self.known.is_empty()
     }
 
+    /// All of them; none are left, at the same knots.
+    pub fn take(&mut self) -> Self {
+        let none = Self::new(self.knots.clone());
+        replace(self, none)
+    }
+
     /// Forgets all.
     pub fn clear(&mut self) {
         self.directions.clear();
@@ -75,7 +98,7 @@ impl Strands {
         self.known.clear();
         self.endings.clear();
         self.courses.clear();
-        self.numbers.clear();
+        self.sources.clear();
     }
 
     /// Adds paths, some of them with `courses`, by what `add` does.
@@ -90,11 +113,11 @@ impl Strands {
         self.values.reserve(count * ROWS * self.knots.len());
     }
 
-    /// Adds the path in `direction`, which may have a number among the courses: `fill` writes its rows
-    /// and says how many knots are known, `end` how it ends.
-    pub fn push(
+    /// Adds the path in `direction`, which comes from `source`: `fill` writes its rows and says how many
+    /// knots are known, `end` how it ends.
+    pub(super) fn push(
         &mut self,
-        (direction, number): (DVec3, Option<usize>),
+        (direction, source): (DVec3, Source),
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
         end: impl FnOnce(Strand<'_>) -> Option<Ending>,
     ) {
@@ -111,10 +134,10 @@ impl Strands {
             rows: &self.values[start..],
             known,
             ending: None,
-            source: (&self.courses, number),
+            source: (&self.courses, &source),
         };
         self.endings.push(end(strand));
-        self.numbers.push(number);
+        self.sources.push(source);
     }
 
     /// The arc lengths of the knots.
@@ -131,7 +154,7 @@ impl Strands {
             rows: &self.values[i * length..(i + 1) * length],
             known: self.known[i],
             ending: self.endings[i],
-            source: (&self.courses, self.numbers[i]),
+            source: (&self.courses, &self.sources[i]),
         }
     }
 }

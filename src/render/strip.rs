@@ -9,7 +9,7 @@ use super::{
     curve::{Ending, Piece},
     endings::{EndingFinder, Event},
     lanes::LANES,
-    strands::{ROWS, Strand, put},
+    strands::{ROWS, Source, Strand, put},
 };
 use crate::{
     bundle::{Courses, Fan, FanPath, chebyshev, product},
@@ -164,7 +164,7 @@ fn event(
         rows,
         known: knots.len(),
         ending: None,
-        source: (&Courses::default(), None),
+        source: (&Courses::default(), &Source::Knots),
     };
     endings.sharp_event(strand, |s, rows| path.sample(s, rows))
 }
@@ -245,25 +245,24 @@ impl Rung<'_, '_, '_> {
     /// each knot to the next: what those between knots miss the path by falls by fifteen to the fourth.
     pub(super) fn refine(&self, s: &[f64], rows: &mut [f64]) {
         let knots = &self.strip.knots;
-        let mut known: Option<(usize, [[f64; LANES]; PLANE])> = None;
+        let mut known: Option<usize> = None;
+        let mut plane = [[0.0; LANES]; PLANE];
         for (i, &at) in s.iter().enumerate() {
-            let (k, plane) = match known {
-                Some((k, plane)) if at <= knots[k + 1] => (k, plane),
-                _ => {
-                    let next = knots.partition_point(|knot| *knot <= at);
-                    let k = next.clamp(1, knots.len() - 1) - 1;
-                    (k, self.between(k))
-                }
-            };
-            known = Some((k, plane));
+            let k = known.filter(|k| at <= knots[k + 1]).unwrap_or_else(|| {
+                let next = knots.partition_point(|knot| *knot <= at);
+                let k = next.clamp(1, knots.len() - 1) - 1;
+                self.between(k, &mut plane);
+                k
+            });
+            known = Some(k);
             let piece = self.part(&plane, [knots[k], knots[k + 1]], at);
             let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
             put(rows, i, (piece.position(t), piece.tangent(t)));
         }
     }
 
-    /// The stored plane's components at sixteen arc lengths from knot `k` to the next.
-    fn between(&self, k: usize) -> [[f64; LANES]; PLANE] {
+    /// Writes the stored plane's components at sixteen arc lengths from knot `k` to the next.
+    fn between(&self, k: usize, plane: &mut [[f64; LANES]; PLANE]) {
         let table = self.strip.between(k);
         vectorised(
             #[inline(always)]
@@ -276,9 +275,9 @@ impl Rung<'_, '_, '_> {
                         }
                     }
                 }
-                sums
+                *plane = sums;
             },
-        )
+        );
     }
 
     /// The cubic around arc length `at` between two of sixteen points from one knot to another.

@@ -5,6 +5,7 @@
 
 use super::{
     curve::Ending,
+    desk::Desk,
     endings::EndingFinder,
     lanes::LANES,
     last_pieces::LastPieces,
@@ -76,7 +77,6 @@ pub struct Found<'o> {
     pub pending: Vec<(Place, DVec3)>,
     /// Work and time.
     pub tally: Tally,
-    lone: Lone,
 }
 
 impl<'o> Found<'o> {
@@ -87,7 +87,6 @@ impl<'o> Found<'o> {
             outcomes,
             pending: Vec::new(),
             tally: Tally::default(),
-            lone: Lone::default(),
         }
     }
 
@@ -127,16 +126,17 @@ impl Samples<'_> {
         &self,
         divided: &Divided,
         tracer: &dyn GridTracer,
-        endings: &mut EndingFinder<'_>,
+        desk: &mut Desk<'_>,
         found: &mut Found<'_>,
     ) {
         found.tally.paths += divided.strands.len();
         let mut lost = Vec::new();
         for leaf in &divided.leaves {
-            self.leaf((tracer, endings), divided, leaf, found, &mut lost);
+            let known = (tracer, &mut desk.endings);
+            self.leaf(known, divided, leaf, found, &mut lost);
         }
         lost.extend(divided.lost.iter().flat_map(|tile| self.places(*tile)));
-        self.trace(&lost, tracer, endings, found);
+        self.trace(&lost, tracer, desk, found);
     }
 
     /// The chords of a tile.
@@ -226,18 +226,23 @@ impl Samples<'_> {
         &self,
         places: &[Place],
         tracer: &dyn GridTracer,
-        endings: &mut EndingFinder<'_>,
+        desk: &mut Desk<'_>,
         found: &mut Found<'_>,
     ) {
         let began = Instant::now();
         let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
-        let mut strands = Strands::new(tracer.knots().clone());
+        let Desk {
+            endings,
+            singles,
+            lone,
+            ..
+        } = desk;
         for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
-            strands.clear();
-            tracer.add(directions, endings, &mut strands);
+            singles.clear();
+            tracer.add(directions, endings, singles);
             for (first, places) in places.chunks(LANES).enumerate() {
                 let first = LANES * first;
-                self.lone(tracer, &strands, first, places, found);
+                self.lone((tracer, lone), singles, first, places, found);
             }
             found.tally.traced += places.len();
             found.tally.paths += places.len();
@@ -248,7 +253,7 @@ impl Samples<'_> {
     /// The samples at `places`, close together, whose paths are `strands` from number `first` on.
     fn lone(
         &self,
-        tracer: &dyn GridTracer,
+        (tracer, lone): (&dyn GridTracer, &mut Lone),
         strands: &Strands,
         first: usize,
         places: &[Place],
@@ -256,12 +261,12 @@ impl Samples<'_> {
     ) {
         let all: [Strand<'_>; LANES] =
             std::array::from_fn(|l| strands.strand(first + l.min(places.len() - 1)));
-        found.lone.surround(&all, tracer, self.world);
-        for (strand, place) in all.into_iter().zip(places) {
+        lone.surround(&all, tracer, self.world);
+        for (strand, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {
             match strand.ending {
                 None => found.pending.push((*place, strand.direction)),
                 Some(ending) => {
-                    let seen = found.lone.seen(strand, &ending, tracer, self.world);
+                    let seen = lone.seen((l, strand), &ending, tracer, self.world);
                     found.put(*place, looked_up(seen));
                 }
             }

@@ -7,7 +7,7 @@
 use super::{
     curve::{Curve, Ending, Piece, ending_at},
     endings::EndingFinder,
-    strands::{Strand, Strands, put},
+    strands::{Source, Strand, Strands, put},
 };
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -205,7 +205,7 @@ impl GridTracer for FixedTracer<'_> {
                 }
                 u.len()
             };
-            strands.push((*direction, None), fill, |strand| {
+            strands.push((*direction, Source::Knots), fill, |strand| {
                 Some(endings.ending(strand).unwrap_or(Ending::Nowhere))
             });
         }

@@ -10,6 +10,7 @@
 //! margin then means the same for an object 1e-3 large as for one 100 large. A chord is cut to the
 //! tree's box in double precision before it is rounded, so a far camera costs no accuracy.
 
+mod boxes;
 mod chord;
 mod packet;
 

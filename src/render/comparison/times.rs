@@ -154,8 +154,8 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
     corners.par_iter().for_each_init(
         || EndingFinder::new(&world.manifold),
         |endings, corner| {
-            let divided = lattice.refine(*corner, endings);
             let mut strands = Strands::new(tracer.knots().clone());
+            let divided = lattice.refine(*corner, strands.take(), endings);
             for tile in &divided.lost {
                 strands.clear();
                 tracer.add(&directions(view, *tile), endings, &mut strands);

@@ -158,14 +158,19 @@ pub struct Divided {
 }
 
 impl Lattice<'_> {
-    /// Divides the tile at (`x`, `y`).
-    pub fn refine(&self, (x, y): (usize, usize), endings: &mut EndingFinder<'_>) -> Divided {
+    /// Divides the tile at (`x`, `y`). Its paths take the place of `strands`, which have the tracer's knots.
+    pub fn refine(
+        &self,
+        (x, y): (usize, usize),
+        strands: Strands,
+        endings: &mut EndingFinder<'_>,
+    ) -> Divided {
         let root = Tile {
             x,
             y,
             side: LARGEST_TILE,
         };
-        let mut nodes = Nodes::new(root, self.smallest, self.tracer.knots().clone());
+        let mut nodes = Nodes::new(root, self.smallest, strands);
         let mut divided = (Vec::new(), Vec::new());
         let mut level = vec![root];
         while !level.is_empty() {

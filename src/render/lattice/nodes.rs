@@ -6,7 +6,6 @@
 use super::{Lattice, Tile};
 use crate::render::{endings::EndingFinder, lanes::LANES, strands::Strands};
 use glam::DVec3;
-use std::sync::Arc;
 
 /// Paths by their place.
 pub(super) struct Nodes {
@@ -26,7 +25,9 @@ pub(super) struct Nodes {
 pub(super) const CHECKS: [(usize, usize); 3] = [(1, 3), (3, 5), (5, 1)];
 
 impl Nodes {
-    pub(super) fn new(root: Tile, smallest: usize, knots: Arc<[f64]>) -> Self {
+    /// None yet; `strands` are forgotten, and their memory used again.
+    pub(super) fn new(root: Tile, smallest: usize, mut strands: Strands) -> Self {
+        strands.clear();
         let steps = 6;
         let side = root.side / smallest * steps + 1;
         Self {
@@ -35,7 +36,7 @@ impl Nodes {
             smallest,
             side,
             numbers: vec![None; side * side],
-            strands: Strands::new(knots),
+            strands,
         }
     }
 

@@ -10,7 +10,7 @@ use crate::{
         footprint::{Footprint, Taps},
         lanes::LANES,
         outcome::{Outcome, Seen},
-        sky::{Mask, Numbers, Sky, Vectors, each, each_vector, first, lane, largest, mask},
+        sky::{EVEN, Mask, Numbers, Sky, Vectors, each, each_vector, first, lane, largest, mask},
         world::World,
     },
 };
@@ -226,6 +226,12 @@ impl Footprints {
             |l| if wanted[l] { self.count[l] } else { 0.0 },
         );
         let most = largest(&counts);
+        let lengths = each(
+            #[inline(always)]
+            |l| counts[l] * self.width[l],
+        );
+        let short = largest(&lengths) <= EVEN;
+        let even = if short { sky.even(d) } else { None };
         let mut sum = Vectors::default();
         for i in 0..most as u32 {
             let i = i as f32;
@@ -241,18 +247,31 @@ impl Footprints {
                 |l| counts[l] > i,
             );
             let light = sky.rounds(&places, &self.width, &within);
-            for c in 0..3 {
-                let old = sum[c];
-                sum[c] = each(
-                    #[inline(always)]
-                    |l| old[l] + if counts[l] > i { light[c][l] } else { 0.0 },
-                );
+            add(&mut sum, &light, &within);
+            if !short && let Some(even) = sky.even(&places) {
+                add(&mut sum, &even, &within);
             }
         }
-        each_vector(
+        let mut mean = each_vector(
             #[inline(always)]
             |l| lane(&sum, l) / self.count[l],
-        )
+        );
+        if let Some(even) = even {
+            add(&mut mean, &even, wanted);
+        }
+        mean
+    }
+}
+
+/// Adds light in the lanes that are `wanted`.
+#[inline(always)]
+fn add(sum: &mut Vectors, light: &Vectors, wanted: &Mask) {
+    for c in 0..3 {
+        let old = sum[c];
+        sum[c] = each(
+            #[inline(always)]
+            |l| old[l] + if wanted[l] { light[c][l] } else { 0.0 },
+        );
     }
 }
 

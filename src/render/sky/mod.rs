@@ -39,6 +39,10 @@ pub enum Pattern {
     Colour([f32; 3]),
 }
 
+/// Footprints no longer than this, radians, see one value of what changes slowly over a sky: as far as
+/// from one of the places where that is known to the next.
+pub(super) const EVEN: f32 = 0.03;
+
 /// A sky, ready to be looked at.
 #[derive(Debug, Clone)]
 pub enum Sky {
@@ -94,14 +98,25 @@ impl Sky {
         (sum / taps.count).to_array()
     }
 
-    /// Linear light from the unit vectors `d` over round footprints, in the lanes that are `wanted`.
+    /// Linear light from the unit vectors `d` over round footprints, in the lanes that are `wanted`, without
+    /// what is [`Sky::even`].
     #[inline(always)]
     pub(super) fn rounds(&self, d: &Vectors, footprints: &Numbers, wanted: &Mask) -> Vectors {
         match self {
             Self::Equirectangular(image) => image.radiances(d, footprints, wanted),
             Self::Grid => grid::radiances(d, footprints, wanted),
-            Self::Stars(stars) => stars.radiances(d, footprints, wanted),
+            Self::Stars(stars) => stars.sharp(d, footprints, wanted),
             Self::Colour(colour) => colour.map(|x| [x; LANES]),
+        }
+    }
+
+    /// Linear light from the unit vectors `d` that is the same all over footprints no longer than [`EVEN`],
+    /// if there is any.
+    #[inline(always)]
+    pub(super) fn even(&self, d: &Vectors) -> Option<Vectors> {
+        match self {
+            Self::Stars(stars) => Some(stars.glow(d)),
+            _ => None,
         }
     }
 

@@ -73,9 +73,10 @@ impl StarField {
         between(&corners, place.x, place.y) + sharp.lerp(self.even, melt(footprint))
     }
 
-    /// [`StarField::radiance`] in the lanes that are `wanted`. Lanes in one cell see its stars together.
+    /// [`StarField::radiance`] without the glow in the lanes that are `wanted`. Lanes in one cell see its
+    /// stars together.
     #[inline(always)]
-    pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+    pub(super) fn sharp(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
         let places = Places::of(d);
         let mut stars = Vectors::default();
         // What is not asked for, sees no stars, or has its light, is in no cell.
@@ -104,16 +105,16 @@ impl StarField {
                 |l| if old[l] == cell { -1.0 } else { old[l] },
             );
         }
-        let glow = self.glow(&places);
         each_vector(
             #[inline(always)]
-            |l| lane(&glow, l) + lane(&stars, l).lerp(self.even, melt(widths[l])),
+            |l| lane(&stars, l).lerp(self.even, melt(widths[l])),
         )
     }
 
     /// The glow in all lanes.
     #[inline(always)]
-    fn glow(&self, places: &Places) -> Vectors {
+    pub(super) fn glow(&self, d: &Vectors) -> Vectors {
+        let places = Places::of(d);
         let mut corners = [Vectors::default(); 4];
         for l in 0..LANES {
             let around = self.corners(lowest_corner(places.cells[l] as usize));

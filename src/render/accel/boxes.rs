@@ -1,0 +1,83 @@
+//! Sixteen boxes against the tree at once: those of neighbouring paths visit nearly the same nodes.
+
+use super::{Accelerator, MARGIN, Stack};
+use crate::render::lanes::{LANES, Points, SinglePoints};
+use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
+
+/// Boxes in tree coordinates; one that asks for nothing is inside out.
+struct Boxes {
+    low: SinglePoints,
+    high: SinglePoints,
+}
+
+impl Accelerator {
+    /// Which of the boxes between the corners `low` and `high` meet the box of any leaf, as
+    /// [`Accelerator::touches`] tells of one.
+    #[inline(always)]
+    pub fn touched(&self, low: &Points, high: &Points) -> [bool; LANES] {
+        let mut touched = [false; LANES];
+        let Some(mut boxes) = self.boxes(low, high) else {
+            return touched;
+        };
+        let mut stack = Stack::default();
+        stack.push_if(true, (0, 0.0));
+        while let Some((index, _)) = stack.pop() {
+            let node: &Bvh2Node = &self.nodes[index as usize];
+            let met = boxes.meet(node.aabb());
+            if !met.contains(&true) {
+                continue;
+            }
+            if node.is_leaf() {
+                for l in 0..LANES {
+                    touched[l] |= met[l];
+                    boxes.low[0][l] = if met[l] {
+                        f32::INFINITY
+                    } else {
+                        boxes.low[0][l]
+                    };
+                }
+            } else {
+                stack.push_if(true, (node.first_index + 1, 0.0));
+                stack.push_if(true, (node.first_index, 0.0));
+            }
+        }
+        touched
+    }
+
+    /// The parts of the boxes inside the bounds; `None` if there are none.
+    #[inline(always)]
+    fn boxes(&self, low: &Points, high: &Points) -> Option<Boxes> {
+        let (least, most) = self.bounds?;
+        let unit = self.unit();
+        let mut boxes = Boxes {
+            low: [[0.0; LANES]; 3],
+            high: [[0.0; LANES]; 3],
+        };
+        for c in 0..3 {
+            let (least, most, centre) = (least[c], most[c], self.centre[c]);
+            for l in 0..LANES {
+                let from = if low[c][l] > least { low[c][l] } else { least };
+                let to = if high[c][l] < most { high[c][l] } else { most };
+                let beside = (low[c][l] > most) | (high[c][l] < least);
+                let inside_out = if beside { f32::INFINITY } else { 0.0 };
+                boxes.low[c][l] = ((from - centre) * unit) as f32 - MARGIN + inside_out;
+                boxes.high[c][l] = ((to - centre) * unit) as f32 + MARGIN;
+            }
+        }
+        Some(boxes)
+    }
+}
+
+impl Boxes {
+    #[inline(always)]
+    fn meet(&self, node: &Aabb) -> [bool; LANES] {
+        let (min, max) = (node.min.to_array(), node.max.to_array());
+        let mut met = [true; LANES];
+        for c in 0..3 {
+            for l in 0..LANES {
+                met[l] &= (self.low[c][l] <= max[c]) & (self.high[c][l] >= min[c]);
+            }
+        }
+        met
+    }
+}
