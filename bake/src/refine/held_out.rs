@@ -50,6 +50,9 @@ const EXCEEDING_ON_SPHERE: f64 = 0.0075;
 const GLANCE: usize = 480;
 const NEAR: [f64; 2] = [0.8, 1.25];
 
+/// Errors of rounding that do not matter, in units of the promise.
+const NOTHING: f64 = 0.01;
+
 /// The most rays that judge a polynomial, and how many of them come first, to find out most failures.
 /// All the others follow in parts of twice as many each: reading the coefficients takes as long as
 /// summing them for a few rays.
@@ -221,13 +224,24 @@ impl<'a> HeldOut<'a> {
     /// tangents, in units of the promise; of one that is far from it as the first rays tell.
     pub fn error(&self, tensor: &Tensor) -> f64 {
         let (first, others) = self.rays.split_at(self.rays.len().min(GLANCE));
-        let mut errors = self.errors_of(first, |points| tensor.at_many(points));
+        let read = match self.in_single() {
+            true => Tensor::at_many_in_single,
+            false => Tensor::at_many,
+        };
+        let mut errors = self.errors_of(first, |points| read(tensor, points));
         let error = self.most_of(&errors);
         if others.is_empty() || !(NEAR[0]..NEAR[1]).contains(&error) {
             return error;
         }
-        errors.extend(self.errors_of(others, |points| tensor.at_many(points)));
+        errors.extend(self.errors_of(others, |points| read(tensor, points)));
         self.most_of(&errors)
+    }
+
+    /// Whether the rounding errors of single precision are far below the promise: of displacements no
+    /// larger than the arc length.
+    fn in_single(&self) -> bool {
+        let unit = self.refiner.plan.max_error / self.weight();
+        f64::from(f32::EPSILON) * self.refiner.plan.length < NOTHING * unit
     }
 
     /// What all but the allowed share of these errors keep, in units of the promise.
