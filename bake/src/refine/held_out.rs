@@ -221,10 +221,11 @@ impl<'a> HeldOut<'a> {
     }
 
     /// The error of `tensor` that all but the allowed share of comparisons keep, of points or of
-    /// tangents, in units of the promise; of one that is far from it as the first rays tell.
-    pub fn error(&self, tensor: &Tensor) -> f64 {
+    /// tangents, in units of the promise; of one that is far from it as the first rays tell. An error of
+    /// `unit` in a displacement uses up the promise.
+    pub fn error(&self, tensor: &Tensor, unit: f64) -> f64 {
         let (first, others) = self.rays.split_at(self.rays.len().min(GLANCE));
-        let read = match self.in_single() {
+        let read = match self.in_single(unit) {
             true => Tensor::at_many_in_single,
             false => Tensor::at_many,
         };
@@ -239,8 +240,7 @@ impl<'a> HeldOut<'a> {
 
     /// Whether the rounding errors of single precision are far below the promise: of displacements no
     /// larger than the arc length.
-    fn in_single(&self) -> bool {
-        let unit = self.refiner.plan.max_error / self.weight();
+    fn in_single(&self, unit: f64) -> bool {
         f64::from(f32::EPSILON) * self.refiner.plan.length < NOTHING * unit
     }
 

@@ -49,7 +49,7 @@ impl Refiner<'_> {
         }
         let unit = self.plan.max_error / held_out.weight();
         let finest = finest(polynomial, unit, held_out.on_sphere());
-        self.smallest(polynomial, &finest, |tensor| held_out.error(tensor))
+        self.smallest(polynomial, &finest, |tensor| held_out.error(tensor, unit))
     }
 
     /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as the
