@@ -171,7 +171,7 @@ mod tests {
             });
             assert_eq!(found, Some(crossing as i16));
             // The finest step is tried besides.
-            assert!(trials.get() <= 12, "{trials:?}");
+            assert!(trials.get() <= 14, "{trials:?}");
         }
     }
 }
