@@ -30,11 +30,8 @@ impl Accelerator {
             if node.is_leaf() {
                 for l in 0..LANES {
                     touched[l] |= met[l];
-                    boxes.low[0][l] = if met[l] {
-                        f32::INFINITY
-                    } else {
-                        boxes.low[0][l]
-                    };
+                    // Asks no more.
+                    boxes.low[0][l] += if met[l] { f32::INFINITY } else { 0.0 };
                 }
             } else {
                 stack.push_if(true, (node.first_index + 1, 0.0));
@@ -79,5 +76,40 @@ impl Boxes {
             }
         }
         met
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{random::Stream, render::lanes::Lanes};
+    use glam::DVec3;
+
+    #[test]
+    fn sixteen_boxes_touch_what_each_does_alone() {
+        let mut stream = Stream::new(&[4]);
+        let mut point = |size: f64| DVec3::from_array([0; 3].map(|_| stream.between(-size, size)));
+        let mut triangle = || {
+            let centre = point(1.0);
+            [0; 3].map(|_| centre + point(0.1))
+        };
+        let triangles: Vec<[DVec3; 3]> = (0..60).map(|_| triangle()).collect();
+        let accelerator = Accelerator::build(&triangles);
+        let mut counts = [0; 2];
+        for _ in 0..200 {
+            let boxes: [(DVec3, DVec3); LANES] = std::array::from_fn(|_| {
+                let (centre, half) = (point(1.6), point(0.3).abs());
+                (centre - half, centre + half)
+            });
+            let lanes = |of: fn(&(DVec3, DVec3)) -> DVec3| -> Points {
+                [0, 1, 2].map(|c| -> Lanes { boxes.each_ref().map(|b| of(b)[c]) })
+            };
+            let touched = accelerator.touched(&lanes(|b| b.0), &lanes(|b| b.1));
+            for (touched, (min, max)) in touched.iter().zip(boxes) {
+                assert_eq!(*touched, accelerator.touches(min, max));
+                counts[usize::from(*touched)] += 1;
+            }
+        }
+        assert!(counts.iter().all(|n| *n > 300), "{counts:?}");
     }
 }
