@@ -4,8 +4,8 @@
 //! back. Of an integer of size about `m` the last `k` bits are as good as random; how
 //! often `2^k ≈ m/3` goes into it is told by a row of yes and no, one for each time it does, and how
 //! likely yes is at each is learnt for each class while coding (J. Rissanen, G. G. Langdon,
-//! *Arithmetic coding*, IBM J. Res. Dev. 23 (1979)). Signs come with a probability of their own. All
-//! arithmetic is that of integers: every machine reads what any other wrote.
+//! *Arithmetic coding*, IBM J. Res. Dev. 23 (1979)). Signs come with a probability of their own
+//! ([`super::signs`]). All arithmetic here is that of integers: every machine reads what any other wrote.
 
 use super::bytes::Damage;
 use constriction::{

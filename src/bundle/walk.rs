@@ -65,7 +65,7 @@ struct History {
 /// Parts of one that means are counted in.
 const PARTS: i64 = 16;
 
-/// How many vectors a mean goes back. With twice as many up to 0.4 % more bytes.
+/// How many vectors a mean goes back.
 const REMEMBERED: i64 = 8;
 
 impl History {
