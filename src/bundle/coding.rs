@@ -32,8 +32,8 @@ impl Integers {
     pub fn new() -> Self {
         Self {
             coder: Coder::new(),
-            sizes: Sizes::new(),
-            signs: Signs::new(),
+            sizes: Sizes::default(),
+            signs: Signs::default(),
             count: 0,
         }
     }
@@ -65,7 +65,7 @@ impl Integers {
         if value != 0 {
             self.coder
                 .put_likely(self.signs.plus(walk, size), value > 0);
-            self.signs.learn(value > 0);
+            self.signs.learn(walk, value > 0);
         }
     }
 
@@ -102,8 +102,8 @@ impl Coded {
         }
         Ok(Self {
             decoder: Decoder::new(input.bytes()?)?,
-            sizes: Sizes::new(),
-            signs: Signs::new(),
+            sizes: Sizes::default(),
+            signs: Signs::default(),
             left,
         })
     }
@@ -144,7 +144,7 @@ impl Coded {
             return Ok(0);
         }
         let positive = self.decoder.take_likely(self.signs.plus(walk, size))?;
-        self.signs.learn(positive);
+        self.signs.learn(walk, positive);
         Ok(if positive { value } else { -value })
     }
 

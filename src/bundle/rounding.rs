@@ -32,7 +32,7 @@ type Dead = [f64; SIZES - 1];
 /// as integers that [`restored`](super::reflections::restored) makes them of.
 pub(super) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
     let dead = dead_zones(shape, vectors);
-    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::new());
+    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::default());
     reduced(vectors, length, |vector, taken, integers| {
         for (place, x) in vector.iter().enumerate() {
             walk.on(integers);
@@ -64,7 +64,7 @@ pub(super) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
 /// are not reduced.
 fn dead_zones(shape: &[usize], values: &[f64]) -> [Dead; CLASSES] {
     let mut counts = [[1.0; SIZES]; CLASSES];
-    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::new());
+    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::default());
     let mut integers = Vec::with_capacity(values.len());
     for x in values {
         let size = nearest_size(x.abs() - FIRST);

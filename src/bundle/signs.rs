@@ -6,7 +6,7 @@
 //! one small step down the slope after every sign. Sums, products, quotients and square roots round in the
 //! same way on every machine.
 
-use super::walk::Walk;
+use super::walk::{Walk, Weights};
 
 /// The smallest mean size of neighbours: among zeros one alone tells little.
 const LEAST: f64 = 0.3;
@@ -22,27 +22,16 @@ const RATE: f64 = 0.015;
 const DOUBT: f64 = 0.005;
 
 /// What is known of signs.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Signs {
-    /// For each number of axes one weight for each neighbour.
-    weights: Vec<Vec<f64>>,
-    axes: usize,
+    weights: Weights,
     /// How each neighbour pulls the present sign.
     pulls: Vec<f64>,
+    /// How likely it is to be positive.
     plus: f64,
 }
 
 impl Signs {
-    /// Nothing yet.
-    pub(super) fn new() -> Self {
-        Self {
-            weights: Vec::new(),
-            axes: 0,
-            pulls: Vec::new(),
-            plus: 0.5,
-        }
-    }
-
     /// The probability that the integer at the present place, of this `size`, is positive.
     pub(super) fn plus(&mut self, walk: &Walk, size: u32) -> f64 {
         let (beside, present) = walk.beside();
@@ -53,26 +42,17 @@ impl Signs {
         let pull = |x: &f64| own * (x * unit).clamp(-MOST, MOST);
         self.pulls.clear();
         self.pulls.extend(beside.iter().map(pull));
-        self.present(walk.axes());
-        let weights = &self.weights[self.axes];
+        let weights = self.weights.of(walk, || vec![0.0; beside.len()]);
         let pull: f64 = weights.iter().zip(&self.pulls).map(|(w, x)| w * x).sum();
         self.plus = chance(pull);
         self.plus
     }
 
-    /// Turns to the weights of neighbours in so many axes, zero at first.
-    fn present(&mut self, axes: usize) {
-        self.axes = axes;
-        if self.weights.len() <= axes {
-            self.weights.resize(axes + 1, Vec::new());
-        }
-        self.weights[axes].resize(self.pulls.len(), 0.0);
-    }
-
     /// What the sign of the last integer was.
-    pub(super) fn learn(&mut self, positive: bool) {
+    pub(super) fn learn(&mut self, walk: &Walk, positive: bool) {
         let step = RATE * (if positive { 1.0 } else { 0.0 } - self.plus);
-        for (weight, pull) in self.weights[self.axes].iter_mut().zip(&self.pulls) {
+        let weights = self.weights.of(walk, || vec![0.0; self.pulls.len()]);
+        for (weight, pull) in weights.iter_mut().zip(&self.pulls) {
             *weight += step * pull;
         }
     }
@@ -91,13 +71,13 @@ mod tests {
 
     /// The bits that the signs of a row of `values` take.
     fn bits(values: &[i32]) -> f64 {
-        let (mut walk, mut signs) = (Walk::new(&[values.len()]), Signs::new());
+        let (mut walk, mut signs) = (Walk::new(&[values.len()]), Signs::default());
         let mut bits = 0.0;
         for (place, value) in values.iter().enumerate() {
             walk.on(&values[..place]);
             walk.look(&values[..place]);
             let plus = signs.plus(&walk, value.unsigned_abs());
-            signs.learn(*value > 0);
+            signs.learn(&walk, *value > 0);
             bits -= if *value > 0 { plus } else { 1.0 - plus }.log2();
         }
         bits

@@ -6,7 +6,10 @@
 //! Widrow, M. E. Hoff, *Adaptive switching circuits*, IRE WESCON (1960)). Sums, products and quotients round in
 //! the same way on every machine.
 
-use super::{adaptive::CLASSES, walk::Walk};
+use super::{
+    adaptive::CLASSES,
+    walk::{Walk, Weights},
+};
 
 /// How far weights follow what they got wrong. With 0.001 and 0.003 the sizes of three bumps take the same to
 /// 0.2 %, those of Ellis and Sol to 2 %.
@@ -23,10 +26,10 @@ const MOST_OFF: f64 = 2.0;
 const OFTEN: u32 = 32;
 
 /// What is known of sizes.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Sizes {
-    /// For each number of axes the weights of what stands around; their sum is near one.
-    weights: Vec<Vec<f64>>,
+    /// Their sum is near one.
+    weights: Weights,
     /// The size that the present integer is expected to have.
     expected: f64,
     /// How many integers weights were learnt from.
@@ -34,25 +37,9 @@ pub(super) struct Sizes {
 }
 
 impl Sizes {
-    /// Nothing yet.
-    pub(super) fn new() -> Self {
-        Self {
-            weights: Vec::new(),
-            expected: 0.0,
-            learnt: 0,
-        }
-    }
-
     /// The class of the integer at the present place.
     pub(super) fn class(&mut self, walk: &Walk) -> usize {
-        let axes = walk.axes();
-        if self.weights.len() <= axes {
-            self.weights.resize(axes + 1, Vec::new());
-        }
-        let weights = &mut self.weights[axes];
-        if weights.is_empty() {
-            *weights = walk.first_weights();
-        }
+        let weights = self.weights.of(walk, || walk.first_weights());
         let (around, present) = walk.around();
         let (mut sum, mut all) = (0.0, 0.0);
         for ((weight, x), present) in weights.iter().zip(around).zip(present) {
@@ -72,7 +59,7 @@ impl Sizes {
         let unit = 1.0 / (self.expected + LITTLE);
         let surprise = (f64::from(size) * unit).min(MOST_SURPRISE) - self.expected * unit;
         let (around, present) = walk.around();
-        let weights = &mut self.weights[walk.axes()];
+        let weights = self.weights.of(walk, || walk.first_weights());
         for ((weight, x), present) in weights.iter_mut().zip(around).zip(present) {
             let off = ((x.abs() - self.expected) * unit).clamp(-MOST_OFF, MOST_OFF);
             *weight = (*weight + RATE * surprise * off * present).max(0.0);
@@ -110,7 +97,7 @@ mod tests {
         let row: Vec<i32> = (0..6000)
             .map(|i| if i % 3 == 0 { 900 } else { 9 })
             .collect();
-        let (mut walk, mut sizes) = (Walk::new(&[row.len()]), Sizes::new());
+        let (mut walk, mut sizes) = (Walk::new(&[row.len()]), Sizes::default());
         let mut classes = Vec::new();
         for (place, value) in row.iter().enumerate() {
             walk.on(&row[..place]);

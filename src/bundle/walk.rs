@@ -162,7 +162,7 @@ impl Walk {
     }
 
     /// How many axes are longer than one.
-    pub(super) fn axes(&self) -> usize {
+    fn axes(&self) -> usize {
         self.shape.len()
     }
 
@@ -194,6 +194,25 @@ impl Walk {
             }
             self.index[axis] = 0;
         }
+    }
+}
+
+/// Weights of what stands around a place, for each number of axes.
+#[derive(Debug, Default)]
+pub(super) struct Weights(Vec<Vec<f64>>);
+
+impl Weights {
+    /// Those for the axes of `walk`, as `first` gives them before anything is known.
+    pub(super) fn of(&mut self, walk: &Walk, first: impl FnOnce() -> Vec<f64>) -> &mut [f64] {
+        let axes = walk.axes();
+        if self.0.len() <= axes {
+            self.0.resize(axes + 1, Vec::new());
+        }
+        let weights = &mut self.0[axes];
+        if weights.is_empty() {
+            *weights = first();
+        }
+        weights
     }
 }
 
