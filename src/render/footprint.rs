@@ -1,8 +1,8 @@
 //! What a sample stands for: a small parallelogram of a sky or of a texture.
 //!
 //! In: how a direction (or texture coordinates) changes to the next sample on the right and the next
-//! below. Out: the axes of the ellipse through them, and round footprints along its longer axis that
-//! cover it. Without branches, so that a loop over samples takes vector instructions.
+//! below. Out: the axes of the ellipse through them, and footprints along its longer axis, round or not
+//! too long, that cover it. Without branches, so that a loop over samples takes vector instructions.
 
 use super::sky::nearest;
 use glam::Vec3;
@@ -18,7 +18,7 @@ pub struct Footprint {
 /// one pixel is to be averaged over.
 pub const FILTER_DEVIATION: f32 = 0.4155;
 
-/// Most round footprints that stand for a long one: at eight a footprint of one to eight is covered,
+/// Most footprints that stand for a long one: at eight round ones a footprint of one to eight is covered,
 /// beyond it is averaged too widely across, which is soft but does not shimmer.
 const MOST_TAPS: f32 = 8.0;
 
@@ -48,18 +48,22 @@ impl Footprint {
         }
     }
 
-    /// The round footprints that cover this.
+    /// The footprints that cover this, each round or no longer than `longest`.
     #[inline(always)]
-    pub fn taps(&self) -> Taps {
+    pub fn taps(&self, longest: f32) -> Taps {
         let (major, short) = self.axes();
         let long = major.length();
-        let count = nearest((long / short.max(1e-12)).clamp(1.0, MOST_TAPS));
+        let each = short.max(longest).max(1e-12);
+        let count = nearest((long / each).clamp(1.0, MOST_TAPS));
         let step = major * (1.0 / count);
+        let length = long / count;
+        // As long as there may be half of one more.
+        let round = length > 1.5 * longest;
         Taps {
             first: step * (0.5 - 0.5 * count),
             step,
             count,
-            width: short.max(long / count).min(WIDEST),
+            width: if round { short.max(length) } else { short }.min(WIDEST),
         }
     }
 
@@ -87,7 +91,7 @@ impl Footprint {
     }
 }
 
-/// Round footprints evenly along a line.
+/// Footprints evenly along a line, each as long as they are apart.
 #[derive(Debug, Clone, Copy)]
 pub struct Taps {
     /// Displacement of the first.
@@ -96,7 +100,7 @@ pub struct Taps {
     pub step: Vec3,
     /// How many: a whole number from 1 to 8.
     pub count: f32,
-    /// How wide each is.
+    /// How wide each is across the line.
     pub width: f32,
 }
 
@@ -140,10 +144,14 @@ mod tests {
         let footprint = Footprint {
             across: [Vec3::X * 0.04, Vec3::Y * 0.01],
         };
-        let taps = footprint.taps();
+        let taps = footprint.taps(0.0);
         let places: Vec<f32> = taps.places().map(|t| t.x).collect();
         assert_eq!(places.len(), 4);
         assert!((taps.width - 0.01).abs() < 1e-7 && (places[0] + 0.015).abs() < 1e-7);
-        assert_eq!(Footprint::POINT.taps().places().count(), 1);
+        assert_eq!(Footprint::POINT.taps(0.0).places().count(), 1);
+        // Two that may be long are enough, and are as narrow as the whole.
+        let taps = footprint.taps(0.02);
+        assert_eq!(taps.places().count(), 2);
+        assert!((taps.width - 0.01).abs() < 1e-7 && (taps.step.length() - 0.02).abs() < 1e-7);
     }
 }

@@ -79,7 +79,7 @@ impl Texture {
 
     /// Linear colour at `uv`, averaged over a footprint in texture widths.
     pub fn filtered(&self, [u, v]: [f32; 2], footprint: &Footprint) -> [f32; 3] {
-        let taps = footprint.taps();
+        let taps = footprint.taps(0.0);
         let (height, columns, _) = self.levels[0].dim();
         let texels = taps.width * height.max(columns) as f32;
         let last = self.levels.len() - 1;

@@ -7,10 +7,9 @@
 use crate::{
     expr::vectorised,
     render::{
-        footprint::{Footprint, Taps},
         lanes::LANES,
         outcome::{Outcome, Seen},
-        sky::{EVEN, Mask, Numbers, Sky, Vectors, each, each_vector, first, lane, largest, mask},
+        sky::{self, Across, Mask, Vectors, first, lane, mask},
         world::World,
     },
 };
@@ -126,7 +125,7 @@ impl Skies<'_> {
         if first(&pending).is_none() {
             return;
         }
-        let footprints = self.footprints(&here, &beside, &under);
+        let across = self.across(&here, &beside, &under);
         while let Some(l) = first(&pending) {
             let exit = rest[l];
             let wanted = mask(
@@ -137,7 +136,7 @@ impl Skies<'_> {
                 put(
                     row,
                     &wanted,
-                    &footprints.light(sky, &here.directions, &wanted),
+                    &sky.lights(&here.directions, &across, &wanted),
                 );
             }
             pending = mask(
@@ -150,21 +149,16 @@ impl Skies<'_> {
     /// How the sky's direction changes from sample to sample, where those `beside` and `under` are
     /// the next and the one before.
     #[inline(always)]
-    fn footprints(
-        &self,
-        here: &Sixteen,
-        beside: &[Sixteen; 2],
-        under: &[Sixteen; 2],
-    ) -> Footprints {
-        let mut to = Footprints::default();
+    fn across(&self, here: &Sixteen, beside: &[Sixteen; 2], under: &[Sixteen; 2]) -> Across {
+        let mut to = Across::default();
         for l in 0..LANES {
             let direction = lane(&here.directions, l);
             let right = change(here, beside, l);
             let down = change(here, under, l);
-            let taps = footprint(direction, right, down, self.pixel)
-                .scaled(self.spacing)
-                .taps();
-            to.put(l, &taps);
+            let across = across(direction, right, down, self.pixel);
+            for (to, across) in to.iter_mut().zip(across) {
+                sky::put(to, l, across * self.spacing);
+            }
         }
         to
     }
@@ -186,93 +180,14 @@ fn change(here: &Sixteen, [next, before]: &[Sixteen; 2], l: usize) -> (bool, Vec
 
 /// From the changes to the right and down, where there are any.
 #[inline(always)]
-fn footprint(d: Vec3, right: (bool, Vec3), down: (bool, Vec3), pixel: f32) -> Footprint {
+fn across(d: Vec3, right: (bool, Vec3), down: (bool, Vec3), pixel: f32) -> [Vec3; 2] {
     let round = d.any_orthonormal_vector() * pixel;
     let one = if down.0 { down.1 } else { round };
     let one = if right.0 { right.1 } else { one };
     // One side alone tells the size, as if the picture were not sheared here.
     let other = d.cross(one);
     let two = right.0 & down.0;
-    Footprint {
-        across: [one, if two { down.1 } else { other }],
-    }
-}
-
-/// [`Taps`] in sixteen lanes.
-#[derive(Default)]
-struct Footprints {
-    first: Vectors,
-    step: Vectors,
-    count: Numbers,
-    width: Numbers,
-}
-
-impl Footprints {
-    #[inline(always)]
-    fn put(&mut self, l: usize, taps: &Taps) {
-        for c in 0..3 {
-            self.first[c][l] = taps.first[c];
-            self.step[c][l] = taps.step[c];
-        }
-        self.count[l] = taps.count;
-        self.width[l] = taps.width;
-    }
-
-    /// The light of `sky` around the directions `d`, averaged over these.
-    #[inline(always)]
-    fn light(&self, sky: &Sky, d: &Vectors, wanted: &Mask) -> Vectors {
-        let counts = each(
-            #[inline(always)]
-            |l| if wanted[l] { self.count[l] } else { 0.0 },
-        );
-        let most = largest(&counts);
-        let lengths = each(
-            #[inline(always)]
-            |l| counts[l] * self.width[l],
-        );
-        let short = largest(&lengths) <= EVEN;
-        let even = if short { sky.even(d) } else { None };
-        let mut sum = Vectors::default();
-        for i in 0..most as u32 {
-            let i = i as f32;
-            let places = each_vector(
-                #[inline(always)]
-                |l| {
-                    let tap = lane(&self.first, l) + lane(&self.step, l) * i;
-                    (lane(d, l) + tap).normalize_or(Vec3::X)
-                },
-            );
-            let within = mask(
-                #[inline(always)]
-                |l| counts[l] > i,
-            );
-            let light = sky.rounds(&places, &self.width, &within);
-            add(&mut sum, &light, &within);
-            if !short && let Some(even) = sky.even(&places) {
-                add(&mut sum, &even, &within);
-            }
-        }
-        let mut mean = each_vector(
-            #[inline(always)]
-            |l| lane(&sum, l) / self.count[l],
-        );
-        if let Some(even) = even {
-            add(&mut mean, &even, wanted);
-        }
-        mean
-    }
-}
-
-/// Adds light in the lanes that are `wanted`.
-#[inline(always)]
-fn add(sum: &mut Vectors, light: &Vectors, wanted: &Mask) {
-    for c in 0..3 {
-        let old = sum[c];
-        sum[c] = each(
-            #[inline(always)]
-            |l| old[l] + if wanted[l] { light[c][l] } else { 0.0 },
-        );
-    }
+    [one, if two { down.1 } else { other }]
 }
 
 /// Puts the colours of the lanes that are `wanted` in their places of `row`.

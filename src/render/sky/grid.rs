@@ -3,7 +3,7 @@
 //!
 //! In: direction and footprint (radians). Out: linear radiance.
 //!
-//! Every edge is averaged over the footprint: a line thinner than that stays as wide as it and
+//! Every edge is averaged over the footprint across it: a line thinner than that stays as wide as it and
 //! gets fainter. Letters stand upright for someone who turns from +x without rolling: up is +z on
 //! the horizon, and at ±z whatever tilting the head from +x brings to the top.
 
@@ -11,6 +11,7 @@ use super::{
     angles::longitude_latitude,
     glyph::{self, Stroke},
     sixteen::{Mask, Numbers, Vectors, each, each_vector, first, floor, lane, mask, nearest},
+    taps::{Across, LaneTaps},
 };
 use crate::render::lanes::LANES;
 use glam::{Vec2, Vec3};
@@ -54,18 +55,56 @@ struct Footprint {
 impl Footprint {
     #[inline(always)]
     fn of(width: f32) -> Self {
-        // Beyond one step a footprint holds several lines and all there is to see is their mean.
-        let width = width.clamp(1e-5, STEP);
+        // Beyond one step a footprint holds several lines and all there is to see is their mean. What is no
+        // number asks for a point.
+        let width = width.max(1e-5).min(STEP);
         let inverse = 1.0 / width;
         Self { width, inverse }
+    }
+}
+
+/// How far a footprint reaches across the lines.
+struct Reach {
+    /// Across circles of latitude.
+    rows: Footprint,
+    /// Across meridians.
+    columns: Footprint,
+    /// Across the plane of ±x and ±z.
+    side: Footprint,
+}
+
+impl Reach {
+    /// Of a round footprint.
+    #[inline(always)]
+    fn round(footprint: Footprint) -> Self {
+        Self {
+            rows: footprint,
+            columns: footprint,
+            side: footprint,
+        }
+    }
+
+    /// Of one that is spanned by two changes of `d`: the box as wide as its projection's deviation.
+    #[inline(always)]
+    fn of(d: Vec3, [a, b]: [Vec3; 2]) -> Self {
+        let cosine = (d.x * d.x + d.y * d.y).sqrt().max(1e-6);
+        let longest = (a.length_squared() + b.length_squared()).sqrt();
+        let along = |x: f32, y: f32| (x * x + y * y).sqrt();
+        let east = |v: Vec3| d.x * v.y - d.y * v.x;
+        let [north, east] = [along(a.z, b.z), along(east(a), east(b))].map(|x| x / cosine);
+        Self {
+            rows: Footprint::of(north.min(longest)),
+            columns: Footprint::of(east.min(longest)),
+            side: Footprint::of(along(a.y, b.y)),
+        }
     }
 }
 
 /// Linear light of the pattern from the unit vector `d`, averaged over about `width` radians.
 pub(super) fn radiance(d: Vec3, width: f32) -> Vec3 {
     let footprint = Footprint::of(width);
-    let behind = lines(d, footprint);
-    if !touches_mark(d, footprint) {
+    let behind = lines(d, &Reach::round(footprint));
+    if !touches_mark(d, footprint.width) {
         return behind;
     }
     let mark = Mark::nearest(d);
@@ -77,17 +116,31 @@ pub(super) fn radiance(d: Vec3, width: f32) -> Vec3 {
     mark.over(behind, p, squared, footprint)
 }
 
-/// [`radiance`] in the lanes that are `wanted`.
+/// Linear light from the unit vectors `d`, averaged over what samples stand for that change `across`, in the
+/// lanes that are `wanted`.
 #[inline(always)]
-pub(super) fn radiances(d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
-    let mut light = each_vector(
+pub(super) fn lights(d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
+    let changes = |l: usize| [lane(&across[0], l), lane(&across[1], l)];
+    let light = each_vector(
         #[inline(always)]
-        |l| lines(lane(d, l), Footprint::of(widths[l])),
+        |l| lines(lane(d, l), &Reach::of(lane(d, l), changes(l))),
     );
-    let mut touched = mask(
+    let touched = mask(
         #[inline(always)]
-        |l| wanted[l] & touches_mark(lane(d, l), Footprint::of(widths[l])),
+        |l| {
+            let [a, b] = changes(l).map(Vec3::length);
+            wanted[l] & touches_mark(lane(d, l), (a + b).min(STEP))
+        },
     );
+    match first(&touched) {
+        Some(_) => marked(light, d, &LaneTaps::of(across, 0.0), touched),
+        None => light,
+    }
+}
+
+/// `light` under the marks in the lanes that are `touched`, by round footprints.
+#[inline(always)]
+fn marked(mut light: Vectors, d: &Vectors, taps: &LaneTaps, mut touched: Mask) -> Vectors {
     while let Some(l) = first(&touched) {
         let mark = Mark::nearest(lane(d, l));
         let here = mask(
@@ -95,10 +148,15 @@ pub(super) fn radiances(d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors
             // What is not a number is here, or it would be nowhere.
             |l| touched[l] & !(mark.height(lane(d, l)) <= 0.9),
         );
-        let marked = mark.over_lanes(&light, d, widths);
+        let over = taps.mean(
+            d,
+            &here,
+            #[inline(always)]
+            |places, _| mark.over_lanes(&light, places, &taps.width),
+        );
         light = each_vector(
             #[inline(always)]
-            |l| lane(if here[l] { &marked } else { &light }, l),
+            |l| lane(if here[l] { &over } else { &light }, l),
         );
         touched = mask(
             #[inline(always)]
@@ -110,9 +168,9 @@ pub(super) fn radiances(d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors
 
 /// Whether the mark of the nearest axis reaches into the footprint.
 #[inline(always)]
-fn touches_mark(d: Vec3, footprint: Footprint) -> bool {
+fn touches_mark(d: Vec3, width: f32) -> bool {
     let cosine = d.x.abs().max(d.y.abs()).max(d.z.abs());
-    let reach = MARK + 0.5 * footprint.width;
+    let reach = MARK + 0.5 * width;
     // In the tangent plane; a little more than that, as the cosine is rounded.
     1.0 - cosine * cosine < cosine * cosine * reach * reach + 1e-5
 }
@@ -120,7 +178,7 @@ fn touches_mark(d: Vec3, footprint: Footprint) -> bool {
 /// Tint, chequers and lines. Without branches, so that a loop over directions takes vector
 /// instructions.
 #[inline(always)]
-fn lines(d: Vec3, footprint: Footprint) -> Vec3 {
+fn lines(d: Vec3, reach: &Reach) -> Vec3 {
     let across = (d.x * d.x + d.y * d.y).sqrt();
     let (longitude, latitude) = longitude_latitude(d);
     let (row, column) = (latitude * (1.0 / STEP), longitude * (1.0 / STEP));
@@ -133,21 +191,18 @@ fn lines(d: Vec3, footprint: Footprint) -> Vec3 {
     // Chequers, faded out at their edges over the footprint and where they shrink at the poles.
     let half = 0.5 * (floor(row) + floor(column));
     let sign = 1.0 - 4.0 * (half - floor(half));
-    let fade = clear(from_row, footprint) * clear(from_column, footprint);
-    let fade = fade * clear(0.5 * across * STEP, footprint);
+    let fade = clear(from_row, reach.rows) * clear(from_column, reach.columns);
+    let fade = fade * clear(0.5 * across * STEP, reach.columns);
     let tint = (TINT + TINT_SLOPE * d) * (1.0 + 0.16 * fade * sign);
 
     // Only every sixth meridian goes on past the last circle, where all would run together.
     let sixth = nearest_column * (1.0 / 6.0);
     let drawn = (across > POLAR_CIRCLE) | ((sixth - nearest(sixth)).abs() < 0.01);
-    let from_line = if drawn {
-        from_row.min(from_column)
-    } else {
-        from_row
-    };
-    let line = tint.lerp(LINE, coverage(from_line, THIN, footprint));
-    let line = line.lerp(MERIDIAN, coverage(d.y.abs(), THICK, footprint));
-    line.lerp(EQUATOR, coverage(latitude.abs(), THICK, footprint))
+    let row = coverage(from_row, THIN, reach.rows);
+    let column = coverage(from_column, THIN, reach.columns);
+    let line = tint.lerp(LINE, if drawn { row.max(column) } else { row });
+    let line = line.lerp(MERIDIAN, coverage(d.y.abs(), THICK, reach.side));
+    line.lerp(EQUATOR, coverage(latitude.abs(), THICK, reach.rows))
 }
 
 /// How much of the chequers is left at a distance from their edges.

@@ -14,6 +14,7 @@ mod glyph;
 mod grid;
 mod sixteen;
 mod stars;
+mod taps;
 
 use crate::{
     error::Result,
@@ -22,11 +23,11 @@ use crate::{
 use equirectangular::Equirectangular;
 use glam::{DVec3, Vec3};
 use ndarray::Array3;
-pub(super) use sixteen::{
-    Mask, Numbers, Vectors, each, each_vector, first, lane, largest, mask, nearest,
-};
+pub(super) use sixteen::{Mask, Vectors, first, lane, mask, nearest, put};
 use stars::StarField;
 use std::path::Path;
+pub(super) use taps::Across;
+use taps::{LaneTaps, add};
 
 /// A built-in sky, as a scene file names it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,7 +42,7 @@ pub enum Pattern {
 
 /// Footprints no longer than this, radians, see one value of what changes slowly over a sky: as far as
 /// from one of the places where that is known to the next.
-pub(super) const EVEN: f32 = 0.03;
+const EVEN: f32 = 0.03;
 
 /// A sky, ready to be looked at.
 #[derive(Debug, Clone)]
@@ -92,31 +93,29 @@ impl Sky {
         if let Self::Colour(colour) = self {
             return *colour;
         }
-        let taps = footprint.taps();
+        let taps = footprint.taps(0.0);
         let round = |tap: Vec3| self.round((d + tap).normalize_or(Vec3::X), taps.width);
         let sum: Vec3 = taps.places().map(round).sum();
         (sum / taps.count).to_array()
     }
 
-    /// Linear light from the unit vectors `d` over round footprints, in the lanes that are `wanted`, without
-    /// what is [`Sky::even`].
+    /// Linear light from the unit vectors `d`, averaged over what samples stand for that change `across`, in
+    /// the lanes that are `wanted`.
     #[inline(always)]
-    pub(super) fn rounds(&self, d: &Vectors, footprints: &Numbers, wanted: &Mask) -> Vectors {
+    pub(super) fn lights(&self, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
         match self {
-            Self::Equirectangular(image) => image.radiances(d, footprints, wanted),
-            Self::Grid => grid::radiances(d, footprints, wanted),
-            Self::Stars(stars) => stars.sharp(d, footprints, wanted),
+            Self::Equirectangular(image) => {
+                let taps = LaneTaps::of(across, 0.0);
+                taps.mean(
+                    d,
+                    wanted,
+                    #[inline(always)]
+                    |places, within| image.radiances(places, &taps.width, within),
+                )
+            }
+            Self::Grid => grid::lights(d, across, wanted),
+            Self::Stars(stars) => starlight(stars, d, across, wanted),
             Self::Colour(colour) => colour.map(|x| [x; LANES]),
-        }
-    }
-
-    /// Linear light from the unit vectors `d` that is the same all over footprints no longer than [`EVEN`],
-    /// if there is any.
-    #[inline(always)]
-    pub(super) fn even(&self, d: &Vectors) -> Option<Vectors> {
-        match self {
-            Self::Stars(stars) => Some(stars.glow(d)),
-            _ => None,
         }
     }
 
@@ -132,6 +131,29 @@ impl Sky {
             Self::Colour(colour) => Vec3::from(*colour),
         }
     }
+}
+
+/// [`Sky::lights`] of stars: what is between them once for each sample, if footprints are short.
+#[inline(always)]
+fn starlight(stars: &StarField, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
+    let taps = LaneTaps::of(across, stars::LONGEST);
+    let sharp =
+        |places: &Vectors, within: &Mask| stars.sharp(places, (&taps.step, &taps.width), within);
+    if taps.longest(wanted) > EVEN {
+        return taps.mean(
+            d,
+            wanted,
+            #[inline(always)]
+            |places, within| {
+                let mut light = sharp(places, within);
+                add(&mut light, &stars.glow(places), within);
+                light
+            },
+        );
+    }
+    let mut mean = taps.mean(d, wanted, sharp);
+    add(&mut mean, &stars.glow(d), wanted);
+    mean
 }
 
 /// The direction at length one in single precision; +x for one that has no direction.

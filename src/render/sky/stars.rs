@@ -5,7 +5,7 @@
 //! The brightest stars are those of well-known constellations at their real places: declination is
 //! latitude, right ascension longitude, so seen from the centre they are not mirrored. The rest
 //! are scattered by a hash and are the same on every machine. A star is a disc with a soft edge
-//! that widens with the footprint and keeps its light.
+//! that widens with the footprint, across and along it, and keeps its light.
 //!
 //! Look-up goes through the cells of a cube: each lists the stars that reach into it, and its
 //! corners hold the diffuse glow.
@@ -25,6 +25,9 @@ const REACH: f32 = 0.012;
 
 /// The radius of the disc (1 − r²/R²)² that is as wide as the pixel filter, in pixels.
 const DISC_RADII: f32 = 2.828_427 * FILTER_DEVIATION;
+
+/// The longest footprint whose discs are not cut short.
+pub(super) const LONGEST: f32 = REACH / DISC_RADII;
 
 /// The stars and the glow between them, sorted for look-up.
 #[derive(Debug, Clone)]
@@ -76,8 +79,14 @@ impl StarField {
     /// [`StarField::radiance`] without the glow in the lanes that are `wanted`. Lanes in one cell see its
     /// stars together.
     #[inline(always)]
-    pub(super) fn sharp(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+    pub(super) fn sharp(
+        &self,
+        d: &Vectors,
+        (along, widths): (&Vectors, &Numbers),
+        wanted: &Mask,
+    ) -> Vectors {
         let places = Places::of(d);
+        let spread = Spread::of(along, widths);
         let mut stars = Vectors::default();
         // What is not asked for, sees no stars, or has its light, is in no cell.
         let mut rest = each(
@@ -97,7 +106,7 @@ impl StarField {
                 |l| if rest[l] == cell { 1.0 } else { 0.0 },
             );
             for star in self.stars_near(cell as usize) {
-                star.shine(d, widths, &here, &mut stars);
+                star.shine(d, &spread, &here, &mut stars);
             }
             let old = rest;
             rest = each(
@@ -167,16 +176,23 @@ impl Star {
 
     /// Adds its light in the lanes that are `here` (1; 0 elsewhere), if any of those is in the disc.
     #[inline(always)]
-    fn shine(&self, d: &Vectors, widths: &Numbers, here: &Numbers, light: &mut Vectors) {
+    fn shine(&self, d: &Vectors, spread: &Spread, here: &Numbers, light: &mut Vectors) {
+        let own = self.radius * self.radius;
+        let depth = |l: usize| spread.depth(l, self.direction - lane(d, l), own);
         let inside = each(
             #[inline(always)]
-            |l| here[l] * self.inside(lane(d, l), widths[l]),
+            |l| here[l] * depth(l)[0],
         );
         if largest(&inside) > 0.0 {
             let old = *light;
             *light = each_vector(
                 #[inline(always)]
-                |l| lane(&old, l) + self.light * (here[l] * self.seen(lane(d, l), widths[l])),
+                |l| {
+                    let [inside, area] = depth(l);
+                    let depth = inside.max(0.0) / area;
+                    let seen = depth * depth * 3.0 / (PI * area.sqrt());
+                    lane(&old, l) + self.light * (here[l] * seen)
+                },
             );
         }
     }
@@ -188,6 +204,51 @@ impl Star {
         let squared = self.squared_radius(footprint);
         let depth = self.inside(d, footprint).max(0.0) / squared;
         depth * depth * 3.0 / (PI * squared)
+    }
+}
+
+/// By how much footprints widen discs, in sixteen lanes.
+struct Spread {
+    /// Along which each is longest, a unit vector, and the squares of what they add to the radius along it
+    /// and across.
+    along: Vectors,
+    squares: [Numbers; 2],
+}
+
+impl Spread {
+    /// Of footprints as long as `along` and so wide.
+    #[inline(always)]
+    fn of(along: &Vectors, widths: &Numbers) -> Self {
+        let square = |x: f32| DISC_RADII * DISC_RADII * x * x;
+        Self {
+            along: each_vector(
+                #[inline(always)]
+                |l| lane(along, l) / lane(along, l).length().max(f32::MIN_POSITIVE),
+            ),
+            squares: [
+                each(
+                    #[inline(always)]
+                    |l| square(lane(along, l).length().max(widths[l])),
+                ),
+                each(
+                    #[inline(always)]
+                    |l| square(widths[l]),
+                ),
+            ],
+        }
+    }
+
+    /// Of a star with the square `own` of its radius, `off` from the direction in lane `l`: positive inside
+    /// the widened disc, and the square of the product of its radii, which the first is in the middle.
+    #[inline(always)]
+    fn depth(&self, l: usize, off: Vec3, own: f32) -> [f32; 2] {
+        let radius = |i: usize| (own + self.squares[i][l]).min(REACH * REACH);
+        let [long, short] = [radius(0), radius(1)];
+        let along = off.dot(lane(&self.along, l));
+        let along = along * along;
+        let across = off.length_squared() - along;
+        let area = long * short;
+        [area - along * short - across * long, area]
     }
 }
 
@@ -388,6 +449,40 @@ mod tests {
         let point = light(0.0);
         for footprint in [1e-3, 3e-3, 8e-3] {
             assert!((light(footprint) / point - 1.0).abs() < 0.15, "{footprint}");
+        }
+    }
+
+    #[test]
+    fn a_long_footprint_keeps_a_stars_light() {
+        let field = StarField::new();
+        let sirius = catalogue::at(101.29, -16.72);
+        let (right, up) = sirius.any_orthonormal_pair();
+        let sum = |long: f32| {
+            let along = (right * 0.8 + up * 0.6) * long;
+            let along = [along.x, along.y, along.z].map(|x| [x; LANES]);
+            let (step, n) = (2.5e-4, 48);
+            let mut sum = 0.0;
+            for i in -n..=n {
+                for first in (-n..=n).step_by(LANES) {
+                    let mut d = Vectors::default();
+                    for l in 0..LANES {
+                        let j = (first + l as i32) as f32;
+                        let place = sirius + step * (right * i as f32 + up * j);
+                        put(&mut d, l, place.normalize());
+                    }
+                    let wanted = std::array::from_fn(|l| first + l as i32 <= n);
+                    let light = field.sharp(&d, (&along, &[1e-3; LANES]), &wanted);
+                    sum += (0..LANES)
+                        .filter(|l| wanted[*l])
+                        .map(|l| light[1][l])
+                        .sum::<f32>();
+                }
+            }
+            sum
+        };
+        let round = sum(1e-3);
+        for long in [3e-3, 6e-3, LONGEST] {
+            assert!((sum(long) / round - 1.0).abs() < 0.05, "{long}");
         }
     }
 }

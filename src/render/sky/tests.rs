@@ -128,6 +128,57 @@ fn patterns_keep_their_mean_under_any_footprint() {
     }
 }
 
+/// Sixteen unit vectors around `middle`, and changes of them: round, or `long` times as long along z.
+fn around(middle: Vec3, width: f32, long: f32) -> (Vectors, Across) {
+    let (mut d, mut across) = (Vectors::default(), Across::default());
+    for l in 0..LANES {
+        let (x, y) = ((l % 4) as f32 - 1.5, (l / 4) as f32 - 1.5);
+        let here = (middle + 0.01 * Vec3::new(0.3 * x, x, y)).normalize();
+        let right = here.cross(Vec3::Z).normalize();
+        put(&mut d, l, here);
+        put(&mut across[0], l, right * width);
+        put(&mut across[1], l, right.cross(here) * width * long);
+    }
+    (d, across)
+}
+
+#[test]
+fn sixteen_round_footprints_see_what_each_does() {
+    for sky in [
+        numbered(),
+        Pattern::Grid.into(),
+        Pattern::Stars.into(),
+        Pattern::Colour([0.2; 3]).into(),
+    ] {
+        // A mark, a line, Orion.
+        for middle in [[1.0, 0.1, 0.02], [0.7, 0.7, 0.3], [0.1, 0.99, 0.0]] {
+            let (d, across) = around(middle.into(), 2e-3, 1.0);
+            let lights = sky.lights(&d, &across, &[true; LANES]);
+            for l in 0..LANES {
+                let one = Vec3::from(sky.radiance(lane(&d, l).as_dvec3(), 2e-3));
+                let off = (lane(&lights, l) - one).length();
+                assert!(off < 2e-3 * (1.0 + one.length()), "{middle:?} {l}: {off}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_long_footprint_sees_the_mean_of_short_ones() {
+    // Along meridians, around the crossing of one line beside which it stays sharp with one that it blurs.
+    let sky = Sky::Grid;
+    let (d, across) = around(Vec3::new(0.612, 0.612, 0.5), 1e-3, 8.0);
+    let long = sky.lights(&d, &across, &[true; LANES]);
+    for l in 0..LANES {
+        let place = |i: i32| lane(&d, l) + lane(&across[1], l) * ((i as f32 - 7.5) / 16.0);
+        let short = (0..16).map(|i| Vec3::from(sky.radiance(place(i).as_dvec3(), 1e-3)));
+        let mean = short.sum::<Vec3>() / 16.0;
+        let off = (lane(&long, l) - mean).length();
+        println!("{off} {mean}");
+        assert!(off < 0.02, "{l}: {off} of {mean}");
+    }
+}
+
 #[test]
 fn the_axes_carry_their_colours() {
     let sky = Sky::from(Pattern::Grid);
