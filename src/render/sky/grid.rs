@@ -57,7 +57,8 @@ impl Footprint {
     fn of(width: f32) -> Self {
         // Beyond one step a footprint holds several lines and all there is to see is their mean. What is no
         // number asks for a point.
-        let width = width.max(1e-5).min(STEP);
+        let at_least = width.max(1e-5);
+        let width = at_least.min(STEP);
         let inverse = 1.0 / width;
         Self { width, inverse }
     }
