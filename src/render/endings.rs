@@ -6,7 +6,7 @@ mod sixteen;
 
 use super::{
     curve::{Ending, Piece},
-    lanes::{LANES, more},
+    lanes::{self, LANES, more},
     strands::{ROWS, Strand},
 };
 use crate::{
@@ -167,7 +167,7 @@ impl<'m> EndingFinder<'m> {
                 counting(registers, before, after)
             },
         );
-        let lane = counts.iter().position(|counts| *counts);
+        let lane = lanes::first(&counts);
         for (k, before) in self.before.iter_mut().enumerate() {
             let values = self.registers.output(k);
             match lane {

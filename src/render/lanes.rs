@@ -70,6 +70,31 @@ pub fn range<T: Copy + PartialOrd + Neg<Output = T>>(x: &[T; LANES]) -> [T; 2] {
     [low[0], high[0]]
 }
 
+/// Which lanes are marked, one byte each: looked at together, where a search would go from lane to lane.
+#[inline(always)]
+fn bytes(mask: &[bool; LANES]) -> u128 {
+    let mut bytes = [0; LANES];
+    for l in 0..LANES {
+        bytes[l] = u8::from(mask[l]);
+    }
+    u128::from_le_bytes(bytes)
+}
+
+/// Whether any lane is marked.
+#[inline(always)]
+pub fn any(mask: &[bool; LANES]) -> bool {
+    bytes(mask) != 0
+}
+
+/// The first lane that is marked.
+#[inline(always)]
+pub fn first(mask: &[bool; LANES]) -> Option<usize> {
+    match bytes(mask) {
+        0 => None,
+        marked => Some(marked.trailing_zeros() as usize / 8),
+    }
+}
+
 /// The smaller of two; the second if one is not a number.
 #[inline(always)]
 pub fn less<T: PartialOrd>(a: T, b: T) -> T {
@@ -80,4 +105,18 @@ pub fn less<T: PartialOrd>(a: T, b: T) -> T {
 #[inline(always)]
 pub fn more<T: PartialOrd>(a: T, b: T) -> T {
     if a > b { a } else { b }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_marked_lane_is_found() {
+        assert!(first(&[false; LANES]).is_none() && !any(&[false; LANES]));
+        for from in 0..LANES {
+            let mask = std::array::from_fn(|l| l == from || l > from && l % 3 == 0);
+            assert!(first(&mask) == Some(from) && any(&mask));
+        }
+    }
 }

@@ -7,7 +7,7 @@ use super::{
     accel::PacketHits,
     curve::Ending,
     intersect::Hit,
-    lanes::{LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, single},
+    lanes::{LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, range, single},
     outcome::{Seen, beyond},
     ribbon::{Chords, Ribbon, RibbonChord},
     sheaf::{Sheaf, Spread},
@@ -192,7 +192,7 @@ impl<'a> Target<'a> {
             let (s, next) = (self.s(chord.from), self.s(chord.from + 1));
             let share = 1.0 / (next - s);
             let most = single(|l| ((found.s[l] - s) * share).min(1.0) as f32);
-            if !most.iter().any(|most| *most >= 0.0) {
+            if !(range(&most)[1] >= 0.0) {
                 break;
             }
             self.mix_ends(mixing, chord.from, &mut ends);

@@ -1,7 +1,7 @@
 //! Sixteen boxes against the tree at once: those of neighbouring paths visit nearly the same nodes.
 
 use super::{Accelerator, MARGIN, Stack};
-use crate::render::lanes::{LANES, Points, SinglePoints};
+use crate::render::lanes::{LANES, Points, SinglePoints, any};
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 
 /// Boxes in tree coordinates; one that asks for nothing is inside out.
@@ -24,7 +24,7 @@ impl Accelerator {
         while let Some((index, _)) = stack.pop() {
             let node: &Bvh2Node = &self.nodes[index as usize];
             let met = boxes.meet(node.aabb());
-            if !met.contains(&true) {
+            if !any(&met) {
                 continue;
             }
             if node.is_leaf() {

@@ -13,7 +13,7 @@
 
 use super::{Accelerator, Stack};
 use crate::render::{
-    lanes::{LANES, SingleLanes, SinglePoints, less, more, range, single},
+    lanes::{LANES, SingleLanes, SinglePoints, any, less, more, range, single},
     sheaf::Spread,
 };
 use glam::{DVec3, Vec3A};
@@ -230,7 +230,7 @@ impl Chords {
             }
             entered[l] = enter <= leave;
         }
-        entered.contains(&true)
+        any(&entered)
     }
 
     /// Whether the chords, of which one stands for all, run from one box to the other rather than back.
@@ -269,7 +269,7 @@ impl Chords {
             inside[l] = (less(less(x, y), z) >= 0.0) | (more(more(x, y), z) <= 0.0);
         }
         // Most triangles are beside all chords.
-        if !inside.contains(&true) {
+        if !any(&inside) {
             return false;
         }
         let ahead = (self.along(&a), self.along(&b), self.along(&c));

@@ -5,7 +5,7 @@
 use super::{EndingFinder, Event, counting, root};
 use crate::render::{
     curve::{Ending, Piece},
-    lanes::{LANES, Points, lane, more},
+    lanes::{LANES, Points, any, lane, more},
     strands::ROWS,
 };
 
@@ -99,7 +99,7 @@ impl EndingFinder<'_> {
         for l in 0..LANES {
             counts[l] &= events[l].is_none();
         }
-        if !counts.contains(&true) {
+        if !any(&counts) {
             return;
         }
         let ways = [tangent(ends[0].number), tangent(ends[1].number)];

@@ -4,6 +4,7 @@
 //! [`crate::expr::vectorised`] and their bodies have no branches.
 
 use crate::render::lanes::LANES;
+pub use crate::render::lanes::first;
 use glam::Vec3;
 
 /// One number in each lane.
@@ -61,12 +62,6 @@ pub fn largest(x: &Numbers) -> f32 {
         half /= 2;
     }
     high[0]
-}
-
-/// The first lane of those marked.
-#[inline(always)]
-pub fn first(mask: &Mask) -> Option<usize> {
-    mask.iter().position(|m| *m)
 }
 
 /// The vector in one lane.
