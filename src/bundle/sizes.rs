@@ -1,10 +1,10 @@
 //! How large an integer is expected to be.
 //!
-//! In: what stands around it. Out: its class, of those that are coded alike. The expected size is a weighted mean
-//! of the sizes around it, and how much each counts is learnt while coding, for each number of axes: after
-//! every integer weights move a little towards those that came nearer (normalised least mean squares: B.
-//! Widrow, M. E. Hoff, *Adaptive switching circuits*, IRE WESCON (1960)). Sums, products and quotients round in
-//! the same way on every machine.
+//! In: what stands around it. Out: its class, of those that are coded alike. The expected size is a
+//! weighted mean of the sizes around it, and how much each counts is learnt while coding, for each
+//! number of axes: after every integer weights move a little towards those that came nearer (normalised
+//! least mean squares: B. Widrow, M. E. Hoff, *Adaptive switching circuits*, IRE WESCON (1960)). Sums,
+//! products and quotients round in the same way on every machine.
 
 use super::{
     adaptive::CLASSES,

@@ -9,6 +9,7 @@
 
 mod angles;
 mod catalogue;
+mod cube;
 mod equirectangular;
 mod glyph;
 mod grid;
