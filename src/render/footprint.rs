@@ -57,7 +57,7 @@ impl Footprint {
         let count = nearest((long / each).clamp(1.0, MOST_TAPS));
         let step = major * (1.0 / count);
         let length = long / count;
-        // As long as there may be half of one more.
+        // Their number is rounded, so they may be half as long again; beyond that there are not enough.
         let round = length > 1.5 * longest;
         Taps {
             first: step * (0.5 - 0.5 * count),

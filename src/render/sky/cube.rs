@@ -152,6 +152,8 @@ pub fn cells_within(d: Vec3, reach: f32) -> Vec<usize> {
 mod tests {
     use super::{super::catalogue, *};
 
+    const REACH: f32 = 0.012;
+
     #[test]
     fn a_place_on_the_cube_and_its_direction_are_inverse() {
         for face in 0..6 {
@@ -169,11 +171,11 @@ mod tests {
         for i in 0..400 {
             let star = catalogue::scattered(i, 400);
             let across = star.any_orthonormal_vector();
-            let cells = cells_within(star, 0.012);
+            let cells = cells_within(star, REACH);
             for turn in 0..16 {
                 let (sin, cos) = (turn as f32 / 16.0 * std::f32::consts::TAU).sin_cos();
                 let side = across * cos + star.cross(across) * sin;
-                let edge = (star + 0.99 * 0.012 * side).normalize();
+                let edge = (star + 0.99 * REACH * side).normalize();
                 assert!(
                     cells.contains(&(CubePlace::of(edge).cell() as usize)),
                     "{star} {edge}"

@@ -10,6 +10,7 @@
 use super::{
     angles::longitude_latitude,
     sixteen::{Mask, Numbers, Vectors, each_vector, lane, put},
+    taps::{Across, LaneTaps},
 };
 use crate::{
     error::{Error, Result},
@@ -66,9 +67,22 @@ impl Equirectangular {
         self.radiance_at(place(d).extend(level(footprint / texel, last)))
     }
 
+    /// Linear light from the unit vectors `d`, averaged over what samples stand for that change `across`, in
+    /// the lanes that are `wanted`.
+    #[inline(always)]
+    pub(super) fn lights(&self, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
+        let taps = LaneTaps::of(across, 0.0);
+        taps.mean(
+            d,
+            wanted,
+            #[inline(always)]
+            |places, within| self.radiances(places, &taps.width, within),
+        )
+    }
+
     /// [`Equirectangular::radiance`] in the lanes that are `wanted`.
     #[inline(always)]
-    pub(super) fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+    fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
         let [texel, last] = self.texel_last();
         let places = each_vector(
             #[inline(always)]

@@ -90,13 +90,12 @@ impl Reach {
     fn of(d: Vec3, [a, b]: [Vec3; 2]) -> Self {
         let cosine = (d.x * d.x + d.y * d.y).sqrt().max(1e-6);
         let longest = (a.length_squared() + b.length_squared()).sqrt();
-        let along = |x: f32, y: f32| (x * x + y * y).sqrt();
-        let east = |v: Vec3| d.x * v.y - d.y * v.x;
-        let [north, east] = [along(a.z, b.z), along(east(a), east(b))].map(|x| x / cosine);
+        let north = Vec2::new(a.z, b.z).length() / cosine;
+        let east = Vec2::new(d.x * a.y - d.y * a.x, d.x * b.y - d.y * b.x).length() / cosine;
         Self {
             rows: Footprint::of(north.min(longest)),
             columns: Footprint::of(east.min(longest)),
-            side: Footprint::of(along(a.y, b.y)),
+            side: Footprint::of(Vec2::new(a.y, b.y).length()),
         }
     }
 }
@@ -121,16 +120,19 @@ pub(super) fn radiance(d: Vec3, width: f32) -> Vec3 {
 /// lanes that are `wanted`.
 #[inline(always)]
 pub(super) fn lights(d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
-    let changes = |l: usize| [lane(&across[0], l), lane(&across[1], l)];
+    let [right, down] = across;
     let light = each_vector(
         #[inline(always)]
-        |l| lines(lane(d, l), &Reach::of(lane(d, l), changes(l))),
+        |l| {
+            let reach = Reach::of(lane(d, l), [lane(right, l), lane(down, l)]);
+            lines(lane(d, l), &reach)
+        },
     );
     let touched = mask(
         #[inline(always)]
         |l| {
-            let [a, b] = changes(l).map(Vec3::length);
-            wanted[l] & touches_mark(lane(d, l), (a + b).min(STEP))
+            let length = lane(right, l).length() + lane(down, l).length();
+            wanted[l] & touches_mark(lane(d, l), length.min(STEP))
         },
     );
     match first(&touched) {

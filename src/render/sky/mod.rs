@@ -28,7 +28,6 @@ pub(super) use sixteen::{Mask, Vectors, first, lane, mask, nearest, put};
 use stars::StarField;
 use std::path::Path;
 pub(super) use taps::Across;
-use taps::{LaneTaps, add};
 
 /// A built-in sky, as a scene file names it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -40,10 +39,6 @@ pub enum Pattern {
     /// The same linear colour everywhere.
     Colour([f32; 3]),
 }
-
-/// Footprints no longer than this, radians, see one value of what changes slowly over a sky: as far as
-/// from one of the places where that is known to the next.
-const EVEN: f32 = 0.03;
 
 /// A sky, ready to be looked at.
 #[derive(Debug, Clone)]
@@ -105,17 +100,9 @@ impl Sky {
     #[inline(always)]
     pub(super) fn lights(&self, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
         match self {
-            Self::Equirectangular(image) => {
-                let taps = LaneTaps::of(across, 0.0);
-                taps.mean(
-                    d,
-                    wanted,
-                    #[inline(always)]
-                    |places, within| image.radiances(places, &taps.width, within),
-                )
-            }
+            Self::Equirectangular(image) => image.lights(d, across, wanted),
             Self::Grid => grid::lights(d, across, wanted),
-            Self::Stars(stars) => starlight(stars, d, across, wanted),
+            Self::Stars(stars) => stars.lights(d, across, wanted),
             Self::Colour(colour) => colour.map(|x| [x; LANES]),
         }
     }
@@ -132,29 +119,6 @@ impl Sky {
             Self::Colour(colour) => Vec3::from(*colour),
         }
     }
-}
-
-/// [`Sky::lights`] of stars: what is between them once for each sample, if footprints are short.
-#[inline(always)]
-fn starlight(stars: &StarField, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
-    let taps = LaneTaps::of(across, stars::LONGEST);
-    let sharp =
-        |places: &Vectors, within: &Mask| stars.sharp(places, (&taps.step, &taps.width), within);
-    if taps.longest(wanted) > EVEN {
-        return taps.mean(
-            d,
-            wanted,
-            #[inline(always)]
-            |places, within| {
-                let mut light = sharp(places, within);
-                add(&mut light, &stars.glow(places), within);
-                light
-            },
-        );
-    }
-    let mut mean = taps.mean(d, wanted, sharp);
-    add(&mut mean, &stars.glow(d), wanted);
-    mean
 }
 
 /// The direction at length one in single precision; +x for one that has no direction.

@@ -14,6 +14,7 @@ use super::{
     catalogue::{self, Star},
     cube::{CELLS, CubePlace, Places, cells_within, corner_directions, lowest_corner},
     sixteen::{Mask, Numbers, Vectors, each, each_vector, lane, largest, put},
+    taps::{Across, LaneTaps, add},
 };
 use crate::render::{footprint::FILTER_DEVIATION, lanes::LANES};
 use glam::Vec3;
@@ -26,7 +27,11 @@ const REACH: f32 = 0.012;
 const DISC_RADII: f32 = 2.828_427 * FILTER_DEVIATION;
 
 /// The longest footprint whose discs are not cut short.
-pub(super) const LONGEST: f32 = REACH / DISC_RADII;
+const LONGEST: f32 = REACH / DISC_RADII;
+
+/// Footprints no longer than this, radians, see one value of what changes slowly over a sky: as far as
+/// from one of the places where that is known to the next.
+const EVEN: f32 = 0.03;
 
 /// The stars and the glow between them, sorted for look-up.
 #[derive(Debug, Clone)]
@@ -71,21 +76,41 @@ impl StarField {
         let cell = place.cell() as usize;
         let corners = self.corners(lowest_corner(cell));
         let stars = self.stars_near(cell).iter();
-        let sharp: Vec3 = stars.map(|star| star.light * star.seen(d, footprint)).sum();
+        let round = Oval::of(Vec3::ZERO, footprint);
+        let sharp: Vec3 = stars.map(|star| star.light * round.sees(star, d)).sum();
         between(&corners, place.x, place.y) + sharp.lerp(self.even, melt(footprint))
     }
 
-    /// [`StarField::radiance`] without the glow in the lanes that are `wanted`. Lanes in one cell see its
-    /// stars together.
+    /// Linear light from the unit vectors `d`, averaged over what samples stand for that change `across`, in
+    /// the lanes that are `wanted`. What is between stars is looked up once for each, if all are short.
     #[inline(always)]
-    pub(super) fn sharp(
-        &self,
-        d: &Vectors,
-        (along, widths): (&Vectors, &Numbers),
-        wanted: &Mask,
-    ) -> Vectors {
+    pub(super) fn lights(&self, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
+        let taps = LaneTaps::of(across, LONGEST);
+        let ovals = Ovals::of(&taps);
+        let short = taps.longest(wanted) <= EVEN;
+        let mut mean = taps.mean(
+            d,
+            wanted,
+            #[inline(always)]
+            |places, within| {
+                let mut light = self.sharp(places, (&ovals, &taps.width), within);
+                if !short {
+                    add(&mut light, &self.glow(places), within);
+                }
+                light
+            },
+        );
+        if short {
+            add(&mut mean, &self.glow(d), wanted);
+        }
+        mean
+    }
+
+    /// [`StarField::radiance`] without the glow in the lanes that are `wanted`, over ovals so wide. Lanes in
+    /// one cell see its stars together.
+    #[inline(always)]
+    fn sharp(&self, d: &Vectors, (ovals, widths): (&Ovals, &Numbers), wanted: &Mask) -> Vectors {
         let places = Places::of(d);
-        let spread = Spread::of(along, widths);
         let mut stars = Vectors::default();
         // What is not asked for, sees no stars, or has its light, is in no cell.
         let mut rest = each(
@@ -105,7 +130,7 @@ impl StarField {
                 |l| if rest[l] == cell { 1.0 } else { 0.0 },
             );
             for star in self.stars_near(cell as usize) {
-                star.shine(d, &spread, &here, &mut stars);
+                star.shine(d, ovals, &here, &mut stars);
             }
             let old = rest;
             rest = each(
@@ -121,7 +146,7 @@ impl StarField {
 
     /// The glow in all lanes.
     #[inline(always)]
-    pub(super) fn glow(&self, d: &Vectors) -> Vectors {
+    fn glow(&self, d: &Vectors) -> Vectors {
         let places = Places::of(d);
         let mut corners = [Vectors::default(); 4];
         for l in 0..LANES {
@@ -159,95 +184,96 @@ fn melt(footprint: f32) -> f32 {
 }
 
 impl Star {
-    /// Square of the radius of its disc when widened by the footprint, up to the reach.
-    #[inline(always)]
-    fn squared_radius(&self, footprint: f32) -> f32 {
-        // The disc's deviation across is its radius over √8; variances add.
-        let spread = DISC_RADII * footprint;
-        (self.radius * self.radius + spread * spread).min(REACH * REACH)
-    }
-
-    /// Positive where `d` is inside the disc.
-    #[inline(always)]
-    fn inside(&self, d: Vec3, footprint: f32) -> f32 {
-        self.squared_radius(footprint) - self.direction.distance_squared(d)
-    }
-
     /// Adds its light in the lanes that are `here` (1; 0 elsewhere), if any of those is in the disc.
     #[inline(always)]
-    fn shine(&self, d: &Vectors, spread: &Spread, here: &Numbers, light: &mut Vectors) {
-        let own = self.radius * self.radius;
-        let depth = |l: usize| spread.depth(l, self.direction - lane(d, l), own);
+    fn shine(&self, d: &Vectors, ovals: &Ovals, here: &Numbers, light: &mut Vectors) {
         let inside = each(
             #[inline(always)]
-            |l| here[l] * depth(l)[0],
+            |l| here[l] * ovals.lane(l).depth(self, lane(d, l))[0],
         );
         if largest(&inside) > 0.0 {
             let old = *light;
             *light = each_vector(
                 #[inline(always)]
-                |l| {
-                    let [inside, area] = depth(l);
-                    let depth = inside.max(0.0) / area;
-                    let seen = depth * depth * 3.0 / (PI * area.sqrt());
-                    lane(&old, l) + self.light * (here[l] * seen)
-                },
+                |l| lane(&old, l) + self.light * (here[l] * ovals.lane(l).sees(self, lane(d, l))),
             );
         }
     }
-
-    /// The part of its light that is seen from `d` in each unit of solid angle: that of the disc
-    /// (1 − r²/R²)², which holds πR²/3.
-    #[inline(always)]
-    fn seen(&self, d: Vec3, footprint: f32) -> f32 {
-        let squared = self.squared_radius(footprint);
-        let depth = self.inside(d, footprint).max(0.0) / squared;
-        depth * depth * 3.0 / (PI * squared)
-    }
 }
 
-/// By how much footprints widen discs, in sixteen lanes.
-struct Spread {
-    /// Along which each is longest, a unit vector, and the squares of what they add to the radius along it
-    /// and across.
-    along: Vectors,
-    squares: [Numbers; 2],
+/// By how much a footprint widens discs.
+struct Oval {
+    /// Along which it is longest: a unit vector, or zero if it is round.
+    along: Vec3,
+    /// Squares of what it adds to a disc's radius along that and across: deviations across a disc are its
+    /// radius over √8, and variances add.
+    squares: [f32; 2],
 }
 
-impl Spread {
-    /// Of footprints as long as `along` and so wide.
+impl Oval {
+    /// Of a footprint as long as `along`, at least as long as it is wide.
     #[inline(always)]
-    fn of(along: &Vectors, widths: &Numbers) -> Self {
-        let square = |x: f32| DISC_RADII * DISC_RADII * x * x;
+    fn of(along: Vec3, width: f32) -> Self {
+        let length = along.length();
+        let [long, short] = [DISC_RADII * length.max(width), DISC_RADII * width];
         Self {
-            along: each_vector(
-                #[inline(always)]
-                |l| lane(along, l) / lane(along, l).length().max(f32::MIN_POSITIVE),
-            ),
-            squares: [
-                each(
-                    #[inline(always)]
-                    |l| square(lane(along, l).length().max(widths[l])),
-                ),
-                each(
-                    #[inline(always)]
-                    |l| square(widths[l]),
-                ),
-            ],
+            along: along / length.max(f32::MIN_POSITIVE),
+            squares: [long * long, short * short],
         }
     }
 
-    /// Of a star with the square `own` of its radius, `off` from the direction in lane `l`: positive inside
-    /// the widened disc, and the square of the product of its radii, which the first is in the middle.
+    /// Positive where `d` is inside the star's widened disc, and the square of the product of its radii, which
+    /// the first is in the middle. No radius exceeds the reach.
     #[inline(always)]
-    fn depth(&self, l: usize, off: Vec3, own: f32) -> [f32; 2] {
-        let radius = |i: usize| (own + self.squares[i][l]).min(REACH * REACH);
-        let [long, short] = [radius(0), radius(1)];
-        let along = off.dot(lane(&self.along, l));
+    fn depth(&self, star: &Star, d: Vec3) -> [f32; 2] {
+        let own = star.radius * star.radius;
+        let long = (own + self.squares[0]).min(REACH * REACH);
+        let short = (own + self.squares[1]).min(REACH * REACH);
+        let off = star.direction - d;
+        let along = off.dot(self.along);
         let along = along * along;
         let across = off.length_squared() - along;
         let area = long * short;
         [area - along * short - across * long, area]
+    }
+
+    /// The part of a star's light that is seen from `d` in each unit of solid angle: that of the disc
+    /// (1 − r²/R²)², which holds πR²/3, stretched.
+    #[inline(always)]
+    fn sees(&self, star: &Star, d: Vec3) -> f32 {
+        let [inside, area] = self.depth(star, d);
+        let depth = inside.max(0.0) / area;
+        depth * depth * 3.0 / (PI * area.sqrt())
+    }
+}
+
+/// [`Oval`] in sixteen lanes.
+#[derive(Default)]
+struct Ovals {
+    along: Vectors,
+    squares: [Numbers; 2],
+}
+
+impl Ovals {
+    /// Of each of the footprints that stand for a sample.
+    #[inline(always)]
+    fn of(taps: &LaneTaps) -> Self {
+        let mut to = Self::default();
+        for l in 0..LANES {
+            let oval = Oval::of(lane(&taps.step, l), taps.width[l]);
+            put(&mut to.along, l, oval.along);
+            to.squares[0][l] = oval.squares[0];
+            to.squares[1][l] = oval.squares[1];
+        }
+        to
+    }
+
+    #[inline(always)]
+    fn lane(&self, l: usize) -> Oval {
+        Oval {
+            along: lane(&self.along, l),
+            squares: [self.squares[0][l], self.squares[1][l]],
+        }
     }
 }
 
@@ -292,8 +318,11 @@ mod tests {
         let sirius = catalogue::at(101.29, -16.72);
         let (right, up) = sirius.any_orthonormal_pair();
         let sum = |long: f32| {
-            let along = (right * 0.8 + up * 0.6) * long;
-            let along = [along.x, along.y, along.z].map(|x| [x; LANES]);
+            let oval = Oval::of((right * 0.8 + up * 0.6) * long, 1e-3);
+            let ovals = Ovals {
+                along: oval.along.to_array().map(|x| [x; LANES]),
+                squares: oval.squares.map(|x| [x; LANES]),
+            };
             let (step, n) = (2.5e-4, 48);
             let mut sum = 0.0;
             for i in -n..=n {
@@ -305,7 +334,7 @@ mod tests {
                         put(&mut d, l, place.normalize());
                     }
                     let wanted = std::array::from_fn(|l| first + l as i32 <= n);
-                    let light = field.sharp(&d, (&along, &[1e-3; LANES]), &wanted);
+                    let light = field.sharp(&d, (&ovals, &[1e-3; LANES]), &wanted);
                     sum += (0..LANES)
                         .filter(|l| wanted[*l])
                         .map(|l| light[1][l])

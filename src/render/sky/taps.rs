@@ -18,7 +18,7 @@ pub struct LaneTaps {
     /// From each to the next: the longer axis of each.
     pub step: Vectors,
     /// How many.
-    pub count: Numbers,
+    count: Numbers,
     /// How wide each is across `step`.
     pub width: Numbers,
 }
