@@ -10,14 +10,15 @@
 mod products;
 mod range;
 
-use faer::{Mat, MatRef, Side};
+use faer::{Mat, MatMut, MatRef, Side};
 use geofan::bundle::{Layout, Polynomial, Train, graded};
 use ndarray::{ArrayD, IxDyn};
-use products::{flat_product, product, square, triangle};
+use products::{product, product_into, square, triangle};
 use range::range;
+use std::collections::VecDeque;
 
 /// Below this smaller side a matrix is decomposed as it is: random combinations save nothing.
-const SMALL: usize = 192;
+const SMALL: usize = 1000;
 
 /// Down to this share of the size of a matrix its singular values are found from its square, to within
 /// a hundredth; smaller ones drown in rounding errors there, and take a triangle.
@@ -25,106 +26,148 @@ const SQUARES: f64 = 1e-7;
 
 /// The train of `polynomial` (axes camera…, direction…, arc length, channel) in the order of `layout`, without
 /// its singular values below `threshold`; `None` where a rank exceeds `most_rank`.
-pub fn decompose(
-    polynomial: &Polynomial,
-    layout: Layout,
-    (threshold, most_rank): (f64, usize),
-) -> Option<Train> {
+///
+/// Cores are taken off from both ends, those with the fewest numbers in a row first: each narrows what is
+/// left, and the largest matrices come last, when little is left of them. From one end to the other
+/// matrices of a box of five axes take twice as many operations.
+pub fn decompose(polynomial: &Polynomial, layout: Layout, limits: (f64, usize)) -> Option<Train> {
     let coefficients = &polynomial.coefficients;
     let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
     let permuted = graded(coefficients).permuted_axes(IxDyn(&order));
     let permuted = permuted.as_standard_layout().into_owned();
     let mut rest: Vec<f64> = permuted.into_raw_vec_and_offset().0;
-    let sizes = axes.iter().map(|axes| {
-        let sizes = axes.iter().map(|a| coefficients.shape()[*a]);
-        sizes.collect::<Vec<usize>>()
-    });
-    let sizes: Vec<Vec<usize>> = sizes.collect();
-    let (mut cores, mut singular, mut rank) = (Vec::new(), Vec::new(), 1);
-    for core in &sizes[..sizes.len() - 1] {
-        let rows = rank * core[0];
-        let split = Split::new(&rest, rows, (threshold, most_rank))?;
-        let bond = split.singular;
-        let left = split.left.chunks_exact(bond.len());
-        let scaled = left.flat_map(|row| row.iter().zip(&bond).map(|(x, s)| x * s));
-        let shape = IxDyn(&[rank, core[0], bond.len()]);
-        cores.push(ArrayD::from_shape_vec(shape, scaled.collect()).ok()?);
-        rank = bond.len();
-        singular.push(bond);
-        rest = split.right;
+    let shape = |axes: &Vec<usize>| -> Vec<usize> {
+        axes.iter().map(|a| coefficients.shape()[*a]).collect()
+    };
+    let mut middle: VecDeque<Vec<usize>> = axes.iter().map(shape).collect();
+    let (mut left, mut right) = (End::default(), End::default());
+    while middle.len() > 1 {
+        let first: usize = middle[0].iter().product();
+        let last: usize = middle[middle.len() - 1].iter().product();
+        let rows = [left.rank() * first, last * right.rank()];
+        if rows[0] <= rows[1] {
+            let split = Split::new(&rest, rows[0], Way::Right, limits)?;
+            rest = left.take(&middle.pop_front()?, split, Way::Right)?;
+        } else {
+            let split = Split::new(&rest, rows[1], Way::Left, limits)?;
+            rest = right.take(&middle.pop_back()?, split, Way::Left)?;
+        }
     }
-    let last = &sizes[sizes.len() - 1];
-    let shape = IxDyn(&[rank, last[0], last[1], 1]);
-    cores.push(ArrayD::from_shape_vec(shape, rest).ok()?);
+    let shape = [&[left.rank()], &middle[0][..], &[right.rank()]].concat();
+    left.cores.push(ArrayD::from_shape_vec(shape, rest).ok()?);
+    left.cores.extend(right.cores.into_iter().rev());
+    left.singular.extend(right.singular.into_iter().rev());
     Some(Train {
         layout,
         variables: polynomial.variables,
-        cores,
-        singular,
+        cores: left.cores,
+        singular: left.singular,
     })
+}
+
+/// Towards which end of the train the rest is, from a core that is taken off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Way {
+    Left,
+    Right,
+}
+
+/// The cores taken off from one end of a train, the outermost first, and the singular values of the bonds
+/// behind them.
+#[derive(Default)]
+struct End {
+    cores: Vec<ArrayD<f64>>,
+    singular: Vec<Vec<f64>>,
+}
+
+impl End {
+    /// Of the last bond.
+    fn rank(&self) -> usize {
+        self.singular.last().map_or(1, Vec::len)
+    }
+
+    /// Takes over the core with these axes; the rest.
+    fn take(&mut self, axes: &[usize], split: Split, way: Way) -> Option<Vec<f64>> {
+        let core = split.core(way);
+        let (before, behind) = ([self.rank()], [split.singular.len()]);
+        let shape = match way {
+            Way::Right => [&before, axes, &behind].concat(),
+            Way::Left => [&behind, axes, &before].concat(),
+        };
+        self.cores.push(ArrayD::from_shape_vec(shape, core).ok()?);
+        self.singular.push(split.singular);
+        Some(split.rest)
+    }
 }
 
 /// `A ≈ U (Σ Vᵀ)`.
 struct Split {
     singular: Vec<f64>,
-    /// U, row by row.
-    left: Vec<f64>,
-    /// Σ Vᵀ, row by row.
-    right: Vec<f64>,
+    /// U.
+    vectors: Mat<f64>,
+    /// What is left of the numbers of the train: Σ Vᵀ, row by row if it is to the right of U, else column
+    /// by column.
+    rest: Vec<f64>,
 }
 
 impl Split {
-    /// Of the matrix of so many rows that is `flat` row by row, without singular values below
-    /// `threshold`; `None` where more than `most_rank` are left.
-    fn new(flat: &[f64], rows: usize, limits: (f64, usize)) -> Option<Self> {
+    /// Of the matrix that is `flat`, without singular values below `threshold`; `None` where more than
+    /// `most_rank` are left. It has so many `rows`, and no fewer columns; they come one after the other if the rest
+    /// is to the right, else its columns do.
+    fn new(
+        flat: &[f64],
+        rows: usize,
+        way: Way,
+        (threshold, most_rank): (f64, usize),
+    ) -> Option<Self> {
         let columns = flat.len() / rows;
-        let a = MatRef::from_row_major_slice(flat, rows, columns);
-        if rows <= columns {
-            return Self::wide(a, limits);
-        }
-        // The transpose: A = U Σ Vᵀ, Aᵀ = V Σ Uᵀ.
-        let Self {
-            singular,
-            left: v,
-            right: scaled_u,
-        } = Self::wide(a.transpose(), limits)?;
-        let scaled_u = MatRef::from_row_major_slice(&scaled_u, singular.len(), rows);
-        let u = Mat::from_fn(rows, singular.len(), |i, j| scaled_u[(j, i)] / singular[j]);
-        let v = MatRef::from_row_major_slice(&v, columns, singular.len());
-        let signs = signs(u.as_ref());
-        let scaled_v = Mat::from_fn(singular.len(), columns, |j, i| {
-            signs[j] * singular[j] * v[(i, j)]
-        });
-        Some(Self {
-            left: row_by_row(u.as_ref(), &signs),
-            right: row_by_row(scaled_v.as_ref(), &vec![1.0; columns]),
-            singular,
-        })
-    }
-
-    /// Of a matrix with no more rows than columns.
-    fn wide(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option<Self> {
-        if a.nrows() <= SMALL {
-            return Self::exact(a, None, threshold);
+        let a = match way {
+            Way::Right => MatRef::from_row_major_slice(flat, rows, columns),
+            Way::Left => MatRef::from_column_major_slice(flat, rows, columns),
+        };
+        if rows <= SMALL {
+            return Self::exact(a, None, threshold, way);
         }
         let basis = range(a, (threshold, most_rank))?;
         let within = product(basis.transpose(), a);
-        let split = Self::exact(within.as_ref(), Some(&basis), threshold)?;
+        let split = Self::exact(within.as_ref(), Some(&basis), threshold, way)?;
         (split.singular.len() <= most_rank).then_some(split)
     }
 
     /// The decomposition of `a`, or of `basis · a`: with its left singular vectors `Σ Vᵀ = Uᵀ A`.
-    fn exact(a: MatRef<'_, f64>, basis: Option<&Mat<f64>>, threshold: f64) -> Option<Self> {
-        let (u, kept) = left_vectors(a, threshold)?;
+    fn exact(
+        a: MatRef<'_, f64>,
+        basis: Option<&Mat<f64>>,
+        threshold: f64,
+        way: Way,
+    ) -> Option<Self> {
+        let (u, singular) = left_vectors(a, threshold)?;
         let all = basis.map_or_else(|| u.clone(), |basis| product(basis.as_ref(), u.as_ref()));
         let signs = signs(all.as_ref());
-        let signed = Mat::from_fn(u.nrows(), kept.len(), |i, j| signs[j] * u[(i, j)]);
+        let signed = |u: Mat<f64>| Mat::from_fn(u.nrows(), u.ncols(), |i, j| signs[j] * u[(i, j)]);
+        let (rank, columns) = (singular.len(), a.ncols());
+        let mut rest = vec![0.0; rank * columns];
+        let to = match way {
+            Way::Right => MatMut::from_row_major_slice_mut(&mut rest, rank, columns),
+            Way::Left => MatMut::from_column_major_slice_mut(&mut rest, rank, columns),
+        };
+        product_into(to, signed(u).transpose(), a);
         Some(Self {
-            left: row_by_row(all.as_ref(), &signs),
-            right: flat_product(signed.transpose(), a),
-            singular: kept,
+            singular,
+            vectors: signed(all),
+            rest,
         })
+    }
+
+    /// U Σ, row by row if the rest is to the right, else column by column.
+    fn core(&self, way: Way) -> Vec<f64> {
+        let (rows, rank) = (self.vectors.nrows(), self.singular.len());
+        let at = |i: usize, j: usize| self.singular[j] * self.vectors[(i, j)];
+        match way {
+            Way::Right => (0..rows * rank).map(|k| at(k / rank, k % rank)).collect(),
+            Way::Left => (0..rows * rank).map(|k| at(k % rows, k / rows)).collect(),
+        }
     }
 }
 
@@ -167,12 +210,6 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
         if largest < 0.0 { -1.0 } else { 1.0 }
     };
     (0..u.ncols()).map(sign).collect()
-}
-
-/// The entries of `a`, its columns multiplied by `factors`.
-fn row_by_row(a: MatRef<'_, f64>, factors: &[f64]) -> Vec<f64> {
-    let row = |i: usize| factors.iter().enumerate().map(move |(j, f)| f * a[(i, j)]);
-    (0..a.nrows()).flat_map(row).collect()
 }
 
 #[cfg(test)]
@@ -246,27 +283,30 @@ mod tests {
 
     #[test]
     fn large_matrices_are_split_as_small_ones_are() {
-        let (rows, columns) = (150, 400);
-        let flat: Vec<f64> = (0..rows * columns)
-            .map(|k| {
-                let (i, j) = (k / columns, k % columns);
-                (1..30_usize)
-                    .map(|m| {
-                        0.5_f64.powi(m as i32)
-                            * ((i * m) as f64).sin()
-                            * ((j * m) as f64 * 0.7).cos()
-                    })
-                    .sum()
-            })
-            .collect();
-        let split = Split::new(&flat, rows, (1e-7, 100)).unwrap();
-        let rank = split.singular.len();
-        assert!(rank < 30);
-        for (i, j) in [(0, 0), (17, 300), (149, 399), (80, 5)] {
-            let sum: f64 = (0..rank)
-                .map(|r| split.left[i * rank + r] * split.right[r * columns + j])
-                .sum();
-            assert!((sum - flat[i * columns + j]).abs() < 1e-6);
+        let (rows, columns) = (SMALL + 40, SMALL + 300);
+        let number = |i: usize, j: usize| -> f64 {
+            let waves = (1..12_usize).map(|m| {
+                let size = 0.5_f64.powi(m as i32);
+                size * ((i * m) as f64).sin() * ((j * m) as f64 * 0.7).cos()
+            });
+            waves.sum()
+        };
+        let count = 0..rows * columns;
+        let by_rows = count.clone().map(|k| number(k / columns, k % columns));
+        let by_columns = count.map(|k| number(k % rows, k / rows));
+        let flat = [by_rows.collect::<Vec<_>>(), by_columns.collect()];
+        for (way, flat) in [Way::Right, Way::Left].into_iter().zip(&flat) {
+            let split = Split::new(flat, rows, way, (1e-7, 100)).unwrap();
+            let rank = split.singular.len();
+            assert!(rank < 30);
+            for (i, j) in [(0, 0), (17, 300), (149, 399), (80, 5)] {
+                let rest = |r: usize| match way {
+                    Way::Right => split.rest[r * columns + j],
+                    Way::Left => split.rest[j * rank + r],
+                };
+                let sum: f64 = (0..rank).map(|r| split.vectors[(i, r)] * rest(r)).sum();
+                assert!((sum - number(i, j)).abs() < 1e-6, "{way:?}");
+            }
         }
     }
 }

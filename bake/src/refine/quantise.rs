@@ -21,6 +21,10 @@ const ROOM: f64 = 1.6e-8;
 /// that do not hold with the first: six faces take several times their bytes.
 const FINE_ENOUGH: [f64; 2] = [0.005, 0.0025];
 
+/// The step tried first: nearly all patches hold with it, and with the finest, which takes longest to try, it
+/// is only found out that they do.
+const LIKELY: i16 = 10;
+
 /// Errors up to this, in units of the promise, tell by how much a step is too coarse; larger ones need
 /// not grow as steps do.
 const NEAR: f64 = 4.0;
@@ -113,8 +117,15 @@ fn coarsest(train: &Train, finest: f64, error: &impl Fn(&Tensor) -> f64) -> Opti
 /// What the coarsest step that keeps the promise gives, of those that are `tried` by number (error, what
 /// it gives): rounding more coarsely is hardly ever better.
 fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
-    let (first, mut best) = tried(0).filter(|(error, _)| *error <= 1.0)?;
-    let (mut keeps, mut misses) = ((0, first), (STEPS, f64::INFINITY));
+    let keeping = |found: &(f64, T)| found.0 <= 1.0;
+    let (mut keeps, mut misses, mut best) = match tried(LIKELY) {
+        Some((error, found)) if error <= 1.0 => ((LIKELY, error), (STEPS, f64::INFINITY), found),
+        missed => {
+            let (error, found) = tried(0).filter(keeping)?;
+            let missed = missed.map_or(f64::INFINITY, |(error, _)| error);
+            ((0, error), (LIKELY, missed), found)
+        }
+    };
     let mut kept = 1;
     while misses.0 - keeps.0 > 1 {
         let k = match misses.1 <= NEAR {

@@ -15,26 +15,15 @@ use rayon::prelude::*;
 /// Columns that one thread works on at once.
 const COLUMNS: usize = 1024;
 
-/// `a b`, row by row.
-pub fn flat_product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Vec<f64> {
-    let mut flat = vec![0.0; a.nrows() * b.ncols()];
-    into_parts(
-        MatMut::from_row_major_slice_mut(&mut flat, a.nrows(), b.ncols()),
-        a,
-        b,
-    );
-    flat
-}
-
 /// `a b`.
 pub fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
     let mut all = Mat::zeros(a.nrows(), b.ncols());
-    into_parts(all.as_mut(), a, b);
+    product_into(all.as_mut(), a, b);
     all
 }
 
 /// `to = a b`, by parts of its columns.
-fn into_parts(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+pub fn product_into(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
     let mut parts = Vec::new();
     let mut rest = to;
     for columns in parts_of(b, COLUMNS) {

@@ -19,8 +19,15 @@ const FIRST: usize = 16;
 /// way may fall on the same and cannot be told apart.
 const PLACES: usize = 4;
 
+/// Rows sketched at a time.
+const ROWS: usize = 8;
+
 /// Columns found at a time.
 const STRIDE: usize = 64;
+
+/// How much of what random combinations find outside a basis may be left, in units of the threshold: they
+/// add up many singular values that are all below it. With 1 bases are a quarter wider.
+const ENOUGH: f64 = 2.0;
 
 /// An orthonormal basis (columns) of nearly all of the range of `a`, as wide as it takes to leave no
 /// singular value above `threshold`; `None` where that is more than `most_rank` and two strides.
@@ -41,7 +48,7 @@ pub fn range(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option
         let random = Mat::from_fn(from.ncols(), width, |_, _| stream.between(-size, size));
         let (new, largest) = outside(&basis, product(from, random.as_ref()))?;
         // One stride at least: something is always kept.
-        if largest <= threshold && basis.ncols() > 0 {
+        if largest <= ENOUGH * threshold && basis.ncols() > 0 {
             return Some(basis);
         }
         if basis.ncols() > most_rank + STRIDE {
@@ -87,17 +94,32 @@ fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f
         ((bits >> 1) as usize % count, sign)
     };
     let places: Vec<(usize, f64)> = (0..PLACES * a.ncols()).map(place).collect();
-    let rows: Vec<Vec<f64>> = (0..a.nrows())
+    let bands: Vec<Vec<[f64; ROWS]>> = (0..a.nrows())
         .into_par_iter()
-        .map(|i| {
-            let mut sums = vec![0.0; count];
-            for (x, places) in a.row(i).iter().zip(places.chunks_exact(PLACES)) {
-                for (place, sign) in places {
-                    sums[*place] += sign * x;
-                }
-            }
-            sums
+        .step_by(ROWS)
+        .map(|first| {
+            let rows = a.subrows(first, ROWS.min(a.nrows() - first));
+            sketch_band(rows, &places, count)
         })
         .collect();
-    Some(Mat::from_fn(a.nrows(), count, |i, j| rows[i][j]))
+    let at = |i: usize, j: usize| bands[i / ROWS][j][i % ROWS];
+    Some(Mat::from_fn(a.nrows(), count, at))
+}
+
+/// The sketch of at most [`ROWS`] rows, column by column: all are added up together, so that it matters
+/// little whether rows or columns of `a` stand one after the other.
+fn sketch_band(a: MatRef<'_, f64>, places: &[(usize, f64)], count: usize) -> Vec<[f64; ROWS]> {
+    let mut sums = vec![[0.0; ROWS]; count];
+    let mut column = [0.0; ROWS];
+    for (j, places) in places.chunks_exact(PLACES).enumerate() {
+        for i in 0..a.nrows() {
+            column[i] = a[(i, j)];
+        }
+        for (place, sign) in places {
+            for (sum, x) in sums[*place].iter_mut().zip(&column) {
+                *sum += sign * x;
+            }
+        }
+    }
+    sums
 }
