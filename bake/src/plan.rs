@@ -10,7 +10,7 @@ use geofan::{
 const FIRST_TOLERANCE: f64 = 1e-8;
 
 /// Counts up when refinement changes: parts of another count are baked again.
-pub(crate) const REFINEMENT: u32 = 13;
+pub(crate) const REFINEMENT: u32 = 14;
 
 /// Sizes by the number of axes besides the arc length.
 struct Sizes {

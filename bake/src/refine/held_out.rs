@@ -92,9 +92,10 @@ pub struct HeldOut<'a> {
 }
 
 impl<'a> HeldOut<'a> {
-    /// Those of `region` of `chunk`. Only the first are followed, all others when they are asked for.
-    pub fn new(refiner: &'a Refiner<'a>, chunk: usize, region: &'a Region) -> Self {
-        let exceeding = match region.face {
+    /// Those of `region` of `chunk`, of which `lenience` times the usual share may miss the promise. Only
+    /// the first are followed, all others when they are asked for.
+    pub fn new(refiner: &'a Refiner<'a>, chunk: usize, region: &'a Region, lenience: f64) -> Self {
+        let usual = match region.face {
             Some(_) => EXCEEDING,
             None => EXCEEDING_ON_SPHERE,
         };
@@ -107,7 +108,7 @@ impl<'a> HeldOut<'a> {
             pending: Vec::new(),
             key: 0,
             interval: region.arc_interval(refiner.plan.length),
-            exceeding,
+            exceeding: lenience * usual,
             singular: false,
         };
         held_out.draw();

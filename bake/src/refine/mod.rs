@@ -10,6 +10,7 @@
 //! small for that is flagged.
 
 pub(crate) mod decompose;
+mod growth;
 mod held_out;
 pub(crate) mod order;
 mod quantise;
@@ -22,6 +23,7 @@ use geofan::{
     fan::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, StoredCamera, cell},
 };
 use glam::DVec3;
+use growth::{Growth, Verdict};
 use held_out::HeldOut;
 use ndarray::ArrayD;
 use rayon::prelude::*;
@@ -81,14 +83,6 @@ pub struct Refiner<'a> {
     pub tally: &'a Tally,
 }
 
-/// What becomes of a box.
-enum Verdict {
-    Done(Tree),
-    Halve(usize),
-    /// The whole sphere of directions is too much at once.
-    Part,
-}
-
 impl Refiner<'_> {
     /// The tree of `chunk`; `None` if told to stop.
     pub fn chunk(&self, chunk: usize) -> Option<Tree> {
@@ -97,34 +91,19 @@ impl Refiner<'_> {
             Some(_) => None,
             None => Some(self.division.of(chunk).1),
         };
-        self.refine(chunk, Region::whole(self.plan.nodes.len(), face, name))
-    }
-
-    fn refine(&self, chunk: usize, region: Region) -> Option<Tree> {
-        if self.tally.stop.load(Ordering::Relaxed) {
-            return None;
+        let root = Region::whole(self.plan.nodes.len(), face, name);
+        let mut growth = Growth::new(root);
+        while growth.open().len() > 0 {
+            let lenience = growth.lenience();
+            let open: Vec<&Region> = growth.open().collect();
+            let judge = |region: &Region| {
+                let go_on = !self.tally.stop.load(Ordering::Relaxed);
+                go_on.then(|| self.judge(chunk, region, lenience))
+            };
+            let verdicts: Option<Vec<Verdict>> = open.into_par_iter().map(judge).collect();
+            growth.grow(verdicts?);
         }
-        let axis = match self.judge(chunk, &region) {
-            Verdict::Done(tree) => return Some(tree),
-            Verdict::Part => return self.parted(chunk, &region),
-            Verdict::Halve(axis) => axis,
-        };
-        let (low, high) = rayon::join(
-            || self.refine(chunk, region.half(axis, 0)),
-            || self.refine(chunk, region.half(axis, 1)),
-        );
-        Some(Tree::Split {
-            axis,
-            halves: Box::new([low?, high?]),
-        })
-    }
-
-    /// The tree of a box with the whole sphere of directions, each face by itself.
-    fn parted(&self, chunk: usize, region: &Region) -> Option<Tree> {
-        let faces = region.faces().into_par_iter();
-        let faces: Option<Vec<Tree>> = faces.map(|face| self.refine(chunk, face)).collect();
-        let faces = faces?.try_into().expect("one tree for each face");
-        Some(Tree::Faces(faces))
+        Some(growth.into_tree())
     }
 
     /// What becomes of a box with the whole sphere of directions: one patch, or its faces are refined
@@ -137,14 +116,15 @@ impl Refiner<'_> {
             return Verdict::Part;
         }
         let tree = self.fitted(chunk, region, needs, held_out);
-        tree.map_or(Verdict::Part, Verdict::Done)
+        tree.map_or(Verdict::Part, Verdict::Fitted)
     }
 
-    fn judge(&self, chunk: usize, region: &Region) -> Verdict {
-        let mut held_out = HeldOut::new(self, chunk, region);
+    /// What becomes of a box that is allowed `lenience` times as many misses as its volume's share.
+    fn judge(&self, chunk: usize, region: &Region, lenience: f64) -> Verdict {
+        let mut held_out = HeldOut::new(self, chunk, region, lenience);
         if held_out.is_empty() && !held_out.singular {
             self.finished(region, 1);
-            return Verdict::Done(self.unread(region));
+            return Verdict::Unread(self.unread(region));
         }
         if region.face.is_none() {
             return self.judge_sphere(chunk, region, &mut held_out);
@@ -157,7 +137,7 @@ impl Refiner<'_> {
         let last = !may_halve.iter().any(|m| *m);
         if affordable && !held_out.singular && (resolved || (last && hopeful)) {
             match self.fitted(chunk, region, needs.clone(), &mut held_out) {
-                Ok(tree) => return Verdict::Done(tree),
+                Ok(tree) => return Verdict::Fitted(tree),
                 // What ends within the box is not to be seen in its coefficients.
                 Err(_) if held_out.singular => {}
                 Err(urgency) => {
@@ -180,7 +160,7 @@ impl Refiner<'_> {
             Some(axis) => Verdict::Halve(axis),
             None => {
                 self.finished(region, 1);
-                Verdict::Done(Tree::Flagged)
+                Verdict::Unread(Tree::Flagged)
             }
         }
     }
@@ -239,8 +219,7 @@ impl Refiner<'_> {
 
     fn finished(&self, region: &Region, bytes: usize) {
         let chunks = self.division.chunks() as f64;
-        let arc = 0.5_f64.powi(region.arc_halvings() as i32);
-        let share = region.volume() * arc / chunks * f64::from(u32::MAX);
+        let share = region.share / chunks * f64::from(u32::MAX);
         self.tally.volume.fetch_add(share as u64, Ordering::Relaxed);
         self.tally.patches.fetch_add(1, Ordering::Relaxed);
         self.tally.bytes.fetch_add(bytes as u64, Ordering::Relaxed);

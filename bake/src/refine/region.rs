@@ -13,6 +13,8 @@ pub struct Region {
     pub intervals: Vec<[f64; 2]>,
     /// The face of its directions; `None` if it has the whole sphere of them.
     pub face: Option<usize>,
+    /// The share of the chunk's rays and of their lengths.
+    pub share: f64,
     /// One number for each halving, after those of the chunk: names the box.
     pub path: Vec<u64>,
 }
@@ -23,6 +25,7 @@ impl Region {
         Self {
             intervals: vec![[-1.0, 1.0]; axes],
             face,
+            share: 1.0,
             path,
         }
     }
@@ -31,6 +34,7 @@ impl Region {
     pub fn faces(&self) -> Vec<Self> {
         let face = |face: usize| Self {
             face: Some(face),
+            share: self.share / FACES as f64,
             path: [&self.path[..], &[(2 * self.intervals.len() + face) as u64]].concat(),
             ..self.clone()
         };
@@ -79,6 +83,7 @@ impl Region {
         let mut half = self.clone();
         let [a, b] = half.intervals[axis];
         half.intervals[axis][1 - side] = 0.5 * (a + b);
+        half.share *= 0.5;
         half.path.push((2 * axis + side) as u64);
         half
     }
