@@ -114,10 +114,16 @@ fn restricted(patch: &Contracted, band: &[f32], side: [f64; 2]) -> Option<Contra
         true => restriction(np, side, spherical::azimuth_values),
     };
     let table = product(&matrix, np, band);
-    let (table, row) = (patch.expanded(table), patch.row());
+    let (row, scales) = (patch.width(), patch.scales());
     let sizes: Vec<f32> = table
         .chunks_exact(row)
-        .map(|line| line.iter().fold(0.0, |most, c| c.abs().max(most)))
+        .map(|line| {
+            let numbers = line.iter().zip(&scales);
+            numbers
+                .map(|(c, scale)| (c * scale).powi(2))
+                .sum::<f32>()
+                .sqrt()
+        })
         .collect();
     let allowed = LEFT_OUT * sizes.iter().fold(0.0, |most: f32, size| size.max(most));
     let kept = [

@@ -8,11 +8,11 @@ use super::{
     cells::Cells,
     chebyshev,
     cores::{MOST_DEGREES, MOST_TERMS},
-    matrix::product,
     spherical,
     variables::Variables,
 };
 use crate::expr::vectorised;
+use std::sync::Arc;
 
 /// A patch at one camera, in single precision: its rounding, 6e-8 of the largest coefficient, is far
 /// below any promise that a table can make, and half the bytes take half the time.
@@ -22,7 +22,7 @@ pub struct Contracted {
     /// how much of each of `rows` it is, and zeros up to a whole number of [`BLOCK`]s.
     table: Vec<f32>,
     /// Rows that all others are sums of; none if the table has those others themselves.
-    rows: Option<Vec<f32>>,
+    rows: Option<Arc<[f32]>>,
     degrees: [usize; 2],
     lengths: usize,
     channels: usize,
@@ -54,7 +54,7 @@ impl Contracted {
         };
         Self {
             table: padded(coefficients, width),
-            rows: rows.map(|rows| padded(&rows, row)),
+            rows: rows.map(|rows| padded(&rows, row).into()),
             degrees,
             lengths,
             channels,
@@ -67,7 +67,7 @@ impl Contracted {
     pub(super) fn with_table(&self, table: Vec<f32>, degrees: [usize; 2]) -> Self {
         Self {
             table,
-            rows: None,
+            rows: self.rows.clone(),
             degrees,
             lengths: self.lengths,
             channels: self.channels,
@@ -96,13 +96,14 @@ impl Contracted {
         (self.lengths * self.channels).next_multiple_of(BLOCK)
     }
 
-    /// Rows over (arc length, channel) from rows like those of the table.
-    pub(super) fn expanded(&self, table: Vec<f32>) -> Vec<f32> {
-        let Some(rows) = &self.rows else { return table };
-        let (width, used) = (self.width(), rows.len() / self.row());
-        let lines = table.chunks_exact(width).flat_map(|line| &line[..used]);
-        let lines: Vec<f32> = lines.copied().collect();
-        product(&lines, used, rows)
+    /// The lengths of the rows that a row of the table tells the shares of; 1 for each of its numbers if it
+    /// is those themselves.
+    pub(super) fn scales(&self) -> Vec<f32> {
+        let length = |row: &[f32]| row.iter().map(|x| x * x).sum::<f32>().sqrt();
+        match &self.rows {
+            Some(rows) => rows.chunks_exact(self.row()).map(length).collect(),
+            None => vec![1.0; self.width()],
+        }
     }
 
     /// Channels of what [`Contracted::direction`] gives.
@@ -146,16 +147,13 @@ impl Contracted {
         }
         let second = usize::from(self.is_sphere());
         let tq = [&tq[0][..nq], &tq[second][..nq]];
-        let sum = &mut row[..self.width()];
-        vectorised(
-            #[inline(always)]
-            || weigh(&self.table, &tp[..np], tq, sum),
-        );
-        if self.rows.is_some() {
-            let sum: Vec<f32> = sum.iter().map(|x| *x as f32).collect();
-            let expanded = self.expanded(sum);
-            let to = row.iter_mut().zip(expanded);
-            to.for_each(|(to, x)| *to = f64::from(x));
+        let sum = weighed(&self.table, &tp[..np], tq, &mut row[..self.width()]);
+        if let Some(rows) = &self.rows {
+            // The shares of the rows are the weights of a polynomial in nothing else.
+            let mut shares = EMPTY_ROW;
+            let shares = &mut shares[..rows.len() / self.row()];
+            shares.copy_from_slice(&sum[..shares.len()]);
+            weighed(rows, &[1.0], [shares; 2], &mut row[..self.row()]);
         }
         &row[..self.lengths * self.channels]
     }
@@ -194,6 +192,15 @@ pub type Row = [f64; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 
 /// An empty one.
 pub const EMPTY_ROW: Row = [0.0; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
+
+/// [`weigh`] in vector instructions.
+fn weighed<'s>(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &'s mut [f64]) -> &'s [f64] {
+    vectorised(
+        #[inline(always)]
+        || weigh(table, p, q, sum),
+    );
+    sum
+}
 
 /// `sum = Σ p_i q_j line_ij` over the lines of `table`, each as long as `sum`; `q` for the terms of even
 /// multiples of an azimuth, and of odd ones.
