@@ -39,7 +39,7 @@ fn count(args: &InfoArgs, contents: &Contents) -> Result<(usize, usize)> {
     let mut sum = (0, 0);
     for (chunk, bytes) in &contents.chunks {
         let shape = Table::shape(&contents.space, contents.header.plan.stretch);
-        let tree = Tree::decode(bytes, shape).map_err(|damage| {
+        let tree = Tree::outline(bytes, shape).map_err(|damage| {
             let message = format!("is not a valid bundle: chunk {chunk}: {damage}");
             Error::input(args.file.display().to_string(), message)
         })?;
