@@ -109,7 +109,7 @@ impl Coded {
         })
     }
 
-    /// The same, but as many zeros are read: what they belong to is then known, a thousand times sooner.
+    /// The same, but as many zeros are read: what they belong to is then known, some fifteen times sooner.
     ///
     /// # Errors
     /// It is damaged.

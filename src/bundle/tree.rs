@@ -82,7 +82,7 @@ impl Tree {
         Self::read(bytes, shape, Coded::decode)
     }
 
-    /// The same with zeros for all numbers, which takes no time: what boxes there are.
+    /// The same with zeros for all numbers, which need not be decoded: what boxes there are.
     ///
     /// # Errors
     /// The bytes are not a chunk of tensors of this shape.
