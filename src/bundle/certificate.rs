@@ -110,6 +110,8 @@ pub fn certify(
     promise: f64,
     progress: impl Fn(u64) -> Result<()> + Sync,
 ) -> Result<Checked> {
+    let damaged = |e: super::Damage| Error::input("bundle", e.to_string());
+    table.decode().map_err(damaged)?;
     let groups: Result<Vec<Errors>> = RandomRays::all(&table.space, rays, [KEY, seed])
         .chunks(CAMERAS)
         .map(|cameras| {

@@ -11,6 +11,7 @@ use super::{
 };
 use crate::fan::{FACES, FanSpace, Image, Located, Place};
 use glam::DVec3;
+use rayon::prelude::*;
 use std::sync::Arc;
 
 /// A tree at one camera: only direction (axes 0, 1) and arc length (axis 2) are left.
@@ -36,6 +37,7 @@ pub fn half(x: f64) -> (usize, f64) {
 }
 
 impl FanNode {
+    /// Of `tree` at these camera parameters in [−1, 1]; the patches of a camera at once.
     pub(super) fn contract(tree: &Tree, camera: &[f64]) -> Self {
         match tree {
             Tree::Flagged => Self::Flagged,
@@ -46,13 +48,20 @@ impl FanNode {
                 camera[*axis] = inner;
                 Self::contract(&halves[side], &camera)
             }
-            Tree::Faces(faces) => Self::Faces(Box::new(
-                faces.each_ref().map(|face| Self::contract(face, camera)),
-            )),
-            Tree::Split { axis, halves } => Self::Split {
-                axis: axis - camera.len(),
-                halves: Box::new(halves.each_ref().map(|half| Self::contract(half, camera))),
-            },
+            Tree::Faces(faces) => {
+                let mut nodes = [const { Self::Flagged }; FACES];
+                let pairs = nodes.par_iter_mut().zip(&**faces);
+                pairs.for_each(|(node, face)| *node = Self::contract(face, camera));
+                Self::Faces(Box::new(nodes))
+            }
+            Tree::Split { axis, halves } => {
+                let [low, high] = halves.each_ref();
+                let half = |half| move || Self::contract(half, camera);
+                Self::Split {
+                    axis: axis - camera.len(),
+                    halves: Box::new(rayon::join(half(low), half(high)).into()),
+                }
+            }
         }
     }
 }

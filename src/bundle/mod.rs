@@ -47,7 +47,7 @@ pub use course::{Courses, FanPath};
 pub use division::{Division, Stored};
 pub use fan::Fan;
 pub use file::{Bundle, BundleError, Contents, identity};
-pub use grade::{graded, ungraded};
+pub use grade::{graded, graded_in_order, ungraded};
 pub use layout::Layout;
 pub(crate) use matrix::product;
 pub use outlier::{BoxPlace, FAR, Outlier};

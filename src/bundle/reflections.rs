@@ -9,10 +9,14 @@
 //! Sci. Stat. Comput. 10 (1989)).
 
 use super::matrix::product;
+use rayon::prelude::*;
 use std::cmp::Reverse;
 
 /// Reflections that are multiplied together.
 const BLOCK: usize = 32;
+
+/// Vectors that one thread turns at once.
+const TOGETHER: usize = 8;
 
 /// The shortest vector, in steps, that tells its direction. A rounded vector is off by more the shorter it
 /// is, and the next ones then have something along it that is lost. Three bumps on a quarter of the floor
@@ -70,12 +74,16 @@ fn square(vector: &[i32]) -> f64 {
 impl Reflection {
     /// That carries `vector` to a new axis.
     fn of(vector: &[i32], taken: &mut Taken) -> Option<Self> {
-        let axis = taken.behind(vector)?;
+        taken.behind(vector).map(|axis| Self::to(axis, vector))
+    }
+
+    /// That carries `vector` to this axis.
+    fn to(axis: usize, vector: &[i32]) -> Self {
         let length = square(vector).sqrt();
         let mut normal: Vec<f64> = vector.iter().map(|x| f64::from(*x) / length).collect();
         normal[axis] += if vector[axis] < 0 { -1.0 } else { 1.0 };
         let factor = 2.0 / dot(&normal, &normal);
-        Some(Self { normal, factor })
+        Self { normal, factor }
     }
 
     fn apply(&self, x: &mut [f64]) {
@@ -133,9 +141,6 @@ impl Block {
     }
 
     fn apply(&self, rows: &mut [f64], way: Way) {
-        if rows.is_empty() {
-            return;
-        }
         let inner = &self.inner[usize::from(way == Way::Back)];
         let count = inner.len().isqrt();
         let length = self.normals.len() / count;
@@ -144,6 +149,18 @@ impl Block {
         let off = product(&along, count, &self.normals);
         rows.iter_mut().zip(off).for_each(|(x, off)| *x -= off);
     }
+}
+
+/// Applies blocks one after the other to vectors of this `length`.
+fn turn<'a>(
+    vectors: &mut [f64],
+    length: usize,
+    blocks: impl Iterator<Item = &'a Block> + Clone + Sync,
+    way: Way,
+) {
+    vectors
+        .par_chunks_mut(TOGETHER * length)
+        .for_each(|vectors| blocks.clone().for_each(|block| block.apply(vectors, way)));
 }
 
 /// A matrix of rows of this `width`, transposed.
@@ -164,7 +181,7 @@ pub(super) fn reduced(
     let mut before: Vec<Block> = Vec::new();
     for vectors in vectors.chunks(BLOCK * length) {
         let mut turned = vectors.to_vec();
-        before.iter().for_each(|b| b.apply(&mut turned, Way::There));
+        turn(&mut turned, length, before.iter(), Way::There);
         let mut own: Vec<Reflection> = Vec::new();
         for vector in turned.chunks_exact_mut(length) {
             own.iter().for_each(|reflection| reflection.apply(vector));
@@ -180,24 +197,39 @@ pub(super) fn reduced(
 /// The vectors that [`reduced`] made these integers of, nearly.
 pub(super) fn restored(integers: &[i32], length: usize) -> Vec<f64> {
     let mut taken = Taken::none(length);
+    let rows = integers.chunks_exact(length);
+    let axes: Vec<Option<usize>> = rows.map(|row| taken.behind(row)).collect();
     let mut vectors: Vec<f64> = integers.iter().map(|x| f64::from(*x)).collect();
-    let mut blocks = Vec::new();
-    for (k, integers) in integers.chunks(BLOCK * length).enumerate() {
-        let vectors = &mut vectors[k * BLOCK * length..][..integers.len()];
-        let mut own: Vec<Reflection> = Vec::new();
-        let rows = vectors.chunks_exact_mut(length);
-        for (vector, integers) in rows.zip(integers.chunks_exact(length)) {
-            own.iter().rev().for_each(|r| r.apply(vector));
-            own.extend(Reflection::of(integers, &mut taken));
-        }
-        blocks.push(Block::new(&own));
-    }
-    for (k, block) in blocks.iter().enumerate().rev() {
-        if let (Some(block), Some(later)) = (block, vectors.get_mut((k + 1) * BLOCK * length..)) {
-            block.apply(later, Way::Back);
-        }
-    }
+    let blocks: Vec<Option<Block>> = vectors
+        .par_chunks_mut(BLOCK * length)
+        .zip(integers.par_chunks(BLOCK * length))
+        .zip(axes.par_chunks(BLOCK))
+        .map(|((vectors, integers), axes)| turned_back(vectors, (integers, length), axes))
+        .collect();
     vectors
+        .par_chunks_mut(BLOCK * length)
+        .enumerate()
+        .for_each(|(k, vectors)| {
+            let before = blocks[..k].iter().flatten().rev();
+            turn(vectors, length, before, Way::Back);
+        });
+    vectors
+}
+
+/// Turns the `vectors` of these integers, of which each but those too short is carried to one of the
+/// `axes`, back by the reflections of those before in the same block, which it gives.
+fn turned_back(
+    vectors: &mut [f64],
+    (integers, length): (&[i32], usize),
+    axes: &[Option<usize>],
+) -> Option<Block> {
+    let mut own: Vec<Reflection> = Vec::new();
+    let rows = vectors.chunks_exact_mut(length);
+    for ((vector, integers), axis) in rows.zip(integers.chunks_exact(length)).zip(axes) {
+        own.iter().rev().for_each(|r| r.apply(vector));
+        own.extend(axis.map(|axis| Reflection::to(axis, integers)));
+    }
+    Block::new(&own)
 }
 
 #[cfg(test)]

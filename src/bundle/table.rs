@@ -53,8 +53,8 @@ impl Chunk {
     /// # Errors
     /// The bytes are not a tree.
     pub fn tree(&self) -> Result<&Tree, Damage> {
-        let decode = || Tree::decode(&self.bytes, self.shape);
-        self.tree.get_or_init(decode).as_ref().map_err(|e| *e)
+        let tree = filled(&self.tree, || Tree::decode(&self.bytes, self.shape));
+        tree.as_ref().map_err(|e| *e)
     }
 
     /// What is left at the parameters `camera` (in [−1, 1]).
@@ -65,9 +65,21 @@ impl Chunk {
         let tree = self.tree()?;
         let contract = || Arc::new(FanNode::contract(tree, camera));
         Ok(match camera.is_empty() {
-            true => self.fixed.get_or_init(contract).clone(),
+            true => filled(&self.fixed, contract).clone(),
             false => contract(),
         })
+    }
+}
+
+/// What is in `place`, made first if nothing is. Not within `get_or_init`: what is made waits for other
+/// threads, and a thread that waits may take up work that needs the same place.
+fn filled<T>(place: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
+    match place.get() {
+        Some(made) => made,
+        None => {
+            let made = make();
+            place.get_or_init(|| made)
+        }
     }
 }
 
@@ -98,6 +110,15 @@ impl Table {
             directions: space.directions(),
             channels: space.channels().len(),
         }
+    }
+
+    /// Decodes all chunks: where many cameras are wanted at once, each chunk is then decoded once.
+    ///
+    /// # Errors
+    /// A chunk is damaged.
+    pub fn decode(&self) -> Result<(), Damage> {
+        let chunks = self.chunks.par_iter();
+        chunks.try_for_each(|chunk| chunk.tree().map(|_| ()))
     }
 
     /// How many patches and flagged boxes there are.

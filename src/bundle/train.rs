@@ -14,6 +14,7 @@ use super::{
     variables::Variables,
 };
 use ndarray::{ArrayD, Axis};
+use rayon::prelude::*;
 
 /// A tensor train before rounding.
 #[derive(Debug, Clone)]
@@ -62,22 +63,29 @@ impl Train {
             return None;
         }
         let counts = |x: &f64| x.abs() >= least * unit;
-        let (mut bonds, mut before) = (kept_ranks(&self.cores, counts).into_iter(), Bond::none());
-        let mut cores: Vec<Core> = Vec::new();
-        for (k, core) in self.cores.iter().enumerate() {
-            let behind = bonds.next().zip(self.singular.get(k));
-            let behind = behind.map_or_else(Bond::none, |(kept, all)| Bond::new(kept, all));
-            let core = between(core, &before, &behind);
+        let kept = kept_ranks(&self.cores, counts).into_iter();
+        let bonds = kept.zip(&self.singular);
+        let bonds = bonds.map(|(kept, all)| Bond::new(kept, all));
+        let ends = || std::iter::once(Bond::none());
+        let bonds: Vec<Bond> = ends().chain(bonds).chain(ends()).collect();
+        let mut side = None;
+        let cores = self.cores.iter().zip(bonds.windows(2)).enumerate();
+        let cores = cores.map(|(k, (core, bonds))| {
+            let core = between(core, &bonds[0], &bonds[1]);
             let core = shortened(core, k + 1 == self.cores.len(), counts) / unit;
-            let side = cores.last().map(|core| core.side);
-            cores.push(rounded_core(core, side, (before, &behind), round));
-            before = behind;
-        }
+            let before = side;
+            side = Some(Side::behind(before, core.shape()));
+            (core, before, (&bonds[0], &bonds[1]))
+        });
+        let cores: Vec<_> = cores.collect();
+        let cores = cores
+            .into_par_iter()
+            .map(|(core, before, bonds)| rounded_core(core, before, bonds, round));
         Some(Tensor {
             layout: self.layout.clone(),
             variables: self.variables,
             step,
-            cores,
+            cores: cores.collect(),
         })
     }
 }
@@ -132,7 +140,7 @@ impl Bond {
 fn rounded_core(
     mut core: ArrayD<f64>,
     side_before: Option<Side>,
-    (before, behind): (Bond, &Bond),
+    (before, behind): (&Bond, &Bond),
     round: Round,
 ) -> Core {
     let shape = core.shape().to_vec();

@@ -14,6 +14,7 @@
 //! Call them through a type parameter `T: Real`. On a concrete `f64` the standard library's
 //! methods of the same name win; write `Real::exp(x)` there.
 
+use fearless_simd::{Simd, SimdFloat, SimdFloatElement, f32x16, f64x8};
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
@@ -35,8 +36,12 @@ pub trait Real:
     + Neg<Output = Self>
     + Send
     + Sync
+    + SimdFloatElement
     + 'static
 {
+    /// 64 bytes of them.
+    type Vector<S: Simd>: SimdFloat<S, Element = Self>;
+
     /// 0
     const ZERO: Self;
     /// 1
@@ -107,8 +112,10 @@ pub trait Real:
 }
 
 macro_rules! implement_real {
-    ($float:ident, from_f64: $from_f64:expr, to_f64: $to_f64:expr, kernels: $($file:ident { $($function:ident)* })*) => {
+    ($float:ident, $vector:ident, from_f64: $from_f64:expr, to_f64: $to_f64:expr, kernels: $($file:ident { $($function:ident)* })*) => {
         impl Real for $float {
+            type Vector<S: Simd> = $vector<S>;
+
             const ZERO: Self = 0.0;
             const ONE: Self = 1.0;
             const NAN: Self = $float::NAN;
@@ -165,9 +172,9 @@ macro_rules! implement_real {
             )*)*
         }
     };
-    ($float:ident, from_f64: $from_f64:expr, to_f64: $to_f64:expr) => {
+    ($float:ident, $vector:ident, from_f64: $from_f64:expr, to_f64: $to_f64:expr) => {
         implement_real! {
-            $float, from_f64: $from_f64, to_f64: $to_f64, kernels:
+            $float, $vector, from_f64: $from_f64, to_f64: $to_f64, kernels:
             exponential { exp sinh cosh tanh }
             logarithm { ln asinh acosh atanh }
             trigonometric { sin cos tan }
@@ -176,5 +183,5 @@ macro_rules! implement_real {
     };
 }
 
-implement_real!(f64, from_f64: std::convert::identity, to_f64: std::convert::identity);
-implement_real!(f32, from_f64: |x| x as f32, to_f64: f64::from);
+implement_real!(f64, f64x8, from_f64: std::convert::identity, to_f64: std::convert::identity);
+implement_real!(f32, f32x16, from_f64: |x| x as f32, to_f64: f64::from);

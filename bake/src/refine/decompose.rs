@@ -11,8 +11,8 @@ mod products;
 mod range;
 
 use faer::{Mat, MatMut, MatRef, Side};
-use geofan::bundle::{Layout, Polynomial, Train, graded};
-use ndarray::{ArrayD, IxDyn};
+use geofan::bundle::{Layout, Polynomial, Train, graded_in_order};
+use ndarray::ArrayD;
 use products::{product, product_into, square, triangle};
 use range::range;
 use std::collections::VecDeque;
@@ -34,9 +34,7 @@ pub fn decompose(polynomial: &Polynomial, layout: Layout, limits: (f64, usize)) 
     let coefficients = &polynomial.coefficients;
     let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
-    let permuted = graded(coefficients).permuted_axes(IxDyn(&order));
-    let permuted = permuted.as_standard_layout().into_owned();
-    let mut rest: Vec<f64> = permuted.into_raw_vec_and_offset().0;
+    let mut rest = graded_in_order(coefficients, &order[..order.len() - 2]);
     let shape = |axes: &Vec<usize>| -> Vec<usize> {
         axes.iter().map(|a| coefficients.shape()[*a]).collect()
     };
@@ -219,6 +217,7 @@ mod tests {
         bundle::{Shape, Step, Stretch, Tensor, Tree, Variables},
         random::Stream,
     };
+    use ndarray::IxDyn;
     use std::sync::Arc;
 
     fn coefficients(shape: &[usize]) -> ArrayD<f64> {
