@@ -63,7 +63,7 @@ pub(super) fn ungrade<T: Real>(values: &mut [T], shape: &[usize]) {
     let factors: Vec<T> = (0..degrees).map(|k| T::from_f64(coarseness(k))).collect();
     let rows = values.chunks_exact_mut(channels);
     for (row, factor) in rows.zip(factors.iter().cycle()) {
-        row.iter_mut().for_each(|x| *x = *x * *factor);
+        row.iter_mut().for_each(|x| *x *= *factor);
     }
 }
 

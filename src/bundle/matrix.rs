@@ -42,7 +42,7 @@ pub(super) fn summed<N, T: Real>(
             for (sum, block) in sums.chunks_exact_mut(right).zip(blocks) {
                 for (part, w) in block.chunks_exact(right).zip(weights) {
                     for (s, x) in sum.iter_mut().zip(part) {
-                        *s = *s + *w * real(x);
+                        *s += *w * real(x);
                     }
                 }
             }
@@ -55,7 +55,7 @@ pub(super) fn summed<N, T: Real>(
 pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
     let mut sum = rows[0].clone();
     for row in &rows[1..] {
-        sum.iter_mut().zip(row).for_each(|(s, x)| *s = *s + *x);
+        sum.iter_mut().zip(row).for_each(|(s, x)| *s += *x);
     }
     sum
 }

@@ -72,7 +72,7 @@ fn step<R: Real>(flow: &Tape, registers: &mut Registers<R, LANES>, y: &mut State
     for row in 0..6 {
         for l in 0..LANES {
             let (outer, inner) = (k1[row][l] + k4[row][l], k2[row][l] + k3[row][l]);
-            y[row][l] = y[row][l] + (outer * sixth + inner * third);
+            y[row][l] += outer * sixth + inner * third;
         }
     }
 }

@@ -13,6 +13,7 @@ use super::{
     sheaf::{Sheaf, Spread},
     world::World,
 };
+use crate::expr::real::Real;
 use glam::{DVec2, DVec3, Vec3};
 
 /// How the paths of sixteen samples come from the sixteen of a sheaf: the weights of each path, for
@@ -78,13 +79,15 @@ impl Bicubic {
 
 /// Lagrange's cubic weights at `t` for nodes 0, 1/3, 2/3, 1.
 #[inline(always)]
-pub fn cubic(t: f64) -> [f64; 4] {
-    let (a, b, c, d) = (t, t - 1.0 / 3.0, t - 2.0 / 3.0, t - 1.0);
+pub fn cubic<T: Real>(t: T) -> [T; 4] {
+    let number = T::from_f64;
+    let (a, b) = (t, t - number(1.0 / 3.0));
+    let (c, d) = (t - number(2.0 / 3.0), t - T::ONE);
     [
-        -4.5 * b * c * d,
-        13.5 * a * c * d,
-        -13.5 * a * b * d,
-        4.5 * a * b * c,
+        number(-4.5) * b * c * d,
+        number(13.5) * a * c * d,
+        number(-13.5) * a * b * d,
+        number(4.5) * a * b * c,
     ]
 }
 
@@ -93,9 +96,9 @@ pub fn cubic(t: f64) -> [f64; 4] {
 fn cubic_lanes(t: impl Fn(usize) -> f64) -> [SingleLanes; 4] {
     let mut weights = [[0.0; LANES]; 4];
     for l in 0..LANES {
-        let w = cubic(t(l));
+        let w = cubic(t(l) as f32);
         for i in 0..4 {
-            weights[i][l] = w[i] as f32;
+            weights[i][l] = w[i];
         }
     }
     weights
@@ -133,9 +136,9 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// What sixteen samples see, where they may meet something on `chords`.
+    /// Shows what each of sixteen samples sees, where they may meet something on `chords`.
     #[inline(always)]
-    pub fn seen(&self, mixing: &Bicubic, chords: &Chords) -> [Seen; LANES] {
+    pub fn see(&self, mixing: &Bicubic, chords: &Chords, mut show: impl FnMut(usize, Seen)) {
         // An infinite limit times a weight is no number.
         let limits = match self.exit {
             Some(_) => mixing.mix(&self.limits),
@@ -143,9 +146,8 @@ impl<'a> Target<'a> {
         };
         let found = self.first_hits(mixing, chords, &limits);
         let sky = directions(&mixing.mix_spread(&self.skies));
-        let mut seen = [Seen::Nothing; LANES];
         for l in 0..LANES {
-            seen[l] = match (found.hit[l], self.exit) {
+            let seen = match (found.hit[l], self.exit) {
                 (true, _) => Seen::Surface(found.hit(l)),
                 (false, Some(exit)) => Seen::Sky {
                     exit: exit as u32,
@@ -154,28 +156,28 @@ impl<'a> Target<'a> {
                 },
                 (false, None) => Seen::Nothing,
             };
+            show(l, seen);
         }
-        seen
     }
 
-    /// What sixteen samples see whose paths end each in its own way.
+    /// The same of sixteen samples whose paths end each in its own way.
     #[inline(always)]
-    pub fn seen_before(
+    pub fn see_before(
         &self,
         mixing: &Bicubic,
         chords: &Chords,
         endings: &[Ending; LANES],
-    ) -> [Seen; LANES] {
+        mut show: impl FnMut(usize, Seen),
+    ) {
         let limits = each(|l| endings[l].limit());
         let found = self.first_hits(mixing, chords, &limits);
-        let mut seen = [Seen::Nothing; LANES];
         for l in 0..LANES {
-            seen[l] = match found.hit[l] {
+            let seen = match found.hit[l] {
                 true => Seen::Surface(found.hit(l)),
                 false => beyond(&endings[l]),
             };
+            show(l, seen);
         }
-        seen
     }
 
     #[inline(always)]

@@ -177,26 +177,29 @@ impl Samples<'_> {
             for places in places.chunks(LANES) {
                 let place = |l: usize| places[l.min(places.len() - 1)];
                 let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
+                let show = |l: usize, seen: Seen| {
+                    if let Some(place) = places.get(l) {
+                        found.put(*place, looked_up(seen));
+                    }
+                };
                 // A kernel for each: one for all would be slower for the one that most tiles need.
-                let seen = match &finish {
+                match &finish {
                     Finish::Alike => vectorised(
                         #[inline(always)]
-                        || target.seen(&Bicubic::new(&at), chords),
+                        || target.see(&Bicubic::new(&at), chords, show),
                     ),
                     Finish::Within(last) => vectorised(
                         #[inline(always)]
                         || {
                             let mixing = Bicubic::new(&at);
-                            target.seen_before(&mixing, chords, &last.endings(&mixing, endings))
+                            let ends = last.endings(&mixing, endings);
+                            target.see_before(&mixing, chords, &ends, show);
                         },
                     ),
                     Finish::Each => {
                         let ends = self.endings(places, (tracer, endings), lost);
-                        before(&target, &at, chords, &ends)
+                        see_before(&target, &at, chords, (&ends, show));
                     }
-                };
-                for (place, seen) in places.iter().zip(seen) {
-                    found.put(*place, looked_up(seen));
                 }
             }
             found.tally.interpolated += places.len();
@@ -296,7 +299,7 @@ impl Samples<'_> {
 
     /// Where in a tile a sample is, as fractions of its side.
     fn fraction(&self, tile: Tile, place: Place) -> DVec2 {
-        (self.point(place) - DVec2::new(tile.x as f64, tile.y as f64)) / tile.side as f64
+        (self.point(place) - DVec2::new(tile.x as f64, tile.y as f64)) * (1.0 / tile.side as f64)
     }
 
     /// The direction of a sample.
@@ -313,18 +316,18 @@ enum Finish {
     Each,
 }
 
-/// What sixteen samples at these places in their tile see whose ends are known.
-fn before(
+/// Shows what sixteen samples at these places in their tile see whose ends are known.
+fn see_before(
     target: &Target<'_>,
     at: &[DVec2; LANES],
     chords: &Chords,
-    ends: &[Ending; LANES],
-) -> [Seen; LANES] {
+    (ends, mut show): (&[Ending; LANES], impl FnMut(usize, Seen)),
+) {
     match chords.is_empty() {
-        true => std::array::from_fn(|l| beyond(&ends[l])),
+        true => (0..LANES).for_each(|l| show(l, beyond(&ends[l]))),
         false => vectorised(
             #[inline(always)]
-            || target.seen_before(&Bicubic::new(at), chords, ends),
+            || target.see_before(&Bicubic::new(at), chords, ends, show),
         ),
     }
 }
