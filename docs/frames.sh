@@ -33,8 +33,16 @@ elsewhere() { # manifold, promise, sky lines, further arguments
     sed -e "s|^manifold = .*|manifold = \"../manifolds/$manifold.toml\"|" -e '/^# far side/,$d' \
         -e '/^\[\[view\]\]/,/^$/d' assets/scenes/wormhole-gallery.toml >"$scene"
     printf '[sky]\n%b' "$skies" >>"$scene"
-    bake "assets/manifolds/$manifold.toml" "$manifold" "$promise" "$@"
+    bake "$out/assets/manifolds/$manifold.toml" "$manifold" "$promise" "$@"
     row "same meshes, $manifold" "$scene" "$out/$manifold.fan" "$@"
+}
+
+# Flat space by a metric that takes long to evaluate: what a frame owes to the cost of expressions alone.
+costly() {
+    local one='1' pair
+    for pair in x*y y*z z*x x+y y+z z+x; do one="$one * (sin($pair)^2 + cos($pair)^2)"; done
+    sed "s|conformal = \"1\"|conformal = \"$one\"|" assets/manifolds/flat.toml >"$out/assets/manifolds/costly-flat.toml"
+    elsewhere costly-flat 0.2 'sky = { pattern = "grid" }\n'
 }
 
 # One sphere of 2 n² triangles beside the camera's way.
@@ -79,6 +87,7 @@ make() {
     one-thread) gallery "near, one thread" --view near --threads 1 ;;
     bumps) bumps ;;
     flat) elsewhere flat 0.2 'sky = { pattern = "grid" }\n' ;;
+    costly-flat) costly ;;
     interstellar) elsewhere interstellar-wormhole 0.2 'near = { pattern = "grid" }\nfar = { pattern = "stars" }\n' --set a=0.5 --set W=0.43 ;;
     ellis) elsewhere ellis-wormhole 0.2 'near = { pattern = "grid" }\nfar = { pattern = "stars" }\n' ;;
     sphere-*) sphere "${1#sphere-}" ;;
@@ -90,6 +99,6 @@ make() {
 }
 
 if [[ $# -eq 0 ]]; then
-    set -- near throat far large one-thread bumps flat ellis interstellar sphere-70 sphere-224 sphere-707
+    set -- near throat far large one-thread bumps flat costly-flat ellis interstellar sphere-70 sphere-224 sphere-707
 fi
 for r in "$@"; do make "$r"; done
