@@ -137,17 +137,11 @@ fn block<S: Simd, T: Real, const R: usize>(
             |r| &rows[r].0[k],
         );
         for j in 0..STRIDE {
-            let line = T::Vector::from_slice(simd, &lines[j * stride + first..][..lanes]);
-            for r in 0..R {
-                sums[r] = T::Vector::splat(simd, x[r][j]).mul_add(line, sums[r]);
-            }
+            add_line(simd, &mut sums, &lines[j * stride + first..], |r| x[r][j]);
         }
     }
     for (k, line) in lines.remainder().chunks_exact(stride).enumerate() {
-        let line = T::Vector::from_slice(simd, &line[first..][..lanes]);
-        for r in 0..R {
-            sums[r] = T::Vector::splat(simd, rows[r].1[k]).mul_add(line, sums[r]);
-        }
+        add_line(simd, &mut sums, &line[first..], |r| rows[r].1[k]);
     }
     for (row, sum) in to.chunks_mut(width).zip(&sums) {
         let to = &mut row[column..width.min(column + lanes)];
@@ -159,32 +153,51 @@ fn block<S: Simd, T: Real, const R: usize>(
     R
 }
 
+/// Adds the first numbers of a `line`, times the `factor` of each row, to the sums.
+#[inline(always)]
+fn add_line<S: Simd, T: Real, const R: usize>(
+    simd: S,
+    sums: &mut [T::Vector<S>; R],
+    line: &[T],
+    factor: impl Fn(usize) -> T,
+) {
+    let line = T::Vector::from_slice(simd, &line[..T::Vector::<S>::LEN]);
+    for (r, sum) in sums.iter_mut().enumerate() {
+        *sum = T::Vector::splat(simd, factor(r)).mul_add(line, *sum);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    fn test_product<T: Real>((rows, inner, width): (usize, usize, usize), accuracy: f64) {
+        let number = |i: usize| T::from_f64(((i * 37 % 101) as f64 - 50.0) / 7.0);
+        let a: Vec<T> = (0..rows * inner).map(number).collect();
+        let b: Vec<T> = (0..inner * width).map(|i| number(i + 13)).collect();
+        let found = product(&a, inner, &b);
+        assert_eq!(found.len(), rows * width);
+        for (place, found) in found.iter().enumerate() {
+            let (r, c) = (place / width, place % width);
+            let term = |k: usize| a[r * inner + k].to_f64() * b[k * width + c].to_f64();
+            let sum: f64 = (0..inner).map(term).sum();
+            let sizes: f64 = (0..inner).map(|k| term(k).abs()).sum();
+            assert!((found.to_f64() - sum).abs() <= accuracy * inner as f64 * sizes);
+        }
+    }
+
     #[test]
     fn products_of_all_shapes_are_those_of_the_definition() {
-        for (rows, inner, width) in [
+        for shape in [
             (1, 1, 1),
             (3, 5, 7),
-            (4, 2, 16),
+            (4, 8, 16),
             (9, 6, 37),
-            (8, 3, 20),
-            (19, 4, 33),
+            (8, 31, 20),
+            (19, 24, 33),
         ] {
-            let number = |i: usize| ((i * 37 % 101) as f64 - 50.0) / 7.0;
-            let a: Vec<f64> = (0..rows * inner).map(number).collect();
-            let b: Vec<f64> = (0..inner * width).map(|i| number(i + 13)).collect();
-            let found = product(&a, inner, &b);
-            for r in 0..rows {
-                for c in 0..width {
-                    let terms = (0..inner).map(|k| a[r * inner + k] * b[k * width + c]);
-                    let sizes: f64 = terms.clone().map(f64::abs).sum();
-                    let error = found[r * width + c] - terms.sum::<f64>();
-                    assert!(error.abs() <= 1e-15 * inner as f64 * sizes);
-                }
-            }
+            test_product::<f64>(shape, f64::EPSILON);
+            test_product::<f32>(shape, f32::EPSILON.into());
         }
     }
 

@@ -63,11 +63,7 @@ impl Train {
             return None;
         }
         let counts = |x: &f64| x.abs() >= least * unit;
-        let kept = kept_ranks(&self.cores, counts).into_iter();
-        let bonds = kept.zip(&self.singular);
-        let bonds = bonds.map(|(kept, all)| Bond::new(kept, all));
-        let ends = || std::iter::once(Bond::none());
-        let bonds: Vec<Bond> = ends().chain(bonds).chain(ends()).collect();
+        let bonds = self.bonds(counts);
         let mut side = None;
         let cores = self.cores.iter().zip(bonds.windows(2)).enumerate();
         let cores = cores.map(|(k, (core, bonds))| {
@@ -87,6 +83,16 @@ impl Train {
             step,
             cores: cores.collect(),
         })
+    }
+
+    /// Before the first core, between each two and behind the last, with the indices at which a number
+    /// `counts`.
+    fn bonds(&self, counts: impl Fn(&f64) -> bool) -> Vec<Bond> {
+        let kept = kept_ranks(&self.cores, counts).into_iter();
+        let between = kept.zip(&self.singular);
+        let between = between.map(|(kept, all)| Bond::new(kept, all));
+        let end = || std::iter::once(Bond::none());
+        end().chain(between).chain(end()).collect()
     }
 }
 
