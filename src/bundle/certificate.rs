@@ -8,11 +8,9 @@ use super::{
     measure::{Probe, Probed, probe, settings, with_end},
     outlier::{FAR, MOST, Outlier},
     random_rays::RandomRays,
+    table::in_bundle,
 };
-use crate::{
-    error::{Error, Result},
-    quantiles::Quantiles,
-};
+use crate::{error::Result, quantiles::Quantiles};
 use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -110,8 +108,7 @@ pub fn certify(
     promise: f64,
     progress: impl Fn(u64) -> Result<()> + Sync,
 ) -> Result<Checked> {
-    let damaged = |e: super::Damage| Error::input("bundle", e.to_string());
-    table.decode().map_err(damaged)?;
+    table.decode()?;
     let groups: Result<Vec<Errors>> = RandomRays::all(&table.space, rays, [KEY, seed])
         .chunks(CAMERAS)
         .map(|cameras| {
@@ -204,8 +201,7 @@ impl Errors {
                 if !(found.screen_mrad <= FAR * promise) {
                     let (place, s) = (&fan.place, (probe.s, exact.length));
                     let outlier = table.outlier(place, *d, s, found, probe.magnification());
-                    let damaged = |e: super::Damage| Error::input("bundle", e.to_string());
-                    self.far.push(outlier.map_err(damaged)?);
+                    self.far.push(outlier.map_err(in_bundle)?);
                 }
             }
             self.flagged += usize::from(path.flagged_from() < exact.length);

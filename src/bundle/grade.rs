@@ -27,15 +27,17 @@ pub fn graded_in_order(coefficients: &ArrayD<f64>, order: &[usize]) -> Vec<f64> 
     let channels = shape[order.len() + 1];
     let row: usize = shape[order.len()..].iter().product();
     let factors: Vec<f64> = (0..row).map(|i| 1.0 / coarseness(i / channels)).collect();
+    let stride = |axis: &usize| -> usize { shape[axis + 1..].iter().product() };
+    let axes = order.iter().rev().map(|axis| (shape[*axis], stride(axis)));
+    let axes: Vec<(usize, usize)> = axes.collect();
     let values = coefficients.as_slice().unwrap_or_default();
     let mut graded = vec![0.0; values.len()];
     let rows = graded.par_chunks_exact_mut(row).enumerate();
     rows.with_min_len(ROWS).for_each(|(number, to)| {
         let (mut rest, mut first) = (number, 0);
-        for axis in order.iter().rev() {
-            let stride: usize = shape[axis + 1..].iter().product();
-            first += rest % shape[*axis] * stride;
-            rest /= shape[*axis];
+        for (length, stride) in &axes {
+            first += rest % length * stride;
+            rest /= length;
         }
         let from = values[first..first + row].iter().zip(&factors);
         to.iter_mut().zip(from).for_each(|(to, (x, f))| *to = x * f);

@@ -83,6 +83,11 @@ fn filled<T>(place: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
     }
 }
 
+/// Damage that a user is told of.
+pub(super) fn in_bundle(damage: Damage) -> crate::Error {
+    crate::Error::input("bundle", damage.to_string())
+}
+
 /// A baked table.
 #[derive(Debug, Clone)]
 pub struct Table {
@@ -116,9 +121,10 @@ impl Table {
     ///
     /// # Errors
     /// A chunk is damaged.
-    pub fn decode(&self) -> Result<(), Damage> {
+    pub fn decode(&self) -> Result<()> {
         let chunks = self.chunks.par_iter();
-        chunks.try_for_each(|chunk| chunk.tree().map(|_| ()))
+        let decoded = chunks.try_for_each(|chunk| chunk.tree().map(|_| ()));
+        decoded.map_err(in_bundle)
     }
 
     /// How many patches and flagged boxes there are.
@@ -141,7 +147,7 @@ impl Table {
     pub fn fan(&self, u: DVec3) -> Result<Fan<'_>> {
         let place = self.space.place(u)?;
         let faces = self.facets(&place);
-        let faces = faces.map_err(|e| crate::Error::input("bundle", e.to_string()))?;
+        let faces = faces.map_err(in_bundle)?;
         Ok(Fan::new(self, place, faces))
     }
 

@@ -70,13 +70,14 @@ impl Train {
             let core = between(core, &bonds[0], &bonds[1]);
             let core = shortened(core, k + 1 == self.cores.len(), counts) / unit;
             let before = side;
-            side = Some(Side::behind(before, core.shape()));
-            (core, before, (&bonds[0], &bonds[1]))
+            let own = Side::behind(before, core.shape());
+            side = Some(own);
+            (core, (before, own), (&bonds[0], &bonds[1]))
         });
         let cores: Vec<_> = cores.collect();
         let cores = cores
             .into_par_iter()
-            .map(|(core, before, bonds)| rounded_core(core, before, bonds, round));
+            .map(|(core, sides, bonds)| rounded_core(core, sides, bonds, round));
         Some(Tensor {
             layout: self.layout.clone(),
             variables: self.variables,
@@ -145,12 +146,11 @@ impl Bond {
 /// off is made good where it leaves the vectors that are kept orthogonal.
 fn rounded_core(
     mut core: ArrayD<f64>,
-    side_before: Option<Side>,
+    (side_before, side): (Option<Side>, Side),
     (before, behind): (&Bond, &Bond),
     round: Round,
 ) -> Core {
     let shape = core.shape().to_vec();
-    let side = Side::behind(side_before, &shape);
     if side_before == Some(Side::Rows) {
         multiply(&mut core, Axis(0), &before.off);
     }

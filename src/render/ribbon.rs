@@ -112,11 +112,15 @@ impl Touched {
         }
         vectorised(
             #[inline(always)]
-            || self.tube.surround(strands, last, margin, slack),
+            || {
+                self.tube.surround(strands, last, margin, slack);
+                for k in 0..self.tube.pieces() {
+                    if meets(world, self.tube.piece(k)) {
+                        self.pieces.push(k);
+                    }
+                }
+            },
         );
-        let tube = &self.tube;
-        let touched = (0..tube.pieces()).filter(|k| meets(world, tube.piece(*k)));
-        self.pieces.extend(touched);
     }
 
     /// For each of the pieces which of the `strands` touch it, without a margin.
@@ -178,6 +182,7 @@ fn boxes(strands: &[Strand<'_>; LANES], k: usize, slack: f64) -> (Points, Points
 }
 
 /// Whether a box meets a leaf of the scene's tree, in any period.
+#[inline(always)]
 fn meets(world: &World, (low, high): (DVec3, DVec3)) -> bool {
     let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
     match is_glued(domain) {

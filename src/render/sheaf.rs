@@ -224,11 +224,13 @@ impl Tube {
     }
 
     /// How many pieces there are.
+    #[inline(always)]
     pub fn pieces(&self) -> usize {
         self.margin.len()
     }
 
     /// The box of piece `k`.
+    #[inline(always)]
     pub fn piece(&self, k: usize) -> (DVec3, DVec3) {
         let corner = |side: &[Vec<f64>; 3]| DVec3::new(side[0][k], side[1][k], side[2][k]);
         (corner(&self.low), corner(&self.high))

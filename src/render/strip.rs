@@ -15,7 +15,7 @@ use crate::{
     bundle::{Courses, Fan, FanPath, chebyshev, product},
     expr::vectorised,
 };
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DVec3, DVec4};
 use std::sync::{Arc, LazyLock, OnceLock};
 
 /// Paths along an interval. On the wormhole gallery's near half frames with 6 take a tenth longer (more
@@ -32,6 +32,9 @@ const PLANE: usize = 4;
 /// Where those are among the rows of a path.
 const STORED: [usize; PLANE] = [0, 1, 3, 4];
 
+/// Coefficients of points and tangents at sixteen arc lengths, axes (arc length, degree, [`PLANE`]).
+type Between = Box<[[[f64; PLANE]; NODES]; LANES]>;
+
 /// Numbers summed at once.
 const BLOCK: usize = 16;
 
@@ -43,8 +46,8 @@ pub(super) struct Strip<'f, 't> {
     /// Coefficients, axes (degree, [`PLANE`], knot), each row filled up to whole blocks.
     table: Vec<f32>,
     row: usize,
-    /// The same at sixteen arc lengths from each knot to the next.
-    between: Box<[OnceLock<Vec<f64>>]>,
+    /// The same at sixteen arc lengths from each knot to the next, by state.
+    between: Box<[OnceLock<Between>]>,
     end: Option<End>,
 }
 
@@ -118,8 +121,8 @@ impl<'f, 't> Strip<'f, 't> {
         }
     }
 
-    /// Coefficients, axes (degree, [`PLANE`], lane), at arc lengths evenly from knot `k` to the next.
-    fn between(&self, k: usize) -> &[f64] {
+    /// Coefficients of the states at sixteen arc lengths evenly from knot `k` to the next.
+    fn between(&self, k: usize) -> &Between {
         self.between[k].get_or_init(|| {
             let piece = [self.knots[k], self.knots[k + 1]];
             let s: [f64; LANES] = std::array::from_fn(|l| {
@@ -131,7 +134,11 @@ impl<'f, 't> Strip<'f, 't> {
                 .iter()
                 .filter_map(|path| sample(path, &s))
                 .collect();
-            transformed(&in_plane(&sampled))
+            let table = transformed(&in_plane(&sampled));
+            let at = |degree: usize, c: usize, l: usize| table[(degree * PLANE + c) * LANES + l];
+            Box::new(std::array::from_fn(|l| {
+                std::array::from_fn(|degree| std::array::from_fn(|c| at(degree, c, l)))
+            }))
         })
     }
 }
@@ -245,52 +252,39 @@ impl Rung<'_, '_, '_> {
     /// each knot to the next: what those between knots miss the path by falls by fifteen to the fourth.
     pub(super) fn refine(&self, s: &[f64], rows: &mut [f64]) {
         let knots = &self.strip.knots;
-        let mut known: Option<usize> = None;
-        let mut plane = [[0.0; LANES]; PLANE];
+        let mut k = 0;
         for (i, &at) in s.iter().enumerate() {
-            let k = known.filter(|k| at <= knots[k + 1]).unwrap_or_else(|| {
-                let next = knots.partition_point(|knot| *knot <= at);
-                let k = next.clamp(1, knots.len() - 1) - 1;
-                self.between(k, &mut plane);
-                k
-            });
-            known = Some(k);
-            let piece = self.part(&plane, [knots[k], knots[k + 1]], at);
-            let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
-            put(rows, i, (piece.position(t), piece.tangent(t)));
+            while k + 2 < knots.len() && at > knots[k + 1] {
+                k += 1;
+            }
+            let part = self.part(k, at);
+            let t = (at - part.s[0]) / (part.s[1] - part.s[0]);
+            put(rows, i, (part.position(t), part.tangent(t)));
         }
     }
 
-    /// Writes the stored plane's components at sixteen arc lengths from knot `k` to the next.
-    fn between(&self, k: usize, plane: &mut [[f64; LANES]; PLANE]) {
-        let table = self.strip.between(k);
-        vectorised(
-            #[inline(always)]
-            || {
-                let mut sums = [[0.0; LANES]; PLANE];
-                for (lines, weight) in table.chunks_exact(PLANE * LANES).zip(self.weights) {
-                    for (sum, line) in sums.iter_mut().zip(lines.as_chunks::<LANES>().0) {
-                        for l in 0..LANES {
-                            sum[l] += weight * line[l];
-                        }
-                    }
-                }
-                *plane = sums;
-            },
-        );
-    }
-
-    /// The cubic around arc length `at` between two of sixteen points from one knot to another.
-    fn part(&self, [x, y, vx, vy]: &[[f64; LANES]; PLANE], [from, to]: [f64; 2], at: f64) -> Piece {
+    /// The cubic around arc length `at` between two of sixteen points from knot `k` to the next.
+    fn part(&self, k: usize, at: f64) -> Piece {
+        let [from, to] = [self.strip.knots[k], self.strip.knots[k + 1]];
         let width = (to - from) / (LANES - 1) as f64;
         let first = (((at - from) / width) as usize).min(LANES - 2);
-        let turned = |x: f64, y: f64| self.rotation.x_axis * x + self.rotation.y_axis * y;
-        let ends = [first, first + 1];
+        let states = &self.strip.between(k)[first..first + 2];
+        let [a, b] = [0, 1].map(|end| self.state(&states[end]));
         Piece {
-            s: ends.map(|l| from + width * l as f64),
-            u: ends.map(|l| turned(x[l], y[l])),
-            v: ends.map(|l| turned(vx[l], vy[l])),
+            s: [first, first + 1].map(|l| from + width * l as f64),
+            u: [a.0, b.0],
+            v: [a.1, b.1],
         }
+    }
+
+    /// Point and tangent by their coefficients.
+    fn state(&self, coefficients: &[[f64; PLANE]; NODES]) -> (DVec3, DVec3) {
+        let mut sums = DVec4::ZERO;
+        for (row, weight) in coefficients.iter().zip(self.weights) {
+            sums += DVec4::from_array(*row) * weight;
+        }
+        let turned = |x: f64, y: f64| self.rotation.x_axis * x + self.rotation.y_axis * y;
+        (turned(sums.x, sums.y), turned(sums.z, sums.w))
     }
 
     /// How the path ends; `None` if that has to be looked for.

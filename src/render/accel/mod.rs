@@ -150,6 +150,7 @@ impl Accelerator {
     }
 
     /// Whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
+    #[inline(always)]
     pub fn touches(&self, min: DVec3, max: DVec3) -> bool {
         self.visit_leaves(min, max, |_| true)
     }
@@ -166,6 +167,7 @@ impl Accelerator {
 
     /// Shows every leaf whose box meets the given one to `stop`, until that says so; returns
     /// whether it did.
+    #[inline(always)]
     fn visit_leaves(
         &self,
         min: DVec3,
@@ -227,10 +229,12 @@ impl Accelerator {
         1.0 / self.scale
     }
 
+    #[inline(always)]
     fn tree_point(&self, p: DVec3) -> Vec3 {
         ((p - self.centre) * self.unit()).as_vec3()
     }
 
+    #[inline(always)]
     fn tree_box(&self, (min, max): (DVec3, DVec3)) -> Aabb {
         let min = Vec3A::from(self.tree_point(min)) - MARGIN;
         Aabb::new(min, Vec3A::from(self.tree_point(max)) + MARGIN)
@@ -277,6 +281,7 @@ impl Top {
     }
 
     /// Shows those that meet `query`.
+    #[inline(always)]
     fn met(&self, query: &Aabb, mut show: impl FnMut(u32)) {
         let mut meets = [true; TOP];
         for c in 0..3 {
@@ -317,6 +322,7 @@ fn box_of([a, b, c]: &[DVec3; 3]) -> (DVec3, DVec3) {
     (a.min(*b).min(*c), a.max(*b).max(*c))
 }
 
+#[inline(always)]
 fn boxes_meet(one: (DVec3, DVec3), other: (DVec3, DVec3)) -> bool {
     one.0.cmple(other.1).all() && other.0.cmple(one.1).all()
 }
@@ -404,6 +410,7 @@ impl Default for Stack {
 }
 
 impl Stack {
+    #[inline(always)]
     fn push_if(&mut self, wanted: bool, entry: (u32, f32)) {
         match self.array.get_mut(self.count) {
             _ if !wanted => {}
@@ -415,6 +422,7 @@ impl Stack {
         }
     }
 
+    #[inline(always)]
     fn pop(&mut self) -> Option<(u32, f32)> {
         if let Some(entry) = self.rest.pop() {
             return Some(entry);

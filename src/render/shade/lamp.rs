@@ -21,6 +21,9 @@ const AMBIENT: f32 = 0.2;
 /// How strongly glossy surfaces mirror the lamp, as a share of their `Ks`: a matter of taste.
 const GLOSS: f32 = 0.3;
 
+/// A highlight fainter than exp(−this) is none: it is lost beside what surfaces reflect from all sides.
+const DARK: f32 = 16.0;
+
 /// Hits waiting to be lit.
 pub(super) struct Lamp<'w> {
     world: &'w World,
@@ -106,9 +109,12 @@ impl<'w> Lamp<'w> {
         let diffuse = diffuse(self.world, hit, footprint);
         // The lamp is at the eye: the mirror direction makes twice the angle of incidence with it.
         let mirrored = (2.0 * cosine * cosine - 1.0).max(0.0);
-        let gloss = match material.ks == [0.0; 3] {
+        let exponent = material.ns.max(1.0);
+        // x^n <= exp(n (x - 1)).
+        let dark = material.ks == [0.0; 3] || exponent * (1.0 - mirrored) > DARK;
+        let gloss = match dark {
             true => 0.0,
-            false => GLOSS * Real::pow(mirrored, material.ns.max(1.0)),
+            false => GLOSS * Real::pow(mirrored, exponent),
         };
         let light = AMBIENT + (1.0 - AMBIENT) * cosine;
         std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + material.ke[k])

@@ -9,7 +9,7 @@ use crate::{
     render::{
         lanes::LANES,
         outcome::{Outcome, Seen},
-        sky::{self, Across, Mask, Vectors, first, lane, mask},
+        sky::{Across, Mask, Vectors, each_vector, first, lane, mask},
         world::World,
     },
 };
@@ -150,44 +150,48 @@ impl Skies<'_> {
     /// the next and the one before.
     #[inline(always)]
     fn across(&self, here: &Sixteen, beside: &[Sixteen; 2], under: &[Sixteen; 2]) -> Across {
-        let mut to = Across::default();
-        for l in 0..LANES {
-            let direction = lane(&here.directions, l);
-            let right = change(here, beside, l);
-            let down = change(here, under, l);
-            let across = across(direction, right, down, self.pixel);
-            for (to, across) in to.iter_mut().zip(across) {
-                sky::put(to, l, across * self.spacing);
-            }
-        }
-        to
+        let (to_right, right) = changes(here, beside);
+        let (downward, down) = changes(here, under);
+        let one = each_vector(
+            #[inline(always)]
+            |l| {
+                let round = lane(&here.directions, l).any_orthonormal_vector() * self.pixel;
+                let either = if downward[l] { lane(&down, l) } else { round };
+                let one = if to_right[l] { lane(&right, l) } else { either };
+                one * self.spacing
+            },
+        );
+        let two = each_vector(
+            #[inline(always)]
+            |l| {
+                // One side alone tells the size, as if the picture were not sheared here.
+                let other = lane(&here.directions, l).cross(lane(&one, l));
+                let down = lane(&down, l) * self.spacing;
+                if to_right[l] & downward[l] { down } else { other }
+            },
+        );
+        [one, two]
     }
 }
 
-/// The change from lane `l` to the next or, turned round, to the one before, if either leaves
-/// through the same exit.
+/// The changes from each lane to the next or, turned round, to the one before, in the lanes where either
+/// leaves through the same exit.
 #[inline(always)]
-fn change(here: &Sixteen, [next, before]: &[Sixteen; 2], l: usize) -> (bool, Vec3) {
-    let d = lane(&here.directions, l);
-    let on = next.exits[l] == here.exits[l];
-    let back = before.exits[l] == here.exits[l];
-    let (ahead, behind) = (
-        lane(&next.directions, l) - d,
-        d - lane(&before.directions, l),
-    );
-    (on | back, if on { ahead } else { behind })
-}
-
-/// From the changes to the right and down, where there are any.
-#[inline(always)]
-fn across(d: Vec3, right: (bool, Vec3), down: (bool, Vec3), pixel: f32) -> [Vec3; 2] {
-    let round = d.any_orthonormal_vector() * pixel;
-    let one = if down.0 { down.1 } else { round };
-    let one = if right.0 { right.1 } else { one };
-    // One side alone tells the size, as if the picture were not sheared here.
-    let other = d.cross(one);
-    let two = right.0 & down.0;
-    [one, if two { down.1 } else { other }]
+fn changes(here: &Sixteen, [next, before]: &[Sixteen; 2]) -> (Mask, Vectors) {
+    let mut known = [false; LANES];
+    let mut changes = Vectors::default();
+    for l in 0..LANES {
+        known[l] = (next.exits[l] == here.exits[l]) | (before.exits[l] == here.exits[l]);
+    }
+    for c in 0..3 {
+        let (next_c, here_c, before_c) =
+            (&next.directions[c], &here.directions[c], &before.directions[c]);
+        for l in 0..LANES {
+            let (ahead, behind) = (next_c[l] - here_c[l], here_c[l] - before_c[l]);
+            changes[c][l] = if next.exits[l] == here.exits[l] { ahead } else { behind };
+        }
+    }
+    (known, changes)
 }
 
 /// Puts the colours of the lanes that are `wanted` in their places of `row`.

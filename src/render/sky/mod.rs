@@ -24,7 +24,7 @@ use crate::{
 use equirectangular::Equirectangular;
 use glam::{DVec3, Vec3};
 use ndarray::Array3;
-pub(super) use sixteen::{Mask, Vectors, first, lane, mask, nearest, put};
+pub(super) use sixteen::{Mask, Vectors, each_vector, first, lane, mask, nearest};
 use stars::StarField;
 use std::path::Path;
 pub(super) use taps::Across;

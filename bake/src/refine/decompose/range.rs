@@ -26,8 +26,8 @@ const ROWS: usize = 8;
 const STRIDE: usize = 64;
 
 /// How much of what random combinations find outside a basis may be left, in units of the threshold: they
-/// add up many singular values that are all below it. With 1 bases are 1.6
-/// times as wide as the ranks that are kept, with this 1.4 times.
+/// add up many singular values that are all below it. With 1 bases are 1.6 times as wide as the
+/// ranks that are kept, with this 1.4 times.
 const ENOUGH: f64 = 2.0;
 
 /// An orthonormal basis (columns) of nearly all of the range of `a`, as wide as it takes to leave no
