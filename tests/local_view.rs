@@ -66,8 +66,8 @@ fn depths_and_weights_are_those_of_the_straight_lines() {
     let view = stage.view(&stage.scene.camera, (60, 40)).unwrap();
     let outcomes = trace(&stage.world, &view, Paths::Straight(6.0), &offsets(1)).outcomes;
     let mut hits = 0;
-    for ((y, x, _), outcome) in outcomes.indexed_iter() {
-        let Seen::Surface(hit) = outcome.seen else {
+    for ((y, x, _), seen) in outcomes.indexed_iter() {
+        let Seen::Surface(hit) = *seen else {
             continue;
         };
         hits += 1;

@@ -179,7 +179,7 @@ fn write(args: &RenderArgs, stage: &Stage, view: &View, film: &Film, length: f64
     }
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
     let traced = trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1));
-    let picture = with_layers(picture, &stage.world, traced.outcomes.view());
+    let picture = with_layers(picture, &stage.world, traced.outcomes.view(), &[]);
     write_exr(&args.output, &picture, &notes, Precision::Float)
 }
 

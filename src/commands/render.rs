@@ -245,21 +245,20 @@ fn one(
 ) -> Result<Report> {
     let world = &stage.world;
     let (drawing, contract) = source.draw(args, world, view)?;
-    let flagged = drawing.outcomes.iter().filter(|o| o.flagged).count() as f64;
     let report = Report {
         output: output.display().to_string(),
         tracer: source.name(),
         width: args.scene.size.width,
         height: args.scene.size.height,
         spp: usize::from(args.scene.spp),
-        flagged: flagged / drawing.outcomes.len() as f64,
+        flagged: drawing.flagged_share(),
         contract,
         paths: drawing.paths.as_secs_f64(),
         shade: drawing.shade.as_secs_f64(),
     };
     let mut picture = drawing.picture;
     if Format::of(output) == Some(Format::Exr) {
-        picture = with_layers(picture, world, drawing.outcomes.view());
+        picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
         let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
         picture = picture.with_float("area", area);
     }

@@ -52,8 +52,6 @@ pub struct Curve {
     pub v: Vec<DVec3>,
     /// How it ends.
     pub ending: Ending,
-    /// Whether a table gave up on this ray, so that it was integrated exactly.
-    pub flagged: bool,
 }
 
 impl Curve {

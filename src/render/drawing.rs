@@ -5,9 +5,10 @@
 
 use super::{
     film::Film,
-    frame::{NOTHING, Outcomes, Paths, Work, offsets, trace},
+    frame::{Outcomes, Paths, Work, offsets, trace},
     picture::Picture,
     shade::{Footprints, shade},
+    tiles::Place,
     view::View,
     world::World,
 };
@@ -19,12 +20,21 @@ pub struct Drawing {
     pub picture: Picture,
     /// What the samples of the first pass see.
     pub outcomes: Outcomes,
+    /// Which of those the table gave up on.
+    pub flagged: Vec<Place>,
     /// Work on paths and pixels.
     pub work: Work,
     /// Time for paths and what they meet.
     pub paths: Duration,
     /// Time for colours and pixels.
     pub shade: Duration,
+}
+
+impl Drawing {
+    /// The share of the first pass's samples that the table gave up on.
+    pub fn flagged_share(&self) -> f64 {
+        self.flagged.len() as f64 / self.outcomes.len() as f64
+    }
 }
 
 /// Samples of one pass: as many as fit one packet.
@@ -40,7 +50,7 @@ pub fn draw(
 ) -> Drawing {
     let all = offsets(samples);
     let mut film = Film::new(view.size, samples);
-    let mut first = Outcomes::from_elem((0, 0, 0), NOTHING);
+    let mut first = None;
     let mut work = Work::default();
     let mut times = [Duration::ZERO; 2];
     for offsets in all.chunks(PASS) {
@@ -52,15 +62,15 @@ pub fn draw(
         film.add(colours, offsets);
         times[0] += middle - began;
         times[1] += middle.elapsed();
-        if first.is_empty() {
-            first = traced.outcomes;
-        }
+        first.get_or_insert((traced.outcomes, traced.flagged));
     }
     let began = Instant::now();
     let picture = film.develop();
+    let (outcomes, flagged) = first.unwrap_or_default();
     Drawing {
         picture,
-        outcomes: first,
+        outcomes,
+        flagged,
         work,
         paths: times[0],
         shade: times[1] + began.elapsed(),

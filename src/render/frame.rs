@@ -1,13 +1,13 @@
 //! One frame: paths and what they meet, for any tracer.
 //!
-//! In: a world, a view and a tracer. Out: the [`Outcome`] of every sample, and the work and times of
+//! In: a world, a view and a tracer. Out: what every sample sees, and the work and times of
 //! the steps. Shading is [`super::shade`]. All tracers share everything after the paths.
 
 use super::{
     desk::Desk,
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
-    outcome::{Outcome, Seen, outcome},
+    outcome::{Seen, seen_along},
     tiles::{Found, Place, Samples, Tally},
     tracer::{ExactTracer, GridTracer},
     view::View,
@@ -18,14 +18,8 @@ use ndarray::{Array3, Axis};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
 
-/// Samples of a picture, axes (row, column, sample).
-pub type Outcomes = Array3<Outcome>;
-
-/// A sample that sees nothing.
-pub const NOTHING: Outcome = Outcome {
-    seen: Seen::Nothing,
-    flagged: false,
-};
+/// What the samples of a picture see, axes (row, column, sample).
+pub type Outcomes = Array3<Seen>;
 
 /// Where in a pixel its `n` samples lie: the middle for one, else the additive recurrence of the
 /// plastic number (M. Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018),
@@ -61,6 +55,8 @@ impl std::ops::AddAssign for Work {
 pub struct Traced {
     /// What each sample sees.
     pub outcomes: Outcomes,
+    /// The samples that the tracer could not give and that were integrated exactly.
+    pub flagged: Vec<Place>,
     /// The work.
     pub work: Work,
 }
@@ -89,6 +85,7 @@ pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) ->
         Paths::Exact(tracer) => trace_exact(&samples, tracer),
         Paths::Straight(length) => Traced {
             outcomes: trace_straight(&samples, length),
+            flagged: Vec::new(),
             work: Work::default(),
         },
         Paths::Direct(tracer) => trace_tiles(&samples, tracer, |desk, found| {
@@ -118,14 +115,14 @@ pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) ->
 
 /// What nothing has been found for yet; written by all threads, as it is megabytes.
 fn nothing((height, width, count): (usize, usize, usize)) -> Outcomes {
-    let all = rayon::iter::repeat_n(NOTHING, height * width * count).collect();
+    let all = rayon::iter::repeat_n(Seen::Nothing, height * width * count).collect();
     Array3::from_shape_vec((height, width, count), all).expect("one for each sample")
 }
 
 fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
     let (width, height) = samples.view.size;
     let count = samples.offsets.len();
-    let mut outcomes = Outcomes::from_elem((height, width, count), NOTHING);
+    let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Nothing);
     outcomes
         .axis_iter_mut(Axis(0))
         .into_par_iter()
@@ -135,12 +132,17 @@ fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
                 .map(|i| samples.direction((y, i / count, i % count)))
                 .collect();
             for (slot, curve) in row.iter_mut().zip(tracer.trace(&directions)) {
-                *slot = outcome(samples.world, &curve);
+                *slot = seen_along(samples.world, &curve);
             }
         });
     let mut work = Work::default();
     work.tally.traced = outcomes.len();
-    Traced { outcomes, work }
+    let flagged = Vec::new();
+    Traced {
+        outcomes,
+        flagged,
+        work,
+    }
 }
 
 /// Works on all of the largest tiles, then on what was put off.
@@ -152,7 +154,7 @@ fn trace_tiles(
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = Found::split(&mut outcomes);
-    tiles.par_iter_mut().for_each_init(
+    tiles.par_iter_mut().with_max_len(1).for_each_init(
         || Desk::new(&samples.world.manifold, tracer.knots()),
         |desk, found| tile(desk, found),
     );
@@ -164,13 +166,19 @@ fn trace_tiles(
     }
     let began = Instant::now();
     work.pending = pending.len();
+    let mut flagged = Vec::new();
     if let Some(tracer) = tracer.fallback() {
-        for (place, outcome) in trace_pending(samples.world, tracer, &pending) {
-            outcomes[place] = outcome;
+        for (place, seen) in trace_pending(samples.world, tracer, &pending) {
+            outcomes[place] = seen;
+            flagged.push(place);
         }
     }
     work.pending_time = began.elapsed();
-    Traced { outcomes, work }
+    Traced {
+        outcomes,
+        flagged,
+        work,
+    }
 }
 
 /// Rays given to one thread at once: enough to keep its lanes full.
@@ -181,16 +189,13 @@ fn trace_pending(
     world: &World,
     tracer: &ExactTracer<'_>,
     pending: &[(Place, DVec3)],
-) -> Vec<(Place, Outcome)> {
-    let block = |rays: &[(Place, DVec3)]| -> Vec<(Place, Outcome)> {
+) -> Vec<(Place, Seen)> {
+    let block = |rays: &[(Place, DVec3)]| -> Vec<(Place, Seen)> {
         let directions: Vec<DVec3> = rays.iter().map(|(_, d)| *d).collect();
         let curves = tracer.trace(&directions);
         rays.iter()
             .zip(curves)
-            .map(|((place, _), mut curve)| {
-                curve.flagged = true;
-                (*place, outcome(world, &curve))
-            })
+            .map(|((place, _), curve)| (*place, seen_along(world, &curve)))
             .collect()
     };
     pending.par_chunks(BLOCK).flat_map(block).collect()

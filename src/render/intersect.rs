@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// Arc length.
-    pub s: f64,
+    pub s: f32,
     /// Tangent, chart components.
     pub v: Vec3,
     /// Index of the triangle.
@@ -115,7 +115,7 @@ fn hit_shifted(
             let t = (i as f64 + hit.t) / chords;
             let s = piece.arc(t);
             return (s <= limit).then(|| Hit {
-                s,
+                s: s as f32,
                 v: piece.tangent(t).as_vec3(),
                 triangle: hit.triangle,
                 barycentric: [hit.barycentric.0 as f32, hit.barycentric.1 as f32],

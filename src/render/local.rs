@@ -1,6 +1,6 @@
 //! The local view: the picture to first order in the distance, at once.
 //!
-//! In: samples of a picture. Out: their [`Outcome`]s if light goes straight in the chart. A chart point `u` lies at `p = (S R)ᵀ G (u − u_cam)` in the camera's axes, and on the
+//! In: samples of a picture. Out: their outcomes if light goes straight in the chart. A chart point `u` lies at `p = (S R)ᵀ G (u − u_cam)` in the camera's axes, and on the
 //! picture at `p` divided by its depth; since `(S R)ᵀ G = (S R)⁻¹`, that is the chart's straight
 //! line from the camera. It is right near the camera, and off by an angle that grows in proportion
 //! to the distance.
@@ -11,9 +11,9 @@
 use super::{
     curve::Ending,
     endings::EndingFinder,
-    frame::{NOTHING, Outcomes},
+    frame::Outcomes,
     intersect::Hit,
-    outcome::{Outcome, Seen, beyond},
+    outcome::{Seen, beyond},
     strands::{Source, Strands},
     tiles::Samples,
     tracer::even_knots,
@@ -36,7 +36,7 @@ pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
     let (width, height) = samples.view.size;
     let picture = Projected::new(world, samples.view);
     let knots = even_knots(length, INTERVALS);
-    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), NOTHING);
+    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
         .axis_chunks_iter_mut(Axis(0), BAND)
         .into_par_iter()
@@ -51,9 +51,9 @@ pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
             |(lines, endings), (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
-                    if slot.seen == Seen::Nothing {
+                    if *slot == Seen::Nothing {
                         let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        slot.seen = picture.sky(at, lines, endings);
+                        *slot = picture.sky(at, lines, endings);
                     }
                 }
             },
@@ -155,7 +155,7 @@ impl<'w> Projected<'w> {
     }
 
     /// Fills the rows from `first` with the nearest triangles.
-    fn fill(&self, first: usize, offsets: &[DVec2], mut part: ArrayViewMut3<'_, Outcome>) {
+    fn fill(&self, first: usize, offsets: &[DVec2], mut part: ArrayViewMut3<'_, Seen>) {
         let (height, width, samples) = part.dim();
         let mut nearest = vec![0.0; height * width * samples];
         let end = (first + height) as f64;
@@ -180,7 +180,7 @@ impl<'w> Projected<'w> {
                         };
                         if nearness > *slot {
                             *slot = nearness;
-                            part[(y, x, k)].seen = self.hit(flat.triangle, weights);
+                            part[(y, x, k)] = self.hit(flat.triangle, weights);
                         }
                     }
                 }
@@ -194,7 +194,7 @@ impl<'w> Projected<'w> {
         let way = u - self.view.u;
         let s = (self.axes.inverse() * way).length();
         Seen::Surface(Hit {
-            s,
+            s: s as f32,
             v: (way / s).as_vec3(),
             triangle,
             barycentric: weights.as_vec2().to_array(),

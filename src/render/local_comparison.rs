@@ -78,8 +78,8 @@ pub fn compare_local(
     let psnr = psnr(&exact.picture, &local.picture)?;
     let mut errors: BTreeMap<i32, Vec<(f64, f64)>> = BTreeMap::new();
     let offset = offsets(samples)[0];
-    for ((y, x, k), outcome) in exact.outcomes.indexed_iter() {
-        if let (0, Seen::Surface(hit)) = (k, outcome.seen) {
+    for ((y, x, k), seen) in exact.outcomes.indexed_iter() {
+        if let (0, Seen::Surface(hit)) = (k, *seen) {
             let p = projection(world, view, world.point(&hit));
             let seen = view.direction(x as f64 + offset.x, y as f64 + offset.y);
             let put = (view.camera().rotation * p).normalize_or_zero();
@@ -88,7 +88,7 @@ pub fn compare_local(
             errors
                 .entry(octave)
                 .or_default()
-                .push((angle, angle / hit.s));
+                .push((angle, angle / f64::from(hit.s)));
         }
     }
     let at_distance = |(octave, errors): (i32, Vec<(f64, f64)>)| {

@@ -53,7 +53,7 @@ pub use footprint::Footprint;
 pub use intersect::Hit;
 pub use journey::Journey;
 pub use lookup::{Lookup, TableTracer};
-pub use outcome::{Outcome, Seen};
+pub use outcome::Seen;
 pub use rays::{Probe, first_seen};
 pub use stage::Stage;
 pub use strands::{Strand, Strands};

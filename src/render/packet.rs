@@ -151,7 +151,7 @@ impl<'a> Target<'a> {
                 (true, _) => Seen::Surface(found.hit(l)),
                 (false, Some(exit)) => Seen::Sky {
                     exit: exit as u32,
-                    s: found.s[l],
+                    s: found.s[l] as f32,
                     direction: Vec3::new(sky[0][l], sky[1][l], sky[2][l]),
                 },
                 (false, None) => Seen::Nothing,
@@ -307,7 +307,7 @@ impl Found {
     fn hit(&self, l: usize) -> Hit {
         let ([x, y, z], [b, c]) = (&self.tangent, &self.weights);
         Hit {
-            s: self.s[l],
+            s: self.s[l] as f32,
             v: Vec3::new(x[l], y[l], z[l]),
             triangle: self.triangle[l],
             barycentric: [b[l], c[l]],

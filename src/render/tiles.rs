@@ -11,7 +11,7 @@ use super::{
     last_pieces::LastPieces,
     lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
     lone::Lone,
-    outcome::{Outcome, Seen, beyond},
+    outcome::{Seen, beyond},
     packet::{Bicubic, Target},
     ribbon::{Chords, Ribbon},
     sheaf::Sheaf,
@@ -72,7 +72,7 @@ pub struct Found<'o> {
     /// The tile's upper left pixel: row and column.
     pub corner: (usize, usize),
     /// Its outcomes, axes (row, column, sample) from the corner.
-    pub outcomes: ArrayViewMut3<'o, Outcome>,
+    pub outcomes: ArrayViewMut3<'o, Seen>,
     /// Samples put off, with their directions.
     pub pending: Vec<(Place, DVec3)>,
     /// Work and time.
@@ -81,7 +81,7 @@ pub struct Found<'o> {
 
 impl<'o> Found<'o> {
     /// Nothing yet.
-    pub fn new(corner: (usize, usize), outcomes: ArrayViewMut3<'o, Outcome>) -> Self {
+    pub fn new(corner: (usize, usize), outcomes: ArrayViewMut3<'o, Seen>) -> Self {
         Self {
             corner,
             outcomes,
@@ -91,7 +91,7 @@ impl<'o> Found<'o> {
     }
 
     /// The outcomes of each of the largest tiles, row by row; they do not overlap.
-    pub fn split(outcomes: &'o mut Array3<Outcome>) -> Vec<Self> {
+    pub fn split(outcomes: &'o mut Array3<Seen>) -> Vec<Self> {
         let mut tiles = Vec::new();
         let bands = outcomes.axis_chunks_iter_mut(Axis(0), LARGEST_TILE);
         for (row, band) in bands.enumerate() {
@@ -115,8 +115,8 @@ impl<'o> Found<'o> {
         }
     }
 
-    fn put(&mut self, (y, x, k): Place, outcome: Outcome) {
-        self.outcomes[(y - self.corner.0, x - self.corner.1, k)] = outcome;
+    fn put(&mut self, (y, x, k): Place, seen: Seen) {
+        self.outcomes[(y - self.corner.0, x - self.corner.1, k)] = seen;
     }
 }
 
@@ -179,7 +179,7 @@ impl Samples<'_> {
                 let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
                 let show = |l: usize, seen: Seen| {
                     if let Some(place) = places.get(l) {
-                        found.put(*place, looked_up(seen));
+                        found.put(*place, seen);
                     }
                 };
                 // A kernel for each: one for all would be slower for the one that most tiles need.
@@ -270,7 +270,7 @@ impl Samples<'_> {
                 None => found.pending.push((*place, strand.direction)),
                 Some(ending) => {
                     let seen = lone.seen((l, strand), &ending, tracer, self.world);
-                    found.put(*place, looked_up(seen));
+                    found.put(*place, seen);
                 }
             }
         }
@@ -350,10 +350,3 @@ const SQUARE: usize = 4;
 
 /// Paths followed at once: enough to keep the tracer's lanes full, few enough to stay in the cache.
 const BLOCK: usize = 256;
-
-fn looked_up(seen: Seen) -> Outcome {
-    Outcome {
-        seen,
-        flagged: false,
-    }
-}

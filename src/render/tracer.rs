@@ -103,7 +103,6 @@ impl ExactTracer<'_> {
             u,
             v,
             ending,
-            flagged: false,
         };
         sink.curves.into_iter().map(curve).collect()
     }

@@ -10,7 +10,7 @@ use crate::{
     render::{
         frame::{Outcomes, Paths, offsets, trace},
         lattice::seen_angle,
-        outcome::{Outcome, Seen},
+        outcome::Seen,
         tracer::GridTracer,
         view::View,
         world::World,
@@ -21,7 +21,7 @@ use rayon::prelude::*;
 
 /// Angles between sky directions of samples that leave through the same exit, mrad.
 pub(super) fn sky_errors(a: &Outcomes, b: &Outcomes) -> Quantiles {
-    let angle = |(a, b): (&Outcome, &Outcome)| match (a.seen, b.seen) {
+    let angle = |(a, b): (&Seen, &Seen)| match (*a, *b) {
         (
             Seen::Sky {
                 exit, direction, ..
@@ -84,8 +84,8 @@ struct Position {
     unit: f64,
 }
 
-fn position(world: &World, outcome: &Outcome) -> Option<Position> {
-    match outcome.seen {
+fn position(world: &World, seen: &Seen) -> Option<Position> {
+    match *seen {
         Seen::Sky {
             exit, direction, ..
         } => Some(Position {
@@ -100,7 +100,7 @@ fn position(world: &World, outcome: &Outcome) -> Option<Position> {
                 kind: (false, world.faces[hit.triangle as usize].object),
                 at: world.point(&hit),
                 along: v.normalize_or_zero(),
-                unit: hit.s * v.length(),
+                unit: f64::from(hit.s) * v.length(),
             })
         }
         Seen::Nothing => None,

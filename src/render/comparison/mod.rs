@@ -14,7 +14,7 @@ mod times;
 pub use report::{LatticeReport, PathTimes, Report, Rival, Times};
 
 use super::{
-    drawing::{Drawing, draw},
+    drawing::draw,
     frame::Paths,
     lookup::Lookup,
     picture::{Picture, error_picture, flip, flip::DEFAULT_PIXELS_PER_DEGREE, psnr, write_png},
@@ -92,7 +92,7 @@ pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> R
         screen_mrad: quantiles(|e| e.1),
         lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
         sky_mrad: errors::sky_errors(&drawn.outcomes, &exact.outcomes),
-        flagged: flagged(&drawn),
+        flagged: drawn.flagged_share(),
         paths_ns: times::paths(world, view, &tracer, &exact_tracer, &rival_tracer, budget),
         speedup: exact_times.frame / frames.frame,
         speedup_equal_error: rival_drawn.frame / frames.frame,
@@ -109,11 +109,6 @@ pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> R
         flip: flip.map,
         screen: screen.expect("one error for each pixel"),
     })
-}
-
-fn flagged(drawing: &Drawing) -> f64 {
-    let flagged = drawing.outcomes.iter().filter(|o| o.flagged).count();
-    flagged as f64 / drawing.outcomes.len() as f64
 }
 
 /// Writes `table.png`, `exact.png`, `error.png` (FLIP) and `mrad.png` (screen error of the paths)

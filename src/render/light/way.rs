@@ -166,8 +166,8 @@ impl Flight {
         let mut hits = pieces(step)
             .filter_map(|piece| first_hit(&world.accelerator, domain, &piece, f64::INFINITY));
         let hit = hits.next()?;
-        let own =
-            hit.triangle == points[self.number].triangle && hit.s > (1.0 - GRAZING) * self.length;
-        Some(own || hit.s >= (1.0 - SHORT) * self.length)
+        let s = f64::from(hit.s);
+        let own = hit.triangle == points[self.number].triangle && s > (1.0 - GRAZING) * self.length;
+        Some(own || s >= (1.0 - SHORT) * self.length)
     }
 }

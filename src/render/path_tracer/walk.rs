@@ -244,7 +244,7 @@ impl<'w> PathTracer<'w> {
         for ((meeting, departure), connection) in weighed.into_iter().zip(self.principal(&pairs)) {
             let Meeting { walk, hit, surface } = meeting;
             let chosen = match (connection, &self.emitters) {
-                (Some(c), Some(emitters)) if is_same(&c, departure.direction, hit.s) => {
+                (Some(c), Some(emitters)) if is_same(&c, departure.direction, hit.s.into()) => {
                     emitters.probability(self.world, hit, &c)
                 }
                 _ => 0.0,
@@ -332,7 +332,7 @@ impl<'w> PathTracer<'w> {
     }
 
     fn offset(&self, hit: &Hit) -> f64 {
-        OFFSET * (hit.s + 1e-2 * self.settings.length)
+        OFFSET * (f64::from(hit.s) + 1e-2 * self.settings.length)
     }
 
     /// The path after the surface; `None` if it ends there.

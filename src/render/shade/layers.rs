@@ -9,8 +9,9 @@ use crate::{
     render::{
         frame::offsets,
         intersect::Hit,
-        outcome::{Outcome, Seen},
+        outcome::Seen,
         picture::Picture,
+        tiles::Place,
         view::View,
         world::World,
     },
@@ -33,32 +34,41 @@ fn normal(world: &World, hit: &Hit) -> DVec3 {
 
 /// Adds the layers that readers of EXR expect, except `area`, from the first sample of every pixel: `Z` (arc
 /// length), `P` (chart point), `N` (unit normal in the standard frame), `id` (object from 1, 0 for
-/// none), `exit` (from 1, 0 for none), `flagged`.
-pub fn with_layers(picture: Picture, world: &World, outcomes: ArrayView3<'_, Outcome>) -> Picture {
+/// none), `exit` (from 1, 0 for none), `flagged` (1 for those samples).
+pub fn with_layers(
+    picture: Picture,
+    world: &World,
+    outcomes: ArrayView3<'_, Seen>,
+    flagged: &[Place],
+) -> Picture {
     let (height, width, _) = outcomes.dim();
-    let float = |value: &dyn Fn(&Outcome) -> f64| {
+    let float = |value: &dyn Fn(&Seen) -> f64| {
         Array2::from_shape_fn((height, width), |(y, x)| value(&outcomes[(y, x, 0)]) as f32)
     };
-    let index = |value: &dyn Fn(&Outcome) -> usize| {
+    let index = |value: &dyn Fn(&Seen) -> usize| {
         Array2::from_shape_fn((height, width), |(y, x)| value(&outcomes[(y, x, 0)]) as u32)
     };
-    let vector = |outcome: &Outcome, of: &dyn Fn(&Hit) -> DVec3, k: usize| match &outcome.seen {
+    let vector = |seen: &Seen, of: &dyn Fn(&Hit) -> DVec3, k: usize| match seen {
         Seen::Surface(hit) => of(hit)[k],
         _ => 0.0,
     };
-    let arc = |o: &Outcome| match o.seen {
-        Seen::Surface(hit) => hit.s,
-        Seen::Sky { s, .. } => s,
+    let arc = |o: &Seen| match *o {
+        Seen::Surface(hit) => hit.s.into(),
+        Seen::Sky { s, .. } => s.into(),
         Seen::Nothing => f64::INFINITY,
     };
-    let object = |o: &Outcome| match o.seen {
+    let object = |o: &Seen| match *o {
         Seen::Surface(hit) => world.faces[hit.triangle as usize].object as usize + 1,
         _ => 0,
     };
-    let exit = |o: &Outcome| match o.seen {
+    let exit = |o: &Seen| match *o {
         Seen::Sky { exit, .. } => exit as usize + 1,
         _ => 0,
     };
+    let mut given_up = Array2::zeros((height, width));
+    for (y, x, _) in flagged.iter().filter(|(_, _, sample)| *sample == 0) {
+        given_up[(*y, *x)] = 1;
+    }
     let mut picture = picture.with_float("Z", float(&arc));
     for (k, axis) in ["X", "Y", "Z"].iter().enumerate() {
         let point = float(&|o| vector(o, &|hit| world.point(hit), k));
@@ -70,7 +80,7 @@ pub fn with_layers(picture: Picture, world: &World, outcomes: ArrayView3<'_, Out
     picture
         .with_index("id", index(&object))
         .with_index("exit", index(&exit))
-        .with_index("flagged", index(&|o| usize::from(o.flagged)))
+        .with_index("flagged", given_up)
 }
 
 /// Area by which a unit solid angle has spread where the first sample of each pixel ends: an exact
@@ -78,7 +88,7 @@ pub fn with_layers(picture: Picture, world: &World, outcomes: ArrayView3<'_, Out
 pub fn area(
     world: &World,
     view: &View,
-    outcomes: ArrayView3<'_, Outcome>,
+    outcomes: ArrayView3<'_, Seen>,
     tolerance: f64,
 ) -> Array2<f32> {
     let (height, width, samples) = outcomes.dim();
@@ -99,9 +109,9 @@ pub fn area(
         .enumerate()
         .for_each(|(y, mut row)| {
             let rays = (0..width).map(|x| {
-                let s = match outcomes[(y, x, 0)].seen {
-                    Seen::Surface(hit) => hit.s,
-                    Seen::Sky { s, .. } => s,
+                let s = match outcomes[(y, x, 0)] {
+                    Seen::Surface(hit) => hit.s.into(),
+                    Seen::Sky { s, .. } => s.into(),
                     Seen::Nothing => 0.0,
                 };
                 let d = view.direction(x as f64 + offset.x, y as f64 + offset.y);

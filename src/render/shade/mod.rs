@@ -14,7 +14,7 @@ pub use layers::{area, with_layers};
 use super::{
     footprint::Footprint,
     intersect::Hit,
-    outcome::{Outcome, Seen},
+    outcome::Seen,
     view::View,
     world::World,
 };
@@ -41,7 +41,7 @@ pub enum Footprints {
 pub fn shade(
     world: &World,
     view: &View,
-    outcomes: ArrayView3<'_, Outcome>,
+    outcomes: ArrayView3<'_, Seen>,
     samples: usize,
     footprints: Footprints,
 ) -> Colours {
@@ -78,7 +78,7 @@ const BAND: usize = 12;
 struct Shader<'a> {
     world: &'a World,
     view: &'a View,
-    outcomes: ArrayView3<'a, Outcome>,
+    outcomes: ArrayView3<'a, Seen>,
     /// The distance of samples, in pixels; 0 asks for points.
     spacing: f32,
 }
@@ -106,7 +106,7 @@ impl Shader<'_> {
             skies.light([&above, &here, &below], row);
             for i in here.surfaces() {
                 let at = (y, i / count, i % count);
-                if let Seen::Surface(hit) = self.outcomes[at].seen {
+                if let Seen::Surface(hit) = self.outcomes[at] {
                     lamp.add(i, hit, self.texture_footprint(at, &hit));
                 }
             }
@@ -162,7 +162,7 @@ impl Shader<'_> {
                 y.checked_sub(1).map(|y| (y, x, k)),
             ),
         };
-        let at = |place: Option<Place>| place.and_then(|p| pick(&self.outcomes[p].seen));
+        let at = |place: Option<Place>| place.and_then(|p| pick(&self.outcomes[p]));
         at(next).or_else(|| at(before).map(|change| -change))
     }
 }

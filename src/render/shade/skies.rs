@@ -8,7 +8,7 @@ use crate::{
     expr::vectorised,
     render::{
         lanes::LANES,
-        outcome::{Outcome, Seen},
+        outcome::Seen,
         sky::{Across, Mask, Vectors, each_vector, first, lane, mask},
         world::World,
     },
@@ -35,14 +35,14 @@ impl Line {
         world: &World,
         width: usize,
         count: usize,
-        row: Option<ArrayView2<'_, Outcome>>,
+        row: Option<ArrayView2<'_, Seen>>,
     ) -> Self {
         let length = (width + 2) * count + LANES;
         let mut exits = vec![NONE; length];
         let [mut x, mut y, mut z] = std::array::from_fn(|_| vec![0.0; length]);
         let mut surfaces = Vec::new();
-        for (i, outcome) in row.iter().flatten().enumerate() {
-            let (exit, direction) = match outcome.seen {
+        for (i, seen) in row.iter().flatten().enumerate() {
+            let (exit, direction) = match *seen {
                 Seen::Surface(_) => {
                     surfaces.push(i);
                     continue;

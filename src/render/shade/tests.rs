@@ -38,13 +38,10 @@ fn sky(stage: &Stage, view: &View, samples: usize, footprints: Footprints) -> Pi
     for offset in offsets(samples).chunks(16) {
         let outcomes = Array3::from_shape_fn((height, width, offset.len()), |(y, x, k)| {
             let at = DVec2::new(x as f64, y as f64) + offset[k];
-            Outcome {
-                seen: Seen::Sky {
-                    exit: 0,
-                    s: 10.0,
-                    direction: view.direction(at.x, at.y).as_vec3(),
-                },
-                flagged: false,
+            Seen::Sky {
+                exit: 0,
+                s: 10.0,
+                direction: view.direction(at.x, at.y).as_vec3(),
             }
         });
         let colours = shade(&stage.world, view, outcomes.view(), samples, footprints);
