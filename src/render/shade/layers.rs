@@ -7,12 +7,7 @@ use crate::{
     geodesic::{Ray, Settings, ends, signed_area},
     manifold::Carried,
     render::{
-        frame::offsets,
-        intersect::Hit,
-        outcome::Seen,
-        picture::Picture,
-        tiles::Place,
-        view::View,
+        frame::offsets, intersect::Hit, outcome::Seen, picture::Picture, tiles::Place, view::View,
         world::World,
     },
 };

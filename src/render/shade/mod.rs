@@ -11,13 +11,7 @@ mod skies;
 
 pub use layers::{area, with_layers};
 
-use super::{
-    footprint::Footprint,
-    intersect::Hit,
-    outcome::Seen,
-    view::View,
-    world::World,
-};
+use super::{footprint::Footprint, intersect::Hit, outcome::Seen, view::View, world::World};
 use glam::{DVec3, Vec3};
 use lamp::Lamp;
 pub(super) use lamp::diffuse;

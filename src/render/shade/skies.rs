@@ -167,7 +167,11 @@ impl Skies<'_> {
                 // One side alone tells the size, as if the picture were not sheared here.
                 let other = lane(&here.directions, l).cross(lane(&one, l));
                 let down = lane(&down, l) * self.spacing;
-                if to_right[l] & downward[l] { down } else { other }
+                if to_right[l] & downward[l] {
+                    down
+                } else {
+                    other
+                }
             },
         );
         [one, two]
@@ -184,11 +188,18 @@ fn changes(here: &Sixteen, [next, before]: &[Sixteen; 2]) -> (Mask, Vectors) {
         known[l] = (next.exits[l] == here.exits[l]) | (before.exits[l] == here.exits[l]);
     }
     for c in 0..3 {
-        let (next_c, here_c, before_c) =
-            (&next.directions[c], &here.directions[c], &before.directions[c]);
+        let (next_c, here_c, before_c) = (
+            &next.directions[c],
+            &here.directions[c],
+            &before.directions[c],
+        );
         for l in 0..LANES {
             let (ahead, behind) = (next_c[l] - here_c[l], here_c[l] - before_c[l]);
-            changes[c][l] = if next.exits[l] == here.exits[l] { ahead } else { behind };
+            changes[c][l] = if next.exits[l] == here.exits[l] {
+                ahead
+            } else {
+                behind
+            };
         }
     }
     (known, changes)
