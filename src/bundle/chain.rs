@@ -3,7 +3,7 @@
 //! In: cores with open axes between their ranks. Out: their product, in the order of the fewest
 //! multiplications.
 
-use super::matrix::product;
+use super::{cores::Core, matrix::product};
 use crate::expr::real::Real;
 
 /// An array (left rank, open axes, right rank).
@@ -14,38 +14,89 @@ pub(super) struct Link<T> {
     pub values: Vec<T>,
 }
 
-impl<T> Link<T> {
+/// A factor of a chain.
+#[derive(Debug, Clone)]
+pub(super) enum Factor<'c, T> {
+    /// Whose numbers are known.
+    Known(Link<T>),
+    /// A core all of whose axes are open, times a unit: as it is kept it is read faster than it is restored.
+    Kept(&'c Core, f64),
+}
+
+impl<T: Real> Factor<'_, T> {
+    pub fn left(&self) -> usize {
+        match self {
+            Self::Known(link) => link.left,
+            Self::Kept(core, _) => core.shape[0],
+        }
+    }
+
+    fn right(&self) -> usize {
+        match self {
+            Self::Known(link) => link.right,
+            Self::Kept(core, _) => core.shape[core.shape.len() - 1],
+        }
+    }
+
     /// The product of the lengths of the open axes.
     fn open(&self) -> usize {
-        self.values.len() / (self.left * self.right).max(1)
+        match self {
+            Self::Known(link) => link.values.len() / (link.left * link.right).max(1),
+            Self::Kept(core, _) => core.shape[1..core.shape.len() - 1].iter().product(),
+        }
+    }
+
+    /// The numbers.
+    pub fn values(self) -> Vec<T> {
+        match self {
+            Self::Known(link) => link.values,
+            Self::Kept(core, unit) => core.closed(&[], unit),
+        }
+    }
+
+    /// The product of this and the next.
+    fn times(self, next: &Self) -> Self {
+        let (left, inner, right) = (self.left(), self.right(), next.right());
+        let a = self.values();
+        let values = match next {
+            Self::Known(link) => product(&a, inner, &link.values),
+            Self::Kept(core, unit) => core.behind(&a, *unit),
+        };
+        Self::Known(Link {
+            left,
+            right,
+            values,
+        })
     }
 }
 
-/// The product of `links`, whose ranks fit: the open axes of all, in their order.
-pub(super) fn chained<T: Real>(mut links: Vec<Link<T>>) -> Vec<T> {
-    while links.len() > 1 {
-        let first = cheapest(&links);
-        let second = links.remove(first + 1);
-        let joined = &mut links[first];
-        joined.values = product(&joined.values, joined.right, &second.values);
-        joined.right = second.right;
+/// The product of `factors`, whose ranks fit: the open axes of all, in their order.
+pub(super) fn chained<T: Real>(mut factors: Vec<Factor<'_, T>>) -> Vec<T> {
+    while factors.len() > 1 {
+        let first = cheapest(&factors);
+        let second = factors.remove(first + 1);
+        let joined = factors.remove(first).times(&second);
+        factors.insert(first, joined);
     }
-    links.pop().map_or(Vec::new(), |link| link.values)
+    factors.pop().map_or(Vec::new(), Factor::values)
 }
 
 /// The first of the two neighbours to be multiplied next: those that belong together in the order of
 /// the fewest multiplications.
-fn cheapest<T>(links: &[Link<T>]) -> usize {
-    let n = links.len();
-    let open = |i: usize, j: usize| -> usize { links[i..=j].iter().map(Link::open).product() };
-    // Fewest multiplications for the links i to j, and after which link they are parted last.
+fn cheapest<T: Real>(factors: &[Factor<'_, T>]) -> usize {
+    let n = factors.len();
+    let open = |i: usize, j: usize| -> usize { factors[i..=j].iter().map(Factor::open).product() };
+    // Fewest multiplications for the factors i to j, and after which link they are parted last.
     let mut best = vec![vec![(0_usize, 0_usize); n]; n];
     for length in 2..=n {
         for i in 0..=n - length {
             let j = i + length - 1;
             let joining = |k: usize| {
-                let ends = links[i].left * open(i, j) * links[j].right;
-                (best[i][k].0 + best[k + 1][j].0 + ends * links[k].right, k)
+                let ends = factors[i].left() * open(i, j) * factors[j].right();
+                (
+                    best[i][k].0 + best[k + 1][j].0 + ends * factors[k].right(),
+                    k,
+                )
             };
             best[i][j] = (i..j).map(joining).min().unwrap_or_default();
         }
@@ -79,13 +130,14 @@ mod tests {
             });
             links.collect::<Vec<_>>()
         };
+        let chained = |from| chained(links(from).into_iter().map(Factor::Known).collect());
         let mut expected = vec![1.0];
         let mut rank = 1;
         for link in links(0) {
             expected = product(&expected, rank, &link.values);
             rank = link.right;
         }
-        assert_eq!(chained(links(0)), expected);
-        assert_eq!(chained(links(3)), links(3)[0].values);
+        assert_eq!(chained(0), expected);
+        assert_eq!(chained(3), links(3)[0].values);
     }
 }

@@ -6,7 +6,8 @@
 use super::{
     bytes::{Damage, Reader, Writer},
     coding::{Coded, Integers},
-    matrix::{scaled, summed},
+    matrix::summed,
+    packed::{Packed, Packing},
     reflections::restored,
     scale::{Power, Scale, Step},
     side::Side,
@@ -22,9 +23,6 @@ pub const MOST_TERMS: usize = 128;
 /// The most integers of a core: far above any that a bake makes.
 const MOST_INTEGERS: u64 = 1 << 24;
 
-/// Bits behind the point that values have at most: their rounding adds nothing to that of the integers.
-const MOST_FRACTION: i32 = 10;
-
 /// A rounded core.
 #[derive(Debug, Clone)]
 pub(super) struct Core {
@@ -32,9 +30,8 @@ pub(super) struct Core {
     pub shape: Vec<usize>,
     /// Which vectors are kept.
     pub side: Side,
-    /// In storage order, in units of 2^−`fraction` steps.
-    values: Vec<i32>,
-    fraction: u32,
+    /// In storage order, in units of the step.
+    values: Packed,
     /// What values are restored from, in the order of the file, in units of the step.
     kept: Vec<i32>,
     /// By what the columns of each right index were multiplied; none after the last core.
@@ -43,18 +40,19 @@ pub(super) struct Core {
 
 impl Core {
     /// Of what is kept of the vectors of one `side`.
-    pub fn new(shape: Vec<usize>, side: Side, kept: Vec<i32>, scales: Vec<Scale>) -> Self {
+    pub fn new(
+        shape: Vec<usize>,
+        side: Side,
+        kept: Vec<i32>,
+        scales: Vec<Scale>,
+        packing: Packing,
+    ) -> Self {
         let vectors = restored(&kept, side.length(&shape));
         let values = side.values(&shape, vectors);
-        let largest = values.iter().fold(1.0, |a: f64, x| a.max(x.abs()));
-        // Without the sign 31 bits, of which rounding up may take part of one.
-        let fraction = (30 - largest.log2().ceil() as i32).clamp(0, MOST_FRACTION) as u32;
-        let unit = f64::from(1 << fraction);
         Self {
-            values: values.iter().map(|x| (x * unit).round() as i32).collect(),
+            values: Packed::new(&values, shape[shape.len() - 1], packing),
             shape,
             side,
-            fraction,
             kept,
             scales,
         }
@@ -68,8 +66,7 @@ impl Core {
     /// The core with the axes that have `weights` summed out, times `unit`, its columns divided by
     /// their scales: a matrix (left rank, open axes × right rank).
     pub fn closed<T: Real>(&self, weights: &[Option<&[T]>], unit: f64) -> Vec<T> {
-        let integer = |x: &i32| T::from_f64(f64::from(*x));
-        let unit = unit / f64::from(1 << self.fraction);
+        let factors = self.factors(unit);
         let mut shape = self.shape.clone();
         let mut values: Option<Vec<T>> = None;
         let mut axis = 1;
@@ -82,19 +79,25 @@ impl Core {
             let right: usize = shape[axis + 1..].iter().product();
             let weights = &weights[..shape[axis]];
             values = Some(match values {
-                None => summed(&self.values, integer, left, right, weights),
+                None => self.values.summed(left, weights, &factors),
                 Some(values) => summed(&values, |x| *x, left, right, weights),
             });
             shape.remove(axis);
         }
-        let divisors = self.scales.iter().map(|s| T::from_f64(unit / s.value()));
-        let divisors: Vec<T> = match self.scales.is_empty() {
-            true => vec![T::from_f64(unit)],
-            false => divisors.collect(),
-        };
-        match values {
-            Some(values) => scaled(&values, |x| *x, &divisors),
-            None => scaled(&self.values, integer, &divisors),
+        values.unwrap_or_else(|| self.values.real(&factors))
+    }
+
+    /// The product of a matrix of rows of the left rank and the core with all its axes, times `unit`, its
+    /// columns divided by their scales.
+    pub fn behind<T: Real>(&self, a: &[T], unit: f64) -> Vec<T> {
+        self.values.product(a, self.shape[0], &self.factors(unit))
+    }
+
+    /// What the columns are to be multiplied by.
+    fn factors(&self, unit: f64) -> Vec<f64> {
+        match self.scales.is_empty() {
+            true => vec![unit; self.shape[self.shape.len() - 1]],
+            false => self.scales.iter().map(|s| unit / s.value()).collect(),
         }
     }
 
@@ -138,7 +141,7 @@ impl Core {
                 .map_err(|_| Damage("scale of a rank"))
         });
         let scales = scales.collect::<Result<_, _>>()?;
-        Ok(Self::new(shape, side, kept, scales))
+        Ok(Self::new(shape, side, kept, scales, Packing::Small))
     }
 }
 

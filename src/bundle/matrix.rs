@@ -88,18 +88,79 @@ fn panels<S: Simd, T: Real>(simd: S, a: &[T], inner: usize, b: &[T]) -> Vec<T> {
             true => (b, width, column),
             false => (&rest[..], lanes, 0),
         };
-        let mut row = 0;
-        while row < rows {
-            let (a, to) = (&a[row * inner..], &mut product[row * width..]);
-            let to = (to, width, column);
-            row += match rows - row {
-                ROWS.. => block::<S, T, ROWS>(simd, (a, inner), panel, to),
-                REST.. => block::<S, T, REST>(simd, (a, inner), panel, to),
-                _ => block::<S, T, 1>(simd, (a, inner), panel, to),
-            };
+        down(simd, (a, inner), panel, (&mut product, width, column));
+    }
+    product
+}
+
+/// The same where `b` is of other numbers, of which `real` makes real ones: a few columns at a time, which
+/// stay in the cache until they are multiplied.
+pub(super) fn product_of<N, T: Real>(
+    a: &[T],
+    inner: usize,
+    b: &[N],
+    real: impl Fn(&N) -> T,
+) -> Vec<T> {
+    dispatch!(Level::new(), simd => simd.vectorize(
+        #[inline(always)]
+        || made(simd, a, inner, b, &real),
+    ))
+}
+
+/// Columns made real at a time, a whole number of vectors.
+const MADE: usize = 128;
+
+#[inline(always)]
+fn made<S: Simd, N, T: Real>(
+    simd: S,
+    a: &[T],
+    inner: usize,
+    b: &[N],
+    real: impl Fn(&N) -> T,
+) -> Vec<T> {
+    let (rows, width, lanes) = (a.len() / inner, b.len() / inner, T::Vector::<S>::LEN);
+    let mut product = vec![T::ZERO; rows * width];
+    let stride = MADE.min(width.next_multiple_of(lanes));
+    let mut columns = vec![T::ZERO; inner * stride];
+    for first in (0..width).step_by(MADE) {
+        let count = MADE.min(width - first);
+        for (to, line) in columns.chunks_exact_mut(stride).zip(b.chunks_exact(width)) {
+            for (to, x) in to.iter_mut().zip(&line[first..first + count]) {
+                *to = real(x);
+            }
+        }
+        for column in (0..count).step_by(lanes) {
+            let panel = (&columns[..], stride, column);
+            down(
+                simd,
+                (a, inner),
+                panel,
+                (&mut product, width, first + column),
+            );
         }
     }
     product
+}
+
+/// All rows of a product in the columns of one vector.
+#[inline(always)]
+fn down<S: Simd, T: Real>(
+    simd: S,
+    (a, inner): (&[T], usize),
+    panel: (&[T], usize, usize),
+    (product, width, column): (&mut [T], usize, usize),
+) {
+    let rows = a.len() / inner;
+    let mut row = 0;
+    while row < rows {
+        let (a, to) = (&a[row * inner..], &mut product[row * width..]);
+        let to = (to, width, column);
+        row += match rows - row {
+            ROWS.. => block::<S, T, ROWS>(simd, (a, inner), panel, to),
+            REST.. => block::<S, T, REST>(simd, (a, inner), panel, to),
+            _ => block::<S, T, 1>(simd, (a, inner), panel, to),
+        };
+    }
 }
 
 /// The last columns of `b`, fewer than `lanes`, filled up with zeros.

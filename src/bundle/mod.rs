@@ -20,6 +20,7 @@ mod layout;
 mod matrix;
 pub mod measure;
 mod outlier;
+mod packed;
 mod polynomial;
 mod random_rays;
 mod rays;

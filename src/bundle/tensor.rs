@@ -16,7 +16,7 @@
 
 use super::{
     bytes::{Damage, Reader, Writer},
-    chain::{Link, chained},
+    chain::{Factor, Link, chained},
     coding::{Coded, Integers},
     contracted::Contracted,
     cores::Core,
@@ -74,6 +74,17 @@ impl Tensor {
             .collect()
     }
 
+    /// The same as factors of a product.
+    fn factors<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Factor<'_, T>> {
+        let axes = self.table_axes();
+        let factors = axes.iter().zip(&self.cores);
+        let factor = |(axes, core): (&Vec<usize>, _)| match axes[..] {
+            [axis] if weights[axis].is_none() => Factor::Kept(core, self.step.value()),
+            _ => Factor::Known(self.link(axes, core, weights)),
+        };
+        factors.map(factor).collect()
+    }
+
     /// One of them, over `axes`.
     fn link<T: Real>(&self, axes: &[usize], core: &Core, weights: &[Option<&[T]>]) -> Link<T> {
         let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
@@ -124,14 +135,14 @@ impl Tensor {
         let shape = self.shape();
         let weights = &self.variables.weights::<f32>(&shape, camera)[0];
         let weights = open_beyond(weights, shape.len());
-        let mut links = self.links(&weights);
+        let mut factors = self.factors(&weights);
         let row: usize = shape[shape.len() - 2..].iter().product();
         // The last core, over arc length and channel, is worth multiplying only for few directions.
-        let split = links.len() > 1;
-        let rows = links.pop_if(|last| split && last.left < row);
-        let width = rows.as_ref().map_or(row, |rows| rows.left);
-        let table = in_table_order(chained(links), &self.open(&weights), &shape, width);
-        let rows = rows.map(|rows| rows.values);
+        let split = factors.len() > 1;
+        let rows = factors.pop_if(|last| split && last.left() < row);
+        let width = rows.as_ref().map_or(row, Factor::left);
+        let table = in_table_order(chained(factors), &self.open(&weights), &shape, width);
+        let rows = rows.map(Factor::values);
         Contracted::new(&shape[camera.len()..], &table, rows, self.variables)
     }
 
@@ -151,7 +162,10 @@ impl Tensor {
         let others = sets[1..].iter().map(|weights| self.turned(&links, weights));
         let mut all: Vec<Vec<Link<T>>> = others.collect();
         all.push(links);
-        let sum = |links| in_table_order(chained(links), &open, &shape, row);
+        let sum = |links: Vec<Link<T>>| {
+            let factors = links.into_iter().map(Factor::Known).collect();
+            in_table_order(chained(factors), &open, &shape, row)
+        };
         added(&all.into_iter().map(sum).collect::<Vec<_>>())
     }
 

@@ -6,6 +6,7 @@ use super::{
     cores::Core,
     grade::graded,
     layout::Layout,
+    packed::Packing,
     polynomial::Polynomial,
     rounding::{nearest, rounded},
     scale::{Scale, Step},
@@ -159,7 +160,7 @@ fn rounded_core(
     }
     let vectors = side.vectors(&shape, core.iter().copied().collect());
     let kept = round(&side.shape(&shape), side.length(&shape), &vectors);
-    Core::new(shape, side, kept, behind.scales.clone())
+    Core::new(shape, side, kept, behind.scales.clone(), Packing::Close)
 }
 
 /// Multiplies the parts of `core` at each index of `axis`.

@@ -51,6 +51,8 @@ pub trait Real:
 
     /// The nearest number of this type.
     fn from_f64(x: f64) -> Self;
+    /// The nearest number of this type.
+    fn from_i32(x: i32) -> Self;
     /// The same number, exactly.
     fn to_f64(self) -> f64;
     /// `yes` where the mask holds, else `no`; both are computed.
@@ -123,6 +125,10 @@ macro_rules! implement_real {
             #[inline(always)]
             fn from_f64(x: f64) -> Self {
                 $from_f64(x)
+            }
+            #[inline(always)]
+            fn from_i32(x: i32) -> Self {
+                x as Self
             }
             #[inline(always)]
             fn to_f64(self) -> f64 {
