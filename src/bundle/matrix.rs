@@ -40,15 +40,63 @@ pub(super) fn summed<N, T: Real>(
         || {
             let blocks = values.chunks_exact(weights.len() * right);
             for (sum, block) in sums.chunks_exact_mut(right).zip(blocks) {
-                for (part, w) in block.chunks_exact(right).zip(weights) {
-                    for (s, x) in sum.iter_mut().zip(part) {
-                        *s += *w * real(x);
-                    }
+                match right <= NEAR {
+                    true => add_columns(sum, block, &real, weights),
+                    false => add_rows(sum, block, &real, weights),
                 }
             }
         },
     );
     sums
+}
+
+/// Longest rows of which a few columns at a time are added up: those of longer rows lie too far apart.
+const NEAR: usize = 1024;
+
+/// Adds weighted rows, one after the other.
+#[inline(always)]
+fn add_rows<N, T: Real>(sum: &mut [T], rows: &[N], real: &impl Fn(&N) -> T, weights: &[T]) {
+    for (row, w) in rows.chunks_exact(sum.len()).zip(weights) {
+        for (s, x) in sum.iter_mut().zip(row) {
+            *s += *w * real(x);
+        }
+    }
+}
+
+/// The same, a few columns after the other: their sums stay in registers.
+#[inline(always)]
+fn add_columns<N, T: Real>(sum: &mut [T], rows: &[N], real: &impl Fn(&N) -> T, weights: &[T]) {
+    const MANY: usize = 64;
+    const FEW: usize = 16;
+    let mut first = 0;
+    while first < sum.len() {
+        first += match sum.len() - first {
+            MANY.. => add_some::<N, T, MANY>(sum, first, rows, real, weights),
+            FEW.. => add_some::<N, T, FEW>(sum, first, rows, real, weights),
+            _ => add_some::<N, T, 1>(sum, first, rows, real, weights),
+        };
+    }
+}
+
+/// The sums of `C` columns from the `first` on; `C`.
+#[inline(always)]
+fn add_some<N, T: Real, const C: usize>(
+    sum: &mut [T],
+    first: usize,
+    rows: &[N],
+    real: &impl Fn(&N) -> T,
+    weights: &[T],
+) -> usize {
+    let mut sums = [T::ZERO; C];
+    for (row, w) in rows.chunks_exact(sum.len()).zip(weights) {
+        if let Some(row) = row[first..].first_chunk::<C>() {
+            for c in 0..C {
+                sums[c] += *w * real(&row[c]);
+            }
+        }
+    }
+    sum[first..first + C].copy_from_slice(&sums);
+    C
 }
 
 /// The sum of rows.

@@ -21,6 +21,8 @@ pub(super) struct Packed {
 struct Part {
     /// How many.
     width: usize,
+    /// How many with those of zeros that make whole vectors of them.
+    padded: usize,
     /// What one of its integers stands for.
     unit: f64,
     numbers: Numbers,
@@ -100,7 +102,7 @@ impl Packed {
     pub fn summed<T: Real>(&self, left: usize, weights: &[T], factors: &[f64]) -> Vec<T> {
         let right = self.count / (left * weights.len() * factors.len());
         self.beside(factors, |part, factors| {
-            let right = right * part.width;
+            let right = right * part.padded;
             let sums: Vec<T> =
                 of_any_size!(&part.numbers, x => summed(x, real, left, right, weights));
             scaled(&sums, |x| *x, factors)
@@ -110,6 +112,9 @@ impl Packed {
     /// The product of a matrix of rows of `inner` and the numbers as a matrix of `inner` rows, times the factors
     /// of the columns.
     pub fn product<T: Real>(&self, a: &[T], inner: usize, factors: &[f64]) -> Vec<T> {
+        if a.len() == inner {
+            return self.summed(1, a, factors);
+        }
         self.beside(factors, |part, factors| {
             let product: Vec<T> = of_any_size!(&part.numbers, x => product_of(a, inner, x, real));
             scaled(&product, |x| *x, factors)
@@ -121,28 +126,31 @@ impl Packed {
         let mut first = 0;
         let made = self.parts.iter().map(|part| {
             let factors = factors[first..first + part.width].iter();
-            let factors: Vec<T> = factors.map(|f| T::from_f64(f * part.unit)).collect();
+            let mut factors: Vec<T> = factors.map(|f| T::from_f64(f * part.unit)).collect();
+            factors.resize(part.padded, T::ZERO);
             first += part.width;
-            (part.width, work(part, &factors))
+            work(part, &factors)
         });
-        let mut made: Vec<(usize, Vec<T>)> = made.collect();
-        if let [(_, _)] = &made[..] {
-            return made.swap_remove(0).1;
+        let mut made: Vec<Vec<T>> = made.collect();
+        match &self.parts[..] {
+            [part] if part.width == part.padded => made.swap_remove(0),
+            parts => side_by_side(parts, &made),
         }
-        side_by_side(&made)
     }
 }
 
-/// Matrices of the same number of rows, and how wide they are, as one.
-fn side_by_side<T: Real>(matrices: &[(usize, Vec<T>)]) -> Vec<T> {
-    let row: usize = matrices.iter().map(|(width, _)| width).sum();
-    let count: usize = matrices.iter().map(|(_, values)| values.len()).sum();
-    let mut all = vec![T::ZERO; count];
+/// Matrices of the columns of `parts` as one.
+fn side_by_side<T: Real>(parts: &[Part], matrices: &[Vec<T>]) -> Vec<T> {
+    let row: usize = parts.iter().map(|part| part.width).sum();
+    let mut all = vec![T::ZERO; matrices[0].len() / parts[0].padded * row];
     let mut first = 0;
-    for (width, values) in matrices {
-        let rows = all.chunks_exact_mut(row).zip(values.chunks_exact(*width));
-        rows.for_each(|(to, from)| to[first..first + width].copy_from_slice(from));
-        first += width;
+    for (part, values) in parts.iter().zip(matrices) {
+        let columns = first..first + part.width;
+        let rows = all
+            .chunks_exact_mut(row)
+            .zip(values.chunks_exact(part.padded));
+        rows.for_each(|(to, from)| to[columns.clone()].copy_from_slice(&from[..part.width]));
+        first += part.width;
     }
     all
 }
@@ -208,8 +216,14 @@ impl Part {
     /// Of some columns of rows of `row` numbers.
     fn new(values: &[f64], row: usize, columns: std::ops::Range<usize>, size: Size) -> Self {
         let width = columns.len();
+        let padded = match row < COLUMNS {
+            true => width,
+            false => width.next_multiple_of(COLUMNS),
+        };
+        let zeros = [0.0; COLUMNS];
         let own = values.chunks_exact(row);
-        let own: Vec<f64> = own.flat_map(|row| &row[columns.clone()]).copied().collect();
+        let own = own.flat_map(|row| row[columns.clone()].iter().chain(&zeros[..padded - width]));
+        let own: Vec<f64> = own.copied().collect();
         let largest = own.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
         let fraction = size.fraction(largest).max(0);
         let unit = f64::from(1 << fraction);
@@ -221,6 +235,7 @@ impl Part {
         };
         Self {
             width,
+            padded,
             unit: 1.0 / unit,
             numbers,
         }
