@@ -73,12 +73,12 @@ fn depths_and_weights_are_those_of_the_straight_lines() {
         hits += 1;
         let d = view.direction(x as f64 + 0.5, y as f64 + 0.5);
         let v = stage.world.manifold.standard_frame(view.u) * d;
-        // Weights are in single precision.
-        assert!((view.u + v * hit.s - stage.world.point(&hit)).length() < 1e-6);
+        // Weights and arc lengths are in single precision.
+        assert!((view.u + v * f64::from(hit.s) - stage.world.point(&hit)).length() < 1e-6);
         let nearer = stage
             .world
             .accelerator
-            .first_hit_on_chord(view.u, view.u + v * (hit.s * 1.001));
+            .first_hit_on_chord(view.u, view.u + v * (f64::from(hit.s) * 1.001));
         let nearer = nearer.expect("the triangle is on the line");
         assert!((nearer.t * 1.001 - 1.0).abs() < 1e-7, "{x} {y}");
     }

@@ -216,6 +216,7 @@ mod tests {
     use crate::{
         bundle::{Chunk, Division, Polynomial, Step, Stretch, Train, Tree, Variables},
         diagnostic::SourceText,
+        error::Error,
         fan::FanSpace,
         manifold::Manifold,
     };

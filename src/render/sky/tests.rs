@@ -1,4 +1,4 @@
-use super::*;
+use super::{sixteen::put, *};
 
 /// A 8 × 4 picture whose pixel at row `r`, column `c` is `[r, c, 1]`.
 fn numbered() -> Sky {
