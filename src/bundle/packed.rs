@@ -2,9 +2,9 @@
 //!
 //! In: rows of numbers in units of a step. Out: sums and products of them. To fix a camera all numbers
 //! of its patches are read from memory, and that takes longer than to add them up. Most are small: on the
-//! box of three bumps half of them fit a byte with three bits behind the point. What is large stands in
-//! the first columns, because ranks are sorted by their singular values, so columns with numbers of one
-//! size are kept side by side ([`Part`]).
+//! box of three bumps nearly half stand in columns that fit bytes with three bits behind the point, nearly
+//! all others in columns that fit two bytes. What is large stands in the first columns, because ranks are sorted
+//! by their singular values, so columns with numbers of one size are kept side by side ([`Part`]).
 
 use super::matrix::{product_of, scaled, summed};
 use crate::expr::real::Real;
@@ -169,18 +169,19 @@ enum Size {
 }
 
 impl Size {
-    /// Bits without the sign.
-    fn bits(self) -> i32 {
+    /// The largest integer; of the longest a bit is spared for sums.
+    fn most(self) -> i32 {
         match self {
-            Size::Byte => 7,
-            Size::Short => 15,
-            Size::Long => 31,
+            Size::Byte => i8::MAX.into(),
+            Size::Short => i16::MAX.into(),
+            Size::Long => 1 << 30,
         }
     }
 
-    /// Bits behind the point of numbers up to `largest`; rounding up may take part of one.
+    /// Bits behind the point of numbers up to `largest`.
     fn fraction(self, largest: f64) -> i32 {
-        (self.bits() - 1 - largest.max(1.0).log2().ceil() as i32).min(MOST_FRACTION)
+        let room = f64::from(self.most()) / largest.max(1.0);
+        (room.log2().floor() as i32).min(MOST_FRACTION)
     }
 
     /// The smallest for numbers up to `largest`.

@@ -154,6 +154,7 @@ fn trace_tiles(
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = Found::split(&mut outcomes);
+    // One by one: a few tiles take as long as many others, and they stand together.
     tiles.par_iter_mut().with_max_len(1).for_each_init(
         || Desk::new(&samples.world.manifold, tracer.knots()),
         |desk, found| tile(desk, found),
