@@ -8,7 +8,7 @@ use super::{
 use glam::Vec3;
 
 /// What a ray finds at last. Kept small (32 bytes), because a frame writes and reads one for every sample:
-/// with 48 frames take two hundredths longer.
+/// with 48 frames of 1280 × 720 take 1.15 times as long on two threads.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Seen {
     /// A triangle.
