@@ -24,6 +24,7 @@ pub(super) enum Factor<'c, T> {
 }
 
 impl<T: Real> Factor<'_, T> {
+    /// The left rank.
     pub fn left(&self) -> usize {
         match self {
             Self::Known(link) => link.left,
@@ -86,7 +87,7 @@ pub(super) fn chained<T: Real>(mut factors: Vec<Factor<'_, T>>) -> Vec<T> {
 fn cheapest<T: Real>(factors: &[Factor<'_, T>]) -> usize {
     let n = factors.len();
     let open = |i: usize, j: usize| -> usize { factors[i..=j].iter().map(Factor::open).product() };
-    // Fewest multiplications for the factors i to j, and after which link they are parted last.
+    // Fewest multiplications for the factors i to j, and after which of them they are parted last.
     let mut best = vec![vec![(0_usize, 0_usize); n]; n];
     for length in 2..=n {
         for i in 0..=n - length {

@@ -252,11 +252,14 @@ impl Rung<'_, '_, '_> {
     /// each knot to the next: what those between knots miss the path by falls by fifteen to the fourth.
     pub(super) fn refine(&self, s: &[f64], rows: &mut [f64]) {
         let knots = &self.strip.knots;
-        let mut k = 0;
+        let mut known: Option<usize> = None;
         for (i, &at) in s.iter().enumerate() {
-            while k + 2 < knots.len() && at > knots[k + 1] {
-                k += 1;
-            }
+            // What ends a piece belongs to it, what begins one does not ask for the piece before.
+            let k = known.filter(|k| at <= knots[k + 1]).unwrap_or_else(|| {
+                let next = knots.partition_point(|knot| *knot <= at);
+                next.clamp(1, knots.len() - 1) - 1
+            });
+            known = Some(k);
             let part = self.part(k, at);
             let t = (at - part.s[0]) / (part.s[1] - part.s[0]);
             put(rows, i, (part.position(t), part.tangent(t)));
