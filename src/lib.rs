@@ -1,4 +1,4 @@
-// Not `forbid`: the slices that `ndarray::s!` writes allow unsafe code for themselves.
+// Not `forbid`: the slices that `ndarray::s!` writes allow unsafe code for themselves, and `prefetch` needs it.
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 //! geofan: precomputed geodesic lookup tables for curved 3-dimensional spaces.
@@ -27,7 +27,7 @@
 //! 7. [`render`] makes a picture: paths from a tracer, intersected with the scene, shaded.
 //!
 //! [`terminal`] is what the two programs share with a command line. [`error`], [`files`],
-//! [`quantiles`], [`random`] and [`spelling`] serve every stage.
+//! `prefetch`, [`quantiles`], [`random`] and [`spelling`] serve every stage.
 //!
 //! # Example
 //!
@@ -109,6 +109,7 @@ pub mod fan;
 pub mod files;
 pub mod geodesic;
 pub mod manifold;
+mod prefetch;
 pub mod quantiles;
 pub mod random;
 pub mod render;

@@ -11,6 +11,7 @@ use std::{
 /// The stages in order; modules of one line may import each other.
 const STAGES: &[&[&str]] = &[
     &[
+        "prefetch",
         "spelling",
         "diagnostic",
         "error",

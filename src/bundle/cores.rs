@@ -50,7 +50,7 @@ impl Core {
         let vectors = restored(&kept, side.length(&shape));
         let values = side.values(&shape, vectors);
         Self {
-            values: Packed::new(&values, shape[shape.len() - 1], packing),
+            values: Packed::new(&values, row(&shape), packing),
             shape,
             side,
             kept,
@@ -80,7 +80,7 @@ impl Core {
             let weights = &weights[..shape[axis]];
             values = Some(match values {
                 None => self.values.summed(left, weights, &factors),
-                Some(values) => summed(&values, |x| *x, left, right, weights),
+                Some(values) => summed(&values, left, right, weights),
             });
             shape.remove(axis);
         }
@@ -96,7 +96,7 @@ impl Core {
     /// What the columns are to be multiplied by.
     fn factors(&self, unit: f64) -> Vec<f64> {
         match self.scales.is_empty() {
-            true => vec![unit; self.shape[self.shape.len() - 1]],
+            true => vec![unit; row(&self.shape)],
             false => self.scales.iter().map(|s| unit / s.value()).collect(),
         }
     }
@@ -143,6 +143,13 @@ impl Core {
         let scales = scales.collect::<Result<_, _>>()?;
         Ok(Self::new(shape, side, kept, scales, Packing::Small))
     }
+}
+
+/// The length of the rows in which the numbers of a core are kept: those of a right index each, in the last
+/// core of arc length and channel.
+fn row(shape: &[usize]) -> usize {
+    let axes = if shape.len() > 3 { shape.len() - 3 } else { 2 };
+    shape[axes..].iter().product()
 }
 
 /// The shape of a core whose left rank is `left`.

@@ -5,98 +5,42 @@
 //! that the bits are the same however many threads there are, and on all machines that add products
 //! without rounding them.
 
+use super::packed::BESIDE;
 use crate::expr::{real::Real, vectorised};
 use fearless_simd::{Level, Simd, SimdBase, SimdFloat, dispatch};
-use std::array::from_fn;
+use std::{array::from_fn, ops::Range};
 
-/// The numbers of rows as long as `factors`, times these.
-pub(super) fn scaled<N, T: Real>(values: &[N], real: impl Fn(&N) -> T, factors: &[T]) -> Vec<T> {
-    let mut to = vec![T::ZERO; values.len()];
+/// Multiplies the numbers of rows as long as `factors` by these.
+pub(super) fn scale<T: Real>(values: &mut [T], factors: &[T]) {
     vectorised(
         #[inline(always)]
         || {
-            let rows = values.chunks_exact(factors.len());
-            for (to, row) in to.chunks_exact_mut(factors.len()).zip(rows) {
-                for ((to, x), factor) in to.iter_mut().zip(row).zip(factors) {
-                    *to = real(x) * *factor;
+            for row in values.chunks_exact_mut(factors.len()) {
+                for (x, factor) in row.iter_mut().zip(factors) {
+                    *x *= *factor;
                 }
             }
         },
     );
-    to
 }
 
 /// `Σ_i w_i x[a, i, b]` for an array (left, weights, right).
-pub(super) fn summed<N, T: Real>(
-    values: &[N],
-    real: impl Fn(&N) -> T,
-    left: usize,
-    right: usize,
-    weights: &[T],
-) -> Vec<T> {
+pub(super) fn summed<T: Real>(values: &[T], left: usize, right: usize, weights: &[T]) -> Vec<T> {
     let mut sums = vec![T::ZERO; left * right];
     vectorised(
         #[inline(always)]
         || {
             let blocks = values.chunks_exact(weights.len() * right);
             for (sum, block) in sums.chunks_exact_mut(right).zip(blocks) {
-                match right <= NEAR {
-                    true => add_columns(sum, block, &real, weights),
-                    false => add_rows(sum, block, &real, weights),
+                for (row, w) in block.chunks_exact(right).zip(weights) {
+                    for (s, x) in sum.iter_mut().zip(row) {
+                        *s += *w * *x;
+                    }
                 }
             }
         },
     );
     sums
-}
-
-/// Longest rows of which a few columns at a time are added up: those of longer rows lie too far apart.
-const NEAR: usize = 1024;
-
-/// Adds weighted rows, one after the other.
-#[inline(always)]
-fn add_rows<N, T: Real>(sum: &mut [T], rows: &[N], real: &impl Fn(&N) -> T, weights: &[T]) {
-    for (row, w) in rows.chunks_exact(sum.len()).zip(weights) {
-        for (s, x) in sum.iter_mut().zip(row) {
-            *s += *w * real(x);
-        }
-    }
-}
-
-/// The same, a few columns after the other: their sums stay in registers.
-#[inline(always)]
-fn add_columns<N, T: Real>(sum: &mut [T], rows: &[N], real: &impl Fn(&N) -> T, weights: &[T]) {
-    const MANY: usize = 64;
-    const FEW: usize = 16;
-    let mut first = 0;
-    while first < sum.len() {
-        first += match sum.len() - first {
-            MANY.. => add_some::<N, T, MANY>(sum, first, rows, real, weights),
-            FEW.. => add_some::<N, T, FEW>(sum, first, rows, real, weights),
-            _ => add_some::<N, T, 1>(sum, first, rows, real, weights),
-        };
-    }
-}
-
-/// The sums of `C` columns from the `first` on; `C`.
-#[inline(always)]
-fn add_some<N, T: Real, const C: usize>(
-    sum: &mut [T],
-    first: usize,
-    rows: &[N],
-    real: &impl Fn(&N) -> T,
-    weights: &[T],
-) -> usize {
-    let mut sums = [T::ZERO; C];
-    for (row, w) in rows.chunks_exact(sum.len()).zip(weights) {
-        if let Some(row) = row[first..].first_chunk::<C>() {
-            for c in 0..C {
-                sums[c] += *w * real(&row[c]);
-            }
-        }
-    }
-    sum[first..first + C].copy_from_slice(&sums);
-    C
 }
 
 /// The sum of rows.
@@ -125,88 +69,115 @@ const REST: usize = 2;
 /// Rows of `b` for which the ends of slices are looked at once.
 const STRIDE: usize = 8;
 
-/// The same by as many columns at a time as a vector has: they stay in the cache for all rows.
+/// The same by as many columns at a time as a vector or two have: they stay in the cache for all rows.
 #[inline(always)]
 fn panels<S: Simd, T: Real>(simd: S, a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let (rows, width, lanes) = (a.len() / inner, b.len() / inner, T::Vector::<S>::LEN);
     let mut product = vec![T::ZERO; rows * width];
-    let rest = rest(b, width, lanes);
-    for column in (0..width).step_by(lanes) {
-        let panel = match column + lanes <= width {
-            true => (b, width, column),
-            false => (&rest[..], lanes, 0),
-        };
-        down(simd, (a, inner), panel, (&mut product, width, column));
+    let whole = width / lanes;
+    let columns = 0..whole * lanes;
+    let line = |vector: usize| &b[vector * lanes..];
+    across(
+        simd,
+        (a, inner),
+        (line, width),
+        (&mut product, width, columns),
+    );
+    if whole * lanes < width {
+        let rest = rest(b, width, lanes);
+        let to = (&mut product[..], width, whole * lanes..width);
+        down::<S, T, 1>(simd, (a, inner), ([&rest], lanes), to);
     }
     product
 }
 
-/// The same where `b` is of other numbers, of which `real` makes real ones: a few columns at a time, which
-/// stay in the cache until they are multiplied.
-pub(super) fn product_of<N, T: Real>(
-    a: &[T],
-    inner: usize,
-    b: &[N],
-    real: impl Fn(&N) -> T,
+/// The same where the columns of `b` are made as they are needed: `make` makes those of one of some `strips`,
+/// each `width` columns, sixteen beside each other for all rows before the next sixteen, filled up
+/// with zeros. So they stay in the cache until they are multiplied.
+pub(super) fn product_of<T: Real>(
+    (a, inner): (&[T], usize),
+    (strips, width): (usize, usize),
+    make: impl Fn(usize, &mut [[T; BESIDE]]),
 ) -> Vec<T> {
     dispatch!(Level::new(), simd => simd.vectorize(
         #[inline(always)]
-        || made(simd, a, inner, b, &real),
+        || by_strips(simd, (a, inner), (strips, width), make),
     ))
 }
 
-/// Columns made real at a time, a whole number of vectors.
-const MADE: usize = 128;
-
 #[inline(always)]
-fn made<S: Simd, N, T: Real>(
+fn by_strips<S: Simd, T: Real>(
     simd: S,
-    a: &[T],
-    inner: usize,
-    b: &[N],
-    real: impl Fn(&N) -> T,
+    (a, inner): (&[T], usize),
+    (strips, width): (usize, usize),
+    make: impl Fn(usize, &mut [[T; BESIDE]]),
 ) -> Vec<T> {
-    let (rows, width, lanes) = (a.len() / inner, b.len() / inner, T::Vector::<S>::LEN);
-    let mut product = vec![T::ZERO; rows * width];
-    let stride = MADE.min(width.next_multiple_of(lanes));
-    let mut columns = vec![T::ZERO; inner * stride];
-    for first in (0..width).step_by(MADE) {
-        let count = MADE.min(width - first);
-        for (to, line) in columns.chunks_exact_mut(stride).zip(b.chunks_exact(width)) {
-            for (to, x) in to.iter_mut().zip(&line[first..first + count]) {
-                *to = real(x);
-            }
-        }
-        for column in (0..count).step_by(lanes) {
-            let panel = (&columns[..], stride, column);
-            down(
-                simd,
-                (a, inner),
-                panel,
-                (&mut product, width, first + column),
-            );
-        }
+    let row = strips * width;
+    let lanes = T::Vector::<S>::LEN;
+    let mut product = vec![T::ZERO; a.len() / inner * row];
+    let mut panels = vec![[T::ZERO; BESIDE]; inner * width.div_ceil(BESIDE)];
+    for strip in 0..strips {
+        make(strip, &mut panels);
+        let line = |vector: usize| {
+            let column = vector * lanes;
+            &panels[column / BESIDE * inner..].as_flattened()[column % BESIDE..]
+        };
+        let columns = strip * width..(strip + 1) * width;
+        across(
+            simd,
+            (a, inner),
+            (line, BESIDE),
+            (&mut product, row, columns),
+        );
     }
     product
 }
 
-/// All rows of a product in the columns of one vector.
+/// All rows of a product in some `columns`, of which the vectors begin with those that `line` tells, each
+/// `stride` behind the one before.
 #[inline(always)]
-fn down<S: Simd, T: Real>(
+fn across<'b, S: Simd, T: Real>(
+    simd: S,
+    a: (&[T], usize),
+    (line, stride): (impl Fn(usize) -> &'b [T], usize),
+    (product, width, columns): (&mut [T], usize, Range<usize>),
+) {
+    // Sums of one vector wait for each other where it is one register; two such fit 32 of them.
+    let two = S::f32s::LEN >= 16;
+    let lanes = T::Vector::<S>::LEN;
+    let count = columns.len().div_ceil(lanes);
+    let mut vector = 0;
+    while vector < count {
+        let to = columns.start + vector * lanes..columns.end;
+        let to = (&mut *product, width, to);
+        if two && vector + 1 < count {
+            let lines = [line(vector), line(vector + 1)];
+            down::<S, T, 2>(simd, a, (lines, stride), to);
+            vector += 2;
+        } else {
+            down::<S, T, 1>(simd, a, ([line(vector)], stride), to);
+            vector += 1;
+        }
+    }
+}
+
+/// All rows of a product in the columns of `V` vectors.
+#[inline(always)]
+fn down<S: Simd, T: Real, const V: usize>(
     simd: S,
     (a, inner): (&[T], usize),
-    panel: (&[T], usize, usize),
-    (product, width, column): (&mut [T], usize, usize),
+    lines: ([&[T]; V], usize),
+    (product, width, columns): (&mut [T], usize, Range<usize>),
 ) {
     let rows = a.len() / inner;
     let mut row = 0;
     while row < rows {
         let (a, to) = (&a[row * inner..], &mut product[row * width..]);
-        let to = (to, width, column);
+        let to = (to, width, columns.clone());
         row += match rows - row {
-            ROWS.. => block::<S, T, ROWS>(simd, (a, inner), panel, to),
-            REST.. => block::<S, T, REST>(simd, (a, inner), panel, to),
-            _ => block::<S, T, 1>(simd, (a, inner), panel, to),
+            ROWS.. => block::<S, T, ROWS, V>(simd, (a, inner), lines, to),
+            REST.. => block::<S, T, REST, V>(simd, (a, inner), lines, to),
+            _ => block::<S, T, 1, V>(simd, (a, inner), lines, to),
         };
     }
 }
@@ -224,55 +195,68 @@ fn rest<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
     rest
 }
 
-/// The first `R` rows of a product in the columns of one vector, from column `first` of `b` on: sums that
-/// stay in registers; `R`.
+/// The first `R` rows of a product in the first columns of some, `V` vectors of them or as many as there are:
+/// sums that stay in registers; `R`. Lines of `b` are `stride` apart.
 #[inline(always)]
-fn block<S: Simd, T: Real, const R: usize>(
+fn block<S: Simd, T: Real, const R: usize, const V: usize>(
     simd: S,
     (a, inner): (&[T], usize),
-    (b, stride, first): (&[T], usize, usize),
-    (to, width, column): (&mut [T], usize, usize),
+    (b, stride): ([&[T]; V], usize),
+    (to, width, columns): (&mut [T], usize, Range<usize>),
 ) -> usize {
     let lanes = T::Vector::<S>::LEN;
-    let mut sums = [T::Vector::<S>::splat(simd, T::ZERO); R];
+    let mut sums = [[T::Vector::<S>::splat(simd, T::ZERO); V]; R];
     let rows: [(&[[T; STRIDE]], &[T]); R] = from_fn(
         #[inline(always)]
         |r| a[r * inner..][..inner].as_chunks(),
     );
-    let mut lines = b.chunks_exact(STRIDE * stride);
-    for (k, lines) in lines.by_ref().take(inner / STRIDE).enumerate() {
+    let strides = inner / STRIDE;
+    for k in 0..strides {
         let x: [&[T; STRIDE]; R] = from_fn(
             #[inline(always)]
             |r| &rows[r].0[k],
         );
+        let lines = b.map(
+            #[inline(always)]
+            |b| &b[k * STRIDE * stride..],
+        );
         for j in 0..STRIDE {
-            add_line(simd, &mut sums, &lines[j * stride + first..], |r| x[r][j]);
+            add_line(simd, &mut sums, lines, j * stride, |r| x[r][j]);
         }
     }
-    for (k, line) in lines.remainder().chunks_exact(stride).enumerate() {
-        add_line(simd, &mut sums, &line[first..], |r| rows[r].1[k]);
+    for k in 0..inner % STRIDE {
+        let line = (strides * STRIDE + k) * stride;
+        add_line(simd, &mut sums, b, line, |r| rows[r].1[k]);
     }
-    for (row, sum) in to.chunks_mut(width).zip(&sums) {
-        let to = &mut row[column..width.min(column + lanes)];
-        match to.len() == lanes {
-            true => sum.store_slice(to),
-            false => to.copy_from_slice(&sum.as_slice()[..to.len()]),
+    for (row, sums) in to.chunks_mut(width).zip(&sums) {
+        for (to, sum) in row[columns.clone()].chunks_mut(lanes).zip(sums) {
+            match to.len() == lanes {
+                true => sum.store_slice(to),
+                false => to.copy_from_slice(&sum.as_slice()[..to.len()]),
+            }
         }
     }
     R
 }
 
-/// Adds the first numbers of a `line`, times the `factor` of each row, to the sums.
+/// Adds the numbers of a `line`, times the `factor` of each row, to the sums.
 #[inline(always)]
-fn add_line<S: Simd, T: Real, const R: usize>(
+fn add_line<S: Simd, T: Real, const R: usize, const V: usize>(
     simd: S,
-    sums: &mut [T::Vector<S>; R],
-    line: &[T],
+    sums: &mut [[T::Vector<S>; V]; R],
+    lines: [&[T]; V],
+    line: usize,
     factor: impl Fn(usize) -> T,
 ) {
-    let line = T::Vector::from_slice(simd, &line[..T::Vector::<S>::LEN]);
-    for (r, sum) in sums.iter_mut().enumerate() {
-        *sum = T::Vector::splat(simd, factor(r)).mul_add(line, *sum);
+    let line = lines.map(
+        #[inline(always)]
+        |b| T::Vector::from_slice(simd, &b[line..line + T::Vector::<S>::LEN]),
+    );
+    for (r, sums) in sums.iter_mut().enumerate() {
+        let factor = T::Vector::splat(simd, factor(r));
+        for (sum, line) in sums.iter_mut().zip(line) {
+            *sum = factor.mul_add(line, *sum);
+        }
     }
 }
 
@@ -312,12 +296,11 @@ mod tests {
 
     #[test]
     fn an_axis_is_summed_out_with_weights() {
-        let values: Vec<i32> = (0..2 * 3 * 4).collect();
-        let sums = summed(&values, |x| f64::from(*x), 2, 4, &[1.0, 0.0, -1.0]);
+        let values: Vec<f64> = (0..2 * 3 * 4).map(f64::from).collect();
+        let sums = summed(&values, 2, 4, &[1.0, 0.0, -1.0]);
         assert_eq!(sums, [-8.0; 8]);
-        assert_eq!(
-            scaled(&[1.0, 2.0, 3.0, 4.0], |x| *x, &[1.0, 10.0]),
-            [1.0, 20.0, 3.0, 40.0]
-        );
+        let mut values = [1.0, 2.0, 3.0, 4.0];
+        scale(&mut values, &[1.0, 10.0]);
+        assert_eq!(values, [1.0, 20.0, 3.0, 40.0]);
     }
 }

@@ -2,111 +2,192 @@
 //!
 //! In: rows of numbers in units of a step. Out: sums and products of them. To fix a camera all numbers
 //! of its patches are read from memory, and that takes longer than to add them up. Most are small: on the
-//! box of three bumps nearly half stand in columns that fit bytes with three bits behind the point, nearly
-//! all others in columns that fit two bytes. What is large stands in the first columns, because ranks are sorted
-//! by their singular values, so columns with numbers of one size are kept side by side ([`Part`]).
+//! box of three bumps nine of ten fit bytes with three bits behind the point. What is large stands in
+//! the first rows and columns, because ranks are sorted by their singular values and degrees by
+//! themselves: so each row begins with as many long numbers as it needs, goes on with shorter ones and ends
+//! with bytes.
 
-use super::matrix::{product_of, scaled, summed};
-use crate::expr::real::Real;
+use super::matrix::{product_of, scale};
+use crate::{
+    expr::{real::Real, vectorised},
+    prefetch::prefetch,
+};
+
+/// Numbers side by side that are kept alike: one of the widest vectors.
+pub(super) const BESIDE: usize = 16;
+
+/// So many of them.
+type Beside<N> = [N; BESIDE];
 
 /// Rows of numbers.
 #[derive(Debug, Clone)]
 pub(super) struct Packed {
-    parts: Vec<Part>,
-    count: usize,
-}
-
-/// Columns side by side.
-#[derive(Debug, Clone)]
-struct Part {
-    /// How many.
+    /// How many a row has; it ends with zeros that make it whole vectors.
     width: usize,
-    /// How many with those of zeros that make whole vectors of them.
-    padded: usize,
-    /// What one of its integers stands for.
+    /// What an integer stands for.
     unit: f64,
-    numbers: Numbers,
-}
-
-/// Integers of one size, row by row.
-#[derive(Debug, Clone)]
-enum Numbers {
-    Bytes(Vec<i8>),
-    Shorts(Vec<i16>),
-    Longs(Vec<i32>),
+    /// For each row, and behind the last, how many long, short and small ones are before it.
+    starts: Vec<[u32; 3]>,
+    longs: Vec<Beside<i32>>,
+    shorts: Vec<Beside<i16>>,
+    bytes: Vec<Beside<i8>>,
 }
 
 /// How closely numbers are kept.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Packing {
-    /// Within a thousandth of a step where they are not large: for what is still compared.
+    /// In four bytes, within a thousandth of a step where they are not large: for what is still compared.
     Close,
     /// In as few bytes as leave them within a sixteenth of a step. Together with the half step by which
     /// kept integers are rounded, that is 1.01 times as much.
     Small,
 }
 
-/// Bits behind the point that numbers have at most: their rounding adds nothing to that of the integers.
-const MOST_FRACTION: i32 = 10;
-
-/// And at least, where they are to be small.
-const LEAST_FRACTION: i32 = 3;
-
-/// Columns begin to be kept otherwise at whole multiples of this, so that few numbers are left beside
-/// whole vectors.
-const COLUMNS: usize = 16;
-
-macro_rules! of_any_size {
-    ($numbers:expr, $integers:ident => $work:expr) => {
-        match $numbers {
-            Numbers::Bytes($integers) => $work,
-            Numbers::Shorts($integers) => $work,
-            Numbers::Longs($integers) => $work,
+impl Packing {
+    /// Bits behind the point that numbers have at most.
+    fn fraction(self) -> i32 {
+        match self {
+            Self::Close => 10,
+            Self::Small => 3,
         }
-    };
+    }
 }
 
+/// How many rows before it is needed one is asked for: about as many as pass before it arrives. With four or
+/// sixteen a camera of the box of three bumps took 1.05 times as long.
+const AHEAD: usize = 8;
+
+/// The largest integer; a bit is spared for sums.
+const LARGEST: f64 = (1 << 30) as f64;
+
 impl Packed {
-    /// Of rows of `row` numbers.
-    pub fn new(values: &[f64], row: usize, packing: Packing) -> Self {
-        let sizes = match packing {
-            Packing::Close => vec![Size::Long],
-            Packing::Small => sizes(values, row),
+    /// Of rows of `width` numbers.
+    pub fn new(values: &[f64], width: usize, packing: Packing) -> Self {
+        let largest = values.iter().fold(1.0, |most: f64, x| most.max(x.abs()));
+        let room = (LARGEST / largest).log2().floor() as i32;
+        let per_step = f64::from(1 << room.clamp(0, packing.fraction()));
+        let mut packed = Self {
+            width,
+            unit: 1.0 / per_step,
+            starts: vec![[0; 3]],
+            longs: Vec::new(),
+            shorts: Vec::new(),
+            bytes: Vec::new(),
         };
-        let mut parts = Vec::new();
-        let mut first = 0;
-        for (k, size) in sizes.iter().enumerate() {
-            // Until the next is of another size.
-            if sizes.get(k + 1) != Some(size) {
-                let end = match k + 1 == sizes.len() {
-                    true => row,
-                    false => (k + 1) * COLUMNS,
-                };
-                parts.push(Part::new(values, row, first..end, *size));
-                first = end;
-            }
+        for row in values.chunks_exact(width) {
+            let integers = row.chunks(BESIDE).map(|numbers| {
+                let mut integers = [0; BESIDE];
+                let pairs = integers.iter_mut().zip(numbers);
+                pairs.for_each(|(to, x)| *to = (x * per_step).round() as i32);
+                integers
+            });
+            packed.push(&integers.collect::<Vec<_>>(), packing);
         }
-        let count = values.len();
-        Self { parts, count }
+        packed
+    }
+
+    /// Adds a row.
+    fn push(&mut self, row: &[Beside<i32>], packing: Packing) {
+        // Behind the last that is too large.
+        let end = |most: i32| {
+            let fits = |x: &Beside<i32>| x.iter().all(|x| x.abs() <= most);
+            row.iter()
+                .rposition(|x| !fits(x))
+                .map_or(0, |last| last + 1)
+        };
+        let (longs, shorts) = match packing {
+            Packing::Close => (row.len(), row.len()),
+            Packing::Small => (end(i16::MAX.into()), end(i8::MAX.into())),
+        };
+        self.longs.extend(&row[..longs]);
+        let short = row[longs..shorts].iter().map(|x| x.map(|x| x as i16));
+        self.shorts.extend(short);
+        self.bytes
+            .extend(row[shorts..].iter().map(|x| x.map(|x| x as i8)));
+        let lengths = [self.longs.len(), self.shorts.len(), self.bytes.len()];
+        self.starts.push(lengths.map(|n| n as u32));
+    }
+
+    fn rows(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Gives `take` the numbers of a row, and how many times [`BESIDE`] are before them; asks for the row that
+    /// will be wanted when `ahead` more have been.
+    #[inline(always)]
+    fn each<T: Real>(&self, row: usize, ahead: usize, mut take: impl FnMut(usize, Beside<T>)) {
+        let [from, to] = [self.starts[row], self.starts[row + 1]];
+        let next = self.starts[(row + ahead).min(self.rows())];
+        let range = |size: usize| from[size] as usize..to[size] as usize;
+        let mut place = 0;
+        for (k, x) in self.longs[range(0)].iter().enumerate() {
+            prefetch(&self.longs, next[0] as usize + k);
+            take(place, real(x));
+            place += 1;
+        }
+        for (k, x) in self.shorts[range(1)].iter().enumerate() {
+            prefetch(&self.shorts, next[1] as usize + k);
+            take(place, real(x));
+            place += 1;
+        }
+        for (k, x) in self.bytes[range(2)].iter().enumerate() {
+            prefetch(&self.bytes, next[2] as usize + k);
+            take(place, real(x));
+            place += 1;
+        }
+    }
+
+    /// What columns that are to be multiplied by `factors` have their integers multiplied by.
+    fn units<T: Real>(&self, factors: &[f64]) -> Vec<T> {
+        let units = factors.iter().map(|f| T::from_f64(f * self.unit));
+        units.collect()
     }
 
     /// All of them, row by row, each times the factor of its column.
     pub fn real<T: Real>(&self, factors: &[f64]) -> Vec<T> {
-        self.beside(
-            factors,
-            |part, factors| of_any_size!(&part.numbers, x => scaled(x, real, factors)),
-        )
+        self.summed(self.rows(), &[T::ONE], factors)
     }
 
     /// `Σ_i w_i x[a, i, b]` for an array (left, weights, right, column), times the factors of the columns.
     pub fn summed<T: Real>(&self, left: usize, weights: &[T], factors: &[f64]) -> Vec<T> {
-        let right = self.count / (left * weights.len() * factors.len());
-        self.beside(factors, |part, factors| {
-            let right = right * part.padded;
-            let sums: Vec<T> =
-                of_any_size!(&part.numbers, x => summed(x, real, left, right, weights));
-            scaled(&sums, |x| *x, factors)
-        })
+        let right = self.rows() / (left * weights.len());
+        let row = self.width.div_ceil(BESIDE);
+        let mut all = Vec::with_capacity(left * right * self.width);
+        let mut sums = vec![[T::ZERO; BESIDE]; right * row];
+        vectorised(
+            #[inline(always)]
+            || {
+                for a in 0..left {
+                    sums.fill([T::ZERO; BESIDE]);
+                    for (i, w) in weights.iter().enumerate() {
+                        let first = (a * weights.len() + i) * right;
+                        for (b, sums) in sums.chunks_exact_mut(row).enumerate() {
+                            self.add(first + b, *w, sums);
+                        }
+                    }
+                    let rows = sums.chunks_exact(row);
+                    rows.for_each(|row| all.extend_from_slice(&row.as_flattened()[..self.width]));
+                }
+                scale(&mut all, &self.units(factors));
+            },
+        );
+        all
+    }
+
+    /// Adds a row times `w` to `sums`.
+    #[inline(always)]
+    fn add<T: Real>(&self, row: usize, w: T, sums: &mut [Beside<T>]) {
+        self.each(
+            row,
+            AHEAD,
+            #[inline(always)]
+            |place, numbers: Beside<T>| {
+                let sums = &mut sums[place];
+                for l in 0..BESIDE {
+                    sums[l] += w * numbers[l];
+                }
+            },
+        );
     }
 
     /// The product of a matrix of rows of `inner` and the numbers as a matrix of `inner` rows, times the factors
@@ -115,141 +196,44 @@ impl Packed {
         if a.len() == inner {
             return self.summed(1, a, factors);
         }
-        self.beside(factors, |part, factors| {
-            let product: Vec<T> = of_any_size!(&part.numbers, x => product_of(a, inner, x, real));
-            scaled(&product, |x| *x, factors)
-        })
+        let strips = self.rows() / inner;
+        let mut product = product_of(
+            (a, inner),
+            (strips, self.width),
+            #[inline(always)]
+            |strip, panels: &mut [Beside<T>]| {
+                for k in 0..inner {
+                    self.each(
+                        k * strips + strip,
+                        // The next strip's.
+                        1,
+                        #[inline(always)]
+                        |place, numbers| panels[place * inner + k] = numbers,
+                    );
+                }
+            },
+        );
+        scale(&mut product, &self.units(factors));
+        product
     }
-
-    /// What `work` makes of each part, side by side; it is told what its integers are to be multiplied by.
-    fn beside<T: Real>(&self, factors: &[f64], work: impl Fn(&Part, &[T]) -> Vec<T>) -> Vec<T> {
-        let mut first = 0;
-        let made = self.parts.iter().map(|part| {
-            let factors = factors[first..first + part.width].iter();
-            let mut factors: Vec<T> = factors.map(|f| T::from_f64(f * part.unit)).collect();
-            factors.resize(part.padded, T::ZERO);
-            first += part.width;
-            work(part, &factors)
-        });
-        let mut made: Vec<Vec<T>> = made.collect();
-        match &self.parts[..] {
-            [part] if part.width == part.padded => made.swap_remove(0),
-            parts => side_by_side(parts, &made),
-        }
-    }
-}
-
-/// Matrices of the columns of `parts` as one.
-fn side_by_side<T: Real>(parts: &[Part], matrices: &[Vec<T>]) -> Vec<T> {
-    let row: usize = parts.iter().map(|part| part.width).sum();
-    let mut all = vec![T::ZERO; matrices[0].len() / parts[0].padded * row];
-    let mut first = 0;
-    for (part, values) in parts.iter().zip(matrices) {
-        let columns = first..first + part.width;
-        let rows = all
-            .chunks_exact_mut(row)
-            .zip(values.chunks_exact(part.padded));
-        rows.for_each(|(to, from)| to[columns.clone()].copy_from_slice(&from[..part.width]));
-        first += part.width;
-    }
-    all
 }
 
 #[inline(always)]
-fn real<T: Real, N: Copy + Into<i32>>(integer: &N) -> T {
-    T::from_i32((*integer).into())
-}
-
-/// How large integers are kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Size {
-    Byte,
-    Short,
-    Long,
-}
-
-impl Size {
-    /// The largest integer; of the longest a bit is spared for sums.
-    fn most(self) -> i32 {
-        match self {
-            Size::Byte => i8::MAX.into(),
-            Size::Short => i16::MAX.into(),
-            Size::Long => 1 << 30,
-        }
+fn real<T: Real, N: Copy + Into<i32>>(integers: &Beside<N>) -> Beside<T> {
+    let mut numbers = [T::ZERO; BESIDE];
+    for l in 0..BESIDE {
+        numbers[l] = T::from_i32(integers[l].into());
     }
-
-    /// Bits behind the point of numbers up to `largest`.
-    fn fraction(self, largest: f64) -> i32 {
-        let room = f64::from(self.most()) / largest.max(1.0);
-        (room.log2().floor() as i32).min(MOST_FRACTION)
-    }
-
-    /// The smallest for numbers up to `largest`.
-    fn of(largest: f64) -> Self {
-        let fits = |size: &Size| size.fraction(largest) >= LEAST_FRACTION;
-        let mut sizes = [Size::Byte, Size::Short].into_iter();
-        sizes.find(fits).unwrap_or(Size::Long)
-    }
-}
-
-/// The size of each sixteen columns, none larger than those before.
-fn sizes(values: &[f64], row: usize) -> Vec<Size> {
-    let mut largest = vec![0.0_f64; row.div_ceil(COLUMNS)];
-    for row in values.chunks_exact(row) {
-        for (largest, x) in largest.iter_mut().zip(row.chunks(COLUMNS)) {
-            *largest = x.iter().fold(*largest, |most, x| most.max(x.abs()));
-        }
-    }
-    let mut most = Size::Byte;
-    let mut sizes: Vec<Size> = largest
-        .into_iter()
-        .rev()
-        .map(|largest| {
-            most = most.max(Size::of(largest));
-            most
-        })
-        .collect();
-    sizes.reverse();
-    sizes
-}
-
-impl Part {
-    /// Of some columns of rows of `row` numbers.
-    fn new(values: &[f64], row: usize, columns: std::ops::Range<usize>, size: Size) -> Self {
-        let width = columns.len();
-        let padded = match row < COLUMNS {
-            true => width,
-            false => width.next_multiple_of(COLUMNS),
-        };
-        let zeros = [0.0; COLUMNS];
-        let own = values.chunks_exact(row);
-        let own = own.flat_map(|row| row[columns.clone()].iter().chain(&zeros[..padded - width]));
-        let own: Vec<f64> = own.copied().collect();
-        let largest = own.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
-        let fraction = size.fraction(largest).max(0);
-        let unit = f64::from(1 << fraction);
-        let integers = own.iter().map(|x| (x * unit).round());
-        let numbers = match size {
-            Size::Byte => Numbers::Bytes(integers.map(|x| x as i8).collect()),
-            Size::Short => Numbers::Shorts(integers.map(|x| x as i16).collect()),
-            Size::Long => Numbers::Longs(integers.map(|x| x as i32).collect()),
-        };
-        Self {
-            width,
-            padded,
-            unit: 1.0 / unit,
-            numbers,
-        }
-    }
+    numbers
 }
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::matrix, *};
 
-    /// Rows of 70 columns that fall from 3000 to below 1.
+    /// Rows of 70 columns that fall from 5000 to below 1.
     fn rows(count: usize) -> Vec<f64> {
-        let number = |i: usize| (i as f64 * 0.7).sin() * 3000.0 * (-0.13 * (i % 70) as f64).exp();
+        let number = |i: usize| (i as f64 * 0.7).sin() * 5000.0 * (-0.13 * (i % 70) as f64).exp();
         (0..count * 70).map(number).collect()
     }
 
@@ -257,17 +241,10 @@ mod tests {
     fn small_numbers_take_few_bytes_and_stay_near() {
         let values = rows(30);
         let packed = Packed::new(&values, 70, Packing::Small);
-        let widths: Vec<(usize, usize)> = packed
-            .parts
-            .iter()
-            .map(|part| {
-                (
-                    part.width,
-                    of_any_size!(&part.numbers, x => size_of_val(&x[0])),
-                )
-            })
-            .collect();
-        assert_eq!(widths, [(48, 2), (22, 1)]);
+        let lengths = [packed.longs.len(), packed.shorts.len(), packed.bytes.len()];
+        assert!(lengths.iter().all(|n| *n > 0), "{lengths:?}");
+        assert!(lengths[2] >= 30, "{lengths:?}");
+        assert_eq!(lengths.iter().sum::<usize>(), 30 * 5);
         let factors = [1.0; 70];
         for (found, x) in packed.real::<f64>(&factors).iter().zip(&values) {
             assert!((found - x).abs() <= 0.0625 + 1e-12, "{found} {x}");
@@ -291,10 +268,12 @@ mod tests {
         };
         // Axes (2, 5, 3, column), the second summed out.
         let weights = [0.3, -1.0, 0.0, 2.0, 0.7];
-        let expected = summed(&all, |x| *x, 2, 3 * 70, &weights);
+        let expected = matrix::summed(&all, 2, 3 * 70, &weights);
         close(&packed.summed(2, &weights, &factors), &expected);
-        let a: Vec<f64> = (0..7 * 10).map(|i| f64::from(i % 9) - 4.0).collect();
-        let expected = super::super::matrix::product(&a, 10, &all);
-        close(&packed.product(&a, 10, &factors), &expected);
+        for rows in [1, 7] {
+            let a: Vec<f64> = (0..rows * 10).map(|i| (i % 9) as f64 - 4.0).collect();
+            let expected = matrix::product(&a, 10, &all);
+            close(&packed.product(&a, 10, &factors), &expected);
+        }
     }
 }

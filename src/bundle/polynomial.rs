@@ -96,7 +96,7 @@ impl Polynomial {
             let all = sets.iter().enumerate().map(|(set, weights)| {
                 let mut sums = sums[set % sums.len()][point * width..][..width].to_vec();
                 for w in &weights[first..] {
-                    sums = summed(&sums, |x| *x, 1, sums.len() / w.len(), w);
+                    sums = summed(&sums, 1, sums.len() / w.len(), w);
                 }
                 sums
             });
