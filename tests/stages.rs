@@ -34,8 +34,8 @@ const OUTSIDE: &[&str] = &["terminal", "commands"];
 /// What makes crates out of the modules.
 const ROOTS: &[&str] = &["lib", "main"];
 
-/// Files that may contain unsafe code, from the repository's root: none.
-const MAY_BE_UNSAFE: &[&str] = &[];
+/// Files that may contain unsafe code, from the repository's root.
+const MAY_BE_UNSAFE: &[&str] = &["src/prefetch.rs"];
 
 /// A source file without its comments.
 struct Source {
@@ -185,7 +185,7 @@ fn every_stage_exists() {
 }
 
 #[test]
-fn there_is_no_unsafe_code() {
+fn unsafe_code_is_only_where_it_may_be() {
     for source in ["src", "bake/src"].into_iter().flat_map(sources) {
         let mut words = source.code.split(|c| !is_of_word(c));
         let found = words.any(|word| word == "unsafe");
