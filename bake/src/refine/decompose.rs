@@ -251,6 +251,12 @@ mod tests {
         Arc::unwrap_or_clone(read)
     }
 
+    /// The largest difference between numbers of one kind.
+    fn farthest(a: &[f64], b: &[f64]) -> f64 {
+        let apart = a.iter().zip(b).map(|(a, b)| (a - b).abs());
+        apart.fold(0.0, f64::max)
+    }
+
     #[test]
     fn a_rounded_train_is_the_polynomial_within_its_step() {
         for shape in [&[6, 7, 8, 9, 3][..], &[5, 6, 5, 6, 5, 8, 3], &[9, 8, 7, 3]] {
@@ -269,13 +275,11 @@ mod tests {
             let plain = Train::plain(&polynomial).rounded(Step::near(2e-6)).unwrap();
             let x = vec![0.3; shape.len() - 2];
             let (a, b) = (train.at(&x), plain.at(&x));
-            assert_eq!(read_again(&train, &polynomial, shape).at(&x), a);
+            let read = read_again(&train, &polynomial, shape).at(&x);
             let n = b.len().min(a.len());
-            let worst = a
-                .iter()
-                .zip(&b)
-                .map(|(a, b)| (a - b).abs())
-                .fold(0.0, f64::max);
+            // A reader keeps an eighth of the half step by which integers are rounded.
+            let (worst, reading) = (farthest(&a, &b), farthest(&a, &read));
+            assert!(reading < 0.25 * worst, "{shape:?} {reading} {worst}");
             assert!(n > 0 && worst < 3e-4, "{shape:?} {worst}");
         }
     }
