@@ -84,4 +84,38 @@ fn paths_of_a_frame_are_those_of_the_table_at_knots_between_them_and_at_their_en
         assert!((end - exact).abs() < 1e-3, "{d}: {end} {exact}");
     }
     assert!(exits.iter().all(|count| *count > 3), "{exits:?}");
+
+    sixteen_are_as_each(&tracer, &strands);
+}
+
+/// Refined together, paths through the throat and those that turn back are what they are one by one.
+fn sixteen_are_as_each(tracer: &impl GridTracer, strands: &Strands) {
+    let ends = |i: usize| matches!(strands.strand(i).ending, Some(Ending::Exit { .. }));
+    let leaving: Vec<usize> = (0..40).filter(|i| ends(*i)).collect();
+    let groups = leaving.chunks_exact(16);
+    assert!(groups.len() > 0, "{leaving:?}");
+    for group in groups {
+        let sixteen = std::array::from_fn(|l| strands.strand(group[l]));
+        let ends = sixteen.iter().map(|strand| match strand.ending {
+            Some(Ending::Exit { s, .. }) => s,
+            _ => unreachable!(),
+        });
+        let end = ends.fold(f64::INFINITY, f64::min);
+        let s: Vec<f64> = (0..=33).map(|k| end * f64::from(k) / 33.0).collect();
+        let together = tracer.refine_sixteen(&sixteen, &s);
+        assert_eq!(together.len(), s.len());
+        let mut rows = vec![0.0; 6 * s.len()];
+        for (l, strand) in sixteen.into_iter().enumerate() {
+            tracer.refine(strand, &s, &mut rows);
+            for (k, state) in together.iter().enumerate() {
+                for c in 0..6 {
+                    let (found, one) = (state[c / 3][c % 3][l], rows[c * s.len() + k]);
+                    assert!(
+                        (found - one).abs() < 1e-12 * (1.0 + one.abs()),
+                        "{l} {k} {c}"
+                    );
+                }
+            }
+        }
+    }
 }

@@ -4,7 +4,7 @@
 //! around them where they are cut.
 
 use super::{
-    lanes::{LANES, Points, each, each_point, range},
+    lanes::{LANES, Points, each, each_point, less, more, range},
     sheaf::Sheaf,
 };
 use crate::expr::vectorised;
@@ -31,26 +31,35 @@ impl Cubics {
         Self { s, control }
     }
 
-    /// The largest distance of any from its chord, bounded by the second derivative.
-    pub fn sagitta(&self) -> f64 {
+    /// The largest distance of one from its chord, bounded by its second derivative, over its least speed
+    /// at the ends: of each by itself, as neighbours may be in parts of the chart with other units.
+    pub fn bend(&self) -> f64 {
         let [a, b, c, d] = &self.control;
         let bend = |a: &Points, b: &Points, c: &Points| {
-            let second = each_point(|k, l| a[k][l] - 2.0 * b[k][l] + c[k][l]);
-            largest_square(&second).sqrt()
+            squares(&each_point(|k, l| a[k][l] - 2.0 * b[k][l] + c[k][l]))
         };
-        0.75 * bend(a, b, c).max(bend(b, c, d))
+        let (bends, speeds) = (
+            [bend(a, b, c), bend(b, c, d)],
+            [self.squared_speeds(0), self.squared_speeds(2)],
+        );
+        let ratios = each(|l| {
+            let least = less(speeds[0][l], speeds[1][l]);
+            more(bends[0][l], bends[1][l]) / more(least, f64::MIN_POSITIVE)
+        });
+        0.75 * range(&ratios)[1].sqrt()
     }
 
-    /// The least speed at the ends, and one that none exceeds.
-    pub fn speeds(&self) -> [f64; 2] {
+    /// A speed that none exceeds.
+    pub fn most_speed(&self) -> f64 {
+        let most = [0, 1, 2].map(|i| range(&self.squared_speeds(i))[1]);
+        most[0].max(most[1]).max(most[2]).sqrt()
+    }
+
+    /// Squares of the lengths from control point `i` to the next, as speeds.
+    fn squared_speeds(&self, i: usize) -> [f64; LANES] {
         let third = (self.s[1] - self.s[0]) / 3.0;
-        let [first, middle, last] = [0, 1, 2].map(|i| {
-            let (a, b) = (&self.control[i], &self.control[i + 1]);
-            squares(&each_point(|k, l| (b[k][l] - a[k][l]) / third))
-        });
-        let least = range(&first)[0].min(range(&last)[0]);
-        let most = [first, middle, last].map(|s| range(&s)[1]);
-        [least, most[0].max(most[1]).max(most[2])].map(f64::sqrt)
+        let (a, b) = (&self.control[i], &self.control[i + 1]);
+        squares(&each_point(|k, l| (b[k][l] - a[k][l]) / third))
     }
 
     /// The box around them at the fraction `t`.
@@ -72,8 +81,4 @@ impl Cubics {
 
 fn squares(v: &Points) -> [f64; LANES] {
     each(|l| v[0][l] * v[0][l] + v[1][l] * v[1][l] + v[2][l] * v[2][l])
-}
-
-fn largest_square(v: &Points) -> f64 {
-    range(&squares(v))[1]
 }

@@ -6,10 +6,11 @@
 use super::{
     curve::{Curve, Ending},
     endings::EndingFinder,
+    lanes::{LANES, Points},
     pencil::{Pencil, Spoke},
     strands::{Source, Strand, Strands, stay},
-    strip::Rung,
-    tracer::{ExactTracer, GridTracer, even_knots},
+    strip::{self, Rung},
+    tracer::{ExactTracer, GridTracer, even_knots, refine_each},
 };
 use crate::{
     bundle::{Courses, Fan, FanPath, Table},
@@ -104,6 +105,18 @@ impl GridTracer for TableTracer<'_, '_> {
                 let rung = pencil.and_then(|pencil| pencil.known(spoke));
                 rung.into_iter().for_each(|rung| rung.refine(s, rows));
             }
+        }
+    }
+
+    fn refine_sixteen(&self, strands: &[Strand<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
+        let rung = |strand: &Strand<'_>| match strand.source.1 {
+            Source::Pencil(spoke) => self.pencil.as_ref()?.known(spoke),
+            _ => None,
+        };
+        let rungs: Option<Vec<Rung<'_, '_, '_>>> = strands.iter().map(rung).collect();
+        match rungs.as_ref().and_then(|rungs| rungs.first_chunk()) {
+            Some(rungs) => strip::refine_sixteen(rungs, s),
+            None => refine_each(self, strands, s),
         }
     }
 

@@ -281,9 +281,8 @@ fn around(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
 /// `slack`, tell: most chords meet nothing, and then their ends need not be known better.
 fn cut(cubics: &Cubics, tolerance: f64, slack: f64, world: &World, mut show: impl FnMut([f64; 2])) {
     let [from, to] = cubics.s;
-    let [least, most] = cubics.speeds();
-    let count = chords(cubics.sagitta(), tolerance * to * least);
-    let margin = DVec3::splat(SLACKS * slack * to * most);
+    let count = chords(cubics.bend(), tolerance * to);
+    let margin = DVec3::splat(SLACKS * slack * to * cubics.most_speed());
     let along = |j: usize| match j == count {
         true => to,
         false => from + (to - from) * j as f64 / count as f64,
@@ -306,5 +305,7 @@ const SLACKS: f64 = 2.0;
 /// How many chords keep within `allowed` of a piece: the distance falls with the square of their
 /// number.
 fn chords(sagitta: f64, allowed: f64) -> usize {
-    (sagitta / allowed).sqrt().ceil().clamp(1.0, MOST_CHORDS) as usize
+    let count = (sagitta / allowed).sqrt().ceil();
+    // One where that is not known.
+    MOST_CHORDS.min(count).max(1.0) as usize
 }

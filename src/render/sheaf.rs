@@ -6,9 +6,10 @@
 use super::{
     curve::Ending,
     lanes::{LANES, Lanes, Points, SinglePoints, each, each_point, lane, range},
-    strands::{ROWS, Strand, Strands, knots_until},
+    strands::{Strand, Strands, knots_until},
     tracer::GridTracer,
 };
+use crate::expr::vectorised;
 use glam::DVec3;
 
 /// Sixteen of many strands.
@@ -41,6 +42,7 @@ pub struct Spread {
 
 impl Spread {
     /// Of these points.
+    #[inline(always)]
     pub fn of(points: &Points) -> Self {
         let middle = lane(points, LANES / 2);
         let mut differences = [[0.0; LANES]; 3];
@@ -149,27 +151,28 @@ impl<'a> Sheaf<'a> {
             .zip(&numbers)
             .filter(|(_, number)| number.is_none());
         let between: Vec<f64> = between.map(|(s, _)| *s).collect();
-        let length = ROWS * between.len();
-        let mut rows = vec![0.0; LANES * length];
-        for (l, rows) in rows.chunks_exact_mut(length.max(1)).enumerate() {
-            tracer.refine(self.strand(l), &between, rows);
-        }
         let strands = self.all();
-        let mut column = 0;
-        vertices.extend(s.iter().zip(numbers).map(|(&at, number)| {
-            let row = |first: usize| match number {
-                // At the knots paths are known as well as they can be.
-                Some(k) => each_point(|c, l| strands[l].row(first + c)[k]),
-                None => each_point(|c, l| rows[l * length + (first + c) * between.len() + column]),
-            };
-            let (point, tangent) = (Spread::of(&row(0)), Spread::of(&row(3)));
-            column += usize::from(number.is_none());
-            Vertex {
-                s: at,
-                point,
-                tangent,
-            }
-        }));
+        let mut refined = tracer.refine_sixteen(&strands, &between).into_iter();
+        vertices.reserve(s.len());
+        vectorised(
+            #[inline(always)]
+            || {
+                for (&s, number) in s.iter().zip(&numbers) {
+                    // At the knots paths are known as well as they can be.
+                    let at = number.map(|k| {
+                        [0, 3].map(|first| each_point(|c, l| strands[l].row(first + c)[k]))
+                    });
+                    let Some([point, tangent]) = at.or_else(|| refined.next()) else {
+                        break;
+                    };
+                    vertices.push(Vertex {
+                        s,
+                        point: Spread::of(&point),
+                        tangent: Spread::of(&tangent),
+                    });
+                }
+            },
+        );
     }
 }
 

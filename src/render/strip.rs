@@ -5,8 +5,12 @@
 //! them one path ([`Rung`]): a few dozen sums in place of a patch's rows and Chebyshev sums along the
 //! arc. What is between two knots is known as well, once it has been asked for.
 
+mod sixteen;
+
+pub(super) use sixteen::refine_sixteen;
+
 use super::{
-    curve::{Ending, Piece},
+    curve::Ending,
     endings::{EndingFinder, Event},
     lanes::LANES,
     strands::{ROWS, Source, Strand, put},
@@ -32,8 +36,11 @@ const PLANE: usize = 4;
 /// Where those are among the rows of a path.
 const STORED: [usize; PLANE] = [0, 1, 3, 4];
 
-/// Coefficients of points and tangents at sixteen arc lengths, axes (arc length, degree, [`PLANE`]).
-type Between = Box<[[[f64; PLANE]; NODES]; LANES]>;
+/// Coefficients of a point and a tangent, axes (degree, [`PLANE`]).
+type Coefficients = [[f64; PLANE]; NODES];
+
+/// Those at sixteen arc lengths.
+type Between = Box<[Coefficients; LANES]>;
 
 /// Numbers summed at once.
 const BLOCK: usize = 16;
@@ -121,6 +128,44 @@ impl<'f, 't> Strip<'f, 't> {
         }
     }
 
+    /// Coefficients of points and tangents at ascending arc lengths, on cubics between sixteen points from
+    /// each knot to the next: what those between knots miss the path by falls by fifteen to the fourth.
+    fn along(&self, s: &[f64]) -> impl Iterator<Item = Coefficients> {
+        let mut known: Option<usize> = None;
+        s.iter().map(move |&at| {
+            // What ends a piece belongs to it, what begins one does not ask for the piece before.
+            let k = known.filter(|k| at <= self.knots[k + 1]);
+            let k = k.unwrap_or_else(|| {
+                let next = self.knots.partition_point(|knot| *knot <= at);
+                next.clamp(1, self.knots.len() - 1) - 1
+            });
+            known = Some(k);
+            self.cubic(k, at)
+        })
+    }
+
+    /// Those at arc length `at`, on the cubic between two of sixteen points from knot `k` to the next.
+    fn cubic(&self, k: usize, at: f64) -> Coefficients {
+        let [from, to] = [self.knots[k], self.knots[k + 1]];
+        let width = (to - from) / (LANES - 1) as f64;
+        let place = (at - from) / width;
+        let first = (place as usize).min(LANES - 2);
+        let [point, tangent] = hermite(place - first as f64, width);
+        let states = &self.between(k)[first..first + 2];
+        std::array::from_fn(|degree| {
+            let [a, b] = [states[0][degree], states[1][degree]];
+            let mix = |w: [f64; 4], c: usize| {
+                w[0] * a[c] + w[1] * a[2 + c] + w[2] * b[c] + w[3] * b[2 + c]
+            };
+            [
+                mix(point, 0),
+                mix(point, 1),
+                mix(tangent, 0),
+                mix(tangent, 1),
+            ]
+        })
+    }
+
     /// Coefficients of the states at sixteen arc lengths evenly from knot `k` to the next.
     fn between(&self, k: usize) -> &Between {
         self.between[k].get_or_init(|| {
@@ -141,6 +186,22 @@ impl<'f, 't> Strip<'f, 't> {
             }))
         })
     }
+}
+
+/// Hermite's weights, of point and tangent at both ends of a cubic of this width, for its point and its
+/// tangent at the fraction `t`.
+fn hermite(t: f64, width: f64) -> [[f64; 4]; 2] {
+    let r = 1.0 - t;
+    let slope = 6.0 * t * r / width;
+    [
+        [
+            (1.0 + 2.0 * t) * r * r,
+            t * r * r * width,
+            t * t * (3.0 - 2.0 * t),
+            -t * t * r * width,
+        ],
+        [-slope, r * (1.0 - 3.0 * t), slope, t * (3.0 * t - 2.0)],
+    ]
 }
 
 /// Six rows of a path at the arc lengths `s`; `None` where the table gave up.
@@ -205,6 +266,11 @@ impl End {
 }
 
 impl Rung<'_, '_, '_> {
+    /// Whether both are in one strip.
+    fn is_beside(&self, other: &Self) -> bool {
+        std::ptr::eq(self.strip, other.strip)
+    }
+
     /// Points and tangents at the knots into six rows.
     pub(super) fn fill(&self, rows: &mut [f64]) {
         let n = rows.len() / ROWS;
@@ -248,40 +314,15 @@ impl Rung<'_, '_, '_> {
         sums
     }
 
-    /// Points and tangents at ascending arc lengths into six rows, on cubics between sixteen points from
-    /// each knot to the next: what those between knots miss the path by falls by fifteen to the fourth.
+    /// Points and tangents at ascending arc lengths into six rows.
     pub(super) fn refine(&self, s: &[f64], rows: &mut [f64]) {
-        let knots = &self.strip.knots;
-        let mut known: Option<usize> = None;
-        for (i, &at) in s.iter().enumerate() {
-            // What ends a piece belongs to it, what begins one does not ask for the piece before.
-            let k = known.filter(|k| at <= knots[k + 1]).unwrap_or_else(|| {
-                let next = knots.partition_point(|knot| *knot <= at);
-                next.clamp(1, knots.len() - 1) - 1
-            });
-            known = Some(k);
-            let part = self.part(k, at);
-            let t = (at - part.s[0]) / (part.s[1] - part.s[0]);
-            put(rows, i, (part.position(t), part.tangent(t)));
-        }
-    }
-
-    /// The cubic around arc length `at` between two of sixteen points from knot `k` to the next.
-    fn part(&self, k: usize, at: f64) -> Piece {
-        let [from, to] = [self.strip.knots[k], self.strip.knots[k + 1]];
-        let width = (to - from) / (LANES - 1) as f64;
-        let first = (((at - from) / width) as usize).min(LANES - 2);
-        let states = &self.strip.between(k)[first..first + 2];
-        let [a, b] = [0, 1].map(|end| self.state(&states[end]));
-        Piece {
-            s: [first, first + 1].map(|l| from + width * l as f64),
-            u: [a.0, b.0],
-            v: [a.1, b.1],
+        for (i, coefficients) in self.strip.along(s).enumerate() {
+            put(rows, i, self.state(&coefficients));
         }
     }
 
     /// Point and tangent by their coefficients.
-    fn state(&self, coefficients: &[[f64; PLANE]; NODES]) -> (DVec3, DVec3) {
+    fn state(&self, coefficients: &Coefficients) -> (DVec3, DVec3) {
         let mut sums = DVec4::ZERO;
         for (row, weight) in coefficients.iter().zip(self.weights) {
             sums += DVec4::from_array(*row) * weight;

@@ -7,7 +7,8 @@
 use super::{
     curve::{Curve, Ending, Piece, ending_at},
     endings::EndingFinder,
-    strands::{Source, Strand, Strands, put},
+    lanes::{LANES, Points},
+    strands::{ROWS, Source, Strand, Strands, put},
 };
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -35,11 +36,35 @@ pub trait GridTracer: Sync {
     /// serve to find what may be met.
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]);
 
+    /// Points and tangents of sixteen of them, in the same way.
+    fn refine_sixteen(&self, strands: &[Strand<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
+        refine_each(self, strands, s)
+    }
+
     /// By how much the cubics between knots may miss the path, radians at the camera.
     fn slack(&self) -> f64;
 
     /// Who follows the paths that cannot be given.
     fn fallback(&self) -> Option<&ExactTracer<'_>>;
+}
+
+/// [`GridTracer::refine_sixteen`] path by path.
+pub(super) fn refine_each<T: GridTracer + ?Sized>(
+    tracer: &T,
+    strands: &[Strand<'_>; LANES],
+    s: &[f64],
+) -> Vec<[Points; 2]> {
+    let mut states = vec![[[[0.0; LANES]; 3]; 2]; s.len()];
+    let mut rows = vec![0.0; ROWS * s.len()];
+    for (l, strand) in strands.iter().enumerate() {
+        tracer.refine(*strand, s, &mut rows);
+        for (i, state) in states.iter_mut().enumerate() {
+            for c in 0..ROWS {
+                state[c / 3][c % 3][l] = rows[c * s.len() + i];
+            }
+        }
+    }
+    states
 }
 
 /// Follows each ray by integration.
