@@ -4,7 +4,7 @@
 //! the steps. Shading is [`super::shade`]. All tracers share everything after the paths.
 
 use super::{
-    desk::Desk,
+    desk::{Desk, Desks},
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
     outcome::{Seen, seen_along},
@@ -154,11 +154,12 @@ fn trace_tiles(
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = Found::split(&mut outcomes);
+    let desks = Desks::new(&samples.world.manifold, tracer.knots());
     // One by one: a few tiles take as long as many others, and they stand together.
-    tiles.par_iter_mut().with_max_len(1).for_each_init(
-        || Desk::new(&samples.world.manifold, tracer.knots()),
-        |desk, found| tile(desk, found),
-    );
+    tiles
+        .par_iter_mut()
+        .with_max_len(1)
+        .for_each(|found| desks.with(|desk| tile(desk, found)));
     let mut work = Work::default();
     let mut pending = Vec::new();
     for found in tiles {

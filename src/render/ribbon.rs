@@ -207,15 +207,19 @@ impl Ribbon {
         self.chords.clear();
         let mut s = Vec::new();
         let mut begins = Vec::new();
+        let (strands, slack) = (sheaf.all(), tracer.slack());
+        let mut show = |[from, to]: [f64; 2]| {
+            if s.last() != Some(&from) {
+                begins.push(s.len());
+                s.push(from);
+            }
+            s.push(to);
+        };
         for &k in pieces {
-            let cubics = Cubics::new(sheaf, k);
-            cut(&cubics, tolerance, tracer.slack(), world, |[from, to]| {
-                if s.last() != Some(&from) {
-                    begins.push(s.len());
-                    s.push(from);
-                }
-                s.push(to);
-            });
+            vectorised(
+                #[inline(always)]
+                || cut(&Cubics::new(&strands, k), tolerance, slack, world, &mut show),
+            );
         }
         sheaf.vertices(tracer, &s, &mut self.vertices);
         for from in 0..s.len().saturating_sub(1) {
@@ -279,6 +283,7 @@ fn around(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
 /// Cuts a piece into chords that keep within `tolerance` radians of it, and shows the arc lengths of
 /// the ends of those that may meet something, in order. The cubics, which may be off by the angle
 /// `slack`, tell: most chords meet nothing, and then their ends need not be known better.
+#[inline(always)]
 fn cut(cubics: &Cubics, tolerance: f64, slack: f64, world: &World, mut show: impl FnMut([f64; 2])) {
     let [from, to] = cubics.s;
     let count = chords(cubics.bend(), tolerance * to);

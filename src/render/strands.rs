@@ -24,7 +24,7 @@ pub struct Strands {
     knots: Arc<[f64]>,
     /// Directions at the camera, in the standard frame.
     directions: Vec<DVec3>,
-    /// Six rows for each path, each as long as `knots`.
+    /// Six rows for each path, each as long as `knots`; behind them what paths before left.
     values: Vec<f64>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
@@ -94,7 +94,6 @@ impl Strands {
     /// Forgets all.
     pub fn clear(&mut self) {
         self.directions.clear();
-        self.values.clear();
         self.known.clear();
         self.endings.clear();
         self.courses.clear();
@@ -110,7 +109,10 @@ impl Strands {
 
     /// Makes room for `count` more.
     pub fn reserve(&mut self, count: usize) {
-        self.values.reserve(count * ROWS * self.knots.len());
+        let length = (self.len() + count) * ROWS * self.knots.len();
+        if length > self.values.len() {
+            self.values.resize(length, 0.0);
+        }
     }
 
     /// Adds the path in `direction`, which comes from `source`: `fill` writes its rows and says how many
@@ -121,22 +123,23 @@ impl Strands {
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
         end: impl FnOnce(Strand<'_>) -> Option<Ending>,
     ) {
-        let start = self.values.len();
-        self.values.resize(start + ROWS * self.knots.len(), 0.0);
-        let rows = &mut self.values[start..];
+        self.reserve(1);
+        let length = ROWS * self.knots.len();
+        let start = self.len() * length;
+        let rows = &mut self.values[start..start + length];
         let known = fill(&self.knots, rows);
         stay(rows, self.knots.len(), known);
-        self.directions.push(direction);
-        self.known.push(known);
         let strand = Strand {
             knots: &self.knots,
             direction,
-            rows: &self.values[start..],
+            rows: &self.values[start..start + length],
             known,
             ending: None,
             source: (&self.courses, &source),
         };
         self.endings.push(end(strand));
+        self.directions.push(direction);
+        self.known.push(known);
         self.sources.push(source);
     }
 
@@ -161,11 +164,12 @@ impl Strands {
 
 /// Beyond the known knots a path stays where it is, so that boxes around it stay small.
 pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
-    if known == knots || known == 0 {
+    if known == knots {
         return;
     }
     for (c, row) in rows.chunks_exact_mut(knots).enumerate() {
-        let last = if c < 3 { row[known - 1] } else { 0.0 };
+        let last = known.checked_sub(1).filter(|_| c < 3);
+        let last = last.map_or(0.0, |last| row[last]);
         row[known..].fill(last);
     }
 }

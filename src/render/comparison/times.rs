@@ -7,7 +7,7 @@ use crate::{
     geodesic::{Ray, Settings, ends},
     manifold::Carried,
     render::{
-        desk::Desk,
+        desk::{Desk, Desks},
         drawing::draw,
         endings::EndingFinder,
         frame::Paths,
@@ -163,10 +163,11 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
         .flat_map(|y| (0..width).step_by(LARGEST_TILE).map(move |x| (x, y)))
         .collect();
     let began = Instant::now();
-    corners.par_iter().with_max_len(1).for_each_init(
-        || Desk::new(&world.manifold, tracer.knots()),
-        |desk, corner| divide(&lattice, *corner, desk),
-    );
+    let desks = Desks::new(&world.manifold, tracer.knots());
+    corners
+        .par_iter()
+        .with_max_len(1)
+        .for_each(|corner| desks.with(|desk| divide(&lattice, *corner, desk)));
     1e9 * began.elapsed().as_secs_f64() / (width * height) as f64
 }
 
