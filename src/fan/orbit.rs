@@ -17,6 +17,7 @@
 //! `R₀` is the least areal radius of the camera region, so that every camera has every `b` up to
 //! it; where that is 0 all rays are across, on face 0. `b = R₀ sin(πt/2)`: where `R = R₀` this makes θ itself even in `t`.
 
+use glam::DVec2;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// The most faces.
@@ -73,17 +74,20 @@ impl OrbitAngles {
         }
     }
 
-    /// The face and the parameter of θ: the inverse of [`OrbitAngles::angle`].
-    pub fn parameter(&self, theta: f64, radius: f64) -> (usize, f64) {
-        let cone = self.cone(radius);
-        let across = theta > cone && theta < PI - cone;
-        if across || self.least <= 0.0 {
-            let width = (PI - 2.0 * cone).max(f64::MIN_POSITIVE);
-            let t = ((theta - cone) / width).clamp(0.0, 1.0);
-            return (self.faces() - 1, 2.0 * t - 1.0);
+    /// The face and the parameter of the direction θ with (cos θ, sin θ) along `direction`, whose second
+    /// component is at least 0: the inverse of [`OrbitAngles::angle`].
+    pub fn parameter(&self, direction: DVec2, radius: f64) -> (usize, f64) {
+        let sine = (direction.y / direction.length()).clamp(0.0, 1.0);
+        let inner = radius * sine / self.least;
+        if self.least > 0.0 && inner <= 1.0 {
+            let t = inner.asin() / FRAC_PI_2;
+            return (usize::from(direction.x >= 0.0), 2.0 * t - 1.0);
         }
-        let t = (radius * theta.sin() / self.least).clamp(0.0, 1.0).asin() / FRAC_PI_2;
-        (usize::from(theta <= FRAC_PI_2), 2.0 * t - 1.0)
+        let cone = self.cone(radius);
+        let width = (PI - 2.0 * cone).max(f64::MIN_POSITIVE);
+        let theta = direction.y.atan2(direction.x);
+        let t = ((theta - cone) / width).clamp(0.0, 1.0);
+        (self.faces() - 1, 2.0 * t - 1.0)
     }
 }
 
@@ -98,7 +102,7 @@ mod tests {
             for radius in [1.0, 1.001, 1.7, 40.0] {
                 for i in 0..=400 {
                     let theta = PI * f64::from(i) / 400.0;
-                    let (face, parameter) = orbits.parameter(theta, radius);
+                    let (face, parameter) = orbits.parameter(DVec2::from_angle(theta), radius);
                     assert!(face < orbits.faces() && parameter.abs() <= 1.0);
                     let back = orbits.angle(face, parameter, radius);
                     assert!(

@@ -19,7 +19,7 @@ use crate::{
     bundle::{Courses, Fan, FanPath, chebyshev, product},
     expr::vectorised,
 };
-use glam::{DMat3, DVec3, DVec4};
+use glam::{DMat3, DVec3};
 use std::sync::{Arc, LazyLock, OnceLock};
 
 /// Paths along an interval. On the wormhole gallery's near half frames with 6 take a tenth longer (more
@@ -128,9 +128,9 @@ impl<'f, 't> Strip<'f, 't> {
         }
     }
 
-    /// Coefficients of points and tangents at ascending arc lengths, on cubics between sixteen points from
-    /// each knot to the next: what those between knots miss the path by falls by fifteen to the fourth.
-    fn along(&self, s: &[f64]) -> impl Iterator<Item = Coefficients> {
+    /// Where ascending arc lengths are on cubics between sixteen points from each knot to the next: what
+    /// those between knots miss the path by falls by fifteen to the fourth.
+    fn along(&self, s: &[f64]) -> impl Iterator<Item = OnCubic<'_>> {
         let mut known: Option<usize> = None;
         s.iter().map(move |&at| {
             // What ends a piece belongs to it, what begins one does not ask for the piece before.
@@ -144,26 +144,17 @@ impl<'f, 't> Strip<'f, 't> {
         })
     }
 
-    /// Those at arc length `at`, on the cubic between two of sixteen points from knot `k` to the next.
-    fn cubic(&self, k: usize, at: f64) -> Coefficients {
+    /// Where arc length `at` is on the cubic between two of sixteen points from knot `k` to the next.
+    fn cubic(&self, k: usize, at: f64) -> OnCubic<'_> {
         let [from, to] = [self.knots[k], self.knots[k + 1]];
         let width = (to - from) / (LANES - 1) as f64;
         let place = (at - from) / width;
         let first = (place as usize).min(LANES - 2);
-        let [point, tangent] = hermite(place - first as f64, width);
-        let states = &self.between(k)[first..first + 2];
-        std::array::from_fn(|degree| {
-            let [a, b] = [states[0][degree], states[1][degree]];
-            let mix = |w: [f64; 4], c: usize| {
-                w[0] * a[c] + w[1] * a[2 + c] + w[2] * b[c] + w[3] * b[2 + c]
-            };
-            [
-                mix(point, 0),
-                mix(point, 1),
-                mix(tangent, 0),
-                mix(tangent, 1),
-            ]
-        })
+        let between = self.between(k);
+        OnCubic {
+            ends: [&between[first], &between[first + 1]],
+            weights: hermite(place - first as f64, width),
+        }
     }
 
     /// Coefficients of the states at sixteen arc lengths evenly from knot `k` to the next.
@@ -185,6 +176,41 @@ impl<'f, 't> Strip<'f, 't> {
                 std::array::from_fn(|degree| std::array::from_fn(|c| at(degree, c, l)))
             }))
         })
+    }
+}
+
+/// A place on the cubics of all paths of an interval.
+struct OnCubic<'a> {
+    /// Coefficients of the states at both ends.
+    ends: [&'a Coefficients; 2],
+    /// Of point and tangent at both ends, for the point and for the tangent.
+    weights: [[f64; 4]; 2],
+}
+
+impl OnCubic<'_> {
+    /// The state there from those at both ends.
+    #[inline(always)]
+    fn mixed(&self, [a, b]: [&[f64; PLANE]; 2]) -> [f64; PLANE] {
+        let [point, tangent] = &self.weights;
+        let mut to = [0.0; PLANE];
+        for c in 0..2 {
+            let known = [a[c], a[2 + c], b[c], b[2 + c]];
+            for i in 0..4 {
+                to[c] += point[i] * known[i];
+                to[2 + c] += tangent[i] * known[i];
+            }
+        }
+        to
+    }
+
+    /// The coefficients of states there.
+    #[inline(always)]
+    fn coefficients(&self) -> Coefficients {
+        let mut to = [[0.0; PLANE]; NODES];
+        for degree in 0..NODES {
+            to[degree] = self.mixed([&self.ends[0][degree], &self.ends[1][degree]]);
+        }
+        to
     }
 }
 
@@ -212,11 +238,14 @@ fn sample(path: &FanPath<'_, '_>, s: &[f64]) -> Option<Vec<f64>> {
 
 /// Of the rows of several paths those that differ from zero.
 fn in_plane(sampled: &[Vec<f64>]) -> Vec<f64> {
-    let rows = |of: &'_ Vec<f64>| {
-        let n = of.len() / ROWS;
-        STORED.map(|c| of[c * n..(c + 1) * n].to_vec()).concat()
-    };
-    sampled.iter().flat_map(rows).collect()
+    let mut values = Vec::with_capacity(sampled.iter().map(Vec::len).sum());
+    for rows in sampled {
+        let n = rows.len() / ROWS;
+        STORED
+            .iter()
+            .for_each(|c| values.extend_from_slice(&rows[c * n..(c + 1) * n]));
+    }
+    values
 }
 
 /// The first event on a path that is known at the knots.
@@ -288,7 +317,12 @@ impl Rung<'_, '_, '_> {
                             for l in 0..BLOCK {
                                 to[l] = a * f64::from(x[l]) + b * f64::from(y[l]);
                             }
-                            rows[row * n + first..][..count].copy_from_slice(&to[..count]);
+                            let row = &mut rows[row * n + first..][..count];
+                            // Nearly always whole: a copy of a length that is known is no call.
+                            match row.first_chunk_mut() {
+                                Some(row) => *row = to,
+                                None => row.copy_from_slice(&to[..count]),
+                            }
                         }
                     }
                 }
@@ -316,19 +350,35 @@ impl Rung<'_, '_, '_> {
 
     /// Points and tangents at ascending arc lengths into six rows.
     pub(super) fn refine(&self, s: &[f64], rows: &mut [f64]) {
-        for (i, coefficients) in self.strip.along(s).enumerate() {
-            put(rows, i, self.state(&coefficients));
-        }
+        vectorised(
+            #[inline(always)]
+            || {
+                for (i, place) in self.strip.along(s).enumerate() {
+                    // One path at both ends: fewer terms than all coefficients on the cubic.
+                    let ends = [self.sum(place.ends[0]), self.sum(place.ends[1])];
+                    put(rows, i, self.turned(&place.mixed([&ends[0], &ends[1]])));
+                }
+            },
+        );
     }
 
-    /// Point and tangent by their coefficients.
-    fn state(&self, coefficients: &Coefficients) -> (DVec3, DVec3) {
-        let mut sums = DVec4::ZERO;
+    /// What is in the stored plane, by its coefficients.
+    #[inline(always)]
+    fn sum(&self, coefficients: &Coefficients) -> [f64; PLANE] {
+        let mut sums = [0.0; PLANE];
         for (row, weight) in coefficients.iter().zip(self.weights) {
-            sums += DVec4::from_array(*row) * weight;
+            for c in 0..PLANE {
+                sums[c] += row[c] * weight;
+            }
         }
-        let turned = |x: f64, y: f64| self.rotation.x_axis * x + self.rotation.y_axis * y;
-        (turned(sums.x, sums.y), turned(sums.z, sums.w))
+        sums
+    }
+
+    /// Point and tangent from what is in the stored plane.
+    #[inline(always)]
+    fn turned(&self, [x, y, vx, vy]: &[f64; PLANE]) -> (DVec3, DVec3) {
+        let [along, across] = [self.rotation.x_axis, self.rotation.y_axis];
+        (along * *x + across * *y, along * *vx + across * *vy)
     }
 
     /// How the path ends; `None` if that has to be looked for.

@@ -28,6 +28,8 @@ pub struct Place {
     stored: DVec3,
     stored_inverse: DMat3,
     areal_radius: f64,
+    /// The unit vector from the centre; `None` at the centre.
+    radial: Option<DVec3>,
     /// Of the stored point in its cell.
     parallax: DVec3,
     /// Takes the stored point to `u` (for rotations: some rotation; the direction decides which).
@@ -89,6 +91,7 @@ impl FanSpace {
             stored,
             stored_inverse: self.manifold.standard_frame(stored).inverse(),
             areal_radius: self.areal_radius(stored),
+            radial: u.try_normalize(),
             parallax: self.parallax(stored, &parameters),
             parameters,
             isometry,
@@ -192,17 +195,16 @@ impl FanSpace {
 
     fn locate_rotated(&self, place: &Place, v: DVec3) -> Located {
         // At the centre every direction is radial.
-        let radial = place.u.try_normalize().unwrap_or(v.normalize());
+        let radial = place.radial.unwrap_or_else(|| v.normalize());
         let across = v - radial * radial.dot(v);
-        let across = match across.length() > 1e-15 * v.length() {
+        let across = match across.length_squared() > 1e-30 * v.length_squared() {
             true => across.normalize(),
             false => radial.any_orthonormal_vector(),
         };
         let q = DMat3::from_cols(radial, across, radial.cross(across));
         let v = q.transpose() * v;
         let d = place.stored_inverse * v;
-        let theta = d.y.atan2(d.x);
-        let (face, parameter) = self.orbits.parameter(theta, place.areal_radius);
+        let (face, parameter) = self.orbits.parameter(d.truncate(), place.areal_radius);
         Located {
             face,
             direction: [parameter, 0.0],

@@ -56,9 +56,9 @@ fn add_strip(
             weights[degree][l] = rung.weights[degree];
         }
     }
-    for (sums, coefficients) in sums.iter_mut().zip(one.strip.along(s)) {
+    for (sums, place) in sums.iter_mut().zip(one.strip.along(s)) {
         let mut more = *sums;
-        for (weights, coefficients) in weights.iter().zip(&coefficients) {
+        for (weights, coefficients) in weights.iter().zip(&place.coefficients()) {
             for c in 0..PLANE {
                 for l in 0..LANES {
                     more[c][l] += weights[l] * coefficients[c];
