@@ -104,6 +104,7 @@ impl<'m> EndingFinder<'m> {
         let closer = self.last_piece(Strand {
             knots: &knots,
             rows: &rows,
+            boxes: &[],
             known,
             ..strand
         });

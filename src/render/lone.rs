@@ -72,6 +72,7 @@ impl Lone {
         let closer = Strand {
             knots: &self.lengths,
             rows: &self.rows,
+            boxes: &[],
             known: self.lengths.len(),
             ..strand
         };

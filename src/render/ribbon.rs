@@ -9,7 +9,7 @@
 use super::{
     cubics::Cubics,
     intersect::{is_glued, shifts},
-    lanes::{LANES, Points, each, lane, less, more},
+    lanes::{LANES, SinglePoints, more},
     packet::Bicubic,
     sheaf::{Sheaf, Spread, TUBE_MARGIN, Tube, Vertex, widened},
     strands::Strand,
@@ -17,7 +17,7 @@ use super::{
     world::World,
 };
 use crate::expr::vectorised;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use std::ops::Range;
 
 /// Chords of sixteen paths, in order of arc length.
@@ -114,10 +114,11 @@ impl Touched {
             #[inline(always)]
             || {
                 self.tube.surround(strands, last, margin, slack);
-                for k in 0..self.tube.pieces() {
-                    if meets(world, self.tube.piece(k)) {
-                        self.pieces.push(k);
-                    }
+                for first in (0..self.tube.pieces()).step_by(LANES) {
+                    let met = met(world, &self.tube.sixteen(first));
+                    let count = LANES.min(self.tube.pieces() - first);
+                    let pieces = (0..count).filter(|l| met[*l]);
+                    self.pieces.extend(pieces.map(|l| first + l));
                 }
             },
         );
@@ -133,15 +134,7 @@ impl Touched {
         let touches = |k: &usize| {
             vectorised(
                 #[inline(always)]
-                || {
-                    let (low, high) = boxes(strands, *k, slack);
-                    match is_glued(&world.manifold.domain) {
-                        false => world.accelerator.touched(&low, &high),
-                        true => {
-                            std::array::from_fn(|l| meets(world, (lane(&low, l), lane(&high, l))))
-                        }
-                    }
-                },
+                || met(world, &boxes(strands, *k, slack)),
             )
         };
         self.pieces.iter().map(touches).collect()
@@ -150,28 +143,19 @@ impl Touched {
 
 /// Corners of the boxes around piece `k` of the `strands`, widened by the angle `slack`.
 #[inline(always)]
-fn boxes(strands: &[Strand<'_>; LANES], k: usize, slack: f64) -> (Points, Points) {
+fn boxes(strands: &[Strand<'_>; LANES], k: usize, slack: f64) -> (SinglePoints, SinglePoints) {
     let [from, to] = [strands[0].knots[k], strands[0].knots[k + 1]];
-    let third = (to - from) * (1.0 / 3.0);
-    let at = |c: usize, k: usize| {
-        each(
-            #[inline(always)]
-            |l| strands[l].row(c)[k],
-        )
-    };
     let (mut low, mut high) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
     let mut longest = [0.0; LANES];
     for c in 0..3 {
-        let (a, d) = (at(c, k), at(c, k + 1));
-        let (v, w) = (at(3 + c, k), at(3 + c, k + 1));
         for l in 0..LANES {
-            let (b, e) = (a[l] + v[l] * third, d[l] - w[l] * third);
-            low[c][l] = less(less(a[l], b), less(e, d[l]));
-            high[c][l] = more(more(a[l], b), more(e, d[l]));
+            (low[c][l], high[c][l]) = (strands[l].side(c)[k], strands[l].side(3 + c)[k]);
+        }
+        for l in 0..LANES {
             longest[l] = more(high[c][l] - low[c][l], longest[l]);
         }
     }
-    let share = slack * to / (to - from);
+    let share = (slack * to / (to - from)) as f32;
     for c in 0..3 {
         for l in 0..LANES {
             low[c][l] -= share * longest[l];
@@ -179,6 +163,16 @@ fn boxes(strands: &[Strand<'_>; LANES], k: usize, slack: f64) -> (Points, Points
         }
     }
     (low, high)
+}
+
+/// Which of sixteen boxes meet a leaf of the scene's tree, in any period.
+#[inline(always)]
+fn met(world: &World, (low, high): &(SinglePoints, SinglePoints)) -> [bool; LANES] {
+    if !is_glued(&world.manifold.domain) {
+        return world.accelerator.touched(low, high);
+    }
+    let corner = |of: &SinglePoints, l: usize| Vec3::new(of[0][l], of[1][l], of[2][l]).as_dvec3();
+    std::array::from_fn(|l| meets(world, (corner(low, l), corner(high, l))))
 }
 
 /// Whether a box meets a leaf of the scene's tree, in any period.

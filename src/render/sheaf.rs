@@ -5,8 +5,10 @@
 
 use super::{
     curve::Ending,
-    lanes::{LANES, Lanes, Points, SinglePoints, each, each_point, lane, range},
-    strands::{Strand, Strands, knots_until},
+    lanes::{
+        LANES, Lanes, Points, SinglePoints, each, each_point, lane, less, more, range, single,
+    },
+    strands::{ROWS, Strand, Strands, knots_until, pieces_row},
     tracer::GridTracer,
 };
 use crate::expr::vectorised;
@@ -68,10 +70,11 @@ impl Spread {
 /// Boxes around pieces of a tube.
 #[derive(Debug, Clone, Default)]
 pub struct Tube {
-    low: [Vec<f64>; 3],
-    high: [Vec<f64>; 3],
+    /// The least x, y and z of each, then the largest; whole vectors.
+    sides: [Vec<f32>; ROWS],
     /// By how much each is widened.
-    margin: Vec<f64>,
+    margin: Vec<f32>,
+    pieces: usize,
 }
 
 impl<'a> Sheaf<'a> {
@@ -177,48 +180,46 @@ impl<'a> Sheaf<'a> {
 }
 
 impl Tube {
-    /// Boxes around the pieces between the first `last` knots of all `strands`: around the control
-    /// points of their cubics, widened by `margin` of their longest side and by the angle `slack` (a
-    /// piece is about as long as its box in the chart).
+    /// Boxes around the pieces between the first `last` knots of all `strands`, widened by `margin` of their
+    /// longest side and by the angle `slack` (a piece is about as long as its box in the chart).
     #[inline(always)]
     pub fn surround(&mut self, strands: &[Strand<'_>], last: usize, margin: f64, slack: f64) {
-        let knots = strands[0].knots;
-        let pieces = last.saturating_sub(1);
-        for c in 0..3 {
-            self.low[c].clear();
-            self.low[c].resize(pieces, f64::INFINITY);
-            self.high[c].clear();
-            self.high[c].resize(pieces, f64::NEG_INFINITY);
-            for strand in strands {
-                let (u, v) = (&strand.row(c)[..=pieces], &strand.row(3 + c)[..=pieces]);
-                let (low, high) = (&mut self.low[c][..pieces], &mut self.high[c][..pieces]);
-                for k in 0..pieces {
-                    let third = (knots[k + 1] - knots[k]) * (1.0 / 3.0);
-                    let (a, d) = (u[k], u[k + 1]);
-                    let (b, c) = (a + v[k] * third, d - v[k + 1] * third);
-                    low[k] = low[k].min(a.min(b)).min(c.min(d));
-                    high[k] = high[k].max(a.max(b)).max(c.max(d));
+        self.pieces = last.saturating_sub(1);
+        let width = pieces_row(last);
+        for (c, side) in self.sides.iter_mut().enumerate() {
+            side.clear();
+            side.extend_from_slice(&strands[0].side(c)[..width]);
+            let others = strands[1..].iter().map(|strand| strand.side(c));
+            for other in others {
+                let blocks = side.as_chunks_mut::<LANES>().0.iter_mut();
+                for (to, other) in blocks.zip(other.as_chunks::<LANES>().0) {
+                    let one = *to;
+                    *to = match c < 3 {
+                        true => single(|l| less(one[l], other[l])),
+                        false => single(|l| more(one[l], other[l])),
+                    };
                 }
             }
         }
-        self.widen(&knots[..last], margin, slack);
+        self.widen(&strands[0].knots[..last], margin, slack);
     }
 
     #[inline(always)]
     fn widen(&mut self, knots: &[f64], margin: f64, slack: f64) {
-        let pieces = self.low[0].len();
+        let width = self.sides[0].len();
         self.margin.clear();
-        self.margin.resize(pieces, 0.0);
-        for (low, high) in self.low.iter().zip(&self.high) {
-            let (low, high) = (&low[..pieces], &high[..pieces]);
+        self.margin.resize(width, 0.0);
+        let (lows, highs) = self.sides.split_at_mut(3);
+        for (low, high) in lows.iter().zip(&*highs) {
+            let (low, high) = (&low[..width], &high[..width]);
             for (k, widest) in self.margin.iter_mut().enumerate() {
-                *widest = widest.max(high[k] - low[k]);
+                *widest = more(high[k] - low[k], *widest);
             }
         }
         for (widest, pair) in self.margin.iter_mut().zip(knots.windows(2)) {
-            *widest *= margin + slack * pair[1] / (pair[1] - pair[0]);
+            *widest *= (margin + slack * pair[1] / (pair[1] - pair[0])) as f32;
         }
-        for (low, high) in self.low.iter_mut().zip(&mut self.high) {
+        for (low, high) in lows.iter_mut().zip(highs) {
             for (k, margin) in self.margin.iter().enumerate() {
                 low[k] -= margin;
                 high[k] += margin;
@@ -229,14 +230,21 @@ impl Tube {
     /// How many pieces there are.
     #[inline(always)]
     pub fn pieces(&self) -> usize {
-        self.margin.len()
+        self.pieces
     }
 
-    /// The box of piece `k`.
+    /// Corners of the boxes of sixteen pieces from `first` on, a multiple of sixteen; behind the last they are
+    /// of no piece.
     #[inline(always)]
-    pub fn piece(&self, k: usize) -> (DVec3, DVec3) {
-        let corner = |side: &[Vec<f64>; 3]| DVec3::new(side[0][k], side[1][k], side[2][k]);
-        (corner(&self.low), corner(&self.high))
+    pub fn sixteen(&self, first: usize) -> (SinglePoints, SinglePoints) {
+        let mut corners = [[[0.0; LANES]; 3]; 2];
+        for (corner, sides) in corners.iter_mut().zip(self.sides.chunks_exact(3)) {
+            for (to, side) in corner.iter_mut().zip(sides) {
+                to.copy_from_slice(&side[first..first + LANES]);
+            }
+        }
+        let [low, high] = corners;
+        (low, high)
     }
 }
 

@@ -6,9 +6,10 @@
 
 use super::{
     curve::{Ending, Piece},
+    lanes::{LANES, Lanes, less, more},
     pencil::Spoke,
 };
-use crate::bundle::Courses;
+use crate::{bundle::Courses, expr::vectorised};
 use glam::DVec3;
 use std::{
     mem::{replace, take},
@@ -26,6 +27,8 @@ pub struct Strands {
     directions: Vec<DVec3>,
     /// Six rows for each path, each as long as `knots`; behind them what paths before left.
     values: Vec<f64>,
+    /// [`Strand::boxes`] of each.
+    boxes: Vec<f32>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
     /// What a tracer that looks paths up took from its table for some of them.
@@ -53,6 +56,9 @@ pub struct Strand<'a> {
     pub direction: DVec3,
     /// Six rows, each as long as `knots`.
     pub(super) rows: &'a [f64],
+    /// Boxes around the cubics between knots: the least x, y and z of each piece, then the largest, in rows
+    /// of [`pieces_row`] numbers. None of a strand that is not one of [`Strands`].
+    pub(super) boxes: &'a [f32],
     /// How many knots are known.
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
@@ -68,6 +74,7 @@ impl Strands {
             knots,
             directions: Vec::new(),
             values: Vec::new(),
+            boxes: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
             courses: Courses::default(),
@@ -109,9 +116,10 @@ impl Strands {
 
     /// Makes room for `count` more.
     pub fn reserve(&mut self, count: usize) {
-        let length = (self.len() + count) * ROWS * self.knots.len();
-        if length > self.values.len() {
-            self.values.resize(length, 0.0);
+        let (count, knots) = (self.len() + count, self.knots.len());
+        if count * ROWS * knots > self.values.len() {
+            self.values.resize(count * ROWS * knots, 0.0);
+            self.boxes.resize(count * ROWS * pieces_row(knots), 0.0);
         }
     }
 
@@ -124,15 +132,18 @@ impl Strands {
         end: impl FnOnce(Strand<'_>) -> Option<Ending>,
     ) {
         self.reserve(1);
-        let length = ROWS * self.knots.len();
+        let (length, boxes) = (ROWS * self.knots.len(), ROWS * pieces_row(self.knots.len()));
         let start = self.len() * length;
+        let boxes = self.len() * boxes..(self.len() + 1) * boxes;
         let rows = &mut self.values[start..start + length];
         let known = fill(&self.knots, rows);
         stay(rows, self.knots.len(), known);
+        surround(&self.knots, rows, &mut self.boxes[boxes.clone()]);
         let strand = Strand {
             knots: &self.knots,
             direction,
             rows: &self.values[start..start + length],
+            boxes: &self.boxes[boxes],
             known,
             ending: None,
             source: (&self.courses, &source),
@@ -151,10 +162,12 @@ impl Strands {
     /// The path numbered `i`.
     pub fn strand(&self, i: usize) -> Strand<'_> {
         let length = ROWS * self.knots.len();
+        let boxes = ROWS * pieces_row(self.knots.len());
         Strand {
             knots: &self.knots,
             direction: self.directions[i],
             rows: &self.values[i * length..(i + 1) * length],
+            boxes: &self.boxes[i * boxes..(i + 1) * boxes],
             known: self.known[i],
             ending: self.endings[i],
             source: (&self.courses, &self.sources[i]),
@@ -172,6 +185,64 @@ pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
         let last = last.map_or(0.0, |last| row[last]);
         row[known..].fill(last);
     }
+}
+
+/// The length of a row of numbers for each piece between so many knots: whole vectors.
+pub fn pieces_row(knots: usize) -> usize {
+    knots.saturating_sub(1).next_multiple_of(LANES)
+}
+
+/// Boxes around the pieces of a path, as [`Strand::boxes`]: around the control points of their cubics,
+/// rounded outwards. By whole vectors as far as there are; those of a table have no rest.
+fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
+    let (n, width) = (knots.len(), pieces_row(knots.len()));
+    let whole = n - n % LANES;
+    vectorised(
+        #[inline(always)]
+        || {
+            for c in 0..3 {
+                let (u, v) = (&rows[c * n..(c + 1) * n], &rows[(3 + c) * n..(4 + c) * n]);
+                for first in (0..whole).step_by(LANES) {
+                    let (s, u, v) = (ends(knots, first), ends(u, first), ends(v, first));
+                    let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
+                    for l in 0..LANES {
+                        let at = |x: &[Lanes; 2]| [x[0][l], x[1][l]];
+                        (low[l], high[l]) = interval(at(&s), at(&u), at(&v));
+                    }
+                    for (row, numbers) in [(c, low), (3 + c, high)] {
+                        boxes[row * width + first..][..LANES].copy_from_slice(&numbers);
+                    }
+                }
+                for k in whole..n - 1 {
+                    let at = |x: &[f64]| [x[k], x[k + 1]];
+                    let (low, high) = interval(at(knots), at(u), at(v));
+                    (boxes[c * width + k], boxes[(3 + c) * width + k]) = (low, high);
+                }
+            }
+        },
+    );
+}
+
+/// Where a cubic between two arc lengths is, with these values and slopes.
+#[inline(always)]
+fn interval([from, to]: [f64; 2], [a, d]: [f64; 2], [v, w]: [f64; 2]) -> (f32, f32) {
+    let third = (to - from) * (1.0 / 3.0);
+    let (b, c) = (a + v * third, d - w * third);
+    let (low, high) = (less(less(a, b), less(c, d)), more(more(a, b), more(c, d)));
+    let rounding = f64::from(f32::EPSILON);
+    let (low, high) = (low - low.abs() * rounding, high + high.abs() * rounding);
+    (low as f32, high as f32)
+}
+
+/// The numbers of a row at both ends of sixteen pieces from `first` on. Behind the last they are alike.
+#[inline(always)]
+fn ends(row: &[f64], first: usize) -> [Lanes; 2] {
+    let mut from = [0.0; LANES];
+    from.copy_from_slice(&row[first..first + LANES]);
+    let mut to = [0.0; LANES];
+    to[..LANES - 1].copy_from_slice(&from[1..]);
+    to[LANES - 1] = *row.get(first + LANES).unwrap_or(&from[LANES - 1]);
+    [from, to]
 }
 
 /// How many of the `knots` matter to what ends at `limit`: up to the first that is not before it.
@@ -205,6 +276,13 @@ impl<'a> Strand<'a> {
     #[inline(always)]
     pub fn tangent(&self, k: usize) -> DVec3 {
         DVec3::new(self.row(3)[k], self.row(4)[k], self.row(5)[k])
+    }
+
+    /// One side of the boxes around all pieces: the least x, y, z, then the largest.
+    #[inline(always)]
+    pub(super) fn side(&self, side: usize) -> &'a [f32] {
+        let width = self.boxes.len() / ROWS;
+        &self.boxes[side * width..(side + 1) * width]
     }
 
     /// The piece from knot `k` to the next.

@@ -259,6 +259,7 @@ fn event(
         knots,
         direction: DVec3::ZERO,
         rows,
+        boxes: &[],
         known: knots.len(),
         ending: None,
         source: (&Courses::default(), &Source::Knots),

@@ -1,7 +1,7 @@
 //! Sixteen boxes against the tree at once: those of neighbouring paths visit nearly the same nodes.
 
 use super::{Accelerator, MARGIN, Stack};
-use crate::render::lanes::{LANES, Points, SinglePoints, any};
+use crate::render::lanes::{LANES, SinglePoints, any};
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 
 /// Boxes in tree coordinates; one that asks for nothing is inside out.
@@ -14,7 +14,7 @@ impl Accelerator {
     /// Which of the boxes between the corners `low` and `high` meet the box of any leaf, as
     /// [`Accelerator::touches`] tells of one.
     #[inline(always)]
-    pub fn touched(&self, low: &Points, high: &Points) -> [bool; LANES] {
+    pub fn touched(&self, low: &SinglePoints, high: &SinglePoints) -> [bool; LANES] {
         let mut touched = [false; LANES];
         let Some(mut boxes) = self.boxes(low, high) else {
             return touched;
@@ -43,7 +43,7 @@ impl Accelerator {
 
     /// The parts of the boxes inside the bounds; `None` if there are none.
     #[inline(always)]
-    fn boxes(&self, low: &Points, high: &Points) -> Option<Boxes> {
+    fn boxes(&self, low: &SinglePoints, high: &SinglePoints) -> Option<Boxes> {
         let (least, most) = self.bounds?;
         let unit = self.unit();
         let mut boxes = Boxes {
@@ -53,9 +53,10 @@ impl Accelerator {
         for c in 0..3 {
             let (least, most, centre) = (least[c], most[c], self.centre[c]);
             for l in 0..LANES {
-                let from = if low[c][l] > least { low[c][l] } else { least };
-                let to = if high[c][l] < most { high[c][l] } else { most };
-                let beside = (low[c][l] > most) | (high[c][l] < least);
+                let (low, high) = (f64::from(low[c][l]), f64::from(high[c][l]));
+                let from = if low > least { low } else { least };
+                let to = if high < most { high } else { most };
+                let beside = (low > most) | (high < least);
                 let inside_out = if beside { f32::INFINITY } else { 0.0 };
                 boxes.low[c][l] = ((from - centre) * unit) as f32 - MARGIN + inside_out;
                 boxes.high[c][l] = ((to - centre) * unit) as f32 + MARGIN;
@@ -82,8 +83,8 @@ impl Boxes {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{random::Stream, render::lanes::Lanes};
-    use glam::DVec3;
+    use crate::random::Stream;
+    use glam::{DVec3, Vec3};
 
     #[test]
     fn sixteen_boxes_touch_what_each_does_alone() {
@@ -97,16 +98,16 @@ mod tests {
         let accelerator = Accelerator::build(&triangles);
         let mut counts = [0; 2];
         for _ in 0..200 {
-            let boxes: [(DVec3, DVec3); LANES] = std::array::from_fn(|_| {
-                let (centre, half) = (point(1.6), point(0.3).abs());
+            let boxes: [(Vec3, Vec3); LANES] = std::array::from_fn(|_| {
+                let (centre, half) = (point(1.6).as_vec3(), point(0.3).abs().as_vec3());
                 (centre - half, centre + half)
             });
-            let lanes = |of: fn(&(DVec3, DVec3)) -> DVec3| -> Points {
-                [0, 1, 2].map(|c| -> Lanes { boxes.each_ref().map(|b| of(b)[c]) })
+            let lanes = |of: fn(&(Vec3, Vec3)) -> Vec3| -> SinglePoints {
+                [0, 1, 2].map(|c| boxes.each_ref().map(|b| of(b)[c]))
             };
             let touched = accelerator.touched(&lanes(|b| b.0), &lanes(|b| b.1));
             for (touched, (min, max)) in touched.iter().zip(boxes) {
-                assert_eq!(*touched, accelerator.touches(min, max));
+                assert_eq!(*touched, accelerator.touches(min.as_dvec3(), max.as_dvec3()));
                 counts[usize::from(*touched)] += 1;
             }
         }
