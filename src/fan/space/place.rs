@@ -3,7 +3,7 @@
 //! In: a [`FanSpace`], a camera position and a direction. Out: the [`Place`] of the one, the
 //! [`Located`] ray of the other, with the [`Isometry`] that carries the stored ray to the true one.
 
-use super::{FanSpace, Reduction};
+use super::{FanSpace, Reduction, StoredCamera};
 use crate::{
     error::{Error, Result},
     fan::{
@@ -162,11 +162,16 @@ impl FanSpace {
 
     /// The stored ray at direction parameters, from the camera position stored for `place`.
     pub fn stored_ray(&self, place: &Place, face: usize, direction: [f64; 2]) -> Located {
-        let (u, d) = self.ray(face, &place.parameters, &direction);
+        let camera = StoredCamera {
+            u: place.stored,
+            parallax: place.parallax,
+            areal_radius: place.areal_radius,
+        };
+        let d = self.direction_from(&camera, face, &direction);
         Located {
             face,
             direction,
-            u,
+            u: place.stored,
             v: place.stored_inverse.inverse() * d,
             isometry: Isometry::Identity,
         }
