@@ -76,7 +76,7 @@ fn panels<S: Simd, T: Real>(simd: S, a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let mut product = vec![T::ZERO; rows * width];
     let whole = width / lanes;
     let columns = 0..whole * lanes;
-    let line = |vector: usize| &b[vector * lanes..];
+    let line = |vector: usize| (&b[vector * lanes..], inner);
     across(
         simd,
         (a, inner),
@@ -86,18 +86,19 @@ fn panels<S: Simd, T: Real>(simd: S, a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     if whole * lanes < width {
         let rest = rest(b, width, lanes);
         let to = (&mut product[..], width, whole * lanes..width);
-        down::<S, T, 1>(simd, (a, inner), ([&rest], lanes), to);
+        down::<S, T, 1>(simd, (a, inner, inner), ([&rest], lanes), to);
     }
     product
 }
 
 /// The same where the columns of `b` are made as they are needed: `make` makes those of one of some `strips`,
 /// each `width` columns, sixteen beside each other for all rows before the next sixteen, filled up
-/// with zeros. So they stay in the cache until they are multiplied.
+/// with zeros. So they stay in the cache until they are multiplied. It tells how many rows of each sixteen
+/// columns are to be multiplied: of pairs of sixteen, those of the first.
 pub(super) fn product_of<T: Real>(
     (a, inner): (&[T], usize),
     (strips, width): (usize, usize),
-    make: impl Fn(usize, &mut [[T; BESIDE]]),
+    make: impl Fn(usize, &mut [[T; BESIDE]]) -> Vec<usize>,
 ) -> Vec<T> {
     dispatch!(Level::new(), simd => simd.vectorize(
         #[inline(always)]
@@ -110,17 +111,18 @@ fn by_strips<S: Simd, T: Real>(
     simd: S,
     (a, inner): (&[T], usize),
     (strips, width): (usize, usize),
-    make: impl Fn(usize, &mut [[T; BESIDE]]),
+    make: impl Fn(usize, &mut [[T; BESIDE]]) -> Vec<usize>,
 ) -> Vec<T> {
     let row = strips * width;
     let lanes = T::Vector::<S>::LEN;
     let mut product = vec![T::ZERO; a.len() / inner * row];
     let mut panels = vec![[T::ZERO; BESIDE]; inner * width.div_ceil(BESIDE)];
     for strip in 0..strips {
-        make(strip, &mut panels);
+        let depths = make(strip, &mut panels);
         let line = |vector: usize| {
             let column = vector * lanes;
-            &panels[column / BESIDE * inner..].as_flattened()[column % BESIDE..]
+            let line = &panels[column / BESIDE * inner..].as_flattened()[column % BESIDE..];
+            (line, depths[column / BESIDE])
         };
         let columns = strip * width..(strip + 1) * width;
         across(
@@ -134,12 +136,12 @@ fn by_strips<S: Simd, T: Real>(
 }
 
 /// All rows of a product in some `columns`, of which the vectors begin with those that `line` tells, each
-/// `stride` behind the one before.
+/// `stride` behind the one before, and with how many of them there are before zeros alone.
 #[inline(always)]
 fn across<'b, S: Simd, T: Real>(
     simd: S,
-    a: (&[T], usize),
-    (line, stride): (impl Fn(usize) -> &'b [T], usize),
+    (a, inner): (&[T], usize),
+    (line, stride): (impl Fn(usize) -> (&'b [T], usize), usize),
     (product, width, columns): (&mut [T], usize, Range<usize>),
 ) {
     // Sums of one vector wait for each other where it is one register; two such fit 32 of them.
@@ -150,22 +152,23 @@ fn across<'b, S: Simd, T: Real>(
     while vector < count {
         let to = columns.start + vector * lanes..columns.end;
         let to = (&mut *product, width, to);
+        let (first, depth) = line(vector);
         if two && vector + 1 < count {
-            let lines = [line(vector), line(vector + 1)];
-            down::<S, T, 2>(simd, a, (lines, stride), to);
+            let lines = [first, line(vector + 1).0];
+            down::<S, T, 2>(simd, (a, inner, depth), (lines, stride), to);
             vector += 2;
         } else {
-            down::<S, T, 1>(simd, a, ([line(vector)], stride), to);
+            down::<S, T, 1>(simd, (a, inner, depth), ([first], stride), to);
             vector += 1;
         }
     }
 }
 
-/// All rows of a product in the columns of `V` vectors.
+/// All rows of a product in the columns of `V` vectors, of which `depth` rows are not zero.
 #[inline(always)]
 fn down<S: Simd, T: Real, const V: usize>(
     simd: S,
-    (a, inner): (&[T], usize),
+    (a, inner, depth): (&[T], usize, usize),
     lines: ([&[T]; V], usize),
     (product, width, columns): (&mut [T], usize, Range<usize>),
 ) {
@@ -175,9 +178,9 @@ fn down<S: Simd, T: Real, const V: usize>(
         let (a, to) = (&a[row * inner..], &mut product[row * width..]);
         let to = (to, width, columns.clone());
         row += match rows - row {
-            ROWS.. => block::<S, T, ROWS, V>(simd, (a, inner), lines, to),
-            REST.. => block::<S, T, REST, V>(simd, (a, inner), lines, to),
-            _ => block::<S, T, 1, V>(simd, (a, inner), lines, to),
+            ROWS.. => block::<S, T, ROWS, V>(simd, (a, inner, depth), lines, to),
+            REST.. => block::<S, T, REST, V>(simd, (a, inner, depth), lines, to),
+            _ => block::<S, T, 1, V>(simd, (a, inner, depth), lines, to),
         };
     }
 }
@@ -200,7 +203,7 @@ fn rest<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
 #[inline(always)]
 fn block<S: Simd, T: Real, const R: usize, const V: usize>(
     simd: S,
-    (a, inner): (&[T], usize),
+    (a, inner, depth): (&[T], usize, usize),
     (b, stride): ([&[T]; V], usize),
     (to, width, columns): (&mut [T], usize, Range<usize>),
 ) -> usize {
@@ -208,9 +211,9 @@ fn block<S: Simd, T: Real, const R: usize, const V: usize>(
     let mut sums = [[T::Vector::<S>::splat(simd, T::ZERO); V]; R];
     let rows: [(&[[T; STRIDE]], &[T]); R] = from_fn(
         #[inline(always)]
-        |r| a[r * inner..][..inner].as_chunks(),
+        |r| a[r * inner..][..depth].as_chunks(),
     );
-    let strides = inner / STRIDE;
+    let strides = depth / STRIDE;
     for k in 0..strides {
         let x: [&[T; STRIDE]; R] = from_fn(
             #[inline(always)]
@@ -224,7 +227,7 @@ fn block<S: Simd, T: Real, const R: usize, const V: usize>(
             add_line(simd, &mut sums, lines, j * stride, |r| x[r][j]);
         }
     }
-    for k in 0..inner % STRIDE {
+    for k in 0..depth % STRIDE {
         let line = (strides * STRIDE + k) * stride;
         add_line(simd, &mut sums, b, line, |r| rows[r].1[k]);
     }

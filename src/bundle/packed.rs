@@ -5,7 +5,8 @@
 //! box of three bumps nine of ten fit bytes with three bits behind the point. What is large stands in
 //! the first rows and columns, because ranks are sorted by their singular values and degrees by
 //! themselves: so each row begins with as many long numbers as it needs, goes on with shorter ones and ends
-//! with bytes.
+//! with bytes. Zeros behind the last number are left out: in the largest cores of that box they are half of
+//! all.
 
 use super::matrix::{product_of, scale};
 use crate::{
@@ -22,7 +23,7 @@ type Beside<N> = [N; BESIDE];
 /// Rows of numbers.
 #[derive(Debug, Clone)]
 pub(super) struct Packed {
-    /// How many a row has; it ends with zeros that make it whole vectors.
+    /// How many a row has, with the zeros at its end that are not kept.
     width: usize,
     /// What an integer stands for.
     unit: f64,
@@ -95,6 +96,7 @@ impl Packed {
                 .rposition(|x| !fits(x))
                 .map_or(0, |last| last + 1)
         };
+        let row = &row[..end(0)];
         let (longs, shorts) = match packing {
             Packing::Close => (row.len(), row.len()),
             Packing::Small => (end(i16::MAX.into()), end(i8::MAX.into())),
@@ -110,6 +112,24 @@ impl Packed {
 
     fn rows(&self) -> usize {
         self.starts.len() - 1
+    }
+
+    /// How many times [`BESIDE`] numbers are kept of a row.
+    fn kept(&self, row: usize) -> usize {
+        let [from, to] = [self.starts[row], self.starts[row + 1]];
+        (0..3).map(|size| (to[size] - from[size]) as usize).sum()
+    }
+
+    /// For each [`BESIDE`] columns of a matrix, of which row `k` is the row `numbers(k)` here, behind which of
+    /// its `inner` rows there are zeros alone: later columns are no longer.
+    fn depths(&self, inner: usize, numbers: impl Fn(usize) -> usize) -> Vec<usize> {
+        let mut depths = Vec::with_capacity(self.width.div_ceil(BESIDE));
+        for k in (0..inner).rev() {
+            let kept = self.kept(numbers(k)).max(depths.len());
+            depths.resize(kept, k + 1);
+        }
+        depths.resize(self.width.div_ceil(BESIDE), 0);
+        depths
     }
 
     /// Gives `take` the numbers of a row, and how many times [`BESIDE`] are before them; asks for the row that
@@ -202,15 +222,23 @@ impl Packed {
             (strips, self.width),
             #[inline(always)]
             |strip, panels: &mut [Beside<T>]| {
+                let depths = self.depths(inner, |k| k * strips + strip);
                 for k in 0..inner {
+                    let row = k * strips + strip;
                     self.each(
-                        k * strips + strip,
+                        row,
                         // The next strip's.
                         1,
                         #[inline(always)]
                         |place, numbers| panels[place * inner + k] = numbers,
                     );
+                    let missing = self.kept(row)..depths.len();
+                    // Two columns may be multiplied together.
+                    for place in missing.take_while(|place| k < depths[place & !1]) {
+                        panels[place * inner + k] = [T::ZERO; BESIDE];
+                    }
                 }
+                depths
             },
         );
         scale(&mut product, &self.units(factors));

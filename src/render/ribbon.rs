@@ -212,7 +212,15 @@ impl Ribbon {
         for &k in pieces {
             vectorised(
                 #[inline(always)]
-                || cut(&Cubics::new(&strands, k), tolerance, slack, world, &mut show),
+                || {
+                    cut(
+                        &Cubics::new(&strands, k),
+                        tolerance,
+                        slack,
+                        world,
+                        &mut show,
+                    )
+                },
             );
         }
         sheaf.vertices(tracer, &s, &mut self.vertices);

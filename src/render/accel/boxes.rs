@@ -107,7 +107,10 @@ mod tests {
             };
             let touched = accelerator.touched(&lanes(|b| b.0), &lanes(|b| b.1));
             for (touched, (min, max)) in touched.iter().zip(boxes) {
-                assert_eq!(*touched, accelerator.touches(min.as_dvec3(), max.as_dvec3()));
+                assert_eq!(
+                    *touched,
+                    accelerator.touches(min.as_dvec3(), max.as_dvec3())
+                );
                 counts[usize::from(*touched)] += 1;
             }
         }
