@@ -5,8 +5,8 @@
 //! box of three bumps nine of ten fit bytes with three bits behind the point. What is large stands in
 //! the first rows and columns, because ranks are sorted by their singular values and degrees by
 //! themselves: so each row begins with as many long numbers as it needs, goes on with shorter ones and ends
-//! with bytes. Zeros behind the last number are left out: in the largest cores of that box they are half of
-//! all.
+//! with bytes. Zeros behind the last number are left out: in the largest cores of that box they are a third to
+//! a half of all.
 
 use super::matrix::{product_of, scale};
 use crate::{
