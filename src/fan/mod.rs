@@ -21,5 +21,5 @@ pub use mirror::{Image, Mirror};
 pub use orbit::OrbitAngles;
 pub use position::{Lift, Start};
 pub use sample::{CHANNELS, DISPLACEMENT, Sample, Samples, sample};
-pub use space::{FanSpace, Located, Place, Reduction, StoredCamera};
+pub use space::{FanSpace, Located, Orbit, Place, Reduction, StoredCamera};
 pub use sphere::{Sphere, parallel};

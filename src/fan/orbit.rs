@@ -17,7 +17,7 @@
 //! `R₀` is the least areal radius of the camera region, so that every camera has every `b` up to
 //! it; where that is 0 all rays are across, on face 0. `b = R₀ sin(πt/2)`: where `R = R₀` this makes θ itself even in `t`.
 
-use glam::DVec2;
+use crate::expr::real::Real;
 use std::f64::consts::{FRAC_PI_2, PI};
 
 /// The most faces.
@@ -74,20 +74,29 @@ impl OrbitAngles {
         }
     }
 
-    /// The face and the parameter of the direction θ with (cos θ, sin θ) along `direction`, whose second
-    /// component is at least 0: the inverse of [`OrbitAngles::angle`].
-    pub fn parameter(&self, direction: DVec2, radius: f64) -> (usize, f64) {
-        let sine = (direction.y / direction.length()).clamp(0.0, 1.0);
-        let inner = radius * sine / self.least;
-        if self.least > 0.0 && inner <= 1.0 {
-            let t = inner.asin() / FRAC_PI_2;
-            return (usize::from(direction.x >= 0.0), 2.0 * t - 1.0);
-        }
+    /// The face and the parameter of each of the directions θ with (cos θ, sin θ) along `directions`, whose
+    /// second component is at least 0, at areal radius `radius`: the inverse of [`OrbitAngles::angle`].
+    #[inline(always)]
+    pub fn parameters<const W: usize>(
+        &self,
+        directions: &[[f64; W]; 2],
+        radius: f64,
+    ) -> ([usize; W], [f64; W]) {
         let cone = self.cone(radius);
         let width = (PI - 2.0 * cone).max(f64::MIN_POSITIVE);
-        let theta = direction.y.atan2(direction.x);
-        let t = ((theta - cone) / width).clamp(0.0, 1.0);
-        (self.faces() - 1, 2.0 * t - 1.0)
+        let last = self.faces() - 1;
+        let (mut faces, mut parameters) = ([0; W], [0.0; W]);
+        for l in 0..W {
+            let [x, y] = [directions[0][l], directions[1][l]];
+            let sine = (y / Real::sqrt(x * x + y * y)).clamp(0.0, 1.0);
+            let inner = radius * sine / self.least;
+            let in_cone = (self.least > 0.0) & (inner <= 1.0);
+            let across = ((Real::atan2(y, x) - cone) / width).clamp(0.0, 1.0);
+            let t = if in_cone { Real::asin(inner) / FRAC_PI_2 } else { across };
+            faces[l] = if in_cone { usize::from(x >= 0.0) } else { last };
+            parameters[l] = 2.0 * t - 1.0;
+        }
+        (faces, parameters)
     }
 }
 
@@ -102,7 +111,8 @@ mod tests {
             for radius in [1.0, 1.001, 1.7, 40.0] {
                 for i in 0..=400 {
                     let theta = PI * f64::from(i) / 400.0;
-                    let (face, parameter) = orbits.parameter(DVec2::from_angle(theta), radius);
+                    let along = [[theta.cos()], [theta.sin()]];
+                    let ([face], [parameter]) = orbits.parameters(&along, radius);
                     assert!(face < orbits.faces() && parameter.abs() <= 1.0);
                     let back = orbits.angle(face, parameter, radius);
                     assert!(

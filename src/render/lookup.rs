@@ -7,14 +7,14 @@ use super::{
     curve::{Curve, Ending},
     endings::EndingFinder,
     lanes::{LANES, Points},
-    pencil::{Pencil, Spoke},
+    pencil::Pencil,
     strands::{Source, Strand, Strands, stay},
     strip::{self, Rung},
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
 };
 use crate::{
     bundle::{Courses, Fan, FanPath, Table},
-    fan::Located,
+    fan::Orbit,
 };
 use glam::DVec3;
 use std::{borrow::Borrow, sync::Arc};
@@ -68,29 +68,40 @@ impl GridTracer for TableTracer<'_, '_> {
 
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
         strands.reserve(directions.len());
-        strands.with_courses(|strands, courses| {
-            for direction in directions {
-                let located = self.fan.locate(*direction);
-                match self.rung(&located, endings) {
-                    Some((spoke, rung)) => {
-                        self.climb((*direction, spoke), &rung, endings, strands);
+        strands.with_courses(|strands, courses| match &self.pencil {
+            Some(pencil) => {
+                for directions in directions.chunks(LANES) {
+                    let orbits = pencil.orbits(directions);
+                    for (direction, orbit) in directions.iter().zip(orbits) {
+                        match pencil.rung(&orbit, endings) {
+                            Some(rung) => self.climb((*direction, orbit), &rung, endings, strands),
+                            None => self.follow(*direction, courses, endings, strands),
+                        }
                     }
-                    None => {
-                        let number = self.fan.add(located, courses);
-                        let path = self.fan.among(courses, number);
-                        let course = (*direction, Source::Course(number));
-                        let ending = |strand: Strand<'_>| ending(&path, strand, endings);
-                        strands.push(course, |knots, rows| path.sample(knots, rows), ending);
-                    }
+                }
+            }
+            None => {
+                for direction in directions {
+                    self.follow(*direction, courses, endings, strands);
                 }
             }
         });
     }
 
-    fn ending(&self, direction: DVec3, endings: &mut EndingFinder<'_>) -> Option<Ending> {
-        let located = self.fan.locate(direction);
-        let (_, rung) = self.rung(&located, endings)?;
-        rung.ending(endings)
+    fn endings(
+        &self,
+        directions: &[DVec3],
+        endings: &mut EndingFinder<'_>,
+    ) -> Vec<Option<Ending>> {
+        let Some(pencil) = &self.pencil else {
+            return vec![None; directions.len()];
+        };
+        let mut ends = Vec::with_capacity(directions.len());
+        for directions in directions.chunks(LANES) {
+            let orbits = pencil.orbits(directions).into_iter().take(directions.len());
+            ends.extend(orbits.map(|orbit| pencil.rung(&orbit, endings)?.ending(endings)));
+        }
+        ends
     }
 
     fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
@@ -100,9 +111,9 @@ impl GridTracer for TableTracer<'_, '_> {
                 let known = self.fan.among(courses, *number).sample(s, rows);
                 stay(rows, s.len(), known);
             }
-            (_, Source::Pencil(spoke)) => {
+            (_, Source::Pencil(orbit)) => {
                 let pencil = self.pencil.as_ref();
-                let rung = pencil.and_then(|pencil| pencil.known(spoke));
+                let rung = pencil.and_then(|pencil| pencil.known(orbit));
                 rung.into_iter().for_each(|rung| rung.refine(s, rows));
             }
         }
@@ -110,7 +121,7 @@ impl GridTracer for TableTracer<'_, '_> {
 
     fn refine_sixteen(&self, strands: &[Strand<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
         let rung = |strand: &Strand<'_>| match strand.source.1 {
-            Source::Pencil(spoke) => self.pencil.as_ref()?.known(spoke),
+            Source::Pencil(orbit) => self.pencil.as_ref()?.known(orbit),
             _ => None,
         };
         let rungs: Option<Vec<Rung<'_, '_, '_>>> = strands.iter().map(rung).collect();
@@ -129,22 +140,26 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 }
 
-impl<'t> TableTracer<'_, 't> {
-    /// A located ray among the paths of the pencil, if there is one that holds it.
-    fn rung(
+impl TableTracer<'_, '_> {
+    /// Adds the path in a direction that no pencil knows.
+    fn follow(
         &self,
-        located: &Located,
+        direction: DVec3,
+        courses: &mut Courses,
         endings: &mut EndingFinder<'_>,
-    ) -> Option<(Spoke, Rung<'_, '_, 't>)> {
-        let pencil = self.pencil.as_ref()?;
-        let spoke = Spoke::of(located);
-        Some((spoke, pencil.rung(&spoke, endings)?))
+        strands: &mut Strands,
+    ) {
+        let number = self.fan.add(self.fan.locate(direction), courses);
+        let path = self.fan.among(courses, number);
+        let course = (direction, Source::Course(number));
+        let ending = |strand: Strand<'_>| ending(&path, strand, endings);
+        strands.push(course, |knots, rows| path.sample(knots, rows), ending);
     }
 
     /// Adds the path of a rung.
     fn climb(
         &self,
-        (direction, spoke): (DVec3, Spoke),
+        (direction, orbit): (DVec3, Orbit),
         rung: &Rung<'_, '_, '_>,
         endings: &mut EndingFinder<'_>,
         strands: &mut Strands,
@@ -153,7 +168,7 @@ impl<'t> TableTracer<'_, 't> {
             rung.fill(rows);
             knots.len()
         };
-        strands.push((direction, Source::Pencil(spoke)), fill, |strand| {
+        strands.push((direction, Source::Pencil(orbit)), fill, |strand| {
             let known = rung.ending(endings);
             known.or_else(|| ending(&self.fan.path(direction), strand, endings))
         });

@@ -7,10 +7,11 @@
 
 use super::{
     endings::EndingFinder,
+    lanes::LANES,
     strip::{Rung, Strip},
 };
-use crate::{bundle::Fan, fan::Located};
-use glam::{DMat3, DVec3};
+use crate::{bundle::Fan, fan::Orbit};
+use glam::DVec3;
 use std::sync::{Arc, OnceLock};
 
 /// Intervals are not tried before they have been halved this often, because none so wide converges, and
@@ -22,27 +23,6 @@ pub(super) struct Pencil<'f, 't> {
     fan: &'f Fan<'t>,
     knots: Arc<[f64]>,
     faces: Vec<OnceLock<Node<'f, 't>>>,
-}
-
-/// What tells a path of a pencil from the others.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Spoke {
-    face: usize,
-    /// The parameter, in [−1, 1].
-    parameter: f64,
-    /// Takes the stored plane to the true one.
-    rotation: DMat3,
-}
-
-impl Spoke {
-    /// Of a located ray.
-    pub(super) fn of(located: &Located) -> Self {
-        Self {
-            face: located.face,
-            parameter: located.direction[0],
-            rotation: located.isometry.apply(DVec3::ZERO).1,
-        }
-    }
 }
 
 /// An interval of the parameter.
@@ -64,30 +44,38 @@ impl<'f, 't> Pencil<'f, 't> {
         })
     }
 
+    /// What tells the paths in at most sixteen directions from the others; behind the last come more of its
+    /// kind.
+    pub(super) fn orbits(&self, directions: &[DVec3]) -> [Orbit; LANES] {
+        let last = directions.len() - 1;
+        let sixteen = std::array::from_fn(|l| directions[l.min(last)]);
+        self.fan.space().orbits(&self.fan.place, &sixteen)
+    }
+
     /// The path; `None` where intervals do not pay.
     pub(super) fn rung(
         &self,
-        spoke: &Spoke,
+        orbit: &Orbit,
         endings: &mut EndingFinder<'_>,
     ) -> Option<Rung<'_, 'f, 't>> {
-        self.descend(spoke, |node, interval, depth| {
-            Some(node.get_or_init(|| self.node(spoke.face, interval, depth, endings)))
+        self.descend(orbit, |node, interval, depth| {
+            Some(node.get_or_init(|| self.node(orbit.face, interval, depth, endings)))
         })
     }
 
     /// The same for a path that has been asked for before.
-    pub(super) fn known(&self, spoke: &Spoke) -> Option<Rung<'_, 'f, 't>> {
-        self.descend(spoke, |node, _, _| node.get())
+    pub(super) fn known(&self, orbit: &Orbit) -> Option<Rung<'_, 'f, 't>> {
+        self.descend(orbit, |node, _, _| node.get())
     }
 
     /// Goes down to the strip around a path, where `open` gives the node of an interval at a depth.
     fn descend<'p>(
         &'p self,
-        spoke: &Spoke,
+        orbit: &Orbit,
         mut open: impl FnMut(&'p OnceLock<Node<'f, 't>>, [f64; 2], u32) -> Option<&'p Node<'f, 't>>,
     ) -> Option<Rung<'p, 'f, 't>> {
-        let p = spoke.parameter;
-        let (mut node, mut interval) = (&self.faces[spoke.face], [-1.0, 1.0]);
+        let p = orbit.parameter;
+        let (mut node, mut interval) = (&self.faces[orbit.face], [-1.0, 1.0]);
         for depth in 0.. {
             let [low, high] = interval;
             let middle = 0.5 * (low + high);
@@ -100,7 +88,7 @@ impl<'f, 't> Pencil<'f, 't> {
                 }
                 Node::Strip(strip) => {
                     let x = (p - middle) / (0.5 * (high - low));
-                    return Some(strip.rung(x, spoke.rotation));
+                    return Some(strip.rung(x, orbit.rotation));
                 }
             }
         }

@@ -7,9 +7,8 @@
 use super::{
     curve::{Ending, Piece},
     lanes::{LANES, Lanes, less, more},
-    pencil::Spoke,
 };
-use crate::{bundle::Courses, expr::vectorised};
+use crate::{bundle::Courses, expr::vectorised, fan::Orbit};
 use glam::DVec3;
 use std::{
     mem::{replace, take},
@@ -44,7 +43,7 @@ pub(super) enum Source {
     /// From a table, with this number among the courses.
     Course(usize),
     /// From a pencil.
-    Pencil(Spoke),
+    Pencil(Orbit),
 }
 
 /// One of them.

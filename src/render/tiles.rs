@@ -214,9 +214,11 @@ impl Samples<'_> {
         (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
         lost: &mut Vec<Place>,
     ) -> [Ending; LANES] {
+        let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
+        let known = tracer.endings(&directions, endings);
         let mut ends = [Ending::Nowhere; LANES];
-        for (end, place) in ends.iter_mut().zip(places) {
-            match tracer.ending(self.direction(*place), endings) {
+        for ((end, known), place) in ends.iter_mut().zip(known).zip(places) {
+            match known {
                 Some(known) => *end = known,
                 None => lost.push(*place),
             }

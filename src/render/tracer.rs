@@ -26,9 +26,9 @@ pub trait GridTracer: Sync {
     /// cannot give on them has no ending.
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands);
 
-    /// How the path in `direction` ends, where that is known without the path.
-    fn ending(&self, _direction: DVec3, _endings: &mut EndingFinder<'_>) -> Option<Ending> {
-        None
+    /// How the paths in `directions` end, where that is known without the paths.
+    fn endings(&self, directions: &[DVec3], _: &mut EndingFinder<'_>) -> Vec<Option<Ending>> {
+        vec![None; directions.len()]
     }
 
     /// Points and tangents of a path that [`GridTracer::add`] made, at ascending arc lengths `s`,

@@ -18,7 +18,7 @@
 mod place;
 mod ranges;
 
-pub use place::{Located, Place};
+pub use place::{Located, Orbit, Place};
 
 use super::{
     direction::{FACES, direction},

@@ -6,6 +6,7 @@
 use super::{FanSpace, Reduction, StoredCamera};
 use crate::{
     error::{Error, Result},
+    expr::vectorised,
     fan::{
         direction::{direction, face_and_parameters},
         focus::aim_of,
@@ -23,15 +24,11 @@ pub struct Place {
     pub frame: DMat3,
     /// Stored camera parameters.
     pub parameters: Vec<f64>,
-    /// The stored chart point, the inverse of its standard frame, and (under rotation) its areal
-    /// radius.
-    stored: DVec3,
+    /// The stored camera, and the inverse of the standard frame there.
+    stored: StoredCamera,
     stored_inverse: DMat3,
-    areal_radius: f64,
     /// The unit vector from the centre; `None` at the centre.
     radial: Option<DVec3>,
-    /// Of the stored point in its cell.
-    parallax: DVec3,
     /// Takes the stored point to `u` (for rotations: some rotation; the direction decides which).
     isometry: Isometry,
 }
@@ -49,6 +46,17 @@ pub struct Located {
     pub v: DVec3,
     /// Takes the stored ray to the true one.
     pub isometry: Isometry,
+}
+
+/// A ray under rotation symmetry: which of the stored rays it is, and how it lies.
+#[derive(Debug, Clone, Copy)]
+pub struct Orbit {
+    /// Face of [`OrbitAngles`](crate::fan::OrbitAngles).
+    pub face: usize,
+    /// Direction parameter in [−1, 1].
+    pub parameter: f64,
+    /// Takes the stored plane to the true one.
+    pub rotation: DMat3,
 }
 
 impl Located {
@@ -76,10 +84,10 @@ impl FanSpace {
                 ),
             )
         })?;
-        let stored = self.stored_point(&parameters);
+        let stored = self.stored_camera(&parameters);
         let isometry = match self.reduction {
             Reduction::Whole | Reduction::Rotation => Isometry::Identity,
-            Reduction::Translation => Isometry::shift(u - stored),
+            Reduction::Translation => Isometry::shift(u - stored.u),
             Reduction::Group => {
                 let tape = self.manifold.symmetry.group.clone();
                 tape.map_or(Isometry::Identity, |tape| Isometry::left(u, tape))
@@ -89,10 +97,8 @@ impl FanSpace {
             u,
             frame: self.manifold.standard_frame(u),
             stored,
-            stored_inverse: self.manifold.standard_frame(stored).inverse(),
-            areal_radius: self.areal_radius(stored),
+            stored_inverse: self.manifold.standard_frame(stored.u).inverse(),
             radial: u.try_normalize(),
-            parallax: self.parallax(stored, &parameters),
             parameters,
             isometry,
         })
@@ -162,16 +168,11 @@ impl FanSpace {
 
     /// The stored ray at direction parameters, from the camera position stored for `place`.
     pub fn stored_ray(&self, place: &Place, face: usize, direction: [f64; 2]) -> Located {
-        let camera = StoredCamera {
-            u: place.stored,
-            parallax: place.parallax,
-            areal_radius: place.areal_radius,
-        };
-        let d = self.direction_from(&camera, face, &direction);
+        let d = self.direction_from(&place.stored, face, &direction);
         Located {
             face,
             direction,
-            u: place.stored,
+            u: place.stored.u,
             v: place.stored_inverse.inverse() * d,
             isometry: Isometry::Identity,
         }
@@ -181,16 +182,25 @@ impl FanSpace {
     pub fn locate(&self, place: &Place, d: DVec3) -> Located {
         let v = place.frame * d;
         match self.reduction {
-            Reduction::Rotation => self.locate_rotated(place, v),
+            Reduction::Rotation => {
+                let [orbit] = self.orbits(place, &[d]);
+                Located {
+                    face: orbit.face,
+                    direction: [orbit.parameter, 0.0],
+                    u: place.stored.u,
+                    v: orbit.rotation.transpose() * v,
+                    isometry: Isometry::rotation(orbit.rotation),
+                }
+            }
             _ => {
-                let (_, differential) = place.isometry.apply(place.stored);
+                let (_, differential) = place.isometry.apply(place.stored.u);
                 let v = differential.inverse() * v;
                 let d = place.stored_inverse * v;
-                let (face, pq) = face_and_parameters(aim_of(d, place.parallax));
+                let (face, pq) = face_and_parameters(aim_of(d, place.stored.parallax));
                 Located {
                     face,
                     direction: pq.to_array(),
-                    u: place.stored,
+                    u: place.stored.u,
                     v,
                     isometry: place.isometry.clone(),
                 }
@@ -198,24 +208,55 @@ impl FanSpace {
         }
     }
 
-    fn locate_rotated(&self, place: &Place, v: DVec3) -> Located {
-        // At the centre every direction is radial.
-        let radial = place.radial.unwrap_or_else(|| v.normalize());
-        let across = v - radial * radial.dot(v);
-        let across = match across.length_squared() > 1e-30 * v.length_squared() {
-            true => across.normalize(),
-            false => radial.any_orthonormal_vector(),
-        };
-        let q = DMat3::from_cols(radial, across, radial.cross(across));
-        let v = q.transpose() * v;
-        let d = place.stored_inverse * v;
-        let (face, parameter) = self.orbits.parameter(d.truncate(), place.areal_radius);
-        Located {
-            face,
-            direction: [parameter, 0.0],
-            u: place.stored,
-            v,
-            isometry: Isometry::rotation(q),
-        }
+    /// The rays from `place` in the directions `d` (standard frame, unit) under rotation symmetry, side by
+    /// side.
+    pub fn orbits<const W: usize>(&self, place: &Place, d: &[DVec3; W]) -> [Orbit; W] {
+        vectorised(
+            #[inline(always)]
+            || {
+                let [mut radials, mut acrosses] = [[[0.0; W]; 3]; 2];
+                let mut stored = [[0.0; W]; 2];
+                for l in 0..W {
+                    let v = place.frame * d[l];
+                    let (radial, across) = plane(place.radial, v);
+                    let at = place.stored_inverse
+                        * DVec3::new(radial.dot(v), across.dot(v), 0.0);
+                    for c in 0..2 {
+                        stored[c][l] = at[c];
+                    }
+                    for c in 0..3 {
+                        (radials[c][l], acrosses[c][l]) = (radial[c], across[c]);
+                    }
+                }
+                let radius = place.stored.areal_radius;
+                let (faces, parameters) = self.orbits.parameters(&stored, radius);
+                std::array::from_fn(|l| {
+                    let [radial, across] =
+                        [&radials, &acrosses].map(|x| DVec3::new(x[0][l], x[1][l], x[2][l]));
+                    Orbit {
+                        face: faces[l],
+                        parameter: parameters[l],
+                        rotation: DMat3::from_cols(radial, across, radial.cross(across)),
+                    }
+                })
+            },
+        )
     }
+}
+
+/// The axes of the plane through the centre along the tangent `v`: outwards, and across on the side of `v`.
+#[inline(always)]
+fn plane(radial: Option<DVec3>, v: DVec3) -> (DVec3, DVec3) {
+    // At the centre every direction is radial.
+    let radial = radial.unwrap_or_else(
+        #[inline(always)]
+        || v * v.length_recip(),
+    );
+    let across = v - radial * radial.dot(v);
+    let square = across.length_squared();
+    let across = match square > 1e-30 * v.length_squared() {
+        true => across * (1.0 / square.sqrt()),
+        false => radial.any_orthonormal_vector(),
+    };
+    (radial, across)
 }

@@ -182,9 +182,8 @@ fn divide(lattice: &Lattice<'_>, corner: (usize, usize), desk: &mut Desk<'_>) {
         lattice.tracer.add(&directions, endings, singles);
     }
     for leaf in divided.leaves.iter().filter(|l| l.ends == Ends::Each) {
-        for direction in directions(lattice.view, leaf.tile) {
-            std::hint::black_box(lattice.tracer.ending(direction, &mut desk.endings));
-        }
+        let directions = directions(lattice.view, leaf.tile);
+        std::hint::black_box(lattice.tracer.endings(&directions, &mut desk.endings));
     }
     std::hint::black_box(&divided);
     desk.strands = divided.strands;

@@ -236,7 +236,8 @@ impl Lattice<'_> {
     fn knows_end(&self, tile: Tile, endings: &mut EndingFinder<'_>) -> bool {
         let [x, y] = [tile.x, tile.y].map(|corner| corner as f64 + 0.5 * tile.side as f64);
         let direction = self.view.direction(x, y);
-        self.tracer.ending(direction, endings).is_some()
+        let known = self.tracer.endings(&[direction], endings);
+        known.iter().all(Option::is_some)
     }
 }
 
