@@ -1,6 +1,7 @@
 //! Whether rays that the symmetry carries into each other end at the same arc length.
 //!
-//! In: a manifold and the symmetry taken out. Out: a yes or no, found at random points. The metric
+//! In: a manifold and the symmetry taken out. Out: a yes or no, found at random points; also whether skies
+//! turn with rays. The metric
 //! has the symmetry, but exits, limits and conditions need not: a sphere of exits around the origin
 //! turns with a rotation, and does not move with a translation. Where the answer is no a stored path
 //! must hold beyond its own end, because another camera sees farther along it.
@@ -26,9 +27,7 @@ pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64)
     }
     let mut stream = Stream::new(&[0x656e_6473]);
     (0..TRIALS).all(|_| {
-        let scale = distance.max(f64::MIN_POSITIVE) * REACH.powf(stream.between(-1.0, 1.0));
-        let u = stream.direction() * scale;
-        let v = stream.direction();
+        let (scale, u, v) = ray(&mut stream, distance);
         let (moved, turned) = match reduction {
             Reduction::Rotation => {
                 let q = stream.rotation();
@@ -44,6 +43,27 @@ pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64)
         };
         end_together(manifold, (u, v), (moved, turned))
     })
+}
+
+/// Whether the direction in which a ray looks up the sky of each exit turns with the ray, about the origin.
+pub fn skies_turn(manifold: &Manifold, distance: f64) -> bool {
+    let mut stream = Stream::new(&[0x736b_6965]);
+    (0..manifold.exits.len()).all(|exit| {
+        (0..TRIALS).all(|_| {
+            let (_, u, v) = ray(&mut stream, distance);
+            let q = stream.rotation();
+            let sky = |u, v| manifold.sky_direction(Some(exit), u, v);
+            let [turned, own] = [q * sky(u, v), sky(q * u, q * v)].map(|sky| sky.to_array());
+            turned.iter().zip(own).all(|(x, y)| close(*x, y))
+        })
+    })
+}
+
+/// A random ray, and how far from the origin it is.
+fn ray(stream: &mut Stream, distance: f64) -> (f64, DVec3, DVec3) {
+    let scale = distance.max(f64::MIN_POSITIVE) * REACH.powf(stream.between(-1.0, 1.0));
+    let u = stream.direction() * scale;
+    (scale, u, stream.direction())
 }
 
 /// Whether rays at two places (chart point, tangent) end or go on together; which of the ends it is
@@ -72,6 +92,10 @@ mod tests {
     use crate::diagnostic::SourceText;
 
     fn manifold(when: &str) -> Manifold {
+        with_sky(when, "")
+    }
+
+    fn with_sky(when: &str, direction: &str) -> Manifold {
         let text = format!(
             r#"
 name = "flat"
@@ -80,6 +104,7 @@ metric = {{ conformal = "1" }}
 [[exit]]
 name = "sky"
 when = "{when}"
+{direction}
 [symmetry]
 rotation = "origin"
 [cameras]
@@ -98,5 +123,14 @@ length = 1.0
         let plane = manifold("z - 3");
         assert!(!follow_symmetry(&plane, Reduction::Rotation, 1.0));
         assert!(follow_symmetry(&plane, Reduction::Whole, 1.0));
+    }
+
+    #[test]
+    fn skies_turn_with_rays_unless_an_exit_has_axes_of_its_own() {
+        let sphere = "sqrt(x^2 + y^2 + z^2) - 3";
+        let direction = |d: &str| with_sky(sphere, &format!("direction = {d}"));
+        assert!(skies_turn(&manifold(sphere), 1.0));
+        assert!(skies_turn(&direction(r#"["x", "y", "z"]"#), 1.0));
+        assert!(!skies_turn(&direction(r#"["vx", "vz", "-vy"]"#), 1.0));
     }
 }

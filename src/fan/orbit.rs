@@ -92,7 +92,11 @@ impl OrbitAngles {
             let inner = radius * sine / self.least;
             let in_cone = (self.least > 0.0) & (inner <= 1.0);
             let across = ((Real::atan2(y, x) - cone) / width).clamp(0.0, 1.0);
-            let t = if in_cone { Real::asin(inner) / FRAC_PI_2 } else { across };
+            let t = if in_cone {
+                Real::asin(inner) / FRAC_PI_2
+            } else {
+                across
+            };
             faces[l] = if in_cone { usize::from(x >= 0.0) } else { last };
             parameters[l] = 2.0 * t - 1.0;
         }

@@ -88,11 +88,7 @@ impl GridTracer for TableTracer<'_, '_> {
         });
     }
 
-    fn endings(
-        &self,
-        directions: &[DVec3],
-        endings: &mut EndingFinder<'_>,
-    ) -> Vec<Option<Ending>> {
+    fn endings(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>) -> Vec<Option<Ending>> {
         let Some(pencil) = &self.pencil else {
             return vec![None; directions.len()];
         };

@@ -5,20 +5,21 @@
 //! them one path ([`Rung`]): a few dozen sums in place of a patch's rows and Chebyshev sums along the
 //! arc. What is between two knots is known as well, once it has been asked for.
 
+mod end;
 mod sixteen;
 
 pub(super) use sixteen::refine_sixteen;
 
 use super::{
-    curve::Ending,
-    endings::{EndingFinder, Event},
+    endings::EndingFinder,
     lanes::LANES,
-    strands::{ROWS, Source, Strand, put},
+    strands::{ROWS, put},
 };
 use crate::{
-    bundle::{Courses, Fan, FanPath, chebyshev, product},
+    bundle::{Fan, FanPath, chebyshev, product},
     expr::vectorised,
 };
+use end::{End, event};
 use glam::{DMat3, DVec3};
 use std::sync::{Arc, LazyLock, OnceLock};
 
@@ -58,13 +59,6 @@ pub(super) struct Strip<'f, 't> {
     end: Option<End>,
 }
 
-/// How all paths of an interval end.
-enum End {
-    Nowhere,
-    /// By the same event: its arc length, and the stored plane's point and tangent there.
-    Event(usize, Vec<[f64; 1 + PLANE]>),
-}
-
 /// A path in its strip.
 pub(super) struct Rung<'p, 'f, 't> {
     strip: &'p Strip<'f, 't>,
@@ -94,11 +88,10 @@ impl<'f, 't> Strip<'f, 't> {
         let end = match fan.space().ends_alike() {
             true => {
                 let both = paths.iter().zip(&sampled);
-                End::of(
-                    &both
-                        .map(|(path, rows)| event(path, knots, rows, endings))
-                        .collect::<Vec<_>>(),
-                )
+                let events: Vec<_> = both
+                    .map(|(path, rows)| event(path, knots, rows, endings))
+                    .collect();
+                End::of(&events, fan.space().skies_turn().then_some(endings))
             }
             false => None,
         };
@@ -248,53 +241,6 @@ fn in_plane(sampled: &[Vec<f64>]) -> Vec<f64> {
     values
 }
 
-/// The first event on a path that is known at the knots.
-fn event(
-    path: &FanPath<'_, '_>,
-    knots: &[f64],
-    rows: &[f64],
-    endings: &mut EndingFinder<'_>,
-) -> Option<Event> {
-    let strand = Strand {
-        knots,
-        direction: DVec3::ZERO,
-        rows,
-        boxes: &[],
-        known: knots.len(),
-        ending: None,
-        source: (&Courses::default(), &Source::Knots),
-    };
-    endings.sharp_event(strand, |s, rows| path.sample(s, rows))
-}
-
-impl End {
-    /// From the events at the nodes; `None` if paths end in different ways.
-    fn of(events: &[Option<Event>]) -> Option<Self> {
-        let kinds = || events.iter().map(|event| event.as_ref().map(|e| e.kind));
-        let first = kinds().next()?;
-        if kinds().any(|kind| kind != first) {
-            return None;
-        }
-        let Some(kind) = first else {
-            return Some(Self::Nowhere);
-        };
-        let columns: Vec<f64> = events
-            .iter()
-            .flatten()
-            .flat_map(|e| [e.s, e.u.x, e.u.y, e.v.x, e.v.y])
-            .collect();
-        let coefficients = transformed(&columns);
-        let rows = coefficients.as_chunks::<{ 1 + PLANE }>().0;
-        let tail = |c: usize| rows[NODES - 1][c].abs().max(rows[NODES - 2][c].abs());
-        let [s, _, _, vx, vy] = rows[0];
-        let speed = vx.hypot(vy);
-        let good = tail(0) <= TOLERANCE * s
-            && tail(1).max(tail(2)) <= TOLERANCE * s * speed
-            && tail(3).max(tail(4)) <= TOLERANCE * speed;
-        good.then(|| Self::Event(kind, rows.to_vec()))
-    }
-}
-
 impl Rung<'_, '_, '_> {
     /// Whether both are in one strip.
     fn is_beside(&self, other: &Self) -> bool {
@@ -363,12 +309,12 @@ impl Rung<'_, '_, '_> {
         );
     }
 
-    /// What is in the stored plane, by its coefficients.
+    /// What is known of the path by coefficients.
     #[inline(always)]
-    fn sum(&self, coefficients: &Coefficients) -> [f64; PLANE] {
-        let mut sums = [0.0; PLANE];
+    fn sum<const C: usize>(&self, coefficients: &[[f64; C]; NODES]) -> [f64; C] {
+        let mut sums = [0.0; C];
         for (row, weight) in coefficients.iter().zip(self.weights) {
-            for c in 0..PLANE {
+            for c in 0..C {
                 sums[c] += row[c] * weight;
             }
         }
@@ -380,33 +326,6 @@ impl Rung<'_, '_, '_> {
     fn turned(&self, [x, y, vx, vy]: &[f64; PLANE]) -> (DVec3, DVec3) {
         let [along, across] = [self.rotation.x_axis, self.rotation.y_axis];
         (along * *x + across * *y, along * *vx + across * *vy)
-    }
-
-    /// How the path ends; `None` if that has to be looked for.
-    pub(super) fn ending(&self, endings: &mut EndingFinder<'_>) -> Option<Ending> {
-        let event = self.event()?;
-        Some(event.map_or(Ending::Nowhere, |event| endings.by(&event)))
-    }
-
-    /// The event that ends the path: `None` if that has to be looked for, `Some(None)` if there is none.
-    fn event(&self) -> Option<Option<Event>> {
-        let (kind, coefficients) = match self.strip.end.as_ref()? {
-            End::Nowhere => return Some(None),
-            End::Event(kind, coefficients) => (*kind, coefficients),
-        };
-        let mut sums = [0.0; 1 + PLANE];
-        for (row, weight) in coefficients.iter().zip(self.weights) {
-            for (sum, c) in sums.iter_mut().zip(row) {
-                *sum += weight * c;
-            }
-        }
-        let [s, x, y, vx, vy] = sums;
-        Some(Some(Event {
-            kind,
-            s,
-            u: self.rotation * DVec3::new(x, y, 0.0),
-            v: self.rotation * DVec3::new(vx, vy, 0.0),
-        }))
     }
 }
 

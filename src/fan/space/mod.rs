@@ -22,7 +22,7 @@ pub use place::{Located, Orbit, Place};
 
 use super::{
     direction::{FACES, direction},
-    ends::follow_symmetry,
+    ends::{follow_symmetry, skies_turn},
     focus::{Focus, direction_of},
     mirror::Mirror,
     orbit::OrbitAngles,
@@ -66,6 +66,8 @@ pub struct FanSpace {
     lift: Lift,
     /// Whether rays that the symmetry carries into each other end alike.
     ends_alike: bool,
+    /// Whether skies turn with rays under rotation.
+    skies_turn: bool,
     /// Discrete symmetries beside the one taken out.
     mirrors: Vec<Mirror>,
     /// How far away directions on cube faces aim.
@@ -122,6 +124,7 @@ impl FanSpace {
             orbits: OrbitAngles::default(),
             lift: Lift::None,
             ends_alike: true,
+            skies_turn: false,
             mirrors: Vec::new(),
             focus: Focus::default(),
             sphere: None,
@@ -136,7 +139,10 @@ impl FanSpace {
             space.orbits = OrbitAngles::new(least, most);
         }
         let middle = region.at(&region.lerp(&[0.5; 3])).length();
-        space.ends_alike = follow_symmetry(&space.manifold, reduction, middle.max(1.0));
+        let distance = middle.max(1.0);
+        space.ends_alike = follow_symmetry(&space.manifold, reduction, distance);
+        space.skies_turn =
+            reduction == Reduction::Rotation && skies_turn(&space.manifold, distance);
         Ok(space)
     }
 
@@ -175,6 +181,12 @@ impl FanSpace {
     /// is stored must hold beyond its end.
     pub fn ends_alike(&self) -> bool {
         self.ends_alike
+    }
+
+    /// Whether rays that rotations carry into each other look up the sky in directions that they carry into
+    /// each other.
+    pub fn skies_turn(&self) -> bool {
+        self.skies_turn
     }
 
     /// How chart points are stored.

@@ -219,8 +219,7 @@ impl FanSpace {
                 for l in 0..W {
                     let v = place.frame * d[l];
                     let (radial, across) = plane(place.radial, v);
-                    let at = place.stored_inverse
-                        * DVec3::new(radial.dot(v), across.dot(v), 0.0);
+                    let at = place.stored_inverse * DVec3::new(radial.dot(v), across.dot(v), 0.0);
                     for c in 0..2 {
                         stored[c][l] = at[c];
                     }
