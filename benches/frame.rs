@@ -83,7 +83,8 @@ fn steps(criterion: &mut Criterion) {
         b.iter(|| {
             for divided in &divided {
                 for leaf in &divided.leaves {
-                    black_box(samples.ribbon(&tracer, divided, leaf));
+                    let sheaf = divided.sheaf(leaf);
+                    black_box(samples.ribbon(&tracer, divided, (leaf, &sheaf)));
                 }
             }
         });

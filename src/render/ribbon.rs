@@ -165,26 +165,24 @@ fn boxes(strands: &[Strand<'_>; LANES], k: usize, slack: f64) -> (SinglePoints, 
     (low, high)
 }
 
-/// Which of sixteen boxes meet a leaf of the scene's tree, in any period.
+/// Which of sixteen boxes meet a leaf of the scene's tree, in any period; those inside out meet none.
 #[inline(always)]
 fn met(world: &World, (low, high): &(SinglePoints, SinglePoints)) -> [bool; LANES] {
-    if !is_glued(&world.manifold.domain) {
-        return world.accelerator.touched(low, high);
+    let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+    if !is_glued(domain) {
+        return accelerator.touched(low, high);
     }
     let corner = |of: &SinglePoints, l: usize| Vec3::new(of[0][l], of[1][l], of[2][l]).as_dvec3();
-    std::array::from_fn(|l| meets(world, (corner(low, l), corner(high, l))))
-}
-
-/// Whether a box meets a leaf of the scene's tree, in any period.
-#[inline(always)]
-fn meets(world: &World, (low, high): (DVec3, DVec3)) -> bool {
-    let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
-    match is_glued(domain) {
-        false => accelerator.touches(low, high),
-        true => shifts(accelerator, domain, low, high)
-            .iter()
-            .any(|shift| accelerator.touches(low + *shift, high + *shift)),
-    }
+    std::array::from_fn(|l| {
+        let (low, high) = (corner(low, l), corner(high, l));
+        // One inside out is none.
+        let periods = match low.x <= high.x {
+            true => shifts(accelerator, domain, low, high),
+            false => Vec::new(),
+        };
+        let touches = |shift: &DVec3| accelerator.touches(low + *shift, high + *shift);
+        periods.iter().any(touches)
+    })
 }
 
 impl Ribbon {
@@ -214,7 +212,7 @@ impl Ribbon {
                 #[inline(always)]
                 || {
                     cut(
-                        &Cubics::new(&strands, k),
+                        &Cubics::new(strands, k),
                         tolerance,
                         slack,
                         world,
@@ -295,14 +293,31 @@ fn cut(cubics: &Cubics, tolerance: f64, slack: f64, world: &World, mut show: imp
         false => from + (to - from) * j as f64 / count as f64,
     };
     let mut start = cubics.bounds(0.0);
-    for j in 1..=count {
-        let end = cubics.bounds(j as f64 / count as f64);
-        let (low, high) = widened(around(start, end), TUBE_MARGIN);
-        if meets(world, (low - margin, high + margin)) {
-            show([along(j - 1), along(j)]);
+    for first in (0..count).step_by(LANES) {
+        let chords = LANES.min(count - first);
+        let mut boxes = ([[f32::INFINITY; LANES]; 3], [[f32::NEG_INFINITY; LANES]; 3]);
+        for l in 0..chords {
+            let end = cubics.bounds((first + l + 1) as f64 / count as f64);
+            let (low, high) = widened(around(start, end), TUBE_MARGIN);
+            let (low, high) = rounded_outwards((low - margin, high + margin));
+            for c in 0..3 {
+                (boxes.0[c][l], boxes.1[c][l]) = (low[c], high[c]);
+            }
+            start = end;
         }
-        start = end;
+        let met = met(world, &boxes);
+        for j in (0..chords).filter(|l| met[*l]).map(|l| first + l) {
+            show([along(j), along(j + 1)]);
+        }
     }
+}
+
+/// A box in single precision around one in double.
+#[inline(always)]
+fn rounded_outwards((low, high): (DVec3, DVec3)) -> (Vec3, Vec3) {
+    let rounding = f64::from(f32::EPSILON);
+    let (low, high) = (low - low.abs() * rounding, high + high.abs() * rounding);
+    (low.as_vec3(), high.as_vec3())
 }
 
 /// By how many times its slack a cubic is trusted to miss the path at most: some miss it by more than

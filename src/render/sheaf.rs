@@ -15,10 +15,9 @@ use crate::expr::vectorised;
 use glam::DVec3;
 
 /// Sixteen of many strands.
-#[derive(Clone, Copy)]
 pub struct Sheaf<'a> {
-    strands: &'a Strands,
-    members: [usize; LANES],
+    among: &'a Strands,
+    strands: [Strand<'a>; LANES],
 }
 
 /// Points and tangents of sixteen paths at one arc length.
@@ -79,49 +78,48 @@ pub struct Tube {
 
 impl<'a> Sheaf<'a> {
     /// The strands with these numbers.
-    pub fn new(strands: &'a Strands, members: [usize; LANES]) -> Self {
-        Self { strands, members }
-    }
-
-    /// One of them.
-    #[inline(always)]
-    pub fn strand(&self, lane: usize) -> Strand<'a> {
-        self.strands.strand(self.members[lane])
+    pub fn new(among: &'a Strands, members: &[usize; LANES]) -> Self {
+        Self {
+            among,
+            strands: std::array::from_fn(|lane| among.strand(members[lane])),
+        }
     }
 
     /// All sixteen.
-    pub fn all(&self) -> [Strand<'a>; LANES] {
-        std::array::from_fn(|lane| self.strand(lane))
+    #[inline(always)]
+    pub fn all(&self) -> &[Strand<'a>; LANES] {
+        &self.strands
     }
 
     /// The arc lengths of the knots.
     pub fn knots(&self) -> &'a [f64] {
-        self.strands.knots()
+        self.among.knots()
     }
 
     /// Any of the strands that these sixteen are of.
     pub fn among(&self, number: usize) -> Strand<'a> {
-        self.strands.strand(number)
+        self.among.strand(number)
     }
 
     /// The exit that all share (`Some(None)`: none ends through one); `None` if they differ or one is
     /// not known.
     pub fn exit(&self) -> Option<Option<usize>> {
-        let first = self.strand(0).ending?.exit();
-        let same = |l| self.strand(l).ending.is_some_and(|e| e.exit() == first);
-        (1..LANES).all(same).then_some(first)
+        let [first, others @ ..] = &self.strands;
+        let first = first.ending?.exit();
+        let same = |strand: &Strand<'_>| strand.ending.is_some_and(|e| e.exit() == first);
+        others.iter().all(same).then_some(first)
     }
 
     /// The arc lengths beyond which nothing counts.
     pub fn limits(&self) -> Lanes {
-        each(|l| self.strand(l).ending.map_or(0.0, |e| e.limit()))
+        each(|l| self.strands[l].ending.map_or(0.0, |e| e.limit()))
     }
 
     /// The directions of their skies; zero without one.
     pub fn skies(&self) -> Points {
         let mut skies = [[0.0; LANES]; 3];
         for l in 0..LANES {
-            if let Some(Ending::Exit { sky, .. }) = self.strand(l).ending {
+            if let Some(Ending::Exit { sky, .. }) = self.strands[l].ending {
                 for c in 0..3 {
                     skies[c][l] = sky[c];
                 }
@@ -133,13 +131,13 @@ impl<'a> Sheaf<'a> {
     /// How many knots matter: up to the first at which all have ended.
     pub fn last(&self) -> usize {
         let limit = self.limits().into_iter().fold(0.0, f64::max);
-        knots_until(self.strands.knots(), limit)
+        knots_until(self.knots(), limit)
     }
 
     /// Whether all paths are known at all knots that matter.
     pub fn is_known(&self) -> bool {
         let last = self.last();
-        (0..LANES).all(|l| self.strand(l).known >= last)
+        self.strands.iter().all(|strand| strand.known >= last)
     }
 
     /// All paths at the ascending arc lengths `s`, appended to `vertices`.
@@ -154,8 +152,8 @@ impl<'a> Sheaf<'a> {
             .zip(&numbers)
             .filter(|(_, number)| number.is_none());
         let between: Vec<f64> = between.map(|(s, _)| *s).collect();
-        let strands = self.all();
-        let mut refined = tracer.refine_sixteen(&strands, &between).into_iter();
+        let strands = &self.strands;
+        let mut refined = tracer.refine_sixteen(strands, &between).into_iter();
         vertices.reserve(s.len());
         vectorised(
             #[inline(always)]

@@ -6,7 +6,7 @@
 
 use super::{
     curve::{Ending, Piece},
-    lanes::{LANES, Lanes, less, more},
+    lanes::{LANES, Lanes, less, more, single},
 };
 use crate::{bundle::Courses, expr::vectorised, fan::Orbit};
 use glam::DVec3;
@@ -199,22 +199,26 @@ fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
     vectorised(
         #[inline(always)]
         || {
-            for c in 0..3 {
-                let (u, v) = (&rows[c * n..(c + 1) * n], &rows[(3 + c) * n..(4 + c) * n]);
-                for first in (0..whole).step_by(LANES) {
-                    let (s, u, v) = (ends(knots, first), ends(u, first), ends(v, first));
+            for first in (0..whole).step_by(LANES) {
+                let [from, to] = ends(knots, first);
+                let thirds = single(|l| third(from[l], to[l]));
+                for c in 0..3 {
+                    let [a, d] = ends(&rows[c * n..(c + 1) * n], first);
+                    let [v, w] = ends(&rows[(3 + c) * n..(4 + c) * n], first);
                     let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
                     for l in 0..LANES {
-                        let at = |x: &[Lanes; 2]| [x[0][l], x[1][l]];
-                        (low[l], high[l]) = interval(at(&s), at(&u), at(&v));
+                        (low[l], high[l]) = interval(thirds[l], [a[l], d[l]], [v[l], w[l]]);
                     }
                     for (row, numbers) in [(c, low), (3 + c, high)] {
                         boxes[row * width + first..][..LANES].copy_from_slice(&numbers);
                     }
                 }
-                for k in whole..n - 1 {
-                    let at = |x: &[f64]| [x[k], x[k + 1]];
-                    let (low, high) = interval(at(knots), at(u), at(v));
+            }
+            for k in whole..n - 1 {
+                let third = third(knots[k], knots[k + 1]);
+                for c in 0..3 {
+                    let at = |row: usize| [rows[row * n + k], rows[row * n + k + 1]];
+                    let (low, high) = interval(third, at(c), at(3 + c));
                     (boxes[c * width + k], boxes[(3 + c) * width + k]) = (low, high);
                 }
             }
@@ -222,15 +226,22 @@ fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
     );
 }
 
-/// Where a cubic between two arc lengths is, with these values and slopes.
+/// A third of the way from one knot to the next.
 #[inline(always)]
-fn interval([from, to]: [f64; 2], [a, d]: [f64; 2], [v, w]: [f64; 2]) -> (f32, f32) {
-    let third = (to - from) * (1.0 / 3.0);
+fn third(from: f64, to: f64) -> f32 {
+    ((to - from) * (1.0 / 3.0)) as f32
+}
+
+/// Where a cubic is whose control points are a `third` of its length apart, with these values and slopes at
+/// its ends. What single precision moves a control point by is at most four of its last places at the
+/// largest: one of slope and third, for a step that is at most twice as large, and of each sum.
+#[inline(always)]
+fn interval(third: f32, [a, d]: [f64; 2], [v, w]: [f64; 2]) -> (f32, f32) {
+    let (a, d, v, w) = (a as f32, d as f32, v as f32, w as f32);
     let (b, c) = (a + v * third, d - w * third);
     let (low, high) = (less(less(a, b), less(c, d)), more(more(a, b), more(c, d)));
-    let rounding = f64::from(f32::EPSILON);
-    let (low, high) = (low - low.abs() * rounding, high + high.abs() * rounding);
-    (low as f32, high as f32)
+    let rounding = 4.0 * f32::EPSILON * more(-low, high);
+    (low - rounding, high + rounding)
 }
 
 /// The numbers of a row at both ends of sixteen pieces from `first` on. Behind the last they are alike.

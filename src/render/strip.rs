@@ -257,12 +257,13 @@ impl Rung<'_, '_, '_> {
                     let count = BLOCK.min(n - first);
                     let sums = self.block(first);
                     for c in 0..3 {
-                        let (a, b) = (self.rotation.x_axis[c], self.rotation.y_axis[c]);
+                        let a = self.rotation.x_axis[c] as f32;
+                        let b = self.rotation.y_axis[c] as f32;
                         for (row, along, across) in [(c, 0, 1), (3 + c, 2, 3)] {
                             let (x, y) = (&sums[along], &sums[across]);
                             let mut to = [0.0; BLOCK];
                             for l in 0..BLOCK {
-                                to[l] = a * f64::from(x[l]) + b * f64::from(y[l]);
+                                to[l] = f64::from(a * x[l] + b * y[l]);
                             }
                             let row = &mut rows[row * n + first..][..count];
                             // Nearly always whole: a copy of a length that is known is no call.

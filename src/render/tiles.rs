@@ -139,12 +139,16 @@ impl Samples<'_> {
         self.trace(&lost, tracer, desk, found);
     }
 
-    /// The chords of a tile.
-    pub fn ribbon(&self, tracer: &dyn GridTracer, divided: &Divided, leaf: &Leaf) -> Ribbon {
+    /// The chords of a tile with its paths.
+    pub fn ribbon(
+        &self,
+        tracer: &dyn GridTracer,
+        divided: &Divided,
+        (leaf, sheaf): (&Leaf, &Sheaf<'_>),
+    ) -> Ribbon {
         let mut ribbon = Ribbon::default();
-        let sheaf = Sheaf::new(&divided.strands, leaf.members);
         let within = divided.chord_error;
-        ribbon.flatten(&sheaf, (tracer, self.world), &leaf.touched, within);
+        ribbon.flatten(sheaf, (tracer, self.world), &leaf.touched, within);
         ribbon
     }
 
@@ -157,8 +161,8 @@ impl Samples<'_> {
         lost: &mut Vec<Place>,
     ) {
         let began = Instant::now();
-        let sheaf = Sheaf::new(&divided.strands, leaf.members);
-        let ribbon = self.ribbon(tracer, divided, leaf);
+        let sheaf = divided.sheaf(leaf);
+        let ribbon = self.ribbon(tracer, divided, (leaf, &sheaf));
         let finish = match &leaf.ends {
             Ends::Alike => Finish::Alike,
             Ends::Within(pieces) => Finish::Within(LastPieces::new(&sheaf, tracer, pieces)),

@@ -6,7 +6,7 @@
 use super::nodes::CHECKS;
 use crate::render::{
     curve::Ending,
-    lanes::{LANES, Lanes},
+    lanes::Lanes,
     packet::cubic,
     sheaf::Sheaf,
     strands::{Strand, knots_until},
@@ -91,7 +91,7 @@ impl<'a> Checks<'a> {
             _ => DVec3::ZERO,
         };
         let exit = |strand: &Strand<'_>| strand.ending.map(|ending| ending.exit());
-        let first = exit(&self.sheaf.strand(0));
+        let first = exit(&self.sheaf.all()[0]);
         if self.truths.iter().any(|truth| exit(truth) != first) {
             return f64::INFINITY;
         }
@@ -103,9 +103,8 @@ impl<'a> Checks<'a> {
 
     /// The pieces in which all paths end, through whatever exit; `None` if they are too many.
     pub(super) fn last_pieces(&self) -> Option<Range<usize>> {
-        let sixteen = (0..LANES).map(|l| self.sheaf.strand(l));
         let (mut first, mut last) = (f64::INFINITY, 0.0_f64);
-        for strand in sixteen.chain(self.truths) {
+        for strand in self.sheaf.all().iter().chain(&self.truths) {
             let limit = strand.ending?.limit();
             (first, last) = (first.min(limit), last.max(limit));
         }
@@ -166,10 +165,7 @@ impl<'a> Checks<'a> {
         value: impl Fn(&Strand<'_>) -> DVec3,
         frame: impl Fn(&Strand<'_>) -> (DVec3, f64),
     ) -> f64 {
-        let mut sixteen = [DVec3::ZERO; LANES];
-        for l in 0..LANES {
-            sixteen[l] = value(&self.sheaf.strand(l));
-        }
+        let sixteen = self.sheaf.all().each_ref().map(&value);
         let sum =
             |weights: &Lanes| -> DVec3 { weights.iter().zip(&sixteen).map(|(w, x)| *x * *w).sum() };
         let mut worst = 0.0;

@@ -157,6 +157,13 @@ pub struct Divided {
     pub chord_error: f64,
 }
 
+impl Divided {
+    /// The paths of one of its tiles.
+    pub fn sheaf(&self, leaf: &Leaf) -> Sheaf<'_> {
+        Sheaf::new(&self.strands, &leaf.members)
+    }
+}
+
 impl Lattice<'_> {
     /// Divides the tile at (`x`, `y`). Its paths take the place of `strands`, which have the tracer's knots.
     pub fn refine(
@@ -200,7 +207,7 @@ impl Lattice<'_> {
     /// The tile's paths, if they can be interpolated within the budget.
     fn leaf(&self, tile: Tile, nodes: &Nodes, endings: &mut EndingFinder<'_>) -> Option<Leaf> {
         let members = nodes.members(tile)?;
-        let sheaf = Sheaf::new(nodes.strands(), members);
+        let sheaf = Sheaf::new(nodes.strands(), &members);
         if !sheaf.is_known() {
             return None;
         }
@@ -215,7 +222,7 @@ impl Lattice<'_> {
         // What is between paths that end in all ways is told a little better by those that check them.
         match ends {
             Ends::Each => touched.find(&checks.all(), last, self.world, TUBE_MARGIN, slack),
-            _ => touched.find(&sheaf.all(), last, self.world, TUBE_MARGIN, slack),
+            _ => touched.find(sheaf.all(), last, self.world, TUBE_MARGIN, slack),
         }
         let pieces = touched.pieces;
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
