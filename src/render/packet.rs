@@ -18,6 +18,7 @@ use glam::{DVec2, DVec3, Vec3};
 
 /// How the paths of sixteen samples come from the sixteen of a sheaf: the weights of each path, for
 /// all samples. In single precision, which is enough for differences between neighbours.
+#[repr(align(64))]
 pub struct Bicubic([SingleLanes; LANES]);
 
 impl Bicubic {
@@ -115,6 +116,7 @@ pub struct Target<'a> {
 }
 
 /// The first hits of sixteen paths.
+#[repr(C, align(64))]
 struct Found {
     /// Arc lengths of the hits; of the endings where there are none.
     s: Lanes,

@@ -34,11 +34,12 @@ pub struct Vertex {
 /// Sixteen points by how they differ from one of them: single precision is enough for that, and half
 /// as much work.
 #[derive(Debug, Clone, Default)]
+#[repr(C, align(64))]
 pub struct Spread {
-    /// The one.
-    pub middle: DVec3,
     /// The differences, in each lane.
     pub differences: SinglePoints,
+    /// The one.
+    pub middle: DVec3,
 }
 
 impl Spread {

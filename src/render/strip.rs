@@ -12,7 +12,7 @@ pub(super) use sixteen::refine_sixteen;
 
 use super::{
     endings::EndingFinder,
-    lanes::LANES,
+    lanes::{LANES, SingleLanes, single},
     strands::{ROWS, put},
 };
 use crate::{
@@ -43,17 +43,18 @@ type Coefficients = [[f64; PLANE]; NODES];
 /// Those at sixteen arc lengths.
 type Between = Box<[Coefficients; LANES]>;
 
-/// Numbers summed at once.
-const BLOCK: usize = 16;
+/// Coefficients at the knots of a block, axes (degree, [`PLANE`], knot).
+#[repr(align(64))]
+#[derive(Clone)]
+struct Block([[SingleLanes; PLANE]; NODES]);
 
 /// The paths of one interval.
 pub(super) struct Strip<'f, 't> {
     /// Those at the nodes.
     paths: Vec<FanPath<'f, 't>>,
     knots: Arc<[f64]>,
-    /// Coefficients, axes (degree, [`PLANE`], knot), each row filled up to whole blocks.
-    table: Vec<f32>,
-    row: usize,
+    /// Coefficients at the knots, a block of them after the other.
+    table: Vec<Block>,
     /// The same at sixteen arc lengths from each knot to the next, by state.
     between: Box<[OnceLock<Between>]>,
     end: Option<End>,
@@ -96,8 +97,7 @@ impl<'f, 't> Strip<'f, 't> {
             false => None,
         };
         Some(Self {
-            row: n.next_multiple_of(BLOCK),
-            table: padded(&coefficients, n),
+            table: in_blocks(&coefficients, n),
             between: (1..n).map(|_| OnceLock::new()).collect(),
             knots: knots.clone(),
             paths,
@@ -250,50 +250,24 @@ impl Rung<'_, '_, '_> {
     /// Points and tangents at the knots into six rows.
     pub(super) fn fill(&self, rows: &mut [f64]) {
         let n = rows.len() / ROWS;
+        let axes = [self.rotation.x_axis, self.rotation.y_axis];
+        let [along, across] = axes.map(|axis| axis.as_vec3().to_array());
+        let weights = self.weights.map(|weight| weight as f32);
         vectorised(
             #[inline(always)]
             || {
-                for first in (0..n).step_by(BLOCK) {
-                    let count = BLOCK.min(n - first);
-                    let sums = self.block(first);
+                for (first, block) in (0..n).step_by(LANES).zip(&self.strip.table) {
+                    let [x, y, vx, vy] = block.sums(&weights);
                     for c in 0..3 {
-                        let a = self.rotation.x_axis[c] as f32;
-                        let b = self.rotation.y_axis[c] as f32;
-                        for (row, along, across) in [(c, 0, 1), (3 + c, 2, 3)] {
-                            let (x, y) = (&sums[along], &sums[across]);
-                            let mut to = [0.0; BLOCK];
-                            for l in 0..BLOCK {
-                                to[l] = f64::from(a * x[l] + b * y[l]);
-                            }
-                            let row = &mut rows[row * n + first..][..count];
-                            // Nearly always whole: a copy of a length that is known is no call.
-                            match row.first_chunk_mut() {
-                                Some(row) => *row = to,
-                                None => row.copy_from_slice(&to[..count]),
-                            }
-                        }
+                        let (a, b) = (along[c], across[c]);
+                        let point = single(|l| a * x[l] + b * y[l]);
+                        let tangent = single(|l| a * vx[l] + b * vy[l]);
+                        widen(&mut rows[c * n..(c + 1) * n][first..], &point);
+                        widen(&mut rows[(3 + c) * n..(4 + c) * n][first..], &tangent);
                     }
                 }
             },
         );
-    }
-
-    /// The sums at the knots from `first` on.
-    #[inline(always)]
-    fn block(&self, first: usize) -> [[f32; BLOCK]; PLANE] {
-        let Strip { table, row, .. } = self.strip;
-        let mut sums = [[0.0; BLOCK]; PLANE];
-        for (lines, weight) in table.chunks_exact(PLANE * row).zip(self.weights) {
-            let weight = weight as f32;
-            for c in 0..PLANE {
-                if let Some(line) = lines[c * row + first..].first_chunk::<BLOCK>() {
-                    for l in 0..BLOCK {
-                        sums[c][l] += weight * line[l];
-                    }
-                }
-            }
-        }
-        sums
     }
 
     /// Points and tangents at ascending arc lengths into six rows.
@@ -351,17 +325,57 @@ fn has_converged(coefficients: &[f64], knots: &[f64]) -> bool {
     })
 }
 
-/// Rows of `n` filled up to whole blocks.
-fn padded(coefficients: &[f64], n: usize) -> Vec<f32> {
-    let row = n.next_multiple_of(BLOCK);
-    let mut table = vec![0.0; coefficients.len() / n * row];
-    for (to, from) in table
-        .chunks_exact_mut(row)
-        .zip(coefficients.chunks_exact(n))
-    {
-        for (to, from) in to.iter_mut().zip(from) {
-            *to = *from as f32;
+impl Block {
+    /// Their sums with these weights of the degrees.
+    #[inline(always)]
+    fn sums(&self, weights: &[f32; NODES]) -> [SingleLanes; PLANE] {
+        // One by one: the loops of all together are not over knots in vectors, but over the four.
+        let sum = |c: usize| {
+            let mut sum = [0.0; LANES];
+            for degree in 0..NODES {
+                let row = &self.0[degree][c];
+                for l in 0..LANES {
+                    sum[l] += weights[degree] * row[l];
+                }
+            }
+            sum
+        };
+        [sum(0), sum(1), sum(2), sum(3)]
+    }
+}
+
+/// Writes a block of a row, or its beginning into what is left of the row.
+#[inline(always)]
+fn widen(to: &mut [f64], from: &SingleLanes) {
+    match to.first_chunk_mut::<LANES>() {
+        // Nearly always: a loop of a length that is known takes whole vectors.
+        Some(to) => {
+            for l in 0..LANES {
+                to[l] = f64::from(from[l]);
+            }
+        }
+        None => widen_some(to, *from),
+    }
+}
+
+/// The rest of [`widen`], which would slow it down if it were inlined.
+#[cold]
+#[inline(never)]
+fn widen_some(to: &mut [f64], from: SingleLanes) {
+    for (to, from) in to.iter_mut().zip(from) {
+        *to = f64::from(from);
+    }
+}
+
+/// Rows of `n` in blocks; behind the last knot are zeros.
+fn in_blocks(coefficients: &[f64], n: usize) -> Vec<Block> {
+    let mut blocks = vec![Block([[[0.0; LANES]; PLANE]; NODES]); n.div_ceil(LANES)];
+    for (i, row) in coefficients.chunks_exact(n).enumerate() {
+        for (block, from) in blocks.iter_mut().zip(row.chunks(LANES)) {
+            for (to, from) in block.0[i / PLANE][i % PLANE].iter_mut().zip(from) {
+                *to = *from as f32;
+            }
         }
     }
-    table
+    blocks
 }

@@ -5,6 +5,7 @@ use crate::render::lanes::{LANES, SinglePoints, any};
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 
 /// Boxes in tree coordinates; one that asks for nothing is inside out.
+#[repr(C, align(64))]
 struct Boxes {
     low: SinglePoints,
     high: SinglePoints,

@@ -21,6 +21,7 @@ use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 
 /// Where the chords meet their first triangles.
 #[derive(Debug, Clone)]
+#[repr(C, align(64))]
 pub struct PacketHits {
     /// Place on the chord, 0 at its start and 1 at its end; infinite for a miss.
     pub t: SingleLanes,
@@ -31,9 +32,8 @@ pub struct PacketHits {
 }
 
 /// Sixteen chords in tree units.
+#[repr(C, align(64))]
 struct Chords {
-    /// What they are measured from, in the chart.
-    origin: DVec3,
     start: SinglePoints,
     way: SinglePoints,
     /// The length of the way squared, and as a part of the way what a hit may lie before its start
@@ -45,6 +45,8 @@ struct Chords {
     start_ways: SinglePoints,
     /// By how much a place on the chord may be off in a slab test.
     slack: SinglePoints,
+    /// What they are measured from, in the chart.
+    origin: DVec3,
 }
 
 /// What one slab test in single precision may move a point by, as a share of its distance from the
