@@ -6,7 +6,7 @@
 use super::{
     curve::Ending,
     lanes::{
-        LANES, Lanes, Points, SinglePoints, each, each_point, lane, less, more, range, single,
+        LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, lane, less, more, range,
     },
     strands::{ROWS, Strand, Strands, knots_until, pieces_row},
     tracer::GridTracer,
@@ -187,17 +187,11 @@ impl Tube {
         let width = pieces_row(last);
         for (c, side) in self.sides.iter_mut().enumerate() {
             side.clear();
-            side.extend_from_slice(&strands[0].side(c)[..width]);
-            let others = strands[1..].iter().map(|strand| strand.side(c));
-            for other in others {
-                let blocks = side.as_chunks_mut::<LANES>().0.iter_mut();
-                for (to, other) in blocks.zip(other.as_chunks::<LANES>().0) {
-                    let one = *to;
-                    *to = match c < 3 {
-                        true => single(|l| less(one[l], other[l])),
-                        false => single(|l| more(one[l], other[l])),
-                    };
-                }
+            for first in (0..width).step_by(LANES) {
+                side.extend_from_slice(&match c < 3 {
+                    true => merged(strands, c, first, less),
+                    false => merged(strands, c, first, more),
+                });
             }
         }
         self.widen(&strands[0].knots[..last], margin, slack);
@@ -245,6 +239,29 @@ impl Tube {
         let [low, high] = corners;
         (low, high)
     }
+}
+
+/// What `better` leaves of side `c` of the boxes of all `strands` around the sixteen pieces from `first` on.
+#[inline(always)]
+fn merged(
+    strands: &[Strand<'_>],
+    c: usize,
+    first: usize,
+    better: impl Fn(f32, f32) -> f32,
+) -> SingleLanes {
+    let block = |strand: &Strand<'_>| -> SingleLanes {
+        let mut block = [0.0; LANES];
+        block.copy_from_slice(&strand.side(c)[first..first + LANES]);
+        block
+    };
+    let mut best = block(&strands[0]);
+    for strand in &strands[1..] {
+        let other = block(strand);
+        for l in 0..LANES {
+            best[l] = better(best[l], other[l]);
+        }
+    }
+    best
 }
 
 /// What a box around sixteen paths is widened by, as a share of its longest side, for what the

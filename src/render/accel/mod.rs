@@ -33,16 +33,24 @@ const MARGIN: f32 = 2e-6;
 #[derive(Clone, Default)]
 pub struct Accelerator {
     triangles: Vec<[DVec3; 3]>,
-    /// The tree; its leaves name ranges of `order`.
+    /// The tree; its leaves name ranges of `leaves`.
     nodes: Vec<Bvh2Node>,
-    /// Triangle numbers in the order of the leaves.
-    order: Vec<u32>,
+    leaves: Vec<Numbered>,
     top: Top,
     /// Corners of the box around all triangles.
     bounds: Option<(DVec3, DVec3)>,
     /// Tree coordinates are `(u - centre) / scale`.
     centre: DVec3,
     scale: f64,
+}
+
+/// A triangle as it is found in a leaf. Those of a leaf lie side by side, because getting them from all
+/// over memory took longer than to hold chords against them.
+#[derive(Debug, Clone, Copy)]
+struct Numbered {
+    corners: [DVec3; 3],
+    /// Its number in the order given to [`Accelerator::build`].
+    number: u32,
 }
 
 /// Where a chord meets a triangle.
@@ -90,8 +98,12 @@ impl Accelerator {
             .map(|i| built.tree_box(box_of(&triangles[*i as usize])))
             .collect();
         let tree = build_tree(&boxes);
-        let number = |slot: u32| usable[slot as usize];
-        built.order = tree.primitive_indices.into_iter().map(number).collect();
+        let numbered = |slot: u32| {
+            let number = usable[slot as usize];
+            let corners = triangles[number as usize];
+            Numbered { corners, number }
+        };
+        built.leaves = tree.primitive_indices.into_iter().map(numbered).collect();
         built.nodes = tree.nodes;
         built.top = Top::of(&built.nodes);
         built
@@ -126,7 +138,7 @@ impl Accelerator {
         while let Some((index, entry)) = next {
             let node: &Bvh2Node = &self.nodes[index as usize];
             if entry <= limit && node.is_leaf() {
-                best = nearest(best, &chord, self.leaf(node), &self.triangles);
+                best = nearest(best, &chord, self.leaf(node).iter().copied());
                 limit = best.map_or(limit, |hit| tau(hit.t));
             } else if entry <= limit {
                 let children = [node.first_index, node.first_index + 1];
@@ -146,7 +158,12 @@ impl Accelerator {
 
     /// The same as [`Self::first_hit_on_chord`] among the triangles numbered in `candidates` only.
     pub fn first_hit_among(&self, candidates: &[u32], a: DVec3, b: DVec3) -> Option<ChordHit> {
-        nearest(None, &Chord::new(a, b)?, candidates, &self.triangles)
+        let numbered = |&number: &u32| {
+            let corners = *self.triangles.get(number as usize)?;
+            Some(Numbered { corners, number })
+        };
+        let candidates = candidates.iter().filter_map(numbered);
+        nearest(None, &Chord::new(a, b)?, candidates)
     }
 
     /// Whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
@@ -159,8 +176,8 @@ impl Accelerator {
     pub fn candidates(&self, min: DVec3, max: DVec3, out: &mut Vec<u32>) {
         out.clear();
         self.visit_leaves(min, max, |node| {
-            let meets = |i: &u32| boxes_meet(box_of(&self.triangles[*i as usize]), (min, max));
-            out.extend(self.leaf(node).iter().copied().filter(meets));
+            let meets = |t: &&Numbered| boxes_meet(box_of(&t.corners), (min, max));
+            out.extend(self.leaf(node).iter().filter(meets).map(|t| t.number));
             false
         });
     }
@@ -202,8 +219,8 @@ impl Accelerator {
         false
     }
 
-    fn leaf(&self, node: &Bvh2Node) -> &[u32] {
-        &self.order[node.first_index as usize..][..node.prim_count as usize]
+    fn leaf(&self, node: &Bvh2Node) -> &[Numbered] {
+        &self.leaves[node.first_index as usize..][..node.prim_count as usize]
     }
 
     /// The part of the chord inside the bounds, as its two ends in [0, 1].
@@ -327,18 +344,14 @@ fn boxes_meet(one: (DVec3, DVec3), other: (DVec3, DVec3)) -> bool {
     one.0.cmple(other.1).all() && other.0.cmple(one.1).all()
 }
 
-/// The better of `best` and the nearest hit among the numbered triangles.
+/// The better of `best` and the nearest hit among the triangles.
 fn nearest(
     mut best: Option<ChordHit>,
     chord: &Chord,
-    numbers: &[u32],
-    triangles: &[[DVec3; 3]],
+    triangles: impl Iterator<Item = Numbered>,
 ) -> Option<ChordHit> {
-    for &triangle in numbers {
-        let Some(corners) = triangles.get(triangle as usize) else {
-            continue;
-        };
-        let Some((t, barycentric)) = chord.meet(corners) else {
+    for Numbered { corners, number: triangle } in triangles {
+        let Some((t, barycentric)) = chord.meet(&corners) else {
             continue;
         };
         if best.is_none_or(|b| (t, triangle) < (b.t, b.triangle)) {

@@ -132,11 +132,9 @@ impl Accelerator {
                 continue;
             }
             if node.is_leaf() {
-                for &triangle in self.leaf(node) {
-                    if let Some(corners) = self.triangles.get(triangle as usize) {
-                        let corners = chords.seen_from(corners, self.unit());
-                        met |= chords.meet(&corners, triangle, &mut reach, &mut hits);
-                    }
+                for triangle in self.leaf(node) {
+                    let corners = chords.seen_from(&triangle.corners, self.unit());
+                    met |= chords.meet(&corners, triangle.number, &mut reach, &mut hits);
                 }
                 continue;
             }
