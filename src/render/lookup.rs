@@ -7,7 +7,7 @@ use super::{
     curve::{Curve, Ending},
     endings::EndingFinder,
     lanes::{LANES, Points},
-    pencil::Pencil,
+    pencil::{Near, Pencil},
     strands::{Source, Strand, Strands, stay},
     strip::{self, Rung},
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
@@ -70,10 +70,11 @@ impl GridTracer for TableTracer<'_, '_> {
         strands.reserve(directions.len());
         strands.with_courses(|strands, courses| match &self.pencil {
             Some(pencil) => {
+                let mut near = Near::default();
                 for directions in directions.chunks(LANES) {
                     let orbits = pencil.orbits(directions);
                     for (direction, orbit) in directions.iter().zip(orbits) {
-                        match pencil.rung(&orbit, endings) {
+                        match pencil.rung(&orbit, &mut near, endings) {
                             Some(rung) => self.climb((*direction, orbit), &rung, endings, strands),
                             None => self.follow(*direction, courses, endings, strands),
                         }
@@ -93,9 +94,13 @@ impl GridTracer for TableTracer<'_, '_> {
             return vec![None; directions.len()];
         };
         let mut ends = Vec::with_capacity(directions.len());
+        let mut near = Near::default();
         for directions in directions.chunks(LANES) {
             let orbits = pencil.orbits(directions).into_iter().take(directions.len());
-            ends.extend(orbits.map(|orbit| pencil.rung(&orbit, endings)?.ending(endings)));
+            ends.extend(orbits.map(|orbit| {
+                let rung = pencil.rung(&orbit, &mut near, endings)?;
+                rung.ending(endings)
+            }));
         }
         ends
     }
@@ -109,15 +114,16 @@ impl GridTracer for TableTracer<'_, '_> {
             }
             (_, Source::Pencil(orbit)) => {
                 let pencil = self.pencil.as_ref();
-                let rung = pencil.and_then(|pencil| pencil.known(orbit));
+                let rung = pencil.and_then(|pencil| pencil.known(orbit, &mut Near::default()));
                 rung.into_iter().for_each(|rung| rung.refine(s, rows));
             }
         }
     }
 
     fn refine_sixteen(&self, strands: &[Strand<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
+        let mut near = Near::default();
         let rung = |strand: &Strand<'_>| match strand.source.1 {
-            Source::Pencil(orbit) => self.pencil.as_ref()?.known(orbit),
+            Source::Pencil(orbit) => self.pencil.as_ref()?.known(orbit, &mut near),
             _ => None,
         };
         let rungs: Option<Vec<Rung<'_, '_, '_>>> = strands.iter().map(rung).collect();

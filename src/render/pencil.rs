@@ -33,6 +33,13 @@ enum Node<'f, 't> {
     Bare,
 }
 
+/// An interval with its strip.
+type Known<'p, 'f, 't> = ([f64; 2], &'p Strip<'f, 't>);
+
+/// Where the last path was found, and most likely the next will be.
+#[derive(Default)]
+pub(super) struct Near<'p, 'f, 't>(Option<(usize, Known<'p, 'f, 't>)>);
+
 impl<'f, 't> Pencil<'f, 't> {
     /// `None` if directions have two parameters.
     pub(super) fn new(fan: &'f Fan<'t>, knots: &Arc<[f64]>) -> Option<Self> {
@@ -53,19 +60,26 @@ impl<'f, 't> Pencil<'f, 't> {
     }
 
     /// The path; `None` where intervals do not pay.
-    pub(super) fn rung(
-        &self,
+    pub(super) fn rung<'p>(
+        &'p self,
         orbit: &Orbit,
+        near: &mut Near<'p, 'f, 't>,
         endings: &mut EndingFinder<'_>,
-    ) -> Option<Rung<'_, 'f, 't>> {
-        self.descend(orbit, |node, interval, depth| {
-            Some(node.get_or_init(|| self.node(orbit.face, interval, depth, endings)))
+    ) -> Option<Rung<'p, 'f, 't>> {
+        near.rung(orbit, || {
+            self.descend(orbit, |node, interval, depth| {
+                Some(node.get_or_init(|| self.node(orbit.face, interval, depth, endings)))
+            })
         })
     }
 
     /// The same for a path that has been asked for before.
-    pub(super) fn known(&self, orbit: &Orbit) -> Option<Rung<'_, 'f, 't>> {
-        self.descend(orbit, |node, _, _| node.get())
+    pub(super) fn known<'p>(
+        &'p self,
+        orbit: &Orbit,
+        near: &mut Near<'p, 'f, 't>,
+    ) -> Option<Rung<'p, 'f, 't>> {
+        near.rung(orbit, || self.descend(orbit, |node, _, _| node.get()))
     }
 
     /// Goes down to the strip around a path, where `open` gives the node of an interval at a depth.
@@ -73,8 +87,7 @@ impl<'f, 't> Pencil<'f, 't> {
         &'p self,
         orbit: &Orbit,
         mut open: impl FnMut(&'p OnceLock<Node<'f, 't>>, [f64; 2], u32) -> Option<&'p Node<'f, 't>>,
-    ) -> Option<Rung<'p, 'f, 't>> {
-        let p = orbit.parameter;
+    ) -> Option<Known<'p, 'f, 't>> {
         let (mut node, mut interval) = (&self.faces[orbit.face], [-1.0, 1.0]);
         for depth in 0.. {
             let [low, high] = interval;
@@ -82,14 +95,11 @@ impl<'f, 't> Pencil<'f, 't> {
             match open(node, interval, depth)? {
                 Node::Bare => break,
                 Node::Halves(halves) => {
-                    let upper = p >= middle;
+                    let upper = orbit.parameter >= middle;
                     node = &halves[usize::from(upper)];
                     interval = if upper { [middle, high] } else { [low, middle] };
                 }
-                Node::Strip(strip) => {
-                    let x = (p - middle) / (0.5 * (high - low));
-                    return Some(strip.rung(x, orbit.rotation));
-                }
+                Node::Strip(strip) => return Some((interval, strip)),
             }
         }
         None
@@ -115,5 +125,27 @@ impl<'f, 't> Pencil<'f, 't> {
             _ if depth < most => Node::Halves(Box::default()),
             _ => Node::Bare,
         }
+    }
+}
+
+impl<'p, 'f, 't> Near<'p, 'f, 't> {
+    /// The path, from the interval that the last one came from or what `find` finds for it.
+    fn rung(
+        &mut self,
+        orbit: &Orbit,
+        find: impl FnOnce() -> Option<Known<'p, 'f, 't>>,
+    ) -> Option<Rung<'p, 'f, 't>> {
+        let (p, face) = (orbit.parameter, orbit.face);
+        let last = self.0.filter(|(last, ([low, high], _))| {
+            *last == face && *low <= p && p < *high
+        });
+        let found = match last {
+            Some((_, known)) => known,
+            None => find()?,
+        };
+        self.0 = Some((face, found));
+        let ([low, high], strip) = found;
+        let x = (p - 0.5 * (low + high)) / (0.5 * (high - low));
+        Some(strip.rung(x, orbit.rotation))
     }
 }

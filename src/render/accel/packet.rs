@@ -11,7 +11,7 @@
 //! test of one chord): two triangles that share an edge compute the same number for it with
 //! opposite sign, so no chord slips between them.
 
-use super::{Accelerator, Stack};
+use super::{Accelerator, MARGIN, Stack};
 use crate::render::{
     lanes::{LANES, SingleLanes, SinglePoints, any, less, more, range, single},
     sheaf::Spread,
@@ -58,7 +58,7 @@ const SLAB_ERROR: f32 = 10.0 * 0.5 * f32::EPSILON;
 /// fall out of both. Sixteen roundings.
 const END_MARGIN: f32 = 8.0 * f32::EPSILON;
 
-/// Most subtrees that [`Accelerator::roots`] names: enough to leave out what lies between two
+/// Most subtrees that [`Accelerator::roots`] names, if not more of the topmost ones are met: enough to leave out what lies between two
 /// objects; more would only be sorted by every packet again.
 const MOST_ROOTS: usize = 12;
 
@@ -71,10 +71,8 @@ impl Accelerator {
         };
         let query = self.tree_box((min.max(bounds.0), max.min(bounds.1)));
         let first = out.len();
-        let meets = |i: u32| self.nodes[i as usize].aabb().intersect_aabb(&query);
-        if meets(0) {
-            out.push(0);
-        }
+        let meets = |i: &u32| self.nodes[*i as usize].aabb().intersect_aabb(&query);
+        self.top.met(&query, |index| out.push(index));
         // Breadth first: the first that is no leaf gives way to its children that are met.
         let mut at = first;
         while at < out.len() && out.len() - first < MOST_ROOTS {
@@ -84,11 +82,11 @@ impl Accelerator {
                 continue;
             }
             out.swap_remove(at);
-            out.extend(
-                [node.first_index, node.first_index + 1]
-                    .into_iter()
-                    .filter(|i| meets(*i)),
-            );
+            for child in [node.first_index, node.first_index + 1] {
+                if meets(&child) {
+                    out.push(child);
+                }
+            }
         }
         out.len() > first
     }
@@ -112,6 +110,7 @@ impl Accelerator {
             return None;
         }
         let chords = self.chords(a, b, shift);
+        let near = self.box_from(chords.origin, &around);
         let mut hits = PacketHits {
             t: [f32::INFINITY; LANES],
             triangle: [0; LANES],
@@ -134,7 +133,9 @@ impl Accelerator {
             if node.is_leaf() {
                 for triangle in self.leaf(node) {
                     let corners = chords.seen_from(&triangle.corners, self.unit());
-                    met |= chords.meet(&corners, triangle.number, &mut reach, &mut hits);
+                    if near.intersect_aabb(&Aabb::from_points(&corners)) {
+                        met |= chords.meet(&corners, triangle.number, &mut reach, &mut hits);
+                    }
                 }
                 continue;
             }
@@ -172,6 +173,14 @@ impl Accelerator {
         }
         let slack = 2.0 * SLAB_ERROR * (Vec3A::ONE + min.abs().max(max.abs()));
         Aabb::new(min - slack, max + slack)
+    }
+
+    /// A box in tree coordinates by where it lies from the origin of chords, in tree units, with the margin
+    /// that the tree's own boxes have.
+    #[inline(always)]
+    fn box_from(&self, origin: DVec3, around: &Aabb) -> Aabb {
+        let base = Vec3A::from(self.tree_point(origin));
+        Aabb::new(around.min - base - MARGIN, around.max - base + MARGIN)
     }
 
     #[inline(always)]
@@ -243,8 +252,8 @@ impl Chords {
 
     /// A triangle's corners from the origin, in tree units.
     #[inline(always)]
-    fn seen_from(&self, [a, b, c]: &[DVec3; 3], unit: f64) -> [[f32; 3]; 3] {
-        let from_origin = |p: &DVec3| ((*p - self.origin) * unit).as_vec3().to_array();
+    fn seen_from(&self, [a, b, c]: &[DVec3; 3], unit: f64) -> [Vec3A; 3] {
+        let from_origin = |p: &DVec3| ((*p - self.origin) * unit).as_vec3a();
         [from_origin(a), from_origin(b), from_origin(c)]
     }
 
@@ -252,7 +261,7 @@ impl Chords {
     #[inline(always)]
     fn meet(
         &self,
-        [a, b, c]: &[[f32; 3]; 3],
+        [a, b, c]: &[Vec3A; 3],
         triangle: u32,
         best: &mut SingleLanes,
         hits: &mut PacketHits,
@@ -310,7 +319,8 @@ impl Chords {
 
     /// A point's offsets from the chords' starts.
     #[inline(always)]
-    fn offsets(&self, p: &[f32; 3]) -> SinglePoints {
+    fn offsets(&self, p: &Vec3A) -> SinglePoints {
+        let p = p.to_array();
         let from = |c: usize| single(|l| p[c] - self.start[c][l]);
         [from(0), from(1), from(2)]
     }
