@@ -111,6 +111,7 @@ impl Accelerator {
         }
         let chords = self.chords(a, b, shift);
         let near = self.box_from(chords.origin, &around);
+        let unit = self.unit();
         let mut hits = PacketHits {
             t: [f32::INFINITY; LANES],
             triangle: [0; LANES],
@@ -132,7 +133,7 @@ impl Accelerator {
             }
             if node.is_leaf() {
                 for triangle in self.leaf(node) {
-                    let corners = chords.seen_from(&triangle.corners, self.unit());
+                    let corners = chords.seen_from(&triangle.corners, unit);
                     if near.intersect_aabb(&Aabb::from_points(&corners)) {
                         met |= chords.meet(&corners, triangle.number, &mut reach, &mut hits);
                     }

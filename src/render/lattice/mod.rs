@@ -179,12 +179,13 @@ impl Lattice<'_> {
         };
         let mut nodes = Nodes::new(root, self.smallest, strands);
         let mut divided = (Vec::new(), Vec::new());
+        let mut touched = Touched::default();
         let mut level = vec![root];
         while !level.is_empty() {
             nodes.trace(&level, self, endings);
             let mut next = Vec::new();
             for tile in level {
-                match self.leaf(tile, &nodes, endings) {
+                match self.leaf(tile, &nodes, endings, &mut touched) {
                     Some(leaf) => divided.0.push(leaf),
                     None if tile.side <= self.smallest => divided.1.push(tile),
                     None => next.extend(
@@ -205,7 +206,13 @@ impl Lattice<'_> {
     }
 
     /// The tile's paths, if they can be interpolated within the budget.
-    fn leaf(&self, tile: Tile, nodes: &Nodes, endings: &mut EndingFinder<'_>) -> Option<Leaf> {
+    fn leaf(
+        &self,
+        tile: Tile,
+        nodes: &Nodes,
+        endings: &mut EndingFinder<'_>,
+        touched: &mut Touched,
+    ) -> Option<Leaf> {
         let members = nodes.members(tile)?;
         let sheaf = Sheaf::new(nodes.strands(), &members);
         if !sheaf.is_known() {
@@ -217,24 +224,23 @@ impl Lattice<'_> {
         // The sky is cheap to compare and rules most tiles out.
         let each = || tile.side <= self.smallest && self.knows_end(tile, endings);
         let ends = ends(&sheaf, &checks, allowed, each)?;
-        let mut touched = Touched::default();
         let (last, slack) = (sheaf.last(), self.tracer.slack());
         // What is between paths that end in all ways is told a little better by those that check them.
         match ends {
             Ends::Each => touched.find(&checks.all(), last, self.world, TUBE_MARGIN, slack),
             _ => touched.find(sheaf.all(), last, self.world, TUBE_MARGIN, slack),
         }
-        let pieces = touched.pieces;
+        let pieces = &touched.pieces;
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
             return None;
         }
-        if !(checks.path(&pieces) <= allowed) {
+        if !(checks.path(pieces) <= allowed) {
             return None;
         }
         Some(Leaf {
             tile,
             members,
-            touched: pieces,
+            touched: pieces.clone(),
             ends,
         })
     }

@@ -12,6 +12,7 @@ mod skies;
 pub use layers::{area, with_layers};
 
 use super::{footprint::Footprint, intersect::Hit, outcome::Seen, view::View, world::World};
+use crate::prefetch::prefetch;
 use glam::{DVec3, Vec3};
 use lamp::Lamp;
 pub(super) use lamp::diffuse;
@@ -98,7 +99,8 @@ impl Shader<'_> {
         for (y, row) in (first..).zip(rows.chunks_exact_mut((3 * width * count).max(1))) {
             let below = line(Some(y + 1));
             skies.light([&above, &here, &below], row);
-            for i in here.surfaces() {
+            self.prefetch(y, here.surfaces());
+            for &i in here.surfaces() {
                 let at = (y, i / count, i % count);
                 if let Seen::Surface(hit) = self.outcomes[at] {
                     lamp.add(i, hit, self.texture_footprint(at, &hit));
@@ -106,6 +108,21 @@ impl Shader<'_> {
             }
             lamp.light(row);
             (above, here) = (here, below);
+        }
+    }
+
+    /// Asks for what shading needs of the triangles that are seen at these places of row `y`.
+    fn prefetch(&self, y: usize, surfaces: &[usize]) {
+        let count = self.outcomes.dim().2;
+        let mut last = None;
+        for i in surfaces {
+            if let Seen::Surface(hit) = self.outcomes[(y, i / count, i % count)]
+                && last != Some(hit.triangle)
+            {
+                last = Some(hit.triangle);
+                prefetch(&self.world.faces, hit.triangle as usize);
+                prefetch(self.world.accelerator.triangles(), hit.triangle as usize);
+            }
         }
     }
 

@@ -65,8 +65,8 @@ impl Line {
     }
 
     /// The samples that see a surface.
-    pub(super) fn surfaces(&self) -> impl Iterator<Item = usize> {
-        self.surfaces.iter().copied()
+    pub(super) fn surfaces(&self) -> &[usize] {
+        &self.surfaces
     }
 
     /// Sixteen samples from `start` on, counted from the pixel before the first.
