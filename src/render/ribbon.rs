@@ -70,11 +70,17 @@ impl Chords {
     }
 
     /// The chord from vertex `from`, in the box from `low` to `high`, if it meets anything when moved by
-    /// `shift`.
-    fn add(&mut self, world: &World, from: usize, (low, high): (DVec3, DVec3), shift: DVec3) {
-        let (low, high) = widened((low + shift, high + shift), TUBE_MARGIN);
+    /// `shift`: below `those` roots, if it is a part of the chord to which they belong.
+    fn add(
+        &mut self,
+        world: &World,
+        from: usize,
+        ((low, high), shift): ((DVec3, DVec3), DVec3),
+        those: Option<&[u32]>,
+    ) {
+        let around = widened((low + shift, high + shift), TUBE_MARGIN);
         let first = self.roots.len();
-        if world.accelerator.roots(low, high, &mut self.roots) {
+        if world.accelerator.roots(around, those, &mut self.roots) {
             self.list.push(RibbonChord {
                 from,
                 shift,
@@ -235,11 +241,11 @@ impl Ribbon {
         let (low, high) = around(a, b);
         let domain = &world.manifold.domain;
         match is_glued(domain) {
-            false => self.chords.add(world, from, (low, high), DVec3::ZERO),
+            false => self.chords.add(world, from, ((low, high), DVec3::ZERO), None),
             true => {
                 let (least, most) = widened((low, high), TUBE_MARGIN);
                 for shift in shifts(&world.accelerator, domain, least, most) {
-                    self.chords.add(world, from, (low, high), shift);
+                    self.chords.add(world, from, ((low, high), shift), None);
                 }
             }
         }
@@ -262,7 +268,8 @@ impl Ribbon {
                 _ => bounds(chord.from),
             };
             let end = bounds(chord.from + 1);
-            chords.add(world, chord.from, around(start, end), chord.shift);
+            let those = Some(self.chords.roots(chord));
+            chords.add(world, chord.from, (around(start, end), chord.shift), those);
             before = Some((chord.from + 1, end));
         }
         chords

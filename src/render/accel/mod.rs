@@ -13,6 +13,8 @@
 mod boxes;
 mod chord;
 mod packet;
+mod stack;
+mod top;
 
 pub use packet::PacketHits;
 
@@ -24,6 +26,8 @@ use obvhs::{
     bvh2::{Bvh2, leaf_collapser::collapse, node::Bvh2Node, reinsertion::ReinsertionOptimizer},
     ploc::PlocBuilder,
 };
+use stack::Stack;
+use top::Top;
 
 /// Margin of every box in tree coordinates. Rounding a point of [-1, 1]³ to single precision and
 /// one slab test move it by at most 5e-7; a wider margin only lets more triangles through.
@@ -258,61 +262,6 @@ impl Accelerator {
     }
 }
 
-/// The subtrees below the root whose boxes are looked at together, because most boxes that are asked
-/// about meet none of them.
-#[derive(Clone, Default)]
-struct Top {
-    count: usize,
-    nodes: [u32; TOP],
-    low: [[f32; TOP]; 3],
-    high: [[f32; TOP]; 3],
-}
-
-/// How many.
-const TOP: usize = 16;
-
-impl Top {
-    fn of(nodes: &[Bvh2Node]) -> Self {
-        let mut open = vec![0_u32];
-        let area = |i: &u32| nodes[*i as usize].aabb().half_area();
-        while open.len() < TOP {
-            let inner = (0..open.len()).filter(|k| !nodes[open[*k] as usize].is_leaf());
-            let Some(k) = inner.max_by(|a, b| area(&open[*a]).total_cmp(&area(&open[*b]))) else {
-                break;
-            };
-            let first = nodes[open.swap_remove(k) as usize].first_index;
-            open.extend([first, first + 1]);
-        }
-        let mut top = Self {
-            count: open.len(),
-            ..Self::default()
-        };
-        for (k, index) in open.into_iter().enumerate() {
-            let aabb = nodes[index as usize].aabb();
-            top.nodes[k] = index;
-            for c in 0..3 {
-                (top.low[c][k], top.high[c][k]) = (aabb.min[c], aabb.max[c]);
-            }
-        }
-        top
-    }
-
-    /// Shows those that meet `query`.
-    #[inline(always)]
-    fn met(&self, query: &Aabb, mut show: impl FnMut(u32)) {
-        let mut meets = [true; TOP];
-        for c in 0..3 {
-            let (low, high) = (query.min[c], query.max[c]);
-            for k in 0..TOP {
-                meets[k] &= (self.low[c][k] <= high) & (self.high[c][k] >= low);
-            }
-        }
-        for k in (0..self.count).filter(|k| meets[*k]) {
-            show(self.nodes[k]);
-        }
-    }
-}
-
 /// obvhs's medium build, step by step: its convenience function does the same but reads the clock.
 fn build_tree(boxes: &[Aabb]) -> Bvh2 {
     let config = BvhBuildParams::medium_build();
@@ -398,50 +347,6 @@ impl TreeRay {
         let enter = to_min.min(to_max).max_element().max(0.0);
         let leave = to_min.max(to_max).min_element();
         if enter <= leave { enter } else { f32::INFINITY }
-    }
-}
-
-/// Nodes that fit the array of a [`Stack`], which is cleared for every question.
-const STACK: usize = 32;
-
-/// Nodes still to visit, with the place where the ray enters them. Trees are rarely deeper than
-/// the array; the list takes what is.
-struct Stack {
-    array: [(u32, f32); STACK],
-    count: usize,
-    rest: Vec<(u32, f32)>,
-}
-
-impl Default for Stack {
-    fn default() -> Self {
-        Self {
-            array: [(0, 0.0); STACK],
-            count: 0,
-            rest: Vec::new(),
-        }
-    }
-}
-
-impl Stack {
-    #[inline(always)]
-    fn push_if(&mut self, wanted: bool, entry: (u32, f32)) {
-        match self.array.get_mut(self.count) {
-            _ if !wanted => {}
-            Some(slot) => {
-                *slot = entry;
-                self.count += 1;
-            }
-            None => self.rest.push(entry),
-        }
-    }
-
-    #[inline(always)]
-    fn pop(&mut self) -> Option<(u32, f32)> {
-        if let Some(entry) = self.rest.pop() {
-            return Some(entry);
-        }
-        self.count = self.count.checked_sub(1)?;
-        Some(self.array[self.count])
     }
 }
 

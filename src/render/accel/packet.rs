@@ -60,19 +60,28 @@ const END_MARGIN: f32 = 8.0 * f32::EPSILON;
 
 /// Most subtrees that [`Accelerator::roots`] names, if not more of the topmost ones are met: enough to leave out what lies between two
 /// objects; more would only be sorted by every packet again.
-const MOST_ROOTS: usize = 12;
+const MOST_ROOTS: usize = 6;
 
 impl Accelerator {
     /// Appends the roots of a few subtrees that together hold every leaf whose box meets the given
-    /// one; whether there are any.
-    pub fn roots(&self, min: DVec3, max: DVec3, out: &mut Vec<u32>) -> bool {
+    /// one; whether there are any. Where it is a part of a box of which the roots are known, they are found
+    /// below `those`.
+    pub fn roots(
+        &self,
+        (min, max): (DVec3, DVec3),
+        those: Option<&[u32]>,
+        out: &mut Vec<u32>,
+    ) -> bool {
         let Some(bounds) = self.bounds.filter(|b| super::boxes_meet(*b, (min, max))) else {
             return false;
         };
         let query = self.tree_box((min.max(bounds.0), max.min(bounds.1)));
         let first = out.len();
         let meets = |i: &u32| self.nodes[*i as usize].aabb().intersect_aabb(&query);
-        self.top.met(&query, |index| out.push(index));
+        match those {
+            Some(those) => out.extend(those.iter().filter(|i| meets(i))),
+            None => self.top.met(&query, |index| out.push(index)),
+        }
         // Breadth first: the first that is no leaf gives way to its children that are met.
         let mut at = first;
         while at < out.len() && out.len() - first < MOST_ROOTS {
