@@ -136,9 +136,9 @@ impl<'p, 'f, 't> Near<'p, 'f, 't> {
         find: impl FnOnce() -> Option<Known<'p, 'f, 't>>,
     ) -> Option<Rung<'p, 'f, 't>> {
         let (p, face) = (orbit.parameter, orbit.face);
-        let last = self.0.filter(|(last, ([low, high], _))| {
-            *last == face && *low <= p && p < *high
-        });
+        let last = self
+            .0
+            .filter(|(last, ([low, high], _))| *last == face && *low <= p && p < *high);
         let found = match last {
             Some((_, known)) => known,
             None => find()?,

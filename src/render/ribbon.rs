@@ -216,15 +216,7 @@ impl Ribbon {
         for &k in pieces {
             vectorised(
                 #[inline(always)]
-                || {
-                    cut(
-                        &Cubics::new(strands, k),
-                        tolerance,
-                        slack,
-                        world,
-                        &mut show,
-                    )
-                },
+                || cut(&Cubics::new(strands, k), tolerance, slack, world, &mut show),
             );
         }
         sheaf.vertices(tracer, &s, &mut self.vertices);
@@ -241,7 +233,9 @@ impl Ribbon {
         let (low, high) = around(a, b);
         let domain = &world.manifold.domain;
         match is_glued(domain) {
-            false => self.chords.add(world, from, ((low, high), DVec3::ZERO), None),
+            false => self
+                .chords
+                .add(world, from, ((low, high), DVec3::ZERO), None),
             true => {
                 let (least, most) = widened((low, high), TUBE_MARGIN);
                 for shift in shifts(&world.accelerator, domain, least, most) {

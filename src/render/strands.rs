@@ -12,6 +12,7 @@ use crate::{bundle::Courses, expr::vectorised, fan::Orbit};
 use glam::DVec3;
 use std::{
     mem::{replace, take},
+    ops::Range,
     sync::Arc,
 };
 
@@ -131,17 +132,15 @@ impl Strands {
         end: impl FnOnce(Strand<'_>) -> Option<Ending>,
     ) {
         self.reserve(1);
-        let (length, boxes) = (ROWS * self.knots.len(), ROWS * pieces_row(self.knots.len()));
-        let start = self.len() * length;
-        let boxes = self.len() * boxes..(self.len() + 1) * boxes;
-        let rows = &mut self.values[start..start + length];
+        let [values, boxes] = self.places(self.len());
+        let rows = &mut self.values[values.clone()];
         let known = fill(&self.knots, rows);
         stay(rows, self.knots.len(), known);
         surround(&self.knots, rows, &mut self.boxes[boxes.clone()]);
         let strand = Strand {
             knots: &self.knots,
             direction,
-            rows: &self.values[start..start + length],
+            rows: &self.values[values],
             boxes: &self.boxes[boxes],
             known,
             ending: None,
@@ -158,15 +157,20 @@ impl Strands {
         &self.knots
     }
 
+    /// Where the rows and the boxes of the path numbered `i` are.
+    fn places(&self, i: usize) -> [Range<usize>; 2] {
+        let knots = self.knots.len();
+        [knots, pieces_row(knots)].map(|row| i * ROWS * row..(i + 1) * ROWS * row)
+    }
+
     /// The path numbered `i`.
     pub fn strand(&self, i: usize) -> Strand<'_> {
-        let length = ROWS * self.knots.len();
-        let boxes = ROWS * pieces_row(self.knots.len());
+        let [values, boxes] = self.places(i);
         Strand {
             knots: &self.knots,
             direction: self.directions[i],
-            rows: &self.values[i * length..(i + 1) * length],
-            boxes: &self.boxes[i * boxes..(i + 1) * boxes],
+            rows: &self.values[values],
+            boxes: &self.boxes[boxes],
             known: self.known[i],
             ending: self.endings[i],
             source: (&self.courses, &self.sources[i]),
@@ -180,8 +184,10 @@ pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
         return;
     }
     for (c, row) in rows.chunks_exact_mut(knots).enumerate() {
-        let last = known.checked_sub(1).filter(|_| c < 3);
-        let last = last.map_or(0.0, |last| row[last]);
+        let last = match known {
+            1.. if c < 3 => row[known - 1],
+            _ => 0.0,
+        };
         row[known..].fill(last);
     }
 }
@@ -323,6 +329,42 @@ impl<'a> Strand<'a> {
             let piece = self.piece(next.clamp(1, self.knots.len() - 1) - 1);
             let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
             put(rows, i, (piece.position(t), piece.tangent(t)));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Stream;
+
+    #[test]
+    fn boxes_hold_the_cubics_between_any_number_of_knots() {
+        let mut stream = Stream::new(&[5]);
+        for count in [2, 16, 17, 20, 33] {
+            let knots: Arc<[f64]> = (0..count).map(|k| 0.7 * k as f64).collect();
+            let mut strands = Strands::new(knots);
+            for _ in 0..20 {
+                let size = 10_f64.powf(stream.between(-3.0, 3.0));
+                let fill = |_: &[f64], rows: &mut [f64]| {
+                    rows.fill_with(|| size * stream.between(-1.0, 1.0));
+                    count
+                };
+                strands.push((DVec3::X, Source::Knots), fill, |_| None);
+            }
+            for strand in (0..strands.len()).map(|i| strands.strand(i)) {
+                for (k, t) in (0..count - 1).flat_map(|k| (0..=20).map(move |t| (k, t))) {
+                    let at = strand.piece(k).position(f64::from(t) / 20.0);
+                    for c in 0..3 {
+                        let [low, high] = [c, 3 + c].map(|side| f64::from(strand.side(side)[k]));
+                        assert!(
+                            low <= at[c] && at[c] <= high,
+                            "{count} {k} {low} {} {high}",
+                            at[c]
+                        );
+                    }
+                }
+            }
         }
     }
 }

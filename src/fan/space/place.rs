@@ -259,3 +259,44 @@ fn plane(radial: Option<DVec3>, v: DVec3) -> (DVec3, DVec3) {
     };
     (radial, across)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{diagnostic::SourceText, manifold::Manifold, random::Stream};
+    use std::sync::Arc;
+
+    const BALL: &str = r#"
+name = "ball"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1 + 0.3 * exp(-(x^2 + y^2 + z^2))" }
+[symmetry]
+rotation = "origin"
+[cameras]
+parameters = { c = [0.0, 3.0] }
+at = ["c", "0", "0"]
+length = 4.0
+"#;
+
+    #[test]
+    fn sixteen_rays_side_by_side_are_located_as_each_alone() {
+        let manifold = Manifold::from_source(SourceText::new("ball", BALL), &[]).unwrap();
+        let space = FanSpace::new(Arc::new(manifold)).unwrap();
+        let mut stream = Stream::new(&[6]);
+        for u in [DVec3::ZERO, DVec3::new(0.3, -1.1, 0.7), DVec3::X * 2.5] {
+            let place = space.place(u).unwrap();
+            for _ in 0..20 {
+                let d: [DVec3; 16] = std::array::from_fn(|_| stream.direction());
+                for (orbit, d) in space.orbits(&place, &d).iter().zip(d) {
+                    let [alone] = space.orbits(&place, &[d]);
+                    assert_eq!(orbit.face, alone.face);
+                    assert!((orbit.parameter - alone.parameter).abs() < 1e-14);
+                    assert!(orbit.rotation.abs_diff_eq(alone.rotation, 1e-14));
+                    // The ray lies in the first two axes of its plane.
+                    let v = place.frame * d;
+                    assert!(alone.rotation.z_axis.dot(v).abs() < 1e-12 * v.length());
+                }
+            }
+        }
+    }
+}

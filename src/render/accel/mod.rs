@@ -299,7 +299,11 @@ fn nearest(
     chord: &Chord,
     triangles: impl Iterator<Item = Numbered>,
 ) -> Option<ChordHit> {
-    for Numbered { corners, number: triangle } in triangles {
+    for Numbered {
+        corners,
+        number: triangle,
+    } in triangles
+    {
         let Some((t, barycentric)) = chord.meet(&corners) else {
             continue;
         };

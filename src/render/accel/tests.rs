@@ -201,6 +201,44 @@ fn sixteen_chords_find_no_cracks_and_lose_nothing_at_joints() {
 }
 
 #[test]
+fn roots_of_a_part_are_below_those_of_the_whole() {
+    let mut random = Random(9);
+    let triangles = soup(&mut random, 400, 0.1, DVec3::ZERO, 1.0);
+    let accelerator = Accelerator::build(&triangles);
+    // The triangles of all leaves below them whose boxes meet the query.
+    let met = |roots: &[u32], query: (DVec3, DVec3)| {
+        let mut open = roots.to_vec();
+        let mut met = Vec::new();
+        while let Some(i) = open.pop() {
+            let node = &accelerator.nodes[i as usize];
+            match node.is_leaf() {
+                true => met.extend(accelerator.leaf(node).iter().map(|t| (t.number, t.corners))),
+                false => open.extend([node.first_index, node.first_index + 1]),
+            }
+        }
+        met.retain(|(_, corners)| boxes_meet(box_of(corners), query));
+        let mut numbers: Vec<u32> = met.into_iter().map(|(number, _)| number).collect();
+        numbers.sort_unstable();
+        numbers
+    };
+    let mut count = 0;
+    for _ in 0..300 {
+        let (middle, half) = (random.point(), 0.3 * random.point().abs());
+        let whole = (middle - half, middle + half);
+        let part = (middle - 0.4 * half, middle + 0.7 * half);
+        let (mut roots, mut below, mut expected) = (Vec::new(), Vec::new(), Vec::new());
+        accelerator.roots(whole, None, &mut roots);
+        accelerator.roots(part, Some(&roots), &mut below);
+        accelerator.candidates(part.0, part.1, &mut expected);
+        expected.sort_unstable();
+        assert_eq!(met(&below, part), expected);
+        assert_eq!(met(&roots, part), expected);
+        count += expected.len();
+    }
+    assert!(count > 200, "{count}");
+}
+
+#[test]
 fn axis_parallel_chords_and_flat_sets_work() {
     let square = |z: f64| {
         [
