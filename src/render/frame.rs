@@ -155,10 +155,13 @@ fn trace_tiles(
     let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = Found::split(&mut outcomes);
     let desks = Desks::new(&samples.world.manifold, tracer.knots());
-    // One by one: a few tiles take as long as many others, and they stand together.
-    tiles
-        .par_iter_mut()
-        .with_max_len(1)
+    // One by one: a few tiles take as long as many others, and they stand together. Those in the middle
+    // first: there is most often what a camera looks at, and a dear tile at the end keeps one thread alone.
+    let mut order: Vec<&mut Found<'_>> = tiles.iter_mut().collect();
+    order.sort_by_key(|found| found.tile().squared_distance((width / 2, height / 2)));
+    order
+        .into_iter()
+        .par_bridge()
         .for_each(|found| desks.with(|desk| tile(desk, found)));
     let mut work = Work::default();
     let mut pending = Vec::new();

@@ -93,6 +93,12 @@ impl Tile {
         )
     }
 
+    /// The square of the distance of its middle from a pixel.
+    pub fn squared_distance(self, (x, y): (usize, usize)) -> usize {
+        let along = |corner: usize, at: usize| (corner + self.side / 2).abs_diff(at).pow(2);
+        along(self.x, x) + along(self.y, y)
+    }
+
     fn is_outside(self, size: (usize, usize)) -> bool {
         self.x >= size.0 || self.y >= size.1
     }
