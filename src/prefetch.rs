@@ -1,7 +1,8 @@
 //! Asking for memory before it is needed.
 //!
 //! Short rows of different lengths are over before the processor has guessed which memory comes next.
-//! Fixing a camera of the box of three bumps took 3.7 ms without this and takes 2.7 with it.
+//! Fixing a camera of the box of three bumps took 3.7 ms without this and takes 2.7 with it. What shading needs
+//! of triangles lies all over memory: it takes 0.96 to 0.98 of its time.
 #![allow(unsafe_code)]
 
 /// Asks for the element `index` of `slice`; nothing happens if there is none.

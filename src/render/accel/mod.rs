@@ -39,6 +39,7 @@ pub struct Accelerator {
     triangles: Vec<[DVec3; 3]>,
     /// The tree; its leaves name ranges of `leaves`.
     nodes: Vec<Bvh2Node>,
+    /// The triangles again, in the order of the leaves.
     leaves: Vec<Numbered>,
     top: Top,
     /// Corners of the box around all triangles.
@@ -299,18 +300,14 @@ fn nearest(
     chord: &Chord,
     triangles: impl Iterator<Item = Numbered>,
 ) -> Option<ChordHit> {
-    for Numbered {
-        corners,
-        number: triangle,
-    } in triangles
-    {
-        let Some((t, barycentric)) = chord.meet(&corners) else {
+    for triangle in triangles {
+        let Some((t, barycentric)) = chord.meet(&triangle.corners) else {
             continue;
         };
-        if best.is_none_or(|b| (t, triangle) < (b.t, b.triangle)) {
+        if best.is_none_or(|b| (t, triangle.number) < (b.t, b.triangle)) {
             best = Some(ChordHit {
                 t,
-                triangle,
+                triangle: triangle.number,
                 barycentric,
             });
         }

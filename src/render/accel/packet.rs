@@ -58,8 +58,9 @@ const SLAB_ERROR: f32 = 10.0 * 0.5 * f32::EPSILON;
 /// fall out of both. Sixteen roundings.
 const END_MARGIN: f32 = 8.0 * f32::EPSILON;
 
-/// Most subtrees that [`Accelerator::roots`] names, if not more of the topmost ones are met: enough to leave out what lies between two
-/// objects; more would only be sorted by every packet again.
+/// Most subtrees that [`Accelerator::roots`] names, if not more of the topmost ones are met: enough to
+/// leave out what lies between two objects; more would only be sorted by every packet again. With 20 the
+/// wormhole gallery's near half takes 1.05 times as long.
 const MOST_ROOTS: usize = 6;
 
 impl Accelerator {
