@@ -7,7 +7,7 @@ use super::{
     bytes::{Damage, Reader, Writer},
     coding::{Coded, Integers},
     matrix::summed,
-    packed::{Packed, Packing},
+    packed::{Axes, Packed, Packing},
     reflections::restored,
     scale::{Power, Scale, Step},
     side::Side,
@@ -28,6 +28,8 @@ const MOST_INTEGERS: u64 = 1 << 24;
 pub(super) struct Core {
     /// Left rank, lengths of its axes, right rank.
     pub shape: Vec<usize>,
+    /// Along which axis it is read.
+    along: Along,
     /// Which vectors are kept.
     pub side: Side,
     /// In storage order, in units of the step.
@@ -41,7 +43,7 @@ pub(super) struct Core {
 impl Core {
     /// Of what is kept of the vectors of one `side`.
     pub fn new(
-        shape: Vec<usize>,
+        (shape, along): (Vec<usize>, Along),
         side: Side,
         kept: Vec<i32>,
         scales: Vec<Scale>,
@@ -50,8 +52,9 @@ impl Core {
         let vectors = restored(&kept, side.length(&shape));
         let values = side.values(&shape, vectors);
         Self {
-            values: Packed::new(&values, row(&shape), packing),
+            values: Packed::new(&values, along.axes(&shape), packing),
             shape,
+            along,
             side,
             kept,
             scales,
@@ -68,29 +71,33 @@ impl Core {
     pub fn closed<T: Real>(&self, weights: &[Option<&[T]>], unit: f64) -> Vec<T> {
         let factors = self.factors(unit);
         let mut shape = self.shape.clone();
-        let mut values: Option<Vec<T>> = None;
+        let (mut values, mut weights) = match (self.along, weights) {
+            (Along::FirstAxis, [Some(first), rest @ ..]) => {
+                let length = shape.remove(1);
+                (self.values.summed(&first[..length], &factors), rest)
+            }
+            _ => (self.values.real(&factors), weights),
+        };
         let mut axis = 1;
-        for weights in weights {
-            let Some(weights) = weights else {
-                axis += 1;
-                continue;
-            };
-            let left: usize = shape[..axis].iter().product();
-            let right: usize = shape[axis + 1..].iter().product();
-            let weights = &weights[..shape[axis]];
-            values = Some(match values {
-                None => self.values.summed(left, weights, &factors),
-                Some(values) => summed(&values, left, right, weights),
-            });
-            shape.remove(axis);
+        while let [first, rest @ ..] = weights {
+            match first {
+                None => axis += 1,
+                Some(weights) => {
+                    let left: usize = shape[..axis].iter().product();
+                    let length = shape.remove(axis);
+                    let right = values.len() / (left * length);
+                    values = summed(&values, left, right, &weights[..length]);
+                }
+            }
+            weights = rest;
         }
-        values.unwrap_or_else(|| self.values.real(&factors))
+        values
     }
 
     /// The product of a matrix of rows of the left rank and the core with all its axes, times `unit`, its
-    /// columns divided by their scales.
+    /// columns divided by their scales. The core is one that is read along its left rank.
     pub fn behind<T: Real>(&self, a: &[T], unit: f64) -> Vec<T> {
-        self.values.product(a, self.shape[0], &self.factors(unit))
+        self.values.product(a, &self.factors(unit))
     }
 
     /// What the columns are to be multiplied by.
@@ -125,7 +132,7 @@ impl Core {
         input: &mut Reader<'_>,
         coded: &mut Coded,
         (before, last): (Option<&Self>, bool),
-        axes: usize,
+        (axes, along): (usize, Along),
         step: Step,
     ) -> Result<Self, Damage> {
         let left = before.map_or(1, |core| core.scales.len());
@@ -141,7 +148,47 @@ impl Core {
                 .map_err(|_| Damage("scale of a rank"))
         });
         let scales = scales.collect::<Result<_, _>>()?;
-        Ok(Self::new(shape, side, kept, scales, Packing::Small))
+        Ok(Self::new(
+            (shape, along),
+            side,
+            kept,
+            scales,
+            Packing::Small,
+        ))
+    }
+}
+
+/// The axis along which a core is read: the one that is summed out first when a camera is fixed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Along {
+    LeftRank,
+    /// Of those between the ranks.
+    FirstAxis,
+}
+
+impl Along {
+    /// Of a core over `axes` of a tensor with so many `cameras` axes.
+    pub fn of(axes: &[usize], cameras: usize) -> Self {
+        match axes[0] < cameras {
+            true => Self::FirstAxis,
+            false => Self::LeftRank,
+        }
+    }
+
+    fn axes(self, shape: &[usize]) -> Axes {
+        let along = match self {
+            Self::LeftRank => 0,
+            Self::FirstAxis => 1,
+        };
+        let columns = row(shape);
+        let before = shape[..along].iter().product();
+        let all: usize = shape.iter().product();
+        Axes {
+            before,
+            along: shape[along],
+            after: all / (before * shape[along] * columns),
+            columns,
+        }
     }
 }
 

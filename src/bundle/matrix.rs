@@ -69,96 +69,106 @@ const REST: usize = 2;
 /// Rows of `b` for which the ends of slices are looked at once.
 const STRIDE: usize = 8;
 
+/// The columns of a product that are one vector wide, or its last.
+struct Line<'b, T> {
+    /// Begins with the vectors that the columns are made of, one for each row of `b`.
+    numbers: &'b [T],
+    /// How many of these there are before zeros alone.
+    depth: usize,
+    columns: Range<usize>,
+}
+
 /// The same by as many columns at a time as a vector or two have: they stay in the cache for all rows.
 #[inline(always)]
 fn panels<S: Simd, T: Real>(simd: S, a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let (rows, width, lanes) = (a.len() / inner, b.len() / inner, T::Vector::<S>::LEN);
     let mut product = vec![T::ZERO; rows * width];
     let whole = width / lanes;
-    let columns = 0..whole * lanes;
-    let line = |vector: usize| (&b[vector * lanes..], inner);
-    across(
-        simd,
-        (a, inner),
-        (line, width),
-        (&mut product, width, columns),
-    );
+    let line = |vector: usize| Line {
+        numbers: &b[vector * lanes..],
+        depth: inner,
+        columns: vector * lanes..(vector + 1) * lanes,
+    };
+    let to = (&mut product[..], width);
+    across(simd, (a, inner), (whole, width, line), to);
     if whole * lanes < width {
         let rest = rest(b, width, lanes);
-        let to = (&mut product[..], width, whole * lanes..width);
+        let to = (&mut product[..], width, [whole * lanes..width]);
         down::<S, T, 1>(simd, (a, inner, inner), ([&rest], lanes), to);
     }
     product
 }
 
-/// The same where the columns of `b` are made as they are needed: `make` makes those of one of some `strips`,
-/// each `width` columns, sixteen beside each other for all rows before the next sixteen, filled up
-/// with zeros. So they stay in the cache until they are multiplied. It tells how many rows of each sixteen
-/// columns are to be multiplied: of pairs of sixteen, those of the first.
+/// The same, `width` columns, where those of `b` are made as they are needed: `next` makes the next sixteen, one behind the other
+/// for all rows, and tells which they are, and how many rows there are before zeros alone. So they stay in the cache until they
+/// are multiplied. Two that follow each other had better be as deep.
 pub(super) fn product_of<T: Real>(
     (a, inner): (&[T], usize),
-    (strips, width): (usize, usize),
-    make: impl Fn(usize, &mut [[T; BESIDE]]) -> Vec<usize>,
+    width: usize,
+    next: impl FnMut(&mut [[T; BESIDE]]) -> Option<(Range<usize>, usize)>,
 ) -> Vec<T> {
     dispatch!(Level::new(), simd => simd.vectorize(
         #[inline(always)]
-        || by_strips(simd, (a, inner), (strips, width), make),
+        || by_panels(simd, (a, inner), width, next),
     ))
 }
 
 #[inline(always)]
-fn by_strips<S: Simd, T: Real>(
+fn by_panels<S: Simd, T: Real>(
     simd: S,
     (a, inner): (&[T], usize),
-    (strips, width): (usize, usize),
-    make: impl Fn(usize, &mut [[T; BESIDE]]) -> Vec<usize>,
+    width: usize,
+    mut next: impl FnMut(&mut [[T; BESIDE]]) -> Option<(Range<usize>, usize)>,
 ) -> Vec<T> {
-    let row = strips * width;
     let lanes = T::Vector::<S>::LEN;
-    let mut product = vec![T::ZERO; a.len() / inner * row];
-    let mut panels = vec![[T::ZERO; BESIDE]; inner * width.div_ceil(BESIDE)];
-    for strip in 0..strips {
-        let depths = make(strip, &mut panels);
+    let mut product = vec![T::ZERO; a.len() / inner * width];
+    let mut panels = vec![[T::ZERO; BESIDE]; 2 * inner];
+    while let Some((first, depth)) = next(&mut panels[..inner]) {
+        let second = next(&mut panels[inner..]);
+        let count = 1 + usize::from(second.is_some());
+        let (second, other) = second.unwrap_or((0..0, 0));
+        let deepest = depth.max(other);
+        panels[depth..deepest].fill([T::ZERO; BESIDE]);
+        panels[inner + other..inner + deepest].fill([T::ZERO; BESIDE]);
         let line = |vector: usize| {
-            let column = vector * lanes;
-            let line = &panels[column / BESIDE * inner..].as_flattened()[column % BESIDE..];
-            (line, depths[column / BESIDE])
+            let (panel, place) = (vector * lanes / BESIDE, vector * lanes % BESIDE);
+            let columns = [&first, &second][panel];
+            let start = columns.end.min(columns.start + place);
+            Line {
+                numbers: &panels[panel * inner..].as_flattened()[place..],
+                depth: deepest,
+                columns: start..columns.end.min(start + lanes),
+            }
         };
-        let columns = strip * width..(strip + 1) * width;
-        across(
-            simd,
-            (a, inner),
-            (line, BESIDE),
-            (&mut product, row, columns),
-        );
+        let to = (&mut product[..], width);
+        across(simd, (a, inner), (count * BESIDE / lanes, BESIDE, line), to);
     }
     product
 }
 
-/// All rows of a product in some `columns`, of which the vectors begin with those that `line` tells, each
-/// `stride` behind the one before, and with how many of them there are before zeros alone.
+/// All rows of a product in the columns of so many vectors that `line` tells, their numbers each `stride` behind the one before.
 #[inline(always)]
 fn across<'b, S: Simd, T: Real>(
     simd: S,
     (a, inner): (&[T], usize),
-    (line, stride): (impl Fn(usize) -> (&'b [T], usize), usize),
-    (product, width, columns): (&mut [T], usize, Range<usize>),
+    (count, stride, line): (usize, usize, impl Fn(usize) -> Line<'b, T>),
+    (product, width): (&mut [T], usize),
 ) {
     // Sums of one vector wait for each other where it is one register; two such fit 32 of them.
     let two = S::f32s::LEN >= 16;
-    let lanes = T::Vector::<S>::LEN;
-    let count = columns.len().div_ceil(lanes);
     let mut vector = 0;
     while vector < count {
-        let to = columns.start + vector * lanes..columns.end;
-        let to = (&mut *product, width, to);
-        let (first, depth) = line(vector);
+        let first = line(vector);
         if two && vector + 1 < count {
-            let lines = [first, line(vector + 1).0];
+            let second = line(vector + 1);
+            let depth = first.depth.max(second.depth);
+            let lines = [first.numbers, second.numbers];
+            let to = (&mut *product, width, [first.columns, second.columns]);
             down::<S, T, 2>(simd, (a, inner, depth), (lines, stride), to);
             vector += 2;
         } else {
-            down::<S, T, 1>(simd, (a, inner, depth), ([first], stride), to);
+            let to = (&mut *product, width, [first.columns]);
+            down::<S, T, 1>(simd, (a, inner, first.depth), ([first.numbers], stride), to);
             vector += 1;
         }
     }
@@ -170,13 +180,13 @@ fn down<S: Simd, T: Real, const V: usize>(
     simd: S,
     (a, inner, depth): (&[T], usize, usize),
     lines: ([&[T]; V], usize),
-    (product, width, columns): (&mut [T], usize, Range<usize>),
+    (product, width, columns): (&mut [T], usize, [Range<usize>; V]),
 ) {
     let rows = a.len() / inner;
     let mut row = 0;
     while row < rows {
         let (a, to) = (&a[row * inner..], &mut product[row * width..]);
-        let to = (to, width, columns.clone());
+        let to = (to, width, &columns);
         row += match rows - row {
             ROWS.. => block::<S, T, ROWS, V>(simd, (a, inner, depth), lines, to),
             REST.. => block::<S, T, REST, V>(simd, (a, inner, depth), lines, to),
@@ -205,7 +215,7 @@ fn block<S: Simd, T: Real, const R: usize, const V: usize>(
     simd: S,
     (a, inner, depth): (&[T], usize, usize),
     (b, stride): ([&[T]; V], usize),
-    (to, width, columns): (&mut [T], usize, Range<usize>),
+    (to, width, columns): (&mut [T], usize, &[Range<usize>; V]),
 ) -> usize {
     let lanes = T::Vector::<S>::LEN;
     let mut sums = [[T::Vector::<S>::splat(simd, T::ZERO); V]; R];
@@ -232,7 +242,8 @@ fn block<S: Simd, T: Real, const R: usize, const V: usize>(
         add_line(simd, &mut sums, b, line, |r| rows[r].1[k]);
     }
     for (row, sums) in to.chunks_mut(width).zip(&sums) {
-        for (to, sum) in row[columns.clone()].chunks_mut(lanes).zip(sums) {
+        for (columns, sum) in columns.iter().zip(sums) {
+            let to = &mut row[columns.clone()];
             match to.len() == lanes {
                 true => sum.store_slice(to),
                 false => to.copy_from_slice(&sum.as_slice()[..to.len()]),

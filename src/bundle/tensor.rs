@@ -19,7 +19,7 @@ use super::{
     chain::{Factor, Link, chained},
     coding::{Coded, Integers},
     contracted::Contracted,
-    cores::Core,
+    cores::{Along, Core},
     grade::ungrade,
     layout::Layout,
     matrix::added,
@@ -208,7 +208,9 @@ impl Tensor {
         let axes = layout.cores(rays);
         for (k, axes_of_core) in axes.iter().enumerate() {
             let last = k + 1 == axes.len();
-            let core = Core::decode(input, coded, (cores.last(), last), axes_of_core.len(), step)?;
+            let along = Along::of(axes_of_core, variables.cameras);
+            let read = (axes_of_core.len(), along);
+            let core = Core::decode(input, coded, (cores.last(), last), read, step)?;
             if last && core.shape[axes_of_core.len()] != channels {
                 return Err(Damage("number of channels"));
             }

@@ -3,7 +3,7 @@
 //! In: real cores, scaled so that one step serves all. Out: a [`Tensor`].
 
 use super::{
-    cores::Core,
+    cores::{Along, Core},
     grade::graded,
     layout::Layout,
     packed::Packing,
@@ -75,10 +75,13 @@ impl Train {
             side = Some(own);
             (core, (before, own), (&bonds[0], &bonds[1]))
         });
-        let cores: Vec<_> = cores.collect();
-        let cores = cores
-            .into_par_iter()
-            .map(|(core, sides, bonds)| rounded_core(core, sides, bonds, round));
+        let axes: usize = self.cores.iter().map(|core| core.ndim() - 2).sum();
+        let axes = self.layout.cores(axes - 2);
+        let cores: Vec<_> = cores.zip(axes).collect();
+        let cores = cores.into_par_iter().map(|((core, sides, bonds), axes)| {
+            let along = Along::of(&axes, self.variables.cameras);
+            rounded_core((core, along), sides, bonds, round)
+        });
         Some(Tensor {
             layout: self.layout.clone(),
             variables: self.variables,
@@ -146,7 +149,7 @@ impl Bond {
 /// `core`, between these bonds and behind a core whose vectors of one side are kept, rounded. What scales are
 /// off is made good where it leaves the vectors that are kept orthogonal.
 fn rounded_core(
-    mut core: ArrayD<f64>,
+    (mut core, along): (ArrayD<f64>, Along),
     (side_before, side): (Option<Side>, Side),
     (before, behind): (&Bond, &Bond),
     round: Round,
@@ -160,7 +163,13 @@ fn rounded_core(
     }
     let vectors = side.vectors(&shape, core.iter().copied().collect());
     let kept = round(&side.shape(&shape), side.length(&shape), &vectors);
-    Core::new(shape, side, kept, behind.scales.clone(), Packing::Close)
+    Core::new(
+        (shape, along),
+        side,
+        kept,
+        behind.scales.clone(),
+        Packing::Close,
+    )
 }
 
 /// Multiplies the parts of `core` at each index of `axis`.
