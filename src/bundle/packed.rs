@@ -11,6 +11,7 @@
 
 use super::matrix::{product_of, scale};
 use crate::expr::{real::Real, vectorised};
+use fearless_simd::{Level, Simd, SimdBase, dispatch};
 use std::ops::Range;
 
 /// Numbers side by side that are kept alike: one of the widest vectors.
@@ -180,26 +181,25 @@ impl Packed {
         });
     }
 
-    /// The numbers of one of the panels of a run.
+    /// Which panels a run has, and their numbers.
     #[inline(always)]
-    fn panel(&self, run: &Run, number: usize) -> Panel<'_> {
+    fn panels<'p>(&'p self, run: &Run) -> impl Iterator<Item = (usize, Panel<'p>)> + use<'p> {
         let lengths = run.depth.ranges().map(|range| range.len());
-        let [longs, shorts, bytes] = [0, 1, 2].map(|i| run.starts[i] + number * lengths[i]);
-        Panel {
-            longs: &self.longs[longs..][..lengths[0]],
-            shorts: &self.shorts[shorts..][..lengths[1]],
-            bytes: &self.bytes[bytes..][..lengths[2]],
-        }
-    }
-
-    /// Gives `take` which panels there are, and their numbers.
-    #[inline(always)]
-    fn each(&self, mut take: impl FnMut(usize, Panel<'_>)) {
-        for run in &self.runs {
-            for (number, panel) in self.panels[run.panels.clone()].iter().enumerate() {
-                take(*panel as usize, self.panel(run, number));
-            }
-        }
+        let mut longs = &self.longs[run.starts[0]..];
+        let mut shorts = &self.shorts[run.starts[1]..];
+        let mut bytes = &self.bytes[run.starts[2]..];
+        let panels = self.panels[run.panels.clone()].iter();
+        panels.map(
+            #[inline(always)]
+            move |panel| {
+                let kept = Panel {
+                    longs: longs.split_off(..lengths[0]).unwrap_or_default(),
+                    shorts: shorts.split_off(..lengths[1]).unwrap_or_default(),
+                    bytes: bytes.split_off(..lengths[2]).unwrap_or_default(),
+                };
+                (*panel as usize, kept)
+            },
+        )
     }
 
     /// What columns that are to be multiplied by `factors` have their integers multiplied by.
@@ -221,19 +221,16 @@ impl Packed {
         vectorised(
             #[inline(always)]
             || {
-                self.each(
-                    #[inline(always)]
-                    |panel, kept| {
-                        kept.put(&mut numbers);
-                        let (row, range) = self.axes.place(panel);
-                        let (before, row) = (row / after, row % after);
-                        for (k, numbers) in numbers[..kept.depth()].iter().enumerate() {
-                            let row = (before * along + k) * after + row;
-                            let to = &mut all[row * columns..][range.clone()];
-                            to.copy_from_slice(&numbers[..to.len()]);
-                        }
-                    },
-                );
+                for (panel, kept) in self.runs.iter().flat_map(|run| self.panels(run)) {
+                    kept.put(&mut numbers);
+                    let (row, range) = self.axes.place(panel);
+                    let (before, row) = (row / after, row % after);
+                    for (k, numbers) in numbers[..kept.depth()].iter().enumerate() {
+                        let row = (before * along + k) * after + row;
+                        let to = &mut all[row * columns..][range.clone()];
+                        to.copy_from_slice(&numbers[..to.len()]);
+                    }
+                }
                 scale(&mut all, &self.units(factors));
             },
         );
@@ -242,22 +239,27 @@ impl Packed {
 
     /// `Σ_k w_k x[a, k, b, c]`, times the factors of the columns.
     pub fn summed<T: Real>(&self, weights: &[T], factors: &[f64]) -> Vec<T> {
+        dispatch!(Level::new(), simd => simd.vectorize(
+            #[inline(always)]
+            || self.summed_by(simd, weights, &self.units(factors)),
+        ))
+    }
+
+    #[inline(always)]
+    fn summed_by<S: Simd, T: Real>(&self, _: S, weights: &[T], units: &[T]) -> Vec<T> {
         let beside = self.axes.beside();
         let mut sums = vec![[T::ZERO; BESIDE]; self.axes.rows() * beside];
+        for run in &self.runs {
+            let weights = run.depth.ranges().map(|range| &weights[range]);
+            for (panel, kept) in self.panels(run) {
+                sums[panel] = kept.summed::<S, T>(weights);
+            }
+        }
         let mut all = Vec::with_capacity(self.axes.rows() * self.axes.columns);
-        vectorised(
-            #[inline(always)]
-            || {
-                self.each(
-                    #[inline(always)]
-                    |panel, kept| sums[panel] = kept.summed(weights),
-                );
-                for row in sums.chunks_exact(beside) {
-                    all.extend_from_slice(&row.as_flattened()[..self.axes.columns]);
-                }
-                scale(&mut all, &self.units(factors));
-            },
-        );
+        for row in sums.chunks_exact(beside) {
+            let pairs = row.as_flattened().iter().zip(units);
+            all.extend(pairs.map(|(x, unit)| *x * *unit));
+        }
         all
     }
 
@@ -268,10 +270,7 @@ impl Packed {
         if a.len() == inner {
             return self.summed(a, factors);
         }
-        let mut runs = self.runs.iter().flat_map(|run| {
-            let panels = self.panels[run.panels.clone()].iter().enumerate();
-            panels.map(move |(number, panel)| (*panel as usize, self.panel(run, number)))
-        });
+        let mut panels = self.runs.iter().flat_map(|run| self.panels(run));
         let columns = |panel: usize| {
             let (row, range) = self.axes.place(panel);
             let first = row * self.axes.columns;
@@ -282,7 +281,7 @@ impl Packed {
             self.axes.rows() * self.axes.columns,
             #[inline(always)]
             |numbers: &mut [Beside<T>]| {
-                let (panel, kept) = runs.next()?;
+                let (panel, kept) = panels.next()?;
                 kept.put(numbers);
                 Some((columns(panel), kept.depth()))
             },
@@ -322,15 +321,13 @@ impl Panel<'_> {
         put(self.bytes, to);
     }
 
-    /// Their sum with `weights`.
+    /// Their sum with the weights of the long, the short and the small ones.
     #[inline(always)]
-    fn summed<T: Real>(&self, weights: &[T]) -> Beside<T> {
-        let (longs, weights) = weights.split_at(self.longs.len());
-        let (shorts, weights) = weights.split_at(self.shorts.len());
+    fn summed<S: Simd, T: Real>(&self, [longs, shorts, bytes]: [&[T]; 3]) -> Beside<T> {
         let mut sum = [T::ZERO; BESIDE];
-        add(self.longs, longs, &mut sum);
-        add(self.shorts, shorts, &mut sum);
-        add(self.bytes, weights, &mut sum);
+        add::<S, _, _>(self.longs, longs, &mut sum);
+        add::<S, _, _>(self.shorts, shorts, &mut sum);
+        add::<S, _, _>(self.bytes, bytes, &mut sum);
         sum
     }
 }
@@ -343,13 +340,22 @@ fn put<T: Real, N: Copy + Into<i32>>(numbers: &[Beside<N>], to: &mut [Beside<T>]
     }
 }
 
-/// Adds `numbers` times `weights` to `sum`.
+/// Adds `numbers` times `weights` to `sum`, without rounding products first where the machine can.
 #[inline(always)]
-fn add<T: Real, N: Copy + Into<i32>>(numbers: &[Beside<N>], weights: &[T], sum: &mut Beside<T>) {
+fn add<S: Simd, T: Real, N: Copy + Into<i32>>(
+    numbers: &[Beside<N>],
+    weights: &[T],
+    sum: &mut Beside<T>,
+) {
+    // Elsewhere it would be a call of a function for each number.
+    let fused = S::f32s::LEN >= 8;
     for (x, w) in numbers.iter().zip(weights) {
         let x: Beside<T> = real(x);
         for l in 0..BESIDE {
-            sum[l] += *w * x[l];
+            sum[l] = match fused {
+                true => w.mul_add(x[l], sum[l]),
+                false => sum[l] + *w * x[l],
+            };
         }
     }
 }

@@ -60,6 +60,10 @@ pub trait Real:
     /// Neither infinite nor NaN.
     fn is_finite(self) -> bool;
 
+    /// `self * factor + summand`, rounded once: an instruction where vectors have 256 bits, elsewhere a slow
+    /// function. Tapes do without it.
+    fn mul_add(self, factor: Self, summand: Self) -> Self;
+
     /// Absolute value.
     fn abs(self) -> Self;
     /// Square root, correctly rounded; NaN below zero.
@@ -141,6 +145,10 @@ macro_rules! implement_real {
             #[inline(always)]
             fn is_finite(self) -> bool {
                 $float::is_finite(self)
+            }
+            #[inline(always)]
+            fn mul_add(self, factor: Self, summand: Self) -> Self {
+                $float::mul_add(self, factor, summand)
             }
             #[inline(always)]
             fn abs(self) -> Self {
