@@ -61,10 +61,8 @@ pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     ))
 }
 
-/// Rows of a block, and of those for the rows that are left over. With the vectors that its sums are made of
-/// it just fits sixteen registers of 32 bytes.
+/// The most rows of a block. With the vectors that its sums are made of it just fits sixteen registers of 32 bytes.
 const ROWS: usize = 6;
-const REST: usize = 2;
 
 /// Rows of `b` for which the ends of slices are looked at once.
 const STRIDE: usize = 8;
@@ -83,19 +81,27 @@ struct Line<'b, T> {
 fn panels<S: Simd, T: Real>(simd: S, a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let (rows, width, lanes) = (a.len() / inner, b.len() / inner, T::Vector::<S>::LEN);
     let mut product = vec![T::ZERO; rows * width];
-    let whole = width / lanes;
-    let line = |vector: usize| Line {
-        numbers: &b[vector * lanes..],
-        depth: inner,
-        columns: vector * lanes..(vector + 1) * lanes,
+    if width < lanes {
+        let to = (&mut product[..], width, [0..width]);
+        down::<S, T, 1>(
+            simd,
+            (a, inner, inner),
+            ([&widened(b, width, lanes)], lanes),
+            to,
+        );
+        return product;
+    }
+    let line = |vector: usize| {
+        // The last begins earlier if there are fewer columns left.
+        let first = (vector * lanes).min(width - lanes);
+        Line {
+            numbers: &b[first..],
+            depth: inner,
+            columns: first..first + lanes,
+        }
     };
     let to = (&mut product[..], width);
-    across(simd, (a, inner), (whole, width, line), to);
-    if whole * lanes < width {
-        let rest = rest(b, width, lanes);
-        let to = (&mut product[..], width, [whole * lanes..width]);
-        down::<S, T, 1>(simd, (a, inner, inner), ([&rest], lanes), to);
-    }
+    across(simd, (a, inner), (width.div_ceil(lanes), width, line), to);
     product
 }
 
@@ -183,29 +189,30 @@ fn down<S: Simd, T: Real, const V: usize>(
     (product, width, columns): (&mut [T], usize, [Range<usize>; V]),
 ) {
     let rows = a.len() / inner;
+    let blocks = rows.div_ceil(ROWS);
     let mut row = 0;
-    while row < rows {
-        let (a, to) = (&a[row * inner..], &mut product[row * width..]);
-        let to = (to, width, &columns);
-        row += match rows - row {
-            ROWS.. => block::<S, T, ROWS, V>(simd, (a, inner, depth), lines, to),
-            REST.. => block::<S, T, REST, V>(simd, (a, inner, depth), lines, to),
-            _ => block::<S, T, 1, V>(simd, (a, inner, depth), lines, to),
+    for block in 0..blocks {
+        let (x, to) = (&a[row * inner..], &mut product[row * width..]);
+        let (x, to) = ((x, inner, depth), (to, width, &columns));
+        // Blocks are as high as each other: low ones read `b` for few products.
+        row += match (rows - row).div_ceil(blocks - block) {
+            ROWS.. => self::block::<S, T, ROWS, V>(simd, x, lines, to),
+            5 => self::block::<S, T, 5, V>(simd, x, lines, to),
+            4 => self::block::<S, T, 4, V>(simd, x, lines, to),
+            3 => self::block::<S, T, 3, V>(simd, x, lines, to),
+            2 => self::block::<S, T, 2, V>(simd, x, lines, to),
+            _ => self::block::<S, T, 1, V>(simd, x, lines, to),
         };
     }
 }
 
-/// The last columns of `b`, fewer than `lanes`, filled up with zeros.
-fn rest<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
-    let first = width - width % lanes;
-    if first == width {
-        return Vec::new();
+/// Lines of `width` numbers with zeros up to `lanes`.
+fn widened<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
+    let mut wide = vec![T::ZERO; b.len() / width * lanes];
+    for (to, line) in wide.chunks_exact_mut(lanes).zip(b.chunks_exact(width)) {
+        to[..width].copy_from_slice(line);
     }
-    let mut rest = vec![T::ZERO; b.len() / width * lanes];
-    for (to, line) in rest.chunks_exact_mut(lanes).zip(b.chunks_exact(width)) {
-        to[..width - first].copy_from_slice(&line[first..]);
-    }
-    rest
+    wide
 }
 
 /// The first `R` rows of a product in the first columns of some, `V` vectors of them or as many as there are:

@@ -250,10 +250,11 @@ impl Packed {
         let beside = self.axes.beside();
         let mut sums = vec![[T::ZERO; BESIDE]; self.axes.rows() * beside];
         for run in &self.runs {
-            let weights = run.depth.ranges().map(|range| &weights[range]);
-            for (panel, kept) in self.panels(run) {
-                sums[panel] = kept.summed::<S, T>(weights);
-            }
+            let [longs, shorts, bytes] = run.depth.ranges().map(|range| &weights[range]);
+            let panels = &self.panels[run.panels.clone()];
+            add::<S, _, _>(&self.longs[run.starts[0]..], longs, panels, &mut sums);
+            add::<S, _, _>(&self.shorts[run.starts[1]..], shorts, panels, &mut sums);
+            add::<S, _, _>(&self.bytes[run.starts[2]..], bytes, panels, &mut sums);
         }
         let mut all = Vec::with_capacity(self.axes.rows() * self.axes.columns);
         for row in sums.chunks_exact(beside) {
@@ -320,16 +321,6 @@ impl Panel<'_> {
         put(self.shorts, shorts);
         put(self.bytes, to);
     }
-
-    /// Their sum with the weights of the long, the short and the small ones.
-    #[inline(always)]
-    fn summed<S: Simd, T: Real>(&self, [longs, shorts, bytes]: [&[T]; 3]) -> Beside<T> {
-        let mut sum = [T::ZERO; BESIDE];
-        add::<S, _, _>(self.longs, longs, &mut sum);
-        add::<S, _, _>(self.shorts, shorts, &mut sum);
-        add::<S, _, _>(self.bytes, bytes, &mut sum);
-        sum
-    }
 }
 
 /// Writes `numbers` to the front of `to`.
@@ -340,23 +331,33 @@ fn put<T: Real, N: Copy + Into<i32>>(numbers: &[Beside<N>], to: &mut [Beside<T>]
     }
 }
 
-/// Adds `numbers` times `weights` to `sum`, without rounding products first where the machine can.
+/// Adds `numbers`, as many for each of some `panels` as there are `weights`, times these to the sums of the panels, without
+/// rounding products first where the machine can.
 #[inline(always)]
 fn add<S: Simd, T: Real, N: Copy + Into<i32>>(
     numbers: &[Beside<N>],
     weights: &[T],
-    sum: &mut Beside<T>,
+    panels: &[u32],
+    sums: &mut [Beside<T>],
 ) {
+    if weights.is_empty() {
+        return;
+    }
     // Elsewhere it would be a call of a function for each number.
     let fused = S::f32s::LEN >= 8;
-    for (x, w) in numbers.iter().zip(weights) {
-        let x: Beside<T> = real(x);
-        for l in 0..BESIDE {
-            sum[l] = match fused {
-                true => w.mul_add(x[l], sum[l]),
-                false => sum[l] + *w * x[l],
-            };
+    for (panel, numbers) in panels.iter().zip(numbers.chunks_exact(weights.len())) {
+        let to = &mut sums[*panel as usize];
+        let mut sum = *to;
+        for (x, w) in numbers.iter().zip(weights) {
+            let x: Beside<T> = real(x);
+            for l in 0..BESIDE {
+                sum[l] = match fused {
+                    true => w.mul_add(x[l], sum[l]),
+                    false => sum[l] + *w * x[l],
+                };
+            }
         }
+        *to = sum;
     }
 }
 
