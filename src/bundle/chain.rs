@@ -3,7 +3,7 @@
 //! In: cores with open axes between their ranks. Out: their product, in the order of the fewest
 //! multiplications.
 
-use super::{cores::Core, matrix::product};
+use super::{cores::Core, matrix::product, packed::Sums};
 use crate::expr::real::Real;
 
 /// An array (left rank, open axes, right rank).
@@ -21,6 +21,9 @@ pub(super) enum Factor<'c, T> {
     Known(Link<T>),
     /// A core all of whose axes are open, times a unit: as it is kept it is read faster than it is restored.
     Kept(&'c Core, f64),
+    /// A core of so many left indices whose only axis is summed out: what its columns are to be multiplied by
+    /// costs less behind a product.
+    Summed(usize, Sums<T>),
 }
 
 impl<T: Real> Factor<'_, T> {
@@ -29,6 +32,7 @@ impl<T: Real> Factor<'_, T> {
         match self {
             Self::Known(link) => link.left,
             Self::Kept(core, _) => core.shape[0],
+            Self::Summed(left, _) => *left,
         }
     }
 
@@ -36,6 +40,7 @@ impl<T: Real> Factor<'_, T> {
         match self {
             Self::Known(link) => link.right,
             Self::Kept(core, _) => core.shape[core.shape.len() - 1],
+            Self::Summed(_, sums) => sums.columns(),
         }
     }
 
@@ -44,6 +49,7 @@ impl<T: Real> Factor<'_, T> {
         match self {
             Self::Known(link) => link.values.len() / (link.left * link.right).max(1),
             Self::Kept(core, _) => core.shape[1..core.shape.len() - 1].iter().product(),
+            Self::Summed(..) => 1,
         }
     }
 
@@ -52,6 +58,7 @@ impl<T: Real> Factor<'_, T> {
         match self {
             Self::Known(link) => link.values,
             Self::Kept(core, unit) => core.closed(&[], unit),
+            Self::Summed(_, sums) => sums.values(),
         }
     }
 
@@ -62,6 +69,7 @@ impl<T: Real> Factor<'_, T> {
         let values = match next {
             Self::Known(link) => product(&a, inner, &link.values),
             Self::Kept(core, unit) => core.behind(&a, *unit),
+            Self::Summed(_, sums) => sums.behind(&a, inner),
         };
         Self::Known(Link {
             left,

@@ -7,7 +7,7 @@ use super::{
     bytes::{Damage, Reader, Writer},
     coding::{Coded, Integers},
     matrix::summed,
-    packed::{Axes, Packed, Packing},
+    packed::{Axes, Packed, Packing, Sums},
     reflections::restored,
     scale::{Power, Scale, Step},
     side::Side,
@@ -92,6 +92,12 @@ impl Core {
             weights = rest;
         }
         values
+    }
+
+    /// The same for the only axis of a core that is read along it, before columns are divided.
+    pub fn sums<T: Real>(&self, weights: &[T], unit: f64) -> Sums<T> {
+        let weights = &weights[..self.shape[1]];
+        self.values.sums(weights, &self.factors(unit))
     }
 
     /// The product of a matrix of rows of the left rank and the core with all its axes, times `unit`, its

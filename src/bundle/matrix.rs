@@ -55,9 +55,19 @@ pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
 /// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of
 /// the rows of `b`; where the machine can, terms are added without being rounded first.
 pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
+    let width = b.len() / inner;
+    product_of_first((a, inner), (b, width), width)
+}
+
+/// The same for the first `width` columns of a `b` that has `stride` of them.
+pub(super) fn product_of_first<T: Real>(
+    (a, inner): (&[T], usize),
+    (b, stride): (&[T], usize),
+    width: usize,
+) -> Vec<T> {
     dispatch!(Level::new(), simd => simd.vectorize(
         #[inline(always)]
-        || panels(simd, a, inner, b),
+        || by_lines(simd, (a, inner), (b, stride), width),
     ))
 }
 
@@ -78,30 +88,31 @@ struct Line<'b, T> {
 
 /// The same by as many columns at a time as a vector or two have: they stay in the cache for all rows.
 #[inline(always)]
-fn panels<S: Simd, T: Real>(simd: S, a: &[T], inner: usize, b: &[T]) -> Vec<T> {
-    let (rows, width, lanes) = (a.len() / inner, b.len() / inner, T::Vector::<S>::LEN);
-    let mut product = vec![T::ZERO; rows * width];
-    if width < lanes {
+fn by_lines<S: Simd, T: Real>(
+    simd: S,
+    (a, inner): (&[T], usize),
+    (b, stride): (&[T], usize),
+    width: usize,
+) -> Vec<T> {
+    let lanes = T::Vector::<S>::LEN;
+    let mut product = vec![T::ZERO; a.len() / inner * width];
+    if stride < lanes {
         let to = (&mut product[..], width, [0..width]);
-        down::<S, T, 1>(
-            simd,
-            (a, inner, inner),
-            ([&widened(b, width, lanes)], lanes),
-            to,
-        );
+        let wide = widened(b, stride, lanes);
+        down::<S, T, 1>(simd, (a, inner, inner), ([&wide], lanes), to);
         return product;
     }
     let line = |vector: usize| {
         // The last begins earlier if there are fewer columns left.
-        let first = (vector * lanes).min(width - lanes);
+        let first = (vector * lanes).min(stride - lanes);
         Line {
             numbers: &b[first..],
             depth: inner,
-            columns: first..first + lanes,
+            columns: first..width.min(first + lanes),
         }
     };
     let to = (&mut product[..], width);
-    across(simd, (a, inner), (width.div_ceil(lanes), width, line), to);
+    across(simd, (a, inner), (width.div_ceil(lanes), stride, line), to);
     product
 }
 

@@ -9,7 +9,7 @@
 //! out: in the largest cores of that box they are a third to a half of all. Panels that are as deep follow each other,
 //! because the processor guesses well how often it will do what it has just done as often.
 
-use super::matrix::{product_of, scale};
+use super::matrix::{product_of, product_of_first, scale};
 use crate::expr::{real::Real, vectorised};
 use fearless_simd::{Level, Simd, SimdBase, dispatch};
 use std::ops::Range;
@@ -156,6 +156,14 @@ impl Packed {
         let depths = panels.map(|panel| packing.depth(panel)).zip(0_u32..);
         let mut depths: Vec<(Depth, u32)> = depths.filter(|(depth, _)| depth.kept > 0).collect();
         depths.sort_unstable();
+        let [longs, shorts, bytes] = [0, 1, 2].map(|size| {
+            let lengths = depths.iter().map(|(depth, _)| depth.ranges()[size].len());
+            lengths.sum()
+        });
+        packed.panels.reserve_exact(depths.len());
+        packed.longs.reserve_exact(longs);
+        packed.shorts.reserve_exact(shorts);
+        packed.bytes.reserve_exact(bytes);
         for run in depths.chunk_by(|a, b| a.0 == b.0) {
             packed.push(run[0].0, run.iter().map(|(_, panel)| *panel), &integers);
         }
@@ -239,16 +247,24 @@ impl Packed {
 
     /// `Σ_k w_k x[a, k, b, c]`, times the factors of the columns.
     pub fn summed<T: Real>(&self, weights: &[T], factors: &[f64]) -> Vec<T> {
-        dispatch!(Level::new(), simd => simd.vectorize(
+        self.sums(weights, factors).values()
+    }
+
+    /// The same before columns are multiplied.
+    pub fn sums<T: Real>(&self, weights: &[T], factors: &[f64]) -> Sums<T> {
+        let rows = dispatch!(Level::new(), simd => simd.vectorize(
             #[inline(always)]
-            || self.summed_by(simd, weights, &self.units(factors)),
-        ))
+            || self.rows(simd, weights),
+        ));
+        Sums {
+            rows,
+            units: self.units(factors),
+        }
     }
 
     #[inline(always)]
-    fn summed_by<S: Simd, T: Real>(&self, _: S, weights: &[T], units: &[T]) -> Vec<T> {
-        let beside = self.axes.beside();
-        let mut sums = vec![[T::ZERO; BESIDE]; self.axes.rows() * beside];
+    fn rows<S: Simd, T: Real>(&self, _: S, weights: &[T]) -> Vec<Beside<T>> {
+        let mut sums = vec![[T::ZERO; BESIDE]; self.axes.rows() * self.axes.beside()];
         for run in &self.runs {
             let [longs, shorts, bytes] = run.depth.ranges().map(|range| &weights[range]);
             let panels = &self.panels[run.panels.clone()];
@@ -256,12 +272,7 @@ impl Packed {
             add::<S, _, _>(&self.shorts[run.starts[1]..], shorts, panels, &mut sums);
             add::<S, _, _>(&self.bytes[run.starts[2]..], bytes, panels, &mut sums);
         }
-        let mut all = Vec::with_capacity(self.axes.rows() * self.axes.columns);
-        for row in sums.chunks_exact(beside) {
-            let pairs = row.as_flattened().iter().zip(units);
-            all.extend(pairs.map(|(x, unit)| *x * *unit));
-        }
-        all
+        sums
     }
 
     /// The product of a matrix of rows as long as the axis along and the numbers as a matrix of as many rows,
@@ -288,6 +299,46 @@ impl Packed {
             },
         );
         scale(&mut product, &self.units(factors));
+        product
+    }
+}
+
+/// Rows of sums with zeros up to a whole number of [`BESIDE`], before their columns are multiplied.
+#[derive(Debug, Clone)]
+pub(super) struct Sums<T> {
+    rows: Vec<Beside<T>>,
+    /// What the columns are to be multiplied by.
+    units: Vec<T>,
+}
+
+impl<T: Real> Sums<T> {
+    /// How many columns there are.
+    pub fn columns(&self) -> usize {
+        self.units.len()
+    }
+
+    /// Row by row.
+    pub fn values(self) -> Vec<T> {
+        let row = self.columns().div_ceil(BESIDE);
+        let mut values = Vec::with_capacity(self.rows.len() / row * self.columns());
+        vectorised(
+            #[inline(always)]
+            || {
+                for row in self.rows.chunks_exact(row) {
+                    let pairs = row.as_flattened().iter().zip(&self.units);
+                    values.extend(pairs.map(|(x, unit)| *x * *unit));
+                }
+            },
+        );
+        values
+    }
+
+    /// The product of a matrix of rows of `inner` and these.
+    pub fn behind(&self, a: &[T], inner: usize) -> Vec<T> {
+        let rows = self.rows.as_flattened();
+        let rows = (rows, rows.len() / inner);
+        let mut product = product_of_first((a, inner), rows, self.columns());
+        scale(&mut product, &self.units);
         product
     }
 }

@@ -74,15 +74,29 @@ impl Tensor {
             .collect()
     }
 
-    /// The same as factors of a product.
+    /// The same as factors of a product, where those `weights` are of cameras.
     fn factors<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Factor<'_, T>> {
         let axes = self.table_axes();
         let factors = axes.iter().zip(&self.cores);
-        let factor = |(axes, core): (&Vec<usize>, _)| match axes[..] {
-            [axis] if weights[axis].is_none() => Factor::Kept(core, self.step.value()),
+        factors
+            .map(|(axes, core)| self.factor(axes, core, weights))
+            .collect()
+    }
+
+    fn factor<'c, T: Real>(
+        &self,
+        axes: &[usize],
+        core: &'c Core,
+        weights: &[Option<&[T]>],
+    ) -> Factor<'c, T> {
+        let unit = self.step.value();
+        match axes {
+            [axis] => match weights[*axis] {
+                None => Factor::Kept(core, unit),
+                Some(weights) => Factor::Summed(core.shape[0], core.sums(weights, unit)),
+            },
             _ => Factor::Known(self.link(axes, core, weights)),
-        };
-        factors.map(factor).collect()
+        }
     }
 
     /// One of them, over `axes`.
