@@ -3,7 +3,7 @@
 //! In: cores with open axes between their ranks. Out: their product, in the order of the fewest
 //! multiplications.
 
-use super::{cores::Core, matrix::product, packed::Sums};
+use super::{cores::Core, matrix::product};
 use crate::expr::real::Real;
 
 /// An array (left rank, open axes, right rank).
@@ -21,9 +21,9 @@ pub(super) enum Factor<'c, T> {
     Known(Link<T>),
     /// A core all of whose axes are open, times a unit: as it is kept it is read faster than it is restored.
     Kept(&'c Core, f64),
-    /// A core of so many left indices whose only axis is summed out: what its columns are to be multiplied by
-    /// costs less behind a product.
-    Summed(usize, Sums<T>),
+    /// A core whose only axis is summed out with weights, times a unit: not before it is multiplied, so that the
+    /// sums are still in the cache then.
+    Summed(&'c Core, &'c [T], f64),
 }
 
 impl<T: Real> Factor<'_, T> {
@@ -31,16 +31,14 @@ impl<T: Real> Factor<'_, T> {
     pub fn left(&self) -> usize {
         match self {
             Self::Known(link) => link.left,
-            Self::Kept(core, _) => core.shape[0],
-            Self::Summed(left, _) => *left,
+            Self::Kept(core, _) | Self::Summed(core, ..) => core.shape[0],
         }
     }
 
     fn right(&self) -> usize {
         match self {
             Self::Known(link) => link.right,
-            Self::Kept(core, _) => core.shape[core.shape.len() - 1],
-            Self::Summed(_, sums) => sums.columns(),
+            Self::Kept(core, _) | Self::Summed(core, ..) => core.shape[core.shape.len() - 1],
         }
     }
 
@@ -58,7 +56,7 @@ impl<T: Real> Factor<'_, T> {
         match self {
             Self::Known(link) => link.values,
             Self::Kept(core, unit) => core.closed(&[], unit),
-            Self::Summed(_, sums) => sums.values(),
+            Self::Summed(core, weights, unit) => core.sums(weights, unit).values(),
         }
     }
 
@@ -69,7 +67,7 @@ impl<T: Real> Factor<'_, T> {
         let values = match next {
             Self::Known(link) => product(&a, inner, &link.values),
             Self::Kept(core, unit) => core.behind(&a, *unit),
-            Self::Summed(_, sums) => sums.behind(&a, inner),
+            Self::Summed(core, weights, unit) => core.sums(weights, *unit).behind(&a, inner),
         };
         Self::Known(Link {
             left,

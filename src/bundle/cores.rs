@@ -38,6 +38,8 @@ pub(super) struct Core {
     kept: Vec<i32>,
     /// By what the columns of each right index were multiplied; none after the last core.
     pub scales: Vec<Scale>,
+    /// What columns are to be multiplied by to have the same unit.
+    factors: Vec<f64>,
 }
 
 impl Core {
@@ -51,7 +53,12 @@ impl Core {
     ) -> Self {
         let vectors = restored(&kept, side.length(&shape));
         let values = side.values(&shape, vectors);
+        let factors = match scales.is_empty() {
+            true => vec![1.0; row(&shape)],
+            false => scales.iter().map(|scale| 1.0 / scale.value()).collect(),
+        };
         Self {
+            factors,
             values: Packed::new(&values, along.axes(&shape), packing),
             shape,
             along,
@@ -108,10 +115,7 @@ impl Core {
 
     /// What the columns are to be multiplied by.
     fn factors(&self, unit: f64) -> Vec<f64> {
-        match self.scales.is_empty() {
-            true => vec![unit; row(&self.shape)],
-            false => self.scales.iter().map(|s| unit / s.value()).collect(),
-        }
+        self.factors.iter().map(|factor| unit * factor).collect()
     }
 
     /// Writes lengths of axes to `out` and all integers to `integers`.

@@ -75,7 +75,7 @@ impl Tensor {
     }
 
     /// The same as factors of a product, where those `weights` are of cameras.
-    fn factors<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Factor<'_, T>> {
+    fn factors<'c, T: Real>(&'c self, weights: &[Option<&'c [T]>]) -> Vec<Factor<'c, T>> {
         let axes = self.table_axes();
         let factors = axes.iter().zip(&self.cores);
         factors
@@ -87,13 +87,13 @@ impl Tensor {
         &self,
         axes: &[usize],
         core: &'c Core,
-        weights: &[Option<&[T]>],
+        weights: &[Option<&'c [T]>],
     ) -> Factor<'c, T> {
         let unit = self.step.value();
         match axes {
             [axis] => match weights[*axis] {
                 None => Factor::Kept(core, unit),
-                Some(weights) => Factor::Summed(core.shape[0], core.sums(weights, unit)),
+                Some(weights) => Factor::Summed(core, weights, unit),
             },
             _ => Factor::Known(self.link(axes, core, weights)),
         }
