@@ -1,8 +1,7 @@
 //! Asking for memory before it is needed.
 //!
-//! Short rows of different lengths are over before the processor has guessed which memory comes next.
-//! Fixing a camera of the box of three bumps took 3.7 ms without this and takes 2.7 with it. What shading needs
-//! of triangles lies all over memory: it takes 0.96 to 0.98 of its time.
+//! What shading needs of triangles lies all over memory: with this it takes 0.96 to 0.98 of its time. Numbers of a
+//! table are read one behind the other, which a processor foresees: there it was no gain.
 #![allow(unsafe_code)]
 
 /// Asks for the element `index` of `slice`; nothing happens if there is none.

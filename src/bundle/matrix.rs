@@ -5,7 +5,7 @@
 //! that the bits are the same however many threads there are, and on all machines that add products
 //! without rounding them.
 
-use super::packed::BESIDE;
+use super::packing::BESIDE;
 use crate::expr::{real::Real, vectorised};
 use fearless_simd::{Level, Simd, SimdBase, SimdFloat, dispatch};
 use std::{array::from_fn, ops::Range};
@@ -72,6 +72,7 @@ pub(super) fn product_of_first<T: Real>(
 }
 
 /// The most rows of a block. With the vectors that its sums are made of it just fits sixteen registers of 32 bytes.
+/// Eight or twelve in the 32 registers of 64 bytes were no faster.
 const ROWS: usize = 6;
 
 /// Rows of `b` for which the ends of slices are looked at once.
@@ -97,9 +98,14 @@ fn by_lines<S: Simd, T: Real>(
     let lanes = T::Vector::<S>::LEN;
     let mut product = vec![T::ZERO; a.len() / inner * width];
     if stride < lanes {
-        let to = (&mut product[..], width, [0..width]);
         let wide = widened(b, stride, lanes);
-        down::<S, T, 1>(simd, (a, inner, inner), ([&wide], lanes), to);
+        let line = |_| Line {
+            numbers: &wide,
+            depth: inner,
+            columns: 0..width,
+        };
+        let to = (&mut product[..], width);
+        across(simd, (a, inner), (1, lanes, line), to);
         return product;
     }
     let line = |vector: usize| {
@@ -116,9 +122,9 @@ fn by_lines<S: Simd, T: Real>(
     product
 }
 
-/// The same, `width` columns, where those of `b` are made as they are needed: `next` makes the next sixteen, one behind the other
-/// for all rows, and tells which they are, and how many rows there are before zeros alone. So they stay in the cache until they
-/// are multiplied. Two that follow each other had better be as deep.
+/// The same, `width` columns, where those of `b` are made as they are needed: `next` makes the next sixteen, one
+/// behind the other for all rows, and tells which they are, and how many rows there are before zeros alone. So they
+/// stay in the cache until they are multiplied. Two that follow each other had better be as deep.
 pub(super) fn product_of<T: Real>(
     (a, inner): (&[T], usize),
     width: usize,
@@ -163,7 +169,8 @@ fn by_panels<S: Simd, T: Real>(
     product
 }
 
-/// All rows of a product in the columns of so many vectors that `line` tells, their numbers each `stride` behind the one before.
+/// All rows of a product in the columns of so many vectors that `line` tells, their numbers each `stride` behind the
+/// one before.
 #[inline(always)]
 fn across<'b, S: Simd, T: Real>(
     simd: S,
@@ -200,19 +207,18 @@ fn down<S: Simd, T: Real, const V: usize>(
     (product, width, columns): (&mut [T], usize, [Range<usize>; V]),
 ) {
     let rows = a.len() / inner;
-    let blocks = rows.div_ceil(ROWS);
     let mut row = 0;
-    for block in 0..blocks {
+    for left in (1..=rows.div_ceil(ROWS)).rev() {
         let (x, to) = (&a[row * inner..], &mut product[row * width..]);
         let (x, to) = ((x, inner, depth), (to, width, &columns));
         // Blocks are as high as each other: low ones read `b` for few products.
-        row += match (rows - row).div_ceil(blocks - block) {
-            ROWS.. => self::block::<S, T, ROWS, V>(simd, x, lines, to),
-            5 => self::block::<S, T, 5, V>(simd, x, lines, to),
-            4 => self::block::<S, T, 4, V>(simd, x, lines, to),
-            3 => self::block::<S, T, 3, V>(simd, x, lines, to),
-            2 => self::block::<S, T, 2, V>(simd, x, lines, to),
-            _ => self::block::<S, T, 1, V>(simd, x, lines, to),
+        row += match (rows - row).div_ceil(left) {
+            ROWS.. => block::<S, T, ROWS, V>(simd, x, lines, to),
+            5 => block::<S, T, 5, V>(simd, x, lines, to),
+            4 => block::<S, T, 4, V>(simd, x, lines, to),
+            3 => block::<S, T, 3, V>(simd, x, lines, to),
+            2 => block::<S, T, 2, V>(simd, x, lines, to),
+            _ => block::<S, T, 1, V>(simd, x, lines, to),
         };
     }
 }

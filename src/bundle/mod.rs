@@ -21,6 +21,7 @@ mod matrix;
 pub mod measure;
 mod outlier;
 mod packed;
+mod packing;
 mod polynomial;
 mod random_rays;
 mod rays;

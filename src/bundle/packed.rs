@@ -1,57 +1,22 @@
 //! The numbers of a core in as few bytes as they need, in the order in which they are read.
 //!
 //! In: an array (before, along, after, column) in units of a step. Out: sums and products over the axis `along`.
-//! To fix a camera all numbers of its patches are read, and that takes longer than to add them up. So sixteen columns
-//! make a panel, whose numbers follow each other along the axis: their sums stay in registers. Most numbers are small: on the
-//! box of three bumps nine of ten fit bytes with three bits behind the point. What is large stands at the front of
-//! each axis, because ranks are sorted by their singular values and degrees by themselves: so each panel begins with as
-//! many long numbers as it needs, goes on with shorter ones and ends with bytes. Zeros behind the last are left
-//! out: in the largest cores of that box they are a third to a half of all. Panels that are as deep follow each other,
-//! because the processor guesses well how often it will do what it has just done as often.
+//! To fix a camera all numbers of its patches are read, and that takes longer than to add them up. So sixteen
+//! columns make a panel, whose numbers follow each other along the axis: their sums stay in registers. Most numbers
+//! are small: on the box of three bumps nine of ten fit bytes with three bits behind the point. What is large stands
+//! at the front of each axis, because ranks are sorted by their singular values and degrees by themselves: so each
+//! panel begins with as many long numbers as it needs, goes on with shorter ones and ends with bytes. Zeros behind
+//! the last are left out: in the largest cores of that box they are a third to a half of all. Panels that are as deep
+//! follow each other, because a processor foresees well what it has just done as often. Row by row across the axis,
+//! with a few numbers of every kind in each row, a camera of that box took 1.3 times as long.
 
-use super::matrix::{product_of, product_of_first, scale};
+use super::{
+    matrix::{product_of, product_of_first, scale},
+    packing::{Axes, BESIDE, Beside, Depth, Packing, Panels},
+};
 use crate::expr::{real::Real, vectorised};
 use fearless_simd::{Level, Simd, SimdBase, dispatch};
 use std::ops::Range;
-
-/// Numbers side by side that are kept alike: one of the widest vectors.
-pub(super) const BESIDE: usize = 16;
-
-/// So many of them.
-type Beside<N> = [N; BESIDE];
-
-/// The lengths of the axes of an array whose numbers are read along the second.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Axes {
-    pub before: usize,
-    pub along: usize,
-    pub after: usize,
-    pub columns: usize,
-}
-
-impl Axes {
-    /// How many panels a row has.
-    fn beside(self) -> usize {
-        self.columns.div_ceil(BESIDE)
-    }
-
-    /// How many rows there are without the axis along.
-    fn rows(self) -> usize {
-        self.before * self.after
-    }
-
-    /// How many numbers there are.
-    fn numbers(self) -> usize {
-        self.rows() * self.along * self.columns
-    }
-
-    /// Of which row and columns a panel is, in storage order without the axis along.
-    fn place(self, panel: usize) -> (usize, Range<usize>) {
-        let first = panel % self.beside() * BESIDE;
-        let range = first..self.columns.min(first + BESIDE);
-        (panel / self.beside(), range)
-    }
-}
 
 /// An array of numbers.
 #[derive(Debug, Clone)]
@@ -78,14 +43,6 @@ struct Run {
     starts: [usize; 3],
 }
 
-/// How many numbers of a panel are kept, and how many of them are longer than bytes and than short ones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-struct Depth {
-    kept: usize,
-    shorts_end: usize,
-    longs_end: usize,
-}
-
 /// The numbers of a panel that are kept.
 struct Panel<'p> {
     longs: &'p [Beside<i32>],
@@ -93,79 +50,24 @@ struct Panel<'p> {
     bytes: &'p [Beside<i8>],
 }
 
-/// How closely numbers are kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Packing {
-    /// In four bytes, within a thousandth of a step where they are not large: for what is still compared.
-    Close,
-    /// In as few bytes as leave them within a sixteenth of a step. Together with the half step by which
-    /// kept integers are rounded, that is 1.01 times as much.
-    Small,
-}
-
-impl Packing {
-    /// Bits behind the point that numbers have at most.
-    fn fraction(self) -> i32 {
-        match self {
-            Self::Close => 10,
-            Self::Small => 3,
-        }
-    }
-
-    /// How the numbers of a panel are kept.
-    fn depth(self, panel: &[Beside<i32>]) -> Depth {
-        // Behind the last that is too large.
-        let end = |most: i32| {
-            let fits = |x: &Beside<i32>| x.iter().all(|x| x.abs() <= most);
-            let last = panel.iter().rposition(|x| !fits(x));
-            last.map_or(0, |last| last + 1)
-        };
-        let kept = end(0);
-        let [longs_end, shorts_end] = match self {
-            Self::Close => [kept; 2],
-            Self::Small => [i16::MAX.into(), i8::MAX.into()].map(end),
-        };
-        Depth {
-            kept,
-            shorts_end,
-            longs_end,
-        }
-    }
-}
-
-/// The largest integer; a bit is spared for sums.
-const LARGEST: f64 = (1 << 30) as f64;
-
 impl Packed {
     /// Of `values` in storage order.
     pub fn new(values: &[f64], axes: Axes, packing: Packing) -> Self {
-        let largest = values.iter().fold(1.0, |most: f64, x| most.max(x.abs()));
-        let room = (LARGEST / largest).log2().floor() as i32;
-        let per_step = f64::from(1 << room.clamp(0, packing.fraction()));
+        let panels = Panels::new(values, axes, packing);
+        let [longs, shorts, bytes] = panels.lengths();
+        // Not a byte more: numbers that lie close to each other are read faster.
         let mut packed = Self {
             axes,
-            unit: 1.0 / per_step,
+            unit: panels.unit,
             runs: Vec::new(),
-            panels: Vec::new(),
-            longs: Vec::new(),
-            shorts: Vec::new(),
-            bytes: Vec::new(),
+            panels: Vec::with_capacity(panels.depths.len()),
+            longs: Vec::with_capacity(longs),
+            shorts: Vec::with_capacity(shorts),
+            bytes: Vec::with_capacity(bytes),
         };
-        let integers = in_panels(values, axes, per_step);
-        let panels = integers.chunks_exact(axes.along);
-        let depths = panels.map(|panel| packing.depth(panel)).zip(0_u32..);
-        let mut depths: Vec<(Depth, u32)> = depths.filter(|(depth, _)| depth.kept > 0).collect();
-        depths.sort_unstable();
-        let [longs, shorts, bytes] = [0, 1, 2].map(|size| {
-            let lengths = depths.iter().map(|(depth, _)| depth.ranges()[size].len());
-            lengths.sum()
-        });
-        packed.panels.reserve_exact(depths.len());
-        packed.longs.reserve_exact(longs);
-        packed.shorts.reserve_exact(shorts);
-        packed.bytes.reserve_exact(bytes);
-        for run in depths.chunk_by(|a, b| a.0 == b.0) {
-            packed.push(run[0].0, run.iter().map(|(_, panel)| *panel), &integers);
+        for run in panels.depths.chunk_by(|a, b| a.0 == b.0) {
+            let numbers = run.iter().map(|(_, panel)| *panel);
+            packed.push(run[0].0, numbers, &panels.integers);
         }
         packed
     }
@@ -192,7 +94,7 @@ impl Packed {
     /// Which panels a run has, and their numbers.
     #[inline(always)]
     fn panels<'p>(&'p self, run: &Run) -> impl Iterator<Item = (usize, Panel<'p>)> + use<'p> {
-        let lengths = run.depth.ranges().map(|range| range.len());
+        let lengths = run.depth.lengths();
         let mut longs = &self.longs[run.starts[0]..];
         let mut shorts = &self.shorts[run.starts[1]..];
         let mut bytes = &self.bytes[run.starts[2]..];
@@ -276,7 +178,7 @@ impl Packed {
     }
 
     /// The product of a matrix of rows as long as the axis along and the numbers as a matrix of as many rows,
-    /// times the factors of the columns. There is no axis before.
+    /// times the factors of the columns. For arrays without an axis before.
     pub fn product<T: Real>(&self, a: &[T], factors: &[f64]) -> Vec<T> {
         let inner = self.axes.along;
         if a.len() == inner {
@@ -343,19 +245,6 @@ impl<T: Real> Sums<T> {
     }
 }
 
-impl Depth {
-    /// Which numbers of a panel are long, short and small.
-    #[inline(always)]
-    fn ranges(self) -> [Range<usize>; 3] {
-        let Self {
-            kept,
-            shorts_end,
-            longs_end,
-        } = self;
-        [0..longs_end, longs_end..shorts_end, shorts_end..kept]
-    }
-}
-
 impl Panel<'_> {
     /// How many are kept.
     #[inline(always)]
@@ -382,8 +271,8 @@ fn put<T: Real, N: Copy + Into<i32>>(numbers: &[Beside<N>], to: &mut [Beside<T>]
     }
 }
 
-/// Adds `numbers`, as many for each of some `panels` as there are `weights`, times these to the sums of the panels, without
-/// rounding products first where the machine can.
+/// Adds `numbers`, as many for each of some `panels` as there are `weights`, times these to the sums of the panels,
+/// without rounding products first where the machine can.
 #[inline(always)]
 fn add<S: Simd, T: Real, N: Copy + Into<i32>>(
     numbers: &[Beside<N>],
@@ -410,27 +299,6 @@ fn add<S: Simd, T: Real, N: Copy + Into<i32>>(
         }
         *to = sum;
     }
-}
-
-/// `values` as integers, each sixteen columns for all of the axis along before the next sixteen.
-fn in_panels(values: &[f64], axes: Axes, per_step: f64) -> Vec<Beside<i32>> {
-    let Axes {
-        along,
-        after,
-        columns,
-        ..
-    } = axes;
-    let mut integers = vec![[0; BESIDE]; axes.rows() * axes.beside() * along];
-    for (row, numbers) in values.chunks_exact(columns).enumerate() {
-        let (before, k, after) = (row / after / along, row / after % along, row % after);
-        let first = (before * axes.after + after) * axes.beside();
-        for (panel, numbers) in numbers.chunks(BESIDE).enumerate() {
-            let to = &mut integers[(first + panel) * along + k];
-            let pairs = to.iter_mut().zip(numbers);
-            pairs.for_each(|(to, x)| *to = (x * per_step).round() as i32);
-        }
-    }
-    integers
 }
 
 #[inline(always)]
@@ -477,46 +345,60 @@ mod tests {
         }
     }
 
-    #[test]
-    fn sums_and_products_are_those_of_the_numbers() {
-        // Axes (2, 5, 3, 70); rows of the first half end early, all by another number of zeros.
+    /// `found` beside what it should be; `accuracy` in units of the largest.
+    fn close<T: Real>(found: &[T], expected: &[f64], accuracy: f64) {
+        assert_eq!(found.len(), expected.len());
+        let largest = expected.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+        for (found, x) in found.iter().zip(expected) {
+            let error = (found.to_f64() - x).abs();
+            assert!(error <= accuracy * largest, "{found:?} {x}");
+        }
+    }
+
+    fn test_sums_and_products<T: Real>(accuracy: f64) {
+        // Axes (2, 5, 3, 70), or (1, 10, 3, 70); all rows end by another number of zeros.
         let mut values = rows(30);
         for (row, numbers) in values.chunks_exact_mut(70).enumerate() {
             numbers[70 - row * 70 / 31..].fill(0.0);
         }
-        let axes = Axes {
-            before: 2,
-            along: 5,
+        let real = |values: &[f64]| values.iter().map(|x| T::from_f64(*x)).collect::<Vec<T>>();
+        let axes = |before, along| Axes {
+            before,
+            along,
             after: 3,
             columns: 70,
         };
-        let packed = Packed::new(&values, axes, Packing::Small);
+        let packed = Packed::new(&values, axes(2, 5), Packing::Small);
         let factors: Vec<f64> = (0..70).map(|c| 1.0 + f64::from(c)).collect();
         let all = packed.real::<f64>(&factors);
         for (i, (found, x)) in all.iter().zip(&values).enumerate() {
-            assert!(
-                (found / factors[i % 70] - x).abs() <= 0.0625 + 1e-12,
-                "{found} {x}"
-            );
+            assert!((found / factors[i % 70] - x).abs() <= 0.0625 + 1e-12);
         }
-        let close = |found: &[f64], expected: &[f64]| {
-            assert_eq!(found.len(), expected.len());
-            let pairs = found.iter().zip(expected);
-            pairs.for_each(|(a, b)| assert!((a - b).abs() < 1e-9 * (1.0 + b.abs())));
-        };
         let weights = [0.3, -1.0, 0.0, 2.0, 0.7];
         let expected = matrix::summed(&all, 2, 3 * 70, &weights);
-        close(&packed.summed(&weights, &factors), &expected);
-        let axes = Axes {
-            before: 1,
-            along: 10,
-            ..axes
-        };
-        let packed = Packed::new(&values, axes, Packing::Small);
+        close(
+            &packed.summed(&real(&weights), &factors),
+            &expected,
+            accuracy,
+        );
+        // The sums as a matrix of six rows.
+        for rows in [1, 7] {
+            let a: Vec<f64> = (0..rows * 6).map(|i| (i % 7) as f64 - 3.0).collect();
+            let expected = matrix::product(&a, 6, &expected);
+            let sums = packed.sums(&real(&weights), &factors);
+            close(&sums.behind(&real(&a), 6), &expected, accuracy);
+        }
+        let packed = Packed::new(&values, axes(1, 10), Packing::Small);
         for rows in [1, 7, 13] {
             let a: Vec<f64> = (0..rows * 10).map(|i| (i % 9) as f64 - 4.0).collect();
             let expected = matrix::product(&a, 10, &all);
-            close(&packed.product(&a, &factors), &expected);
+            close(&packed.product(&real(&a), &factors), &expected, accuracy);
         }
+    }
+
+    #[test]
+    fn sums_and_products_are_those_of_the_numbers() {
+        test_sums_and_products::<f64>(1e-14);
+        test_sums_and_products::<f32>(1e-6);
     }
 }

@@ -6,7 +6,7 @@ use super::{
     cores::{Along, Core},
     grade::graded,
     layout::Layout,
-    packed::Packing,
+    packing::Packing,
     polynomial::Polynomial,
     rounding::{nearest, rounded},
     scale::{Scale, Step},
