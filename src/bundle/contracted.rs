@@ -37,24 +37,25 @@ const BLOCK: usize = 16;
 
 impl Contracted {
     /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest; with
-    /// `rows`, those of the last two axes are instead the sums of these rows that `coefficients` tell.
+    /// [`rows`], those of the last two axes are instead the sums of these that `coefficients` tell.
     pub fn new(
         shape: &[usize],
         coefficients: &[f32],
-        rows: Option<Vec<f32>>,
+        rows: Option<Arc<[f32]>>,
         variables: Variables,
     ) -> Self {
         let axis = |from_end: usize| shape.len().checked_sub(from_end).map_or(1, |i| shape[i]);
         let (channels, lengths) = (axis(1), axis(2));
         let row = (channels * lengths).max(1);
-        let width = rows.as_ref().map_or(row, |rows| rows.len() / row);
+        let padded_row = row.next_multiple_of(BLOCK);
+        let width = rows.as_ref().map_or(row, |rows| rows.len() / padded_row);
         let degrees = match shape.len() {
             4.. => [axis(4), axis(3)],
             _ => [axis(3), 1],
         };
         Self {
             table: padded(coefficients, width),
-            rows: rows.map(|rows| padded(&rows, row).into()),
+            rows,
             degrees,
             lengths,
             channels,
@@ -173,6 +174,12 @@ impl Contracted {
             None => self.sum(variables, row),
         }
     }
+}
+
+/// Rows of `row` numbers that all others are sums of, as [`Contracted::new`] takes them: they are the same for all
+/// cameras.
+pub(super) fn rows(values: &[f32], row: usize) -> Arc<[f32]> {
+    padded(values, row).into()
 }
 
 /// Rows of `row` numbers with zeros up to a whole number of [`BLOCK`]s.

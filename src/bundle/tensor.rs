@@ -18,7 +18,7 @@ use super::{
     bytes::{Damage, Reader, Writer},
     chain::{Factor, Link, chained},
     coding::{Coded, Integers},
-    contracted::Contracted,
+    contracted::{self, Contracted},
     cores::{Along, Core},
     grade::ungrade,
     layout::Layout,
@@ -28,6 +28,7 @@ use super::{
     variables::{Variables, Weights},
 };
 use crate::expr::real::Real;
+use std::sync::{Arc, OnceLock};
 
 /// Quantised coefficients of one group of channels.
 #[derive(Debug, Clone)]
@@ -36,6 +37,8 @@ pub struct Tensor {
     pub(super) variables: Variables,
     pub(super) step: Step,
     pub(super) cores: Vec<Core>,
+    /// The last core as cameras take it, once one has.
+    pub(super) rows: OnceLock<Arc<[f32]>>,
 }
 
 impl Tensor {
@@ -74,10 +77,14 @@ impl Tensor {
             .collect()
     }
 
-    /// The same as factors of a product, where those `weights` are of cameras.
-    fn factors<'c, T: Real>(&'c self, weights: &[Option<&'c [T]>]) -> Vec<Factor<'c, T>> {
+    /// The first `count` of them as factors of a product, where those `weights` are of cameras.
+    fn factors<'c, T: Real>(
+        &'c self,
+        weights: &[Option<&'c [T]>],
+        count: usize,
+    ) -> Vec<Factor<'c, T>> {
         let axes = self.table_axes();
-        let factors = axes.iter().zip(&self.cores);
+        let factors = axes.iter().zip(&self.cores[..count]);
         factors
             .map(|(axes, core)| self.factor(axes, core, weights))
             .collect()
@@ -149,15 +156,27 @@ impl Tensor {
         let shape = self.shape();
         let weights = &self.variables.weights::<f32>(&shape, camera)[0];
         let weights = open_beyond(weights, shape.len());
-        let mut factors = self.factors(&weights);
         let row: usize = shape[shape.len() - 2..].iter().product();
         // The last core, over arc length and channel, is worth multiplying only for few directions.
-        let split = factors.len() > 1;
-        let rows = factors.pop_if(|last| split && last.left() < row);
-        let width = rows.as_ref().map_or(row, Factor::left);
+        let before = self.cores.len() - 1;
+        let rank = self.cores[before].shape[0];
+        let split = before > 0 && rank < row;
+        let factors = self.factors(&weights, before + usize::from(!split));
+        let width = if split { rank } else { row };
         let table = in_table_order(chained(factors), &self.open(&weights), &shape, width);
-        let rows = rows.map(Factor::values);
+        let rows = split.then(|| self.rows(row));
         Contracted::new(&shape[camera.len()..], &table, rows, self.variables)
+    }
+
+    /// The last core as rows of `row` numbers.
+    fn rows(&self, row: usize) -> Arc<[f32]> {
+        let make = || {
+            let last = self.cores.len() - 1;
+            let open = vec![None; self.axes()];
+            let link: Link<f32> = self.link(&self.table_axes()[last], &self.cores[last], &open);
+            contracted::rows(&link.values, row)
+        };
+        self.rows.get_or_init(make).clone()
     }
 
     /// The coefficients that remain at parameters in [−1, 1] of the first axes, in table order. With
@@ -235,6 +254,7 @@ impl Tensor {
             variables,
             step,
             cores,
+            rows: OnceLock::new(),
         })
     }
 }

@@ -16,6 +16,7 @@ use super::{
 };
 use ndarray::{ArrayD, Axis};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// A tensor train before rounding.
 #[derive(Debug, Clone)]
@@ -87,6 +88,7 @@ impl Train {
             variables: self.variables,
             step,
             cores: cores.collect(),
+            rows: OnceLock::new(),
         })
     }
 
