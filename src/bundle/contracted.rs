@@ -37,7 +37,7 @@ const BLOCK: usize = 16;
 
 impl Contracted {
     /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest; with
-    /// [`rows`], those of the last two axes are instead the sums of these that `coefficients` tell.
+    /// `rows`, those of the last two axes are instead the sums of these that `coefficients` tell.
     pub fn new(
         shape: &[usize],
         coefficients: &[f32],
