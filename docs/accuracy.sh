@@ -19,10 +19,10 @@ row() { # row, manifold file, promise, length, further arguments of the bake
 
 asset() { echo "assets/manifolds/$1.toml"; }
 
-# A manifold of the catalogue with another camera region: name, parameters, chart point.
+# Three bumps with another camera region: row, parameters, chart point. The bundle tells the name of the file.
 region() {
-    local file=$out/$1-$RANDOM.toml
-    sed -e "s|^parameters = { c.*|parameters = $2|" -e "s|^at = \[\"c.*|at = $3|" "$(asset "$1")" >"$file"
+    local file=$out/$1.toml
+    sed -e "s|^parameters = { c.*|parameters = $2|" -e "s|^at = \[\"c.*|at = $3|" "$(asset three-bumps)" >"$file"
     echo "$file"
 }
 
@@ -39,9 +39,9 @@ make() {
     schwarzschild) row "$1" "$(asset "$1")" 0.1 80 ;;
     ellis-wormhole) row "$1" "$(far_region)" 0.2 24 ;;
     interstellar-wormhole) row "$1" "$(asset "$1")" 0.2 24 --set a=0.5 --set W=0.43 ;;
-    three-bumps-rail) row "$1" "$(region three-bumps '{ c = [-2.0, 2.0] }' '["c", "0.3", "0.2"]')" 0.5 8 ;;
+    three-bumps-rail) row "$1" "$(region "$1" '{ c = [-2.0, 2.0] }' '["c", "0.3", "0.2"]')" 0.5 8 ;;
     three-bumps-floor)
-        row "$1" "$(region three-bumps '{ cx = [-2.0, 2.0], cy = [-2.0, 2.0] }' '["cx", "cy", "0.2"]')" 0.5 8
+        row "$1" "$(region "$1" '{ cx = [-2.0, 2.0], cy = [-2.0, 2.0] }' '["cx", "cy", "0.2"]')" 0.5 8
         ;;
     three-bumps) row "$1" "$(asset "$1")" 1.0 8 ;;
     gaussian-lens) row "$1" "$(asset "$1")" 0.3 6 ;;

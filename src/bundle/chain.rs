@@ -21,14 +21,14 @@ pub(super) enum Factor<'c, T> {
     Known(Link<T>),
     /// A core all of whose axes are open, times a unit: as it is kept it is read faster than it is restored.
     Kept(&'c Core, f64),
-    /// A core whose only axis is summed out with weights, times a unit: not before it is multiplied, so that the
-    /// sums are still in the cache then.
+    /// A core whose only axis is summed out with weights, times a unit: not before it is multiplied, so that few
+    /// sums are held at once.
     Summed(&'c Core, &'c [T], f64),
 }
 
 impl<T: Real> Factor<'_, T> {
     /// The left rank.
-    pub fn left(&self) -> usize {
+    fn left(&self) -> usize {
         match self {
             Self::Known(link) => link.left,
             Self::Kept(core, _) | Self::Summed(core, ..) => core.shape[0],
@@ -52,7 +52,7 @@ impl<T: Real> Factor<'_, T> {
     }
 
     /// The numbers.
-    pub fn values(self) -> Vec<T> {
+    fn values(self) -> Vec<T> {
         match self {
             Self::Known(link) => link.values,
             Self::Kept(core, unit) => core.closed(&[], unit),

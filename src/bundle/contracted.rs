@@ -8,6 +8,7 @@ use super::{
     cells::Cells,
     chebyshev,
     cores::{MOST_DEGREES, MOST_TERMS},
+    matrix::widened,
     spherical,
     variables::Variables,
 };
@@ -184,13 +185,7 @@ pub(super) fn rows(values: &[f32], row: usize) -> Arc<[f32]> {
 
 /// Rows of `row` numbers with zeros up to a whole number of [`BLOCK`]s.
 fn padded(values: &[f32], row: usize) -> Vec<f32> {
-    let padded = row.next_multiple_of(BLOCK);
-    let mut table = vec![0.0; values.len() / row.max(1) * padded];
-    let rows = values.chunks_exact(row.max(1));
-    for (to, from) in table.chunks_exact_mut(padded.max(1)).zip(rows) {
-        to[..row].copy_from_slice(from);
-    }
-    table
+    widened(values, row, row.next_multiple_of(BLOCK))
 }
 
 /// Room for what any patch stores for one path: every degree and the start, four channels, whole

@@ -39,7 +39,8 @@ pub(super) struct Core {
     kept: Vec<i32>,
     /// By what the columns of each right index were multiplied; none after the last core.
     pub scales: Vec<Scale>,
-    /// What columns are to be multiplied by to have the same unit.
+    /// What columns are to be multiplied by to have the same unit: powers of two whose exponents are no integers,
+    /// which take 1 % of fixing a camera if they are worked out for each.
     factors: Vec<f64>,
 }
 

@@ -224,7 +224,7 @@ fn down<S: Simd, T: Real, const V: usize>(
 }
 
 /// Lines of `width` numbers with zeros up to `lanes`.
-fn widened<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
+pub(super) fn widened<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
     let mut wide = vec![T::ZERO; b.len() / width * lanes];
     for (to, line) in wide.chunks_exact_mut(lanes).zip(b.chunks_exact(width)) {
         to[..width].copy_from_slice(line);
