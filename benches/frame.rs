@@ -5,16 +5,14 @@
 //! works on one thread on the whole picture of 640 × 360 pixels.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use geofan::{
-    bundle::Bundle,
-    render::{
-        Desk, EndingFinder, GridTracer, Lookup, Stage, Strands,
-        drawing::draw,
-        frame::{Paths, offsets, trace},
-        lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
-        shade::{Footprints, shade},
-        tiles::{Found, Samples},
-    },
+use geofan_bundle::Bundle;
+use geofan_render::{
+    Desk, EndingFinder, GridTracer, Lookup, Stage, Strands,
+    drawing::draw,
+    frame::{Paths, offsets, trace},
+    lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
+    shade::{Footprints, shade},
+    tiles::{Found, Samples},
 };
 use std::{hint::black_box, path::PathBuf};
 

@@ -1,14 +1,11 @@
 //! `geofan check`, `info` and `trace --bundle` on a table made by hand.
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
-use geofan::{
-    bundle::{
-        Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, Variables, certify,
-    },
-    diagnostic::SourceText,
-    fan::FanSpace,
-    manifold::Manifold,
+use geofan_bake::certify;
+use geofan_bundle::{
+    Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, Variables, rays::FanSpace,
 };
+use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use ndarray::{ArrayD, IxDyn};
 use serde_json::Value;
 use std::{fs, sync::Arc};
@@ -54,7 +51,7 @@ fn folder(wrong: f64) -> TempDir {
         tolerance: 1e-9,
         nodes: vec![1; 4],
         most_rays: 1,
-        lift: geofan::fan::Lift::None,
+        lift: geofan_bundle::rays::Lift::None,
         refinement: 1,
         least_volume: 0.5,
         most_arc_halvings: 1,

@@ -3,7 +3,7 @@
 
 mod support;
 
-use geofan::{
+use geofan_core::{
     geodesic::{End, Path, Ray, Spread, conjugate_points, paths},
     manifold::Manifold,
 };

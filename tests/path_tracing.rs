@@ -1,13 +1,16 @@
 //! The path tracer against what must come out whatever the space is.
 
-use geofan::render::{
+use geofan_light::{
+    cache,
+    path_tracer::{Estimator, Film, PathTracer, Settings},
+};
+use geofan_render::{
     ExactTracer, Stage, View,
     frame::{Paths, offsets, trace},
-    light::cache,
-    path_tracer::{Estimator, Film, PathTracer, Settings},
-    picture::{Picture, psnr},
+    picture::Picture,
     shade::{Footprints, shade},
 };
+use geofan_study::picture::psnr;
 use glam::DVec3;
 use ndarray::Axis;
 use std::{

@@ -6,7 +6,7 @@
 
 mod support;
 
-use geofan::{
+use geofan_core::{
     geodesic::{End, Path, Ray, Spread, paths},
     manifold::Manifold,
 };

@@ -1,19 +1,17 @@
 //! How far away the rays of a table had best aim.
 //!
-//! In: the rays of a space. Out: the parallax of [`Focus`](geofan::fan::Focus) with which paths from
+//! In: the rays of a space. Out: the parallax of [`Focus`](geofan_bundle::rays::Focus) with which paths from
 //! neighbouring cameras are most alike. Looked at are small random parts of the matrices cameras ×
 //! directions of some cells and faces: the fewer singular values count, the smaller are tensor trains.
 
 use crate::{lift::random_rays, refine::order};
 use faer::Mat;
-use geofan::{
-    bundle::{
-        PlanRecord,
-        measure::{probe, stored_settings},
-    },
-    fan::{FanSpace, Mirror, cell, direction::direction, parallel, sample},
-    random::Stream,
+use geofan_bundle::{
+    PlanRecord,
+    measure::{probe, stored_settings},
+    rays::{FanSpace, Mirror, cell, direction::direction, parallel, sample},
 };
+use geofan_core::random::Stream;
 use glam::{DMat3, DVec2, DVec3};
 
 /// Seed of the random parts.

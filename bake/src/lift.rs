@@ -7,14 +7,12 @@ use crate::refine::{
     scout::{Line, Tails},
     sweep::Basis,
 };
-use geofan::{
-    bundle::{
-        PlanRecord, chebyshev,
-        measure::{probe, stored_settings},
-    },
-    fan::{FanSpace, Lift},
-    random::Stream,
+use geofan_bundle::{
+    PlanRecord, chebyshev,
+    measure::{probe, stored_settings},
+    rays::{FanSpace, Lift},
 };
+use geofan_core::random::Stream;
 use glam::DVec3;
 use ndarray::Axis;
 

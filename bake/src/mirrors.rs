@@ -4,12 +4,10 @@
 //! it matters: at points all along random paths.
 
 use crate::lift::random_rays;
-use geofan::{
-    bundle::{
-        PlanRecord,
-        measure::{Probed, probe, stored_settings},
-    },
-    fan::{FanSpace, Mirror},
+use geofan_bundle::{
+    PlanRecord,
+    measure::{Probed, probe, stored_settings},
+    rays::{FanSpace, Mirror},
 };
 
 /// Random paths looked at. A part of the space that breaks a symmetry and that only one path in a

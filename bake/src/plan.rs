@@ -1,16 +1,16 @@
 //! What is to be baked: everything that a chunk's content depends on, besides the manifold.
 
 use crate::{focus, lift::best_lift, mirrors, sphere, tolerance};
-use geofan::{
-    bundle::{PlanRecord, Stretch},
-    fan::{FanSpace, Lift},
+use geofan_bundle::{
+    PlanRecord, Stretch,
+    rays::{FanSpace, Lift},
 };
 
 /// The tracer's local tolerance while the plan is made.
 const FIRST_TOLERANCE: f64 = 1e-8;
 
 /// Counts up when refinement changes: parts of another count are baked again.
-pub(crate) const REFINEMENT: u32 = 14;
+pub const REFINEMENT: u32 = 14;
 
 /// Sizes by the number of axes besides the arc length.
 struct Sizes {

@@ -4,9 +4,9 @@
 //! not spare most of the faces. What a camera sees along its way hardly changes when it moves, what is
 //! beside it turns about that way: with the pole there, motion changes polar angles only.
 
-use geofan::{
-    bundle::{Division, PlanRecord},
-    fan::{FanSpace, cell},
+use geofan_bundle::{
+    Division, PlanRecord,
+    rays::{FanSpace, cell},
 };
 use glam::{DMat3, DVec3};
 

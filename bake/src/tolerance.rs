@@ -7,12 +7,10 @@
 //! where they do not, a tight tolerance is time lost.
 
 use crate::lift::random_rays;
-use geofan::{
-    bundle::{
-        PlanRecord,
-        measure::{Probed, probe, stored_settings},
-    },
-    fan::FanSpace,
+use geofan_bundle::{
+    PlanRecord,
+    measure::{Probed, probe, stored_settings},
+    rays::FanSpace,
 };
 use glam::DVec3;
 

@@ -11,7 +11,7 @@ mod products;
 mod range;
 
 use faer::{Mat, MatMut, MatRef, Side};
-use geofan::bundle::{Layout, Polynomial, Train, graded_in_order};
+use geofan_bundle::{Layout, Polynomial, Train, graded_in_order};
 use ndarray::ArrayD;
 use products::{product, product_into, square, triangle};
 use range::range;
@@ -213,10 +213,8 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan::{
-        bundle::{Shape, Step, Stretch, Tensor, Tree, Variables},
-        random::Stream,
-    };
+    use geofan_bundle::{Shape, Step, Stretch, Tensor, Tree, Variables};
+    use geofan_core::random::Stream;
     use ndarray::IxDyn;
     use std::sync::Arc;
 

@@ -9,15 +9,13 @@ use super::{
     region::Region,
     sweep::{Basis, Sweep},
 };
-use geofan::{
-    bundle::{
-        PlanRecord, chebyshev,
-        measure::{Probe, probe, stored_settings, tangents_at_exits},
-        spherical,
-    },
-    fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
-    random::Stream,
+use geofan_bundle::{
+    PlanRecord, chebyshev,
+    measure::{Probe, probe, stored_settings, tangents_at_exits},
+    rays::{CHANNELS, DISPLACEMENT, FanSpace, sample},
+    spherical,
 };
+use geofan_core::random::Stream;
 use glam::{DVec3, DVec4};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use std::sync::atomic::Ordering;
