@@ -7,7 +7,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use geofan_bundle::Bundle;
 use geofan_render::{
-    Desk, EndingFinder, GridTracer, Lookup, Stage, Strands,
+    EventLocator, GridTracer, Lookup, PathBatch, Scratch, Stage,
     drawing::draw,
     frame::{Paths, offsets, trace},
     lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
@@ -60,11 +60,15 @@ fn steps(criterion: &mut Criterion) {
         .flat_map(|y| (0..SIZE.0).step_by(LARGEST_TILE).map(move |x| (x, y)))
         .collect();
     let refine = || -> Vec<Divided> {
-        let mut endings = EndingFinder::new(&world.manifold);
+        let mut endings = EventLocator::new(&world.manifold);
         corners
             .iter()
             .map(|corner| {
-                lattice.refine(*corner, Strands::new(tracer.knots().clone()), &mut endings)
+                lattice.refine(
+                    *corner,
+                    PathBatch::new(tracer.knots().clone()),
+                    &mut endings,
+                )
             })
             .collect()
     };
@@ -88,7 +92,7 @@ fn steps(criterion: &mut Criterion) {
         });
     });
     group.bench_function("pixels", |b| {
-        let mut desk = Desk::new(&world.manifold, tracer.knots());
+        let mut desk = Scratch::new(&world.manifold, tracer.knots());
         b.iter(|| {
             let mut found = Found::split(&mut traced.outcomes);
             for (divided, found) in divided.iter().zip(&mut found) {

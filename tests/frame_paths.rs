@@ -3,7 +3,7 @@
 mod support;
 
 use geofan_bundle::Bundle;
-use geofan_render::{Ending, EndingFinder, GridTracer, Lookup, Strands};
+use geofan_render::{Ending, EventLocator, GridTracer, Lookup, PathBatch};
 use glam::DVec3;
 use support::Place;
 
@@ -54,8 +54,8 @@ fn paths_of_a_frame_are_those_of_the_table_at_knots_between_them_and_at_their_en
     let fan = table.fan(u).unwrap();
     let tracer = lookup.tracer(&fan);
     let manifold = table.space.manifold();
-    let mut endings = EndingFinder::new(manifold);
-    let mut strands = Strands::new(tracer.knots().clone());
+    let mut endings = EventLocator::new(manifold);
+    let mut strands = PathBatch::new(tracer.knots().clone());
     tracer.add(&directions(), &mut endings, &mut strands);
     let mut exits = [0, 0];
     for (i, d) in directions().into_iter().enumerate() {
@@ -87,7 +87,7 @@ fn paths_of_a_frame_are_those_of_the_table_at_knots_between_them_and_at_their_en
 }
 
 /// Refined together, paths through the throat and those that turn back are what they are one by one.
-fn sixteen_are_as_each(tracer: &impl GridTracer, strands: &Strands) {
+fn sixteen_are_as_each(tracer: &impl GridTracer, strands: &PathBatch) {
     let ends = |i: usize| matches!(strands.strand(i).ending, Some(Ending::Exit { .. }));
     let leaving: Vec<usize> = (0..40).filter(|i| ends(*i)).collect();
     let groups = leaving.chunks_exact(16);

@@ -4,7 +4,7 @@
 mod support;
 
 use geofan_core::{
-    geodesic::{Path, Ray, Spread, exponential, paths},
+    geodesic::{JacobiField, Path, Ray, exponential, paths},
     manifold::Manifold,
 };
 use glam::DVec3;
@@ -63,7 +63,7 @@ fn follow(manifold: &Manifold, ray: Ray, tolerance: f64) -> Path {
 fn area(manifold: &Manifold, path: &Path) -> f64 {
     let (step, s) = (path.steps.last().unwrap(), path.length);
     let inverse = manifold.standard_frame(step.position(s)).inverse();
-    Spread::new(inverse, step.tangent(s), step.deviation(s).unwrap()).signed_area()
+    JacobiField::new(inverse, step.tangent(s), step.deviation(s).unwrap()).signed_area()
 }
 
 /// Metrics with kinks of each kind, all crossed by the ray of the tests below.

@@ -148,7 +148,7 @@ impl Errors {
 mod tests {
     use super::*;
     use geofan_bundle::{
-        Chunk, Division, Polynomial, Step, Stretch, Train, Tree, Variables, rays::FanSpace,
+        Chunk, Division, MappedChebyshev, Polynomial, Step, Train, Tree, Variables, rays::RaySpace,
     };
     use geofan_core::{diagnostic::SourceText, error::Error, manifold::Manifold};
     use ndarray::{ArrayD, IxDyn};
@@ -168,18 +168,18 @@ length = 5.0
     /// A flat table whose slope along y and z is `wrong` everywhere; face 0 is flagged.
     fn table(wrong: f64) -> Table {
         let manifold = Manifold::from_source(SourceText::new("flat", FLAT), &[]).unwrap();
-        let space = FanSpace::new(Arc::new(manifold)).unwrap();
+        let space = RaySpace::new(Arc::new(manifold)).unwrap();
         let slopes = vec![0.0, wrong, wrong];
         let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 3]), slopes).unwrap();
         let polynomial = Polynomial {
             coefficients: samples,
-            variables: Variables::of_face(0, Stretch::NONE),
+            variables: Variables::of_face(0, MappedChebyshev::NONE),
         };
         let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
         let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
-        let shape = Table::shape(&space, Stretch::NONE);
+        let shape = Table::shape(&space, MappedChebyshev::NONE);
         let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
         Table {
             space,

@@ -8,7 +8,7 @@ use crate::{
     parts::{Baked, Parts},
     refine::{Refiner, Tally},
 };
-use geofan_bundle::{Division, PlanRecord, Table, container::Id, rays::FanSpace};
+use geofan_bundle::{Division, PlanRecord, Table, container::Id, rays::RaySpace};
 use geofan_core::{Observer, Progress, Result};
 use std::{
     sync::{
@@ -23,7 +23,7 @@ use std::{
 #[derive(Debug)]
 pub struct Job<'a> {
     /// The rays.
-    pub space: &'a FanSpace,
+    pub space: &'a RaySpace,
     /// The plan.
     pub plan: &'a PlanRecord,
     /// The bundle's id.

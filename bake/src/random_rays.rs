@@ -5,7 +5,7 @@
 //! directions are uniform over the sphere; each ray is compared at one arc length, uniform up to the
 //! end of its exact path.
 
-use geofan_bundle::rays::{FanSpace, Reduction};
+use geofan_bundle::rays::{RaySpace, Reduction};
 use geofan_core::{
     error::{Error, Result},
     manifold::{CameraRegion, Manifold},
@@ -37,7 +37,7 @@ impl RandomRays {
     /// # Errors
     /// There is no region, or none of many cameras lies in the domain.
     pub fn all(
-        space: &FanSpace,
+        space: &RaySpace,
         rays: usize,
         key: [u64; 2],
     ) -> impl IndexedParallelIterator<Item = Result<Self>> {
@@ -55,7 +55,7 @@ impl RandomRays {
 }
 
 /// A camera of the region, moved by the symmetry, where rays can start.
-fn random_camera(space: &FanSpace, stream: &mut Stream) -> Result<DVec3> {
+fn random_camera(space: &RaySpace, stream: &mut Stream) -> Result<DVec3> {
     let manifold = space.manifold();
     let region = manifold.cameras.as_ref();
     let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;

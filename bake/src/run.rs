@@ -8,7 +8,7 @@ use crate::{
     plan::{plan, unmirrored},
     shard::{self, WrittenShard},
 };
-use geofan_bundle::{Contents, PlanRecord, identity, rays::FanSpace};
+use geofan_bundle::{Contents, PlanRecord, identity, rays::RaySpace};
 use geofan_core::{Error, Observer, Result, manifold::Manifold};
 use std::{path::Path, sync::Arc};
 
@@ -35,7 +35,7 @@ struct Bake<'a> {
     options: &'a BakeOptions,
     output: &'a Path,
     observer: &'a dyn Observer,
-    space: FanSpace,
+    space: RaySpace,
     length: f64,
     parts: Parts,
 }
@@ -51,7 +51,7 @@ pub fn bake(
     observer: &dyn Observer,
 ) -> Result<BakeResult> {
     let length = manifold.length_or(options.length)?;
-    let space = FanSpace::new(manifold)?;
+    let space = RaySpace::new(manifold)?;
     let bake = Bake {
         options,
         output,
@@ -134,7 +134,7 @@ impl Bake<'_> {
     /// Writes the shard, or the bundle if it fits.
     fn join(
         &self,
-        space: FanSpace,
+        space: RaySpace,
         plan: PlanRecord,
         chunks: Vec<(u32, Baked)>,
     ) -> Result<BakeResult> {

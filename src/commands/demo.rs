@@ -8,7 +8,7 @@
 use super::bake::{self, BakeArgs};
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, values};
 use geofan_bake::plan::plan;
-use geofan_bundle::{Bundle, identity, rays::FanSpace};
+use geofan_bundle::{Bundle, identity, rays::RaySpace};
 use geofan_core::{Error, Result, manifold::Manifold};
 use geofan_render::Stage;
 use geofan_study::comparison::{Options, Report, compare, write_pictures};
@@ -126,7 +126,7 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
     let Ok(bundle) = Bundle::read(path) else {
         return Ok(None);
     };
-    let space = FanSpace::new(manifold.clone())?;
+    let space = RaySpace::new(manifold.clone())?;
     let (_, plan) = plan(space, manifold.length_or(None)?, PROMISE, true);
     let id = identity(manifold, &plan).map_err(|e| e.about(path))?;
     let same = bundle.id == id && bundle.header.generator == env!("CARGO_PKG_VERSION");

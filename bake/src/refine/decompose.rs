@@ -213,7 +213,7 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan_bundle::{Shape, Step, Stretch, Tensor, Tree, Variables};
+    use geofan_bundle::{MappedChebyshev, Shape, Step, Tensor, Tree, Variables};
     use geofan_core::random::Stream;
     use ndarray::IxDyn;
     use std::sync::Arc;
@@ -262,7 +262,7 @@ mod tests {
             let cameras = if shape.len() == 4 { 1 } else { cameras };
             let polynomial = Polynomial {
                 coefficients: coefficients(shape),
-                variables: Variables::of_face(cameras, Stretch::new(0.6)),
+                variables: Variables::of_face(cameras, MappedChebyshev::new(0.6)),
             };
             let step = Step::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);

@@ -20,7 +20,7 @@ pub(crate) mod sweep;
 
 use geofan_bundle::{
     Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev,
-    rays::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, StoredCamera, cell},
+    rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
 };
 use glam::DVec3;
 use growth::{Growth, Verdict};
@@ -74,7 +74,7 @@ pub struct Tally {
 /// Refines one chunk at a time.
 pub struct Refiner<'a> {
     /// The rays.
-    pub space: &'a FanSpace,
+    pub space: &'a RaySpace,
     /// The plan.
     pub plan: &'a PlanRecord,
     /// How the table is divided into chunks.

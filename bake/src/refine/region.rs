@@ -1,7 +1,7 @@
 //! A box of the table.
 
 use geofan_bundle::{
-    Stretch, Variables,
+    MappedChebyshev, Variables,
     rays::{FACES, parallel},
 };
 use geofan_core::random::Stream;
@@ -42,7 +42,7 @@ impl Region {
     }
 
     /// How the parameters of its rays enter polynomials.
-    pub fn variables(&self, cameras: usize, stretch: Stretch) -> Variables {
+    pub fn variables(&self, cameras: usize, stretch: MappedChebyshev) -> Variables {
         Variables {
             cameras,
             stretch,

@@ -12,7 +12,7 @@ use super::{
 use geofan_bundle::{
     PlanRecord, chebyshev,
     measure::{Probe, probe, stored_settings, tangents_at_exits},
-    rays::{CHANNELS, DISPLACEMENT, FanSpace, sample},
+    rays::{CHANNELS, DISPLACEMENT, RaySpace, sample},
     spherical,
 };
 use geofan_core::random::Stream;
@@ -205,7 +205,7 @@ pub struct Line {
 impl Line {
     /// Follows `rays` (chart point, direction in the standard frame) to the arc lengths.
     pub fn new(
-        space: &FanSpace,
+        space: &RaySpace,
         plan: &PlanRecord,
         rays: &[(DVec3, DVec3)],
         lengths: &[f64],
@@ -262,7 +262,7 @@ impl Line {
 
 /// The factors that make errors of the channels at `probe` mrad: of displacements, and of slopes
 /// where tangents matter.
-pub fn weigh(space: &FanSpace, frames: bool, probe: &Probe, weights: &mut [f64]) {
+pub fn weigh(space: &RaySpace, frames: bool, probe: &Probe, weights: &mut [f64]) {
     let lift = space.lift();
     for channel in space.channels() {
         let mut unit = [0.0; 4];

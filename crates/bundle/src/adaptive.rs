@@ -7,7 +7,7 @@
 //! *Arithmetic coding*, IBM J. Res. Dev. 23 (1979)). Signs come with a probability of their own
 //! ([`super::signs`]). All arithmetic here is that of integers: every machine reads what any other wrote.
 
-use super::bytes::Damage;
+use super::bytes::DecodeError;
 use constriction::{
     UnwrapInfallible,
     stream::{
@@ -245,10 +245,10 @@ impl Decoder {
     ///
     /// # Errors
     /// They are not whole words.
-    pub fn new(bytes: &[u8]) -> Result<Self, Damage> {
+    pub fn new(bytes: &[u8]) -> Result<Self, DecodeError> {
         let (words, rest) = bytes.as_chunks::<4>();
         if !rest.is_empty() {
-            return Err(Damage("words of coefficients"));
+            return Err(DecodeError("words of coefficients"));
         }
         let words: Vec<u32> = words.iter().map(|word| u32::from_le_bytes(*word)).collect();
         Ok(Self {
@@ -261,7 +261,7 @@ impl Decoder {
     ///
     /// # Errors
     /// No coder wrote this.
-    pub fn take(&mut self, class: usize) -> Result<i32, Damage> {
+    pub fn take(&mut self, class: usize) -> Result<i32, DecodeError> {
         let mut times = 0;
         for answer in &mut self.learnt.0[class] {
             let yes = self.words.decode_symbol(*answer).map_err(|_| DAMAGE)?;
@@ -284,17 +284,17 @@ impl Decoder {
     ///
     /// # Errors
     /// No coder wrote this.
-    pub fn take_likely(&mut self, likely: f64) -> Result<bool, Damage> {
+    pub fn take_likely(&mut self, likely: f64) -> Result<bool, DecodeError> {
         let answer = Answer::known(likely);
         self.words.decode_symbol(answer).map_err(|_| DAMAGE)
     }
 
-    fn take_beyond(&mut self) -> Result<u32, Damage> {
+    fn take_beyond(&mut self) -> Result<u32, DecodeError> {
         let bits = self.take_raw(5)?;
         Ok((1 << bits) | self.take_raw(bits)?)
     }
 
-    fn take_raw(&mut self, bits: u32) -> Result<u32, Damage> {
+    fn take_raw(&mut self, bits: u32) -> Result<u32, DecodeError> {
         let (mut left, mut value) = (bits, 0);
         while left > 0 {
             let some = left.min(RAW);
@@ -311,7 +311,7 @@ impl Decoder {
     }
 }
 
-const DAMAGE: Damage = Damage("coefficients");
+const DAMAGE: DecodeError = DecodeError("coefficients");
 
 #[cfg(test)]
 mod tests {

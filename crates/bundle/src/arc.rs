@@ -2,13 +2,13 @@
 //!
 //! In: what a patch stores for one path, rows of channels: the displacement at the start of the
 //! patch's arc lengths if that is not the start of the path, and the Chebyshev coefficients of the
-//! departure's slope ([`Lift::slope`](crate::rays::Lift::slope)). Out: departures and slopes at arc
+//! departure's slope ([`ChartMap::slope`](crate::rays::ChartMap::slope)). Out: departures and slopes at arc
 //! lengths, and the points and tangents there. The departure is the integral of its slope, coefficient by coefficient (L. N. Trefethen,
 //! *Approximation Theory and Approximation Practice*, exercise 2.8 and chapter 21):
 //! `b_k = h (a_{k−1} − a_{k+1})/2k`, with `a₀` doubled, for `h` half the length of the interval.
 
 use super::cores::MOST_DEGREES;
-use crate::rays::{FanSpace, Start};
+use crate::rays::{RaySpace, Start};
 use geofan_expr::vectorised;
 use glam::DVec3;
 
@@ -144,7 +144,7 @@ fn plus<const W: usize>(sum: &[f64; W], value: &[f64; W], x: f64) -> [f64; W] {
 /// are in the lane `lane` of `sums`.
 #[inline]
 pub fn state<const W: usize>(
-    space: &FanSpace,
+    space: &RaySpace,
     start: &Start,
     sums: &Sums<W>,
     lane: usize,

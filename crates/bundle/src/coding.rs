@@ -7,7 +7,7 @@
 
 use super::{
     adaptive::{Coder, Decoder},
-    bytes::{Damage, Reader, Writer},
+    bytes::{DecodeError, Reader, Writer},
     reflections::Taken,
     signs::Signs,
     sizes::Sizes,
@@ -96,10 +96,10 @@ impl Coded {
     ///
     /// # Errors
     /// It is damaged.
-    pub fn decode(input: &mut Reader<'_>) -> Result<Self, Damage> {
+    pub fn decode(input: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let left = input.u32()? as usize;
         if left > MOST_INTEGERS {
-            return Err(Damage("number of coefficients"));
+            return Err(DecodeError("number of coefficients"));
         }
         Ok(Self {
             decoder: Some(Decoder::new(input.bytes()?)?),
@@ -113,7 +113,7 @@ impl Coded {
     ///
     /// # Errors
     /// It is damaged.
-    pub fn zeros(input: &mut Reader<'_>) -> Result<Self, Damage> {
+    pub fn zeros(input: &mut Reader<'_>) -> Result<Self, DecodeError> {
         let coded = Self::decode(input)?;
         Ok(Self {
             decoder: None,
@@ -125,10 +125,10 @@ impl Coded {
     ///
     /// # Errors
     /// There are fewer integers.
-    pub fn take(&mut self, shape: &[usize], length: usize) -> Result<Vec<i32>, Damage> {
+    pub fn take(&mut self, shape: &[usize], length: usize) -> Result<Vec<i32>, DecodeError> {
         let count = shape.iter().product();
         let left = self.left.checked_sub(count);
-        self.left = left.ok_or(Damage("number of coefficients"))?;
+        self.left = left.ok_or(DecodeError("number of coefficients"))?;
         let Some(decoder) = &mut self.decoder else {
             return Ok(vec![0; count]);
         };
@@ -155,10 +155,10 @@ impl Coded {
     ///
     /// # Errors
     /// Something is.
-    pub fn finish(&self) -> Result<(), Damage> {
+    pub fn finish(&self) -> Result<(), DecodeError> {
         match self.left == 0 && self.decoder.as_ref().is_none_or(Decoder::is_done) {
             true => Ok(()),
-            false => Err(Damage("end")),
+            false => Err(DecodeError("end")),
         }
     }
 }
@@ -168,7 +168,7 @@ fn take_one(
     decoder: &mut Decoder,
     (sizes, signs): (&mut Sizes, &mut Signs),
     walk: &Walk,
-) -> Result<i32, Damage> {
+) -> Result<i32, DecodeError> {
     let value = decoder.take(sizes.class(walk))?;
     let size = value.unsigned_abs();
     sizes.learn(walk, size);

@@ -253,13 +253,14 @@ fn part<const N: usize>(
 mod tests {
     use super::{
         super::{
-            polynomial::Polynomial, scale::Step, stretch::Stretch, tensor::Tensor, train::Train,
+            polynomial::Polynomial, scale::Step, stretch::MappedChebyshev, tensor::Tensor,
+            train::Train,
         },
         *,
     };
     use ndarray::{ArrayD, IxDyn};
 
-    const FACE: Variables = Variables::of_face(0, Stretch::NONE);
+    const FACE: Variables = Variables::of_face(0, MappedChebyshev::NONE);
 
     #[test]
     fn cells_leave_out_what_does_not_count() {
@@ -301,7 +302,7 @@ mod tests {
             coefficients: ArrayD::from_shape_fn(IxDyn(&shape), coefficient),
             variables: Variables {
                 cameras: 1,
-                stretch: Stretch::new(0.5),
+                stretch: MappedChebyshev::new(0.5),
                 sphere: true,
             },
         };

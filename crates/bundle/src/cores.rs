@@ -4,7 +4,7 @@
 //! coded integers, and back.
 
 use super::{
-    bytes::{Damage, Reader, Writer},
+    bytes::{DecodeError, Reader, Writer},
     coding::{Coded, Integers},
     matrix::summed,
     packed::{Packed, Sums},
@@ -146,7 +146,7 @@ impl Core {
         (before, last): (Option<&Self>, bool),
         (axes, along): (usize, Along),
         step: Step,
-    ) -> Result<Self, Damage> {
+    ) -> Result<Self, DecodeError> {
         let left = before.map_or(1, |core| core.scales.len());
         let shape = decode_shape(input, left, axes, last)?;
         let side = Side::behind(before.map(|core| core.side), &shape);
@@ -157,7 +157,7 @@ impl Core {
             before = before.saturating_add(difference);
             i16::try_from(before)
                 .map(Power)
-                .map_err(|_| Damage("scale of a rank"))
+                .map_err(|_| DecodeError("scale of a rank"))
         });
         let scales = scales.collect::<Result<_, _>>()?;
         Ok(Self::new(
@@ -217,7 +217,7 @@ fn decode_shape(
     left: usize,
     axes: usize,
     last: bool,
-) -> Result<Vec<usize>, Damage> {
+) -> Result<Vec<usize>, DecodeError> {
     let mut shape = vec![left];
     let mut count = left as u64;
     for _ in 0..=axes {
@@ -228,10 +228,10 @@ fn decode_shape(
     let lengths = if last { shape[axes - 1] } else { 0 };
     let too_many = lengths > MOST_DEGREES || shape[1..=axes].iter().any(|n| *n > MOST_TERMS);
     if too_many || (last && shape[axes + 1] != 1) {
-        return Err(Damage("number of degrees"));
+        return Err(DecodeError("number of degrees"));
     }
     if count == 0 || count > MOST_INTEGERS {
-        return Err(Damage("number of coefficients"));
+        return Err(DecodeError("number of coefficients"));
     }
     Ok(shape)
 }

@@ -1,7 +1,7 @@
 //! Single paths of a fan.
 //!
-//! In: a ray in stored parameters and the patches that hold it. Out: what they say of it ([`Courses`]),
-//! and from that position, tangent and transported rotation at any arc length ([`FanPath`]).
+//! In: a ray in stored parameters and the patches that hold it. Out: what they say of it ([`PathCoefficients`]),
+//! and from that position, tangent and transported rotation at any arc length ([`TablePath`]).
 
 use super::{
     arc::{self, Sums},
@@ -9,7 +9,7 @@ use super::{
     fan::{Fan, FanNode, half},
     table::Table,
 };
-use crate::rays::{Lift, Located, Start};
+use crate::rays::{ChartMap, Located, Start};
 use geofan_core::{
     geodesic::{End, first_event, transport},
     manifold::Isometry,
@@ -23,7 +23,7 @@ pub(super) type Evaluate = for<'r> fn(&Contracted, f64, f64, &'r mut Row) -> &'r
 
 /// Paths of a fan, side by side: what has been taken from its patches.
 #[derive(Debug, Clone, Default)]
-pub struct Courses {
+pub struct PathCoefficients {
     heads: Vec<Head>,
     /// In order of arc length; `None` where the patch is flagged.
     pieces: Vec<([f64; 2], Option<Piece>)>,
@@ -43,7 +43,7 @@ struct Head {
     pieces: Range<usize>,
 }
 
-impl Courses {
+impl PathCoefficients {
     /// Forgets all.
     pub fn clear(&mut self) {
         self.heads.clear();
@@ -199,13 +199,13 @@ const TRANSPORT_TOLERANCE: f64 = 1e-7;
 
 /// One path of a fan: its own, or one of many.
 #[derive(Debug, Clone)]
-pub struct FanPath<'f, 't, C = Courses> {
+pub struct TablePath<'f, 't, C = PathCoefficients> {
     fan: &'f Fan<'t>,
     courses: C,
     number: usize,
 }
 
-impl<'f, 't, C> FanPath<'f, 't, C> {
+impl<'f, 't, C> TablePath<'f, 't, C> {
     /// The path of `fan` that has this number among `courses`.
     pub(super) fn new(fan: &'f Fan<'t>, courses: C, number: usize) -> Self {
         Self {
@@ -216,7 +216,7 @@ impl<'f, 't, C> FanPath<'f, 't, C> {
     }
 }
 
-impl<C: Borrow<Courses>> FanPath<'_, '_, C> {
+impl<C: Borrow<PathCoefficients>> TablePath<'_, '_, C> {
     fn head(&self) -> &Head {
         &self.courses.borrow().heads[self.number]
     }
@@ -277,7 +277,7 @@ impl<C: Borrow<Courses>> FanPath<'_, '_, C> {
         known
     }
 
-    /// The rows of [`FanPath::sample`] at the lengths of `range`, all in `piece`.
+    /// The rows of [`TablePath::sample`] at the lengths of `range`, all in `piece`.
     fn fill(&self, piece: &Piece, s: &[f64], range: Range<usize>, rows: &mut [f64]) {
         for start in range.clone().step_by(LANES) {
             let count = LANES.min(range.end - start);
@@ -321,15 +321,15 @@ impl<C: Borrow<Courses>> FanPath<'_, '_, C> {
         arc::sums(rows, channels, piece.interval, s)
     }
 
-    /// Points and tangents of the stored ray from [`FanPath::sums`].
+    /// Points and tangents of the stored ray from [`TablePath::sums`].
     #[inline(always)]
     fn stored_state<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
         let space = &self.fan.table.space;
         let stored = space.channels();
         match space.lift() {
-            Lift::None => {}
-            Lift::Polar => return self.polar(sums, s),
-            Lift::Sphere { .. } => return self.projected(sums, s),
+            ChartMap::None => {}
+            ChartMap::Polar => return self.polar(sums, s),
+            ChartMap::Sphere { .. } => return self.projected(sums, s),
         }
         let (from, along) = (self.head().u, self.head().v);
         let mut state = [[[0.0; W]; 3]; 2];
@@ -380,7 +380,7 @@ impl<C: Borrow<Courses>> FanPath<'_, '_, C> {
         state
     }
 
-    /// Chart points and tangents of the true ray from [`FanPath::sums`].
+    /// Chart points and tangents of the true ray from [`TablePath::sums`].
     fn state<const W: usize>(&self, sums: &Sums<W>, s: &[f64; W]) -> State<W> {
         vectorised(
             #[inline(always)]

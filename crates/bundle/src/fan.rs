@@ -1,16 +1,16 @@
 //! What is left of the table when the camera is fixed.
 //!
 //! In: the chunks of a table around one camera position. Out: a [`Fan`], all paths from there, and
-//! from it single [`FanPath`]s.
+//! from it single [`TablePath`]s.
 
 use super::{
     contracted::Contracted,
-    course::{Courses, Evaluate, FanPath},
+    course::{Evaluate, PathCoefficients, TablePath},
     table::Table,
     tree::Tree,
 };
 use crate::parallel::*;
-use crate::rays::{FACES, FanSpace, Image, Located, Place};
+use crate::rays::{FACES, Image, Located, Place, RaySpace};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -93,26 +93,30 @@ impl<'t> Fan<'t> {
     }
 
     /// The path in the direction `d` (standard frame, unit).
-    pub fn path(&self, d: DVec3) -> FanPath<'_, 't> {
-        let mut courses = Courses::default();
+    pub fn path(&self, d: DVec3) -> TablePath<'_, 't> {
+        let mut courses = PathCoefficients::default();
         let number = self.follow(self.locate(d), &mut courses, Contracted::direction);
-        FanPath::new(self, courses, number)
+        TablePath::new(self, courses, number)
     }
 
     /// Appends the path of a located ray, one of many close together, to `courses`; its number there.
     /// It is that of [`Fan::path`] but for what cells of patches leave out (see
     /// [`Contracted::nearby`]).
-    pub fn add(&self, located: Located, courses: &mut Courses) -> usize {
+    pub fn add(&self, located: Located, courses: &mut PathCoefficients) -> usize {
         self.follow(located, courses, Contracted::nearby)
     }
 
     /// The path that [`Fan::add`] gave a number.
-    pub fn among<'c>(&self, courses: &'c Courses, number: usize) -> FanPath<'_, 't, &'c Courses> {
-        FanPath::new(self, courses, number)
+    pub fn among<'c>(
+        &self,
+        courses: &'c PathCoefficients,
+        number: usize,
+    ) -> TablePath<'_, 't, &'c PathCoefficients> {
+        TablePath::new(self, courses, number)
     }
 
     /// The rays that the table knows.
-    pub fn space(&self) -> &FanSpace {
+    pub fn space(&self) -> &RaySpace {
         &self.table.space
     }
 
@@ -122,14 +126,19 @@ impl<'t> Fan<'t> {
     }
 
     /// The path at direction parameters of a face as it is stored: what no isometry has carried.
-    pub fn stored_path(&self, face: usize, direction: [f64; 2]) -> FanPath<'_, 't> {
-        let mut courses = Courses::default();
+    pub fn stored_path(&self, face: usize, direction: [f64; 2]) -> TablePath<'_, 't> {
+        let mut courses = PathCoefficients::default();
         let located = self.table.space.stored_ray(&self.place, face, direction);
         let number = self.follow(located, &mut courses, Contracted::direction);
-        FanPath::new(self, courses, number)
+        TablePath::new(self, courses, number)
     }
 
-    fn follow(&self, located: Located, courses: &mut Courses, evaluate: Evaluate) -> usize {
+    fn follow(
+        &self,
+        located: Located,
+        courses: &mut PathCoefficients,
+        evaluate: Evaluate,
+    ) -> usize {
         let facet = &self.faces[located.face];
         let located = located.carried(facet.image.as_ref());
         courses.add(self.table, &facet.node, located, evaluate)

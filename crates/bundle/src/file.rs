@@ -11,7 +11,7 @@ use super::{
     records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
     table::Chunk,
 };
-use crate::rays::{FanSpace, Lift};
+use crate::rays::{ChartMap, RaySpace};
 use geofan_core::{
     diagnostic::SourceText,
     error::{Error, Result},
@@ -82,7 +82,7 @@ pub struct Contents {
     /// The bundle's id.
     pub id: Id,
     /// The rays.
-    pub space: FanSpace,
+    pub space: RaySpace,
     /// Chunk numbers and coded trees.
     pub chunks: Vec<(u32, Vec<u8>)>,
 }
@@ -102,7 +102,7 @@ pub fn identity(manifold: &Manifold, plan: &PlanRecord) -> Result<Id, BundleErro
 
 impl PlanRecord {
     /// How the table over `space` is divided into chunks.
-    pub fn division(&self, space: &FanSpace) -> Division {
+    pub fn division(&self, space: &RaySpace) -> Division {
         let cells = self.cells.iter().map(|n| *n as usize).collect();
         Division::new(cells, space.blocks(), space.mirrors())
     }
@@ -110,7 +110,7 @@ impl PlanRecord {
 
 impl Header {
     /// The header of a bake of the rays of `space`, without a certificate.
-    pub fn new(space: &FanSpace, plan: PlanRecord, certify_rays: u64) -> Self {
+    pub fn new(space: &RaySpace, plan: PlanRecord, certify_rays: u64) -> Self {
         let manifold = space.manifold();
         let source = Path::new(&manifold.source.name).file_name();
         Self {
@@ -149,7 +149,7 @@ impl Header {
     }
 
     /// That plan and cameras are those of `space`.
-    fn agrees(&self, space: &FanSpace) -> Result<(), BundleError> {
+    fn agrees(&self, space: &RaySpace) -> Result<(), BundleError> {
         let wrong = |what| Err(BundleError::Disagrees(what));
         let axes = space.cameras().len() + space.directions() + 1;
         let plan = &self.plan;
@@ -173,7 +173,7 @@ impl Header {
         if sphere.is_some_and(|sphere| space.planar() || !sphere.is_valid()) {
             return wrong("its axes of directions are out of range");
         }
-        if let Lift::Sphere { radius } = plan.lift
+        if let ChartMap::Sphere { radius } = plan.lift
             && !positive(radius)
         {
             return wrong("its plan's lift has no positive radius");
@@ -205,7 +205,7 @@ impl Contents {
     /// # Errors
     /// The plan is too long for a header.
     pub fn new(
-        space: FanSpace,
+        space: RaySpace,
         plan: PlanRecord,
         certify_rays: u64,
         chunks: Vec<(u32, Vec<u8>)>,
@@ -242,7 +242,7 @@ impl Contents {
             return Err(BundleError::Disagrees("its number of chunks"));
         }
         let manifold = header.manifold(name)?;
-        let space = FanSpace::new(manifold.clone())?;
+        let space = RaySpace::new(manifold.clone())?;
         header.agrees(&space)?;
         let space = header.plan.applied(space);
         let total = header.plan.division(&space).chunks() as u64;

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Polynomial, Step, Stretch, Train, Tree, Variables};
+use crate::{MappedChebyshev, Polynomial, Step, Train, Tree, Variables};
 use geofan_core::random::Stream;
 use ndarray::{ArrayD, IxDyn};
 
@@ -23,12 +23,12 @@ fn plan() -> PlanRecord {
         tolerance: 1e-9,
         nodes: vec![3, 3, 3, 4],
         most_rays: 1,
-        lift: crate::rays::Lift::None,
+        lift: crate::rays::ChartMap::None,
         refinement: 1,
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
-        stretch: Stretch::new(0.8),
+        stretch: MappedChebyshev::new(0.8),
         focus: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
         sphere: None,
         mirrors: Vec::new(),
@@ -40,7 +40,7 @@ fn plan() -> PlanRecord {
 fn bundle(nodes: usize) -> Bundle {
     let source = SourceText::new("folder/flat.toml", FLAT);
     let manifold = Manifold::from_source(source, &[("n".into(), 1.25)]).unwrap();
-    let space = FanSpace::new(Arc::new(manifold)).unwrap();
+    let space = RaySpace::new(Arc::new(manifold)).unwrap();
     let mut stream = Stream::new(&[3]);
     let mut leaf = || {
         let shape = IxDyn(&[nodes, 3, 3, 4, 3]);

@@ -8,9 +8,9 @@
 //! In: rays and arc lengths. Out: [`Probe`]s (what is exactly there) and the [`Deviation`] of any
 //! other answer from them.
 
-use crate::rays::FanSpace;
+use crate::rays::RaySpace;
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Spread, Step, paths},
+    geodesic::{End, JacobiField, Ray, Settings, Step, paths},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -26,8 +26,8 @@ pub struct Probe {
     pub v: DVec3,
     frame_inverse: DMat3,
     /// Of points, and of tangents.
-    spread: Spread,
-    turning: Spread,
+    spread: JacobiField,
+    turning: JacobiField,
     rotation: DQuat,
 }
 
@@ -102,7 +102,7 @@ impl Probed {
 }
 
 /// Whether tangents of the stored rays of `space` are compared at exits only.
-pub fn tangents_at_exits(space: &FanSpace) -> bool {
+pub fn tangents_at_exits(space: &RaySpace) -> bool {
     space.ends_alike() && space.manifold().domain.ends_rays()
 }
 
@@ -124,7 +124,7 @@ pub fn settings(tolerance: f64) -> Settings {
 }
 
 /// The same for the stored rays of `space`, which end only where every ray does that they stand for.
-pub fn stored_settings(space: &FanSpace, tolerance: f64) -> Settings {
+pub fn stored_settings(space: &RaySpace, tolerance: f64) -> Settings {
     Settings {
         events: space.ends_alike(),
         ..settings(tolerance)
@@ -170,8 +170,8 @@ fn state(manifold: &Manifold, step: &Step, s: f64) -> Option<Probe> {
         u,
         v,
         frame_inverse,
-        spread: Spread::new(frame_inverse, v, deviation),
-        turning: Spread::new(frame_inverse, v, covariant),
+        spread: JacobiField::new(frame_inverse, v, deviation),
+        turning: JacobiField::new(frame_inverse, v, covariant),
         rotation: step.rotation(s)?,
     })
 }

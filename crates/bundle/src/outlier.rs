@@ -3,7 +3,7 @@
 //! In: a comparison that went wrong. Out: an [`Outlier`]: the ray, its errors, and the box of the
 //! table that answered.
 
-use super::{Damage, Table, fan::half, measure::Deviation, tree::Tree};
+use super::{DecodeError, Table, fan::half, measure::Deviation, tree::Tree};
 use crate::rays::{Located, Place};
 use glam::DVec3;
 use serde::Serialize;
@@ -71,7 +71,12 @@ impl Table {
     ///
     /// # Errors
     /// The chunk is damaged.
-    pub fn box_at(&self, place: &Place, located: &Located, s: f64) -> Result<BoxPlace, Damage> {
+    pub fn box_at(
+        &self,
+        place: &Place,
+        located: &Located,
+        s: f64,
+    ) -> Result<BoxPlace, DecodeError> {
         let kept = self.kept(place, located.face);
         let (chunk, mut point) = (kept.chunk, kept.camera);
         let carried = located.clone().carried(kept.image.as_ref());
@@ -115,7 +120,7 @@ impl Table {
         (s, length): (f64, f64),
         found: Deviation,
         magnification: f64,
-    ) -> Result<Outlier, Damage> {
+    ) -> Result<Outlier, DecodeError> {
         let located = self.space.locate(place, d);
         Ok(Outlier {
             at: place.u.to_array(),

@@ -175,7 +175,7 @@ fn products(values: &[Vec<f64>]) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::{super::stretch::Stretch, *};
+    use super::{super::stretch::MappedChebyshev, *};
     use ndarray::IxDyn;
 
     #[test]
@@ -184,7 +184,7 @@ mod tests {
         let coefficients = ArrayD::from_shape_fn(IxDyn(&shape), |i| {
             (0..5).map(|a| (a + 1) * i[a]).sum::<usize>() as f64 % 7.0 - 3.0
         });
-        let variables = Variables::of_face(1, Stretch::new(0.8));
+        let variables = Variables::of_face(1, MappedChebyshev::new(0.8));
         let polynomial = Polynomial {
             coefficients,
             variables,
@@ -210,7 +210,7 @@ mod tests {
         coefficients[[1, 0, 1, 0]] = -4.0;
         let polynomial = Polynomial {
             coefficients,
-            variables: Variables::of_face(0, Stretch::NONE),
+            variables: Variables::of_face(0, MappedChebyshev::NONE),
         };
         let spectra = polynomial.spectra();
         assert_eq!(spectra[0], [0.0, 5.0, 0.0]);

@@ -4,8 +4,8 @@
 //! integers, lengths of 8 bytes), and back. This is the only module that uses bincode; the format
 //! is also that of bincode 1.3 and of wincode, so files outlive the crate.
 
-use super::{Certificate, Stretch};
-use crate::rays::{FanSpace, Focus, Lift, Mirror, Reduction, Sphere};
+use super::{Certificate, MappedChebyshev};
+use crate::rays::{ChartMap, Mirror, RaySpace, Reduction, ReferenceSphere, Sphere};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
@@ -66,7 +66,7 @@ pub struct PlanRecord {
     /// The most rays that one patch is fitted to.
     pub most_rays: u32,
     /// How chart points are stored.
-    pub lift: Lift,
+    pub lift: ChartMap,
     /// The version of the refinement: chunks of another version are not those of this plan.
     pub refinement: u32,
     /// Smallest box that is divided further, as a share of its chunk.
@@ -76,8 +76,8 @@ pub struct PlanRecord {
     /// Cells along each stored camera parameter.
     pub cells: Vec<u32>,
     /// Of the variables of cameras and directions.
-    pub stretch: Stretch,
-    /// How far away directions aim: the columns of the parallax of [`Focus`].
+    pub stretch: MappedChebyshev,
+    /// How far away directions aim: the columns of the parallax of [`ReferenceSphere`].
     pub focus: [[f64; 3]; 3],
     /// Axes of the sphere whose directions have one chunk together, if they can ([`Sphere`], columns);
     /// `None` if each face has one.
@@ -145,11 +145,14 @@ impl Header {
 
 impl PlanRecord {
     /// The rays of `space` as a table of this plan knows them.
-    pub fn applied(&self, space: FanSpace) -> FanSpace {
+    pub fn applied(&self, space: RaySpace) -> RaySpace {
         let cells = self.cells.iter().map(|n| *n as usize).collect();
         let space = space.lifted(self.lift).mirrored(self.mirrors.clone());
         let space = space.on_sphere(self.sphere());
-        space.focused(Focus::new(DMat3::from_cols_array_2d(&self.focus), cells))
+        space.focused(ReferenceSphere::new(
+            DMat3::from_cols_array_2d(&self.focus),
+            cells,
+        ))
     }
 
     /// The sphere whose directions are held together.
@@ -191,12 +194,12 @@ pub(super) mod tests {
                 tolerance: 5e-7,
                 nodes: vec![8, 8, 20],
                 most_rays: 1,
-                lift: crate::rays::Lift::None,
+                lift: crate::rays::ChartMap::None,
                 refinement: 1,
                 least_volume: 0.25,
                 most_arc_halvings: 4,
                 cells: vec![2, 3],
-                stretch: Stretch::new(0.75),
+                stretch: MappedChebyshev::new(0.75),
                 focus: [[0.25, 0.0, 0.0], [0.0; 3], [0.0, -1.0, 0.0]],
                 sphere: Some([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
                 mirrors: Vec::new(),

@@ -86,7 +86,8 @@ fn put_products<T: Real>(values: &[T], weights: &[T], to: &mut Vec<T>) {
 #[cfg(test)]
 mod tests {
     use super::super::{
-        polynomial::Polynomial, scale::Step, stretch::Stretch, train::Train, variables::Variables,
+        polynomial::Polynomial, scale::Step, stretch::MappedChebyshev, train::Train,
+        variables::Variables,
     };
     use super::*;
     use geofan_core::random::Stream;
@@ -115,7 +116,7 @@ mod tests {
 
     #[test]
     fn many_rays_are_what_each_is_alone() {
-        let face = Variables::of_face(1, Stretch::new(0.7));
+        let face = Variables::of_face(1, MappedChebyshev::new(0.7));
         let sphere = Variables {
             sphere: true,
             ..face

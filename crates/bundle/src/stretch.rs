@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 
 /// α in [0, 1); 0 leaves the variable alone.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Stretch(f64);
+pub struct MappedChebyshev(f64);
 
-impl Stretch {
+impl MappedChebyshev {
     /// None at all.
     pub const NONE: Self = Self(0.0);
 
@@ -36,7 +36,7 @@ impl Stretch {
         }
     }
 
-    /// The variable of the polynomials at the place x: the inverse of [`Stretch::place`].
+    /// The variable of the polynomials at the place x: the inverse of [`MappedChebyshev::place`].
     pub fn variable(self, x: f64) -> f64 {
         match self == Self::NONE {
             true => x,
@@ -52,7 +52,7 @@ mod tests {
     #[test]
     fn places_come_back_and_ends_stay() {
         for alpha in [0.0, 0.3, 0.9, 0.99] {
-            let stretch = Stretch::new(alpha);
+            let stretch = MappedChebyshev::new(alpha);
             assert!(stretch.is_valid());
             for y in [-1.0, -0.7, 0.0, 0.2, 1.0] {
                 let x = stretch.place(y);
@@ -63,7 +63,7 @@ mod tests {
         assert!(
             [1.0, -0.1, f64::NAN]
                 .iter()
-                .all(|a| !Stretch::new(*a).is_valid())
+                .all(|a| !MappedChebyshev::new(*a).is_valid())
         );
     }
 }

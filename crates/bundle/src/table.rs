@@ -1,20 +1,20 @@
 //! The table in memory, and what is left of it when the camera is fixed.
 //!
-//! In: chunks of the table ([`Tree`]s) over the rays of a [`FanSpace`]. Out: [`Fan`]s: all paths
-//! from one camera position, and from those single [`FanPath`]s: position, tangent and transported
+//! In: chunks of the table ([`Tree`]s) over the rays of a [`RaySpace`]. Out: [`Fan`]s: all paths
+//! from one camera position, and from those single [`TablePath`]s: position, tangent and transported
 //! rotation at any arc length. Interpolation *is* the contraction of the camera axes, so a camera
 //! anywhere in the region costs the same.
 
 use super::{
-    bytes::Damage,
+    bytes::DecodeError,
     division::Division,
     fan::{Facet, Fan, FanNode},
-    stretch::Stretch,
+    stretch::MappedChebyshev,
     tree::{Shape, Tree},
     variables::Variables,
 };
 use crate::parallel::*;
-use crate::rays::{FanSpace, Image, Place, cell};
+use crate::rays::{Image, Place, RaySpace, cell};
 use geofan_core::error::Result;
 use glam::DVec3;
 use std::sync::{Arc, OnceLock};
@@ -25,7 +25,7 @@ use std::sync::{Arc, OnceLock};
 pub struct Chunk {
     bytes: Vec<u8>,
     shape: Shape,
-    tree: OnceLock<Result<Tree, Damage>>,
+    tree: OnceLock<Result<Tree, DecodeError>>,
     /// The chunk contracted, where a symmetry takes every camera to the same one.
     fixed: OnceLock<Arc<FanNode>>,
 }
@@ -50,7 +50,7 @@ impl Chunk {
     ///
     /// # Errors
     /// The bytes are not a tree.
-    pub fn tree(&self) -> Result<&Tree, Damage> {
+    pub fn tree(&self) -> Result<&Tree, DecodeError> {
         let tree = filled(&self.tree, || Tree::decode(&self.bytes, self.shape));
         tree.as_ref().map_err(|e| *e)
     }
@@ -59,7 +59,7 @@ impl Chunk {
     ///
     /// # Errors
     /// The bytes are not a tree.
-    fn contract(&self, camera: &[f64]) -> Result<Arc<FanNode>, Damage> {
+    fn contract(&self, camera: &[f64]) -> Result<Arc<FanNode>, DecodeError> {
         let tree = self.tree()?;
         let contract = || Arc::new(FanNode::contract(tree, camera));
         Ok(match camera.is_empty() {
@@ -81,8 +81,8 @@ fn filled<T>(place: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
     }
 }
 
-/// Damage that a user is told of.
-pub fn in_bundle(damage: Damage) -> geofan_core::Error {
+/// DecodeError that a user is told of.
+pub fn in_bundle(damage: DecodeError) -> geofan_core::Error {
     geofan_core::Error::input("bundle", damage.to_string())
 }
 
@@ -90,7 +90,7 @@ pub fn in_bundle(damage: Damage) -> geofan_core::Error {
 #[derive(Debug, Clone)]
 pub struct Table {
     /// The rays it covers.
-    pub space: FanSpace,
+    pub space: RaySpace,
     /// How it is divided.
     pub division: Division,
     /// How far paths go.
@@ -103,7 +103,7 @@ pub struct Table {
 
 impl Table {
     /// What the tensors of a table over `space` look like.
-    pub fn shape(space: &FanSpace, stretch: Stretch) -> Shape {
+    pub fn shape(space: &RaySpace, stretch: MappedChebyshev) -> Shape {
         Shape {
             variables: Variables {
                 cameras: space.cameras().len(),
@@ -129,7 +129,7 @@ impl Table {
     ///
     /// # Errors
     /// A chunk is damaged.
-    pub fn counts(&self) -> Result<(usize, usize), Damage> {
+    pub fn counts(&self) -> Result<(usize, usize), DecodeError> {
         let mut sum = (0, 0);
         for chunk in &self.chunks {
             let (patches, flagged) = chunk.tree()?.count();
@@ -151,7 +151,7 @@ impl Table {
 
     /// The directions of each face from `place`. A chunk that no camera has needed before is decoded now,
     /// which takes far longer than the contraction.
-    fn facets(&self, place: &Place) -> Result<Vec<Facet>, Damage> {
+    fn facets(&self, place: &Place) -> Result<Vec<Facet>, DecodeError> {
         let kept = (0..self.space.faces()).map(|face| self.kept(place, face));
         let contract = |kept: &Kept| self.chunks[kept.chunk].contract(&kept.camera);
         let kept: Vec<Kept> = kept.collect();

@@ -15,7 +15,7 @@
 //! axes: where ranks explode it is smaller.
 
 use super::{
-    bytes::{Damage, Reader, Writer},
+    bytes::{DecodeError, Reader, Writer},
     chain::{Factor, Link, chained},
     coding::{Coded, Integers},
     contracted::{self, Contracted},
@@ -227,7 +227,11 @@ impl Tensor {
     ///
     /// # Errors
     /// It is not one.
-    pub fn decode(input: &mut Reader<'_>, coded: &mut Coded, shape: Shape) -> Result<Self, Damage> {
+    pub fn decode(
+        input: &mut Reader<'_>,
+        coded: &mut Coded,
+        shape: Shape,
+    ) -> Result<Self, DecodeError> {
         let Shape {
             variables,
             directions,
@@ -235,7 +239,7 @@ impl Tensor {
         } = shape;
         let rays = variables.cameras + directions;
         let layout = Layout::of_code(input.u8()?, rays);
-        let layout = layout.ok_or(Damage("layout of a tensor"))?;
+        let layout = layout.ok_or(DecodeError("layout of a tensor"))?;
         let step = Power(input.i16()?);
         let mut cores: Vec<Core> = Vec::new();
         let axes = layout.cores(rays);
@@ -245,7 +249,7 @@ impl Tensor {
             let read = (axes_of_core.len(), along);
             let core = Core::decode(input, coded, (cores.last(), last), read, step)?;
             if last && core.shape[axes_of_core.len()] != channels {
-                return Err(Damage("number of channels"));
+                return Err(DecodeError("number of channels"));
             }
             cores.push(core);
         }

@@ -4,7 +4,7 @@
 //! samples up to the end of the path, which is found on the interpolated path. A ray of which the
 //! table gives up a part before its end is integrated exactly.
 
-use super::{FanPath, Table};
+use super::{Table, TablePath};
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Sample, Settings, paths, samples, unit},
@@ -60,7 +60,7 @@ pub fn trace(
     })
 }
 
-fn at(manifold: &Manifold, path: &FanPath<'_, '_>, s: f64) -> Option<Sample> {
+fn at(manifold: &Manifold, path: &TablePath<'_, '_>, s: f64) -> Option<Sample> {
     let (u, v) = path.at(s)?;
     let u = manifold.domain.wrap(u);
     let (g, frame) = manifold.metric_and_frame(u);

@@ -5,7 +5,7 @@
 //! axis at a time down to patches. Axes are numbered camera…, direction…, arc length.
 
 use super::{
-    bytes::{Damage, Reader, Writer},
+    bytes::{DecodeError, Reader, Writer},
     coding::{Coded, Integers},
     tensor::Tensor,
     variables::Variables,
@@ -78,7 +78,7 @@ impl Tree {
     ///
     /// # Errors
     /// The bytes are not a chunk of tensors of this shape.
-    pub fn decode(bytes: &[u8], shape: Shape) -> Result<Self, Damage> {
+    pub fn decode(bytes: &[u8], shape: Shape) -> Result<Self, DecodeError> {
         Self::read(bytes, shape, Coded::decode)
     }
 
@@ -86,15 +86,15 @@ impl Tree {
     ///
     /// # Errors
     /// The bytes are not a chunk of tensors of this shape.
-    pub fn outline(bytes: &[u8], shape: Shape) -> Result<Self, Damage> {
+    pub fn outline(bytes: &[u8], shape: Shape) -> Result<Self, DecodeError> {
         Self::read(bytes, shape, Coded::zeros)
     }
 
     fn read(
         bytes: &[u8],
         shape: Shape,
-        coded: fn(&mut Reader<'_>) -> Result<Coded, Damage>,
-    ) -> Result<Self, Damage> {
+        coded: fn(&mut Reader<'_>) -> Result<Coded, DecodeError>,
+    ) -> Result<Self, DecodeError> {
         let mut input = Reader(bytes);
         let mut coded = coded(&mut input)?;
         let mut structure = Reader(input.bytes()?);
@@ -110,9 +110,9 @@ impl Tree {
         coded: &mut Coded,
         shape: Shape,
         depth: usize,
-    ) -> Result<Self, Damage> {
+    ) -> Result<Self, DecodeError> {
         if depth > DEEPEST {
-            return Err(Damage("depth of the tree"));
+            return Err(DecodeError("depth of the tree"));
         }
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
@@ -123,9 +123,11 @@ impl Tree {
             PARTED if shape.variables.sphere => {
                 let shape = shape.of_a_face();
                 let face = |_| Self::take(input, coded, shape, depth + 1);
-                let faces: Result<Vec<Self>, Damage> = (0..FACES).map(face).collect();
+                let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
                 let faces = faces?.try_into();
-                Ok(Tree::Faces(faces.map_err(|_| Damage("number of faces"))?))
+                Ok(Tree::Faces(
+                    faces.map_err(|_| DecodeError("number of faces"))?,
+                ))
             }
             axis if shape.may_halve(usize::from(axis)) => {
                 let low = Self::take(input, coded, shape, depth + 1)?;
@@ -135,7 +137,7 @@ impl Tree {
                     halves: Box::new([low, high]),
                 })
             }
-            _ => Err(Damage("kind of a box")),
+            _ => Err(DecodeError("kind of a box")),
         }
     }
 
@@ -180,7 +182,7 @@ const PARTED: u8 = 253;
 #[cfg(test)]
 mod tests {
     use super::{
-        super::{polynomial::Polynomial, scale::Step, stretch::Stretch, train::Train},
+        super::{polynomial::Polynomial, scale::Step, stretch::MappedChebyshev, train::Train},
         *,
     };
     use ndarray::{ArrayD, IxDyn};
@@ -189,7 +191,7 @@ mod tests {
         Shape {
             variables: Variables {
                 cameras: 1,
-                stretch: Stretch::new(0.5),
+                stretch: MappedChebyshev::new(0.5),
                 sphere,
             },
             directions: 2,

@@ -1,6 +1,6 @@
 //! How the parameters of a ray enter the polynomials of a patch.
 
-use super::{chebyshev, spherical, stretch::Stretch};
+use super::{chebyshev, spherical, stretch::MappedChebyshev};
 use geofan_expr::real::Real;
 
 /// The variables of a patch over (camera…, direction…).
@@ -9,7 +9,7 @@ pub struct Variables {
     /// Camera axes.
     pub cameras: usize,
     /// Of the parameters of cameras and of faces of directions.
-    pub stretch: Stretch,
+    pub stretch: MappedChebyshev,
     /// Whether the directions are the whole sphere (azimuth and polar angle, see [`spherical`]), not a
     /// face or a part of one.
     pub sphere: bool,
@@ -20,7 +20,7 @@ pub(super) type Weights<T> = Vec<Vec<T>>;
 
 impl Variables {
     /// Of a face of directions, or a part of one.
-    pub const fn of_face(cameras: usize, stretch: Stretch) -> Self {
+    pub const fn of_face(cameras: usize, stretch: MappedChebyshev) -> Self {
         Self {
             cameras,
             stretch,

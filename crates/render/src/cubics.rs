@@ -5,7 +5,7 @@
 
 use super::{
     lanes::{LANES, Lanes, Points, each, each_point, less, more, range},
-    strands::Strand,
+    strands::PathView,
 };
 use glam::DVec3;
 
@@ -19,7 +19,7 @@ pub struct Cubics {
 impl Cubics {
     /// Between the knots numbered `k` and `k + 1`.
     #[inline(always)]
-    pub fn new(strands: &[Strand<'_>; LANES], k: usize) -> Self {
+    pub fn new(strands: &[PathView<'_>; LANES], k: usize) -> Self {
         let knots = strands[0].knots;
         let s = [knots[k], knots[k + 1]];
         let third = (s[1] - s[0]) / 3.0;

@@ -1,44 +1,44 @@
 //! What one thread works with on tile after tile: made once, as memory for paths is dear to get.
 //!
-//! In: a manifold and knots. Out: [`Desk`]s, one for each thread ([`Desks`]).
+//! In: a manifold and knots. Out: [`Scratch`]s, one for each thread ([`ScratchPool`]).
 
-use super::{endings::EndingFinder, lone::Lone, strands::Strands};
+use super::{endings::EventLocator, lone::SinglePaths, strands::PathBatch};
 use geofan_core::manifold::Manifold;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// What one thread works with.
-pub struct Desk<'m> {
+pub struct Scratch<'m> {
     /// Finds how paths end.
-    pub endings: EndingFinder<'m>,
+    pub endings: EventLocator<'m>,
     /// Paths of a lattice.
-    pub strands: Strands,
+    pub strands: PathBatch,
     /// Single paths.
-    pub singles: Strands,
+    pub singles: PathBatch,
     /// What single paths meet.
-    pub(super) lone: Lone,
+    pub(super) lone: SinglePaths,
 }
 
-impl<'m> Desk<'m> {
+impl<'m> Scratch<'m> {
     /// For paths in `manifold` with these knots.
     pub fn new(manifold: &'m Manifold, knots: &Arc<[f64]>) -> Self {
         Self {
-            endings: EndingFinder::new(manifold),
-            strands: Strands::new(knots.clone()),
-            singles: Strands::new(knots.clone()),
-            lone: Lone::default(),
+            endings: EventLocator::new(manifold),
+            strands: PathBatch::new(knots.clone()),
+            singles: PathBatch::new(knots.clone()),
+            lone: SinglePaths::default(),
         }
     }
 }
 
 /// As many desks as threads work at once.
-pub struct Desks<'m> {
+pub struct ScratchPool<'m> {
     manifold: &'m Manifold,
     knots: Arc<[f64]>,
     /// Those at which nobody works.
-    free: Mutex<Vec<Desk<'m>>>,
+    free: Mutex<Vec<Scratch<'m>>>,
 }
 
-impl<'m> Desks<'m> {
+impl<'m> ScratchPool<'m> {
     /// For paths in `manifold` with these knots; none is made yet.
     pub fn new(manifold: &'m Manifold, knots: &Arc<[f64]>) -> Self {
         Self {
@@ -49,11 +49,11 @@ impl<'m> Desks<'m> {
     }
 
     /// Does `work` at a desk.
-    pub fn with<T>(&self, work: impl FnOnce(&mut Desk<'m>) -> T) -> T {
+    pub fn with<T>(&self, work: impl FnOnce(&mut Scratch<'m>) -> T) -> T {
         // A desk whose work panicked has not been put back, so those that are free are whole.
         let free = || self.free.lock().unwrap_or_else(PoisonError::into_inner);
         let taken = free().pop();
-        let mut desk = taken.unwrap_or_else(|| Desk::new(self.manifold, &self.knots));
+        let mut desk = taken.unwrap_or_else(|| Scratch::new(self.manifold, &self.knots));
         let done = work(&mut desk);
         free().push(desk);
         done

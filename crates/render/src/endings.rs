@@ -1,13 +1,13 @@
 //! How paths known at knots end.
 //!
-//! In: a [`Strand`]. Out: its [`Ending`]: the first event on the cubics between its knots.
+//! In: a [`PathView`]. Out: its [`Ending`]: the first event on the cubics between its knots.
 
 mod sixteen;
 
 use super::{
     curve::{Ending, Piece},
     lanes::{self, LANES, more},
-    strands::{ROWS, Strand},
+    strands::{PathView, ROWS},
 };
 use geofan_core::{geodesic::End, manifold::Manifold};
 use geofan_expr::{Registers, vectorised};
@@ -28,7 +28,7 @@ pub struct Event {
 
 /// Finds how paths end.
 #[derive(Clone)]
-pub struct EndingFinder<'m> {
+pub struct EventLocator<'m> {
     manifold: &'m Manifold,
     registers: Registers<f64, LANES>,
     /// The events' values at the knot before.
@@ -52,7 +52,7 @@ impl Event {
     }
 }
 
-impl<'m> EndingFinder<'m> {
+impl<'m> EventLocator<'m> {
     /// For paths in `manifold`.
     pub fn new(manifold: &'m Manifold) -> Self {
         Self {
@@ -68,7 +68,7 @@ impl<'m> EndingFinder<'m> {
 
     /// The first event on the known part of `strand`: positive and not before, or rising beyond
     /// zero (a ray leaves where an exit's condition *becomes* positive). `None` if there is none.
-    pub fn ending(&mut self, strand: Strand<'_>) -> Option<Ending> {
+    pub fn ending(&mut self, strand: PathView<'_>) -> Option<Ending> {
         self.sharp_ending(strand, |s, rows| {
             strand.sample(s, rows);
             s.len()
@@ -76,11 +76,11 @@ impl<'m> EndingFinder<'m> {
     }
 
     /// The same with the event found on the path itself, which `sample` knows better than the cubics
-    /// (as [`Strand::sample`], but says how many are known): between two knots of the strand, then
+    /// (as [`PathView::sample`], but says how many are known): between two knots of the strand, then
     /// between two of sixteen points there, where it is taken to be a parabola.
     pub fn sharp_ending(
         &mut self,
-        strand: Strand<'_>,
+        strand: PathView<'_>,
         sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
     ) -> Option<Ending> {
         let event = self.sharp_event(strand, sample)?;
@@ -90,7 +90,7 @@ impl<'m> EndingFinder<'m> {
     /// The event itself.
     pub fn sharp_event(
         &mut self,
-        strand: Strand<'_>,
+        strand: PathView<'_>,
         sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
     ) -> Option<Event> {
         let piece = self.last_piece(strand)?;
@@ -98,7 +98,7 @@ impl<'m> EndingFinder<'m> {
         let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
         let mut rows = [0.0; ROWS * LANES];
         let known = sample(&knots, &mut rows);
-        let closer = self.last_piece(Strand {
+        let closer = self.last_piece(PathView {
             knots: &knots,
             rows: &rows,
             boxes: &[],
@@ -112,7 +112,7 @@ impl<'m> EndingFinder<'m> {
     }
 
     /// The piece on which the first event happens; `None` if there is none.
-    fn last_piece(&mut self, strand: Strand<'_>) -> Option<Piece> {
+    fn last_piece(&mut self, strand: PathView<'_>) -> Option<Piece> {
         if self.before.is_empty() {
             return None;
         }
@@ -143,7 +143,7 @@ impl<'m> EndingFinder<'m> {
 
     /// The first of the `count` knots from `first` on at which an event counts, if any; `rise` is then
     /// what the events are there, before and after.
-    fn rising(&mut self, strand: &Strand<'_>, first: usize, count: usize) -> Option<usize> {
+    fn rising(&mut self, strand: &PathView<'_>, first: usize, count: usize) -> Option<usize> {
         for c in 0..ROWS {
             let row = &strand.row(c)[first..first + count];
             let input = self.registers.input(c);
@@ -257,7 +257,7 @@ mod tests {
         "#;
         let source = SourceText::new("flat.toml", text);
         let manifold = Manifold::from_source(source, &[]).expect("a manifold");
-        let mut finder = EndingFinder::new(&manifold);
+        let mut finder = EventLocator::new(&manifold);
         // From y = 0.1 l along x: the lower ones are still inside after 1.7.
         let start = |l: usize| DVec3::new(0.0, 0.1 * l as f64, 0.0);
         let knots: Vec<f64> = (0..=17).map(|k| 0.1 * f64::from(k)).collect();

@@ -4,7 +4,7 @@
 //! the steps. Shading is [`super::shade`]. All tracers share everything after the paths.
 
 use super::{
-    desk::{Desk, Desks},
+    desk::{Scratch, ScratchPool},
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
     outcome::{Seen, seen_along},
@@ -149,12 +149,12 @@ fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
 fn trace_tiles(
     samples: &Samples<'_>,
     tracer: &dyn GridTracer,
-    tile: impl Fn(&mut Desk<'_>, &mut Found<'_>) + Sync,
+    tile: impl Fn(&mut Scratch<'_>, &mut Found<'_>) + Sync,
 ) -> Traced {
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = Found::split(&mut outcomes);
-    let desks = Desks::new(&samples.world.manifold, tracer.knots());
+    let desks = ScratchPool::new(&samples.world.manifold, tracer.knots());
     // One by one: a few tiles take as long as many others, and they stand together. Those in the middle
     // first: there is most often what a camera looks at, and a dear tile at the end keeps one thread alone.
     let mut order: Vec<&mut Found<'_>> = tiles.iter_mut().collect();

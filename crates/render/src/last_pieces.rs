@@ -6,10 +6,10 @@
 
 use super::{
     curve::Ending,
-    endings::EndingFinder,
+    endings::EventLocator,
     lanes::LANES,
     packet::Bicubic,
-    sheaf::{Sheaf, Vertex},
+    sheaf::{PathPatch, Vertex},
     tracer::GridTracer,
 };
 use std::ops::Range;
@@ -27,7 +27,7 @@ pub struct LastPieces {
 
 impl LastPieces {
     /// The paths of `sheaf` in `pieces`.
-    pub fn new(sheaf: &Sheaf<'_>, tracer: &dyn GridTracer, pieces: &Range<usize>) -> Self {
+    pub fn new(sheaf: &PathPatch<'_>, tracer: &dyn GridTracer, pieces: &Range<usize>) -> Self {
         let knots = sheaf.knots();
         let mut s = vec![knots[pieces.start]];
         for k in pieces.clone() {
@@ -42,7 +42,7 @@ impl LastPieces {
 
     /// How the paths of sixteen samples end.
     #[inline(always)]
-    pub fn endings(&self, mixing: &Bicubic, finder: &mut EndingFinder<'_>) -> [Ending; LANES] {
+    pub fn endings(&self, mixing: &Bicubic, finder: &mut EventLocator<'_>) -> [Ending; LANES] {
         finder.endings_of_sixteen(
             (self.pieces, PER_PIECE),
             #[inline(always)]

@@ -10,11 +10,11 @@
 
 use super::{
     curve::Ending,
-    endings::EndingFinder,
+    endings::EventLocator,
     frame::Outcomes,
     intersect::Hit,
     outcome::{Seen, beyond},
-    strands::{Source, Strands},
+    strands::{PathBatch, Source},
     tiles::Samples,
     tracer::even_knots,
     view::View,
@@ -44,8 +44,8 @@ pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
         .for_each_init(
             || {
                 (
-                    Strands::new(knots.clone()),
-                    EndingFinder::new(&world.manifold),
+                    PathBatch::new(knots.clone()),
+                    EventLocator::new(&world.manifold),
                 )
             },
             |(lines, endings), (band, mut part)| {
@@ -202,7 +202,7 @@ impl<'w> Projected<'w> {
     }
 
     /// What the chart's straight line through the point `at` of the picture ends in.
-    fn sky(&self, at: DVec2, lines: &mut Strands, endings: &mut EndingFinder<'_>) -> Seen {
+    fn sky(&self, at: DVec2, lines: &mut PathBatch, endings: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
         let (u, v) = (self.view.u, self.frame * direction);
         let fill = |knots: &[f64], rows: &mut [f64]| {

@@ -11,7 +11,7 @@ use super::{
     lanes::LANES,
     outcome::{Seen, beyond},
     ribbon::Touched,
-    strands::{ROWS, Strand, knots_until},
+    strands::{PathView, ROWS, knots_until},
     tracer::GridTracer,
     world::World,
 };
@@ -24,7 +24,7 @@ fn finer(slack: f64) -> usize {
 
 /// Finds what single paths see.
 #[derive(Debug, Clone, Default)]
-pub struct Lone {
+pub struct SinglePaths {
     /// What all together touch, and which of them touch each of those pieces.
     together: Touched,
     touching: Vec<[bool; LANES]>,
@@ -34,11 +34,11 @@ pub struct Lone {
     rows: Vec<f64>,
 }
 
-impl Lone {
+impl SinglePaths {
     /// Makes ready for `strands` of `tracer`, which are close together.
     pub fn surround(
         &mut self,
-        strands: &[Strand<'_>; LANES],
+        strands: &[PathView<'_>; LANES],
         tracer: &dyn GridTracer,
         world: &World,
     ) {
@@ -53,7 +53,7 @@ impl Lone {
     /// What the one in lane `l`, whose ending is known, sees in `world`.
     pub fn seen(
         &mut self,
-        (l, strand): (usize, Strand<'_>),
+        (l, strand): (usize, PathView<'_>),
         ending: &Ending,
         tracer: &dyn GridTracer,
         world: &World,
@@ -69,7 +69,7 @@ impl Lone {
         self.touched.extend(own.map(|(k, _)| *k));
         let per_piece = finer(tracer.slack());
         self.sample(strand, tracer, per_piece);
-        let closer = Strand {
+        let closer = PathView {
             knots: &self.lengths,
             rows: &self.rows,
             boxes: &[],
@@ -89,7 +89,7 @@ impl Lone {
     }
 
     /// The path at the ends of the finer cubics, so many for each of its touched pieces.
-    fn sample(&mut self, strand: Strand<'_>, tracer: &dyn GridTracer, per_piece: usize) {
+    fn sample(&mut self, strand: PathView<'_>, tracer: &dyn GridTracer, per_piece: usize) {
         self.lengths.clear();
         for &k in &self.touched {
             let [from, to] = [strand.knots[k], strand.knots[k + 1]];

@@ -1,18 +1,18 @@
 //! The tracer that looks paths up in a table.
 //!
 //! In: a table, once ([`Lookup`]), and the fan of a camera for each frame ([`TableTracer`]). Out:
-//! [`Strands`] on knots that are the same for all cameras.
+//! [`PathBatch`] on knots that are the same for all cameras.
 
 use super::{
     curve::{Curve, Ending},
-    endings::EndingFinder,
+    endings::EventLocator,
     lanes::{LANES, Points},
-    pencil::{Near, Pencil},
-    strands::{Source, Strand, Strands, stay},
-    strip::{self, Rung},
+    pencil::{Near, RayFamily},
+    strands::{PathBatch, PathView, Source, stay},
+    strip::{self, FamilyPath},
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
 };
-use geofan_bundle::{Courses, Fan, FanPath, Table, rays::Orbit};
+use geofan_bundle::{Fan, PathCoefficients, Table, TablePath, rays::Orbit};
 use glam::DVec3;
 use std::{borrow::Borrow, sync::Arc};
 
@@ -45,7 +45,7 @@ impl<'t> Lookup<'t> {
             fan,
             knots: &self.knots,
             exact: ExactTracer::new(manifold, u, length, self.tolerance),
-            pencil: Pencil::new(fan, &self.knots),
+            pencil: RayFamily::new(fan, &self.knots),
         }
     }
 }
@@ -55,7 +55,7 @@ pub struct TableTracer<'f, 't> {
     fan: &'f Fan<'t>,
     knots: &'f Arc<[f64]>,
     exact: ExactTracer<'f>,
-    pencil: Option<Pencil<'f, 't>>,
+    pencil: Option<RayFamily<'f, 't>>,
 }
 
 impl GridTracer for TableTracer<'_, '_> {
@@ -63,7 +63,7 @@ impl GridTracer for TableTracer<'_, '_> {
         self.knots
     }
 
-    fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
+    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch) {
         strands.reserve(directions.len());
         strands.with_courses(|strands, courses| match &self.pencil {
             Some(pencil) => {
@@ -86,7 +86,7 @@ impl GridTracer for TableTracer<'_, '_> {
         });
     }
 
-    fn endings(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>) -> Vec<Option<Ending>> {
+    fn endings(&self, directions: &[DVec3], endings: &mut EventLocator<'_>) -> Vec<Option<Ending>> {
         let Some(pencil) = &self.pencil else {
             return vec![None; directions.len()];
         };
@@ -102,14 +102,14 @@ impl GridTracer for TableTracer<'_, '_> {
         ends
     }
 
-    fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
+    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]) {
         match strand.source {
             (_, Source::Knots) => strand.sample(s, rows),
             (courses, Source::Course(number)) => {
                 let known = self.fan.among(courses, *number).sample(s, rows);
                 stay(rows, s.len(), known);
             }
-            (_, Source::Pencil(orbit)) => {
+            (_, Source::RayFamily(orbit)) => {
                 let pencil = self.pencil.as_ref();
                 let rung = pencil.and_then(|pencil| pencil.known(orbit, &mut Near::default()));
                 rung.into_iter().for_each(|rung| rung.refine(s, rows));
@@ -117,13 +117,13 @@ impl GridTracer for TableTracer<'_, '_> {
         }
     }
 
-    fn refine_sixteen(&self, strands: &[Strand<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
+    fn refine_sixteen(&self, strands: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
         let mut near = Near::default();
-        let rung = |strand: &Strand<'_>| match strand.source.1 {
-            Source::Pencil(orbit) => self.pencil.as_ref()?.known(orbit, &mut near),
+        let rung = |strand: &PathView<'_>| match strand.source.1 {
+            Source::RayFamily(orbit) => self.pencil.as_ref()?.known(orbit, &mut near),
             _ => None,
         };
-        let rungs: Option<Vec<Rung<'_, '_, '_>>> = strands.iter().map(rung).collect();
+        let rungs: Option<Vec<FamilyPath<'_, '_, '_>>> = strands.iter().map(rung).collect();
         match rungs.as_ref().and_then(|rungs| rungs.first_chunk()) {
             Some(rungs) => strip::refine_sixteen(rungs, s),
             None => refine_each(self, strands, s),
@@ -144,14 +144,14 @@ impl TableTracer<'_, '_> {
     fn follow(
         &self,
         direction: DVec3,
-        courses: &mut Courses,
-        endings: &mut EndingFinder<'_>,
-        strands: &mut Strands,
+        courses: &mut PathCoefficients,
+        endings: &mut EventLocator<'_>,
+        strands: &mut PathBatch,
     ) {
         let number = self.fan.add(self.fan.locate(direction), courses);
         let path = self.fan.among(courses, number);
         let course = (direction, Source::Course(number));
-        let ending = |strand: Strand<'_>| ending(&path, strand, endings);
+        let ending = |strand: PathView<'_>| ending(&path, strand, endings);
         strands.push(course, |knots, rows| path.sample(knots, rows), ending);
     }
 
@@ -159,15 +159,15 @@ impl TableTracer<'_, '_> {
     fn climb(
         &self,
         (direction, orbit): (DVec3, Orbit),
-        rung: &Rung<'_, '_, '_>,
-        endings: &mut EndingFinder<'_>,
-        strands: &mut Strands,
+        rung: &FamilyPath<'_, '_, '_>,
+        endings: &mut EventLocator<'_>,
+        strands: &mut PathBatch,
     ) {
         let fill = |knots: &[f64], rows: &mut [f64]| {
             rung.fill(rows);
             knots.len()
         };
-        strands.push((direction, Source::Pencil(orbit)), fill, |strand| {
+        strands.push((direction, Source::RayFamily(orbit)), fill, |strand| {
             let known = rung.ending(endings);
             known.or_else(|| ending(&self.fan.path(direction), strand, endings))
         });
@@ -175,10 +175,10 @@ impl TableTracer<'_, '_> {
 }
 
 /// How a strand of `path` ends.
-fn ending<C: Borrow<Courses>>(
-    path: &FanPath<'_, '_, C>,
-    strand: Strand<'_>,
-    endings: &mut EndingFinder<'_>,
+fn ending<C: Borrow<PathCoefficients>>(
+    path: &TablePath<'_, '_, C>,
+    strand: PathView<'_>,
+    endings: &mut EventLocator<'_>,
 ) -> Option<Ending> {
     match endings.sharp_ending(strand, |s, rows| path.sample(s, rows)) {
         Some(ending) => Some(ending),

@@ -10,7 +10,7 @@ use super::{
     lanes::{LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, range, single},
     outcome::{Seen, beyond},
     ribbon::{Chords, Ribbon, RibbonChord},
-    sheaf::{Sheaf, Spread},
+    sheaf::{Offsets, PathPatch},
     world::World,
 };
 use geofan_expr::real::Real;
@@ -39,14 +39,14 @@ impl Bicubic {
 
     #[inline(always)]
     fn mix(&self, values: &Lanes) -> Lanes {
-        let spread = Spread::of(&[*values, [0.0; LANES], [0.0; LANES]]);
+        let spread = Offsets::of(&[*values, [0.0; LANES], [0.0; LANES]]);
         let [mixed] = self.mix_components([&spread.differences[0]]);
         each(|l| spread.middle.x + f64::from(mixed[l]))
     }
 
     /// The points of the sixteen samples.
     #[inline(always)]
-    pub fn mix_points(&self, spread: &Spread) -> Points {
+    pub fn mix_points(&self, spread: &Offsets) -> Points {
         let mixed = self.mix_spread(spread);
         each_point(|c, l| mixed.middle[c] + f64::from(mixed.differences[c][l]))
     }
@@ -54,8 +54,8 @@ impl Bicubic {
     /// The same by how they differ from the middle of `spread`: the weights sum to 1, so only
     /// differences need them.
     #[inline(always)]
-    pub fn mix_spread(&self, spread: &Spread) -> Spread {
-        Spread {
+    pub fn mix_spread(&self, spread: &Offsets) -> Offsets {
+        Offsets {
             middle: spread.middle,
             differences: self.mix_components(spread.differences.each_ref()),
         }
@@ -112,7 +112,7 @@ pub struct Target<'a> {
     /// The exit of all.
     exit: Option<usize>,
     limits: Lanes,
-    skies: Spread,
+    skies: Offsets,
 }
 
 /// The first hits of sixteen paths.
@@ -128,13 +128,13 @@ struct Found {
 
 impl<'a> Target<'a> {
     /// The paths of `sheaf` must share their exit.
-    pub fn new(world: &'a World, sheaf: &Sheaf<'_>, ribbon: &'a Ribbon) -> Self {
+    pub fn new(world: &'a World, sheaf: &PathPatch<'_>, ribbon: &'a Ribbon) -> Self {
         Self {
             world,
             ribbon,
             exit: sheaf.exit().flatten(),
             limits: sheaf.limits(),
-            skies: Spread::of(&sheaf.skies()),
+            skies: Offsets::of(&sheaf.skies()),
         }
     }
 
@@ -264,13 +264,13 @@ impl<'a> Target<'a> {
 #[derive(Default)]
 struct Ends {
     vertices: [Option<usize>; 2],
-    points: [Spread; 2],
+    points: [Offsets; 2],
 }
 
 impl Ends {
     /// Those of the chords that begin at vertex `from`.
     #[inline(always)]
-    fn from(&self, from: usize) -> [&Spread; 2] {
+    fn from(&self, from: usize) -> [&Offsets; 2] {
         [&self.points[from % 2], &self.points[(from + 1) % 2]]
     }
 }
@@ -285,7 +285,7 @@ fn put(to: &mut SingleLanes, from: &SingleLanes, t: &SingleLanes) {
 
 /// Sixteen vectors made unit vectors; zero stays.
 #[inline(always)]
-fn directions(vectors: &Spread) -> SinglePoints {
+fn directions(vectors: &Offsets) -> SinglePoints {
     let middle: DVec3 = vectors.middle;
     let mut to = vectors.differences;
     for c in 0..3 {

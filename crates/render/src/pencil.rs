@@ -1,14 +1,14 @@
 //! Paths from one camera that a single parameter tells apart, at the knots of a frame.
 //!
 //! In: a fan whose directions have one parameter (a rotation takes out the other) and knots. Out: for a
-//! direction its path as one of a [`Strip`], that of the interval around it, made when it is first asked
+//! direction its path as one of a [`FamilyInterval`], that of the interval around it, made when it is first asked
 //! for. Intervals are halved until the strip's polynomials have converged, which grades them toward
 //! photon spheres; patches are halved too, so no interval straddles two.
 
 use super::{
-    endings::EndingFinder,
+    endings::EventLocator,
     lanes::LANES,
-    strip::{Rung, Strip},
+    strip::{FamilyInterval, FamilyPath},
 };
 use geofan_bundle::{Fan, rays::Orbit};
 use glam::DVec3;
@@ -19,7 +19,7 @@ use std::sync::{Arc, OnceLock};
 const DEPTHS: [u32; 2] = [3, 11];
 
 /// All paths from one camera.
-pub(super) struct Pencil<'f, 't> {
+pub(super) struct RayFamily<'f, 't> {
     fan: &'f Fan<'t>,
     knots: Arc<[f64]>,
     faces: Vec<OnceLock<Node<'f, 't>>>,
@@ -27,20 +27,20 @@ pub(super) struct Pencil<'f, 't> {
 
 /// An interval of the parameter.
 enum Node<'f, 't> {
-    Strip(Box<Strip<'f, 't>>),
+    FamilyInterval(Box<FamilyInterval<'f, 't>>),
     Halves(Box<[OnceLock<Node<'f, 't>>; 2]>),
     /// Dearer to know than the few paths in it.
     Bare,
 }
 
 /// An interval with its strip.
-type Known<'p, 'f, 't> = ([f64; 2], &'p Strip<'f, 't>);
+type Known<'p, 'f, 't> = ([f64; 2], &'p FamilyInterval<'f, 't>);
 
 /// Where the last path was found, and most likely the next will be.
 #[derive(Default)]
 pub(super) struct Near<'p, 'f, 't>(Option<(usize, Known<'p, 'f, 't>)>);
 
-impl<'f, 't> Pencil<'f, 't> {
+impl<'f, 't> RayFamily<'f, 't> {
     /// `None` if directions have two parameters.
     pub(super) fn new(fan: &'f Fan<'t>, knots: &Arc<[f64]>) -> Option<Self> {
         let space = fan.space();
@@ -64,8 +64,8 @@ impl<'f, 't> Pencil<'f, 't> {
         &'p self,
         orbit: &Orbit,
         near: &mut Near<'p, 'f, 't>,
-        endings: &mut EndingFinder<'_>,
-    ) -> Option<Rung<'p, 'f, 't>> {
+        endings: &mut EventLocator<'_>,
+    ) -> Option<FamilyPath<'p, 'f, 't>> {
         near.rung(orbit, || {
             self.descend(orbit, |node, interval, depth| {
                 Some(node.get_or_init(|| self.node(orbit.face, interval, depth, endings)))
@@ -78,7 +78,7 @@ impl<'f, 't> Pencil<'f, 't> {
         &'p self,
         orbit: &Orbit,
         near: &mut Near<'p, 'f, 't>,
-    ) -> Option<Rung<'p, 'f, 't>> {
+    ) -> Option<FamilyPath<'p, 'f, 't>> {
         near.rung(orbit, || self.descend(orbit, |node, _, _| node.get()))
     }
 
@@ -99,7 +99,7 @@ impl<'f, 't> Pencil<'f, 't> {
                     node = &halves[usize::from(upper)];
                     interval = if upper { [middle, high] } else { [low, middle] };
                 }
-                Node::Strip(strip) => return Some((interval, strip)),
+                Node::FamilyInterval(strip) => return Some((interval, strip)),
             }
         }
         None
@@ -110,17 +110,17 @@ impl<'f, 't> Pencil<'f, 't> {
         face: usize,
         interval: [f64; 2],
         depth: u32,
-        endings: &mut EndingFinder<'_>,
+        endings: &mut EventLocator<'_>,
     ) -> Node<'f, 't> {
         let [least, most] = DEPTHS;
         let strip = match depth >= least {
-            true => Strip::new(self.fan, (face, interval), &self.knots, endings),
+            true => FamilyInterval::new(self.fan, (face, interval), &self.knots, endings),
             false => None,
         };
         let ends_alike = self.fan.space().ends_alike();
         match strip {
             Some(strip) if strip.knows_end() || !ends_alike || depth == most => {
-                Node::Strip(Box::new(strip))
+                Node::FamilyInterval(Box::new(strip))
             }
             _ if depth < most => Node::Halves(Box::default()),
             _ => Node::Bare,
@@ -134,7 +134,7 @@ impl<'p, 'f, 't> Near<'p, 'f, 't> {
         &mut self,
         orbit: &Orbit,
         find: impl FnOnce() -> Option<Known<'p, 'f, 't>>,
-    ) -> Option<Rung<'p, 'f, 't>> {
+    ) -> Option<FamilyPath<'p, 'f, 't>> {
         let (p, face) = (orbit.parameter, orbit.face);
         let last = self
             .0

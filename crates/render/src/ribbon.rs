@@ -11,8 +11,8 @@ use super::{
     intersect::{is_glued, shifts},
     lanes::{LANES, SinglePoints, more},
     packet::Bicubic,
-    sheaf::{Sheaf, Spread, TUBE_MARGIN, Tube, Vertex, widened},
-    strands::Strand,
+    sheaf::{Offsets, PathPatch, TUBE_MARGIN, Tube, Vertex, widened},
+    strands::PathView,
     tracer::GridTracer,
     world::World,
 };
@@ -106,7 +106,7 @@ impl Touched {
     /// `slack` (see [`Tube::surround`]), meet a leaf of the scene's tree.
     pub fn find(
         &mut self,
-        strands: &[Strand<'_>],
+        strands: &[PathView<'_>],
         last: usize,
         world: &World,
         margin: f64,
@@ -133,7 +133,7 @@ impl Touched {
     /// For each of the pieces which of the `strands` touch it, without a margin.
     pub fn by_strand(
         &self,
-        strands: &[Strand<'_>; LANES],
+        strands: &[PathView<'_>; LANES],
         world: &World,
         slack: f64,
     ) -> Vec<[bool; LANES]> {
@@ -149,7 +149,7 @@ impl Touched {
 
 /// Corners of the boxes around piece `k` of the `strands`, widened by the angle `slack`.
 #[inline(always)]
-fn boxes(strands: &[Strand<'_>; LANES], k: usize, slack: f64) -> (SinglePoints, SinglePoints) {
+fn boxes(strands: &[PathView<'_>; LANES], k: usize, slack: f64) -> (SinglePoints, SinglePoints) {
     let [from, to] = [strands[0].knots[k], strands[0].knots[k + 1]];
     let (mut low, mut high) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
     let mut longest = [0.0; LANES];
@@ -196,7 +196,7 @@ impl Ribbon {
     /// the paths of `tracer`; replaces what was here.
     pub fn flatten(
         &mut self,
-        sheaf: &Sheaf<'_>,
+        sheaf: &PathPatch<'_>,
         (tracer, world): (&dyn GridTracer, &World),
         pieces: &[usize],
         tolerance: f64,
@@ -271,7 +271,7 @@ impl Ribbon {
 
     /// The points of the vertex numbered `v`.
     #[inline(always)]
-    pub fn point(&self, v: usize) -> &Spread {
+    pub fn point(&self, v: usize) -> &Offsets {
         &self.vertices[v].point
     }
 }

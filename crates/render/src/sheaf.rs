@@ -8,16 +8,16 @@ use super::{
     lanes::{
         LANES, Lanes, Points, SingleLanes, SinglePoints, each, each_point, lane, less, more, range,
     },
-    strands::{ROWS, Strand, Strands, knots_until, pieces_row},
+    strands::{PathBatch, PathView, ROWS, knots_until, pieces_row},
     tracer::GridTracer,
 };
 use geofan_expr::vectorised;
 use glam::DVec3;
 
 /// Sixteen of many strands.
-pub struct Sheaf<'a> {
-    among: &'a Strands,
-    strands: [Strand<'a>; LANES],
+pub struct PathPatch<'a> {
+    among: &'a PathBatch,
+    strands: [PathView<'a>; LANES],
 }
 
 /// Points and tangents of sixteen paths at one arc length.
@@ -26,23 +26,23 @@ pub struct Vertex {
     /// Arc length.
     pub s: f64,
     /// Chart points.
-    pub point: Spread,
+    pub point: Offsets,
     /// Tangents.
-    pub tangent: Spread,
+    pub tangent: Offsets,
 }
 
 /// Sixteen points by how they differ from one of them: single precision is enough for that, and half
 /// as much work.
 #[derive(Debug, Clone, Default)]
 #[repr(C, align(64))]
-pub struct Spread {
+pub struct Offsets {
     /// The differences, in each lane.
     pub differences: SinglePoints,
     /// The one.
     pub middle: DVec3,
 }
 
-impl Spread {
+impl Offsets {
     /// Of these points.
     #[inline(always)]
     pub fn of(points: &Points) -> Self {
@@ -77,9 +77,9 @@ pub struct Tube {
     pieces: usize,
 }
 
-impl<'a> Sheaf<'a> {
+impl<'a> PathPatch<'a> {
     /// The strands with these numbers.
-    pub fn new(among: &'a Strands, members: &[usize; LANES]) -> Self {
+    pub fn new(among: &'a PathBatch, members: &[usize; LANES]) -> Self {
         Self {
             among,
             strands: std::array::from_fn(|lane| among.strand(members[lane])),
@@ -88,7 +88,7 @@ impl<'a> Sheaf<'a> {
 
     /// All sixteen.
     #[inline(always)]
-    pub fn all(&self) -> &[Strand<'a>; LANES] {
+    pub fn all(&self) -> &[PathView<'a>; LANES] {
         &self.strands
     }
 
@@ -98,7 +98,7 @@ impl<'a> Sheaf<'a> {
     }
 
     /// Any of the strands that these sixteen are of.
-    pub fn among(&self, number: usize) -> Strand<'a> {
+    pub fn among(&self, number: usize) -> PathView<'a> {
         self.among.strand(number)
     }
 
@@ -107,7 +107,7 @@ impl<'a> Sheaf<'a> {
     pub fn exit(&self) -> Option<Option<usize>> {
         let [first, others @ ..] = &self.strands;
         let first = first.ending?.exit();
-        let same = |strand: &Strand<'_>| strand.ending.is_some_and(|e| e.exit() == first);
+        let same = |strand: &PathView<'_>| strand.ending.is_some_and(|e| e.exit() == first);
         others.iter().all(same).then_some(first)
     }
 
@@ -169,8 +169,8 @@ impl<'a> Sheaf<'a> {
                     };
                     vertices.push(Vertex {
                         s,
-                        point: Spread::of(&point),
-                        tangent: Spread::of(&tangent),
+                        point: Offsets::of(&point),
+                        tangent: Offsets::of(&tangent),
                     });
                 }
             },
@@ -182,7 +182,7 @@ impl Tube {
     /// Boxes around the pieces between the first `last` knots of all `strands`, widened by `margin` of their
     /// longest side and by the angle `slack` (a piece is about as long as its box in the chart).
     #[inline(always)]
-    pub fn surround(&mut self, strands: &[Strand<'_>], last: usize, margin: f64, slack: f64) {
+    pub fn surround(&mut self, strands: &[PathView<'_>], last: usize, margin: f64, slack: f64) {
         self.pieces = last.saturating_sub(1);
         let width = pieces_row(last);
         for (c, side) in self.sides.iter_mut().enumerate() {
@@ -244,12 +244,12 @@ impl Tube {
 /// What `better` leaves of side `c` of the boxes of all `strands` around the sixteen pieces from `first` on.
 #[inline(always)]
 fn merged(
-    strands: &[Strand<'_>],
+    strands: &[PathView<'_>],
     c: usize,
     first: usize,
     better: impl Fn(f32, f32) -> f32,
 ) -> SingleLanes {
-    let block = |strand: &Strand<'_>| -> SingleLanes {
+    let block = |strand: &PathView<'_>| -> SingleLanes {
         let mut block = [0.0; LANES];
         block.copy_from_slice(&strand.side(c)[first..first + LANES]);
         block

@@ -1,6 +1,6 @@
 //! Many paths at common arc lengths, side by side.
 //!
-//! In: chart points and tangents at knots, six rows for each path. Out: [`Strands`], from which
+//! In: chart points and tangents at knots, six rows for each path. Out: [`PathBatch`], from which
 //! tiles take what they interpolate. Components of one path are contiguous, so that whatever is
 //! computed knot by knot is computed in vectors.
 
@@ -8,7 +8,7 @@ use super::{
     curve::{Ending, Piece},
     lanes::{LANES, Lanes, less, more, single},
 };
-use geofan_bundle::{Courses, rays::Orbit};
+use geofan_bundle::{PathCoefficients, rays::Orbit};
 use geofan_expr::vectorised;
 use glam::DVec3;
 use std::{
@@ -22,18 +22,18 @@ pub const ROWS: usize = 6;
 
 /// Paths at common knots.
 #[derive(Debug, Clone)]
-pub struct Strands {
+pub struct PathBatch {
     knots: Arc<[f64]>,
     /// Directions at the camera, in the standard frame.
     directions: Vec<DVec3>,
     /// Six rows for each path, each as long as `knots`; behind them what paths before left.
     values: Vec<f64>,
-    /// [`Strand::boxes`] of each.
+    /// [`PathView::boxes`] of each.
     boxes: Vec<f32>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
     /// What a tracer that looks paths up took from its table for some of them.
-    courses: Courses,
+    courses: PathCoefficients,
     sources: Vec<Source>,
 }
 
@@ -45,12 +45,12 @@ pub(super) enum Source {
     /// From a table, with this number among the courses.
     Course(usize),
     /// From a pencil.
-    Pencil(Orbit),
+    RayFamily(Orbit),
 }
 
 /// One of them.
 #[derive(Debug, Clone, Copy)]
-pub struct Strand<'a> {
+pub struct PathView<'a> {
     /// Arc lengths of the knots.
     pub knots: &'a [f64],
     /// Direction at the camera, in the standard frame.
@@ -58,17 +58,17 @@ pub struct Strand<'a> {
     /// Six rows, each as long as `knots`.
     pub(super) rows: &'a [f64],
     /// Boxes around the cubics between knots: the least x, y and z of each piece, then the largest, in rows
-    /// of [`pieces_row`] numbers. None of a strand that is not one of [`Strands`].
+    /// of [`pieces_row`] numbers. None of a strand that is not one of [`PathBatch`].
     pub(super) boxes: &'a [f32],
     /// How many knots are known.
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
     /// What its tracer took from a table, and where the path is.
-    pub(super) source: (&'a Courses, &'a Source),
+    pub(super) source: (&'a PathCoefficients, &'a Source),
 }
 
-impl Strands {
+impl PathBatch {
     /// None yet.
     pub fn new(knots: Arc<[f64]>) -> Self {
         Self {
@@ -78,7 +78,7 @@ impl Strands {
             boxes: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
-            courses: Courses::default(),
+            courses: PathCoefficients::default(),
             sources: Vec::new(),
         }
     }
@@ -109,7 +109,7 @@ impl Strands {
     }
 
     /// Adds paths, some of them with `courses`, by what `add` does.
-    pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut Courses)) {
+    pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut PathCoefficients)) {
         let mut courses = take(&mut self.courses);
         add(self, &mut courses);
         self.courses = courses;
@@ -130,7 +130,7 @@ impl Strands {
         &mut self,
         (direction, source): (DVec3, Source),
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
-        end: impl FnOnce(Strand<'_>) -> Option<Ending>,
+        end: impl FnOnce(PathView<'_>) -> Option<Ending>,
     ) {
         self.reserve(1);
         let [values, boxes] = self.places(self.len());
@@ -138,7 +138,7 @@ impl Strands {
         let known = fill(&self.knots, rows);
         stay(rows, self.knots.len(), known);
         surround(&self.knots, rows, &mut self.boxes[boxes.clone()]);
-        let strand = Strand {
+        let strand = PathView {
             knots: &self.knots,
             direction,
             rows: &self.values[values],
@@ -165,9 +165,9 @@ impl Strands {
     }
 
     /// The path numbered `i`.
-    pub fn strand(&self, i: usize) -> Strand<'_> {
+    pub fn strand(&self, i: usize) -> PathView<'_> {
         let [values, boxes] = self.places(i);
-        Strand {
+        PathView {
             knots: &self.knots,
             direction: self.directions[i],
             rows: &self.values[values],
@@ -198,7 +198,7 @@ pub fn pieces_row(knots: usize) -> usize {
     knots.saturating_sub(1).next_multiple_of(LANES)
 }
 
-/// Boxes around the pieces of a path, as [`Strand::boxes`]: around the control points of their cubics,
+/// Boxes around the pieces of a path, as [`PathView::boxes`]: around the control points of their cubics,
 /// rounded outwards. By whole vectors as far as there are; those of a table have no rest.
 fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
     let (n, width) = (knots.len(), pieces_row(knots.len()));
@@ -275,7 +275,7 @@ pub fn put(rows: &mut [f64], i: usize, (u, v): (DVec3, DVec3)) {
     }
 }
 
-impl<'a> Strand<'a> {
+impl<'a> PathView<'a> {
     /// Component `c` (below 6) at all knots.
     #[inline(always)]
     pub fn row(&self, c: usize) -> &'a [f64] {
@@ -344,7 +344,7 @@ mod tests {
         let mut stream = Stream::new(&[5]);
         for count in [2, 16, 17, 20, 33] {
             let knots: Arc<[f64]> = (0..count).map(|k| 0.7 * k as f64).collect();
-            let mut strands = Strands::new(knots);
+            let mut strands = PathBatch::new(knots);
             for _ in 0..20 {
                 let size = 10_f64.powf(stream.between(-3.0, 3.0));
                 let fill = |_: &[f64], rows: &mut [f64]| {

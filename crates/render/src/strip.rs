@@ -1,8 +1,8 @@
 //! Paths from one camera along an interval of the single parameter that tells them apart.
 //!
 //! In: an interval. Out: the stored plane's points and tangents at all knots and at the path's end as
-//! polynomials in the parameter ([`Strip`]), if those through a few paths have converged, and from
-//! them one path ([`Rung`]): a few dozen sums in place of a patch's rows and Chebyshev sums along the
+//! polynomials in the parameter ([`FamilyInterval`]), if those through a few paths have converged, and from
+//! them one path ([`FamilyPath`]): a few dozen sums in place of a patch's rows and Chebyshev sums along the
 //! arc. What is between two knots is known as well, once it has been asked for.
 
 mod end;
@@ -11,12 +11,12 @@ mod sixteen;
 pub(super) use sixteen::refine_sixteen;
 
 use super::{
-    endings::EndingFinder,
+    endings::EventLocator,
     lanes::{LANES, SingleLanes, single},
     strands::{ROWS, put},
 };
 use end::{End, event};
-use geofan_bundle::{Fan, FanPath, chebyshev, product};
+use geofan_bundle::{Fan, TablePath, chebyshev, product};
 use geofan_expr::vectorised;
 use glam::{DMat3, DVec3};
 use std::sync::{Arc, LazyLock, OnceLock};
@@ -47,9 +47,9 @@ type Between = Box<[Coefficients; LANES]>;
 struct Block([[SingleLanes; PLANE]; NODES]);
 
 /// The paths of one interval.
-pub(super) struct Strip<'f, 't> {
+pub(super) struct FamilyInterval<'f, 't> {
     /// Those at the nodes.
-    paths: Vec<FanPath<'f, 't>>,
+    paths: Vec<TablePath<'f, 't>>,
     knots: Arc<[f64]>,
     /// Coefficients at the knots, a block of them after the other.
     table: Vec<Block>,
@@ -59,21 +59,21 @@ pub(super) struct Strip<'f, 't> {
 }
 
 /// A path in its strip.
-pub(super) struct Rung<'p, 'f, 't> {
-    strip: &'p Strip<'f, 't>,
+pub(super) struct FamilyPath<'p, 'f, 't> {
+    strip: &'p FamilyInterval<'f, 't>,
     weights: [f64; NODES],
     /// Takes the stored plane to the true one.
     rotation: DMat3,
 }
 
-impl<'f, 't> Strip<'f, 't> {
+impl<'f, 't> FamilyInterval<'f, 't> {
     /// The paths of an interval of a face of `fan`; `None` if more would have to be known of them, or
     /// the table gave up on one.
     pub(super) fn new(
         fan: &'f Fan<'t>,
         (face, [low, high]): (usize, [f64; 2]),
         knots: &Arc<[f64]>,
-        endings: &mut EndingFinder<'_>,
+        endings: &mut EventLocator<'_>,
     ) -> Option<Self> {
         let n = knots.len();
         let along = |x: &f64| fan.stored_path(face, [low + 0.5 * (x + 1.0) * (high - low), 0.0]);
@@ -109,10 +109,10 @@ impl<'f, 't> Strip<'f, 't> {
     }
 
     /// The path at the place `x` in [−1, 1] of the interval, with the stored plane turned by `rotation`.
-    pub(super) fn rung(&self, x: f64, rotation: DMat3) -> Rung<'_, 'f, 't> {
+    pub(super) fn rung(&self, x: f64, rotation: DMat3) -> FamilyPath<'_, 'f, 't> {
         let mut weights = [0.0; NODES];
         chebyshev::values(x, &mut weights);
-        Rung {
+        FamilyPath {
             strip: self,
             weights,
             rotation,
@@ -222,7 +222,7 @@ fn hermite(t: f64, width: f64) -> [[f64; 4]; 2] {
 }
 
 /// Six rows of a path at the arc lengths `s`; `None` where the table gave up.
-fn sample(path: &FanPath<'_, '_>, s: &[f64]) -> Option<Vec<f64>> {
+fn sample(path: &TablePath<'_, '_>, s: &[f64]) -> Option<Vec<f64>> {
     let mut rows = vec![0.0; ROWS * s.len()];
     (path.sample(s, &mut rows) == s.len()).then_some(rows)
 }
@@ -239,7 +239,7 @@ fn in_plane(sampled: &[Vec<f64>]) -> Vec<f64> {
     values
 }
 
-impl Rung<'_, '_, '_> {
+impl FamilyPath<'_, '_, '_> {
     /// Whether both are in one strip.
     fn is_beside(&self, other: &Self) -> bool {
         std::ptr::eq(self.strip, other.strip)

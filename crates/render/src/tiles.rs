@@ -5,17 +5,17 @@
 
 use super::{
     curve::Ending,
-    desk::Desk,
-    endings::EndingFinder,
+    desk::Scratch,
+    endings::EventLocator,
     lanes::LANES,
     last_pieces::LastPieces,
     lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
-    lone::Lone,
+    lone::SinglePaths,
     outcome::{Seen, beyond},
     packet::{Bicubic, Target},
     ribbon::{Chords, Ribbon},
-    sheaf::Sheaf,
-    strands::{Strand, Strands},
+    sheaf::PathPatch,
+    strands::{PathBatch, PathView},
     tracer::GridTracer,
     view::View,
     world::World,
@@ -126,7 +126,7 @@ impl Samples<'_> {
         &self,
         divided: &Divided,
         tracer: &dyn GridTracer,
-        desk: &mut Desk<'_>,
+        desk: &mut Scratch<'_>,
         found: &mut Found<'_>,
     ) {
         found.tally.paths += divided.strands.len();
@@ -144,7 +144,7 @@ impl Samples<'_> {
         &self,
         tracer: &dyn GridTracer,
         divided: &Divided,
-        (leaf, sheaf): (&Leaf, &Sheaf<'_>),
+        (leaf, sheaf): (&Leaf, &PathPatch<'_>),
     ) -> Ribbon {
         let mut ribbon = Ribbon::default();
         let within = divided.chord_error;
@@ -154,7 +154,7 @@ impl Samples<'_> {
 
     fn leaf(
         &self,
-        (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
+        (tracer, endings): (&dyn GridTracer, &mut EventLocator<'_>),
         divided: &Divided,
         leaf: &Leaf,
         found: &mut Found<'_>,
@@ -215,7 +215,7 @@ impl Samples<'_> {
     fn endings(
         &self,
         places: &[Place],
-        (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
+        (tracer, endings): (&dyn GridTracer, &mut EventLocator<'_>),
         lost: &mut Vec<Place>,
     ) -> [Ending; LANES] {
         let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
@@ -235,12 +235,12 @@ impl Samples<'_> {
         &self,
         places: &[Place],
         tracer: &dyn GridTracer,
-        desk: &mut Desk<'_>,
+        desk: &mut Scratch<'_>,
         found: &mut Found<'_>,
     ) {
         let began = Instant::now();
         let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
-        let Desk {
+        let Scratch {
             endings,
             singles,
             lone,
@@ -262,13 +262,13 @@ impl Samples<'_> {
     /// The samples at `places`, close together, whose paths are `strands` from number `first` on.
     fn lone(
         &self,
-        (tracer, lone): (&dyn GridTracer, &mut Lone),
-        strands: &Strands,
+        (tracer, lone): (&dyn GridTracer, &mut SinglePaths),
+        strands: &PathBatch,
         first: usize,
         places: &[Place],
         found: &mut Found<'_>,
     ) {
-        let all: [Strand<'_>; LANES] =
+        let all: [PathView<'_>; LANES] =
             std::array::from_fn(|l| strands.strand(first + l.min(places.len() - 1)));
         lone.surround(&all, tracer, self.world);
         for (strand, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {

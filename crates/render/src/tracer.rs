@@ -1,14 +1,14 @@
 //! Tracers that integrate: from (camera, directions) to paths.
 //!
 //! In: directions in the standard frame at the camera. Out: [`Curve`]s of [`ExactTracer`], each with
-//! its own knots, or [`Strands`] on common knots of a [`GridTracer`]. The other grid tracer looks
+//! its own knots, or [`PathBatch`] on common knots of a [`GridTracer`]. The other grid tracer looks
 //! paths up: [`super::TableTracer`].
 
 use super::{
     curve::{Curve, Ending, Piece, ending_at},
-    endings::EndingFinder,
+    endings::EventLocator,
     lanes::{LANES, Points},
-    strands::{ROWS, Source, Strand, Strands, put},
+    strands::{PathBatch, PathView, ROWS, Source, put},
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -24,20 +24,20 @@ pub trait GridTracer: Sync {
 
     /// Appends the paths in `directions` to `strands`, which has these knots; a path that the tracer
     /// cannot give on them has no ending.
-    fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands);
+    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch);
 
     /// How the paths in `directions` end, where that is known without the paths.
-    fn endings(&self, directions: &[DVec3], _: &mut EndingFinder<'_>) -> Vec<Option<Ending>> {
+    fn endings(&self, directions: &[DVec3], _: &mut EventLocator<'_>) -> Vec<Option<Ending>> {
         vec![None; directions.len()]
     }
 
     /// Points and tangents of a path that [`GridTracer::add`] made, at ascending arc lengths `s`,
     /// into six rows as long as `s`: as close as the tracer can, where the cubics between knots only
     /// serve to find what may be met.
-    fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]);
+    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]);
 
     /// Points and tangents of sixteen of them, in the same way.
-    fn refine_sixteen(&self, strands: &[Strand<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
+    fn refine_sixteen(&self, strands: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
         refine_each(self, strands, s)
     }
 
@@ -51,7 +51,7 @@ pub trait GridTracer: Sync {
 /// [`GridTracer::refine_sixteen`] path by path.
 pub(super) fn refine_each<T: GridTracer + ?Sized>(
     tracer: &T,
-    strands: &[Strand<'_>; LANES],
+    strands: &[PathView<'_>; LANES],
     s: &[f64],
 ) -> Vec<[Points; 2]> {
     let mut states = vec![[[[0.0; LANES]; 3]; 2]; s.len()];
@@ -215,7 +215,7 @@ impl GridTracer for FixedTracer<'_> {
         &self.knots
     }
 
-    fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
+    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch) {
         let rays: Vec<_> = directions
             .iter()
             .map(|&d| (self.u, self.frame * d))
@@ -236,7 +236,7 @@ impl GridTracer for FixedTracer<'_> {
     }
 
     /// The cubics between its steps are its path: the error at equal error is measured on them.
-    fn refine(&self, strand: Strand<'_>, s: &[f64], rows: &mut [f64]) {
+    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]) {
         strand.sample(s, rows);
     }
 

@@ -19,21 +19,21 @@ const FARTHEST: f64 = 0.9;
 
 /// How far away the rays of a space aim.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Focus {
+pub struct ReferenceSphere {
     /// W: from chart coordinates to the standard frame; zero if directions are named by themselves.
     parallax: DMat3,
     /// Cells along each stored camera parameter.
     cells: Vec<usize>,
 }
 
-impl Default for Focus {
+impl Default for ReferenceSphere {
     /// Directions named by themselves.
     fn default() -> Self {
         Self::new(DMat3::ZERO, Vec::new())
     }
 }
 
-impl Focus {
+impl ReferenceSphere {
     /// With the `parallax` W of cameras in `cells`.
     pub fn new(parallax: DMat3, cells: Vec<usize>) -> Self {
         Self { parallax, cells }
@@ -90,7 +90,7 @@ mod tests {
     /// In flat space all cameras of a cell aim at the same point of the sphere.
     #[test]
     fn cameras_aim_at_points_of_a_sphere() {
-        let focus = Focus::new(DMat3::from_diagonal(DVec3::splat(0.5)), vec![1]);
+        let focus = ReferenceSphere::new(DMat3::from_diagonal(DVec3::splat(0.5)), vec![1]);
         let target = 2.0 * DVec3::new(0.6, 0.0, 0.8);
         for offset in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.1)] {
             let d = (target - offset).normalize();

@@ -1,6 +1,6 @@
 //! Discrete symmetries of the stored rays: axes of the chart that may be exchanged or reversed.
 //!
-//! In: a [`FanSpace`] and signed permutations of the chart's axes. Out: [`Mirror`]s: isometries
+//! In: a [`RaySpace`] and signed permutations of the chart's axes. Out: [`Mirror`]s: isometries
 //! `u -> c + P (u − c)`, with c the stored point in the middle of the camera region, that carry stored
 //! cameras to stored cameras and faces of directions to faces. Of the chunks of a table that they
 //! carry into each other only one has to be stored. No file claims them: they are looked for, and used
@@ -8,7 +8,7 @@
 
 use super::{
     ends::end_together,
-    space::{FanSpace, Located, Reduction},
+    space::{Located, RaySpace, Reduction},
 };
 use geofan_core::{manifold::Isometry, random::Stream};
 use glam::{DMat3, DVec3};
@@ -141,7 +141,7 @@ impl Mirror {
 
     /// The mirrors of `space` whose metric, and whose rays' ends, agree at all of `rays` (chart points
     /// and tangents).
-    pub fn find(space: &FanSpace, rays: &[(DVec3, DVec3)]) -> Vec<Self> {
+    pub fn find(space: &RaySpace, rays: &[(DVec3, DVec3)]) -> Vec<Self> {
         // Rotations leave one direction parameter: nothing to exchange.
         if space.reduction() == Reduction::Rotation {
             return Vec::new();
@@ -168,7 +168,7 @@ impl Mirror {
     }
 
     /// The mirror by `axes`, if it carries stored cameras to stored cameras and faces to faces.
-    fn with_axes(space: &FanSpace, axes: SignedPermutation) -> Option<Self> {
+    fn with_axes(space: &RaySpace, axes: SignedPermutation) -> Option<Self> {
         let (p, shift) = axes.about(space.middle());
         let turned = |t: &[f64]| {
             let u = space.stored_at(t);
@@ -205,7 +205,7 @@ impl Mirror {
     }
 
     /// Whether metric and ends of rays are unchanged at `rays`.
-    fn holds(&self, space: &FanSpace, rays: &[(DVec3, DVec3)]) -> bool {
+    fn holds(&self, space: &RaySpace, rays: &[(DVec3, DVec3)]) -> bool {
         let manifold = space.manifold();
         let (p, shift) = self.axes.about(space.middle());
         let isometry = Isometry::Affine(p, shift);
@@ -220,7 +220,7 @@ impl Mirror {
     }
 
     /// Whether a file's mirror is one of `space` as far as cameras and directions go.
-    pub fn fits(&self, space: &FanSpace) -> bool {
+    pub fn fits(&self, space: &RaySpace) -> bool {
         self.axes.is_of(3)
             && space.reduction() != Reduction::Rotation
             && Self::with_axes(space, self.axes.clone()).is_some_and(|found| found == *self)
@@ -255,7 +255,7 @@ impl Mirror {
     }
 
     /// What it does to the rays of `space` in the directions of `face`.
-    pub fn image(&self, space: &FanSpace, face: usize) -> Image {
+    pub fn image(&self, space: &RaySpace, face: usize) -> Image {
         let (axis, image) = (face / 2, self.face(face));
         let to = image / 2;
         // Warped or not, the coordinates of a direction change places alike.
@@ -307,7 +307,7 @@ mod tests {
     use super::{
         super::{
             direction::{FACES, direction},
-            focus::Focus,
+            focus::ReferenceSphere,
         },
         *,
     };
@@ -315,13 +315,13 @@ mod tests {
     use glam::DVec2;
     use std::sync::Arc;
 
-    fn space(metric: &str, rest: &str) -> FanSpace {
+    fn space(metric: &str, rest: &str) -> RaySpace {
         let text = format!(
             "name = \"test\"\ncoordinates = [\"x\", \"y\", \"z\"]\n\
              metric = {{ {metric} }}\n{rest}"
         );
         let manifold = Manifold::from_source(SourceText::new("test", &text), &[]);
-        FanSpace::new(Arc::new(manifold.unwrap())).unwrap()
+        RaySpace::new(Arc::new(manifold.unwrap())).unwrap()
     }
 
     const BOX: &str = "[domain]\nx = [-2, 2]\ny = [-2, 2]\nz = [-2, 2]";
@@ -334,7 +334,7 @@ mod tests {
         (0..200).map(|_| (vector(), vector())).collect()
     }
 
-    fn count(space: &FanSpace) -> usize {
+    fn count(space: &RaySpace) -> usize {
         Mirror::find(space, &rays()).len()
     }
 
@@ -401,10 +401,13 @@ mod tests {
         let uneven = DMat3::from_diagonal(DVec3::new(0.1, 0.2, 0.3));
         let even = Mirror::averaged(&mirrors, uneven);
         assert!((even - DMat3::from_diagonal(DVec3::splat(0.2))).abs_diff_eq(DMat3::ZERO, 1e-15));
-        come_back(&space.focused(Focus::new(even, vec![2; 3])), &mirrors);
+        come_back(
+            &space.focused(ReferenceSphere::new(even, vec![2; 3])),
+            &mirrors,
+        );
     }
 
-    fn come_back(space: &FanSpace, mirrors: &[Mirror]) {
+    fn come_back(space: &RaySpace, mirrors: &[Mirror]) {
         let u = DVec3::new(0.3, -1.1, 0.7);
         let place = space.place(u).unwrap();
         for mirror in mirrors {

@@ -1,7 +1,7 @@
 //! Many geodesics from one camera: directions and camera positions as parameters, both ways, and
 //! exact samples of them.
 //!
-//! In: a manifold. Out: [`FanSpace`] (which rays a table must know, after symmetry) and [`sample`]
+//! In: a manifold. Out: [`RaySpace`] (which rays a table must know, after symmetry) and [`sample`]
 //! (arrays of exact paths).
 
 pub mod cell;
@@ -16,10 +16,10 @@ mod space;
 mod sphere;
 
 pub use direction::FACES;
-pub use focus::Focus;
+pub use focus::ReferenceSphere;
 pub use mirror::{Image, Mirror};
-pub use orbit::OrbitAngles;
-pub use position::{Lift, Start};
+pub use orbit::ImpactParameter;
+pub use position::{ChartMap, Start};
 pub use sample::{CHANNELS, DISPLACEMENT, Sample, Samples, sample};
-pub use space::{FanSpace, Located, Orbit, Place, Reduction, StoredCamera};
+pub use space::{Located, Orbit, Place, RaySpace, Reduction, StoredCamera};
 pub use sphere::{Sphere, parallel};

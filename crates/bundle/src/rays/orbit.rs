@@ -28,12 +28,12 @@ const NARROWEST: f64 = 1e-6;
 
 /// The division of the angles for a region of cameras.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct OrbitAngles {
+pub struct ImpactParameter {
     /// The least areal radius of the region; 0 leaves the rays across alone.
     least: f64,
 }
 
-impl OrbitAngles {
+impl ImpactParameter {
     /// For cameras with areal radii from `least` to `most`.
     pub fn new(least: f64, most: f64) -> Self {
         let least = if least > NARROWEST * most { least } else { 0.0 };
@@ -75,7 +75,7 @@ impl OrbitAngles {
     }
 
     /// The face and the parameter of each of the directions θ with (cos θ, sin θ) along `directions`, whose
-    /// second component is at least 0, at areal radius `radius`: the inverse of [`OrbitAngles::angle`].
+    /// second component is at least 0, at areal radius `radius`: the inverse of [`ImpactParameter::angle`].
     #[inline(always)]
     pub fn parameters<const W: usize>(
         &self,
@@ -111,7 +111,7 @@ mod tests {
     #[test]
     fn angles_and_parameters_are_inverse() {
         for least in [0.0, 0.3, 1.0] {
-            let orbits = OrbitAngles::new(least, 40.0);
+            let orbits = ImpactParameter::new(least, 40.0);
             for radius in [1.0, 1.001, 1.7, 40.0] {
                 for i in 0..=400 {
                     let theta = PI * f64::from(i) / 400.0;
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn angular_momentum_is_constant_along_parameters() {
-        let orbits = OrbitAngles::new(1.0, 9.0);
+        let orbits = ImpactParameter::new(1.0, 9.0);
         for radius in [1.0, 2.0, 9.0] {
             let b = radius * orbits.angle(0, 0.2, radius).sin();
             assert!((b - orbits.angle(0, 0.2, 1.0).sin()).abs() < 1e-14);

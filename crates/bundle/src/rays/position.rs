@@ -10,11 +10,11 @@
 //! and quaternions this takes 0.2 (Nil) to 0.9 (Sol) of the bytes, and boxes near photon
 //! spheres, where rotations are no polynomials, need not be given up (Ellis: 1619 of them).
 //!
-//! - [`Lift::None`]: `X = (u, 0)`.
-//! - [`Lift::Sphere`] of radius ℓ: `X = (2ℓu, |u|² − ℓ²)/(|u|² + ℓ²)`, the inverse of stereographic
+//! - [`ChartMap::None`]: `X = (u, 0)`.
+//! - [`ChartMap::Sphere`] of radius ℓ: `X = (2ℓu, |u|² − ℓ²)/(|u|² + ℓ²)`, the inverse of stereographic
 //!   projection, for charts whose infinity is an ordinary place: paths through it are smooth on the
 //!   sphere, and no polynomial in the chart.
-//! - [`Lift::Polar`]: `X = (θ, 0, 0, ln r)` for paths in the plane z = 0, in polar coordinates there,
+//! - [`ChartMap::Polar`]: `X = (θ, 0, 0, ln r)` for paths in the plane z = 0, in polar coordinates there,
 //!   for charts that shrink a whole region around the origin, as the far side of a wormhole: there
 //!   one rounding step for all points of a path is too fine for some or too coarse for others. The
 //!   angle is continued along a path, over as many turns as it takes.
@@ -25,7 +25,7 @@ use std::f64::consts::TAU;
 
 /// How chart points are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub enum Lift {
+pub enum ChartMap {
     /// As they are.
     #[default]
     None,
@@ -47,7 +47,7 @@ pub struct Start {
     pub slope: DVec4,
 }
 
-impl Lift {
+impl ChartMap {
     /// The lifted point.
     fn point(self, u: DVec3) -> DVec4 {
         match self {
@@ -169,10 +169,14 @@ impl Lift {
 mod tests {
     use super::*;
 
-    const LIFTS: [Lift; 3] = [Lift::None, Lift::Sphere { radius: 0.7 }, Lift::Polar];
+    const LIFTS: [ChartMap; 3] = [
+        ChartMap::None,
+        ChartMap::Sphere { radius: 0.7 },
+        ChartMap::Polar,
+    ];
 
     /// In the plane that is the only one where all lifts are.
-    fn start(lift: Lift) -> Start {
+    fn start(lift: ChartMap) -> Start {
         lift.start(DVec3::new(0.3, -1.2, 0.0), DVec3::new(0.2, 0.9, 0.0))
     }
 
@@ -211,10 +215,10 @@ mod tests {
 
     #[test]
     fn angles_go_on_over_whole_turns() {
-        let mut x = Lift::Polar.point(DVec3::X);
+        let mut x = ChartMap::Polar.point(DVec3::X);
         for step in 1..=40 {
             let (y, cos) = (0.5 * f64::from(step)).sin_cos();
-            x = Lift::Polar.continued(2.0 * DVec3::new(cos, y, 0.0), x);
+            x = ChartMap::Polar.continued(2.0 * DVec3::new(cos, y, 0.0), x);
         }
         assert!((x.x - 20.0).abs() < 1e-12 && (x.w - 2_f64.ln()).abs() < 1e-12);
     }

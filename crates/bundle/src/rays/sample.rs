@@ -1,13 +1,13 @@
 //! Rays followed exactly and read off at given arc lengths: what tables are made from.
 //!
 //! In: rays and arc lengths. Out: an array (ray, arc length, channel) with four channels of the slope
-//! that is stored ([`Lift::slope`]) and, from [`DISPLACEMENT`] on, four of the displacement that it
-//! adds up to ([`Lift::displacement`]).
+//! that is stored ([`ChartMap::slope`]) and, from [`DISPLACEMENT`] on, four of the displacement that it
+//! adds up to ([`ChartMap::displacement`]).
 //!
-//! [`Lift::slope`]: super::Lift::slope
-//! [`Lift::displacement`]: super::Lift::displacement
+//! [`ChartMap::slope`]: super::ChartMap::slope
+//! [`ChartMap::displacement`]: super::ChartMap::displacement
 
-use super::{FanSpace, Lift, Start};
+use super::{ChartMap, RaySpace, Start};
 use crate::parallel::*;
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
@@ -33,7 +33,7 @@ pub type Sample = [f64; CHANNELS];
 /// samples them there. Exits are passed by; where the metric ends the last tangent is continued
 /// straight in the chart. NaN only where the very start is singular.
 pub fn sample(
-    space: &FanSpace,
+    space: &RaySpace,
     tolerance: f64,
     rays: &[(DVec3, DVec3)],
     lengths: &[f64],
@@ -54,7 +54,7 @@ pub fn sample(
 #[derive(Debug, Clone, Copy)]
 pub struct Samples<'a> {
     /// The rays.
-    pub space: &'a FanSpace,
+    pub space: &'a RaySpace,
     /// The tolerance of the exact tracer.
     pub tolerance: f64,
     /// Arc lengths, ascending.
@@ -163,7 +163,7 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
     fn wants(&self, ray: usize, to: f64) -> bool {
         let next = self.of.lengths.get(self.next[ray]);
         // Turns are counted step by step.
-        next.is_some_and(|s| *s <= to || self.of.space.lift() == Lift::Polar)
+        next.is_some_and(|s| *s <= to || self.of.space.lift() == ChartMap::Polar)
     }
 
     fn step(&mut self, ray: usize, step: &Step) {
@@ -174,8 +174,8 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
         }
         let (s, left) = (step.end, self.next[ray] < self.of.lengths.len());
         self.last = left.then(|| (s, step.position(s), step.tangent(s)));
-        if let (Lift::Polar, Some((_, u, _))) = (self.of.space.lift(), self.last) {
-            self.points[ray] = Lift::Polar.continued(u, self.points[ray]);
+        if let (ChartMap::Polar, Some((_, u, _))) = (self.of.space.lift(), self.last) {
+            self.points[ray] = ChartMap::Polar.continued(u, self.points[ray]);
         }
     }
 

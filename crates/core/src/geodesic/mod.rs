@@ -35,7 +35,7 @@ pub use integrator::follow;
 pub use path::{Path, ends, paths};
 pub use samples::unit;
 pub use samples::{Sample, samples};
-pub use spread::{Spread, perpendiculars, signed_area};
+pub use spread::{JacobiField, perpendiculars, signed_area};
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, transport};
 

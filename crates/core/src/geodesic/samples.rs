@@ -3,7 +3,7 @@
 //! In: a [`Ray`] and its [`Path`]. Out: [`Sample`]s from arc length 0 to the path's end, both
 //! included. Vectors are in chart components; a glued coordinate is given inside its limits.
 
-use super::{Path, Ray, Spread, Step};
+use super::{JacobiField, Path, Ray, Step};
 use crate::manifold::Manifold;
 use glam::{DMat3, DVec3};
 
@@ -47,7 +47,7 @@ fn on_step(manifold: &Manifold, step: &Step, s: f64) -> Sample {
         frame: step.rotation(s).map(|q| frame * DMat3::from_quat(q)),
         area: step
             .deviation(s)
-            .map(|j| Spread::new(frame.inverse(), v, j).signed_area().abs()),
+            .map(|j| JacobiField::new(frame.inverse(), v, j).signed_area().abs()),
     }
 }
 

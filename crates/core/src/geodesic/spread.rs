@@ -26,14 +26,14 @@ const LEAST_SKY_MAGNIFICATION: f64 = 1.0;
 
 /// The transverse part of the deviation matrix at a point of a path.
 #[derive(Debug, Clone, Copy)]
-pub struct Spread {
+pub struct JacobiField {
     /// Two directions across the path, in the standard frame.
     across: [DVec3; 2],
     /// `J⊥` in those directions.
     matrix: DMat2,
 }
 
-impl Spread {
+impl JacobiField {
     /// From the tangent `v` and deviations `j` (chart components) and `s_inverse = S(u)⁻¹`.
     pub fn new(s_inverse: DMat3, v: DVec3, j: [DVec3; 2]) -> Self {
         let across = perpendiculars((s_inverse * v).normalize());
@@ -109,9 +109,9 @@ fn looks_like(m: DMat2, e: DVec2, least: f64) -> f64 {
     (major.dot(e) / large).hypot(major.perp().dot(e) / small)
 }
 
-/// [`Spread::signed_area`] at the point with `s_inverse = S(u)⁻¹`.
+/// [`JacobiField::signed_area`] at the point with `s_inverse = S(u)⁻¹`.
 pub fn signed_area(s_inverse: DMat3, v: DVec3, j: [DVec3; 2]) -> f64 {
-    Spread::new(s_inverse, v, j).signed_area()
+    JacobiField::new(s_inverse, v, j).signed_area()
 }
 
 #[cfg(test)]
@@ -141,7 +141,7 @@ mod tests {
 
     #[test]
     fn screen_angle_divides_by_magnification_down_to_the_floor() {
-        let spread = |a: f64, b: f64| Spread {
+        let spread = |a: f64, b: f64| JacobiField {
             across: [DVec3::Y, DVec3::Z],
             matrix: DMat2::from_cols(DVec2::new(a, 0.0), DVec2::new(0.0, b)),
         };

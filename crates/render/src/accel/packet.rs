@@ -14,7 +14,7 @@
 use super::{Accelerator, MARGIN, Stack};
 use crate::{
     lanes::{LANES, SingleLanes, SinglePoints, any, less, more, range, single},
-    sheaf::Spread,
+    sheaf::Offsets,
 };
 use glam::{DVec3, Vec3A};
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
@@ -107,7 +107,7 @@ impl Accelerator {
     pub fn first_hits(
         &self,
         roots: &[u32],
-        [a, b]: [&Spread; 2],
+        [a, b]: [&Offsets; 2],
         shift: DVec3,
         limit: &SingleLanes,
     ) -> Option<PacketHits> {
@@ -169,7 +169,7 @@ impl Accelerator {
     /// The box around the chords in tree coordinates: most nodes are beside all of them, and a box is met
     /// or not by one comparison for sixteen slab tests.
     #[inline(always)]
-    fn around(&self, a: &Spread, b: &Spread, shift: DVec3) -> Aabb {
+    fn around(&self, a: &Offsets, b: &Offsets, shift: DVec3) -> Aabb {
         let unit = self.unit();
         let start = (a.middle + shift - self.centre) * unit;
         let between = (b.middle - a.middle) * unit;
@@ -195,7 +195,7 @@ impl Accelerator {
     }
 
     #[inline(always)]
-    fn chords(&self, a: &Spread, b: &Spread, shift: DVec3) -> Chords {
+    fn chords(&self, a: &Offsets, b: &Offsets, shift: DVec3) -> Chords {
         let unit = self.unit();
         let origin = a.middle + shift;
         let (base, between) = ((origin - self.centre) * unit, (b.middle - a.middle) * unit);

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{lanes::each_point, sheaf::Spread};
+use crate::{lanes::each_point, sheaf::Offsets};
 
 /// A small deterministic generator of numbers in [0, 1).
 struct Random(u64);
@@ -140,7 +140,7 @@ fn a_path_of_many_chords_loses_no_hit_at_the_joints() {
 
 /// The first hits of sixteen chords on any triangle.
 fn packet(accelerator: &Accelerator, a: &[DVec3; 16], b: &[DVec3; 16]) -> Option<PacketHits> {
-    let spread = |p: &[DVec3; 16]| Spread::of(&each_point(|c, l| p[l][c]));
+    let spread = |p: &[DVec3; 16]| Offsets::of(&each_point(|c, l| p[l][c]));
     let (a, b) = (spread(a), spread(b));
     accelerator.first_hits(&[0], [&a, &b], DVec3::ZERO, &[1.0; 16])
 }

@@ -2,7 +2,7 @@
 //!
 //! In: points and tangents of all at some arc lengths. Out: the first event of each.
 
-use super::{EndingFinder, Event, counting, root};
+use super::{Event, EventLocator, counting, root};
 use crate::{
     curve::{Ending, Piece},
     lanes::{LANES, Points, any, lane, more},
@@ -17,7 +17,7 @@ struct Abreast {
     points: Points,
 }
 
-impl EndingFinder<'_> {
+impl EventLocator<'_> {
     /// How sixteen paths side by side end: the first event of each on cubics between its points and
     /// tangents at the vertices. `point` and `tangent` give arc length and state of each by its number;
     /// between two of them the event is taken to change evenly. Each of the `pieces` has `per_piece`

@@ -8,8 +8,8 @@ use crate::{
     curve::Ending,
     lanes::Lanes,
     packet::cubic,
-    sheaf::Sheaf,
-    strands::{Strand, knots_until},
+    sheaf::PathPatch,
+    strands::{PathView, knots_until},
 };
 use glam::DVec3;
 use std::{ops::Range, sync::LazyLock};
@@ -64,14 +64,14 @@ fn cubic_slope(t: f64) -> [f64; 4] {
 
 /// A sheaf and what it is compared with.
 pub(super) struct Checks<'a> {
-    sheaf: &'a Sheaf<'a>,
-    truths: [Strand<'a>; CHECKS.len()],
+    sheaf: &'a PathPatch<'a>,
+    truths: [PathView<'a>; CHECKS.len()],
     /// The angle of the tile's side.
     side: f64,
 }
 
 impl<'a> Checks<'a> {
-    pub(super) fn new(sheaf: &'a Sheaf<'a>, truths: [usize; CHECKS.len()], side: f64) -> Self {
+    pub(super) fn new(sheaf: &'a PathPatch<'a>, truths: [usize; CHECKS.len()], side: f64) -> Self {
         Self {
             sheaf,
             truths: truths.map(|i| sheaf.among(i)),
@@ -80,17 +80,17 @@ impl<'a> Checks<'a> {
     }
 
     /// All paths: the sixteen, and those that check them.
-    pub(super) fn all(&self) -> Vec<Strand<'a>> {
+    pub(super) fn all(&self) -> Vec<PathView<'a>> {
         [&self.sheaf.all()[..], &self.truths].concat()
     }
 
     /// The largest error of the sky's direction; infinite if a check leaves elsewhere.
     pub(super) fn sky(&self) -> f64 {
-        let sky = |strand: &Strand<'_>| match strand.ending {
+        let sky = |strand: &PathView<'_>| match strand.ending {
             Some(Ending::Exit { sky, .. }) => sky,
             _ => DVec3::ZERO,
         };
-        let exit = |strand: &Strand<'_>| strand.ending.map(|ending| ending.exit());
+        let exit = |strand: &PathView<'_>| strand.ending.map(|ending| ending.exit());
         let first = exit(&self.sheaf.all()[0]);
         if self.truths.iter().any(|truth| exit(truth) != first) {
             return f64::INFINITY;
@@ -120,7 +120,7 @@ impl<'a> Checks<'a> {
     pub(super) fn endings(&self, pieces: &Range<usize>) -> f64 {
         let mut worst = 0.0;
         for k in pieces.start.max(1)..=pieces.end {
-            let direction = |strand: &Strand<'_>| strand.tangent(k).normalize_or_zero();
+            let direction = |strand: &PathView<'_>| strand.tangent(k).normalize_or_zero();
             let turned = self.worst(direction, |_| (DVec3::ZERO, 1.0));
             worst = larger(larger(worst, self.at_knot(k)), turned);
         }
@@ -162,8 +162,8 @@ impl<'a> Checks<'a> {
     /// `frame` gives.
     fn worst(
         &self,
-        value: impl Fn(&Strand<'_>) -> DVec3,
-        frame: impl Fn(&Strand<'_>) -> (DVec3, f64),
+        value: impl Fn(&PathView<'_>) -> DVec3,
+        frame: impl Fn(&PathView<'_>) -> (DVec3, f64),
     ) -> f64 {
         let sixteen = self.sheaf.all().each_ref().map(&value);
         let sum =

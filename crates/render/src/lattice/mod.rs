@@ -13,11 +13,11 @@ mod check;
 mod nodes;
 
 use super::{
-    endings::EndingFinder,
+    endings::EventLocator,
     lanes::LANES,
     ribbon::Touched,
-    sheaf::{Sheaf, TUBE_MARGIN},
-    strands::Strands,
+    sheaf::{PathPatch, TUBE_MARGIN},
+    strands::PathBatch,
     tracer::GridTracer,
     view::View,
     world::World,
@@ -154,7 +154,7 @@ pub enum Ends {
 /// One of the largest tiles, divided.
 pub struct Divided {
     /// All paths looked up for it.
-    pub strands: Strands,
+    pub strands: PathBatch,
     /// Tiles to be interpolated.
     pub leaves: Vec<Leaf>,
     /// Tiles whose pixels are to be traced one by one.
@@ -165,8 +165,8 @@ pub struct Divided {
 
 impl Divided {
     /// The paths of one of its tiles.
-    pub fn sheaf(&self, leaf: &Leaf) -> Sheaf<'_> {
-        Sheaf::new(&self.strands, &leaf.members)
+    pub fn sheaf(&self, leaf: &Leaf) -> PathPatch<'_> {
+        PathPatch::new(&self.strands, &leaf.members)
     }
 }
 
@@ -175,8 +175,8 @@ impl Lattice<'_> {
     pub fn refine(
         &self,
         (x, y): (usize, usize),
-        strands: Strands,
-        endings: &mut EndingFinder<'_>,
+        strands: PathBatch,
+        endings: &mut EventLocator<'_>,
     ) -> Divided {
         let root = Tile {
             x,
@@ -216,11 +216,11 @@ impl Lattice<'_> {
         &self,
         tile: Tile,
         nodes: &Nodes,
-        endings: &mut EndingFinder<'_>,
+        endings: &mut EventLocator<'_>,
         touched: &mut Touched,
     ) -> Option<Leaf> {
         let members = nodes.members(tile)?;
-        let sheaf = Sheaf::new(nodes.strands(), &members);
+        let sheaf = PathPatch::new(nodes.strands(), &members);
         if !sheaf.is_known() {
             return None;
         }
@@ -252,7 +252,7 @@ impl Lattice<'_> {
     }
 
     /// Whether the tracer knows the end of the path in the middle of a tile, and so most likely of all.
-    fn knows_end(&self, tile: Tile, endings: &mut EndingFinder<'_>) -> bool {
+    fn knows_end(&self, tile: Tile, endings: &mut EventLocator<'_>) -> bool {
         let [x, y] = [tile.x, tile.y].map(|corner| corner as f64 + 0.5 * tile.side as f64);
         let direction = self.view.direction(x, y);
         let known = self.tracer.endings(&[direction], endings);
@@ -263,7 +263,7 @@ impl Lattice<'_> {
 /// How the paths of a tile end, if what they see there is within `allowed` or `each` says that the end
 /// of each can be looked up.
 fn ends(
-    sheaf: &Sheaf<'_>,
+    sheaf: &PathPatch<'_>,
     checks: &Checks<'_>,
     allowed: f64,
     each: impl FnOnce() -> bool,

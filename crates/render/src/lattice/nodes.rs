@@ -4,7 +4,7 @@
 //! `t` need paths every `t/3` pixels and are checked where their quarters have paths, every `t/6`.
 
 use super::{Lattice, Tile};
-use crate::{endings::EndingFinder, lanes::LANES, strands::Strands};
+use crate::{endings::EventLocator, lanes::LANES, strands::PathBatch};
 use glam::DVec3;
 
 /// Paths by their place.
@@ -16,7 +16,7 @@ pub(super) struct Nodes {
     /// Places along a side of the grid.
     side: usize,
     numbers: Vec<Option<u32>>,
-    strands: Strands,
+    strands: PathBatch,
 }
 
 /// Where a tile is checked, in sixths of its side: near the middle of the squares where a cubic's
@@ -26,7 +26,7 @@ pub(super) const CHECKS: [(usize, usize); 3] = [(1, 3), (3, 5), (5, 1)];
 
 impl Nodes {
     /// None yet; `strands` are forgotten, and their memory used again.
-    pub(super) fn new(root: Tile, smallest: usize, mut strands: Strands) -> Self {
+    pub(super) fn new(root: Tile, smallest: usize, mut strands: PathBatch) -> Self {
         strands.clear();
         let steps = 6;
         let side = root.side / smallest * steps + 1;
@@ -53,7 +53,7 @@ impl Nodes {
         &mut self,
         tiles: &[Tile],
         lattice: &Lattice<'_>,
-        endings: &mut EndingFinder<'_>,
+        endings: &mut EventLocator<'_>,
     ) {
         let mut directions: Vec<DVec3> = Vec::new();
         for tile in tiles {
@@ -90,11 +90,11 @@ impl Nodes {
         Some(numbers)
     }
 
-    pub(super) fn strands(&self) -> &Strands {
+    pub(super) fn strands(&self) -> &PathBatch {
         &self.strands
     }
 
-    pub(super) fn into_strands(self) -> Strands {
+    pub(super) fn into_strands(self) -> PathBatch {
         self.strands
     }
 }

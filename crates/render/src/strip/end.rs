@@ -3,13 +3,13 @@
 //! In: the events at its nodes. Out: arc length and sky of all as polynomials, or where skies do not turn
 //! with paths the state by which they are looked up; and from that the ending of one path.
 
-use super::{NODES, PLANE, Rung, TOLERANCE, transformed};
+use super::{FamilyPath, NODES, PLANE, TOLERANCE, transformed};
 use crate::{
     curve::Ending,
-    endings::{EndingFinder, Event},
-    strands::{Source, Strand},
+    endings::{Event, EventLocator},
+    strands::{PathView, Source},
 };
-use geofan_bundle::{Courses, FanPath};
+use geofan_bundle::{PathCoefficients, TablePath};
 use glam::DVec3;
 
 /// How all paths of an interval end.
@@ -23,19 +23,19 @@ pub(super) enum End {
 
 /// The first event on a path that is known at the knots.
 pub(super) fn event(
-    path: &FanPath<'_, '_>,
+    path: &TablePath<'_, '_>,
     knots: &[f64],
     rows: &[f64],
-    endings: &mut EndingFinder<'_>,
+    endings: &mut EventLocator<'_>,
 ) -> Option<Event> {
-    let strand = Strand {
+    let strand = PathView {
         knots,
         direction: DVec3::ZERO,
         rows,
         boxes: &[],
         known: knots.len(),
         ending: None,
-        source: (&Courses::default(), &Source::Knots),
+        source: (&PathCoefficients::default(), &Source::Knots),
     };
     endings.sharp_event(strand, |s, rows| path.sample(s, rows))
 }
@@ -45,7 +45,7 @@ impl End {
     /// end in different ways.
     pub(super) fn of(
         events: &[Option<Event>],
-        skies: Option<&mut EndingFinder<'_>>,
+        skies: Option<&mut EventLocator<'_>>,
     ) -> Option<Self> {
         let kinds = || events.iter().map(|event| event.as_ref().map(|e| e.kind));
         let first = kinds().next()?;
@@ -90,9 +90,9 @@ impl End {
     }
 }
 
-impl Rung<'_, '_, '_> {
+impl FamilyPath<'_, '_, '_> {
     /// How the path ends; `None` if that has to be looked for.
-    pub(crate) fn ending(&self, endings: &mut EndingFinder<'_>) -> Option<Ending> {
+    pub(crate) fn ending(&self, endings: &mut EventLocator<'_>) -> Option<Ending> {
         Some(match self.strip.end.as_ref()? {
             End::Nowhere => Ending::Nowhere,
             End::Exit(exit, coefficients) => {

@@ -2,7 +2,7 @@
 
 use crate::comparison::Options;
 use geofan_bundle::{
-    Courses, Fan, Table,
+    Fan, PathCoefficients, Table,
     measure::{Probed, probe, settings},
 };
 use geofan_core::quantiles::Quantiles;
@@ -149,7 +149,7 @@ pub(super) fn table_errors(
         .map(|(i, probed)| {
             let probe = probed.probes.first()?;
             // As the renderer looks it up.
-            let mut courses = Courses::default();
+            let mut courses = PathCoefficients::default();
             let number = fan.add(fan.locate(middle(view, i % width, i / width)), &mut courses);
             let path = fan.among(&courses, number);
             if path.flagged_from() < probe.s {

@@ -9,10 +9,10 @@ use geofan_bundle::measure::Probed;
 use geofan_core::{manifold::Manifold, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
-    endings::EndingFinder,
+    endings::EventLocator,
     frame::Paths,
     shade::Footprints,
-    strands::{Strand, Strands},
+    strands::{PathBatch, PathView},
     tracer::{FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -105,8 +105,8 @@ impl<'p> Goal<'p> {
     /// The rival's screen errors with so many steps.
     fn measure(&self, world: &World, view: &View, steps: usize) -> Quantiles {
         let tracer = self.tracer(&world.manifold, view.u, steps);
-        let mut strands = Strands::new(tracer.knots().clone());
-        let mut endings = EndingFinder::new(&world.manifold);
+        let mut strands = PathBatch::new(tracer.knots().clone());
+        let mut endings = EventLocator::new(&world.manifold);
         tracer.add(&self.directions, &mut endings, &mut strands);
         let mut found: Vec<f64> = self
             .probed
@@ -121,7 +121,7 @@ impl<'p> Goal<'p> {
 /// How often the rival's frames are drawn.
 const REPEATS: usize = 3;
 
-fn strand_error(strand: Strand<'_>, probed: &Probed) -> f64 {
+fn strand_error(strand: PathView<'_>, probed: &Probed) -> f64 {
     let Some(probe) = probed.probes.first() else {
         return 0.0;
     };

@@ -8,14 +8,14 @@ use geofan_core::{
     manifold::Carried,
 };
 use geofan_render::{
-    desk::{Desk, Desks},
+    desk::{Scratch, ScratchPool},
     drawing::draw,
-    endings::EndingFinder,
+    endings::EventLocator,
     frame::Paths,
     lattice::{Ends, LARGEST_TILE, Lattice, Tile, smallest_tile},
     lookup::Lookup,
     shade::Footprints,
-    strands::Strands,
+    strands::PathBatch,
     tracer::{ExactTracer, FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -110,7 +110,7 @@ fn direct_time(world: &World, view: &View, tracer: &dyn GridTracer) -> f64 {
     row_time(
         view,
         |directions, endings| {
-            let mut strands = Strands::new(tracer.knots().clone());
+            let mut strands = PathBatch::new(tracer.knots().clone());
             tracer.add(directions, endings, &mut strands);
             std::hint::black_box(strands);
         },
@@ -121,14 +121,14 @@ fn direct_time(world: &World, view: &View, tracer: &dyn GridTracer) -> f64 {
 /// Nanoseconds for each of the rays through the middles of some rows.
 fn row_time(
     view: &View,
-    follow: impl Fn(&[DVec3], &mut EndingFinder<'_>) + Sync,
+    follow: impl Fn(&[DVec3], &mut EventLocator<'_>) + Sync,
     world: &World,
 ) -> f64 {
     let (width, height) = view.size;
     let rows: Vec<usize> = (0..height).step_by(ROWS).collect();
     let began = Instant::now();
     rows.par_iter().for_each_init(
-        || EndingFinder::new(&world.manifold),
+        || EventLocator::new(&world.manifold),
         |endings, y| {
             let row: Vec<DVec3> = (0..width)
                 .map(|x| view.direction(x as f64 + 0.5, *y as f64 + 0.5))
@@ -163,7 +163,7 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
         .flat_map(|y| (0..width).step_by(LARGEST_TILE).map(move |x| (x, y)))
         .collect();
     let began = Instant::now();
-    let desks = Desks::new(&world.manifold, tracer.knots());
+    let desks = ScratchPool::new(&world.manifold, tracer.knots());
     corners
         .par_iter()
         .with_max_len(1)
@@ -172,7 +172,7 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
 }
 
 /// Finds all paths of one of the largest tiles.
-fn divide(lattice: &Lattice<'_>, corner: (usize, usize), desk: &mut Desk<'_>) {
+fn divide(lattice: &Lattice<'_>, corner: (usize, usize), desk: &mut Scratch<'_>) {
     let spare = desk.strands.take();
     let divided = lattice.refine(corner, spare, &mut desk.endings);
     for tile in &divided.lost {

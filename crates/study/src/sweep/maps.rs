@@ -10,7 +10,7 @@
 //! | camera, 2 or 3 parameters | the first | the second, the third in its middle | the 95th percentile over directions |
 
 use crate::sweep::truth::{Camera, Lookup};
-use geofan_bundle::rays::FanSpace;
+use geofan_bundle::rays::RaySpace;
 use geofan_core::{
     Result, geodesic::check_point, manifold::CameraRegion, quantiles::Quantiles, random::Stream,
 };
@@ -71,7 +71,7 @@ pub struct Map {
 }
 
 /// The maps of the rays of `space` over `length`.
-pub fn maps(space: &FanSpace, length: f64) -> Vec<Map> {
+pub fn maps(space: &RaySpace, length: f64) -> Vec<Map> {
     let Some(region) = &space.manifold().cameras else {
         return Vec::new();
     };
@@ -99,7 +99,7 @@ fn cells((columns, rows): (usize, usize), ranges: [[f64; 2]; 2]) -> Vec<[f64; 2]
     (0..columns * rows).map(cell).collect()
 }
 
-fn directions(space: &FanSpace, region: &CameraRegion, length: f64) -> Map {
+fn directions(space: &RaySpace, region: &CameraRegion, length: f64) -> Map {
     let ranges = [[-180.0, 180.0], [-90.0, 90.0]];
     let u = region.at(&region.lerp(&[0.5; 3]));
     let toward = |[azimuth, elevation]: [f64; 2]| {
@@ -119,7 +119,7 @@ fn directions(space: &FanSpace, region: &CameraRegion, length: f64) -> Map {
     }
 }
 
-fn slice(space: &FanSpace, region: &CameraRegion, length: f64) -> Map {
+fn slice(space: &RaySpace, region: &CameraRegion, length: f64) -> Map {
     let ranges = [[0.0, 180.0], region.intervals[0]];
     let camera = |i: usize| {
         let u = region.at(&[middle(i, SLICE.0, ranges[1])]);
@@ -142,7 +142,7 @@ fn slice(space: &FanSpace, region: &CameraRegion, length: f64) -> Map {
     }
 }
 
-fn plane(space: &FanSpace, region: &CameraRegion, length: f64) -> Map {
+fn plane(space: &RaySpace, region: &CameraRegion, length: f64) -> Map {
     let ranges = [region.intervals[0], region.intervals[1]];
     let camera = |(i, [x, y]): (usize, [f64; 2])| {
         let mut parameters = region.lerp(&[0.5; 3]);
@@ -164,7 +164,7 @@ fn plane(space: &FanSpace, region: &CameraRegion, length: f64) -> Map {
 }
 
 /// The exact rays from `u`, none where it is outside the domain.
-fn at(space: &FanSpace, u: DVec3, length: f64, directions: Vec<DVec3>) -> Camera {
+fn at(space: &RaySpace, u: DVec3, length: f64, directions: Vec<DVec3>) -> Camera {
     match check_point(space.manifold(), "camera", u) {
         Ok(_) => Camera::new(space, u, length, directions, |_| SHARE),
         Err(_) => Camera {

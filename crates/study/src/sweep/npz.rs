@@ -13,7 +13,7 @@ use crate::sweep::{
     patches::interrupted,
 };
 use geofan_bake::plan::plan;
-use geofan_bundle::rays::{DISPLACEMENT, FanSpace, Focus};
+use geofan_bundle::rays::{DISPLACEMENT, RaySpace, ReferenceSphere};
 use geofan_core::{Error, Observer, Result, files::write_atomically, manifold::Manifold};
 use ndarray::{Array1, ArrayD, Axis, IxDyn, Slice};
 use ndarray_npy::{NpzWriter, WriteNpzError};
@@ -43,9 +43,9 @@ impl TensorOptions {
         let nodes = self.nodes;
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
-        let (space, plan) = plan(FanSpace::new(manifold)?, length, PROMISE, true);
+        let (space, plan) = plan(RaySpace::new(manifold)?, length, PROMISE, true);
         // Plain directions, as any other program would sample them.
-        let space = space.focused(Focus::default());
+        let space = space.focused(ReferenceSphere::default());
         let axes = self.axes(&space, length, nodes)?;
         if !self.trains.is_empty() && self.spacing == Spacing::Uniform {
             let message = "trains are of Chebyshev polynomials: add --npz-spacing chebyshev";
@@ -68,7 +68,7 @@ impl TensorOptions {
 
     fn axes(
         &self,
-        space: &FanSpace,
+        space: &RaySpace,
         length: f64,
         [camera, direction, arc]: [usize; 3],
     ) -> Result<Axes> {

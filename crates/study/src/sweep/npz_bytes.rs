@@ -7,7 +7,7 @@
 use crate::sweep::grid::Samples;
 use geofan_bake::refine::{decompose::decompose, order};
 use geofan_bundle::{
-    Polynomial, Step, Stretch, Tensor, Train, Tree, Variables, chebyshev, graded, ungraded,
+    MappedChebyshev, Polynomial, Step, Tensor, Train, Tree, Variables, chebyshev, graded, ungraded,
 };
 use geofan_core::{Error, Result};
 use ndarray::{ArrayD, Axis, IxDyn};
@@ -66,7 +66,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
     // same.
     let polynomial = Polynomial {
         coefficients: ungraded(coefficients),
-        variables: Variables::of_face(cameras, Stretch::NONE),
+        variables: Variables::of_face(cameras, MappedChebyshev::NONE),
     };
     let layout = order::best(&polynomial);
     let train = decompose(&polynomial, layout, (NEGLIGIBLE * error, MOST_RANK))?;

@@ -9,7 +9,7 @@ use geofan_bake::{
     parts::Parts,
     plan::plan,
 };
-use geofan_bundle::{Bundle, Contents, PlanRecord, Tree, identity, rays::FanSpace};
+use geofan_bundle::{Bundle, Contents, PlanRecord, Tree, identity, rays::RaySpace};
 use geofan_core::{Error, Observer, Progress, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -70,7 +70,7 @@ pub struct Baked {
 /// # Errors
 /// Interrupted, or the place cannot be written.
 pub fn bake(
-    space: FanSpace,
+    space: RaySpace,
     length: f64,
     (promise, refinement): (f64, Refinement),
     limits: Limits,

@@ -8,7 +8,7 @@ use geofan_bake::RandomRays;
 use geofan_bundle::{
     Fan, Table,
     measure::{Deviation, Probe, Probed, probe, settings, with_end},
-    rays::FanSpace,
+    rays::RaySpace,
 };
 use geofan_core::{Result, quantiles::Quantiles};
 use glam::{DQuat, DVec3};
@@ -116,7 +116,7 @@ impl Truth {
     ///
     /// # Errors
     /// No camera lies in the domain.
-    pub fn new(space: &FanSpace, length: f64, rays: usize, seed: u64) -> Result<Self> {
+    pub fn new(space: &RaySpace, length: f64, rays: usize, seed: u64) -> Result<Self> {
         let cameras = RandomRays::all(space, rays, [KEY, seed]).map(|random| {
             let RandomRays {
                 u,
@@ -178,7 +178,7 @@ struct Found {
 impl Camera {
     /// What is exact along `directions` from `u`, each at the share `share(ray)` of its path.
     pub fn new(
-        space: &FanSpace,
+        space: &RaySpace,
         u: DVec3,
         length: f64,
         directions: Vec<DVec3>,

@@ -1,17 +1,17 @@
 //! The space of rays that a bundle has to know: camera positions and directions after symmetry has
 //! been taken out.
 //!
-//! In: a manifold with its camera region. Out: [`FanSpace`]: the intervals of the camera and
-//! direction parameters, the map parameters → ray ([`FanSpace::ray`]), and its inverse: any camera
+//! In: a manifold with its camera region. Out: [`RaySpace`]: the intervals of the camera and
+//! direction parameters, the map parameters → ray ([`RaySpace::ray`]), and its inverse: any camera
 //! and direction → parameters and the [`Isometry`] that carries the stored ray to the true one
-//! ([`FanSpace::place`], [`FanSpace::locate`]).
+//! ([`RaySpace::place`], [`RaySpace::locate`]).
 //!
-//! On cube faces directions are known by what they aim at ([`Focus`]).
+//! On cube faces directions are known by what they aim at ([`ReferenceSphere`]).
 //!
 //! | symmetry | stored cameras | stored directions |
 //! |---|---|---|
 //! | none | the region's parameters | the sphere, on cube faces |
-//! | rotation | (ρ, 0, 0) | (cos θ, sin θ, 0), 0 ≤ θ ≤ π, by [`OrbitAngles`] |
+//! | rotation | (ρ, 0, 0) | (cos θ, sin θ, 0), 0 ≤ θ ≤ π, by [`ImpactParameter`] |
 //! | translation | the other coordinates, or the region's parameters if fewer | the sphere |
 //! | group | the identity | the sphere |
 
@@ -23,10 +23,10 @@ pub use place::{Located, Orbit, Place};
 use super::{
     direction::{FACES, direction},
     ends::{follow_symmetry, skies_turn},
-    focus::{Focus, direction_of},
+    focus::{ReferenceSphere, direction_of},
     mirror::Mirror,
-    orbit::OrbitAngles,
-    position::Lift,
+    orbit::ImpactParameter,
+    position::ChartMap,
     sphere::Sphere,
 };
 use geofan_core::{
@@ -52,7 +52,7 @@ pub enum Reduction {
 
 /// The rays a bundle covers.
 #[derive(Debug, Clone)]
-pub struct FanSpace {
+pub struct RaySpace {
     manifold: Arc<Manifold>,
     reduction: Reduction,
     /// Intervals of the stored camera parameters.
@@ -61,9 +61,9 @@ pub struct FanSpace {
     /// the coordinates not translated).
     by_region: bool,
     /// How directions are divided under rotation.
-    orbits: OrbitAngles,
+    orbits: ImpactParameter,
     /// How chart points are stored.
-    lift: Lift,
+    lift: ChartMap,
     /// Whether rays that the symmetry carries into each other end alike.
     ends_alike: bool,
     /// Whether skies turn with rays under rotation.
@@ -71,7 +71,7 @@ pub struct FanSpace {
     /// Discrete symmetries beside the one taken out.
     mirrors: Vec<Mirror>,
     /// How far away directions on cube faces aim.
-    focus: Focus,
+    focus: ReferenceSphere,
     /// The axes of the sphere if all directions are held together.
     sphere: Option<Sphere>,
 }
@@ -93,7 +93,7 @@ impl StoredCamera {
     }
 }
 
-impl FanSpace {
+impl RaySpace {
     /// The rays of all cameras in the manifold's region.
     ///
     /// # Errors
@@ -121,12 +121,12 @@ impl FanSpace {
             cameras: region.intervals.clone(),
             by_region: true,
             manifold: manifold.clone(),
-            orbits: OrbitAngles::default(),
-            lift: Lift::None,
+            orbits: ImpactParameter::default(),
+            lift: ChartMap::None,
             ends_alike: true,
             skies_turn: false,
             mirrors: Vec::new(),
-            focus: Focus::default(),
+            focus: ReferenceSphere::default(),
             sphere: None,
         };
         let own = reduction != Reduction::Group && region.dimension() <= invariants;
@@ -136,7 +136,7 @@ impl FanSpace {
         }
         if reduction == Reduction::Rotation {
             let [least, most] = space.areal_radii();
-            space.orbits = OrbitAngles::new(least, most);
+            space.orbits = ImpactParameter::new(least, most);
         }
         let middle = region.at(&region.lerp(&[0.5; 3])).length();
         let distance = middle.max(1.0);
@@ -190,12 +190,12 @@ impl FanSpace {
     }
 
     /// How chart points are stored.
-    pub fn lift(&self) -> Lift {
+    pub fn lift(&self) -> ChartMap {
         self.lift
     }
 
     /// The same rays with chart points stored in another way.
-    pub fn lifted(mut self, lift: Lift) -> Self {
+    pub fn lifted(mut self, lift: ChartMap) -> Self {
         self.lift = lift;
         self
     }
@@ -207,7 +207,7 @@ impl FanSpace {
     }
 
     /// The same rays, aimed in another way; `focus` has the cells of the table.
-    pub fn focused(mut self, focus: Focus) -> Self {
+    pub fn focused(mut self, focus: ReferenceSphere) -> Self {
         self.focus = focus;
         self
     }

@@ -1,9 +1,9 @@
 //! Any camera and direction in the parameters of a table, and the way back.
 //!
-//! In: a [`FanSpace`], a camera position and a direction. Out: the [`Place`] of the one, the
+//! In: a [`RaySpace`], a camera position and a direction. Out: the [`Place`] of the one, the
 //! [`Located`] ray of the other, with the [`Isometry`] that carries the stored ray to the true one.
 
-use super::{FanSpace, Reduction, StoredCamera};
+use super::{RaySpace, Reduction, StoredCamera};
 use crate::rays::{
     direction::{direction, face_and_parameters},
     focus::aim_of,
@@ -36,7 +36,7 @@ pub struct Place {
 /// A ray as the bundle sees it.
 #[derive(Debug, Clone)]
 pub struct Located {
-    /// Cube face, or face of [`OrbitAngles`](crate::rays::OrbitAngles) under rotation.
+    /// Cube face, or face of [`ImpactParameter`](crate::rays::ImpactParameter) under rotation.
     pub face: usize,
     /// Direction parameters in [−1, 1]: (p, q), or one under rotation and then 0.
     pub direction: [f64; 2],
@@ -51,7 +51,7 @@ pub struct Located {
 /// A ray under rotation symmetry: which of the stored rays it is, and how it lies.
 #[derive(Debug, Clone, Copy)]
 pub struct Orbit {
-    /// Face of [`OrbitAngles`](crate::rays::OrbitAngles).
+    /// Face of [`ImpactParameter`](crate::rays::ImpactParameter).
     pub face: usize,
     /// Direction parameter in [−1, 1].
     pub parameter: f64,
@@ -66,7 +66,7 @@ impl Located {
     }
 }
 
-impl FanSpace {
+impl RaySpace {
     /// The camera position `u` in stored parameters.
     ///
     /// # Errors
@@ -281,7 +281,7 @@ length = 4.0
     #[test]
     fn sixteen_rays_side_by_side_are_located_as_each_alone() {
         let manifold = Manifold::from_source(SourceText::new("ball", BALL), &[]).unwrap();
-        let space = FanSpace::new(Arc::new(manifold)).unwrap();
+        let space = RaySpace::new(Arc::new(manifold)).unwrap();
         let mut stream = Stream::new(&[6]);
         for u in [DVec3::ZERO, DVec3::new(0.3, -1.1, 0.7), DVec3::X * 2.5] {
             let place = space.place(u).unwrap();

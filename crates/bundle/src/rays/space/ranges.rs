@@ -4,7 +4,7 @@
 //! points: a search on a grid, then from its best point downhill, because extremes lie between the
 //! points of a grid.
 
-use super::FanSpace;
+use super::RaySpace;
 
 /// How finely the region is searched for the range of an invariant.
 const RANGE_SAMPLES: usize = 4096;
@@ -12,7 +12,7 @@ const RANGE_SAMPLES: usize = 4096;
 /// How finely the camera's interval is searched for its least areal radius.
 const ORBIT_SAMPLES: usize = 256;
 
-impl FanSpace {
+impl RaySpace {
     /// Whether the radius only rises or only falls over a region of one parameter, or none.
     pub(super) fn radius_is_monotonic(&self) -> bool {
         let region = self.region();
@@ -113,7 +113,7 @@ at = ["a", "b", "c"]
 "#;
         let source = SourceText::new("flat", text);
         let manifold = Arc::new(Manifold::from_source(source, &[]).unwrap());
-        let space = FanSpace::new(manifold).unwrap();
+        let space = RaySpace::new(manifold).unwrap();
         let [least, most] = space.cameras()[0];
         assert!(least.abs() < 1e-9 && (most - 3.0).abs() < 1e-12);
         assert!(space.place(DVec3::new(1e-3, 0.0, 0.0)).is_ok());

@@ -1,11 +1,11 @@
 //! Where a grid of fans has its nodes.
 //!
-//! In: the rays of a [`FanSpace`], a length and numbers of cells. Out: [`Axes`]: node positions along
+//! In: the rays of a [`RaySpace`], a length and numbers of cells. Out: [`Axes`]: node positions along
 //! every stored camera parameter, every direction parameter of a face, and the arc length. Nodes of
 //! different faces on their common edge are stored twice.
 
 use crate::sweep::Spacing;
-use geofan_bundle::{chebyshev, rays::FanSpace};
+use geofan_bundle::{chebyshev, rays::RaySpace};
 use glam::DVec3;
 
 impl Spacing {
@@ -37,7 +37,7 @@ pub struct Axes {
 
 impl Axes {
     /// `counts` nodes along the axes (camera…, direction…, arc length) over all rays of `space`.
-    pub fn new(space: &FanSpace, length: f64, counts: &[usize], spacing: Spacing) -> Self {
+    pub fn new(space: &RaySpace, length: f64, counts: &[usize], spacing: Spacing) -> Self {
         let k = space.cameras().len();
         let cameras = space.cameras().iter().zip(counts);
         let directions = &counts[k..k + space.directions()];
@@ -70,7 +70,7 @@ impl Axes {
     }
 
     /// The stored ray numbered `ray`: chart point and direction in the standard frame.
-    pub fn ray(&self, space: &FanSpace, ray: usize) -> (DVec3, DVec3) {
+    pub fn ray(&self, space: &RaySpace, ray: usize) -> (DVec3, DVec3) {
         let shape = self.ray_shape();
         let mut place = vec![0; shape.len()];
         let mut rest = ray;

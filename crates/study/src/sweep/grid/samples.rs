@@ -6,7 +6,7 @@
 
 use crate::sweep::clock::{Clock, Spent};
 use crate::sweep::grid::axes::Axes;
-use geofan_bundle::rays::{DISPLACEMENT, FanSpace, sample};
+use geofan_bundle::rays::{DISPLACEMENT, RaySpace, sample};
 
 /// Rays followed at once: enough to keep all threads busy, few enough that their samples in double
 /// precision stay small beside the grid.
@@ -25,7 +25,7 @@ pub enum Stored {
 
 impl Stored {
     /// Which channels of [`sample`] that is in `space`.
-    pub fn channels(self, space: &FanSpace) -> Vec<usize> {
+    pub fn channels(self, space: &RaySpace) -> Vec<usize> {
         let displacement = space.channels().iter().map(|c| DISPLACEMENT + c);
         let slope = space.channels().iter().copied();
         match self {
@@ -53,7 +53,7 @@ impl Samples {
     /// Follows every ray of `axes` at a local tolerance and keeps what is to be `stored`; `None` if
     /// `stop` says so between batches.
     pub fn new(
-        space: &FanSpace,
+        space: &RaySpace,
         axes: Axes,
         (tolerance, stored): (f64, Stored),
         stop: impl Fn() -> bool,
@@ -88,7 +88,7 @@ impl Samples {
 
 /// Appends the samples of a batch of rays (chart point, direction in the standard frame).
 fn append(
-    space: &FanSpace,
+    space: &RaySpace,
     lengths: &[f64],
     tolerance: f64,
     batch: &[(glam::DVec3, glam::DVec3)],

@@ -10,7 +10,7 @@ use crate::sweep::grid::{
     stencil::{Interpolation, Stencil, cell, prefilter},
     storage::{Number, Storage},
 };
-use geofan_bundle::rays::{FanSpace, Located, Place, Start};
+use geofan_bundle::rays::{Located, Place, RaySpace, Start};
 use geofan_core::{Result, geodesic::transport};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 /// A table of fans on equally spaced nodes.
 #[derive(Debug, Clone)]
 pub struct Grid {
-    space: FanSpace,
+    space: RaySpace,
     interpolation: Interpolation,
     /// Intervals of the camera parameters, none once the camera is fixed.
     cameras: Vec<[f64; 2]>,
@@ -41,7 +41,7 @@ type Rows = Vec<(usize, f32)>;
 impl Grid {
     /// From samples of the slope on uniform nodes over `space` and `length`.
     pub fn new(
-        space: &FanSpace,
+        space: &RaySpace,
         samples: &Samples,
         length: f64,
         interpolation: Interpolation,

@@ -2,7 +2,7 @@
 
 use crate::sweep::truth::{Errors, Truth};
 use crate::sweep::{Spacing, grid::*};
-use geofan_bundle::rays::FanSpace;
+use geofan_bundle::rays::RaySpace;
 use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use std::sync::Arc;
 
@@ -21,12 +21,12 @@ const LENGTH: f64 = 3.0;
 
 const TOLERANCE: f64 = 1e-10;
 
-fn space() -> FanSpace {
+fn space() -> RaySpace {
     let source = SourceText::new("lens", LENS);
-    FanSpace::new(Arc::new(Manifold::from_source(source, &[]).unwrap())).unwrap()
+    RaySpace::new(Arc::new(Manifold::from_source(source, &[]).unwrap())).unwrap()
 }
 
-fn samples(space: &FanSpace, cells: usize) -> Samples {
+fn samples(space: &RaySpace, cells: usize) -> Samples {
     let nodes = vec![cells + 1; space.cameras().len() + space.directions() + 1];
     let axes = Axes::new(space, LENGTH, &nodes, Spacing::Uniform);
     Samples::new(space, axes, (TOLERANCE, Stored::Slope), || false).unwrap()

@@ -21,7 +21,7 @@ use crate::sweep::{
 use geofan_bake::plan::plan;
 use geofan_bundle::{
     PlanRecord,
-    rays::{FanSpace, Focus},
+    rays::{RaySpace, ReferenceSphere},
 };
 use geofan_core::{Error, Observer, Result, manifold::Manifold};
 use glam::DVec3;
@@ -38,9 +38,9 @@ pub struct Subject<'a> {
     export: bool,
     effort: Effort,
     basis: Basis,
-    space: FanSpace,
+    space: RaySpace,
     /// The plan of its grids: how points are stored and how exactly they are integrated.
-    grid_space: FanSpace,
+    grid_space: RaySpace,
     grid_plan: PlanRecord,
     /// The share of a grid that the space's mirrors leave.
     grid_share: f64,
@@ -80,7 +80,7 @@ struct KeptRivals {
 const GRID_PROMISE: f64 = 0.02;
 
 /// Axes of a table of `space`: camera…, direction…, arc length.
-fn axes(space: &FanSpace) -> usize {
+fn axes(space: &RaySpace) -> usize {
     space.cameras().len() + space.directions() + 1
 }
 
@@ -96,7 +96,7 @@ pub struct Shared<'a> {
 
 impl Shared<'_> {
     /// What to measure of the rays of `space`.
-    fn effort(&self, space: &FanSpace) -> Effort {
+    fn effort(&self, space: &RaySpace) -> Effort {
         let options = self.options;
         let extent = match options.quick {
             true => Extent::Quick,
@@ -126,11 +126,13 @@ impl<'a> Subject<'a> {
     pub fn load(path: &Path, shared: &Shared<'a>) -> Result<Self> {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
-        let space = FanSpace::new(manifold.clone())?;
+        let space = RaySpace::new(manifold.clone())?;
         let effort = shared.effort(&space);
         let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
         // The usual table knows directions by themselves.
-        let grid_space = grid_space.focused(Focus::default()).on_sphere(None);
+        let grid_space = grid_space
+            .focused(ReferenceSphere::default())
+            .on_sphere(None);
         let division = grid_plan.division(&grid_space);
         let all = division.cells.iter().product::<usize>() * division.blocks;
         let name = path.file_stem().unwrap_or_default().to_string_lossy();
