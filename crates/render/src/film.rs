@@ -21,7 +21,7 @@ pub enum Film {
     /// One sample for each pixel: its colour, once it is there.
     Single(Picture),
     /// Sums over samples, axes (row, column, channel).
-    JacobiField {
+    Spread {
         /// Weighted colours.
         sums: Array3<f32>,
         /// The weights in a pixel of all samples of the pixels around it, by row and column.
@@ -34,7 +34,7 @@ impl Film {
     pub fn new((width, height): (usize, usize), samples: usize) -> Self {
         match samples {
             1 => Self::Single(Picture::new(Array3::zeros((0, 0, 3)))),
-            _ => Self::JacobiField {
+            _ => Self::Spread {
                 sums: Array3::zeros((height, width, 3)),
                 weights: [[0.0; 3]; 3],
             },
@@ -45,7 +45,7 @@ impl Film {
     pub fn add(&mut self, colours: Colours, offsets: &[DVec2]) {
         match self {
             Self::Single(picture) => *picture = Picture::new(colours.index_axis_move(Axis(2), 0)),
-            Self::JacobiField { sums, weights } => {
+            Self::Spread { sums, weights } => {
                 let taps = taps(offsets);
                 for (dy, row) in weights.iter_mut().enumerate() {
                     for (dx, weight) in row.iter_mut().enumerate() {
@@ -61,7 +61,7 @@ impl Film {
     pub fn develop(self) -> Picture {
         match self {
             Self::Single(picture) => picture,
-            Self::JacobiField { mut sums, weights } => {
+            Self::Spread { mut sums, weights } => {
                 divide(&mut sums, &weights);
                 Picture::new(sums)
             }
