@@ -32,15 +32,17 @@ pub fn graded_in_order(coefficients: &ArrayD<f64>, order: &[usize]) -> Vec<f64> 
     let axes: Vec<(usize, usize)> = axes.collect();
     let values = coefficients.as_slice().unwrap_or_default();
     let mut graded = vec![0.0; values.len()];
-    let rows = graded.par_chunks_exact_mut(row).enumerate();
-    rows.with_min_len(ROWS).for_each(|(number, to)| {
-        let (mut rest, mut first) = (number, 0);
-        for (length, stride) in &axes {
-            first += rest % length * stride;
-            rest /= length;
+    let blocks = graded.par_chunks_mut(ROWS * row).enumerate();
+    blocks.for_each(|(block, rows)| {
+        for (number, to) in (ROWS * block..).zip(rows.chunks_exact_mut(row)) {
+            let (mut rest, mut first) = (number, 0);
+            for (length, stride) in &axes {
+                first += rest % length * stride;
+                rest /= length;
+            }
+            let from = values[first..first + row].iter().zip(&factors);
+            to.iter_mut().zip(from).for_each(|(to, (x, f))| *to = x * f);
         }
-        let from = values[first..first + row].iter().zip(&factors);
-        to.iter_mut().zip(from).for_each(|(to, (x, f))| *to = x * f);
     });
     graded
 }

@@ -121,7 +121,8 @@ impl Table {
     /// A chunk is damaged.
     pub fn decode(&self) -> Result<()> {
         let chunks = self.chunks.par_iter();
-        let decoded = chunks.try_for_each(|chunk| chunk.tree().map(|_| ()));
+        let decoded: Result<(), DecodeError> =
+            chunks.map(|chunk| chunk.tree().map(|_| ())).collect();
         decoded.map_err(in_bundle)
     }
 
