@@ -4,26 +4,23 @@
 //! back: the manifold is rebuilt from the text that the file embeds. Patches stay coded until they
 //! are used, so opening costs two hashes over the file.
 
-use super::{
+#[cfg(feature = "files")]
+use crate::container::MOST_BYTES;
+use crate::{
     Certificate, Table,
     container::{self, Container, ContainerError, Id},
-    division::Division,
-    records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
-    table::Chunk,
+    header::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
+    rays::{ChartMap, RaySpace},
+    table::{Chunk, Division},
 };
-use crate::rays::{ChartMap, RaySpace};
+use geofan_core::files::write_atomically;
 use geofan_core::{
     diagnostic::SourceText,
     error::{Error, Result},
     manifold::Manifold,
 };
+use std::{fs, io::Write};
 use std::{path::Path, sync::Arc};
-#[cfg(feature = "files")]
-use {
-    super::container::MOST_BYTES,
-    geofan_core::files::write_atomically,
-    std::{fs, io::Write},
-};
 
 /// The most chunks of a bundle: far above any plan's.
 const MOST_CHUNKS: u64 = 1 << 20;
@@ -376,5 +373,5 @@ impl Bundle {
 }
 
 #[cfg(test)]
-#[path = "file_tests.rs"]
+#[path = "bundle_tests.rs"]
 mod tests;
