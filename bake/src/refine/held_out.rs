@@ -2,7 +2,7 @@
 
 use super::{Refiner, region::Region, scout::weigh};
 use geofan_bundle::{
-    Polynomial, Tensor, arc,
+    Polynomial, Tensor, path_coefficients,
     measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
     rays::{CHANNELS, Start},
 };
@@ -294,12 +294,12 @@ impl<'a> HeldOut<'a> {
         let refiner = self.refiner;
         let channels = refiner.space.channels().len();
         let mut rows = Vec::new();
-        arc::unfold(stored, channels, self.interval, &mut rows);
+        path_coefficients::unfold(stored, channels, self.interval, &mut rows);
         let mut errors = Errors::default();
         let only_exits = tangents_at_exits(refiner.space);
         for (i, probe) in ray.probes.iter().enumerate() {
-            let sums = arc::sums(&rows, channels, self.interval, &[probe.s]);
-            let (u, v) = arc::state(refiner.space, &ray.start, &sums, 0, probe.s);
+            let sums = path_coefficients::sums(&rows, channels, self.interval, &[probe.s]);
+            let (u, v) = path_coefficients::state(refiner.space, &ray.start, &sums, 0, probe.s);
             errors.points.push(probe.screen_mrad(u - probe.u));
             let exit = ray.exits && i + 1 == ray.probes.len();
             if refiner.plan.frames && (exit || !only_exits) {

@@ -19,7 +19,7 @@ pub(crate) mod scout;
 pub(crate) mod sweep;
 
 use geofan_bundle::{
-    Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev,
+    Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, path_coefficients, chebyshev,
     rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
 };
 use glam::DVec3;
@@ -272,7 +272,7 @@ impl Refiner<'_> {
     /// length as [`arc`] unfolds them.
     fn fit(&self, chunk: usize, region: &Region, nodes: &[usize]) -> Polynomial {
         let interval = region.arc_interval(self.plan.length);
-        let starts = usize::from(arc::stores_start(interval));
+        let starts = usize::from(path_coefficients::stores_start(interval));
         let mut lengths = vec![interval[0]; starts];
         lengths.extend(self.arc_lengths(region, nodes[region.arc()]));
         let channels = self.space.channels();

@@ -4,21 +4,23 @@
 //! back: the manifold is rebuilt from the text that the file embeds. Patches stay coded until they
 //! are used, so opening costs two hashes over the file.
 
-use super::{
+#[cfg(feature = "files")]
+use crate::container::MOST_BYTES;
+use crate::{
     Certificate, Table,
-    container::{Container, ContainerError, Id, MOST_BYTES},
-    division::Division,
-    records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
-    table::Chunk,
+    container::{self, Container, ContainerError, Id},
+    header::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
+    rays::{ChartMap, RaySpace},
+    table::{Chunk, Division},
 };
-use crate::rays::{ChartMap, RaySpace};
+use geofan_core::files::write_atomically;
 use geofan_core::{
     diagnostic::SourceText,
     error::{Error, Result},
-    files::write_atomically,
     manifold::Manifold,
 };
-use std::{fs, io::Write, path::Path, sync::Arc};
+use std::{fs, io::Write};
+use std::{path::Path, sync::Arc};
 
 /// The most chunks of a bundle: far above any plan's.
 const MOST_CHUNKS: u64 = 1 << 20;
@@ -30,7 +32,7 @@ pub enum BundleError {
     #[error("{0}")]
     Container(#[from] ContainerError),
     /// Too large to be read whole.
-    #[error("has {0} bytes; bundles have at most {MOST_BYTES}")]
+    #[error("has {0} bytes; bundles have at most {max}", max = container::MOST_BYTES)]
     TooLarge(u64),
     /// The header does not decode.
     #[error("is not a valid bundle: its header: {0}")]
@@ -222,6 +224,7 @@ impl Contents {
     ///
     /// # Errors
     /// The file cannot be read, or is not one.
+    #[cfg(feature = "files")]
     pub fn read(path: &Path) -> Result<Self> {
         let size = fs::metadata(path).map_err(|e| Error::io(path, e))?.len();
         if size > MOST_BYTES {
@@ -265,6 +268,7 @@ impl Contents {
     ///
     /// # Errors
     /// The place cannot be written.
+    #[cfg(feature = "files")]
     pub fn write(&self, path: &Path) -> Result<u64> {
         let bytes = self.encode().map_err(|e| e.about(path))?;
         write_atomically(path, |out| out.write_all(&bytes))?;
@@ -303,6 +307,7 @@ impl Bundle {
     ///
     /// # Errors
     /// The file cannot be read, or is not a whole bundle.
+    #[cfg(feature = "files")]
     pub fn read(path: &Path) -> Result<Self> {
         Self::from_contents(Contents::read(path)?).map_err(|e| e.about(path))
     }
@@ -361,11 +366,12 @@ impl Bundle {
     ///
     /// # Errors
     /// The place cannot be written.
+    #[cfg(feature = "files")]
     pub fn write(&self, path: &Path) -> Result<u64> {
         self.contents().write(path)
     }
 }
 
 #[cfg(test)]
-#[path = "file_tests.rs"]
+#[path = "bundle_tests.rs"]
 mod tests;

@@ -4,8 +4,10 @@
 //! integers, lengths of 8 bytes), and back. This is the only module that uses bincode; the format
 //! is also that of bincode 1.3 and of wincode, so files outlive the crate.
 
-use super::{Certificate, MappedChebyshev};
-use crate::rays::{ChartMap, Mirror, RaySpace, Reduction, ReferenceSphere, Sphere};
+use crate::{
+    Certificate, MappedChebyshev,
+    rays::{ChartMap, Mirror, RaySpace, Reduction, ReferenceSphere, Sphere},
+};
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
