@@ -6,7 +6,7 @@
 //! the facets divided (u32), six f32 a point, and a checksum (XXH3, 8 bytes) of all that comes before.
 
 use crate::Lamps;
-use crate::baked::{ADDED, EVEN, bake_light};
+use crate::illumination::{ADDED, EVEN, bake_light};
 use geofan_core::{error::Result, files::write_atomically};
 use geofan_render::World;
 use geofan_render::lightmap::{CONTRAST, FacetLayout, Light, Lightmap};

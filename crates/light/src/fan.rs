@@ -6,8 +6,7 @@
 
 use crate::{
     boxes::Boxes,
-    cell::{Cell, Guess},
-    icosphere,
+    segment::{Cell, Guess},
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
@@ -151,7 +150,7 @@ impl<'m> LightFan<'m> {
 
     /// The fewest intervals on which cubics follow most rays.
     fn choose_knots(&mut self) {
-        let directions = icosphere::corners();
+        let directions = icosahedron_corners();
         let mut count = INTERVALS;
         loop {
             self.knots = self.even_knots(2 * count);
@@ -171,8 +170,8 @@ impl<'m> LightFan<'m> {
 
     /// Fills `rays` and returns the triangles of them.
     fn refine(&mut self) -> Vec<[usize; 3]> {
-        let corners = icosphere::corners();
-        let mut open = icosphere::faces(&corners);
+        let corners = icosahedron_corners();
+        let mut open = icosahedron_faces(&corners);
         self.rays = self.trace(&corners);
         let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
         let mut done = Vec::new();
@@ -397,5 +396,49 @@ impl Sink for Sampler<'_, '_> {
             let u = last.u + last.v * (s - self.fan.knots[at]);
             ray.knots.push(Knot { u, ..last });
         }
+    }
+}
+
+/// The corners of an icosahedron.
+fn icosahedron_corners() -> Vec<DVec3> {
+    let golden = 0.5 * (1.0 + 5.0_f64.sqrt());
+    let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
+    let around = |(a, b): (f64, f64)| {
+        let (x, y) = (a, b * golden);
+        [
+            DVec3::new(0.0, x, y),
+            DVec3::new(x, y, 0.0),
+            DVec3::new(y, 0.0, x),
+        ]
+    };
+    signs
+        .into_iter()
+        .flat_map(around)
+        .map(DVec3::normalize)
+        .collect()
+}
+
+/// Its faces: all triples of neighbouring corners.
+fn icosahedron_faces(corners: &[DVec3]) -> Vec<[usize; 3]> {
+    let near = |i: usize, j: usize| corners[i].dot(corners[j]) > 0.4;
+    let mut faces = Vec::new();
+    for i in 0..corners.len() {
+        for j in i + 1..corners.len() {
+            for k in j + 1..corners.len() {
+                if near(i, j) && near(j, k) && near(k, i) {
+                    faces.push([i, j, k]);
+                }
+            }
+        }
+    }
+    faces
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn an_icosahedron_has_twelve_corners_and_twenty_faces() {
+        let corners = super::icosahedron_corners();
+        assert_eq!((corners.len(), super::icosahedron_faces(&corners).len()), (12, 20));
     }
 }

@@ -9,22 +9,18 @@
 //! geodesics add up. At a caustic the area is zero and the irradiance infinite, though the energy
 //! that arrives is not; see [`MOST_GAIN`].
 
-mod baked;
 mod boxes;
 pub mod cache;
-mod cell;
-mod connect;
+mod connection;
 mod fan;
-mod icosphere;
 mod illumination;
 pub mod path_tracer;
-mod prism;
-mod slanted;
-mod way;
+mod segment;
+mod segment_map;
+mod shadowed;
 
-pub use baked::{ADDED, EVEN, bake_light};
-pub use connect::Connection;
-pub(crate) use connect::{Attempt, connect};
+pub use connection::Connection;
+pub(crate) use connection::{Attempt, connect};
 pub use fan::LightFan;
-pub use illumination::{Lamps, MOST_GAIN, irradiance};
-pub(crate) use way::Way;
+pub use illumination::{ADDED, EVEN, Lamps, MOST_GAIN, bake_light, irradiance};
+pub(crate) use shadowed::Way;

@@ -3,7 +3,7 @@
 //! In: a chart point. Out: guesses of the direction and arc length at which the light reaches it,
 //! by inverting the interpolated map (b, c, t) → u: see [`Prism`].
 
-use crate::{fan::LightFan, prism::Prism, slanted::slanted};
+use crate::{fan::LightFan, segment_map::Prism, segment_map::slanted};
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
 /// How far outside its cell, in b, c and t, a point may lie and still be guessed from it: neighbours

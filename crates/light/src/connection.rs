@@ -6,9 +6,9 @@
 //! deviation, and what stands in its way is found on the same path.
 
 use crate::{
-    cell::Guess,
+    segment::Guess,
     fan::{LightFan, Room},
-    way::{Arrival, Reached, Way, reached},
+    shadowed::{Arrival, Reached, Way, reached},
 };
 use geofan_core::{
     geodesic::{Ray, Settings, perpendiculars, signed_area},
