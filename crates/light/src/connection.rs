@@ -1,14 +1,16 @@
-//! The geodesics that connect two points.
+//! The geodesics that connect two points: a boundary value problem, solved by shooting.
 //!
-//! In: guesses of direction and length. Out: [`Connection`]s, by Newton's method with the deviation
-//! matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`. A guess that brings its own matrix is first followed
-//! without deviation, which costs a fraction; when its next step is small, an attempt is followed with
-//! deviation, and what stands in its way is found on the same path.
+//! In: guesses of direction and arc length ([`ShootingStart`]). Out: [`Connection`]s, by Newton's
+//! method with the deviation matrix: `(J₁, J₂, v) (δ₁, δ₂, δs) = x − u(s)`, where the columns `J` say
+//! how the end moves when the direction turns by two small angles `δ`, and the tangent `v` how it moves
+//! with the length. A guess that brings its own matrix is first followed without deviation, which costs
+//! a fraction; when its next step is small it is followed with deviation, and what casts a shadow on
+//! its end is found on the same path.
 
 use crate::{
+    fan::LightFan,
     segment::Guess,
-    fan::{LightFan, Room},
-    shadowed::{Arrival, Reached, Way, reached},
+    shadowed::{FollowedRay, RayEnd, Shadows, follow_shadowed},
 };
 use geofan_core::{
     geodesic::{Ray, Settings, perpendiculars, signed_area},
@@ -16,7 +18,7 @@ use geofan_core::{
 };
 use glam::{DMat3, DVec3};
 
-/// A geodesic from a point (a light) to another.
+/// A geodesic from a point (a lamp) to another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Connection {
     /// Its direction at the start, in the standard frame there; unit.
@@ -32,39 +34,44 @@ pub struct Connection {
     pub area: f64,
 }
 
-/// A connection being found.
+/// Says which two points to connect, and where to begin.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Attempt {
-    /// What it is for.
+pub(crate) struct ShootingStart {
+    /// The number that its connection will have.
     pub index: usize,
     /// The point to start from with the standard frame there, and the one to reach.
     pub from: DVec3,
     pub frame: DMat3,
     pub to: DVec3,
-    /// Direction in the standard frame at the start, and arc length.
+    /// Guessed direction in the standard frame at the start, and arc length.
     pub direction: DVec3,
     pub s: f64,
     /// Roughly the two deviations at the end, chart components, if something is known about them.
     pub spread: Option<[DVec3; 2]>,
 }
 
-/// An attempt with what its last steps have shown.
+/// Newton's method for one connection.
 #[derive(Debug, Clone, Copy)]
-struct State {
-    attempt: Attempt,
+struct ShootingState {
+    start: ShootingStart,
     /// The best so far: direction, arc length and how far it missed.
     best: (DVec3, f64, f64),
     /// The step from the best that is being tried: two angles and an arc length.
     step: DVec3,
     /// Whether the step is so small that it may be the last.
     near: bool,
-    /// Whether it is to be followed without deviation, and the next step found by the guess.
+    /// Whether the next ray is to be followed without deviation, and the step after it found by the
+    /// guessed one.
     bare: bool,
-    /// Whether the step was found so.
-    guided: bool,
+    /// Whether the present step was found so.
+    guessed: bool,
 }
 
-/// Most integrations of one attempt: honest ones need two, beside caustics three or four. The others
+/// A ray that was tried, by how much its end misses the point, and the Newton step that would put it
+/// right.
+type Shot = (Connection, f64, DVec3);
+
+/// Most integrations for one connection: most need two, beside caustics three or four. The others
 /// look for light beyond a fold, where there is none.
 const MOST_STEPS: usize = 8;
 
@@ -73,54 +80,56 @@ const MOST_STEPS: usize = 8;
 const LARGEST_TURN: f64 = 0.3;
 const LARGEST_STRETCH: f64 = 0.4;
 
-/// An attempt has arrived when it misses by this share of the arc length times the square root of the
+/// A ray has arrived when it misses by this share of the arc length times the square root of the
 /// tolerance. The miss is then put right to first order, so that direction and length are as good as
-/// the integration (see [`COARSE`]); the area stays that of the path beside, off by some ten times the
+/// the integration (see [`COARSE`]); the area stays that of the tried ray, off by some ten times the
 /// miss: a part in a million at a tolerance of 1e-10. A tenth of this would cost another integration
 /// for most.
 const ARRIVED: f64 = 1e-2;
 
-/// Integrations have a tolerance of this many times the miss that is allowed: what they leave of the
-/// area is no more than what the miss does, and it is well below the distance at which two solutions
-/// are told apart.
+/// Integrations have a tolerance of this many times the miss that is allowed: their error in the area
+/// is then no larger than the miss's, and well below the distance at which two solutions are told
+/// apart.
 const COARSE: f64 = 1.0;
 
 /// A step that turns by less than this (radians), and changes the arc length by less than this share,
-/// is expected to be the last: what it leaves out is of the order of its square, and what is in its
-/// way is in the way of the connection.
+/// is expected to be the last: it leaves out about its square, and what shadows its ray shadows the
+/// connection.
 const NEAR: f64 = 2e-3;
 
-/// Finishes attempts at a local tolerance; those that do not arrive are left out, as are those with
-/// something in their way, and repetitions for the same index. By ascending index, and for each by
-/// arc length; with the number of geodesics that were followed.
+/// Finds the connections of `starts` at a local tolerance, without those that do not arrive, those in
+/// shadow, and repetitions for one index. Returns them by ascending index, and for each by arc length;
+/// with the number of geodesics that were followed.
 pub(crate) fn connect(
     manifold: &Manifold,
-    attempts: Vec<Attempt>,
+    starts: Vec<ShootingStart>,
     tolerance: f64,
-    way: Way<'_>,
+    shadows: Shadows<'_>,
 ) -> (Vec<(usize, Connection)>, usize) {
     let local = tolerance.max(COARSE * allowed(tolerance).min(0.1 * SAME));
-    let mut open: Vec<State> = attempts.into_iter().map(State::new).collect();
+    let mut open: Vec<ShootingState> = starts.into_iter().map(ShootingState::new).collect();
     let (mut found, mut followed) = (Vec::new(), 0);
     for _ in 0..MOST_STEPS {
         if open.is_empty() {
             break;
         }
         followed += open.len();
-        let (near, far): (Vec<State>, Vec<State>) = open.into_iter().partition(|s| s.near);
+        let (near, far): (Vec<ShootingState>, Vec<ShootingState>) =
+            open.into_iter().partition(|s| s.near);
         open = approached(manifold, far, local);
-        let (arrived, others) = arrived(manifold, near, [local, allowed(tolerance)], way);
+        let (arrived, others) = arrived(manifold, near, [local, allowed(tolerance)], shadows);
         found.extend(arrived);
         open.extend(others);
     }
     (distinct(found), followed)
 }
 
-/// By how much an arrived attempt may miss, as a share of the arc length.
+/// Returns by how much an arrived ray may miss, as a share of the arc length.
 fn allowed(tolerance: f64) -> f64 {
     ARRIVED * tolerance.sqrt()
 }
 
+/// Carries deviation or not, and ends rays at exits or not.
 fn settings(tolerance: f64, deviation: bool, events: bool) -> Settings {
     Settings {
         tolerance,
@@ -132,104 +141,84 @@ fn settings(tolerance: f64, deviation: bool, events: bool) -> Settings {
     }
 }
 
-/// How far what the attempts try now comes on its `way`.
+/// Follows the rays that the states try now.
 fn followed(
     manifold: &Manifold,
     settings: Settings,
-    states: &[State],
-    way: Way<'_>,
-) -> Vec<Reached> {
-    let numbers = states.iter().map(|state| state.attempt.index).collect();
-    let rays = states.iter().map(State::ray).collect();
-    reached(manifold, settings, rays, numbers, way)
+    states: &[ShootingState],
+    shadows: Shadows<'_>,
+) -> Vec<FollowedRay> {
+    let numbers = states.iter().map(|state| state.start.index).collect();
+    let rays = states.iter().map(ShootingState::ray).collect();
+    follow_shadowed(manifold, settings, rays, numbers, shadows)
 }
 
-/// Follows attempts whatever is in their way: those that have a next step, with it.
-fn approached(manifold: &Manifold, states: Vec<State>, tolerance: f64) -> Vec<State> {
-    let (bare, others): (Vec<State>, Vec<State>) = states.into_iter().partition(|s| s.bare);
+/// Takes a step with every state, whatever casts shadows; returns those that have a next step.
+fn approached(
+    manifold: &Manifold,
+    states: Vec<ShootingState>,
+    tolerance: f64,
+) -> Vec<ShootingState> {
+    let (bare, others): (Vec<ShootingState>, Vec<ShootingState>) =
+        states.into_iter().partition(|s| s.bare);
     let mut open = Vec::with_capacity(bare.len() + others.len());
     for (states, deviation) in [(bare, false), (others, true)] {
         let settings = settings(tolerance, deviation, false);
-        let flights = followed(manifold, settings, &states, Way::Any);
-        let next = |(state, flight): (State, Reached)| {
-            let target = state.target(&flight);
-            state.stepped(target)
+        let rays = followed(manifold, settings, &states, Shadows::Ignored);
+        let next = |(state, ray): (ShootingState, FollowedRay)| {
+            let shot = state.shot(&ray);
+            state.stepped(shot)
         };
-        open.extend(states.into_iter().zip(flights).filter_map(next));
+        open.extend(states.into_iter().zip(rays).filter_map(next));
     }
     open
 }
 
-/// Follows attempts as far as the way is free: those that have arrived, missing by at most the share
-/// `allowed`, and those others that have a next step, with it.
+/// Takes a step with every state whose ray is not in shadow: returns those that have arrived, missing
+/// by at most the share `allowed`, and those others that have a next step.
 fn arrived(
     manifold: &Manifold,
-    states: Vec<State>,
+    states: Vec<ShootingState>,
     [tolerance, allowed]: [f64; 2],
-    way: Way<'_>,
-) -> (Vec<(usize, Connection)>, Vec<State>) {
-    let flights = followed(manifold, settings(tolerance, true, true), &states, way);
+    shadows: Shadows<'_>,
+) -> (Vec<(usize, Connection)>, Vec<ShootingState>) {
+    let rays = followed(manifold, settings(tolerance, true, true), &states, shadows);
     let (mut found, mut others) = (Vec::new(), Vec::new());
-    for (state, flight) in states.into_iter().zip(flights) {
-        if matches!(flight, Reached::Blocked) {
+    for (state, ray) in states.into_iter().zip(rays) {
+        if matches!(ray, FollowedRay::Shadowed) {
             continue;
         }
-        match state.target(&flight) {
-            Some(target) if target.miss.length() <= allowed * target.s => {
-                found.push((state.attempt.index, target.connection()));
+        match state.shot(&ray) {
+            Some((tried, miss, step)) if miss <= allowed * tried.s => {
+                // Put right to first order, rays that have come to one geodesic from different sides
+                // agree.
+                let (direction, s) = stepped(tried.direction, tried.s, step);
+                let connection = Connection {
+                    direction,
+                    s,
+                    ..tried
+                };
+                found.push((state.start.index, connection));
             }
-            target => others.extend(state.stepped(target)),
+            shot => others.extend(state.stepped(shot)),
         }
     }
     (found, others)
 }
 
-/// Where a tried geodesic has come to.
-struct Target {
-    direction: DVec3,
-    s: f64,
-    u: DVec3,
-    v: DVec3,
-    /// From there to the point, in the standard frame.
-    miss: DVec3,
-    /// The derivatives of the end by two angles and the arc length, in the standard frame.
-    slope: DMat3,
-    area: f64,
-}
-
-impl Target {
-    /// The Newton step towards the point.
-    fn step(&self) -> DVec3 {
-        limited(least_squares(self.slope, self.miss, self.s), self.s)
-    }
-
-    /// What is still missing is put right to first order, so that attempts that have come to the same
-    /// geodesic from different sides agree.
-    fn connection(&self) -> Connection {
-        let (direction, s) = stepped(self.direction, self.s, self.step());
-        Connection {
-            direction,
-            s,
-            u: self.u,
-            v: self.v,
-            area: self.area,
-        }
-    }
-}
-
-impl State {
-    fn new(attempt: Attempt) -> Self {
+impl ShootingState {
+    fn new(start: ShootingStart) -> Self {
         Self {
-            attempt,
-            best: (attempt.direction, attempt.s, f64::INFINITY),
+            start,
+            best: (start.direction, start.s, f64::INFINITY),
             step: DVec3::ZERO,
             near: false,
-            bare: attempt.spread.is_some(),
-            guided: false,
+            bare: start.spread.is_some(),
+            guessed: false,
         }
     }
 
-    /// The direction and arc length that the present step leads to.
+    /// Returns the direction and arc length that the present step leads to.
     fn tried(&self) -> (DVec3, f64) {
         let (d, s, _) = self.best;
         stepped(d, s, self.step)
@@ -237,51 +226,55 @@ impl State {
 
     fn ray(&self) -> Ray {
         let (d, s) = self.tried();
-        Ray::in_frame(self.attempt.frame, self.attempt.from, d, s)
+        Ray::in_frame(self.start.frame, self.start.from, d, s)
     }
 
-    /// Where the present step has led to, if its path has reached its end.
-    fn target(&self, flight: &Reached) -> Option<Target> {
-        let &Reached::End(Arrival {
+    /// Returns what the present step has led to, if its ray has reached its end.
+    fn shot(&self, ray: &FollowedRay) -> Option<Shot> {
+        let &FollowedRay::Arrived(RayEnd {
             u,
             v,
             spread,
             frame,
-        }) = flight
+        }) = ray
         else {
             return None;
         };
         let (direction, s) = self.tried();
+        let columns = spread.or(self.start.spread)?;
+        // From the end to the point, and the derivatives of the end by two angles and the arc length,
+        // in the standard frame.
         let into = frame.inverse();
-        let columns = spread.or(self.attempt.spread)?;
-        Some(Target {
+        let miss = into * (self.start.to - u);
+        let slope = DMat3::from_cols(into * columns[0], into * columns[1], into * v);
+        let tried = Connection {
             direction,
             s,
             u,
             v,
-            miss: into * (self.attempt.to - u),
-            slope: DMat3::from_cols(into * columns[0], into * columns[1], into * v),
             area: signed_area(into, v, columns),
-        })
+        };
+        let step = limited(least_squares(slope, miss, s), s);
+        Some((tried, miss.length(), step))
     }
 
-    /// With the next step, from where the present one has led to if that is better than the best, else
-    /// half the present one; `None` if there is none.
-    fn stepped(mut self, target: Option<Target>) -> Option<Self> {
-        match target.filter(|target| target.miss.length() < self.best.2) {
-            Some(target) => {
-                self.best = (target.direction, target.s, target.miss.length());
-                self.step = target.step();
-                self.guided = self.bare;
+    /// Prepares the next step: from where the present one has led to if that is better than the best,
+    /// else half the present one; `None` if there is none.
+    fn stepped(mut self, shot: Option<Shot>) -> Option<Self> {
+        match shot.filter(|(_, miss, _)| *miss < self.best.2) {
+            Some((tried, miss, step)) => {
+                self.best = (tried.direction, tried.s, miss);
+                self.step = step;
+                self.guessed = self.bare;
             }
             // The guess has led astray: once more from the best, with deviation.
-            None if self.guided => {
+            None if self.guessed => {
                 let (direction, s, _) = self.best;
-                return Some(Self::new(Attempt {
+                return Some(Self::new(ShootingStart {
                     direction,
                     s,
                     spread: None,
-                    ..self.attempt
+                    ..self.start
                 }));
             }
             None => self.step *= 0.5,
@@ -293,19 +286,20 @@ impl State {
     }
 }
 
-/// A direction turned by two angles, and an arc length changed, by `step`.
+/// Turns a direction by two angles, and changes an arc length, by `step`.
 fn stepped(d: DVec3, s: f64, step: DVec3) -> (DVec3, f64) {
     let [e1, e2] = perpendiculars(d);
     ((d + e1 * step.x + e2 * step.y).normalize(), s + step.z)
 }
 
-/// The smallest solution of `slope x = miss`, damped by rounding's share of the arc length so that
-/// it stays finite at caustics.
+/// Returns the smallest solution of `slope x = miss`, damped by rounding's share of the arc length so
+/// that it stays finite at caustics.
 fn least_squares(slope: DMat3, miss: DVec3, s: f64) -> DVec3 {
     let normal = slope.transpose() * slope + DMat3::from_diagonal(DVec3::splat(1e-14 * s * s));
     normal.inverse() * (slope.transpose() * miss)
 }
 
+/// Shortens a step to the largest turn and stretch.
 fn limited(step: DVec3, s: f64) -> DVec3 {
     let turn = step.truncate().length() / LARGEST_TURN;
     let stretch = step.z.abs() / (LARGEST_STRETCH * s);
@@ -317,6 +311,7 @@ fn limited(step: DVec3, s: f64) -> DVec3 {
 /// closer than this have merged for all purposes.
 const SAME: f64 = 1e-5;
 
+/// Sorts connections and leaves out repetitions.
 fn distinct(mut found: Vec<(usize, Connection)>) -> Vec<(usize, Connection)> {
     // The sort is stable and by the key alone, so the order does not depend on when each arrived.
     found.sort_by(|(i, a), (j, b)| i.cmp(j).then(a.s.total_cmp(&b.s)));
@@ -336,7 +331,7 @@ fn distinct(mut found: Vec<(usize, Connection)>) -> Vec<(usize, Connection)> {
 }
 
 impl LightFan<'_> {
-    /// All geodesics from the light to each of `points` (chart), up to the fan's length; by the
+    /// Finds all geodesics from the lamp to each of `points` (chart), up to the fan's length; by the
     /// number of the point, and for each by ascending arc length; with the number of geodesics that
     /// were followed to find them.
     pub fn connections(
@@ -344,30 +339,27 @@ impl LightFan<'_> {
         points: &[DVec3],
         tolerance: f64,
     ) -> (Vec<(usize, Connection)>, usize) {
-        self.connected(points.iter().copied(), tolerance, Way::Any)
+        self.connected(points.iter().copied(), tolerance, Shadows::Ignored)
     }
 
-    /// The same, but only those on a `way` of their own.
+    /// Finds those that `shadows` leaves; see [`LightFan::connections`].
     pub(super) fn connected(
         &self,
         points: impl Iterator<Item = DVec3>,
         tolerance: f64,
-        way: Way<'_>,
+        shadows: Shadows<'_>,
     ) -> (Vec<(usize, Connection)>, usize) {
-        let mut room = Room::default();
-        let attempts = points.enumerate().flat_map(|(index, point)| {
-            let attempt = move |(to, guess): (DVec3, Guess)| Attempt {
-                index,
-                from: self.u,
-                frame: self.frame,
-                to,
-                direction: guess.direction,
-                s: guess.s,
-                spread: Some(guess.spread),
-            };
-            self.guesses(point, &mut room).into_iter().map(attempt)
-        });
-        let (mut found, followed) = connect(self.manifold, attempts.collect(), tolerance, way);
+        let start = |(index, to, guess): (usize, DVec3, Guess)| ShootingStart {
+            index,
+            from: self.u,
+            frame: self.frame,
+            to,
+            direction: guess.direction,
+            s: guess.s,
+            spread: Some(guess.spread),
+        };
+        let starts = self.guesses(points).into_iter().map(start).collect();
+        let (mut found, followed) = connect(self.manifold, starts, tolerance, shadows);
         found.retain(|(_, c)| c.s <= self.length);
         (found, followed)
     }

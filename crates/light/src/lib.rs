@@ -1,15 +1,15 @@
-//! Light of points in a curved space: intensity divided by how far the geodesics have spread.
+//! Light of lamps in a curved space: intensity divided by how far the geodesics have spread.
 //!
-//! In: a light at a chart point, and surface points. Out: every geodesic that connects the two up to
+//! In: a lamp at a chart point, and surface points. Out: every geodesic that connects the two up to
 //! a length ([`LightFan::connections`]), the irradiance that each brings ([`irradiance`]), and both
-//! together for a whole scene at rest ([`bake_light`]), kept in a file ([`cache`]).
+//! together for a whole scene at rest ([`bake_light`]), kept in a file ([`cache`]). [`path_tracer`]
+//! follows light that surfaces pass on.
 //!
-//! A light of intensity `I` (per unit solid angle) gives `E = I cosθ / area(s)` along a geodesic,
+//! A lamp of intensity `I` (per unit solid angle) gives `E = I cosθ / area(s)` along a geodesic,
 //! where `area` is the determinant of the deviation matrix across it: `s²` in flat space. Several
 //! geodesics add up. At a caustic the area is zero and the irradiance infinite, though the energy
 //! that arrives is not; see [`MOST_GAIN`].
 
-mod boxes;
 pub mod cache;
 mod connection;
 mod fan;
@@ -20,7 +20,7 @@ mod segment_map;
 mod shadowed;
 
 pub use connection::Connection;
-pub(crate) use connection::{Attempt, connect};
+pub(crate) use connection::{ShootingStart, connect};
 pub use fan::LightFan;
-pub use illumination::{ADDED, EVEN, Lamps, MOST_GAIN, bake_light, irradiance};
-pub(crate) use shadowed::Way;
+pub use illumination::{ADDED, EVEN, IncidentLight, Lamps, MOST_GAIN, bake_light, irradiance};
+pub(crate) use shadowed::Shadows;

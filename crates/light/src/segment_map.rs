@@ -1,211 +1,228 @@
-//! The map of a cell of a light's fan: (b, c, t) → u.
+//! The map of a beam segment: (b, c, t) → u.
 //!
-//! In: three rays with their deviations between two knots. Out: the chart point of the ray between
-//! them with weights a = 1 − b − c, b, c at the fraction t, and its slope. Along the rays cubics in
-//! t; between them
+//! In: three rays with their deviations between two arc lengths. Out: the chart point of the ray
+//! between them, at the weights a = 1 − b − c, b, c of the three and the fraction t of the interval,
+//! and the map's derivatives. Along the rays it is a cubic in t; between them
 //!
 //! `u(d) = Σ wᵢ (uᵢ + ½ Jᵢ (d − dᵢ))`, `d = Σ wᵢ dᵢ`:
 //!
-//! the mean of the linear interpolation and of that of the rays' own linear maps. They miss a
-//! quadratic map by the same in opposite directions, so `u` is right to second order.
+//! the mean of the linear interpolation and of that of the rays' own linear maps. These miss a
+//! quadratic map by equal amounts in opposite directions, so `u` is right to second order.
+//!
+//! Where rays fold, a box along the chart's axes says too little about a segment;
+//! [`SegmentMap::oriented_box`] gives one along the segment's own.
 
-use crate::fan::FanRay;
+use crate::fan::RayKnot;
 use geofan_core::geodesic::perpendiculars;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-/// Three rays between two knots.
-pub(super) struct Prism<'f> {
-    rays: [&'f FanRay; 3],
-    /// The perpendiculars of each ray.
+/// The middle of a segment in b, c and t.
+pub(super) const MIDDLE: DVec3 = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5);
+
+/// Interpolates between three rays over one interval of arc length.
+pub(super) struct SegmentMap<'f> {
+    /// The rays' directions, and two perpendiculars of each.
+    directions: [DVec3; 3],
     across: [[DVec3; 2]; 3],
-    /// The first knot; the third is the last.
-    knot: usize,
-    /// Arc length between them.
+    /// The rays at the interval's start, middle and end.
+    rays: [&'f [RayKnot]; 3],
+    /// The interval's arc length.
     width: f64,
-    /// The share of the rays' own maps.
+    /// The share of the rays' own linear maps.
     share: f64,
 }
 
 /// Share of the largest side by which a ray's own map may miss another ray and still tell something
 /// of what is between them. Where rays are fine it is a fifth; where it is more than the whole the
-/// cell is larger than what bends the rays.
+/// segment is larger than what bends the rays.
 const BROKEN: f64 = 1.0;
 
-/// Weights of ends and tangents of a cubic, and of the three knots of a parabola, at t.
-struct Weights {
-    cubic: [f64; 4],
-    parabola: [f64; 3],
+/// Returns the weights of both ends and their tangents in a cubic at t.
+fn cubic_weights(t: f64, width: f64) -> [f64; 4] {
+    let r = 1.0 - t;
+    let (out, back) = (width * r * r * t, -width * t * t * r);
+    [r * r * (1.0 + 2.0 * t), out, t * t * (3.0 - 2.0 * t), back]
 }
 
-impl Weights {
-    fn at(t: f64, width: f64) -> Self {
-        let r = 1.0 - t;
-        let (out, back) = (width * r * r * t, -width * t * t * r);
-        Self {
-            cubic: [r * r * (1.0 + 2.0 * t), out, t * t * (3.0 - 2.0 * t), back],
-            parabola: [r * (1.0 - 2.0 * t), 4.0 * t * r, t * (2.0 * t - 1.0)],
-        }
-    }
-
-    /// Their derivatives by t.
-    fn slopes_at(t: f64, width: f64) -> Self {
-        let r = 1.0 - t;
-        let (out, back) = (width * r * (1.0 - 3.0 * t), width * t * (3.0 * t - 2.0));
-        Self {
-            cubic: [-6.0 * t * r, out, 6.0 * t * r, back],
-            parabola: [4.0 * t - 3.0, 4.0 - 8.0 * t, 4.0 * t - 1.0],
-        }
-    }
-
-    #[inline(always)]
-    fn point(&self, ray: &FanRay, k: usize) -> DVec3 {
-        let [a, b, c, d] = self.cubic;
-        let (p, q) = (&ray.knots[k], &ray.knots[k + 2]);
-        p.u * a + p.v * b + q.u * c + q.v * d
-    }
-
-    #[inline(always)]
-    fn spread(&self, ray: &FanRay, k: usize) -> [DVec3; 2] {
-        let [a, b, c] = self.parabola;
-        let [x, y, z] = [k, k + 1, k + 2].map(|k| ray.knots[k].spread);
-        [
-            x[0].as_dvec3() * a + y[0].as_dvec3() * b + z[0].as_dvec3() * c,
-            x[1].as_dvec3() * a + y[1].as_dvec3() * b + z[1].as_dvec3() * c,
-        ]
-    }
+/// Returns their derivatives by t.
+fn cubic_slopes(t: f64, width: f64) -> [f64; 4] {
+    let r = 1.0 - t;
+    let (out, back) = (width * r * (1.0 - 3.0 * t), width * t * (3.0 * t - 2.0));
+    [-6.0 * t * r, out, 6.0 * t * r, back]
 }
 
-impl<'f> Prism<'f> {
-    /// Of `rays` from a knot on, over the arc length `width`. `smooth` says whether their own maps
-    /// count: see [`Prism::is_smooth`].
-    pub fn new(rays: [&'f FanRay; 3], knot: usize, width: f64, smooth: bool) -> Self {
+/// Returns the weights of start, middle and end in a parabola at t.
+fn parabola_weights(t: f64) -> [f64; 3] {
+    let r = 1.0 - t;
+    [r * (1.0 - 2.0 * t), 4.0 * t * r, t * (2.0 * t - 1.0)]
+}
+
+/// Returns their derivatives by t.
+fn parabola_slopes(t: f64) -> [f64; 3] {
+    [4.0 * t - 3.0, 4.0 - 8.0 * t, 4.0 * t - 1.0]
+}
+
+/// Sums a ray's points and tangents at both ends.
+#[inline(always)]
+fn point([a, b, c, d]: [f64; 4], ray: &[RayKnot]) -> DVec3 {
+    let (p, q) = (&ray[0], &ray[2]);
+    p.u * a + p.v * b + q.u * c + q.v * d
+}
+
+/// Sums a ray's two deviations at its three knots.
+#[inline(always)]
+fn spread([a, b, c]: [f64; 3], ray: &[RayKnot]) -> [DVec3; 2] {
+    let [x, y, z] = [0, 1, 2].map(|k| ray[k].spread);
+    [
+        x[0].as_dvec3() * a + y[0].as_dvec3() * b + z[0].as_dvec3() * c,
+        x[1].as_dvec3() * a + y[1].as_dvec3() * b + z[1].as_dvec3() * c,
+    ]
+}
+
+impl<'f> SegmentMap<'f> {
+    /// Takes three rays by their directions and their three knots, over the arc length `width`.
+    /// `smooth` says whether the rays' own maps count: see [`SegmentMap::is_smooth`].
+    pub fn new(directions: [DVec3; 3], rays: [&'f [RayKnot]; 3], width: f64, smooth: bool) -> Self {
         Self {
+            directions,
+            across: directions.map(perpendiculars),
             rays,
-            across: rays.map(|ray| perpendiculars(ray.direction)),
-            knot,
             width,
             share: if smooth { 0.5 } else { 0.0 },
         }
     }
 
-    /// The angle between two of the rays.
+    /// Returns the angle between two of the rays.
     pub fn angle(&self) -> f64 {
-        (self.rays[1].direction - self.rays[0].direction).length()
+        (self.directions[1] - self.directions[0]).length()
     }
 
-    /// The direction `d` at (b, c, t), not normalised.
-    pub fn toward(&self, at: DVec3) -> DVec3 {
-        let [p, q, o] = self.rays.map(|r| r.direction);
+    /// Returns the direction `d` at (b, c, t), not normalised.
+    pub fn direction(&self, at: DVec3) -> DVec3 {
+        let [p, q, o] = self.directions;
         p * (1.0 - at.x - at.y) + q * at.x + o * at.y
     }
 
-    /// How the point moves when the direction at (b, c, t) turns towards each of its perpendiculars;
-    /// `slope` is that of the map there.
+    /// Returns how the point moves when the direction at (b, c, t) turns towards each of its
+    /// perpendiculars; `slope` is that of the map there.
     pub fn spread(&self, at: DVec3, slope: DMat3) -> [DVec3; 2] {
-        let toward = self.toward(at);
-        let across = perpendiculars(toward.normalize());
-        let [p, q, o] = self.rays.map(|r| r.direction);
-        let turn = |way: DVec3| DVec2::from_array(across.map(|e| e.dot(way))) / toward.length();
+        let direction = self.direction(at);
+        let across = perpendiculars(direction.normalize());
+        let [p, q, o] = self.directions;
+        let turn =
+            |change: DVec3| DVec2::from_array(across.map(|e| e.dot(change))) / direction.length();
         let weights = DMat2::from_cols(turn(q - p), turn(o - p)).inverse();
         [weights.x_axis, weights.y_axis].map(|w| slope.x_axis * w.x + slope.y_axis * w.y)
     }
 
-    /// Whether the rays' own maps tell anything about the other rays.
+    /// Tells whether the rays' own linear maps say anything about the other rays.
     pub fn is_smooth(&self) -> bool {
-        let end = self.knot + 2;
         let (mut miss, mut side) = (0.0_f64, 0.0_f64);
-        for (a, across) in self.rays.iter().zip(self.across) {
-            for b in self.rays {
-                let way = b.knots[end].u - a.knots[end].u;
-                let turn = b.direction - a.direction;
+        for i in 0..3 {
+            let (a, across) = (&self.rays[i][2], self.across[i]);
+            for j in 0..3 {
+                let to_other = self.rays[j][2].u - a.u;
+                let turn = self.directions[j] - self.directions[i];
                 let [x, y] = across.map(|e| e.dot(turn));
-                let [j, k] = a.knots[end].spread.map(|j| j.as_dvec3());
-                let own = j * x + k * y;
-                miss = miss.max((own - way).length());
-                side = side.max(way.length());
+                let [jx, jy] = a.spread.map(|j| j.as_dvec3());
+                let own = jx * x + jy * y;
+                miss = miss.max((own - to_other).length());
+                side = side.max(to_other.length());
             }
         }
         miss <= BROKEN * side
     }
 
-    /// A box around the prism and `margin` of its size on all sides.
+    /// Returns a box around the segment and `margin` of its size on all sides.
     pub fn bounds(&self, margin: f64) -> (DVec3, DVec3) {
-        let (k, third, rays) = (self.knot, self.width / 3.0, self.rays);
+        let (third, rays) = (self.width / 3.0, self.rays);
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        // A cubic lies between its Bézier points.
         for ray in rays {
-            let (p, q) = (&ray.knots[k], &ray.knots[k + 2]);
+            let (p, q) = (&ray[0], &ray[2]);
             for p in [p.u, q.u, p.u + p.v * third, q.u - q.v * third] {
                 (low, high) = (low.min(p), high.max(p));
             }
         }
         // Sideways by the distance of the rays, lengthwise by that of the knots.
-        let side = |i: usize, j: usize, k: usize| (rays[i].knots[k].u - rays[j].knots[k].u).abs();
-        let sides = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| side(i, j, k).max(side(i, j, k + 2)));
-        let along = (rays[0].knots[k + 2].u - rays[0].knots[k].u).abs();
+        let side = |i: usize, j: usize, k: usize| (rays[i][k].u - rays[j][k].u).abs();
+        let sides = [(0, 1), (1, 2), (2, 0)].map(|(i, j)| side(i, j, 0).max(side(i, j, 2)));
+        let along = (rays[0][2].u - rays[0][0].u).abs();
         let margin = (sides[0].max(sides[1]).max(sides[2]) + along) * margin;
         (low - margin, high + margin)
     }
 
-    /// The point at (b, c, t) and its derivatives by each.
+    /// Returns the point at (b, c, t) and its derivatives by each.
     pub fn map(&self, at: DVec3) -> (DVec3, DMat3) {
-        let shares = [1.0 - at.x - at.y, at.x, at.y];
-        let (here, along) = (
-            Weights::at(at.z, self.width),
-            Weights::slopes_at(at.z, self.width),
+        let weights = [1.0 - at.x - at.y, at.x, at.y];
+        let (cubic, cubic_slope) = (
+            cubic_weights(at.z, self.width),
+            cubic_slopes(at.z, self.width),
         );
-        let toward = self.toward(at);
-        let [p, q, o] = self.rays.map(|r| r.direction);
+        let (parabola, parabola_slope) = (parabola_weights(at.z), parabola_slopes(at.z));
+        let direction = self.direction(at);
+        let [p, q, o] = self.directions;
         let mut points = [DVec3::ZERO; 3];
         let mut slope = DMat3::ZERO;
         for (i, ray) in self.rays.iter().enumerate() {
+            // The point of each ray with half its own linear map.
             let (e, f) = (
                 self.across[i][0] * self.share,
                 self.across[i][1] * self.share,
             );
-            let [j, k] = here.spread(ray, self.knot);
-            let [dj, dk] = along.spread(ray, self.knot);
-            let turn = toward - ray.direction;
+            let [j, k] = spread(parabola, ray);
+            let [dj, dk] = spread(parabola_slope, ray);
+            let turn = direction - self.directions[i];
             let (x, y) = (e.dot(turn), f.dot(turn));
-            points[i] = here.point(ray, self.knot) + j * x + k * y;
-            let moved = along.point(ray, self.knot) + dj * x + dk * y;
-            slope.x_axis += (j * e.dot(q - p) + k * f.dot(q - p)) * shares[i];
-            slope.y_axis += (j * e.dot(o - p) + k * f.dot(o - p)) * shares[i];
-            slope.z_axis += moved * shares[i];
+            points[i] = point(cubic, ray) + j * x + k * y;
+            // Its derivatives by the direction, which b and c move, and by t.
+            let moved = point(cubic_slope, ray) + dj * x + dk * y;
+            slope.x_axis += (j * e.dot(q - p) + k * f.dot(q - p)) * weights[i];
+            slope.y_axis += (j * e.dot(o - p) + k * f.dot(o - p)) * weights[i];
+            slope.z_axis += moved * weights[i];
         }
         slope.x_axis += points[1] - points[0];
         slope.y_axis += points[2] - points[0];
-        let u = points[0] * shares[0] + points[1] * shares[1] + points[2] * shares[2];
+        let u = points[0] * weights[0] + points[1] * weights[1] + points[2] * weights[2];
         (u, slope)
     }
 }
 
-/// Parts of each side of the lattice of samples. The map is quadratic across and cubic along, so
-/// between samples it leaves their box by at most a 32nd of its bend: less than [`SLACK`].
+/// Parts of each side of the lattice of samples of an oriented box. The map is quadratic across and
+/// cubic along, so between samples it leaves their box by at most a 32nd of its bend: less than
+/// [`SLACK`].
 const PARTS: usize = 4;
 
-/// Share of its extent by which the box is widened.
+/// Share of its extent by which an oriented box is widened.
 const SLACK: f64 = 0.05;
 
-/// The centre and the linear part of the map. Holds all points up to `margin` outside the cell in b, c
-/// and t, and what is within the share `near` of its size from them.
-pub(super) fn slanted(prism: &Prism<'_>, margin: f64, near: f64) -> (DVec3, DMat3) {
-    let (_, slope) = prism.map(DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5));
-    let axes = axes(slope);
-    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-    let mut size = 0.0_f64;
-    for at in samples(margin) {
-        let (u, slope) = prism.map(at);
-        let p = axes.transpose() * u;
-        (low, high) = (low.min(p), high.max(p));
-        size = size.max(slope.x_axis.length().max(slope.y_axis.length()));
+impl SegmentMap<'_> {
+    /// Returns the centre of a box along the segment's own axes, and the linear map that takes
+    /// distances from it into the cube [-1, 1]³. The box holds all points up to `margin` outside the
+    /// segment in b, c and t, and what is within the share `near` of its size from them.
+    ///
+    /// Where rays fold, a segment is a thin sheet on edge: a box along the chart's axes holds mostly
+    /// points that the segment never reaches, and to learn that by Newton's method from several starts
+    /// is what a search for light would spend most of its time on.
+    pub fn oriented_box(&self, margin: f64, near: f64) -> (DVec3, DMat3) {
+        let (_, slope) = self.map(MIDDLE);
+        let axes = box_axes(slope);
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let mut size = 0.0_f64;
+        for at in lattice(margin) {
+            let (u, slope) = self.map(at);
+            let p = axes.transpose() * u;
+            (low, high) = (low.min(p), high.max(p));
+            size = size.max(slope.x_axis.length().max(slope.y_axis.length()));
+        }
+        let half = (high - low) * (0.5 + SLACK) + near * size;
+        let shrunk = DMat3::from_diagonal(half.max(DVec3::splat(f64::MIN_POSITIVE)).recip());
+        (axes * (0.5 * (low + high)), shrunk * axes.transpose())
     }
-    let half = (high - low) * (0.5 + SLACK) + near * size;
-    let shrunk = DMat3::from_diagonal(half.max(DVec3::splat(f64::MIN_POSITIVE)).recip());
-    (axes * (0.5 * (low + high)), shrunk * axes.transpose())
 }
 
-/// The direction of the rays, the longest across them, and the third.
-fn axes(slope: DMat3) -> DMat3 {
+/// Returns the direction of the rays, the longest axis across them, and the third.
+fn box_axes(slope: DMat3) -> DMat3 {
     let along = slope.z_axis.normalize_or(DVec3::X);
     let [a, b] = [slope.x_axis, slope.y_axis].map(|x| x - along * along.dot(x));
     let (aa, ab, bb) = (a.dot(a), a.dot(b), b.dot(b));
@@ -216,8 +233,8 @@ fn axes(slope: DMat3) -> DMat3 {
     DMat3::from_cols(along, across, along.cross(across))
 }
 
-/// Places (b, c, t) all over the cell with `margin` around it.
-fn samples(margin: f64) -> impl Iterator<Item = DVec3> {
+/// Returns places (b, c, t) all over a segment with `margin` around it.
+fn lattice(margin: f64) -> impl Iterator<Item = DVec3> {
     let part = |i: usize| i as f64 / PARTS as f64;
     let across = move |i: usize| part(i) * (1.0 + 3.0 * margin) - margin;
     let along = move |k: usize| part(k) * (1.0 + 2.0 * margin) - margin;
@@ -230,11 +247,10 @@ fn samples(margin: f64) -> impl Iterator<Item = DVec3> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fan::Knot;
 
     /// A quadratic map of the direction, cubic along the rays, is met to rounding.
     #[test]
-    fn what_is_quadratic_across_and_cubic_along_is_exact() {
+    fn a_map_quadratic_across_and_cubic_along_is_reproduced() {
         let d = |x: f64, y: f64| DVec3::new(x, y, 1.0).normalize();
         let directions = [d(0.1, 0.0), d(0.3, 0.05), d(0.15, 0.2)];
         // Across, the map is quadratic on the plane of the three directions.
@@ -248,27 +264,23 @@ mod tests {
             let bend = DVec3::new(p.x * p.x, p.x * p.y, p.y * p.y) * 0.4;
             p * s + (bend + DVec3::Z * 0.1) * (s * s * 0.3) + DVec3::X * (0.05 * s * s * s)
         };
-        let turned = |d: DVec3, way: DVec3, s: f64| {
+        let turned = |d: DVec3, across: DVec3, s: f64| {
             let h = 1e-5;
-            (u(d + way * h, s) - u(d - way * h, s)) / (2.0 * h)
+            (u(d + across * h, s) - u(d - across * h, s)) / (2.0 * h)
         };
-        let knot = |d: DVec3, s: f64| Knot {
+        let knot = |d: DVec3, s: f64| RayKnot {
             u: u(d, s),
             v: (u(d, s + 1e-5) - u(d, s - 1e-5)) / 2e-5,
             spread: perpendiculars(d).map(|e| turned(d, e, s).as_vec3()),
             reversed: false,
         };
-        let ray = |d: DVec3| FanRay {
-            direction: d,
-            knots: [1.0, 1.3, 1.6].map(|s| knot(d, s)).to_vec(),
-        };
-        let rays = directions.map(ray);
-        let prism = Prism::new([&rays[0], &rays[1], &rays[2]], 0, 0.6, true);
-        assert!(prism.is_smooth());
+        let rays = directions.map(|d| [1.0, 1.3, 1.6].map(|s| knot(d, s)));
+        let map = SegmentMap::new(directions, [&rays[0], &rays[1], &rays[2]], 0.6, true);
+        assert!(map.is_smooth());
         for at in [[0.2, 0.3, 0.4], [0.0, 0.0, 0.0], [0.6, 0.3, 0.9]] {
             let at = DVec3::from_array(at);
-            let (found, slope) = prism.map(at);
-            let direction = prism.toward(at).normalize();
+            let (found, slope) = map.map(at);
+            let direction = map.direction(at).normalize();
             let known = u(direction, 1.0 + 0.6 * at.z);
             // Single precision of the deviations.
             assert!((found - known).length() < 1e-6, "{found} {known}");
@@ -277,8 +289,40 @@ mod tests {
                     .into_iter()
                     .zip([slope.x_axis, slope.y_axis, slope.z_axis])
             {
-                let rise = (prism.map(at + axis * 1e-5).0 - prism.map(at - axis * 1e-5).0) / 2e-5;
+                let rise = (map.map(at + axis * 1e-5).0 - map.map(at - axis * 1e-5).0) / 2e-5;
                 assert!((column - rise).length() < 1e-6, "{column} {rise}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_oriented_box_holds_every_place_of_its_segment() {
+        let directions = [
+            DVec3::Z,
+            DVec3::new(0.1, 0.0, 1.0),
+            DVec3::new(0.0, 0.1, 1.0),
+        ]
+        .map(DVec3::normalize);
+        // Beams that a lens along x folds over near the far end.
+        let u = |d: DVec3, s: f64| DVec3::new(d.x * s * (1.0 - 0.45 * s), d.y * s, d.z * s);
+        let knot = |d: DVec3, s: f64| RayKnot {
+            u: u(d, s),
+            v: DVec3::new(d.x * (1.0 - 0.9 * s), d.y, d.z),
+            spread: perpendiculars(d).map(|e| u(e, s).as_vec3()),
+            reversed: s > 1.0 / 0.45,
+        };
+        let rays = directions.map(|d| [2.0, 2.3, 2.6].map(|s| knot(d, s)));
+        let map = SegmentMap::new(directions, [&rays[0], &rays[1], &rays[2]], 0.6, true);
+        let (centre, into_cube) = map.oriented_box(0.0, 0.0);
+        let fractions = (0..=20).map(|i| f64::from(i) / 20.0);
+        for (b, t) in fractions
+            .clone()
+            .flat_map(|b| fractions.clone().map(move |t| (b, t)))
+        {
+            for c in [0.0, 0.5 * (1.0 - b), 1.0 - b] {
+                let (u, _) = map.map(DVec3::new(b, c, t));
+                let place = into_cube * (u - centre);
+                assert!(place.abs().max_element() <= 1.0, "{place}");
             }
         }
     }

@@ -1,43 +1,42 @@
-//! Whether light comes all the way to where it should.
+//! Connections and what casts shadows on them.
 //!
-//! In: geodesics from a light to just at points of surfaces. Out: the end of each, unless something
-//! is in its way ([`Way`]). Intersection goes along with integration, so a shadow costs no ray of its
-//! own, and a ray in shadow is given up where it begins.
+//! In: geodesics from a lamp to points of surfaces. Out: the end of each, unless a surface casts a
+//! shadow on it ([`Shadows`]). Intersection goes along with integration, so a shadow costs no ray of
+//! its own, and a ray in shadow is given up where the shadow begins.
 
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
     manifold::Manifold,
 };
-use geofan_render::SurfacePoint;
 use geofan_render::{
-    World,
+    SurfacePoint, World,
     intersect::{first_hit, may_meet, region},
     tracer::pieces,
 };
 use glam::{DMat3, DVec3};
 
-/// What may be in the way of a geodesic.
+/// Says what casts shadows.
 #[derive(Clone, Copy)]
-pub(crate) enum Way<'a> {
-    /// Anything.
-    Any,
-    /// Nothing of the world, up to the surface point with the geodesic's number.
-    Clear(&'a World, &'a [SurfacePoint]),
+pub(crate) enum Shadows<'a> {
+    /// Nothing.
+    Ignored,
+    /// The surfaces of the world, up to the surface point with the geodesic's number.
+    Cast(&'a World, &'a [SurfacePoint]),
 }
 
-/// How far a geodesic has come.
-pub(super) enum Reached {
+/// Says how far a geodesic has come.
+pub(super) enum FollowedRay {
     /// To its end.
-    End(Arrival),
-    /// Not so far.
-    Nothing,
-    /// To a surface that is in its way.
-    Blocked,
+    Arrived(RayEnd),
+    /// Not so far: the space ended before.
+    Ended,
+    /// To a surface that casts a shadow on its end.
+    Shadowed,
 }
 
 /// The end of a geodesic.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Arrival {
+pub(super) struct RayEnd {
     /// Chart point, and unit tangent there.
     pub u: DVec3,
     pub v: DVec3,
@@ -55,38 +54,38 @@ const SHORT: f64 = 5e-4;
 /// The triangle of the point itself may be met as much earlier, where light grazes it.
 const GRAZING: f64 = 0.1;
 
-/// Follows `rays` along their `way`; `numbers` are those of their surface points.
-pub(super) fn reached(
+/// Follows `rays` until a surface casts a shadow on them; `numbers` are those of their surface points.
+pub(super) fn follow_shadowed(
     manifold: &Manifold,
     settings: Settings,
     rays: Vec<Ray>,
     numbers: Vec<usize>,
-    way: Way<'_>,
-) -> Vec<Reached> {
-    let flight = |(ray, number): (&Ray, usize)| Flight {
+    shadows: Shadows<'_>,
+) -> Vec<FollowedRay> {
+    let state = |(ray, number): (&Ray, usize)| RayState {
         length: ray.length,
         number,
         met: false,
-        blocked: false,
+        shadowed: false,
         end: None,
     };
-    let flights = rays.iter().zip(numbers).map(flight).collect();
-    let mut sink = Flights { flights, way };
+    let states = rays.iter().zip(numbers).map(state).collect();
+    let mut sink = ShadowSink { states, shadows };
     follow(manifold, settings, rays, &mut sink);
-    with_frames(manifold, &sink.flights)
+    with_frames(manifold, &sink.states)
 }
 
-/// What the flights have reached.
-fn with_frames(manifold: &Manifold, flights: &[Flight]) -> Vec<Reached> {
-    let ends = |f: &Flight| f.end.map(|(u, ..)| u);
-    let ends: Vec<DVec3> = flights.iter().filter_map(ends).collect();
+/// Adds the standard frames at the ends, all computed together.
+fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
+    let ends = |f: &RayState| f.end.map(|(u, ..)| u);
+    let ends: Vec<DVec3> = states.iter().filter_map(ends).collect();
     let mut frames = manifold.standard_frames(&ends).into_iter();
-    let reached = |f: &Flight| match (f.blocked, f.end) {
-        (true, _) => Reached::Blocked,
-        (false, None) => Reached::Nothing,
+    let followed = |f: &RayState| match (f.shadowed, f.end) {
+        (true, _) => FollowedRay::Shadowed,
+        (false, None) => FollowedRay::Ended,
         (false, Some((u, v, spread))) => {
             let frame = frames.next().expect("as many frames as ends");
-            Reached::End(Arrival {
+            FollowedRay::Arrived(RayEnd {
                 u,
                 v,
                 spread,
@@ -94,34 +93,36 @@ fn with_frames(manifold: &Manifold, flights: &[Flight]) -> Vec<Reached> {
             })
         }
     };
-    flights.iter().map(reached).collect()
+    states.iter().map(followed).collect()
 }
 
-struct Flight {
+/// A ray being followed.
+struct RayState {
     length: f64,
     number: usize,
     /// Whether the surface of its point has been met.
     met: bool,
-    /// Whether something is in its way.
-    blocked: bool,
+    /// Whether another surface has been met before.
+    shadowed: bool,
     /// Point, tangent and deviations at its end.
     end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,
 }
 
-struct Flights<'a> {
-    flights: Vec<Flight>,
-    way: Way<'a>,
+/// Intersects the integrator's steps with what casts shadows.
+struct ShadowSink<'a> {
+    states: Vec<RayState>,
+    shadows: Shadows<'a>,
 }
 
-impl Sink for Flights<'_> {
+impl Sink for ShadowSink<'_> {
     fn wants(&self, ray: usize, _: f64) -> bool {
-        matches!(self.way, Way::Clear(..)) && !self.flights[ray].met
+        matches!(self.shadows, Shadows::Cast(..)) && !self.states[ray].met
     }
 
     fn region(&self) -> Option<(DVec3, DVec3)> {
-        match self.way {
-            Way::Any => None,
-            Way::Clear(world, _) => region(&world.accelerator, &world.manifold.domain),
+        match self.shadows {
+            Shadows::Ignored => None,
+            Shadows::Cast(world, _) => region(&world.accelerator, &world.manifold.domain),
         }
     }
 
@@ -130,34 +131,35 @@ impl Sink for Flights<'_> {
     }
 
     fn step(&mut self, ray: usize, step: &Step) {
-        let flight = &mut self.flights[ray];
-        if let Way::Clear(world, points) = self.way
-            && !flight.met
+        let state = &mut self.states[ray];
+        if let Shadows::Cast(world, points) = self.shadows
+            && !state.met
         {
-            match flight.meets(world, points, step) {
-                Some(true) => flight.met = true,
+            match state.meets(world, points, step) {
+                Some(true) => state.met = true,
                 Some(false) => {
-                    flight.blocked = true;
+                    state.shadowed = true;
                     return;
                 }
                 None => {}
             }
         }
-        if step.end >= flight.length {
-            let s = flight.length;
-            flight.end = Some((step.position(s), step.tangent(s), step.deviation(s)));
+        if step.end >= state.length {
+            let s = state.length;
+            state.end = Some((step.position(s), step.tangent(s), step.deviation(s)));
         }
     }
 
     fn wants_more(&self, ray: usize) -> bool {
-        !self.flights[ray].blocked
+        !self.states[ray].shadowed
     }
 
     fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}
 }
 
-impl Flight {
-    /// Whether what the step meets is the surface of the flight's point; `None` if it meets nothing.
+impl RayState {
+    /// Tells whether the step meets the surface of the ray's point, or one before it; `None` if it
+    /// meets nothing.
     fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
         let domain = &world.manifold.domain;
         if !may_meet(&world.accelerator, domain, step.bounds()) {
