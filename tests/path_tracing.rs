@@ -2,7 +2,7 @@
 
 use geofan_light::{
     cache,
-    path_tracer::{Estimator, Film, PathTracer, Settings},
+    path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings},
 };
 use geofan_render::{
     ExactTracer, Stage, View,
@@ -92,8 +92,8 @@ fn stage(
     Stage::load(&folder.join("scene.toml"), &[]).unwrap()
 }
 
-fn settings(estimator: Estimator) -> Settings {
-    Settings {
+fn settings(estimator: Estimator) -> PathTracerSettings {
+    PathTracerSettings {
         seed: 1,
         length: 8.0,
         tolerance: 1e-6,
@@ -102,9 +102,9 @@ fn settings(estimator: Estimator) -> Settings {
     }
 }
 
-fn film(stage: &Stage, view: &View, settings: Settings, passes: u64) -> Film {
+fn film(stage: &Stage, view: &View, settings: PathTracerSettings, passes: u64) -> PassAccumulator {
     let tracer = PathTracer::new(&stage.world, view, settings);
-    let mut film = Film::new(view.size);
+    let mut film = PassAccumulator::new(view.size);
     for pass in 0..passes {
         film.add(&tracer.pass(pass, || false).unwrap());
     }
@@ -112,7 +112,11 @@ fn film(stage: &Stage, view: &View, settings: Settings, passes: u64) -> Film {
 }
 
 /// Mean over a rectangle of pixels (green) and its standard error.
-fn mean(film: &Film, columns: std::ops::Range<usize>, rows: std::ops::Range<usize>) -> (f64, f64) {
+fn mean(
+    film: &PassAccumulator,
+    columns: std::ops::Range<usize>,
+    rows: std::ops::Range<usize>,
+) -> (f64, f64) {
     let (mut sum, mut variance, mut n) = (0.0, 0.0, 0.0);
     for y in rows {
         for x in columns.clone() {
@@ -184,7 +188,7 @@ fn a_shrinking_area_light_becomes_a_point_light() {
         let folder = tempfile::tempdir().unwrap();
         let lamp = "[[light]]\nkind = 'point'\nat = [0.1, 0.2, 0.6]\nintensity = [1, 1, 1]\n";
         let stage = floor(folder.path(), metric, &[], lamp);
-        let direct = |estimator| Settings {
+        let direct = |estimator| PathTracerSettings {
             bounces: 1,
             ..settings(estimator)
         };
@@ -331,7 +335,7 @@ fn the_same_picture_comes_from_one_thread_and_from_two_and_after_a_pause() {
     film(&stage, &view, settings(Estimator::Connected), 1)
         .save(&path, &[0; 32])
         .unwrap();
-    let mut resumed = Film::load(&path, &[0; 32], view.size).unwrap();
+    let mut resumed = PassAccumulator::load(&path, &[0; 32], view.size).unwrap();
     let tracer = PathTracer::new(&stage.world, &view, settings(Estimator::Connected));
     resumed.add(&tracer.pass(resumed.passes(), || false).unwrap());
     assert_eq!(whole, resumed);
@@ -349,7 +353,7 @@ fn baked_light_shows_what_the_path_tracer_does() {
     );
     let mut stage = floor(folder.path(), BUMP, &[body], lamp);
     let view = view(&stage, (40, 30));
-    let direct = Settings {
+    let direct = PathTracerSettings {
         bounces: 1,
         ..settings(Estimator::Connected)
     };

@@ -2,7 +2,7 @@
 
 use crate::terminal::{CommonArgs, ProgressDisplay};
 use geofan_core::Result;
-use geofan_light::cache::{self, Source};
+use geofan_light::cache::{self, LightmapSource};
 use geofan_render::Stage;
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ pub fn bake(
     let path = bundle.map(beside);
     let (light, source) = cache::light(&stage.world, length, TOLERANCE, path.as_deref(), done)?;
     progress.finish();
-    if let (Some(path), Source::Damaged) = (&path, source) {
+    if let (Some(path), LightmapSource::Damaged) = (&path, source) {
         tracing::warn!(
             "{} was damaged; its light has been computed again",
             path.display()

@@ -1,4 +1,4 @@
-//! The sums over passes, their picture and variance, and the file that keeps them.
+//! Sums over passes, their picture and variance, and the file that keeps them.
 //!
 //! In: passes, in order. Out: mean radiance of every pixel, the variance of that mean, and a
 //! checkpoint from which the accumulation goes on. Checkpoint, little-endian: the magic, a key (32
@@ -19,17 +19,17 @@ use xxhash_rust::xxh3::xxh3_64;
 const MAGIC: &[u8; 16] = b"geofan passes1\r\n";
 const HEAD: usize = 16 + 32 + 24;
 
-/// Accumulated passes.
+/// Accumulates passes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Film {
+pub struct PassAccumulator {
     size: (usize, usize),
     /// Sum of radiance and of its squares of each pixel, row by row.
     sums: Vec<[DVec3; 2]>,
     passes: u64,
 }
 
-impl Film {
-    /// An empty one of a width and height.
+impl PassAccumulator {
+    /// Begins without passes, of a width and height.
     pub fn new(size: (usize, usize)) -> Self {
         Self {
             size,
@@ -38,7 +38,7 @@ impl Film {
         }
     }
 
-    /// How many passes it has taken.
+    /// Returns the number of passes taken.
     pub fn passes(&self) -> u64 {
         self.passes
     }
@@ -52,7 +52,7 @@ impl Film {
         self.passes += 1;
     }
 
-    /// Mean radiance of a pixel, and the variance of that mean (infinite after a single pass).
+    /// Returns the mean radiance of a pixel, and the variance of that mean (infinite after a single pass).
     pub fn pixel(&self, x: usize, y: usize) -> (DVec3, DVec3) {
         let [sum, squares] = self.sums[y * self.size.0 + x];
         let n = self.passes.max(1) as f64;
@@ -65,7 +65,7 @@ impl Film {
         (mean, variance)
     }
 
-    /// The picture, with layers `variance.R`, `variance.G`, `variance.B` of its pixels' means.
+    /// Returns the picture of the means, with layers `variance.R`, `variance.G`, `variance.B` of their variance.
     pub fn picture(&self) -> Picture {
         let (width, height) = self.size;
         let mean = |(y, x, k): (usize, usize, usize)| self.pixel(x, y).0[k] as f32;
@@ -97,7 +97,7 @@ impl Film {
         write_atomically(path, |out| out.write_all(&bytes))
     }
 
-    /// Reads the checkpoint of [`Film::save`].
+    /// Reads the checkpoint of [`PassAccumulator::save`].
     ///
     /// # Errors
     /// It cannot be read, is damaged, or belongs to another picture.
@@ -135,16 +135,16 @@ impl Film {
 mod tests {
     use super::*;
 
-    fn film() -> Film {
-        let mut film = Film::new((2, 1));
-        film.add(&[DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO]);
-        film.add(&[DVec3::new(3.0, 2.0, 1.0), DVec3::ONE]);
-        film
+    fn sums() -> PassAccumulator {
+        let mut sums = PassAccumulator::new((2, 1));
+        sums.add(&[DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO]);
+        sums.add(&[DVec3::new(3.0, 2.0, 1.0), DVec3::ONE]);
+        sums
     }
 
     #[test]
     fn means_and_their_variance_are_those_of_the_passes() {
-        let (mean, variance) = film().pixel(0, 0);
+        let (mean, variance) = sums().pixel(0, 0);
         assert_eq!(mean, DVec3::splat(2.0));
         // Sample variance 2 over two samples.
         assert_eq!(variance, DVec3::new(1.0, 0.0, 1.0));
@@ -154,23 +154,28 @@ mod tests {
     fn a_checkpoint_comes_back_and_no_other_or_damaged_one_does() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.passes");
-        film().save(&path, &[1; 32]).unwrap();
-        assert_eq!(Film::load(&path, &[1; 32], (2, 1)).unwrap(), film());
+        sums().save(&path, &[1; 32]).unwrap();
         assert_eq!(
-            Film::load(&path, &[2; 32], (2, 1)).unwrap_err().exit_code(),
+            PassAccumulator::load(&path, &[1; 32], (2, 1)).unwrap(),
+            sums()
+        );
+        assert_eq!(
+            PassAccumulator::load(&path, &[2; 32], (2, 1))
+                .unwrap_err()
+                .exit_code(),
             2
         );
-        assert!(Film::load(&path, &[1; 32], (1, 2)).is_err());
+        assert!(PassAccumulator::load(&path, &[1; 32], (1, 2)).is_err());
         let bytes = std::fs::read(&path).unwrap();
         for i in 0..bytes.len() {
             let mut damaged = bytes.clone();
             damaged[i] ^= 16;
             std::fs::write(&path, &damaged).unwrap();
-            assert!(Film::load(&path, &[1; 32], (2, 1)).is_err());
+            assert!(PassAccumulator::load(&path, &[1; 32], (2, 1)).is_err());
         }
         for length in 0..bytes.len() {
             std::fs::write(&path, &bytes[..length]).unwrap();
-            assert!(Film::load(&path, &[1; 32], (2, 1)).is_err());
+            assert!(PassAccumulator::load(&path, &[1; 32], (2, 1)).is_err());
         }
     }
 }
