@@ -4,7 +4,8 @@
 
 use super::{demo::DemoArgs, merge::MergeArgs, sweep::SweepArgs};
 use crate::terminal::{self, CommonArgs, Outcome, Watcher, command_line, has_option, values};
-use geofan_bake::{BakeOptions, BakeResult, Finished, PROMISES, Share, WrittenShard, bake};
+use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
+use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, manifold::Manifold};
 use serde_json::json;
 use std::{
@@ -129,8 +130,14 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
     };
     let baked = bake(Arc::new(manifold), &args.output, &options, &watcher);
     match baked.map_err(resumable)? {
-        BakeResult::Bundle(finished) => report(&finished, &args.output, started, common),
-        BakeResult::Shard(written) => report_shard(written, &args.output, common),
+        BakeResult::Bundle { bundle, bytes } => {
+            report(&bundle, bytes, &args.output, started, common)
+        }
+        BakeResult::Shard {
+            share,
+            bytes,
+            chunks,
+        } => report_shard(share, bytes, chunks, &args.output, common),
         BakeResult::TooLarge(reason) => refuse(&reason, common),
     }
 }
@@ -159,12 +166,13 @@ fn refuse(reason: &str, common: &CommonArgs) -> Result<Outcome> {
     Ok(Outcome::CheckFailed)
 }
 
-fn report_shard(written: WrittenShard, path: &Path, common: &CommonArgs) -> Result<Outcome> {
-    let WrittenShard {
-        share: Share { index, of },
-        bytes,
-        chunks,
-    } = written;
+fn report_shard(
+    Share { index, of }: Share,
+    bytes: u64,
+    chunks: usize,
+    path: &Path,
+    common: &CommonArgs,
+) -> Result<Outcome> {
     let name = path.display().to_string();
     if common.json {
         terminal::print_json(&json!({
@@ -183,18 +191,20 @@ fn report_shard(written: WrittenShard, path: &Path, common: &CommonArgs) -> Resu
 /// # Errors
 /// stdout cannot be written.
 pub fn report(
-    finished: &Finished,
+    bundle: &Bundle,
+    bytes: u64,
     path: &Path,
     started: Instant,
     common: &CommonArgs,
 ) -> Result<Outcome> {
-    let promise = finished.bundle.header.plan.max_error;
-    let kept = finished.certificate.keeps(promise);
-    let counts = finished.bundle.table.counts();
+    let promise = bundle.header.plan.max_error;
+    let missing = || Error::input(path.display().to_string(), "has no certificate");
+    let certificate = bundle.header.certificate.as_ref().ok_or_else(missing)?;
+    let kept = certificate.keeps(promise);
+    let counts = bundle.table.counts();
     let (patches, given_up) =
         counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
     let seconds = started.elapsed().as_secs_f64();
-    let (certificate, bytes) = (&finished.certificate, finished.bytes);
     if common.json {
         terminal::print_json(&json!({
             "path": path.display().to_string(),

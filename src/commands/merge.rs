@@ -20,6 +20,6 @@ pub struct MergeArgs {
 pub fn run(args: &MergeArgs, common: &CommonArgs) -> Result<Outcome> {
     let started = Instant::now();
     let watcher = Watcher::new(common)?;
-    let finished = geofan_bake::merge(&args.shards, &args.output, &watcher)?;
-    report(&finished, &args.output, started, common)
+    let (bundle, bytes) = geofan_bake::merge(&args.shards, &args.output, &watcher)?;
+    report(&bundle, bytes, &args.output, started, common)
 }
