@@ -4,11 +4,7 @@
 //! which limit it met.
 
 use crate::sweep::clock::{Clock, Spent};
-use geofan_bake::{
-    job::{Ended, Job},
-    parts::Parts,
-    plan::plan,
-};
+use geofan_bake::{chunk_files::ChunkFiles, chunks::ChunkBaker, plan::plan};
 use geofan_bundle::{Bundle, Contents, PlanRecord, Tree, identity, rays::RaySpace};
 use geofan_core::{Error, Observer, Progress, Result};
 use serde::{Deserialize, Serialize};
@@ -82,28 +78,23 @@ pub fn bake(
     refinement.apply(&mut plan);
     let space = plan.applied(space);
     let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
-    let parts = Parts::open(path)?;
-    // Parts of an earlier run would make this bake look quicker than it is.
-    parts.discard()?;
-    let job = Job {
-        space: &space,
-        plan: &plan,
-        id,
-        share: None,
-        // The bytes that are counted while a bake runs are an estimate, at times far too large.
-        most_bytes: None,
-    };
+    let files = ChunkFiles::open(path)?;
+    // Chunks of an earlier run would make this bake look quicker than it is.
+    files.discard()?;
+    // The bytes that are counted while a bake runs are an estimate, at times far too large.
+    let most_bytes = None;
+    let baker = ChunkBaker::new(&space, &plan, id, None, most_bytes);
     let limited = Limited {
         observer,
         clock: Clock::start(),
         seconds: limits.seconds,
     };
-    let ended = job.run(&parts, &limited)?;
-    parts.remove()?;
+    let ended = baker.run(&files, &limited)?;
+    files.remove()?;
     let chunks = match ended {
-        Ended::Done(chunks) => chunks,
-        Ended::Interrupted if observer.cancelled() => return Err(interrupted()),
-        Ended::Interrupted | Ended::TooLarge { .. } => {
+        Some(chunks) => chunks,
+        None if observer.cancelled() => return Err(interrupted()),
+        None => {
             let why = format!(
                 "skipped: not finished after {:.0} s of processor time",
                 limits.seconds

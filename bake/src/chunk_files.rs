@@ -1,8 +1,8 @@
-//! Finished chunks on the disk while a bake is under way.
+//! Files of finished chunks while a bake is under way.
 //!
-//! In: chunks as they are finished. Out: the same after an interruption. Each is an immutable file
+//! In: chunks as they are finished. Out: the chunks again after an interruption. Each is an immutable file
 //! `B.fan.parts/chunk-000123`, written whole or not at all, one checksummed block with the bundle's
-//! id: a damaged part, or one of another bake, is as good as none.
+//! id: a damaged file, or one of another bake, is as good as none.
 
 use geofan_bundle::{
     Reader, Shape, Tree, Writer,
@@ -15,29 +15,29 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// A chunk and what it cost.
+/// A chunk and the rays that it took.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Baked {
+pub struct BakedChunk {
     /// The coded tree.
     pub tree: Vec<u8>,
     /// Rays integrated for it.
     pub rays: u64,
 }
 
-/// The folder of the parts of one output file.
+/// The folder beside one output file with its finished chunks.
 #[derive(Debug, Clone)]
-pub struct Parts {
+pub struct ChunkFiles {
     folder: PathBuf,
 }
 
-/// Parts of another version are baked again: its refinement may differ.
+/// Chunks of another version are baked again: its refinement may differ.
 const GENERATOR: &str = env!("CARGO_PKG_VERSION");
 
-/// How the names of all files that belong here begin; the last is that of a write cut off.
+/// Beginnings of the names of all files that belong here; the last is that of a write cut off.
 const NAMES: [&str; 3] = ["chunk-", "exceeds-", ".geofan-"];
 
-impl Parts {
-    /// The folder beside `output`, created if need be; the one that `output` lies in exists.
+impl ChunkFiles {
+    /// Opens the folder beside `output`, and makes it if need be; the one that `output` lies in exists.
     ///
     /// # Errors
     /// It cannot be created.
@@ -57,18 +57,18 @@ impl Parts {
         }
     }
 
-    /// Where it is.
+    /// Returns the folder.
     pub fn folder(&self) -> &Path {
         &self.folder
     }
 
+    /// Returns the name of the file of `chunk`.
     fn path(&self, chunk: u32) -> PathBuf {
         self.folder.join(format!("chunk-{chunk:06}"))
     }
 
-    /// The finished chunk, if it is there, whole, and of the bundle `id` with tensors of
-    /// this `shape`.
-    pub fn load(&self, chunk: u32, id: Id, shape: Shape) -> Option<Baked> {
+    /// Reads a finished chunk, if it is there, whole, and of the bundle `id` with tensors of this `shape`.
+    pub fn load(&self, chunk: u32, id: Id, shape: Shape) -> Option<BakedChunk> {
         let bytes = fs::read(self.path(chunk)).ok()?;
         let payload = read_block(&bytes, Kind::Part, chunk, id)?;
         let mut input = Reader(payload);
@@ -79,14 +79,14 @@ impl Parts {
         let tree = input.0.to_vec();
         // Only what this version would have written: the same bytes again.
         let again = Tree::decode(&tree, shape).ok()?.encode();
-        (again == tree).then_some(Baked { tree, rays })
+        (again == tree).then_some(BakedChunk { tree, rays })
     }
 
-    /// Keeps a finished chunk.
+    /// Writes a finished chunk.
     ///
     /// # Errors
     /// The disk is full or the folder is gone.
-    pub fn store(&self, chunk: u32, id: Id, baked: &Baked) -> Result<()> {
+    pub fn store(&self, chunk: u32, id: Id, baked: &BakedChunk) -> Result<()> {
         let mut payload = Writer::default();
         payload.bytes(GENERATOR.as_bytes());
         payload.bytes(&baked.rays.to_le_bytes());
@@ -99,23 +99,24 @@ impl Parts {
     /// Notes that the bundle `id` takes more than `bytes`.
     ///
     /// # Errors
-    /// As [`Parts::store`].
+    /// As [`ChunkFiles::store`].
     pub fn note_size(&self, id: Id, bytes: u64) -> Result<()> {
         write_atomically(&self.note(id), |out| out.write_all(&bytes.to_le_bytes()))
     }
 
-    /// What was noted about the size of the bundle `id`.
+    /// Returns the size that the bundle `id` was noted to exceed.
     pub fn noted_size(&self, id: Id) -> Option<u64> {
         let bytes = fs::read(self.note(id)).ok()?;
         Some(u64::from_le_bytes(bytes.try_into().ok()?))
     }
 
+    /// Returns the name of the note about the bundle `id`.
     fn note(&self, id: Id) -> PathBuf {
         let name: String = id.iter().map(|b| format!("{b:02x}")).collect();
         self.folder.join(format!("exceeds-{name}"))
     }
 
-    /// Removes all parts, of whatever bake; how many there were.
+    /// Removes all chunks, of any bake; returns how many there were.
     ///
     /// # Errors
     /// A file cannot be removed.
@@ -133,10 +134,10 @@ impl Parts {
         Ok(chunks)
     }
 
-    /// Removes the folder with all parts; other files in it stay, and it with them.
+    /// Removes the folder with all chunks; other files in it stay, and it with them.
     ///
     /// # Errors
-    /// As [`Parts::discard`].
+    /// As [`ChunkFiles::discard`].
     pub fn remove(&self) -> Result<()> {
         self.discard()?;
         if let Err(error) = fs::remove_dir(&self.folder) {
