@@ -4,7 +4,7 @@
 //! and 1e-8, without and with the transported frame and the area. Rays start where the file's cameras
 //! are and end at its exits or after its length. Without `--bench` it only runs a few rays of each.
 
-use geofan::{
+use geofan_core::{
     geodesic::{Ray, Settings, ends},
     manifold::{Carried, Manifold},
     random::Stream,

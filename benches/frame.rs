@@ -5,16 +5,14 @@
 //! works on one thread on the whole picture of 640 × 360 pixels.
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use geofan::{
-    bundle::Bundle,
-    render::{
-        Desk, EndingFinder, GridTracer, Lookup, Stage, Strands,
-        drawing::draw,
-        frame::{Paths, offsets, trace},
-        lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
-        shade::{Footprints, shade},
-        tiles::{Found, Samples},
-    },
+use geofan_bundle::Bundle;
+use geofan_render::{
+    EventLocator, GridTracer, Lookup, PathBatch, Scratch, Stage,
+    drawing::draw,
+    frame::{Paths, offsets, trace},
+    lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
+    shade::{Footprints, shade},
+    tiles::{Found, Samples},
 };
 use std::{hint::black_box, path::PathBuf};
 
@@ -62,11 +60,15 @@ fn steps(criterion: &mut Criterion) {
         .flat_map(|y| (0..SIZE.0).step_by(LARGEST_TILE).map(move |x| (x, y)))
         .collect();
     let refine = || -> Vec<Divided> {
-        let mut endings = EndingFinder::new(&world.manifold);
+        let mut endings = EventLocator::new(&world.manifold);
         corners
             .iter()
             .map(|corner| {
-                lattice.refine(*corner, Strands::new(tracer.knots().clone()), &mut endings)
+                lattice.refine(
+                    *corner,
+                    PathBatch::new(tracer.knots().clone()),
+                    &mut endings,
+                )
             })
             .collect()
     };
@@ -90,7 +92,7 @@ fn steps(criterion: &mut Criterion) {
         });
     });
     group.bench_function("pixels", |b| {
-        let mut desk = Desk::new(&world.manifold, tracer.knots());
+        let mut desk = Scratch::new(&world.manifold, tracer.knots());
         b.iter(|| {
             let mut found = Found::split(&mut traced.outcomes);
             for (divided, found) in divided.iter().zip(&mut found) {

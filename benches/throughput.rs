@@ -7,7 +7,7 @@
 mod rival;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use geofan::{
+use geofan_core::{
     geodesic::{Ray, Settings, ends, fixed_steps, paths},
     manifold::{Carried, Manifold},
     quantiles::Quantiles,
@@ -72,7 +72,7 @@ fn points(manifold: &Manifold, tolerance: f64, rays: &[Ray]) -> Vec<DVec3> {
         rays.iter().copied(),
     );
     let point = |end: Option<_>| {
-        let (step, s): (geofan::geodesic::Step, f64) = end.expect("the ray moves");
+        let (step, s): (geofan_core::geodesic::Step, f64) = end.expect("the ray moves");
         step.position(s)
     };
     ends.into_iter().map(point).collect()

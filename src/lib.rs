@@ -1,6 +1,3 @@
-// Not `forbid`: the slices that `ndarray::s!` writes allow unsafe code for themselves, and `prefetch` needs it.
-#![deny(unsafe_code)]
-#![warn(missing_docs)]
 //! geofan: precomputed geodesic lookup tables for curved 3-dimensional spaces.
 //!
 //! Light in a curved space travels along geodesics. Following each pixel's geodesic step by step is
@@ -9,25 +6,25 @@
 //!
 //! # The tour
 //!
-//! Data flows one way. Each stage says in its first lines what comes in and what goes out.
+//! Data flows one way through crates that can each be taken alone; this one re-exports them all. Each
+//! stage says in its first lines what comes in and what goes out.
 //!
-//! 1. [`document`] reads TOML and remembers where everything stands; [`diagnostic`] turns a mistake
-//!    into a message with the line, the column and the text underlined.
-//! 2. [`expr`] turns the strings of a manifold file into a graph, adds exact derivatives to it and
+//! 1. [`expr`] turns the strings of a manifold file into a graph, adds exact derivatives to it and
 //!    compiles it to a tape that runs over lanes of rays.
-//! 3. [`manifold`] makes a space of them: metric, standard frames, geodesic equation, domain, exits,
-//!    symmetry, camera region. A claim of the file that is false is refused here.
-//! 4. [`geodesic`] follows rays: an adaptive integrator with dense output that carries the
+//! 2. [`manifold`] makes a space of them: metric, standard frames, geodesic equation, domain, exits,
+//!    symmetry, camera region. A claim of the file that is false is refused here. [`document`] reads
+//!    the file and [`diagnostic`] turns a mistake into a message with the text underlined.
+//! 3. [`geodesic`] follows rays: an adaptive integrator with dense output that carries the
 //!    transported frame and the geodesic deviation along.
-//! 5. [`fan`] says which rays a table must know: camera positions and directions as parameters, what
-//!    symmetries, claimed or found, remove of them, and exact samples at given parameters.
-//! 6. [`bundle`] holds all those rays as patches, quantised and compressed: polynomials on faces of
-//!    directions, or waves on the whole sphere of them; the file, its checksums, its contraction to one
-//!    camera, its certificate.
-//! 7. [`render`] makes a picture: paths from a tracer, intersected with the scene, shaded.
+//! 4. [`bundle`] holds all rays of a camera region as patches, quantised and compressed:
+//!    [`bundle::rays`] says which rays a table must know, as parameters, after symmetry; the rest
+//!    stores and evaluates them, down to the file and its checksums.
+//! 5. [`bake`] decides what to store, where and until when, and measures the certificate.
+//! 6. [`render`] makes a picture: paths from a tracer, intersected with the scene, shaded.
+//! 7. [`light`] connects lamps with surfaces, and traces paths.
+//! 8. [`study`] compares pictures and tables with their rivals.
 //!
-//! [`terminal`] is what the two programs share with a command line. [`error`], [`files`],
-//! `prefetch`, [`quantiles`], [`random`] and [`spelling`] serve every stage.
+//! [`error`], [`files`], [`observer`], [`quantiles`] and [`random`] serve every stage.
 //!
 //! # Example
 //!
@@ -86,34 +83,31 @@
 //!
 //! # Architecture
 //!
-//! A stage imports only stages to the left of it:
+//! A crate imports only crates to the left of it:
 //!
 //! ```text
-//! spelling diagnostic error files quantiles random
-//!   < document < expr < manifold < geodesic < fan < bundle < render
+//! geofan-expr < geofan-core < geofan-bundle < geofan-render < geofan-light
+//!                                           < geofan-bake                  < geofan-study < geofan
 //! ```
 //!
-//! `terminal`, and the commands of the program `geofan`, may import everything; nothing imports
-//! them. `tests/stages.rs` checks this.
-//!
-//! Baking lives in the package `geofan-bake` (folder `bake/`): it decides what to bake, where and
-//! until when, and has no mathematics of its own; encoding stands beside decoding, here. So the
-//! renderer never carries what only an offline bake needs.
+//! `geofan-bundle` alone reads a bundle and looks paths up in it, without threads, files or clocks if
+//! its features are off. The programs are in the root package.
 
-pub mod bundle;
-pub mod diagnostic;
-pub mod document;
-pub mod error;
-pub mod expr;
-pub mod fan;
-pub mod files;
-pub mod geodesic;
-pub mod manifold;
-mod prefetch;
-pub mod quantiles;
-pub mod random;
-pub mod render;
-pub mod spelling;
-pub mod terminal;
+pub use geofan_bake as bake;
+pub use geofan_bundle as bundle;
+pub use geofan_core::{
+    Error, Result, diagnostic, document, error, files, geodesic, manifold, observer, quantiles,
+    random,
+};
+pub use geofan_expr as expr;
+pub use geofan_light as light;
+pub use geofan_render as render;
+pub use geofan_study as study;
 
-pub use error::{Error, Result};
+#[cfg(feature = "program")]
+mod commands;
+#[cfg(feature = "program")]
+#[doc(hidden)]
+pub mod program;
+#[cfg(feature = "program")]
+mod terminal;

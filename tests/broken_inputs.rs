@@ -2,7 +2,7 @@
 //! it, no panic, and no picture.
 
 use assert_cmd::{Command, cargo::cargo_bin_cmd};
-use geofan::bundle::container::VERSION;
+use geofan_bundle::container::VERSION;
 use std::{fs, path::Path};
 use tempfile::TempDir;
 

@@ -1,14 +1,12 @@
 //! `geofan check`, `info` and `trace --bundle` on a table made by hand.
 
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
-use geofan::{
-    bundle::{
-        Bundle, Contents, PlanRecord, Polynomial, Step, Stretch, Train, Tree, Variables, certify,
-    },
-    diagnostic::SourceText,
-    fan::FanSpace,
-    manifold::Manifold,
+use geofan_bake::certify;
+use geofan_bundle::{
+    Bundle, Contents, MappedChebyshev, PlanRecord, Polynomial, Step, Train, Tree, Variables,
+    rays::RaySpace,
 };
+use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use ndarray::{ArrayD, IxDyn};
 use serde_json::Value;
 use std::{fs, sync::Arc};
@@ -36,7 +34,7 @@ fn leaf(wrong: f64) -> Tree {
     let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 1, 3]), slopes).unwrap();
     let polynomial = Polynomial {
         coefficients: samples,
-        variables: Variables::of_face(1, Stretch::NONE),
+        variables: Variables::of_face(1, MappedChebyshev::NONE),
     };
     let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
     Tree::Leaf(Arc::new(tensor.unwrap()))
@@ -46,7 +44,7 @@ fn leaf(wrong: f64) -> Tree {
 /// those around −z in the second half of their length.
 fn folder(wrong: f64) -> TempDir {
     let manifold = Manifold::from_source(SourceText::new("flat.toml", FLAT), &[]).unwrap();
-    let space = FanSpace::new(Arc::new(manifold)).unwrap();
+    let space = RaySpace::new(Arc::new(manifold)).unwrap();
     let plan = PlanRecord {
         max_error: 0.5,
         length: 8.0,
@@ -54,12 +52,12 @@ fn folder(wrong: f64) -> TempDir {
         tolerance: 1e-9,
         nodes: vec![1; 4],
         most_rays: 1,
-        lift: geofan::fan::Lift::None,
+        lift: geofan_bundle::rays::ChartMap::None,
         refinement: 1,
         least_volume: 0.5,
         most_arc_halvings: 1,
         cells: vec![1],
-        stretch: Stretch::NONE,
+        stretch: MappedChebyshev::NONE,
         focus: [[0.0; 3]; 3],
         sphere: None,
         mirrors: Vec::new(),

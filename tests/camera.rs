@@ -1,6 +1,7 @@
 //! The camera against what is known of parallel transport: holonomy is area times curvature.
 
-use geofan::{diagnostic::SourceText, manifold::Manifold, render::Camera};
+use geofan_core::{diagnostic::SourceText, manifold::Manifold};
+use geofan_render::Camera;
 use glam::{DQuat, DVec3};
 use std::f64::consts::PI;
 

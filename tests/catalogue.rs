@@ -3,8 +3,8 @@
 
 mod support;
 
-use geofan::{
-    geodesic::{End, Path, Ray, Spread, conjugate_points, paths},
+use geofan_core::{
+    geodesic::{End, JacobiField, Path, Ray, conjugate_points, paths},
     manifold::Manifold,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -27,7 +27,7 @@ fn end(path: &Path) -> DVec3 {
 fn area(manifold: &Manifold, path: &Path, s: f64) -> f64 {
     let step = path.step_at(s).unwrap();
     let inverse = manifold.standard_frame(step.position(s)).inverse();
-    Spread::new(inverse, step.tangent(s), step.deviation(s).unwrap())
+    JacobiField::new(inverse, step.tangent(s), step.deviation(s).unwrap())
         .signed_area()
         .abs()
 }

@@ -3,8 +3,8 @@
 
 mod support;
 
-use geofan::{
-    geodesic::{Path, Ray, Spread, paths},
+use geofan_core::{
+    geodesic::{JacobiField, Path, Ray, paths},
     manifold::Manifold,
     random::Stream,
 };
@@ -56,7 +56,7 @@ fn transport(manifold: &Manifold, ray: &Ray, path: &Path) -> (DMat3, f64) {
     let (step, s) = (path.steps.last().unwrap(), path.length);
     let here = manifold.standard_frame(step.position(s));
     let turn = DMat3::from_quat(step.rotation(s).unwrap());
-    let spread = Spread::new(here.inverse(), step.tangent(s), step.deviation(s).unwrap());
+    let spread = JacobiField::new(here.inverse(), step.tangent(s), step.deviation(s).unwrap());
     let matrix = here * turn * manifold.standard_frame(ray.u).inverse();
     (matrix, spread.signed_area())
 }

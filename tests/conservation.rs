@@ -3,7 +3,7 @@
 
 mod support;
 
-use geofan::{
+use geofan_core::{
     geodesic::{Path, Ray, paths},
     manifold::Manifold,
     random::Stream,

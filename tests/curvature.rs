@@ -2,7 +2,7 @@
 
 mod support;
 
-use geofan::{manifold::Curvature, random::Stream};
+use geofan_core::{manifold::Curvature, random::Stream};
 use glam::{DMat3, DVec3};
 use num_dual::{DualNum, second_derivative};
 use support::{asset, catalogue, manifold, random_point, worse};
@@ -353,7 +353,7 @@ fn parameters_that_are_set_change_the_curvature() {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
     let path = format!("{folder}/cone.toml");
     let settings = [(String::from("k"), 0.6)];
-    let cone = geofan::manifold::Manifold::load(path.as_ref(), &settings).unwrap();
+    let cone = geofan_core::manifold::Manifold::load(path.as_ref(), &settings).unwrap();
     let u = DVec3::new(1.0, -2.0, 0.7);
     let (a, b) = across(u);
     let expected = (1.0 - 0.36) / (0.36 * u.length_squared());

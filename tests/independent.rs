@@ -5,7 +5,7 @@
 
 mod support;
 
-use geofan::{
+use geofan_core::{
     geodesic::{Ray, paths},
     manifold::Manifold,
     random::Stream,

@@ -3,8 +3,8 @@
 
 mod support;
 
-use geofan::{
-    geodesic::{Path, Ray, Spread, exponential, paths},
+use geofan_core::{
+    geodesic::{JacobiField, Path, Ray, exponential, paths},
     manifold::Manifold,
 };
 use glam::DVec3;
@@ -63,7 +63,7 @@ fn follow(manifold: &Manifold, ray: Ray, tolerance: f64) -> Path {
 fn area(manifold: &Manifold, path: &Path) -> f64 {
     let (step, s) = (path.steps.last().unwrap(), path.length);
     let inverse = manifold.standard_frame(step.position(s)).inverse();
-    Spread::new(inverse, step.tangent(s), step.deviation(s).unwrap()).signed_area()
+    JacobiField::new(inverse, step.tangent(s), step.deviation(s).unwrap()).signed_area()
 }
 
 /// Metrics with kinks of each kind, all crossed by the ray of the tests below.
@@ -162,7 +162,8 @@ fn rays_along_a_kink_are_followed() {
         assert_eq!(path.length, 3.0);
         assert!(path.tried < 500, "{} steps", path.tried);
         let end = path.steps.last().unwrap().position(3.0);
-        assert!((end - d * 3.0).length() < 0.1, "{end}");
+        // Near the plane x'' = 2x, so x grows from a tilt to sinh(3√2)/√2 = 24.6 times as much.
+        assert!((end - d * 3.0).length() < 25.0 * d.x + 1e-9, "{end}");
     }
 }
 

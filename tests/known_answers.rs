@@ -3,7 +3,7 @@
 
 mod support;
 
-use geofan::{
+use geofan_core::{
     geodesic::{End, Path, Ray, Settings, paths},
     manifold::{Carried, Manifold},
     random::Stream,

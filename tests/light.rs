@@ -1,15 +1,13 @@
 //! Light against closed forms: how much arrives, by how many ways, and what shadows it.
 
-use geofan::{
+use geofan_core::{
     diagnostic::SourceText,
     geodesic::{Ray, Settings, paths},
     manifold::{Carried, Manifold},
     random::Stream,
-    render::{
-        Stage,
-        light::{Baked, Connection, LightFan, MOST_GAIN, cache, irradiance},
-    },
 };
+use geofan_light::{Connection, LightFan, MOST_GAIN, cache, irradiance};
+use geofan_render::{Stage, lightmap::Lightmap};
 use glam::{DVec2, DVec3, DVec4};
 use std::f64::consts::{PI, TAU};
 
@@ -424,7 +422,7 @@ fn baked_light_is_kept_in_a_file_that_is_replaced_when_it_does_not_fit() {
     let folder = tempfile::tempdir().unwrap();
     let mut stage = lit_floor(folder.path());
     let path = folder.path().join("scene.light");
-    let bake = |stage: &Stage| -> (Baked, cache::Source) {
+    let bake = |stage: &Stage| -> (Lightmap, cache::Source) {
         cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {}).unwrap()
     };
     let (first, source) = bake(&stage);

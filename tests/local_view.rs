@@ -1,11 +1,11 @@
 //! The local view: its rasteriser against rays, and its error against distance.
 
-use geofan::render::{
+use geofan_render::{
     Seen, Stage,
     frame::{Paths, offsets, trace},
     local::projection,
-    local_comparison::compare_local,
 };
+use geofan_study::local_comparison::compare_local;
 use glam::DVec3;
 use std::path::Path;
 
@@ -94,7 +94,7 @@ fn the_local_views_error_grows_in_proportion_to_the_distance() {
     let manifold = &stage.world.manifold;
     // Where a geodesic is after the length s, against the direction in which it left.
     let error = |d: DVec3, s: f64| {
-        use geofan::{
+        use geofan_core::{
             geodesic::{Ray, Settings, ends},
             manifold::Carried,
         };

@@ -1,7 +1,7 @@
 //! What is said about manifold files that cannot work: the whole report, word for word, so that a
 //! change of wording or a span that slips is seen.
 
-use geofan::{diagnostic::SourceText, manifold::Manifold};
+use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use insta::assert_snapshot;
 
 /// The report on `text`, with the name and coordinates put before it.

@@ -3,7 +3,7 @@
 
 mod support;
 
-use geofan::{
+use geofan_core::{
     geodesic::{Path, Ray, Settings, fixed_steps, paths},
     manifold::{Carried, Manifold},
 };

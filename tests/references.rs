@@ -6,8 +6,8 @@
 
 mod support;
 
-use geofan::{
-    geodesic::{End, Path, Ray, Spread, paths},
+use geofan_core::{
+    geodesic::{End, JacobiField, Path, Ray, paths},
     manifold::Manifold,
 };
 use glam::{DMat3, DVec3};
@@ -72,7 +72,7 @@ impl Off {
         let frame = manifold.standard_frame(u) * DMat3::from_quat(step.rotation(s).unwrap());
         let frame_off = [0, 1, 2].map(|k| (inverse * (frame.col(k) - reference.frame[k])).length());
         let here = manifold.standard_frame(u).inverse();
-        let area = Spread::new(here, v, step.deviation(s).unwrap()).signed_area();
+        let area = JacobiField::new(here, v, step.deviation(s).unwrap()).signed_area();
         Self {
             position: (inverse * (u - reference.end)).length() / s,
             tangent: (inverse * (v - reference.velocity)).length(),

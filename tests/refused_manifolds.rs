@@ -2,7 +2,7 @@
 //! in `snapshots/` hold the reports. After a deliberate change of wording:
 //! `INSTA_UPDATE=always cargo test --test refused_manifolds`, then read the difference.
 
-use geofan::{diagnostic::SourceText, manifold::Manifold};
+use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use insta::{Settings, assert_snapshot};
 
 /// A file of which only this much is written; name, coordinates and flat metric come before it.

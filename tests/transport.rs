@@ -2,7 +2,7 @@
 
 mod support;
 
-use geofan::{
+use geofan_core::{
     geodesic::{Ray, exponential, paths, transport},
     manifold::{ChartCurve, Manifold},
     random::Stream,

@@ -1,19 +1,17 @@
 //! How far away the rays of a table had best aim.
 //!
-//! In: the rays of a space. Out: the parallax of [`Focus`](geofan::fan::Focus) with which paths from
+//! In: the rays of a space. Out: the parallax of [`ReferenceSphere`](geofan_bundle::rays::ReferenceSphere) with which paths from
 //! neighbouring cameras are most alike. Looked at are small random parts of the matrices cameras ×
 //! directions of some cells and faces: the fewer singular values count, the smaller are tensor trains.
 
 use crate::{lift::random_rays, refine::order};
 use faer::Mat;
-use geofan::{
-    bundle::{
-        PlanRecord,
-        measure::{probe, stored_settings},
-    },
-    fan::{FanSpace, Mirror, cell, direction::direction, parallel, sample},
-    random::Stream,
+use geofan_bundle::{
+    PlanRecord,
+    measure::{probe, stored_settings},
+    rays::{Mirror, RaySpace, cell, direction::direction, parallel, sample},
 };
+use geofan_core::random::Stream;
 use glam::{DMat3, DVec2, DVec3};
 
 /// Seed of the random parts.
@@ -39,7 +37,7 @@ const TRIED: [f64; 6] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7];
 const WORTH: f64 = 0.004;
 
 /// The best parallax for the rays of `plan`, whose own does not count (columns of W).
-pub fn best(space: &FanSpace, plan: &PlanRecord) -> [[f64; 3]; 3] {
+pub fn best(space: &RaySpace, plan: &PlanRecord) -> [[f64; 3]; 3] {
     let none = [[0.0; 3]; 3];
     if space.planar() || space.cameras().is_empty() {
         return none;
@@ -72,14 +70,14 @@ struct Part {
 
 /// Random parts of a table.
 struct Trial<'a> {
-    space: &'a FanSpace,
+    space: &'a RaySpace,
     plan: &'a PlanRecord,
     cells: Vec<usize>,
     parts: Vec<Part>,
 }
 
 impl<'a> Trial<'a> {
-    fn new(space: &'a FanSpace, plan: &'a PlanRecord) -> Self {
+    fn new(space: &'a RaySpace, plan: &'a PlanRecord) -> Self {
         let mut stream = Stream::new(&[SEED]);
         let cells: Vec<usize> = plan.cells.iter().map(|n| *n as usize).collect();
         let part = |number: usize| {
@@ -161,7 +159,7 @@ impl<'a> Trial<'a> {
         bits.sum()
     }
 
-    fn bits_of(&self, part: &Part, space: &FanSpace) -> f64 {
+    fn bits_of(&self, part: &Part, space: &RaySpace) -> f64 {
         let manifold = space.manifold();
         let rays = part.cameras.iter().flat_map(|camera| {
             let camera = self.parameters(&part.cell, camera);

@@ -4,16 +4,12 @@
 //! the number of rays a chunk took is as reproducible as the chunk.
 
 use crate::{
-    args::Share,
+    options::Share,
     parts::{Baked, Parts},
     refine::{Refiner, Tally},
 };
-use geofan::{
-    Result,
-    bundle::{Division, PlanRecord, Table, container::Id},
-    fan::FanSpace,
-    terminal::{CommonArgs, Interrupt, Progress},
-};
+use geofan_bundle::{Division, PlanRecord, Table, container::Id, rays::RaySpace};
+use geofan_core::{Observer, Progress, Result};
 use std::{
     sync::{
         OnceLock,
@@ -27,7 +23,7 @@ use std::{
 #[derive(Debug)]
 pub struct Job<'a> {
     /// The rays.
-    pub space: &'a FanSpace,
+    pub space: &'a RaySpace,
     /// The plan.
     pub plan: &'a PlanRecord,
     /// The bundle's id.
@@ -79,7 +75,7 @@ impl Job<'_> {
     ///
     /// # Errors
     /// A part cannot be written.
-    pub fn run(&self, parts: &Parts, interrupt: &Interrupt, common: &CommonArgs) -> Result<Ended> {
+    pub fn run(&self, parts: &Parts, observer: &dyn Observer) -> Result<Ended> {
         let division = self.plan.division(self.space);
         let all = division.chunks() as u32;
         let mine = (0..all).filter(|c| self.share.is_none_or(|share| share.has(*c)));
@@ -92,17 +88,15 @@ impl Job<'_> {
             volume: unit * mine.len() as f64,
             started: Instant::now(),
         };
-        let progress = Progress::new(common, "baking", PARTS_OF_VOLUME);
         let baked = std::thread::scope(|scope| {
             let (working, ended) = mpsc::channel::<()>();
-            let (watch, progress) = (&watch, &progress);
-            scope.spawn(move || watch.until(&ended, interrupt, progress));
+            let watch = &watch;
+            scope.spawn(move || watch.until(&ended, observer));
             let baked = self.all_chunks(&mine, &tallies, parts, &division);
             drop(working);
             baked
         })?;
         if baked.iter().all(Option::is_some) {
-            progress.finish();
             let chunks = mine.into_iter().zip(baked.into_iter().flatten());
             return Ok(Ended::Done(chunks.collect()));
         }
@@ -193,26 +187,28 @@ impl Watch<'_> {
         (self.sum(|t| &t.volume) as f64 / self.volume).min(1.0)
     }
 
-    /// Shows progress, and stops the work when the user asks or the limit is reached, until the
+    /// Tells progress, and stops the work when the user asks or the limit is reached, until the
     /// other side of `ended` is dropped.
-    fn until(&self, ended: &mpsc::Receiver<()>, interrupt: &Interrupt, progress: &Progress) {
-        let mut shown = 0;
+    fn until(&self, ended: &mpsc::Receiver<()>, observer: &dyn Observer) {
         while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(TICK) {
-            if interrupt.requested() || self.bytes() > self.most_bytes {
+            if observer.cancelled() || self.bytes() > self.most_bytes {
                 stop(self.tallies);
             }
-            let now = (self.share() * PARTS_OF_VOLUME as f64) as u64;
-            progress.set_message(self.message());
-            progress.inc(now.saturating_sub(shown));
-            shown = shown.max(now);
+            self.tell(self.share(), observer);
         }
-        progress.inc(PARTS_OF_VOLUME.saturating_sub(shown));
+        self.tell(1.0, observer);
     }
 
-    fn message(&self) -> String {
+    /// Tells that `share` of the volume is done.
+    fn tell(&self, share: f64, observer: &dyn Observer) {
         let rays = self.sum(|t| &t.rays) as f64 / self.started.elapsed().as_secs_f64();
         let patches = self.sum(|t| &t.patches);
         let (kilorays, kilobytes) = (rays / 1e3, self.bytes() as f64 / 1e3);
-        format!("baking: {patches} patches, {kilobytes:.0} kB, {kilorays:.0}k rays/s; per mille")
+        observer.progress(Progress {
+            work: "baking",
+            done: (share * PARTS_OF_VOLUME as f64) as u64,
+            total: PARTS_OF_VOLUME,
+            detail: &format!("{patches} patches, {kilobytes:.0} kB, {kilorays:.0}k rays/s"),
+        });
     }
 }

@@ -1,5 +1,3 @@
-#![deny(unsafe_code)]
-#![warn(missing_docs)]
 //! The offline side of geofan: what to bake, where and until when.
 //!
 //! In: a manifold file and a promise. Out: a bundle with its certificate. A bake is a fixed list of
@@ -7,18 +5,25 @@
 //! are immutable files ([`parts`]) joined in order ([`job`], [`shard`], [`finish`]). Resuming,
 //! shards and equal bytes for any number of threads follow from that.
 
-pub mod args;
-pub mod demo;
+mod certificate;
 pub mod finish;
 mod focus;
 pub mod job;
 mod lift;
 mod mirrors;
+mod options;
 pub mod parts;
 pub mod plan;
+mod random_rays;
 pub mod refine;
-pub mod run;
+mod run;
 pub mod shard;
 mod sphere;
-pub mod sweep;
 mod tolerance;
+
+pub use certificate::certify;
+pub use finish::Finished;
+pub use options::{BakeOptions, PROMISES, Share, USUAL_PROMISE};
+pub use random_rays::RandomRays;
+pub use run::{BakeResult, bake};
+pub use shard::{WrittenShard, merge};

@@ -1,20 +1,18 @@
 //! Which way of storing chart points makes paths smoothest.
 //!
-//! In: the rays of a space. Out: the [`Lift`] under which polynomials in the arc length fall off
+//! In: the rays of a space. Out: the [`ChartMap`] under which polynomials in the arc length fall off
 //! fastest along random paths.
 
 use crate::refine::{
     scout::{Line, Tails},
     sweep::Basis,
 };
-use geofan::{
-    bundle::{
-        PlanRecord, chebyshev,
-        measure::{probe, stored_settings},
-    },
-    fan::{FanSpace, Lift},
-    random::Stream,
+use geofan_bundle::{
+    PlanRecord, chebyshev,
+    measure::{probe, stored_settings},
+    rays::{ChartMap, RaySpace},
 };
+use geofan_core::random::Stream;
 use glam::DVec3;
 use ndarray::Axis;
 
@@ -36,16 +34,16 @@ const POLAR_GAIN: f64 = 2.0;
 const RADII: [f64; 3] = [0.5, 1.0, 2.0];
 
 /// The lift for the paths of `plan`.
-pub fn best_lift(space: &FanSpace, plan: &PlanRecord) -> Lift {
+pub fn best_lift(space: &RaySpace, plan: &PlanRecord) -> ChartMap {
     let trial = Trial::new(space, plan);
     let middle = trial.middle_distance();
-    let mut tried: Vec<(Lift, f64)> = Vec::new();
+    let mut tried: Vec<(ChartMap, f64)> = Vec::new();
     if middle.is_finite() && middle > 0.0 {
-        let sphere = |r: f64| Lift::Sphere { radius: r * middle };
+        let sphere = |r: f64| ChartMap::Sphere { radius: r * middle };
         tried.extend(RADII.map(|r| (sphere(r), SPHERE_GAIN)));
     }
     if space.planar() {
-        tried.push((Lift::Polar, POLAR_GAIN));
+        tried.push((ChartMap::Polar, POLAR_GAIN));
     }
     let costs = tried
         .iter()
@@ -55,13 +53,13 @@ pub fn best_lift(space: &FanSpace, plan: &PlanRecord) -> Lift {
         .zip(costs)
         .min_by(|(_, a), (_, b)| a.total_cmp(b));
     match best {
-        Some(((lift, _), cost)) if cost < trial.roughness(Lift::None) => *lift,
-        _ => Lift::None,
+        Some(((lift, _), cost)) if cost < trial.roughness(ChartMap::None) => *lift,
+        _ => ChartMap::None,
     }
 }
 
 /// Random stored rays of a space: chart point and direction in the standard frame.
-pub fn random_rays(space: &FanSpace, count: usize) -> Vec<(DVec3, DVec3)> {
+pub fn random_rays(space: &RaySpace, count: usize) -> Vec<(DVec3, DVec3)> {
     let mut stream = Stream::new(&[SEED]);
     let ray = |_| {
         let cameras = space.cameras().iter();
@@ -77,7 +75,7 @@ pub fn random_rays(space: &FanSpace, count: usize) -> Vec<(DVec3, DVec3)> {
 
 /// Random paths of a space.
 struct Trial<'a> {
-    space: &'a FanSpace,
+    space: &'a RaySpace,
     plan: &'a PlanRecord,
     /// Chart points and directions in the standard frame.
     rays: Vec<(DVec3, DVec3)>,
@@ -85,7 +83,7 @@ struct Trial<'a> {
 }
 
 impl<'a> Trial<'a> {
-    fn new(space: &'a FanSpace, plan: &'a PlanRecord) -> Self {
+    fn new(space: &'a RaySpace, plan: &'a PlanRecord) -> Self {
         let nodes = chebyshev::nodes(NODES);
         let half = 0.5 * plan.length;
         Self {
@@ -97,7 +95,7 @@ impl<'a> Trial<'a> {
     }
 
     /// What polynomials in the arc length miss along nearly all paths, in units of the promise.
-    fn roughness(&self, lift: Lift) -> f64 {
+    fn roughness(&self, lift: ChartMap) -> f64 {
         let space = self.space.clone().lifted(lift);
         let mut tails = Tails::new(Basis::Polynomials, NODES, self.plan.max_error);
         Line::new(&space, self.plan, &self.rays, &self.lengths).each(Axis(0), &mut tails);

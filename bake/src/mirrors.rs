@@ -4,12 +4,10 @@
 //! it matters: at points all along random paths.
 
 use crate::lift::random_rays;
-use geofan::{
-    bundle::{
-        PlanRecord,
-        measure::{Probed, probe, stored_settings},
-    },
-    fan::{FanSpace, Mirror},
+use geofan_bundle::{
+    PlanRecord,
+    measure::{Probed, probe, stored_settings},
+    rays::{Mirror, RaySpace},
 };
 
 /// Random paths looked at. A part of the space that breaks a symmetry and that only one path in a
@@ -20,7 +18,7 @@ const PATHS: usize = 768;
 const PLACES: usize = 24;
 
 /// The mirrors of the rays of `plan`.
-pub fn of(space: &FanSpace, plan: &PlanRecord) -> Vec<Mirror> {
+pub fn of(space: &RaySpace, plan: &PlanRecord) -> Vec<Mirror> {
     let rays = random_rays(space, PATHS);
     let along = |_: usize, length: f64| {
         let places = 0..PLACES;

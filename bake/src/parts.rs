@@ -4,14 +4,11 @@
 //! `B.fan.parts/chunk-000123`, written whole or not at all, one checksummed block with the bundle's
 //! id: a damaged part, or one of another bake, is as good as none.
 
-use geofan::{
-    Error, Result,
-    bundle::{
-        Reader, Shape, Tree, Writer,
-        container::{Id, Kind, read_block, write_block},
-    },
-    files::write_atomically,
+use geofan_bundle::{
+    Reader, Shape, Tree, Writer,
+    container::{Id, Kind, read_block, write_block},
 };
+use geofan_core::{Error, Result, files::write_atomically};
 use std::{
     fs,
     io::Write,

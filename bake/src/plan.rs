@@ -1,16 +1,16 @@
 //! What is to be baked: everything that a chunk's content depends on, besides the manifold.
 
 use crate::{focus, lift::best_lift, mirrors, sphere, tolerance};
-use geofan::{
-    bundle::{PlanRecord, Stretch},
-    fan::{FanSpace, Lift},
+use geofan_bundle::{
+    MappedChebyshev, PlanRecord,
+    rays::{ChartMap, RaySpace},
 };
 
 /// The tracer's local tolerance while the plan is made.
 const FIRST_TOLERANCE: f64 = 1e-8;
 
 /// Counts up when refinement changes: parts of another count are baked again.
-pub(crate) const REFINEMENT: u32 = 14;
+pub const REFINEMENT: u32 = 14;
 
 /// Sizes by the number of axes besides the arc length.
 struct Sizes {
@@ -48,15 +48,15 @@ fn sizes(cameras: usize, axes: usize) -> Sizes {
 /// Boxes of few axes are halved towards what is rough in them, which then lies at their ends, where plain
 /// Chebyshev polynomials have their nodes (Schwarzschild takes 4 % more bytes with α = 0.8). Those of more
 /// axes are rough all over (three bumps 10 to 20 % fewer).
-fn stretch(axes: usize) -> Stretch {
+fn stretch(axes: usize) -> MappedChebyshev {
     match axes {
-        ..3 => Stretch::NONE,
-        _ => Stretch::new(0.85),
+        ..3 => MappedChebyshev::NONE,
+        _ => MappedChebyshev::new(0.85),
     }
 }
 
 /// The plan for the rays of `space`, and the space with its points stored as they are best.
-pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanSpace, PlanRecord) {
+pub fn plan(space: RaySpace, length: f64, max_error: f64, frames: bool) -> (RaySpace, PlanRecord) {
     let axes = space.cameras().len() + space.directions();
     let sizes = sizes(space.cameras().len(), axes);
     let mut nodes = vec![sizes.nodes; axes];
@@ -68,7 +68,7 @@ pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanS
         tolerance: FIRST_TOLERANCE,
         nodes,
         most_rays: sizes.rays,
-        lift: Lift::None,
+        lift: ChartMap::None,
         refinement: REFINEMENT,
         least_volume: 0.5_f64.powi(sizes.bits),
         most_arc_halvings: 3,
@@ -88,7 +88,7 @@ pub fn plan(space: FanSpace, length: f64, max_error: f64, frames: bool) -> (FanS
 }
 
 /// The same without discrete symmetries.
-pub fn unmirrored(space: FanSpace, mut plan: PlanRecord) -> (FanSpace, PlanRecord) {
+pub fn unmirrored(space: RaySpace, mut plan: PlanRecord) -> (RaySpace, PlanRecord) {
     plan.mirrors = Vec::new();
     plan.sphere = sphere::axes(&space, &plan);
     (plan.applied(space), plan)

@@ -1,30 +1,25 @@
 //! Shards: a bake divided between machines, and joined again.
 //!
-//! In: some chunks of a bake. Out: a file of them that knows which share it is
-//! ([`write()`]); all shares of one bake → a bundle, byte for byte the one an undivided bake makes
-//! ([`merge`]).
+//! In: some chunks of a bake. Out: a file of them that knows which share it is ([`write()`]); all
+//! shares of one bake → a bundle, byte for byte the one an undivided bake makes ([`merge`]).
 
-use crate::{args::Share, finish::finish};
-use geofan::{
-    Error, Result,
-    bundle::{Contents, ShardRecord},
-    terminal::{self, CommonArgs, Interrupt, Outcome},
+use crate::{
+    finish::{Finished, finish},
+    options::Share,
 };
-use serde_json::json;
-use std::{
-    path::{Path, PathBuf},
-    time::Instant,
-};
+use geofan_bundle::{Contents, ShardRecord};
+use geofan_core::{Error, Observer, Result};
+use std::path::{Path, PathBuf};
 
-/// Options of `geofan-bake merge`.
-#[derive(Debug, clap::Args)]
-pub struct MergeArgs {
-    /// The shards, all of one bake, in any order
-    #[arg(required = true, value_name = "SHARD")]
-    pub shards: Vec<PathBuf>,
-    /// The bundle to write
-    #[arg(long, short, value_name = "B.fan")]
-    pub output: PathBuf,
+/// Describes a shard that has been written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WrittenShard {
+    /// Which share of the chunks it has.
+    pub share: Share,
+    /// Its size.
+    pub bytes: u64,
+    /// Its number of chunks.
+    pub chunks: usize,
 }
 
 /// Writes the chunks of `share`.
@@ -36,48 +31,29 @@ pub fn write(
     share: Share,
     exact_rays: u64,
     path: &Path,
-    common: &CommonArgs,
-) -> Result<Outcome> {
+) -> Result<WrittenShard> {
     let Share { index, of } = share;
     contents.header.shard = Some(ShardRecord {
         index,
         of,
         exact_rays,
     });
-    let bytes = contents.write(path)?;
-    let (name, chunks) = (path.display().to_string(), contents.chunks.len());
-    if common.json {
-        terminal::print_json(&json!({
-            "path": name, "bytes": bytes, "shard": index, "of": of, "chunks": chunks,
-        }))?;
-    } else {
-        terminal::print(&format!(
-            "{name}: {bytes} bytes, shard {index} of {of} with {chunks} chunks\n"
-        ))?;
-    }
-    Ok(Outcome::Done)
+    Ok(WrittenShard {
+        share,
+        bytes: contents.write(path)?,
+        chunks: contents.chunks.len(),
+    })
 }
 
-/// Joins shards into a bundle, and measures it.
+/// Joins shards into a bundle at `output`, and measures it.
 ///
 /// # Errors
 /// The shards are not all shards of one bake, or the place cannot be written.
-pub fn merge(args: &MergeArgs, common: &CommonArgs) -> Result<Outcome> {
-    let started = Instant::now();
-    let interrupt = Interrupt::install()?;
-    let read = args.shards.iter().map(|path| Contents::read(path));
-    let shards = read.collect::<Result<Vec<_>>>()?;
-    let (contents, exact_rays) = join(&args.shards, shards)?;
+pub fn merge(shards: &[PathBuf], output: &Path, observer: &dyn Observer) -> Result<Finished> {
+    let read = shards.iter().map(|path| Contents::read(path));
+    let (contents, exact_rays) = join(shards, read.collect::<Result<Vec<_>>>()?)?;
     let resume = "the shards are untouched; run the same command again";
-    let finished = finish(
-        contents,
-        exact_rays,
-        &args.output,
-        resume,
-        &interrupt,
-        common,
-    )?;
-    finished.report(&args.output, started, common)
+    finish(contents, exact_rays, output, resume, observer)
 }
 
 /// The chunks of all shards in order, and the rays they took.

@@ -4,9 +4,9 @@
 //! not spare most of the faces. What a camera sees along its way hardly changes when it moves, what is
 //! beside it turns about that way: with the pole there, motion changes polar angles only.
 
-use geofan::{
-    bundle::{Division, PlanRecord},
-    fan::{FanSpace, cell},
+use geofan_bundle::{
+    Division, PlanRecord,
+    rays::{RaySpace, cell},
 };
 use glam::{DMat3, DVec3};
 
@@ -19,7 +19,7 @@ const STEPS: usize = 100;
 
 /// The axes of the sphere (columns, the pole last) for the rays of `plan`; `None` if faces are better
 /// held each by itself.
-pub fn axes(space: &FanSpace, plan: &PlanRecord) -> Option<[[f64; 3]; 3]> {
+pub fn axes(space: &RaySpace, plan: &PlanRecord) -> Option<[[f64; 3]; 3]> {
     if space.planar() {
         return None;
     }
@@ -35,7 +35,7 @@ pub fn axes(space: &FanSpace, plan: &PlanRecord) -> Option<[[f64; 3]; 3]> {
 }
 
 /// The direction in the standard frame along which cells of cameras are longest.
-fn pole(space: &FanSpace, plan: &PlanRecord) -> DVec3 {
+fn pole(space: &RaySpace, plan: &PlanRecord) -> DVec3 {
     let counts: Vec<usize> = plan.cells.iter().map(|n| *n as usize).collect();
     let cells = Division::new(counts.clone(), 1, &[]);
     let spreads = (0..cells.chunks()).map(|cell| spread(space, &counts, &cells.of(cell).0));
@@ -43,7 +43,7 @@ fn pole(space: &FanSpace, plan: &PlanRecord) -> DVec3 {
 }
 
 /// The sum of `o oᵀ` over the offsets o, in the standard frame, from the middle of a cell to its sides.
-fn spread(space: &FanSpace, counts: &[usize], cell: &[usize]) -> DMat3 {
+fn spread(space: &RaySpace, counts: &[usize], cell: &[usize]) -> DMat3 {
     let at =
         |inner: &[f64]| space.stored_point(&cell::parameters(counts, space.cameras(), cell, inner));
     let middle = vec![0.0; counts.len()];

@@ -7,12 +7,10 @@
 //! where they do not, a tight tolerance is time lost.
 
 use crate::lift::random_rays;
-use geofan::{
-    bundle::{
-        PlanRecord,
-        measure::{Probed, probe, stored_settings},
-    },
-    fan::FanSpace,
+use geofan_bundle::{
+    PlanRecord,
+    measure::{Probed, probe, stored_settings},
+    rays::RaySpace,
 };
 use glam::DVec3;
 
@@ -32,7 +30,7 @@ const REFERENCE: f64 = 1e-3;
 const BOUNDS: [f64; 2] = [1e-13, 1e-6];
 
 /// The tolerance for the promise of `plan`.
-pub fn needed(space: &FanSpace, plan: &PlanRecord) -> f64 {
+pub fn needed(space: &RaySpace, plan: &PlanRecord) -> f64 {
     let rays = random_rays(space, RAYS);
     let tolerances = TRIED.map(|share| (share * 1e-3 * plan.max_error).clamp(BOUNDS[0], BOUNDS[1]));
     let enough = |tolerance: &f64| error(space, plan, &rays, *tolerance) <= SHARE * plan.max_error;
@@ -41,7 +39,7 @@ pub fn needed(space: &FanSpace, plan: &PlanRecord) -> f64 {
 }
 
 /// The 99th percentile of the screen errors of the tracer, mrad, at `tolerance`.
-fn error(space: &FanSpace, plan: &PlanRecord, rays: &[(DVec3, DVec3)], tolerance: f64) -> f64 {
+fn error(space: &RaySpace, plan: &PlanRecord, rays: &[(DVec3, DVec3)], tolerance: f64) -> f64 {
     let follow = |tolerance: f64| -> Vec<Probed> {
         let settings = stored_settings(space, tolerance.max(BOUNDS[0]));
         let lengths = |ray: usize, end: f64| {

@@ -3,11 +3,9 @@
 //! In: a journey and something that draws one view. Out: files named by a pattern such as
 //! `frame-%04d.png`, those already there left alone; or one video, when ffmpeg can be run.
 
-use geofan::{
-    Error, Result,
-    render::{Journey, View, picture::Picture},
-    terminal::{CommonArgs, Interrupt, Progress},
-};
+use crate::terminal::{CommonArgs, Interrupt, ProgressDisplay};
+use geofan_core::{Error, Result};
+use geofan_render::{Journey, View, picture::Picture};
 use std::{
     io::Write,
     path::{Path, PathBuf},
@@ -101,7 +99,7 @@ impl Animation<'_> {
         mut draw: impl FnMut(&View, &Path) -> Result<()>,
     ) -> Result<Made> {
         let interrupt = Interrupt::install()?;
-        let progress = Progress::new(common, "frames", self.frames as u64);
+        let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         let mut made = Made::default();
         for (number, path) in (0..self.frames).filter_map(|n| Some((n, target.frame(n)?))) {
             if interrupt.requested() {
@@ -130,7 +128,7 @@ impl Animation<'_> {
     ) -> Result<Made> {
         let interrupt = Interrupt::install()?;
         let (mut child, mut pipe) = self.ffmpeg(output)?;
-        let progress = Progress::new(common, "frames", self.frames as u64);
+        let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         let failed = |source| environment(output, source);
         for number in 0..self.frames {
             if interrupt.requested() {

@@ -3,11 +3,10 @@
 //! In: a bundle. Out: quantiles of its errors on fresh random rays, and whether its promise holds
 //! on them too.
 
-use geofan::{
-    Error, Result,
-    bundle::{Bundle, Checked, FAR, Outlier, certify},
-    terminal::{self, CommonArgs, Outcome, Progress},
-};
+use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay};
+use geofan_bake::certify;
+use geofan_bundle::{Bundle, Checked, FAR, Outlier};
+use geofan_core::{Error, Result};
 use serde_json::json;
 use std::path::PathBuf;
 
@@ -32,7 +31,7 @@ pub fn run(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
     let bytes = size.map_err(|e| Error::io(&args.bundle, e))?.len();
     let bundle = Bundle::read(&args.bundle)?;
     let plan = &bundle.header.plan;
-    let progress = Progress::new(common, "checking", args.rays);
+    let progress = ProgressDisplay::new(common, "checking", args.rays);
     let rays = args.rays as usize;
     let found = certify(
         &bundle.table,

@@ -5,16 +5,15 @@
 //! local` the local view takes the table's place.
 
 use super::{light, scenery::SceneArgs};
+use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
-use geofan::{
-    Error, Result,
-    bundle::Bundle,
-    render::{
-        comparison::{Options, compare, write_pictures},
-        local_comparison::compare_local,
-        picture::{error_picture, write_png},
-    },
-    terminal::{self, CommonArgs, Outcome, values},
+use geofan_bundle::Bundle;
+use geofan_core::{Error, Result};
+use geofan_render::picture::write_png;
+use geofan_study::{
+    comparison::{Options, compare, write_pictures},
+    local_comparison::compare_local,
+    picture::error_picture,
 };
 use std::path::PathBuf;
 

@@ -1,11 +1,9 @@
 //! `geofan completions`: a completion script on stdout.
 
+use crate::terminal::{self, Outcome};
 use clap::CommandFactory;
 use clap_complete::{Shell, generate};
-use geofan::{
-    Result,
-    terminal::{self, Outcome},
-};
+use geofan_core::Result;
 
 /// Options of `geofan completions`.
 #[derive(Debug, clap::Args)]
@@ -19,7 +17,7 @@ pub fn run(args: &CompletionsArgs) -> Result<Outcome> {
     let mut script = Vec::new();
     generate(
         args.shell,
-        &mut crate::Cli::command(),
+        &mut crate::program::Geofan::command(),
         "geofan",
         &mut script,
     );

@@ -1,13 +1,9 @@
 //! The light of a scene's lamps on its surfaces, for the commands that show it.
 
-use geofan::{
-    Result,
-    render::{
-        Stage,
-        light::cache::{self, Source},
-    },
-    terminal::{CommonArgs, Progress},
-};
+use crate::terminal::{CommonArgs, ProgressDisplay};
+use geofan_core::Result;
+use geofan_light::cache::{self, Source};
+use geofan_render::Stage;
 use std::path::{Path, PathBuf};
 
 /// Local tolerance of the light's geodesics: shadows and brightness are then right to a part in a
@@ -25,7 +21,7 @@ pub fn bake(
     if stage.world.lights.is_empty() || stage.world.faces.is_empty() {
         return Ok(());
     }
-    let progress = Progress::new(common, "light", 0);
+    let progress = ProgressDisplay::new(common, "light", 0);
     let done = |more: usize, all: usize| {
         progress.set_total(all as u64);
         progress.inc(more as u64);

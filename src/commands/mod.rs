@@ -1,24 +1,36 @@
 //! The commands of `geofan`, one file each: options in, text or JSON on stdout out. No mathematics.
 
 mod animation;
+mod bake;
 mod check;
 mod compare;
 mod completions;
+mod demo;
 mod info;
 mod light;
+mod merge;
 mod path_traced;
 mod render;
 mod scenery;
+mod sweep;
 mod trace;
 
-use geofan::{
-    Result,
-    terminal::{CommonArgs, Outcome},
-};
+pub use bake::BakeCommand;
+
+use crate::terminal::{CommonArgs, Outcome};
+use geofan_core::Result;
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
+    /// Bake a manifold into a bundle
+    Bake(bake::BakeCommand),
+    /// Join the shards of one bake into a bundle
+    Merge(merge::MergeArgs),
+    /// Bake the wormhole, render it and compare
+    Demo(demo::DemoArgs),
+    /// Measure accuracy against table size
+    Sweep(sweep::SweepArgs),
     /// Follow one geodesic, exactly or through a bundle, and print samples of it
     Trace(trace::TraceArgs),
     /// Compare a bundle with exact paths of fresh random rays
@@ -38,6 +50,10 @@ impl Command {
     /// Does it.
     pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
         match self {
+            Self::Bake(args) => args.run(common),
+            Self::Merge(args) => merge::run(args, common),
+            Self::Demo(args) => demo::run(args, common),
+            Self::Sweep(args) => sweep::run(args, common),
             Self::Trace(args) => trace::run(args, common),
             Self::Check(args) => check::run(args, common),
             Self::Render(args) => render::run(args, common),

@@ -4,17 +4,15 @@
 //! `PICTURE.passes` while the picture is not complete, from which `--resume` goes on.
 
 use super::render::{RenderArgs, metadata};
+use crate::terminal::{self, CommonArgs, Interrupt, Outcome, ProgressDisplay, values};
 use clap::Args;
-use geofan::{
-    Error, Result,
-    render::{
-        ExactTracer, Stage, View,
-        frame::{Paths, offsets, trace},
-        path_tracer::{Estimator, Film, PathTracer, Settings},
-        picture::{self, Format, Precision, write_exr},
-        shade::with_layers,
-    },
-    terminal::{self, CommonArgs, Interrupt, Outcome, Progress, values},
+use geofan_core::{Error, Result};
+use geofan_light::path_tracer::{Estimator, Film, PathTracer, Settings};
+use geofan_render::{
+    ExactTracer, Stage, View,
+    frame::{Paths, offsets, trace},
+    picture::{self, Format, Precision, write_exr},
+    shade::with_layers,
 };
 use serde::Serialize;
 use std::{
@@ -125,7 +123,7 @@ fn accumulate(
     common: &CommonArgs,
 ) -> Result<bool> {
     let interrupt = Interrupt::install()?;
-    let progress = Progress::new(common, "samples", passes);
+    let progress = ProgressDisplay::new(common, "samples", passes);
     progress.inc(film.passes());
     let began = Instant::now();
     let mut saved = Instant::now();

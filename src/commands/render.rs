@@ -9,19 +9,17 @@ use super::{
     path_traced::{self, PathArgs},
     scenery::{self, SceneArgs},
 };
+use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
-use geofan::{
-    Error, Result,
-    bundle::Bundle,
-    render::{
-        ExactTracer, Journey, Lookup, Stage, View, World,
-        drawing::{Drawing, draw},
-        frame::Paths,
-        picture::{self, Format, Metadata},
-        scene::PoseFile,
-        shade::{Footprints, area, with_layers},
-    },
-    terminal::{self, CommonArgs, Outcome, values},
+use geofan_bundle::Bundle;
+use geofan_core::{Error, Result};
+use geofan_render::{
+    ExactTracer, Journey, Lookup, Stage, View, World,
+    drawing::{Drawing, draw},
+    frame::Paths,
+    picture::{self, Format, Metadata},
+    scene::PoseFile,
+    shade::{Footprints, area, with_layers},
 };
 use serde::Serialize;
 use std::{
@@ -268,9 +266,8 @@ fn one(
 
 /// Notes for a picture's file.
 pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
-    let command: Vec<String> = std::env::args().collect();
     Metadata::default()
-        .with("command", command.join(" "))
+        .with("command", terminal::command_line())
         .with("manifold", &stage.world.manifold.name)
         .with("tracer", tracer)
         .with("version", env!("CARGO_PKG_VERSION"))

@@ -1,14 +1,10 @@
 //! Options that all commands with pictures share.
 
+use crate::terminal::values;
 use clap::Args;
-use geofan::{
-    Error, Result,
-    bundle::Bundle,
-    diagnostic::Diagnostic,
-    geodesic::check_point,
-    render::{Stage, View, picture::Format},
-    terminal::values,
-};
+use geofan_bundle::Bundle;
+use geofan_core::{Error, Result, diagnostic::Diagnostic, geodesic::check_point};
+use geofan_render::{Stage, View, picture::Format};
 use std::path::{Path, PathBuf};
 
 /// A scene, one of its cameras, and how finely to look.

@@ -3,12 +3,12 @@
 //! In: a manifold file or a bundle, a point, a direction, a length. Out: samples as a table or as
 //! JSON, the path's end and, of an exact path, its conjugate points.
 
-use geofan::{
+use crate::terminal::{self, CommonArgs, Outcome, values};
+use geofan_bundle::{self, Bundle};
+use geofan_core::{
     Error, Result,
-    bundle::{self, Bundle},
     geodesic::{End, Sample, Settings, check_point, conjugate_points, depart, paths, samples},
     manifold::{Carried, Manifold},
-    terminal::{self, CommonArgs, Outcome, values},
 };
 use glam::DVec3;
 use serde::Serialize;
@@ -112,7 +112,7 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
     check_point(&manifold, "--at", args.at)?;
     table.space.place(args.at).map_err(about_at)?;
     let count = args.samples as usize;
-    let traced = bundle::trace(&table, args.at, args.dir, length, count, args.tolerance)?;
+    let traced = geofan_bundle::trace(&table, args.at, args.dir, length, count, args.tolerance)?;
     Ok(Trace {
         manifold,
         samples: traced.samples,

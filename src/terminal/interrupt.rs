@@ -2,7 +2,7 @@
 //!
 //! In: signals. Out: an [`Interrupt`] that long work polls between pieces of work.
 
-use crate::error::{Error, Result};
+use geofan_core::error::{Error, Result};
 use signal_hook::{
     consts::{SIGINT, SIGTERM},
     flag,
@@ -43,11 +43,6 @@ impl Interrupt {
     /// Whether to stop at the next good place.
     pub fn requested(&self) -> bool {
         self.0.load(Ordering::Relaxed)
-    }
-
-    /// Asks to stop, as a first signal does.
-    pub fn request(&self) {
-        self.0.store(true, Ordering::Relaxed);
     }
 }
 

@@ -1,18 +1,22 @@
-//! What both programs share with the terminal: common options, logs, progress, results, exit codes.
+//! Shared by all commands: common options, logs, progress, results, exit codes.
 //!
 //! In: the command line and a command's result. Out: text on stdout (results, JSON) and stderr
 //! (logs, progress, errors), and the exit code of a run.
 
+mod command_line;
 mod interrupt;
 mod log;
 mod progress;
 pub mod values;
+mod watcher;
 
+pub use command_line::{command_line, has_option};
 pub use interrupt::Interrupt;
 pub use log::{colour, line};
-pub use progress::Progress;
+pub use progress::ProgressDisplay;
+pub use watcher::Watcher;
 
-use crate::error::{Error, Result};
+use geofan_core::error::{Error, Result};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::{
@@ -160,7 +164,7 @@ fn describe(error: &Error) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::diagnostic::{Diagnostic, SourceText};
+    use geofan_core::diagnostic::{Diagnostic, SourceText};
 
     fn common() -> CommonArgs {
         CommonArgs {

@@ -23,7 +23,7 @@ const TEMPLATE: &str = "{msg} {wide_bar} {human_pos}/{human_len} {per_sec} {eta}
 
 /// The progress of one piece of long work.
 #[derive(Debug)]
-pub struct Progress(Display);
+pub struct ProgressDisplay(Display);
 
 #[derive(Debug)]
 enum Display {
@@ -32,7 +32,7 @@ enum Display {
     Silent,
 }
 
-impl Progress {
+impl ProgressDisplay {
     /// Begins work of `total` pieces, called `message`.
     pub fn new(common: &CommonArgs, message: impl Into<String>, total: u64) -> Self {
         let message = message.into();
@@ -43,11 +43,6 @@ impl Progress {
         } else {
             Display::Lines(Lines::new(message, total))
         })
-    }
-
-    /// Progress that nobody sees.
-    pub fn silent() -> Self {
-        Self(Display::Silent)
     }
 
     /// `count` more pieces are done.
@@ -95,7 +90,7 @@ impl Progress {
 }
 
 /// A bar left behind by an error goes away too.
-impl Drop for Progress {
+impl Drop for ProgressDisplay {
     fn drop(&mut self) {
         if let Display::Bar(bar) = &self.0 {
             bar.finish_and_clear();
@@ -208,7 +203,7 @@ mod tests {
 
     #[test]
     fn counting_is_possible_from_many_threads() {
-        let progress = Progress(Display::Lines(Lines::new("work".into(), 4000)));
+        let progress = ProgressDisplay(Display::Lines(Lines::new("work".into(), 4000)));
         std::thread::scope(|scope| {
             for _ in 0..4 {
                 scope.spawn(|| (0..1000).for_each(|_| progress.inc(1)));

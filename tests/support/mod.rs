@@ -1,9 +1,13 @@
 //! What several tests need: the catalogue, manifolds from text, random rays.
 
 // Each test uses a part of it.
-#![allow(dead_code)]
+#![allow(dead_code, unused_imports)]
 
-use geofan::{
+mod place;
+
+pub use place::Place;
+
+use geofan_core::{
     diagnostic::SourceText,
     geodesic::{Path, Ray, Settings, check_point},
     manifold::{Carried, Manifold},

@@ -11,7 +11,7 @@ mod products;
 mod range;
 
 use faer::{Mat, MatMut, MatRef, Side};
-use geofan::bundle::{Layout, Polynomial, Train, graded_in_order};
+use geofan_bundle::{Layout, Polynomial, Train, graded_in_order};
 use ndarray::ArrayD;
 use products::{product, product_into, square, triangle};
 use range::range;
@@ -213,10 +213,8 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan::{
-        bundle::{Shape, Step, Stretch, Tensor, Tree, Variables},
-        random::Stream,
-    };
+    use geofan_bundle::{MappedChebyshev, Shape, Step, Tensor, Tree, Variables};
+    use geofan_core::random::Stream;
     use ndarray::IxDyn;
     use std::sync::Arc;
 
@@ -264,7 +262,7 @@ mod tests {
             let cameras = if shape.len() == 4 { 1 } else { cameras };
             let polynomial = Polynomial {
                 coefficients: coefficients(shape),
-                variables: Variables::of_face(cameras, Stretch::new(0.6)),
+                variables: Variables::of_face(cameras, MappedChebyshev::new(0.6)),
             };
             let step = Step::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);

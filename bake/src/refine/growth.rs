@@ -10,7 +10,7 @@
 //! that need not be divided leave more than their own to the others.
 
 use super::region::Region;
-use geofan::{bundle::Tree, fan::FACES};
+use geofan_bundle::{Tree, rays::FACES};
 use std::array::from_fn;
 
 /// The share of the misses left that the boxes of a level are allowed: of the one box that has all, of

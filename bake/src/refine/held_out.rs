@@ -1,15 +1,12 @@
 //! Random rays of a box that its polynomials are not fitted to, and what a table gets wrong on them.
 
 use super::{Refiner, region::Region, scout::weigh};
-use geofan::{
-    bundle::{
-        Polynomial, Tensor, arc,
-        measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
-    },
-    fan::{CHANNELS, Start},
-    geodesic::End,
-    random::Stream,
+use geofan_bundle::{
+    Polynomial, Tensor, arc,
+    measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
+    rays::{CHANNELS, Start},
 };
+use geofan_core::{geodesic::End, random::Stream};
 use rayon::prelude::*;
 use std::sync::atomic::Ordering;
 

@@ -9,18 +9,18 @@
 //! (`held_out`, `quantise`). Otherwise it is halved along the axis that needs it most; one too
 //! small for that is flagged.
 
-pub(crate) mod decompose;
+pub mod decompose;
 mod growth;
 mod held_out;
-pub(crate) mod order;
+pub mod order;
 mod quantise;
 mod region;
 pub(crate) mod scout;
 pub(crate) mod sweep;
 
-use geofan::{
-    bundle::{Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev},
-    fan::{DISPLACEMENT, FACES, FanSpace, Sample, Samples, StoredCamera, cell},
+use geofan_bundle::{
+    Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev,
+    rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
 };
 use glam::DVec3;
 use growth::{Growth, Verdict};
@@ -74,7 +74,7 @@ pub struct Tally {
 /// Refines one chunk at a time.
 pub struct Refiner<'a> {
     /// The rays.
-    pub space: &'a FanSpace,
+    pub space: &'a RaySpace,
     /// The plan.
     pub plan: &'a PlanRecord,
     /// How the table is divided into chunks.

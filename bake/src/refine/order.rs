@@ -7,10 +7,8 @@
 //! order is then a shortest way from no axis to all.
 
 use faer::Mat;
-use geofan::{
-    bundle::{Layout, Polynomial},
-    random::Stream,
-};
+use geofan_bundle::{Layout, Polynomial};
+use geofan_core::random::Stream;
 use std::collections::HashSet;
 
 /// Rows and columns of the part of a matrix that is looked at. Half as many cannot tell large ranks

@@ -1,7 +1,7 @@
 //! Coefficients → the smallest tensor that keeps the promise on the held-out rays.
 
 use super::{Refiner, decompose::decompose, held_out::HeldOut, order};
-use geofan::bundle::{Polynomial, Step, Tensor, Train};
+use geofan_bundle::{Polynomial, Step, Tensor, Train};
 
 /// Steps tried: this many, each the next coarser. The finest decides whether the box can be kept at
 /// all, the coarsest is 15 octaves above.

@@ -1,10 +1,10 @@
 //! A box of the table.
 
-use geofan::{
-    bundle::{Stretch, Variables},
-    fan::{FACES, parallel},
-    random::Stream,
+use geofan_bundle::{
+    MappedChebyshev, Variables,
+    rays::{FACES, parallel},
 };
+use geofan_core::random::Stream;
 
 /// A box of the table: an interval of [−1, 1] of each axis of the chunk, and its place in the tree.
 #[derive(Debug, Clone)]
@@ -42,7 +42,7 @@ impl Region {
     }
 
     /// How the parameters of its rays enter polynomials.
-    pub fn variables(&self, cameras: usize, stretch: Stretch) -> Variables {
+    pub fn variables(&self, cameras: usize, stretch: MappedChebyshev) -> Variables {
         Variables {
             cameras,
             stretch,

@@ -9,15 +9,13 @@ use super::{
     region::Region,
     sweep::{Basis, Sweep},
 };
-use geofan::{
-    bundle::{
-        PlanRecord, chebyshev,
-        measure::{Probe, probe, stored_settings, tangents_at_exits},
-        spherical,
-    },
-    fan::{CHANNELS, DISPLACEMENT, FanSpace, sample},
-    random::Stream,
+use geofan_bundle::{
+    PlanRecord, chebyshev,
+    measure::{Probe, probe, stored_settings, tangents_at_exits},
+    rays::{CHANNELS, DISPLACEMENT, RaySpace, sample},
+    spherical,
 };
+use geofan_core::random::Stream;
 use glam::{DVec3, DVec4};
 use ndarray::{Array2, Array3, ArrayView2, Axis};
 use std::sync::atomic::Ordering;
@@ -207,7 +205,7 @@ pub struct Line {
 impl Line {
     /// Follows `rays` (chart point, direction in the standard frame) to the arc lengths.
     pub fn new(
-        space: &FanSpace,
+        space: &RaySpace,
         plan: &PlanRecord,
         rays: &[(DVec3, DVec3)],
         lengths: &[f64],
@@ -264,7 +262,7 @@ impl Line {
 
 /// The factors that make errors of the channels at `probe` mrad: of displacements, and of slopes
 /// where tangents matter.
-pub fn weigh(space: &FanSpace, frames: bool, probe: &Probe, weights: &mut [f64]) {
+pub fn weigh(space: &RaySpace, frames: bool, probe: &Probe, weights: &mut [f64]) {
     let lift = space.lift();
     for channel in space.channels() {
         let mut unit = [0.0; 4];

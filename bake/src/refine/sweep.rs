@@ -4,7 +4,7 @@
 //! that axis needs. Along a face they are those of polynomials. Around the whole sphere they are waves:
 //! along its parallels, and, for the polar angle, around whole meridians.
 
-use geofan::bundle::{Variables, spherical};
+use geofan_bundle::{Variables, spherical};
 
 /// What series along a line are made of.
 #[derive(Debug, Clone, Copy)]

@@ -1,12 +1,9 @@
 //! `geofan info` on a bundle or a shard of one.
 
 use super::InfoArgs;
-use geofan::{
-    Error, Result,
-    bundle::{Contents, Header, Table, Tree, container::VERSION},
-    fan::Reduction,
-    terminal::{self, CommonArgs, Outcome},
-};
+use crate::terminal::{self, CommonArgs, Outcome};
+use geofan_bundle::{Contents, Header, Table, Tree, container::VERSION, rays::Reduction};
+use geofan_core::{Error, Result};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 

@@ -1,10 +1,10 @@
 //! `geofan info` on a manifold file.
 
 use super::{InfoArgs, place::Place};
-use geofan::{
+use crate::terminal::{self, CommonArgs, Outcome};
+use geofan_core::{
     Result,
     manifold::{Carried, Manifold},
-    terminal::{self, CommonArgs, Outcome},
 };
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
@@ -147,7 +147,7 @@ impl Lines {
 }
 
 fn domain(manifold: &Manifold) -> Vec<String> {
-    use geofan::manifold::EventKind;
+    use geofan_core::manifold::EventKind;
     let domain = &manifold.domain;
     let mut lines = Vec::new();
     for (k, name) in manifold.coordinates.iter().enumerate() {

@@ -7,11 +7,9 @@ mod bundle;
 mod manifold;
 mod place;
 
-use geofan::{
-    Error, Result,
-    bundle::container::MAGIC,
-    terminal::{CommonArgs, Outcome, values},
-};
+use crate::terminal::{CommonArgs, Outcome, values};
+use geofan_bundle::container::MAGIC;
+use geofan_core::{Error, Result};
 use glam::DVec3;
 use std::{fs::File, io::Read, path::PathBuf};
 

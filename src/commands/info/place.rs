@@ -1,6 +1,6 @@
 //! `geofan info --at`: the differential geometry of a manifold at one point.
 
-use geofan::{
+use geofan_core::{
     Result,
     geodesic::check_point,
     manifold::{Curvature, Manifold},

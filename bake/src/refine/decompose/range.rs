@@ -7,7 +7,7 @@
 
 use super::products::product;
 use faer::{Mat, MatRef};
-use geofan::random::Stream;
+use geofan_core::random::Stream;
 use rayon::prelude::*;
 
 /// Columns that a sketch has for each of the basis, at least, and how many it begins with for each of

@@ -1,0 +1,234 @@
+//! How well a table keeps its promise: table against exact on fresh random rays.
+//!
+//! In: a [`Table`], a number of [`RandomRays`] and a seed. Out: a [`Certificate`], the same for any
+//! number of threads.
+
+use crate::random_rays::RandomRays;
+use geofan_bundle::{
+    Certificate, Checked, FAR, MOST, Outlier, Table, in_bundle,
+    measure::{Probe, Probed, probe, settings, with_end},
+};
+use geofan_core::{Result, quantiles::Quantiles};
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// Keeps the certificate's random numbers apart from those of a bake with the same seed.
+const KEY: u64 = 0x6365_7274_6966_7921;
+
+/// Cameras whose exact rays are followed together: those of one alone leave most lanes idle.
+const CAMERAS: usize = 16;
+
+/// The errors found on some rays, in mrad.
+#[derive(Default)]
+struct Errors {
+    mrad: Vec<f64>,
+    screen: Vec<f64>,
+    sky: Vec<f64>,
+    rotation: Vec<f64>,
+    flagged: usize,
+    far: Vec<Outlier>,
+}
+
+/// Compares `table` with exact paths of `rays` random rays. `progress` is told how many more are
+/// done, from any thread; an error from it ends the work.
+///
+/// # Errors
+/// No camera lies in the domain, the table is damaged, or `progress` says so.
+pub fn certify(
+    table: &Table,
+    rays: usize,
+    seed: u64,
+    tolerance: f64,
+    promise: f64,
+    progress: impl Fn(u64) -> Result<()> + Sync,
+) -> Result<Checked> {
+    table.decode()?;
+    let groups: Result<Vec<Errors>> = RandomRays::all(&table.space, rays, [KEY, seed])
+        .chunks(CAMERAS)
+        .map(|cameras| {
+            let cameras: Vec<RandomRays> = cameras.into_iter().collect::<Result<_>>()?;
+            let errors = at_cameras(table, &cameras, (tolerance, promise))?;
+            let count: usize = cameras.iter().map(|camera| camera.directions.len()).sum();
+            progress(count as u64)?;
+            Ok(errors)
+        })
+        .collect();
+    let mut all = Errors::default();
+    for mut errors in groups? {
+        all.mrad.append(&mut errors.mrad);
+        all.screen.append(&mut errors.screen);
+        all.sky.append(&mut errors.sky);
+        all.rotation.append(&mut errors.rotation);
+        all.flagged += errors.flagged;
+        all.far.append(&mut errors.far);
+    }
+    let far = all.far.len();
+    all.far
+        .sort_by(|a, b| b.screen_mrad.total_cmp(&a.screen_mrad));
+    all.far.truncate(MOST);
+    let certificate = Certificate {
+        mrad: Quantiles::of(&mut all.mrad),
+        screen_mrad: Quantiles::of(&mut all.screen),
+        sky_mrad: (!all.sky.is_empty()).then(|| Quantiles::of(&mut all.sky)),
+        rotation_mrad: (!all.rotation.is_empty()).then(|| Quantiles::of(&mut all.rotation)),
+        flagged: all.flagged as f64 / rays.max(1) as f64,
+        rays: rays as u64,
+        seed,
+        tolerance,
+        exact_rays_baked: 0,
+    };
+    Ok(Checked {
+        certificate,
+        far,
+        worst: all.far,
+    })
+}
+
+fn at_cameras(
+    table: &Table,
+    cameras: &[RandomRays],
+    (tolerance, promise): (f64, f64),
+) -> Result<Errors> {
+    let manifold = table.space.manifold();
+    let rays = cameras
+        .iter()
+        .flat_map(|camera| camera.directions.iter().map(|d| (camera.u, *d)));
+    let rays: Vec<(DVec3, DVec3)> = rays.collect();
+    let shares: Vec<f64> = cameras.iter().flat_map(|c| &c.shares).copied().collect();
+    let lengths = |ray: usize, end: f64| with_end(shares[ray], end);
+    let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
+    let mut errors = Errors::default();
+    let mut probed = probed.into_iter();
+    for camera in cameras {
+        let exact = probed.by_ref().take(camera.directions.len());
+        errors.add(table, camera, exact, promise)?;
+    }
+    Ok(errors)
+}
+
+impl Errors {
+    /// Adds those on the rays of `camera`, whose `exact` paths are these.
+    fn add(
+        &mut self,
+        table: &Table,
+        camera: &RandomRays,
+        exact: impl Iterator<Item = Probed>,
+        promise: f64,
+    ) -> Result<()> {
+        let fan = table.fan(camera.u)?;
+        for (d, exact) in camera.directions.iter().zip(exact) {
+            let path = fan.path(*d);
+            let known = |probe: &Probe| path.at(probe.s);
+            if let Some(tangent) = exact.tangent().filter(|_| table.frames) {
+                let error = |(_, v)| tangent.sky_mrad(v - tangent.v);
+                self.sky.extend(known(tangent).map(error));
+            }
+            if let Some(probe) = exact.probes.first() {
+                let Some((u, _)) = known(probe) else {
+                    self.flagged += 1;
+                    continue;
+                };
+                let found = probe.deviation(u, path.rotation(probe.s));
+                self.mrad.push(found.mrad);
+                self.screen.push(found.screen_mrad);
+                self.rotation.extend(found.rotation_mrad);
+                if !(found.screen_mrad <= FAR * promise) {
+                    let (place, s) = (&fan.place, (probe.s, exact.length));
+                    let outlier = table.outlier(place, *d, s, found, probe.magnification());
+                    self.far.push(outlier.map_err(in_bundle)?);
+                }
+            }
+            self.flagged += usize::from(path.flagged_from() < exact.length);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_bundle::{
+        Chunk, Division, MappedChebyshev, Polynomial, Step, Train, Tree, Variables, rays::RaySpace,
+    };
+    use geofan_core::{diagnostic::SourceText, error::Error, manifold::Manifold};
+    use ndarray::{ArrayD, IxDyn};
+    use std::sync::Arc;
+
+    const FLAT: &str = r#"
+name = "flat"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1" }
+[symmetry]
+translation = ["x", "y", "z"]
+[cameras]
+at = ["0", "0", "0"]
+length = 5.0
+"#;
+
+    /// A flat table whose slope along y and z is `wrong` everywhere; face 0 is flagged.
+    fn table(wrong: f64) -> Table {
+        let manifold = Manifold::from_source(SourceText::new("flat", FLAT), &[]).unwrap();
+        let space = RaySpace::new(Arc::new(manifold)).unwrap();
+        let slopes = vec![0.0, wrong, wrong];
+        let samples = ArrayD::from_shape_vec(IxDyn(&[1, 1, 1, 3]), slopes).unwrap();
+        let polynomial = Polynomial {
+            coefficients: samples,
+            variables: Variables::of_face(0, MappedChebyshev::NONE),
+        };
+        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
+        let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
+        let mut chunks = vec![leaf; 6];
+        chunks[0] = Tree::Flagged;
+        let shape = Table::shape(&space, MappedChebyshev::NONE);
+        let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
+        Table {
+            space,
+            division: Division::new(Vec::new(), 6, &[]),
+            length: 5.0,
+            frames: true,
+            chunks: chunks.collect(),
+        }
+    }
+
+    #[test]
+    fn a_perfect_table_has_no_error_and_its_flagged_face_is_counted() {
+        let found = certify(&table(0.0), 3000, 7, 1e-10, 1.0, |_| Ok(()));
+        let found = found.unwrap().certificate;
+        assert!(found.screen_mrad.max < 1e-6, "{found:?}");
+        assert!(found.rotation_mrad.unwrap().max < 1e-3);
+        assert!((found.flagged - 1.0 / 6.0).abs() < 0.03, "{found:?}");
+    }
+
+    #[test]
+    fn a_wrong_table_is_wrong_by_what_was_put_in() {
+        let found = certify(&table(1e-3), 1001, 7, 1e-10, 0.01, |_| Ok(())).unwrap();
+        assert!(found.far > 500 && found.worst.len() == MOST);
+        assert_eq!(found.worst[0].patch.intervals.len(), 3);
+        let found = found.certificate;
+        // Displacement is per arc length: √2 mrad, less its part along the ray.
+        assert!(found.screen_mrad.max <= 2_f64.sqrt() + 1e-6);
+        assert!(found.screen_mrad.max > 1.4 && found.screen_mrad.p50 > 0.8);
+        // In flat space a tangent that is off by as much looks the same, and frames do not turn.
+        let sky = found.sky_mrad.unwrap();
+        assert!((sky.max - found.screen_mrad.max).abs() < 1e-3);
+        assert!(found.rotation_mrad.unwrap().max < 1e-3);
+        assert_eq!(found.rays, 1001);
+    }
+
+    #[test]
+    fn one_thread_and_many_find_the_same() {
+        let table = table(1e-3);
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads);
+            let work = || certify(&table, 333, 9, 1e-9, 0.01, |_| Ok(())).unwrap();
+            pool.build().unwrap().install(work)
+        };
+        assert_eq!(with(1), with(5));
+    }
+
+    #[test]
+    fn progress_can_stop_the_work() {
+        let stop = |_| Err(Error::input("test", "stop"));
+        assert!(certify(&table(0.0), 100, 1, 1e-9, 1.0, stop).is_err());
+    }
+}

@@ -1,0 +1,164 @@
+//! Chebyshev polynomials on [−1, 1]: nodes, samples → coefficients, and values.
+//!
+//! First-kind nodes `cos(π(i+½)/n)`; `f(x) = Σ c_k T_k(x)`. Source: L. N. Trefethen,
+//! *Approximation Theory and Approximation Practice*, chapters 2–4.
+
+use super::matrix::product;
+use crate::parallel::*;
+use ndarray::{Array2, ArrayD};
+use std::f64::consts::PI;
+
+/// The `n` nodes, ascending.
+pub fn nodes(n: usize) -> Vec<f64> {
+    (0..n)
+        .map(|i| -(PI * (i as f64 + 0.5) / n as f64).cos())
+        .collect()
+}
+
+/// `T_0(x) … T_(n−1)(x)` into `values`.
+pub fn values(x: f64, values: &mut [f64]) {
+    for k in 0..values.len() {
+        values[k] = match k {
+            0 => 1.0,
+            1 => x,
+            _ => 2.0 * x * values[k - 1] - values[k - 2],
+        };
+    }
+}
+
+/// The matrix that takes `n` samples at [`nodes`] to coefficients.
+pub fn transform(n: usize) -> Array2<f64> {
+    let nodes = nodes(n);
+    let mut t = vec![0.0; n];
+    let mut matrix = Array2::zeros((n, n));
+    for (i, &x) in nodes.iter().enumerate() {
+        values(x, &mut t);
+        for k in 0..n {
+            let weight = if k == 0 { 1.0 } else { 2.0 };
+            matrix[[k, i]] = weight * t[k] / n as f64;
+        }
+    }
+    matrix
+}
+
+/// The matrix that takes `n` coefficients to samples at [`nodes`].
+pub fn inverse_transform(n: usize) -> Array2<f64> {
+    at_nodes(&nodes(n), values)
+}
+
+/// The values of as many terms as there are nodes, one row for each node; `of` gives those at a node.
+pub(super) fn at_nodes(nodes: &[f64], of: impl Fn(f64, &mut [f64])) -> Array2<f64> {
+    let mut matrix = Array2::zeros((nodes.len(), nodes.len()));
+    for (x, mut row) in nodes.iter().zip(matrix.outer_iter_mut()) {
+        of(*x, row.as_slice_mut().expect("contiguous"));
+    }
+    matrix
+}
+
+/// Samples on a tensor grid of nodes → coefficients, along the first `axes` axes.
+pub fn coefficients(samples: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
+    along_axes(samples, axes, transform)
+}
+
+/// Coefficients → samples on the tensor grid of nodes, along the first `axes` axes.
+pub fn samples(coefficients: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
+    along_axes(coefficients, axes, inverse_transform)
+}
+
+/// The square matrices that `of` gives for their lengths, applied to the first `axes` axes.
+fn along_axes(array: ArrayD<f64>, axes: usize, of: impl Fn(usize) -> Array2<f64>) -> ArrayD<f64> {
+    let mut array = match array.is_standard_layout() {
+        true => array,
+        false => array.as_standard_layout().into_owned(),
+    };
+    for axis in 0..axes {
+        let matrix = of(array.shape()[axis]);
+        along_axis(&mut array, axis, &matrix);
+    }
+    array
+}
+
+/// Columns that are transformed together: what one thread works on fits into a cache near it.
+const TILE: usize = 128;
+
+/// The square `matrix` applied to `axis` of `array`, which has the standard layout.
+pub fn along_axis(array: &mut ArrayD<f64>, axis: usize, matrix: &Array2<f64>) {
+    let n = matrix.nrows();
+    let inner: usize = array.shape()[axis + 1..].iter().product();
+    let matrix: Vec<f64> = matrix.iter().copied().collect();
+    let values = array.as_slice_mut().expect("standard layout");
+    if inner < TILE {
+        let group = TILE.div_ceil(inner) * n * inner;
+        values
+            .par_chunks_mut(group)
+            .for_each(|blocks| short_blocks(blocks, inner, &matrix, n));
+    } else {
+        values
+            .par_chunks_mut(n * inner)
+            .for_each(|block| long_block(block, inner, &matrix, n));
+    }
+}
+
+/// `matrix` applied to the slowest axis of each of `blocks`, whose rows are shorter than a tile.
+fn short_blocks(blocks: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
+    let count = blocks.len() / (n * inner);
+    let mut rows = vec![0.0; blocks.len()];
+    for (b, block) in blocks.chunks_exact(n * inner).enumerate() {
+        for (i, row) in block.chunks_exact(inner).enumerate() {
+            rows[(i * count + b) * inner..][..inner].copy_from_slice(row);
+        }
+    }
+    let rows = product(matrix, n, &rows);
+    for (b, block) in blocks.chunks_exact_mut(n * inner).enumerate() {
+        for (i, row) in block.chunks_exact_mut(inner).enumerate() {
+            row.copy_from_slice(&rows[(i * count + b) * inner..][..inner]);
+        }
+    }
+}
+
+/// `matrix` applied to the slowest axis of `block`, whose rows are tiles side by side.
+fn long_block(block: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
+    let mut tiles: Vec<Vec<&mut [f64]>> = Vec::new();
+    tiles.resize_with(inner.div_ceil(TILE), || Vec::with_capacity(n));
+    for row in block.chunks_exact_mut(inner) {
+        for (tile, part) in tiles.iter_mut().zip(row.chunks_mut(TILE)) {
+            tile.push(part);
+        }
+    }
+    tiles.into_par_iter().for_each(|tile| {
+        let rows = tile.iter().map(|row| &**row).collect::<Vec<_>>().concat();
+        let rows = product(matrix, n, &rows);
+        let width = rows.len() / n;
+        for (to, from) in tile.into_iter().zip(rows.chunks_exact(width)) {
+            to.copy_from_slice(from);
+        }
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ndarray::IxDyn;
+
+    #[test]
+    fn coefficients_reproduce_a_polynomial_of_two_variables() {
+        let f = |x: f64, y: f64| 1.0 + x * x * y - 0.5 * y.powi(4) * x.powi(3);
+        let (nx, ny) = (5, 6);
+        let (xs, ys) = (nodes(nx), nodes(ny));
+        let samples = ArrayD::from_shape_fn(IxDyn(&[nx, ny]), |i| f(xs[i[0]], ys[i[1]]));
+        let c = coefficients(samples.clone(), 2);
+        let back = super::samples(c.clone(), 2);
+        assert!(
+            back.iter()
+                .zip(&samples)
+                .all(|(a, b)| (a - b).abs() < 1e-14)
+        );
+        let (mut tx, mut ty) = (vec![0.0; nx], vec![0.0; ny]);
+        for (x, y) in [(0.3, -0.9), (-1.0, 1.0), (0.11, 0.5)] {
+            values(x, &mut tx);
+            values(y, &mut ty);
+            let sum: f64 = c.indexed_iter().map(|(i, c)| c * tx[i[0]] * ty[i[1]]).sum();
+            assert!((sum - f(x, y)).abs() < 1e-13);
+        }
+    }
+}

@@ -1,0 +1,361 @@
+//! What is left of a patch at a fixed camera: polynomials in the direction and the arc length.
+//!
+//! In: coefficients over (direction…, arc length, channel), each direction parameter p, q in
+//! [−1, 1]: of a face, or the azimuth and the polar angle of the whole sphere. Out: for one direction,
+//! the coefficients in the arc length. With one direction parameter the second axis has length 1.
+
+use super::{
+    cells::Cells,
+    chebyshev,
+    cores::{MOST_DEGREES, MOST_TERMS},
+    matrix::widened,
+    spherical,
+    variables::Variables,
+};
+use geofan_expr::vectorised;
+use std::sync::Arc;
+
+/// A patch at one camera, in single precision: its rounding, 6e-8 of the largest coefficient, is far
+/// below any promise that a table can make, and half the bytes take half the time.
+#[derive(Debug, Clone)]
+pub struct Contracted {
+    /// Coefficients, axes (p, q, row): a row holds (arc length, channel), the last running fastest, or
+    /// how much of each of `rows` it is, and zeros up to a whole number of [`BLOCK`]s.
+    table: Vec<f32>,
+    /// Rows that all others are sums of; none if the table has those others themselves.
+    rows: Option<Arc<[f32]>>,
+    degrees: [usize; 2],
+    lengths: usize,
+    channels: usize,
+    /// What the direction parameters stand for; `None` in a cell, whose variables are its own.
+    variables: Option<Variables>,
+    /// Cells for paths close together; `None` if the whole is cheap enough.
+    cells: Option<Cells>,
+}
+
+/// Numbers summed at once: one of the widest registers.
+const BLOCK: usize = 16;
+
+impl Contracted {
+    /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest; with
+    /// `rows`, those of the last two axes are instead the sums of these that `coefficients` tell.
+    pub fn new(
+        shape: &[usize],
+        coefficients: &[f32],
+        rows: Option<Arc<[f32]>>,
+        variables: Variables,
+    ) -> Self {
+        let axis = |from_end: usize| shape.len().checked_sub(from_end).map_or(1, |i| shape[i]);
+        let (channels, lengths) = (axis(1), axis(2));
+        let row = (channels * lengths).max(1);
+        let padded_row = row.next_multiple_of(BLOCK);
+        let width = rows.as_ref().map_or(row, |rows| rows.len() / padded_row);
+        let degrees = match shape.len() {
+            4.. => [axis(4), axis(3)],
+            _ => [axis(3), 1],
+        };
+        Self {
+            table: padded(coefficients, width),
+            rows,
+            degrees,
+            lengths,
+            channels,
+            variables: Some(variables),
+            cells: Cells::new(degrees, variables.sphere),
+        }
+    }
+
+    /// The same for other polynomials, of `degrees` coefficients in the direction parameters.
+    pub(super) fn with_table(&self, table: Vec<f32>, degrees: [usize; 2]) -> Self {
+        Self {
+            table,
+            rows: self.rows.clone(),
+            degrees,
+            lengths: self.lengths,
+            channels: self.channels,
+            variables: None,
+            cells: None,
+        }
+    }
+
+    /// Coefficients along both direction parameters.
+    pub(super) fn degrees(&self) -> [usize; 2] {
+        self.degrees
+    }
+
+    /// The coefficients, axes (p, q, row).
+    pub(super) fn table(&self) -> &[f32] {
+        &self.table
+    }
+
+    /// The length of a row of the table.
+    pub(super) fn width(&self) -> usize {
+        self.table.len() / (self.degrees[0] * self.degrees[1]).max(1)
+    }
+
+    /// The length of a row over (arc length, channel).
+    pub(super) fn row(&self) -> usize {
+        (self.lengths * self.channels).next_multiple_of(BLOCK)
+    }
+
+    /// The lengths of the rows that a row of the table tells the shares of; 1 for each of its numbers if it
+    /// is those themselves.
+    pub(super) fn scales(&self) -> Vec<f32> {
+        let length = |row: &[f32]| row.iter().map(|x| x * x).sum::<f32>().sqrt();
+        match &self.rows {
+            Some(rows) => rows.chunks_exact(self.row()).map(length).collect(),
+            None => vec![1.0; self.width()],
+        }
+    }
+
+    /// Channels of what [`Contracted::direction`] gives.
+    pub fn channels(&self) -> usize {
+        self.channels
+    }
+
+    /// The coefficients in the arc length, `lengths` rows of `channels`, at direction parameters
+    /// (p, q), written to the front of `row`; what is behind them there is undefined.
+    pub fn direction<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
+        self.sum(self.variables_at([p, q]), row)
+    }
+
+    /// The variables of the polynomials at direction parameters; on the sphere, those parameters.
+    fn variables_at(&self, parameters: [f64; 2]) -> [f64; 2] {
+        match self.variables {
+            Some(variables) if !variables.sphere => {
+                parameters.map(|x| variables.stretch.variable(x))
+            }
+            _ => parameters,
+        }
+    }
+
+    /// Whether the directions are the whole sphere.
+    pub(super) fn is_sphere(&self) -> bool {
+        self.variables.is_some_and(|variables| variables.sphere)
+    }
+
+    /// What [`Contracted::direction`] gives, at variables of the polynomials.
+    fn sum<'r>(&self, [p, q]: [f64; 2], row: &'r mut Row) -> &'r [f64] {
+        let [np, nq] = self.degrees;
+        let mut tp = [0.0; MOST_TERMS];
+        let mut tq = [[0.0; MOST_TERMS]; 2];
+        if self.is_sphere() {
+            spherical::azimuth_values(p, &mut tp[..np]);
+            spherical::polar_values(q, false, &mut tq[0][..nq]);
+            spherical::polar_values(q, true, &mut tq[1][..nq]);
+        } else {
+            chebyshev::values(p, &mut tp[..np]);
+            chebyshev::values(q, &mut tq[0][..nq]);
+        }
+        let second = usize::from(self.is_sphere());
+        let tq = [&tq[0][..nq], &tq[second][..nq]];
+        let sum = weighed(&self.table, &tp[..np], tq, &mut row[..self.width()]);
+        if let Some(rows) = &self.rows {
+            // The shares of the rows are the weights of a polynomial in nothing else.
+            let mut shares = EMPTY_ROW;
+            let shares = &mut shares[..rows.len() / self.row()];
+            shares.copy_from_slice(&sum[..shares.len()]);
+            weighed(rows, &[1.0], [shares; 2], &mut row[..self.row()]);
+        }
+        &row[..self.lengths * self.channels]
+    }
+}
+
+impl Contracted {
+    /// The same as [`Contracted::direction`], for one of many directions close together: from the cell
+    /// around it, without what does not count there.
+    pub fn nearby<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
+        let variables = self.variables_at([p, q]);
+        let cell = self
+            .cells
+            .as_ref()
+            .and_then(|cells| cells.at(self, variables));
+        match cell {
+            Some((cell, inner)) => cell.sum(inner, row),
+            None => self.sum(variables, row),
+        }
+    }
+}
+
+/// Rows of `row` numbers that all others are sums of, as [`Contracted::new`] takes them: they are the same for all
+/// cameras.
+pub(super) fn rows(values: &[f32], row: usize) -> Arc<[f32]> {
+    padded(values, row).into()
+}
+
+/// Rows of `row` numbers with zeros up to a whole number of [`BLOCK`]s.
+fn padded(values: &[f32], row: usize) -> Vec<f32> {
+    widened(values, row, row.next_multiple_of(BLOCK))
+}
+
+/// Room for what any patch stores for one path: every degree and the start, four channels, whole
+/// [`BLOCK`]s.
+pub type Row = [f64; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
+
+/// An empty one.
+pub const EMPTY_ROW: Row = [0.0; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
+
+/// [`weigh`] in vector instructions.
+fn weighed<'s>(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &'s mut [f64]) -> &'s [f64] {
+    vectorised(
+        #[inline(always)]
+        || weigh(table, p, q, sum),
+    );
+    sum
+}
+
+/// `sum = Σ p_i q_j line_ij` over the lines of `table`, each as long as `sum`; `q` for the terms of even
+/// multiples of an azimuth, and of odd ones.
+#[inline(always)]
+fn weigh(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &mut [f64]) {
+    let row = sum.len();
+    let mut block = 0;
+    while block < row {
+        // Four sums at once hide the latency of one.
+        let done = match row - block {
+            left if left >= 4 * BLOCK => part::<{ 4 * BLOCK }>(table, p, q, (row, block), sum),
+            left if left >= 2 * BLOCK => part::<{ 2 * BLOCK }>(table, p, q, (row, block), sum),
+            _ => part::<BLOCK>(table, p, q, (row, block), sum),
+        };
+        block += done;
+    }
+}
+
+/// The `N` sums from `block` on; `N`.
+#[inline(always)]
+fn part<const N: usize>(
+    table: &[f32],
+    p: &[f64],
+    q: [&[f64]; 2],
+    (row, block): (usize, usize),
+    sum: &mut [f64],
+) -> usize {
+    let mut sums = [0.0_f32; N];
+    let mut start = block;
+    for (i, wp) in p.iter().enumerate() {
+        for wq in q[usize::from(spherical::is_odd(i))] {
+            let w = (wp * wq) as f32;
+            if let Some(line) = table[start..].first_chunk::<N>() {
+                for l in 0..N {
+                    sums[l] += w * line[l];
+                }
+            }
+            start += row;
+        }
+    }
+    for (to, from) in sum[block..block + N].iter_mut().zip(sums) {
+        *to = f64::from(from);
+    }
+    N
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{
+        super::{
+            polynomial::Polynomial, scale::Step, stretch::MappedChebyshev, tensor::Tensor,
+            train::Train,
+        },
+        *,
+    };
+    use ndarray::{ArrayD, IxDyn};
+
+    const FACE: Variables = Variables::of_face(0, MappedChebyshev::NONE);
+
+    #[test]
+    fn cells_leave_out_what_does_not_count() {
+        let shape = [24, 18, 6, 3];
+        let count = shape.iter().product();
+        // Coefficients fall as those of a table do.
+        let coefficient = |i: usize| {
+            let (p, q) = (i / (18 * 18), i / 18 % 18);
+            (i as f32 * 0.7).sin() * (-0.5 * (p + q) as f32).exp()
+        };
+        let table: Vec<f32> = (0..count).map(coefficient).collect();
+        let patch = Contracted::new(&shape, &table, None, FACE);
+        let (mut used, mut worst) = (0, 0.0_f64);
+        for i in 0..400 {
+            let [p, q] = [0.618, 0.755].map(|step| (f64::from(i) * step).fract() * 2.0 - 1.0);
+            let (mut whole, mut near) = (EMPTY_ROW, EMPTY_ROW);
+            let whole = patch.direction(p, q, &mut whole);
+            let near = patch.nearby(p, q, &mut near);
+            let cell = patch.cells.as_ref().and_then(|c| c.at(&patch, [p, q]));
+            used += usize::from(cell.is_some_and(|(cell, _)| cell.table.len() < table.len() / 4));
+            let errors = whole.iter().zip(near).map(|(a, b)| (a - b).abs());
+            worst = errors.fold(worst, f64::max);
+        }
+        assert!(used > 300, "{used}");
+        // Twice what may be left out along each axis, of coefficients up to about 1.
+        assert!(worst < 2e-5, "{worst}");
+    }
+
+    /// A tensor over one camera parameter and the whole sphere, of coefficients that fall as those of a
+    /// table do.
+    fn sphere() -> Tensor {
+        let shape = [3, 33, 17, 8, 2];
+        let coefficient = |i: IxDyn| {
+            let sum = (0..4).map(|a| i[a] as f64).sum::<f64>();
+            let wave = (0..5).map(|a| (a + 2) as f64 * i[a] as f64).sum::<f64>();
+            wave.sin() * (-0.25 * sum).exp()
+        };
+        let polynomial = Polynomial {
+            coefficients: ArrayD::from_shape_fn(IxDyn(&shape), coefficient),
+            variables: Variables {
+                cameras: 1,
+                stretch: MappedChebyshev::new(0.5),
+                sphere: true,
+            },
+        };
+        Train::plain(&polynomial).rounded(Step::near(1e-7)).unwrap()
+    }
+
+    #[test]
+    fn the_whole_sphere_and_its_cells_agree_with_the_tensor() {
+        let tensor = sphere();
+        let patch = tensor.contract(&[0.3]);
+        let (mut used, mut worst) = (0, [0.0_f64; 2]);
+        for i in 0..400 {
+            // Poles and the seam of the azimuth among them.
+            let step = |step: f64| (f64::from(i) * step).fract() * 2.0 - 1.0;
+            let [a, b] = match i {
+                0..4 => [[-1.0, 1.0][i as usize % 2], [-1.0, 1.0][i as usize / 2]],
+                _ => [step(0.618), step(0.755)],
+            };
+            let (mut whole, mut near) = (EMPTY_ROW, EMPTY_ROW);
+            let whole = patch.direction(a, b, &mut whole);
+            let near = patch.nearby(a, b, &mut near);
+            let cell = patch.cells.as_ref().and_then(|c| c.at(&patch, [a, b]));
+            used += usize::from(cell.is_some());
+            for (k, exact) in tensor.at(&[0.3, a, b]).iter().enumerate() {
+                worst[0] = worst[0].max((whole[k] - exact).abs());
+                worst[1] = worst[1].max((near[k] - exact).abs());
+            }
+        }
+        assert!(used > 300, "{used}");
+        // Sums of thousands of coefficients in single precision, and what cells leave out.
+        assert!(worst[0] < 1e-5 && worst[1] < 1e-4, "{worst:?}");
+    }
+
+    #[test]
+    fn rows_of_any_length_are_summed_like_one_by_one() {
+        for (np, nq, lengths, channels) in [(3, 4, 17, 3), (5, 1, 2, 2), (1, 1, 32, 1)] {
+            let count = np * nq * lengths * channels;
+            let table: Vec<f32> = (0..count).map(|i| (i as f32 * 0.7).sin()).collect();
+            let contracted = Contracted::new(&[np, nq, lengths, channels], &table, None, FACE);
+            let (p, q) = (0.3, -0.8);
+            let mut found = EMPTY_ROW;
+            let found = contracted.direction(p, q, &mut found);
+            let row = lengths * channels;
+            for at in 0..row {
+                let mut expected = 0.0;
+                for i in 0..np {
+                    for j in 0..nq {
+                        let (a, b) = ((i as f64) * p.acos(), (j as f64) * q.acos());
+                        expected += a.cos() * b.cos() * f64::from(table[(i * nq + j) * row + at]);
+                    }
+                }
+                assert!((found[at] - expected).abs() < 1e-5);
+            }
+        }
+    }
+}

@@ -1,0 +1,191 @@
+use super::*;
+use crate::{MappedChebyshev, Polynomial, Step, Train, Tree, Variables};
+use geofan_core::random::Stream;
+use ndarray::{ArrayD, IxDyn};
+
+const FLAT: &str = r#"
+name = "flat"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "n" }
+[parameters]
+n = 1.0
+[cameras]
+parameters = { c = [-1, 1] }
+at = ["c", "0", "0"]
+length = 5.0
+"#;
+
+fn plan() -> PlanRecord {
+    PlanRecord {
+        max_error: 0.5,
+        length: 5.0,
+        frames: true,
+        tolerance: 1e-9,
+        nodes: vec![3, 3, 3, 4],
+        most_rays: 1,
+        lift: crate::rays::ChartMap::None,
+        refinement: 1,
+        least_volume: 0.5,
+        most_arc_halvings: 1,
+        cells: vec![1],
+        stretch: MappedChebyshev::new(0.8),
+        focus: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
+        sphere: None,
+        mirrors: Vec::new(),
+        seed: 1,
+    }
+}
+
+/// Random coefficients in the shape of a flat table.
+fn bundle(nodes: usize) -> Bundle {
+    let source = SourceText::new("folder/flat.toml", FLAT);
+    let manifold = Manifold::from_source(source, &[("n".into(), 1.25)]).unwrap();
+    let space = RaySpace::new(Arc::new(manifold)).unwrap();
+    let mut stream = Stream::new(&[3]);
+    let mut leaf = || {
+        let shape = IxDyn(&[nodes, 3, 3, 4, 3]);
+        let polynomial = Polynomial {
+            coefficients: ArrayD::from_shape_simple_fn(shape, || stream.uniform()),
+            variables: Variables::of_face(1, plan().stretch),
+        };
+        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-6));
+        Tree::Leaf(Arc::new(tensor.unwrap()))
+    };
+    let chunks = (0..6).map(|face| match face {
+        5 => Tree::Flagged,
+        4 => Tree::Split {
+            axis: 3,
+            halves: Box::new([leaf(), Tree::Flagged]),
+        },
+        _ => leaf(),
+    });
+    let chunks = (0..).zip(chunks.map(|tree| tree.encode())).collect();
+    let contents = Contents::new(space, plan(), 0, chunks).unwrap();
+    Bundle::from_contents(contents).unwrap()
+}
+
+fn decode(bytes: &[u8]) -> Result<Bundle, BundleError> {
+    Bundle::from_contents(Contents::decode("test.fan", bytes)?)
+}
+
+#[test]
+fn a_bundle_comes_back_bit_by_bit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("b.fan");
+    let bundle = bundle(3);
+    let size = bundle.write(&path).unwrap();
+    let read = Bundle::read(&path).unwrap();
+    assert_eq!(read.header, bundle.header);
+    assert_eq!(read.header.manifold.source, "flat.toml");
+    assert_eq!(read.manifold.parameters, [("n".to_string(), 1.25)]);
+    let again = read.contents().encode().unwrap();
+    assert_eq!(again, fs::read(&path).unwrap());
+    assert_eq!(again.len() as u64, size);
+    let u = glam::DVec3::new(0.3, 0.0, 0.0);
+    let d = glam::DVec3::X;
+    let at = |b: &Bundle| b.table.fan(u).unwrap().path(d).at(2.0).unwrap();
+    assert_eq!(at(&read), at(&bundle));
+}
+
+#[test]
+fn every_truncation_is_refused() {
+    let bytes = bundle(1).contents().encode().unwrap();
+    for length in 0..bytes.len() {
+        assert!(decode(&bytes[..length]).is_err(), "{length}");
+    }
+}
+
+#[test]
+fn every_flipped_bit_is_refused() {
+    let bytes = bundle(3).contents().encode().unwrap();
+    let mut stream = Stream::new(&[4]);
+    for _ in 0..500 {
+        let bit = (stream.bits() % (8 * bytes.len() as u64)) as usize;
+        let mut damaged = bytes.clone();
+        damaged[bit / 8] ^= 1 << (bit % 8);
+        assert!(decode(&damaged).is_err(), "bit {bit}");
+    }
+}
+
+/// The bytes of a file whose hashes are right and whose header is not.
+fn forged(change: impl Fn(&mut Header)) -> Vec<u8> {
+    let mut contents = bundle(1).contents();
+    change(&mut contents.header);
+    let manifold = contents.space.manifold();
+    contents.id = identity(manifold, &contents.header.plan).unwrap();
+    contents.encode().unwrap()
+}
+
+#[test]
+fn headers_that_disagree_with_their_manifold_are_refused() {
+    type Change = fn(&mut Header);
+    let changes: [Change; 12] = [
+        |h| h.cameras[0][1] = 2.0,
+        |h| h.cameras.clear(),
+        |h| h.faces = 1,
+        |h| h.plan.cells = vec![u32::MAX, u32::MAX, u32::MAX],
+        |h| h.plan.cells = vec![0],
+        |h| h.plan.cells = vec![2],
+        |h| h.plan.nodes.clear(),
+        |h| h.plan.length = f64::NAN,
+        |h| h.reduction = crate::rays::Reduction::Rotation,
+        |h| h.manifold.parameters[0].1 = 2.0,
+        |h| h.manifold.text = "name = \"".into(),
+        |h| {
+            h.shard = Some(ShardRecord {
+                index: 9,
+                of: 3,
+                exact_rays: 0,
+            });
+        },
+    ];
+    assert!(decode(&forged(|_| {})).is_ok());
+    for (i, change) in changes.into_iter().enumerate() {
+        assert!(decode(&forged(change)).is_err(), "change {i}");
+    }
+}
+
+#[test]
+fn hostile_chunks_under_right_hashes_are_refused_or_left_undecoded() {
+    let mut stream = Stream::new(&[6]);
+    let contents = bundle(1).contents();
+    for _ in 0..300 {
+        let mut contents = contents.clone();
+        let payload = &mut contents.chunks[0].1;
+        let at = (stream.bits() % payload.len() as u64) as usize;
+        payload[at] = stream.bits() as u8;
+        if let Ok(bundle) = decode(&contents.encode().unwrap())
+            && let Ok(fan) = bundle.table.fan(glam::DVec3::ZERO)
+        {
+            let _ = fan.path(glam::DVec3::X).at(1.0);
+        }
+    }
+}
+
+#[test]
+fn a_shard_is_told_from_a_bundle() {
+    let mut contents = bundle(1).contents();
+    contents.chunks.retain(|c| c.0 % 2 == 1);
+    assert!(Contents::decode("t", &contents.encode().unwrap()).is_err());
+    contents.header.shard = Some(ShardRecord {
+        index: 2,
+        of: 2,
+        exact_rays: 5,
+    });
+    let read = Contents::decode("t", &contents.encode().unwrap()).unwrap();
+    let error = Bundle::from_contents(read).unwrap_err();
+    assert!(error.to_string().contains("shard 2 of 2"));
+}
+
+#[test]
+fn complaints_name_the_file_and_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("b.fan");
+    let bytes = bundle(1).contents().encode().unwrap();
+    fs::write(&path, &bytes[..bytes.len() - 20]).unwrap();
+    let error = Bundle::read(&path).unwrap_err();
+    assert_eq!(error.exit_code(), 2);
+    let text = error.to_string();
+    assert!(text.contains("b.fan: is truncated at byte"), "{text}");
+    assert!(text.contains("bake again"), "{text}");
+}

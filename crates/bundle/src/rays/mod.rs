@@ -1,0 +1,25 @@
+//! Many geodesics from one camera: directions and camera positions as parameters, both ways, and
+//! exact samples of them.
+//!
+//! In: a manifold. Out: [`RaySpace`] (which rays a table must know, after symmetry) and [`sample`]
+//! (arrays of exact paths).
+
+pub mod cell;
+pub mod direction;
+mod ends;
+mod focus;
+mod mirror;
+mod orbit;
+mod position;
+mod sample;
+mod space;
+mod sphere;
+
+pub use direction::FACES;
+pub use focus::ReferenceSphere;
+pub use mirror::{Image, Mirror};
+pub use orbit::ImpactParameter;
+pub use position::{ChartMap, Start};
+pub use sample::{CHANNELS, DISPLACEMENT, Sample, Samples, sample};
+pub use space::{Located, Orbit, Place, RaySpace, Reduction, StoredCamera};
+pub use sphere::{Sphere, parallel};

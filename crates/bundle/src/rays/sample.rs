@@ -1,0 +1,189 @@
+//! Rays followed exactly and read off at given arc lengths: what tables are made from.
+//!
+//! In: rays and arc lengths. Out: an array (ray, arc length, channel) with four channels of the slope
+//! that is stored ([`ChartMap::slope`]) and, from [`DISPLACEMENT`] on, four of the displacement that it
+//! adds up to ([`ChartMap::displacement`]).
+//!
+//! [`ChartMap::slope`]: super::ChartMap::slope
+//! [`ChartMap::displacement`]: super::ChartMap::displacement
+
+use super::{ChartMap, RaySpace, Start};
+use crate::parallel::*;
+use geofan_core::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    manifold::Carried,
+};
+use glam::{DVec3, DVec4};
+use ndarray::Array3;
+use std::ops::Range;
+
+/// Channels of a sample.
+pub const CHANNELS: usize = 8;
+
+/// The first channel of the displacement.
+pub const DISPLACEMENT: usize = 4;
+
+/// Rays handed to one thread at once: long enough to keep lanes full, short enough to share.
+const BLOCK: usize = 512;
+
+/// What is known of a ray at one arc length: [`CHANNELS`] numbers.
+pub type Sample = [f64; CHANNELS];
+
+/// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
+/// samples them there. Exits are passed by; where the metric ends the last tangent is continued
+/// straight in the chart. NaN only where the very start is singular.
+pub fn sample(
+    space: &RaySpace,
+    tolerance: f64,
+    rays: &[(DVec3, DVec3)],
+    lengths: &[f64],
+) -> Array3<f64> {
+    let samples = Samples {
+        space,
+        tolerance,
+        lengths,
+        width: CHANNELS,
+    };
+    let all = |_: usize, sample: &Sample, to: &mut [f64]| to.copy_from_slice(sample);
+    let samples = samples.of(rays.len(), |block| rays[block].to_vec(), all);
+    let shape = (rays.len(), lengths.len(), CHANNELS);
+    Array3::from_shape_vec(shape, samples).expect("a sample of each ray at each length")
+}
+
+/// Samples of which only a part is kept.
+#[derive(Debug, Clone, Copy)]
+pub struct Samples<'a> {
+    /// The rays.
+    pub space: &'a RaySpace,
+    /// The tolerance of the exact tracer.
+    pub tolerance: f64,
+    /// Arc lengths, ascending.
+    pub lengths: &'a [f64],
+    /// How many numbers are kept of each sample.
+    pub width: usize,
+}
+
+impl Samples<'_> {
+    /// Of `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
+    /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
+    /// last running fastest.
+    pub fn of(
+        &self,
+        count: usize,
+        rays: impl Fn(Range<usize>) -> Vec<(DVec3, DVec3)> + Sync,
+        keep: impl Fn(usize, &Sample, &mut [f64]) + Sync,
+    ) -> Vec<f64> {
+        let row = self.lengths.len() * self.width;
+        let mut samples = vec![0.0; count * row];
+        let blocks = samples.par_chunks_mut((BLOCK * row).max(1)).enumerate();
+        blocks.for_each(|(block, samples)| {
+            samples.fill(f64::NAN);
+            let first = block * BLOCK;
+            let rays = rays(first..count.min(first + BLOCK));
+            self.block(rays, &keep, samples);
+        });
+        samples
+    }
+
+    fn block(
+        &self,
+        rays: Vec<(DVec3, DVec3)>,
+        keep: impl Fn(usize, &Sample, &mut [f64]),
+        samples: &mut [f64],
+    ) {
+        let settings = Settings {
+            tolerance: self.tolerance,
+            carried: Carried {
+                frame: false,
+                deviation: false,
+            },
+            events: false,
+        };
+        let starts = rays.iter().map(|&(u, v)| self.space.lift().start(u, v));
+        let starts: Vec<Start> = starts.collect();
+        let mut sampler = Sampler {
+            of: *self,
+            points: starts.iter().map(|start| start.x).collect(),
+            starts,
+            next: vec![0; rays.len()],
+            last: None,
+            keep,
+            samples,
+        };
+        let farthest = self.lengths.last().copied().unwrap_or(0.0);
+        let rays = rays.into_iter().map(|(u, v)| Ray {
+            u,
+            v,
+            length: farthest,
+            spread: [DVec3::ZERO; 2],
+        });
+        follow(self.space.manifold(), settings, rays, &mut sampler);
+    }
+}
+
+/// Arc length, point and tangent.
+type Last = (f64, DVec3, DVec3);
+
+struct Sampler<'a, K> {
+    of: Samples<'a>,
+    starts: Vec<Start>,
+    /// The last lifted point of each ray.
+    points: Vec<DVec4>,
+    /// The next arc length to be sampled, for each ray.
+    next: Vec<usize>,
+    /// The end of the last step, if its ray has samples left.
+    last: Option<Last>,
+    keep: K,
+    samples: &'a mut [f64],
+}
+
+impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
+    fn put(&mut self, ray: usize, u: DVec3, v: DVec3) {
+        let at = self.next[ray];
+        let Samples {
+            space,
+            lengths,
+            width,
+            ..
+        } = self.of;
+        let (lift, start) = (space.lift(), &self.starts[ray]);
+        let slope = lift.slope(start, u, v);
+        self.points[ray] = lift.continued(u, self.points[ray]);
+        let displacement = lift.displacement(start, self.points[ray], lengths[at]);
+        let mut sample = [0.0; CHANNELS];
+        sample[..DISPLACEMENT].copy_from_slice(&slope);
+        sample[DISPLACEMENT..].copy_from_slice(&displacement);
+        let row = (ray * lengths.len() + at) * width;
+        (self.keep)(at, &sample, &mut self.samples[row..row + width]);
+        self.next[ray] += 1;
+    }
+}
+
+impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
+    fn wants(&self, ray: usize, to: f64) -> bool {
+        let next = self.of.lengths.get(self.next[ray]);
+        // Turns are counted step by step.
+        next.is_some_and(|s| *s <= to || self.of.space.lift() == ChartMap::Polar)
+    }
+
+    fn step(&mut self, ray: usize, step: &Step) {
+        while let Some(&s) = self.of.lengths.get(self.next[ray])
+            && s <= step.end
+        {
+            self.put(ray, step.position(s), step.tangent(s));
+        }
+        let (s, left) = (step.end, self.next[ray] < self.of.lengths.len());
+        self.last = left.then(|| (s, step.position(s), step.tangent(s)));
+        if let (ChartMap::Polar, Some((_, u, _))) = (self.of.space.lift(), self.last) {
+            self.points[ray] = ChartMap::Polar.continued(u, self.points[ray]);
+        }
+    }
+
+    fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {
+        // The step before was this ray's, unless it never took one.
+        let last = self.last.take().filter(|_| reached > 0.0);
+        while let (Some(&s), Some((end, u, v))) = (self.of.lengths.get(self.next[ray]), last) {
+            self.put(ray, u + v * (s - end), v);
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! Any camera and direction in the parameters of a table, and the way back.
+//!
+//! In: a [`RaySpace`], a camera position and a direction. Out: the [`Place`] of the one, the
+//! [`Located`] ray of the other, with the [`Isometry`] that carries the stored ray to the true one.
+
+use super::{RaySpace, Reduction, StoredCamera};
+use crate::rays::{
+    direction::{direction, face_and_parameters},
+    focus::aim_of,
+};
+use geofan_core::{
+    error::{Error, Result},
+    manifold::Isometry,
+};
+use geofan_expr::vectorised;
+use glam::{DMat3, DVec2, DVec3};
+
+/// A camera position as the bundle sees it.
+#[derive(Debug, Clone)]
+pub struct Place {
+    /// The chart point.
+    pub u: DVec3,
+    /// `S(u)`.
+    pub frame: DMat3,
+    /// Stored camera parameters.
+    pub parameters: Vec<f64>,
+    /// The stored camera, and the inverse of the standard frame there.
+    stored: StoredCamera,
+    stored_inverse: DMat3,
+    /// The unit vector from the centre; `None` at the centre.
+    radial: Option<DVec3>,
+    /// Takes the stored point to `u` (for rotations: some rotation; the direction decides which).
+    isometry: Isometry,
+}
+
+/// A ray as the bundle sees it.
+#[derive(Debug, Clone)]
+pub struct Located {
+    /// Cube face, or face of [`ImpactParameter`](crate::rays::ImpactParameter) under rotation.
+    pub face: usize,
+    /// Direction parameters in [−1, 1]: (p, q), or one under rotation and then 0.
+    pub direction: [f64; 2],
+    /// The stored camera point.
+    pub u: DVec3,
+    /// The stored ray's tangent, chart components.
+    pub v: DVec3,
+    /// Takes the stored ray to the true one.
+    pub isometry: Isometry,
+}
+
+/// A ray under rotation symmetry: which of the stored rays it is, and how it lies.
+#[derive(Debug, Clone, Copy)]
+pub struct Orbit {
+    /// Face of [`ImpactParameter`](crate::rays::ImpactParameter).
+    pub face: usize,
+    /// Direction parameter in [−1, 1].
+    pub parameter: f64,
+    /// Takes the stored plane to the true one.
+    pub rotation: DMat3,
+}
+
+impl Located {
+    /// The unit vector that a ray on a cube face is known by.
+    pub fn aim(&self) -> DVec3 {
+        direction(self.face, DVec2::from_array(self.direction))
+    }
+}
+
+impl RaySpace {
+    /// The camera position `u` in stored parameters.
+    ///
+    /// # Errors
+    /// No camera of the region can be carried to `u` by the symmetry.
+    pub fn place(&self, u: DVec3) -> Result<Place> {
+        let parameters = self.parameters_of(u).ok_or_else(|| {
+            Error::input(
+                "camera",
+                format!(
+                    "the position ({}, {}, {}) is not in the bundle's camera region {}",
+                    u.x,
+                    u.y,
+                    u.z,
+                    self.describe()
+                ),
+            )
+        })?;
+        let stored = self.stored_camera(&parameters);
+        let isometry = match self.reduction {
+            Reduction::Whole | Reduction::Rotation => Isometry::Identity,
+            Reduction::Translation => Isometry::shift(u - stored.u),
+            Reduction::Group => {
+                let tape = self.manifold.symmetry.group.clone();
+                tape.map_or(Isometry::Identity, |tape| Isometry::left(u, tape))
+            }
+        };
+        Ok(Place {
+            u,
+            frame: self.manifold.standard_frame(u),
+            stored,
+            stored_inverse: self.manifold.standard_frame(stored.u).inverse(),
+            radial: u.try_normalize(),
+            parameters,
+            isometry,
+        })
+    }
+
+    fn parameters_of(&self, u: DVec3) -> Option<Vec<f64>> {
+        let values = self.invariants(u);
+        match (self.by_region, self.reduction) {
+            (true, Reduction::Whole) => self.region().locate(u),
+            (true, _) => self.match_invariants(&values),
+            (false, _) => values
+                .iter()
+                .zip(&self.cameras)
+                .map(|(x, [low, high])| {
+                    let slack = 1e-9 * (high - low) + 1e-12 * x.abs();
+                    (low - slack..=high + slack)
+                        .contains(x)
+                        .then(|| x.clamp(*low, *high))
+                })
+                .collect(),
+        }
+    }
+
+    /// Region parameters whose point has these invariants.
+    fn match_invariants(&self, values: &[f64]) -> Option<Vec<f64>> {
+        let region = self.region();
+        if self.reduction == Reduction::Rotation {
+            return self.match_radius(values[0]);
+        }
+        // Translation: any point with these coordinates will do; move the region's middle there.
+        let mut target = region.at(&region.lerp(&[0.5; 3]));
+        let kept = (0..3).filter(|k| !self.manifold.symmetry.translation[*k]);
+        for (k, x) in kept.zip(values) {
+            target[k] = *x;
+        }
+        region.locate(target)
+    }
+
+    /// The region parameter at which the radius, monotonic over the region, is `rho`, by bisection.
+    fn match_radius(&self, rho: f64) -> Option<Vec<f64>> {
+        let region = self.region();
+        if region.dimension() == 0 {
+            let own = region.at(&[]).length();
+            return ((rho - own).abs() <= 1e-9 * own.max(1e-300)).then(Vec::new);
+        }
+        let radius = |p: f64| region.at(&[p]).length();
+        let [mut low, mut high] = region.intervals[0];
+        let rising = radius(high) > radius(low);
+        let [least, most] = if rising { [low, high] } else { [high, low] }.map(radius);
+        let slack = 1e-9 * (most - least);
+        if !(least - slack..=most + slack).contains(&rho) {
+            return None;
+        }
+        for _ in 0..200 {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if (radius(middle) < rho) == rising {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        Some(vec![0.5 * (low + high)])
+    }
+
+    /// The stored ray at direction parameters, from the camera position stored for `place`.
+    pub fn stored_ray(&self, place: &Place, face: usize, direction: [f64; 2]) -> Located {
+        let d = self.direction_from(&place.stored, face, &direction);
+        Located {
+            face,
+            direction,
+            u: place.stored.u,
+            v: place.stored_inverse.inverse() * d,
+            isometry: Isometry::Identity,
+        }
+    }
+
+    /// The ray from `place` in the direction `d` (standard frame, unit) in stored parameters.
+    pub fn locate(&self, place: &Place, d: DVec3) -> Located {
+        let v = place.frame * d;
+        match self.reduction {
+            Reduction::Rotation => {
+                let [orbit] = self.orbits(place, &[d]);
+                Located {
+                    face: orbit.face,
+                    direction: [orbit.parameter, 0.0],
+                    u: place.stored.u,
+                    v: orbit.rotation.transpose() * v,
+                    isometry: Isometry::rotation(orbit.rotation),
+                }
+            }
+            _ => {
+                let (_, differential) = place.isometry.apply(place.stored.u);
+                let v = differential.inverse() * v;
+                let d = place.stored_inverse * v;
+                let (face, pq) = face_and_parameters(aim_of(d, place.stored.parallax));
+                Located {
+                    face,
+                    direction: pq.to_array(),
+                    u: place.stored.u,
+                    v,
+                    isometry: place.isometry.clone(),
+                }
+            }
+        }
+    }
+
+    /// The rays from `place` in the directions `d` (standard frame, unit) under rotation symmetry, side by
+    /// side.
+    pub fn orbits<const W: usize>(&self, place: &Place, d: &[DVec3; W]) -> [Orbit; W] {
+        vectorised(
+            #[inline(always)]
+            || {
+                let [mut radials, mut acrosses] = [[[0.0; W]; 3]; 2];
+                let mut stored = [[0.0; W]; 2];
+                for l in 0..W {
+                    let v = place.frame * d[l];
+                    let (radial, across) = plane(place.radial, v);
+                    let at = place.stored_inverse * DVec3::new(radial.dot(v), across.dot(v), 0.0);
+                    for c in 0..2 {
+                        stored[c][l] = at[c];
+                    }
+                    for c in 0..3 {
+                        (radials[c][l], acrosses[c][l]) = (radial[c], across[c]);
+                    }
+                }
+                let radius = place.stored.areal_radius;
+                let (faces, parameters) = self.orbits.parameters(&stored, radius);
+                std::array::from_fn(|l| {
+                    let [radial, across] =
+                        [&radials, &acrosses].map(|x| DVec3::new(x[0][l], x[1][l], x[2][l]));
+                    Orbit {
+                        face: faces[l],
+                        parameter: parameters[l],
+                        rotation: DMat3::from_cols(radial, across, radial.cross(across)),
+                    }
+                })
+            },
+        )
+    }
+}
+
+/// The axes of the plane through the centre along the tangent `v`: outwards, and across on the side of `v`.
+#[inline(always)]
+fn plane(radial: Option<DVec3>, v: DVec3) -> (DVec3, DVec3) {
+    // At the centre every direction is radial.
+    let radial = radial.unwrap_or_else(
+        #[inline(always)]
+        || v * v.length_recip(),
+    );
+    let across = v - radial * radial.dot(v);
+    let square = across.length_squared();
+    let across = match square > 1e-30 * v.length_squared() {
+        true => across * (1.0 / square.sqrt()),
+        false => radial.any_orthonormal_vector(),
+    };
+    (radial, across)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_core::{diagnostic::SourceText, manifold::Manifold, random::Stream};
+    use std::sync::Arc;
+
+    const BALL: &str = r#"
+name = "ball"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1 + 0.3 * exp(-(x^2 + y^2 + z^2))" }
+[symmetry]
+rotation = "origin"
+[cameras]
+parameters = { c = [0.0, 3.0] }
+at = ["c", "0", "0"]
+length = 4.0
+"#;
+
+    #[test]
+    fn sixteen_rays_side_by_side_are_located_as_each_alone() {
+        let manifold = Manifold::from_source(SourceText::new("ball", BALL), &[]).unwrap();
+        let space = RaySpace::new(Arc::new(manifold)).unwrap();
+        let mut stream = Stream::new(&[6]);
+        for u in [DVec3::ZERO, DVec3::new(0.3, -1.1, 0.7), DVec3::X * 2.5] {
+            let place = space.place(u).unwrap();
+            for _ in 0..20 {
+                let d: [DVec3; 16] = std::array::from_fn(|_| stream.direction());
+                for (orbit, d) in space.orbits(&place, &d).iter().zip(d) {
+                    let [alone] = space.orbits(&place, &[d]);
+                    assert_eq!(orbit.face, alone.face);
+                    assert!((orbit.parameter - alone.parameter).abs() < 1e-14);
+                    assert!(orbit.rotation.abs_diff_eq(alone.rotation, 1e-14));
+                    // The ray lies in the first two axes of its plane.
+                    let v = place.frame * d;
+                    assert!(alone.rotation.z_axis.dot(v).abs() < 1e-12 * v.length());
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,295 @@
+//! Quantised Chebyshev coefficients of one group of channels, as a tensor train.
+//!
+//! In: real cores and a step. Out: rounded cores, coded with those of the other patches of a chunk
+//! ([`Tensor::encode`]), and the small table that remains when the camera is fixed
+//! ([`Tensor::contract`]); the tensor itself is never unpacked.
+//!
+//! A tensor with axes (camera…, direction…, arc length, channel) is a product of cores
+//! `C_1 D_1 C_2 D_2 … C_d`, each over one axis (the last over arc length and channel), in the order
+//! that its [`Layout`] tells. The diagonal matrices `D_k` divide by the singular values of the bond, and
+//! the cores are multiplied by them: `C_k` is then the centre of a train that is orthogonal to both
+//! sides, so that one step for all cores makes each rounded integer cost the same error (I. V.
+//! Oseledets, *Tensor-train decomposition*, SIAM J. Sci. Comput. 33 (2011)). Its columns and rows are
+//! orthogonal too, and what that leaves free is what a file holds ([`super::reflections`]: an eighth
+//! fewer bytes for three bumps on a quarter of a floor). [`Layout::Plain`] is the same with a single core over all
+//! axes: where ranks explode it is smaller.
+
+use super::{
+    bytes::{DecodeError, Reader, Writer},
+    chain::{Factor, Link, chained},
+    coding::{Coded, Integers},
+    contracted::{self, Contracted},
+    cores::{Along, Core},
+    grade::ungrade,
+    layout::Layout,
+    matrix::added,
+    scale::{Power, Step},
+    tree::Shape,
+    variables::{Variables, Weights},
+};
+use geofan_expr::real::Real;
+use std::sync::{Arc, OnceLock};
+
+/// Quantised coefficients of one group of channels.
+#[derive(Debug, Clone)]
+pub struct Tensor {
+    pub(super) layout: Layout,
+    pub(super) variables: Variables,
+    pub(super) step: Step,
+    pub(super) cores: Vec<Core>,
+    /// The last core as cameras take it, once one has.
+    pub(super) rows: OnceLock<Arc<[f32]>>,
+}
+
+impl Tensor {
+    /// The number of axes: camera…, direction…, arc length, channel.
+    fn axes(&self) -> usize {
+        self.cores.iter().map(|core| core.shape.len() - 2).sum()
+    }
+
+    pub(super) fn table_axes(&self) -> Vec<Vec<usize>> {
+        self.layout.cores(self.axes() - 2)
+    }
+
+    /// The lengths of the axes (camera…, direction…, arc length, channel).
+    pub fn shape(&self) -> Vec<usize> {
+        let mut shape = vec![0; self.axes()];
+        for (axes, core) in self.table_axes().iter().zip(&self.cores) {
+            for (axis, n) in axes.iter().zip(&core.shape[1..]) {
+                shape[*axis] = *n;
+            }
+        }
+        shape
+    }
+
+    /// The ranks of the bonds; none in the plain layout.
+    pub fn ranks(&self) -> Vec<usize> {
+        let inner = &self.cores[..self.cores.len() - 1];
+        inner.iter().map(|core| core.scales.len()).collect()
+    }
+
+    /// The cores with the axes summed out that have `weights`.
+    pub(super) fn links<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Link<T>> {
+        let axes = self.table_axes();
+        let links = axes.iter().zip(&self.cores);
+        links
+            .map(|(axes, core)| self.link(axes, core, weights))
+            .collect()
+    }
+
+    /// The first `count` of them as factors of a product, where those `weights` are of cameras.
+    fn factors<'c, T: Real>(
+        &'c self,
+        weights: &[Option<&'c [T]>],
+        count: usize,
+    ) -> Vec<Factor<'c, T>> {
+        let axes = self.table_axes();
+        let factors = axes.iter().zip(&self.cores[..count]);
+        factors
+            .map(|(axes, core)| self.factor(axes, core, weights))
+            .collect()
+    }
+
+    fn factor<'c, T: Real>(
+        &self,
+        axes: &[usize],
+        core: &'c Core,
+        weights: &[Option<&'c [T]>],
+    ) -> Factor<'c, T> {
+        let unit = self.step.value();
+        match axes {
+            [axis] => match weights[*axis] {
+                None => Factor::Kept(core, unit),
+                Some(weights) => Factor::Summed(core, weights, unit),
+            },
+            _ => Factor::Known(self.link(axes, core, weights)),
+        }
+    }
+
+    /// One of them, over `axes`.
+    fn link<T: Real>(&self, axes: &[usize], core: &Core, weights: &[Option<&[T]>]) -> Link<T> {
+        let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
+        // The unit of the step belongs to every core.
+        let mut values = core.closed(&weights, self.step.value());
+        if axes.len() > 1 {
+            ungrade(&mut values, &core.shape);
+        }
+        Link {
+            left: core.shape[0],
+            right: core.shape[core.shape.len() - 1],
+            values,
+        }
+    }
+
+    /// `links` with those over directions made anew with other `weights`.
+    fn turned<T: Real>(&self, links: &[Link<T>], weights: &[Option<&[T]>]) -> Vec<Link<T>> {
+        let rays = self.axes() - 2;
+        let directions = self.variables.cameras..rays;
+        let axes = self.table_axes();
+        let cores = axes.iter().zip(&self.cores).zip(links);
+        let link = |((axes, core), link): ((&Vec<usize>, &Core), &Link<T>)| match axes
+            .iter()
+            .any(|axis| directions.contains(axis))
+        {
+            true => self.link(axes, core, weights),
+            false => link.clone(),
+        };
+        cores.map(link).collect()
+    }
+
+    /// The ray axes without `weights`, in the order of the cores.
+    fn open<T>(&self, weights: &[Option<&[T]>]) -> Vec<usize> {
+        let axes = self.table_axes().concat();
+        let open = |axis: &usize| weights[*axis].is_none();
+        axes[..axes.len() - 2]
+            .iter()
+            .copied()
+            .filter(open)
+            .collect()
+    }
+
+    /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
+    /// parameters `camera` in [−1, 1]; with one direction parameter the second axis has length 1.
+    /// In single precision, as the table is kept: rounding adds 1e-7 or so of the largest
+    /// coefficient.
+    pub fn contract(&self, camera: &[f64]) -> Contracted {
+        let shape = self.shape();
+        let weights = &self.variables.weights::<f32>(&shape, camera)[0];
+        let weights = open_beyond(weights, shape.len());
+        let row: usize = shape[shape.len() - 2..].iter().product();
+        // The last core, over arc length and channel, is worth multiplying only for few directions.
+        let before = self.cores.len() - 1;
+        let rank = self.cores[before].shape[0];
+        let split = before > 0 && rank < row;
+        let factors = self.factors(&weights, before + usize::from(!split));
+        let width = if split { rank } else { row };
+        let table = in_table_order(chained(factors), &self.open(&weights), &shape, width);
+        let rows = split.then(|| self.rows(row));
+        Contracted::new(&shape[camera.len()..], &table, rows, self.variables)
+    }
+
+    /// The last core as rows of `row` numbers.
+    fn rows(&self, row: usize) -> Arc<[f32]> {
+        let make = || {
+            let last = self.cores.len() - 1;
+            let open = vec![None; self.axes()];
+            let link: Link<f32> = self.link(&self.table_axes()[last], &self.cores[last], &open);
+            contracted::rows(&link.values, row)
+        };
+        self.rows.get_or_init(make).clone()
+    }
+
+    /// The coefficients that remain at parameters in [−1, 1] of the first axes, in table order. With
+    /// camera and direction, for a single ray, that is cheaper than [`Tensor::contract`].
+    pub fn at(&self, parameters: &[f64]) -> Vec<f64> {
+        self.at_in(parameters)
+    }
+
+    fn at_in<T: Real>(&self, parameters: &[f64]) -> Vec<T> {
+        let shape = self.shape();
+        let sets: Vec<Weights<T>> = self.variables.weights(&shape, parameters);
+        let sets = sets.iter().map(|weights| open_beyond(weights, shape.len()));
+        let sets: Vec<Vec<Option<&[T]>>> = sets.collect();
+        let row = shape[shape.len() - 2..].iter().product();
+        let (open, links) = (self.open(&sets[0]), self.links(&sets[0]));
+        let others = sets[1..].iter().map(|weights| self.turned(&links, weights));
+        let mut all: Vec<Vec<Link<T>>> = others.collect();
+        all.push(links);
+        let sum = |links: Vec<Link<T>>| {
+            let factors = links.into_iter().map(Factor::Known).collect();
+            in_table_order(chained(factors), &open, &shape, row)
+        };
+        added(&all.into_iter().map(sum).collect::<Vec<_>>())
+    }
+
+    /// How many integers it holds, of 32 bits each.
+    pub fn integers(&self) -> usize {
+        self.cores.iter().map(Core::integers).sum()
+    }
+
+    /// About how many bytes it takes in a chunk, where it shares what is learnt with other tensors.
+    pub fn bytes(&self) -> usize {
+        let (mut structure, mut integers) = (Writer::default(), Integers::new());
+        self.encode(&mut structure, &mut integers);
+        structure.0.len() + integers.bytes()
+    }
+
+    /// Writes the tensor: its shape to `out`, its integers to `integers`.
+    pub fn encode(&self, out: &mut Writer, integers: &mut Integers) {
+        out.u8(self.layout.code());
+        out.i16(self.step.0);
+        for core in &self.cores {
+            core.encode(out, integers, self.step);
+        }
+    }
+
+    /// Reads what [`Tensor::encode`] wrote: a tensor of this `shape`.
+    ///
+    /// # Errors
+    /// It is not one.
+    pub fn decode(
+        input: &mut Reader<'_>,
+        coded: &mut Coded,
+        shape: Shape,
+    ) -> Result<Self, DecodeError> {
+        let Shape {
+            variables,
+            directions,
+            channels,
+        } = shape;
+        let rays = variables.cameras + directions;
+        let layout = Layout::of_code(input.u8()?, rays);
+        let layout = layout.ok_or(DecodeError("layout of a tensor"))?;
+        let step = Power(input.i16()?);
+        let mut cores: Vec<Core> = Vec::new();
+        let axes = layout.cores(rays);
+        for (k, axes_of_core) in axes.iter().enumerate() {
+            let last = k + 1 == axes.len();
+            let along = Along::of(axes_of_core, variables.cameras);
+            let read = (axes_of_core.len(), along);
+            let core = Core::decode(input, coded, (cores.last(), last), read, step)?;
+            if last && core.shape[axes_of_core.len()] != channels {
+                return Err(DecodeError("number of channels"));
+            }
+            cores.push(core);
+        }
+        Ok(Self {
+            layout,
+            variables,
+            step,
+            cores,
+            rows: OnceLock::new(),
+        })
+    }
+}
+
+/// The weights of the first axes and none for the others of `axes`.
+fn open_beyond<T>(weights: &[Vec<T>], axes: usize) -> Vec<Option<&[T]>> {
+    let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
+    all.resize(axes, None);
+    all
+}
+
+/// `values` over the ray axes `rays` and rows of `row` numbers, put in ascending order of axes.
+fn in_table_order<T: Copy>(values: Vec<T>, rays: &[usize], shape: &[usize], row: usize) -> Vec<T> {
+    if rays.is_sorted() {
+        return values;
+    }
+    let mut ascending = rays.to_vec();
+    ascending.sort_unstable();
+    let stride = |axis: &usize| -> usize {
+        let after = rays.iter().skip_while(|a| *a != axis).skip(1);
+        after.map(|a| shape[*a]).product()
+    };
+    let mut firsts = vec![0];
+    for axis in &ascending {
+        let stride = stride(axis);
+        let along = |first: &usize| (0..shape[*axis]).map(move |i| first + i * stride).collect();
+        firsts = firsts
+            .iter()
+            .flat_map(|f| -> Vec<usize> { along(f) })
+            .collect();
+    }
+    let rows = firsts.iter().flat_map(|f| &values[f * row..(f + 1) * row]);
+    rows.copied().collect()
+}

@@ -1,0 +1,103 @@
+//! One path from the table, ended where its ray leaves.
+//!
+//! In: a [`Table`], a camera position, a direction, a length. Out: a [`Traced`]: equally spaced
+//! samples up to the end of the path, which is found on the interpolated path. A ray of which the
+//! table gives up a part before its end is integrated exactly.
+
+use super::{Table, TablePath};
+use geofan_core::{
+    error::Result,
+    geodesic::{End, Ray, Sample, Settings, paths, samples, unit},
+    manifold::{Carried, Manifold},
+};
+use glam::{DMat3, DVec3};
+
+/// A path read from a table.
+#[derive(Debug, Clone)]
+pub struct Traced {
+    /// From arc length 0 to the end, both included; without area.
+    pub samples: Vec<Sample>,
+    /// How it ended.
+    pub end: End,
+    /// The arc length at which it ended.
+    pub length: f64,
+    /// Steps integrated; none if the table has the whole path.
+    pub steps: usize,
+    /// Whether the path was integrated, because its patch is flagged.
+    pub exact: bool,
+}
+
+/// The path from `u` in the direction `d` (standard frame, unit) over at most `length`, as `count`
+/// samples; `tolerance` is that of the exact tracer if it is needed.
+///
+/// # Errors
+/// `u` is not in the camera region, or the patches there are damaged.
+pub fn trace(
+    table: &Table,
+    u: DVec3,
+    d: DVec3,
+    length: f64,
+    count: usize,
+    tolerance: f64,
+) -> Result<Traced> {
+    let manifold = table.space.manifold();
+    let fan = table.fan(u)?;
+    let path = fan.path(d);
+    let event = path.first_event(length);
+    // A flagged part is only reached where nothing ends the ray before it.
+    if event.is_none() && path.flagged_from() < length {
+        return Ok(exactly(manifold, u, d, length, count, tolerance));
+    }
+    let (end, length) = event.unwrap_or((End::Length, length));
+    let last = count.max(2) - 1;
+    let places = (0..=last).map(|i| length * (i as f64 / last as f64));
+    Ok(Traced {
+        samples: places.filter_map(|s| at(manifold, &path, s)).collect(),
+        end,
+        length,
+        steps: 0,
+        exact: false,
+    })
+}
+
+fn at(manifold: &Manifold, path: &TablePath<'_, '_>, s: f64) -> Option<Sample> {
+    let (u, v) = path.at(s)?;
+    let u = manifold.domain.wrap(u);
+    let (g, frame) = manifold.metric_and_frame(u);
+    Some(Sample {
+        s,
+        u,
+        v: unit(g, v),
+        frame: path.rotation(s).map(|q| frame * DMat3::from_quat(q)),
+        area: None,
+    })
+}
+
+fn exactly(
+    manifold: &Manifold,
+    u: DVec3,
+    d: DVec3,
+    length: f64,
+    count: usize,
+    tolerance: f64,
+) -> Traced {
+    let settings = Settings {
+        tolerance,
+        carried: Carried {
+            frame: true,
+            deviation: false,
+        },
+        events: true,
+    };
+    let ray = Ray::new(manifold, u, d, length);
+    let path = paths(manifold, settings, [ray]).remove(0);
+    let mut samples = samples(manifold, &ray, &path, count);
+    samples.iter_mut().for_each(|sample| sample.area = None);
+    Traced {
+        samples,
+        end: path.end,
+        length: path.length,
+        steps: path.tried,
+        exact: true,
+    }
+}

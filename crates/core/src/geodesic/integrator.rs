@@ -1,0 +1,359 @@
+//! Many geodesics at once: adaptive Dormand–Prince over lanes of rays.
+//!
+//! In: rays (chart point, unit tangent, length). Out: their [`Step`]s in order and how each ended,
+//! given to a [`Sink`]. Every lane has its own step size; a lane whose ray has ended takes the next
+//! ray at once, so no lane idles while rays are left. A ray's result does not depend on the lanes
+//! beside it, and nothing is allocated once the lanes are set up.
+
+mod report;
+
+use super::{
+    End, LANES, NIL, Ray, Row, Settings, Sink,
+    control::{Control, LOOK},
+    curves::{Curves, Trial},
+    dormand_prince::{A, ERROR, STAGES},
+    each,
+    events::Events,
+    kinks::{Kinks, Meeting},
+    rows::{larger, multiply, norm2, take_where, vector},
+    starts::{Start, Starts},
+    state::{Layout, metric, rates_at},
+    weighted,
+};
+use crate::manifold::{Carried, Manifold};
+use geofan_expr::{Registers, Tape, vectorised};
+use glam::DVec3;
+
+/// Follows all `rays`, telling `sink`.
+pub fn follow<S: Sink>(
+    manifold: &Manifold,
+    settings: Settings,
+    rays: impl IntoIterator<Item = Ray>,
+    sink: &mut S,
+) {
+    let mut rays = rays.into_iter().enumerate().peekable();
+    if rays.peek().is_none() {
+        return;
+    }
+    let mut lanes = Lanes::new(manifold, settings, sink.region());
+    loop {
+        lanes.refill(&mut rays, sink);
+        if lanes.ray.iter().all(Option::is_none) {
+            return;
+        }
+        lanes.attempt();
+        lanes.meet_kinks();
+        lanes.report(sink);
+        lanes.commit();
+    }
+}
+
+struct Lanes<'m> {
+    layout: Layout,
+    flow: &'m Tape,
+    registers: Registers<f64, LANES>,
+    /// The rates of a path that carries nothing.
+    bare: (&'m Tape, Registers<f64, LANES>),
+    events: Option<Events<'m>>,
+    kinks: Option<Kinks<'m>>,
+    starts: Starts<'m>,
+    /// The number of the ray that a lane follows.
+    ray: [Option<usize>; LANES],
+    curves: Curves,
+    /// Where steps are of interest, and 1 where the trial may come there, else 0.
+    region: Option<(DVec3, DVec3)>,
+    near: Row,
+    control: Control,
+    /// The present state, the state tried, and the stages' rates.
+    y: Vec<Row>,
+    trial: Vec<Row>,
+    k: [Vec<Row>; STAGES],
+}
+
+impl<'m> Lanes<'m> {
+    fn new(manifold: &'m Manifold, settings: Settings, region: Option<(DVec3, DVec3)>) -> Self {
+        let flow = manifold.flow(settings.carried);
+        let bare = manifold.flow(Carried::default());
+        let layout = Layout::of(settings);
+        let rows = || vec![NIL; layout.rows];
+        Self {
+            layout,
+            flow,
+            registers: flow.registers(),
+            bare: (bare, bare.registers()),
+            events: match settings.events {
+                true => Events::new(&manifold.domain),
+                false => None,
+            },
+            kinks: Kinks::new(manifold, settings),
+            starts: Starts::new(flow, settings),
+            ray: [None; LANES],
+            curves: Curves::new(layout),
+            region,
+            near: each(|_| 1.0),
+            control: Control::new(settings.tolerance),
+            y: rows(),
+            trial: rows(),
+            k: std::array::from_fn(|_| rows()),
+        }
+    }
+
+    /// Gives every free lane a ray, if any are left.
+    fn refill(&mut self, rays: &mut impl Iterator<Item = (usize, Ray)>, sink: &mut impl Sink) {
+        for lane in 0..LANES {
+            while self.ray[lane].is_none() {
+                let Some(start) = self.starts.next(rays, self.events.as_mut()) else {
+                    return;
+                };
+                match start.step {
+                    _ if start.length <= 0.0 => sink.end(start.ray, End::Length, 0.0, 0),
+                    None => sink.end(start.ray, End::Singular, 0.0, 0),
+                    Some(step) => self.start(lane, &start, step),
+                }
+            }
+        }
+    }
+
+    fn start(&mut self, lane: usize, start: &Start, step: f64) {
+        self.ray[lane] = Some(start.ray);
+        self.control.start(lane, start.length, step);
+        for row in 0..self.layout.rows {
+            self.y[row][lane] = self.starts.y[row][start.column];
+            self.k[0][row][lane] = self.starts.rates[row][start.column];
+        }
+        if let Some(events) = &mut self.events {
+            events.start(lane, &self.starts.events, start.column);
+        }
+        if let Some(kinks) = &mut self.kinks {
+            kinks.start(lane);
+        }
+    }
+
+    /// One trial step of every lane: stages, new state, error, judgement. Lanes without a ray compute
+    /// what is left in them; nobody looks at it.
+    fn attempt(&mut self) {
+        vectorised(
+            #[inline(always)]
+            || {
+                self.stage::<1>();
+                self.stage::<2>();
+                self.stage::<3>();
+                self.stage::<4>();
+                self.stage::<5>();
+                self.stage::<6>();
+                self.flow.run_rest(&mut self.registers);
+                self.measure();
+                self.restore_speed();
+                let (curves, trial) = self.trial();
+                curves.make_path(trial);
+                if self.control.any_is_long() {
+                    self.probe();
+                }
+                self.control.judge();
+                if let Some(region) = self.region {
+                    self.near = self.curves.near(region);
+                }
+                if let Some(events) = &mut self.events {
+                    events.look(&self.curves, &self.control, &self.trial);
+                }
+                self.look_for_kinks();
+            },
+        );
+    }
+
+    /// The state at which stage `N` is evaluated, and the rates there; the state of the last is the
+    /// trial's end.
+    // A function for each stage: sums of as many terms as there are, without a loop over them.
+    #[inline(always)]
+    fn stage<const N: usize>(&mut self) {
+        let h = &self.control.h;
+        for (row, (trial, y)) in self.trial.iter_mut().zip(&self.y).enumerate() {
+            let k: [&Row; N] = std::array::from_fn(|stage| &self.k[stage][row]);
+            *trial = each(|l| {
+                let mut sum = A[N - 1][0] * k[0][l];
+                for stage in 1..N {
+                    if A[N - 1][stage] != 0.0 {
+                        sum += A[N - 1][stage] * k[stage][l];
+                    }
+                }
+                y[l] + h[l] * sum
+            });
+        }
+        rates_at(
+            self.flow,
+            &mut self.registers,
+            self.layout,
+            &self.trial,
+            &mut self.k[N],
+        );
+    }
+
+    /// Looks at the acceleration between the stages: how far it bends the tangent over a step, beside
+    /// what the quintic through the step's ends does.
+    #[inline(always)]
+    fn probe(&mut self) {
+        let h = &self.control.h;
+        let inverse = each(|l| 1.0 / h[l]);
+        for c in 0..3 {
+            *self.bare.1.input(c) = *self.curves.point(c, LOOK);
+            *self.bare.1.input(3 + c) = *self.curves.tangent(c, &inverse, LOOK);
+        }
+        self.bare.0.run(&mut self.bare.1);
+        let mut surprise = [NIL; 3];
+        for (c, surprise) in surprise.iter_mut().enumerate() {
+            let (known, a) = (
+                self.curves.acceleration(c, &inverse, LOOK),
+                self.bare.1.output(c),
+            );
+            *surprise = each(|l| (a[l] - known[l]) * h[l]);
+        }
+        let metric = metric(self.bare.0, &self.bare.1);
+        self.control.unforeseen2 = norm2(metric, vector(&surprise, 0));
+    }
+
+    /// Looks where the trial steps meet kinks of the metric.
+    #[inline(always)]
+    fn look_for_kinks(&mut self) {
+        if let Some(kinks) = &mut self.kinks {
+            let mut middle = [NIL; 3];
+            for (c, middle) in middle.iter_mut().enumerate() {
+                *middle = self.curves.point(c, 0.5);
+            }
+            kinks.look([
+                vector(&self.y, 0),
+                vector(&middle, 0),
+                vector(&self.trial, 0),
+            ]);
+        }
+    }
+
+    /// Tries steps that end at a kink instead of those that meet one, and moves rays that are there
+    /// over it.
+    fn meet_kinks(&mut self) {
+        let Some(kinks) = &mut self.kinks else {
+            return;
+        };
+        for lane in 0..LANES {
+            if self.ray[lane].is_none() || !self.control.may_go_on(lane) {
+                continue;
+            }
+            let (s, h) = (self.control.s[lane], self.control.h[lane]);
+            let meeting = match kinks.is_crossed(lane) {
+                true => kinks.meeting(&self.curves.step(lane, s, h)),
+                false => None,
+            };
+            if let Some(meeting) = meeting {
+                let instead = kinks.instead(lane, meeting, h);
+                self.control.try_instead(lane, instead);
+                if let Meeting::Here(hop) = meeting {
+                    kinks.hop(lane, hop, &mut self.y, &mut self.k[0]);
+                }
+            } else if self.control.accepted[lane] > 0.0
+                && let Some(step) = kinks.go_on_with(lane)
+            {
+                self.control.go_on_with(lane, step);
+            }
+        }
+    }
+
+    /// The error of the trial in the metric at the trial's end: an angle for the tangent and the
+    /// frame, position over arc length for the point, and the same relative to their size for
+    /// deviations.
+    #[inline(always)]
+    fn measure(&mut self) {
+        let metric = metric(self.flow, &self.registers);
+        let (s, h, k, trial) = (&self.control.s, &self.control.h, &self.k, &self.trial);
+        let (point, tangent) = (vector_error(metric, k, h, 0), vector_error(metric, k, h, 3));
+        let inverse2 = each(|l| 1.0 / ((s[l] + h[l]) * (s[l] + h[l])));
+        let mut worst = each(|l| larger(point[l] * inverse2[l], tangent[l]));
+        if let Some(at) = self.layout.turn {
+            for row in at..at + 4 {
+                let e = error(k, h, row);
+                worst = each(|l| larger(worst[l], e[l] * e[l]));
+            }
+        }
+        if let Some(at) = self.layout.deviation {
+            for column in [at, at + 6] {
+                let du = vector_error(metric, k, h, column);
+                let dv = vector_error(metric, k, h, column + 3);
+                let size = norm2(metric, vector(trial, column + 3));
+                worst = each(|l| {
+                    let e = larger(du[l] * inverse2[l], dv[l]);
+                    larger(worst[l], e / larger(1.0, size[l]))
+                });
+            }
+        }
+        self.control.speed2 = norm2(metric, vector(trial, 3));
+        self.control.error2 = worst;
+    }
+
+    /// Scales the new tangent to unit length; the acceleration is quadratic and the turning rate
+    /// linear in it, so the rates at the new point follow without another evaluation.
+    #[inline(always)]
+    fn restore_speed(&mut self) {
+        let speed2 = &self.control.speed2;
+        let scale = each(|l| 1.0 / speed2[l].sqrt());
+        let scale2 = each(|l| scale[l] * scale[l]);
+        let rates = &mut self.k[STAGES - 1];
+        for c in 0..3 {
+            multiply(&mut self.trial[3 + c], &scale);
+            multiply(&mut rates[c], &scale);
+            multiply(&mut rates[3 + c], &scale2);
+        }
+        if let Some(turn) = self.layout.turn {
+            let [x, y, z, w] = [0, 1, 2, 3].map(|c| &self.trial[turn + c]);
+            let unit =
+                each(|l| 1.0 / (x[l] * x[l] + y[l] * y[l] + z[l] * z[l] + w[l] * w[l]).sqrt());
+            let rate = each(|l| unit[l] * scale[l]);
+            for c in turn..turn + 4 {
+                multiply(&mut self.trial[c], &unit);
+                multiply(&mut rates[c], &rate);
+            }
+        }
+    }
+
+    /// Makes the ends of accepted trials the present states.
+    fn commit(&mut self) {
+        vectorised(
+            #[inline(always)]
+            || {
+                let accepted = &self.control.accepted;
+                let (first, rest) = self.k.split_at_mut(1);
+                take_where(accepted, &self.trial, &mut self.y);
+                take_where(accepted, &rest[STAGES - 2], &mut first[0]);
+                if let Some(events) = &mut self.events {
+                    events.commit(accepted);
+                }
+                self.control.commit();
+            },
+        );
+    }
+
+    /// The trial steps, to be made into curves.
+    #[inline(always)]
+    fn trial(&mut self) -> (&mut Curves, Trial<'_>) {
+        let trial = Trial {
+            layout: self.layout,
+            h: &self.control.h,
+            y: &self.y,
+            end: &self.trial,
+            k: &self.k,
+        };
+        (&mut self.curves, trial)
+    }
+}
+
+/// The error of one row of the trial.
+#[inline(always)]
+fn error(k: &[Vec<Row>; STAGES], h: &Row, row: usize) -> Row {
+    let mut error = weighted(&ERROR, k, row);
+    multiply(&mut error, h);
+    error
+}
+
+/// The squared length of the error of the vector that begins at row `at`.
+#[inline(always)]
+fn vector_error(metric: [&[f64; LANES]; 6], k: &[Vec<Row>; STAGES], h: &Row, at: usize) -> Row {
+    let (x, y, z) = (error(k, h, at), error(k, h, at + 1), error(k, h, at + 2));
+    norm2(metric, [&x, &y, &z])
+}

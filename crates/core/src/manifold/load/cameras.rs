@@ -1,0 +1,137 @@
+//! The `[cameras]` section: where cameras may be, and how far paths go.
+
+use super::{Loader, Reading, at_expression, three_texts};
+use crate::{
+    diagnostic::Diagnostic,
+    document::{Item, Text},
+    manifold::{CameraRegion, Domain, Symmetry},
+};
+use geofan_expr::{
+    Direction, NodeId, Tape, TapeTooLarge,
+    parse::{Binding, ExpressionError, parse},
+};
+
+/// Camera parameters with their intervals.
+type Parameters = (Vec<String>, Vec<[f64; 2]>);
+
+impl Loader<'_> {
+    pub(super) fn read_length(&self, item: Option<&Item<'_>>) -> Reading<Option<f64>> {
+        let Some(item) = item else { return Ok(None) };
+        let Some(length) = item.table()?.get("length") else {
+            return Ok(None);
+        };
+        match length.number()? {
+            value if value > 0.0 => Ok(Some(value)),
+            _ => Err(length.complain("a length must be positive")),
+        }
+    }
+
+    /// The camera region: as written, else (with a group) the identity alone, else the box of the
+    /// coordinate limits.
+    pub(super) fn read_cameras(
+        &mut self,
+        item: Option<&Item<'_>>,
+        domain: &Domain,
+        symmetry: &Symmetry,
+    ) -> Reading<Option<CameraRegion>> {
+        let table = item.map(|i| i.table()).transpose()?;
+        let get = |key| table.as_ref().and_then(|t| t.get(key));
+        let (at, parameters) = (get("at"), get("parameters"));
+        if let Some(table) = &table {
+            table.get("length");
+            table.finish()?;
+        }
+        let parameters = match parameters {
+            Some(item) => self.read_camera_parameters(&item, at.is_some())?,
+            None => Default::default(),
+        };
+        match (at, domain.limits.iter().copied().collect()) {
+            (Some(at), _) => self.written_region(&at, parameters).map(Some),
+            (None, _) if symmetry.group.is_some() => self.identity_region().map(Some),
+            (None, Some(intervals)) => self.box_region(intervals).map(Some),
+            (None, None) => Ok(None),
+        }
+    }
+
+    fn read_camera_parameters(&mut self, item: &Item<'_>, used: bool) -> Reading<Parameters> {
+        let entries = item.table()?.entries();
+        if entries.len() > 3 {
+            return Err(item.complain("a camera region has at most 3 parameters"));
+        }
+        if !used && !entries.is_empty() {
+            return Err(item.complain("camera parameters need `at`").with_hint(
+                "add at = [\"…\", \"…\", \"…\"], the chart point as expressions of them",
+            ));
+        }
+        let mut found = Parameters::default();
+        for (name, interval) in entries {
+            self.declare(&name, "a camera parameter")?;
+            found.1.push(interval.interval()?);
+            found.0.push(name.value);
+        }
+        Ok(found)
+    }
+
+    fn written_region(&mut self, at: &Item<'_>, parameters: Parameters) -> Reading<CameraRegion> {
+        let mut scope = self.fixed.clone();
+        for (k, name) in parameters.0.iter().enumerate() {
+            scope.bind(name, Binding::fixed(self.graph.input(k as u32)));
+        }
+        let mut nodes = Vec::new();
+        for text in three_texts(at, "coordinates")? {
+            let parsed = parse(&text.value, &scope, &mut self.graph);
+            let parsed = parsed.map_err(|e| at_camera(&text, e, &self.declared))?;
+            nodes.push(parsed.node);
+        }
+        self.region(parameters, nodes)
+            .map_err(|e| at.complain(e.to_string()))
+    }
+
+    fn box_region(&mut self, intervals: Vec<[f64; 2]>) -> Reading<CameraRegion> {
+        let nodes = (0..3).map(|k| self.graph.input(k)).collect();
+        self.region((self.coordinates.to_vec(), intervals), nodes)
+            .map_err(|e| Diagnostic::new(self.source, 0..0, e.to_string()))
+    }
+
+    fn identity_region(&mut self) -> Reading<CameraRegion> {
+        let zero = self.graph.constant(0.0);
+        self.region(Parameters::default(), vec![zero; 3])
+            .map_err(|e| Diagnostic::new(self.source, 0..0, e.to_string()))
+    }
+
+    fn region(
+        &mut self,
+        (names, intervals): Parameters,
+        mut nodes: Vec<NodeId>,
+    ) -> Result<CameraRegion, TapeTooLarge> {
+        for k in 0..names.len() {
+            let mut axis = Direction::of_input(&mut self.graph, k as u32);
+            for i in 0..3 {
+                nodes.push(self.graph.derivative(nodes[i], &mut axis));
+            }
+        }
+        let map = Tape::compile(&self.graph, &nodes, names.len())?;
+        Ok(CameraRegion {
+            names,
+            intervals,
+            map,
+        })
+    }
+}
+
+/// As [`at_expression`], with a better hint for names that exist but not for cameras.
+fn at_camera(
+    text: &Text,
+    error: ExpressionError,
+    declared: &[(String, &'static str)],
+) -> Diagnostic {
+    let unknown = error.unknown.clone();
+    let known = declared.iter().find(|(d, _)| Some(d) == unknown.as_ref());
+    let complaint = at_expression(text, error);
+    match known {
+        Some((name, kind)) => complaint.with_hint(format!(
+            "`{name}` is {kind}; a camera's position uses [parameters] and the camera parameters"
+        )),
+        None => complaint,
+    }
+}

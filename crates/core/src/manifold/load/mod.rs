@@ -1,0 +1,180 @@
+//! The text of a manifold file -> [`Manifold`], with every complaint at its place.
+//!
+//! In: the file as TOML and values that replace its parameters. Out: a [`Manifold`] of which nothing
+//! numerical is checked yet. Each section of the file has a file here, in the order of reading:
+//! [`names`] (coordinates, parameters, lets), [`domain`], [`definition`] (embedding or metric),
+//! [`exits`], [`symmetry`], [`cameras`].
+
+mod cameras;
+mod definition;
+mod domain;
+mod exits;
+mod names;
+mod symmetry;
+
+use super::{Manifold, geometry, tapes::Tapes};
+use crate::{
+    diagnostic::{Diagnostic, SourceText},
+    document::{self, Item, Table, Text},
+    error::{Error, Result},
+};
+use geofan_expr::{
+    Graph, NodeId,
+    parse::{ExpressionError, Parsed, Scope, parse},
+    spelling::nearest,
+};
+use std::sync::Arc;
+
+type Reading<T> = Result<T, Diagnostic>;
+
+/// What a manifold file may have at its top.
+const KEYS: [&str; 10] = [
+    "name",
+    "coordinates",
+    "embedding",
+    "metric",
+    "parameters",
+    "let",
+    "domain",
+    "exit",
+    "symmetry",
+    "cameras",
+];
+
+/// Reads the file; nothing numerical is checked yet.
+pub(super) fn from_source(
+    source: &Arc<SourceText>,
+    settings: &[(String, f64)],
+) -> Result<Manifold> {
+    if let Some((name, value)) = settings.iter().find(|(_, v)| !v.is_finite()) {
+        return Err(Error::input(
+            "--set",
+            format!("{name}={value} is not finite"),
+        ));
+    }
+    let read = |root: Table<'_>| Loader::new(source).load(&root, settings);
+    let manifold = document::read(source, read)?;
+    for (name, _) in settings {
+        refuse_unless_known(name, &manifold.parameters)?;
+    }
+    Ok(manifold)
+}
+
+/// Refuses to set a parameter that the file does not have.
+fn refuse_unless_known(name: &str, parameters: &[(String, f64)]) -> Result<()> {
+    let known: Vec<&str> = parameters.iter().map(|p| p.0.as_str()).collect();
+    if known.contains(&name) {
+        return Ok(());
+    }
+    let hint = match nearest(name, known.iter().copied()) {
+        Some(near) => format!("; did you mean `{near}`?"),
+        None if known.is_empty() => String::from("; it has none"),
+        None => format!("; its parameters: {}", known.join(", ")),
+    };
+    Err(Error::input(
+        "--set",
+        format!("the manifold has no parameter `{name}`{hint}"),
+    ))
+}
+
+/// What has been read so far.
+struct Loader<'s> {
+    source: &'s Arc<SourceText>,
+    graph: Graph,
+    /// The names that expressions over the chart may use.
+    scope: Scope,
+    /// The names that camera expressions may use: parameters and what follows from them alone.
+    fixed: Scope,
+    /// Every name with what it is, for complaints.
+    declared: Vec<(String, &'static str)>,
+    coordinates: [String; 3],
+}
+
+impl<'s> Loader<'s> {
+    fn new(source: &'s Arc<SourceText>) -> Self {
+        Self {
+            source,
+            graph: Graph::new(),
+            scope: Scope::default(),
+            fixed: Scope::default(),
+            declared: Vec::new(),
+            coordinates: Default::default(),
+        }
+    }
+
+    fn load(mut self, root: &Table<'_>, settings: &[(String, f64)]) -> Reading<Manifold> {
+        refuse_unknown_keys(root)?;
+        let name = root.require("name")?.text()?.value;
+        self.coordinates = self.read_coordinates(&root.require("coordinates")?)?;
+        let parameters = self.read_parameters(root.get("parameters"), settings)?;
+        let domain = self.read_domain(root.get("domain"))?;
+        self.bind_coordinates(&domain);
+        self.read_lets(root.get("let"))?;
+        let (definition, place) = self.read_definition(root)?;
+        let geometry = geometry::build(&mut self.graph, &definition);
+        let (exits, events) = self.read_exits(root.get("exit"))?;
+        let domain = self.compile_domain(domain, events)?;
+        let symmetry = self.read_symmetry(root.get("symmetry"))?;
+        let section = root.get("cameras");
+        let length = self.read_length(section.as_ref())?;
+        let cameras = self.read_cameras(section.as_ref(), &domain, &symmetry)?;
+        let tapes = Tapes::compile(self.graph, &definition, geometry);
+        Ok(Manifold {
+            source: self.source.clone(),
+            name,
+            coordinates: self.coordinates,
+            parameters,
+            domain,
+            exits,
+            symmetry,
+            cameras,
+            length,
+            ambient: definition.ambient(),
+            tapes: tapes.map_err(|e| place.complain(e.to_string()))?,
+        })
+    }
+
+    /// An expression of the coordinates alone.
+    fn position_expression(&mut self, text: &Text) -> Reading<NodeId> {
+        let parsed = expression(text, &self.scope, &mut self.graph)?;
+        match parsed.tangent_use {
+            None => Ok(parsed.node),
+            Some(span) => Err(text
+                .complain_at(span, "the tangent may be used only in exits")
+                .with_hint("metrics, embeddings and domains depend on the point alone")),
+        }
+    }
+
+    /// An expression of the coordinates and the tangent.
+    fn ray_expression(&mut self, text: &Text) -> Reading<NodeId> {
+        expression(text, &self.scope, &mut self.graph).map(|parsed| parsed.node)
+    }
+}
+
+/// First of all, so that a misspelt key is named and not the absence of the right one.
+fn refuse_unknown_keys(root: &Table<'_>) -> Reading<()> {
+    for key in KEYS {
+        root.get(key);
+    }
+    root.finish()
+}
+
+/// The expression `text` in `graph`, with a complaint at its place in the file.
+fn expression(text: &Text, scope: &Scope, graph: &mut Graph) -> Reading<Parsed> {
+    parse(&text.value, scope, graph).map_err(|e| at_expression(text, e))
+}
+
+/// The complaint about a part of the expression `text`.
+fn at_expression(text: &Text, error: ExpressionError) -> Diagnostic {
+    let diagnostic = text.complain_at(error.span, error.message);
+    match error.hint {
+        Some(hint) => diagnostic.with_hint(hint),
+        None => diagnostic,
+    }
+}
+
+/// The three strings of a list, for example of a direction's components.
+fn three_texts(item: &Item<'_>, what: &str) -> Reading<[Text; 3]> {
+    let [a, b, c] = item.exactly::<3>(what)?;
+    Ok([a.text()?, b.text()?, c.text()?])
+}

@@ -1,0 +1,235 @@
+//! Manifold file -> metric, connection, frames, domain and exits, symmetry, camera region.
+//!
+//! In: the text of a manifold file and parameter values that replace the file's.
+//! Out: a [`Manifold`], immutable and shared between threads, whose tapes evaluate everything that
+//! later stages need; [`Manifold::curvature`] tells connection and curvature at a point. Chart points
+//! `u` and tangents `v` are in coordinates; lengths are in the metric's unit.
+
+mod curvature;
+mod curve;
+mod domain;
+mod geometry;
+mod load;
+mod probe;
+mod region;
+mod symmetry;
+mod tapes;
+
+pub use curvature::{Curvature, Rank3, Rank4};
+pub use curve::ChartCurve;
+pub use domain::{Domain, EventKind};
+pub use region::CameraRegion;
+pub use symmetry::{Isometry, Symmetry};
+
+use crate::{
+    diagnostic::SourceText,
+    error::{Error, Result, read_text},
+};
+use geofan_expr::{Registers, Tape};
+use glam::{DMat3, DVec3};
+use std::{path::Path, sync::Arc};
+use tapes::Tapes;
+
+/// A way out of the manifold, with its own sky.
+#[derive(Debug, Clone)]
+pub struct Exit {
+    /// Its name in scene files and in `trace` output.
+    pub name: String,
+    /// (u, v) -> the direction in which its sky is looked up; `None`: the ambient direction.
+    direction: Option<Tape>,
+}
+
+/// Which rates a geodesic tape computes, besides acceleration and metric.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Carried {
+    /// The turning rate of the transported frame.
+    pub frame: bool,
+    /// The two columns of geodesic deviation.
+    pub deviation: bool,
+}
+
+impl Carried {
+    fn index(self) -> usize {
+        usize::from(self.frame) + 2 * usize::from(self.deviation)
+    }
+}
+
+/// A manifold, ready to be followed through.
+#[derive(Debug, Clone)]
+pub struct Manifold {
+    /// The file it came from.
+    pub source: Arc<SourceText>,
+    /// Its name.
+    pub name: String,
+    /// The names of the coordinates.
+    pub coordinates: [String; 3],
+    /// The parameters, after `--set`.
+    pub parameters: Vec<(String, f64)>,
+    /// Coordinate limits and other conditions.
+    pub domain: Domain,
+    /// The exits: those of the file, then `limit` and `inside`.
+    pub exits: Vec<Exit>,
+    /// Symmetry claims, each checked numerically on loading.
+    pub symmetry: Symmetry,
+    /// Where cameras may be.
+    pub cameras: Option<CameraRegion>,
+    /// How far a path is followed (arc length), if the file says.
+    pub length: Option<f64>,
+    /// Dimension N of the ambient space, for an embedding.
+    pub ambient: Option<usize>,
+    tapes: Tapes,
+}
+
+impl Manifold {
+    /// Loads a manifold file; `settings` replace its parameters.
+    ///
+    /// # Errors
+    /// A file that cannot work, with the place in it.
+    pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
+        Self::from_source(read_text(path)?, settings)
+    }
+
+    /// Makes a manifold from the text of its file.
+    ///
+    /// # Errors
+    /// As [`Manifold::load`].
+    pub fn from_source(source: Arc<SourceText>, settings: &[(String, f64)]) -> Result<Self> {
+        let manifold = load::from_source(&source, settings)?;
+        probe::check(&manifold)?;
+        Ok(manifold)
+    }
+
+    /// `G(u)`.
+    pub fn metric(&self, u: DVec3) -> DMat3 {
+        self.metric_and_frame(u).0
+    }
+
+    /// `S(u)`: columns are the standard frame (Gram–Schmidt in coordinate order).
+    pub fn standard_frame(&self, u: DVec3) -> DMat3 {
+        self.metric_and_frame(u).1
+    }
+
+    /// `G(u)` and `S(u)`.
+    pub fn metric_and_frame(&self, u: DVec3) -> (DMat3, DMat3) {
+        let o = self.tapes.metric.at(&u.to_array());
+        let metric =
+            DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]]);
+        (metric, frame_of([o[6], o[7], o[8], o[9], o[10], o[11]]))
+    }
+
+    /// `S(u)` at many points: a vector of them at a time, at a fraction of the cost.
+    pub fn standard_frames(&self, points: &[DVec3]) -> Vec<DMat3> {
+        const LANES: usize = 16;
+        if points.is_empty() {
+            return Vec::new();
+        }
+        let tape = &self.tapes.metric;
+        let mut registers = tape.registers::<f64, LANES>();
+        let mut frames = Vec::with_capacity(points.len());
+        for points in points.chunks(LANES) {
+            for (lane, u) in points.iter().enumerate() {
+                for k in 0..3 {
+                    registers.input(k)[lane] = u[k];
+                }
+            }
+            tape.run(&mut registers);
+            let frame = |lane| frame_of([6, 7, 8, 9, 10, 11].map(|k| registers.output(k)[lane]));
+            frames.extend((0..points.len()).map(frame));
+        }
+        frames
+    }
+
+    /// The tape u -> G (xx, yy, zz, xy, xz, yz), S (11, 22, 33, 12, 13, 23).
+    pub fn metric_tape(&self) -> &Tape {
+        &self.tapes.metric
+    }
+
+    /// The tape (u, v, δu₁, δv₁, δu₂, δv₂) -> acceleration (3), then the turning rate (3) if the frame
+    /// is carried, then the deviation's acceleration (3 + 3) if it is, and as the rest
+    /// ([`Tape::run_rest`]) the metric (6).
+    pub fn flow(&self, carried: Carried) -> &Tape {
+        &self.tapes.flows[carried.index()]
+    }
+
+    /// The tape u -> for each place where the metric is not smooth, a function φ(u) that vanishes there
+    /// and its gradient (4 numbers); `None` if `abs`, `min`, `max` and `if` do not occur.
+    pub fn kinks(&self) -> Option<&Tape> {
+        self.tapes.kinks.as_ref()
+    }
+
+    /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with
+    /// tangent `v` (chart components): normalised, NaN only if the file's expressions are.
+    pub fn sky_direction(&self, exit: Option<usize>, u: DVec3, v: DVec3) -> DVec3 {
+        let mut registers = self.sky_registers(exit);
+        self.sky_direction_in(registers.as_mut(), exit, u, v)
+    }
+
+    /// Registers for [`Manifold::sky_direction_in`] at an exit; `None` if it needs none.
+    pub fn sky_registers(&self, exit: Option<usize>) -> Option<Registers<f64, 1>> {
+        let tape = self.own_sky(exit).or(self.tapes.jacobian.as_ref());
+        tape.map(Tape::registers)
+    }
+
+    /// [`Manifold::sky_direction`] in registers made before.
+    pub fn sky_direction_in(
+        &self,
+        registers: Option<&mut Registers<f64, 1>>,
+        exit: Option<usize>,
+        u: DVec3,
+        v: DVec3,
+    ) -> DVec3 {
+        let direction = match (self.own_sky(exit), &self.tapes.jacobian, registers) {
+            (Some(tape), _, Some(registers)) => {
+                tape.run_at(registers, &[u.x, u.y, u.z, v.x, v.y, v.z]);
+                DVec3::from_array([0, 1, 2].map(|i| registers.output(i)[0]))
+            }
+            (None, Some(jacobian), Some(registers)) => {
+                jacobian.run_at(registers, &u.to_array());
+                let j = |k: usize| registers.output(k)[0];
+                DVec3::from_array([0, 3, 6].map(|i| j(i) * v.x + j(i + 1) * v.y + j(i + 2) * v.z))
+            }
+            _ => v,
+        };
+        direction.normalize_or_zero()
+    }
+
+    /// The directions by which an exit's own sky is looked up.
+    fn own_sky(&self, exit: Option<usize>) -> Option<&Tape> {
+        exit.and_then(|e| self.exits[e].direction.as_ref())
+    }
+
+    /// The index of the exit called `name`.
+    pub fn exit_named(&self, name: &str) -> Option<usize> {
+        self.exits.iter().position(|e| e.name == name)
+    }
+
+    /// The path length to follow: `asked`, else the file's.
+    ///
+    /// # Errors
+    /// Neither is given.
+    pub fn length_or(&self, asked: Option<f64>) -> Result<f64> {
+        asked.or(self.length).ok_or_else(|| {
+            Error::input(
+                self.source.name.clone(),
+                "no path length: add `length` under [cameras] or give --length",
+            )
+        })
+    }
+
+    /// A hash of everything that determines the geometry: the text and the parameter values.
+    pub fn fingerprint(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.source.text.as_bytes());
+        for (name, value) in &self.parameters {
+            hasher.update(name.as_bytes());
+            hasher.update(&[0]);
+            hasher.update(&value.to_bits().to_le_bytes());
+        }
+        *hasher.finalize().as_bytes()
+    }
+}
+
+/// The upper triangular matrix with the entries 11, 22, 33, 12, 13, 23.
+fn frame_of([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> DMat3 {
+    DMat3::from_cols_array(&[xx, 0.0, 0.0, xy, yy, 0.0, xz, yz, zz])
+}

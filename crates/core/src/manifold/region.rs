@@ -1,0 +1,130 @@
+//! Where cameras may be: 0 to 3 parameters in intervals, mapped to chart points.
+//!
+//! In: intervals and a tape of expressions. Out: [`CameraRegion`]: the map [`CameraRegion::at`] and
+//! its inverse [`CameraRegion::locate`].
+
+use geofan_expr::Tape;
+use glam::DVec3;
+
+/// A region of camera positions.
+#[derive(Debug, Clone)]
+pub struct CameraRegion {
+    /// The names of the parameters.
+    pub names: Vec<String>,
+    /// Their intervals.
+    pub intervals: Vec<[f64; 2]>,
+    /// parameters -> u (3), then ∂u/∂parameter (3 for each parameter).
+    pub(super) map: Tape,
+}
+
+/// How far outside its interval, as a share of it, a parameter may lie and still be taken as on
+/// the edge: rounding in the inverse map, far below any promise of accuracy.
+const EDGE: f64 = 1e-9;
+
+impl CameraRegion {
+    /// The number of parameters.
+    pub fn dimension(&self) -> usize {
+        self.names.len()
+    }
+
+    /// The chart point at `parameters`.
+    pub fn at(&self, parameters: &[f64]) -> DVec3 {
+        DVec3::from_slice(&self.map.at(parameters)[..3])
+    }
+
+    /// The parameters at the fractions `t` in [0, 1] of their intervals.
+    pub fn lerp(&self, t: &[f64]) -> Vec<f64> {
+        self.intervals
+            .iter()
+            .zip(t)
+            .map(|([low, high], t)| low + (high - low) * t)
+            .collect()
+    }
+
+    /// Whether `parameters` lie in their intervals.
+    pub fn contains(&self, parameters: &[f64]) -> bool {
+        parameters
+            .iter()
+            .zip(&self.intervals)
+            .all(|(p, [low, high])| {
+                let slack = EDGE * (high - low);
+                (low - slack..=high + slack).contains(p)
+            })
+    }
+
+    /// The parameters whose point is `u`, by Gauss–Newton from several starts; `None` if `u` is not
+    /// in the region. The point found agrees with `u` to a relative 1e-9.
+    pub fn locate(&self, u: DVec3) -> Option<Vec<f64>> {
+        let scale = self.size() + u.length() * 1e-3;
+        let starts = (0..if self.dimension() == 0 { 1 } else { 27 })
+            .map(|i: usize| [i % 3, i / 3 % 3, i / 9].map(|d| [0.5, 0.1, 0.9][d]));
+        starts
+            .map(|t| self.descend(u, self.lerp(&t[..self.dimension()])))
+            .find(|p| {
+                (self.at(p) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE) && self.contains(p)
+            })
+            .map(|p| self.clamped(p))
+    }
+
+    fn clamped(&self, mut parameters: Vec<f64>) -> Vec<f64> {
+        for (p, [low, high]) in parameters.iter_mut().zip(&self.intervals) {
+            *p = p.clamp(*low, *high);
+        }
+        parameters
+    }
+
+    /// The extent of the region in the chart, from its corners and middle.
+    fn size(&self) -> f64 {
+        let middle = self.at(&self.lerp(&[0.5; 3]));
+        (0..8)
+            .map(|i| [i & 1, i >> 1 & 1, i >> 2 & 1].map(|i: usize| i as f64))
+            .map(|t| (self.at(&self.lerp(&t)) - middle).length())
+            .fold(0.0, f64::max)
+    }
+
+    fn descend(&self, u: DVec3, mut p: Vec<f64>) -> Vec<f64> {
+        let k = self.dimension();
+        for _ in 0..60 {
+            let o = self.map.at(&p);
+            let residual = u - DVec3::from_slice(&o[..3]);
+            let columns: Vec<DVec3> = (0..k).map(|j| DVec3::from_slice(&o[3 + 3 * j..])).collect();
+            let Some(step) = least_squares(&columns, residual) else {
+                break;
+            };
+            for ((p, d), [low, high]) in p.iter_mut().zip(&step).zip(&self.intervals) {
+                let width = high - low;
+                *p = (*p + d.clamp(-width, width)).clamp(low - EDGE * width, high + EDGE * width);
+            }
+            if residual.length() == 0.0 {
+                break;
+            }
+        }
+        p
+    }
+}
+
+/// The `x` that minimises |Σ x_j columns_j − b|, by modified Gram–Schmidt; `None` when the columns
+/// are dependent.
+fn least_squares(columns: &[DVec3], b: DVec3) -> Option<Vec<f64>> {
+    let n = columns.len();
+    let mut q: Vec<DVec3> = Vec::new();
+    let mut r = [[0.0; 3]; 3];
+    for (j, &column) in columns.iter().enumerate() {
+        let mut rest = column;
+        for (i, qi) in q.iter().enumerate() {
+            r[i][j] = qi.dot(rest);
+            rest -= *qi * r[i][j];
+        }
+        r[j][j] = rest.length();
+        if !(r[j][j] > 1e-14 * column.length()) {
+            return None;
+        }
+        q.push(rest / r[j][j]);
+    }
+    let mut x = vec![0.0; n];
+    for i in (0..n).rev() {
+        let known: f64 = (i + 1..n).map(|j| r[i][j] * x[j]).sum();
+        x[i] = (q[i].dot(b) - known) / r[i][i];
+    }
+    Some(x)
+}

@@ -1,0 +1,107 @@
+//! Symmetries that a manifold file claims, and the isometries they give.
+//!
+//! In: claims and (for groups) the left translation's expressions. Out: [`Isometry`]: a map of the
+//! chart with its differential, and the measured discrepancy of the metric under it.
+
+use super::Manifold;
+use geofan_expr::Tape;
+use glam::{DMat3, DVec3};
+use std::sync::Arc;
+
+/// The symmetries claimed by a file.
+#[derive(Debug, Clone, Default)]
+pub struct Symmetry {
+    /// `u -> Q u` is an isometry for every rotation `Q` of the chart.
+    pub rotation: bool,
+    /// Nothing depends on these coordinates.
+    pub translation: [bool; 3],
+    /// Left translation: (u, p) -> u' (3), ∂u'/∂u (9, by rows).
+    pub group: Option<Arc<Tape>>,
+}
+
+/// A map of the chart that keeps all lengths.
+#[derive(Debug, Clone)]
+pub enum Isometry {
+    /// Everything stays.
+    Identity,
+    /// `u -> Q u + t`, with `Q` orthogonal.
+    Affine(DMat3, DVec3),
+    /// `u -> p·(Q u + t)`, by the group's tape.
+    Left {
+        /// The translation.
+        p: DVec3,
+        /// `Q` and `t`.
+        first: (DMat3, DVec3),
+        /// Of [`Symmetry::group`].
+        tape: Arc<Tape>,
+    },
+}
+
+impl Isometry {
+    /// `u -> Q u`.
+    pub fn rotation(q: DMat3) -> Self {
+        Self::Affine(q, DVec3::ZERO)
+    }
+
+    /// `u -> u + t`.
+    pub fn shift(t: DVec3) -> Self {
+        Self::Affine(DMat3::IDENTITY, t)
+    }
+
+    /// `u -> p·u`, by the group's tape.
+    pub fn left(p: DVec3, tape: Arc<Tape>) -> Self {
+        let first = (DMat3::IDENTITY, DVec3::ZERO);
+        Self::Left { p, first, tape }
+    }
+
+    /// This after `u -> Q u + t`.
+    pub fn after(&self, (q, t): (DMat3, DVec3)) -> Self {
+        let both = |a: DMat3, b: DVec3| (a * q, a * t + b);
+        match self {
+            Self::Identity => Self::Affine(q, t),
+            Self::Affine(a, b) => {
+                let (q, t) = both(*a, *b);
+                Self::Affine(q, t)
+            }
+            Self::Left { p, first, tape } => Self::Left {
+                p: *p,
+                first: both(first.0, first.1),
+                tape: tape.clone(),
+            },
+        }
+    }
+
+    /// The image of `u` and the differential there (chart components to chart components).
+    pub fn apply(&self, u: DVec3) -> (DVec3, DMat3) {
+        match self {
+            Self::Identity => (u, DMat3::IDENTITY),
+            Self::Affine(q, t) => (*q * u + *t, *q),
+            Self::Left { p, first, tape } => {
+                let u = first.0 * u + first.1;
+                let o = tape.at(&[u.x, u.y, u.z, p.x, p.y, p.z]);
+                let rows = DMat3::from_cols_slice(&o[3..12]);
+                (DVec3::from_slice(&o[..3]), rows.transpose() * first.0)
+            }
+        }
+    }
+}
+
+impl Manifold {
+    /// How far the metric at `u` is from the metric pulled back by `isometry`: the largest entry of
+    /// `Sᵀ (φ*G − G) S`, in which 1 means lengths wrong by a factor of about √2.
+    pub fn discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
+        let (image, d) = isometry.apply(u);
+        let (g, s) = self.metric_and_frame(u);
+        let pulled = d.transpose() * self.metric(self.domain.wrap(image)) * d;
+        largest(s.transpose() * (pulled - g) * s)
+    }
+}
+
+/// The largest entry by size; infinite if one is not a number.
+pub(super) fn largest(m: DMat3) -> f64 {
+    let sizes = m.to_cols_array().map(f64::abs);
+    sizes.into_iter().fold(0.0, |a, b| match b.is_nan() {
+        true => f64::INFINITY,
+        false => a.max(b),
+    })
+}

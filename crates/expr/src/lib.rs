@@ -1,0 +1,19 @@
+//! Text -> expression graph -> derivatives -> straight-line tape run over lanes of rays.
+//!
+//! In: the strings of a manifold file. Out: [`Tape`]s. A string is parsed into a [`Graph`] that
+//! shares equal subexpressions ([`parse`](parse::parse)); [`Graph::derivative`] adds exact
+//! derivatives to the same graph; [`Tape::compile`] turns the nodes wanted into instructions.
+
+mod derivative;
+mod graph;
+mod kernels;
+mod kinks;
+mod lexer;
+pub mod parse;
+pub mod real;
+pub mod spelling;
+mod tape;
+
+pub use derivative::Direction;
+pub use graph::{Binary, Graph, Node, NodeId, Unary};
+pub use tape::{Registers, Tape, TapeTooLarge, Wide, vectorised};

@@ -1,0 +1,236 @@
+//! How a surface passes light on: from the numbers of an MTL material.
+//!
+//! In: a material's colours at a point, and directions away from the surface in a frame whose z is
+//! the normal on the side of `wo`. Out: reflectance, and directions at random with their
+//! probability by solid angle. The frame is orthonormal in the metric, so nothing here is curved.
+//!
+//! | `illum` | model |
+//! |---|---|
+//! | 0, 1 | matt: `Kd` |
+//! | 2 (and others) | matt `Kd` and glossy `Ks` with exponent `Ns` |
+//! | 3, 5, 8 | matt `Kd` and a mirror `Ks` |
+//! | 4, 6, 7, 9 | glass of index `Ni` |
+//!
+//! `d` below 1 lets the rest of the light through unturned. Where `Kd + Ks` exceeds 1, both are
+//! scaled down, so that no surface gives off more than it receives.
+
+use crate::path_tracer::ggx;
+use geofan_core::{geodesic::perpendiculars, random::Stream};
+use geofan_render::scene::Material;
+use glam::{DVec2, DVec3};
+use std::f64::consts::{FRAC_1_PI, TAU};
+
+/// What a surface does with light at one point.
+#[derive(Debug, Clone, Copy)]
+pub struct Bsdf {
+    diffuse: DVec3,
+    specular: DVec3,
+    sheen: Sheen,
+    /// Probability that light goes through unturned.
+    through: f64,
+}
+
+/// What is done with the specular part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Sheen {
+    /// Microfacets of a roughness.
+    Glossy(f64),
+    Mirror,
+    /// Everything is refracted or reflected, by the index of refraction.
+    Glass(f64),
+}
+
+/// A direction at random.
+#[derive(Debug, Clone, Copy)]
+pub struct Scattered {
+    /// Away from the surface; below it (z < 0) if the light goes through.
+    pub wi: DVec3,
+    /// Reflectance times cosine over probability.
+    pub weight: DVec3,
+    /// Probability by solid angle; `None` if this is the only direction there is (mirror, glass).
+    pub probability: Option<f64>,
+}
+
+impl Bsdf {
+    /// Of `material` where its diffuse reflectance is `kd`.
+    pub fn new(material: &Material, kd: [f32; 3]) -> Self {
+        let colour = |c: [f32; 3]| DVec3::from_array(c.map(f64::from));
+        let sheen = match material.illumination {
+            3 | 5 | 8 => Sheen::Mirror,
+            4 | 6 | 7 | 9 => Sheen::Glass(f64::from(material.ni).max(1e-3)),
+            _ => Sheen::Glossy(ggx::roughness(f64::from(material.ns))),
+        };
+        let glass = matches!(sheen, Sheen::Glass(_));
+        let specular = match material.illumination {
+            0 | 1 => DVec3::ZERO,
+            _ => colour(material.ks),
+        };
+        let most = (colour(kd) + specular).max_element().max(1.0);
+        Self {
+            diffuse: if glass {
+                DVec3::ZERO
+            } else {
+                colour(kd) / most
+            },
+            specular: if glass { DVec3::ONE } else { specular / most },
+            sheen,
+            // Glass says by `d` that it is clear, not that it is thin.
+            through: if glass {
+                0.0
+            } else {
+                1.0 - f64::from(material.dissolve)
+            },
+        }
+    }
+
+    /// Whether light from a given direction is reflected to the viewer at all: not by mirrors alone.
+    pub fn is_rough(&self) -> bool {
+        self.through < 1.0
+            && (self.diffuse != DVec3::ZERO
+                || matches!(self.sheen, Sheen::Glossy(_)) && self.specular != DVec3::ZERO)
+    }
+
+    /// Reflectance per solid angle, without the cosine, of the rough parts; zero through the surface.
+    pub fn reflectance(&self, wo: DVec3, wi: DVec3) -> DVec3 {
+        if wo.z <= 0.0 || wi.z <= 0.0 {
+            return DVec3::ZERO;
+        }
+        let glossy = match self.sheen {
+            Sheen::Glossy(alpha) if self.specular != DVec3::ZERO => {
+                self.specular * ggx::lobe(wo, wi, alpha)
+            }
+            _ => DVec3::ZERO,
+        };
+        (self.diffuse * FRAC_1_PI + glossy) * (1.0 - self.through)
+    }
+
+    /// Probability by solid angle with which [`Bsdf::scatter`] gives `wi` by its rough parts.
+    pub fn probability(&self, wo: DVec3, wi: DVec3) -> f64 {
+        if wo.z <= 0.0 || wi.z <= 0.0 {
+            return 0.0;
+        }
+        let matt = self.matt_share();
+        let glossy = match self.sheen {
+            Sheen::Glossy(alpha) => ggx::probability(wo, wi, alpha),
+            _ => 0.0,
+        };
+        (1.0 - self.through) * (matt * wi.z * FRAC_1_PI + (1.0 - matt) * glossy)
+    }
+
+    /// Share of the light that is scattered by the matt part.
+    fn matt_share(&self) -> f64 {
+        let (matt, other) = (self.diffuse.element_sum(), self.specular.element_sum());
+        if matt + other > 0.0 {
+            matt / (matt + other)
+        } else {
+            1.0
+        }
+    }
+
+    /// A direction at random for light that leaves towards `wo`; `outside` says whether that is the
+    /// side to which the surface's normal points. `None`: the light is absorbed.
+    pub fn scatter(&self, wo: DVec3, outside: bool, random: &mut Stream) -> Option<Scattered> {
+        if random.uniform() < self.through {
+            return Some(Scattered {
+                wi: -wo,
+                weight: DVec3::ONE,
+                probability: None,
+            });
+        }
+        let matt = self.matt_share();
+        let choice = random.uniform();
+        let two = DVec2::new(random.uniform(), random.uniform());
+        let wi = match self.sheen {
+            Sheen::Glass(index) => {
+                return refracted(wo, if outside { index } else { 1.0 / index }, two.x);
+            }
+            _ if choice < matt => cosine_direction(two),
+            Sheen::Mirror => {
+                return Some(Scattered {
+                    wi: DVec3::new(-wo.x, -wo.y, wo.z),
+                    weight: self.specular / (1.0 - matt),
+                    probability: None,
+                });
+            }
+            Sheen::Glossy(alpha) => ggx::sample(wo, alpha, two),
+        };
+        let probability = self.probability(wo, wi);
+        (probability > 0.0).then(|| Scattered {
+            wi,
+            weight: self.reflectance(wo, wi) * (wi.z / probability),
+            probability: Some(probability),
+        })
+    }
+}
+
+/// A direction above the surface with probability cosθ / π.
+fn cosine_direction(random: DVec2) -> DVec3 {
+    let (r, phi) = (random.x.sqrt(), TAU * random.y);
+    DVec3::new(
+        r * phi.cos(),
+        r * phi.sin(),
+        (1.0 - random.x).max(0.0).sqrt(),
+    )
+}
+
+/// Reflected or refracted at random in Fresnel's proportion; `index` is that of the far side over
+/// that of the near one. Radiance grows by the square of the index on the way in and shrinks on the
+/// way out.
+fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
+    let sin2 = (1.0 - wo.z * wo.z).max(0.0) / (index * index);
+    let mirrored = |weight: f64| Scattered {
+        wi: DVec3::new(-wo.x, -wo.y, wo.z),
+        weight: DVec3::splat(weight),
+        probability: None,
+    };
+    if sin2 >= 1.0 {
+        return Some(mirrored(1.0));
+    }
+    let cosine = (1.0 - sin2).sqrt();
+    let parallel = (index * wo.z - cosine) / (index * wo.z + cosine);
+    let across = (wo.z - index * cosine) / (wo.z + index * cosine);
+    let fresnel = 0.5 * (parallel * parallel + across * across);
+    if choice < fresnel {
+        return Some(mirrored(1.0));
+    }
+    Some(Scattered {
+        wi: DVec3::new(-wo.x / index, -wo.y / index, -cosine),
+        weight: DVec3::splat(1.0 / (index * index)),
+        probability: None,
+    })
+}
+
+/// An orthonormal frame around a normal, for directions.
+#[derive(Debug, Clone, Copy)]
+pub struct Around {
+    axes: [DVec3; 3],
+}
+
+impl Around {
+    /// With `normal` (unit) as z.
+    pub fn new(normal: DVec3) -> Self {
+        let [x, y] = perpendiculars(normal);
+        Self {
+            axes: [x, y, normal],
+        }
+    }
+
+    /// From the frame around the normal to the one that the normal is in.
+    pub fn out_of(&self, w: DVec3) -> DVec3 {
+        self.axes[0] * w.x + self.axes[1] * w.y + self.axes[2] * w.z
+    }
+
+    /// The inverse of [`Around::out_of`].
+    pub fn inside(&self, w: DVec3) -> DVec3 {
+        DVec3::from_array(self.axes.map(|axis| axis.dot(w)))
+    }
+}
+
+/// Probabilities weighed against each other (E. Veach's balance heuristic): the share of `own`.
+pub fn balance(own: f64, other: f64) -> f64 {
+    if own + other > 0.0 {
+        own / (own + other)
+    } else {
+        0.0
+    }
+}

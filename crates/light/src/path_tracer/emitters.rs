@@ -1,0 +1,180 @@
+//! Surfaces that give off light, chosen at random to connect to.
+//!
+//! In: a world. Out: points on its emitting triangles with their probability by area; connections to
+//! them; and the probability with which a given connection would have been chosen.
+//!
+//! Two points may be joined by several geodesics. Newton's method from the chart-straight guess
+//! finds one or none, and always the same: that one is the *principal* connection. Light that comes
+//! by it is weighed between this and scattering; light that comes by another is found by scattering
+//! alone, with its whole weight. So nothing is counted twice and nothing is lost.
+
+use crate::{Attempt, Connection, Way, connect};
+use geofan_core::random::Stream;
+use geofan_render::{Hit, World};
+use glam::DVec3;
+
+/// The emitting triangles of a world.
+pub struct Emitters {
+    triangles: Vec<u32>,
+    /// Sums of the probabilities up to and with each.
+    sums: Vec<f64>,
+}
+
+/// A point on an emitter.
+#[derive(Debug, Clone, Copy)]
+pub struct Chosen {
+    /// Chart point.
+    pub u: DVec3,
+    /// Radiance.
+    pub radiance: DVec3,
+    /// The flat triangle's normal covector.
+    pub normal: DVec3,
+    /// Probability by area.
+    pub by_area: f64,
+    pub triangle: u32,
+}
+
+/// Directions of two geodesics between the same points that differ by less than this (radians) are
+/// the same geodesic: the point where a traced ray meets an emitter is known to a hundredth of that,
+/// and two that are as close have all but merged.
+const SAME: f64 = 5e-3;
+
+impl Emitters {
+    /// Of `world`, each chosen in proportion to its area and brightness.
+    pub fn new(world: &World) -> Self {
+        let mut found = Self {
+            triangles: Vec::new(),
+            sums: Vec::new(),
+        };
+        let mut sum = 0.0;
+        for (i, face) in world.faces.iter().enumerate() {
+            let ke = world.materials[face.material as usize].ke;
+            let bright: f64 = ke.iter().map(|k| f64::from(*k)).sum();
+            let [p, q, r] = world.accelerator.triangles()[i];
+            let power = bright * stretch(world, i as u32, (p + q + r) / 3.0);
+            if power > 0.0 && power.is_finite() {
+                sum += power;
+                found.triangles.push(i as u32);
+                found.sums.push(sum);
+            }
+        }
+        found.sums.iter_mut().for_each(|s| *s /= sum);
+        found
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// A point at random.
+    pub fn choose(&self, world: &World, random: &mut Stream) -> Chosen {
+        let at = random.uniform();
+        let i = self.sums.partition_point(|s| *s <= at);
+        let triangle = self.triangles[i.min(self.triangles.len() - 1)];
+        // Uniform in the triangle's own coordinates.
+        let (mut b, mut c) = (random.uniform(), random.uniform());
+        if b + c > 1.0 {
+            (b, c) = (1.0 - b, 1.0 - c);
+        }
+        let [p, q, r] = world.accelerator.triangles()[triangle as usize];
+        self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c)
+    }
+
+    /// The point `u` of an emitting triangle.
+    fn at(&self, world: &World, triangle: u32, u: DVec3) -> Chosen {
+        let [p, q, r] = world.accelerator.triangles()[triangle as usize];
+        let face = &world.faces[triangle as usize];
+        let ke = world.materials[face.material as usize].ke;
+        let i = self.triangles.partition_point(|t| *t < triangle);
+        let share = self.sums[i] - if i > 0 { self.sums[i - 1] } else { 0.0 };
+        Chosen {
+            u,
+            radiance: DVec3::from_array(ke.map(f64::from)),
+            normal: (q - p).cross(r - p),
+            // Uniform over the half unit square of coordinates, whose image is stretched.
+            by_area: 2.0 * share / stretch(world, triangle, u),
+            triangle,
+        }
+    }
+
+    /// Probability by solid angle at the start of `connection`, a principal one that ends at `hit`,
+    /// with which it would be chosen; zero if the surface there gives off nothing.
+    pub fn probability(&self, world: &World, hit: &Hit, connection: &Connection) -> f64 {
+        if self.triangles.binary_search(&hit.triangle).is_err() {
+            return 0.0;
+        }
+        let chosen = self.at(world, hit.triangle, world.point(hit));
+        chosen.by_solid_angle(world, connection)
+    }
+}
+
+impl Chosen {
+    /// Cosine between the emitter's normal and the geodesic that arrives.
+    pub fn cosine(&self, world: &World, connection: &Connection) -> f64 {
+        let frame = world.manifold.standard_frame(self.u);
+        let n = (frame.transpose() * self.normal).normalize_or_zero();
+        let v = (frame.inverse() * connection.v).normalize_or_zero();
+        n.dot(v).abs()
+    }
+
+    /// The probability by area as one by solid angle at the other end.
+    pub fn by_solid_angle(&self, world: &World, connection: &Connection) -> f64 {
+        let cosine = self.cosine(world, connection).max(1e-12);
+        self.by_area * connection.area.abs() / cosine
+    }
+}
+
+/// Twice the area over that in the triangle's coordinates: how much area, in the metric at `u`, the
+/// triangle's unit square covers.
+fn stretch(world: &World, triangle: u32, u: DVec3) -> f64 {
+    let [p, q, r] = world.accelerator.triangles()[triangle as usize];
+    let into = world.manifold.standard_frame(u).inverse();
+    (into * (q - p)).cross(into * (r - p)).length()
+}
+
+/// The principal connections of pairs of chart points, `None` where there is none; and how many
+/// geodesics were followed for it.
+pub fn principal(
+    world: &World,
+    pairs: &[(DVec3, DVec3)],
+    tolerance: f64,
+) -> (Vec<Option<Connection>>, usize) {
+    let starts: Vec<DVec3> = pairs.iter().map(|(from, _)| *from).collect();
+    let frames = world.manifold.standard_frames(&starts);
+    let attempts = pairs.iter().zip(frames).enumerate();
+    let attempts = attempts.filter_map(|(index, ((from, to), frame))| {
+        let to = nearest_image(world, *from, *to);
+        let way = frame.inverse() * (to - *from);
+        Some(Attempt {
+            index,
+            from: *from,
+            frame,
+            to,
+            direction: way.try_normalize()?,
+            s: way.length(),
+            spread: None,
+        })
+    });
+    let (found, followed) = connect(&world.manifold, attempts.collect(), tolerance, Way::Any);
+    let mut principal = vec![None; pairs.len()];
+    for (index, connection) in found {
+        principal[index] = Some(connection);
+    }
+    (principal, followed)
+}
+
+/// The image of `to`, whole periods away, that is nearest to `from` in each glued coordinate.
+fn nearest_image(world: &World, from: DVec3, to: DVec3) -> DVec3 {
+    let near = |k: usize| match world.manifold.domain.period(k) {
+        Some(period) => to[k] - period * ((to[k] - from[k]) / period).round(),
+        None => to[k],
+    };
+    DVec3::new(near(0), near(1), near(2))
+}
+
+/// Whether a ray that left in `direction` (standard frame) and came to the point after `s` is the
+/// connection.
+pub fn is_same(connection: &Connection, direction: DVec3, s: f64) -> bool {
+    (connection.direction - direction).length() < SAME && (connection.s / s - 1.0).abs() < SAME
+}

@@ -1,0 +1,283 @@
+//! A camera's way through key poses.
+//!
+//! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`View`] at any time. Neighbouring
+//! poses are joined by a geodesic; the camera is carried along it by parallel transport, and what is
+//! then missing to the next pose is turned evenly on the way. Speed (arc length plus angle turned)
+//! is a monotone cubic of time through all poses (F. N. Fritsch and R. E. Carlson, *Monotone
+//! piecewise cubic interpolation*, 1980), at rest at both ends.
+
+use super::{
+    camera::Camera,
+    scene::{KeyPose, PoseFile},
+    view::{View, camera_point},
+};
+use geofan_core::{
+    diagnostic::Diagnostic,
+    error::Result,
+    geodesic::{Path, Ray, Settings, ends, paths, perpendiculars},
+    manifold::{Carried, Manifold},
+};
+use glam::{DMat3, DQuat, DVec3};
+
+/// Local tolerance of the geodesics: an animation shows no finer error.
+const TOLERANCE: f64 = 1e-9;
+
+/// How near the geodesic must come to the next pose, as a share of the way there.
+const CLOSE: f64 = 1e-7;
+
+/// Ways between two poses.
+struct Leg {
+    /// The geodesic; `None` if the camera stays where it is.
+    path: Option<Path>,
+    length: f64,
+    u: DVec3,
+    /// The rotation at its start, and what is turned besides transport.
+    from: DQuat,
+    turn: DQuat,
+    fov: [f64; 2],
+}
+
+/// The way through all poses.
+pub struct Journey {
+    legs: Vec<Leg>,
+    times: Vec<f64>,
+    /// Arc length and angle up to each pose.
+    way: Vec<f64>,
+    /// Speeds there.
+    speed: Vec<f64>,
+}
+
+impl Journey {
+    /// Joins the poses of `file`.
+    ///
+    /// # Errors
+    /// A pose outside the domain, or two that no geodesic was found between.
+    pub fn new(manifold: &Manifold, file: &PoseFile) -> Result<Self> {
+        let points = file
+            .poses
+            .iter()
+            .map(|pose| camera_point(manifold, &file.source, &pose.camera));
+        let points = points.collect::<Result<Vec<DVec3>>>()?;
+        let mut legs = Vec::new();
+        for (i, pair) in file.poses.windows(2).enumerate() {
+            let leg = Leg::new(manifold, [&pair[0], &pair[1]], [points[i], points[i + 1]]);
+            legs.push(leg.ok_or_else(|| {
+                Diagnostic::new(
+                    &file.source,
+                    pair[1].span.clone(),
+                    "no geodesic was found from the pose before to this one",
+                )
+                .with_hint("put another pose between them")
+            })?);
+        }
+        let times: Vec<f64> = file.poses.iter().map(|pose| pose.time).collect();
+        let mut way = vec![0.0];
+        for leg in &legs {
+            way.push(way[way.len() - 1] + leg.measure());
+        }
+        let speed = monotone_slopes(&times, &way);
+        Ok(Self {
+            legs,
+            times,
+            way,
+            speed,
+        })
+    }
+
+    /// The first and the last time, seconds.
+    pub fn interval(&self) -> [f64; 2] {
+        [self.times[0], self.times[self.times.len() - 1]]
+    }
+
+    /// The view at `time`.
+    pub fn view(&self, time: f64, size: (usize, usize)) -> View {
+        let next = self.times.partition_point(|t| *t <= time);
+        let k = next.clamp(1, self.legs.len()) - 1;
+        let h = self.times[k + 1] - self.times[k];
+        let t = ((time - self.times[k]) / h).clamp(0.0, 1.0);
+        let r = 1.0 - t;
+        let way = self.way[k + 1] - self.way[k];
+        let done =
+            way * t * t * (3.0 - 2.0 * t) + h * t * r * (r * self.speed[k] - t * self.speed[k + 1]);
+        let share = if way > 0.0 {
+            (done / way).clamp(0.0, 1.0)
+        } else {
+            t
+        };
+        self.legs[k].view(share, size)
+    }
+}
+
+impl Leg {
+    fn new(manifold: &Manifold, poses: [&KeyPose; 2], u: [DVec3; 2]) -> Option<Self> {
+        let [from, to] = poses.map(rotation);
+        let (path, length) = match join(manifold, u[0], u[1])? {
+            None => (None, 0.0),
+            Some(ray) => {
+                let settings = Settings {
+                    tolerance: TOLERANCE,
+                    carried: Carried {
+                        frame: true,
+                        deviation: false,
+                    },
+                    events: false,
+                };
+                (paths(manifold, settings, [ray]).pop(), ray.length)
+            }
+        };
+        let mut leg = Self {
+            path,
+            length,
+            u: u[0],
+            from,
+            turn: DQuat::IDENTITY,
+            fov: poses.map(|pose| pose.camera.fov_degrees),
+        };
+        let (_, carried) = leg.carried(1.0);
+        leg.turn = (carried.inverse() * to).normalize();
+        if leg.turn.w < 0.0 {
+            // The shorter way round.
+            leg.turn = -leg.turn;
+        }
+        Some(leg)
+    }
+
+    /// Arc length plus angle turned.
+    fn measure(&self) -> f64 {
+        self.length + self.turn.angle_between(DQuat::IDENTITY)
+    }
+
+    /// The chart point and the transported rotation at a share of the way.
+    fn carried(&self, share: f64) -> (DVec3, DQuat) {
+        let s = share * self.length;
+        let step = self.path.as_ref().and_then(|path| path.step_at(s));
+        match step {
+            None => (self.u, self.from),
+            Some(step) => {
+                let turned = step.rotation(s).unwrap_or(DQuat::IDENTITY);
+                (step.position(s), turned * self.from)
+            }
+        }
+    }
+
+    fn view(&self, share: f64, size: (usize, usize)) -> View {
+        let (u, carried) = self.carried(share);
+        let rotation = carried * DQuat::IDENTITY.slerp(self.turn, share);
+        let fov_degrees = self.fov[0] + (self.fov[1] - self.fov[0]) * share;
+        View::of_camera(&Camera { u, rotation }, fov_degrees, size)
+    }
+}
+
+fn rotation(pose: &KeyPose) -> DQuat {
+    Camera::looking(DVec3::ZERO, pose.camera.look, pose.camera.up).rotation
+}
+
+/// Steps by which the aim is moved from the start to the end, and rounds of Newton's method at each.
+const AIMS: usize = 16;
+const ROUNDS: usize = 8;
+
+/// A geodesic from `a` to `b`: Newton's method on its initial direction times its length, while the
+/// aim moves along the chart's straight line. `Some(None)` if they are the same point, `None` if it
+/// does not converge.
+fn join(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Option<Ray>> {
+    if a == b {
+        return Some(None);
+    }
+    let inverse = manifold.standard_frame(a).inverse();
+    let mut w = inverse * (b - a) / AIMS as f64;
+    for aim in 1..=AIMS {
+        let target = a + (b - a) * (aim as f64 / AIMS as f64);
+        let mut off = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let (end, change) = shoot(manifold, a, w)?;
+            off = (end - target).length();
+            if off <= CLOSE * (target - a).length() {
+                break;
+            }
+            w -= change.inverse() * (end - target);
+            if !w.is_finite() {
+                return None;
+            }
+        }
+        if aim == AIMS {
+            let close = off <= CLOSE * (b - a).length();
+            let d = w.try_normalize()?;
+            return close.then(|| Some(Ray::new(manifold, a, d, w.length())));
+        }
+        w *= (aim + 1) as f64 / aim as f64;
+    }
+    None
+}
+
+/// Where the geodesic with initial direction times length `w` (standard frame) ends, and the
+/// derivative of that point by `w`.
+fn shoot(manifold: &Manifold, a: DVec3, w: DVec3) -> Option<(DVec3, DMat3)> {
+    let settings = Settings {
+        tolerance: TOLERANCE,
+        carried: Carried {
+            frame: false,
+            deviation: true,
+        },
+        events: false,
+    };
+    let length = w.length();
+    let d = w.try_normalize()?;
+    let end = ends(manifold, settings, [Ray::new(manifold, a, d, length)]).pop()??;
+    if end.1 < length {
+        return None;
+    }
+    let [j1, j2] = end.0.deviation(length)?;
+    let [e1, e2] = perpendiculars(d);
+    let to = DMat3::from_cols(end.0.tangent(length), j1 / length, j2 / length);
+    let from = DMat3::from_cols(d, e1, e2);
+    Some((end.0.position(length), to * from.transpose()))
+}
+
+/// Slopes of the monotone cubic through the points (`t`, `x`), zero at both ends: the weighted
+/// harmonic mean of the chords beside each point.
+fn monotone_slopes(t: &[f64], x: &[f64]) -> Vec<f64> {
+    let chord = |k: usize| (x[k + 1] - x[k]) / (t[k + 1] - t[k]);
+    (0..t.len())
+        .map(|k| {
+            if k == 0 || k + 1 == t.len() || chord(k - 1) <= 0.0 || chord(k) <= 0.0 {
+                return 0.0;
+            }
+            let (h0, h1) = (t[k] - t[k - 1], t[k + 1] - t[k]);
+            let (w0, w1) = (2.0 * h1 + h0, h1 + 2.0 * h0);
+            (w0 + w1) / (w0 / chord(k - 1) + w1 / chord(k))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_core::diagnostic::SourceText;
+
+    const SPHERE: &str = r#"
+name = "S3"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "2/(1 + x^2 + y^2 + z^2)" }
+"#;
+
+    #[test]
+    fn joined_points_are_as_far_apart_as_the_sphere_has_them() {
+        let manifold = Manifold::from_source(SourceText::new("s3", SPHERE), &[]).unwrap();
+        let lift = |u: DVec3| {
+            (u * 2.0 / (1.0 + u.length_squared()))
+                .extend((1.0 - u.length_squared()) / (1.0 + u.length_squared()))
+        };
+        let (a, b) = (DVec3::new(0.3, -0.2, 0.5), DVec3::new(-0.7, 0.9, 0.4));
+        let ray = join(&manifold, a, b).unwrap().unwrap();
+        let angle = lift(a).dot(lift(b)).acos();
+        assert!((ray.length - angle).abs() < 1e-6, "{} {angle}", ray.length);
+    }
+
+    #[test]
+    fn speed_is_zero_at_the_ends_and_never_turns_back() {
+        let slopes = monotone_slopes(&[0.0, 1.0, 3.0, 4.0], &[0.0, 2.0, 2.5, 9.0]);
+        assert_eq!((slopes[0], slopes[3]), (0.0, 0.0));
+        // Three times the smaller chord is the limit of monotony.
+        assert!(slopes[1] > 0.0 && slopes[1] <= 0.75 && slopes[2] <= 0.75);
+    }
+}

@@ -1,0 +1,226 @@
+//! Whether sixteen paths can be interpolated: their bicubic against paths between them.
+//!
+//! In: a sheaf and the paths at [`CHECKS`]. Out: the largest error as an angle at the camera, of the
+//! sky's direction and of the points of the path where it may meet something.
+
+use super::nodes::CHECKS;
+use crate::{
+    curve::Ending,
+    lanes::Lanes,
+    packet::cubic,
+    sheaf::PathPatch,
+    strands::{PathView, knots_until},
+};
+use glam::DVec3;
+use std::{ops::Range, sync::LazyLock};
+
+/// The share of the lattice's budget that its error may reach at the points where it is checked; chords
+/// take the rest. Three points do not see the largest error. Measured at 640 × 360 with a budget of 0.5
+/// mrad, 99th percentile over all pixels with 0.5 and 0.8: wormhole gallery 0.09 to 0.13 and 0.14 to 0.17,
+/// three bumps 0.17 and 0.28; single pixels reach 2.4 with either, so a maximum is not bounded by it.
+/// Frames take 0.95 to 0.97 of the time with 0.8.
+pub const LATTICE_SHARE: f64 = 0.8;
+
+/// Knots from the end of the piece in which the first of a tile's paths ends back to where ends are
+/// looked for: one piece earlier, as a path between them may end a little before.
+const LEAD: usize = 3;
+
+/// Most pieces in which the ends of a tile's paths are looked for: each pixel pays for all.
+const MOST_LAST_PIECES: usize = 6;
+
+/// As for screen error: magnifications are raised to this before dividing by them.
+const LEAST_MAGNIFICATION: f64 = 0.25;
+
+/// Weights of the sixteen paths at a check, and the slopes of the weights along both sides.
+struct Weights {
+    value: Lanes,
+    slopes: [Lanes; 2],
+}
+
+static WEIGHTS: LazyLock<[Weights; CHECKS.len()]> = LazyLock::new(|| {
+    CHECKS.map(|(i, j)| {
+        let [x, y] = [i, j].map(|k| k as f64 / 6.0);
+        let product = |x: [f64; 4], y: [f64; 4]| std::array::from_fn(|i| x[i % 4] * y[i / 4]);
+        Weights {
+            value: product(cubic(x), cubic(y)),
+            slopes: [
+                product(cubic_slope(x), cubic(y)),
+                product(cubic(x), cubic_slope(y)),
+            ],
+        }
+    })
+});
+
+/// The derivatives of [`cubic`].
+fn cubic_slope(t: f64) -> [f64; 4] {
+    let (a, b, c, d) = (t, t - 1.0 / 3.0, t - 2.0 / 3.0, t - 1.0);
+    [
+        -4.5 * (c * d + b * d + b * c),
+        13.5 * (c * d + a * d + a * c),
+        -13.5 * (b * d + a * d + a * b),
+        4.5 * (b * c + a * c + a * b),
+    ]
+}
+
+/// A sheaf and what it is compared with.
+pub(super) struct Checks<'a> {
+    sheaf: &'a PathPatch<'a>,
+    truths: [PathView<'a>; CHECKS.len()],
+    /// The angle of the tile's side.
+    side: f64,
+}
+
+impl<'a> Checks<'a> {
+    pub(super) fn new(sheaf: &'a PathPatch<'a>, truths: [usize; CHECKS.len()], side: f64) -> Self {
+        Self {
+            sheaf,
+            truths: truths.map(|i| sheaf.among(i)),
+            side,
+        }
+    }
+
+    /// All paths: the sixteen, and those that check them.
+    pub(super) fn all(&self) -> Vec<PathView<'a>> {
+        [&self.sheaf.all()[..], &self.truths].concat()
+    }
+
+    /// The largest error of the sky's direction; infinite if a check leaves elsewhere.
+    pub(super) fn sky(&self) -> f64 {
+        let sky = |strand: &PathView<'_>| match strand.ending {
+            Some(Ending::Exit { sky, .. }) => sky,
+            _ => DVec3::ZERO,
+        };
+        let exit = |strand: &PathView<'_>| strand.ending.map(|ending| ending.exit());
+        let first = exit(&self.sheaf.all()[0]);
+        if self.truths.iter().any(|truth| exit(truth) != first) {
+            return f64::INFINITY;
+        }
+        if first == Some(None) {
+            return 0.0;
+        }
+        self.worst(sky, |_| (DVec3::ZERO, 1.0))
+    }
+
+    /// The pieces in which all paths end, through whatever exit; `None` if they are too many.
+    pub(super) fn last_pieces(&self) -> Option<Range<usize>> {
+        let (mut first, mut last) = (f64::INFINITY, 0.0_f64);
+        for strand in self.sheaf.all().iter().chain(&self.truths) {
+            let limit = strand.ending?.limit();
+            (first, last) = (first.min(limit), last.max(limit));
+        }
+        let knots = self.sheaf.knots();
+        let first = knots_until(knots, first).saturating_sub(LEAD);
+        let last = knots_until(knots, last);
+        let known = self.truths.iter().all(|truth| truth.known >= last);
+        (known && last <= first + MOST_LAST_PIECES).then_some(first..last - 1)
+    }
+
+    /// The largest error of the paths and of their directions in `pieces`: as much as what they end
+    /// by and the sky there may be off.
+    pub(super) fn endings(&self, pieces: &Range<usize>) -> f64 {
+        let mut worst = 0.0;
+        for k in pieces.start.max(1)..=pieces.end {
+            let direction = |strand: &PathView<'_>| strand.tangent(k).normalize_or_zero();
+            let turned = self.worst(direction, |_| (DVec3::ZERO, 1.0));
+            worst = larger(larger(worst, self.at_knot(k)), turned);
+        }
+        worst
+    }
+
+    /// The largest error of the points at both ends of the `pieces` of the path. Where nothing can
+    /// be met and no sky tells, the last point stands for the path.
+    pub(super) fn path(&self, pieces: &[usize]) -> f64 {
+        let known = self.truths.iter().map(|t| t.known).min().unwrap_or(0);
+        let last = self.sheaf.last().min(known);
+        let mut worst = 0.0;
+        let mut checked = 0;
+        let ends = pieces.iter().flat_map(|k| [*k, k + 1]);
+        for k in ends.filter(|k| *k < last) {
+            // Shared ends once; at the camera there is nothing to compare.
+            if k > checked {
+                worst = larger(worst, self.at_knot(k));
+                checked = k;
+            }
+        }
+        if checked == 0 && last > 1 && self.sheaf.exit() == Some(None) {
+            worst = self.at_knot(last - 1);
+        }
+        worst
+    }
+
+    fn at_knot(&self, k: usize) -> f64 {
+        self.worst(
+            |strand| strand.point(k),
+            |truth| {
+                let v = truth.tangent(k);
+                (v.normalize_or_zero(), truth.knots[k] * v.length())
+            },
+        )
+    }
+
+    /// The largest error of `value` over the checks, across the direction and in the unit that
+    /// `frame` gives.
+    fn worst(
+        &self,
+        value: impl Fn(&PathView<'_>) -> DVec3,
+        frame: impl Fn(&PathView<'_>) -> (DVec3, f64),
+    ) -> f64 {
+        let sixteen = self.sheaf.all().each_ref().map(&value);
+        let sum =
+            |weights: &Lanes| -> DVec3 { weights.iter().zip(&sixteen).map(|(w, x)| *x * *w).sum() };
+        let mut worst = 0.0;
+        for (truth, weights) in self.truths.iter().zip(WEIGHTS.iter()) {
+            let e = sum(&weights.value) - value(truth);
+            let columns = weights.slopes.each_ref().map(|w| sum(w) / self.side);
+            let (along, unit) = frame(truth);
+            worst = larger(worst, angle(e, columns, along, unit));
+        }
+        worst
+    }
+}
+
+/// The larger of two; not a number if `new` is not.
+fn larger(worst: f64, new: f64) -> f64 {
+    if new <= worst { worst } else { new }
+}
+
+/// The angle at the camera that looks like the displacement `e` across `along`, where the columns
+/// are displacement per radian in two directions of the picture and `unit` is what one radian moves
+/// in flat space: damped least squares, and what they leave over at the least magnification.
+pub fn angle(e: DVec3, columns: [DVec3; 2], along: DVec3, unit: f64) -> f64 {
+    let across = |x: DVec3| x - along * along.dot(x);
+    let (e, [a, b]) = (across(e), columns.map(across));
+    let floor = LEAST_MAGNIFICATION * unit;
+    let damping = floor * floor;
+    let (aa, ab, bb) = (a.dot(a) + damping, a.dot(b), b.dot(b) + damping);
+    let determinant = aa * bb - ab * ab;
+    let (ae, be) = (a.dot(e), b.dot(e));
+    let x = (bb * ae - ab * be) / determinant;
+    let y = (aa * be - ab * ae) / determinant;
+    let rest = e - a * x - b * y;
+    x.hypot(y) + rest.length() / floor
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cubic_slopes_are_the_derivatives_of_cubics() {
+        let f = |t: f64| 1.0 - 2.0 * t + 3.0 * t * t - 4.0 * t * t * t;
+        let slope = |t: f64| -2.0 + 6.0 * t - 12.0 * t * t;
+        let nodes = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0].map(f);
+        for t in [0.0, 0.1, 0.5, 0.77, 1.0] {
+            let sum: f64 = cubic_slope(t).iter().zip(nodes).map(|(w, f)| w * f).sum();
+            assert!((sum - slope(t)).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn displacements_become_angles_by_the_magnification() {
+        let columns = [DVec3::X * 8.0, DVec3::Y * 8.0];
+        let found = angle(DVec3::new(0.8, 0.0, 5.0), columns, DVec3::Z, 4.0);
+        // Damping leaves over a part, which counts at the least magnification: a tenth too much.
+        assert!((0.1..0.115).contains(&found), "{found}");
+    }
+}

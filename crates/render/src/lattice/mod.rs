@@ -1,0 +1,288 @@
+//! The adaptive screen lattice: few paths, interpolated to every pixel.
+//!
+//! In: a tracer whose paths share their knots. Out: for one of the largest tiles ([`Lattice::refine`])
+//! the tiles into which it was divided, each spanned by 4 × 4 paths at even spacing, and the pixels
+//! that have to be traced one by one. Paths at three more points of a tile tell whether the bicubic
+//! through the sixteen is within the budget; if not, the tile is quartered. Where the sixteen leave
+//! through different exits, or some not at all, the ends of the interpolated paths are found pixel by
+//! pixel, if those paths are within the budget up to there. All these points lie on one grid, so that
+//! a tile's paths serve its quarters and its neighbours too, and are looked up together, level by
+//! level.
+
+mod check;
+mod nodes;
+
+use super::{
+    endings::EventLocator,
+    lanes::LANES,
+    ribbon::Touched,
+    sheaf::{PathPatch, TUBE_MARGIN},
+    strands::PathBatch,
+    tracer::GridTracer,
+    view::View,
+    world::World,
+};
+use check::Checks;
+pub use check::{LATTICE_SHARE, angle as seen_angle};
+use nodes::Nodes;
+use std::ops::Range;
+
+/// Pixels along a side of the largest tiles: the pieces in which threads share a picture. Chosen, not
+/// measured: smaller ones share fewer paths, larger ones keep fewer threads busy.
+pub const LARGEST_TILE: usize = 64;
+
+/// A tile brings nine paths of its own (the others serve its neighbours too), so one with fewer
+/// samples than this is not worth its paths. Measured on the wormhole gallery, 16 takes as long: what
+/// smaller tiles save in single paths they cost in paths of their own.
+const FEWEST_SAMPLES: usize = 64;
+
+/// The share of what else is allowed that paths may be off where they end, if not all end alike: what
+/// a sky's direction is off by is not compared itself there. With 1 the 99th percentile over all
+/// pixels of three bumps rose from 0.17 to 0.21 mrad, with 0.5 and with this to 0.19.
+const END_SHARE: f64 = 0.25;
+
+/// The share of the budget by which chords may miss the interpolated paths. With half of it frames of
+/// the wormhole gallery take 1.01 to 1.08 times as long.
+const CHORD_SHARE: f64 = 0.2;
+
+/// Most pieces that may meet something of a tile in which the end of each sample is looked up: where
+/// there are more, its paths are so unlike that following each is cheaper. On the wormhole gallery as many
+/// as there are cost a tenth of a frame.
+const EACH_PIECES: usize = 3;
+
+/// A square of pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tile {
+    /// Upper left pixel.
+    pub x: usize,
+    /// Upper left pixel.
+    pub y: usize,
+    /// Pixels along a side; tiles may reach over the picture's edge.
+    pub side: usize,
+}
+
+impl Tile {
+    fn quarters(self) -> [Tile; 4] {
+        let side = self.side / 2;
+        [(0, 0), (side, 0), (0, side), (side, side)].map(|(dx, dy)| Tile {
+            x: self.x + dx,
+            y: self.y + dy,
+            side,
+        })
+    }
+
+    /// The squares of at most `side` pixels that it is made of, row by row.
+    pub fn parts(self, side: usize) -> impl Iterator<Item = Tile> {
+        let side = side.min(self.side);
+        let steps = move || (0..self.side).step_by(side);
+        let part = move |(dy, dx)| Tile {
+            x: self.x + dx,
+            y: self.y + dy,
+            side,
+        };
+        steps()
+            .flat_map(move |dy| steps().map(move |dx| (dy, dx)))
+            .map(part)
+    }
+
+    /// Rows and columns of the tile that are in a picture of `size` (across, down).
+    pub fn extent(self, size: (usize, usize)) -> (Range<usize>, Range<usize>) {
+        (
+            self.y..(self.y + self.side).min(size.1),
+            self.x..(self.x + self.side).min(size.0),
+        )
+    }
+
+    /// The square of the distance of its middle from a pixel.
+    pub fn squared_distance(self, (x, y): (usize, usize)) -> usize {
+        let along = |corner: usize, at: usize| (corner + self.side / 2).abs_diff(at).pow(2);
+        along(self.x, x) + along(self.y, y)
+    }
+
+    fn is_outside(self, size: (usize, usize)) -> bool {
+        self.x >= size.0 || self.y >= size.1
+    }
+}
+
+/// The side of the smallest tiles worth their paths, with `samples` for each pixel.
+pub fn smallest_tile(samples: usize) -> usize {
+    let mut side = LARGEST_TILE;
+    while side > 1 && side * side / 4 * samples >= FEWEST_SAMPLES {
+        side /= 2;
+    }
+    side
+}
+
+/// The lattice over one picture.
+#[derive(Clone, Copy)]
+pub struct Lattice<'a> {
+    /// Where the paths come from.
+    pub tracer: &'a dyn GridTracer,
+    /// What they may meet.
+    pub world: &'a World,
+    /// The picture.
+    pub view: &'a View,
+    /// Largest error of the interpolation, radians at the camera.
+    pub budget: f64,
+    /// Side of the smallest tiles.
+    pub smallest: usize,
+}
+
+/// A tile whose sixteen paths can be interpolated.
+pub struct Leaf {
+    /// Which pixels.
+    pub tile: Tile,
+    /// Its paths among the patch's strands, row by row.
+    pub members: [usize; LANES],
+    /// Pieces that may meet the scene.
+    pub touched: Vec<usize>,
+    /// How its paths end.
+    pub ends: Ends,
+}
+
+/// How the paths of a tile end.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Ends {
+    /// All through the same exit, or all nowhere.
+    Alike,
+    /// Not alike, but in these pieces.
+    Within(Range<usize>),
+    /// In skies that change too fast to be interpolated: the end of each sample is looked up.
+    Each,
+}
+
+/// One of the largest tiles, divided.
+pub struct Divided {
+    /// All paths looked up for it.
+    pub strands: PathBatch,
+    /// Tiles to be interpolated.
+    pub leaves: Vec<Leaf>,
+    /// Tiles whose pixels are to be traced one by one.
+    pub lost: Vec<Tile>,
+    /// By how much the chords of its paths may miss them, radians at the camera.
+    pub chord_error: f64,
+}
+
+impl Divided {
+    /// The paths of one of its tiles.
+    pub fn sheaf(&self, leaf: &Leaf) -> PathPatch<'_> {
+        PathPatch::new(&self.strands, &leaf.members)
+    }
+}
+
+impl Lattice<'_> {
+    /// Divides the tile at (`x`, `y`). Its paths take the place of `strands`, which have the tracer's knots.
+    pub fn refine(
+        &self,
+        (x, y): (usize, usize),
+        strands: PathBatch,
+        endings: &mut EventLocator<'_>,
+    ) -> Divided {
+        let root = Tile {
+            x,
+            y,
+            side: LARGEST_TILE,
+        };
+        let mut nodes = Nodes::new(root, self.smallest, strands);
+        let mut divided = (Vec::new(), Vec::new());
+        let mut touched = Touched::default();
+        let mut level = vec![root];
+        while !level.is_empty() {
+            nodes.trace(&level, self, endings);
+            let mut next = Vec::new();
+            for tile in level {
+                match self.leaf(tile, &nodes, endings, &mut touched) {
+                    Some(leaf) => divided.0.push(leaf),
+                    None if tile.side <= self.smallest => divided.1.push(tile),
+                    None => next.extend(
+                        tile.quarters()
+                            .into_iter()
+                            .filter(|q| !q.is_outside(self.view.size)),
+                    ),
+                }
+            }
+            level = next;
+        }
+        Divided {
+            strands: nodes.into_strands(),
+            leaves: divided.0,
+            lost: divided.1,
+            chord_error: CHORD_SHARE * self.budget,
+        }
+    }
+
+    /// The tile's paths, if they can be interpolated within the budget.
+    fn leaf(
+        &self,
+        tile: Tile,
+        nodes: &Nodes,
+        endings: &mut EventLocator<'_>,
+        touched: &mut Touched,
+    ) -> Option<Leaf> {
+        let members = nodes.members(tile)?;
+        let sheaf = PathPatch::new(nodes.strands(), &members);
+        if !sheaf.is_known() {
+            return None;
+        }
+        let angle = self.view.pixel_angle() * tile.side as f64;
+        let checks = Checks::new(&sheaf, nodes.checks(tile)?, angle);
+        let allowed = LATTICE_SHARE * self.budget;
+        // The sky is cheap to compare and rules most tiles out.
+        let each = || tile.side <= self.smallest && self.knows_end(tile, endings);
+        let ends = ends(&sheaf, &checks, allowed, each)?;
+        let (last, slack) = (sheaf.last(), self.tracer.slack());
+        // What is between paths that end in all ways is told a little better by those that check them.
+        match ends {
+            Ends::Each => touched.find(&checks.all(), last, self.world, TUBE_MARGIN, slack),
+            _ => touched.find(sheaf.all(), last, self.world, TUBE_MARGIN, slack),
+        }
+        let pieces = &touched.pieces;
+        if ends == Ends::Each && pieces.len() > EACH_PIECES {
+            return None;
+        }
+        if !(checks.path(pieces) <= allowed) {
+            return None;
+        }
+        Some(Leaf {
+            tile,
+            members,
+            touched: pieces.clone(),
+            ends,
+        })
+    }
+
+    /// Whether the tracer knows the end of the path in the middle of a tile, and so most likely of all.
+    fn knows_end(&self, tile: Tile, endings: &mut EventLocator<'_>) -> bool {
+        let [x, y] = [tile.x, tile.y].map(|corner| corner as f64 + 0.5 * tile.side as f64);
+        let direction = self.view.direction(x, y);
+        let known = self.tracer.endings(&[direction], endings);
+        known.iter().all(Option::is_some)
+    }
+}
+
+/// How the paths of a tile end, if what they see there is within `allowed` or `each` says that the end
+/// of each can be looked up.
+fn ends(
+    sheaf: &PathPatch<'_>,
+    checks: &Checks<'_>,
+    allowed: f64,
+    each: impl FnOnce() -> bool,
+) -> Option<Ends> {
+    let sky = match sheaf.exit() {
+        Some(_) => checks.sky(),
+        None => f64::INFINITY,
+    };
+    if sky <= allowed {
+        return Some(Ends::Alike);
+    }
+    let each = || each().then_some(Ends::Each);
+    if sky < f64::INFINITY {
+        return each();
+    }
+    match checks.last_pieces() {
+        Some(pieces) if checks.endings(&pieces) <= END_SHARE * allowed => {
+            Some(Ends::Within(pieces))
+        }
+        _ => each(),
+    }
+}

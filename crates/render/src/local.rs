@@ -1,0 +1,270 @@
+//! The local view: the picture to first order in the distance, at once.
+//!
+//! In: samples of a picture. Out: their outcomes if light goes straight in the chart. A chart point `u` lies at `p = (S R)ᵀ G (u − u_cam)` in the camera's axes, and on the
+//! picture at `p` divided by its depth; since `(S R)ᵀ G = (S R)⁻¹`, that is the chart's straight
+//! line from the camera. It is right near the camera, and off by an angle that grows in proportion
+//! to the distance.
+//!
+//! Triangles are cut at a plane in front of the camera, projected and filled with a depth for every
+//! sample. In glued coordinates the scene is drawn in the periods next to the camera's too.
+
+use super::{
+    curve::Ending,
+    endings::EventLocator,
+    frame::Outcomes,
+    intersect::Hit,
+    outcome::{Seen, beyond},
+    strands::{PathBatch, Source},
+    tiles::Samples,
+    tracer::even_knots,
+    view::View,
+    world::World,
+};
+use glam::{DMat3, DVec2, DVec3};
+use ndarray::{ArrayViewMut3, Axis};
+use rayon::prelude::*;
+
+/// `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards).
+pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
+    let axes = view.camera().axes(&world.manifold);
+    axes.transpose() * world.manifold.metric(view.u) * (u - view.u)
+}
+
+/// What `samples` see along straight lines, followed over `length` to the skies.
+pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
+    let (world, offsets) = (samples.world, samples.offsets);
+    let (width, height) = samples.view.size;
+    let picture = Projected::new(world, samples.view);
+    let knots = even_knots(length, INTERVALS);
+    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
+    outcomes
+        .axis_chunks_iter_mut(Axis(0), BAND)
+        .into_par_iter()
+        .enumerate()
+        .for_each_init(
+            || {
+                (
+                    PathBatch::new(knots.clone()),
+                    EventLocator::new(&world.manifold),
+                )
+            },
+            |(lines, endings), (band, mut part)| {
+                picture.fill(band * BAND, offsets, part.view_mut());
+                for ((y, x, k), slot) in part.indexed_iter_mut() {
+                    if *slot == Seen::Nothing {
+                        let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
+                        *slot = picture.sky(at, lines, endings);
+                    }
+                }
+            },
+        );
+    outcomes
+}
+
+/// Rows filled by one thread at a time; every band looks at every triangle's box.
+const BAND: usize = 64;
+
+/// Intervals of a straight line on which its exit is looked for.
+const INTERVALS: usize = 64;
+
+/// Depth at which triangles are cut, as a share of the greatest depth. What is cut off is nearer than
+/// anything that a picture is made for; a hundred times nearer, corners beside the camera lie so far
+/// outside the picture that the weights lose their digits.
+const NEAR: f64 = 1e-5;
+
+/// A triangle of the scene, or what cutting leaves of it, on the picture.
+struct Flat {
+    /// Its number.
+    triangle: u32,
+    /// Corners on the picture, in pixels.
+    at: [DVec2; 3],
+    /// One over the depths.
+    nearness: [f64; 3],
+    /// Weights of the whole triangle's second and third corner at these corners, over the depths.
+    weights: [DVec2; 3],
+    /// Rows and columns that it may cover.
+    low: DVec2,
+    high: DVec2,
+}
+
+struct Projected<'w> {
+    world: &'w World,
+    view: &'w View,
+    axes: DMat3,
+    /// The standard frame at the camera.
+    frame: DMat3,
+    flats: Vec<Flat>,
+}
+
+impl<'w> Projected<'w> {
+    fn new(world: &'w World, view: &'w View) -> Self {
+        let camera = view.camera();
+        let axes = camera.axes(&world.manifold);
+        let into = axes.transpose() * world.manifold.metric(view.u);
+        let mut picture = Self {
+            world,
+            view,
+            axes,
+            frame: world.manifold.standard_frame(view.u),
+            flats: Vec::new(),
+        };
+        let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
+            (into * (low - view.u))
+                .length()
+                .max((into * (high - view.u)).length())
+        });
+        for shift in neighbouring_periods(world) {
+            let triangles = world.accelerator.triangles().par_iter().enumerate();
+            let flats: Vec<Vec<Flat>> = triangles
+                .map(|(i, corners)| {
+                    let p = corners.map(|u| into * (u + shift - view.u));
+                    picture.flats_of(i as u32, p, NEAR * farthest)
+                })
+                .collect();
+            picture.flats.extend(flats.into_iter().flatten());
+        }
+        picture
+    }
+
+    /// The parts of a triangle (in the camera's axes) that lie in front of the camera.
+    fn flats_of(&self, triangle: u32, corners: [DVec3; 3], near: f64) -> Vec<Flat> {
+        let weights = [DVec2::ZERO, DVec2::X, DVec2::Y];
+        let polygon: Vec<(DVec3, DVec2)> = corners.into_iter().zip(weights).collect();
+        let cut = cut_at(&polygon, near);
+        let fan = (2..cut.len()).map(|k| [cut[0], cut[k - 1], cut[k]]);
+        fan.filter_map(|corners| self.flat(triangle, corners))
+            .collect()
+    }
+
+    fn flat(&self, triangle: u32, corners: [(DVec3, DVec2); 3]) -> Option<Flat> {
+        let camera = DMat3::from_quat(self.view.camera().rotation);
+        let pixel = |p: DVec3| self.view.pixel(camera * p).map(|(x, y)| DVec2::new(x, y));
+        let [a, b, c] = corners.map(|(p, _)| pixel(p));
+        let at = [a?, b?, c?];
+        let (low, high) = (at[0].min(at[1]).min(at[2]), at[0].max(at[1]).max(at[2]));
+        let size = DVec2::new(self.view.size.0 as f64, self.view.size.1 as f64);
+        let visible = low.cmplt(size).all() && high.cmpgt(DVec2::ZERO).all();
+        visible.then(|| Flat {
+            triangle,
+            at,
+            nearness: corners.map(|(p, _)| -1.0 / p.z),
+            weights: corners.map(|(p, w)| w / -p.z),
+            low,
+            high,
+        })
+    }
+
+    /// Fills the rows from `first` with the nearest triangles.
+    fn fill(&self, first: usize, offsets: &[DVec2], mut part: ArrayViewMut3<'_, Seen>) {
+        let (height, width, samples) = part.dim();
+        let mut nearest = vec![0.0; height * width * samples];
+        let end = (first + height) as f64;
+        let reaches = |flat: &&Flat| flat.low.y < end && flat.high.y > first as f64;
+        for flat in self.flats.iter().filter(reaches) {
+            let range = |low: f64, high: f64, limit: usize| {
+                let from = (low - 1.0).max(0.0) as usize;
+                from..((high + 1.0).max(0.0) as usize).min(limit)
+            };
+            let rows = range(
+                flat.low.y - first as f64,
+                flat.high.y - first as f64,
+                height,
+            );
+            for y in rows {
+                for x in range(flat.low.x, flat.high.x, width) {
+                    for (k, offset) in offsets.iter().enumerate() {
+                        let at = DVec2::new(x as f64, (first + y) as f64) + *offset;
+                        let slot = &mut nearest[(y * width + x) * samples + k];
+                        let Some((nearness, weights)) = flat.meet(at) else {
+                            continue;
+                        };
+                        if nearness > *slot {
+                            *slot = nearness;
+                            part[(y, x, k)] = self.hit(flat.triangle, weights);
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    fn hit(&self, triangle: u32, weights: DVec2) -> Seen {
+        let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
+        let u = a + (b - a) * weights.x + (c - a) * weights.y;
+        let way = u - self.view.u;
+        let s = (self.axes.inverse() * way).length();
+        Seen::Surface(Hit {
+            s: s as f32,
+            v: (way / s).as_vec3(),
+            triangle,
+            barycentric: weights.as_vec2().to_array(),
+        })
+    }
+
+    /// What the chart's straight line through the point `at` of the picture ends in.
+    fn sky(&self, at: DVec2, lines: &mut PathBatch, endings: &mut EventLocator<'_>) -> Seen {
+        let direction = self.view.direction(at.x, at.y);
+        let (u, v) = (self.view.u, self.frame * direction);
+        let fill = |knots: &[f64], rows: &mut [f64]| {
+            let n = knots.len();
+            for (k, s) in knots.iter().enumerate() {
+                for c in 0..3 {
+                    (rows[c * n + k], rows[(3 + c) * n + k]) = (u[c] + v[c] * s, v[c]);
+                }
+            }
+            n
+        };
+        lines.clear();
+        lines.push((direction, Source::Knots), fill, |line| {
+            endings.ending(line)
+        });
+        beyond(&lines.strand(0).ending.unwrap_or(Ending::Nowhere))
+    }
+}
+
+impl Flat {
+    /// One over the depth, and the weights of the whole triangle's corners, at a point of the
+    /// picture; `None` outside.
+    fn meet(&self, at: DVec2) -> Option<(f64, DVec2)> {
+        let [a, b, c] = self.at.map(|corner| corner - at);
+        let edges = [b.perp_dot(c), c.perp_dot(a), a.perp_dot(b)];
+        let sum: f64 = edges.iter().sum();
+        let inside = edges.iter().all(|e| e * sum >= 0.0) && sum != 0.0;
+        inside.then(|| {
+            let share = edges.map(|e| e / sum);
+            let nearness = (0..3).map(|k| share[k] * self.nearness[k]).sum::<f64>();
+            let weights: DVec2 = (0..3).map(|k| self.weights[k] * share[k]).sum();
+            (nearness, weights / nearness)
+        })
+    }
+}
+
+/// The part of a polygon (camera's axes, and weights) at depths of at least `near`.
+fn cut_at(polygon: &[(DVec3, DVec2)], near: f64) -> Vec<(DVec3, DVec2)> {
+    let mut cut = Vec::new();
+    for (i, &(p, w)) in polygon.iter().enumerate() {
+        let (q, x) = polygon[(i + 1) % polygon.len()];
+        let (depth, next) = (-p.z - near, -q.z - near);
+        if depth >= 0.0 {
+            cut.push((p, w));
+        }
+        if (depth >= 0.0) != (next >= 0.0) {
+            let t = depth / (depth - next);
+            cut.push((p.lerp(q, t), w.lerp(x, t)));
+        }
+    }
+    cut
+}
+
+/// Displacements by −1, 0 and 1 periods of every glued coordinate.
+fn neighbouring_periods(world: &World) -> Vec<DVec3> {
+    let mut shifts = vec![DVec3::ZERO];
+    for k in 0..3 {
+        if let Some(period) = world.manifold.domain.period(k) {
+            let along = |n: f64| move |s: &DVec3| *s + DVec3::AXES[k] * (n * period);
+            let moved = [-1.0, 1.0].map(|n| shifts.iter().map(along(n)).collect::<Vec<_>>());
+            shifts.extend(moved.concat());
+        }
+    }
+    shifts
+}

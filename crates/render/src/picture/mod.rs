@@ -1,0 +1,260 @@
+//! Finished pictures: held in memory, written, read, compared and labelled.
+//!
+//! In: linear light per pixel and any number of further values per pixel (layers).
+//! Out: PNG and OpenEXR files, and the numbers and pictures that say how two pictures differ.
+//! Arrays are (row, column), row 0 at the top; colours are linear with Rec.709 primaries and a D65
+//! white, 1 being the white of a screen, except where a name says sRGB.
+
+pub mod exr;
+pub mod png;
+
+use geofan_core::error::{Error, Result};
+use ndarray::{Array2, Array3, s};
+use std::{fs, ops::Range, path::Path};
+
+pub use exr::{Precision, read_exr, write_exr};
+pub use png::{read_png, write_png};
+
+/// The most pixels a file may have: a 16384 by 8192 sky. A damaged header can ask for any size, and
+/// memory that is not there ends the process instead of giving a message.
+pub const MAX_PIXELS: usize = 1 << 27;
+
+/// A picture in linear light with its layers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// (height, width, 3): red, green and blue.
+    pub rgb: Array3<f32>,
+    /// Further values, each of the picture's size.
+    pub layers: Vec<Layer>,
+}
+
+/// One more value per pixel, named as EXR readers expect: `Z`, `P.X`, `N.X`, `id`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layer {
+    /// The channel's name.
+    pub name: String,
+    /// (height, width) values.
+    pub values: LayerValues,
+}
+
+/// The values of a layer.
+#[derive(Debug, Clone, PartialEq)]
+pub enum LayerValues {
+    /// Measured quantities.
+    Float(Array2<f32>),
+    /// Numbers of objects or exits, and flags.
+    Index(Array2<u32>),
+}
+
+impl LayerValues {
+    /// Height and width.
+    pub fn dim(&self) -> (usize, usize) {
+        match self {
+            Self::Float(values) => values.dim(),
+            Self::Index(values) => values.dim(),
+        }
+    }
+}
+
+/// Notes that travel with a picture in an EXR file: command line, manifold, version.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Metadata(pub Vec<(String, String)>);
+
+impl Metadata {
+    /// Adds a note.
+    pub fn with(mut self, key: impl Into<String>, text: impl Into<String>) -> Self {
+        self.0.push((key.into(), text.into()));
+        self
+    }
+}
+
+impl Picture {
+    /// A picture without layers from (height, width, 3) linear light.
+    ///
+    /// # Panics
+    /// If the last dimension is not 3.
+    pub fn new(rgb: Array3<f32>) -> Self {
+        assert_eq!(rgb.dim().2, 3, "a picture has three colours");
+        let layers = Vec::new();
+        Self { rgb, layers }
+    }
+
+    /// A picture of one linear colour.
+    pub fn filled(width: usize, height: usize, colour: [f32; 3]) -> Self {
+        Self::from_fn(width, height, |_, _| colour)
+    }
+
+    /// A picture whose pixel in column `x` and row `y` is the linear colour `colour(x, y)`.
+    pub fn from_fn(
+        width: usize,
+        height: usize,
+        mut colour: impl FnMut(usize, usize) -> [f32; 3],
+    ) -> Self {
+        let mut rgb = Array3::zeros((height, width, 3));
+        for (i, mut pixel) in rgb.rows_mut().into_iter().enumerate() {
+            pixel.assign(&ndarray::arr1(&colour(i % width, i / width)));
+        }
+        Self::new(rgb)
+    }
+
+    /// Adds a layer of measured quantities; [`write()`] refuses a layer of another size.
+    pub fn with_float(mut self, name: impl Into<String>, values: Array2<f32>) -> Self {
+        let (name, values) = (name.into(), LayerValues::Float(values));
+        self.layers.push(Layer { name, values });
+        self
+    }
+
+    /// Adds a layer of whole numbers; [`write()`] refuses a layer of another size.
+    pub fn with_index(mut self, name: impl Into<String>, values: Array2<u32>) -> Self {
+        let (name, values) = (name.into(), LayerValues::Index(values));
+        self.layers.push(Layer { name, values });
+        self
+    }
+
+    /// The values of the layer called `name`.
+    pub fn layer(&self, name: &str) -> Option<&LayerValues> {
+        let layer = self.layers.iter().find(|layer| layer.name == name)?;
+        Some(&layer.values)
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.rgb.dim().1
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.rgb.dim().0
+    }
+
+    /// The linear colour in column `x` and row `y`.
+    ///
+    /// # Panics
+    /// Outside the picture.
+    pub fn pixel(&self, x: usize, y: usize) -> [f32; 3] {
+        [0, 1, 2].map(|channel| self.rgb[(y, x, channel)])
+    }
+
+    /// Fills the part of a rectangle that lies inside the picture with a linear colour.
+    pub fn fill(&mut self, columns: Range<usize>, rows: Range<usize>, colour: [f32; 3]) {
+        let (right, bottom) = (columns.end.min(self.width()), rows.end.min(self.height()));
+        let (left, top) = (columns.start.min(right), rows.start.min(bottom));
+        let colour = ndarray::arr1(&colour);
+        let mut part = self.rgb.slice_mut(s![top..bottom, left..right, ..]);
+        part.assign(&colour);
+    }
+
+    /// Copies the colours of `other` with its top left pixel at (`x`, `y`), clipped to the picture.
+    pub fn paste(&mut self, x: usize, y: usize, other: &Picture) {
+        let (left, top) = (x.min(self.width()), y.min(self.height()));
+        let width = other.width().min(self.width() - left);
+        let height = other.height().min(self.height() - top);
+        let mut part = (self.rgb).slice_mut(s![top..top + height, left..left + width, ..]);
+        part.assign(&other.rgb.slice(s![..height, ..width, ..]));
+    }
+}
+
+/// The sRGB code value of linear light, for values below 0 and above 1 too.
+pub fn srgb_encode(linear: f32) -> f32 {
+    if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+/// The linear light of an sRGB code value; undoes [`srgb_encode`].
+pub fn srgb_decode(code: f32) -> f32 {
+    if code <= 0.040_45 {
+        code / 12.92
+    } else {
+        ((code + 0.055) / 1.055).powf(2.4)
+    }
+}
+
+/// The sRGB code value that a screen shows for linear light, within [0, 1].
+pub fn srgb_shown(linear: f32) -> f32 {
+    srgb_encode(displayable(linear))
+}
+
+/// Linear light within the reach of a screen; NaN becomes black.
+pub fn displayable(linear: f32) -> f32 {
+    linear.clamp(0.0, 1.0).max(0.0)
+}
+
+/// The formats that pictures are written in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// 8 bit sRGB, colours only.
+    Png,
+    /// Linear light, with layers.
+    Exr,
+}
+
+impl Format {
+    /// The format that the ending of a file's name asks for, in capitals or not.
+    pub fn of(path: &Path) -> Option<Self> {
+        match extension(path).as_str() {
+            "png" => Some(Self::Png),
+            "exr" => Some(Self::Exr),
+            _ => None,
+        }
+    }
+}
+
+/// Writes a picture in the format of the file name's ending: `.png` (8 bit sRGB, colours only) or
+/// `.exr` (colours in half floats, all layers, `metadata`; [`write_exr`] offers full floats).
+pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> {
+    match Format::of(path) {
+        Some(Format::Png) => write_png(path, picture),
+        Some(Format::Exr) => write_exr(path, picture, metadata, Precision::Half),
+        None => Err(bad_input(path, "a picture's name ends in .png or .exr")),
+    }
+}
+
+/// Reads the linear light of a PNG, JPEG, Radiance HDR or EXR file (whose layers come too); 8- and
+/// 16-bit files are taken as sRGB, and transparency is dropped.
+pub fn read(path: &Path) -> Result<Picture> {
+    match extension(path).as_str() {
+        "exr" => read_exr(path).map(|(picture, _)| picture),
+        "png" | "jpg" | "jpeg" | "hdr" => png::read_with_image_crate(path),
+        _ => {
+            let message = "a picture to read is a .png, .jpg, .jpeg, .hdr or .exr file";
+            Err(bad_input(path, message))
+        }
+    }
+}
+
+/// The file name's ending in lower case; empty if there is none.
+fn extension(path: &Path) -> String {
+    let extension = path.extension().unwrap_or_default();
+    extension.to_string_lossy().to_lowercase()
+}
+
+/// An error about the file `path`.
+fn bad_input(path: &Path, message: impl Into<String>) -> Error {
+    Error::input(path.display().to_string(), message)
+}
+
+/// The bytes of a picture file.
+fn read_bytes(path: &Path) -> Result<Vec<u8>> {
+    fs::read(path).map_err(|e| Error::io(path, e))
+}
+
+/// Refuses pictures that no file format can hold.
+fn check_writable(path: &Path, picture: &Picture) -> Result<()> {
+    let size = (picture.height(), picture.width());
+    if size.0 * size.1 == 0 {
+        return Err(bad_input(path, "the picture has no pixels"));
+    }
+    let odd = (picture.layers.iter()).find(|layer| layer.values.dim() != size);
+    if let Some(Layer { name, values }) = odd {
+        let ((h, w), (height, width)) = (values.dim(), size);
+        let message = format!("layer {name} is {w}x{h}, the picture {width}x{height}");
+        return Err(bad_input(path, message));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests;

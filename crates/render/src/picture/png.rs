@@ -1,0 +1,115 @@
+//! PNG files, and the other formats that the `image` crate reads.
+//!
+//! In: a picture. Out: 8-bit sRGB, rounded to the nearest code value without dither, so that equal
+//! pictures give equal bytes. Reading turns any of PNG, JPEG and Radiance HDR into linear light.
+
+use super::{MAX_PIXELS, Picture, bad_input, check_writable, read_bytes, srgb_decode, srgb_shown};
+use geofan_core::{error::Result, files::write_atomically};
+use image::{ImageEncoder, ImageFormat, ImageReader, Limits, codecs::png::PngEncoder};
+use ndarray::Array3;
+use std::{
+    io::{Cursor, Write},
+    path::Path,
+};
+
+/// Writes the colours as an 8-bit sRGB PNG; layers and values beyond white are lost.
+pub fn write_png(path: &Path, picture: &Picture) -> Result<()> {
+    check_writable(path, picture)?;
+    let bytes = encode(picture).map_err(|e| bad_input(path, e.to_string()))?;
+    write_atomically(path, |out| out.write_all(&bytes))
+}
+
+/// Reads a PNG of any depth as linear light.
+pub fn read_png(path: &Path) -> Result<Picture> {
+    decode(&read_bytes(path)?, ImageFormat::Png).map_err(|e| bad_input(path, e))
+}
+
+/// Reads a PNG, JPEG or Radiance HDR; what is inside counts, not what the name says, because skies
+/// and textures from the net are often misnamed.
+pub(super) fn read_with_image_crate(path: &Path) -> Result<Picture> {
+    let bytes = read_bytes(path)?;
+    let format = image::guess_format(&bytes).ok();
+    let format =
+        format.ok_or_else(|| bad_input(path, "is not a PNG, JPEG or Radiance HDR file"))?;
+    decode(&bytes, format).map_err(|e| bad_input(path, e))
+}
+
+impl Picture {
+    /// The colours as 8-bit sRGB, row by row from the top, three bytes for each pixel.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.rgb.iter().map(|&linear| to_byte(linear)).collect()
+    }
+}
+
+/// The bytes of a PNG file.
+fn encode(picture: &Picture) -> image::ImageResult<Vec<u8>> {
+    let codes = picture.bytes();
+    let (width, height) = (picture.width() as u32, picture.height() as u32);
+    let mut bytes = Vec::new();
+    let encoder = PngEncoder::new(&mut bytes);
+    encoder.write_image(&codes, width, height, image::ExtendedColorType::Rgb8)?;
+    Ok(bytes)
+}
+
+/// The picture in the bytes of a file of known format, or what is wrong with them.
+fn decode(bytes: &[u8], format: ImageFormat) -> Result<Picture, String> {
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
+    let mut limits = Limits::default();
+    limits.max_alloc = Some(12 * MAX_PIXELS as u64);
+    reader.limits(limits);
+    let (width, height) = (ImageReader::with_format(Cursor::new(bytes), format))
+        .into_dimensions()
+        .map_err(|e| e.to_string())?;
+    if width as usize * height as usize > MAX_PIXELS {
+        return Err(format!("{width}x{height} pixels are too many"));
+    }
+    let values = reader.decode().map_err(|e| e.to_string())?.into_rgb32f();
+    let shape = (height as usize, width as usize, 3);
+    let mut rgb = Array3::from_shape_vec(shape, values.into_raw()).map_err(|e| e.to_string())?;
+    if format != ImageFormat::Hdr {
+        rgb.mapv_inplace(srgb_decode);
+    }
+    Ok(Picture::new(rgb))
+}
+
+/// The nearest 8-bit sRGB code value.
+fn to_byte(linear: f32) -> u8 {
+    (255.0 * srgb_shown(linear)).round() as u8
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{super::tests::sample, *};
+
+    #[test]
+    fn every_code_value_survives_reading_and_writing_again() {
+        let ramp = Picture::from_fn(256, 1, |x, _| {
+            let codes = [x, 255 - x, x / 2];
+            codes.map(|code| srgb_decode(code as f32 / 255.0))
+        });
+        let back = decode(&encode(&ramp).unwrap(), ImageFormat::Png).unwrap();
+        for (a, b) in ramp.rgb.iter().zip(&back.rgb) {
+            assert_eq!(to_byte(*a), to_byte(*b));
+            approx::assert_abs_diff_eq!(a, b, epsilon = 1e-6);
+        }
+    }
+
+    #[test]
+    fn equal_pictures_give_equal_bytes() {
+        let picture = sample(40, 30);
+        assert_eq!(encode(&picture).unwrap(), encode(&picture).unwrap());
+    }
+
+    #[test]
+    fn a_header_that_asks_for_too_many_pixels_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("huge.hdr");
+        std::fs::write(
+            &path,
+            "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n",
+        )
+        .unwrap();
+        let failure = read_with_image_crate(&path).unwrap_err();
+        assert!(failure.to_string().contains("huge.hdr"), "{failure}");
+    }
+}

@@ -1,0 +1,400 @@
+//! The scene file: which manifold, where the cameras, objects and lights are, what the skies show.
+//!
+//! In: a TOML text in the fixed format of the scene file (see `assets/scenes`).
+//! Out: [`SceneFile`], checked as far as the text alone allows; or a diagnostic with the place
+//! underlined. Whether a position lies inside the manifold's chart is checked where both are known.
+//!
+//! Units: positions are chart coordinates, directions components in the standard frame at their
+//! point, angles degrees, light linear.
+
+use super::table::{self, Span, Table, Value};
+use crate::sky::Pattern;
+use geofan_core::{
+    diagnostic::{Diagnostic, SourceText},
+    error::{Result, read_text},
+};
+use glam::{DQuat, DVec3};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+/// A scene as its file states it.
+#[derive(Debug, Clone)]
+pub struct SceneFile {
+    /// The text, for complaints that arise later.
+    pub source: Arc<SourceText>,
+    /// The manifold file.
+    pub manifold: PathBuf,
+    /// Where `manifold` is named.
+    pub manifold_span: Span,
+    /// The main camera, from `[camera]`.
+    pub camera: CameraEntry,
+    /// Further named cameras, from `[[view]]`.
+    pub views: Vec<CameraEntry>,
+    /// Meshes and where they stand.
+    pub objects: Vec<ObjectEntry>,
+    /// Lights that have no shape.
+    pub lights: Vec<LightEntry>,
+    /// Exit name, where it is named, and its sky, in the order of the file.
+    pub skies: Vec<(String, Span, SkyEntry)>,
+}
+
+/// A camera.
+#[derive(Debug, Clone)]
+pub struct CameraEntry {
+    /// The name of a `[[view]]`; none for `[camera]`.
+    pub name: Option<String>,
+    /// Where it is.
+    pub position: CameraPosition,
+    /// Where `position` is given.
+    pub position_span: Span,
+    /// Unit vector of the view, in the standard frame at the position.
+    pub look: DVec3,
+    /// Unit vector of the picture's upward direction, perpendicular to `look`.
+    pub up: DVec3,
+    /// Horizontal angle of view, degrees, in (0, 180).
+    pub fov_degrees: f64,
+}
+
+/// The two ways to say where a camera is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum CameraPosition {
+    /// Chart coordinates.
+    Chart(DVec3),
+    /// Values of the parameters that the manifold's `[cameras]` declares.
+    Parameters(Vec<(String, f64)>),
+}
+
+/// A mesh placed in the manifold.
+#[derive(Debug, Clone)]
+pub struct ObjectEntry {
+    /// The OBJ file.
+    pub mesh: PathBuf,
+    /// Where `mesh` is named.
+    pub mesh_span: Span,
+    /// Chart coordinates of the mesh's origin.
+    pub at: DVec3,
+    /// Where `at` is given.
+    pub at_span: Span,
+    /// Length in the metric at `at` of the mesh's unit.
+    pub scale: f64,
+    /// Turn of the mesh in the standard frame.
+    pub rotation: DQuat,
+    /// How mesh points become chart points.
+    pub placement: Placement,
+    /// Where the entry stands.
+    pub span: Span,
+}
+
+/// How a mesh point `Δx` becomes a chart point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Placement {
+    /// `u0 + S R Δx`: right to first order, for small objects.
+    #[default]
+    Linear,
+    /// `exp(S R Δx)` at `u0`: exact along rays from the origin, for larger objects.
+    Exponential,
+}
+
+/// What shape a light has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LightKind {
+    /// No extent, equal in all directions.
+    Point,
+}
+
+/// A light.
+#[derive(Debug, Clone)]
+pub struct LightEntry {
+    /// Its shape.
+    pub kind: LightKind,
+    /// Chart coordinates.
+    pub at: DVec3,
+    /// Where `at` is given.
+    pub at_span: Span,
+    /// Linear red, green, blue per unit solid angle.
+    pub intensity: [f32; 3],
+}
+
+/// What is seen through an exit.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SkyEntry {
+    /// An equirectangular picture.
+    Image(PathBuf),
+    /// A built-in pattern.
+    Pattern(Pattern),
+}
+
+const ROOT_KEYS: &[&str] = &["manifold", "camera", "view", "object", "light", "sky"];
+const CAMERA_KEYS: &[&str] = &["at", "parameters", "look", "up", "fov"];
+const VIEW_KEYS: &[&str] = &["name", "at", "parameters", "look", "up", "fov"];
+const OBJECT_KEYS: &[&str] = &["mesh", "at", "scale", "rotate", "placement"];
+const LIGHT_KEYS: &[&str] = &["kind", "at", "intensity"];
+const AN_ARRAY_OF_TABLES: &str = "an array of tables, each under its own double-bracket header";
+
+impl SceneFile {
+    /// Reads and checks the scene file at `path`; paths in it are relative to its folder.
+    pub fn load(path: &Path) -> Result<Self> {
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let scene = Self::parse(read_text(path)?, folder)?;
+        scene.check_files()?;
+        Ok(scene)
+    }
+
+    /// Refuses meshes and pictures that are not there, at the place where they are named.
+    fn check_files(&self) -> Result<()> {
+        let meshes = self.objects.iter().map(|o| (&o.mesh, &o.mesh_span));
+        let pictures = self.skies.iter().filter_map(|(_, span, sky)| match sky {
+            SkyEntry::Image(path) => Some((path, span)),
+            SkyEntry::Pattern(_) => None,
+        });
+        let missing = meshes.chain(pictures).find(|(path, _)| !path.exists());
+        let Some((path, span)) = missing else {
+            return Ok(());
+        };
+        let message = format!("{}: no such file or folder", path.display());
+        Err(Diagnostic::new(&self.source, span.clone(), message)
+            .with_hint("paths are relative to the scene file")
+            .into())
+    }
+
+    /// Checks the scene file `source`; paths in it are relative to `folder`.
+    pub fn parse(source: Arc<SourceText>, folder: &Path) -> Result<Self> {
+        let document = table::parse(&source)?;
+        let root = Table::root(&source, &document);
+        root.allow_only(ROOT_KEYS)?;
+        let manifold = root.required("manifold", "manifold = \"../manifolds/flat.toml\"")?;
+        let scene = Self {
+            manifold: folder.join(manifold.string()?),
+            manifold_span: manifold.span(),
+            camera: camera(&root)?,
+            views: views(&root)?,
+            objects: each(&root, "object", |t| object(&t, folder))?,
+            lights: each(&root, "light", |t| light(&t))?,
+            skies: skies(&root, folder)?,
+            source: source.clone(),
+        };
+        Ok(scene)
+    }
+
+    /// The `[[view]]` named `name`.
+    pub fn view(&self, name: &str) -> Option<&CameraEntry> {
+        let called = |view: &&CameraEntry| view.name.as_deref() == Some(name);
+        self.views.iter().find(called)
+    }
+}
+
+/// Reads every table of the array of tables `key`.
+pub(super) fn each<'a, T>(
+    root: &Table<'a>,
+    key: &str,
+    read: impl Fn(Table<'a>) -> Result<T>,
+) -> Result<Vec<T>> {
+    let Some(array) = root.optional(key) else {
+        return Ok(Vec::new());
+    };
+    let items = array.array(AN_ARRAY_OF_TABLES)?;
+    let table = |v: Value<'a>| read(v.table(format!("[[{key}]]"), "a table")?);
+    items.into_iter().map(table).collect()
+}
+
+fn camera(root: &Table) -> Result<CameraEntry> {
+    let example = "[camera]` with `at = [3.0, 0.0, 0.0]";
+    let value = root.required("camera", example)?;
+    let table = value.table(String::from("[camera]"), "a table")?;
+    table.allow_only(CAMERA_KEYS)?;
+    camera_entry(&table)
+}
+
+/// The `[[view]]`s, whose names must differ.
+fn views<'a>(root: &Table<'a>) -> Result<Vec<CameraEntry>> {
+    let views = each(root, "view", |table: Table<'a>| {
+        table.allow_only(VIEW_KEYS)?;
+        let name = table.required("name", "name = \"near\"")?;
+        let mut camera = camera_entry(&table)?;
+        camera.name = Some(name.string()?.to_owned());
+        Ok((camera, name.span(), table))
+    })?;
+    for (i, (camera, span, table)) in views.iter().enumerate() {
+        if views[..i]
+            .iter()
+            .any(|(other, ..)| other.name == camera.name)
+        {
+            let mut twice = table.complain(String::from("two views have the same name"));
+            twice.span = span.clone();
+            return Err(twice.with_label("taken by an earlier view").into());
+        }
+    }
+    Ok(views.into_iter().map(|(camera, ..)| camera).collect())
+}
+
+/// The keys that `[camera]` and `[[view]]` share.
+pub(super) fn camera_entry(table: &Table) -> Result<CameraEntry> {
+    let (position, position_span) = position(table)?;
+    let look = table
+        .required("look", "look = [-1.0, 0.0, 0.0]")?
+        .direction()?;
+    let up_value = table.required("up", "up = [0.0, 0.0, 1.0]")?;
+    let up = up_value.direction()?;
+    let across = look.cross(up);
+    // Below 1e-6 the picture's turn about the view is decided by the last digits of the file.
+    if across.length() < 1e-6 {
+        return Err(up_value
+            .complain(String::from("`up` is parallel to `look`"))
+            .with_label("leaves open which way is up in the picture")
+            .with_hint("choose an `up` that is not along the view, such as another axis")
+            .into());
+    }
+    Ok(CameraEntry {
+        name: None,
+        position,
+        position_span,
+        look,
+        up: across.cross(look).normalize(),
+        fov_degrees: table.optional("fov").map_or(Ok(90.0), |v| fov(&v))?,
+    })
+}
+
+fn fov(value: &Value) -> Result<f64> {
+    let degrees = value.number()?;
+    if degrees > 0.0 && degrees < 180.0 {
+        return Ok(degrees);
+    }
+    Err(value
+        .complain(String::from("`fov` must lie between 0 and 180 degrees"))
+        .with_label("the horizontal angle of view, ends excluded")
+        .with_hint("90 is usual")
+        .into())
+}
+
+/// `at` or `parameters`, exactly one.
+fn position(table: &Table) -> Result<(CameraPosition, Span)> {
+    let hint = "give either `at = [x, y, z]` or `parameters = { c = 3.0 }`";
+    match (table.optional("at"), table.optional("parameters")) {
+        (Some(at), None) => Ok((CameraPosition::Chart(at.vector()?), at.span())),
+        (None, Some(value)) => {
+            let given = value.table(String::from("parameters"), "a table such as { c = 3.0 }")?;
+            let number = |(name, _, value): (String, Span, Value)| Ok((name, value.number()?));
+            let values = given.entries().map(number).collect::<Result<_>>()?;
+            Ok((CameraPosition::Parameters(values), value.span()))
+        }
+        (Some(_), Some(second)) => Err(second
+            .complain(String::from("a camera has both `at` and `parameters`"))
+            .with_label("the position is given twice")
+            .with_hint(hint)
+            .into()),
+        (None, None) => Err(table
+            .complain(String::from("a camera has neither `at` nor `parameters`"))
+            .with_label("no position")
+            .with_hint(hint)
+            .into()),
+    }
+}
+
+fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
+    table.allow_only(OBJECT_KEYS)?;
+    let mesh = table.required("mesh", "mesh = \"../meshes/teapot.obj\"")?;
+    let at = table.required("at", "at = [0.0, 0.0, 0.0]")?;
+    let placements = [
+        ("linear", Placement::Linear),
+        ("exponential", Placement::Exponential),
+    ];
+    let placement = table.optional("placement").map(|v| v.choice(&placements));
+    Ok(ObjectEntry {
+        mesh: folder.join(mesh.string()?),
+        mesh_span: mesh.span(),
+        at: at.vector()?,
+        at_span: at.span(),
+        scale: table.optional("scale").map_or(Ok(1.0), |v| scale(&v))?,
+        rotation: table
+            .optional("rotate")
+            .map_or(Ok(DQuat::IDENTITY), |v| rotation(&v))?,
+        placement: placement.transpose()?.unwrap_or_default(),
+        span: table.span(),
+    })
+}
+
+fn scale(value: &Value) -> Result<f64> {
+    let scale = value.number()?;
+    if scale > 0.0 {
+        return Ok(scale);
+    }
+    Err(value
+        .complain(String::from("`scale` must be greater than 0"))
+        .with_label("would leave nothing to see, or turn the mesh inside out")
+        .into())
+}
+
+fn rotation(value: &Value) -> Result<DQuat> {
+    let expected = "a table such as { axis = [0, 0, 1], degrees = 30 }";
+    let table = value.table(String::from("rotate"), expected)?;
+    table.allow_only(&["axis", "degrees"])?;
+    let axis = table.required("axis", "axis = [0, 0, 1]")?.direction()?;
+    let degrees = table.required("degrees", "degrees = 30")?.number()?;
+    Ok(DQuat::from_axis_angle(axis, degrees.to_radians()))
+}
+
+fn light(table: &Table) -> Result<LightEntry> {
+    table.allow_only(LIGHT_KEYS)?;
+    let kind = table.required("kind", "kind = \"point\"")?;
+    let at = table.required("at", "at = [0.0, 2.0, 0.0]")?;
+    Ok(LightEntry {
+        kind: kind.choice(&[("point", LightKind::Point)])?,
+        at: at.vector()?,
+        at_span: at.span(),
+        intensity: table
+            .required("intensity", "intensity = [10, 10, 10]")?
+            .light()?,
+    })
+}
+
+fn skies(root: &Table, folder: &Path) -> Result<Vec<(String, Span, SkyEntry)>> {
+    let Some(value) = root.optional("sky") else {
+        return Ok(Vec::new());
+    };
+    let table = value.table(String::from("[sky]"), "a table of exit names")?;
+    let read = |(name, span, value): (String, Span, Value)| Ok((name, span, sky(&value, folder)?));
+    table.entries().map(read).collect()
+}
+
+/// `{ image = … }`, `{ pattern = … }` or `{ color = … }`; a colour may also stand under `pattern`.
+fn sky(value: &Value, folder: &Path) -> Result<SkyEntry> {
+    let table = value.table(
+        String::from("a sky"),
+        "a table such as { pattern = \"grid\" }",
+    )?;
+    table.allow_only(&["image", "pattern", "color"])?;
+    let mut given: Vec<(String, Span, Value)> = table.entries().collect();
+    let (Some((key, _, value)), true) = (given.pop(), given.is_empty()) else {
+        return Err(table
+            .complain(String::from(
+                "a sky needs exactly one of `image`, `pattern`, `color`",
+            ))
+            .with_label("what is seen through this exit")
+            .with_hint(
+                "write { image = \"sky.png\" }, { pattern = \"stars\" } or { color = [0, 0, 0] }",
+            )
+            .into());
+    };
+    match key.as_str() {
+        "image" => Ok(SkyEntry::Image(folder.join(value.string()?))),
+        "color" => Ok(SkyEntry::Pattern(Pattern::Colour(value.light()?))),
+        _ => Ok(SkyEntry::Pattern(pattern(&value)?)),
+    }
+}
+
+fn pattern(value: &Value) -> Result<Pattern> {
+    if value.is_string() {
+        return value.choice(&[("grid", Pattern::Grid), ("stars", Pattern::Stars)]);
+    }
+    let expected = "\"grid\", \"stars\" or { color = [r, g, b] }";
+    let table = value.table(String::from("pattern"), expected)?;
+    table.allow_only(&["color"])?;
+    let colour = table.required("color", "color = [0.1, 0.1, 0.2]")?;
+    Ok(Pattern::Colour(colour.light()?))
+}
+
+#[cfg(test)]
+#[path = "file_tests.rs"]
+mod tests;

@@ -1,0 +1,208 @@
+//! Placing a mesh in the manifold: mesh points to chart points, normals to covectors.
+//!
+//! In: an [`ObjectEntry`] and its [`Mesh`]. Out: [`Placed`]: the mesh, subdivided where the space
+//! asks for it, with a chart point and a normal covector for every vertex.
+//!
+//! With `A = S(u0) R · scale`, linear placement is `u = u0 + A x` with covectors `A⁻ᵀ n`, and
+//! exponential placement is `u = exp_{u0}(A x)`, whose differential is the tangent and the two
+//! columns of geodesic deviation at the end of the path.
+
+use super::{
+    Mesh, ObjectEntry, Placement,
+    subdivide::{Points, subdivided},
+};
+use geofan_core::{
+    geodesic::{Ray, Settings, ends, perpendiculars},
+    manifold::{Carried, Manifold},
+};
+use glam::{DMat3, DVec3};
+use rayon::prelude::*;
+use std::borrow::Cow;
+
+/// A mesh in the manifold.
+pub struct Placed<'m> {
+    /// The mesh, in its own units, with the triangles that are placed.
+    pub mesh: Cow<'m, Mesh>,
+    /// Chart point and normal covector of every vertex.
+    pub vertices: Points,
+    /// What the user should know about how it lies there.
+    pub warning: Option<String>,
+}
+
+/// Places `mesh` as `object` says; `None` if a geodesic that places it does not get there.
+pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> Option<Placed<'m>> {
+    match object.placement {
+        Placement::Linear => {
+            let vertices = linear(manifold, object, &mesh.positions, &mesh.normals);
+            let bend = Bend::of(manifold, object, mesh, &vertices);
+            Some(Placed {
+                mesh: Cow::Borrowed(mesh),
+                warning: bend.warning(object),
+                vertices,
+            })
+        }
+        Placement::Exponential => {
+            let points = |x: &[DVec3], n: &[DVec3]| exponential(manifold, object, x, n);
+            let reach = mesh.positions.iter().map(|x| x.length());
+            let radius = object.scale * reach.fold(0.0, f64::max);
+            let (mesh, vertices, left) = subdivided(manifold, mesh, radius, points)?;
+            let name = object.mesh.display();
+            let warning = (left > 0).then(|| {
+                format!("{name}: {left} edges are still bent after the last subdivision allowed")
+            });
+            Some(Placed {
+                mesh,
+                vertices,
+                warning,
+            })
+        }
+    }
+}
+
+/// `u0 + S R x`, `(S R)⁻ᵀ n`.
+fn linear(manifold: &Manifold, object: &ObjectEntry, x: &[DVec3], n: &[DVec3]) -> Points {
+    let axes = manifold.standard_frame(object.at) * DMat3::from_quat(object.rotation);
+    let covector = axes.inverse().transpose();
+    let place = |(x, n): (&DVec3, &DVec3)| (object.at + axes * *x * object.scale, covector * *n);
+    x.iter().zip(n).map(place).collect()
+}
+
+/// Tolerance of the geodesics that carry exponentially placed vertices.
+const TOLERANCE: f64 = 1e-9;
+
+/// Vertices placed by one thread at a time.
+const BLOCK: usize = 1024;
+
+/// `exp(S R x)` for every mesh point, and its normal by the inverse transpose of the differential.
+fn exponential(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    x: &[DVec3],
+    n: &[DVec3],
+) -> Option<Points> {
+    let blocks: Option<Vec<Points>> = x
+        .par_chunks(BLOCK)
+        .zip(n.par_chunks(BLOCK))
+        .map(|(x, n)| exponential_block(manifold, object, x, n))
+        .collect();
+    Some(blocks?.concat())
+}
+
+fn exponential_block(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    x: &[DVec3],
+    n: &[DVec3],
+) -> Option<Points> {
+    let turned = x.iter().map(|x| object.rotation * *x * object.scale);
+    let turned: Vec<DVec3> = turned.collect();
+    let settings = Settings {
+        tolerance: TOLERANCE,
+        carried: Carried {
+            frame: false,
+            deviation: true,
+        },
+        events: false,
+    };
+    let rays = turned.iter().map(|x| {
+        let d = x.try_normalize().unwrap_or(DVec3::X);
+        Ray::new(manifold, object.at, d, x.length())
+    });
+    let ends = ends(manifold, settings, rays);
+    let axes = manifold.standard_frame(object.at);
+    let mut placed = Vec::new();
+    for (i, x) in turned.iter().enumerate() {
+        let n = object.rotation * n[i];
+        let length = x.length();
+        let Some((step, reached)) = ends.get(i).and_then(Option::as_ref) else {
+            placed.push((object.at, axes.inverse().transpose() * n));
+            continue;
+        };
+        if *reached < length {
+            return None;
+        }
+        let d = *x / length;
+        let [e1, e2] = perpendiculars(d);
+        let [j1, j2] = step.deviation(length)?;
+        let to = DMat3::from_cols(step.tangent(length), j1 / length, j2 / length);
+        let from = DMat3::from_cols(d, e1, e2);
+        // The differential takes d, e1, e2 to the columns of `to`; covectors go by its inverse
+        // transpose.
+        placed.push((
+            step.position(length),
+            to.inverse().transpose() * (from.transpose() * n),
+        ));
+    }
+    Some(placed)
+}
+
+/// The angle (radians) by which the chart's straight line from `a` to `b` turns against parallel
+/// transport along it: `∫ |(D_w w)⊥| / |w| dt` with `D_w w = Γ(w, w)`, by the midpoint rule.
+pub(super) fn bend(manifold: &Manifold, a: DVec3, b: DVec3, pieces: usize) -> f64 {
+    let w = b - a;
+    let flow = manifold.flow(Carried::default());
+    let rate = |t: f64| {
+        let u = a + w * t;
+        let o = flow.at(&[u.x, u.y, u.z, w.x, w.y, w.z]);
+        // The geodesic equation's acceleration is −Γ(w, w); in the standard frame lengths are plain.
+        let into = manifold.standard_frame(u).inverse();
+        let (turn, along) = (into * DVec3::from_slice(&o[..3]), into * w);
+        turn.reject_from(along).length() / along.length()
+    };
+    let at = |k: usize| rate((k as f64 + 0.5) / pieces as f64);
+    (0..pieces).map(at).sum::<f64>() / pieces as f64
+}
+
+/// How much linear placement bends what is straight in the mesh, radians.
+struct Bend {
+    edges: f64,
+    spokes: f64,
+}
+
+/// A line of 100 pixels that bends by this angle leaves its geodesic by 100 · 2°/8 = 0.4 pixels: a
+/// smaller bend is not seen, one a few times larger is.
+const NOTICED: f64 = 2.0 * std::f64::consts::PI / 180.0;
+
+/// Edges and lines looked at, evenly chosen: enough to find the worst part of any honest mesh in
+/// milliseconds.
+const LOOKED_AT: usize = 4096;
+
+impl Bend {
+    /// Of the edges, and of the lines from the mesh's origin to its vertices.
+    fn of(manifold: &Manifold, object: &ObjectEntry, mesh: &Mesh, vertices: &Points) -> Self {
+        let worst = |angles: &(dyn Fn(usize) -> f64 + Sync), count: usize| {
+            let stride = count.div_ceil(LOOKED_AT).max(1);
+            let chosen = (0..count.div_ceil(stride)).into_par_iter();
+            let all = chosen.map(|i| angles(i * stride));
+            all.filter(|x| x.is_finite()).reduce(|| 0.0, f64::max)
+        };
+        let edge = |i: usize| {
+            let corners = mesh.triangles[i].map(|c| vertices[c as usize].0);
+            let sides = [(0, 1), (1, 2), (2, 0)];
+            let bends = sides.map(|(j, k)| bend(manifold, corners[j], corners[k], 1));
+            bends.into_iter().fold(0.0, f64::max)
+        };
+        let spoke = |i: usize| bend(manifold, object.at, vertices[i].0, 8);
+        Self {
+            edges: worst(&edge, mesh.triangles.len()),
+            spokes: worst(&spoke, vertices.len()),
+        }
+    }
+
+    fn warning(&self, object: &ObjectEntry) -> Option<String> {
+        let worst = self.edges.max(self.spokes);
+        (worst > NOTICED).then(|| {
+            format!(
+                "{}: linear placement bends edges by up to {:.1}° and straight lines from its middle by up to {:.1}° (more than {:.0}° is seen); `placement = \"exponential\"` keeps those lines straight",
+                object.mesh.display(),
+                self.edges.to_degrees(),
+                self.spokes.to_degrees().min(360.0),
+                NOTICED.to_degrees(),
+            )
+        })
+    }
+}
+
+#[cfg(test)]
+#[path = "placement_tests.rs"]
+mod tests;

@@ -1,0 +1,117 @@
+use super::*;
+use crate::scene::subdivide::SAG;
+use geofan_core::diagnostic::SourceText;
+use glam::DQuat;
+
+fn sphere() -> Manifold {
+    let text = "name = 's3'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }";
+    Manifold::from_source(SourceText::new("s3", text), &[]).unwrap()
+}
+
+fn object(placement: Placement, scale: f64) -> ObjectEntry {
+    ObjectEntry {
+        mesh: "square.obj".into(),
+        mesh_span: 0..0,
+        at: DVec3::new(0.3, -0.2, 0.1),
+        at_span: 0..0,
+        scale,
+        rotation: DQuat::from_xyzw(0.1, -0.4, 0.2, 0.8).normalize(),
+        placement,
+        span: 0..0,
+    }
+}
+
+/// A square with corners at distance √2 from its middle, and a corner in the middle.
+fn square() -> Mesh {
+    let text = "v 0 0 0\nv 1 1 0\nv -1 1 0\nv -1 -1 0\nv 1 -1 0\nvn 0 0 1\nf 1//1 2//1 3//1\nf 1//1 3//1 4//1\nf 1//1 4//1 5//1\nf 1//1 5//1 2//1\n";
+    Mesh::parse("square.obj", text, std::path::Path::new("")).unwrap()
+}
+
+/// Distance on the three-sphere, from the chart.
+fn distance(a: DVec3, b: DVec3) -> f64 {
+    let ambient = |u: DVec3| {
+        let r2 = u.length_squared();
+        (2.0 * u / (1.0 + r2)).extend((r2 - 1.0) / (1.0 + r2))
+    };
+    2.0 * (0.5 * (ambient(a) - ambient(b)).length()).asin()
+}
+
+#[test]
+fn exponential_placement_keeps_distances_from_the_middle_and_makes_edges_geodesic() {
+    let (s3, mesh) = (sphere(), square());
+    let object = object(Placement::Exponential, 0.7);
+    let placed = place(&s3, &object, &mesh).unwrap();
+    assert!(placed.warning.is_none());
+    assert!(
+        placed.mesh.triangles.len() > 16,
+        "{}",
+        placed.mesh.triangles.len()
+    );
+    for (x, (u, _)) in placed.mesh.positions.iter().zip(&placed.vertices) {
+        assert!((distance(object.at, *u) - 0.7 * x.length()).abs() < 1e-8);
+    }
+    // The middle of a chart line lies no farther from the ends than half the geodesic, and its
+    // sagitta: √(m² − (d/2)²) for distances m to the ends and d between them.
+    let radius = 0.7 * 2.0_f64.sqrt();
+    for triangle in &placed.mesh.triangles {
+        for (j, k) in [(0, 1), (1, 2), (2, 0)] {
+            let [a, b] = [j, k].map(|i: usize| placed.vertices[triangle[i] as usize].0);
+            let (d, m) = (distance(a, b), distance(a, 0.5 * (a + b)));
+            let other = distance(b, 0.5 * (a + b));
+            // Spherical triangle with a foot on the geodesic: to this order plane geometry serves.
+            let foot = (m * m - other * other + d * d) / (2.0 * d);
+            let sagitta = (m * m - foot * foot).max(0.0).sqrt();
+            assert!(sagitta <= 1.1 * SAG * radius, "{sagitta}");
+        }
+    }
+}
+
+#[test]
+fn normals_stay_perpendicular_to_the_surface() {
+    let (s3, mesh) = (sphere(), square());
+    for placement in [Placement::Linear, Placement::Exponential] {
+        let placed = place(&s3, &object(placement, 0.7), &mesh).unwrap();
+        for triangle in &placed.mesh.triangles {
+            let [a, b, c] = triangle.map(|i| placed.vertices[i as usize].0);
+            // The square's tangent plane holds all its lines through the middle; triangles near
+            // the edge are chords of it.
+            for corner in triangle {
+                let (_, n) = placed.vertices[*corner as usize];
+                let cosine = |w: DVec3| n.dot(w) / (n.length() * w.length());
+                assert!(cosine(b - a).abs() < 0.02 && cosine(c - a).abs() < 0.02);
+                assert!(n.dot((b - a).cross(c - a)) > 0.0);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_linear_placement_that_bends_lines_is_warned_about_with_the_angle() {
+    let (s3, mesh) = (sphere(), square());
+    let warning = place(&s3, &object(Placement::Linear, 0.7), &mesh)
+        .unwrap()
+        .warning
+        .unwrap();
+    assert!(
+        warning.contains("bends edges by up to") && warning.contains('°'),
+        "{warning}"
+    );
+    assert!(
+        place(&s3, &object(Placement::Linear, 0.01), &mesh)
+            .unwrap()
+            .warning
+            .is_none()
+    );
+}
+
+#[test]
+fn the_bend_of_a_chart_line_is_its_angle_against_great_circles() {
+    // In the stereographic chart a line at distance p from the origin is a circle of the sphere;
+    // its geodesic curvature is p (for the metric 4/(1+r²)²), so over the length ℓ it bends by p ℓ.
+    let s3 = sphere();
+    let (a, b) = (DVec3::new(-0.4, 0.5, 0.0), DVec3::new(0.7, 0.5, 0.0));
+    let length = |x: f64| (x / 1.25_f64.sqrt()).atan() * 2.0 / 1.25_f64.sqrt();
+    let expected = 0.5 * (length(0.7) + length(0.4));
+    let found = bend(&s3, a, b, 64);
+    assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
+}

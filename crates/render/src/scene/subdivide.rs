@@ -1,0 +1,256 @@
+//! Subdividing a mesh until its placed edges are geodesics within a tolerance.
+//!
+//! In: a mesh and the map that places its points. Out: a mesh with more triangles whose edges,
+//! straight in the chart, depart from the geodesic between their ends, and from the image of the
+//! straight edge, by at most [`SAG`] of the object's size.
+//!
+//! An edge is split for both triangles at it, so no gap opens; where the mesh has two edges in one
+//! place (a seam of texture), a gap is at most as wide as the tolerance. A triangle is cut by the middles of those of its edges that are split.
+
+use super::{Mesh, placement::bend};
+use geofan_core::manifold::Manifold;
+use glam::DVec3;
+use rayon::prelude::*;
+use std::{
+    borrow::Cow,
+    collections::{HashMap, HashSet},
+};
+
+/// Chart point and normal covector of every vertex.
+pub type Points = Vec<(DVec3, DVec3)>;
+
+/// Largest departure of an edge, as a share of the object's radius: half a pixel of an object that
+/// is 1000 pixels in radius. Each halving costs up to twice the triangles.
+pub const SAG: f64 = 5e-4;
+
+/// Most halvings of one edge, and most triangles of one object: an edge that is still bent after
+/// them runs through a place where no mesh will do.
+const MOST_ROUNDS: usize = 10;
+const MOST_TRIANGLES: usize = 4_000_000;
+
+/// The subdivided mesh, its vertices, and the number of edges that should be split still. `radius`
+/// is the object's, in the metric; `place` turns mesh points and normals into [`Points`], or fails.
+pub(super) fn subdivided<'m>(
+    manifold: &Manifold,
+    mesh: &'m Mesh,
+    radius: f64,
+    place: impl Fn(&[DVec3], &[DVec3]) -> Option<Points>,
+) -> Option<(Cow<'m, Mesh>, Points, usize)> {
+    let mut mesh = Cow::Borrowed(mesh);
+    let mut vertices = place(&mesh.positions, &mesh.normals)?;
+    let mut fate: HashMap<Edge, Fate> = HashMap::new();
+    let departures = |middles: &Middles, vertices: &Points| -> Option<Vec<f64>> {
+        let placed = place(&middles.positions, &middles.normals)?;
+        let of = |(edge, middle): (&Edge, &(DVec3, DVec3))| {
+            let [a, b] = edge.map(|v| vertices[v as usize].0);
+            departure(manifold, a, b, middle.0)
+        };
+        Some(middles.edges.par_iter().zip(&placed).map(of).collect())
+    };
+    let sample = Middles::of(&mesh, sampled(all_edges(&mesh)));
+    let found = departures(&sample, &vertices)?;
+    let rates = found.iter().zip(&sample.edges);
+    let rate = rates
+        .map(|(d, e)| d / squared_length(&mesh, e))
+        .fold(0.0, |a, b| if b <= a { a } else { b });
+    for round in 0.. {
+        let new = |e: &Edge| {
+            let expected = SAFETY * rate * squared_length(&mesh, e);
+            !fate.contains_key(e) && !(expected <= SAG * radius)
+        };
+        let middles = Middles::of(&mesh, all_edges(&mesh).into_iter().filter(new).collect());
+        let found = departures(&middles, &vertices)?;
+        let split: Vec<bool> = found.iter().map(|d| !(*d <= SAG * radius)).collect();
+        let left = split.iter().filter(|s| **s).count();
+        let full = mesh.triangles.len() + 3 * left > MOST_TRIANGLES;
+        if left == 0 || round == MOST_ROUNDS || full {
+            return Some((mesh, vertices, left));
+        }
+        for (edge, _) in middles
+            .edges
+            .iter()
+            .zip(&split)
+            .filter(|(_, split)| !**split)
+        {
+            fate.insert(*edge, None);
+        }
+        let bent = middles
+            .edges
+            .iter()
+            .zip(&split)
+            .filter(|(_, split)| **split);
+        let middles = Middles::of(&mesh, with_longest(&mesh, bent.map(|(e, _)| *e).collect()));
+        let placed = place(&middles.positions, &middles.normals)?;
+        let owned = mesh.to_mut();
+        for (i, edge) in middles.edges.iter().enumerate() {
+            vertices.push(placed[i]);
+            fate.insert(*edge, Some(middles.append(i, owned)));
+        }
+        cut(owned, &fate);
+    }
+    None
+}
+
+/// Two vertices, the lower first.
+type Edge = [u32; 2];
+
+/// The vertex in the middle of an edge that is split.
+type Fate = Option<u32>;
+
+fn edge(a: u32, b: u32) -> Edge {
+    [a.min(b), a.max(b)]
+}
+
+fn edges([a, b, c]: [u32; 3]) -> [Edge; 3] {
+    [edge(a, b), edge(b, c), edge(c, a)]
+}
+
+/// How far (in the metric) the chart line from `a` to `b` is from its geodesic, or its middle from
+/// where it should be: a bend by the angle θ over the length ℓ makes a sagitta of θ ℓ / 8.
+fn departure(manifold: &Manifold, a: DVec3, b: DVec3, middle: DVec3) -> f64 {
+    let half = 0.5 * (a + b);
+    let into = manifold.standard_frame(half).inverse();
+    let sagitta = bend(manifold, a, b, 1) * (into * (b - a)).length() / 8.0;
+    sagitta.max((into * (middle - half)).length())
+}
+
+/// The edges to split, in order, and with them the longest edge of every triangle that one of them
+/// belongs to: otherwise a long edge whose middle happens to be right would leave ever thinner
+/// triangles (M.-C. Rivara, *Mesh refinement processes based on the generalized bisection of
+/// simplices*, 1984).
+fn with_longest(mesh: &Mesh, mut split: HashSet<Edge>) -> Vec<Edge> {
+    loop {
+        let before = split.len();
+        for triangle in &mesh.triangles {
+            let sides = edges(*triangle);
+            if sides.iter().any(|e| split.contains(e)) {
+                let longer = |a: &Edge, b: &Edge| {
+                    squared_length(mesh, a)
+                        .total_cmp(&squared_length(mesh, b))
+                        .then(a.cmp(b))
+                };
+                split.extend(sides.into_iter().max_by(longer));
+            }
+        }
+        if split.len() == before {
+            let mut all: Vec<Edge> = split.into_iter().collect();
+            all.sort_unstable();
+            return all;
+        }
+    }
+}
+
+/// All edges, each once, in order.
+fn all_edges(mesh: &Mesh) -> Vec<Edge> {
+    let mut all: Vec<Edge> = mesh.triangles.iter().flat_map(|t| edges(*t)).collect();
+    all.par_sort_unstable();
+    all.dedup();
+    all
+}
+
+/// Edges by which the rest are judged: departures grow with the square of the length, so the largest
+/// rate of a few thousand says which edges cannot reach the tolerance. A mesh of a million
+/// triangles is then placed without following a geodesic to the middle of every edge.
+const SAMPLED: usize = 4096;
+
+/// How much larger than the largest sampled one the rate of another edge might be.
+const SAFETY: f64 = 4.0;
+
+fn sampled(edges: Vec<Edge>) -> Vec<Edge> {
+    let stride = edges.len().div_ceil(SAMPLED).max(1);
+    edges.into_iter().step_by(stride).collect()
+}
+
+fn squared_length(mesh: &Mesh, [a, b]: &Edge) -> f64 {
+    mesh.positions[*a as usize].distance_squared(mesh.positions[*b as usize])
+}
+
+/// The middles of edges.
+struct Middles {
+    edges: Vec<Edge>,
+    positions: Vec<DVec3>,
+    normals: Vec<DVec3>,
+    uvs: Vec<[f32; 2]>,
+}
+
+impl Middles {
+    fn of(mesh: &Mesh, new: Vec<Edge>) -> Self {
+        let half = |of: &[DVec3]| -> Vec<DVec3> {
+            let middle = |[a, b]: &Edge| 0.5 * (of[*a as usize] + of[*b as usize]);
+            new.iter().map(middle).collect()
+        };
+        let uv = |[a, b]: &Edge| {
+            let (a, b) = (mesh.uvs[*a as usize], mesh.uvs[*b as usize]);
+            [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]
+        };
+        Self {
+            positions: half(&mesh.positions),
+            // Not of unit length: so they interpolate as the whole edge's do.
+            normals: half(&mesh.normals),
+            uvs: new.iter().map(uv).collect(),
+            edges: new,
+        }
+    }
+
+    /// Makes middle `i` a vertex of `mesh`.
+    fn append(&self, i: usize, mesh: &mut Mesh) -> u32 {
+        mesh.positions.push(self.positions[i]);
+        mesh.normals.push(self.normals[i]);
+        mesh.uvs.push(self.uvs[i]);
+        (mesh.positions.len() - 1) as u32
+    }
+}
+
+/// Cuts every triangle by the middles of its split edges.
+fn cut(mesh: &mut Mesh, fate: &HashMap<Edge, Fate>) {
+    let triangles = std::mem::take(&mut mesh.triangles);
+    let materials = std::mem::take(&mut mesh.material_of);
+    for (triangle, material) in triangles.into_iter().zip(materials) {
+        let middles = edges(triangle).map(|e| fate.get(&e).copied().flatten());
+        let parts = parts(triangle, middles);
+        mesh.material_of.extend(parts.iter().map(|_| material));
+        mesh.triangles.extend(parts);
+    }
+}
+
+/// The parts of a triangle whose edges ab, bc, ca have these middles.
+fn parts([a, b, c]: [u32; 3], middles: [Option<u32>; 3]) -> Vec<[u32; 3]> {
+    match middles {
+        [None, None, None] => vec![[a, b, c]],
+        [Some(m), None, None] => vec![[a, m, c], [m, b, c]],
+        [Some(m), Some(n), None] => vec![[m, b, n], [a, m, n], [a, n, c]],
+        [Some(m), Some(n), Some(o)] => vec![[a, m, o], [m, b, n], [o, n, c], [m, n, o]],
+        // Turned until the split edges come first.
+        [x, y, Some(z)] if x.is_some() => parts([c, a, b], [Some(z), x, y]),
+        [x, y, z] => parts([b, c, a], [y, z, x]),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_way_of_cutting_keeps_area_and_orientation() {
+        // Corners 0, 1, 2 and the middles 3 (of 01), 4 (of 12), 5 (of 20).
+        let at = [
+            [0.0, 0.0],
+            [1.0, 0.0],
+            [0.0, 1.0],
+            [0.5, 0.0],
+            [0.5, 0.5],
+            [0.0, 0.5],
+        ];
+        for mask in 0..8_usize {
+            let middles = [0, 1, 2].map(|k| (mask >> k & 1 == 1).then_some(3 + k as u32));
+            let found = parts([0, 1, 2], middles);
+            assert_eq!(found.len(), 1 + mask.count_ones() as usize);
+            let doubled = |t: &[u32; 3]| {
+                let [a, b, c] = t.map(|i| at[i as usize]);
+                (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+            };
+            assert!(found.iter().all(|t| doubled(t) > 0.0), "{mask}: {found:?}");
+            assert_eq!(found.iter().map(doubled).sum::<f64>(), 1.0);
+        }
+    }
+}

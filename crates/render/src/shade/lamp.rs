@@ -1,0 +1,151 @@
+//! Surfaces lit by the world's baked light, or without it by a lamp at the camera.
+//!
+//! In: hits. Out: colours. Lightmap light is reflected by matt surfaces: radiance `Kd E / π`, for the
+//! irradiance `E` on the side of the surface that the ray meets. Of the lamp, the cosine between ray and normal is taken in the metric at the hit,
+//! `|n·v| / (|Sᵀn| |v|)` for a covector `n` and tangent `v`; the metric of sixteen hits is evaluated
+//! at once.
+
+use crate::{
+    footprint::Footprint, intersect::Hit, lanes::LANES, lightmap::Lightmap, scene::Material,
+    world::World,
+};
+use geofan_expr::{Registers, real::Real, vectorised};
+use glam::DVec3;
+use std::f32::consts::FRAC_1_PI;
+
+/// The share of light that reaches surfaces from all sides.
+const AMBIENT: f32 = 0.2;
+
+/// How strongly glossy surfaces mirror the lamp, as a share of their `Ks`: a matter of taste.
+const GLOSS: f32 = 0.3;
+
+/// A highlight fainter than exp(−this) is none: it is lost beside what surfaces reflect from all sides.
+const DARK: f32 = 16.0;
+
+/// Hits waiting to be lit.
+pub(super) struct Lamp<'w> {
+    world: &'w World,
+    registers: Registers<f64, LANES>,
+    /// Where each belongs, the hit, and how its texture is to be averaged.
+    waiting: Vec<(usize, Hit, Footprint)>,
+}
+
+impl<'w> Lamp<'w> {
+    pub(super) fn new(world: &'w World) -> Self {
+        Self {
+            world,
+            registers: world.manifold.metric_tape().registers(),
+            waiting: Vec::new(),
+        }
+    }
+
+    /// Puts a hit on the list; its colour belongs at place `index` of the row.
+    pub(super) fn add(&mut self, index: usize, hit: Hit, footprint: Footprint) {
+        self.waiting.push((index, hit, footprint));
+    }
+
+    /// Lights all on the list into `row`, three numbers for each place.
+    pub(super) fn light(&mut self, row: &mut [f32]) {
+        let waiting = std::mem::take(&mut self.waiting);
+        match &self.world.light {
+            Some(light) => {
+                for (index, hit, footprint) in &waiting {
+                    put(row, *index, by_baked(self.world, light, hit, footprint));
+                }
+            }
+            None => self.by_lamp(&waiting, row),
+        }
+        self.waiting = waiting;
+        self.waiting.clear();
+    }
+
+    /// The light of the lamp at the camera.
+    fn by_lamp(&mut self, waiting: &[(usize, Hit, Footprint)], row: &mut [f32]) {
+        for sixteen in waiting.chunks(LANES) {
+            for (lane, (_, hit, _)) in sixteen.iter().enumerate() {
+                let u = self.world.point(hit);
+                for c in 0..3 {
+                    self.registers.input(c)[lane] = u[c];
+                }
+            }
+            let tape = self.world.manifold.metric_tape();
+            vectorised(
+                #[inline(always)]
+                || tape.run(&mut self.registers),
+            );
+            for (lane, (index, hit, footprint)) in sixteen.iter().enumerate() {
+                let cosine = self.cosine(lane, hit);
+                put(row, *index, self.surface(hit, footprint, cosine as f32));
+            }
+        }
+    }
+
+    /// The cosine between ray and normal, from the metric (outputs 0 to 5: xx, yy, zz, xy, xz, yz)
+    /// and the frame (6 to 11: 11, 22, 33, 12, 13, 23) in `lane`.
+    fn cosine(&self, lane: usize, hit: &Hit) -> f64 {
+        let o = |k: usize| self.registers.output(k)[lane];
+        let (n, v) = (self.world.covector(hit), hit.v.as_dvec3());
+        let across = DVec3::new(
+            o(6) * n.x,
+            o(9) * n.x + o(7) * n.y,
+            o(10) * n.x + o(11) * n.y + o(8) * n.z,
+        );
+        let squared = o(0) * v.x * v.x
+            + o(1) * v.y * v.y
+            + o(2) * v.z * v.z
+            + 2.0 * (o(3) * v.x * v.y + o(4) * v.x * v.z + o(5) * v.y * v.z);
+        let cosine = n.dot(v).abs() / (across.length() * squared.sqrt());
+        if cosine.is_finite() {
+            cosine.min(1.0)
+        } else {
+            0.0
+        }
+    }
+
+    fn surface(&self, hit: &Hit, footprint: &Footprint, cosine: f32) -> [f32; 3] {
+        let material = material(self.world, hit);
+        let diffuse = diffuse(self.world, hit, footprint);
+        // The lamp is at the eye: the mirror direction makes twice the angle of incidence with it.
+        let mirrored = (2.0 * cosine * cosine - 1.0).max(0.0);
+        let exponent = material.ns.max(1.0);
+        // x^n <= exp(n (x - 1)).
+        let dark = material.ks == [0.0; 3] || exponent * (1.0 - mirrored) > DARK;
+        let gloss = match dark {
+            true => 0.0,
+            false => GLOSS * Real::pow(mirrored, exponent),
+        };
+        let light = AMBIENT + (1.0 - AMBIENT) * cosine;
+        std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + material.ke[k])
+    }
+}
+
+fn put(row: &mut [f32], index: usize, colour: [f32; 3]) {
+    row[3 * index..3 * index + 3].copy_from_slice(&colour);
+}
+
+/// The reflected light that was baked, and what the surface gives off itself.
+fn by_baked(world: &World, light: &Lightmap, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
+    let front = world.covector(hit).dot(hit.v.as_dvec3()) <= 0.0;
+    let irradiance = light.at(hit.triangle, hit.barycentric, front);
+    let (diffuse, ke) = (diffuse(world, hit, footprint), material(world, hit).ke);
+    std::array::from_fn(|k| diffuse[k] * irradiance[k] * FRAC_1_PI + ke[k])
+}
+
+fn material<'w>(world: &'w World, hit: &Hit) -> &'w Material {
+    &world.materials[world.faces[hit.triangle as usize].material as usize]
+}
+
+/// The diffuse reflectance of what was hit: `Kd`, times its texture averaged over `footprint`.
+pub fn diffuse(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
+    let uvs = world.faces[hit.triangle as usize].uvs;
+    let [b, c] = hit.barycentric;
+    let uv = |k: usize| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c;
+    let material = material(world, hit);
+    match &material.map_kd {
+        Some(texture) => {
+            let colour = texture.filtered([uv(0), uv(1)], footprint);
+            std::array::from_fn(|k| colour[k] * material.kd[k])
+        }
+        None => material.kd,
+    }
+}

@@ -1,0 +1,125 @@
+//! Outcomes to the layers of an EXR file.
+//!
+//! In: what every sample finds. Out: arc lengths, chart points, normals, numbers of objects and exits
+//! of the first sample of every pixel, and on demand the area to which a unit solid angle has spread.
+
+use crate::{
+    frame::offsets, intersect::Hit, outcome::Seen, picture::Picture, tiles::Place, view::View,
+    world::World,
+};
+use geofan_core::{
+    geodesic::{Ray, Settings, ends, signed_area},
+    manifold::Carried,
+};
+use glam::DVec3;
+use ndarray::{Array2, ArrayView3, Axis};
+use rayon::prelude::*;
+
+/// The normal of a hit in the standard frame there, unit, towards the camera.
+fn normal(world: &World, hit: &Hit) -> DVec3 {
+    let frame = world.manifold.standard_frame(world.point(hit));
+    let covector = world.covector(hit);
+    let n = (frame.transpose() * covector).normalize_or_zero();
+    if covector.dot(hit.v.as_dvec3()) > 0.0 {
+        -n
+    } else {
+        n
+    }
+}
+
+/// Adds the layers that readers of EXR expect, except `area`, from the first sample of every pixel: `Z` (arc
+/// length), `P` (chart point), `N` (unit normal in the standard frame), `id` (object from 1, 0 for
+/// none), `exit` (from 1, 0 for none), `flagged` (1 for those samples).
+pub fn with_layers(
+    picture: Picture,
+    world: &World,
+    outcomes: ArrayView3<'_, Seen>,
+    flagged: &[Place],
+) -> Picture {
+    let (height, width, _) = outcomes.dim();
+    let float = |value: &dyn Fn(&Seen) -> f64| {
+        Array2::from_shape_fn((height, width), |(y, x)| value(&outcomes[(y, x, 0)]) as f32)
+    };
+    let index = |value: &dyn Fn(&Seen) -> usize| {
+        Array2::from_shape_fn((height, width), |(y, x)| value(&outcomes[(y, x, 0)]) as u32)
+    };
+    let vector = |seen: &Seen, of: &dyn Fn(&Hit) -> DVec3, k: usize| match seen {
+        Seen::Surface(hit) => of(hit)[k],
+        _ => 0.0,
+    };
+    let arc = |o: &Seen| match *o {
+        Seen::Surface(hit) => hit.s.into(),
+        Seen::Sky { s, .. } => s.into(),
+        Seen::Nothing => f64::INFINITY,
+    };
+    let object = |o: &Seen| match *o {
+        Seen::Surface(hit) => world.faces[hit.triangle as usize].object as usize + 1,
+        _ => 0,
+    };
+    let exit = |o: &Seen| match *o {
+        Seen::Sky { exit, .. } => exit as usize + 1,
+        _ => 0,
+    };
+    let mut given_up = Array2::zeros((height, width));
+    for (y, x, _) in flagged.iter().filter(|(_, _, sample)| *sample == 0) {
+        given_up[(*y, *x)] = 1;
+    }
+    let mut picture = picture.with_float("Z", float(&arc));
+    for (k, axis) in ["X", "Y", "Z"].iter().enumerate() {
+        let point = float(&|o| vector(o, &|hit| world.point(hit), k));
+        let normal = float(&|o| vector(o, &|hit| normal(world, hit), k));
+        picture = picture
+            .with_float(format!("P.{axis}"), point)
+            .with_float(format!("N.{axis}"), normal);
+    }
+    picture
+        .with_index("id", index(&object))
+        .with_index("exit", index(&exit))
+        .with_index("flagged", given_up)
+}
+
+/// Area by which a unit solid angle has spread where the first sample of each pixel ends: an exact
+/// path with deviation for each; NaN where nothing is seen.
+pub fn area(
+    world: &World,
+    view: &View,
+    outcomes: ArrayView3<'_, Seen>,
+    tolerance: f64,
+) -> Array2<f32> {
+    let (height, width, samples) = outcomes.dim();
+    let offset = offsets(samples)[0];
+    let settings = Settings {
+        tolerance,
+        carried: Carried {
+            frame: false,
+            deviation: true,
+        },
+        events: false,
+    };
+    let manifold = &world.manifold;
+    let mut areas = Array2::from_elem((height, width), f32::NAN);
+    areas
+        .axis_iter_mut(Axis(0))
+        .into_par_iter()
+        .enumerate()
+        .for_each(|(y, mut row)| {
+            let rays = (0..width).map(|x| {
+                let s = match outcomes[(y, x, 0)] {
+                    Seen::Surface(hit) => hit.s.into(),
+                    Seen::Sky { s, .. } => s.into(),
+                    Seen::Nothing => 0.0,
+                };
+                let d = view.direction(x as f64 + offset.x, y as f64 + offset.y);
+                Ray::new(manifold, view.u, d, s)
+            });
+            for (slot, end) in row.iter_mut().zip(ends(manifold, settings, rays)) {
+                if let Some((step, s)) = end
+                    && let Some(columns) = step.deviation(s)
+                {
+                    let inverse = manifold.standard_frame(step.position(s)).inverse();
+                    *slot = signed_area(inverse, step.tangent(s), columns).abs() as f32;
+                }
+            }
+        });
+    areas
+}

@@ -1,0 +1,165 @@
+//! Outcomes to colours.
+//!
+//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by baked light or
+//! by a lamp at the camera (`lamp`). Skies (`skies`) and textures are averaged over the sample's
+//! footprint, measured from the samples beside and below that leave through the same exit or meet
+//! the same object.
+
+mod lamp;
+mod layers;
+mod skies;
+
+pub use layers::{area, with_layers};
+
+use super::{footprint::Footprint, intersect::Hit, outcome::Seen, view::View, world::World};
+use glam::{DVec3, Vec3};
+use lamp::Lamp;
+pub use lamp::diffuse;
+use ndarray::{Array4, ArrayView3, Axis};
+use rayon::prelude::*;
+use skies::{Line, Skies};
+
+/// Colours of samples, axes (row, column, sample, channel).
+pub type Colours = Array4<f32>;
+
+/// Whether colours are averaged over footprints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Footprints {
+    /// Averaged over what a sample stands for.
+    Filtered,
+    /// Point samples: the measure against which filtering is held.
+    Points,
+}
+
+/// The colours of `outcomes`, which are a part of `samples` for each pixel.
+pub fn shade(
+    world: &World,
+    view: &View,
+    outcomes: ArrayView3<'_, Seen>,
+    samples: usize,
+    footprints: Footprints,
+) -> Colours {
+    let (height, width, count) = outcomes.dim();
+    let shader = Shader {
+        world,
+        view,
+        outcomes,
+        spacing: match footprints {
+            Footprints::Filtered => 1.0 / (samples as f32).sqrt(),
+            Footprints::Points => 0.0,
+        },
+    };
+    let mut colours = Colours::zeros((height, width, count, 3));
+    colours
+        .axis_chunks_iter_mut(Axis(0), BAND)
+        .into_par_iter()
+        .enumerate()
+        .for_each_init(
+            || Lamp::new(world),
+            |lamp, (band, mut rows)| {
+                if let Some(rows) = rows.as_slice_mut() {
+                    shader.band(band * BAND, rows, lamp);
+                }
+            },
+        );
+    colours
+}
+
+/// Rows that are coloured one after another, so that what is seen is sorted once for a row and
+/// those above and below it.
+const BAND: usize = 12;
+
+struct Shader<'a> {
+    world: &'a World,
+    view: &'a View,
+    outcomes: ArrayView3<'a, Seen>,
+    /// The distance of samples, in pixels; 0 asks for points.
+    spacing: f32,
+}
+
+/// Row, column and number of a sample.
+type Place = (usize, usize, usize);
+
+impl Shader<'_> {
+    /// The colours of the rows from `first` on, three for each sample.
+    fn band(&self, first: usize, rows: &mut [f32], lamp: &mut Lamp<'_>) {
+        let (height, width, count) = self.outcomes.dim();
+        let line = |y: Option<usize>| {
+            let row = y.filter(|y| *y < height);
+            let row = row.map(|y| self.outcomes.index_axis(Axis(0), y));
+            Line::new(self.world, width, count, row)
+        };
+        let skies = Skies {
+            world: self.world,
+            pixel: self.view.pixel_angle() as f32,
+            spacing: self.spacing,
+        };
+        let (mut above, mut here) = (line(first.checked_sub(1)), line(Some(first)));
+        for (y, row) in (first..).zip(rows.chunks_exact_mut((3 * width * count).max(1))) {
+            let below = line(Some(y + 1));
+            skies.light([&above, &here, &below], row);
+            for &i in here.surfaces() {
+                let at = (y, i / count, i % count);
+                if let Seen::Surface(hit) = self.outcomes[at] {
+                    lamp.add(i, hit, self.texture_footprint(at, &hit));
+                }
+            }
+            lamp.light(row);
+            (above, here) = (here, below);
+        }
+    }
+
+    /// How texture coordinates change from sample to sample; a point without a texture.
+    fn texture_footprint(&self, at: Place, hit: &Hit) -> Footprint {
+        let face = &self.world.faces[hit.triangle as usize];
+        let textured = self.world.materials[face.material as usize]
+            .map_kd
+            .is_some();
+        if !textured || self.spacing == 0.0 {
+            return Footprint::POINT;
+        }
+        let here = self.world.point(hit);
+        let change = |axis: usize| -> Vec3 {
+            let way: Option<DVec3> = self.neighbour(at, axis, |seen| match seen {
+                Seen::Surface(other)
+                    if self.world.faces[other.triangle as usize].object == face.object =>
+                {
+                    Some(self.world.point(other) - here)
+                }
+                _ => None,
+            });
+            way.map_or(Vec3::ZERO, |way| {
+                let [du, dv] = self.world.texture_change(hit.triangle, way);
+                Vec3::new(du, dv, 0.0)
+            })
+        };
+        let across = [change(0), change(1)];
+        Footprint { across }.scaled(self.spacing)
+    }
+
+    /// What `pick` makes of the same sample of the next pixel along `axis` (0 right, 1 down), else
+    /// what it makes of the one before, which is as far on the other side.
+    fn neighbour<T: std::ops::Neg<Output = T>>(
+        &self,
+        (y, x, k): Place,
+        axis: usize,
+        pick: impl Fn(&Seen) -> Option<T>,
+    ) -> Option<T> {
+        let (height, width, _) = self.outcomes.dim();
+        let (next, before) = match axis {
+            0 => (
+                (x + 1 < width).then_some((y, x + 1, k)),
+                x.checked_sub(1).map(|x| (y, x, k)),
+            ),
+            _ => (
+                (y + 1 < height).then_some((y + 1, x, k)),
+                y.checked_sub(1).map(|y| (y, x, k)),
+            ),
+        };
+        let at = |place: Option<Place>| place.and_then(|p| pick(&self.outcomes[p]));
+        at(next).or_else(|| at(before).map(|change| -change))
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,371 @@
+//! Many paths at common arc lengths, side by side.
+//!
+//! In: chart points and tangents at knots, six rows for each path. Out: [`PathBatch`], from which
+//! tiles take what they interpolate. Components of one path are contiguous, so that whatever is
+//! computed knot by knot is computed in vectors.
+
+use super::{
+    curve::{Ending, Piece},
+    lanes::{LANES, Lanes, less, more, single},
+};
+use geofan_bundle::{PathCoefficients, rays::Orbit};
+use geofan_expr::vectorised;
+use glam::DVec3;
+use std::{
+    mem::{replace, take},
+    ops::Range,
+    sync::Arc,
+};
+
+/// Rows of a path: x, y, z and the components of the tangent.
+pub const ROWS: usize = 6;
+
+/// Paths at common knots.
+#[derive(Debug, Clone)]
+pub struct PathBatch {
+    knots: Arc<[f64]>,
+    /// Directions at the camera, in the standard frame.
+    directions: Vec<DVec3>,
+    /// Six rows for each path, each as long as `knots`; behind them what paths before left.
+    values: Vec<f64>,
+    /// [`PathView::boxes`] of each.
+    boxes: Vec<f32>,
+    known: Vec<usize>,
+    endings: Vec<Option<Ending>>,
+    /// What a tracer that looks paths up took from its table for some of them.
+    courses: PathCoefficients,
+    sources: Vec<Source>,
+}
+
+/// Where a tracer took a path from, to take more from there.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Source {
+    /// The path on its knots is all there is.
+    Knots,
+    /// From a table, with this number among the courses.
+    Course(usize),
+    /// From a pencil.
+    RayFamily(Orbit),
+}
+
+/// One of them.
+#[derive(Debug, Clone, Copy)]
+pub struct PathView<'a> {
+    /// Arc lengths of the knots.
+    pub knots: &'a [f64],
+    /// Direction at the camera, in the standard frame.
+    pub direction: DVec3,
+    /// Six rows, each as long as `knots`.
+    pub(super) rows: &'a [f64],
+    /// Boxes around the cubics between knots: the least x, y and z of each piece, then the largest, in rows
+    /// of [`pieces_row`] numbers. None of a strand that is not one of [`PathBatch`].
+    pub(super) boxes: &'a [f32],
+    /// How many knots are known.
+    pub known: usize,
+    /// How it ends; `None` where the tracer cannot give it on these knots.
+    pub ending: Option<Ending>,
+    /// What its tracer took from a table, and where the path is.
+    pub(super) source: (&'a PathCoefficients, &'a Source),
+}
+
+impl PathBatch {
+    /// None yet.
+    pub fn new(knots: Arc<[f64]>) -> Self {
+        Self {
+            knots,
+            directions: Vec::new(),
+            values: Vec::new(),
+            boxes: Vec::new(),
+            known: Vec::new(),
+            endings: Vec::new(),
+            courses: PathCoefficients::default(),
+            sources: Vec::new(),
+        }
+    }
+
+    /// How many there are.
+    pub fn len(&self) -> usize {
+        self.known.len()
+    }
+
+    /// Whether there are none.
+    pub fn is_empty(&self) -> bool {
+        self.known.is_empty()
+    }
+
+    /// All of them; none are left, at the same knots.
+    pub fn take(&mut self) -> Self {
+        let none = Self::new(self.knots.clone());
+        replace(self, none)
+    }
+
+    /// Forgets all.
+    pub fn clear(&mut self) {
+        self.directions.clear();
+        self.known.clear();
+        self.endings.clear();
+        self.courses.clear();
+        self.sources.clear();
+    }
+
+    /// Adds paths, some of them with `courses`, by what `add` does.
+    pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut PathCoefficients)) {
+        let mut courses = take(&mut self.courses);
+        add(self, &mut courses);
+        self.courses = courses;
+    }
+
+    /// Makes room for `count` more.
+    pub fn reserve(&mut self, count: usize) {
+        let (count, knots) = (self.len() + count, self.knots.len());
+        if count * ROWS * knots > self.values.len() {
+            self.values.resize(count * ROWS * knots, 0.0);
+            self.boxes.resize(count * ROWS * pieces_row(knots), 0.0);
+        }
+    }
+
+    /// Adds the path in `direction`, which comes from `source`: `fill` writes its rows and says how many
+    /// knots are known, `end` how it ends.
+    pub(super) fn push(
+        &mut self,
+        (direction, source): (DVec3, Source),
+        fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
+        end: impl FnOnce(PathView<'_>) -> Option<Ending>,
+    ) {
+        self.reserve(1);
+        let [values, boxes] = self.places(self.len());
+        let rows = &mut self.values[values.clone()];
+        let known = fill(&self.knots, rows);
+        stay(rows, self.knots.len(), known);
+        surround(&self.knots, rows, &mut self.boxes[boxes.clone()]);
+        let strand = PathView {
+            knots: &self.knots,
+            direction,
+            rows: &self.values[values],
+            boxes: &self.boxes[boxes],
+            known,
+            ending: None,
+            source: (&self.courses, &source),
+        };
+        self.endings.push(end(strand));
+        self.directions.push(direction);
+        self.known.push(known);
+        self.sources.push(source);
+    }
+
+    /// The arc lengths of the knots.
+    pub fn knots(&self) -> &Arc<[f64]> {
+        &self.knots
+    }
+
+    /// Where the rows and the boxes of the path numbered `i` are.
+    fn places(&self, i: usize) -> [Range<usize>; 2] {
+        let knots = self.knots.len();
+        [knots, pieces_row(knots)].map(|row| i * ROWS * row..(i + 1) * ROWS * row)
+    }
+
+    /// The path numbered `i`.
+    pub fn strand(&self, i: usize) -> PathView<'_> {
+        let [values, boxes] = self.places(i);
+        PathView {
+            knots: &self.knots,
+            direction: self.directions[i],
+            rows: &self.values[values],
+            boxes: &self.boxes[boxes],
+            known: self.known[i],
+            ending: self.endings[i],
+            source: (&self.courses, &self.sources[i]),
+        }
+    }
+}
+
+/// Beyond the known knots a path stays where it is, so that boxes around it stay small.
+pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
+    if known == knots {
+        return;
+    }
+    for (c, row) in rows.chunks_exact_mut(knots).enumerate() {
+        let last = match known {
+            1.. if c < 3 => row[known - 1],
+            _ => 0.0,
+        };
+        row[known..].fill(last);
+    }
+}
+
+/// The length of a row of numbers for each piece between so many knots: whole vectors.
+pub fn pieces_row(knots: usize) -> usize {
+    knots.saturating_sub(1).next_multiple_of(LANES)
+}
+
+/// Boxes around the pieces of a path, as [`PathView::boxes`]: around the control points of their cubics,
+/// rounded outwards. By whole vectors as far as there are; those of a table have no rest.
+fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
+    let (n, width) = (knots.len(), pieces_row(knots.len()));
+    let whole = n - n % LANES;
+    vectorised(
+        #[inline(always)]
+        || {
+            for first in (0..whole).step_by(LANES) {
+                let [from, to] = ends(knots, first);
+                let thirds = single(|l| third(from[l], to[l]));
+                for c in 0..3 {
+                    let [a, d] = ends(&rows[c * n..(c + 1) * n], first);
+                    let [v, w] = ends(&rows[(3 + c) * n..(4 + c) * n], first);
+                    let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
+                    for l in 0..LANES {
+                        (low[l], high[l]) = interval(thirds[l], [a[l], d[l]], [v[l], w[l]]);
+                    }
+                    for (row, numbers) in [(c, low), (3 + c, high)] {
+                        boxes[row * width + first..][..LANES].copy_from_slice(&numbers);
+                    }
+                }
+            }
+            for k in whole..n - 1 {
+                let third = third(knots[k], knots[k + 1]);
+                for c in 0..3 {
+                    let at = |row: usize| [rows[row * n + k], rows[row * n + k + 1]];
+                    let (low, high) = interval(third, at(c), at(3 + c));
+                    (boxes[c * width + k], boxes[(3 + c) * width + k]) = (low, high);
+                }
+            }
+        },
+    );
+}
+
+/// A third of the way from one knot to the next.
+#[inline(always)]
+fn third(from: f64, to: f64) -> f32 {
+    ((to - from) * (1.0 / 3.0)) as f32
+}
+
+/// Where a cubic is whose control points are a `third` of its length apart, with these values and slopes at
+/// its ends. What single precision moves a control point by is at most four of its last places at the
+/// largest: one of slope and third, for a step that is at most twice as large, and of each sum.
+#[inline(always)]
+fn interval(third: f32, [a, d]: [f64; 2], [v, w]: [f64; 2]) -> (f32, f32) {
+    let (a, d, v, w) = (a as f32, d as f32, v as f32, w as f32);
+    let (b, c) = (a + v * third, d - w * third);
+    let (low, high) = (less(less(a, b), less(c, d)), more(more(a, b), more(c, d)));
+    let rounding = 4.0 * f32::EPSILON * more(-low, high);
+    (low - rounding, high + rounding)
+}
+
+/// The numbers of a row at both ends of sixteen pieces from `first` on. Behind the last they are alike.
+#[inline(always)]
+fn ends(row: &[f64], first: usize) -> [Lanes; 2] {
+    let mut from = [0.0; LANES];
+    from.copy_from_slice(&row[first..first + LANES]);
+    let mut to = [0.0; LANES];
+    to[..LANES - 1].copy_from_slice(&from[1..]);
+    to[LANES - 1] = *row.get(first + LANES).unwrap_or(&from[LANES - 1]);
+    [from, to]
+}
+
+/// How many of the `knots` matter to what ends at `limit`: up to the first that is not before it.
+pub fn knots_until(knots: &[f64], limit: f64) -> usize {
+    (knots.partition_point(|s| *s < limit) + 1).min(knots.len())
+}
+
+/// Writes a point and a tangent into column `i` of six rows.
+pub fn put(rows: &mut [f64], i: usize, (u, v): (DVec3, DVec3)) {
+    let n = rows.len() / ROWS;
+    for c in 0..3 {
+        (rows[c * n + i], rows[(3 + c) * n + i]) = (u[c], v[c]);
+    }
+}
+
+impl<'a> PathView<'a> {
+    /// Component `c` (below 6) at all knots.
+    #[inline(always)]
+    pub fn row(&self, c: usize) -> &'a [f64] {
+        let n = self.knots.len();
+        &self.rows[c * n..(c + 1) * n]
+    }
+
+    /// The chart point at knot `k`.
+    #[inline(always)]
+    pub fn point(&self, k: usize) -> DVec3 {
+        DVec3::new(self.row(0)[k], self.row(1)[k], self.row(2)[k])
+    }
+
+    /// The tangent at knot `k`.
+    #[inline(always)]
+    pub fn tangent(&self, k: usize) -> DVec3 {
+        DVec3::new(self.row(3)[k], self.row(4)[k], self.row(5)[k])
+    }
+
+    /// One side of the boxes around all pieces: the least x, y, z, then the largest.
+    #[inline(always)]
+    pub(super) fn side(&self, side: usize) -> &'a [f32] {
+        let width = self.boxes.len() / ROWS;
+        &self.boxes[side * width..(side + 1) * width]
+    }
+
+    /// The piece from knot `k` to the next.
+    pub fn piece(&self, k: usize) -> Piece {
+        Piece {
+            s: [self.knots[k], self.knots[k + 1]],
+            u: [self.point(k), self.point(k + 1)],
+            v: [self.tangent(k), self.tangent(k + 1)],
+        }
+    }
+
+    /// The chart point at arc length `s` on the cubics between the knots; `None` beyond the last
+    /// known knot.
+    pub fn position(&self, s: f64) -> Option<DVec3> {
+        let next = self.knots.partition_point(|knot| *knot < s).max(1);
+        if next >= self.known {
+            return None;
+        }
+        let piece = self.piece(next - 1);
+        Some(piece.position((s - piece.s[0]) / (piece.s[1] - piece.s[0])))
+    }
+
+    /// Points and tangents at the ascending arc lengths `s` on the cubics between the knots, into
+    /// six rows as long as `s`.
+    pub fn sample(&self, s: &[f64], rows: &mut [f64]) {
+        for (i, &at) in s.iter().enumerate() {
+            let next = self.knots.partition_point(|knot| *knot < at);
+            let piece = self.piece(next.clamp(1, self.knots.len() - 1) - 1);
+            let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
+            put(rows, i, (piece.position(t), piece.tangent(t)));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_core::random::Stream;
+
+    #[test]
+    fn boxes_hold_the_cubics_between_any_number_of_knots() {
+        let mut stream = Stream::new(&[5]);
+        for count in [2, 16, 17, 20, 33] {
+            let knots: Arc<[f64]> = (0..count).map(|k| 0.7 * k as f64).collect();
+            let mut strands = PathBatch::new(knots);
+            for _ in 0..20 {
+                let size = 10_f64.powf(stream.between(-3.0, 3.0));
+                let fill = |_: &[f64], rows: &mut [f64]| {
+                    rows.fill_with(|| size * stream.between(-1.0, 1.0));
+                    count
+                };
+                strands.push((DVec3::X, Source::Knots), fill, |_| None);
+            }
+            for strand in (0..strands.len()).map(|i| strands.strand(i)) {
+                for (k, t) in (0..count - 1).flat_map(|k| (0..=20).map(move |t| (k, t))) {
+                    let at = strand.piece(k).position(f64::from(t) / 20.0);
+                    for c in 0..3 {
+                        let [low, high] = [c, 3 + c].map(|side| f64::from(strand.side(side)[k]));
+                        assert!(
+                            low <= at[c] && at[c] <= high,
+                            "{count} {k} {low} {} {high}",
+                            at[c]
+                        );
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! Tracers that integrate: from (camera, directions) to paths.
+//!
+//! In: directions in the standard frame at the camera. Out: [`Curve`]s of [`ExactTracer`], each with
+//! its own knots, or [`PathBatch`] on common knots of a [`GridTracer`]. The other grid tracer looks
+//! paths up: [`super::TableTracer`].
+
+use super::{
+    curve::{Curve, Ending, Piece, ending_at},
+    endings::EventLocator,
+    lanes::{LANES, Points},
+    strands::{PathBatch, PathView, ROWS, Source, put},
+};
+use geofan_core::{
+    geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
+    manifold::{Carried, Manifold},
+};
+use glam::{DMat3, DVec3};
+use std::sync::Arc;
+
+/// A tracer whose paths can be interpolated between directions, because all have the same knots.
+pub trait GridTracer: Sync {
+    /// The knots' arc lengths.
+    fn knots(&self) -> &Arc<[f64]>;
+
+    /// Appends the paths in `directions` to `strands`, which has these knots; a path that the tracer
+    /// cannot give on them has no ending.
+    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch);
+
+    /// How the paths in `directions` end, where that is known without the paths.
+    fn endings(&self, directions: &[DVec3], _: &mut EventLocator<'_>) -> Vec<Option<Ending>> {
+        vec![None; directions.len()]
+    }
+
+    /// Points and tangents of a path that [`GridTracer::add`] made, at ascending arc lengths `s`,
+    /// into six rows as long as `s`: as close as the tracer can, where the cubics between knots only
+    /// serve to find what may be met.
+    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]);
+
+    /// Points and tangents of sixteen of them, in the same way.
+    fn refine_sixteen(&self, strands: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
+        refine_each(self, strands, s)
+    }
+
+    /// By how much the cubics between knots may miss the path, radians at the camera.
+    fn slack(&self) -> f64;
+
+    /// Who follows the paths that cannot be given.
+    fn fallback(&self) -> Option<&ExactTracer<'_>>;
+}
+
+/// [`GridTracer::refine_sixteen`] path by path.
+pub(super) fn refine_each<T: GridTracer + ?Sized>(
+    tracer: &T,
+    strands: &[PathView<'_>; LANES],
+    s: &[f64],
+) -> Vec<[Points; 2]> {
+    let mut states = vec![[[[0.0; LANES]; 3]; 2]; s.len()];
+    let mut rows = vec![0.0; ROWS * s.len()];
+    for (l, strand) in strands.iter().enumerate() {
+        tracer.refine(*strand, s, &mut rows);
+        for (i, state) in states.iter_mut().enumerate() {
+            for c in 0..ROWS {
+                state[c / 3][c % 3][l] = rows[c * s.len() + i];
+            }
+        }
+    }
+    states
+}
+
+/// Follows each ray by integration.
+#[derive(Debug, Clone)]
+pub struct ExactTracer<'m> {
+    manifold: &'m Manifold,
+    u: DVec3,
+    frame: DMat3,
+    length: f64,
+    tolerance: f64,
+}
+
+/// Angle (radians) by which a cubic piece may depart from the integrator's quintic: a hundredth of
+/// a mrad, below anything a picture shows.
+const PIECE_ERROR: f64 = 1e-5;
+
+impl<'m> ExactTracer<'m> {
+    /// Rays from `u` over `length` at a local tolerance.
+    pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, tolerance: f64) -> Self {
+        Self {
+            manifold,
+            u,
+            frame: manifold.standard_frame(u),
+            length,
+            tolerance,
+        }
+    }
+}
+
+impl ExactTracer<'_> {
+    /// The curves in `directions`, in order.
+    pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
+        let settings = Settings {
+            tolerance: self.tolerance,
+            carried: Carried::default(),
+            events: true,
+        };
+        let rays = directions.iter().map(|&d| Ray {
+            u: self.u,
+            v: self.frame * d,
+            length: self.length,
+            spread: [DVec3::ZERO; 2],
+        });
+        let mut sink = CurveSink {
+            manifold: self.manifold,
+            curves: directions
+                .iter()
+                .map(|&d| {
+                    (
+                        vec![0.0],
+                        vec![self.u],
+                        vec![self.frame * d],
+                        Ending::Nowhere,
+                    )
+                })
+                .collect(),
+        };
+        follow(self.manifold, settings, rays, &mut sink);
+        let curve = |(s, u, v, ending): Growing| Curve {
+            s: s.into(),
+            u,
+            v,
+            ending,
+        };
+        sink.curves.into_iter().map(curve).collect()
+    }
+}
+
+/// A curve being made: arc lengths, points, tangents, and how it ends.
+type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending);
+
+struct CurveSink<'m> {
+    manifold: &'m Manifold,
+    curves: Vec<Growing>,
+}
+
+impl Sink for CurveSink<'_> {
+    fn step(&mut self, ray: usize, step: &Step) {
+        let (s, u, v, _) = &mut self.curves[ray];
+        let count = cubics(step);
+        for k in 1..=count {
+            let at = step.start + (step.end - step.start) * k as f64 / count as f64;
+            s.push(at);
+            u.push(step.position(at));
+            v.push(step.tangent(at));
+        }
+    }
+
+    fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
+        let (_, u, v, ending) = &mut self.curves[ray];
+        let (u, v) = (u[u.len() - 1], v[v.len() - 1]);
+        *ending = ending_at(self.manifold, end, s, u, v);
+    }
+}
+
+/// The step as cubics.
+pub fn pieces(step: &Step) -> impl Iterator<Item = Piece> {
+    let count = cubics(step);
+    let at = move |k: usize| step.start + (step.end - step.start) * k as f64 / count as f64;
+    (0..count).map(move |k| {
+        let s = [at(k), at(k + 1)];
+        Piece {
+            s,
+            u: s.map(|s| step.position(s)),
+            v: s.map(|s| step.tangent(s)),
+        }
+    })
+}
+
+/// How many cubics replace the quintic of `step`: the middle of one cubic tells, and the error
+/// falls with the fourth power of the length.
+fn cubics(step: &Step) -> usize {
+    let (a, b) = (step.start, step.end);
+    let (v0, v1) = (step.tangent(a), step.tangent(b));
+    let cubic = (step.position(a) + step.position(b)) * 0.5 + (v0 - v1) * ((b - a) / 8.0);
+    let error = (cubic - step.position(0.5 * (a + b))).length();
+    let allowed = PIECE_ERROR * b * v0.length();
+    if error <= allowed {
+        return 1;
+    }
+    (error / allowed).powf(0.25).ceil().min(16.0) as usize
+}
+
+/// Follows each ray by equal steps in single precision: the rival that a table must beat at equal
+/// error.
+#[derive(Debug, Clone)]
+pub struct FixedTracer<'m> {
+    manifold: &'m Manifold,
+    u: DVec3,
+    frame: DMat3,
+    knots: Arc<[f64]>,
+}
+
+impl<'m> FixedTracer<'m> {
+    /// Rays from `u` over `length` in `steps` steps.
+    pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, steps: usize) -> Self {
+        Self {
+            manifold,
+            u,
+            frame: manifold.standard_frame(u),
+            knots: even_knots(length, steps),
+        }
+    }
+}
+
+impl GridTracer for FixedTracer<'_> {
+    fn knots(&self) -> &Arc<[f64]> {
+        &self.knots
+    }
+
+    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch) {
+        let rays: Vec<_> = directions
+            .iter()
+            .map(|&d| (self.u, self.frame * d))
+            .collect();
+        let steps = self.knots.len() - 1;
+        let paths = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);
+        for (direction, (u, v)) in directions.iter().zip(paths) {
+            let fill = |_: &[f64], rows: &mut [f64]| {
+                for (k, (u, v)) in u.iter().zip(&v).enumerate() {
+                    put(rows, k, (*u, *v));
+                }
+                u.len()
+            };
+            strands.push((*direction, Source::Knots), fill, |strand| {
+                Some(endings.ending(strand).unwrap_or(Ending::Nowhere))
+            });
+        }
+    }
+
+    /// The cubics between its steps are its path: the error at equal error is measured on them.
+    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]) {
+        strand.sample(s, rows);
+    }
+
+    fn slack(&self) -> f64 {
+        0.0
+    }
+
+    fn fallback(&self) -> Option<&ExactTracer<'_>> {
+        None
+    }
+}
+
+/// The ends of `n` equal intervals of [0, `length`].
+pub(super) fn even_knots(length: f64, n: usize) -> Arc<[f64]> {
+    (0..=n).map(|k| length * k as f64 / n as f64).collect()
+}

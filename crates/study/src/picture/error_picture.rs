@@ -1,0 +1,326 @@
+//! Errors as a picture that can be read off.
+//!
+//! In: an error per pixel with its unit, NaN where there is none. Out: a picture in magma on a
+//! logarithmic scale, with a title, and on the right a colour bar with ticks at powers of ten.
+
+use crate::picture::{Colormap, lettering, side_by_side::lettering_scale};
+use geofan_render::picture::{Picture, srgb_decode};
+use ndarray::Array2;
+
+/// Linear light around the errors.
+const PAPER: [f32; 3] = [0.9; 3];
+/// Linear light of letters and lines.
+const INK: [f32; 3] = [0.01; 3];
+/// Linear light where there is no error to show: a mid grey, which magma does not pass through.
+const MISSING: [f32; 3] = [0.3; 3];
+
+/// The ends of a logarithmic scale, as powers of ten.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Decades {
+    /// Errors of 10^low and less get the darkest colour.
+    pub low: i32,
+    /// Errors of 10^high and more get the brightest colour.
+    pub high: i32,
+}
+
+impl Decades {
+    /// More decades than this make a factor of ten a small step of colour.
+    const MOST: i32 = 6;
+
+    /// The whole decades from the first percentile of the positive errors to the largest one, or
+    /// the highest six of them. The scale ends a decade above the 99th percentile at the latest:
+    /// one wild pixel must not darken all others, and the largest error is written out anyway.
+    pub fn around(errors: &Array2<f32>) -> Self {
+        let positive = |error: &f32| *error > 0.0 && error.is_finite();
+        let mut sorted: Vec<f32> = errors.iter().copied().filter(positive).collect();
+        sorted.sort_unstable_by(f32::total_cmp);
+        if sorted.is_empty() {
+            return Self { low: -3, high: 0 };
+        }
+        let power = |percent: usize| sorted[(percent * sorted.len()).div_ceil(100) - 1].log10();
+        let high = power(100).ceil().min(power(99).ceil() + 1.0) as i32;
+        let low = (power(1).floor() as i32).clamp(high - Self::MOST, high - 1);
+        Self { low, high }
+    }
+
+    /// Where `error` lies between the ends: 0 at the low one, 1 at the high one.
+    fn place(self, error: f32) -> f32 {
+        let place = (error.max(0.0).log10() - self.low as f32) / self.count() as f32;
+        place.clamp(0.0, 1.0)
+    }
+
+    /// How many decades; at least one, so that no scale is empty.
+    fn count(self) -> i32 {
+        (self.high - self.low).max(1)
+    }
+}
+
+/// A picture of `errors` (not negative, in `unit`) between `decades`, which are chosen from the
+/// errors if not given. Pixels without an error (NaN) are grey, and the bar says so.
+pub fn error_picture(
+    errors: &Array2<f32>,
+    unit: &str,
+    title: &str,
+    decades: Option<Decades>,
+) -> Picture {
+    let decades = decades.unwrap_or_else(|| Decades::around(errors));
+    let legend = Legend::new(errors, unit, decades);
+    let (height, width) = errors.dim();
+    let size = (
+        width + legend.width(),
+        legend.strip() + height.max(legend.least_height()),
+    );
+    let mut picture = Picture::filled(size.0, size.1, PAPER);
+    let title = lettering::shortened(title, size.0 - 2 * legend.gap(), legend.scale);
+    let (x, y) = (legend.gap(), legend.gap() + legend.scale);
+    lettering::draw(&mut picture, x, y, &title, INK, legend.scale);
+    picture.paste(0, legend.strip(), &coloured(errors, decades));
+    legend.draw(&mut picture, width);
+    picture
+}
+
+/// The errors alone, in their colours.
+fn coloured(errors: &Array2<f32>, decades: Decades) -> Picture {
+    let (height, width) = errors.dim();
+    Picture::from_fn(width, height, |x, y| {
+        let error = errors[(y, x)];
+        if error.is_nan() {
+            return MISSING;
+        }
+        magma(decades.place(error))
+    })
+}
+
+/// Magma in linear light.
+fn magma(place: f32) -> [f32; 3] {
+    Colormap::Magma.colour(place).map(srgb_decode)
+}
+
+/// What stands to the right of the errors: unit, bar with ticks, largest error, missing pixels.
+struct Legend {
+    decades: Decades,
+    unit: String,
+    notes: Vec<String>,
+    missing: bool,
+    scale: usize,
+}
+
+impl Legend {
+    fn new(errors: &Array2<f32>, unit: &str, decades: Decades) -> Self {
+        let known = errors.iter().copied().filter(|error| !error.is_nan());
+        let mut notes = Vec::new();
+        if let Some(largest) = known.reduce(f32::max) {
+            notes.push(format!("max {}", short_number(largest)));
+        }
+        Self {
+            decades,
+            unit: unit.to_string(),
+            notes,
+            missing: errors.iter().any(|error| error.is_nan()),
+            scale: lettering_scale(errors.nrows()),
+        }
+    }
+
+    fn gap(&self) -> usize {
+        3 * self.scale
+    }
+
+    fn line(&self) -> usize {
+        lettering::LINE_HEIGHT * self.scale
+    }
+
+    /// Height of the title strip.
+    fn strip(&self) -> usize {
+        self.line() + 2 * self.gap()
+    }
+
+    /// Lines under the bar.
+    fn lines_below(&self) -> usize {
+        self.notes.len() + usize::from(self.missing)
+    }
+
+    /// The unit, two ticks with labels and the lines below need this much.
+    fn least_height(&self) -> usize {
+        (self.lines_below() + 6) * self.line()
+    }
+
+    /// The bar's left and right edge from the left edge of the legend.
+    fn bar_columns(&self) -> (usize, usize) {
+        (3 * self.gap(), 3 * self.gap() + 14 * self.scale)
+    }
+
+    /// Where tick labels start, from the left edge of the legend.
+    fn label_column(&self) -> usize {
+        self.bar_columns().1 + 6 * self.scale
+    }
+
+    fn width(&self) -> usize {
+        let width = |text: &str| lettering::width(text, self.scale);
+        let ticks = (self.decades.low..=self.decades.high).map(|power| width(&tick_label(power)));
+        let labels = self.label_column() + ticks.max().unwrap_or(0);
+        let below = self
+            .notes
+            .iter()
+            .chain([&self.unit])
+            .map(|text| width(text))
+            .max();
+        let missing = usize::from(self.missing) * (self.line() + width("no value"));
+        let below = 3 * self.gap() + below.unwrap_or(0).max(missing);
+        labels.max(below) + 2 * self.gap()
+    }
+
+    /// Draws the legend with its left edge at `left`, under the title strip.
+    fn draw(&self, picture: &mut Picture, left: usize) {
+        let text_column = left + self.bar_columns().0;
+        let unit_row = self.strip() + self.scale;
+        lettering::draw(picture, text_column, unit_row, &self.unit, INK, self.scale);
+        let top = self.strip() + self.line() + 2 * self.gap();
+        let below = picture.height() - self.lines_below() * self.line();
+        self.draw_bar(picture, left, top, below - self.line());
+        let mut row = below;
+        for note in &self.notes {
+            lettering::draw(picture, text_column, row, note, INK, self.scale);
+            row += self.line();
+        }
+        if self.missing {
+            let side = lettering::CAPITAL_HEIGHT * self.scale;
+            picture.fill(text_column..text_column + side, row..row + side, MISSING);
+            let text_column = text_column + self.line();
+            lettering::draw(picture, text_column, row, "no value", INK, self.scale);
+        }
+    }
+
+    /// The bar between two rows, framed, with its ticks.
+    fn draw_bar(&self, picture: &mut Picture, left: usize, top: usize, bottom: usize) {
+        let (bar_left, bar_right) = (left + self.bar_columns().0, left + self.bar_columns().1);
+        let frame = self.scale;
+        let around = bar_left - frame..bar_right + frame;
+        picture.fill(around, top - frame..bottom + frame, INK);
+        let rows = bottom - top;
+        for row in top..bottom {
+            let place = (bottom - 1 - row) as f32 / (rows - 1).max(1) as f32;
+            picture.fill(bar_left..bar_right, row..row + 1, magma(place));
+        }
+        let decades = self.decades.count();
+        let every = self.label_step(rows);
+        for decade in 0..=decades {
+            let row = bottom - (rows - frame) * decade as usize / decades as usize - frame;
+            let tick = bar_right..bar_right + 3 * self.scale;
+            picture.fill(tick, row..row + frame, INK);
+            if decade % every == 0 {
+                let label = tick_label(self.decades.low + decade);
+                let row = row + frame / 2 - lettering::CAPITAL_HEIGHT * self.scale / 2;
+                lettering::draw(
+                    picture,
+                    left + self.label_column(),
+                    row,
+                    &label,
+                    INK,
+                    self.scale,
+                );
+            }
+        }
+    }
+
+    /// Every how many ticks a label has room.
+    fn label_step(&self, rows: usize) -> i32 {
+        let between = rows / self.decades.count() as usize;
+        self.line().div_ceil(between.max(1)) as i32
+    }
+}
+
+/// A power of ten as one would write it by hand.
+fn tick_label(power: i32) -> String {
+    match power {
+        0..=4 => 10_i32.pow(power as u32).to_string(),
+        -4..0 => format!("{:.*}", power.unsigned_abs() as usize, 10_f64.powi(power)),
+        _ => format!("1e{power}"),
+    }
+}
+
+/// Three significant digits.
+fn short_number(value: f32) -> String {
+    let power = value.abs().log10().floor();
+    if (-3.0..4.0).contains(&power) {
+        format!("{value:.*}", (2.0 - power).max(0.0) as usize)
+    } else if value == 0.0 || !value.is_finite() {
+        value.to_string()
+    } else {
+        format!("{value:.1e}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp(width: usize, height: usize) -> Array2<f32> {
+        Array2::from_shape_fn((height, width), |(_, x)| {
+            10_f32.powf(-3.0 + 4.0 * x as f32 / width as f32)
+        })
+    }
+
+    #[test]
+    fn chosen_decades_hold_nearly_all_errors() {
+        assert_eq!(Decades::around(&ramp(400, 2)), Decades { low: -3, high: 1 });
+        let constant = Array2::from_elem((3, 3), 1.0);
+        assert_eq!(Decades::around(&constant), Decades { low: -1, high: 0 });
+        let mut outlier = ramp(400, 2);
+        outlier[(0, 0)] = 1e9;
+        assert_eq!(Decades::around(&outlier), Decades { low: -3, high: 2 });
+        let wide = Array2::from_shape_fn((1, 40), |(_, x)| 10_f32.powi(x as i32 - 35));
+        assert_eq!(Decades::around(&wide), Decades { low: -2, high: 4 });
+    }
+
+    #[test]
+    fn errors_without_a_positive_number_have_a_scale_too() {
+        for value in [0.0, f32::NAN, f32::INFINITY, -1.0] {
+            let errors = Array2::from_elem((4, 4), value);
+            assert_eq!(Decades::around(&errors), Decades { low: -3, high: 0 });
+            error_picture(&errors, "mrad", "title", None);
+        }
+    }
+
+    #[test]
+    fn a_factor_of_ten_is_the_same_step_everywhere_on_the_scale() {
+        let decades = Decades { low: -2, high: 2 };
+        for (error, place) in [(0.01, 0.0), (0.1, 0.25), (1.0, 0.5), (100.0, 1.0)] {
+            approx::assert_abs_diff_eq!(decades.place(error), place, epsilon = 1e-6);
+        }
+        assert_eq!(decades.place(0.0), 0.0);
+        assert_eq!(decades.place(f32::INFINITY), 1.0);
+    }
+
+    #[test]
+    fn missing_errors_are_grey_and_all_others_magma() {
+        let mut errors = ramp(50, 40);
+        errors[(7, 9)] = f32::NAN;
+        let picture = error_picture(&errors, "mrad", "wormhole", None);
+        let top = Legend::new(&errors, "mrad", Decades::around(&errors)).strip();
+        assert_eq!(picture.pixel(9, top + 7), MISSING);
+        assert_eq!(picture.pixel(0, top), magma(0.0));
+        assert!((0..50).all(|x| picture.pixel(x, top + 8) != MISSING));
+    }
+
+    #[test]
+    fn pictures_of_any_size_have_room_for_the_bar() {
+        for (width, height) in [(0, 0), (1, 1), (5, 700), (700, 5)] {
+            let picture = error_picture(&ramp(width, height), "mrad", "a long title", None);
+            assert!(picture.height() > 40 && picture.width() > width + 20);
+        }
+        let one = Some(Decades { low: 3, high: -3 });
+        error_picture(&ramp(5, 5), "a long unit", "", one);
+    }
+
+    #[test]
+    fn numbers_are_written_briefly() {
+        let ticks = [-5, -3, 0, 2, 6].map(tick_label);
+        assert_eq!(ticks, ["1e-5", "0.001", "1", "100", "1e6"]);
+        let numbers =
+            [0.0, 0.012_34, 1.234, 999.9, 12_345.0, 1e-7, f32::INFINITY].map(short_number);
+        assert_eq!(
+            numbers,
+            ["0", "0.0123", "1.23", "1000", "1.2e4", "1.0e-7", "inf"]
+        );
+    }
+}

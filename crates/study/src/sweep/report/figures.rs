@@ -1,0 +1,309 @@
+//! Figures of one manifold: error against bytes, against bake time, against lookup time.
+//!
+//! In: [`Results`]. Out: [`Figure`]s, as SVG and PNG. Axes are logarithmic; colours are those of
+//! Okabe and Ito, told apart by people with any colour vision; markers differ too. The rival stands in
+//! every figure: as horizontal lines at the errors of some numbers of steps, each with its time for a
+//! path, and as a curve where time for a path is the axis.
+
+use crate::sweep::report::analysis::{KINDS, Pair, slopes};
+use crate::sweep::{
+    point::{Kind, Measured},
+    rival::Rival,
+    subject::Results,
+};
+use geofan_core::{Error, Result};
+use kuva::prelude::{
+    Layout, LegendPosition, LinePlot, MarkerShape, Plot, PngBackend, ReferenceLine, ScatterPlot,
+    SvgBackend, TickFormat, render_multiple,
+};
+use std::sync::Arc;
+
+/// A picture of the report.
+#[derive(Debug, Clone)]
+pub struct Figure {
+    /// The name of its files, without ending.
+    pub name: String,
+    /// What it shows, in words.
+    pub caption: String,
+    /// As SVG; none for pictures of many cells.
+    pub svg: Option<String>,
+    /// As PNG.
+    pub png: Vec<u8>,
+}
+
+/// Pixels of a PNG for each unit of the SVG.
+const SCALE: f32 = 1.5;
+
+const BLACK: &str = "#000000";
+
+fn colour(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Patches => "#D55E00",
+        Kind::UndividedPatches => "#CC79A7",
+        Kind::MultilinearF32 => "#56B4E9",
+        Kind::MultilinearU16 => "#0072B2",
+        Kind::CubicF32 => "#E69F00",
+        Kind::CubicU16 => "#009E73",
+    }
+}
+
+fn marker(kind: Kind) -> MarkerShape {
+    match kind {
+        Kind::Patches => MarkerShape::Circle,
+        Kind::UndividedPatches => MarkerShape::Cross,
+        Kind::MultilinearF32 => MarkerShape::Diamond,
+        Kind::MultilinearU16 => MarkerShape::Square,
+        Kind::CubicF32 => MarkerShape::TriangleDown,
+        Kind::CubicU16 => MarkerShape::Triangle,
+    }
+}
+
+impl Figure {
+    /// A figure from a kuva plot, as SVG and PNG.
+    ///
+    /// # Errors
+    /// It cannot be drawn.
+    pub fn draw(name: String, caption: String, plots: Vec<Plot>, layout: Layout) -> Result<Self> {
+        let scene = render_multiple(plots, layout);
+        let png = PngBackend::new().with_scale(SCALE).render_scene(&scene);
+        Ok(Self {
+            svg: Some(SvgBackend.render_scene(&scene)),
+            png: png.map_err(|e| Error::input(&name, e))?,
+            name,
+            caption,
+        })
+    }
+}
+
+/// The figures of `results`.
+///
+/// # Errors
+/// One cannot be drawn.
+pub fn figures(results: &Results) -> Result<Vec<Figure>> {
+    Ok(vec![
+        error_by_bytes(results)?,
+        error_by_bake(results)?,
+        error_by_path(results)?,
+    ])
+}
+
+/// What figures of all kinds share.
+struct Chart {
+    plots: Vec<Plot>,
+    /// Everything drawn, for the ranges of the axes.
+    points: Vec<(f64, f64)>,
+}
+
+impl Chart {
+    fn new() -> Self {
+        Self {
+            plots: Vec::new(),
+            points: Vec::new(),
+        }
+    }
+
+    /// Points joined by a line.
+    fn series(&mut self, data: Vec<(f64, f64)>, colour: &str, shape: MarkerShape, label: String) {
+        let shown = |(x, y): &(f64, f64)| *x > 0.0 && *y > 0.0 && x.is_finite() && y.is_finite();
+        let data: Vec<(f64, f64)> = data.into_iter().filter(shown).collect();
+        if data.is_empty() {
+            return;
+        }
+        self.points.extend(&data);
+        let line = LinePlot::new().with_data(data.clone()).with_color(colour);
+        self.plots.push(line.with_stroke_width(1.2).into());
+        let marks = ScatterPlot::new().with_data(data).with_color(colour);
+        let marks = marks.with_size(4.0).with_marker(shape).with_legend(label);
+        self.plots.push(marks.into());
+    }
+
+    /// Rings around points.
+    fn rings(&mut self, data: Vec<(f64, f64)>) {
+        let rings = ScatterPlot::new().with_data(data).with_color(BLACK);
+        let rings = rings.with_size(8.0).with_marker_opacity(0.0);
+        self.plots.push(rings.with_marker_stroke_width(1.2).into());
+    }
+
+    fn range(&self, of: fn(&(f64, f64)) -> f64) -> [f64; 2] {
+        let values = self.points.iter().map(of);
+        let (low, high) = values.fold((f64::INFINITY, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
+        match low <= high {
+            true => [low, high],
+            false => [1.0, 1.0],
+        }
+    }
+
+    /// Axes over all points, with `room` decades on the right for what is written there.
+    fn layout(&self, title: [&str; 2], x: &str, room: f64) -> Layout {
+        let [left, right] = self.range(|p| p.0).map(f64::log10);
+        let [low, high] = self.range(|p| p.1).map(f64::log10);
+        let tidy = |x: f64| 10.0_f64.powf(x);
+        let exponent = |v: f64| power_of_ten(v);
+        Layout::auto_from_plots(&self.plots)
+            .with_width(620.0)
+            .with_height(430.0)
+            .with_log_scale()
+            .with_title(title[0])
+            .with_subtitle(title[1])
+            .with_x_label(x)
+            .with_y_label("screen error, 99th percentile (mrad)")
+            .with_x_axis_min(tidy(left - 0.15))
+            .with_x_axis_max(tidy(right + room))
+            .with_y_axis_min(tidy(low - 0.2))
+            .with_y_axis_max(tidy(high + 0.2))
+            .with_tick_format(TickFormat::Custom(Arc::new(exponent)))
+            .with_title_size(15)
+            .with_subtitle_size(11)
+            .with_label_size(13)
+            .with_tick_size(11)
+            .with_body_size(11)
+            .with_legend_position(LegendPosition::OutsideRightTop)
+    }
+}
+
+/// A tick's number: plain near one, else a power of ten.
+fn power_of_ten(value: f64) -> String {
+    let exponent = value.abs().max(f64::MIN_POSITIVE).log10();
+    match (-3.0..4.0).contains(&exponent) {
+        true => format!("{value}"),
+        false => format!("{value:e}"),
+    }
+}
+
+/// The slope between the two largest tables, for legends: order in the spacing for grids, power of the bytes for patches.
+fn law(points: &[Pair<'_>]) -> String {
+    let all = slopes(points);
+    let Some(last) = all.last() else {
+        return String::new();
+    };
+    match last.order {
+        Some(order) => format!(" (h^{order:.1})"),
+        None => format!(" (bytes^{:.1})", last.bytes),
+    }
+}
+
+/// The share of rays that a table leaves to the integrator.
+fn flagged(points: &[Pair<'_>]) -> String {
+    points.last().map_or(String::new(), |(_, m)| {
+        format!(" ({:.0} % flagged)", 100.0 * m.errors.flagged)
+    })
+}
+
+/// What a legend adds about a kind.
+fn remark(kind: Kind, points: &[Pair<'_>]) -> String {
+    match kind {
+        Kind::UndividedPatches => flagged(points),
+        _ => law(points),
+    }
+}
+
+/// What a legend adds about a kind beside times, which know no slope.
+fn share(kind: Kind, points: &[Pair<'_>]) -> String {
+    match kind {
+        Kind::UndividedPatches => flagged(points),
+        _ => String::new(),
+    }
+}
+
+/// The points of all kinds at `x`, named by their kind and what `remark` adds.
+fn all_kinds(
+    chart: &mut Chart,
+    results: &Results,
+    x: impl Fn(&Measured) -> f64,
+    remark: impl Fn(Kind, &[Pair<'_>]) -> String,
+) {
+    for kind in KINDS {
+        let points = results.of(kind);
+        let data = points.iter().map(|(_, m)| (x(m), m.errors.screen.p99));
+        let label = format!("{}{}", kind.title(), remark(kind, &points));
+        chart.series(data.collect(), colour(kind), marker(kind), label);
+    }
+}
+
+/// Rivals spread over the range of errors: lines closer than this many decades would run into each
+/// other.
+const APART: f64 = 0.55;
+
+fn some_rivals(rivals: &[Rival], [low, high]: [f64; 2]) -> Vec<Rival> {
+    let mut chosen: Vec<Rival> = Vec::new();
+    for rival in rivals {
+        let p99 = rival.screen.p99;
+        let apart = chosen
+            .last()
+            .is_none_or(|last| (last.screen.p99 / p99).log10() > APART);
+        if p99 >= low && p99 <= high && apart {
+            chosen.push(*rival);
+        }
+    }
+    chosen
+}
+
+/// What the dashed lines are.
+const DASHED: &str = "dashed: exact by equal steps, time for a path";
+
+/// Decades on the right for the names of the dashed lines: a third of the width.
+fn room(chart: &Chart) -> f64 {
+    let [left, right] = chart.range(|p| p.0).map(f64::log10);
+    0.15 + 0.5 * (right - left)
+}
+
+fn with_rivals(mut layout: Layout, chart: &Chart, results: &Results) -> Layout {
+    for rival in some_rivals(&results.rivals, chart.range(|p| p.1)) {
+        let micros = 1e-3 * rival.path_ns;
+        let label = format!("{} steps, {micros:.2} µs", rival.steps);
+        let line = ReferenceLine::horizontal(rival.screen.p99);
+        layout = layout.with_reference_line(line.with_color("#888888").with_label(label));
+    }
+    layout
+}
+
+fn error_by_bytes(results: &Results) -> Result<Figure> {
+    let mut chart = Chart::new();
+    all_kinds(&mut chart, results, |m| m.disk as f64, remark);
+    let front = results.front();
+    let front = front
+        .iter()
+        .map(|(_, m)| (m.disk as f64, m.errors.screen.p99));
+    chart.rings(front.collect());
+    let title = format!("{}: error against size", results.title);
+    let room = room(&chart);
+    let rings = format!("rings: Pareto front; {DASHED}");
+    let layout = chart.layout([&title, &rings], "file (bytes)", room);
+    let layout = with_rivals(layout, &chart, results);
+    let caption = "Every point is a measured table. In brackets the slope between the two largest \
+        tables of a kind: the order in the mean spacing h for grids, the power of the bytes for \
+        patches. Rings mark the Pareto front. Undivided patches leave the flagged share of rays to the integrator. \
+        Dashed: the integrator at so many steps, with its time for a path.";
+    let name = format!("{}-error-bytes", results.name);
+    Figure::draw(name, caption.into(), chart.plots, layout)
+}
+
+fn error_by_bake(results: &Results) -> Result<Figure> {
+    let mut chart = Chart::new();
+    all_kinds(&mut chart, results, |m| m.bake.cpu_s, share);
+    let title = format!("{}: error against bake time", results.title);
+    let layout = chart.layout([&title, DASHED], "bake (s of processor time)", room(&chart));
+    let layout = with_rivals(layout, &chart, results);
+    let caption = "Processor time of the bake, all threads together, sampling included. \
+        Dashed: the integrator, which needs no bake.";
+    let name = format!("{}-error-bake", results.name);
+    Figure::draw(name, caption.into(), chart.plots, layout)
+}
+
+fn error_by_path(results: &Results) -> Result<Figure> {
+    let mut chart = Chart::new();
+    all_kinds(&mut chart, results, |m| m.path_ns, share);
+    let [best, worst] = chart.range(|p| p.1);
+    let within = 0.3 * best..=3.0 * worst;
+    let rivals = results.rivals.iter();
+    let rivals = rivals.filter(|r| within.contains(&r.screen.p99));
+    let exact: Vec<(f64, f64)> = rivals.map(|r| (r.path_ns, r.screen.p99)).collect();
+    chart.series(exact, BLACK, MarkerShape::Plus, "exact, equal steps".into());
+    let title = format!("{}: error against lookup time", results.title);
+    let subtitle = "exact: equal steps in single precision";
+    let layout = chart.layout([&title, subtitle], "time for a path (ns of one core)", 0.15);
+    let caption = "Processor time for one path in a random direction, the camera fixed before: \
+        16 chart points from a table, all steps of the integrator.";
+    let name = format!("{}-error-lookup", results.name);
+    Figure::draw(name, caption.into(), chart.plots, layout)
+}

@@ -1,0 +1,254 @@
+//! `geofan bake`: bakes a manifold into a bundle, or a share of it into a shard.
+//!
+//! In: a manifold file and a promise. Out: the file, and what it holds and keeps on stdout.
+
+use super::{demo::DemoArgs, merge::MergeArgs, sweep::SweepArgs};
+use crate::terminal::{self, CommonArgs, Outcome, Watcher, command_line, has_option, values};
+use geofan_bake::{BakeOptions, BakeResult, Finished, PROMISES, Share, WrittenShard, bake};
+use geofan_core::{Error, Result, manifold::Manifold};
+use serde_json::json;
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Instant,
+};
+
+/// A bake, or what belongs to it.
+#[derive(Debug, clap::Args)]
+#[command(subcommand_negates_reqs = true, args_conflicts_with_subcommands = true)]
+pub struct BakeCommand {
+    #[command(subcommand)]
+    command: Option<Companion>,
+    #[command(flatten)]
+    bake: Option<BakeArgs>,
+}
+
+/// What else there is to do around bakes.
+#[derive(Debug, clap::Subcommand)]
+pub enum Companion {
+    /// Join the shards of one bake into a bundle
+    Merge(MergeArgs),
+    /// Bake the wormhole, render it and compare
+    Demo(DemoArgs),
+    /// Measure accuracy against table size
+    Sweep(SweepArgs),
+}
+
+impl BakeCommand {
+    /// Does it.
+    ///
+    /// # Errors
+    /// Whatever the command meets.
+    pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
+        match (&self.command, &self.bake) {
+            (Some(Companion::Merge(args)), _) => super::merge::run(args, common),
+            (Some(Companion::Demo(args)), _) => super::demo::run(args, common),
+            (Some(Companion::Sweep(args)), _) => super::sweep::run(args, common),
+            (None, Some(args)) => run(args, common),
+            (None, None) => Err(Error::input("MANIFOLD", "give a manifold to bake")),
+        }
+    }
+}
+
+/// Options of a bake.
+#[derive(Debug, Clone, clap::Args)]
+pub struct BakeArgs {
+    /// The manifold file
+    pub manifold: PathBuf,
+    /// The bundle to write
+    #[arg(long, short, value_name = "B.fan")]
+    pub output: PathBuf,
+    /// The promise: 99th percentile of the screen error, in mrad [default: 0.5]
+    #[arg(long, value_name = "MRAD", value_parser = promise)]
+    pub max_error: Option<f64>,
+    /// Largest file; the promise is loosened until the table fits, unless --max-error is given too
+    #[arg(long, value_name = "SIZE", value_parser = values::bytes, conflicts_with = "shard")]
+    pub max_size: Option<u64>,
+    /// How far paths go (arc length) [default: the manifold file's]
+    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
+    pub length: Option<f64>,
+    /// Replace a parameter of the manifold; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
+    pub set: Vec<(String, f64)>,
+    /// Promise points only, not tangents: smaller, but skies are less sharp and frames are not told
+    #[arg(long)]
+    pub no_frames: bool,
+    /// Store every chunk, also those that reflections or exchanges of coordinates carry into others
+    #[arg(long)]
+    pub no_mirrors: bool,
+    /// Bake the share I of N only (I from 1 to N) and write it as a shard for `merge`
+    #[arg(long, value_name = "I/N", value_parser = share)]
+    pub shard: Option<Share>,
+    /// Go on with what an interrupted bake left in B.fan.parts
+    #[arg(long)]
+    pub resume: bool,
+    /// Fresh random rays that the certificate takes
+    #[arg(long, value_name = "RAYS", default_value_t = 20_000,
+          value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+    pub certify_rays: u64,
+}
+
+/// A promise, mrad.
+///
+/// # Errors
+/// A message for the user.
+pub fn promise(text: &str) -> Result<f64, String> {
+    let value = values::positive(text)?;
+    if PROMISES.contains(&value) {
+        return Ok(value);
+    }
+    let (start, end) = (PROMISES.start(), PROMISES.end());
+    Err(format!("a promise lies between {start} and {end} mrad"))
+}
+
+fn share(text: &str) -> Result<Share, String> {
+    let wrong = || format!("`{text}` is not a share: write 1/4 for the first of four");
+    let (index, of) = text.split_once('/').ok_or_else(wrong)?;
+    let number = |text: &str| text.trim().parse::<u32>().map_err(|_| wrong());
+    let (index, of) = (number(index)?, number(of)?);
+    match (1..=of).contains(&index) {
+        true => Ok(Share { index, of }),
+        false => Err(format!("shares are numbered from 1 to {of}")),
+    }
+}
+
+/// Bakes.
+pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
+    let started = Instant::now();
+    let watcher = Watcher::new(common)?;
+    let manifold = Manifold::load(&args.manifold, &args.set)?;
+    let options = BakeOptions {
+        max_error: args.max_error,
+        max_size: args.max_size,
+        length: args.length,
+        frames: !args.no_frames,
+        mirrors: !args.no_mirrors,
+        share: args.shard,
+        resume: args.resume,
+        certify_rays: args.certify_rays,
+    };
+    let baked = bake(Arc::new(manifold), &args.output, &options, &watcher);
+    match baked.map_err(resumable)? {
+        BakeResult::Bundle(finished) => report(&finished, &args.output, started, common),
+        BakeResult::Shard(written) => report_shard(written, &args.output, common),
+        BakeResult::TooLarge(reason) => refuse(&reason, common),
+    }
+}
+
+/// Adds the command that goes on to what an interrupted bake says.
+fn resumable(error: Error) -> Error {
+    let Error::Interrupted { resume } = error else {
+        return error;
+    };
+    let flag = match has_option("--resume") {
+        true => "",
+        false => " --resume",
+    };
+    Error::Interrupted {
+        resume: format!("{resume}; go on with: {}{flag}", command_line()),
+    }
+}
+
+/// Says that the size limit and the promise exclude each other.
+fn refuse(reason: &str, common: &CommonArgs) -> Result<Outcome> {
+    let message = format!("{reason}; loosen --max-error or raise --max-size");
+    terminal::line(&format!("error: {message}"));
+    if common.json {
+        terminal::print_json(&json!({ "error": { "message": message } }))?;
+    }
+    Ok(Outcome::CheckFailed)
+}
+
+fn report_shard(written: WrittenShard, path: &Path, common: &CommonArgs) -> Result<Outcome> {
+    let WrittenShard {
+        share: Share { index, of },
+        bytes,
+        chunks,
+    } = written;
+    let name = path.display().to_string();
+    if common.json {
+        terminal::print_json(&json!({
+            "path": name, "bytes": bytes, "shard": index, "of": of, "chunks": chunks,
+        }))?;
+    } else {
+        terminal::print(&format!(
+            "{name}: {bytes} bytes, shard {index} of {of} with {chunks} chunks\n"
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Prints what was made; the outcome says whether the promise is kept.
+///
+/// # Errors
+/// stdout cannot be written.
+pub fn report(
+    finished: &Finished,
+    path: &Path,
+    started: Instant,
+    common: &CommonArgs,
+) -> Result<Outcome> {
+    let promise = finished.bundle.header.plan.max_error;
+    let kept = finished.certificate.keeps(promise);
+    let counts = finished.bundle.table.counts();
+    let (patches, given_up) =
+        counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
+    let seconds = started.elapsed().as_secs_f64();
+    let (certificate, bytes) = (&finished.certificate, finished.bytes);
+    if common.json {
+        terminal::print_json(&json!({
+            "path": path.display().to_string(),
+            "bytes": bytes,
+            "promise": promise,
+            "kept": kept,
+            "mrad": certificate.mrad,
+            "screen_mrad": certificate.screen_mrad,
+            "sky_mrad": certificate.sky_mrad,
+            "rotation_mrad": certificate.rotation_mrad,
+            "flagged": certificate.flagged,
+            "rays": certificate.rays,
+            "seed": certificate.seed,
+            "exact_rays": certificate.exact_rays_baked,
+            "patches": patches,
+            "flagged_boxes": given_up,
+            "seconds": seconds,
+        }))?;
+    } else {
+        let (path, lines) = (path.display(), certificate.lines());
+        terminal::print(&format!(
+            "{path}: {bytes} bytes, {patches} patches, {given_up} flagged boxes\n\
+                 promise: 99 % of screen errors within {promise} mrad\n{lines}\
+                 {} rays integrated, {seconds:.1} s\n",
+            certificate.exact_rays_baked
+        ))?;
+    }
+    if kept {
+        return Ok(Outcome::Done);
+    }
+    let p99 = certificate.screen_mrad.p99;
+    terminal::line(&format!(
+        "error: the promise of {promise} mrad is not kept: the certificate found {p99:.4}"
+    ));
+    Ok(Outcome::CheckFailed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_are_counted_from_one() {
+        assert_eq!(share("2/3"), Ok(Share { index: 2, of: 3 }));
+        for wrong in ["0/3", "4/3", "1/0", "1", "a/b", "-1/2", ""] {
+            assert!(share(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn promises_have_a_range() {
+        assert_eq!(promise("0.5"), Ok(0.5));
+        for wrong in ["0", "-1", "1e-9", "1e9", "inf", "x"] {
+            assert!(promise(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,357 @@
+//! Bakes of tiny tables by the program: equal bytes whichever way they are made, and what is said
+//! when they cannot be made.
+
+mod support;
+
+use assert_cmd::assert::Assert;
+use geofan_bake::certify;
+use geofan_bundle::Bundle;
+use geofan_core::random::Stream;
+use geofan_render::Camera;
+use glam::DVec3;
+use serde_json::Value;
+use std::fs;
+use support::Place;
+
+/// A mild lens seen from anywhere on a shell: two axes, four chunks.
+const LENS: &str = r#"
+name = "lens"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "exp(h*exp(-(x^2 + y^2 + z^2)/2))" }
+[parameters]
+h = 0.1
+[symmetry]
+rotation = "origin"
+[cameras]
+parameters = { c = [1, 2] }
+at = ["c", "0", "0"]
+length = 3.0
+"#;
+
+/// The same from one point: one face of one axis.
+const POINT: &str = r#"
+name = "point"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1 + 0.1*exp(-x^2)" }
+[cameras]
+at = ["1", "0", "0"]
+length = 2.0
+"#;
+
+/// A lens seen from anywhere in a box, with all reflections and exchanges of coordinates.
+const BOX: &str = r#"
+name = "box"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "exp(0.2*exp(-(x^2 + y^2 + z^2)/2))" }
+[cameras]
+parameters = { a = [-1, 1], b = [-1, 1], c = [-1, 1] }
+at = ["a", "b", "c"]
+length = 2.0
+"#;
+
+fn place() -> Place {
+    Place::with(&[
+        ("lens.toml", LENS),
+        ("point.toml", POINT),
+        ("box.toml", BOX),
+    ])
+}
+
+/// A bake of the lens; tests differ in what they add.
+fn lens(place: &Place, arguments: &str) -> Assert {
+    place.bake(&format!(
+        "lens.toml --max-error 2 --certify-rays 400 {arguments}"
+    ))
+}
+
+fn json(place: &Place, arguments: &str) -> Value {
+    let output = lens(place, arguments).success().get_output().stdout.clone();
+    serde_json::from_slice(&output).unwrap()
+}
+
+fn stderr(assert: &Assert) -> String {
+    String::from_utf8(assert.get_output().stderr.clone()).unwrap()
+}
+
+#[test]
+fn a_bake_keeps_its_promise_and_leaves_one_file() {
+    let place = place();
+    let report = json(&place, "-o b.fan --json");
+    assert!(report["screen_mrad"]["p99"].as_f64().unwrap() <= 2.0);
+    assert!(report["rotation_mrad"]["p99"].as_f64().unwrap() <= 10.0);
+    assert_eq!(report["kept"], true);
+    let size = fs::metadata(place.path("b.fan")).unwrap().len();
+    assert_eq!(report["bytes"], size);
+    assert!(!place.path("b.fan.parts").exists());
+    let bundle = Bundle::read(&place.path("b.fan")).unwrap();
+    let certificate = bundle.header.certificate.clone().unwrap();
+    assert_eq!(report["exact_rays"], certificate.exact_rays_baked);
+    let fresh = certify(&bundle.table, 500, 77, 1e-9, 2.0, |_| Ok(())).unwrap();
+    assert!(fresh.certificate.keeps(2.0), "{fresh:?}");
+}
+
+#[test]
+fn any_number_of_threads_makes_the_same_bytes() {
+    let place = place();
+    for threads in [1, 2, 7] {
+        let output = format!("{threads}.fan");
+        lens(&place, &format!("-o {output} --threads {threads}")).success();
+    }
+    assert!(place.bytes("1.fan") == place.bytes("2.fan"));
+    assert!(place.bytes("1.fan") == place.bytes("7.fan"));
+}
+
+#[test]
+fn shards_merge_to_the_bytes_of_an_undivided_bake() {
+    let place = place();
+    lens(&place, "-o whole.fan").success();
+    for share in 1..=3 {
+        lens(&place, &format!("-o {share}.fan --shard {share}/3")).success();
+    }
+    assert!(!place.path("1.fan.parts").exists());
+    place
+        .bake("merge 3.fan 1.fan 2.fan -o merged.fan")
+        .success();
+    assert!(place.bytes("whole.fan") == place.bytes("merged.fan"));
+
+    let missing = place.bake("merge 3.fan 1.fan -o no.fan").code(2);
+    assert!(stderr(&missing).contains("shard 2 of 3 is missing"));
+    let twice = place
+        .bake("merge 1.fan 1.fan 2.fan 3.fan -o no.fan")
+        .code(2);
+    assert!(stderr(&twice).contains("same share"));
+    let whole = place.bake("merge 1.fan whole.fan -o no.fan").code(2);
+    assert!(stderr(&whole).contains("whole bundle"));
+    place
+        .bake("lens.toml --max-error 3 --shard 2/3 -o other.fan")
+        .success();
+    let other = place.bake("merge 1.fan other.fan 3.fan -o no.fan").code(2);
+    assert!(stderr(&other).contains("not of the same bake"));
+    assert!(!place.path("no.fan").exists());
+}
+
+/// Leaves the parts of a finished bake in `b.fan.parts`, as an interruption would: a bake that
+/// cannot write its result keeps them.
+fn parts_of_a_bake(place: &Place) {
+    lens(place, "--max-size 100 -o b.fan").code(1);
+    assert!(place.path("b.fan.parts/chunk-000000").exists());
+}
+
+#[test]
+fn resuming_uses_whole_parts_and_bakes_damaged_missing_and_foreign_ones_again() {
+    let place = place();
+    lens(&place, "-o whole.fan").success();
+    // A limit that only the finished file exceeds: all parts are there.
+    let limit = place.bytes("whole.fan").len() - 1;
+    lens(&place, &format!("--max-size {limit} -o b.fan")).code(1);
+    let part = |k: usize| place.path(&format!("b.fan.parts/chunk-00000{k}"));
+    assert!((0..4).all(|k| part(k).exists()));
+
+    fs::remove_file(part(0)).unwrap();
+    let mut damaged = fs::read(part(1)).unwrap();
+    let middle = damaged.len() / 2;
+    damaged[middle] ^= 4;
+    fs::write(part(1), damaged).unwrap();
+    fs::copy(part(3), part(2)).unwrap();
+    fs::write(place.path("b.fan.parts/.geofan-x.part"), "cut off").unwrap();
+    lens(&place, "--resume -o b.fan").success();
+    assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
+    assert!(!place.path("b.fan.parts").exists());
+}
+
+#[test]
+fn without_resume_parts_are_discarded_with_a_note() {
+    let place = place();
+    lens(&place, "-o whole.fan").success();
+    let limit = place.bytes("whole.fan").len() - 1;
+    lens(&place, &format!("--max-size {limit} -o b.fan")).code(1);
+    let again = lens(&place, "-o b.fan").success();
+    assert!(stderr(&again).contains("discarded 12 chunks"));
+    assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
+}
+
+#[test]
+fn parts_of_another_promise_are_not_used() {
+    let place = place();
+    place
+        .bake("lens.toml --max-error 0.3 --certify-rays 400 --max-size 1200 -o b.fan")
+        .code(1);
+    lens(&place, "-o whole.fan").success();
+    lens(&place, "--resume -o b.fan").success();
+    assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
+}
+
+#[test]
+fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
+    let place = place();
+    lens(&place, "-o whole.fan").success();
+    let limit = place.bytes("whole.fan").len();
+    let explicit = place
+        .bake(&format!(
+            "lens.toml -o b.fan --max-error 0.02 --max-size {limit}"
+        ))
+        .code(1);
+    let text = stderr(&explicit);
+    assert!(
+        text.contains("0.0200 mrad") && text.contains(&limit.to_string()),
+        "{text}"
+    );
+    assert!(!place.path("b.fan").exists());
+    let loosened = place
+        .bake(&format!(
+            "lens.toml -o c.fan --certify-rays 4000 --max-size {limit} --json"
+        ))
+        .success();
+    let report: Value = serde_json::from_slice(&loosened.get_output().stdout).unwrap();
+    assert!(report["bytes"].as_u64().unwrap() <= limit as u64);
+    assert!(report["promise"].as_f64().unwrap() >= 0.5);
+    assert!(!place.path("c.fan.parts").exists());
+}
+
+#[test]
+fn a_camera_at_one_point_can_be_baked_without_frames() {
+    let place = place();
+    let output = place
+        .bake("point.toml -o p.fan --max-error 5 --no-frames --certify-rays 3000 --json")
+        .success();
+    let report: Value = serde_json::from_slice(&output.get_output().stdout).unwrap();
+    assert!(report["rotation_mrad"].is_null());
+    assert!(report["screen_mrad"]["p99"].as_f64().unwrap() <= 5.0);
+}
+
+#[test]
+#[cfg(unix)]
+fn an_interrupted_bake_says_how_to_go_on() {
+    let place = place();
+    // Long enough to have installed its handlers; the bake takes far longer.
+    let text = place.interrupted(
+        "lens.toml -o b.fan --max-error 0.0001 --threads 1",
+        "b.fan.parts",
+    );
+    assert!(
+        text.contains("--max-error 0.0001 --threads 1 --resume"),
+        "{text}"
+    );
+    assert!(place.path("b.fan.parts").exists() && !place.path("b.fan").exists());
+}
+
+#[test]
+fn wrong_flags_and_files_are_bad_input() {
+    let place = place();
+    for wrong in [
+        "lens.toml",
+        "none.toml -o b.fan",
+        "lens.toml -o nowhere/b.fan",
+        "lens.toml -o .",
+        "lens.toml -o b.fan --max-error 0",
+        "lens.toml -o b.fan --max-size many",
+        "lens.toml -o b.fan --shard 0/3",
+        "lens.toml -o b.fan --shard 4/3",
+        "lens.toml -o b.fan --shard 1/2 --max-size 4MiB",
+        "lens.toml -o b.fan --length -1",
+        "lens.toml -o b.fan --set g=1",
+        "lens.toml -o b.fan --certify-rays 0",
+        "merge -o b.fan",
+        "merge lens.toml -o b.fan",
+        "merge none.fan -o b.fan",
+        "demo --nonsense",
+    ] {
+        place.bake(wrong).code(2);
+    }
+    assert!(!place.path("b.fan").exists() && !place.path("b.fan.parts").exists());
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_place_that_takes_no_files_is_the_environment() {
+    let place = place();
+    // Nobody, not even root, can make a folder there.
+    lens(&place, "-o /proc/self/b.fan").code(3);
+}
+
+#[test]
+fn an_explicit_promise_that_does_not_fit_keeps_its_parts_for_a_larger_limit() {
+    let place = place();
+    parts_of_a_bake(&place);
+    lens(&place, "--max-size 1MiB --resume -o b.fan").success();
+}
+
+/// Both ways of moving share no step: one integrates, the other reads what was baked.
+#[test]
+fn a_camera_moved_by_table_comes_where_the_geodesic_goes() {
+    let place = place();
+    place
+        .bake("lens.toml -o lens.fan --max-error 0.2")
+        .success();
+    let bundle = Bundle::read(&place.path("lens.fan")).unwrap();
+    let (manifold, table) = (bundle.manifold.as_ref(), &bundle.table);
+    let mut stream = Stream::new(&[11]);
+    let (mut points, mut turns) = (Vec::new(), Vec::new());
+    for _ in 0..300 {
+        let camera = Camera {
+            u: stream.direction() * stream.between(1.0, 2.0),
+            rotation: stream.rotation(),
+        };
+        let by = stream.direction() * stream.between(0.1, 2.9);
+        let exact = camera.moved(manifold, by);
+        let read = camera.moved_by(table, by).unwrap();
+        assert!((exact.length - read.length).abs() < 1e-12);
+        let off =
+            manifold.standard_frame(exact.camera.u).inverse() * (read.camera.u - exact.camera.u);
+        points.push(1e3 * off.length() / exact.length);
+        turns.push(1e3 * exact.camera.rotation.angle_between(read.camera.rotation));
+    }
+    for errors in [&mut points, &mut turns] {
+        errors.sort_by(f64::total_cmp);
+        assert!(
+            errors[297] < 0.3 && errors[299] < 2.0,
+            "{:?}",
+            &errors[290..]
+        );
+    }
+    assert!(camera_outside(table));
+}
+
+fn camera_outside(table: &geofan_bundle::Table) -> bool {
+    let camera = Camera::looking(DVec3::X * 9.0, -DVec3::X, DVec3::Z);
+    camera.moved_by(table, DVec3::X).is_err()
+}
+
+#[test]
+fn chunks_that_mirrors_make_of_others_are_not_stored() {
+    let place = place();
+    let bake = |name: &str, arguments: &str| {
+        let options = "--max-error 4 --certify-rays 400";
+        place
+            .bake(&format!("box.toml -o {name} {options}{arguments}"))
+            .success();
+        Bundle::read(&place.path(name)).unwrap()
+    };
+    let [folded, whole] = [bake("folded.fan", ""), bake("whole.fan", " --no-mirrors")];
+    assert_eq!(folded.header.plan.mirrors.len(), 47);
+    assert_eq!(
+        (folded.table.chunks.len(), whole.table.chunks.len()),
+        (2, 8)
+    );
+    let size = |b: &Bundle| b.contents().encode().unwrap().len();
+    let [few, many] = [&folded, &whole].map(size);
+    assert!(2 * few < many, "{few} {many}");
+    // Rays from everywhere in all directions, against exact ones.
+    let checked = certify(&folded.table, 2000, 3, 1e-9, 4.0, |_| Ok(())).unwrap();
+    let certificate = checked.certificate;
+    assert!(certificate.screen_mrad.p99 < 4.0, "{certificate:?}");
+    assert!(certificate.sky_mrad.unwrap().p99 < 4.0);
+    assert!(certificate.rotation_mrad.unwrap().p99 < 8.0);
+    // A box of the table is named where the ray's image is.
+    let table = &folded.table;
+    let camera = table.space.place(DVec3::new(0.5, -0.3, 0.8)).unwrap();
+    for d in [
+        DVec3::X,
+        DVec3::NEG_Y,
+        DVec3::new(0.2, 0.3, -0.9).normalize(),
+    ] {
+        let located = table.space.locate(&camera, d);
+        let found = table.box_at(&camera, &located, 1.0).unwrap();
+        assert!(found.chunk < 2 && !found.flagged);
+    }
+}
