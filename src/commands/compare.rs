@@ -9,12 +9,7 @@ use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result};
-use geofan_render::picture::write_png;
-use geofan_study::{
-    comparison::{Options, compare, write_pictures},
-    local_comparison::compare_local,
-    picture::error_picture,
-};
+use geofan_study::comparison::{CompareOptions, compare, compare_local, write_pictures};
 use std::path::PathBuf;
 
 /// Options of `geofan compare`.
@@ -27,7 +22,7 @@ pub struct CompareArgs {
     bundle: Option<PathBuf>,
     /// Hold the local view, not the table, against exact paths
     #[arg(long, value_enum, conflicts_with = "bundle")]
-    tracer: Option<Rival>,
+    tracer: Option<FirstOrderTracer>,
     /// How far to follow paths of the local view [default: the manifold's]
     #[arg(long, value_name = "L", requires = "tracer", value_parser = values::positive)]
     length: Option<f64>,
@@ -39,9 +34,9 @@ pub struct CompareArgs {
     frames: u16,
 }
 
-/// What can be compared in place of a table.
+/// Names what can be compared in place of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Rival {
+enum FirstOrderTracer {
     /// Straight lines of the chart
     Local,
 }
@@ -54,15 +49,7 @@ fn run_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     light::bake(&mut stage, None, length, common)?;
     let samples = usize::from(args.scene.spp);
     let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance)?;
-    let error = error_picture(&found.flip, "FLIP", "local against exact", None);
-    let pictures = [
-        ("local", &found.local),
-        ("exact", &found.exact),
-        ("error", &error),
-    ];
-    for (name, picture) in pictures {
-        write_png(&args.out.join(format!("{name}.png")), picture)?;
-    }
+    write_pictures(&found, &args.out, "")?;
     match common.json {
         true => terminal::print_json(&found.report)?,
         false => terminal::print(&found.report.to_string())?,
@@ -80,7 +67,7 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let mut stage = args.scene.stage(Some(&bundle))?;
     let view = args.scene.view(&stage)?;
     light::bake(&mut stage, Some(path), bundle.table.length, common)?;
-    let options = Options {
+    let options = CompareOptions {
         samples: usize::from(args.scene.spp),
         promise: bundle.header.plan.max_error,
         error: args.scene.error,

@@ -11,7 +11,7 @@ use geofan_bake::plan::plan;
 use geofan_bundle::{Bundle, identity, rays::RaySpace};
 use geofan_core::{Error, Result, manifold::Manifold};
 use geofan_render::Stage;
-use geofan_study::comparison::{Options, Report, compare, write_pictures};
+use geofan_study::comparison::{CompareOptions, ComparisonReport, compare, write_pictures};
 use serde::Serialize;
 use std::{
     path::{Path, PathBuf},
@@ -54,7 +54,7 @@ const CERTIFY_RAYS: u64 = 20_000;
 struct ViewReport<'a> {
     view: &'a str,
     #[serde(flatten)]
-    report: Report,
+    report: ComparisonReport,
 }
 
 /// Runs the demonstration.
@@ -134,12 +134,12 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
 }
 
 /// Compares one view and writes its pictures.
-fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<Report> {
+fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<ComparisonReport> {
     let view = stage.view(
         stage.camera(Some(name))?,
         (args.size.width, args.size.height),
     )?;
-    let options = Options {
+    let options = CompareOptions {
         samples: usize::from(args.spp),
         promise: bundle.header.plan.max_error,
         error: LATTICE_ERROR,
@@ -151,7 +151,7 @@ fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<R
     Ok(comparison.report)
 }
 
-fn say(view: &str, report: Report, common: &CommonArgs) -> Result<()> {
+fn say(view: &str, report: ComparisonReport, common: &CommonArgs) -> Result<()> {
     if common.json {
         return terminal::print_json(&ViewReport { view, report });
     }
