@@ -8,7 +8,7 @@
 //! its end is found on the same path.
 
 use crate::{
-    fan::LightFan,
+    light_fan::LightFan,
     segment::Guess,
     shadowed::{FollowedRay, RayEnd, Shadows, follow_shadowed},
 };

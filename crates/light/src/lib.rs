@@ -12,8 +12,8 @@
 
 pub mod cache;
 mod connection;
-mod fan;
 mod illumination;
+mod light_fan;
 pub mod path_tracer;
 mod segment;
 mod segment_map;
@@ -21,6 +21,6 @@ mod shadowed;
 
 pub use connection::Connection;
 pub(crate) use connection::{ShootingStart, connect};
-pub use fan::LightFan;
 pub use illumination::{ADDED, EVEN, IncidentLight, Lamps, MOST_GAIN, bake_light, irradiance};
+pub use light_fan::LightFan;
 pub(crate) use shadowed::Shadows;

@@ -5,7 +5,7 @@
 //! inverting the interpolated map (b, c, t) → u (see [`SegmentMap`]) with Newton's method.
 
 use crate::{
-    fan::LightFan,
+    light_fan::LightFan,
     segment_map::{MIDDLE, SegmentMap},
 };
 use glam::{DMat3, DVec3, Mat3, Vec3};

@@ -1,14 +1,16 @@
-//! What a comparison says.
+//! The numbers of a comparison, as text and for JSON.
+//!
+//! In: drawings with their times. Out: [`FrameTimes`], in seconds, and the [`ComparisonReport`].
 
 use geofan_core::quantiles::Quantiles;
 use geofan_render::{drawing::Drawing, frame::Work};
 use serde::Serialize;
 use std::fmt;
 
-/// Times of one tracer's frame, seconds by the clock. `lattice`, `tiles` and `pixels` overlap on
+/// Tells the times of one tracer's frame, seconds by the clock. `lattice`, `tiles` and `pixels` overlap on
 /// several threads: they are the shares of the time for paths that threads spent on each.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
-pub struct Times {
+pub struct FrameTimes {
     /// Fixing the camera: contraction of the table; zero for integrators.
     pub contract: f64,
     /// Paths of the lattice, and dividing tiles.
@@ -25,8 +27,9 @@ pub struct Times {
     pub frame: f64,
 }
 
-/// The times of a drawing.
-pub(super) fn times(drawing: &Drawing) -> Times {
+/// Splits the time of a drawing.
+pub(super) fn frame_times(drawing: &Drawing) -> FrameTimes {
+    // Threads' times of the steps of paths, which overlap.
     let work = &drawing.work;
     let pending = work.pending_time.as_secs_f64();
     let paths = drawing.paths.as_secs_f64();
@@ -39,7 +42,7 @@ pub(super) fn times(drawing: &Drawing) -> Times {
         false => 0.0,
     };
     let shade = drawing.shade.as_secs_f64();
-    Times {
+    FrameTimes {
         contract: 0.0,
         lattice: share(lattice),
         tiles: share(tiles),
@@ -50,14 +53,14 @@ pub(super) fn times(drawing: &Drawing) -> Times {
     }
 }
 
-/// The median of each step's times; of the whole frame's too, so steps need not add up to it.
-pub(super) fn median(all: impl Iterator<Item = Times>) -> Times {
-    let all: Vec<Times> = all.collect();
-    let middle = |pick: fn(&Times) -> f64| {
+/// Takes the median of each step's times; of the whole frame's too, so steps need not add up to it.
+pub(super) fn median(all: impl Iterator<Item = FrameTimes>) -> FrameTimes {
+    let all: Vec<FrameTimes> = all.collect();
+    let middle = |pick: fn(&FrameTimes) -> f64| {
         let mut values: Vec<f64> = all.iter().map(pick).collect();
         Quantiles::of(&mut values).p50
     };
-    Times {
+    FrameTimes {
         contract: middle(|t| t.contract),
         lattice: middle(|t| t.lattice),
         tiles: middle(|t| t.tiles),
@@ -68,22 +71,22 @@ pub(super) fn median(all: impl Iterator<Item = Times>) -> Times {
     }
 }
 
-/// The rival at equal error.
+/// Describes equal-error exact.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct Rival {
+pub struct EqualErrorExact {
     /// Its steps; the most tried if none sufficed.
     pub steps: usize,
     /// Whether its error is no worse than the table's.
     pub equal: bool,
     /// Its screen error.
     pub screen_mrad: Quantiles,
-    /// Its frame.
-    pub times: Times,
-    /// Its frame with the lattice, so with the lattice's error too.
-    pub lattice_times: Times,
+    /// The times of its frame.
+    pub times: FrameTimes,
+    /// Those of its frame with the lattice, so with the lattice's error too.
+    pub lattice_times: FrameTimes,
 }
 
-/// Nanoseconds for the path of one pixel.
+/// Tells the nanoseconds for the path of one pixel.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct PathTimes {
     /// By table, with the lattice.
@@ -98,9 +101,9 @@ pub struct PathTimes {
     pub equal_error_lattice: f64,
 }
 
-/// How the lattice worked.
+/// Counts the work of the lattice.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct LatticeReport {
+pub struct LatticeCounts {
     /// Paths looked up, those of single samples included.
     pub paths: usize,
     /// Samples interpolated from them.
@@ -111,7 +114,7 @@ pub struct LatticeReport {
     pub pending: usize,
 }
 
-impl From<Work> for LatticeReport {
+impl From<Work> for LatticeCounts {
     fn from(work: Work) -> Self {
         Self {
             paths: work.tally.paths,
@@ -122,16 +125,16 @@ impl From<Work> for LatticeReport {
     }
 }
 
-/// The outcome of a comparison, without its pictures.
+/// Tells the outcome of a comparison.
 #[derive(Debug, Clone, Serialize)]
-pub struct Report {
+pub struct ComparisonReport {
     /// Of the table's picture against the exact one, dB; `None` if they are equal.
     pub psnr: Option<f64>,
     /// Mean FLIP of the two.
     pub flip: f64,
     /// Error of the table's paths at the middle of every pixel, where its ray ends.
     pub mrad: Quantiles,
-    /// The same as seen.
+    /// That error as seen.
     pub screen_mrad: Quantiles,
     /// Error that the lattice adds to the table's, as seen.
     pub lattice_mrad: Quantiles,
@@ -140,25 +143,44 @@ pub struct Report {
     /// Share of samples that the table gave up on.
     pub flagged: f64,
     /// The table's frame: medians over a moving camera.
-    pub table: Times,
+    pub table: FrameTimes,
     /// The exact frame.
-    pub exact: Times,
-    /// The rival's.
-    pub equal_error: Rival,
+    pub exact: FrameTimes,
+    /// Equal-error exact.
+    pub equal_error: EqualErrorExact,
     /// Paths alone.
     pub paths_ns: PathTimes,
-    /// How the lattice worked.
-    pub lattice: LatticeReport,
+    /// The work of the lattice.
+    pub lattice: LatticeCounts,
     /// Exact frame over table frame.
     pub speedup: f64,
     /// Equal-error frame over table frame.
     pub speedup_equal_error: f64,
-    /// The same for equal-error exact with the lattice.
+    /// Frame of equal-error exact with the lattice over table frame.
     pub speedup_equal_error_lattice: f64,
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for ComparisonReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.differences(f)?;
+        self.frames(f)?;
+        let p = &self.paths_ns;
+        writeln!(
+            f,
+            "paths, ns a pixel    table {:.0} (without lattice {:.0}), exact {:.0}, equal-error exact {:.0} (with lattice {:.0})",
+            p.table, p.table_without_lattice, p.exact, p.equal_error, p.equal_error_lattice
+        )?;
+        writeln!(
+            f,
+            "the table's frame is {:.1} times faster than exact, {:.1} times than equal-error exact, {:.1} times than that with a lattice",
+            self.speedup, self.speedup_equal_error, self.speedup_equal_error_lattice
+        )
+    }
+}
+
+impl ComparisonReport {
+    /// Writes how far the pictures are apart.
+    fn differences(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.psnr {
             Some(psnr) => writeln!(
                 f,
@@ -184,23 +206,10 @@ impl fmt::Display for Report {
         writeln!(
             f,
             "given up by table    {flagged:.2} % of samples, integrated instead"
-        )?;
-        self.frames(f)?;
-        let p = &self.paths_ns;
-        writeln!(
-            f,
-            "paths, ns a pixel    table {:.0} (without lattice {:.0}), exact {:.0}, equal-error exact {:.0} (with lattice {:.0})",
-            p.table, p.table_without_lattice, p.exact, p.equal_error, p.equal_error_lattice
-        )?;
-        writeln!(
-            f,
-            "the table's frame is {:.1} times faster than exact, {:.1} times than equal-error exact, {:.1} times than that with a lattice",
-            self.speedup, self.speedup_equal_error, self.speedup_equal_error_lattice
         )
     }
-}
 
-impl Report {
+    /// Writes a line for each frame.
     fn frames(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let rival = &self.equal_error;
         let equal = match rival.equal {

@@ -1,45 +1,41 @@
 //! The local view against the exact one: pictures, and the error by distance.
 //!
-//! In: a world and a view. Out: both pictures, their PSNR and FLIP, and how far from where it should
-//! be the local view puts the points that the exact one shows, by their distance.
+//! In: a world and a view. Out: both pictures, their PSNR and FLIP, and by distance the angle between
+//! where the local view puts a point and where it is seen.
 
-use crate::picture::{
-    flip::{DEFAULT_PIXELS_PER_DEGREE, flip},
-    psnr,
-};
+use super::Comparison;
+use crate::picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr};
 use geofan_core::{error::Result, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
-    frame::{Paths, offsets},
+    frame::{Outcomes, Paths, offsets},
     local::projection,
     outcome::Seen,
-    picture::Picture,
     shade::Footprints,
     tracer::ExactTracer,
     view::View,
     world::World,
 };
-use ndarray::Array2;
 use serde::Serialize;
 use std::{collections::BTreeMap, fmt};
 
-/// Error of the local view of what is at a distance.
+/// Tells the errors of the local view at a distance.
 #[derive(Debug, Clone, Copy, Serialize)]
-pub struct AtDistance {
+pub struct DistanceErrors {
     /// Arc lengths from this to twice this.
     pub from: f64,
     /// How many pixels show something there.
     pub pixels: usize,
     /// Angle between where the local view puts it and where it is seen, mrad.
     pub mrad: Quantiles,
-    /// Median of that angle over the arc length: the same at all distances where the error is of
-    /// first order.
+    /// Median of that angle over the arc length: equal at all distances where the error is of first
+    /// order.
     pub mrad_per_length: f64,
 }
 
-/// The numbers.
+/// Tells the outcome of a comparison of the local view.
 #[derive(Debug, Clone, Serialize)]
-pub struct Report {
+pub struct LocalReport {
     /// Of the local picture against the exact one, dB; `None` if they are equal.
     pub psnr: Option<f64>,
     /// Mean FLIP of the two.
@@ -49,40 +45,57 @@ pub struct Report {
     /// Time of the exact one.
     pub exact: f64,
     /// By distance, nearest first.
-    pub distances: Vec<AtDistance>,
+    pub distances: Vec<DistanceErrors>,
 }
 
-/// The numbers and the pictures.
-pub struct LocalComparison {
-    /// The numbers.
-    pub report: Report,
-    /// The local picture.
-    pub local: Picture,
-    /// The exact one.
-    pub exact: Picture,
-    /// FLIP of every pixel.
-    pub flip: Array2<f32>,
-}
-
-/// Compares, light followed over `length`.
+/// Compares the local view with the exact one, light followed over `length`. The comparison has the
+/// pictures `local`, `exact` and `error` (FLIP).
 ///
 /// # Errors
-/// None in honest pictures: the two have the same size.
+/// None: both pictures have one size.
 pub fn compare_local(
     world: &World,
     view: &View,
     samples: usize,
     length: f64,
     tolerance: f64,
-) -> Result<LocalComparison> {
+) -> Result<Comparison<LocalReport>> {
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
     let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
     let (local, exact) = (by(Paths::Straight(length)), by(Paths::Exact(&tracer)));
     let flip = flip(&exact.picture, &local.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let psnr = psnr(&exact.picture, &local.picture)?;
+    let report = LocalReport {
+        psnr: psnr.is_finite().then_some(psnr),
+        flip: mean_flip(&flip),
+        local: local.paths.as_secs_f64(),
+        exact: exact.paths.as_secs_f64(),
+        distances: distance_errors(world, view, samples, &exact.outcomes),
+    };
+    let error = error_picture(&flip, "FLIP", "local against exact");
+    Ok(Comparison {
+        report,
+        flip,
+        pictures: vec![
+            ("local", local.picture),
+            ("exact", exact.picture),
+            ("error", error),
+        ],
+    })
+}
+
+/// Measures by distance how far the local view puts the points that the exact one shows from where
+/// they are seen.
+fn distance_errors(
+    world: &World,
+    view: &View,
+    samples: usize,
+    exact: &Outcomes,
+) -> Vec<DistanceErrors> {
+    // Angles and their rates, by the octave of the distance.
     let mut errors: BTreeMap<i32, Vec<(f64, f64)>> = BTreeMap::new();
     let offset = offsets(samples)[0];
-    for ((y, x, k), seen) in exact.outcomes.indexed_iter() {
+    for ((y, x, k), seen) in exact.indexed_iter() {
         if let (0, Seen::Surface(hit)) = (k, *seen) {
             let p = projection(world, view, world.point(&hit));
             let seen = view.direction(x as f64 + offset.x, y as f64 + offset.y);
@@ -97,28 +110,17 @@ pub fn compare_local(
     }
     let at_distance = |(octave, errors): (i32, Vec<(f64, f64)>)| {
         let (mut angles, mut rates): (Vec<f64>, Vec<f64>) = errors.into_iter().unzip();
-        AtDistance {
+        DistanceErrors {
             from: 2.0_f64.powi(octave),
             pixels: angles.len(),
             mrad: Quantiles::of(&mut angles),
             mrad_per_length: Quantiles::of(&mut rates).p50,
         }
     };
-    Ok(LocalComparison {
-        report: Report {
-            psnr: psnr.is_finite().then_some(psnr),
-            flip: flip.mean,
-            local: local.paths.as_secs_f64(),
-            exact: exact.paths.as_secs_f64(),
-            distances: errors.into_iter().map(at_distance).collect(),
-        },
-        local: local.picture,
-        exact: exact.picture,
-        flip: flip.map,
-    })
+    errors.into_iter().map(at_distance).collect()
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for LocalReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.psnr {
             Some(psnr) => writeln!(f, "PSNR {psnr:.1} dB, FLIP {:.5}", self.flip)?,

@@ -3,26 +3,26 @@
 //! In: the maps that points keep. Out: [`Figure`]s with axes and a colour bar; colours are the
 //! logarithm of the error, on a scale of each map's own.
 
-use crate::sweep::report::{figures::Figure, page::short};
+use super::{figures::Figure, short};
 use crate::sweep::{
-    maps::{ErrorMap, Over},
-    point::{Point, What},
-    subject::Results,
+    error_maps::{ErrorMap, MapDomain},
+    manifold_sweep::ManifoldResults,
+    point::{SweepPoint, TableSpec},
 };
 use geofan_core::{Error, Result};
 use kuva::prelude::{ColorMap, Heatmap, Layout, Plot, TickFormat};
 use std::sync::Arc;
 
-/// Decades shown below the largest error: what is smaller gets the darkest colour.
+/// Decades shown below the largest error: smaller errors get the darkest colour.
 const DECADES: f64 = 3.0;
 
-/// The maps of `results`: those of its patches, and of its largest mapped grid.
+/// Draws the maps of `results`: those of its patches, and of its largest mapped grid.
 ///
 /// # Errors
 /// One cannot be drawn.
-pub fn pictures(results: &Results) -> Result<Vec<Figure>> {
+pub fn pictures(results: &ManifoldResults) -> Result<Vec<Figure>> {
     let mut figures = Vec::new();
-    for over in [Over::Direction, Over::Camera] {
+    for over in [MapDomain::Direction, MapDomain::Camera] {
         for (point, map) in chosen(results, over) {
             figures.push(picture(results, point, map)?);
         }
@@ -30,10 +30,10 @@ pub fn pictures(results: &Results) -> Result<Vec<Figure>> {
     Ok(figures)
 }
 
-/// The maps over one thing: of every bundle that has them, and of the largest grid.
-fn chosen(results: &Results, over: Over) -> Vec<(&Point, &ErrorMap)> {
-    let with = |point: &'_ Point| point.maps.iter().any(|map| map.over == over);
-    let is_grid = |point: &Point| matches!(point.key.what, What::Grid { .. });
+/// Chooses the maps over one thing: of every bundle that has them, and of the largest grid.
+fn chosen(results: &ManifoldResults, over: MapDomain) -> Vec<(&SweepPoint, &ErrorMap)> {
+    let with = |point: &'_ SweepPoint| point.maps.iter().any(|map| map.over == over);
+    let is_grid = |point: &SweepPoint| matches!(point.spec, TableSpec::Grid { .. });
     let grid = results.points.iter().rev().find(|p| is_grid(p) && with(p));
     let bundles = results.points.iter().filter(|p| !is_grid(p));
     let points = bundles.chain(grid);
@@ -48,22 +48,22 @@ fn largest(map: &ErrorMap) -> f64 {
     cells.copied().fold(0.0, f64::max)
 }
 
-fn picture(results: &Results, point: &Point, map: &ErrorMap) -> Result<Figure> {
-    let kind = point.key.what.kind();
+fn picture(results: &ManifoldResults, point: &SweepPoint, map: &ErrorMap) -> Result<Figure> {
+    let kind = point.spec.kind();
     let plots: Vec<Plot> = vec![heatmap(map).into()];
     let title = format!("{}: {} {}", results.title, kind.title(), unit(point));
     let layout = layout(&plots, &title, map);
     let (over, caption) = match map.over {
-        Over::Direction => (
+        MapDomain::Direction => (
             "direction",
             "Screen error at the end of each path, over the direction from the middle of the camera region.",
         ),
-        Over::Camera => (
+        MapDomain::Camera => (
             "camera",
             "Screen error at the end of paths, over the camera's position.",
         ),
     };
-    let name = format!("{}-map-{over}-{}", results.name, kind.name());
+    let name = format!("{}-map-{over}-{}", results.conditions.manifold, kind.name());
     let png = kuva::render_to_png(plots, layout, 1.0).map_err(|e| Error::input(&name, e))?;
     Ok(Figure {
         name,
@@ -73,7 +73,7 @@ fn picture(results: &Results, point: &Point, map: &ErrorMap) -> Result<Figure> {
     })
 }
 
-/// The cells, coloured by the logarithm of their error.
+/// Colours the cells by the logarithm of their error.
 fn heatmap(map: &ErrorMap) -> Heatmap {
     let top = largest(map).max(1e-9).log10();
     let bottom = top - DECADES;
@@ -113,11 +113,12 @@ fn layout(plots: &[Plot], title: &str, map: &ErrorMap) -> Layout {
         .with_colorbar_tick_format(TickFormat::Custom(Arc::new(mrad)))
 }
 
-fn unit(point: &Point) -> String {
-    let setting = point.key.what.setting();
-    match point.key.what {
-        What::Patches { .. } => format!("at {setting} mrad"),
-        What::Grid { .. } => format!("of {setting} cells"),
+/// Writes the table's setting.
+fn unit(point: &SweepPoint) -> String {
+    let setting = point.spec.setting();
+    match point.spec {
+        TableSpec::Patches { .. } => format!("at {setting} mrad"),
+        TableSpec::Grid { .. } => format!("of {setting} cells"),
     }
 }
 
@@ -136,7 +137,7 @@ mod tests {
     #[test]
     fn the_first_row_of_a_map_is_the_lowest_of_its_picture() {
         let map = ErrorMap {
-            over: Over::Camera,
+            over: MapDomain::Camera,
             labels: ["across".into(), "up".into()],
             ranges: [[0.0, 1.0], [2.0, 3.0]],
             rows: vec![vec![Some(1.0)], vec![Some(1e-3)]],
