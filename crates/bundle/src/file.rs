@@ -6,7 +6,7 @@
 
 use super::{
     Certificate, Table,
-    container::{Container, ContainerError, Id, MOST_BYTES},
+    container::{Container, ContainerError, Id, MAGIC, MOST_BYTES},
     division::Division,
     records::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord},
     table::Chunk,
@@ -17,6 +17,7 @@ use geofan_core::{
     error::{Error, Result},
     files::write_atomically,
     manifold::Manifold,
+    reading::read_file,
 };
 use std::{fs, io::Write, path::Path, sync::Arc};
 
@@ -227,7 +228,7 @@ impl Contents {
         if size > MOST_BYTES {
             return Err(BundleError::TooLarge(size).about(path));
         }
-        let bytes = fs::read(path).map_err(|e| Error::io(path, e))?;
+        let bytes = read_file(path, MAGIC, MOST_BYTES)?;
         Self::decode(&path.display().to_string(), &bytes).map_err(|e| e.about(path))
     }
 
