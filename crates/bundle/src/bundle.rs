@@ -5,7 +5,7 @@
 //! are used, so opening costs two hashes over the file.
 
 #[cfg(feature = "files")]
-use crate::container::MOST_BYTES;
+use crate::container::{MAGIC, MOST_BYTES};
 use crate::{
     Certificate, Table,
     container::{self, Container, ContainerError, Id},
@@ -13,12 +13,14 @@ use crate::{
     rays::{ChartMap, RaySpace},
     table::{Chunk, Division},
 };
-use geofan_core::files::write_atomically;
 use geofan_core::{
     diagnostic::SourceText,
     error::{Error, Result},
     manifold::Manifold,
 };
+#[cfg(feature = "files")]
+use geofan_core::{files::write_atomically, reading::read_file};
+#[cfg(feature = "files")]
 use std::{fs, io::Write};
 use std::{path::Path, sync::Arc};
 
@@ -230,7 +232,7 @@ impl Contents {
         if size > MOST_BYTES {
             return Err(BundleError::TooLarge(size).about(path));
         }
-        let bytes = fs::read(path).map_err(|e| Error::io(path, e))?;
+        let bytes = read_file(path, MAGIC, MOST_BYTES)?;
         Self::decode(&path.display().to_string(), &bytes).map_err(|e| e.about(path))
     }
 

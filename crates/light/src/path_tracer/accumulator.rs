@@ -9,6 +9,7 @@
 use geofan_core::{
     error::{Error, Result},
     files::write_atomically,
+    reading::read_file,
 };
 use geofan_render::picture::Picture;
 use glam::DVec3;
@@ -102,7 +103,7 @@ impl PassAccumulator {
     /// # Errors
     /// It cannot be read, is damaged, or belongs to another picture.
     pub fn load(path: &Path, key: &[u8; 32], size: (usize, usize)) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+        let bytes = read_file(path, MAGIC, u64::MAX)?;
         let complain = |message: &str| Error::input(path.display().to_string(), message);
         let damaged = || complain("is damaged; remove it and start again");
         let (body, sum) = bytes.split_last_chunk::<8>().ok_or_else(damaged)?;
