@@ -97,7 +97,7 @@ pub use geofan_bake as bake;
 pub use geofan_bundle as bundle;
 pub use geofan_core::{
     Error, Result, diagnostic, document, error, files, geodesic, manifold, observer, quantiles,
-    random,
+    random, reading,
 };
 pub use geofan_expr as expr;
 pub use geofan_light as light;

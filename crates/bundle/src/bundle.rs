@@ -6,7 +6,7 @@
 //! until they are used, so opening costs two hashes over the file.
 
 #[cfg(feature = "files")]
-use crate::container::{MOST_BYTES, too_large};
+use crate::container::{MAGIC, MOST_BYTES, too_large};
 use crate::{
     Certificate,
     container::{self, Id},
@@ -18,7 +18,7 @@ use crate::{
 };
 use geofan_core::manifold::Manifold;
 #[cfg(feature = "files")]
-use geofan_core::{error::Error, files::write_atomically};
+use geofan_core::{error::Error, files::write_atomically, reading::read_file};
 use glam::DVec3;
 use std::sync::Arc;
 #[cfg(feature = "files")]
@@ -235,7 +235,7 @@ impl Contents {
         if size > MOST_BYTES {
             return Err(too_large(size).about(path));
         }
-        let bytes = fs::read(path).map_err(|e| Error::io(path, e))?;
+        let bytes = read_file(path, MAGIC, MOST_BYTES)?;
         Self::decode(&path.display().to_string(), &bytes).map_err(|e| e.about(path))
     }
 

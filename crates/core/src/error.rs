@@ -1,7 +1,7 @@
 //! What can go wrong between a file and a picture, sorted by whose move it is next.
 
-use crate::diagnostic::{Diagnostic, SourceText};
-use std::{io, path::Path, sync::Arc};
+use crate::diagnostic::Diagnostic;
+use std::{io, path::Path};
 
 /// The library's error: every variant says which file and what was wrong.
 #[derive(Debug, thiserror::Error)]
@@ -79,10 +79,4 @@ impl Error {
             other => format!("error: {other}"),
         }
     }
-}
-
-/// Reads a whole text file, or says why not.
-pub fn read_text(path: &Path) -> Result<Arc<SourceText>> {
-    let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-    Ok(SourceText::new(path.display().to_string(), text))
 }

@@ -2,7 +2,8 @@
 //!
 //! In: a path and something that writes bytes. Out: the file under that path, complete and on the
 //! disk, or the state from before: a reader never meets half a file, and a full disk or a killed
-//! process leaves the last good one in place.
+//! process leaves the last good one in place. Temporary files that a killed process leaves behind are
+//! removed by the next one that writes into the folder ([`check_output`]).
 
 use crate::error::{Error, Result};
 use std::{
@@ -11,6 +12,50 @@ use std::{
     path::{Path, PathBuf},
 };
 
+/// Beginning and end of the names of temporary files.
+const TEMPORARY: [&str; 2] = [".geofan-", ".part"];
+
+/// The most symbolic links followed from one path, as on Linux.
+const MOST_LINKS: usize = 40;
+
+/// Refuses an output that could not be written, before work is spent on it: a folder, a device, a place in
+/// a folder that is not there or takes no files. Removes what killed processes left in that folder.
+///
+/// # Errors
+/// It could not be written: why, and what to do.
+pub fn check_output(path: &Path) -> Result<()> {
+    let target = resolved_target(path)?;
+    let folder = existing_folder(path, &target)?;
+    remove_unfinished(folder);
+    new_temporary(folder)
+        .map(drop)
+        .map_err(|source| Error::Environment {
+            path: path.display().to_string(),
+            source,
+        })
+}
+
+/// Removes temporary files of processes that are gone from `folder`; whatever cannot be removed stays.
+pub fn remove_unfinished(folder: &Path) {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    for entry in entries {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let [start, end] = TEMPORARY;
+        let ours = name.starts_with(start) && name.ends_with(end);
+        if !ours || !entry.file_type().is_ok_and(|kind| kind.is_file()) {
+            continue;
+        }
+        // Whoever still writes it holds the lock, which ends with the process.
+        let Ok(file) = File::open(entry.path()) else {
+            continue;
+        };
+        if file.try_lock().is_ok() {
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
 /// Writes a file through a temporary neighbour that takes the final name only when it is complete
 /// and on the disk. A symbolic link is followed: the file it points to is replaced.
 pub fn write_atomically(
@@ -18,33 +63,52 @@ pub fn write_atomically(
     write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> Result<()> {
     let target = resolved_target(path)?;
-    let folder = containing_folder(&target);
-    if !folder.is_dir() {
-        let message = format!("the folder {} does not exist", folder.display());
-        return Err(Error::input(path.display().to_string(), message));
-    }
+    let folder = existing_folder(path, &target)?;
     write_and_rename(&target, folder, write).map_err(|source| Error::Environment {
         path: path.display().to_string(),
         source,
     })
 }
 
-/// The file that `path` stands for. Anything there that is not a plain file is refused: renaming
-/// over a folder fails late, and renaming over a device or a pipe would remove it.
+/// Returns the file that `path` stands for, behind any symbolic links, whether it is there or not. Anything
+/// there that is not a plain file is refused: renaming over a folder fails late, and renaming over a device
+/// or a pipe would remove it.
 fn resolved_target(path: &Path) -> Result<PathBuf> {
     let refuse = |message: &str| Err(Error::input(path.display().to_string(), message));
-    if path.file_name().is_none() {
+    let names_a_folder = path.as_os_str().as_encoded_bytes().last();
+    if path.file_name().is_none()
+        || names_a_folder.is_some_and(|b| std::path::is_separator(char::from(*b)))
+    {
         return refuse("is not the name of a file");
     }
     match fs::metadata(path) {
-        Ok(found) if found.is_dir() => refuse("is a folder, a file is needed"),
-        Ok(found) if !found.is_file() => refuse("is not a plain file"),
-        Ok(_) => fs::canonicalize(path).map_err(|e| Error::io(path, e)),
-        Err(_) => Ok(path.to_path_buf()),
+        Ok(found) if found.is_dir() => return refuse("is a folder, a file is needed"),
+        Ok(found) if !found.is_file() => return refuse("is not a plain file"),
+        Ok(_) => return fs::canonicalize(path).map_err(|e| Error::io(path, e)),
+        Err(_) => {}
     }
+    // Nothing is there yet; a link to it stays a link.
+    let mut target = path.to_path_buf();
+    for _ in 0..MOST_LINKS {
+        match fs::read_link(&target) {
+            Ok(next) => target = containing_folder(&target).join(next),
+            Err(_) => return Ok(target),
+        }
+    }
+    refuse("is a symbolic link to itself")
 }
 
-/// The folder of `path`; a bare name lies in the current folder.
+/// Returns the folder of `target`, the file that `path` stands for; a bare name lies in the current folder.
+fn existing_folder<'t>(path: &Path, target: &'t Path) -> Result<&'t Path> {
+    let folder = containing_folder(target);
+    if folder.is_dir() {
+        return Ok(folder);
+    }
+    let message = format!("the folder {} does not exist", folder.display());
+    Err(Error::input(path.display().to_string(), message))
+}
+
+/// Returns the folder of `path`; a bare name lies in the current folder.
 fn containing_folder(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
@@ -68,11 +132,25 @@ fn write_and_rename(
     sync_folder(folder)
 }
 
-/// A temporary file with the permissions of an ordinary one: 0666 less the umask, where the
-/// temporary-file default of 0600 would hide finished pictures from everybody else.
+/// Makes a temporary file that is locked as long as it is open, so that [`remove_unfinished`] leaves it
+/// alone.
 fn new_temporary(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
+    loop {
+        let temporary = unlocked_temporary(folder)?;
+        // Where files cannot be locked none is removed either.
+        let _ = temporary.as_file().lock();
+        // It may have been taken for a left-over just before.
+        if temporary.path().exists() {
+            return Ok(temporary);
+        }
+    }
+}
+
+/// Makes a temporary file with the permissions of an ordinary one: 0666 less the umask, where the
+/// temporary-file default of 0600 would hide finished pictures from everybody else.
+fn unlocked_temporary(folder: &Path) -> io::Result<tempfile::NamedTempFile> {
     let mut builder = tempfile::Builder::new();
-    builder.prefix(".geofan-").suffix(".part");
+    builder.prefix(TEMPORARY[0]).suffix(TEMPORARY[1]);
     #[cfg(unix)]
     {
         use std::os::unix::fs::PermissionsExt;
@@ -95,6 +173,7 @@ fn sync_folder(folder: &Path) -> io::Result<()> {
 mod tests {
     use super::*;
 
+    /// Lists the names of the files in a folder.
     fn names_in(folder: &Path) -> Vec<String> {
         let entries = fs::read_dir(folder).unwrap();
         entries
@@ -172,5 +251,59 @@ mod tests {
         write_atomically(&link, |out| out.write_all(b"new")).unwrap();
         assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
         assert_eq!(fs::read(&file).unwrap(), b"new");
+    }
+
+    #[test]
+    #[cfg(unix)]
+    fn a_link_to_nothing_yet_becomes_a_link_to_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link) = (folder.path().join("file"), folder.path().join("link"));
+        std::os::unix::fs::symlink("file", &link).unwrap();
+        check_output(&link).unwrap();
+        write_atomically(&link, |out| out.write_all(b"new")).unwrap();
+        assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+        assert_eq!(fs::read(&file).unwrap(), b"new");
+        // Into a folder that is not there, and in a circle.
+        let lost = folder.path().join("lost");
+        std::os::unix::fs::symlink("no-such-folder/file", &lost).unwrap();
+        assert_eq!(check_output(&lost).unwrap_err().exit_code(), 2);
+        let circle = folder.path().join("circle");
+        std::os::unix::fs::symlink("circle", &circle).unwrap();
+        assert_eq!(check_output(&circle).unwrap_err().exit_code(), 2);
+    }
+
+    #[test]
+    fn an_output_that_could_not_be_written_is_refused_before_the_work() {
+        let folder = tempfile::tempdir().unwrap();
+        let refused = |path: &Path| check_output(path).unwrap_err().exit_code();
+        assert_eq!(refused(folder.path()), 2);
+        assert_eq!(refused(&folder.path().join("a.fan/")), 2);
+        assert_eq!(refused(&folder.path().join("no-such-folder/a.fan")), 2);
+        if cfg!(target_os = "linux") {
+            assert_eq!(refused(Path::new("/dev/full")), 2);
+            // No one can make files there.
+            assert_eq!(refused(Path::new("/proc/a.fan")), 3);
+        }
+        check_output(&folder.path().join("a.fan")).unwrap();
+        assert!(names_in(folder.path()).is_empty(), "nothing is left");
+    }
+
+    #[test]
+    fn files_of_killed_processes_are_removed_and_those_being_written_are_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let left = folder.path().join(".geofan-dead00.part");
+        fs::write(&left, b"half").unwrap();
+        fs::write(folder.path().join(".geofan-notes"), b"mine").unwrap();
+        let path = folder.path().join("a.bin");
+        write_atomically(&path, |out| {
+            out.write_all(b"whole")?;
+            remove_unfinished(folder.path());
+            Ok(())
+        })
+        .unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"whole");
+        let mut names = names_in(folder.path());
+        names.sort();
+        assert_eq!(names, [".geofan-notes", "a.bin"]);
     }
 }

@@ -9,7 +9,8 @@
 //! 3. [`geodesic`] follows rays: an adaptive integrator with dense output that carries the
 //!    transported frame and the geodesic deviation along.
 //!
-//! [`error`], [`observer`], [`quantiles`], [`random`] and, with the feature `files`, [`files`] serve every crate.
+//! [`error`], [`observer`], [`quantiles`], [`random`], [`reading`] and, with the feature `files`, [`files`]
+//! serve every crate.
 
 pub mod diagnostic;
 pub mod document;
@@ -21,6 +22,7 @@ pub mod manifold;
 pub mod observer;
 pub mod quantiles;
 pub mod random;
+pub mod reading;
 
 pub use error::{Error, Result};
 pub use observer::{Observer, Progress, Unobserved};

@@ -23,7 +23,8 @@ pub use symmetry::{Isometry, Symmetry};
 
 use crate::{
     diagnostic::SourceText,
-    error::{Error, Result, read_text},
+    error::{Error, Result},
+    reading::read_text,
 };
 use geofan_expr::{Registers, Tape};
 use glam::{DMat3, DVec3};

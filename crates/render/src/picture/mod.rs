@@ -8,9 +8,12 @@
 pub mod exr;
 pub mod png;
 
-use geofan_core::error::{Error, Result};
+use geofan_core::{
+    error::{Error, Result},
+    reading::read_file,
+};
 use ndarray::{Array2, Array3, s};
-use std::{fs, ops::Range, path::Path};
+use std::{ops::Range, path::Path};
 
 pub use exr::{Precision, read_exr, write_exr};
 pub use png::{read_png, write_png};
@@ -238,7 +241,7 @@ fn bad_input(path: &Path, message: impl Into<String>) -> Error {
 
 /// The bytes of a picture file.
 fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    fs::read(path).map_err(|e| Error::io(path, e))
+    read_file(path, &[], u64::MAX)
 }
 
 /// Refuses pictures that no file format can hold.

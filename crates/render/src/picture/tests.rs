@@ -2,6 +2,7 @@
 
 use super::*;
 use ndarray::Array2;
+use std::fs;
 
 /// A picture of smooth colours, some beyond white, with one layer of each kind.
 pub(super) fn sample(width: usize, height: usize) -> Picture {

@@ -11,7 +11,8 @@ use super::table::{self, Span, Table, Value};
 use crate::sky::Pattern;
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
-    error::{Result, read_text},
+    error::Result,
+    reading::read_text,
 };
 use glam::{DQuat, DVec3};
 use std::{

@@ -12,7 +12,10 @@ use super::{
     smoothing::{FLAT, Lacking, group_of, mend_obj, unshared},
     survey::Survey,
 };
-use geofan_core::error::{Error, Result};
+use geofan_core::{
+    error::{Error, Result},
+    reading::read_file,
+};
 use glam::DVec3;
 use std::{
     cell::{Cell, RefCell},
@@ -43,7 +46,7 @@ pub struct Mesh {
 impl Mesh {
     /// Reads the OBJ file at `path` with its materials and textures.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = std::fs::read(path).map_err(|e| Error::io(path, e))?;
+        let bytes = read_file(path, &[], u64::MAX)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::parse(
             &path.display().to_string(),
@@ -182,8 +185,8 @@ fn parse_obj(
 
 fn load_mtl(path: &Path, warnings: &mut Vec<String>) -> tobj::MTLLoadResult {
     let name = path.display().to_string();
-    let bytes = std::fs::read(path).map_err(|e| {
-        warnings.push(format!("materials left out: {}", Error::io(path, e)));
+    let bytes = read_file(path, &[], u64::MAX).map_err(|e| {
+        warnings.push(format!("materials left out: {e}"));
         tobj::LoadError::OpenFileFailed
     })?;
     let mended = mend_mtl(&name, &String::from_utf8_lossy(&bytes), warnings);

@@ -22,10 +22,7 @@ use super::{
     file::{CameraEntry, camera_entry, each},
     table::{Span, Table, parse},
 };
-use geofan_core::{
-    diagnostic::SourceText,
-    error::{Result, read_text},
-};
+use geofan_core::{diagnostic::SourceText, error::Result, reading::read_text};
 use std::{path::Path, sync::Arc};
 
 const POSE_KEYS: &[&str] = &["time", "at", "parameters", "look", "up", "fov"];
