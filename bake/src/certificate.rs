@@ -6,7 +6,7 @@
 //! its exact path.
 
 use geofan_bundle::{
-    Certificate, Checked, FAR, MOST, Outlier, Table, in_bundle,
+    Certificate, Checked, FAR, MOST, Outlier, Table,
     measure::{Probe, Probed, probe, settings, with_end},
     rays::{RaySpace, Reduction},
 };
@@ -147,7 +147,7 @@ impl CertificateErrors {
                 if !(found.screen_mrad <= FAR * promise) {
                     let (place, s) = (&fan.place, (probe.s, exact.length));
                     let outlier = table.outlier(place, *d, s, found, probe.magnification());
-                    self.far.push(outlier.map_err(in_bundle)?);
+                    self.far.push(outlier?);
                 }
             }
             self.flagged += usize::from(path.flagged_from() < exact.length);

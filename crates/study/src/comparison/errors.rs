@@ -145,7 +145,7 @@ pub(super) fn middle(view: &View, x: usize, y: usize) -> DVec3 {
 /// Measures the table's error at every pixel, (mrad, screen mrad); `None` where it gives up or nothing
 /// is known.
 pub(super) fn table_errors(
-    fan: &Fan<'_>,
+    fan: &Fan,
     view: &View,
     probed: &[Probed],
 ) -> Vec<Option<(f64, f64)>> {
