@@ -272,11 +272,11 @@ length = 5.0
         let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
-        let shape = Table::shape(&space, MappedChebyshev::NONE);
+        let shape = Table::tensor_shape(&space, MappedChebyshev::NONE);
         let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
         Table {
-            space,
-            division: Division::new(Vec::new(), 6, &[]),
+            space: space.into(),
+            division: Division::new(Vec::new(), 6, &[]).into(),
             length: 5.0,
             frames: true,
             chunks: chunks.collect(),

@@ -319,7 +319,7 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan_bundle::{MappedChebyshev, TensorShape, Step, Tensor, Tree, Variables};
+    use geofan_bundle::{MappedChebyshev, Step, Tensor, TensorShape, Tree, Variables};
     use ndarray::IxDyn;
     use std::sync::Arc;
 

@@ -21,9 +21,9 @@ use geofan_bake::{
     refine::tensor_train::{best_layout, decompose},
 };
 use geofan_bundle::{
-    MappedChebyshev, Polynomial, Step, Tensor, Train, Tree, Variables, chebyshev, weighted,
+    MappedChebyshev, Polynomial, Step, Tensor, Train, Tree, Variables, chebyshev,
     rays::{DISPLACEMENT, RaySpace, ReferenceSphere},
-    unweighted,
+    unweighted, weighted,
 };
 use geofan_core::{Error, Observer, Result, files::write_atomically, manifold::Manifold};
 use ndarray::{Array1, ArrayD, Axis, IxDyn, Slice};

@@ -142,7 +142,7 @@ pub fn bundle_path(fan: &Fan, length: f64) -> f64 {
     each_direction(|directions| {
         let mut rows = [0.0; 6 * POINTS];
         for d in directions {
-            black_box(fan.path(*d).sample(&s, &mut rows));
+            black_box(fan.path(*d).sample_into(&s, &mut rows));
             black_box(&rows);
         }
     })
