@@ -6,6 +6,15 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
+# A browser, a Python module or a GPU tool should not have to take much along.
+most=45
+crates=$(cargo tree --locked -p geofan-bundle -e normal --prefix none --no-default-features |
+    sed 's/ (\*)$//' | sort -u | wc -l)
+echo "the reader is made of $crates crates, at most $most"
+if ((crates > most)); then
+    exit 1
+fi
+
 target=wasm32-unknown-unknown
 build=(cargo build --locked --release -p geofan-bundle --no-default-features --target "$target")
 
@@ -21,6 +30,10 @@ if has_target; then
     exec "${build[@]}"
 fi
 
+# Lists of packages may be old or missing on a new machine.
+if [[ $(id -u) == 0 ]]; then
+    apt-get update -qq || true
+fi
 # The distribution's sources must be those of a compiler that this workspace accepts.
 wanted=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml | head -n 1)
 found=$(apt-cache policy rustc-web 2>/dev/null | sed -n 's/^ *Candidate: \([0-9.]*\).*/\1/p')

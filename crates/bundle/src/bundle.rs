@@ -30,7 +30,7 @@ const MOST_CHUNKS: u64 = 1 << 20;
 /// A baked table with everything that it was made from. A clone shares the table.
 #[derive(Debug, Clone)]
 pub struct Bundle {
-    /// What was baked, how, and how well.
+    /// The header: manifold, plan and certificate.
     pub header: Header,
     /// Equal for equal manifold and plan.
     pub id: Id,
@@ -177,9 +177,11 @@ impl Bundle {
             space,
             chunks,
         } = contents;
+        // A share is not a table.
         if let Some(ShardRecord { index, of, .. }) = header.shard {
             return Err(BundleError::Shard { index, of });
         }
+        // Chunks stay coded until they are used.
         let shape = Table::tensor_shape(&space, header.plan.stretch);
         let chunks = chunks
             .into_iter()

@@ -146,11 +146,13 @@ impl Table {
         located: &Located,
         s: f64,
     ) -> Result<BoxPlace, LookupError> {
+        // The ray in the parameters of its chunk.
         let stored = self.stored_face(place, located.face);
         let (chunk, mut point) = (stored.chunk, stored.camera);
         let carried = located.clone().carried(stored.image.as_ref());
         point.extend(&carried.direction[..self.space.directions()]);
         point.push(2.0 * s / self.length - 1.0);
+        // Down the tree, with the box that is left.
         let mut intervals = vec![[-1.0, 1.0]; point.len()];
         let mut tree = self.tree(chunk)?;
         let mut face = (self.division.blocks == self.space.faces()).then_some(carried.face);

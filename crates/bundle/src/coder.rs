@@ -147,7 +147,7 @@ fn contexts() -> Contexts {
 
 /// Codes the integers of tensors.
 #[derive(Debug)]
-pub struct IntegerEncoder {
+pub(crate) struct IntegerEncoder {
     words: DefaultRangeEncoder,
     contexts: Contexts,
     magnitudes: MagnitudeModel,
@@ -258,7 +258,7 @@ impl IntegerEncoder {
 
 /// Reads what an [`IntegerEncoder`] wrote.
 #[derive(Debug)]
-pub struct IntegerDecoder {
+pub(crate) struct IntegerDecoder {
     /// None where zeros are read instead.
     words: Option<DefaultRangeDecoder>,
     contexts: Contexts,
@@ -309,12 +309,14 @@ impl IntegerDecoder {
     /// # Errors
     /// There are fewer integers.
     pub fn take(&mut self, shape: &[usize], length: usize) -> Result<Vec<i32>, DecodeError> {
+        // Never more than the file says there are.
         let count = shape.iter().product();
         let left = self.left.checked_sub(count);
         self.left = left.ok_or(DecodeError("number of coefficients"))?;
         if self.words.is_none() {
             return Ok(vec![0; count]);
         }
+        // Place by place, as they were put.
         let mut values = Vec::with_capacity(count);
         let mut context = Context::new(shape);
         let mut pivots = Pivots::none(length);

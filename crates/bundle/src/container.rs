@@ -55,7 +55,7 @@ pub enum BlockKind {
 
 /// A block of a file, checked.
 #[derive(Debug, Clone, Copy)]
-pub struct Block<'a> {
+pub struct FileBlock<'a> {
     kind: u8,
     /// The number of a chunk; 0 in other blocks.
     pub index: u32,
@@ -88,7 +88,7 @@ pub fn read_block(bytes: &[u8], kind: BlockKind, index: u32, id: Id) -> Option<&
 }
 
 /// Reads the block at `at` and checks it; `at` moves behind it.
-fn next_block<'a>(bytes: &'a [u8], at: &mut usize) -> Result<Block<'a>, BundleError> {
+fn next_block<'a>(bytes: &'a [u8], at: &mut usize) -> Result<FileBlock<'a>, BundleError> {
     let cut = |_| BundleError::Truncated(bytes.len() as u64);
     let start = *at;
     let mut input = ByteReader(&bytes[start..]);
@@ -107,7 +107,7 @@ fn next_block<'a>(bytes: &'a [u8], at: &mut usize) -> Result<Block<'a>, BundleEr
         return Err(BundleError::Block(start as u64));
     }
     *at = end + CHECKSUM;
-    Ok(Block {
+    Ok(FileBlock {
         kind,
         index,
         id,
@@ -148,16 +148,18 @@ fn table_of_contents(header: &[u8], chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
 ///
 /// # Errors
 /// Anything is different: every byte is covered by a checksum.
-pub fn decode(bytes: &[u8]) -> Result<(Block<'_>, Vec<Block<'_>>), BundleError> {
+pub fn decode(bytes: &[u8]) -> Result<(FileBlock<'_>, Vec<FileBlock<'_>>), BundleError> {
     if bytes.len() as u64 > MOST_BYTES {
         return Err(too_large(bytes.len() as u64));
     }
     check_start(bytes)?;
+    // The hash over everything before it; if it does not match, the first block that is damaged.
     let body = bytes.len().checked_sub(HASH).filter(|body| *body >= START);
     let body = body.ok_or(BundleError::Truncated(bytes.len() as u64))?;
     if blake3::hash(&bytes[..body]).as_bytes() != &bytes[body..] {
         return Err(first_damage(bytes));
     }
+    // The blocks.
     let bytes = &bytes[..body];
     let mut at = START;
     let mut blocks = Vec::new();
@@ -212,8 +214,9 @@ fn first_damage(bytes: &[u8]) -> BundleError {
 }
 
 /// Checks that whole blocks are the header, the table of contents and the chunks that it lists.
-fn check_order(blocks: &[Block<'_>]) -> Result<(), BundleError> {
+fn check_order(blocks: &[FileBlock<'_>]) -> Result<(), BundleError> {
     let wrong = |what| Err(BundleError::Invalid(what));
+    // The blocks that must be there, of one bundle.
     let [header, contents, chunks @ ..] = blocks else {
         return wrong("its header or its table of contents is missing");
     };
@@ -223,6 +226,7 @@ fn check_order(blocks: &[Block<'_>]) -> Result<(), BundleError> {
     if blocks.iter().any(|b| b.id != header.id) {
         return wrong("its blocks come from several bundles");
     }
+    // The chunks where the table of contents says.
     let mut entries = contents.payload.chunks_exact(ENTRY);
     let listed = entries.by_ref().zip(chunks).all(|(entry, chunk)| {
         chunk.kind == BlockKind::Chunk as u8

@@ -186,11 +186,13 @@ fn neighbours(shape: &[usize]) -> Vec<Neighbour> {
     let mut all = Vec::new();
     for axis in (0..shape.len()).rev() {
         let stride: usize = shape[axis + 1..].iter().product();
+        // The steps along this axis.
         let along_last = (1..).zip(ALONG_LAST).map(|(back, w)| (back, 0, w));
         let steps: Vec<(usize, isize, f64)> = match axis + 1 == shape.len() {
             true => along_last.collect(),
             false => ALONG_OTHERS.to_vec(),
         };
+        // The places that they lead to.
         all.extend(steps.into_iter().map(|(back, shift, weight)| Neighbour {
             axis,
             back,

@@ -47,8 +47,10 @@ impl Contracted {
         rows: Option<Arc<[f32]>>,
         variables: Variables,
     ) -> Self {
+        // Lengths of the axes, counted from the end.
         let axis = |from_end: usize| shape.len().checked_sub(from_end).map_or(1, |i| shape[i]);
         let (channels, lengths) = (axis(1), axis(2));
+        // Rows padded to whole vectors.
         let row = (channels * lengths).max(1);
         let padded_row = row.next_multiple_of(BLOCK);
         let width = rows.as_ref().map_or(row, |rows| rows.len() / padded_row);
@@ -228,6 +230,7 @@ fn part<const N: usize>(
     sum: &mut [f64],
 ) -> usize {
     let mut sums = [0.0_f32; N];
+    // One line of the table for each pair of terms.
     let mut start = block;
     for (i, wp) in p.iter().enumerate() {
         for wq in q[usize::from(spherical::is_odd(i))] {
@@ -240,6 +243,7 @@ fn part<const N: usize>(
             start += row;
         }
     }
+    // The sums leave the registers.
     for (to, from) in sum[block..block + N].iter_mut().zip(sums) {
         *to = f64::from(from);
     }
@@ -328,6 +332,7 @@ fn number(edges: &[f64], x: f64) -> usize {
 /// Computes the coefficients of `patch` on an interval of its second parameter, axes (p, q, row).
 fn band(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
     let nq = patch.degrees()[1];
+    // The matrix of the second parameter; on the sphere for even and odd multiples of the azimuth.
     let matrices = match patch.is_sphere() {
         false => vec![restriction(nq, side, chebyshev::values)],
         true => [false, true]
@@ -338,6 +343,7 @@ fn band(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
             })
             .into(),
     };
+    // Applied for each coefficient of the first.
     let planes = patch.table().chunks_exact(nq * patch.width());
     let restricted = planes.enumerate().flat_map(|(i, plane)| {
         let odd = patch.is_sphere() && spherical::is_odd(i);
@@ -353,6 +359,7 @@ fn restricted(patch: &Contracted, band: &[f32], side: [f64; 2]) -> Option<Contra
         false => restriction(np, side, chebyshev::values),
         true => restriction(np, side, spherical::azimuth_values),
     };
+    // All coefficients on the box, and their sizes, each row by its norm.
     let table = product(&matrix, np, band);
     let (row, scales) = (patch.width(), patch.scales());
     let sizes: Vec<f32> = table
@@ -365,11 +372,13 @@ fn restricted(patch: &Contracted, band: &[f32], side: [f64; 2]) -> Option<Contra
                 .sqrt()
         })
         .collect();
+    // The first coefficients along both axes that leave out no more than is allowed.
     let allowed = LEFT_OUT * sizes.iter().fold(0.0, |most: f32, size| size.max(most));
     let degrees = [
         significant(|i| (0..NODES).map(|j| sizes[i * NODES + j]).sum(), allowed)?,
         significant(|j| (0..NODES).map(|i| sizes[i * NODES + j]).sum(), allowed)?,
     ];
+    // The table of these alone.
     let lines = |i: usize| &table[i * NODES * row..][..degrees[1] * row];
     let table = (0..degrees[0])
         .flat_map(|i| lines(i).iter().copied())

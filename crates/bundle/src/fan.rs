@@ -24,6 +24,7 @@ pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
     match tree {
         Tree::Flagged => Tree::Flagged,
         Tree::Leaf(tensor) => Tree::Leaf(tensor.contract(camera)),
+        // Of a box halved along a camera axis one half holds the camera.
         Tree::Split { axis, halves } if *axis < camera.len() => {
             let mut camera = camera.to_vec();
             let (side, inner) = half(camera[*axis]);
@@ -36,6 +37,7 @@ pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
             pairs.for_each(|(to, face)| *to = contract(face, camera));
             Tree::Faces(Box::new(contracted))
         }
+        // Both halves of others stay.
         Tree::Split { axis, halves } => {
             let [low, high] = halves.each_ref();
             let half = |half| move || contract(half, camera);

@@ -34,11 +34,11 @@ pub struct Header {
     pub cameras: Vec<[f64; 2]>,
     /// Faces of directions.
     pub faces: u32,
-    /// What every chunk depends on, besides the manifold.
+    /// The plan: all that every chunk depends on, besides the manifold.
     pub plan: PlanRecord,
     /// Number of rays that the certificate takes; 0 for none.
     pub certify_rays: u64,
-    /// How well the table keeps its promise; none in a shard.
+    /// The errors found on fresh rays; none in a shard.
     pub certificate: Option<Certificate>,
     /// Set in a file that holds a share of the chunks only.
     pub shard: Option<ShardRecord>,
@@ -63,7 +63,7 @@ pub struct ManifoldRecord {
 pub struct PlanRecord {
     /// The promise: 99th percentile of the screen error, mrad.
     pub max_error: f64,
-    /// How far paths go (arc length).
+    /// Length of the paths.
     pub length: f64,
     /// Tangents keep the promise too, and with them transported frames.
     pub frames: bool,

@@ -103,7 +103,6 @@ mod tree;
 pub use bundle::{Bundle, Contents, identity};
 pub use certificate::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier};
 pub use chebyshev::MappedChebyshev;
-pub use coder::{IntegerDecoder, IntegerEncoder};
 pub use contracted::Contracted;
 pub use decode::{BundleError, ByteReader, DecodeError, LookupError, put_bytes};
 pub use fan::Fan;

@@ -153,12 +153,14 @@ fn by_made_panels<S: Simd, T: Real>(
     let mut product = vec![T::ZERO; a.len() / inner * width];
     let mut panels = vec![[T::ZERO; LANES]; 2 * inner];
     while let Some((first, depth)) = next(&mut panels[..inner]) {
+        // The next panel beside it, both as deep, zeros where they are not.
         let second = next(&mut panels[inner..]);
         let count = 1 + usize::from(second.is_some());
         let (second, other) = second.unwrap_or((0..0, 0));
         let deepest = depth.max(other);
         panels[depth..deepest].fill([T::ZERO; LANES]);
         panels[inner + other..inner + deepest].fill([T::ZERO; LANES]);
+        // The columns that each vector of the two stands for.
         let columns_of = |vector: usize| {
             let (panel, place) = (vector * lanes / LANES, vector * lanes % LANES);
             let columns = [&first, &second][panel];

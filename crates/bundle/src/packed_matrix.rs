@@ -158,6 +158,7 @@ fn in_panels(values: &[f64], axes: PanelAxes, per_step: f64) -> Vec<Lane16<i32>>
         ..
     } = axes;
     let mut integers = vec![[0; LANES]; axes.rows() * axes.panels_per_row() * along];
+    // Row by row, each to its place in all panels across it.
     for (row, numbers) in values.chunks_exact(columns).enumerate() {
         let (before, k, after) = (row / after / along, row / after % along, row % after);
         let first = (before * axes.after + after) * axes.panels_per_row();
@@ -213,6 +214,7 @@ impl PackedMatrix {
     ) {
         let first = self.panels.len();
         let starts = [self.rows32.len(), self.rows16.len(), self.rows8.len()];
+        // Their rows, in as many bits as each kind has.
         for panel in panels {
             self.panels.push(panel);
             let numbers = &integers[panel as usize * self.axes.along..];
@@ -321,6 +323,7 @@ impl PackedMatrix {
         if a.len() == inner {
             return self.summed(a, factors);
         }
+        // Panels are unpacked one by one as the product needs them.
         let mut panels = self.runs.iter().flat_map(|run| self.panels(run));
         let columns = |panel: usize| {
             let (row, range) = self.axes.place(panel);

@@ -31,7 +31,7 @@ pub(crate) type Evaluate = for<'r> fn(&Contracted, f64, f64, &'r mut Row) -> &'r
 pub struct PathCoefficients {
     rays: Vec<StoredRay>,
     /// In order of arc length.
-    pieces: Vec<Piece>,
+    pieces: Vec<PathPiece>,
     /// Rows as [`unfold`] makes them.
     coefficients: Vec<f64>,
 }
@@ -50,14 +50,14 @@ pub(crate) struct StoredRay {
 
 /// A piece of a path.
 #[derive(Debug, Clone)]
-pub(crate) struct Piece {
+pub(crate) struct PathPiece {
     /// Its arc lengths.
     pub interval: [f64; 2],
     /// The numbers of its rows; `None` where the patch is flagged.
     rows: Option<Range<usize>>,
 }
 
-impl Piece {
+impl PathPiece {
     /// Tells whether the table gives up this piece.
     pub fn is_flagged(&self) -> bool {
         self.rows.is_none()
@@ -78,12 +78,12 @@ impl PathCoefficients {
     }
 
     /// Returns the pieces of a path.
-    pub(crate) fn pieces(&self, number: usize) -> &[Piece] {
+    pub(crate) fn pieces(&self, number: usize) -> &[PathPiece] {
         &self.pieces[self.rays[number].pieces.clone()]
     }
 
     /// Returns the rows of a piece; none where it is flagged.
-    pub(crate) fn rows(&self, piece: &Piece) -> &[f64] {
+    pub(crate) fn rows(&self, piece: &PathPiece) -> &[f64] {
         &self.coefficients[piece.rows.clone().unwrap_or_default()]
     }
 
@@ -96,6 +96,7 @@ impl PathCoefficients {
         evaluate: Evaluate,
     ) -> usize {
         let first = self.pieces.len();
+        // The direction in the parameters of the whole chunk.
         let direction = match table.space.sphere() {
             Some(sphere) => sphere.parameters(located.aim()),
             None => located.direction,
@@ -103,6 +104,7 @@ impl PathCoefficients {
         let arc_axis = table.space.directions();
         let from = (&located, arc_axis);
         self.collect(tree, from, direction, [0.0, table.length], evaluate);
+        // The ray itself, as the chunk stores it.
         self.rays.push(StoredRay {
             start: table.space.lift().start(located.u, located.v),
             u: located.u,
@@ -125,7 +127,7 @@ impl PathCoefficients {
     ) {
         let from = (located, arc_axis);
         match tree {
-            Tree::Flagged => self.pieces.push(Piece {
+            Tree::Flagged => self.pieces.push(PathPiece {
                 interval,
                 rows: None,
             }),
@@ -151,7 +153,7 @@ impl PathCoefficients {
                 let (start, channels) = (self.coefficients.len(), patch.channels());
                 unfold(stored, channels, interval, &mut self.coefficients);
                 let rows = Some(start..self.coefficients.len());
-                self.pieces.push(Piece { interval, rows });
+                self.pieces.push(PathPiece { interval, rows });
             }
         }
     }

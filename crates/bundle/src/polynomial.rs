@@ -36,10 +36,12 @@ impl Polynomial {
     pub fn fit(mut samples: ArrayD<f64>, starts: usize, variables: Variables) -> Self {
         let arc = samples.ndim() - 2;
         let slopes = samples.len_of(Axis(arc)) - starts;
+        // Along the arc length, past what is not at nodes.
         let mut along_arc = Array2::eye(starts + slopes);
         let mut nodes = along_arc.slice_mut(s![starts.., starts..]);
         nodes.assign(&chebyshev::transform(slopes));
         chebyshev::along_axis(&mut samples, arc, &along_arc);
+        // Along the directions of the sphere, then along all other axes.
         let plain = match variables.sphere {
             true => {
                 spherical::coefficients(&mut samples, variables.cameras);
@@ -126,6 +128,7 @@ impl Polynomial {
     fn weighted(&self, weights: &[f64], used: &[usize], count: usize) -> Vec<f64> {
         let values = self.coefficients.as_slice().unwrap_or_default();
         let width = values.len() / count.max(1);
+        // A tile of columns at a time: the rows that are used, copied side by side.
         let tile = |tile: usize| {
             let columns = tile * TILE..width.min((tile + 1) * TILE);
             let mut copied = Vec::with_capacity(used.len() * columns.len());
@@ -138,6 +141,7 @@ impl Polynomial {
             .into_par_iter()
             .map(tile)
             .collect();
+        // Tiles side by side.
         let mut sums = vec![0.0; weights.len() / used.len().max(1) * width];
         for (row, sums) in sums.chunks_exact_mut(width).enumerate() {
             for (to, tile) in sums.chunks_mut(TILE).zip(&tiles) {
@@ -215,6 +219,7 @@ impl Variables {
             true => parameters.len().min(self.cameras),
             false => parameters.len(),
         };
+        // Chebyshev polynomials of mapped variables.
         let along = |(x, n): (&f64, &usize)| {
             let mut values = vec![0.0; *n];
             chebyshev::values(self.stretch.variable(*x), &mut values);
@@ -224,6 +229,7 @@ impl Variables {
         let [Some(a), Some(b)] = [0, 1].map(|k| parameters.get(count + k)) else {
             return vec![plain];
         };
+        // On the sphere sines and cosines, in two sets.
         let sets = [false, true].map(|odd| {
             let [mut azimuth, mut polar] = [0, 1].map(|k| vec![0.0; shape[count + k]]);
             spherical::azimuth_values_of(odd, *a, &mut azimuth);

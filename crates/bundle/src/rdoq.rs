@@ -40,6 +40,7 @@ type DeadZone = [f64; COUNTED - 1];
 /// Makes the integers worth their bits of orthogonal vectors of this `length`, in units of the step, one
 /// after the other as a core of `shape`, as [`restored`](crate::householder::restored) takes them.
 pub(crate) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
+    // First the dead zones, then each number outside of its own.
     let zones = dead_zones(shape, vectors);
     let (mut context, mut magnitudes) = (Context::new(shape), MagnitudeModel::default());
     reduced(vectors, length, |vector, pivots, integers| {

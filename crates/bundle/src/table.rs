@@ -123,7 +123,8 @@ impl Table {
     /// A chunk is damaged.
     pub fn decode(&self) -> Result<(), LookupError> {
         let chunks = (0..self.chunks.len()).into_par_iter();
-        chunks.map(|chunk| self.tree(chunk).map(|_| ())).collect()
+        let trees: Result<Vec<&Tree>, LookupError> = chunks.map(|chunk| self.tree(chunk)).collect();
+        trees.map(|_| ())
     }
 
     /// Counts patches and flagged boxes.
@@ -227,6 +228,7 @@ impl Division {
             stored: Vec::with_capacity(all),
             chunks: Vec::new(),
         };
+        // A place is stored unless a mirror carries it to one that is.
         for place in 0..all {
             let earlier = (0..mirrors.len()).find_map(|i| {
                 let chunk = division.image(place, &mirrors[i])?;

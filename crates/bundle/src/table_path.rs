@@ -6,7 +6,7 @@
 
 use crate::{
     fan::Fan,
-    path_coefficients::{self, ArcSums, PathCoefficients, Piece, StoredRay},
+    path_coefficients::{self, ArcSums, PathCoefficients, PathPiece, StoredRay},
     rays::ChartMap,
 };
 use geofan_core::{
@@ -48,7 +48,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         self.coefficients.borrow().ray(self.number)
     }
 
-    fn pieces(&self) -> &[Piece] {
+    fn pieces(&self) -> &[PathPiece] {
         self.coefficients.borrow().pieces(self.number)
     }
 
@@ -59,7 +59,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Finds the piece that holds the arc length `s`; `None` where flagged.
-    fn piece(&self, s: f64) -> Option<&Piece> {
+    fn piece(&self, s: f64) -> Option<&PathPiece> {
         let pieces = self.pieces();
         let after = pieces.partition_point(|piece| piece.interval[1] < s);
         let piece = pieces.get(after.min(pieces.len() - 1))?;
@@ -130,7 +130,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Fills the rows of [`TablePath::sample_into`] at the lengths of `range`, all in `piece`.
-    fn fill(&self, piece: &Piece, s: &[f64], range: Range<usize>, rows: &mut [f64]) {
+    fn fill(&self, piece: &PathPiece, s: &[f64], range: Range<usize>, rows: &mut [f64]) {
         for start in range.clone().step_by(LANES) {
             let count = LANES.min(range.end - start);
             let mut lengths = [s[start]; LANES];
@@ -143,7 +143,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Computes points and tangents at sixteen arc lengths of one piece.
-    fn sixteen(&self, piece: &Piece, s: &[f64; LANES]) -> State<LANES> {
+    fn sixteen(&self, piece: &PathPiece, s: &[f64; LANES]) -> State<LANES> {
         match self.fan.table.space.channels().len() {
             1 => self.sixteen_of::<1>(piece, s),
             2 => self.sixteen_of::<2>(piece, s),
@@ -153,7 +153,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Does so for `K` channels: all in one, sums need not go through memory.
-    fn sixteen_of<const K: usize>(&self, piece: &Piece, s: &[f64; LANES]) -> State<LANES> {
+    fn sixteen_of<const K: usize>(&self, piece: &PathPiece, s: &[f64; LANES]) -> State<LANES> {
         let rows = self.coefficients.borrow().rows(piece);
         vectorised(
             #[inline(always)]
@@ -165,7 +165,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Sums departures and slopes at `W` arc lengths of one piece.
-    fn sums<const W: usize>(&self, piece: &Piece, s: &[f64; W]) -> ArcSums<W> {
+    fn sums<const W: usize>(&self, piece: &PathPiece, s: &[f64; W]) -> ArcSums<W> {
         let rows = self.coefficients.borrow().rows(piece);
         let channels = self.fan.table.space.channels().len();
         path_coefficients::sums(rows, channels, piece.interval, s)
@@ -181,6 +181,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             ChartMap::Polar => return self.polar(sums, s),
             ChartMap::Sphere { .. } => return self.projected(sums, s),
         }
+        // Plain coordinates: a straight line and the departures from it.
         let (from, along) = (self.ray().u, self.ray().v);
         let mut state = [[[0.0; W]; 3]; 2];
         for c in 0..3 {
@@ -270,11 +271,13 @@ fn moved<const W: usize>((q, t): (&DMat3, DVec3), state: &State<W>) -> State<W> 
 /// the rows of the differential.
 #[inline(always)]
 fn translated<const W: usize>(p: DVec3, tape: &Tape, state: &State<W>) -> State<W> {
+    // The inputs: points, and the element of the group.
     let mut registers = tape.registers::<f64, W>();
     for c in 0..3 {
         *registers.input(c) = state[0][c];
         *registers.input(3 + c) = [p[c]; W];
     }
+    // The outputs: the image, and the rows of the differential.
     tape.run(&mut registers);
     let mut image = [[[0.0; W]; 3]; 2];
     for c in 0..3 {

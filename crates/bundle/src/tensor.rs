@@ -130,6 +130,7 @@ impl Tensor {
         matrices: &[OpenMatrix<T>],
         weights: &[Option<&[T]>],
     ) -> Vec<OpenMatrix<T>> {
+        // Cores over cameras stay as they are.
         let rays = self.axes() - 2;
         let directions = self.variables.cameras..rays;
         let axes = self.table_axes();
@@ -198,12 +199,14 @@ impl Tensor {
         let sets = sets.iter().map(|weights| open_beyond(weights, shape.len()));
         let sets: Vec<Vec<Option<&[T]>>> = sets.collect();
         let row = shape[shape.len() - 2..].iter().product();
+        // The chain for the first set of weights; others share its cores over cameras.
         let (open, matrices) = (self.open(&sets[0]), self.matrices(&sets[0]));
         let others = sets[1..]
             .iter()
             .map(|weights| self.with_directions(&matrices, weights));
         let mut all: Vec<Vec<OpenMatrix<T>>> = others.collect();
         all.push(matrices);
+        // The product of each chain, and their sum.
         let sum = |matrices: Vec<OpenMatrix<T>>| {
             let factors = matrices.into_iter().map(Factor::Known).collect();
             in_table_order(matrix_chain(factors), &open, &shape, row)
@@ -224,7 +227,7 @@ impl Tensor {
     }
 
     /// Writes the tensor: its shape to `out`, its integers to `integers`.
-    pub fn encode(&self, out: &mut Vec<u8>, integers: &mut IntegerEncoder) {
+    pub(crate) fn encode(&self, out: &mut Vec<u8>, integers: &mut IntegerEncoder) {
         out.push(self.layout.code());
         out.extend(self.step.0.to_le_bytes());
         for core in &self.cores {
@@ -236,7 +239,7 @@ impl Tensor {
     ///
     /// # Errors
     /// It is not one.
-    pub fn decode(
+    pub(crate) fn decode(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
         shape: TensorShape,
@@ -247,9 +250,11 @@ impl Tensor {
             channels,
         } = shape;
         let rays = variables.cameras + directions;
+        // Layout and step.
         let layout = Layout::of_code(input.u8()?, rays);
         let layout = layout.ok_or(DecodeError("layout of a tensor"))?;
         let step = Power(input.i16()?);
+        // The cores, each behind the one before.
         let mut cores: Vec<Core> = Vec::new();
         let axes = layout.cores(rays);
         for (k, axes_of_core) in axes.iter().enumerate() {
@@ -290,6 +295,7 @@ fn in_table_order<T: Copy>(values: Vec<T>, rays: &[usize], shape: &[usize], row:
         let after = rays.iter().skip_while(|a| *a != axis).skip(1);
         after.map(|a| shape[*a]).product()
     };
+    // The place of each row, axis by axis.
     let mut firsts = vec![0];
     for axis in &ascending {
         let stride = stride(axis);

@@ -155,12 +155,14 @@ fn rounded_core(
     round: Round,
 ) -> Core {
     let shape = core.shape().to_vec();
+    // Make the difference good.
     if kind_before == Some(Orthogonality::Rows) {
         multiply(&mut core, Axis(0), &before.off);
     }
     if kind == Orthogonality::Columns {
         multiply(&mut core, Axis(shape.len() - 1), &behind.off);
     }
+    // Round.
     let vectors = kind.vectors(&shape, core.iter().copied().collect());
     let integers = round(&kind.shape(&shape), kind.length(&shape), &vectors);
     let scales = behind.scales.clone();

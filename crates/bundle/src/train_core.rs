@@ -192,10 +192,12 @@ impl Core {
         step: Step,
     ) -> Result<Self, DecodeError> {
         let left = before.map_or(1, |core| core.scales.len());
+        // The shape, and the vectors that are stored.
         let shape = decode_shape(input, left, axes, last)?;
         let orthogonality = Orthogonality::behind(before.map(|c| c.orthogonality), &shape);
         let length = orthogonality.length(&shape);
         let stored = integers.take(&orthogonality.shape(&shape), length)?;
+        // The scales, each by its difference from the one before.
         let ranks = if last { 0 } else { shape[axes + 1] };
         let mut before = i32::from(step.scale().0);
         let scales = integers
@@ -246,6 +248,7 @@ fn decode_shape(
     axes: usize,
     last: bool,
 ) -> Result<Vec<usize>, DecodeError> {
+    // Lengths, multiplied without overflow.
     let mut shape = vec![left];
     let mut count = left as u64;
     for _ in 0..=axes {
@@ -253,6 +256,7 @@ fn decode_shape(
         count = count.saturating_mul(n.into());
         shape.push(n as usize);
     }
+    // Within the limits of all kernels.
     let lengths = if last { shape[axes - 1] } else { 0 };
     let too_many = lengths > MOST_DEGREES || shape[1..=axes].iter().any(|n| *n > MOST_TERMS);
     if too_many || (last && shape[axes + 1] != 1) {

@@ -154,6 +154,7 @@ impl Tree {
                 let tensor = Tensor::decode(input, integers, shape)?;
                 Ok(Tree::Leaf(Arc::new(tensor)))
             }
+            // The sphere may be parted into faces once.
             PARTED if shape.variables.sphere => {
                 let shape = shape.of_a_face();
                 let face = |_| Self::take(input, integers, shape, depth + 1);
