@@ -250,7 +250,7 @@ fn bits_of_part(part: &TableSample, space: &RaySpace, plan: &PlanRecord) -> f64 
         let camera = cell::parameters(&cells, space.cameras(), &part.cell, camera);
         let ray = move |aim: &DVec3| -> (DVec3, DVec3) {
             let (u, d) = space.ray_aimed(&camera, *aim);
-            (u, manifold.standard_frame(u) * d)
+            (u, manifold.observer(u).tangent(d))
         };
         part.aims.iter().map(ray)
     });
