@@ -1,6 +1,6 @@
 use super::*;
 use crate::{MappedChebyshev, Polynomial, Step, Train, Tree, Variables};
-use geofan_core::random::Stream;
+use geofan_core::{diagnostic::SourceText, random::Stream};
 use ndarray::{ArrayD, IxDyn};
 
 const FLAT: &str = r#"
@@ -17,22 +17,10 @@ length = 5.0
 
 fn plan() -> PlanRecord {
     PlanRecord {
-        max_error: 0.5,
-        length: 5.0,
         frames: true,
-        tolerance: 1e-9,
-        nodes: vec![3, 3, 3, 4],
-        most_rays: 1,
-        lift: crate::rays::ChartMap::None,
-        refinement: 1,
-        least_volume: 0.5,
-        most_arc_halvings: 1,
-        cells: vec![1],
         stretch: MappedChebyshev::new(0.8),
         focus: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
-        sphere: None,
-        mirrors: Vec::new(),
-        seed: 1,
+        ..PlanRecord::new(5.0, 0.5, vec![1], vec![3, 3, 3, 4])
     }
 }
 
@@ -64,10 +52,6 @@ fn bundle(nodes: usize) -> Bundle {
     Bundle::from_contents(contents).unwrap()
 }
 
-fn decode(bytes: &[u8]) -> Result<Bundle, BundleError> {
-    Bundle::from_contents(Contents::decode("test.fan", bytes)?)
-}
-
 #[test]
 fn a_bundle_comes_back_bit_by_bit() {
     let folder = tempfile::tempdir().unwrap();
@@ -91,7 +75,7 @@ fn a_bundle_comes_back_bit_by_bit() {
 fn every_truncation_is_refused() {
     let bytes = bundle(1).contents().encode().unwrap();
     for length in 0..bytes.len() {
-        assert!(decode(&bytes[..length]).is_err(), "{length}");
+        assert!(Bundle::from_bytes(&bytes[..length]).is_err(), "{length}");
     }
 }
 
@@ -103,7 +87,7 @@ fn every_flipped_bit_is_refused() {
         let bit = (stream.bits() % (8 * bytes.len() as u64)) as usize;
         let mut damaged = bytes.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
-        assert!(decode(&damaged).is_err(), "bit {bit}");
+        assert!(Bundle::from_bytes(&damaged).is_err(), "bit {bit}");
     }
 }
 
@@ -139,9 +123,9 @@ fn headers_that_disagree_with_their_manifold_are_refused() {
             });
         },
     ];
-    assert!(decode(&forged(|_| {})).is_ok());
+    assert!(Bundle::from_bytes(&forged(|_| {})).is_ok());
     for (i, change) in changes.into_iter().enumerate() {
-        assert!(decode(&forged(change)).is_err(), "change {i}");
+        assert!(Bundle::from_bytes(&forged(change)).is_err(), "change {i}");
     }
 }
 
@@ -154,7 +138,7 @@ fn hostile_chunks_under_right_hashes_are_refused_or_left_undecoded() {
         let payload = &mut contents.chunks[0].1;
         let at = (stream.bits() % payload.len() as u64) as usize;
         payload[at] = stream.bits() as u8;
-        if let Ok(bundle) = decode(&contents.encode().unwrap())
+        if let Ok(bundle) = Bundle::from_bytes(&contents.encode().unwrap())
             && let Ok(fan) = bundle.table.fan(glam::DVec3::ZERO)
         {
             let _ = fan.path(glam::DVec3::X).at(1.0);

@@ -1,18 +1,14 @@
-//! How well a table keeps its promise: the errors found on fresh random rays, as published.
+//! How well a table keeps its promise, and the rays that it gets far more wrong.
 //!
-//! A quantile of a sample is not a bound: it is published with the number of rays.
-//!
-//! Rays that a table gets far more wrong than it promises, and where in the table they lie.
-//!
-//! In: a comparison that went wrong. Out: an [`Outlier`]: the ray, its errors, and the box of the
-//! table that answered.
+//! In: comparisons of a table with exact paths on fresh random rays. Out: a [`Certificate`], the quantiles
+//! of the errors as published (a quantile of a sample is not a bound: it comes with the number of rays), and
+//! [`Outlier`]s: a ray, its errors, and the box of the table that answered. Errors in mrad.
 
 use crate::{
-    DecodeError, Table,
-    fan::half,
+    LookupError, Table,
     measure::Deviation,
     rays::{Located, Place},
-    tree::Tree,
+    tree::{Tree, half},
 };
 use geofan_core::quantiles::Quantiles;
 use glam::DVec3;
@@ -23,7 +19,7 @@ use serde::{Deserialize, Serialize};
 pub struct Certificate {
     /// Transverse distance over arc length.
     pub mrad: Quantiles,
-    /// The same divided by the ray's magnification.
+    /// This distance divided by the ray's magnification.
     pub screen_mrad: Quantiles,
     /// Sky error of the tangent at the exit, or, in a manifold without exits, where the other errors
     /// are; none if the table does not promise it.
@@ -43,12 +39,12 @@ pub struct Certificate {
 }
 
 impl Certificate {
-    /// Whether the table is as good as promised: 99 % of the screen errors within `promise` mrad.
+    /// Tells whether the table is as good as promised: 99 % of the screen errors within `promise` mrad.
     pub fn keeps(&self, promise: f64) -> bool {
         self.screen_mrad.p99 <= promise
     }
 
-    /// The errors as lines of a table for people.
+    /// Writes the errors as lines of a table for people.
     pub fn lines(&self) -> String {
         let mut text = format!(
             "{:<10} {:>10} {:>10} {:>10} {:>10}\n",
@@ -70,7 +66,7 @@ impl Certificate {
     }
 }
 
-/// A certificate and what it cannot say.
+/// A certificate, and the rays that quantiles cannot tell of.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checked {
     /// The certificate.
@@ -81,7 +77,7 @@ pub struct Checked {
     pub worst: Vec<Outlier>,
 }
 
-/// By what factor an error must exceed the promise to be told apart.
+/// Factor by which an error must exceed the promise to be told apart.
 pub const FAR: f64 = 20.0;
 
 /// The most outliers listed: the worst.
@@ -96,11 +92,11 @@ pub struct BoxPlace {
     pub face: Option<usize>,
     /// Its intervals within the chunk, which is [−1, 1] along camera…, direction…, arc length.
     pub intervals: Vec<[f64; 2]>,
-    /// Whether it is flagged.
+    /// The table gives it up.
     pub flagged: bool,
 }
 
-/// A ray of which the table is far off.
+/// A ray that the table gets far more wrong than it promises.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outlier {
     /// Chart point of the camera.
@@ -109,20 +105,20 @@ pub struct Outlier {
     pub dir: [f64; 3],
     /// Arc length of the comparison.
     pub s: f64,
-    /// Where the exact path ends.
+    /// Length of the exact path.
     pub length: f64,
     /// Screen error, mrad.
     pub screen_mrad: f64,
     /// Position error, mrad.
     pub mrad: f64,
-    /// How much farther a neighbouring ray gets from this one than in flat space, the smaller way.
+    /// Distance of a neighbouring ray relative to flat space, in the direction where it is smaller.
     pub magnification: f64,
     /// The box that answered.
     pub patch: BoxPlace,
 }
 
 impl Outlier {
-    /// What sets the ray apart, in words.
+    /// Says in words what sets the ray apart.
     pub fn why(&self) -> String {
         let size = |[a, b]: &[f64; 2]| 0.5 * (b - a);
         let smallest = self.patch.intervals.iter().map(size).fold(1.0, f64::min);
@@ -140,7 +136,7 @@ impl Outlier {
 }
 
 impl Table {
-    /// The box that answers for the ray `located` from `place` at arc length `s`.
+    /// Finds the box that answers for the ray `located` from `place` at arc length `s`.
     ///
     /// # Errors
     /// The chunk is damaged.
@@ -149,14 +145,14 @@ impl Table {
         place: &Place,
         located: &Located,
         s: f64,
-    ) -> Result<BoxPlace, DecodeError> {
-        let kept = self.kept(place, located.face);
-        let (chunk, mut point) = (kept.chunk, kept.camera);
-        let carried = located.clone().carried(kept.image.as_ref());
+    ) -> Result<BoxPlace, LookupError> {
+        let stored = self.stored_face(place, located.face);
+        let (chunk, mut point) = (stored.chunk, stored.camera);
+        let carried = located.clone().carried(stored.image.as_ref());
         point.extend(&carried.direction[..self.space.directions()]);
         point.push(2.0 * s / self.length - 1.0);
         let mut intervals = vec![[-1.0, 1.0]; point.len()];
-        let mut tree = self.chunks[chunk].tree()?;
+        let mut tree = self.tree(chunk)?;
         let mut face = (self.division.blocks == self.space.faces()).then_some(carried.face);
         loop {
             match tree {
@@ -182,7 +178,7 @@ impl Table {
         })
     }
 
-    /// The outlier of a comparison.
+    /// Describes the outlier of a comparison.
     ///
     /// # Errors
     /// The chunk is damaged.
@@ -193,7 +189,7 @@ impl Table {
         (s, length): (f64, f64),
         found: Deviation,
         magnification: f64,
-    ) -> Result<Outlier, DecodeError> {
+    ) -> Result<Outlier, LookupError> {
         let located = self.space.locate(place, d);
         Ok(Outlier {
             at: place.u.to_array(),

@@ -1,15 +1,14 @@
-//! Chebyshev polynomials on [−1, 1]: nodes, samples → coefficients, and values.
+//! Chebyshev polynomials on [−1, 1]: nodes, samples → coefficients, and values; and a change of variable
+//! that spends their degrees evenly.
 //!
-//! First-kind nodes `cos(π(i+½)/n)`; `f(x) = Σ c_k T_k(x)`. Source: L. N. Trefethen,
-//! *Approximation Theory and Approximation Practice*, chapters 2–4.
-//!
-//! A change of variable that spends the degrees of polynomials evenly.
+//! In: samples at the first-kind nodes `cos(π(i+½)/n)`. Out: the coefficients of `f(x) = Σ c_k T_k(x)`, and
+//! back. Source: L. N. Trefethen, *Approximation Theory and Approximation Practice*, chapters 2–4.
 //!
 //! Chebyshev polynomials resolve twice as finely near the ends of their interval as they need to, and
 //! in the middle more coarsely than evenly spaced nodes would, by π/2. In the variable y of
-//! `x = asin(α y)/asin(α)` they are more even, and functions that are equally rough everywhere take
-//! fewer of them. Source: D. Kosloff, H. Tal-Ezer, *A modified Chebyshev pseudospectral method with an
-//! O(N⁻¹) time step restriction*, J. Comput. Phys. 104 (1993). What that costs: no polynomial
+//! `x = asin(α y)/asin(α)` ([`MappedChebyshev`]) they are more even, and functions that are equally rough
+//! everywhere take fewer of them. Source: D. Kosloff, H. Tal-Ezer, *A modified Chebyshev pseudospectral
+//! method with an O(N⁻¹) time step restriction*, J. Comput. Phys. 104 (1993). The cost: no polynomial
 //! converges faster than `tⁿ`, with `t = (1 − √(1−α²))/α`.
 
 use crate::matrix::product;
@@ -19,14 +18,14 @@ use ndarray::{Array2, ArrayD};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
-/// The `n` nodes, ascending.
+/// Returns the `n` nodes, ascending.
 pub fn nodes(n: usize) -> Vec<f64> {
     (0..n)
         .map(|i| -(PI * (i as f64 + 0.5) / n as f64).cos())
         .collect()
 }
 
-/// `T_0(x) … T_(n−1)(x)` into `values`.
+/// Writes `T_0(x) … T_(n−1)(x)` into `values`.
 pub fn values(x: f64, values: &mut [f64]) {
     for k in 0..values.len() {
         values[k] = match k {
@@ -37,7 +36,7 @@ pub fn values(x: f64, values: &mut [f64]) {
     }
 }
 
-/// The matrix that takes `n` samples at [`nodes`] to coefficients.
+/// Returns the matrix that takes `n` samples at [`nodes`] to coefficients.
 pub fn transform(n: usize) -> Array2<f64> {
     let nodes = nodes(n);
     let mut t = vec![0.0; n];
@@ -52,31 +51,31 @@ pub fn transform(n: usize) -> Array2<f64> {
     matrix
 }
 
-/// The matrix that takes `n` coefficients to samples at [`nodes`].
+/// Returns the matrix that takes `n` coefficients to samples at [`nodes`].
 pub fn inverse_transform(n: usize) -> Array2<f64> {
     at_nodes(&nodes(n), values)
 }
 
-/// The values of as many terms as there are nodes, one row for each node; `of` gives those at a node.
-pub(super) fn at_nodes(nodes: &[f64], of: impl Fn(f64, &mut [f64])) -> Array2<f64> {
+/// Tabulates as many terms as there are nodes, one row for each node; `terms` writes their values at a node.
+pub(crate) fn at_nodes(nodes: &[f64], terms: impl Fn(f64, &mut [f64])) -> Array2<f64> {
     let mut matrix = Array2::zeros((nodes.len(), nodes.len()));
     for (x, mut row) in nodes.iter().zip(matrix.outer_iter_mut()) {
-        of(*x, row.as_slice_mut().expect("contiguous"));
+        terms(*x, row.as_slice_mut().expect("contiguous"));
     }
     matrix
 }
 
-/// Samples on a tensor grid of nodes → coefficients, along the first `axes` axes.
+/// Transforms samples on a tensor grid of nodes to coefficients, along the first `axes` axes.
 pub fn coefficients(samples: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
     along_axes(samples, axes, transform)
 }
 
-/// Coefficients → samples on the tensor grid of nodes, along the first `axes` axes.
+/// Transforms coefficients to samples on the tensor grid of nodes, along the first `axes` axes.
 pub fn samples(coefficients: ArrayD<f64>, axes: usize) -> ArrayD<f64> {
     along_axes(coefficients, axes, inverse_transform)
 }
 
-/// The square matrices that `of` gives for their lengths, applied to the first `axes` axes.
+/// Applies to each of the first `axes` axes the square matrix that `of` makes for its length.
 fn along_axes(array: ArrayD<f64>, axes: usize, of: impl Fn(usize) -> Array2<f64>) -> ArrayD<f64> {
     let mut array = match array.is_standard_layout() {
         true => array,
@@ -92,7 +91,7 @@ fn along_axes(array: ArrayD<f64>, axes: usize, of: impl Fn(usize) -> Array2<f64>
 /// Columns that are transformed together: what one thread works on fits into a cache near it.
 const TILE: usize = 128;
 
-/// The square `matrix` applied to `axis` of `array`, which has the standard layout.
+/// Applies the square `matrix` to `axis` of `array`, which has the standard layout.
 pub fn along_axis(array: &mut ArrayD<f64>, axis: usize, matrix: &Array2<f64>) {
     let n = matrix.nrows();
     let inner: usize = array.shape()[axis + 1..].iter().product();
@@ -110,7 +109,7 @@ pub fn along_axis(array: &mut ArrayD<f64>, axis: usize, matrix: &Array2<f64>) {
     }
 }
 
-/// `matrix` applied to the slowest axis of each of `blocks`, whose rows are shorter than a tile.
+/// Applies `matrix` to the slowest axis of each of `blocks`, whose rows are shorter than a tile.
 fn short_blocks(blocks: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
     let count = blocks.len() / (n * inner);
     let mut rows = vec![0.0; blocks.len()];
@@ -127,7 +126,7 @@ fn short_blocks(blocks: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
     }
 }
 
-/// `matrix` applied to the slowest axis of `block`, whose rows are tiles side by side.
+/// Applies `matrix` to the slowest axis of `block`, whose rows are tiles side by side.
 fn long_block(block: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
     let mut tiles: Vec<Vec<&mut [f64]>> = Vec::new();
     tiles.resize_with(inner.div_ceil(TILE), || Vec::with_capacity(n));
@@ -146,25 +145,26 @@ fn long_block(block: &mut [f64], inner: usize, matrix: &[f64], n: usize) {
     });
 }
 
-/// α in [0, 1); 0 leaves the variable alone.
+/// The map between places and variables of Chebyshev polynomials by Kosloff and Tal-Ezer, for α in [0, 1);
+/// 0 leaves the variable alone.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct MappedChebyshev(f64);
 
 impl MappedChebyshev {
-    /// None at all.
+    /// Leaves the variable alone.
     pub const NONE: Self = Self(0.0);
 
-    /// With a number in [0, 1).
+    /// Maps by `alpha` in [0, 1).
     pub const fn new(alpha: f64) -> Self {
         Self(alpha)
     }
 
-    /// Whether α is in its range.
+    /// Tells whether α is in its range.
     pub fn is_valid(self) -> bool {
         (0.0..1.0).contains(&self.0)
     }
 
-    /// The place x in [−1, 1] of a variable y of the polynomials.
+    /// Computes the place x in [−1, 1] of a variable y of the polynomials.
     pub fn place(self, y: f64) -> f64 {
         match self == Self::NONE {
             true => y,
@@ -172,7 +172,7 @@ impl MappedChebyshev {
         }
     }
 
-    /// The variable of the polynomials at the place x: the inverse of [`MappedChebyshev::place`].
+    /// Computes the variable of the polynomials at the place x: the inverse of [`MappedChebyshev::place`].
     pub fn variable(self, x: f64) -> f64 {
         match self == Self::NONE {
             true => x,

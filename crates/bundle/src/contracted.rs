@@ -1,16 +1,8 @@
-//! What is left of a patch at a fixed camera: polynomials in the direction and the arc length.
+//! A patch at a fixed camera: polynomials in the direction and the arc length.
 //!
 //! In: coefficients over (direction…, arc length, channel), each direction parameter p, q in
 //! [−1, 1]: of a face, or the azimuth and the polar angle of the whole sphere. Out: for one direction,
 //! the coefficients in the arc length. With one direction parameter the second axis has length 1.
-//!
-//! A patch at one camera, cut into cells on each of which few coefficients do.
-//!
-//! In: a [`Contracted`] with many coefficients in both direction parameters, which is dear to evaluate
-//! for one path. Out: for the cell around a direction, made when it is first asked for, the same
-//! polynomials in the cell's own parameters, without the coefficients that do not count there. The
-//! cells' edges are `−cos(πi/n)`, so that a Chebyshev polynomial swings as often in each; on the whole
-//! sphere they are evenly spaced.
 
 use crate::{
     chebyshev,
@@ -37,18 +29,18 @@ pub struct Contracted {
     degrees: [usize; 2],
     lengths: usize,
     channels: usize,
-    /// What the direction parameters stand for; `None` in a cell, whose variables are its own.
+    /// The variables of the direction parameters; `None` in a local expansion, whose variables are its own.
     variables: Option<Variables>,
-    /// Cells for paths close together; `None` if the whole is cheap enough.
-    cells: Option<Cells>,
+    /// Expansions for paths close together; `None` if the whole is cheap enough.
+    local: Option<LocalExpansion>,
 }
 
 /// Numbers summed at once: one of the widest registers.
 const BLOCK: usize = 16;
 
 impl Contracted {
-    /// Coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest; with
-    /// `rows`, those of the last two axes are instead the sums of these that `coefficients` tell.
+    /// Takes coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest; with
+    /// `rows`, those of the last two axes are instead sums of these, by `coefficients`.
     pub fn new(
         shape: &[usize],
         coefficients: &[f32],
@@ -71,12 +63,12 @@ impl Contracted {
             lengths,
             channels,
             variables: Some(variables),
-            cells: Cells::new(degrees, variables.sphere),
+            local: LocalExpansion::new(degrees, variables.sphere),
         }
     }
 
-    /// The same for other polynomials, of `degrees` coefficients in the direction parameters.
-    pub(super) fn with_table(&self, table: Vec<f32>, degrees: [usize; 2]) -> Self {
+    /// Copies the patch with another table, of `degrees` coefficients in the direction parameters.
+    pub(crate) fn with_table(&self, table: Vec<f32>, degrees: [usize; 2]) -> Self {
         Self {
             table,
             rows: self.rows.clone(),
@@ -84,33 +76,33 @@ impl Contracted {
             lengths: self.lengths,
             channels: self.channels,
             variables: None,
-            cells: None,
+            local: None,
         }
     }
 
-    /// Coefficients along both direction parameters.
-    pub(super) fn degrees(&self) -> [usize; 2] {
+    /// Returns the number of coefficients along both direction parameters.
+    pub(crate) fn degrees(&self) -> [usize; 2] {
         self.degrees
     }
 
-    /// The coefficients, axes (p, q, row).
-    pub(super) fn table(&self) -> &[f32] {
+    /// Returns the coefficients, axes (p, q, row).
+    pub(crate) fn table(&self) -> &[f32] {
         &self.table
     }
 
-    /// The length of a row of the table.
-    pub(super) fn width(&self) -> usize {
+    /// Returns the length of a row of the table.
+    pub(crate) fn width(&self) -> usize {
         self.table.len() / (self.degrees[0] * self.degrees[1]).max(1)
     }
 
-    /// The length of a row over (arc length, channel).
-    pub(super) fn row(&self) -> usize {
+    /// Returns the length of a row over (arc length, channel).
+    pub(crate) fn row(&self) -> usize {
         (self.lengths * self.channels).next_multiple_of(BLOCK)
     }
 
-    /// The lengths of the rows that a row of the table tells the shares of; 1 for each of its numbers if it
-    /// is those themselves.
-    pub(super) fn scales(&self) -> Vec<f32> {
+    /// Returns the norms of the rows that a row of the table tells the shares of; 1 for each of its numbers if
+    /// it is those themselves.
+    pub(crate) fn scales(&self) -> Vec<f32> {
         let length = |row: &[f32]| row.iter().map(|x| x * x).sum::<f32>().sqrt();
         match &self.rows {
             Some(rows) => rows.chunks_exact(self.row()).map(length).collect(),
@@ -118,18 +110,18 @@ impl Contracted {
         }
     }
 
-    /// Channels of what [`Contracted::direction`] gives.
+    /// Returns the number of channels.
     pub fn channels(&self) -> usize {
         self.channels
     }
 
-    /// The coefficients in the arc length, `lengths` rows of `channels`, at direction parameters
-    /// (p, q), written to the front of `row`; what is behind them there is undefined.
+    /// Writes the coefficients in the arc length at direction parameters (p, q), rows of channels, to the front
+    /// of `row`, and returns them; numbers behind them there are undefined.
     pub fn direction<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
         self.sum(self.variables_at([p, q]), row)
     }
 
-    /// The variables of the polynomials at direction parameters; on the sphere, those parameters.
+    /// Returns the variables of the polynomials at direction parameters; on the sphere, those parameters.
     fn variables_at(&self, parameters: [f64; 2]) -> [f64; 2] {
         match self.variables {
             Some(variables) if !variables.sphere => {
@@ -139,12 +131,12 @@ impl Contracted {
         }
     }
 
-    /// Whether the directions are the whole sphere.
-    pub(super) fn is_sphere(&self) -> bool {
+    /// Tells whether the directions are the whole sphere.
+    pub(crate) fn is_sphere(&self) -> bool {
         self.variables.is_some_and(|variables| variables.sphere)
     }
 
-    /// What [`Contracted::direction`] gives, at variables of the polynomials.
+    /// Evaluates [`Contracted::direction`] at variables of the polynomials.
     fn sum<'r>(&self, [p, q]: [f64; 2], row: &'r mut Row) -> &'r [f64] {
         let [np, nq] = self.degrees;
         let mut tp = [0.0; MOST_TERMS];
@@ -169,43 +161,38 @@ impl Contracted {
         }
         &row[..self.lengths * self.channels]
     }
-}
 
-impl Contracted {
-    /// The same as [`Contracted::direction`], for one of many directions close together: from the cell
-    /// around it, without what does not count there.
+    /// Evaluates like [`Contracted::direction`] for one of many directions close together: by the local
+    /// expansion around it, without the coefficients that do not count there.
     pub fn nearby<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
         let variables = self.variables_at([p, q]);
-        let cell = self
-            .cells
-            .as_ref()
-            .and_then(|cells| cells.at(self, variables));
-        match cell {
-            Some((cell, inner)) => cell.sum(inner, row),
+        let local = self.local.as_ref();
+        match local.and_then(|local| local.at(self, variables)) {
+            Some((expansion, inner)) => expansion.sum(inner, row),
             None => self.sum(variables, row),
         }
     }
 }
 
-/// Rows of `row` numbers that all others are sums of, as [`Contracted::new`] takes them: they are the same for all
-/// cameras.
-pub(super) fn rows(values: &[f32], row: usize) -> Arc<[f32]> {
+/// Pads rows of `row` numbers that all others are sums of, as [`Contracted::new`] takes them: they are the same
+/// for all cameras.
+pub(crate) fn rows(values: &[f32], row: usize) -> Arc<[f32]> {
     padded(values, row).into()
 }
 
-/// Rows of `row` numbers with zeros up to a whole number of [`BLOCK`]s.
+/// Pads rows of `row` numbers with zeros up to a whole number of [`BLOCK`]s.
 fn padded(values: &[f32], row: usize) -> Vec<f32> {
     widened(values, row, row.next_multiple_of(BLOCK))
 }
 
-/// Room for what any patch stores for one path: every degree and the start, four channels, whole
+/// Room for the coefficients of one path in any patch: every degree and the start, four channels, whole
 /// [`BLOCK`]s.
 pub type Row = [f64; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 
 /// An empty one.
 pub const EMPTY_ROW: Row = [0.0; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 
-/// [`weigh`] in vector instructions.
+/// Sums by [`weigh`] in vector instructions, and returns the sums.
 fn weighed<'s>(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &'s mut [f64]) -> &'s [f64] {
     vectorised(
         #[inline(always)]
@@ -214,8 +201,8 @@ fn weighed<'s>(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &'s mut [f64]) -> 
     sum
 }
 
-/// `sum = Σ p_i q_j line_ij` over the lines of `table`, each as long as `sum`; `q` for the terms of even
-/// multiples of an azimuth, and of odd ones.
+/// Computes `sum = Σ p_i q_j line_ij` over the lines of `table`, each as long as `sum`; `q` for the terms of
+/// even multiples of an azimuth, and of odd ones.
 #[inline(always)]
 fn weigh(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &mut [f64]) {
     let row = sum.len();
@@ -231,7 +218,7 @@ fn weigh(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &mut [f64]) {
     }
 }
 
-/// The `N` sums from `block` on; `N`.
+/// Computes the `N` sums from `block` on, and returns `N`.
 #[inline(always)]
 fn part<const N: usize>(
     table: &[f32],
@@ -263,21 +250,25 @@ fn part<const N: usize>(
 /// that their cell would leave out too much, and took the whole patch; with 10 none does.
 const NODES: usize = 10;
 
-/// Patches with fewer coefficients in the direction are evaluated whole: cells keep some 40.
+/// Patches with fewer coefficients in the direction are evaluated whole: expansions have some 40.
 const FEWEST: usize = 128;
 
 /// Coefficients of the whole patch for each cell along an axis: a polynomial of that degree swings once
 /// in a cell, so that its coefficients there fall fast before the last of [`NODES`].
 const PER_CELL: usize = 2;
 
-/// What the coefficients that are left out may sum to, as a share of the largest: a few dozen roundings
-/// of single precision, far below any promise that a table can make. Cells that would leave out more
-/// are not used.
+/// Largest sum of the coefficients that are left out, as a share of the largest: a few dozen roundings of
+/// single precision, far below any promise that a table can make. Expansions that would leave out more are
+/// not used.
 const LEFT_OUT: f32 = 4e-6;
 
-/// The cells of a patch.
+/// Expansions of a patch about the cells of a grid of directions, each made when it is first asked for: the
+/// same polynomials in the cell's own parameters, without the coefficients that do not count there. A patch
+/// with many coefficients in both direction parameters is dear to evaluate for one path. The cells' edges are
+/// `−cos(πi/n)`, so that a Chebyshev polynomial swings as often in each; on the whole sphere they are evenly
+/// spaced.
 #[derive(Debug, Clone)]
-pub(super) struct Cells {
+pub(crate) struct LocalExpansion {
     edges: [Vec<f64>; 2],
     /// The patch on the cells of each interval of the second parameter, whole in the first. A picture
     /// sees most azimuths if a pole is in it, but rarely all polar angles.
@@ -286,10 +277,10 @@ pub(super) struct Cells {
     cells: Box<[OnceLock<Option<Box<Contracted>>>]>,
 }
 
-impl Cells {
-    /// Cells for `degrees` coefficients in both parameters; `None` if they would hardly be fewer in
+impl LocalExpansion {
+    /// Sets up the grid for `degrees` coefficients in both parameters; `None` if they would hardly be fewer in
     /// a cell.
-    pub(super) fn new(degrees: [usize; 2], sphere: bool) -> Option<Self> {
+    pub(crate) fn new(degrees: [usize; 2], sphere: bool) -> Option<Self> {
         if degrees[0] * degrees[1] < FEWEST {
             return None;
         }
@@ -302,8 +293,8 @@ impl Cells {
         })
     }
 
-    /// The cell of `patch` around (p, q), and where in it that is.
-    pub(super) fn at(
+    /// Finds the expansion of `patch` around (p, q), and the parameters in its cell.
+    pub(crate) fn at(
         &self,
         patch: &Contracted,
         place: [f64; 2],
@@ -329,12 +320,12 @@ fn edges(cells: usize, even: bool) -> Vec<f64> {
     (0..=cells).map(edge).collect()
 }
 
-/// Which of the intervals between `edges` holds `x`.
+/// Finds the interval between `edges` that holds `x`.
 fn number(edges: &[f64], x: f64) -> usize {
     edges[1..edges.len() - 1].partition_point(|edge| *edge <= x)
 }
 
-/// The coefficients of `patch` on an interval of its second parameter, axes (p, q, row).
+/// Computes the coefficients of `patch` on an interval of its second parameter, axes (p, q, row).
 fn band(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
     let nq = patch.degrees()[1];
     let matrices = match patch.is_sphere() {
@@ -355,7 +346,7 @@ fn band(patch: &Contracted, side: [f64; 2]) -> Vec<f32> {
     restricted.collect()
 }
 
-/// `patch` on a box of its parameters, from its `band` there; `None` if that leaves out too much.
+/// Expands `patch` on a box of its parameters, from its `band` there; `None` if that leaves out too much.
 fn restricted(patch: &Contracted, band: &[f32], side: [f64; 2]) -> Option<Contracted> {
     let np = patch.degrees()[0];
     let matrix = match patch.is_sphere() {
@@ -375,27 +366,27 @@ fn restricted(patch: &Contracted, band: &[f32], side: [f64; 2]) -> Option<Contra
         })
         .collect();
     let allowed = LEFT_OUT * sizes.iter().fold(0.0, |most: f32, size| size.max(most));
-    let kept = [
-        kept(|i| (0..NODES).map(|j| sizes[i * NODES + j]).sum(), allowed)?,
-        kept(|j| (0..NODES).map(|i| sizes[i * NODES + j]).sum(), allowed)?,
+    let degrees = [
+        significant(|i| (0..NODES).map(|j| sizes[i * NODES + j]).sum(), allowed)?,
+        significant(|j| (0..NODES).map(|i| sizes[i * NODES + j]).sum(), allowed)?,
     ];
-    let lines = |i: usize| &table[i * NODES * row..][..kept[1] * row];
-    let table = (0..kept[0])
+    let lines = |i: usize| &table[i * NODES * row..][..degrees[1] * row];
+    let table = (0..degrees[0])
         .flat_map(|i| lines(i).iter().copied())
         .collect();
-    Some(patch.with_table(table, kept))
+    Some(patch.with_table(table, degrees))
 }
 
-/// The matrix that takes the coefficients of `n` terms to [`NODES`] of the polynomial through their sum at
-/// as many nodes of a part of [−1, 1]; `of` gives the values of the terms.
-fn restriction(n: usize, [low, high]: [f64; 2], of: impl Fn(f64, &mut [f64])) -> Vec<f32> {
+/// Returns the matrix that takes the coefficients of `n` terms to [`NODES`] of the polynomial through their sum
+/// at as many nodes of a part of [−1, 1]; `terms` writes the values of the terms.
+fn restriction(n: usize, [low, high]: [f64; 2], terms: impl Fn(f64, &mut [f64])) -> Vec<f32> {
     let transform = chebyshev::transform(NODES);
     let mut values = vec![0.0; NODES * n];
     for (x, values) in chebyshev::nodes(NODES)
         .iter()
         .zip(values.chunks_exact_mut(n))
     {
-        of(low + 0.5 * (x + 1.0) * (high - low), values);
+        terms(low + 0.5 * (x + 1.0) * (high - low), values);
     }
     product(&transform.into_raw_vec_and_offset().0, NODES, &values)
         .into_iter()
@@ -403,19 +394,19 @@ fn restriction(n: usize, [low, high]: [f64; 2], of: impl Fn(f64, &mut [f64])) ->
         .collect()
 }
 
-/// How many coefficients along an axis must be kept so that the rest, of sums `size`, is `allowed`;
+/// Counts the coefficients along an axis that must stay so that the rest, of sums `size`, is `allowed`;
 /// `None` if all must: then more are missing.
-fn kept(size: impl Fn(usize) -> f32, allowed: f32) -> Option<usize> {
+fn significant(size: impl Fn(usize) -> f32, allowed: f32) -> Option<usize> {
     let mut left = 0.0;
-    let mut kept = NODES;
-    while kept > 1 {
-        left += size(kept - 1);
+    let mut count = NODES;
+    while count > 1 {
+        left += size(count - 1);
         if !(left <= allowed) {
             break;
         }
-        kept -= 1;
+        count -= 1;
     }
-    (kept < NODES).then_some(kept)
+    (count < NODES).then_some(count)
 }
 
 #[cfg(test)]
@@ -430,7 +421,7 @@ mod tests {
     const FACE: Variables = Variables::of_face(0, MappedChebyshev::NONE);
 
     #[test]
-    fn cells_leave_out_what_does_not_count() {
+    fn expansions_leave_out_coefficients_that_do_not_count() {
         let shape = [24, 18, 6, 3];
         let count = shape.iter().product();
         // Coefficients fall as those of a table do.
@@ -446,7 +437,8 @@ mod tests {
             let (mut whole, mut near) = (EMPTY_ROW, EMPTY_ROW);
             let whole = patch.direction(p, q, &mut whole);
             let near = patch.nearby(p, q, &mut near);
-            let cell = patch.cells.as_ref().and_then(|c| c.at(&patch, [p, q]));
+            let local = patch.local.as_ref();
+            let cell = local.and_then(|l| l.at(&patch, [p, q]));
             used += usize::from(cell.is_some_and(|(cell, _)| cell.table.len() < table.len() / 4));
             let errors = whole.iter().zip(near).map(|(a, b)| (a - b).abs());
             worst = errors.fold(worst, f64::max);
@@ -477,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn the_whole_sphere_and_its_cells_agree_with_the_tensor() {
+    fn the_whole_sphere_and_its_expansions_agree_with_the_tensor() {
         let tensor = sphere();
         let patch = tensor.contract(&[0.3]);
         let (mut used, mut worst) = (0, [0.0_f64; 2]);
@@ -491,7 +483,8 @@ mod tests {
             let (mut whole, mut near) = (EMPTY_ROW, EMPTY_ROW);
             let whole = patch.direction(a, b, &mut whole);
             let near = patch.nearby(a, b, &mut near);
-            let cell = patch.cells.as_ref().and_then(|c| c.at(&patch, [a, b]));
+            let local = patch.local.as_ref();
+            let cell = local.and_then(|l| l.at(&patch, [a, b]));
             used += usize::from(cell.is_some());
             for (k, exact) in tensor.at(&[0.3, a, b]).iter().enumerate() {
                 worst[0] = worst[0].max((whole[k] - exact).abs());

@@ -1,80 +1,173 @@
-//! Little-endian writing and checked reading of the payloads of blocks.
+//! Errors of reading, and checked reading of little-endian numbers.
+//!
+//! In: bytes that may come from anywhere. Out: numbers, or an error that a caller can match:
+//! [`BundleError`] when a file is opened, [`LookupError`] when a path is looked up in it, both made of
+//! [`DecodeError`] where the payload of a block makes no sense.
 
-/// What in a payload does not make sense.
+use crate::container::VERSION;
+use geofan_core::Error;
+use std::path::Path;
+
+/// Names the part of a payload that makes no sense.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("damaged {0}")]
 pub struct DecodeError(pub &'static str);
 
-/// Appends little-endian numbers.
-#[derive(Debug, Default)]
-pub struct Writer(pub Vec<u8>);
+/// Says why the bytes of a file are not a bundle that can be read.
+#[derive(Debug, thiserror::Error)]
+pub enum BundleError {
+    /// Another kind of file.
+    #[error("is not a bundle")]
+    NotABundle,
+    /// The start was changed as text transfers change it.
+    #[error("was changed by a transfer in text mode: copy it again in binary mode")]
+    TextMode,
+    /// Made by a later version.
+    #[error("was written by a newer geofan (format {0}; this one reads up to {VERSION})")]
+    Newer(u32),
+    /// Made by an earlier version, whose tables are no longer read.
+    #[error("was written by an older geofan (format {0}; this one reads {VERSION}): bake it again")]
+    Older(u32),
+    /// No such format has existed.
+    #[error("is damaged: format version {0}")]
+    Version(u32),
+    /// The end is missing.
+    #[error("is truncated at byte {0}: copy it again, or bake again")]
+    Truncated(u64),
+    /// The block that begins at this byte is not what was written.
+    #[error("is damaged in the block at byte {0}: copy it again, or bake again")]
+    Block(u64),
+    /// The blocks are whole, but not the file.
+    #[error("is damaged: its hash does not match; copy it again, or bake again")]
+    Hash,
+    /// Larger than a reader accepts.
+    #[error("has {found} {what}; bundles have at most {most}")]
+    Limit {
+        /// The thing counted.
+        what: &'static str,
+        /// Its number in the file.
+        found: u64,
+        /// The largest number accepted.
+        most: u64,
+    },
+    /// The header does not decode, or does not fit into a header block.
+    #[error("is not a valid bundle: its header: {0}")]
+    Header(String),
+    /// Whole, but its parts do not fit each other.
+    #[error("is not a valid bundle: {0}")]
+    Invalid(&'static str),
+    /// The embedded manifold is refused.
+    #[error("{0}")]
+    Manifold(#[from] Error),
+    /// A share of a bundle where a whole one is needed.
+    #[error("is shard {index} of {of}: join the shards with `geofan merge`")]
+    Shard {
+        /// The number of the shard, from 1.
+        index: u32,
+        /// The number of shards.
+        of: u32,
+    },
+}
 
-impl Writer {
-    /// One byte.
-    pub fn u8(&mut self, x: u8) {
-        self.0.push(x);
-    }
-
-    /// A 16-bit integer.
-    pub fn i16(&mut self, x: i16) {
-        self.0.extend(x.to_le_bytes());
-    }
-
-    /// A 32-bit integer.
-    pub fn u32(&mut self, x: u32) {
-        self.0.extend(x.to_le_bytes());
-    }
-
-    /// A length and the bytes.
-    pub fn bytes(&mut self, x: &[u8]) {
-        self.u32(x.len() as u32);
-        self.0.extend(x);
+impl BundleError {
+    /// Makes the error to show: about the file `path`, or about a place in the embedded manifold.
+    pub fn about(self, path: &Path) -> Error {
+        match self {
+            Self::Manifold(error) => error,
+            other => Error::input(path.display().to_string(), other.to_string()),
+        }
     }
 }
 
-/// Reads what [`Writer`] wrote; every read is checked.
-#[derive(Debug)]
-pub struct Reader<'a>(pub &'a [u8]);
+/// Says why a path cannot be looked up in an open bundle.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LookupError {
+    /// No camera of the region can be carried to this position by the symmetry.
+    #[error("the position ({}, {}, {}) is not in the bundle's camera region {region}", at[0], at[1], at[2])]
+    OutsideRegion {
+        /// The chart point asked for.
+        at: [f64; 3],
+        /// The region, in words.
+        region: String,
+    },
+    /// The block of a chunk passed its checksum but holds no tree of patches.
+    #[error("chunk {chunk}: {damage}")]
+    Damaged {
+        /// The number of the chunk.
+        chunk: usize,
+        /// The part of it that makes no sense.
+        damage: DecodeError,
+    },
+}
 
-impl<'a> Reader<'a> {
-    fn take(&mut self, n: usize) -> Result<&'a [u8], DecodeError> {
-        let (head, tail) = self.0.split_at_checked(n).ok_or(DecodeError("length"))?;
+impl From<LookupError> for Error {
+    fn from(error: LookupError) -> Self {
+        let subject = match error {
+            LookupError::OutsideRegion { .. } => "camera",
+            LookupError::Damaged { .. } => "bundle",
+        };
+        Self::input(subject, error.to_string())
+    }
+}
+
+/// Reads little-endian numbers from the front of bytes; every read is checked.
+#[derive(Debug, Clone, Copy)]
+pub struct ByteReader<'a>(pub &'a [u8]);
+
+impl<'a> ByteReader<'a> {
+    fn array<const N: usize>(&mut self) -> Result<[u8; N], DecodeError> {
+        let (head, tail) = self.0.split_first_chunk().ok_or(DecodeError("length"))?;
+        self.0 = tail;
+        Ok(*head)
+    }
+
+    /// Reads `count` bytes.
+    pub fn take(&mut self, count: usize) -> Result<&'a [u8], DecodeError> {
+        let (head, tail) = self
+            .0
+            .split_at_checked(count)
+            .ok_or(DecodeError("length"))?;
         self.0 = tail;
         Ok(head)
     }
 
-    /// One byte.
+    /// Reads one byte.
     pub fn u8(&mut self) -> Result<u8, DecodeError> {
-        Ok(self.take(1)?[0])
+        self.array().map(u8::from_le_bytes)
     }
 
-    /// A 16-bit integer.
+    /// Reads a 16-bit integer.
     pub fn i16(&mut self) -> Result<i16, DecodeError> {
-        let bytes = self.take(2)?;
-        Ok(i16::from_le_bytes(
-            bytes.try_into().map_err(|_| DecodeError("number"))?,
-        ))
+        self.array().map(i16::from_le_bytes)
     }
 
-    /// A 32-bit integer.
+    /// Reads a 32-bit integer.
     pub fn u32(&mut self) -> Result<u32, DecodeError> {
-        let bytes = self.take(4)?;
-        Ok(u32::from_le_bytes(
-            bytes.try_into().map_err(|_| DecodeError("number"))?,
-        ))
+        self.array().map(u32::from_le_bytes)
     }
 
-    /// A length and the bytes.
+    /// Reads a 64-bit integer.
+    pub fn u64(&mut self) -> Result<u64, DecodeError> {
+        self.array().map(u64::from_le_bytes)
+    }
+
+    /// Reads a 32-bit length and as many bytes.
     pub fn bytes(&mut self) -> Result<&'a [u8], DecodeError> {
         let length = self.u32()?;
         self.take(length as usize)
     }
 
-    /// That nothing is left.
+    /// Checks that nothing is left.
     pub fn finish(&self) -> Result<(), DecodeError> {
         match self.0.is_empty() {
             true => Ok(()),
             false => Err(DecodeError("end")),
         }
     }
+}
+
+/// Appends the length of `bytes` as 32 bits and then these, as [`ByteReader::bytes`] reads them.
+pub fn put_bytes(out: &mut Vec<u8>, bytes: &[u8]) {
+    out.extend((bytes.len() as u32).to_le_bytes());
+    out.extend(bytes);
 }

@@ -1,20 +1,25 @@
 //! The header of a bundle: what was baked, how, and how well.
 //!
 //! In: a [`Header`]. Out: its bytes in bincode's legacy wire format (fixed-width little-endian
-//! integers, lengths of 8 bytes), and back. This is the only module that uses bincode; the format
-//! is also that of bincode 1.3 and of wincode, so files outlive the crate.
+//! integers, lengths of 8 bytes), and back; and whether a header fits the rays of its manifold. This is
+//! the only module that uses bincode; the format is also that of bincode 1.3 and of wincode, so files
+//! outlive the crate.
 
 use crate::{
     Certificate, MappedChebyshev,
+    decode::BundleError,
     rays::{ChartMap, Mirror, RaySpace, Reduction, ReferenceSphere, Sphere},
+    table::Division,
 };
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
+use geofan_core::{diagnostic::SourceText, error::Error, manifold::Manifold};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
+use std::{path::Path, sync::Arc};
 
 /// The most bytes of a header: a manifold file is text, far smaller. Without a limit a hostile
 /// length aborts the process.
-const MOST_BYTES: usize = 16 << 20;
+const MOST_HEADER_BYTES: usize = 16 << 20;
 
 /// Everything about a bundle except its chunks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,7 +36,7 @@ pub struct Header {
     pub faces: u32,
     /// What every chunk depends on, besides the manifold.
     pub plan: PlanRecord,
-    /// Rays that the certificate takes; 0 for none.
+    /// Number of rays that the certificate takes; 0 for none.
     pub certify_rays: u64,
     /// How well the table keeps its promise; none in a shard.
     pub certificate: Option<Certificate>,
@@ -52,34 +57,35 @@ pub struct ManifoldRecord {
     pub parameters: Vec<(String, f64)>,
 }
 
-/// The plan of a bake.
+/// The plan of a bake: all that its chunks depend on, besides the manifold. [`PlanRecord::new`] makes the
+/// plainest; name what differs and take the rest from it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlanRecord {
     /// The promise: 99th percentile of the screen error, mrad.
     pub max_error: f64,
     /// How far paths go (arc length).
     pub length: f64,
-    /// Whether tangents keep the promise too, and with them transported frames.
+    /// Tangents keep the promise too, and with them transported frames.
     pub frames: bool,
     /// Local tolerance of the exact tracer.
     pub tolerance: f64,
-    /// The most nodes along each axis: camera…, direction…, arc length.
+    /// Largest number of nodes along each axis: camera…, direction…, arc length.
     pub nodes: Vec<u32>,
-    /// The most rays that one patch is fitted to.
+    /// Largest number of rays that one patch is fitted to.
     pub most_rays: u32,
-    /// How chart points are stored.
+    /// The coordinates in which chart points are stored.
     pub lift: ChartMap,
     /// The version of the refinement: chunks of another version are not those of this plan.
     pub refinement: u32,
     /// Smallest box that is divided further, as a share of its chunk.
     pub least_volume: f64,
-    /// How often the arc length may be halved.
+    /// Largest number of halvings of the arc length.
     pub most_arc_halvings: u32,
     /// Cells along each stored camera parameter.
     pub cells: Vec<u32>,
-    /// Of the variables of cameras and directions.
+    /// The map of the variables of cameras and directions.
     pub stretch: MappedChebyshev,
-    /// How far away directions aim: the columns of the parallax of [`ReferenceSphere`].
+    /// The columns of the parallax of [`ReferenceSphere`]: how far away directions aim.
     pub focus: [[f64; 3]; 3],
     /// Axes of the sphere whose directions have one chunk together, if they can ([`Sphere`], columns);
     /// `None` if each face has one.
@@ -90,7 +96,7 @@ pub struct PlanRecord {
     pub seed: u64,
 }
 
-/// Which share of the chunks a file holds: those with number ≡ `index` − 1 modulo `of`.
+/// The share of the chunks that a file holds: those with number ≡ `index` − 1 modulo `of`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ShardRecord {
     /// From 1.
@@ -101,34 +107,43 @@ pub struct ShardRecord {
     pub exact_rays: u64,
 }
 
-/// What is wrong with the bytes of a record.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordError {
-    /// They do not decode.
-    #[error("{0}")]
-    Decode(#[from] bincode::error::DecodeError),
-    /// They do not encode.
-    #[error("{0}")]
-    Encode(#[from] bincode::error::EncodeError),
-    /// Something follows the record.
-    #[error("{0} bytes too many")]
-    Left(usize),
+fn format() -> Configuration<LittleEndian, Fixint, Limit<MOST_HEADER_BYTES>> {
+    legacy().with_limit::<MOST_HEADER_BYTES>()
 }
 
-fn format() -> Configuration<LittleEndian, Fixint, Limit<MOST_BYTES>> {
-    legacy().with_limit::<MOST_BYTES>()
-}
-
-fn encode(record: &impl Serialize) -> Result<Vec<u8>, RecordError> {
-    Ok(bincode::serde::encode_to_vec(record, format())?)
+fn encode(record: &impl Serialize) -> Result<Vec<u8>, BundleError> {
+    let bytes = bincode::serde::encode_to_vec(record, format());
+    bytes.map_err(|e| BundleError::Header(e.to_string()))
 }
 
 impl Header {
-    /// The bytes of the header.
+    /// Makes the header of a bake of the rays of `space`, without a certificate.
+    pub fn new(space: &RaySpace, plan: PlanRecord, certify_rays: u64) -> Self {
+        let manifold = space.manifold();
+        let source = Path::new(&manifold.source.name).file_name();
+        Self {
+            generator: env!("CARGO_PKG_VERSION").into(),
+            manifold: ManifoldRecord {
+                name: manifold.name.clone(),
+                source: source.unwrap_or_default().to_string_lossy().into_owned(),
+                text: manifold.source.text.clone(),
+                parameters: manifold.parameters.clone(),
+            },
+            reduction: space.reduction(),
+            cameras: space.cameras().to_vec(),
+            faces: space.faces() as u32,
+            plan,
+            certify_rays,
+            certificate: None,
+            shard: None,
+        }
+    }
+
+    /// Writes the bytes of the header.
     ///
     /// # Errors
     /// It is longer than a reader would accept.
-    pub fn encode(&self) -> Result<Vec<u8>, RecordError> {
+    pub fn encode(&self) -> Result<Vec<u8>, BundleError> {
         encode(self)
     }
 
@@ -136,17 +151,73 @@ impl Header {
     ///
     /// # Errors
     /// The bytes are not exactly a header.
-    pub fn decode(bytes: &[u8]) -> Result<Self, RecordError> {
-        let (header, consumed) = bincode::serde::decode_from_slice(bytes, format())?;
+    pub fn decode(bytes: &[u8]) -> Result<Self, BundleError> {
+        let (header, consumed) = bincode::serde::decode_from_slice(bytes, format())
+            .map_err(|e| BundleError::Header(e.to_string()))?;
         match bytes.len() - consumed {
             0 => Ok(header),
-            left => Err(RecordError::Left(left)),
+            left => Err(BundleError::Header(format!("{left} bytes too many"))),
         }
+    }
+
+    /// Rebuilds the manifold from the embedded text; `file` is named in complaints about it.
+    pub(crate) fn manifold(&self, file: &str) -> Result<Arc<Manifold>, Error> {
+        let name = format!("{file}: manifold text");
+        let source = SourceText::new(name, self.manifold.text.clone());
+        Manifold::from_source(source, &self.manifold.parameters).map(Arc::new)
+    }
+
+    /// Checks that plan and cameras are those of `space`, the rays of the embedded manifold.
+    pub(crate) fn check(&self, space: &RaySpace) -> Result<(), BundleError> {
+        let wrong = |what| Err(BundleError::Invalid(what));
+        let axes = space.cameras().len() + space.directions() + 1;
+        let plan = &self.plan;
+        // The rays.
+        if self.reduction != space.reduction() || self.faces as usize != space.faces() {
+            return wrong("its symmetry is not the manifold's");
+        }
+        if !same_intervals(&self.cameras, space.cameras()) {
+            return wrong("its cameras are not the manifold's");
+        }
+        if plan.cells.len() != space.cameras().len() || plan.nodes.len() != axes {
+            return wrong("its plan has another number of axes");
+        }
+        if !plan.mirrors.iter().all(|mirror| mirror.fits(space)) {
+            return wrong("its mirrors are not the manifold's");
+        }
+        let sphere = plan.sphere();
+        if sphere.is_some_and(|sphere| space.planar() || !sphere.is_valid()) {
+            return wrong("its axes of directions are out of range");
+        }
+        plan.check_numbers()
     }
 }
 
 impl PlanRecord {
-    /// The rays of `space` as a table of this plan knows them.
+    /// Makes the plainest plan of paths of this `length` that promises `max_error` (mrad): plain
+    /// coordinates and variables, each face of directions by itself, no symmetry used, no box divided.
+    pub fn new(length: f64, max_error: f64, cells: Vec<u32>, nodes: Vec<u32>) -> Self {
+        Self {
+            max_error,
+            length,
+            frames: false,
+            tolerance: 1e-9,
+            nodes,
+            most_rays: 1,
+            lift: ChartMap::None,
+            refinement: 1,
+            least_volume: 1.0,
+            most_arc_halvings: 0,
+            cells,
+            stretch: MappedChebyshev::NONE,
+            focus: [[0.0; 3]; 3],
+            sphere: None,
+            mirrors: Vec::new(),
+            seed: 1,
+        }
+    }
+
+    /// Sets up the rays of `space` as a table of this plan knows them.
     pub fn applied(&self, space: RaySpace) -> RaySpace {
         let cells = self.cells.iter().map(|n| *n as usize).collect();
         let space = space.lifted(self.lift).mirrored(self.mirrors.clone());
@@ -157,27 +228,62 @@ impl PlanRecord {
         ))
     }
 
-    /// The sphere whose directions are held together.
+    /// Returns the sphere whose directions are held together.
     pub fn sphere(&self) -> Option<Sphere> {
         let axes = self.sphere.as_ref().map(DMat3::from_cols_array_2d);
         axes.map(Sphere::new)
     }
 
-    /// The bytes that stand for the plan in the bundle's id.
+    /// Divides the table over `space` into chunks.
+    pub fn division(&self, space: &RaySpace) -> Division {
+        let cells = self.cells.iter().map(|n| *n as usize).collect();
+        Division::new(cells, space.blocks(), space.mirrors())
+    }
+
+    /// Writes the bytes that stand for the plan in the bundle's id.
     ///
     /// # Errors
     /// As [`Header::encode`].
-    pub fn encode(&self) -> Result<Vec<u8>, RecordError> {
+    pub fn encode(&self) -> Result<Vec<u8>, BundleError> {
         encode(self)
+    }
+
+    /// Checks that all numbers are in their ranges.
+    fn check_numbers(&self) -> Result<(), BundleError> {
+        let wrong = |what| Err(BundleError::Invalid(what));
+        let positive = |x: f64| x.is_finite() && x > 0.0;
+        if !self.stretch.is_valid() || !self.focus.iter().flatten().all(|x| x.is_finite()) {
+            return wrong("its stretch or its focus is out of range");
+        }
+        if let ChartMap::Sphere { radius } = self.lift
+            && !positive(radius)
+        {
+            return wrong("its plan's lift has no positive radius");
+        }
+        match [self.length, self.max_error, self.tolerance].map(positive) {
+            [true, true, true] => Ok(()),
+            _ => wrong("its plan has a number that is not positive"),
+        }
     }
 }
 
+/// Largest difference of two computations of one interval, as a share of its ends: elementary functions
+/// differ by a few last bits between machines.
+const INTERVAL_ROUNDING: f64 = 1e-12;
+
+/// Compares intervals but for rounding.
+fn same_intervals(a: &[[f64; 2]], b: &[[f64; 2]]) -> bool {
+    let near = |(x, y): (&f64, &f64)| (x - y).abs() <= INTERVAL_ROUNDING * x.abs().max(y.abs());
+    let same = |(a, b): (&[f64; 2], &[f64; 2])| a.iter().zip(b).all(near);
+    a.len() == b.len() && a.iter().zip(b).all(same)
+}
+
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
     use geofan_core::quantiles::Quantiles;
 
-    pub fn header() -> Header {
+    fn header() -> Header {
         Header {
             generator: "0.1.0".into(),
             manifold: ManifoldRecord {
@@ -190,22 +296,15 @@ pub(super) mod tests {
             cameras: vec![[-1.0, 1.0], [0.0, 1e300]],
             faces: 6,
             plan: PlanRecord {
-                max_error: 0.5,
-                length: 24.0,
                 frames: true,
                 tolerance: 5e-7,
-                nodes: vec![8, 8, 20],
-                most_rays: 1,
-                lift: crate::rays::ChartMap::None,
-                refinement: 1,
                 least_volume: 0.25,
                 most_arc_halvings: 4,
-                cells: vec![2, 3],
                 stretch: MappedChebyshev::new(0.75),
                 focus: [[0.25, 0.0, 0.0], [0.0; 3], [0.0, -1.0, 0.0]],
                 sphere: Some([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]]),
-                mirrors: Vec::new(),
                 seed: u64::MAX,
+                ..PlanRecord::new(24.0, 0.5, vec![2, 3], vec![8, 8, 20])
             },
             certify_rays: 20_000,
             certificate: Some(Certificate {
@@ -246,7 +345,8 @@ pub(super) mod tests {
             assert!(Header::decode(&bytes[..cut]).is_err());
         }
         bytes.push(0);
-        assert!(matches!(Header::decode(&bytes), Err(RecordError::Left(1))));
+        let error = Header::decode(&bytes).unwrap_err().to_string();
+        assert!(error.contains("1 bytes too many"), "{error}");
     }
 
     #[test]

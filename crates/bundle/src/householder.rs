@@ -1,28 +1,25 @@
-//! What orthogonality leaves free of vectors.
+//! Orthogonal vectors as the numbers that orthogonality leaves free.
 //!
 //! In: vectors that are orthogonal to each other, the longest first. Out: integers, and back: nearly
-//! the same vectors. In a space turned so that the vectors before it lie along axes, a vector has nothing
-//! along those axes: there its integers are zero and need not be kept. Both directions reflect by the
+//! the same vectors. In a space reflected so that the vectors before it lie along axes, a vector has nothing
+//! along those axes: there its integers are zero and need not be stored. Both directions reflect by the
 //! *rounded* vectors before, which a reader has too, so that errors of rounding do not add up. Source:
 //! Householder's triangularisation, with blocks of reflections multiplied together (R. Schreiber, C. Van
 //! Loan, *A storage-efficient WY representation for products of Householder transformations*, SIAM J.
 //! Sci. Stat. Comput. 10 (1989)).
 //!
-//! Which vectors of a core are kept one after the other.
-//!
 //! The cores of a train, each as the centre of an orthogonal train, have columns that are orthogonal to
 //! each other (those of all left indices and axes, one for each right index) and rows that are (those of
-//! all axes and right indices, one for each left index). Of one kind [`super::reflections`] keeps what
-//! orthogonality leaves free; of the more numerous kind that is least.
+//! all axes and right indices, one for each left index). The more numerous kind is stored
+//! ([`Orthogonality`]): of it the fewest numbers are free.
 
-use crate::matrix::product;
-use crate::parallel::*;
+use crate::{matrix::product, parallel::*};
 use std::cmp::Reverse;
 
 /// Reflections that are multiplied together.
 const BLOCK: usize = 32;
 
-/// Vectors that one thread turns at once.
+/// Vectors that one thread reflects at once.
 const TOGETHER: usize = 8;
 
 /// The shortest vector, in steps, that tells its direction. A rounded vector is off by more the shorter it
@@ -30,39 +27,92 @@ const TOGETHER: usize = 8;
 /// take 466, 459 and 465 kB with 8, 20 and 40, and 523 without any.
 const SHORTEST: f64 = 20.0;
 
-/// Which way vectors are turned.
+/// The kind of vectors of a core that are stored as orthogonal to each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Way {
-    /// Those before come to lie along axes.
-    There,
-    Back,
+pub(crate) enum Orthogonality {
+    /// One vector for each right index.
+    Columns,
+    /// One vector for each left index.
+    Rows,
 }
 
-/// `x − factor (normal · x) normal` for vectors `x`.
-#[derive(Debug)]
-struct Reflection {
-    normal: Vec<f64>,
-    factor: f64,
+impl Orthogonality {
+    /// Chooses for a core of this shape (left rank, axes…, right rank) behind another. Bonds are divided by
+    /// scales, which are only near their singular values. That is made good in the columns before the bond
+    /// or in the rows behind it, and these are then no longer orthogonal to those of the other kind: once
+    /// rows are stored, columns are not.
+    pub fn behind(before: Option<Self>, shape: &[usize]) -> Self {
+        match before == Some(Self::Rows) || shape[0] > shape[shape.len() - 1] {
+            true => Self::Rows,
+            false => Self::Columns,
+        }
+    }
+
+    /// Counts the vectors; all numbers are one where so many cannot be orthogonal.
+    fn count(self, shape: &[usize]) -> usize {
+        let count = match self {
+            Self::Columns => shape[shape.len() - 1],
+            Self::Rows => shape[0],
+        };
+        match count * count <= shape.iter().product() {
+            true => count,
+            false => 1,
+        }
+    }
+
+    /// Returns the length of a vector.
+    pub fn length(self, shape: &[usize]) -> usize {
+        shape.iter().product::<usize>() / self.count(shape)
+    }
+
+    fn transposes(self, shape: &[usize]) -> bool {
+        self == Self::Columns && self.count(shape) > 1
+    }
+
+    /// Returns the shape of a core of this shape when one vector follows the other.
+    pub fn shape(self, shape: &[usize]) -> Vec<usize> {
+        let mut vectors = shape.to_vec();
+        if self.transposes(shape) {
+            vectors.rotate_right(1);
+        }
+        vectors
+    }
+
+    /// Puts the values of a core in storage order one vector after the other.
+    pub fn vectors(self, shape: &[usize], values: Vec<f64>) -> Vec<f64> {
+        match self.transposes(shape) {
+            true => transposed(&values, shape[shape.len() - 1]),
+            false => values,
+        }
+    }
+
+    /// Puts vectors in the storage order of a core: the inverse of [`Orthogonality::vectors`].
+    pub fn values(self, shape: &[usize], vectors: Vec<f64>) -> Vec<f64> {
+        match self.transposes(shape) {
+            true => transposed(&vectors, self.length(shape)),
+            false => vectors,
+        }
+    }
 }
 
 /// The axes along which nothing is left of the next vector.
 #[derive(Debug)]
-pub(super) struct Taken(Vec<bool>);
+pub(crate) struct Pivots(Vec<bool>);
 
-impl Taken {
-    /// None yet, of vectors of this length.
-    pub(super) fn none(length: usize) -> Self {
+impl Pivots {
+    /// Begins before the first vector of this length.
+    pub fn none(length: usize) -> Self {
         Self(vec![false; length])
     }
 
-    /// Whether the next vector has no number at this place.
-    pub(super) fn holds(&self, place: usize) -> bool {
+    /// Tells whether the next vector has no number at this place.
+    pub fn contains(&self, place: usize) -> bool {
         self.0[place]
     }
 
-    /// After `vector`, takes the axis that it is carried to: that of its largest number. `None` for one too
-    /// short to tell its direction.
-    pub(super) fn behind(&mut self, vector: &[i32]) -> Option<usize> {
+    /// Adds the axis that `vector` is carried to, that of its largest number, and returns it. `None` for a
+    /// vector too short to tell its direction.
+    pub fn add(&mut self, vector: &[i32]) -> Option<usize> {
         if square(vector) < SHORTEST * SHORTEST {
             return None;
         }
@@ -73,18 +123,20 @@ impl Taken {
     }
 }
 
-/// The sum of squares.
+/// Sums the squares of integers.
 fn square(vector: &[i32]) -> f64 {
     vector.iter().map(|x| f64::from(*x).powi(2)).sum()
 }
 
-impl Reflection {
-    /// That carries `vector` to a new axis.
-    fn of(vector: &[i32], taken: &mut Taken) -> Option<Self> {
-        taken.behind(vector).map(|axis| Self::to(axis, vector))
-    }
+/// The reflection `x − factor (normal · x) normal` of vectors `x`.
+#[derive(Debug)]
+struct Reflection {
+    normal: Vec<f64>,
+    factor: f64,
+}
 
-    /// That carries `vector` to this axis.
+impl Reflection {
+    /// Makes the reflection that carries `vector` to this axis.
     fn to(axis: usize, vector: &[i32]) -> Self {
         let length = square(vector).sqrt();
         let mut normal: Vec<f64> = vector.iter().map(|x| f64::from(*x) / length).collect();
@@ -101,6 +153,7 @@ impl Reflection {
     }
 }
 
+/// Computes the scalar product, eight sums side by side.
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, rest_a) = a.as_chunks::<8>();
     let (b, rest_b) = b.as_chunks::<8>();
@@ -115,18 +168,24 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 /// Reflections one after the other: `1 − Nᵀ T N` on rows from the right, the rows of `N` their normals.
-struct Block {
+struct ReflectionBlock {
+    /// `N`.
     normals: Vec<f64>,
+    /// `Nᵀ`.
     columns: Vec<f64>,
-    inner: [Vec<f64>; 2],
+    /// `T`.
+    inner: Vec<f64>,
+    /// `Tᵀ`: the same reflections in the opposite order.
+    inner_back: Vec<f64>,
 }
 
-impl Block {
+impl ReflectionBlock {
+    /// Multiplies reflections together; `None` if there are none.
     fn new(reflections: &[Reflection]) -> Option<Self> {
         let count = reflections.len();
         let length = reflections.first()?.normal.len();
         let normals: Vec<f64> = reflections.iter().flat_map(|r| r.normal.clone()).collect();
-        let columns = transposed(&normals, length);
+        // T is upper triangular: each reflection adds a column.
         let mut inner = vec![0.0; count * count];
         for (i, last) in reflections.iter().enumerate() {
             let dots: Vec<f64> = reflections[..i]
@@ -139,16 +198,25 @@ impl Block {
             }
             inner[i * count + i] = last.factor;
         }
-        let back = transposed(&inner, count);
         Some(Self {
+            columns: transposed(&normals, length),
             normals,
-            columns,
-            inner: [inner, back],
+            inner_back: transposed(&inner, count),
+            inner,
         })
     }
 
-    fn apply(&self, rows: &mut [f64], way: Way) {
-        let inner = &self.inner[usize::from(way == Way::Back)];
+    /// Reflects rows so that the vectors of the block come to lie along axes.
+    fn apply(&self, rows: &mut [f64]) {
+        self.apply_with(rows, &self.inner);
+    }
+
+    /// Reflects rows back.
+    fn apply_back(&self, rows: &mut [f64]) {
+        self.apply_with(rows, &self.inner_back);
+    }
+
+    fn apply_with(&self, rows: &mut [f64], inner: &[f64]) {
         let count = inner.len().isqrt();
         let length = self.normals.len() / count;
         let along = product(rows, length, &self.columns);
@@ -158,153 +226,82 @@ impl Block {
     }
 }
 
-/// Applies blocks one after the other to vectors of this `length`.
-fn turn<'a>(
-    vectors: &mut [f64],
-    length: usize,
-    blocks: impl Iterator<Item = &'a Block> + Clone + Sync,
-    way: Way,
-) {
-    vectors
-        .par_chunks_mut(TOGETHER * length)
-        .for_each(|vectors| blocks.clone().for_each(|block| block.apply(vectors, way)));
-}
-
-/// A matrix of rows of this `width`, transposed.
-pub(super) fn transposed<T: Copy>(matrix: &[T], width: usize) -> Vec<T> {
+/// Transposes a matrix of rows of this `width`.
+fn transposed<T: Copy>(matrix: &[T], width: usize) -> Vec<T> {
     let column = |c: usize| matrix.iter().skip(c).step_by(width).copied();
     (0..width).flat_map(column).collect()
 }
 
-/// Integers of `vectors` (rows of `length` numbers). Those of each are made by `round`: it is told the
-/// vector, which axes are taken, where they must be zero, and all integers before, to which it adds its own.
-pub(super) fn reduced(
+/// Makes integers of `vectors` (rows of `length` numbers). Those of each are made by `round`: it is told the
+/// vector, the pivots, where they must be zero, and all integers before, to which it adds its own.
+pub(crate) fn reduced(
     vectors: &[f64],
     length: usize,
-    mut round: impl FnMut(&[f64], &Taken, &mut Vec<i32>),
+    mut round: impl FnMut(&[f64], &Pivots, &mut Vec<i32>),
 ) -> Vec<i32> {
     let mut integers = Vec::with_capacity(vectors.len());
-    let mut taken = Taken::none(length);
-    let mut before: Vec<Block> = Vec::new();
+    let mut pivots = Pivots::none(length);
+    let mut before: Vec<ReflectionBlock> = Vec::new();
     for vectors in vectors.chunks(BLOCK * length) {
-        let mut turned = vectors.to_vec();
-        turn(&mut turned, length, before.iter(), Way::There);
+        // By the blocks before, several vectors at once.
+        let mut reflected = vectors.to_vec();
+        reflected
+            .par_chunks_mut(TOGETHER * length)
+            .for_each(|rows| before.iter().for_each(|block| block.apply(rows)));
+        // By the vectors before in the same block, one by one.
         let mut own: Vec<Reflection> = Vec::new();
-        for vector in turned.chunks_exact_mut(length) {
+        for vector in reflected.chunks_exact_mut(length) {
             own.iter().for_each(|reflection| reflection.apply(vector));
             let first = integers.len();
-            round(vector, &taken, &mut integers);
-            own.extend(Reflection::of(&integers[first..], &mut taken));
+            round(vector, &pivots, &mut integers);
+            let axis = pivots.add(&integers[first..]);
+            own.extend(axis.map(|axis| Reflection::to(axis, &integers[first..])));
         }
-        before.extend(Block::new(&own));
+        before.extend(ReflectionBlock::new(&own));
     }
     integers
 }
 
-/// The vectors that [`reduced`] made these integers of, nearly.
-pub(super) fn restored(integers: &[i32], length: usize) -> Vec<f64> {
-    let mut taken = Taken::none(length);
+/// Restores the vectors that [`reduced`] made these integers of, nearly.
+pub(crate) fn restored(integers: &[i32], length: usize) -> Vec<f64> {
+    let mut pivots = Pivots::none(length);
     let rows = integers.chunks_exact(length);
-    let axes: Vec<Option<usize>> = rows.map(|row| taken.behind(row)).collect();
+    let axes: Vec<Option<usize>> = rows.map(|row| pivots.add(row)).collect();
     let mut vectors: Vec<f64> = integers.iter().map(|x| f64::from(*x)).collect();
-    let blocks: Vec<Option<Block>> = vectors
+    // Back by the vectors before in the same block, which makes the blocks.
+    let blocks: Vec<Option<ReflectionBlock>> = vectors
         .par_chunks_mut(BLOCK * length)
         .zip(integers.par_chunks(BLOCK * length))
         .zip(axes.par_chunks(BLOCK))
-        .map(|((vectors, integers), axes)| turned_back(vectors, (integers, length), axes))
+        .map(|((vectors, integers), axes)| reflect_back(vectors, (integers, length), axes))
         .collect();
+    // Back by the blocks before, the nearest first.
     vectors
         .par_chunks_mut(BLOCK * length)
         .enumerate()
         .for_each(|(k, vectors)| {
             let before = blocks[..k].iter().flatten().rev();
-            turn(vectors, length, before, Way::Back);
+            vectors
+                .par_chunks_mut(TOGETHER * length)
+                .for_each(|rows| before.clone().for_each(|block| block.apply_back(rows)));
         });
     vectors
 }
 
-/// Turns the `vectors` of these integers, of which each but those too short is carried to one of the
-/// `axes`, back by the reflections of those before in the same block, which it gives.
-fn turned_back(
+/// Reflects the `vectors` of these integers, of which each but those too short is carried to one of the
+/// `axes`, back by those before in the same block, and returns the block.
+fn reflect_back(
     vectors: &mut [f64],
     (integers, length): (&[i32], usize),
     axes: &[Option<usize>],
-) -> Option<Block> {
+) -> Option<ReflectionBlock> {
     let mut own: Vec<Reflection> = Vec::new();
     let rows = vectors.chunks_exact_mut(length);
     for ((vector, integers), axis) in rows.zip(integers.chunks_exact(length)).zip(axes) {
         own.iter().rev().for_each(|r| r.apply(vector));
         own.extend(axis.map(|axis| Reflection::to(axis, integers)));
     }
-    Block::new(&own)
-}
-
-/// The kind of vectors that are kept.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Side {
-    /// One for each right index.
-    Columns,
-    /// One for each left index.
-    Rows,
-}
-
-impl Side {
-    /// Of a core of this shape (left rank, axes…, right rank) behind another. Bonds are divided by scales,
-    /// which are only near their singular values. That is made good in the columns before the bond or
-    /// in the rows behind it, and these are then no longer orthogonal to those of the other kind: once
-    /// rows are kept, columns are not.
-    pub(super) fn behind(before: Option<Self>, shape: &[usize]) -> Self {
-        match before == Some(Self::Rows) || shape[0] > shape[shape.len() - 1] {
-            true => Self::Rows,
-            false => Self::Columns,
-        }
-    }
-
-    /// How many vectors there are; all numbers are one where so many cannot be orthogonal.
-    fn count(self, shape: &[usize]) -> usize {
-        let count = match self {
-            Self::Columns => shape[shape.len() - 1],
-            Self::Rows => shape[0],
-        };
-        match count * count <= shape.iter().product() {
-            true => count,
-            false => 1,
-        }
-    }
-
-    /// How long they are.
-    pub(super) fn length(self, shape: &[usize]) -> usize {
-        shape.iter().product::<usize>() / self.count(shape)
-    }
-
-    fn turns(self, shape: &[usize]) -> bool {
-        self == Self::Columns && self.count(shape) > 1
-    }
-
-    /// The shape of a core of this shape as one vector after the other.
-    pub(super) fn shape(self, shape: &[usize]) -> Vec<usize> {
-        let mut turned = shape.to_vec();
-        if self.turns(shape) {
-            turned.rotate_right(1);
-        }
-        turned
-    }
-
-    /// One vector after the other of the values of a core in storage order.
-    pub(super) fn vectors(self, shape: &[usize], values: Vec<f64>) -> Vec<f64> {
-        match self.turns(shape) {
-            true => transposed(&values, shape[shape.len() - 1]),
-            false => values,
-        }
-    }
-
-    /// What [`Side::vectors`] made these of.
-    pub(super) fn values(self, shape: &[usize], vectors: Vec<f64>) -> Vec<f64> {
-        match self.turns(shape) {
-            true => transposed(&vectors, self.length(shape)),
-            false => vectors,
-        }
-    }
+    ReflectionBlock::new(&own)
 }
 
 #[cfg(test)]
@@ -330,8 +327,8 @@ mod tests {
             vectors.push(x);
         }
         let flat = vectors.concat();
-        let integers = reduced(&flat, length, |vector, taken, integers| {
-            let place = |(place, x): (usize, &f64)| match taken.holds(place) {
+        let integers = reduced(&flat, length, |vector, pivots, integers| {
+            let place = |(place, x): (usize, &f64)| match pivots.contains(place) {
                 true => 0,
                 false => x.round() as i32,
             };
@@ -345,11 +342,6 @@ mod tests {
         let zeros = integers.iter().filter(|i| **i == 0).count();
         assert!(zeros > count * (count - 1) / 2);
     }
-}
-
-#[cfg(test)]
-mod side_tests {
-    use super::*;
 
     #[test]
     fn vectors_come_back_as_values() {
@@ -363,32 +355,27 @@ mod side_tests {
             let values: Vec<f64> = (0..shape.iter().product::<usize>())
                 .map(|i| i as f64)
                 .collect();
-            for side in [Side::Columns, Side::Rows] {
-                let vectors = side.vectors(shape, values.clone());
-                assert_eq!(side.values(shape, vectors), values);
-                assert_eq!(side.shape(shape).iter().product::<usize>(), values.len());
-                assert_eq!(values.len() % side.length(shape), 0);
+            for kind in [Orthogonality::Columns, Orthogonality::Rows] {
+                let vectors = kind.vectors(shape, values.clone());
+                assert_eq!(kind.values(shape, vectors), values);
+                assert_eq!(kind.shape(shape).iter().product::<usize>(), values.len());
+                assert_eq!(values.len() % kind.length(shape), 0);
             }
         }
-        let columns = Side::Columns.vectors(&[1, 3, 2], vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0]);
+        let values = vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0];
+        let columns = Orthogonality::Columns.vectors(&[1, 3, 2], values);
         assert_eq!(columns, [0.0, 2.0, 4.0, 1.0, 3.0, 5.0]);
     }
 
     #[test]
-    fn columns_are_kept_while_ranks_grow_and_rows_from_then_on() {
+    fn columns_are_stored_while_ranks_grow_and_rows_from_then_on() {
+        use Orthogonality::{Columns, Rows};
         let mut before = None;
         let shapes = [[1, 9, 5], [5, 9, 30], [30, 9, 7], [7, 9, 8], [8, 9, 1]];
-        let expected = [
-            Side::Columns,
-            Side::Columns,
-            Side::Rows,
-            Side::Rows,
-            Side::Rows,
-        ];
-        for (shape, expected) in shapes.iter().zip(expected) {
-            let side = Side::behind(before, shape);
-            assert_eq!(side, expected, "{shape:?}");
-            before = Some(side);
+        for (shape, expected) in shapes.iter().zip([Columns, Columns, Rows, Rows, Rows]) {
+            let kind = Orthogonality::behind(before, shape);
+            assert_eq!(kind, expected, "{shape:?}");
+            before = Some(kind);
         }
     }
 }

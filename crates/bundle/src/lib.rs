@@ -1,4 +1,76 @@
-//! The table: patches, quantisation, contraction, file format and certificate.
+//! Geodesic lookup tables: which rays a table must know, how it stores them in few bytes, and how a path is
+//! looked up in it.
+//!
+//! In: the bytes of a bundle. Out: paths from any camera in its region, in any direction, at any arc
+//! length:
+//!
+//! ```text
+//! Bundle ── fan(camera) ──▶ Fan ── path(direction) ──▶ TablePath ── at(s), sample(&[s]) ──▶ point, tangent
+//! ```
+//!
+//! Without default features the crate needs neither threads nor files nor clocks and builds for
+//! `wasm32-unknown-unknown`; `files` adds reading and writing of files, `parallel` all cores.
+//!
+//! # Example
+//!
+//! A bundle of flat space whose cameras lie on the x axis. Each of its six faces of directions is one
+//! constant polynomial: paths depart nowhere from straight lines, so all coefficients are zero.
+//!
+//! ```
+//! use geofan_bundle::{
+//!     Bundle, Contents, LookupError, PlanRecord, Polynomial, Step, Train, Tree, Variables, rays::RaySpace,
+//! };
+//! use geofan_core::{diagnostic::SourceText, manifold::Manifold};
+//! use glam::DVec3;
+//! use ndarray::{ArrayD, IxDyn};
+//! use std::sync::Arc;
+//!
+//! let text = r#"
+//! name = "flat"
+//! coordinates = ["x", "y", "z"]
+//! metric = { conformal = "1" }
+//! [cameras]
+//! parameters = { c = [-1, 1] }
+//! at = ["c", "0", "0"]
+//! length = 5.0
+//! "#;
+//! let manifold = Arc::new(Manifold::from_source(SourceText::new("flat.toml", text), &[])?);
+//! let space = RaySpace::new(manifold)?;
+//!
+//! // A baker fits polynomials to exact paths; here they are known. Axes: camera, two of direction, arc
+//! // length, channel (x, y, z).
+//! let plan = PlanRecord::new(5.0, 0.5, vec![1], vec![1, 1, 1, 1]);
+//! let polynomial = Polynomial {
+//!     coefficients: ArrayD::zeros(IxDyn(&[1, 1, 1, 1, 3])),
+//!     variables: Variables::of_face(1, plan.stretch),
+//! };
+//! let tensor = Train::plain(&polynomial).rounded(Step::near(1e-6)).expect("zeros are small");
+//! let chunk = Tree::Leaf(Arc::new(tensor)).encode();
+//! let chunks = (0..6).map(|face| (face, chunk.clone())).collect();
+//! let bytes = Contents::new(space, plan, 0, chunks)?.encode()?;
+//!
+//! // A reader has the bytes alone.
+//! let bundle = Bundle::from_bytes(&bytes)?;
+//! let fan = bundle.fan(DVec3::new(0.25, 0.0, 0.0))?;
+//! let path = fan.path(DVec3::new(0.6, 0.8, 0.0));
+//! let (point, tangent) = path.at(2.0).expect("no patch is flagged");
+//! assert!((point - DVec3::new(1.45, 1.6, 0.0)).length() < 1e-9);
+//! assert!((tangent - DVec3::new(0.6, 0.8, 0.0)).length() < 1e-9);
+//! assert_eq!(path.sample(&[0.0, 1.0, 2.0]).len(), 3);
+//!
+//! // Errors can be told apart.
+//! let outside = bundle.fan(DVec3::new(3.0, 0.0, 0.0));
+//! assert!(matches!(outside, Err(LookupError::OutsideRegion { .. })));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Where to begin
+//!
+//! - [`rays`]: cameras and directions as parameters, after symmetry.
+//! - [`Tree`], [`Tensor`], [`Polynomial`], [`Train`]: patches, from samples to rounded cores.
+//! - [`container`], [`Header`], [`Bundle`]: the file.
+//! - [`Table`], [`Fan`], [`TablePath`]: looking up.
+//! - [`measure`], [`Certificate`]: how good it is.
 
 mod bundle;
 mod certificate;
@@ -21,26 +93,29 @@ pub mod rays;
 mod rdoq;
 pub mod spherical;
 mod table;
+mod table_path;
 mod tensor;
 mod trace;
 mod train;
 mod train_core;
 mod tree;
 
-pub use bundle::{Bundle, BundleError, Contents, identity};
+pub use bundle::{Bundle, Contents, identity};
 pub use certificate::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier};
 pub use chebyshev::MappedChebyshev;
+pub use coder::{IntegerDecoder, IntegerEncoder};
 pub use contracted::Contracted;
-pub use decode::{DecodeError, Reader, Writer};
+pub use decode::{BundleError, ByteReader, DecodeError, LookupError, put_bytes};
 pub use fan::Fan;
-pub use header::{Header, ManifoldRecord, PlanRecord, RecordError, ShardRecord};
+pub use header::{Header, ManifoldRecord, PlanRecord, ShardRecord};
 pub use matrix::product;
-pub use path_coefficients::{PathCoefficients, TablePath};
+pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
-pub use rdoq::{graded, graded_in_order, ungraded};
-pub use table::{Chunk, Division, Stored, Table, in_bundle};
+pub use rdoq::{unweighted, weighted, weighted_in_order};
+pub use table::{Chunk, Division, Table};
+pub use table_path::TablePath;
 pub use tensor::{Layout, Tensor};
 pub use trace::{Traced, trace};
 pub use train::Train;
 pub use train_core::{Power, Scale, Step};
-pub use tree::{Shape, Tree};
+pub use tree::{TensorShape, Tree};

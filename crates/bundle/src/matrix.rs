@@ -1,17 +1,17 @@
 //! Sums and products over the axes of dense arrays, in vectors.
 //!
-//! In: numbers in storage order, the last axis running fastest. Out: the same, with an axis scaled,
+//! In: numbers in storage order, the last axis running fastest. Out: arrays with an axis scaled,
 //! summed out or multiplied. Every number is summed in the order of the axis, whatever the blocks, so
 //! that the bits are the same however many threads there are, and on all machines that add products
 //! without rounding them.
 
-use crate::packed_matrix::BESIDE;
+use crate::packed_matrix::{LANES, Lane16};
 use fearless_simd::{Level, Simd, SimdBase, SimdFloat, dispatch};
 use geofan_expr::{real::Real, vectorised};
 use std::{array::from_fn, ops::Range};
 
 /// Multiplies the numbers of rows as long as `factors` by these.
-pub(super) fn scale<T: Real>(values: &mut [T], factors: &[T]) {
+pub(crate) fn scale<T: Real>(values: &mut [T], factors: &[T]) {
     vectorised(
         #[inline(always)]
         || {
@@ -24,8 +24,8 @@ pub(super) fn scale<T: Real>(values: &mut [T], factors: &[T]) {
     );
 }
 
-/// `Σ_i w_i x[a, i, b]` for an array (left, weights, right).
-pub(super) fn summed<T: Real>(values: &[T], left: usize, right: usize, weights: &[T]) -> Vec<T> {
+/// Computes `Σ_i w_i x[a, i, b]` of an array (left, weights, right).
+pub(crate) fn summed<T: Real>(values: &[T], left: usize, right: usize, weights: &[T]) -> Vec<T> {
     let mut sums = vec![T::ZERO; left * right];
     vectorised(
         #[inline(always)]
@@ -43,8 +43,8 @@ pub(super) fn summed<T: Real>(values: &[T], left: usize, right: usize, weights: 
     sums
 }
 
-/// The sum of rows.
-pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
+/// Adds rows.
+pub(crate) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
     let mut sum = rows[0].clone();
     for row in &rows[1..] {
         sum.iter_mut().zip(row).for_each(|(s, x)| *s += *x);
@@ -52,14 +52,14 @@ pub(super) fn added<T: Real>(rows: &[Vec<T>]) -> Vec<T> {
     sum
 }
 
-/// The product of the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of
-/// the rows of `b`; where the machine can, terms are added without being rounded first.
+/// Multiplies the matrices `a` (rows of `inner`) and `b` (`inner` rows), summed in the order of the rows of
+/// `b`; where the machine can, terms are added without being rounded first.
 pub fn product<T: Real>(a: &[T], inner: usize, b: &[T]) -> Vec<T> {
     let width = b.len() / inner;
     product_of_first((a, inner), (b, width), width)
 }
 
-/// The same for the first `width` columns of a `b` that has `stride` of them.
+/// Multiplies `a` and the first `width` columns of a `b` that has `stride` of them.
 pub fn product_of_first<T: Real>(
     (a, inner): (&[T], usize),
     (b, stride): (&[T], usize),
@@ -67,29 +67,29 @@ pub fn product_of_first<T: Real>(
 ) -> Vec<T> {
     dispatch!(Level::new(), simd => simd.vectorize(
         #[inline(always)]
-        || by_lines(simd, (a, inner), (b, stride), width),
+        || by_columns(simd, (a, inner), (b, stride), width),
     ))
 }
 
-/// The most rows of a block. With the vectors that its sums are made of it just fits sixteen registers of 32 bytes.
-/// Eight or twelve in the 32 registers of 64 bytes were no faster.
+/// The most rows of a block. With the vectors that its sums are made of it just fits sixteen registers of 32
+/// bytes. Eight or twelve in the 32 registers of 64 bytes were no faster.
 const ROWS: usize = 6;
 
-/// Rows of `b` for which the ends of slices are looked at once.
+/// Rows of `b` for which the ends of slices are checked once.
 const STRIDE: usize = 8;
 
-/// The columns of a product that are one vector wide, or its last.
-struct Line<'b, T> {
-    /// Begins with the vectors that the columns are made of, one for each row of `b`.
+/// Columns of a product that are one vector wide, or its last.
+struct ColumnBlock<'b, T> {
+    /// The rows of `b`, each beginning with the vector that the columns are made of.
     numbers: &'b [T],
-    /// How many of these there are before zeros alone.
+    /// Number of rows before zeros alone.
     depth: usize,
     columns: Range<usize>,
 }
 
-/// The same by as many columns at a time as a vector or two have: they stay in the cache for all rows.
+/// Multiplies by as many columns at a time as a vector or two have: they stay in the cache for all rows.
 #[inline(always)]
-fn by_lines<S: Simd, T: Real>(
+fn by_columns<S: Simd, T: Real>(
     simd: S,
     (a, inner): (&[T], usize),
     (b, stride): (&[T], usize),
@@ -99,92 +99,103 @@ fn by_lines<S: Simd, T: Real>(
     let mut product = vec![T::ZERO; a.len() / inner * width];
     if stride < lanes {
         let wide = widened(b, stride, lanes);
-        let line = |_| Line {
+        let columns_of = |_| ColumnBlock {
             numbers: &wide,
             depth: inner,
             columns: 0..width,
         };
         let to = (&mut product[..], width);
-        across(simd, (a, inner), (1, lanes, line), to);
+        across(simd, (a, inner), (1, lanes, columns_of), to);
         return product;
     }
-    let line = |vector: usize| {
+    let columns_of = |vector: usize| {
         // The last begins earlier if there are fewer columns left.
         let first = (vector * lanes).min(stride - lanes);
-        Line {
+        ColumnBlock {
             numbers: &b[first..],
             depth: inner,
             columns: first..width.min(first + lanes),
         }
     };
     let to = (&mut product[..], width);
-    across(simd, (a, inner), (width.div_ceil(lanes), stride, line), to);
+    across(
+        simd,
+        (a, inner),
+        (width.div_ceil(lanes), stride, columns_of),
+        to,
+    );
     product
 }
 
-/// The same, `width` columns, where those of `b` are made as they are needed: `next` makes the next sixteen, one
-/// behind the other for all rows, and tells which they are, and how many rows there are before zeros alone. So they
-/// stay in the cache until they are multiplied. Two that follow each other had better be as deep.
+/// Multiplies `a` and a `b` of `width` columns that is made panel by panel: `next` writes the next sixteen
+/// columns for all rows, and returns their range and the number of rows before zeros alone. So they stay in
+/// the cache until they are multiplied. Panels that follow each other had better have as many rows.
 pub fn product_of<T: Real>(
     (a, inner): (&[T], usize),
     width: usize,
-    next: impl FnMut(&mut [[T; BESIDE]]) -> Option<(Range<usize>, usize)>,
+    next: impl FnMut(&mut [Lane16<T>]) -> Option<(Range<usize>, usize)>,
 ) -> Vec<T> {
     dispatch!(Level::new(), simd => simd.vectorize(
         #[inline(always)]
-        || by_panels(simd, (a, inner), width, next),
+        || by_made_panels(simd, (a, inner), width, next),
     ))
 }
 
+/// Multiplies by two panels at a time.
 #[inline(always)]
-fn by_panels<S: Simd, T: Real>(
+fn by_made_panels<S: Simd, T: Real>(
     simd: S,
     (a, inner): (&[T], usize),
     width: usize,
-    mut next: impl FnMut(&mut [[T; BESIDE]]) -> Option<(Range<usize>, usize)>,
+    mut next: impl FnMut(&mut [Lane16<T>]) -> Option<(Range<usize>, usize)>,
 ) -> Vec<T> {
     let lanes = T::Vector::<S>::LEN;
     let mut product = vec![T::ZERO; a.len() / inner * width];
-    let mut panels = vec![[T::ZERO; BESIDE]; 2 * inner];
+    let mut panels = vec![[T::ZERO; LANES]; 2 * inner];
     while let Some((first, depth)) = next(&mut panels[..inner]) {
         let second = next(&mut panels[inner..]);
         let count = 1 + usize::from(second.is_some());
         let (second, other) = second.unwrap_or((0..0, 0));
         let deepest = depth.max(other);
-        panels[depth..deepest].fill([T::ZERO; BESIDE]);
-        panels[inner + other..inner + deepest].fill([T::ZERO; BESIDE]);
-        let line = |vector: usize| {
-            let (panel, place) = (vector * lanes / BESIDE, vector * lanes % BESIDE);
+        panels[depth..deepest].fill([T::ZERO; LANES]);
+        panels[inner + other..inner + deepest].fill([T::ZERO; LANES]);
+        let columns_of = |vector: usize| {
+            let (panel, place) = (vector * lanes / LANES, vector * lanes % LANES);
             let columns = [&first, &second][panel];
             let start = columns.end.min(columns.start + place);
-            Line {
+            ColumnBlock {
                 numbers: &panels[panel * inner..].as_flattened()[place..],
                 depth: deepest,
                 columns: start..columns.end.min(start + lanes),
             }
         };
         let to = (&mut product[..], width);
-        across(simd, (a, inner), (count * BESIDE / lanes, BESIDE, line), to);
+        across(
+            simd,
+            (a, inner),
+            (count * LANES / lanes, LANES, columns_of),
+            to,
+        );
     }
     product
 }
 
-/// All rows of a product in the columns of so many vectors that `line` tells, their numbers each `stride` behind the
-/// one before.
+/// Computes all rows of a product in `count` blocks of columns, which `columns_of` gives by their number; rows
+/// of `b` are `stride` apart.
 #[inline(always)]
 fn across<'b, S: Simd, T: Real>(
     simd: S,
     (a, inner): (&[T], usize),
-    (count, stride, line): (usize, usize, impl Fn(usize) -> Line<'b, T>),
+    (count, stride, columns_of): (usize, usize, impl Fn(usize) -> ColumnBlock<'b, T>),
     (product, width): (&mut [T], usize),
 ) {
     // Sums of one vector wait for each other where it is one register; two such fit 32 of them.
     let two = S::f32s::LEN >= 16;
     let mut vector = 0;
     while vector < count {
-        let first = line(vector);
+        let first = columns_of(vector);
         if two && vector + 1 < count {
-            let second = line(vector + 1);
+            let second = columns_of(vector + 1);
             let depth = first.depth.max(second.depth);
             let lines = [first.numbers, second.numbers];
             let to = (&mut *product, width, [first.columns, second.columns]);
@@ -198,7 +209,7 @@ fn across<'b, S: Simd, T: Real>(
     }
 }
 
-/// All rows of a product in the columns of `V` vectors, of which `depth` rows are not zero.
+/// Computes all rows of a product in the columns of `V` vectors, of which `depth` rows are not zero.
 #[inline(always)]
 fn down<S: Simd, T: Real, const V: usize>(
     simd: S,
@@ -223,8 +234,8 @@ fn down<S: Simd, T: Real, const V: usize>(
     }
 }
 
-/// Lines of `width` numbers with zeros up to `lanes`.
-pub(super) fn widened<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
+/// Widens rows of `width` numbers with zeros to `lanes`.
+pub(crate) fn widened<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
     let mut wide = vec![T::ZERO; b.len() / width * lanes];
     for (to, line) in wide.chunks_exact_mut(lanes).zip(b.chunks_exact(width)) {
         to[..width].copy_from_slice(line);
@@ -232,8 +243,8 @@ pub(super) fn widened<T: Real>(b: &[T], width: usize, lanes: usize) -> Vec<T> {
     wide
 }
 
-/// The first `R` rows of a product in the first columns of some, `V` vectors of them or as many as there are:
-/// sums that stay in registers; `R`. Lines of `b` are `stride` apart.
+/// Computes the first `R` rows of a product in the first columns of some, `V` vectors of them or as many as
+/// there are, and returns `R`: sums that stay in registers. Rows of `b` are `stride` apart.
 #[inline(always)]
 fn block<S: Simd, T: Real, const R: usize, const V: usize>(
     simd: S,
@@ -277,7 +288,7 @@ fn block<S: Simd, T: Real, const R: usize, const V: usize>(
     R
 }
 
-/// Adds the numbers of a `line`, times the `factor` of each row, to the sums.
+/// Adds the row of `b` at the offset `line`, times the `factor` of each row of `a`, to the sums.
 #[inline(always)]
 fn add_line<S: Simd, T: Real, const R: usize, const V: usize>(
     simd: S,

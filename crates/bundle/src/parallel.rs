@@ -17,58 +17,56 @@ mod sequential {
         (a(), b())
     }
 
-    /// Gives `into_par_iter` to everything that can be iterated over.
-    pub trait IntoParallelIterator: IntoIterator + Sized {
-        /// Iterates in order.
-        fn into_par_iter(self) -> Self::IntoIter {
+    /// Gives the methods of parallel iteration that this crate uses to everything that can be iterated over.
+    pub trait InOrder {
+        /// Iterates over the items of a range or a list.
+        fn into_par_iter(self) -> Self::IntoIter
+        where
+            Self: IntoIterator + Sized,
+        {
             self.into_iter()
         }
-    }
 
-    impl<I: IntoIterator> IntoParallelIterator for I {}
-
-    /// Gives `flat_map_iter` to iterators.
-    pub trait ParallelIterator: Iterator + Sized {
-        /// Iterates over all that `f` makes of each item.
-        fn flat_map_iter<U: IntoIterator>(
-            self,
-            f: impl FnMut(Self::Item) -> U,
-        ) -> impl Iterator<Item = U::Item> {
-            self.flat_map(f)
+        /// Iterates over the elements of a slice.
+        fn par_iter<T>(&self) -> Iter<'_, T>
+        where
+            Self: AsRef<[T]>,
+        {
+            self.as_ref().iter()
         }
-    }
 
-    impl<I: Iterator> ParallelIterator for I {}
-
-    /// Iterates over slices and their chunks.
-    pub trait ParallelSlice<T> {
-        /// Iterates over the elements.
-        fn par_iter(&self) -> Iter<'_, T>;
         /// Iterates over the elements, which may be changed.
-        fn par_iter_mut(&mut self) -> IterMut<'_, T>;
+        fn par_iter_mut<T>(&mut self) -> IterMut<'_, T>
+        where
+            Self: AsMut<[T]>,
+        {
+            self.as_mut().iter_mut()
+        }
+
         /// Iterates over chunks of `size`, the last perhaps shorter.
-        fn par_chunks(&self, size: usize) -> Chunks<'_, T>;
+        fn par_chunks<T>(&self, size: usize) -> Chunks<'_, T>
+        where
+            Self: AsRef<[T]>,
+        {
+            self.as_ref().chunks(size)
+        }
+
         /// Iterates over chunks of `size`, the last perhaps shorter, which may be changed.
-        fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T>;
+        fn par_chunks_mut<T>(&mut self, size: usize) -> ChunksMut<'_, T>
+        where
+            Self: AsMut<[T]>,
+        {
+            self.as_mut().chunks_mut(size)
+        }
+
         /// Iterates over whole chunks of `size`, which may be changed.
-        fn par_chunks_exact_mut(&mut self, size: usize) -> ChunksExactMut<'_, T>;
+        fn par_chunks_exact_mut<T>(&mut self, size: usize) -> ChunksExactMut<'_, T>
+        where
+            Self: AsMut<[T]>,
+        {
+            self.as_mut().chunks_exact_mut(size)
+        }
     }
 
-    impl<T> ParallelSlice<T> for [T] {
-        fn par_iter(&self) -> Iter<'_, T> {
-            self.iter()
-        }
-        fn par_iter_mut(&mut self) -> IterMut<'_, T> {
-            self.iter_mut()
-        }
-        fn par_chunks(&self, size: usize) -> Chunks<'_, T> {
-            self.chunks(size)
-        }
-        fn par_chunks_mut(&mut self, size: usize) -> ChunksMut<'_, T> {
-            self.chunks_mut(size)
-        }
-        fn par_chunks_exact_mut(&mut self, size: usize) -> ChunksExactMut<'_, T> {
-            self.chunks_exact_mut(size)
-        }
-    }
+    impl<T: ?Sized> InOrder for T {}
 }

@@ -1,6 +1,9 @@
-//! A polynomial of several variables, fitted to samples.
+//! A polynomial of several variables, fitted to samples, and the variables of a patch.
 //!
-//! How the parameters of a ray enter the polynomials of a patch.
+//! In: samples of a patch at the nodes of its axes, camera…, direction…, arc length, channel. Out:
+//! coefficients ([`Polynomial`]), and their sums at parameters of rays in [−1, 1]. Parameters enter as
+//! [`Variables`] say: by Chebyshev polynomials of a mapped variable, or, where directions are the whole
+//! sphere, by sines and cosines.
 
 use crate::parallel::*;
 use crate::{
@@ -23,13 +26,13 @@ const TILE: usize = 128;
 pub struct Polynomial {
     /// Coefficients in standard layout: axes camera…, direction…, arc length, channel.
     pub coefficients: ArrayD<f64>,
-    /// Of cameras and directions.
+    /// The variables of cameras and directions.
     pub variables: Variables,
 }
 
 impl Polynomial {
-    /// From samples with the same axes at the tensor grid of [`Variables::places`], along the arc length
-    /// of Chebyshev nodes; the first `starts` there are not at nodes but stay beside the coefficients.
+    /// Fits samples with the same axes at the tensor grid of [`Variables::places`], along the arc length of
+    /// Chebyshev nodes; the first `starts` there are not at nodes but stay beside the coefficients.
     pub fn fit(mut samples: ArrayD<f64>, starts: usize, variables: Variables) -> Self {
         let arc = samples.ndim() - 2;
         let slopes = samples.len_of(Axis(arc)) - starts;
@@ -50,7 +53,7 @@ impl Polynomial {
         }
     }
 
-    /// Along each axis but the channels, the root of the sum of squares of the coefficients of each
+    /// Computes along each axis but the channels the root of the sum of squares of the coefficients of each
     /// degree.
     pub fn spectra(&self) -> Vec<Vec<f64>> {
         let shape = self.coefficients.shape();
@@ -76,15 +79,15 @@ impl Polynomial {
         spectra
     }
 
-    /// What remains at each of `points` (parameters in [−1, 1] of all axes but the last two): rows
-    /// over (arc length, channel).
+    /// Evaluates at each of `points` (parameters in [−1, 1] of all axes but the last two): rows of
+    /// coefficients over (arc length, channel).
     pub fn at(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
         let shape = self.coefficients.shape();
         let inputs = shape.len() - 2;
         let enough = |axes: &usize| shape[..*axes].iter().product::<usize>() >= SUMMED_AT_ONCE;
         let first = (1..inputs).find(enough).unwrap_or(inputs);
         let sets = points.iter().map(|x| self.variables.weights(shape, x));
-        let sets: Vec<Vec<Weights<f64>>> = sets.collect();
+        let sets: Vec<Vec<TermWeights<f64>>> = sets.collect();
         // Cameras have the same weights in all sets.
         let sums = match first <= self.variables.cameras {
             true => 1,
@@ -94,7 +97,7 @@ impl Polynomial {
             .map(|set| self.first_sums(&sets, set, first))
             .collect();
         let width = self.coefficients.len() / shape[..first].iter().product::<usize>();
-        let point = |(point, sets): (usize, &Vec<Weights<f64>>)| {
+        let point = |(point, sets): (usize, &Vec<TermWeights<f64>>)| {
             let all = sets.iter().enumerate().map(|(set, weights)| {
                 let mut sums = sums[set % sums.len()][point * width..][..width].to_vec();
                 for w in &weights[first..] {
@@ -107,8 +110,8 @@ impl Polynomial {
         sets.par_iter().enumerate().map(point).collect()
     }
 
-    /// The sums over the `first` axes with the weights number `set` of each point.
-    fn first_sums(&self, sets: &[Vec<Weights<f64>>], set: usize, first: usize) -> Vec<f64> {
+    /// Sums over the `first` axes with the weights number `set` of each point.
+    fn first_sums(&self, sets: &[Vec<TermWeights<f64>>], set: usize, first: usize) -> Vec<f64> {
         let rows = sets.iter().map(|sets| products(&sets[set][..first]));
         let rows: Vec<Vec<f64>> = rows.collect();
         let count = rows.first().map_or(0, Vec::len);
@@ -119,7 +122,7 @@ impl Polynomial {
         self.weighted(&weights.collect::<Vec<_>>(), &used, count)
     }
 
-    /// The product of `weights` with the rows `used` of the coefficients as a matrix of `count` rows.
+    /// Multiplies `weights` with the rows `used` of the coefficients as a matrix of `count` rows.
     fn weighted(&self, weights: &[f64], used: &[usize], count: usize) -> Vec<f64> {
         let values = self.coefficients.as_slice().unwrap_or_default();
         let width = values.len() / count.max(1);
@@ -144,9 +147,9 @@ impl Polynomial {
         sums
     }
 
-    /// Values at the nodes of the ray axes, still coefficients along the arc length. On the sphere those
-    /// of odd multiples of the azimuth are sums of other terms of the polar angle than their own: ranks
-    /// are the same.
+    /// Evaluates at the nodes of the ray axes; still coefficients along the arc length. On the sphere those of
+    /// odd multiples of the azimuth are sums of other terms of the polar angle than their own: ranks are the
+    /// same.
     pub fn samples(&self) -> ArrayD<f64> {
         let (samples, arc) = (self.coefficients.clone(), self.coefficients.ndim() - 2);
         if !self.variables.sphere {
@@ -161,13 +164,13 @@ impl Polynomial {
         samples
     }
 
-    /// Whether all coefficients are finite.
+    /// Tells whether all coefficients are finite.
     pub fn is_finite(&self) -> bool {
         self.coefficients.iter().all(|c| c.is_finite())
     }
 }
 
-/// The products of one of each of `values`, the last running fastest.
+/// Multiplies one of each of `values`, in all combinations, the last running fastest.
 fn products(values: &[Vec<f64>]) -> Vec<f64> {
     values.iter().fold(vec![1.0], |products, values| {
         let each = |p: &f64| values.iter().map(|v| p * v).collect::<Vec<f64>>();
@@ -180,18 +183,18 @@ fn products(values: &[Vec<f64>]) -> Vec<f64> {
 pub struct Variables {
     /// Camera axes.
     pub cameras: usize,
-    /// Of the parameters of cameras and of faces of directions.
+    /// The map of the parameters of cameras and of faces of directions.
     pub stretch: MappedChebyshev,
-    /// Whether the directions are the whole sphere (azimuth and polar angle, see [`spherical`]), not a
-    /// face or a part of one.
+    /// The directions are the whole sphere (azimuth and polar angle, see [`spherical`]), not a face or a part
+    /// of one.
     pub sphere: bool,
 }
 
-/// The values of the terms along each of the first axes.
-pub(super) type Weights<T> = Vec<Vec<T>>;
+/// Values of the terms along each of the first axes.
+pub(crate) type TermWeights<T> = Vec<Vec<T>>;
 
 impl Variables {
-    /// Of a face of directions, or a part of one.
+    /// Returns the variables of a face of directions, or a part of one.
     pub const fn of_face(cameras: usize, stretch: MappedChebyshev) -> Self {
         Self {
             cameras,
@@ -200,10 +203,14 @@ impl Variables {
         }
     }
 
-    /// The values of the terms along the first axes of `shape` at `parameters` in [−1, 1], one for each
-    /// of those axes. Coefficients are to be summed with each of the sets of weights: on the sphere there
-    /// are two, for even and odd multiples of the azimuth.
-    pub(super) fn weights<T: Real>(self, shape: &[usize], parameters: &[f64]) -> Vec<Weights<T>> {
+    /// Computes the values of the terms along the first axes of `shape` at `parameters` in [−1, 1], one for
+    /// each of those axes. Coefficients are to be summed with each of the sets of weights: on the sphere
+    /// there are two, for even and odd multiples of the azimuth.
+    pub(crate) fn weights<T: Real>(
+        self,
+        shape: &[usize],
+        parameters: &[f64],
+    ) -> Vec<TermWeights<T>> {
         let count = match self.sphere {
             true => parameters.len().min(self.cameras),
             false => parameters.len(),
@@ -213,7 +220,7 @@ impl Variables {
             chebyshev::values(self.stretch.variable(*x), &mut values);
             values.into_iter().map(T::from_f64).collect()
         };
-        let plain: Weights<T> = parameters[..count].iter().zip(shape).map(along).collect();
+        let plain: TermWeights<T> = parameters[..count].iter().zip(shape).map(along).collect();
         let [Some(a), Some(b)] = [0, 1].map(|k| parameters.get(count + k)) else {
             return vec![plain];
         };
@@ -228,7 +235,7 @@ impl Variables {
         sets.into()
     }
 
-    /// Where `count` nodes lie along `axis`, in [−1, 1].
+    /// Returns the places of `count` nodes along `axis`, in [−1, 1].
     pub fn places(self, axis: usize, count: usize) -> Vec<f64> {
         match self
             .sphere

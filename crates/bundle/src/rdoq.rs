@@ -1,67 +1,68 @@
-//! Real numbers → integers that are worth their bits.
+//! Real coefficients → integers that are worth their bits.
 //!
-//! In: numbers in units of the step, in storage order. Out: integers. The nearest integer is not always
-//! the best: between two, the smaller is taken where the larger would cost more bits than its error is
-//! worth. How many bits that is depends on what stands before it, so it is counted for each class of
-//! places ([`Sizes`]) in a first rounding. Source: G. J. Sullivan, *Efficient scalar quantization of
-//! exponential and Laplacian random variables*, IEEE Trans. Inf. Theory 42 (1996), with the rates
-//! that were counted.
+//! In: numbers in units of the step, in storage order. Out: integers. Two things decide how coarsely:
 //!
-//! How coarsely coefficients are rounded, by their degree along the arc length.
+//! - *Rate–distortion optimised quantisation.* The nearest integer is not always the best: between two, the
+//!   smaller is taken where the larger would cost more bits than its error is worth. The number of bits
+//!   depends on the integers before, so it is counted for each class of context in a first rounding, and
+//!   turned into dead zones. Source: G. J. Sullivan, *Efficient scalar quantization of exponential and
+//!   Laplacian random variables*, IEEE Trans. Inf. Theory 42 (1996), with the rates that were counted.
+//! - *Weighting.* Coefficients of high degree along the arc length are divided by a weight before they are
+//!   rounded, and multiplied by it when they are read.
 
-use crate::parallel::*;
 use crate::{
-    coder::CLASSES,
-    context::{Sizes, Walk},
+    context::{CLASSES, Context, MagnitudeModel},
     householder::reduced,
+    parallel::*,
 };
 use geofan_expr::real::Real;
 use ndarray::{Array2, ArrayD};
 
-/// How much squared error, in squared steps, a bit is worth. Fine rounding has the slope `ln 2 / 6 =
+/// Squared error, in squared steps, that a bit is worth. Fine rounding has the slope `ln 2 / 6 =
 /// 0.12`, and where most integers are zero it is larger. Three bumps on a rail and on a quarter of the
 /// floor take 0.99, 0.97, 0.96 and 0.95 times as much with 0.08, 0.12, 0.16 and 0.2 as the nearest
 /// integers that `FIRST` gives, and no less with 0.25 to 0.4.
 const WORTH: f64 = 0.2;
 
-/// By what share of a step numbers are moved towards zero before they are rounded first.
+/// Share of a step by which numbers are moved towards zero before they are rounded first.
 const FIRST: f64 = 0.1;
 
-/// Sizes that are counted one by one: 0, 1, 2, and all larger ones.
-const SIZES: usize = 4;
+/// Magnitudes that are counted one by one: 0, 1, 2, and all larger ones.
+const COUNTED: usize = 4;
 
-/// The most bits that one more in size is believed to cost, from 0, 1 and 2 on.
-const MOST_BITS: [f64; SIZES - 1] = [12.0, 6.0, 1.5];
+/// The most bits that one more in magnitude is believed to cost, from 0, 1 and 2 on.
+const MOST_BITS: [f64; COUNTED - 1] = [12.0, 6.0, 1.5];
 
-/// By what share of a step numbers between the sizes 0 and 1, 1 and 2, and larger ones are moved towards
-/// zero.
-type Dead = [f64; SIZES - 1];
+/// Shares of a step by which numbers between the magnitudes 0 and 1, 1 and 2, and larger ones are moved
+/// towards zero.
+type DeadZone = [f64; COUNTED - 1];
 
-/// Orthogonal vectors of this `length`, in units of the step, one after the other as a core of `shape`,
-/// as integers that [`restored`](super::reflections::restored) makes them of.
-pub(super) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
-    let dead = dead_zones(shape, vectors);
-    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::default());
-    reduced(vectors, length, |vector, taken, integers| {
+/// Makes the integers worth their bits of orthogonal vectors of this `length`, in units of the step, one
+/// after the other as a core of `shape`, as [`restored`](crate::householder::restored) takes them.
+pub(crate) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
+    let zones = dead_zones(shape, vectors);
+    let (mut context, mut magnitudes) = (Context::new(shape), MagnitudeModel::default());
+    reduced(vectors, length, |vector, pivots, integers| {
         for (place, x) in vector.iter().enumerate() {
-            walk.on(integers);
-            integers.push(match taken.holds(place) {
+            context.advance(integers);
+            integers.push(match pivots.contains(place) {
                 true => 0,
                 false => {
-                    walk.look(integers);
-                    let size = size(x.abs(), &dead[sizes.class(&walk)]);
-                    sizes.learn(&walk, size as u32);
-                    with_sign(size, *x)
+                    context.look(integers);
+                    let zone = &zones[magnitudes.class(&context)];
+                    let magnitude = rounded_magnitude(x.abs(), zone);
+                    magnitudes.learn(&context, magnitude as u32);
+                    with_sign(magnitude, *x)
                 }
             });
         }
     })
 }
 
-/// The same as the nearest integers.
-pub(super) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
-    reduced(vectors, length, |vector, taken, integers| {
-        let nearest = |(place, x): (usize, &f64)| match taken.holds(place) {
+/// Makes the nearest integers of such vectors.
+pub(crate) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
+    reduced(vectors, length, |vector, pivots, integers| {
+        let nearest = |(place, x): (usize, &f64)| match pivots.contains(place) {
             true => 0,
             false => x.round() as i32,
         };
@@ -69,82 +70,109 @@ pub(super) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
     })
 }
 
-/// What is worth its bits in each class of places, as they are counted in a first rounding of numbers that
+/// Computes the dead zone of each class from the magnitudes counted in a first rounding of numbers that
 /// are not reduced.
-fn dead_zones(shape: &[usize], values: &[f64]) -> [Dead; CLASSES] {
-    let mut counts = [[1.0; SIZES]; CLASSES];
-    let (mut walk, mut sizes) = (Walk::new(shape), Sizes::default());
+fn dead_zones(shape: &[usize], values: &[f64]) -> [DeadZone; CLASSES] {
+    let mut counts = [[1.0; COUNTED]; CLASSES];
+    let (mut context, mut magnitudes) = (Context::new(shape), MagnitudeModel::default());
     let mut integers = Vec::with_capacity(values.len());
     for x in values {
-        let size = nearest_size(x.abs() - FIRST);
-        walk.on(&integers);
-        walk.look(&integers);
-        counts[sizes.class(&walk)][(size as usize).min(SIZES - 1)] += 1.0;
-        sizes.learn(&walk, size as u32);
-        integers.push(with_sign(size, *x));
+        let magnitude = nearest_magnitude(x.abs() - FIRST);
+        context.advance(&integers);
+        context.look(&integers);
+        counts[magnitudes.class(&context)][(magnitude as usize).min(COUNTED - 1)] += 1.0;
+        magnitudes.learn(&context, magnitude as u32);
+        integers.push(with_sign(magnitude, *x));
     }
-    counts.map(|counts| dead(&counts))
+    counts.map(|counts| dead_zone(&counts))
 }
 
-fn with_sign(size: i32, x: f64) -> i32 {
-    if x < 0.0 { -size } else { size }
+fn with_sign(magnitude: i32, x: f64) -> i32 {
+    if x < 0.0 { -magnitude } else { magnitude }
 }
 
-/// Half of what the bits of one more in size are worth, of a class in which sizes were counted.
-fn dead(counts: &[f64; SIZES]) -> Dead {
-    std::array::from_fn(|size| {
+/// Computes half of what the bits of one more in magnitude are worth, of a class in which magnitudes were
+/// counted.
+fn dead_zone(counts: &[f64; COUNTED]) -> DeadZone {
+    std::array::from_fn(|magnitude| {
         // The sign comes with the first.
-        let sign = if size == 0 { 1.0 } else { 0.0 };
-        let bits = (counts[size] / counts[size + 1]).log2() + sign;
-        0.5 * WORTH * bits.clamp(0.0, MOST_BITS[size])
+        let sign = if magnitude == 0 { 1.0 } else { 0.0 };
+        let bits = (counts[magnitude] / counts[magnitude + 1]).log2() + sign;
+        0.5 * WORTH * bits.clamp(0.0, MOST_BITS[magnitude])
     })
 }
 
-/// The size that a number of size `x` is rounded to.
-fn size(x: f64, dead: &Dead) -> i32 {
-    if x < 0.5 + dead[0] {
+/// Rounds a number of size `x` outside of a dead zone.
+fn rounded_magnitude(x: f64, zone: &DeadZone) -> i32 {
+    if x < 0.5 + zone[0] {
         return 0;
     }
-    if x < 1.5 + dead[1] {
+    if x < 1.5 + zone[1] {
         return 1;
     }
-    nearest_size(x - dead[2]).max(2)
+    nearest_magnitude(x - zone[2]).max(2)
 }
 
-/// The integer nearest to `x`, not below zero.
-fn nearest_size(x: f64) -> i32 {
+/// Finds the integer nearest to `x`, not below zero.
+fn nearest_magnitude(x: f64) -> i32 {
     (x + 0.5) as i32
 }
 
-/// How much more coarsely coefficients of degree `k` along the arc length are rounded: by `(1 + k)^(5/8)`.
-/// An error of that degree in the slope moves points by 1/k of it, but tangents by all of it. With powers
-/// of 0.3, 0.4, 0.5, 0.6, 0.7 and 0.8 three bumps on a rail take 116, 112, 108, 106, 104 and 108 kB, on a
-/// quarter of the floor 627, 590, 577, 565, 558 and 602; with 0.9 tangents exceed the promise.
-fn coarseness(degree: usize) -> f64 {
+/// Returns the weight of coefficients of this degree along the arc length: `(1 + k)^(5/8)`. An error of
+/// degree `k` in the slope moves points by 1/k of it, but tangents by all of it. With powers of 0.3, 0.4,
+/// 0.5, 0.6, 0.7 and 0.8 three bumps on a rail take 116, 112, 108, 106, 104 and 108 kB, on a quarter of the
+/// floor 627, 590, 577, 565, 558 and 602; with 0.9 tangents exceed the promise.
+fn weight(degree: usize) -> f64 {
     let root = ((1 + degree) as f64).sqrt();
     // Roots are the same on every machine.
     root * root.sqrt().sqrt()
 }
 
-/// Coefficients (…, arc length, channel) as they are rounded.
-pub fn graded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
-    by_degree(coefficients, |degree| 1.0 / coarseness(degree))
+/// Divides coefficients (…, arc length, channel) by the weights of their degrees.
+pub fn weighted(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
+    by_degree(coefficients, |degree| 1.0 / weight(degree))
 }
 
-/// The same in storage order, with the axes but the last two in this `order`: all at once, because large
-/// polynomials are written as fast as memory takes them.
-pub fn graded_in_order(coefficients: &ArrayD<f64>, order: &[usize]) -> Vec<f64> {
+/// Multiplies coefficients by the weights of their degrees: the inverse of [`weighted`].
+pub fn unweighted(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
+    by_degree(coefficients, weight)
+}
+
+/// Multiplies each coefficient by the factor of its degree along the arc length.
+fn by_degree(coefficients: &ArrayD<f64>, factor: impl Fn(usize) -> f64) -> ArrayD<f64> {
+    let [degrees, channels] = [2, 1].map(|i| coefficients.shape()[coefficients.ndim() - i]);
+    coefficients * &Array2::from_shape_fn((degrees, channels), |(k, _)| factor(k))
+}
+
+/// Multiplies `values` of a core of `shape`, whose last axes are arc length and channel, by the weights.
+pub(crate) fn unweight<T: Real>(values: &mut [T], shape: &[usize]) {
+    let [degrees, channels] = [shape[shape.len() - 3], shape[shape.len() - 2]];
+    let weights: Vec<T> = (0..degrees).map(|k| T::from_f64(weight(k))).collect();
+    let rows = values.chunks_exact_mut(channels);
+    for (row, weight) in rows.zip(weights.iter().cycle()) {
+        row.iter_mut().for_each(|x| *x *= *weight);
+    }
+}
+
+/// Rows of arc lengths and channels that one thread writes at once.
+const ROWS: usize = 64;
+
+/// Makes [`weighted`] coefficients in storage order, with the axes but the last two in this `order`: all at
+/// once, because large polynomials are written as fast as memory takes them.
+pub fn weighted_in_order(coefficients: &ArrayD<f64>, order: &[usize]) -> Vec<f64> {
     let coefficients = coefficients.as_standard_layout();
     let shape = coefficients.shape();
     let channels = shape[order.len() + 1];
     let row: usize = shape[order.len()..].iter().product();
-    let factors: Vec<f64> = (0..row).map(|i| 1.0 / coarseness(i / channels)).collect();
+    let factors: Vec<f64> = (0..row).map(|i| 1.0 / weight(i / channels)).collect();
+    // Lengths and strides of the axes before, the fastest first.
     let stride = |axis: &usize| -> usize { shape[axis + 1..].iter().product() };
     let axes = order.iter().rev().map(|axis| (shape[*axis], stride(axis)));
     let axes: Vec<(usize, usize)> = axes.collect();
+    // Row by row, each from its place among the coefficients.
     let values = coefficients.as_slice().unwrap_or_default();
-    let mut graded = vec![0.0; values.len()];
-    let blocks = graded.par_chunks_mut(ROWS * row).enumerate();
+    let mut weighted = vec![0.0; values.len()];
+    let blocks = weighted.par_chunks_mut(ROWS * row).enumerate();
     blocks.for_each(|(block, rows)| {
         for (number, to) in (ROWS * block..).zip(rows.chunks_exact_mut(row)) {
             let (mut rest, mut first) = (number, 0);
@@ -156,37 +184,14 @@ pub fn graded_in_order(coefficients: &ArrayD<f64>, order: &[usize]) -> Vec<f64> 
             to.iter_mut().zip(from).for_each(|(to, (x, f))| *to = x * f);
         }
     });
-    graded
-}
-
-/// Rows of arc lengths and channels that one thread writes at least.
-const ROWS: usize = 64;
-
-/// What [`graded`] makes these `coefficients` of.
-pub fn ungraded(coefficients: &ArrayD<f64>) -> ArrayD<f64> {
-    by_degree(coefficients, coarseness)
-}
-
-/// Each coefficient times the factor of its degree along the arc length.
-fn by_degree(coefficients: &ArrayD<f64>, factor: impl Fn(usize) -> f64) -> ArrayD<f64> {
-    let [degrees, channels] = [2, 1].map(|i| coefficients.shape()[coefficients.ndim() - i]);
-    coefficients * &Array2::from_shape_fn((degrees, channels), |(k, _)| factor(k))
-}
-
-/// What [`graded`] did to `values` of a core of `shape`, whose last axes are arc length and channel.
-pub(super) fn ungrade<T: Real>(values: &mut [T], shape: &[usize]) {
-    let [degrees, channels] = [shape[shape.len() - 3], shape[shape.len() - 2]];
-    let factors: Vec<T> = (0..degrees).map(|k| T::from_f64(coarseness(k))).collect();
-    let rows = values.chunks_exact_mut(channels);
-    for (row, factor) in rows.zip(factors.iter().cycle()) {
-        row.iter_mut().for_each(|x| *x *= *factor);
-    }
+    weighted
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use geofan_core::random::Stream;
+    use ndarray::IxDyn;
 
     #[test]
     fn numbers_are_rounded_to_one_of_their_neighbours_or_towards_zero() {
@@ -211,7 +216,7 @@ mod tests {
 
     /// A lone number that is hardly more than half a step is not worth its bits; among its like it is.
     #[test]
-    fn what_is_expected_costs_little() {
+    fn expected_numbers_cost_little() {
         let alone = |i: usize| if i % 97 == 50 { 0.7 } else { 0.01 };
         let lone = rounded(&[4000], 4000, &(0..4000).map(alone).collect::<Vec<_>>());
         assert!(lone.iter().all(|i| *i == 0));
@@ -219,23 +224,23 @@ mod tests {
         let common = rounded(&[4000], 4000, &(0..4000).map(among).collect::<Vec<_>>());
         assert!(common.iter().filter(|i| **i == 1).count() > 1000);
     }
-}
-
-#[cfg(test)]
-mod grade_tests {
-    use super::*;
-    use ndarray::IxDyn;
 
     #[test]
-    fn axes_change_places_before_or_after_grading() {
+    fn axes_change_places_before_or_after_weighting() {
         let shape = [3, 4, 2, 5, 3];
         let value = |i: IxDyn| (0..5).fold(0.0, |sum, a| 10.0 * sum + i[a] as f64);
         let coefficients = ArrayD::from_shape_fn(IxDyn(&shape), value);
         for order in [[0, 1, 2], [2, 0, 1], [1, 2, 0]] {
             let all = [&order[..], &[3, 4]].concat();
-            let permuted = graded(&coefficients).permuted_axes(IxDyn(&all));
-            let found = graded_in_order(&coefficients, &order);
+            let permuted = weighted(&coefficients).permuted_axes(IxDyn(&all));
+            let found = weighted_in_order(&coefficients, &order);
             assert!(permuted.iter().eq(&found), "{order:?}");
         }
+        let back = unweighted(&weighted(&coefficients));
+        assert!(
+            back.iter()
+                .zip(&coefficients)
+                .all(|(a, b)| (a - b).abs() <= 1e-12 * b.abs())
+        );
     }
 }

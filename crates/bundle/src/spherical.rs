@@ -17,81 +17,85 @@ use geofan_expr::real::Real;
 use ndarray::{Array2, ArrayD};
 use std::f64::consts::{FRAC_PI_2, PI};
 
-/// Whether the terms of the azimuth number `i` are those of an odd multiple of φ: the polar angle then
+/// Tells whether the term number `i` of the azimuth is one of an odd multiple of φ: the polar angle then
 /// enters by sines.
 pub fn is_odd(i: usize) -> bool {
     i.div_ceil(2) % 2 == 1
 }
 
-/// `n` azimuth parameters, evenly spaced around the circle.
+/// Returns `n` azimuth parameters, evenly spaced around the circle.
 pub fn azimuths(n: usize) -> Vec<f64> {
     (0..n).map(|j| 2.0 * j as f64 / n as f64 - 1.0).collect()
 }
 
-/// `n` polar parameters, evenly spaced from pole to pole.
+/// Returns `n` polar parameters, evenly spaced from pole to pole.
 pub fn polar_angles(n: usize) -> Vec<f64> {
     (0..n)
         .map(|j| (2 * j + 1) as f64 / n as f64 - 1.0)
         .collect()
 }
 
-/// 1, cos φ, sin φ, cos 2φ, … at the azimuth parameter `a` into `values`.
+/// Writes 1, cos φ, sin φ, cos 2φ, … at the azimuth parameter `a` into `values`.
 pub fn azimuth_values(a: f64, values: &mut [f64]) {
     let (sin, cos) = (Real::sin(PI * a), Real::cos(PI * a));
-    let mut turn = (1.0, 0.0);
+    let mut power = (1.0, 0.0);
     for (i, value) in values.iter_mut().enumerate() {
         if i % 2 == 1 {
-            turn = turned(turn, (cos, sin));
+            power = complex_product(power, (cos, sin));
         }
-        *value = if i % 2 == 1 || i == 0 { turn.0 } else { turn.1 };
+        *value = if i % 2 == 1 || i == 0 {
+            power.0
+        } else {
+            power.1
+        };
     }
 }
 
-/// The same with zeros for odd multiples of φ, or, if `odd`, for even ones.
+/// Writes these with zeros for odd multiples of φ, or, if `odd`, for even ones.
 pub fn azimuth_values_of(odd: bool, a: f64, values: &mut [f64]) {
     azimuth_values(a, values);
     let others = (0..values.len()).filter(|i| is_odd(*i) != odd);
     others.for_each(|i| values[i] = 0.0);
 }
 
-/// The terms of the polar parameter `b`: sines if `odd`, else cosines, into `values`.
+/// Writes the terms of the polar parameter `b` into `values`: sines if `odd`, else cosines.
 pub fn polar_values(b: f64, odd: bool, values: &mut [f64]) {
     let theta = FRAC_PI_2 * (b + 1.0);
     let (sin, cos) = (Real::sin(theta), Real::cos(theta));
-    let mut turn = (1.0, 0.0);
+    let mut power = (1.0, 0.0);
     for value in values {
-        let next = turned(turn, (cos, sin));
-        *value = if odd { next.1 } else { turn.0 };
-        turn = next;
+        let next = complex_product(power, (cos, sin));
+        *value = if odd { next.1 } else { power.0 };
+        power = next;
     }
 }
 
-/// The product of two complex numbers.
-fn turned(z: (f64, f64), w: (f64, f64)) -> (f64, f64) {
+/// Multiplies two complex numbers.
+fn complex_product(z: (f64, f64), w: (f64, f64)) -> (f64, f64) {
     (z.0 * w.0 - z.1 * w.1, z.0 * w.1 + z.1 * w.0)
 }
 
-/// The inverse of a matrix with orthogonal columns.
+/// Inverts a matrix with orthogonal columns.
 fn inverse(matrix: &Array2<f64>) -> Array2<f64> {
     let squares: Vec<f64> = matrix.columns().into_iter().map(|c| c.dot(&c)).collect();
     Array2::from_shape_fn(matrix.dim(), |(k, i)| matrix[[i, k]] / squares[k])
 }
 
-/// The matrix that takes coefficients of an odd number of azimuth terms to samples, and its inverse.
+/// Returns the matrix that takes coefficients of an odd number of azimuth terms to samples, and its inverse.
 pub fn azimuth_transforms(n: usize) -> [Array2<f64>; 2] {
     let values = chebyshev::at_nodes(&azimuths(n), azimuth_values);
     let inverse = inverse(&values);
     [values, inverse]
 }
 
-/// The same for polar terms, for `odd` ones or others.
+/// Returns these matrices for polar terms, of `odd` multiples of the azimuth or of others.
 pub fn polar_transforms(n: usize, odd: bool) -> [Array2<f64>; 2] {
     let values = chebyshev::at_nodes(&polar_angles(n), |b, values| polar_values(b, odd, values));
     let inverse = inverse(&values);
     [values, inverse]
 }
 
-/// Samples (…, azimuth, polar angle, …) → coefficients; the azimuth is `axis`, of odd length.
+/// Transforms samples (…, azimuth, polar angle, …) to coefficients; the azimuth is `axis`, of odd length.
 pub fn coefficients(samples: &mut ArrayD<f64>, axis: usize) {
     let shape = samples.shape().to_vec();
     let (azimuths, polar) = (shape[axis], shape[axis + 1]);

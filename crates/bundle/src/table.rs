@@ -1,27 +1,19 @@
-//! The table in memory, and what is left of it when the camera is fixed.
+//! The table in memory: its chunks, where each is stored, and what is left of them at one camera.
 //!
-//! In: chunks of the table ([`Tree`]s) over the rays of a [`RaySpace`]. Out: [`Fan`]s: all paths
-//! from one camera position, and from those single [`TablePath`]s: position, tangent and transported
-//! rotation at any arc length. Interpolation *is* the contraction of the camera axes, so a camera
-//! anywhere in the region costs the same.
-//!
-//! How a table is divided into chunks, and which of them are stored.
-//!
-//! In: cells along each camera parameter, blocks of directions (each face, or all of them together), and
-//! mirrors that carry some of them into others. Out: the chunks, one for each class of cells and blocks
-//! that mirrors carry into each other, and for any cell and block the chunk that holds it
-//! ([`Division::stored`]).
+//! In: chunks of the table ([`Tree`]s) over the rays of a [`RaySpace`]; cells along each camera
+//! parameter, blocks of directions (each face, or all of them together), and mirrors that carry some of
+//! them into others. Out: [`Fan`]s, all paths from one camera position. Interpolation *is* the contraction
+//! of the camera axes, so a camera anywhere in the region costs the same.
 
-use crate::parallel::*;
 use crate::{
-    chebyshev::MappedChebyshev,
-    decode::DecodeError,
-    fan::{Facet, Fan, FanNode},
+    MappedChebyshev,
+    decode::{DecodeError, LookupError},
+    fan::{ContractedTree, FaceFan, Fan, contract},
+    parallel::*,
     polynomial::Variables,
     rays::{Image, Mirror, Place, RaySpace, cell},
-    tree::{Shape, Tree},
+    tree::{TensorShape, Tree},
 };
-use geofan_core::error::Result;
 use glam::DVec3;
 use std::sync::{Arc, OnceLock};
 
@@ -30,15 +22,15 @@ use std::sync::{Arc, OnceLock};
 #[derive(Debug, Clone)]
 pub struct Chunk {
     bytes: Vec<u8>,
-    shape: Shape,
+    shape: TensorShape,
     tree: OnceLock<Result<Tree, DecodeError>>,
     /// The chunk contracted, where a symmetry takes every camera to the same one.
-    fixed: OnceLock<Arc<FanNode>>,
+    fixed: OnceLock<Arc<ContractedTree>>,
 }
 
 impl Chunk {
-    /// From what [`Tree::encode`] wrote.
-    pub fn new(bytes: Vec<u8>, shape: Shape) -> Self {
+    /// Takes over the bytes that [`Tree::encode`] wrote.
+    pub fn new(bytes: Vec<u8>, shape: TensorShape) -> Self {
         Self {
             bytes,
             shape,
@@ -47,12 +39,12 @@ impl Chunk {
         }
     }
 
-    /// The coded chunk.
+    /// Returns the coded chunk.
     pub fn bytes(&self) -> &[u8] {
         &self.bytes
     }
 
-    /// The tree.
+    /// Decodes the tree, if nobody has yet.
     ///
     /// # Errors
     /// The bytes are not a tree.
@@ -61,22 +53,22 @@ impl Chunk {
         tree.as_ref().map_err(|e| *e)
     }
 
-    /// What is left at the parameters `camera` (in [−1, 1]).
+    /// Contracts the chunk at the parameters `camera` (in [−1, 1]).
     ///
     /// # Errors
     /// The bytes are not a tree.
-    fn contract(&self, camera: &[f64]) -> Result<Arc<FanNode>, DecodeError> {
+    fn contract(&self, camera: &[f64]) -> Result<Arc<ContractedTree>, DecodeError> {
         let tree = self.tree()?;
-        let contract = || Arc::new(FanNode::contract(tree, camera));
+        let contracted = || Arc::new(contract(tree, camera));
         Ok(match camera.is_empty() {
-            true => filled(&self.fixed, contract).clone(),
-            false => contract(),
+            true => filled(&self.fixed, contracted).clone(),
+            false => contracted(),
         })
     }
 }
 
-/// What is in `place`, made first if nothing is. Not within `get_or_init`: what is made waits for other
-/// threads, and a thread that waits may take up work that needs the same place.
+/// Returns the content of `place`, made first if nothing is there. Not within `get_or_init`: the making
+/// waits for other threads, and a thread that waits may take up work that needs the same place.
 fn filled<T>(place: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
     match place.get() {
         Some(made) => made,
@@ -87,30 +79,25 @@ fn filled<T>(place: &OnceLock<T>, make: impl FnOnce() -> T) -> &T {
     }
 }
 
-/// DecodeError that a user is told of.
-pub fn in_bundle(damage: DecodeError) -> geofan_core::Error {
-    geofan_core::Error::input("bundle", damage.to_string())
-}
-
-/// A baked table.
+/// A baked table. Its clones share everything, so that fans and threads can each own one.
 #[derive(Debug, Clone)]
 pub struct Table {
     /// The rays it covers.
-    pub space: RaySpace,
-    /// How it is divided.
-    pub division: Division,
-    /// How far paths go.
+    pub space: Arc<RaySpace>,
+    /// The cells and blocks of its chunks.
+    pub division: Arc<Division>,
+    /// Length of the paths.
     pub length: f64,
-    /// Whether tangents keep the promise too, and with them transported frames.
+    /// Tangents keep the promise too, and with them transported frames.
     pub frames: bool,
     /// The chunks, in order.
-    pub chunks: Vec<Chunk>,
+    pub chunks: Arc<[Chunk]>,
 }
 
 impl Table {
-    /// What the tensors of a table over `space` look like.
-    pub fn shape(space: &RaySpace, stretch: MappedChebyshev) -> Shape {
-        Shape {
+    /// Returns the shape of the tensors of a table over `space`.
+    pub fn tensor_shape(space: &RaySpace, stretch: MappedChebyshev) -> TensorShape {
+        TensorShape {
             variables: Variables {
                 cameras: space.cameras().len(),
                 stretch,
@@ -121,108 +108,117 @@ impl Table {
         }
     }
 
+    /// Returns the tree of a chunk, decoded if nobody has yet.
+    ///
+    /// # Errors
+    /// The chunk is damaged.
+    pub fn tree(&self, chunk: usize) -> Result<&Tree, LookupError> {
+        let tree = self.chunks[chunk].tree();
+        tree.map_err(|damage| LookupError::Damaged { chunk, damage })
+    }
+
     /// Decodes all chunks: where many cameras are wanted at once, each chunk is then decoded once.
     ///
     /// # Errors
     /// A chunk is damaged.
-    pub fn decode(&self) -> Result<()> {
-        let chunks = self.chunks.par_iter();
-        let decoded: Result<(), DecodeError> =
-            chunks.map(|chunk| chunk.tree().map(|_| ())).collect();
-        decoded.map_err(in_bundle)
+    pub fn decode(&self) -> Result<(), LookupError> {
+        let chunks = (0..self.chunks.len()).into_par_iter();
+        chunks.map(|chunk| self.tree(chunk).map(|_| ())).collect()
     }
 
-    /// How many patches and flagged boxes there are.
+    /// Counts patches and flagged boxes.
     ///
     /// # Errors
     /// A chunk is damaged.
-    pub fn counts(&self) -> Result<(usize, usize), DecodeError> {
+    pub fn counts(&self) -> Result<(usize, usize), LookupError> {
         let mut sum = (0, 0);
-        for chunk in &self.chunks {
-            let (patches, flagged) = chunk.tree()?.count();
+        for chunk in 0..self.chunks.len() {
+            let (patches, flagged) = self.tree(chunk)?.count();
             sum = (sum.0 + patches, sum.1 + flagged);
         }
         Ok(sum)
     }
 
-    /// All paths from the camera position `u`.
+    /// Contracts the table to all paths from the camera position `u`.
     ///
     /// # Errors
     /// `u` is not in the camera region, or the patches there are damaged.
-    pub fn fan(&self, u: DVec3) -> Result<Fan<'_>> {
-        let place = self.space.place(u)?;
-        let faces = self.facets(&place);
-        let faces = faces.map_err(in_bundle)?;
-        Ok(Fan::new(self, place, faces))
+    pub fn fan(&self, u: DVec3) -> Result<Fan, LookupError> {
+        let place = self
+            .space
+            .place(u)
+            .map_err(|_| LookupError::OutsideRegion {
+                at: u.to_array(),
+                region: self.space.describe(),
+            })?;
+        let faces = self.face_fans(&place)?;
+        Ok(Fan::new(self.clone(), place, faces))
     }
 
-    /// The directions of each face from `place`. A chunk that no camera has needed before is decoded now,
-    /// which takes far longer than the contraction.
-    fn facets(&self, place: &Place) -> Result<Vec<Facet>, DecodeError> {
-        let kept = (0..self.space.faces()).map(|face| self.kept(place, face));
-        let contract = |kept: &Kept| self.chunks[kept.chunk].contract(&kept.camera);
-        let kept: Vec<Kept> = kept.collect();
-        let nodes: Vec<Arc<FanNode>> = match self.space.sphere() {
+    /// Contracts the directions of each face from `place`. A chunk that no camera has needed before is
+    /// decoded now, which takes far longer than the contraction.
+    fn face_fans(&self, place: &Place) -> Result<Vec<FaceFan>, LookupError> {
+        let stored = (0..self.space.faces()).map(|face| self.stored_face(place, face));
+        let stored: Vec<StoredFace> = stored.collect();
+        let contract = |face: &StoredFace| {
+            let tree = self.chunks[face.chunk].contract(&face.camera);
+            let chunk = face.chunk;
+            tree.map_err(|damage| LookupError::Damaged { chunk, damage })
+        };
+        let trees: Vec<Arc<ContractedTree>> = match self.space.sphere() {
             // All faces are in one chunk.
-            Some(_) => vec![contract(&kept[0])?; kept.len()],
-            None => kept.par_iter().map(contract).collect::<Result<_, _>>()?,
+            Some(_) => vec![contract(&stored[0])?; stored.len()],
+            None => stored.par_iter().map(contract).collect::<Result<_, _>>()?,
         };
-        let facets = nodes.into_iter().zip(kept);
-        let facet = |(node, kept): (_, Kept)| Facet {
-            node,
-            image: kept.image,
+        let faces = trees.into_iter().zip(stored);
+        let face = |(tree, stored): (_, StoredFace)| FaceFan {
+            tree,
+            image: stored.image,
         };
-        Ok(facets.map(facet).collect())
+        Ok(faces.map(face).collect())
     }
 
-    /// Where the table holds the rays from `place` in the directions of `face`.
-    pub(super) fn kept(&self, place: &Place, face: usize) -> Kept {
+    /// Finds the chunk that holds the rays from `place` in the directions of `face`.
+    pub(crate) fn stored_face(&self, place: &Place, face: usize) -> StoredFace {
         let cells = &self.division.cells;
         let (cell, camera) = cell::locate(cells, self.space.cameras(), &place.parameters);
-        let stored = self.division.stored(&cell, self.space.block(face));
-        let mirror = stored.mirror.map(|i| &self.space.mirrors()[i]);
-        Kept {
-            chunk: stored.chunk,
+        let (chunk, mirror) = self.division.stored(&cell, self.space.block(face));
+        let mirror = mirror.map(|i| &self.space.mirrors()[i]);
+        StoredFace {
+            chunk,
             camera: mirror.map_or_else(|| camera.clone(), |mirror| mirror.camera(&camera)),
             image: mirror.map(|mirror| mirror.image(&self.space, face)),
         }
     }
 }
 
-/// Where a table holds the rays from one camera in the directions of one face.
-pub(super) struct Kept {
-    pub(super) chunk: usize,
+/// The place in a table of the rays from one camera in the directions of one face.
+pub(crate) struct StoredFace {
+    pub chunk: usize,
     /// The camera's parameters in the chunk, in [−1, 1].
-    pub(super) camera: Vec<f64>,
-    /// What carries the rays to those of the chunk; `None` if they are its own.
-    pub(super) image: Option<Image>,
+    pub camera: Vec<f64>,
+    /// The map that carries the rays to those of the chunk; `None` if they are its own.
+    pub image: Option<Image>,
 }
 
-/// How a table is divided into chunks.
+/// The division of a table into chunks: one for each class of cells and blocks that mirrors carry into
+/// each other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Division {
     /// Cells along each stored camera parameter.
     pub cells: Vec<usize>,
     /// Blocks of directions: the faces, or one.
     pub blocks: usize,
-    /// Where each cell and block is stored; blocks run fastest, then the first parameter's cells.
-    stored: Vec<Stored>,
+    /// For each cell and block its chunk, and the mirror that carries it there; blocks run fastest, then
+    /// the first parameter's cells.
+    stored: Vec<(usize, Option<usize>)>,
     /// The cell and block of each chunk, in the same numbering.
     chunks: Vec<usize>,
 }
 
-/// Where a cell and block is stored.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Stored {
-    /// The chunk.
-    pub chunk: usize,
-    /// The mirror that carries the cell and block to those of the chunk; `None` if they are its own.
-    pub mirror: Option<usize>,
-}
-
 impl Division {
-    /// With `cells` along each camera parameter. A cell and block that one of the `mirrors` carries to
-    /// an earlier one is not stored.
+    /// Divides into `cells` along each camera parameter. A cell and block that one of the `mirrors` carries
+    /// to an earlier one is not stored.
     pub fn new(cells: Vec<usize>, blocks: usize, mirrors: &[Mirror]) -> Self {
         let all = cells.iter().product::<usize>() * blocks;
         let mut division = Self {
@@ -232,12 +228,12 @@ impl Division {
             chunks: Vec::new(),
         };
         for place in 0..all {
-            let earlier = (0..mirrors.len()).find_map(|i| division.image(place, i, &mirrors[i]));
-            let stored = earlier.unwrap_or(Stored {
-                chunk: division.chunks.len(),
-                mirror: None,
+            let earlier = (0..mirrors.len()).find_map(|i| {
+                let chunk = division.image(place, &mirrors[i])?;
+                Some((chunk, Some(i)))
             });
-            if stored.mirror.is_none() {
+            let stored = earlier.unwrap_or((division.chunks.len(), None));
+            if earlier.is_none() {
                 division.chunks.push(place);
             }
             division.stored.push(stored);
@@ -245,34 +241,30 @@ impl Division {
         division
     }
 
-    /// Where `place` is stored if mirror number `i` carries it to a chunk.
-    fn image(&self, place: usize, i: usize, mirror: &Mirror) -> Option<Stored> {
+    /// Finds the chunk to which `mirror` carries `place`, if there is one.
+    fn image(&self, place: usize, mirror: &Mirror) -> Option<usize> {
         let (cell, block) = self.split(place);
         let cell = mirror.cell(&cell, &self.cells)?;
         let block = match self.blocks {
             1 => 0,
             _ => mirror.face(block),
         };
-        let image = self.place(&cell, block);
-        let chunk = self.chunks.binary_search(&image).ok()?;
-        Some(Stored {
-            chunk,
-            mirror: Some(i),
-        })
+        self.chunks.binary_search(&self.place(&cell, block)).ok()
     }
 
-    /// The number of chunks.
+    /// Returns the number of chunks.
     pub fn chunks(&self) -> usize {
         self.chunks.len()
     }
 
-    /// The cell (along each parameter) and the block of a chunk.
+    /// Returns the cell (along each parameter) and the block of a chunk.
     pub fn of(&self, chunk: usize) -> (Vec<usize>, usize) {
         self.split(self.chunks[chunk])
     }
 
-    /// Where `block` of `cell` is stored.
-    pub fn stored(&self, cell: &[usize], block: usize) -> Stored {
+    /// Finds the chunk that stores `block` of `cell`, and the mirror that carries them to those of the
+    /// chunk; no mirror if they are its own.
+    pub fn stored(&self, cell: &[usize], block: usize) -> (usize, Option<usize>) {
         self.stored[self.place(cell, block)]
     }
 
@@ -293,7 +285,7 @@ impl Division {
 }
 
 #[cfg(test)]
-mod division_tests {
+mod tests {
     use super::*;
 
     #[test]
@@ -302,9 +294,15 @@ mod division_tests {
         assert_eq!(division.chunks(), 36);
         for chunk in 0..36 {
             let (cell, face) = division.of(chunk);
-            let stored = division.stored(&cell, face);
-            assert_eq!((stored.chunk, stored.mirror), (chunk, None));
+            assert_eq!(division.stored(&cell, face), (chunk, None));
         }
         assert_eq!(division.of(7), (vec![1, 0], 1));
+    }
+
+    #[test]
+    fn fans_and_tables_can_be_given_to_other_threads() {
+        fn shareable<T: Send + Sync + 'static>() {}
+        shareable::<Table>();
+        shareable::<Fan>();
     }
 }

@@ -1,8 +1,8 @@
 //! Quantised Chebyshev coefficients of one group of channels, as a tensor train.
 //!
 //! In: real cores and a step. Out: rounded cores, coded with those of the other patches of a chunk
-//! ([`Tensor::encode`]), and the small table that remains when the camera is fixed
-//! ([`Tensor::contract`]); the tensor itself is never unpacked.
+//! ([`Tensor::encode`]); the small table that remains when the camera is fixed ([`Tensor::contract`]); and
+//! the coefficients of single rays ([`Tensor::at_many`]). The tensor itself is never unpacked.
 //!
 //! A tensor with axes (camera…, direction…, arc length, channel) is a product of cores
 //! `C_1 D_1 C_2 D_2 … C_d`, each over one axis (the last over arc length and channel), in the order
@@ -10,33 +10,20 @@
 //! the cores are multiplied by them: `C_k` is then the centre of a train that is orthogonal to both
 //! sides, so that one step for all cores makes each rounded integer cost the same error (I. V.
 //! Oseledets, *Tensor-train decomposition*, SIAM J. Sci. Comput. 33 (2011)). Its columns and rows are
-//! orthogonal too, and what that leaves free is what a file holds ([`super::reflections`]: an eighth
-//! fewer bytes for three bumps on a quarter of a floor). [`Layout::Plain`] is the same with a single core over all
-//! axes: where ranks explode it is smaller.
-//!
-//! How the axes of a tensor are shared out among the cores of its train.
-//!
-//! A tensor has ray axes (camera…, direction…), and last the arc length and the channel. In a train
-//! each ray axis has a core of its own, in any order, and arc length and channel share the last. The
-//! order matters: ranks are small where axes that belong together stand together, and which do
-//! depends on the manifold, the region and the face of directions.
-//!
-//! Many single rays of a tensor at once.
-//!
-//! In: a [`Tensor`] and the parameters of rays. Out: for each what [`Tensor::at`] gives. The cores of a
-//! train are made real once and multiplied by all rays together, from the first to the last: every
-//! integer is then read as often as there are blocks of rays, not as there are rays.
+//! orthogonal too, and a file holds only the numbers that this leaves free ([`crate::householder`]: an
+//! eighth fewer bytes for three bumps on a quarter of a floor). [`Layout::Plain`] has a single core over
+//! all axes: where ranks explode it is smaller.
 
-use crate::parallel::*;
 use crate::{
-    coder::{Coded, Integers},
+    coder::{IntegerDecoder, IntegerEncoder},
     contracted::{self, Contracted},
-    decode::{DecodeError, Reader, Writer},
+    decode::{ByteReader, DecodeError},
     matrix::{added, product},
-    polynomial::{Variables, Weights},
-    rdoq::ungrade,
-    train_core::{Along, Core, Factor, Link, Power, Step, chained},
-    tree::Shape,
+    parallel::*,
+    polynomial::{TermWeights, Variables},
+    rdoq::unweight,
+    train_core::{Core, Factor, OpenMatrix, Power, Step, axis_along, matrix_chain},
+    tree::TensorShape,
 };
 use geofan_expr::real::Real;
 use std::sync::{Arc, OnceLock};
@@ -44,25 +31,25 @@ use std::sync::{Arc, OnceLock};
 /// Quantised coefficients of one group of channels.
 #[derive(Debug, Clone)]
 pub struct Tensor {
-    pub(super) layout: Layout,
-    pub(super) variables: Variables,
-    pub(super) step: Step,
-    pub(super) cores: Vec<Core>,
-    /// The last core as cameras take it, once one has.
-    pub(super) rows: OnceLock<Arc<[f32]>>,
+    pub(crate) layout: Layout,
+    pub(crate) variables: Variables,
+    pub(crate) step: Step,
+    pub(crate) cores: Vec<Core>,
+    /// The last core as cameras take it, once one has asked for it.
+    pub(crate) rows: OnceLock<Arc<[f32]>>,
 }
 
 impl Tensor {
-    /// The number of axes: camera…, direction…, arc length, channel.
+    /// Counts the axes: camera…, direction…, arc length, channel.
     fn axes(&self) -> usize {
         self.cores.iter().map(|core| core.shape.len() - 2).sum()
     }
 
-    pub(super) fn table_axes(&self) -> Vec<Vec<usize>> {
+    pub(crate) fn table_axes(&self) -> Vec<Vec<usize>> {
         self.layout.cores(self.axes() - 2)
     }
 
-    /// The lengths of the axes (camera…, direction…, arc length, channel).
+    /// Returns the lengths of the axes (camera…, direction…, arc length, channel).
     pub fn shape(&self) -> Vec<usize> {
         let mut shape = vec![0; self.axes()];
         for (axes, core) in self.table_axes().iter().zip(&self.cores) {
@@ -73,22 +60,22 @@ impl Tensor {
         shape
     }
 
-    /// The ranks of the bonds; none in the plain layout.
+    /// Returns the ranks of the bonds; none in the plain layout.
     pub fn ranks(&self) -> Vec<usize> {
         let inner = &self.cores[..self.cores.len() - 1];
         inner.iter().map(|core| core.scales.len()).collect()
     }
 
-    /// The cores with the axes summed out that have `weights`.
-    pub(super) fn links<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<Link<T>> {
+    /// Sums out the axes of the cores that have `weights`.
+    pub(crate) fn matrices<T: Real>(&self, weights: &[Option<&[T]>]) -> Vec<OpenMatrix<T>> {
         let axes = self.table_axes();
-        let links = axes.iter().zip(&self.cores);
-        links
-            .map(|(axes, core)| self.link(axes, core, weights))
+        let matrices = axes.iter().zip(&self.cores);
+        matrices
+            .map(|(axes, core)| self.matrix(axes, core, weights))
             .collect()
     }
 
-    /// The first `count` of them as factors of a product, where those `weights` are of cameras.
+    /// Returns the first `count` cores as factors of a chain, where those `weights` are of cameras.
     fn factors<'c, T: Real>(
         &'c self,
         weights: &[Option<&'c [T]>],
@@ -110,45 +97,54 @@ impl Tensor {
         let unit = self.step.value();
         match axes {
             [axis] => match weights[*axis] {
-                None => Factor::Kept(core, unit),
+                None => Factor::Packed(core, unit),
                 Some(weights) => Factor::Summed(core, weights, unit),
             },
-            _ => Factor::Known(self.link(axes, core, weights)),
+            _ => Factor::Known(self.matrix(axes, core, weights)),
         }
     }
 
-    /// One of them, over `axes`.
-    fn link<T: Real>(&self, axes: &[usize], core: &Core, weights: &[Option<&[T]>]) -> Link<T> {
+    /// Sums out those of the `axes` of one core that have `weights`.
+    fn matrix<T: Real>(
+        &self,
+        axes: &[usize],
+        core: &Core,
+        weights: &[Option<&[T]>],
+    ) -> OpenMatrix<T> {
         let weights: Vec<Option<&[T]>> = axes.iter().map(|a| weights[*a]).collect();
         // The unit of the step belongs to every core.
         let mut values = core.closed(&weights, self.step.value());
         if axes.len() > 1 {
-            ungrade(&mut values, &core.shape);
+            unweight(&mut values, &core.shape);
         }
-        Link {
+        OpenMatrix {
             left: core.shape[0],
             right: core.shape[core.shape.len() - 1],
             values,
         }
     }
 
-    /// `links` with those over directions made anew with other `weights`.
-    fn turned<T: Real>(&self, links: &[Link<T>], weights: &[Option<&[T]>]) -> Vec<Link<T>> {
+    /// Copies `matrices`, those over directions made anew with other `weights`.
+    fn with_directions<T: Real>(
+        &self,
+        matrices: &[OpenMatrix<T>],
+        weights: &[Option<&[T]>],
+    ) -> Vec<OpenMatrix<T>> {
         let rays = self.axes() - 2;
         let directions = self.variables.cameras..rays;
         let axes = self.table_axes();
-        let cores = axes.iter().zip(&self.cores).zip(links);
-        let link = |((axes, core), link): ((&Vec<usize>, &Core), &Link<T>)| match axes
+        let cores = axes.iter().zip(&self.cores).zip(matrices);
+        let matrix = |((axes, core), matrix): ((&Vec<usize>, &Core), &OpenMatrix<T>)| match axes
             .iter()
             .any(|axis| directions.contains(axis))
         {
-            true => self.link(axes, core, weights),
-            false => link.clone(),
+            true => self.matrix(axes, core, weights),
+            false => matrix.clone(),
         };
-        cores.map(link).collect()
+        cores.map(matrix).collect()
     }
 
-    /// The ray axes without `weights`, in the order of the cores.
+    /// Lists the ray axes without `weights`, in the order of the cores.
     fn open<T>(&self, weights: &[Option<&[T]>]) -> Vec<usize> {
         let axes = self.table_axes().concat();
         let open = |axis: &usize| weights[*axis].is_none();
@@ -159,10 +155,9 @@ impl Tensor {
             .collect()
     }
 
-    /// The table over (direction 1, direction 2, arc length, channel) that remains at camera
-    /// parameters `camera` in [−1, 1]; with one direction parameter the second axis has length 1.
-    /// In single precision, as the table is kept: rounding adds 1e-7 or so of the largest
-    /// coefficient.
+    /// Contracts the camera axes at the parameters `camera` in [−1, 1] to a table over (direction 1,
+    /// direction 2, arc length, channel); with one direction parameter the second axis has length 1. In
+    /// single precision, as the table is stored: rounding adds 1e-7 or so of the largest coefficient.
     pub fn contract(&self, camera: &[f64]) -> Contracted {
         let shape = self.shape();
         let weights = &self.variables.weights::<f32>(&shape, camera)[0];
@@ -174,61 +169,64 @@ impl Tensor {
         let split = before > 0 && rank < row;
         let factors = self.factors(&weights, before + usize::from(!split));
         let width = if split { rank } else { row };
-        let table = in_table_order(chained(factors), &self.open(&weights), &shape, width);
+        let table = in_table_order(matrix_chain(factors), &self.open(&weights), &shape, width);
         let rows = split.then(|| self.rows(row));
         Contracted::new(&shape[camera.len()..], &table, rows, self.variables)
     }
 
-    /// The last core as rows of `row` numbers.
+    /// Returns the last core as rows of `row` numbers.
     fn rows(&self, row: usize) -> Arc<[f32]> {
         let make = || {
             let last = self.cores.len() - 1;
             let open = vec![None; self.axes()];
-            let link: Link<f32> = self.link(&self.table_axes()[last], &self.cores[last], &open);
-            contracted::rows(&link.values, row)
+            let matrix: OpenMatrix<f32> =
+                self.matrix(&self.table_axes()[last], &self.cores[last], &open);
+            contracted::rows(&matrix.values, row)
         };
         self.rows.get_or_init(make).clone()
     }
 
-    /// The coefficients that remain at parameters in [−1, 1] of the first axes, in table order. With
-    /// camera and direction, for a single ray, that is cheaper than [`Tensor::contract`].
+    /// Computes the coefficients that remain at parameters in [−1, 1] of the first axes, in table order.
+    /// With camera and direction, for a single ray, that is cheaper than [`Tensor::contract`].
     pub fn at(&self, parameters: &[f64]) -> Vec<f64> {
         self.at_in(parameters)
     }
 
     fn at_in<T: Real>(&self, parameters: &[f64]) -> Vec<T> {
         let shape = self.shape();
-        let sets: Vec<Weights<T>> = self.variables.weights(&shape, parameters);
+        let sets: Vec<TermWeights<T>> = self.variables.weights(&shape, parameters);
         let sets = sets.iter().map(|weights| open_beyond(weights, shape.len()));
         let sets: Vec<Vec<Option<&[T]>>> = sets.collect();
         let row = shape[shape.len() - 2..].iter().product();
-        let (open, links) = (self.open(&sets[0]), self.links(&sets[0]));
-        let others = sets[1..].iter().map(|weights| self.turned(&links, weights));
-        let mut all: Vec<Vec<Link<T>>> = others.collect();
-        all.push(links);
-        let sum = |links: Vec<Link<T>>| {
-            let factors = links.into_iter().map(Factor::Known).collect();
-            in_table_order(chained(factors), &open, &shape, row)
+        let (open, matrices) = (self.open(&sets[0]), self.matrices(&sets[0]));
+        let others = sets[1..]
+            .iter()
+            .map(|weights| self.with_directions(&matrices, weights));
+        let mut all: Vec<Vec<OpenMatrix<T>>> = others.collect();
+        all.push(matrices);
+        let sum = |matrices: Vec<OpenMatrix<T>>| {
+            let factors = matrices.into_iter().map(Factor::Known).collect();
+            in_table_order(matrix_chain(factors), &open, &shape, row)
         };
         added(&all.into_iter().map(sum).collect::<Vec<_>>())
     }
 
-    /// How many integers it holds, of 32 bits each.
+    /// Counts the integers that it holds, of 32 bits each.
     pub fn integers(&self) -> usize {
         self.cores.iter().map(Core::integers).sum()
     }
 
-    /// About how many bytes it takes in a chunk, where it shares what is learnt with other tensors.
+    /// Estimates the bytes that it takes in a chunk, where models are shared with other tensors.
     pub fn bytes(&self) -> usize {
-        let (mut structure, mut integers) = (Writer::default(), Integers::new());
+        let (mut structure, mut integers) = (Vec::new(), IntegerEncoder::new());
         self.encode(&mut structure, &mut integers);
-        structure.0.len() + integers.bytes()
+        structure.len() + integers.bytes()
     }
 
     /// Writes the tensor: its shape to `out`, its integers to `integers`.
-    pub fn encode(&self, out: &mut Writer, integers: &mut Integers) {
-        out.u8(self.layout.code());
-        out.i16(self.step.0);
+    pub fn encode(&self, out: &mut Vec<u8>, integers: &mut IntegerEncoder) {
+        out.push(self.layout.code());
+        out.extend(self.step.0.to_le_bytes());
         for core in &self.cores {
             core.encode(out, integers, self.step);
         }
@@ -239,11 +237,11 @@ impl Tensor {
     /// # Errors
     /// It is not one.
     pub fn decode(
-        input: &mut Reader<'_>,
-        coded: &mut Coded,
-        shape: Shape,
+        input: &mut ByteReader<'_>,
+        integers: &mut IntegerDecoder,
+        shape: TensorShape,
     ) -> Result<Self, DecodeError> {
-        let Shape {
+        let TensorShape {
             variables,
             directions,
             channels,
@@ -256,9 +254,9 @@ impl Tensor {
         let axes = layout.cores(rays);
         for (k, axes_of_core) in axes.iter().enumerate() {
             let last = k + 1 == axes.len();
-            let along = Along::of(axes_of_core, variables.cameras);
+            let along = axis_along(axes_of_core, variables.cameras);
             let read = (axes_of_core.len(), along);
-            let core = Core::decode(input, coded, (cores.last(), last), read, step)?;
+            let core = Core::decode(input, integers, (cores.last(), last), read, step)?;
             if last && core.shape[axes_of_core.len()] != channels {
                 return Err(DecodeError("number of channels"));
             }
@@ -274,14 +272,14 @@ impl Tensor {
     }
 }
 
-/// The weights of the first axes and none for the others of `axes`.
+/// Pads the weights of the first axes with none for the others of `axes`.
 fn open_beyond<T>(weights: &[Vec<T>], axes: usize) -> Vec<Option<&[T]>> {
     let mut all: Vec<Option<&[T]>> = weights.iter().map(|w| Some(w.as_slice())).collect();
     all.resize(axes, None);
     all
 }
 
-/// `values` over the ray axes `rays` and rows of `row` numbers, put in ascending order of axes.
+/// Puts `values` over the ray axes `rays` and rows of `row` numbers in ascending order of axes.
 fn in_table_order<T: Copy>(values: Vec<T>, rays: &[usize], shape: &[usize], row: usize) -> Vec<T> {
     if rays.is_sorted() {
         return values;
@@ -305,7 +303,9 @@ fn in_table_order<T: Copy>(values: Vec<T>, rays: &[usize], shape: &[usize], row:
     rows.copied().collect()
 }
 
-/// How the axes are shared out among cores.
+/// The assignment of axes to the cores of a train. Each ray axis has a core of its own, in any order; arc
+/// length and channel share the last. The order matters: ranks are small where axes that belong together
+/// stand together, and which do depends on the manifold, the region and the face of directions.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Layout {
     /// One core over all axes.
@@ -315,7 +315,7 @@ pub enum Layout {
 }
 
 impl Layout {
-    /// The train that pairs each camera axis with a direction axis.
+    /// Pairs each camera axis with a direction axis.
     pub fn paired(cameras: usize, directions: usize) -> Self {
         let mut order = Vec::new();
         for j in 0..cameras.max(directions) {
@@ -325,7 +325,7 @@ impl Layout {
         Self::Train(order)
     }
 
-    /// The axes of each core of a tensor of so many ray axes.
+    /// Lists the axes of each core of a tensor of so many ray axes.
     pub fn cores(&self, rays: usize) -> Vec<Vec<usize>> {
         match self {
             Self::Plain => vec![(0..rays + 2).collect()],
@@ -336,7 +336,7 @@ impl Layout {
         }
     }
 
-    /// A number that stands for the layout: 0, or one more than the rank of the order among all
+    /// Returns the number that stands for the layout: 0, or one more than the rank of the order among all
     /// orders sorted like words.
     pub fn code(&self) -> u8 {
         let Self::Train(order) = self else { return 0 };
@@ -345,7 +345,7 @@ impl Layout {
         1 + rank as u8
     }
 
-    /// The layout of `rays` ray axes, five at most, that `code` stands for; `None` if there is none.
+    /// Finds the layout of `rays` ray axes, five at most, that `code` stands for; `None` if there is none.
     pub fn of_code(code: u8, rays: usize) -> Option<Self> {
         let Some(mut rank) = usize::from(code).checked_sub(1) else {
             return Some(Self::Plain);
@@ -368,13 +368,14 @@ impl Layout {
 const RAYS: usize = 24;
 
 impl Tensor {
-    /// [`Tensor::at`] for many `points` (parameters of all cameras and directions).
+    /// Evaluates [`Tensor::at`] at many `points` (parameters of all cameras and directions): the cores are made
+    /// real once and multiplied by blocks of rays, so every integer is read once for a block, not for a ray.
     pub fn at_many(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
         self.many::<f64>(points)
     }
 
-    /// The same in single precision, as tables are read for pictures, in half the time: rounding adds 1e-7
-    /// or so of the largest coefficient.
+    /// Evaluates in single precision, as tables are read for pictures, in half the time: rounding adds 1e-7 or
+    /// so of the largest coefficient.
     pub fn at_many_in_single(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
         self.many::<f32>(points)
     }
@@ -383,17 +384,17 @@ impl Tensor {
         if self.layout == Layout::Plain {
             return points.par_iter().map(|x| self.at(x)).collect();
         }
-        let cores = self.links::<T>(&vec![None; self.shape().len()]);
+        let cores = self.matrices::<T>(&vec![None; self.shape().len()]);
         let blocks = points.par_chunks(RAYS);
         let blocks = blocks.map(|points| self.block(&cores, points));
         blocks.collect::<Vec<_>>().concat()
     }
 
-    /// The rows that remain of `cores` at `points`.
-    fn block<T: Real>(&self, cores: &[Link<T>], points: &[&[f64]]) -> Vec<Vec<f64>> {
+    /// Multiplies `cores` by the weights of `points`, from the first to the last: the rows that remain.
+    fn block<T: Real>(&self, cores: &[OpenMatrix<T>], points: &[&[f64]]) -> Vec<Vec<f64>> {
         let shape = self.shape();
         let sets = points.iter().map(|x| self.variables.weights(&shape, x));
-        let sets: Vec<Vec<Weights<T>>> = sets.collect();
+        let sets: Vec<Vec<TermWeights<T>>> = sets.collect();
         let axes = self.table_axes();
         let is_direction = |k: &usize| axes[*k][0] >= self.variables.cameras;
         let (last, rays) = (cores.len() - 1, 0..cores.len() - 1);
@@ -426,7 +427,7 @@ impl Tensor {
     }
 }
 
-/// Adds each of `values` times each of `weights`, these running fastest.
+/// Appends each of `values` times each of `weights`, these running fastest.
 fn put_products<T: Real>(values: &[T], weights: &[T], to: &mut Vec<T>) {
     for x in values {
         to.extend(weights.iter().map(|w| *x * *w));

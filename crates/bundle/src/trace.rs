@@ -60,7 +60,7 @@ pub fn trace(
     })
 }
 
-fn at(manifold: &Manifold, path: &TablePath<'_, '_>, s: f64) -> Option<Sample> {
+fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {
     let (u, v) = path.at(s)?;
     let u = manifold.domain.wrap(u);
     let observer = manifold.observer(u);

@@ -2,39 +2,41 @@
 //!
 //! A chunk covers one cell of camera parameters, one face of directions or all of them, and all arc
 //! lengths, all in [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one
-//! axis at a time down to patches. Axes are numbered camera…, direction…, arc length.
+//! axis at a time down to patches. Axes are numbered camera…, direction…, arc length. In: boxes. Out: the
+//! bytes of a chunk, and back. The same tree holds what is left of its patches at a fixed camera
+//! ([`crate::Fan`]).
 
 use crate::{
-    coder::{Coded, Integers},
-    decode::{DecodeError, Reader, Writer},
+    coder::{IntegerDecoder, IntegerEncoder},
+    decode::{ByteReader, DecodeError, put_bytes},
     polynomial::Variables,
     rays::FACES,
     tensor::Tensor,
 };
 use std::sync::Arc;
 
-/// A box of the table, divided or not.
+/// A box of the table, divided or not; `P` is a patch.
 #[derive(Debug, Clone)]
-pub enum Tree {
+pub enum Tree<P = Arc<Tensor>> {
     /// Halved at the middle of `axis`.
     Split {
         /// The axis.
         axis: usize,
         /// The lower and the upper half.
-        halves: Box<[Tree; 2]>,
+        halves: Box<[Self; 2]>,
     },
     /// All directions parted into their faces.
-    Faces(Box<[Tree; FACES]>),
+    Faces(Box<[Self; FACES]>),
     /// A patch: one polynomial for all its paths.
-    Leaf(Arc<Tensor>),
+    Leaf(P),
     /// Given up: rays here are integrated exactly.
     Flagged,
 }
 
-/// What a tree's tensors must look like.
+/// The axes that the tensors of a chunk must have.
 #[derive(Debug, Clone, Copy)]
-pub struct Shape {
-    /// Of cameras and directions.
+pub struct TensorShape {
+    /// The variables of cameras and directions.
     pub variables: Variables,
     /// Direction axes.
     pub directions: usize,
@@ -45,103 +47,22 @@ pub struct Shape {
 /// Deepest tree accepted from a file; bakes stop far earlier.
 const DEEPEST: usize = 64;
 
-impl Tree {
-    /// The bytes of a chunk.
-    pub fn encode(&self) -> Vec<u8> {
-        let (mut structure, mut integers) = (Writer::default(), Integers::new());
-        self.put(&mut structure, &mut integers);
-        let mut out = Writer::default();
-        integers.encode(&mut out);
-        out.bytes(&structure.0);
-        out.0
-    }
+/// Bytes that stand for boxes without halves; those with halves are told by their axis.
+const FLAGGED: u8 = 255;
+const PATCH: u8 = 254;
+const PARTED: u8 = 253;
 
-    fn put(&self, out: &mut Writer, integers: &mut Integers) {
-        match self {
-            Tree::Split { axis, halves } => {
-                out.u8(*axis as u8);
-                halves.iter().for_each(|half| half.put(out, integers));
-            }
-            Tree::Faces(faces) => {
-                out.u8(PARTED);
-                faces.iter().for_each(|face| face.put(out, integers));
-            }
-            Tree::Flagged => out.u8(FLAGGED),
-            Tree::Leaf(tensor) => {
-                out.u8(PATCH);
-                tensor.encode(out, integers);
-            }
-        }
+/// Finds the half of [−1, 1] that holds `x`, and the coordinate there, in [−1, 1] again.
+pub(crate) fn half(x: f64) -> (usize, f64) {
+    if x < 0.0 {
+        (0, 2.0 * x + 1.0)
+    } else {
+        (1, 2.0 * x - 1.0)
     }
+}
 
-    /// Reads what [`Tree::encode`] wrote.
-    ///
-    /// # Errors
-    /// The bytes are not a chunk of tensors of this shape.
-    pub fn decode(bytes: &[u8], shape: Shape) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, Coded::decode)
-    }
-
-    /// The same with zeros for all numbers, which need not be decoded: what boxes there are.
-    ///
-    /// # Errors
-    /// The bytes are not a chunk of tensors of this shape.
-    pub fn outline(bytes: &[u8], shape: Shape) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, Coded::zeros)
-    }
-
-    fn read(
-        bytes: &[u8],
-        shape: Shape,
-        coded: fn(&mut Reader<'_>) -> Result<Coded, DecodeError>,
-    ) -> Result<Self, DecodeError> {
-        let mut input = Reader(bytes);
-        let mut coded = coded(&mut input)?;
-        let mut structure = Reader(input.bytes()?);
-        input.finish()?;
-        let tree = Self::take(&mut structure, &mut coded, shape, 0)?;
-        structure.finish()?;
-        coded.finish()?;
-        Ok(tree)
-    }
-
-    fn take(
-        input: &mut Reader<'_>,
-        coded: &mut Coded,
-        shape: Shape,
-        depth: usize,
-    ) -> Result<Self, DecodeError> {
-        if depth > DEEPEST {
-            return Err(DecodeError("depth of the tree"));
-        }
-        match input.u8()? {
-            FLAGGED => Ok(Tree::Flagged),
-            PATCH => {
-                let tensor = Tensor::decode(input, coded, shape)?;
-                Ok(Tree::Leaf(Arc::new(tensor)))
-            }
-            PARTED if shape.variables.sphere => {
-                let shape = shape.of_a_face();
-                let face = |_| Self::take(input, coded, shape, depth + 1);
-                let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
-                let faces = faces?.try_into();
-                Ok(Tree::Faces(
-                    faces.map_err(|_| DecodeError("number of faces"))?,
-                ))
-            }
-            axis if shape.may_halve(usize::from(axis)) => {
-                let low = Self::take(input, coded, shape, depth + 1)?;
-                let high = Self::take(input, coded, shape, depth + 1)?;
-                Ok(Tree::Split {
-                    axis: usize::from(axis),
-                    halves: Box::new([low, high]),
-                })
-            }
-            _ => Err(DecodeError("kind of a box")),
-        }
-    }
-
-    /// How many patches and flagged boxes there are.
+impl<P> Tree<P> {
+    /// Counts patches and flagged boxes.
     pub fn count(&self) -> (usize, usize) {
         match self {
             Tree::Leaf(_) => (1, 0),
@@ -152,14 +73,117 @@ impl Tree {
     }
 }
 
-impl Shape {
-    /// What the tensors of a single face must look like.
+/// Counts the patches and flagged boxes of all `parts`.
+fn counts<P>(parts: &[Tree<P>]) -> (usize, usize) {
+    let counts = parts.iter().map(Tree::count);
+    counts.fold((0, 0), |(a, b), (c, d)| (a + c, b + d))
+}
+
+impl Tree {
+    /// Writes the bytes of a chunk: all integers of its tensors together, then boxes and shapes.
+    pub fn encode(&self) -> Vec<u8> {
+        let (mut structure, mut integers) = (Vec::new(), IntegerEncoder::new());
+        self.put(&mut structure, &mut integers);
+        let mut out = Vec::new();
+        integers.finish(&mut out);
+        put_bytes(&mut out, &structure);
+        out
+    }
+
+    fn put(&self, out: &mut Vec<u8>, integers: &mut IntegerEncoder) {
+        match self {
+            Tree::Split { axis, halves } => {
+                out.push(*axis as u8);
+                halves.iter().for_each(|half| half.put(out, integers));
+            }
+            Tree::Faces(faces) => {
+                out.push(PARTED);
+                faces.iter().for_each(|face| face.put(out, integers));
+            }
+            Tree::Flagged => out.push(FLAGGED),
+            Tree::Leaf(tensor) => {
+                out.push(PATCH);
+                tensor.encode(out, integers);
+            }
+        }
+    }
+
+    /// Reads what [`Tree::encode`] wrote.
+    ///
+    /// # Errors
+    /// The bytes are not a chunk of tensors of this shape.
+    pub fn decode(bytes: &[u8], shape: TensorShape) -> Result<Self, DecodeError> {
+        Self::read(bytes, shape, IntegerDecoder::new)
+    }
+
+    /// Reads the boxes alone, with zeros for all integers, which need not be decoded.
+    ///
+    /// # Errors
+    /// The bytes are not a chunk of tensors of this shape.
+    pub fn outline(bytes: &[u8], shape: TensorShape) -> Result<Self, DecodeError> {
+        Self::read(bytes, shape, IntegerDecoder::zeros)
+    }
+
+    fn read(
+        bytes: &[u8],
+        shape: TensorShape,
+        decoder: fn(&mut ByteReader<'_>) -> Result<IntegerDecoder, DecodeError>,
+    ) -> Result<Self, DecodeError> {
+        let mut input = ByteReader(bytes);
+        let mut integers = decoder(&mut input)?;
+        let mut structure = ByteReader(input.bytes()?);
+        input.finish()?;
+        let tree = Self::take(&mut structure, &mut integers, shape, 0)?;
+        structure.finish()?;
+        integers.finish()?;
+        Ok(tree)
+    }
+
+    fn take(
+        input: &mut ByteReader<'_>,
+        integers: &mut IntegerDecoder,
+        shape: TensorShape,
+        depth: usize,
+    ) -> Result<Self, DecodeError> {
+        if depth > DEEPEST {
+            return Err(DecodeError("depth of the tree"));
+        }
+        match input.u8()? {
+            FLAGGED => Ok(Tree::Flagged),
+            PATCH => {
+                let tensor = Tensor::decode(input, integers, shape)?;
+                Ok(Tree::Leaf(Arc::new(tensor)))
+            }
+            PARTED if shape.variables.sphere => {
+                let shape = shape.of_a_face();
+                let face = |_| Self::take(input, integers, shape, depth + 1);
+                let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
+                let faces = faces?.try_into();
+                Ok(Tree::Faces(
+                    faces.map_err(|_| DecodeError("number of faces"))?,
+                ))
+            }
+            axis if shape.may_halve(usize::from(axis)) => {
+                let low = Self::take(input, integers, shape, depth + 1)?;
+                let high = Self::take(input, integers, shape, depth + 1)?;
+                Ok(Tree::Split {
+                    axis: usize::from(axis),
+                    halves: Box::new([low, high]),
+                })
+            }
+            _ => Err(DecodeError("kind of a box")),
+        }
+    }
+}
+
+impl TensorShape {
+    /// Returns the shape of the tensors of a single face.
     fn of_a_face(mut self) -> Self {
         self.variables.sphere = false;
         self
     }
 
-    /// Whether boxes can be halved along `axis`: the whole sphere has no halves.
+    /// Tells whether boxes can be halved along `axis`: the whole sphere has no halves.
     fn may_halve(&self, axis: usize) -> bool {
         let (cameras, arc) = (
             self.variables.cameras,
@@ -169,16 +193,6 @@ impl Shape {
     }
 }
 
-/// The patches and flagged boxes of all `parts`.
-fn counts(parts: &[Tree]) -> (usize, usize) {
-    let counts = parts.iter().map(Tree::count);
-    counts.fold((0, 0), |(a, b), (c, d)| (a + c, b + d))
-}
-
-const FLAGGED: u8 = 255;
-const PATCH: u8 = 254;
-const PARTED: u8 = 253;
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -187,8 +201,8 @@ mod tests {
     };
     use ndarray::{ArrayD, IxDyn};
 
-    fn shape(sphere: bool) -> Shape {
-        Shape {
+    fn shape(sphere: bool) -> TensorShape {
+        TensorShape {
             variables: Variables {
                 cameras: 1,
                 stretch: MappedChebyshev::new(0.5),
