@@ -165,9 +165,6 @@ impl ManifoldSweep<'_> {
         division.apply(&mut plan);
         let space = plan.applied(space);
         let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
-        // Parts of an earlier run would make this bake look quicker than it is.
-        let parts = Parts::open(path)?;
-        parts.discard()?;
         let job = Job {
             space: &space,
             plan: &plan,
@@ -176,14 +173,7 @@ impl ManifoldSweep<'_> {
             // The bytes that are counted while a bake runs are an estimate, at times far too large.
             most_bytes: None,
         };
-        let limited = TimeLimit {
-            observer: self.observer,
-            began: TimeSpent::now(),
-            seconds: self.effort.limits.seconds,
-        };
-        let ended = job.run(&parts, &limited)?;
-        parts.remove()?;
-        let chunks = match ended {
+        let chunks = match self.run(&job, path)? {
             Ended::Done(chunks) => chunks,
             Ended::Interrupted if self.observer.cancelled() => return Err(interrupted()),
             Ended::Interrupted | Ended::TooLarge { .. } => return Ok(None),
@@ -202,6 +192,21 @@ impl ManifoldSweep<'_> {
             spent,
             rays,
         }))
+    }
+
+    /// Runs a bake within the limit of time; its parts lie beside the file `path`.
+    fn run(&self, job: &Job<'_>, path: &Path) -> Result<Ended> {
+        // Parts of an earlier run would make this bake look quicker than it is.
+        let parts = Parts::open(path)?;
+        parts.discard()?;
+        let limited = TimeLimit {
+            observer: self.observer,
+            began: TimeSpent::now(),
+            seconds: self.effort.limits.seconds,
+        };
+        let ended = job.run(&parts, &limited)?;
+        parts.remove()?;
+        Ok(ended)
     }
 }
 
