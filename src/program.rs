@@ -2,65 +2,73 @@
 //! in `commands/`.
 
 use crate::{
-    commands::{BakeCommand, Command},
+    commands::Command,
     terminal::{self, CommonArgs},
 };
-use std::process::ExitCode;
+use clap::CommandFactory;
+use std::{ffi::OsString, process::ExitCode};
 
 /// Geodesic lookup tables for curved 3-dimensional spaces: bake, inspect, render
 #[derive(Debug, clap::Parser)]
-#[command(name = "geofan", version, arg_required_else_help = true)]
-pub(crate) struct Geofan {
+#[command(
+    name = "geofan",
+    version,
+    propagate_version = true,
+    arg_required_else_help = true
+)]
+struct Geofan {
     #[command(flatten)]
     common: CommonArgs,
     #[command(subcommand)]
     command: Command,
 }
 
-/// Bakes geodesic bundles: another name for `geofan bake`
-#[derive(Debug, clap::Parser)]
-#[command(
-    name = "geofan-bake",
-    version,
-    arg_required_else_help = true,
-    subcommand_negates_reqs = true
-)]
-struct GeofanBake {
-    #[command(flatten)]
-    common: CommonArgs,
-    #[command(flatten)]
-    command: BakeCommand,
+/// Returns the definition of the command line of `geofan`.
+pub(crate) fn command_line() -> clap::Command {
+    Geofan::command()
 }
 
 /// Runs the program `geofan`.
 pub fn geofan() -> ExitCode {
-    let cli: Geofan = terminal::parse();
-    terminal::run(&cli.common, || cli.command.run(&cli.common))
+    run(std::env::args_os())
 }
 
-/// Runs the program `geofan-bake`.
+/// Runs the program `geofan-bake`: another name for `geofan bake`.
 pub fn geofan_bake() -> ExitCode {
-    let cli: GeofanBake = terminal::parse();
-    terminal::run(&cli.common, || cli.command.run(&cli.common))
+    run(as_geofan(std::env::args_os()))
+}
+
+/// Runs a command line.
+fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let parsed: Geofan = terminal::parse(arguments);
+    terminal::run(&parsed.common, || parsed.command.run(&parsed.common))
+}
+
+/// Turns the arguments of `geofan-bake` into those of `geofan bake`.
+fn as_geofan(arguments: impl IntoIterator<Item = OsString>) -> impl Iterator<Item = OsString> {
+    let own = arguments.into_iter().skip(1);
+    ["geofan", "bake"]
+        .map(OsString::from)
+        .into_iter()
+        .chain(own)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::{CommandFactory, Parser};
+    use clap::Parser;
 
     #[test]
-    fn the_command_lines_are_consistent() {
+    fn the_command_line_is_consistent() {
         Geofan::command().debug_assert();
-        GeofanBake::command().debug_assert();
     }
 
     #[test]
     fn bakes_have_two_names() {
         let read = |line: &str| {
-            let words = line.split(' ');
+            let words = line.split(' ').map(OsString::from);
             match line.starts_with("geofan-bake") {
-                true => GeofanBake::try_parse_from(words).is_ok(),
+                true => Geofan::try_parse_from(as_geofan(words)).is_ok(),
                 false => Geofan::try_parse_from(words).is_ok(),
             }
         };

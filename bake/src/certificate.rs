@@ -1,14 +1,22 @@
-//! How well a table keeps its promise: table against exact on fresh random rays.
+//! The certificate: errors of a table against exact paths on fresh random rays.
 //!
-//! In: a [`Table`], a number of [`RandomRays`] and a seed. Out: a [`Certificate`], the same for any
-//! number of threads.
+//! In: a [`Table`], a number of [`RandomRays`] and a seed. Out: a [`Certificate`], equal for any number of
+//! threads. Cameras are uniform over the region's parameters and moved by a random element of the symmetry;
+//! directions are uniform over the sphere; each ray is compared at one arc length, uniform up to the end of
+//! its exact path.
 
-use crate::random_rays::RandomRays;
 use geofan_bundle::{
     Certificate, Checked, FAR, MOST, Outlier, Table, in_bundle,
     measure::{Probe, Probed, probe, settings, with_end},
+    rays::{RaySpace, Reduction},
 };
-use geofan_core::{Result, quantiles::Quantiles};
+use geofan_core::{
+    Error, Result,
+    geodesic::check_point,
+    manifold::{CameraRegion, Manifold},
+    quantiles::Quantiles,
+    random::Stream,
+};
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -18,9 +26,9 @@ const KEY: u64 = 0x6365_7274_6966_7921;
 /// Cameras whose exact rays are followed together: those of one alone leave most lanes idle.
 const CAMERAS: usize = 16;
 
-/// The errors found on some rays, in mrad.
+/// Errors found on some rays, in mrad.
 #[derive(Default)]
-struct Errors {
+struct CertificateErrors {
     mrad: Vec<f64>,
     screen: Vec<f64>,
     sky: Vec<f64>,
@@ -43,7 +51,8 @@ pub fn certify(
     progress: impl Fn(u64) -> Result<()> + Sync,
 ) -> Result<Checked> {
     table.decode()?;
-    let groups: Result<Vec<Errors>> = RandomRays::all(&table.space, rays, [KEY, seed])
+    // The errors of groups of cameras.
+    let groups: Result<Vec<CertificateErrors>> = RandomRays::all(&table.space, rays, [KEY, seed])
         .chunks(CAMERAS)
         .map(|cameras| {
             let cameras: Vec<RandomRays> = cameras.into_iter().collect::<Result<_>>()?;
@@ -53,7 +62,8 @@ pub fn certify(
             Ok(errors)
         })
         .collect();
-    let mut all = Errors::default();
+    // All together, in order.
+    let mut all = CertificateErrors::default();
     for mut errors in groups? {
         all.mrad.append(&mut errors.mrad);
         all.screen.append(&mut errors.screen);
@@ -62,6 +72,7 @@ pub fn certify(
         all.flagged += errors.flagged;
         all.far.append(&mut errors.far);
     }
+    // The worst rays, and the quantiles of all.
     let far = all.far.len();
     all.far
         .sort_by(|a, b| b.screen_mrad.total_cmp(&a.screen_mrad));
@@ -84,11 +95,12 @@ pub fn certify(
     })
 }
 
+/// Compares the rays of some cameras, all followed together.
 fn at_cameras(
     table: &Table,
     cameras: &[RandomRays],
     (tolerance, promise): (f64, f64),
-) -> Result<Errors> {
+) -> Result<CertificateErrors> {
     let manifold = table.space.manifold();
     let rays = cameras
         .iter()
@@ -97,7 +109,7 @@ fn at_cameras(
     let shares: Vec<f64> = cameras.iter().flat_map(|c| &c.shares).copied().collect();
     let lengths = |ray: usize, end: f64| with_end(shares[ray], end);
     let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
-    let mut errors = Errors::default();
+    let mut errors = CertificateErrors::default();
     let mut probed = probed.into_iter();
     for camera in cameras {
         let exact = probed.by_ref().take(camera.directions.len());
@@ -106,8 +118,8 @@ fn at_cameras(
     Ok(errors)
 }
 
-impl Errors {
-    /// Adds those on the rays of `camera`, whose `exact` paths are these.
+impl CertificateErrors {
+    /// Adds the errors on the rays of `camera`, whose exact paths are `exact`.
     fn add(
         &mut self,
         table: &Table,
@@ -144,13 +156,94 @@ impl Errors {
     }
 }
 
+/// Random rays from one camera.
+#[derive(Debug, Clone)]
+pub struct RandomRays {
+    /// The camera.
+    pub u: DVec3,
+    /// Directions in the standard frame, unit.
+    pub directions: Vec<DVec3>,
+    /// Share of the path of each at which it is compared, in (0, 1].
+    pub shares: Vec<f64>,
+}
+
+/// Rays from each camera: fixing a camera of the table costs about as much as so many exact rays.
+const DIRECTIONS: usize = 16;
+
+/// Random cameras tried for one that lies in the domain.
+const ATTEMPTS: usize = 1000;
+
+impl RandomRays {
+    /// Draws `rays` rays of `space`, those of each camera together; another `key` gives others.
+    ///
+    /// # Errors
+    /// There is no region, or none of many cameras lies in the domain.
+    pub fn all(
+        space: &RaySpace,
+        rays: usize,
+        key: [u64; 2],
+    ) -> impl IndexedParallelIterator<Item = Result<Self>> {
+        let cameras = (0..rays.div_ceil(DIRECTIONS)).into_par_iter();
+        cameras.map(move |camera| {
+            let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
+            let mut stream = Stream::new(&[key[0], key[1], camera as u64]);
+            Ok(Self {
+                u: random_camera(space, &mut stream)?,
+                directions: (0..count).map(|_| stream.direction()).collect(),
+                shares: (0..count).map(|_| 1.0 - stream.uniform()).collect(),
+            })
+        })
+    }
+}
+
+/// Draws a camera of the region, moved by the symmetry, where rays can start.
+fn random_camera(space: &RaySpace, stream: &mut Stream) -> Result<DVec3> {
+    let manifold = space.manifold();
+    let region = manifold.cameras.as_ref();
+    let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
+    let found = (0..ATTEMPTS)
+        .map(|_| moved(space.reduction(), manifold, region, stream))
+        .find(|u| check_point(manifold, "camera", *u).is_ok());
+    found.ok_or_else(|| {
+        let message = format!("none of {ATTEMPTS} random cameras lies in the domain");
+        Error::input(&manifold.source.name, message)
+    })
+}
+
+/// Draws a point of the region and moves it by a random element of the symmetry.
+fn moved(
+    reduction: Reduction,
+    manifold: &Manifold,
+    region: &CameraRegion,
+    stream: &mut Stream,
+) -> DVec3 {
+    let t: Vec<f64> = (0..region.dimension()).map(|_| stream.uniform()).collect();
+    let mut u = region.at(&region.lerp(&t));
+    let mut anywhere = |k: usize| {
+        let [low, high] = manifold.domain.limits[k].unwrap_or([-1.0, 1.0]);
+        stream.between(low, high)
+    };
+    match reduction {
+        Reduction::Whole => {}
+        Reduction::Rotation => u = stream.rotation() * u,
+        Reduction::Translation => {
+            for k in (0..3).filter(|k| manifold.symmetry.translation[*k]) {
+                u[k] = anywhere(k);
+            }
+        }
+        // The group acts simply transitively: the identity goes to any point.
+        Reduction::Group => u = DVec3::from_array([0, 1, 2].map(anywhere)),
+    }
+    u
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use geofan_bundle::{
-        Chunk, Division, MappedChebyshev, Polynomial, Step, Train, Tree, Variables, rays::RaySpace,
+        Chunk, Division, MappedChebyshev, Polynomial, Step, Train, Tree, Variables,
     };
-    use geofan_core::{diagnostic::SourceText, error::Error, manifold::Manifold};
+    use geofan_core::diagnostic::SourceText;
     use ndarray::{ArrayD, IxDyn};
     use std::sync::Arc;
 
@@ -165,7 +258,7 @@ at = ["0", "0", "0"]
 length = 5.0
 "#;
 
-    /// A flat table whose slope along y and z is `wrong` everywhere; face 0 is flagged.
+    /// Makes a flat table whose slope along y and z is `wrong` everywhere; face 0 is flagged.
     fn table(wrong: f64) -> Table {
         let manifold = Manifold::from_source(SourceText::new("flat", FLAT), &[]).unwrap();
         let space = RaySpace::new(Arc::new(manifold)).unwrap();

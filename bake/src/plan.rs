@@ -1,34 +1,58 @@
-//! What is to be baked: everything that a chunk's content depends on, besides the manifold.
+//! The plan of a bake: everything that a chunk's content depends on, besides the manifold.
+//!
+//! In: the rays of a space, a length and a promise. Out: a [`PlanRecord`]: sizes of patches, the chart map
+//! under which paths are smoothest, the discrete symmetries, the tolerance of the exact tracer; how
+//! directions are parametrised is in `directions`. All is measured along random paths and equal for any
+//! number of threads. Arc lengths are in the metric's unit, errors in mrad.
 
-use crate::{focus, lift::best_lift, mirrors, sphere, tolerance};
-use geofan_bundle::{
-    MappedChebyshev, PlanRecord,
-    rays::{ChartMap, RaySpace},
+use crate::{
+    directions::{reference_sphere, sphere_axes},
+    refine::line_series::{LineSamples, SeriesTails},
 };
-
-/// The tracer's local tolerance while the plan is made.
-const FIRST_TOLERANCE: f64 = 1e-8;
+use geofan_bundle::{
+    MappedChebyshev, PlanRecord, chebyshev,
+    measure::{Probed, probe, stored_settings},
+    rays::{ChartMap, Mirror, RaySpace},
+};
+use geofan_core::random::Stream;
+use glam::DVec3;
 
 /// Counts up when refinement changes: parts of another count are baked again.
 pub const REFINEMENT: u32 = 14;
 
-/// Sizes by the number of axes besides the arc length.
-struct Sizes {
-    /// The most nodes along a camera or direction axis. Many where few axes share them: large
-    /// patches of high degree win on bytes.
-    nodes: u32,
-    /// The most nodes along the arc length.
-    arc: u32,
-    /// The most rays one patch is fitted to.
-    rays: u32,
-    /// The smallest box is `2^-bits` of its chunk.
-    bits: i32,
-    /// Cells along each camera parameter: what a camera has to decode.
-    cells: u32,
+/// The tracer's local tolerance while the plan is made.
+const FIRST_TOLERANCE: f64 = 1e-8;
+
+/// Stretch of the Chebyshev nodes (α of Kosloff and Tal-Ezer) along boxes of three and more axes, which
+/// are rough all over (three bumps take 10 to 20 % fewer bytes than with plain nodes).
+const STRETCH: f64 = 0.85;
+
+/// Plans the bake of the rays of `space`; returns it with the space as it is stored.
+pub fn plan(space: RaySpace, length: f64, max_error: f64, frames: bool) -> (RaySpace, PlanRecord) {
+    let mut plan = first_plan(&space, length, max_error, frames);
+    plan.mirrors = mirrors(&space, &plan);
+    plan.lift = best_chart_map(&space, &plan);
+    plan.tolerance = needed_tolerance(&space, &plan);
+    plan.sphere = sphere_axes(&space, &plan);
+    plan.focus = reference_sphere(&space, &plan);
+    (plan.applied(space), plan)
 }
 
-fn sizes(cameras: usize, axes: usize) -> Sizes {
-    let (nodes, arc, rays, bits, cells) = match axes {
+/// Plans again without discrete symmetries.
+pub fn unmirrored(space: RaySpace, mut plan: PlanRecord) -> (RaySpace, PlanRecord) {
+    plan.mirrors = Vec::new();
+    plan.sphere = sphere_axes(&space, &plan);
+    (plan.applied(space), plan)
+}
+
+/// Begins a plan with the sizes for as many axes as `space` has besides the arc length.
+fn first_plan(space: &RaySpace, length: f64, max_error: f64, frames: bool) -> PlanRecord {
+    let cameras = space.cameras().len();
+    let axes = cameras + space.directions();
+    // The most nodes along a camera or direction axis (many where few axes share them: large patches of
+    // high degree win on bytes) and along the arc length; the most rays one patch is fitted to; how often
+    // a chunk may be halved; and the cells along each camera parameter: what a camera has to decode.
+    let (most_nodes, most_along_arc, most_rays, halvings, cells) = match axes {
         0 | 1 => (32, 60, 32, 11, 4),
         2 if cameras == 0 => (24, 48, 576, 11, 1),
         2 => (14, 48, 196, 11, 4),
@@ -36,60 +60,209 @@ fn sizes(cameras: usize, axes: usize) -> Sizes {
         4 => (32, 32, 400_000, 14, 2),
         _ => (18, 24, 700_000, 15, 2),
     };
-    Sizes {
-        nodes,
-        arc,
-        rays,
-        bits,
-        cells,
-    }
-}
-
-/// Boxes of few axes are halved towards what is rough in them, which then lies at their ends, where plain
-/// Chebyshev polynomials have their nodes (Schwarzschild takes 4 % more bytes with α = 0.8). Those of more
-/// axes are rough all over (three bumps 10 to 20 % fewer).
-fn stretch(axes: usize) -> MappedChebyshev {
-    match axes {
-        ..3 => MappedChebyshev::NONE,
-        _ => MappedChebyshev::new(0.85),
-    }
-}
-
-/// The plan for the rays of `space`, and the space with its points stored as they are best.
-pub fn plan(space: RaySpace, length: f64, max_error: f64, frames: bool) -> (RaySpace, PlanRecord) {
-    let axes = space.cameras().len() + space.directions();
-    let sizes = sizes(space.cameras().len(), axes);
-    let mut nodes = vec![sizes.nodes; axes];
-    nodes.push(sizes.arc);
-    let mut plan = PlanRecord {
+    let mut nodes = vec![most_nodes; axes];
+    nodes.push(most_along_arc);
+    PlanRecord {
         max_error,
         length,
         frames,
         tolerance: FIRST_TOLERANCE,
         nodes,
-        most_rays: sizes.rays,
+        most_rays,
         lift: ChartMap::None,
         refinement: REFINEMENT,
-        least_volume: 0.5_f64.powi(sizes.bits),
+        least_volume: 0.5_f64.powi(halvings),
         most_arc_halvings: 3,
-        cells: vec![sizes.cells; space.cameras().len()],
+        cells: vec![cells; cameras],
         stretch: stretch(axes),
         focus: [[0.0; 3]; 3],
         sphere: None,
         mirrors: Vec::new(),
         seed: 1,
-    };
-    plan.mirrors = mirrors::of(&space, &plan);
-    plan.lift = best_lift(&space, &plan);
-    plan.tolerance = tolerance::needed(&space, &plan);
-    plan.sphere = sphere::axes(&space, &plan);
-    plan.focus = focus::best(&space, &plan);
-    (plan.applied(space), plan)
+    }
 }
 
-/// The same without discrete symmetries.
-pub fn unmirrored(space: RaySpace, mut plan: PlanRecord) -> (RaySpace, PlanRecord) {
-    plan.mirrors = Vec::new();
-    plan.sphere = sphere::axes(&space, &plan);
-    (plan.applied(space), plan)
+/// Chooses the stretch of nodes. Boxes of few axes are halved towards what is rough in them, which then
+/// lies at their ends, where plain Chebyshev polynomials have their nodes (Schwarzschild takes 4 % more
+/// bytes with α = 0.8).
+fn stretch(axes: usize) -> MappedChebyshev {
+    match axes {
+        ..3 => MappedChebyshev::NONE,
+        _ => MappedChebyshev::new(STRETCH),
+    }
+}
+
+/// Seed of the random rays.
+const RANDOM_RAYS: u64 = 0x6c69_6674;
+
+/// Draws random stored rays of a space: chart point and direction in the standard frame.
+pub fn random_stored_rays(space: &RaySpace, count: usize) -> Vec<(DVec3, DVec3)> {
+    let mut stream = Stream::new(&[RANDOM_RAYS]);
+    let ray = |_| {
+        let cameras = space.cameras().iter();
+        let camera: Vec<f64> = cameras.map(|[a, b]| stream.between(*a, *b)).collect();
+        let directions: Vec<f64> = (0..space.directions())
+            .map(|_| stream.between(-1.0, 1.0))
+            .collect();
+        let face = (stream.bits() % space.faces() as u64) as usize;
+        space.ray(face, &camera, &directions)
+    };
+    (0..count).map(ray).collect()
+}
+
+/// Random paths on which symmetries are tested. A part of the space that breaks a symmetry and that only
+/// one path in a hundred comes near is met all but surely.
+const MIRROR_PATHS: usize = 768;
+
+/// Places along each.
+const MIRROR_PLACES: usize = 24;
+
+/// Finds the discrete symmetries of the rays of `plan`. No file claims them, so they are tested where it
+/// matters: at points all along random paths.
+fn mirrors(space: &RaySpace, plan: &PlanRecord) -> Vec<Mirror> {
+    let rays = random_stored_rays(space, MIRROR_PATHS);
+    let along = |_: usize, length: f64| {
+        let places = 0..MIRROR_PLACES;
+        places
+            .map(|k| length * k as f64 / (MIRROR_PLACES - 1) as f64)
+            .collect()
+    };
+    let settings = stored_settings(space, plan.tolerance);
+    let probed: Vec<Probed> = probe(space.manifold(), settings, plan.length, &rays, along);
+    let probes = probed.iter().flat_map(|path| &path.probes);
+    let states: Vec<_> = probes.map(|probe| (probe.u, probe.v)).collect();
+    match states.is_empty() {
+        true => Vec::new(),
+        false => Mirror::find(space, &states),
+    }
+}
+
+/// Random paths on which chart maps are compared.
+const CHART_PATHS: usize = 96;
+
+/// Nodes along each: enough to tell a path that leaves through infinity from one that does not.
+const CHART_NODES: usize = 40;
+
+/// Factors by which the error of the highest coefficients must fall to leave the chart: for a sphere,
+/// because the chart's plain coordinates need fewer channels; for polar coordinates, which need as many.
+const SPHERE_GAIN: f64 = 20.0;
+const POLAR_GAIN: f64 = 2.0;
+
+/// Radii tried, in units of the median distance of paths from the chart's origin.
+const RADII: [f64; 3] = [0.5, 1.0, 2.0];
+
+/// Finds the chart map under which polynomials in the arc length fall off fastest along the paths of
+/// `plan`: a path that leaves the chart through infinity is smooth on a sphere.
+fn best_chart_map(space: &RaySpace, plan: &PlanRecord) -> ChartMap {
+    let rays = random_stored_rays(space, CHART_PATHS);
+    let half = 0.5 * plan.length;
+    let nodes = chebyshev::nodes(CHART_NODES);
+    let lengths: Vec<f64> = nodes.iter().map(|t| half * (t + 1.0)).collect();
+    let roughness = |map: ChartMap| roughness(&space.clone().lifted(map), plan, &rays, &lengths);
+    // The candidates, each with the gain that it must bring.
+    let middle = median_distance(space, plan, &rays, &lengths);
+    let mut tried: Vec<(ChartMap, f64)> = Vec::new();
+    if middle.is_finite() && middle > 0.0 {
+        let sphere = |r: f64| ChartMap::Sphere { radius: r * middle };
+        tried.extend(RADII.map(|r| (sphere(r), SPHERE_GAIN)));
+    }
+    if space.planar() {
+        tried.push((ChartMap::Polar, POLAR_GAIN));
+    }
+    // The best of them, if it is better than the plain chart.
+    let costs = tried.iter().map(|(map, gain)| gain * roughness(*map));
+    let best = tried
+        .iter()
+        .zip(costs)
+        .min_by(|(_, a), (_, b)| a.total_cmp(b));
+    match best {
+        Some(((map, _), cost)) if cost < roughness(ChartMap::None) => *map,
+        _ => ChartMap::None,
+    }
+}
+
+/// Measures the error of polynomials in the arc length along nearly all of `rays`, in units of the promise.
+fn roughness(space: &RaySpace, plan: &PlanRecord, rays: &[(DVec3, DVec3)], lengths: &[f64]) -> f64 {
+    let mut tails = SeriesTails::of_polynomials(CHART_NODES, plan.max_error);
+    LineSamples::new(space, plan, rays, lengths).along_paths(&mut tails);
+    tails.excess()
+}
+
+/// Returns the median distance of the points at `lengths` on the paths of `rays` from the chart's origin.
+fn median_distance(
+    space: &RaySpace,
+    plan: &PlanRecord,
+    rays: &[(DVec3, DVec3)],
+    lengths: &[f64],
+) -> f64 {
+    let settings = stored_settings(space, plan.tolerance);
+    let at = |_: usize, _: f64| lengths.to_vec();
+    let paths = probe(space.manifold(), settings, plan.length, rays, at);
+    let probes = paths.iter().flat_map(|path| &path.probes);
+    let mut distances: Vec<f64> = probes.map(|probe| probe.u.length()).collect();
+    distances.sort_by(f64::total_cmp);
+    distances.get(distances.len() / 2).map_or(0.0, |d| *d)
+}
+
+/// Random rays on which tolerances are compared.
+const TOLERANCE_RAYS: usize = 256;
+
+/// Share of the promise that the tracer's own error may take, as 99th percentile.
+const TRACER_SHARE: f64 = 0.02;
+
+/// Tolerances tried, loosest first, in units of the promise in radians.
+const TOLERANCES: [f64; 6] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7];
+
+/// Factor by which the tolerance of the reference is tighter.
+const REFERENCE: f64 = 1e-3;
+
+/// Bounds of a sensible tolerance: rounding errors below, wrong paths above.
+const TOLERANCE_BOUNDS: [f64; 2] = [1e-13, 1e-6];
+
+/// Finds the loosest local tolerance at which the tracer's own errors do not count for the promise of
+/// `plan`. It is measured: where neighbouring paths part exponentially, a local error of a billionth becomes
+/// a visible one, and polynomials cannot follow it because it differs from ray to ray (Sol over length 5 at
+/// a tolerance a millionth of the promise: 2 % of rays flagged for it); where they do not, a tight tolerance
+/// is time lost.
+fn needed_tolerance(space: &RaySpace, plan: &PlanRecord) -> f64 {
+    let rays = random_stored_rays(space, TOLERANCE_RAYS);
+    let [tightest, loosest] = TOLERANCE_BOUNDS;
+    let tolerances =
+        TOLERANCES.map(|share| (share * 1e-3 * plan.max_error).clamp(tightest, loosest));
+    let enough = |tolerance: &f64| {
+        tracer_error(space, plan, &rays, *tolerance) <= TRACER_SHARE * plan.max_error
+    };
+    let found = tolerances.iter().find(|tolerance| enough(tolerance));
+    found.copied().unwrap_or(tightest)
+}
+
+/// Measures the 99th percentile of the screen errors of the tracer, mrad, at `tolerance`.
+fn tracer_error(
+    space: &RaySpace,
+    plan: &PlanRecord,
+    rays: &[(DVec3, DVec3)],
+    tolerance: f64,
+) -> f64 {
+    let follow = |tolerance: f64| -> Vec<Probed> {
+        let settings = stored_settings(space, tolerance.max(TOLERANCE_BOUNDS[0]));
+        let lengths = |ray: usize, end: f64| {
+            // Every second ray at its end, where errors have grown most; the others on the way.
+            let share = if ray.is_multiple_of(2) { 1.0 } else { 0.7 };
+            vec![share * end.min(plan.length) * (1.0 - 1e-6)]
+        };
+        probe(space.manifold(), settings, plan.length, rays, lengths)
+    };
+    let (found, exact) = (follow(tolerance), follow(REFERENCE * tolerance));
+    let pairs = found.iter().zip(&exact);
+    let errors = pairs.flat_map(|(found, exact)| {
+        let probes = found.probes.iter().zip(&exact.probes);
+        // A ray whose end moved is compared at another place: that is no error of the path.
+        let comparable = probes.filter(|(a, b)| (a.s - b.s).abs() <= 1e-9 * b.s);
+        comparable
+            .map(|(a, b)| b.screen_mrad(a.u - b.u))
+            .collect::<Vec<_>>()
+    });
+    let mut errors: Vec<f64> = errors.collect();
+    errors.sort_by(f64::total_cmp);
+    errors.get(errors.len() * 99 / 100).map_or(0.0, |e| *e)
 }

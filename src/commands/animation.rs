@@ -3,8 +3,8 @@
 //! In: a journey and something that draws one view. Out: files named by a pattern such as
 //! `frame-%04d.png`, those already there left alone; or one video, when ffmpeg can be run.
 
-use crate::terminal::{CommonArgs, Interrupt, ProgressDisplay};
-use geofan_core::{Error, Result};
+use crate::terminal::{CommonArgs, ProgressDisplay, TerminalObserver};
+use geofan_core::{Error, Observer, Result};
 use geofan_render::{Journey, View, picture::Picture};
 use std::{
     io::Write,
@@ -12,8 +12,8 @@ use std::{
     process::{Child, ChildStdin, Command, Stdio},
 };
 
-/// Where frames go.
-pub enum Target {
+/// Where the frames of an animation go.
+pub enum AnimationTarget {
     /// One file each: what stands before the number, its digits, and after.
     Frames(String, usize, String),
     /// One video.
@@ -23,8 +23,8 @@ pub enum Target {
 /// Names of video files that ffmpeg is asked for.
 const VIDEOS: [&str; 4] = ["mp4", "mkv", "webm", "mov"];
 
-impl Target {
-    /// What `output` asks for.
+impl AnimationTarget {
+    /// Reads a pattern or the name of a video.
     pub fn of(output: &Path) -> Result<Self> {
         let text = output.display().to_string();
         let extension = output
@@ -49,6 +49,7 @@ impl Target {
         Ok(Self::Frames(before.into(), digits, after.into()))
     }
 
+    /// Returns the file of a frame.
     fn frame(&self, number: usize) -> Option<PathBuf> {
         match self {
             Self::Frames(before, digits, after) => {
@@ -61,7 +62,7 @@ impl Target {
 
 /// An animation to be drawn.
 pub struct Animation<'a> {
-    /// The camera's way.
+    /// The camera's journey.
     pub journey: &'a Journey,
     /// How many frames, at least two.
     pub frames: usize,
@@ -69,69 +70,59 @@ pub struct Animation<'a> {
     pub size: (usize, usize),
 }
 
-/// What became of it.
-#[derive(Debug, Default)]
-pub struct Made {
-    /// Frames drawn.
-    pub drawn: usize,
-    /// Frames that were there already.
-    pub kept: usize,
-}
-
 impl Animation<'_> {
+    /// Returns the view of a frame.
     fn view(&self, number: usize) -> View {
         let [from, to] = self.journey.interval();
         let share = number as f64 / (self.frames - 1) as f64;
         self.journey.view(from + (to - from) * share, self.size)
     }
 
-    /// Frames for each second.
+    /// Returns the frames for each second.
     fn rate(&self) -> f64 {
         let [from, to] = self.journey.interval();
         (self.frames - 1) as f64 / (to - from)
     }
 
-    /// Writes one file for each frame; `draw` draws a view into a file.
+    /// Writes one file for each frame; `draw` draws a view into a file. Returns the number of frames drawn.
     pub fn write_frames(
         &self,
-        target: &Target,
+        target: &AnimationTarget,
         common: &CommonArgs,
         mut draw: impl FnMut(&View, &Path) -> Result<()>,
-    ) -> Result<Made> {
-        let interrupt = Interrupt::install()?;
+    ) -> Result<usize> {
+        let observer = TerminalObserver::new(common)?;
         let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
-        let mut made = Made::default();
+        let mut drawn = 0;
         for (number, path) in (0..self.frames).filter_map(|n| Some((n, target.frame(n)?))) {
-            if interrupt.requested() {
+            if observer.cancelled() {
                 let resume = "finished frames are kept; run the same command again".into();
                 return Err(Error::Interrupted { resume });
             }
             // Files appear under their names only when they are whole.
-            if path.is_file() {
-                made.kept += 1;
-            } else {
+            if !path.is_file() {
                 draw(&self.view(number), &path)?;
-                made.drawn += 1;
+                drawn += 1;
             }
             progress.inc(1);
         }
         progress.finish();
-        Ok(made)
+        Ok(drawn)
     }
 
-    /// Sends all frames to ffmpeg; `draw` draws a view.
+    /// Sends all frames to ffmpeg; `draw` draws a view. Returns the number of frames drawn.
     pub fn write_video(
         &self,
         output: &Path,
         common: &CommonArgs,
         mut draw: impl FnMut(&View) -> Result<Picture>,
-    ) -> Result<Made> {
-        let interrupt = Interrupt::install()?;
+    ) -> Result<usize> {
+        let observer = TerminalObserver::new(common)?;
         let (mut child, mut pipe) = self.ffmpeg(output)?;
         let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         let failed = |source| environment(output, source);
         for number in 0..self.frames {
-            if interrupt.requested() {
+            if observer.cancelled() {
                 let resume = "videos are not resumed; numbered frames are".into();
                 return Err(Error::Interrupted { resume });
             }
@@ -142,16 +133,14 @@ impl Animation<'_> {
         progress.finish();
         drop(pipe);
         match child.wait().map_err(failed)?.success() {
-            true => Ok(Made {
-                drawn: self.frames,
-                kept: 0,
-            }),
+            true => Ok(self.frames),
             false => Err(failed(std::io::Error::other(
                 "ffmpeg could not write the video",
             ))),
         }
     }
 
+    /// Starts ffmpeg.
     fn ffmpeg(&self, output: &Path) -> Result<(Child, ChildStdin)> {
         let (width, height) = self.size;
         let mut child = Command::new("ffmpeg")
@@ -194,6 +183,7 @@ impl Animation<'_> {
     }
 }
 
+/// Makes an error of the environment about `output`.
 fn environment(output: &Path, source: std::io::Error) -> Error {
     Error::Environment {
         path: output.display().to_string(),
@@ -207,14 +197,14 @@ mod tests {
 
     #[test]
     fn patterns_number_frames_with_their_digits() {
-        let target = Target::of(Path::new("out/frame-%04d.png")).unwrap();
+        let target = AnimationTarget::of(Path::new("out/frame-%04d.png")).unwrap();
         assert_eq!(target.frame(17), Some(PathBuf::from("out/frame-0017.png")));
         assert!(matches!(
-            Target::of(Path::new("a.mp4")),
-            Ok(Target::Video(_))
+            AnimationTarget::of(Path::new("a.mp4")),
+            Ok(AnimationTarget::Video(_))
         ));
         for wrong in ["frame.png", "a-%x.png", "a-%03d-%d.png", "a-%99d.png"] {
-            assert!(Target::of(Path::new(wrong)).is_err(), "{wrong}");
+            assert!(AnimationTarget::of(Path::new(wrong)).is_err(), "{wrong}");
         }
     }
 }

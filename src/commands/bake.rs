@@ -1,10 +1,13 @@
-//! `geofan bake`: bakes a manifold into a bundle, or a share of it into a shard.
+//! `geofan bake` and `geofan merge`: a manifold becomes a bundle, or a shard of one; shards become a bundle.
 //!
-//! In: a manifold file and a promise. Out: the file, and what it holds and keeps on stdout.
+//! In: a manifold file and a promise, or shards. Out: the file, and its contents and errors on stdout.
 
-use super::{demo::DemoArgs, merge::MergeArgs, sweep::SweepArgs};
-use crate::terminal::{self, CommonArgs, Outcome, Watcher, command_line, has_option, values};
-use geofan_bake::{BakeOptions, BakeResult, Finished, PROMISES, Share, WrittenShard, bake};
+use super::{demo::DemoArgs, sweep::SweepArgs};
+use crate::terminal::{
+    self, CommonArgs, Outcome, TerminalObserver, command_line, has_option, values,
+};
+use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
+use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, manifold::Manifold};
 use serde_json::json;
 use std::{
@@ -13,9 +16,13 @@ use std::{
     time::Instant,
 };
 
-/// A bake, or what belongs to it.
+/// Options of `geofan bake`, or one of the commands around bakes.
 #[derive(Debug, clap::Args)]
-#[command(subcommand_negates_reqs = true, args_conflicts_with_subcommands = true)]
+#[command(
+    subcommand_negates_reqs = true,
+    args_conflicts_with_subcommands = true,
+    arg_required_else_help = true
+)]
 pub struct BakeCommand {
     #[command(subcommand)]
     command: Option<Companion>,
@@ -23,7 +30,7 @@ pub struct BakeCommand {
     bake: Option<BakeArgs>,
 }
 
-/// What else there is to do around bakes.
+/// Names the commands around bakes.
 #[derive(Debug, clap::Subcommand)]
 pub enum Companion {
     /// Join the shards of one bake into a bundle
@@ -35,13 +42,13 @@ pub enum Companion {
 }
 
 impl BakeCommand {
-    /// Does it.
+    /// Runs the command.
     ///
     /// # Errors
-    /// Whatever the command meets.
+    /// Any that the command meets.
     pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
         match (&self.command, &self.bake) {
-            (Some(Companion::Merge(args)), _) => super::merge::run(args, common),
+            (Some(Companion::Merge(args)), _) => merge(args, common),
             (Some(Companion::Demo(args)), _) => super::demo::run(args, common),
             (Some(Companion::Sweep(args)), _) => super::sweep::run(args, common),
             (None, Some(args)) => run(args, common),
@@ -88,7 +95,7 @@ pub struct BakeArgs {
     pub certify_rays: u64,
 }
 
-/// A promise, mrad.
+/// Reads a promise, mrad.
 ///
 /// # Errors
 /// A message for the user.
@@ -101,6 +108,7 @@ pub fn promise(text: &str) -> Result<f64, String> {
     Err(format!("a promise lies between {start} and {end} mrad"))
 }
 
+/// Reads a share of the chunks, `1/4`.
 fn share(text: &str) -> Result<Share, String> {
     let wrong = || format!("`{text}` is not a share: write 1/4 for the first of four");
     let (index, of) = text.split_once('/').ok_or_else(wrong)?;
@@ -112,10 +120,10 @@ fn share(text: &str) -> Result<Share, String> {
     }
 }
 
-/// Bakes.
+/// Bakes a manifold and prints what was made.
 pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
     let started = Instant::now();
-    let watcher = Watcher::new(common)?;
+    let observer = TerminalObserver::new(common)?;
     let manifold = Manifold::load(&args.manifold, &args.set)?;
     let options = BakeOptions {
         max_error: args.max_error,
@@ -127,10 +135,16 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
         resume: args.resume,
         certify_rays: args.certify_rays,
     };
-    let baked = bake(Arc::new(manifold), &args.output, &options, &watcher);
+    let baked = bake(Arc::new(manifold), &args.output, &options, &observer);
     match baked.map_err(resumable)? {
-        BakeResult::Bundle(finished) => report(&finished, &args.output, started, common),
-        BakeResult::Shard(written) => report_shard(written, &args.output, common),
+        BakeResult::Bundle { bundle, bytes } => {
+            report(&bundle, bytes, &args.output, started, common)
+        }
+        BakeResult::Shard {
+            share,
+            bytes,
+            chunks,
+        } => report_shard(share, bytes, chunks, &args.output, common),
         BakeResult::TooLarge(reason) => refuse(&reason, common),
     }
 }
@@ -159,12 +173,33 @@ fn refuse(reason: &str, common: &CommonArgs) -> Result<Outcome> {
     Ok(Outcome::CheckFailed)
 }
 
-fn report_shard(written: WrittenShard, path: &Path, common: &CommonArgs) -> Result<Outcome> {
-    let WrittenShard {
-        share: Share { index, of },
-        bytes,
-        chunks,
-    } = written;
+/// Options of `geofan merge`.
+#[derive(Debug, clap::Args)]
+pub struct MergeArgs {
+    /// The shards, all of one bake, in any order
+    #[arg(required = true, value_name = "SHARD")]
+    shards: Vec<PathBuf>,
+    /// The bundle to write
+    #[arg(long, short, value_name = "B.fan")]
+    output: PathBuf,
+}
+
+/// Joins shards, measures the bundle and prints what was made.
+pub fn merge(args: &MergeArgs, common: &CommonArgs) -> Result<Outcome> {
+    let started = Instant::now();
+    let observer = TerminalObserver::new(common)?;
+    let (bundle, bytes) = geofan_bake::merge(&args.shards, &args.output, &observer)?;
+    report(&bundle, bytes, &args.output, started, common)
+}
+
+/// Prints what a shard holds.
+fn report_shard(
+    Share { index, of }: Share,
+    bytes: u64,
+    chunks: usize,
+    path: &Path,
+    common: &CommonArgs,
+) -> Result<Outcome> {
     let name = path.display().to_string();
     if common.json {
         terminal::print_json(&json!({
@@ -178,29 +213,31 @@ fn report_shard(written: WrittenShard, path: &Path, common: &CommonArgs) -> Resu
     Ok(Outcome::Done)
 }
 
-/// Prints what was made; the outcome says whether the promise is kept.
+/// Prints what was made; the outcome says whether the promise holds.
 ///
 /// # Errors
 /// stdout cannot be written.
 pub fn report(
-    finished: &Finished,
+    bundle: &Bundle,
+    bytes: u64,
     path: &Path,
     started: Instant,
     common: &CommonArgs,
 ) -> Result<Outcome> {
-    let promise = finished.bundle.header.plan.max_error;
-    let kept = finished.certificate.keeps(promise);
-    let counts = finished.bundle.table.counts();
+    let promise = bundle.header.plan.max_error;
+    let missing = || Error::input(path.display().to_string(), "has no certificate");
+    let certificate = bundle.header.certificate.as_ref().ok_or_else(missing)?;
+    let holds = certificate.keeps(promise);
+    let counts = bundle.table.counts();
     let (patches, given_up) =
         counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
     let seconds = started.elapsed().as_secs_f64();
-    let (certificate, bytes) = (&finished.certificate, finished.bytes);
     if common.json {
         terminal::print_json(&json!({
             "path": path.display().to_string(),
             "bytes": bytes,
             "promise": promise,
-            "kept": kept,
+            "kept": holds,
             "mrad": certificate.mrad,
             "screen_mrad": certificate.screen_mrad,
             "sky_mrad": certificate.sky_mrad,
@@ -222,7 +259,7 @@ pub fn report(
             certificate.exact_rays_baked
         ))?;
     }
-    if kept {
+    if holds {
         return Ok(Outcome::Done);
     }
     let p99 = certificate.screen_mrad.p99;

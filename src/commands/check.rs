@@ -25,7 +25,7 @@ pub struct CheckArgs {
     seed: u64,
 }
 
-/// Compares and prints.
+/// Compares a bundle with exact paths and prints the errors.
 pub fn run(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
     let size = std::fs::metadata(&args.bundle);
     let bytes = size.map_err(|e| Error::io(&args.bundle, e))?.len();
@@ -52,6 +52,7 @@ pub fn run(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
     })
 }
 
+/// Prints quantiles and the worst rays.
 fn report(checked: &Checked, promise: f64, bytes: u64, common: &CommonArgs) -> Result<()> {
     let found = &checked.certificate;
     let worst: Vec<_> = checked
@@ -85,7 +86,7 @@ fn report(checked: &Checked, promise: f64, bytes: u64, common: &CommonArgs) -> R
     outliers(checked)
 }
 
-/// The rays that are worst, and why.
+/// Prints the worst rays, and why they are.
 fn outliers(checked: &Checked) -> Result<()> {
     if checked.far == 0 {
         return Ok(());

@@ -4,13 +4,14 @@
 //! (screen error of the table's paths) in a folder, and a report as text or JSON. With `--tracer
 //! local` the local view takes the table's place.
 
-use super::{light, scenery::SceneArgs};
+use super::scenery::{SceneArgs, light_up};
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result};
 use geofan_study::comparison::{CompareOptions, compare, compare_local, write_pictures};
-use std::path::PathBuf;
+use serde::Serialize;
+use std::{fmt::Display, path::PathBuf};
 
 /// Options of `geofan compare`.
 #[derive(Debug, Args)]
@@ -21,8 +22,8 @@ pub struct CompareArgs {
     #[arg(long, value_name = "FILE", required_unless_present = "tracer")]
     bundle: Option<PathBuf>,
     /// Hold the local view, not the table, against exact paths
-    #[arg(long, value_enum, conflicts_with = "bundle")]
-    tracer: Option<FirstOrderTracer>,
+    #[arg(long, value_parser = ["local"], conflicts_with = "bundle")]
+    tracer: Option<String>,
     /// How far to follow paths of the local view [default: the manifold's]
     #[arg(long, value_name = "L", requires = "tracer", value_parser = values::positive)]
     length: Option<f64>,
@@ -34,30 +35,28 @@ pub struct CompareArgs {
     frames: u16,
 }
 
-/// Names what can be compared in place of a table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum FirstOrderTracer {
-    /// Straight lines of the chart
-    Local,
-}
-
 /// Compares the local view with the exact one.
 fn run_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let mut stage = args.scene.stage(None)?;
     let view = args.scene.view(&stage)?;
     let length = stage.world.manifold.length_or(args.length)?;
-    light::bake(&mut stage, None, length, common)?;
+    light_up(&mut stage, None, length, common)?;
     let samples = usize::from(args.scene.spp);
     let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance)?;
     write_pictures(&found, &args.out, "")?;
+    print(&found.report, common)
+}
+
+/// Prints a report.
+fn print(report: &(impl Serialize + Display), common: &CommonArgs) -> Result<Outcome> {
     match common.json {
-        true => terminal::print_json(&found.report)?,
-        false => terminal::print(&found.report.to_string())?,
+        true => terminal::print_json(report)?,
+        false => terminal::print(&report.to_string())?,
     }
     Ok(Outcome::Done)
 }
 
-/// Compares.
+/// Compares a view by table with the exact one, and writes pictures of both.
 pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     std::fs::create_dir_all(&args.out).map_err(|e| Error::io(&args.out, e))?;
     let Some(path) = &args.bundle else {
@@ -66,7 +65,7 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let bundle = Bundle::read(path)?;
     let mut stage = args.scene.stage(Some(&bundle))?;
     let view = args.scene.view(&stage)?;
-    light::bake(&mut stage, Some(path), bundle.table.length, common)?;
+    light_up(&mut stage, Some(path), bundle.table.length, common)?;
     let options = CompareOptions {
         samples: usize::from(args.scene.spp),
         promise: bundle.header.plan.max_error,
@@ -76,10 +75,5 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     };
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;
     write_pictures(&comparison, &args.out, "")?;
-    if common.json {
-        terminal::print_json(&comparison.report)?;
-    } else {
-        terminal::print(&comparison.report.to_string())?;
-    }
-    Ok(Outcome::Done)
+    print(&comparison.report, common)
 }

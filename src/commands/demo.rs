@@ -12,7 +12,7 @@ use geofan_bundle::{Bundle, identity, rays::RaySpace};
 use geofan_core::{Error, Result, manifold::Manifold};
 use geofan_render::Stage;
 use geofan_study::comparison::{CompareOptions, ComparisonReport, compare, write_pictures};
-use serde::Serialize;
+use serde_json::json;
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -27,7 +27,7 @@ pub struct DemoArgs {
     pub out: PathBuf,
     /// Picture size
     #[arg(long, value_name = "WxH", default_value = "640x360", value_parser = values::picture_size)]
-    pub size: values::PictureSize,
+    pub size: (usize, usize),
     /// Samples for each pixel
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u16).range(1..=64))]
     pub spp: u16,
@@ -49,14 +49,6 @@ const FRAMES: usize = 20;
 /// Rays of the certificate.
 const CERTIFY_RAYS: u64 = 20_000;
 
-/// What is said of one view.
-#[derive(Serialize)]
-struct ViewReport<'a> {
-    view: &'a str,
-    #[serde(flatten)]
-    report: ComparisonReport,
-}
-
 /// Runs the demonstration.
 ///
 /// # Errors
@@ -77,7 +69,7 @@ pub fn run(args: &DemoArgs, common: &CommonArgs) -> Result<Outcome> {
     for name in names {
         let report = view(&stage, &bundle, name, args)?;
         progress.inc(1);
-        say(name, report, common)?;
+        print(name, &report, common)?;
     }
     progress.finish();
     if !common.json && !common.quiet {
@@ -90,14 +82,14 @@ pub fn run(args: &DemoArgs, common: &CommonArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// A file of the source tree's assets.
+/// Returns the path of a file of the source tree's assets.
 fn asset(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("assets")
         .join(name)
 }
 
-/// The wormhole's bundle: the one in the folder if it is up to date, else a new one.
+/// Returns the wormhole's bundle: the one in the folder if it is up to date, else a new one.
 fn bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
     let output = folder.join("ellis-wormhole.fan");
     if let Some(bundle) = up_to_date(&output, &stage.world.manifold)? {
@@ -121,7 +113,7 @@ fn bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
     Bundle::read(&output)
 }
 
-/// The bundle at `path`, if it can be read and is what a bake would make now.
+/// Reads the bundle at `path`, if it can be read and is the one that a bake would make now.
 fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
     let Ok(bundle) = Bundle::read(path) else {
         return Ok(None);
@@ -135,10 +127,7 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
 
 /// Compares one view and writes its pictures.
 fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<ComparisonReport> {
-    let view = stage.view(
-        stage.camera(Some(name))?,
-        (args.size.width, args.size.height),
-    )?;
+    let view = stage.view(stage.camera(Some(name))?, args.size)?;
     let options = CompareOptions {
         samples: usize::from(args.spp),
         promise: bundle.header.plan.max_error,
@@ -151,9 +140,12 @@ fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<C
     Ok(comparison.report)
 }
 
-fn say(view: &str, report: ComparisonReport, common: &CommonArgs) -> Result<()> {
+/// Prints errors and times of one view.
+fn print(view: &str, report: &ComparisonReport, common: &CommonArgs) -> Result<()> {
     if common.json {
-        return terminal::print_json(&ViewReport { view, report });
+        let mut line = json!(report);
+        line["view"] = json!(view);
+        return terminal::print_json(&line);
     }
     terminal::print(&format!("\n{view}\n{report}"))
 }

@@ -4,29 +4,24 @@ mod animation;
 mod bake;
 mod check;
 mod compare;
-mod completions;
 mod demo;
 mod info;
-mod light;
-mod merge;
 mod path_traced;
 mod render;
 mod scenery;
 mod sweep;
 mod trace;
 
-pub use bake::BakeCommand;
-
-use crate::terminal::{CommonArgs, Outcome};
+use crate::terminal::{self, CommonArgs, Outcome};
 use geofan_core::Result;
 
-/// What to do.
+/// Names the commands.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
     /// Bake a manifold into a bundle
     Bake(bake::BakeCommand),
     /// Join the shards of one bake into a bundle
-    Merge(merge::MergeArgs),
+    Merge(bake::MergeArgs),
     /// Bake the wormhole, render it and compare
     Demo(demo::DemoArgs),
     /// Measure accuracy against table size
@@ -43,15 +38,21 @@ pub enum Command {
     Info(info::InfoArgs),
     /// Print a completion script for a shell
     #[command(hide = true)]
-    Completions(completions::CompletionsArgs),
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
 }
 
 impl Command {
-    /// Does it.
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// Any that the command meets.
     pub fn run(&self, common: &CommonArgs) -> Result<Outcome> {
         match self {
             Self::Bake(args) => args.run(common),
-            Self::Merge(args) => merge::run(args, common),
+            Self::Merge(args) => bake::merge(args, common),
             Self::Demo(args) => demo::run(args, common),
             Self::Sweep(args) => sweep::run(args, common),
             Self::Trace(args) => trace::run(args, common),
@@ -59,7 +60,16 @@ impl Command {
             Self::Render(args) => render::run(args, common),
             Self::Compare(args) => compare::run(args, common),
             Self::Info(args) => info::run(args, common),
-            Self::Completions(args) => completions::run(args),
+            Self::Completions { shell } => completions(*shell),
         }
     }
+}
+
+/// Prints the completion script for `shell`.
+fn completions(shell: clap_complete::Shell) -> Result<Outcome> {
+    let mut script = Vec::new();
+    let mut program = crate::program::command_line();
+    clap_complete::generate(shell, &mut program, "geofan", &mut script);
+    terminal::print(&String::from_utf8_lossy(&script))?;
+    Ok(Outcome::Done)
 }

@@ -4,9 +4,9 @@
 //! `PICTURE.passes` while the picture is not complete, from which `--resume` goes on.
 
 use super::render::{RenderArgs, metadata};
-use crate::terminal::{self, CommonArgs, Interrupt, Outcome, ProgressDisplay, values};
+use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, TerminalObserver, values};
 use clap::Args;
-use geofan_core::{Error, Result};
+use geofan_core::{Error, Observer, Result};
 use geofan_light::path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings};
 use geofan_render::{
     ExactTracer, Stage, View,
@@ -14,7 +14,7 @@ use geofan_render::{
     picture::{self, Format, Precision, write_exr},
     shade::with_layers,
 };
-use serde::Serialize;
+use serde_json::json;
 use std::{
     path::{Path, PathBuf},
     time::{Duration, Instant},
@@ -37,30 +37,13 @@ pub struct PathArgs {
     bounces: Option<u32>,
 }
 
-/// What is printed.
-#[derive(Serialize)]
-struct Report {
-    output: String,
-    tracer: &'static str,
-    width: usize,
-    height: usize,
-    spp: u64,
-    seconds: f64,
-    /// Geodesics followed: from the camera, from surfaces, and all that were tried to find those that
-    /// connect to lights; for most connections two, the first without deviation.
-    rays: u64,
-    rays_per_second: f64,
-    /// Camera rays of the exact tracer.
-    exact_rays_per_second: f64,
-}
-
 /// Time between two checkpoints: an interruption that comes without a signal costs no more.
 const BETWEEN_CHECKPOINTS: Duration = Duration::from_secs(60);
 
 /// Longer side of the picture by which the exact tracer's speed is measured.
 const MEASURED_SIDE: usize = 160;
 
-/// Renders.
+/// Renders a picture by path tracing.
 pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -> Result<Outcome> {
     let length = stage.world.manifold.length_or(args.length)?;
     let settings = PathTracerSettings {
@@ -70,12 +53,12 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
         bounces: args.path.bounces.unwrap_or(u32::MAX),
         estimator: Estimator::Connected,
     };
-    let kept = Kept {
-        path: checkpoint(&args.output),
+    let checkpoint = Checkpoint {
+        path: passes_file(&args.output),
         key: key(args, stage, view, settings),
     };
     let mut film = match args.path.resume {
-        true => PassAccumulator::load(&kept.path, &kept.key, view.size)?,
+        true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, view.size)?,
         false => PassAccumulator::new(view.size),
     };
     let tracer = PathTracer::new(&stage.world, view, settings);
@@ -83,32 +66,39 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
     let exact_before = exact_speed(args, stage, view, length);
     let began = Instant::now();
     let passes = u64::from(args.scene.spp);
-    let complete = accumulate(args, &tracer, &mut film, passes, &kept, common)?;
+    let complete = accumulate(args, &tracer, &mut film, passes, &checkpoint, common)?;
     let seconds = began.elapsed().as_secs_f64();
     write(args, stage, view, &film, length)?;
     match complete {
-        true if kept.path.exists() => {
-            std::fs::remove_file(&kept.path).map_err(|e| Error::io(&kept.path, e))?;
+        true if checkpoint.path.exists() => {
+            std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
         }
         true => {}
-        false => film.save(&kept.path, &kept.key)?,
+        false => film.save(&checkpoint.path, &checkpoint.key)?,
     }
-    let report = Report {
-        output: args.output.display().to_string(),
-        tracer: "path",
-        width: view.size.0,
-        height: view.size.1,
-        spp: film.passes(),
-        seconds,
-        rays: tracer.rays(),
-        rays_per_second: tracer.rays() as f64 / seconds,
-        exact_rays_per_second: 0.5 * (exact_before + exact_speed(args, stage, view, length)),
-    };
-    print(&report, common)
+    let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length));
+    let output = args.output.display().to_string();
+    let (spp, rays, (width, height)) = (film.passes(), tracer.rays(), view.size);
+    let speed = rays as f64 / seconds;
+    if common.json {
+        // Rays: geodesics from the camera, from surfaces, and all that were tried to find those that connect
+        // to lights; for most connections two, the first without deviation.
+        terminal::print_json(&json!({
+            "output": output, "tracer": "path", "width": width, "height": height, "spp": spp,
+            "seconds": seconds, "rays": rays, "rays_per_second": speed,
+            "exact_rays_per_second": exact_speed,
+        }))?;
+    } else if !common.quiet {
+        let [speed, exact_speed] = [speed, exact_speed].map(|rate| 1e-3 * rate);
+        terminal::print(&format!(
+            "{output}: {width}x{height}, {spp} spp, path tracer; {seconds:.1} s, {speed:.0} thousand rays a second (exact tracer: {exact_speed:.0})\n"
+        ))?;
+    }
+    Ok(Outcome::Done)
 }
 
-/// The checkpoint and what it must belong to.
-struct Kept {
+/// The file of passes and the key of the picture that it must belong to.
+struct Checkpoint {
     path: PathBuf,
     key: [u8; 32],
 }
@@ -119,18 +109,18 @@ fn accumulate(
     tracer: &PathTracer<'_>,
     film: &mut PassAccumulator,
     passes: u64,
-    kept: &Kept,
+    checkpoint: &Checkpoint,
     common: &CommonArgs,
 ) -> Result<bool> {
-    let interrupt = Interrupt::install()?;
+    let observer = TerminalObserver::new(common)?;
     let progress = ProgressDisplay::new(common, "samples", passes);
     progress.inc(film.passes());
     let began = Instant::now();
     let mut saved = Instant::now();
     while film.passes() < passes {
-        let pass = tracer.pass(film.passes(), || interrupt.requested());
+        let pass = tracer.pass(film.passes(), || observer.cancelled());
         let Some(pass) = pass else {
-            film.save(&kept.path, &kept.key)?;
+            film.save(&checkpoint.path, &checkpoint.key)?;
             return Err(Error::Interrupted {
                 resume: format!(
                     "{} of {passes} samples are kept; give the same command with --resume",
@@ -145,7 +135,7 @@ fn accumulate(
             break;
         }
         if saved.elapsed() > BETWEEN_CHECKPOINTS {
-            film.save(&kept.path, &kept.key)?;
+            film.save(&checkpoint.path, &checkpoint.key)?;
             saved = Instant::now();
         }
     }
@@ -153,13 +143,14 @@ fn accumulate(
     Ok(film.passes() >= passes)
 }
 
-fn checkpoint(output: &Path) -> PathBuf {
+/// Returns the name of the file of passes beside a picture.
+fn passes_file(output: &Path) -> PathBuf {
     let mut name = output.as_os_str().to_owned();
     name.push(".passes");
     name.into()
 }
 
-/// A hash of everything that decides the passes.
+/// Hashes everything that decides the passes.
 fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: PathTracerSettings) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&stage.world.manifold.fingerprint());
@@ -169,6 +160,7 @@ fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: PathTracerSettin
     *hasher.finalize().as_bytes()
 }
 
+/// Writes the picture.
 fn write(
     args: &RenderArgs,
     stage: &Stage,
@@ -187,7 +179,7 @@ fn write(
     write_exr(&args.output, &picture, &notes, Precision::Float)
 }
 
-/// Camera rays of the exact tracer for each second: of the same view and length, at the same
+/// Measures the camera rays of the exact tracer for each second: of the same view and length, at the same
 /// tolerance, intersected with the same scene, and as many in a batch as a whole picture has.
 fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f64 {
     let longer = view.size.0.max(view.size.1);
@@ -200,22 +192,4 @@ fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f6
     let began = Instant::now();
     let traced = trace(&stage.world, &small, Paths::Exact(&tracer), &samples);
     traced.outcomes.len() as f64 / began.elapsed().as_secs_f64()
-}
-
-fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {
-    if common.json {
-        terminal::print_json(report)?;
-    } else if !common.quiet {
-        terminal::print(&format!(
-            "{}: {}x{}, {} spp, path tracer; {:.1} s, {:.0} thousand rays a second (exact tracer: {:.0})\n",
-            report.output,
-            report.width,
-            report.height,
-            report.spp,
-            report.seconds,
-            1e-3 * report.rays_per_second,
-            1e-3 * report.exact_rays_per_second,
-        ))?;
-    }
-    Ok(Outcome::Done)
 }

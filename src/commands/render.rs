@@ -4,8 +4,7 @@
 //! (or JSON) with times.
 
 use super::{
-    animation::{Animation, Target},
-    light,
+    animation::{Animation, AnimationTarget},
     path_traced::{self, PathArgs},
     scenery::{self, SceneArgs},
 };
@@ -21,7 +20,7 @@ use geofan_render::{
     scene::PoseFile,
     shade::{Footprints, area, with_layers},
 };
-use serde::Serialize;
+use serde_json::json;
 use std::{
     path::{Path, PathBuf},
     time::Instant,
@@ -56,7 +55,7 @@ pub struct RenderArgs {
     pub(super) output: PathBuf,
 }
 
-/// Who follows the paths.
+/// Names what follows the paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum TracerKind {
     /// Lookup in a bundle
@@ -69,21 +68,7 @@ enum TracerKind {
     Path,
 }
 
-/// What is printed.
-#[derive(Serialize)]
-struct Report {
-    output: String,
-    tracer: &'static str,
-    width: usize,
-    height: usize,
-    spp: usize,
-    flagged: f64,
-    contract: f64,
-    paths: f64,
-    shade: f64,
-}
-
-/// Renders.
+/// Renders a picture or an animation.
 pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     if let (Some(poses), Some(frames)) = (&args.camera_path, args.frames) {
         return animate(args, poses, frames as usize, common);
@@ -95,21 +80,13 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     if args.tracer == Some(TracerKind::Path) {
         return path_traced::run(args, &stage, &view, common);
     }
-    let source = Source::new(args, &stage, bundle.as_ref())?;
+    let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
-    let report = one(args, &stage, &view, &source, &args.output)?;
-    print(&report, common)
-}
-
-/// What is printed of an animation.
-#[derive(Serialize)]
-struct AnimationReport {
-    output: String,
-    tracer: &'static str,
-    frames: usize,
-    drawn: usize,
-    kept: usize,
-    seconds: f64,
+    let (drawing, contract) = paths.draw(args, &stage.world, &view)?;
+    let [paths_time, shade_time] = [drawing.paths, drawing.shade].map(|time| time.as_secs_f64());
+    let figures = [drawing.flagged_share(), contract, paths_time, shade_time];
+    write(args, &stage, &view, &paths, drawing, &args.output)?;
+    print(args, paths.name(), figures, common)
 }
 
 /// Renders an animation.
@@ -118,49 +95,46 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         let message = "`path` draws single pictures, not animations";
         return Err(Error::input("--tracer", message));
     }
-    let target = Target::of(&args.output)?;
-    if let Target::Frames(..) = target {
+    let target = AnimationTarget::of(&args.output)?;
+    if let AnimationTarget::Frames(..) = target {
         scenery::check_output(&args.output)?;
     }
     let began = Instant::now();
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let mut stage = args.scene.stage(bundle.as_ref())?;
-    let source = Source::new(args, &stage, bundle.as_ref())?;
+    let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
     let animation = Animation {
         journey: &journey,
         frames,
-        size: (args.scene.size.width, args.scene.size.height),
+        size: args.scene.size,
     };
-    let made = match &target {
-        Target::Frames(..) => animation.write_frames(&target, common, |view, path| {
-            one(args, &stage, view, &source, path).map(|_| ())
+    let drawn = match &target {
+        AnimationTarget::Frames(..) => animation.write_frames(&target, common, |view, path| {
+            let (drawing, _) = paths.draw(args, &stage.world, view)?;
+            write(args, &stage, view, &paths, drawing, path)
         }),
-        Target::Video(path) => animation.write_video(path, common, |view| {
-            Ok(source.draw(args, &stage.world, view)?.0.picture)
+        AnimationTarget::Video(path) => animation.write_video(path, common, |view| {
+            Ok(paths.draw(args, &stage.world, view)?.0.picture)
         }),
     }?;
-    let report = AnimationReport {
-        output: args.output.display().to_string(),
-        tracer: source.name(),
-        frames,
-        drawn: made.drawn,
-        kept: made.kept,
-        seconds: began.elapsed().as_secs_f64(),
-    };
+    let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
+    let seconds = began.elapsed().as_secs_f64();
     if common.json {
-        terminal::print_json(&report)?;
+        terminal::print_json(&json!({
+            "output": output.to_string(), "tracer": tracer, "frames": frames,
+            "drawn": drawn, "kept": kept, "seconds": seconds,
+        }))?;
     } else if !common.quiet {
         terminal::print(&format!(
-            "{}: {frames} frames, {} drawn, {} kept, {} tracer; {:.1} s\n",
-            report.output, made.drawn, made.kept, report.tracer, report.seconds
+            "{output}: {frames} frames, {drawn} drawn, {kept} kept, {tracer} tracer; {seconds:.1} s\n"
         ))?;
     }
     Ok(Outcome::Done)
 }
 
-/// Bakes the scene's light, followed as far as paths are in `bundle`.
+/// Computes the scene's light, followed as far as paths are in `bundle`.
 fn light_up(
     args: &RenderArgs,
     stage: &mut Stage,
@@ -171,11 +145,11 @@ fn light_up(
         Some(bundle) => bundle.table.length,
         None => stage.world.manifold.length_or(args.length)?,
     };
-    light::bake(stage, args.bundle.as_deref(), length, common)
+    scenery::light_up(stage, args.bundle.as_deref(), length, common)
 }
 
 /// Where paths come from.
-enum Source<'b> {
+enum PathSource<'b> {
     Table(Lookup<'b>),
     /// Integration over a length.
     Exact(f64),
@@ -183,7 +157,8 @@ enum Source<'b> {
     Local(f64),
 }
 
-impl<'b> Source<'b> {
+impl<'b> PathSource<'b> {
+    /// Chooses it as the options say.
     fn new(args: &RenderArgs, stage: &Stage, bundle: Option<&'b Bundle>) -> Result<Self> {
         let length = || stage.world.manifold.length_or(args.length);
         match (args.tracer, bundle) {
@@ -202,6 +177,7 @@ impl<'b> Source<'b> {
         }
     }
 
+    /// Names the tracer.
     fn name(&self) -> &'static str {
         match self {
             Self::Table(_) => "table",
@@ -210,7 +186,7 @@ impl<'b> Source<'b> {
         }
     }
 
-    /// The picture, and the time that fixing the camera took.
+    /// Draws the picture; returns it with the time that fixing the camera took.
     fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
         let samples = usize::from(args.scene.spp);
         let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
@@ -233,38 +209,26 @@ impl<'b> Source<'b> {
     }
 }
 
-/// Renders one picture into `output`.
-fn one(
+/// Writes a picture into `output`, with layers if it is an EXR.
+fn write(
     args: &RenderArgs,
     stage: &Stage,
     view: &View,
-    source: &Source<'_>,
+    paths: &PathSource<'_>,
+    drawing: Drawing,
     output: &Path,
-) -> Result<Report> {
+) -> Result<()> {
     let world = &stage.world;
-    let (drawing, contract) = source.draw(args, world, view)?;
-    let report = Report {
-        output: output.display().to_string(),
-        tracer: source.name(),
-        width: args.scene.size.width,
-        height: args.scene.size.height,
-        spp: usize::from(args.scene.spp),
-        flagged: drawing.flagged_share(),
-        contract,
-        paths: drawing.paths.as_secs_f64(),
-        shade: drawing.shade.as_secs_f64(),
-    };
     let mut picture = drawing.picture;
     if Format::of(output) == Some(Format::Exr) {
         picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
         let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
         picture = picture.with_float("area", area);
     }
-    picture::write(output, &picture, &metadata(stage, source.name()))?;
-    Ok(report)
+    picture::write(output, &picture, &metadata(stage, paths.name()))
 }
 
-/// Notes for a picture's file.
+/// Makes the notes for a picture's file.
 pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
     Metadata::default()
         .with("command", terminal::command_line())
@@ -273,21 +237,25 @@ pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
         .with("version", env!("CARGO_PKG_VERSION"))
 }
 
-fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {
+/// Prints where the picture is and what it took; times are in seconds.
+fn print(
+    args: &RenderArgs,
+    tracer: &str,
+    [flagged, contract, paths, shade]: [f64; 4],
+    common: &CommonArgs,
+) -> Result<Outcome> {
+    let (output, spp) = (args.output.display(), args.scene.spp);
+    let (width, height) = args.scene.size;
     if common.json {
-        terminal::print_json(report)?;
+        terminal::print_json(&json!({
+            "output": output.to_string(), "tracer": tracer, "width": width, "height": height,
+            "spp": spp, "flagged": flagged, "contract": contract, "paths": paths, "shade": shade,
+        }))?;
     } else if !common.quiet {
+        let [contract, paths, shade] = [contract, paths, shade].map(|seconds| 1e3 * seconds);
+        let flagged = 100.0 * flagged;
         terminal::print(&format!(
-            "{}: {}x{}, {} spp, {} tracer; contract {:.1} ms, paths {:.1} ms, shade {:.1} ms; {:.2} % integrated after the table gave up\n",
-            report.output,
-            report.width,
-            report.height,
-            report.spp,
-            report.tracer,
-            1e3 * report.contract,
-            1e3 * report.paths,
-            1e3 * report.shade,
-            1e2 * report.flagged,
+            "{output}: {width}x{height}, {spp} spp, {tracer} tracer; contract {contract:.1} ms, paths {paths:.1} ms, shade {shade:.1} ms; {flagged:.2} % integrated after the table gave up\n"
         ))?;
     }
     Ok(Outcome::Done)

@@ -1,13 +1,14 @@
-//! Options that all commands with pictures share.
+//! Scenes for the commands with pictures: their common options, and the light of lamps on surfaces.
 
-use crate::terminal::values;
+use crate::terminal::{CommonArgs, ProgressDisplay, values};
 use clap::Args;
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, diagnostic::Diagnostic, geodesic::check_point};
+use geofan_light::cache::{self, LightmapSource};
 use geofan_render::{Stage, View, picture::Format};
 use std::path::{Path, PathBuf};
 
-/// A scene, one of its cameras, and how finely to look.
+/// Names a scene, one of its cameras, and how finely to look.
 #[derive(Debug, Args)]
 pub struct SceneArgs {
     /// The scene file
@@ -17,7 +18,7 @@ pub struct SceneArgs {
     pub view: Option<String>,
     /// Picture size
     #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = values::picture_size)]
-    pub size: values::PictureSize,
+    pub size: (usize, usize),
     /// Samples for each pixel
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub spp: u16,
@@ -55,10 +56,10 @@ impl SceneArgs {
         }
     }
 
-    /// The view that the options ask for.
+    /// Returns the view that the options ask for.
     pub fn view(&self, stage: &Stage) -> Result<View> {
         let camera = stage.camera(self.view.as_deref())?;
-        let view = stage.view(camera, (self.size.width, self.size.height))?;
+        let view = stage.view(camera, self.size)?;
         // The domain does not say where the metric breaks down.
         match check_point(&stage.world.manifold, "the camera", view.u) {
             Err(fault) => {
@@ -85,4 +86,45 @@ pub fn check_output(path: &Path) -> Result<()> {
         )),
         _ => Ok(()),
     }
+}
+
+/// Local tolerance of the light's geodesics: shadows and brightness are then right to a part in a
+/// hundred thousand, far below what a picture shows.
+const LIGHT_TOLERANCE: f64 = 1e-6;
+
+/// Puts the light of the scene's point lights, followed over `length`, on its surfaces; stores it beside
+/// `bundle` if there is one.
+pub fn light_up(
+    stage: &mut Stage,
+    bundle: Option<&Path>,
+    length: f64,
+    common: &CommonArgs,
+) -> Result<()> {
+    if stage.world.lights.is_empty() || stage.world.faces.is_empty() {
+        return Ok(());
+    }
+    let progress = ProgressDisplay::new(common, "light", 0);
+    let done = |more: usize, all: usize| {
+        progress.set_total(all as u64);
+        progress.inc(more as u64);
+    };
+    let path = bundle.map(light_file);
+    let world = &stage.world;
+    let (light, source) = cache::light(world, length, LIGHT_TOLERANCE, path.as_deref(), done)?;
+    progress.finish();
+    if let (Some(path), LightmapSource::Damaged) = (&path, source) {
+        tracing::warn!(
+            "{} was damaged; its light has been computed again",
+            path.display()
+        );
+    }
+    stage.world.light = Some(light);
+    Ok(())
+}
+
+/// Returns the name of the file with the light beside a bundle.
+fn light_file(bundle: &Path) -> PathBuf {
+    let mut name = bundle.as_os_str().to_owned();
+    name.push(".light");
+    name.into()
 }

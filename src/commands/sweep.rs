@@ -1,7 +1,7 @@
 //! `geofan sweep`: accuracy against table size, for any manifolds.
 
 use super::bake::promise;
-use crate::terminal::{self, CommonArgs, Outcome, Watcher, command_line, values};
+use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, command_line, values};
 use geofan_core::Result;
 use geofan_study::sweep::{self, MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions};
 use serde_json::json;
@@ -38,9 +38,10 @@ pub struct SweepArgs {
     /// parameter and the arc length as NPZ
     #[arg(long, value_name = "CAMERA,DIRECTION,ARC", value_parser = nodes)]
     npz_nodes: Option<[usize; 3]>,
-    /// How those nodes are placed
-    #[arg(long, value_enum, default_value = "uniform", requires = "npz_nodes")]
-    npz_spacing: NodeSpacing,
+    /// How those nodes are placed: equally spaced, both ends included, or at the roots of a Chebyshev
+    /// polynomial
+    #[arg(long, value_name = "uniform|chebyshev", value_parser = spacing, default_value = "uniform", requires = "npz_nodes")]
+    npz_spacing: Spacing,
     /// One face of directions only, numbered from 0
     #[arg(long, value_name = "FACE", requires = "npz_nodes")]
     npz_face: Option<usize>,
@@ -53,15 +54,16 @@ pub struct SweepArgs {
     npz_train: Vec<f64>,
 }
 
-/// Names the spacings of nodes on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum NodeSpacing {
-    /// Equally spaced, both ends included
-    Uniform,
-    /// At the roots of a Chebyshev polynomial, ends not included
-    Chebyshev,
+/// Reads a spacing of nodes.
+fn spacing(text: &str) -> Result<Spacing, String> {
+    match text {
+        "uniform" => Ok(Spacing::Uniform),
+        "chebyshev" => Ok(Spacing::Chebyshev),
+        _ => Err("nodes are spaced `uniform` or `chebyshev`".into()),
+    }
 }
 
+/// Reads a mean number of cells of a grid.
 fn cells(text: &str) -> Result<f64, String> {
     match values::positive(text)? {
         cells if cells <= MOST_CELLS => Ok(cells),
@@ -71,6 +73,7 @@ fn cells(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Reads a number of rays.
 fn rays(text: &str) -> Result<usize, String> {
     match text.trim().parse() {
         Ok(rays) if (100..=10_000_000).contains(&rays) => Ok(rays),
@@ -80,6 +83,7 @@ fn rays(text: &str) -> Result<usize, String> {
     }
 }
 
+/// Reads numbers of nodes, `12,24,16`.
 fn nodes(text: &str) -> Result<[usize; 3], String> {
     let wrong = || format!("`{text}` is not three numbers of nodes: write 12,24,16");
     let numbers = text
@@ -93,11 +97,8 @@ fn nodes(text: &str) -> Result<[usize; 3], String> {
 }
 
 impl SweepArgs {
+    /// Returns the options of the library.
     fn options(&self) -> SweepOptions {
-        let spacing = match self.npz_spacing {
-            NodeSpacing::Uniform => Spacing::Uniform,
-            NodeSpacing::Chebyshev => Spacing::Chebyshev,
-        };
         SweepOptions {
             manifolds: self.manifolds.clone(),
             out: self.out.clone(),
@@ -109,7 +110,7 @@ impl SweepArgs {
             seed: self.seed,
             tensor: self.npz_nodes.map(|nodes| TensorOptions {
                 nodes,
-                spacing,
+                spacing: self.npz_spacing,
                 face: self.npz_face,
                 frames: !self.npz_no_frames,
                 trains: self.npz_train.clone(),
@@ -119,14 +120,14 @@ impl SweepArgs {
     }
 }
 
-/// Measures and prints what was done.
+/// Measures tables and prints what was done.
 pub fn run(args: &SweepArgs, common: &CommonArgs) -> Result<Outcome> {
-    let watcher = Watcher::new(common)?;
+    let observer = TerminalObserver::new(common)?;
     let SweepSummary {
         lines,
         points,
         measured,
-    } = sweep::run(&args.options(), &watcher)?;
+    } = sweep::run(&args.options(), &observer)?;
     lines.iter().try_for_each(|line| terminal::print(line))?;
     let (folder, skipped) = (args.out.display(), points - measured);
     if args.npz_nodes.is_some() {

@@ -48,7 +48,7 @@ pub struct TraceArgs {
     set: Vec<(String, f64)>,
 }
 
-/// What is printed.
+/// A path to be printed.
 struct Trace {
     manifold: Arc<Manifold>,
     samples: Vec<Sample>,
@@ -76,6 +76,7 @@ pub fn run(args: &TraceArgs, common: &CommonArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// Follows the geodesic by integration.
 fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
     let manifold = Manifold::load(file, &args.set)?;
     let length = manifold.length_or(args.length)?;
@@ -100,6 +101,7 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
     })
 }
 
+/// Reads the geodesic from a bundle.
 fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
     let Bundle {
         table, manifold, ..
@@ -124,7 +126,7 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
     })
 }
 
-/// The same error about the option that gave the camera.
+/// Makes an error one about the option that gave the camera.
 fn about_at(error: Error) -> Error {
     match error {
         Error::Input { message, .. } => Error::input("--at", message),
@@ -132,7 +134,7 @@ fn about_at(error: Error) -> Error {
     }
 }
 
-/// The JSON object.
+/// A path as JSON.
 #[derive(Serialize)]
 struct TraceJson<'a> {
     samples: Vec<SampleJson>,
@@ -144,6 +146,7 @@ struct TraceJson<'a> {
     exact: Option<bool>,
 }
 
+/// A sample of a path as JSON.
 #[derive(Serialize)]
 struct SampleJson {
     s: f64,
@@ -168,6 +171,7 @@ impl From<&Sample> for SampleJson {
 }
 
 impl Trace {
+    /// Returns what JSON is made of.
     fn as_json(&self) -> TraceJson<'_> {
         TraceJson {
             samples: self.samples.iter().map(SampleJson::from).collect(),
@@ -178,6 +182,7 @@ impl Trace {
         }
     }
 
+    /// Writes the path as a table.
     fn as_text(&self) -> String {
         let mut text = self.heading();
         for sample in &self.samples {
@@ -201,6 +206,7 @@ impl Trace {
         text
     }
 
+    /// Writes the heading of the table.
     fn heading(&self) -> String {
         let coordinates = &self.manifold.coordinates;
         let mut names = vec!["s".to_string()];
@@ -211,6 +217,7 @@ impl Trace {
     }
 }
 
+/// Writes a sample as a line of the table.
 fn row(sample: &Sample) -> String {
     let numbers = [sample.s].into_iter();
     let numbers = numbers
@@ -221,12 +228,13 @@ fn row(sample: &Sample) -> String {
     line(&cells)
 }
 
+/// Joins cells to a line of the table.
 fn line(cells: &[String]) -> String {
     let cells: Vec<_> = cells.iter().map(|c| format!("{c:>15}")).collect();
     cells.join(" ") + "\n"
 }
 
-/// Nine decimals, as long as that shows the number.
+/// Writes a number with nine decimals, as long as that shows it.
 fn cell(x: f64) -> String {
     if x == 0.0 || (1e-4..1e5).contains(&x.abs()) {
         format!("{x:.9}")

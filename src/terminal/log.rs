@@ -1,27 +1,30 @@
-//! What goes to stderr: log lines and progress bars, kept from writing into each other.
+//! Text on stderr: log lines and the progress of long work, prevented from writing into each other.
 //!
-//! In: tracing events, lines. Out: text on stderr, coloured on a terminal unless `NO_COLOR` is set.
+//! In: tracing events, lines, counts from any thread. Out: text on stderr, coloured on a terminal unless
+//! `NO_COLOR` is set; progress is a bar on a terminal, a plain line every few seconds in a log, nothing
+//! when quiet.
 
-use indicatif::MultiProgress;
+use super::CommonArgs;
+use geofan_core::Progress;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use std::{
     env,
     io::{self, IsTerminal, Write},
-    sync::LazyLock,
+    sync::{
+        LazyLock, Mutex,
+        atomic::{AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
 };
 use tracing_subscriber::{EnvFilter, fmt};
 
-/// What is logged when `RUST_LOG` does not say.
+/// Filter of the log when `RUST_LOG` does not say.
 const USUAL: &str = "warn,geofan=info,geofan_bake=info";
 const QUIET: &str = "error";
 
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 
-/// The bars on the terminal.
-pub(super) fn bars() -> &'static MultiProgress {
-    &BARS
-}
-
-/// Whether stderr takes colours.
+/// Tells whether stderr takes colours.
 pub fn colour() -> bool {
     let unset = |name| env::var_os(name).is_none_or(|value| value.is_empty());
     io::stderr().is_terminal()
@@ -53,7 +56,7 @@ pub fn line(text: &str) {
     let _ = writeln!(Stderr, "{text}");
 }
 
-/// stderr, with bars moved out of the way.
+/// Writes to stderr, with bars moved out of the way.
 struct Stderr;
 
 impl Write for Stderr {
@@ -71,5 +74,220 @@ impl Write for Stderr {
 
     fn flush(&mut self) -> io::Result<()> {
         io::stderr().flush()
+    }
+}
+
+/// Time between two plain lines: a log of an hour stays below a thousand lines.
+const BETWEEN_LINES: Duration = Duration::from_secs(5);
+
+/// Time between two drawings of the bar while nothing is counted, so that its clock runs.
+const TICK: Duration = Duration::from_millis(250);
+
+const TEMPLATE: &str = "{msg} {wide_bar} {human_pos}/{human_len} {per_sec} {eta} left";
+
+/// Shows the progress of one piece of long work.
+#[derive(Debug)]
+pub enum ProgressDisplay {
+    /// On a terminal.
+    Bar(ProgressBar),
+    /// In a log.
+    Lines(ProgressLines),
+    /// Nowhere.
+    Silent,
+}
+
+impl ProgressDisplay {
+    /// Begins work of `total` pieces, called `message`.
+    pub fn new(common: &CommonArgs, message: impl Into<String>, total: u64) -> Self {
+        let message = message.into();
+        if common.quiet {
+            Self::Silent
+        } else if io::stderr().is_terminal() {
+            Self::Bar(bar(message, total))
+        } else {
+            Self::Lines(ProgressLines::new(message, total))
+        }
+    }
+
+    /// Counts so many more pieces as done.
+    pub fn inc(&self, count: u64) {
+        match self {
+            Self::Bar(bar) => bar.inc(count),
+            Self::Lines(lines) => {
+                lines.done.fetch_add(count, Ordering::Relaxed);
+                if let Some(due) = lines.due(lines.started.elapsed()) {
+                    line(&due);
+                }
+            }
+            Self::Silent => {}
+        }
+    }
+
+    /// Changes the number of pieces in all.
+    pub fn set_total(&self, total: u64) {
+        match self {
+            Self::Bar(bar) => bar.set_length(total),
+            Self::Lines(lines) => lines.total.store(total, Ordering::Relaxed),
+            Self::Silent => {}
+        }
+    }
+
+    /// Takes over a report of progress; it never goes back.
+    pub fn update(&self, progress: Progress<'_>) {
+        let message = match progress.detail {
+            "" => progress.work.into(),
+            detail => format!("{}: {detail}", progress.work),
+        };
+        let done = match self {
+            Self::Bar(bar) => {
+                bar.set_message(message);
+                bar.position()
+            }
+            Self::Lines(lines) => {
+                *lines.message.lock().unwrap_or_else(|e| e.into_inner()) = message;
+                lines.done.load(Ordering::Relaxed)
+            }
+            Self::Silent => return,
+        };
+        self.set_total(progress.total);
+        self.inc(progress.done.saturating_sub(done));
+    }
+
+    /// Ends the display: the bar goes away, a log gets its last line.
+    pub fn finish(&self) {
+        match self {
+            Self::Bar(bar) => bar.finish_and_clear(),
+            Self::Lines(lines) => line(&lines.describe(lines.started.elapsed())),
+            Self::Silent => {}
+        }
+    }
+}
+
+/// A bar left behind by an error goes away too.
+impl Drop for ProgressDisplay {
+    fn drop(&mut self) {
+        if let Self::Bar(bar) = self {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// Puts a bar on the terminal.
+fn bar(message: String, total: u64) -> ProgressBar {
+    let style = ProgressStyle::with_template(TEMPLATE);
+    let bar = BARS.add(ProgressBar::new(total));
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_message(message);
+    bar.enable_steady_tick(TICK);
+    bar
+}
+
+/// Counts behind plain lines.
+#[derive(Debug)]
+pub struct ProgressLines {
+    started: Instant,
+    /// When the next line is due, in milliseconds after the start.
+    next: AtomicU64,
+    done: AtomicU64,
+    total: AtomicU64,
+    message: Mutex<String>,
+}
+
+impl ProgressLines {
+    fn new(message: String, total: u64) -> Self {
+        Self {
+            started: Instant::now(),
+            next: AtomicU64::new(BETWEEN_LINES.as_millis() as u64),
+            done: AtomicU64::new(0),
+            total: AtomicU64::new(total),
+            message: Mutex::new(message),
+        }
+    }
+
+    /// Returns the line to print at `elapsed`, if one is due; only one thread gets it.
+    fn due(&self, elapsed: Duration) -> Option<String> {
+        let now = elapsed.as_millis() as u64;
+        let next = self.next.load(Ordering::Relaxed);
+        if now < next {
+            return None;
+        }
+        let after = now + BETWEEN_LINES.as_millis() as u64;
+        let won = self
+            .next
+            .compare_exchange(next, after, Ordering::Relaxed, Ordering::Relaxed);
+        won.ok().map(|_| self.describe(elapsed))
+    }
+
+    /// Writes a line about the work after `elapsed`.
+    fn describe(&self, elapsed: Duration) -> String {
+        let done = self.done.load(Ordering::Relaxed);
+        let total = self.total.load(Ordering::Relaxed);
+        let rate = done as f64 / elapsed.as_secs_f64().max(1e-3);
+        let message = self.message.lock().unwrap_or_else(|e| e.into_inner());
+        let mut line = format!("{message}: {done}/{total}, {} a second", significant(rate));
+        if done >= total {
+            line += &format!(", took {}", duration(elapsed.as_secs_f64()));
+        } else if done > 0 {
+            line += &format!(", {} left", duration((total - done) as f64 / rate));
+        }
+        line
+    }
+}
+
+/// Writes a number with three significant digits, without an exponent.
+fn significant(x: f64) -> String {
+    let decimals = (2 - x.max(1e-6).log10().floor() as i32).clamp(0, 6) as usize;
+    format!("{x:.decimals$}")
+}
+
+/// Writes seconds as people say them.
+fn duration(seconds: f64) -> String {
+    let whole = seconds.round() as u64;
+    match (whole / 3600, whole / 60 % 60, whole % 60) {
+        (0, 0, s) => format!("{s} s"),
+        (0, m, s) => format!("{m} min {s:02} s"),
+        (h, m, _) => format!("{h} h {m:02} min"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lines_come_every_five_seconds_and_once() {
+        let lines = ProgressLines::new("baking".into(), 400);
+        lines.done.store(100, Ordering::Relaxed);
+        assert_eq!(lines.due(Duration::from_secs(4)), None);
+        assert_eq!(
+            lines.due(Duration::from_secs(5)).unwrap(),
+            "baking: 100/400, 20.0 a second, 15 s left"
+        );
+        assert_eq!(lines.due(Duration::from_secs(6)), None);
+        assert!(lines.due(Duration::from_secs(10)).is_some());
+    }
+
+    #[test]
+    fn the_last_line_says_how_long_it_took() {
+        let lines = ProgressLines::new("baking".into(), 7);
+        lines.done.store(7, Ordering::Relaxed);
+        assert_eq!(
+            lines.describe(Duration::from_secs(7000)),
+            "baking: 7/7, 0.00100 a second, took 1 h 56 min"
+        );
+    }
+
+    #[test]
+    fn counting_is_possible_from_many_threads() {
+        let progress = ProgressDisplay::Lines(ProgressLines::new("work".into(), 4000));
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| (0..1000).for_each(|_| progress.inc(1)));
+            }
+        });
+        let ProgressDisplay::Lines(lines) = &progress else {
+            unreachable!()
+        };
+        assert_eq!(lines.done.load(Ordering::Relaxed), 4000);
     }
 }

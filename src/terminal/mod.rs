@@ -1,25 +1,20 @@
 //! Shared by all commands: common options, logs, progress, results, exit codes.
 //!
-//! In: the command line and a command's result. Out: text on stdout (results, JSON) and stderr
+//! In: the command line and the result of a command. Out: text on stdout (results, JSON) and stderr
 //! (logs, progress, errors), and the exit code of a run.
 
-mod command_line;
-mod interrupt;
 mod log;
-mod progress;
+mod observer;
 pub mod values;
-mod watcher;
 
-pub use command_line::{command_line, has_option};
-pub use interrupt::Interrupt;
-pub use log::{colour, line};
-pub use progress::ProgressDisplay;
-pub use watcher::Watcher;
+pub use log::{ProgressDisplay, colour, line};
+pub use observer::TerminalObserver;
 
 use geofan_core::error::{Error, Result};
 use serde::Serialize;
 use serde_json::{Value, json};
 use std::{
+    ffi::OsString,
     io::{self, Write},
     process::ExitCode,
 };
@@ -40,7 +35,7 @@ pub struct CommonArgs {
     pub json: bool,
 }
 
-/// How a command that did not fail has ended.
+/// Says how a command that did not fail has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     /// It did what was asked.
@@ -49,11 +44,13 @@ pub enum Outcome {
     CheckFailed,
 }
 
-/// Reads the command line. A wrong one ends the process with code 2 (help and version with 0);
+/// Reads a command line. A wrong one ends the process with code 2 (help and version with 0);
 /// with `--json` on it, the complaint goes to stdout as JSON too.
-pub fn parse<C: clap::Parser>() -> C {
-    C::try_parse().unwrap_or_else(|error| {
-        if error.use_stderr() && std::env::args_os().any(|a| a == "--json") {
+pub fn parse<C: clap::Parser>(arguments: impl IntoIterator<Item = OsString>) -> C {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let json = arguments.iter().any(|a| a == "--json");
+    C::try_parse_from(arguments).unwrap_or_else(|error| {
+        if error.use_stderr() && json {
             let text = error.render().to_string();
             let paragraph = text.split("\n\n").next().unwrap_or_default();
             let message = paragraph.trim().trim_start_matches("error: ");
@@ -82,6 +79,7 @@ pub fn run(common: &CommonArgs, main: impl FnOnce() -> Result<Outcome>) -> ExitC
     }
 }
 
+/// Makes as many threads as the command line asks for.
 fn start_threads(threads: u16) -> Result<()> {
     if threads == 0 {
         return Ok(());
@@ -93,9 +91,10 @@ fn start_threads(threads: u16) -> Result<()> {
     })
 }
 
-/// What stdout is called in errors.
+/// Name of stdout in errors.
 const STDOUT: &str = "standard output";
 
+/// Tells whether an error is stdout closed by its reader.
 fn is_closed_pipe(error: &Error) -> bool {
     matches!(error, Error::Environment { path, source }
         if path == STDOUT && source.kind() == io::ErrorKind::BrokenPipe)
@@ -130,7 +129,7 @@ pub fn print_json(value: &impl Serialize) -> Result<()> {
     print(&text)
 }
 
-/// The error as JSON: `message`, and `file` or `option`, `line`, `column`, `hint` where known.
+/// Describes the error as JSON: `message`, and `file` or `option`, `line`, `column`, `hint` where known.
 fn describe(error: &Error) -> Value {
     match error {
         Error::Source(diagnostic) => {
@@ -158,6 +157,36 @@ fn describe(error: &Error) -> Value {
             json!({ "file": path, "message": source.to_string() })
         }
         Error::Interrupted { .. } => json!({ "message": error.to_string() }),
+    }
+}
+
+/// Writes the command line of this process as a shell takes it back.
+pub fn command_line() -> String {
+    words()
+        .iter()
+        .map(|word| quoted(word))
+        .collect::<Vec<_>>()
+        .join(" ")
+}
+
+/// Tells whether `option` stands on the command line of this process.
+pub fn has_option(option: &str) -> bool {
+    words().iter().any(|word| word == option)
+}
+
+/// Lists the arguments; those that are not UTF-8 with replacement characters.
+fn words() -> Vec<String> {
+    std::env::args_os()
+        .map(|word| word.to_string_lossy().into_owned())
+        .collect()
+}
+
+/// Quotes a word as a shell takes it back.
+fn quoted(word: &str) -> String {
+    let plain = |c: char| c.is_ascii_alphanumeric() || "-_./=,+:@%".contains(c);
+    match !word.is_empty() && word.chars().all(plain) {
+        true => word.into(),
+        false => format!("'{}'", word.replace('\'', r"'\''")),
     }
 }
 
@@ -214,5 +243,12 @@ mod tests {
     #[should_panic(expected = "not swallowed")]
     fn panics_go_through() {
         run(&common(), || panic!("not swallowed"));
+    }
+
+    #[test]
+    fn words_are_quoted_for_the_shell() {
+        assert_eq!(quoted("a/b.toml"), "a/b.toml");
+        assert_eq!(quoted("my file"), "'my file'");
+        assert_eq!(quoted("it's"), r"'it'\''s'");
     }
 }

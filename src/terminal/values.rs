@@ -5,7 +5,7 @@
 
 use glam::DVec3;
 
-/// Three finite numbers, `a,b,c`.
+/// Reads three finite numbers, `a,b,c`.
 ///
 /// # Errors
 /// A message for the user.
@@ -25,7 +25,7 @@ pub fn vector(text: &str) -> Result<DVec3, String> {
     Ok(vector)
 }
 
-/// A direction, `x,y,z` in the standard frame, normalised.
+/// Reads a direction, `x,y,z` in the standard frame, and normalises it.
 ///
 /// # Errors
 /// A message for the user.
@@ -39,7 +39,7 @@ pub fn direction(text: &str) -> Result<DVec3, String> {
     Ok((vector / largest).normalize())
 }
 
-/// A finite number.
+/// Reads a finite number.
 ///
 /// # Errors
 /// A message for the user.
@@ -51,7 +51,7 @@ pub fn number(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A finite number above zero.
+/// Reads a finite number above zero.
 ///
 /// # Errors
 /// A message for the user.
@@ -66,7 +66,7 @@ pub fn positive(text: &str) -> Result<f64, String> {
 /// first, rounding decides; above the second, steps skip over what they should see.
 const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-14..=1e-1;
 
-/// An integration tolerance.
+/// Reads an integration tolerance.
 ///
 /// # Errors
 /// A message for the user.
@@ -82,7 +82,7 @@ pub fn tolerance(text: &str) -> Result<f64, String> {
     ))
 }
 
-/// A parameter of a manifold, `name=value`.
+/// Reads a parameter of a manifold, `name=value`.
 ///
 /// # Errors
 /// A message for the user.
@@ -110,7 +110,7 @@ const UNITS: [(&str, u64); 10] = [
     ("B", 1),
 ];
 
-/// A number of bytes: `1000000`, `512KiB`, `1.5MiB`, `4MB`.
+/// Reads a number of bytes: `1000000`, `512KiB`, `1.5MiB`, `4MB`.
 ///
 /// # Errors
 /// A message for the user.
@@ -137,37 +137,22 @@ pub fn bytes(text: &str) -> Result<u64, String> {
     }
 }
 
-/// The size of a picture in pixels.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PictureSize {
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-}
-
 /// The most pixels of a picture: a gibibyte for one layer of f32, more than any format stores well.
 const MOST_PIXELS: usize = 1 << 28;
 
-/// A picture size, `1280x720`.
+/// Reads a picture size, `1280x720`: columns and rows.
 ///
 /// # Errors
 /// A message for the user.
-pub fn picture_size(text: &str) -> Result<PictureSize, String> {
+pub fn picture_size(text: &str) -> Result<(usize, usize), String> {
     let wrong = || format!("`{text}` is not a picture size: write 1280x720");
     let (width, height) = text.split_once(['x', 'X', '×']).ok_or_else(wrong)?;
     let side = |text: &str| text.trim().parse::<usize>().map_err(|_| wrong());
     let (width, height) = (side(width)?, side(height)?);
     match width.checked_mul(height) {
         Some(0) => Err("a picture needs at least one pixel".into()),
-        Some(pixels) if pixels <= MOST_PIXELS => Ok(PictureSize { width, height }),
+        Some(pixels) if pixels <= MOST_PIXELS => Ok((width, height)),
         _ => Err(format!("a picture has at most {MOST_PIXELS} pixels")),
-    }
-}
-
-impl std::fmt::Display for PictureSize {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}x{}", self.width, self.height)
     }
 }
 
@@ -217,8 +202,7 @@ mod tests {
 
     #[test]
     fn picture_sizes_are_columns_by_rows() {
-        let size = picture_size("1280x720").unwrap();
-        assert_eq!((size.width, size.height), (1280, 720));
+        assert_eq!(picture_size("1280x720"), Ok((1280, 720)));
         for wrong in [
             "1280",
             "0x5",

@@ -1,9 +1,13 @@
-//! Random rays of a box that its polynomials are not fitted to, and what a table gets wrong on them.
+//! Held-out rays: random rays of a box that its polynomials are not fitted to, followed exactly.
+//!
+//! In: a box and its error budget. Out: the error of a polynomial or tensor on the rays, in units of the
+//! promise, measured as the certificate measures it. It holds the promise where it is at most 1.
 
-use super::{Refiner, region::Region, scout::weigh};
+use super::{Refiner, line_series::channel_weights, tree::ParameterBox};
 use geofan_bundle::{
-    Polynomial, Tensor, arc,
+    Polynomial, Tensor,
     measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
+    path_coefficients,
     rays::{CHANNELS, Start},
 };
 use geofan_core::{geodesic::End, random::Stream};
@@ -11,21 +15,21 @@ use rayon::prelude::*;
 use std::sync::atomic::Ordering;
 
 /// The fewest held-out rays of a box. Fewer miss narrow failures, and let steps pass that other rays
-/// would not (S³ and H³: 99th percentiles 0.98 of the promise with 48, 0.9 with 96; a lens from one point: 1.02 with
-/// 96).
+/// would not (S³ and H³: 99th percentiles 0.98 of the promise with 48, 0.9 with 96; a lens from one point:
+/// 1.02 with 96).
 const FEWEST: usize = 144;
 
 /// The most, and how many rays a box may be fitted to for each. Boxes of many axes have more places
-/// for failures to hide, and can afford to look: the sky of the Gaussian lens came to 1.07 of the promise with
-/// 480, to 1.04 with 960.
+/// for failures to hide, and can afford to look: the sky of the Gaussian lens came to 1.07 of the promise
+/// with 480, to 1.04 with 960.
 const MOST: usize = 960;
 const FITTED_EACH: usize = 40;
 
-/// How many times as many the whole sphere of directions has, and the most: it stands for six faces.
+/// Factor by which the whole sphere of directions has more, and the most: it stands for six faces.
 const ON_SPHERE: usize = 3;
 const MOST_ON_SPHERE: usize = 1920;
 
-/// How often as many rays again are followed where too few get to the arc lengths of the box, because
+/// Largest number of draws of as many rays again where too few get to the arc lengths of the box, because
 /// most end at an exit before: in the corner that is left a table failed by radians (Sol) when two
 /// rays out of 48 had vouched for it.
 const BATCHES: usize = 16;
@@ -38,12 +42,12 @@ const LENGTHS: usize = 6;
 /// with 0.01 certificates exceed it by up to 5 %. From 0.01 to 0.007 costs 2 % of the bytes.
 const EXCEEDING: f64 = 0.007;
 
-/// The same of the whole sphere, where more rays are compared and one patch is most of a table. With
+/// Share for the whole sphere, where more rays are compared and one patch is most of a table. With
 /// 0.0085 certificates exceed it by up to 3 %.
 const EXCEEDING_ON_SPHERE: f64 = 0.0075;
 
-/// How many rays tell whether a tensor is so far from the promise that the others need not be asked, and how
-/// far that is: among so many few decide.
+/// Rays that tell whether a tensor is so far from the promise that the others need not be asked, and the
+/// bounds of what is not far: among so many few decide.
 const GLANCE: usize = 480;
 const NEAR: [f64; 2] = [0.8, 1.25];
 
@@ -56,8 +60,8 @@ const NOTHING: f64 = 0.01;
 const JUDGES: usize = 160;
 const FIRST: usize = 16;
 
-/// How many rays are followed before a polynomial is judged at all: as many as fill all lanes. Half of
-/// the boxes of a wormhole fail on the first of them.
+/// Rays followed before a polynomial is judged at all: as many as fill all lanes. Half of the boxes of a
+/// wormhole fail on the first of them.
 const AT_ONCE: usize = 32;
 
 /// A held-out ray.
@@ -70,14 +74,14 @@ struct HeldOutRay {
     exits: bool,
 }
 
-/// The exact truth about the held-out rays of a box.
-pub struct HeldOut<'a> {
+/// The held-out rays of a box with their exact paths.
+pub struct HeldOutRays<'a> {
     refiner: &'a Refiner<'a>,
     chunk: usize,
-    region: &'a Region,
+    bounds: &'a ParameterBox,
     stream: Stream,
     rays: Vec<HeldOutRay>,
-    /// The first rays that have not been followed yet, and the key of their arc lengths.
+    /// Parameters of rays that have been drawn and not followed yet, and the key of their arc lengths.
     pending: Vec<Vec<f64>>,
     key: u64,
     /// Arc lengths of the box.
@@ -88,24 +92,29 @@ pub struct HeldOut<'a> {
     pub singular: bool,
 }
 
-impl<'a> HeldOut<'a> {
-    /// Those of `region` of `chunk`, of which `lenience` times the usual share may miss the promise. Only
-    /// the first are followed, all others when they are asked for.
-    pub fn new(refiner: &'a Refiner<'a>, chunk: usize, region: &'a Region, lenience: f64) -> Self {
-        let usual = match region.face {
+impl<'a> HeldOutRays<'a> {
+    /// Draws those of the box `bounds` of `chunk`, which may miss the promise as often as its error
+    /// `budget` says. Only the first are followed, all others when they are asked for.
+    pub fn new(
+        refiner: &'a Refiner<'a>,
+        chunk: usize,
+        bounds: &'a ParameterBox,
+        budget: f64,
+    ) -> Self {
+        let usual = match bounds.face {
             Some(_) => EXCEEDING,
             None => EXCEEDING_ON_SPHERE,
         };
         let mut held_out = Self {
             refiner,
             chunk,
-            region,
-            stream: Stream::new(&region.path),
+            bounds,
+            stream: Stream::new(&bounds.name),
             rays: Vec::new(),
             pending: Vec::new(),
             key: 0,
-            interval: region.arc_interval(refiner.plan.length),
-            exceeding: lenience * usual,
+            interval: bounds.arc_interval(refiner.plan.length),
+            exceeding: budget * usual,
             singular: false,
         };
         held_out.draw();
@@ -116,10 +125,10 @@ impl<'a> HeldOut<'a> {
         held_out
     }
 
-    /// How many rays are drawn at once.
+    /// Returns the number of rays drawn at once.
     fn count(&self) -> usize {
         let count = (self.refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
-        match self.region.face {
+        match self.bounds.face {
             Some(_) => count,
             None => (ON_SPHERE * count).min(MOST_ON_SPHERE),
         }
@@ -127,8 +136,8 @@ impl<'a> HeldOut<'a> {
 
     /// Draws more rays.
     fn draw(&mut self) {
-        let (count, region) = (self.count(), self.region);
-        let parameters = (0..count).map(|_| region.ray(&mut self.stream));
+        let (count, bounds) = (self.count(), self.bounds);
+        let parameters = (0..count).map(|_| bounds.random_ray(&mut self.stream));
         self.pending = parameters.collect();
         self.key = self.stream.bits();
     }
@@ -150,18 +159,20 @@ impl<'a> HeldOut<'a> {
         }
     }
 
-    /// Follows the next `count` rays that have been drawn and keeps those that get to the box's arc lengths.
+    /// Follows the next `count` rays that have been drawn and keeps those that get to the box's arc
+    /// lengths.
     fn follow(&mut self, count: usize) {
         let (refiner, [start, end]) = (self.refiner, self.interval);
-        let (space, plan) = (refiner.space, refiner.plan);
-        let manifold = space.manifold();
+        let manifold = refiner.space.manifold();
+        // The next rays, out of those pending.
         let first = self.count() - self.pending.len();
         let later = self.pending.split_off(count.min(self.pending.len()));
         let parameters = std::mem::replace(&mut self.pending, later);
         let rays = parameters.iter();
         let rays: Vec<_> = rays
-            .map(|x| refiner.ray(self.chunk, self.region, x))
+            .map(|x| refiner.ray(self.chunk, self.bounds, x))
             .collect();
+        // Random arc lengths in the box, and the end of the path.
         let key = self.key;
         let lengths = |ray: usize, length: f64| {
             let mut stream = Stream::new(&[key, (first + ray) as u64]);
@@ -170,47 +181,49 @@ impl<'a> HeldOut<'a> {
             let within = (0..count).map(|_| end - (end - start) * stream.uniform());
             within.chain((count > 0).then_some(end)).collect()
         };
-        let settings = stored_settings(space, plan.tolerance);
+        let settings = stored_settings(refiner.space, refiner.plan.tolerance);
         let probed = probe(manifold, settings, end, &rays, lengths);
         let tried = rays.len() as u64;
         refiner.tally.rays.fetch_add(tried, Ordering::Relaxed);
+        // What was found about them.
         let ended = |p: &Probed| p.end == End::Singular && p.length >= start;
         self.singular |= probed.iter().any(ended);
-        let rays = parameters.into_iter().zip(&rays).zip(probed);
-        let rays = rays.filter(|(_, probed)| !probed.probes.is_empty());
+        let found = parameters.into_iter().zip(&rays).zip(probed);
+        let found = found.filter(|(_, probed)| !probed.probes.is_empty());
+        let lift = refiner.space.lift();
         self.rays
-            .extend(rays.map(|((parameters, &(u, d)), mut probed)| {
+            .extend(found.map(|((parameters, &(u, d)), mut probed)| {
                 let exits = probed.exits();
                 if !exits {
                     probed.probes.pop();
                 }
                 HeldOutRay {
                     parameters,
-                    start: space.lift().start(u, manifold.standard_frame(u) * d),
+                    start: lift.start(u, manifold.standard_frame(u) * d),
                     probes: probed.probes,
                     exits,
                 }
             }));
     }
 
-    /// Whether the box has the whole sphere of directions.
+    /// Tells whether the box has the whole sphere of directions.
     pub fn on_sphere(&self) -> bool {
-        self.region.face.is_none()
+        self.bounds.face.is_none()
     }
 
-    /// Whether no ray gets as far as the box: whatever is stored will not be read.
+    /// Tells whether no ray gets as far as the box: nothing of it will be read.
     pub fn is_empty(&self) -> bool {
         self.rays.is_empty()
     }
 
-    /// The error in mrad that an error of one unit in a displacement channel usually causes: the
+    /// Returns the error in mrad that an error of one unit in a displacement channel usually causes: the
     /// upper decile.
     pub fn weight(&self) -> f64 {
         let space = self.refiner.space;
         let mut found = Vec::new();
         for probe in self.rays.iter().flat_map(|ray| &ray.probes) {
             let mut weights = [0.0; CHANNELS];
-            weigh(space, false, probe, &mut weights);
+            channel_weights(space, false, probe, &mut weights);
             let largest = weights.iter().copied().fold(0.0, f64::max);
             found.extend(Some(largest).filter(|w| *w > 0.0 && w.is_finite()));
         }
@@ -218,8 +231,8 @@ impl<'a> HeldOut<'a> {
         found.get(found.len() * 9 / 10).map_or(1.0, |w| *w)
     }
 
-    /// The error of `tensor` that all but the allowed share of comparisons keep, of points or of
-    /// tangents, in units of the promise; of one that is far from it as the first rays tell. An error of
+    /// Measures the error of `tensor` that all but the allowed share of comparisons keep, of points or of
+    /// tangents, in units of the promise; of one that is far from it by the first rays alone. An error of
     /// `unit` in a displacement uses up the promise.
     pub fn error(&self, tensor: &Tensor, unit: f64) -> f64 {
         let (first, others) = self.rays.split_at(self.rays.len().min(GLANCE));
@@ -228,30 +241,31 @@ impl<'a> HeldOut<'a> {
             false => Tensor::at_many,
         };
         let mut errors = self.errors_of(first, |points| read(tensor, points));
-        let error = self.most_of(&errors);
+        let error = self.deciding_error(&errors);
         if others.is_empty() || !(NEAR[0]..NEAR[1]).contains(&error) {
             return error;
         }
         errors.extend(self.errors_of(others, |points| read(tensor, points)));
-        self.most_of(&errors)
+        self.deciding_error(&errors)
     }
 
-    /// Whether the rounding errors of single precision are far below the promise: of displacements no
-    /// larger than the arc length.
+    /// Tells whether the rounding errors of single precision are far below the promise: of displacements
+    /// no larger than the arc length.
     fn in_single(&self, unit: f64) -> bool {
         f64::from(f32::EPSILON) * self.refiner.plan.length < NOTHING * unit
     }
 
-    /// What all but the allowed share of these errors keep, in units of the promise.
-    fn most_of(&self, errors: &[Errors]) -> f64 {
-        Errors::of(errors).most(self.exceeding) / self.refiner.plan.max_error
+    /// Returns the error that all but the allowed share of `errors` keep, in units of the promise.
+    fn deciding_error(&self, errors: &[HeldOutErrors]) -> f64 {
+        let all = HeldOutErrors::together(errors);
+        all.quantile(self.exceeding) / self.refiner.plan.max_error
     }
 
-    /// The same of a polynomial. One that fails is given up as soon as enough rays show it; its error
-    /// is then that of those rays, and the others may not have been followed.
+    /// Measures the error of a polynomial likewise. One that fails is given up as soon as enough rays show
+    /// it; its error is then that of those rays, and the others may not have been followed.
     pub fn error_of(&mut self, polynomial: &Polynomial) -> f64 {
         let most = self.refiner.plan.max_error;
-        let (mut all, mut from, mut count) = (Vec::<Errors>::new(), 0, FIRST);
+        let (mut all, mut from, mut count) = (Vec::<HeldOutErrors>::new(), 0, FIRST);
         while from < self.rays.len().min(JUDGES) {
             let to = (from + count).min(self.rays.len()).min(JUDGES);
             let rays = &self.rays[from..to];
@@ -263,11 +277,11 @@ impl<'a> HeldOut<'a> {
             self.complete();
             (from, count) = (to, 2 * count);
         }
-        self.most_of(&all)
+        self.deciding_error(&all)
     }
 
-    /// How many comparisons of those with judges may exceed the promise; of rays that have not been
-    /// followed as many may be compared as possible.
+    /// Counts the comparisons of the judges that may exceed the promise; rays that have not been followed
+    /// may be compared at as many places as possible.
     fn allowed(&self) -> usize {
         let judges = &self.rays[..self.rays.len().min(JUDGES)];
         let comparisons: usize = judges.iter().map(|ray| ray.probes.len()).sum();
@@ -275,12 +289,12 @@ impl<'a> HeldOut<'a> {
         allowed(self.exceeding, comparisons + others * (LENGTHS + 1))
     }
 
-    /// The errors of what `read` gives at the parameters of `rays`.
+    /// Measures what `read` gives at the parameters of `rays`.
     fn errors_of(
         &self,
         rays: &[HeldOutRay],
         read: impl FnOnce(&[&[f64]]) -> Vec<Vec<f64>>,
-    ) -> Vec<Errors> {
+    ) -> Vec<HeldOutErrors> {
         let points: Vec<&[f64]> = rays.iter().map(|r| r.parameters.as_slice()).collect();
         let stored = read(&points);
         let errors = rays.par_iter().zip(&stored);
@@ -289,17 +303,17 @@ impl<'a> HeldOut<'a> {
             .collect()
     }
 
-    /// What a table gets wrong that has `stored` these coefficients for the ray.
-    fn errors(&self, ray: &HeldOutRay, stored: &[f64]) -> Errors {
+    /// Compares a table that has `stored` these coefficients for the ray with its exact path.
+    fn errors(&self, ray: &HeldOutRay, stored: &[f64]) -> HeldOutErrors {
         let refiner = self.refiner;
         let channels = refiner.space.channels().len();
         let mut rows = Vec::new();
-        arc::unfold(stored, channels, self.interval, &mut rows);
-        let mut errors = Errors::default();
+        path_coefficients::unfold(stored, channels, self.interval, &mut rows);
+        let mut errors = HeldOutErrors::default();
         let only_exits = tangents_at_exits(refiner.space);
         for (i, probe) in ray.probes.iter().enumerate() {
-            let sums = arc::sums(&rows, channels, self.interval, &[probe.s]);
-            let (u, v) = arc::state(refiner.space, &ray.start, &sums, 0, probe.s);
+            let sums = path_coefficients::sums(&rows, channels, self.interval, &[probe.s]);
+            let (u, v) = path_coefficients::state(refiner.space, &ray.start, &sums, 0, probe.s);
             errors.points.push(probe.screen_mrad(u - probe.u));
             let exit = ray.exits && i + 1 == ray.probes.len();
             if refiner.plan.frames && (exit || !only_exits) {
@@ -310,15 +324,16 @@ impl<'a> HeldOut<'a> {
     }
 }
 
-/// Errors in mrad.
+/// Errors on some rays in mrad.
 #[derive(Default)]
-struct Errors {
+struct HeldOutErrors {
     points: Vec<f64>,
     tangents: Vec<f64>,
 }
 
-impl Errors {
-    fn of(rays: &[Self]) -> Self {
+impl HeldOutErrors {
+    /// Puts those of several rays together.
+    fn together(rays: &[Self]) -> Self {
         let mut all = Self::default();
         for ray in rays {
             all.points.extend(&ray.points);
@@ -327,24 +342,24 @@ impl Errors {
         all
     }
 
-    /// How many points or tangents miss the promise `most`.
+    /// Counts the points or tangents that miss the promise `most`.
     fn exceeding(&self, most: f64) -> usize {
         let count = |errors: &[f64]| errors.iter().filter(|e| !(**e <= most)).count();
         count(&self.points).max(count(&self.tangents))
     }
 
-    /// What all points and all tangents keep but this share of them.
-    fn most(self, exceeding: f64) -> f64 {
+    /// Returns the error that all points and all tangents keep but this share of them.
+    fn quantile(self, exceeding: f64) -> f64 {
         quantile(self.points, exceeding).max(quantile(self.tangents, exceeding))
     }
 }
 
-/// How many of so many comparisons a share of them is, rounded down.
+/// Counts how many of so many comparisons a share of them is, rounded down.
 fn allowed(share: f64, comparisons: usize) -> usize {
     (share * comparisons as f64) as usize
 }
 
-/// The error that all but this share of `errors` keep; infinite if it is not a number.
+/// Returns the error that all but this share of `errors` keep; infinite if it is not a number.
 fn quantile(mut errors: Vec<f64>, exceeding: f64) -> f64 {
     errors
         .iter_mut()

@@ -1,14 +1,21 @@
-//! Coefficients → the smallest tensor that keeps the promise on the held-out rays.
+//! Quantisation: coefficients → the smallest tensor that keeps the promise on the held-out rays.
+//!
+//! In: the polynomial of a box and its held-out rays. Out: its coefficients, as a tensor train or plain,
+//! rounded with the coarsest step whose error keeps the promise. Steps are octaves in 32 parts.
 
-use super::{Refiner, decompose::decompose, held_out::HeldOut, order};
+use super::{
+    Refiner,
+    held_out::HeldOutRays,
+    tensor_train::{best_layout, decompose},
+};
 use geofan_bundle::{Polynomial, Step, Tensor, Train};
 
 /// Steps tried: this many, each the next coarser. The finest decides whether the box can be kept at
 /// all, the coarsest is 15 octaves above.
 const STEPS: i16 = 480;
 
-/// What rounding with the finest step may add, if all coefficients are rounded, in units of an error
-/// that uses up the promise: steps of `1/√n` of it for `n` coefficients add 0.3 of it. A box that
+/// Error that rounding all coefficients with the finest step may add, in units of an error that uses up
+/// the promise: steps of `1/√n` of it for `n` coefficients add 0.3 of it. A box that
 /// only holds with finer ones is so near its limit that its halves take fewer bytes (Ellis: 1 MB
 /// against 5); coarser ones halve boxes that need not be.
 const FINEST: f64 = 1.0;
@@ -16,9 +23,9 @@ const FINEST: f64 = 1.0;
 /// The finest step as a share of the largest coefficient: so many bits a core has room for.
 const ROOM: f64 = 1.6e-8;
 
-/// The finest step in units of an error that uses up the promise, however many coefficients there
-/// are: most of those of large patches round to zero and add nothing. The second is tried on whole spheres
-/// that do not hold with the first: six faces take several times their bytes.
+/// The finest step in units of an error that uses up the promise, for any number of coefficients: most of
+/// those of large patches round to zero and add nothing. The second is tried on whole spheres that do not
+/// hold with the first: six faces take several times their bytes.
 const FINE_ENOUGH: [f64; 2] = [0.005, 0.0025];
 
 /// The step tried first: nearly all patches hold with it, and with the finest, which takes longest to try, it
@@ -29,8 +36,8 @@ const LIKELY: i16 = 10;
 /// not grow as steps do.
 const NEAR: f64 = 4.0;
 
-/// How many steps coarser usually double the error: more than one octave has, because truncation adds to
-/// the error of rounding.
+/// Steps that usually double the error: more than an octave has, because truncation adds to the error of
+/// rounding.
 const USUAL: f64 = 44.0;
 
 /// Singular values below this share of the finest step round to zero: their vectors would need an entry
@@ -46,8 +53,8 @@ const MOST_RANKS: [usize; 2] = [500, 1500];
 const MOST_PLAIN: f64 = 3e5;
 
 impl Refiner<'_> {
-    /// The smallest tensor of the polynomial that keeps the promise on the held-out rays.
-    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOut<'_>) -> Option<Tensor> {
+    /// Finds the smallest tensor of the polynomial that keeps the promise on the held-out rays.
+    pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOutRays<'_>) -> Option<Tensor> {
         if !polynomial.is_finite() {
             return None;
         }
@@ -56,7 +63,7 @@ impl Refiner<'_> {
         self.smallest(polynomial, &finest, |tensor| held_out.error(tensor, unit))
     }
 
-    /// The smaller of the tensor train and the plain coefficients, each rounded as coarsely as the
+    /// Returns the smaller of the tensor train and the plain coefficients, each rounded as coarsely as the
     /// `error`, in units of the promise, allows, from the first of the `finest` steps that does.
     fn smallest(
         &self,
@@ -65,7 +72,7 @@ impl Refiner<'_> {
         error: impl Fn(&Tensor) -> f64,
     ) -> Option<Tensor> {
         let count = polynomial.coefficients.len() as f64;
-        let layout = order::best(polynomial);
+        let layout = best_layout(polynomial);
         let most_rank = MOST_RANKS[usize::from(count > MOST_PLAIN)];
         let train = finest.iter().find_map(|finest| {
             let threshold = (NEGLIGIBLE * finest, most_rank);
@@ -93,7 +100,7 @@ impl Refiner<'_> {
     }
 }
 
-/// The finest steps worth trying, where `unit` is an error that uses up the promise.
+/// Lists the finest steps worth trying, where `unit` is an error that uses up the promise.
 fn finest(polynomial: &Polynomial, unit: f64, on_sphere: bool) -> Vec<f64> {
     let usual = FINEST / (polynomial.coefficients.len() as f64).sqrt();
     let room = ROOM * largest(polynomial);
@@ -105,18 +112,18 @@ fn finest(polynomial: &Polynomial, unit: f64, on_sphere: bool) -> Vec<f64> {
     finest
 }
 
-/// `train` rounded with the coarsest of the steps whose error keeps the promise.
+/// Rounds `train` with the coarsest of the steps whose error keeps the promise.
 fn coarsest(train: &Train, finest: f64, error: &impl Fn(&Tensor) -> f64) -> Option<(Step, Tensor)> {
-    last_kept(|k| {
+    coarsest_kept(|k| {
         let step = Step::near(finest).coarser(k);
         let tensor = train.rounded(step)?;
         Some((error(&tensor), (step, tensor)))
     })
 }
 
-/// What the coarsest step that keeps the promise gives, of those that are `tried` by number (error, what
-/// it gives): rounding more coarsely is hardly ever better.
-fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
+/// Finds the coarsest step that keeps the promise and returns its result, where `tried` gives the error and
+/// the result of a step by its number: rounding more coarsely is hardly ever better.
+fn coarsest_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
     let keeping = |found: &(f64, T)| found.0 <= 1.0;
     let (mut keeps, mut misses, mut best) = match tried(LIKELY) {
         Some((error, found)) if error <= 1.0 => ((LIKELY, error), (STEPS, f64::INFINITY), found),
@@ -126,16 +133,16 @@ fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
             ((0, error), (LIKELY, missed), found)
         }
     };
-    let mut kept = 1;
+    let mut kept_count = 1;
     while misses.0 - keeps.0 > 1 {
         let k = match misses.1 <= NEAR {
             true => between(keeps, misses),
-            false => beyond(keeps, kept).min(i16::midpoint(keeps.0, misses.0)),
+            false => beyond(keeps, kept_count).min(i16::midpoint(keeps.0, misses.0)),
         };
         match tried(k) {
             Some((error, found)) if error <= 1.0 => {
                 (best, keeps) = (found, (k, error));
-                kept += 1;
+                kept_count += 1;
             }
             found => misses = (k, found.map_or(f64::INFINITY, |(error, _)| error)),
         }
@@ -143,22 +150,22 @@ fn last_kept<T>(tried: impl Fn(i16) -> Option<(f64, T)>) -> Option<T> {
     Some(best)
 }
 
-/// The step to be tried between one that keeps the promise and one that does not, each with its error:
-/// where a power law between them meets the promise.
+/// Chooses a step between one that keeps the promise and one that does not, each with its error: where a
+/// power law between them meets the promise.
 fn between(keeps: (i16, f64), misses: (i16, f64)) -> i16 {
     let share = (1.0 / keeps.1).ln() / (misses.1 / keeps.1).ln();
     let steps = (share * f64::from(misses.0 - keeps.0)) as i16;
     (keeps.0 + steps).clamp(keeps.0 + 1, misses.0 - 1)
 }
 
-/// The step to be tried after `kept` ones that keep the promise, the last with its error, while none is
-/// known that nearly does: farther each time, in case errors grow more slowly than they usually do.
-fn beyond(keeps: (i16, f64), kept: i16) -> i16 {
-    let steps = USUAL * (1.0 / keeps.1).log2() * f64::from(kept);
+/// Chooses a step after `tried` ones that keep the promise, the last with its error, while none is known
+/// that nearly does: farther each time, in case errors grow more slowly than they usually do.
+fn beyond(keeps: (i16, f64), tried: i16) -> i16 {
+    let steps = USUAL * (1.0 / keeps.1).log2() * f64::from(tried);
     keeps.0.saturating_add((steps as i16).max(1))
 }
 
-/// The size of the largest coefficient.
+/// Returns the size of the largest coefficient.
 fn largest(polynomial: &Polynomial) -> f64 {
     polynomial
         .coefficients
@@ -175,7 +182,7 @@ mod tests {
     fn the_last_step_that_keeps_the_promise_is_found_in_few_trials() {
         for (floor, crossing) in [(0.3, 154.0), (0.9, 301.0), (0.01, 6.4)] {
             let trials = Cell::new(0);
-            let found = last_kept(|k| {
+            let found = coarsest_kept(|k| {
                 trials.set(trials.get() + 1);
                 let rounding = 2_f64.powf((f64::from(k) - crossing) / 32.0);
                 Some((floor + (1.0 - floor) * rounding, k))

@@ -1,27 +1,28 @@
-//! `geofan info` on a manifold file.
+//! `geofan info` on a manifold file, and the differential geometry at one point of it.
 
-use super::{InfoArgs, place::Place};
-use crate::terminal::{self, CommonArgs, Outcome};
+use super::{DescriptionText, InfoArgs};
+use crate::terminal::{self, CommonArgs};
 use geofan_core::{
     Result,
-    manifold::{Carried, Manifold},
+    geodesic::check_point,
+    manifold::{Carried, Curvature, EventKind, Manifold},
 };
+use glam::{DMat3, DVec3};
 use serde_json::{Map, Value, json};
 use std::fmt::Write;
 
 /// Describes the manifold.
-pub fn run(args: &InfoArgs, common: &CommonArgs) -> Result<Outcome> {
+pub fn describe(args: &InfoArgs, common: &CommonArgs) -> Result<()> {
     let manifold = Manifold::load(&args.file, &args.set)?;
-    let at = args.at.map(|u| Place::new(&manifold, u)).transpose()?;
-    if common.json {
-        terminal::print_json(&as_json(&manifold, at.as_ref()))?;
-    } else {
-        terminal::print(&as_text(&manifold, at.as_ref()))?;
+    let at = args.at.map(|u| PointGeometry::new(&manifold, u));
+    let at = at.transpose()?;
+    match common.json {
+        true => terminal::print_json(&as_json(&manifold, at.as_ref())),
+        false => terminal::print(&as_text(&manifold, at.as_ref())),
     }
-    Ok(Outcome::Done)
 }
 
-/// What a right-hand side carries, by name.
+/// Right-hand sides by what they carry, with their names.
 const CARRIED: [(&str, Carried); 4] = [
     ("path", carried(false, false)),
     ("path and frame", carried(true, false)),
@@ -29,11 +30,13 @@ const CARRIED: [(&str, Carried); 4] = [
     ("path, frame and deviation", carried(true, true)),
 ];
 
+/// Names its arguments.
 const fn carried(frame: bool, deviation: bool) -> Carried {
     Carried { frame, deviation }
 }
 
-fn as_json(manifold: &Manifold, at: Option<&Place>) -> Value {
+/// Describes the manifold as JSON.
+fn as_json(manifold: &Manifold, at: Option<&PointGeometry>) -> Value {
     let mut value = json!({
         "kind": "manifold",
         "name": manifold.name,
@@ -51,12 +54,13 @@ fn as_json(manifold: &Manifold, at: Option<&Place>) -> Value {
         "length": manifold.length,
         "operations": operations_json(manifold),
     });
-    if let Some(place) = at {
-        value["at"] = place.as_json();
+    if let Some(point) = at {
+        value["at"] = point.as_json();
     }
     value
 }
 
+/// Makes a JSON object of names and values.
 fn object<N, V>(entries: impl IntoIterator<Item = (N, V)>) -> Value
 where
     N: Into<String>,
@@ -66,6 +70,7 @@ where
     Value::Object(entries.into_iter().map(entry).collect::<Map<_, _>>())
 }
 
+/// Says whether metric or embedding is given.
 fn definition(manifold: &Manifold) -> &'static str {
     match manifold.ambient {
         Some(_) => "embedding",
@@ -73,16 +78,19 @@ fn definition(manifold: &Manifold) -> &'static str {
     }
 }
 
+/// Lists the names of exits.
 fn exits(manifold: &Manifold) -> Vec<&str> {
     manifold.exits.iter().map(|e| e.name.as_str()).collect()
 }
 
+/// Lists the coordinates that nothing depends on.
 fn translations(manifold: &Manifold) -> Vec<&str> {
     let names = manifold.coordinates.iter().map(String::as_str);
     let claims = names.zip(manifold.symmetry.translation);
     claims.filter(|c| c.1).map(|c| c.0).collect()
 }
 
+/// Describes the claims of symmetry as JSON.
 fn symmetry_json(manifold: &Manifold) -> Value {
     json!({
         "rotation": manifold.symmetry.rotation,
@@ -91,6 +99,7 @@ fn symmetry_json(manifold: &Manifold) -> Value {
     })
 }
 
+/// Counts the operations of right-hand sides.
 fn operations_json(manifold: &Manifold) -> Value {
     let entry = |(name, carried)| {
         let (arithmetic, functions) = manifold.flow(carried).operations();
@@ -102,8 +111,9 @@ fn operations_json(manifold: &Manifold) -> Value {
     object(CARRIED.map(entry))
 }
 
-fn as_text(manifold: &Manifold, at: Option<&Place>) -> String {
-    let mut text = Lines::default();
+/// Describes the manifold in words.
+fn as_text(manifold: &Manifold, at: Option<&PointGeometry>) -> String {
+    let mut text = DescriptionText::default();
     text.line("name", &manifold.name);
     text.line("coordinates", manifold.coordinates.join(", "));
     text.line(
@@ -130,24 +140,14 @@ fn as_text(manifold: &Manifold, at: Option<&Place>) -> String {
         let cost = format!("{name}: {arithmetic} operations, {functions} functions");
         text.line("right-hand side", cost);
     }
-    if let Some(place) = at {
-        text.0 += &place.as_text(&manifold.coordinates);
+    if let Some(point) = at {
+        text.0 += &point.as_text(&manifold.coordinates);
     }
     text.0
 }
 
-/// Lines of a name and a value.
-#[derive(Default)]
-struct Lines(String);
-
-impl Lines {
-    fn line(&mut self, name: &str, value: impl std::fmt::Display) {
-        let _ = writeln!(self.0, "{name:<16} {value}");
-    }
-}
-
+/// Describes coordinate limits and conditions.
 fn domain(manifold: &Manifold) -> Vec<String> {
-    use geofan_core::manifold::EventKind;
     let domain = &manifold.domain;
     let mut lines = Vec::new();
     for (k, name) in manifold.coordinates.iter().enumerate() {
@@ -165,6 +165,7 @@ fn domain(manifold: &Manifold) -> Vec<String> {
     lines
 }
 
+/// Describes the claims of symmetry in words.
 fn symmetry(manifold: &Manifold) -> String {
     let mut claims = Vec::new();
     if manifold.symmetry.rotation {
@@ -183,6 +184,7 @@ fn symmetry(manifold: &Manifold) -> String {
     }
 }
 
+/// Describes the camera region.
 fn cameras(manifold: &Manifold) -> String {
     match &manifold.cameras {
         None => "no region given".into(),
@@ -198,4 +200,101 @@ fn cameras(manifold: &Manifold) -> String {
             intervals.map(interval).collect::<Vec<_>>().join(", ")
         }
     }
+}
+
+/// Differential geometry at one point of the chart.
+struct PointGeometry {
+    u: DVec3,
+    curvature: Curvature,
+    frame: DMat3,
+    /// `Ω(∂_k)` for each coordinate.
+    connection: [DMat3; 3],
+}
+
+impl PointGeometry {
+    /// Computes it, and refuses a point outside the domain.
+    fn new(manifold: &Manifold, u: DVec3) -> Result<Self> {
+        check_point(manifold, "--at", u)?;
+        Ok(Self {
+            u,
+            curvature: manifold.curvature(u)?,
+            frame: manifold.standard_frame(u),
+            connection: manifold.connection(u),
+        })
+    }
+
+    /// Describes it as JSON: matrices by rows, but `frame` as three vectors; `christoffel[k][i][j]` is Γ^k_ij,
+    /// `connection[k]` is Ω(∂_k) in the standard frame, `riemann[a][b][c][d]` is R_abcd.
+    fn as_json(&self) -> Value {
+        let Curvature {
+            metric,
+            inverse,
+            christoffel,
+            riemann,
+            ricci,
+            scalar,
+            ..
+        } = &self.curvature;
+        json!({
+            "u": self.u.to_array(),
+            "metric": rows(*metric),
+            "inverse": rows(*inverse),
+            "frame": self.frame.to_cols_array_2d(),
+            "christoffel": christoffel,
+            "connection": self.connection.map(rows),
+            "riemann": riemann,
+            "ricci": rows(*ricci),
+            "scalar": scalar,
+        })
+    }
+
+    /// Describes it in words; the Riemann tensor as its independent components.
+    fn as_text(&self, names: &[String; 3]) -> String {
+        let mut text = String::new();
+        let mut matrix = |name: &str, rows| text += &block(name, rows);
+        matrix("metric", rows(self.curvature.metric));
+        matrix("inverse metric", rows(self.curvature.inverse));
+        matrix("standard frame (columns)", rows(self.frame));
+        for (name, gamma) in names.iter().zip(self.curvature.christoffel) {
+            matrix(&format!("Christoffel symbols Γ^{name}_ij"), gamma);
+        }
+        for (name, omega) in names.iter().zip(self.connection) {
+            let title = format!("connection Ω(∂_{name}) in the standard frame");
+            matrix(&title, rows(omega));
+        }
+        text += &self.riemann(names);
+        text += &block("Ricci curvature", rows(self.curvature.ricci));
+        let _ = writeln!(text, "scalar curvature {}", self.curvature.scalar);
+        text
+    }
+
+    /// Writes R_abcd for the planes (x, y), (x, z), (y, z): six numbers give all.
+    fn riemann(&self, names: &[String; 3]) -> String {
+        let planes = [(0, 1), (0, 2), (1, 2)];
+        let mut text = String::from("Riemann curvature R_abcd\n");
+        for (i, (a, b)) in planes.into_iter().enumerate() {
+            for (c, d) in &planes[i..] {
+                let [a_, b_, c_, d_] = [a, b, *c, *d].map(|k| names[k].as_str());
+                let value = self.curvature.riemann[a][b][*c][*d];
+                let _ = writeln!(text, "  {a_} {b_} {c_} {d_} {value:>16.9e}");
+            }
+        }
+        text
+    }
+}
+
+/// Returns the rows of a matrix.
+fn rows(m: DMat3) -> [[f64; 3]; 3] {
+    m.transpose().to_cols_array_2d()
+}
+
+/// Writes a matrix under its name.
+fn block(name: &str, rows: [[f64; 3]; 3]) -> String {
+    let mut text = format!("{name}\n");
+    for row in rows {
+        // No negative zeros.
+        let [a, b, c] = row.map(|x| x + 0.0);
+        let _ = writeln!(text, "  {a:>16.9e} {b:>16.9e} {c:>16.9e}");
+    }
+    text
 }

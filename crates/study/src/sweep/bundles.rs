@@ -9,8 +9,8 @@ use crate::sweep::{
     timing::{self, TimeSpent},
 };
 use geofan_bake::{
-    job::{Ended, Job},
-    parts::Parts,
+    chunk_files::{BakedChunk, ChunkFiles},
+    chunks::ChunkBaker,
     plan::plan,
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};
@@ -165,18 +165,11 @@ impl ManifoldSweep<'_> {
         division.apply(&mut plan);
         let space = plan.applied(space);
         let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
-        let job = Job {
-            space: &space,
-            plan: &plan,
-            id,
-            share: None,
-            // The bytes that are counted while a bake runs are an estimate, at times far too large.
-            most_bytes: None,
-        };
-        let chunks = match self.run(&job, path)? {
-            Ended::Done(chunks) => chunks,
-            Ended::Interrupted if self.observer.cancelled() => return Err(interrupted()),
-            Ended::Interrupted | Ended::TooLarge { .. } => return Ok(None),
+        // The bytes that are counted while a bake runs are an estimate, at times far too large.
+        let most_bytes = None;
+        let baker = ChunkBaker::new(&space, &plan, id, None, most_bytes);
+        let Some(chunks) = self.run(&baker, path)? else {
+            return Ok(None);
         };
         // Writing the file is not counted: it does not depend on the bake.
         let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
@@ -194,19 +187,22 @@ impl ManifoldSweep<'_> {
         }))
     }
 
-    /// Runs a bake within the limit of time; its parts lie beside the file `path`.
-    fn run(&self, job: &Job<'_>, path: &Path) -> Result<Ended> {
-        // Parts of an earlier run would make this bake look quicker than it is.
-        let parts = Parts::open(path)?;
-        parts.discard()?;
+    /// Bakes all chunks, whose files lie beside the file `path`; `None` if that takes too long.
+    fn run(&self, baker: &ChunkBaker<'_>, path: &Path) -> Result<Option<Vec<(u32, BakedChunk)>>> {
+        // Chunks of an earlier run would make this bake look quicker than it is.
+        let files = ChunkFiles::open(path)?;
+        files.discard()?;
         let limited = TimeLimit {
             observer: self.observer,
             began: TimeSpent::now(),
             seconds: self.effort.limits.seconds,
         };
-        let ended = job.run(&parts, &limited)?;
-        parts.remove()?;
-        Ok(ended)
+        let chunks = baker.run(&files, &limited)?;
+        files.remove()?;
+        match chunks {
+            None if self.observer.cancelled() => Err(interrupted()),
+            chunks => Ok(chunks),
+        }
     }
 }
 

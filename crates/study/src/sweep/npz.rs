@@ -18,7 +18,7 @@ use crate::sweep::{
 };
 use geofan_bake::{
     plan::plan,
-    refine::{decompose::decompose, order},
+    refine::tensor_train::{best_layout, decompose},
 };
 use geofan_bundle::{
     MappedChebyshev, Polynomial, Step, Tensor, Train, Tree, Variables, chebyshev, graded,
@@ -218,7 +218,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
         coefficients: ungraded(coefficients),
         variables: Variables::of_face(cameras, MappedChebyshev::NONE),
     };
-    let layout = order::best(&polynomial);
+    let layout = best_layout(&polynomial);
     let train = decompose(&polynomial, layout, (NEGLIGIBLE * error, MOST_RANK))?;
     let mut best = None;
     let (mut low, mut high) = (0, STEPS);

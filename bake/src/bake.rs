@@ -1,0 +1,275 @@
+//! A bake of one manifold: options, and attempts until the promise is met and the size fits.
+//!
+//! In: a manifold and [`BakeOptions`]. Out: a bundle or a shard, or why there is none.
+
+use crate::{
+    assembly::{finish, write_shard},
+    chunk_files::{BakedChunk, ChunkFiles},
+    chunks::ChunkBaker,
+    plan::{plan, unmirrored},
+};
+use geofan_bundle::{Bundle, Contents, PlanRecord, identity, rays::RaySpace};
+use geofan_core::{Error, Observer, Result, manifold::Manifold};
+use std::{ops::RangeInclusive, path::Path, sync::Arc};
+
+/// The promise when none is asked for, mrad: half a pixel of a 1920-wide view of 90°.
+pub const USUAL_PROMISE: f64 = 0.5;
+
+/// The tightest and the loosest promise, mrad: below the first the exact tracer itself is not
+/// exact enough; above the second a picture shows nothing.
+pub const PROMISES: RangeInclusive<f64> = 1e-5..=1e3;
+
+/// Factor by which the promise is loosened at a time when the table is too large. Less bakes more
+/// often, more gives away accuracy that would have fitted.
+const LOOSENING: f64 = 1.5;
+
+/// Bytes reserved for the certificate when sizes are compared before it exists.
+const CERTIFICATE_ROOM: u64 = 256;
+
+/// Says what to bake of a manifold, and how well.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BakeOptions {
+    /// The promise: 99th percentile of the screen error, in mrad. `None` takes [`USUAL_PROMISE`], and
+    /// lets a size limit loosen it.
+    pub max_error: Option<f64>,
+    /// Largest file in bytes.
+    pub max_size: Option<u64>,
+    /// Arc length of paths; `None` takes the manifold file's.
+    pub length: Option<f64>,
+    /// Whether tangents are promised, and with them transported frames.
+    pub frames: bool,
+    /// Whether chunks that reflections or exchanges of coordinates carry into others are left out.
+    pub mirrors: bool,
+    /// The share of the chunks to bake; all of them if `None`.
+    pub share: Option<Share>,
+    /// Whether to use chunks that an interrupted bake left behind.
+    pub resume: bool,
+    /// Number of fresh random rays of the certificate.
+    pub certify_rays: u64,
+}
+
+impl Default for BakeOptions {
+    fn default() -> Self {
+        Self {
+            max_error: None,
+            max_size: None,
+            length: None,
+            frames: true,
+            mirrors: true,
+            share: None,
+            resume: false,
+            certify_rays: 20_000,
+        }
+    }
+}
+
+/// One share of the chunks: those whose number leaves `index` − 1 when divided by `of`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Share {
+    /// From 1 to `of`.
+    pub index: u32,
+    /// The number of shares.
+    pub of: u32,
+}
+
+impl Share {
+    /// Tells whether `chunk` belongs to it.
+    pub fn has(self, chunk: u32) -> bool {
+        chunk % self.of == self.index - 1
+    }
+}
+
+/// Says how a bake ended.
+#[derive(Debug)]
+pub enum BakeResult {
+    /// With a bundle, which has been written.
+    Bundle {
+        /// The bundle with its certificate.
+        bundle: Box<Bundle>,
+        /// Size of its file.
+        bytes: u64,
+    },
+    /// With a shard of one, which has been written.
+    Shard {
+        /// Share of the chunks that it holds.
+        share: Share,
+        /// Size of its file.
+        bytes: u64,
+        /// Its number of chunks.
+        chunks: usize,
+    },
+    /// Without a file, as promise and size limit exclude each other: why, in words.
+    TooLarge(String),
+}
+
+/// Bakes `manifold` into the file `output`.
+///
+/// # Errors
+/// Bad input, a place that cannot be written, or an interruption.
+pub fn bake(
+    manifold: Arc<Manifold>,
+    output: &Path,
+    options: &BakeOptions,
+    observer: &dyn Observer,
+) -> Result<BakeResult> {
+    let length = manifold.length_or(options.length)?;
+    let space = RaySpace::new(manifold)?;
+    let bake = Bake {
+        options,
+        output,
+        observer,
+        space,
+        length,
+        files: open_files(output, options.resume)?,
+    };
+    let mut promise = options.max_error.unwrap_or(USUAL_PROMISE);
+    loop {
+        let reason = match bake.attempt(promise)? {
+            BakeResult::TooLarge(reason) => reason,
+            ended => return Ok(ended),
+        };
+        let next = promise * LOOSENING;
+        if options.max_error.is_some() || next > *PROMISES.end() {
+            return Ok(BakeResult::TooLarge(reason));
+        }
+        tracing::info!("{reason}; going on with {next:.4} mrad");
+        promise = next;
+    }
+}
+
+/// Opens the folder of finished chunks beside `output`, empty unless the bake is to be resumed.
+fn open_files(output: &Path, resume: bool) -> Result<ChunkFiles> {
+    if output.is_dir() || output.file_name().is_none() {
+        let name = output.display().to_string();
+        return Err(Error::input(name, "is not the name of a file"));
+    }
+    let folder = output.parent().filter(|f| !f.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|f| !f.is_dir()) {
+        let message = format!("the folder {} does not exist", folder.display());
+        return Err(Error::input(output.display().to_string(), message));
+    }
+    let files = ChunkFiles::open(output)?;
+    if !resume {
+        match files.discard()? {
+            0 => {}
+            n => tracing::info!("discarded {n} chunks of an earlier bake; --resume would use them"),
+        }
+    }
+    Ok(files)
+}
+
+/// A bake of one manifold into one file, at any promise.
+struct Bake<'a> {
+    options: &'a BakeOptions,
+    output: &'a Path,
+    observer: &'a dyn Observer,
+    space: RaySpace,
+    length: f64,
+    files: ChunkFiles,
+}
+
+impl Bake<'_> {
+    /// Bakes at one promise.
+    fn attempt(&self, promise: f64) -> Result<BakeResult> {
+        // The plan, and the id that it gives the bundle.
+        let (space, frames) = (self.space.clone(), self.options.frames);
+        let (space, plan) = plan(space, self.length, promise, frames);
+        let (space, plan) = match self.options.mirrors {
+            true => (space, plan),
+            false => unmirrored(space, plan),
+        };
+        let manifold = space.manifold();
+        let id =
+            identity(manifold, &plan).map_err(|e| e.about(Path::new(&manifold.source.name)))?;
+        // An earlier attempt may have found it too large.
+        if let (Some(size), Some(limit)) = (self.files.noted_size(id), self.options.max_size)
+            && size > limit
+        {
+            return Ok(too_large(promise, limit, size, 1.0));
+        }
+        let share = self.options.share;
+        let baker = ChunkBaker::new(&space, &plan, id, share, self.options.max_size);
+        let Some(chunks) = baker.run(&self.files, self.observer)? else {
+            return self.stopped(&baker, promise);
+        };
+        self.join(space, plan, chunks)
+    }
+
+    /// Says why not all chunks were baked.
+    fn stopped(&self, baker: &ChunkBaker<'_>, promise: f64) -> Result<BakeResult> {
+        let (bytes, share) = (baker.bytes(), baker.share_done());
+        match self.options.max_size {
+            Some(limit) if bytes > limit => {
+                self.files.note_size(baker.id, bytes)?;
+                Ok(too_large(promise, limit, bytes, share))
+            }
+            _ => Err(Error::Interrupted {
+                resume: self.resume(),
+            }),
+        }
+    }
+
+    /// Writes the shard, or the bundle if it fits.
+    fn join(
+        &self,
+        space: RaySpace,
+        plan: PlanRecord,
+        chunks: Vec<(u32, BakedChunk)>,
+    ) -> Result<BakeResult> {
+        let output = self.output;
+        let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
+        let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
+        let max_error = plan.max_error;
+        let contents = Contents::new(space, plan, self.options.certify_rays, chunks.collect())
+            .map_err(|e| e.about(output))?;
+        // A share of the chunks is a shard.
+        if let Some(share) = self.options.share {
+            let chunks = contents.chunks.len();
+            let bytes = write_shard(contents, share, rays, output)?;
+            self.files.remove()?;
+            return Ok(BakeResult::Shard {
+                share,
+                bytes,
+                chunks,
+            });
+        }
+        // All of them are a bundle.
+        let size = contents.encode().map_err(|e| e.about(output))?.len() as u64;
+        if let Some(limit) = self.options.max_size
+            && size + CERTIFICATE_ROOM > limit
+        {
+            self.files.note_size(contents.id, size + CERTIFICATE_ROOM)?;
+            return Ok(too_large(max_error, limit, size, 1.0));
+        }
+        let (bundle, bytes) = finish(contents, rays, output, &self.resume(), self.observer)?;
+        self.files.remove()?;
+        Ok(BakeResult::Bundle {
+            bundle: Box::new(bundle),
+            bytes,
+        })
+    }
+
+    /// Says where finished chunks are.
+    fn resume(&self) -> String {
+        format!("finished chunks are in {}", self.files.folder().display())
+    }
+}
+
+/// Says that a table is too large: `bytes` for a share of it.
+fn too_large(promise: f64, limit: u64, bytes: u64, share: f64) -> BakeResult {
+    let percent = 100.0 * share;
+    BakeResult::TooLarge(format!(
+        "{promise:.4} mrad takes more than {limit} bytes ({bytes} for {percent:.0} % of the table)"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_share_has_every_so_manieth_chunk() {
+        let chunks = (0..7).filter(|c| Share { index: 2, of: 3 }.has(*c));
+        assert_eq!(chunks.collect::<Vec<_>>(), [1, 4]);
+    }
+}
