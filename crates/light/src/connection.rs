@@ -58,12 +58,12 @@ struct ShootingState {
     best: (DVec3, f64, f64),
     /// The step from the best that is being tried: two angles and an arc length.
     step: DVec3,
-    /// Whether the step is so small that it may be the last.
+    /// Set if the step is so small that it may be the last.
     near: bool,
-    /// Whether the next ray is to be followed without deviation, and the step after it found by the
+    /// Set if the next ray is to be followed without deviation, and the step after it found by the
     /// guessed one.
     bare: bool,
-    /// Whether the present step was found so.
+    /// Set if the present step was found so.
     guessed: bool,
 }
 

@@ -50,7 +50,7 @@ pub struct Lamps<'w> {
 pub struct IncidentLight {
     /// Irradiance, red, green and blue; not negative.
     pub irradiance: [f64; 3],
-    /// Whether it falls on the side to which the normal points.
+    /// Set if it falls on the side to which the normal points.
     pub front: bool,
     /// The way in which it is seen to go at the point, chart components; unit.
     pub v: DVec3,

@@ -64,7 +64,7 @@ pub(super) struct RayKnot {
     pub v: DVec3,
     /// Derivative of `u` when the direction turns towards each of its perpendiculars.
     pub spread: [Vec3; 2],
-    /// Whether the area is negative: the ray has passed an odd number of caustics.
+    /// Set if the area is negative: the ray has passed an odd number of caustics.
     pub reversed: bool,
 }
 
@@ -75,7 +75,7 @@ pub struct LightFan<'m> {
     pub u: DVec3,
     /// The observer there.
     pub(super) observer: Observer,
-    /// How far its light is followed.
+    /// Arc length over which its light is followed.
     pub length: f64,
     /// Where connections are asked for.
     region: Region,

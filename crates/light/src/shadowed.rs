@@ -100,9 +100,9 @@ fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
 struct RayState {
     length: f64,
     number: usize,
-    /// Whether the surface of its point has been met.
+    /// Set once the surface of its point has been met.
     met: bool,
-    /// Whether another surface has been met before.
+    /// Set once another surface has been met before.
     shadowed: bool,
     /// Point, tangent and deviations at its end.
     end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,

@@ -38,14 +38,14 @@ use surface::SurfaceInteraction;
 pub struct PathTracerSettings {
     /// Another seed gives another picture of the same light.
     pub seed: u64,
-    /// How far light is followed between surfaces (arc length).
+    /// Arc length over which light is followed between surfaces.
     pub length: f64,
     /// Local tolerance of geodesics.
     pub tolerance: f64,
     /// Light that has been reflected more often than this is left out: `u32::MAX` for all light, 1
     /// for direct light alone.
     pub bounces: u32,
-    /// How light is gathered.
+    /// The way of gathering light.
     pub estimator: Estimator,
 }
 
@@ -324,7 +324,7 @@ impl<'w> PathTracer<'w> {
         connection: &Connection,
     ) -> Option<(DVec3, Probe)> {
         let hit = &surface.hit;
-        let wi = surface.around.to_local(connection.direction);
+        let wi = surface.around.local(connection.direction);
         let same = chosen.triangle == hit.triangle;
         if same || connection.s > self.settings.length || !surface.is_possible(wi) {
             return None;
@@ -364,7 +364,7 @@ impl<'w> PathTracer<'w> {
             }
             path.throughput /= survival;
         }
-        let direction = || surface.around.from_local(scattered.wi);
+        let direction = || surface.around.global(scattered.wi);
         path.from = surface.point.u;
         path.scattered = scattered.probability.map(|p| (direction(), p));
         path.ray = Probe {

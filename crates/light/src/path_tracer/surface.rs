@@ -11,7 +11,7 @@ use glam::{DMat3, DVec3};
 /// Describes a surface where a ray has met it.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceInteraction {
-    /// How it was met.
+    /// The hit of the ray.
     pub hit: Hit,
     /// The point, for lamps.
     pub point: SurfacePoint,
@@ -22,7 +22,7 @@ pub struct SurfaceInteraction {
     pub around: ShadingFrame,
     /// Towards where the ray came from, around the normal.
     pub wo: DVec3,
-    /// Whether that is the side to which the mesh's normal points.
+    /// Set if that is the side to which the mesh's normal points.
     pub outside: bool,
     /// The flat triangle's normal on that side, around the shading normal.
     flat: DVec3,
@@ -74,8 +74,8 @@ impl SurfaceInteraction {
             },
             observer,
             inverse,
-            wo: around.to_local(back),
-            flat: around.to_local(flat),
+            wo: around.local(back),
+            flat: around.local(flat),
             around,
             outside,
             emitted: DVec3::from_array(material.ke.map(f64::from)),
@@ -85,12 +85,12 @@ impl SurfaceInteraction {
 
     /// Returns the direction (around the normal) of a chart vector.
     pub fn direction(&self, v: DVec3) -> DVec3 {
-        self.around.to_local((self.inverse * v).normalize_or_zero())
+        self.around.local((self.inverse * v).normalize_or_zero())
     }
 
     /// Returns the tangent of the path that is seen in a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
-        self.observer.tangent(self.around.from_local(w))
+        self.observer.tangent(self.around.global(w))
     }
 
     /// Tells whether the smooth surface and the flat triangle agree about which side `w` is on.
@@ -102,6 +102,6 @@ impl SurfaceInteraction {
     /// that start there do not meet the triangle again by rounding.
     pub fn beside(&self, w: DVec3, off: f64) -> DVec3 {
         let side = off.copysign(w.dot(self.flat));
-        self.point.u + self.observer.frame * self.around.from_local(self.flat) * side
+        self.point.u + self.observer.frame * self.around.global(self.flat) * side
     }
 }

@@ -76,7 +76,7 @@ pub(super) fn median(all: impl Iterator<Item = FrameTimes>) -> FrameTimes {
 pub struct EqualErrorExact {
     /// Its steps; the most tried if none sufficed.
     pub steps: usize,
-    /// Whether its error is no worse than the table's.
+    /// Set if its error is no worse than the table's.
     pub equal: bool,
     /// Its screen error.
     pub screen_mrad: Quantiles,
@@ -89,9 +89,9 @@ pub struct EqualErrorExact {
 /// Tells the nanoseconds for the path of one pixel.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct PathTimes {
-    /// By table, with the lattice.
+    /// A table's, with the lattice.
     pub table: f64,
-    /// By table, every pixel by itself.
+    /// A table's, every pixel by itself.
     pub table_without_lattice: f64,
     /// Exact.
     pub exact: f64,
@@ -128,13 +128,13 @@ impl From<Work> for LatticeCounts {
 /// Tells the outcome of a comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct ComparisonReport {
-    /// Of the table's picture against the exact one, dB; `None` if they are equal.
+    /// PSNR of the table's picture against the exact one, dB; `None` if they are equal.
     pub psnr: Option<f64>,
     /// Mean FLIP of the two.
     pub flip: f64,
     /// Error of the table's paths at the middle of every pixel, where its ray ends.
     pub mrad: Quantiles,
-    /// That error as seen.
+    /// Screen error of the table's paths.
     pub screen_mrad: Quantiles,
     /// Error that the lattice adds to the table's, as seen.
     pub lattice_mrad: Quantiles,

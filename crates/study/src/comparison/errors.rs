@@ -83,7 +83,7 @@ struct SeenPlace {
     at: DVec3,
     /// The direction in which displacements do not show.
     along: DVec3,
-    /// What one radian moves it by in flat space.
+    /// The distance by which one radian moves it in flat space.
     unit: f64,
 }
 

@@ -27,10 +27,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// How far the camera moves from frame to frame, as a share of the table's length of paths: a walk.
+/// Distance by which the camera moves from frame to frame, as a share of the table's length of paths:
+/// that of a pedestrian.
 const STRIDE: f64 = 1e-3;
 
-/// How far it turns from frame to frame, radians.
+/// Angle by which it turns from frame to frame, radians.
 const TURN: f64 = 0.01;
 
 /// Takes medians of the times of the table's frames, while the camera walks along its view and turns.
@@ -142,7 +143,7 @@ fn row_time(
     1e9 * began.elapsed().as_secs_f64() / (rows.len() * width) as f64
 }
 
-/// How often a lattice is timed: it takes milliseconds, and a single run shows other programs' work.
+/// Number of times that a lattice is timed: it takes milliseconds, and a single run shows other programs' work.
 const REPEATS: usize = 9;
 
 /// Takes the median of several runs.

@@ -24,7 +24,7 @@ use std::{collections::BTreeMap, fmt};
 pub struct DistanceErrors {
     /// Arc lengths from this to twice this.
     pub from: f64,
-    /// How many pixels show something there.
+    /// Number of pixels that show something there.
     pub pixels: usize,
     /// Angle between where the local view puts it and where it is seen, mrad.
     pub mrad: Quantiles,
@@ -36,7 +36,7 @@ pub struct DistanceErrors {
 /// Tells the outcome of a comparison of the local view.
 #[derive(Debug, Clone, Serialize)]
 pub struct LocalReport {
-    /// Of the local picture against the exact one, dB; `None` if they are equal.
+    /// PSNR of the local picture against the exact one, dB; `None` if they are equal.
     pub psnr: Option<f64>,
     /// Mean FLIP of the two.
     pub flip: f64,
@@ -44,7 +44,7 @@ pub struct LocalReport {
     pub local: f64,
     /// Time of the exact one.
     pub exact: f64,
-    /// By distance, nearest first.
+    /// The errors, nearest first.
     pub distances: Vec<DistanceErrors>,
 }
 

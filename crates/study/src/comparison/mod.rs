@@ -48,7 +48,7 @@ pub struct CompareOptions {
     pub error: f64,
     /// Local tolerance of the exact tracer.
     pub tolerance: f64,
-    /// From how many cameras the table's frame is drawn: its times are medians.
+    /// Number of cameras from which the table's frame is drawn: its times are medians.
     pub frames: usize,
 }
 
@@ -98,8 +98,8 @@ pub fn compare(
     let probed = errors::probe_pixels(world, view, table, options);
     let errors = errors::table_errors(&fan, view, &probed);
     let [mrad, screen_mrad] = errors::quantiles(&errors);
-    let (rays, goal) = rival_goal(view, &probed, &errors);
-    let equal_error = equal_error_exact(world, view, (rays, goal), table.length, options);
+    let goal = rival_goal(view, &probed, &errors);
+    let equal_error = equal_error_exact(world, view, goal, table.length, options);
     let steps = equal_error.steps;
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, steps);
     // The differences.
@@ -125,14 +125,13 @@ pub fn compare(
         lattice: drawn.work.into(),
     };
     let screen = errors::screen_map(view, &errors);
+    let error = error_picture(&flip, "FLIP", "table against exact");
+    let mrad = error_picture(&screen, "mrad", "screen error of the table");
     let pictures = vec![
         ("table", drawn.picture),
         ("exact", exact.picture),
-        ("error", error_picture(&flip, "FLIP", "table against exact")),
-        (
-            "mrad",
-            error_picture(&screen, "mrad", "screen error of the table"),
-        ),
+        ("error", error),
+        ("mrad", mrad),
     ];
     Ok(Comparison {
         report,
@@ -162,7 +161,7 @@ fn rival_goal(view: &View, probed: &[Probed], errors: &[Option<(f64, f64)>]) -> 
     ((view.u, probes), Quantiles::of(&mut screen).p99)
 }
 
-/// How often the rival's frames are drawn.
+/// Number of times that the rival's frames are drawn.
 const REPEATS: usize = 3;
 
 /// Finds the fewest steps whose error on `rays` is at most `goal` (the most tried if none reach it), and

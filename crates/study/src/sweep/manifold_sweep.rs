@@ -32,7 +32,7 @@ pub struct ManifoldSweep<'a> {
     pub(super) observer: &'a dyn Observer,
     /// The folder for bundles and sampled fans.
     pub(super) out: &'a Path,
-    /// Whether sampled fans are written.
+    /// Set if sampled fans are written.
     pub(super) export: bool,
     pub(super) effort: Effort,
     pub(super) store: PointStore,

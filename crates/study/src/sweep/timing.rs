@@ -36,9 +36,9 @@ use std::{
 /// Time that work took, seconds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct TimeSpent {
-    /// By the clock on the wall.
+    /// Time by the clock on the wall.
     pub wall_s: f64,
-    /// Of processors, all threads together.
+    /// Time of processors, all threads together.
     pub cpu_s: f64,
 }
 
@@ -111,7 +111,7 @@ fn arc_lengths(length: f64) -> [f64; POINTS] {
     std::array::from_fn(|i| length * (i + 1) as f64 / POINTS as f64)
 }
 
-/// Runs `work` a few timing; returns its last result and the processor milliseconds of the quickest.
+/// Runs `work` a few times; returns its last result and the processor milliseconds of the quickest.
 fn quickest<T>(work: impl Fn() -> T) -> (T, f64) {
     let run = || {
         let began = TimeSpent::now();
