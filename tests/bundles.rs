@@ -46,22 +46,8 @@ fn folder(wrong: f64) -> TempDir {
     let manifold = Manifold::from_source(SourceText::new("flat.toml", FLAT), &[]).unwrap();
     let space = RaySpace::new(Arc::new(manifold)).unwrap();
     let plan = PlanRecord {
-        max_error: 0.5,
-        length: 8.0,
         frames: true,
-        tolerance: 1e-9,
-        nodes: vec![1; 4],
-        most_rays: 1,
-        lift: geofan_bundle::rays::ChartMap::None,
-        refinement: 1,
-        least_volume: 0.5,
-        most_arc_halvings: 1,
-        cells: vec![1],
-        stretch: MappedChebyshev::NONE,
-        focus: [[0.0; 3]; 3],
-        sphere: None,
-        mirrors: Vec::new(),
-        seed: 1,
+        ..PlanRecord::new(8.0, 0.5, vec![1], vec![1; 4])
     };
     let chunk = |face| match face {
         3 => Tree::Flagged,

@@ -6,7 +6,7 @@
 //! its exact path.
 
 use geofan_bundle::{
-    Certificate, Checked, FAR, MOST, Outlier, Table, in_bundle,
+    Certificate, Checked, FAR, MOST, Outlier, Table,
     measure::{Probe, Probed, probe, settings, with_end},
     rays::{Axis, RaySpace, Reduction},
 };
@@ -148,7 +148,7 @@ impl CertificateErrors {
                 if !(found.screen_mrad <= FAR * promise) {
                     let (place, s) = (&fan.place, (probe.s, exact.length));
                     let outlier = table.outlier(place, *d, s, found, probe.magnification());
-                    self.far.push(outlier.map_err(in_bundle)?);
+                    self.far.push(outlier?);
                 }
             }
             self.flagged += usize::from(path.flagged_from() < exact.length);
@@ -280,11 +280,11 @@ length = 5.0
         let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
-        let shape = Table::shape(&space, MappedChebyshev::NONE);
+        let shape = Table::tensor_shape(&space, MappedChebyshev::NONE);
         let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
         Table {
-            space,
-            division: Division::new(Vec::new(), 6, &[]),
+            space: space.into(),
+            division: Division::new(Vec::new(), 6, &[]).into(),
             length: 5.0,
             frames: true,
             chunks: chunks.collect(),

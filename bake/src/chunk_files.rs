@@ -5,8 +5,9 @@
 //! id: a damaged file, or one of another bake, is as good as none.
 
 use geofan_bundle::{
-    Reader, Shape, Tree, Writer,
-    container::{Id, Kind, read_block, write_block},
+    ByteReader, TensorShape, Tree,
+    container::{BlockKind, Id, put_block, read_block},
+    put_bytes,
 };
 use geofan_core::{Error, Result, files::write_atomically};
 use std::{
@@ -68,10 +69,10 @@ impl ChunkFiles {
     }
 
     /// Reads a finished chunk, if it is there, whole, and of the bundle `id` with tensors of this `shape`.
-    pub fn load(&self, chunk: u32, id: Id, shape: Shape) -> Option<BakedChunk> {
+    pub fn load(&self, chunk: u32, id: Id, shape: TensorShape) -> Option<BakedChunk> {
         let bytes = fs::read(self.path(chunk)).ok()?;
-        let payload = read_block(&bytes, Kind::Part, chunk, id)?;
-        let mut input = Reader(payload);
+        let payload = read_block(&bytes, BlockKind::Part, chunk, id)?;
+        let mut input = ByteReader(payload);
         if input.bytes().ok()? != GENERATOR.as_bytes() {
             return None;
         }
@@ -87,13 +88,13 @@ impl ChunkFiles {
     /// # Errors
     /// The disk is full or the folder is gone.
     pub fn store(&self, chunk: u32, id: Id, baked: &BakedChunk) -> Result<()> {
-        let mut payload = Writer::default();
-        payload.bytes(GENERATOR.as_bytes());
-        payload.bytes(&baked.rays.to_le_bytes());
-        payload.0.extend(&baked.tree);
-        write_atomically(&self.path(chunk), |out| {
-            write_block(out, Kind::Part, chunk, id, &payload.0)
-        })
+        let mut payload = Vec::new();
+        put_bytes(&mut payload, GENERATOR.as_bytes());
+        put_bytes(&mut payload, &baked.rays.to_le_bytes());
+        payload.extend(&baked.tree);
+        let mut block = Vec::new();
+        put_block(&mut block, BlockKind::Part, chunk, id, &payload);
+        write_atomically(&self.path(chunk), |out| out.write_all(&block))
     }
 
     /// Notes that the bundle `id` takes more than `bytes`.

@@ -118,7 +118,7 @@ impl<'a> ChunkBaker<'a> {
     /// Returns the chunk at position `k` from its file, or bakes it; `None` if told to stop.
     fn chunk(&self, k: usize, files: &ChunkFiles) -> Result<Option<BakedChunk>> {
         let (chunk, tally) = (self.chunks[k], &self.tallies[k]);
-        let shape = Table::shape(self.space, self.plan.stretch);
+        let shape = Table::tensor_shape(self.space, self.plan.stretch);
         if let Some(baked) = files.load(chunk, self.id, shape) {
             tally.volume.store(self.chunk_volume() as u64, Relaxed);
             tally.bytes.store(baked.tree.len() as u64, Relaxed);

@@ -63,22 +63,14 @@ fn first_plan(space: &RaySpace, length: f64, max_error: f64, frames: bool) -> Pl
     let mut nodes = vec![most_nodes; axes];
     nodes.push(most_along_arc);
     PlanRecord {
-        max_error,
-        length,
         frames,
         tolerance: FIRST_TOLERANCE,
-        nodes,
         most_rays,
-        lift: ChartMap::None,
         refinement: REFINEMENT,
         least_volume: 0.5_f64.powi(halvings),
         most_arc_halvings: 3,
-        cells: vec![cells; cameras],
         stretch: stretch(axes),
-        focus: [[0.0; 3]; 3],
-        sphere: None,
-        mirrors: Vec::new(),
-        seed: 1,
+        ..PlanRecord::new(length, max_error, vec![cells; cameras], nodes)
     }
 }
 

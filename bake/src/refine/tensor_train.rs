@@ -10,7 +10,7 @@
 mod large_matrices;
 
 use faer::{Mat, MatMut, MatRef, Side};
-use geofan_bundle::{Layout, Polynomial, Train, graded_in_order};
+use geofan_bundle::{Layout, Polynomial, Train, weighted_in_order};
 use geofan_core::random::Stream;
 use large_matrices::{gram, product, product_into, range, triangular_factor};
 use ndarray::{ArrayD, Order};
@@ -145,7 +145,7 @@ pub fn decompose(polynomial: &Polynomial, layout: Layout, limits: (f64, usize)) 
     let coefficients = &polynomial.coefficients;
     let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
-    let mut rest = graded_in_order(coefficients, &order[..order.len() - 2]);
+    let mut rest = weighted_in_order(coefficients, &order[..order.len() - 2]);
     let shape = |axes: &Vec<usize>| -> Vec<usize> {
         axes.iter().map(|a| coefficients.shape()[*a]).collect()
     };
@@ -319,7 +319,7 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan_bundle::{MappedChebyshev, Shape, Step, Tensor, Tree, Variables};
+    use geofan_bundle::{MappedChebyshev, Step, Tensor, TensorShape, Tree, Variables};
     use ndarray::IxDyn;
     use std::sync::Arc;
 
@@ -343,7 +343,7 @@ mod tests {
     fn read_again(tensor: &Tensor, polynomial: &Polynomial, shape: &[usize]) -> Tensor {
         let cameras = polynomial.variables.cameras;
         let bytes = Tree::Leaf(Arc::new(tensor.clone())).encode();
-        let shape = Shape {
+        let shape = TensorShape {
             variables: polynomial.variables,
             directions: shape.len() - 2 - cameras,
             channels: shape[shape.len() - 1],

@@ -38,7 +38,7 @@ impl<'t> Lookup<'t> {
     }
 
     /// The tracer of one frame, from the camera of `fan`.
-    pub fn tracer<'f>(&'f self, fan: &'f Fan<'t>) -> TableTracer<'f, 't> {
+    pub fn tracer<'f>(&'f self, fan: &'f Fan) -> TableTracer<'f> {
         let manifold = self.table.space.manifold();
         let (u, length) = (fan.place.u, self.table.length);
         TableTracer {
@@ -51,14 +51,14 @@ impl<'t> Lookup<'t> {
 }
 
 /// Looks rays up in a fan.
-pub struct TableTracer<'f, 't> {
-    fan: &'f Fan<'t>,
+pub struct TableTracer<'f> {
+    fan: &'f Fan,
     knots: &'f Arc<[f64]>,
     exact: ExactTracer<'f>,
-    pencil: Option<RayFamily<'f, 't>>,
+    pencil: Option<RayFamily<'f>>,
 }
 
-impl GridTracer for TableTracer<'_, '_> {
+impl GridTracer for TableTracer<'_> {
     fn knots(&self) -> &Arc<[f64]> {
         self.knots
     }
@@ -106,7 +106,7 @@ impl GridTracer for TableTracer<'_, '_> {
         match strand.source {
             (_, Source::Knots) => strand.sample(s, rows),
             (courses, Source::Course(number)) => {
-                let known = self.fan.among(courses, *number).sample(s, rows);
+                let known = self.fan.among(courses, *number).sample_into(s, rows);
                 stay(rows, s.len(), known);
             }
             (_, Source::RayFamily(orbit)) => {
@@ -123,7 +123,7 @@ impl GridTracer for TableTracer<'_, '_> {
             Source::RayFamily(orbit) => self.pencil.as_ref()?.known(orbit, &mut near),
             _ => None,
         };
-        let rungs: Option<Vec<FamilyPath<'_, '_, '_>>> = strands.iter().map(rung).collect();
+        let rungs: Option<Vec<FamilyPath<'_, '_>>> = strands.iter().map(rung).collect();
         match rungs.as_ref().and_then(|rungs| rungs.first_chunk()) {
             Some(rungs) => strip::refine_sixteen(rungs, s),
             None => refine_each(self, strands, s),
@@ -139,7 +139,7 @@ impl GridTracer for TableTracer<'_, '_> {
     }
 }
 
-impl TableTracer<'_, '_> {
+impl TableTracer<'_> {
     /// Adds the path in a direction that no pencil knows.
     fn follow(
         &self,
@@ -152,14 +152,14 @@ impl TableTracer<'_, '_> {
         let path = self.fan.among(courses, number);
         let course = (direction, Source::Course(number));
         let ending = |strand: PathView<'_>| ending(&path, strand, endings);
-        strands.push(course, |knots, rows| path.sample(knots, rows), ending);
+        strands.push(course, |knots, rows| path.sample_into(knots, rows), ending);
     }
 
     /// Adds the path of a rung.
     fn climb(
         &self,
         (direction, orbit): (DVec3, Orbit),
-        rung: &FamilyPath<'_, '_, '_>,
+        rung: &FamilyPath<'_, '_>,
         endings: &mut EventLocator<'_>,
         strands: &mut PathBatch,
     ) {
@@ -176,11 +176,11 @@ impl TableTracer<'_, '_> {
 
 /// How a strand of `path` ends.
 fn ending<C: Borrow<PathCoefficients>>(
-    path: &TablePath<'_, '_, C>,
+    path: &TablePath<'_, C>,
     strand: PathView<'_>,
     endings: &mut EventLocator<'_>,
 ) -> Option<Ending> {
-    match endings.sharp_ending(strand, |s, rows| path.sample(s, rows)) {
+    match endings.sharp_ending(strand, |s, rows| path.sample_into(s, rows)) {
         Some(ending) => Some(ending),
         // What the table gave up on might still end before anything is met.
         None if strand.known < strand.knots.len() => None,

@@ -19,30 +19,30 @@ use std::sync::{Arc, OnceLock};
 const DEPTHS: [u32; 2] = [3, 11];
 
 /// All paths from one camera.
-pub(super) struct RayFamily<'f, 't> {
-    fan: &'f Fan<'t>,
+pub(super) struct RayFamily<'f> {
+    fan: &'f Fan,
     knots: Arc<[f64]>,
-    faces: Vec<OnceLock<Node<'f, 't>>>,
+    faces: Vec<OnceLock<Node<'f>>>,
 }
 
 /// An interval of the parameter.
-enum Node<'f, 't> {
-    FamilyInterval(Box<FamilyInterval<'f, 't>>),
-    Halves(Box<[OnceLock<Node<'f, 't>>; 2]>),
+enum Node<'f> {
+    FamilyInterval(Box<FamilyInterval<'f>>),
+    Halves(Box<[OnceLock<Node<'f>>; 2]>),
     /// Dearer to know than the few paths in it.
     Bare,
 }
 
 /// An interval with its strip.
-type Known<'p, 'f, 't> = ([f64; 2], &'p FamilyInterval<'f, 't>);
+type Known<'p, 'f> = ([f64; 2], &'p FamilyInterval<'f>);
 
 /// Where the last path was found, and most likely the next will be.
 #[derive(Default)]
-pub(super) struct Near<'p, 'f, 't>(Option<(usize, Known<'p, 'f, 't>)>);
+pub(super) struct Near<'p, 'f>(Option<(usize, Known<'p, 'f>)>);
 
-impl<'f, 't> RayFamily<'f, 't> {
+impl<'f> RayFamily<'f> {
     /// `None` if directions have two parameters.
-    pub(super) fn new(fan: &'f Fan<'t>, knots: &Arc<[f64]>) -> Option<Self> {
+    pub(super) fn new(fan: &'f Fan, knots: &Arc<[f64]>) -> Option<Self> {
         let space = fan.space();
         space.planar().then(|| Self {
             fan,
@@ -63,9 +63,9 @@ impl<'f, 't> RayFamily<'f, 't> {
     pub(super) fn rung<'p>(
         &'p self,
         orbit: &Orbit,
-        near: &mut Near<'p, 'f, 't>,
+        near: &mut Near<'p, 'f>,
         endings: &mut EventLocator<'_>,
-    ) -> Option<FamilyPath<'p, 'f, 't>> {
+    ) -> Option<FamilyPath<'p, 'f>> {
         near.rung(orbit, || {
             self.descend(orbit, |node, interval, depth| {
                 Some(node.get_or_init(|| self.node(orbit.face, interval, depth, endings)))
@@ -77,8 +77,8 @@ impl<'f, 't> RayFamily<'f, 't> {
     pub(super) fn known<'p>(
         &'p self,
         orbit: &Orbit,
-        near: &mut Near<'p, 'f, 't>,
-    ) -> Option<FamilyPath<'p, 'f, 't>> {
+        near: &mut Near<'p, 'f>,
+    ) -> Option<FamilyPath<'p, 'f>> {
         near.rung(orbit, || self.descend(orbit, |node, _, _| node.get()))
     }
 
@@ -86,8 +86,8 @@ impl<'f, 't> RayFamily<'f, 't> {
     fn descend<'p>(
         &'p self,
         orbit: &Orbit,
-        mut open: impl FnMut(&'p OnceLock<Node<'f, 't>>, [f64; 2], u32) -> Option<&'p Node<'f, 't>>,
-    ) -> Option<Known<'p, 'f, 't>> {
+        mut open: impl FnMut(&'p OnceLock<Node<'f>>, [f64; 2], u32) -> Option<&'p Node<'f>>,
+    ) -> Option<Known<'p, 'f>> {
         let (mut node, mut interval) = (&self.faces[orbit.face], [-1.0, 1.0]);
         for depth in 0.. {
             let [low, high] = interval;
@@ -111,7 +111,7 @@ impl<'f, 't> RayFamily<'f, 't> {
         interval: [f64; 2],
         depth: u32,
         endings: &mut EventLocator<'_>,
-    ) -> Node<'f, 't> {
+    ) -> Node<'f> {
         let [least, most] = DEPTHS;
         let strip = match depth >= least {
             true => FamilyInterval::new(self.fan, (face, interval), &self.knots, endings),
@@ -128,13 +128,13 @@ impl<'f, 't> RayFamily<'f, 't> {
     }
 }
 
-impl<'p, 'f, 't> Near<'p, 'f, 't> {
+impl<'p, 'f> Near<'p, 'f> {
     /// The path, from the interval that the last one came from or what `find` finds for it.
     fn rung(
         &mut self,
         orbit: &Orbit,
-        find: impl FnOnce() -> Option<Known<'p, 'f, 't>>,
-    ) -> Option<FamilyPath<'p, 'f, 't>> {
+        find: impl FnOnce() -> Option<Known<'p, 'f>>,
+    ) -> Option<FamilyPath<'p, 'f>> {
         let (p, face) = (orbit.parameter, orbit.face);
         let last = self
             .0

@@ -47,9 +47,9 @@ type Between = Box<[Coefficients; LANES]>;
 struct Block([[SingleLanes; PLANE]; NODES]);
 
 /// The paths of one interval.
-pub(super) struct FamilyInterval<'f, 't> {
+pub(super) struct FamilyInterval<'f> {
     /// Those at the nodes.
-    paths: Vec<TablePath<'f, 't>>,
+    paths: Vec<TablePath<'f>>,
     knots: Arc<[f64]>,
     /// Coefficients at the knots, a block of them after the other.
     table: Vec<Block>,
@@ -59,18 +59,18 @@ pub(super) struct FamilyInterval<'f, 't> {
 }
 
 /// A path in its strip.
-pub(super) struct FamilyPath<'p, 'f, 't> {
-    strip: &'p FamilyInterval<'f, 't>,
+pub(super) struct FamilyPath<'p, 'f> {
+    strip: &'p FamilyInterval<'f>,
     weights: [f64; NODES],
     /// Takes the stored plane to the true one.
     rotation: DMat3,
 }
 
-impl<'f, 't> FamilyInterval<'f, 't> {
+impl<'f> FamilyInterval<'f> {
     /// The paths of an interval of a face of `fan`; `None` if more would have to be known of them, or
     /// the table gave up on one.
     pub(super) fn new(
-        fan: &'f Fan<'t>,
+        fan: &'f Fan,
         (face, [low, high]): (usize, [f64; 2]),
         knots: &Arc<[f64]>,
         endings: &mut EventLocator<'_>,
@@ -109,7 +109,7 @@ impl<'f, 't> FamilyInterval<'f, 't> {
     }
 
     /// The path at the place `x` in [−1, 1] of the interval, with the stored plane turned by `rotation`.
-    pub(super) fn rung(&self, x: f64, rotation: DMat3) -> FamilyPath<'_, 'f, 't> {
+    pub(super) fn rung(&self, x: f64, rotation: DMat3) -> FamilyPath<'_, 'f> {
         let mut weights = [0.0; NODES];
         chebyshev::values(x, &mut weights);
         FamilyPath {
@@ -222,9 +222,9 @@ fn hermite(t: f64, width: f64) -> [[f64; 4]; 2] {
 }
 
 /// Six rows of a path at the arc lengths `s`; `None` where the table gave up.
-fn sample(path: &TablePath<'_, '_>, s: &[f64]) -> Option<Vec<f64>> {
+fn sample(path: &TablePath<'_>, s: &[f64]) -> Option<Vec<f64>> {
     let mut rows = vec![0.0; ROWS * s.len()];
-    (path.sample(s, &mut rows) == s.len()).then_some(rows)
+    (path.sample_into(s, &mut rows) == s.len()).then_some(rows)
 }
 
 /// Of the rows of several paths those that differ from zero.
@@ -239,7 +239,7 @@ fn in_plane(sampled: &[Vec<f64>]) -> Vec<f64> {
     values
 }
 
-impl FamilyPath<'_, '_, '_> {
+impl FamilyPath<'_, '_> {
     /// Whether both are in one strip.
     fn is_beside(&self, other: &Self) -> bool {
         std::ptr::eq(self.strip, other.strip)

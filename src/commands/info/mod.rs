@@ -83,7 +83,7 @@ fn describe_bundle(args: &InfoArgs, common: &CommonArgs) -> Result<()> {
 fn count_patches(file: &Path, contents: &Contents) -> Result<(usize, usize)> {
     let mut sum = (0, 0);
     for (chunk, bytes) in &contents.chunks {
-        let shape = Table::shape(&contents.space, contents.header.plan.stretch);
+        let shape = Table::tensor_shape(&contents.space, contents.header.plan.stretch);
         let tree = Tree::outline(bytes, shape).map_err(|damage| {
             let message = format!("is not a valid bundle: chunk {chunk}: {damage}");
             Error::input(file.display().to_string(), message)

@@ -23,7 +23,7 @@ pub(super) enum End {
 
 /// The first event on a path that is known at the knots.
 pub(super) fn event(
-    path: &TablePath<'_, '_>,
+    path: &TablePath<'_>,
     knots: &[f64],
     rows: &[f64],
     endings: &mut EventLocator<'_>,
@@ -37,7 +37,7 @@ pub(super) fn event(
         ending: None,
         source: (&PathCoefficients::default(), &Source::Knots),
     };
-    endings.sharp_event(strand, |s, rows| path.sample(s, rows))
+    endings.sharp_event(strand, |s, rows| path.sample_into(s, rows))
 }
 
 impl End {
@@ -90,7 +90,7 @@ impl End {
     }
 }
 
-impl FamilyPath<'_, '_, '_> {
+impl FamilyPath<'_, '_> {
     /// How the path ends; `None` if that has to be looked for.
     pub(crate) fn ending(&self, endings: &mut EventLocator<'_>) -> Option<Ending> {
         Some(match self.strip.end.as_ref()? {

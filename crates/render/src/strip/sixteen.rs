@@ -8,10 +8,7 @@ use geofan_expr::vectorised;
 
 /// Points and tangents of sixteen paths at ascending arc lengths: what strips know there is made ready once
 /// for all their paths.
-pub(crate) fn refine_sixteen(
-    rungs: &[FamilyPath<'_, '_, '_>; LANES],
-    s: &[f64],
-) -> Vec<[Points; 2]> {
+pub(crate) fn refine_sixteen(rungs: &[FamilyPath<'_, '_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
     let mut states = vec![[[[0.0; LANES]; 3]; 2]; s.len()];
     let mut sums = vec![[[0.0; LANES]; PLANE]; s.len()];
     vectorised(
@@ -39,8 +36,8 @@ pub(crate) fn refine_sixteen(
 /// Adds what those of `rungs` that are in the strip of `one` are in the stored plane.
 #[inline(always)]
 fn add_strip(
-    one: &FamilyPath<'_, '_, '_>,
-    rungs: &[FamilyPath<'_, '_, '_>; LANES],
+    one: &FamilyPath<'_, '_>,
+    rungs: &[FamilyPath<'_, '_>; LANES],
     s: &[f64],
     sums: &mut [[Lanes; PLANE]],
 ) {

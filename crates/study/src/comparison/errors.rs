@@ -144,11 +144,7 @@ pub(super) fn middle(view: &View, x: usize, y: usize) -> DVec3 {
 
 /// Measures the table's error at every pixel, (mrad, screen mrad); `None` where it gives up or nothing
 /// is known.
-pub(super) fn table_errors(
-    fan: &Fan<'_>,
-    view: &View,
-    probed: &[Probed],
-) -> Vec<Option<(f64, f64)>> {
+pub(super) fn table_errors(fan: &Fan, view: &View, probed: &[Probed]) -> Vec<Option<(f64, f64)>> {
     let width = view.size.0;
     probed
         .par_iter()

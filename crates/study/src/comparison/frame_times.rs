@@ -88,7 +88,7 @@ fn ahead(world: &World, view: &View, length: f64) -> Option<DVec3> {
 pub(super) fn paths(
     world: &World,
     view: &View,
-    (lookup, fan, exact, rival): (&Lookup<'_>, &Fan<'_>, &ExactTracer<'_>, &FixedTracer<'_>),
+    (lookup, fan, exact, rival): (&Lookup<'_>, &Fan, &ExactTracer<'_>, &FixedTracer<'_>),
     budget: f64,
 ) -> PathTimes {
     PathTimes {

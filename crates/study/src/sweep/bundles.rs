@@ -210,7 +210,7 @@ impl ManifoldSweep<'_> {
 fn memory(bundle: &Bundle) -> Result<u64> {
     let table: &Table = &bundle.table;
     let mut sum = 0;
-    for chunk in &table.chunks {
+    for chunk in table.chunks.iter() {
         let tree = chunk.tree();
         let tree = tree.map_err(|e| Error::input("bundle", e.to_string()))?;
         sum += chunk.bytes().len() as u64 + 4 * integers(tree);

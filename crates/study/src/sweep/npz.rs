@@ -21,9 +21,9 @@ use geofan_bake::{
     refine::tensor_train::{best_layout, decompose},
 };
 use geofan_bundle::{
-    MappedChebyshev, Polynomial, Step, Tensor, Train, Tree, Variables, chebyshev, graded,
+    MappedChebyshev, Polynomial, Step, Tensor, Train, Tree, Variables, chebyshev,
     rays::{DISPLACEMENT, RaySpace, ReferenceSphere},
-    ungraded,
+    unweighted, weighted,
 };
 use geofan_core::{Error, Observer, Result, files::write_atomically, manifold::Manifold};
 use ndarray::{Array1, ArrayD, Axis, IxDyn, Slice};
@@ -215,7 +215,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
     // Patches round slopes more coarsely the higher their degree. Of these numbers all are worth the
     // same.
     let polynomial = Polynomial {
-        coefficients: ungraded(coefficients),
+        coefficients: unweighted(coefficients),
         variables: Variables::of_face(cameras, MappedChebyshev::NONE),
     };
     let layout = best_layout(&polynomial);
@@ -250,7 +250,7 @@ fn rounded(train: &Train, step: Step, exact: &ArrayD<f64>, error: f64) -> Option
 /// Multiplies a tensor out into all its coefficients.
 fn unpacked(tensor: &Tensor) -> Option<ArrayD<f64>> {
     let all = ArrayD::from_shape_vec(IxDyn(&tensor.shape()), tensor.at(&[]));
-    Some(graded(&all.ok()?))
+    Some(weighted(&all.ok()?))
 }
 
 #[cfg(test)]

@@ -129,7 +129,7 @@ fn quickest<T>(work: impl Fn() -> T) -> (T, f64) {
 ///
 /// # Errors
 /// `u` is not in its region.
-pub fn bundle_fan(table: &Table, u: DVec3) -> Result<(Fan<'_>, f64)> {
+pub fn bundle_fan(table: &Table, u: DVec3) -> Result<(Fan, f64)> {
     // The first look-up decodes; later frames do not.
     table.fan(u)?;
     let (fan, time) = quickest(|| table.fan(u));
@@ -137,12 +137,12 @@ pub fn bundle_fan(table: &Table, u: DVec3) -> Result<(Fan<'_>, f64)> {
 }
 
 /// Measures the nanoseconds for one path of a bundle's fan.
-pub fn bundle_path(fan: &Fan<'_>, length: f64) -> f64 {
+pub fn bundle_path(fan: &Fan, length: f64) -> f64 {
     let s = arc_lengths(length);
     each_direction(|directions| {
         let mut rows = [0.0; 6 * POINTS];
         for d in directions {
-            black_box(fan.path(*d).sample(&s, &mut rows));
+            black_box(fan.path(*d).sample_into(&s, &mut rows));
             black_box(&rows);
         }
     })
