@@ -6,7 +6,7 @@
 use crate::sweep::clock::{Clock, Spent};
 use geofan_bake::{chunk_files::ChunkFiles, chunks::ChunkBaker, plan::plan};
 use geofan_bundle::{Bundle, Contents, PlanRecord, Tree, identity, rays::RaySpace};
-use geofan_core::{Error, Observer, Progress, Result};
+use geofan_core::{Error, Muted, Observer, Progress, Result};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -74,7 +74,7 @@ pub fn bake(
     observer: &dyn Observer,
 ) -> Result<Attempt> {
     let clock = Clock::start();
-    let (space, mut plan) = plan(space, length, promise, true);
+    let (space, mut plan) = plan(space, length, promise, true, &Muted(observer))?;
     refinement.apply(&mut plan);
     let space = plan.applied(space);
     let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;

@@ -23,7 +23,7 @@ use geofan_bundle::{
     PlanRecord,
     rays::{RaySpace, ReferenceSphere},
 };
-use geofan_core::{Error, Observer, Result, manifold::Manifold};
+use geofan_core::{Error, Muted, Observer, Result, manifold::Manifold};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::{cell::OnceCell, path::Path, sync::Arc};
@@ -128,7 +128,8 @@ impl<'a> Subject<'a> {
         let length = manifold.length_or(None)?;
         let space = RaySpace::new(manifold.clone())?;
         let effort = shared.effort(&space);
-        let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
+        let observer = Muted(shared.observer);
+        let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true, &observer)?;
         // The usual table knows directions by themselves.
         let grid_space = grid_space
             .focused(ReferenceSphere::default())
