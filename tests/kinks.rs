@@ -162,7 +162,8 @@ fn rays_along_a_kink_are_followed() {
         assert_eq!(path.length, 3.0);
         assert!(path.tried < 500, "{} steps", path.tried);
         let end = path.steps.last().unwrap().position(3.0);
-        assert!((end - d * 3.0).length() < 0.1, "{end}");
+        // Near the plane x'' = 2x, so x grows from a tilt to sinh(3√2)/√2 = 24.6 times as much.
+        assert!((end - d * 3.0).length() < 25.0 * d.x + 1e-9, "{end}");
     }
 }
 

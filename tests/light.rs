@@ -422,18 +422,18 @@ fn baked_light_is_kept_in_a_file_that_is_replaced_when_it_does_not_fit() {
     let folder = tempfile::tempdir().unwrap();
     let mut stage = lit_floor(folder.path());
     let path = folder.path().join("scene.light");
-    let bake = |stage: &Stage| -> (Lightmap, cache::Source) {
+    let bake = |stage: &Stage| -> (Lightmap, cache::LightmapSource) {
         cache::light(&stage.world, 20.0, 1e-6, Some(&path), |_, _| {}).unwrap()
     };
     let (first, source) = bake(&stage);
-    assert_eq!(source, cache::Source::Computed);
-    assert_eq!(bake(&stage), (first.clone(), cache::Source::File));
+    assert_eq!(source, cache::LightmapSource::Computed);
+    assert_eq!(bake(&stage), (first.clone(), cache::LightmapSource::File));
     let mut bytes = std::fs::read(&path).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 4;
     std::fs::write(&path, &bytes).unwrap();
-    assert_eq!(bake(&stage), (first, cache::Source::Damaged));
+    assert_eq!(bake(&stage), (first, cache::LightmapSource::Damaged));
     stage.world.lights[0].intensity = [1.0, 1.0, 1.0];
-    assert_eq!(bake(&stage).1, cache::Source::Outdated);
-    assert_eq!(bake(&stage).1, cache::Source::File);
+    assert_eq!(bake(&stage).1, cache::LightmapSource::Outdated);
+    assert_eq!(bake(&stage).1, cache::LightmapSource::File);
 }

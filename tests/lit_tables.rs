@@ -4,7 +4,7 @@ use assert_cmd::cargo::cargo_bin_cmd;
 use geofan_bundle::Bundle;
 use geofan_light::{
     cache,
-    path_tracer::{Estimator, Film, PathTracer, Settings},
+    path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings},
 };
 use geofan_render::{
     Lookup, Stage, View,
@@ -61,7 +61,7 @@ fn scene(folder: &Path, camera: f64) -> Stage {
 const SAMPLES: usize = 32;
 
 fn path_traced(stage: &Stage, view: &View, length: f64) -> Picture {
-    let settings = Settings {
+    let settings = PathTracerSettings {
         seed: 1,
         length,
         tolerance: 1e-6,
@@ -69,7 +69,7 @@ fn path_traced(stage: &Stage, view: &View, length: f64) -> Picture {
         estimator: Estimator::Connected,
     };
     let tracer = PathTracer::new(&stage.world, view, settings);
-    let mut film = Film::new(view.size);
+    let mut film = PassAccumulator::new(view.size);
     for pass in 0..SAMPLES as u64 {
         film.add(&tracer.pass(pass, || false).unwrap());
     }

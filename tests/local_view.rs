@@ -5,7 +5,7 @@ use geofan_render::{
     frame::{Paths, offsets, trace},
     local::projection,
 };
-use geofan_study::local_comparison::compare_local;
+use geofan_study::comparison::compare_local;
 use glam::DVec3;
 use std::path::Path;
 

@@ -9,12 +9,7 @@ use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result};
-use geofan_render::picture::write_png;
-use geofan_study::{
-    comparison::{Options, compare, write_pictures},
-    local_comparison::compare_local,
-    picture::error_picture,
-};
+use geofan_study::comparison::{CompareOptions, compare, compare_local, write_pictures};
 use serde::Serialize;
 use std::{fmt::Display, path::PathBuf};
 
@@ -48,15 +43,7 @@ fn run_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     light_up(&mut stage, None, length, common)?;
     let samples = usize::from(args.scene.spp);
     let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance)?;
-    let error = error_picture(&found.flip, "FLIP", "local against exact", None);
-    let pictures = [
-        ("local", &found.local),
-        ("exact", &found.exact),
-        ("error", &error),
-    ];
-    for (name, picture) in pictures {
-        write_png(&args.out.join(format!("{name}.png")), picture)?;
-    }
+    write_pictures(&found, &args.out, "")?;
     print(&found.report, common)
 }
 
@@ -79,7 +66,7 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let mut stage = args.scene.stage(Some(&bundle))?;
     let view = args.scene.view(&stage)?;
     light_up(&mut stage, Some(path), bundle.table.length, common)?;
-    let options = Options {
+    let options = CompareOptions {
         samples: usize::from(args.scene.spp),
         promise: bundle.header.plan.max_error,
         error: args.scene.error,

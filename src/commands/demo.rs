@@ -11,7 +11,7 @@ use geofan_bake::plan::plan;
 use geofan_bundle::{Bundle, identity, rays::RaySpace};
 use geofan_core::{Error, Result, Unobserved, manifold::Manifold};
 use geofan_render::Stage;
-use geofan_study::comparison::{Options, Report, compare, write_pictures};
+use geofan_study::comparison::{CompareOptions, ComparisonReport, compare, write_pictures};
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -128,9 +128,9 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
 }
 
 /// Compares one view and writes its pictures.
-fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<Report> {
+fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<ComparisonReport> {
     let view = stage.view(stage.camera(Some(name))?, args.size)?;
-    let options = Options {
+    let options = CompareOptions {
         samples: usize::from(args.spp),
         promise: bundle.header.plan.max_error,
         error: LATTICE_ERROR,
@@ -143,7 +143,7 @@ fn view(stage: &Stage, bundle: &Bundle, name: &str, args: &DemoArgs) -> Result<R
 }
 
 /// Prints errors and times of one view.
-fn print(view: &str, report: &Report, common: &CommonArgs) -> Result<()> {
+fn print(view: &str, report: &ComparisonReport, common: &CommonArgs) -> Result<()> {
     if common.json {
         let mut line = json!(report);
         line["view"] = json!(view);

@@ -7,7 +7,7 @@ use super::render::{RenderArgs, metadata};
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, TerminalObserver, values};
 use clap::Args;
 use geofan_core::{Error, Observer, Result};
-use geofan_light::path_tracer::{Estimator, Film, PathTracer, Settings};
+use geofan_light::path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings};
 use geofan_render::{
     ExactTracer, Stage, View,
     frame::{Paths, offsets, trace},
@@ -46,7 +46,7 @@ const MEASURED_SIDE: usize = 160;
 /// Renders a picture by path tracing.
 pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -> Result<Outcome> {
     let length = stage.world.manifold.length_or(args.length)?;
-    let settings = Settings {
+    let settings = PathTracerSettings {
         seed: args.path.seed,
         length,
         tolerance: args.scene.tolerance,
@@ -58,8 +58,8 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
         key: key(args, stage, view, settings),
     };
     let mut film = match args.path.resume {
-        true => Film::load(&checkpoint.path, &checkpoint.key, view.size)?,
-        false => Film::new(view.size),
+        true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, view.size)?,
+        false => PassAccumulator::new(view.size),
     };
     let tracer = PathTracer::new(&stage.world, view, settings);
     // Before and after, so that both rates are of the same machine under the same load.
@@ -107,7 +107,7 @@ struct Checkpoint {
 fn accumulate(
     args: &RenderArgs,
     tracer: &PathTracer<'_>,
-    film: &mut Film,
+    film: &mut PassAccumulator,
     passes: u64,
     checkpoint: &Checkpoint,
     common: &CommonArgs,
@@ -151,7 +151,7 @@ fn passes_file(output: &Path) -> PathBuf {
 }
 
 /// Hashes everything that decides the passes.
-fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: Settings) -> [u8; 32] {
+fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: PathTracerSettings) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&stage.world.manifold.fingerprint());
     hasher.update(&stage.world.geometry_fingerprint());
@@ -161,7 +161,13 @@ fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: Settings) -> [u8
 }
 
 /// Writes the picture.
-fn write(args: &RenderArgs, stage: &Stage, view: &View, film: &Film, length: f64) -> Result<()> {
+fn write(
+    args: &RenderArgs,
+    stage: &Stage,
+    view: &View,
+    film: &PassAccumulator,
+    length: f64,
+) -> Result<()> {
     let picture = film.picture();
     let notes = metadata(stage, "path").with("samples", film.passes().to_string());
     if Format::of(&args.output) != Some(Format::Exr) {

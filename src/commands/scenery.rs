@@ -4,7 +4,7 @@ use crate::terminal::{CommonArgs, ProgressDisplay, values};
 use clap::Args;
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, diagnostic::Diagnostic, geodesic::check_point};
-use geofan_light::cache::{self, Source};
+use geofan_light::cache::{self, LightmapSource};
 use geofan_render::{Stage, View, picture::Format};
 use std::path::{Path, PathBuf};
 
@@ -112,7 +112,7 @@ pub fn light_up(
     let world = &stage.world;
     let (light, source) = cache::light(world, length, LIGHT_TOLERANCE, path.as_deref(), done)?;
     progress.finish();
-    if let (Some(path), Source::Damaged) = (&path, source) {
+    if let (Some(path), LightmapSource::Damaged) = (&path, source) {
         tracing::warn!(
             "{} was damaged; its light has been computed again",
             path.display()

@@ -5,8 +5,9 @@
 
 use super::{Refiner, line_series::channel_weights, tree::ParameterBox};
 use geofan_bundle::{
-    Polynomial, Tensor, arc,
+    Polynomial, Tensor,
     measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
+    path_coefficients,
     rays::{CHANNELS, Start},
 };
 use geofan_core::{geodesic::End, random::Stream};
@@ -307,12 +308,12 @@ impl<'a> HeldOutRays<'a> {
         let refiner = self.refiner;
         let channels = refiner.space.channels().len();
         let mut rows = Vec::new();
-        arc::unfold(stored, channels, self.interval, &mut rows);
+        path_coefficients::unfold(stored, channels, self.interval, &mut rows);
         let mut errors = HeldOutErrors::default();
         let only_exits = tangents_at_exits(refiner.space);
         for (i, probe) in ray.probes.iter().enumerate() {
-            let sums = arc::sums(&rows, channels, self.interval, &[probe.s]);
-            let (u, v) = arc::state(refiner.space, &ray.start, &sums, 0, probe.s);
+            let sums = path_coefficients::sums(&rows, channels, self.interval, &[probe.s]);
+            let (u, v) = path_coefficients::state(refiner.space, &ray.start, &sums, 0, probe.s);
             errors.points.push(probe.screen_mrad(u - probe.u));
             let exit = ray.exits && i + 1 == ray.probes.len();
             if refiner.plan.frames && (exit || !only_exits) {

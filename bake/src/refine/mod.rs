@@ -17,7 +17,7 @@ pub mod tensor_train;
 mod tree;
 
 use geofan_bundle::{
-    Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, arc, chebyshev,
+    Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, chebyshev, path_coefficients,
     rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
 };
 use glam::DVec3;
@@ -271,11 +271,11 @@ impl Refiner<'_> {
 /// Rays of boxes and the polynomials through them.
 impl Refiner<'_> {
     /// Fits the polynomial through exact samples on the tensor grid of `nodes`, its rows along the arc
-    /// length as [`arc`] unfolds them.
+    /// length as [`path_coefficients`] unfolds them.
     fn fit(&self, chunk: usize, bounds: &ParameterBox, nodes: &[usize]) -> Polynomial {
         // A box that begins at the start of paths stores no displacement there.
         let interval = bounds.arc_interval(self.plan.length);
-        let starts = usize::from(arc::stores_start(interval));
+        let starts = usize::from(path_coefficients::stores_start(interval));
         let mut lengths = vec![interval[0]; starts];
         lengths.extend(self.arc_lengths(bounds, nodes[bounds.arc()]));
         // Exact samples: slopes at the nodes, and the displacement that they add to.

@@ -3,14 +3,14 @@
 //! In: the chunks of a table around one camera position. Out: a [`Fan`], all paths from there, and
 //! from it single [`TablePath`]s.
 
-use super::{
+use crate::parallel::*;
+use crate::{
     contracted::Contracted,
-    course::{Evaluate, PathCoefficients, TablePath},
+    path_coefficients::{Evaluate, PathCoefficients, TablePath},
+    rays::{FACES, Image, Located, Place, RaySpace},
     table::Table,
     tree::Tree,
 };
-use crate::parallel::*;
-use crate::rays::{FACES, Image, Located, Place, RaySpace};
 use glam::DVec3;
 use std::sync::Arc;
 

@@ -5,7 +5,7 @@
 //! that the bits are the same however many threads there are, and on all machines that add products
 //! without rounding them.
 
-use super::packing::BESIDE;
+use crate::packed_matrix::BESIDE;
 use fearless_simd::{Level, Simd, SimdBase, SimdFloat, dispatch};
 use geofan_expr::{real::Real, vectorised};
 use std::{array::from_fn, ops::Range};

@@ -13,19 +13,30 @@
 //! orthogonal too, and what that leaves free is what a file holds ([`super::reflections`]: an eighth
 //! fewer bytes for three bumps on a quarter of a floor). [`Layout::Plain`] is the same with a single core over all
 //! axes: where ranks explode it is smaller.
+//!
+//! How the axes of a tensor are shared out among the cores of its train.
+//!
+//! A tensor has ray axes (camera…, direction…), and last the arc length and the channel. In a train
+//! each ray axis has a core of its own, in any order, and arc length and channel share the last. The
+//! order matters: ranks are small where axes that belong together stand together, and which do
+//! depends on the manifold, the region and the face of directions.
+//!
+//! Many single rays of a tensor at once.
+//!
+//! In: a [`Tensor`] and the parameters of rays. Out: for each what [`Tensor::at`] gives. The cores of a
+//! train are made real once and multiplied by all rays together, from the first to the last: every
+//! integer is then read as often as there are blocks of rays, not as there are rays.
 
-use super::{
-    bytes::{DecodeError, Reader, Writer},
-    chain::{Factor, Link, chained},
-    coding::{Coded, Integers},
+use crate::parallel::*;
+use crate::{
+    coder::{Coded, Integers},
     contracted::{self, Contracted},
-    cores::{Along, Core},
-    grade::ungrade,
-    layout::Layout,
-    matrix::added,
-    scale::{Power, Step},
+    decode::{DecodeError, Reader, Writer},
+    matrix::{added, product},
+    polynomial::{Variables, Weights},
+    rdoq::ungrade,
+    train_core::{Along, Core, Factor, Link, Power, Step, chained},
     tree::Shape,
-    variables::{Variables, Weights},
 };
 use geofan_expr::real::Real;
 use std::sync::{Arc, OnceLock};
@@ -292,4 +303,220 @@ fn in_table_order<T: Copy>(values: Vec<T>, rays: &[usize], shape: &[usize], row:
     }
     let rows = firsts.iter().flat_map(|f| &values[f * row..(f + 1) * row]);
     rows.copied().collect()
+}
+
+/// How the axes are shared out among cores.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Layout {
+    /// One core over all axes.
+    Plain,
+    /// A train with these ray axes, one to a core.
+    Train(Vec<usize>),
+}
+
+impl Layout {
+    /// The train that pairs each camera axis with a direction axis.
+    pub fn paired(cameras: usize, directions: usize) -> Self {
+        let mut order = Vec::new();
+        for j in 0..cameras.max(directions) {
+            order.extend((j < cameras).then_some(j));
+            order.extend((j < directions).then_some(cameras + j));
+        }
+        Self::Train(order)
+    }
+
+    /// The axes of each core of a tensor of so many ray axes.
+    pub fn cores(&self, rays: usize) -> Vec<Vec<usize>> {
+        match self {
+            Self::Plain => vec![(0..rays + 2).collect()],
+            Self::Train(order) => {
+                let last = vec![rays, rays + 1];
+                order.iter().map(|axis| vec![*axis]).chain([last]).collect()
+            }
+        }
+    }
+
+    /// A number that stands for the layout: 0, or one more than the rank of the order among all
+    /// orders sorted like words.
+    pub fn code(&self) -> u8 {
+        let Self::Train(order) = self else { return 0 };
+        let smaller_after = |i: usize| order[i + 1..].iter().filter(|a| **a < order[i]).count();
+        let rank = (0..order.len()).fold(0, |rank, i| rank * (order.len() - i) + smaller_after(i));
+        1 + rank as u8
+    }
+
+    /// The layout of `rays` ray axes, five at most, that `code` stands for; `None` if there is none.
+    pub fn of_code(code: u8, rays: usize) -> Option<Self> {
+        let Some(mut rank) = usize::from(code).checked_sub(1) else {
+            return Some(Self::Plain);
+        };
+        let mut places: Vec<usize> = (1..=rays)
+            .map(|left| {
+                let place = rank % left;
+                rank /= left;
+                place
+            })
+            .collect();
+        places.reverse();
+        let mut left: Vec<usize> = (0..rays).collect();
+        let order = places.iter().map(|place| left.remove(*place)).collect();
+        (rank == 0).then_some(Self::Train(order))
+    }
+}
+
+/// Rays that are multiplied together: their products with a core stay in a cache.
+const RAYS: usize = 24;
+
+impl Tensor {
+    /// [`Tensor::at`] for many `points` (parameters of all cameras and directions).
+    pub fn at_many(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
+        self.many::<f64>(points)
+    }
+
+    /// The same in single precision, as tables are read for pictures, in half the time: rounding adds 1e-7
+    /// or so of the largest coefficient.
+    pub fn at_many_in_single(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
+        self.many::<f32>(points)
+    }
+
+    fn many<T: Real>(&self, points: &[&[f64]]) -> Vec<Vec<f64>> {
+        if self.layout == Layout::Plain {
+            return points.par_iter().map(|x| self.at(x)).collect();
+        }
+        let cores = self.links::<T>(&vec![None; self.shape().len()]);
+        let blocks = points.par_chunks(RAYS);
+        let blocks = blocks.map(|points| self.block(&cores, points));
+        blocks.collect::<Vec<_>>().concat()
+    }
+
+    /// The rows that remain of `cores` at `points`.
+    fn block<T: Real>(&self, cores: &[Link<T>], points: &[&[f64]]) -> Vec<Vec<f64>> {
+        let shape = self.shape();
+        let sets = points.iter().map(|x| self.variables.weights(&shape, x));
+        let sets: Vec<Vec<Weights<T>>> = sets.collect();
+        let axes = self.table_axes();
+        let is_direction = |k: &usize| axes[*k][0] >= self.variables.cameras;
+        let (last, rays) = (cores.len() - 1, 0..cores.len() - 1);
+        let [first, after] = [
+            rays.clone().find(is_direction),
+            rays.clone().rfind(is_direction),
+        ];
+        // One row for each ray; from the first to the last direction one for each set of its weights.
+        let mut rows = vec![T::ONE; points.len()];
+        for k in rays {
+            if Some(k) == first {
+                rows = rows.repeat(sets[0].len());
+            }
+            let weights = |row: usize| &sets[row % points.len()][row / points.len()][axes[k][0]];
+            let (core, count) = (&cores[k], rows.len() / cores[k].left);
+            let mut weighted = Vec::with_capacity(rows.len() * weights(0).len());
+            for (row, values) in rows.chunks_exact(core.left).enumerate() {
+                put_products(values, weights(row), &mut weighted);
+            }
+            rows = product(&weighted, weighted.len() / count, &core.values);
+            if Some(k) == after {
+                let all = rows.chunks_exact(rows.len() / sets[0].len());
+                rows = added(&all.map(<[T]>::to_vec).collect::<Vec<_>>());
+            }
+        }
+        let rows = product(&rows, cores[last].left, &cores[last].values);
+        let row = rows.chunks_exact(rows.len() / points.len());
+        row.map(|row| row.iter().map(|x| x.to_f64()).collect())
+            .collect()
+    }
+}
+
+/// Adds each of `values` times each of `weights`, these running fastest.
+fn put_products<T: Real>(values: &[T], weights: &[T], to: &mut Vec<T>) {
+    for x in values {
+        to.extend(weights.iter().map(|w| *x * *w));
+    }
+}
+
+#[cfg(test)]
+mod layout_tests {
+    use super::*;
+
+    #[test]
+    fn every_order_has_a_code_of_its_own() {
+        for (rays, orders) in [(0, 1), (1, 1), (2, 2), (3, 6), (4, 24), (5, 120)] {
+            let mut seen = std::collections::HashSet::new();
+            for code in 1..=orders {
+                let layout = Layout::of_code(code, rays).unwrap();
+                assert_eq!(layout.code(), code);
+                assert_eq!(layout.cores(rays).concat().len(), rays + 2);
+                assert!(seen.insert(format!("{layout:?}")));
+            }
+            assert_eq!(Layout::of_code(orders + 1, rays), None);
+        }
+        assert_eq!(Layout::of_code(0, 3), Some(Layout::Plain));
+        assert_eq!(Layout::paired(2, 2), Layout::Train(vec![0, 2, 1, 3]));
+        assert_eq!(Layout::paired(3, 2), Layout::Train(vec![0, 3, 1, 4, 2]));
+    }
+}
+
+#[cfg(test)]
+mod single_rays_tests {
+    use super::*;
+    use crate::{
+        chebyshev::MappedChebyshev,
+        polynomial::{Polynomial, Variables},
+        train::Train,
+        train_core::Step,
+    };
+    use geofan_core::random::Stream;
+    use ndarray::{ArrayD, IxDyn};
+
+    fn train(order: &[usize], variables: Variables) -> Tensor {
+        let lengths = [3, 5, 4];
+        let mut stream = Stream::new(&[9]);
+        let (mut cores, mut scales, mut left) = (Vec::new(), Vec::new(), 1);
+        let mut random =
+            |shape: &[usize]| ArrayD::from_shape_fn(IxDyn(shape), |_| stream.between(-1.0, 1.0));
+        for axis in order {
+            cores.push(random(&[left, lengths[*axis], 2]));
+            scales.push(vec![1.5, 0.2]);
+            left = 2;
+        }
+        cores.push(random(&[left, 6, 3, 1]));
+        let train = Train {
+            layout: Layout::Train(order.to_vec()),
+            variables,
+            cores,
+            singular: scales,
+        };
+        train.rounded(Step::near(1e-5)).unwrap()
+    }
+
+    #[test]
+    fn many_rays_are_what_each_is_alone() {
+        let face = Variables::of_face(1, MappedChebyshev::new(0.7));
+        let sphere = Variables {
+            sphere: true,
+            ..face
+        };
+        let points: Vec<[f64; 3]> = (0..RAYS + 5)
+            .map(|k| [0.1, -0.7, 0.4].map(|x| x + 0.01 * k as f64))
+            .collect();
+        let points: Vec<&[f64]> = points.iter().map(<[f64; 3]>::as_slice).collect();
+        for variables in [face, sphere] {
+            let orders = [[0, 1, 2], [1, 0, 2], [2, 1, 0]];
+            let plain = Polynomial {
+                coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, 4, 3]), 0.5),
+                variables,
+            };
+            let plain = Train::plain(&plain).rounded(Step::near(1e-3)).unwrap();
+            let trains = orders.map(|order| train(&order, variables));
+            for tensor in trains.iter().chain([&plain]) {
+                let found = [tensor.at_many(&points), tensor.at_many_in_single(&points)];
+                for (found, most) in found.iter().zip([1e-12, 1e-5]) {
+                    for (found, x) in found.iter().zip(&points) {
+                        let close = |(a, b): (&f64, &f64)| (a - b).abs() < most * (1.0 + b.abs());
+                        let alone = tensor.at(x);
+                        assert!(found.len() == alone.len() && found.iter().zip(&alone).all(close));
+                    }
+                }
+            }
+        }
+    }
 }

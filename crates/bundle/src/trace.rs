@@ -4,7 +4,7 @@
 //! samples up to the end of the path, which is found on the interpolated path. A ray of which the
 //! table gives up a part before its end is integrated exactly.
 
-use super::{Table, TablePath};
+use crate::{Table, TablePath};
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Sample, Settings, paths, samples, unit},

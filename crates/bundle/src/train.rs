@@ -2,19 +2,15 @@
 //!
 //! In: real cores, scaled so that one step serves all. Out: a [`Tensor`].
 
-use super::{
-    cores::{Along, Core},
-    grade::graded,
-    layout::Layout,
-    packing::Packing,
-    polynomial::Polynomial,
-    rounding::{nearest, rounded},
-    scale::{Scale, Step},
-    side::Side,
-    tensor::Tensor,
-    variables::Variables,
-};
 use crate::parallel::*;
+use crate::{
+    householder::Side,
+    packed_matrix::Packing,
+    polynomial::{Polynomial, Variables},
+    rdoq::{graded, nearest, rounded},
+    tensor::{Layout, Tensor},
+    train_core::{Along, Core, Scale, Step},
+};
 use ndarray::{ArrayD, Axis};
 use std::sync::OnceLock;
 

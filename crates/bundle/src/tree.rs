@@ -4,13 +4,13 @@
 //! lengths, all in [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one
 //! axis at a time down to patches. Axes are numbered camera…, direction…, arc length.
 
-use super::{
-    bytes::{DecodeError, Reader, Writer},
-    coding::{Coded, Integers},
+use crate::{
+    coder::{Coded, Integers},
+    decode::{DecodeError, Reader, Writer},
+    polynomial::Variables,
+    rays::FACES,
     tensor::Tensor,
-    variables::Variables,
 };
-use crate::rays::FACES;
 use std::sync::Arc;
 
 /// A box of the table, divided or not.
@@ -181,9 +181,9 @@ const PARTED: u8 = 253;
 
 #[cfg(test)]
 mod tests {
-    use super::{
-        super::{polynomial::Polynomial, scale::Step, stretch::MappedChebyshev, train::Train},
-        *,
+    use super::*;
+    use crate::{
+        chebyshev::MappedChebyshev, polynomial::Polynomial, train::Train, train_core::Step,
     };
     use ndarray::{ArrayD, IxDyn};
 

@@ -4,6 +4,7 @@
 //! Out: one line (`Display`) or a rustc-style report with the span underlined
 //! ([`Diagnostic::report`]).
 
+#[cfg(feature = "report")]
 use annotate_snippets::{AnnotationKind, Level, Renderer, Snippet};
 use std::{fmt, ops::Range, sync::Arc};
 
@@ -78,6 +79,7 @@ impl Diagnostic {
     }
 
     /// The whole report with the source line quoted and underlined, with ANSI colours if `colour`.
+    #[cfg(feature = "report")]
     pub fn report(&self, colour: bool) -> String {
         let span = self.safe_span();
         let label = (!self.label.is_empty()).then_some(self.label.as_str());
@@ -99,6 +101,7 @@ impl Diagnostic {
 
     /// The span clamped to the text and to character boundaries, so that no damage in a span can
     /// make the renderer panic.
+    #[cfg(feature = "report")]
     fn safe_span(&self) -> Range<usize> {
         let text = &self.source.text;
         let floor = |at: usize| {

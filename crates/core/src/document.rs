@@ -259,7 +259,9 @@ impl<'d> Table<'d> {
             };
             (text, Item::new(self.source, value))
         };
-        self.entries.iter().map(entry).collect()
+        let mut entries: Vec<(Text, Item<'d>)> = self.entries.iter().map(entry).collect();
+        entries.sort_by_key(|(key, _)| key.span.start);
+        entries
     }
 
     /// Refuses keys that nobody asked for.

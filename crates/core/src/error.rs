@@ -72,6 +72,7 @@ impl Error {
     }
 
     /// The text for a terminal: rustc-style with the source underlined where there is a source.
+    #[cfg(feature = "report")]
     pub fn report(&self, colour: bool) -> String {
         match self {
             Self::Source(diagnostic) => diagnostic.report(colour),

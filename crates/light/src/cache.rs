@@ -1,26 +1,27 @@
-//! The file in which baked light is kept beside a bundle.
+//! The file in which a lightmap is kept beside a bundle.
 //!
-//! In: a world with lights. Out: its light, from the file if that is whole and of this very world,
+//! In: a world with lamps. Out: its light, from the file if that is whole and of this very world,
 //! else computed and written there. Layout, little-endian: the magic, a fingerprint (32 bytes) of
 //! everything that the light depends on, the numbers of facets divided and of points (8 bytes each),
 //! the facets divided (u32), six f32 a point, and a checksum (XXH3, 8 bytes) of all that comes before.
 
-use crate::Lamps;
-use crate::baked::{ADDED, EVEN, bake_light};
+use crate::{ADDED, EVEN, Lamps, bake_light};
 use geofan_core::{error::Result, files::write_atomically};
-use geofan_render::World;
-use geofan_render::lightmap::{CONTRAST, FacetLayout, Light, Lightmap};
+use geofan_render::{
+    World,
+    lightmap::{CONTRAST, FacetLayout, Light, Lightmap},
+};
 use std::{io::Write, path::Path};
 use xxhash_rust::xxh3::xxh3_64;
 
-/// Begins every version of the file; the whole is that of this version.
+/// Begins every version of the file; [`MAGIC`] begins this version.
 const NAME: &[u8; 13] = b"geofan light ";
 const MAGIC: &[u8; 16] = b"geofan light 2\r\n";
 const HEAD: usize = 16 + 32 + 8 + 8;
 
-/// Where the light came from.
+/// Says where a lightmap came from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
+pub enum LightmapSource {
     /// The file had it.
     File,
     /// There was no file.
@@ -31,8 +32,8 @@ pub enum Source {
     Damaged,
 }
 
-/// The light of `world`, followed over `length` at a local tolerance: from the file at `path` if that
-/// fits; else computed, and kept there if a path is given.
+/// Returns the light of `world`, followed over `length` at a local tolerance: from the file at `path`
+/// if that fits; else computed, and kept there if a path is given.
 ///
 /// # Errors
 /// The file cannot be written. One that cannot be read, is damaged or of another world is replaced.
@@ -42,31 +43,30 @@ pub fn light(
     tolerance: f64,
     path: Option<&Path>,
     done: impl Fn(usize, usize) + Sync,
-) -> Result<(Lightmap, Source)> {
+) -> Result<(Lightmap, LightmapSource)> {
     let layout = FacetLayout::new(world, EVEN);
     let fingerprint = fingerprint(world, length, tolerance);
-    let kept = path.and_then(|path| std::fs::read(path).ok());
-    let source = match kept.as_deref().map(|bytes| decode(bytes, &fingerprint)) {
+    let stored = path.and_then(|path| std::fs::read(path).ok());
+    let source = match stored.as_deref().map(|bytes| decode(bytes, &fingerprint)) {
         Some(Ok((divided, values))) => {
-            let baked = Lightmap::from_values(layout.clone(), &divided, values);
-            if let Some(baked) = baked {
-                return Ok((baked, Source::File));
+            if let Some(lightmap) = Lightmap::from_values(layout.clone(), &divided, values) {
+                return Ok((lightmap, LightmapSource::File));
             }
-            Source::Damaged
+            LightmapSource::Damaged
         }
         Some(Err(source)) => source,
-        None => Source::Computed,
+        None => LightmapSource::Computed,
     };
     let lamps = Lamps::new(world, length, tolerance);
-    let baked = bake_light(&lamps, layout, ADDED, done);
+    let lightmap = bake_light(&lamps, layout, ADDED, done);
     if let Some(path) = path {
-        let bytes = encode(&baked, &fingerprint);
+        let bytes = encode(&lightmap, &fingerprint);
         write_atomically(path, |out| out.write_all(&bytes))?;
     }
-    Ok((baked, source))
+    Ok((lightmap, source))
 }
 
-/// Everything that baked light depends on.
+/// Hashes everything that the light depends on.
 fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&world.manifold.fingerprint());
@@ -86,36 +86,39 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
     *hasher.finalize().as_bytes()
 }
 
-fn encode(baked: &Lightmap, fingerprint: &[u8; 32]) -> Vec<u8> {
+/// Writes a lightmap as the bytes of its file.
+fn encode(lightmap: &Lightmap, fingerprint: &[u8; 32]) -> Vec<u8> {
     let mut bytes = MAGIC.to_vec();
     bytes.extend_from_slice(fingerprint);
-    bytes.extend((baked.divided().len() as u64).to_le_bytes());
-    bytes.extend((baked.values.len() as u64).to_le_bytes());
-    bytes.extend(baked.divided().iter().flat_map(|x| x.to_le_bytes()));
-    let numbers = baked.values.iter().flatten();
+    bytes.extend((lightmap.divided().len() as u64).to_le_bytes());
+    bytes.extend((lightmap.values.len() as u64).to_le_bytes());
+    bytes.extend(lightmap.divided().iter().flat_map(|x| x.to_le_bytes()));
+    let numbers = lightmap.values.iter().flatten();
     bytes.extend(numbers.flat_map(|x| x.to_le_bytes()));
     bytes.extend(xxh3_64(&bytes).to_le_bytes());
     bytes
 }
 
-/// The facets divided and the values in `bytes`, undoing [`encode`]; or why not.
-fn decode(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<(Vec<u32>, Vec<Light>), Source> {
-    let (body, sum) = bytes.split_last_chunk::<8>().ok_or(Source::Damaged)?;
+/// Reads the facets divided and the values from `bytes`, undoing [`encode`]; else says why not.
+fn decode(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<(Vec<u32>, Vec<Light>), LightmapSource> {
+    let (body, sum) = bytes
+        .split_last_chunk::<8>()
+        .ok_or(LightmapSource::Damaged)?;
     if u64::from_le_bytes(*sum) != xxh3_64(body) || body.len() < HEAD || !body.starts_with(NAME) {
-        return Err(Source::Damaged);
+        return Err(LightmapSource::Damaged);
     }
     let (head, rest) = body.split_at(HEAD);
     if !head.starts_with(MAGIC) || head[16..48] != fingerprint[..] {
-        return Err(Source::Outdated);
+        return Err(LightmapSource::Outdated);
     }
     let (counts, []) = head[48..].as_chunks::<8>() else {
-        return Err(Source::Damaged);
+        return Err(LightmapSource::Damaged);
     };
     let [divided, points] = [counts[0], counts[1]].map(u64::from_le_bytes);
     // Both are at most as many as bytes follow, so the sum does not overflow once that is known.
     let most = rest.len() as u64;
     if divided > most || points > most || 4 * divided + 24 * points != most {
-        return Err(Source::Damaged);
+        return Err(LightmapSource::Damaged);
     }
     let (divided, numbers) = rest.split_at(4 * divided as usize);
     let word = |b: &[u8]| [b[0], b[1], b[2], b[3]];
@@ -147,17 +150,17 @@ mod tests {
         let bytes = sealed(MAGIC, [3, 2]);
         let known = (divided.clone(), values.clone());
         assert_eq!(decode(&bytes, &[7; 32]), Ok(known));
-        assert_eq!(decode(&bytes, &[8; 32]), Err(Source::Outdated));
+        assert_eq!(decode(&bytes, &[8; 32]), Err(LightmapSource::Outdated));
         let older = sealed(b"geofan light 1\r\n", [3, 2]);
-        assert_eq!(decode(&older, &[7; 32]), Err(Source::Outdated));
+        assert_eq!(decode(&older, &[7; 32]), Err(LightmapSource::Outdated));
         for counts in [[3, 3], [4, 2], [u64::MAX, 2], [3, u64::MAX / 24]] {
             let wrong = decode(&sealed(MAGIC, counts), &[7; 32]);
-            assert_eq!(wrong, Err(Source::Damaged), "{counts:?}");
+            assert_eq!(wrong, Err(LightmapSource::Damaged), "{counts:?}");
         }
         for i in 0..bytes.len() * 8 {
             let mut damaged = bytes.clone();
             damaged[i / 8] ^= 1 << (i % 8);
-            assert_eq!(decode(&damaged, &[7; 32]), Err(Source::Damaged));
+            assert_eq!(decode(&damaged, &[7; 32]), Err(LightmapSource::Damaged));
         }
         for length in 0..bytes.len() {
             assert!(decode(&bytes[..length], &[7; 32]).is_err());

@@ -1,30 +1,26 @@
-//! Light of points in a curved space: intensity divided by how far the geodesics have spread.
+//! Light of lamps in a curved space: intensity divided by how far the geodesics have spread.
 //!
-//! In: a light at a chart point, and surface points. Out: every geodesic that connects the two up to
+//! In: a lamp at a chart point, and surface points. Out: every geodesic that connects the two up to
 //! a length ([`LightFan::connections`]), the irradiance that each brings ([`irradiance`]), and both
-//! together for a whole scene at rest ([`bake_light`]), kept in a file ([`cache`]).
+//! together for a whole scene at rest ([`bake_light`]), kept in a file ([`cache`]). [`path_tracer`]
+//! follows light that surfaces pass on.
 //!
-//! A light of intensity `I` (per unit solid angle) gives `E = I cosθ / area(s)` along a geodesic,
+//! A lamp of intensity `I` (per unit solid angle) gives `E = I cosθ / area(s)` along a geodesic,
 //! where `area` is the determinant of the deviation matrix across it: `s²` in flat space. Several
 //! geodesics add up. At a caustic the area is zero and the irradiance infinite, though the energy
 //! that arrives is not; see [`MOST_GAIN`].
 
-mod baked;
-mod boxes;
 pub mod cache;
-mod cell;
-mod connect;
-mod fan;
-mod icosphere;
+mod connection;
 mod illumination;
+mod light_fan;
 pub mod path_tracer;
-mod prism;
-mod slanted;
-mod way;
+mod segment;
+mod segment_map;
+mod shadowed;
 
-pub use baked::{ADDED, EVEN, bake_light};
-pub use connect::Connection;
-pub(crate) use connect::{Attempt, connect};
-pub use fan::LightFan;
-pub use illumination::{Lamps, MOST_GAIN, irradiance};
-pub(crate) use way::Way;
+pub use connection::Connection;
+pub(crate) use connection::{ShootingStart, connect};
+pub use illumination::{ADDED, EVEN, IncidentLight, Lamps, MOST_GAIN, bake_light, irradiance};
+pub use light_fan::LightFan;
+pub(crate) use shadowed::Shadows;

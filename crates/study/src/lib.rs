@@ -1,13 +1,13 @@
-//! Measuring what tables are worth: comparisons of pictures, sweeps over table sizes, rivals.
+//! Measuring the worth of tables: comparisons of pictures, sweeps over table sizes, rivals.
 //!
 //! In: scenes, manifolds, bundles. Out: numbers, pictures and pages about them.
 //!
-//! 1. [`comparison`] draws one view by table, by exact integration and by the strongest rival.
-//! 2. [`local_comparison`] holds the first-order view against the exact one.
-//! 3. [`picture`] has the measures of pictures (PSNR, FLIP) and draws errors as pictures.
-//! 4. [`sweep`] measures accuracy against table size.
+//! 1. [`comparison`] draws one view by table, by exact integration and by the strongest rival; or by
+//!    first order and exactly.
+//! 2. [`picture`] has the measures of pictures (PSNR, FLIP) and draws errors as pictures.
+//! 3. [`sweep`] measures accuracy against table size.
 
 pub mod comparison;
-pub mod local_comparison;
 pub mod picture;
+mod rival;
 pub mod sweep;

@@ -1,4 +1,4 @@
-//! How a surface passes light on: from the numbers of an MTL material.
+//! Scattering of light at a surface, by the numbers of an MTL material.
 //!
 //! In: a material's colours at a point, and directions away from the surface in a frame whose z is
 //! the normal on the side of `wo`. Out: reflectance, and directions at random with their
@@ -20,19 +20,19 @@ use geofan_render::scene::Material;
 use glam::{DVec2, DVec3};
 use std::f64::consts::{FRAC_1_PI, TAU};
 
-/// What a surface does with light at one point.
+/// Scatters light at one point of a surface.
 #[derive(Debug, Clone, Copy)]
 pub struct Bsdf {
     diffuse: DVec3,
     specular: DVec3,
-    sheen: Sheen,
+    specular_model: SpecularModel,
     /// Probability that light goes through unturned.
     through: f64,
 }
 
-/// What is done with the specular part.
+/// Says how the specular part is reflected.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Sheen {
+enum SpecularModel {
     /// Microfacets of a roughness.
     Glossy(f64),
     Mirror,
@@ -52,15 +52,15 @@ pub struct Scattered {
 }
 
 impl Bsdf {
-    /// Of `material` where its diffuse reflectance is `kd`.
+    /// Takes `material` where its diffuse reflectance is `kd`.
     pub fn new(material: &Material, kd: [f32; 3]) -> Self {
         let colour = |c: [f32; 3]| DVec3::from_array(c.map(f64::from));
-        let sheen = match material.illumination {
-            3 | 5 | 8 => Sheen::Mirror,
-            4 | 6 | 7 | 9 => Sheen::Glass(f64::from(material.ni).max(1e-3)),
-            _ => Sheen::Glossy(ggx::roughness(f64::from(material.ns))),
+        let specular_model = match material.illumination {
+            3 | 5 | 8 => SpecularModel::Mirror,
+            4 | 6 | 7 | 9 => SpecularModel::Glass(f64::from(material.ni).max(1e-3)),
+            _ => SpecularModel::Glossy(ggx::roughness(f64::from(material.ns))),
         };
-        let glass = matches!(sheen, Sheen::Glass(_));
+        let glass = matches!(specular_model, SpecularModel::Glass(_));
         let specular = match material.illumination {
             0 | 1 => DVec3::ZERO,
             _ => colour(material.ks),
@@ -73,7 +73,7 @@ impl Bsdf {
                 colour(kd) / most
             },
             specular: if glass { DVec3::ONE } else { specular / most },
-            sheen,
+            specular_model,
             // Glass says by `d` that it is clear, not that it is thin.
             through: if glass {
                 0.0
@@ -83,20 +83,21 @@ impl Bsdf {
         }
     }
 
-    /// Whether light from a given direction is reflected to the viewer at all: not by mirrors alone.
+    /// Tells whether light from a given direction is reflected to the viewer at all: not by mirrors alone.
     pub fn is_rough(&self) -> bool {
         self.through < 1.0
             && (self.diffuse != DVec3::ZERO
-                || matches!(self.sheen, Sheen::Glossy(_)) && self.specular != DVec3::ZERO)
+                || matches!(self.specular_model, SpecularModel::Glossy(_))
+                    && self.specular != DVec3::ZERO)
     }
 
-    /// Reflectance per solid angle, without the cosine, of the rough parts; zero through the surface.
+    /// Returns the reflectance per solid angle, without the cosine, of the rough parts; zero through the surface.
     pub fn reflectance(&self, wo: DVec3, wi: DVec3) -> DVec3 {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return DVec3::ZERO;
         }
-        let glossy = match self.sheen {
-            Sheen::Glossy(alpha) if self.specular != DVec3::ZERO => {
+        let glossy = match self.specular_model {
+            SpecularModel::Glossy(alpha) if self.specular != DVec3::ZERO => {
                 self.specular * ggx::lobe(wo, wi, alpha)
             }
             _ => DVec3::ZERO,
@@ -104,20 +105,20 @@ impl Bsdf {
         (self.diffuse * FRAC_1_PI + glossy) * (1.0 - self.through)
     }
 
-    /// Probability by solid angle with which [`Bsdf::scatter`] gives `wi` by its rough parts.
+    /// Returns the probability by solid angle with which [`Bsdf::scatter`] gives `wi` by its rough parts.
     pub fn probability(&self, wo: DVec3, wi: DVec3) -> f64 {
         if wo.z <= 0.0 || wi.z <= 0.0 {
             return 0.0;
         }
         let matt = self.matt_share();
-        let glossy = match self.sheen {
-            Sheen::Glossy(alpha) => ggx::probability(wo, wi, alpha),
+        let glossy = match self.specular_model {
+            SpecularModel::Glossy(alpha) => ggx::probability(wo, wi, alpha),
             _ => 0.0,
         };
         (1.0 - self.through) * (matt * wi.z * FRAC_1_PI + (1.0 - matt) * glossy)
     }
 
-    /// Share of the light that is scattered by the matt part.
+    /// Returns the share of the light that is scattered by the matt part.
     fn matt_share(&self) -> f64 {
         let (matt, other) = (self.diffuse.element_sum(), self.specular.element_sum());
         if matt + other > 0.0 {
@@ -127,7 +128,7 @@ impl Bsdf {
         }
     }
 
-    /// A direction at random for light that leaves towards `wo`; `outside` says whether that is the
+    /// Chooses a direction at random for light that leaves towards `wo`; `outside` says whether that is the
     /// side to which the surface's normal points. `None`: the light is absorbed.
     pub fn scatter(&self, wo: DVec3, outside: bool, random: &mut Stream) -> Option<Scattered> {
         if random.uniform() < self.through {
@@ -140,19 +141,19 @@ impl Bsdf {
         let matt = self.matt_share();
         let choice = random.uniform();
         let two = DVec2::new(random.uniform(), random.uniform());
-        let wi = match self.sheen {
-            Sheen::Glass(index) => {
+        let wi = match self.specular_model {
+            SpecularModel::Glass(index) => {
                 return refracted(wo, if outside { index } else { 1.0 / index }, two.x);
             }
             _ if choice < matt => cosine_direction(two),
-            Sheen::Mirror => {
+            SpecularModel::Mirror => {
                 return Some(Scattered {
                     wi: DVec3::new(-wo.x, -wo.y, wo.z),
                     weight: self.specular / (1.0 - matt),
                     probability: None,
                 });
             }
-            Sheen::Glossy(alpha) => ggx::sample(wo, alpha, two),
+            SpecularModel::Glossy(alpha) => ggx::sample(wo, alpha, two),
         };
         let probability = self.probability(wo, wi);
         (probability > 0.0).then(|| Scattered {
@@ -163,7 +164,7 @@ impl Bsdf {
     }
 }
 
-/// A direction above the surface with probability cosθ / π.
+/// Chooses a direction above the surface with probability cosθ / π.
 fn cosine_direction(random: DVec2) -> DVec3 {
     let (r, phi) = (random.x.sqrt(), TAU * random.y);
     DVec3::new(
@@ -173,7 +174,7 @@ fn cosine_direction(random: DVec2) -> DVec3 {
     )
 }
 
-/// Reflected or refracted at random in Fresnel's proportion; `index` is that of the far side over
+/// Reflects or refracts at random in Fresnel's proportion; `index` is that of the far side over
 /// that of the near one. Radiance grows by the square of the index on the way in and shrinks on the
 /// way out.
 fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
@@ -202,12 +203,12 @@ fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
 
 /// An orthonormal frame around a normal, for directions.
 #[derive(Debug, Clone, Copy)]
-pub struct Around {
+pub struct ShadingFrame {
     axes: [DVec3; 3],
 }
 
-impl Around {
-    /// With `normal` (unit) as z.
+impl ShadingFrame {
+    /// Makes a frame with `normal` (unit) as z.
     pub fn new(normal: DVec3) -> Self {
         let [x, y] = perpendiculars(normal);
         Self {
@@ -215,18 +216,18 @@ impl Around {
         }
     }
 
-    /// From the frame around the normal to the one that the normal is in.
-    pub fn out_of(&self, w: DVec3) -> DVec3 {
+    /// Takes a vector from the frame around the normal to the one in which the normal is given.
+    pub fn from_local(&self, w: DVec3) -> DVec3 {
         self.axes[0] * w.x + self.axes[1] * w.y + self.axes[2] * w.z
     }
 
-    /// The inverse of [`Around::out_of`].
-    pub fn inside(&self, w: DVec3) -> DVec3 {
+    /// Undoes [`ShadingFrame::from_local`].
+    pub fn to_local(&self, w: DVec3) -> DVec3 {
         DVec3::from_array(self.axes.map(|axis| axis.dot(w)))
     }
 }
 
-/// Probabilities weighed against each other (E. Veach's balance heuristic): the share of `own`.
+/// Weighs probabilities against each other (E. Veach's balance heuristic): returns the share of `own`.
 pub fn balance(own: f64, other: f64) -> f64 {
     if own + other > 0.0 {
         own / (own + other)

@@ -8,21 +8,21 @@
 //! by it is weighed between this and scattering; light that comes by another is found by scattering
 //! alone, with its whole weight. So nothing is counted twice and nothing is lost.
 
-use crate::{Attempt, Connection, Way, connect};
+use crate::{Connection, Shadows, ShootingStart, connect};
 use geofan_core::random::Stream;
 use geofan_render::{Hit, World};
 use glam::DVec3;
 
-/// The emitting triangles of a world.
+/// Chooses among the emitting triangles of a world.
 pub struct Emitters {
     triangles: Vec<u32>,
-    /// Sums of the probabilities up to and with each.
+    /// Sums of the probabilities up to each and with it.
     sums: Vec<f64>,
 }
 
 /// A point on an emitter.
 #[derive(Debug, Clone, Copy)]
-pub struct Chosen {
+pub struct EmitterPoint {
     /// Chart point.
     pub u: DVec3,
     /// Radiance.
@@ -40,7 +40,7 @@ pub struct Chosen {
 const SAME: f64 = 5e-3;
 
 impl Emitters {
-    /// Of `world`, each chosen in proportion to its area and brightness.
+    /// Lists those of `world`, each chosen in proportion to its area and brightness.
     pub fn new(world: &World) -> Self {
         let mut found = Self {
             triangles: Vec::new(),
@@ -51,7 +51,7 @@ impl Emitters {
             let ke = world.materials[face.material as usize].ke;
             let bright: f64 = ke.iter().map(|k| f64::from(*k)).sum();
             let [p, q, r] = world.accelerator.triangles()[i];
-            let power = bright * stretch(world, i as u32, (p + q + r) / 3.0);
+            let power = bright * square_area(world, i as u32, (p + q + r) / 3.0);
             if power > 0.0 && power.is_finite() {
                 sum += power;
                 found.triangles.push(i as u32);
@@ -62,13 +62,13 @@ impl Emitters {
         found
     }
 
-    /// Whether there are none.
+    /// Tells whether there are none.
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
-    /// A point at random.
-    pub fn choose(&self, world: &World, random: &mut Stream) -> Chosen {
+    /// Chooses a point at random.
+    pub fn choose(&self, world: &World, random: &mut Stream) -> EmitterPoint {
         let at = random.uniform();
         let i = self.sums.partition_point(|s| *s <= at);
         let triangle = self.triangles[i.min(self.triangles.len() - 1)];
@@ -81,25 +81,25 @@ impl Emitters {
         self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c)
     }
 
-    /// The point `u` of an emitting triangle.
-    fn at(&self, world: &World, triangle: u32, u: DVec3) -> Chosen {
+    /// Describes the point `u` of an emitting triangle.
+    fn at(&self, world: &World, triangle: u32, u: DVec3) -> EmitterPoint {
         let [p, q, r] = world.accelerator.triangles()[triangle as usize];
         let face = &world.faces[triangle as usize];
         let ke = world.materials[face.material as usize].ke;
         let i = self.triangles.partition_point(|t| *t < triangle);
         let share = self.sums[i] - if i > 0 { self.sums[i - 1] } else { 0.0 };
-        Chosen {
+        EmitterPoint {
             u,
             radiance: DVec3::from_array(ke.map(f64::from)),
             normal: (q - p).cross(r - p),
             // Uniform over the half unit square of coordinates, whose image is stretched.
-            by_area: 2.0 * share / stretch(world, triangle, u),
+            by_area: 2.0 * share / square_area(world, triangle, u),
             triangle,
         }
     }
 
-    /// Probability by solid angle at the start of `connection`, a principal one that ends at `hit`,
-    /// with which it would be chosen; zero if the surface there gives off nothing.
+    /// Returns the probability by solid angle at the start of `connection`, a principal one that ends
+    /// at `hit`, with which it would be chosen; zero if the surface there gives off nothing.
     pub fn probability(&self, world: &World, hit: &Hit, connection: &Connection) -> f64 {
         if self.triangles.binary_search(&hit.triangle).is_err() {
             return 0.0;
@@ -109,8 +109,8 @@ impl Emitters {
     }
 }
 
-impl Chosen {
-    /// Cosine between the emitter's normal and the geodesic that arrives.
+impl EmitterPoint {
+    /// Returns the cosine between the emitter's normal and the geodesic that arrives.
     pub fn cosine(&self, world: &World, connection: &Connection) -> f64 {
         let frame = world.manifold.standard_frame(self.u);
         let n = (frame.transpose() * self.normal).normalize_or_zero();
@@ -118,45 +118,46 @@ impl Chosen {
         n.dot(v).abs()
     }
 
-    /// The probability by area as one by solid angle at the other end.
+    /// Returns the probability by area as one by solid angle at the other end.
     pub fn by_solid_angle(&self, world: &World, connection: &Connection) -> f64 {
         let cosine = self.cosine(world, connection).max(1e-12);
         self.by_area * connection.area.abs() / cosine
     }
 }
 
-/// Twice the area over that in the triangle's coordinates: how much area, in the metric at `u`, the
-/// triangle's unit square covers.
-fn stretch(world: &World, triangle: u32, u: DVec3) -> f64 {
+/// Returns the area, in the metric at `u`, that the unit square of a triangle's barycentric
+/// coordinates covers: twice that of the triangle.
+fn square_area(world: &World, triangle: u32, u: DVec3) -> f64 {
     let [p, q, r] = world.accelerator.triangles()[triangle as usize];
     let into = world.manifold.standard_frame(u).inverse();
     (into * (q - p)).cross(into * (r - p)).length()
 }
 
-/// The principal connections of pairs of chart points, `None` where there is none; and how many
-/// geodesics were followed for it.
-pub fn principal(
+/// Finds the principal connections of pairs of chart points, `None` where there is none; and tells
+/// how many geodesics were followed for it.
+pub fn principal_connections(
     world: &World,
     pairs: &[(DVec3, DVec3)],
     tolerance: f64,
 ) -> (Vec<Option<Connection>>, usize) {
     let starts: Vec<DVec3> = pairs.iter().map(|(from, _)| *from).collect();
     let frames = world.manifold.standard_frames(&starts);
-    let attempts = pairs.iter().zip(frames).enumerate();
-    let attempts = attempts.filter_map(|(index, ((from, to), frame))| {
+    let starts = pairs.iter().zip(frames).enumerate();
+    let starts = starts.filter_map(|(index, ((from, to), frame))| {
         let to = nearest_image(world, *from, *to);
-        let way = frame.inverse() * (to - *from);
-        Some(Attempt {
+        let straight = frame.inverse() * (to - *from);
+        Some(ShootingStart {
             index,
             from: *from,
             frame,
             to,
-            direction: way.try_normalize()?,
-            s: way.length(),
+            direction: straight.try_normalize()?,
+            s: straight.length(),
             spread: None,
         })
     });
-    let (found, followed) = connect(&world.manifold, attempts.collect(), tolerance, Way::Any);
+    let starts = starts.collect();
+    let (found, followed) = connect(&world.manifold, starts, tolerance, Shadows::Ignored);
     let mut principal = vec![None; pairs.len()];
     for (index, connection) in found {
         principal[index] = Some(connection);
@@ -164,7 +165,7 @@ pub fn principal(
     (principal, followed)
 }
 
-/// The image of `to`, whole periods away, that is nearest to `from` in each glued coordinate.
+/// Returns the image of `to`, whole periods away, that is nearest to `from` in each glued coordinate.
 fn nearest_image(world: &World, from: DVec3, to: DVec3) -> DVec3 {
     let near = |k: usize| match world.manifold.domain.period(k) {
         Some(period) => to[k] - period * ((to[k] - from[k]) / period).round(),
@@ -173,8 +174,8 @@ fn nearest_image(world: &World, from: DVec3, to: DVec3) -> DVec3 {
     DVec3::new(near(0), near(1), near(2))
 }
 
-/// Whether a ray that left in `direction` (standard frame) and came to the point after `s` is the
+/// Tells whether a ray that left in `direction` (standard frame) and came to the point after `s` is the
 /// connection.
-pub fn is_same(connection: &Connection, direction: DVec3, s: f64) -> bool {
+pub fn is_same_geodesic(connection: &Connection, direction: DVec3, s: f64) -> bool {
     (connection.direction - direction).length() < SAME && (connection.s / s - 1.0).abs() < SAME
 }

@@ -8,43 +8,43 @@
 use glam::{DVec2, DVec3};
 use std::f64::consts::{PI, TAU};
 
-/// The roughness of a Phong exponent: the lobes are equally wide for `α² = 2 / (Ns + 2)` (B. Walter
+/// Returns the roughness of a Phong exponent: the lobes are equally wide for `α² = 2 / (Ns + 2)` (B. Walter
 /// et al., *Microfacet Models for Refraction through Rough Surfaces*, EGSR 2007). Not below 1e-3: a
 /// sharper lobe is a mirror, and has a model of its own.
 pub fn roughness(exponent: f64) -> f64 {
     (2.0 / (exponent.max(0.0) + 2.0)).sqrt().max(1e-3)
 }
 
-/// Share of microfacets with the normal `m`.
+/// Returns the density of microfacets with the normal `m`.
 fn distribution(m: DVec3, alpha: f64) -> f64 {
     let a2 = alpha * alpha;
     let d = m.z * m.z * (a2 - 1.0) + 1.0;
     a2 / (PI * d * d)
 }
 
-/// Smith's Λ.
+/// Computes Smith's Λ.
 fn lambda(w: DVec3, alpha: f64) -> f64 {
     let z2 = w.z * w.z;
     let tan2 = (1.0 - z2).max(0.0) / z2.max(f64::MIN_POSITIVE);
     0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
 }
 
-/// The lobe without Fresnel's factor, `D G / (4 cosθ cosθ')`; both directions above the surface.
+/// Computes the lobe without Fresnel's factor, `D G / (4 cosθ cosθ')`; both directions above the surface.
 pub fn lobe(wo: DVec3, wi: DVec3, alpha: f64) -> f64 {
     let m = (wo + wi).normalize_or_zero();
     let masking = 1.0 / (1.0 + lambda(wo, alpha) + lambda(wi, alpha));
     distribution(m, alpha) * masking / (4.0 * wo.z * wi.z)
 }
 
-/// Probability by solid angle with which [`sample`] gives `wi`.
+/// Returns the probability by solid angle with which [`sample`] gives `wi`.
 pub fn probability(wo: DVec3, wi: DVec3, alpha: f64) -> f64 {
     let m = (wo + wi).normalize_or_zero();
     distribution(m, alpha) / ((1.0 + lambda(wo, alpha)) * 4.0 * wo.z)
 }
 
-/// The mirror direction of `wo` in a visible microfacet; it may point below the surface.
+/// Returns the mirror direction of `wo` in a random visible microfacet; it may point below the surface.
 pub fn sample(wo: DVec3, alpha: f64, random: DVec2) -> DVec3 {
-    // In a space in which the microfacets are a hemisphere.
+    // Stretch space until the microfacets are a hemisphere.
     let stretched = DVec3::new(alpha * wo.x, alpha * wo.y, wo.z).normalize();
     let flat = DVec2::new(stretched.x, stretched.y);
     let t1 = match flat.length() > 1e-12 {
@@ -52,11 +52,13 @@ pub fn sample(wo: DVec3, alpha: f64, random: DVec2) -> DVec3 {
         false => DVec3::X,
     };
     let t2 = stretched.cross(t1);
+    // A random point of the disc under it, moved to the visible part.
     let r = random.x.sqrt();
     let (x, y) = (r * (TAU * random.y).cos(), r * (TAU * random.y).sin());
     let half = 0.5 * (1.0 + stretched.z);
     let y = (1.0 - half) * (1.0 - x * x).sqrt() + half * y;
     let z = (1.0 - x * x - y * y).max(0.0).sqrt();
+    // The normal there, with the stretch undone.
     let m = t1 * x + t2 * y + stretched * z;
     let m = DVec3::new(alpha * m.x, alpha * m.y, m.z.max(1e-12)).normalize();
     m * (2.0 * wo.dot(m)) - wo

@@ -1,24 +1,377 @@
-//! Path tracing in a curved space: the rendering equation by chance, without bias.
+//! Path tracing in a curved space: a random, unbiased solution of the rendering equation.
 //!
-//! In: a world, a view, a seed and a number of samples. Out: radiance of every pixel with its
-//! variance ([`Film`]).
+//! In: a world, a view, a seed and a number of samples. Out: one sample of every pixel for every pass,
+//! and radiance of every pixel with its variance over passes ([`PassAccumulator`]).
 //!
 //! A path starts at the camera and is reflected at random (`bsdf`); between surfaces it follows
-//! exact geodesics, many at a time over the integrator's lanes (`walk`). Light is gathered where a
-//! path meets a surface with `Ke` or a sky, and directly: from point lights through every geodesic
-//! that connects them to the surface ([`crate`]), from surfaces with `Ke` through the
-//! one that Newton's method finds from a chart-straight guess (`emitters`). Radiance does not
-//! change along a geodesic; what changes is the area that a solid angle covers.
+//! exact geodesics. The paths of a block of pixels go from surface to surface together: all rays of a
+//! bounce are traced in one batch over the integrator's lanes, then all geodesics that connect to
+//! lamps, then all shadow rays. Light is gathered where a path meets a surface with `Ke` or a sky, and
+//! directly: from point lights through every geodesic that connects them to the surface ([`crate`]),
+//! from surfaces with `Ke` through the one that Newton's method finds from a chart-straight guess
+//! (`emitters`). Radiance does not change along a geodesic; only the area that a solid angle covers
+//! does.
 //!
 //! Every sample depends on nothing but the seed, its pixel and its number, and pixels are summed
 //! pass by pass: the same picture comes from any number of threads and from any interruptions.
 
+mod accumulator;
 mod bsdf;
 mod emitters;
-mod film;
 mod ggx;
 mod surface;
-mod walk;
 
-pub use film::Film;
-pub use walk::{Estimator, PathTracer, Settings};
+pub use accumulator::PassAccumulator;
+
+use crate::{Connection, Lamps};
+use bsdf::balance;
+use emitters::{EmitterPoint, Emitters, is_same_geodesic, principal_connections};
+use geofan_core::random::Stream;
+use geofan_render::{Footprint, Hit, Probe, Seen, SurfacePoint, View, World, first_seen};
+use glam::{DVec3, Vec3};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
+use surface::SurfaceInteraction;
+
+/// Decides a picture, together with world and view.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathTracerSettings {
+    /// Another seed gives another picture of the same light.
+    pub seed: u64,
+    /// How far light is followed between surfaces (arc length).
+    pub length: f64,
+    /// Local tolerance of geodesics.
+    pub tolerance: f64,
+    /// Light that has been reflected more often than this is left out: `u32::MAX` for all light, 1
+    /// for direct light alone.
+    pub bounces: u32,
+    /// How light is gathered.
+    pub estimator: Estimator,
+}
+
+/// Says how light is gathered; both give the same picture in the end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Estimator {
+    /// Lights are connected to at every bounce, weighed against meeting them by chance.
+    Connected,
+    /// Light is only met by chance. Point lights never are.
+    Scattered,
+}
+
+/// Renders passes.
+pub struct PathTracer<'w> {
+    world: &'w World,
+    view: &'w View,
+    settings: PathTracerSettings,
+    lamps: Option<Lamps<'w>>,
+    emitters: Option<Emitters>,
+    rays: AtomicU64,
+}
+
+/// Fewest and most pixels whose paths go together: enough that the lanes stay full while most paths
+/// have ended, and few enough that their states stay small.
+const BLOCKS: [usize; 2] = [4096, 16384];
+
+/// Blocks for each thread, if they are not too small: the last to finish keeps the others waiting for
+/// an eighth of the time at most.
+const BLOCKS_OF_A_THREAD: usize = 8;
+
+/// Bounces that are never cut short: most light that matters arrives within them, and a path that is
+/// cut earlier adds more noise than it saves time.
+const SURE_BOUNCES: u32 = 3;
+
+/// Most chance to go on: in a closed white room paths would never end.
+const MOST_SURVIVAL: f64 = 0.95;
+
+/// Distance at which rays start beside a surface, as a share of the arc length at which it was met
+/// and of a hundredth of the whole length. Rounding is a thousand times smaller; a distance a
+/// thousand times larger would let light through corners.
+const OFFSET: f64 = 1e-6;
+
+/// Share of the arc length by which shadow rays stop short of an emitter.
+const SHORT: f64 = 5e-4;
+
+/// A path that is under way.
+struct PathState {
+    pixel: usize,
+    random: Stream,
+    ray: Probe,
+    throughput: DVec3,
+    bounce: u32,
+    /// The surface point (chart) that the path comes from; the camera's at first.
+    from: DVec3,
+    /// Direction in the standard frame there, and its probability by solid angle; `None` if light had
+    /// no other direction to go.
+    scattered: Option<(DVec3, f64)>,
+}
+
+/// A path with the surface that it has met.
+type MetSurface = (PathState, SurfaceInteraction);
+
+impl<'w> PathTracer<'w> {
+    /// Prepares pictures of `world` as `view` sees it.
+    pub fn new(world: &'w World, view: &'w View, settings: PathTracerSettings) -> Self {
+        let connected = settings.estimator == Estimator::Connected;
+        let lamps = || Lamps::new(world, settings.length, settings.tolerance);
+        Self {
+            world,
+            view,
+            settings,
+            lamps: connected.then(lamps).filter(|lamps| !lamps.is_empty()),
+            emitters: connected
+                .then(|| Emitters::new(world))
+                .filter(|e| !e.is_empty()),
+            rays: AtomicU64::new(0),
+        }
+    }
+
+    /// Returns the number of geodesics followed so far.
+    pub fn rays(&self) -> u64 {
+        self.rays.load(Ordering::Relaxed)
+    }
+
+    /// Renders one sample of every pixel, row by row, as radiance. `stop` is asked before each block;
+    /// `None` if it said so.
+    pub fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
+        let (width, height) = self.view.size;
+        let pixels: Vec<usize> = (0..width * height).collect();
+        // A pixel's light does not depend on those that go with it.
+        let threads = rayon::current_num_threads() * BLOCKS_OF_A_THREAD;
+        let block = (pixels.len() / threads).clamp(BLOCKS[0], BLOCKS[1]);
+        let blocks: Option<Vec<Vec<DVec3>>> = pixels
+            .par_chunks(block)
+            .map(|pixels| (!stop()).then(|| self.block(pixels, number)))
+            .collect();
+        Some(blocks?.concat())
+    }
+
+    /// Renders consecutive pixels.
+    fn block(&self, pixels: &[usize], pass: u64) -> Vec<DVec3> {
+        let mut light = vec![DVec3::ZERO; pixels.len()];
+        let mut paths: Vec<PathState> = pixels.iter().map(|p| self.start(*p, pass)).collect();
+        let first = pixels.first().copied().unwrap_or(0);
+        while !paths.is_empty() {
+            paths = self.bounce(paths, &mut |pixel, part| light[pixel - first] += part);
+        }
+        light
+    }
+
+    /// Starts a path at a random place of a pixel.
+    fn start(&self, pixel: usize, pass: u64) -> PathState {
+        let mut random = Stream::new(&[self.settings.seed, pixel as u64, pass]);
+        let width = self.view.size.0;
+        let (x, y) = (random.uniform(), random.uniform());
+        let d = self
+            .view
+            .direction((pixel % width) as f64 + x, (pixel / width) as f64 + y);
+        PathState {
+            pixel,
+            random,
+            ray: Probe {
+                u: self.view.u,
+                v: self.world.manifold.standard_frame(self.view.u) * d,
+                length: self.settings.length,
+            },
+            throughput: DVec3::ONE,
+            bounce: 0,
+            from: self.view.u,
+            scattered: None,
+        }
+    }
+
+    /// Follows rays to the first thing that each sees.
+    fn seen(&self, probes: &[Probe]) -> Vec<Seen> {
+        self.rays.fetch_add(probes.len() as u64, Ordering::Relaxed);
+        first_seen(self.world, probes, self.settings.tolerance)
+    }
+
+    /// Takes all paths to the next surface; returns those that go on. `add` takes a pixel and light.
+    fn bounce(&self, paths: Vec<PathState>, add: &mut dyn FnMut(usize, DVec3)) -> Vec<PathState> {
+        let probes: Vec<Probe> = paths.iter().map(|w| w.ray).collect();
+        let mut met: Vec<(PathState, Hit)> = Vec::new();
+        // Paths that leave the space bring the light of its sky.
+        for (path, seen) in paths.into_iter().zip(self.seen(&probes)) {
+            match seen {
+                Seen::Surface(hit) => met.push((path, hit)),
+                Seen::Sky {
+                    exit, direction, ..
+                } => add(
+                    path.pixel,
+                    path.throughput * self.sky(exit as usize, direction),
+                ),
+                Seen::Nothing => {
+                    let nowhere = self.world.skies.len() - 1;
+                    add(path.pixel, path.throughput * self.sky(nowhere, Vec3::Z));
+                }
+            }
+        }
+        // The others gather light where they have met a surface, and are scattered there.
+        let mut met = self.interactions(met);
+        self.add_emitted(&met, add);
+        met.retain(|(path, _)| path.bounce < self.settings.bounces);
+        self.add_lamps(&met, add);
+        self.add_emitters(&mut met, add);
+        met.into_iter().filter_map(|m| self.scattered(m)).collect()
+    }
+
+    /// Computes what each path needs to know of the surface that it has met.
+    fn interactions(&self, met: Vec<(PathState, Hit)>) -> Vec<MetSurface> {
+        let hits: Vec<Hit> = met.iter().map(|(_, hit)| *hit).collect();
+        let surfaces = SurfaceInteraction::of_hits(self.world, &hits);
+        let paths = met.into_iter().map(|(path, _)| path);
+        paths.zip(surfaces).collect()
+    }
+
+    /// Looks a sky up, averaged over a pixel.
+    fn sky(&self, exit: usize, direction: Vec3) -> DVec3 {
+        let footprint = Footprint::round(direction, self.view.pixel_angle() as f32);
+        let radiance = self.world.skies[exit]
+            .as_ref()
+            .map(|sky| sky.filtered(direction, &footprint));
+        radiance.map_or(DVec3::ZERO, |r| DVec3::from_array(r.map(f64::from)))
+    }
+
+    /// Adds light of surfaces that paths have met by chance, weighed against having been connected to.
+    fn add_emitted(&self, met: &[MetSurface], add: &mut dyn FnMut(usize, DVec3)) {
+        let mut weighed: Vec<(&MetSurface, (DVec3, f64))> = Vec::new();
+        for one in met.iter().filter(|(_, s)| s.emitted != DVec3::ZERO) {
+            let (path, surface) = one;
+            match (path.scattered, &self.emitters) {
+                (Some(scattered), Some(_)) => weighed.push((one, scattered)),
+                _ => add(path.pixel, path.throughput * surface.emitted),
+            }
+        }
+        let pairs = weighed.iter().map(|((p, s), _)| (p.from, s.point.u));
+        let pairs: Vec<(DVec3, DVec3)> = pairs.collect();
+        let connections = self.principal(&pairs);
+        for (((path, surface), (direction, probability)), c) in weighed.into_iter().zip(connections)
+        {
+            // Only a principal connection could have been chosen.
+            let hit = &surface.hit;
+            let chosen = match (c, &self.emitters) {
+                (Some(c), Some(emitters)) if is_same_geodesic(&c, direction, hit.s.into()) => {
+                    emitters.probability(self.world, hit, &c)
+                }
+                _ => 0.0,
+            };
+            let weight = balance(probability, chosen);
+            add(path.pixel, path.throughput * surface.emitted * weight);
+        }
+    }
+
+    /// Finds principal connections of pairs of points.
+    fn principal(&self, pairs: &[(DVec3, DVec3)]) -> Vec<Option<Connection>> {
+        let tolerance = self.settings.tolerance;
+        let (connections, followed) = principal_connections(self.world, pairs, tolerance);
+        self.rays.fetch_add(followed as u64, Ordering::Relaxed);
+        connections
+    }
+
+    /// Adds light of point lights, by every geodesic.
+    fn add_lamps(&self, met: &[MetSurface], add: &mut dyn FnMut(usize, DVec3)) {
+        let Some(lamps) = &self.lamps else { return };
+        let rough = met.iter().filter(|(_, s)| s.bsdf.is_rough());
+        let rough: Vec<&MetSurface> = rough.collect();
+        let points: Vec<SurfacePoint> = rough.iter().map(|(_, s)| s.point).collect();
+        let (incident, followed) = lamps.incident_light(&points);
+        self.rays.fetch_add(followed as u64, Ordering::Relaxed);
+        for (k, light) in incident {
+            let (path, surface) = rough[k];
+            let wi = surface.direction(-light.v);
+            if surface.is_possible(wi) {
+                let reflected = surface.bsdf.reflectance(surface.wo, wi);
+                let irradiance = DVec3::from_array(light.irradiance);
+                add(path.pixel, path.throughput * reflected * irradiance);
+            }
+        }
+    }
+
+    /// Adds light of emitting surfaces, each path connected to one point of them.
+    fn add_emitters(&self, met: &mut [MetSurface], add: &mut dyn FnMut(usize, DVec3)) {
+        let Some(emitters) = &self.emitters else {
+            return;
+        };
+        // A random point for each path, and the geodesic to it.
+        let mut chosen: Vec<(&MetSurface, EmitterPoint)> = Vec::new();
+        for one in met.iter_mut().filter(|(_, s)| s.bsdf.is_rough()) {
+            let point = emitters.choose(self.world, &mut one.0.random);
+            chosen.push((one, point));
+        }
+        let pairs = chosen.iter().map(|((_, s), c)| (s.point.u, c.u));
+        let pairs: Vec<(DVec3, DVec3)> = pairs.collect();
+        // Pixels with their light, if nothing casts a shadow on the way of the probe.
+        let (mut lights, mut probes) = (Vec::new(), Vec::new());
+        for ((met, chosen), connection) in chosen.iter().zip(self.principal(&pairs)) {
+            let lit = connection.and_then(|c| self.lit(met, chosen, &c));
+            if let Some((light, probe)) = lit {
+                lights.push((met.0.pixel, light));
+                probes.push(probe);
+            }
+        }
+        for ((pixel, light), seen) in lights.into_iter().zip(self.seen(&probes)) {
+            if seen == Seen::Nothing {
+                add(pixel, light);
+            }
+        }
+    }
+
+    /// Computes the light that a connection to an emitter brings, and the ray that is to find out
+    /// whether it is in shadow; `None` if it brings nothing.
+    fn lit(
+        &self,
+        (path, surface): &MetSurface,
+        chosen: &EmitterPoint,
+        connection: &Connection,
+    ) -> Option<(DVec3, Probe)> {
+        let hit = &surface.hit;
+        let wi = surface.around.to_local(connection.direction);
+        let same = chosen.triangle == hit.triangle;
+        if same || connection.s > self.settings.length || !surface.is_possible(wi) {
+            return None;
+        }
+        let probability = chosen.by_solid_angle(self.world, connection);
+        let reflected = surface.bsdf.reflectance(surface.wo, wi) * wi.z.max(0.0);
+        let weight = balance(probability, surface.bsdf.probability(surface.wo, wi));
+        let light = path.throughput * reflected * chosen.radiance * (weight / probability);
+        let probe = || Probe {
+            u: surface.beside(wi, self.offset(hit)),
+            v: surface.tangent(wi),
+            length: connection.s * (1.0 - SHORT),
+        };
+        (light.is_finite() && light != DVec3::ZERO).then(|| (light, probe()))
+    }
+
+    /// Returns the distance from a surface at which rays start.
+    fn offset(&self, hit: &Hit) -> f64 {
+        OFFSET * (f64::from(hit.s) + 1e-2 * self.settings.length)
+    }
+
+    /// Sends the path on from the surface; `None` if it ends there.
+    fn scattered(&self, (mut path, surface): MetSurface) -> Option<PathState> {
+        let scattered = surface
+            .bsdf
+            .scatter(surface.wo, surface.outside, &mut path.random)?;
+        if !surface.is_possible(scattered.wi) {
+            return None;
+        }
+        path.throughput *= scattered.weight;
+        path.bounce += 1;
+        // Russian roulette.
+        if path.bounce > SURE_BOUNCES {
+            let survival = path.throughput.max_element().min(MOST_SURVIVAL);
+            if path.random.uniform() >= survival {
+                return None;
+            }
+            path.throughput /= survival;
+        }
+        let direction = || surface.around.from_local(scattered.wi);
+        path.from = surface.point.u;
+        path.scattered = scattered.probability.map(|p| (direction(), p));
+        path.ray = Probe {
+            u: surface.beside(scattered.wi, self.offset(&surface.hit)),
+            v: surface.tangent(scattered.wi),
+            length: self.settings.length,
+        };
+        (path.throughput.is_finite() && path.throughput != DVec3::ZERO).then_some(path)
+    }
+}

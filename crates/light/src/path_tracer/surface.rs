@@ -1,23 +1,24 @@
 //! A point of a surface as light meets it.
 //!
-//! In: a hit. Out: [`Surface`]: frames, normals on the side from which the ray came, what it gives
-//! off and how it scatters.
+//! In: a hit. Out: a [`SurfaceInteraction`]: frames, normals on the side from which the ray came, the light
+//! it gives off and its scattering.
 
-use crate::path_tracer::bsdf::{Around, Bsdf};
-use geofan_render::SurfacePoint;
-use geofan_render::{Footprint, Hit, World, shade};
+use super::bsdf::{Bsdf, ShadingFrame};
+use geofan_render::{Footprint, Hit, SurfacePoint, World, shade};
 use glam::{DMat3, DVec3};
 
-/// A surface where a ray has met it.
+/// Describes a surface where a ray has met it.
 #[derive(Debug, Clone, Copy)]
-pub struct Surface {
-    /// The point, for lights.
+pub struct SurfaceInteraction {
+    /// How it was met.
+    pub hit: Hit,
+    /// The point, for lamps.
     pub point: SurfacePoint,
     /// The standard frame and its inverse.
     pub frame: DMat3,
     pub inverse: DMat3,
     /// Directions around the normal, on the side of the ray.
-    pub around: Around,
+    pub around: ShadingFrame,
     /// Towards where the ray came from, around the normal.
     pub wo: DVec3,
     /// Whether that is the side to which the mesh's normal points.
@@ -29,16 +30,16 @@ pub struct Surface {
     pub bsdf: Bsdf,
 }
 
-impl Surface {
-    /// Of what each of `hits` met.
-    pub fn all(world: &World, hits: &[Hit]) -> Vec<Self> {
+impl SurfaceInteraction {
+    /// Describes what each of `hits` met.
+    pub fn of_hits(world: &World, hits: &[Hit]) -> Vec<Self> {
         let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
         let frames = world.manifold.standard_frames(&points);
         let surface = |((hit, u), frame)| Self::new(world, hit, u, frame);
         hits.iter().zip(points).zip(frames).map(surface).collect()
     }
 
-    /// Of what `hit` met, at the chart point `u` with the standard frame `frame`.
+    /// Describes what `hit` met, at the chart point `u` with the standard frame `frame`.
     fn new(world: &World, hit: &Hit, u: DVec3, frame: DMat3) -> Self {
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
@@ -55,10 +56,11 @@ impl Surface {
         let smooth = (frame.transpose() * covector).normalize_or(flat);
         let outside = smooth.dot(flat) >= 0.0;
         let facing = if outside { smooth } else { -smooth };
-        // A smoothed normal that looks away from the viewer is none.
+        // A smoothed normal that looks away from the viewer is not used.
         let normal = if facing.dot(back) > 0.0 { facing } else { flat };
-        let around = Around::new(normal);
+        let around = ShadingFrame::new(normal);
         Self {
+            hit: *hit,
             point: SurfacePoint {
                 u,
                 normal: inverse.transpose() * normal,
@@ -66,8 +68,8 @@ impl Surface {
             },
             frame,
             inverse,
-            wo: around.inside(back),
-            flat: around.inside(flat),
+            wo: around.to_local(back),
+            flat: around.to_local(flat),
             around,
             outside,
             emitted: DVec3::from_array(material.ke.map(f64::from)),
@@ -75,22 +77,22 @@ impl Surface {
         }
     }
 
-    /// The direction (around the normal) of a chart vector.
+    /// Returns the direction (around the normal) of a chart vector.
     pub fn direction(&self, v: DVec3) -> DVec3 {
-        self.around.inside((self.inverse * v).normalize_or_zero())
+        self.around.to_local((self.inverse * v).normalize_or_zero())
     }
 
-    /// The unit tangent in the chart of a direction around the normal.
+    /// Returns the unit tangent in the chart of a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
-        self.frame * self.around.out_of(w)
+        self.frame * self.around.from_local(w)
     }
 
-    /// Whether the smooth surface and the flat triangle agree about which side `w` is on.
+    /// Tells whether the smooth surface and the flat triangle agree about which side `w` is on.
     pub fn is_possible(&self, w: DVec3) -> bool {
         (w.z > 0.0) == (w.dot(self.flat) > 0.0)
     }
 
-    /// The chart point a distance `off` (in the metric) from the triangle, on the side of `w`: rays
+    /// Returns the chart point a distance `off` (in the metric) from the triangle, on the side of `w`: rays
     /// that start there do not meet the triangle again by rounding.
     pub fn beside(&self, w: DVec3, off: f64) -> DVec3 {
         let side = off.copysign(w.dot(self.flat));

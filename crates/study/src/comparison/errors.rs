@@ -1,6 +1,8 @@
 //! The errors of a view: of the table's paths, of the lattice between them, and of the skies.
+//!
+//! In: a world, a view, a table, and what was seen. Out: angles at the camera, mrad.
 
-use crate::comparison::Options;
+use crate::comparison::CompareOptions;
 use geofan_bundle::{
     Fan, PathCoefficients, Table,
     measure::{Probed, probe, settings},
@@ -15,9 +17,10 @@ use geofan_render::{
     world::World,
 };
 use glam::DVec3;
+use ndarray::Array2;
 use rayon::prelude::*;
 
-/// Angles between sky directions of samples that leave through the same exit, mrad.
+/// Measures the angles between sky directions of samples that leave through the same exit, mrad.
 pub(super) fn sky_errors(a: &Outcomes, b: &Outcomes) -> Quantiles {
     let angle = |(a, b): (&Seen, &Seen)| match (*a, *b) {
         (
@@ -36,7 +39,7 @@ pub(super) fn sky_errors(a: &Outcomes, b: &Outcomes) -> Quantiles {
     Quantiles::of(&mut angles)
 }
 
-/// Angles at the camera, mrad, by which the lattice at the middle of every pixel misses the path
+/// Measures the angles at the camera, mrad, by which the lattice at the middle of every pixel misses the path
 /// that the table has there: of the sky's direction or of the point met. Pixels that see another
 /// exit or another object are left out: an edge between pixels moves by less than a pixel there, and
 /// no angle tells by how much.
@@ -46,6 +49,7 @@ pub(super) fn lattice_errors(
     tracer: &dyn GridTracer,
     budget: f64,
 ) -> Quantiles {
+    // Both as they are seen at every pixel.
     let offsets = offsets(1);
     let by = |paths| trace(world, view, paths, &offsets).outcomes;
     let direct = by(Paths::Direct(tracer));
@@ -57,6 +61,7 @@ pub(super) fn lattice_errors(
             let (y, x) = (i / width, i % width);
             let here = position(world, &direct[(y, x, 0)])?;
             let found = position(world, &lattice[(y, x, 0)])?;
+            // A step to the next pixel tells how a displacement shows.
             let change = |y: usize, x: usize, sign: f64| {
                 let there = position(world, direct.get((y, x, 0))?)?;
                 (there.kind == here.kind)
@@ -71,8 +76,8 @@ pub(super) fn lattice_errors(
     Quantiles::of(&mut errors)
 }
 
-/// What a sample sees, as a vector that can be compared with another's.
-struct Position {
+/// Gives what a sample sees as a vector that can be compared with another's.
+struct SeenPlace {
     /// Sky by exit, or surface by object.
     kind: (bool, u32),
     at: DVec3,
@@ -82,11 +87,11 @@ struct Position {
     unit: f64,
 }
 
-fn position(world: &World, seen: &Seen) -> Option<Position> {
+fn position(world: &World, seen: &Seen) -> Option<SeenPlace> {
     match *seen {
         Seen::Sky {
             exit, direction, ..
-        } => Some(Position {
+        } => Some(SeenPlace {
             kind: (true, exit),
             at: direction.as_dvec3(),
             along: DVec3::ZERO,
@@ -94,7 +99,7 @@ fn position(world: &World, seen: &Seen) -> Option<Position> {
         }),
         Seen::Surface(hit) => {
             let v = hit.v.as_dvec3();
-            Some(Position {
+            Some(SeenPlace {
                 kind: (false, world.faces[hit.triangle as usize].object),
                 at: world.point(&hit),
                 along: v.normalize_or_zero(),
@@ -105,13 +110,13 @@ fn position(world: &World, seen: &Seen) -> Option<Position> {
     }
 }
 
-/// The exact state where the ray through the middle of every pixel ends (surfaces left out: paths
+/// Computes the exact state where the ray through the middle of every pixel ends (surfaces left out: paths
 /// go on behind them), row by row.
 pub(super) fn probe_pixels(
     world: &World,
     view: &View,
     table: &Table,
-    options: Options,
+    options: CompareOptions,
 ) -> Vec<Probed> {
     let (width, height) = view.size;
     let rows: Vec<Vec<Probed>> = (0..height)
@@ -132,11 +137,13 @@ pub(super) fn probe_pixels(
     rows.into_iter().flatten().collect()
 }
 
+/// Returns the direction through the middle of a pixel.
 pub(super) fn middle(view: &View, x: usize, y: usize) -> DVec3 {
     view.direction(x as f64 + 0.5, y as f64 + 0.5)
 }
 
-/// (mrad, screen mrad) of the table at every pixel; `None` where it gives up or nothing is known.
+/// Measures the table's error at every pixel, (mrad, screen mrad); `None` where it gives up or nothing
+/// is known.
 pub(super) fn table_errors(
     fan: &Fan<'_>,
     view: &View,
@@ -149,9 +156,12 @@ pub(super) fn table_errors(
         .map(|(i, probed)| {
             let probe = probed.probes.first()?;
             // As the renderer looks it up.
-            let mut courses = PathCoefficients::default();
-            let number = fan.add(fan.locate(middle(view, i % width, i / width)), &mut courses);
-            let path = fan.among(&courses, number);
+            let mut coefficients = PathCoefficients::default();
+            let number = fan.add(
+                fan.locate(middle(view, i % width, i / width)),
+                &mut coefficients,
+            );
+            let path = fan.among(&coefficients, number);
             if path.flagged_from() < probe.s {
                 return None;
             }
@@ -159,4 +169,21 @@ pub(super) fn table_errors(
             Some((deviation.mrad, deviation.screen_mrad))
         })
         .collect()
+}
+
+/// Returns the quantiles of both errors of [`table_errors`].
+pub(super) fn quantiles(errors: &[Option<(f64, f64)>]) -> [Quantiles; 2] {
+    let of = |pick: fn(&(f64, f64)) -> f64| {
+        let mut all: Vec<f64> = errors.iter().flatten().map(pick).collect();
+        Quantiles::of(&mut all)
+    };
+    [of(|e| e.0), of(|e| e.1)]
+}
+
+/// Arranges the screen errors as a picture; NaN where there is none.
+pub(super) fn screen_map(view: &View, errors: &[Option<(f64, f64)>]) -> Array2<f32> {
+    let (width, height) = view.size;
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        errors[y * width + x].map_or(f32::NAN, |e| e.1 as f32)
+    })
 }

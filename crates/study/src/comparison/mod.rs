@@ -1,24 +1,28 @@
-//! One view by table and by exact integration: pictures, errors and times from the same run.
+//! One view by a table or by first order, against exact integration: pictures, errors and times from
+//! one run.
 //!
-//! In: a stage, a camera, a bundle's table. Out: a [`Comparison`]. The rivals are the adaptive
-//! integrator in double precision, and *equal-error exact* (`rival`): equal steps in single
-//! precision, the fewest whose 99th percentile of screen error is no worse than the table's on the
-//! same rays. Steps after the paths are the same code for all. The table's frame is drawn from a
-//! camera that moves and turns a little each time, and its times are medians (`times`).
+//! In: a world, a view, a bundle's table. Out: a [`Comparison`] of its frame with those of two rivals:
+//! the adaptive integrator in double precision, and *equal-error exact* ([`crate::rival`]): equal steps
+//! in single precision, the fewest whose 99th percentile of screen error is no worse than the table's
+//! on the same rays. Steps after the paths are the same code for all. The table's frame is drawn from a
+//! camera that moves and turns a little each time, and its times are medians (`frame_times`). [`compare_local`]
+//! holds the local view against the exact one.
 
+mod comparison_report;
 mod errors;
-mod report;
-mod rival;
-mod times;
+mod frame_times;
+mod local_view;
 
-pub use report::{LatticeReport, PathTimes, Report, Rival, Times};
-
-use crate::picture::{
-    error_picture,
-    flip::{DEFAULT_PIXELS_PER_DEGREE, flip},
-    psnr,
+pub use comparison_report::{
+    ComparisonReport, EqualErrorExact, FrameTimes, LatticeCounts, PathTimes,
 };
-use geofan_bundle::Table;
+pub use local_view::{DistanceErrors, LocalReport, compare_local};
+
+use crate::{
+    picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr},
+    rival::{ProbedFan, rivals},
+};
+use geofan_bundle::{Table, measure::Probed};
 use geofan_core::{error::Result, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
@@ -26,16 +30,16 @@ use geofan_render::{
     lookup::Lookup,
     picture::{Picture, write_png},
     shade::Footprints,
-    tracer::ExactTracer,
+    tracer::{ExactTracer, FixedTracer},
     view::View,
     world::World,
 };
 use ndarray::Array2;
 use std::path::Path;
 
-/// What to compare, and how.
+/// Says how to compare.
 #[derive(Debug, Clone, Copy)]
-pub struct Options {
+pub struct CompareOptions {
     /// Samples for each pixel.
     pub samples: usize,
     /// The table's promise, mrad.
@@ -48,103 +52,145 @@ pub struct Options {
     pub frames: usize,
 }
 
-/// A comparison with its pictures.
-pub struct Comparison {
+/// A comparison's numbers and pictures.
+pub struct Comparison<R> {
     /// The numbers.
-    pub report: Report,
-    /// The table's picture.
-    pub table: Picture,
-    /// The exact picture.
-    pub exact: Picture,
+    pub report: R,
     /// FLIP of every pixel.
     pub flip: Array2<f32>,
-    /// Screen error of the table's path at every pixel, mrad; NaN where the table gave up.
-    pub screen: Array2<f32>,
+    /// The pictures, by the names of their files.
+    pub pictures: Vec<(&'static str, Picture)>,
 }
 
-/// Compares.
+/// Writes the pictures of a comparison into `folder` as PNG, their names beginning with `prefix`.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write_pictures<R>(comparison: &Comparison<R>, folder: &Path, prefix: &str) -> Result<()> {
+    for (name, picture) in &comparison.pictures {
+        write_png(&folder.join(format!("{prefix}{name}.png")), picture)?;
+    }
+    Ok(())
+}
+
+/// Compares the picture of a table with the exact one. The comparison has the pictures `table`,
+/// `exact`, `error` (FLIP) and `mrad` (screen error of the paths).
 ///
 /// # Errors
 /// The camera is not in the table's region.
-pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> Result<Comparison> {
+pub fn compare(
+    world: &World,
+    view: &View,
+    table: &Table,
+    options: CompareOptions,
+) -> Result<Comparison<ComparisonReport>> {
+    // Both pictures.
     let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
     let budget = 1e-3 * options.error;
-    let frames = times::moving(world, view, &lookup, options)?;
+    let table_times = frame_times::moving(world, view, &lookup, options)?;
     let fan = table.fan(view.u)?;
     let tracer = lookup.tracer(&fan);
     let by = |paths: Paths<'_>| draw(world, view, paths, options.samples, Footprints::Filtered);
     let drawn = by(Paths::Lattice(&tracer, budget));
     let exact_tracer = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
     let exact = by(Paths::Exact(&exact_tracer));
+    // The table's errors, and the rival that has no larger ones.
     let probed = errors::probe_pixels(world, view, table, options);
     let errors = errors::table_errors(&fan, view, &probed);
-    let goal = rival::Goal::new(view, table.length, &probed, &errors);
-    let (rival, rival_drawn) = goal.meet(world, view, options);
-    let screen = errors.iter().map(|e| e.map_or(f32::NAN, |e| e.1 as f32));
-    let (width, height) = view.size;
-    let screen = Array2::from_shape_vec((height, width), screen.collect());
+    let [mrad, screen_mrad] = errors::quantiles(&errors);
+    let (rays, goal) = rival_goal(view, &probed, &errors);
+    let equal_error = equal_error_exact(world, view, (rays, goal), table.length, options);
+    let steps = equal_error.steps;
+    let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, steps);
+    // The differences.
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let psnr = psnr(&exact.picture, &drawn.picture)?;
-    let rival_tracer = goal.tracer(&world.manifold, view.u, rival.steps);
-    let exact_times = report::times(&exact);
-    let quantiles = |pick: fn(&(f64, f64)) -> f64| {
-        let mut all: Vec<f64> = errors.iter().flatten().map(pick).collect();
-        Quantiles::of(&mut all)
-    };
-    let report = Report {
+    let exact_times = comparison_report::frame_times(&exact);
+    let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
+    let report = ComparisonReport {
         psnr: psnr.is_finite().then_some(psnr),
-        flip: flip.mean,
-        mrad: quantiles(|e| e.0),
-        screen_mrad: quantiles(|e| e.1),
+        flip: mean_flip(&flip),
+        mrad,
+        screen_mrad,
         lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
         sky_mrad: errors::sky_errors(&drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
-        paths_ns: times::paths(
-            world,
-            view,
-            (&lookup, &fan),
-            &exact_tracer,
-            &rival_tracer,
-            budget,
-        ),
-        speedup: exact_times.frame / frames.frame,
-        speedup_equal_error: rival_drawn.frame / frames.frame,
-        speedup_equal_error_lattice: rival.lattice_times.frame / frames.frame,
-        table: frames,
+        paths_ns: frame_times::paths(world, view, tracers, budget),
+        speedup: exact_times.frame / table_times.frame,
+        speedup_equal_error: equal_error.times.frame / table_times.frame,
+        speedup_equal_error_lattice: equal_error.lattice_times.frame / table_times.frame,
+        table: table_times,
         exact: exact_times,
-        equal_error: rival,
+        equal_error,
         lattice: drawn.work.into(),
     };
+    let screen = errors::screen_map(view, &errors);
+    let pictures = vec![
+        ("table", drawn.picture),
+        ("exact", exact.picture),
+        ("error", error_picture(&flip, "FLIP", "table against exact")),
+        (
+            "mrad",
+            error_picture(&screen, "mrad", "screen error of the table"),
+        ),
+    ];
     Ok(Comparison {
         report,
-        table: drawn.picture,
-        exact: exact.picture,
-        flip: flip.map,
-        screen: screen.expect("one error for each pixel"),
+        flip,
+        pictures,
     })
 }
 
-/// Writes `table.png`, `exact.png`, `error.png` (FLIP) and `mrad.png` (screen error of the paths)
-/// into `folder`, their names beginning with `prefix`.
-///
-/// # Errors
-/// The folder cannot be written.
-pub fn write_pictures(comparison: &Comparison, folder: &Path, prefix: &str) -> Result<()> {
-    let error = error_picture(&comparison.flip, "FLIP", "table against exact", None);
-    let screen = error_picture(
-        &comparison.screen,
-        "mrad",
-        "screen error of the table",
-        None,
-    );
-    let pictures = [
-        ("table", &comparison.table),
-        ("exact", &comparison.exact),
-        ("error", &error),
-        ("mrad", &screen),
-    ];
-    for (name, picture) in pictures {
-        write_png(&folder.join(format!("{prefix}{name}.png")), picture)?;
+/// Pixels on which the rival's steps are chosen: every so many along both sides.
+const STRIDE: usize = 8;
+
+/// Returns exact rays through some pixels where the table has an error, and the 99th percentile of
+/// screen error there, mrad: the rival must reach it.
+fn rival_goal(view: &View, probed: &[Probed], errors: &[Option<(f64, f64)>]) -> (ProbedFan, f64) {
+    let (width, height) = view.size;
+    let pixels = (0..height)
+        .step_by(STRIDE)
+        .flat_map(|y| (0..width).step_by(STRIDE).map(move |x| (x, y)));
+    let (mut probes, mut screen) = (Vec::new(), Vec::new());
+    for (x, y) in pixels {
+        let i = y * width + x;
+        if let (Some(error), Some(probe)) = (errors[i], probed[i].probes.first()) {
+            probes.push((errors::middle(view, x, y), *probe));
+            screen.push(error.1);
+        }
     }
-    Ok(())
+    ((view.u, probes), Quantiles::of(&mut screen).p99)
+}
+
+/// How often the rival's frames are drawn.
+const REPEATS: usize = 3;
+
+/// Finds the fewest steps whose error on `rays` is at most `goal` (the most tried if none reach it), and
+/// measures the frames that they give: every sample by itself, and with the lattice.
+fn equal_error_exact(
+    world: &World,
+    view: &View,
+    (rays, goal): (ProbedFan, f64),
+    length: f64,
+    options: CompareOptions,
+) -> EqualErrorExact {
+    let (mut steps, mut screen_mrad) = (0, Quantiles::default());
+    for tried in rivals(&world.manifold, &[rays], length) {
+        (steps, screen_mrad) = tried;
+        if screen_mrad.p99 <= goal {
+            break;
+        }
+    }
+    let tracer = FixedTracer::new(&world.manifold, view.u, length, steps);
+    let frames = |paths: Paths<'_>| {
+        let draw = || draw(world, view, paths, options.samples, Footprints::Filtered);
+        comparison_report::median((0..REPEATS).map(|_| comparison_report::frame_times(&draw())))
+    };
+    EqualErrorExact {
+        steps,
+        equal: screen_mrad.p99 <= goal,
+        screen_mrad,
+        times: frames(Paths::Direct(&tracer)),
+        lattice_times: frames(Paths::Lattice(&tracer, 1e-3 * options.error)),
+    }
 }

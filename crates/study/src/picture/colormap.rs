@@ -6,7 +6,7 @@
 use geofan_render::picture::srgb_encode;
 use std::f32::consts::TAU;
 
-/// A colour map.
+/// Names a colour map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Colormap {
     /// Magnitudes: 0 is dark violet, 1 is yellow.
@@ -32,7 +32,7 @@ const MAGMA: [u32; 18] = [
 ];
 
 impl Colormap {
-    /// The sRGB colour of `t`: between 0 and 1 for viridis and magma, -1 and 1 for the diverging
+    /// Returns the sRGB colour of `t`: between 0 and 1 for viridis and magma, -1 and 1 for the diverging
     /// map (values beyond get the end colours), any number of turns for the cyclic one. NaN is the
     /// caller's to mark; here it gets the colour of 0.
     pub fn colour(self, t: f32) -> [f32; 3] {
@@ -46,12 +46,13 @@ impl Colormap {
     }
 }
 
-/// A Catmull-Rom spline through equally spaced colours; at most 3/255 from the full tables.
+/// Interpolates by a Catmull-Rom spline through equally spaced colours; at most 3/255 from the full tables.
 fn spline(knots: &[u32; 18], t: f32) -> [f32; 3] {
     let last = knots.len() - 1;
     let place = t.clamp(0.0, 1.0) * last as f32;
     let start = (place as usize).min(last - 1);
     let u = place - start as f32;
+    // Four neighbouring colours.
     let inner = |i: usize| [16, 8, 0].map(|shift| (knots[i] >> shift & 0xff) as f32 / 255.0);
     // Beyond the ends the curve goes on straight.
     let straight = |end: usize, next: usize| {
@@ -69,6 +70,7 @@ fn spline(knots: &[u32; 18], t: f32) -> [f32; 3] {
     } else {
         inner(start + 2)
     };
+    // The curve between the middle two.
     [0, 1, 2].map(|k| {
         let (linear, quadratic, cubic) = (
             c[k] - a[k],
@@ -80,7 +82,7 @@ fn spline(knots: &[u32; 18], t: f32) -> [f32; 3] {
     })
 }
 
-/// From near-white to a blue and a red of equal lightness in Oklab, so that equal magnitudes of
+/// Goes from near-white to a blue and a red of equal lightness in Oklab, so that equal magnitudes of
 /// both signs stand out equally. Chroma rises faster than lightness falls: with straight lines the
 /// middle tones are greyish.
 fn diverging(t: f32) -> [f32; 3] {
@@ -93,7 +95,7 @@ fn diverging(t: f32) -> [f32; 3] {
     srgb_of_oklab([lightness, chroma * end[0], chroma * end[1]])
 }
 
-/// A circle in Oklab. The lightness lets the chroma be large enough to tell hues apart and small
+/// Goes round a circle in Oklab. The lightness lets the chroma be large enough to tell hues apart and small
 /// enough that every hue can be shown.
 fn cyclic(turns: f32) -> [f32; 3] {
     const LIGHTNESS: f32 = 0.72;
@@ -107,7 +109,7 @@ fn cyclic(turns: f32) -> [f32; 3] {
     srgb_of_oklab([LIGHTNESS, CHROMA * angle.cos(), CHROMA * angle.sin()])
 }
 
-/// sRGB of Oklab (Ottosson 2020).
+/// Converts Oklab to sRGB (Ottosson 2020).
 fn srgb_of_oklab([l, a, b]: [f32; 3]) -> [f32; 3] {
     let long = (l + 0.396_337_78 * a + 0.215_803_76 * b).powi(3);
     let medium = (l - 0.105_561_346 * a - 0.063_854_17 * b).powi(3);

@@ -3,68 +3,40 @@
 //! In: an error per pixel with its unit, NaN where there is none. Out: a picture in magma on a
 //! logarithmic scale, with a title, and on the right a colour bar with ticks at powers of ten.
 
-use crate::picture::{Colormap, lettering, side_by_side::lettering_scale};
+use crate::picture::{
+    Colormap,
+    lettering::{self, INK, PAPER, lettering_scale},
+};
 use geofan_render::picture::{Picture, srgb_decode};
 use ndarray::Array2;
 
-/// Linear light around the errors.
-const PAPER: [f32; 3] = [0.9; 3];
-/// Linear light of letters and lines.
-const INK: [f32; 3] = [0.01; 3];
 /// Linear light where there is no error to show: a mid grey, which magma does not pass through.
 const MISSING: [f32; 3] = [0.3; 3];
 
-/// The ends of a logarithmic scale, as powers of ten.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Decades {
-    /// Errors of 10^low and less get the darkest colour.
-    pub low: i32,
-    /// Errors of 10^high and more get the brightest colour.
-    pub high: i32,
+/// More decades than this make a factor of ten a small step of colour.
+const MOST_DECADES: i32 = 6;
+
+/// Chooses the ends of a logarithmic scale, as powers of ten: the whole decades from the first
+/// percentile of the positive errors to the largest one, or the highest six of them. The scale ends a
+/// decade above the 99th percentile at the latest: one wild pixel must not darken all others, and the
+/// largest error is written out anyway.
+fn decades(errors: &Array2<f32>) -> [i32; 2] {
+    let positive = |error: &f32| *error > 0.0 && error.is_finite();
+    let mut sorted: Vec<f32> = errors.iter().copied().filter(positive).collect();
+    sorted.sort_unstable_by(f32::total_cmp);
+    if sorted.is_empty() {
+        return [-3, 0];
+    }
+    let power = |percent: usize| sorted[(percent * sorted.len()).div_ceil(100) - 1].log10();
+    let high = power(100).ceil().min(power(99).ceil() + 1.0) as i32;
+    let low = (power(1).floor() as i32).clamp(high - MOST_DECADES, high - 1);
+    [low, high]
 }
 
-impl Decades {
-    /// More decades than this make a factor of ten a small step of colour.
-    const MOST: i32 = 6;
-
-    /// The whole decades from the first percentile of the positive errors to the largest one, or
-    /// the highest six of them. The scale ends a decade above the 99th percentile at the latest:
-    /// one wild pixel must not darken all others, and the largest error is written out anyway.
-    pub fn around(errors: &Array2<f32>) -> Self {
-        let positive = |error: &f32| *error > 0.0 && error.is_finite();
-        let mut sorted: Vec<f32> = errors.iter().copied().filter(positive).collect();
-        sorted.sort_unstable_by(f32::total_cmp);
-        if sorted.is_empty() {
-            return Self { low: -3, high: 0 };
-        }
-        let power = |percent: usize| sorted[(percent * sorted.len()).div_ceil(100) - 1].log10();
-        let high = power(100).ceil().min(power(99).ceil() + 1.0) as i32;
-        let low = (power(1).floor() as i32).clamp(high - Self::MOST, high - 1);
-        Self { low, high }
-    }
-
-    /// Where `error` lies between the ends: 0 at the low one, 1 at the high one.
-    fn place(self, error: f32) -> f32 {
-        let place = (error.max(0.0).log10() - self.low as f32) / self.count() as f32;
-        place.clamp(0.0, 1.0)
-    }
-
-    /// How many decades; at least one, so that no scale is empty.
-    fn count(self) -> i32 {
-        (self.high - self.low).max(1)
-    }
-}
-
-/// A picture of `errors` (not negative, in `unit`) between `decades`, which are chosen from the
-/// errors if not given. Pixels without an error (NaN) are grey, and the bar says so.
-pub fn error_picture(
-    errors: &Array2<f32>,
-    unit: &str,
-    title: &str,
-    decades: Option<Decades>,
-) -> Picture {
-    let decades = decades.unwrap_or_else(|| Decades::around(errors));
-    let legend = Legend::new(errors, unit, decades);
+/// Draws `errors` (not negative, in `unit`). Pixels without an error (NaN) are grey, and the legend
+/// says so.
+pub fn error_picture(errors: &Array2<f32>, unit: &str, title: &str) -> Picture {
+    let legend = Legend::new(errors, unit);
     let (height, width) = errors.dim();
     let size = (
         width + legend.width(),
@@ -74,31 +46,22 @@ pub fn error_picture(
     let title = lettering::shortened(title, size.0 - 2 * legend.gap(), legend.scale);
     let (x, y) = (legend.gap(), legend.gap() + legend.scale);
     lettering::draw(&mut picture, x, y, &title, INK, legend.scale);
-    picture.paste(0, legend.strip(), &coloured(errors, decades));
+    picture.paste(0, legend.strip(), &legend.coloured(errors));
     legend.draw(&mut picture, width);
     picture
 }
 
-/// The errors alone, in their colours.
-fn coloured(errors: &Array2<f32>, decades: Decades) -> Picture {
-    let (height, width) = errors.dim();
-    Picture::from_fn(width, height, |x, y| {
-        let error = errors[(y, x)];
-        if error.is_nan() {
-            return MISSING;
-        }
-        magma(decades.place(error))
-    })
-}
-
-/// Magma in linear light.
+/// Returns a colour of magma in linear light.
 fn magma(place: f32) -> [f32; 3] {
     Colormap::Magma.colour(place).map(srgb_decode)
 }
 
-/// What stands to the right of the errors: unit, bar with ticks, largest error, missing pixels.
+/// Gives errors their colours, and explains them on the right: unit, bar with ticks, largest error,
+/// missing pixels.
 struct Legend {
-    decades: Decades,
+    /// Errors of 10^low and less get the darkest colour, those of 10^high and more the brightest.
+    low: i32,
+    high: i32,
     unit: String,
     notes: Vec<String>,
     missing: bool,
@@ -106,19 +69,44 @@ struct Legend {
 }
 
 impl Legend {
-    fn new(errors: &Array2<f32>, unit: &str, decades: Decades) -> Self {
+    fn new(errors: &Array2<f32>, unit: &str) -> Self {
+        let [low, high] = decades(errors);
         let known = errors.iter().copied().filter(|error| !error.is_nan());
         let mut notes = Vec::new();
         if let Some(largest) = known.reduce(f32::max) {
             notes.push(format!("max {}", short_number(largest)));
         }
         Self {
-            decades,
+            low,
+            high,
             unit: unit.to_string(),
             notes,
             missing: errors.iter().any(|error| error.is_nan()),
             scale: lettering_scale(errors.nrows()),
         }
+    }
+
+    /// Tells where `error` lies between the ends: 0 at the low one, 1 at the high one.
+    fn place(&self, error: f32) -> f32 {
+        let place = (error.max(0.0).log10() - self.low as f32) / self.decades() as f32;
+        place.clamp(0.0, 1.0)
+    }
+
+    /// Returns the number of decades; at least one, so that no scale is empty.
+    fn decades(&self) -> i32 {
+        (self.high - self.low).max(1)
+    }
+
+    /// Draws the errors alone.
+    fn coloured(&self, errors: &Array2<f32>) -> Picture {
+        let (height, width) = errors.dim();
+        Picture::from_fn(width, height, |x, y| {
+            let error = errors[(y, x)];
+            if error.is_nan() {
+                return MISSING;
+            }
+            magma(self.place(error))
+        })
     }
 
     fn gap(&self) -> usize {
@@ -129,34 +117,34 @@ impl Legend {
         lettering::LINE_HEIGHT * self.scale
     }
 
-    /// Height of the title strip.
+    /// Returns the height of the title strip.
     fn strip(&self) -> usize {
         self.line() + 2 * self.gap()
     }
 
-    /// Lines under the bar.
+    /// Counts the lines under the bar.
     fn lines_below(&self) -> usize {
         self.notes.len() + usize::from(self.missing)
     }
 
-    /// The unit, two ticks with labels and the lines below need this much.
+    /// Returns the height that the unit, two ticks with labels and the lines below need.
     fn least_height(&self) -> usize {
         (self.lines_below() + 6) * self.line()
     }
 
-    /// The bar's left and right edge from the left edge of the legend.
+    /// Returns the bar's left and right edge from the left edge of the legend.
     fn bar_columns(&self) -> (usize, usize) {
         (3 * self.gap(), 3 * self.gap() + 14 * self.scale)
     }
 
-    /// Where tick labels start, from the left edge of the legend.
+    /// Returns the column where tick labels start, from the left edge of the legend.
     fn label_column(&self) -> usize {
         self.bar_columns().1 + 6 * self.scale
     }
 
     fn width(&self) -> usize {
         let width = |text: &str| lettering::width(text, self.scale);
-        let ticks = (self.decades.low..=self.decades.high).map(|power| width(&tick_label(power)));
+        let ticks = (self.low..=self.high).map(|power| width(&tick_label(power)));
         let labels = self.label_column() + ticks.max().unwrap_or(0);
         let below = self
             .notes
@@ -190,7 +178,7 @@ impl Legend {
         }
     }
 
-    /// The bar between two rows, framed, with its ticks.
+    /// Draws the bar between two rows, framed, with its ticks.
     fn draw_bar(&self, picture: &mut Picture, left: usize, top: usize, bottom: usize) {
         let (bar_left, bar_right) = (left + self.bar_columns().0, left + self.bar_columns().1);
         let frame = self.scale;
@@ -201,14 +189,14 @@ impl Legend {
             let place = (bottom - 1 - row) as f32 / (rows - 1).max(1) as f32;
             picture.fill(bar_left..bar_right, row..row + 1, magma(place));
         }
-        let decades = self.decades.count();
+        let decades = self.decades();
         let every = self.label_step(rows);
         for decade in 0..=decades {
             let row = bottom - (rows - frame) * decade as usize / decades as usize - frame;
             let tick = bar_right..bar_right + 3 * self.scale;
             picture.fill(tick, row..row + frame, INK);
             if decade % every == 0 {
-                let label = tick_label(self.decades.low + decade);
+                let label = tick_label(self.low + decade);
                 let row = row + frame / 2 - lettering::CAPITAL_HEIGHT * self.scale / 2;
                 lettering::draw(
                     picture,
@@ -222,14 +210,14 @@ impl Legend {
         }
     }
 
-    /// Every how many ticks a label has room.
+    /// Returns after how many ticks there is room for another label.
     fn label_step(&self, rows: usize) -> i32 {
-        let between = rows / self.decades.count() as usize;
+        let between = rows / self.decades() as usize;
         self.line().div_ceil(between.max(1)) as i32
     }
 }
 
-/// A power of ten as one would write it by hand.
+/// Writes a power of ten as one would by hand.
 fn tick_label(power: i32) -> String {
     match power {
         0..=4 => 10_i32.pow(power as u32).to_string(),
@@ -238,7 +226,7 @@ fn tick_label(power: i32) -> String {
     }
 }
 
-/// Three significant digits.
+/// Writes three significant digits.
 fn short_number(value: f32) -> String {
     let power = value.abs().log10().floor();
     if (-3.0..4.0).contains(&power) {
@@ -262,41 +250,45 @@ mod tests {
 
     #[test]
     fn chosen_decades_hold_nearly_all_errors() {
-        assert_eq!(Decades::around(&ramp(400, 2)), Decades { low: -3, high: 1 });
+        assert_eq!(decades(&ramp(400, 2)), [-3, 1]);
         let constant = Array2::from_elem((3, 3), 1.0);
-        assert_eq!(Decades::around(&constant), Decades { low: -1, high: 0 });
+        assert_eq!(decades(&constant), [-1, 0]);
         let mut outlier = ramp(400, 2);
         outlier[(0, 0)] = 1e9;
-        assert_eq!(Decades::around(&outlier), Decades { low: -3, high: 2 });
+        assert_eq!(decades(&outlier), [-3, 2]);
         let wide = Array2::from_shape_fn((1, 40), |(_, x)| 10_f32.powi(x as i32 - 35));
-        assert_eq!(Decades::around(&wide), Decades { low: -2, high: 4 });
+        assert_eq!(decades(&wide), [-2, 4]);
     }
 
     #[test]
     fn errors_without_a_positive_number_have_a_scale_too() {
         for value in [0.0, f32::NAN, f32::INFINITY, -1.0] {
             let errors = Array2::from_elem((4, 4), value);
-            assert_eq!(Decades::around(&errors), Decades { low: -3, high: 0 });
-            error_picture(&errors, "mrad", "title", None);
+            assert_eq!(decades(&errors), [-3, 0]);
+            error_picture(&errors, "mrad", "title");
         }
     }
 
     #[test]
     fn a_factor_of_ten_is_the_same_step_everywhere_on_the_scale() {
-        let decades = Decades { low: -2, high: 2 };
+        let legend = Legend {
+            low: -2,
+            high: 2,
+            ..Legend::new(&ramp(4, 4), "mrad")
+        };
         for (error, place) in [(0.01, 0.0), (0.1, 0.25), (1.0, 0.5), (100.0, 1.0)] {
-            approx::assert_abs_diff_eq!(decades.place(error), place, epsilon = 1e-6);
+            approx::assert_abs_diff_eq!(legend.place(error), place, epsilon = 1e-6);
         }
-        assert_eq!(decades.place(0.0), 0.0);
-        assert_eq!(decades.place(f32::INFINITY), 1.0);
+        assert_eq!(legend.place(0.0), 0.0);
+        assert_eq!(legend.place(f32::INFINITY), 1.0);
     }
 
     #[test]
     fn missing_errors_are_grey_and_all_others_magma() {
         let mut errors = ramp(50, 40);
         errors[(7, 9)] = f32::NAN;
-        let picture = error_picture(&errors, "mrad", "wormhole", None);
-        let top = Legend::new(&errors, "mrad", Decades::around(&errors)).strip();
+        let picture = error_picture(&errors, "mrad", "wormhole");
+        let top = Legend::new(&errors, "mrad").strip();
         assert_eq!(picture.pixel(9, top + 7), MISSING);
         assert_eq!(picture.pixel(0, top), magma(0.0));
         assert!((0..50).all(|x| picture.pixel(x, top + 8) != MISSING));
@@ -305,11 +297,10 @@ mod tests {
     #[test]
     fn pictures_of_any_size_have_room_for_the_bar() {
         for (width, height) in [(0, 0), (1, 1), (5, 700), (700, 5)] {
-            let picture = error_picture(&ramp(width, height), "mrad", "a long title", None);
+            let picture = error_picture(&ramp(width, height), "mrad", "a long title");
             assert!(picture.height() > 40 && picture.width() > width + 20);
         }
-        let one = Some(Decades { low: 3, high: -3 });
-        error_picture(&ramp(5, 5), "a long unit", "", one);
+        error_picture(&ramp(5, 5), "a long unit", "");
     }
 
     #[test]

@@ -1,6 +1,7 @@
-//! Lettering in pictures, with a small font of its own.
+//! Lettering in pictures, with a small font of its own, and pictures joined under captions.
 //!
-//! In: a picture, a place, a text and a colour in linear light. Out: the picture with the text.
+//! In: a picture, a place, a text and a colour in linear light. Out: the picture with the text; or
+//! several pictures as one, left to right, tops aligned, a caption strip over each.
 //! Letters are 5 pixels wide and 9 high (7 above the base line, 2 below) in cells 6 wide, all times
 //! a whole scale; characters that are not printable ASCII show as a question mark.
 
@@ -46,13 +47,13 @@ pub fn draw(picture: &mut Picture, x: usize, y: usize, text: &str, colour: [f32;
     }
 }
 
-/// Width of `text` in pixels, without the gap after the last letter.
+/// Returns the width of `text` in pixels, without the gap after the last letter.
 pub fn width(text: &str, scale: usize) -> usize {
     let cells = CELL_WIDTH * text.chars().count();
     cells.saturating_sub(CELL_WIDTH - LETTER_WIDTH) * scale
 }
 
-/// The part of `text` that fits into `room` pixels, ending in two full stops if it was cut.
+/// Returns the part of `text` that fits into `room` pixels, ending in two full stops if it was cut.
 pub fn shortened(text: &str, room: usize, scale: usize) -> String {
     if width(text, scale) <= room {
         return text.to_string();
@@ -62,7 +63,7 @@ pub fn shortened(text: &str, room: usize, scale: usize) -> String {
     kept.chain("..".chars()).take(cells).collect()
 }
 
-/// The pixels (column, row) of a letter.
+/// Returns the pixels (column, row) of a letter.
 fn ink(letter: char) -> impl Iterator<Item = (usize, usize)> {
     let code = letter as usize;
     let code = if (32..127).contains(&code) {
@@ -76,6 +77,48 @@ fn ink(letter: char) -> impl Iterator<Item = (usize, usize)> {
         let columns = (0..LETTER_WIDTH).filter(move |column| bits << column & 16 != 0);
         columns.map(move |column| (column, row))
     })
+}
+
+/// Linear light around pictures.
+pub(super) const PAPER: [f32; 3] = [0.9; 3];
+/// Linear light of letters and lines.
+pub(super) const INK: [f32; 3] = [0.01; 3];
+/// Gap between pictures, pixels.
+const GAP: usize = 4;
+
+/// Joins pictures horizontally under captions; a caption too long for its picture is cut. Layers
+/// are left out.
+pub fn side_by_side(pictures: &[(&Picture, &str)]) -> Picture {
+    let tallest = pictures.iter().map(|(picture, _)| picture.height()).max();
+    let tallest = tallest.unwrap_or(0);
+    let scale = lettering_scale(tallest);
+    let margin = 3 * scale;
+    let strip = LINE_HEIGHT * scale + 2 * margin;
+    let widths: usize = pictures.iter().map(|(picture, _)| picture.width()).sum();
+    let width = widths + GAP * pictures.len().saturating_sub(1);
+    let mut joined = Picture::filled(width, strip + tallest, PAPER);
+    let mut left = 0;
+    for (picture, caption) in pictures {
+        let room = picture.width().saturating_sub(2 * margin);
+        let caption = shortened(caption, room, scale);
+        draw(
+            &mut joined,
+            left + margin,
+            margin + scale,
+            &caption,
+            INK,
+            scale,
+        );
+        joined.paste(left, strip, picture);
+        left += picture.width() + GAP;
+    }
+    joined
+}
+
+/// Returns the scale of letters beside a picture of this height: letters smaller than 1/60 of the picture
+/// are not legible once it is shrunk to a page, larger than 1/30 they take its room.
+pub(super) fn lettering_scale(height: usize) -> usize {
+    (height / 300).clamp(1, 6)
 }
 
 #[cfg(test)]
@@ -117,5 +160,24 @@ mod tests {
         assert_eq!(shortened("table", 29, 1), "table");
         assert_eq!(shortened("table", 28, 1), "ta..");
         assert_eq!(shortened("table", 3, 1), "");
+    }
+
+    #[test]
+    fn joined_pictures_keep_their_pixels_under_a_strip() {
+        let red = Picture::filled(30, 20, [1.0, 0.0, 0.0]);
+        let blue = Picture::filled(10, 12, [0.0, 0.0, 1.0]);
+        let joined = side_by_side(&[(&red, "red"), (&blue, "a caption too long")]);
+        let strip = joined.height() - 20;
+        assert_eq!(joined.width(), 30 + GAP + 10);
+        assert_eq!(joined.pixel(29, strip), [1.0, 0.0, 0.0]);
+        assert_eq!(joined.pixel(30, strip), PAPER);
+        assert_eq!(joined.pixel(34, strip + 11), [0.0, 0.0, 1.0]);
+        assert_eq!(joined.pixel(34, strip + 12), PAPER);
+        assert!((0..30).any(|x| joined.pixel(x, strip / 2) == INK));
+    }
+
+    #[test]
+    fn no_pictures_give_a_picture_without_columns() {
+        assert_eq!(side_by_side(&[]).width(), 0);
     }
 }

@@ -2,58 +2,131 @@
 //!
 //! In: manifold files. Out, in a folder: `sweep.csv` (one row for each table measured), figures, and a
 //! page. Tables are bundles at several promises and uniform grids of several sizes (`grid`); all
-//! are measured on the same fresh exact rays (`truth`), beside an integrator that is as accurate
-//! (`rival`). Points that were measured before are kept (`point`).
+//! are measured on one set of fresh exact rays (`exact_rays`), beside an integrator that is as accurate
+//! (`crate::rival`). Points that were measured before are kept (`point`). Instead, the sampled fans can
+//! be written as tensors for numpy (`npz`).
 //!
 //! Without the feature `sweep` there are the options alone, and [`run`] says that it is missing.
 
 #[cfg(feature = "sweep")]
-mod clock;
+mod bundles;
 #[cfg(feature = "sweep")]
-mod effort;
+mod csv;
 #[cfg(feature = "sweep")]
-mod frames;
+mod error_maps;
+#[cfg(feature = "sweep")]
+mod exact_rays;
 #[cfg(feature = "sweep")]
 pub mod grid;
 #[cfg(feature = "sweep")]
-mod maps;
+mod grids;
 #[cfg(feature = "sweep")]
-mod measure;
+mod manifold_sweep;
 #[cfg(feature = "sweep")]
 pub mod npz;
-#[cfg(feature = "sweep")]
-mod npz_bytes;
-mod options;
-#[cfg(feature = "sweep")]
-mod patches;
 #[cfg(feature = "sweep")]
 mod point;
 #[cfg(feature = "sweep")]
 mod report;
+mod sweep_options;
 #[cfg(feature = "sweep")]
-mod rival;
-#[cfg(feature = "sweep")]
-mod speed;
-#[cfg(feature = "sweep")]
-mod subject;
-#[cfg(feature = "sweep")]
-mod table;
-#[cfg(feature = "sweep")]
-mod truth;
+mod timing;
 
-pub use options::{MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions};
+pub use sweep_options::{MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions};
 
+use geofan_core::{Error, Observer, Result};
 #[cfg(feature = "sweep")]
-pub use measure::run;
+use {
+    geofan_core::Progress,
+    manifold_sweep::{ManifoldResults, ManifoldSweep},
+};
 
 /// Says that sweeps are missing.
 ///
 /// # Errors
 /// Always.
 #[cfg(not(feature = "sweep"))]
-pub fn run(_: &SweepOptions, _: &dyn geofan_core::Observer) -> geofan_core::Result<SweepSummary> {
-    Err(geofan_core::Error::input(
+pub fn run(_: &SweepOptions, _: &dyn Observer) -> Result<SweepSummary> {
+    Err(Error::input(
         "sweep",
         "this program was built without plots and NPZ; build it with `--features sweep`",
     ))
+}
+
+/// Measures everything that is not yet measured, then writes the results.
+///
+/// # Errors
+/// Bad input, an interruption, or a folder that cannot be written.
+#[cfg(feature = "sweep")]
+pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSummary> {
+    std::fs::create_dir_all(&options.out).map_err(|e| Error::io(&options.out, e))?;
+    if let Some(tensor) = &options.tensor {
+        return write_tensors(tensor, options, observer);
+    }
+    let load = |path| ManifoldSweep::load(path, options, observer);
+    let paths = options.manifolds.iter().map(std::path::PathBuf::as_path);
+    let sweeps: Vec<ManifoldSweep<'_>> = paths.map(load).collect::<Result<_>>()?;
+    check_names(&sweeps)?;
+    let all = measured(&sweeps, observer)?;
+    csv::write(&options.out.join("sweep.csv"), &all)?;
+    report::write(&options.out, &all, &options.command)?;
+    let points = || all.iter().flat_map(|results| &results.points);
+    Ok(SweepSummary {
+        lines: Vec::new(),
+        points: points().count(),
+        measured: points().filter(|p| p.measured().is_some()).count(),
+    })
+}
+
+/// Writes a tensor for each manifold.
+#[cfg(feature = "sweep")]
+fn write_tensors(
+    tensor: &TensorOptions,
+    options: &SweepOptions,
+    observer: &dyn Observer,
+) -> Result<SweepSummary> {
+    let mut lines = Vec::new();
+    for manifold in &options.manifolds {
+        let path = tensor.write(manifold, &options.out, observer, &mut lines)?;
+        lines.push(format!("{}\n", path.display()));
+    }
+    Ok(SweepSummary {
+        lines,
+        points: 0,
+        measured: 0,
+    })
+}
+
+/// Refuses two manifolds that would share the names of their points and figures.
+#[cfg(feature = "sweep")]
+fn check_names(sweeps: &[ManifoldSweep<'_>]) -> Result<()> {
+    for (k, sweep) in sweeps.iter().enumerate() {
+        let name = sweep.name();
+        if sweeps[..k].iter().any(|other| other.name() == name) {
+            let message = "two manifold files have this name: sweep them into folders of their own";
+            return Err(Error::input(name, message));
+        }
+    }
+    Ok(())
+}
+
+/// Measures all manifolds, one after the other.
+#[cfg(feature = "sweep")]
+fn measured(sweeps: &[ManifoldSweep<'_>], observer: &dyn Observer) -> Result<Vec<ManifoldResults>> {
+    let total = sweeps.iter().map(ManifoldSweep::work).sum();
+    let done = std::cell::Cell::new(0);
+    let mut all = Vec::new();
+    for sweep in sweeps {
+        let name = sweep.name();
+        all.push(sweep.measure(|work| {
+            done.set(done.get() + 1);
+            observer.progress(Progress {
+                work: "measuring",
+                done: done.get(),
+                total,
+                detail: &format!("{name}: {work}"),
+            });
+        })?);
+    }
+    Ok(all)
 }

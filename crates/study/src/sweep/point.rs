@@ -1,15 +1,16 @@
-//! One point of the sweep: what was measured, under which settings, and the file that keeps it.
+//! Points of the sweep: what was measured of a table, under which conditions, and the files that keep
+//! it.
 //!
-//! In: a [`Key`]. Out: its [`Point`], from the file of an earlier run or measured now. A point is one
-//! small JSON file in `points/`, written whole or not at all; it counts only if everything that the
-//! measurement depends on is the same.
+//! In: the [`Conditions`] of a manifold's sweep, and a [`TableSpec`]. Out: its [`SweepPoint`] from the
+//! file of an earlier run. A point is one small JSON file in `points/`, written whole or not at all; it
+//! counts only if everything that the measurement depends on is the same.
 
 use crate::sweep::{
-    clock::Spent,
-    grid::{Interpolation, Number},
-    maps::ErrorMap,
-    patches::{Limits, Refinement},
-    truth::Errors,
+    bundles::PatchDivision,
+    error_maps::ErrorMap,
+    exact_rays::TableErrors,
+    grid::{Interpolation, NumberFormat},
+    timing::TimeSpent,
 };
 use geofan_core::{Error, Result, files::write_atomically, manifold::Manifold};
 use serde::{Deserialize, Serialize};
@@ -19,35 +20,34 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Counts up when measurements change their meaning.
-const FORMAT: u32 = 3;
+/// Counts up when measurements or their files change their meaning.
+const FORMAT: u32 = 4;
 
-/// Which table.
+/// Says which table is measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum What {
+pub enum TableSpec {
     /// A bundle.
     Patches {
         /// Its promise, mrad.
         promise: f64,
-        /// How it is refined.
-        refinement: Refinement,
+        /// How its patches are divided.
+        division: PatchDivision,
     },
     /// A uniform grid.
     Grid {
         /// How it is read.
         interpolation: Interpolation,
         /// How its numbers are stored.
-        number: Number,
+        format: NumberFormat,
         /// Cells along camera…, direction…, arc length.
         cells: Vec<usize>,
     },
 }
 
-/// What a table is called in figures and files.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Kind {
+/// Names the tables that make one curve of a figure.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TableKind {
     /// Adaptive patches.
     Patches,
     /// One patch for each chunk.
@@ -62,28 +62,28 @@ pub enum Kind {
     CubicU16,
 }
 
-impl What {
-    /// Its kind.
-    pub fn kind(&self) -> Kind {
+impl TableSpec {
+    /// Returns the table's kind.
+    pub fn kind(&self) -> TableKind {
         match self {
-            Self::Patches { refinement, .. } => match refinement {
-                Refinement::Adaptive => Kind::Patches,
-                Refinement::Undivided => Kind::UndividedPatches,
+            Self::Patches { division, .. } => match division {
+                PatchDivision::Adaptive => TableKind::Patches,
+                PatchDivision::Undivided => TableKind::UndividedPatches,
             },
             Self::Grid {
                 interpolation,
-                number,
+                format,
                 ..
-            } => match (interpolation, number) {
-                (Interpolation::Multilinear, Number::F32) => Kind::MultilinearF32,
-                (Interpolation::Multilinear, Number::U16) => Kind::MultilinearU16,
-                (Interpolation::Cubic, Number::F32) => Kind::CubicF32,
-                (Interpolation::Cubic, Number::U16) => Kind::CubicU16,
+            } => match (interpolation, format) {
+                (Interpolation::Multilinear, NumberFormat::F32) => TableKind::MultilinearF32,
+                (Interpolation::Multilinear, NumberFormat::U16) => TableKind::MultilinearU16,
+                (Interpolation::Cubic, NumberFormat::F32) => TableKind::CubicF32,
+                (Interpolation::Cubic, NumberFormat::U16) => TableKind::CubicU16,
             },
         }
     }
 
-    /// What sets it apart from others of its kind.
+    /// Writes the setting that tells the table from others of its kind.
     pub fn setting(&self) -> String {
         match self {
             Self::Patches { promise, .. } => format!("{promise}"),
@@ -95,8 +95,18 @@ impl What {
     }
 }
 
-impl Kind {
-    /// The name in figures.
+impl TableKind {
+    /// All kinds that are drawn, in the order of the legend.
+    pub const ALL: [Self; 6] = [
+        Self::Patches,
+        Self::UndividedPatches,
+        Self::MultilinearF32,
+        Self::MultilinearU16,
+        Self::CubicF32,
+        Self::CubicU16,
+    ];
+
+    /// Returns the name in figures.
     pub fn title(self) -> &'static str {
         match self {
             Self::Patches => "patches",
@@ -108,7 +118,7 @@ impl Kind {
         }
     }
 
-    /// The name in files and the CSV.
+    /// Returns the name in files and the CSV.
     pub fn name(self) -> &'static str {
         match self {
             Self::Patches => "patches",
@@ -121,9 +131,9 @@ impl Kind {
     }
 }
 
-/// What all points of a manifold depend on, besides the machine.
+/// Everything that all measurements of a manifold depend on, besides the machine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Basis {
+pub struct Conditions {
     /// Version of the measurement.
     pub format: u32,
     /// Version of geofan, and of its refinement.
@@ -140,27 +150,17 @@ pub struct Basis {
     pub seed: u64,
 }
 
-/// Everything that a measurement depends on, besides the machine.
+/// The measurement of a table.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Key {
-    /// What it shares with the manifold's other points.
-    #[serde(flatten)]
-    pub basis: Basis,
-    /// The table.
-    pub what: What,
-}
-
-/// What was measured of a table.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Measured {
+pub struct TableMeasurement {
     /// Bytes of its file.
     pub disk: u64,
     /// Bytes in memory.
     pub memory: u64,
     /// Its errors.
-    pub errors: Errors,
+    pub errors: TableErrors,
     /// Time of its bake.
-    pub bake: Spent,
+    pub bake: TimeSpent,
     /// Rays that the bake integrated.
     pub baked_rays: u64,
     /// Processor time for fixing the camera.
@@ -169,40 +169,49 @@ pub struct Measured {
     pub path_ns: f64,
     /// Processor time for a frame of the default view.
     pub frame_ms: Option<f64>,
-    /// For the same frame by equal-error exact.
+    /// Processor time for that frame by equal-error exact.
     pub rival_frame_ms: Option<f64>,
     /// The system's load over the last minute when it was measured, where it is known.
     pub load: Option<f64>,
 }
 
-/// What became of a point.
+/// Limits of the work for one table.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct TableLimits {
+    /// Processor seconds for a bundle, all threads together.
+    pub seconds: f64,
+    /// Bytes of a grid in single precision.
+    pub grid_bytes: u64,
+}
+
+/// Says whether a table was measured.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Outcome {
+pub enum PointOutcome {
     /// It was measured.
-    Measured(Box<Measured>),
+    Measured(Box<TableMeasurement>),
     /// It was beyond a limit.
     Skipped {
         /// Which, in words.
         why: String,
         /// The limits.
-        limits: Limits,
+        limits: TableLimits,
     },
 }
 
 /// A point of the sweep.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Point {
-    /// What it depends on.
-    pub key: Key,
-    /// What became of it.
-    pub outcome: Outcome,
-    /// Where its errors lie, if that was asked for.
+pub struct SweepPoint {
+    /// The table.
+    pub spec: TableSpec,
+    /// Its measurement.
+    pub outcome: PointOutcome,
+    /// Maps of its errors, if they were asked for.
     pub maps: Vec<ErrorMap>,
 }
 
-impl Basis {
-    /// Of fresh rays in a manifold, by the running version.
+impl Conditions {
+    /// Describes measurements on fresh rays in a manifold, by the running version.
     pub fn new(name: String, manifold: &Manifold, length: f64, rays: usize, seed: u64) -> Self {
         let fingerprint = manifold.fingerprint();
         let refinement = geofan_bake::plan::REFINEMENT;
@@ -216,55 +225,48 @@ impl Basis {
             seed,
         }
     }
-
-    /// The key of a table.
-    pub fn of(&self, what: What) -> Key {
-        Key {
-            basis: self.clone(),
-            what,
-        }
-    }
 }
 
-impl Key {
-    /// A name for files.
-    pub fn name(&self) -> String {
-        let (manifold, what) = (&self.basis.manifold, &self.what);
-        format!("{manifold}-{}-{}", what.kind().name(), what.setting())
-    }
-}
-
-impl Point {
-    /// The measurement, if there is one.
-    pub fn measured(&self) -> Option<&Measured> {
+impl SweepPoint {
+    /// Returns the measurement, if there is one.
+    pub fn measured(&self) -> Option<&TableMeasurement> {
         match &self.outcome {
-            Outcome::Measured(measured) => Some(measured),
-            Outcome::Skipped { .. } => None,
+            PointOutcome::Measured(measured) => Some(measured),
+            PointOutcome::Skipped { .. } => None,
         }
     }
 }
 
-/// Kept results in a folder.
+/// Keeps measurements of one manifold in a folder.
 #[derive(Debug, Clone)]
-pub struct Store {
+pub struct PointStore {
     folder: PathBuf,
+    /// The measurements that are asked for.
+    pub conditions: Conditions,
 }
 
-impl Store {
-    /// In the folder `points` of `out`, which is made if it is missing.
+impl PointStore {
+    /// Opens the folder `points` of `out`, which is made if it is missing.
     ///
     /// # Errors
     /// It cannot be made.
-    pub fn open(out: &Path) -> Result<Self> {
+    pub fn open(out: &Path, conditions: Conditions) -> Result<Self> {
         let folder = out.join("points");
         fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
-        Ok(Self { folder })
+        Ok(Self { folder, conditions })
     }
 
-    /// What was kept under `name`, if it can be read.
+    /// Names the files of a table.
+    pub fn name(&self, spec: &TableSpec) -> String {
+        let manifold = &self.conditions.manifold;
+        format!("{manifold}-{}-{}", spec.kind().name(), spec.setting())
+    }
+
+    /// Loads the value kept under `name`, if it can be read and was measured under these conditions.
     pub fn load<T: for<'a> Deserialize<'a>>(&self, name: &str) -> Option<T> {
         let text = fs::read(self.path(name)).ok()?;
-        serde_json::from_slice(&text).ok()
+        let (conditions, value): (Conditions, T) = serde_json::from_slice(&text).ok()?;
+        (conditions == self.conditions).then_some(value)
     }
 
     /// Keeps `value` under `name`.
@@ -274,20 +276,19 @@ impl Store {
     pub fn keep(&self, name: &str, value: &impl Serialize) -> Result<()> {
         let path = self.path(name);
         write_atomically(&path, |out| {
-            serde_json::to_writer(&mut *out, value)?;
+            serde_json::to_writer(&mut *out, &(&self.conditions, value))?;
             out.write_all(b"\n")
         })
     }
 
-    /// The kept point of `key`, if everything that it depends on is the same; one that was skipped
-    /// depends on the `limits` too.
-    pub fn point(&self, key: &Key, limits: Limits) -> Option<Point> {
-        let point: Point = self.load(&key.name())?;
+    /// Loads the point of a table; one that was skipped depends on the `limits` too.
+    pub fn point(&self, spec: &TableSpec, limits: TableLimits) -> Option<SweepPoint> {
+        let point: SweepPoint = self.load(&self.name(spec))?;
         let skipped_for_others = match &point.outcome {
-            Outcome::Measured(_) => false,
-            Outcome::Skipped { limits: then, .. } => *then != limits,
+            PointOutcome::Measured(_) => false,
+            PointOutcome::Skipped { limits: then, .. } => *then != limits,
         };
-        (point.key == *key && !skipped_for_others).then_some(point)
+        (point.spec == *spec && !skipped_for_others).then_some(point)
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -295,7 +296,7 @@ impl Store {
     }
 }
 
-/// The system's load over the last minute, where Linux tells it.
+/// Reads the system's load over the last minute, where Linux tells it.
 pub fn load() -> Option<f64> {
     let text = fs::read_to_string("/proc/loadavg").ok()?;
     text.split(' ').next()?.parse().ok()

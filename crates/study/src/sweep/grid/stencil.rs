@@ -1,4 +1,4 @@
-//! Interpolation along one axis of equally spaced nodes: weights, and what must be done to samples.
+//! Interpolation along one axis of equally spaced nodes: weights, and the prefilter of samples.
 //!
 //! In: a number of nodes and a place among them. Out: a [`Stencil`]: the first node and the weights
 //! of it and the next ones. Cubic B-splines interpolate after [`prefilter`], which turns the samples
@@ -9,7 +9,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// How a grid is read between its nodes.
+/// Says how a grid is read between its nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interpolation {
@@ -32,20 +32,20 @@ pub struct Stencil {
 }
 
 impl Stencil {
-    /// The weights.
+    /// Returns the weights.
     pub fn weights(&self) -> &[f64] {
         &self.weights[..self.width]
     }
 }
 
 impl Interpolation {
-    /// The stencil at `t`, in [0, 1] along an axis of `nodes` nodes (at least [`FEWEST`]).
+    /// Returns the stencil at `t`, in [0, 1] along an axis of `nodes` nodes (at least [`FEWEST`]).
     pub fn stencil(self, nodes: usize, t: f64) -> Stencil {
         let (cell, x) = cell(nodes, t);
         self.in_cell(nodes, cell, x)
     }
 
-    /// The stencil at the share `x` of the cell `cell`.
+    /// Returns the stencil at the share `x` of the cell `cell`.
     fn in_cell(self, nodes: usize, cell: usize, x: f64) -> Stencil {
         match self {
             Self::Multilinear => Stencil {
@@ -57,7 +57,7 @@ impl Interpolation {
         }
     }
 
-    /// The stencil of the integral from the start of the cell `cell` to its share `x`, in cells: two
+    /// Returns the stencil of the integral from the start of the cell `cell` to its share `x`, in cells: two
     /// Gauss points are exact for cubics.
     pub fn integral(self, nodes: usize, cell: usize, x: f64) -> Stencil {
         let offset = 0.5 / f64::sqrt(3.0);
@@ -67,15 +67,15 @@ impl Interpolation {
     }
 }
 
-/// The cell of `t`, in [0, 1] along an axis of `nodes` nodes, and the share of it that lies before.
+/// Returns the cell of `t`, in [0, 1] along an axis of `nodes` nodes, and the share of it that lies before.
 pub fn cell(nodes: usize, t: f64) -> (usize, f64) {
     let place = t.clamp(0.0, 1.0) * (nodes - 1) as f64;
     let cell = (place as usize).min(nodes - 2);
     (cell, place - cell as f64)
 }
 
-/// Weights of the coefficients `cell − 1 … cell + 2`. The coefficient beyond either end continues
-/// the four next to it as a cubic, which is what not-a-knot means for B-splines: it is folded into
+/// Weighs the coefficients `cell − 1 … cell + 2`. The coefficient beyond either end continues
+/// the four next to it as a cubic, which not-a-knot means for B-splines: it is folded into
 /// their weights.
 fn cubic(nodes: usize, cell: usize, x: f64) -> Stencil {
     let r = 1.0 - x;
@@ -100,19 +100,20 @@ fn cubic(nodes: usize, cell: usize, x: f64) -> Stencil {
     }
 }
 
-/// Samples `f` along a line to B-spline coefficients, in place.
+/// Turns samples `f` along a line into B-spline coefficients, in place.
 ///
 /// `(c[i−1] + 4 c[i] + c[i+1])/6 = f[i]`, and the fourth differences at both ends vanish. Both
 /// together give `c[1] = (8 f[1] − f[0] − f[2])/6` and its mirror image outright; the rest between
 /// them is tridiagonal.
 pub fn prefilter(f: &mut [f64]) {
+    // Both ends, outright.
     let n = f.len();
     let near_start = (8.0 * f[1] - f[0] - f[2]) / 6.0;
     let near_end = (8.0 * f[n - 2] - f[n - 1] - f[n - 3]) / 6.0;
     let (first, last) = (6.0 * f[1], 6.0 * f[n - 2]);
     f[1] = near_start;
     f[n - 2] = near_end;
-    // Thomas's algorithm on rows 2 … n−3; `above` holds what elimination leaves above the diagonal.
+    // Thomas's algorithm on rows 2 … n−3; `above` holds the remainder above the diagonal.
     let mut above = vec![0.0; n];
     for i in 2..n.saturating_sub(2) {
         let pivot = 4.0 - above[i - 1];

@@ -1,6 +1,6 @@
 //! Grids of a mild lens against exact rays.
 
-use crate::sweep::truth::{Errors, Truth};
+use crate::sweep::exact_rays::{ExactFan, TableErrors, exact_fans};
 use crate::sweep::{Spacing, grid::*};
 use geofan_bundle::rays::RaySpace;
 use geofan_core::{diagnostic::SourceText, manifold::Manifold};
@@ -26,33 +26,38 @@ fn space() -> RaySpace {
     RaySpace::new(Arc::new(Manifold::from_source(source, &[]).unwrap())).unwrap()
 }
 
-fn samples(space: &RaySpace, cells: usize) -> Samples {
+fn samples(space: &RaySpace, cells: usize) -> GridSamples {
     let nodes = vec![cells + 1; space.cameras().len() + space.directions() + 1];
-    let axes = Axes::new(space, LENGTH, &nodes, Spacing::Uniform);
-    Samples::new(space, axes, (TOLERANCE, Stored::Slope), || false).unwrap()
+    let axes = GridAxes::new(space, LENGTH, &nodes, Spacing::Uniform);
+    GridSamples::new(space, axes, TOLERANCE, slope_channels(space), || false).unwrap()
 }
 
-fn errors(truth: &Truth, cells: usize, interpolation: Interpolation, number: Number) -> Errors {
+fn errors(
+    exact: &[ExactFan],
+    cells: usize,
+    interpolation: Interpolation,
+    format: NumberFormat,
+) -> TableErrors {
     let space = space();
     let samples = samples(&space, cells);
-    let grid = Grid::new(&space, &samples, LENGTH, interpolation, number);
-    truth.errors(&grid).unwrap()
+    let grid = Grid::new(&space, &samples, LENGTH, (interpolation, format));
+    TableErrors::new(&grid, exact).unwrap()
 }
 
-fn truth() -> Truth {
-    Truth::new(&space(), LENGTH, 800, 5).unwrap()
+fn exact() -> Vec<ExactFan> {
+    exact_fans(&space(), LENGTH, 800, 5).unwrap()
 }
 
 #[test]
 fn errors_fall_with_the_orders_of_the_interpolations() {
-    let truth = truth();
+    let exact = exact();
     for (interpolation, order) in [
         (Interpolation::Multilinear, 2.0),
         (Interpolation::Cubic, 4.0),
     ] {
-        let of = |cells| errors(&truth, cells, interpolation, Number::F32);
+        let of = |cells| errors(&exact, cells, interpolation, NumberFormat::F32);
         let (coarse, fine) = (of(8), of(16));
-        let slope = |pick: fn(&Errors) -> f64| (pick(&coarse) / pick(&fine)).log2();
+        let slope = |pick: fn(&TableErrors) -> f64| (pick(&coarse) / pick(&fine)).log2();
         let screen = slope(|e| e.screen.p99);
         assert!((screen - order).abs() < 0.7, "{interpolation:?} {screen}");
         let sky = slope(|e| e.sky.p99);
@@ -68,18 +73,18 @@ fn errors_fall_with_the_orders_of_the_interpolations() {
 
 #[test]
 fn sixteen_bits_halve_the_bytes_and_err_by_their_rounding() {
-    let truth = truth();
-    let float = errors(&truth, 16, Interpolation::Cubic, Number::F32);
-    let rounded = errors(&truth, 16, Interpolation::Cubic, Number::U16);
+    let exact = exact();
+    let float = errors(&exact, 16, Interpolation::Cubic, NumberFormat::F32);
+    let rounded = errors(&exact, 16, Interpolation::Cubic, NumberFormat::U16);
     // Channels of this lens span less than one, so a step is at most 1/65.535 mrad.
     assert!((rounded.screen.p99 - float.screen.p99).abs() < 0.02);
     assert!(rounded.screen != float.screen);
     let space = space();
-    let bytes = |number| {
+    let bytes = |format| {
         let samples = samples(&space, 4);
-        Grid::new(&space, &samples, LENGTH, Interpolation::Cubic, number).bytes()
+        Grid::new(&space, &samples, LENGTH, (Interpolation::Cubic, format)).bytes()
     };
-    assert!(bytes(Number::U16) < bytes(Number::F32) * 51 / 100);
+    assert!(bytes(NumberFormat::U16) < bytes(NumberFormat::F32) * 51 / 100);
 }
 
 #[test]
@@ -87,8 +92,8 @@ fn fixing_the_camera_changes_no_path() {
     let space = space();
     let samples = samples(&space, 6);
     let u = glam::DVec3::new(1.37, 0.2, 0.1);
-    for number in [Number::F32, Number::U16] {
-        let grid = Grid::new(&space, &samples, LENGTH, Interpolation::Cubic, number);
+    for format in [NumberFormat::F32, NumberFormat::U16] {
+        let grid = Grid::new(&space, &samples, LENGTH, (Interpolation::Cubic, format));
         let (fixed, place) = grid.contracted(u).unwrap();
         let (whole, fixed) = (grid.fan(u).unwrap(), fixed.fixed_fan(place));
         for d in [glam::DVec3::X, glam::DVec3::new(-0.6, 0.64, 0.48)] {
@@ -107,8 +112,9 @@ fn fixing_the_camera_changes_no_path() {
 #[test]
 fn sampling_can_be_stopped() {
     let space = space();
-    let axes = Axes::new(&space, LENGTH, &[4; 4], Spacing::Uniform);
-    assert!(Samples::new(&space, axes, (TOLERANCE, Stored::Slope), || true).is_none());
+    let axes = GridAxes::new(&space, LENGTH, &[4; 4], Spacing::Uniform);
+    let channels = slope_channels(&space);
+    assert!(GridSamples::new(&space, axes, TOLERANCE, channels, || true).is_none());
 }
 
 #[test]
@@ -120,4 +126,30 @@ fn axes_that_bend_more_get_more_cells() {
     assert!(relative[0] < relative[1] && relative[0] < relative[2]);
     let cells = cells(10.0, &relative, 3);
     assert!((mean(&cells) - 10.0).abs() < 1.0 && cells.iter().all(|n| *n >= 3));
+}
+
+#[test]
+fn rounding_to_16_bits_errs_by_at_most_half_a_step() {
+    let values: Vec<f32> = (0..400)
+        .map(|i| (i as f32 * 0.37).sin() * [1.0, 30.0][i % 2])
+        .collect();
+    let exact = GridNumbers::new(values.clone(), 2, NumberFormat::F32);
+    let rounded = GridNumbers::new(values, 2, NumberFormat::U16);
+    assert_eq!((exact.bytes(), rounded.bytes()), (1600, 816));
+    let rows = [(3, 0.25), (40, 0.75)];
+    let (mut a, mut b) = ([0.0; 4], [0.0; 4]);
+    exact.sum(&rows, &mut a);
+    rounded.sum(&rows, &mut b);
+    for (c, (a, b)) in a.iter().zip(b).enumerate() {
+        let step = [2.0, 60.0][c % 2] / 65535.0;
+        assert!((a - b).abs() <= 0.51 * step, "{a} {b}");
+    }
+}
+
+#[test]
+fn a_constant_channel_keeps_its_number() {
+    let stored = GridNumbers::new(vec![2.5; 6], 1, NumberFormat::U16);
+    let mut sum = [0.0; 2];
+    stored.sum(&[(0, 0.5), (2, 0.5)], &mut sum);
+    assert_eq!(sum, [2.5; 2]);
 }

@@ -1,41 +1,32 @@
-//! What the points of one manifold say together.
+//! Comparisons of the points of one manifold.
 //!
-//! In: [`Results`]. Out: slopes, the Pareto front, sizes at equal error, and when baking pays. Only
+//! In: [`ManifoldResults`]. Out: slopes, the Pareto front, sizes at equal error, and when baking pays. Only
 //! measured points are compared; nothing is extrapolated.
 
 use crate::sweep::{
     grid::mean,
-    point::{Kind, Measured, Point, What},
-    rival::equal,
-    subject::Results,
+    manifold_sweep::{ManifoldResults, Rival},
+    point::{SweepPoint, TableKind, TableMeasurement, TableSpec},
 };
 
-/// All kinds that are drawn, in the order of the legend.
-pub const KINDS: [Kind; 6] = [
-    Kind::Patches,
-    Kind::UndividedPatches,
-    Kind::MultilinearF32,
-    Kind::MultilinearU16,
-    Kind::CubicF32,
-    Kind::CubicU16,
-];
-
 /// A measured point: the point, and its measurement.
-pub type Pair<'a> = (&'a Point, &'a Measured);
+pub type Pair<'a> = (&'a SweepPoint, &'a TableMeasurement);
 
-impl Results {
-    /// The measured points of a kind, smallest first.
-    pub fn of(&self, kind: Kind) -> Vec<Pair<'_>> {
-        let all = self.points.iter().filter(|p| p.key.what.kind() == kind);
+impl ManifoldResults {
+    /// Returns the measured points of a kind, smallest first.
+    pub fn of(&self, kind: TableKind) -> Vec<Pair<'_>> {
+        let all = self.points.iter().filter(|p| p.spec.kind() == kind);
         let mut found: Vec<Pair<'_>> = all.filter_map(|p| Some((p, p.measured()?))).collect();
         found.sort_by_key(|(_, m)| m.disk);
         found
     }
 
-    /// The points that no other point beats in bytes and error both, smallest first. Undivided
+    /// Returns the points that no other point beats in bytes and error both, smallest first. Undivided
     /// patches stay out: most of their rays are not in the table.
     pub fn front(&self) -> Vec<Pair<'_>> {
-        let kinds = KINDS.into_iter().filter(|k| *k != Kind::UndividedPatches);
+        let kinds = TableKind::ALL
+            .into_iter()
+            .filter(|k| *k != TableKind::UndividedPatches);
         let mut all: Vec<Pair<'_>> = kinds.flat_map(|kind| self.of(kind)).collect();
         all.sort_by_key(|(_, m)| m.disk);
         let mut least = f64::INFINITY;
@@ -48,91 +39,67 @@ impl Results {
     }
 }
 
-/// How error falls from one point to the next.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slope {
-    /// Logarithm of the error by logarithm of the bytes, negative.
-    pub bytes: f64,
-    /// Logarithm of the error by logarithm of the mean spacing: the order; grids only.
-    pub order: Option<f64>,
+/// Returns the slopes between neighbours of `points`: the logarithm of the error by that of the bytes,
+/// negative.
+pub fn byte_slopes(points: &[Pair<'_>]) -> Vec<f64> {
+    let bytes = |(_, m): &Pair<'_>| m.disk as f64;
+    let slope = |pair: &[Pair<'_>]| log_ratio(pair, error) / log_ratio(pair, bytes);
+    points.windows(2).map(slope).collect()
 }
 
-/// The slopes between neighbours of `points`.
-pub fn slopes(points: &[Pair<'_>]) -> Vec<Slope> {
-    let pairs = points.windows(2);
-    let slope = |pair: &[Pair<'_>]| {
-        let ratio = |of: &dyn Fn(&Pair<'_>) -> f64| (of(&pair[1]) / of(&pair[0])).ln();
-        let error = ratio(&|(_, m)| m.errors.screen.p99);
-        let cells = |(point, _): &Pair<'_>| match &point.key.what {
-            What::Grid { cells, .. } => mean(cells),
-            What::Patches { .. } => 1.0,
-        };
-        let finer = ratio(&cells);
-        Slope {
-            bytes: error / ratio(&|(_, m)| m.disk as f64),
-            order: (finer > 0.0).then(|| -error / finer),
-        }
+/// Returns the orders between neighbours of `points`, grids only: the logarithm of the error by that of
+/// the mean spacing.
+pub fn spacing_orders(points: &[Pair<'_>]) -> Vec<f64> {
+    let cells = |(point, _): &Pair<'_>| match &point.spec {
+        TableSpec::Grid { cells, .. } => mean(cells),
+        TableSpec::Patches { .. } => 1.0,
     };
-    pairs.map(slope).collect()
+    let order = |pair: &[Pair<'_>]| {
+        let finer = log_ratio(pair, cells);
+        (finer > 0.0).then(|| -log_ratio(pair, error) / finer)
+    };
+    points.windows(2).filter_map(order).collect()
 }
 
-/// How many times larger tables of another kind are at equal or smaller error.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Ratio {
-    /// So many times, both sides measured.
-    Measured(f64),
-    /// More: the largest table that was measured is so many times larger and not yet as good.
-    More(f64),
+/// Returns a point's error: the 99th percentile of the screen error.
+fn error((_, m): &Pair<'_>) -> f64 {
+    m.errors.screen.p99
 }
 
-/// The size of the smallest of `others` that is as accurate as `table`, beside its size; `None` if
-/// there are no others.
-pub fn ratio(table: &Measured, others: &[Pair<'_>]) -> Option<Ratio> {
-    let times = |m: &Measured| m.disk as f64 / table.disk as f64;
-    let good = others
-        .iter()
-        .find(|(_, m)| m.errors.screen.p99 <= table.errors.screen.p99);
-    match good {
-        Some((_, m)) => Some(Ratio::Measured(times(m))),
-        None => others.last().map(|(_, m)| Ratio::More(times(m))),
-    }
+fn log_ratio(pair: &[Pair<'_>], of: impl Fn(&Pair<'_>) -> f64) -> f64 {
+    (of(&pair[1]) / of(&pair[0])).ln()
 }
 
-impl std::fmt::Display for Ratio {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (sign, times) = match self {
-            Self::Measured(times) => ("", times),
-            Self::More(times) => ("> ", times),
-        };
-        match *times < 10.0 {
-            true => write!(f, "{sign}{times:.1}"),
-            false => write!(f, "{sign}{times:.0}"),
-        }
-    }
-}
-
-/// When a bundle pays in processor time, against the integrator that is as accurate.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Payoff {
-    /// Steps of the integrator.
-    pub steps: usize,
-    /// Its nanoseconds for a path.
-    pub exact_ns: f64,
-    /// Paths after which bake and lookups took less time; `None` if they never do.
-    pub paths: Option<f64>,
-    /// Frames of the default view after which bake and frames took less; `None` if they never do.
-    pub frames: Option<f64>,
-}
-
-/// When `table` pays; `None` if no integrator that was tried is as accurate.
-pub fn payoff(results: &Results, table: &Measured) -> Option<Payoff> {
-    let rival = equal(&results.rivals, table.errors.screen.p99)?;
-    let after = |saved_s: f64| (saved_s > 0.0).then(|| (table.bake.cpu_s / saved_s).ceil());
-    let frames = table.frame_ms.zip(table.rival_frame_ms);
-    Some(Payoff {
-        steps: rival.steps,
-        exact_ns: rival.path_ns,
-        paths: after(1e-9 * (rival.path_ns - table.path_ns)),
-        frames: frames.and_then(|(own, rival)| after(1e-3 * (rival - own))),
+/// Writes how many times larger than `table` the smallest of `others` is that is as accurate; or, after
+/// `>`, the largest that is not; `None` if there are no others.
+pub fn size_ratio(table: &TableMeasurement, others: &[Pair<'_>]) -> Option<String> {
+    let goal = table.errors.screen.p99;
+    let good = others.iter().find(|other| error(other) <= goal);
+    let (sign, (_, other)) = match good {
+        Some(other) => ("", other),
+        None => ("> ", others.last()?),
+    };
+    let times = other.disk as f64 / table.disk as f64;
+    Some(match times < 10.0 {
+        true => format!("{sign}{times:.1}"),
+        false => format!("{sign}{times:.0}"),
     })
+}
+
+/// Returns the number of paths after which bake and lookups of `table` took less processor time than the
+/// rival; `None` if they never do.
+pub fn paths_to_pay(table: &TableMeasurement, rival: &Rival) -> Option<f64> {
+    uses_to_pay(table, 1e-9 * (rival.path_ns - table.path_ns))
+}
+
+/// Returns the number of frames of the default view after which bake and frames took less than the
+/// rival's frames; `None` if they never do.
+pub fn frames_to_pay(table: &TableMeasurement) -> Option<f64> {
+    let (own, rival) = table.frame_ms.zip(table.rival_frame_ms)?;
+    uses_to_pay(table, 1e-3 * (rival - own))
+}
+
+/// Returns the number of uses, each of which saves so many seconds, that pay for a bake.
+fn uses_to_pay(table: &TableMeasurement, saved_s: f64) -> Option<f64> {
+    (saved_s > 0.0).then(|| (table.bake.cpu_s / saved_s).ceil())
 }

@@ -1,15 +1,14 @@
 //! Figures of one manifold: error against bytes, against bake time, against lookup time.
 //!
-//! In: [`Results`]. Out: [`Figure`]s, as SVG and PNG. Axes are logarithmic; colours are those of
+//! In: [`ManifoldResults`]. Out: [`Figure`]s, as SVG and PNG. Axes are logarithmic; colours are those of
 //! Okabe and Ito, told apart by people with any colour vision; markers differ too. The rival stands in
 //! every figure: as horizontal lines at the errors of some numbers of steps, each with its time for a
 //! path, and as a curve where time for a path is the axis.
 
-use crate::sweep::report::analysis::{KINDS, Pair, slopes};
+use super::analysis::{Pair, byte_slopes, spacing_orders};
 use crate::sweep::{
-    point::{Kind, Measured},
-    rival::Rival,
-    subject::Results,
+    manifold_sweep::{ManifoldResults, Rival},
+    point::{TableKind, TableMeasurement},
 };
 use geofan_core::{Error, Result};
 use kuva::prelude::{
@@ -23,7 +22,7 @@ use std::sync::Arc;
 pub struct Figure {
     /// The name of its files, without ending.
     pub name: String,
-    /// What it shows, in words.
+    /// The text under it.
     pub caption: String,
     /// As SVG; none for pictures of many cells.
     pub svg: Option<String>,
@@ -36,30 +35,30 @@ const SCALE: f32 = 1.5;
 
 const BLACK: &str = "#000000";
 
-fn colour(kind: Kind) -> &'static str {
+fn colour(kind: TableKind) -> &'static str {
     match kind {
-        Kind::Patches => "#D55E00",
-        Kind::UndividedPatches => "#CC79A7",
-        Kind::MultilinearF32 => "#56B4E9",
-        Kind::MultilinearU16 => "#0072B2",
-        Kind::CubicF32 => "#E69F00",
-        Kind::CubicU16 => "#009E73",
+        TableKind::Patches => "#D55E00",
+        TableKind::UndividedPatches => "#CC79A7",
+        TableKind::MultilinearF32 => "#56B4E9",
+        TableKind::MultilinearU16 => "#0072B2",
+        TableKind::CubicF32 => "#E69F00",
+        TableKind::CubicU16 => "#009E73",
     }
 }
 
-fn marker(kind: Kind) -> MarkerShape {
+fn marker(kind: TableKind) -> MarkerShape {
     match kind {
-        Kind::Patches => MarkerShape::Circle,
-        Kind::UndividedPatches => MarkerShape::Cross,
-        Kind::MultilinearF32 => MarkerShape::Diamond,
-        Kind::MultilinearU16 => MarkerShape::Square,
-        Kind::CubicF32 => MarkerShape::TriangleDown,
-        Kind::CubicU16 => MarkerShape::Triangle,
+        TableKind::Patches => MarkerShape::Circle,
+        TableKind::UndividedPatches => MarkerShape::Cross,
+        TableKind::MultilinearF32 => MarkerShape::Diamond,
+        TableKind::MultilinearU16 => MarkerShape::Square,
+        TableKind::CubicF32 => MarkerShape::TriangleDown,
+        TableKind::CubicU16 => MarkerShape::Triangle,
     }
 }
 
 impl Figure {
-    /// A figure from a kuva plot, as SVG and PNG.
+    /// Draws a kuva plot as SVG and PNG.
     ///
     /// # Errors
     /// It cannot be drawn.
@@ -75,11 +74,11 @@ impl Figure {
     }
 }
 
-/// The figures of `results`.
+/// Draws the figures of `results`.
 ///
 /// # Errors
 /// One cannot be drawn.
-pub fn figures(results: &Results) -> Result<Vec<Figure>> {
+pub fn figures(results: &ManifoldResults) -> Result<Vec<Figure>> {
     Ok(vec![
         error_by_bytes(results)?,
         error_by_bake(results)?,
@@ -87,7 +86,7 @@ pub fn figures(results: &Results) -> Result<Vec<Figure>> {
     ])
 }
 
-/// What figures of all kinds share.
+/// Collects the plots of a figure, and the points that its axes must hold.
 struct Chart {
     plots: Vec<Plot>,
     /// Everything drawn, for the ranges of the axes.
@@ -102,7 +101,7 @@ impl Chart {
         }
     }
 
-    /// Points joined by a line.
+    /// Adds points joined by a line.
     fn series(&mut self, data: Vec<(f64, f64)>, colour: &str, shape: MarkerShape, label: String) {
         let shown = |(x, y): &(f64, f64)| *x > 0.0 && *y > 0.0 && x.is_finite() && y.is_finite();
         let data: Vec<(f64, f64)> = data.into_iter().filter(shown).collect();
@@ -117,13 +116,14 @@ impl Chart {
         self.plots.push(marks.into());
     }
 
-    /// Rings around points.
+    /// Adds rings around points.
     fn rings(&mut self, data: Vec<(f64, f64)>) {
         let rings = ScatterPlot::new().with_data(data).with_color(BLACK);
         let rings = rings.with_size(8.0).with_marker_opacity(0.0);
         self.plots.push(rings.with_marker_stroke_width(1.2).into());
     }
 
+    /// Returns the range of a coordinate of all points.
     fn range(&self, of: fn(&(f64, f64)) -> f64) -> [f64; 2] {
         let values = self.points.iter().map(of);
         let (low, high) = values.fold((f64::INFINITY, 0.0_f64), |(a, b), x| (a.min(x), b.max(x)));
@@ -133,7 +133,7 @@ impl Chart {
         }
     }
 
-    /// Axes over all points, with `room` decades on the right for what is written there.
+    /// Makes axes over all points, with `room` decades on the right for labels.
     fn layout(&self, title: [&str; 2], x: &str, room: f64) -> Layout {
         let [left, right] = self.range(|p| p.0).map(f64::log10);
         let [low, high] = self.range(|p| p.1).map(f64::log10);
@@ -161,7 +161,7 @@ impl Chart {
     }
 }
 
-/// A tick's number: plain near one, else a power of ten.
+/// Writes a tick's number: plain near one, else a power of ten.
 fn power_of_ten(value: f64) -> String {
     let exponent = value.abs().max(f64::MIN_POSITIVE).log10();
     match (-3.0..4.0).contains(&exponent) {
@@ -170,19 +170,18 @@ fn power_of_ten(value: f64) -> String {
     }
 }
 
-/// The slope between the two largest tables, for legends: order in the spacing for grids, power of the bytes for patches.
+/// Writes the slope between the two largest tables, for legends: order in the spacing for grids, power
+/// of the bytes for patches.
 fn law(points: &[Pair<'_>]) -> String {
-    let all = slopes(points);
-    let Some(last) = all.last() else {
-        return String::new();
-    };
-    match last.order {
-        Some(order) => format!(" (h^{order:.1})"),
-        None => format!(" (bytes^{:.1})", last.bytes),
+    let last = &points[points.len().saturating_sub(2)..];
+    match (spacing_orders(last).first(), byte_slopes(last).first()) {
+        (Some(order), _) => format!(" (h^{order:.1})"),
+        (None, Some(slope)) => format!(" (bytes^{slope:.1})"),
+        (None, None) => String::new(),
     }
 }
 
-/// The share of rays that a table leaves to the integrator.
+/// Writes the share of rays that a table leaves to the integrator.
 fn flagged(points: &[Pair<'_>]) -> String {
     points.last().map_or(String::new(), |(_, m)| {
         format!(" ({:.0} % flagged)", 100.0 * m.errors.flagged)
@@ -190,29 +189,29 @@ fn flagged(points: &[Pair<'_>]) -> String {
 }
 
 /// What a legend adds about a kind.
-fn remark(kind: Kind, points: &[Pair<'_>]) -> String {
+fn remark(kind: TableKind, points: &[Pair<'_>]) -> String {
     match kind {
-        Kind::UndividedPatches => flagged(points),
+        TableKind::UndividedPatches => flagged(points),
         _ => law(points),
     }
 }
 
-/// What a legend adds about a kind beside times, which know no slope.
-fn share(kind: Kind, points: &[Pair<'_>]) -> String {
+/// What a legend adds about a kind beside timing, which know no slope.
+fn share(kind: TableKind, points: &[Pair<'_>]) -> String {
     match kind {
-        Kind::UndividedPatches => flagged(points),
+        TableKind::UndividedPatches => flagged(points),
         _ => String::new(),
     }
 }
 
-/// The points of all kinds at `x`, named by their kind and what `remark` adds.
+/// Adds the points of all kinds at `x`, named by their kind and a remark.
 fn all_kinds(
     chart: &mut Chart,
-    results: &Results,
-    x: impl Fn(&Measured) -> f64,
-    remark: impl Fn(Kind, &[Pair<'_>]) -> String,
+    results: &ManifoldResults,
+    x: impl Fn(&TableMeasurement) -> f64,
+    remark: impl Fn(TableKind, &[Pair<'_>]) -> String,
 ) {
-    for kind in KINDS {
+    for kind in TableKind::ALL {
         let points = results.of(kind);
         let data = points.iter().map(|(_, m)| (x(m), m.errors.screen.p99));
         let label = format!("{}{}", kind.title(), remark(kind, &points));
@@ -220,10 +219,10 @@ fn all_kinds(
     }
 }
 
-/// Rivals spread over the range of errors: lines closer than this many decades would run into each
-/// other.
+/// Lines of rivals closer than this many decades would run into each other.
 const APART: f64 = 0.55;
 
+/// Chooses rivals spread over a range of errors.
 fn some_rivals(rivals: &[Rival], [low, high]: [f64; 2]) -> Vec<Rival> {
     let mut chosen: Vec<Rival> = Vec::new();
     for rival in rivals {
@@ -238,16 +237,17 @@ fn some_rivals(rivals: &[Rival], [low, high]: [f64; 2]) -> Vec<Rival> {
     chosen
 }
 
-/// What the dashed lines are.
+/// Explains the dashed lines.
 const DASHED: &str = "dashed: exact by equal steps, time for a path";
 
-/// Decades on the right for the names of the dashed lines: a third of the width.
+/// Returns the decades on the right for the names of the dashed lines: a third of the width.
 fn room(chart: &Chart) -> f64 {
     let [left, right] = chart.range(|p| p.0).map(f64::log10);
     0.15 + 0.5 * (right - left)
 }
 
-fn with_rivals(mut layout: Layout, chart: &Chart, results: &Results) -> Layout {
+/// Adds a dashed line for some rivals.
+fn with_rivals(mut layout: Layout, chart: &Chart, results: &ManifoldResults) -> Layout {
     for rival in some_rivals(&results.rivals, chart.range(|p| p.1)) {
         let micros = 1e-3 * rival.path_ns;
         let label = format!("{} steps, {micros:.2} µs", rival.steps);
@@ -257,7 +257,7 @@ fn with_rivals(mut layout: Layout, chart: &Chart, results: &Results) -> Layout {
     layout
 }
 
-fn error_by_bytes(results: &Results) -> Result<Figure> {
+fn error_by_bytes(results: &ManifoldResults) -> Result<Figure> {
     let mut chart = Chart::new();
     all_kinds(&mut chart, results, |m| m.disk as f64, remark);
     let front = results.front();
@@ -274,11 +274,11 @@ fn error_by_bytes(results: &Results) -> Result<Figure> {
         tables of a kind: the order in the mean spacing h for grids, the power of the bytes for \
         patches. Rings mark the Pareto front. Undivided patches leave the flagged share of rays to the integrator. \
         Dashed: the integrator at so many steps, with its time for a path.";
-    let name = format!("{}-error-bytes", results.name);
+    let name = format!("{}-error-bytes", results.conditions.manifold);
     Figure::draw(name, caption.into(), chart.plots, layout)
 }
 
-fn error_by_bake(results: &Results) -> Result<Figure> {
+fn error_by_bake(results: &ManifoldResults) -> Result<Figure> {
     let mut chart = Chart::new();
     all_kinds(&mut chart, results, |m| m.bake.cpu_s, share);
     let title = format!("{}: error against bake time", results.title);
@@ -286,11 +286,11 @@ fn error_by_bake(results: &Results) -> Result<Figure> {
     let layout = with_rivals(layout, &chart, results);
     let caption = "Processor time of the bake, all threads together, sampling included. \
         Dashed: the integrator, which needs no bake.";
-    let name = format!("{}-error-bake", results.name);
+    let name = format!("{}-error-bake", results.conditions.manifold);
     Figure::draw(name, caption.into(), chart.plots, layout)
 }
 
-fn error_by_path(results: &Results) -> Result<Figure> {
+fn error_by_path(results: &ManifoldResults) -> Result<Figure> {
     let mut chart = Chart::new();
     all_kinds(&mut chart, results, |m| m.path_ns, share);
     let [best, worst] = chart.range(|p| p.1);
@@ -304,6 +304,6 @@ fn error_by_path(results: &Results) -> Result<Figure> {
     let layout = chart.layout([&title, subtitle], "time for a path (ns of one core)", 0.15);
     let caption = "Processor time for one path in a random direction, the camera fixed before: \
         16 chart points from a table, all steps of the integrator.";
-    let name = format!("{}-error-lookup", results.name);
+    let name = format!("{}-error-lookup", results.conditions.manifold);
     Figure::draw(name, caption.into(), chart.plots, layout)
 }

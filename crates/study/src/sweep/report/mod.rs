@@ -1,40 +1,49 @@
-//! What a sweep found, for people.
+//! The report of a sweep, for people.
 //!
-//! In: [`Results`] of all manifolds. Out: figures as SVG and PNG in `figures/`, and `index.html`,
-//! which stands alone.
+//! In: [`ManifoldResults`] of all manifolds. Out: figures as SVG and PNG in `figures/`, and `index.html`,
+//! which stands alone: its pictures are inside it.
 
 mod analysis;
 mod figures;
-mod heat;
-mod page;
+mod map_figures;
 
-use crate::sweep::subject::Results;
+#[cfg(test)]
+mod tests;
+
+use crate::sweep::{
+    manifold_sweep::{ManifoldResults, equal_error},
+    point::{PointOutcome, TableKind, TableMeasurement},
+    timing::{HEIGHT, POINTS, WIDTH},
+};
+use analysis::{byte_slopes, frames_to_pay, paths_to_pay, size_ratio, spacing_orders};
+use base64::{Engine, prelude::BASE64_STANDARD};
 use figures::Figure;
 use geofan_core::{Error, Result, files::write_atomically};
-use std::{fs, io::Write, path::Path};
+use std::{fmt::Write as _, fs, io::Write as _, path::Path};
 
 /// Writes the figures and the page about `all` into `out`; `command` is what repeats it.
 ///
 /// # Errors
 /// A figure cannot be drawn, or the place cannot be written.
-pub fn write(out: &Path, all: &[Results], command: &str) -> Result<()> {
+pub fn write(out: &Path, all: &[ManifoldResults], command: &str) -> Result<()> {
     let folder = out.join("figures");
     fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
     let mut figures: Vec<Vec<Figure>> = Vec::new();
     for results in all {
         let mut own = figures::figures(results)?;
-        own.extend(heat::pictures(results)?);
+        own.extend(map_figures::pictures(results)?);
         for figure in &own {
             save(&folder, figure)?;
         }
         figures.push(own);
     }
-    let html = page::page(all, &figures, command);
+    let html = page(all, &figures, command);
     write_atomically(&out.join("index.html"), |file| {
         file.write_all(html.as_bytes())
     })
 }
 
+/// Saves a figure in its formats.
 fn save(folder: &Path, figure: &Figure) -> Result<()> {
     let path = |ending: &str| folder.join(format!("{}.{ending}", figure.name));
     if let Some(svg) = &figure.svg {
@@ -43,5 +52,242 @@ fn save(folder: &Path, figure: &Figure) -> Result<()> {
     write_atomically(&path("png"), |file| file.write_all(&figure.png))
 }
 
-#[cfg(test)]
-mod tests;
+const STYLE: &str = "body{font:15px/1.45 sans-serif;max-width:72em;margin:2em auto;padding:0 1em}\
+    table{border-collapse:collapse;margin:1em 0}td,th{border:1px solid #bbb;padding:.2em .6em;\
+    text-align:right}td:first-child,th:first-child{text-align:left}figure{display:inline-block;\
+    margin:.5em;vertical-align:top;max-width:620px}figcaption{font-size:13px;color:#333}\
+    img,svg{max-width:100%;height:auto}code{background:#eee;padding:.1em .3em}";
+
+/// Writes the page about `all`, whose pictures are `figures`, made by `command`.
+fn page(all: &[ManifoldResults], figures: &[Vec<Figure>], command: &str) -> String {
+    let mut html = format!(
+        "<!DOCTYPE html><html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <title>geofan sweep</title><style>{STYLE}</style></head><body>\n\
+         <h1>Accuracy against table size</h1>\n\
+         <p>Made by geofan {} with <code>{}</code>. Run it again to repeat it; points already \
+         measured are kept in <code>points/</code> unless that folder is removed.</p>\n",
+        env!("CARGO_PKG_VERSION"),
+        escaped(command)
+    );
+    html += &definitions(all);
+    html += &when_to_bake(all);
+    html += &at_equal_error(all);
+    for (results, figures) in all.iter().zip(figures) {
+        html += &section(results, figures);
+    }
+    html + "</body></html>\n"
+}
+
+/// Explains the words of the tables.
+fn definitions(all: &[ManifoldResults]) -> String {
+    let rays = all.iter().map(|r| r.conditions.rays).max().unwrap_or(0);
+    format!(
+        "<p><i>Screen error</i>: distance across the ray between table and exact position, divided \
+         by arc length and by the ray's magnification (taken as at least 0.25); one mrad is about a \
+         pixel of a 1920-wide view of 90°. Errors are quantiles over up to {rays} fresh random rays \
+         that no table was made from; a largest error is the largest of those, not a bound. \
+         Of grids, only the share of bytes counts that a space's mirrors leave to a bundle. \
+         <i>Exact</i> is classical Runge–Kutta in single precision over vectors of rays, with the \
+         fewest equal steps whose 99th percentile is no worse than the table's. A path from a table \
+         is its chart points at {POINTS} arc lengths. Times are processor time, all threads together, which other \
+         programs on the machine disturb less than the clock.</p>\n"
+    )
+}
+
+/// Writes a row of cells, the first to the left.
+fn row(cells: &[String], tag: &str) -> String {
+    let cells: Vec<String> = cells
+        .iter()
+        .map(|c| format!("<{tag}>{c}</{tag}>"))
+        .collect();
+    format!("<tr>{}</tr>\n", cells.join(""))
+}
+
+fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+    let head: Vec<String> = head.iter().map(|h| (*h).to_string()).collect();
+    let body: String = rows.map(|cells| row(&cells, "td")).collect();
+    format!("<table>{}{body}</table>\n", row(&head, "th"))
+}
+
+/// Writes three significant digits.
+fn short(x: f64) -> String {
+    let decimals = (2 - x.abs().max(1e-9).log10().floor() as i32).clamp(0, 6) as usize;
+    match x.abs() >= 1e6 || x.abs() < 1e-4 {
+        true => format!("{x:.2e}"),
+        false => format!("{x:.decimals$}"),
+    }
+}
+
+fn after(count: Option<f64>) -> String {
+    count.map_or("never".into(), short)
+}
+
+const PAYOFF_HEAD: [&str; 12] = [
+    "manifold",
+    "promise, mrad",
+    "p99, mrad",
+    "bytes",
+    "bake, s",
+    "table, ns/path",
+    "table, ms/frame",
+    "exact steps",
+    "exact, ns/path",
+    "exact, ms/frame",
+    "pays after paths",
+    "pays after frames",
+];
+
+/// Tells after how many paths and frames a bake pays.
+fn when_to_bake(all: &[ManifoldResults]) -> String {
+    let rows = all.iter().flat_map(|results| {
+        let points = results.of(TableKind::Patches).into_iter();
+        points.map(|(point, m)| {
+            let mut cells = vec![
+                escaped(&results.title),
+                point.spec.setting(),
+                short(m.errors.screen.p99),
+                m.disk.to_string(),
+                short(m.bake.cpu_s),
+                short(m.path_ns),
+                m.frame_ms.map_or("–".into(), short),
+            ];
+            cells.extend(payoff_cells(results, m));
+            cells
+        })
+    });
+    format!(
+        "<h2>When to bake</h2><p>Bake and lookups against equal-error exact. Frames are \
+         {WIDTH} × {HEIGHT} pixels of an empty scene by the same lattice of paths, the camera \
+         fixed anew for each; <i>never</i>: the integrator is as quick.</p>\n{}",
+        table(&PAYOFF_HEAD, rows)
+    )
+}
+
+fn payoff_cells(results: &ManifoldResults, m: &TableMeasurement) -> Vec<String> {
+    let Some(rival) = equal_error(&results.rivals, m.errors.screen.p99) else {
+        let mut cells = vec!["–".to_string(); 3];
+        cells.extend(["exact never as good".into(), "exact never as good".into()]);
+        return cells;
+    };
+    vec![
+        rival.steps.to_string(),
+        short(rival.path_ns),
+        m.rival_frame_ms.map_or("–".into(), short),
+        after(paths_to_pay(m, rival)),
+        after(frames_to_pay(m)),
+    ]
+}
+
+const RATIO_HEAD: [&str; 9] = [
+    "manifold",
+    "camera parameters",
+    "promise, mrad",
+    "p99, mrad",
+    "bytes of patches",
+    "multilinear, float",
+    "multilinear, 16-bit",
+    "cubic, float",
+    "cubic, 16-bit",
+];
+
+/// The last columns of [`RATIO_HEAD`].
+const OTHERS: [TableKind; 4] = [
+    TableKind::MultilinearF32,
+    TableKind::MultilinearU16,
+    TableKind::CubicF32,
+    TableKind::CubicU16,
+];
+
+/// Compares the sizes of grids with those of bundles.
+fn at_equal_error(all: &[ManifoldResults]) -> String {
+    let rows = all.iter().flat_map(|results| {
+        let points = results.of(TableKind::Patches).into_iter();
+        points.map(move |(point, m)| {
+            let mut cells = vec![
+                escaped(&results.title),
+                results.cameras.to_string(),
+                point.spec.setting(),
+                short(m.errors.screen.p99),
+                m.disk.to_string(),
+            ];
+            let ratios = OTHERS.map(|kind| size_ratio(m, &results.of(kind)));
+            let text = |r: Option<String>| r.map_or("–".into(), |r| escaped(&r));
+            cells.extend(ratios.map(text));
+            cells
+        })
+    });
+    format!(
+        "<h2>Size at equal error</h2><p>How many times larger the smallest measured grid is that \
+         is at least as accurate (99th percentile of the screen error). <i>&gt;</i>: the largest \
+         grid measured is so many times larger and not yet as accurate.</p>\n{}",
+        table(&RATIO_HEAD, rows)
+    )
+}
+
+/// Writes the figures and tables of one manifold.
+fn section(results: &ManifoldResults, figures: &[Figure]) -> String {
+    let mut html = format!("<h2>{}</h2>\n", escaped(&results.title));
+    for figure in figures {
+        let picture = match &figure.svg {
+            Some(svg) => svg.clone(),
+            None => format!(
+                "<img alt=\"{}\" src=\"data:image/png;base64,{}\">",
+                escaped(&figure.name),
+                BASE64_STANDARD.encode(&figure.png)
+            ),
+        };
+        let caption = escaped(&figure.caption);
+        let _ = writeln!(
+            html,
+            "<figure>{picture}<figcaption>{caption}</figcaption></figure>"
+        );
+    }
+    html += &slopes_table(results);
+    html + &skipped(results)
+}
+
+fn slopes_table(results: &ManifoldResults) -> String {
+    let joined = |values: Vec<f64>| -> String {
+        let values: Vec<String> = values.iter().map(|x| format!("{x:.1}")).collect();
+        values.join(", ")
+    };
+    let divided = |kind: &TableKind| *kind != TableKind::UndividedPatches;
+    let rows = TableKind::ALL.into_iter().filter(divided).map(|kind| {
+        let points = results.of(kind);
+        vec![
+            kind.title().to_string(),
+            joined(byte_slopes(&points)),
+            joined(spacing_orders(&points)),
+        ]
+    });
+    let head = [
+        "slopes from size to size",
+        "by bytes",
+        "order in the spacing",
+    ];
+    table(&head, rows)
+}
+
+/// Lists the points that were not measured.
+fn skipped(results: &ManifoldResults) -> String {
+    let points = results.points.iter().filter_map(|p| match &p.outcome {
+        PointOutcome::Skipped { why, .. } => Some(format!(
+            "<li>{} {}: {}</li>",
+            p.spec.kind().title(),
+            p.spec.setting(),
+            escaped(why)
+        )),
+        PointOutcome::Measured(_) => None,
+    });
+    let list: String = points.collect();
+    match list.is_empty() {
+        true => list,
+        false => format!("<ul>{list}</ul>\n"),
+    }
+}
+
+/// Escapes text for HTML.
+fn escaped(text: &str) -> String {
+    let text = text.replace('&', "&amp;").replace('<', "&lt;");
+    text.replace('>', "&gt;").replace('"', "&quot;")
+}

@@ -1,17 +1,16 @@
 //! Figures of made-up points, of which everything is known.
 
-use crate::sweep::report::{
-    analysis::{Ratio, payoff, ratio, slopes},
-    page::{page, short},
+use super::{
+    analysis::{byte_slopes, frames_to_pay, paths_to_pay, size_ratio, spacing_orders},
+    page, short,
 };
 use crate::sweep::{
-    clock::Spent,
-    grid::{Interpolation, Number},
-    patches::Refinement,
-    point::{Basis, Key, Kind, Measured, Outcome, Point, What},
-    rival::Rival,
-    subject::Results,
-    truth::Errors,
+    bundles::PatchDivision,
+    exact_rays::TableErrors,
+    grid::{Interpolation, NumberFormat},
+    manifold_sweep::{ManifoldResults, Rival, equal_error},
+    point::{Conditions, PointOutcome, SweepPoint, TableKind, TableMeasurement, TableSpec},
+    timing::TimeSpent,
 };
 use geofan_core::quantiles::Quantiles;
 
@@ -25,27 +24,18 @@ fn quantiles(p99: f64) -> Quantiles {
 }
 
 /// A table of so many bytes and such an error, baked in 2 s, read in 100 ns.
-fn point(what: What, bytes: u64, p99: f64) -> Point {
-    let basis = Basis {
-        format: 1,
-        version: "0".into(),
-        manifold: "m".into(),
-        fingerprint: "f".into(),
-        length: 1.0,
-        rays: 100,
-        seed: 1,
-    };
-    let measured = Measured {
+fn point(spec: TableSpec, bytes: u64, p99: f64) -> SweepPoint {
+    let measured = TableMeasurement {
         disk: bytes,
         memory: bytes,
-        errors: Errors {
+        errors: TableErrors {
             mrad: quantiles(p99),
             screen: quantiles(p99),
             sky: Quantiles::default(),
             rotation: None,
             flagged: 0.0,
         },
-        bake: Spent {
+        bake: TimeSpent {
             wall_s: 1.0,
             cpu_s: 2.0,
         },
@@ -56,40 +46,48 @@ fn point(what: What, bytes: u64, p99: f64) -> Point {
         rival_frame_ms: Some(40.0),
         load: None,
     };
-    Point {
-        key: Key { basis, what },
-        outcome: Outcome::Measured(Box::new(measured)),
+    SweepPoint {
+        spec,
+        outcome: PointOutcome::Measured(Box::new(measured)),
         maps: Vec::new(),
     }
 }
 
-fn patches(bytes: u64, p99: f64) -> Point {
-    let what = What::Patches {
+fn patches(bytes: u64, p99: f64) -> SweepPoint {
+    let spec = TableSpec::Patches {
         promise: p99,
-        refinement: Refinement::Adaptive,
+        division: PatchDivision::Adaptive,
     };
-    point(what, bytes, p99)
+    point(spec, bytes, p99)
 }
 
-fn grid(cells: usize, bytes: u64, p99: f64) -> Point {
-    let what = What::Grid {
+fn grid(cells: usize, bytes: u64, p99: f64) -> SweepPoint {
+    let spec = TableSpec::Grid {
         interpolation: Interpolation::Cubic,
-        number: Number::U16,
+        format: NumberFormat::U16,
         cells: vec![cells; 3],
     };
-    point(what, bytes, p99)
+    point(spec, bytes, p99)
 }
 
 /// A fourth-order grid in three axes, and two bundles.
-fn results() -> Results {
+fn results() -> ManifoldResults {
     let rival = |steps: usize, p99: f64| Rival {
         steps,
         screen: quantiles(p99),
         path_ns: 20.0 * steps as f64,
     };
-    Results {
+    ManifoldResults {
         title: "M & m".into(),
-        name: "m".into(),
+        conditions: Conditions {
+            format: 1,
+            version: "0".into(),
+            manifold: "m".into(),
+            fingerprint: "f".into(),
+            length: 1.0,
+            rays: 100,
+            seed: 1,
+        },
         cameras: 1,
         axes: 3,
         points: vec![
@@ -106,12 +104,14 @@ fn results() -> Results {
 #[test]
 fn slopes_are_those_of_the_law_behind_the_points() {
     let results = results();
-    for slope in slopes(&results.of(Kind::CubicU16)) {
-        assert!((slope.order.unwrap() - 4.0).abs() < 1e-12);
-        assert!((slope.bytes + 4.0 / 3.0).abs() < 1e-12);
-    }
-    let patches = slopes(&results.of(Kind::Patches));
-    assert!((patches[0].bytes + 100.0_f64.log2()).abs() < 1e-12 && patches[0].order.is_none());
+    let grids = results.of(TableKind::CubicU16);
+    let is = |all: Vec<f64>, known: f64| {
+        all.len() == 2 && all.iter().all(|found| (found - known).abs() < 1e-12)
+    };
+    assert!(is(spacing_orders(&grids), 4.0) && is(byte_slopes(&grids), -4.0 / 3.0));
+    let bundles = results.of(TableKind::Patches);
+    assert!((byte_slopes(&bundles)[0] + 100.0_f64.log2()).abs() < 1e-12);
+    assert!(spacing_orders(&bundles).is_empty());
 }
 
 #[test]
@@ -124,27 +124,28 @@ fn only_points_that_nothing_beats_are_on_the_front() {
 #[test]
 fn sizes_are_compared_with_measured_points_only() {
     let results = results();
-    let bundles = results.of(Kind::Patches);
-    let grids = results.of(Kind::CubicU16);
-    assert_eq!(ratio(bundles[0].1, &grids), Some(Ratio::Measured(8.0)));
-    assert_eq!(ratio(bundles[1].1, &grids), Some(Ratio::More(32.0)));
-    assert_eq!(ratio(bundles[1].1, &[]), None);
-    assert_eq!(Ratio::More(32.0).to_string(), "> 32");
+    let bundles = results.of(TableKind::Patches);
+    let grids = results.of(TableKind::CubicU16);
+    assert_eq!(size_ratio(bundles[0].1, &grids).unwrap(), "8.0");
+    assert_eq!(size_ratio(bundles[1].1, &grids).unwrap(), "> 32");
+    assert_eq!(size_ratio(bundles[1].1, &[]), None);
 }
 
 #[test]
 fn a_bake_pays_when_its_lookups_have_saved_its_time() {
     let results = results();
-    let bundles = results.of(Kind::Patches);
-    let first = payoff(&results, bundles[0].1).unwrap();
+    let bundles = results.of(TableKind::Patches);
+    let first = bundles[0].1;
+    let rival = equal_error(&results.rivals, first.errors.screen.p99).unwrap();
     // Ten steps take 200 ns, the table 100 ns, the bake 2 s; its frames are slower.
-    assert_eq!((first.steps, first.frames), (10, None));
-    assert!((first.paths.unwrap() - 2e7).abs() <= 1.0);
-    assert_eq!(payoff(&results, bundles[1].1), None);
+    assert_eq!((rival.steps, frames_to_pay(first)), (10, None));
+    assert!((paths_to_pay(first, rival).unwrap() - 2e7).abs() <= 1.0);
+    let second = bundles[1].1.errors.screen.p99;
+    assert_eq!(equal_error(&results.rivals, second), None);
 }
 
 #[test]
-fn the_page_says_what_was_found_and_escapes_names() {
+fn the_page_has_all_ratios_and_escapes_names() {
     let html = page(
         &[results()],
         &[Vec::new()],

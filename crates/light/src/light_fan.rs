@@ -1,0 +1,452 @@
+//! The light of one lamp in all directions, as segments of beams.
+//!
+//! In: a lamp's chart point, the length over which its light is followed, and the box in which
+//! connections are asked for. Out: a [`LightFan`]: exact rays through the corners of a triangle mesh
+//! on the sphere of directions, fine where rays diverge or fold. Three neighbouring rays bound a
+//! beam; arc length cuts it into [`BeamSegment`]s. A point that the light reaches lies in one segment
+//! for every geodesic that reaches it, so a box tree over the segments gives guesses of all of them.
+//!
+//! Symbols: `u` chart point, `v` unit tangent (chart components), `s` arc length, `d` direction
+//! (standard frame at the lamp, unit).
+
+use crate::segment::{BeamSegment, Guess};
+use geofan_core::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
+    manifold::{Carried, Manifold},
+};
+use geofan_render::accel::Accelerator;
+use glam::{DMat3, DVec3, Vec3};
+use rayon::prelude::*;
+use std::collections::HashMap;
+
+/// A box of the chart, by its lowest and highest corner.
+pub type Region = (DVec3, DVec3);
+
+/// Halvings of the icosahedron's edges before rays are compared: 162 rays, 16° apart.
+const FIRST_LEVEL: usize = 2;
+
+/// Most halvings: directions 0.5° apart. Light that needs finer ones (that has circled a black hole)
+/// has spread over so much area that nobody sees it.
+const LAST_LEVEL: usize = 7;
+
+/// Most halvings because rays fold or end at different places: directions 2° apart. Such halving has
+/// no natural end, because the edges of caustics and shadows cross triangles of any size.
+const LAST_EDGE_LEVEL: usize = 5;
+
+/// Rays of one fan beyond which it is refined no further, for its memory: about 5 kB each.
+const MOST_RAYS: usize = 12_000;
+
+/// A triangle of rays is fine enough if the ray through the middle of each edge lies within this
+/// share of the edge from where interpolation puts it. Guesses are then so close that two or three
+/// steps of Newton's method finish them; twice the share costs one step more, half of it four times
+/// the rays.
+const BEND: f64 = 0.08;
+
+/// A cubic that misses the middle of its interval by more than this share of the interval says
+/// nothing about the ray (which has turned back, or has passed the chart's infinity).
+const BROKEN: f64 = 0.5;
+
+/// Intervals of arc length, and how many at most. They are doubled while more than a tenth of the
+/// rays miss the middle of a cubic by more than [`BEND`] of the interval.
+const INTERVALS: usize = 32;
+const MOST_INTERVALS: usize = 256;
+
+/// Rays traced by one thread at a time.
+const BLOCK: usize = 64;
+
+/// Tolerance of the fan's rays; they serve as guesses only.
+const TOLERANCE: f64 = 1e-6;
+
+/// A ray at one arc length; all that a segment needs of it lies together in memory.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RayKnot {
+    pub u: DVec3,
+    pub v: DVec3,
+    /// Derivative of `u` when the direction turns towards each of its perpendiculars.
+    pub spread: [Vec3; 2],
+    /// Whether the area is negative: the ray has passed an odd number of caustics.
+    pub reversed: bool,
+}
+
+/// The rays of a lamp, ready to be connected with points.
+pub struct LightFan<'m> {
+    pub(super) manifold: &'m Manifold,
+    /// The lamp's chart point.
+    pub u: DVec3,
+    /// The standard frame there.
+    pub(super) frame: DMat3,
+    /// How far its light is followed.
+    pub length: f64,
+    /// Where connections are asked for.
+    region: Region,
+    /// The rays' directions, and each ray at the arc lengths it reaches. The last two knots may be
+    /// extrapolated, so that the segments reach as far as the space does.
+    pub(super) directions: Vec<DVec3>,
+    pub(super) rays: Vec<Vec<RayKnot>>,
+    /// Arc lengths of the knots: the ends of intervals and, in between, their middles.
+    pub(super) arc_lengths: Vec<f64>,
+    segments: Vec<BeamSegment>,
+    /// The boxes around the segments, in their order.
+    boxes: Accelerator,
+}
+
+impl<'m> LightFan<'m> {
+    /// Follows the light from `u` over `length`, for connections to points in `region`.
+    pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, region: Region) -> Self {
+        let mut fan = Self {
+            manifold,
+            u,
+            frame: manifold.standard_frame(u),
+            length,
+            region: widened(manifold, region),
+            directions: Vec::new(),
+            rays: Vec::new(),
+            arc_lengths: Vec::new(),
+            segments: Vec::new(),
+            boxes: Accelerator::default(),
+        };
+        fan.choose_arc_lengths();
+        let triangles = fan.refine();
+        let (segments, boxes): (Vec<BeamSegment>, Vec<Region>) = triangles
+            .par_iter()
+            .flat_map_iter(|corners| fan.segments_of(*corners))
+            .unzip();
+        fan.boxes = box_tree(&boxes);
+        fan.segments = segments;
+        fan
+    }
+
+    /// Cuts the beam between three rays into segments; returns those that matter, with their boxes.
+    fn segments_of(&self, corners: [usize; 3]) -> Vec<(BeamSegment, Region)> {
+        let rays = corners.map(|i| &self.rays[i]);
+        let reach = rays.iter().map(|r| r.len()).min().unwrap_or(0);
+        let starts = (0..reach.saturating_sub(2)).step_by(2);
+        let half = self.arc_lengths[1];
+        let sound = starts.filter(|k| rays.iter().all(|r| cubic_miss(r, *k, half) <= BROKEN));
+        let segments = sound.map(|k| {
+            let segment = BeamSegment::new(self, corners, k);
+            let bounds = segment.bounds(self);
+            (segment, bounds)
+        });
+        segments
+            .filter(|(_, bounds)| meet(*bounds, self.region))
+            .collect()
+    }
+
+    /// Returns `count` equal intervals of the fan's length, by their ends.
+    fn even_arc_lengths(&self, count: usize) -> Vec<f64> {
+        (0..=count)
+            .map(|k| self.length * k as f64 / count as f64)
+            .collect()
+    }
+
+    /// Sets the fewest intervals on which cubics follow most rays.
+    fn choose_arc_lengths(&mut self) {
+        let directions = icosahedron_corners();
+        let mut count = INTERVALS;
+        loop {
+            self.arc_lengths = self.even_arc_lengths(2 * count);
+            let rays = self.trace(&directions);
+            // Only what happens where connections are asked for counts.
+            let coarse = |ray: &&Vec<RayKnot>| {
+                let starts = (0..ray.len().saturating_sub(3)).step_by(2);
+                let mut inside = starts.filter(|k| holds(self.region, ray[*k].u));
+                inside.any(|k| cubic_miss(ray, k, self.arc_lengths[1]) > BEND)
+            };
+            let bad = rays.iter().filter(coarse).count();
+            if 10 * bad <= directions.len() || 2 * count > MOST_INTERVALS {
+                return;
+            }
+            count *= 2;
+        }
+    }
+
+    /// Traces rays over finer and finer triangles; returns the triangles by the numbers of their rays.
+    fn refine(&mut self) -> Vec<[usize; 3]> {
+        self.directions = icosahedron_corners();
+        self.rays = self.trace(&self.directions);
+        let mut open = icosahedron_faces(&self.directions);
+        let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
+        let mut done = Vec::new();
+        for level in 1..=LAST_LEVEL {
+            self.trace_middles(&open, &mut middles);
+            let full = self.rays.len() > MOST_RAYS;
+            let mut next = Vec::new();
+            for triangle in open {
+                let children = children(triangle, &middles);
+                let fine = level > FIRST_LEVEL && self.is_fine(triangle, &middles, level);
+                let list = if fine || full || level == LAST_LEVEL {
+                    &mut done
+                } else {
+                    &mut next
+                };
+                list.extend(children);
+            }
+            open = next;
+        }
+        done
+    }
+
+    /// Traces the middles of all edges that have none yet.
+    fn trace_middles(
+        &mut self,
+        triangles: &[[usize; 3]],
+        middles: &mut HashMap<[usize; 2], usize>,
+    ) {
+        let mut directions = Vec::new();
+        for [a, b, c] in triangles {
+            for (i, j) in [(*a, *b), (*b, *c), (*c, *a)] {
+                middles.entry(edge(i, j)).or_insert_with(|| {
+                    let middle = self.directions[i] + self.directions[j];
+                    directions.push(middle.normalize());
+                    self.directions.len() + directions.len() - 1
+                });
+            }
+        }
+        let rays = self.trace(&directions);
+        self.directions.extend(directions);
+        self.rays.extend(rays);
+    }
+
+    /// Tells whether interpolation between the triangle's rays is close to the rays through the
+    /// middles of its edges, as far as they are in the region.
+    fn is_fine(
+        &self,
+        [a, b, c]: [usize; 3],
+        middles: &HashMap<[usize; 2], usize>,
+        level: usize,
+    ) -> bool {
+        [(a, b), (b, c), (c, a)].into_iter().all(|(i, j)| {
+            let [p, q, m] = [i, j, middles[&edge(i, j)]].map(|k| &self.rays[k]);
+            let reach = [p, q, m].map(|r| r.len());
+            let (least, most) = reach
+                .iter()
+                .fold((usize::MAX, 0), |(a, b), r| (a.min(*r), b.max(*r)));
+            let mut inside =
+                (1..least).filter(|k| [p, q, m].iter().any(|ray| holds(self.region, ray[*k].u)));
+            // Rays that end together, with the same orientation all along, may be interpolated.
+            let whole = level >= LAST_EDGE_LEVEL
+                || most - least <= 4.max(most / 10)
+                    && inside.clone().all(|k| p[k].reversed == q[k].reversed);
+            whole
+                && inside.all(|k| {
+                    let [p, q, m] = [p, q, m].map(|ray| ray[k].u);
+                    (0.5 * (p + q) - m).length() <= BEND * (p - q).length()
+                })
+        })
+    }
+
+    /// Integrates the rays in `directions` and samples them at the knots.
+    fn trace(&self, directions: &[DVec3]) -> Vec<Vec<RayKnot>> {
+        let settings = Settings {
+            tolerance: TOLERANCE,
+            carried: Carried {
+                frame: false,
+                deviation: true,
+            },
+            events: true,
+        };
+        let block = |directions: &[DVec3]| -> Vec<Vec<RayKnot>> {
+            let mut sampler = KnotSampler {
+                fan: self,
+                rays: directions
+                    .iter()
+                    .map(|d| vec![self.first_knot(*d)])
+                    .collect(),
+            };
+            let rays = directions
+                .iter()
+                .map(|d| Ray::in_frame(self.frame, self.u, *d, self.length));
+            follow(self.manifold, settings, rays, &mut sampler);
+            sampler.rays
+        };
+        directions.par_chunks(BLOCK).flat_map(block).collect()
+    }
+
+    /// Returns the knot at the lamp itself.
+    fn first_knot(&self, direction: DVec3) -> RayKnot {
+        RayKnot {
+            u: self.u,
+            v: self.frame * direction,
+            spread: [Vec3::ZERO; 2],
+            reversed: false,
+        }
+    }
+
+    /// Guesses all geodesics to each of the chart `points`: the number of the point, the image of it
+    /// that the guess is for (in glued coordinates, a point whole periods away), and the guess.
+    pub(super) fn guesses(
+        &self,
+        points: impl Iterator<Item = DVec3>,
+    ) -> Vec<(usize, DVec3, Guess)> {
+        // Buffers of the segments around a point, with its place in each, and of their guesses.
+        let (mut around, mut places, mut known) = (Vec::new(), Vec::new(), Vec::new());
+        let mut guesses = Vec::new();
+        for (index, x) in points.enumerate() {
+            for image in self.images(x) {
+                self.boxes.candidates(image, image, &mut around);
+                let segment = |i: u32| &self.segments[i as usize];
+                let place = |i: &u32| Some((segment(*i), segment(*i).locate(image)?));
+                places.clear();
+                places.extend(around.iter().filter_map(place));
+                // The segment that holds the point comes first: what it finds spares the search in
+                // its neighbours.
+                let outside = |(segment, at): &(&BeamSegment, DVec3)| segment.outside_by(*at);
+                places.sort_by(|a, b| outside(a).total_cmp(&outside(b)));
+                known.clear();
+                for (segment, at) in &places {
+                    segment.guesses(self, image, *at, &mut known);
+                }
+                guesses.extend(known.iter().map(|guess| (index, image, *guess)));
+            }
+        }
+        guesses
+    }
+
+    /// Returns the points whole periods from `x` within reach of the fan, `x` included.
+    fn images(&self, x: DVec3) -> Vec<DVec3> {
+        let Some((low, high)) = self.boxes.bounds() else {
+            return Vec::new();
+        };
+        let mut images = vec![x];
+        for k in 0..3 {
+            if let Some(period) = self.manifold.domain.period(k) {
+                let from = ((low[k] - x[k]) / period).ceil() as i64;
+                let to = ((high[k] - x[k]) / period).floor() as i64;
+                let along = |p: &DVec3| -> Vec<DVec3> {
+                    let p = *p;
+                    (from..=to)
+                        .map(|n| p + DVec3::AXES[k] * (n as f64 * period))
+                        .collect()
+                };
+                images = images.iter().flat_map(along).collect();
+            }
+        }
+        images
+    }
+}
+
+/// Sorts boxes into a tree that tells which of them hold a point.
+fn box_tree(boxes: &[Region]) -> Accelerator {
+    // The box around a triangle with two opposite corners of a box is that box.
+    let triangles: Vec<[DVec3; 3]> = boxes.iter().map(|(a, b)| [*a, *b, *a]).collect();
+    Accelerator::build(&triangles)
+}
+
+/// Returns by how much the cubic over the interval from knot `k` misses the ray in the middle, as a
+/// share of the interval's chord; `half` is half the interval's arc length.
+fn cubic_miss(ray: &[RayKnot], k: usize, half: f64) -> f64 {
+    let [p, m, q] = [k, k + 1, k + 2].map(|k| &ray[k]);
+    let cubic = 0.5 * (p.u + q.u) + (p.v - q.v) * (0.25 * half);
+    (cubic - m.u).length() / (q.u - p.u).length()
+}
+
+/// Adds half the region's size around it, and makes it endless along glued coordinates.
+fn widened(manifold: &Manifold, (low, high): Region) -> Region {
+    let margin = 0.5 * (high - low).max_element();
+    let mut wide = (low - margin, high + margin);
+    for k in (0..3).filter(|k| manifold.domain.period(*k).is_some()) {
+        (wide.0[k], wide.1[k]) = (f64::NEG_INFINITY, f64::INFINITY);
+    }
+    wide
+}
+
+fn holds((low, high): Region, u: DVec3) -> bool {
+    u.cmpge(low).all() && u.cmple(high).all()
+}
+
+fn meet(a: Region, b: Region) -> bool {
+    a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
+}
+
+/// Names the edge between two rays, the lower number first.
+fn edge(i: usize, j: usize) -> [usize; 2] {
+    [i.min(j), i.max(j)]
+}
+
+/// Divides a triangle into four by the middles of its edges.
+fn children([a, b, c]: [usize; 3], middles: &HashMap<[usize; 2], usize>) -> [[usize; 3]; 4] {
+    let [m, n, o] = [edge(a, b), edge(b, c), edge(c, a)].map(|e| middles[&e]);
+    [[a, m, o], [m, b, n], [o, n, c], [m, n, o]]
+}
+
+/// Samples the integrator's steps at the fan's knots.
+struct KnotSampler<'f, 'm> {
+    fan: &'f LightFan<'m>,
+    rays: Vec<Vec<RayKnot>>,
+}
+
+impl Sink for KnotSampler<'_, '_> {
+    fn step(&mut self, ray: usize, step: &Step) {
+        let ray = &mut self.rays[ray];
+        while let Some(&s) = self.fan.arc_lengths.get(ray.len())
+            && s <= step.end
+        {
+            let (u, v) = (step.position(s), step.tangent(s));
+            let inverse = self.fan.manifold.standard_frame(u).inverse();
+            let spread = step.deviation(s).unwrap_or_default();
+            ray.push(RayKnot {
+                u,
+                v,
+                spread: spread.map(|j| j.as_vec3()),
+                reversed: signed_area(inverse, v, spread) < 0.0,
+            });
+        }
+    }
+
+    /// Goes on straight to the next two knots.
+    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
+        let ray = &mut self.rays[ray];
+        let at = ray.len() - 1;
+        let last = ray[at];
+        for s in self.fan.arc_lengths.iter().skip(at + 1).take(2) {
+            let u = last.u + last.v * (s - self.fan.arc_lengths[at]);
+            ray.push(RayKnot { u, ..last });
+        }
+    }
+}
+
+/// Returns the corners of an icosahedron on the unit sphere: the most even coarse mesh of directions.
+fn icosahedron_corners() -> Vec<DVec3> {
+    let golden = 0.5 * (1.0 + 5.0_f64.sqrt());
+    let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
+    let around = |(a, b): (f64, f64)| {
+        let (x, y) = (a, b * golden);
+        [
+            DVec3::new(0.0, x, y),
+            DVec3::new(x, y, 0.0),
+            DVec3::new(y, 0.0, x),
+        ]
+    };
+    signs
+        .into_iter()
+        .flat_map(around)
+        .map(DVec3::normalize)
+        .collect()
+}
+
+/// Returns its faces: all triples of neighbouring corners.
+fn icosahedron_faces(corners: &[DVec3]) -> Vec<[usize; 3]> {
+    let near = |i: usize, j: usize| corners[i].dot(corners[j]) > 0.4;
+    let mut faces = Vec::new();
+    for i in 0..corners.len() {
+        for j in i + 1..corners.len() {
+            for k in j + 1..corners.len() {
+                if near(i, j) && near(j, k) && near(k, i) {
+                    faces.push([i, j, k]);
+                }
+            }
+        }
+    }
+    faces
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn an_icosahedron_has_twelve_corners_and_twenty_faces() {
+        let corners = super::icosahedron_corners();
+        let faces = super::icosahedron_faces(&corners);
+        assert_eq!((corners.len(), faces.len()), (12, 20));
+    }
+}

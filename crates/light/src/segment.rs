@@ -1,0 +1,264 @@
+//! A segment of a beam: the space between three neighbouring rays of a lamp over one interval of arc
+//! length.
+//!
+//! In: a chart point. Out: guesses of the direction and arc length at which the light reaches it, by
+//! inverting the interpolated map (b, c, t) → u (see [`SegmentMap`]) with Newton's method.
+
+use crate::{
+    light_fan::LightFan,
+    segment_map::{MIDDLE, SegmentMap},
+};
+use glam::{DMat3, DVec3, Mat3, Vec3};
+
+/// How far outside its segment, in b, c and t, a point may lie and still be guessed from it:
+/// neighbours agree about a point to a hundredth of a segment, except where rays fold. A wider margin
+/// only repeats what they find.
+const MARGIN: f64 = 0.1;
+const FOLD_MARGIN: f64 = 0.2;
+
+/// The map is nearly linear: a point that the slope in the segment's middle puts this far outside, in
+/// b, c or t, is not in the segment. Most segments whose box holds a point end here; with twice the
+/// distance nothing more is found.
+const FAR: f32 = 0.5;
+
+/// Steps of Newton's method for one guess.
+const STEPS: usize = 10;
+
+/// A guess is settled when the map misses the point by less than this share of the segment; exact
+/// rays take it from there. The map itself is hardly better.
+const SETTLED: f64 = 1e-4;
+
+/// A step of Newton's method from where the map misses by this share of the segment, and nothing
+/// folds, leaves about its square, so it settles the guess.
+const LAST: f64 = 1e-2;
+
+/// Where rays fold, a point that the interpolated map misses by this share of the segment may still
+/// be met by the true one.
+const NEAR_FOLD: f64 = 0.05;
+
+/// Guesses within this share of a segment where nothing folds are of one geodesic; and a segment whose
+/// linear map puts the point within the larger share of a guess has no other.
+const ALIKE: f64 = 0.2;
+const ROUGHLY_ALIKE: f64 = 0.4;
+
+/// Where a search starts if rays fold: the middle of one search may lie on the wrong side of the fold.
+const STARTS: [DVec3; 5] = [
+    DVec3::new(0.1, 0.1, 0.5),
+    DVec3::new(0.8, 0.1, 0.5),
+    DVec3::new(0.1, 0.8, 0.5),
+    DVec3::new(0.33, 0.33, 0.05),
+    DVec3::new(0.33, 0.33, 0.95),
+];
+
+/// Finds where a point lies between three rays over one interval.
+pub(super) struct BeamSegment {
+    /// The numbers of the rays, and of the first knot.
+    corners: [u32; 3],
+    knot: u32,
+    /// Whether the rays fold inside: then the point may be met more than once.
+    folded: bool,
+    /// Whether the rays' own linear maps say anything about what is between them.
+    smooth: bool,
+    /// The segment's middle, and the inverse of the map's slope there; where rays fold, the affine map
+    /// of [`SegmentMap::oriented_box`].
+    middle: Vec3,
+    inverse: Mat3,
+}
+
+/// Where a lamp's ray might reach a point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Guess {
+    /// Unit vector in the standard frame at the lamp.
+    pub direction: DVec3,
+    /// Arc length.
+    pub s: f64,
+    /// How the point moves when the direction turns towards each of its perpendiculars, by the
+    /// interpolated map.
+    pub spread: [DVec3; 2],
+    /// The segment's size, as an angle and as an arc length.
+    angle: f64,
+    width: f64,
+    folded: bool,
+}
+
+impl Guess {
+    /// Tells whether `other` is of the same geodesic: close to this where nothing folds.
+    pub fn is_like(&self, other: &Self) -> bool {
+        !other.folded && self.is_near(other.direction, other.s, ALIKE)
+    }
+
+    /// Tells whether nothing folds and a geodesic is within this share of the segment.
+    fn is_near(&self, direction: DVec3, s: f64, share: f64) -> bool {
+        let close = (self.direction - direction).length() < share * self.angle
+            && (self.s - s).abs() < share * self.width;
+        close && !self.folded
+    }
+}
+
+impl BeamSegment {
+    /// Takes the segment between the rays numbered `corners` that starts at a knot.
+    pub fn new(fan: &LightFan<'_>, corners: [usize; 3], knot: usize) -> Self {
+        let reversed = |i: usize, k: usize| fan.rays[i][k].reversed;
+        let first = reversed(corners[0], knot + 1);
+        // At the lamp itself all areas are zero and their signs mean nothing.
+        let looked_at = [knot.max(1), knot + 1];
+        let differs = |i: &usize| looked_at.iter().any(|k| reversed(*i, *k) != first);
+        let folded = corners.iter().any(differs);
+        let mut segment = Self {
+            corners: corners.map(|i| i as u32),
+            knot: knot as u32,
+            folded,
+            smooth: true,
+            middle: Vec3::ZERO,
+            inverse: Mat3::ZERO,
+        };
+        segment.smooth = segment.map(fan).is_smooth();
+        let map = segment.map(fan);
+        let (middle, inverse) = match folded {
+            true => map.oriented_box(FOLD_MARGIN, NEAR_FOLD),
+            false => {
+                let (middle, slope) = map.map(MIDDLE);
+                (middle, slope.inverse())
+            }
+        };
+        (segment.middle, segment.inverse) = (middle.as_vec3(), inverse.as_mat3());
+        segment
+    }
+
+    /// Makes the segment's map from the fan's rays.
+    fn map<'f>(&self, fan: &'f LightFan<'_>) -> SegmentMap<'f> {
+        let knot = self.knot as usize;
+        let directions = self.corners.map(|i| fan.directions[i as usize]);
+        let rays = self.corners.map(|i| &fan.rays[i as usize][knot..knot + 3]);
+        SegmentMap::new(directions, rays, self.width(fan), self.smooth)
+    }
+
+    /// Returns the arc length that the segment covers.
+    fn width(&self, fan: &LightFan<'_>) -> f64 {
+        let knot = self.knot as usize;
+        fan.arc_lengths[knot + 2] - fan.arc_lengths[knot]
+    }
+
+    /// Returns a box around everything that the segment may be asked about.
+    pub fn bounds(&self, fan: &LightFan<'_>) -> (DVec3, DVec3) {
+        self.map(fan).bounds(self.margin())
+    }
+
+    fn margin(&self) -> f64 {
+        if self.folded { FOLD_MARGIN } else { MARGIN }
+    }
+
+    /// Returns the b, c and t of `x`, as far as the linear map of the middle can tell, or the middle
+    /// where rays fold; `None` if `x` is not in the segment.
+    pub fn locate(&self, x: DVec3) -> Option<DVec3> {
+        let offset = self.inverse * (x.as_vec3() - self.middle);
+        if self.folded {
+            return (!(offset.abs().max_element() > 1.0)).then_some(MIDDLE);
+        }
+        let third = FAR + 1.0 / 3.0;
+        let outside = offset.x < -third
+            || offset.y < -third
+            || offset.x + offset.y > third
+            || offset.z.abs() > FAR + 0.5;
+        (!outside).then(|| MIDDLE + offset.as_dvec3())
+    }
+
+    /// Returns how far outside the segment the point located at `at` lies; 1 where rays fold, which
+    /// cannot tell.
+    pub fn outside_by(&self, at: DVec3) -> f64 {
+        if self.folded { 1.0 } else { outside(at) }
+    }
+
+    /// Adds where the light might reach `x`, located at `at`, through this segment, to what is `known`
+    /// already.
+    pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, at: DVec3, known: &mut Vec<Guess>) {
+        // A neighbour has found the only geodesic there is.
+        if !(self.folded || known.is_empty()) {
+            let [p, q, o] = self.corners.map(|i| fan.directions[i as usize]);
+            let direction = (p * (1.0 - at.x - at.y) + q * at.x + o * at.y).normalize();
+            let s = self.arc_length(fan, at);
+            if known.iter().any(|g| g.is_near(direction, s, ROUGHLY_ALIKE)) {
+                return;
+            }
+        }
+        let map = self.map(fan);
+        let starts: &[DVec3] = match self.folded {
+            false => &[at],
+            true => &STARTS,
+        };
+        let mut found = [DVec3::INFINITY; STARTS.len()];
+        for (i, start) in starts.iter().enumerate() {
+            if let Some((at, slope)) = self.invert(&map, x, *start)
+                && !found.iter().any(|other| (*other - at).length() < 0.05)
+            {
+                found[i] = at;
+                let guess = self.guess(fan, &map, at, slope);
+                if !known.iter().any(|g| g.is_like(&guess)) {
+                    known.push(guess);
+                }
+            }
+        }
+    }
+
+    /// Finds the (b, c, t) at which the map is `x`, or comes close where it folds, with the slope
+    /// there; `None` outside.
+    fn invert(&self, map: &SegmentMap<'_>, x: DVec3, start: DVec3) -> Option<(DVec3, DMat3)> {
+        let allowed = if self.folded { NEAR_FOLD } else { SETTLED };
+        let patience = if self.folded { 2 } else { 1 };
+        let mut at = start;
+        for number in 0..STEPS {
+            let (u, slope) = map.map(at);
+            let size = slope.x_axis.length().max(slope.y_axis.length());
+            let miss = (x - u).length();
+            let outside = outside(at) > self.margin();
+            if miss <= SETTLED * size || number + 1 == STEPS || (outside && number >= patience) {
+                return (miss <= allowed * size && !outside).then_some((at, slope));
+            }
+            let step = slope.inverse() * (x - u);
+            if !step.is_finite() {
+                return None;
+            }
+            let long = step.length();
+            if !self.folded {
+                let beyond = self::outside(at + step) - self.margin();
+                if miss <= LAST * size {
+                    return (beyond <= 0.0).then_some((at + step, slope));
+                }
+                // A step leaves out less than its own length.
+                if beyond > long {
+                    return None;
+                }
+            }
+            // Half a segment at most: from farther away the slope says nothing.
+            at += if long > 0.5 {
+                step * (0.5 / long)
+            } else {
+                step
+            };
+        }
+        None
+    }
+
+    fn guess(&self, fan: &LightFan<'_>, map: &SegmentMap<'_>, at: DVec3, slope: DMat3) -> Guess {
+        Guess {
+            direction: map.direction(at).normalize(),
+            spread: map.spread(at, slope),
+            s: self.arc_length(fan, at),
+            angle: map.angle(),
+            width: self.width(fan),
+            folded: self.folded,
+        }
+    }
+
+    /// Returns the arc length at (b, c, t); not zero.
+    fn arc_length(&self, fan: &LightFan<'_>, at: DVec3) -> f64 {
+        let width = self.width(fan);
+        (fan.arc_lengths[self.knot as usize] + at.z * width).max(1e-3 * width)
+    }
+}
+
+/// Returns how far outside its segment a place lies, in b, c, t or 1 − b − c.
+fn outside(at: DVec3) -> f64 {
+    let across = (at.truncate() - 0.5).abs().max_element() - 0.5;
+    across.max((at.z - 0.5).abs() - 0.5).max(at.x + at.y - 1.0)
+}

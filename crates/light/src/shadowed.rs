@@ -1,0 +1,175 @@
+//! Connections and what casts shadows on them.
+//!
+//! In: geodesics from a lamp to points of surfaces. Out: the end of each, unless a surface casts a
+//! shadow on it ([`Shadows`]). Intersection goes along with integration, so a shadow costs no ray of
+//! its own, and a ray in shadow is given up where the shadow begins.
+
+use geofan_core::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    manifold::Manifold,
+};
+use geofan_render::{
+    SurfacePoint, World,
+    intersect::{first_hit, may_meet, region},
+    tracer::pieces,
+};
+use glam::{DMat3, DVec3};
+
+/// Says what casts shadows.
+#[derive(Clone, Copy)]
+pub(crate) enum Shadows<'a> {
+    /// Nothing.
+    Ignored,
+    /// The surfaces of the world, up to the surface point with the geodesic's number.
+    Cast(&'a World, &'a [SurfacePoint]),
+}
+
+/// Says how far a geodesic has come.
+pub(super) enum FollowedRay {
+    /// To its end.
+    Arrived(RayEnd),
+    /// Not so far: the space ended before.
+    Ended,
+    /// To a surface that casts a shadow on its end.
+    Shadowed,
+}
+
+/// The end of a geodesic.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RayEnd {
+    /// Chart point, and unit tangent there.
+    pub u: DVec3,
+    pub v: DVec3,
+    /// The two deviations, if they were carried.
+    pub spread: Option<[DVec3; 2]>,
+    /// The standard frame there.
+    pub frame: DMat3,
+}
+
+/// Share of the arc length by which a ray may stop short of its point and still have reached it: the
+/// curve that is intersected departs from the exact one by a tenth of that. Farther from the
+/// surface, shadows begin to come off what casts them.
+const SHORT: f64 = 5e-4;
+
+/// The triangle of the point itself may be met as much earlier, where light grazes it.
+const GRAZING: f64 = 0.1;
+
+/// Follows `rays` until a surface casts a shadow on them; `numbers` are those of their surface points.
+pub(super) fn follow_shadowed(
+    manifold: &Manifold,
+    settings: Settings,
+    rays: Vec<Ray>,
+    numbers: Vec<usize>,
+    shadows: Shadows<'_>,
+) -> Vec<FollowedRay> {
+    let state = |(ray, number): (&Ray, usize)| RayState {
+        length: ray.length,
+        number,
+        met: false,
+        shadowed: false,
+        end: None,
+    };
+    let states = rays.iter().zip(numbers).map(state).collect();
+    let mut sink = ShadowSink { states, shadows };
+    follow(manifold, settings, rays, &mut sink);
+    with_frames(manifold, &sink.states)
+}
+
+/// Adds the standard frames at the ends, all computed together.
+fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
+    let ends = |f: &RayState| f.end.map(|(u, ..)| u);
+    let ends: Vec<DVec3> = states.iter().filter_map(ends).collect();
+    let mut frames = manifold.standard_frames(&ends).into_iter();
+    let followed = |f: &RayState| match (f.shadowed, f.end) {
+        (true, _) => FollowedRay::Shadowed,
+        (false, None) => FollowedRay::Ended,
+        (false, Some((u, v, spread))) => {
+            let frame = frames.next().expect("as many frames as ends");
+            FollowedRay::Arrived(RayEnd {
+                u,
+                v,
+                spread,
+                frame,
+            })
+        }
+    };
+    states.iter().map(followed).collect()
+}
+
+/// A ray being followed.
+struct RayState {
+    length: f64,
+    number: usize,
+    /// Whether the surface of its point has been met.
+    met: bool,
+    /// Whether another surface has been met before.
+    shadowed: bool,
+    /// Point, tangent and deviations at its end.
+    end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,
+}
+
+/// Intersects the integrator's steps with what casts shadows.
+struct ShadowSink<'a> {
+    states: Vec<RayState>,
+    shadows: Shadows<'a>,
+}
+
+impl Sink for ShadowSink<'_> {
+    fn wants(&self, ray: usize, _: f64) -> bool {
+        matches!(self.shadows, Shadows::Cast(..)) && !self.states[ray].met
+    }
+
+    fn region(&self) -> Option<(DVec3, DVec3)> {
+        match self.shadows {
+            Shadows::Ignored => None,
+            Shadows::Cast(world, _) => region(&world.accelerator, &world.manifold.domain),
+        }
+    }
+
+    fn wants_carried(&self) -> bool {
+        false
+    }
+
+    fn step(&mut self, ray: usize, step: &Step) {
+        let state = &mut self.states[ray];
+        if let Shadows::Cast(world, points) = self.shadows
+            && !state.met
+        {
+            match state.meets(world, points, step) {
+                Some(true) => state.met = true,
+                Some(false) => {
+                    state.shadowed = true;
+                    return;
+                }
+                None => {}
+            }
+        }
+        if step.end >= state.length {
+            let s = state.length;
+            state.end = Some((step.position(s), step.tangent(s), step.deviation(s)));
+        }
+    }
+
+    fn wants_more(&self, ray: usize) -> bool {
+        !self.states[ray].shadowed
+    }
+
+    fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}
+}
+
+impl RayState {
+    /// Tells whether the step meets the surface of the ray's point, or one before it; `None` if it
+    /// meets nothing.
+    fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
+        let domain = &world.manifold.domain;
+        if !may_meet(&world.accelerator, domain, step.bounds()) {
+            return None;
+        }
+        let mut hits = pieces(step)
+            .filter_map(|piece| first_hit(&world.accelerator, domain, &piece, f64::INFINITY));
+        let hit = hits.next()?;
+        let s = f64::from(hit.s);
+        let own = hit.triangle == points[self.number].triangle && s > (1.0 - GRAZING) * self.length;
+        Some(own || s >= (1.0 - SHORT) * self.length)
+    }
+}

@@ -1,0 +1,220 @@
+//! Bundles as points of the sweep.
+//!
+//! In: a manifold's rays, a promise, limits. Out: the bundle that `geofan bake` makes for it, measured;
+//! or the limit that it met.
+
+use crate::sweep::{
+    manifold_sweep::{ManifoldSweep, Rival, equal_error},
+    point::{PointOutcome, SweepPoint, TableMeasurement, TableSpec, load},
+    timing::{self, TimeSpent},
+};
+use geofan_bake::{chunk_files::ChunkFiles, chunks::ChunkBaker, plan::plan};
+use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};
+use geofan_core::{Error, Muted, Observer, Progress, Result};
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Says how patches are divided.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PatchDivision {
+    /// As in any bundle: boxes are halved until held-out rays meet the promise.
+    Adaptive,
+    /// Boxes are not halved; rays that one polynomial cannot hold are flagged. It shows the worth of
+    /// halving.
+    Undivided,
+}
+
+impl PatchDivision {
+    fn apply(self, plan: &mut PlanRecord) {
+        if self == Self::Undivided {
+            plan.least_volume = 1.0;
+            plan.most_arc_halvings = 0;
+        }
+    }
+}
+
+/// A bundle with the cost of its bake.
+struct BakedBundle {
+    /// The bundle, without a certificate.
+    bundle: Bundle,
+    /// Its file's bytes.
+    bytes: u64,
+    /// Time of the bake.
+    spent: TimeSpent,
+    /// Number of rays integrated.
+    rays: u64,
+}
+
+/// Ends work that takes too long. A sweep shows progress of its own.
+struct TimeLimit<'a> {
+    observer: &'a dyn Observer,
+    began: TimeSpent,
+    seconds: f64,
+}
+
+impl Observer for TimeLimit<'_> {
+    fn progress(&self, _: Progress<'_>) {}
+
+    fn cancelled(&self) -> bool {
+        self.observer.cancelled() || TimeSpent::since(self.began).cpu_s > self.seconds
+    }
+}
+
+/// Reports an interrupted sweep.
+pub fn interrupted() -> Error {
+    Error::Interrupted {
+        resume: "measured points are kept; run the same command again to go on".into(),
+    }
+}
+
+impl ManifoldSweep<'_> {
+    /// Measures the bundle at a promise, or reads its point.
+    pub(super) fn bundle(
+        &self,
+        promise: f64,
+        division: PatchDivision,
+        rivals: &[Rival],
+    ) -> Result<SweepPoint> {
+        let spec = TableSpec::Patches { promise, division };
+        let limits = self.effort.limits;
+        if let Some(kept) = self.store.point(&spec, limits) {
+            return Ok(kept);
+        }
+        self.check()?;
+        let path = self.bundle_path(&spec)?;
+        let Some(baked) = self.bake(promise, division, &path)? else {
+            let why = format!(
+                "skipped: not finished after {:.0} s of processor time",
+                limits.seconds
+            );
+            return self.finish(spec, PointOutcome::Skipped { why, limits }, Vec::new());
+        };
+        let measured = self.measured_bundle(&baked, promise, rivals)?;
+        let mapped = division == PatchDivision::Adaptive && self.effort.middle() == Some(promise);
+        let maps = match mapped {
+            true => self.mapped(&baked.bundle.table)?,
+            false => Vec::new(),
+        };
+        self.finish(spec, PointOutcome::Measured(Box::new(measured)), maps)
+    }
+
+    /// Skips a promise below one that met a limit: it would take longer still.
+    pub(super) fn beyond(&self, promise: f64) -> Result<SweepPoint> {
+        let division = PatchDivision::Adaptive;
+        let spec = TableSpec::Patches { promise, division };
+        let limits = self.effort.limits;
+        if let Some(kept) = self.store.point(&spec, limits) {
+            return Ok(kept);
+        }
+        let why = "skipped: a looser promise met the limit".into();
+        self.finish(spec, PointOutcome::Skipped { why, limits }, Vec::new())
+    }
+
+    /// Measures errors, sizes and times of a bundle.
+    fn measured_bundle(
+        &self,
+        baked: &BakedBundle,
+        promise: f64,
+        rivals: &[Rival],
+    ) -> Result<TableMeasurement> {
+        let table = &baked.bundle.table;
+        let errors = self.table_errors(table)?;
+        let (fan, contract_ms) = timing::bundle_fan(table, self.u)?;
+        let view = self.default_view()?;
+        let rival = equal_error(rivals, errors.screen.p99);
+        let rival_frame = |(view, rival): (_, &Rival)| {
+            timing::fixed_steps_frame(view, self.length(), rival.steps)
+        };
+        Ok(TableMeasurement {
+            disk: baked.bytes,
+            memory: memory(&baked.bundle)?,
+            errors,
+            bake: baked.spent,
+            baked_rays: baked.rays,
+            contract_ms,
+            path_ns: timing::bundle_path(&fan, table.length),
+            frame_ms: view
+                .map(|view| timing::bundle_frame(view, table, promise))
+                .transpose()?,
+            rival_frame_ms: view.zip(rival).map(rival_frame),
+            load: load(),
+        })
+    }
+
+    /// Returns the path of a bundle's file, in a folder that is made if it is missing.
+    fn bundle_path(&self, spec: &TableSpec) -> Result<PathBuf> {
+        let folder = self.out.join("bundles");
+        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+        Ok(folder.join(format!("{}.fan", self.store.name(spec))))
+    }
+
+    /// Bakes into the file `path`; `None` if that takes too long.
+    fn bake(
+        &self,
+        promise: f64,
+        division: PatchDivision,
+        path: &Path,
+    ) -> Result<Option<BakedBundle>> {
+        let began = TimeSpent::now();
+        let observer = Muted(self.observer);
+        let (space, mut plan) = plan(self.space.clone(), self.length(), promise, true, &observer)?;
+        division.apply(&mut plan);
+        let space = plan.applied(space);
+        let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
+        // Chunks of an earlier run would make this bake look quicker than it is.
+        let files = ChunkFiles::open(path)?;
+        files.discard()?;
+        // The bytes that are counted while a bake runs are an estimate, at times far too large.
+        let most_bytes = None;
+        let baker = ChunkBaker::new(&space, &plan, id, None, most_bytes);
+        let limited = TimeLimit {
+            observer: self.observer,
+            began: TimeSpent::now(),
+            seconds: self.effort.limits.seconds,
+        };
+        let ended = baker.run(&files, &limited)?;
+        files.remove()?;
+        let chunks = match ended {
+            Some(chunks) => chunks,
+            None if self.observer.cancelled() => return Err(interrupted()),
+            None => return Ok(None),
+        };
+        // Writing the file is not counted: it does not depend on the bake.
+        let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
+        let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
+        let contents =
+            Contents::new(space, plan, 0, chunks.collect()).map_err(|e| e.about(path))?;
+        let spent = TimeSpent::since(began);
+        let bytes = contents.write(path)?;
+        let bundle = Bundle::from_contents(contents).map_err(|e| e.about(path))?;
+        Ok(Some(BakedBundle {
+            bundle,
+            bytes,
+            spent,
+            rays,
+        }))
+    }
+}
+
+/// Counts the bytes when every patch is decoded: the coded chunks stay, and every integer takes 32 bits.
+fn memory(bundle: &Bundle) -> Result<u64> {
+    let table: &Table = &bundle.table;
+    let mut sum = 0;
+    for chunk in &table.chunks {
+        let tree = chunk.tree();
+        let tree = tree.map_err(|e| Error::input("bundle", e.to_string()))?;
+        sum += chunk.bytes().len() as u64 + 4 * integers(tree);
+    }
+    Ok(sum)
+}
+
+/// Counts the integers of a tree's tensors.
+fn integers(tree: &Tree) -> u64 {
+    match tree {
+        Tree::Flagged => 0,
+        Tree::Split { halves, .. } => halves.iter().map(integers).sum(),
+        Tree::Faces(faces) => faces.iter().map(integers).sum(),
+        Tree::Leaf(tensor) => tensor.integers() as u64,
+    }
+}
