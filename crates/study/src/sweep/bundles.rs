@@ -14,7 +14,7 @@ use geofan_bake::{
     plan::plan,
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};
-use geofan_core::{Error, Observer, Progress, Result};
+use geofan_core::{Error, Muted, Observer, Progress, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -161,7 +161,8 @@ impl ManifoldSweep<'_> {
         path: &Path,
     ) -> Result<Option<BakedBundle>> {
         let began = TimeSpent::now();
-        let (space, mut plan) = plan(self.space.clone(), self.length(), promise, true);
+        let observer = Muted(self.observer);
+        let (space, mut plan) = plan(self.space.clone(), self.length(), promise, true, &observer)?;
         division.apply(&mut plan);
         let space = plan.applied(space);
         let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
