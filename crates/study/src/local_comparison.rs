@@ -11,8 +11,8 @@ use geofan_core::{error::Result, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
     frame::{Paths, offsets},
+    intersect::Seen,
     local::projection,
-    outcome::Seen,
     picture::Picture,
     shade::Footprints,
     tracer::ExactTracer,
@@ -76,7 +76,16 @@ pub fn compare_local(
     tolerance: f64,
 ) -> Result<LocalComparison> {
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
-    let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
+    let by = |paths: Paths<'_>| {
+        draw(
+            world,
+            view,
+            paths,
+            samples,
+            Footprints::Filtered,
+            &crate::clock,
+        )
+    };
     let (local, exact) = (by(Paths::Straight(length)), by(Paths::Exact(&tracer)));
     let flip = flip(&exact.picture, &local.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let psnr = psnr(&exact.picture, &local.picture)?;

@@ -10,9 +10,9 @@ use crate::path_tracer::{
     surface::Surface,
 };
 use crate::{Connection, Lamps};
-use geofan_core::random::Stream;
+use geofan_core::{geodesic::Ray, random::Stream};
 use geofan_render::SurfacePoint;
-use geofan_render::{Footprint, Hit, Probe, Seen, View, World, first_seen};
+use geofan_render::{Footprint, Hit, Seen, View, World, first_seen};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -79,7 +79,7 @@ const SHORT: f64 = 5e-4;
 struct Walk {
     pixel: usize,
     random: Stream,
-    ray: Probe,
+    ray: Ray,
     throughput: DVec3,
     bounce: u32,
     /// The last scattering; `None` if light had no other direction to go.
@@ -105,7 +105,7 @@ struct Departure {
 /// A connection that brings light if nothing is in the way.
 struct Candidate {
     pixel: usize,
-    probe: Probe,
+    probe: Ray,
     light: DVec3,
 }
 
@@ -166,10 +166,11 @@ impl<'w> PathTracer<'w> {
         Walk {
             pixel,
             random,
-            ray: Probe {
+            ray: Ray {
                 u: self.view.u,
                 v: self.world.manifold.standard_frame(self.view.u) * d,
                 length: self.settings.length,
+                spread: [DVec3::ZERO; 2],
             },
             throughput: DVec3::ONE,
             bounce: 0,
@@ -177,14 +178,14 @@ impl<'w> PathTracer<'w> {
         }
     }
 
-    fn seen(&self, probes: &[Probe]) -> Vec<Seen> {
+    fn seen(&self, probes: &[Ray]) -> Vec<Seen> {
         self.rays.fetch_add(probes.len() as u64, Ordering::Relaxed);
         first_seen(self.world, probes, self.settings.tolerance)
     }
 
     /// Takes all paths to the next surface; returns those that go on. `add` takes a pixel and light.
     fn bounce(&self, walks: Vec<Walk>, add: &mut dyn FnMut(usize, DVec3)) -> Vec<Walk> {
-        let probes: Vec<Probe> = walks.iter().map(|w| w.ray).collect();
+        let probes: Vec<Ray> = walks.iter().map(|w| w.ray).collect();
         let mut met: Vec<(Walk, Hit)> = Vec::new();
         for (walk, seen) in walks.into_iter().zip(self.seen(&probes)) {
             match seen {
@@ -294,7 +295,7 @@ impl<'w> PathTracer<'w> {
             let candidate = |c: Connection| self.candidate(meeting, chosen, &c);
             candidates.extend(connection.and_then(candidate));
         }
-        let probes: Vec<Probe> = candidates.iter().map(|c| c.probe).collect();
+        let probes: Vec<Ray> = candidates.iter().map(|c| c.probe).collect();
         for (candidate, seen) in candidates.iter().zip(self.seen(&probes)) {
             if seen == Seen::Nothing {
                 add(candidate.pixel, candidate.light);
@@ -319,10 +320,11 @@ impl<'w> PathTracer<'w> {
         let light = walk.throughput * reflected * chosen.radiance * (weight / probability);
         (light.is_finite() && light != DVec3::ZERO).then(|| Candidate {
             pixel: walk.pixel,
-            probe: Probe {
+            probe: Ray {
                 u: surface.beside(wi, self.offset(hit)),
                 v: surface.tangent(wi),
                 length: connection.s * (1.0 - SHORT),
+                spread: [DVec3::ZERO; 2],
             },
             light,
         })
@@ -359,10 +361,11 @@ impl<'w> PathTracer<'w> {
             direction: surface.around.out_of(scattered.wi),
             probability,
         });
-        walk.ray = Probe {
+        walk.ray = Ray {
             u: surface.beside(scattered.wi, self.offset(&hit)),
             v: surface.tangent(scattered.wi),
             length: self.settings.length,
+            spread: [DVec3::ZERO; 2],
         };
         (walk.throughput.is_finite() && walk.throughput != DVec3::ZERO).then_some(walk)
     }

@@ -72,7 +72,16 @@ pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> R
     let frames = times::moving(world, view, &lookup, options)?;
     let fan = table.fan(view.u)?;
     let tracer = lookup.tracer(&fan);
-    let by = |paths: Paths<'_>| draw(world, view, paths, options.samples, Footprints::Filtered);
+    let by = |paths: Paths<'_>| {
+        draw(
+            world,
+            view,
+            paths,
+            options.samples,
+            Footprints::Filtered,
+            &crate::clock,
+        )
+    };
     let drawn = by(Paths::Lattice(&tracer, budget));
     let exact_tracer = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
     let exact = by(Paths::Exact(&exact_tracer));

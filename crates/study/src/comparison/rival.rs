@@ -9,10 +9,10 @@ use geofan_bundle::measure::Probed;
 use geofan_core::{manifold::Manifold, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
-    endings::EventLocator,
+    events::EventLocator,
     frame::Paths,
+    path_batch::{PathBatch, PathView},
     shade::Footprints,
-    strands::{PathBatch, PathView},
     tracer::{FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -85,7 +85,14 @@ impl<'p> Goal<'p> {
         }
         let tracer = self.tracer(&world.manifold, view.u, chosen.0);
         let frame = |paths| {
-            let drawn = draw(world, view, paths, options.samples, Footprints::Filtered);
+            let drawn = draw(
+                world,
+                view,
+                paths,
+                options.samples,
+                Footprints::Filtered,
+                &crate::clock,
+            );
             report::times(&drawn)
         };
         let times = report::median((0..REPEATS).map(|_| frame(Paths::Direct(&tracer))));
@@ -112,7 +119,7 @@ impl<'p> Goal<'p> {
             .probed
             .iter()
             .enumerate()
-            .map(|(i, probed)| strand_error(strands.strand(i), probed))
+            .map(|(i, probed)| strand_error(strands.path(i), probed))
             .collect();
         Quantiles::of(&mut found)
     }

@@ -8,14 +8,14 @@ use geofan_core::{
     manifold::Carried,
 };
 use geofan_render::{
-    desk::{Scratch, ScratchPool},
     drawing::draw,
-    endings::EventLocator,
+    events::EventLocator,
     frame::Paths,
     lattice::{Ends, LARGEST_TILE, Lattice, Tile, smallest_tile},
     lookup::Lookup,
+    path_batch::PathBatch,
     shade::Footprints,
-    strands::PathBatch,
+    tiles::{Scratch, ScratchPool},
     tracer::{ExactTracer, FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -54,7 +54,14 @@ pub(super) fn moving(
         let contract = began.elapsed();
         let tracer = lookup.tracer(&fan);
         let paths = Paths::Lattice(&tracer, 1e-3 * options.error);
-        let drawing = draw(world, &here, paths, options.samples, Footprints::Filtered);
+        let drawing = draw(
+            world,
+            &here,
+            paths,
+            options.samples,
+            Footprints::Filtered,
+            &crate::clock,
+        );
         let mut times = report::times(&drawing);
         times.contract = contract.as_secs_f64();
         times.frame += times.contract;
@@ -173,20 +180,20 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
 
 /// Finds all paths of one of the largest tiles.
 fn divide(lattice: &Lattice<'_>, corner: (usize, usize), desk: &mut Scratch<'_>) {
-    let spare = desk.strands.take();
-    let divided = lattice.refine(corner, spare, &mut desk.endings);
+    let spare = desk.paths.take();
+    let divided = lattice.refine(corner, spare, &mut desk.events);
     for tile in &divided.lost {
         desk.singles.clear();
         let directions = directions(lattice.view, *tile);
-        let (endings, singles) = (&mut desk.endings, &mut desk.singles);
+        let (endings, singles) = (&mut desk.events, &mut desk.singles);
         lattice.tracer.add(&directions, endings, singles);
     }
     for leaf in divided.leaves.iter().filter(|l| l.ends == Ends::Each) {
         let directions = directions(lattice.view, leaf.tile);
-        std::hint::black_box(lattice.tracer.endings(&directions, &mut desk.endings));
+        std::hint::black_box(lattice.tracer.endings(&directions, &mut desk.events));
     }
     std::hint::black_box(&divided);
-    desk.strands = divided.strands;
+    desk.paths = divided.paths;
 }
 
 /// The directions through the middles of the pixels of a tile.

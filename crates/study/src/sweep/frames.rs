@@ -8,8 +8,8 @@ use crate::sweep::clock::Clock;
 use geofan_bundle::Table;
 use geofan_core::{Result, diagnostic::SourceText, manifold::Manifold};
 use geofan_render::{
-    Camera, FixedTracer, Lookup, View, World, drawing::draw, frame::Paths, scene::SceneFile,
-    shade::Footprints,
+    Camera, FixedTracer, Lookup, View, World, drawing::draw, frame::Paths, no_clock,
+    scene::SceneFile, shade::Footprints,
 };
 use glam::DVec3;
 use std::{path::Path, sync::Arc};
@@ -96,6 +96,7 @@ impl Stage {
             paths,
             1,
             Footprints::Filtered,
+            &no_clock,
         ));
     }
 }
