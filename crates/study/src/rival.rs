@@ -8,7 +8,7 @@
 
 use geofan_bundle::measure::Probe;
 use geofan_core::{geodesic::fixed_steps, manifold::Manifold, quantiles::Quantiles};
-use geofan_render::Piece;
+use geofan_render::Cubic;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -61,7 +61,7 @@ fn position((u, v): &(Vec<DVec3>, Vec<DVec3>), length: f64, s: f64) -> DVec3 {
     let place = s / length * steps as f64;
     let k = (place as usize).min(steps - 1);
     let at = |k: usize| length * k as f64 / steps as f64;
-    let piece = Piece {
+    let piece = Cubic {
         s: [at(k), at(k + 1)],
         u: [u[k], u[k + 1]],
         v: [v[k], v[k + 1]],

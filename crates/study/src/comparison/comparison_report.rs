@@ -33,8 +33,7 @@ pub(super) fn frame_times(drawing: &Drawing) -> FrameTimes {
     let work = &drawing.work;
     let pending = work.pending_time.as_secs_f64();
     let paths = drawing.paths.as_secs_f64();
-    let [lattice, tiles, pixels] =
-        [work.tally.lattice, work.tally.tiles, work.tally.pixels].map(|t| t.as_secs_f64());
+    let [lattice, tiles, pixels] = [work.lattice, work.tiles, work.pixels].map(|t| t.as_secs_f64());
     let threads = lattice + tiles + pixels;
     // Tracers without steps of their own spend all of it on samples.
     let share = |part: f64| match threads > 0.0 {
@@ -117,9 +116,9 @@ pub struct LatticeCounts {
 impl From<Work> for LatticeCounts {
     fn from(work: Work) -> Self {
         Self {
-            paths: work.tally.paths,
-            interpolated: work.tally.interpolated,
-            traced: work.tally.traced,
+            paths: work.paths,
+            interpolated: work.interpolated,
+            traced: work.traced,
             pending: work.pending,
         }
     }

@@ -10,8 +10,8 @@ use geofan_bundle::{
 use geofan_core::quantiles::Quantiles;
 use geofan_render::{
     frame::{Outcomes, Paths, offsets, trace},
+    intersect::Seen,
     lattice::seen_angle,
-    outcome::Seen,
     tracer::GridTracer,
     view::View,
     world::World,

@@ -9,8 +9,8 @@ use geofan_core::{error::Result, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
     frame::{Outcomes, Paths, offsets},
+    intersect::Seen,
     local::projection,
-    outcome::Seen,
     shade::Footprints,
     tracer::ExactTracer,
     view::View,
@@ -61,7 +61,16 @@ pub fn compare_local(
     tolerance: f64,
 ) -> Result<Comparison<LocalReport>> {
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
-    let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
+    let by = |paths: Paths<'_>| {
+        draw(
+            world,
+            view,
+            paths,
+            samples,
+            Footprints::Filtered,
+            &crate::clock,
+        )
+    };
     let (local, exact) = (by(Paths::Straight(length)), by(Paths::Exact(&tracer)));
     let flip = flip(&exact.picture, &local.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let psnr = psnr(&exact.picture, &local.picture)?;

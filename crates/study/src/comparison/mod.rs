@@ -90,7 +90,16 @@ pub fn compare(
     let table_times = frame_times::moving(world, view, &lookup, options)?;
     let fan = table.fan(view.u)?;
     let tracer = lookup.tracer(&fan);
-    let by = |paths: Paths<'_>| draw(world, view, paths, options.samples, Footprints::Filtered);
+    let by = |paths: Paths<'_>| {
+        draw(
+            world,
+            view,
+            paths,
+            options.samples,
+            Footprints::Filtered,
+            &crate::clock,
+        )
+    };
     let drawn = by(Paths::Lattice(&tracer, budget));
     let exact_tracer = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
     let exact = by(Paths::Exact(&exact_tracer));
@@ -182,7 +191,16 @@ fn equal_error_exact(
     }
     let tracer = FixedTracer::new(&world.manifold, view.u, length, steps);
     let frames = |paths: Paths<'_>| {
-        let draw = || draw(world, view, paths, options.samples, Footprints::Filtered);
+        let draw = || {
+            draw(
+                world,
+                view,
+                paths,
+                options.samples,
+                Footprints::Filtered,
+                &crate::clock,
+            )
+        };
         comparison_report::median((0..REPEATS).map(|_| comparison_report::frame_times(&draw())))
     };
     EqualErrorExact {

@@ -244,7 +244,14 @@ pub fn fixed_steps_frame((world, view): &(World, View), length: f64, steps: usiz
 }
 
 fn draw_frame(world: &World, view: &View, paths: Paths<'_>) {
-    black_box(draw(world, view, paths, 1, Footprints::Filtered));
+    black_box(draw(
+        world,
+        view,
+        paths,
+        1,
+        Footprints::Filtered,
+        &geofan_render::no_clock,
+    ));
 }
 
 #[cfg(test)]
