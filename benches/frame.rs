@@ -11,8 +11,9 @@ use geofan_render::{
     drawing::draw,
     frame::{Paths, offsets, trace},
     lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
+    no_clock,
     shade::{Footprints, shade},
-    tiles::{Found, Samples},
+    tiles::{PixelSamples, TileOutcomes},
 };
 use std::{hint::black_box, path::PathBuf};
 
@@ -50,10 +51,11 @@ fn steps(criterion: &mut Criterion) {
         budget: BUDGET,
         smallest: smallest_tile(1),
     };
-    let samples = Samples {
+    let samples = PixelSamples {
         world,
         view: &view,
         offsets: &offsets,
+        clock: &no_clock,
     };
     let corners: Vec<(usize, usize)> = (0..SIZE.1)
         .step_by(LARGEST_TILE)
@@ -85,18 +87,18 @@ fn steps(criterion: &mut Criterion) {
         b.iter(|| {
             for divided in &divided {
                 for leaf in &divided.leaves {
-                    let sheaf = divided.sheaf(leaf);
-                    black_box(samples.ribbon(&tracer, divided, (leaf, &sheaf)));
+                    let patch = divided.patch(leaf);
+                    black_box(samples.flatten(&tracer, divided, (leaf, &patch)));
                 }
             }
         });
     });
     group.bench_function("pixels", |b| {
-        let mut desk = Scratch::new(&world.manifold, tracer.knots());
+        let mut scratch = Scratch::new(&world.manifold, tracer.knots());
         b.iter(|| {
-            let mut found = Found::split(&mut traced.outcomes);
-            for (divided, found) in divided.iter().zip(&mut found) {
-                samples.interpolate(divided, &tracer, &mut desk, found);
+            let mut tiles = TileOutcomes::split(&mut traced.outcomes);
+            for (divided, tile) in divided.iter().zip(&mut tiles) {
+                samples.interpolate(divided, &tracer, &mut scratch, tile);
             }
         });
     });
@@ -117,7 +119,7 @@ fn steps(criterion: &mut Criterion) {
             let fan = bundle.table.fan(view.u).expect("a camera in the table");
             let tracer = lookup.tracer(&fan);
             let paths = Paths::Lattice(&tracer, BUDGET);
-            black_box(draw(world, &view, paths, 1, Footprints::Filtered).picture)
+            black_box(draw(world, &view, paths, 1, Footprints::Filtered, &no_clock).picture)
         });
     });
     group.finish();

@@ -59,7 +59,7 @@ fn paths_of_a_frame_are_those_of_the_table_at_knots_between_them_and_at_their_en
     tracer.add(&directions(), &mut endings, &mut strands);
     let mut exits = [0, 0];
     for (i, d) in directions().into_iter().enumerate() {
-        let strand = strands.strand(i);
+        let strand = strands.path(i);
         let Some(Ending::Exit { exit, s: end, .. }) = strand.ending else {
             // One that winds around the throat.
             continue;
@@ -88,12 +88,12 @@ fn paths_of_a_frame_are_those_of_the_table_at_knots_between_them_and_at_their_en
 
 /// Refined together, paths through the throat and those that turn back are what they are one by one.
 fn sixteen_are_as_each(tracer: &impl GridTracer, strands: &PathBatch) {
-    let ends = |i: usize| matches!(strands.strand(i).ending, Some(Ending::Exit { .. }));
+    let ends = |i: usize| matches!(strands.path(i).ending, Some(Ending::Exit { .. }));
     let leaving: Vec<usize> = (0..40).filter(|i| ends(*i)).collect();
     let groups = leaving.chunks_exact(16);
     assert!(groups.len() > 0, "{leaving:?}");
     for group in groups {
-        let sixteen = std::array::from_fn(|l| strands.strand(group[l]));
+        let sixteen = std::array::from_fn(|l| strands.path(group[l]));
         let ends = sixteen.iter().map(|strand| match strand.ending {
             Some(Ending::Exit { s, .. }) => s,
             _ => unreachable!(),

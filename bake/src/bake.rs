@@ -9,7 +9,7 @@ use crate::{
     plan::{plan, unmirrored},
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, identity, rays::RaySpace};
-use geofan_core::{Error, Observer, Result, manifold::Manifold};
+use geofan_core::{Error, Observer, Result, files::check_output, manifold::Manifold};
 use std::{ops::RangeInclusive, path::Path, sync::Arc};
 
 /// The promise when none is asked for, mrad: half a pixel of a 1920-wide view of 90°.
@@ -44,6 +44,8 @@ pub struct BakeOptions {
     pub share: Option<Share>,
     /// Whether to use chunks that an interrupted bake left behind.
     pub resume: bool,
+    /// Whether to wait while another process bakes into the same file, instead of giving up.
+    pub wait: bool,
     /// Number of fresh random rays of the certificate.
     pub certify_rays: u64,
 }
@@ -58,6 +60,7 @@ impl Default for BakeOptions {
             mirrors: true,
             share: None,
             resume: false,
+            wait: false,
             certify_rays: 20_000,
         }
     }
@@ -120,7 +123,7 @@ pub fn bake(
         observer,
         space,
         length,
-        files: open_files(output, options.resume)?,
+        files: open_files(output, options, observer)?,
     };
     let mut promise = options.max_error.unwrap_or(USUAL_PROMISE);
     loop {
@@ -138,18 +141,13 @@ pub fn bake(
 }
 
 /// Opens the folder of finished chunks beside `output`, empty unless the bake is to be resumed.
-fn open_files(output: &Path, resume: bool) -> Result<ChunkFiles> {
-    if output.is_dir() || output.file_name().is_none() {
-        let name = output.display().to_string();
-        return Err(Error::input(name, "is not the name of a file"));
-    }
-    let folder = output.parent().filter(|f| !f.as_os_str().is_empty());
-    if let Some(folder) = folder.filter(|f| !f.is_dir()) {
-        let message = format!("the folder {} does not exist", folder.display());
-        return Err(Error::input(output.display().to_string(), message));
-    }
-    let files = ChunkFiles::open(output)?;
-    if !resume {
+fn open_files(output: &Path, options: &BakeOptions, observer: &dyn Observer) -> Result<ChunkFiles> {
+    check_output(output)?;
+    let files = match options.wait {
+        true => ChunkFiles::open_when_free(output, observer)?,
+        false => ChunkFiles::open(output)?,
+    };
+    if !options.resume {
         match files.discard()? {
             0 => {}
             n => tracing::info!("discarded {n} chunks of an earlier bake; --resume would use them"),
@@ -173,7 +171,7 @@ impl Bake<'_> {
     fn attempt(&self, promise: f64) -> Result<BakeResult> {
         // The plan, and the id that it gives the bundle.
         let (space, frames) = (self.space.clone(), self.options.frames);
-        let (space, plan) = plan(space, self.length, promise, frames);
+        let (space, plan) = plan(space, self.length, promise, frames, self.observer)?;
         let (space, plan) = match self.options.mirrors {
             true => (space, plan),
             false => unmirrored(space, plan),

@@ -8,7 +8,7 @@
 use geofan_bundle::{
     Certificate, Checked, FAR, MOST, Outlier, Table,
     measure::{Probe, Probed, probe, settings, with_end},
-    rays::{RaySpace, Reduction},
+    rays::{Axis, RaySpace, Reduction},
 };
 use geofan_core::{
     Error, Result,
@@ -19,6 +19,7 @@ use geofan_core::{
 };
 use glam::DVec3;
 use rayon::prelude::*;
+use std::f64::consts::PI;
 
 /// Keeps the certificate's random numbers apart from those of a bake with the same seed.
 const KEY: u64 = 0x6365_7274_6966_7921;
@@ -226,6 +227,13 @@ fn moved(
     match reduction {
         Reduction::Whole => {}
         Reduction::Rotation => u = stream.rotation() * u,
+        Reduction::Axis => {
+            let axis = manifold.symmetry.axis.unwrap_or(2);
+            if manifold.symmetry.translation[axis] {
+                u[axis] = anywhere(axis);
+            }
+            u = Axis(axis).rotation(stream.between(-PI, PI)) * u;
+        }
         Reduction::Translation => {
             for k in (0..3).filter(|k| manifold.symmetry.translation[*k]) {
                 u[k] = anywhere(k);

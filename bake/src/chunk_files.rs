@@ -3,17 +3,21 @@
 //! In: chunks as they are finished. Out: the chunks again after an interruption. Each is an immutable file
 //! `B.fan.parts/chunk-000123`, written whole or not at all, one checksummed block with the bundle's
 //! id: a damaged file, or one of another bake, is as good as none.
+//!
+//! One bake at a time has the folder: it holds a lock on the file `lock` in it, which says who it is and
+//! ends with the process. Without, two bakes of one output would remove each other's chunks.
 
 use geofan_bundle::{
     ByteReader, TensorShape, Tree,
     container::{BlockKind, Id, put_block, read_block},
     put_bytes,
 };
-use geofan_core::{Error, Result, files::write_atomically};
+use geofan_core::{Error, Observer, Result, files::write_atomically};
 use std::{
-    fs,
-    io::Write,
+    fs::{self, File, TryLockError},
+    io::{self, Seek, Write},
     path::{Path, PathBuf},
+    time::Duration,
 };
 
 /// A chunk and the rays that it took.
@@ -26,9 +30,11 @@ pub struct BakedChunk {
 }
 
 /// The folder beside one output file with its finished chunks.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct ChunkFiles {
     folder: PathBuf,
+    /// Held open, and with it the lock.
+    _lock: File,
 }
 
 /// Chunks of another version are baked again: its refinement may differ.
@@ -37,24 +43,108 @@ const GENERATOR: &str = env!("CARGO_PKG_VERSION");
 /// Beginnings of the names of all files that belong here; the last is that of a write cut off.
 const NAMES: [&str; 3] = ["chunk-", "exceeds-", ".geofan-"];
 
+/// Name of the file that whoever bakes holds a lock on.
+const LOCK: &str = "lock";
+
+/// Time between two tries to get the lock: short enough for a signal, long enough to cost nothing.
+const BETWEEN_TRIES: Duration = Duration::from_millis(200);
+
 impl ChunkFiles {
     /// Opens the folder beside `output`, and makes it if need be; the one that `output` lies in exists.
     ///
     /// # Errors
-    /// It cannot be created.
+    /// It cannot be made, or another process bakes into it.
     pub fn open(output: &Path) -> Result<Self> {
-        let mut name = output.as_os_str().to_owned();
-        name.push(".parts");
-        let folder = PathBuf::from(name);
-        if folder.is_dir() {
-            return Ok(Self { folder });
+        let folder = folder_beside(output);
+        match Self::try_open(&folder)? {
+            Ok(files) => Ok(files),
+            Err(holder) => {
+                let message = format!("{holder} bakes it; wait for that with --wait");
+                Err(Error::Environment {
+                    path: output.display().to_string(),
+                    source: io::Error::new(io::ErrorKind::WouldBlock, message),
+                })
+            }
         }
-        match fs::create_dir(&folder) {
-            Ok(()) => Ok(Self { folder }),
-            Err(source) => Err(Error::Environment {
-                path: folder.display().to_string(),
-                source,
-            }),
+    }
+
+    /// Opens the folder like [`ChunkFiles::open`] as soon as no other process bakes into it.
+    ///
+    /// # Errors
+    /// It cannot be made, or the observer ends the waiting.
+    pub fn open_when_free(output: &Path, observer: &dyn Observer) -> Result<Self> {
+        let folder = folder_beside(output);
+        let mut told = String::new();
+        loop {
+            let holder = match Self::try_open(&folder)? {
+                Ok(files) => return Ok(files),
+                Err(holder) => holder,
+            };
+            if holder != told {
+                tracing::info!("waiting: {holder} bakes {}", output.display());
+                told = holder;
+            }
+            if observer.cancelled() {
+                let resume = "it was waiting for another bake; nothing was begun".into();
+                return Err(Error::Interrupted { resume });
+            }
+            std::thread::sleep(BETWEEN_TRIES);
+        }
+    }
+
+    /// Makes the folder and locks it; or says in the inner result who has it.
+    fn try_open(folder: &Path) -> Result<Result<Self, String>> {
+        let failed = |source| Error::Environment {
+            path: folder.display().to_string(),
+            source,
+        };
+        let path = folder.join(LOCK);
+        loop {
+            match fs::create_dir(folder) {
+                Err(e) if !folder.is_dir() => return Err(failed(e)),
+                _ => {}
+            }
+            let options = File::options()
+                .create(true)
+                .truncate(false)
+                .read(true)
+                .write(true)
+                .open(&path);
+            let mut lock = match options {
+                Ok(lock) => lock,
+                // Its last holder has just removed the folder.
+                Err(e) if e.kind() == io::ErrorKind::NotFound => continue,
+                Err(e) => return Err(failed(e)),
+            };
+            match lock.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let holder = fs::read_to_string(&path).unwrap_or_default();
+                    return Ok(Err(match holder.trim() {
+                        "" => "another process".into(),
+                        holder => holder.into(),
+                    }));
+                }
+                // Some network file systems have no locks.
+                Err(TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => {
+                    tracing::warn!("{} cannot be locked: {e}", path.display());
+                }
+                Err(TryLockError::Error(e)) => return Err(failed(e)),
+            }
+            // The lock counts only on the file that is still there.
+            let current = same_file::Handle::from_path(&path).ok();
+            let own = lock.try_clone().and_then(same_file::Handle::from_file).ok();
+            if current != own {
+                continue;
+            }
+            let written = lock.set_len(0).and_then(|()| lock.rewind());
+            written
+                .and_then(|()| lock.write_all(this_process().as_bytes()))
+                .map_err(failed)?;
+            return Ok(Ok(Self {
+                folder: folder.into(),
+                _lock: lock,
+            }));
         }
     }
 
@@ -141,9 +231,78 @@ impl ChunkFiles {
     /// As [`ChunkFiles::discard`].
     pub fn remove(&self) -> Result<()> {
         self.discard()?;
+        // Only now may another process lock the folder.
+        let lock = self.folder.join(LOCK);
+        fs::remove_file(&lock).map_err(|e| Error::io(&lock, e))?;
         if let Err(error) = fs::remove_dir(&self.folder) {
             tracing::warn!("{} stays: {error}", self.folder.display());
         }
         Ok(())
+    }
+}
+
+/// Returns the folder for the chunks of `output`.
+fn folder_beside(output: &Path) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(".parts");
+    name.into()
+}
+
+/// Names this process for others: its number and, where the system says it, its machine.
+fn this_process() -> String {
+    let number = std::process::id();
+    match fs::read_to_string("/proc/sys/kernel/hostname") {
+        Ok(machine) => format!("process {number} on {}", machine.trim()),
+        Err(_) => format!("process {number}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_core::Progress;
+
+    #[test]
+    fn one_bake_at_a_time_has_the_folder() {
+        let place = tempfile::tempdir().unwrap();
+        let output = place.path().join("b.fan");
+        let first = ChunkFiles::open(&output).unwrap();
+        let second = ChunkFiles::open(&output).unwrap_err();
+        assert_eq!(second.exit_code(), 3);
+        let holder = format!("process {}", std::process::id());
+        assert!(second.to_string().contains(&holder), "{second}");
+        first.remove().unwrap();
+        assert!(!place.path().join("b.fan.parts").exists());
+        let third = ChunkFiles::open(&output).unwrap();
+        // An interrupted bake leaves its folder, and no lock.
+        drop(third);
+        ChunkFiles::open(&output).unwrap();
+    }
+
+    /// Ends waiting at the first look.
+    struct Impatient;
+
+    impl Observer for Impatient {
+        fn progress(&self, _: Progress<'_>) {}
+        fn cancelled(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn waiting_ends_with_the_other_bake_or_by_the_user() {
+        let place = tempfile::tempdir().unwrap();
+        let output = place.path().join("b.fan");
+        let first = ChunkFiles::open(&output).unwrap();
+        let ended = ChunkFiles::open_when_free(&output, &Impatient).unwrap_err();
+        assert_eq!(ended.exit_code(), 75);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(BETWEEN_TRIES / 2);
+                first.remove().unwrap();
+                drop(first);
+            });
+            ChunkFiles::open_when_free(&output, &geofan_core::Unobserved).unwrap();
+        });
     }
 }

@@ -8,14 +8,16 @@
 //! not spare most of the faces. Straight ahead and behind a moving camera the view hardly changes, beside it
 //! the view turns about the direction of motion: with the pole there, motion changes polar angles only.
 
-use crate::{plan::random_stored_rays, refine::tensor_train::rank_in_bits};
+use crate::{
+    plan::{PlanWatch, random_stored_rays},
+    refine::tensor_train::rank_in_bits,
+};
 use faer::Mat;
 use geofan_bundle::{
     Division, PlanRecord,
-    measure::{probe, stored_settings},
     rays::{Mirror, RaySpace, cell, direction::direction, parallel, sample},
 };
-use geofan_core::random::Stream;
+use geofan_core::{Result, random::Stream};
 use glam::{DMat3, DVec2, DVec3};
 
 /// The fewest chunks of faces, for each of whole spheres, that are worth replacing: three bumps take 0.7
@@ -97,6 +99,12 @@ const PLACES: [f64; 3] = [0.3, 0.6, 0.95];
 /// Reference spheres tried: the parallax of the farthest corner of a cell.
 const PARALLAXES: [f64; 6] = [0.2, 0.3, 0.4, 0.5, 0.6, 0.7];
 
+/// Work of one part, whose rays carry nothing, and of all parts with all spheres, in the unit of
+/// [`PlanWatch`].
+const PART_WORK: u64 = (CAMERAS * DIRECTIONS / 4) as u64;
+pub const REFERENCE_SPHERE_WORK: u64 =
+    PATHS as u64 + ((1 + PARALLAXES.len()) * PARTS) as u64 * PART_WORK;
+
 /// Share by which a nearer sphere must need fewer bits. The strongest parallax is never worth it: it crowds
 /// directions (a Gaussian lens takes 102 kB with 0.4, 117 kB with the 0.6 that promises 0.7 % fewer bits).
 const WORTH: f64 = 0.004;
@@ -115,32 +123,39 @@ struct TableSample {
 ///
 /// Looked at are small random parts of the matrices cameras × directions of some cells and faces: the fewer
 /// singular values count, the smaller are tensor trains.
-pub fn reference_sphere(space: &RaySpace, plan: &PlanRecord) -> [[f64; 3]; 3] {
+///
+/// # Errors
+/// The observer ends it.
+pub fn reference_sphere(
+    space: &RaySpace,
+    plan: &PlanRecord,
+    watch: &PlanWatch<'_>,
+) -> Result<[[f64; 3]; 3]> {
     let none = [[0.0; 3]; 3];
     if space.planar() || space.cameras().is_empty() {
-        return none;
+        return Ok(none);
     }
     let parts = table_samples(space, plan);
     // A parallax of one unit of length in all directions, as symmetric as the space.
     let unit = Mirror::averaged(
         &plan.mirrors,
-        DMat3::from_diagonal(coordinate_lengths(space, plan)),
+        DMat3::from_diagonal(coordinate_lengths(space, plan, watch)?),
     );
     let reach = farthest_corner(space, plan, &parts, unit);
     if !(reach > 0.0 && reach.is_finite()) {
-        return none;
+        return Ok(none);
     }
     // Nearer and nearer spheres, as long as they need fewer bits.
-    let mut best = (estimated_bits(space, plan, &parts, none), none);
+    let mut best = (estimated_bits(space, plan, &parts, none, watch)?, none);
     for share in PARALLAXES {
         let focus = (unit * (share / reach)).to_cols_array_2d();
-        let bits = estimated_bits(space, plan, &parts, focus);
+        let bits = estimated_bits(space, plan, &parts, focus, watch)?;
         if !(bits < (1.0 - WORTH) * best.0) {
             break;
         }
         best = (bits, focus);
     }
-    best.1
+    Ok(best.1)
 }
 
 /// Counts the cells along each camera parameter.
@@ -179,12 +194,11 @@ fn arc_lengths(plan: &PlanRecord) -> [f64; PLACES.len()] {
 }
 
 /// Measures the length of a unit of each chart coordinate, in the median of points on random paths.
-fn coordinate_lengths(space: &RaySpace, plan: &PlanRecord) -> DVec3 {
+fn coordinate_lengths(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result<DVec3> {
     let rays = random_stored_rays(space, PATHS);
     let lengths = |_: usize, _: f64| arc_lengths(plan).to_vec();
-    let settings = stored_settings(space, plan.tolerance);
+    let paths = watch.probe(space, (plan.length, plan.tolerance), &rays, lengths)?;
     let manifold = space.manifold();
-    let paths = probe(manifold, settings, plan.length, &rays, lengths);
     let probes = paths.iter().flat_map(|path| &path.probes);
     let metrics: Vec<DMat3> = probes.map(|probe| manifold.metric(probe.u)).collect();
     let median = |k: usize| {
@@ -193,7 +207,7 @@ fn coordinate_lengths(space: &RaySpace, plan: &PlanRecord) -> DVec3 {
         sizes.sort_by(f64::total_cmp);
         sizes.get(sizes.len() / 2).map_or(1.0, |s| *s)
     };
-    DVec3::from_array([0, 1, 2].map(median))
+    Ok(DVec3::from_array([0, 1, 2].map(median)))
 }
 
 /// Returns the largest parallax of the corners of cells.
@@ -230,16 +244,19 @@ fn estimated_bits(
     plan: &PlanRecord,
     parts: &[TableSample],
     focus: [[f64; 3]; 3],
-) -> f64 {
+    watch: &PlanWatch<'_>,
+) -> Result<f64> {
     let aimed = PlanRecord {
         focus,
         ..plan.clone()
     };
     let aimed = aimed.applied(space.clone());
-    parts
-        .iter()
-        .map(|part| bits_of_part(part, &aimed, plan))
-        .sum()
+    let mut bits = 0.0;
+    for part in parts {
+        watch.add(PART_WORK)?;
+        bits += bits_of_part(part, &aimed, plan);
+    }
+    Ok(bits)
 }
 
 /// Estimates the bits that one part takes: the matrix cameras × (directions, places, channels).
@@ -250,7 +267,7 @@ fn bits_of_part(part: &TableSample, space: &RaySpace, plan: &PlanRecord) -> f64 
         let camera = cell::parameters(&cells, space.cameras(), &part.cell, camera);
         let ray = move |aim: &DVec3| -> (DVec3, DVec3) {
             let (u, d) = space.ray_aimed(&camera, *aim);
-            (u, manifold.standard_frame(u) * d)
+            (u, manifold.observer(u).tangent(d))
         };
         part.aims.iter().map(ray)
     });

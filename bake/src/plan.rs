@@ -4,9 +4,12 @@
 //! under which paths are smoothest, the discrete symmetries, the tolerance of the exact tracer; how
 //! directions are parametrised is in `directions`. All is measured along random paths and equal for any
 //! number of threads. Arc lengths are in the metric's unit, errors in mrad.
+//!
+//! Planning takes a bounded number of rays, but a stiff space makes each of them long: they are followed
+//! in batches, and between batches the observer is told and asked.
 
 use crate::{
-    directions::{reference_sphere, sphere_axes},
+    directions::{REFERENCE_SPHERE_WORK, reference_sphere, sphere_axes},
     refine::line_series::{LineSamples, SeriesTails},
 };
 use geofan_bundle::{
@@ -14,8 +17,10 @@ use geofan_bundle::{
     measure::{Probed, probe, stored_settings},
     rays::{ChartMap, Mirror, RaySpace},
 };
-use geofan_core::random::Stream;
+use geofan_core::{Error, Observer, Progress, Result, random::Stream};
 use glam::DVec3;
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Counts up when refinement changes: parts of another count are baked again.
 pub const REFINEMENT: u32 = 14;
@@ -28,14 +33,106 @@ const FIRST_TOLERANCE: f64 = 1e-8;
 const STRETCH: f64 = 0.85;
 
 /// Plans the bake of the rays of `space`; returns it with the space as it is stored.
-pub fn plan(space: RaySpace, length: f64, max_error: f64, frames: bool) -> (RaySpace, PlanRecord) {
+///
+/// # Errors
+/// The observer ends it.
+pub fn plan(
+    space: RaySpace,
+    length: f64,
+    max_error: f64,
+    frames: bool,
+    observer: &dyn Observer,
+) -> Result<(RaySpace, PlanRecord)> {
+    let watch = PlanWatch::new(observer);
     let mut plan = first_plan(&space, length, max_error, frames);
-    plan.mirrors = mirrors(&space, &plan);
-    plan.lift = best_chart_map(&space, &plan);
-    plan.tolerance = needed_tolerance(&space, &plan);
+    plan.mirrors = mirrors(&space, &plan, &watch)?;
+    watch.reach(MIRROR_WORK)?;
+    plan.lift = best_chart_map(&space, &plan, &watch)?;
+    watch.reach(MIRROR_WORK + CHART_WORK)?;
+    plan.tolerance = needed_tolerance(&space, &plan, &watch)?;
+    watch.reach(MIRROR_WORK + CHART_WORK + TOLERANCE_WORK)?;
     plan.sphere = sphere_axes(&space, &plan);
-    plan.focus = reference_sphere(&space, &plan);
-    (plan.applied(space), plan)
+    plan.focus = reference_sphere(&space, &plan, &watch)?;
+    watch.reach(WORK)?;
+    Ok((plan.applied(space), plan))
+}
+
+/// Work of the parts of planning in the unit of [`PlanWatch`]: rays followed with frame and deviation, at
+/// most.
+const MIRROR_WORK: u64 = 2 * MIRROR_PATHS as u64;
+const CHART_WORK: u64 = (RADII.len() as u64 + 3) * CHART_PATHS as u64;
+const TOLERANCE_WORK: u64 = 2 * (TOLERANCES.len() * TOLERANCE_RAYS) as u64;
+const WORK: u64 = MIRROR_WORK + CHART_WORK + TOLERANCE_WORK + REFERENCE_SPHERE_WORK;
+
+/// Rays followed between two looks at the observer: enough to fill all lanes for long.
+const BATCH: usize = 64;
+
+/// Tells the observer of planning how far it is.
+pub struct PlanWatch<'a> {
+    observer: &'a dyn Observer,
+    done: AtomicU64,
+}
+
+impl<'a> PlanWatch<'a> {
+    /// Begins.
+    fn new(observer: &'a dyn Observer) -> Self {
+        Self {
+            observer,
+            done: AtomicU64::new(0),
+        }
+    }
+
+    /// Counts so many more rays.
+    ///
+    /// # Errors
+    /// The observer ends the work.
+    pub fn add(&self, rays: u64) -> Result<()> {
+        self.tell(self.done.fetch_add(rays, Ordering::Relaxed) + rays)
+    }
+
+    /// Goes on to the work `done`, which may have taken fewer rays.
+    fn reach(&self, done: u64) -> Result<()> {
+        self.tell(self.done.fetch_max(done, Ordering::Relaxed).max(done))
+    }
+
+    /// Reports the work `done`.
+    fn tell(&self, done: u64) -> Result<()> {
+        self.observer.progress(Progress {
+            work: "planning",
+            done: done.min(WORK),
+            total: WORK,
+            detail: "",
+        });
+        match self.observer.cancelled() {
+            true => Err(Error::Interrupted {
+                resume: "planning begins anew with the same command".into(),
+            }),
+            false => Ok(()),
+        }
+    }
+
+    /// Follows rays and probes them like [`probe`], batch by batch.
+    ///
+    /// # Errors
+    /// As [`PlanWatch::add`].
+    pub fn probe(
+        &self,
+        space: &RaySpace,
+        (length, tolerance): (f64, f64),
+        rays: &[(DVec3, DVec3)],
+        lengths: impl Fn(usize, f64) -> Vec<f64> + Sync,
+    ) -> Result<Vec<Probed>> {
+        let settings = stored_settings(space, tolerance);
+        let manifold = space.manifold();
+        let batches = rays.par_chunks(BATCH).enumerate();
+        let probed = batches.map(|(number, batch)| {
+            self.add(batch.len() as u64)?;
+            let lengths = |ray: usize, end: f64| lengths(number * BATCH + ray, end);
+            Ok(probe(manifold, settings, length, batch, lengths))
+        });
+        let probed: Vec<Vec<Probed>> = probed.collect::<Result<_>>()?;
+        Ok(probed.into_iter().flatten().collect())
+    }
 }
 
 /// Plans again without discrete symmetries.
@@ -111,7 +208,7 @@ const MIRROR_PLACES: usize = 24;
 
 /// Finds the discrete symmetries of the rays of `plan`. No file claims them, so they are tested where it
 /// matters: at points all along random paths.
-fn mirrors(space: &RaySpace, plan: &PlanRecord) -> Vec<Mirror> {
+fn mirrors(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result<Vec<Mirror>> {
     let rays = random_stored_rays(space, MIRROR_PATHS);
     let along = |_: usize, length: f64| {
         let places = 0..MIRROR_PLACES;
@@ -119,13 +216,16 @@ fn mirrors(space: &RaySpace, plan: &PlanRecord) -> Vec<Mirror> {
             .map(|k| length * k as f64 / (MIRROR_PLACES - 1) as f64)
             .collect()
     };
-    let settings = stored_settings(space, plan.tolerance);
-    let probed: Vec<Probed> = probe(space.manifold(), settings, plan.length, &rays, along);
+    let probed = watch.probe(space, (plan.length, plan.tolerance), &rays, along)?;
     let probes = probed.iter().flat_map(|path| &path.probes);
     let states: Vec<_> = probes.map(|probe| (probe.u, probe.v)).collect();
-    match states.is_empty() {
-        true => Vec::new(),
-        false => Mirror::find(space, &states),
+    if states.is_empty() {
+        return Ok(Vec::new());
+    }
+    let cancelled = || watch.observer.cancelled();
+    match Mirror::find(space, &states, &cancelled) {
+        Some(mirrors) => Ok(mirrors),
+        None => watch.add(0).map(|()| Vec::new()),
     }
 }
 
@@ -145,14 +245,15 @@ const RADII: [f64; 3] = [0.5, 1.0, 2.0];
 
 /// Finds the chart map under which polynomials in the arc length fall off fastest along the paths of
 /// `plan`: a path that leaves the chart through infinity is smooth on a sphere.
-fn best_chart_map(space: &RaySpace, plan: &PlanRecord) -> ChartMap {
+fn best_chart_map(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result<ChartMap> {
     let rays = random_stored_rays(space, CHART_PATHS);
     let half = 0.5 * plan.length;
     let nodes = chebyshev::nodes(CHART_NODES);
     let lengths: Vec<f64> = nodes.iter().map(|t| half * (t + 1.0)).collect();
-    let roughness = |map: ChartMap| roughness(&space.clone().lifted(map), plan, &rays, &lengths);
+    let roughness =
+        |map: ChartMap| roughness(&space.clone().lifted(map), plan, &rays, &lengths, watch);
     // The candidates, each with the gain that it must bring.
-    let middle = median_distance(space, plan, &rays, &lengths);
+    let middle = median_distance(space, plan, &rays, &lengths, watch)?;
     let mut tried: Vec<(ChartMap, f64)> = Vec::new();
     if middle.is_finite() && middle > 0.0 {
         let sphere = |r: f64| ChartMap::Sphere { radius: r * middle };
@@ -162,22 +263,31 @@ fn best_chart_map(space: &RaySpace, plan: &PlanRecord) -> ChartMap {
         tried.push((ChartMap::Polar, POLAR_GAIN));
     }
     // The best of them, if it is better than the plain chart.
-    let costs = tried.iter().map(|(map, gain)| gain * roughness(*map));
-    let best = tried
+    let costs = tried
         .iter()
-        .zip(costs)
-        .min_by(|(_, a), (_, b)| a.total_cmp(b));
+        .map(|(map, gain)| Ok((*map, gain * roughness(*map)?)));
+    let costs = costs.collect::<Result<Vec<_>>>()?;
+    let best = costs.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b));
     match best {
-        Some(((map, _), cost)) if cost < roughness(ChartMap::None) => *map,
-        _ => ChartMap::None,
+        Some((map, cost)) if cost < roughness(ChartMap::None)? => Ok(map),
+        _ => Ok(ChartMap::None),
     }
 }
 
 /// Measures the error of polynomials in the arc length along nearly all of `rays`, in units of the promise.
-fn roughness(space: &RaySpace, plan: &PlanRecord, rays: &[(DVec3, DVec3)], lengths: &[f64]) -> f64 {
+fn roughness(
+    space: &RaySpace,
+    plan: &PlanRecord,
+    rays: &[(DVec3, DVec3)],
+    lengths: &[f64],
+    watch: &PlanWatch<'_>,
+) -> Result<f64> {
     let mut tails = SeriesTails::of_polynomials(CHART_NODES, plan.max_error);
-    LineSamples::new(space, plan, rays, lengths).along_paths(&mut tails);
-    tails.excess()
+    for batch in rays.chunks(BATCH) {
+        watch.add(batch.len() as u64)?;
+        LineSamples::new(space, plan, batch, lengths).along_paths(&mut tails);
+    }
+    Ok(tails.excess())
 }
 
 /// Returns the median distance of the points at `lengths` on the paths of `rays` from the chart's origin.
@@ -186,14 +296,14 @@ fn median_distance(
     plan: &PlanRecord,
     rays: &[(DVec3, DVec3)],
     lengths: &[f64],
-) -> f64 {
-    let settings = stored_settings(space, plan.tolerance);
+    watch: &PlanWatch<'_>,
+) -> Result<f64> {
     let at = |_: usize, _: f64| lengths.to_vec();
-    let paths = probe(space.manifold(), settings, plan.length, rays, at);
+    let paths = watch.probe(space, (plan.length, plan.tolerance), rays, at)?;
     let probes = paths.iter().flat_map(|path| &path.probes);
     let mut distances: Vec<f64> = probes.map(|probe| probe.u.length()).collect();
     distances.sort_by(f64::total_cmp);
-    distances.get(distances.len() / 2).map_or(0.0, |d| *d)
+    Ok(distances.get(distances.len() / 2).map_or(0.0, |d| *d))
 }
 
 /// Random rays on which tolerances are compared.
@@ -216,16 +326,18 @@ const TOLERANCE_BOUNDS: [f64; 2] = [1e-13, 1e-6];
 /// a visible one, and polynomials cannot follow it because it differs from ray to ray (Sol over length 5 at
 /// a tolerance a millionth of the promise: 2 % of rays flagged for it); where they do not, a tight tolerance
 /// is time lost.
-fn needed_tolerance(space: &RaySpace, plan: &PlanRecord) -> f64 {
+fn needed_tolerance(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result<f64> {
     let rays = random_stored_rays(space, TOLERANCE_RAYS);
     let [tightest, loosest] = TOLERANCE_BOUNDS;
     let tolerances =
         TOLERANCES.map(|share| (share * 1e-3 * plan.max_error).clamp(tightest, loosest));
-    let enough = |tolerance: &f64| {
-        tracer_error(space, plan, &rays, *tolerance) <= TRACER_SHARE * plan.max_error
-    };
-    let found = tolerances.iter().find(|tolerance| enough(tolerance));
-    found.copied().unwrap_or(tightest)
+    for tolerance in tolerances {
+        let error = tracer_error(space, plan, &rays, tolerance, watch)?;
+        if error <= TRACER_SHARE * plan.max_error {
+            return Ok(tolerance);
+        }
+    }
+    Ok(tightest)
 }
 
 /// Measures the 99th percentile of the screen errors of the tracer, mrad, at `tolerance`.
@@ -234,17 +346,18 @@ fn tracer_error(
     plan: &PlanRecord,
     rays: &[(DVec3, DVec3)],
     tolerance: f64,
-) -> f64 {
-    let follow = |tolerance: f64| -> Vec<Probed> {
-        let settings = stored_settings(space, tolerance.max(TOLERANCE_BOUNDS[0]));
+    watch: &PlanWatch<'_>,
+) -> Result<f64> {
+    let follow = |tolerance: f64| {
+        let tolerance = tolerance.max(TOLERANCE_BOUNDS[0]);
         let lengths = |ray: usize, end: f64| {
             // Every second ray at its end, where errors have grown most; the others on the way.
             let share = if ray.is_multiple_of(2) { 1.0 } else { 0.7 };
             vec![share * end.min(plan.length) * (1.0 - 1e-6)]
         };
-        probe(space.manifold(), settings, plan.length, rays, lengths)
+        watch.probe(space, (plan.length, tolerance), rays, lengths)
     };
-    let (found, exact) = (follow(tolerance), follow(REFERENCE * tolerance));
+    let (found, exact) = (follow(tolerance)?, follow(REFERENCE * tolerance)?);
     let pairs = found.iter().zip(&exact);
     let errors = pairs.flat_map(|(found, exact)| {
         let probes = found.probes.iter().zip(&exact.probes);
@@ -256,5 +369,5 @@ fn tracer_error(
     });
     let mut errors: Vec<f64> = errors.collect();
     errors.sort_by(f64::total_cmp);
-    errors.get(errors.len() * 99 / 100).map_or(0.0, |e| *e)
+    Ok(errors.get(errors.len() * 99 / 100).map_or(0.0, |e| *e))
 }

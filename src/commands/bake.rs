@@ -89,6 +89,9 @@ pub struct BakeArgs {
     /// Go on with what an interrupted bake left in B.fan.parts
     #[arg(long)]
     pub resume: bool,
+    /// If another process bakes into the same file, wait until it has ended
+    #[arg(long)]
+    pub wait: bool,
     /// Fresh random rays that the certificate takes
     #[arg(long, value_name = "RAYS", default_value_t = 20_000,
           value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
@@ -133,6 +136,7 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
         mirrors: !args.no_mirrors,
         share: args.shard,
         resume: args.resume,
+        wait: args.wait,
         certify_rays: args.certify_rays,
     };
     let baked = bake(Arc::new(manifold), &args.output, &options, &observer);

@@ -9,7 +9,7 @@ use super::bake::{self, BakeArgs};
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, values};
 use geofan_bake::plan::plan;
 use geofan_bundle::{Bundle, identity, rays::RaySpace};
-use geofan_core::{Error, Result, manifold::Manifold};
+use geofan_core::{Error, Result, Unobserved, manifold::Manifold};
 use geofan_render::Stage;
 use geofan_study::comparison::{CompareOptions, ComparisonReport, compare, write_pictures};
 use serde_json::json;
@@ -107,6 +107,7 @@ fn bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
         no_mirrors: false,
         shard: None,
         resume: true,
+        wait: false,
         certify_rays: CERTIFY_RAYS,
     };
     bake::run(&args, common)?;
@@ -119,7 +120,8 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
         return Ok(None);
     };
     let space = RaySpace::new(manifold.clone())?;
-    let (_, plan) = plan(space, manifold.length_or(None)?, PROMISE, true);
+    let length = manifold.length_or(None)?;
+    let (_, plan) = plan(space, length, PROMISE, true, &Unobserved)?;
     let id = identity(manifold, &plan).map_err(|e| e.about(path))?;
     let same = bundle.id == id && bundle.header.generator == env!("CARGO_PKG_VERSION");
     Ok(same.then_some(bundle))

@@ -189,7 +189,16 @@ impl<'b> PathSource<'b> {
     /// Draws the picture; returns it with the time that fixing the camera took.
     fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
         let samples = usize::from(args.scene.spp);
-        let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
+        let by = |paths: Paths<'_>| {
+            draw(
+                world,
+                view,
+                paths,
+                samples,
+                Footprints::Filtered,
+                &geofan_study::clock,
+            )
+        };
         match self {
             Self::Table(lookup) => {
                 let began = Instant::now();

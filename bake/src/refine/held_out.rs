@@ -199,7 +199,7 @@ impl<'a> HeldOutRays<'a> {
                 }
                 HeldOutRay {
                     parameters,
-                    start: lift.start(u, manifold.standard_frame(u) * d),
+                    start: lift.start(u, manifold.observer(u).tangent(d)),
                     probes: probed.probes,
                     exits,
                 }

@@ -367,12 +367,15 @@ impl Refiner<'_> {
             // Camera by camera, because each has one frame.
             for number in numbers.start / each..numbers.end.div_ceil(each) {
                 let camera = self.camera(chunk, bounds, &grid_node(&cameras, number));
-                let frame = self.space.manifold().standard_frame(camera.u);
+                let observer = self.space.manifold().observer(camera.u);
                 let first = numbers.start.max(number * each);
                 let own = first..numbers.end.min((number + 1) * each);
                 rays.extend(own.map(|ray| {
                     let x = grid_node(&directions, ray % each);
-                    (camera.u, frame * self.direction(&camera, bounds, &x))
+                    (
+                        camera.u,
+                        observer.tangent(self.direction(&camera, bounds, &x)),
+                    )
                 }));
             }
             rays

@@ -10,7 +10,7 @@ use crate::{
     rays::ChartMap,
 };
 use geofan_core::{
-    geodesic::{End, first_event, transport},
+    geodesic::{End, carry, first_event},
     manifold::Isometry,
 };
 use geofan_expr::{Tape, real::Real, vectorised};
@@ -125,7 +125,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             return None;
         }
         let manifold = table.space.manifold();
-        let carried = transport(manifold, self.curve(), [0.0, s], TRANSPORT_TOLERANCE);
+        let carried = carry(manifold, self.curve(), [0.0, s], TRANSPORT_TOLERANCE);
         Some(carried.ok()?.rotation)
     }
 

@@ -25,6 +25,18 @@ pub trait Observer: Sync {
     }
 }
 
+/// Ends work as another observer says and shows none of its progress: for pieces of work that shows its
+/// own.
+pub struct Muted<'a>(pub &'a dyn Observer);
+
+impl Observer for Muted<'_> {
+    fn progress(&self, _: Progress<'_>) {}
+
+    fn cancelled(&self) -> bool {
+        self.0.cancelled()
+    }
+}
+
 /// Lets work run to its end unwatched.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Unobserved;

@@ -14,7 +14,7 @@ use crate::{
 };
 use geofan_core::{
     geodesic::{Ray, Settings, perpendiculars, signed_area},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Manifold, Observer},
 };
 use glam::{DMat3, DVec3};
 
@@ -41,7 +41,7 @@ pub(crate) struct ShootingStart {
     pub index: usize,
     /// The point to start from with the standard frame there, and the one to reach.
     pub from: DVec3,
-    pub frame: DMat3,
+    pub observer: Observer,
     pub to: DVec3,
     /// Guessed direction in the standard frame at the start, and arc length.
     pub direction: DVec3,
@@ -58,12 +58,12 @@ struct ShootingState {
     best: (DVec3, f64, f64),
     /// The step from the best that is being tried: two angles and an arc length.
     step: DVec3,
-    /// Whether the step is so small that it may be the last.
+    /// Set if the step is so small that it may be the last.
     near: bool,
-    /// Whether the next ray is to be followed without deviation, and the step after it found by the
+    /// Set if the next ray is to be followed without deviation, and the step after it found by the
     /// guessed one.
     bare: bool,
-    /// Whether the present step was found so.
+    /// Set if the present step was found so.
     guessed: bool,
 }
 
@@ -226,7 +226,7 @@ impl ShootingState {
 
     fn ray(&self) -> Ray {
         let (d, s) = self.tried();
-        Ray::in_frame(self.start.frame, self.start.from, d, s)
+        Ray::seen_by(&self.start.observer, self.start.from, d, s)
     }
 
     /// Returns what the present step has led to, if its ray has reached its end.
@@ -235,7 +235,7 @@ impl ShootingState {
             u,
             v,
             spread,
-            frame,
+            observer,
         }) = ray
         else {
             return None;
@@ -244,7 +244,7 @@ impl ShootingState {
         let columns = spread.or(self.start.spread)?;
         // From the end to the point, and the derivatives of the end by two angles and the arc length,
         // in the standard frame.
-        let into = frame.inverse();
+        let into = observer.frame.inverse();
         let miss = into * (self.start.to - u);
         let slope = DMat3::from_cols(into * columns[0], into * columns[1], into * v);
         let tried = Connection {
@@ -252,7 +252,7 @@ impl ShootingState {
             s,
             u,
             v,
-            area: signed_area(into, v, columns),
+            area: signed_area(&observer, v, columns),
         };
         let step = limited(least_squares(slope, miss, s), s);
         Some((tried, miss.length(), step))
@@ -352,7 +352,7 @@ impl LightFan<'_> {
         let start = |(index, to, guess): (usize, DVec3, Guess)| ShootingStart {
             index,
             from: self.u,
-            frame: self.frame,
+            observer: self.observer,
             to,
             direction: guess.direction,
             s: guess.s,

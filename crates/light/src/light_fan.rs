@@ -12,10 +12,10 @@
 use crate::segment::{BeamSegment, Guess};
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Manifold, Observer},
 };
 use geofan_render::accel::Accelerator;
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -64,7 +64,7 @@ pub(super) struct RayKnot {
     pub v: DVec3,
     /// Derivative of `u` when the direction turns towards each of its perpendiculars.
     pub spread: [Vec3; 2],
-    /// Whether the area is negative: the ray has passed an odd number of caustics.
+    /// Set if the area is negative: the ray has passed an odd number of caustics.
     pub reversed: bool,
 }
 
@@ -73,9 +73,9 @@ pub struct LightFan<'m> {
     pub(super) manifold: &'m Manifold,
     /// The lamp's chart point.
     pub u: DVec3,
-    /// The standard frame there.
-    pub(super) frame: DMat3,
-    /// How far its light is followed.
+    /// The observer there.
+    pub(super) observer: Observer,
+    /// Arc length over which its light is followed.
     pub length: f64,
     /// Where connections are asked for.
     region: Region,
@@ -96,7 +96,7 @@ impl<'m> LightFan<'m> {
         let mut fan = Self {
             manifold,
             u,
-            frame: manifold.standard_frame(u),
+            observer: manifold.observer(u),
             length,
             region: widened(manifold, region),
             directions: Vec::new(),
@@ -256,7 +256,7 @@ impl<'m> LightFan<'m> {
             };
             let rays = directions
                 .iter()
-                .map(|d| Ray::in_frame(self.frame, self.u, *d, self.length));
+                .map(|d| Ray::seen_by(&self.observer, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
             sampler.rays
         };
@@ -267,7 +267,7 @@ impl<'m> LightFan<'m> {
     fn first_knot(&self, direction: DVec3) -> RayKnot {
         RayKnot {
             u: self.u,
-            v: self.frame * direction,
+            v: self.observer.tangent(direction),
             spread: [Vec3::ZERO; 2],
             reversed: false,
         }
@@ -383,13 +383,13 @@ impl Sink for KnotSampler<'_, '_> {
             && s <= step.end
         {
             let (u, v) = (step.position(s), step.tangent(s));
-            let inverse = self.fan.manifold.standard_frame(u).inverse();
+            let observer = self.fan.manifold.observer(u);
             let spread = step.deviation(s).unwrap_or_default();
             ray.push(RayKnot {
                 u,
                 v,
                 spread: spread.map(|j| j.as_vec3()),
-                reversed: signed_area(inverse, v, spread) < 0.0,
+                reversed: signed_area(&observer, v, spread) < 0.0,
             });
         }
     }

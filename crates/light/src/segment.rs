@@ -10,7 +10,7 @@ use crate::{
 };
 use glam::{DMat3, DVec3, Mat3, Vec3};
 
-/// How far outside its segment, in b, c and t, a point may lie and still be guessed from it:
+/// Distance outside its segment, in b, c and t, up to which a point is still guessed from it:
 /// neighbours agree about a point to a hundredth of a segment, except where rays fold. A wider margin
 /// only repeats what they find.
 const MARGIN: f64 = 0.1;
@@ -55,9 +55,9 @@ pub(super) struct BeamSegment {
     /// The numbers of the rays, and of the first knot.
     corners: [u32; 3],
     knot: u32,
-    /// Whether the rays fold inside: then the point may be met more than once.
+    /// Set if the rays fold inside: then the point may be met more than once.
     folded: bool,
-    /// Whether the rays' own linear maps say anything about what is between them.
+    /// Set if the rays' own linear maps say anything about what is between them.
     smooth: bool,
     /// The segment's middle, and the inverse of the map's slope there; where rays fold, the affine map
     /// of [`SegmentMap::oriented_box`].
@@ -72,7 +72,7 @@ pub(super) struct Guess {
     pub direction: DVec3,
     /// Arc length.
     pub s: f64,
-    /// How the point moves when the direction turns towards each of its perpendiculars, by the
+    /// Change of the point when the direction turns towards each of its perpendiculars, by the
     /// interpolated map.
     pub spread: [DVec3; 2],
     /// The segment's size, as an angle and as an arc length.

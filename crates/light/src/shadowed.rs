@@ -6,14 +6,14 @@
 
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::Manifold,
+    manifold::{Manifold, Observer},
 };
 use geofan_render::{
     SurfacePoint, World,
     intersect::{first_hit, may_meet, region},
     tracer::pieces,
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// Says what casts shadows.
 #[derive(Clone, Copy)]
@@ -43,7 +43,7 @@ pub(super) struct RayEnd {
     /// The two deviations, if they were carried.
     pub spread: Option<[DVec3; 2]>,
     /// The standard frame there.
-    pub frame: DMat3,
+    pub observer: Observer,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
@@ -79,17 +79,17 @@ pub(super) fn follow_shadowed(
 fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
     let ends = |f: &RayState| f.end.map(|(u, ..)| u);
     let ends: Vec<DVec3> = states.iter().filter_map(ends).collect();
-    let mut frames = manifold.standard_frames(&ends).into_iter();
+    let mut observers = manifold.observers(&ends).into_iter();
     let followed = |f: &RayState| match (f.shadowed, f.end) {
         (true, _) => FollowedRay::Shadowed,
         (false, None) => FollowedRay::Ended,
         (false, Some((u, v, spread))) => {
-            let frame = frames.next().expect("as many frames as ends");
+            let observer = observers.next().expect("as many observers as ends");
             FollowedRay::Arrived(RayEnd {
                 u,
                 v,
                 spread,
-                frame,
+                observer,
             })
         }
     };
@@ -100,9 +100,9 @@ fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
 struct RayState {
     length: f64,
     number: usize,
-    /// Whether the surface of its point has been met.
+    /// Set once the surface of its point has been met.
     met: bool,
-    /// Whether another surface has been met before.
+    /// Set once another surface has been met before.
     shadowed: bool,
     /// Point, tangent and deviations at its end.
     end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,

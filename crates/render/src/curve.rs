@@ -1,13 +1,18 @@
-//! The path of one ray as the renderer sees it: cubic pieces between knots, and how it ends.
+//! The cubic between two knots of a path, and how a path ends.
 //!
-//! In: chart points and tangents at knots. Out: pieces to intersect, and the [`Ending`]. Every
-//! tracer hands out curves, so everything after the paths is the same for all.
+//! In: chart points `u` and tangents `v` at arc lengths `s`. Out: [`Cubic`]s to intersect, one by one
+//! or of sixteen paths side by side ([`CubicPacket`]), and the [`Ending`]. Every tracer hands out
+//! cubics, so everything after the paths is the same for all.
 
+use super::{
+    lanes::{LANES, Lanes, Vectors, each, each_vector, less, more, range},
+    path_batch::PathView,
+};
 use geofan_core::{geodesic::End, manifold::Manifold};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// How a curve ends.
+/// How a path ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Ending {
     /// Through an exit, at arc length `s`; `sky` is the direction by which its sky is looked up.
@@ -24,7 +29,7 @@ pub enum Ending {
 }
 
 impl Ending {
-    /// The arc length beyond which nothing of the curve counts.
+    /// Returns the arc length beyond which nothing of the path counts.
     pub fn limit(&self) -> f64 {
         match self {
             Ending::Exit { s, .. } => *s,
@@ -32,7 +37,7 @@ impl Ending {
         }
     }
 
-    /// The index of the exit.
+    /// Returns the index of the exit.
     pub fn exit(&self) -> Option<usize> {
         match self {
             Ending::Exit { exit, .. } => Some(*exit),
@@ -41,7 +46,20 @@ impl Ending {
     }
 }
 
-/// A path between knots.
+/// Returns the ending of a path that the integrator ended by `end` at arc length `s`, point `u`, tangent
+/// `v`.
+pub fn ending_at(manifold: &Manifold, end: End, s: f64, u: DVec3, v: DVec3) -> Ending {
+    match end {
+        End::Exit(exit) => Ending::Exit {
+            exit,
+            s,
+            sky: manifold.sky_direction(Some(exit), u, v),
+        },
+        End::Length | End::Singular => Ending::Nowhere,
+    }
+}
+
+/// The steps of an integrated path as cubics between knots of its own.
 #[derive(Debug, Clone)]
 pub struct Curve {
     /// Arc lengths of the knots, ascending.
@@ -55,28 +73,28 @@ pub struct Curve {
 }
 
 impl Curve {
-    /// The pieces in order, up to the ending.
-    pub fn pieces(&self) -> impl Iterator<Item = Piece> {
+    /// Returns the cubics in order, up to the ending.
+    pub fn pieces(&self) -> impl Iterator<Item = Cubic> {
         let limit = self.ending.limit();
         (1..self.u.len())
             .take_while(move |k| self.s[k - 1] < limit)
             .map(|k| self.piece(k - 1))
     }
 
-    /// The chart point and tangent at arc length `s`; `None` beyond the last knot.
+    /// Returns the chart point and tangent at arc length `s`; `None` beyond the last knot.
     pub fn state(&self, s: f64) -> Option<(DVec3, DVec3)> {
         let next = self.s.partition_point(|knot| *knot < s).max(1);
         if next >= self.u.len() {
             return None;
         }
         let piece = self.piece(next - 1);
-        let t = (s - piece.s[0]) / (piece.s[1] - piece.s[0]);
+        let t = piece.fraction(s);
         Some((piece.position(t), piece.tangent(t)))
     }
 
-    /// The piece from knot `k` to the next.
-    pub fn piece(&self, k: usize) -> Piece {
-        Piece {
+    /// Returns the cubic from knot `k` to the next.
+    pub fn piece(&self, k: usize) -> Cubic {
+        Cubic {
             s: [self.s[k], self.s[k + 1]],
             u: [self.u[k], self.u[k + 1]],
             v: [self.v[k], self.v[k + 1]],
@@ -86,7 +104,7 @@ impl Curve {
 
 /// A cubic between two knots (Hermite's form).
 #[derive(Debug, Clone, Copy)]
-pub struct Piece {
+pub struct Cubic {
     /// Arc lengths at the ends.
     pub s: [f64; 2],
     /// Chart points at the ends.
@@ -95,19 +113,34 @@ pub struct Piece {
     pub v: [DVec3; 2],
 }
 
-impl Piece {
+impl Cubic {
     fn width(&self) -> f64 {
         self.s[1] - self.s[0]
     }
 
-    /// The chart point at the fraction `t`.
+    /// Returns the fraction of the way at arc length `s`.
+    pub fn fraction(&self, s: f64) -> f64 {
+        (s - self.s[0]) / self.width()
+    }
+
+    /// Returns the arc length at the fraction `t`.
+    pub fn arc(&self, t: f64) -> f64 {
+        self.s[0] + t * self.width()
+    }
+
+    /// Returns the chart point at the fraction `t`.
     pub fn position(&self, t: f64) -> DVec3 {
         let [c0, c1, c2, c3] = self.bezier();
         let r = 1.0 - t;
         c0 * (r * r * r) + c1 * (3.0 * r * r * t) + c2 * (3.0 * r * t * t) + c3 * (t * t * t)
     }
 
-    /// The tangent at the fraction `t`.
+    /// Returns the chart point at the middle.
+    pub fn middle(&self) -> DVec3 {
+        (self.u[0] + self.u[1]) * 0.5 + (self.v[0] - self.v[1]) * (self.width() / 8.0)
+    }
+
+    /// Returns the tangent at the fraction `t`.
     pub fn tangent(&self, t: f64) -> DVec3 {
         let [c0, c1, c2, c3] = self.bezier();
         let r = 1.0 - t;
@@ -115,12 +148,7 @@ impl Piece {
         slope * (3.0 / self.width())
     }
 
-    /// The arc length at the fraction `t`.
-    pub fn arc(&self, t: f64) -> f64 {
-        self.s[0] + t * self.width()
-    }
-
-    /// The control points of Bézier's form; the curve lies in their hull.
+    /// Returns the control points of Bézier's form; the curve lies in their hull.
     pub fn bezier(&self) -> [DVec3; 4] {
         let third = self.width() / 3.0;
         [
@@ -131,14 +159,14 @@ impl Piece {
         ]
     }
 
-    /// A box that holds the curve.
+    /// Returns a box that holds the curve.
     pub fn bounds(&self) -> (DVec3, DVec3) {
         let c = self.bezier();
         let fold = |f: fn(DVec3, DVec3) -> DVec3| c[1..].iter().fold(c[0], |a, b| f(a, *b));
         (fold(DVec3::min), fold(DVec3::max))
     }
 
-    /// The largest distance of the curve from its chord, bounded by the second derivative.
+    /// Returns the largest distance of the curve from its chord, bounded by the second derivative.
     pub fn sagitta(&self) -> f64 {
         let [c0, c1, c2, c3] = self.bezier();
         let bend = (c0 - c1 * 2.0 + c2)
@@ -148,14 +176,96 @@ impl Piece {
     }
 }
 
-/// The ending of a path that ended as `end` at arc length `s`, point `u`, tangent `v`.
-pub fn ending_at(manifold: &Manifold, end: End, s: f64, u: DVec3, v: DVec3) -> Ending {
-    match end {
-        End::Exit(exit) => Ending::Exit {
-            exit,
-            s,
-            sky: manifold.sky_direction(Some(exit), u, v),
-        },
-        End::Length | End::Singular => Ending::Nowhere,
+/// The cubics of sixteen paths between the same two knots, by their control points in Bézier's form.
+/// Everything here is inlined into kernels.
+pub struct CubicPacket {
+    /// The arc lengths of their ends.
+    pub s: [f64; 2],
+    control: [Vectors; 4],
+}
+
+impl CubicPacket {
+    /// Takes the cubics between the knots numbered `k` and `k + 1`.
+    #[inline(always)]
+    pub fn new(paths: &[PathView<'_>; LANES], k: usize) -> Self {
+        let knots = paths[0].knots;
+        let s = [knots[k], knots[k + 1]];
+        let third = (s[1] - s[0]) / 3.0;
+        let at = |first: usize, k: usize| each_vector(|c, l| paths[l].row(first + c)[k]);
+        let (a, d, v, w) = (at(0, k), at(0, k + 1), at(3, k), at(3, k + 1));
+        let b = each_vector(|c, l| a[c][l] + v[c][l] * third);
+        let c = each_vector(|c, l| d[c][l] - w[c][l] * third);
+        let control = [a, b, c, d];
+        Self { s, control }
     }
+
+    /// Returns the largest distance of one from its chord, bounded by its second derivative, over its
+    /// smallest speed at the ends: of each by itself, as neighbours may be in parts of the chart with
+    /// other units.
+    #[inline(always)]
+    pub fn bend(&self) -> f64 {
+        let (bends, speeds) = (
+            [self.squared_bends(0), self.squared_bends(1)],
+            [self.squared_speeds(0), self.squared_speeds(2)],
+        );
+        let ratios = each(
+            #[inline(always)]
+            |l| {
+                let least = less(speeds[0][l], speeds[1][l]);
+                more(bends[0][l], bends[1][l]) / more(least, f64::MIN_POSITIVE)
+            },
+        );
+        0.75 * range(&ratios)[1].sqrt()
+    }
+
+    /// Returns a speed that none exceeds.
+    #[inline(always)]
+    pub fn most_speed(&self) -> f64 {
+        let most = |i: usize| range(&self.squared_speeds(i))[1];
+        most(0).max(most(1)).max(most(2)).sqrt()
+    }
+
+    /// Returns the squares of the second differences from control point `i` on.
+    #[inline(always)]
+    fn squared_bends(&self, i: usize) -> Lanes {
+        let [a, b, c] = [&self.control[i], &self.control[i + 1], &self.control[i + 2]];
+        squares(&each_vector(
+            #[inline(always)]
+            |k, l| a[k][l] - 2.0 * b[k][l] + c[k][l],
+        ))
+    }
+
+    /// Returns the squares of the lengths from control point `i` to the next, as speeds.
+    #[inline(always)]
+    fn squared_speeds(&self, i: usize) -> Lanes {
+        let per_length = 3.0 / (self.s[1] - self.s[0]);
+        let (a, b) = (&self.control[i], &self.control[i + 1]);
+        squares(&each_vector(
+            #[inline(always)]
+            |k, l| (b[k][l] - a[k][l]) * per_length,
+        ))
+    }
+
+    /// Returns the box around their points at the fraction `t`.
+    #[inline(always)]
+    pub fn bounds(&self, t: f64) -> (DVec3, DVec3) {
+        let r = 1.0 - t;
+        let [a, b, c, d] = [r * r * r, 3.0 * r * r * t, 3.0 * r * t * t, t * t * t];
+        let [p, q, u, v] = &self.control;
+        let mixed = each_vector(
+            #[inline(always)]
+            |k, l| a * p[k][l] + b * q[k][l] + (c * u[k][l] + d * v[k][l]),
+        );
+        let [x, y, z] = [range(&mixed[0]), range(&mixed[1]), range(&mixed[2])];
+        (DVec3::new(x[0], y[0], z[0]), DVec3::new(x[1], y[1], z[1]))
+    }
+}
+
+/// Returns the squared length of the vector in each lane.
+#[inline(always)]
+fn squares(v: &Vectors) -> Lanes {
+    each(
+        #[inline(always)]
+        |l| v[0][l] * v[0][l] + v[1][l] * v[1][l] + v[2][l] * v[2][l],
+    )
 }

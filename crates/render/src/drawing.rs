@@ -1,27 +1,27 @@
 //! A whole picture: paths, colours, pixels.
 //!
-//! In: a world, a view, how paths are made, and how many samples. Out: a [`Drawing`]. Samples are
+//! In: a world, a view, how paths are made, how many samples, and a clock. Out: a [`Drawing`]. Samples are
 //! taken in passes, so that memory does not grow with their number.
 
 use super::{
-    film::Film,
-    frame::{Outcomes, Paths, Work, offsets, trace},
+    filter::Film,
+    frame::{Clock, Outcomes, Paths, Work, offsets, trace_timed},
     picture::Picture,
     shade::{Footprints, shade},
-    tiles::Place,
+    tiles::SamplePlace,
     view::View,
     world::World,
 };
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// A picture, and what it took.
 pub struct Drawing {
     /// The picture.
     pub picture: Picture,
-    /// What the samples of the first pass see.
+    /// Outcomes of the samples of the first pass.
     pub outcomes: Outcomes,
-    /// Which of those the table gave up on.
-    pub flagged: Vec<Place>,
+    /// Those that the table gave up on.
+    pub flagged: Vec<SamplePlace>,
     /// Work on paths and pixels.
     pub work: Work,
     /// Time for paths and what they meet.
@@ -31,7 +31,7 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// The share of the first pass's samples that the table gave up on.
+    /// Returns the share of the first pass's samples that the table gave up on.
     pub fn flagged_share(&self) -> f64 {
         self.flagged.len() as f64 / self.outcomes.len() as f64
     }
@@ -40,13 +40,14 @@ impl Drawing {
 /// Samples of one pass: as many as fit one packet.
 const PASS: usize = 16;
 
-/// Draws with `samples` for each pixel.
+/// Draws with `samples` for each pixel, and measures times by `clock`.
 pub fn draw(
     world: &World,
     view: &View,
     paths: Paths<'_>,
     samples: usize,
     footprints: Footprints,
+    clock: Clock<'_>,
 ) -> Drawing {
     let all = offsets(samples);
     let mut film = Film::new(view.size, samples);
@@ -54,17 +55,17 @@ pub fn draw(
     let mut work = Work::default();
     let mut times = [Duration::ZERO; 2];
     for offsets in all.chunks(PASS) {
-        let began = Instant::now();
-        let traced = trace(world, view, paths, offsets);
+        let began = clock();
+        let traced = trace_timed(world, view, paths, offsets, clock);
         work += traced.work;
-        let middle = Instant::now();
+        let middle = clock();
         let colours = shade(world, view, traced.outcomes.view(), samples, footprints);
         film.add(colours, offsets);
-        times[0] += middle - began;
-        times[1] += middle.elapsed();
+        times[0] += middle.saturating_sub(began);
+        times[1] += clock().saturating_sub(middle);
         first.get_or_insert((traced.outcomes, traced.flagged));
     }
-    let began = Instant::now();
+    let began = clock();
     let picture = film.develop();
     let (outcomes, flagged) = first.unwrap_or_default();
     Drawing {
@@ -73,6 +74,6 @@ pub fn draw(
         flagged,
         work,
         paths: times[0],
-        shade: times[1] + began.elapsed(),
+        shade: times[1] + clock().saturating_sub(began),
     }
 }

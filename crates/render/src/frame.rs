@@ -1,14 +1,13 @@
 //! One frame: paths and what they meet, for any tracer.
 //!
-//! In: a world, a view and a tracer. Out: what every sample sees, and the work and times of
-//! the steps. Shading is [`super::shade`]. All tracers share everything after the paths.
+//! In: a world, a view, a tracer and a clock. Out: what every sample sees, and the work and times of the
+//! steps. Shading is [`super::shade`]. All tracers share everything after the paths.
 
 use super::{
-    desk::{Scratch, ScratchPool},
+    intersect::{Seen, seen_along},
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
-    outcome::{Seen, seen_along},
-    tiles::{Found, Place, Samples, Tally},
+    tiles::{PixelSamples, SamplePlace, Scratch, ScratchPool, TileOutcomes},
     tracer::{ExactTracer, GridTracer},
     view::View,
     world::World,
@@ -16,14 +15,22 @@ use super::{
 use glam::{DVec2, DVec3};
 use ndarray::{Array3, Axis};
 use rayon::prelude::*;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// What the samples of a picture see, axes (row, column, sample).
 pub type Outcomes = Array3<Seen>;
 
-/// Where in a pixel its `n` samples lie: the middle for one, else the additive recurrence of the
-/// plastic number (M. Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018),
-/// the same in every pixel so that tracers can be compared sample by sample.
+/// A clock of the caller: the time since any moment of its choice. All threads read it.
+pub type Clock<'c> = &'c (dyn Fn() -> Duration + Sync);
+
+/// Stands still: the [`Clock`] of a caller that does not ask for times.
+pub fn no_clock() -> Duration {
+    Duration::ZERO
+}
+
+/// Returns the places in a pixel of its `n` samples: the middle for one, else the additive recurrence of the
+/// plastic number (M. Roberts, *The Unreasonable Effectiveness of Quasirandom Sequences*, 2018), equal in
+/// every pixel so that tracers can be compared sample by sample.
 pub fn offsets(n: usize) -> Vec<DVec2> {
     const PLASTIC: f64 = 1.324_717_957_244_746;
     let step = DVec2::new(1.0 / PLASTIC, 1.0 / (PLASTIC * PLASTIC));
@@ -32,31 +39,46 @@ pub fn offsets(n: usize) -> Vec<DVec2> {
         .collect()
 }
 
-/// How the paths of a frame are made and what became of its samples.
+/// Work done for a frame and time spent. Times are sums over threads, but for the samples that were put off.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Work {
-    /// Steps of the threads.
-    pub tally: Tally,
+    /// Paths looked up or followed at common knots.
+    pub paths: usize,
+    /// Samples interpolated.
+    pub interpolated: usize,
+    /// Samples traced one by one.
+    pub traced: usize,
     /// Samples that the tracer could not give.
     pub pending: usize,
-    /// Time for those, by the clock.
+    /// Time for paths and for dividing tiles.
+    pub lattice: Duration,
+    /// Time for tubes and chords.
+    pub tiles: Duration,
+    /// Time for samples.
+    pub pixels: Duration,
+    /// Time for the samples that the tracer could not give, by the clock.
     pub pending_time: Duration,
 }
 
 impl std::ops::AddAssign for Work {
     fn add_assign(&mut self, other: Self) {
-        self.tally += other.tally;
+        self.paths += other.paths;
+        self.interpolated += other.interpolated;
+        self.traced += other.traced;
         self.pending += other.pending;
+        self.lattice += other.lattice;
+        self.tiles += other.tiles;
+        self.pixels += other.pixels;
         self.pending_time += other.pending_time;
     }
 }
 
-/// The outcomes of samples, and the work that it took.
-pub struct Traced {
+/// Outcomes of samples, and the work that it took.
+pub struct TracedSamples {
     /// What each sample sees.
     pub outcomes: Outcomes,
     /// The samples that the tracer could not give and that were integrated exactly.
-    pub flagged: Vec<Place>,
+    pub flagged: Vec<SamplePlace>,
     /// The work.
     pub work: Work,
 }
@@ -74,23 +96,35 @@ pub enum Paths<'a> {
     Straight(f64),
 }
 
-/// What the samples at `offsets` of every pixel see.
-pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) -> Traced {
-    let samples = Samples {
+/// Finds what the samples at `offsets` of every pixel see, without measuring times.
+pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) -> TracedSamples {
+    trace_timed(world, view, paths, offsets, &no_clock)
+}
+
+/// Finds what the samples at `offsets` of every pixel see, and measures times by `clock`.
+pub fn trace_timed(
+    world: &World,
+    view: &View,
+    paths: Paths<'_>,
+    offsets: &[DVec2],
+    clock: Clock<'_>,
+) -> TracedSamples {
+    let samples = PixelSamples {
         world,
         view,
         offsets,
+        clock,
     };
     match paths {
         Paths::Exact(tracer) => trace_exact(&samples, tracer),
-        Paths::Straight(length) => Traced {
+        Paths::Straight(length) => TracedSamples {
             outcomes: trace_straight(&samples, length),
             flagged: Vec::new(),
             work: Work::default(),
         },
-        Paths::Direct(tracer) => trace_tiles(&samples, tracer, |desk, found| {
-            let places = samples.places(found.tile());
-            samples.trace(&places, tracer, desk, found);
+        Paths::Direct(tracer) => trace_tiles(&samples, tracer, |scratch, tile| {
+            let places = samples.places(tile.tile());
+            samples.trace(&places, tracer, scratch, tile);
         }),
         Paths::Lattice(tracer, budget) => {
             let lattice = Lattice {
@@ -100,26 +134,27 @@ pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) ->
                 budget,
                 smallest: smallest_tile(offsets.len()),
             };
-            trace_tiles(&samples, tracer, |desk, found| {
-                let began = Instant::now();
-                let corner = (found.corner.1, found.corner.0);
-                let spare = desk.strands.take();
-                let divided = lattice.refine(corner, spare, &mut desk.endings);
-                found.tally.lattice += began.elapsed();
-                samples.interpolate(&divided, tracer, desk, found);
-                desk.strands = divided.strands;
+            trace_tiles(&samples, tracer, |scratch, tile| {
+                let began = clock();
+                let corner = (tile.corner.1, tile.corner.0);
+                let spare = scratch.paths.take();
+                let divided = lattice.refine(corner, spare, &mut scratch.events);
+                tile.work.lattice += clock().saturating_sub(began);
+                samples.interpolate(&divided, tracer, scratch, tile);
+                scratch.paths = divided.paths;
             })
         }
     }
 }
 
-/// What nothing has been found for yet; written by all threads, as it is megabytes.
+/// Makes outcomes of which nothing is known yet; written by all threads, as it is megabytes.
 fn nothing((height, width, count): (usize, usize, usize)) -> Outcomes {
     let all = rayon::iter::repeat_n(Seen::Nothing, height * width * count).collect();
     Array3::from_shape_vec((height, width, count), all).expect("one for each sample")
 }
 
-fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
+/// Integrates each sample's path.
+fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSamples {
     let (width, height) = samples.view.size;
     let count = samples.offsets.len();
     let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Nothing);
@@ -135,41 +170,43 @@ fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
                 *slot = seen_along(samples.world, &curve);
             }
         });
-    let mut work = Work::default();
-    work.tally.traced = outcomes.len();
-    let flagged = Vec::new();
-    Traced {
+    let work = Work {
+        traced: outcomes.len(),
+        ..Work::default()
+    };
+    TracedSamples {
         outcomes,
-        flagged,
+        flagged: Vec::new(),
         work,
     }
 }
 
-/// Works on all of the largest tiles, then on what was put off.
+/// Works on all of the largest tiles, then on the samples that were put off.
 fn trace_tiles(
-    samples: &Samples<'_>,
+    samples: &PixelSamples<'_>,
     tracer: &dyn GridTracer,
-    tile: impl Fn(&mut Scratch<'_>, &mut Found<'_>) + Sync,
-) -> Traced {
+    work_on: impl Fn(&mut Scratch<'_>, &mut TileOutcomes<'_>) + Sync,
+) -> TracedSamples {
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
-    let mut tiles = Found::split(&mut outcomes);
-    let desks = ScratchPool::new(&samples.world.manifold, tracer.knots());
+    let mut tiles = TileOutcomes::split(&mut outcomes);
+    let pool = ScratchPool::new(&samples.world.manifold, tracer.knots());
     // One by one: a few tiles take as long as many others, and they stand together. Those in the middle
-    // first: there is most often what a camera looks at, and a dear tile at the end keeps one thread alone.
-    let mut order: Vec<&mut Found<'_>> = tiles.iter_mut().collect();
-    order.sort_by_key(|found| found.tile().squared_distance((width / 2, height / 2)));
+    // first: there is most often what a camera looks at, and a slow tile at the end keeps one thread alone.
+    let mut order: Vec<&mut TileOutcomes<'_>> = tiles.iter_mut().collect();
+    order.sort_by_key(|tile| tile.tile().squared_distance((width / 2, height / 2)));
     order
         .into_iter()
         .par_bridge()
-        .for_each(|found| desks.with(|desk| tile(desk, found)));
+        .for_each(|tile| pool.with(|scratch| work_on(scratch, tile)));
     let mut work = Work::default();
     let mut pending = Vec::new();
-    for found in tiles {
-        work.tally += found.tally;
-        pending.extend(found.pending);
+    for tile in tiles {
+        work += tile.work;
+        pending.extend(tile.pending);
     }
-    let began = Instant::now();
+    // The samples that the tracer could not give.
+    let began = (samples.clock)();
     work.pending = pending.len();
     let mut flagged = Vec::new();
     if let Some(tracer) = tracer.fallback() {
@@ -178,8 +215,8 @@ fn trace_tiles(
             flagged.push(place);
         }
     }
-    work.pending_time = began.elapsed();
-    Traced {
+    work.pending_time = (samples.clock)().saturating_sub(began);
+    TracedSamples {
         outcomes,
         flagged,
         work,
@@ -189,13 +226,13 @@ fn trace_tiles(
 /// Rays given to one thread at once: enough to keep its lanes full.
 const BLOCK: usize = 256;
 
-/// Samples that were put off, in blocks.
+/// Integrates the samples that were put off, in blocks.
 fn trace_pending(
     world: &World,
     tracer: &ExactTracer<'_>,
-    pending: &[(Place, DVec3)],
-) -> Vec<(Place, Seen)> {
-    let block = |rays: &[(Place, DVec3)]| -> Vec<(Place, Seen)> {
+    pending: &[(SamplePlace, DVec3)],
+) -> Vec<(SamplePlace, Seen)> {
+    let block = |rays: &[(SamplePlace, DVec3)]| -> Vec<(SamplePlace, Seen)> {
         let directions: Vec<DVec3> = rays.iter().map(|(_, d)| *d).collect();
         let curves = tracer.trace(&directions);
         rays.iter()

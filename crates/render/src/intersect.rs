@@ -1,15 +1,24 @@
-//! Curves against triangles.
+//! Paths against triangles: what a ray sees.
 //!
-//! In: a cubic piece of a path. Out: its first hit. A piece whose box meets no leaf of the tree is
-//! skipped; another is flattened into as many chords as keep it within [`CHORD_ERROR`] of the
-//! cubic, and each chord is a straight segment. Glued coordinates: the piece is tried in every
-//! period in which the scene's box is.
+//! In: a cubic piece of a path. Out: its first [`Hit`]. A piece whose box meets no leaf of the tree is
+//! skipped; another is flattened into as many chords as keep it within [`CHORD_ERROR`] of the cubic, and
+//! each chord is a straight segment. Glued coordinates: the piece is tried in every period in which the
+//! scene's box is. From that: what a whole path sees ([`Seen`]), the meeting point of all tracers and the
+//! input of shading, and what rays from anywhere see ([`first_seen`]).
 
-use super::{accel::Accelerator, curve::Piece};
-use geofan_core::manifold::Domain;
+use super::{
+    accel::Accelerator,
+    curve::{Cubic, Curve, Ending, ending_at},
+    tracer::pieces,
+    world::World,
+};
+use geofan_core::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    manifold::{Carried, Domain},
+};
 use glam::{DVec3, Vec3};
 
-/// A point of a curve on a triangle; its chart point is [`super::World::point`].
+/// A point of a path on a triangle; its chart point is [`super::World::point`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
     /// Arc length.
@@ -22,18 +31,38 @@ pub struct Hit {
     pub barycentric: [f32; 2],
 }
 
-/// Angle (radians) by which chords may depart from the curve: a twentieth of a mrad, a small part
-/// of a pixel.
+/// The end of a line of sight. Kept small (32 bytes), because a frame writes and reads one for every sample:
+/// with 48 bytes frames of 1280 × 720 take 15 % longer on two threads.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Seen {
+    /// A triangle.
+    Surface(Hit),
+    /// A sky, by exit, in a direction.
+    Sky {
+        /// Index in [`geofan_core::manifold::Manifold::exits`].
+        exit: u32,
+        /// Arc length at the exit.
+        s: f32,
+        /// Unit vector.
+        direction: Vec3,
+    },
+    /// Nothing: the path ended before anything.
+    #[default]
+    Nothing,
+}
+
+/// Angle (radians) by which chords may depart from the path: a twentieth of a mrad, a small part of a
+/// pixel.
 pub const CHORD_ERROR: f64 = 5e-5;
 
-/// Most chords of one piece: pieces are short already, so more means a broken curve.
-const MOST_CHORDS: f64 = 64.0;
+/// Most chords of one piece: pieces are short already, so more means a broken path.
+pub(super) const MOST_CHORDS: f64 = 64.0;
 
-/// The first hit of `piece` before arc length `limit`.
+/// Finds the first hit of `piece` before arc length `limit`.
 pub fn first_hit(
     accelerator: &Accelerator,
     domain: &Domain,
-    piece: &Piece,
+    piece: &Cubic,
     limit: f64,
 ) -> Option<Hit> {
     let (low, high) = piece.bounds();
@@ -52,22 +81,22 @@ pub fn first_hit(
     first
 }
 
-/// Whether a curve inside the box may meet anything: cheaper than to divide it into pieces.
+/// Tells whether a path inside the box may meet anything: cheaper than to divide it into pieces.
 pub fn may_meet(accelerator: &Accelerator, domain: &Domain, (low, high): (DVec3, DVec3)) -> bool {
     is_glued(domain) || accelerator.touches(low, high)
 }
 
-/// The box outside which curves meet nothing; `None` if that is not known.
+/// Returns the box outside which paths meet nothing; `None` if that is not known.
 pub fn region(accelerator: &Accelerator, domain: &Domain) -> Option<(DVec3, DVec3)> {
     accelerator.bounds().filter(|_| !is_glued(domain))
 }
 
-/// Whether any coordinate is glued.
+/// Tells whether any coordinate is glued.
 pub fn is_glued(domain: &Domain) -> bool {
     domain.periodic.iter().any(|p| *p)
 }
 
-/// The displacements by whole periods that bring the box into reach of the scene.
+/// Returns the displacements by whole periods that bring the box into reach of the scene.
 pub fn shifts(accelerator: &Accelerator, domain: &Domain, low: DVec3, high: DVec3) -> Vec<DVec3> {
     let Some((least, most)) = accelerator.bounds() else {
         return Vec::new();
@@ -92,9 +121,10 @@ pub fn shifts(accelerator: &Accelerator, domain: &Domain, low: DVec3, high: DVec
     shifts
 }
 
+/// Finds the first hit of `piece`, whose box is known, moved by `shift`.
 fn hit_shifted(
     accelerator: &Accelerator,
-    piece: &Piece,
+    piece: &Cubic,
     limit: f64,
     shift: DVec3,
     (low, high): (DVec3, DVec3),
@@ -102,11 +132,13 @@ fn hit_shifted(
     if !accelerator.touches(low + shift, high + shift) {
         return None;
     }
+    // As many chords as keep close to the cubic.
     let allowed = CHORD_ERROR * piece.s[1] * piece.v[1].length().min(piece.v[0].length());
     let chords = (piece.sagitta() / allowed)
         .sqrt()
         .ceil()
         .clamp(1.0, MOST_CHORDS);
+    // The first that hits decides.
     let mut from = piece.u[0] + shift;
     for i in 0..chords as usize {
         let end = (i + 1) as f64 / chords;
@@ -124,4 +156,86 @@ fn hit_shifted(
         from = to;
     }
     None
+}
+
+/// Returns what a whole path sees.
+pub fn seen_along(world: &World, curve: &Curve) -> Seen {
+    let limit = curve.ending.limit();
+    let mut hits = curve
+        .pieces()
+        .filter_map(|piece| first_hit(&world.accelerator, &world.manifold.domain, &piece, limit));
+    match hits.next() {
+        Some(hit) => Seen::Surface(hit),
+        None => beyond(&curve.ending),
+    }
+}
+
+/// Returns what is seen where no surface is in the way.
+pub fn beyond(ending: &Ending) -> Seen {
+    match *ending {
+        Ending::Exit { exit, s, sky } => Seen::Sky {
+            exit: exit as u32,
+            s: s as f32,
+            direction: sky.as_vec3(),
+        },
+        Ending::Nowhere => Seen::Nothing,
+    }
+}
+
+/// Follows `rays` at a local tolerance, each exactly until it meets the scene, leaves, or is used up, and
+/// returns what each sees. Rays run over the lanes of the integrator and are given up at their first hit,
+/// so a short one costs little.
+pub fn first_seen(world: &World, rays: &[Ray], tolerance: f64) -> Vec<Seen> {
+    let settings = Settings {
+        tolerance,
+        carried: Carried::default(),
+        events: true,
+    };
+    let state = |ray: &Ray| (ray.u, ray.v, None);
+    let mut sink = FirstSeen {
+        world,
+        rays: rays.iter().map(state).collect(),
+    };
+    follow(&world.manifold, settings, rays.iter().copied(), &mut sink);
+    let seen = |(_, _, seen): (DVec3, DVec3, Option<Seen>)| seen.unwrap_or(Seen::Nothing);
+    sink.rays.into_iter().map(seen).collect()
+}
+
+/// Holds the steps of rays against the scene.
+struct FirstSeen<'w> {
+    world: &'w World,
+    /// Point and tangent at the end of the last step, and what is seen, once that is known.
+    rays: Vec<(DVec3, DVec3, Option<Seen>)>,
+}
+
+impl Sink for FirstSeen<'_> {
+    fn region(&self) -> Option<(DVec3, DVec3)> {
+        region(&self.world.accelerator, &self.world.manifold.domain)
+    }
+
+    fn step(&mut self, ray: usize, step: &Step) {
+        let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        let (u, v, seen) = &mut self.rays[ray];
+        if may_meet(accelerator, domain, step.bounds()) {
+            let hit = |piece| first_hit(accelerator, domain, &piece, f64::INFINITY);
+            if let Some(hit) = pieces(step).find_map(hit) {
+                *seen = Some(Seen::Surface(hit));
+                return;
+            }
+        }
+        (*u, *v) = (step.position(step.end), step.tangent(step.end));
+    }
+
+    fn wants_more(&self, ray: usize) -> bool {
+        self.rays[ray].2.is_none()
+    }
+
+    fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
+        let (u, v, seen) = &mut self.rays[ray];
+        if seen.is_none()
+            && let ending @ Ending::Exit { .. } = ending_at(&self.world.manifold, end, s, *u, *v)
+        {
+            *seen = Some(beyond(&ending));
+        }
+    }
 }

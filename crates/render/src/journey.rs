@@ -1,4 +1,4 @@
-//! A camera's way through key poses.
+//! A camera's journey through key poses.
 //!
 //! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`View`] at any time. Neighbouring
 //! poses are joined by a geodesic; the camera is carried along it by parallel transport, and what is
@@ -22,27 +22,27 @@ use glam::{DMat3, DQuat, DVec3};
 /// Local tolerance of the geodesics: an animation shows no finer error.
 const TOLERANCE: f64 = 1e-9;
 
-/// How near the geodesic must come to the next pose, as a share of the way there.
+/// Distance to the next pose at which the geodesic has reached it, as a share of the whole distance.
 const CLOSE: f64 = 1e-7;
 
-/// Ways between two poses.
+/// The geodesic between two poses, and the turn along it.
 struct Leg {
     /// The geodesic; `None` if the camera stays where it is.
     path: Option<Path>,
     length: f64,
     u: DVec3,
-    /// The rotation at its start, and what is turned besides transport.
+    /// The rotation at its start, and the turn besides transport.
     from: DQuat,
     turn: DQuat,
     fov: [f64; 2],
 }
 
-/// The way through all poses.
+/// The journey through all poses.
 pub struct Journey {
     legs: Vec<Leg>,
     times: Vec<f64>,
-    /// Arc length and angle up to each pose.
-    way: Vec<f64>,
+    /// Arc length plus angle up to each pose.
+    progress: Vec<f64>,
     /// Speeds there.
     speed: Vec<f64>,
 }
@@ -71,36 +71,36 @@ impl Journey {
             })?);
         }
         let times: Vec<f64> = file.poses.iter().map(|pose| pose.time).collect();
-        let mut way = vec![0.0];
+        let mut progress = vec![0.0];
         for leg in &legs {
-            way.push(way[way.len() - 1] + leg.measure());
+            progress.push(progress[progress.len() - 1] + leg.measure());
         }
-        let speed = monotone_slopes(&times, &way);
+        let speed = monotone_slopes(&times, &progress);
         Ok(Self {
             legs,
             times,
-            way,
+            progress,
             speed,
         })
     }
 
-    /// The first and the last time, seconds.
+    /// Returns the first and the last time, seconds.
     pub fn interval(&self) -> [f64; 2] {
         [self.times[0], self.times[self.times.len() - 1]]
     }
 
-    /// The view at `time`.
+    /// Returns the view at `time`.
     pub fn view(&self, time: f64, size: (usize, usize)) -> View {
         let next = self.times.partition_point(|t| *t <= time);
         let k = next.clamp(1, self.legs.len()) - 1;
         let h = self.times[k + 1] - self.times[k];
         let t = ((time - self.times[k]) / h).clamp(0.0, 1.0);
         let r = 1.0 - t;
-        let way = self.way[k + 1] - self.way[k];
-        let done =
-            way * t * t * (3.0 - 2.0 * t) + h * t * r * (r * self.speed[k] - t * self.speed[k + 1]);
-        let share = if way > 0.0 {
-            (done / way).clamp(0.0, 1.0)
+        let whole = self.progress[k + 1] - self.progress[k];
+        let done = whole * t * t * (3.0 - 2.0 * t)
+            + h * t * r * (r * self.speed[k] - t * self.speed[k + 1]);
+        let share = if whole > 0.0 {
+            (done / whole).clamp(0.0, 1.0)
         } else {
             t
         };
@@ -109,6 +109,7 @@ impl Journey {
 }
 
 impl Leg {
+    /// Joins two poses at these points; `None` if no geodesic is found.
     fn new(manifold: &Manifold, poses: [&KeyPose; 2], u: [DVec3; 2]) -> Option<Self> {
         let [from, to] = poses.map(rotation);
         let (path, length) = match join(manifold, u[0], u[1])? {
@@ -142,12 +143,12 @@ impl Leg {
         Some(leg)
     }
 
-    /// Arc length plus angle turned.
+    /// Returns arc length plus angle turned.
     fn measure(&self) -> f64 {
         self.length + self.turn.angle_between(DQuat::IDENTITY)
     }
 
-    /// The chart point and the transported rotation at a share of the way.
+    /// Returns the chart point and the transported rotation at a share of the way.
     fn carried(&self, share: f64) -> (DVec3, DQuat) {
         let s = share * self.length;
         let step = self.path.as_ref().and_then(|path| path.step_at(s));
@@ -160,6 +161,7 @@ impl Leg {
         }
     }
 
+    /// Returns the view at a share of the way.
     fn view(&self, share: f64, size: (usize, usize)) -> View {
         let (u, carried) = self.carried(share);
         let rotation = carried * DQuat::IDENTITY.slerp(self.turn, share);
@@ -168,6 +170,7 @@ impl Leg {
     }
 }
 
+/// Returns the rotation of a pose.
 fn rotation(pose: &KeyPose) -> DQuat {
     Camera::looking(DVec3::ZERO, pose.camera.look, pose.camera.up).rotation
 }
@@ -176,7 +179,7 @@ fn rotation(pose: &KeyPose) -> DQuat {
 const AIMS: usize = 16;
 const ROUNDS: usize = 8;
 
-/// A geodesic from `a` to `b`: Newton's method on its initial direction times its length, while the
+/// Finds a geodesic from `a` to `b`: Newton's method on its initial direction times its length, while the
 /// aim moves along the chart's straight line. `Some(None)` if they are the same point, `None` if it
 /// does not converge.
 fn join(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Option<Ray>> {
@@ -209,7 +212,7 @@ fn join(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Option<Ray>> {
     None
 }
 
-/// Where the geodesic with initial direction times length `w` (standard frame) ends, and the
+/// Follows the geodesic with initial direction times length `w` (standard frame). Returns its end, and the
 /// derivative of that point by `w`.
 fn shoot(manifold: &Manifold, a: DVec3, w: DVec3) -> Option<(DVec3, DMat3)> {
     let settings = Settings {
@@ -233,7 +236,7 @@ fn shoot(manifold: &Manifold, a: DVec3, w: DVec3) -> Option<(DVec3, DMat3)> {
     Some((end.0.position(length), to * from.transpose()))
 }
 
-/// Slopes of the monotone cubic through the points (`t`, `x`), zero at both ends: the weighted
+/// Computes the slopes of the monotone cubic through the points (`t`, `x`), zero at both ends: the weighted
 /// harmonic mean of the chords beside each point.
 fn monotone_slopes(t: &[f64], x: &[f64]) -> Vec<f64> {
     let chord = |k: usize| (x[k + 1] - x[k]) / (t[k + 1] - t[k]);

@@ -1,4 +1,4 @@
-//! Light on surfaces that do not move: where it is known, and its values.
+//! Light on surfaces that do not move: the points at which it is known, and its values.
 //!
 //! In: a world, and light at points of its triangles. Out: a [`Lightmap`], which tells the light at any
 //! place of a triangle. Every triangle is divided evenly into facets, and a facet on which light changes
@@ -20,7 +20,7 @@ pub const CONTRAST: f32 = 0.2;
 /// This share of the mean light is added to the most: what is darker than that does not matter.
 const DARK: f32 = 0.1;
 
-/// Facets are divided together if they matter at least this share of the one that matters most.
+/// Facets are divided together if they matter at least this share as much as the one that matters most.
 const TOGETHER: f64 = 0.25;
 
 /// A point of a surface that light falls on.
@@ -49,7 +49,7 @@ struct Facet {
     parts: Option<u32>,
 }
 
-/// Where the points lie.
+/// The points at which light is known, and the facets between them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FacetLayout {
     /// Parts of the sides of each triangle, and where its facets begin.
@@ -64,8 +64,8 @@ pub struct FacetLayout {
 }
 
 impl FacetLayout {
-    /// At most about `budget` points (more if there are more corners) on the triangles of `world`,
-    /// evenly.
+    /// Spreads at most about `budget` points (more if there are more corners) evenly over the triangles of
+    /// `world`.
     pub fn new(world: &World, budget: usize) -> Self {
         let triangles = world.accelerator.triangles();
         let areas: Vec<f64> = (0..triangles.len()).map(|i| area(world, i)).collect();
@@ -79,6 +79,7 @@ impl FacetLayout {
             middles: HashMap::new(),
             divided: Vec::new(),
         };
+        // Triangle by triangle: its points, then the facets between them.
         let mut corners: HashMap<[u64; 6], u32> = HashMap::new();
         for (triangle, area) in areas.into_iter().enumerate() {
             let parts = ((area * density).sqrt().round() as usize).clamp(1, MOST_PARTS);
@@ -91,7 +92,7 @@ impl FacetLayout {
         layout
     }
 
-    /// Adds the points of a triangle whose sides have `parts`; their numbers, row by row.
+    /// Adds the points of a triangle whose sides have `parts`; returns their numbers, row by row.
     fn add_points(
         &mut self,
         world: &World,
@@ -139,17 +140,17 @@ impl FacetLayout {
         }
     }
 
-    /// How many points there are.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.points.len()
     }
 
-    /// Whether there are none.
+    /// Tells whether there are none.
     pub fn is_empty(&self) -> bool {
         self.points.is_empty()
     }
 
-    /// The facets that have been divided, in order.
+    /// Returns the facets that have been divided, in order.
     pub fn divided(&self) -> &[u32] {
         &self.divided
     }
@@ -175,7 +176,7 @@ impl FacetLayout {
         Some(())
     }
 
-    /// The number of the point between two others.
+    /// Returns the number of the point between two others.
     fn middle(&mut self, triangle: u32, [a, b]: [u32; 2]) -> u32 {
         let next = self.points.len() as u32;
         let number = *self.middles.entry([a.min(b), a.max(b)]).or_insert(next);
@@ -191,7 +192,7 @@ impl FacetLayout {
     }
 
     /// Divides the facets on which `light` changes most for their area, as long as there are at most
-    /// `most` points; whether there were any.
+    /// `most` points; tells whether there were any.
     pub fn refine(&mut self, light: &[Light], most: usize) -> bool {
         let sum = |l: &Light| l.iter().sum::<f32>();
         let mean = light.iter().map(sum).sum::<f32>() / light.len().max(1) as f32;
@@ -218,8 +219,8 @@ impl FacetLayout {
         self.divided.len() > before
     }
 
-    /// How much light changes on a facet: between its corners, and the middles of its sides where a
-    /// neighbour is divided. A share of the most there and `dark` together.
+    /// Measures how much light changes on a facet: between its corners, and the middles of its sides where a
+    /// neighbour is divided. The result is a share of the most there and `dark` together.
     fn contrast(&self, facet: &Facet, light: &[Light], dark: f32) -> f32 {
         let [a, b, c] = facet.corners;
         let sides = [[a, b], [b, c], [c, a]].map(|[a, b]| [a.min(b), a.max(b)]);
@@ -237,7 +238,7 @@ impl FacetLayout {
         contrast(range[0]).max(contrast(range[1]))
     }
 
-    /// The three points around the place with weights (b, c) of `triangle`, and their weights.
+    /// Returns the three points around the place with weights (b, c) of `triangle`, and their weights.
     pub fn around(&self, triangle: u32, [b, c]: [f32; 2]) -> ([u32; 3], [f32; 3]) {
         let (parts, first) = self.sides[triangle as usize];
         let n = usize::from(parts);
@@ -256,7 +257,7 @@ impl FacetLayout {
         self.within(&self.facets[number], weights)
     }
 
-    /// The same for the place with the given weights of a facet.
+    /// Returns the points around the place with the given weights of a facet, down to a part that is not divided.
     fn within<'a>(&'a self, mut facet: &'a Facet, mut weights: [f64; 3]) -> ([u32; 3], [f32; 3]) {
         while let Some(first) = facet.parts {
             let at_corner = (0..3).find(|k| weights[*k] > 0.5);
@@ -274,7 +275,7 @@ impl FacetLayout {
     }
 }
 
-/// The area of a triangle in the metric at its middle.
+/// Returns the area of a triangle in the metric at its middle.
 fn area(world: &World, triangle: usize) -> f64 {
     let [a, b, c] = world.accelerator.triangles()[triangle];
     let into = world.manifold.standard_frame((a + b + c) / 3.0).inverse();
@@ -282,6 +283,7 @@ fn area(world: &World, triangle: usize) -> f64 {
     if area.is_finite() { area } else { 0.0 }
 }
 
+/// Returns the point of a triangle where its second and third corners have these weights.
 fn surface_point(world: &World, triangle: usize, (b, c): (f64, f64)) -> SurfacePoint {
     let [p, q, r] = world.accelerator.triangles()[triangle];
     let mix = |[p, q, r]: [DVec3; 3]| p * (1.0 - b - c) + q * b + r * c;
@@ -292,6 +294,7 @@ fn surface_point(world: &World, triangle: usize, (b, c): (f64, f64)) -> SurfaceP
     }
 }
 
+/// Returns the bits of a point and its normal: equal for corners that are shared.
 fn key(point: &SurfacePoint) -> [u64; 6] {
     let [a, b, c] = point.u.to_array().map(f64::to_bits);
     let [d, e, f] = point.normal.to_array().map(f64::to_bits);
@@ -324,12 +327,12 @@ impl Lightmap {
         Self::new(layout, values)
     }
 
-    /// The facets of the layout that have been divided, in order.
+    /// Returns the facets of the layout that have been divided, in order.
     pub fn divided(&self) -> &[u32] {
         self.layout.divided()
     }
 
-    /// Irradiance at the place with weights `barycentric` of `triangle`, on the front or the back.
+    /// Returns the irradiance at the place with weights `barycentric` of `triangle`, on the front or the back.
     pub fn at(&self, triangle: u32, barycentric: [f32; 2], front: bool) -> [f32; 3] {
         let side = if front { 0 } else { 3 };
         let (corners, weights) = self.layout.around(triangle, barycentric);

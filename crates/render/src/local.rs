@@ -1,21 +1,20 @@
 //! The local view: the picture to first order in the distance, at once.
 //!
-//! In: samples of a picture. Out: their outcomes if light goes straight in the chart. A chart point `u` lies at `p = (S R)ᵀ G (u − u_cam)` in the camera's axes, and on the
-//! picture at `p` divided by its depth; since `(S R)ᵀ G = (S R)⁻¹`, that is the chart's straight
-//! line from the camera. It is right near the camera, and off by an angle that grows in proportion
-//! to the distance.
+//! In: samples of a picture. Out: their outcomes if light goes straight in the chart. A chart point `u`
+//! lies at `p = (S R)ᵀ G (u − u_cam)` in the camera's axes, and on the picture at `p` divided by its
+//! depth; since `(S R)ᵀ G = (S R)⁻¹`, that is the chart's straight line from the camera. It is right near
+//! the camera, and off by an angle that grows in proportion to the distance.
 //!
 //! Triangles are cut at a plane in front of the camera, projected and filled with a depth for every
 //! sample. In glued coordinates the scene is drawn in the periods next to the camera's too.
 
 use super::{
     curve::Ending,
-    endings::EventLocator,
+    events::EventLocator,
     frame::Outcomes,
-    intersect::Hit,
-    outcome::{Seen, beyond},
-    strands::{PathBatch, Source},
-    tiles::Samples,
+    intersect::{Hit, Seen, beyond},
+    path_batch::{PathBatch, PathSource},
+    tiles::PixelSamples,
     tracer::even_knots,
     view::View,
     world::World,
@@ -24,17 +23,17 @@ use glam::{DMat3, DVec2, DVec3};
 use ndarray::{ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
-/// `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards).
+/// Returns `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards).
 pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
     let axes = view.camera().axes(&world.manifold);
     axes.transpose() * world.manifold.metric(view.u) * (u - view.u)
 }
 
-/// What `samples` see along straight lines, followed over `length` to the skies.
-pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
+/// Finds what `samples` see along straight lines, followed over `length` to the skies.
+pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcomes {
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
-    let picture = Projected::new(world, samples.view);
+    let picture = Projection::new(world, samples.view);
     let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
@@ -48,12 +47,12 @@ pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
                     EventLocator::new(&world.manifold),
                 )
             },
-            |(lines, endings), (band, mut part)| {
+            |(lines, events), (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
                     if *slot == Seen::Nothing {
                         let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        *slot = picture.sky(at, lines, endings);
+                        *slot = picture.sky(at, lines, events);
                     }
                 }
             },
@@ -72,8 +71,8 @@ const INTERVALS: usize = 64;
 /// outside the picture that the weights lose their digits.
 const NEAR: f64 = 1e-5;
 
-/// A triangle of the scene, or what cutting leaves of it, on the picture.
-struct Flat {
+/// A triangle of the scene, or a part that cutting leaves of it, on the picture.
+struct ProjectedTriangle {
     /// Its number.
     triangle: u32,
     /// Corners on the picture, in pixels.
@@ -87,16 +86,18 @@ struct Flat {
     high: DVec2,
 }
 
-struct Projected<'w> {
+/// The triangles of a scene on the picture.
+struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
     /// The standard frame at the camera.
     frame: DMat3,
-    flats: Vec<Flat>,
+    triangles: Vec<ProjectedTriangle>,
 }
 
-impl<'w> Projected<'w> {
+impl<'w> Projection<'w> {
+    /// Projects the triangles of `world` in all periods next to the camera's.
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
@@ -106,7 +107,7 @@ impl<'w> Projected<'w> {
             view,
             axes,
             frame: world.manifold.standard_frame(view.u),
-            flats: Vec::new(),
+            triangles: Vec::new(),
         };
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
@@ -115,28 +116,33 @@ impl<'w> Projected<'w> {
         });
         for shift in neighbouring_periods(world) {
             let triangles = world.accelerator.triangles().par_iter().enumerate();
-            let flats: Vec<Vec<Flat>> = triangles
+            let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
                     let p = corners.map(|u| into * (u + shift - view.u));
-                    picture.flats_of(i as u32, p, NEAR * farthest)
+                    picture.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
-            picture.flats.extend(flats.into_iter().flatten());
+            picture.triangles.extend(projected.into_iter().flatten());
         }
         picture
     }
 
-    /// The parts of a triangle (in the camera's axes) that lie in front of the camera.
-    fn flats_of(&self, triangle: u32, corners: [DVec3; 3], near: f64) -> Vec<Flat> {
+    /// Projects the parts of a triangle (in the camera's axes) that lie in front of the camera.
+    fn project(&self, triangle: u32, corners: [DVec3; 3], near: f64) -> Vec<ProjectedTriangle> {
         let weights = [DVec2::ZERO, DVec2::X, DVec2::Y];
         let polygon: Vec<(DVec3, DVec2)> = corners.into_iter().zip(weights).collect();
         let cut = cut_at(&polygon, near);
         let fan = (2..cut.len()).map(|k| [cut[0], cut[k - 1], cut[k]]);
-        fan.filter_map(|corners| self.flat(triangle, corners))
+        fan.filter_map(|corners| self.project_part(triangle, corners))
             .collect()
     }
 
-    fn flat(&self, triangle: u32, corners: [(DVec3, DVec2); 3]) -> Option<Flat> {
+    /// Projects a triangle whose corners have these weights; `None` if it is outside the picture.
+    fn project_part(
+        &self,
+        triangle: u32,
+        corners: [(DVec3, DVec2); 3],
+    ) -> Option<ProjectedTriangle> {
         let camera = DMat3::from_quat(self.view.camera().rotation);
         let pixel = |p: DVec3| self.view.pixel(camera * p).map(|(x, y)| DVec2::new(x, y));
         let [a, b, c] = corners.map(|(p, _)| pixel(p));
@@ -144,7 +150,7 @@ impl<'w> Projected<'w> {
         let (low, high) = (at[0].min(at[1]).min(at[2]), at[0].max(at[1]).max(at[2]));
         let size = DVec2::new(self.view.size.0 as f64, self.view.size.1 as f64);
         let visible = low.cmplt(size).all() && high.cmpgt(DVec2::ZERO).all();
-        visible.then(|| Flat {
+        visible.then(|| ProjectedTriangle {
             triangle,
             at,
             nearness: corners.map(|(p, _)| -1.0 / p.z),
@@ -159,28 +165,28 @@ impl<'w> Projected<'w> {
         let (height, width, samples) = part.dim();
         let mut nearest = vec![0.0; height * width * samples];
         let end = (first + height) as f64;
-        let reaches = |flat: &&Flat| flat.low.y < end && flat.high.y > first as f64;
-        for flat in self.flats.iter().filter(reaches) {
+        let reaches = |t: &&ProjectedTriangle| t.low.y < end && t.high.y > first as f64;
+        for projected in self.triangles.iter().filter(reaches) {
             let range = |low: f64, high: f64, limit: usize| {
                 let from = (low - 1.0).max(0.0) as usize;
                 from..((high + 1.0).max(0.0) as usize).min(limit)
             };
             let rows = range(
-                flat.low.y - first as f64,
-                flat.high.y - first as f64,
+                projected.low.y - first as f64,
+                projected.high.y - first as f64,
                 height,
             );
             for y in rows {
-                for x in range(flat.low.x, flat.high.x, width) {
+                for x in range(projected.low.x, projected.high.x, width) {
                     for (k, offset) in offsets.iter().enumerate() {
                         let at = DVec2::new(x as f64, (first + y) as f64) + *offset;
                         let slot = &mut nearest[(y * width + x) * samples + k];
-                        let Some((nearness, weights)) = flat.meet(at) else {
+                        let Some((nearness, weights)) = projected.meet(at) else {
                             continue;
                         };
                         if nearness > *slot {
                             *slot = nearness;
-                            part[(y, x, k)] = self.hit(flat.triangle, weights);
+                            part[(y, x, k)] = self.hit(projected.triangle, weights);
                         }
                     }
                 }
@@ -188,6 +194,7 @@ impl<'w> Projected<'w> {
         }
     }
 
+    /// Returns the hit at the place of a triangle with these weights.
     fn hit(&self, triangle: u32, weights: DVec2) -> Seen {
         let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
         let u = a + (b - a) * weights.x + (c - a) * weights.y;
@@ -201,8 +208,8 @@ impl<'w> Projected<'w> {
         })
     }
 
-    /// What the chart's straight line through the point `at` of the picture ends in.
-    fn sky(&self, at: DVec2, lines: &mut PathBatch, endings: &mut EventLocator<'_>) -> Seen {
+    /// Finds the sky at the end of the chart's straight line through the point `at` of the picture.
+    fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
         let (u, v) = (self.view.u, self.frame * direction);
         let fill = |knots: &[f64], rows: &mut [f64]| {
@@ -215,15 +222,15 @@ impl<'w> Projected<'w> {
             n
         };
         lines.clear();
-        lines.push((direction, Source::Knots), fill, |line| {
-            endings.ending(line)
+        lines.push((direction, PathSource::Knots), fill, |line| {
+            events.ending(line)
         });
-        beyond(&lines.strand(0).ending.unwrap_or(Ending::Nowhere))
+        beyond(&lines.path(0).ending.unwrap_or(Ending::Nowhere))
     }
 }
 
-impl Flat {
-    /// One over the depth, and the weights of the whole triangle's corners, at a point of the
+impl ProjectedTriangle {
+    /// Returns one over the depth, and the weights of the whole triangle's corners, at a point of the
     /// picture; `None` outside.
     fn meet(&self, at: DVec2) -> Option<(f64, DVec2)> {
         let [a, b, c] = self.at.map(|corner| corner - at);
@@ -239,7 +246,7 @@ impl Flat {
     }
 }
 
-/// The part of a polygon (camera's axes, and weights) at depths of at least `near`.
+/// Returns the part of a polygon (camera's axes, and weights) at depths of at least `near`.
 fn cut_at(polygon: &[(DVec3, DVec2)], near: f64) -> Vec<(DVec3, DVec2)> {
     let mut cut = Vec::new();
     for (i, &(p, w)) in polygon.iter().enumerate() {
@@ -256,7 +263,7 @@ fn cut_at(polygon: &[(DVec3, DVec2)], near: f64) -> Vec<(DVec3, DVec2)> {
     cut
 }
 
-/// Displacements by −1, 0 and 1 periods of every glued coordinate.
+/// Returns the displacements by −1, 0 and 1 periods of every glued coordinate.
 fn neighbouring_periods(world: &World) -> Vec<DVec3> {
     let mut shifts = vec![DVec3::ZERO];
     for k in 0..3 {

@@ -4,12 +4,11 @@
 //! [`PathBatch`] on knots that are the same for all cameras.
 
 use super::{
-    curve::{Curve, Ending},
-    endings::EventLocator,
-    lanes::{LANES, Points},
-    pencil::{Near, RayFamily},
-    strands::{PathBatch, PathView, Source, stay},
-    strip::{self, FamilyPath},
+    curve::{Cubic, Curve, Ending},
+    events::EventLocator,
+    family::{FamilyPath, RayFamily, refine_sixteen},
+    lanes::{LANES, Vectors},
+    path_batch::{PathBatch, PathSource, PathView, stay},
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
 };
 use geofan_bundle::{Fan, PathCoefficients, Table, TablePath, rays::Orbit};
@@ -26,7 +25,7 @@ pub struct Lookup<'t> {
 }
 
 impl<'t> Lookup<'t> {
-    /// `error` is the table's promise in radians. Rays that it gave up on are integrated at
+    /// Chooses knots for a table whose promise is `error` in radians. Rays that it gave up on are integrated at
     /// `tolerance`, or at a small share of the promise if that is wider.
     pub fn new(table: &'t Table, error: f64, tolerance: f64) -> Self {
         let tolerance = tolerance.max(FALLBACK_SHARE * error);
@@ -37,7 +36,7 @@ impl<'t> Lookup<'t> {
         }
     }
 
-    /// The tracer of one frame, from the camera of `fan`.
+    /// Returns the tracer of one frame, from the camera of `fan`.
     pub fn tracer<'f>(&'f self, fan: &'f Fan) -> TableTracer<'f> {
         let manifold = self.table.space.manifold();
         let (u, length) = (fan.place.u, self.table.length);
@@ -45,7 +44,7 @@ impl<'t> Lookup<'t> {
             fan,
             knots: &self.knots,
             exact: ExactTracer::new(manifold, u, length, self.tolerance),
-            pencil: RayFamily::new(fan, &self.knots),
+            family: RayFamily::new(fan, &self.knots),
         }
     }
 }
@@ -55,7 +54,7 @@ pub struct TableTracer<'f> {
     fan: &'f Fan,
     knots: &'f Arc<[f64]>,
     exact: ExactTracer<'f>,
-    pencil: Option<RayFamily<'f>>,
+    family: Option<RayFamily<'f>>,
 }
 
 impl GridTracer for TableTracer<'_> {
@@ -63,70 +62,72 @@ impl GridTracer for TableTracer<'_> {
         self.knots
     }
 
-    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch) {
-        strands.reserve(directions.len());
-        strands.with_courses(|strands, courses| match &self.pencil {
-            Some(pencil) => {
-                let mut near = Near::default();
+    fn add(&self, directions: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch) {
+        batch.reserve(directions.len());
+        batch.with_coefficients(|batch, coefficients| match &self.family {
+            Some(family) => {
+                let mut near = None;
                 for directions in directions.chunks(LANES) {
-                    let orbits = pencil.orbits(directions);
+                    let orbits = family.orbits(directions);
                     for (direction, orbit) in directions.iter().zip(orbits) {
-                        match pencil.rung(&orbit, &mut near, endings) {
-                            Some(rung) => self.climb((*direction, orbit), &rung, endings, strands),
-                            None => self.follow(*direction, courses, endings, strands),
+                        match family.path(&orbit, &mut near, events) {
+                            Some(path) => {
+                                self.add_of_family((*direction, orbit), &path, events, batch)
+                            }
+                            None => self.add_of_table(*direction, coefficients, events, batch),
                         }
                     }
                 }
             }
             None => {
                 for direction in directions {
-                    self.follow(*direction, courses, endings, strands);
+                    self.add_of_table(*direction, coefficients, events, batch);
                 }
             }
         });
     }
 
-    fn endings(&self, directions: &[DVec3], endings: &mut EventLocator<'_>) -> Vec<Option<Ending>> {
-        let Some(pencil) = &self.pencil else {
+    fn endings(&self, directions: &[DVec3], events: &mut EventLocator<'_>) -> Vec<Option<Ending>> {
+        let Some(family) = &self.family else {
             return vec![None; directions.len()];
         };
-        let mut ends = Vec::with_capacity(directions.len());
-        let mut near = Near::default();
+        let mut endings = Vec::with_capacity(directions.len());
+        let mut near = None;
         for directions in directions.chunks(LANES) {
-            let orbits = pencil.orbits(directions).into_iter().take(directions.len());
-            ends.extend(orbits.map(|orbit| {
-                let rung = pencil.rung(&orbit, &mut near, endings)?;
-                rung.ending(endings)
+            let orbits = family.orbits(directions).into_iter().take(directions.len());
+            endings.extend(orbits.map(|orbit| {
+                let path = family.path(&orbit, &mut near, events)?;
+                path.ending(events)
             }));
         }
-        ends
+        endings
     }
 
-    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]) {
-        match strand.source {
-            (_, Source::Knots) => strand.sample(s, rows),
-            (courses, Source::Course(number)) => {
-                let known = self.fan.among(courses, *number).sample_into(s, rows);
+    fn refine(&self, path: PathView<'_>, s: &[f64], rows: &mut [f64]) {
+        match path.source {
+            (_, PathSource::Knots) => path.sample(s, rows),
+            (coefficients, PathSource::Table(number)) => {
+                let known = self.fan.among(coefficients, *number).sample_into(s, rows);
                 stay(rows, s.len(), known);
             }
-            (_, Source::RayFamily(orbit)) => {
-                let pencil = self.pencil.as_ref();
-                let rung = pencil.and_then(|pencil| pencil.known(orbit, &mut Near::default()));
-                rung.into_iter().for_each(|rung| rung.refine(s, rows));
+            (_, PathSource::Family(orbit)) => {
+                let family = self.family.as_ref();
+                let path = family.and_then(|family| family.known_path(orbit, &mut None));
+                path.into_iter().for_each(|path| path.refine(s, rows));
             }
         }
     }
 
-    fn refine_sixteen(&self, strands: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
-        let mut near = Near::default();
-        let rung = |strand: &PathView<'_>| match strand.source.1 {
-            Source::RayFamily(orbit) => self.pencil.as_ref()?.known(orbit, &mut near),
+    fn refine_sixteen(&self, paths: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Vectors; 2]> {
+        let mut near = None;
+        let in_family = |path: &PathView<'_>| match path.source.1 {
+            PathSource::Family(orbit) => self.family.as_ref()?.known_path(orbit, &mut near),
             _ => None,
         };
-        let rungs: Option<Vec<FamilyPath<'_, '_>>> = strands.iter().map(rung).collect();
-        match rungs.as_ref().and_then(|rungs| rungs.first_chunk()) {
-            Some(rungs) => strip::refine_sixteen(rungs, s),
-            None => refine_each(self, strands, s),
+        let known: Option<Vec<FamilyPath<'_, '_>>> = paths.iter().map(in_family).collect();
+        match known.as_ref().and_then(|known| known.first_chunk()) {
+            Some(known) => refine_sixteen(known, s),
+            None => refine_each(self, paths, s),
         }
     }
 
@@ -140,50 +141,50 @@ impl GridTracer for TableTracer<'_> {
 }
 
 impl TableTracer<'_> {
-    /// Adds the path in a direction that no pencil knows.
-    fn follow(
+    /// Adds the path in a direction that is in no family.
+    fn add_of_table(
         &self,
         direction: DVec3,
-        courses: &mut PathCoefficients,
-        endings: &mut EventLocator<'_>,
-        strands: &mut PathBatch,
+        coefficients: &mut PathCoefficients,
+        events: &mut EventLocator<'_>,
+        batch: &mut PathBatch,
     ) {
-        let number = self.fan.add(self.fan.locate(direction), courses);
-        let path = self.fan.among(courses, number);
-        let course = (direction, Source::Course(number));
-        let ending = |strand: PathView<'_>| ending(&path, strand, endings);
-        strands.push(course, |knots, rows| path.sample_into(knots, rows), ending);
+        let number = self.fan.add(self.fan.locate(direction), coefficients);
+        let path = self.fan.among(coefficients, number);
+        let source = (direction, PathSource::Table(number));
+        let end = |view: PathView<'_>| ending(&path, view, events);
+        batch.push(source, |knots, rows| path.sample_into(knots, rows), end);
     }
 
-    /// Adds the path of a rung.
-    fn climb(
+    /// Adds a path of the family.
+    fn add_of_family(
         &self,
         (direction, orbit): (DVec3, Orbit),
-        rung: &FamilyPath<'_, '_>,
-        endings: &mut EventLocator<'_>,
-        strands: &mut PathBatch,
+        path: &FamilyPath<'_, '_>,
+        events: &mut EventLocator<'_>,
+        batch: &mut PathBatch,
     ) {
         let fill = |knots: &[f64], rows: &mut [f64]| {
-            rung.fill(rows);
+            path.fill(rows);
             knots.len()
         };
-        strands.push((direction, Source::RayFamily(orbit)), fill, |strand| {
-            let known = rung.ending(endings);
-            known.or_else(|| ending(&self.fan.path(direction), strand, endings))
+        batch.push((direction, PathSource::Family(orbit)), fill, |view| {
+            let known = path.ending(events);
+            known.or_else(|| ending(&self.fan.path(direction), view, events))
         });
     }
 }
 
-/// How a strand of `path` ends.
+/// Finds how a path from the table ends, of which `view` holds the knots.
 fn ending<C: Borrow<PathCoefficients>>(
     path: &TablePath<'_, C>,
-    strand: PathView<'_>,
-    endings: &mut EventLocator<'_>,
+    view: PathView<'_>,
+    events: &mut EventLocator<'_>,
 ) -> Option<Ending> {
-    match endings.sharp_ending(strand, |s, rows| path.sample_into(s, rows)) {
+    match events.refined_ending(view, |s, rows| path.sample_into(s, rows)) {
         Some(ending) => Some(ending),
-        // What the table gave up on might still end before anything is met.
-        None if strand.known < strand.knots.len() => None,
+        // A path that the table gave up on might still end before anything is met.
+        None if view.known < view.knots.len() => None,
         None => Some(Ending::Nowhere),
     }
 }
@@ -192,7 +193,7 @@ fn ending<C: Borrow<PathCoefficients>>(
 /// then far below the promise, and they cost half of what the finest tolerance does.
 const FALLBACK_SHARE: f64 = 1e-3;
 
-/// By how much the cubics between knots may miss the path, radians at the camera. They decide what a
+/// Error of the cubics between knots, radians at the camera. They decide what a
 /// tile may meet and how finely its chords are cut, both with a margin for this; points come from
 /// the table itself. Smaller takes more knots (on the Ellis wormhole 31 intervals for this, 48 for
 /// 2e-3, which made the lattice a quarter slower), larger makes boxes that seem to meet more.
@@ -201,13 +202,13 @@ const KNOT_ERROR: f64 = 8e-3;
 /// Paths on which the knots are chosen, from each of the places below.
 const KNOT_PATHS: usize = 24;
 
-/// Where in the camera region, as a fraction of every parameter's interval, those paths begin: both
-/// ends, where paths are most unlike, and between.
+/// Places in the camera region where those paths begin, as fractions of every parameter's interval: both ends,
+/// where paths are most unlike, and between.
 const KNOT_PLACES: [f64; 4] = [0.0, 0.35, 0.65, 1.0];
 
-/// The fewest equal intervals (of a few) between which cubics follow a sample of exact paths to
+/// Chooses the fewest equal intervals (of a few) between which cubics follow a sample of exact paths to
 /// [`KNOT_ERROR`], all but one in twelve. Exact paths, because the slopes of the table's own
-/// polynomials carry noise that finer knots would only follow. Chosen for the whole region, because
+/// polynomials carry noise that finer knots would only follow. They are chosen for the whole region, because
 /// integrating the sample takes longer than a frame.
 fn choose_knots(table: &Table, tolerance: f64) -> Arc<[f64]> {
     let manifold = table.space.manifold();
@@ -229,7 +230,7 @@ fn choose_knots(table: &Table, tolerance: f64) -> Arc<[f64]> {
     even_knots(table.length, counts.into_iter().find(good).unwrap_or(191))
 }
 
-/// The largest angle by which the middles of cubics between `knots` miss the curve.
+/// Returns the largest angle by which the middles of cubics between `knots` miss the curve.
 fn worst_middle(curve: &Curve, knots: &[f64]) -> f64 {
     let end = curve.ending.limit();
     let mut worst = 0.0_f64;
@@ -242,13 +243,17 @@ fn worst_middle(curve: &Curve, knots: &[f64]) -> f64 {
         ) else {
             break;
         };
-        let cubic = (u0 + u1) * 0.5 + (v0 - v1) * ((pair[1] - pair[0]) / 8.0);
-        worst = worst.max((cubic - u).length() / (middle * v.length()));
+        let cubic = Cubic {
+            s: [pair[0], pair[1]],
+            u: [u0, u1],
+            v: [v0, v1],
+        };
+        worst = worst.max((cubic.middle() - u).length() / (middle * v.length()));
     }
     worst
 }
 
-/// Directions spread evenly over the sphere.
+/// Returns direction number `i` of those spread evenly over the sphere.
 fn fibonacci_direction(i: usize) -> DVec3 {
     let z = 1.0 - (2.0 * i as f64 + 1.0) / KNOT_PATHS as f64;
     let phi = i as f64 * 2.399_963_229_728_653;

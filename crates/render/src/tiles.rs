@@ -1,96 +1,124 @@
 //! Samples of one of the largest tiles: what they see.
 //!
-//! In: a divided tile of the lattice, or directions alone. Out: outcomes, and the samples that the
-//! tracer cannot give, put off so that they are traced together.
+//! In: a divided tile of the lattice, or directions alone, and memory that a thread works with
+//! ([`Scratch`]). Out: outcomes, and the samples that the tracer cannot give, put off so that they are
+//! traced together.
 
 use super::{
+    chords::ChordList,
     curve::Ending,
-    desk::Scratch,
-    endings::EventLocator,
+    events::{EventLocator, last_vertices},
+    first_hits::{InterpolatedPaths, SinglePaths},
+    frame::{Clock, Work},
+    intersect::{Seen, beyond},
     lanes::LANES,
-    last_pieces::LastPieces,
     lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
-    lone::SinglePaths,
-    outcome::{Seen, beyond},
-    packet::{Bicubic, Target},
-    ribbon::{Chords, Ribbon},
-    sheaf::PathPatch,
-    strands::{PathBatch, PathView},
+    path_batch::{PathBatch, PathView},
+    path_patch::{Bicubic, PathPatch, Vertex},
     tracer::GridTracer,
     view::View,
     world::World,
 };
+use geofan_core::manifold::Manifold;
 use geofan_expr::vectorised;
 use glam::{DVec2, DVec3};
 use ndarray::{Array3, ArrayViewMut3, Axis};
-use std::time::{Duration, Instant};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Row, column and number of a sample.
-pub type Place = (usize, usize, usize);
+pub type SamplePlace = (usize, usize, usize);
 
-/// Work done and time spent, summed over threads.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Tally {
-    /// Paths looked up or followed at common knots.
-    pub paths: usize,
-    /// Samples interpolated.
-    pub interpolated: usize,
-    /// Samples traced one by one.
-    pub traced: usize,
-    /// Time for paths and for dividing tiles.
-    pub lattice: Duration,
-    /// Time for tubes and chords.
-    pub tiles: Duration,
-    /// Time for samples.
-    pub pixels: Duration,
+/// Memory that one thread works with on tile after tile: made once, as memory for paths is slow to get.
+pub struct Scratch<'m> {
+    /// Finds how paths end.
+    pub events: EventLocator<'m>,
+    /// Paths of a lattice.
+    pub paths: PathBatch,
+    /// Single paths.
+    pub singles: PathBatch,
+    /// Finds what single paths see.
+    single_paths: SinglePaths,
 }
 
-impl std::ops::AddAssign for Tally {
-    fn add_assign(&mut self, other: Self) {
-        self.paths += other.paths;
-        self.interpolated += other.interpolated;
-        self.traced += other.traced;
-        self.lattice += other.lattice;
-        self.tiles += other.tiles;
-        self.pixels += other.pixels;
+impl<'m> Scratch<'m> {
+    /// Makes it for paths in `manifold` with these knots.
+    pub fn new(manifold: &'m Manifold, knots: &Arc<[f64]>) -> Self {
+        Self {
+            events: EventLocator::new(manifold),
+            paths: PathBatch::new(knots.clone()),
+            singles: PathBatch::new(knots.clone()),
+            single_paths: SinglePaths::default(),
+        }
+    }
+}
+
+/// As many [`Scratch`]es as threads work at once.
+pub struct ScratchPool<'m> {
+    manifold: &'m Manifold,
+    knots: Arc<[f64]>,
+    /// Those with which nobody works.
+    free: Mutex<Vec<Scratch<'m>>>,
+}
+
+impl<'m> ScratchPool<'m> {
+    /// Makes an empty pool for paths in `manifold` with these knots.
+    pub fn new(manifold: &'m Manifold, knots: &Arc<[f64]>) -> Self {
+        Self {
+            manifold,
+            knots: knots.clone(),
+            free: Mutex::default(),
+        }
+    }
+
+    /// Does `work` with one that is free, or a new one.
+    pub fn with<T>(&self, work: impl FnOnce(&mut Scratch<'m>) -> T) -> T {
+        // One whose work panicked has not been put back, so those that are free are whole.
+        let free = || self.free.lock().unwrap_or_else(PoisonError::into_inner);
+        let taken = free().pop();
+        let mut scratch = taken.unwrap_or_else(|| Scratch::new(self.manifold, &self.knots));
+        let done = work(&mut scratch);
+        free().push(scratch);
+        done
     }
 }
 
 /// The picture's samples and what they may meet.
 #[derive(Clone, Copy)]
-pub struct Samples<'a> {
+pub struct PixelSamples<'a> {
     /// The scene.
     pub world: &'a World,
     /// The picture.
     pub view: &'a View,
-    /// Where in a pixel its samples are, in [0, 1]².
+    /// Places of its samples in a pixel, in [0, 1]².
     pub offsets: &'a [DVec2],
+    /// Tells the time.
+    pub clock: Clock<'a>,
 }
 
-/// What the samples of one of the largest tiles find.
-pub struct Found<'o> {
+/// The outcomes of one of the largest tiles.
+pub struct TileOutcomes<'o> {
     /// The tile's upper left pixel: row and column.
     pub corner: (usize, usize),
     /// Its outcomes, axes (row, column, sample) from the corner.
     pub outcomes: ArrayViewMut3<'o, Seen>,
     /// Samples put off, with their directions.
-    pub pending: Vec<(Place, DVec3)>,
+    pub pending: Vec<(SamplePlace, DVec3)>,
     /// Work and time.
-    pub tally: Tally,
+    pub work: Work,
 }
 
-impl<'o> Found<'o> {
-    /// Nothing yet.
+impl<'o> TileOutcomes<'o> {
+    /// Takes the part of the outcomes from `corner` on, of which nothing is known yet.
     pub fn new(corner: (usize, usize), outcomes: ArrayViewMut3<'o, Seen>) -> Self {
         Self {
             corner,
             outcomes,
             pending: Vec::new(),
-            tally: Tally::default(),
+            work: Work::default(),
         }
     }
 
-    /// The outcomes of each of the largest tiles, row by row; they do not overlap.
+    /// Splits the outcomes into those of each of the largest tiles, row by row; they do not overlap.
     pub fn split(outcomes: &'o mut Array3<Seen>) -> Vec<Self> {
         let mut tiles = Vec::new();
         let bands = outcomes.axis_chunks_iter_mut(Axis(0), LARGEST_TILE);
@@ -99,14 +127,14 @@ impl<'o> Found<'o> {
             while rest.len_of(Axis(1)) > 0 {
                 let width = LARGEST_TILE.min(rest.len_of(Axis(1)));
                 let (first, others) = rest.split_at(Axis(1), width);
-                tiles.push(Found::new((row * LARGEST_TILE, x), first));
+                tiles.push(Self::new((row * LARGEST_TILE, x), first));
                 (rest, x) = (others, x + width);
             }
         }
         tiles
     }
 
-    /// The tile.
+    /// Returns the tile.
     pub fn tile(&self) -> Tile {
         Tile {
             x: self.corner.1,
@@ -115,111 +143,114 @@ impl<'o> Found<'o> {
         }
     }
 
-    fn put(&mut self, (y, x, k): Place, seen: Seen) {
+    fn put(&mut self, (y, x, k): SamplePlace, seen: Seen) {
         self.outcomes[(y - self.corner.0, x - self.corner.1, k)] = seen;
     }
 }
 
-impl Samples<'_> {
-    /// The samples of a tile that the lattice divided.
+impl PixelSamples<'_> {
+    /// Finds what the samples of a tile that the lattice divided see.
     pub fn interpolate(
         &self,
         divided: &Divided,
         tracer: &dyn GridTracer,
-        desk: &mut Scratch<'_>,
-        found: &mut Found<'_>,
+        scratch: &mut Scratch<'_>,
+        tile: &mut TileOutcomes<'_>,
     ) {
-        found.tally.paths += divided.strands.len();
+        tile.work.paths += divided.paths.len();
         let mut lost = Vec::new();
         for leaf in &divided.leaves {
-            let known = (tracer, &mut desk.endings);
-            self.leaf(known, divided, leaf, found, &mut lost);
+            let known = (tracer, &mut scratch.events);
+            self.leaf(known, divided, leaf, tile, &mut lost);
         }
         lost.extend(divided.lost.iter().flat_map(|tile| self.places(*tile)));
-        self.trace(&lost, tracer, desk, found);
+        self.trace(&lost, tracer, scratch, tile);
     }
 
-    /// The chords of a tile with its paths.
-    pub fn ribbon(
+    /// Flattens the paths of a leaf into chords.
+    pub fn flatten(
         &self,
         tracer: &dyn GridTracer,
         divided: &Divided,
-        (leaf, sheaf): (&Leaf, &PathPatch<'_>),
-    ) -> Ribbon {
-        let mut ribbon = Ribbon::default();
-        let within = divided.chord_error;
-        ribbon.flatten(sheaf, (tracer, self.world), &leaf.touched, within);
-        ribbon
+        (leaf, patch): (&Leaf, &PathPatch<'_>),
+    ) -> (Vec<Vertex>, ChordList) {
+        let known = (tracer, self.world);
+        ChordList::flatten(patch, known, &leaf.touched, divided.chord_error)
     }
 
+    /// Finds what the samples of a leaf see; those whose end is not known are `lost`.
     fn leaf(
         &self,
-        (tracer, endings): (&dyn GridTracer, &mut EventLocator<'_>),
+        (tracer, events): (&dyn GridTracer, &mut EventLocator<'_>),
         divided: &Divided,
         leaf: &Leaf,
-        found: &mut Found<'_>,
-        lost: &mut Vec<Place>,
+        tile: &mut TileOutcomes<'_>,
+        lost: &mut Vec<SamplePlace>,
     ) {
-        let began = Instant::now();
-        let sheaf = divided.sheaf(leaf);
-        let ribbon = self.ribbon(tracer, divided, (leaf, &sheaf));
-        let finish = match &leaf.ends {
-            Ends::Alike => Finish::Alike,
-            Ends::Within(pieces) => Finish::Within(LastPieces::new(&sheaf, tracer, pieces)),
-            Ends::Each => Finish::Each,
+        // The chords that all samples have in common, and where their paths may end.
+        let began = (self.clock)();
+        let patch = divided.patch(leaf);
+        let (vertices, all_chords) = self.flatten(tracer, divided, (leaf, &patch));
+        let last = match &leaf.ends {
+            Ends::Within(pieces) => last_vertices(&patch, tracer, pieces),
+            Ends::Alike | Ends::Each => Vec::new(),
         };
-        let flat = Instant::now();
-        found.tally.tiles += flat - began;
-        let target = Target::new(self.world, &sheaf, &ribbon);
+        let flat = (self.clock)();
+        tile.work.tiles += flat.saturating_sub(began);
+        let target = InterpolatedPaths::new(self.world, &patch, &vertices);
         for part in leaf.tile.parts(PART) {
-            let narrowed = match ribbon.chords.is_empty() || part == leaf.tile {
+            // Those that a part may meet something with.
+            let narrowed = match all_chords.is_empty() || part == leaf.tile {
                 true => None,
-                false => Some(ribbon.within(self.world, &Bicubic::new(&grid(leaf.tile, part)))),
+                false => {
+                    let mixing = Bicubic::new(&grid(leaf.tile, part));
+                    Some(all_chords.within(self.world, &vertices, &mixing))
+                }
             };
-            let chords = narrowed.as_ref().unwrap_or(&ribbon.chords);
+            let chords = narrowed.as_ref().unwrap_or(&all_chords);
             let places = self.places(part);
             for places in places.chunks(LANES) {
                 let place = |l: usize| places[l.min(places.len() - 1)];
                 let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
                 let show = |l: usize, seen: Seen| {
                     if let Some(place) = places.get(l) {
-                        found.put(*place, seen);
+                        tile.put(*place, seen);
                     }
                 };
                 // A kernel for each: one for all would be slower for the one that most tiles need.
-                match &finish {
-                    Finish::Alike => vectorised(
+                match &leaf.ends {
+                    Ends::Alike => vectorised(
                         #[inline(always)]
                         || target.see(&Bicubic::new(&at), chords, show),
                     ),
-                    Finish::Within(last) => vectorised(
+                    Ends::Within(_) => vectorised(
                         #[inline(always)]
                         || {
                             let mixing = Bicubic::new(&at);
-                            let ends = last.endings(&mixing, endings);
+                            let ends = events.endings_between(&last, &mixing);
                             target.see_before(&mixing, chords, &ends, show);
                         },
                     ),
-                    Finish::Each => {
-                        let ends = self.endings(places, (tracer, endings), lost);
+                    Ends::Each => {
+                        let ends = self.endings(places, (tracer, events), lost);
                         see_before(&target, &at, chords, (&ends, show));
                     }
                 }
             }
-            found.tally.interpolated += places.len();
+            tile.work.interpolated += places.len();
         }
-        found.tally.pixels += flat.elapsed();
+        tile.work.pixels += (self.clock)().saturating_sub(flat);
     }
 
-    /// How the samples at at most sixteen `places` end; those of which that is not known are `lost`.
+    /// Looks up how the samples at at most sixteen `places` end; those of which that is not known are `lost`.
     fn endings(
         &self,
-        places: &[Place],
-        (tracer, endings): (&dyn GridTracer, &mut EventLocator<'_>),
-        lost: &mut Vec<Place>,
+        places: &[SamplePlace],
+        (tracer, events): (&dyn GridTracer, &mut EventLocator<'_>),
+        lost: &mut Vec<SamplePlace>,
     ) -> [Ending; LANES] {
         let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
-        let known = tracer.endings(&directions, endings);
+        let known = tracer.endings(&directions, events);
         let mut ends = [Ending::Nowhere; LANES];
         for ((end, known), place) in ends.iter_mut().zip(known).zip(places) {
             match known {
@@ -230,61 +261,62 @@ impl Samples<'_> {
         ends
     }
 
-    /// The samples at `places`, each by a path of its own.
+    /// Finds what the samples at `places` see, each by a path of its own.
     pub fn trace(
         &self,
-        places: &[Place],
+        places: &[SamplePlace],
         tracer: &dyn GridTracer,
-        desk: &mut Scratch<'_>,
-        found: &mut Found<'_>,
+        scratch: &mut Scratch<'_>,
+        tile: &mut TileOutcomes<'_>,
     ) {
-        let began = Instant::now();
+        let began = (self.clock)();
         let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
         let Scratch {
-            endings,
+            events,
             singles,
-            lone,
+            single_paths,
             ..
-        } = desk;
+        } = scratch;
         for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
             singles.clear();
-            tracer.add(directions, endings, singles);
+            tracer.add(directions, events, singles);
             for (first, places) in places.chunks(LANES).enumerate() {
                 let first = LANES * first;
-                self.lone((tracer, lone), singles, first, places, found);
+                self.see_singles((tracer, single_paths), singles, first, places, tile);
             }
-            found.tally.traced += places.len();
-            found.tally.paths += places.len();
+            tile.work.traced += places.len();
+            tile.work.paths += places.len();
         }
-        found.tally.pixels += began.elapsed();
+        tile.work.pixels += (self.clock)().saturating_sub(began);
     }
 
-    /// The samples at `places`, close together, whose paths are `strands` from number `first` on.
-    fn lone(
+    /// Finds what the samples at `places` see, close together, whose paths are in `batch` from number `first`
+    /// on.
+    fn see_singles(
         &self,
-        (tracer, lone): (&dyn GridTracer, &mut SinglePaths),
-        strands: &PathBatch,
+        (tracer, single_paths): (&dyn GridTracer, &mut SinglePaths),
+        batch: &PathBatch,
         first: usize,
-        places: &[Place],
-        found: &mut Found<'_>,
+        places: &[SamplePlace],
+        tile: &mut TileOutcomes<'_>,
     ) {
         let all: [PathView<'_>; LANES] =
-            std::array::from_fn(|l| strands.strand(first + l.min(places.len() - 1)));
-        lone.surround(&all, tracer, self.world);
-        for (strand, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {
-            match strand.ending {
-                None => found.pending.push((*place, strand.direction)),
+            std::array::from_fn(|l| batch.path(first + l.min(places.len() - 1)));
+        single_paths.surround(&all, tracer, self.world);
+        for (path, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {
+            match path.ending {
+                None => tile.pending.push((*place, path.direction)),
                 Some(ending) => {
-                    let seen = lone.seen((l, strand), &ending, tracer, self.world);
-                    found.put(*place, seen);
+                    let seen = single_paths.seen((l, path), &ending, tracer, self.world);
+                    tile.put(*place, seen);
                 }
             }
         }
     }
 
-    /// The samples of `tile` in the picture, by squares of 4 × 4 pixels so that sixteen in a
-    /// row are close together.
-    pub fn places(&self, tile: Tile) -> Vec<Place> {
+    /// Returns the samples of `tile` in the picture, by squares of 4 × 4 pixels so that sixteen in a row are
+    /// close together.
+    pub fn places(&self, tile: Tile) -> Vec<SamplePlace> {
         let (rows, columns) = tile.extent(self.view.size);
         let mut places = Vec::with_capacity(rows.len() * columns.len() * self.offsets.len());
         for top in rows.clone().step_by(SQUARE) {
@@ -299,34 +331,27 @@ impl Samples<'_> {
         places
     }
 
-    fn point(&self, (y, x, k): Place) -> DVec2 {
+    fn point(&self, (y, x, k): SamplePlace) -> DVec2 {
         DVec2::new(x as f64, y as f64) + self.offsets[k]
     }
 
-    /// Where in a tile a sample is, as fractions of its side.
-    fn fraction(&self, tile: Tile, place: Place) -> DVec2 {
+    /// Returns the place of a sample in a tile, as fractions of its side.
+    fn fraction(&self, tile: Tile, place: SamplePlace) -> DVec2 {
         (self.point(place) - DVec2::new(tile.x as f64, tile.y as f64)) * (1.0 / tile.side as f64)
     }
 
-    /// The direction of a sample.
-    pub fn direction(&self, place: Place) -> DVec3 {
+    /// Returns the direction of a sample.
+    pub fn direction(&self, place: SamplePlace) -> DVec3 {
         let at = self.point(place);
         self.view.direction(at.x, at.y)
     }
 }
 
-/// How the samples of a tile end.
-enum Finish {
-    Alike,
-    Within(LastPieces),
-    Each,
-}
-
 /// Shows what sixteen samples at these places in their tile see whose ends are known.
 fn see_before(
-    target: &Target<'_>,
+    target: &InterpolatedPaths<'_>,
     at: &[DVec2; LANES],
-    chords: &Chords,
+    chords: &ChordList,
     (ends, mut show): (&[Ending; LANES], impl FnMut(usize, Seen)),
 ) {
     match chords.is_empty() {
@@ -339,10 +364,10 @@ fn see_before(
 }
 
 /// Pixels along a side of the parts of a tile for which chords are looked at again: each look costs about
-/// as much as sixteen samples do. With it frames take two to four hundredths less.
+/// as much as sixteen samples do. With it frames take 2 to 4 % less time.
 const PART: usize = 16;
 
-/// The places of 4 × 4 paths that span a part of a tile, as fractions of the tile's side.
+/// Returns the places of 4 × 4 paths that span a part of a tile, as fractions of the tile's side.
 fn grid(tile: Tile, part: Tile) -> [DVec2; LANES] {
     let corner = DVec2::new((part.x - tile.x) as f64, (part.y - tile.y) as f64);
     let step = part.side as f64 / 3.0;

@@ -5,59 +5,59 @@
 //! paths up: [`super::TableTracer`].
 
 use super::{
-    curve::{Curve, Ending, Piece, ending_at},
-    endings::EventLocator,
-    lanes::{LANES, Points},
-    strands::{PathBatch, PathView, ROWS, Source, put},
+    curve::{Cubic, Curve, Ending, ending_at},
+    events::EventLocator,
+    lanes::{LANES, Vectors},
+    path_batch::{PathBatch, PathSource, PathView, ROWS, put},
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Manifold, Observer},
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use std::sync::Arc;
 
 /// A tracer whose paths can be interpolated between directions, because all have the same knots.
 pub trait GridTracer: Sync {
-    /// The knots' arc lengths.
+    /// Returns the knots' arc lengths.
     fn knots(&self) -> &Arc<[f64]>;
 
-    /// Appends the paths in `directions` to `strands`, which has these knots; a path that the tracer
-    /// cannot give on them has no ending.
-    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch);
+    /// Appends the paths in `directions` to `batch`, which has these knots; a path that the tracer cannot
+    /// give on them has no ending.
+    fn add(&self, directions: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch);
 
-    /// How the paths in `directions` end, where that is known without the paths.
+    /// Returns how the paths in `directions` end, where that is known without the paths.
     fn endings(&self, directions: &[DVec3], _: &mut EventLocator<'_>) -> Vec<Option<Ending>> {
         vec![None; directions.len()]
     }
 
-    /// Points and tangents of a path that [`GridTracer::add`] made, at ascending arc lengths `s`,
-    /// into six rows as long as `s`: as close as the tracer can, where the cubics between knots only
-    /// serve to find what may be met.
-    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]);
+    /// Writes points and tangents of a path that [`GridTracer::add`] made, at ascending arc lengths `s`, into
+    /// six rows as long as `s`: as close as the tracer can, where the cubics between knots only serve to
+    /// find what may be met.
+    fn refine(&self, path: PathView<'_>, s: &[f64], rows: &mut [f64]);
 
-    /// Points and tangents of sixteen of them, in the same way.
-    fn refine_sixteen(&self, strands: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Points; 2]> {
-        refine_each(self, strands, s)
+    /// Returns points and tangents of sixteen such paths.
+    fn refine_sixteen(&self, paths: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Vectors; 2]> {
+        refine_each(self, paths, s)
     }
 
-    /// By how much the cubics between knots may miss the path, radians at the camera.
+    /// Returns by how much the cubics between knots may miss the path, radians at the camera.
     fn slack(&self) -> f64;
 
-    /// Who follows the paths that cannot be given.
+    /// Returns the tracer of the paths that cannot be given.
     fn fallback(&self) -> Option<&ExactTracer<'_>>;
 }
 
-/// [`GridTracer::refine_sixteen`] path by path.
+/// Computes [`GridTracer::refine_sixteen`] path by path.
 pub(super) fn refine_each<T: GridTracer + ?Sized>(
     tracer: &T,
-    strands: &[PathView<'_>; LANES],
+    paths: &[PathView<'_>; LANES],
     s: &[f64],
-) -> Vec<[Points; 2]> {
+) -> Vec<[Vectors; 2]> {
     let mut states = vec![[[[0.0; LANES]; 3]; 2]; s.len()];
     let mut rows = vec![0.0; ROWS * s.len()];
-    for (l, strand) in strands.iter().enumerate() {
-        tracer.refine(*strand, s, &mut rows);
+    for (l, path) in paths.iter().enumerate() {
+        tracer.refine(*path, s, &mut rows);
         for (i, state) in states.iter_mut().enumerate() {
             for c in 0..ROWS {
                 state[c / 3][c % 3][l] = rows[c * s.len() + i];
@@ -72,7 +72,7 @@ pub(super) fn refine_each<T: GridTracer + ?Sized>(
 pub struct ExactTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    frame: DMat3,
+    observer: Observer,
     length: f64,
     tolerance: f64,
 }
@@ -82,12 +82,12 @@ pub struct ExactTracer<'m> {
 const PIECE_ERROR: f64 = 1e-5;
 
 impl<'m> ExactTracer<'m> {
-    /// Rays from `u` over `length` at a local tolerance.
+    /// Makes the tracer of rays from `u` over `length` at a local tolerance.
     pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, tolerance: f64) -> Self {
         Self {
             manifold,
             u,
-            frame: manifold.standard_frame(u),
+            observer: manifold.observer(u),
             length,
             tolerance,
         }
@@ -95,7 +95,7 @@ impl<'m> ExactTracer<'m> {
 }
 
 impl ExactTracer<'_> {
-    /// The curves in `directions`, in order.
+    /// Follows the rays in `directions`, in order.
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
         let settings = Settings {
             tolerance: self.tolerance,
@@ -104,7 +104,7 @@ impl ExactTracer<'_> {
         };
         let rays = directions.iter().map(|&d| Ray {
             u: self.u,
-            v: self.frame * d,
+            v: self.observer.tangent(d),
             length: self.length,
             spread: [DVec3::ZERO; 2],
         });
@@ -116,7 +116,7 @@ impl ExactTracer<'_> {
                     (
                         vec![0.0],
                         vec![self.u],
-                        vec![self.frame * d],
+                        vec![self.observer.tangent(d)],
                         Ending::Nowhere,
                     )
                 })
@@ -136,6 +136,7 @@ impl ExactTracer<'_> {
 /// A curve being made: arc lengths, points, tangents, and how it ends.
 type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending);
 
+/// Collects the steps of rays as cubics.
 struct CurveSink<'m> {
     manifold: &'m Manifold,
     curves: Vec<Growing>,
@@ -144,7 +145,7 @@ struct CurveSink<'m> {
 impl Sink for CurveSink<'_> {
     fn step(&mut self, ray: usize, step: &Step) {
         let (s, u, v, _) = &mut self.curves[ray];
-        let count = cubics(step);
+        let count = cubic_count(step);
         for k in 1..=count {
             let at = step.start + (step.end - step.start) * k as f64 / count as f64;
             s.push(at);
@@ -160,28 +161,29 @@ impl Sink for CurveSink<'_> {
     }
 }
 
-/// The step as cubics.
-pub fn pieces(step: &Step) -> impl Iterator<Item = Piece> {
-    let count = cubics(step);
+/// Cuts a step into cubics.
+pub fn pieces(step: &Step) -> impl Iterator<Item = Cubic> {
+    let count = cubic_count(step);
     let at = move |k: usize| step.start + (step.end - step.start) * k as f64 / count as f64;
-    (0..count).map(move |k| {
-        let s = [at(k), at(k + 1)];
-        Piece {
-            s,
-            u: s.map(|s| step.position(s)),
-            v: s.map(|s| step.tangent(s)),
-        }
-    })
+    (0..count).map(move |k| cubic(step, [at(k), at(k + 1)]))
 }
 
-/// How many cubics replace the quintic of `step`: the middle of one cubic tells, and the error
+/// Makes the cubic of a step between two arc lengths.
+fn cubic(step: &Step, s: [f64; 2]) -> Cubic {
+    Cubic {
+        s,
+        u: s.map(|s| step.position(s)),
+        v: s.map(|s| step.tangent(s)),
+    }
+}
+
+/// Returns how many cubics replace the quintic of `step`: the middle of one cubic decides, and the error
 /// falls with the fourth power of the length.
-fn cubics(step: &Step) -> usize {
+fn cubic_count(step: &Step) -> usize {
     let (a, b) = (step.start, step.end);
-    let (v0, v1) = (step.tangent(a), step.tangent(b));
-    let cubic = (step.position(a) + step.position(b)) * 0.5 + (v0 - v1) * ((b - a) / 8.0);
-    let error = (cubic - step.position(0.5 * (a + b))).length();
-    let allowed = PIECE_ERROR * b * v0.length();
+    let one = cubic(step, [a, b]);
+    let error = (one.middle() - step.position(0.5 * (a + b))).length();
+    let allowed = PIECE_ERROR * b * one.v[0].length();
     if error <= allowed {
         return 1;
     }
@@ -194,17 +196,17 @@ fn cubics(step: &Step) -> usize {
 pub struct FixedTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    frame: DMat3,
+    observer: Observer,
     knots: Arc<[f64]>,
 }
 
 impl<'m> FixedTracer<'m> {
-    /// Rays from `u` over `length` in `steps` steps.
+    /// Makes the tracer of rays from `u` over `length` in `steps` steps.
     pub fn new(manifold: &'m Manifold, u: DVec3, length: f64, steps: usize) -> Self {
         Self {
             manifold,
             u,
-            frame: manifold.standard_frame(u),
+            observer: manifold.observer(u),
             knots: even_knots(length, steps),
         }
     }
@@ -215,10 +217,10 @@ impl GridTracer for FixedTracer<'_> {
         &self.knots
     }
 
-    fn add(&self, directions: &[DVec3], endings: &mut EventLocator<'_>, strands: &mut PathBatch) {
+    fn add(&self, directions: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch) {
         let rays: Vec<_> = directions
             .iter()
-            .map(|&d| (self.u, self.frame * d))
+            .map(|&d| (self.u, self.observer.tangent(d)))
             .collect();
         let steps = self.knots.len() - 1;
         let paths = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);
@@ -229,15 +231,15 @@ impl GridTracer for FixedTracer<'_> {
                 }
                 u.len()
             };
-            strands.push((*direction, Source::Knots), fill, |strand| {
-                Some(endings.ending(strand).unwrap_or(Ending::Nowhere))
+            batch.push((*direction, PathSource::Knots), fill, |path| {
+                Some(events.ending(path).unwrap_or(Ending::Nowhere))
             });
         }
     }
 
-    /// The cubics between its steps are its path: the error at equal error is measured on them.
-    fn refine(&self, strand: PathView<'_>, s: &[f64], rows: &mut [f64]) {
-        strand.sample(s, rows);
+    /// Samples the cubics between its steps: they are its path, on which equal error is measured.
+    fn refine(&self, path: PathView<'_>, s: &[f64], rows: &mut [f64]) {
+        path.sample(s, rows);
     }
 
     fn slack(&self) -> f64 {
@@ -249,7 +251,7 @@ impl GridTracer for FixedTracer<'_> {
     }
 }
 
-/// The ends of `n` equal intervals of [0, `length`].
+/// Returns the ends of `n` equal intervals of [0, `length`].
 pub(super) fn even_knots(length: f64, n: usize) -> Arc<[f64]> {
     (0..=n).map(|k| length * k as f64 / n as f64).collect()
 }

@@ -1,14 +1,15 @@
 //! A scene placed in its manifold: triangles in chart coordinates, materials, skies.
 //!
 //! In: a [`SceneFile`] and its [`Manifold`]. Out: a [`World`] that rays can be intersected with and
-//! hits be shaded from.
+//! hits be shaded from; together with the file, a [`Stage`].
 
 use super::{
     accel::Accelerator,
     intersect::Hit,
     lightmap::Lightmap,
-    scene::{LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
+    scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
     sky::Sky,
+    view::{View, camera_point},
 };
 use geofan_core::{
     diagnostic::Diagnostic,
@@ -58,7 +59,7 @@ pub struct World {
     /// Their light on the triangles, where it has been baked; without, the only lamp is at the
     /// camera.
     pub light: Option<Lightmap>,
-    /// What was mended or left out while loading.
+    /// Warnings about what was mended or left out while loading.
     pub warnings: Vec<String>,
 }
 
@@ -100,7 +101,7 @@ impl World {
         Ok(world)
     }
 
-    /// A hash of the triangles and their normals.
+    /// Computes a hash of the triangles and their normals.
     pub fn geometry_fingerprint(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
         for (corners, face) in self.accelerator.triangles().iter().zip(&self.faces) {
@@ -115,7 +116,7 @@ impl World {
         *hasher.finalize().as_bytes()
     }
 
-    /// The chart point of a hit, inside the limits of glued coordinates.
+    /// Returns the chart point of a hit, inside the limits of glued coordinates.
     pub fn point(&self, hit: &Hit) -> DVec3 {
         let [a, b, c] = self.accelerator.triangles()[hit.triangle as usize];
         let [y, z] = hit.barycentric.map(f64::from);
@@ -123,14 +124,14 @@ impl World {
         self.manifold.domain.wrap(u)
     }
 
-    /// The normal of a hit as a covector of the chart, not of unit length.
+    /// Returns the normal of a hit as a covector of the chart, not of unit length.
     pub fn covector(&self, hit: &Hit) -> DVec3 {
         let [a, b, c] = self.faces[hit.triangle as usize].normals;
         let [y, z] = hit.barycentric.map(f64::from);
         a * (1.0 - y - z) + b * y + c * z
     }
 
-    /// How texture coordinates change on the plane of a triangle by the way `way`.
+    /// Returns the change of texture coordinates on the plane of a triangle along the displacement `way`.
     pub fn texture_change(&self, triangle: u32, way: DVec3) -> [f32; 2] {
         let [a, b, c] = self.accelerator.triangles()[triangle as usize];
         let uvs = self.faces[triangle as usize].uvs;
@@ -149,6 +150,7 @@ impl World {
         }
     }
 
+    /// Places an object: its triangles, their faces and materials.
     fn place(
         &mut self,
         scene: &SceneFile,
@@ -187,6 +189,7 @@ impl World {
         Ok(())
     }
 
+    /// Complains about an object that cannot be placed.
     fn unreachable(&self, scene: &SceneFile, object: &ObjectEntry) -> Error {
         Diagnostic::new(
             &scene.source,
@@ -198,7 +201,7 @@ impl World {
     }
 }
 
-/// The lights of `scene`, all inside the domain.
+/// Places the lights of `scene`, all inside the domain.
 fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
     let light = |entry: &LightEntry| match check_point(manifold, "the light", entry.at) {
         Ok(()) => Ok(PointLight {
@@ -213,6 +216,7 @@ fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
     scene.lights.iter().map(light).collect()
 }
 
+/// Loads the skies of `scene`: one for each exit, and last the one of paths that end nowhere.
 fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>> {
     let mut skies: Vec<Option<Sky>> = Vec::new();
     skies.resize_with(manifold.exits.len() + 1, || None);
@@ -236,4 +240,70 @@ fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>
         skies[index] = Some(Sky::load(entry)?);
     }
     Ok(skies)
+}
+
+/// A scene with everything it names.
+pub struct Stage {
+    /// The file.
+    pub scene: SceneFile,
+    /// Everything that can be seen.
+    pub world: World,
+}
+
+impl Stage {
+    /// Loads the scene at `path`; `settings` replace parameters of its manifold.
+    ///
+    /// # Errors
+    /// Whatever is wrong with any of its files.
+    pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
+        let scene = SceneFile::load(path)?;
+        let manifold = Manifold::load(&scene.manifold, settings).map_err(|e| match e {
+            // A missing file is the scene's fault, and the scene says where it is named.
+            Error::Input { message, .. } if !scene.manifold.exists() => Diagnostic::new(
+                &scene.source,
+                scene.manifold_span.clone(),
+                format!("{}: {message}", scene.manifold.display()),
+            )
+            .with_hint("paths are relative to the scene file")
+            .into(),
+            other => other,
+        })?;
+        let world = World::new(&scene, Arc::new(manifold))?;
+        Ok(Self { scene, world })
+    }
+
+    /// Returns the camera called `name`, or the main one.
+    ///
+    /// # Errors
+    /// There is no such camera.
+    pub fn camera(&self, name: Option<&str>) -> Result<&CameraEntry> {
+        let Some(name) = name else {
+            return Ok(&self.scene.camera);
+        };
+        self.scene.view(name).ok_or_else(|| {
+            let known: Vec<&str> = self
+                .scene
+                .views
+                .iter()
+                .filter_map(|v| v.name.as_deref())
+                .collect();
+            let known = match known.is_empty() {
+                true => "none".into(),
+                false => known.join(", "),
+            };
+            Error::input(
+                "--view",
+                format!("the scene has no view `{name}`; it has: {known}"),
+            )
+        })
+    }
+
+    /// Returns the view of a camera of this scene.
+    ///
+    /// # Errors
+    /// The camera is outside the domain.
+    pub fn view(&self, camera: &CameraEntry, size: (usize, usize)) -> Result<View> {
+        let u = camera_point(&self.world.manifold, &self.scene.source, camera)?;
+        Ok(View::new(camera, u, size))
+    }
 }

@@ -11,3 +11,14 @@ pub mod comparison;
 pub mod picture;
 mod rival;
 pub mod sweep;
+
+use std::{
+    sync::LazyLock,
+    time::{Duration, Instant},
+};
+
+/// Reads this machine's clock, for frames to measure their times by: the time since its first reading.
+pub fn clock() -> Duration {
+    static FIRST: LazyLock<Instant> = LazyLock::new(Instant::now);
+    FIRST.elapsed()
+}

@@ -8,7 +8,7 @@
 
 use geofan_bundle::measure::Probe;
 use geofan_core::{geodesic::fixed_steps, manifold::Manifold, quantiles::Quantiles};
-use geofan_render::Piece;
+use geofan_render::Cubic;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -34,8 +34,11 @@ pub(crate) fn rivals<'a>(
 /// Measures the screen errors of `steps` equal steps.
 fn screen_errors(manifold: &Manifold, fans: &[ProbedFan], length: f64, steps: usize) -> Quantiles {
     let errors = fans.par_iter().flat_map_iter(|(camera, probes)| {
-        let frame = manifold.standard_frame(*camera);
-        let rays: Vec<_> = probes.iter().map(|(d, _)| (*camera, frame * *d)).collect();
+        let observer = manifold.observer(*camera);
+        let rays: Vec<_> = probes
+            .iter()
+            .map(|(d, _)| (*camera, observer.tangent(*d)))
+            .collect();
         let paths = fixed_steps::<f32>(manifold, &rays, length, steps);
         let errors = probes.iter().zip(paths).map(|((_, probe), path)| {
             let u = position(&path, length, probe.s);
@@ -58,7 +61,7 @@ fn position((u, v): &(Vec<DVec3>, Vec<DVec3>), length: f64, s: f64) -> DVec3 {
     let place = s / length * steps as f64;
     let k = (place as usize).min(steps - 1);
     let at = |k: usize| length * k as f64 / steps as f64;
-    let piece = Piece {
+    let piece = Cubic {
         s: [at(k), at(k + 1)],
         u: [u[k], u[k + 1]],
         v: [v[k], v[k + 1]],

@@ -128,6 +128,9 @@ const WORST_DISCREPANCY: f64 = 1e-8;
 /// Random cameras at which a mirror's action on cameras and directions is looked at.
 const CAMERAS: usize = 16;
 
+/// Points tested between two looks at whether the search is cancelled: milliseconds of work.
+const BETWEEN_LOOKS: usize = 256;
+
 impl Mirror {
     /// `map`, from chart coordinates to standard frames, averaged over the group `mirrors`: afterwards it
     /// takes images to images.
@@ -140,11 +143,15 @@ impl Mirror {
     }
 
     /// The mirrors of `space` whose metric, and whose rays' ends, agree at all of `rays` (chart points
-    /// and tangents).
-    pub fn find(space: &RaySpace, rays: &[(DVec3, DVec3)]) -> Vec<Self> {
+    /// and tangents); `None` as soon as `cancelled` says so.
+    pub fn find(
+        space: &RaySpace,
+        rays: &[(DVec3, DVec3)],
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Option<Vec<Self>> {
         // Rotations leave one direction parameter: nothing to exchange.
         if space.reduction() == Reduction::Rotation {
-            return Vec::new();
+            return Some(Vec::new());
         }
         let mut group = SignedPermutation::all(3);
         let others = group.split_off(1);
@@ -155,7 +162,7 @@ impl Mirror {
             };
             // Products of isometries are isometries.
             let known = group.contains(&axes);
-            if !known && !mirror.holds(space, rays) {
+            if !known && !mirror.holds(space, rays, cancelled)? {
                 continue;
             }
             mirrors.push(mirror);
@@ -164,7 +171,7 @@ impl Mirror {
                 close(&mut group);
             }
         }
-        mirrors
+        Some(mirrors)
     }
 
     /// The mirror by `axes`, if it carries stored cameras to stored cameras and faces to faces.
@@ -204,19 +211,35 @@ impl Mirror {
         })
     }
 
-    /// Whether metric and ends of rays are unchanged at `rays`.
-    fn holds(&self, space: &RaySpace, rays: &[(DVec3, DVec3)]) -> bool {
+    /// Tells whether metric and ends of rays are unchanged at `rays`; `None` as soon as `cancelled` says so.
+    fn holds(
+        &self,
+        space: &RaySpace,
+        rays: &[(DVec3, DVec3)],
+        cancelled: &(dyn Fn() -> bool + Sync),
+    ) -> Option<bool> {
         let manifold = space.manifold();
         let (p, shift) = self.axes.about(space.middle());
         let isometry = Isometry::Affine(p, shift);
         let domain = &manifold.domain;
         let glued = (0..3).all(|i| domain.period(i) == domain.period(self.axes.source(i).0));
-        glued
-            && rays.iter().all(|&(u, v)| {
-                let image = domain.wrap(p * u + shift);
-                manifold.discrepancy(&isometry, u) <= WORST_DISCREPANCY
-                    && end_together(manifold, (u, v), (image, p * v))
-            })
+        if !glued {
+            return Some(false);
+        }
+        let unchanged = |&(u, v): &(DVec3, DVec3)| {
+            let image = domain.wrap(p * u + shift);
+            manifold.discrepancy(&isometry, u) <= WORST_DISCREPANCY
+                && end_together(manifold, (u, v), (image, p * v))
+        };
+        for rays in rays.chunks(BETWEEN_LOOKS) {
+            if cancelled() {
+                return None;
+            }
+            if !rays.iter().all(unchanged) {
+                return Some(false);
+            }
+        }
+        Some(true)
     }
 
     /// Whether a file's mirror is one of `space` as far as cameras and directions go.
@@ -335,7 +358,7 @@ mod tests {
     }
 
     fn count(space: &RaySpace) -> usize {
-        Mirror::find(space, &rays()).len()
+        Mirror::find(space, &rays(), &|| false).unwrap().len()
     }
 
     #[test]
@@ -396,7 +419,7 @@ mod tests {
     fn images_of_rays_come_back() {
         let round = r#"conformal = "exp(exp(-(x^2 + y^2 + z^2)/2))""#;
         let space = space(round, BOX);
-        let mirrors = Mirror::find(&space, &rays());
+        let mirrors = Mirror::find(&space, &rays(), &|| false).unwrap();
         come_back(&space, &mirrors);
         let uneven = DMat3::from_diagonal(DVec3::new(0.1, 0.2, 0.3));
         let even = Mirror::averaged(&mirrors, uneven);

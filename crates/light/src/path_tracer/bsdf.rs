@@ -217,12 +217,12 @@ impl ShadingFrame {
     }
 
     /// Takes a vector from the frame around the normal to the one in which the normal is given.
-    pub fn from_local(&self, w: DVec3) -> DVec3 {
+    pub fn global(&self, w: DVec3) -> DVec3 {
         self.axes[0] * w.x + self.axes[1] * w.y + self.axes[2] * w.z
     }
 
-    /// Undoes [`ShadingFrame::from_local`].
-    pub fn to_local(&self, w: DVec3) -> DVec3 {
+    /// Undoes [`ShadingFrame::global`].
+    pub fn local(&self, w: DVec3) -> DVec3 {
         DVec3::from_array(self.axes.map(|axis| axis.dot(w)))
     }
 }

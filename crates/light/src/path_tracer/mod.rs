@@ -26,8 +26,8 @@ pub use accumulator::PassAccumulator;
 use crate::{Connection, Lamps};
 use bsdf::balance;
 use emitters::{EmitterPoint, Emitters, is_same_geodesic, principal_connections};
-use geofan_core::random::Stream;
-use geofan_render::{Footprint, Hit, Probe, Seen, SurfacePoint, View, World, first_seen};
+use geofan_core::{geodesic::Ray, random::Stream};
+use geofan_render::{Footprint, Hit, Seen, SurfacePoint, View, World, first_seen};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -38,14 +38,14 @@ use surface::SurfaceInteraction;
 pub struct PathTracerSettings {
     /// Another seed gives another picture of the same light.
     pub seed: u64,
-    /// How far light is followed between surfaces (arc length).
+    /// Arc length over which light is followed between surfaces.
     pub length: f64,
     /// Local tolerance of geodesics.
     pub tolerance: f64,
     /// Light that has been reflected more often than this is left out: `u32::MAX` for all light, 1
     /// for direct light alone.
     pub bounces: u32,
-    /// How light is gathered.
+    /// The way of gathering light.
     pub estimator: Estimator,
 }
 
@@ -95,7 +95,7 @@ const SHORT: f64 = 5e-4;
 struct PathState {
     pixel: usize,
     random: Stream,
-    ray: Probe,
+    ray: Ray,
     throughput: DVec3,
     bounce: u32,
     /// The surface point (chart) that the path comes from; the camera's at first.
@@ -167,9 +167,10 @@ impl<'w> PathTracer<'w> {
         PathState {
             pixel,
             random,
-            ray: Probe {
+            ray: Ray {
+                spread: [DVec3::ZERO; 2],
                 u: self.view.u,
-                v: self.world.manifold.standard_frame(self.view.u) * d,
+                v: self.world.manifold.observer(self.view.u).tangent(d),
                 length: self.settings.length,
             },
             throughput: DVec3::ONE,
@@ -180,14 +181,14 @@ impl<'w> PathTracer<'w> {
     }
 
     /// Follows rays to the first thing that each sees.
-    fn seen(&self, probes: &[Probe]) -> Vec<Seen> {
+    fn seen(&self, probes: &[Ray]) -> Vec<Seen> {
         self.rays.fetch_add(probes.len() as u64, Ordering::Relaxed);
         first_seen(self.world, probes, self.settings.tolerance)
     }
 
     /// Takes all paths to the next surface; returns those that go on. `add` takes a pixel and light.
     fn bounce(&self, paths: Vec<PathState>, add: &mut dyn FnMut(usize, DVec3)) -> Vec<PathState> {
-        let probes: Vec<Probe> = paths.iter().map(|w| w.ray).collect();
+        let probes: Vec<Ray> = paths.iter().map(|w| w.ray).collect();
         let mut met: Vec<(PathState, Hit)> = Vec::new();
         // Paths that leave the space bring the light of its sky.
         for (path, seen) in paths.into_iter().zip(self.seen(&probes)) {
@@ -322,9 +323,9 @@ impl<'w> PathTracer<'w> {
         (path, surface): &MetSurface,
         chosen: &EmitterPoint,
         connection: &Connection,
-    ) -> Option<(DVec3, Probe)> {
+    ) -> Option<(DVec3, Ray)> {
         let hit = &surface.hit;
-        let wi = surface.around.to_local(connection.direction);
+        let wi = surface.around.local(connection.direction);
         let same = chosen.triangle == hit.triangle;
         if same || connection.s > self.settings.length || !surface.is_possible(wi) {
             return None;
@@ -333,7 +334,8 @@ impl<'w> PathTracer<'w> {
         let reflected = surface.bsdf.reflectance(surface.wo, wi) * wi.z.max(0.0);
         let weight = balance(probability, surface.bsdf.probability(surface.wo, wi));
         let light = path.throughput * reflected * chosen.radiance * (weight / probability);
-        let probe = || Probe {
+        let probe = || Ray {
+            spread: [DVec3::ZERO; 2],
             u: surface.beside(wi, self.offset(hit)),
             v: surface.tangent(wi),
             length: connection.s * (1.0 - SHORT),
@@ -364,10 +366,11 @@ impl<'w> PathTracer<'w> {
             }
             path.throughput /= survival;
         }
-        let direction = || surface.around.from_local(scattered.wi);
+        let direction = || surface.around.global(scattered.wi);
         path.from = surface.point.u;
         path.scattered = scattered.probability.map(|p| (direction(), p));
-        path.ray = Probe {
+        path.ray = Ray {
+            spread: [DVec3::ZERO; 2],
             u: surface.beside(scattered.wi, self.offset(&surface.hit)),
             v: surface.tangent(scattered.wi),
             length: self.settings.length,

@@ -4,24 +4,25 @@
 //! it gives off and its scattering.
 
 use super::bsdf::{Bsdf, ShadingFrame};
+use geofan_core::manifold::Observer;
 use geofan_render::{Footprint, Hit, SurfacePoint, World, shade};
 use glam::{DMat3, DVec3};
 
 /// Describes a surface where a ray has met it.
 #[derive(Debug, Clone, Copy)]
 pub struct SurfaceInteraction {
-    /// How it was met.
+    /// The hit of the ray.
     pub hit: Hit,
     /// The point, for lamps.
     pub point: SurfacePoint,
-    /// The standard frame and its inverse.
-    pub frame: DMat3,
-    pub inverse: DMat3,
+    /// The observer there, and the inverse of the standard frame.
+    observer: Observer,
+    inverse: DMat3,
     /// Directions around the normal, on the side of the ray.
     pub around: ShadingFrame,
     /// Towards where the ray came from, around the normal.
     pub wo: DVec3,
-    /// Whether that is the side to which the mesh's normal points.
+    /// Set if that is the side to which the mesh's normal points.
     pub outside: bool,
     /// The flat triangle's normal on that side, around the shading normal.
     flat: DVec3,
@@ -34,18 +35,23 @@ impl SurfaceInteraction {
     /// Describes what each of `hits` met.
     pub fn of_hits(world: &World, hits: &[Hit]) -> Vec<Self> {
         let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
-        let frames = world.manifold.standard_frames(&points);
-        let surface = |((hit, u), frame)| Self::new(world, hit, u, frame);
-        hits.iter().zip(points).zip(frames).map(surface).collect()
+        let observers = world.manifold.observers(&points);
+        let surface = |((hit, u), observer)| Self::new(world, hit, u, observer);
+        hits.iter()
+            .zip(points)
+            .zip(observers)
+            .map(surface)
+            .collect()
     }
 
-    /// Describes what `hit` met, at the chart point `u` with the standard frame `frame`.
-    fn new(world: &World, hit: &Hit, u: DVec3, frame: DMat3) -> Self {
+    /// Describes what `hit` met, at the chart point `u` with this `observer`.
+    fn new(world: &World, hit: &Hit, u: DVec3, observer: Observer) -> Self {
+        let frame = observer.frame;
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
         let covector = world.covector(hit);
         let inverse = frame.inverse();
-        let back = -(inverse * hit.v.as_dvec3()).normalize_or_zero();
+        let back = -(inverse * observer.sight(hit.v.as_dvec3())).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
         let across = (frame.transpose() * (q - p).cross(r - p)).normalize_or_zero();
         let flat = if across.dot(back) < 0.0 {
@@ -66,10 +72,10 @@ impl SurfaceInteraction {
                 normal: inverse.transpose() * normal,
                 triangle: hit.triangle,
             },
-            frame,
+            observer,
             inverse,
-            wo: around.to_local(back),
-            flat: around.to_local(flat),
+            wo: around.local(back),
+            flat: around.local(flat),
             around,
             outside,
             emitted: DVec3::from_array(material.ke.map(f64::from)),
@@ -79,12 +85,12 @@ impl SurfaceInteraction {
 
     /// Returns the direction (around the normal) of a chart vector.
     pub fn direction(&self, v: DVec3) -> DVec3 {
-        self.around.to_local((self.inverse * v).normalize_or_zero())
+        self.around.local((self.inverse * v).normalize_or_zero())
     }
 
-    /// Returns the unit tangent in the chart of a direction around the normal.
+    /// Returns the tangent of the path that is seen in a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
-        self.frame * self.around.from_local(w)
+        self.observer.tangent(self.around.global(w))
     }
 
     /// Tells whether the smooth surface and the flat triangle agree about which side `w` is on.
@@ -96,6 +102,6 @@ impl SurfaceInteraction {
     /// that start there do not meet the triangle again by rounding.
     pub fn beside(&self, w: DVec3, off: f64) -> DVec3 {
         let side = off.copysign(w.dot(self.flat));
-        self.point.u + self.tangent(self.flat) * side
+        self.point.u + self.observer.frame * self.around.global(self.flat) * side
     }
 }

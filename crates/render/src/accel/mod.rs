@@ -4,55 +4,32 @@
 //! curves. Out: the nearest triangle along the chord and where on it ([`ChordHit`]); or whether,
 //! and which, triangles have their boxes near.
 //!
-//! Two precisions: a tree of boxes in single precision throws out what is far, and each surviving
-//! triangle is tested in double precision on its original vertices. The tree lives in *tree
-//! coordinates*, the chart moved and scaled so that all triangles fit in [-1, 1]³: an absolute
-//! margin then means the same for an object 1e-3 large as for one 100 large. A chord is cut to the
-//! tree's box in double precision before it is rounded, so a far camera costs no accuracy.
+//! Two precisions: a tree of boxes in single precision ([`BoxTree`]) throws out what is far, and each
+//! surviving triangle is tested in double precision on its original vertices. A chord is cut to the
+//! tree's box in double precision before it is rounded, so a far camera costs no accuracy. Sixteen
+//! neighbouring chords are held against the tree together (`packet`).
 
-mod boxes;
-mod chord;
 mod packet;
-mod stack;
-mod top;
+mod tree;
 
 pub use packet::PacketHits;
+pub use tree::BoxTree;
 
-use chord::{Chord, is_usable};
+use crate::lanes::{BoxPacket, Mask};
 use glam::{DVec3, Vec3, Vec3A};
-use obvhs::{
-    BvhBuildParams,
-    aabb::Aabb,
-    bvh2::{Bvh2, leaf_collapser::collapse, node::Bvh2Node, reinsertion::ReinsertionOptimizer},
-    ploc::PlocBuilder,
-};
-use stack::Stack;
-use top::Top;
-
-/// Margin of every box in tree coordinates. Rounding a point of [-1, 1]³ to single precision and
-/// one slab test move it by at most 5e-7; a wider margin only lets more triangles through.
-const MARGIN: f32 = 2e-6;
+use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
+use tree::{MARGIN, Stack, boxes_meet, is_usable};
 
 /// A set of triangles, sorted for questions about what a chord or a box meets.
 #[derive(Clone, Default)]
 pub struct Accelerator {
     triangles: Vec<[DVec3; 3]>,
-    /// The tree; its leaves name ranges of `leaves`.
-    nodes: Vec<Bvh2Node>,
-    /// The triangles again, in the order of the leaves.
-    leaves: Vec<Numbered>,
-    top: Top,
-    /// Corners of the box around all triangles.
-    bounds: Option<(DVec3, DVec3)>,
-    /// Tree coordinates are `(u - centre) / scale`.
-    centre: DVec3,
-    scale: f64,
+    tree: BoxTree<LeafTriangle>,
 }
 
-/// A triangle as it is found in a leaf. Those of a leaf lie side by side, because getting them from all
-/// over memory took longer than to hold chords against them.
-#[derive(Debug, Clone, Copy)]
-struct Numbered {
+/// A triangle in a leaf of the tree.
+#[derive(Debug, Clone, Copy, Default)]
+struct LeafTriangle {
     corners: [DVec3; 3],
     /// Its number in the order given to [`Accelerator::build`].
     number: u32,
@@ -79,75 +56,58 @@ impl Accelerator {
             u32::try_from(triangles.len()).is_ok(),
             "more than 2³² triangles"
         );
-        let usable = |i: &u32| triangles[*i as usize].iter().all(|p| is_usable(*p));
-        let usable: Vec<u32> = (0..triangles.len() as u32).filter(usable).collect();
-        let corners = usable.iter().flat_map(|i| triangles[*i as usize]);
-        let bounds = corners.fold(None, |bounds, p| match bounds {
-            None => Some((p, p)),
-            Some((min, max)) => Some((p.min(min), p.max(max))),
-        });
-        let Some((min, max)) = bounds else {
+        let numbered = |(number, corners): (usize, &[DVec3; 3])| LeafTriangle {
+            corners: *corners,
+            number: number as u32,
+        };
+        let usable = |triangle: &LeafTriangle| triangle.corners.iter().all(|p| is_usable(*p));
+        let leaves = triangles.iter().enumerate().map(numbered);
+        let leaves: Vec<LeafTriangle> = leaves.filter(usable).collect();
+        if leaves.is_empty() {
             return Self::default();
-        };
-        let extent = (max - min).max_element() / 2.0;
-        let mut built = Self {
+        }
+        Self {
             triangles: triangles.to_vec(),
-            bounds,
-            centre: (min + max) / 2.0,
-            // A set without extent is a point; any scale does.
-            scale: if extent > 0.0 { extent } else { 1.0 },
-            ..Self::default()
-        };
-        let boxes: Vec<Aabb> = usable
-            .iter()
-            .map(|i| built.tree_box(box_of(&triangles[*i as usize])))
-            .collect();
-        let tree = build_tree(&boxes);
-        let numbered = |slot: u32| {
-            let number = usable[slot as usize];
-            let corners = triangles[number as usize];
-            Numbered { corners, number }
-        };
-        built.leaves = tree.primitive_indices.into_iter().map(numbered).collect();
-        built.nodes = tree.nodes;
-        built.top = Top::of(&built.nodes);
-        built
+            tree: BoxTree::build(&leaves, |triangle| box_of(&triangle.corners)),
+        }
     }
 
-    /// Corners of the box around all usable triangles; `None` if there are none.
+    /// Returns the corners of the box around all usable triangles; `None` if there are none.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.bounds
+        self.tree.bounds()
     }
 
-    /// The triangles, in the order given to [`Self::build`]; empty if none was usable.
+    /// Returns the triangles, in the order given to [`Self::build`]; empty if none was usable.
     pub fn triangles(&self) -> &[[DVec3; 3]] {
         &self.triangles
     }
 
-    /// The first triangle on the chord from `a` to `b`, from either side. Of several at the same
+    /// Finds the first triangle on the chord from `a` to `b`, from either side. Of several at the same
     /// place, the one with the lowest number.
     pub fn first_hit_on_chord(&self, a: DVec3, b: DVec3) -> Option<ChordHit> {
         let chord = Chord::new(a, b)?;
-        let (start, end) = self.cut(a, b)?;
+        let (start, end) = self.tree.cut(a, b)?;
         let ray = TreeRay::new(
-            self.tree_point(a.lerp(b, start)),
-            self.tree_point(a.lerp(b, end)),
+            self.tree.tree_point(a.lerp(b, start)),
+            self.tree.tree_point(a.lerp(b, end)),
         );
         // The tree sees the cut chord, along which `tau` runs from 0 to 1.
         let length = (end - start).max(f64::MIN_POSITIVE);
         let tau = |t: f64| ((t - start) / length) as f32 + ray.slack;
+        // The nearer child first; the far one only if nothing nearer has been met.
         let mut best: Option<ChordHit> = None;
         let mut limit = 1.0 + ray.slack;
         let mut stack = Stack::default();
-        let mut next = (ray.enter(self.nodes[0].aabb()) <= limit).then_some((0, 0.0));
+        let mut next = (ray.enter(self.tree.nodes[0].aabb()) <= limit).then_some((0, 0.0));
         while let Some((index, entry)) = next {
-            let node: &Bvh2Node = &self.nodes[index as usize];
+            let node: &Bvh2Node = &self.tree.nodes[index as usize];
             if entry <= limit && node.is_leaf() {
-                best = nearest(best, &chord, self.leaf(node).iter().copied());
+                best = nearest(best, &chord, self.tree.leaf(node).iter().copied());
                 limit = best.map_or(limit, |hit| tau(hit.t));
             } else if entry <= limit {
                 let children = [node.first_index, node.first_index + 1];
-                let [left, right] = children.map(|i| (i, ray.enter(self.nodes[i as usize].aabb())));
+                let [left, right] =
+                    children.map(|i| (i, ray.enter(self.tree.nodes[i as usize].aabb())));
                 let (near, far) = if left.1 <= right.1 {
                     (left, right)
                 } else {
@@ -161,144 +121,56 @@ impl Accelerator {
         best
     }
 
-    /// The same as [`Self::first_hit_on_chord`] among the triangles numbered in `candidates` only.
+    /// Finds the first triangle on a chord among those numbered in `candidates` only, without the tree.
     pub fn first_hit_among(&self, candidates: &[u32], a: DVec3, b: DVec3) -> Option<ChordHit> {
         let numbered = |&number: &u32| {
             let corners = *self.triangles.get(number as usize)?;
-            Some(Numbered { corners, number })
+            Some(LeafTriangle { corners, number })
         };
         let candidates = candidates.iter().filter_map(numbered);
         nearest(None, &Chord::new(a, b)?, candidates)
     }
 
-    /// Whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
+    /// Tells whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
     #[inline(always)]
     pub fn touches(&self, min: DVec3, max: DVec3) -> bool {
-        self.visit_leaves(min, max, |_| true)
+        self.tree.touches(min, max)
+    }
+
+    /// Marks which of sixteen boxes meet the box of any leaf, as [`Accelerator::touches`] does for one.
+    #[inline(always)]
+    pub fn touched(&self, boxes: &BoxPacket) -> Mask {
+        self.tree.touched(boxes)
+    }
+
+    /// Appends the roots of a few subtrees that together hold every leaf whose box meets the given one;
+    /// tells whether there are any. Where it is a part of a box of which the roots are known, they are
+    /// found below `those`.
+    pub fn roots(&self, bounds: (DVec3, DVec3), those: Option<&[u32]>, out: &mut Vec<u32>) -> bool {
+        self.tree.roots(bounds, those, out)
     }
 
     /// Puts into `out`, emptied first, the numbers of all triangles whose boxes meet the box.
     pub fn candidates(&self, min: DVec3, max: DVec3, out: &mut Vec<u32>) {
         out.clear();
-        self.visit_leaves(min, max, |node| {
-            let meets = |t: &&Numbered| boxes_meet(box_of(&t.corners), (min, max));
-            out.extend(self.leaf(node).iter().filter(meets).map(|t| t.number));
-            false
+        self.tree.visit(min, max, |triangle| {
+            if boxes_meet(box_of(&triangle.corners), (min, max)) {
+                out.push(triangle.number);
+            }
         });
     }
-
-    /// Shows every leaf whose box meets the given one to `stop`, until that says so; returns
-    /// whether it did.
-    #[inline(always)]
-    fn visit_leaves(
-        &self,
-        min: DVec3,
-        max: DVec3,
-        mut stop: impl FnMut(&Bvh2Node) -> bool,
-    ) -> bool {
-        let Some(bounds) = self.bounds else {
-            return false;
-        };
-        if !boxes_meet(bounds, (min, max)) {
-            return false;
-        }
-        let query = self.tree_box((min.max(bounds.0), max.min(bounds.1)));
-        let mut stack = Stack::default();
-        self.top
-            .met(&query, |index| stack.push_if(true, (index, 0.0)));
-        let mut next = stack.pop();
-        while let Some((index, _)) = next {
-            let node: &Bvh2Node = &self.nodes[index as usize];
-            if node.aabb().intersect_aabb(&query) {
-                if node.is_leaf() {
-                    if stop(node) {
-                        return true;
-                    }
-                } else {
-                    stack.push_if(true, (node.first_index + 1, 0.0));
-                    stack.push_if(true, (node.first_index, 0.0));
-                }
-            }
-            next = stack.pop();
-        }
-        false
-    }
-
-    fn leaf(&self, node: &Bvh2Node) -> &[Numbered] {
-        &self.leaves[node.first_index as usize..][..node.prim_count as usize]
-    }
-
-    /// The part of the chord inside the bounds, as its two ends in [0, 1].
-    fn cut(&self, a: DVec3, b: DVec3) -> Option<(f64, f64)> {
-        let (min, max) = self.bounds?;
-        let margin = DVec3::splat(f64::from(MARGIN) * self.scale);
-        let inverse = (b - a).recip();
-        let (to_min, to_max) = ((min - margin - a) * inverse, (max + margin - a) * inverse);
-        // A component of `b - a` that is zero gives infinities of unlike sign between the slab's
-        // planes and of like sign outside. Exactly on a plane it gives NaN, and is taken to miss:
-        // the margin keeps every triangle off these planes.
-        let (mut start, mut end) = (0.0_f64, 1.0_f64);
-        for axis in 0..3 {
-            start = start.max(to_min[axis].min(to_max[axis]));
-            end = end.min(to_min[axis].max(to_max[axis]));
-        }
-        (start <= end).then_some((start, end))
-    }
-
-    /// A chart length in tree units.
-    #[inline(always)]
-    fn unit(&self) -> f64 {
-        1.0 / self.scale
-    }
-
-    #[inline(always)]
-    fn tree_point(&self, p: DVec3) -> Vec3 {
-        ((p - self.centre) * self.unit()).as_vec3()
-    }
-
-    #[inline(always)]
-    fn tree_box(&self, (min, max): (DVec3, DVec3)) -> Aabb {
-        let min = Vec3A::from(self.tree_point(min)) - MARGIN;
-        Aabb::new(min, Vec3A::from(self.tree_point(max)) + MARGIN)
-    }
 }
 
-/// obvhs's medium build, step by step: its convenience function does the same but reads the clock.
-fn build_tree(boxes: &[Aabb]) -> Bvh2 {
-    let config = BvhBuildParams::medium_build();
-    let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
-        config.ploc_search_distance,
-        boxes,
-        (0..boxes.len() as u32).collect(),
-        config.sort_precision,
-        config.search_depth_threshold,
-    );
-    let mut optimizer = ReinsertionOptimizer::default();
-    optimizer.run(&mut tree, config.reinsertion_batch_ratio, None);
-    collapse(
-        &mut tree,
-        config.max_prims_per_leaf,
-        config.collapse_traversal_cost,
-    );
-    let again = config.post_collapse_reinsertion_batch_ratio_multiplier;
-    optimizer.run(&mut tree, config.reinsertion_batch_ratio * again, None);
-    tree
-}
-
+/// Returns the box around a triangle.
 fn box_of([a, b, c]: &[DVec3; 3]) -> (DVec3, DVec3) {
     (a.min(*b).min(*c), a.max(*b).max(*c))
 }
 
-#[inline(always)]
-fn boxes_meet(one: (DVec3, DVec3), other: (DVec3, DVec3)) -> bool {
-    one.0.cmple(other.1).all() && other.0.cmple(one.1).all()
-}
-
-/// The better of `best` and the nearest hit among the triangles.
+/// Returns the better of `best` and the nearest hit among the triangles.
 fn nearest(
     mut best: Option<ChordHit>,
     chord: &Chord,
-    triangles: impl Iterator<Item = Numbered>,
+    triangles: impl Iterator<Item = LeafTriangle>,
 ) -> Option<ChordHit> {
     for triangle in triangles {
         let Some((t, barycentric)) = chord.meet(&triangle.corners) else {
@@ -313,6 +185,64 @@ fn nearest(
         }
     }
     best
+}
+
+/// Margin before its start and past its end, in its own length, in which a chord still hits. Consecutive
+/// chords share an end, and rounding (1e-16 times the distance to the triangle) must not let a hit
+/// there fall out of both.
+const END_MARGIN: f64 = 1e-12;
+
+/// A chord sheared so that it runs along the third axis from 0 to 1.
+///
+/// The test is the watertight one of Woop, Benthin and Wald (2013): two triangles that share an edge
+/// compute the same number for it with opposite sign, so no chord slips between them.
+struct Chord {
+    start: DVec3,
+    axes: [usize; 3],
+    shear: DVec3,
+}
+
+impl Chord {
+    /// Shears a chord; `None` for one without length or with an end that is not finite.
+    fn new(a: DVec3, b: DVec3) -> Option<Self> {
+        let way = b - a;
+        if !is_usable(a) || !is_usable(b) || way == DVec3::ZERO {
+            return None;
+        }
+        let z = way.abs().max_position();
+        let axes = [(z + 1) % 3, (z + 2) % 3, z];
+        let shear = DVec3::new(way[axes[0]], way[axes[1]], 1.0) / way[z];
+        Some(Self {
+            start: a,
+            axes,
+            shear,
+        })
+    }
+
+    /// Finds where the chord meets the triangle: place on the chord, weights of corners two and three.
+    fn meet(&self, corners: &[DVec3; 3]) -> Option<(f64, (f64, f64))> {
+        let [a, b, c] = corners.map(|p| self.sheared(p));
+        let edges = DVec3::new(
+            c.x * b.y - c.y * b.x,
+            a.x * c.y - a.y * c.x,
+            b.x * a.y - b.y * a.x,
+        );
+        if edges.min_element() < 0.0 && edges.max_element() > 0.0 {
+            return None;
+        }
+        let sum = edges.x + edges.y + edges.z;
+        let weights = edges / sum;
+        let t = weights.dot(DVec3::new(a.z, b.z, c.z));
+        // Seen edge-on the sum is zero and `t` not a number, which no range contains.
+        let on_chord = (-END_MARGIN..=1.0 + END_MARGIN).contains(&t);
+        on_chord.then(|| (t.clamp(0.0, 1.0), (weights.y, weights.z)))
+    }
+
+    fn sheared(&self, p: DVec3) -> DVec3 {
+        let p = p - self.start;
+        let [x, y, z] = self.axes.map(|axis| p[axis]);
+        DVec3::new(x - self.shear.x * z, y - self.shear.y * z, self.shear.z * z)
+    }
 }
 
 /// A cut chord in tree coordinates, for slab tests in single precision.
@@ -341,7 +271,7 @@ impl TreeRay {
         }
     }
 
-    /// Where the ray enters the box, 0 if it starts inside; infinite if it misses.
+    /// Returns where the ray enters the box, 0 if it starts inside; infinite if it misses.
     fn enter(&self, b: &Aabb) -> f32 {
         let to_min = (b.min - self.start) * self.inverse;
         let to_max = (b.max - self.start) * self.inverse;

@@ -13,13 +13,13 @@
 
 use super::{Accelerator, MARGIN, Stack};
 use crate::{
-    lanes::{LANES, SingleLanes, SinglePoints, any, less, more, range, single},
-    sheaf::Offsets,
+    lanes::{LANES, SingleLanes, SingleVectors, any, less, more, range, single},
+    path_patch::Offsets,
 };
 use glam::{DVec3, Vec3A};
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 
-/// Where the chords meet their first triangles.
+/// Places where sixteen chords meet their first triangles.
 #[derive(Debug, Clone)]
 #[repr(C, align(64))]
 pub struct PacketHits {
@@ -33,75 +33,33 @@ pub struct PacketHits {
 
 /// Sixteen chords in tree units.
 #[repr(C, align(64))]
-struct Chords {
-    start: SinglePoints,
-    way: SinglePoints,
+struct ChordPacket {
+    start: SingleVectors,
+    way: SingleVectors,
     /// The length of the way squared, and as a part of the way what a hit may lie before its start
     /// or past its end.
     squared: SingleLanes,
     margin: SingleLanes,
     /// 1 over the way, and the start in tree coordinates times that.
-    inverse: SinglePoints,
-    start_ways: SinglePoints,
+    inverse: SingleVectors,
+    start_ways: SingleVectors,
     /// By how much a place on the chord may be off in a slab test.
-    slack: SinglePoints,
+    slack: SingleVectors,
     /// What they are measured from, in the chart.
     origin: DVec3,
 }
 
-/// What one slab test in single precision may move a point by, as a share of its distance from the
+/// Bound of the error of one slab test in single precision, as a share of the point's distance from the
 /// tree's centre plus 1: the eight roundings that it takes, and two to spare.
 const SLAB_ERROR: f32 = 10.0 * 0.5 * f32::EPSILON;
 
-/// How far past its ends a chord still hits, as a share of its own length and of the tree's, for what
-/// single precision moves triangles by: consecutive chords share an end, and a hit there must not
-/// fall out of both. Sixteen roundings.
+/// Margin past its ends in which a chord still hits, as a share of its own length and of the tree's, because
+/// single precision moves triangles: consecutive chords share an end, and a hit there must not fall out
+/// of both. Sixteen roundings.
 const END_MARGIN: f32 = 8.0 * f32::EPSILON;
 
-/// Most subtrees that [`Accelerator::roots`] names, if not more of the topmost ones are met: enough to
-/// leave out what lies between two objects; more would only be sorted by every packet again. With 20 the
-/// wormhole gallery's near half takes 1.05 times as long.
-const MOST_ROOTS: usize = 6;
-
 impl Accelerator {
-    /// Appends the roots of a few subtrees that together hold every leaf whose box meets the given
-    /// one; whether there are any. Where it is a part of a box of which the roots are known, they are found
-    /// below `those`.
-    pub fn roots(
-        &self,
-        (min, max): (DVec3, DVec3),
-        those: Option<&[u32]>,
-        out: &mut Vec<u32>,
-    ) -> bool {
-        let Some(bounds) = self.bounds.filter(|b| super::boxes_meet(*b, (min, max))) else {
-            return false;
-        };
-        let query = self.tree_box((min.max(bounds.0), max.min(bounds.1)));
-        let first = out.len();
-        let meets = |i: &u32| self.nodes[*i as usize].aabb().intersect_aabb(&query);
-        match those {
-            Some(those) => out.extend(those.iter().filter(|i| meets(i))),
-            None => self.top.met(&query, |index| out.push(index)),
-        }
-        // Breadth first: the first that is no leaf gives way to its children that are met.
-        let mut at = first;
-        while at < out.len() && out.len() - first < MOST_ROOTS {
-            let node: &Bvh2Node = &self.nodes[out[at] as usize];
-            if node.is_leaf() {
-                at += 1;
-                continue;
-            }
-            out.swap_remove(at);
-            for child in [node.first_index, node.first_index + 1] {
-                if meets(&child) {
-                    out.push(child);
-                }
-            }
-        }
-        out.len() > first
-    }
-
-    /// The first triangle on each chord from `a` to `b`, both moved by `shift`, at most at `limit`
+    /// Finds the first triangle on each chord from `a` to `b`, both moved by `shift`, at most at `limit`
     /// (negative: nothing is asked of this lane) below the nodes `roots`; `None` if there are none.
     #[inline(always)]
     pub fn first_hits(
@@ -115,13 +73,13 @@ impl Accelerator {
         let meets = |aabb: &Aabb| aabb.intersect_aabb(&around);
         if !roots
             .iter()
-            .any(|root| meets(self.nodes[*root as usize].aabb()))
+            .any(|root| meets(self.tree.nodes[*root as usize].aabb()))
         {
             return None;
         }
         let chords = self.chords(a, b, shift);
         let near = self.box_from(chords.origin, &around);
-        let unit = self.unit();
+        let unit = self.tree.unit();
         let mut hits = PacketHits {
             t: [f32::INFINITY; LANES],
             triangle: [0; LANES],
@@ -130,19 +88,19 @@ impl Accelerator {
         let mut reach = *limit;
         let mut stack = Stack::default();
         for root in roots {
-            let aabb = self.nodes[*root as usize].aabb();
+            let aabb = self.tree.nodes[*root as usize].aabb();
             let entered = meets(aabb) && chords.enter(aabb, &reach);
             stack.push_if(entered, (*root, 0.0));
         }
         let mut met = false;
         while let Some((index, _)) = stack.pop() {
-            let node: &Bvh2Node = &self.nodes[index as usize];
+            let node: &Bvh2Node = &self.tree.nodes[index as usize];
             // A node on the stack has been entered, if no nearer triangle has been met since.
             if met && !chords.enter(node.aabb(), &reach) {
                 continue;
             }
             if node.is_leaf() {
-                for triangle in self.leaf(node) {
+                for triangle in self.tree.leaf(node) {
                     let corners = chords.seen_from(&triangle.corners, unit);
                     if near.intersect_aabb(&Aabb::from_points(&corners)) {
                         met |= chords.meet(&corners, triangle.number, &mut reach, &mut hits);
@@ -151,7 +109,7 @@ impl Accelerator {
                 continue;
             }
             let [left, right] = [node.first_index, node.first_index + 1];
-            let boxes = [left, right].map(|i| self.nodes[i as usize].aabb());
+            let boxes = [left, right].map(|i| self.tree.nodes[i as usize].aabb());
             // The one that is met first is pushed last.
             let order = if chords.run_from(boxes[0], boxes[1]) {
                 [(right, boxes[1]), (left, boxes[0])]
@@ -166,12 +124,12 @@ impl Accelerator {
         met.then_some(hits)
     }
 
-    /// The box around the chords in tree coordinates: most nodes are beside all of them, and a box is met
+    /// Returns the box around the chords in tree coordinates: most nodes are beside all of them, and a box is met
     /// or not by one comparison for sixteen slab tests.
     #[inline(always)]
     fn around(&self, a: &Offsets, b: &Offsets, shift: DVec3) -> Aabb {
-        let unit = self.unit();
-        let start = (a.middle + shift - self.centre) * unit;
+        let unit = self.tree.unit();
+        let start = (a.middle + shift - self.tree.centre()) * unit;
         let between = (b.middle - a.middle) * unit;
         let (mut min, mut max) = (Vec3A::ZERO, Vec3A::ZERO);
         for c in 0..3 {
@@ -186,20 +144,24 @@ impl Accelerator {
         Aabb::new(min - slack, max + slack)
     }
 
-    /// A box in tree coordinates by where it lies from the origin of chords, in tree units, with the margin
-    /// that the tree's own boxes have.
+    /// Measures a box in tree coordinates from the origin of chords, in tree units, with the margin that the
+    /// tree's own boxes have.
     #[inline(always)]
     fn box_from(&self, origin: DVec3, around: &Aabb) -> Aabb {
-        let base = Vec3A::from(self.tree_point(origin));
+        let base = Vec3A::from(self.tree.tree_point(origin));
         Aabb::new(around.min - base - MARGIN, around.max - base + MARGIN)
     }
 
+    /// Measures the chords from a point beside their starts.
     #[inline(always)]
-    fn chords(&self, a: &Offsets, b: &Offsets, shift: DVec3) -> Chords {
-        let unit = self.unit();
+    fn chords(&self, a: &Offsets, b: &Offsets, shift: DVec3) -> ChordPacket {
+        let unit = self.tree.unit();
         let origin = a.middle + shift;
-        let (base, between) = ((origin - self.centre) * unit, (b.middle - a.middle) * unit);
-        let mut chords = Chords {
+        let (base, between) = (
+            (origin - self.tree.centre()) * unit,
+            (b.middle - a.middle) * unit,
+        );
+        let mut chords = ChordPacket {
             origin,
             start: [[0.0; LANES]; 3],
             way: [[0.0; LANES]; 3],
@@ -233,8 +195,8 @@ impl Accelerator {
     }
 }
 
-impl Chords {
-    /// Whether any of the chords enters the box before its `reach`. The tree's own margin is in the box
+impl ChordPacket {
+    /// Tells whether any of the chords enters the box before its `reach`. The tree's own margin is in the box
     /// already.
     #[inline(always)]
     fn enter(&self, b: &Aabb, reach: &SingleLanes) -> bool {
@@ -253,7 +215,7 @@ impl Chords {
         any(&entered)
     }
 
-    /// Whether the chords, of which one stands for all, run from one box to the other rather than back.
+    /// Tells whether the chords, of which one stands for all, run from one box to the other rather than back.
     #[inline(always)]
     fn run_from(&self, from: &Aabb, to: &Aabb) -> bool {
         let way = to.min + to.max - from.min - from.max;
@@ -261,14 +223,14 @@ impl Chords {
         along(0) + along(1) + along(2) >= 0.0
     }
 
-    /// A triangle's corners from the origin, in tree units.
+    /// Measures a triangle's corners from the origin, in tree units.
     #[inline(always)]
     fn seen_from(&self, [a, b, c]: &[DVec3; 3], unit: f64) -> [Vec3A; 3] {
         let from_origin = |p: &DVec3| ((*p - self.origin) * unit).as_vec3a();
         [from_origin(a), from_origin(b), from_origin(c)]
     }
 
-    /// Keeps the triangle where it is nearer than what is known; whether it is anywhere.
+    /// Keeps the triangle where it is nearer than what is known; tells whether it is anywhere.
     #[inline(always)]
     fn meet(
         &self,
@@ -328,17 +290,17 @@ impl Chords {
         true
     }
 
-    /// A point's offsets from the chords' starts.
+    /// Returns a point's offsets from the chords' starts.
     #[inline(always)]
-    fn offsets(&self, p: &Vec3A) -> SinglePoints {
+    fn offsets(&self, p: &Vec3A) -> SingleVectors {
         let p = p.to_array();
         let from = |c: usize| single(|l| p[c] - self.start[c][l]);
         [from(0), from(1), from(2)]
     }
 
-    /// Six times the signed volume of the chord and the edge from `p` to `q`.
+    /// Returns six times the signed volume of the chord and the edge from `p` to `q`.
     #[inline(always)]
-    fn volume(&self, p: &SinglePoints, q: &SinglePoints) -> SingleLanes {
+    fn volume(&self, p: &SingleVectors, q: &SingleVectors) -> SingleLanes {
         let [x, y, z] = &self.way;
         single(|l| {
             x[l] * (p[1][l] * q[2][l] - p[2][l] * q[1][l])
@@ -347,9 +309,9 @@ impl Chords {
         })
     }
 
-    /// The component along the chord times its length.
+    /// Returns the component along the chord times its length.
     #[inline(always)]
-    fn along(&self, p: &SinglePoints) -> SingleLanes {
+    fn along(&self, p: &SingleVectors) -> SingleLanes {
         let [x, y, z] = &self.way;
         single(|l| x[l] * p[0][l] + y[l] * p[1][l] + z[l] * p[2][l])
     }

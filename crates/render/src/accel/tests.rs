@@ -1,5 +1,8 @@
 use super::*;
-use crate::{lanes::each_point, sheaf::Offsets};
+use crate::{
+    lanes::{BoxPacket, LANES, SingleVectors, each_vector},
+    path_patch::Offsets,
+};
 
 /// A small deterministic generator of numbers in [0, 1).
 struct Random(u64);
@@ -140,7 +143,7 @@ fn a_path_of_many_chords_loses_no_hit_at_the_joints() {
 
 /// The first hits of sixteen chords on any triangle.
 fn packet(accelerator: &Accelerator, a: &[DVec3; 16], b: &[DVec3; 16]) -> Option<PacketHits> {
-    let spread = |p: &[DVec3; 16]| Offsets::of(&each_point(|c, l| p[l][c]));
+    let spread = |p: &[DVec3; 16]| Offsets::of(&each_vector(|c, l| p[l][c]));
     let (a, b) = (spread(a), spread(b));
     accelerator.first_hits(&[0], [&a, &b], DVec3::ZERO, &[1.0; 16])
 }
@@ -210,9 +213,15 @@ fn roots_of_a_part_are_below_those_of_the_whole() {
         let mut open = roots.to_vec();
         let mut met = Vec::new();
         while let Some(i) = open.pop() {
-            let node = &accelerator.nodes[i as usize];
+            let node = &accelerator.tree.nodes[i as usize];
             match node.is_leaf() {
-                true => met.extend(accelerator.leaf(node).iter().map(|t| (t.number, t.corners))),
+                true => met.extend(
+                    accelerator
+                        .tree
+                        .leaf(node)
+                        .iter()
+                        .map(|t| (t.number, t.corners)),
+                ),
                 false => open.extend([node.first_index, node.first_index + 1]),
             }
         }
@@ -292,6 +301,45 @@ fn boxes_find_every_triangle_they_meet() {
     assert!(counts[0] > 100 && counts[1] > 100, "{counts:?}");
     let (min, max) = accelerator.bounds().unwrap();
     assert!(min.x > 4.98 && max.x < 5.02);
+}
+
+#[test]
+fn sixteen_boxes_touch_what_each_does_alone() {
+    let mut stream = geofan_core::random::Stream::new(&[4]);
+    let mut point = |size: f64| DVec3::from_array([0; 3].map(|_| stream.between(-size, size)));
+    let mut triangle = || {
+        let centre = point(1.0);
+        [0; 3].map(|_| centre + point(0.1))
+    };
+    let triangles: Vec<[DVec3; 3]> = (0..60).map(|_| triangle()).collect();
+    let accelerator = Accelerator::build(&triangles);
+    let mut counts = [0; 2];
+    for _ in 0..200 {
+        let boxes: [(Vec3, Vec3); LANES] = std::array::from_fn(|_| {
+            let (centre, half) = (point(1.6).as_vec3(), point(0.3).abs().as_vec3());
+            (centre - half, centre + half)
+        });
+        let lanes = |of: fn(&(Vec3, Vec3)) -> Vec3| -> SingleVectors {
+            [0, 1, 2].map(|c| boxes.each_ref().map(|b| of(b)[c]))
+        };
+        let touched = accelerator.touched(&BoxPacket {
+            low: lanes(|b| b.0),
+            high: lanes(|b| b.1),
+        });
+        for (touched, (min, max)) in touched.iter().zip(boxes) {
+            assert_eq!(
+                *touched,
+                accelerator.touches(min.as_dvec3(), max.as_dvec3())
+            );
+            counts[usize::from(*touched)] += 1;
+        }
+    }
+    assert!(counts.iter().all(|n| *n > 300), "{counts:?}");
+    let inside_out = BoxPacket {
+        low: [[f32::INFINITY; LANES]; 3],
+        high: [[f32::NEG_INFINITY; LANES]; 3],
+    };
+    assert_eq!(accelerator.touched(&inside_out), [false; LANES]);
 }
 
 #[test]

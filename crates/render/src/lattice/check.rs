@@ -1,15 +1,14 @@
-//! Whether sixteen paths can be interpolated: their bicubic against paths between them.
+//! The check of an interpolation: the bicubic through sixteen paths against paths between them.
 //!
-//! In: a sheaf and the paths at [`CHECKS`]. Out: the largest error as an angle at the camera, of the
+//! In: a patch and the paths at [`CHECKS`]. Out: the largest error as an angle at the camera, of the
 //! sky's direction and of the points of the path where it may meet something.
 
 use super::nodes::CHECKS;
 use crate::{
     curve::Ending,
     lanes::Lanes,
-    packet::cubic,
-    sheaf::PathPatch,
-    strands::{PathView, knots_until},
+    path_batch::{PathView, knots_until},
+    path_patch::{PathPatch, cubic},
 };
 use glam::DVec3;
 use std::{ops::Range, sync::LazyLock};
@@ -31,27 +30,20 @@ const MOST_LAST_PIECES: usize = 6;
 /// As for screen error: magnifications are raised to this before dividing by them.
 const LEAST_MAGNIFICATION: f64 = 0.25;
 
-/// Weights of the sixteen paths at a check, and the slopes of the weights along both sides.
-struct Weights {
-    value: Lanes,
-    slopes: [Lanes; 2],
-}
-
-static WEIGHTS: LazyLock<[Weights; CHECKS.len()]> = LazyLock::new(|| {
+/// Weights of the sixteen paths at each check, and the slopes of the weights along both sides.
+static WEIGHTS: LazyLock<[(Lanes, [Lanes; 2]); CHECKS.len()]> = LazyLock::new(|| {
     CHECKS.map(|(i, j)| {
         let [x, y] = [i, j].map(|k| k as f64 / 6.0);
         let product = |x: [f64; 4], y: [f64; 4]| std::array::from_fn(|i| x[i % 4] * y[i / 4]);
-        Weights {
-            value: product(cubic(x), cubic(y)),
-            slopes: [
-                product(cubic_slope(x), cubic(y)),
-                product(cubic(x), cubic_slope(y)),
-            ],
-        }
+        let slopes = [
+            product(cubic_slope(x), cubic(y)),
+            product(cubic(x), cubic_slope(y)),
+        ];
+        (product(cubic(x), cubic(y)), slopes)
     })
 });
 
-/// The derivatives of [`cubic`].
+/// Computes the derivatives of [`cubic`].
 fn cubic_slope(t: f64) -> [f64; 4] {
     let (a, b, c, d) = (t, t - 1.0 / 3.0, t - 2.0 / 3.0, t - 1.0);
     [
@@ -62,36 +54,37 @@ fn cubic_slope(t: f64) -> [f64; 4] {
     ]
 }
 
-/// A sheaf and what it is compared with.
+/// A patch and the paths that it is compared with.
 pub(super) struct Checks<'a> {
-    sheaf: &'a PathPatch<'a>,
+    patch: &'a PathPatch<'a>,
     truths: [PathView<'a>; CHECKS.len()],
     /// The angle of the tile's side.
     side: f64,
 }
 
 impl<'a> Checks<'a> {
-    pub(super) fn new(sheaf: &'a PathPatch<'a>, truths: [usize; CHECKS.len()], side: f64) -> Self {
+    /// Compares `patch` with the paths numbered `truths`.
+    pub(super) fn new(patch: &'a PathPatch<'a>, truths: [usize; CHECKS.len()], side: f64) -> Self {
         Self {
-            sheaf,
-            truths: truths.map(|i| sheaf.among(i)),
+            patch,
+            truths: truths.map(|i| patch.in_batch(i)),
             side,
         }
     }
 
-    /// All paths: the sixteen, and those that check them.
+    /// Returns all paths: the sixteen, and those that check them.
     pub(super) fn all(&self) -> Vec<PathView<'a>> {
-        [&self.sheaf.all()[..], &self.truths].concat()
+        [&self.patch.paths()[..], &self.truths].concat()
     }
 
-    /// The largest error of the sky's direction; infinite if a check leaves elsewhere.
+    /// Returns the largest error of the sky's direction; infinite if a check leaves elsewhere.
     pub(super) fn sky(&self) -> f64 {
-        let sky = |strand: &PathView<'_>| match strand.ending {
+        let sky = |path: &PathView<'_>| match path.ending {
             Some(Ending::Exit { sky, .. }) => sky,
             _ => DVec3::ZERO,
         };
-        let exit = |strand: &PathView<'_>| strand.ending.map(|ending| ending.exit());
-        let first = exit(&self.sheaf.all()[0]);
+        let exit = |path: &PathView<'_>| path.ending.map(|ending| ending.exit());
+        let first = exit(&self.patch.paths()[0]);
         if self.truths.iter().any(|truth| exit(truth) != first) {
             return f64::INFINITY;
         }
@@ -101,37 +94,37 @@ impl<'a> Checks<'a> {
         self.worst(sky, |_| (DVec3::ZERO, 1.0))
     }
 
-    /// The pieces in which all paths end, through whatever exit; `None` if they are too many.
+    /// Returns the pieces in which all paths end, through whatever exit; `None` if they are too many.
     pub(super) fn last_pieces(&self) -> Option<Range<usize>> {
         let (mut first, mut last) = (f64::INFINITY, 0.0_f64);
-        for strand in self.sheaf.all().iter().chain(&self.truths) {
-            let limit = strand.ending?.limit();
+        for path in self.patch.paths().iter().chain(&self.truths) {
+            let limit = path.ending?.limit();
             (first, last) = (first.min(limit), last.max(limit));
         }
-        let knots = self.sheaf.knots();
+        let knots = self.patch.knots();
         let first = knots_until(knots, first).saturating_sub(LEAD);
         let last = knots_until(knots, last);
         let known = self.truths.iter().all(|truth| truth.known >= last);
         (known && last <= first + MOST_LAST_PIECES).then_some(first..last - 1)
     }
 
-    /// The largest error of the paths and of their directions in `pieces`: as much as what they end
-    /// by and the sky there may be off.
+    /// Returns the largest error of the paths and of their directions in `pieces`: as much as the event that
+    /// ends them and the sky there may be off.
     pub(super) fn endings(&self, pieces: &Range<usize>) -> f64 {
         let mut worst = 0.0;
         for k in pieces.start.max(1)..=pieces.end {
-            let direction = |strand: &PathView<'_>| strand.tangent(k).normalize_or_zero();
+            let direction = |path: &PathView<'_>| path.tangent(k).normalize_or_zero();
             let turned = self.worst(direction, |_| (DVec3::ZERO, 1.0));
             worst = larger(larger(worst, self.at_knot(k)), turned);
         }
         worst
     }
 
-    /// The largest error of the points at both ends of the `pieces` of the path. Where nothing can
+    /// Returns the largest error of the points at both ends of the `pieces` of the path. Where nothing can
     /// be met and no sky tells, the last point stands for the path.
     pub(super) fn path(&self, pieces: &[usize]) -> f64 {
         let known = self.truths.iter().map(|t| t.known).min().unwrap_or(0);
-        let last = self.sheaf.last().min(known);
+        let last = self.patch.last().min(known);
         let mut worst = 0.0;
         let mut checked = 0;
         let ends = pieces.iter().flat_map(|k| [*k, k + 1]);
@@ -142,15 +135,16 @@ impl<'a> Checks<'a> {
                 checked = k;
             }
         }
-        if checked == 0 && last > 1 && self.sheaf.exit() == Some(None) {
+        if checked == 0 && last > 1 && self.patch.exit() == Some(None) {
             worst = self.at_knot(last - 1);
         }
         worst
     }
 
+    /// Returns the largest error of the points at knot `k`.
     fn at_knot(&self, k: usize) -> f64 {
         self.worst(
-            |strand| strand.point(k),
+            |path| path.point(k),
             |truth| {
                 let v = truth.tangent(k);
                 (v.normalize_or_zero(), truth.knots[k] * v.length())
@@ -158,20 +152,20 @@ impl<'a> Checks<'a> {
         )
     }
 
-    /// The largest error of `value` over the checks, across the direction and in the unit that
+    /// Returns the largest error of `value` over the checks, across the direction and in the unit that
     /// `frame` gives.
     fn worst(
         &self,
         value: impl Fn(&PathView<'_>) -> DVec3,
         frame: impl Fn(&PathView<'_>) -> (DVec3, f64),
     ) -> f64 {
-        let sixteen = self.sheaf.all().each_ref().map(&value);
+        let sixteen = self.patch.paths().each_ref().map(&value);
         let sum =
             |weights: &Lanes| -> DVec3 { weights.iter().zip(&sixteen).map(|(w, x)| *x * *w).sum() };
         let mut worst = 0.0;
-        for (truth, weights) in self.truths.iter().zip(WEIGHTS.iter()) {
-            let e = sum(&weights.value) - value(truth);
-            let columns = weights.slopes.each_ref().map(|w| sum(w) / self.side);
+        for (truth, (weights, slopes)) in self.truths.iter().zip(WEIGHTS.iter()) {
+            let e = sum(weights) - value(truth);
+            let columns = slopes.each_ref().map(|w| sum(w) / self.side);
             let (along, unit) = frame(truth);
             worst = larger(worst, angle(e, columns, along, unit));
         }
@@ -179,14 +173,14 @@ impl<'a> Checks<'a> {
     }
 }
 
-/// The larger of two; not a number if `new` is not.
+/// Returns the larger of two; not a number if `new` is not.
 fn larger(worst: f64, new: f64) -> f64 {
     if new <= worst { worst } else { new }
 }
 
-/// The angle at the camera that looks like the displacement `e` across `along`, where the columns
+/// Returns the angle at the camera that looks like the displacement `e` across `along`, where the columns
 /// are displacement per radian in two directions of the picture and `unit` is what one radian moves
-/// in flat space: damped least squares, and what they leave over at the least magnification.
+/// in flat space: damped least squares, and the rest that they leave over at the least magnification.
 pub fn angle(e: DVec3, columns: [DVec3; 2], along: DVec3, unit: f64) -> f64 {
     let across = |x: DVec3| x - along * along.dot(x);
     let (e, [a, b]) = (across(e), columns.map(across));

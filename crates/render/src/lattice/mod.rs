@@ -13,11 +13,11 @@ mod check;
 mod nodes;
 
 use super::{
-    endings::EventLocator,
+    chords::{Candidates, TUBE_MARGIN},
+    events::EventLocator,
     lanes::LANES,
-    ribbon::Touched,
-    sheaf::{PathPatch, TUBE_MARGIN},
-    strands::PathBatch,
+    path_batch::PathBatch,
+    path_patch::PathPatch,
     tracer::GridTracer,
     view::View,
     world::World,
@@ -62,6 +62,7 @@ pub struct Tile {
 }
 
 impl Tile {
+    /// Divides it into four.
     fn quarters(self) -> [Tile; 4] {
         let side = self.side / 2;
         [(0, 0), (side, 0), (0, side), (side, side)].map(|(dx, dy)| Tile {
@@ -71,7 +72,7 @@ impl Tile {
         })
     }
 
-    /// The squares of at most `side` pixels that it is made of, row by row.
+    /// Divides it into squares of at most `side` pixels, row by row.
     pub fn parts(self, side: usize) -> impl Iterator<Item = Tile> {
         let side = side.min(self.side);
         let steps = move || (0..self.side).step_by(side);
@@ -85,7 +86,7 @@ impl Tile {
             .map(part)
     }
 
-    /// Rows and columns of the tile that are in a picture of `size` (across, down).
+    /// Returns rows and columns of the tile that are in a picture of `size` (across, down).
     pub fn extent(self, size: (usize, usize)) -> (Range<usize>, Range<usize>) {
         (
             self.y..(self.y + self.side).min(size.1),
@@ -93,7 +94,7 @@ impl Tile {
         )
     }
 
-    /// The square of the distance of its middle from a pixel.
+    /// Returns the square of the distance of its middle from a pixel.
     pub fn squared_distance(self, (x, y): (usize, usize)) -> usize {
         let along = |corner: usize, at: usize| (corner + self.side / 2).abs_diff(at).pow(2);
         along(self.x, x) + along(self.y, y)
@@ -104,7 +105,7 @@ impl Tile {
     }
 }
 
-/// The side of the smallest tiles worth their paths, with `samples` for each pixel.
+/// Returns the side of the smallest tiles worth their paths, with `samples` for each pixel.
 pub fn smallest_tile(samples: usize) -> usize {
     let mut side = LARGEST_TILE;
     while side > 1 && side * side / 4 * samples >= FEWEST_SAMPLES {
@@ -116,9 +117,9 @@ pub fn smallest_tile(samples: usize) -> usize {
 /// The lattice over one picture.
 #[derive(Clone, Copy)]
 pub struct Lattice<'a> {
-    /// Where the paths come from.
+    /// Makes the paths.
     pub tracer: &'a dyn GridTracer,
-    /// What they may meet.
+    /// The scene that they may meet.
     pub world: &'a World,
     /// The picture.
     pub view: &'a View,
@@ -130,17 +131,17 @@ pub struct Lattice<'a> {
 
 /// A tile whose sixteen paths can be interpolated.
 pub struct Leaf {
-    /// Which pixels.
+    /// The pixels.
     pub tile: Tile,
-    /// Its paths among the patch's strands, row by row.
+    /// The numbers of its paths, row by row.
     pub members: [usize; LANES],
     /// Pieces that may meet the scene.
     pub touched: Vec<usize>,
-    /// How its paths end.
+    /// The way in which its paths end.
     pub ends: Ends,
 }
 
-/// How the paths of a tile end.
+/// The way in which the paths of a tile end.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Ends {
     /// All through the same exit, or all nowhere.
@@ -154,44 +155,44 @@ pub enum Ends {
 /// One of the largest tiles, divided.
 pub struct Divided {
     /// All paths looked up for it.
-    pub strands: PathBatch,
+    pub paths: PathBatch,
     /// Tiles to be interpolated.
     pub leaves: Vec<Leaf>,
     /// Tiles whose pixels are to be traced one by one.
     pub lost: Vec<Tile>,
-    /// By how much the chords of its paths may miss them, radians at the camera.
+    /// Error of the chords of its paths, radians at the camera.
     pub chord_error: f64,
 }
 
 impl Divided {
-    /// The paths of one of its tiles.
-    pub fn sheaf(&self, leaf: &Leaf) -> PathPatch<'_> {
-        PathPatch::new(&self.strands, &leaf.members)
+    /// Returns the paths of one of its tiles.
+    pub fn patch(&self, leaf: &Leaf) -> PathPatch<'_> {
+        PathPatch::new(&self.paths, &leaf.members)
     }
 }
 
 impl Lattice<'_> {
-    /// Divides the tile at (`x`, `y`). Its paths take the place of `strands`, which have the tracer's knots.
+    /// Divides the tile at (`x`, `y`). Its paths take the place of `spare`, which has the tracer's knots.
     pub fn refine(
         &self,
         (x, y): (usize, usize),
-        strands: PathBatch,
-        endings: &mut EventLocator<'_>,
+        spare: PathBatch,
+        events: &mut EventLocator<'_>,
     ) -> Divided {
         let root = Tile {
             x,
             y,
             side: LARGEST_TILE,
         };
-        let mut nodes = Nodes::new(root, self.smallest, strands);
+        let mut nodes = Nodes::new(root, self.smallest, spare);
         let mut divided = (Vec::new(), Vec::new());
-        let mut touched = Touched::default();
+        let mut touched = Candidates::default();
         let mut level = vec![root];
         while !level.is_empty() {
-            nodes.trace(&level, self, endings);
+            nodes.trace(&level, self, events);
             let mut next = Vec::new();
             for tile in level {
-                match self.leaf(tile, &nodes, endings, &mut touched) {
+                match self.leaf(tile, &nodes, events, &mut touched) {
                     Some(leaf) => divided.0.push(leaf),
                     None if tile.side <= self.smallest => divided.1.push(tile),
                     None => next.extend(
@@ -204,37 +205,37 @@ impl Lattice<'_> {
             level = next;
         }
         Divided {
-            strands: nodes.into_strands(),
+            paths: nodes.into_paths(),
             leaves: divided.0,
             lost: divided.1,
             chord_error: CHORD_SHARE * self.budget,
         }
     }
 
-    /// The tile's paths, if they can be interpolated within the budget.
+    /// Returns the tile's paths, if they can be interpolated within the budget.
     fn leaf(
         &self,
         tile: Tile,
         nodes: &Nodes,
-        endings: &mut EventLocator<'_>,
-        touched: &mut Touched,
+        events: &mut EventLocator<'_>,
+        touched: &mut Candidates,
     ) -> Option<Leaf> {
         let members = nodes.members(tile)?;
-        let sheaf = PathPatch::new(nodes.strands(), &members);
-        if !sheaf.is_known() {
+        let patch = PathPatch::new(nodes.paths(), &members);
+        if !patch.is_known() {
             return None;
         }
         let angle = self.view.pixel_angle() * tile.side as f64;
-        let checks = Checks::new(&sheaf, nodes.checks(tile)?, angle);
+        let checks = Checks::new(&patch, nodes.checks(tile)?, angle);
         let allowed = LATTICE_SHARE * self.budget;
         // The sky is cheap to compare and rules most tiles out.
-        let each = || tile.side <= self.smallest && self.knows_end(tile, endings);
-        let ends = ends(&sheaf, &checks, allowed, each)?;
-        let (last, slack) = (sheaf.last(), self.tracer.slack());
-        // What is between paths that end in all ways is told a little better by those that check them.
+        let each = || tile.side <= self.smallest && self.knows_end(tile, events);
+        let ends = ends(&patch, &checks, allowed, each)?;
+        let (last, slack) = (patch.last(), self.tracer.slack());
+        // Between paths that end in all ways those that check them tell a little more.
         match ends {
             Ends::Each => touched.find(&checks.all(), last, self.world, TUBE_MARGIN, slack),
-            _ => touched.find(sheaf.all(), last, self.world, TUBE_MARGIN, slack),
+            _ => touched.find(patch.paths(), last, self.world, TUBE_MARGIN, slack),
         }
         let pieces = &touched.pieces;
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
@@ -251,24 +252,24 @@ impl Lattice<'_> {
         })
     }
 
-    /// Whether the tracer knows the end of the path in the middle of a tile, and so most likely of all.
-    fn knows_end(&self, tile: Tile, endings: &mut EventLocator<'_>) -> bool {
+    /// Tells whether the tracer knows the end of the path in the middle of a tile, and so most likely of all.
+    fn knows_end(&self, tile: Tile, events: &mut EventLocator<'_>) -> bool {
         let [x, y] = [tile.x, tile.y].map(|corner| corner as f64 + 0.5 * tile.side as f64);
         let direction = self.view.direction(x, y);
-        let known = self.tracer.endings(&[direction], endings);
+        let known = self.tracer.endings(&[direction], events);
         known.iter().all(Option::is_some)
     }
 }
 
-/// How the paths of a tile end, if what they see there is within `allowed` or `each` says that the end
+/// Returns the way in which the paths of a tile end, if what they see there is within `allowed` or `each` says that the end
 /// of each can be looked up.
 fn ends(
-    sheaf: &PathPatch<'_>,
+    patch: &PathPatch<'_>,
     checks: &Checks<'_>,
     allowed: f64,
     each: impl FnOnce() -> bool,
 ) -> Option<Ends> {
-    let sky = match sheaf.exit() {
+    let sky = match patch.exit() {
         Some(_) => checks.sky(),
         None => f64::INFINITY,
     };

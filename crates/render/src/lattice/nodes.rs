@@ -4,7 +4,7 @@
 //! `t` need paths every `t/3` pixels and are checked where their quarters have paths, every `t/6`.
 
 use super::{Lattice, Tile};
-use crate::{endings::EventLocator, lanes::LANES, strands::PathBatch};
+use crate::{events::EventLocator, lanes::LANES, path_batch::PathBatch};
 use glam::DVec3;
 
 /// Paths by their place.
@@ -16,18 +16,18 @@ pub(super) struct Nodes {
     /// Places along a side of the grid.
     side: usize,
     numbers: Vec<Option<u32>>,
-    strands: PathBatch,
+    paths: PathBatch,
 }
 
-/// Where a tile is checked, in sixths of its side: near the middle of the squares where a cubic's
+/// Places where a tile is checked, in sixths of its side: near the middle of the squares where a cubic's
 /// error is largest. The errors along both sides weigh differently from check to check: where they
 /// weigh alike everywhere, as at (3, 3), (1, 5) and (5, 1), they can cancel unseen.
 pub(super) const CHECKS: [(usize, usize); 3] = [(1, 3), (3, 5), (5, 1)];
 
 impl Nodes {
-    /// None yet; `strands` are forgotten, and their memory used again.
-    pub(super) fn new(root: Tile, smallest: usize, mut strands: PathBatch) -> Self {
-        strands.clear();
+    /// Makes a grid without paths; `paths` are forgotten, and their memory used again.
+    pub(super) fn new(root: Tile, smallest: usize, mut paths: PathBatch) -> Self {
+        paths.clear();
         let steps = 6;
         let side = root.side / smallest * steps + 1;
         Self {
@@ -36,11 +36,11 @@ impl Nodes {
             smallest,
             side,
             numbers: vec![None; side * side],
-            strands,
+            paths,
         }
     }
 
-    /// The place in the grid of the point (`i`, `j`), in sixths of the side of `tile`.
+    /// Returns the place in the grid of the point (`i`, `j`), in sixths of the side of `tile`.
     fn place(&self, tile: Tile, (i, j): (usize, usize)) -> usize {
         let stride = tile.side / self.smallest;
         let column = (tile.x - self.root.x) / self.smallest * self.steps + i * stride;
@@ -53,14 +53,14 @@ impl Nodes {
         &mut self,
         tiles: &[Tile],
         lattice: &Lattice<'_>,
-        endings: &mut EventLocator<'_>,
+        events: &mut EventLocator<'_>,
     ) {
         let mut directions: Vec<DVec3> = Vec::new();
         for tile in tiles {
             for at in corners().chain(CHECKS) {
                 let place = self.place(*tile, at);
                 if self.numbers[place].is_none() {
-                    self.numbers[place] = Some((self.strands.len() + directions.len()) as u32);
+                    self.numbers[place] = Some((self.paths.len() + directions.len()) as u32);
                     let sixth = tile.side as f64 / 6.0;
                     directions.push(lattice.view.direction(
                         tile.x as f64 + at.0 as f64 * sixth,
@@ -69,10 +69,10 @@ impl Nodes {
                 }
             }
         }
-        lattice.tracer.add(&directions, endings, &mut self.strands);
+        lattice.tracer.add(&directions, events, &mut self.paths);
     }
 
-    /// The numbers of the sixteen paths of `tile`, row by row.
+    /// Returns the numbers of the sixteen paths of `tile`, row by row.
     pub(super) fn members(&self, tile: Tile) -> Option<[usize; LANES]> {
         let mut members = [0; LANES];
         for (member, at) in members.iter_mut().zip(corners()) {
@@ -81,7 +81,7 @@ impl Nodes {
         Some(members)
     }
 
-    /// The numbers of the paths that check `tile`.
+    /// Returns the numbers of the paths that check `tile`.
     pub(super) fn checks(&self, tile: Tile) -> Option<[usize; CHECKS.len()]> {
         let mut numbers = [0; CHECKS.len()];
         for (number, at) in numbers.iter_mut().zip(CHECKS) {
@@ -90,16 +90,18 @@ impl Nodes {
         Some(numbers)
     }
 
-    pub(super) fn strands(&self) -> &PathBatch {
-        &self.strands
+    /// Returns all paths.
+    pub(super) fn paths(&self) -> &PathBatch {
+        &self.paths
     }
 
-    pub(super) fn into_strands(self) -> PathBatch {
-        self.strands
+    /// Returns all paths and keeps nothing.
+    pub(super) fn into_paths(self) -> PathBatch {
+        self.paths
     }
 }
 
-/// The places of a tile's sixteen paths, in sixths of its side, row by row.
+/// Iterates over the places of a tile's sixteen paths, in sixths of its side, row by row.
 fn corners() -> impl Iterator<Item = (usize, usize)> {
     (0..LANES).map(|i| (i % 4 * 2, i / 4 * 2))
 }

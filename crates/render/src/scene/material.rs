@@ -6,7 +6,7 @@
 //! `tobj` parses the text, but panics on a colour of fewer than three numbers and gives up the
 //! whole file at the first bad number; so each line is checked and mended before `tobj` sees it.
 
-use crate::{footprint::Footprint, picture};
+use crate::{Footprint, picture};
 use ndarray::Array3;
 use std::{
     collections::HashMap,

@@ -1,12 +1,12 @@
 //! Surfaces lit by the world's baked light, or without it by a lamp at the camera.
 //!
-//! In: hits. Out: colours. Lightmap light is reflected by matt surfaces: radiance `Kd E / π`, for the
-//! irradiance `E` on the side of the surface that the ray meets. Of the lamp, the cosine between ray and normal is taken in the metric at the hit,
-//! `|n·v| / (|Sᵀn| |v|)` for a covector `n` and tangent `v`; the metric of sixteen hits is evaluated
-//! at once.
+//! In: hits. Out: colours. Baked light is reflected by matt surfaces: radiance `Kd E / π`, for the
+//! irradiance `E` on the side of the surface that the ray meets. For the lamp, the cosine between ray and
+//! normal is taken in the metric at the hit, `|n·v| / (|Sᵀn| |v|)` for a covector `n` and tangent `v`; the
+//! metric of sixteen hits is evaluated at once.
 
 use crate::{
-    footprint::Footprint, intersect::Hit, lanes::LANES, lightmap::Lightmap, scene::Material,
+    filter::Footprint, intersect::Hit, lanes::LANES, lightmap::Lightmap, scene::Material,
     world::World,
 };
 use geofan_expr::{Registers, real::Real, vectorised};
@@ -16,7 +16,7 @@ use std::f32::consts::FRAC_1_PI;
 /// The share of light that reaches surfaces from all sides.
 const AMBIENT: f32 = 0.2;
 
-/// How strongly glossy surfaces mirror the lamp, as a share of their `Ks`: a matter of taste.
+/// Strength of the lamp's mirror image in glossy surfaces, as a share of their `Ks`: a matter of taste.
 const GLOSS: f32 = 0.3;
 
 /// A highlight fainter than exp(−this) is none: it is lost beside what surfaces reflect from all sides.
@@ -26,11 +26,12 @@ const DARK: f32 = 16.0;
 pub(super) struct Lamp<'w> {
     world: &'w World,
     registers: Registers<f64, LANES>,
-    /// Where each belongs, the hit, and how its texture is to be averaged.
+    /// The place of each in the row, the hit, and the footprint of its texture.
     waiting: Vec<(usize, Hit, Footprint)>,
 }
 
 impl<'w> Lamp<'w> {
+    /// Makes an empty list.
     pub(super) fn new(world: &'w World) -> Self {
         Self {
             world,
@@ -59,7 +60,7 @@ impl<'w> Lamp<'w> {
         self.waiting.clear();
     }
 
-    /// The light of the lamp at the camera.
+    /// Lights hits by the lamp at the camera.
     fn by_lamp(&mut self, waiting: &[(usize, Hit, Footprint)], row: &mut [f32]) {
         for sixteen in waiting.chunks(LANES) {
             for (lane, (_, hit, _)) in sixteen.iter().enumerate() {
@@ -80,7 +81,7 @@ impl<'w> Lamp<'w> {
         }
     }
 
-    /// The cosine between ray and normal, from the metric (outputs 0 to 5: xx, yy, zz, xy, xz, yz)
+    /// Computes the cosine between ray and normal, from the metric (outputs 0 to 5: xx, yy, zz, xy, xz, yz)
     /// and the frame (6 to 11: 11, 22, 33, 12, 13, 23) in `lane`.
     fn cosine(&self, lane: usize, hit: &Hit) -> f64 {
         let o = |k: usize| self.registers.output(k)[lane];
@@ -102,6 +103,7 @@ impl<'w> Lamp<'w> {
         }
     }
 
+    /// Returns the colour of a surface that the lamp meets at this cosine.
     fn surface(&self, hit: &Hit, footprint: &Footprint, cosine: f32) -> [f32; 3] {
         let material = material(self.world, hit);
         let diffuse = diffuse(self.world, hit, footprint);
@@ -119,11 +121,12 @@ impl<'w> Lamp<'w> {
     }
 }
 
+/// Puts a colour at place `index` of a row.
 fn put(row: &mut [f32], index: usize, colour: [f32; 3]) {
     row[3 * index..3 * index + 3].copy_from_slice(&colour);
 }
 
-/// The reflected light that was baked, and what the surface gives off itself.
+/// Returns the reflected light that was baked, and the light that the surface emits itself.
 fn by_baked(world: &World, light: &Lightmap, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
     let front = world.covector(hit).dot(hit.v.as_dvec3()) <= 0.0;
     let irradiance = light.at(hit.triangle, hit.barycentric, front);
@@ -131,11 +134,12 @@ fn by_baked(world: &World, light: &Lightmap, hit: &Hit, footprint: &Footprint) -
     std::array::from_fn(|k| diffuse[k] * irradiance[k] * FRAC_1_PI + ke[k])
 }
 
+/// Returns the material of a hit.
 fn material<'w>(world: &'w World, hit: &Hit) -> &'w Material {
     &world.materials[world.faces[hit.triangle as usize].material as usize]
 }
 
-/// The diffuse reflectance of what was hit: `Kd`, times its texture averaged over `footprint`.
+/// Returns the diffuse reflectance of a hit: `Kd`, times its texture averaged over `footprint`.
 pub fn diffuse(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
     let uvs = world.faces[hit.triangle as usize].uvs;
     let [b, c] = hit.barycentric;

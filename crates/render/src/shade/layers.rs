@@ -1,10 +1,14 @@
 //! Outcomes to the layers of an EXR file.
 //!
-//! In: what every sample finds. Out: arc lengths, chart points, normals, numbers of objects and exits
+//! In: what every sample sees. Out: arc lengths, chart points, normals, numbers of objects and exits
 //! of the first sample of every pixel, and on demand the area to which a unit solid angle has spread.
 
 use crate::{
-    frame::offsets, intersect::Hit, outcome::Seen, picture::Picture, tiles::Place, view::View,
+    frame::offsets,
+    intersect::{Hit, Seen},
+    picture::Picture,
+    tiles::SamplePlace,
+    view::View,
     world::World,
 };
 use geofan_core::{
@@ -15,7 +19,7 @@ use glam::DVec3;
 use ndarray::{Array2, ArrayView3, Axis};
 use rayon::prelude::*;
 
-/// The normal of a hit in the standard frame there, unit, towards the camera.
+/// Returns the normal of a hit in the standard frame there, unit, towards the camera.
 fn normal(world: &World, hit: &Hit) -> DVec3 {
     let frame = world.manifold.standard_frame(world.point(hit));
     let covector = world.covector(hit);
@@ -34,7 +38,7 @@ pub fn with_layers(
     picture: Picture,
     world: &World,
     outcomes: ArrayView3<'_, Seen>,
-    flagged: &[Place],
+    flagged: &[SamplePlace],
 ) -> Picture {
     let (height, width, _) = outcomes.dim();
     let float = |value: &dyn Fn(&Seen) -> f64| {
@@ -78,7 +82,7 @@ pub fn with_layers(
         .with_index("flagged", given_up)
 }
 
-/// Area by which a unit solid angle has spread where the first sample of each pixel ends: an exact
+/// Computes the area by which a unit solid angle has spread where the first sample of each pixel ends: an exact
 /// path with deviation for each; NaN where nothing is seen.
 pub fn area(
     world: &World,
@@ -116,8 +120,8 @@ pub fn area(
                 if let Some((step, s)) = end
                     && let Some(columns) = step.deviation(s)
                 {
-                    let inverse = manifold.standard_frame(step.position(s)).inverse();
-                    *slot = signed_area(inverse, step.tangent(s), columns).abs() as f32;
+                    let observer = manifold.observer(step.position(s));
+                    *slot = signed_area(&observer, step.tangent(s), columns).abs() as f32;
                 }
             }
         });

@@ -1,6 +1,6 @@
 //! Outcomes to colours.
 //!
-//! In: what every sample finds. Out: its colour in linear light. Surfaces are lit by baked light or
+//! In: what every sample sees. Out: its colour in linear light. Surfaces are lit by baked light or
 //! by a lamp at the camera (`lamp`). Skies (`skies`) and textures are averaged over the sample's
 //! footprint, measured from the samples beside and below that leave through the same exit or meet
 //! the same object.
@@ -11,18 +11,24 @@ mod skies;
 
 pub use layers::{area, with_layers};
 
-use super::{footprint::Footprint, intersect::Hit, outcome::Seen, view::View, world::World};
+use super::{
+    filter::Footprint,
+    intersect::{Hit, Seen},
+    tiles::SamplePlace,
+    view::View,
+    world::World,
+};
 use glam::{DVec3, Vec3};
 use lamp::Lamp;
 pub use lamp::diffuse;
 use ndarray::{Array4, ArrayView3, Axis};
 use rayon::prelude::*;
-use skies::{Line, Skies};
+use skies::SkyRow;
 
 /// Colours of samples, axes (row, column, sample, channel).
 pub type Colours = Array4<f32>;
 
-/// Whether colours are averaged over footprints.
+/// The way in which colours of skies and textures are sampled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Footprints {
     /// Averaged over what a sample stands for.
@@ -31,7 +37,7 @@ pub enum Footprints {
     Points,
 }
 
-/// The colours of `outcomes`, which are a part of `samples` for each pixel.
+/// Computes the colours of `outcomes`, which are a part of `samples` for each pixel.
 pub fn shade(
     world: &World,
     view: &View,
@@ -42,12 +48,12 @@ pub fn shade(
     let (height, width, count) = outcomes.dim();
     let shader = Shader {
         world,
-        view,
         outcomes,
         spacing: match footprints {
             Footprints::Filtered => 1.0 / (samples as f32).sqrt(),
             Footprints::Points => 0.0,
         },
+        pixel: view.pixel_angle() as f32,
     };
     let mut colours = Colours::zeros((height, width, count, 3));
     colours
@@ -69,35 +75,29 @@ pub fn shade(
 /// those above and below it.
 const BAND: usize = 12;
 
+/// Everything that the samples of a picture have in common.
 struct Shader<'a> {
     world: &'a World,
-    view: &'a View,
     outcomes: ArrayView3<'a, Seen>,
     /// The distance of samples, in pixels; 0 asks for points.
     spacing: f32,
+    /// The angle of one pixel.
+    pixel: f32,
 }
 
-/// Row, column and number of a sample.
-type Place = (usize, usize, usize);
-
 impl Shader<'_> {
-    /// The colours of the rows from `first` on, three for each sample.
+    /// Computes the colours of the rows from `first` on, three numbers for each sample.
     fn band(&self, first: usize, rows: &mut [f32], lamp: &mut Lamp<'_>) {
         let (height, width, count) = self.outcomes.dim();
-        let line = |y: Option<usize>| {
+        let sky_row = |y: Option<usize>| {
             let row = y.filter(|y| *y < height);
             let row = row.map(|y| self.outcomes.index_axis(Axis(0), y));
-            Line::new(self.world, width, count, row)
+            SkyRow::new(self.world, width, count, row)
         };
-        let skies = Skies {
-            world: self.world,
-            pixel: self.view.pixel_angle() as f32,
-            spacing: self.spacing,
-        };
-        let (mut above, mut here) = (line(first.checked_sub(1)), line(Some(first)));
+        let (mut above, mut here) = (sky_row(first.checked_sub(1)), sky_row(Some(first)));
         for (y, row) in (first..).zip(rows.chunks_exact_mut((3 * width * count).max(1))) {
-            let below = line(Some(y + 1));
-            skies.light([&above, &here, &below], row);
+            let below = sky_row(Some(y + 1));
+            self.light_skies([&above, &here, &below], row);
             for &i in here.surfaces() {
                 let at = (y, i / count, i % count);
                 if let Seen::Surface(hit) = self.outcomes[at] {
@@ -109,8 +109,8 @@ impl Shader<'_> {
         }
     }
 
-    /// How texture coordinates change from sample to sample; a point without a texture.
-    fn texture_footprint(&self, at: Place, hit: &Hit) -> Footprint {
+    /// Returns the change of texture coordinates from sample to sample; a point without a texture.
+    fn texture_footprint(&self, at: SamplePlace, hit: &Hit) -> Footprint {
         let face = &self.world.faces[hit.triangle as usize];
         let textured = self.world.materials[face.material as usize]
             .map_kd
@@ -137,11 +137,11 @@ impl Shader<'_> {
         Footprint { across }.scaled(self.spacing)
     }
 
-    /// What `pick` makes of the same sample of the next pixel along `axis` (0 right, 1 down), else
-    /// what it makes of the one before, which is as far on the other side.
+    /// Applies `pick` to the same sample of the next pixel along `axis` (0 right, 1 down), else to that of the
+    /// pixel before, which is as far on the other side: its negative.
     fn neighbour<T: std::ops::Neg<Output = T>>(
         &self,
-        (y, x, k): Place,
+        (y, x, k): SamplePlace,
         axis: usize,
         pick: impl Fn(&Seen) -> Option<T>,
     ) -> Option<T> {
@@ -156,7 +156,7 @@ impl Shader<'_> {
                 y.checked_sub(1).map(|y| (y, x, k)),
             ),
         };
-        let at = |place: Option<Place>| place.and_then(|p| pick(&self.outcomes[p]));
+        let at = |place: Option<SamplePlace>| place.and_then(|p| pick(&self.outcomes[p]));
         at(next).or_else(|| at(before).map(|change| -change))
     }
 }

@@ -1,13 +1,14 @@
 //! Skies in the samples of a row, sixteen at a time.
 //!
 //! In: the exits and directions of a row of samples and of the rows above and below. Out: the
-//! colours of those that see a sky. What a sample stands for is measured by the changes to the
+//! colours of those that see a sky. The footprint of a sample is measured by the changes to the
 //! pixels beside and below (or before, above) that leave through the same exit.
 
+use super::Shader;
 use crate::{
-    lanes::LANES,
-    outcome::Seen,
-    sky::{Across, Mask, Vectors, each_vector, first, lane, mask},
+    filter::Across,
+    intersect::Seen,
+    lanes::{LANES, Mask, SingleVectors, first, mask, single_lane, single_vector},
     world::World,
 };
 use geofan_expr::vectorised;
@@ -17,9 +18,9 @@ use ndarray::ArrayView2;
 /// In place of an exit where no sky is seen.
 const NONE: u32 = u32::MAX;
 
-/// What a row of samples sees, number by number so that vectors of neighbours can be loaded. There
+/// The skies that a row of samples sees, number by number so that vectors of neighbours can be loaded. There
 /// is a pixel that sees nothing before the first, and enough after the last.
-pub(super) struct Line {
+pub(super) struct SkyRow {
     /// Samples of one pixel.
     count: usize,
     exits: Vec<u32>,
@@ -27,8 +28,8 @@ pub(super) struct Line {
     surfaces: Vec<usize>,
 }
 
-impl Line {
-    /// A row (column, sample), or the nothing around the picture.
+impl SkyRow {
+    /// Sorts a row (column, sample), or the nothing around the picture.
     pub(super) fn new(
         world: &World,
         width: usize,
@@ -62,12 +63,12 @@ impl Line {
         }
     }
 
-    /// The samples that see a surface.
+    /// Returns the samples that see a surface.
     pub(super) fn surfaces(&self) -> &[usize] {
         &self.surfaces
     }
 
-    /// Sixteen samples from `start` on, counted from the pixel before the first.
+    /// Returns sixteen samples from `start` on, counted from the pixel before the first.
     #[inline(always)]
     fn sixteen(&self, start: usize) -> Sixteen {
         let mut exits = [NONE; LANES];
@@ -76,45 +77,35 @@ impl Line {
         for c in 0..3 {
             directions[c].copy_from_slice(&self.directions[c][start..start + LANES]);
         }
-        Sixteen { exits, directions }
+        (exits, directions)
     }
 }
 
 /// The exits and directions of sixteen samples.
-struct Sixteen {
-    exits: [u32; LANES],
-    directions: Vectors,
-}
+type Sixteen = ([u32; LANES], SingleVectors);
 
-/// Colours skies.
-pub(super) struct Skies<'w> {
-    pub(super) world: &'w World,
-    /// The angle of one pixel.
-    pub(super) pixel: f32,
-    /// The distance of samples, in pixels; 0 asks for points.
-    pub(super) spacing: f32,
-}
-
-impl Skies<'_> {
+impl Shader<'_> {
     /// Colours the samples of the middle one of three rows that see a sky.
-    pub(super) fn light(&self, lines: [&Line; 3], row: &mut [f32]) {
+    pub(super) fn light_skies(&self, rows: [&SkyRow; 3], row: &mut [f32]) {
         vectorised(
             #[inline(always)]
             || {
                 for (i, row) in row.chunks_mut(3 * LANES).enumerate() {
-                    self.sixteen(lines, i * LANES, row);
+                    self.light_sixteen(rows, i * LANES, row);
                 }
             },
         );
     }
 
+    /// Colours sixteen of them from `start` on.
     #[inline(always)]
-    fn sixteen(&self, [above, line, below]: [&Line; 3], start: usize, row: &mut [f32]) {
-        let count = line.count;
-        let here = line.sixteen(start + count);
-        let beside = [line.sixteen(start + 2 * count), line.sixteen(start)];
+    fn light_sixteen(&self, [above, middle, below]: [&SkyRow; 3], start: usize, row: &mut [f32]) {
+        // The samples, and those around them.
+        let count = middle.count;
+        let here = middle.sixteen(start + count);
+        let beside = [middle.sixteen(start + 2 * count), middle.sixteen(start)];
         let under = [below.sixteen(start + count), above.sixteen(start + count)];
-        let mut rest = here.exits;
+        let (mut rest, directions) = here;
         rest[row.len() / 3..].fill(NONE);
         let mut pending = mask(
             #[inline(always)]
@@ -123,6 +114,7 @@ impl Skies<'_> {
         if first(&pending).is_none() {
             return;
         }
+        // Sky by sky.
         let across = self.across(&here, &beside, &under);
         while let Some(l) = first(&pending) {
             let exit = rest[l];
@@ -131,11 +123,7 @@ impl Skies<'_> {
                 |l| rest[l] == exit,
             );
             if let Some(sky) = &self.world.skies[exit as usize] {
-                put(
-                    row,
-                    &wanted,
-                    &sky.lights(&here.directions, &across, &wanted),
-                );
+                put(row, &wanted, &sky.lights(&directions, &across, &wanted));
             }
             pending = mask(
                 #[inline(always)]
@@ -144,27 +132,35 @@ impl Skies<'_> {
         }
     }
 
-    /// How the sky's direction changes from sample to sample, where those `beside` and `under` are
+    /// Returns the change of the sky's direction from sample to sample, where those `beside` and `under` are
     /// the next and the one before.
     #[inline(always)]
     fn across(&self, here: &Sixteen, beside: &[Sixteen; 2], under: &[Sixteen; 2]) -> Across {
         let (to_right, right) = changes(here, beside);
         let (downward, down) = changes(here, under);
-        let one = each_vector(
+        let one = single_vector(
             #[inline(always)]
             |l| {
-                let round = lane(&here.directions, l).any_orthonormal_vector() * self.pixel;
-                let either = if downward[l] { lane(&down, l) } else { round };
-                let one = if to_right[l] { lane(&right, l) } else { either };
+                let round = single_lane(&here.1, l).any_orthonormal_vector() * self.pixel;
+                let either = if downward[l] {
+                    single_lane(&down, l)
+                } else {
+                    round
+                };
+                let one = if to_right[l] {
+                    single_lane(&right, l)
+                } else {
+                    either
+                };
                 one * self.spacing
             },
         );
-        let two = each_vector(
+        let two = single_vector(
             #[inline(always)]
             |l| {
                 // One side alone tells the size, as if the picture were not sheared here.
-                let other = lane(&here.directions, l).cross(lane(&one, l));
-                let down = lane(&down, l) * self.spacing;
+                let other = single_lane(&here.1, l).cross(single_lane(&one, l));
+                let down = single_lane(&down, l) * self.spacing;
                 if to_right[l] & downward[l] {
                     down
                 } else {
@@ -176,24 +172,20 @@ impl Skies<'_> {
     }
 }
 
-/// The changes from each lane to the next or, turned round, to the one before, in the lanes where either
+/// Returns the changes from each lane to the next or, turned round, to the one before, in the lanes where either
 /// leaves through the same exit.
 #[inline(always)]
-fn changes(here: &Sixteen, [next, before]: &[Sixteen; 2]) -> (Mask, Vectors) {
+fn changes(here: &Sixteen, [next, before]: &[Sixteen; 2]) -> (Mask, SingleVectors) {
     let mut known = [false; LANES];
-    let mut changes = Vectors::default();
+    let mut changes = SingleVectors::default();
     for l in 0..LANES {
-        known[l] = (next.exits[l] == here.exits[l]) | (before.exits[l] == here.exits[l]);
+        known[l] = (next.0[l] == here.0[l]) | (before.0[l] == here.0[l]);
     }
     for c in 0..3 {
-        let (next_c, here_c, before_c) = (
-            &next.directions[c],
-            &here.directions[c],
-            &before.directions[c],
-        );
+        let (next_c, here_c, before_c) = (&next.1[c], &here.1[c], &before.1[c]);
         for l in 0..LANES {
             let (ahead, behind) = (next_c[l] - here_c[l], here_c[l] - before_c[l]);
-            changes[c][l] = if next.exits[l] == here.exits[l] {
+            changes[c][l] = if next.0[l] == here.0[l] {
                 ahead
             } else {
                 behind
@@ -205,10 +197,10 @@ fn changes(here: &Sixteen, [next, before]: &[Sixteen; 2]) -> (Mask, Vectors) {
 
 /// Puts the colours of the lanes that are `wanted` in their places of `row`.
 #[inline(always)]
-fn put(row: &mut [f32], wanted: &Mask, light: &Vectors) {
+fn put(row: &mut [f32], wanted: &Mask, light: &SingleVectors) {
     for (l, colour) in row.chunks_exact_mut(3).enumerate() {
         if wanted[l] {
-            colour.copy_from_slice(&lane(light, l).to_array());
+            colour.copy_from_slice(&single_lane(light, l).to_array());
         }
     }
 }

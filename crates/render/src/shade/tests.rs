@@ -1,5 +1,5 @@
 use super::*;
-use crate::{Stage, film::Film, frame::offsets, picture::Picture};
+use crate::{Stage, filter::Film, frame::offsets, picture::Picture};
 use glam::DVec2;
 use ndarray::Array3;
 

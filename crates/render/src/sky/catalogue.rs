@@ -1,4 +1,4 @@
-//! Which stars there are and how the sky between them glows.
+//! The stars and the glow of the sky between them.
 //!
 //! In: nothing. Out: [`Star`]s with their light, and the glow by direction, both linear and scaled
 //! for the eye rather than for physics: real stars span more contrast than a picture holds.
@@ -117,7 +117,7 @@ const CONSTELLATIONS: &[Entry] = &[
     (344.41, -29.62, 1.2, 0.1),
 ];
 
-/// Scattered stars; the eye sees about as many in both halves of a dark sky.
+/// Number of scattered stars; the eye sees about as many in both halves of a dark sky.
 const SCATTERED: u32 = 9000;
 /// Magnitude of the brightest and the faintest scattered star.
 const MAGNITUDES: (f32, f32) = (3.0, 7.0);
@@ -125,14 +125,14 @@ const MAGNITUDES: (f32, f32) = (3.0, 7.0);
 const POLE: (f32, f32) = (192.86, 27.13);
 const CENTRE: (f32, f32) = (266.40, -28.94);
 
-/// Unit vector to a longitude and latitude in degrees.
+/// Returns the unit vector to a longitude and latitude in degrees.
 pub(super) fn at(longitude: f32, latitude: f32) -> Vec3 {
     let (sin, cos) = latitude.to_radians().sin_cos();
     let (y, x) = longitude.to_radians().sin_cos();
     Vec3::new(x * cos, y * cos, sin)
 }
 
-/// All stars.
+/// Makes all stars.
 pub(super) fn stars() -> Vec<Star> {
     let known = CONSTELLATIONS
         .iter()
@@ -140,13 +140,13 @@ pub(super) fn stars() -> Vec<Star> {
     known.chain((0..SCATTERED).filter_map(faint_star)).collect()
 }
 
-/// Light of a star of that magnitude: 1.8 times a magnitude and not 2.5, so that faint stars are
+/// Returns the light of a star of that magnitude: 1.8 times a magnitude and not 2.5, so that faint stars are
 /// seen beside bright ones. With the factor, one of magnitude 5½ is as bright as white paper.
 fn flux(magnitude: f32) -> f32 {
     2.6e-6 * 1.8_f32.powf(5.5 - magnitude)
 }
 
-/// Linear colour by B−V, green about 1: from blue-white at −0.3 through white to orange at 1.8.
+/// Returns the linear colour by B−V, green about 1: from blue-white at −0.3 through white to orange at 1.8.
 fn colour(index: f32) -> Vec3 {
     let warm = ((index + 0.3) / 2.1).clamp(0.0, 1.0);
     let (blue, white, orange) = (
@@ -161,7 +161,7 @@ fn colour(index: f32) -> Vec3 {
     }
 }
 
-/// The scattered star number `i`, unless it is one of those that thin out away from the band.
+/// Makes the scattered star number `i`, unless it is one of those that thin out away from the band.
 fn faint_star(i: u32) -> Option<Star> {
     let direction = scattered(i, SCATTERED);
     let keep = 0.42 + 0.58 * band(direction).min(1.0);
@@ -171,7 +171,7 @@ fn faint_star(i: u32) -> Option<Star> {
     (uniform(i, 2) < keep).then(|| Star::new(direction, magnitude, 2.1 * uniform(i, 4) - 0.3))
 }
 
-/// Point `i` of `count` on a spiral over the sphere, jittered so that no pattern shows.
+/// Returns point `i` of `count` on a spiral over the sphere, jittered so that no pattern shows.
 pub(super) fn scattered(i: u32, count: u32) -> Vec3 {
     let jitter = |dimension: u32| uniform(i, dimension) - 0.5;
     let z = 1.0 - 2.0 * (i as f32 + 0.5 + 60.0 * jitter(0)) / count as f32;
@@ -184,7 +184,7 @@ pub(super) fn scattered(i: u32, count: u32) -> Vec3 {
     Vec3::new(across * cos, across * sin, z)
 }
 
-/// A number in [0, 1) that depends on nothing but its arguments.
+/// Returns a number in [0, 1) that depends on nothing but its arguments.
 fn uniform(i: u32, dimension: u32) -> f32 {
     let mut x = i.wrapping_mul(0x9e37_79b9) ^ dimension.wrapping_mul(0x85eb_ca6b);
     x = (x ^ (x >> 16)).wrapping_mul(0x7feb_352d);
@@ -193,7 +193,7 @@ fn uniform(i: u32, dimension: u32) -> f32 {
     (x >> 8) as f32 / (1 << 24) as f32
 }
 
-/// Brightness of the milky way: 1 in its middle, a bulge at its centre, dark lanes along it.
+/// Returns the brightness of the milky way: 1 in its middle, a bulge at its centre, dark lanes along it.
 fn band(d: Vec3) -> f32 {
     let (pole, centre) = (at(POLE.0, POLE.1), at(CENTRE.0, CENTRE.1));
     let wobble = 0.05 * noise(3.0 * d) + 0.03 * noise(9.0 * d);
@@ -206,7 +206,7 @@ fn band(d: Vec3) -> f32 {
     (broad * clumps * (0.35 + 0.65 * toward) * (1.0 - 0.65 * lane)).max(0.0)
 }
 
-/// Light between the stars.
+/// Returns the light between the stars.
 pub(super) fn glow(d: Vec3) -> Vec3 {
     let (cold, warm) = (
         Vec3::new(0.0028, 0.0048, 0.0110),
@@ -221,7 +221,7 @@ pub(super) fn glow(d: Vec3) -> Vec3 {
     night + outer.lerp(inner, toward * toward) * band(d)
 }
 
-/// Smooth noise in about [-1, 1], one feature a unit.
+/// Returns smooth noise in about [-1, 1], one feature a unit.
 fn noise(p: Vec3) -> f32 {
     let (cell, f) = (p.floor(), p - p.floor());
     let f = f * f * (Vec3::splat(3.0) - 2.0 * f);

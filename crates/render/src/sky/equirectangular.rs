@@ -7,12 +7,11 @@
 //! the width left of the middle and −y a quarter right of it; −x is at both side edges. Then
 //! someone who looks along +x with +z up sees the picture's right on the right.
 
-use super::{
-    angles::longitude_latitude,
-    sixteen::{Mask, Numbers, Vectors, each_vector, lane, put},
-    taps::{Across, LaneTaps},
+use super::longitude_latitude;
+use crate::{
+    filter::{Across, LaneTaps},
+    lanes::{LANES, Mask, SingleLanes, SingleVectors, set_lane, single_lane, single_vector},
 };
-use crate::lanes::LANES;
 use geofan_core::error::{Error, Result};
 use geofan_expr::real::Real;
 use glam::{Vec2, Vec3};
@@ -59,16 +58,21 @@ impl Equirectangular {
         Ok(Self { levels })
     }
 
-    /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
+    /// Returns linear light from the unit vector `d`, averaged over about `footprint` radians.
     pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
         let [texel, last] = self.texel_last();
         self.radiance_at(place(d).extend(level(footprint / texel, last)))
     }
 
-    /// Linear light from the unit vectors `d`, averaged over what samples stand for that change `across`, in
-    /// the lanes that are `wanted`.
+    /// Returns linear light from the unit vectors `d`, averaged over what samples stand for that change
+    /// `across`, in the lanes that are `wanted`.
     #[inline(always)]
-    pub(super) fn lights(&self, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
+    pub(super) fn lights(
+        &self,
+        d: &SingleVectors,
+        across: &Across,
+        wanted: &Mask,
+    ) -> SingleVectors {
         let taps = LaneTaps::of(across, 0.0);
         taps.mean(
             d,
@@ -78,29 +82,29 @@ impl Equirectangular {
         )
     }
 
-    /// [`Equirectangular::radiance`] in the lanes that are `wanted`.
+    /// Computes [`Equirectangular::radiance`] in the lanes that are `wanted`.
     #[inline(always)]
-    fn radiances(&self, d: &Vectors, widths: &Numbers, wanted: &Mask) -> Vectors {
+    fn radiances(&self, d: &SingleVectors, widths: &SingleLanes, wanted: &Mask) -> SingleVectors {
         let [texel, last] = self.texel_last();
-        let places = each_vector(
+        let places = single_vector(
             #[inline(always)]
-            |l| place(lane(d, l)).extend(level(widths[l] / texel, last)),
+            |l| place(single_lane(d, l)).extend(level(widths[l] / texel, last)),
         );
         let mut light = [[0.0; LANES]; 3];
         for l in (0..LANES).filter(|l| wanted[*l]) {
-            put(&mut light, l, self.radiance_at(lane(&places, l)));
+            set_lane(&mut light, l, self.radiance_at(single_lane(&places, l)));
         }
         light
     }
 
-    /// How high a pixel of the picture is, and the number of the least size.
+    /// Returns the height of a pixel of the picture, radians, and the number of the smallest size.
     #[inline(always)]
     fn texel_last(&self) -> [f32; 2] {
         let texel = PI / self.levels[0].height as f32;
         [texel, (self.levels.len() - 1) as f32]
     }
 
-    /// At a place of the picture (x and y) on a level (z).
+    /// Returns the light at a place of the picture (x and y) on a level (z).
     fn radiance_at(&self, at: Vec3) -> Vec3 {
         let (low, way) = (at.z as usize, at.z.fract());
         let sharp = self.levels[low].bilinear(at.x, at.y);
@@ -111,22 +115,22 @@ impl Equirectangular {
     }
 }
 
-/// The place in the picture, from the left and the top, both in [0, 1].
+/// Returns the place of a direction in the picture, from the left and the top, both in [0, 1].
 #[inline(always)]
 fn place(d: Vec3) -> Vec2 {
     let (longitude, latitude) = longitude_latitude(d);
     Vec2::new(0.5 - longitude / TAU, 0.5 - latitude / PI)
 }
 
-/// Which size of the picture has pixels `texels` times as wide as the full one, counted from that;
-/// fractions are between two sizes.
+/// Returns the number of the size of the picture whose pixels are `texels` times as wide as those of the full
+/// one, which has number 0; fractions are between two sizes.
 #[inline(always)]
 fn level(texels: f32, last: f32) -> f32 {
     (Real::ln(texels.max(1.0)) * LOG2_E).min(last)
 }
 
 impl Level {
-    /// Half the size, by means of 2 × 2 pixels; `None` when a side is odd.
+    /// Reduces to half the size, by means of 2 × 2 pixels; `None` when a side is odd.
     fn halved(&self) -> Option<Self> {
         let (width, height) = (self.width / 2, self.height / 2);
         if !self.width.is_multiple_of(2) || !self.height.is_multiple_of(2) {
@@ -145,7 +149,7 @@ impl Level {
         })
     }
 
-    /// Bilinear at `u` from the left and `v` from the top, both in [0, 1]; `u` wraps around, and
+    /// Interpolates bilinearly at `u` from the left and `v` from the top, both in [0, 1]; `u` wraps around, and
     /// past a pole the row goes on half a turn away.
     fn bilinear(&self, u: f32, v: f32) -> Vec3 {
         // Half a pixel less, and one more so that a cast rounds down.
@@ -158,7 +162,7 @@ impl Level {
         above.lerp(below, fy)
     }
 
-    /// Between the pixels at `column` and one further right, `column` counted around.
+    /// Interpolates between the pixels at `column` and one further right, `column` counted around.
     fn between(&self, row: usize, column: usize, over_a_pole: bool, way: f32) -> Vec3 {
         let turned = column + if over_a_pole { self.width / 2 } else { 0 };
         let (left, right) = (turned % self.width, (turned + 1) % self.width);

@@ -7,13 +7,14 @@
 //! gets fainter. Letters stand upright for someone who turns from +x without rolling: up is +z on
 //! the horizon, and at ±z whatever tilting the head from +x brings to the top.
 
-use super::{
-    angles::longitude_latitude,
-    glyph::{self, Stroke},
-    sixteen::{Mask, Numbers, Vectors, each, each_vector, first, floor, lane, mask, nearest},
-    taps::{Across, LaneTaps},
+use super::longitude_latitude;
+use crate::{
+    filter::{Across, LaneTaps},
+    lanes::{
+        LANES, Mask, SingleLanes, SingleVectors, first, floor, mask, nearest, single, single_lane,
+        single_vector,
+    },
 };
-use crate::lanes::LANES;
 use glam::{Vec2, Vec3};
 use std::f32::consts::PI;
 
@@ -45,47 +46,37 @@ const MARKS: [[Vec3; 2]; 3] = [
     [Vec3::new(0.03, 0.07, 0.8), Vec3::new(0.42, 0.3, 0.0)],
 ];
 
-/// The angle to average over, in radians, and its inverse.
-#[derive(Clone, Copy)]
-struct Footprint {
-    width: f32,
-    inverse: f32,
+/// Limits a width to average over, radians. Beyond one step a footprint holds several lines and all there is
+/// to see is their mean. A width that is no number asks for a point.
+#[inline(always)]
+fn limited(width: f32) -> f32 {
+    let at_least = width.max(1e-5);
+    at_least.min(STEP)
 }
 
-impl Footprint {
-    #[inline(always)]
-    fn of(width: f32) -> Self {
-        // Beyond one step a footprint holds several lines and all there is to see is their mean. What is no
-        // number asks for a point.
-        let at_least = width.max(1e-5);
-        let width = at_least.min(STEP);
-        let inverse = 1.0 / width;
-        Self { width, inverse }
-    }
-}
-
-/// How far a footprint reaches across the lines.
+/// Angles over which to average, radians.
 struct Reach {
     /// Across circles of latitude.
-    rows: Footprint,
+    rows: f32,
     /// Across meridians.
-    columns: Footprint,
+    columns: f32,
     /// Across the plane of ±x and ±z.
-    side: Footprint,
+    side: f32,
 }
 
 impl Reach {
-    /// Of a round footprint.
+    /// Takes that of a round footprint.
     #[inline(always)]
-    fn round(footprint: Footprint) -> Self {
+    fn round(width: f32) -> Self {
         Self {
-            rows: footprint,
-            columns: footprint,
-            side: footprint,
+            rows: width,
+            columns: width,
+            side: width,
         }
     }
 
-    /// Of one that is spanned by two changes of `d`: the box as wide as its projection's deviation.
+    /// Takes that of a footprint that is spanned by two changes of `d`: a box as wide as the deviation of its
+    /// projection.
     #[inline(always)]
     fn of(d: Vec3, [a, b]: [Vec3; 2]) -> Self {
         let cosine = (d.x * d.x + d.y * d.y).sqrt().max(1e-6);
@@ -93,46 +84,47 @@ impl Reach {
         let north = Vec2::new(a.z, b.z).length() / cosine;
         let east = Vec2::new(d.x * a.y - d.y * a.x, d.x * b.y - d.y * b.x).length() / cosine;
         Self {
-            rows: Footprint::of(north.min(longest)),
-            columns: Footprint::of(east.min(longest)),
-            side: Footprint::of(Vec2::new(a.y, b.y).length()),
+            rows: limited(north.min(longest)),
+            columns: limited(east.min(longest)),
+            side: limited(Vec2::new(a.y, b.y).length()),
         }
     }
 }
 
-/// Linear light of the pattern from the unit vector `d`, averaged over about `width` radians.
+/// Returns linear light of the pattern from the unit vector `d`, averaged over about `width` radians.
 pub(super) fn radiance(d: Vec3, width: f32) -> Vec3 {
-    let footprint = Footprint::of(width);
-    let behind = lines(d, &Reach::round(footprint));
-    if !touches_mark(d, footprint.width) {
+    let width = limited(width);
+    let behind = lines(d, &Reach::round(width));
+    if !touches_mark(d, width) {
         return behind;
     }
     let mark = Mark::nearest(d);
     let p = mark.place(d);
-    let distances = mark
-        .strokes()
-        .map(|s| glyph::squared_distance(s, p / LETTER));
+    let distances = mark.strokes().map(|s| squared_distance(s, p / LETTER));
     let squared = distances.fold(f32::INFINITY, f32::min);
-    mark.over(behind, p, squared, footprint)
+    mark.over(behind, p, squared, width)
 }
 
-/// Linear light from the unit vectors `d`, averaged over what samples stand for that change `across`, in the
-/// lanes that are `wanted`.
+/// Returns linear light from the unit vectors `d`, averaged over what samples stand for that change `across`,
+/// in the lanes that are `wanted`.
 #[inline(always)]
-pub(super) fn lights(d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
+pub(super) fn lights(d: &SingleVectors, across: &Across, wanted: &Mask) -> SingleVectors {
     let [right, down] = across;
-    let light = each_vector(
+    let light = single_vector(
         #[inline(always)]
         |l| {
-            let reach = Reach::of(lane(d, l), [lane(right, l), lane(down, l)]);
-            lines(lane(d, l), &reach)
+            let reach = Reach::of(
+                single_lane(d, l),
+                [single_lane(right, l), single_lane(down, l)],
+            );
+            lines(single_lane(d, l), &reach)
         },
     );
     let touched = mask(
         #[inline(always)]
         |l| {
-            let length = lane(right, l).length() + lane(down, l).length();
-            wanted[l] & touches_mark(lane(d, l), length.min(STEP))
+            let length = single_lane(right, l).length() + single_lane(down, l).length();
+            wanted[l] & touches_mark(single_lane(d, l), length.min(STEP))
         },
     );
     match first(&touched) {
@@ -141,15 +133,20 @@ pub(super) fn lights(d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
     }
 }
 
-/// `light` under the marks in the lanes that are `touched`, by round footprints.
+/// Lays marks over `light` in the lanes that are `touched`, by round footprints.
 #[inline(always)]
-fn marked(mut light: Vectors, d: &Vectors, taps: &LaneTaps, mut touched: Mask) -> Vectors {
+fn marked(
+    mut light: SingleVectors,
+    d: &SingleVectors,
+    taps: &LaneTaps,
+    mut touched: Mask,
+) -> SingleVectors {
     while let Some(l) = first(&touched) {
-        let mark = Mark::nearest(lane(d, l));
+        let mark = Mark::nearest(single_lane(d, l));
         let here = mask(
             #[inline(always)]
             // What is not a number is here, or it would be nowhere.
-            |l| touched[l] & !(mark.height(lane(d, l)) <= 0.9),
+            |l| touched[l] & !(mark.height(single_lane(d, l)) <= 0.9),
         );
         let over = taps.mean(
             d,
@@ -157,9 +154,9 @@ fn marked(mut light: Vectors, d: &Vectors, taps: &LaneTaps, mut touched: Mask) -
             #[inline(always)]
             |places, _| mark.over_lanes(&light, places, &taps.width),
         );
-        light = each_vector(
+        light = single_vector(
             #[inline(always)]
-            |l| lane(if here[l] { &over } else { &light }, l),
+            |l| single_lane(if here[l] { &over } else { &light }, l),
         );
         touched = mask(
             #[inline(always)]
@@ -169,7 +166,7 @@ fn marked(mut light: Vectors, d: &Vectors, taps: &LaneTaps, mut touched: Mask) -
     light
 }
 
-/// Whether the mark of the nearest axis reaches into the footprint.
+/// Tells whether the mark of the nearest axis reaches into the footprint.
 #[inline(always)]
 fn touches_mark(d: Vec3, width: f32) -> bool {
     let cosine = d.x.abs().max(d.y.abs()).max(d.z.abs());
@@ -178,7 +175,7 @@ fn touches_mark(d: Vec3, width: f32) -> bool {
     1.0 - cosine * cosine < cosine * cosine * reach * reach + 1e-5
 }
 
-/// Tint, chequers and lines. Without branches, so that a loop over directions takes vector
+/// Returns tint, chequers and lines. Without branches, so that a loop over directions takes vector
 /// instructions.
 #[inline(always)]
 fn lines(d: Vec3, reach: &Reach) -> Vec3 {
@@ -208,18 +205,19 @@ fn lines(d: Vec3, reach: &Reach) -> Vec3 {
     line.lerp(EQUATOR, coverage(latitude.abs(), THICK, reach.rows))
 }
 
-/// How much of the chequers is left at a distance from their edges.
+/// Returns the share of the chequers that is left at a distance from their edges.
 #[inline(always)]
-fn clear(distance: f32, footprint: Footprint) -> f32 {
-    (2.0 * distance * footprint.inverse).min(1.0)
+fn clear(distance: f32, width: f32) -> f32 {
+    let inverse = 1.0 / width;
+    (2.0 * distance * inverse).min(1.0)
 }
 
-/// Part of a footprint that a line covers whose middle is `distance` away.
+/// Returns the part of a footprint that a line covers whose middle is `distance` away.
 #[inline(always)]
-fn coverage(distance: f32, half_width: f32, footprint: Footprint) -> f32 {
-    let half = 0.5 * footprint.width;
+fn coverage(distance: f32, half_width: f32, width: f32) -> f32 {
+    let (half, inverse) = (0.5 * width, 1.0 / width);
     let covered = (distance + half).min(half_width) - (distance - half).max(-half_width);
-    (covered * footprint.inverse).clamp(0.0, 1.0)
+    (covered * inverse).clamp(0.0, 1.0)
 }
 
 /// The lettered disc on an axis.
@@ -234,6 +232,7 @@ struct Mark {
 }
 
 impl Mark {
+    /// Returns the mark of the axis nearest to `d`.
     fn nearest(d: Vec3) -> Self {
         let axis = d.abs().max_position();
         let positive = d[axis] > 0.0;
@@ -248,64 +247,70 @@ impl Mark {
         }
     }
 
+    /// Iterates over the strokes of its letters.
     fn strokes(&self) -> impl Iterator<Item = &'static Stroke> {
-        glyph::strokes(self.axis, self.positive)
+        strokes(self.axis, self.positive)
     }
 
-    /// The cosine of the angle to the axis.
+    /// Returns the cosine of the angle to the axis.
     #[inline(always)]
     fn height(&self, d: Vec3) -> f32 {
         self.forward.dot(d)
     }
 
-    /// The place in the tangent plane: gnomonic, so that straight strokes are geodesics.
+    /// Returns the place in the tangent plane: gnomonic, so that straight strokes are geodesics.
     #[inline(always)]
     fn place(&self, d: Vec3) -> Vec2 {
         Vec2::new(self.right.dot(d), self.up.dot(d)) / self.height(d)
     }
 
-    /// The light of the disc laid over `behind`, at the place `p` whose distance from the strokes is
-    /// the square root of `squared` letters.
+    /// Lays the light of the disc over `behind`, at the place `p` whose distance from the strokes is the square
+    /// root of `squared` letters.
     #[inline(always)]
-    fn over(&self, behind: Vec3, p: Vec2, squared: f32, footprint: Footprint) -> Vec3 {
+    fn over(&self, behind: Vec3, p: Vec2, squared: f32, width: f32) -> Vec3 {
         let from_centre = p.length();
-        let inside = (MARK - from_centre) * footprint.inverse + 0.5;
+        let inside = (MARK - from_centre) * (1.0 / width) + 0.5;
         let disc = inside.clamp(0.0, 1.0);
-        let pen = coverage(squared.sqrt() * LETTER, PEN, footprint);
-        let rim = coverage(MARK - 0.004 - from_centre, 0.002, footprint);
+        let pen = coverage(squared.sqrt() * LETTER, PEN, width);
+        let rim = coverage(MARK - 0.004 - from_centre, 0.002, width);
         let face = MARKS[self.axis][usize::from(!self.positive)];
         behind.lerp(face.lerp(INK, pen.max(rim)), disc)
     }
 
-    /// [`Mark::over`] in all lanes.
+    /// Computes [`Mark::over`] in all lanes.
     #[inline(always)]
-    fn over_lanes(&self, behind: &Vectors, d: &Vectors, widths: &Numbers) -> Vectors {
-        let places = each_vector(
+    fn over_lanes(
+        &self,
+        behind: &SingleVectors,
+        d: &SingleVectors,
+        widths: &SingleLanes,
+    ) -> SingleVectors {
+        let places = single_vector(
             #[inline(always)]
-            |l| self.place(lane(d, l)).extend(0.0),
+            |l| self.place(single_lane(d, l)).extend(0.0),
         );
         let mut squared = [f32::INFINITY; LANES];
         for stroke in self.strokes() {
             let old = squared;
-            squared = each(
+            squared = single(
                 #[inline(always)]
                 |l| {
-                    let p = lane(&places, l).truncate() / LETTER;
-                    glyph::squared_distance(stroke, p).min(old[l])
+                    let p = single_lane(&places, l).truncate() / LETTER;
+                    squared_distance(stroke, p).min(old[l])
                 },
             );
         }
-        each_vector(
+        single_vector(
             #[inline(always)]
             |l| {
-                let (behind, p) = (lane(behind, l), lane(&places, l).truncate());
-                self.over(behind, p, squared[l], Footprint::of(widths[l]))
+                let (behind, p) = (single_lane(behind, l), single_lane(&places, l).truncate());
+                self.over(behind, p, squared[l], limited(widths[l]))
             },
         )
     }
 }
 
-/// Right and up of the letters on an axis, as seen from the centre.
+/// Returns right and up of the letters on an axis, as seen from the centre.
 fn upright(axis: usize, positive: bool) -> (Vec3, Vec3) {
     let sign = if positive { 1.0 } else { -1.0 };
     match axis {
@@ -313,6 +318,47 @@ fn upright(axis: usize, positive: bool) -> (Vec3, Vec3) {
         1 => (Vec3::X * sign, Vec3::Z),
         _ => (Vec3::NEG_Y, Vec3::NEG_X * sign),
     }
+}
+
+/// A straight stroke of a pen of no width, in the plane of a mark: right and up, with letters one unit high
+/// around (0, 0).
+type Stroke = (Vec2, Vec2);
+
+const fn stroke(x0: f32, y0: f32, x1: f32, y1: f32) -> Stroke {
+    (Vec2::new(x0, y0), Vec2::new(x1, y1))
+}
+
+/// Strokes of the signs and letters.
+const PLUS: [Stroke; 2] = [
+    stroke(-0.75, 0.0, -0.2, 0.0),
+    stroke(-0.475, -0.275, -0.475, 0.275),
+];
+const MINUS: [Stroke; 1] = [stroke(-0.75, 0.0, -0.2, 0.0)];
+const X: [Stroke; 2] = [stroke(0.08, -0.5, 0.72, 0.5), stroke(0.08, 0.5, 0.72, -0.5)];
+const Y: [Stroke; 3] = [
+    stroke(0.08, 0.5, 0.4, 0.02),
+    stroke(0.72, 0.5, 0.4, 0.02),
+    stroke(0.4, 0.02, 0.4, -0.5),
+];
+const Z: [Stroke; 3] = [
+    stroke(0.1, 0.5, 0.7, 0.5),
+    stroke(0.7, 0.5, 0.1, -0.5),
+    stroke(0.1, -0.5, 0.7, -0.5),
+];
+
+/// Iterates over the strokes of the name of an axis (0 x, 1 y, 2 z) with its sign.
+fn strokes(axis: usize, positive: bool) -> impl Iterator<Item = &'static Stroke> {
+    let sign = if positive { &PLUS[..] } else { &MINUS[..] };
+    let letter = [&X[..], &Y[..], &Z[..]][axis];
+    sign.iter().chain(letter)
+}
+
+/// Returns the square of the distance from `p` to a stroke.
+#[inline(always)]
+fn squared_distance((start, end): &Stroke, p: Vec2) -> f32 {
+    let way = *end - *start;
+    let along = ((p - *start).dot(way) / way.length_squared()).clamp(0.0, 1.0);
+    (*start + way * along).distance_squared(p)
 }
 
 #[cfg(test)]
@@ -333,7 +379,7 @@ mod tests {
     #[test]
     fn coverage_conserves_a_line_however_wide_the_footprint() {
         for footprint in [1e-4_f32, 1e-3, 1e-2, 0.2] {
-            let both = Footprint::of(footprint);
+            let both = limited(footprint);
             let step = footprint.min(THIN) / 50.0;
             let reach = THIN + footprint;
             let count = (reach / step) as i32;

@@ -7,20 +7,21 @@
 //! are scattered by a hash and are the same on every machine. A star is a disc with a soft edge
 //! that widens with the footprint, across and along it, and keeps its light.
 //!
-//! Look-up goes through the cells of a cube: each lists the stars that reach into it, and its
+//! Look-up goes through the cells of a cube around the eye: each lists the stars that reach into it, and its
 //! corners hold the diffuse glow.
 
-use super::{
-    catalogue::{self, Star},
-    cube::{CELLS, CubePlace, Places, cells_within, corner_directions, lowest_corner},
-    sixteen::{Mask, Numbers, Vectors, each, each_vector, lane, largest, put},
-    taps::{Across, LaneTaps, add},
+use super::catalogue::{self, Star};
+use crate::{
+    filter::{Across, FILTER_DEVIATION, LaneTaps, add},
+    lanes::{
+        LANES, Mask, SingleLanes, SingleVectors, floor, largest, set_lane, single, single_lane,
+        single_vector,
+    },
 };
-use crate::{footprint::FILTER_DEVIATION, lanes::LANES};
 use glam::Vec3;
 use std::f32::consts::PI;
 
-/// The widest disc; a wider one would reach into cells that do not list it.
+/// Radius of the widest disc; a wider one would reach into cells that do not list it.
 const REACH: f32 = 0.012;
 
 /// The radius of the disc (1 − r²/R²)² that is as wide as the pixel filter, in pixels.
@@ -70,21 +71,27 @@ impl StarField {
         }
     }
 
-    /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
+    /// Returns linear light from the unit vector `d`, averaged over about `footprint` radians.
     pub(super) fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
-        let place = CubePlace::of(d);
-        let cell = place.cell() as usize;
+        let [cell, x, y] = cube_place(d);
+        let cell = cell as usize;
         let corners = self.corners(lowest_corner(cell));
         let stars = self.stars_near(cell).iter();
         let round = Oval::of(Vec3::ZERO, footprint);
         let sharp: Vec3 = stars.map(|star| star.light * round.sees(star, d)).sum();
-        between(&corners, place.x, place.y) + sharp.lerp(self.even, melt(footprint))
+        between(&corners, x, y) + sharp.lerp(self.even, melt(footprint))
     }
 
-    /// Linear light from the unit vectors `d`, averaged over what samples stand for that change `across`, in
-    /// the lanes that are `wanted`. What is between stars is looked up once for each, if all are short.
+    /// Returns linear light from the unit vectors `d`, averaged over what samples stand for that change
+    /// `across`, in the lanes that are `wanted`. The glow between stars is looked up once for each, if all
+    /// footprints are short.
     #[inline(always)]
-    pub(super) fn lights(&self, d: &Vectors, across: &Across, wanted: &Mask) -> Vectors {
+    pub(super) fn lights(
+        &self,
+        d: &SingleVectors,
+        across: &Across,
+        wanted: &Mask,
+    ) -> SingleVectors {
         let taps = LaneTaps::of(across, LONGEST);
         let ovals = Ovals::of(&taps);
         let short = taps.longest(wanted) <= EVEN;
@@ -106,18 +113,23 @@ impl StarField {
         mean
     }
 
-    /// [`StarField::radiance`] without the glow in the lanes that are `wanted`, over ovals so wide. Lanes in
+    /// Computes [`StarField::radiance`] without the glow in the lanes that are `wanted`, over ovals so wide. Lanes in
     /// one cell see its stars together.
     #[inline(always)]
-    fn sharp(&self, d: &Vectors, (ovals, widths): (&Ovals, &Numbers), wanted: &Mask) -> Vectors {
-        let places = Places::of(d);
-        let mut stars = Vectors::default();
+    fn sharp(
+        &self,
+        d: &SingleVectors,
+        (ovals, widths): (&Ovals, &SingleLanes),
+        wanted: &Mask,
+    ) -> SingleVectors {
+        let [cells, ..] = cube_places(d);
+        let mut stars = SingleVectors::default();
         // What is not asked for, sees no stars, or has its light, is in no cell.
-        let mut rest = each(
+        let mut rest = single(
             #[inline(always)]
             |l| {
                 let sees = wanted[l] & (melt(widths[l]) < 1.0);
-                if sees { places.cells[l] } else { -1.0 }
+                if sees { cells[l] } else { -1.0 }
             },
         );
         loop {
@@ -125,7 +137,7 @@ impl StarField {
             if cell < 0.0 {
                 break;
             }
-            let here = each(
+            let here = single(
                 #[inline(always)]
                 |l| if rest[l] == cell { 1.0 } else { 0.0 },
             );
@@ -133,43 +145,49 @@ impl StarField {
                 star.shine(d, ovals, &here, &mut stars);
             }
             let old = rest;
-            rest = each(
+            rest = single(
                 #[inline(always)]
                 |l| if old[l] == cell { -1.0 } else { old[l] },
             );
         }
-        each_vector(
+        single_vector(
             #[inline(always)]
-            |l| lane(&stars, l).lerp(self.even, melt(widths[l])),
+            |l| single_lane(&stars, l).lerp(self.even, melt(widths[l])),
         )
     }
 
-    /// The glow in all lanes.
+    /// Computes the glow in all lanes.
     #[inline(always)]
-    fn glow(&self, d: &Vectors) -> Vectors {
-        let places = Places::of(d);
-        let mut corners = [Vectors::default(); 4];
+    fn glow(&self, d: &SingleVectors) -> SingleVectors {
+        let [cells, x, y] = cube_places(d);
+        let mut corners = [SingleVectors::default(); 4];
         for l in 0..LANES {
-            let around = self.corners(lowest_corner(places.cells[l] as usize));
+            let around = self.corners(lowest_corner(cells[l] as usize));
             for (corners, glow) in corners.iter_mut().zip(around) {
-                put(corners, l, glow);
+                set_lane(corners, l, glow);
             }
         }
-        each_vector(
+        single_vector(
             #[inline(always)]
             |l| {
                 let [a, b, c, d] = &corners;
-                let around = [lane(a, l), lane(b, l), lane(c, l), lane(d, l)];
-                between(&around, places.x[l], places.y[l])
+                let around = [
+                    single_lane(a, l),
+                    single_lane(b, l),
+                    single_lane(c, l),
+                    single_lane(d, l),
+                ];
+                between(&around, x[l], y[l])
             },
         )
     }
 
+    /// Returns the stars that reach into a cell.
     fn stars_near(&self, cell: usize) -> &[Star] {
         &self.stars[self.first[cell] as usize..self.first[cell + 1] as usize]
     }
 
-    /// The glow at the corners of a cell, of which the lowest has number `low`.
+    /// Returns the glow at the corners of a cell, of which the lowest has number `low`.
     fn corners(&self, low: usize) -> [Vec3; 4] {
         let side = CELLS + 1;
         let glow = &self.glow[low..low + side + 2];
@@ -177,7 +195,7 @@ impl StarField {
     }
 }
 
-/// How far the stars have melted into their mean: past the reach, over one doubling of the footprint.
+/// Returns how far the stars have melted into their mean, 0 to 1: past the reach, over one doubling of the footprint.
 #[inline(always)]
 fn melt(footprint: f32) -> f32 {
     (footprint * (1.0 / REACH) - 1.0).clamp(0.0, 1.0)
@@ -186,24 +204,33 @@ fn melt(footprint: f32) -> f32 {
 impl Star {
     /// Adds its light in the lanes that are `here` (1; 0 elsewhere), if any of those is in the disc.
     #[inline(always)]
-    fn shine(&self, d: &Vectors, ovals: &Ovals, here: &Numbers, light: &mut Vectors) {
-        let inside = each(
+    fn shine(
+        &self,
+        d: &SingleVectors,
+        ovals: &Ovals,
+        here: &SingleLanes,
+        light: &mut SingleVectors,
+    ) {
+        let inside = single(
             #[inline(always)]
-            |l| here[l] * ovals.lane(l).depth(self, lane(d, l))[0],
+            |l| here[l] * ovals.lane(l).depth(self, single_lane(d, l))[0],
         );
         if largest(&inside) > 0.0 {
             let old = *light;
-            *light = each_vector(
+            *light = single_vector(
                 #[inline(always)]
-                |l| lane(&old, l) + self.light * (here[l] * ovals.lane(l).sees(self, lane(d, l))),
+                |l| {
+                    single_lane(&old, l)
+                        + self.light * (here[l] * ovals.lane(l).sees(self, single_lane(d, l)))
+                },
             );
         }
     }
 }
 
-/// By how much a footprint widens discs.
+/// The widening of discs by a footprint.
 struct Oval {
-    /// Along which it is longest: a unit vector, or zero if it is round.
+    /// The direction in which it is longest: a unit vector, or zero if it is round.
     along: Vec3,
     /// Squares of what it adds to a disc's radius along that and across: deviations across a disc are its
     /// radius over √8, and variances add.
@@ -211,7 +238,7 @@ struct Oval {
 }
 
 impl Oval {
-    /// Of a footprint as long as `along`, at least as long as it is wide.
+    /// Makes that of a footprint as long as `along`, at least as long as it is wide.
     #[inline(always)]
     fn of(along: Vec3, width: f32) -> Self {
         let length = along.length();
@@ -222,8 +249,8 @@ impl Oval {
         }
     }
 
-    /// Positive where `d` is inside the star's widened disc, and the square of the product of its radii, which
-    /// the first is in the middle. No radius exceeds the reach.
+    /// Returns a depth that is positive where `d` is inside the star's widened disc, and its value in the middle:
+    /// the square of the product of the radii. No radius exceeds the reach.
     #[inline(always)]
     fn depth(&self, star: &Star, d: Vec3) -> [f32; 2] {
         let own = star.radius * star.radius;
@@ -237,7 +264,7 @@ impl Oval {
         [area - along * short - across * long, area]
     }
 
-    /// The part of a star's light that is seen from `d` in each unit of solid angle: that of the disc
+    /// Returns the part of a star's light that is seen from `d` in each unit of solid angle: that of the disc
     /// (1 − r²/R²)², which holds πR²/3, stretched.
     #[inline(always)]
     fn sees(&self, star: &Star, d: Vec3) -> f32 {
@@ -250,18 +277,18 @@ impl Oval {
 /// [`Oval`] in sixteen lanes.
 #[derive(Default)]
 struct Ovals {
-    along: Vectors,
-    squares: [Numbers; 2],
+    along: SingleVectors,
+    squares: [SingleLanes; 2],
 }
 
 impl Ovals {
-    /// Of each of the footprints that stand for a sample.
+    /// Makes that of each of the footprints that stand for a sample.
     #[inline(always)]
     fn of(taps: &LaneTaps) -> Self {
         let mut to = Self::default();
         for l in 0..LANES {
-            let oval = Oval::of(lane(&taps.step, l), taps.width[l]);
-            put(&mut to.along, l, oval.along);
+            let oval = Oval::of(single_lane(&taps.step, l), taps.width[l]);
+            set_lane(&mut to.along, l, oval.along);
             to.squares[0][l] = oval.squares[0];
             to.squares[1][l] = oval.squares[1];
         }
@@ -271,22 +298,161 @@ impl Ovals {
     #[inline(always)]
     fn lane(&self, l: usize) -> Oval {
         Oval {
-            along: lane(&self.along, l),
+            along: single_lane(&self.along, l),
             squares: [self.squares[0][l], self.squares[1][l]],
         }
     }
 }
 
-/// Bilinear between the four corners of a cell: below, then above.
+/// Interpolates bilinearly between the four corners of a cell: below, then above.
 #[inline(always)]
 fn between(corners: &[Vec3; 4], x: f32, y: f32) -> Vec3 {
     let below = corners[0].lerp(corners[1], x);
     below.lerp(corners[2].lerp(corners[3], x), y)
 }
 
+/// Number of cells along an edge of the cube; one is at most 31 mrad wide.
+const CELLS: usize = 64;
+
+/// Returns the number of the cell of the cube in the direction `d`, and the place in it, `x` and `y` from its
+/// lower edges in cells. Without branches, so that a loop over directions takes vector instructions.
+#[inline(always)]
+fn cube_place(d: Vec3) -> [f32; 3] {
+    // The face, and the place on it.
+    let (x, y, z) = (d.x.abs(), d.y.abs(), d.z.abs());
+    let (is_x, is_y) = ((x >= y) & (x >= z), y >= z);
+    let pick = |x: f32, y: f32, z: f32| {
+        let other = if is_y { y } else { z };
+        if is_x { x } else { other }
+    };
+    let height = pick(d.x, d.y, d.z);
+    let face = pick(0.0, 2.0, 4.0) + if height < 0.0 { 1.0 } else { 0.0 };
+    let scale = 0.5 * CELLS as f32;
+    let inverse = 1.0 / height.abs();
+    let x = (pick(d.y, d.z, d.x) * inverse + 1.0) * scale;
+    let y = (pick(d.z, d.x, d.y) * inverse + 1.0) * scale;
+    // The cell, and the place in it.
+    let last = CELLS as f32 - 1.0;
+    let (column, row) = (floor(x).max(0.0).min(last), floor(y).max(0.0).min(last));
+    let cell = (face * CELLS as f32 + row) * CELLS as f32 + column;
+    [cell, x - column, y - row]
+}
+
+/// Returns the number of the lowest corner of a cell.
+fn lowest_corner(cell: usize) -> usize {
+    let (row, column) = (cell / CELLS, cell % CELLS);
+    // Every face has one row of corners more than of cells.
+    (row + row / CELLS) * (CELLS + 1) + column
+}
+
+/// Computes [`cube_place`] in every lane.
+#[inline(always)]
+fn cube_places(d: &SingleVectors) -> [SingleLanes; 3] {
+    let mut places = [[0.0; LANES]; 3];
+    for l in 0..LANES {
+        let [cell, x, y] = cube_place(single_lane(d, l));
+        (places[0][l], places[1][l], places[2][l]) = (cell, x, y);
+    }
+    places
+}
+
+/// Returns the unit vector to a point of a face, `x` and `y` in cells from its lower edges; the inverse of
+/// [`cube_place`].
+fn cube_direction(face: usize, x: f32, y: f32) -> Vec3 {
+    let axis = face / 2;
+    let mut d = Vec3::ZERO;
+    d[axis] = if face.is_multiple_of(2) { 1.0 } else { -1.0 };
+    d[(axis + 1) % 3] = 2.0 * x / CELLS as f32 - 1.0;
+    d[(axis + 2) % 3] = 2.0 * y / CELLS as f32 - 1.0;
+    d.normalize()
+}
+
+/// Iterates over the directions of all corners, in the order of the glow.
+fn corner_directions() -> impl Iterator<Item = Vec3> {
+    let side = CELLS + 1;
+    (0..6 * side * side).map(move |i| {
+        let (x, y) = (i % side, i / side % side);
+        cube_direction(i / (side * side), x as f32, y as f32)
+    })
+}
+
+/// Returns every cell that has a point within `reach` radians of `d`, perhaps a few more.
+fn cells_within(d: Vec3, reach: f32) -> Vec<usize> {
+    // The cells of a face are graph-paper squares in the gnomonic plane; a cap around `d` meets a
+    // face only if its direction, pushed by the reach, does.
+    let mut cells = Vec::new();
+    let is_near = |face: usize, column: usize, row: usize| {
+        let at = |x: f32, y: f32| cube_direction(face, column as f32 + x, row as f32 + y);
+        let middle = at(0.5, 0.5);
+        let corners = [at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0), at(1.0, 1.0)];
+        let radius = corners
+            .map(|p| p.distance(middle))
+            .into_iter()
+            .fold(0.0, f32::max);
+        d.distance(middle) <= 1.001 * (reach + radius)
+    };
+    for face in 0..6 {
+        let axis = face / 2;
+        let height = if face % 2 == 0 { d[axis] } else { -d[axis] };
+        if height < 0.5 {
+            continue;
+        }
+        // In the plane an angle is stretched by at most 1/cos² ≤ 3, plus 10 % where the cap
+        // leans out of the face.
+        let span = 3.3 * reach * 0.5 * CELLS as f32;
+        let range = |i: usize| {
+            let middle = (d[i % 3] / height + 1.0) * 0.5 * CELLS as f32;
+            let (low, high) = (middle - span, middle + span);
+            let inside = high >= 0.0 && low <= CELLS as f32;
+            let last = CELLS - 1;
+            inside.then(|| (low.max(0.0) as usize).min(last)..=(high as usize).min(last))
+        };
+        let (Some(columns), Some(rows)) = (range(axis + 1), range(axis + 2)) else {
+            continue;
+        };
+        for row in rows {
+            let near = columns.clone().filter(|c| is_near(face, *c, row));
+            cells.extend(near.map(|c| (face * CELLS + row) * CELLS + c));
+        }
+    }
+    cells
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_place_on_the_cube_and_its_direction_are_inverse() {
+        for face in 0..6 {
+            for (x, y) in [(0.5, 0.5), (10.25, 63.5), (33.0, 1.0)] {
+                let [cell, x1, y1] = cube_place(cube_direction(face, x, y));
+                let cell = cell as usize;
+                assert_eq!(cell / (CELLS * CELLS), face);
+                let (row, column) = (cell / CELLS % CELLS, cell % CELLS);
+                let (x1, y1) = (column as f32 + x1, row as f32 + y1);
+                assert!((x1 - x).abs() < 1e-4 && (y1 - y).abs() < 1e-4);
+            }
+        }
+    }
+
+    #[test]
+    fn a_star_is_listed_wherever_it_reaches() {
+        for i in 0..400 {
+            let star = catalogue::scattered(i, 400);
+            let across = star.any_orthonormal_vector();
+            let cells = cells_within(star, REACH);
+            for turn in 0..16 {
+                let (sin, cos) = (turn as f32 / 16.0 * std::f32::consts::TAU).sin_cos();
+                let side = across * cos + star.cross(across) * sin;
+                let edge = (star + 0.99 * REACH * side).normalize();
+                assert!(
+                    cells.contains(&(cube_place(edge)[0] as usize)),
+                    "{star} {edge}"
+                );
+            }
+        }
+    }
 
     #[test]
     fn a_wider_footprint_keeps_a_stars_light() {
@@ -327,11 +493,11 @@ mod tests {
             let mut sum = 0.0;
             for i in -n..=n {
                 for first in (-n..=n).step_by(LANES) {
-                    let mut d = Vectors::default();
+                    let mut d = SingleVectors::default();
                     for l in 0..LANES {
                         let j = (first + l as i32) as f32;
                         let place = sirius + step * (right * i as f32 + up * j);
-                        put(&mut d, l, place.normalize());
+                        set_lane(&mut d, l, place.normalize());
                     }
                     let wanted = std::array::from_fn(|l| first + l as i32 <= n);
                     let light = field.sharp(&d, (&ovals, &[1e-3; LANES]), &wanted);

@@ -1,4 +1,5 @@
-use super::{sixteen::put, *};
+use super::*;
+use crate::lanes::{set_lane, single_lane};
 
 /// A 8 × 4 picture whose pixel at row `r`, column `c` is `[r, c, 1]`.
 fn numbered() -> Sky {
@@ -129,15 +130,15 @@ fn patterns_keep_their_mean_under_any_footprint() {
 }
 
 /// Sixteen unit vectors around `middle`, and changes of them: round, or `long` times as long along z.
-fn around(middle: Vec3, width: f32, long: f32) -> (Vectors, Across) {
-    let (mut d, mut across) = (Vectors::default(), Across::default());
+fn around(middle: Vec3, width: f32, long: f32) -> (SingleVectors, Across) {
+    let (mut d, mut across) = (SingleVectors::default(), Across::default());
     for l in 0..LANES {
         let (x, y) = ((l % 4) as f32 - 1.5, (l / 4) as f32 - 1.5);
         let here = (middle + 0.01 * Vec3::new(0.3 * x, x, y)).normalize();
         let right = here.cross(Vec3::Z).normalize();
-        put(&mut d, l, here);
-        put(&mut across[0], l, right * width);
-        put(&mut across[1], l, right.cross(here) * width * long);
+        set_lane(&mut d, l, here);
+        set_lane(&mut across[0], l, right * width);
+        set_lane(&mut across[1], l, right.cross(here) * width * long);
     }
     (d, across)
 }
@@ -155,8 +156,8 @@ fn sixteen_round_footprints_see_what_each_does() {
             let (d, across) = around(middle.into(), 2e-3, 1.0);
             let lights = sky.lights(&d, &across, &[true; LANES]);
             for l in 0..LANES {
-                let one = Vec3::from(sky.radiance(lane(&d, l).as_dvec3(), 2e-3));
-                let off = (lane(&lights, l) - one).length();
+                let one = Vec3::from(sky.radiance(single_lane(&d, l).as_dvec3(), 2e-3));
+                let off = (single_lane(&lights, l) - one).length();
                 assert!(off < 2e-3 * (1.0 + one.length()), "{middle:?} {l}: {off}");
             }
         }
@@ -170,12 +171,25 @@ fn a_long_footprint_sees_the_mean_of_short_ones() {
     let (d, across) = around(Vec3::new(0.612, 0.612, 0.5), 1e-3, 8.0);
     let long = sky.lights(&d, &across, &[true; LANES]);
     for l in 0..LANES {
-        let place = |i: i32| lane(&d, l) + lane(&across[1], l) * ((i as f32 - 7.5) / 16.0);
+        let place =
+            |i: i32| single_lane(&d, l) + single_lane(&across[1], l) * ((i as f32 - 7.5) / 16.0);
         let short = (0..16).map(|i| Vec3::from(sky.radiance(place(i).as_dvec3(), 1e-3)));
         let mean = short.sum::<Vec3>() / 16.0;
-        let off = (lane(&long, l) - mean).length();
+        let off = (single_lane(&long, l) - mean).length();
         assert!(off < 0.02, "{l}: {off} of {mean}");
     }
+}
+
+#[test]
+fn the_arc_tangent_agrees_with_the_standard_library() {
+    for i in -400..=400 {
+        let angle = PI * i as f32 / 400.0;
+        let (y, x) = angle.sin_cos();
+        let (got, want) = (arc_tangent(y, x), y.atan2(x));
+        assert!((got - want).abs() < 5e-7, "{angle}: {got} {want}");
+    }
+    assert_eq!(arc_tangent(0.0, 0.0), 0.0);
+    assert_eq!(longitude_latitude(Vec3::Z).1, FRAC_PI_2);
 }
 
 #[test]

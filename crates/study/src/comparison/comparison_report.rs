@@ -33,8 +33,7 @@ pub(super) fn frame_times(drawing: &Drawing) -> FrameTimes {
     let work = &drawing.work;
     let pending = work.pending_time.as_secs_f64();
     let paths = drawing.paths.as_secs_f64();
-    let [lattice, tiles, pixels] =
-        [work.tally.lattice, work.tally.tiles, work.tally.pixels].map(|t| t.as_secs_f64());
+    let [lattice, tiles, pixels] = [work.lattice, work.tiles, work.pixels].map(|t| t.as_secs_f64());
     let threads = lattice + tiles + pixels;
     // Tracers without steps of their own spend all of it on samples.
     let share = |part: f64| match threads > 0.0 {
@@ -76,7 +75,7 @@ pub(super) fn median(all: impl Iterator<Item = FrameTimes>) -> FrameTimes {
 pub struct EqualErrorExact {
     /// Its steps; the most tried if none sufficed.
     pub steps: usize,
-    /// Whether its error is no worse than the table's.
+    /// Set if its error is no worse than the table's.
     pub equal: bool,
     /// Its screen error.
     pub screen_mrad: Quantiles,
@@ -89,9 +88,9 @@ pub struct EqualErrorExact {
 /// Tells the nanoseconds for the path of one pixel.
 #[derive(Debug, Clone, Copy, Serialize)]
 pub struct PathTimes {
-    /// By table, with the lattice.
+    /// A table's, with the lattice.
     pub table: f64,
-    /// By table, every pixel by itself.
+    /// A table's, every pixel by itself.
     pub table_without_lattice: f64,
     /// Exact.
     pub exact: f64,
@@ -117,9 +116,9 @@ pub struct LatticeCounts {
 impl From<Work> for LatticeCounts {
     fn from(work: Work) -> Self {
         Self {
-            paths: work.tally.paths,
-            interpolated: work.tally.interpolated,
-            traced: work.tally.traced,
+            paths: work.paths,
+            interpolated: work.interpolated,
+            traced: work.traced,
             pending: work.pending,
         }
     }
@@ -128,13 +127,13 @@ impl From<Work> for LatticeCounts {
 /// Tells the outcome of a comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct ComparisonReport {
-    /// Of the table's picture against the exact one, dB; `None` if they are equal.
+    /// PSNR of the table's picture against the exact one, dB; `None` if they are equal.
     pub psnr: Option<f64>,
     /// Mean FLIP of the two.
     pub flip: f64,
     /// Error of the table's paths at the middle of every pixel, where its ray ends.
     pub mrad: Quantiles,
-    /// That error as seen.
+    /// Screen error of the table's paths.
     pub screen_mrad: Quantiles,
     /// Error that the lattice adds to the table's, as seen.
     pub lattice_mrad: Quantiles,

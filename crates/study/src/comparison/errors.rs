@@ -10,8 +10,8 @@ use geofan_bundle::{
 use geofan_core::quantiles::Quantiles;
 use geofan_render::{
     frame::{Outcomes, Paths, offsets, trace},
+    intersect::Seen,
     lattice::seen_angle,
-    outcome::Seen,
     tracer::GridTracer,
     view::View,
     world::World,
@@ -83,7 +83,7 @@ struct SeenPlace {
     at: DVec3,
     /// The direction in which displacements do not show.
     along: DVec3,
-    /// What one radian moves it by in flat space.
+    /// The distance by which one radian moves it in flat space.
     unit: f64,
 }
 

@@ -11,14 +11,14 @@ use geofan_core::{
     manifold::Carried,
 };
 use geofan_render::{
-    desk::{Scratch, ScratchPool},
     drawing::draw,
-    endings::EventLocator,
+    events::EventLocator,
     frame::Paths,
     lattice::{Ends, LARGEST_TILE, Lattice, Tile, smallest_tile},
     lookup::Lookup,
+    path_batch::PathBatch,
     shade::Footprints,
-    strands::PathBatch,
+    tiles::{Scratch, ScratchPool},
     tracer::{ExactTracer, FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -27,10 +27,11 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::time::Instant;
 
-/// How far the camera moves from frame to frame, as a share of the table's length of paths: a walk.
+/// Distance by which the camera moves from frame to frame, as a share of the table's length of paths:
+/// that of a pedestrian.
 const STRIDE: f64 = 1e-3;
 
-/// How far it turns from frame to frame, radians.
+/// Angle by which it turns from frame to frame, radians.
 const TURN: f64 = 0.01;
 
 /// Takes medians of the times of the table's frames, while the camera walks along its view and turns.
@@ -58,7 +59,14 @@ pub(super) fn moving(
         let contract = began.elapsed();
         let tracer = lookup.tracer(&fan);
         let paths = Paths::Lattice(&tracer, 1e-3 * options.error);
-        let drawing = draw(world, &here, paths, options.samples, Footprints::Filtered);
+        let drawing = draw(
+            world,
+            &here,
+            paths,
+            options.samples,
+            Footprints::Filtered,
+            &crate::clock,
+        );
         let mut times = comparison_report::frame_times(&drawing);
         times.contract = contract.as_secs_f64();
         times.frame += times.contract;
@@ -142,7 +150,7 @@ fn row_time(
     1e9 * began.elapsed().as_secs_f64() / (rows.len() * width) as f64
 }
 
-/// How often a lattice is timed: it takes milliseconds, and a single run shows other programs' work.
+/// Number of times that a lattice is timed: it takes milliseconds, and a single run shows other programs' work.
 const REPEATS: usize = 9;
 
 /// Takes the median of several runs.
@@ -177,20 +185,20 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
 
 /// Finds all paths of one of the largest tiles.
 fn divide(lattice: &Lattice<'_>, corner: (usize, usize), scratch: &mut Scratch<'_>) {
-    let spare = scratch.strands.take();
-    let divided = lattice.refine(corner, spare, &mut scratch.endings);
+    let spare = scratch.paths.take();
+    let divided = lattice.refine(corner, spare, &mut scratch.events);
     for tile in &divided.lost {
         scratch.singles.clear();
         let directions = directions(lattice.view, *tile);
-        let (endings, singles) = (&mut scratch.endings, &mut scratch.singles);
+        let (endings, singles) = (&mut scratch.events, &mut scratch.singles);
         lattice.tracer.add(&directions, endings, singles);
     }
     for leaf in divided.leaves.iter().filter(|l| l.ends == Ends::Each) {
         let directions = directions(lattice.view, leaf.tile);
-        std::hint::black_box(lattice.tracer.endings(&directions, &mut scratch.endings));
+        std::hint::black_box(lattice.tracer.endings(&directions, &mut scratch.events));
     }
     std::hint::black_box(&divided);
-    scratch.strands = divided.strands;
+    scratch.paths = divided.paths;
 }
 
 /// Returns the directions through the middles of the pixels of a tile.

@@ -9,8 +9,8 @@ use geofan_core::{error::Result, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
     frame::{Outcomes, Paths, offsets},
+    intersect::Seen,
     local::projection,
-    outcome::Seen,
     shade::Footprints,
     tracer::ExactTracer,
     view::View,
@@ -24,7 +24,7 @@ use std::{collections::BTreeMap, fmt};
 pub struct DistanceErrors {
     /// Arc lengths from this to twice this.
     pub from: f64,
-    /// How many pixels show something there.
+    /// Number of pixels that show something there.
     pub pixels: usize,
     /// Angle between where the local view puts it and where it is seen, mrad.
     pub mrad: Quantiles,
@@ -36,7 +36,7 @@ pub struct DistanceErrors {
 /// Tells the outcome of a comparison of the local view.
 #[derive(Debug, Clone, Serialize)]
 pub struct LocalReport {
-    /// Of the local picture against the exact one, dB; `None` if they are equal.
+    /// PSNR of the local picture against the exact one, dB; `None` if they are equal.
     pub psnr: Option<f64>,
     /// Mean FLIP of the two.
     pub flip: f64,
@@ -44,7 +44,7 @@ pub struct LocalReport {
     pub local: f64,
     /// Time of the exact one.
     pub exact: f64,
-    /// By distance, nearest first.
+    /// The errors, nearest first.
     pub distances: Vec<DistanceErrors>,
 }
 
@@ -61,7 +61,16 @@ pub fn compare_local(
     tolerance: f64,
 ) -> Result<Comparison<LocalReport>> {
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
-    let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
+    let by = |paths: Paths<'_>| {
+        draw(
+            world,
+            view,
+            paths,
+            samples,
+            Footprints::Filtered,
+            &crate::clock,
+        )
+    };
     let (local, exact) = (by(Paths::Straight(length)), by(Paths::Exact(&tracer)));
     let flip = flip(&exact.picture, &local.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let psnr = psnr(&exact.picture, &local.picture)?;

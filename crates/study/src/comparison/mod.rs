@@ -48,7 +48,7 @@ pub struct CompareOptions {
     pub error: f64,
     /// Local tolerance of the exact tracer.
     pub tolerance: f64,
-    /// From how many cameras the table's frame is drawn: its times are medians.
+    /// Number of cameras from which the table's frame is drawn: its times are medians.
     pub frames: usize,
 }
 
@@ -90,7 +90,16 @@ pub fn compare(
     let table_times = frame_times::moving(world, view, &lookup, options)?;
     let fan = table.fan(view.u)?;
     let tracer = lookup.tracer(&fan);
-    let by = |paths: Paths<'_>| draw(world, view, paths, options.samples, Footprints::Filtered);
+    let by = |paths: Paths<'_>| {
+        draw(
+            world,
+            view,
+            paths,
+            options.samples,
+            Footprints::Filtered,
+            &crate::clock,
+        )
+    };
     let drawn = by(Paths::Lattice(&tracer, budget));
     let exact_tracer = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
     let exact = by(Paths::Exact(&exact_tracer));
@@ -98,8 +107,8 @@ pub fn compare(
     let probed = errors::probe_pixels(world, view, table, options);
     let errors = errors::table_errors(&fan, view, &probed);
     let [mrad, screen_mrad] = errors::quantiles(&errors);
-    let (rays, goal) = rival_goal(view, &probed, &errors);
-    let equal_error = equal_error_exact(world, view, (rays, goal), table.length, options);
+    let goal = rival_goal(view, &probed, &errors);
+    let equal_error = equal_error_exact(world, view, goal, table.length, options);
     let steps = equal_error.steps;
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, steps);
     // The differences.
@@ -125,14 +134,13 @@ pub fn compare(
         lattice: drawn.work.into(),
     };
     let screen = errors::screen_map(view, &errors);
+    let error = error_picture(&flip, "FLIP", "table against exact");
+    let mrad = error_picture(&screen, "mrad", "screen error of the table");
     let pictures = vec![
         ("table", drawn.picture),
         ("exact", exact.picture),
-        ("error", error_picture(&flip, "FLIP", "table against exact")),
-        (
-            "mrad",
-            error_picture(&screen, "mrad", "screen error of the table"),
-        ),
+        ("error", error),
+        ("mrad", mrad),
     ];
     Ok(Comparison {
         report,
@@ -162,7 +170,7 @@ fn rival_goal(view: &View, probed: &[Probed], errors: &[Option<(f64, f64)>]) -> 
     ((view.u, probes), Quantiles::of(&mut screen).p99)
 }
 
-/// How often the rival's frames are drawn.
+/// Number of times that the rival's frames are drawn.
 const REPEATS: usize = 3;
 
 /// Finds the fewest steps whose error on `rays` is at most `goal` (the most tried if none reach it), and
@@ -183,7 +191,16 @@ fn equal_error_exact(
     }
     let tracer = FixedTracer::new(&world.manifold, view.u, length, steps);
     let frames = |paths: Paths<'_>| {
-        let draw = || draw(world, view, paths, options.samples, Footprints::Filtered);
+        let draw = || {
+            draw(
+                world,
+                view,
+                paths,
+                options.samples,
+                Footprints::Filtered,
+                &crate::clock,
+            )
+        };
         comparison_report::median((0..REPEATS).map(|_| comparison_report::frame_times(&draw())))
     };
     EqualErrorExact {

@@ -8,9 +8,13 @@ use crate::sweep::{
     point::{PointOutcome, SweepPoint, TableMeasurement, TableSpec, load},
     timing::{self, TimeSpent},
 };
-use geofan_bake::{chunk_files::ChunkFiles, chunks::ChunkBaker, plan::plan};
+use geofan_bake::{
+    chunk_files::{BakedChunk, ChunkFiles},
+    chunks::ChunkBaker,
+    plan::plan,
+};
 use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};
-use geofan_core::{Error, Observer, Progress, Result};
+use geofan_core::{Error, Muted, Observer, Progress, Result};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -157,27 +161,16 @@ impl ManifoldSweep<'_> {
         path: &Path,
     ) -> Result<Option<BakedBundle>> {
         let began = TimeSpent::now();
-        let (space, mut plan) = plan(self.space.clone(), self.length(), promise, true);
+        let observer = Muted(self.observer);
+        let (space, mut plan) = plan(self.space.clone(), self.length(), promise, true, &observer)?;
         division.apply(&mut plan);
         let space = plan.applied(space);
         let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;
-        // Chunks of an earlier run would make this bake look quicker than it is.
-        let files = ChunkFiles::open(path)?;
-        files.discard()?;
         // The bytes that are counted while a bake runs are an estimate, at times far too large.
         let most_bytes = None;
         let baker = ChunkBaker::new(&space, &plan, id, None, most_bytes);
-        let limited = TimeLimit {
-            observer: self.observer,
-            began: TimeSpent::now(),
-            seconds: self.effort.limits.seconds,
-        };
-        let ended = baker.run(&files, &limited)?;
-        files.remove()?;
-        let chunks = match ended {
-            Some(chunks) => chunks,
-            None if self.observer.cancelled() => return Err(interrupted()),
-            None => return Ok(None),
+        let Some(chunks) = self.run(&baker, path)? else {
+            return Ok(None);
         };
         // Writing the file is not counted: it does not depend on the bake.
         let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
@@ -193,6 +186,24 @@ impl ManifoldSweep<'_> {
             spent,
             rays,
         }))
+    }
+
+    /// Bakes all chunks, whose files lie beside the file `path`; `None` if that takes too long.
+    fn run(&self, baker: &ChunkBaker<'_>, path: &Path) -> Result<Option<Vec<(u32, BakedChunk)>>> {
+        // Chunks of an earlier run would make this bake look quicker than it is.
+        let files = ChunkFiles::open(path)?;
+        files.discard()?;
+        let limited = TimeLimit {
+            observer: self.observer,
+            began: TimeSpent::now(),
+            seconds: self.effort.limits.seconds,
+        };
+        let chunks = baker.run(&files, &limited)?;
+        files.remove()?;
+        match chunks {
+            None if self.observer.cancelled() => Err(interrupted()),
+            chunks => Ok(chunks),
+        }
     }
 }
 

@@ -37,7 +37,7 @@ const SHARE: f64 = 1.0 - 1e-9;
 /// Errors over a rectangle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ErrorMap {
-    /// What the map is over.
+    /// The coordinates of the map.
     pub over: MapDomain,
     /// Labels of the axes across and up, with units.
     pub labels: [String; 2],
@@ -47,7 +47,7 @@ pub struct ErrorMap {
     pub rows: Vec<Vec<Option<f64>>>,
 }
 
-/// Says over what a map is.
+/// Names the coordinates of a map.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MapDomain {

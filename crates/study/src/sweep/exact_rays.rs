@@ -39,7 +39,7 @@ pub struct ExactFan {
 pub struct TableErrors {
     /// Transverse distance over arc length, mrad.
     pub mrad: Quantiles,
-    /// That divided by the ray's magnification, mrad.
+    /// The distance divided by the ray's magnification, mrad.
     pub screen: Quantiles,
     /// Sky error of the tangents at exits, mrad; without exits, at the places of the others.
     pub sky: Quantiles,

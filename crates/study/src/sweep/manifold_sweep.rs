@@ -21,7 +21,7 @@ use geofan_bundle::{
     PlanRecord,
     rays::{RaySpace, ReferenceSphere},
 };
-use geofan_core::{Observer, Result, manifold::Manifold, quantiles::Quantiles};
+use geofan_core::{Muted, Observer, Result, manifold::Manifold, quantiles::Quantiles};
 use geofan_render::{View, World};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
@@ -32,7 +32,7 @@ pub struct ManifoldSweep<'a> {
     pub(super) observer: &'a dyn Observer,
     /// The folder for bundles and sampled fans.
     pub(super) out: &'a Path,
-    /// Whether sampled fans are written.
+    /// Set if sampled fans are written.
     pub(super) export: bool,
     pub(super) effort: Effort,
     pub(super) store: PointStore,
@@ -192,7 +192,8 @@ impl<'a> ManifoldSweep<'a> {
         let length = manifold.length_or(None)?;
         let space = RaySpace::new(manifold.clone())?;
         let effort = Effort::new(&space, options);
-        let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true);
+        let muted = Muted(observer);
+        let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true, &muted)?;
         // The usual table knows directions by themselves.
         let grid_space = grid_space
             .focused(ReferenceSphere::default())

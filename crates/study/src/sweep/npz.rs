@@ -25,7 +25,7 @@ use geofan_bundle::{
     rays::{DISPLACEMENT, RaySpace, ReferenceSphere},
     unweighted, weighted,
 };
-use geofan_core::{Error, Observer, Result, files::write_atomically, manifold::Manifold};
+use geofan_core::{Error, Muted, Observer, Result, files::write_atomically, manifold::Manifold};
 use ndarray::{Array1, ArrayD, Axis, IxDyn, Slice};
 use ndarray_npy::{NpzWriter, WriteNpzError};
 use std::{
@@ -56,7 +56,8 @@ impl TensorOptions {
     ) -> Result<PathBuf> {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
-        let (space, plan) = plan(RaySpace::new(manifold)?, length, PROMISE, true);
+        let space = RaySpace::new(manifold)?;
+        let (space, plan) = plan(space, length, PROMISE, true, &Muted(observer))?;
         // Plain directions, as any other program would sample them.
         let space = space.focused(ReferenceSphere::default());
         let axes = self.axes(&space, length)?;

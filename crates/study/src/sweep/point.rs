@@ -31,14 +31,14 @@ pub enum TableSpec {
     Patches {
         /// Its promise, mrad.
         promise: f64,
-        /// How its patches are divided.
+        /// The division of its patches.
         division: PatchDivision,
     },
     /// A uniform grid.
     Grid {
-        /// How it is read.
+        /// The interpolation between its nodes.
         interpolation: Interpolation,
-        /// How its numbers are stored.
+        /// The format of its numbers.
         format: NumberFormat,
         /// Cells along camera…, direction…, arc length.
         cells: Vec<usize>,
@@ -142,7 +142,7 @@ pub struct Conditions {
     pub manifold: String,
     /// Hash of its text and parameters.
     pub fingerprint: String,
-    /// How far paths go.
+    /// Arc length of the paths.
     pub length: f64,
     /// The number of fresh rays.
     pub rays: usize,
@@ -192,7 +192,7 @@ pub enum PointOutcome {
     Measured(Box<TableMeasurement>),
     /// It was beyond a limit.
     Skipped {
-        /// Which, in words.
+        /// The limit, in words.
         why: String,
         /// The limits.
         limits: TableLimits,

@@ -9,7 +9,7 @@ pub struct SweepOptions {
     pub manifolds: Vec<PathBuf>,
     /// The folder for the results; made if missing.
     pub out: PathBuf,
-    /// Whether fewer and smaller tables are measured: minutes instead of hours.
+    /// Set if fewer and smaller tables are measured: minutes instead of hours.
     pub quick: bool,
     /// Promises of bundles, mrad; empty for the usual ones.
     pub max_error: Vec<f64>,
@@ -17,7 +17,7 @@ pub struct SweepOptions {
     pub cells: Vec<f64>,
     /// Fresh rays on which tables are measured; `None` for the usual number.
     pub rays: Option<usize>,
-    /// Whether the fans sampled for every grid are written as NPZ, too.
+    /// Set if the fans sampled for every grid are written as NPZ, too.
     pub export_npz: bool,
     /// Seed of the fresh rays.
     pub seed: u64,
@@ -39,7 +39,7 @@ pub struct TensorOptions {
     pub spacing: Spacing,
     /// The only face of directions; all of them if `None`.
     pub face: Option<usize>,
-    /// Whether slopes are written, which tell tangents and with them the transported frames.
+    /// Set if slopes are written, which tell tangents and with them the transported frames.
     pub frames: bool,
     /// Errors for which to tell how many bytes the tensor takes as one quantised train, as in a bundle.
     pub trains: Vec<f64>,

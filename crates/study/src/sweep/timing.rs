@@ -36,9 +36,9 @@ use std::{
 /// Time that work took, seconds.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct TimeSpent {
-    /// By the clock on the wall.
+    /// Time by the clock on the wall.
     pub wall_s: f64,
-    /// Of processors, all threads together.
+    /// Time of processors, all threads together.
     pub cpu_s: f64,
 }
 
@@ -111,7 +111,7 @@ fn arc_lengths(length: f64) -> [f64; POINTS] {
     std::array::from_fn(|i| length * (i + 1) as f64 / POINTS as f64)
 }
 
-/// Runs `work` a few timing; returns its last result and the processor milliseconds of the quickest.
+/// Runs `work` a few times; returns its last result and the processor milliseconds of the quickest.
 fn quickest<T>(work: impl Fn() -> T) -> (T, f64) {
     let run = || {
         let began = TimeSpent::now();
@@ -172,9 +172,12 @@ pub fn grid_path((fixed, place): (Grid, Place), length: f64) -> f64 {
 
 /// Measures the nanoseconds for a path over `length` by `steps` equal steps from `u`.
 pub fn fixed_steps_path(manifold: &Manifold, u: DVec3, length: f64, steps: usize) -> f64 {
-    let frame = manifold.standard_frame(u);
+    let observer = manifold.observer(u);
     each_direction(|directions| {
-        let rays: Vec<_> = directions.iter().map(|d| (u, frame * *d)).collect();
+        let rays: Vec<_> = directions
+            .iter()
+            .map(|d| (u, observer.tangent(*d)))
+            .collect();
         black_box(fixed_steps::<f32>(manifold, &rays, length, steps));
     })
 }
@@ -241,7 +244,14 @@ pub fn fixed_steps_frame((world, view): &(World, View), length: f64, steps: usiz
 }
 
 fn draw_frame(world: &World, view: &View, paths: Paths<'_>) {
-    black_box(draw(world, view, paths, 1, Footprints::Filtered));
+    black_box(draw(
+        world,
+        view,
+        paths,
+        1,
+        Footprints::Filtered,
+        &geofan_render::no_clock,
+    ));
 }
 
 #[cfg(test)]

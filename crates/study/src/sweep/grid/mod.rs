@@ -20,7 +20,7 @@ pub use stencil::{FEWEST, Interpolation};
 
 use crate::sweep::timing::TimeSpent;
 use geofan_bundle::rays::{Located, Place, RaySpace, Start};
-use geofan_core::{Result, geodesic::transport};
+use geofan_core::{Result, geodesic::carry};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -318,7 +318,7 @@ impl GridPath<'_, '_> {
     /// a bundle does it; `None` where the path leads out of the space.
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
         let manifold = self.fan.grid.space.manifold();
-        let carried = transport(manifold, |s| self.at(s), [0.0, s], TRANSPORT_TOLERANCE);
+        let carried = carry(manifold, |s| self.at(s), [0.0, s], TRANSPORT_TOLERANCE);
         Some(carried.ok()?.rotation)
     }
 }

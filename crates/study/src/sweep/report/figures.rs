@@ -188,7 +188,7 @@ fn flagged(points: &[Pair<'_>]) -> String {
     })
 }
 
-/// What a legend adds about a kind.
+/// Writes the legend's remark about a kind.
 fn remark(kind: TableKind, points: &[Pair<'_>]) -> String {
     match kind {
         TableKind::UndividedPatches => flagged(points),
@@ -196,7 +196,7 @@ fn remark(kind: TableKind, points: &[Pair<'_>]) -> String {
     }
 }
 
-/// What a legend adds about a kind beside timing, which know no slope.
+/// Writes the legend's remark about a kind in figures of times, which know no slope.
 fn share(kind: TableKind, points: &[Pair<'_>]) -> String {
     match kind {
         TableKind::UndividedPatches => flagged(points),

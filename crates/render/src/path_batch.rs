@@ -1,11 +1,11 @@
 //! Many paths at common arc lengths, side by side.
 //!
-//! In: chart points and tangents at knots, six rows for each path. Out: [`PathBatch`], from which
-//! tiles take what they interpolate. Components of one path are contiguous, so that whatever is
-//! computed knot by knot is computed in vectors.
+//! In: chart points and tangents at knots, six rows for each path. Out: a [`PathBatch`], from which
+//! tiles take what they interpolate, and one of its paths as a [`PathView`]. Components of one path are
+//! contiguous, so that everything that is computed knot by knot is computed in vectors.
 
 use super::{
-    curve::{Ending, Piece},
+    curve::{Cubic, Ending},
     lanes::{LANES, Lanes, less, more, single},
 };
 use geofan_bundle::{PathCoefficients, rays::Orbit};
@@ -26,29 +26,29 @@ pub struct PathBatch {
     knots: Arc<[f64]>,
     /// Directions at the camera, in the standard frame.
     directions: Vec<DVec3>,
-    /// Six rows for each path, each as long as `knots`; behind them what paths before left.
+    /// Six rows for each path, each as long as `knots`; behind the last path is the rest of earlier ones.
     values: Vec<f64>,
-    /// [`PathView::boxes`] of each.
+    /// [`PathView::boxes`] of each path.
     boxes: Vec<f32>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
-    /// What a tracer that looks paths up took from its table for some of them.
-    courses: PathCoefficients,
-    sources: Vec<Source>,
+    /// Coefficients that a tracer took from its table for some of the paths.
+    coefficients: PathCoefficients,
+    sources: Vec<PathSource>,
 }
 
 /// Where a tracer took a path from, to take more from there.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Source {
+pub(super) enum PathSource {
     /// The path on its knots is all there is.
     Knots,
-    /// From a table, with this number among the courses.
-    Course(usize),
-    /// From a pencil.
-    RayFamily(Orbit),
+    /// From a table, with this number among the coefficients.
+    Table(usize),
+    /// From a family.
+    Family(Orbit),
 }
 
-/// One of them.
+/// One path at knots, most often of a [`PathBatch`].
 #[derive(Debug, Clone, Copy)]
 pub struct PathView<'a> {
     /// Arc lengths of the knots.
@@ -58,18 +58,18 @@ pub struct PathView<'a> {
     /// Six rows, each as long as `knots`.
     pub(super) rows: &'a [f64],
     /// Boxes around the cubics between knots: the least x, y and z of each piece, then the largest, in rows
-    /// of [`pieces_row`] numbers. None of a strand that is not one of [`PathBatch`].
+    /// of [`pieces_row`] numbers. Empty for a path outside a [`PathBatch`].
     pub(super) boxes: &'a [f32],
-    /// How many knots are known.
+    /// Number of knots that are known.
     pub known: usize,
     /// How it ends; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
-    /// What its tracer took from a table, and where the path is.
-    pub(super) source: (&'a PathCoefficients, &'a Source),
+    /// The coefficients that its tracer took from a table, and where the path is.
+    pub(super) source: (&'a PathCoefficients, &'a PathSource),
 }
 
 impl PathBatch {
-    /// None yet.
+    /// Makes an empty batch at `knots`.
     pub fn new(knots: Arc<[f64]>) -> Self {
         Self {
             knots,
@@ -78,41 +78,41 @@ impl PathBatch {
             boxes: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
-            courses: PathCoefficients::default(),
+            coefficients: PathCoefficients::default(),
             sources: Vec::new(),
         }
     }
 
-    /// How many there are.
+    /// Returns the number of paths.
     pub fn len(&self) -> usize {
         self.known.len()
     }
 
-    /// Whether there are none.
+    /// Tells whether there are none.
     pub fn is_empty(&self) -> bool {
         self.known.is_empty()
     }
 
-    /// All of them; none are left, at the same knots.
+    /// Moves all paths out; an empty batch at the same knots stays.
     pub fn take(&mut self) -> Self {
         let none = Self::new(self.knots.clone());
         replace(self, none)
     }
 
-    /// Forgets all.
+    /// Forgets all paths and keeps their memory.
     pub fn clear(&mut self) {
         self.directions.clear();
         self.known.clear();
         self.endings.clear();
-        self.courses.clear();
+        self.coefficients.clear();
         self.sources.clear();
     }
 
-    /// Adds paths, some of them with `courses`, by what `add` does.
-    pub(super) fn with_courses(&mut self, add: impl FnOnce(&mut Self, &mut PathCoefficients)) {
-        let mut courses = take(&mut self.courses);
-        add(self, &mut courses);
-        self.courses = courses;
+    /// Lets `add` add paths, some of them with coefficients.
+    pub(super) fn with_coefficients(&mut self, add: impl FnOnce(&mut Self, &mut PathCoefficients)) {
+        let mut coefficients = take(&mut self.coefficients);
+        add(self, &mut coefficients);
+        self.coefficients = coefficients;
     }
 
     /// Makes room for `count` more.
@@ -124,48 +124,50 @@ impl PathBatch {
         }
     }
 
-    /// Adds the path in `direction`, which comes from `source`: `fill` writes its rows and says how many
-    /// knots are known, `end` how it ends.
+    /// Adds the path in `direction`, which comes from `source`: `fill` writes its rows and returns the
+    /// number of known knots, `end` returns its ending.
     pub(super) fn push(
         &mut self,
-        (direction, source): (DVec3, Source),
+        (direction, source): (DVec3, PathSource),
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
         end: impl FnOnce(PathView<'_>) -> Option<Ending>,
     ) {
         self.reserve(1);
+        // The rows, and boxes around what is between them.
         let [values, boxes] = self.places(self.len());
         let rows = &mut self.values[values.clone()];
         let known = fill(&self.knots, rows);
         stay(rows, self.knots.len(), known);
         surround(&self.knots, rows, &mut self.boxes[boxes.clone()]);
-        let strand = PathView {
+        // The ending, found on the path as it is so far.
+        let path = PathView {
             knots: &self.knots,
             direction,
             rows: &self.values[values],
             boxes: &self.boxes[boxes],
             known,
             ending: None,
-            source: (&self.courses, &source),
+            source: (&self.coefficients, &source),
         };
-        self.endings.push(end(strand));
+        self.endings.push(end(path));
         self.directions.push(direction);
         self.known.push(known);
         self.sources.push(source);
     }
 
-    /// The arc lengths of the knots.
+    /// Returns the arc lengths of the knots.
     pub fn knots(&self) -> &Arc<[f64]> {
         &self.knots
     }
 
-    /// Where the rows and the boxes of the path numbered `i` are.
+    /// Returns the places of the rows and the boxes of the path numbered `i`.
     fn places(&self, i: usize) -> [Range<usize>; 2] {
         let knots = self.knots.len();
         [knots, pieces_row(knots)].map(|row| i * ROWS * row..(i + 1) * ROWS * row)
     }
 
-    /// The path numbered `i`.
-    pub fn strand(&self, i: usize) -> PathView<'_> {
+    /// Returns the path numbered `i`.
+    pub fn path(&self, i: usize) -> PathView<'_> {
         let [values, boxes] = self.places(i);
         PathView {
             knots: &self.knots,
@@ -174,12 +176,12 @@ impl PathBatch {
             boxes: &self.boxes[boxes],
             known: self.known[i],
             ending: self.endings[i],
-            source: (&self.courses, &self.sources[i]),
+            source: (&self.coefficients, &self.sources[i]),
         }
     }
 }
 
-/// Beyond the known knots a path stays where it is, so that boxes around it stay small.
+/// Lets a path stay where it is beyond its known knots, so that boxes around it stay small.
 pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
     if known == knots {
         return;
@@ -193,13 +195,13 @@ pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
     }
 }
 
-/// The length of a row of numbers for each piece between so many knots: whole vectors.
+/// Returns the length of a row with a number for each piece between so many knots: whole vectors.
 pub fn pieces_row(knots: usize) -> usize {
     knots.saturating_sub(1).next_multiple_of(LANES)
 }
 
-/// Boxes around the pieces of a path, as [`PathView::boxes`]: around the control points of their cubics,
-/// rounded outwards. By whole vectors as far as there are; those of a table have no rest.
+/// Computes the [`PathView::boxes`] of a path: around the control points of its cubics, rounded outwards.
+/// By whole vectors as far as there are; paths of a table have no rest.
 fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
     let (n, width) = (knots.len(), pieces_row(knots.len()));
     let whole = n - n % LANES;
@@ -233,15 +235,16 @@ fn surround(knots: &[f64], rows: &[f64], boxes: &mut [f32]) {
     );
 }
 
-/// A third of the way from one knot to the next.
+/// Returns a third of the distance from one knot to the next.
 #[inline(always)]
 fn third(from: f64, to: f64) -> f32 {
     ((to - from) * (1.0 / 3.0)) as f32
 }
 
-/// Where a cubic is whose control points are a `third` of its length apart, with these values and slopes at
-/// its ends. What single precision moves a control point by is at most four of its last places at the
-/// largest: one of slope and third, for a step that is at most twice as large, and of each sum.
+/// Returns the interval around one component of a cubic whose control points are a `third` of its length
+/// apart, with these values and slopes at its ends. Single precision moves a control point by at most four
+/// last places of the largest one: one of slope and third, for a step that is at most twice as large, and
+/// of each sum.
 #[inline(always)]
 fn interval(third: f32, [a, d]: [f64; 2], [v, w]: [f64; 2]) -> (f32, f32) {
     let (a, d, v, w) = (a as f32, d as f32, v as f32, w as f32);
@@ -251,7 +254,8 @@ fn interval(third: f32, [a, d]: [f64; 2], [v, w]: [f64; 2]) -> (f32, f32) {
     (low - rounding, high + rounding)
 }
 
-/// The numbers of a row at both ends of sixteen pieces from `first` on. Behind the last they are alike.
+/// Returns the numbers of a row at both ends of sixteen pieces from `first` on; behind the last piece both
+/// are equal.
 #[inline(always)]
 fn ends(row: &[f64], first: usize) -> [Lanes; 2] {
     let mut from = [0.0; LANES];
@@ -262,7 +266,8 @@ fn ends(row: &[f64], first: usize) -> [Lanes; 2] {
     [from, to]
 }
 
-/// How many of the `knots` matter to what ends at `limit`: up to the first that is not before it.
+/// Returns how many of the `knots` matter to a path that ends at `limit`: up to the first that is not
+/// before it.
 pub fn knots_until(knots: &[f64], limit: f64) -> usize {
     (knots.partition_point(|s| *s < limit) + 1).min(knots.len())
 }
@@ -276,42 +281,43 @@ pub fn put(rows: &mut [f64], i: usize, (u, v): (DVec3, DVec3)) {
 }
 
 impl<'a> PathView<'a> {
-    /// Component `c` (below 6) at all knots.
+    /// Returns component `c` (below 6) at all knots.
     #[inline(always)]
     pub fn row(&self, c: usize) -> &'a [f64] {
         let n = self.knots.len();
         &self.rows[c * n..(c + 1) * n]
     }
 
-    /// The chart point at knot `k`.
+    /// Returns the chart point at knot `k`.
     #[inline(always)]
     pub fn point(&self, k: usize) -> DVec3 {
         DVec3::new(self.row(0)[k], self.row(1)[k], self.row(2)[k])
     }
 
-    /// The tangent at knot `k`.
+    /// Returns the tangent at knot `k`.
     #[inline(always)]
     pub fn tangent(&self, k: usize) -> DVec3 {
         DVec3::new(self.row(3)[k], self.row(4)[k], self.row(5)[k])
     }
 
-    /// One side of the boxes around all pieces: the least x, y, z, then the largest.
+    /// Returns one side of the boxes around all pieces: sides 0 to 2 are the least x, y, z, then come the
+    /// largest.
     #[inline(always)]
     pub(super) fn side(&self, side: usize) -> &'a [f32] {
         let width = self.boxes.len() / ROWS;
         &self.boxes[side * width..(side + 1) * width]
     }
 
-    /// The piece from knot `k` to the next.
-    pub fn piece(&self, k: usize) -> Piece {
-        Piece {
+    /// Returns the cubic from knot `k` to the next.
+    pub fn piece(&self, k: usize) -> Cubic {
+        Cubic {
             s: [self.knots[k], self.knots[k + 1]],
             u: [self.point(k), self.point(k + 1)],
             v: [self.tangent(k), self.tangent(k + 1)],
         }
     }
 
-    /// The chart point at arc length `s` on the cubics between the knots; `None` beyond the last
+    /// Returns the chart point at arc length `s` on the cubics between the knots; `None` beyond the last
     /// known knot.
     pub fn position(&self, s: f64) -> Option<DVec3> {
         let next = self.knots.partition_point(|knot| *knot < s).max(1);
@@ -319,16 +325,16 @@ impl<'a> PathView<'a> {
             return None;
         }
         let piece = self.piece(next - 1);
-        Some(piece.position((s - piece.s[0]) / (piece.s[1] - piece.s[0])))
+        Some(piece.position(piece.fraction(s)))
     }
 
-    /// Points and tangents at the ascending arc lengths `s` on the cubics between the knots, into
+    /// Samples points and tangents at the ascending arc lengths `s` on the cubics between the knots, into
     /// six rows as long as `s`.
     pub fn sample(&self, s: &[f64], rows: &mut [f64]) {
         for (i, &at) in s.iter().enumerate() {
             let next = self.knots.partition_point(|knot| *knot < at);
             let piece = self.piece(next.clamp(1, self.knots.len() - 1) - 1);
-            let t = (at - piece.s[0]) / (piece.s[1] - piece.s[0]);
+            let t = piece.fraction(at);
             put(rows, i, (piece.position(t), piece.tangent(t)));
         }
     }
@@ -344,20 +350,20 @@ mod tests {
         let mut stream = Stream::new(&[5]);
         for count in [2, 16, 17, 20, 33] {
             let knots: Arc<[f64]> = (0..count).map(|k| 0.7 * k as f64).collect();
-            let mut strands = PathBatch::new(knots);
+            let mut paths = PathBatch::new(knots);
             for _ in 0..20 {
                 let size = 10_f64.powf(stream.between(-3.0, 3.0));
                 let fill = |_: &[f64], rows: &mut [f64]| {
                     rows.fill_with(|| size * stream.between(-1.0, 1.0));
                     count
                 };
-                strands.push((DVec3::X, Source::Knots), fill, |_| None);
+                paths.push((DVec3::X, PathSource::Knots), fill, |_| None);
             }
-            for strand in (0..strands.len()).map(|i| strands.strand(i)) {
+            for path in (0..paths.len()).map(|i| paths.path(i)) {
                 for (k, t) in (0..count - 1).flat_map(|k| (0..=20).map(move |t| (k, t))) {
-                    let at = strand.piece(k).position(f64::from(t) / 20.0);
+                    let at = path.piece(k).position(f64::from(t) / 20.0);
                     for c in 0..3 {
-                        let [low, high] = [c, 3 + c].map(|side| f64::from(strand.side(side)[k]));
+                        let [low, high] = [c, 3 + c].map(|side| f64::from(path.side(side)[k]));
                         assert!(
                             low <= at[c] && at[c] <= high,
                             "{count} {k} {low} {} {high}",

@@ -1,0 +1,453 @@
+//! Event location: how paths known at knots end.
+//!
+//! In: a [`PathView`], or points and tangents of sixteen paths side by side. Out: the [`Ending`] of each: the
+//! first event of the domain on the cubics between the knots. An event counts where its value is positive
+//! and larger than before: a ray leaves where an exit's condition *becomes* positive. Between two places its
+//! value is taken to be a parabola, whose root is found from values alone.
+
+use super::{
+    curve::{Cubic, Ending},
+    lanes::{self, LANES, Lanes, Mask, Vectors, any, lane, more},
+    path_batch::{PathView, ROWS},
+    path_patch::{Bicubic, PathPatch, Vertex},
+    tracer::GridTracer,
+};
+use geofan_core::{geodesic::End, manifold::Manifold};
+use geofan_expr::{Registers, vectorised};
+use glam::DVec3;
+use std::ops::Range;
+
+/// A place where a path meets an event of the domain.
+#[derive(Debug, Clone, Copy)]
+pub struct Event {
+    /// Index of the domain's event.
+    pub kind: usize,
+    /// Arc length.
+    pub s: f64,
+    /// Chart point.
+    pub u: DVec3,
+    /// Tangent.
+    pub v: DVec3,
+}
+
+/// Finds how paths end.
+#[derive(Clone)]
+pub struct EventLocator<'m> {
+    manifold: &'m Manifold,
+    registers: Registers<f64, LANES>,
+    /// The events' values at the knot before.
+    before: Vec<f64>,
+    /// Their values at both ends of the piece on which the first event was found last, and at the knot
+    /// after it.
+    rise: Vec<[f64; 3]>,
+    /// For the sky's direction at each exit.
+    skies: Vec<Option<Registers<f64, 1>>>,
+}
+
+impl Event {
+    /// Makes the event at the fraction `t` of a piece.
+    fn on(piece: &Cubic, t: f64, kind: usize) -> Self {
+        Self {
+            kind,
+            s: piece.arc(t),
+            u: piece.position(t),
+            v: piece.tangent(t),
+        }
+    }
+}
+
+impl<'m> EventLocator<'m> {
+    /// Makes ready for paths in `manifold`.
+    pub fn new(manifold: &'m Manifold) -> Self {
+        Self {
+            manifold,
+            registers: manifold.domain.events().registers(),
+            before: vec![f64::NAN; manifold.domain.kinds.len()],
+            rise: vec![[f64::NAN; 3]; manifold.domain.kinds.len()],
+            skies: (0..manifold.exits.len())
+                .map(|exit| manifold.sky_registers(Some(exit)))
+                .collect(),
+        }
+    }
+
+    /// Finds the ending on the cubics of the known part of `path`; `None` if there is no event.
+    pub fn ending(&mut self, path: PathView<'_>) -> Option<Ending> {
+        self.refined_ending(path, |s, rows| {
+            path.sample(s, rows);
+            s.len()
+        })
+    }
+
+    /// Finds the ending on the path itself, which `sample` knows better than the cubics (as
+    /// [`PathView::sample`], but returns how many points are known).
+    pub fn refined_ending(
+        &mut self,
+        path: PathView<'_>,
+        sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
+    ) -> Option<Ending> {
+        let event = self.refined_event(path, sample)?;
+        Some(self.ending_of(&event))
+    }
+
+    /// Finds the event of [`EventLocator::refined_ending`]: between two knots of the path, then between two
+    /// of sixteen points there.
+    pub fn refined_event(
+        &mut self,
+        path: PathView<'_>,
+        sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
+    ) -> Option<Event> {
+        let piece = self.last_piece(path)?;
+        let last = (LANES - 1) as f64;
+        let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
+        let mut rows = [0.0; ROWS * LANES];
+        let known = sample(&knots, &mut rows);
+        let closer = self.last_piece(PathView {
+            knots: &knots,
+            rows: &rows,
+            boxes: &[],
+            known,
+            ..path
+        });
+        // At the very end of the piece rounding may hide the event from the points between.
+        let piece = closer.unwrap_or(piece);
+        let (t, kind) = earliest(self.rise.iter().copied())?;
+        Some(Event::on(&piece, t, kind))
+    }
+
+    /// Returns the ending that an event makes.
+    pub fn ending_of(&mut self, event: &Event) -> Ending {
+        let domain = &self.manifold.domain;
+        let Event { s, u, v, .. } = *event;
+        match End::of_event(domain, domain.kinds[event.kind]) {
+            End::Exit(exit) => {
+                let registers = self.skies[exit].as_mut();
+                let sky = self.manifold.sky_direction_in(registers, Some(exit), u, v);
+                Ending::Exit { exit, s, sky }
+            }
+            End::Length | End::Singular => Ending::Nowhere,
+        }
+    }
+
+    /// Finds the piece on which the first event happens; `None` if there is none.
+    fn last_piece(&mut self, path: PathView<'_>) -> Option<Cubic> {
+        if self.before.is_empty() {
+            return None;
+        }
+        // Nothing rises beyond this: at the first knot no event counts.
+        self.before.fill(f64::INFINITY);
+        for first in (0..path.known).step_by(LANES) {
+            let count = LANES.min(path.known - first);
+            if let Some(lane) = self.rising(&path, first, count) {
+                return Some(path.piece(first + lane - 1));
+            }
+        }
+        None
+    }
+
+    /// Finds the first of the `count` knots from `first` on at which an event counts; `rise` then holds the
+    /// events' values there, before and after.
+    fn rising(&mut self, path: &PathView<'_>, first: usize, count: usize) -> Option<usize> {
+        for c in 0..ROWS {
+            let row = &path.row(c)[first..first + count];
+            let input = self.registers.input(c);
+            match row.first_chunk() {
+                Some(sixteen) => *input = *sixteen,
+                None => {
+                    input[..count].copy_from_slice(row);
+                    // The last again, which does not rise.
+                    input[count..].fill(row[count - 1]);
+                }
+            }
+        }
+        // The events of all knots at once, and the first knot at which one counts.
+        let tape = self.manifold.domain.events();
+        let (registers, before) = (&mut self.registers, &self.before);
+        let counts = vectorised(
+            #[inline(always)]
+            || {
+                tape.run(registers);
+                counting(registers, before, after)
+            },
+        );
+        let lane = lanes::first(&counts);
+        // Their values around it, or those at the last knot for the next sixteen.
+        for (k, before) in self.before.iter_mut().enumerate() {
+            let values = self.registers.output(k);
+            match lane {
+                Some(lane) => {
+                    let earlier = if lane == 0 { *before } else { values[lane - 1] };
+                    // Without a third value it is on the line.
+                    let next = values.get(lane + 1).filter(|_| lane + 1 < count);
+                    let line = 2.0 * values[lane] - earlier;
+                    self.rise[k] = [earlier, values[lane], next.copied().unwrap_or(line)];
+                }
+                None => *before = values[count - 1],
+            }
+        }
+        lane
+    }
+}
+
+/// Returns the earliest of the events that count between two places, from the values of each before, there
+/// and at the next place: the fraction of the way, and its index.
+#[inline(always)]
+fn earliest(rises: impl Iterator<Item = [f64; 3]>) -> Option<(f64, usize)> {
+    let mut first: Option<(f64, usize)> = None;
+    for (k, rise) in rises.enumerate() {
+        if rise[1] > more(rise[0], 0.0) {
+            let t = root(rise);
+            if first.is_none_or(|(earlier, _)| t < earlier) {
+                first = Some((t, k));
+            }
+        }
+    }
+    first
+}
+
+/// Returns where in [0, 1] the parabola through `before` at 0, `after` at 1 and `next` at 2 becomes positive:
+/// one step of Newton from the chord. 0 if `before` is positive or no number.
+fn root([before, after, next]: [f64; 3]) -> f64 {
+    let before = before.min(0.0);
+    let chord = before / (before - after);
+    let bend = 0.5 * (next - 2.0 * after + before);
+    let value = bend * chord * (chord - 1.0);
+    let t = chord - value / (after - before + bend * (2.0 * chord - 1.0));
+    match (0.0..=1.0).contains(&t) {
+        true => t,
+        false => chord,
+    }
+}
+
+/// Marks the lanes in which any event is positive and larger than it was, which `earlier` computes from what
+/// is known of that event and its values.
+#[inline(always)]
+fn counting<T>(
+    events: &Registers<f64, LANES>,
+    known: &[T],
+    earlier: impl Fn(&T, &Lanes) -> Lanes,
+) -> Mask {
+    let mut counts = [false; LANES];
+    for (k, known) in known.iter().enumerate() {
+        let values = events.output(k);
+        let earlier = earlier(known, values);
+        for l in 0..LANES {
+            counts[l] |= values[l] > more(earlier[l], 0.0);
+        }
+    }
+    counts
+}
+
+/// Returns the values one lane before: `before` for the first.
+#[inline(always)]
+fn after(before: &f64, values: &Lanes) -> Lanes {
+    let mut earlier = [*before; LANES];
+    earlier[1..].copy_from_slice(&values[..LANES - 1]);
+    earlier
+}
+
+/// Intervals into which each of the last pieces of a patch is divided. Between two points the path is a
+/// cubic, whose error falls with the fourth power of their distance: that between knots, some mrad, falls
+/// to a few millionths.
+const PER_PIECE: usize = 8;
+
+/// Samples the paths of `patch` in the `pieces` in which they end, through whatever exit.
+pub fn last_vertices(
+    patch: &PathPatch<'_>,
+    tracer: &dyn GridTracer,
+    pieces: &Range<usize>,
+) -> Vec<Vertex> {
+    let knots = patch.knots();
+    let mut s = vec![knots[pieces.start]];
+    for k in pieces.clone() {
+        let along = |j: usize| j as f64 / PER_PIECE as f64;
+        s.extend((1..=PER_PIECE).map(|j| knots[k] + (knots[k + 1] - knots[k]) * along(j)));
+    }
+    let mut vertices = Vec::new();
+    patch.vertices(tracer, &s, &mut vertices);
+    vertices
+}
+
+impl EventLocator<'_> {
+    /// Finds how the paths of sixteen samples end. They come from the [`last_vertices`] of a patch as every
+    /// other point of them does, so that an edge between two skies, or between a sky and paths that end
+    /// nowhere, runs through the tile where it should.
+    #[inline(always)]
+    pub fn endings_between(&mut self, last: &[Vertex], mixing: &Bicubic) -> [Ending; LANES] {
+        self.endings_of_sixteen(
+            (last.len().saturating_sub(1) / PER_PIECE, PER_PIECE),
+            #[inline(always)]
+            |i| (last[i].s, mixing.mix_points(&last[i].point)),
+            #[inline(always)]
+            |i| mixing.mix_points(&last[i].tangent),
+        )
+    }
+
+    /// Finds how sixteen paths side by side end: the first event of each on cubics between its points and
+    /// tangents at the vertices. `point` and `tangent` give arc length and state of each by its number;
+    /// between two of them the event is taken to change evenly. Each of the `pieces` has `per_piece`
+    /// intervals, and those at whose end no path has ended are passed over.
+    #[inline(always)]
+    fn endings_of_sixteen(
+        &mut self,
+        (pieces, per_piece): (usize, usize),
+        point: impl Fn(usize) -> (f64, Vectors),
+        tangent: impl Fn(usize) -> Vectors,
+    ) -> [Ending; LANES] {
+        let path = (&point, &tangent);
+        let ends = (0..=pieces * per_piece).step_by(per_piece);
+        let roughly = self.first_of_sixteen(ends, path);
+        let mut endings = [Ending::Nowhere; LANES];
+        for piece in 0..pieces {
+            if roughly.iter().flatten().all(|(k, _)| *k != piece) {
+                continue;
+            }
+            let inside = piece * per_piece..(piece + 1) * per_piece + 1;
+            let events = self.first_of_sixteen(inside, path);
+            for (ending, event) in endings.iter_mut().zip(events) {
+                if let (Ending::Nowhere, Some((_, event))) = (&ending, event) {
+                    *ending = self.ending_of(&event);
+                }
+            }
+        }
+        endings
+    }
+
+    /// Finds the first event of each of sixteen paths on the cubics between vertices with these numbers, and
+    /// the number of the interval between those.
+    #[inline(always)]
+    fn first_of_sixteen<P: Fn(usize) -> (f64, Vectors), V: Fn(usize) -> Vectors>(
+        &mut self,
+        numbers: impl Iterator<Item = usize>,
+        (point, tangent): (&P, &V),
+    ) -> [Option<(usize, Event)>; LANES] {
+        let tape = self.manifold.domain.events();
+        // Few domains end where a path runs in a certain direction, and tangents are half the work.
+        let needs_tangents = (3..ROWS).any(|c| tape.reads(c));
+        let mut events = [None; LANES];
+        let mut before: Option<(usize, f64, Vectors)> = None;
+        let mut earlier = vec![[f64::INFINITY; LANES]; self.before.len()];
+        for (end, number) in numbers.enumerate() {
+            // The events' values at this vertex.
+            let (s, points) = point(number);
+            self.put(0, &points);
+            if needs_tangents {
+                self.put(3, &tangent(number));
+            }
+            tape.run(&mut self.registers);
+            // Those that count since the one before.
+            let here = (number, s, points);
+            if let Some(before) = &before {
+                let interval = (end - 1, [before, &here]);
+                self.note(interval, tangent, &earlier, &mut events);
+                if events.iter().all(Option::is_some) {
+                    break;
+                }
+            }
+            for (k, earlier) in earlier.iter_mut().enumerate() {
+                *earlier = *self.registers.output(k);
+            }
+            before = Some(here);
+        }
+        events
+    }
+
+    /// Notes the events that count since they were `earlier` of the paths without one, where the interval is
+    /// known by its number and its ends: vertex, arc length and points.
+    #[inline(always)]
+    fn note<V: Fn(usize) -> Vectors>(
+        &self,
+        (number, [from, to]): (usize, [&(usize, f64, Vectors); 2]),
+        tangent: &V,
+        earlier: &[Lanes],
+        events: &mut [Option<(usize, Event)>; LANES],
+    ) {
+        let mut counts = counting(&self.registers, earlier, |before, _| *before);
+        for l in 0..LANES {
+            counts[l] &= events[l].is_none();
+        }
+        if !any(&counts) {
+            return;
+        }
+        let tangents = [tangent(from.0), tangent(to.0)];
+        for l in (0..LANES).filter(|l| counts[*l]) {
+            let rises = earlier.iter().enumerate().map(|(k, earlier)| {
+                let (before, after) = (earlier[l], self.registers.output(k)[l]);
+                [before, after, 2.0 * after - before]
+            });
+            if let Some((t, kind)) = earliest(rises) {
+                let piece = Cubic {
+                    s: [from.1, to.1],
+                    u: [lane(&from.2, l), lane(&to.2, l)],
+                    v: [lane(&tangents[0], l), lane(&tangents[1], l)],
+                };
+                events[l] = Some((number, Event::on(&piece, t, kind)));
+            }
+        }
+    }
+
+    /// Sets three inputs of the events from number `first` on.
+    #[inline(always)]
+    fn put(&mut self, first: usize, values: &Vectors) {
+        for c in 0..3 {
+            *self.registers.input(first + c) = values[c];
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lanes::each_vector;
+    use geofan_core::diagnostic::SourceText;
+
+    #[test]
+    fn sixteen_paths_end_as_each_by_itself() {
+        let text = r#"
+            name = "flat"
+            coordinates = ["x", "y", "z"]
+            metric = { conformal = "1" }
+            [[exit]]
+            name = "sky"
+            when = "x^2 + y^2 + z^2 - 4"
+        "#;
+        let source = SourceText::new("flat.toml", text);
+        let manifold = Manifold::from_source(source, &[]).expect("a manifold");
+        let mut finder = EventLocator::new(&manifold);
+        // From y = 0.1 l along x: the lower ones are still inside after 1.7.
+        let start = |l: usize| DVec3::new(0.0, 0.1 * l as f64, 0.0);
+        let knots: Vec<f64> = (0..=17).map(|k| 0.1 * f64::from(k)).collect();
+        let point = |s: f64| {
+            let point = each_vector(|c, l| start(l)[c] + if c == 0 { s } else { 0.0 });
+            (s, point)
+        };
+        let tangent = |_| each_vector(|c, _| f64::from(c == 0));
+        let together = finder.endings_of_sixteen((1, 17), |i| point(knots[i]), tangent);
+        let parted = finder.endings_of_sixteen((17, 1), |i| point(knots[i]), tangent);
+        assert_eq!(together, parted);
+        for (l, ending) in together.into_iter().enumerate() {
+            let s = (4.0 - start(l).length_squared()).sqrt();
+            match ending {
+                Ending::Exit { exit, s: at, sky } => {
+                    assert_eq!((exit, sky), (0, DVec3::X));
+                    assert!((at - s).abs() < 2e-3, "{at} {s}");
+                }
+                Ending::Nowhere => assert!(s > 1.7),
+            }
+        }
+    }
+
+    #[test]
+    fn the_root_of_a_parabola_is_nearer_than_that_of_its_chord() {
+        let f = |t: f64| (t - 0.3) * (t + 2.0);
+        let t = root([f(0.0), f(1.0), f(2.0)]);
+        assert!((t - 0.3).abs() < 0.005, "{t}");
+        // A line is its own chord.
+        assert_eq!(root([-1.0, 3.0, 7.0]), 0.25);
+    }
+
+    #[test]
+    fn what_is_positive_already_or_no_number_begins_at_once() {
+        assert_eq!(root([0.5, 1.0, 1.5]), 0.0);
+        assert_eq!(root([f64::NAN, 1.0, 2.0]), 0.0);
+    }
+}
