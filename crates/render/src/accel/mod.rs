@@ -35,7 +35,7 @@ struct LeafTriangle {
     number: u32,
 }
 
-/// Where a chord meets a triangle.
+/// A meeting of a chord and a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChordHit {
     /// Place on the chord: 0 at its start, 1 at its end.

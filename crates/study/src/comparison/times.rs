@@ -15,7 +15,7 @@ use geofan_render::{
     lookup::Lookup,
     path_batch::PathBatch,
     shade::Footprints,
-    tiles::{Scratch, ScratchPool},
+    tiles::Scratch,
     tracer::{ExactTracer, FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -170,30 +170,29 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
         .flat_map(|y| (0..width).step_by(LARGEST_TILE).map(move |x| (x, y)))
         .collect();
     let began = Instant::now();
-    let desks = ScratchPool::new(&world.manifold, tracer.knots());
-    corners
-        .par_iter()
-        .with_max_len(1)
-        .for_each(|corner| desks.with(|desk| divide(&lattice, *corner, desk)));
+    corners.iter().par_bridge().for_each_init(
+        || Scratch::new(&world.manifold, tracer.knots()),
+        |scratch, corner| divide(&lattice, *corner, scratch),
+    );
     1e9 * began.elapsed().as_secs_f64() / (width * height) as f64
 }
 
 /// Finds all paths of one of the largest tiles.
-fn divide(lattice: &Lattice<'_>, corner: (usize, usize), desk: &mut Scratch<'_>) {
-    let spare = desk.paths.take();
-    let divided = lattice.refine(corner, spare, &mut desk.events);
+fn divide(lattice: &Lattice<'_>, corner: (usize, usize), scratch: &mut Scratch<'_>) {
+    let spare = scratch.paths.take();
+    let divided = lattice.refine(corner, spare, &mut scratch.events);
     for tile in &divided.lost {
-        desk.singles.clear();
+        scratch.singles.clear();
         let directions = directions(lattice.view, *tile);
-        let (endings, singles) = (&mut desk.events, &mut desk.singles);
+        let (endings, singles) = (&mut scratch.events, &mut scratch.singles);
         lattice.tracer.add(&directions, endings, singles);
     }
     for leaf in divided.leaves.iter().filter(|l| l.ends == Ends::Each) {
         let directions = directions(lattice.view, leaf.tile);
-        std::hint::black_box(lattice.tracer.endings(&directions, &mut desk.events));
+        std::hint::black_box(lattice.tracer.endings(&directions, &mut scratch.events));
     }
     std::hint::black_box(&divided);
-    desk.paths = divided.paths;
+    scratch.paths = divided.paths;
 }
 
 /// The directions through the middles of the pixels of a tile.
