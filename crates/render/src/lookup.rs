@@ -5,7 +5,7 @@
 
 use super::{
     curve::{Cubic, Curve, Ending},
-    events::EventLocator,
+    endings::EventLocator,
     family::{FamilyPath, RayFamily, refine_sixteen},
     lanes::{LANES, Vectors},
     path_batch::{PathBatch, PathSource, PathView, stay},

@@ -7,7 +7,7 @@
 use super::{
     chords::ChordList,
     curve::Ending,
-    events::{EventLocator, last_vertices},
+    endings::{EventLocator, last_vertices},
     first_hits::{InterpolatedPaths, SinglePaths},
     frame::{Clock, Work},
     intersect::{Seen, beyond},

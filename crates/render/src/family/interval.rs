@@ -8,7 +8,7 @@
 
 use crate::{
     curve::Ending,
-    events::{Event, EventLocator},
+    endings::{Event, EventLocator},
     lanes::{LANES, Lanes, SingleLanes, Vectors, each, single},
     path_batch::{PathSource, PathView, ROWS, put},
 };

@@ -14,7 +14,7 @@ mod nodes;
 
 use super::{
     chords::{Candidates, TUBE_MARGIN},
-    events::EventLocator,
+    endings::EventLocator,
     lanes::LANES,
     path_batch::PathBatch,
     path_patch::PathPatch,

@@ -9,7 +9,7 @@ use geofan_bundle::measure::Probed;
 use geofan_core::{manifold::Manifold, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
-    events::EventLocator,
+    endings::EventLocator,
     frame::Paths,
     path_batch::{PathBatch, PathView},
     shade::Footprints,

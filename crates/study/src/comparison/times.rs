@@ -9,7 +9,7 @@ use geofan_core::{
 };
 use geofan_render::{
     drawing::draw,
-    events::EventLocator,
+    endings::EventLocator,
     frame::Paths,
     lattice::{Ends, LARGEST_TILE, Lattice, Tile, smallest_tile},
     lookup::Lookup,
