@@ -32,7 +32,7 @@ pub struct Candidates {
     pub pieces: Vec<usize>,
     /// Boxes around all pieces: the least x, y and z of each, then the largest; whole vectors.
     sides: [Vec<f32>; ROWS],
-    /// By how much each box is widened.
+    /// The margin by which each box is widened.
     margin: Vec<f32>,
 }
 
@@ -216,7 +216,7 @@ pub struct ChordList {
 pub struct PatchChord {
     /// The number of the vertex where it begins; it ends at the next.
     pub from: usize,
-    /// By how much glued coordinates are shifted to reach the scene.
+    /// The shift of glued coordinates that reaches the scene.
     pub shift: DVec3,
     roots: Range<usize>,
 }

@@ -1,4 +1,4 @@
-//! The cubic between two knots of a path, and how a path ends.
+//! The cubic between two knots of a path, and the end of a path.
 //!
 //! In: chart points `u` and tangents `v` at arc lengths `s`. Out: [`Cubic`]s to intersect, one by one
 //! or of sixteen paths side by side ([`CubicPacket`]), and the [`Ending`]. Every tracer hands out
@@ -12,7 +12,7 @@ use geofan_core::{geodesic::End, manifold::Manifold};
 use glam::DVec3;
 use std::sync::Arc;
 
-/// How a path ends.
+/// The end of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Ending {
     /// Through an exit, at arc length `s`; `sky` is the direction by which its sky is looked up.
@@ -68,7 +68,7 @@ pub struct Curve {
     pub u: Vec<DVec3>,
     /// Tangents.
     pub v: Vec<DVec3>,
-    /// How it ends.
+    /// The end of the path.
     pub ending: Ending,
 }
 

@@ -157,7 +157,8 @@ pub struct LaneTaps {
 }
 
 impl LaneTaps {
-    /// Covers what samples stand for that change so: no footprint longer than it is wide or than `longest` if it can be helped.
+    /// Covers what samples stand for that change so: no footprint longer than it is wide or than
+    /// `longest` if it can be helped.
     #[inline(always)]
     pub fn of(across: &Across, longest: f32) -> Self {
         let mut to = Self::default();
@@ -292,7 +293,8 @@ impl Film {
 /// The weights in a pixel of one sample of the pixel before, the same, and the next.
 type RowWeights = [f32; 3];
 
-/// Computes the weights with which samples count in a pixel: those of the row above, the same, and the one below, by number.
+/// Computes the weights with which samples count in a pixel: those of the row above, the same, and the
+/// one below, by number.
 fn sample_weights(offsets: &[DVec2]) -> [Vec<RowWeights>; 3] {
     let weight = |offset: &DVec2, dx: f64, dy: f64| {
         let at = *offset + DVec2::new(dx, dy) - 0.5;

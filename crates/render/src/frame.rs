@@ -7,7 +7,7 @@ use super::{
     intersect::{Seen, seen_along},
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
-    tiles::{PixelSamples, SamplePlace, Scratch, ScratchPool, TileOutcomes},
+    tiles::{PixelSamples, SamplePlace, Scratch, TileOutcomes},
     tracer::{ExactTracer, GridTracer},
     view::View,
     world::World,
@@ -17,7 +17,7 @@ use ndarray::{Array3, Axis};
 use rayon::prelude::*;
 use std::time::Duration;
 
-/// What the samples of a picture see, axes (row, column, sample).
+/// The ends of all lines of sight of a picture, axes (row, column, sample).
 pub type Outcomes = Array3<Seen>;
 
 /// A clock of the caller: the time since any moment of its choice. All threads read it.
@@ -75,7 +75,7 @@ impl std::ops::AddAssign for Work {
 
 /// Outcomes of samples, and the work that it took.
 pub struct TracedSamples {
-    /// What each sample sees.
+    /// The end of each sample's line of sight.
     pub outcomes: Outcomes,
     /// The samples that the tracer could not give and that were integrated exactly.
     pub flagged: Vec<SamplePlace>,
@@ -83,7 +83,7 @@ pub struct TracedSamples {
     pub work: Work,
 }
 
-/// How the paths of samples are made.
+/// The way in which the paths of samples are made.
 #[derive(Clone, Copy)]
 pub enum Paths<'a> {
     /// Each integrated by itself.
@@ -190,15 +190,14 @@ fn trace_tiles(
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
     let mut tiles = TileOutcomes::split(&mut outcomes);
-    let pool = ScratchPool::new(&samples.world.manifold, tracer.knots());
     // One by one: a few tiles take as long as many others, and they stand together. Those in the middle
     // first: there is most often what a camera looks at, and a slow tile at the end keeps one thread alone.
     let mut order: Vec<&mut TileOutcomes<'_>> = tiles.iter_mut().collect();
     order.sort_by_key(|tile| tile.tile().squared_distance((width / 2, height / 2)));
-    order
-        .into_iter()
-        .par_bridge()
-        .for_each(|tile| pool.with(|scratch| work_on(scratch, tile)));
+    order.into_iter().par_bridge().for_each_init(
+        || Scratch::new(&samples.world.manifold, tracer.knots()),
+        |scratch, tile| work_on(scratch, tile),
+    );
     let mut work = Work::default();
     let mut pending = Vec::new();
     for tile in tiles {

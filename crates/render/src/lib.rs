@@ -10,7 +10,7 @@ mod camera;
 mod chords;
 mod curve;
 pub mod drawing;
-pub mod events;
+pub mod endings;
 mod family;
 mod filter;
 mod first_hits;
@@ -35,7 +35,7 @@ pub mod world;
 
 pub use camera::{Camera, Moved};
 pub use curve::{Cubic, Curve, Ending};
-pub use events::EventLocator;
+pub use endings::EventLocator;
 pub use filter::Footprint;
 pub use frame::{Clock, no_clock};
 pub use intersect::{Hit, Seen, first_seen};

@@ -257,7 +257,8 @@ impl FacetLayout {
         self.within(&self.facets[number], weights)
     }
 
-    /// Returns the points around the place with the given weights of a facet, down to a part that is not divided.
+    /// Returns the points around the place with the given weights of a facet, down to a part that is not
+    /// divided.
     fn within<'a>(&'a self, mut facet: &'a Facet, mut weights: [f64; 3]) -> ([u32; 3], [f32; 3]) {
         while let Some(first) = facet.parts {
             let at_corner = (0..3).find(|k| weights[*k] > 0.5);
@@ -332,7 +333,8 @@ impl Lightmap {
         self.layout.divided()
     }
 
-    /// Returns the irradiance at the place with weights `barycentric` of `triangle`, on the front or the back.
+    /// Returns the irradiance at the place with weights `barycentric` of `triangle`, on the front or the
+    /// back.
     pub fn at(&self, triangle: u32, barycentric: [f32; 2], front: bool) -> [f32; 3] {
         let side = if front { 0 } else { 3 };
         let (corners, weights) = self.layout.around(triangle, barycentric);

@@ -10,7 +10,7 @@
 
 use super::{
     curve::Ending,
-    events::EventLocator,
+    endings::EventLocator,
     frame::Outcomes,
     intersect::{Hit, Seen, beyond},
     path_batch::{PathBatch, PathSource},

@@ -5,7 +5,7 @@
 
 use super::{
     curve::{Cubic, Curve, Ending},
-    events::EventLocator,
+    endings::EventLocator,
     family::{FamilyPath, RayFamily, refine_sixteen},
     lanes::{LANES, Vectors},
     path_batch::{PathBatch, PathSource, PathView, stay},
@@ -25,8 +25,8 @@ pub struct Lookup<'t> {
 }
 
 impl<'t> Lookup<'t> {
-    /// Chooses knots for a table whose promise is `error` in radians. Rays that it gave up on are integrated at
-    /// `tolerance`, or at a small share of the promise if that is wider.
+    /// Chooses knots for a table whose promise is `error` in radians. Rays that it gave up on are
+    /// integrated at `tolerance`, or at a small share of the promise if that is wider.
     pub fn new(table: &'t Table, error: f64, tolerance: f64) -> Self {
         let tolerance = tolerance.max(FALLBACK_SHARE * error);
         Self {
@@ -202,8 +202,8 @@ const KNOT_ERROR: f64 = 8e-3;
 /// Paths on which the knots are chosen, from each of the places below.
 const KNOT_PATHS: usize = 24;
 
-/// Places in the camera region where those paths begin, as fractions of every parameter's interval: both ends,
-/// where paths are most unlike, and between.
+/// Places in the camera region where those paths begin, as fractions of every parameter's interval: both
+/// ends, where paths are most unlike, and between.
 const KNOT_PLACES: [f64; 4] = [0.0, 0.35, 0.65, 1.0];
 
 /// Chooses the fewest equal intervals (of a few) between which cubics follow a sample of exact paths to

@@ -37,7 +37,7 @@ pub struct PathBatch {
     sources: Vec<PathSource>,
 }
 
-/// Where a tracer took a path from, to take more from there.
+/// The place that a tracer took a path from, to take more from there.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum PathSource {
     /// The path on its knots is all there is.
@@ -62,7 +62,7 @@ pub struct PathView<'a> {
     pub(super) boxes: &'a [f32],
     /// Number of knots that are known.
     pub known: usize,
-    /// How it ends; `None` where the tracer cannot give it on these knots.
+    /// Its end; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
     /// The coefficients that its tracer took from a table, and where the path is.
     pub(super) source: (&'a PathCoefficients, &'a PathSource),

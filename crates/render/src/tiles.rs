@@ -7,7 +7,7 @@
 use super::{
     chords::ChordList,
     curve::Ending,
-    events::{EventLocator, last_vertices},
+    endings::{EventLocator, last_vertices},
     first_hits::{InterpolatedPaths, SinglePaths},
     frame::{Clock, Work},
     intersect::{Seen, beyond},
@@ -23,7 +23,7 @@ use geofan_core::manifold::Manifold;
 use geofan_expr::vectorised;
 use glam::{DVec2, DVec3};
 use ndarray::{Array3, ArrayViewMut3, Axis};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 /// Row, column and number of a sample.
 pub type SamplePlace = (usize, usize, usize);
@@ -49,36 +49,6 @@ impl<'m> Scratch<'m> {
             singles: PathBatch::new(knots.clone()),
             single_paths: SinglePaths::default(),
         }
-    }
-}
-
-/// As many [`Scratch`]es as threads work at once.
-pub struct ScratchPool<'m> {
-    manifold: &'m Manifold,
-    knots: Arc<[f64]>,
-    /// Those with which nobody works.
-    free: Mutex<Vec<Scratch<'m>>>,
-}
-
-impl<'m> ScratchPool<'m> {
-    /// Makes an empty pool for paths in `manifold` with these knots.
-    pub fn new(manifold: &'m Manifold, knots: &Arc<[f64]>) -> Self {
-        Self {
-            manifold,
-            knots: knots.clone(),
-            free: Mutex::default(),
-        }
-    }
-
-    /// Does `work` with one that is free, or a new one.
-    pub fn with<T>(&self, work: impl FnOnce(&mut Scratch<'m>) -> T) -> T {
-        // One whose work panicked has not been put back, so those that are free are whole.
-        let free = || self.free.lock().unwrap_or_else(PoisonError::into_inner);
-        let taken = free().pop();
-        let mut scratch = taken.unwrap_or_else(|| Scratch::new(self.manifold, &self.knots));
-        let done = work(&mut scratch);
-        free().push(scratch);
-        done
     }
 }
 
@@ -197,9 +167,9 @@ impl PixelSamples<'_> {
         };
         let flat = (self.clock)();
         tile.work.tiles += flat.saturating_sub(began);
+        // Part by part with the chords that a part may meet something with.
         let target = InterpolatedPaths::new(self.world, &patch, &vertices);
         for part in leaf.tile.parts(PART) {
-            // Those that a part may meet something with.
             let narrowed = match all_chords.is_empty() || part == leaf.tile {
                 true => None,
                 false => {
@@ -210,36 +180,49 @@ impl PixelSamples<'_> {
             let chords = narrowed.as_ref().unwrap_or(&all_chords);
             let places = self.places(part);
             for places in places.chunks(LANES) {
-                let place = |l: usize| places[l.min(places.len() - 1)];
-                let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
-                let show = |l: usize, seen: Seen| {
-                    if let Some(place) = places.get(l) {
-                        tile.put(*place, seen);
-                    }
-                };
-                // A kernel for each: one for all would be slower for the one that most tiles need.
-                match &leaf.ends {
-                    Ends::Alike => vectorised(
-                        #[inline(always)]
-                        || target.see(&Bicubic::new(&at), chords, show),
-                    ),
-                    Ends::Within(_) => vectorised(
-                        #[inline(always)]
-                        || {
-                            let mixing = Bicubic::new(&at);
-                            let ends = events.endings_between(&last, &mixing);
-                            target.see_before(&mixing, chords, &ends, show);
-                        },
-                    ),
-                    Ends::Each => {
-                        let ends = self.endings(places, (tracer, events), lost);
-                        see_before(&target, &at, chords, (&ends, show));
-                    }
-                }
+                let (known, paths) = ((tracer, &mut *events), (leaf, &target, &last[..]));
+                self.see_sixteen(known, paths, chords, places, (tile, lost));
             }
             tile.work.interpolated += places.len();
         }
         tile.work.pixels += (self.clock)().saturating_sub(flat);
+    }
+
+    /// Finds what the samples at at most sixteen `places` of a leaf see. There is a kernel for each way
+    /// in which paths may end: one for all would be slower for the one that most tiles need.
+    fn see_sixteen(
+        &self,
+        (tracer, events): (&dyn GridTracer, &mut EventLocator<'_>),
+        (leaf, target, last): (&Leaf, &InterpolatedPaths<'_>, &[Vertex]),
+        chords: &ChordList,
+        places: &[SamplePlace],
+        (tile, lost): (&mut TileOutcomes<'_>, &mut Vec<SamplePlace>),
+    ) {
+        let place = |l: usize| places[l.min(places.len() - 1)];
+        let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
+        let show = |l: usize, seen: Seen| {
+            if let Some(place) = places.get(l) {
+                tile.put(*place, seen);
+            }
+        };
+        match &leaf.ends {
+            Ends::Alike => vectorised(
+                #[inline(always)]
+                || target.see(&Bicubic::new(&at), chords, show),
+            ),
+            Ends::Within(_) => vectorised(
+                #[inline(always)]
+                || {
+                    let mixing = Bicubic::new(&at);
+                    let ends = events.endings_between(last, &mixing);
+                    target.see_before(&mixing, chords, &ends, show);
+                },
+            ),
+            Ends::Each => {
+                let ends = self.endings(places, (tracer, events), lost);
+                see_before(target, &at, chords, (&ends, show));
+            }
+        }
     }
 
     /// Looks up how the samples at at most sixteen `places` end; those of which that is not known are `lost`.

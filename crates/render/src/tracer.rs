@@ -6,7 +6,7 @@
 
 use super::{
     curve::{Cubic, Curve, Ending, ending_at},
-    events::EventLocator,
+    endings::EventLocator,
     lanes::{LANES, Vectors},
     path_batch::{PathBatch, PathSource, PathView, ROWS, put},
 };

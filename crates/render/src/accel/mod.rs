@@ -9,16 +9,16 @@
 //! tree's box in double precision before it is rounded, so a far camera costs no accuracy. Sixteen
 //! neighbouring chords are held against the tree together (`packet`).
 
+mod box_tree;
 mod packet;
-mod tree;
 
+pub use box_tree::BoxTree;
 pub use packet::PacketHits;
-pub use tree::BoxTree;
 
 use crate::lanes::{BoxPacket, Mask};
+use box_tree::{MARGIN, Stack, boxes_meet, is_usable};
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
-use tree::{MARGIN, Stack, boxes_meet, is_usable};
 
 /// A set of triangles, sorted for questions about what a chord or a box meets.
 #[derive(Clone, Default)]
@@ -35,7 +35,7 @@ struct LeafTriangle {
     number: u32,
 }
 
-/// Where a chord meets a triangle.
+/// A meeting of a chord and a triangle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ChordHit {
     /// Place on the chord: 0 at its start, 1 at its end.

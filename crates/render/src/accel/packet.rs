@@ -36,16 +36,16 @@ pub struct PacketHits {
 struct ChordPacket {
     start: SingleVectors,
     way: SingleVectors,
-    /// The length of the way squared, and as a part of the way what a hit may lie before its start
-    /// or past its end.
+    /// The squared length of the way, and the margin before its start and past its end in which a hit
+    /// counts, as a part of the way.
     squared: SingleLanes,
     margin: SingleLanes,
     /// 1 over the way, and the start in tree coordinates times that.
     inverse: SingleVectors,
     start_ways: SingleVectors,
-    /// By how much a place on the chord may be off in a slab test.
+    /// Bound of the error of a place on the chord in a slab test.
     slack: SingleVectors,
-    /// What they are measured from, in the chart.
+    /// The point that they are measured from, in the chart.
     origin: DVec3,
 }
 
@@ -124,8 +124,8 @@ impl Accelerator {
         met.then_some(hits)
     }
 
-    /// Returns the box around the chords in tree coordinates: most nodes are beside all of them, and a box is met
-    /// or not by one comparison for sixteen slab tests.
+    /// Returns the box around the chords in tree coordinates: most nodes are beside all of them, and a
+    /// box is met or not by one comparison for sixteen slab tests.
     #[inline(always)]
     fn around(&self, a: &Offsets, b: &Offsets, shift: DVec3) -> Aabb {
         let unit = self.tree.unit();

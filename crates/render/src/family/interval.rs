@@ -8,7 +8,7 @@
 
 use crate::{
     curve::Ending,
-    events::{Event, EventLocator},
+    endings::{Event, EventLocator},
     lanes::{LANES, Lanes, SingleLanes, Vectors, each, single},
     path_batch::{PathSource, PathView, ROWS, put},
 };
@@ -61,12 +61,12 @@ pub(crate) struct FamilyInterval<'f> {
     end: Option<FamilyEnd>,
 }
 
-/// How all paths of an interval end.
+/// The end of all paths of an interval.
 enum FamilyEnd {
     Nowhere,
-    /// Through the same exit, whose sky turns with them: arc length and the sky's direction.
+    /// The same exit, whose sky turns with them: arc length and the sky's direction.
     Exit(usize, [[f64; 4]; NODES]),
-    /// By the same event: its arc length, and the stored plane's point and tangent there.
+    /// The same event: its arc length, and the stored plane's point and tangent there.
     Event(usize, [[f64; 1 + PLANE]; NODES]),
 }
 

@@ -9,7 +9,7 @@ mod interval;
 
 pub(super) use interval::{FamilyPath, refine_sixteen};
 
-use super::{events::EventLocator, lanes::LANES};
+use super::{endings::EventLocator, lanes::LANES};
 use geofan_bundle::{Fan, rays::Orbit};
 use glam::DVec3;
 use interval::FamilyInterval;

@@ -14,7 +14,7 @@ mod nodes;
 
 use super::{
     chords::{Candidates, TUBE_MARGIN},
-    events::EventLocator,
+    endings::EventLocator,
     lanes::LANES,
     path_batch::PathBatch,
     path_patch::PathPatch,
@@ -261,8 +261,8 @@ impl Lattice<'_> {
     }
 }
 
-/// Returns the way in which the paths of a tile end, if what they see there is within `allowed` or `each` says that the end
-/// of each can be looked up.
+/// Returns the way in which the paths of a tile end, if what they see there is within `allowed` or `each`
+/// says that the end of each can be looked up.
 fn ends(
     patch: &PathPatch<'_>,
     checks: &Checks<'_>,

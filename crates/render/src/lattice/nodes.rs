@@ -4,7 +4,7 @@
 //! `t` need paths every `t/3` pixels and are checked where their quarters have paths, every `t/6`.
 
 use super::{Lattice, Tile};
-use crate::{events::EventLocator, lanes::LANES, path_batch::PathBatch};
+use crate::{endings::EventLocator, lanes::LANES, path_batch::PathBatch};
 use glam::DVec3;
 
 /// Paths by their place.

@@ -82,8 +82,8 @@ pub fn with_layers(
         .with_index("flagged", given_up)
 }
 
-/// Computes the area by which a unit solid angle has spread where the first sample of each pixel ends: an exact
-/// path with deviation for each; NaN where nothing is seen.
+/// Computes the area by which a unit solid angle has spread where the first sample of each pixel ends: an
+/// exact path with deviation for each; NaN where nothing is seen.
 pub fn area(
     world: &World,
     view: &View,

@@ -137,8 +137,8 @@ impl Shader<'_> {
         Footprint { across }.scaled(self.spacing)
     }
 
-    /// Applies `pick` to the same sample of the next pixel along `axis` (0 right, 1 down), else to that of the
-    /// pixel before, which is as far on the other side: its negative.
+    /// Applies `pick` to the same sample of the next pixel along `axis` (0 right, 1 down), else to that
+    /// of the pixel before, which is as far on the other side: its negative.
     fn neighbour<T: std::ops::Neg<Output = T>>(
         &self,
         (y, x, k): SamplePlace,

@@ -172,8 +172,8 @@ impl Shader<'_> {
     }
 }
 
-/// Returns the changes from each lane to the next or, turned round, to the one before, in the lanes where either
-/// leaves through the same exit.
+/// Returns the changes from each lane to the next or, turned round, to the one before, in the lanes where
+/// either leaves through the same exit.
 #[inline(always)]
 fn changes(here: &Sixteen, [next, before]: &[Sixteen; 2]) -> (Mask, SingleVectors) {
     let mut known = [false; LANES];

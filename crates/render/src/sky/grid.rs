@@ -264,8 +264,8 @@ impl Mark {
         Vec2::new(self.right.dot(d), self.up.dot(d)) / self.height(d)
     }
 
-    /// Lays the light of the disc over `behind`, at the place `p` whose distance from the strokes is the square
-    /// root of `squared` letters.
+    /// Lays the light of the disc over `behind`, at the place `p` whose distance from the strokes is the
+    /// square root of `squared` letters.
     #[inline(always)]
     fn over(&self, behind: Vec3, p: Vec2, squared: f32, width: f32) -> Vec3 {
         let from_centre = p.length();

@@ -4,26 +4,30 @@
 //! over which to average, about one pixel of the final picture; 0 asks for a point sample.
 //! Out: radiance, linear red, green, blue.
 //!
+//! Convention of pictures, as seen from the centre looking out: the middle of the picture is +x, the top edge
+//! +z, the bottom edge −z. Longitude `φ = atan2(y, x)` grows to the *left*, so +y is a quarter of the width
+//! left of the middle and −y a quarter right of it; −x is at both side edges. Then someone who looks along
+//! +x with +z up sees the picture's right on the right.
+//!
 //! The patterns are made to judge a picture by eye: letters that read backwards show a mirrored
 //! sky, coloured marks show which way is which, lines show distortion.
 
 mod catalogue;
-mod equirectangular;
 mod grid;
 mod stars;
 
 use crate::{
-    filter::{Across, Footprint},
-    lanes::{LANES, Mask, SingleVectors},
+    filter::{Across, Footprint, LaneTaps},
+    lanes::{LANES, Mask, SingleLanes, SingleVectors, set_lane, single_lane, single_vector},
     scene::SkyEntry,
 };
-use equirectangular::Equirectangular;
-use geofan_core::error::Result;
-use glam::{DVec3, Vec3};
+use geofan_core::error::{Error, Result};
+use geofan_expr::real::Real;
+use glam::{DVec3, Vec2, Vec3};
 use ndarray::Array3;
 use stars::StarField;
 use std::{
-    f32::consts::{FRAC_PI_2, PI},
+    f32::consts::{FRAC_PI_2, LOG2_E, PI, TAU},
     path::Path,
 };
 
@@ -144,6 +148,159 @@ impl From<Pattern> for Sky {
             Pattern::Stars => Self::Stars(Box::new(StarField::new())),
             Pattern::Colour(colour) => Self::Colour(colour),
         }
+    }
+}
+
+/// A picture of the whole sphere with its reductions to half, a quarter, … of the size.
+#[derive(Debug, Clone)]
+pub struct Equirectangular {
+    levels: Vec<Level>,
+}
+
+/// One size of the picture, row by row from the top.
+#[derive(Debug, Clone)]
+struct Level {
+    width: usize,
+    height: usize,
+    pixels: Vec<Vec3>,
+}
+
+impl Equirectangular {
+    /// Takes rows from the top × columns × 3; `subject` is the picture's name for a complaint.
+    fn new(subject: &str, pixels: &Array3<f32>) -> Result<Self> {
+        let (height, width, channels) = pixels.dim();
+        if channels != 3 || height == 0 || width == 0 {
+            let message = "a sky picture needs at least one pixel of three channels";
+            return Err(Error::input(subject, message));
+        }
+        // One bad pixel of a float picture would spread through every reduction.
+        let light = |x: f32| if x.is_finite() { x.max(0.0) } else { 0.0 };
+        let pixel = |p: ndarray::ArrayView1<f32>| Vec3::new(light(p[0]), light(p[1]), light(p[2]));
+        let mut levels = vec![Level {
+            width,
+            height,
+            pixels: pixels
+                .lanes(ndarray::Axis(2))
+                .into_iter()
+                .map(pixel)
+                .collect(),
+        }];
+        while let Some(half) = levels.last().and_then(Level::halved) {
+            levels.push(half);
+        }
+        Ok(Self { levels })
+    }
+
+    /// Returns linear light from the unit vector `d`, averaged over about `footprint` radians.
+    fn radiance(&self, d: Vec3, footprint: f32) -> Vec3 {
+        let [texel, last] = self.texel_last();
+        self.radiance_at(picture_place(d).extend(picture_level(footprint / texel, last)))
+    }
+
+    /// Returns linear light from the unit vectors `d`, averaged over what samples stand for that change
+    /// `across`, in the lanes that are `wanted`.
+    #[inline(always)]
+    pub(super) fn lights(
+        &self,
+        d: &SingleVectors,
+        across: &Across,
+        wanted: &Mask,
+    ) -> SingleVectors {
+        let taps = LaneTaps::of(across, 0.0);
+        taps.mean(
+            d,
+            wanted,
+            #[inline(always)]
+            |places, within| self.radiances(places, &taps.width, within),
+        )
+    }
+
+    /// Computes [`Equirectangular::radiance`] in the lanes that are `wanted`.
+    #[inline(always)]
+    fn radiances(&self, d: &SingleVectors, widths: &SingleLanes, wanted: &Mask) -> SingleVectors {
+        let [texel, last] = self.texel_last();
+        let places = single_vector(
+            #[inline(always)]
+            |l| picture_place(single_lane(d, l)).extend(picture_level(widths[l] / texel, last)),
+        );
+        let mut light = [[0.0; LANES]; 3];
+        for l in (0..LANES).filter(|l| wanted[*l]) {
+            set_lane(&mut light, l, self.radiance_at(single_lane(&places, l)));
+        }
+        light
+    }
+
+    /// Returns the height of a pixel of the picture, radians, and the number of the smallest size.
+    #[inline(always)]
+    fn texel_last(&self) -> [f32; 2] {
+        let texel = PI / self.levels[0].height as f32;
+        [texel, (self.levels.len() - 1) as f32]
+    }
+
+    /// Returns the light at a place of the picture (x and y) on a level (z).
+    fn radiance_at(&self, at: Vec3) -> Vec3 {
+        let (low, way) = (at.z as usize, at.z.fract());
+        let sharp = self.levels[low].bilinear(at.x, at.y);
+        if way == 0.0 {
+            return sharp;
+        }
+        sharp.lerp(self.levels[low + 1].bilinear(at.x, at.y), way)
+    }
+}
+
+/// Returns the place of a direction in the picture, from the left and the top, both in [0, 1].
+#[inline(always)]
+fn picture_place(d: Vec3) -> Vec2 {
+    let (longitude, latitude) = longitude_latitude(d);
+    Vec2::new(0.5 - longitude / TAU, 0.5 - latitude / PI)
+}
+
+/// Returns the number of the size of the picture whose pixels are `texels` times as wide as those of the full
+/// one, which has number 0; fractions are between two sizes.
+#[inline(always)]
+fn picture_level(texels: f32, last: f32) -> f32 {
+    (Real::ln(texels.max(1.0)) * LOG2_E).min(last)
+}
+
+impl Level {
+    /// Reduces to half the size, by means of 2 × 2 pixels; `None` when a side is odd.
+    fn halved(&self) -> Option<Self> {
+        let (width, height) = (self.width / 2, self.height / 2);
+        if !self.width.is_multiple_of(2) || !self.height.is_multiple_of(2) {
+            return None;
+        }
+        let mean = |i: usize| {
+            let first = 2 * (i / width) * self.width + 2 * (i % width);
+            let four = [first, first + 1, first + self.width, first + self.width + 1];
+            0.25 * four.into_iter().map(|i| self.pixels[i]).sum::<Vec3>()
+        };
+        let pixels = (0..width * height).map(mean).collect();
+        Some(Self {
+            width,
+            height,
+            pixels,
+        })
+    }
+
+    /// Interpolates bilinearly at `u` from the left and `v` from the top, both in [0, 1]; `u` wraps
+    /// around, and past a pole the row goes on half a turn away.
+    fn bilinear(&self, u: f32, v: f32) -> Vec3 {
+        // Half a pixel less, and one more so that a cast rounds down.
+        let (x, y) = (u * self.width as f32 + 0.5, v * self.height as f32 + 0.5);
+        let (column, row) = (x as usize, y as usize);
+        let (fx, fy) = (x - column as f32, y - row as f32);
+        let above = self.between(row.saturating_sub(1), column + self.width - 1, row == 0, fx);
+        let under = row >= self.height;
+        let below = self.between(row.min(self.height - 1), column + self.width - 1, under, fx);
+        above.lerp(below, fy)
+    }
+
+    /// Interpolates between the pixels at `column` and one further right, `column` counted around.
+    fn between(&self, row: usize, column: usize, over_a_pole: bool, way: f32) -> Vec3 {
+        let turned = column + if over_a_pole { self.width / 2 } else { 0 };
+        let (left, right) = (turned % self.width, (turned + 1) % self.width);
+        let start = row * self.width;
+        self.pixels[start + left].lerp(self.pixels[start + right], way)
     }
 }
 

@@ -113,8 +113,8 @@ impl StarField {
         mean
     }
 
-    /// Computes [`StarField::radiance`] without the glow in the lanes that are `wanted`, over ovals so wide. Lanes in
-    /// one cell see its stars together.
+    /// Computes [`StarField::radiance`] without the glow in the lanes that are `wanted`, over ovals so
+    /// wide. Lanes in one cell see its stars together.
     #[inline(always)]
     fn sharp(
         &self,
@@ -195,7 +195,8 @@ impl StarField {
     }
 }
 
-/// Returns how far the stars have melted into their mean, 0 to 1: past the reach, over one doubling of the footprint.
+/// Returns how far the stars have melted into their mean, 0 to 1: past the reach, over one doubling of
+/// the footprint.
 #[inline(always)]
 fn melt(footprint: f32) -> f32 {
     (footprint * (1.0 / REACH) - 1.0).clamp(0.0, 1.0)
@@ -249,8 +250,8 @@ impl Oval {
         }
     }
 
-    /// Returns a depth that is positive where `d` is inside the star's widened disc, and its value in the middle:
-    /// the square of the product of the radii. No radius exceeds the reach.
+    /// Returns a depth that is positive where `d` is inside the star's widened disc, and its value in the
+    /// middle: the square of the product of the radii. No radius exceeds the reach.
     #[inline(always)]
     fn depth(&self, star: &Star, d: Vec3) -> [f32; 2] {
         let own = star.radius * star.radius;

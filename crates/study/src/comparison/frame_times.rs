@@ -12,13 +12,13 @@ use geofan_core::{
 };
 use geofan_render::{
     drawing::draw,
-    events::EventLocator,
+    endings::EventLocator,
     frame::Paths,
     lattice::{Ends, LARGEST_TILE, Lattice, Tile, smallest_tile},
     lookup::Lookup,
     path_batch::PathBatch,
     shade::Footprints,
-    tiles::{Scratch, ScratchPool},
+    tiles::Scratch,
     tracer::{ExactTracer, FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -175,11 +175,10 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
         .flat_map(|y| (0..width).step_by(LARGEST_TILE).map(move |x| (x, y)))
         .collect();
     let began = Instant::now();
-    let pool = ScratchPool::new(&world.manifold, tracer.knots());
-    corners
-        .par_iter()
-        .with_max_len(1)
-        .for_each(|corner| pool.with(|scratch| divide(&lattice, *corner, scratch)));
+    corners.iter().par_bridge().for_each_init(
+        || Scratch::new(&world.manifold, tracer.knots()),
+        |scratch, corner| divide(&lattice, *corner, scratch),
+    );
     1e9 * began.elapsed().as_secs_f64() / (width * height) as f64
 }
 

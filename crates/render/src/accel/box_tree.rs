@@ -274,7 +274,8 @@ impl<T> BoxTree<T> {
         Some(self.tree_box((min.max(bounds.0), max.min(bounds.1))))
     }
 
-    /// Returns the parts of sixteen boxes inside the bounds, in tree coordinates; `None` if the tree is empty.
+    /// Returns the parts of sixteen boxes inside the bounds, in tree coordinates; `None` if the tree is
+    /// empty.
     #[inline(always)]
     fn query_packet(&self, boxes: &BoxPacket) -> Option<BoxPacket> {
         let (least, most) = self.bounds?;
