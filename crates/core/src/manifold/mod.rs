@@ -10,6 +10,7 @@ mod curve;
 mod domain;
 mod geometry;
 mod load;
+mod meaning;
 mod probe;
 mod region;
 mod symmetry;
