@@ -34,26 +34,25 @@ pub struct SceneArgs {
 }
 
 impl SceneArgs {
-    /// Loads the scene; its manifold must be the one that `bundle` was baked from.
+    /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
     pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
         let stage = Stage::load(&self.scene, &self.set)?;
-        match bundle {
-            Some(bundle) if bundle.manifold.fingerprint() != stage.world.manifold.fingerprint() => {
-                Err(Error::input(
-                    "--bundle",
-                    format!(
-                        "it was baked from another manifold (`{}`) than the scene's (`{}`), or with other parameters: bake again, or give the same --set",
-                        bundle.manifold.name, stage.world.manifold.name
-                    ),
-                ))
-            }
-            _ => {
-                for warning in &stage.world.warnings {
-                    tracing::warn!("{warning}");
-                }
-                Ok(stage)
+        if let Some(bundle) = bundle {
+            let differences = stage.world.manifold.differences(&bundle.manifold);
+            if !differences.is_empty() {
+                let message = format!(
+                    "it was baked from another manifold (`{}`) than the scene's (`{}`): {} (the scene's first); bake again, or give the same --set",
+                    bundle.manifold.name,
+                    stage.world.manifold.name,
+                    differences.join(", ")
+                );
+                return Err(Error::input("--bundle", message));
             }
         }
+        for warning in &stage.world.warnings {
+            tracing::warn!("{warning}");
+        }
+        Ok(stage)
     }
 
     /// Returns the view that the options ask for.

@@ -69,7 +69,7 @@ pub fn light(
 /// Hashes everything that the light depends on.
 fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&world.manifold.fingerprint());
+    hasher.update(&world.manifold.meaning_digest());
     let mut numbers = |numbers: &[f64]| {
         numbers.iter().for_each(|x| {
             hasher.update(&x.to_le_bytes());

@@ -11,6 +11,7 @@ mod domain;
 mod geometry;
 mod kin;
 mod load;
+mod meaning;
 mod observer;
 mod probe;
 mod pullback;

@@ -6,6 +6,7 @@
 //! in a fixed order, so results are the same bits on every machine.
 
 mod compiler;
+mod digest;
 mod instruction;
 
 use super::{
