@@ -12,13 +12,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// Most that a position may be off over the arc length, and a tangent, both as lengths in the metric. Tables are
+/// Largest deviation of a position over the arc length, and of a tangent, both as lengths in the metric. Tables are
 /// contracted in single precision, and the order of its sums depends on the width of the machine's vectors: some
-/// hundred terms, each rounded by 6e-8 of the largest coefficient. Half of the finest promise of the bundles, 0.05
-/// mrad, would be seen to fail; this is a fifth of it.
+/// hundred terms, each rounded by 6e-8 of the largest coefficient. The finest promise of the bundles, 0.05 mrad, is
+/// five times as much.
 const SINGLE: f64 = 1e-5;
 
-/// Most at the start, which no table has a part in.
+/// Largest deviation at the start, which no table has a part in.
 const DOUBLE: f64 = 1e-12;
 
 #[derive(Deserialize)]
@@ -61,7 +61,7 @@ fn length(manifold: &Manifold, u: DVec3, v: DVec3) -> f64 {
     v.dot(manifold.metric(u) * v).sqrt()
 }
 
-/// How far off position (over the arc length) and tangent are at worst, at the start and behind it.
+/// Finds the largest deviation of a path at its start, and behind it.
 fn deviations(bundle: &Bundle, path: &GoldenPath) -> [f64; 2] {
     let manifold = &bundle.manifold;
     let (count, last) = (path.samples.len(), path.samples.last().unwrap().s);

@@ -71,7 +71,7 @@ SAMPLES = 6
 
 
 def run(target, program, *arguments):
-    """What a program prints as JSON."""
+    """Runs a program and gives what it prints as JSON."""
     command = [str(target / program), *map(str, arguments), "--quiet", "--json"]
     found = subprocess.run(command, cwd=HERE, stdout=subprocess.PIPE, check=True)
     return json.loads(found.stdout)
@@ -87,7 +87,7 @@ def bake(target, name, promise, length):
 
 
 def paths(target, name):
-    """The golden paths of a bundle."""
+    """Traces the golden paths of a bundle."""
     found = []
     for k, (at, dir, length) in enumerate(zip(CAMERAS[name], DIRECTIONS, LENGTHS[name])):
         where = [f"--at={comma(at)}", f"--dir={comma(dir)}", "--length", length, "--samples", SAMPLES]

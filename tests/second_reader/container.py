@@ -18,7 +18,7 @@ MOST_CHUNKS = 1 << 20
 
 
 class FormatError(Exception):
-    """Bytes that are not a bundle as docs/FORMAT.md describes it."""
+    """Stands for bytes that are no bundle as docs/FORMAT.md describes it."""
 
 
 def require(condition, message):
@@ -90,7 +90,7 @@ def read_block(cursor):
 
 
 def read_container(data):
-    """The container in the bytes of a file."""
+    """Reads and verifies the container in the bytes of a file."""
     require(data[: len(MAGIC)] == MAGIC, "not a bundle")
     require(len(data) >= len(MAGIC) + 4 + 32, "the file is truncated")
     version = struct.unpack_from("<I", data, len(MAGIC))[0]
@@ -115,7 +115,7 @@ def read_container(data):
 
 
 def identity(header, plan):
-    """The id that section 2 derives from the manifold and the encoded plan."""
+    """Calculates the id that section 2 derives from the manifold and the encoded plan."""
     fingerprint = blake3.blake3(header["manifold"]["text"].encode())
     for name, value in header["manifold"]["parameters"]:
         fingerprint.update(name.encode() + b"\0" + struct.pack("<d", value))
@@ -219,7 +219,7 @@ read_after_plan = record_of(
 
 
 def read_header(payload):
-    """The header record, and the bytes of its plan."""
+    """Reads the header record; gives it and the bytes of its plan."""
     require(len(payload) <= MOST_HEADER_BYTES, "the header is too long")
     cursor = Cursor(payload)
     header = read_before_plan(cursor)
@@ -233,7 +233,7 @@ def read_header(payload):
 
 
 def check_header(header):
-    """What section 12 asks of a header by itself."""
+    """Checks what section 12 asks of a header by itself."""
     plan, cameras = header["plan"], header["cameras"]
     chunks = header["faces"]
     for count in plan["cells"]:

@@ -18,7 +18,7 @@ LEARNING_RATE, SIGN_RATE = 0.002, 0.015
 
 
 def total(numbers):
-    """The sum from left to right."""
+    """Sums from left to right."""
     result = 0.0
     for x in numbers:
         result += x
@@ -26,7 +26,7 @@ def total(numbers):
 
 
 def truncated(a, b):
-    """The quotient of integers, rounded towards zero; b is positive."""
+    """Divides integers, rounding towards zero; b is positive."""
     return a // b if a >= 0 else -(-a // b)
 
 
@@ -56,7 +56,7 @@ class RangeDecoder:
         return quantile
 
     def bit(self, y):
-        """A yes that has the probability y / 65536."""
+        """Decodes a yes that has the probability y / 65536."""
         scale = self.range >> 16
         yes = self.quantile(scale) < y
         if yes:
@@ -66,7 +66,7 @@ class RangeDecoder:
         return yes
 
     def raw(self, count):
-        """A number of so many bits, all equally likely."""
+        """Decodes a number of so many bits, all equally likely."""
         value = 0
         while count > 0:
             part = min(count, 16)
@@ -87,7 +87,7 @@ def low_bits(c):
 
 
 def first_probability(c):
-    """The first probability of yes of the adaptive bits of class c."""
+    """Calculates the first probability of yes of the adaptive bits of class c."""
     a, b = 1, 20
     if c >= 2:
         a = [218, 259, 308, 367][(c - 2) % 4] << ((c - 2) // 4)
@@ -124,7 +124,7 @@ class Magnitudes:
 
 
 class Context:
-    """What stands around a place of an array: section 7.3."""
+    """Surroundings of the present place of an array: section 7.3."""
 
     def __init__(self, shape):
         self.shape = [n for n in shape if n > 1]
@@ -149,7 +149,7 @@ class Context:
         return [w / sum for w in weights]
 
     def surroundings(self):
-        """Values and presence of the neighbours, and last those of the history."""
+        """Lists values and presence of the neighbours, and last those of the history."""
         values, index, shape = self.values, self.index, self.shape
         at = len(values)
         around, present = [], []
@@ -165,7 +165,7 @@ class Context:
         return around, present
 
     def add(self, value):
-        """The integer of the present place is known; on to the next."""
+        """Takes the integer of the present place and goes on to the next."""
         self.values.append(value)
         mean = self.means[self.place]
         self.means[self.place] = mean + truncated(16 * abs(value) - mean, self.slabs + 1)
@@ -180,7 +180,7 @@ class Context:
 
 
 class MagnitudeModel:
-    """Which class an integer has: section 7.4."""
+    """Expected magnitudes, and the classes that follow from them: section 7.4."""
 
     def __init__(self):
         self.weights, self.learnt, self.expected = {}, 0, 0.0
@@ -220,7 +220,7 @@ class MagnitudeModel:
 
 
 class SignModel:
-    """How likely an integer is to be positive: section 7.5."""
+    """Probabilities of positive signs: section 7.5."""
 
     def __init__(self):
         self.weights = {}
@@ -258,7 +258,7 @@ class IntegerReader:
         self.left = count
 
     def take(self, shape, length):
-        """The next array, vectors of this length; with pivots as section 8.2 has them."""
+        """Decodes the next array, vectors of this length; with pivots as section 8.2 has them."""
         count = 1
         for n in shape:
             count *= n
@@ -291,7 +291,7 @@ class IntegerReader:
 
 
 def next_pivot(vector, pivots):
-    """The pivot of a vector of integers behind those that have these pivots, or None."""
+    """Finds the pivot of a vector of integers behind those that have these pivots, or None."""
     square = 0
     for x in vector:
         square += x * x

@@ -25,7 +25,7 @@ class Dual:
 
 
 def chain(f, slope):
-    """A function of one dual number from the function and its derivative."""
+    """Makes a function of one dual number from the function and its derivative."""
     return lambda a: Dual(f(a.x), slope(a.x) * a.d)
 
 
@@ -172,18 +172,18 @@ class Parser:
 
 
 def variables(values):
-    """Dual numbers with a gradient along each of these values."""
+    """Makes dual numbers with a gradient along each of these values."""
     return [Dual(float(x), row) for x, row in zip(values, np.eye(len(values)))]
 
 
 def value_and_gradient(duals, count):
-    """The values, and one row of derivatives for each."""
+    """Splits dual numbers into values and rows of derivatives."""
     values = np.array([a.x for a in duals])
     return values, np.array([np.zeros(count) + a.d for a in duals])
 
 
 class Names(dict):
-    """What names stand for; lets are worked out when they are used, since some serve exits alone."""
+    """Values of names; lets are worked out when they are used, since some serve exits alone."""
 
     def __init__(self, lets):
         self.lets = lets
@@ -247,21 +247,21 @@ class Manifold:
         self.region = Region(self, intervals, at)
 
     def scope(self):
-        """Names that stand for constants, and lets."""
+        """Gives the names that stand for constants, and lets."""
         names = Names(self.lets)
         names.update(pi=Dual(math.pi), e=Dual(math.e))
         names.update((name, Dual(x)) for name, x in self.parameters.items())
         return names
 
     def names(self, u):
-        """All names at a chart point, differentiated by its coordinates."""
+        """Gives all names at a chart point, differentiated by its coordinates."""
         names = self.scope()
         for k, (name, x) in enumerate(zip(self.coordinates, variables(u))):
             names[name] = Dual(x.x - self.shift(k, x.x), x.d)
         return names
 
     def shift(self, k, x):
-        """The multiple of the period by which a glued coordinate lies outside its limits."""
+        """Gives the multiple of the period by which a glued coordinate lies outside its limits."""
         if not self.glued[k]:
             return 0.0
         low, high = self.limits[k]
@@ -283,11 +283,11 @@ class Manifold:
         return metric
 
     def frame(self, u):
-        """The standard frame: upper triangular, with the metric's unit lengths."""
+        """Gives the standard frame: upper triangular, with the metric's unit lengths."""
         return np.linalg.inv(np.linalg.cholesky(self.metric(u)).T)
 
     def left_translation(self, u, p):
-        """p·u, and its derivative by u."""
+        """Gives p·u and its derivative by u."""
         names = self.scope()
         for name, x in zip(self.coordinates, variables(u)):
             names[name] = x
@@ -304,7 +304,7 @@ class Region:
         self.names, self.intervals = list(intervals), [tuple(i) for i in intervals.values()]
 
     def map(self, parameters):
-        """The chart point, and its derivatives by the parameters."""
+        """Gives the chart point and its derivatives by the parameters."""
         names = self.manifold.scope()
         names.update(zip(self.names, variables(parameters)))
         return value_and_gradient([t(names) for t in self.at_trees], len(self.names))
@@ -316,7 +316,7 @@ class Region:
         return self.at([0.5 * (low + high) for low, high in self.intervals])
 
     def locate(self, u):
-        """The parameters whose point is u: Gauss–Newton from several starts."""
+        """Finds the parameters whose point is u: Gauss–Newton from several starts."""
         count = len(self.names)
         low, high = np.array(self.intervals).reshape(count, 2).T
         for start in np.ndindex(*[3] * count):

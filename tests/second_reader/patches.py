@@ -20,7 +20,7 @@ MOST_DEGREES, MOST_TERMS, DEEPEST = 64, 128, 64
 
 @dataclass
 class Shape:
-    """What the tensors of a chunk look like."""
+    """Axes and channels of the tensors of a chunk."""
 
     cameras: int
     directions: int
@@ -40,7 +40,7 @@ class Tensor:
 
 
 def read_chunk(payload, shape):
-    """The tree of a chunk: None where flagged, a Tensor, or (axis or FACES, [trees])."""
+    """Reads the tree of a chunk: None where flagged, a Tensor, or (axis or FACES, [trees])."""
     cursor = Cursor(payload)
     count = cursor.u32()
     require(count <= MOST_INTEGERS, "a chunk has too many integers")
@@ -73,7 +73,7 @@ def read_tree(structure, integers, shape, depth):
 
 
 def order_of_rank(rank, count):
-    """The order of so many axes that has this rank among all, sorted like words."""
+    """Finds the order of so many axes that has this rank among all, sorted like words."""
     places = []
     for left in range(1, count + 1):
         places.append(rank % left)
@@ -120,7 +120,7 @@ def check_core(core_shape, is_last, shape):
 
 
 def read_core(integers, core_shape, rows_before):
-    """A core in steps, and whether rows were kept: sections 8.1 to 8.3."""
+    """Reads a core in steps; tells whether rows were kept: sections 8.1 to 8.3."""
     left, right, size = core_shape[0], core_shape[-1], prod(core_shape)
     rows = rows_before or left > right
     count = left if rows else right
@@ -138,7 +138,7 @@ def read_core(integers, core_shape, rows_before):
 
 
 def unreflected(vectors):
-    """The vectors that integers stand for: H₁ … H_{j−1} z_j."""
+    """Restores the vectors that integers stand for: H₁ … H_{j−1} z_j."""
     pivots, normals = set(), []
     for number, z in enumerate(vectors):
         pivot = next_pivot(z.tolist(), pivots)
@@ -157,7 +157,7 @@ def unreflected(vectors):
 
 
 def read_scales(integers, count, exponent):
-    """The scales of a bond of this rank."""
+    """Reads the scales of a bond of this rank."""
     exponents = exponent + np.cumsum(integers.take([count], count))
     return 2.0 ** (exponents / 4)
 
@@ -170,12 +170,12 @@ def chebyshev_terms(y, count):
 
 
 def mapped(x, alpha):
-    """The variable of the polynomials at the place x: section 9.1."""
+    """Maps the place x to the variable of the polynomials: section 9.1."""
     return sin(x * asin(alpha)) / alpha if alpha > 0 else x
 
 
 def azimuth_terms(azimuth, count, odd):
-    """The terms with odd multiples of the azimuth, or with even ones, and zeros."""
+    """Gives the terms with odd multiples of the azimuth, or with even ones, and zeros."""
     terms = np.zeros(count)
     for i in range(count):
         m = ceil(i / 2)
@@ -190,7 +190,7 @@ def polar_terms(polar, count, odd):
 
 
 def weight_sets(tensor, parameters):
-    """For each sum that is to be added the terms of each ray axis: a function of their number."""
+    """Gives, for each sum that is to be added, the terms of each ray axis as functions of their number."""
     shape = tensor.shape
     plain = [lambda n, x=x: chebyshev_terms(mapped(x, shape.alpha), n) for x in parameters]
     if not shape.sphere:
@@ -207,7 +207,7 @@ def weight_sets(tensor, parameters):
 
 
 def rows_at(tensor, parameters):
-    """The rows (arc length, channel) at parameters of cameras and directions."""
+    """Sums the rows (arc length, channel) at parameters of cameras and directions."""
     result = 0.0
     for terms in weight_sets(tensor, parameters):
         product = np.ones(1)
@@ -221,12 +221,12 @@ def rows_at(tensor, parameters):
 
 
 def half(x):
-    """The half of [−1, 1] that holds x, and the parameter there."""
+    """Finds the half of [−1, 1] that holds x, and the parameter there."""
     return (0, 2 * x + 1) if x < 0 else (1, 2 * x - 1)
 
 
 def pieces(tree, cameras, directions, face, interval):
-    """The pieces (interval, rows) of a ray's path; rows are None where flagged.
+    """Collects the pieces (interval, rows) of a ray's path; rows are None where flagged.
 
     `face` is the number of the face and the direction parameters there.
     """

@@ -5,7 +5,7 @@ parameters there, the start of its path, and the isometry that carries it to the
 """
 
 from dataclasses import dataclass
-from math import asin, atan, atan2, floor, log, pi, sqrt, tan
+from math import asin, atan, atan2, floor, log, pi, sqrt
 
 import numpy as np
 
@@ -33,7 +33,7 @@ def affine(q, t):
 
 
 def composed(outer, inner):
-    """The isometry `outer` behind the affine map `inner`."""
+    """Puts the isometry `outer` behind the affine map `inner`."""
     q, t = inner
 
     def apply(x):
@@ -51,24 +51,15 @@ def signed_matrix(entries):
 
 
 def face_of(a):
-    """The face of a unit vector and its parameters there: section 4.2."""
+    """Finds the face of a unit vector and its parameters there: section 4.2."""
     size = np.abs(a)
     k = int(np.argmax(size))
     warp = lambda i: 4 / pi * atan(a[(k + i) % 3] / size[k])
     return 2 * k + int(a[k] < 0), [warp(1), warp(2)]
 
 
-def aim_at(face, direction):
-    """The unit vector at parameters of a face: the inverse of `face_of`."""
-    k, a = face // 2, np.zeros(3)
-    a[k] = 1 if face % 2 == 0 else -1
-    for i in (1, 2):
-        a[(k + i) % 3] = tan(pi * direction[i - 1] / 4)
-    return a / np.linalg.norm(a)
-
-
 class Mirror:
-    """Section 4.5."""
+    """Discrete symmetry: section 4.5."""
 
     def __init__(self, record, middle):
         self.cameras = record["cameras"]
@@ -77,7 +68,7 @@ class Mirror:
         self.back = (self.p.T, middle - self.p.T @ middle)
 
     def cell(self, cell, counts):
-        """The cell that this one is carried to; None if the division does not follow."""
+        """Finds the cell that this one is carried to; None if the division does not follow."""
         image = []
         for i, entry in enumerate(self.cameras):
             j = abs(entry) - 1
@@ -87,7 +78,7 @@ class Mirror:
         return image
 
     def source(self, axis):
-        """Which axis of a direction becomes this one of its image, and its sign."""
+        """Finds the axis of a direction that becomes this one of its image, and its sign."""
         j = int(np.argmax(np.abs(self.d[axis])))
         return j, self.d[axis, j]
 
@@ -97,7 +88,7 @@ class Mirror:
         return 2 * axis + int(sign < 0)
 
     def direction(self, face, direction):
-        """The parameters on the image of a face."""
+        """Gives the parameters on the image of a face."""
         axis, image = face // 2, self.face(face) // 2
         parameters = []
         for j in (1, 2):
@@ -152,7 +143,7 @@ class RaySpace:
         return point
 
     def with_kept(self, values):
-        """The middle of the region with the coordinates replaced that are not translated."""
+        """Replaces the coordinates of the region's middle that are not translated."""
         point = self.region.middle()
         point[[k for k in range(3) if not self.manifold.translated[k]]] = values
         return point
@@ -161,7 +152,7 @@ class RaySpace:
         return [u[k] for k in range(3) if not self.manifold.translated[k]]
 
     def place(self, u):
-        """Stored parameters of a camera."""
+        """Finds the stored parameters of a camera."""
         if self.reduction == "group":
             return []
         if self.reduction == "rotation":
@@ -196,7 +187,7 @@ class RaySpace:
         return u[0] * sqrt(self.manifold.metric(u)[1, 1])
 
     def find_least_radius(self):
-        """R₀, or 0 where it is negligible."""
+        """Finds R₀, or 0 where it is negligible."""
         radius = lambda x: self.areal_radius(self.stored_point(x))
         if not self.cameras:
             return radius([])
@@ -231,7 +222,7 @@ class RaySpace:
         return face, parameter, stored, q.T @ v, q
 
     def orbit(self, x, y, radius):
-        """Face and parameter of the direction (x, y) at an areal radius."""
+        """Finds face and parameter of the direction (x, y) at an areal radius."""
         least, theta = self.least_radius, atan2(y, x)
         b = radius * y / sqrt(x * x + y * y)
         if least > 0 and b <= least:
@@ -244,7 +235,7 @@ class RaySpace:
     # Chunks: section 5.
 
     def divide(self):
-        """For each place the chunk that holds it and the mirror that carries it there."""
+        """Lists for each place the chunk that holds it and the mirror that carries it there."""
         self.blocks = 1 if self.axes is not None else self.faces
         self.stored, chunks = [], {}
         for place in range(int(np.prod(self.cells, dtype=int)) * self.blocks):
@@ -277,7 +268,7 @@ class RaySpace:
         return place * self.blocks + block
 
     def cell(self, parameters):
-        """The cell that holds parameters, and the parameters in it."""
+        """Finds the cell that holds parameters, and the parameters in it."""
         cell, inner = [], []
         for n, (low, high), x in zip(self.cells, self.cameras, parameters):
             t = n * (x - low) / (high - low) if high > low else 0.5
@@ -289,7 +280,7 @@ class RaySpace:
     # Any ray.
 
     def locate(self, u, d):
-        """The stored ray of the camera at u in the direction d (standard frame, unit)."""
+        """Finds the stored ray of the camera at u in the direction d (standard frame, unit)."""
         parameters = self.place(u)
         cell, cameras = self.cell(parameters)
         if self.reduction == "rotation":
@@ -314,7 +305,7 @@ class RaySpace:
         return affine(*IDENTITY)
 
     def aim(self, d, stored, cell):
-        """Section 4.4."""
+        """Finds the aim of a direction: section 4.4."""
         d = d / np.linalg.norm(d)
         if not np.any(self.parallax) or not self.cameras:
             return d
@@ -344,13 +335,13 @@ class RaySpace:
         )
 
     def spherical(self, aim):
-        """Azimuth and polar angle as parameters: section 4.6."""
+        """Gives azimuth and polar angle as parameters: section 4.6."""
         y = self.axes.T @ aim
         return [atan2(y[1], y[0]) / pi, atan2(sqrt(y[0] ** 2 + y[1] ** 2), y[2]) / (pi / 2) - 1]
 
 
 class ChartMap:
-    """How chart points are stored: section 10.1."""
+    """Map of chart points to what is stored: section 10.1."""
 
     def __init__(self, name, radius, planar):
         self.name, self.radius = name, radius
@@ -361,7 +352,7 @@ class ChartMap:
         }[name]
 
     def lift(self, u, v):
-        """The point and the tangent in R⁴."""
+        """Maps chart point and tangent to R⁴."""
         if self.name == "identity":
             return np.append(u, 0.0), np.append(v, 0.0)
         if self.name == "sphere":
@@ -375,7 +366,7 @@ class ChartMap:
         return x, np.array([turn, 0, 0, growth]) / square
 
     def project(self, x, dx):
-        """The chart point and tangent of a point and a tangent in R⁴."""
+        """Maps a point and a tangent in R⁴ back to the chart."""
         if self.name == "identity":
             return x[:3], dx[:3]
         if self.name == "sphere":

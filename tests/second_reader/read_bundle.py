@@ -22,7 +22,7 @@ from rays import ChartMap, RaySpace
 
 
 def integrated(slopes, interval, start):
-    """The coefficients of the departure, from those of its slope and where it starts: section 9.3."""
+    """Integrates the coefficients of a slope to those of the departure from `start`: section 9.3."""
     low, high = interval
     count, channels = slopes.shape
     a = np.vstack([slopes, np.zeros((2, channels))])
@@ -55,14 +55,14 @@ class TablePath:
 
     @staticmethod
     def unfolded(rows, interval):
-        """Coefficients of departure and slope."""
+        """Gives the coefficients of departure and slope."""
         stored_start = interval[0] > 0
         start = rows[0] if stored_start else np.zeros(rows.shape[1])
         slopes = rows[int(stored_start) :]
         return integrated(slopes, interval, start), slopes
 
     def at(self, s):
-        """Chart point and tangent at arc length s; None where flagged."""
+        """Gives chart point and tangent at arc length s; None where flagged."""
         own = [piece for piece in self.pieces if s <= piece[0][1]] or self.pieces[-1:]
         (low, high), coefficients = own[0]
         if coefficients is None:
@@ -78,7 +78,7 @@ class TablePath:
         return u, differential @ stored[1]
 
     def sample(self, s):
-        """The same with glued coordinates in their limits, and a tangent of unit length."""
+        """Gives `at` with glued coordinates in their limits and a tangent of unit length."""
         u, v = self.at(s)
         u = self.bundle.manifold.wrap(u)
         return u, v / np.sqrt(v @ self.bundle.manifold.metric(u) @ v)
@@ -118,13 +118,13 @@ class Bundle:
             self.tree(chunk)
 
     def path(self, u, d):
-        """The path of the camera at u in the direction d (standard frame, of any length)."""
+        """Reads the path of the camera at u in the direction d (standard frame, of any length)."""
         d = np.asarray(d, dtype=float)
         return TablePath(self, u, d / np.linalg.norm(d))
 
 
 def deviation(bundle, golden):
-    """The largest differences of a golden path, in position and tangent."""
+    """Finds the largest differences from a golden path, in position and tangent."""
     path = bundle.path(golden["at"], golden["dir"])
     worst = np.zeros(2)
     for sample in golden["samples"]:
