@@ -224,7 +224,7 @@ pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> 
 }
 
 /// Reads the linear light of a PNG, JPEG, Radiance HDR or EXR file (whose layers come too); 8- and
-/// 16-bit files are taken as sRGB, and transparency is dropped.
+/// 16-bit files are taken as sRGB, and their opacity, if they have any, is the layer `A`.
 pub fn read(path: &Path) -> Result<Picture> {
     match extension(path).as_str() {
         "exr" => read_exr(path).map(|(picture, _)| picture),

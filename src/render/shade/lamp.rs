@@ -144,8 +144,8 @@ pub(in crate::render) fn diffuse(world: &World, hit: &Hit, footprint: &Footprint
     let uv = |k: usize| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c;
     let material = material(world, hit);
     match &material.map_kd {
-        Some(texture) => {
-            let colour = texture.filtered([uv(0), uv(1)], footprint);
+        Some(map) => {
+            let colour = map.filtered([uv(0), uv(1)], footprint);
             std::array::from_fn(|k| colour[k] * material.kd[k])
         }
         None => material.kd,
