@@ -74,14 +74,16 @@ impl World {
             manifold,
         };
         let mut triangles = Vec::new();
-        let mut shelf: Vec<(&Path, Arc<Mesh>)> = Vec::new();
+        let mut shelf: Vec<(&Path, f64, Arc<Mesh>)> = Vec::new();
         for (index, object) in scene.objects.iter().enumerate() {
-            let mesh = match shelf.iter().find(|(path, _)| *path == object.mesh) {
-                Some((_, mesh)) => mesh.clone(),
+            let wanted = (object.mesh.as_path(), object.crease);
+            let known = shelf.iter().find(|(path, crease, _)| (*path, *crease) == wanted);
+            let mesh = match known {
+                Some((.., mesh)) => mesh.clone(),
                 None => {
-                    let mesh = Arc::new(Mesh::load(&object.mesh)?);
+                    let mesh = Arc::new(Mesh::load_creased(&object.mesh, object.crease)?);
                     world.warnings.extend(mesh.warnings.iter().cloned());
-                    shelf.push((&object.mesh, mesh.clone()));
+                    shelf.push((&object.mesh, object.crease, mesh.clone()));
                     mesh
                 }
             };
@@ -148,14 +150,10 @@ impl World {
         mesh: &Mesh,
         triangles: &mut Vec<[DVec3; 3]>,
     ) -> Result<()> {
-        if self.manifold.domain.violation(object.at).is_some() {
-            let complaint = Diagnostic::new(
-                &scene.source,
-                object.at_span.clone(),
-                "this object is outside the manifold's domain",
-            );
-            return Err(complaint
-                .with_hint("see [domain] in the manifold file")
+        if let Err(fault) = check_point(&self.manifold, "the object", object.at) {
+            let span = object.at_span.clone();
+            return Err(Diagnostic::new(&scene.source, span, fault.to_string())
+                .with_hint("see [domain] in the manifold file, or move it from where the chart breaks down")
                 .into());
         }
         let Some(placed) = place(&self.manifold, object, mesh) else {

@@ -19,7 +19,7 @@ use std::collections::HashMap;
 pub(super) const FLAT: u32 = 0;
 
 /// The angle (degrees) above which an edge is sharp unless something else is asked for: what
-/// modelling programs take. Ring by ring, cylinders of 12 sides and more are smooth.
+/// modelling programs take. Round things of 12 sides and more are smooth.
 pub const CREASE: f64 = 30.0;
 
 /// With which others a triangle shares normals.
