@@ -120,6 +120,16 @@ impl Piece {
         self.s[0] + t * self.width()
     }
 
+    /// The part beyond arc length `s`; `None` if there is none.
+    pub fn after(&self, s: f64) -> Option<Self> {
+        let t = (s - self.s[0]) / self.width();
+        (t < 1.0).then(|| Self {
+            s: [s, self.s[1]],
+            u: [self.position(t), self.u[1]],
+            v: [self.tangent(t), self.v[1]],
+        })
+    }
+
     /// The control points of Bézier's form; the curve lies in their hull.
     pub fn bezier(&self) -> [DVec3; 4] {
         let third = self.width() / 3.0;
@@ -157,5 +167,25 @@ pub fn ending_at(manifold: &Manifold, end: End, s: f64, u: DVec3, v: DVec3) -> E
             sky: manifold.sky_direction(Some(exit), u, v),
         },
         End::Length | End::Singular => Ending::Nowhere,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_part_of_a_piece_lies_on_it() {
+        let piece = Piece {
+            s: [1.0, 3.0],
+            u: [DVec3::ZERO, DVec3::new(2.0, 1.0, 0.0)],
+            v: [DVec3::X, DVec3::new(0.5, 0.0, 1.0)],
+        };
+        let part = piece.after(1.5).unwrap();
+        for s in [1.5, 2.0, 2.9] {
+            let on = |p: &Piece| p.position((s - p.s[0]) / (p.s[1] - p.s[0]));
+            assert!((on(&part) - on(&piece)).length() < 1e-14);
+        }
+        assert!(piece.after(3.0).is_none());
     }
 }

@@ -4,11 +4,12 @@
 //! taken in passes, so that memory does not grow with their number.
 
 use super::{
+    behind::Behind,
     film::Film,
     frame::{Outcomes, Paths, Work, offsets, trace},
     picture::Picture,
     shade::{Footprints, shade},
-    tiles::Place,
+    tiles::{Place, Samples},
     view::View,
     world::World,
 };
@@ -58,10 +59,23 @@ pub fn draw(
         let traced = trace(world, view, paths, offsets);
         work += traced.work;
         let middle = Instant::now();
-        let colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let shaded = Instant::now();
+        let behind = Behind {
+            samples: Samples {
+                world,
+                view,
+                offsets,
+            },
+            paths,
+            of_pixel: samples,
+            footprints,
+        };
+        behind.show(traced.outcomes.view(), &mut colours);
+        let shown = Instant::now();
         film.add(colours, offsets);
-        times[0] += middle - began;
-        times[1] += middle.elapsed();
+        times[0] += (middle - began) + (shown - shaded);
+        times[1] += (shaded - middle) + shown.elapsed();
         first.get_or_insert((traced.outcomes, traced.flagged));
     }
     let began = Instant::now();

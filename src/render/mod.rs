@@ -6,6 +6,7 @@
 //! found is shaded ([`shade`]).
 
 pub mod accel;
+mod behind;
 mod camera;
 pub mod comparison;
 mod cubics;

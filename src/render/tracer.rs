@@ -95,6 +95,16 @@ impl<'m> ExactTracer<'m> {
 }
 
 impl ExactTracer<'_> {
+    /// How far it follows rays.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Its local tolerance.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
     /// The curves in `directions`, in order.
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
         let settings = Settings {

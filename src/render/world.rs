@@ -4,7 +4,7 @@
 //! hits be shaded from.
 
 use super::{
-    accel::Accelerator,
+    accel::{Accelerator, Holed, OPEN},
     intersect::Hit,
     light::{Baked, PointLight},
     scene::{LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
@@ -40,6 +40,9 @@ pub struct World {
     pub accelerator: Accelerator,
     /// One for each triangle.
     pub faces: Vec<Face>,
+    /// Linear red, green, blue and opacity at the corners of each triangle, times those of its
+    /// material; empty where no mesh has any.
+    pub colours: Vec<[[f32; 4]; 3]>,
     /// All materials.
     pub materials: Vec<Material>,
     /// The sky of each exit, and last the one of paths that end nowhere.
@@ -66,6 +69,7 @@ impl World {
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
+            colours: Vec::new(),
             materials: Vec::new(),
             skies,
             lights: lights(scene, &manifold)?,
@@ -77,7 +81,9 @@ impl World {
         let mut shelf: Vec<(&Path, f64, Arc<Mesh>)> = Vec::new();
         for (index, object) in scene.objects.iter().enumerate() {
             let wanted = (object.mesh.as_path(), object.crease);
-            let known = shelf.iter().find(|(path, crease, _)| (*path, *crease) == wanted);
+            let known = shelf
+                .iter()
+                .find(|(path, crease, _)| (*path, *crease) == wanted);
             let mesh = match known {
                 Some((.., mesh)) => mesh.clone(),
                 None => {
@@ -89,11 +95,56 @@ impl World {
             };
             world.place(scene, index as u32, object, &mesh, &mut triangles)?;
         }
-        world.accelerator = Accelerator::build(&triangles);
+        world.accelerator = Accelerator::build(&triangles).with_holes(world.holed());
         Ok(world)
     }
 
-    /// A hash of the triangles and their normals.
+    /// The triangles with opacity maps.
+    fn holed(&self) -> Vec<Holed> {
+        let faces = self.faces.iter().enumerate();
+        let holed = faces.filter_map(|(i, face)| {
+            let map = self.materials[face.material as usize].map_d.clone()?;
+            Some(Holed {
+                triangle: i as u32,
+                uvs: face.uvs,
+                map,
+            })
+        });
+        holed.collect()
+    }
+
+    /// Whether anything can be seen through.
+    pub fn has_clear(&self) -> bool {
+        self.materials.iter().any(Material::is_clear)
+            || self.colours.iter().flatten().any(|c| c[3] < 1.0)
+    }
+
+    /// What multiplies the material's colour and opacity at a hit.
+    pub fn colour(&self, hit: &Hit) -> [f32; 4] {
+        let Some([p, q, r]) = self.colours.get(hit.triangle as usize) else {
+            return [1.0; 4];
+        };
+        let [b, c] = hit.barycentric;
+        std::array::from_fn(|k| p[k] * (1.0 - b - c) + q[k] * b + r[k] * c)
+    }
+
+    /// The share of the light that a hit's surface stops: 1 solid, 0 not there.
+    pub fn opacity(&self, hit: &Hit) -> f32 {
+        let face = &self.faces[hit.triangle as usize];
+        self.materials[face.material as usize].dissolve * self.coverage(hit)
+    }
+
+    /// The share of a hit's place that is covered by its material, whatever that does to light.
+    pub fn coverage(&self, hit: &Hit) -> f32 {
+        let face = &self.faces[hit.triangle as usize];
+        let map = &self.materials[face.material as usize].map_d;
+        let [p, q, r] = face.uvs;
+        let [b, c] = hit.barycentric;
+        let uv = [0, 1].map(|k| p[k] * (1.0 - b - c) + q[k] * b + r[k] * c);
+        map.as_ref().map_or(1.0, |map| map.at(uv)) * self.colour(hit)[3]
+    }
+
+    /// A hash of the triangles, their normals and their opacity.
     pub fn geometry_fingerprint(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
         for (corners, face) in self.accelerator.triangles().iter().zip(&self.faces) {
@@ -105,7 +156,27 @@ impl World {
                 hasher.update(&x.to_le_bytes());
             }
         }
+        self.hash_opacity(&mut hasher);
         *hasher.finalize().as_bytes()
+    }
+
+    /// Adds what decides how much light passes, where any does.
+    fn hash_opacity(&self, hasher: &mut blake3::Hasher) {
+        if !self.has_clear() {
+            return;
+        }
+        for (i, face) in self.faces.iter().enumerate() {
+            let material = &self.materials[face.material as usize];
+            let colours = self.colours.get(i).map(|all| all.map(|c| c[3]));
+            let told = (material.dissolve, colours, face.uvs, face.material);
+            hasher.update(format!("{told:?}").as_bytes());
+        }
+        for map in self.materials.iter().filter_map(|m| m.map_d.as_ref()) {
+            hasher.update(format!("{:?}", map.mapping).as_bytes());
+            for x in map.values.iter() {
+                hasher.update(&x.to_le_bytes());
+            }
+        }
     }
 
     /// The chart point of a hit, inside the limits of glued coordinates.
@@ -165,6 +236,15 @@ impl World {
         self.materials.extend(mesh.materials.iter().cloned());
         for (corners, material) in mesh.triangles.iter().zip(&mesh.material_of) {
             let corner = corners.map(|c| c as usize);
+            let colours = corner.map(|c| mesh.colours.get(c).copied().unwrap_or([1.0; 4]));
+            let alpha = colours.iter().fold(0.0, |most: f32, c| most.max(c[3]));
+            if mesh.materials[*material as usize].solid() * alpha < OPEN {
+                continue;
+            }
+            if !(mesh.colours.is_empty() && self.colours.is_empty()) {
+                self.colours.resize(self.faces.len(), [[1.0; 4]; 3]);
+                self.colours.push(colours);
+            }
             triangles.push(corner.map(|c| vertices[c].0));
             self.faces.push(Face {
                 object: index,

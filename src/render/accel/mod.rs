@@ -12,14 +12,17 @@
 
 mod boxes;
 mod chord;
+mod holes;
 mod packet;
 mod stack;
 mod top;
 
+pub use holes::{Holed, OPEN};
 pub use packet::PacketHits;
 
 use chord::{Chord, is_usable};
 use glam::{DVec3, Vec3, Vec3A};
+use holes::Holes;
 use obvhs::{
     BvhBuildParams,
     aabb::Aabb,
@@ -41,6 +44,7 @@ pub struct Accelerator {
     nodes: Vec<Bvh2Node>,
     /// The triangles again, in the order of the leaves.
     leaves: Vec<Numbered>,
+    holes: Holes,
     top: Top,
     /// Corners of the box around all triangles.
     bounds: Option<(DVec3, DVec3)>,
@@ -56,6 +60,8 @@ struct Numbered {
     corners: [DVec3; 3],
     /// Its number in the order given to [`Accelerator::build`].
     number: u32,
+    /// Whether it may have holes.
+    holed: bool,
 }
 
 /// Where a chord meets a triangle.
@@ -106,12 +112,30 @@ impl Accelerator {
         let numbered = |slot: u32| {
             let number = usable[slot as usize];
             let corners = triangles[number as usize];
-            Numbered { corners, number }
+            Numbered {
+                corners,
+                number,
+                holed: false,
+            }
         };
         built.leaves = tree.primitive_indices.into_iter().map(numbered).collect();
         built.nodes = tree.nodes;
         built.top = Top::of(&built.nodes);
         built
+    }
+
+    /// The same triangles, of which some have holes.
+    pub fn with_holes(mut self, holed: Vec<Holed>) -> Self {
+        self.holes = Holes::new(holed);
+        for triangle in &mut self.leaves {
+            triangle.holed = self.holes.of(triangle.number).is_some();
+        }
+        self
+    }
+
+    /// Whether a triangle is open where its second and third corner have these weights.
+    pub fn is_open(&self, triangle: u32, weights: [f32; 2]) -> bool {
+        self.holes.is_open(triangle, weights)
     }
 
     /// Corners of the box around all usable triangles; `None` if there are none.
@@ -143,7 +167,7 @@ impl Accelerator {
         while let Some((index, entry)) = next {
             let node: &Bvh2Node = &self.nodes[index as usize];
             if entry <= limit && node.is_leaf() {
-                best = nearest(best, &chord, self.leaf(node).iter().copied());
+                best = self.nearest(best, &chord, self.leaf(node).iter().copied());
                 limit = best.map_or(limit, |hit| tau(hit.t));
             } else if entry <= limit {
                 let children = [node.first_index, node.first_index + 1];
@@ -164,11 +188,14 @@ impl Accelerator {
     /// The same as [`Self::first_hit_on_chord`] among the triangles numbered in `candidates` only.
     pub fn first_hit_among(&self, candidates: &[u32], a: DVec3, b: DVec3) -> Option<ChordHit> {
         let numbered = |&number: &u32| {
-            let corners = *self.triangles.get(number as usize)?;
-            Some(Numbered { corners, number })
+            Some(Numbered {
+                corners: *self.triangles.get(number as usize)?,
+                number,
+                holed: self.holes.of(number).is_some(),
+            })
         };
         let candidates = candidates.iter().filter_map(numbered);
-        nearest(None, &Chord::new(a, b)?, candidates)
+        self.nearest(None, &Chord::new(a, b)?, candidates)
     }
 
     /// Whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
@@ -222,6 +249,31 @@ impl Accelerator {
             next = stack.pop();
         }
         false
+    }
+
+    /// The better of `best` and the nearest hit among the triangles.
+    fn nearest(
+        &self,
+        mut best: Option<ChordHit>,
+        chord: &Chord,
+        triangles: impl Iterator<Item = Numbered>,
+    ) -> Option<ChordHit> {
+        for triangle in triangles {
+            let Some((t, barycentric)) = chord.meet(&triangle.corners) else {
+                continue;
+            };
+            let weights = || [barycentric.0 as f32, barycentric.1 as f32];
+            if best.is_none_or(|b| (t, triangle.number) < (b.t, b.triangle))
+                && !(triangle.holed && self.is_open(triangle.number, weights()))
+            {
+                best = Some(ChordHit {
+                    t,
+                    triangle: triangle.number,
+                    barycentric,
+                });
+            }
+        }
+        best
     }
 
     fn leaf(&self, node: &Bvh2Node) -> &[Numbered] {
@@ -292,27 +344,6 @@ fn box_of([a, b, c]: &[DVec3; 3]) -> (DVec3, DVec3) {
 #[inline(always)]
 fn boxes_meet(one: (DVec3, DVec3), other: (DVec3, DVec3)) -> bool {
     one.0.cmple(other.1).all() && other.0.cmple(one.1).all()
-}
-
-/// The better of `best` and the nearest hit among the triangles.
-fn nearest(
-    mut best: Option<ChordHit>,
-    chord: &Chord,
-    triangles: impl Iterator<Item = Numbered>,
-) -> Option<ChordHit> {
-    for triangle in triangles {
-        let Some((t, barycentric)) = chord.meet(&triangle.corners) else {
-            continue;
-        };
-        if best.is_none_or(|b| (t, triangle.number) < (b.t, b.triangle)) {
-            best = Some(ChordHit {
-                t,
-                triangle: triangle.number,
-                barycentric,
-            });
-        }
-    }
-    best
 }
 
 /// A cut chord in tree coordinates, for slab tests in single precision.

@@ -30,6 +30,8 @@ pub struct Connection {
     /// The area by which a unit solid angle at the start has spread at the end; negative after an
     /// odd number of caustics.
     pub area: f64,
+    /// The share of light that surfaces on the way let through.
+    pub through: f64,
 }
 
 /// A connection being found.
@@ -195,6 +197,7 @@ struct Target {
     /// The derivatives of the end by two angles and the arc length, in the standard frame.
     slope: DMat3,
     area: f64,
+    through: f64,
 }
 
 impl Target {
@@ -213,6 +216,7 @@ impl Target {
             u: self.u,
             v: self.v,
             area: self.area,
+            through: self.through,
         }
     }
 }
@@ -247,6 +251,7 @@ impl State {
             v,
             spread,
             frame,
+            through,
         }) = flight
         else {
             return None;
@@ -262,6 +267,7 @@ impl State {
             miss: into * (self.attempt.to - u),
             slope: DMat3::from_cols(into * columns[0], into * columns[1], into * v),
             area: signed_area(into, v, columns),
+            through,
         })
     }
 

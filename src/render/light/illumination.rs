@@ -38,7 +38,7 @@ fn irradiance_in(frame: DMat3, normal: DVec3, connection: &Connection) -> f64 {
     let n = (frame.transpose() * normal).normalize_or_zero();
     let v = (frame.inverse() * connection.v).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
-    -n.dot(v) / connection.area.abs().max(least)
+    -n.dot(v) * connection.through / connection.area.abs().max(least)
 }
 
 /// The lights of a world, ready to be connected.

@@ -1,8 +1,9 @@
 //! Whether light comes all the way to where it should.
 //!
 //! In: geodesics from a light to just at points of surfaces. Out: the end of each, unless something
-//! is in its way ([`Way`]). Intersection goes along with integration, so a shadow costs no ray of its
-//! own, and a ray in shadow is given up where it begins.
+//! is in its way ([`Way`]), and the share that surfaces which are not solid let through. Intersection
+//! goes along with integration, so a shadow costs no ray of its own, and a ray in shadow is given up
+//! where it begins.
 
 use super::SurfacePoint;
 use crate::{
@@ -10,7 +11,7 @@ use crate::{
     manifold::Manifold,
     render::{
         World,
-        intersect::{first_hit, may_meet, region},
+        intersect::{Hit, first_hit, may_meet, region},
         tracer::pieces,
     },
 };
@@ -45,12 +46,21 @@ pub(super) struct Arrival {
     pub spread: Option<[DVec3; 2]>,
     /// The standard frame there.
     pub frame: DMat3,
+    /// The share of the light that surfaces on the way have let through.
+    pub through: f64,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
 /// curve that is intersected departs from the exact one by a tenth of that. Farther from the
 /// surface, shadows begin to come off what casts them.
 const SHORT: f64 = 5e-4;
+
+/// Light of which less than this share is let through is none.
+const FAINT: f64 = 1e-3;
+
+/// How far beyond a surface that lets light through the next is looked for, as a share of the arc
+/// length: arc lengths of hits are in single precision.
+const BEYOND: f64 = 1e-6;
 
 /// The triangle of the point itself may be met as much earlier, where light grazes it.
 const GRAZING: f64 = 0.1;
@@ -68,6 +78,7 @@ pub(super) fn reached(
         number,
         met: false,
         blocked: false,
+        through: 1.0,
         end: None,
     };
     let flights = rays.iter().zip(numbers).map(flight).collect();
@@ -91,6 +102,7 @@ fn with_frames(manifold: &Manifold, flights: &[Flight]) -> Vec<Reached> {
                 v,
                 spread,
                 frame,
+                through: f.through,
             })
         }
     };
@@ -104,6 +116,8 @@ struct Flight {
     met: bool,
     /// Whether something is in its way.
     blocked: bool,
+    /// What has been let through so far.
+    through: f64,
     /// Point, tangent and deviations at its end.
     end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,
 }
@@ -157,17 +171,37 @@ impl Sink for Flights<'_> {
 }
 
 impl Flight {
-    /// Whether what the step meets is the surface of the flight's point; `None` if it meets nothing.
-    fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
+    /// Whether what the step meets is the surface of the flight's point; `None` if it meets nothing
+    /// that stops it.
+    fn meets(&mut self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
         let domain = &world.manifold.domain;
         if !may_meet(&world.accelerator, domain, step.bounds()) {
             return None;
         }
-        let mut hits = pieces(step)
-            .filter_map(|piece| first_hit(&world.accelerator, domain, &piece, f64::INFINITY));
-        let hit = hits.next()?;
-        let s = f64::from(hit.s);
-        let own = hit.triangle == points[self.number].triangle && s > (1.0 - GRAZING) * self.length;
-        Some(own || s >= (1.0 - SHORT) * self.length)
+        for piece in pieces(step) {
+            let mut rest = piece;
+            while let Some(hit) = first_hit(&world.accelerator, domain, &rest, f64::INFINITY) {
+                let s = f64::from(hit.s);
+                let at_point = hit.triangle == points[self.number].triangle;
+                let own = at_point && s > (1.0 - GRAZING) * self.length;
+                if own || s >= (1.0 - SHORT) * self.length {
+                    return Some(true);
+                }
+                if !self.passes(world, &hit) {
+                    return Some(false);
+                }
+                let Some(beyond) = rest.after(s + BEYOND * self.length) else {
+                    break;
+                };
+                rest = beyond;
+            }
+        }
+        None
+    }
+
+    /// Whether anything gets through the surface.
+    fn passes(&mut self, world: &World, hit: &Hit) -> bool {
+        self.through *= 1.0 - f64::from(world.opacity(hit));
+        self.through > FAINT
     }
 }

@@ -15,7 +15,7 @@ use crate::{
         light::{Attempt, Connection, Way, connect},
     },
 };
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// The emitting triangles of a world.
 pub struct Emitters {
@@ -29,7 +29,7 @@ pub struct Emitters {
 pub struct Chosen {
     /// Chart point.
     pub u: DVec3,
-    /// Radiance.
+    /// Radiance, of what the surface stops if it is not solid.
     pub radiance: DVec3,
     /// The flat triangle's normal covector.
     pub normal: DVec3,
@@ -82,7 +82,9 @@ impl Emitters {
             (b, c) = (1.0 - b, 1.0 - c);
         }
         let [p, q, r] = world.accelerator.triangles()[triangle as usize];
-        self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c)
+        let mut chosen = self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c);
+        chosen.radiance *= solid(world, triangle, [b as f32, c as f32]);
+        chosen
     }
 
     /// The point `u` of an emitting triangle.
@@ -127,6 +129,18 @@ impl Chosen {
         let cosine = self.cosine(world, connection).max(1e-12);
         self.by_area * connection.area.abs() / cosine
     }
+}
+
+/// How solid an emitter is where its second and third corner have these weights.
+fn solid(world: &World, triangle: u32, barycentric: [f32; 2]) -> f64 {
+    let material = world.faces[triangle as usize].material;
+    let here = Hit {
+        s: 0.0,
+        v: Vec3::ZERO,
+        triangle,
+        barycentric,
+    };
+    f64::from(world.materials[material as usize].solid() * world.coverage(&here))
 }
 
 /// Twice the area over that in the triangle's coordinates: how much area, in the metric at `u`, the

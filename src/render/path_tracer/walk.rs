@@ -204,12 +204,20 @@ impl<'w> PathTracer<'w> {
                 }
             }
         }
-        let mut met = self.meetings(met);
+        let met = self.meetings(met);
         self.add_emitted(&met, add);
-        met.retain(|m| m.walk.bounce < self.settings.bounces);
+        // The others may still go through unturned.
+        let (mut met, last): (Vec<Meeting>, Vec<Meeting>) =
+            met.into_iter().partition(|m| self.goes_on(&m.walk));
         self.add_lamps(&met, add);
         self.add_emitters(&mut met, add);
-        met.into_iter().filter_map(|m| self.scattered(m)).collect()
+        let all = met.into_iter().chain(last);
+        all.filter_map(|m| self.scattered(m)).collect()
+    }
+
+    /// Whether light that has come so far may be reflected once more.
+    fn goes_on(&self, walk: &Walk) -> bool {
+        walk.bounce < self.settings.bounces
     }
 
     fn meetings(&self, met: Vec<(Walk, Hit)>) -> Vec<Meeting> {
@@ -349,7 +357,14 @@ impl<'w> PathTracer<'w> {
             return None;
         }
         walk.throughput *= scattered.weight;
-        walk.bounce += 1;
+        let mut length = self.settings.length;
+        if scattered.unturned {
+            length = walk.ray.length - f64::from(hit.s);
+        } else if self.goes_on(&walk) {
+            walk.bounce += 1;
+        } else {
+            return None;
+        }
         if walk.bounce > SURE_BOUNCES {
             let survival = walk.throughput.max_element().min(MOST_SURVIVAL);
             if walk.random.uniform() >= survival {
@@ -365,7 +380,7 @@ impl<'w> PathTracer<'w> {
         walk.ray = Probe {
             u: surface.beside(scattered.wi, self.offset(&hit)),
             v: surface.tangent(scattered.wi),
-            length: self.settings.length,
+            length,
         };
         (walk.throughput.is_finite() && walk.throughput != DVec3::ZERO).then_some(walk)
     }

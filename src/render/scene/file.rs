@@ -316,7 +316,9 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
             .optional("rotate")
             .map_or(Ok(DQuat::IDENTITY), |v| rotation(&v))?,
         placement: placement.transpose()?.unwrap_or_default(),
-        crease: table.optional("crease").map_or(Ok(CREASE), |v| crease(&v))?,
+        crease: table
+            .optional("crease")
+            .map_or(Ok(CREASE), |v| crease(&v))?,
         span: table.span(),
     })
 }

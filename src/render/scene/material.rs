@@ -34,8 +34,7 @@ pub struct Material {
     pub dissolve: f32,
     /// Index of refraction (`Ni`).
     pub ni: f32,
-    /// The illumination model's number (`illum`): 2 matt and glossy, 3 and 5 mirror, 4, 6, 7 and 9
-    /// glass.
+    /// The illumination model's number (`illum`): 2 matt and glossy, 3 to 5 mirror, 6 and 7 glass.
     pub illumination: u8,
     /// Texture that multiplies `kd` (`map_Kd`).
     pub map_kd: Option<TextureMap>,
@@ -58,6 +57,25 @@ impl Default for Material {
             map_kd: None,
             map_d: None,
         }
+    }
+}
+
+impl Material {
+    /// Whether it may let light through unturned.
+    pub fn is_clear(&self) -> bool {
+        self.dissolve < 1.0 || self.map_d.is_some()
+    }
+
+    /// Whether it turns light that goes through it (see the table of
+    /// [`crate::render::path_tracer::bsdf`]).
+    pub fn is_glass(&self) -> bool {
+        matches!(self.illumination, 6 | 7)
+    }
+
+    /// The most that it stops of the light that does not turn: glass says by `d` that it is clear, not
+    /// that it is not there.
+    pub fn solid(&self) -> f32 {
+        if self.is_glass() { 1.0 } else { self.dissolve }
     }
 }
 
@@ -119,7 +137,7 @@ impl Shelf {
             (None, None) => None,
         };
         let dissolve = one(from.dissolve, grey.dissolve);
-        if dissolve == 0.0 {
+        if dissolve == 0.0 && !matches!(from.illumination_model, Some(6 | 7)) {
             say("is not there at all (d 0 or Tr 1)");
         }
         Material {

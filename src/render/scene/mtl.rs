@@ -131,7 +131,7 @@ fn is_nothing(key: &str, words: &str) -> bool {
         .collect();
     let all = |value: f32| !numbers.is_empty() && numbers.iter().all(|x| *x == value);
     match key {
-        "tf" => all(1.0),
+        "tf" => all(1.0) || all(0.0),
         "pr" | "pm" | "ps" | "pc" | "pcr" | "aniso" | "anisor" => all(0.0),
         _ => words.is_empty(),
     }

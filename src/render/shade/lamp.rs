@@ -137,17 +137,21 @@ fn material<'w>(world: &'w World, hit: &Hit) -> &'w Material {
     &world.materials[world.faces[hit.triangle as usize].material as usize]
 }
 
-/// The diffuse reflectance of what was hit: `Kd`, times its texture averaged over `footprint`.
+/// The diffuse reflectance of what was hit: `Kd`, times the colour of the mesh there, times its texture
+/// averaged over `footprint`.
 pub(in crate::render) fn diffuse(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
     let uvs = world.faces[hit.triangle as usize].uvs;
     let [b, c] = hit.barycentric;
     let uv = |k: usize| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c;
     let material = material(world, hit);
-    match &material.map_kd {
-        Some(map) => {
-            let colour = map.filtered([uv(0), uv(1)], footprint);
-            std::array::from_fn(|k| colour[k] * material.kd[k])
-        }
-        None => material.kd,
+    let mut colour = material.kd;
+    if let Some(map) = &material.map_kd {
+        let texture = map.filtered([uv(0), uv(1)], footprint);
+        colour = std::array::from_fn(|k| texture[k] * colour[k]);
     }
+    if !world.colours.is_empty() {
+        let own = world.colour(hit);
+        colour = std::array::from_fn(|k| own[k] * colour[k]);
+    }
+    colour
 }
