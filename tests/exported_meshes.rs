@@ -270,8 +270,11 @@ fn weights_divide_positions() {
 #[test]
 fn what_of_a_material_is_not_drawn_is_told_once() {
     let mesh = load("substance.obj");
-    let known = "material `Metal`: Pm, Pr, map_Ke, map_Pr, norm not drawn";
+    let known = "material `Metal`: Pm, Pr, map_Pr, norm not drawn";
     assert_eq!(mesh.warnings, [known]);
+    let emission = of(&mesh, 0).map_ke.as_ref().unwrap();
+    near(&emission.filtered([0.25, 0.25], &Footprint::POINT), &BLUE);
+    assert_eq!(of(&mesh, 0).ke, [1.0; 3]);
 }
 
 #[test]

@@ -11,8 +11,9 @@
 use crate::{
     random::Stream,
     render::{
-        Hit, World,
+        Footprint, Hit, World,
         light::{Attempt, Connection, Way, connect},
+        shade,
     },
 };
 use glam::{DVec3, Vec3};
@@ -83,7 +84,7 @@ impl Emitters {
         }
         let [p, q, r] = world.accelerator.triangles()[triangle as usize];
         let mut chosen = self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c);
-        chosen.radiance *= solid(world, triangle, [b as f32, c as f32]);
+        chosen.radiance = radiance(world, triangle, [b as f32, c as f32]);
         chosen
     }
 
@@ -131,8 +132,8 @@ impl Chosen {
     }
 }
 
-/// How solid an emitter is where its second and third corner have these weights.
-fn solid(world: &World, triangle: u32, barycentric: [f32; 2]) -> f64 {
+/// What an emitter gives off where its second and third corner have these weights.
+fn radiance(world: &World, triangle: u32, barycentric: [f32; 2]) -> DVec3 {
     let material = world.faces[triangle as usize].material;
     let here = Hit {
         s: 0.0,
@@ -140,7 +141,9 @@ fn solid(world: &World, triangle: u32, barycentric: [f32; 2]) -> f64 {
         triangle,
         barycentric,
     };
-    f64::from(world.materials[material as usize].solid() * world.coverage(&here))
+    let solid = world.materials[material as usize].solid() * world.coverage(&here);
+    let emitted = shade::emission(world, &here, &Footprint::POINT);
+    DVec3::from_array(emitted.map(|x| f64::from(x * solid)))
 }
 
 /// Twice the area over that in the triangle's coordinates: how much area, in the metric at `u`, the

@@ -57,6 +57,7 @@ impl Surface {
         // A smoothed normal that looks away from the viewer is none.
         let normal = if facing.dot(back) > 0.0 { facing } else { flat };
         let around = Around::new(normal);
+        let emitted = shade::emission(world, hit, &Footprint::POINT);
         let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
             .covering(f64::from(world.coverage(hit)));
         Self {
@@ -71,7 +72,7 @@ impl Surface {
             flat: around.inside(flat),
             around,
             outside,
-            emitted: DVec3::from_array(material.ke.map(f64::from)) * bsdf.solid(),
+            emitted: DVec3::from_array(emitted.map(f64::from)) * bsdf.solid(),
             bsdf,
         }
     }

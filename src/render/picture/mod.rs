@@ -23,6 +23,8 @@ pub use error_picture::{Decades, error_picture};
 pub use exr::{Precision, read_exr, write_exr};
 pub use flip::{Flip, flip};
 pub use metrics::psnr;
+#[cfg(feature = "gltf")]
+pub use png::decode_bytes;
 pub use png::{read_png, write_png};
 pub use side_by_side::side_by_side;
 

@@ -11,18 +11,20 @@ use std::path::Path;
 pub(super) enum Format {
     /// Wavefront OBJ.
     Obj,
+    /// Stanford's polygon format.
+    Ply,
+    /// glTF, as text or binary.
+    #[cfg(feature = "gltf")]
+    Gltf,
 }
 
 /// What to do with most files that are not read.
-const CONVERT: &str = "convert it to OBJ, for example with Blender or MeshLab";
+const CONVERT: &str = "convert it to OBJ or PLY, for example with Blender or MeshLab";
 
 /// Formats known by how a file begins: bytes, name, and what to do.
 const KNOWN: &[(&[u8], &str, &str)] = &[
     (b"\xff\xfe", "UTF-16 text", SAVE_AS_UTF_8),
     (b"\xfe\xff", "UTF-16 text", SAVE_AS_UTF_8),
-    (b"ply\n", "a PLY file", CONVERT),
-    (b"ply\r", "a PLY file", CONVERT),
-    (b"glTF", "a binary glTF file", CONVERT),
     (b"Kaydara FBX Binary", "an FBX file", CONVERT),
     (b"; FBX", "an FBX file", CONVERT),
     (
@@ -64,6 +66,13 @@ const UNPACK: &str = "unpack it, or export the mesh as OBJ";
 impl Format {
     /// The format of the file with these first bytes.
     pub(super) fn of(path: &Path, bytes: &[u8]) -> Result<Self> {
+        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+            return Ok(Self::Ply);
+        }
+        #[cfg(feature = "gltf")]
+        if is_gltf(bytes) {
+            return Ok(Self::Gltf);
+        }
         let known = KNOWN.iter().find(|(start, ..)| bytes.starts_with(start));
         let known = known.map(|(_, name, advice)| (*name, *advice));
         let found = known
@@ -89,9 +98,17 @@ fn stl(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
     (text || size == Some(bytes.len() as u64)).then_some(("an STL file", CONVERT))
 }
 
-fn gltf(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+fn is_gltf(bytes: &[u8]) -> bool {
     let json = bytes.trim_ascii_start().starts_with(b"{");
-    (json && contains(bytes, b"\"asset\"")).then_some(("a glTF file", CONVERT))
+    bytes.starts_with(b"glTF") || json && contains(bytes, b"\"asset\"")
+}
+
+/// Of a program that does not read it.
+fn gltf(bytes: &[u8]) -> Option<(&'static str, &'static str)> {
+    is_gltf(bytes).then_some((
+        "a glTF file",
+        "build the program with its feature `gltf`, or convert it to OBJ",
+    ))
 }
 
 /// No text has zeros in it; one with a zero in every other byte is UTF-16 without its mark.
@@ -121,6 +138,7 @@ mod tests {
 
     #[test]
     fn texts_of_objects_are_taken_as_such() {
+        assert_eq!(told(b"ply\nformat ascii 1.0\n"), "Ply");
         let texts = [
             "",
             "v 1 2 3\n",
@@ -143,7 +161,7 @@ mod tests {
         let cases: [(&[u8], &str, &str); 9] = [
             (&utf16("\u{feff}v 1 2 3\n"), "UTF-16", "save it as UTF-8"),
             (&utf16("v 1 2 3\n"), "UTF-16", "save it as UTF-8"),
-            (&stl, "an STL file", "convert it to OBJ"),
+            (&stl, "an STL file", "convert it to OBJ or PLY"),
             (
                 b"solid cube\n facet normal 0 0 1\n",
                 "an STL file",

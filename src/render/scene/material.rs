@@ -12,7 +12,7 @@ use super::{
 use crate::render::picture::{self, LayerValues, Picture, srgb_encode};
 use ndarray::{Array2, Axis};
 use std::{
-    collections::HashMap,
+    collections::{BTreeSet, HashMap},
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -40,6 +40,8 @@ pub struct Material {
     pub map_kd: Option<TextureMap>,
     /// Opacity that multiplies `dissolve`: `map_d`, else what `map_Kd` has beside its colours.
     pub map_d: Option<OpacityMap>,
+    /// Texture that multiplies `ke` (`map_Ke`).
+    pub map_ke: Option<TextureMap>,
 }
 
 impl Default for Material {
@@ -56,6 +58,7 @@ impl Default for Material {
             illumination: 2,
             map_kd: None,
             map_d: None,
+            map_ke: None,
         }
     }
 }
@@ -64,6 +67,11 @@ impl Material {
     /// Whether it may let light through unturned.
     pub fn is_clear(&self) -> bool {
         self.dissolve < 1.0 || self.map_d.is_some()
+    }
+
+    /// Whether a texture says what it looks like.
+    pub fn is_textured(&self) -> bool {
+        self.map_kd.is_some() || self.map_ke.is_some()
     }
 
     /// Whether it turns light that goes through it (see the table of
@@ -87,11 +95,11 @@ pub(super) struct Shelf {
 
 /// A picture as colours and as opacity.
 #[derive(Clone)]
-struct Loaded {
+pub(super) struct Loaded {
     picture: Arc<Picture>,
-    texture: Arc<Texture>,
-    /// Its own opacity, if it has any that is not 1 everywhere.
-    alpha: Option<Arc<Array2<f32>>>,
+    pub texture: Arc<Texture>,
+    /// Its own opacity, if that is not the same everywhere.
+    pub alpha: Option<Arc<Array2<f32>>>,
 }
 
 /// The map of a material: its name and options.
@@ -124,6 +132,9 @@ impl Shelf {
         let map_kd = map_kd.and_then(|map| self.read(map, folders, &mut say));
         let map_d = from.dissolve_texture.as_deref();
         let map_d = map_d.and_then(|map| self.read(map, folders, &mut say));
+        let map_ke = from.unknown_param.get("map_Ke");
+        let map_ke = map_ke.and_then(|map| self.read(map, folders, &mut say));
+        let dark = if map_ke.is_some() { [1.0; 3] } else { grey.ke };
         let mut kd = three(from.diffuse);
         if map_kd.is_some() && kd == Some([0.0; 3]) {
             // Maya writes black for what a texture is to decide.
@@ -145,16 +156,33 @@ impl Shelf {
             kd: kd.unwrap_or(plain),
             ks: three(from.specular).unwrap_or(grey.ks),
             ns: one(from.shininess, grey.ns),
-            ke: three(from.emissive).unwrap_or(grey.ke),
+            ke: three(from.emissive).unwrap_or(dark),
             dissolve,
             ni: one(from.optical_density, grey.ni),
             illumination: from.illumination_model.unwrap_or(grey.illumination),
-            map_kd: map_kd.map(|(loaded, map)| TextureMap {
-                texture: loaded.texture,
-                mapping: map.mapping,
-            }),
+            map_kd: map_kd.map(colours),
             map_d: opacity,
+            map_ke: map_ke.map(colours),
         }
+    }
+
+    /// A white material with the texture `name`, which is in `folder`.
+    pub(super) fn textured(
+        &mut self,
+        name: &str,
+        folder: &Path,
+        warnings: &mut Vec<String>,
+    ) -> Material {
+        let entry = Entry {
+            material: tobj::Material {
+                name: name.to_owned(),
+                diffuse: Some([1.0; 3]),
+                diffuse_texture: Some(name.to_owned()),
+                ..Default::default()
+            },
+            left_out: BTreeSet::new(),
+        };
+        self.material(&entry, &[folder], warnings)
     }
 
     /// The picture that `map` names, with its options.
@@ -183,9 +211,17 @@ impl Shelf {
     }
 }
 
+/// A picture laid on a surface.
+fn colours((loaded, map): (Loaded, Map<'_>)) -> TextureMap {
+    TextureMap {
+        texture: loaded.texture,
+        mapping: map.mapping,
+    }
+}
+
 impl Loaded {
     /// `None` if there is no pixel.
-    fn of(picture: Picture) -> Option<Self> {
+    pub(super) fn of(picture: Picture) -> Option<Self> {
         let alpha = match picture.layer("A") {
             Some(LayerValues::Float(alpha)) => Some(alpha.clone()),
             _ => None,
@@ -197,6 +233,26 @@ impl Loaded {
             texture: Arc::new(Texture::new(picture.rgb.clone())?),
             alpha: alpha.filter(says).map(Arc::new),
             picture: Arc::new(picture),
+        })
+    }
+
+    /// The mean colour, linear.
+    pub(super) fn mean(&self) -> [f32; 3] {
+        self.mean_of(|x| x)
+    }
+
+    /// The mean of the numbers as the file has them, where they are not light.
+    pub(super) fn mean_codes(&self) -> [f32; 3] {
+        self.mean_of(srgb_encode)
+    }
+
+    fn mean_of(&self, value: impl Fn(f32) -> f32) -> [f32; 3] {
+        let rgb = &self.picture.rgb;
+        let count = (rgb.len() / 3).max(1) as f64;
+        [0, 1, 2].map(|c| {
+            let channel = rgb.index_axis(Axis(2), c);
+            let sum: f64 = channel.iter().map(|x| f64::from(value(*x))).sum();
+            (sum / count) as f32
         })
     }
 

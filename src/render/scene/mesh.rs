@@ -4,10 +4,12 @@
 //! own units, or an error that names the file and the place; what could be mended is listed in
 //! [`Mesh::warnings`].
 
+#[cfg(feature = "gltf")]
+use super::gltf_mesh;
 use super::{
     formats::Format,
     material::Material,
-    obj_mesh,
+    obj_mesh, ply_mesh,
     smoothing::{CREASE, Share, fill_normals},
     text::decoded,
 };
@@ -50,6 +52,9 @@ impl Mesh {
         let folder = path.parent().unwrap_or(Path::new(""));
         let name = path.display().to_string();
         match Format::of(path, &bytes)? {
+            #[cfg(feature = "gltf")]
+            Format::Gltf => gltf_mesh::read(&name, &bytes, folder)?.finished(&name, crease),
+            Format::Ply => ply_mesh::read(&name, &bytes, folder)?.finished(&name, crease),
             Format::Obj => Self::parse_creased(&name, &decoded(&bytes), folder, crease),
         }
     }

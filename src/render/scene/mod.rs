@@ -4,6 +4,12 @@
 
 mod file;
 mod formats;
+#[cfg(feature = "gltf")]
+mod gltf_material;
+#[cfg(feature = "gltf")]
+mod gltf_mesh;
+#[cfg(feature = "gltf")]
+mod gltf_source;
 mod libraries;
 mod material;
 mod mesh;
@@ -11,6 +17,7 @@ mod mtl;
 mod obj;
 mod obj_mesh;
 mod placement;
+mod ply_mesh;
 mod polygon;
 mod poses;
 mod smoothing;

@@ -61,9 +61,9 @@ struct Mended {
 
 /// Statements that change how a surface looks in ways that are not drawn.
 const NOT_DRAWN: &[&str] = &[
-    "tf", "map_ka", "map_ks", "map_ke", "map_ns", "map_tr", "map_bump", "bump", "norm", "map_kn",
-    "disp", "map_disp", "decal", "refl", "map_refl", "pr", "map_pr", "pm", "map_pm", "ps",
-    "map_ps", "pc", "pcr", "aniso", "anisor",
+    "tf", "map_ka", "map_ks", "map_ns", "map_tr", "map_bump", "bump", "norm", "map_kn", "disp",
+    "map_disp", "decal", "refl", "map_refl", "pr", "map_pr", "pm", "map_pm", "ps", "map_ps", "pc",
+    "pcr", "aniso", "anisor",
 ];
 
 impl Mended {
@@ -99,10 +99,16 @@ impl Mended {
             }
             "tr" if self.dissolved => return number().map(|_| ()),
             "tr" => format!("d {}", 1.0 - number()?.min(1.0)),
-            "map_kd" | "map_d" => {
+            "map_kd" | "map_ke" | "map_d" => {
                 (!whole.is_empty()).then_some(())?;
-                let key = if lower == "map_d" { "map_d" } else { "map_Kd" };
-                format!("{key} {whole}")
+                format!(
+                    "map_{} {whole}",
+                    if lower == "map_d" {
+                        "d".to_owned()
+                    } else {
+                        capitalised(&lower[4..])
+                    }
+                )
             }
             other => {
                 if NOT_DRAWN.contains(&other) && !is_nothing(other, rest) {

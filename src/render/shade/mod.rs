@@ -15,7 +15,7 @@ use super::{footprint::Footprint, intersect::Hit, outcome::Seen, view::View, wor
 use crate::prefetch::prefetch;
 use glam::{DVec3, Vec3};
 use lamp::Lamp;
-pub(super) use lamp::diffuse;
+pub(super) use lamp::{diffuse, emission};
 use ndarray::{Array4, ArrayView3, Axis};
 use rayon::prelude::*;
 use skies::{Line, Skies};
@@ -129,9 +129,7 @@ impl Shader<'_> {
     /// How texture coordinates change from sample to sample; a point without a texture.
     fn texture_footprint(&self, at: Place, hit: &Hit) -> Footprint {
         let face = &self.world.faces[hit.triangle as usize];
-        let textured = self.world.materials[face.material as usize]
-            .map_kd
-            .is_some();
+        let textured = self.world.materials[face.material as usize].is_textured();
         if !textured || self.spacing == 0.0 {
             return Footprint::POINT;
         }
