@@ -7,7 +7,7 @@ use super::{
     accel::{Accelerator, Holed, OPEN},
     intersect::Hit,
     light::{Baked, PointLight},
-    scene::{LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
+    scene::{LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
     sky::Sky,
 };
 use crate::{
@@ -227,9 +227,18 @@ impl World {
                 .with_hint("see [domain] in the manifold file, or move it from where the chart breaks down")
                 .into());
         }
+        if is_near_singular(&self.manifold, object.at) {
+            let message = "the object: the chart is all but singular there, so directions are lost to rounding";
+            return Err(
+                Diagnostic::new(&scene.source, object.at_span.clone(), message)
+                    .with_hint("move it away, or describe the space in other coordinates")
+                    .into(),
+            );
+        }
         let Some(placed) = place(&self.manifold, object, mesh) else {
             return Err(self.unreachable(scene, object));
         };
+        self.check_extent(scene, object, &placed.vertices)?;
         self.warnings.extend(placed.warning);
         let (mesh, vertices) = (placed.mesh, placed.vertices);
         let first = self.materials.len() as u32;
@@ -256,6 +265,45 @@ impl World {
         Ok(())
     }
 
+    /// Refuses an object of which a part lies nowhere or which goes round and round the space: both
+    /// come of a place where the chart is all but singular.
+    fn check_extent(
+        &self,
+        scene: &SceneFile,
+        object: &ObjectEntry,
+        vertices: &Points,
+    ) -> Result<()> {
+        let refused = |message: String| -> Result<()> {
+            Err(
+                Diagnostic::new(&scene.source, object.at_span.clone(), message)
+                    .with_hint("make it smaller, or move it from where the chart breaks down")
+                    .into(),
+            )
+        };
+        if vertices.iter().any(|(u, _)| !u.is_finite()) {
+            return refused(String::from(
+                "a part of the object has no place in the chart",
+            ));
+        }
+        for k in 0..3 {
+            let Some(period) = self.manifold.domain.period(k) else {
+                continue;
+            };
+            let all = vertices.iter().map(|(u, _)| u[k]);
+            let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+                (a.min(x), b.max(x))
+            });
+            let times = (most - least) / period;
+            if times > MOST_PERIODS {
+                let name = &self.manifold.coordinates[k];
+                return refused(format!(
+                    "the object goes {times:.0} times around in `{name}`"
+                ));
+            }
+        }
+        Ok(())
+    }
+
     fn unreachable(&self, scene: &SceneFile, object: &ObjectEntry) -> Error {
         Diagnostic::new(
             &scene.source,
@@ -265,6 +313,23 @@ impl World {
         .with_hint("make it smaller or move it away from the edge of the domain")
         .into()
     }
+}
+
+/// Most times that an object may go around the space in one coordinate: each costs another search for
+/// what a ray meets.
+const MOST_PERIODS: f64 = 64.0;
+
+/// Largest ratio of the lengths of a standard frame's axes: of sixteen digits, four are left for
+/// directions.
+const MOST_STRETCH: f64 = 1e12;
+
+/// Whether the standard frame at `u` is so uneven that directions are lost.
+fn is_near_singular(manifold: &Manifold, u: DVec3) -> bool {
+    let frame = manifold.standard_frame(u);
+    let lengths = [0, 1, 2].map(|k| frame.col(k).length());
+    let [least, most] =
+        [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of).unwrap_or(1.0));
+    !(most <= MOST_STRETCH * least)
 }
 
 /// The lights of `scene`, all inside the domain.

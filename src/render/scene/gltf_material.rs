@@ -50,7 +50,8 @@ impl<'s> Materials<'s> {
         let number = from.index().map(|i| i.to_string());
         let name = from.name().map(str::to_owned).or(number);
         let name = name.unwrap_or_else(|| String::from("default"));
-        let mut say = |text: &str| warnings.push(format!("material `{name}`: {text}"));
+        let file = &self.source.name;
+        let mut say = |text: &str| warnings.push(format!("{file}: material `{name}`: {text}"));
         let mut left_out = Vec::new();
         if from.normal_texture().is_some() {
             left_out.push("normal map");

@@ -93,17 +93,21 @@ fn paths(names: &str, folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// The file called `name` in one of `folders`: as it is named, else by its last part alone (paths of
-/// other machines), else without regard to capitals.
+/// The file called `name` in one of `folders`: as it is named, else by ever less of its path, which may
+/// be of another machine, else without regard to capitals.
 pub(super) fn located(name: &str, folders: &[&Path]) -> Option<PathBuf> {
     let name = name.replace('\\', "/");
-    let last = name.rsplit('/').next().unwrap_or_default();
-    if last.is_empty() {
+    let parts: Vec<&str> = name.split('/').collect();
+    if parts.last().is_none_or(|last| last.is_empty()) {
         return None;
     }
-    let tries = [name.as_str(), last];
+    let shorter = (1..parts.len()).map(|from| parts[from..].join("/"));
+    let names: Vec<String> = std::iter::once(name.clone())
+        .chain(shorter)
+        .filter(|n| !n.is_empty())
+        .collect();
     let paths = || {
-        tries
+        names
             .iter()
             .flat_map(|name| folders.iter().map(move |f| f.join(name)))
     };

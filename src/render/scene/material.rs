@@ -123,7 +123,8 @@ impl Shelf {
         let grey = Material::default();
         let three = |c: Option<[f64; 3]>| c.map(|c| c.map(|x| x as f32));
         let one = |x: Option<f64>, otherwise: f32| x.map_or(otherwise, |x| x as f32);
-        let mut say = |text: &str| warnings.push(format!("material `{}`: {text}", from.name));
+        let (library, name) = (&entry.library, &from.name);
+        let mut say = |text: &str| warnings.push(format!("{library}: material `{name}`: {text}"));
         if !entry.left_out.is_empty() {
             let all: Vec<&str> = entry.left_out.iter().map(String::as_str).collect();
             say(&format!("{} not drawn", all.join(", ")));
@@ -136,7 +137,8 @@ impl Shelf {
         let map_ke = map_ke.and_then(|map| self.read(map, folders, &mut say));
         let dark = if map_ke.is_some() { [1.0; 3] } else { grey.ke };
         let mut kd = three(from.diffuse);
-        if map_kd.is_some() && kd == Some([0.0; 3]) {
+        let shines = map_ke.is_some() || from.emissive.is_some_and(|ke| ke != [0.0; 3]);
+        if map_kd.is_some() && kd == Some([0.0; 3]) && !shines {
             // Maya writes black for what a texture is to decide.
             say("its texture is used although Kd is black");
             kd = None;
@@ -166,14 +168,15 @@ impl Shelf {
         }
     }
 
-    /// A white material with the texture `name`, which is in `folder`.
+    /// A white material with the texture `name`, which is in `folder`, for the mesh `library`.
     pub(super) fn textured(
         &mut self,
         name: &str,
-        folder: &Path,
+        (library, folder): (&str, &Path),
         warnings: &mut Vec<String>,
     ) -> Material {
         let entry = Entry {
+            library: library.to_owned(),
             material: tobj::Material {
                 name: name.to_owned(),
                 diffuse: Some([1.0; 3]),

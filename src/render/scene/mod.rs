@@ -35,4 +35,5 @@ pub use material::Material;
 pub use mesh::Mesh;
 pub(super) use placement::place;
 pub use poses::{KeyPose, PoseFile};
+pub(super) use subdivide::Points;
 pub use texture::{Mapping, OpacityMap, Texture, TextureMap};

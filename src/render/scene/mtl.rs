@@ -14,6 +14,8 @@ use std::collections::BTreeSet;
 /// A material as its library has it.
 #[derive(Debug)]
 pub(super) struct Entry {
+    /// The file that it is in.
+    pub library: String,
     /// What `tobj` has read.
     pub material: tobj::Material,
     /// Statements with a meaning that is not drawn, in the spelling of the file.
@@ -41,7 +43,11 @@ pub(super) fn entries(name: &str, text: &str, warnings: &mut Vec<String>) -> Vec
             return Vec::new();
         }
     };
-    let entry = |(material, left_out)| Entry { material, left_out };
+    let entry = |(material, left_out)| Entry {
+        library: name.to_owned(),
+        material,
+        left_out,
+    };
     materials
         .into_iter()
         .zip(mended.left_out)

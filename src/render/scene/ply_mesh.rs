@@ -293,7 +293,7 @@ impl<'a> Building<'a> {
             *of = *numbers.entry(*of).or_insert_with(|| {
                 let file = textures.get(*of as usize);
                 let material = match file {
-                    Some(file) => shelf.textured(file, folder, &mut mesh.warnings),
+                    Some(file) => shelf.textured(file, (name, folder), &mut mesh.warnings),
                     None => Material::default(),
                 };
                 let plain = file.is_none() && coloured;
