@@ -123,7 +123,8 @@ fn materials_are_of_metal_and_roughness_with_textures_and_a_cut() {
     let said = mesh.warnings.as_slice();
     let known = "a.glb: material `leaf`: normal map not drawn";
     assert!(matches!(said, [one] if one.ends_with(known)), "{said:?}");
-    assert_eq!(mesh.uvs, [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]);
+    let corners = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+    assert_eq!(mesh.uvs[..4], corners);
     let leaf = &mesh.materials[0];
     near(&leaf.kd, &[0.375, 0.75, 0.75]);
     near(&leaf.ke, &[0.0, 2.0, 4.0]);
@@ -162,7 +163,7 @@ fn texts_with_their_bytes_inside_or_beside_are_read() {
     let text = |uri: &str| {
         format!(
             r#"{{"asset":{{"version":"2.0"}},"nodes":[{{"mesh":0}}],"meshes":[{{"primitives":[{{"attributes":{{"POSITION":0}},"indices":1}}]}}],
-            "accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}},
+            "accessors":[{{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3"}},
             {{"bufferView":1,"componentType":5123,"count":3,"type":"SCALAR"}}],
             "bufferViews":[{{"buffer":0,"byteLength":36}},{{"buffer":0,"byteOffset":36,"byteLength":6}}],
             "buffers":[{{"byteLength":42,"uri":"{uri}"}}]}}"#

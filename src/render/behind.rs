@@ -62,7 +62,7 @@ struct Through {
 impl Behind<'_> {
     /// Adds what lies behind the surfaces of `outcomes` to `colours`.
     pub(super) fn show(&self, outcomes: ArrayView3<'_, Seen>, colours: &mut Colours) {
-        if !self.samples.world.has_clear() {
+        if !self.samples.world.clear {
             return;
         }
         let mut open = Vec::new();

@@ -52,6 +52,8 @@ pub struct World {
     /// Their light on the triangles, where it has been baked; without, the only lamp is at the
     /// camera.
     pub light: Option<Baked>,
+    /// Whether anything can be seen through.
+    pub clear: bool,
     /// What was mended or left out while loading.
     pub warnings: Vec<String>,
 }
@@ -74,6 +76,7 @@ impl World {
             skies,
             lights: lights(scene, &manifold)?,
             light: None,
+            clear: false,
             warnings: Vec::new(),
             manifold,
         };
@@ -96,6 +99,8 @@ impl World {
             world.place(scene, index as u32, object, &mesh, &mut triangles)?;
         }
         world.accelerator = Accelerator::build(&triangles).with_holes(world.holed());
+        world.clear = world.materials.iter().any(Material::is_clear)
+            || world.colours.iter().flatten().any(|c| c[3] < 1.0);
         Ok(world)
     }
 
@@ -111,12 +116,6 @@ impl World {
             })
         });
         holed.collect()
-    }
-
-    /// Whether anything can be seen through.
-    pub fn has_clear(&self) -> bool {
-        self.materials.iter().any(Material::is_clear)
-            || self.colours.iter().flatten().any(|c| c[3] < 1.0)
     }
 
     /// What multiplies the material's colour and opacity at a hit.
@@ -162,7 +161,7 @@ impl World {
 
     /// Adds what decides how much light passes, where any does.
     fn hash_opacity(&self, hasher: &mut blake3::Hasher) {
-        if !self.has_clear() {
+        if !self.clear {
             return;
         }
         for (i, face) in self.faces.iter().enumerate() {

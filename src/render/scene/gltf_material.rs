@@ -10,11 +10,12 @@ use super::{
     material::{Loaded, Material},
     texture::{Mapping, OpacityMap, TextureMap},
 };
+use crate::render::picture::srgb_encode;
 use gltf::{
     material::AlphaMode,
     texture::{Info, WrappingMode},
 };
-use ndarray::Array2;
+use ndarray::{Array2, Axis};
 use std::{collections::HashMap, sync::Arc};
 
 /// Reflectance of what is not metal, straight on (glTF 2.0, appendix B).
@@ -74,12 +75,12 @@ impl<'s> Materials<'s> {
         }
         let [_, green, blue] = rough
             .as_ref()
-            .map_or([1.0; 3], |laid| laid.picture.mean_codes());
+            .map_or([1.0; 3], |laid| laid.mean(srgb_encode));
         let metallic = pbr.metallic_factor() * blue;
         let roughness = pbr.roughness_factor() * green;
         let [r, g, b, alpha] = pbr.base_color_factor();
         let colour = [r, g, b];
-        let mean = base.as_ref().map_or([1.0; 3], |laid| laid.picture.mean());
+        let mean = base.as_ref().map_or([1.0; 3], |laid| laid.mean(|x| x));
         let emission = from
             .emissive_texture()
             .and_then(|t| self.laid(&t, &mut say));
@@ -144,6 +145,17 @@ impl<'s> Materials<'s> {
 }
 
 impl Laid {
+    /// The mean of values made of the texture's linear light; what is not light is kept as sRGB here.
+    fn mean(&self, value: impl Fn(f32) -> f32) -> [f32; 3] {
+        let rgb = &self.picture.picture.rgb;
+        let count = (rgb.len() / 3).max(1) as f64;
+        [0, 1, 2].map(|c| {
+            let channel = rgb.index_axis(Axis(2), c);
+            let sum: f64 = channel.iter().map(|x| f64::from(value(*x))).sum();
+            (sum / count) as f32
+        })
+    }
+
     fn colours(self) -> TextureMap {
         TextureMap {
             texture: self.picture.texture,

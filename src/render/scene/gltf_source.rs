@@ -9,7 +9,7 @@ use crate::{
     render::picture::{self, Picture},
 };
 use base64::Engine;
-use gltf::{Accessor, Document, Gltf, accessor::DataType, buffer};
+use gltf::{Accessor, Document, Gltf, accessor::DataType, buffer, json::validation::Checked};
 use std::{
     borrow::Cow,
     path::{Path, PathBuf},
@@ -59,6 +59,7 @@ impl Source {
         }
         // The crate does not know all that is read here.
         json.extensions_required.clear();
+        complete(&mut json).map_err(refused)?;
         let document = Document::from_json(json).map_err(|e| refused(e.to_string()))?;
         let mut source = Self {
             name: name.to_owned(),
@@ -172,6 +173,25 @@ impl Source {
         }
         Ok(Numbers { width, values })
     }
+}
+
+/// Gives positions the bounds that the crate insists on and nothing here needs, and refuses those that
+/// are nowhere, at which the crate stops the program.
+fn complete(json: &mut gltf::json::Root) -> Result<(), String> {
+    let primitives = json.meshes.iter().flat_map(|mesh| &mesh.primitives);
+    let position = Checked::Valid(gltf::Semantic::Positions);
+    let indices = primitives.filter_map(|p| p.attributes.get(&position));
+    let indices: Vec<usize> = indices.map(|index| index.value()).collect();
+    for index in indices {
+        let count = json.accessors.len();
+        let accessor = json.accessors.get_mut(index);
+        let accessor =
+            accessor.ok_or_else(|| format!("accessor {index}, but there are {count}"))?;
+        let bounds = || Some(gltf::json::Value::from(vec![0.0; 3]));
+        accessor.min = accessor.min.take().or_else(bounds);
+        accessor.max = accessor.max.take().or_else(bounds);
+    }
+    Ok(())
 }
 
 /// How numbers are kept.

@@ -96,7 +96,7 @@ pub(super) struct Shelf {
 /// A picture as colours and as opacity.
 #[derive(Clone)]
 pub(super) struct Loaded {
-    picture: Arc<Picture>,
+    pub picture: Arc<Picture>,
     pub texture: Arc<Texture>,
     /// Its own opacity, if that is not the same everywhere.
     pub alpha: Option<Arc<Array2<f32>>>,
@@ -236,26 +236,6 @@ impl Loaded {
             texture: Arc::new(Texture::new(picture.rgb.clone())?),
             alpha: alpha.filter(says).map(Arc::new),
             picture: Arc::new(picture),
-        })
-    }
-
-    /// The mean colour, linear.
-    pub(super) fn mean(&self) -> [f32; 3] {
-        self.mean_of(|x| x)
-    }
-
-    /// The mean of the numbers as the file has them, where they are not light.
-    pub(super) fn mean_codes(&self) -> [f32; 3] {
-        self.mean_of(srgb_encode)
-    }
-
-    fn mean_of(&self, value: impl Fn(f32) -> f32) -> [f32; 3] {
-        let rgb = &self.picture.rgb;
-        let count = (rgb.len() / 3).max(1) as f64;
-        [0, 1, 2].map(|c| {
-            let channel = rgb.index_axis(Axis(2), c);
-            let sum: f64 = channel.iter().map(|x| f64::from(value(*x))).sum();
-            (sum / count) as f32
         })
     }
 
