@@ -232,14 +232,14 @@ fn damaged_files_never_panic() {
     let mut bytes = square();
     bytes.resize(109, 0);
     let folder = tempfile::tempdir().unwrap();
-    for cut in (0..json.len()).step_by(3) {
+    for cut in (0..json.len()).step_by(7) {
         for odd in ["9", "-", "\"", "[]", "e30"] {
             let text = format!("{}{odd}{}", &json[..cut], &json[cut..]);
             let _ = load(&glb(&text, &bytes), folder.path());
         }
     }
     let file = glb(&json, &bytes);
-    for cut in 0..file.len() {
+    for cut in (0..file.len()).step_by(3) {
         let _ = load(&file[..cut], folder.path());
     }
 }

@@ -117,12 +117,12 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
         let place = e
             .line()
             .map_or(name.to_owned(), |line| format!("{name}:{line}"));
+        // Inside it says what, around it on more lines where.
         let text = e.to_string();
-        let first = text.lines().next().unwrap_or_default();
-        Error::input(
-            place,
-            first.split_once(": ").map_or(first, |(_, text)| text),
-        )
+        let what = text.rsplit("Error: ").next().unwrap_or_default();
+        let what = what.lines().next().unwrap_or_default();
+        let line = format!("Line {}: ", e.line().unwrap_or(0));
+        Error::input(place, what.strip_prefix(&line).unwrap_or(what))
     };
     let mut reader = Reader::new(bytes);
     let parser = Parser::<Element>::new();
@@ -393,7 +393,10 @@ mod tests {
             "{HEAD}element tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n8 0 1 2 3 -1 0 1 2\n"
         );
         let mesh = load(text.as_bytes()).unwrap();
-        assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 3], [0, 1, 2]]);
+        let at = |t: &[u32; 3]| t.map(|v| mesh.positions[v as usize].truncate().to_array());
+        let places: Vec<_> = mesh.triangles.iter().map(at).collect();
+        let [a, b, c, d] = [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]];
+        assert_eq!(places, [[a, b, c], [c, b, d], [a, b, c]]);
     }
 
     #[test]
@@ -408,7 +411,7 @@ mod tests {
             "{message}"
         );
         let message = told(&format!("{HEAD}{SQUARE}0 0 0\n1 0 x\n"));
-        assert!(message.starts_with("a.ply:12"), "{message}");
+        assert!(message.starts_with("a.ply:11: "), "{message}");
         assert!(told("ply\nformat ascii 2.0\nend_header\n").starts_with("a.ply"));
     }
 
