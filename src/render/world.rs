@@ -220,26 +220,18 @@ impl World {
         mesh: &Mesh,
         triangles: &mut Vec<[DVec3; 3]>,
     ) -> Result<()> {
-        if let Err(fault) = check_point(&self.manifold, "the object", object.at) {
-            let span = object.at_span.clone();
-            return Err(Diagnostic::new(&scene.source, span, fault.to_string())
-                .with_hint("see [domain] in the manifold file, or move it from where the chart breaks down")
-                .into());
-        }
-        if is_near_singular(&self.manifold, object.at) {
-            let message = "the object: the chart is all but singular there, so directions are lost to rounding";
-            return Err(
-                Diagnostic::new(&scene.source, object.at_span.clone(), message)
-                    .with_hint("move it away, or describe the space in other coordinates")
-                    .into(),
-            );
-        }
+        self.check_place(scene, object)?;
         let Some(placed) = place(&self.manifold, object, mesh) else {
             return Err(self.unreachable(scene, object));
         };
         self.check_extent(scene, object, &placed.vertices)?;
         self.warnings.extend(placed.warning);
-        let (mesh, vertices) = (placed.mesh, placed.vertices);
+        self.add(index, &placed.mesh, &placed.vertices, triangles);
+        Ok(())
+    }
+
+    /// Adds the triangles of a placed mesh, but for those that are not there at all.
+    fn add(&mut self, index: u32, mesh: &Mesh, vertices: &Points, triangles: &mut Vec<[DVec3; 3]>) {
         let first = self.materials.len() as u32;
         self.materials.extend(mesh.materials.iter().cloned());
         for (corners, material) in mesh.triangles.iter().zip(&mesh.material_of) {
@@ -260,6 +252,26 @@ impl World {
                 normals: corner.map(|c| vertices[c].1),
                 uvs: corner.map(|c| mesh.uvs[c]),
             });
+        }
+    }
+
+    /// Refuses a place outside the domain, or where the chart breaks down or all but does.
+    fn check_place(&self, scene: &SceneFile, object: &ObjectEntry) -> Result<()> {
+        let refused = |message: String, hint: &str| -> Result<()> {
+            let place = object.at_span.clone();
+            Err(Diagnostic::new(&scene.source, place, message)
+                .with_hint(hint)
+                .into())
+        };
+        if let Err(fault) = check_point(&self.manifold, "the object", object.at) {
+            let hint =
+                "see [domain] in the manifold file, or move it from where the chart breaks down";
+            return refused(fault.to_string(), hint);
+        }
+        if is_near_singular(&self.manifold, object.at) {
+            let message = "the object: the chart is all but singular there, so directions are lost to rounding";
+            let hint = "move it away, or describe the space in other coordinates";
+            return refused(message.into(), hint);
         }
         Ok(())
     }

@@ -53,23 +53,21 @@ impl<'s> Materials<'s> {
         let name = name.unwrap_or_else(|| String::from("default"));
         let file = &self.source.name;
         let mut say = |text: &str| warnings.push(format!("{file}: material `{name}`: {text}"));
-        let mut left_out = Vec::new();
-        if from.normal_texture().is_some() {
-            left_out.push("normal map");
-        }
-        if from.occlusion_texture().is_some() {
-            left_out.push("occlusion map");
-        }
         let pbr = from.pbr_metallic_roughness();
-        let base = pbr
-            .base_color_texture()
-            .and_then(|t| self.laid(&t, &mut say));
-        let rough = pbr
-            .metallic_roughness_texture()
-            .and_then(|t| self.laid(&t, &mut say));
-        if rough.is_some() {
-            left_out.push("changes of metalness and roughness (their means are used)");
-        }
+        let mut laid = |info: Option<Info<'_>>| info.and_then(|t| self.laid(&t, &mut say));
+        let base = laid(pbr.base_color_texture());
+        let rough = laid(pbr.metallic_roughness_texture());
+        let emission = laid(from.emissive_texture());
+        let left_out = [
+            (from.normal_texture().is_some(), "normal map"),
+            (from.occlusion_texture().is_some(), "occlusion map"),
+            (
+                rough.is_some(),
+                "changes of metalness and roughness (their means are used)",
+            ),
+        ];
+        let left_out = left_out.iter().filter(|(is_there, _)| *is_there);
+        let left_out: Vec<&str> = left_out.map(|(_, what)| *what).collect();
         if !left_out.is_empty() {
             say(&format!("{} not drawn", left_out.join(", ")));
         }
@@ -81,18 +79,9 @@ impl<'s> Materials<'s> {
         let [r, g, b, alpha] = pbr.base_color_factor();
         let colour = [r, g, b];
         let mean = base.as_ref().map_or([1.0; 3], |laid| laid.mean(|x| x));
-        let emission = from
-            .emissive_texture()
-            .and_then(|t| self.laid(&t, &mut say));
         let strength = from.emissive_strength().unwrap_or(1.0);
         let opacity = base.as_ref().and_then(|laid| opacity(from, laid, alpha));
-        let dissolve = match from.alpha_mode() {
-            AlphaMode::Opaque => 1.0,
-            AlphaMode::Blend => alpha,
-            // The map has the cut.
-            AlphaMode::Mask if opacity.is_some() => 1.0,
-            AlphaMode::Mask => f32::from(alpha >= cutoff(from)),
-        };
+        let dissolve = dissolve(from, alpha, opacity.is_some());
         Material {
             kd: colour.map(|c| c * (1.0 - metallic)),
             ks: [0, 1, 2].map(|k| DIELECTRIC * (1.0 - metallic) + colour[k] * mean[k] * metallic),
@@ -166,6 +155,17 @@ impl Laid {
 
 fn cutoff(from: &gltf::Material<'_>) -> f32 {
     from.alpha_cutoff().unwrap_or(0.5)
+}
+
+/// The opacity of a material beside that in its texture, if it `has_map`.
+fn dissolve(from: &gltf::Material<'_>, alpha: f32, has_map: bool) -> f32 {
+    match from.alpha_mode() {
+        AlphaMode::Opaque => 1.0,
+        AlphaMode::Blend => alpha,
+        // The map has the cut.
+        AlphaMode::Mask if has_map => 1.0,
+        AlphaMode::Mask => f32::from(alpha >= cutoff(from)),
+    }
 }
 
 /// The opacity in the base colour's picture, which is all or nothing where the material has a cutoff.

@@ -7,7 +7,7 @@
 use super::{
     gltf_material::Materials,
     gltf_source::{Numbers, Source},
-    mesh::{Draft, Mesh},
+    mesh::{Draft, Mesh, unit_or_none},
     smoothing::{FLAT, Share},
 };
 use crate::error::{Error, Result};
@@ -137,55 +137,57 @@ impl Building<'_> {
         positions: &Numbers,
         placed: DMat4,
     ) -> Result<bool, String> {
-        let count = positions.values.len() / positions.width;
-        let read = |semantic: Semantic, width: usize| -> Result<Option<Numbers>, String> {
-            let Some(accessor) = primitive.get(&semantic) else {
-                return Ok(None);
-            };
-            let found = self.source.numbers(&accessor)?;
-            let fits = found.width >= width && found.values.len() >= count * found.width;
-            fits.then_some(Some(found))
-                .ok_or_else(|| format!("{semantic:?} does not fit its positions"))
-        };
         if positions.width != 3 {
             return Err(String::from("positions need three numbers"));
         }
-        let normals = read(Semantic::Normals, 3)?;
-        let uvs = read(Semantic::TexCoords(0), 2)?;
-        let colours = read(Semantic::Colors(0), 3)?;
+        let count = positions.values.len() / 3;
+        let normals = self.attribute(primitive, Semantic::Normals, 3, count)?;
+        let uvs = self.attribute(primitive, Semantic::TexCoords(0), 2, count)?;
+        let colours = self.attribute(primitive, Semantic::Colors(0), 3, count)?;
         let across = DMat3::from_mat4(placed).inverse().transpose();
         let mesh = &mut self.draft.mesh;
-        if colours.is_some() || !mesh.colours.is_empty() {
-            mesh.colours.resize(mesh.positions.len(), [1.0; 4]);
-        }
         for i in 0..count {
-            let item = |of: &Numbers, k: usize| of.values[i * of.width + k];
-            let three = |of: &Numbers| DVec3::new(item(of, 0), item(of, 1), item(of, 2));
             mesh.positions
-                .push(placed.transform_point3(three(positions)));
-            let normal = normals.as_ref().map_or(DVec3::ZERO, |n| across * three(n));
-            let usable = normal.is_finite();
-            mesh.normals.push(if usable {
-                normal.normalize_or_zero()
-            } else {
-                DVec3::ZERO
-            });
+                .push(placed.transform_point3(positions.three(i)));
+            let normal = normals
+                .as_ref()
+                .map_or(DVec3::ZERO, |n| across * n.three(i));
+            mesh.normals.push(unit_or_none(normal));
             let uv = uvs
                 .as_ref()
-                .map_or([0.0; 2], |uv| [item(uv, 0), 1.0 - item(uv, 1)]);
+                .map_or([0.0; 2], |uv| [uv.item(i)[0], 1.0 - uv.item(i)[1]]);
             mesh.uvs
                 .push(uv.map(|x| if x.is_finite() { x as f32 } else { 0.0 }));
-            match &colours {
-                Some(c) => {
-                    let alpha = if c.width > 3 { item(c, 3) } else { 1.0 };
-                    let colour = [item(c, 0), item(c, 1), item(c, 2), alpha];
-                    mesh.colours.push(colour.map(|x| x.clamp(0.0, 1.0) as f32));
-                }
-                None if !mesh.colours.is_empty() => mesh.colours.push([1.0; 4]),
-                None => {}
-            }
+        }
+        if let Some(colours) = &colours {
+            mesh.colours.resize(mesh.positions.len() - count, [1.0; 4]);
+            mesh.colours.extend((0..count).map(|i| {
+                let [r, g, b] = colours.three(i).to_array();
+                let alpha = colours.item(i).get(3).copied().unwrap_or(1.0);
+                [r, g, b, alpha].map(|x| x.clamp(0.0, 1.0) as f32)
+            }));
+        } else if !mesh.colours.is_empty() {
+            mesh.colours.resize(mesh.positions.len(), [1.0; 4]);
         }
         Ok(normals.is_none())
+    }
+
+    /// An attribute of so many vertices, if the primitive has it; of at least `width` numbers each.
+    fn attribute(
+        &self,
+        primitive: &Primitive<'_>,
+        semantic: Semantic,
+        width: usize,
+        count: usize,
+    ) -> Result<Option<Numbers>, String> {
+        let Some(accessor) = primitive.get(&semantic) else {
+            return Ok(None);
+        };
+        let found = self.source.numbers(&accessor)?;
+        match found.width >= width && found.values.len() >= count * found.width {
+            true => Ok(Some(found)),
+            false => Err(format!("{semantic:?} does not fit its positions")),
+        }
     }
 
     fn material(&mut self, primitive: &Primitive<'_>) -> u32 {

@@ -9,6 +9,7 @@ use crate::{
     render::picture::{self, Picture},
 };
 use base64::Engine;
+use glam::DVec3;
 use gltf::{Accessor, Document, Gltf, accessor::DataType, buffer, json::validation::Checked};
 use std::{
     borrow::Cow,
@@ -31,6 +32,18 @@ pub(super) struct Numbers {
     pub width: usize,
     /// All of them.
     pub values: Vec<f64>,
+}
+
+impl Numbers {
+    /// Those of item `i`.
+    pub(super) fn item(&self, i: usize) -> &[f64] {
+        &self.values[i * self.width..][..self.width]
+    }
+
+    /// The first three of item `i`, which has as many.
+    pub(super) fn three(&self, i: usize) -> DVec3 {
+        DVec3::from_slice(self.item(i))
+    }
 }
 
 /// Extensions that a file may ask for.

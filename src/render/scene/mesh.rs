@@ -128,6 +128,14 @@ impl Draft {
     }
 }
 
+/// The unit vector along a normal; zero, for none, if it has no direction.
+pub(super) fn unit_or_none(normal: DVec3) -> DVec3 {
+    match normal.is_finite() {
+        true => normal.normalize_or_zero(),
+        false => DVec3::ZERO,
+    }
+}
+
 /// Keeps what is to be kept.
 fn retain<T>(of: &mut Vec<T>, keep: &[bool]) {
     let mut next = keep.iter();

@@ -73,60 +73,62 @@ const NOT_DRAWN: &[&str] = &[
 ];
 
 impl Mended {
-    /// Adds a statement, or nothing if it makes no sense.
+    /// Adds a statement; `None` if it makes no sense.
     fn add(&mut self, statement: &Statement<'_>) -> Option<()> {
-        let Statement {
+        let &Statement {
             key, whole, rest, ..
-        } = *statement;
+        } = statement;
         let lower = key.to_lowercase();
-        let number = || not_negative(rest.split_whitespace().next()?);
-        let line = match lower.as_str() {
-            "newmtl" => {
-                (!whole.is_empty()).then_some(())?;
-                self.left_out.push(BTreeSet::new());
-                self.dissolved = false;
-                format!("newmtl {whole}")
-            }
-            // What stands before the first material belongs to none.
-            _ if self.left_out.is_empty() => return Some(()),
-            "kd" | "ks" | "ke" => {
-                let [r, g, b] = colour(rest)?;
-                format!("{} {r} {g} {b}", capitalised(&lower))
-            }
-            "ns" | "ni" => format!("{} {}", capitalised(&lower), number()?),
-            "illum" => format!("illum {}", number()?.min(255.0) as u8),
-            "d" => {
-                self.dissolved = true;
-                // `-halo` may stand before the number.
-                format!(
-                    "d {}",
-                    not_negative(rest.split_whitespace().last()?)?.min(1.0)
-                )
-            }
-            "tr" if self.dissolved => return number().map(|_| ()),
-            "tr" => format!("d {}", 1.0 - number()?.min(1.0)),
-            "map_kd" | "map_ke" | "map_d" => {
-                (!whole.is_empty()).then_some(())?;
-                format!(
-                    "map_{} {whole}",
-                    if lower == "map_d" {
-                        "d".to_owned()
-                    } else {
-                        capitalised(&lower[4..])
-                    }
-                )
-            }
-            other => {
-                if NOT_DRAWN.contains(&other) && !is_nothing(other, rest) {
-                    self.left_out.last_mut()?.insert(key.to_owned());
-                }
-                return Some(());
-            }
+        if lower == "newmtl" {
+            (!whole.is_empty()).then_some(())?;
+            self.left_out.push(BTreeSet::new());
+            self.dissolved = false;
+        }
+        // What stands before the first material belongs to none.
+        let Some(left_out) = self.left_out.last_mut() else {
+            return Some(());
         };
+        if NOT_DRAWN.contains(&lower.as_str()) && !is_nothing(&lower, rest) {
+            left_out.insert(key.to_owned());
+        }
+        let line = line(&lower, whole, rest)?;
+        if lower == "tr" && self.dissolved {
+            return Some(());
+        }
+        self.dissolved |= lower == "d";
         self.text.push_str(&line);
         self.text.push('\n');
         Some(())
     }
+}
+
+/// A statement as `tobj` can read it, empty if it is none of its business; `None` if it makes no sense.
+fn line(key: &str, whole: &str, rest: &str) -> Option<String> {
+    let number = || not_negative(rest.split_whitespace().next()?);
+    Some(match key {
+        "newmtl" => format!("newmtl {whole}"),
+        "kd" | "ks" | "ke" => {
+            let [r, g, b] = colour(rest)?;
+            format!("{} {r} {g} {b}", capitalised(key))
+        }
+        "ns" | "ni" => format!("{} {}", capitalised(key), number()?),
+        "illum" => format!("illum {}", number()?.min(255.0) as u8),
+        // `-halo` may stand before the number.
+        "d" => {
+            let last = not_negative(rest.split_whitespace().last()?)?;
+            format!("d {}", last.min(1.0))
+        }
+        "tr" => format!("d {}", 1.0 - number()?.min(1.0)),
+        "map_kd" | "map_ke" | "map_d" => {
+            (!whole.is_empty()).then_some(())?;
+            let of = match key {
+                "map_d" => String::from("d"),
+                _ => capitalised(&key[4..]),
+            };
+            format!("map_{of} {whole}")
+        }
+        _ => String::new(),
+    })
 }
 
 /// The key as `tobj` knows it.

@@ -7,7 +7,7 @@
 use super::{
     libraries::Libraries,
     material::Material,
-    mesh::{Draft, Mesh},
+    mesh::{Draft, Mesh, unit_or_none},
     obj::{Obj, Triangulated},
     text::joined,
 };
@@ -71,14 +71,7 @@ fn vertices(name: &str, from: &Triangulated, colours: &[[f32; 4]]) -> Result<Mes
     };
     let positions = triples(&part.positions);
     let mut normals = triples(&part.normals);
-    let usable = |n: &DVec3| {
-        if n.is_finite() {
-            n.normalize_or_zero()
-        } else {
-            DVec3::ZERO
-        }
-    };
-    normals.iter_mut().for_each(|n| *n = usable(n));
+    normals.iter_mut().for_each(|n| *n = unit_or_none(*n));
     normals.resize(positions.len(), DVec3::ZERO);
     let pairs = part.texcoords.chunks_exact(2);
     let mut uvs: Vec<[f32; 2]> = pairs.map(|t| [t[0] as f32, t[1] as f32]).collect();

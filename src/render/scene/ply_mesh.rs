@@ -9,7 +9,7 @@
 
 use super::{
     material::{Material, Shelf},
-    mesh::{Draft, Mesh},
+    mesh::{Draft, Mesh, unit_or_none},
     polygon::{Cutter, Outline},
     smoothing::Share,
 };
@@ -259,13 +259,7 @@ impl<'a> Building<'a> {
         let coloured = self.coloured[0] || self.coloured[1];
         *self.known.entry(key).or_insert_with(|| {
             mesh.positions.push(from.position.into());
-            let normal = DVec3::from(from.normal);
-            let usable = normal.is_finite();
-            mesh.normals.push(if usable {
-                normal.normalize_or_zero()
-            } else {
-                DVec3::ZERO
-            });
+            mesh.normals.push(unit_or_none(from.normal.into()));
             mesh.uvs
                 .push(uv.map(|x| if x.is_finite() { x } else { 0.0 }));
             if coloured {
