@@ -25,6 +25,7 @@ use std::f32::consts::{LOG2_E, PI, TAU};
 #[derive(Debug, Clone)]
 pub struct Equirectangular {
     levels: Vec<Level>,
+    warning: Option<String>,
 }
 
 /// One size of the picture, row by row from the top.
@@ -58,7 +59,15 @@ impl Equirectangular {
         while let Some(half) = levels.last().and_then(Level::halved) {
             levels.push(half);
         }
-        Ok(Self { levels })
+        Ok(Self {
+            levels,
+            warning: shape_warning(subject, width, height),
+        })
+    }
+
+    /// What the user should know of the picture.
+    pub(super) fn warning(&self) -> Option<&str> {
+        self.warning.as_deref()
     }
 
     /// Linear light from the unit vector `d`, averaged over about `footprint` radians.
@@ -111,6 +120,16 @@ impl Equirectangular {
         }
         sharp.lerp(self.levels[low + 1].bilinear(at.x, at.y), way)
     }
+}
+
+/// Tells of a picture that is not twice as wide as high, as those of the whole sphere are; a row or a
+/// column more or less is seen by nobody.
+fn shape_warning(subject: &str, width: usize, height: usize) -> Option<String> {
+    (width.abs_diff(2 * height) > 2).then(|| {
+        format!(
+            "{subject}: {width}x{height} is not twice as wide as high, so this may be no picture of the whole sphere; it is stretched over it, 360° from side to side and 180° from top to bottom"
+        )
+    })
 }
 
 /// The place in the picture, from the left and the top, both in [0, 1].

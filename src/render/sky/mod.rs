@@ -76,6 +76,14 @@ impl Sky {
         )?))
     }
 
+    /// What the user should know of its picture.
+    pub fn warning(&self) -> Option<&str> {
+        match self {
+            Self::Equirectangular(image) => image.warning(),
+            _ => None,
+        }
+    }
+
     /// Linear light from `direction`, averaged over about `footprint` radians.
     #[inline]
     pub fn radiance(&self, direction: DVec3, footprint: f32) -> [f32; 3] {
