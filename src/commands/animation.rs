@@ -5,7 +5,12 @@
 
 use geofan::{
     Error, Result,
-    render::{Journey, View, picture::Picture},
+    manifold::Manifold,
+    render::{
+        Journey, Panels, Part,
+        picture::Picture,
+        scene::{Lens, Projection},
+    },
     terminal::{CommonArgs, Interrupt, Progress},
 };
 use std::{
@@ -69,6 +74,14 @@ pub struct Animation<'a> {
     pub frames: usize,
     /// Size of the pictures.
     pub size: (usize, usize),
+    /// Part of them that is drawn.
+    pub crop: Option<Part>,
+    /// The space.
+    pub manifold: &'a Manifold,
+    /// How the camera draws.
+    pub lens: Lens,
+    /// The angle of view of a fisheye, degrees; others have their poses'.
+    pub fisheye: f64,
 }
 
 /// What became of it.
@@ -81,10 +94,21 @@ pub struct Made {
 }
 
 impl Animation<'_> {
-    fn view(&self, number: usize) -> View {
+    fn panels(&self, number: usize) -> Result<Panels> {
         let [from, to] = self.journey.interval();
         let share = number as f64 / (self.frames - 1) as f64;
-        self.journey.view(from + (to - from) * share, self.size)
+        let (camera, fov) = self.journey.pose(from + (to - from) * share);
+        let fov = match self.lens.projection {
+            Projection::Fisheye => self.fisheye,
+            _ => fov,
+        };
+        Panels::through(
+            self.manifold,
+            (camera, fov),
+            self.lens,
+            self.size,
+            self.crop.clone(),
+        )
     }
 
     /// Frames for each second.
@@ -98,7 +122,7 @@ impl Animation<'_> {
         &self,
         target: &Target,
         common: &CommonArgs,
-        mut draw: impl FnMut(&View, &Path) -> Result<()>,
+        mut draw: impl FnMut(&Panels, &Path) -> Result<()>,
     ) -> Result<Made> {
         let interrupt = Interrupt::install()?;
         let progress = Progress::new(common, "frames", self.frames as u64);
@@ -112,7 +136,7 @@ impl Animation<'_> {
             if path.is_file() {
                 made.kept += 1;
             } else {
-                draw(&self.view(number), &path)?;
+                draw(&self.panels(number)?, &path)?;
                 made.drawn += 1;
             }
             progress.inc(1);
@@ -126,7 +150,7 @@ impl Animation<'_> {
         &self,
         output: &Path,
         common: &CommonArgs,
-        mut draw: impl FnMut(&View) -> Result<Picture>,
+        mut draw: impl FnMut(&Panels) -> Result<Picture>,
     ) -> Result<Made> {
         let interrupt = Interrupt::install()?;
         let (mut child, mut pipe) = self.ffmpeg(output)?;
@@ -137,7 +161,7 @@ impl Animation<'_> {
                 let resume = "videos are not resumed; numbered frames are".into();
                 return Err(Error::Interrupted { resume });
             }
-            let picture = draw(&self.view(number))?;
+            let picture = draw(&self.panels(number)?)?;
             pipe.write_all(&picture.bytes()).map_err(failed)?;
             progress.inc(1);
         }
@@ -155,7 +179,7 @@ impl Animation<'_> {
     }
 
     fn ffmpeg(&self, output: &Path) -> Result<(Child, ChildStdin)> {
-        let (width, height) = self.size;
+        let (width, height) = self.panels(0)?.size;
         let mut child = Command::new("ffmpeg")
             .args([
                 "-loglevel",

@@ -8,7 +8,7 @@ use clap::Args;
 use geofan::{
     Error, Result,
     render::{
-        ExactTracer, Stage, View,
+        ExactTracer, Panel, Panels, Stage, View,
         frame::{Paths, offsets, trace},
         path_tracer::{Estimator, Film, PathTracer, Settings},
         picture::{self, Format, Precision, write_exr},
@@ -16,6 +16,7 @@ use geofan::{
     },
     terminal::{self, CommonArgs, Interrupt, Outcome, Progress, values},
 };
+use glam::DVec3;
 use serde::Serialize;
 use std::{
     path::{Path, PathBuf},
@@ -63,7 +64,12 @@ const BETWEEN_CHECKPOINTS: Duration = Duration::from_secs(60);
 const MEASURED_SIDE: usize = 160;
 
 /// Renders.
-pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -> Result<Outcome> {
+pub fn run(
+    args: &RenderArgs,
+    stage: &Stage,
+    panels: &Panels,
+    common: &CommonArgs,
+) -> Result<Outcome> {
     let length = stage.world.manifold.length_or(args.length)?;
     let settings = Settings {
         seed: args.path.seed,
@@ -74,20 +80,21 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
     };
     let kept = Kept {
         path: checkpoint(&args.output),
-        key: key(args, stage, view, settings),
+        key: key(args, stage, panels, settings),
     };
     let mut film = match args.path.resume {
-        true => Film::load(&kept.path, &kept.key, view.size)?,
-        false => Film::new(view.size),
+        true => Film::load(&kept.path, &kept.key, panels.size)?,
+        false => Film::new(panels.size),
     };
-    let tracer = PathTracer::new(&stage.world, view, settings);
+    let tracers = Tracers::new(stage, panels, settings);
+    let view = &panels.parts[0].view;
     // Before and after, so that both rates are of the same machine under the same load.
     let exact_before = exact_speed(args, stage, view, length);
     let began = Instant::now();
     let passes = u64::from(args.scene.spp);
-    let complete = accumulate(args, &tracer, &mut film, passes, &kept, common)?;
+    let complete = accumulate(args, &tracers, &mut film, passes, &kept, common)?;
     let seconds = began.elapsed().as_secs_f64();
-    write(args, stage, view, &film, length)?;
+    write(args, stage, panels, &film, length)?;
     match complete {
         true if kept.path.exists() => {
             std::fs::remove_file(&kept.path).map_err(|e| Error::io(&kept.path, e))?;
@@ -98,15 +105,55 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
     let report = Report {
         output: args.output.display().to_string(),
         tracer: "path",
-        width: view.size.0,
-        height: view.size.1,
+        width: panels.size.0,
+        height: panels.size.1,
         spp: film.passes(),
         seconds,
-        rays: tracer.rays(),
-        rays_per_second: tracer.rays() as f64 / seconds,
+        rays: tracers.rays(),
+        rays_per_second: tracers.rays() as f64 / seconds,
         exact_rays_per_second: 0.5 * (exact_before + exact_speed(args, stage, view, length)),
     };
     print(&report, common)
+}
+
+/// One tracer for each part of the picture.
+struct Tracers<'a> {
+    panels: &'a Panels,
+    tracers: Vec<PathTracer<'a>>,
+}
+
+impl<'a> Tracers<'a> {
+    fn new(stage: &'a Stage, panels: &'a Panels, settings: Settings) -> Self {
+        let mut tracers: Vec<PathTracer<'a>> = Vec::new();
+        let mut before = 0;
+        for Panel { view, .. } in &panels.parts {
+            let tracer = match tracers.first() {
+                Some(first) => first.through(view, before),
+                None => PathTracer::new(&stage.world, view, settings),
+            };
+            before += (view.size.0 * view.size.1) as u64;
+            tracers.push(tracer);
+        }
+        Self { panels, tracers }
+    }
+
+    fn rays(&self) -> u64 {
+        self.tracers.first().map_or(0, PathTracer::rays)
+    }
+
+    /// Radiance of one sample of every pixel of the whole picture; `None` if `stop` said so.
+    fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
+        let (width, height) = self.panels.size;
+        let mut all = vec![DVec3::ZERO; width * height];
+        for (tracer, Panel { view, at }) in self.tracers.iter().zip(&self.panels.parts) {
+            let light = tracer.pass(number, &stop)?;
+            for (row, line) in light.chunks_exact(view.size.0).enumerate() {
+                let start = (at.1 + row) * width + at.0;
+                all[start..start + line.len()].copy_from_slice(line);
+            }
+        }
+        Some(all)
+    }
 }
 
 /// The checkpoint and what it must belong to.
@@ -118,7 +165,7 @@ struct Kept {
 /// Adds passes until there are enough (then true) or the time is up.
 fn accumulate(
     args: &RenderArgs,
-    tracer: &PathTracer<'_>,
+    tracers: &Tracers<'_>,
     film: &mut Film,
     passes: u64,
     kept: &Kept,
@@ -130,7 +177,7 @@ fn accumulate(
     let began = Instant::now();
     let mut saved = Instant::now();
     while film.passes() < passes {
-        let pass = tracer.pass(film.passes(), || interrupt.requested());
+        let pass = tracers.pass(film.passes(), || interrupt.requested());
         let Some(pass) = pass else {
             film.save(&kept.path, &kept.key)?;
             return Err(Error::Interrupted {
@@ -162,25 +209,38 @@ fn checkpoint(output: &Path) -> PathBuf {
 }
 
 /// A hash of everything that decides the passes.
-fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: Settings) -> [u8; 32] {
+fn key(args: &RenderArgs, stage: &Stage, panels: &Panels, settings: Settings) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&stage.world.manifold.fingerprint());
     hasher.update(&stage.world.geometry_fingerprint());
     hasher.update(stage.scene.source.text.as_bytes());
-    hasher.update(format!("{settings:?} {view:?} {:?}", args.scene.view).as_bytes());
+    hasher.update(format!("{settings:?} {panels:?} {:?}", args.scene.view).as_bytes());
     *hasher.finalize().as_bytes()
 }
 
-fn write(args: &RenderArgs, stage: &Stage, view: &View, film: &Film, length: f64) -> Result<()> {
+fn write(
+    args: &RenderArgs,
+    stage: &Stage,
+    panels: &Panels,
+    film: &Film,
+    length: f64,
+) -> Result<()> {
     let picture = film.picture();
-    let notes = metadata(stage, "path").with("samples", film.passes().to_string());
+    let notes = metadata(stage, panels, "path").with("samples", film.passes().to_string());
     if Format::of(&args.output) != Some(Format::Exr) {
         return picture::write(&args.output, &picture, &notes);
     }
-    let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
-    let traced = trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1));
-    let picture = with_layers(picture, &stage.world, traced.outcomes.view(), &[]);
-    write_exr(&args.output, &picture, &notes, Precision::Float)
+    let world = &stage.world;
+    let layered = |(number, Panel { view, .. }): (usize, &Panel)| {
+        let tracer = ExactTracer::new(&world.manifold, view.u, length, args.scene.tolerance);
+        let traced = trace(world, view, Paths::Exact(&tracer), &offsets(1));
+        let part = panels.cut(&picture, number);
+        with_layers(part, world, traced.outcomes.view(), &[])
+    };
+    let mut layers = panels.join(panels.parts.iter().enumerate().map(layered).collect());
+    // Those of the film, such as its variance, come first.
+    layers.layers.splice(0..0, picture.layers);
+    write_exr(&args.output, &layers, &notes, Precision::Float)
 }
 
 /// Camera rays of the exact tracer for each second: of the same view and length, at the same
@@ -189,8 +249,7 @@ fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f6
     let longer = view.size.0.max(view.size.1);
     let scaled = |n: usize| (n * MEASURED_SIDE / longer).clamp(1, n);
     let size = (scaled(view.size.0), scaled(view.size.1));
-    let fov = 2.0 * (0.5 * view.size.0 as f64 * view.pixel_angle()).atan();
-    let small = View::of_camera(&view.camera(), fov.to_degrees(), size);
+    let small = view.resized(size);
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
     let samples = offsets(view.size.0.div_ceil(size.0));
     let began = Instant::now();

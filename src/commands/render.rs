@@ -12,17 +12,18 @@ use super::{
 use clap::{Args, ValueEnum};
 use geofan::{
     Error, Result,
-    bundle::Bundle,
+    bundle::{Bundle, Fan},
     render::{
-        ExactTracer, Journey, Lookup, Stage, View, World,
+        ExactTracer, Journey, Lookup, Panel, Panels, ShiftedTracer, Stage, View, World,
         drawing::{Drawing, draw},
         frame::Paths,
-        picture::{self, Format, Metadata},
+        picture::{self, Format, Metadata, Picture},
         scene::PoseFile,
         shade::{Footprints, area, with_layers},
     },
     terminal::{self, CommonArgs, Outcome, values},
 };
+use glam::DVec3;
 use serde::Serialize;
 use std::{
     path::{Path, PathBuf},
@@ -93,13 +94,13 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let mut stage = args.scene.stage(bundle.as_ref())?;
-    let view = args.scene.view(&stage)?;
+    let panels = args.scene.panels(&stage)?;
     if args.tracer == Some(TracerKind::Path) {
-        return path_traced::run(args, &stage, &view, common);
+        return path_traced::run(args, &stage, &panels, common);
     }
     let source = Source::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
-    let report = one(args, &stage, &view, &source, &args.output)?;
+    let report = one(args, &stage, &panels, &source, &args.output)?;
     print(&report, common)
 }
 
@@ -130,17 +131,22 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     let source = Source::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
+    let camera = stage.camera(args.scene.view.as_deref())?;
     let animation = Animation {
         journey: &journey,
         frames,
-        size: (args.scene.size.width, args.scene.size.height),
+        size: args.scene.picture_size(&camera.lens),
+        crop: args.scene.crop.clone(),
+        manifold: &stage.world.manifold,
+        lens: camera.lens,
+        fisheye: camera.fov_degrees,
     };
     let made = match &target {
-        Target::Frames(..) => animation.write_frames(&target, common, |view, path| {
-            one(args, &stage, view, &source, path).map(|_| ())
+        Target::Frames(..) => animation.write_frames(&target, common, |panels, path| {
+            one(args, &stage, panels, &source, path).map(|_| ())
         }),
-        Target::Video(path) => animation.write_video(path, common, |view| {
-            Ok(source.draw(args, &stage.world, view)?.0.picture)
+        Target::Video(path) => animation.write_video(path, common, |panels| {
+            Ok(source.picture(args, &stage.world, panels, false)?.picture)
         }),
     }?;
     let report = AnimationReport {
@@ -212,18 +218,66 @@ impl<'b> Source<'b> {
         }
     }
 
-    /// The picture, and the time that fixing the camera took.
-    fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
+    /// The picture of all parts; with layers if `layers` says so.
+    fn picture(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        panels: &Panels,
+        layers: bool,
+    ) -> Result<Drawn> {
+        let mut drawn = Drawn::default();
+        let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
+        for Panel { view, .. } in &panels.parts {
+            let (drawing, contract) = self.draw(args, world, view, &mut fan)?;
+            drawn.contract += contract;
+            drawn.paths += drawing.paths.as_secs_f64();
+            drawn.shade += drawing.shade.as_secs_f64();
+            drawn.flagged += drawing.flagged.len() as f64;
+            samples += drawing.outcomes.len();
+            let mut picture = drawing.picture;
+            if layers {
+                picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
+                let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
+                picture = picture.with_float("area", area);
+            }
+            pictures.push(picture);
+        }
+        drawn.flagged /= samples as f64;
+        drawn.picture = panels.join(pictures);
+        Ok(drawn)
+    }
+
+    /// The picture of one part, and the time that fixing the camera took; `kept` is the fan of the last.
+    fn draw(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        view: &View,
+        kept: &mut Option<(DVec3, Fan<'b>)>,
+    ) -> Result<(Drawing, f64)> {
         let samples = usize::from(args.scene.spp);
         let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
         match self {
+            Self::Table(lookup) if !view.is_central() => {
+                // Of all places only the camera's own can be asked for; where a ray starts outside the
+                // table's region it is integrated.
+                lookup.table.space.place(view.u)?;
+                let tracer = ShiftedTracer::new(lookup, view);
+                let budget = 1e-3 * args.scene.error;
+                Ok((by(Paths::Lattice(&tracer, budget)), 0.0))
+            }
             Self::Table(lookup) => {
                 let began = Instant::now();
-                let fan = lookup.table.fan(view.u)?;
+                let fan = match kept.take() {
+                    Some((u, fan)) if u == view.u => fan,
+                    _ => lookup.table.fan(view.u)?,
+                };
                 let contract = began.elapsed().as_secs_f64();
-                let tracer = lookup.tracer(&fan);
                 let budget = 1e-3 * args.scene.error;
-                Ok((by(Paths::Lattice(&tracer, budget)), contract))
+                let drawing = by(Paths::Lattice(&lookup.tracer(&fan), budget));
+                *kept = Some((view.u, fan));
+                Ok((drawing, contract))
             }
             Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
             Self::Exact(length) => {
@@ -235,45 +289,51 @@ impl<'b> Source<'b> {
     }
 }
 
+/// A picture, and what it took: the share of samples that the table gave up on, and seconds.
+#[derive(Default)]
+struct Drawn {
+    picture: Picture,
+    flagged: f64,
+    contract: f64,
+    paths: f64,
+    shade: f64,
+}
+
 /// Renders one picture into `output`.
 fn one(
     args: &RenderArgs,
     stage: &Stage,
-    view: &View,
+    panels: &Panels,
     source: &Source<'_>,
     output: &Path,
 ) -> Result<Report> {
-    let world = &stage.world;
-    let (drawing, contract) = source.draw(args, world, view)?;
+    let layers = Format::of(output) == Some(Format::Exr);
+    let drawn = source.picture(args, &stage.world, panels, layers)?;
     let report = Report {
         output: output.display().to_string(),
         tracer: source.name(),
-        width: args.scene.size.width,
-        height: args.scene.size.height,
+        width: panels.size.0,
+        height: panels.size.1,
         spp: usize::from(args.scene.spp),
-        flagged: drawing.flagged_share(),
-        contract,
-        paths: drawing.paths.as_secs_f64(),
-        shade: drawing.shade.as_secs_f64(),
+        flagged: drawn.flagged,
+        contract: drawn.contract,
+        paths: drawn.paths,
+        shade: drawn.shade,
     };
-    let mut picture = drawing.picture;
-    if Format::of(output) == Some(Format::Exr) {
-        picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
-        let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
-        picture = picture.with_float("area", area);
-    }
-    picture::write(output, &picture, &metadata(stage, source.name()))?;
+    let notes = metadata(stage, panels, source.name());
+    picture::write(output, &drawn.picture, &notes)?;
     Ok(report)
 }
 
 /// Notes for a picture's file.
-pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
+pub(super) fn metadata(stage: &Stage, panels: &Panels, tracer: &str) -> Metadata {
     let command: Vec<String> = std::env::args().collect();
-    Metadata::default()
+    let notes = Metadata::default()
         .with("command", command.join(" "))
         .with("manifold", &stage.world.manifold.name)
         .with("tracer", tracer)
-        .with("version", env!("CARGO_PKG_VERSION"))
+        .with("version", env!("CARGO_PKG_VERSION"));
+    panels.described(notes)
 }
 
 fn print(report: &Report, common: &CommonArgs) -> Result<Outcome> {

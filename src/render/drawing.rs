@@ -6,12 +6,15 @@
 use super::{
     film::Film,
     frame::{Outcomes, Paths, Work, offsets, trace},
+    outcome::Seen,
     picture::Picture,
     shade::{Footprints, shade},
     tiles::Place,
-    view::View,
+    view::{Optics, View},
     world::World,
 };
+use glam::DVec2;
+use ndarray::s;
 use std::time::{Duration, Instant};
 
 /// A picture, and what it took.
@@ -37,6 +40,21 @@ impl Drawing {
     }
 }
 
+/// The samples that show nothing.
+fn hidden(view: &View, offsets: &[DVec2]) -> Vec<Place> {
+    if !matches!(view.optics(), Optics::Fisheye { .. }) {
+        return Vec::new();
+    }
+    let (width, height) = view.size;
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
+    let places = pixels.flat_map(|(y, x)| (0..offsets.len()).map(move |k| (y, x, k)));
+    let shows = |(y, x, k): &Place| {
+        let at = offsets[*k] + DVec2::new(*x as f64, *y as f64);
+        view.shows(at.x, at.y)
+    };
+    places.filter(|place| !shows(place)).collect()
+}
+
 /// Samples of one pass: as many as fit one packet.
 const PASS: usize = 16;
 
@@ -55,10 +73,17 @@ pub fn draw(
     let mut times = [Duration::ZERO; 2];
     for offsets in all.chunks(PASS) {
         let began = Instant::now();
-        let traced = trace(world, view, paths, offsets);
+        let mut traced = trace(world, view, paths, offsets);
         work += traced.work;
         let middle = Instant::now();
-        let colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let hidden = hidden(view, offsets);
+        for place in &hidden {
+            traced.outcomes[*place] = Seen::Nothing;
+        }
+        let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        for (y, x, k) in hidden {
+            colours.slice_mut(s![y, x, k, ..]).fill(0.0);
+        }
         film.add(colours, offsets);
         times[0] += middle - began;
         times[1] += middle.elapsed();

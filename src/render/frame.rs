@@ -8,12 +8,13 @@ use super::{
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
     outcome::{Seen, seen_along},
+    starts::starts,
     tiles::{Found, Place, Samples, Tally},
     tracer::{ExactTracer, GridTracer},
     view::View,
     world::World,
 };
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use ndarray::{Array3, Axis};
 use rayon::prelude::*;
 use std::time::{Duration, Instant};
@@ -128,11 +129,21 @@ fn trace_exact(samples: &Samples<'_>, tracer: &ExactTracer<'_>) -> Traced {
         .into_par_iter()
         .enumerate()
         .for_each(|(y, mut row)| {
-            let directions: Vec<DVec3> = (0..width * count)
-                .map(|i| samples.direction((y, i / count, i % count)))
+            let places = (0..width * count).map(|i| (y, i / count, i % count));
+            let shown: Vec<usize> = (places.clone().enumerate())
+                .filter(|(_, place)| samples.shows(*place))
+                .map(|(i, _)| i)
                 .collect();
-            for (slot, curve) in row.iter_mut().zip(tracer.trace(&directions)) {
-                *slot = seen_along(samples.world, &curve);
+            let points = places.filter(|place| samples.shows(*place));
+            let points = points.map(|place| samples.point(place));
+            let starts = starts(&samples.world.manifold, samples.view, points);
+            let known = shown.into_iter().zip(starts);
+            let (shown, starts): (Vec<usize>, Vec<_>) = known
+                .filter_map(|(i, start)| start.map(|start| (i, (start.u, start.v))))
+                .unzip();
+            let mut slots: Vec<&mut Seen> = row.iter_mut().collect();
+            for (i, curve) in shown.into_iter().zip(tracer.trace_from(&starts)) {
+                *slots[i] = seen_along(samples.world, &curve);
             }
         });
     let mut work = Work::default();
@@ -157,7 +168,10 @@ fn trace_tiles(
     let desks = Desks::new(&samples.world.manifold, tracer.knots());
     // One by one: a few tiles take as long as many others, and they stand together. Those in the middle
     // first: there is most often what a camera looks at, and a dear tile at the end keeps one thread alone.
-    let mut order: Vec<&mut Found<'_>> = tiles.iter_mut().collect();
+    let mut order: Vec<&mut Found<'_>> = tiles
+        .iter_mut()
+        .filter(|found| samples.shows_some(found.tile()))
+        .collect();
     order.sort_by_key(|found| found.tile().squared_distance((width / 2, height / 2)));
     order
         .into_iter()
@@ -173,7 +187,7 @@ fn trace_tiles(
     work.pending = pending.len();
     let mut flagged = Vec::new();
     if let Some(tracer) = tracer.fallback() {
-        for (place, seen) in trace_pending(samples.world, tracer, &pending) {
+        for (place, seen) in trace_pending(samples, tracer, &pending) {
             outcomes[place] = seen;
             flagged.push(place);
         }
@@ -191,17 +205,21 @@ const BLOCK: usize = 256;
 
 /// Samples that were put off, in blocks.
 fn trace_pending(
-    world: &World,
+    samples: &Samples<'_>,
     tracer: &ExactTracer<'_>,
-    pending: &[(Place, DVec3)],
+    pending: &[Place],
 ) -> Vec<(Place, Seen)> {
-    let block = |rays: &[(Place, DVec3)]| -> Vec<(Place, Seen)> {
-        let directions: Vec<DVec3> = rays.iter().map(|(_, d)| *d).collect();
-        let curves = tracer.trace(&directions);
-        rays.iter()
-            .zip(curves)
-            .map(|((place, _), curve)| (*place, seen_along(world, &curve)))
-            .collect()
+    let world = samples.world;
+    let block = |places: &[Place]| -> Vec<(Place, Seen)> {
+        let points = places.iter().map(|place| samples.point(*place));
+        let starts = starts(&world.manifold, samples.view, points);
+        let known = places.iter().zip(starts);
+        let (places, starts): (Vec<Place>, Vec<_>) = known
+            .filter_map(|(place, start)| start.map(|start| (*place, (start.u, start.v))))
+            .unzip();
+        let seen = tracer.trace_from(&starts).into_iter();
+        let seen = seen.map(|curve| seen_along(world, &curve));
+        places.into_iter().zip(seen).collect()
     };
     pending.par_chunks(BLOCK).flat_map(block).collect()
 }

@@ -89,8 +89,14 @@ impl Journey {
         [self.times[0], self.times[self.times.len() - 1]]
     }
 
-    /// The view at `time`.
+    /// The view at `time`, in perspective.
     pub fn view(&self, time: f64, size: (usize, usize)) -> View {
+        let (camera, fov_degrees) = self.pose(time);
+        View::of_camera(&camera, fov_degrees, size)
+    }
+
+    /// The camera at `time`, and its angle of view in degrees.
+    pub fn pose(&self, time: f64) -> (Camera, f64) {
         let next = self.times.partition_point(|t| *t <= time);
         let k = next.clamp(1, self.legs.len()) - 1;
         let h = self.times[k + 1] - self.times[k];
@@ -104,7 +110,7 @@ impl Journey {
         } else {
             t
         };
-        self.legs[k].view(share, size)
+        self.legs[k].pose(share)
     }
 }
 
@@ -160,11 +166,11 @@ impl Leg {
         }
     }
 
-    fn view(&self, share: f64, size: (usize, usize)) -> View {
+    fn pose(&self, share: f64) -> (Camera, f64) {
         let (u, carried) = self.carried(share);
         let rotation = carried * DQuat::IDENTITY.slerp(self.turn, share);
         let fov_degrees = self.fov[0] + (self.fov[1] - self.fov[0]) * share;
-        View::of_camera(&Camera { u, rotation }, fov_degrees, size)
+        (Camera { u, rotation }, fov_degrees)
     }
 }
 

@@ -6,18 +6,18 @@
 //! to the distance.
 //!
 //! Triangles are cut at a plane in front of the camera, projected and filled with a depth for every
-//! sample. In glued coordinates the scene is drawn in the periods next to the camera's too.
+//! sample; where a picture is no plane, each sample's line is intersected. In glued coordinates the scene is drawn in the periods next to the camera's too.
 
 use super::{
-    curve::Ending,
+    curve::{Ending, Piece},
     endings::EndingFinder,
     frame::Outcomes,
-    intersect::Hit,
+    intersect::{Hit, first_hit},
     outcome::{Seen, beyond},
     strands::{Source, Strands},
     tiles::Samples,
     tracer::even_knots,
-    view::View,
+    view::{Optics, View},
     world::World,
 };
 use glam::{DMat3, DVec2, DVec3};
@@ -34,7 +34,13 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
 pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
-    let picture = Projected::new(world, samples.view);
+    let mut picture = Projected::new(world, samples.view);
+    // Triangles have straight sides on a plane only.
+    let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
+    if flat && samples.view.is_central() {
+        picture.flatten();
+    }
+    let picture = &picture;
     let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
@@ -51,9 +57,14 @@ pub(super) fn trace_straight(samples: &Samples<'_>, length: f64) -> Outcomes {
             |(lines, endings), (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
-                    if *slot == Seen::Nothing {
-                        let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        *slot = picture.sky(at, lines, endings);
+                    let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
+                    if *slot == Seen::Nothing && samples.view.shows(at.x, at.y) {
+                        let met = if picture.is_flat {
+                            None
+                        } else {
+                            picture.met(at, length)
+                        };
+                        *slot = met.unwrap_or_else(|| picture.sky(at, lines, endings));
                     }
                 }
             },
@@ -93,6 +104,8 @@ struct Projected<'w> {
     axes: DMat3,
     /// The standard frame at the camera.
     frame: DMat3,
+    /// Whether all that may be met is in `flats`.
+    is_flat: bool,
     flats: Vec<Flat>,
 }
 
@@ -100,14 +113,20 @@ impl<'w> Projected<'w> {
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
-        let into = axes.transpose() * world.manifold.metric(view.u);
-        let mut picture = Self {
+        Self {
             world,
             view,
             axes,
             frame: world.manifold.standard_frame(view.u),
+            is_flat: false,
             flats: Vec::new(),
-        };
+        }
+    }
+
+    /// Projects all triangles onto the picture's plane.
+    fn flatten(&mut self) {
+        let (world, view) = (self.world, self.view);
+        let into = self.axes.transpose() * world.manifold.metric(view.u);
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
                 .length()
@@ -118,12 +137,12 @@ impl<'w> Projected<'w> {
             let flats: Vec<Vec<Flat>> = triangles
                 .map(|(i, corners)| {
                     let p = corners.map(|u| into * (u + shift - view.u));
-                    picture.flats_of(i as u32, p, NEAR * farthest)
+                    self.flats_of(i as u32, p, NEAR * farthest)
                 })
                 .collect();
-            picture.flats.extend(flats.into_iter().flatten());
+            self.flats.extend(flats.into_iter().flatten());
         }
-        picture
+        self.is_flat = true;
     }
 
     /// The parts of a triangle (in the camera's axes) that lie in front of the camera.
@@ -201,10 +220,29 @@ impl<'w> Projected<'w> {
         })
     }
 
-    /// What the chart's straight line through the point `at` of the picture ends in.
+    /// The chart's straight line of the point `at` of the picture: its start and its tangent.
+    fn line(&self, at: DVec2) -> (DVec3, DVec3) {
+        let ray = self.view.ray(at.x, at.y);
+        let start = self.view.u + self.frame * ray.offset;
+        (start, self.frame * ray.direction)
+    }
+
+    /// What that line meets within `length`.
+    fn met(&self, at: DVec2, length: f64) -> Option<Seen> {
+        let (u, v) = self.line(at);
+        let piece = Piece {
+            s: [0.0, length],
+            u: [u, u + v * length],
+            v: [v, v],
+        };
+        let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        first_hit(accelerator, domain, &piece, length).map(Seen::Surface)
+    }
+
+    /// What that line ends in.
     fn sky(&self, at: DVec2, lines: &mut Strands, endings: &mut EndingFinder<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
-        let (u, v) = (self.view.u, self.frame * direction);
+        let (u, v) = self.line(at);
         let fill = |knots: &[f64], rows: &mut [f64]| {
             let n = knots.len();
             for (k, s) in knots.iter().enumerate() {

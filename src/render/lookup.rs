@@ -40,14 +40,28 @@ impl<'t> Lookup<'t> {
         }
     }
 
+    /// The arc lengths of the knots.
+    pub(super) fn knots(&self) -> &Arc<[f64]> {
+        &self.knots
+    }
+
+    /// By how much cubics between them may miss the path, radians at the camera.
+    pub(super) fn slack(&self) -> f64 {
+        KNOT_ERROR
+    }
+
+    /// Who follows rays from `u` that the table gave up on.
+    pub(super) fn exact(&self, u: DVec3) -> ExactTracer<'_> {
+        let manifold = self.table.space.manifold();
+        ExactTracer::new(manifold, u, self.table.length, self.tolerance)
+    }
+
     /// The tracer of one frame, from the camera of `fan`.
     pub fn tracer<'f>(&'f self, fan: &'f Fan<'t>) -> TableTracer<'f, 't> {
-        let manifold = self.table.space.manifold();
-        let (u, length) = (fan.place.u, self.table.length);
         TableTracer {
             fan,
             knots: &self.knots,
-            exact: ExactTracer::new(manifold, u, length, self.tolerance),
+            exact: self.exact(fan.place.u),
             pencil: Pencil::new(fan, &self.knots),
         }
     }
@@ -178,7 +192,7 @@ impl TableTracer<'_, '_> {
 }
 
 /// How a strand of `path` ends.
-fn ending<C: Borrow<Courses>>(
+pub(super) fn ending<C: Borrow<Courses>>(
     path: &FanPath<'_, '_, C>,
     strand: Strand<'_>,
     endings: &mut EndingFinder<'_>,

@@ -3,6 +3,7 @@
 //! In: a scene file, parameter settings, perhaps a bundle. Out: a [`Stage`].
 
 use super::{
+    panels::{Panels, Part},
     scene::{CameraEntry, SceneFile},
     view::{View, camera_point},
     world::World,
@@ -74,9 +75,22 @@ impl Stage {
     /// The view of a camera of this scene.
     ///
     /// # Errors
-    /// The camera is outside the domain.
+    /// The camera is outside the domain, or draws several pictures.
     pub fn view(&self, camera: &CameraEntry, size: (usize, usize)) -> Result<View> {
+        self.panels(camera, size, None)?.single()
+    }
+
+    /// The parts of the picture of a camera of this scene; of `crop` alone, if there is one.
+    ///
+    /// # Errors
+    /// The camera is outside the domain, or the picture cannot be divided as its lens asks.
+    pub fn panels(
+        &self,
+        camera: &CameraEntry,
+        size: (usize, usize),
+        crop: Option<Part>,
+    ) -> Result<Panels> {
         let u = camera_point(&self.world.manifold, &self.scene.source, camera)?;
-        Ok(View::new(camera, u, size))
+        Panels::new(&self.world.manifold, (camera, u), size, crop)
     }
 }

@@ -73,8 +73,8 @@ pub struct Found<'o> {
     pub corner: (usize, usize),
     /// Its outcomes, axes (row, column, sample) from the corner.
     pub outcomes: ArrayViewMut3<'o, Seen>,
-    /// Samples put off, with their directions.
-    pub pending: Vec<(Place, DVec3)>,
+    /// Samples put off.
+    pub pending: Vec<Place>,
     /// Work and time.
     pub tally: Tally,
 }
@@ -218,8 +218,8 @@ impl Samples<'_> {
         (tracer, endings): (&dyn GridTracer, &mut EndingFinder<'_>),
         lost: &mut Vec<Place>,
     ) -> [Ending; LANES] {
-        let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
-        let known = tracer.endings(&directions, endings);
+        let addresses: Vec<DVec3> = places.iter().map(|place| self.address(*place)).collect();
+        let known = tracer.endings(&addresses, endings);
         let mut ends = [Ending::Nowhere; LANES];
         for ((end, known), place) in ends.iter_mut().zip(known).zip(places) {
             match known {
@@ -239,16 +239,16 @@ impl Samples<'_> {
         found: &mut Found<'_>,
     ) {
         let began = Instant::now();
-        let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
+        let addresses: Vec<DVec3> = places.iter().map(|place| self.address(*place)).collect();
         let Desk {
             endings,
             singles,
             lone,
             ..
         } = desk;
-        for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
+        for (places, addresses) in places.chunks(BLOCK).zip(addresses.chunks(BLOCK)) {
             singles.clear();
-            tracer.add(directions, endings, singles);
+            tracer.add(addresses, endings, singles);
             for (first, places) in places.chunks(LANES).enumerate() {
                 let first = LANES * first;
                 self.lone((tracer, lone), singles, first, places, found);
@@ -273,7 +273,7 @@ impl Samples<'_> {
         lone.surround(&all, tracer, self.world);
         for (strand, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {
             match strand.ending {
-                None => found.pending.push((*place, strand.direction)),
+                None => found.pending.push(*place),
                 Some(ending) => {
                     let seen = lone.seen((l, strand), &ending, tracer, self.world);
                     found.put(*place, seen);
@@ -299,7 +299,20 @@ impl Samples<'_> {
         places
     }
 
-    fn point(&self, (y, x, k): Place) -> DVec2 {
+    /// Whether a sample shows anything.
+    pub fn shows(&self, place: Place) -> bool {
+        let at = self.point(place);
+        self.view.shows(at.x, at.y)
+    }
+
+    /// Whether any point of a tile shows anything.
+    pub fn shows_some(&self, tile: Tile) -> bool {
+        let along = |corner: usize| corner as f64..(corner + tile.side) as f64;
+        self.view.shows_some(along(tile.x), along(tile.y))
+    }
+
+    /// Where a sample is in the picture.
+    pub fn point(&self, (y, x, k): Place) -> DVec2 {
         DVec2::new(x as f64, y as f64) + self.offsets[k]
     }
 
@@ -308,10 +321,10 @@ impl Samples<'_> {
         (self.point(place) - DVec2::new(tile.x as f64, tile.y as f64)) * (1.0 / tile.side as f64)
     }
 
-    /// The direction of a sample.
-    pub fn direction(&self, place: Place) -> DVec3 {
+    /// What tells a tracer which ray a sample's is.
+    pub fn address(&self, place: Place) -> DVec3 {
         let at = self.point(place);
-        self.view.direction(at.x, at.y)
+        self.view.address(at.x, at.y)
     }
 }
 

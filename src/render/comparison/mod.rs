@@ -23,7 +23,11 @@ use super::{
     view::View,
     world::World,
 };
-use crate::{bundle::Table, error::Result, quantiles::Quantiles};
+use crate::{
+    bundle::Table,
+    error::{Error, Result},
+    quantiles::Quantiles,
+};
 use ndarray::Array2;
 use std::path::Path;
 
@@ -61,6 +65,10 @@ pub struct Comparison {
 /// # Errors
 /// The camera is not in the table's region.
 pub fn compare(world: &World, view: &View, table: &Table, options: Options) -> Result<Comparison> {
+    if !view.is_central() {
+        let message = "each pixel of an orthographic picture, and of an eye that sees all around, has a position of its own, and a table is made ready for one";
+        return Err(Error::input("the camera", message));
+    }
     let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
     let budget = 1e-3 * options.error;
     let frames = times::moving(world, view, &lookup, options)?;

@@ -68,14 +68,22 @@ pub(super) struct Checks<'a> {
     truths: [Strand<'a>; CHECKS.len()],
     /// The angle of the tile's side.
     side: f64,
+    /// What one radian moves a path by in flat space, if that is the same at all arc lengths.
+    reach: Option<f64>,
 }
 
 impl<'a> Checks<'a> {
-    pub(super) fn new(sheaf: &'a Sheaf<'a>, truths: [usize; CHECKS.len()], side: f64) -> Self {
+    pub(super) fn new(
+        sheaf: &'a Sheaf<'a>,
+        truths: [usize; CHECKS.len()],
+        side: f64,
+        reach: Option<f64>,
+    ) -> Self {
         Self {
             sheaf,
             truths: truths.map(|i| sheaf.among(i)),
             side,
+            reach,
         }
     }
 
@@ -153,7 +161,8 @@ impl<'a> Checks<'a> {
             |strand| strand.point(k),
             |truth| {
                 let v = truth.tangent(k);
-                (v.normalize_or_zero(), truth.knots[k] * v.length())
+                let reach = self.reach.unwrap_or(truth.knots[k]);
+                (v.normalize_or_zero(), reach * v.length())
             },
         )
     }

@@ -14,11 +14,15 @@ use crate::{
     render::{
         Footprint, Hit, Probe, Seen, View, World, first_seen,
         light::{Connection, Lamps, SurfacePoint},
+        starts::{Start, starts},
     },
 };
-use glam::{DVec3, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+};
 
 /// What decides a picture besides world and view.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,9 +54,11 @@ pub struct PathTracer<'w> {
     world: &'w World,
     view: &'w View,
     settings: Settings,
-    lamps: Option<Lamps<'w>>,
-    emitters: Option<Emitters>,
-    rays: AtomicU64,
+    lamps: Option<Arc<Lamps<'w>>>,
+    emitters: Option<Arc<Emitters>>,
+    rays: Arc<AtomicU64>,
+    /// Pixels of other parts of the picture, which have other noise.
+    before: u64,
 }
 
 /// Fewest and most pixels whose paths go together: enough that the lanes stay full while most paths
@@ -121,11 +127,30 @@ impl<'w> PathTracer<'w> {
             world,
             view,
             settings,
-            lamps: connected.then(lamps).filter(|lamps| !lamps.is_empty()),
+            lamps: connected
+                .then(lamps)
+                .filter(|lamps| !lamps.is_empty())
+                .map(Arc::new),
             emitters: connected
                 .then(|| Emitters::new(world))
-                .filter(|e| !e.is_empty()),
-            rays: AtomicU64::new(0),
+                .filter(|e| !e.is_empty())
+                .map(Arc::new),
+            rays: Arc::default(),
+            before: 0,
+        }
+    }
+
+    /// The same for another part of a picture, which `before` pixels are before; rays are counted together.
+    #[must_use]
+    pub fn through(&self, view: &'w View, before: u64) -> Self {
+        Self {
+            world: self.world,
+            view,
+            settings: self.settings,
+            lamps: self.lamps.clone(),
+            emitters: self.emitters.clone(),
+            rays: self.rays.clone(),
+            before,
         }
     }
 
@@ -151,7 +176,7 @@ impl<'w> PathTracer<'w> {
 
     fn block(&self, pixels: &[usize], pass: u64) -> Vec<DVec3> {
         let mut light = vec![DVec3::ZERO; pixels.len()];
-        let mut walks: Vec<Walk> = pixels.iter().map(|p| self.start(*p, pass)).collect();
+        let mut walks = self.start(pixels, pass);
         let first = pixels.first().copied().unwrap_or(0);
         while !walks.is_empty() {
             walks = self.bounce(walks, &mut |pixel, part| light[pixel - first] += part);
@@ -159,25 +184,38 @@ impl<'w> PathTracer<'w> {
         light
     }
 
-    fn start(&self, pixel: usize, pass: u64) -> Walk {
-        let mut random = Stream::new(&[self.settings.seed, pixel as u64, pass]);
+    /// The paths of the pixels that show something.
+    fn start(&self, pixels: &[usize], pass: u64) -> Vec<Walk> {
         let width = self.view.size.0;
-        let (x, y) = (random.uniform(), random.uniform());
-        let d = self
-            .view
-            .direction((pixel % width) as f64 + x, (pixel / width) as f64 + y);
-        Walk {
-            pixel,
-            random,
-            ray: Probe {
-                u: self.view.u,
-                v: self.world.manifold.standard_frame(self.view.u) * d,
-                length: self.settings.length,
-            },
-            throughput: DVec3::ONE,
-            bounce: 0,
-            scattered: None,
-        }
+        let place = |pixel: &usize| {
+            let number = self.before + *pixel as u64;
+            let mut random = Stream::new(&[self.settings.seed, number, pass]);
+            let (x, y) = (random.uniform(), random.uniform());
+            let corner = DVec2::new((pixel % width) as f64, (pixel / width) as f64);
+            (*pixel, random, corner + DVec2::new(x, y))
+        };
+        let places = pixels.iter().map(place);
+        let shown: Vec<_> = places
+            .filter(|(_, _, at)| self.view.shows(at.x, at.y))
+            .collect();
+        let points = shown.iter().map(|(_, _, at)| *at);
+        let starts = starts(&self.world.manifold, self.view, points);
+        let walk = |((pixel, random, _), start): ((usize, Stream, DVec2), Option<Start>)| {
+            let start = start?;
+            Some(Walk {
+                pixel,
+                random,
+                ray: Probe {
+                    u: start.u,
+                    v: start.v,
+                    length: self.settings.length,
+                },
+                throughput: DVec3::ONE,
+                bounce: 0,
+                scattered: None,
+            })
+        };
+        shown.into_iter().zip(starts).filter_map(walk).collect()
     }
 
     fn seen(&self, probes: &[Probe]) -> Vec<Seen> {
