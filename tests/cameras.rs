@@ -39,7 +39,7 @@ when = 'x^2 + y^2 + z^2 - 25'
 length = 20
 ";
 
-/// Of the camera of every scene: where it is, and its axes before they are made perpendicular.
+/// The camera of every scene: where it is, and its axes before they are made perpendicular.
 const AT: DVec3 = DVec3::new(-0.7, 0.4, 0.3);
 const LOOK: DVec3 = DVec3::new(1.0, 0.2, -0.3);
 const UP: DVec3 = DVec3::new(0.1, -0.2, 1.0);
@@ -69,7 +69,7 @@ fn panels(stage: &Stage, size: (usize, usize)) -> Panels {
     stage.panels(&stage.scene.camera, size, None).unwrap()
 }
 
-/// What every pixel of a file sees, by exact paths through its middle, axes (row, column).
+/// Traces the middle of every pixel of a file exactly, axes (row, column).
 fn seen(stage: &Stage, panels: &Panels) -> Outcomes {
     let (width, height) = panels.size;
     let mut all = Outcomes::from_elem((height, width, 1), Seen::Nothing);

@@ -8,7 +8,7 @@ use geofan::{
     render::{
         ExactTracer, Lookup, Panel, Seen, ShiftedTracer, Stage,
         comparison::{Comparison, Options, compare},
-        frame::{Paths, offsets, trace},
+        frame::{Outcomes, Paths, offsets, trace},
     },
 };
 use support::Place;
@@ -101,6 +101,34 @@ fn tables_agree_with_exact_paths_in_all_projections_as_in_perspective() {
     }
 }
 
+/// Exit or triangle.
+fn kind(seen: &Seen) -> (u8, u32) {
+    match seen {
+        Seen::Sky { exit, .. } => (0, *exit),
+        Seen::Surface(hit) => (1, hit.triangle),
+        Seen::Nothing => (2, 0),
+    }
+}
+
+/// Finds by how many pixels skies are off: by how much as by the next pixel.
+fn pixels_off(found: &Outcomes, exact: &Outcomes) -> Vec<f64> {
+    let sky = |at: (usize, usize, usize), like: &Seen| match exact.get(at) {
+        Some(seen @ Seen::Sky { direction, .. }) if kind(seen) == kind(like) => Some(*direction),
+        _ => None,
+    };
+    let off = |((y, x, k), a): ((usize, usize, usize), &Seen)| {
+        let Seen::Sky { direction, .. } = a else {
+            return None;
+        };
+        let here = sky((y, x, k), a)?;
+        let pixel =
+            [(y, x + 1, k), (y + 1, x, k)].map(|next| Some((sky(next, a)? - here).length()));
+        let pixel = f32::max(pixel[0]?, pixel[1]?);
+        Some(f64::from((*direction - here).length() / pixel))
+    };
+    found.indexed_iter().filter_map(off).collect()
+}
+
 #[test]
 fn rays_that_start_beside_the_camera_are_looked_up_where_they_start() {
     let place = Place::with(&[("wormhole.toml", WORMHOLE), ("square.obj", SQUARE)]);
@@ -109,11 +137,14 @@ fn rays_that_start_beside_the_camera_are_looked_up_where_they_start() {
         .success();
     let bundle = Bundle::read(&place.path("w.fan")).unwrap();
     let lookup = Lookup::new(&bundle.table, 5e-4, 1e-8);
-    for (camera, size) in [
-        ("projection = 'orthographic'\nwidth = 0.5", (64, 64)),
+    // A promise of half a mrad at a distance of 2 is an eighth of a pixel of the one, and a hundredth of
+    // one of the other.
+    for (camera, size, within) in [
+        ("projection = 'orthographic'\nwidth = 0.5", (64, 64), 0.125),
         (
             "projection = 'panorama'\nstereo = { separation = 0.1, layout = 'over-under' }",
             (128, 128),
+            0.01,
         ),
     ] {
         std::fs::write(place.path("scene.toml"), scene(camera)).unwrap();
@@ -127,34 +158,16 @@ fn rays_that_start_beside_the_camera_are_looked_up_where_they_start() {
             let manifold = &stage.world.manifold;
             let exact = ExactTracer::new(manifold, view.u, bundle.table.length, 1e-8);
             let exact = by(Paths::Exact(&exact));
-            let (mut unlike, mut off) = (0, Vec::new());
-            for (a, b) in table.outcomes.iter().zip(&exact.outcomes) {
-                match (a, b) {
-                    (
-                        Seen::Sky {
-                            exit, direction, ..
-                        },
-                        Seen::Sky {
-                            exit: other,
-                            direction: d,
-                            ..
-                        },
-                    ) if exit == other => off.push(f64::from((*direction - *d).length())),
-                    (Seen::Surface(a), Seen::Surface(b)) if a.triangle == b.triangle => {
-                        off.push(f64::from((a.s - b.s).abs() / b.s));
-                    }
-                    (Seen::Nothing, Seen::Nothing) => {}
-                    _ => unlike += 1,
-                }
-            }
-            let quantiles = Quantiles::of(&mut off);
+            let unlike = table.outcomes.iter().zip(&exact.outcomes);
+            let unlike = unlike.filter(|(a, b)| kind(a) != kind(b)).count();
+            let quantiles = Quantiles::of(&mut pixels_off(&table.outcomes, &exact.outcomes));
             let flagged = table.flagged.len();
             println!("{camera}: {unlike} unlike, {flagged} integrated, {quantiles:?}");
             // Most by the table.
             assert!(flagged < table.outcomes.len() / 10);
             assert!(unlike < table.outcomes.len() / 100);
             assert!(
-                quantiles.p50 < 5e-4 && quantiles.p95 < 5e-3,
+                quantiles.p50 < within && quantiles.p95 < 4.0 * within,
                 "{camera}: {quantiles:?}"
             );
             // Other numbers of a frame cannot be told of them.

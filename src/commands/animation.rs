@@ -78,7 +78,7 @@ pub struct Animation<'a> {
     pub crop: Option<Part>,
     /// The space.
     pub manifold: &'a Manifold,
-    /// How the camera draws.
+    /// Projection, eyes and crop.
     pub lens: Lens,
     /// The angle of view of a fisheye, degrees; others have their poses'.
     pub fisheye: f64,

@@ -1,6 +1,6 @@
 //! A camera's way through key poses.
 //!
-//! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`View`] at any time. Neighbouring
+//! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`Camera`] at any time. Neighbouring
 //! poses are joined by a geodesic; the camera is carried along it by parallel transport, and what is
 //! then missing to the next pose is turned evenly on the way. Speed (arc length plus angle turned)
 //! is a monotone cubic of time through all poses (F. N. Fritsch and R. E. Carlson, *Monotone
@@ -9,7 +9,7 @@
 use super::{
     camera::Camera,
     scene::{KeyPose, PoseFile},
-    view::{View, camera_point},
+    view::camera_point,
 };
 use crate::{
     diagnostic::Diagnostic,
@@ -87,12 +87,6 @@ impl Journey {
     /// The first and the last time, seconds.
     pub fn interval(&self) -> [f64; 2] {
         [self.times[0], self.times[self.times.len() - 1]]
-    }
-
-    /// The view at `time`, in perspective.
-    pub fn view(&self, time: f64, size: (usize, usize)) -> View {
-        let (camera, fov_degrees) = self.pose(time);
-        View::of_camera(&camera, fov_degrees, size)
     }
 
     /// The camera at `time`, and its angle of view in degrees.

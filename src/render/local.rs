@@ -104,7 +104,7 @@ struct Projected<'w> {
     axes: DMat3,
     /// The standard frame at the camera.
     frame: DMat3,
-    /// Whether all that may be met is in `flats`.
+    /// True once all that may be met is in `flats`.
     is_flat: bool,
     flats: Vec<Flat>,
 }
@@ -227,7 +227,7 @@ impl<'w> Projected<'w> {
         (start, self.frame * ray.direction)
     }
 
-    /// What that line meets within `length`.
+    /// Finds what that line meets within `length`.
     fn met(&self, at: DVec2, length: f64) -> Option<Seen> {
         let (u, v) = self.line(at);
         let piece = Piece {
@@ -239,7 +239,7 @@ impl<'w> Projected<'w> {
         first_hit(accelerator, domain, &piece, length).map(Seen::Surface)
     }
 
-    /// What that line ends in.
+    /// Finds what that line ends in.
     fn sky(&self, at: DVec2, lines: &mut Strands, endings: &mut EndingFinder<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
         let (u, v) = self.line(at);

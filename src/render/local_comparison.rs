@@ -14,7 +14,10 @@ use super::{
     view::View,
     world::World,
 };
-use crate::{error::Result, quantiles::Quantiles};
+use crate::{
+    error::{Error, Result},
+    quantiles::Quantiles,
+};
 use ndarray::Array2;
 use serde::Serialize;
 use std::{collections::BTreeMap, fmt};
@@ -63,7 +66,7 @@ pub struct LocalComparison {
 /// Compares, light followed over `length`.
 ///
 /// # Errors
-/// None in honest pictures: the two have the same size.
+/// Rays of the view start elsewhere than at its camera, so that nothing has one direction from there.
 pub fn compare_local(
     world: &World,
     view: &View,
@@ -71,6 +74,10 @@ pub fn compare_local(
     length: f64,
     tolerance: f64,
 ) -> Result<LocalComparison> {
+    if !view.is_central() {
+        let message = "errors are told as angles at the camera, and rays of an orthographic picture, or of an eye that sees all around, start elsewhere";
+        return Err(Error::input("the camera", message));
+    }
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
     let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered);
     let (local, exact) = (by(Paths::Straight(length)), by(Paths::Exact(&tracer)));

@@ -45,7 +45,7 @@ impl<'t> Lookup<'t> {
         &self.knots
     }
 
-    /// By how much cubics between them may miss the path, radians at the camera.
+    /// Returns the angle at the camera by which cubics between the knots may miss the path.
     pub(super) fn slack(&self) -> f64 {
         KNOT_ERROR
     }

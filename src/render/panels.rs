@@ -42,7 +42,7 @@ pub struct Panels {
 /// One part.
 #[derive(Debug, Clone)]
 pub struct Panel {
-    /// What is seen there.
+    /// Sees what is shown there.
     pub view: View,
     /// Its upper left pixel in the file.
     pub at: (usize, usize),
@@ -62,7 +62,7 @@ const FACES: [(DVec3, DVec3); 6] = [
     (DVec3::Z, DVec3::Y),
 ];
 
-/// The size of a picture by `lens` where none is asked for.
+/// Chooses the size of a picture by `lens` where none is asked for.
 pub fn usual_size(lens: &Lens) -> (usize, usize) {
     let (width, height) = match lens.projection {
         Projection::Perspective | Projection::Orthographic { .. } => (1280, 720),
@@ -75,8 +75,7 @@ pub fn usual_size(lens: &Lens) -> (usize, usize) {
 }
 
 impl Panels {
-    /// The parts of a picture of `size` by `camera` at `u`, of which only `crop` is drawn, or what the lens
-    /// says.
+    /// Divides a picture of `size` by a camera at `u`; only `crop` is drawn, or what the lens says.
     ///
     /// # Errors
     /// A size that cannot be divided as the lens asks, a crop outside the picture, an eye outside the space.
@@ -96,7 +95,7 @@ impl Panels {
         )
     }
 
-    /// The same of a camera that is placed, with an angle of view.
+    /// Divides the picture of a camera that is placed, with an angle of view in degrees.
     ///
     /// # Errors
     /// As of [`Panels::new`].
@@ -143,7 +142,7 @@ impl Panels {
         })
     }
 
-    /// The view of a picture that has only one part.
+    /// Returns the view of a picture that has only one part.
     ///
     /// # Errors
     /// It has several.
@@ -158,12 +157,12 @@ impl Panels {
         }
     }
 
-    /// Whether all rays of a part start at its camera.
+    /// Tells if all rays of every part start at its camera.
     pub fn are_central(&self) -> bool {
         self.parts.iter().all(|panel| panel.view.is_central())
     }
 
-    /// The file's picture: one picture for each part, in order. Layers are those of the first.
+    /// Puts the file together from one picture for each part, in order. Layers are those of the first.
     pub fn join(&self, mut pictures: Vec<Picture>) -> Picture {
         if let [panel] = &self.parts[..]
             && panel.view.size == self.size
@@ -199,7 +198,7 @@ impl Panels {
         whole
     }
 
-    /// What of the picture `whole`, which this is the file of, the part numbered `part` shows.
+    /// Takes the part numbered `part` out of the picture of the file.
     pub fn cut(&self, whole: &Picture, part: usize) -> Picture {
         let Panel { view, at } = &self.parts[part];
         let (columns, rows) = (at.0..at.0 + view.size.0, at.1..at.1 + view.size.1);
@@ -245,7 +244,7 @@ impl Panels {
         notes
     }
 
-    /// What the user should know of the picture's shape.
+    /// Tells what the user should know of the picture's shape.
     pub fn warning(&self) -> Option<String> {
         let (across, down) = self.lens.stereo.map_or((1, 1), |s| s.layout.grid());
         let (width, height) = (self.frame.size.0 / across, self.frame.size.1 / down);
@@ -257,7 +256,7 @@ impl Panels {
     }
 }
 
-/// The columns and rows of the part `[x, y, width, height]` of a picture.
+/// Rounds the part `[x, y, width, height]` of a picture to columns and rows.
 fn pixels([x, y, width, height]: [f64; 4], size: (usize, usize)) -> Part {
     let along = |start: f64, length: f64, whole: usize| {
         let edge = |share: f64| ((share * whole as f64).round() as usize).min(whole);
@@ -269,7 +268,7 @@ fn pixels([x, y, width, height]: [f64; 4], size: (usize, usize)) -> Part {
 }
 
 impl Panel {
-    /// What of it is inside these columns and rows, which become the file.
+    /// Cuts it to these columns and rows, which become the file.
     fn within(self, columns: &Range<usize>, rows: &Range<usize>) -> Option<Self> {
         let part = |at: usize, length: usize, inside: &Range<usize>| {
             let first = at.max(inside.start);
@@ -295,7 +294,7 @@ struct Rig<'m> {
 }
 
 impl Rig<'_> {
-    /// The parts of a whole picture.
+    /// Divides a whole picture.
     fn panels(&self, size: (usize, usize)) -> Result<Vec<Panel>> {
         let Some(stereo) = self.lens.stereo else {
             return self.faces(&self.camera, size);
@@ -326,7 +325,7 @@ impl Rig<'_> {
         Ok(panels)
     }
 
-    /// The parts of the picture of an eye that is `right` to the right of the camera.
+    /// Divides the picture of an eye that is `right` to the right of the camera.
     fn eye(&self, stereo: Stereo, right: f64, size: (usize, usize)) -> Result<Vec<Panel>> {
         let each = |panels: Vec<Panel>, change: &dyn Fn(View) -> View| {
             let changed = |Panel { view, at }| Panel {
@@ -355,7 +354,7 @@ impl Rig<'_> {
         }
     }
 
-    /// The parts of the picture of one eye.
+    /// Divides the picture of one eye.
     fn faces(&self, camera: &Camera, size: (usize, usize)) -> Result<Vec<Panel>> {
         let fov = self.fov;
         let optics = match self.lens.projection {
@@ -374,7 +373,7 @@ impl Rig<'_> {
     }
 }
 
-/// The six faces of a cube.
+/// Lays out the six faces of a cube.
 fn cube(camera: &Camera, (width, height): (usize, usize)) -> Result<Vec<Panel>> {
     let fits = |(columns, rows): &(usize, usize)| {
         let side = width / columns;

@@ -299,19 +299,19 @@ impl Samples<'_> {
         places
     }
 
-    /// Whether a sample shows anything.
+    /// Tells if a sample shows anything.
     pub fn shows(&self, place: Place) -> bool {
         let at = self.point(place);
         self.view.shows(at.x, at.y)
     }
 
-    /// Whether any point of a tile shows anything.
+    /// Tells if any point of a tile shows anything.
     pub fn shows_some(&self, tile: Tile) -> bool {
         let along = |corner: usize| corner as f64..(corner + tile.side) as f64;
         self.view.shows_some(along(tile.x), along(tile.y))
     }
 
-    /// Where a sample is in the picture.
+    /// Finds where a sample is in the picture.
     pub fn point(&self, (y, x, k): Place) -> DVec2 {
         DVec2::new(x as f64, y as f64) + self.offsets[k]
     }
@@ -321,7 +321,7 @@ impl Samples<'_> {
         (self.point(place) - DVec2::new(tile.x as f64, tile.y as f64)) * (1.0 / tile.side as f64)
     }
 
-    /// What tells a tracer which ray a sample's is.
+    /// Returns what tells a tracer which ray a sample's is.
     pub fn address(&self, place: Place) -> DVec3 {
         let at = self.point(place);
         self.view.address(at.x, at.y)

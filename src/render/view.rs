@@ -31,7 +31,7 @@ use std::{
     sync::Arc,
 };
 
-/// Which ray belongs to which pixel.
+/// Maps pixels to rays.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Optics {
     /// A plane; the horizontal angle of view.
@@ -67,7 +67,7 @@ pub struct PictureRay {
 struct TurningEye {
     /// The axis about which, standard frame.
     up: DVec3,
-    /// How far to the right of the middle it is.
+    /// Length from the middle to the right.
     right: f64,
     /// One over the length at which both eyes' pictures agree.
     nearness: f64,
@@ -86,7 +86,7 @@ pub struct View {
     /// To the right, down and ahead, in the standard frame.
     axes: DMat3,
     optics: Optics,
-    /// How far to the right of where it is an eye's picture is of what is at distance 1.
+    /// Shift to the right, of what is at distance 1, that an eye's picture undoes.
     lean: f64,
     turning: Option<TurningEye>,
 }
@@ -106,12 +106,12 @@ impl View {
         Self::through(&placed, optics, size)
     }
 
-    /// What `camera` sees in perspective at a horizontal angle of view of `fov_degrees`.
+    /// Makes the view of `camera` in perspective at a horizontal angle of view of `fov_degrees`.
     pub fn of_camera(camera: &Camera, fov_degrees: f64, size: (usize, usize)) -> Self {
         Self::through(camera, Optics::Perspective { fov: fov_degrees }, size)
     }
 
-    /// What `camera` sees through `optics`.
+    /// Makes the view of `camera` through `optics`.
     pub fn through(camera: &Camera, optics: Optics, size: (usize, usize)) -> Self {
         let axes = DMat3::from_quat(camera.rotation);
         Self {
@@ -126,8 +126,8 @@ impl View {
         }
     }
 
-    /// The view of an eye that is `right` to the right of a middle between two: it is there already, and
-    /// what the middle would see at `convergence` in any pixel it sees in that pixel too. On a plane that
+    /// Makes the view of an eye that is `right` to the right of a middle between two: it is there already,
+    /// and what the middle would see at `convergence` in any pixel it sees in that pixel too. On a plane that
     /// is what is as far ahead; else, what is as far away. Exact in flat space.
     #[must_use]
     pub fn converged(&self, right: f64, convergence: f64) -> Self {
@@ -137,8 +137,8 @@ impl View {
         }
     }
 
-    /// The view of an eye that is `right` to the right of the camera whatever its direction is, turned with
-    /// it about `up` (standard frame) and nearing the camera towards both poles.
+    /// Makes the view of an eye that is `right` to the right of the camera whatever its direction is, turned
+    /// with it about `up` (standard frame) and nearing the camera towards both poles.
     #[must_use]
     pub fn turning(&self, up: DVec3, right: f64, convergence: f64) -> Self {
         let nearness = 1.0 / convergence;
@@ -153,7 +153,7 @@ impl View {
         }
     }
 
-    /// The part of the picture in these columns and rows.
+    /// Cuts the picture to these columns and rows.
     #[must_use]
     pub fn cropped(&self, columns: Range<usize>, rows: Range<usize>) -> Self {
         Self {
@@ -163,7 +163,7 @@ impl View {
         }
     }
 
-    /// The same view in a picture of about `size`.
+    /// Makes a picture of about `size` of it.
     #[must_use]
     pub fn resized(&self, size: (usize, usize)) -> Self {
         let scaled = |n: usize, to: usize, from: usize| (n * to).div_ceil(from);
@@ -184,12 +184,12 @@ impl View {
         Camera::looking(self.u, self.look(), -self.axes.y_axis)
     }
 
-    /// How pixels become rays.
+    /// Returns the map from pixels to rays.
     pub fn optics(&self) -> Optics {
         self.optics
     }
 
-    /// Whether all rays start at the camera.
+    /// Tells if all rays start at the camera.
     pub fn is_central(&self) -> bool {
         self.turning.is_none() && !matches!(self.optics, Optics::Orthographic { .. })
     }
@@ -232,8 +232,8 @@ impl View {
         self.ray(x, y).direction
     }
 
-    /// What tells a tracer which ray is wanted: its direction, or, of a view whose rays start elsewhere, the
-    /// point of the picture.
+    /// Returns what tells a tracer which ray is wanted: its direction, or, of a view whose rays start elsewhere,
+    /// the point of the picture.
     pub fn address(&self, x: f64, y: f64) -> DVec3 {
         match self.is_central() {
             true => self.direction(x, y),
@@ -241,8 +241,8 @@ impl View {
         }
     }
 
-    /// What one radian of [`View::pixel_angle`] moves a parallel ray by in flat space, at all distances;
-    /// other rays are moved by the distance.
+    /// Returns the length by which one radian of [`View::pixel_angle`] moves a parallel ray in flat space, at
+    /// all distances; other rays are moved by the distance.
     pub fn reach(&self) -> Option<f64> {
         match self.optics {
             Optics::Orthographic { width } => Some(0.5 * width),
@@ -250,7 +250,7 @@ impl View {
         }
     }
 
-    /// The ray of the point (x, y) of the picture.
+    /// Returns the ray of the point (x, y) of the picture.
     pub fn ray(&self, x: f64, y: f64) -> PictureRay {
         let seen = self.axes * self.ahead(x, y);
         let (offset, lean) = match self.turning {
@@ -271,7 +271,7 @@ impl View {
         }
     }
 
-    /// What a camera without eyes sees at a point of the picture: to the right, down, ahead; at depth 1 in
+    /// Finds what a camera without eyes sees at a point of the picture: to the right, down, ahead; at depth 1 in
     /// perspective, else at distance 1.
     fn ahead(&self, x: f64, y: f64) -> DVec3 {
         let (w, h) = (self.whole.0 as f64, self.whole.1 as f64);
@@ -294,7 +294,7 @@ impl View {
         }
     }
 
-    /// Where the ray of a point of the picture starts.
+    /// Finds where the ray of a point of the picture starts.
     fn parallel_offset(&self, x: f64, y: f64) -> DVec3 {
         let Optics::Orthographic { width } = self.optics else {
             return DVec3::ZERO;
@@ -330,12 +330,12 @@ impl View {
         }
     }
 
-    /// Whether the point (x, y) of the picture shows anything: of a fisheye, the circle does.
+    /// Tells if the point (x, y) of the picture shows anything: of a fisheye, the circle does.
     pub fn shows(&self, x: f64, y: f64) -> bool {
         self.shows_some(x..x, y..y)
     }
 
-    /// Whether any point in these columns and rows shows anything.
+    /// Tells if any point in these columns and rows shows anything.
     pub fn shows_some(&self, columns: Range<f64>, rows: Range<f64>) -> bool {
         let Optics::Fisheye { .. } = self.optics else {
             return true;

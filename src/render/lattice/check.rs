@@ -68,7 +68,7 @@ pub(super) struct Checks<'a> {
     truths: [Strand<'a>; CHECKS.len()],
     /// The angle of the tile's side.
     side: f64,
-    /// What one radian moves a path by in flat space, if that is the same at all arc lengths.
+    /// Length by which one radian moves a path in flat space, if it is equal at all arc lengths.
     reach: Option<f64>,
 }
 

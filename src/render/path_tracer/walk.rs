@@ -140,7 +140,8 @@ impl<'w> PathTracer<'w> {
         }
     }
 
-    /// The same for another part of a picture, which `before` pixels are before; rays are counted together.
+    /// Makes the tracer of another part of the picture, which comes after `before` pixels; rays are counted
+    /// together.
     #[must_use]
     pub fn through(&self, view: &'w View, before: u64) -> Self {
         Self {
@@ -184,7 +185,7 @@ impl<'w> PathTracer<'w> {
         light
     }
 
-    /// The paths of the pixels that show something.
+    /// Begins the paths of the pixels that show something.
     fn start(&self, pixels: &[usize], pass: u64) -> Vec<Walk> {
         let width = self.view.size.0;
         let place = |pixel: &usize| {

@@ -9,13 +9,13 @@ use glam::{DMat3, DVec2, DVec3};
 /// Chromaticities (x, y) of primaries and white.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Primaries {
-    /// Of a colour of the first channel alone.
+    /// The first channel alone.
     pub red: DVec2,
-    /// Of the second alone.
+    /// The second alone.
     pub green: DVec2,
-    /// Of the third alone.
+    /// The third alone.
     pub blue: DVec2,
-    /// Where all three are equal.
+    /// All three, equal.
     pub white: DVec2,
 }
 
@@ -30,6 +30,10 @@ const BRADFORD: DMat3 = DMat3::from_cols(
 /// Largest entry of a change of colours that is left undone: less than half of the last place of an
 /// 8-bit value.
 const NO_CHANGE: f64 = 1e-3;
+
+/// Least area of the triangle of primaries (twice that, in chromaticities): those of Rec.709 have 0.22. With
+/// less, files' single precision would decide the colours.
+const LEAST_AREA: f64 = 1e-4;
 
 impl Primaries {
     /// Those of Rec. ITU-R BT.709, white D65.
@@ -48,22 +52,24 @@ impl Primaries {
         white: DVec2::splat(1.0 / 3.0),
     };
 
-    /// The matrix from colours to CIE XYZ, white to Y = 1; `None` if the primaries lie on a line.
+    /// Computes the matrix from colours to CIE XYZ, white to Y = 1; `None` if the primaries lie on a line.
     fn to_xyz(self) -> Option<DMat3> {
         let columns = [self.red, self.green, self.blue].map(tristimulus);
         let primaries = DMat3::from_cols_array_2d(&columns.map(|column| column.to_array()));
+        if !(primaries.determinant().abs() > LEAST_AREA) {
+            return None;
+        }
         let strength = primaries.inverse() * (tristimulus(self.white) / self.white.y);
         let matrix = primaries * DMat3::from_diagonal(strength);
-        let usable = |m: &DMat3| m.is_finite() && m.determinant().abs() > 1e-9;
-        Some(matrix).filter(usable)
+        Some(matrix).filter(|matrix| matrix.is_finite())
     }
 
-    /// The weights of the three channels in the luminance; they sum to 1.
+    /// Computes the weights of the three channels in the luminance; they sum to 1.
     pub fn luminance(self) -> Option<DVec3> {
         Some(self.to_xyz()?.row(1))
     }
 
-    /// The matrix from colours to Rec.709. White stays white; but XYZ itself has none, so its colours
+    /// Computes the matrix from colours to Rec.709. White stays white; but XYZ itself has none, so its colours
     /// are kept as they are.
     pub fn to_rec709(self) -> Option<DMat3> {
         let xyz = self.to_xyz()?;
@@ -89,7 +95,7 @@ fn tristimulus(chromaticity: DVec2) -> DVec3 {
     chromaticity.extend(1.0 - chromaticity.x - chromaticity.y)
 }
 
-/// The change of XYZ by which what looks white under `white` looks white under D65.
+/// Computes the change of XYZ by which what looks white under `white` looks white under D65.
 fn adaptation(white: DVec2) -> DMat3 {
     let cones = |white: DVec2| BRADFORD * (tristimulus(white) / white.y);
     let gain = cones(Primaries::REC709.white) / cones(white);

@@ -61,7 +61,7 @@ pub fn read_exr(path: &Path) -> Result<(Picture, Metadata)> {
     decode(&read_bytes(path)?).map_err(|e| bad_input(path, e))
 }
 
-/// Whether a file begins as EXR files do.
+/// Tells if a file begins as EXR files do.
 pub(super) fn is_exr(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01])
 }
@@ -215,7 +215,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<(Picture, Metadata), String> {
     Ok((Picture { rgb, layers }, notes))
 }
 
-/// The file's image, every channel with a value for each pixel of its data window.
+/// Reads a file in which every channel has a value for each pixel of its data window.
 fn read(bytes: &[u8]) -> Result<FlatImage, String> {
     ::exr::prelude::read()
         .no_deep_data()
@@ -238,7 +238,8 @@ struct Plane {
 }
 
 impl Plane {
-    /// As a layer over the display window; none if it is subsampled and thus has fewer values than pixels.
+    /// Turns it into a layer over the display window; none if it is subsampled and thus has fewer values than
+    /// pixels.
     fn into_layer(self, window: IntegerBounds) -> Option<Layer> {
         let whole = self.sampling == Vec2(1, 1);
         let framed = |values: LayerValues| match values {
@@ -252,8 +253,8 @@ impl Plane {
     }
 }
 
-/// What of `values` (row, column, …), whose upper left corner is at `corner`, is in the display window,
-/// with zeros around it.
+/// Cuts `values` (row, column, …), whose upper left corner is at `corner`, to the display window; zeros
+/// fill the rest of it.
 fn framed<T: Copy + Default, D: Dimension>(
     values: ArrayView<'_, T, D>,
     corner: Vec2<i32>,
@@ -283,7 +284,7 @@ fn framed<T: Copy + Default, D: Dimension>(
     framed
 }
 
-/// The chromaticities that a header states, or those of Rec.709.
+/// Takes the chromaticities that a header states, or those of Rec.709.
 fn primaries(header: &Header) -> Primaries {
     let pair = |Vec2(x, y): Vec2<f32>| DVec2::new(x.into(), y.into());
     let stated = header.shared_attributes.chromaticities;

@@ -70,14 +70,14 @@ impl LayerValues {
     }
 }
 
-/// What travels with a picture in an EXR file.
+/// Goes with a picture into an EXR file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Metadata {
     /// Command line, manifold, version, camera.
     pub notes: Vec<(String, String)>,
     /// The picture that this is a part of, which becomes the display window.
     pub frame: Option<Frame>,
-    /// Of a picture in perspective, how wide it is at distance 1.
+    /// Width of a picture in perspective at distance 1.
     pub screen_width: Option<f32>,
 }
 

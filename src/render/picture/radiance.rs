@@ -11,26 +11,26 @@ use image::{DynamicImage, codecs::hdr::HdrDecoder};
 use ndarray::{Array3, Axis};
 use std::io::{Cursor, Read};
 
-/// Whether a file begins as Radiance pictures do: `#?` and the name of a program.
+/// Tells if a file begins as Radiance pictures do: `#?` and the name of a program.
 pub(super) fn is_radiance(bytes: &[u8]) -> bool {
     bytes.starts_with(b"#?")
 }
 
-/// What a header says.
+/// Holds what a header says.
 #[derive(Debug, Clone, PartialEq)]
 struct Header {
     /// Rows or columns first: axis (0 down, 1 across), whether it runs upwards or to the left, length.
     major: (usize, bool, usize),
     minor: (usize, bool, usize),
-    /// Whether the numbers are CIE X, Y, Z.
+    /// True if the numbers are CIE X, Y, Z.
     xyz: bool,
-    /// What all numbers of a channel have been multiplied by.
+    /// Factors by which the numbers of each channel have been multiplied.
     gain: [f32; 3],
     /// Where the pixels begin.
     pixels: usize,
 }
 
-/// The linear light in the bytes of a file.
+/// Reads the linear light in the bytes of a file.
 pub(super) fn decode(bytes: &[u8]) -> Result<Array3<f32>, String> {
     let header = Header::read(bytes)?;
     let (rows, columns) = (header.major.2, header.minor.2);
@@ -92,7 +92,7 @@ impl Header {
         })
     }
 
-    /// The picture upright, in Rec.709, without exposure.
+    /// Makes the picture upright, in Rec.709, without exposure.
     fn put_right(&self, mut rgb: Array3<f32>) -> Result<Array3<f32>, String> {
         for (axis, (_, backwards, _)) in [self.major, self.minor].into_iter().enumerate() {
             // Rows run down and columns to the right; a sign says which way numbers grow.
@@ -129,7 +129,7 @@ fn is_xyz(format: &str) -> Result<bool, String> {
     }
 }
 
-/// Both sides of a picture by its size line, such as `-Y 512 +X 1024`: `-Y` counts rows from the top, `+X`
+/// Reads both sides of a picture from its size line, such as `-Y 512 +X 1024`: `-Y` counts rows from the top, `+X`
 /// columns from the left.
 fn sides(line: &str) -> Option<[(usize, bool, usize); 2]> {
     let mut words = line.split_whitespace();

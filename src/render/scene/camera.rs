@@ -26,10 +26,10 @@ pub(super) const PLACE_KEYS: [&str; 5] = ["at", "parameters", "look", "up", "fov
 /// Keys that tell how it draws.
 pub(super) const LENS_KEYS: [&str; 4] = ["projection", "width", "stereo", "crop"];
 
-/// How a camera draws what is around it.
+/// Says how a camera draws what is around it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Lens {
-    /// Which direction each pixel looks in.
+    /// From pixels to directions.
     pub projection: Projection,
     /// Two eyes, each with a picture.
     pub stereo: Option<Stereo>,
@@ -37,7 +37,7 @@ pub struct Lens {
     pub crop: Option<[f64; 4]>,
 }
 
-/// Which direction each pixel looks in.
+/// Maps pixels to directions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Projection {
     /// On a plane.
@@ -88,7 +88,7 @@ impl Layout {
         }
     }
 
-    /// Its name in files.
+    /// Returns its name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::SideBySide => "side-by-side",
@@ -98,7 +98,7 @@ impl Layout {
 }
 
 impl Projection {
-    /// Its name in files.
+    /// Returns its name in files.
     pub fn name(self) -> &'static str {
         match self {
             Self::Perspective => "perspective",
@@ -110,7 +110,7 @@ impl Projection {
     }
 }
 
-/// The keys that all cameras share. One of [`LENS_KEYS`] is read where it is allowed.
+/// Reads the keys that all cameras share. One of [`LENS_KEYS`] is read where it is allowed.
 pub(super) fn camera_entry(table: &Table) -> Result<CameraEntry> {
     let (position, position_span) = position(table)?;
     let look = table
@@ -258,7 +258,7 @@ fn crop(value: &Value) -> Result<[f64; 4]> {
     }
 }
 
-/// A number greater than 0; `meaning` says of what.
+/// Reads a number greater than 0; `meaning` says what it is for.
 fn positive(value: &Value, meaning: &str) -> Result<f64> {
     match value.number()? {
         number if number > 0.0 => Ok(number),

@@ -58,7 +58,7 @@ pub struct CameraEntry {
     pub up: DVec3,
     /// Horizontal angle of view, degrees, in (0, 180); of a fisheye across its circle, up to 360.
     pub fov_degrees: f64,
-    /// How it draws.
+    /// Projection, eyes and crop.
     pub lens: Lens,
 }
 

@@ -65,7 +65,7 @@ impl Equirectangular {
         })
     }
 
-    /// What the user should know of the picture.
+    /// Tells what the user should know of the picture.
     pub(super) fn warning(&self) -> Option<&str> {
         self.warning.as_deref()
     }

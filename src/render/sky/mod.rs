@@ -76,7 +76,7 @@ impl Sky {
         )?))
     }
 
-    /// What the user should know of its picture.
+    /// Tells what the user should know of its picture.
     pub fn warning(&self) -> Option<&str> {
         match self {
             Self::Equirectangular(image) => image.warning(),

@@ -19,8 +19,8 @@ const MIDDLE: [f32; 7] = [
 /// Most channels that a complaint lists.
 const LISTED: usize = 24;
 
-/// The colours, axes (row, column, channel), of the data window; the channels that they are made of are
-/// taken out of `planes`.
+/// Makes the colours, axes (row, column, channel), of the data window; the channels that they are made of
+/// are taken out of `planes`.
 pub(super) fn colours(
     planes: &mut Vec<Plane>,
     primaries: Primaries,
@@ -56,7 +56,7 @@ pub(super) fn colours(
 
 const ON_A_LINE: &str = "states chromaticities of primaries that make no colours";
 
-/// The complaint that no channels fit, with those that there are.
+/// Complains that no channels fit, with those that there are.
 fn no_colours(planes: &[Plane]) -> String {
     let mut names: Vec<&str> = planes.iter().map(|plane| plane.name.as_str()).collect();
     let left_out = names.len().saturating_sub(LISTED);
@@ -71,7 +71,7 @@ fn no_colours(planes: &[Plane]) -> String {
     )
 }
 
-/// The channels with these names, each with a value for every pixel, if all are there.
+/// Takes out the channels with these names, each with a value for every pixel, if all are there.
 fn take<const N: usize>(
     planes: &mut Vec<Plane>,
     names: [&str; N],
@@ -86,7 +86,7 @@ fn take<const N: usize>(
     }))
 }
 
-/// The values of a channel for every pixel.
+/// Gives a channel a value for every pixel.
 fn full(plane: Plane) -> Result<Array2<f32>, String> {
     let mut values = match plane.values {
         LayerValues::Float(values) => values,
@@ -107,7 +107,7 @@ fn full(plane: Plane) -> Result<Array2<f32>, String> {
     Ok(values)
 }
 
-/// As many samples again along `axis`, each between two; beyond the edges the last samples go on.
+/// Puts a sample between each two along `axis`; beyond the edges the last samples go on.
 fn doubled(values: &Array2<f32>, axis: Axis) -> Array2<f32> {
     let count = values.len_of(axis);
     let mut size = values.raw_dim();

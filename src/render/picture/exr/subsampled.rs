@@ -19,13 +19,13 @@ use ::exr::{
 };
 use std::io::Cursor;
 
-/// Whether any channel of the file has fewer samples than pixels.
+/// Tells if any channel of the file has fewer samples than pixels.
 pub(super) fn is_subsampled(meta: &MetaData) -> bool {
     let mut channels = meta.headers.iter().flat_map(|header| &header.channels.list);
     channels.any(|channel| channel.sampling != Vec2(1, 1))
 }
 
-/// All channels of all parts.
+/// Reads all channels of all parts.
 pub(super) fn read(bytes: &[u8]) -> Result<Vec<Plane>, String> {
     let mut start = PeekRead::new(Cursor::new(bytes));
     let (meta, offsets) = open(&mut start).map_err(|e| e.to_string())?;
@@ -67,7 +67,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Vec<Plane>, String> {
     Ok(planes)
 }
 
-/// The headers, and where each part's blocks are.
+/// Reads the headers, and where each part's blocks are.
 fn open(
     start: &mut PeekRead<Cursor<&[u8]>>,
 ) -> ::exr::error::Result<(MetaData, ::exr::meta::OffsetTables)> {
@@ -107,7 +107,7 @@ fn check(header: &Header) -> Result<(), String> {
     Ok(())
 }
 
-/// Samples of a channel across and down.
+/// Counts a channel's samples across and down.
 fn resolution(header: &Header, channel: &ChannelDescription) -> Vec2<usize> {
     channel.subsampled_resolution(header.layer_size)
 }
@@ -156,12 +156,12 @@ fn place(
     Ok(())
 }
 
-/// Whether a channel has samples on line `y`.
+/// Tells if a channel has samples on line `y`.
 fn has_line(channel: &ChannelDescription, y: i32) -> bool {
     y.rem_euclid(channel.sampling.y() as i32) == 0
 }
 
-/// The bytes of the lines of a section, channel by channel, in native order.
+/// Decompresses the lines of a section: bytes channel by channel, in native order.
 fn decompressed(
     header: &Header,
     compressed: Vec<u8>,
@@ -192,8 +192,8 @@ fn decompressed(
         .map_err(|e| e.to_string())
 }
 
-/// The same of B44, of which the `exr` crate takes apart full channels only: in a block they follow each
-/// other, so each is decompressed as if it were alone and full.
+/// Decompresses a section of B44, of which the `exr` crate takes apart full channels only: in a block they
+/// follow each other, so each is decompressed as if it were alone and full.
 fn channel_by_channel(
     header: &Header,
     compressed: &[u8],
@@ -234,7 +234,7 @@ fn channel_by_channel(
     Ok(lines)
 }
 
-/// Bytes of a channel in a block of B44: squares of 4 × 4 half floats take 14 bytes, or 3 if their third
+/// Counts the bytes of a channel in a block of B44: squares of 4 × 4 half floats take 14 bytes, or 3 if their third
 /// says that all are alike; other numbers are not compressed.
 fn coded_length(kind: SampleType, size: Vec2<usize>, coded: &[u8]) -> Option<usize> {
     const ALIKE: u8 = 13 << 2;
@@ -252,7 +252,7 @@ fn coded_length(kind: SampleType, size: Vec2<usize>, coded: &[u8]) -> Option<usi
     Some(length)
 }
 
-/// Puts a line of samples in its place; what follows it.
+/// Puts a line of samples in its place; returns what follows it.
 fn take_line<'b>(
     bytes: &'b [u8],
     samples: &mut FlatSamples,
