@@ -167,7 +167,7 @@ impl<'a> Trial<'a> {
             let camera = self.parameters(&part.cell, camera);
             let ray = move |aim: &DVec3| -> (DVec3, DVec3) {
                 let (u, d) = space.ray_aimed(&camera, *aim);
-                (u, manifold.standard_frame(u) * d)
+                (u, manifold.observer(u).tangent(d))
             };
             part.aims.iter().map(ray)
         });

@@ -12,7 +12,7 @@ use super::{
 use crate::{
     expr::{Tape, real::Real, vectorised},
     fan::{Lift, Located, Start},
-    geodesic::{End, first_event, transport},
+    geodesic::{End, carry, first_event},
     manifold::Isometry,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -396,7 +396,7 @@ impl<C: Borrow<Courses>> FanPath<'_, '_, C> {
             return None;
         }
         let manifold = table.space.manifold();
-        let carried = transport(manifold, self.curve(), [0.0, s], TRANSPORT_TOLERANCE);
+        let carried = carry(manifold, self.curve(), [0.0, s], TRANSPORT_TOLERANCE);
         Some(carried.ok()?.rotation)
     }
 }

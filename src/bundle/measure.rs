@@ -161,17 +161,18 @@ pub fn probe(
 /// The exact state at `s` on `step`; `None` if it does not carry frame and deviation.
 fn state(manifold: &Manifold, step: &Step, s: f64) -> Option<Probe> {
     let (u, v) = (step.position(s), step.tangent(s));
-    let frame_inverse = manifold.standard_frame(u).inverse();
+    let observer = manifold.observer(u);
+    let frame_inverse = observer.frame.inverse();
     let deviation = step.deviation(s)?;
     let rates = step.deviation_rate(s)?;
-    let covariant = [0, 1].map(|k| rates[k] - manifold.parallel_rate(u, v, deviation[k]));
+    let covariant = [0, 1].map(|k| manifold.sight_change((u, v), (deviation[k], rates[k])));
     Some(Probe {
         s,
         u,
         v,
         frame_inverse,
-        spread: Spread::new(frame_inverse, v, deviation),
-        turning: Spread::new(frame_inverse, v, covariant),
+        spread: Spread::seen_by(&observer, v, deviation),
+        turning: Spread::new(frame_inverse, observer.sight(v), covariant),
         rotation: step.rotation(s)?,
     })
 }

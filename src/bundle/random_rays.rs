@@ -7,12 +7,13 @@
 
 use crate::{
     error::{Error, Result},
-    fan::{FanSpace, Reduction},
+    fan::{Axis, FanSpace, Reduction},
     manifold::{CameraRegion, Manifold},
     random::Stream,
 };
 use glam::DVec3;
 use rayon::prelude::*;
+use std::f64::consts::PI;
 
 /// Random rays from one camera.
 #[derive(Debug, Clone)]
@@ -83,6 +84,13 @@ fn moved(
     match reduction {
         Reduction::Whole => {}
         Reduction::Rotation => u = stream.rotation() * u,
+        Reduction::Axis => {
+            let axis = manifold.symmetry.axis.unwrap_or(2);
+            if manifold.symmetry.translation[axis] {
+                u[axis] = anywhere(axis);
+            }
+            u = Axis(axis).rotation(stream.between(-PI, PI)) * u;
+        }
         Reduction::Translation => {
             for k in (0..3).filter(|k| manifold.symmetry.translation[*k]) {
                 u[k] = anywhere(k);

@@ -7,7 +7,7 @@
 use super::{FanPath, Table};
 use crate::{
     error::Result,
-    geodesic::{End, Ray, Sample, Settings, paths, samples, unit},
+    geodesic::{End, Ray, Sample, Settings, paths, samples},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -63,12 +63,13 @@ pub fn trace(
 fn at(manifold: &Manifold, path: &FanPath<'_, '_>, s: f64) -> Option<Sample> {
     let (u, v) = path.at(s)?;
     let u = manifold.domain.wrap(u);
-    let (g, frame) = manifold.metric_and_frame(u);
+    let observer = manifold.observer(u);
+    let turned = |q| observer.frame * DMat3::from_quat(q);
     Some(Sample {
         s,
         u,
-        v: unit(g, v),
-        frame: path.rotation(s).map(|q| frame * DMat3::from_quat(q)),
+        v: observer.restored(manifold.metric(u), v),
+        frame: path.rotation(s).map(turned),
         area: None,
     })
 }

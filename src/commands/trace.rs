@@ -1,13 +1,16 @@
 //! `geofan trace`: one geodesic, followed exactly or read from a bundle.
 //!
 //! In: a manifold file or a bundle, a point, a direction, a length. Out: samples as a table or as
-//! JSON, the path's end and, of an exact path, its conjugate points.
+//! JSON, the path's end and, of an exact path, its conjugate points. Where light may change its
+//! frequency, samples tell by how much; where time is not the path's parameter, what time it is.
 
 use geofan::{
     Error, Result,
     bundle::{self, Bundle},
-    geodesic::{End, Sample, Settings, check_point, conjugate_points, depart, paths, samples},
-    manifold::{Carried, Manifold},
+    geodesic::{
+        End, Sample, Settings, check_point, conjugate_points, depart, elapsed, paths, samples,
+    },
+    manifold::{Carried, Follows, Manifold},
     terminal::{self, CommonArgs, Outcome, values},
 };
 use glam::DVec3;
@@ -40,6 +43,9 @@ pub struct TraceArgs {
     #[arg(long, value_name = "N", default_value_t = 2,
           value_parser = clap::value_parser!(u32).range(2..=10_000_000))]
     samples: u32,
+    /// Follow light into the future; without, the line of sight, along which light has come
+    #[arg(long, conflicts_with = "bundle")]
+    forward: bool,
     /// Largest local error of a step, in radians
     #[arg(long, value_name = "T", default_value = "1e-10", value_parser = values::tolerance)]
     tolerance: f64,
@@ -52,6 +58,8 @@ pub struct TraceArgs {
 struct Trace {
     manifold: Arc<Manifold>,
     samples: Vec<Sample>,
+    /// The time at each sample, from the start on; only exact paths through a drift have one.
+    times: Option<Vec<f64>>,
     end: End,
     length: f64,
     steps: usize,
@@ -77,7 +85,10 @@ pub fn run(args: &TraceArgs, common: &CommonArgs) -> Result<Outcome> {
 }
 
 fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
-    let manifold = Manifold::load(file, &args.set)?;
+    let mut manifold = Manifold::load(file, &args.set)?;
+    if args.forward {
+        manifold = manifold.forward()?.into_owned();
+    }
     let length = manifold.length_or(args.length)?;
     let ray = depart(&manifold, "--at", args.at, args.dir, length)?;
     let settings = Settings {
@@ -89,8 +100,11 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
         events: true,
     };
     let path = paths(&manifold, settings, [ray]).remove(0);
+    let samples = samples(&manifold, &ray, &path, args.samples as usize);
+    let times = |s: &Sample| elapsed(&manifold, &path, s.s);
     Ok(Trace {
-        samples: samples(&manifold, &ray, &path, args.samples as usize),
+        times: (manifold.has_drift()).then(|| samples.iter().map(times).collect()),
+        samples,
         conjugate: Some(conjugate_points(&manifold, &ray, &path)),
         manifold: Arc::new(manifold),
         end: path.end,
@@ -116,6 +130,7 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
     Ok(Trace {
         manifold,
         samples: traced.samples,
+        times: None,
         end: traced.end,
         length: traced.length,
         steps: traced.steps,
@@ -153,24 +168,54 @@ struct SampleJson {
     frame: Option<[[f64; 3]; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
     area: Option<f64>,
+    /// Frequency seen over frequency sent, by normal observers at the start and here.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    g: Option<f64>,
+    /// Time since the start.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    t: Option<f64>,
 }
 
-impl From<&Sample> for SampleJson {
-    fn from(sample: &Sample) -> Self {
+impl SampleJson {
+    fn new(sample: &Sample, g: Option<f64>, t: Option<f64>) -> Self {
         Self {
             s: sample.s,
             u: sample.u.to_array(),
             v: sample.v.to_array(),
             frame: sample.frame.map(|f| f.to_cols_array_2d()),
             area: sample.area,
+            g,
+            t,
         }
     }
 }
 
 impl Trace {
+    /// Frequency seen over frequency sent, by normal observers at the start and at `sample`; `None` where
+    /// light keeps its frequency.
+    fn redshift(&self, sample: &Sample) -> Option<f64> {
+        let manifold = &self.manifold;
+        let first = self.samples.first().filter(|_| manifold.has_redshift())?;
+        let frequency = |x: &Sample| manifold.normal_frequency(x.u, manifold.sight(x.u, x.v));
+        let g = frequency(first) / frequency(sample);
+        Some(match manifold.follows() {
+            Follows::Light => 1.0 / g,
+            _ => g,
+        })
+    }
+
+    /// Each sample with its redshift and its time.
+    fn rows(&self) -> impl Iterator<Item = (&Sample, Option<f64>, Option<f64>)> {
+        let row = |(i, sample)| {
+            let time = self.times.as_ref().map(|times| times[i]);
+            (sample, self.redshift(sample), time)
+        };
+        self.samples.iter().enumerate().map(row)
+    }
+
     fn as_json(&self) -> TraceJson<'_> {
         TraceJson {
-            samples: self.samples.iter().map(SampleJson::from).collect(),
+            samples: self.rows().map(|(x, g, t)| SampleJson::new(x, g, t)).collect(),
             end: self.end.name(&self.manifold),
             steps: self.steps,
             conjugate: self.conjugate.as_deref(),
@@ -180,8 +225,8 @@ impl Trace {
 
     fn as_text(&self) -> String {
         let mut text = self.heading();
-        for sample in &self.samples {
-            text += &row(sample);
+        for (sample, g, t) in self.rows() {
+            text += &row(sample, [g, t]);
         }
         let conjugate = self.conjugate.as_deref().unwrap_or_default();
         if !conjugate.is_empty() {
@@ -207,17 +252,24 @@ impl Trace {
         names.extend(coordinates.iter().cloned());
         names.extend(coordinates.iter().map(|name| format!("v{name}")));
         names.push("area".into());
+        if self.manifold.has_redshift() {
+            names.push("g".into());
+        }
+        if self.times.is_some() {
+            names.push("t".into());
+        }
         line(&names)
     }
 }
 
-fn row(sample: &Sample) -> String {
+fn row(sample: &Sample, more: [Option<f64>; 2]) -> String {
     let numbers = [sample.s].into_iter();
     let numbers = numbers
         .chain(sample.u.to_array())
         .chain(sample.v.to_array());
     let mut cells: Vec<_> = numbers.map(cell).collect();
     cells.push(sample.area.map_or_else(|| "-".into(), cell));
+    cells.extend(more.into_iter().flatten().map(cell));
     line(&cells)
 }
 

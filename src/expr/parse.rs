@@ -72,6 +72,11 @@ impl Scope {
         self.names.insert(name.into(), binding);
     }
 
+    /// Whether `name` stands for something of its own.
+    pub fn knows(&self, name: &str) -> bool {
+        self.names.contains_key(name)
+    }
+
     fn get(&self, graph: &mut Graph, name: &str) -> Option<Binding> {
         let constant = match name {
             "pi" => Some(std::f64::consts::PI),

@@ -6,9 +6,10 @@
 //! turns with a rotation, and does not move with a translation. Where the answer is no a stored path
 //! must hold beyond its own end, because another camera sees farther along it.
 
-use super::Reduction;
+use super::{Axis, Reduction};
 use crate::{manifold::Manifold, random::Stream};
 use glam::DVec3;
+use std::f64::consts::PI;
 
 /// Random points tried.
 const TRIALS: usize = 64;
@@ -37,6 +38,15 @@ pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64)
                 let free = manifold.symmetry.translation;
                 let shift = free.map(|free| if free { stream.between(-1.0, 1.0) } else { 0.0 });
                 (u + scale * DVec3::from_array(shift), v)
+            }
+            Reduction::Axis => {
+                let axis = manifold.symmetry.axis.unwrap_or(2);
+                let q = Axis(axis).rotation(stream.between(-PI, PI));
+                let mut shift = DVec3::ZERO;
+                if manifold.symmetry.translation[axis] {
+                    shift[axis] = scale * stream.between(-1.0, 1.0);
+                }
+                (q * u + shift, q * v)
             }
             // No condition but a constant one is unchanged by all left translations.
             Reduction::Group | Reduction::Whole => return false,

@@ -4,6 +4,7 @@
 //! In: a manifold. Out: [`FanSpace`] (which rays a table must know, after symmetry) and [`sample`]
 //! (arrays of exact paths).
 
+mod axis;
 pub mod cell;
 pub mod direction;
 mod ends;
@@ -15,6 +16,7 @@ mod sample;
 mod space;
 mod sphere;
 
+pub use axis::Axis;
 pub use direction::FACES;
 pub use focus::Focus;
 pub use mirror::{Image, Mirror};

@@ -19,7 +19,7 @@ const FOCUSED: f64 = 1e-3;
 /// The conjugate points of `path`, which must be the path of `ray`, in order; empty when frame or
 /// deviation was not carried.
 pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64> {
-    let d = manifold.standard_frame(ray.u).inverse() * ray.v;
+    let d = manifold.observer(ray.u).direction(ray.v);
     let across = perpendiculars(d.normalize());
     let mut found = Vec::new();
     // J⊥/s at the start.
@@ -47,10 +47,22 @@ pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64>
 
 /// `J⊥` at `s` in the transported frame, in the directions `across` of the start.
 fn transverse(manifold: &Manifold, step: &Step, across: [DVec3; 2], s: f64) -> Option<DMat2> {
-    let frame = manifold.standard_frame(step.position(s)) * DMat3::from_quat(step.rotation(s)?);
+    let u = step.position(s);
+    let frame = manifold.standard_frame(u) * DMat3::from_quat(step.rotation(s)?);
     let inverse = frame.inverse();
+    // In the wave front, where that is not all across the path.
+    let slant = manifold.has_wind().then(|| {
+        let v = step.tangent(s);
+        let n = inverse * manifold.sight(u, v);
+        let path = inverse * v;
+        (n, path / n.dot(path))
+    });
     let columns = step.deviation(s)?.map(|j| {
         let e = inverse * j;
+        let e = match slant {
+            Some((n, path)) if path.is_finite() => e - path * n.dot(e),
+            _ => e,
+        };
         DVec2::new(across[0].dot(e), across[1].dot(e))
     });
     Some(DMat2::from_cols(columns[0], columns[1]))

@@ -23,8 +23,9 @@ pub struct Exponential {
 }
 
 /// `exp_u(w)`, each step exact to `tolerance`; `None` where the geodesic ends before. Exits do not end
-/// it.
+/// it, and no wind blows it off.
 pub fn exponential(manifold: &Manifold, u: DVec3, w: DVec3, tolerance: f64) -> Option<Exponential> {
+    let manifold = &*manifold.still();
     let s = manifold.standard_frame(u);
     let components = s.inverse() * w;
     let length = components.length();

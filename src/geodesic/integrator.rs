@@ -17,7 +17,7 @@ use super::{
     kinks::{Kinks, Meeting},
     rows::{larger, multiply, norm2, take_where, vector},
     starts::{Start, Starts},
-    state::{Layout, metric, rates_at},
+    state::{Layout, Rest, rates_at},
     weighted,
 };
 use crate::{
@@ -54,8 +54,9 @@ struct Lanes<'m> {
     layout: Layout,
     flow: &'m Tape,
     registers: Registers<f64, LANES>,
+    rest: Rest,
     /// The rates of a path that carries nothing.
-    bare: (&'m Tape, Registers<f64, LANES>),
+    bare: (&'m Tape, Registers<f64, LANES>, Rest),
     events: Option<Events<'m>>,
     kinks: Option<Kinks<'m>>,
     starts: Starts<'m>,
@@ -82,13 +83,14 @@ impl<'m> Lanes<'m> {
             layout,
             flow,
             registers: flow.registers(),
-            bare: (bare, bare.registers()),
+            rest: Rest::of(manifold, flow),
+            bare: (bare, bare.registers(), Rest::of(manifold, bare)),
             events: match settings.events {
                 true => Events::new(&manifold.domain),
                 false => None,
             },
             kinks: Kinks::new(manifold, settings),
-            starts: Starts::new(flow, settings),
+            starts: Starts::new(manifold, settings),
             ray: [None; LANES],
             curves: Curves::new(layout),
             region,
@@ -209,7 +211,7 @@ impl<'m> Lanes<'m> {
             );
             *surprise = each(|l| (a[l] - known[l]) * h[l]);
         }
-        let metric = metric(self.bare.0, &self.bare.1);
+        let metric = self.bare.2.metric(&self.bare.1);
         self.control.unforeseen2 = norm2(metric, vector(&surprise, 0));
     }
 
@@ -263,7 +265,7 @@ impl<'m> Lanes<'m> {
     /// deviations.
     #[inline(always)]
     fn measure(&mut self) {
-        let metric = metric(self.flow, &self.registers);
+        let metric = self.rest.metric(&self.registers);
         let (s, h, k, trial) = (&self.control.s, &self.control.h, &self.k, &self.trial);
         let (point, tangent) = (vector_error(metric, k, h, 0), vector_error(metric, k, h, 3));
         let inverse2 = each(|l| 1.0 / ((s[l] + h[l]) * (s[l] + h[l])));
@@ -285,14 +287,49 @@ impl<'m> Lanes<'m> {
                 });
             }
         }
-        self.control.speed2 = norm2(metric, vector(trial, 3));
+        self.control.speed2 = match self.rest.wind(&self.registers) {
+            None => norm2(metric, vector(trial, 3)),
+            Some(wind) => {
+                let [x, y, z] = against(wind, vector(trial, 3));
+                norm2(metric, [&x, &y, &z])
+            }
+        };
         self.control.error2 = worst;
+    }
+
+    /// Restores unit speed at the new point.
+    #[inline(always)]
+    fn restore_speed(&mut self) {
+        match self.rest.wind(&self.registers) {
+            None => self.scale_tangent(),
+            Some(wind) => {
+                let sights = against(wind, vector(&self.trial, 3));
+                self.replace_tangent(&sights);
+            }
+        }
+    }
+
+    /// Brings what is left of the new tangent against the wind to unit length. The acceleration is no
+    /// power of it, and stays that of the tangent as integrated: wrong by the error of a step, it moves
+    /// the next one by that error times its length, which is of an order higher.
+    #[inline(always)]
+    fn replace_tangent(&mut self, sights: &[Row; 3]) {
+        let speed2 = &self.control.speed2;
+        let excess = each(|l| 1.0 / speed2[l].sqrt() - 1.0);
+        let rates = &mut self.k[STAGES - 1];
+        for (c, n) in sights.iter().enumerate() {
+            let v = &self.trial[3 + c];
+            let restored = each(|l| v[l] + n[l] * excess[l]);
+            self.trial[3 + c] = restored;
+            rates[c] = restored;
+        }
+        self.restore_turn(&each(|_| 1.0));
     }
 
     /// Scales the new tangent to unit length; the acceleration is quadratic and the turning rate
     /// linear in it, so the rates at the new point follow without another evaluation.
     #[inline(always)]
-    fn restore_speed(&mut self) {
+    fn scale_tangent(&mut self) {
         let speed2 = &self.control.speed2;
         let scale = each(|l| 1.0 / speed2[l].sqrt());
         let scale2 = each(|l| scale[l] * scale[l]);
@@ -302,6 +339,13 @@ impl<'m> Lanes<'m> {
             multiply(&mut rates[c], &scale);
             multiply(&mut rates[3 + c], &scale2);
         }
+        self.restore_turn(&scale);
+    }
+
+    /// Brings the new quaternion to unit length; its rate is `scale` times what it was besides.
+    #[inline(always)]
+    fn restore_turn(&mut self, scale: &Row) {
+        let rates = &mut self.k[STAGES - 1];
         if let Some(turn) = self.layout.turn {
             let [x, y, z, w] = [0, 1, 2, 3].map(|c| &self.trial[turn + c]);
             let unit =
@@ -343,6 +387,16 @@ impl<'m> Lanes<'m> {
         };
         (&mut self.curves, trial)
     }
+}
+
+/// `v − W`
+#[inline(always)]
+fn against(wind: [&[f64; LANES]; 3], [x, y, z]: [&Row; 3]) -> [Row; 3] {
+    [
+        each(|l| x[l] - wind[0][l]),
+        each(|l| y[l] - wind[1][l]),
+        each(|l| z[l] - wind[2][l]),
+    ]
 }
 
 /// The error of one row of the trial.

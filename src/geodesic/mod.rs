@@ -10,6 +10,7 @@ mod crossing;
 mod curves;
 mod departure;
 mod dormand_prince;
+mod elapsed;
 mod events;
 mod exponential;
 mod first_event;
@@ -28,22 +29,22 @@ mod transport;
 pub use conjugate::conjugate_points;
 pub use crossing::crossing;
 pub use departure::{check_point, depart};
+pub use elapsed::elapsed;
 pub use exponential::{Exponential, exponential};
 pub use first_event::first_event;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use path::{Path, ends, paths};
-pub(crate) use samples::unit;
 pub use samples::{Sample, samples};
 pub use spread::{Spread, perpendiculars, signed_area};
 pub use step::Step;
-pub use transport::{Transport, TransportFailed, transport};
+pub use transport::{Transport, TransportFailed, carry, transport};
 
 use crate::{
     expr::Wide,
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Manifold, Observer},
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
 /// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
@@ -61,7 +62,7 @@ const NIL: Row = Wide([0.0; LANES]);
 pub struct Ray {
     /// Chart point.
     pub u: DVec3,
-    /// Tangent, chart components, unit length in the metric at `u`.
+    /// Tangent, chart components: of unit length in the metric at `u`, or against the wind there.
     pub v: DVec3,
     /// How far to follow it (arc length).
     pub length: f64,
@@ -70,20 +71,20 @@ pub struct Ray {
 }
 
 impl Ray {
-    /// The ray from `u` in the direction `d` (standard frame, unit), with deviations along two
+    /// The ray seen from `u` in the direction `d` (standard frame, unit), with deviations along two
     /// perpendicular directions that make a right-handed triple with it.
     pub fn new(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> Self {
-        Self::in_frame(manifold.standard_frame(u), u, d, length)
+        Self::seen_by(&manifold.observer(u), u, d, length)
     }
 
-    /// [`Ray::new`] where the standard frame at `u` is known: its vectors are the columns of `frame`.
-    pub fn in_frame(frame: DMat3, u: DVec3, d: DVec3, length: f64) -> Self {
+    /// [`Ray::new`] where the observer at `u` is known.
+    pub fn seen_by(observer: &Observer, u: DVec3, d: DVec3, length: f64) -> Self {
         let across = perpendiculars(d);
         Self {
             u,
-            v: frame * d,
+            v: observer.tangent(d),
             length,
-            spread: across.map(|e| frame * e),
+            spread: across.map(|e| observer.frame * e),
         }
     }
 }

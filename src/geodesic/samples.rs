@@ -3,7 +3,7 @@
 //! In: a [`Ray`] and its [`Path`]. Out: [`Sample`]s from arc length 0 to the path's end, both
 //! included. Vectors are in chart components; a glued coordinate is given inside its limits.
 
-use super::{Path, Ray, Spread, Step};
+use super::{Path, Ray, Step, signed_area};
 use crate::manifold::Manifold;
 use glam::{DMat3, DVec3};
 
@@ -14,7 +14,7 @@ pub struct Sample {
     pub s: f64,
     /// Chart point, inside the limits of glued coordinates.
     pub u: DVec3,
-    /// Unit tangent.
+    /// Tangent, of unit length (against the wind, where there is one).
     pub v: DVec3,
     /// Columns: the transported vectors that start as the standard frame. `None` when the frame
     /// was not carried.
@@ -38,16 +38,16 @@ pub fn samples(manifold: &Manifold, ray: &Ray, path: &Path, count: usize) -> Vec
 
 fn on_step(manifold: &Manifold, step: &Step, s: f64) -> Sample {
     let u = manifold.domain.wrap(step.position(s));
-    let (g, frame) = manifold.metric_and_frame(u);
-    let v = unit(g, step.tangent(s));
+    let observer = manifold.observer(u);
+    let v = observer.restored(manifold.metric(u), step.tangent(s));
+    let turned = |q| observer.frame * DMat3::from_quat(q);
+    let area = |j| signed_area(&observer, v, j).abs();
     Sample {
         s,
         u,
         v,
-        frame: step.rotation(s).map(|q| frame * DMat3::from_quat(q)),
-        area: step
-            .deviation(s)
-            .map(|j| Spread::new(frame.inverse(), v, j).signed_area().abs()),
+        frame: step.rotation(s).map(turned),
+        area: step.deviation(s).map(area),
     }
 }
 
@@ -60,11 +60,4 @@ fn at_start(manifold: &Manifold, ray: &Ray) -> Sample {
         frame: Some(manifold.standard_frame(u)),
         area: Some(0.0),
     }
-}
-
-/// `v` at unit length in the metric `g`: between the ends of a step a curve keeps it only to the
-/// tolerance.
-pub(crate) fn unit(g: DMat3, v: DVec3) -> DVec3 {
-    let length = v.dot(g * v).sqrt();
-    if length > 0.0 { v / length } else { v }
 }

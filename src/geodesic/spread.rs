@@ -3,6 +3,7 @@
 //! The area of a unit solid angle is `|det J⊥|`; a displacement `e` looks like the angle `|δ|` with
 //! `J δ = e`. Displacements are taken in the standard frame at the point.
 
+use crate::manifold::Observer;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 /// Two unit vectors perpendicular to the unit vector `d`, so that (d, e₁, e₂) is right-handed.
@@ -21,13 +22,17 @@ pub fn perpendiculars(d: DVec3) -> [DVec3; 2] {
 /// them: near conjugate points the inverse map is unbounded.
 const LEAST_MAGNIFICATION: f64 = 0.25;
 
+/// How much of a path's tangent must point across its wave front for displacements to be moved along it
+/// into that: below, they would become more than ten times longer than they are.
+const LEAST_ALONG: f64 = 0.1;
+
 /// The same for tangents: a sky that is magnified shows its own grain before the error of a tangent.
 const LEAST_SKY_MAGNIFICATION: f64 = 1.0;
 
 /// The transverse part of the deviation matrix at a point of a path.
 #[derive(Debug, Clone, Copy)]
 pub struct Spread {
-    /// Two directions across the path, in the standard frame.
+    /// Two directions across the path, in the standard frame; covectors that vanish along it.
     across: [DVec3; 2],
     /// `J⊥` in those directions.
     matrix: DMat2,
@@ -37,10 +42,27 @@ impl Spread {
     /// From the tangent `v` and deviations `j` (chart components) and `s_inverse = S(u)⁻¹`.
     pub fn new(s_inverse: DMat3, v: DVec3, j: [DVec3; 2]) -> Self {
         let across = perpendiculars((s_inverse * v).normalize());
-        let column = |k: usize| {
-            let e = s_inverse * j[k];
-            DVec2::new(across[0].dot(e), across[1].dot(e))
+        let column = |k: usize| project(across, s_inverse * j[k]);
+        Self {
+            across,
+            matrix: DMat2::from_cols(column(0), column(1)),
+        }
+    }
+
+    /// The same as `observer` sees it where there is a wind. A displacement is moved along the path into
+    /// the wave front, the plane across the direction of sight in which neighbours of equal time lie.
+    /// Where the path nearly runs within the wave front, it is measured across the path instead.
+    pub fn seen_by(observer: &Observer, v: DVec3, j: [DVec3; 2]) -> Self {
+        let inverse = observer.frame.inverse();
+        if observer.wind.is_none() {
+            return Self::new(inverse, v, j);
+        }
+        let path = inverse * v;
+        let across = match front(inverse * observer.sight(v), path) {
+            Some(across) => across,
+            None => perpendiculars(path.normalize_or(DVec3::Z)),
         };
+        let column = |k: usize| project(across, inverse * j[k]);
         Self {
             across,
             matrix: DMat2::from_cols(column(0), column(1)),
@@ -59,7 +81,7 @@ impl Spread {
     }
 
     fn project(&self, e: DVec3) -> DVec2 {
-        DVec2::new(self.across[0].dot(e), self.across[1].dot(e))
+        project(self.across, e)
     }
 
     /// The smaller singular value of `J/s`: how much farther neighbouring rays part than in flat
@@ -109,9 +131,31 @@ fn looks_like(m: DMat2, e: DVec2, least: f64) -> f64 {
     (major.dot(e) / large).hypot(major.perp().dot(e) / small)
 }
 
-/// [`Spread::signed_area`] at the point with `s_inverse = S(u)⁻¹`.
-pub fn signed_area(s_inverse: DMat3, v: DVec3, j: [DVec3; 2]) -> f64 {
-    Spread::new(s_inverse, v, j).signed_area()
+/// The area by which a unit solid angle has spread, with the sign of [`Spread::signed_area`]: in the
+/// wave front, from the tangent `v` and deviations `j` (chart components) at `observer`.
+pub fn signed_area(observer: &Observer, v: DVec3, j: [DVec3; 2]) -> f64 {
+    let inverse = observer.frame.inverse();
+    let n = inverse * observer.sight(v);
+    let across = match observer.wind {
+        None => None,
+        Some(_) => front(n, inverse * v),
+    };
+    // Without a drift deviations lie in the wave front already.
+    let across = across.unwrap_or_else(|| perpendiculars(n.normalize()));
+    let [a, b] = j.map(|j| project(across, inverse * j));
+    DMat2::from_cols(a, b).determinant()
+}
+
+/// Covectors of two directions across the direction of sight `n` that vanish along the `path` (standard
+/// frame); `None` where that is impossible or nearly so.
+fn front(n: DVec3, path: DVec3) -> Option<[DVec3; 2]> {
+    let n = n.normalize();
+    let along = n.dot(path);
+    (along.abs() >= LEAST_ALONG).then(|| perpendiculars(n).map(|e| e - n * (e.dot(path) / along)))
+}
+
+fn project(across: [DVec3; 2], e: DVec3) -> DVec2 {
+    DVec2::new(across[0].dot(e), across[1].dot(e))
 }
 
 #[cfg(test)]

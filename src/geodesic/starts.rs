@@ -6,9 +6,12 @@
 use super::{
     LANES, NIL, Ray, Row, Settings,
     events::Events,
-    state::{Layout, rates_at},
+    state::{Layout, Rest, rates_at},
 };
-use crate::expr::{Registers, Tape, real::Real};
+use crate::{
+    expr::{Registers, Tape, real::Real},
+    manifold::{Manifold, beside_axis},
+};
 use glam::DVec3;
 
 /// A ray at its start.
@@ -28,6 +31,8 @@ pub(super) struct Start {
 pub(super) struct Starts<'m> {
     layout: Layout,
     flow: &'m Tape,
+    rest: Rest,
+    pulled_back: bool,
     registers: Registers<f64, LANES>,
     /// (number, ray) of those in the block, and how many have been handed out.
     rays: Vec<(usize, Ray)>,
@@ -41,11 +46,14 @@ pub(super) struct Starts<'m> {
 }
 
 impl<'m> Starts<'m> {
-    pub fn new(flow: &'m Tape, settings: Settings) -> Self {
+    pub fn new(manifold: &'m Manifold, settings: Settings) -> Self {
         let layout = Layout::of(settings);
+        let flow = manifold.flow(settings.carried);
         Self {
             layout,
             flow,
+            rest: Rest::of(manifold, flow),
+            pulled_back: manifold.is_pulled_back(),
             registers: flow.registers(),
             rays: Vec::with_capacity(LANES),
             taken: 0,
@@ -99,8 +107,42 @@ impl<'m> Starts<'m> {
             &self.y,
             &mut self.rates,
         );
+        if self.pulled_back {
+            self.mend();
+        }
+        if self.rest.has_wind() {
+            self.flow.run_rest(&mut self.registers);
+        }
         if let Some(events) = events {
             events.values(&self.y[..6], &mut self.events);
+        }
+    }
+
+    /// Gives rays that start on the axis of textbook coordinates the mean of the rates beside it.
+    fn mend(&mut self) {
+        let broken = |column: usize| {
+            let mut rates = self.rates.iter();
+            rates.any(|row| !row[column].is_finite())
+        };
+        let broken: Vec<usize> = (0..self.rays.len()).filter(|c| broken(*c)).collect();
+        if broken.is_empty() {
+            return;
+        }
+        let mut sides = [self.rates.clone(), self.rates.clone()];
+        for (rates, sign) in sides.iter_mut().zip([1.0, -1.0]) {
+            let mut y = self.y.clone();
+            for column in &broken {
+                let beside = beside_axis(self.rays[*column].1.u) * sign;
+                for k in 0..3 {
+                    y[k][*column] += beside[k];
+                }
+            }
+            rates_at(self.flow, &mut self.registers, self.layout, &y, rates);
+        }
+        for (row, rates) in self.rates.iter_mut().enumerate() {
+            for column in &broken {
+                rates[*column] = 0.5 * (sides[0][row][*column] + sides[1][row][*column]);
+            }
         }
     }
 
@@ -110,7 +152,11 @@ impl<'m> Starts<'m> {
             return None;
         }
         // Curvature of the chart line against the chart's unit; the controller corrects the guess.
-        let bend = acceleration.length() / ray.v.length().max(f64::MIN_POSITIVE);
+        let speed = match self.rest.wind(&self.registers) {
+            None => ray.v.length(),
+            Some(wind) => (ray.v - DVec3::from_array(wind.map(|w| w[column]))).length(),
+        };
+        let bend = acceleration.length() / speed.max(f64::MIN_POSITIVE);
         Some(self.reach / bend.max(1.0 / ray.length))
     }
 }

@@ -6,7 +6,10 @@
 //! [`Manifold::flow`]: crate::manifold::Manifold::flow
 
 use super::{Ray, Settings};
-use crate::expr::{Registers, Tape, Wide};
+use crate::{
+    expr::{Registers, Tape, Wide, real::Real},
+    manifold::Manifold,
+};
 
 /// Rows of the largest state.
 pub(super) const MOST_ROWS: usize = 22;
@@ -90,14 +93,47 @@ pub(super) fn rates_at<const W: usize>(
     }
 }
 
-/// The metric (xx, yy, zz, xy, xz, yz) for the inputs that all of `flow` has been run on.
-#[inline(always)]
-pub(super) fn metric<'r, const W: usize>(
-    flow: &Tape,
-    registers: &'r Registers<f64, W>,
-) -> [&'r [f64; W]; 6] {
-    let first = flow.outputs() - 6;
-    [0, 1, 2, 3, 4, 5].map(|i| registers.output(first + i))
+/// What the rest of a flow's outputs are.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rest {
+    metric: usize,
+    /// The first output of the wind, where there is one.
+    wind: Option<usize>,
+}
+
+impl Rest {
+    /// Of the tape `flow` of `manifold`.
+    pub fn of(manifold: &Manifold, flow: &Tape) -> Self {
+        let end = flow.outputs();
+        match manifold.has_wind() {
+            true => Self {
+                metric: end - 9,
+                wind: Some(end - 3),
+            },
+            false => Self {
+                metric: end - 6,
+                wind: None,
+            },
+        }
+    }
+
+    /// The metric (xx, yy, zz, xy, xz, yz) for the inputs that all of the flow has been run on.
+    #[inline(always)]
+    pub fn metric<R: Real, const W: usize>(self, registers: &Registers<R, W>) -> [&[R; W]; 6] {
+        [0, 1, 2, 3, 4, 5].map(|i| registers.output(self.metric + i))
+    }
+
+    /// Whether there is a wind.
+    pub fn has_wind(self) -> bool {
+        self.wind.is_some()
+    }
+
+    /// The wind there.
+    #[inline(always)]
+    pub fn wind<R: Real, const W: usize>(self, registers: &Registers<R, W>) -> Option<[&[R; W]; 3]> {
+        let first = self.wind?;
+        Some([0, 1, 2].map(|i| registers.output(first + i)))
+    }
 }
 
 /// `q̇ = ½ (ω, 0) ⊗ q`, components x, y, z, w.

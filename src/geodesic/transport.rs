@@ -55,12 +55,38 @@ const SHORTEST_STEP: f64 = 1e-14;
 pub fn transport(
     manifold: &Manifold,
     curve: impl Fn(f64) -> (DVec3, DVec3),
+    interval: [f64; 2],
+    tolerance: f64,
+) -> Result<Transport, TransportFailed> {
+    let rate = |u, v| manifold.turning(u, v);
+    follow(manifold, rate, curve, interval, tolerance)
+}
+
+/// The same along the path of a ray: what its frame does. Where there is a wind, that is not parallel.
+///
+/// # Errors
+/// As [`transport`].
+pub fn carry(
+    manifold: &Manifold,
+    path: impl Fn(f64) -> (DVec3, DVec3),
+    interval: [f64; 2],
+    tolerance: f64,
+) -> Result<Transport, TransportFailed> {
+    let rate = |u, v| manifold.carrying(u, v);
+    follow(manifold, rate, path, interval, tolerance)
+}
+
+/// Turns a frame along `curve` at `rate` (point, velocity).
+fn follow(
+    manifold: &Manifold,
+    rate: impl Fn(DVec3, DVec3) -> DVec3,
+    curve: impl Fn(f64) -> (DVec3, DVec3),
     [from, to]: [f64; 2],
     tolerance: f64,
 ) -> Result<Transport, TransportFailed> {
     let rate = |t: f64| {
         let (u, v) = curve(t);
-        manifold.turning(u, v)
+        rate(u, v)
     };
     let (mut t, mut q, mut steps) = (from, DQuat::IDENTITY, 0);
     let mut h = (to - from) / 16.0;

@@ -10,7 +10,10 @@ use super::{
     Carried, Manifold,
     geometry::{PAIRS, symmetric},
 };
-use crate::error::{Error, Result};
+use crate::{
+    error::{Error, Result},
+    expr::Tape,
+};
 use glam::{DMat3, DVec3};
 use std::array::from_fn;
 
@@ -66,13 +69,13 @@ impl Manifold {
     /// `ω` with `Ω(v) = −[ω]×`: the rate at which a transported rotation turns, in the standard
     /// frame, along a curve through `u` with velocity `v` (chart components, any length).
     pub fn turning(&self, u: DVec3, v: DVec3) -> DVec3 {
-        let mut registers = self.tapes.turning.registers::<f64, 1>();
-        for k in 0..3 {
-            *registers.input(k) = [u[k]];
-            *registers.input(3 + k) = [v[k]];
-        }
-        self.tapes.turning.run(&mut registers);
-        DVec3::from_array([0, 1, 2].map(|k| registers.output(k)[0]))
+        rate_at(&self.levi_civita().turning, u, v)
+    }
+
+    /// The same for the frame that light carries along its path through `u` with tangent `v`: where
+    /// there is a wind, it keeps the direction of sight, and turns about it as polarised light does.
+    pub fn carrying(&self, u: DVec3, v: DVec3) -> DVec3 {
+        rate_at(&self.tapes.turning, u, v)
     }
 
     /// `−Γ^k_ij v^i w^j` at `u`: the rate at which the chart components of `w`, transported along a
@@ -83,7 +86,7 @@ impl Manifold {
         let (Some(v_unit), Some(w_unit)) = (v.try_normalize(), w.try_normalize()) else {
             return DVec3::ZERO;
         };
-        let tape = self.flow(Carried::default());
+        let tape = &self.levi_civita().flows[Carried::default().index()];
         let mut registers = tape.registers::<f64, 4>();
         for k in 0..3 {
             *registers.input(k) = [u[k]; 4];
@@ -96,6 +99,17 @@ impl Manifold {
         });
         DVec3::from_array(rate) * (v.length() * w.length())
     }
+}
+
+/// What `tape` gives for the point `u` and the velocity `v`.
+fn rate_at(tape: &Tape, u: DVec3, v: DVec3) -> DVec3 {
+    let mut registers = tape.registers::<f64, 1>();
+    for k in 0..3 {
+        *registers.input(k) = [u[k]];
+        *registers.input(3 + k) = [v[k]];
+    }
+    tape.run(&mut registers);
+    DVec3::from_array([0, 1, 2].map(|k| registers.output(k)[0]))
 }
 
 impl Curvature {

@@ -8,6 +8,7 @@
 //! yz. `G = L D Lᵀ` with unit lower `L` (no square roots, zero entries stay zero), and the
 //! Gram–Schmidt frame is `S = L⁻ᵀ D^(−1/2)`, upper triangular.
 
+use super::wind::{self, Medium};
 use crate::expr::{Direction, Graph, NodeId, Unary};
 
 /// How the manifold was given.
@@ -64,24 +65,26 @@ pub(super) struct Geometry {
     pub metric: [NodeId; 6],
     /// `S`: s11, s22, s33, s12, s13, s23.
     pub frame: [NodeId; 6],
-    /// `a^k = −Γ^k_ij v^i v^j`.
+    /// `a^k = −Γ^k_ij v^i v^j`, and what a wind adds to it.
     pub acceleration: [NodeId; 3],
     /// `ω` with `Ṙ = [ω]× R`, in the standard frame: `[ω]× = −Ω`.
     pub turning: [NodeId; 3],
     /// `J = ∂f/∂u`, N rows of 3, for an embedding.
     pub jacobian: Option<Vec<[NodeId; 3]>>,
+    /// `W`, where light has unit speed against a wind: `|v − W| = 1`.
+    pub wind: Option<[NodeId; 3]>,
 }
 
 /// The factors of `G = L D Lᵀ`.
-struct Factors {
+pub(super) struct Factors {
     /// Lower entries l21, l31, l32.
     lower: [NodeId; 3],
     /// 1/d1, 1/d2, 1/d3.
     inverse_diagonal: [NodeId; 3],
 }
 
-/// Builds the geometry of `definition`.
-pub(super) fn build(graph: &mut Graph, definition: &Definition) -> Geometry {
+/// Builds the geometry of `definition`, through which light moves in `medium`.
+pub(super) fn build(graph: &mut Graph, definition: &Definition, medium: &Medium) -> Geometry {
     let mut axes = [0, 1, 2].map(|k| Direction::of_input(graph, k));
     let mut along = along_tangent(graph);
     let v = [3, 4, 5].map(|k| graph.input(k));
@@ -91,10 +94,25 @@ pub(super) fn build(graph: &mut Graph, definition: &Definition) -> Geometry {
                 .iter()
                 .map(|&f| [0, 1, 2].map(|k| graph.derivative(f, &mut axes[k])))
                 .collect();
-            embedded(graph, f, jacobian, &mut along)
+            match medium.moves() {
+                true => {
+                    let g = induced(graph, &jacobian);
+                    wind::build(graph, g, medium, &mut along, Some(jacobian))
+                }
+                false => embedded(graph, f, jacobian, &mut along),
+            }
+        }
+        Definition::Metric(g) if medium.moves() => {
+            wind::build(graph, *g, medium, &mut along, None)
         }
         Definition::Metric(g) => by_metric(graph, *g, v, &mut axes, &mut along),
     }
+}
+
+/// `G = JᵀJ`
+fn induced(graph: &mut Graph, jacobian: &[[NodeId; 3]]) -> [NodeId; 6] {
+    let columns = [0, 1, 2].map(|k| jacobian.iter().map(|row| row[k]).collect::<Vec<_>>());
+    PAIRS.map(|(i, j)| graph.dot(&columns[i], &columns[j]))
 }
 
 /// The direction of the tangent: each coordinate changes at its component's rate.
@@ -114,9 +132,8 @@ fn embedded(
     jacobian: Vec<[NodeId; 3]>,
     along: &mut Direction,
 ) -> Geometry {
-    let column = |k: usize| -> Vec<NodeId> { jacobian.iter().map(|row| row[k]).collect() };
-    let columns = [column(0), column(1), column(2)];
-    let metric = PAIRS.map(|(i, j)| graph.dot(&columns[i], &columns[j]));
+    let columns = [0, 1, 2].map(|k| jacobian.iter().map(|row| row[k]).collect::<Vec<_>>());
+    let metric = induced(graph, &jacobian);
     let bending: Vec<NodeId> = f
         .iter()
         .map(|&f| {
@@ -237,22 +254,22 @@ fn conformal(
     })
 }
 
-fn half_difference(graph: &mut Graph, a: NodeId, b: NodeId) -> NodeId {
+pub(super) fn half_difference(graph: &mut Graph, a: NodeId, b: NodeId) -> NodeId {
     let half = graph.constant(0.5);
     let difference = graph.sub(a, b);
     graph.mul(half, difference)
 }
 
 /// What the standard frame and its turning follow from.
-struct Bare {
-    metric: [NodeId; 6],
-    factors: Factors,
-    acceleration: [NodeId; 3],
+pub(super) struct Bare {
+    pub metric: [NodeId; 6],
+    pub factors: Factors,
+    pub acceleration: [NodeId; 3],
     /// The antisymmetric part of `Γ_kj`.
-    twist: [NodeId; 3],
+    pub twist: [NodeId; 3],
 }
 
-fn finish(
+pub(super) fn finish(
     graph: &mut Graph,
     bare: Bare,
     along: &mut Direction,
@@ -266,10 +283,11 @@ fn finish(
         acceleration: bare.acceleration,
         turning,
         jacobian,
+        wind: None,
     }
 }
 
-fn factor(graph: &mut Graph, [xx, yy, zz, xy, xz, yz]: [NodeId; 6]) -> Factors {
+pub(super) fn factor(graph: &mut Graph, [xx, yy, zz, xy, xz, yz]: [NodeId; 6]) -> Factors {
     let i1 = graph.recip(xx);
     let l21 = graph.mul(xy, i1);
     let l31 = graph.mul(xz, i1);
@@ -289,7 +307,7 @@ fn factor(graph: &mut Graph, [xx, yy, zz, xy, xz, yz]: [NodeId; 6]) -> Factors {
 }
 
 /// `G⁻¹ b` by substitution.
-fn solve(graph: &mut Graph, factors: &Factors, b: [NodeId; 3]) -> [NodeId; 3] {
+pub(super) fn solve(graph: &mut Graph, factors: &Factors, b: [NodeId; 3]) -> [NodeId; 3] {
     let [l21, l31, l32] = factors.lower;
     let part = graph.mul(l21, b[0]);
     let y2 = graph.sub(b[1], part);
@@ -328,10 +346,10 @@ fn turning(
     graph: &mut Graph,
     factors: &Factors,
     frame: [NodeId; 6],
-    [c12, c13, c23]: [NodeId; 3],
+    twist: [NodeId; 3],
     along: &mut Direction,
 ) -> [NodeId; 3] {
-    let [s11, s22, s33, s12, s13, s23] = frame;
+    let [s11, s22, ..] = frame;
     let [l21, l31, l32] = factors.lower;
     let rate = frame.map(|s| graph.derivative(s, along));
     let [_, r22, r33, r12, r13, r23] = rate;
@@ -345,6 +363,21 @@ fn turning(
         let quotient = graph.div(sum, scale);
         graph.mul(half, quotient)
     });
+    let [t12, t13, t23] = in_frame(graph, frame, twist);
+    let (o12, o13, o23) = (
+        graph.add(u12, t12),
+        graph.add(u13, t13),
+        graph.add(u23, t23),
+    );
+    [o23, graph.neg(o13), o12]
+}
+
+/// `SᵀCS` of an antisymmetric `C`: entries 12, 13, 23.
+pub(super) fn in_frame(
+    graph: &mut Graph,
+    [s11, s22, s33, s12, s13, s23]: [NodeId; 6],
+    [c12, c13, c23]: [NodeId; 3],
+) -> [NodeId; 3] {
     // (SᵀCS)₁₂ = s11 s22 c12, (SᵀCS)₁₃ = s11 (s23 c12 + s33 c13),
     // (SᵀCS)₂₃ = s12 (s23 c12 + s33 c13) − s13 s22 c12 + s22 s33 c23.
     let plane = graph.dot(&[s23, s33], &[c12, c13]);
@@ -355,13 +388,7 @@ fn turning(
     let third = graph.mul(s33, c23);
     let inner = graph.sub(third, second);
     let second = graph.mul(s22, inner);
-    let t23 = graph.add(first, second);
-    let (o12, o13, o23) = (
-        graph.add(u12, t12),
-        graph.add(u13, t13),
-        graph.add(u23, t23),
-    );
-    [o23, graph.neg(o13), o12]
+    [t12, t13, graph.add(first, second)]
 }
 
 /// The second derivative of each deviation column: the acceleration's derivative along

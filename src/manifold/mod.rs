@@ -9,15 +9,22 @@ mod curvature;
 mod curve;
 mod domain;
 mod geometry;
+mod kin;
 mod load;
+mod observer;
 mod probe;
+mod pullback;
 mod region;
+mod spacetime;
 mod symmetry;
 mod tapes;
+mod wind;
 
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
+pub use kin::Follows;
+pub use observer::Observer;
 pub use region::CameraRegion;
 pub use symmetry::{Isometry, Symmetry};
 
@@ -27,6 +34,7 @@ use crate::{
     expr::{Registers, Tape},
 };
 use glam::{DMat3, DVec3};
+use kin::Kin;
 use std::{path::Path, sync::Arc};
 use tapes::Tapes;
 
@@ -37,6 +45,19 @@ pub struct Exit {
     pub name: String,
     /// (u, v) -> the direction in which its sky is looked up; `None`: the ambient direction.
     direction: Option<Tape>,
+}
+
+/// How a file gives the space.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Form {
+    /// As a surface in R^N.
+    Embedding,
+    /// By its metric, and perhaps a wind or a drift.
+    Metric,
+    /// As a stationary spacetime, seen by observers at rest on its slices.
+    Normal,
+    /// As a stationary spacetime, seen by observers at rest in its coordinates.
+    Static,
 }
 
 /// Which rates a geodesic tape computes, besides acceleration and metric.
@@ -77,7 +98,12 @@ pub struct Manifold {
     pub length: Option<f64>,
     /// Dimension N of the ambient space, for an embedding.
     pub ambient: Option<usize>,
-    tapes: Tapes,
+    /// How the file gives the space.
+    pub form: Form,
+    tapes: Arc<Tapes>,
+    /// The same space for other paths; `None` where all paths are geodesics.
+    kin: Option<Arc<Kin>>,
+    follows: Follows,
 }
 
 impl Manifold {
@@ -111,7 +137,7 @@ impl Manifold {
 
     /// `G(u)` and `S(u)`.
     pub fn metric_and_frame(&self, u: DVec3) -> (DMat3, DMat3) {
-        let o = self.tapes.metric.at(&u.to_array());
+        let o = self.at_point(&self.tapes.metric, u);
         let metric =
             DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]]);
         (metric, frame_of([o[6], o[7], o[8], o[9], o[10], o[11]]))
@@ -134,9 +160,38 @@ impl Manifold {
             }
             tape.run(&mut registers);
             let frame = |lane| frame_of([6, 7, 8, 9, 10, 11].map(|k| registers.output(k)[lane]));
-            frames.extend((0..points.len()).map(frame));
+            frames.extend((0..points.len()).map(|lane| match frame(lane) {
+                frame if self.is_pulled_back() && !frame.is_finite() => {
+                    self.standard_frame(points[lane])
+                }
+                frame => frame,
+            }));
         }
         frames
+    }
+
+    /// Whether the space is written in textbook coordinates, which may have an axis where formulas fail
+    /// and the space does not.
+    pub fn is_pulled_back(&self) -> bool {
+        self.tapes.pullback.is_some()
+    }
+
+    /// The determinant of the textbook coordinates' differential at `u`; `None` without them.
+    pub(crate) fn pullback_determinant(&self, u: DVec3) -> Option<f64> {
+        let tape = self.tapes.pullback.as_ref()?;
+        Some(tape.at(&u.to_array())[0])
+    }
+
+    /// The outputs of a tape of the point alone. On the axis of textbook coordinates, the mean of those at
+    /// two points beside it.
+    fn at_point(&self, tape: &Tape, u: DVec3) -> Vec<f64> {
+        let outputs = tape.at(&u.to_array());
+        if !self.is_pulled_back() || outputs.iter().all(|x| x.is_finite()) {
+            return outputs;
+        }
+        let beside = beside_axis(u);
+        let [a, b] = [u + beside, u - beside].map(|u| tape.at(&u.to_array()));
+        a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()
     }
 
     /// The tape u -> G (xx, yy, zz, xy, xz, yz), S (11, 22, 33, 12, 13, 23).
@@ -146,7 +201,7 @@ impl Manifold {
 
     /// The tape (u, v, δu₁, δv₁, δu₂, δv₂) -> acceleration (3), then the turning rate (3) if the frame
     /// is carried, then the deviation's acceleration (3 + 3) if it is, and as the rest
-    /// ([`Tape::run_rest`]) the metric (6).
+    /// ([`Tape::run_rest`]) the metric (6) and, where [`Manifold::has_wind`], the wind (3).
     pub fn flow(&self, carried: Carried) -> &Tape {
         &self.tapes.flows[carried.index()]
     }
@@ -158,7 +213,8 @@ impl Manifold {
     }
 
     /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with
-    /// tangent `v` (chart components): normalised, NaN only if the file's expressions are.
+    /// tangent `v` (chart components): normalised, NaN only if the file's expressions are. Without
+    /// expressions of its own, it is the direction in which the normal observer there sees the ray.
     pub fn sky_direction(&self, exit: Option<usize>, u: DVec3, v: DVec3) -> DVec3 {
         let mut registers = self.sky_registers(exit);
         self.sky_direction_in(registers.as_mut(), exit, u, v)
@@ -186,9 +242,10 @@ impl Manifold {
             (None, Some(jacobian), Some(registers)) => {
                 jacobian.run_at(registers, &u.to_array());
                 let j = |k: usize| registers.output(k)[0];
+                let v = self.sight(u, v);
                 DVec3::from_array([0, 3, 6].map(|i| j(i) * v.x + j(i + 1) * v.y + j(i + 2) * v.z))
             }
-            _ => v,
+            _ => self.sight(u, v),
         };
         direction.normalize_or_zero()
     }
@@ -227,6 +284,16 @@ impl Manifold {
         }
         *hasher.finalize().as_bytes()
     }
+}
+
+/// How far beside an axis of textbook coordinates values are taken in place of those on it, as a share of
+/// the distance from the chart's origin, or in the chart's unit where that is larger: the mean of both
+/// sides is wrong by the square of it, and rounding by its inverse.
+const BESIDE: f64 = 1e-7;
+
+/// From a point to another beside any coordinate axis or plane through it.
+pub(crate) fn beside_axis(u: DVec3) -> DVec3 {
+    DVec3::new(0.48, 0.6, 0.64) * (BESIDE * u.length().max(1.0))
 }
 
 /// The upper triangular matrix with the entries 11, 22, 33, 12, 13, 23.

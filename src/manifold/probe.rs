@@ -4,12 +4,13 @@
 //! a camera region outside the domain, a metric that is not positive definite or differs where limits
 //! are glued, a false symmetry claim.
 
-use super::{EventKind, Isometry, Manifold, symmetry::largest};
+use super::{EventKind, Form, Isometry, Manifold, symmetry::largest};
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},
 };
 use glam::{DMat3, DQuat, DVec3};
+use std::f64::consts::TAU;
 
 /// How many points are probed: enough that a metric that fails on a few per cent of the region is
 /// refused almost surely, and still below a millisecond.
@@ -30,10 +31,13 @@ const WORST_SEAM: f64 = 1e-6;
 pub(super) fn check(manifold: &Manifold) -> Result<()> {
     let points = probe_points(manifold);
     for (u, camera) in &points {
+        check_lapse(manifold, *u)?;
         if *camera {
             check_inside(manifold, *u)?;
+            check_pullback(manifold, *u)?;
         }
         check_metric(manifold, *u)?;
+        check_wind(manifold, *u)?;
         check_glued(manifold, *u)?;
         check_identity(manifold, *u)?;
     }
@@ -117,11 +121,73 @@ fn check_inside(manifold: &Manifold, u: DVec3) -> Result<()> {
     )
 }
 
+/// Observers must exist whose clocks tell frequencies.
+fn check_lapse(manifold: &Manifold, u: DVec3) -> Result<()> {
+    let lapse = manifold.lapse(u);
+    let here = point(manifold, u);
+    let (message, keys, hint) = match manifold.form {
+        _ if lapse > 0.0 && lapse.is_finite() => return Ok(()),
+        Form::Normal => (
+            format!("the slice t = const is not spacelike at {here}"),
+            ["[spacetime]", "spacetime"],
+            "restrict the region with [domain] or [cameras]; where no slices are spacelike, give `metric` and `drift`",
+        ),
+        Form::Static => (
+            format!("no observer is at rest at {here}: g_tt is not negative there"),
+            ["observers", "[spacetime]"],
+            "keep cameras out of the ergosphere, or take observers = \"normal\"",
+        ),
+        _ => (
+            format!("the lapse is {lapse} at {here}"),
+            ["lapse", "[metric]"],
+            "it must be positive: mend the expression, or restrict the region with [domain] or [cameras]",
+        ),
+    };
+    let complaint = complain(manifold, &keys, message).with_hint(hint);
+    Err(complaint.into())
+}
+
+fn check_wind(manifold: &Manifold, u: DVec3) -> Result<()> {
+    if !manifold.has_wind() || manifold.is_medium_finite(u) {
+        return Ok(());
+    }
+    let message = format!("wind or drift is not finite at {}", point(manifold, u));
+    let keys = ["wind", "shift", "drift", "[spacetime]", "spacetime"];
+    let complaint = complain(manifold, &keys, message);
+    Err(complaint
+        .with_hint("restrict the region with [domain] or [cameras], or mend the expressions")
+        .into())
+}
+
+/// Textbook coordinates may fail on an axis, not around it.
+fn check_pullback(manifold: &Manifold, u: DVec3) -> Result<()> {
+    let Some(determinant) = manifold.pullback_determinant(u) else {
+        return Ok(());
+    };
+    let (g, s) = manifold.metric_and_frame(u);
+    if (determinant.is_finite() && determinant != 0.0) || is_positive(g, s) {
+        return Ok(());
+    }
+    let message = format!(
+        "the coordinates of [pullback] are singular at a camera: {}",
+        point(manifold, u)
+    );
+    let complaint = complain(manifold, &["[pullback]", "pullback"], message);
+    Err(complaint
+        .with_label("their differentials are dependent there, or not finite")
+        .with_hint("move the cameras, or take coordinates that are regular there")
+        .into())
+}
+
+/// Whether a metric with this frame is finite and positive definite.
+fn is_positive(g: DMat3, s: DMat3) -> bool {
+    g.is_finite() && s.is_finite() && (0..3).all(|k| s.col(k)[k] > 0.0)
+}
+
 fn check_metric(manifold: &Manifold, u: DVec3) -> Result<()> {
     let (g, s) = manifold.metric_and_frame(u);
     let finite = |m: DMat3| m.to_cols_array().iter().all(|x| x.is_finite());
-    let positive = (0..3).all(|k| s.col(k)[k] > 0.0);
-    if finite(g) && finite(s) && positive {
+    if is_positive(g, s) {
         return Ok(());
     }
     let what = match (finite(g), manifold.ambient) {
@@ -134,7 +200,7 @@ fn check_metric(manifold: &Manifold, u: DVec3) -> Result<()> {
     ];
     let message = format!("{what} at {}", point(manifold, u));
     Err(
-        complain(manifold, &["metric", "[metric]", "embedding"], message)
+        complain(manifold, &["metric", "[metric]", "embedding", "[spacetime]"], message)
             .with_label(format!("xx, yy, zz, xy, xz, yz = {entries:.3?} there"))
             .with_hint("restrict the region with [domain] or [cameras], or mend the expressions")
             .into(),
@@ -199,19 +265,28 @@ fn check_identity(manifold: &Manifold, u: DVec3) -> Result<()> {
 fn check_symmetry(manifold: &Manifold, points: &[(DVec3, bool)]) -> Result<()> {
     let claims = claimed(manifold, points);
     for (key, isometry, u) in claims {
-        let found = manifold.discrepancy(&isometry, u);
-        if found > WORST_DISCREPANCY {
+        let complaint = |of: &str, what: &str, found: f64| {
             let (image, _) = isometry.apply(u);
             let message = format!(
-                "this symmetry is not one of the metric: at {} and its image {} lengths differ by {found:.2e}",
+                "this symmetry is not one of the {of}: at {} and its image {} {what} differ by {found:.2e}",
                 point(manifold, u),
                 point(manifold, image),
             );
-            return Err(Error::from(
+            Error::from(
                 complain(manifold, &[key, "[symmetry]"], message)
                     .with_label("claimed here")
-                    .with_hint("remove the claim, or mend the metric"),
-            ));
+                    .with_hint(format!("remove the claim, or mend the {of}")),
+            )
+        };
+        let found = manifold.metric_discrepancy(&isometry, u);
+        if found > WORST_DISCREPANCY {
+            return Err(complaint("metric", "lengths", found));
+        }
+        if manifold.has_wind() {
+            let found = manifold.wind_discrepancy(&isometry, u);
+            if found > WORST_DISCREPANCY {
+                return Err(complaint("wind", "velocities", found));
+            }
         }
     }
     Ok(())
@@ -225,6 +300,10 @@ fn claimed(manifold: &Manifold, points: &[(DVec3, bool)]) -> Vec<(&'static str, 
         if manifold.symmetry.rotation {
             let axis = DVec3::new(t[0] - 0.5, t[1] - 0.5, t[2] - 0.3).normalize_or(DVec3::Z);
             let q = DQuat::from_axis_angle(axis, 1.0 + 2.0 * t[0]);
+            claims.push(("rotation", Isometry::rotation(DMat3::from_quat(q)), u));
+        }
+        if let Some(axis) = manifold.symmetry.axis {
+            let q = DQuat::from_axis_angle(DVec3::AXES[axis], TAU * t[0]);
             claims.push(("rotation", Isometry::rotation(DMat3::from_quat(q)), u));
         }
         for k in 0..3 {

@@ -55,13 +55,23 @@ impl CameraRegion {
     /// The parameters whose point is `u`, by Gauss–Newton from several starts; `None` if `u` is not
     /// in the region. The point found agrees with `u` to a relative 1e-9.
     pub fn locate(&self, u: DVec3) -> Option<Vec<f64>> {
+        self.locate_by(u, |u, _| u)
+    }
+
+    /// The same for the parameters at whose point `value` is `u`; from a point and changes of it, `value`
+    /// makes its own there, and its changes in their place.
+    pub fn locate_by(
+        &self,
+        u: DVec3,
+        value: impl Fn(DVec3, &mut [DVec3]) -> DVec3,
+    ) -> Option<Vec<f64>> {
         let scale = self.size() + u.length() * 1e-3;
         let starts = (0..if self.dimension() == 0 { 1 } else { 27 })
             .map(|i: usize| [i % 3, i / 3 % 3, i / 9].map(|d| [0.5, 0.1, 0.9][d]));
         starts
-            .map(|t| self.descend(u, self.lerp(&t[..self.dimension()])))
+            .map(|t| self.descend(u, &value, self.lerp(&t[..self.dimension()])))
             .find(|p| {
-                (self.at(p) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE) && self.contains(p)
+                (value(self.at(p), &mut []) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE) && self.contains(p)
             })
             .map(|p| self.clamped(p))
     }
@@ -82,12 +92,18 @@ impl CameraRegion {
             .fold(0.0, f64::max)
     }
 
-    fn descend(&self, u: DVec3, mut p: Vec<f64>) -> Vec<f64> {
+    fn descend(
+        &self,
+        u: DVec3,
+        value: &impl Fn(DVec3, &mut [DVec3]) -> DVec3,
+        mut p: Vec<f64>,
+    ) -> Vec<f64> {
         let k = self.dimension();
         for _ in 0..60 {
             let o = self.map.at(&p);
-            let residual = u - DVec3::from_slice(&o[..3]);
-            let columns: Vec<DVec3> = (0..k).map(|j| DVec3::from_slice(&o[3 + 3 * j..])).collect();
+            let mut columns: Vec<DVec3> =
+                (0..k).map(|j| DVec3::from_slice(&o[3 + 3 * j..])).collect();
+            let residual = u - value(DVec3::from_slice(&o[..3]), &mut columns);
             let Some(step) = least_squares(&columns, residual) else {
                 break;
             };

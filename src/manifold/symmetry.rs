@@ -13,6 +13,8 @@ use std::sync::Arc;
 pub struct Symmetry {
     /// `u -> Q u` is an isometry for every rotation `Q` of the chart.
     pub rotation: bool,
+    /// Every rotation about this axis of the chart is an isometry.
+    pub axis: Option<usize>,
     /// Nothing depends on these coordinates.
     pub translation: [bool; 3],
     /// Left translation: (u, p) -> u' (3), ∂u'/∂u (9, by rows).
@@ -87,14 +89,42 @@ impl Isometry {
 }
 
 impl Manifold {
+    /// How far metric, wind and drift at `u` are from those pulled back by `isometry`: the larger of
+    /// [`Manifold::metric_discrepancy`] and [`Manifold::wind_discrepancy`].
+    pub fn discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
+        let metric = self.metric_discrepancy(isometry, u);
+        match self.has_wind() {
+            true => metric.max(self.wind_discrepancy(isometry, u)),
+            false => metric,
+        }
+    }
+
     /// How far the metric at `u` is from the metric pulled back by `isometry`: the largest entry of
     /// `Sᵀ (φ*G − G) S`, in which 1 means lengths wrong by a factor of about √2.
-    pub fn discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
+    pub fn metric_discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
         let (image, d) = isometry.apply(u);
         let (g, s) = self.metric_and_frame(u);
         let pulled = d.transpose() * self.metric(self.domain.wrap(image)) * d;
         largest(s.transpose() * (pulled - g) * s)
     }
+
+    /// How far wind and drift at `u` are from those pulled back by `isometry`: in the standard frame, the
+    /// largest component of the difference of the winds or of the exterior derivatives of the drifts.
+    pub fn wind_discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
+        let (image, d) = isometry.apply(u);
+        let s = self.standard_frame(u);
+        let (wind, exterior) = self.currents(u);
+        let (there, exterior_there) = self.currents(self.domain.wrap(image));
+        let wind = s.inverse() * (d.inverse() * there - wind);
+        let pulled = d.transpose() * skew(exterior_there) * d;
+        let exterior = s.transpose() * (pulled - skew(exterior)) * s;
+        largest(DMat3::from_cols(wind, DVec3::ZERO, DVec3::ZERO)).max(largest(exterior))
+    }
+}
+
+/// The antisymmetric matrix with the entries 12, 13, 23.
+fn skew(e: DVec3) -> DMat3 {
+    DMat3::from_cols_array(&[0.0, -e.x, -e.y, e.x, 0.0, -e.z, e.y, e.z, 0.0])
 }
 
 /// The largest entry by size; infinite if one is not a number.

@@ -7,6 +7,7 @@
 use super::{
     Carried,
     geometry::{self, Definition, Geometry, PAIRS},
+    wind::{self, Medium},
 };
 use crate::expr::{Direction, Graph, NodeId, Tape, TapeTooLarge};
 use std::sync::{Arc, OnceLock};
@@ -20,12 +21,28 @@ pub(super) struct Tapes {
     pub jacobian: Option<Tape>,
     /// By [`Carried::index`].
     pub flows: [Tape; 4],
-    /// u, v -> ω (3), for any curve.
+    /// u, v -> ω (3): in a medium for paths of light, else for any curve.
     pub turning: Tape,
+    /// u -> W (3), N (1), b (3), db (3: 12, 13, 23), ∂_k W (3 × 3), as light meets them; `None` without a medium.
+    pub medium: Option<Tape>,
+    /// Whether there is a wind or a drift.
+    pub moving: bool,
+    /// What the medium has.
+    pub parts: Parts,
+    /// u -> the determinant of the textbook coordinates' differential, where the space is written in them.
+    pub pullback: Option<Tape>,
     /// u -> for each place where the definition is not smooth, a function φ that vanishes there and
     /// its gradient (4); `None` for a smooth definition.
     pub kinks: Option<Tape>,
     jet: Arc<Jet>,
+}
+
+/// Which parts a medium has.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Parts {
+    pub wind: bool,
+    pub drift: bool,
+    pub lapse: bool,
 }
 
 /// What is left to compile, and the result once it is.
@@ -37,10 +54,14 @@ struct Jet {
 }
 
 impl Tapes {
+    /// For paths through `medium`, of which `geometry` has been made; `pullback` is the determinant of
+    /// textbook coordinates.
     pub fn compile(
         mut graph: Graph,
         definition: &Definition,
+        medium: &Medium,
         geometry: Geometry,
+        pullback: Option<NodeId>,
     ) -> Result<Self, TapeTooLarge> {
         let metric: Vec<_> = [geometry.metric, geometry.frame].concat();
         let jacobian = geometry.jacobian.as_ref().map(|rows| {
@@ -52,7 +73,17 @@ impl Tapes {
             jacobian: jacobian.transpose()?,
             flows: flows(&mut graph, &geometry)?,
             turning: Tape::compile(&graph, &geometry.turning, 6)?,
-            kinks: kinks(&mut graph, definition)?,
+            medium: medium_tape(&mut graph, medium)?,
+            moving: medium.moves(),
+            pullback: pullback
+                .map(|determinant| Tape::compile(&graph, &[determinant], 3))
+                .transpose()?,
+            parts: Parts {
+                wind: medium.wind.is_some(),
+                drift: medium.drift.is_some(),
+                lapse: medium.lapse.is_some(),
+            },
+            kinks: kinks(&mut graph, definition, medium)?,
             jet: Arc::new(Jet {
                 graph,
                 metric: geometry.metric,
@@ -98,7 +129,9 @@ fn flows(graph: &mut Graph, geometry: &Geometry) -> Result<[Tape; 4], TapeTooLar
         if carried.deviation {
             outputs.extend(rates.iter().flatten());
         }
-        Tape::compile_parts(graph, &outputs, &geometry.metric, geometry::DEVIATION + 12)
+        let mut rest = geometry.metric.to_vec();
+        rest.extend(geometry.wind.iter().flatten());
+        Tape::compile_parts(graph, &outputs, &rest, geometry::DEVIATION + 12)
     };
     Ok([
         flow(false, false)?,
@@ -108,9 +141,34 @@ fn flows(graph: &mut Graph, geometry: &Geometry) -> Result<[Tape; 4], TapeTooLar
     ])
 }
 
+/// Wind, lapse, drift and its exterior derivative; `None` without a medium.
+fn medium_tape(graph: &mut Graph, medium: &Medium) -> Result<Option<Tape>, TapeTooLarge> {
+    if !medium.is_some() {
+        return Ok(None);
+    }
+    let still = [graph.constant(0.0); 3];
+    let one = graph.constant(1.0);
+    let mut outputs = medium.wind.unwrap_or(still).to_vec();
+    outputs.push(medium.lapse.unwrap_or(one));
+    let drift = medium.drift.unwrap_or(still);
+    outputs.extend(drift);
+    outputs.extend(wind::exterior(graph, drift));
+    let wind = medium.wind.unwrap_or(still);
+    for k in 0..3 {
+        let mut axis = Direction::of_input(graph, k);
+        outputs.extend(wind.map(|w| graph.derivative(w, &mut axis)));
+    }
+    Tape::compile(graph, &outputs, 3).map(Some)
+}
+
 /// The kink functions with their gradients; `None` for a smooth definition.
-fn kinks(graph: &mut Graph, definition: &Definition) -> Result<Option<Tape>, TapeTooLarge> {
-    let functions = graph.kinks(definition.nodes());
+fn kinks(
+    graph: &mut Graph,
+    definition: &Definition,
+    medium: &Medium,
+) -> Result<Option<Tape>, TapeTooLarge> {
+    let roots: Vec<NodeId> = definition.nodes().iter().copied().chain(medium.nodes()).collect();
+    let functions = graph.kinks(&roots);
     if functions.is_empty() {
         return Ok(None);
     }

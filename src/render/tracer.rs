@@ -12,9 +12,9 @@ use super::{
 };
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Manifold, Observer},
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use std::sync::Arc;
 
 /// A tracer whose paths can be interpolated between directions, because all have the same knots.
@@ -72,7 +72,7 @@ pub(super) fn refine_each<T: GridTracer + ?Sized>(
 pub struct ExactTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    frame: DMat3,
+    observer: Observer,
     length: f64,
     tolerance: f64,
 }
@@ -87,7 +87,7 @@ impl<'m> ExactTracer<'m> {
         Self {
             manifold,
             u,
-            frame: manifold.standard_frame(u),
+            observer: manifold.observer(u),
             length,
             tolerance,
         }
@@ -104,7 +104,7 @@ impl ExactTracer<'_> {
         };
         let rays = directions.iter().map(|&d| Ray {
             u: self.u,
-            v: self.frame * d,
+            v: self.observer.tangent(d),
             length: self.length,
             spread: [DVec3::ZERO; 2],
         });
@@ -116,7 +116,7 @@ impl ExactTracer<'_> {
                     (
                         vec![0.0],
                         vec![self.u],
-                        vec![self.frame * d],
+                        vec![self.observer.tangent(d)],
                         Ending::Nowhere,
                     )
                 })
@@ -194,7 +194,7 @@ fn cubics(step: &Step) -> usize {
 pub struct FixedTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    frame: DMat3,
+    observer: Observer,
     knots: Arc<[f64]>,
 }
 
@@ -204,7 +204,7 @@ impl<'m> FixedTracer<'m> {
         Self {
             manifold,
             u,
-            frame: manifold.standard_frame(u),
+            observer: manifold.observer(u),
             knots: even_knots(length, steps),
         }
     }
@@ -218,7 +218,7 @@ impl GridTracer for FixedTracer<'_> {
     fn add(&self, directions: &[DVec3], endings: &mut EndingFinder<'_>, strands: &mut Strands) {
         let rays: Vec<_> = directions
             .iter()
-            .map(|&d| (self.u, self.frame * d))
+            .map(|&d| (self.u, self.observer.tangent(d)))
             .collect();
         let steps = self.knots.len() - 1;
         let paths = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);

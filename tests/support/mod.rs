@@ -5,11 +5,13 @@
 
 use geofan::{
     diagnostic::SourceText,
+    fan::Axis,
     geodesic::{Path, Ray, Settings, check_point},
     manifold::{Carried, Manifold},
     random::Stream,
 };
 use glam::DVec3;
+use std::f64::consts::PI;
 
 /// The names of all files of `assets/manifolds`.
 pub fn catalogue() -> Vec<String> {
@@ -58,6 +60,9 @@ pub fn random_point(manifold: &Manifold, stream: &mut Stream) -> DVec3 {
         let mut u = region.at(&region.lerp(&t[..region.dimension()]));
         if manifold.symmetry.rotation {
             u = stream.rotation() * u;
+        }
+        if let Some(axis) = manifold.symmetry.axis {
+            u = Axis(axis).rotation(stream.between(-PI, PI)) * u;
         }
         for k in 0..3 {
             if manifold.symmetry.translation[k] || manifold.symmetry.group.is_some() {

@@ -189,7 +189,7 @@ impl<'a> HeldOut<'a> {
                 }
                 HeldOutRay {
                     parameters,
-                    start: space.lift().start(u, manifold.standard_frame(u) * d),
+                    start: space.lift().start(u, manifold.observer(u).tangent(d)),
                     probes: probed.probes,
                     exits,
                 }

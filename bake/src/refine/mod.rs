@@ -346,12 +346,12 @@ impl Refiner<'_> {
             let mut rays = Vec::with_capacity(numbers.len());
             for number in numbers.start / each..numbers.end.div_ceil(each) {
                 let camera = self.camera(chunk, region, &node(&cameras, number));
-                let frame = self.space.manifold().standard_frame(camera.u);
+                let observer = self.space.manifold().observer(camera.u);
                 let first = numbers.start.max(number * each);
                 let own = first..numbers.end.min((number + 1) * each);
                 rays.extend(own.map(|ray| {
                     let x = node(&directions, ray % each);
-                    (camera.u, frame * self.direction(&camera, region, &x))
+                    (camera.u, observer.tangent(self.direction(&camera, region, &x)))
                 }));
             }
             rays

@@ -215,7 +215,7 @@ impl Line {
         let manifold = space.manifold();
         let tangents = rays
             .iter()
-            .map(|&(u, d)| (u, manifold.standard_frame(u) * d));
+            .map(|&(u, d)| (u, manifold.observer(u).tangent(d)));
         let tangents: Vec<_> = tangents.collect();
         let values = sample(space, plan.tolerance, &tangents, lengths);
         let farthest = lengths.last().copied().unwrap_or(0.0);

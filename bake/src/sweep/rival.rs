@@ -61,10 +61,10 @@ pub fn equal(rivals: &[Rival], p99: f64) -> Option<&Rival> {
 fn measure(manifold: &Manifold, truth: &Truth, u: DVec3, steps: usize) -> Rival {
     let cameras = truth.cameras.par_iter();
     let errors = cameras.flat_map_iter(|camera| {
-        let frame = manifold.standard_frame(camera.u);
+        let observer = manifold.observer(camera.u);
         let rays: Vec<_> = camera
             .probes()
-            .map(|(d, _)| (camera.u, frame * d))
+            .map(|(d, _)| (camera.u, observer.tangent(d)))
             .collect();
         let paths = fixed_steps::<f32>(manifold, &rays, truth.length, steps);
         let pairs = camera.probes().zip(paths);

@@ -108,9 +108,9 @@ pub fn grid(grid: &Grid, u: DVec3, length: f64) -> Result<Times> {
 
 /// Nanoseconds for a path over `length` by `steps` equal steps from `u`.
 pub fn exact(manifold: &Manifold, u: DVec3, length: f64, steps: usize) -> f64 {
-    let frame = manifold.standard_frame(u);
+    let observer = manifold.observer(u);
     each(|directions| {
-        let rays: Vec<_> = directions.iter().map(|d| (u, frame * *d)).collect();
+        let rays: Vec<_> = directions.iter().map(|d| (u, observer.tangent(*d))).collect();
         black_box(fixed_steps::<f32>(manifold, &rays, length, steps));
     })
 }

@@ -62,6 +62,7 @@ fn reduction(header: &Header) -> &'static str {
         Reduction::Rotation => "rotation",
         Reduction::Translation => "translation",
         Reduction::Group => "group",
+        Reduction::Axis => "axis",
     }
 }
 

@@ -3,7 +3,7 @@
 use super::{InfoArgs, place::Place};
 use geofan::{
     Result,
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Form, Manifold},
     terminal::{self, CommonArgs, Outcome},
 };
 use serde_json::{Map, Value, json};
@@ -40,6 +40,7 @@ fn as_json(manifold: &Manifold, at: Option<&Place>) -> Value {
         "coordinates": manifold.coordinates,
         "definition": definition(manifold),
         "ambient": manifold.ambient,
+        "light": medium(manifold),
         "parameters": object(manifold.parameters.clone()),
         "limits": manifold.domain.limits,
         "periodic": manifold.domain.periodic,
@@ -67,10 +68,21 @@ where
 }
 
 fn definition(manifold: &Manifold) -> &'static str {
-    match manifold.ambient {
-        Some(_) => "embedding",
-        None => "metric",
+    match manifold.form {
+        Form::Embedding => "embedding",
+        Form::Metric => "metric",
+        Form::Normal | Form::Static => "spacetime",
     }
+}
+
+/// What light meets besides the metric.
+fn medium(manifold: &Manifold) -> Vec<&'static str> {
+    let all = [
+        (manifold.blows(), "a wind"),
+        (manifold.has_drift(), "a drift of time"),
+        (manifold.has_lapse(), "a lapse of clocks"),
+    ];
+    all.into_iter().filter(|m| m.0).map(|m| m.1).collect()
 }
 
 fn exits(manifold: &Manifold) -> Vec<&str> {
@@ -86,6 +98,7 @@ fn translations(manifold: &Manifold) -> Vec<&str> {
 fn symmetry_json(manifold: &Manifold) -> Value {
     json!({
         "rotation": manifold.symmetry.rotation,
+        "axis": manifold.symmetry.axis.map(|k| &manifold.coordinates[k]),
         "translation": translations(manifold),
         "group": manifold.symmetry.group.is_some(),
     })
@@ -108,11 +121,17 @@ fn as_text(manifold: &Manifold, at: Option<&Place>) -> String {
     text.line("coordinates", manifold.coordinates.join(", "));
     text.line(
         "given by",
-        match manifold.ambient {
-            Some(n) => format!("embedding in R^{n}"),
-            None => "metric".into(),
+        match (manifold.form, manifold.ambient) {
+            (Form::Embedding, Some(n)) => format!("embedding in R^{n}"),
+            (Form::Normal, _) => "spacetime, seen by observers at rest on its slices".into(),
+            (Form::Static, _) => "spacetime, seen by observers at rest in its coordinates".into(),
+            _ => "metric".into(),
         },
     );
+    let medium = medium(manifold);
+    if !medium.is_empty() {
+        text.line("light", format!("meets {}", medium.join(" and ")));
+    }
     for (name, value) in &manifold.parameters {
         text.line("parameter", format!("{name} = {value}"));
     }
@@ -169,6 +188,9 @@ fn symmetry(manifold: &Manifold) -> String {
     let mut claims = Vec::new();
     if manifold.symmetry.rotation {
         claims.push("rotations about the origin".to_string());
+    }
+    if let Some(axis) = manifold.symmetry.axis {
+        claims.push(format!("rotations about the {} axis", manifold.coordinates[axis]));
     }
     let translations = translations(manifold);
     if !translations.is_empty() {

@@ -6,12 +6,16 @@
 //! and direction → parameters and the [`Isometry`] that carries the stored ray to the true one
 //! ([`FanSpace::place`], [`FanSpace::locate`]).
 //!
+//! Directions are those in which the normal observer sees light come: where there is a wind, tangents
+//! differ from them by it.
+//!
 //! On cube faces directions are known by what they aim at ([`Focus`]).
 //!
 //! | symmetry | stored cameras | stored directions |
 //! |---|---|---|
 //! | none | the region's parameters | the sphere, on cube faces |
 //! | rotation | (ρ, 0, 0) | (cos θ, sin θ, 0), 0 ≤ θ ≤ π, by [`OrbitAngles`] |
+//! | rotation about an axis | (ρ, 0, z), or (ρ, 0, 0) if that is translated along | the sphere |
 //! | translation | the other coordinates, or the region's parameters if fewer | the sphere |
 //! | group | the identity | the sphere |
 
@@ -21,6 +25,7 @@ mod ranges;
 pub use place::{Located, Orbit, Place};
 
 use super::{
+    axis::Axis,
     direction::{FACES, direction},
     ends::{follow_symmetry, skies_turn},
     focus::{Focus, direction_of},
@@ -31,7 +36,7 @@ use super::{
 };
 use crate::{
     error::{Error, Result},
-    manifold::Manifold,
+    manifold::{Manifold, Symmetry},
 };
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
@@ -48,6 +53,23 @@ pub enum Reduction {
     Translation,
     /// Left translations: one camera position is left.
     Group,
+    /// Rotations about an axis of the chart, and translations along it if there are any.
+    Axis,
+}
+
+impl Reduction {
+    /// The one that leaves the fewest invariants, and their number.
+    fn best(symmetry: &Symmetry) -> (Self, usize) {
+        let translated = symmetry.translation.iter().filter(|t| **t).count();
+        let about = symmetry.axis.map(|k| 2 - usize::from(symmetry.translation[k]));
+        match about {
+            _ if symmetry.group.is_some() => (Self::Group, 0),
+            _ if symmetry.rotation => (Self::Rotation, 1),
+            Some(left) if left < 3 - translated => (Self::Axis, left),
+            _ if translated > 0 => (Self::Translation, 3 - translated),
+            _ => (Self::Whole, 3),
+        }
+    }
 }
 
 /// The rays a bundle covers.
@@ -105,17 +127,7 @@ impl FanSpace {
                 "no camera region: add [cameras] with `at`, or limits for all coordinates under [domain]",
             ));
         };
-        let symmetry = &manifold.symmetry;
-        let translated = symmetry.translation.iter().filter(|t| **t).count();
-        let (reduction, invariants) = if symmetry.group.is_some() {
-            (Reduction::Group, 0)
-        } else if symmetry.rotation {
-            (Reduction::Rotation, 1)
-        } else if translated > 0 {
-            (Reduction::Translation, 3 - translated)
-        } else {
-            (Reduction::Whole, 3)
-        };
+        let (reduction, invariants) = Reduction::best(&manifold.symmetry);
         let mut space = Self {
             reduction,
             cameras: region.intervals.clone(),
@@ -277,9 +289,22 @@ impl FanSpace {
         u.x * self.manifold.metric(u).y_axis.y.sqrt()
     }
 
+    /// The axis about which rotations have been taken out, and whether translations along it have.
+    fn axis(&self) -> (Axis, bool) {
+        let symmetry = &self.manifold.symmetry;
+        let axis = symmetry.axis.unwrap_or(2);
+        (Axis(axis), symmetry.translation[axis])
+    }
+
     /// The values at `u` of what the symmetry leaves unchanged.
     fn invariants(&self, u: DVec3) -> Vec<f64> {
         match self.reduction {
+            Reduction::Axis => {
+                let (axis, translated) = self.axis();
+                let mut both = axis.invariants(u).to_vec();
+                both.truncate(if translated { 1 } else { 2 });
+                both
+            }
             Reduction::Whole => u.to_array().to_vec(),
             Reduction::Rotation => vec![u.length()],
             Reduction::Translation => {
@@ -306,11 +331,21 @@ impl FanSpace {
                 }
                 Reduction::Group => point = DVec3::ZERO,
                 Reduction::Whole => {}
+                Reduction::Axis => {
+                    let (axis, _) = self.axis();
+                    let [_, along] = axis.invariants(point);
+                    let along = parameters.get(1).copied().unwrap_or(along);
+                    point = axis.stored([parameters[0], along]);
+                }
             }
             point
         };
         match self.reduction {
             Reduction::Rotation => DVec3::X * point.length(),
+            Reduction::Axis => {
+                let (axis, _) = self.axis();
+                axis.stored(axis.invariants(point))
+            }
             _ => point,
         }
     }
@@ -371,10 +406,16 @@ impl FanSpace {
             .map(|(name, [low, high])| format!("{low} <= {name} <= {high}"))
             .collect();
         let symmetry = match self.reduction {
-            Reduction::Whole => "",
-            Reduction::Rotation => " (and its rotations about the origin)",
-            Reduction::Translation => " (and its translations)",
-            Reduction::Group => " (and its left translations)",
+            Reduction::Whole => String::new(),
+            Reduction::Rotation => " (and its rotations about the origin)".into(),
+            Reduction::Translation => " (and its translations)".into(),
+            Reduction::Group => " (and its left translations)".into(),
+            Reduction::Axis => {
+                let (Axis(axis), translated) = self.axis();
+                let along = if translated { ", and translations along it" } else { "" };
+                let name = &self.manifold.coordinates[axis];
+                format!(" (and its rotations about the {name} axis{along})")
+            }
         };
         match intervals.is_empty() {
             true => format!("of one point{symmetry}"),

@@ -22,6 +22,8 @@ pub struct Place {
     pub u: DVec3,
     /// `S(u)`.
     pub frame: DMat3,
+    /// The wind at `u` and at the stored point.
+    winds: Option<[DVec3; 2]>,
     /// Stored camera parameters.
     pub parameters: Vec<f64>,
     /// The stored camera, and the inverse of the standard frame there.
@@ -92,10 +94,20 @@ impl FanSpace {
                 let tape = self.manifold.symmetry.group.clone();
                 tape.map_or(Isometry::Identity, |tape| Isometry::left(u, tape))
             }
+            Reduction::Axis => {
+                let (axis, translated) = self.axis();
+                let mut shift = DVec3::ZERO;
+                if translated {
+                    shift[axis.0] = u[axis.0] - stored.u[axis.0];
+                }
+                Isometry::Affine(axis.to(u), shift)
+            }
         };
+        let winds = self.manifold.wind(u).zip(self.manifold.wind(stored.u));
         Ok(Place {
             u,
             frame: self.manifold.standard_frame(u),
+            winds: winds.map(|(here, stored)| [here, stored]),
             stored,
             stored_inverse: self.manifold.standard_frame(stored.u).inverse(),
             radial: u.try_normalize(),
@@ -108,6 +120,7 @@ impl FanSpace {
         let values = self.invariants(u);
         match (self.by_region, self.reduction) {
             (true, Reduction::Whole) => self.region().locate(u),
+            (true, Reduction::Axis) => self.match_axis(u),
             (true, _) => self.match_invariants(&values),
             (false, _) => values
                 .iter()
@@ -135,6 +148,22 @@ impl FanSpace {
             target[k] = *x;
         }
         region.locate(target)
+    }
+
+    /// Region parameters whose point is as far from the axis as `u`, and as far along it.
+    fn match_axis(&self, u: DVec3) -> Option<Vec<f64>> {
+        let (axis, translated) = self.axis();
+        let both = |[distance, along]: [f64; 2]| {
+            let along = if translated { 0.0 } else { along };
+            DVec3::new(distance, along, 0.0)
+        };
+        let value = |u: DVec3, columns: &mut [DVec3]| {
+            for column in columns {
+                *column = both(axis.change(u, *column));
+            }
+            both(axis.invariants(u))
+        };
+        self.region().locate_by(value(u, &mut []), value)
     }
 
     /// The region parameter at which the radius, monotonic over the region, is `rho`, by bisection.
@@ -169,18 +198,20 @@ impl FanSpace {
     /// The stored ray at direction parameters, from the camera position stored for `place`.
     pub fn stored_ray(&self, place: &Place, face: usize, direction: [f64; 2]) -> Located {
         let d = self.direction_from(&place.stored, face, &direction);
+        let n = place.stored_inverse.inverse() * d;
         Located {
             face,
             direction,
             u: place.stored.u,
-            v: place.stored_inverse.inverse() * d,
+            v: place.winds.map_or(n, |[_, wind]| n + wind),
             isometry: Isometry::Identity,
         }
     }
 
     /// The ray from `place` in the direction `d` (standard frame, unit) in stored parameters.
     pub fn locate(&self, place: &Place, d: DVec3) -> Located {
-        let v = place.frame * d;
+        let n = place.frame * d;
+        let v = place.winds.map_or(n, |[wind, _]| n + wind);
         match self.reduction {
             Reduction::Rotation => {
                 let [orbit] = self.orbits(place, &[d]);
@@ -194,8 +225,9 @@ impl FanSpace {
             }
             _ => {
                 let (_, differential) = place.isometry.apply(place.stored.u);
-                let v = differential.inverse() * v;
-                let d = place.stored_inverse * v;
+                let back = differential.inverse();
+                let (n, v) = (back * n, back * v);
+                let d = place.stored_inverse * n;
                 let (face, pq) = face_and_parameters(aim_of(d, place.stored.parallax));
                 Located {
                     face,

@@ -1,6 +1,10 @@
 //! The `[cameras]` section: where cameras may be, and how far paths go.
 
-use super::{Loader, Reading, at_expression, three_texts};
+use super::{
+    Loader, Reading, at_expression,
+    names::{A_LET, PULLED_BACK},
+    three_texts,
+};
 use crate::{
     diagnostic::Diagnostic,
     document::{Item, Text},
@@ -65,11 +69,23 @@ impl Loader<'_> {
         }
         let mut found = Parameters::default();
         for (name, interval) in entries {
-            self.declare(&name, "a camera parameter")?;
+            self.declare_camera(&name)?;
             found.1.push(interval.interval()?);
             found.0.push(name.value);
         }
         Ok(found)
+    }
+
+    /// Declares a camera parameter. It may hide what depends on the chart, of which a camera's position
+    /// knows nothing: textbooks call both a coordinate and where an observer stands `r`.
+    fn declare_camera(&mut self, name: &Text) -> Reading<()> {
+        let hidden = |(d, kind): &&(String, &'static str)| {
+            *d == name.value && [A_LET, PULLED_BACK].contains(kind)
+        };
+        match self.declared.iter().find(hidden) {
+            Some(_) if !self.fixed.knows(&name.value) => Ok(()),
+            _ => self.declare(name, "a camera parameter"),
+        }
     }
 
     fn written_region(&mut self, at: &Item<'_>, parameters: Parameters) -> Reading<CameraRegion> {

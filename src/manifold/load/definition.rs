@@ -1,33 +1,55 @@
-//! How the manifold is given: `embedding` or `metric`.
+//! How the manifold is given: `embedding`, `metric` or `spacetime`.
 
 use super::{Loader, Reading};
 use crate::{
     document::{Item, Table},
-    manifold::geometry::{Definition, PAIRS},
+    expr::NodeId,
+    manifold::{
+        Form,
+        geometry::{Definition, PAIRS},
+        wind::Medium,
+    },
 };
 
 /// The least and the most components of an embedding.
 const AMBIENT: std::ops::RangeInclusive<usize> = 3..=16;
 
+/// What a file says about the space, in terms of the chart.
+pub(super) struct Given<'d> {
+    pub form: Form,
+    pub definition: Definition,
+    pub medium: Medium,
+    /// Each must stay positive.
+    pub conditions: Vec<NodeId>,
+    /// Where it was read from.
+    pub place: Item<'d>,
+}
+
 impl Loader<'_> {
-    /// The definition, and the item that it was read from.
-    pub(super) fn read_definition<'d>(
-        &mut self,
-        root: &Table<'d>,
-    ) -> Reading<(Definition, Item<'d>)> {
-        match (root.get("embedding"), root.get("metric")) {
-            (Some(item), None) => Ok((self.read_embedding(&item)?, item)),
-            (None, Some(item)) => {
-                let table = item.table().map_err(|complaint| {
+    /// The definition with its medium.
+    pub(super) fn read_definition<'d>(&mut self, root: &Table<'d>) -> Reading<Given<'d>> {
+        let kinds = ["embedding", "metric", "spacetime"].map(|key| root.get(key));
+        match kinds {
+            [Some(place), None, None] => {
+                let definition = self.read_embedding(&place)?;
+                self.read_medium(root, Form::Embedding, definition, place)
+            }
+            [None, Some(place), None] => {
+                let table = place.table().map_err(|complaint| {
                     complaint
                         .with_hint("write metric = { conformal = \"…\" }, or xx, yy, zz and so on")
                 })?;
-                Ok((self.read_metric(&table)?, item))
+                let definition = self.read_metric(&table)?;
+                self.read_medium(root, Form::Metric, definition, place)
             }
-            (Some(_), Some(item)) => Err(item
+            [None, None, Some(place)] => self.read_spacetime(root, place),
+            [Some(_), Some(item), None] => Err(item
                 .complain("both `embedding` and `metric` are given")
                 .with_hint("keep exactly one of them")),
-            (None, None) => Err(root
+            [_, _, Some(item)] => Err(item
+                .complain("`spacetime` is given beside `embedding` or `metric`")
+                .with_hint("keep exactly one of them")),
+            [None, None, None] => Err(root
                 .complain("neither `embedding` nor `metric` is given")
                 .with_hint("add one, for example metric = { conformal = \"1\" } for flat space")),
         }
@@ -53,19 +75,16 @@ impl Loader<'_> {
             table.finish().map_err(|complaint| {
                 complaint.with_hint("`conformal` is the whole metric: give it, or the entries")
             })?;
+            if self.pullback.is_some() {
+                return Err(item
+                    .complain("`conformal` is a factor of the chart's own coordinates")
+                    .with_hint("with [pullback], give the entries in the coordinates named there"));
+            }
             let n = self.position_expression(&item.text()?)?;
             let n2 = self.graph.mul(n, n);
             return Ok(Definition::Metric([n2, n2, n2, zero, zero, zero]));
         }
-        let mut entries = [zero; 6];
-        let mut missing = None;
-        for (entry, (i, j)) in entries.iter_mut().zip(PAIRS) {
-            match self.metric_entry(table, i, j)? {
-                Some(item) => *entry = self.position_expression(&item.text()?)?,
-                None if i == j => missing = missing.or(Some(i)),
-                None => {}
-            }
-        }
+        let (entries, missing) = self.read_entries(table)?;
         // Unknown keys first: a misspelt entry is named, not the absence of the right one.
         table.finish()?;
         match missing {
@@ -76,11 +95,29 @@ impl Loader<'_> {
         }
     }
 
+    /// The entries of a symmetric matrix, and which diagonal one is missing.
+    pub(super) fn read_entries(
+        &mut self,
+        table: &Table<'_>,
+    ) -> Reading<([NodeId; 6], Option<usize>)> {
+        let mut entries = [self.graph.constant(0.0); 6];
+        let mut missing = None;
+        for (entry, (i, j)) in entries.iter_mut().zip(PAIRS) {
+            match self.metric_entry(table, i, j)? {
+                Some(item) => *entry = self.position_expression(&item.text()?)?,
+                None if i == j => missing = missing.or(Some(i)),
+                None => {}
+            }
+        }
+        Ok((entries, missing))
+    }
+
     /// The keys under which the entry (i, j) may stand: by the names of the coordinates, or x, y, z
     /// for first, second, third.
-    fn entry_names(&self, i: usize, j: usize) -> [String; 4] {
+    pub(super) fn entry_names(&self, i: usize, j: usize) -> [String; 4] {
         let name = |a: &str, b: &str| format!("{a}{b}");
-        let (a, b) = (&self.coordinates[i], &self.coordinates[j]);
+        let coordinates = self.written_in();
+        let (a, b) = (&coordinates[i], &coordinates[j]);
         let (x, y) = (["x", "y", "z"][i], ["x", "y", "z"][j]);
         [name(a, b), name(b, a), name(x, y), name(y, x)]
     }
@@ -90,7 +127,7 @@ impl Loader<'_> {
         let own_xyz = ["x", "y", "z"]
             .iter()
             .any(|n| self.coordinates.iter().any(|c| c == n));
-        if own_xyz {
+        if own_xyz || self.pullback.is_some() {
             // Where coordinates are called x, y or z, keys mean the names, never the places.
             names.truncate(2);
         }

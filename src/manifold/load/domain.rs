@@ -60,8 +60,13 @@ impl Loader<'_> {
         Ok(())
     }
 
-    /// Exits, limits and conditions as one event tape.
-    pub(super) fn compile_domain(&mut self, limits: Limits, exits: Vec<NodeId>) -> Reading<Domain> {
+    /// Exits, limits and conditions as one event tape; `conditions` are those of the space itself.
+    pub(super) fn compile_domain(
+        &mut self,
+        limits: Limits,
+        exits: Vec<NodeId>,
+        conditions: Vec<NodeId>,
+    ) -> Reading<Domain> {
         let exits = exits.into_iter().enumerate();
         let mut events: Events = exits.map(|(i, e)| (EventKind::Exit(i), e)).collect();
         for k in 0..3 {
@@ -71,6 +76,9 @@ impl Loader<'_> {
         }
         for text in &limits.inside {
             let value = self.position_expression(text)?;
+            events.push((EventKind::Inside, self.graph.neg(value)));
+        }
+        for value in conditions {
             events.push((EventKind::Inside, self.graph.neg(value)));
         }
         let (kinds, nodes): (Vec<_>, Vec<_>) = events.into_iter().unzip();

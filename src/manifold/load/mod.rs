@@ -2,37 +2,45 @@
 //!
 //! In: the file as TOML and values that replace its parameters. Out: a [`Manifold`] of which nothing
 //! numerical is checked yet. Each section of the file has a file here, in the order of reading:
-//! [`names`] (coordinates, parameters, lets), [`domain`], [`definition`] (embedding or metric),
-//! [`exits`], [`symmetry`], [`cameras`].
+//! [`names`] (coordinates, parameters, textbook coordinates, lets), [`domain`], [`definition`]
+//! (embedding, metric or spacetime), [`medium`] (wind and drift), [`exits`], [`symmetry`], [`cameras`].
 
 mod cameras;
 mod definition;
 mod domain;
 mod exits;
+mod medium;
 mod names;
 mod symmetry;
 
-use super::{Manifold, geometry, tapes::Tapes};
+use super::{Follows, Manifold, geometry, kin::Kin, pullback::Pullback, tapes::Tapes};
 use crate::{
     diagnostic::{Diagnostic, SourceText},
     document::{self, Item, Table, Text},
     error::{Error, Result},
     expr::{
-        Graph, NodeId,
+        Graph, NodeId, TapeTooLarge,
         parse::{ExpressionError, Parsed, Scope, parse},
     },
     spelling::nearest,
 };
+use definition::Given;
 use std::sync::Arc;
 
 type Reading<T> = Result<T, Diagnostic>;
 
 /// What a manifold file may have at its top.
-const KEYS: [&str; 10] = [
+const KEYS: [&str; 16] = [
     "name",
     "coordinates",
     "embedding",
     "metric",
+    "spacetime",
+    "pullback",
+    "wind",
+    "shift",
+    "lapse",
+    "drift",
     "parameters",
     "let",
     "domain",
@@ -88,6 +96,8 @@ struct Loader<'s> {
     /// Every name with what it is, for complaints.
     declared: Vec<(String, &'static str)>,
     coordinates: [String; 3],
+    /// The coordinates in which the space is written, where they are not those of the chart.
+    pullback: Option<([String; 3], Pullback)>,
 }
 
 impl<'s> Loader<'s> {
@@ -99,6 +109,7 @@ impl<'s> Loader<'s> {
             fixed: Scope::default(),
             declared: Vec::new(),
             coordinates: Default::default(),
+            pullback: None,
         }
     }
 
@@ -109,16 +120,33 @@ impl<'s> Loader<'s> {
         let parameters = self.read_parameters(root.get("parameters"), settings)?;
         let domain = self.read_domain(root.get("domain"))?;
         self.bind_coordinates(&domain);
+        self.read_pullback(root.get("pullback"))?;
         self.read_lets(root.get("let"))?;
-        let (definition, place) = self.read_definition(root)?;
-        let geometry = geometry::build(&mut self.graph, &definition);
+        let Given {
+            form,
+            definition,
+            medium,
+            conditions,
+            place,
+        } = self.read_definition(root)?;
+        let too_large = |e: TapeTooLarge| place.complain(e.to_string());
+        let pullback = self.pullback.as_ref().map(|p| p.1.determinant);
+        let kin = medium
+            .moves()
+            .then(|| Kin::new(self.graph.clone(), definition.clone(), medium, pullback));
+        let kin = kin.transpose().map_err(too_large)?.map(Arc::new);
+        let seen = match &kin {
+            Some(_) => medium.reversed(&mut self.graph),
+            None => medium,
+        };
+        let geometry = geometry::build(&mut self.graph, &definition, &seen);
         let (exits, events) = self.read_exits(root.get("exit"))?;
-        let domain = self.compile_domain(domain, events)?;
+        let domain = self.compile_domain(domain, events, conditions)?;
         let symmetry = self.read_symmetry(root.get("symmetry"))?;
         let section = root.get("cameras");
         let length = self.read_length(section.as_ref())?;
         let cameras = self.read_cameras(section.as_ref(), &domain, &symmetry)?;
-        let tapes = Tapes::compile(self.graph, &definition, geometry);
+        let tapes = Tapes::compile(self.graph, &definition, &seen, geometry, pullback);
         Ok(Manifold {
             source: self.source.clone(),
             name,
@@ -130,7 +158,10 @@ impl<'s> Loader<'s> {
             cameras,
             length,
             ambient: definition.ambient(),
-            tapes: tapes.map_err(|e| place.complain(e.to_string()))?,
+            form,
+            tapes: Arc::new(tapes.map_err(too_large)?),
+            kin,
+            follows: Follows::Sight,
         })
     }
 

@@ -11,8 +11,12 @@ use crate::{
         Graph, NodeId, Unary,
         parse::{Binding, ExpressionError, is_function, parse},
     },
-    manifold::geometry,
+    manifold::{geometry, pullback::Pullback},
 };
+
+/// Kinds of names that depend on the chart.
+pub(super) const A_LET: &str = "a let";
+pub(super) const PULLED_BACK: &str = "a pulled-back coordinate";
 
 impl Loader<'_> {
     pub(super) fn declare(&mut self, name: &Text, kind: &'static str) -> Reading<()> {
@@ -105,6 +109,43 @@ impl Loader<'_> {
         }
     }
 
+    /// The `[pullback]` section: textbook coordinates as functions of the chart. Metrics, winds and
+    /// drifts are then written in them.
+    pub(super) fn read_pullback(&mut self, item: Option<Item<'_>>) -> Reading<()> {
+        let Some(item) = item else { return Ok(()) };
+        let entries = item.table()?.entries();
+        let count = entries.len();
+        let entries: [_; 3] = entries.try_into().map_err(|_| {
+            item.complain(format!("3 coordinates are needed here, {count} given"))
+                .with_hint("write each as an expression of the chart's coordinates")
+        })?;
+        let mut names: [String; 3] = Default::default();
+        let mut nodes = [self.graph.constant(0.0); 3];
+        for (k, (name, item)) in entries.into_iter().enumerate() {
+            nodes[k] = self.position_expression(&item.text()?)?;
+            self.declare(&name, PULLED_BACK)?;
+            names[k] = name.value;
+        }
+        for (name, node) in names.iter().zip(nodes) {
+            self.scope.bind(name, Binding::fixed(node));
+        }
+        let pullback = Pullback::new(&mut self.graph, nodes);
+        if self.graph.is(pullback.determinant, 0.0) {
+            return Err(item
+                .complain("these are not three independent coordinates")
+                .with_hint("their differentials are dependent everywhere"));
+        }
+        self.pullback = Some((names, pullback));
+        Ok(())
+    }
+
+    /// The names of the coordinates in which metric, wind and drift are written.
+    pub(super) fn written_in(&self) -> &[String; 3] {
+        self.pullback
+            .as_ref()
+            .map_or(&self.coordinates, |(names, _)| names)
+    }
+
     pub(super) fn read_lets(&mut self, item: Option<Item<'_>>) -> Reading<()> {
         let Some(item) = item else { return Ok(()) };
         let entries = item.table()?.entries();
@@ -115,7 +156,7 @@ impl Loader<'_> {
                 let below = entries[i..].iter().map(|(name, _)| name.value.as_str());
                 at_let(&text, e, below)
             })?;
-            self.declare(name, "a let")?;
+            self.declare(name, A_LET)?;
             let binding = Binding {
                 node: parsed.node,
                 uses_tangent: parsed.tangent_use.is_some(),

@@ -17,12 +17,16 @@ impl Loader<'_> {
         let table = item.table()?;
         if let Some(about) = table.get("rotation") {
             let about = about.text()?;
-            if about.value != "origin" {
+            symmetry.axis = self.coordinates.iter().position(|c| *c == about.value);
+            symmetry.rotation = about.value == "origin";
+            if symmetry.axis.is_none() && !symmetry.rotation {
                 return Err(about
                     .complain(format!("rotations about `{}` are not known", about.value))
-                    .with_hint("only rotation = \"origin\" can be claimed"));
+                    .with_hint(format!(
+                        "write \"origin\", or the name of the coordinate along the axis: {}",
+                        self.coordinates.join(", ")
+                    )));
             }
-            symmetry.rotation = true;
         }
         if let Some(list) = table.get("translation") {
             for name in list.texts()? {

@@ -12,7 +12,7 @@ use super::{
 };
 use crate::{
     geodesic::{Ray, Settings, perpendiculars, signed_area},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Manifold, Observer},
 };
 use glam::{DMat3, DVec3};
 
@@ -25,7 +25,7 @@ pub struct Connection {
     pub s: f64,
     /// Where it ends: the point asked for, or its image whole periods away.
     pub u: DVec3,
-    /// Its tangent at the end, chart components; unit.
+    /// Its tangent at the end, chart components; unit (against the wind there).
     pub v: DVec3,
     /// The area by which a unit solid angle at the start has spread at the end; negative after an
     /// odd number of caustics.
@@ -37,9 +37,9 @@ pub struct Connection {
 pub(crate) struct Attempt {
     /// What it is for.
     pub index: usize,
-    /// The point to start from with the standard frame there, and the one to reach.
+    /// The point to start from with the observer there, and the one to reach.
     pub from: DVec3,
-    pub frame: DMat3,
+    pub observer: Observer,
     pub to: DVec3,
     /// Direction in the standard frame at the start, and arc length.
     pub direction: DVec3,
@@ -237,7 +237,7 @@ impl State {
 
     fn ray(&self) -> Ray {
         let (d, s) = self.tried();
-        Ray::in_frame(self.attempt.frame, self.attempt.from, d, s)
+        Ray::seen_by(&self.attempt.observer, self.attempt.from, d, s)
     }
 
     /// Where the present step has led to, if its path has reached its end.
@@ -246,13 +246,13 @@ impl State {
             u,
             v,
             spread,
-            frame,
+            observer,
         }) = flight
         else {
             return None;
         };
         let (direction, s) = self.tried();
-        let into = frame.inverse();
+        let into = observer.frame.inverse();
         let columns = spread.or(self.attempt.spread)?;
         Some(Target {
             direction,
@@ -261,7 +261,7 @@ impl State {
             v,
             miss: into * (self.attempt.to - u),
             slope: DMat3::from_cols(into * columns[0], into * columns[1], into * v),
-            area: signed_area(into, v, columns),
+            area: signed_area(&observer, v, columns),
         })
     }
 
@@ -359,7 +359,7 @@ impl LightFan<'_> {
             let attempt = move |(to, guess): (DVec3, Guess)| Attempt {
                 index,
                 from: self.u,
-                frame: self.frame,
+                observer: self.observer,
                 to,
                 direction: guess.direction,
                 s: guess.s,

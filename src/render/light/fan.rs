@@ -11,9 +11,9 @@ use super::{
 };
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Manifold, Observer},
 };
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -85,8 +85,8 @@ pub struct LightFan<'m> {
     pub(super) manifold: &'m Manifold,
     /// The light's chart point.
     pub u: DVec3,
-    /// The standard frame there.
-    pub(super) frame: DMat3,
+    /// The observer there.
+    pub(super) observer: Observer,
     /// How far its light is followed.
     pub length: f64,
     /// Where connections are asked for.
@@ -106,7 +106,7 @@ impl<'m> LightFan<'m> {
         let mut fan = Self {
             manifold,
             u,
-            frame: manifold.standard_frame(u),
+            observer: manifold.observer(u),
             length,
             region: widened(manifold, region),
             rays: Vec::new(),
@@ -264,7 +264,7 @@ impl<'m> LightFan<'m> {
             };
             let rays = directions
                 .iter()
-                .map(|d| Ray::in_frame(self.frame, self.u, *d, self.length));
+                .map(|d| Ray::seen_by(&self.observer, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
             sampler.rays
         };
@@ -276,7 +276,7 @@ impl<'m> LightFan<'m> {
             direction,
             knots: vec![Knot {
                 u: self.u,
-                v: self.frame * direction,
+                v: self.observer.tangent(direction),
                 spread: [Vec3::ZERO; 2],
                 reversed: false,
             }],
@@ -378,13 +378,13 @@ impl Sink for Sampler<'_, '_> {
             && s <= step.end
         {
             let (u, v) = (step.position(s), step.tangent(s));
-            let inverse = self.fan.manifold.standard_frame(u).inverse();
+            let observer = self.fan.manifold.observer(u);
             let spread = step.deviation(s).unwrap_or_default();
             ray.knots.push(Knot {
                 u,
                 v,
                 spread: spread.map(|j| j.as_vec3()),
-                reversed: signed_area(inverse, v, spread) < 0.0,
+                reversed: signed_area(&observer, v, spread) < 0.0,
             });
         }
     }

@@ -3,8 +3,11 @@
 //! In: a world with its lights, and points on its surfaces. Out: irradiance on either side.
 
 use super::{Connection, LightFan, PointLight, way::Way};
-use crate::{manifold::Manifold, render::World};
-use glam::{DMat3, DVec3};
+use crate::{
+    manifold::{Manifold, Observer},
+    render::World,
+};
+use glam::DVec3;
 
 /// Caustics: no geodesic brings more than this many times the irradiance that it would bring over
 /// the same arc length in flat space, `I cosθ / s²`. In terms of energy: of a pencil of light whose
@@ -30,13 +33,13 @@ pub struct SurfacePoint {
 /// covector `normal`: `cosθ / area`. Positive on the side to which the normal points, negative on
 /// the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
-    irradiance_in(manifold.standard_frame(u), normal, connection)
+    irradiance_for(&manifold.observer(u), normal, connection)
 }
 
-/// The same where the standard frame at the point is known.
-fn irradiance_in(frame: DMat3, normal: DVec3, connection: &Connection) -> f64 {
-    let n = (frame.transpose() * normal).normalize_or_zero();
-    let v = (frame.inverse() * connection.v).normalize_or_zero();
+/// The same where the observer at the point is known.
+fn irradiance_for(observer: &Observer, normal: DVec3, connection: &Connection) -> f64 {
+    let n = (observer.frame.transpose() * normal).normalize_or_zero();
+    let v = observer.direction(connection.v).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
     -n.dot(v) / connection.area.abs().max(least)
 }
@@ -55,7 +58,7 @@ pub struct Arrival {
     pub irradiance: [f64; 3],
     /// Whether it falls on the side to which the normal points.
     pub front: bool,
-    /// The tangent of the light's path at the point, chart components; unit.
+    /// The way in which it is seen to go at the point, chart components; unit.
     pub v: DVec3,
 }
 
@@ -91,19 +94,20 @@ impl<'w> Lamps<'w> {
             let (connections, followed) = fan.connected(places, self.tolerance, way);
             rays += followed;
             let places: Vec<DVec3> = connections.iter().map(|(i, _)| points[*i].u).collect();
-            let frames = self.world.manifold.standard_frames(&places);
-            let arrival = |((index, connection), frame): ((usize, Connection), DMat3)| {
-                let share = irradiance_in(frame, points[index].normal, &connection);
-                (index, Arrival::new(light, share, connection.v))
+            let observers = fan.manifold.observers(&places);
+            let arrival = |((index, connection), observer): ((usize, Connection), Observer)| {
+                let share = irradiance_for(&observer, points[index].normal, &connection);
+                let v = observer.sight(connection.v);
+                (index, Arrival::new(light, share, v))
             };
-            arrivals.extend(connections.into_iter().zip(frames).map(arrival));
+            arrivals.extend(connections.into_iter().zip(observers).map(arrival));
         }
         (arrivals, rays)
     }
 }
 
 impl Arrival {
-    /// Light that brings `share` of the light's intensity, positive on the front; `v` is its tangent.
+    /// Light that brings `share` of the light's intensity, positive on the front; `v` is the way it goes.
     fn new(light: &PointLight, share: f64, v: DVec3) -> Self {
         Self {
             irradiance: light.intensity.map(|i| f64::from(i) * share.abs()),

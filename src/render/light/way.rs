@@ -7,14 +7,14 @@
 use super::SurfacePoint;
 use crate::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::Manifold,
+    manifold::{Manifold, Observer},
     render::{
         World,
         intersect::{first_hit, may_meet, region},
         tracer::pieces,
     },
 };
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 
 /// What may be in the way of a geodesic.
 #[derive(Clone, Copy)]
@@ -43,8 +43,8 @@ pub(super) struct Arrival {
     pub v: DVec3,
     /// The two deviations, if they were carried.
     pub spread: Option<[DVec3; 2]>,
-    /// The standard frame there.
-    pub frame: DMat3,
+    /// The observer there.
+    pub observer: Observer,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
@@ -80,17 +80,17 @@ pub(super) fn reached(
 fn with_frames(manifold: &Manifold, flights: &[Flight]) -> Vec<Reached> {
     let ends = |f: &Flight| f.end.map(|(u, ..)| u);
     let ends: Vec<DVec3> = flights.iter().filter_map(ends).collect();
-    let mut frames = manifold.standard_frames(&ends).into_iter();
+    let mut observers = manifold.observers(&ends).into_iter();
     let reached = |f: &Flight| match (f.blocked, f.end) {
         (true, _) => Reached::Blocked,
         (false, None) => Reached::Nothing,
         (false, Some((u, v, spread))) => {
-            let frame = frames.next().expect("as many frames as ends");
+            let observer = observers.next().expect("as many observers as ends");
             Reached::End(Arrival {
                 u,
                 v,
                 spread,
-                frame,
+                observer,
             })
         }
     };

@@ -116,9 +116,9 @@ impl Emitters {
 impl Chosen {
     /// Cosine between the emitter's normal and the geodesic that arrives.
     pub fn cosine(&self, world: &World, connection: &Connection) -> f64 {
-        let frame = world.manifold.standard_frame(self.u);
-        let n = (frame.transpose() * self.normal).normalize_or_zero();
-        let v = (frame.inverse() * connection.v).normalize_or_zero();
+        let observer = world.manifold.observer(self.u);
+        let n = (observer.frame.transpose() * self.normal).normalize_or_zero();
+        let v = observer.direction(connection.v).normalize_or_zero();
         n.dot(v).abs()
     }
 
@@ -145,15 +145,15 @@ pub fn principal(
     tolerance: f64,
 ) -> (Vec<Option<Connection>>, usize) {
     let starts: Vec<DVec3> = pairs.iter().map(|(from, _)| *from).collect();
-    let frames = world.manifold.standard_frames(&starts);
-    let attempts = pairs.iter().zip(frames).enumerate();
-    let attempts = attempts.filter_map(|(index, ((from, to), frame))| {
+    let observers = world.manifold.observers(&starts);
+    let attempts = pairs.iter().zip(observers).enumerate();
+    let attempts = attempts.filter_map(|(index, ((from, to), observer))| {
         let to = nearest_image(world, *from, *to);
-        let way = frame.inverse() * (to - *from);
+        let way = observer.frame.inverse() * (to - *from);
         Some(Attempt {
             index,
             from: *from,
-            frame,
+            observer,
             to,
             direction: way.try_normalize()?,
             s: way.length(),

@@ -4,7 +4,10 @@
 //! off and how it scatters.
 
 use super::bsdf::{Around, Bsdf};
-use crate::render::{Footprint, Hit, World, light::SurfacePoint, shade};
+use crate::{
+    manifold::Observer,
+    render::{Footprint, Hit, World, light::SurfacePoint, shade},
+};
 use glam::{DMat3, DVec3};
 
 /// A surface where a ray has met it.
@@ -12,9 +15,9 @@ use glam::{DMat3, DVec3};
 pub struct Surface {
     /// The point, for lights.
     pub point: SurfacePoint,
-    /// The standard frame and its inverse.
-    pub frame: DMat3,
-    pub inverse: DMat3,
+    /// The observer there, and the inverse of the standard frame.
+    observer: Observer,
+    inverse: DMat3,
     /// Directions around the normal, on the side of the ray.
     pub around: Around,
     /// Towards where the ray came from, around the normal.
@@ -32,18 +35,19 @@ impl Surface {
     /// Of what each of `hits` met.
     pub fn all(world: &World, hits: &[Hit]) -> Vec<Self> {
         let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
-        let frames = world.manifold.standard_frames(&points);
-        let surface = |((hit, u), frame)| Self::new(world, hit, u, frame);
-        hits.iter().zip(points).zip(frames).map(surface).collect()
+        let observers = world.manifold.observers(&points);
+        let surface = |((hit, u), observer)| Self::new(world, hit, u, observer);
+        hits.iter().zip(points).zip(observers).map(surface).collect()
     }
 
-    /// Of what `hit` met, at the chart point `u` with the standard frame `frame`.
-    fn new(world: &World, hit: &Hit, u: DVec3, frame: DMat3) -> Self {
+    /// Of what `hit` met, at the chart point `u` with this `observer`.
+    fn new(world: &World, hit: &Hit, u: DVec3, observer: Observer) -> Self {
+        let frame = observer.frame;
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
         let covector = world.covector(hit);
         let inverse = frame.inverse();
-        let back = -(inverse * hit.v.as_dvec3()).normalize_or_zero();
+        let back = -(inverse * observer.sight(hit.v.as_dvec3())).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
         let across = (frame.transpose() * (q - p).cross(r - p)).normalize_or_zero();
         let flat = if across.dot(back) < 0.0 {
@@ -63,7 +67,7 @@ impl Surface {
                 normal: inverse.transpose() * normal,
                 triangle: hit.triangle,
             },
-            frame,
+            observer,
             inverse,
             wo: around.inside(back),
             flat: around.inside(flat),
@@ -79,9 +83,9 @@ impl Surface {
         self.around.inside((self.inverse * v).normalize_or_zero())
     }
 
-    /// The unit tangent in the chart of a direction around the normal.
+    /// The tangent of the path that is seen in a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
-        self.frame * self.around.out_of(w)
+        self.observer.tangent(self.around.out_of(w))
     }
 
     /// Whether the smooth surface and the flat triangle agree about which side `w` is on.
@@ -93,6 +97,6 @@ impl Surface {
     /// that start there do not meet the triangle again by rounding.
     pub fn beside(&self, w: DVec3, off: f64) -> DVec3 {
         let side = off.copysign(w.dot(self.flat));
-        self.point.u + self.tangent(self.flat) * side
+        self.point.u + self.observer.frame * self.around.out_of(self.flat) * side
     }
 }

@@ -171,7 +171,7 @@ impl<'w> PathTracer<'w> {
             random,
             ray: Probe {
                 u: self.view.u,
-                v: self.world.manifold.standard_frame(self.view.u) * d,
+                v: self.world.manifold.observer(self.view.u).tangent(d),
                 length: self.settings.length,
             },
             throughput: DVec3::ONE,

@@ -116,8 +116,8 @@ pub fn area(
                 if let Some((step, s)) = end
                     && let Some(columns) = step.deviation(s)
                 {
-                    let inverse = manifold.standard_frame(step.position(s)).inverse();
-                    *slot = signed_area(inverse, step.tangent(s), columns).abs() as f32;
+                    let observer = manifold.observer(step.position(s));
+                    *slot = signed_area(&observer, step.tangent(s), columns).abs() as f32;
                 }
             }
         });

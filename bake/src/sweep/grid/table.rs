@@ -13,7 +13,7 @@ use crate::sweep::clock::{Clock, Spent};
 use geofan::{
     Result,
     fan::{FanSpace, Located, Place, Start},
-    geodesic::transport,
+    geodesic::carry,
 };
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -308,7 +308,7 @@ impl GridPath<'_, '_> {
     /// a bundle does it; `None` where the path leads out of the space.
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
         let manifold = self.fan.grid.space.manifold();
-        let carried = transport(manifold, |s| self.at(s), [0.0, s], TRANSPORT_TOLERANCE);
+        let carried = carry(manifold, |s| self.at(s), [0.0, s], TRANSPORT_TOLERANCE);
         Some(carried.ok()?.rotation)
     }
 }

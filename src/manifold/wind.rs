@@ -1,0 +1,333 @@
+//! Light in a stationary spacetime: its path and the turning of its frame, as graph nodes.
+//!
+//! In: a metric `G` with a wind `W` (a vector) and a drift `b` (a covector), the parts of
+//! `ĝ = −(dt − b)² + G(dx − W (dt − b))²`. Out: the acceleration of `v = ẋ` and the rate `ω` at which the
+//! transported rotation turns. The parameter is `τ` with `dτ = dt − b`: without drift, the time itself.
+//!
+//! Light keeps `|v − W| = 1`; `n = v − W` is the direction in which the normal observer sees it move.
+//! With `q = G n`, `c = 1 + q·W` and derivatives `∂` in which vectors with a bar stay as they are,
+//!
+//! ```text
+//! G ṅ = ½ ∂(n̄ᵀG n̄) − ∂(q̄·W) − (v·∂)G n + c db(·, v) + κ q,     v̇ = ṅ + (v·∂)W
+//! κ   = W·½ ∂(n̄ᵀG n̄) + n·∂(q̄·W) − c db(n, v)
+//! ```
+//!
+//! which is the conformal form of the 3+1 equation of F. Vincent, E. Gourgoulhon and J. Novak, Class.
+//! Quantum Grav. 29 (2012) 245005. Frames keep `n` and turn about it as polarised light does:
+//! `De = Ω × e` along `v`, with
+//!
+//! ```text
+//! Ω = ½ curl W − n × θn + c (v (n·C) − c C) − ½ n ((1 + 2 W·n + W·W) n·C − c W·C)
+//! ```
+//!
+//! where `θ` is the symmetric part of `∇W` and `C = curl b`. Light that is followed into the past has
+//! `−W` and `−b` for `W` and `b`.
+
+use super::geometry::{
+    Bare, Geometry, TANGENT, factor, finish, half_difference, in_frame, solve, symmetric,
+};
+use crate::expr::{Direction, Graph, NodeId};
+
+/// Three components.
+type Vector = [NodeId; 3];
+
+/// The pairs of indices of an antisymmetric matrix, in the order of storage.
+const PLANES: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
+
+/// What a stationary spacetime has beside the metric.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Medium {
+    /// `W`, chart components.
+    pub wind: Option<Vector>,
+    /// `b`, chart components of a covector.
+    pub drift: Option<Vector>,
+    /// N, by which frequencies of normal observers are divided.
+    pub lapse: Option<NodeId>,
+}
+
+impl Medium {
+    /// Whether paths of light differ from geodesics of the metric.
+    pub fn moves(&self) -> bool {
+        self.wind.is_some() || self.drift.is_some()
+    }
+
+    /// Whether it has anything at all.
+    pub fn is_some(&self) -> bool {
+        self.moves() || self.lapse.is_some()
+    }
+
+    /// As met by light that is followed into the past.
+    pub fn reversed(self, graph: &mut Graph) -> Self {
+        let mut negated = |vector: Vector| vector.map(|x| graph.neg(x));
+        Self {
+            wind: self.wind.map(&mut negated),
+            drift: self.drift.map(&mut negated),
+            lapse: self.lapse,
+        }
+    }
+
+    /// The expressions on which paths depend.
+    pub fn nodes(&self) -> impl Iterator<Item = NodeId> {
+        self.wind.into_iter().chain(self.drift).flatten()
+    }
+}
+
+/// `∂_k b_j − ∂_j b_k` for the planes (k, j).
+pub(super) fn exterior(graph: &mut Graph, b: Vector) -> Vector {
+    let mut axes = [0, 1, 2].map(|k| Direction::of_input(graph, k));
+    PLANES.map(|(k, j)| {
+        let forth = graph.derivative(b[j], &mut axes[k]);
+        let back = graph.derivative(b[k], &mut axes[j]);
+        graph.sub(forth, back)
+    })
+}
+
+/// The geometry of light in `medium`, where the metric is `g`.
+pub(super) fn build(
+    graph: &mut Graph,
+    g: [NodeId; 6],
+    medium: &Medium,
+    along: &mut Direction,
+    jacobian: Option<Vec<Vector>>,
+) -> Geometry {
+    let factors = factor(graph, g);
+    let state = State::new(graph, g, medium);
+    let (force, along_n) = state.force(graph);
+    let turned = solve(graph, &factors, force);
+    let acceleration = [0, 1, 2].map(|i| {
+        let n_rate = graph.mul_add(along_n, state.n[i], turned[i]);
+        let change = state.wind_change(graph, state.v, i);
+        graph.add(n_rate, change)
+    });
+    let twist = PLANES.map(|(k, j)| {
+        let forth = state.bend(graph, state.v, j, k);
+        let back = state.bend(graph, state.v, k, j);
+        half_difference(graph, forth, back)
+    });
+    let bare = Bare {
+        metric: g,
+        factors,
+        acceleration,
+        twist,
+    };
+    let mut geometry = finish(graph, bare, along, jacobian);
+    let spin = state.spin(graph, geometry.frame);
+    geometry.turning = sum(graph, geometry.turning, spin);
+    geometry.wind = Some(state.w);
+    geometry
+}
+
+/// Everything at one point of a path that its rates are made of.
+struct State {
+    g: [NodeId; 6],
+    /// `∂_k G` and `∂_k W`.
+    slopes: [[NodeId; 6]; 3],
+    wind_slopes: [Vector; 3],
+    /// `db` for the planes (k, j).
+    drift: Option<Vector>,
+    v: Vector,
+    w: Vector,
+    n: Vector,
+    /// `G n` and `G W`.
+    q: Vector,
+    p: Vector,
+}
+
+impl State {
+    fn new(graph: &mut Graph, g: [NodeId; 6], medium: &Medium) -> Self {
+        let mut axes = [0, 1, 2].map(|k| Direction::of_input(graph, k));
+        let v = [0, 1, 2].map(|k| graph.input((TANGENT + k) as u32));
+        let w = medium.wind.unwrap_or_else(|| [graph.constant(0.0); 3]);
+        let n = [0, 1, 2].map(|k| graph.sub(v[k], w[k]));
+        Self {
+            g,
+            slopes: axes
+                .each_mut()
+                .map(|axis| g.map(|g| graph.derivative(g, axis))),
+            wind_slopes: axes
+                .each_mut()
+                .map(|axis| w.map(|w| graph.derivative(w, axis))),
+            drift: medium.drift.map(|b| exterior(graph, b)),
+            v,
+            w,
+            n,
+            q: apply(graph, g, n),
+            p: apply(graph, g, w),
+        }
+    }
+
+    /// `(∂_k G x)_i`
+    fn bend(&self, graph: &mut Graph, x: Vector, k: usize, i: usize) -> NodeId {
+        let row = [0, 1, 2].map(|j| self.slopes[k][symmetric(i, j)]);
+        graph.dot(&row, &x)
+    }
+
+    /// `((x·∂)W)_i`
+    fn wind_change(&self, graph: &mut Graph, x: Vector, i: usize) -> NodeId {
+        let column = self.wind_slopes.map(|slope| slope[i]);
+        graph.dot(&column, &x)
+    }
+
+    /// `∂(q̄·W)`
+    fn drag(&self, graph: &mut Graph) -> Vector {
+        self.wind_slopes.map(|slope| graph.dot(&self.q, &slope))
+    }
+
+    /// `1 + q·W`
+    fn share(&self, graph: &mut Graph) -> NodeId {
+        let one = graph.constant(1.0);
+        let along = graph.dot(&self.q, &self.w);
+        graph.add(one, along)
+    }
+
+    /// `G ṅ` without `κ q`, and `κ`.
+    fn force(&self, graph: &mut Graph) -> (Vector, NodeId) {
+        let half = graph.constant(0.5);
+        let bends = [0, 1, 2].map(|k| [0, 1, 2].map(|i| self.bend(graph, self.n, k, i)));
+        let pull = bends.map(|bend| {
+            let square = graph.dot(&bend, &self.n);
+            graph.mul(half, square)
+        });
+        let drag = self.drag(graph);
+        let mut force = [0, 1, 2].map(|i| {
+            let change = graph.dot(&self.v, &bends.map(|bend| bend[i]));
+            let net = graph.sub(pull[i], drag[i]);
+            graph.sub(net, change)
+        });
+        let (carried, dragged) = (graph.dot(&self.w, &pull), graph.dot(&self.n, &drag));
+        let mut along = graph.add(carried, dragged);
+        if let Some(push) = self.push(graph) {
+            force = sum(graph, force, push);
+            let part = graph.dot(&self.n, &push);
+            along = graph.sub(along, part);
+        }
+        (force, along)
+    }
+
+    /// `c db(·, v)`; `None` without drift.
+    fn push(&self, graph: &mut Graph) -> Option<Vector> {
+        let [b12, b13, b23] = self.drift?;
+        let [x, y, z] = self.v;
+        let share = self.share(graph);
+        let first = graph.dot(&[b12, b13], &[y, z]);
+        let (ahead, behind) = (graph.mul(b23, z), graph.mul(b12, x));
+        let second = graph.sub(ahead, behind);
+        let third = graph.dot(&[b13, b23], &[x, y]);
+        let third = graph.neg(third);
+        Some([first, second, third].map(|x| graph.mul(share, x)))
+    }
+
+    /// `Ω` in the standard frame.
+    fn spin(&self, graph: &mut Graph, frame: [NodeId; 6]) -> Vector {
+        let half = graph.constant(0.5);
+        let vortex = self.vortex(graph);
+        let curl = curl(graph, frame, vortex);
+        let curl = scaled(graph, half, curl);
+        let n = raised(graph, frame, self.q);
+        let strained = self.strained(graph);
+        let strained = raised(graph, frame, strained);
+        let tilt = cross(graph, n, strained);
+        let spin = difference(graph, curl, tilt);
+        match self.drift {
+            None => spin,
+            Some(drift) => {
+                let w = raised(graph, frame, self.p);
+                let vortices = self::curl(graph, frame, drift);
+                let own = self.drift_spin(graph, n, w, vortices);
+                sum(graph, spin, own)
+            }
+        }
+    }
+
+    /// The part of `Ω` that comes from `C = curl b`; vectors in the standard frame.
+    fn drift_spin(&self, graph: &mut Graph, n: Vector, w: Vector, curl: Vector) -> Vector {
+        let (share, half) = (self.share(graph), graph.constant(0.5));
+        let (n_curl, w_curl) = (graph.dot(&n, &curl), graph.dot(&w, &curl));
+        let v = sum(graph, n, w);
+        let forth = scaled(graph, n_curl, v);
+        let back = scaled(graph, share, curl);
+        let across = difference(graph, forth, back);
+        let across = scaled(graph, share, across);
+        // 1 + 2 W·n + W·W = c + (c − 1) + W·W
+        let one = graph.constant(1.0);
+        let speed = graph.dot(&w, &w);
+        let twice = graph.add(share, share);
+        let size = graph.add(twice, speed);
+        let size = graph.sub(size, one);
+        let (first, second) = (graph.mul(size, n_curl), graph.mul(share, w_curl));
+        let about = graph.sub(first, second);
+        let about = graph.mul(half, about);
+        let about = scaled(graph, about, n);
+        difference(graph, across, about)
+    }
+
+    /// `∂_k p_j − ∂_j p_k` of `p = G W` for the planes (k, j).
+    fn vortex(&self, graph: &mut Graph) -> Vector {
+        let mut rate = |k: usize, j: usize| {
+            let bent = self.bend(graph, self.w, k, j);
+            let row = [0, 1, 2].map(|i| self.g[symmetric(j, i)]);
+            let moved = graph.dot(&row, &self.wind_slopes[k]);
+            graph.add(bent, moved)
+        };
+        let rates = PLANES.map(|(k, j)| (rate(k, j), rate(j, k)));
+        rates.map(|(forth, back)| graph.sub(forth, back))
+    }
+
+    /// `G θ n`, half the Lie derivative of the metric along the wind.
+    fn strained(&self, graph: &mut Graph) -> Vector {
+        let half = graph.constant(0.5);
+        let change = [0, 1, 2].map(|i| self.wind_change(graph, self.n, i));
+        let pushed = apply(graph, self.g, change);
+        let drag = self.drag(graph);
+        [0, 1, 2].map(|i| {
+            let bends = [0, 1, 2].map(|k| self.bend(graph, self.n, k, i));
+            let carried = graph.dot(&self.w, &bends);
+            let both = graph.add(drag[i], pushed[i]);
+            let all = graph.add(carried, both);
+            graph.mul(half, all)
+        })
+    }
+}
+
+/// `G x`
+pub(super) fn apply(graph: &mut Graph, g: [NodeId; 6], x: Vector) -> Vector {
+    [0, 1, 2].map(|i| {
+        let row = [0, 1, 2].map(|j| g[symmetric(i, j)]);
+        graph.dot(&row, &x)
+    })
+}
+
+/// The components in the standard frame of the vector whose covector is `q`: `Sᵀ q`.
+fn raised(graph: &mut Graph, frame: [NodeId; 6], q: Vector) -> Vector {
+    let [s11, s22, s33, s12, s13, s23] = frame;
+    [
+        graph.mul(s11, q[0]),
+        graph.dot(&[s12, s22], &q[..2]),
+        graph.dot(&[s13, s23, s33], &q),
+    ]
+}
+
+/// The curl, in the standard frame, of a covector with this exterior derivative.
+fn curl(graph: &mut Graph, frame: [NodeId; 6], exterior: Vector) -> Vector {
+    let [d12, d13, d23] = in_frame(graph, frame, exterior);
+    [d23, graph.neg(d13), d12]
+}
+
+fn cross(graph: &mut Graph, a: Vector, b: Vector) -> Vector {
+    [(1, 2), (2, 0), (0, 1)].map(|(i, j)| {
+        let (forth, back) = (graph.mul(a[i], b[j]), graph.mul(a[j], b[i]));
+        graph.sub(forth, back)
+    })
+}
+
+fn sum(graph: &mut Graph, a: Vector, b: Vector) -> Vector {
+    [0, 1, 2].map(|k| graph.add(a[k], b[k]))
+}
+
+fn difference(graph: &mut Graph, a: Vector, b: Vector) -> Vector {
+    [0, 1, 2].map(|k| graph.sub(a[k], b[k]))
+}
+
+fn scaled(graph: &mut Graph, factor: NodeId, a: Vector) -> Vector {
+    a.map(|x| graph.mul(factor, x))
+}
