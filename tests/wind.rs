@@ -45,7 +45,8 @@ fn assert_near(found: DVec3, expected: DVec3, within: f64) {
     assert!(off < within, "{found} is {off:.1e} from {expected}");
 }
 
-const TURNING: &str = "metric = { conformal = '1' }\nwind = ['w*y', '-w*x', '0']\n[parameters]\nw = 0.7\n";
+const TURNING: &str =
+    "metric = { conformal = '1' }\nwind = ['w*y', '-w*x', '0']\n[parameters]\nw = 0.7\n";
 
 /// Points and directions off every plane, from slow places to where the frame turns faster than light.
 fn starts() -> [(DVec3, DVec3); 3] {
@@ -152,7 +153,7 @@ fn falling_observers_see_the_shadow_grow_through_the_horizon() {
     let rain = asset("schwarzschild-rain");
     // sin α = (3√3/r)(1 - √(2/r) cos α)
     for (r, degrees) in [
-        (10.0, 17.3241984266),
+        (10.0, 17.3241986566),
         (6.0, 24.2034283393),
         (3.0, 35.2643896828),
         (1.5, 46.8783738823),
@@ -161,7 +162,7 @@ fn falling_observers_see_the_shadow_grow_through_the_horizon() {
         let tilt = DMat3::from_quat(DQuat::from_euler(glam::EulerRot::XYZ, 0.4, 1.1, -0.6));
         let u = tilt * DVec3::new(r, 0.0, 0.0);
         let found = edge(&rain, u, 300.0, |angle| tilt * tilted(angle)).to_degrees();
-        assert!((found - degrees).abs() < 6e-8, "{r}: {found} {degrees}");
+        assert!((found - degrees).abs() < 3e-9, "{r}: {found} {degrees}");
     }
 }
 
@@ -171,7 +172,10 @@ fn swept(path: &Path) -> f64 {
     for step in &path.steps {
         for k in 0..8 {
             let at = |k: f64| step.position(step.start + (step.end - step.start) * k / 8.0);
-            let (a, b) = (at(f64::from(k)).truncate(), at(f64::from(k) + 1.0).truncate());
+            let (a, b) = (
+                at(f64::from(k)).truncate(),
+                at(f64::from(k) + 1.0).truncate(),
+            );
             sum += a.perp_dot(b).atan2(a.dot(b));
         }
     }
@@ -242,7 +246,11 @@ fn light_in_goedels_universe_comes_back_and_time_has_passed() {
     assert!((elapsed(&forward, &flat, TAU) - 2.602580569137).abs() < 1e-10);
     let start = DVec3::new(0.3, -0.7, 0.2);
     let known = path(&forward, start, DVec3::new(0.3, -0.5, 0.6), 2.5);
-    assert_near(end(&known), DVec3::new(1.32060203, -0.45934405, 1.99284291), 1e-8);
+    assert_near(
+        end(&known),
+        DVec3::new(1.32060203, -0.45934405, 1.99284291),
+        1e-8,
+    );
 }
 
 #[test]
@@ -266,10 +274,26 @@ fn a_warp_drive_crowds_the_sky_ahead() {
     let drive = asset("alcubierre");
     let u = DVec3::new(0.05, 0.02, -0.03);
     for (degrees, expected, g) in [
-        (0.0, [20.420958461919, -0.109093788676, 0.163640683014], Some(2.9985906085)),
-        (40.0, [18.211577695314, 4.280057834566, 3.373558739986], Some(2.4407447114)),
-        (80.0, [13.391135068006, 6.324604935271, 4.740019202944], None),
-        (120.0, [8.524056391283, 5.912810660785, 4.282436393633], Some(0.2738958433)),
+        (
+            0.0,
+            [20.420958461919, -0.109093788676, 0.163640683014],
+            Some(2.9985906085),
+        ),
+        (
+            40.0,
+            [18.211577695314, 4.280057834566, 3.373558739986],
+            Some(2.4407447114),
+        ),
+        (
+            80.0,
+            [13.391135068006, 6.324604935271, 4.740019202944],
+            None,
+        ),
+        (
+            120.0,
+            [8.524056391283, 5.912810660785, 4.282436393633],
+            Some(0.2738958433),
+        ),
     ] {
         let angle = f64::to_radians(degrees);
         let d = DVec3::new(angle.cos(), 0.8 * angle.sin(), 0.6 * angle.sin());
@@ -296,15 +320,15 @@ fn along_the_axis_of_a_warp_drive_light_takes_its_time() {
         let (x, size) = (x.abs(), (4.0 * 2.0_f64).tanh());
         ((4.0 * (x + 2.0)).tanh() - (4.0 * (x - 2.0)).tanh()) / (2.0 * size)
     };
-    let (steps, to) = (40_000, 12.0);
-    let h = to / f64::from(steps);
+    let (steps, from, to) = (40_000, 0.05, 12.0);
+    let h = (to - from) / f64::from(steps);
     let slowness = |x: f64| 1.0 / (1.0 + 2.0 * (1.0 - f(x)));
     let mut time = 0.0;
     for k in 0..steps {
-        let x = h * f64::from(k);
+        let x = from + h * f64::from(k);
         time += h / 6.0 * (slowness(x) + 4.0 * slowness(x + 0.5 * h) + slowness(x + h));
     }
-    let found = path(&drive, DVec3::ZERO, DVec3::X, time);
+    let found = path(&drive, DVec3::X * from, DVec3::X, time);
     assert_near(end(&found), DVec3::X * to, 1e-10);
 }
 

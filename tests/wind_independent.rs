@@ -80,9 +80,8 @@ impl System<f64, State> for Flow {
                 x.dot(slopes[2] * y),
             )
         };
-        let along = |x: DVec4, y: DVec4| {
-            (0..3).fold(DVec4::ZERO, |sum, i| sum + slopes[i] * y * x[i + 1])
-        };
+        let along =
+            |x: DVec4, y: DVec4| (0..3).fold(DVec4::ZERO, |sum, i| sum + slopes[i] * y * x[i + 1]);
         let force = 0.5 * slope(k, k);
         // Γ_μ(k, f) = ½ (k·∂ g f + f·∂ g k - ∂(k g f))
         let turned = 0.5 * (along(k, f) + along(f, k) - slope(k, f));
@@ -156,7 +155,10 @@ fn compare(
         let other = integrate(flow(), state, length);
         let at = DVec3::new(other[1], other[2], other[3]);
         let inverse = light.standard_frame(at).inverse();
-        off[0] = worse(off[0], (inverse * (step.position(length) - at)).length() / length);
+        off[0] = worse(
+            off[0],
+            (inverse * (step.position(length) - at)).length() / length,
+        );
         let time = elapsed(light, &path, length);
         off[1] = worse(off[1], (time - other[0]).abs() / length);
         // Polarisations that differ by a multiple of the wave vector are the same.
@@ -170,7 +172,10 @@ fn compare(
         let difference = difference - k * (difference[0] / k[0]);
         off[2] = worse(off[2], difference.length() / theirs.length());
     }
-    println!("positions {:.1e}, times {:.1e}, polarisations {:.1e}", off[0], off[1], off[2]);
+    println!(
+        "positions {:.1e}, times {:.1e}, polarisations {:.1e}",
+        off[0], off[1], off[2]
+    );
     off
 }
 
@@ -215,7 +220,11 @@ fn a_hundred_rays_in_goedels_universe_agree() {
     let flow = || Flow {
         spacetime: Spacetime(|[x, _, _]| {
             let (zero, one, e) = (Dual64::from(0.0), Dual64::from(1.0), x.exp());
-            (-one, [zero, -e, zero], [one, e * e * -0.5, one, zero, zero, zero])
+            (
+                -one,
+                [zero, -e, zero],
+                [one, e * e * -0.5, one, zero, zero, zero],
+            )
         }),
         // dτ = dt + e^x dy
         parameter: |[x, ..]| [1.0, 0.0, x.exp(), 0.0],
@@ -238,7 +247,11 @@ fn a_hundred_rays_through_a_warp_drive_agree() {
             // dx - W dt with W = 2 (f - 1)
             let w = (f - 1.0) * 2.0;
             let (zero, one) = (Dual64::from(0.0), Dual64::from(1.0));
-            (w * w - 1.0, [-w, zero, zero], [one, one, one, zero, zero, zero])
+            (
+                w * w - 1.0,
+                [-w, zero, zero],
+                [one, one, one, zero, zero, zero],
+            )
         }),
         parameter: |_| [1.0, 0.0, 0.0, 0.0],
     };
@@ -268,17 +281,25 @@ fn stirred([x, y, z]: [Dual64; 3]) -> Entries {
         zero,
         x.cos() * 0.15,
     ];
-    let w = [y.sin() * 0.4 + z * 0.1, z.cos() * x * 0.3, (x * y).sin() * 0.5];
+    let w = [
+        y.sin() * 0.4 + z * 0.1,
+        z.cos() * x * 0.3,
+        (x * y).sin() * 0.5,
+    ];
     let b = [y * z * 0.2, x.sin() * 0.3, (x + y).cos() * 0.25];
-    let place = |i: usize, j: usize| PAIRS.iter().position(|p| *p == (i.min(j), i.max(j))).unwrap();
+    let place = |i: usize, j: usize| {
+        PAIRS
+            .iter()
+            .position(|p| *p == (i.min(j), i.max(j)))
+            .unwrap()
+    };
     let lowered = [0, 1, 2].map(|i| (0..3).fold(zero, |sum, j| sum + g[place(i, j)] * w[j]));
     let square = (0..3).fold(zero, |sum, i| sum + lowered[i] * w[i]);
     // With θ = dt - b: (W² - 1) θ² - 2 θ W·dx + G dx².
     let tt = square - 1.0;
     let t = [0, 1, 2].map(|i| -tt * b[i] - lowered[i]);
-    let space = PAIRS.map(|(i, j)| {
-        tt * b[i] * b[j] + lowered[i] * b[j] + lowered[j] * b[i] + g[place(i, j)]
-    });
+    let space = PAIRS
+        .map(|(i, j)| tt * b[i] * b[j] + lowered[i] * b[j] + lowered[j] * b[i] + g[place(i, j)]);
     (tt, t, space)
 }
 
@@ -319,7 +340,10 @@ fn a_spacetime_is_what_its_slices_are_and_what_observers_at_rest_make_of_it() {
         ))
     };
     let (normal, fixed) = (spacetime("normal"), spacetime("static"));
-    let (u, d) = (DVec3::new(0.3, -0.6, 0.4), DVec3::new(0.7, 0.2, -0.5).normalize());
+    let (u, d) = (
+        DVec3::new(0.3, -0.6, 0.4),
+        DVec3::new(0.7, 0.2, -0.5).normalize(),
+    );
     let follow = |space: &Manifold, d: DVec3, s: f64| {
         let path = paths(space, settings(1e-13, false), [Ray::new(space, u, d, s)]).remove(0);
         (path.steps.last().unwrap().position(s), path)
@@ -342,7 +366,9 @@ fn a_spacetime_is_what_its_slices_are_and_what_observers_at_rest_make_of_it() {
     }
     let other = path.step_at(low).unwrap().position(low);
     assert!((other - end).length() < 1e-9, "{other} {end}");
-    let g = |space: &Manifold, v: DVec3| space.frequency(u, space.sight(u, v), DVec3::new(0.1, -0.2, 0.05));
+    let g = |space: &Manifold, v: DVec3| {
+        space.frequency(u, space.sight(u, v), DVec3::new(0.1, -0.2, 0.05))
+    };
     assert!((g(&slices, v) - g(&normal, v)).abs() < 1e-13);
     assert!((g(&slices, v) - g(&fixed, unit)).abs() < 1e-12);
     let still = fixed.normal_frequency(u, unit);

@@ -215,7 +215,10 @@ impl Trace {
 
     fn as_json(&self) -> TraceJson<'_> {
         TraceJson {
-            samples: self.rows().map(|(x, g, t)| SampleJson::new(x, g, t)).collect(),
+            samples: self
+                .rows()
+                .map(|(x, g, t)| SampleJson::new(x, g, t))
+                .collect(),
             end: self.end.name(&self.manifold),
             steps: self.steps,
             conjugate: self.conjugate.as_deref(),

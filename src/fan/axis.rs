@@ -83,7 +83,11 @@ mod tests {
 
     #[test]
     fn changes_of_invariants_are_their_derivatives() {
-        let (axis, u, du) = (Axis(1), DVec3::new(0.3, -1.2, 0.7), DVec3::new(2.0, 0.1, -0.4));
+        let (axis, u, du) = (
+            Axis(1),
+            DVec3::new(0.3, -1.2, 0.7),
+            DVec3::new(2.0, 0.1, -0.4),
+        );
         let h = 1e-6;
         let [above, below] = [h, -h].map(|h| axis.invariants(u + du * h));
         let found = axis.change(u, du);

@@ -130,7 +130,10 @@ impl Rest {
 
     /// The wind there.
     #[inline(always)]
-    pub fn wind<R: Real, const W: usize>(self, registers: &Registers<R, W>) -> Option<[&[R; W]; 3]> {
+    pub fn wind<R: Real, const W: usize>(
+        self,
+        registers: &Registers<R, W>,
+    ) -> Option<[&[R; W]; 3]> {
         let first = self.wind?;
         Some([0, 1, 2].map(|i| registers.output(first + i)))
     }

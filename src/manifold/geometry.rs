@@ -102,9 +102,7 @@ pub(super) fn build(graph: &mut Graph, definition: &Definition, medium: &Medium)
                 false => embedded(graph, f, jacobian, &mut along),
             }
         }
-        Definition::Metric(g) if medium.moves() => {
-            wind::build(graph, *g, medium, &mut along, None)
-        }
+        Definition::Metric(g) if medium.moves() => wind::build(graph, *g, medium, &mut along, None),
         Definition::Metric(g) => by_metric(graph, *g, v, &mut axes, &mut along),
     }
 }

@@ -45,6 +45,62 @@ impl Observer {
         self.frame.inverse() * self.sight(v)
     }
 
+    /// The frame of an observer at rest in the chart, where the metric is `g`: that of things that do not
+    /// move. To them space is `G + W♭W♭/(1 − |W|²)`. Where nothing can be at rest, and without a wind, it
+    /// is the standard frame.
+    pub fn rest_frame(&self, g: DMat3) -> DMat3 {
+        let Some(wind) = self.wind else {
+            return self.frame;
+        };
+        let lowered = g * wind;
+        let slow = 1.0 - wind.dot(lowered);
+        if !(slow > 0.0) {
+            return self.frame;
+        }
+        let across = DMat3::from_cols(
+            lowered * lowered.x,
+            lowered * lowered.y,
+            lowered * lowered.z,
+        );
+        gram_schmidt(g + across * (1.0 / slow))
+    }
+
+    /// The tangent of the path that runs along `x` (chart components, any length but zero).
+    pub fn along(&self, g: DMat3, x: DVec3) -> DVec3 {
+        let Some(wind) = self.wind else {
+            return x / x.dot(g * x).sqrt();
+        };
+        // |κx − W| = 1
+        let (square, beside) = (x.dot(g * x), x.dot(g * wind));
+        let slow = 1.0 - wind.dot(g * wind);
+        x * ((beside + (beside * beside + square * slow).sqrt()) / square)
+    }
+
+    /// How much larger a solid angle of light along the tangent `v` is to this observer than to one at rest
+    /// in the chart; 1 where nothing can be at rest.
+    pub fn spread_against_rest(&self, g: DMat3, v: DVec3) -> f64 {
+        let Some(wind) = self.wind else { return 1.0 };
+        let slow = 1.0 - wind.dot(g * wind);
+        // Solid angles are as the squares of wavelengths.
+        let share = (v - wind).dot(g * v);
+        if slow > 0.0 {
+            share * share / slow
+        } else {
+            1.0
+        }
+    }
+
+    /// In what direction (chart components) a point at `way` from here is seen to first order, and times
+    /// how long a path takes from it; not a number if none does.
+    pub fn toward(&self, g: DMat3, way: DVec3) -> DVec3 {
+        let Some(wind) = self.wind else { return way };
+        // |way − W s| = s
+        let (square, beside) = (way.dot(g * way), way.dot(g * wind));
+        let slow = 1.0 - wind.dot(g * wind);
+        let s = square / (beside + (beside * beside + square * slow).sqrt());
+        if square > 0.0 { way - wind * s } else { way }
+    }
+
     /// The tangent `v` with what is left of it against the wind at unit length in the metric `g` here:
     /// between the ends of a step, a curve keeps it only to the tolerance.
     pub fn restored(&self, g: DMat3, v: DVec3) -> DVec3 {
@@ -56,6 +112,19 @@ impl Observer {
             None => n / length,
         }
     }
+}
+
+/// The upper triangular matrix of an orthonormal frame of the metric `g`, in coordinate order.
+fn gram_schmidt(g: DMat3) -> DMat3 {
+    let mut frame = DMat3::IDENTITY;
+    for k in 0..3 {
+        let mut w = frame.col(k);
+        for j in 0..k {
+            w -= frame.col(j) * frame.col(j).dot(g * w);
+        }
+        *frame.col_mut(k) = w / w.dot(g * w).sqrt();
+    }
+    frame
 }
 
 /// Wind, lapse and drift at a point, as the paths followed meet them.
@@ -111,6 +180,15 @@ impl Manifold {
             wind: self.wind(*u),
         };
         frames.zip(points).map(observer).collect()
+    }
+
+    /// [`Observer::rest_frame`] at many points.
+    pub fn rest_frames(&self, points: &[DVec3]) -> Vec<DMat3> {
+        if !self.has_wind() {
+            return self.standard_frames(points);
+        }
+        let rest = |u: &DVec3| self.observer(*u).rest_frame(self.metric(*u));
+        points.iter().map(rest).collect()
     }
 
     /// `W(u)` as the paths followed meet it: reversed for lines of sight. `None` without a wind.

@@ -161,11 +161,7 @@ fn check_wind(manifold: &Manifold, u: DVec3) -> Result<()> {
 
 /// Textbook coordinates may fail on an axis, not around it.
 fn check_pullback(manifold: &Manifold, u: DVec3) -> Result<()> {
-    let Some(determinant) = manifold.pullback_determinant(u) else {
-        return Ok(());
-    };
-    let (g, s) = manifold.metric_and_frame(u);
-    if (determinant.is_finite() && determinant != 0.0) || is_positive(g, s) {
+    if !manifold.is_pullback_singular(u) {
         return Ok(());
     }
     let message = format!(
@@ -199,12 +195,14 @@ fn check_metric(manifold: &Manifold, u: DVec3) -> Result<()> {
         g.x_axis.x, g.y_axis.y, g.z_axis.z, g.y_axis.x, g.z_axis.x, g.z_axis.y,
     ];
     let message = format!("{what} at {}", point(manifold, u));
-    Err(
-        complain(manifold, &["metric", "[metric]", "embedding", "[spacetime]"], message)
-            .with_label(format!("xx, yy, zz, xy, xz, yz = {entries:.3?} there"))
-            .with_hint("restrict the region with [domain] or [cameras], or mend the expressions")
-            .into(),
+    Err(complain(
+        manifold,
+        &["metric", "[metric]", "embedding", "[spacetime]"],
+        message,
     )
+    .with_label(format!("xx, yy, zz, xy, xz, yz = {entries:.3?} there"))
+    .with_hint("restrict the region with [domain] or [cameras], or mend the expressions")
+    .into())
 }
 
 /// The metric must be the same at both limits of a glued coordinate. Its slope need not be: that is a

@@ -71,7 +71,8 @@ impl CameraRegion {
         starts
             .map(|t| self.descend(u, &value, self.lerp(&t[..self.dimension()])))
             .find(|p| {
-                (value(self.at(p), &mut []) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE) && self.contains(p)
+                (value(self.at(p), &mut []) - u).length() <= 1e-9 * scale.max(f64::MIN_POSITIVE)
+                    && self.contains(p)
             })
             .map(|p| self.clamped(p))
     }

@@ -20,14 +20,20 @@ use super::{
     view::View,
     world::World,
 };
+use crate::manifold::Observer;
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
-/// `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards).
+/// `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards). In a wind, which
+/// has blown light off on its way, where it is seen.
 pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
     let axes = view.camera().axes(&world.manifold);
-    axes.transpose() * world.manifold.metric(view.u) * (u - view.u)
+    let (g, observer) = (
+        world.manifold.metric(view.u),
+        world.manifold.observer(view.u),
+    );
+    axes.transpose() * g * observer.toward(g, u - view.u)
 }
 
 /// What `samples` see along straight lines, followed over `length` to the skies.
@@ -91,8 +97,8 @@ struct Projected<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
-    /// The standard frame at the camera.
-    frame: DMat3,
+    /// The observer at the camera.
+    observer: Observer,
     flats: Vec<Flat>,
 }
 
@@ -100,12 +106,14 @@ impl<'w> Projected<'w> {
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
-        let into = axes.transpose() * world.manifold.metric(view.u);
+        let g = world.manifold.metric(view.u);
+        let observer = world.manifold.observer(view.u);
+        let into = axes.transpose() * g;
         let mut picture = Self {
             world,
             view,
             axes,
-            frame: world.manifold.standard_frame(view.u),
+            observer,
             flats: Vec::new(),
         };
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
@@ -117,7 +125,7 @@ impl<'w> Projected<'w> {
             let triangles = world.accelerator.triangles().par_iter().enumerate();
             let flats: Vec<Vec<Flat>> = triangles
                 .map(|(i, corners)| {
-                    let p = corners.map(|u| into * (u + shift - view.u));
+                    let p = corners.map(|u| into * observer.toward(g, u + shift - view.u));
                     picture.flats_of(i as u32, p, NEAR * farthest)
                 })
                 .collect();
@@ -192,7 +200,8 @@ impl<'w> Projected<'w> {
         let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
         let u = a + (b - a) * weights.x + (c - a) * weights.y;
         let way = u - self.view.u;
-        let s = (self.axes.inverse() * way).length();
+        let g = self.world.manifold.metric(self.view.u);
+        let s = (self.axes.inverse() * self.observer.toward(g, way)).length();
         Seen::Surface(Hit {
             s: s as f32,
             v: (way / s).as_vec3(),
@@ -204,7 +213,7 @@ impl<'w> Projected<'w> {
     /// What the chart's straight line through the point `at` of the picture ends in.
     fn sky(&self, at: DVec2, lines: &mut Strands, endings: &mut EndingFinder<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
-        let (u, v) = (self.view.u, self.frame * direction);
+        let (u, v) = (self.view.u, self.observer.tangent(direction));
         let fill = |knots: &[f64], rows: &mut [f64]| {
             let n = knots.len();
             for (k, s) in knots.iter().enumerate() {

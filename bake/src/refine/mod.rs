@@ -351,7 +351,10 @@ impl Refiner<'_> {
                 let own = first..numbers.end.min((number + 1) * each);
                 rays.extend(own.map(|ray| {
                     let x = node(&directions, ray % each);
-                    (camera.u, observer.tangent(self.direction(&camera, region, &x)))
+                    (
+                        camera.u,
+                        observer.tangent(self.direction(&camera, region, &x)),
+                    )
                 }));
             }
             rays

@@ -110,7 +110,10 @@ pub fn grid(grid: &Grid, u: DVec3, length: f64) -> Result<Times> {
 pub fn exact(manifold: &Manifold, u: DVec3, length: f64, steps: usize) -> f64 {
     let observer = manifold.observer(u);
     each(|directions| {
-        let rays: Vec<_> = directions.iter().map(|d| (u, observer.tangent(*d))).collect();
+        let rays: Vec<_> = directions
+            .iter()
+            .map(|d| (u, observer.tangent(*d)))
+            .collect();
         black_box(fixed_steps::<f32>(manifold, &rays, length, steps));
     })
 }

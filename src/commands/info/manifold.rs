@@ -190,7 +190,10 @@ fn symmetry(manifold: &Manifold) -> String {
         claims.push("rotations about the origin".to_string());
     }
     if let Some(axis) = manifold.symmetry.axis {
-        claims.push(format!("rotations about the {} axis", manifold.coordinates[axis]));
+        claims.push(format!(
+            "rotations about the {} axis",
+            manifold.coordinates[axis]
+        ));
     }
     let translations = translations(manifold);
     if !translations.is_empty() {

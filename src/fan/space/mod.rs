@@ -61,7 +61,9 @@ impl Reduction {
     /// The one that leaves the fewest invariants, and their number.
     fn best(symmetry: &Symmetry) -> (Self, usize) {
         let translated = symmetry.translation.iter().filter(|t| **t).count();
-        let about = symmetry.axis.map(|k| 2 - usize::from(symmetry.translation[k]));
+        let about = symmetry
+            .axis
+            .map(|k| 2 - usize::from(symmetry.translation[k]));
         match about {
             _ if symmetry.group.is_some() => (Self::Group, 0),
             _ if symmetry.rotation => (Self::Rotation, 1),
@@ -412,7 +414,11 @@ impl FanSpace {
             Reduction::Group => " (and its left translations)".into(),
             Reduction::Axis => {
                 let (Axis(axis), translated) = self.axis();
-                let along = if translated { ", and translations along it" } else { "" };
+                let along = if translated {
+                    ", and translations along it"
+                } else {
+                    ""
+                };
                 let name = &self.manifold.coordinates[axis];
                 format!(" (and its rotations about the {name} axis{along})")
             }

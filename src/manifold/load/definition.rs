@@ -78,7 +78,9 @@ impl Loader<'_> {
             if self.pullback.is_some() {
                 return Err(item
                     .complain("`conformal` is a factor of the chart's own coordinates")
-                    .with_hint("with [pullback], give the entries in the coordinates named there"));
+                    .with_hint(
+                        "with [pullback], give the entries in the coordinates named there",
+                    ));
             }
             let n = self.position_expression(&item.text()?)?;
             let n2 = self.graph.mul(n, n);

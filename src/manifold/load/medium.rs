@@ -179,6 +179,8 @@ fn read_observers(table: &Table<'_>) -> Reading<Form> {
         "static" => Ok(Form::Static),
         other => Err(text
             .complain(format!("observers cannot be `{other}`"))
-            .with_hint("\"normal\": at rest on the slices t = const; \"static\": in the coordinates")),
+            .with_hint(
+                "\"normal\": at rest on the slices t = const; \"static\": in the coordinates",
+            )),
     }
 }

@@ -3,11 +3,8 @@
 //! In: a world with its lights, and points on its surfaces. Out: irradiance on either side.
 
 use super::{Connection, LightFan, PointLight, way::Way};
-use crate::{
-    manifold::{Manifold, Observer},
-    render::World,
-};
-use glam::DVec3;
+use crate::{manifold::Manifold, render::World};
+use glam::{DMat3, DVec3};
 
 /// Caustics: no geodesic brings more than this many times the irradiance that it would bring over
 /// the same arc length in flat space, `I cosθ / s²`. In terms of energy: of a pencil of light whose
@@ -33,13 +30,14 @@ pub struct SurfacePoint {
 /// covector `normal`: `cosθ / area`. Positive on the side to which the normal points, negative on
 /// the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
-    irradiance_for(&manifold.observer(u), normal, connection)
+    let frames = manifold.rest_frames(&[u]);
+    irradiance_in(frames[0], normal, connection)
 }
 
-/// The same where the observer at the point is known.
-fn irradiance_for(observer: &Observer, normal: DVec3, connection: &Connection) -> f64 {
-    let n = (observer.frame.transpose() * normal).normalize_or_zero();
-    let v = observer.direction(connection.v).normalize_or_zero();
+/// The same where the frame of those at rest at the point is known: surfaces do not move.
+fn irradiance_in(frame: DMat3, normal: DVec3, connection: &Connection) -> f64 {
+    let n = (frame.transpose() * normal).normalize_or_zero();
+    let v = (frame.inverse() * connection.v).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
     -n.dot(v) / connection.area.abs().max(least)
 }
@@ -58,7 +56,7 @@ pub struct Arrival {
     pub irradiance: [f64; 3],
     /// Whether it falls on the side to which the normal points.
     pub front: bool,
-    /// The way in which it is seen to go at the point, chart components; unit.
+    /// The tangent of the light's path at the point, chart components.
     pub v: DVec3,
 }
 
@@ -69,7 +67,7 @@ impl<'w> Lamps<'w> {
         let nowhere = (DVec3::ZERO, DVec3::ZERO);
         let region = world.accelerator.bounds().unwrap_or(nowhere);
         let fan = |light: &PointLight| {
-            let fan = LightFan::new(&world.manifold, light.u, length, region);
+            let fan = LightFan::new(&world.lamplight, light.u, length, region);
             (*light, fan)
         };
         Self {
@@ -94,20 +92,19 @@ impl<'w> Lamps<'w> {
             let (connections, followed) = fan.connected(places, self.tolerance, way);
             rays += followed;
             let places: Vec<DVec3> = connections.iter().map(|(i, _)| points[*i].u).collect();
-            let observers = fan.manifold.observers(&places);
-            let arrival = |((index, connection), observer): ((usize, Connection), Observer)| {
-                let share = irradiance_for(&observer, points[index].normal, &connection);
-                let v = observer.sight(connection.v);
-                (index, Arrival::new(light, share, v))
+            let frames = fan.manifold.rest_frames(&places);
+            let arrival = |((index, connection), frame): ((usize, Connection), DMat3)| {
+                let share = irradiance_in(frame, points[index].normal, &connection);
+                (index, Arrival::new(light, share, connection.v))
             };
-            arrivals.extend(connections.into_iter().zip(observers).map(arrival));
+            arrivals.extend(connections.into_iter().zip(frames).map(arrival));
         }
         (arrivals, rays)
     }
 }
 
 impl Arrival {
-    /// Light that brings `share` of the light's intensity, positive on the front; `v` is the way it goes.
+    /// Light that brings `share` of the light's intensity, positive on the front; `v` is its tangent.
     fn new(light: &PointLight, share: f64, v: DVec3) -> Self {
         Self {
             irradiance: light.intensity.map(|i| f64::from(i) * share.abs()),

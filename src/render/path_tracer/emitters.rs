@@ -15,7 +15,7 @@ use crate::{
         light::{Attempt, Connection, Way, connect},
     },
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 /// The emitting triangles of a world.
 pub struct Emitters {
@@ -116,9 +116,9 @@ impl Emitters {
 impl Chosen {
     /// Cosine between the emitter's normal and the geodesic that arrives.
     pub fn cosine(&self, world: &World, connection: &Connection) -> f64 {
-        let observer = world.manifold.observer(self.u);
-        let n = (observer.frame.transpose() * self.normal).normalize_or_zero();
-        let v = observer.direction(connection.v).normalize_or_zero();
+        let frame = rest_frame(world, self.u);
+        let n = (frame.transpose() * self.normal).normalize_or_zero();
+        let v = (frame.inverse() * connection.v).normalize_or_zero();
         n.dot(v).abs()
     }
 
@@ -133,8 +133,16 @@ impl Chosen {
 /// triangle's unit square covers.
 fn stretch(world: &World, triangle: u32, u: DVec3) -> f64 {
     let [p, q, r] = world.accelerator.triangles()[triangle as usize];
-    let into = world.manifold.standard_frame(u).inverse();
+    let into = rest_frame(world, u).inverse();
     (into * (q - p)).cross(into * (r - p)).length()
+}
+
+/// The frame at `u` of what does not move.
+fn rest_frame(world: &World, u: DVec3) -> DMat3 {
+    match world.manifold.has_wind() {
+        true => world.manifold.rest_frames(&[u])[0],
+        false => world.manifold.standard_frame(u),
+    }
 }
 
 /// The principal connections of pairs of chart points, `None` where there is none; and how many

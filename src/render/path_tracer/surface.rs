@@ -15,8 +15,11 @@ use glam::{DMat3, DVec3};
 pub struct Surface {
     /// The point, for lights.
     pub point: SurfacePoint,
-    /// The observer there, and the inverse of the standard frame.
+    /// The observer there, and the metric.
     observer: Observer,
+    metric: DMat3,
+    /// The frame of what is at rest there, as surfaces are, and its inverse.
+    frame: DMat3,
     inverse: DMat3,
     /// Directions around the normal, on the side of the ray.
     pub around: Around,
@@ -37,17 +40,25 @@ impl Surface {
         let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
         let observers = world.manifold.observers(&points);
         let surface = |((hit, u), observer)| Self::new(world, hit, u, observer);
-        hits.iter().zip(points).zip(observers).map(surface).collect()
+        hits.iter()
+            .zip(points)
+            .zip(observers)
+            .map(surface)
+            .collect()
     }
 
     /// Of what `hit` met, at the chart point `u` with this `observer`.
     fn new(world: &World, hit: &Hit, u: DVec3, observer: Observer) -> Self {
-        let frame = observer.frame;
+        let metric = match observer.wind {
+            Some(_) => world.manifold.metric(u),
+            None => DMat3::IDENTITY,
+        };
+        let frame = observer.rest_frame(metric);
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
         let covector = world.covector(hit);
         let inverse = frame.inverse();
-        let back = -(inverse * observer.sight(hit.v.as_dvec3())).normalize_or_zero();
+        let back = -(inverse * hit.v.as_dvec3()).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
         let across = (frame.transpose() * (q - p).cross(r - p)).normalize_or_zero();
         let flat = if across.dot(back) < 0.0 {
@@ -68,6 +79,8 @@ impl Surface {
                 triangle: hit.triangle,
             },
             observer,
+            metric,
+            frame,
             inverse,
             wo: around.inside(back),
             flat: around.inside(flat),
@@ -83,9 +96,39 @@ impl Surface {
         self.around.inside((self.inverse * v).normalize_or_zero())
     }
 
-    /// The tangent of the path that is seen in a direction around the normal.
+    /// The tangent of the path in a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
-        self.observer.tangent(self.around.out_of(w))
+        let along = self.frame * self.around.out_of(w);
+        match self.observer.wind {
+            Some(_) => self.observer.along(self.metric, along),
+            None => along,
+        }
+    }
+
+    /// The direction around the normal that the normal observer sees as `d` (standard frame).
+    pub fn from_sight(&self, d: DVec3) -> DVec3 {
+        match self.observer.wind {
+            Some(_) => self.direction(self.observer.tangent(d)),
+            None => self.around.inside(d),
+        }
+    }
+
+    /// The inverse of [`Surface::from_sight`].
+    pub fn to_sight(&self, w: DVec3) -> DVec3 {
+        match self.observer.wind {
+            Some(_) => self.observer.direction(self.tangent(w)),
+            None => self.around.out_of(w),
+        }
+    }
+
+    /// How much larger a solid angle around the direction `w` is to the normal observer.
+    pub fn spread_to_sight(&self, w: DVec3) -> f64 {
+        match self.observer.wind {
+            Some(_) => self
+                .observer
+                .spread_against_rest(self.metric, self.tangent(w)),
+            None => 1.0,
+        }
     }
 
     /// Whether the smooth surface and the flat triangle agree about which side `w` is on.
@@ -97,6 +140,6 @@ impl Surface {
     /// that start there do not meet the triangle again by rounding.
     pub fn beside(&self, w: DVec3, off: f64) -> DVec3 {
         let side = off.copysign(w.dot(self.flat));
-        self.point.u + self.observer.frame * self.around.out_of(self.flat) * side
+        self.point.u + self.frame * self.around.out_of(self.flat) * side
     }
 }

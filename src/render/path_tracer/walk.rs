@@ -100,7 +100,7 @@ struct Meeting {
 #[derive(Debug, Clone, Copy)]
 struct Departure {
     u: DVec3,
-    /// Direction in the standard frame, and its probability by solid angle.
+    /// Direction in the standard frame, and its probability by solid angle there.
     direction: DVec3,
     probability: f64,
 }
@@ -311,12 +311,13 @@ impl<'w> PathTracer<'w> {
         chosen: &Chosen,
         connection: &Connection,
     ) -> Option<Candidate> {
-        let wi = surface.around.inside(connection.direction);
+        let wi = surface.from_sight(connection.direction);
         let same = chosen.triangle == hit.triangle;
         if same || connection.s > self.settings.length || !surface.is_possible(wi) {
             return None;
         }
-        let probability = chosen.by_solid_angle(self.world, connection);
+        let probability =
+            chosen.by_solid_angle(self.world, connection) * surface.spread_to_sight(wi);
         let reflected = surface.bsdf.reflectance(surface.wo, wi) * wi.z.max(0.0);
         let weight = balance(probability, surface.bsdf.probability(surface.wo, wi));
         let light = walk.throughput * reflected * chosen.radiance * (weight / probability);
@@ -359,8 +360,8 @@ impl<'w> PathTracer<'w> {
         }
         walk.scattered = scattered.probability.map(|probability| Departure {
             u: surface.point.u,
-            direction: surface.around.out_of(scattered.wi),
-            probability,
+            direction: surface.to_sight(scattered.wi),
+            probability: probability / surface.spread_to_sight(scattered.wi),
         });
         walk.ray = Probe {
             u: surface.beside(scattered.wi, self.offset(&hit)),
