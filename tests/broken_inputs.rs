@@ -335,7 +335,7 @@ fn a_scene_that_is_no_text_is_named() {
     };
     named(&[0xff, 0xfe, b'm', 0], &["scene.toml", "UTF-8"]);
     named(b"", &["scene.toml:1:1", "manifold"]);
-    named(b"\x00\x01\x02", &["scene.toml:1:"]);
+    named(b"\x00\x01\x02", &["NUL bytes"]);
     named(b"manifold = \"m.toml", &["scene.toml:1:"]);
     named(
         "manifold = \"m.toml\"\n[camera\u{e4}]".as_bytes(),

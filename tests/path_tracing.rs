@@ -305,7 +305,7 @@ fn a_half_transparent_body_in_the_furnace_is_as_bright_as_the_series_says() {
     let expected = d * a + (1.0 - d) * inside;
     assert!((expected - 0.9225_f64).abs() < 1e-12);
     let (found, error) = in_a_shining_room(FLAT, "Kd 0.9\nd 0.4\nillum 1");
-    assert!(error < 0.02, "{error}");
+    assert!(error < 0.03, "{error}");
     assert!(
         (found - expected).abs() < 4.0 * error + 2e-3,
         "{found} ± {error}, not {expected}"

@@ -18,11 +18,7 @@ use std::{
 
 /// Options of `geofan bake`, or one of the commands around bakes.
 #[derive(Debug, clap::Args)]
-#[command(
-    subcommand_negates_reqs = true,
-    args_conflicts_with_subcommands = true,
-    arg_required_else_help = true
-)]
+#[command(subcommand_negates_reqs = true, arg_required_else_help = true)]
 pub struct BakeCommand {
     #[command(subcommand)]
     command: Option<Companion>,

@@ -67,7 +67,11 @@ pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSumma
     let paths = options.manifolds.iter().map(std::path::PathBuf::as_path);
     let sweeps: Vec<ManifoldSweep<'_>> = paths.map(load).collect::<Result<_>>()?;
     check_names(&sweeps)?;
-    let all = measured(&sweeps, observer)?;
+    let all = measured(&sweeps, observer).map_err(|error| match error {
+        // Wherever it was interrupted: points that were measured are kept.
+        Error::Interrupted { .. } => bundles::interrupted(),
+        other => other,
+    })?;
     csv::write(&options.out.join("sweep.csv"), &all)?;
     report::write(&options.out, &all, &options.command)?;
     let points = || all.iter().flat_map(|results| &results.points);
