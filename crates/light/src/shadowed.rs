@@ -25,6 +25,10 @@ pub(crate) enum Shadows<'a> {
 }
 
 /// Says how far a geodesic has come.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "lives for a moment, most are ends"
+)]
 pub(super) enum FollowedRay {
     /// To its end.
     Arrived(RayEnd),
