@@ -2,7 +2,7 @@
 //! one run.
 //!
 //! In: a world, a view, a bundle's table. Out: a [`Comparison`] of its frame with those of two rivals:
-//! the adaptive integrator in double precision, and *equal-error exact* ([`crate::rival`]): equal steps
+//! the adaptive integrator in double precision, and *equal-error exact* (`rival`): equal steps
 //! in single precision, the fewest whose 99th percentile of screen error is no worse than the table's
 //! on the same rays. Steps after the paths are the same code for all. The table's frame is drawn from a
 //! camera that moves and turns a little each time, and its times are medians (`frame_times`). [`compare_local`]
