@@ -4,11 +4,20 @@
 //! taken in passes, so that memory does not grow with their number.
 
 use super::{
+<<<<<<< HEAD:crates/render/src/drawing.rs
     filter::Film,
     frame::{Clock, Outcomes, Paths, Work, offsets, trace_timed},
     picture::Picture,
     shade::{Footprints, shade},
     tiles::SamplePlace,
+=======
+    behind::Behind,
+    film::Film,
+    frame::{Outcomes, Paths, Work, offsets, trace},
+    picture::Picture,
+    shade::{Footprints, shade},
+    tiles::{Place, Samples},
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/drawing.rs
     view::View,
     world::World,
 };
@@ -58,11 +67,32 @@ pub fn draw(
         let began = clock();
         let traced = trace_timed(world, view, paths, offsets, clock);
         work += traced.work;
+<<<<<<< HEAD:crates/render/src/drawing.rs
         let middle = clock();
         let colours = shade(world, view, traced.outcomes.view(), samples, footprints);
         film.add(colours, offsets);
         times[0] += middle.saturating_sub(began);
         times[1] += clock().saturating_sub(middle);
+=======
+        let middle = Instant::now();
+        let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let shaded = Instant::now();
+        let behind = Behind {
+            samples: Samples {
+                world,
+                view,
+                offsets,
+            },
+            paths,
+            of_pixel: samples,
+            footprints,
+        };
+        behind.show(traced.outcomes.view(), &mut colours);
+        let shown = Instant::now();
+        film.add(colours, offsets);
+        times[0] += (middle - began) + (shown - shaded);
+        times[1] += (shaded - middle) + shown.elapsed();
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/drawing.rs
         first.get_or_insert((traced.outcomes, traced.flagged));
     }
     let began = clock();

@@ -12,9 +12,16 @@ use super::{
     curve::Ending,
     endings::EventLocator,
     frame::Outcomes,
+<<<<<<< HEAD:crates/render/src/local.rs
     intersect::{Hit, Seen, beyond},
     path_batch::{PathBatch, PathSource},
     tiles::PixelSamples,
+=======
+    intersect::Hit,
+    outcome::{Seen, beyond},
+    strands::{Source, Strands},
+    tiles::{Place, Samples},
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/local.rs
     tracer::even_knots,
     view::View,
     world::World,
@@ -33,7 +40,12 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
 pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcomes {
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
+<<<<<<< HEAD:crates/render/src/local.rs
     let picture = Projection::new(world, samples.view);
+=======
+    let picture = Projected::new(world, samples.view);
+    let straight = Lines::new(world, samples.view);
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/local.rs
     let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
@@ -52,7 +64,11 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
                     if *slot == Seen::Nothing {
                         let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
+<<<<<<< HEAD:crates/render/src/local.rs
                         *slot = picture.sky(at, lines, events);
+=======
+                        *slot = straight.sky(at, lines, endings);
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/local.rs
                     }
                 }
             },
@@ -91,9 +107,13 @@ struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
+<<<<<<< HEAD:crates/render/src/local.rs
     /// The standard frame at the camera.
     frame: DMat3,
     triangles: Vec<ProjectedTriangle>,
+=======
+    flats: Vec<Flat>,
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/local.rs
 }
 
 impl<'w> Projection<'w> {
@@ -106,8 +126,12 @@ impl<'w> Projection<'w> {
             world,
             view,
             axes,
+<<<<<<< HEAD:crates/render/src/local.rs
             frame: world.manifold.standard_frame(view.u),
             triangles: Vec::new(),
+=======
+            flats: Vec::new(),
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/local.rs
         };
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
@@ -184,7 +208,7 @@ impl<'w> Projection<'w> {
                         let Some((nearness, weights)) = projected.meet(at) else {
                             continue;
                         };
-                        if nearness > *slot {
+                        if nearness > *slot && !self.is_open(flat.triangle, weights) {
                             *slot = nearness;
                             part[(y, x, k)] = self.hit(projected.triangle, weights);
                         }
@@ -194,7 +218,15 @@ impl<'w> Projection<'w> {
         }
     }
 
+<<<<<<< HEAD:crates/render/src/local.rs
     /// Returns the hit at the place of a triangle with these weights.
+=======
+    fn is_open(&self, triangle: u32, weights: DVec2) -> bool {
+        let weights = weights.as_vec2().to_array();
+        self.world.accelerator.is_open(triangle, weights)
+    }
+
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/local.rs
     fn hit(&self, triangle: u32, weights: DVec2) -> Seen {
         let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
         let u = a + (b - a) * weights.x + (c - a) * weights.y;
@@ -207,9 +239,30 @@ impl<'w> Projection<'w> {
             barycentric: weights.as_vec2().to_array(),
         })
     }
+}
 
+<<<<<<< HEAD:crates/render/src/local.rs
     /// Finds the sky at the end of the chart's straight line through the point `at` of the picture.
     fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
+=======
+/// The straight lines of the chart from the camera.
+struct Lines<'w> {
+    view: &'w View,
+    /// The standard frame at the camera.
+    frame: DMat3,
+}
+
+impl<'w> Lines<'w> {
+    fn new(world: &World, view: &'w View) -> Self {
+        Self {
+            view,
+            frame: world.manifold.standard_frame(view.u),
+        }
+    }
+
+    /// What the line through the point `at` of the picture ends in.
+    fn sky(&self, at: DVec2, lines: &mut Strands, endings: &mut EndingFinder<'_>) -> Seen {
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/local.rs
         let direction = self.view.direction(at.x, at.y);
         let (u, v) = (self.view.u, self.frame * direction);
         let fill = |knots: &[f64], rows: &mut [f64]| {
@@ -227,6 +280,73 @@ impl<'w> Projection<'w> {
         });
         beyond(&lines.path(0).ending.unwrap_or(Ending::Nowhere))
     }
+
+    /// The surface on the line through `at` behind so many others; lines are followed over `reach`.
+    fn behind(&self, world: &World, at: DVec2, passed: usize, reach: f64) -> Option<Hit> {
+        let v = self.frame * self.view.direction(at.x, at.y);
+        let [start, end] = [0.0, reach].map(|s| self.view.u + v * s);
+        let mut from = 0.0;
+        let mut found = None;
+        for _ in 0..=passed {
+            let hits = neighbouring_periods(world).into_iter().filter_map(|shift| {
+                let (a, b) = (start.lerp(end, from) - shift, end - shift);
+                world.accelerator.first_hit_on_chord(a, b)
+            });
+            let hit = hits.min_by(|a, b| a.t.total_cmp(&b.t))?;
+            let t = from + hit.t * (1.0 - from);
+            found = Some(Hit {
+                s: (t * reach) as f32,
+                v: v.as_vec3(),
+                triangle: hit.triangle,
+                barycentric: [hit.barycentric.0 as f32, hit.barycentric.1 as f32],
+            });
+            from = t + BEYOND;
+        }
+        found
+    }
+}
+
+/// How far beyond a surface the next is looked for, as a share of the whole line: more than rounding.
+const BEYOND: f64 = 1e-9;
+
+/// What `samples` at these places see along straight lines, followed over `length` to the skies,
+/// behind so many surfaces.
+pub(super) fn straight_behind(
+    samples: &Samples<'_>,
+    length: f64,
+    passed: &[(Place, usize)],
+) -> Vec<Seen> {
+    let (world, view) = (samples.world, samples.view);
+    let lines = Lines::new(world, view);
+    let knots = even_knots(length, INTERVALS);
+    let corners = world.accelerator.bounds().map(|(low, high)| [low, high]);
+    let shifts = neighbouring_periods(world);
+    let farthest = corners.into_iter().flatten().flat_map(|corner| {
+        let from = corner - view.u;
+        shifts.iter().map(move |shift| (from + *shift).length())
+    });
+    // Corners of a box are no farther apart than thrice two opposite ones are.
+    let reach = |v: DVec3, farthest: f64| 3.0 * farthest / v.length();
+    let farthest = farthest.fold(0.0, f64::max);
+    passed
+        .par_iter()
+        .map_init(
+            || {
+                (
+                    Strands::new(knots.clone()),
+                    EndingFinder::new(&world.manifold),
+                )
+            },
+            |(strands, endings), ((y, x, k), passed)| {
+                let at = DVec2::new(*x as f64, *y as f64) + samples.offsets[*k];
+                let v = lines.frame * view.direction(at.x, at.y);
+                match lines.behind(world, at, *passed, reach(v, farthest)) {
+                    Some(hit) => Seen::Surface(hit),
+                    None => lines.sky(at, strands, endings),
+                }
+            },
+        )
+        .collect()
 }
 
 impl ProjectedTriangle {

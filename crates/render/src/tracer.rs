@@ -95,7 +95,21 @@ impl<'m> ExactTracer<'m> {
 }
 
 impl ExactTracer<'_> {
+<<<<<<< HEAD:crates/render/src/tracer.rs
     /// Follows the rays in `directions`, in order.
+=======
+    /// How far it follows rays.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Its local tolerance.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
+    /// The curves in `directions`, in order.
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/tracer.rs
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
         let settings = Settings {
             tolerance: self.tolerance,

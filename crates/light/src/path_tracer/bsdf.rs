@@ -8,10 +8,11 @@
 //! |---|---|
 //! | 0, 1 | matt: `Kd` |
 //! | 2 (and others) | matt `Kd` and glossy `Ks` with exponent `Ns` |
-//! | 3, 5, 8 | matt `Kd` and a mirror `Ks` |
-//! | 4, 6, 7, 9 | glass of index `Ni` |
+//! | 3, 4, 5, 8 | matt `Kd` and a mirror `Ks` |
+//! | 6, 7 | glass of index `Ni` |
 //!
-//! `d` below 1 lets the rest of the light through unturned. Where `Kd + Ks` exceeds 1, both are
+//! `d` below 1 lets the rest of the light through unturned: that is all that 4 and 9 mean by glass, and
+//! Maya gives 4 to whatever it exports. Where `Kd + Ks` exceeds 1, both are
 //! scaled down, so that no surface gives off more than it receives.
 
 use crate::path_tracer::ggx;
@@ -43,6 +44,8 @@ enum SpecularModel {
 /// A direction at random.
 #[derive(Debug, Clone, Copy)]
 pub struct Scattered {
+    /// Whether the light has gone through unturned, as if nothing were there.
+    pub unturned: bool,
     /// Away from the surface; below it (z < 0) if the light goes through.
     pub wi: DVec3,
     /// Reflectance times cosine over probability.
@@ -55,10 +58,17 @@ impl Bsdf {
     /// Takes `material` where its diffuse reflectance is `kd`.
     pub fn new(material: &Material, kd: [f32; 3]) -> Self {
         let colour = |c: [f32; 3]| DVec3::from_array(c.map(f64::from));
+<<<<<<< HEAD:crates/light/src/path_tracer/bsdf.rs
         let specular_model = match material.illumination {
             3 | 5 | 8 => SpecularModel::Mirror,
             4 | 6 | 7 | 9 => SpecularModel::Glass(f64::from(material.ni).max(1e-3)),
             _ => SpecularModel::Glossy(ggx::roughness(f64::from(material.ns))),
+=======
+        let sheen = match material.illumination {
+            3 | 4 | 5 | 8 => Sheen::Mirror,
+            _ if material.is_glass() => Sheen::Glass(f64::from(material.ni).max(1e-3)),
+            _ => Sheen::Glossy(ggx::roughness(f64::from(material.ns))),
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/path_tracer/bsdf.rs
         };
         let glass = matches!(specular_model, SpecularModel::Glass(_));
         let specular = match material.illumination {
@@ -73,6 +83,7 @@ impl Bsdf {
                 colour(kd) / most
             },
             specular: if glass { DVec3::ONE } else { specular / most },
+<<<<<<< HEAD:crates/light/src/path_tracer/bsdf.rs
             specular_model,
             // Glass says by `d` that it is clear, not that it is thin.
             through: if glass {
@@ -84,6 +95,25 @@ impl Bsdf {
     }
 
     /// Tells whether light from a given direction is reflected to the viewer at all: not by mirrors alone.
+=======
+            sheen,
+            through: 1.0 - f64::from(material.solid()),
+        }
+    }
+
+    /// The same where the material covers a share of the surface.
+    pub fn covering(self, share: f64) -> Self {
+        let through = 1.0 - self.solid() * share;
+        Self { through, ..self }
+    }
+
+    /// The share of light that does not go through unturned.
+    pub fn solid(&self) -> f64 {
+        1.0 - self.through
+    }
+
+    /// Whether light from a given direction is reflected to the viewer at all: not by mirrors alone.
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/path_tracer/bsdf.rs
     pub fn is_rough(&self) -> bool {
         self.through < 1.0
             && (self.diffuse != DVec3::ZERO
@@ -133,6 +163,7 @@ impl Bsdf {
     pub fn scatter(&self, wo: DVec3, outside: bool, random: &mut Stream) -> Option<Scattered> {
         if random.uniform() < self.through {
             return Some(Scattered {
+                unturned: true,
                 wi: -wo,
                 weight: DVec3::ONE,
                 probability: None,
@@ -148,6 +179,7 @@ impl Bsdf {
             _ if choice < matt => cosine_direction(two),
             SpecularModel::Mirror => {
                 return Some(Scattered {
+                    unturned: false,
                     wi: DVec3::new(-wo.x, -wo.y, wo.z),
                     weight: self.specular / (1.0 - matt),
                     probability: None,
@@ -157,6 +189,7 @@ impl Bsdf {
         };
         let probability = self.probability(wo, wi);
         (probability > 0.0).then(|| Scattered {
+            unturned: false,
             wi,
             weight: self.reflectance(wo, wi) * (wi.z / probability),
             probability: Some(probability),
@@ -180,6 +213,7 @@ fn cosine_direction(random: DVec2) -> DVec3 {
 fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
     let sin2 = (1.0 - wo.z * wo.z).max(0.0) / (index * index);
     let mirrored = |weight: f64| Scattered {
+        unturned: false,
         wi: DVec3::new(-wo.x, -wo.y, wo.z),
         weight: DVec3::splat(weight),
         probability: None,
@@ -195,6 +229,7 @@ fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
         return Some(mirrored(1.0));
     }
     Some(Scattered {
+        unturned: false,
         wi: DVec3::new(-wo.x / index, -wo.y / index, -cosine),
         weight: DVec3::splat(1.0 / (index * index)),
         probability: None,

@@ -8,10 +8,22 @@
 //! by it is weighed between this and scattering; light that comes by another is found by scattering
 //! alone, with its whole weight. So nothing is counted twice and nothing is lost.
 
+<<<<<<< HEAD:crates/light/src/path_tracer/emitters.rs
 use crate::{Connection, Shadows, ShootingStart, connect};
 use geofan_core::random::Stream;
 use geofan_render::{Hit, World};
 use glam::DVec3;
+=======
+use crate::{
+    random::Stream,
+    render::{
+        Footprint, Hit, World,
+        light::{Attempt, Connection, Way, connect},
+        shade,
+    },
+};
+use glam::{DVec3, Vec3};
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/path_tracer/emitters.rs
 
 /// Chooses among the emitting triangles of a world.
 pub struct Emitters {
@@ -25,7 +37,7 @@ pub struct Emitters {
 pub struct EmitterPoint {
     /// Chart point.
     pub u: DVec3,
-    /// Radiance.
+    /// Radiance, of what the surface stops if it is not solid.
     pub radiance: DVec3,
     /// The flat triangle's normal covector.
     pub normal: DVec3,
@@ -78,7 +90,9 @@ impl Emitters {
             (b, c) = (1.0 - b, 1.0 - c);
         }
         let [p, q, r] = world.accelerator.triangles()[triangle as usize];
-        self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c)
+        let mut chosen = self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c);
+        chosen.radiance = radiance(world, triangle, [b as f32, c as f32]);
+        chosen
     }
 
     /// Describes the point `u` of an emitting triangle.
@@ -125,9 +139,29 @@ impl EmitterPoint {
     }
 }
 
+<<<<<<< HEAD:crates/light/src/path_tracer/emitters.rs
 /// Returns the area, in the metric at `u`, that the unit square of a triangle's barycentric
 /// coordinates covers: twice that of the triangle.
 fn square_area(world: &World, triangle: u32, u: DVec3) -> f64 {
+=======
+/// What an emitter gives off where its second and third corner have these weights.
+fn radiance(world: &World, triangle: u32, barycentric: [f32; 2]) -> DVec3 {
+    let material = world.faces[triangle as usize].material;
+    let here = Hit {
+        s: 0.0,
+        v: Vec3::ZERO,
+        triangle,
+        barycentric,
+    };
+    let solid = world.materials[material as usize].solid() * world.coverage(&here);
+    let emitted = shade::emission(world, &here, &Footprint::POINT);
+    DVec3::from_array(emitted.map(|x| f64::from(x * solid)))
+}
+
+/// Twice the area over that in the triangle's coordinates: how much area, in the metric at `u`, the
+/// triangle's unit square covers.
+fn stretch(world: &World, triangle: u32, u: DVec3) -> f64 {
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/path_tracer/emitters.rs
     let [p, q, r] = world.accelerator.triangles()[triangle as usize];
     let into = world.manifold.standard_frame(u).inverse();
     (into * (q - p)).cross(into * (r - p)).length()

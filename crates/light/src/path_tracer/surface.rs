@@ -64,7 +64,14 @@ impl SurfaceInteraction {
         let facing = if outside { smooth } else { -smooth };
         // A smoothed normal that looks away from the viewer is not used.
         let normal = if facing.dot(back) > 0.0 { facing } else { flat };
+<<<<<<< HEAD:crates/light/src/path_tracer/surface.rs
         let around = ShadingFrame::new(normal);
+=======
+        let around = Around::new(normal);
+        let emitted = shade::emission(world, hit, &Footprint::POINT);
+        let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
+            .covering(f64::from(world.coverage(hit)));
+>>>>>>> 95ae3cb (Meshes as programs export them: OBJ, MTL, PLY and glTF; opacity in every tracer):src/render/path_tracer/surface.rs
         Self {
             hit: *hit,
             point: SurfacePoint {
@@ -78,8 +85,8 @@ impl SurfaceInteraction {
             flat: around.local(flat),
             around,
             outside,
-            emitted: DVec3::from_array(material.ke.map(f64::from)),
-            bsdf: Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT)),
+            emitted: DVec3::from_array(emitted.map(f64::from)) * bsdf.solid(),
+            bsdf,
         }
     }
 
