@@ -14,7 +14,7 @@ use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
     manifold::{Carried, Manifold, Observer},
 };
-use geofan_render::accel::Accelerator;
+use geofan_render::accel::BoxTree;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
@@ -86,8 +86,8 @@ pub struct LightFan<'m> {
     /// Arc lengths of the knots: the ends of intervals and, in between, their middles.
     pub(super) arc_lengths: Vec<f64>,
     segments: Vec<BeamSegment>,
-    /// The boxes around the segments, in their order.
-    boxes: Accelerator,
+    /// The numbers of the segments, by the boxes around them.
+    boxes: BoxTree<(u32, Region)>,
 }
 
 impl<'m> LightFan<'m> {
@@ -103,7 +103,7 @@ impl<'m> LightFan<'m> {
             rays: Vec::new(),
             arc_lengths: Vec::new(),
             segments: Vec::new(),
-            boxes: Accelerator::default(),
+            boxes: BoxTree::default(),
         };
         fan.choose_arc_lengths();
         let triangles = fan.refine();
@@ -111,7 +111,8 @@ impl<'m> LightFan<'m> {
             .par_iter()
             .flat_map_iter(|corners| fan.segments_of(*corners))
             .unzip();
-        fan.boxes = box_tree(&boxes);
+        let numbered: Vec<(u32, Region)> = (0..).zip(boxes).collect();
+        fan.boxes = BoxTree::build(&numbered, |(_, region)| *region);
         fan.segments = segments;
         fan
     }
@@ -284,7 +285,12 @@ impl<'m> LightFan<'m> {
         let mut guesses = Vec::new();
         for (index, x) in points.enumerate() {
             for image in self.images(x) {
-                self.boxes.candidates(image, image, &mut around);
+                around.clear();
+                self.boxes.visit(image, image, |(number, region)| {
+                    if holds(*region, image) {
+                        around.push(*number);
+                    }
+                });
                 let segment = |i: u32| &self.segments[i as usize];
                 let place = |i: &u32| Some((segment(*i), segment(*i).locate(image)?));
                 places.clear();
@@ -324,13 +330,6 @@ impl<'m> LightFan<'m> {
         }
         images
     }
-}
-
-/// Sorts boxes into a tree that tells which of them hold a point.
-fn box_tree(boxes: &[Region]) -> Accelerator {
-    // The box around a triangle with two opposite corners of a box is that box.
-    let triangles: Vec<[DVec3; 3]> = boxes.iter().map(|(a, b)| [*a, *b, *a]).collect();
-    Accelerator::build(&triangles)
 }
 
 /// Returns by how much the cubic over the interval from knot `k` misses the ray in the middle, as a

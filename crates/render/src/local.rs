@@ -13,7 +13,7 @@ use super::{
     endings::EventLocator,
     frame::Outcomes,
     intersect::{Hit, Seen, beyond},
-    path_batch::{PathBatch, PathSource},
+    path_batch::{PathBatch, PathOrigin},
     tiles::PixelSamples,
     tracer::even_knots,
     view::View,
@@ -222,7 +222,7 @@ impl<'w> Projection<'w> {
             n
         };
         lines.clear();
-        lines.push((direction, PathSource::Knots), fill, |line| {
+        lines.push((direction, PathOrigin::Knots), fill, |line| {
             events.ending(line)
         });
         beyond(&lines.path(0).ending.unwrap_or(Ending::Nowhere))

@@ -8,7 +8,7 @@ use super::{
     endings::EventLocator,
     family::{FamilyPath, RayFamily, refine_sixteen},
     lanes::{LANES, Vectors},
-    path_batch::{PathBatch, PathSource, PathView, stay},
+    path_batch::{PathBatch, PathOrigin, PathView, stay},
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
 };
 use geofan_bundle::{Fan, PathCoefficients, Table, TablePath, rays::Orbit};
@@ -105,12 +105,12 @@ impl GridTracer for TableTracer<'_> {
 
     fn refine(&self, path: PathView<'_>, s: &[f64], rows: &mut [f64]) {
         match path.source {
-            (_, PathSource::Knots) => path.sample(s, rows),
-            (coefficients, PathSource::Table(number)) => {
+            (_, PathOrigin::Knots) => path.sample(s, rows),
+            (coefficients, PathOrigin::Table(number)) => {
                 let known = self.fan.among(coefficients, *number).sample_into(s, rows);
                 stay(rows, s.len(), known);
             }
-            (_, PathSource::Family(orbit)) => {
+            (_, PathOrigin::Family(orbit)) => {
                 let family = self.family.as_ref();
                 let path = family.and_then(|family| family.known_path(orbit, &mut None));
                 path.into_iter().for_each(|path| path.refine(s, rows));
@@ -121,7 +121,7 @@ impl GridTracer for TableTracer<'_> {
     fn refine_sixteen(&self, paths: &[PathView<'_>; LANES], s: &[f64]) -> Vec<[Vectors; 2]> {
         let mut near = None;
         let in_family = |path: &PathView<'_>| match path.source.1 {
-            PathSource::Family(orbit) => self.family.as_ref()?.known_path(orbit, &mut near),
+            PathOrigin::Family(orbit) => self.family.as_ref()?.known_path(orbit, &mut near),
             _ => None,
         };
         let known: Option<Vec<FamilyPath<'_, '_>>> = paths.iter().map(in_family).collect();
@@ -151,7 +151,7 @@ impl TableTracer<'_> {
     ) {
         let number = self.fan.add(self.fan.locate(direction), coefficients);
         let path = self.fan.among(coefficients, number);
-        let source = (direction, PathSource::Table(number));
+        let source = (direction, PathOrigin::Table(number));
         let end = |view: PathView<'_>| ending(&path, view, events);
         batch.push(source, |knots, rows| path.sample_into(knots, rows), end);
     }
@@ -168,7 +168,7 @@ impl TableTracer<'_> {
             path.fill(rows);
             knots.len()
         };
-        batch.push((direction, PathSource::Family(orbit)), fill, |view| {
+        batch.push((direction, PathOrigin::Family(orbit)), fill, |view| {
             let known = path.ending(events);
             known.or_else(|| ending(&self.fan.path(direction), view, events))
         });

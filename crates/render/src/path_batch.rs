@@ -34,12 +34,12 @@ pub struct PathBatch {
     endings: Vec<Option<Ending>>,
     /// Coefficients that a tracer took from its table for some of the paths.
     coefficients: PathCoefficients,
-    sources: Vec<PathSource>,
+    sources: Vec<PathOrigin>,
 }
 
 /// The place that a tracer took a path from, to take more from there.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum PathSource {
+pub(super) enum PathOrigin {
     /// The path on its knots is all there is.
     Knots,
     /// From a table, with this number among the coefficients.
@@ -65,7 +65,7 @@ pub struct PathView<'a> {
     /// Its end; `None` where the tracer cannot give it on these knots.
     pub ending: Option<Ending>,
     /// The coefficients that its tracer took from a table, and where the path is.
-    pub(super) source: (&'a PathCoefficients, &'a PathSource),
+    pub(super) source: (&'a PathCoefficients, &'a PathOrigin),
 }
 
 impl PathBatch {
@@ -128,7 +128,7 @@ impl PathBatch {
     /// number of known knots, `end` returns its ending.
     pub(super) fn push(
         &mut self,
-        (direction, source): (DVec3, PathSource),
+        (direction, source): (DVec3, PathOrigin),
         fill: impl FnOnce(&[f64], &mut [f64]) -> usize,
         end: impl FnOnce(PathView<'_>) -> Option<Ending>,
     ) {
@@ -357,7 +357,7 @@ mod tests {
                     rows.fill_with(|| size * stream.between(-1.0, 1.0));
                     count
                 };
-                paths.push((DVec3::X, PathSource::Knots), fill, |_| None);
+                paths.push((DVec3::X, PathOrigin::Knots), fill, |_| None);
             }
             for path in (0..paths.len()).map(|i| paths.path(i)) {
                 for (k, t) in (0..count - 1).flat_map(|k| (0..=20).map(move |t| (k, t))) {

@@ -8,7 +8,7 @@ use super::{
     curve::{Cubic, Curve, Ending, ending_at},
     endings::EventLocator,
     lanes::{LANES, Vectors},
-    path_batch::{PathBatch, PathSource, PathView, ROWS, put},
+    path_batch::{PathBatch, PathOrigin, PathView, ROWS, put},
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
@@ -231,7 +231,7 @@ impl GridTracer for FixedTracer<'_> {
                 }
                 u.len()
             };
-            batch.push((*direction, PathSource::Knots), fill, |path| {
+            batch.push((*direction, PathOrigin::Knots), fill, |path| {
                 Some(events.ending(path).unwrap_or(Ending::Nowhere))
             });
         }

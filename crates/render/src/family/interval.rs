@@ -10,7 +10,7 @@ use crate::{
     curve::Ending,
     endings::{Event, EventLocator},
     lanes::{LANES, Lanes, SingleLanes, Vectors, each, single},
-    path_batch::{PathSource, PathView, ROWS, put},
+    path_batch::{PathOrigin, PathView, ROWS, put},
 };
 use geofan_bundle::{Fan, PathCoefficients, TablePath, chebyshev, product, rays::Orbit};
 use geofan_expr::vectorised;
@@ -308,7 +308,7 @@ fn first_event(
         boxes: &[],
         known: knots.len(),
         ending: None,
-        source: (&PathCoefficients::default(), &PathSource::Knots),
+        source: (&PathCoefficients::default(), &PathOrigin::Knots),
     };
     events.refined_event(view, |s, rows| path.sample_into(s, rows))
 }
