@@ -11,7 +11,7 @@ use super::{Path, Ray, Step, perpendiculars};
 use crate::manifold::Manifold;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-/// How small `det J⊥` must be against `|J⊥|²` of its neighbourhood for a reversal to count as a
+/// Share below which `det J⊥` must fall against `|J⊥|²` of its neighbourhood for a reversal to count as a
 /// double point. An honest one reaches the square of the tolerance; a mere quick turn of `J⊥`
 /// leaves about 1.
 const FOCUSED: f64 = 1e-3;

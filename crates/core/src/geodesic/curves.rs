@@ -13,7 +13,7 @@ use super::{
 use geofan_expr::real::Real;
 use glam::DVec3;
 
-/// What rounding of the positions at both ends leaves in the quintic's last coefficient, relative to
+/// Error that rounding of the positions at both ends leaves in the quintic's last coefficient, relative to
 /// them: six times half a unit in the last place of each.
 const ROUNDING: f64 = 6.0 * f64::EPSILON;
 
@@ -142,7 +142,7 @@ impl Curves {
         }
     }
 
-    /// The same with the curves of [`Curves::make_carried`].
+    /// Returns the step with the curves of [`Curves::make_carried`] as well.
     pub fn step(&self, lane: usize, start: f64, h: f64) -> Step {
         Step {
             turn: (!self.turn.is_empty()).then(|| {
@@ -160,7 +160,7 @@ impl Curves {
         }
     }
 
-    /// The same where those of all lanes have not been made.
+    /// Returns the step of one lane where the curves of all lanes have not been made.
     pub fn lone_step(&self, trial: Trial<'_>, lane: usize, start: f64) -> Step {
         let h = trial.h[lane];
         Step {

@@ -20,7 +20,7 @@ const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// Finds events on the steps of the rays in all lanes.
 pub(super) struct Events<'m> {
     domain: &'m Domain,
-    /// Whether the events depend on the tangent.
+    /// Set if the events depend on the tangent.
     tangent: bool,
     single: Registers<f64, 1>,
     /// The events' values at the end of the step before.
@@ -113,7 +113,7 @@ impl<'m> Events<'m> {
         self.most = most;
     }
 
-    /// Whether an event may be met within the step tried in `lane`.
+    /// Returns whether an event may be met within the step tried in `lane`.
     pub fn may_be_met(&self, lane: usize) -> bool {
         self.most[lane] > 0.0
     }

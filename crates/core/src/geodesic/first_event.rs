@@ -8,11 +8,11 @@ use super::{End, crossing};
 use crate::manifold::Domain;
 use glam::DVec3;
 
-/// How often a whole path is looked at for events: paths of tables bend over about a hundredth of
+/// Number of intervals in which a whole path is searched for events: paths of tables bend over about a hundredth of
 /// their length at the least.
 const LOOKS: u32 = 256;
 
-/// Whether an event with these values at two places is met between them.
+/// Returns whether an event with these values at two places is met between them.
 #[inline(always)]
 pub(super) fn is_met(before: f64, now: f64) -> bool {
     (now > 0.0) & (now > before)

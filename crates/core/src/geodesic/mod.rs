@@ -62,7 +62,7 @@ pub struct Ray {
     pub u: DVec3,
     /// Tangent, chart components: of unit length in the metric at `u`, or against the wind there.
     pub v: DVec3,
-    /// How far to follow it (arc length).
+    /// Arc length to follow it to.
     pub length: f64,
     /// The initial δv of the two deviations, chart components; used only when deviation is carried.
     pub spread: [DVec3; 2],
@@ -87,7 +87,7 @@ impl Ray {
     }
 }
 
-/// How a path ended.
+/// The reason of a path's end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     /// At the length asked for, or where its [`Sink`] had seen enough.
@@ -109,21 +109,21 @@ impl End {
     }
 }
 
-/// What to follow and how exactly.
+/// Settings of the integrator: error budget, quantities carried along, events.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
     /// Largest local error of a step: an angle in radians for directions and frames, a share of the
     /// arc length for positions.
     pub tolerance: f64,
-    /// What to carry along.
+    /// Quantities to carry along.
     pub carried: Carried,
-    /// Whether to end rays at exits and at the end of the domain.
+    /// Set to end rays at exits and at the end of the domain.
     pub events: bool,
 }
 
 /// Takes the steps of many rays as they are made.
 pub trait Sink {
-    /// Whether the step of `ray` that ends at arc length `to` is to be made into a curve and given to
+    /// Returns whether the step of `ray` that ends at arc length `to` is to be made into a curve and given to
     /// [`Sink::step`]; the one in which the ray ends always is.
     fn wants(&self, ray: usize, to: f64) -> bool {
         let _ = (ray, to);
@@ -134,13 +134,13 @@ pub trait Sink {
     fn region(&self) -> Option<(DVec3, DVec3)> {
         None
     }
-    /// Whether steps are to have what is carried along; that in which a ray ends always has.
+    /// Returns whether steps are to have what is carried along; that in which a ray ends always has.
     fn wants_carried(&self) -> bool {
         true
     }
     /// The next step of `ray` that was wanted; steps of one ray come in order, those of different rays mixed.
     fn step(&mut self, ray: usize, step: &Step);
-    /// Whether to follow `ray` further; asked after each of its steps. A ray that is given up ends
+    /// Returns whether to follow `ray` further; asked after each of its steps. A ray that is given up ends
     /// as [`End::Length`] at the end of that step.
     fn wants_more(&self, _ray: usize) -> bool {
         true

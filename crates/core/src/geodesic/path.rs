@@ -8,11 +8,11 @@ use crate::manifold::Manifold;
 pub struct Path {
     /// The steps in order, without gaps.
     pub steps: Vec<Step>,
-    /// How it ended.
+    /// The reason of its end.
     pub end: End,
     /// The arc length at which it ended.
     pub length: f64,
-    /// How many steps were tried, rejected ones included.
+    /// Number of steps tried, rejected ones included.
     pub tried: usize,
 }
 

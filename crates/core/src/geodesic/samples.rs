@@ -7,7 +7,7 @@ use super::{Path, Ray, Step, signed_area};
 use crate::manifold::Manifold;
 use glam::{DMat3, DVec3};
 
-/// What is known at one arc length of a path.
+/// State of a path at one arc length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
     /// Arc length from the start.

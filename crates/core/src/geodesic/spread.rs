@@ -22,11 +22,11 @@ pub fn perpendiculars(d: DVec3) -> [DVec3; 2] {
 /// them: near conjugate points the inverse map is unbounded.
 const LEAST_MAGNIFICATION: f64 = 0.25;
 
-/// How much of a path's tangent must point across its wave front for displacements to be moved along it
+/// Share of a path's tangent that must point across its wave front for displacements to be moved along it
 /// into that: below, they would become more than ten times longer than they are.
 const LEAST_ALONG: f64 = 0.1;
 
-/// The same for tangents: a sky that is magnified shows its own grain before the error of a tangent.
+/// Least magnification of tangents: a sky that is magnified shows its own grain before the error of a tangent.
 const LEAST_SKY_MAGNIFICATION: f64 = 1.0;
 
 /// The transverse part of the deviation matrix at a point of a path.
@@ -49,7 +49,7 @@ impl JacobiField {
         }
     }
 
-    /// The same as `observer` sees it where there is a wind. A displacement is moved along the path into
+    /// Computes the field as `observer` sees it where there is a wind. A displacement is moved along the path into
     /// the wave front, the plane across the direction of sight in which neighbours of equal time lie.
     /// Where the path nearly runs within the wave front, it is measured across the path instead.
     pub fn seen_by(observer: &Observer, v: DVec3, j: [DVec3; 2]) -> Self {
@@ -106,7 +106,7 @@ impl JacobiField {
         looks_like(matrix, self.project(e) / s, LEAST_MAGNIFICATION)
     }
 
-    /// The same for an error `e` of the unit tangent, if this is the spread of tangents: the angle on
+    /// Computes the angle of an error `e` of the unit tangent, if this is the spread of tangents: the angle on
     /// the sky, or what it looks like at the camera where the sky is shrunk.
     pub fn sky_angle(&self, e: DVec3) -> f64 {
         looks_like(self.matrix, self.project(e), LEAST_SKY_MAGNIFICATION)

@@ -173,7 +173,7 @@ fn kinks(
         .copied()
         .chain(medium.nodes())
         .collect();
-    let functions = graph.kinks(&roots);
+    let functions = graph.switching_functions(&roots);
     if functions.is_empty() {
         return Ok(None);
     }
