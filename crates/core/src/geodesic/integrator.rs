@@ -10,7 +10,6 @@ mod report;
 use super::{
     End, LANES, NIL, Ray, Row, Settings, Sink,
     control::{Control, LOOK},
-    curves::{Curves, Trial},
     dormand_prince::{A, ERROR, STAGES},
     each,
     events::Events,
@@ -18,6 +17,7 @@ use super::{
     rows::{larger, multiply, norm2, take_where, vector},
     starts::{Start, Starts},
     state::{Layout, Rest, rates_at},
+    step::{Curves, Trial},
     weighted,
 };
 use crate::manifold::{Carried, Manifold};

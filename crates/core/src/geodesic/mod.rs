@@ -4,56 +4,35 @@
 //! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
 //! any curve ([`transport`]), and the exponential map with its differential ([`exponential()`]).
 
-mod conjugate;
 mod control;
-mod crossing;
-mod curves;
 mod departure;
+mod deviation;
 mod dormand_prince;
-mod elapsed;
 mod events;
 mod exponential;
-mod first_event;
 mod fixed;
 mod integrator;
 mod kinks;
 mod path;
 mod rows;
-mod samples;
-mod spread;
 mod starts;
 mod state;
 mod step;
 mod transport;
 
-pub use conjugate::conjugate_points;
-pub use crossing::crossing;
 pub use departure::{check_point, depart};
-pub use elapsed::elapsed;
+pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
+pub use events::{crossing, first_event};
 pub use exponential::{Exponential, exponential};
-pub use first_event::first_event;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
-pub use path::{Path, ends, paths};
-pub use samples::{Sample, samples};
-pub use spread::{JacobiField, perpendiculars, signed_area};
+pub use path::{Path, Sample, elapsed, ends, paths, samples};
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
 
 use crate::manifold::{Carried, Manifold, Observer};
-use geofan_expr::Wide;
 use glam::DVec3;
-
-/// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
-/// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
-/// stages no longer stay in the first-level cache.
-const LANES: usize = 32;
-
-/// One number for every lane.
-type Row = Wide<f64, LANES>;
-
-/// Zero in every lane.
-const NIL: Row = Wide([0.0; LANES]);
+use rows::{LANES, NIL, Row, each, weighted};
 
 /// A geodesic to follow.
 #[derive(Debug, Clone, Copy)]
@@ -147,27 +126,4 @@ pub trait Sink {
     }
     /// `ray` has ended at arc length `s` after `steps` steps tried.
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);
-}
-
-/// One number for each lane.
-#[inline(always)]
-fn each(f: impl Fn(usize) -> f64) -> Row {
-    let mut row = NIL;
-    for l in 0..LANES {
-        row[l] = f(l);
-    }
-    row
-}
-
-/// `Σ wⱼ kⱼ` of one row of the stages' rates.
-#[inline(always)]
-fn weighted(weights: &[f64], k: &[Vec<Row>], row: usize) -> Row {
-    let mut sum = NIL;
-    for (&w, k) in weights.iter().zip(k).filter(|(w, _)| **w != 0.0) {
-        let k = &k[row];
-        for l in 0..LANES {
-            sum[l] += w * k[l];
-        }
-    }
-    sum
 }
