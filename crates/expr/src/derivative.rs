@@ -202,9 +202,9 @@ impl Graph {
         self.mul_add(by_exponent, db, by_base)
     }
 
-    /// Returns the switching functions of `roots`, each once: they vanish exactly where `abs`, `min`, `max` or
-    /// `if` below those nodes change their branch (the argument of `abs`, the difference of what the others
-    /// compare). Their signs mean nothing.
+    /// Returns the switching functions of `roots`, each once: they vanish where `abs`, `min`, `max`, `if`,
+    /// `floor` or `atan2` below those nodes change their branch (the argument of `abs`, the difference of what
+    /// the others compare, the sine of π times the argument of `floor`, the first argument of `atan2`). Their signs mean nothing.
     pub fn switching_functions(&mut self, roots: &[NodeId]) -> Vec<NodeId> {
         let mut found = Vec::new();
         for node in self.below(roots) {
@@ -215,6 +215,13 @@ impl Graph {
                     a,
                     b,
                 ) => self.sub(a.min(b), a.max(b)),
+                // The cut lies at `a = 0` where `b < 0`; elsewhere on it nothing happens.
+                Node::Binary(Binary::Atan2, a, _) => a,
+                Node::Unary(Unary::Floor, a) => {
+                    let pi = self.constant(std::f64::consts::PI);
+                    let turns = self.mul(pi, a);
+                    self.unary(Unary::Sin, turns)
+                }
                 _ => continue,
             };
             if !found.contains(&function) {

@@ -118,6 +118,13 @@ impl Control {
         self.next_h[lane] = h.min(self.length[lane] - self.s[lane]);
     }
 
+    /// Replaces the judgement of the trial in `lane`: no further step is possible.
+    pub fn end_here(&mut self, lane: usize) {
+        self.accepted[lane] = 0.0;
+        self.complete[lane] = 0.0;
+        self.stuck[lane] = 1.0;
+    }
+
     /// Replaces the step after the accepted trial in `lane`.
     pub fn go_on_with(&mut self, lane: usize, h: f64) {
         self.stuck[lane] = 0.0;

@@ -180,6 +180,13 @@ pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64>
     let mut before = DMat2::IDENTITY;
     for step in &path.steps {
         let field = |s: f64| transverse(manifold, step, across, s);
+        // Across an edge of the metric `J⊥` jumps; a reflection turns it round without a focus.
+        if step.start > 0.0
+            && let Some(start) = field(step.start)
+            && !near(start, before)
+        {
+            before = start;
+        }
         let middle = 0.5 * (step.start + step.end);
         for (low, high) in [(step.start, middle), (middle, step.end)] {
             let Some(after) = field(high) else {
@@ -199,7 +206,13 @@ pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64>
     found
 }
 
-/// `J⊥` at `s` in the transported frame, in the directions `across` of the start.
+/// Returns whether two values of `J⊥` are those of one place but for the errors of two steps' curves.
+fn near(a: DMat2, b: DMat2) -> bool {
+    let size = |m: DMat2| m.x_axis.length_squared() + m.y_axis.length_squared();
+    size(a - b) <= 1e-6 * size(b)
+}
+
+/// Computes `J⊥` at `s` in the transported frame, in the directions `across` of the start.
 fn transverse(manifold: &Manifold, step: &Step, across: [DVec3; 2], s: f64) -> Option<DMat2> {
     let u = step.position(s);
     let frame = manifold.standard_frame(u) * DMat3::from_quat(step.rotation(s)?);

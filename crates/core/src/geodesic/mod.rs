@@ -12,12 +12,13 @@ mod events;
 mod exponential;
 mod fixed;
 mod integrator;
-mod kinks;
 mod path;
+mod refraction;
 mod rows;
 mod starts;
 mod state;
 mod step;
+mod switching;
 mod transport;
 
 pub use departure::{check_point, depart};
