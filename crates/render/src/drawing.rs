@@ -4,11 +4,12 @@
 //! taken in passes, so that memory does not grow with their number.
 
 use super::{
+    behind::SeenBehind,
     filter::Film,
     frame::{Clock, Outcomes, Paths, Work, offsets, trace_timed},
     picture::Picture,
     shade::{Footprints, shade},
-    tiles::SamplePlace,
+    tiles::{PixelSamples, SamplePlace},
     view::View,
     world::World,
 };
@@ -59,10 +60,24 @@ pub fn draw(
         let traced = trace_timed(world, view, paths, offsets, clock);
         work += traced.work;
         let middle = clock();
-        let colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let shaded = clock();
+        let behind = SeenBehind {
+            samples: PixelSamples {
+                world,
+                view,
+                offsets,
+                clock,
+            },
+            paths,
+            of_pixel: samples,
+            footprints,
+        };
+        behind.show(traced.outcomes.view(), &mut colours);
+        let shown = clock();
         film.add(colours, offsets);
-        times[0] += middle.saturating_sub(began);
-        times[1] += clock().saturating_sub(middle);
+        times[0] += middle.saturating_sub(began) + shown.saturating_sub(shaded);
+        times[1] += shaded.saturating_sub(middle) + clock().saturating_sub(shown);
         first.get_or_insert((traced.outcomes, traced.flagged));
     }
     let began = clock();

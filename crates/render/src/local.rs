@@ -14,7 +14,7 @@ use super::{
     frame::Outcomes,
     intersect::{Hit, Seen, beyond},
     path_batch::{PathBatch, PathOrigin},
-    tiles::PixelSamples,
+    tiles::{PixelSamples, SamplePlace},
     tracer::even_knots,
     view::View,
     world::World,
@@ -34,6 +34,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
     let picture = Projection::new(world, samples.view);
+    let straight = StraightLines::new(world, samples.view);
     let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
@@ -52,7 +53,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
                     if *slot == Seen::Nothing {
                         let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        *slot = picture.sky(at, lines, events);
+                        *slot = straight.sky(at, lines, events);
                     }
                 }
             },
@@ -91,8 +92,6 @@ struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
-    /// The standard frame at the camera.
-    frame: DMat3,
     triangles: Vec<ProjectedTriangle>,
 }
 
@@ -106,7 +105,6 @@ impl<'w> Projection<'w> {
             world,
             view,
             axes,
-            frame: world.manifold.standard_frame(view.u),
             triangles: Vec::new(),
         };
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
@@ -184,7 +182,7 @@ impl<'w> Projection<'w> {
                         let Some((nearness, weights)) = projected.meet(at) else {
                             continue;
                         };
-                        if nearness > *slot {
+                        if nearness > *slot && !self.is_open(projected.triangle, weights) {
                             *slot = nearness;
                             part[(y, x, k)] = self.hit(projected.triangle, weights);
                         }
@@ -192,6 +190,12 @@ impl<'w> Projection<'w> {
                 }
             }
         }
+    }
+
+    /// Tells whether a triangle has a hole at these weights.
+    fn is_open(&self, triangle: u32, weights: DVec2) -> bool {
+        let weights = weights.as_vec2().to_array();
+        self.world.accelerator.is_open(triangle, weights)
     }
 
     /// Returns the hit at the place of a triangle with these weights.
@@ -207,8 +211,24 @@ impl<'w> Projection<'w> {
             barycentric: weights.as_vec2().to_array(),
         })
     }
+}
 
-    /// Finds the sky at the end of the chart's straight line through the point `at` of the picture.
+/// The straight lines of the chart from the camera.
+struct StraightLines<'w> {
+    view: &'w View,
+    /// The standard frame at the camera.
+    frame: DMat3,
+}
+
+impl<'w> StraightLines<'w> {
+    fn new(world: &World, view: &'w View) -> Self {
+        Self {
+            view,
+            frame: world.manifold.standard_frame(view.u),
+        }
+    }
+
+    /// Finds the sky at the end of the line through the point `at` of the picture.
     fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
         let (u, v) = (self.view.u, self.frame * direction);
@@ -227,6 +247,73 @@ impl<'w> Projection<'w> {
         });
         beyond(&lines.path(0).ending.unwrap_or(Ending::Nowhere))
     }
+
+    /// Finds the surface on the line through `at` behind so many others, as far as `reach`.
+    fn behind(&self, world: &World, at: DVec2, passed: usize, reach: f64) -> Option<Hit> {
+        let v = self.frame * self.view.direction(at.x, at.y);
+        let [start, end] = [0.0, reach].map(|s| self.view.u + v * s);
+        let mut from = 0.0;
+        let mut found = None;
+        for _ in 0..=passed {
+            let hits = neighbouring_periods(world).into_iter().filter_map(|shift| {
+                let (a, b) = (start.lerp(end, from) - shift, end - shift);
+                world.accelerator.first_hit_on_chord(a, b)
+            });
+            let hit = hits.min_by(|a, b| a.t.total_cmp(&b.t))?;
+            let t = from + hit.t * (1.0 - from);
+            found = Some(Hit {
+                s: (t * reach) as f32,
+                v: v.as_vec3(),
+                triangle: hit.triangle,
+                barycentric: [hit.barycentric.0 as f32, hit.barycentric.1 as f32],
+            });
+            from = t + BEYOND;
+        }
+        found
+    }
+}
+
+/// How far beyond a surface the next is looked for, as a share of the whole line: more than rounding.
+const BEYOND: f64 = 1e-9;
+
+/// Finds what `samples` at these places see along straight lines behind so many surfaces; lines are
+/// followed over `length` to the skies.
+pub(super) fn straight_behind(
+    samples: &PixelSamples<'_>,
+    length: f64,
+    passed: &[(SamplePlace, usize)],
+) -> Vec<Seen> {
+    let (world, view) = (samples.world, samples.view);
+    let lines = StraightLines::new(world, view);
+    let knots = even_knots(length, INTERVALS);
+    let corners = world.accelerator.bounds().map(|(low, high)| [low, high]);
+    let shifts = neighbouring_periods(world);
+    let farthest = corners.into_iter().flatten().flat_map(|corner| {
+        let from = corner - view.u;
+        shifts.iter().map(move |shift| (from + *shift).length())
+    });
+    // Corners of a box are no farther apart than thrice two opposite ones are.
+    let reach = |v: DVec3, farthest: f64| 3.0 * farthest / v.length();
+    let farthest = farthest.fold(0.0, f64::max);
+    passed
+        .par_iter()
+        .map_init(
+            || {
+                (
+                    PathBatch::new(knots.clone()),
+                    EventLocator::new(&world.manifold),
+                )
+            },
+            |(batch, events), ((y, x, k), passed)| {
+                let at = DVec2::new(*x as f64, *y as f64) + samples.offsets[*k];
+                let v = lines.frame * view.direction(at.x, at.y);
+                match lines.behind(world, at, *passed, reach(v, farthest)) {
+                    Some(hit) => Seen::Surface(hit),
+                    None => lines.sky(at, batch, events),
+                }
+            },
+        )
+        .collect()
 }
 
 impl ProjectedTriangle {
