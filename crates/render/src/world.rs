@@ -73,6 +73,8 @@ impl World {
     /// Files that cannot be read, objects outside the domain, skies of exits that do not exist.
     pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
+        let shapes = skies.iter().flatten().filter_map(Sky::warning);
+        let warnings = shapes.map(str::to_owned).collect();
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
@@ -80,7 +82,7 @@ impl World {
             skies,
             lights: lights(scene, &manifold)?,
             light: None,
-            warnings: Vec::new(),
+            warnings,
             manifold,
         };
         let mut triangles = Vec::new();
