@@ -6,17 +6,19 @@
 //! the camera, and off by an angle that grows in proportion to the distance.
 //!
 //! Triangles are cut at a plane in front of the camera, projected and filled with a depth for every
-//! sample. In glued coordinates the scene is drawn in the periods next to the camera's too.
+//! sample; where a picture is no plane, each
+//! sample's line is intersected. In glued coordinates the scene is drawn in the periods next to the camera's
+//! too.
 
 use super::{
-    curve::Ending,
+    curve::{Cubic, Ending},
     endings::EventLocator,
     frame::Outcomes,
-    intersect::{Hit, Seen, beyond},
+    intersect::{Hit, Seen, beyond, first_hit},
     path_batch::{PathBatch, PathOrigin},
     tiles::PixelSamples,
     tracer::even_knots,
-    view::View,
+    view::{Optics, View},
     world::World,
 };
 use glam::{DMat3, DVec2, DVec3};
@@ -33,7 +35,13 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
 pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcomes {
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
-    let picture = Projection::new(world, samples.view);
+    let mut picture = Projection::new(world, samples.view);
+    // Triangles have straight sides on a plane only.
+    let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
+    if flat && samples.view.is_central() {
+        picture.flatten();
+    }
+    let picture = &picture;
     let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
@@ -50,9 +58,14 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
             |(lines, events), (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
-                    if *slot == Seen::Nothing {
-                        let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        *slot = picture.sky(at, lines, events);
+                    let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
+                    if *slot == Seen::Nothing && samples.view.shows(at.x, at.y) {
+                        let met = if picture.is_flat {
+                            None
+                        } else {
+                            picture.met(at, length)
+                        };
+                        *slot = met.unwrap_or_else(|| picture.sky(at, lines, events));
                     }
                 }
             },
@@ -93,22 +106,30 @@ struct Projection<'w> {
     axes: DMat3,
     /// The standard frame at the camera.
     frame: DMat3,
+    /// True once all that may be met is in `triangles`.
+    is_flat: bool,
     triangles: Vec<ProjectedTriangle>,
 }
 
 impl<'w> Projection<'w> {
-    /// Projects the triangles of `world` in all periods next to the camera's.
+    /// Prepares the picture; no triangle is projected yet.
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
-        let into = axes.transpose() * world.manifold.metric(view.u);
-        let mut picture = Self {
+        Self {
             world,
             view,
             axes,
             frame: world.manifold.standard_frame(view.u),
+            is_flat: false,
             triangles: Vec::new(),
-        };
+        }
+    }
+
+    /// Projects all triangles onto the picture's plane, in all periods next to the camera's.
+    fn flatten(&mut self) {
+        let (world, view) = (self.world, self.view);
+        let into = self.axes.transpose() * world.manifold.metric(view.u);
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
                 .length()
@@ -119,12 +140,12 @@ impl<'w> Projection<'w> {
             let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
                     let p = corners.map(|u| into * (u + shift - view.u));
-                    picture.project(i as u32, p, NEAR * farthest)
+                    self.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
-            picture.triangles.extend(projected.into_iter().flatten());
+            self.triangles.extend(projected.into_iter().flatten());
         }
-        picture
+        self.is_flat = true;
     }
 
     /// Projects the parts of a triangle (in the camera's axes) that lie in front of the camera.
@@ -208,10 +229,29 @@ impl<'w> Projection<'w> {
         })
     }
 
-    /// Finds the sky at the end of the chart's straight line through the point `at` of the picture.
+    /// Returns the chart's straight line of the point `at` of the picture: its start and its tangent.
+    fn line(&self, at: DVec2) -> (DVec3, DVec3) {
+        let ray = self.view.ray(at.x, at.y);
+        let start = self.view.u + self.frame * ray.offset;
+        (start, self.frame * ray.direction)
+    }
+
+    /// Finds what that line meets within `length`.
+    fn met(&self, at: DVec2, length: f64) -> Option<Seen> {
+        let (u, v) = self.line(at);
+        let piece = Cubic {
+            s: [0.0, length],
+            u: [u, u + v * length],
+            v: [v, v],
+        };
+        let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        first_hit(accelerator, domain, &piece, length).map(Seen::Surface)
+    }
+
+    /// Finds the sky at the end of that line.
     fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
-        let (u, v) = (self.view.u, self.frame * direction);
+        let (u, v) = self.line(at);
         let fill = |knots: &[f64], rows: &mut [f64]| {
             let n = knots.len();
             for (k, s) in knots.iter().enumerate() {

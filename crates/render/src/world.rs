@@ -7,6 +7,7 @@ use super::{
     accel::Accelerator,
     intersect::Hit,
     lightmap::Lightmap,
+    panels::{Part, PicturePanels},
     scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
     sky::Sky,
     view::{View, camera_point},
@@ -18,7 +19,7 @@ use geofan_core::{
     manifold::Manifold,
 };
 use glam::DVec3;
-use std::{path::Path, sync::Arc};
+use std::{io::Write, path::Path, sync::Arc};
 
 /// The corners of a triangle as shading needs them.
 #[derive(Debug, Clone)]
@@ -115,6 +116,17 @@ impl World {
                 hasher.update(&x.to_le_bytes());
             }
         }
+        *hasher.finalize().as_bytes()
+    }
+
+    /// Computes a hash of everything that can be seen: triangles, materials with their textures, lamps and
+    /// skies.
+    pub fn fingerprint(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&self.geometry_fingerprint());
+        // Of pictures a digest of their pixels is written.
+        let seen = (&self.faces, &self.materials, &self.lights, &self.skies);
+        write!(hasher, "{seen:?}").expect("a hash takes everything");
         *hasher.finalize().as_bytes()
     }
 
@@ -303,9 +315,22 @@ impl Stage {
     /// Returns the view of a camera of this scene.
     ///
     /// # Errors
-    /// The camera is outside the domain.
+    /// The camera is outside the domain, or draws several pictures.
     pub fn view(&self, camera: &CameraEntry, size: (usize, usize)) -> Result<View> {
+        self.panels(camera, size, None)?.single()
+    }
+
+    /// Returns the parts of the picture of a camera of this scene; of `crop` alone, if there is one.
+    ///
+    /// # Errors
+    /// The camera is outside the domain, or the picture cannot be divided as its lens asks.
+    pub fn panels(
+        &self,
+        camera: &CameraEntry,
+        size: (usize, usize),
+        crop: Option<Part>,
+    ) -> Result<PicturePanels> {
         let u = camera_point(&self.world.manifold, &self.scene.source, camera)?;
-        Ok(View::new(camera, u, size))
+        PicturePanels::new(&self.world.manifold, (camera, u), size, crop)
     }
 }

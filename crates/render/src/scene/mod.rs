@@ -2,6 +2,7 @@
 //!
 //! In: paths. Out: [`SceneFile`] and [`Mesh`], checked, with warnings for what was mended.
 
+mod camera;
 mod file;
 mod material;
 mod mesh;
@@ -12,6 +13,7 @@ mod subdivide;
 mod survey;
 mod table;
 
+pub use camera::{CameraProjection, Lens, Stereo, StereoLayout};
 pub use file::{
     CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
 };
