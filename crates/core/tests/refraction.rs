@@ -4,7 +4,7 @@
 mod support;
 
 use geofan_core::{
-    geodesic::{End, Path, Ray, exponential, paths},
+    geodesic::{End, Path, Ray, exponential, fixed_steps, paths},
     manifold::Manifold,
     random::Stream,
 };
@@ -335,4 +335,18 @@ fn a_path_along_an_edge_ends_and_its_neighbours_are_right() {
     let (_, within) = arrival(&end(b));
     let expected = 2.0 * (b.asin() - (b / 1.5).asin());
     assert!((within.y.atan2(within.x) + expected).abs() < 1e-8);
+}
+
+#[test]
+fn equal_steps_are_refracted_too() {
+    for (case, (manifold, u, d)) in jumping().into_iter().enumerate() {
+        let (expected, _) = arrival(&follow(&manifold, u, d, 4.0));
+        let ray = Ray::new(&manifold, u, d.normalize(), 4.0);
+        let off = |steps: usize| {
+            let knots = fixed_steps::<f64>(&manifold, &[(ray.u, ray.v)], 4.0, steps);
+            (knots[0].0[steps] - expected).length()
+        };
+        assert!(off(64) < 1e-4, "case {case}: {}", off(64));
+        assert!(off(1024) < 1e-8, "case {case}: {}", off(1024));
+    }
 }
