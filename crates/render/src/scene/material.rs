@@ -6,10 +6,14 @@
 //! `tobj` parses the text, but panics on a colour of fewer than three numbers and gives up the
 //! whole file at the first bad number; so each line is checked and mended before `tobj` sees it.
 
-use crate::{Footprint, picture};
+use crate::{
+    Footprint,
+    picture::{self, digest},
+};
 use ndarray::Array3;
 use std::{
     collections::HashMap,
+    fmt,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -56,11 +60,24 @@ impl Default for Material {
 }
 
 /// A picture that repeats over the plane of texture coordinates.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Texture {
     /// Rows from the top × columns × linear red, green, blue; then the same at half the size, a
     /// quarter, … down to one pixel.
     levels: Vec<Array3<f32>>,
+}
+
+/// Writes a digest in place of the pixels.
+impl fmt::Debug for Texture {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let pixels = &self.levels[0];
+        write!(
+            f,
+            "Texture({:?}, {})",
+            pixels.dim(),
+            digest(pixels.iter().copied())
+        )
+    }
 }
 
 impl Texture {

@@ -14,7 +14,7 @@ use super::{
 };
 use geofan_core::{
     error::{Error, Result},
-    reading::read_file,
+    reading::{MOST_OF_A_FILE, read_file},
 };
 use glam::DVec3;
 use std::{
@@ -46,7 +46,7 @@ pub struct Mesh {
 impl Mesh {
     /// Reads the OBJ file at `path` with its materials and textures.
     pub fn load(path: &Path) -> Result<Self> {
-        let bytes = read_file(path, &[], u64::MAX)?;
+        let bytes = read_file(path, &[], MOST_OF_A_FILE)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         Self::parse(
             &path.display().to_string(),
@@ -185,7 +185,7 @@ fn parse_obj(
 
 fn load_mtl(path: &Path, warnings: &mut Vec<String>) -> tobj::MTLLoadResult {
     let name = path.display().to_string();
-    let bytes = read_file(path, &[], u64::MAX).map_err(|e| {
+    let bytes = read_file(path, &[], MOST_OF_A_FILE).map_err(|e| {
         warnings.push(format!("materials left out: {e}"));
         tobj::LoadError::OpenFileFailed
     })?;
