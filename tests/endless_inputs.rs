@@ -36,7 +36,7 @@ fn geofan(place: &Place, arguments: &str) -> (Option<i32>, String) {
 }
 
 /// The kinds of files, each with the command that reads `@` as one.
-const KINDS: [(&str, &str); 9] = [
+const KINDS: [(&str, &str); 13] = [
     ("bundle", "info @"),
     (
         "bundle to render",
@@ -51,6 +51,10 @@ const KINDS: [(&str, &str); 9] = [
     ),
     ("mesh", "render mesh.toml --size 8x8 -o a.png"),
     ("materials", "render materials.toml --size 8x8 -o a.png"),
+    ("texture", "render texture.toml --size 8x8 -o a.png"),
+    ("PLY mesh", "render ply.toml --size 8x8 -o a.png"),
+    ("glTF mesh", "render gltf.toml --size 8x8 -o a.png"),
+    ("binary glTF mesh", "render glb.toml --size 8x8 -o a.png"),
     ("sky", "render sky.toml --size 8x8 -o a.png"),
 ];
 
@@ -64,6 +68,15 @@ fn place() -> Place {
         ("flat.toml", FLAT),
         ("scene.toml", scene),
         ("mesh.toml", &object("endless.obj")),
+        ("ply.toml", &object("endless.ply")),
+        ("gltf.toml", &object("endless.gltf")),
+        ("glb.toml", &object("endless.glb")),
+        ("texture.toml", &object("painted.obj")),
+        (
+            "painted.obj",
+            "mtllib painted.mtl\nv 0 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nusemtl a\nf 1/1 2/1 3/1\n",
+        ),
+        ("painted.mtl", "newmtl a\nmap_Kd endless.png\n"),
         ("materials.toml", &object("lit.obj")),
         (
             "lit.obj",
@@ -81,8 +94,19 @@ fn name(arguments: &str) -> &'static str {
     match arguments {
         a if a.contains("mesh.toml") => "endless.obj",
         a if a.contains("materials.toml") => "endless.mtl",
-        a if a.contains("sky.toml") => "endless.png",
+        a if a.contains("sky.toml") || a.contains("texture.toml") => "endless.png",
+        a if a.contains("ply.toml") => "endless.ply",
+        a if a.contains("gltf.toml") => "endless.gltf",
+        a if a.contains("glb.toml") => "endless.glb",
         _ => "endless.toml",
+    }
+}
+
+/// Materials and textures that cannot be read are left out with a warning.
+fn expected_code(kind: &str) -> i32 {
+    match kind {
+        "materials" | "texture" => 0,
+        _ => 2,
     }
 }
 
@@ -94,8 +118,7 @@ fn refused_everywhere(make: impl Fn(&std::path::Path)) {
         let (code, said) = geofan(&place, &arguments.replace('@', "endless.toml"));
         assert!(!said.contains("panicked"), "{kind}: {said}");
         assert!(said.contains("endless"), "{kind}: {said}");
-        // Materials that cannot be read are left out with a warning.
-        let expected = if kind == "materials" { 0 } else { 2 };
+        let expected = expected_code(kind);
         assert_eq!(code, Some(expected), "{kind}: {said}");
     }
 }
@@ -133,7 +156,7 @@ fn a_pipe_that_never_ends_is_refused_as_every_kind_of_file() {
         writer.wait().unwrap();
         // Let go of whoever still waits for a reader.
         drop(fs::OpenOptions::new().read(true).write(true).open(&path));
-        let expected = if kind == "materials" { 0 } else { 2 };
+        let expected = expected_code(kind);
         assert_eq!(code, Some(expected), "{kind}: {said}");
         assert!(said.contains("endless"), "{kind}: {said}");
     }

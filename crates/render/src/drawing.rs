@@ -4,12 +4,13 @@
 //! taken in passes, so that memory does not grow with their number.
 
 use super::{
+    behind::SeenBehind,
     filter::Film,
     frame::{Clock, Outcomes, Paths, Work, offsets, trace_timed},
     intersect::Seen,
     picture::Picture,
     shade::{Footprints, shade},
-    tiles::SamplePlace,
+    tiles::{PixelSamples, SamplePlace},
     view::{Optics, View},
     world::World,
 };
@@ -82,12 +83,26 @@ pub fn draw(
             traced.outcomes[*place] = Seen::Nothing;
         }
         let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let shaded = clock();
+        let behind = SeenBehind {
+            samples: PixelSamples {
+                world,
+                view,
+                offsets,
+                clock,
+            },
+            paths,
+            of_pixel: samples,
+            footprints,
+        };
+        behind.show(traced.outcomes.view(), &mut colours);
+        let shown = clock();
         for (y, x, k) in hidden {
             colours.slice_mut(s![y, x, k, ..]).fill(0.0);
         }
         film.add(colours, offsets);
-        times[0] += middle.saturating_sub(began);
-        times[1] += clock().saturating_sub(middle);
+        times[0] += middle.saturating_sub(began) + shown.saturating_sub(shaded);
+        times[1] += shaded.saturating_sub(middle) + clock().saturating_sub(shown);
         first.get_or_insert((traced.outcomes, traced.flagged));
     }
     let began = clock();

@@ -6,6 +6,7 @@
 //! sees is shaded ([`shade`]). Times come from a [`Clock`] of the caller.
 
 pub mod accel;
+mod behind;
 mod camera;
 mod chords;
 mod curve;

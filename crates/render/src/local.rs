@@ -16,7 +16,7 @@ use super::{
     frame::Outcomes,
     intersect::{Hit, Seen, beyond, first_hit},
     path_batch::{PathBatch, PathOrigin},
-    tiles::PixelSamples,
+    tiles::{PixelSamples, SamplePlace},
     tracer::even_knots,
     view::{Optics, View},
     world::World,
@@ -35,6 +35,7 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
 pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcomes {
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
+    let straight = StraightLines::new(world, samples.view);
     let mut picture = Projection::new(world, samples.view);
     // Triangles have straight sides on a plane only.
     let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
@@ -63,9 +64,9 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
                         let met = if picture.is_flat {
                             None
                         } else {
-                            picture.met(at, length)
+                            straight.met(world, at, length)
                         };
-                        *slot = met.unwrap_or_else(|| picture.sky(at, lines, events));
+                        *slot = met.unwrap_or_else(|| straight.sky(at, lines, events));
                     }
                 }
             },
@@ -104,8 +105,6 @@ struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
-    /// The standard frame at the camera.
-    frame: DMat3,
     /// True once all that may be met is in `triangles`.
     is_flat: bool,
     triangles: Vec<ProjectedTriangle>,
@@ -120,7 +119,6 @@ impl<'w> Projection<'w> {
             world,
             view,
             axes,
-            frame: world.manifold.standard_frame(view.u),
             is_flat: false,
             triangles: Vec::new(),
         }
@@ -205,7 +203,7 @@ impl<'w> Projection<'w> {
                         let Some((nearness, weights)) = projected.meet(at) else {
                             continue;
                         };
-                        if nearness > *slot {
+                        if nearness > *slot && !self.is_open(projected.triangle, weights) {
                             *slot = nearness;
                             part[(y, x, k)] = self.hit(projected.triangle, weights);
                         }
@@ -213,6 +211,12 @@ impl<'w> Projection<'w> {
                 }
             }
         }
+    }
+
+    /// Tells whether a triangle has a hole at these weights.
+    fn is_open(&self, triangle: u32, weights: DVec2) -> bool {
+        let weights = weights.as_vec2().to_array();
+        self.world.accelerator.is_open(triangle, weights)
     }
 
     /// Returns the hit at the place of a triangle with these weights.
@@ -228,6 +232,22 @@ impl<'w> Projection<'w> {
             barycentric: weights.as_vec2().to_array(),
         })
     }
+}
+
+/// The straight lines of the chart from the camera.
+struct StraightLines<'w> {
+    view: &'w View,
+    /// The standard frame at the camera.
+    frame: DMat3,
+}
+
+impl<'w> StraightLines<'w> {
+    fn new(world: &World, view: &'w View) -> Self {
+        Self {
+            view,
+            frame: world.manifold.standard_frame(view.u),
+        }
+    }
 
     /// Returns the chart's straight line of the point `at` of the picture: its start and its tangent.
     fn line(&self, at: DVec2) -> (DVec3, DVec3) {
@@ -237,14 +257,14 @@ impl<'w> Projection<'w> {
     }
 
     /// Finds what that line meets within `length`.
-    fn met(&self, at: DVec2, length: f64) -> Option<Seen> {
+    fn met(&self, world: &World, at: DVec2, length: f64) -> Option<Seen> {
         let (u, v) = self.line(at);
         let piece = Cubic {
             s: [0.0, length],
             u: [u, u + v * length],
             v: [v, v],
         };
-        let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
         first_hit(accelerator, domain, &piece, length).map(Seen::Surface)
     }
 
@@ -267,6 +287,73 @@ impl<'w> Projection<'w> {
         });
         beyond(&lines.path(0).ending.unwrap_or(Ending::Nowhere))
     }
+
+    /// Finds the surface on the line through `at` behind so many others, as far as `reach`.
+    fn behind(&self, world: &World, at: DVec2, passed: usize, reach: f64) -> Option<Hit> {
+        let (u, v) = self.line(at);
+        let [start, end] = [0.0, reach].map(|s| u + v * s);
+        let mut from = 0.0;
+        let mut found = None;
+        for _ in 0..=passed {
+            let hits = neighbouring_periods(world).into_iter().filter_map(|shift| {
+                let (a, b) = (start.lerp(end, from) - shift, end - shift);
+                world.accelerator.first_hit_on_chord(a, b)
+            });
+            let hit = hits.min_by(|a, b| a.t.total_cmp(&b.t))?;
+            let t = from + hit.t * (1.0 - from);
+            found = Some(Hit {
+                s: (t * reach) as f32,
+                v: v.as_vec3(),
+                triangle: hit.triangle,
+                barycentric: [hit.barycentric.0 as f32, hit.barycentric.1 as f32],
+            });
+            from = t + BEYOND;
+        }
+        found
+    }
+}
+
+/// How far beyond a surface the next is looked for, as a share of the whole line: more than rounding.
+const BEYOND: f64 = 1e-9;
+
+/// Finds what `samples` at these places see along straight lines behind so many surfaces; lines are
+/// followed over `length` to the skies.
+pub(super) fn straight_behind(
+    samples: &PixelSamples<'_>,
+    length: f64,
+    passed: &[(SamplePlace, usize)],
+) -> Vec<Seen> {
+    let (world, view) = (samples.world, samples.view);
+    let lines = StraightLines::new(world, view);
+    let knots = even_knots(length, INTERVALS);
+    let corners = world.accelerator.bounds().map(|(low, high)| [low, high]);
+    let shifts = neighbouring_periods(world);
+    let farthest = corners.into_iter().flatten().flat_map(|corner| {
+        let from = corner - view.u;
+        shifts.iter().map(move |shift| (from + *shift).length())
+    });
+    // Corners of a box are no farther apart than thrice two opposite ones are.
+    let reach = |v: DVec3, farthest: f64| 3.0 * farthest / v.length();
+    let farthest = farthest.fold(0.0, f64::max);
+    passed
+        .par_iter()
+        .map_init(
+            || {
+                (
+                    PathBatch::new(knots.clone()),
+                    EventLocator::new(&world.manifold),
+                )
+            },
+            |(batch, events), ((y, x, k), passed)| {
+                let at = DVec2::new(*x as f64, *y as f64) + samples.offsets[*k];
+                let v = lines.frame * view.direction(at.x, at.y);
+                match lines.behind(world, at, *passed, reach(v, farthest)) {
+                    Some(hit) => Seen::Surface(hit),
+                    None => lines.sky(at, batch, events),
+                }
+            },
+        )
+        .collect()
 }
 
 impl ProjectedTriangle {

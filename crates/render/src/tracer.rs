@@ -95,6 +95,16 @@ impl<'m> ExactTracer<'m> {
 }
 
 impl ExactTracer<'_> {
+    /// Returns how far it follows rays.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Returns its local tolerance.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
     /// Follows the rays in `directions`, in order.
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
         let starts = directions

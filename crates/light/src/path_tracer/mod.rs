@@ -247,12 +247,20 @@ impl<'w> PathTracer<'w> {
             }
         }
         // The others gather light where they have met a surface, and are scattered there.
-        let mut met = self.interactions(met);
+        let met = self.interactions(met);
         self.add_emitted(&met, add);
-        met.retain(|(path, _)| path.bounce < self.settings.bounces);
+        // Those that may not be reflected any more may still go through unturned.
+        let (mut met, last): (Vec<MetSurface>, Vec<MetSurface>) =
+            met.into_iter().partition(|(path, _)| self.goes_on(path));
         self.add_lamps(&met, add);
         self.add_emitters(&mut met, add);
-        met.into_iter().filter_map(|m| self.scattered(m)).collect()
+        let all = met.into_iter().chain(last);
+        all.filter_map(|m| self.scattered(m)).collect()
+    }
+
+    /// Tells whether light that has come so far may be reflected once more.
+    fn goes_on(&self, path: &PathState) -> bool {
+        path.bounce < self.settings.bounces
     }
 
     /// Computes what each path needs to know of the surface that it has met.
@@ -397,7 +405,14 @@ impl<'w> PathTracer<'w> {
             return None;
         }
         path.throughput *= scattered.weight;
-        path.bounce += 1;
+        let mut length = self.settings.length;
+        if scattered.unturned {
+            length = path.ray.length - f64::from(surface.hit.s);
+        } else if self.goes_on(&path) {
+            path.bounce += 1;
+        } else {
+            return None;
+        }
         // Russian roulette.
         if path.bounce > SURE_BOUNCES {
             let survival = path.throughput.max_element().min(MOST_SURVIVAL);
@@ -413,7 +428,7 @@ impl<'w> PathTracer<'w> {
             spread: [DVec3::ZERO; 2],
             u: surface.beside(scattered.wi, self.offset(&surface.hit)),
             v: surface.tangent(scattered.wi),
-            length: self.settings.length,
+            length,
         };
         (path.throughput.is_finite() && path.throughput != DVec3::ZERO).then_some(path)
     }

@@ -19,6 +19,8 @@ use ndarray::{Array2, Array3, s};
 use std::{ops::Range, path::Path};
 
 pub use exr::{Precision, read_exr, write_exr};
+#[cfg(feature = "gltf")]
+pub use png::decode_bytes;
 pub use png::{read_png, write_png};
 
 /// The most pixels a file may have: a 16384 by 8192 sky. A damaged header can ask for any size, and
@@ -235,8 +237,8 @@ pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> 
 }
 
 /// Reads the linear light of a PNG, JPEG, Radiance or EXR file (whose layers come too); 8- and 16-bit
-/// files are taken as sRGB, and transparency is dropped. What is inside counts, not what the name says,
-/// because skies and textures from the net are often misnamed.
+/// files are taken as sRGB, and their opacity, if they have any, is the layer `A`. What is inside counts,
+/// not what the name says, because skies and textures from the net are often misnamed.
 pub fn read(path: &Path) -> Result<Picture> {
     if !READ.contains(&extension(path).as_str()) {
         let message = "a picture to read is a .png, .jpg, .jpeg, .hdr, .pic or .exr file";

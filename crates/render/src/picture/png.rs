@@ -7,8 +7,10 @@ use super::{
     MAX_PIXELS, Picture, bad_input, check_writable, jpeg, read_bytes, srgb_decode, srgb_shown,
 };
 use geofan_core::{error::Result, files::write_atomically};
-use image::{ImageEncoder, ImageFormat, ImageReader, Limits, codecs::png::PngEncoder};
-use ndarray::Array3;
+use image::{
+    DynamicImage, ImageEncoder, ImageFormat, ImageReader, Limits, codecs::png::PngEncoder,
+};
+use ndarray::{Array2, Array3};
 use std::{
     io::{Cursor, Write},
     path::Path,
@@ -36,6 +38,16 @@ pub(super) fn decode_any(bytes: &[u8]) -> Result<Picture, String> {
         }
         format => decode(bytes, format),
     }
+}
+
+/// Reads a PNG, JPEG or Radiance HDR out of a file that holds more, or says what is wrong with it.
+#[cfg(feature = "gltf")]
+pub fn decode_bytes(bytes: &[u8]) -> Result<Picture, String> {
+    let format = image::guess_format(bytes);
+    decode(
+        bytes,
+        format.map_err(|_| "is not a PNG, JPEG or Radiance HDR picture")?,
+    )
 }
 
 impl Picture {
@@ -67,11 +79,26 @@ fn decode(bytes: &[u8], format: ImageFormat) -> Result<Picture, String> {
     if width as usize * height as usize > MAX_PIXELS {
         return Err(format!("{width}x{height} pixels are too many"));
     }
-    let values = reader.decode().map_err(|e| e.to_string())?.into_rgb32f();
+    let image = reader.decode().map_err(|e| e.to_string())?;
+    let alpha = image.color().has_alpha().then(|| alpha(&image));
     let shape = (height as usize, width as usize, 3);
-    let mut rgb = Array3::from_shape_vec(shape, values.into_raw()).map_err(|e| e.to_string())?;
+    let values = image.into_rgb32f().into_raw();
+    let mut rgb = Array3::from_shape_vec(shape, values).map_err(|e| e.to_string())?;
     rgb.mapv_inplace(srgb_decode);
-    Ok(Picture::new(rgb))
+    let picture = Picture::new(rgb);
+    Ok(match alpha {
+        Some(alpha) => picture.with_float("A", alpha),
+        None => picture,
+    })
+}
+
+/// The opacity of an image, rows from the top.
+fn alpha(image: &DynamicImage) -> Array2<f32> {
+    let (height, width) = (image.height() as usize, image.width() as usize);
+    let rgba = image.to_rgba16();
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        f32::from(rgba.get_pixel(x as u32, y as u32).0[3]) / f32::from(u16::MAX)
+    })
 }
 
 /// The nearest 8-bit sRGB code value.

@@ -9,6 +9,7 @@
 
 use super::{
     camera::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
+    smoothing::CREASE,
     table::{self, Span, Table, Value},
 };
 use crate::sky::Pattern;
@@ -75,7 +76,7 @@ pub enum CameraPosition {
 /// A mesh placed in the manifold.
 #[derive(Debug, Clone)]
 pub struct ObjectEntry {
-    /// The OBJ file.
+    /// The file of the mesh.
     pub mesh: PathBuf,
     /// Where `mesh` is named.
     pub mesh_span: Span,
@@ -89,6 +90,8 @@ pub struct ObjectEntry {
     pub rotation: DQuat,
     /// How mesh points become chart points.
     pub placement: Placement,
+    /// Edges that turn by more than this are sharp where the mesh gives no normals, degrees.
+    pub crease: f64,
     /// Where the entry stands.
     pub span: Span,
 }
@@ -133,7 +136,7 @@ pub enum SkyEntry {
 }
 
 const ROOT_KEYS: &[&str] = &["manifold", "camera", "view", "object", "light", "sky"];
-const OBJECT_KEYS: &[&str] = &["mesh", "at", "scale", "rotate", "placement"];
+const OBJECT_KEYS: &[&str] = &["mesh", "at", "scale", "rotate", "placement", "crease"];
 const LIGHT_KEYS: &[&str] = &["kind", "at", "intensity"];
 const AN_ARRAY_OF_TABLES: &str = "an array of tables, each under its own double-bracket header";
 
@@ -276,6 +279,9 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
             .optional("rotate")
             .map_or(Ok(DQuat::IDENTITY), |v| rotation(&v))?,
         placement: placement.transpose()?.unwrap_or_default(),
+        crease: table
+            .optional("crease")
+            .map_or(Ok(CREASE), |v| crease(&v))?,
         span: table.span(),
     })
 }
@@ -288,6 +294,18 @@ fn scale(value: &Value) -> Result<f64> {
     Err(value
         .complain(String::from("`scale` must be greater than 0"))
         .with_label("would leave nothing to see, or turn the mesh inside out")
+        .into())
+}
+
+fn crease(value: &Value) -> Result<f64> {
+    let degrees = value.number()?;
+    if (0.0..=180.0).contains(&degrees) {
+        return Ok(degrees);
+    }
+    Err(value
+        .complain(String::from("`crease` must lie between 0 and 180 degrees"))
+        .with_label("the angle between neighbouring faces above which an edge is sharp")
+        .with_hint("30 is usual, 0 shows every face flat, 180 smooths everything")
         .into())
 }
 
