@@ -1,10 +1,13 @@
 //! `geofan render --camera-path`: numbered frames, or a video through ffmpeg.
 //!
 //! In: a journey and something that draws one view. Out: files named by a pattern such as
-//! `frame-%04d.png`, those already there left alone; or one video, when ffmpeg can be run.
+//! `frame-%04d.png`, those of the same animation that are already there left alone; or one video, when ffmpeg
+//! can be run. Beside the files is `frame-%04d.png.keys`, a hash for each frame of all that decides it.
 
 use crate::terminal::{CommonArgs, ProgressDisplay, TerminalObserver};
-use geofan_core::{Error, Observer, Result, manifold::Manifold};
+use geofan_core::{
+    Error, Observer, Result, files::write_atomically, manifold::Manifold, reading::read_text,
+};
 use geofan_render::{
     Journey, Part, PicturePanels,
     picture::Picture,
@@ -53,6 +56,16 @@ impl AnimationTarget {
         Ok(Self::Frames(before.into(), digits, after.into()))
     }
 
+    /// Returns the file of the frames' keys.
+    fn keys(&self) -> Option<PathBuf> {
+        match self {
+            Self::Frames(before, digits, after) => {
+                Some(format!("{before}%0{digits}d{after}.keys").into())
+            }
+            Self::Video(_) => None,
+        }
+    }
+
     /// Returns the file of a frame.
     fn frame(&self, number: usize) -> Option<PathBuf> {
         match self {
@@ -80,6 +93,8 @@ pub struct Animation<'a> {
     pub lens: Lens,
     /// The angle of view of a fisheye, degrees; others have their poses'.
     pub fisheye: f64,
+    /// A hash of all that decides the frames besides their cameras.
+    pub key: [u8; 32],
 }
 
 impl Animation<'_> {
@@ -101,6 +116,41 @@ impl Animation<'_> {
         )
     }
 
+    /// Hashes all that decides each frame.
+    fn keys(&self) -> Result<Vec<String>> {
+        let key = |number: usize| {
+            let mut hasher = blake3::Hasher::new();
+            hasher.update(&self.key);
+            hasher.update(format!("{:?}", self.panels(number)?).as_bytes());
+            Ok(hasher.finalize().to_hex().to_string())
+        };
+        (0..self.frames).map(key).collect()
+    }
+
+    /// Refuses frames that are there and were not drawn for this animation, and writes its keys beside them.
+    fn claim(&self, target: &AnimationTarget) -> Result<()> {
+        let Some(path) = target.keys() else {
+            return Ok(());
+        };
+        let before = match path.exists() {
+            true => read_text(&path)?.text.clone(),
+            false => String::new(),
+        };
+        let (before, keys): (Vec<&str>, _) = (before.lines().collect(), self.keys()?);
+        for (number, key) in keys.iter().enumerate() {
+            let frame = target.frame(number).filter(|frame| frame.exists());
+            if let Some(frame) = frame
+                && before.get(number).is_none_or(|before| before != key)
+            {
+                let message = "is there already, and was not drawn for this: the scene, the camera path, the size, the tracer or an option was another; remove such frames, or give another pattern";
+                return Err(Error::input(frame.display().to_string(), message));
+            }
+        }
+        write_atomically(&path, |out| {
+            out.write_all((keys.join("\n") + "\n").as_bytes())
+        })
+    }
+
     /// Returns the frames for each second.
     fn rate(&self) -> f64 {
         let [from, to] = self.journey.interval();
@@ -114,6 +164,7 @@ impl Animation<'_> {
         common: &CommonArgs,
         mut draw: impl FnMut(&PicturePanels, &Path) -> Result<()>,
     ) -> Result<usize> {
+        self.claim(target)?;
         let observer = TerminalObserver::new(common)?;
         let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         let mut drawn = 0;

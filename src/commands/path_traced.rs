@@ -24,18 +24,31 @@ use std::{
 /// Options of the path tracer.
 #[derive(Debug, Args)]
 pub struct PathArgs {
-    /// Path tracer: another seed gives other noise
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    seed: u64,
+    /// Path tracer: another seed gives other noise [default: 0]
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
     /// Path tracer: stop after this time although fewer than --spp samples are done
     #[arg(long, value_name = "SECONDS", value_parser = values::positive)]
     time: Option<f64>,
-    /// Path tracer: go on with an interrupted picture, or add samples to one that --time ended
+    /// Path tracer: go on with an interrupted picture, or add samples to one that --time ended; one that is
+    /// finished is left alone
     #[arg(long)]
     resume: bool,
     /// Path tracer: leave out light that was reflected more often (1: direct light only)
     #[arg(long, value_name = "N")]
     bounces: Option<u32>,
+}
+
+impl PathArgs {
+    /// Lists the options by name; true for those that are given.
+    pub fn given(&self) -> [(&'static str, bool); 4] {
+        [
+            ("--seed", self.seed.is_some()),
+            ("--time", self.time.is_some()),
+            ("--resume", self.resume),
+            ("--bounces", self.bounces.is_some()),
+        ]
+    }
 }
 
 /// Time between two checkpoints: an interruption that comes without a signal costs no more.
@@ -53,9 +66,9 @@ pub fn run(
 ) -> Result<Outcome> {
     let length = stage.world.manifold.length_or(args.length)?;
     let settings = PathTracerSettings {
-        seed: args.path.seed,
+        seed: args.path.seed.unwrap_or(0),
         length,
-        tolerance: args.scene.tolerance,
+        tolerance: args.scene.tolerance(),
         bounces: args.path.bounces.unwrap_or(u32::MAX),
         estimator: Estimator::Connected,
     };
@@ -63,7 +76,11 @@ pub fn run(
         path: passes_file(&args.output),
         key: key(args, stage, panels, settings),
     };
-    let mut film = match args.path.resume {
+    let begun = checkpoint.path.exists();
+    if args.path.resume && !begun && args.output.exists() {
+        return already_finished(args, common);
+    }
+    let mut film = match args.path.resume && begun {
         true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, panels.size)?,
         false => PassAccumulator::new(panels.size),
     };
@@ -75,13 +92,11 @@ pub fn run(
     let passes = u64::from(args.scene.spp);
     let complete = accumulate(args, &tracers, &mut film, passes, &checkpoint, common)?;
     let seconds = began.elapsed().as_secs_f64();
+    // First, so that a picture that cannot be written loses no samples.
+    film.save(&checkpoint.path, &checkpoint.key)?;
     write(args, stage, panels, &film, length)?;
-    match complete {
-        true if checkpoint.path.exists() => {
-            std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
-        }
-        true => {}
-        false => film.save(&checkpoint.path, &checkpoint.key)?,
+    if complete {
+        std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
     }
     let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length));
     let output = args.output.display().to_string();
@@ -99,6 +114,20 @@ pub fn run(
         let [speed, exact_speed] = [speed, exact_speed].map(|rate| 1e-3 * rate);
         terminal::print(&format!(
             "{output}: {width}x{height}, {spp} spp, path tracer; {seconds:.1} s, {speed:.0} thousand rays a second (exact tracer: {exact_speed:.0})\n"
+        ))?;
+    }
+    Ok(Outcome::Done)
+}
+
+/// Tells that there is nothing to go on with.
+fn already_finished(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
+    let output = args.output.display().to_string();
+    if common.json {
+        let answer = json!({ "output": output, "tracer": "path", "finished": true });
+        terminal::print_json(&answer)?;
+    } else if !common.quiet {
+        terminal::print(&format!(
+            "{output} is finished, and left alone; remove it to draw it again, with more samples if wanted\n"
         ))?;
     }
     Ok(Outcome::Done)
@@ -208,8 +237,7 @@ fn key(
 ) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&stage.world.manifold.fingerprint());
-    hasher.update(&stage.world.geometry_fingerprint());
-    hasher.update(stage.scene.source.text.as_bytes());
+    hasher.update(&stage.world.fingerprint());
     hasher.update(format!("{settings:?} {panels:?} {:?}", args.scene.view).as_bytes());
     *hasher.finalize().as_bytes()
 }
@@ -223,13 +251,18 @@ fn write(
     length: f64,
 ) -> Result<()> {
     let picture = film.picture();
+    if picture.rgb.iter().all(|light| *light == 0.0) {
+        tracing::warn!(
+            "the picture is black: no lamp, no glowing surface and no sky of the scene lights what is seen"
+        );
+    }
     let notes = metadata(stage, panels, "path").with("samples", film.passes().to_string());
     if Format::of(&args.output) != Some(Format::Exr) {
         return picture::write(&args.output, &picture, &notes);
     }
     let world = &stage.world;
     let layered = |(number, PicturePanel { view, .. }): (usize, &PicturePanel)| {
-        let tracer = ExactTracer::new(&world.manifold, view.u, length, args.scene.tolerance);
+        let tracer = ExactTracer::new(&world.manifold, view.u, length, args.scene.tolerance());
         let traced = trace(world, view, Paths::Exact(&tracer), &offsets(1));
         let part = panels.cut(&picture, number);
         with_layers(part, world, traced.outcomes.view(), &[])
@@ -247,7 +280,12 @@ fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f6
     let scaled = |n: usize| (n * MEASURED_SIDE / longer).clamp(1, n);
     let size = (scaled(view.size.0), scaled(view.size.1));
     let small = view.resized(size);
-    let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
+    let tracer = ExactTracer::new(
+        &stage.world.manifold,
+        view.u,
+        length,
+        args.scene.tolerance(),
+    );
     let samples = offsets(view.size.0.div_ceil(size.0));
     let began = Instant::now();
     let traced = trace(&stage.world, &small, Paths::Exact(&tracer), &samples);

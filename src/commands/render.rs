@@ -23,6 +23,7 @@ use geofan_render::{
 use glam::DVec3;
 use serde_json::json;
 use std::{
+    fs::File,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -47,7 +48,7 @@ pub struct RenderArgs {
     /// `[camera]` has)
     #[arg(long, value_name = "P.toml", requires = "frames")]
     camera_path: Option<PathBuf>,
-    /// The animation's frames; those that are there already are kept
+    /// The animation's frames; those that are there already are kept if they are of this animation
     #[arg(long, value_name = "N", requires = "camera_path", value_parser = clap::value_parser!(u32).range(2..))]
     frames: Option<u32>,
     /// The picture: .png or .exr (with layers); for an animation a pattern such as frame-%04d.png,
@@ -69,8 +70,52 @@ enum TracerKind {
     Path,
 }
 
+impl RenderArgs {
+    /// Returns what follows the paths.
+    fn kind(&self) -> TracerKind {
+        self.tracer.unwrap_or(match self.bundle {
+            Some(_) => TracerKind::Table,
+            None => TracerKind::Exact,
+        })
+    }
+
+    /// Refuses options that would do nothing.
+    fn refuse_idle(&self) -> Result<()> {
+        let kind = self.kind();
+        let with_table = self.bundle.is_some() && kind != TracerKind::Exact;
+        let of_path = "it is the path tracer's; give --tracer path, or leave it out";
+        let mut options: Vec<(&str, bool, &str)> = (self.path.given().into_iter())
+            .map(|(name, given)| (name, given && kind != TracerKind::Path, of_path))
+            .collect();
+        options.extend([
+            (
+                "--bundle",
+                self.bundle.is_some() && kind == TracerKind::Path,
+                "the path tracer follows every path exactly; leave it out",
+            ),
+            (
+                "--length",
+                self.length.is_some() && with_table,
+                "the paths of a bundle have their length; leave it out, or give --tracer exact",
+            ),
+            (
+                "--error",
+                self.scene.error.is_some() && kind != TracerKind::Table,
+                "only between paths of a table is interpolated; leave it out, or give --bundle",
+            ),
+            (
+                "--tolerance",
+                self.scene.tolerance.is_some() && kind == TracerKind::Local,
+                "straight lines of the chart are not integrated; leave it out",
+            ),
+        ]);
+        scenery::refuse_idle(&options)
+    }
+}
+
 /// Renders a picture or an animation.
 pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
+    args.refuse_idle()?;
     if let (Some(poses), Some(frames)) = (&args.camera_path, args.frames) {
         return animate(args, poses, frames as usize, common);
     }
@@ -84,6 +129,11 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let drawn = paths.picture(args, &stage.world, &panels)?;
+    if !drawn.shows {
+        tracing::warn!(
+            "nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives"
+        );
+    }
     write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
     print(args, paths.name(), (&drawn, panels.size), common)
 }
@@ -113,6 +163,7 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         manifold: &stage.world.manifold,
         lens: camera.lens,
         fisheye: camera.fov_degrees,
+        key: key(args, &stage, &paths)?,
     };
     let drawn = match &target {
         AnimationTarget::Frames(..) => animation.write_frames(&target, common, |panels, path| {
@@ -136,6 +187,22 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         ))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Hashes everything that decides the frames of an animation besides their cameras.
+fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 32]> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&stage.world.manifold.fingerprint());
+    hasher.update(&stage.world.fingerprint());
+    let length = stage.world.manifold.length_or(args.length).ok();
+    let numbers = (args.scene.spp, args.scene.error(), args.scene.tolerance());
+    let version = env!("CARGO_PKG_VERSION");
+    hasher.update(format!("{version} {} {numbers:?} {length:?}", paths.name()).as_bytes());
+    if let Some(bundle) = &args.bundle {
+        let read = File::open(bundle).and_then(|file| hasher.update_reader(file).map(|_| ()));
+        read.map_err(|e| Error::io(bundle, e))?;
+    }
+    Ok(*hasher.finalize().as_bytes())
 }
 
 /// Computes the scene's light, followed as far as paths are in `bundle`.
@@ -172,7 +239,7 @@ impl<'b> PathSource<'b> {
             }
             (None | Some(TracerKind::Table), Some(bundle)) => {
                 let promise = 1e-3 * bundle.header.plan.max_error;
-                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
+                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance());
                 Ok(Self::Table(lookup))
             }
             (Some(TracerKind::Local), Some(bundle)) => Ok(Self::Local(bundle.table.length)),
@@ -206,10 +273,11 @@ impl<'b> PathSource<'b> {
             drawn.shade += drawing.shade.as_secs_f64();
             drawn.flagged += drawing.flagged.len() as f64;
             samples += drawing.outcomes.len();
+            drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
             let mut picture = drawing.picture;
             if Format::of(&args.output) == Some(Format::Exr) {
                 picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
-                let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
+                let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance());
                 picture = picture.with_float("area", area);
             }
             pictures.push(picture);
@@ -245,7 +313,7 @@ impl<'b> PathSource<'b> {
                 // table's region it is integrated.
                 lookup.table.space.place(view.u)?;
                 let tracer = ShiftedTracer::new(lookup, view);
-                let budget = 1e-3 * args.scene.error;
+                let budget = 1e-3 * args.scene.error();
                 Ok((by(Paths::Lattice(&tracer, budget)), 0.0))
             }
             Self::Table(lookup) => {
@@ -255,14 +323,14 @@ impl<'b> PathSource<'b> {
                     _ => lookup.table.fan(view.u)?,
                 };
                 let contract = began.elapsed().as_secs_f64();
-                let budget = 1e-3 * args.scene.error;
+                let budget = 1e-3 * args.scene.error();
                 let drawing = by(Paths::Lattice(&lookup.tracer(&fan), budget));
                 *kept = Some((view.u, fan));
                 Ok((drawing, contract))
             }
             Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
             Self::Exact(length) => {
-                let tolerance = args.scene.tolerance;
+                let tolerance = args.scene.tolerance();
                 let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
                 Ok((by(Paths::Exact(&tracer)), 0.0))
             }
@@ -274,6 +342,8 @@ impl<'b> PathSource<'b> {
 #[derive(Default)]
 struct DrawnPanels {
     picture: Picture,
+    /// True if there is anything at the end of any path.
+    shows: bool,
     flagged: f64,
     contract: f64,
     paths: f64,

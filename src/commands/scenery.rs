@@ -27,18 +27,28 @@ pub struct SceneArgs {
     /// Samples for each pixel
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub spp: u16,
-    /// Largest error of interpolation between looked-up paths, mrad
-    #[arg(long, value_name = "MRAD", default_value = "0.5", value_parser = values::positive)]
-    pub error: f64,
-    /// Local tolerance of the exact tracer, radians
-    #[arg(long, value_name = "T", default_value = "1e-8", value_parser = values::tolerance)]
-    pub tolerance: f64,
+    /// Largest error of interpolation between looked-up paths, mrad [default: 0.5]
+    #[arg(long, value_name = "MRAD", value_parser = values::positive)]
+    pub error: Option<f64>,
+    /// Local tolerance of the exact tracer, radians [default: 1e-8]
+    #[arg(long, value_name = "T", value_parser = values::tolerance)]
+    pub tolerance: Option<f64>,
     /// Replace a parameter of the manifold; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
     pub set: Vec<(String, f64)>,
 }
 
 impl SceneArgs {
+    /// Returns the largest error of interpolation between looked-up paths, mrad.
+    pub fn error(&self) -> f64 {
+        self.error.unwrap_or(0.5)
+    }
+
+    /// Returns the local tolerance of the exact tracer.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance.unwrap_or(1e-8)
+    }
+
     /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
     pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
         let stage = Stage::load(&self.scene, &self.set)?;
@@ -118,6 +128,18 @@ pub fn check_output(path: &Path) -> Result<()> {
             "the folder does not exist; make it first",
         )),
         _ => Ok(()),
+    }
+}
+
+/// Refuses the first of some options that is given although it does nothing: its name, true if it is given to no
+/// purpose, and what to do.
+pub fn refuse_idle(options: &[(&str, bool, &str)]) -> Result<()> {
+    match options.iter().find(|(_, is_idle, _)| *is_idle) {
+        Some((option, _, remedy)) => {
+            let message = format!("does nothing here: {remedy}");
+            Err(Error::input(*option, message))
+        }
+        None => Ok(()),
     }
 }
 

@@ -83,3 +83,40 @@ fn moved(manifold: &Manifold, u: DVec3, rays: &[PictureRay]) -> Vec<Option<(DVec
     };
     rays.iter().zip(reached).map(arrival).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Camera, Optics};
+    use geofan_core::diagnostic::SourceText;
+
+    #[test]
+    fn a_wind_carries_light_but_neither_eyes_nor_starts() {
+        let text = |wind: &str| {
+            let space =
+                "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n";
+            let source = SourceText::new("flat", format!("{space}{wind}"));
+            Manifold::from_source(source, &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
+        };
+        let windy = text("wind = ['0.3', '0.1*x', '-0.2']\n");
+        assert!(windy.has_wind());
+        let camera = Camera::looking(DVec3::new(0.5, 0.2, -0.1), DVec3::X, DVec3::Z);
+        let view = View::through(&camera, Optics::Orthographic { width: 4.0 }, (8, 6));
+        let points = [
+            DVec2::new(0.5, 0.5),
+            DVec2::new(6.5, 4.0),
+            DVec2::new(4.0, 3.0),
+        ];
+        let found = starts(&windy, &view, points.into_iter());
+        for (point, start) in points.iter().zip(found) {
+            // Right is -y here, down is -z, and a pixel is half a unit.
+            let offset = DVec3::new(0.0, 4.0 - point.x, 3.0 - point.y) * 0.5;
+            let (start, u) = (start.unwrap(), camera.u + offset);
+            assert!((start.u - u).length() < 1e-9, "{start:?} {u}");
+            assert!((start.direction - DVec3::X).length() < 1e-9);
+            assert!((start.v - windy.observer(u).tangent(DVec3::X)).length() < 1e-9);
+        }
+        let moved = camera.moved(&windy, DVec3::new(0.7, 0.0, 0.0)).camera;
+        assert!((moved.u - camera.u - DVec3::new(0.0, -0.7, 0.0)).length() < 1e-9);
+    }
+}

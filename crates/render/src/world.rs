@@ -5,7 +5,7 @@
 
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
-    intersect::Hit,
+    intersect::{Hit, Seen},
     lightmap::Lightmap,
     panels::{Part, PicturePanels},
     scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
@@ -208,6 +208,15 @@ impl World {
         );
         write!(hasher, "{seen:?}").expect("a hash takes everything");
         *hasher.finalize().as_bytes()
+    }
+
+    /// Tells whether anything is there where a line of sight ends: a surface, or a sky that the scene gives.
+    pub fn shows(&self, seen: &Seen) -> bool {
+        match seen {
+            Seen::Surface(_) => true,
+            Seen::Sky { exit, .. } => self.skies[*exit as usize].is_some(),
+            Seen::Nothing => self.skies.last().is_some_and(Option::is_some),
+        }
     }
 
     /// Returns the chart point of a hit, inside the limits of glued coordinates.

@@ -13,7 +13,7 @@ mod radiance;
 
 use geofan_core::{
     error::{Error, Result},
-    reading::read_file,
+    reading::{MOST_OF_A_FILE, read_one_of},
 };
 use ndarray::{Array2, Array3, s};
 use std::{ops::Range, path::Path};
@@ -267,9 +267,21 @@ fn bad_input(path: &Path, message: impl Into<String>) -> Error {
     Error::input(path.display().to_string(), message)
 }
 
-/// The bytes of a picture file.
+/// The beginnings of the files that are read: PNG, JPEG, EXR, Radiance.
+const MAGICS: [&[u8]; 4] = [b"\x89PNG", b"\xff\xd8\xff", b"\x76\x2f\x31\x01", b"#?"];
+
+/// Reads the bytes of a picture file; of other files only the first.
 fn read_bytes(path: &Path) -> Result<Vec<u8>> {
-    read_file(path, &[], u64::MAX)
+    read_one_of(path, &MAGICS, MOST_OF_A_FILE)
+}
+
+/// Hashes the numbers of a picture.
+pub(crate) fn digest(values: impl Iterator<Item = f32>) -> blake3::Hash {
+    let mut hasher = blake3::Hasher::new();
+    for value in values {
+        hasher.update(&value.to_le_bytes());
+    }
+    hasher.finalize()
 }
 
 /// Refuses pictures that no file format can hold.

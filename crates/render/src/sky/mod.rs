@@ -19,6 +19,7 @@ mod stars;
 use crate::{
     filter::{Across, Footprint, LaneTaps},
     lanes::{LANES, Mask, SingleLanes, SingleVectors, set_lane, single_lane, single_vector},
+    picture::digest,
     scene::SkyEntry,
 };
 use geofan_core::error::{Error, Result};
@@ -28,6 +29,7 @@ use ndarray::Array3;
 use stars::StarField;
 use std::{
     f32::consts::{FRAC_PI_2, LOG2_E, PI, TAU},
+    fmt,
     path::Path,
 };
 
@@ -168,11 +170,25 @@ pub struct Equirectangular {
 }
 
 /// One size of the picture, row by row from the top.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 struct Level {
     width: usize,
     height: usize,
     pixels: Vec<Vec3>,
+}
+
+/// Writes a digest in place of the pixels.
+impl fmt::Debug for Level {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let values = self.pixels.iter().flat_map(|pixel| pixel.to_array());
+        write!(
+            f,
+            "Level({}x{}, {})",
+            self.width,
+            self.height,
+            digest(values)
+        )
+    }
 }
 
 /// Tells of a picture that is not twice as wide as high, as those of the whole sphere are; a row or a
