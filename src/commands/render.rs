@@ -11,14 +11,15 @@ use super::{
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
 use geofan_bundle::Bundle;
-use geofan_core::{Error, Result};
+use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
 use geofan_render::{
-    ExactTracer, Journey, Lookup, Stage, View, World,
+    ExactTracer, Journey, Lookup, Stage, View, World, count_unfinished,
     drawing::{Drawing, draw},
-    frame::Paths,
+    frame::{Outcomes, Paths},
     picture::{self, Format, Metadata},
     scene::PoseFile,
     shade::{Footprints, area, with_layers},
+    unfinished,
 };
 use serde_json::json;
 use std::{
@@ -83,10 +84,12 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let (drawing, contract) = paths.draw(args, &stage.world, &view)?;
+    let ends = paths.ends(args, &stage.world, &view, &drawing.outcomes);
+    scenery::warn_unfinished(&stage.world, &ends, paths.longer());
     let [paths_time, shade_time] = [drawing.paths, drawing.shade].map(|time| time.as_secs_f64());
     let figures = [drawing.flagged_share(), contract, paths_time, shade_time];
     write(args, &stage, &view, &paths, drawing, &args.output)?;
-    print(args, paths.name(), figures, common)
+    print(args, paths.name(), figures, &ends, common)
 }
 
 /// Renders an animation.
@@ -110,28 +113,53 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         frames,
         size: args.scene.size,
     };
+    let mut worst = WorstFrame::default();
     let drawn = match &target {
         AnimationTarget::Frames(..) => animation.write_frames(&target, common, |view, path| {
             let (drawing, _) = paths.draw(args, &stage.world, view)?;
+            worst.note(view, &drawing.outcomes);
             write(args, &stage, view, &paths, drawing, path)
         }),
         AnimationTarget::Video(path) => animation.write_video(path, common, |view| {
-            Ok(paths.draw(args, &stage.world, view)?.0.picture)
+            let (drawing, _) = paths.draw(args, &stage.world, view)?;
+            worst.note(view, &drawing.outcomes);
+            Ok(drawing.picture)
         }),
     }?;
+    let ends = worst.0.map(|(view, outcomes)| {
+        let ends = paths.ends(args, &stage.world, &view, &outcomes);
+        scenery::warn_unfinished(&stage.world, &ends, paths.longer());
+        ends
+    });
     let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
     let seconds = began.elapsed().as_secs_f64();
     if common.json {
         terminal::print_json(&json!({
             "output": output.to_string(), "tracer": tracer, "frames": frames,
-            "drawn": drawn, "kept": kept, "seconds": seconds,
+            "drawn": drawn, "kept": kept, "seconds": seconds, "unfinished": ends,
         }))?;
     } else if !common.quiet {
         terminal::print(&format!(
-            "{output}: {frames} frames, {drawn} drawn, {kept} kept, {tracer} tracer; {seconds:.1} s\n"
+            "{output}: {frames} frames, {drawn} drawn, {kept} kept, {tracer} tracer; {seconds:.1} s{}\n",
+            ends.map_or(String::new(), |ends| format!("; in the worst frame {ends}"))
         ))?;
     }
     Ok(Outcome::Done)
+}
+
+/// The frame with the most paths that end by their length.
+#[derive(Default)]
+struct WorstFrame(Option<(View, Outcomes)>);
+
+impl WorstFrame {
+    /// Keeps what is seen in `view` if it is worse than all before.
+    fn note(&mut self, view: &View, outcomes: &Outcomes) {
+        let share = |outcomes: &Outcomes| count_unfinished(outcomes).length;
+        let worst = self.0.as_ref().map_or(0.0, |(_, outcomes)| share(outcomes));
+        if share(outcomes) > worst {
+            self.0 = Some((view.clone(), outcomes.clone()));
+        }
+    }
 }
 
 /// Computes the scene's light, followed as far as paths are in `bundle`.
@@ -184,6 +212,31 @@ impl<'b> PathSource<'b> {
             Self::Exact(_) => "exact",
             Self::Local(_) => "local",
         }
+    }
+
+    /// Says how its paths are made longer.
+    fn longer(&self) -> &'static str {
+        match self {
+            Self::Table(_) => scenery::LONGER_TABLE,
+            Self::Exact(_) | Self::Local(_) => scenery::LONGER_PATHS,
+        }
+    }
+
+    /// Finds which of its paths end by their length, and which length would do; of straight lines only the
+    /// first, as no length of theirs tells about light.
+    fn ends(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        view: &View,
+        outcomes: &Outcomes,
+    ) -> UnfinishedPaths {
+        let length = match self {
+            Self::Table(lookup) => lookup.table.length,
+            Self::Exact(length) => *length,
+            Self::Local(_) => return count_unfinished(outcomes),
+        };
+        unfinished(world, view, outcomes, (length, args.scene.tolerance))
     }
 
     /// Draws the picture; returns it with the time that fixing the camera took.
@@ -251,6 +304,7 @@ fn print(
     args: &RenderArgs,
     tracer: &str,
     [flagged, contract, paths, shade]: [f64; 4],
+    ends: &UnfinishedPaths,
     common: &CommonArgs,
 ) -> Result<Outcome> {
     let (output, spp) = (args.output.display(), args.scene.spp);
@@ -259,12 +313,13 @@ fn print(
         terminal::print_json(&json!({
             "output": output.to_string(), "tracer": tracer, "width": width, "height": height,
             "spp": spp, "flagged": flagged, "contract": contract, "paths": paths, "shade": shade,
+            "unfinished": ends,
         }))?;
     } else if !common.quiet {
         let [contract, paths, shade] = [contract, paths, shade].map(|seconds| 1e3 * seconds);
         let flagged = 100.0 * flagged;
         terminal::print(&format!(
-            "{output}: {width}x{height}, {spp} spp, {tracer} tracer; contract {contract:.1} ms, paths {paths:.1} ms, shade {shade:.1} ms; {flagged:.2} % integrated after the table gave up\n"
+            "{output}: {width}x{height}, {spp} spp, {tracer} tracer; contract {contract:.1} ms, paths {paths:.1} ms, shade {shade:.1} ms; {flagged:.2} % integrated after the table gave up; {ends}\n"
         ))?;
     }
     Ok(Outcome::Done)

@@ -3,9 +3,13 @@
 use crate::terminal::{CommonArgs, ProgressDisplay, values};
 use clap::Args;
 use geofan_bundle::Bundle;
-use geofan_core::{Error, Result, diagnostic::Diagnostic, geodesic::check_point};
+use geofan_core::{
+    Error, Result,
+    diagnostic::Diagnostic,
+    geodesic::{UnfinishedPaths, check_start},
+};
 use geofan_light::cache::{self, LightmapSource};
-use geofan_render::{Stage, View, picture::Format};
+use geofan_render::{Stage, View, World, picture::Format};
 use std::path::{Path, PathBuf};
 
 /// Names a scene, one of its cameras, and how finely to look.
@@ -60,13 +64,28 @@ impl SceneArgs {
         let camera = stage.camera(self.view.as_deref())?;
         let view = stage.view(camera, self.size)?;
         // The domain does not say where the metric breaks down.
-        match check_point(&stage.world.manifold, "the camera", view.u) {
+        match check_start(&stage.world.manifold, "the camera", view.u) {
             Err(fault) => {
                 let (source, span) = (&stage.scene.source, camera.position_span.clone());
                 Err(Diagnostic::new(source, span, fault.to_string()).into())
             }
             Ok(()) => Ok(view),
         }
+    }
+}
+
+/// How paths are made longer: where they are integrated, and where they are in a bundle.
+pub const LONGER_PATHS: &str = "give --length, or `length` under [cameras] in the manifold file";
+pub const LONGER_TABLE: &str = "bake with --length";
+
+/// Warns where much of a picture shows nothing because paths were not followed far enough, and says how they
+/// are made longer.
+pub fn warn_unfinished(world: &World, found: &UnfinishedPaths, longer: &str) {
+    let remedy = format!("{longer}; or give the scene a `length` sky");
+    if !world.has_length_sky()
+        && let Some(warning) = found.warning("this view is black in parts", &remedy)
+    {
+        tracing::warn!("{warning}");
     }
 }
 

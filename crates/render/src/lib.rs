@@ -30,6 +30,7 @@ pub mod shade;
 pub mod sky;
 pub mod tiles;
 pub mod tracer;
+mod unfinished;
 pub mod view;
 pub mod world;
 
@@ -45,5 +46,6 @@ pub use lookup::{Lookup, TableTracer};
 pub use path_batch::{PathBatch, PathView};
 pub use tiles::Scratch;
 pub use tracer::{ExactTracer, FixedTracer, GridTracer};
+pub use unfinished::{count_unfinished, unfinished};
 pub use view::{View, camera_point};
 pub use world::{Face, PointLight, Stage, World};

@@ -35,7 +35,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
     let (width, height) = samples.view.size;
     let picture = Projection::new(world, samples.view);
     let knots = even_knots(length, INTERVALS);
-    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
+    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Length);
     outcomes
         .axis_chunks_iter_mut(Axis(0), BAND)
         .into_par_iter()
@@ -50,7 +50,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
             |(lines, events), (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
-                    if *slot == Seen::Nothing {
+                    if *slot == Seen::Length {
                         let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
                         *slot = picture.sky(at, lines, events);
                     }
@@ -225,7 +225,7 @@ impl<'w> Projection<'w> {
         lines.push((direction, PathOrigin::Knots), fill, |line| {
             events.ending(line)
         });
-        beyond(&lines.path(0).ending.unwrap_or(Ending::Nowhere))
+        beyond(&lines.path(0).ending.unwrap_or(Ending::Length))
     }
 }
 

@@ -117,7 +117,7 @@ impl ExactTracer<'_> {
                         vec![0.0],
                         vec![self.u],
                         vec![self.observer.tangent(d)],
-                        Ending::Nowhere,
+                        Ending::Length,
                     )
                 })
                 .collect(),
@@ -232,7 +232,7 @@ impl GridTracer for FixedTracer<'_> {
                 u.len()
             };
             batch.push((*direction, PathOrigin::Knots), fill, |path| {
-                Some(events.ending(path).unwrap_or(Ending::Nowhere))
+                Some(events.ending(path).unwrap_or(Ending::Length))
             });
         }
     }

@@ -25,10 +25,11 @@ mod starts;
 mod state;
 mod step;
 mod transport;
+mod unfinished;
 
 pub use conjugate::conjugate_points;
 pub use crossing::crossing;
-pub use departure::{check_point, depart};
+pub use departure::{beyond_exit, check_point, check_start, depart};
 pub use elapsed::elapsed;
 pub use exponential::{Exponential, exponential};
 pub use first_event::first_event;
@@ -39,6 +40,7 @@ pub use samples::{Sample, samples};
 pub use spread::{JacobiField, perpendiculars, signed_area};
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
+pub use unfinished::{UnfinishedPaths, end_lengths};
 
 use crate::manifold::{Carried, Manifold, Observer};
 use geofan_expr::Wide;

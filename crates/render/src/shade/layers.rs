@@ -54,7 +54,7 @@ pub fn with_layers(
     let arc = |o: &Seen| match *o {
         Seen::Surface(hit) => hit.s.into(),
         Seen::Sky { s, .. } => s.into(),
-        Seen::Nothing => f64::INFINITY,
+        Seen::Length | Seen::Singular => f64::INFINITY,
     };
     let object = |o: &Seen| match *o {
         Seen::Surface(hit) => world.faces[hit.triangle as usize].object as usize + 1,
@@ -111,7 +111,7 @@ pub fn area(
                 let s = match outcomes[(y, x, 0)] {
                     Seen::Surface(hit) => hit.s.into(),
                     Seen::Sky { s, .. } => s.into(),
-                    Seen::Nothing => 0.0,
+                    Seen::Length | Seen::Singular => 0.0,
                 };
                 let d = view.direction(x as f64 + offset.x, y as f64 + offset.y);
                 Ray::new(manifold, view.u, d, s)

@@ -5,7 +5,7 @@
 
 use super::Comparison;
 use crate::picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr};
-use geofan_core::{error::Result, quantiles::Quantiles};
+use geofan_core::{error::Result, geodesic::UnfinishedPaths, quantiles::Quantiles};
 use geofan_render::{
     drawing::draw,
     frame::{Outcomes, Paths, offsets},
@@ -13,6 +13,7 @@ use geofan_render::{
     local::projection,
     shade::Footprints,
     tracer::ExactTracer,
+    unfinished,
     view::View,
     world::World,
 };
@@ -44,6 +45,8 @@ pub struct LocalReport {
     pub local: f64,
     /// Time of the exact one.
     pub exact: f64,
+    /// Paths of the exact picture that end by their length or where the metric ends.
+    pub unfinished: UnfinishedPaths,
     /// The errors, nearest first.
     pub distances: Vec<DistanceErrors>,
 }
@@ -79,6 +82,7 @@ pub fn compare_local(
         flip: mean_flip(&flip),
         local: local.paths.as_secs_f64(),
         exact: exact.paths.as_secs_f64(),
+        unfinished: unfinished(world, view, &exact.outcomes, (length, tolerance)),
         distances: distance_errors(world, view, samples, &exact.outcomes),
     };
     let error = error_picture(&flip, "FLIP", "local against exact");
@@ -141,6 +145,7 @@ impl fmt::Display for LocalReport {
             1e3 * self.local,
             1e3 * self.exact
         )?;
+        writeln!(f, "{}", self.unfinished)?;
         writeln!(
             f,
             "distance          pixels  error, mrad (p50 / p99)  over distance"
