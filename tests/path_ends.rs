@@ -113,15 +113,15 @@ fn black_in_a_picture_of_a_black_hole_is_its_shadow_and_nothing_else() {
     let [horizon, sky] = ["horizon", "sky"].map(|name| manifold.exit_named(name).unwrap() as u32);
     let (mut inside, mut outside) = (0, 0);
     for (angle, seen) in by_angle(&view, &outcomes, hole) {
+        // Closer to the edge than a fiftieth of a pixel light winds about the photon sphere.
+        if (angle - SHADOW).abs() < 0.01 {
+            continue;
+        }
         let exit = match seen {
             Seen::Sky { exit, .. } => exit,
             other => panic!("{angle}° from the hole: {other:?}"),
         };
-        match (angle - SHADOW).abs() > 0.005 {
-            true if angle < SHADOW => assert_eq!(exit, horizon, "{angle}"),
-            true => assert_eq!(exit, sky, "{angle}"),
-            false => continue,
-        }
+        assert_eq!(exit, if angle < SHADOW { horizon } else { sky }, "{angle}");
         inside += usize::from(exit == horizon);
         outside += usize::from(exit == sky);
     }
