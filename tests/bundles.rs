@@ -3,8 +3,8 @@
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use geofan_bake::certify;
 use geofan_bundle::{
-    Bundle, Contents, MappedChebyshev, PlanRecord, Polynomial, Step, Train, Tree, Variables,
-    rays::RaySpace,
+    Bundle, Contents, MappedChebyshev, PlanRecord, Polynomial, Step, TangentPromise, Train, Tree,
+    Variables, rays::RaySpace,
 };
 use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use ndarray::{ArrayD, IxDyn};
@@ -46,7 +46,7 @@ fn folder(wrong: f64) -> TempDir {
     let manifold = Manifold::from_source(SourceText::new("flat.toml", FLAT), &[]).unwrap();
     let space = RaySpace::new(Arc::new(manifold)).unwrap();
     let plan = PlanRecord {
-        frames: true,
+        tangents: TangentPromise::AsPoints,
         ..PlanRecord::new(8.0, 0.5, vec![1], vec![1; 4])
     };
     let chunk = |face| match face {

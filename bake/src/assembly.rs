@@ -6,14 +6,14 @@
 
 use crate::{bake::Share, certificate::certify};
 use geofan_bundle::{Bundle, Contents, ShardRecord};
-use geofan_core::{Error, Observer, Progress, Result};
+use geofan_core::{Error, Observer, Progress, Result, geodesic::UnfinishedPaths};
 use std::{
     path::{Path, PathBuf},
     sync::atomic::{AtomicU64, Ordering::Relaxed},
 };
 
-/// Measures the table of `contents` and writes it, certificate included, to `path`; returns the bundle and
-/// the size of its file.
+/// Measures the table of `contents` and writes it, certificate included, to `path`; returns the bundle, the
+/// size of its file, and how the paths of the certificate's rays end.
 ///
 /// # Errors
 /// Interrupted (`resume` says how to go on), or the place cannot be written.
@@ -23,7 +23,7 @@ pub fn finish(
     path: &Path,
     resume: &str,
     observer: &dyn Observer,
-) -> Result<(Bundle, u64)> {
+) -> Result<(Bundle, u64, UnfinishedPaths)> {
     let bundle = Bundle::from_contents(contents).map_err(|e| e.about(path))?;
     let (plan, rays) = (&bundle.header.plan, bundle.header.certify_rays);
     let certified = AtomicU64::new(0);
@@ -53,7 +53,7 @@ pub fn finish(
     certificate.exact_rays_baked = exact_rays;
     let bundle = bundle.certified(certificate);
     let bytes = bundle.write(path)?;
-    Ok((bundle, bytes))
+    Ok((bundle, bytes, checked.unfinished))
 }
 
 /// Writes the chunks of `share`; returns the size of the file.
@@ -75,11 +75,15 @@ pub fn write_shard(
     contents.write(path)
 }
 
-/// Joins shards into a bundle at `output`, and measures it; returns it with the size of its file.
+/// Joins shards into a bundle at `output`, and measures it; returns what [`finish`] does.
 ///
 /// # Errors
 /// The shards are not all shards of one bake, or the place cannot be written.
-pub fn merge(shards: &[PathBuf], output: &Path, observer: &dyn Observer) -> Result<(Bundle, u64)> {
+pub fn merge(
+    shards: &[PathBuf],
+    output: &Path,
+    observer: &dyn Observer,
+) -> Result<(Bundle, u64, UnfinishedPaths)> {
     let read = shards.iter().map(|path| Contents::read(path));
     let (contents, exact_rays) = join(shards, read.collect::<Result<Vec<_>>>()?)?;
     let resume = "the shards are untouched; run the same command again";

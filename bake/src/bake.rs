@@ -6,10 +6,12 @@ use crate::{
     assembly::{finish, write_shard},
     chunk_files::{BakedChunk, ChunkFiles},
     chunks::ChunkBaker,
-    plan::{plan, unmirrored},
+    plan::{plan, unmirrored, usual_tangents},
 };
-use geofan_bundle::{Bundle, Contents, PlanRecord, identity, rays::RaySpace};
-use geofan_core::{Error, Observer, Result, files::check_output, manifold::Manifold};
+use geofan_bundle::{Bundle, Contents, PlanRecord, TangentPromise, identity, rays::RaySpace};
+use geofan_core::{
+    Error, Observer, Result, files::check_output, geodesic::UnfinishedPaths, manifold::Manifold,
+};
 use std::{ops::RangeInclusive, path::Path, sync::Arc};
 
 /// The promise when none is asked for, mrad: half a pixel of a 1920-wide view of 90°.
@@ -38,6 +40,8 @@ pub struct BakeOptions {
     pub length: Option<f64>,
     /// Whether tangents are promised, and with them transported frames.
     pub frames: bool,
+    /// The promise of tangents: 99th percentile of the sky error, in mrad. `None` takes [`usual_tangents`].
+    pub max_sky_error: Option<f64>,
     /// Whether chunks that reflections or exchanges of coordinates carry into others are left out.
     pub mirrors: bool,
     /// The share of the chunks to bake; all of them if `None`.
@@ -57,6 +61,7 @@ impl Default for BakeOptions {
             max_size: None,
             length: None,
             frames: true,
+            max_sky_error: None,
             mirrors: true,
             share: None,
             resume: false,
@@ -91,6 +96,8 @@ pub enum BakeResult {
         bundle: Box<Bundle>,
         /// Size of its file.
         bytes: u64,
+        /// The paths of the certificate's rays that end by their length or where the metric ends.
+        unfinished: UnfinishedPaths,
     },
     /// With a shard of one, which has been written.
     Shard {
@@ -170,8 +177,8 @@ impl Bake<'_> {
     /// Bakes at one promise.
     fn attempt(&self, promise: f64) -> Result<BakeResult> {
         // The plan, and the id that it gives the bundle.
-        let (space, frames) = (self.space.clone(), self.options.frames);
-        let (space, plan) = plan(space, self.length, promise, frames, self.observer)?;
+        let (space, tangents) = (self.space.clone(), self.tangents(promise));
+        let (space, plan) = plan(space, self.length, promise, tangents, self.observer)?;
         let (space, plan) = match self.options.mirrors {
             true => (space, plan),
             false => unmirrored(space, plan),
@@ -191,6 +198,15 @@ impl Bake<'_> {
             return self.stopped(&baker, promise);
         };
         self.join(space, plan, chunks)
+    }
+
+    /// Returns what is promised of tangents where `promise` is that of points.
+    fn tangents(&self, promise: f64) -> TangentPromise {
+        match (self.options.frames, self.options.max_sky_error) {
+            (false, _) => TangentPromise::None,
+            (true, Some(own)) => TangentPromise::Own(own),
+            (true, None) => usual_tangents(&self.space, promise),
+        }
     }
 
     /// Says why not all chunks were baked.
@@ -239,11 +255,13 @@ impl Bake<'_> {
             self.files.note_size(contents.id, size + CERTIFICATE_ROOM)?;
             return Ok(too_large(max_error, limit, size, 1.0));
         }
-        let (bundle, bytes) = finish(contents, rays, output, &self.resume(), self.observer)?;
+        let (bundle, bytes, unfinished) =
+            finish(contents, rays, output, &self.resume(), self.observer)?;
         self.files.remove()?;
         Ok(BakeResult::Bundle {
             bundle: Box::new(bundle),
             bytes,
+            unfinished,
         })
     }
 

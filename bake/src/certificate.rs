@@ -12,7 +12,7 @@ use geofan_bundle::{
 };
 use geofan_core::{
     Error, Result,
-    geodesic::check_point,
+    geodesic::{End, Ray, UnfinishedPaths, check_start, end_lengths},
     manifold::{CameraRegion, Manifold},
     quantiles::Quantiles,
     random::Stream,
@@ -36,6 +36,9 @@ struct CertificateErrors {
     rotation: Vec<f64>,
     flagged: usize,
     far: Vec<Outlier>,
+    /// Rays (chart point, direction) that ended by their length, and how many ended where the metric does.
+    by_length: Vec<(DVec3, DVec3)>,
+    singular: usize,
 }
 
 /// Compares `table` with exact paths of `rays` random rays. `progress` is told how many more are
@@ -72,6 +75,8 @@ pub fn certify(
         all.rotation.append(&mut errors.rotation);
         all.flagged += errors.flagged;
         all.far.append(&mut errors.far);
+        all.by_length.append(&mut errors.by_length);
+        all.singular += errors.singular;
     }
     // The worst rays, and the quantiles of all.
     let far = all.far.len();
@@ -92,6 +97,7 @@ pub fn certify(
     Ok(Checked {
         certificate,
         far,
+        unfinished: all.unfinished(table, rays, tolerance),
         worst: all.far,
     })
 }
@@ -130,6 +136,11 @@ impl CertificateErrors {
     ) -> Result<()> {
         let fan = table.fan(camera.u)?;
         for (d, exact) in camera.directions.iter().zip(exact) {
+            match exact.end {
+                End::Length => self.by_length.push((camera.u, *d)),
+                End::Singular => self.singular += 1,
+                End::Exit(_) => {}
+            }
             let path = fan.path(*d);
             let known = |probe: &Probe| path.at(probe.s);
             if let Some(tangent) = exact.tangent().filter(|_| table.frames) {
@@ -155,7 +166,33 @@ impl CertificateErrors {
         }
         Ok(())
     }
+
+    /// Tells what share of `rays` rays ended by their length or where the metric does, and which length would
+    /// do where the space has exits of its own.
+    fn unfinished(&self, table: &Table, rays: usize, tolerance: f64) -> UnfinishedPaths {
+        let found = UnfinishedPaths::counted(self.by_length.len(), self.singular, rays);
+        let manifold = table.space.manifold();
+        if !manifold.domain.has_exits() {
+            return found;
+        }
+        found.followed(table.length, |length| {
+            let ray = |(u, d): (DVec3, DVec3)| Ray::new(manifold, u, d, length);
+            let rays = UnfinishedPaths::sample(&self.by_length)
+                .into_iter()
+                .map(ray);
+            let rays: Vec<Ray> = rays.collect();
+            let tolerance = tolerance.max(FARTHER_TOLERANCE);
+            let ends = rays.par_chunks(FARTHER_BLOCK);
+            ends.flat_map_iter(|rays| end_lengths(manifold, rays, tolerance))
+                .collect()
+        })
+    }
 }
+
+/// Local tolerance of the paths that are followed farther, and how many one thread follows at a time: where
+/// they end is told to two digits.
+const FARTHER_TOLERANCE: f64 = 1e-8;
+const FARTHER_BLOCK: usize = 64;
 
 /// Random rays from one camera.
 #[derive(Debug, Clone)]
@@ -204,9 +241,10 @@ fn random_camera(space: &RaySpace, stream: &mut Stream) -> Result<DVec3> {
     let region = region.ok_or_else(|| Error::input(&manifold.source.name, "no camera region"))?;
     let found = (0..ATTEMPTS)
         .map(|_| moved(space.reduction(), manifold, region, stream))
-        .find(|u| check_point(manifold, "camera", *u).is_ok());
+        .find(|u| check_start(manifold, "camera", *u).is_ok());
     found.ok_or_else(|| {
-        let message = format!("none of {ATTEMPTS} random cameras lies in the domain");
+        let message =
+            format!("none of {ATTEMPTS} random cameras lies in the domain, this side of its exits");
         Error::input(&manifold.source.name, message)
     })
 }

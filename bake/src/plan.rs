@@ -13,7 +13,7 @@ use crate::{
     refine::line_series::{LineSamples, SeriesTails},
 };
 use geofan_bundle::{
-    MappedChebyshev, PlanRecord, chebyshev,
+    MappedChebyshev, PlanRecord, TangentPromise, chebyshev,
     measure::{Probed, probe, stored_settings},
     rays::{ChartMap, Mirror, RaySpace},
 };
@@ -32,6 +32,19 @@ const FIRST_TOLERANCE: f64 = 1e-8;
 /// are rough all over (three bumps take 10 to 20 % fewer bytes than with plain nodes).
 const STRETCH: f64 = 0.85;
 
+/// Factor by which directions along a path may be farther off than points, in mrad, where no sky is looked up
+/// by them: they only shade what is met, and a change of 2 mrad in the angle at which light is reflected
+/// changes its brightness by less than a step of an eight-bit picture.
+const SHADING: f64 = 4.0;
+
+/// Returns the promise of tangents when none is asked for: that of points where paths may end at a sky.
+pub fn usual_tangents(space: &RaySpace, max_error: f64) -> TangentPromise {
+    match space.manifold().domain.ends_rays() {
+        true => TangentPromise::AsPoints,
+        false => TangentPromise::Own(SHADING * max_error),
+    }
+}
+
 /// Plans the bake of the rays of `space`; returns it with the space as it is stored.
 ///
 /// # Errors
@@ -40,11 +53,11 @@ pub fn plan(
     space: RaySpace,
     length: f64,
     max_error: f64,
-    frames: bool,
+    tangents: TangentPromise,
     observer: &dyn Observer,
 ) -> Result<(RaySpace, PlanRecord)> {
     let watch = PlanWatch::new(observer);
-    let mut plan = first_plan(&space, length, max_error, frames);
+    let mut plan = first_plan(&space, length, max_error, tangents);
     plan.mirrors = mirrors(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK)?;
     plan.lift = best_chart_map(&space, &plan, &watch)?;
@@ -143,7 +156,12 @@ pub fn unmirrored(space: RaySpace, mut plan: PlanRecord) -> (RaySpace, PlanRecor
 }
 
 /// Begins a plan with the sizes for as many axes as `space` has besides the arc length.
-fn first_plan(space: &RaySpace, length: f64, max_error: f64, frames: bool) -> PlanRecord {
+fn first_plan(
+    space: &RaySpace,
+    length: f64,
+    max_error: f64,
+    tangents: TangentPromise,
+) -> PlanRecord {
     let cameras = space.cameras().len();
     let axes = cameras + space.directions();
     // The most nodes along a camera or direction axis (many where few axes share them: large patches of
@@ -160,7 +178,7 @@ fn first_plan(space: &RaySpace, length: f64, max_error: f64, frames: bool) -> Pl
     let mut nodes = vec![most_nodes; axes];
     nodes.push(most_along_arc);
     PlanRecord {
-        frames,
+        tangents,
         tolerance: FIRST_TOLERANCE,
         most_rays,
         refinement: REFINEMENT,

@@ -8,7 +8,7 @@ use crate::terminal::{
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
 use geofan_bundle::Bundle;
-use geofan_core::{Error, Result, manifold::Manifold};
+use geofan_core::{Error, Result, geodesic::UnfinishedPaths, manifold::Manifold};
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -73,6 +73,10 @@ pub struct BakeArgs {
     /// Replace a parameter of the manifold; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
     pub set: Vec<(String, f64)>,
+    /// The promise of directions: 99th percentile of the sky error, in mrad [default: --max-error where paths
+    /// may end at an exit; four times that where they never do and directions only shade]
+    #[arg(long, value_name = "MRAD", value_parser = promise, conflicts_with = "no_frames")]
+    pub max_sky_error: Option<f64>,
     /// Promise points only, not tangents: smaller, but skies are less sharp and frames are not told
     #[arg(long)]
     pub no_frames: bool,
@@ -129,6 +133,7 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
         max_size: args.max_size,
         length: args.length,
         frames: !args.no_frames,
+        max_sky_error: args.max_sky_error,
         mirrors: !args.no_mirrors,
         share: args.shard,
         resume: args.resume,
@@ -137,9 +142,11 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
     };
     let baked = bake(Arc::new(manifold), &args.output, &options, &observer);
     match baked.map_err(resumable)? {
-        BakeResult::Bundle { bundle, bytes } => {
-            report(&bundle, bytes, &args.output, started, common)
-        }
+        BakeResult::Bundle {
+            bundle,
+            bytes,
+            unfinished,
+        } => report((&bundle, bytes, &unfinished), &args.output, started, common),
         BakeResult::Shard {
             share,
             bytes,
@@ -188,8 +195,8 @@ pub struct MergeArgs {
 pub fn merge(args: &MergeArgs, common: &CommonArgs) -> Result<Outcome> {
     let started = Instant::now();
     let observer = TerminalObserver::new(common)?;
-    let (bundle, bytes) = geofan_bake::merge(&args.shards, &args.output, &observer)?;
-    report(&bundle, bytes, &args.output, started, common)
+    let (bundle, bytes, unfinished) = geofan_bake::merge(&args.shards, &args.output, &observer)?;
+    report((&bundle, bytes, &unfinished), &args.output, started, common)
 }
 
 /// Prints what a shard holds.
@@ -218,16 +225,16 @@ fn report_shard(
 /// # Errors
 /// stdout cannot be written.
 pub fn report(
-    bundle: &Bundle,
-    bytes: u64,
+    (bundle, bytes, unfinished): (&Bundle, u64, &UnfinishedPaths),
     path: &Path,
     started: Instant,
     common: &CommonArgs,
 ) -> Result<Outcome> {
-    let promise = bundle.header.plan.max_error;
+    let plan = &bundle.header.plan;
     let missing = || Error::input(path.display().to_string(), "has no certificate");
     let certificate = bundle.header.certificate.as_ref().ok_or_else(missing)?;
-    let holds = certificate.keeps(promise);
+    let holds = plan.is_kept(certificate);
+    let promises = plan.promises(&bundle.table.space);
     let counts = bundle.table.counts();
     let (patches, given_up) =
         counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
@@ -236,7 +243,8 @@ pub fn report(
         terminal::print_json(&json!({
             "path": path.display().to_string(),
             "bytes": bytes,
-            "promise": promise,
+            "promise": plan.max_error,
+            "sky_promise": plan.tangents.mrad(plan.max_error),
             "kept": holds,
             "mrad": certificate.mrad,
             "screen_mrad": certificate.screen_mrad,
@@ -248,25 +256,42 @@ pub fn report(
             "exact_rays": certificate.exact_rays_baked,
             "patches": patches,
             "flagged_boxes": given_up,
+            "unfinished": unfinished,
             "seconds": seconds,
         }))?;
     } else {
         let (path, lines) = (path.display(), certificate.lines());
         terminal::print(&format!(
             "{path}: {bytes} bytes, {patches} patches, {given_up} flagged boxes\n\
-                 promise: 99 % of screen errors within {promise} mrad\n{lines}\
+                 promise: {promises}\n{lines}ends       {unfinished}\n\
                  {} rays integrated, {seconds:.1} s\n",
             certificate.exact_rays_baked
         ))?;
     }
+    warn_unfinished(bundle, unfinished);
     if holds {
         return Ok(Outcome::Done);
     }
-    let p99 = certificate.screen_mrad.p99;
+    let found = match (certificate.keeps(plan.max_error), certificate.sky_mrad) {
+        (true, Some(sky)) => format!("{:.4} of directions", sky.p99),
+        _ => format!("{:.4}", certificate.screen_mrad.p99),
+    };
     terminal::line(&format!(
-        "error: the promise of {promise} mrad is not kept: the certificate found {p99:.4}"
+        "error: the promise is not kept ({promises}): the certificate found {found}"
     ));
     Ok(Outcome::CheckFailed)
+}
+
+/// Warns where paths of a table of a space with exits are too short to get to them.
+pub fn warn_unfinished(bundle: &Bundle, found: &UnfinishedPaths) {
+    if bundle.manifold.domain.has_exits()
+        && let Some(warning) = found.warning(
+            "paths end before they leave",
+            "bake with --length, or change `length` under [cameras]",
+        )
+    {
+        tracing::warn!("{warning}");
+    }
 }
 
 #[cfg(test)]

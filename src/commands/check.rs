@@ -3,9 +3,10 @@
 //! In: a bundle. Out: quantiles of its errors on fresh random rays, and whether its promise holds
 //! on them too.
 
+use super::bake::warn_unfinished;
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay};
 use geofan_bake::certify;
-use geofan_bundle::{Bundle, Checked, FAR, Outlier};
+use geofan_bundle::{Bundle, Checked, FAR, Outlier, PlanRecord, rays::RaySpace};
 use geofan_core::{Error, Result};
 use serde_json::json;
 use std::path::PathBuf;
@@ -45,15 +46,21 @@ pub fn run(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
         },
     )?;
     progress.finish();
-    report(&found, plan.max_error, bytes, common)?;
-    Ok(match found.certificate.keeps(plan.max_error) {
+    report(&found, (plan, &bundle.table.space), bytes, common)?;
+    warn_unfinished(&bundle, &found.unfinished);
+    Ok(match plan.is_kept(&found.certificate) {
         true => Outcome::Done,
         false => Outcome::CheckFailed,
     })
 }
 
 /// Prints quantiles and the worst rays.
-fn report(checked: &Checked, promise: f64, bytes: u64, common: &CommonArgs) -> Result<()> {
+fn report(
+    checked: &Checked,
+    (plan, space): (&PlanRecord, &RaySpace),
+    bytes: u64,
+    common: &CommonArgs,
+) -> Result<()> {
     let found = &checked.certificate;
     let worst: Vec<_> = checked
         .worst
@@ -70,18 +77,22 @@ fn report(checked: &Checked, promise: f64, bytes: u64, common: &CommonArgs) -> R
             "bytes": bytes,
             "rays": found.rays,
             "seed": found.seed,
-            "promise": promise,
+            "promise": plan.max_error,
+            "sky_promise": plan.tangents.mrad(plan.max_error),
             "beyond_20_promises": checked.far,
+            "unfinished": checked.unfinished,
             "worst": worst,
         }));
     }
-    let verdict = match found.keeps(promise) {
+    let verdict = match plan.is_kept(found) {
         true => "kept",
         false => "NOT KEPT",
     };
     terminal::print(&format!(
-        "{}{bytes} bytes\npromise: 99 % of screen errors within {promise} mrad: {verdict}\n",
-        found.lines()
+        "{}ends       {}\n{bytes} bytes\npromise: {}: {verdict}\n",
+        found.lines(),
+        checked.unfinished,
+        plan.promises(space)
     ))?;
     outliers(checked)
 }

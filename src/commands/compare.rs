@@ -4,7 +4,9 @@
 //! (screen error of the table's paths) in a folder, and a report as text or JSON. With `--tracer
 //! local` the local view takes the table's place.
 
-use super::scenery::{SceneArgs, light_up, refuse_idle};
+use super::scenery::{
+    LONGER_PATHS, LONGER_TABLE, SceneArgs, light_up, refuse_idle, warn_unfinished,
+};
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
@@ -46,6 +48,7 @@ fn run_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let samples = usize::from(args.scene.spp);
     let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance())?;
     write_pictures(&found, &args.out, "")?;
+    warn_unfinished(&stage.world, &found.report.unfinished, LONGER_PATHS);
     print(&found.report, common)
 }
 
@@ -77,5 +80,6 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     };
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;
     write_pictures(&comparison, &args.out, "")?;
+    warn_unfinished(&stage.world, &comparison.report.unfinished, LONGER_TABLE);
     print(&comparison.report, common)
 }

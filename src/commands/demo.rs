@@ -7,7 +7,7 @@
 
 use super::bake::{self, BakeArgs};
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, values};
-use geofan_bake::plan::plan;
+use geofan_bake::plan::{plan, usual_tangents};
 use geofan_bundle::{Bundle, identity, rays::RaySpace};
 use geofan_core::{Error, Result, Unobserved, manifold::Manifold};
 use geofan_render::Stage;
@@ -103,6 +103,7 @@ fn bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
         max_size: None,
         length: None,
         set: Vec::new(),
+        max_sky_error: None,
         no_frames: false,
         no_mirrors: false,
         shard: None,
@@ -121,7 +122,8 @@ fn up_to_date(path: &Path, manifold: &Arc<Manifold>) -> Result<Option<Bundle>> {
     };
     let space = RaySpace::new(manifold.clone())?;
     let length = manifold.length_or(None)?;
-    let (_, plan) = plan(space, length, PROMISE, true, &Unobserved)?;
+    let tangents = usual_tangents(&space, PROMISE);
+    let (_, plan) = plan(space, length, PROMISE, tangents, &Unobserved)?;
     let id = identity(manifold, &plan).map_err(|e| e.about(path))?;
     let same = bundle.id == id && bundle.header.generator == env!("CARGO_PKG_VERSION");
     Ok(same.then_some(bundle))

@@ -3,16 +3,20 @@
 //! In: a scene, and how long or how many samples. Out: a PNG, or an EXR with variance; a file
 //! `PICTURE.passes` while the picture is not complete, from which `--resume` goes on.
 
-use super::render::{RenderArgs, metadata};
+use super::{
+    render::{RenderArgs, metadata},
+    scenery,
+};
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, TerminalObserver, values};
 use clap::Args;
-use geofan_core::{Error, Observer, Result};
+use geofan_core::{Error, Observer, Result, geodesic::UnfinishedPaths};
 use geofan_light::path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings};
 use geofan_render::{
     ExactTracer, PicturePanel, PicturePanels, Stage, View,
     frame::{Paths, offsets, trace},
     picture::{self, Format, Precision, write_exr},
     shade::with_layers,
+    unfinished,
 };
 use glam::DVec3;
 use serde_json::json;
@@ -87,7 +91,8 @@ pub fn run(
     let tracers = PanelTracers::new(stage, panels, settings);
     let view = &panels.parts[0].view;
     // Before and after, so that both rates are of the same machine under the same load.
-    let exact_before = exact_speed(args, stage, view, length);
+    let (exact_before, ends) = exact_speed(args, stage, view, length);
+    scenery::warn_unfinished(&stage.world, &ends, scenery::LONGER_PATHS);
     let began = Instant::now();
     let passes = u64::from(args.scene.spp);
     let complete = accumulate(args, &tracers, &mut film, passes, &checkpoint, common)?;
@@ -98,7 +103,7 @@ pub fn run(
     if complete {
         std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
     }
-    let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length));
+    let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length).0);
     let output = args.output.display().to_string();
     let (spp, rays, (width, height)) = (film.passes(), tracers.rays(), panels.size);
     let speed = rays as f64 / seconds;
@@ -108,12 +113,12 @@ pub fn run(
         terminal::print_json(&json!({
             "output": output, "tracer": "path", "width": width, "height": height, "spp": spp,
             "seconds": seconds, "rays": rays, "rays_per_second": speed,
-            "exact_rays_per_second": exact_speed,
+            "exact_rays_per_second": exact_speed, "unfinished": ends,
         }))?;
     } else if !common.quiet {
         let [speed, exact_speed] = [speed, exact_speed].map(|rate| 1e-3 * rate);
         terminal::print(&format!(
-            "{output}: {width}x{height}, {spp} spp, path tracer; {seconds:.1} s, {speed:.0} thousand rays a second (exact tracer: {exact_speed:.0})\n"
+            "{output}: {width}x{height}, {spp} spp, path tracer; {seconds:.1} s, {speed:.0} thousand rays a second (exact tracer: {exact_speed:.0}); {ends}\n"
         ))?;
     }
     Ok(Outcome::Done)
@@ -274,8 +279,14 @@ fn write(
 }
 
 /// Measures the camera rays of the exact tracer for each second: of the same view and length, at the same
-/// tolerance, intersected with the same scene, and as many in a batch as a whole picture has.
-fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f64 {
+/// tolerance, intersected with the same scene, and as many in a batch as a whole picture has. Tells besides which
+/// of them end by their length.
+fn exact_speed(
+    args: &RenderArgs,
+    stage: &Stage,
+    view: &View,
+    length: f64,
+) -> (f64, UnfinishedPaths) {
     let longer = view.size.0.max(view.size.1);
     let scaled = |n: usize| (n * MEASURED_SIDE / longer).clamp(1, n);
     let size = (scaled(view.size.0), scaled(view.size.1));
@@ -289,5 +300,10 @@ fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f6
     let samples = offsets(view.size.0.div_ceil(size.0));
     let began = Instant::now();
     let traced = trace(&stage.world, &small, Paths::Exact(&tracer), &samples);
-    traced.outcomes.len() as f64 / began.elapsed().as_secs_f64()
+    let speed = traced.outcomes.len() as f64 / began.elapsed().as_secs_f64();
+    let ends = (length, args.scene.tolerance());
+    (
+        speed,
+        unfinished(&stage.world, &small, &traced.outcomes, ends),
+    )
 }

@@ -11,14 +11,16 @@ use super::{
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
 use geofan_bundle::{Bundle, Fan};
-use geofan_core::{Error, Result};
+use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
 use geofan_render::{
     ExactTracer, Journey, Lookup, PicturePanel, PicturePanels, ShiftedTracer, Stage, View, World,
+    count_unfinished,
     drawing::{Drawing, draw},
-    frame::Paths,
+    frame::{Outcomes, Paths},
     picture::{self, Format, Metadata, Picture},
     scene::PoseFile,
     shade::{Footprints, area, with_layers},
+    unfinished,
 };
 use glam::DVec3;
 use serde_json::json;
@@ -129,13 +131,15 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let drawn = paths.picture(args, &stage.world, &panels)?;
+    let ends = paths.ends(args, &stage.world, &drawn);
+    scenery::warn_unfinished(&stage.world, &ends, paths.longer());
     if !drawn.shows {
         tracing::warn!(
             "nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives"
         );
     }
     write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
-    print(args, paths.name(), (&drawn, panels.size), common)
+    print(args, paths.name(), (&drawn, panels.size), &ends, common)
 }
 
 /// Renders an animation.
@@ -165,25 +169,37 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         fisheye: camera.fov_degrees,
         key: key(args, &stage, &paths)?,
     };
+    let mut worst = WorstFrame::default();
     let drawn = match &target {
         AnimationTarget::Frames(..) => animation.write_frames(&target, common, |panels, path| {
             let drawn = paths.picture(args, &stage.world, panels)?;
-            write(&stage, panels, &paths, &drawn.picture, path)
+            write(&stage, panels, &paths, &drawn.picture, path)?;
+            worst.note(drawn);
+            Ok(())
         }),
         AnimationTarget::Video(path) => animation.write_video(path, common, |panels| {
-            Ok(paths.picture(args, &stage.world, panels)?.picture)
+            let mut drawn = paths.picture(args, &stage.world, panels)?;
+            let picture = std::mem::take(&mut drawn.picture);
+            worst.note(drawn);
+            Ok(picture)
         }),
     }?;
+    let ends = worst.0.map(|drawn| {
+        let ends = paths.ends(args, &stage.world, &drawn);
+        scenery::warn_unfinished(&stage.world, &ends, paths.longer());
+        ends
+    });
     let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
     let seconds = began.elapsed().as_secs_f64();
     if common.json {
         terminal::print_json(&json!({
             "output": output.to_string(), "tracer": tracer, "frames": frames,
-            "drawn": drawn, "kept": kept, "seconds": seconds,
+            "drawn": drawn, "kept": kept, "seconds": seconds, "unfinished": ends,
         }))?;
     } else if !common.quiet {
         terminal::print(&format!(
-            "{output}: {frames} frames, {drawn} drawn, {kept} kept, {tracer} tracer; {seconds:.1} s\n"
+            "{output}: {frames} frames, {drawn} drawn, {kept} kept, {tracer} tracer; {seconds:.1} s{}\n",
+            ends.map_or(String::new(), |ends| format!("; in the worst frame {ends}"))
         ))?;
     }
     Ok(Outcome::Done)
@@ -203,6 +219,20 @@ fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 
         read.map_err(|e| Error::io(bundle, e))?;
     }
     Ok(*hasher.finalize().as_bytes())
+}
+
+/// The frame with the most paths that end by their length.
+#[derive(Default)]
+struct WorstFrame(Option<DrawnPanels>);
+
+impl WorstFrame {
+    /// Keeps a frame if it is worse than all before.
+    fn note(&mut self, frame: DrawnPanels) {
+        let worst = self.0.as_ref().map_or(0.0, |frame| frame.counted().length);
+        if frame.counted().length > worst {
+            self.0 = Some(frame);
+        }
+    }
 }
 
 /// Computes the scene's light, followed as far as paths are in `bundle`.
@@ -281,6 +311,7 @@ impl<'b> PathSource<'b> {
                 picture = picture.with_float("area", area);
             }
             pictures.push(picture);
+            drawn.seen.push((view.clone(), drawing.outcomes));
         }
         drawn.flagged /= samples as f64;
         drawn.picture = panels.join(pictures);
@@ -336,6 +367,31 @@ impl<'b> PathSource<'b> {
             }
         }
     }
+
+    /// Says how its paths are made longer.
+    fn longer(&self) -> &'static str {
+        match self {
+            Self::Table(_) => scenery::LONGER_TABLE,
+            Self::Exact(_) | Self::Local(_) => scenery::LONGER_PATHS,
+        }
+    }
+
+    /// Finds which of its paths end by their length, and which length would do; of straight lines only the
+    /// first, as no length of theirs tells about light.
+    fn ends(&self, args: &RenderArgs, world: &World, drawn: &DrawnPanels) -> UnfinishedPaths {
+        let length = match self {
+            Self::Table(lookup) => lookup.table.length,
+            Self::Exact(length) => *length,
+            Self::Local(_) => return drawn.counted(),
+        };
+        let limits = (length, args.scene.tolerance());
+        let parts = drawn.seen.iter();
+        let parts = parts.map(|(view, outcomes)| {
+            let found = unfinished(world, view, outcomes, limits);
+            (found, outcomes.len())
+        });
+        UnfinishedPaths::combined(&parts.collect::<Vec<_>>())
+    }
 }
 
 /// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.
@@ -344,10 +400,21 @@ struct DrawnPanels {
     picture: Picture,
     /// True if there is anything at the end of any path.
     shows: bool,
+    /// Views and outcomes of the parts.
+    seen: Vec<(View, Outcomes)>,
     flagged: f64,
     contract: f64,
     paths: f64,
     shade: f64,
+}
+
+impl DrawnPanels {
+    /// Counts the paths that end by their length or where the metric ends.
+    fn counted(&self) -> UnfinishedPaths {
+        let counted =
+            |(_, outcomes): &(View, Outcomes)| (count_unfinished(outcomes), outcomes.len());
+        UnfinishedPaths::combined(&self.seen.iter().map(counted).collect::<Vec<_>>())
+    }
 }
 
 /// Writes a picture into `output`.
@@ -376,6 +443,7 @@ fn print(
     args: &RenderArgs,
     tracer: &str,
     (drawn, (width, height)): (&DrawnPanels, (usize, usize)),
+    ends: &UnfinishedPaths,
     common: &CommonArgs,
 ) -> Result<Outcome> {
     let (output, spp) = (args.output.display(), args.scene.spp);
@@ -390,12 +458,13 @@ fn print(
         terminal::print_json(&json!({
             "output": output.to_string(), "tracer": tracer, "width": width, "height": height,
             "spp": spp, "flagged": flagged, "contract": contract, "paths": paths, "shade": shade,
+            "unfinished": ends,
         }))?;
     } else if !common.quiet {
         let [contract, paths, shade] = [contract, paths, shade].map(|seconds| 1e3 * seconds);
         let flagged = 100.0 * flagged;
         terminal::print(&format!(
-            "{output}: {width}x{height}, {spp} spp, {tracer} tracer; contract {contract:.1} ms, paths {paths:.1} ms, shade {shade:.1} ms; {flagged:.2} % integrated after the table gave up\n"
+            "{output}: {width}x{height}, {spp} spp, {tracer} tracer; contract {contract:.1} ms, paths {paths:.1} ms, shade {shade:.1} ms; {flagged:.2} % integrated after the table gave up; {ends}\n"
         ))?;
     }
     Ok(Outcome::Done)

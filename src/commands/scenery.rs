@@ -3,10 +3,14 @@
 use crate::terminal::{CommonArgs, ProgressDisplay, values};
 use clap::Args;
 use geofan_bundle::Bundle;
-use geofan_core::{Error, Result, diagnostic::Diagnostic, geodesic::check_point};
+use geofan_core::{
+    Error, Result,
+    diagnostic::Diagnostic,
+    geodesic::{UnfinishedPaths, check_start},
+};
 use geofan_light::cache::{self, LightmapSource};
 use geofan_render::{
-    Part, PicturePanels, Stage, View, camera_point, picture::Format, scene::Lens, usual_size,
+    Part, PicturePanels, Stage, View, World, camera_point, picture::Format, scene::Lens, usual_size,
 };
 use std::path::{Path, PathBuf};
 
@@ -81,7 +85,7 @@ impl SceneArgs {
         let (source, manifold) = (&stage.scene.source, &stage.world.manifold);
         let u = camera_point(manifold, source, camera)?;
         // The domain does not say where the metric breaks down.
-        if let Err(fault) = check_point(manifold, "the camera", u) {
+        if let Err(fault) = check_start(manifold, "the camera", u) {
             let span = camera.position_span.clone();
             return Err(Diagnostic::new(source, span, fault.to_string()).into());
         }
@@ -111,6 +115,21 @@ fn part(text: &str) -> std::result::Result<Part, String> {
     match width > 0 && height > 0 {
         true => Ok((range(x, width), range(y, height))),
         false => Err("a part of a picture needs at least one pixel".into()),
+    }
+}
+
+/// How paths are made longer: where they are integrated, and where they are in a bundle.
+pub const LONGER_PATHS: &str = "give --length, or `length` under [cameras] in the manifold file";
+pub const LONGER_TABLE: &str = "bake with --length";
+
+/// Warns where much of a picture shows nothing because paths were not followed far enough, and says how they
+/// are made longer.
+pub fn warn_unfinished(world: &World, found: &UnfinishedPaths, longer: &str) {
+    let remedy = format!("{longer}; or give the scene a `length` sky");
+    if !world.has_length_sky()
+        && let Some(warning) = found.warning("this view is black in parts", &remedy)
+    {
+        tracing::warn!("{warning}");
     }
 }
 

@@ -9,7 +9,7 @@ use geofan_bundle::{self, Bundle};
 use geofan_core::{
     Error, Result,
     geodesic::{
-        End, Sample, Settings, check_point, conjugate_points, depart, elapsed, paths, samples,
+        End, Sample, Settings, check_start, conjugate_points, depart, elapsed, paths, samples,
     },
     manifold::{Carried, Follows, Manifold},
 };
@@ -125,7 +125,7 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         let message = format!("the bundle's paths end at {}", table.length);
         return Err(Error::input("--length", message));
     }
-    check_point(&manifold, "--at", args.at)?;
+    check_start(&manifold, "--at", args.at)?;
     table.space.place(args.at).map_err(about_at)?;
     let count = args.samples as usize;
     let traced = geofan_bundle::trace(&table, args.at, args.dir, length, count, args.tolerance)?;

@@ -157,6 +157,12 @@ def enumeration(*names):
     return read
 
 
+def tangent_promise(cursor):
+    kind = cursor.u8()
+    require(kind in (0, 1, 2), "unknown promise of tangents")
+    return (kind, cursor.f64() if kind == 2 else None)
+
+
 def chart_map(cursor):
     name = enumeration("identity", "sphere", "polar")(cursor)
     return (name, cursor.f64() if name == "sphere" else None)
@@ -170,7 +176,7 @@ quantiles = record_of(p50=f64, p95=f64, p99=f64, max=f64)
 read_plan = record_of(
     max_error=f64,
     length=f64,
-    frames=flag,
+    tangents=tangent_promise,
     tolerance=f64,
     nodes=list_of(u32),
     most_rays=u32,

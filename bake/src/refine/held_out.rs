@@ -223,7 +223,7 @@ impl<'a> HeldOutRays<'a> {
         let mut found = Vec::new();
         for probe in self.rays.iter().flat_map(|ray| &ray.probes) {
             let mut weights = [0.0; CHANNELS];
-            channel_weights(space, false, probe, &mut weights);
+            channel_weights(space, None, probe, &mut weights);
             let largest = weights.iter().copied().fold(0.0, f64::max);
             found.extend(Some(largest).filter(|w| *w > 0.0 && w.is_finite()));
         }
@@ -311,20 +311,21 @@ impl<'a> HeldOutRays<'a> {
         path_coefficients::unfold(stored, channels, self.interval, &mut rows);
         let mut errors = HeldOutErrors::default();
         let only_exits = tangents_at_exits(refiner.space);
+        let tangents = refiner.plan.tangent_weight();
         for (i, probe) in ray.probes.iter().enumerate() {
             let sums = path_coefficients::sums(&rows, channels, self.interval, &[probe.s]);
             let (u, v) = path_coefficients::state(refiner.space, &ray.start, &sums, 0, probe.s);
             errors.points.push(probe.screen_mrad(u - probe.u));
             let exit = ray.exits && i + 1 == ray.probes.len();
-            if refiner.plan.frames && (exit || !only_exits) {
-                errors.tangents.push(probe.sky_mrad(v - probe.v));
+            if let Some(factor) = tangents.filter(|_| exit || !only_exits) {
+                errors.tangents.push(factor * probe.sky_mrad(v - probe.v));
             }
         }
         errors
     }
 }
 
-/// Errors on some rays in mrad.
+/// Errors on some rays in mrad, those of tangents as they count beside points.
 #[derive(Default)]
 struct HeldOutErrors {
     points: Vec<f64>,

@@ -121,7 +121,8 @@ impl LineSamples {
             };
             for (i, (mut row, probe)) in rows.outer_iter_mut().zip(&probed.probes).enumerate() {
                 let row = row.as_slice_mut().expect("contiguous");
-                channel_weights(space, plan.frames && shown(i), probe, row);
+                let tangents = plan.tangent_weight().filter(|_| shown(i));
+                channel_weights(space, tangents, probe, row);
             }
         }
         Self { values, weights }
@@ -158,16 +159,21 @@ impl LineSamples {
 }
 
 /// Finds the factors that turn errors of the channels at `probe` into mrad: those of displacements, and
-/// those of slopes where tangents are promised.
-pub fn channel_weights(space: &RaySpace, tangents: bool, probe: &Probe, weights: &mut [f64]) {
+/// those of slopes where tangents are promised, times the factor by which their errors count.
+pub fn channel_weights(
+    space: &RaySpace,
+    tangents: Option<f64>,
+    probe: &Probe,
+    weights: &mut [f64],
+) {
     let lift = space.lift();
     for channel in space.channels() {
         let mut unit = [0.0; 4];
         unit[*channel] = 1.0;
         let change = lift.chart_change(probe.u, DVec4::from_array(unit));
         weights[DISPLACEMENT + channel] = probe.screen_mrad(change * probe.s);
-        if tangents {
-            weights[*channel] = probe.sky_mrad(change);
+        if let Some(factor) = tangents {
+            weights[*channel] = factor * probe.sky_mrad(change);
         }
     }
 }

@@ -8,7 +8,7 @@
 #[cfg(feature = "files")]
 use crate::container::{MAGIC, MOST_BYTES, too_large};
 use crate::{
-    Certificate,
+    Certificate, TangentPromise,
     container::{self, Id},
     decode::{BundleError, LookupError},
     fan::Fan,
@@ -191,7 +191,7 @@ impl Bundle {
             table: Table {
                 division: header.plan.division(&space).into(),
                 length: header.plan.length,
-                frames: header.plan.frames,
+                frames: header.plan.tangents != TangentPromise::None,
                 space: space.into(),
                 chunks: chunks.collect(),
             },

@@ -1,5 +1,5 @@
 use super::*;
-use crate::{MappedChebyshev, Polynomial, Step, Train, Tree, Variables};
+use crate::{MappedChebyshev, Polynomial, Step, TangentPromise, Train, Tree, Variables};
 use geofan_core::{diagnostic::SourceText, random::Stream};
 use ndarray::{ArrayD, IxDyn};
 
@@ -17,7 +17,7 @@ length = 5.0
 
 fn plan() -> PlanRecord {
     PlanRecord {
-        frames: true,
+        tangents: TangentPromise::AsPoints,
         stretch: MappedChebyshev::new(0.8),
         focus: [[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]],
         ..PlanRecord::new(5.0, 0.5, vec![1], vec![3, 3, 3, 4])

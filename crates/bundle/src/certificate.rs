@@ -10,7 +10,7 @@ use crate::{
     rays::{Located, Place},
     tree::{Tree, half},
 };
-use geofan_core::quantiles::Quantiles;
+use geofan_core::{geodesic::UnfinishedPaths, quantiles::Quantiles};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -21,8 +21,8 @@ pub struct Certificate {
     pub mrad: Quantiles,
     /// This distance divided by the ray's magnification.
     pub screen_mrad: Quantiles,
-    /// Sky error of the tangent at the exit, or, in a manifold without exits, where the other errors
-    /// are; none if the table does not promise it.
+    /// Sky error of the tangent at the exit, or, in a manifold where nothing ends rays, where the other
+    /// errors are; none if the table does not promise it.
     pub sky_mrad: Option<Quantiles>,
     /// Angle between the transported rotations; none if the table does not promise them.
     pub rotation_mrad: Option<Quantiles>,
@@ -66,7 +66,7 @@ impl Certificate {
     }
 }
 
-/// A certificate, and the rays that quantiles cannot tell of.
+/// A certificate, the rays that quantiles cannot tell of, and how paths end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Checked {
     /// The certificate.
@@ -75,6 +75,8 @@ pub struct Checked {
     pub far: usize,
     /// The worst of them, worst first.
     pub worst: Vec<Outlier>,
+    /// The exact paths of all rays that ended by their length or where the metric ends.
+    pub unfinished: UnfinishedPaths,
 }
 
 /// Factor by which an error must exceed the promise to be told apart.

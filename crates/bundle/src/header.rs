@@ -6,8 +6,9 @@
 //! outlive the crate.
 
 use crate::{
-    Certificate, MappedChebyshev,
+    Certificate, MappedChebyshev, TangentPromise,
     decode::BundleError,
+    measure::tangents_at_exits,
     rays::{ChartMap, Mirror, RaySpace, Reduction, ReferenceSphere, Sphere},
     table::Division,
 };
@@ -65,8 +66,9 @@ pub struct PlanRecord {
     pub max_error: f64,
     /// Length of the paths.
     pub length: f64,
-    /// Tangents keep the promise too, and with them transported frames.
-    pub frames: bool,
+    /// The promise of tangents, and with them of transported frames: at exits, or all along the path where the
+    /// stored paths do not tell where they end ([`tangents_at_exits`]).
+    pub tangents: TangentPromise,
     /// Local tolerance of the exact tracer.
     pub tolerance: f64,
     /// Largest number of nodes along each axis: camera…, direction…, arc length.
@@ -211,7 +213,7 @@ impl PlanRecord {
         Self {
             max_error,
             length,
-            frames: false,
+            tangents: TangentPromise::None,
             tolerance: 1e-9,
             nodes,
             most_rays: 1,
@@ -225,6 +227,36 @@ impl PlanRecord {
             sphere: None,
             mirrors: Vec::new(),
             seed: 1,
+        }
+    }
+
+    /// Returns the factor by which errors of tangents count more than those of points; `None` if tangents are
+    /// not promised.
+    pub fn tangent_weight(&self) -> Option<f64> {
+        let promise = self.tangents.mrad(self.max_error)?;
+        Some(self.max_error / promise)
+    }
+
+    /// Tells whether `certificate` shows what is promised of points, and of tangents where they have a promise
+    /// of their own. Those that are promised as points are held to that on the rays that steered the bake.
+    pub fn is_kept(&self, certificate: &Certificate) -> bool {
+        let tangents = match (self.tangents, certificate.sky_mrad) {
+            (TangentPromise::Own(own), Some(sky)) => sky.p99 <= own,
+            _ => true,
+        };
+        certificate.keeps(self.max_error) && tangents
+    }
+
+    /// Says what is promised for the rays of `space`.
+    pub fn promises(&self, space: &RaySpace) -> String {
+        let points = format!("99 % of screen errors within {} mrad", self.max_error);
+        let place = match tangents_at_exits(space) {
+            true => "at exits",
+            false => "all along paths",
+        };
+        match self.tangents.mrad(self.max_error) {
+            Some(tangents) => format!("{points}, of sky errors {place} within {tangents} mrad"),
+            None => format!("{points}, no directions"),
         }
     }
 
@@ -271,8 +303,9 @@ impl PlanRecord {
         {
             return wrong("its plan's lift has no positive radius");
         }
-        match [self.length, self.max_error, self.tolerance].map(positive) {
-            [true, true, true] => Ok(()),
+        let tangents = self.tangents.mrad(self.max_error).unwrap_or(self.max_error);
+        match [self.length, self.max_error, self.tolerance, tangents].map(positive) {
+            [true, true, true, true] => Ok(()),
             _ => wrong("its plan has a number that is not positive"),
         }
     }
@@ -307,7 +340,7 @@ mod tests {
             cameras: vec![[-1.0, 1.0], [0.0, 1e300]],
             faces: 6,
             plan: PlanRecord {
-                frames: true,
+                tangents: TangentPromise::AsPoints,
                 tolerance: 5e-7,
                 least_volume: 0.25,
                 most_arc_halvings: 4,
@@ -347,6 +380,56 @@ mod tests {
         let header = header();
         let bytes = header.encode().unwrap();
         assert_eq!(Header::decode(&bytes).unwrap(), header);
+    }
+
+    #[test]
+    fn a_promise_of_tangents_is_a_flag_or_a_two_and_a_number() {
+        let bytes = |tangents| {
+            let plan = PlanRecord {
+                tangents,
+                ..header().plan
+            };
+            plan.encode().unwrap()
+        };
+        let plain = bytes(TangentPromise::AsPoints);
+        let own = bytes(TangentPromise::Own(2.0));
+        // Behind two numbers of eight bytes.
+        assert_eq!(plain[16], 1);
+        assert_eq!(bytes(TangentPromise::None)[16], 0);
+        assert_eq!(
+            (own[16], own[17..25].to_vec()),
+            (2, 2.0_f64.to_le_bytes().to_vec())
+        );
+        assert_eq!(own[25..], plain[17..]);
+        for tangents in [TangentPromise::None, TangentPromise::Own(0.125)] {
+            let mut header = header();
+            header.plan.tangents = tangents;
+            assert_eq!(Header::decode(&header.encode().unwrap()).unwrap(), header);
+        }
+        let mut wrong = header().encode().unwrap();
+        let at = wrong.windows(plain.len()).position(|w| w == plain).unwrap();
+        wrong[at + 16] = 3;
+        assert!(Header::decode(&wrong).is_err());
+    }
+
+    #[test]
+    fn tangents_with_a_promise_of_their_own_are_judged_by_it() {
+        let kept = |tangents, sky: f64| {
+            let Header {
+                mut plan,
+                certificate,
+                ..
+            } = header();
+            plan.tangents = tangents;
+            let mut certificate = certificate.unwrap();
+            certificate.screen_mrad = quantiles(0.1);
+            certificate.sky_mrad = Some(quantiles(sky));
+            plan.is_kept(&certificate)
+        };
+        // A 99th percentile of 0.9 with a promise of 0.5 for points.
+        assert!(kept(TangentPromise::AsPoints, 0.3));
+        assert!(kept(TangentPromise::Own(1.0), 0.3));
+        assert!(!kept(TangentPromise::Own(0.8), 0.3));
     }
 
     #[test]
@@ -390,7 +473,8 @@ mod tests {
             mirror
         );
         let by_bincode = plan.encode().unwrap();
-        let start = (plan.max_error, plan.length, plan.frames, plan.tolerance);
+        // Tangents promised as points: the byte of a flag that is set.
+        let start = (plan.max_error, plan.length, true, plan.tolerance);
         let sizes = (
             plan.nodes,
             (plan.most_rays, 0, plan.refinement),

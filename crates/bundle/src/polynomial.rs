@@ -120,6 +120,10 @@ impl Polynomial {
         // A set for even or odd multiples of the azimuth has no others.
         let used = (0..count).filter(|i| rows.iter().any(|row| row[*i] != 0.0));
         let used: Vec<usize> = used.collect();
+        if used.is_empty() {
+            let width = self.coefficients.len() / count.max(1);
+            return vec![0.0; rows.len() * width];
+        }
         let weights = rows.iter().flat_map(|row| used.iter().map(|i| row[*i]));
         self.weighted(&weights.collect::<Vec<_>>(), &used, count)
     }

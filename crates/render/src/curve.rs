@@ -24,8 +24,10 @@ pub enum Ending {
         /// Unit vector.
         sky: DVec3,
     },
-    /// Nowhere: the length is used up, or the metric ends.
-    Nowhere,
+    /// Where its length is used up: what it would meet farther on is not known.
+    Length,
+    /// Where the metric allows no further step.
+    Singular,
 }
 
 impl Ending {
@@ -33,7 +35,7 @@ impl Ending {
     pub fn limit(&self) -> f64 {
         match self {
             Ending::Exit { s, .. } => *s,
-            Ending::Nowhere => f64::INFINITY,
+            Ending::Length | Ending::Singular => f64::INFINITY,
         }
     }
 
@@ -41,7 +43,7 @@ impl Ending {
     pub fn exit(&self) -> Option<usize> {
         match self {
             Ending::Exit { exit, .. } => Some(*exit),
-            Ending::Nowhere => None,
+            Ending::Length | Ending::Singular => None,
         }
     }
 }
@@ -55,7 +57,8 @@ pub fn ending_at(manifold: &Manifold, end: End, s: f64, u: DVec3, v: DVec3) -> E
             s,
             sky: manifold.sky_direction(Some(exit), u, v),
         },
-        End::Length | End::Singular => Ending::Nowhere,
+        End::Length => Ending::Length,
+        End::Singular => Ending::Singular,
     }
 }
 

@@ -124,7 +124,8 @@ impl<'m> EventLocator<'m> {
                 let sky = self.manifold.sky_direction_in(registers, Some(exit), u, v);
                 Ending::Exit { exit, s, sky }
             }
-            End::Length | End::Singular => Ending::Nowhere,
+            End::Length => Ending::Length,
+            End::Singular => Ending::Singular,
         }
     }
 
@@ -296,7 +297,7 @@ impl EventLocator<'_> {
         let path = (&point, &tangent);
         let ends = (0..=pieces * per_piece).step_by(per_piece);
         let roughly = self.first_of_sixteen(ends, path);
-        let mut endings = [Ending::Nowhere; LANES];
+        let mut endings = [Ending::Length; LANES];
         for piece in 0..pieces {
             if roughly.iter().flatten().all(|(k, _)| *k != piece) {
                 continue;
@@ -304,7 +305,7 @@ impl EventLocator<'_> {
             let inside = piece * per_piece..(piece + 1) * per_piece + 1;
             let events = self.first_of_sixteen(inside, path);
             for (ending, event) in endings.iter_mut().zip(events) {
-                if let (Ending::Nowhere, Some((_, event))) = (&ending, event) {
+                if let (Ending::Length, Some((_, event))) = (&ending, event) {
                     *ending = self.ending_of(&event);
                 }
             }
@@ -431,7 +432,7 @@ mod tests {
                     assert_eq!((exit, sky), (0, DVec3::X));
                     assert!((at - s).abs() < 2e-3, "{at} {s}");
                 }
-                Ending::Nowhere => assert!(s > 1.7),
+                other => assert!(other == Ending::Length && s > 1.7),
             }
         }
     }

@@ -69,7 +69,7 @@ impl<'a> InterpolatedPaths<'a> {
                     s: hits.s[l] as f32,
                     direction: single_lane(&sky, l),
                 },
-                (false, None) => Seen::Nothing,
+                (false, None) => Seen::Length,
             };
             show(l, seen);
         }

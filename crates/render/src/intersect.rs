@@ -46,9 +46,13 @@ pub enum Seen {
         /// Unit vector.
         direction: Vec3,
     },
-    /// Nothing: the path ended before anything.
+    /// Nothing as far as the path was followed: its length was used up before anything.
     #[default]
-    Nothing,
+    Length,
+    /// Nothing: the metric ended the path before anything.
+    Singular,
+    /// Nothing: the place is outside the picture, which a fisheye lens makes round.
+    Outside,
 }
 
 /// Angle (radians) by which chords may depart from the path: a twentieth of a mrad, a small part of a
@@ -178,7 +182,8 @@ pub fn beyond(ending: &Ending) -> Seen {
             s: s as f32,
             direction: sky.as_vec3(),
         },
-        Ending::Nowhere => Seen::Nothing,
+        Ending::Length => Seen::Length,
+        Ending::Singular => Seen::Singular,
     }
 }
 
@@ -197,7 +202,7 @@ pub fn first_seen(world: &World, rays: &[Ray], tolerance: f64) -> Vec<Seen> {
         rays: rays.iter().map(state).collect(),
     };
     follow(&world.manifold, settings, rays.iter().copied(), &mut sink);
-    let seen = |(_, _, seen): (DVec3, DVec3, Option<Seen>)| seen.unwrap_or(Seen::Nothing);
+    let seen = |(_, _, seen): (DVec3, DVec3, Option<Seen>)| seen.unwrap_or(Seen::Length);
     sink.rays.into_iter().map(seen).collect()
 }
 
@@ -232,10 +237,8 @@ impl Sink for FirstSeen<'_> {
 
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
         let (u, v, seen) = &mut self.rays[ray];
-        if seen.is_none()
-            && let ending @ Ending::Exit { .. } = ending_at(&self.world.manifold, end, s, *u, *v)
-        {
-            *seen = Some(beyond(&ending));
+        if seen.is_none() {
+            *seen = Some(beyond(&ending_at(&self.world.manifold, end, s, *u, *v)));
         }
     }
 }

@@ -34,6 +34,7 @@ pub mod sky;
 pub mod starts;
 pub mod tiles;
 pub mod tracer;
+mod unfinished;
 pub mod view;
 pub mod world;
 
@@ -51,5 +52,6 @@ pub use path_batch::{PathBatch, PathView};
 pub use shifted::ShiftedTracer;
 pub use tiles::Scratch;
 pub use tracer::{ExactTracer, FixedTracer, GridTracer};
+pub use unfinished::{count_unfinished, unfinished};
 pub use view::{Optics, PictureRay, View, camera_point};
 pub use world::{Face, PointLight, Stage, World};

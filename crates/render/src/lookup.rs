@@ -199,7 +199,7 @@ pub(super) fn ending<C: Borrow<PathCoefficients>>(
         Some(ending) => Some(ending),
         // A path that the table gave up on might still end before anything is met.
         None if view.known < view.knots.len() => None,
-        None => Some(Ending::Nowhere),
+        None => Some(Ending::Length),
     }
 }
 

@@ -234,7 +234,7 @@ impl PixelSamples<'_> {
     ) -> [Ending; LANES] {
         let addresses: Vec<DVec3> = places.iter().map(|place| self.address(*place)).collect();
         let known = tracer.endings(&addresses, events);
-        let mut ends = [Ending::Nowhere; LANES];
+        let mut ends = [Ending::Length; LANES];
         for ((end, known), place) in ends.iter_mut().zip(known).zip(places) {
             match known {
                 Some(known) => *end = known,

@@ -126,7 +126,7 @@ impl ExactTracer<'_> {
             length: self.length,
             spread: [DVec3::ZERO; 2],
         });
-        let growing = |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Nowhere);
+        let growing = |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Length);
         let mut sink = CurveSink {
             manifold: self.manifold,
             curves: starts.iter().map(growing).collect(),
@@ -241,7 +241,7 @@ impl GridTracer for FixedTracer<'_> {
                 u.len()
             };
             batch.push((*direction, PathOrigin::Knots), fill, |path| {
-                Some(events.ending(path).unwrap_or(Ending::Nowhere))
+                Some(events.ending(path).unwrap_or(Ending::Length))
             });
         }
     }

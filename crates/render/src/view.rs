@@ -22,6 +22,7 @@ use super::{
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
     error::Result,
+    geodesic::beyond_exit,
     manifold::Manifold,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -371,7 +372,7 @@ impl View {
 /// Finds the chart point of a camera entry.
 ///
 /// # Errors
-/// Parameters that the manifold's region does not have, or a point outside the domain.
+/// Parameters that the manifold's region does not have, or a point outside the domain or beyond an exit.
 pub fn camera_point(
     manifold: &Manifold,
     source: &Arc<SourceText>,
@@ -382,6 +383,15 @@ pub fn camera_point(
         CameraPosition::Chart(u) => *u,
         CameraPosition::Parameters(given) => by_parameters(manifold, given).map_err(complain)?,
     };
+    if u.is_finite()
+        && manifold.domain.violation(u).is_none()
+        && let Some(fault) = beyond_exit(manifold, u)
+    {
+        let hint = "move the camera to this side of the exit, or the exit farther out";
+        return Err(complain(format!("the camera sees nothing here: {fault}"))
+            .with_hint(hint)
+            .into());
+    }
     match manifold.domain.violation(u) {
         None if u.is_finite() => Ok(u),
         _ => Err(

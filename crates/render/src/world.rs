@@ -58,7 +58,7 @@ pub struct World {
     pub colours: Vec<[[f32; 4]; 3]>,
     /// All materials.
     pub materials: Vec<Material>,
-    /// The sky of each exit, and last the one of paths that end nowhere.
+    /// The sky of each exit, and last the one of paths that end by their length.
     pub skies: Vec<Option<Sky>>,
     /// Lights without extent.
     pub lights: Vec<PointLight>,
@@ -72,7 +72,7 @@ pub struct World {
 }
 
 /// The key under `[sky]` for paths that end by their length.
-const NOWHERE: &str = "length";
+const LENGTH: &str = "length";
 
 impl World {
     /// Loads meshes and skies of `scene` and places them in `manifold`.
@@ -81,15 +81,17 @@ impl World {
     /// Files that cannot be read, objects outside the domain, skies of exits that do not exist.
     pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
+        let lights = lights(scene, &manifold)?;
+        let mut warnings = lamps_out_of_sight(&manifold, &lights);
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
-        let warnings = shapes.map(str::to_owned).collect();
+        warnings.extend(shapes.map(str::to_owned));
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
             colours: Vec::new(),
             materials: Vec::new(),
             skies,
-            lights: lights(scene, &manifold)?,
+            lights,
             light: None,
             clear: false,
             warnings,
@@ -158,6 +160,11 @@ impl World {
         map.as_ref().map_or(1.0, |map| map.at(uv)) * self.colour(hit)[3]
     }
 
+    /// Tells whether the scene has a sky for paths that end by their length.
+    pub fn has_length_sky(&self) -> bool {
+        self.skies.last().is_some_and(Option::is_some)
+    }
+
     /// Returns a hash of the triangles, their normals and their opacity.
     pub fn geometry_fingerprint(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
@@ -215,7 +222,8 @@ impl World {
         match seen {
             Seen::Surface(_) => true,
             Seen::Sky { exit, .. } => self.skies[*exit as usize].is_some(),
-            Seen::Nothing => self.skies.last().is_some_and(Option::is_some),
+            Seen::Length | Seen::Singular => self.has_length_sky(),
+            Seen::Outside => false,
         }
     }
 
@@ -268,6 +276,10 @@ impl World {
         };
         self.check_extent(scene, object, &placed.vertices)?;
         self.warnings.extend(placed.warning);
+        let name = object.mesh.display().to_string();
+        let corners = placed.vertices.iter().map(|(u, _)| *u);
+        self.warnings
+            .extend(out_of_sight(&self.manifold, &name, corners));
         self.add(index, &placed.mesh, &placed.vertices, triangles);
         Ok(())
     }
@@ -386,7 +398,51 @@ fn is_near_singular(manifold: &Manifold, u: DVec3) -> bool {
     !(most <= MOST_STRETCH * least)
 }
 
-/// Returns the lights of `scene`, all inside the domain.
+/// Warns of lamps beyond an exit.
+fn lamps_out_of_sight(manifold: &Manifold, lamps: &[PointLight]) -> Vec<String> {
+    let numbered = lamps.iter().enumerate();
+    let warning = |(k, lamp): (usize, &PointLight)| {
+        out_of_sight(manifold, &format!("light {}", k + 1), [lamp.u].into_iter())
+    };
+    numbered.filter_map(warning).collect()
+}
+
+/// The most corners of an object that are looked at, evenly chosen: a part beyond an exit that falls between
+/// them is too small to be missed.
+const CORNERS: usize = 4096;
+
+/// Warns of what is beyond an exit, where no path of a camera gets: how much of the thing at these `points`.
+fn out_of_sight(
+    manifold: &Manifold,
+    name: &str,
+    points: impl ExactSizeIterator<Item = DVec3>,
+) -> Option<String> {
+    let stride = points.len().div_ceil(CORNERS).max(1);
+    let chosen = points.step_by(stride);
+    let (mut looked_at, mut beyond, mut first) = (0, 0, None);
+    for u in chosen {
+        looked_at += 1;
+        if let Some((exit, value)) = manifold.domain.exit_beyond(manifold.domain.wrap(u)) {
+            beyond += 1;
+            first.get_or_insert((exit, value, u));
+        }
+    }
+    let (exit, value, u) = first?;
+    let part = match beyond == looked_at {
+        true => "all of it".into(),
+        false => format!(
+            "{:.1} % of its corners",
+            100.0 * beyond as f64 / looked_at as f64
+        ),
+    };
+    let [x, y, z] = &manifold.coordinates;
+    Some(format!(
+        "{name}: {part} lies beyond the exit `{}`, where paths end before they get there: its `when` is {value:.6} at {x} = {:.6}, {y} = {:.6}, {z} = {:.6}; move it to this side of the exit",
+        manifold.exits[exit].name, u.x, u.y, u.z
+    ))
+}
+
+/// Places the lights of `scene`, all inside the domain.
 fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
     let light = |entry: &LightEntry| match check_point(manifold, "the light", entry.at) {
         Ok(()) => Ok(PointLight {
@@ -401,13 +457,13 @@ fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
     scene.lights.iter().map(light).collect()
 }
 
-/// Loads the skies of `scene`: one for each exit, and last the one of paths that end nowhere.
+/// Loads the skies of `scene`: one for each exit, and last the one of paths that end by their length.
 fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>> {
     let mut skies: Vec<Option<Sky>> = Vec::new();
     skies.resize_with(manifold.exits.len() + 1, || None);
     for (name, span, entry) in &scene.skies {
         let index = match name.as_str() {
-            NOWHERE => Some(manifold.exits.len()),
+            LENGTH => Some(manifold.exits.len()),
             name => manifold.exit_named(name),
         };
         let Some(index) = index else {
@@ -419,7 +475,7 @@ fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>
             );
             let known = known.join(", ");
             return Err(complaint
-                .with_hint(format!("its exits: {known}, {NOWHERE}"))
+                .with_hint(format!("its exits: {known}, {LENGTH}"))
                 .into());
         };
         skies[index] = Some(Sky::load(entry)?);

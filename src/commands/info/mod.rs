@@ -7,8 +7,9 @@ mod manifold;
 
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use geofan_bundle::{
-    Contents, Header, Table, Tree,
+    Contents, Header, Table, TangentPromise, Tree,
     container::{MAGIC, VERSION},
+    measure::tangents_at_exits,
     rays::Reduction,
 };
 use geofan_core::{Error, Result};
@@ -110,6 +111,15 @@ fn id(contents: &Contents) -> String {
     contents.id.iter().map(|b| format!("{b:02x}")).collect()
 }
 
+/// Names the places at which directions are promised; `None` if they are not.
+fn sky_place(contents: &Contents) -> Option<&'static str> {
+    let promised = contents.header.plan.tangents != TangentPromise::None;
+    promised.then(|| match tangents_at_exits(&contents.space) {
+        true => "exits",
+        false => "paths",
+    })
+}
+
 /// Describes a bundle as JSON.
 fn bundle_json(contents: &Contents, (patches, flagged): (usize, usize), bytes: u64) -> Value {
     let header = &contents.header;
@@ -130,8 +140,10 @@ fn bundle_json(contents: &Contents, (patches, flagged): (usize, usize), bytes: u
         "stored_cameras": header.cameras,
         "mirrors": plan.mirrors.len(),
         "length": plan.length,
-        "frames": plan.frames,
+        "frames": plan.tangents != TangentPromise::None,
         "promise": plan.max_error,
+        "sky_promise": plan.tangents.mrad(plan.max_error),
+        "sky_promise_at": sky_place(contents),
         "tolerance": plan.tolerance,
         "chunks": contents.chunks.len(),
         "patches": patches,
@@ -159,11 +171,6 @@ fn bundle_text(contents: &Contents, (patches, flagged): (usize, usize), bytes: u
     text.line("symmetry used", reduction(header));
     text.line("mirrors used", plan.mirrors.len());
     text.line("length", plan.length);
-    let tangents = match plan.frames {
-        true => "promised",
-        false => "not promised",
-    };
-    text.line("tangents", tangents);
     text.line("chunks", contents.chunks.len());
     text.line("patches", patches);
     text.line("flagged boxes", flagged);
@@ -173,8 +180,7 @@ fn bundle_text(contents: &Contents, (patches, flagged): (usize, usize), bytes: u
         format!("{}, geofan {}", id(contents), header.generator),
     );
     // How well.
-    let promise = format!("99 % of screen errors within {} mrad", plan.max_error);
-    text.line("promise", promise);
+    text.line("promise", plan.promises(&contents.space));
     let Some(certificate) = &header.certificate else {
         text.line("certificate", "none");
         return text.0;

@@ -14,9 +14,9 @@ use glam::{DMat3, DVec3};
 /// came from, for the complaint.
 ///
 /// # Errors
-/// As [`check_point`].
+/// As [`check_start`].
 pub fn depart(manifold: &Manifold, subject: &str, u: DVec3, d: DVec3, length: f64) -> Result<Ray> {
-    check_point(manifold, subject, u)?;
+    check_start(manifold, subject, u)?;
     Ok(Ray::new(manifold, u, d, length))
 }
 
@@ -32,6 +32,30 @@ pub fn check_point(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
             format!("{}: {fault}", named(manifold, u)),
         )),
     }
+}
+
+/// Refuses a point from which no path can be seen: as [`check_point`], and beyond an exit.
+///
+/// # Errors
+/// [`Error::Input`] about `subject`.
+pub fn check_start(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
+    check_point(manifold, subject, u)?;
+    match beyond_exit(manifold, u) {
+        None => Ok(()),
+        Some(fault) => Err(Error::input(
+            subject,
+            format!("{}: {fault}; start on this side of it", named(manifold, u)),
+        )),
+    }
+}
+
+/// Says which exit a point lies beyond, and the value of its formula there; `None` if it lies beyond none.
+pub fn beyond_exit(manifold: &Manifold, u: DVec3) -> Option<String> {
+    let (exit, value) = manifold.domain.exit_beyond(u)?;
+    let name = &manifold.exits[exit].name;
+    Some(format!(
+        "the point lies beyond the exit `{name}`, whose `when` is {value:.6} there (a path leaves where it becomes positive)"
+    ))
 }
 
 fn fault(manifold: &Manifold, u: DVec3) -> Option<String> {

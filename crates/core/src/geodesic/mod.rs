@@ -20,8 +20,9 @@ mod state;
 mod step;
 mod switching;
 mod transport;
+mod unfinished;
 
-pub use departure::{check_point, depart};
+pub use departure::{beyond_exit, check_point, check_start, depart};
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
 pub use events::{crossing, first_event};
 pub use exponential::{Exponential, exponential};
@@ -30,6 +31,7 @@ pub use integrator::follow;
 pub use path::{Path, Sample, elapsed, ends, paths, samples};
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
+pub use unfinished::{UnfinishedPaths, end_lengths};
 
 use crate::manifold::{Carried, Manifold, Observer};
 use glam::DVec3;

@@ -35,6 +35,12 @@ impl Domain {
         !self.kinds.is_empty()
     }
 
+    /// Whether the file names a way out, besides the limits of the chart.
+    pub fn has_exits(&self) -> bool {
+        let named = |kind: &EventKind| matches!(kind, EventKind::Exit(_));
+        self.kinds.iter().any(named)
+    }
+
     /// The tape (u, v) -> one number for each of [`Domain::kinds`]; a ray ends where one becomes
     /// positive.
     pub fn events(&self) -> &Tape {
@@ -62,6 +68,22 @@ impl Domain {
         self.limits[k]
             .filter(|_| self.periodic[k])
             .map(|[low, high]| high - low)
+    }
+
+    /// The exit beyond which `u` lies, if any, by its index, and the value of its formula there. One that
+    /// depends on the tangent counts where it is positive whichever way a ray goes.
+    pub fn exit_beyond(&self, u: DVec3) -> Option<(usize, f64)> {
+        let at = |v: DVec3| self.events.at(&[u.x, u.y, u.z, v.x, v.y, v.z]);
+        let values = at(DVec3::ZERO);
+        let any_way = |k: usize| {
+            let ways = DVec3::AXES.into_iter().flat_map(|v| [v, -v]);
+            ways.into_iter().all(|v| at(v)[k] > 0.0)
+        };
+        let beyond = |(k, kind): (usize, &EventKind)| match kind {
+            EventKind::Exit(exit) if values[k] > 0.0 && any_way(k) => Some((*exit, values[k])),
+            _ => None,
+        };
+        self.kinds.iter().enumerate().find_map(beyond)
     }
 
     /// The first limit or condition (not exit) violated at `u`, if any.

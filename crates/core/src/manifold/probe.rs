@@ -34,6 +34,7 @@ pub(super) fn check(manifold: &Manifold) -> Result<()> {
         check_lapse(manifold, *u)?;
         if *camera {
             check_inside(manifold, *u)?;
+            check_not_left(manifold, *u)?;
             check_pullback(manifold, *u)?;
         }
         check_metric(manifold, *u)?;
@@ -119,6 +120,24 @@ fn check_inside(manifold: &Manifold, u: DVec3) -> Result<()> {
             .with_hint("make the camera region smaller, or the domain larger")
             .into(),
     )
+}
+
+/// Cameras where the file puts them must not lie beyond an exit. Where it only gives limits of coordinates,
+/// those may reach farther than the exits.
+fn check_not_left(manifold: &Manifold, u: DVec3) -> Result<()> {
+    let region = manifold.cameras.as_ref().filter(|region| region.written);
+    let Some((exit, value)) = region.and_then(|_| manifold.domain.exit_beyond(u)) else {
+        return Ok(());
+    };
+    let name = &manifold.exits[exit].name;
+    let message = format!(
+        "the camera region reaches beyond the exit `{name}`: its `when` is {value:.6} at {}",
+        point(manifold, u)
+    );
+    Err(complain(manifold, &["at", "[cameras]"], message)
+        .with_label("camera positions")
+        .with_hint("paths end where `when` becomes positive: make the region smaller, or move the exit out")
+        .into())
 }
 
 /// Observers must exist whose clocks tell frequencies.

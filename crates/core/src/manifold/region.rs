@@ -13,6 +13,9 @@ pub struct CameraRegion {
     pub names: Vec<String>,
     /// Their intervals.
     pub intervals: Vec<[f64; 2]>,
+    /// Whether the file says where cameras may be. Otherwise they may be anywhere within the limits of the
+    /// coordinates, or, with a group, at its identity.
+    pub written: bool,
     /// parameters -> u (3), then ∂u/∂parameter (3 for each parameter).
     pub(super) map: Tape,
 }

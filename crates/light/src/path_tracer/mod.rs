@@ -240,7 +240,7 @@ impl<'w> PathTracer<'w> {
                     path.pixel,
                     path.throughput * self.sky(exit as usize, direction),
                 ),
-                Seen::Nothing => {
+                Seen::Length | Seen::Singular | Seen::Outside => {
                     let nowhere = self.world.skies.len() - 1;
                     add(path.pixel, path.throughput * self.sky(nowhere, Vec3::Z));
                 }
@@ -358,7 +358,7 @@ impl<'w> PathTracer<'w> {
             }
         }
         for ((pixel, light), seen) in lights.into_iter().zip(self.seen(&probes)) {
-            if seen == Seen::Nothing {
+            if matches!(seen, Seen::Length | Seen::Singular | Seen::Outside) {
                 add(pixel, light);
             }
         }

@@ -63,7 +63,8 @@ pub(crate) struct FamilyInterval<'f> {
 
 /// The end of all paths of an interval.
 enum FamilyEnd {
-    Nowhere,
+    /// Their length is used up.
+    Length,
     /// The same exit, whose sky turns with them: arc length and the sky's direction.
     Exit(usize, [[f64; 4]; NODES]),
     /// The same event: its arc length, and the stored plane's point and tangent there.
@@ -323,7 +324,7 @@ impl FamilyEnd {
             return None;
         }
         let Some(kind) = first else {
-            return Some(Self::Nowhere);
+            return Some(Self::Length);
         };
         let events = events.iter().flatten();
         match skies {
@@ -338,11 +339,11 @@ impl FamilyEnd {
     /// Makes the end from the endings at the nodes.
     fn by_skies(endings: &[Ending]) -> Option<Self> {
         let Some(exit) = endings[0].exit() else {
-            return Some(Self::Nowhere);
+            return Some(Self::Length);
         };
         let columns = endings.iter().filter_map(|ending| match *ending {
             Ending::Exit { s, sky, .. } => Some([s, sky.x, sky.y, sky.z]),
-            Ending::Nowhere => None,
+            Ending::Length | Ending::Singular => None,
         });
         let (rows, tails) = expanded(columns);
         let good =
@@ -387,7 +388,7 @@ impl FamilyPath<'_, '_> {
     /// Returns how the path ends; `None` if that has to be searched for.
     pub(crate) fn ending(&self, events: &mut EventLocator<'_>) -> Option<Ending> {
         Some(match self.interval.end.as_ref()? {
-            FamilyEnd::Nowhere => Ending::Nowhere,
+            FamilyEnd::Length => Ending::Length,
             FamilyEnd::Exit(exit, coefficients) => {
                 let [s, x, y, z] = self.sum(coefficients);
                 Ending::Exit {

@@ -144,7 +144,7 @@ pub struct Leaf {
 /// The way in which the paths of a tile end.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Ends {
-    /// All through the same exit, or all nowhere.
+    /// All through the same exit, or all by their length.
     Alike,
     /// Not alike, but in these pieces.
     Within(Range<usize>),

@@ -2,7 +2,7 @@
 //!
 //! In: drawings with their times. Out: [`FrameTimes`], in seconds, and the [`ComparisonReport`].
 
-use geofan_core::quantiles::Quantiles;
+use geofan_core::{geodesic::UnfinishedPaths, quantiles::Quantiles};
 use geofan_render::{drawing::Drawing, frame::Work};
 use serde::Serialize;
 use std::fmt;
@@ -141,6 +141,8 @@ pub struct ComparisonReport {
     pub sky_mrad: Quantiles,
     /// Share of samples that the table gave up on.
     pub flagged: f64,
+    /// Paths of the exact picture that end by their length or where the metric ends.
+    pub unfinished: UnfinishedPaths,
     /// The table's frame: medians over a moving camera.
     pub table: FrameTimes,
     /// The exact frame.
@@ -205,7 +207,8 @@ impl ComparisonReport {
         writeln!(
             f,
             "given up by table    {flagged:.2} % of samples, integrated instead"
-        )
+        )?;
+        writeln!(f, "ends of paths        {}", self.unfinished)
     }
 
     /// Writes a line for each frame.

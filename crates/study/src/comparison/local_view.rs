@@ -7,6 +7,7 @@ use super::Comparison;
 use crate::picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr};
 use geofan_core::{
     error::{Error, Result},
+    geodesic::UnfinishedPaths,
     quantiles::Quantiles,
 };
 use geofan_render::{
@@ -16,6 +17,7 @@ use geofan_render::{
     local::projection,
     shade::Footprints,
     tracer::ExactTracer,
+    unfinished,
     view::View,
     world::World,
 };
@@ -47,6 +49,8 @@ pub struct LocalReport {
     pub local: f64,
     /// Time of the exact one.
     pub exact: f64,
+    /// Paths of the exact picture that end by their length or where the metric ends.
+    pub unfinished: UnfinishedPaths,
     /// The errors, nearest first.
     pub distances: Vec<DistanceErrors>,
 }
@@ -86,6 +90,7 @@ pub fn compare_local(
         flip: mean_flip(&flip),
         local: local.paths.as_secs_f64(),
         exact: exact.paths.as_secs_f64(),
+        unfinished: unfinished(world, view, &exact.outcomes, (length, tolerance)),
         distances: distance_errors(world, view, samples, &exact.outcomes),
     };
     let error = error_picture(&flip, "FLIP", "local against exact");
@@ -148,6 +153,7 @@ impl fmt::Display for LocalReport {
             1e3 * self.local,
             1e3 * self.exact
         )?;
+        writeln!(f, "{}", self.unfinished)?;
         writeln!(
             f,
             "distance          pixels  error, mrad (p50 / p99)  over distance"

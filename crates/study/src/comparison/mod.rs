@@ -34,6 +34,7 @@ use geofan_render::{
     picture::{Picture, write_png},
     shade::Footprints,
     tracer::{ExactTracer, FixedTracer},
+    unfinished,
     view::View,
     world::World,
 };
@@ -131,6 +132,12 @@ pub fn compare(
         lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
         sky_mrad: errors::sky_errors(&drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
+        unfinished: unfinished(
+            world,
+            view,
+            &exact.outcomes,
+            (table.length, options.tolerance),
+        ),
         paths_ns: frame_times::paths(world, view, tracers, budget),
         speedup: exact_times.frame / table_times.frame,
         speedup_equal_error: equal_error.times.frame / table_times.frame,

@@ -11,7 +11,7 @@ use crate::sweep::{
 use geofan_bake::{
     chunk_files::{BakedChunk, ChunkFiles},
     chunks::ChunkBaker,
-    plan::plan,
+    plan::{plan, usual_tangents},
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};
 use geofan_core::{Error, Muted, Observer, Progress, Result};
@@ -162,7 +162,8 @@ impl ManifoldSweep<'_> {
     ) -> Result<Option<BakedBundle>> {
         let began = TimeSpent::now();
         let observer = Muted(self.observer);
-        let (space, mut plan) = plan(self.space.clone(), self.length(), promise, true, &observer)?;
+        let (space, tangents) = (self.space.clone(), usual_tangents(&self.space, promise));
+        let (space, mut plan) = plan(space, self.length(), promise, tangents, &observer)?;
         division.apply(&mut plan);
         let space = plan.applied(space);
         let id = identity(space.manifold(), &plan).map_err(|e| e.about(path))?;

@@ -12,7 +12,7 @@
 use crate::sweep::exact_rays::{ExactFan, FanTable};
 use geofan_bundle::rays::RaySpace;
 use geofan_core::{
-    Result, geodesic::check_point, manifold::CameraRegion, quantiles::Quantiles, random::Stream,
+    Result, geodesic::check_start, manifold::CameraRegion, quantiles::Quantiles, random::Stream,
 };
 use glam::DVec3;
 use rayon::prelude::*;
@@ -162,9 +162,9 @@ fn plane(space: &RaySpace, region: &CameraRegion, length: f64) -> MapRays {
     }
 }
 
-/// Follows the rays from `u`, none where it is outside the domain.
+/// Follows the rays from `u`, none where it is outside the domain or beyond an exit.
 fn at(space: &RaySpace, u: DVec3, length: f64, directions: Vec<DVec3>) -> ExactFan {
-    match check_point(space.manifold(), "camera", u) {
+    match check_start(space.manifold(), "camera", u) {
         Ok(_) => ExactFan::new(space, u, length, directions, |_| SHARE),
         Err(_) => ExactFan {
             u,

@@ -16,7 +16,7 @@ use crate::{
         timing,
     },
 };
-use geofan_bake::plan::plan;
+use geofan_bake::plan::{plan, usual_tangents};
 use geofan_bundle::{
     PlanRecord,
     rays::{RaySpace, ReferenceSphere},
@@ -193,7 +193,8 @@ impl<'a> ManifoldSweep<'a> {
         let space = RaySpace::new(manifold.clone())?;
         let effort = Effort::new(&space, options);
         let muted = Muted(observer);
-        let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, true, &muted)?;
+        let tangents = usual_tangents(&space, GRID_PROMISE);
+        let (grid_space, grid_plan) = plan(space.clone(), length, GRID_PROMISE, tangents, &muted)?;
         // The usual table knows directions by themselves.
         let grid_space = grid_space
             .focused(ReferenceSphere::default())

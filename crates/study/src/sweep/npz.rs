@@ -17,7 +17,7 @@ use crate::sweep::{
     grid::{GridAxes, GridSamples, displacement_channels, slope_channels},
 };
 use geofan_bake::{
-    plan::plan,
+    plan::{plan, usual_tangents},
     refine::tensor_train::{best_layout, decompose},
 };
 use geofan_bundle::{
@@ -57,7 +57,8 @@ impl TensorOptions {
         let manifold = Arc::new(Manifold::load(path, &[])?);
         let length = manifold.length_or(None)?;
         let space = RaySpace::new(manifold)?;
-        let (space, plan) = plan(space, length, PROMISE, true, &Muted(observer))?;
+        let tangents = usual_tangents(&space, PROMISE);
+        let (space, plan) = plan(space, length, PROMISE, tangents, &Muted(observer))?;
         // Plain directions, as any other program would sample them.
         let space = space.focused(ReferenceSphere::default());
         let axes = self.axes(&space, length)?;

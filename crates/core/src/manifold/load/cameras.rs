@@ -99,8 +99,12 @@ impl Loader<'_> {
             let parsed = parsed.map_err(|e| at_camera(&text, e, &self.declared))?;
             nodes.push(parsed.node);
         }
-        self.region(parameters, nodes)
-            .map_err(|e| at.complain(e.to_string()))
+        let region = self.region(parameters, nodes);
+        let region = region.map_err(|e| at.complain(e.to_string()))?;
+        Ok(CameraRegion {
+            written: true,
+            ..region
+        })
     }
 
     fn box_region(&mut self, intervals: Vec<[f64; 2]>) -> Reading<CameraRegion> {
@@ -130,6 +134,7 @@ impl Loader<'_> {
         Ok(CameraRegion {
             names,
             intervals,
+            written: false,
             map,
         })
     }
