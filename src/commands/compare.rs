@@ -4,7 +4,9 @@
 //! (screen error of the table's paths) in a folder, and a report as text or JSON. With `--tracer
 //! local` the local view takes the table's place.
 
-use super::scenery::{LONGER_PATHS, LONGER_TABLE, SceneArgs, light_up, warn_unfinished};
+use super::scenery::{
+    LONGER_PATHS, LONGER_TABLE, SceneArgs, light_up, refuse_idle, warn_unfinished,
+};
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
@@ -37,12 +39,14 @@ pub struct CompareArgs {
 
 /// Compares the local view with the exact one.
 fn run_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
+    let remedy = "the local view interpolates between no paths; leave it out";
+    refuse_idle(&[("--error", args.scene.error.is_some(), remedy)])?;
     let mut stage = args.scene.stage(None)?;
     let view = args.scene.view(&stage)?;
     let length = stage.world.manifold.length_or(args.length)?;
     light_up(&mut stage, None, length, common)?;
     let samples = usize::from(args.scene.spp);
-    let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance)?;
+    let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance())?;
     write_pictures(&found, &args.out, "")?;
     warn_unfinished(&stage.world, &found.report.unfinished, LONGER_PATHS);
     print(&found.report, common)
@@ -70,8 +74,8 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let options = CompareOptions {
         samples: usize::from(args.scene.spp),
         promise: bundle.header.plan.max_error,
-        error: args.scene.error,
-        tolerance: args.scene.tolerance,
+        error: args.scene.error(),
+        tolerance: args.scene.tolerance(),
         frames: usize::from(args.frames),
     };
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;

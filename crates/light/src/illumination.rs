@@ -24,7 +24,7 @@ use rayon::prelude::*;
 pub const MOST_GAIN: f64 = 1e4;
 
 /// Computes the irradiance (per unit intensity) that `connection` brings to a surface at `u` with the
-/// normal covector `normal`: `cosθ / area`. Positive on the side to which the normal points, negative
+/// normal covector `normal`: `cosθ / area`, of what surfaces on the way let through. Positive on the side to which the normal points, negative
 /// on the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
     irradiance_for(&manifold.observer(u), normal, connection)
@@ -35,7 +35,7 @@ fn irradiance_for(observer: &Observer, normal: DVec3, connection: &Connection) -
     let n = (observer.frame.transpose() * normal).normalize_or_zero();
     let v = observer.direction(connection.v).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
-    -n.dot(v) / connection.area.abs().max(least)
+    -n.dot(v) * connection.through / connection.area.abs().max(least)
 }
 
 /// The lamps of a world, ready to be connected.

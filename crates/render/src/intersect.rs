@@ -46,8 +46,10 @@ pub enum Seen {
         /// Unit vector.
         direction: Vec3,
     },
-    /// Nothing as far as the path was followed: its length was used up before anything.
+    /// Nothing, as there is no path.
     #[default]
+    Nothing,
+    /// Nothing as far as the path was followed: its length was used up before anything.
     Length,
     /// Nothing: the metric ended the path before anything.
     Singular,

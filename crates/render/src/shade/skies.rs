@@ -50,7 +50,9 @@ impl SkyRow {
                     exit, direction, ..
                 } => (exit, direction),
                 // The same light everywhere: that of the last sky at its top.
-                Seen::Length | Seen::Singular => (world.skies.len() as u32 - 1, Vec3::Z),
+                Seen::Nothing | Seen::Length | Seen::Singular => {
+                    (world.skies.len() as u32 - 1, Vec3::Z)
+                }
             };
             exits[count + i] = exit;
             [x[count + i], y[count + i], z[count + i]] = direction.to_array();

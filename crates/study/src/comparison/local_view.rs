@@ -5,7 +5,11 @@
 
 use super::Comparison;
 use crate::picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr};
-use geofan_core::{error::Result, geodesic::UnfinishedPaths, quantiles::Quantiles};
+use geofan_core::{
+    error::{Error, Result},
+    geodesic::UnfinishedPaths,
+    quantiles::Quantiles,
+};
 use geofan_render::{
     drawing::draw,
     frame::{Outcomes, Paths, offsets},
@@ -55,7 +59,7 @@ pub struct LocalReport {
 /// pictures `local`, `exact` and `error` (FLIP).
 ///
 /// # Errors
-/// None: both pictures have one size.
+/// Rays of the view start elsewhere than at its camera, so that nothing has one direction from there.
 pub fn compare_local(
     world: &World,
     view: &View,
@@ -63,6 +67,10 @@ pub fn compare_local(
     length: f64,
     tolerance: f64,
 ) -> Result<Comparison<LocalReport>> {
+    if !view.is_central() {
+        let message = "errors are told as angles at the camera, and rays of an orthographic picture, or of an eye that sees all around, start elsewhere";
+        return Err(Error::input("the camera", message));
+    }
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
     let by = |paths: Paths<'_>| {
         draw(
@@ -82,8 +90,12 @@ pub fn compare_local(
         flip: mean_flip(&flip),
         local: local.paths.as_secs_f64(),
         exact: exact.paths.as_secs_f64(),
-        unfinished: unfinished(world, view, &exact.outcomes, (length, tolerance)),
         distances: distance_errors(world, view, samples, &exact.outcomes),
+        unfinished: unfinished(
+            world,
+            &[(view.clone(), exact.outcomes)],
+            (length, tolerance),
+        ),
     };
     let error = error_picture(&flip, "FLIP", "local against exact");
     Ok(Comparison {

@@ -23,7 +23,10 @@ use crate::{
     rival::{ProbedFan, rivals},
 };
 use geofan_bundle::{Table, measure::Probed};
-use geofan_core::{error::Result, quantiles::Quantiles};
+use geofan_core::{
+    error::{Error, Result},
+    quantiles::Quantiles,
+};
 use geofan_render::{
     drawing::draw,
     frame::Paths,
@@ -78,13 +81,17 @@ pub fn write_pictures<R>(comparison: &Comparison<R>, folder: &Path, prefix: &str
 /// `exact`, `error` (FLIP) and `mrad` (screen error of the paths).
 ///
 /// # Errors
-/// The camera is not in the table's region.
+/// The camera is not in the table's region, or rays of the view start elsewhere.
 pub fn compare(
     world: &World,
     view: &View,
     table: &Table,
     options: CompareOptions,
 ) -> Result<Comparison<ComparisonReport>> {
+    if !view.is_central() {
+        let message = "each pixel of an orthographic picture, and of an eye that sees all around, has a position of its own, and a table is made ready for one";
+        return Err(Error::input("the camera", message));
+    }
     // Both pictures.
     let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
     let budget = 1e-3 * options.error;
@@ -117,6 +124,8 @@ pub fn compare(
     let psnr = psnr(&exact.picture, &drawn.picture)?;
     let exact_times = comparison_report::frame_times(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
+    let seen = [(view.clone(), exact.outcomes.clone())];
+    let ends = unfinished(world, &seen, (table.length, options.tolerance));
     let report = ComparisonReport {
         psnr: psnr.is_finite().then_some(psnr),
         flip: mean_flip(&flip),
@@ -125,12 +134,7 @@ pub fn compare(
         lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
         sky_mrad: errors::sky_errors(&drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
-        unfinished: unfinished(
-            world,
-            view,
-            &exact.outcomes,
-            (table.length, options.tolerance),
-        ),
+        unfinished: ends,
         paths_ns: frame_times::paths(world, view, tracers, budget),
         speedup: exact_times.frame / table_times.frame,
         speedup_equal_error: equal_error.times.frame / table_times.frame,
