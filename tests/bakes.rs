@@ -321,7 +321,7 @@ fn camera_outside(table: &geofan_bundle::Table) -> bool {
 fn chunks_that_mirrors_make_of_others_are_not_stored() {
     let place = place();
     let bake = |name: &str, arguments: &str| {
-        let options = "--max-error 4 --certify-rays 400";
+        let options = "--max-error 4 --max-sky-error 4 --certify-rays 400";
         place
             .bake(&format!("box.toml -o {name} {options}{arguments}"))
             .success();

@@ -104,7 +104,7 @@ fn kind(seen: &Seen) -> (u8, u32) {
     match seen {
         Seen::Sky { exit, .. } => (0, *exit),
         Seen::Surface(hit) => (1, hit.triangle),
-        Seen::Length | Seen::Singular | Seen::Outside => (2, 0),
+        Seen::Nothing | Seen::Length | Seen::Singular => (2, 0),
     }
 }
 

@@ -72,7 +72,7 @@ fn panels(stage: &Stage, size: (usize, usize)) -> PicturePanels {
 /// Traces the middle of every pixel of a file exactly, axes (row, column).
 fn seen(stage: &Stage, panels: &PicturePanels) -> Outcomes {
     let (width, height) = panels.size;
-    let mut all = Outcomes::from_elem((height, width, 1), Seen::Outside);
+    let mut all = Outcomes::from_elem((height, width, 1), Seen::Nothing);
     for panel in &panels.parts {
         let tracer = ExactTracer::new(&stage.world.manifold, panel.view.u, 30.0, 1e-10);
         let traced = trace(
@@ -224,7 +224,7 @@ fn compare(camera: &str, size: (usize, usize), stride: usize, other: Other<'_>) 
                     worst = worst.max((direction.as_dvec3() - expected).length());
                     compared += 1;
                 }
-                (Seen::Length | Seen::Singular | Seen::Outside, None) => {}
+                (Seen::Nothing, None) => {}
                 (found, expected) => panic!("{camera}: {x} {y}: {found:?} {expected:?}"),
             }
         }
@@ -461,7 +461,7 @@ fn in_flat_space_the_local_view_is_the_exact_one_in_every_projection() {
                     (Seen::Sky { direction: a, .. }, Seen::Sky { direction: b, .. }) => {
                         assert!((*a - *b).length() < 1e-5, "{camera}: {a} {b}");
                     }
-                    (Seen::Length | Seen::Singular, Seen::Length | Seen::Singular) => {}
+                    (Seen::Nothing, Seen::Nothing) | (Seen::Length, Seen::Length) => {}
                     _ => edges += 1,
                 }
             }

@@ -92,6 +92,12 @@ fn seen(stage: &Stage, view: &View, length: f64) -> Outcomes {
     trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1)).outcomes
 }
 
+/// What is told of paths of this length.
+fn told_of(stage: &Stage, view: &View, outcomes: &Outcomes, length: f64) -> UnfinishedPaths {
+    let parts = [(view.clone(), outcomes.clone())];
+    unfinished(&stage.world, &parts, (length, 1e-9))
+}
+
 /// The angles of all pixels from the hole, in degrees, with what they see.
 fn by_angle(view: &View, outcomes: &Outcomes, hole: DVec3) -> Vec<(f64, Seen)> {
     let angle = |x: usize, y: usize| {
@@ -147,7 +153,7 @@ fn the_rim_that_ends_by_length_is_counted_and_the_length_that_is_named_would_do(
     // The share of the picture, from angles alone.
     let rim = pixels.iter().filter(|(a, _)| (SHADOW..AT_80).contains(a));
     let share = rim.count() as f64 / pixels.len() as f64;
-    let found = unfinished(&stage.world, &view, &outcomes, (80.0, 1e-9));
+    let found = told_of(&stage, &view, &outcomes, 80.0);
     assert!(
         (found.length - share).abs() < 1e-3 && share > 0.05,
         "{found:?} {share}"
@@ -156,16 +162,11 @@ fn the_rim_that_ends_by_length_is_counted_and_the_length_that_is_named_would_do(
     // A rim of 0.02° is left of a thousandth of this picture: between 100 (0.043°) and 110 (0.006°).
     let enough = found.enough.unwrap();
     assert!((100.0..=110.0).contains(&enough), "{enough}");
-    let longer = unfinished(
-        &stage.world,
-        &view,
-        &seen(&stage, &view, enough),
-        (enough, 1e-9),
-    );
+    let longer = told_of(&stage, &view, &seen(&stage, &view, enough), enough);
     assert!(longer.length < 2e-3, "{longer:?}");
     // A sky for such paths is an answer too.
     let (stage, view, _) = beside_the_hole(folder.path(), "length = { color = [1, 0, 0] }");
-    let told = unfinished(&stage.world, &view, &outcomes, (80.0, 1e-9));
+    let told = told_of(&stage, &view, &outcomes, 80.0);
     assert_eq!(
         (told.length, told.enough, told.tried),
         (found.length, None, None)

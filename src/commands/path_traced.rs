@@ -301,9 +301,7 @@ fn exact_speed(
     let began = Instant::now();
     let traced = trace(&stage.world, &small, Paths::Exact(&tracer), &samples);
     let speed = traced.outcomes.len() as f64 / began.elapsed().as_secs_f64();
-    let ends = (length, args.scene.tolerance());
-    (
-        speed,
-        unfinished(&stage.world, &small, &traced.outcomes, ends),
-    )
+    let limits = (length, args.scene.tolerance());
+    let parts = [(small, traced.outcomes)];
+    (speed, unfinished(&stage.world, &parts, limits))
 }

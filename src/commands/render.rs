@@ -131,15 +131,15 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let drawn = paths.picture(args, &stage.world, &panels)?;
-    let ends = paths.ends(args, &stage.world, &drawn);
-    scenery::warn_unfinished(&stage.world, &ends, paths.longer());
     if !drawn.shows {
         tracing::warn!(
             "nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives"
         );
     }
+    let ends = paths.ends(args, &stage.world, &drawn.parts);
+    scenery::warn_unfinished(&stage.world, &ends, paths.longer());
     write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
-    print(args, paths.name(), (&drawn, panels.size), &ends, common)
+    print(args, paths.name(), (&drawn, panels.size, &ends), common)
 }
 
 /// Renders an animation.
@@ -174,18 +174,17 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         AnimationTarget::Frames(..) => animation.write_frames(&target, common, |panels, path| {
             let drawn = paths.picture(args, &stage.world, panels)?;
             write(&stage, panels, &paths, &drawn.picture, path)?;
-            worst.note(drawn);
+            worst.note(drawn.parts);
             Ok(())
         }),
         AnimationTarget::Video(path) => animation.write_video(path, common, |panels| {
-            let mut drawn = paths.picture(args, &stage.world, panels)?;
-            let picture = std::mem::take(&mut drawn.picture);
-            worst.note(drawn);
-            Ok(picture)
+            let drawn = paths.picture(args, &stage.world, panels)?;
+            worst.note(drawn.parts);
+            Ok(drawn.picture)
         }),
     }?;
-    let ends = worst.0.map(|drawn| {
-        let ends = paths.ends(args, &stage.world, &drawn);
+    let ends = (!worst.0.is_empty()).then(|| {
+        let ends = paths.ends(args, &stage.world, &worst.0);
         scenery::warn_unfinished(&stage.world, &ends, paths.longer());
         ends
     });
@@ -205,6 +204,22 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     Ok(Outcome::Done)
 }
 
+/// The parts of the frame with the most paths that end by their length; none if no path does.
+#[derive(Default)]
+struct WorstFrame(Vec<(View, Outcomes)>);
+
+impl WorstFrame {
+    /// Keeps the parts of a frame if it is worse than all before.
+    fn note(&mut self, parts: Vec<(View, Outcomes)>) {
+        let share = |parts: &[(View, Outcomes)]| {
+            count_unfinished(parts.iter().map(|(_, outcomes)| outcomes)).length
+        };
+        if share(&parts) > share(&self.0) {
+            self.0 = parts;
+        }
+    }
+}
+
 /// Hashes everything that decides the frames of an animation besides their cameras.
 fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 32]> {
     let mut hasher = blake3::Hasher::new();
@@ -219,20 +234,6 @@ fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 
         read.map_err(|e| Error::io(bundle, e))?;
     }
     Ok(*hasher.finalize().as_bytes())
-}
-
-/// The frame with the most paths that end by their length.
-#[derive(Default)]
-struct WorstFrame(Option<DrawnPanels>);
-
-impl WorstFrame {
-    /// Keeps a frame if it is worse than all before.
-    fn note(&mut self, frame: DrawnPanels) {
-        let worst = self.0.as_ref().map_or(0.0, |frame| frame.counted().length);
-        if frame.counted().length > worst {
-            self.0 = Some(frame);
-        }
-    }
 }
 
 /// Computes the scene's light, followed as far as paths are in `bundle`.
@@ -287,6 +288,30 @@ impl<'b> PathSource<'b> {
         }
     }
 
+    /// Says how its paths are made longer.
+    fn longer(&self) -> &'static str {
+        match self {
+            Self::Table(_) => scenery::LONGER_TABLE,
+            Self::Exact(_) | Self::Local(_) => scenery::LONGER_PATHS,
+        }
+    }
+
+    /// Finds which of its paths end by their length, and which length would do; of straight lines only the
+    /// first, as no length of theirs tells about light.
+    fn ends(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        parts: &[(View, Outcomes)],
+    ) -> UnfinishedPaths {
+        let length = match self {
+            Self::Table(lookup) => lookup.table.length,
+            Self::Exact(length) => *length,
+            Self::Local(_) => return count_unfinished(parts.iter().map(|(_, seen)| seen)),
+        };
+        unfinished(world, parts, (length, args.scene.tolerance()))
+    }
+
     /// Draws the picture of all parts, with layers if the output is an EXR.
     fn picture(
         &self,
@@ -311,7 +336,7 @@ impl<'b> PathSource<'b> {
                 picture = picture.with_float("area", area);
             }
             pictures.push(picture);
-            drawn.seen.push((view.clone(), drawing.outcomes));
+            drawn.parts.push((view.clone(), drawing.outcomes));
         }
         drawn.flagged /= samples as f64;
         drawn.picture = panels.join(pictures);
@@ -367,54 +392,20 @@ impl<'b> PathSource<'b> {
             }
         }
     }
-
-    /// Says how its paths are made longer.
-    fn longer(&self) -> &'static str {
-        match self {
-            Self::Table(_) => scenery::LONGER_TABLE,
-            Self::Exact(_) | Self::Local(_) => scenery::LONGER_PATHS,
-        }
-    }
-
-    /// Finds which of its paths end by their length, and which length would do; of straight lines only the
-    /// first, as no length of theirs tells about light.
-    fn ends(&self, args: &RenderArgs, world: &World, drawn: &DrawnPanels) -> UnfinishedPaths {
-        let length = match self {
-            Self::Table(lookup) => lookup.table.length,
-            Self::Exact(length) => *length,
-            Self::Local(_) => return drawn.counted(),
-        };
-        let limits = (length, args.scene.tolerance());
-        let parts = drawn.seen.iter();
-        let parts = parts.map(|(view, outcomes)| {
-            let found = unfinished(world, view, outcomes, limits);
-            (found, outcomes.len())
-        });
-        UnfinishedPaths::combined(&parts.collect::<Vec<_>>())
-    }
 }
 
 /// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.
 #[derive(Default)]
 struct DrawnPanels {
     picture: Picture,
+    /// What the samples of each part see.
+    parts: Vec<(View, Outcomes)>,
     /// True if there is anything at the end of any path.
     shows: bool,
-    /// Views and outcomes of the parts.
-    seen: Vec<(View, Outcomes)>,
     flagged: f64,
     contract: f64,
     paths: f64,
     shade: f64,
-}
-
-impl DrawnPanels {
-    /// Counts the paths that end by their length or where the metric ends.
-    fn counted(&self) -> UnfinishedPaths {
-        let counted =
-            |(_, outcomes): &(View, Outcomes)| (count_unfinished(outcomes), outcomes.len());
-        UnfinishedPaths::combined(&self.seen.iter().map(counted).collect::<Vec<_>>())
-    }
 }
 
 /// Writes a picture into `output`.
@@ -442,8 +433,7 @@ pub(super) fn metadata(stage: &Stage, panels: &PicturePanels, tracer: &str) -> M
 fn print(
     args: &RenderArgs,
     tracer: &str,
-    (drawn, (width, height)): (&DrawnPanels, (usize, usize)),
-    ends: &UnfinishedPaths,
+    (drawn, (width, height), ends): (&DrawnPanels, (usize, usize), &UnfinishedPaths),
     common: &CommonArgs,
 ) -> Result<Outcome> {
     let (output, spp) = (args.output.display(), args.scene.spp);

@@ -75,7 +75,7 @@ impl SeenBehind<'_> {
         }
         while !open.is_empty() {
             let seen = self.seen(&open);
-            let mut layer: Outcomes = Array3::from_elem(outcomes.dim(), Seen::Outside);
+            let mut layer: Outcomes = Array3::from_elem(outcomes.dim(), Seen::Nothing);
             for (through, seen) in open.iter().zip(&seen) {
                 layer[through.place] = *seen;
             }

@@ -80,7 +80,7 @@ pub fn draw(
         let middle = clock();
         let hidden = hidden(view, offsets);
         for place in &hidden {
-            traced.outcomes[*place] = Seen::Outside;
+            traced.outcomes[*place] = Seen::Nothing;
         }
         let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
         let shaded = clock();

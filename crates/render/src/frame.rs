@@ -150,7 +150,7 @@ pub fn trace_timed(
 
 /// Makes outcomes of which nothing is known yet; written by all threads, as it is megabytes.
 fn nothing((height, width, count): (usize, usize, usize)) -> Outcomes {
-    let all = rayon::iter::repeat_n(Seen::Length, height * width * count).collect();
+    let all = rayon::iter::repeat_n(Seen::Nothing, height * width * count).collect();
     Array3::from_shape_vec((height, width, count), all).expect("one for each sample")
 }
 
@@ -158,7 +158,7 @@ fn nothing((height, width, count): (usize, usize, usize)) -> Outcomes {
 fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSamples {
     let (width, height) = samples.view.size;
     let count = samples.offsets.len();
-    let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Length);
+    let mut outcomes = Outcomes::from_elem((height, width, count), Seen::Nothing);
     outcomes
         .axis_iter_mut(Axis(0))
         .into_par_iter()

@@ -46,13 +46,13 @@ pub enum Seen {
         /// Unit vector.
         direction: Vec3,
     },
-    /// Nothing as far as the path was followed: its length was used up before anything.
+    /// Nothing, as there is no path.
     #[default]
+    Nothing,
+    /// Nothing as far as the path was followed: its length was used up before anything.
     Length,
     /// Nothing: the metric ended the path before anything.
     Singular,
-    /// Nothing: the place is outside the picture, which a fisheye lens makes round.
-    Outside,
 }
 
 /// Angle (radians) by which chords may depart from the path: a twentieth of a mrad, a small part of a

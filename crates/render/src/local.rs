@@ -44,7 +44,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
     }
     let picture = &picture;
     let knots = even_knots(length, INTERVALS);
-    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Length);
+    let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
         .axis_chunks_iter_mut(Axis(0), BAND)
         .into_par_iter()
@@ -60,7 +60,7 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
                     let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                    if *slot == Seen::Length && samples.view.shows(at.x, at.y) {
+                    if *slot == Seen::Nothing && samples.view.shows(at.x, at.y) {
                         let met = if picture.is_flat {
                             None
                         } else {

@@ -82,9 +82,9 @@ impl World {
     pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
-        let mut warnings = lamps_out_of_sight(&manifold, &lights);
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
-        warnings.extend(shapes.map(str::to_owned));
+        let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
+        warnings.extend(lamps_out_of_sight(&manifold, &lights));
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
@@ -119,6 +119,11 @@ impl World {
         world.clear = world.materials.iter().any(Material::is_clear)
             || world.colours.iter().flatten().any(|c| c[3] < 1.0);
         Ok(world)
+    }
+
+    /// Tells whether the scene has a sky for paths that end by their length.
+    pub fn has_length_sky(&self) -> bool {
+        self.skies.last().is_some_and(Option::is_some)
     }
 
     /// Returns the triangles with opacity maps.
@@ -158,11 +163,6 @@ impl World {
         let [b, c] = hit.barycentric;
         let uv = [0, 1].map(|k| p[k] * (1.0 - b - c) + q[k] * b + r[k] * c);
         map.as_ref().map_or(1.0, |map| map.at(uv)) * self.colour(hit)[3]
-    }
-
-    /// Tells whether the scene has a sky for paths that end by their length.
-    pub fn has_length_sky(&self) -> bool {
-        self.skies.last().is_some_and(Option::is_some)
     }
 
     /// Returns a hash of the triangles, their normals and their opacity.
@@ -222,8 +222,7 @@ impl World {
         match seen {
             Seen::Surface(_) => true,
             Seen::Sky { exit, .. } => self.skies[*exit as usize].is_some(),
-            Seen::Length | Seen::Singular => self.has_length_sky(),
-            Seen::Outside => false,
+            Seen::Nothing | Seen::Length | Seen::Singular => self.has_length_sky(),
         }
     }
 
@@ -381,23 +380,6 @@ impl World {
     }
 }
 
-/// Most times that an object may go around the space in one coordinate: each costs another search for
-/// what a ray meets.
-const MOST_PERIODS: f64 = 64.0;
-
-/// Largest ratio of the lengths of a standard frame's axes: of sixteen digits, four are left for
-/// directions.
-const MOST_STRETCH: f64 = 1e12;
-
-/// Tells whether the standard frame at `u` is so uneven that directions are lost.
-fn is_near_singular(manifold: &Manifold, u: DVec3) -> bool {
-    let frame = manifold.standard_frame(u);
-    let lengths = [0, 1, 2].map(|k| frame.col(k).length());
-    let [least, most] =
-        [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of).unwrap_or(1.0));
-    !(most <= MOST_STRETCH * least)
-}
-
 /// Warns of lamps beyond an exit.
 fn lamps_out_of_sight(manifold: &Manifold, lamps: &[PointLight]) -> Vec<String> {
     let numbered = lamps.iter().enumerate();
@@ -442,7 +424,24 @@ fn out_of_sight(
     ))
 }
 
-/// Places the lights of `scene`, all inside the domain.
+/// Most times that an object may go around the space in one coordinate: each costs another search for
+/// what a ray meets.
+const MOST_PERIODS: f64 = 64.0;
+
+/// Largest ratio of the lengths of a standard frame's axes: of sixteen digits, four are left for
+/// directions.
+const MOST_STRETCH: f64 = 1e12;
+
+/// Tells whether the standard frame at `u` is so uneven that directions are lost.
+fn is_near_singular(manifold: &Manifold, u: DVec3) -> bool {
+    let frame = manifold.standard_frame(u);
+    let lengths = [0, 1, 2].map(|k| frame.col(k).length());
+    let [least, most] =
+        [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of).unwrap_or(1.0));
+    !(most <= MOST_STRETCH * least)
+}
+
+/// Returns the lights of `scene`, all inside the domain.
 fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
     let light = |entry: &LightEntry| match check_point(manifold, "the light", entry.at) {
         Ok(()) => Ok(PointLight {

@@ -46,28 +46,6 @@ impl UnfinishedPaths {
         }
     }
 
-    /// Combines what was found of parts with so many paths each.
-    pub fn combined(parts: &[(Self, usize)]) -> Self {
-        let all: usize = parts.iter().map(|(_, count)| count).sum();
-        let share = |of: fn(&Self) -> f64| {
-            let sum: f64 = parts.iter().map(|(part, n)| of(part) * *n as f64).sum();
-            sum / all.max(1) as f64
-        };
-        let followed = || {
-            parts
-                .iter()
-                .map(|(part, _)| part)
-                .filter(|p| p.tried.is_some())
-        };
-        let enough: Option<Vec<f64>> = followed().map(|part| part.enough).collect();
-        Self {
-            length: share(|part| part.length),
-            singular: share(|part| part.singular),
-            enough: enough.and_then(|all| all.into_iter().reduce(f64::max)),
-            tried: followed().filter_map(|part| part.tried).reduce(f64::max),
-        }
-    }
-
     /// Tells whether so few paths end by length or where the metric ends that nobody misses them.
     pub fn is_negligible(&self) -> bool {
         self.length <= NEGLIGIBLE && self.singular <= NEGLIGIBLE

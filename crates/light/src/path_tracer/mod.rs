@@ -240,7 +240,7 @@ impl<'w> PathTracer<'w> {
                     path.pixel,
                     path.throughput * self.sky(exit as usize, direction),
                 ),
-                Seen::Length | Seen::Singular | Seen::Outside => {
+                Seen::Nothing | Seen::Length | Seen::Singular => {
                     let nowhere = self.world.skies.len() - 1;
                     add(path.pixel, path.throughput * self.sky(nowhere, Vec3::Z));
                 }
@@ -358,7 +358,7 @@ impl<'w> PathTracer<'w> {
             }
         }
         for ((pixel, light), seen) in lights.into_iter().zip(self.seen(&probes)) {
-            if matches!(seen, Seen::Length | Seen::Singular | Seen::Outside) {
+            if matches!(seen, Seen::Nothing | Seen::Length | Seen::Singular) {
                 add(pixel, light);
             }
         }

@@ -55,7 +55,7 @@ pub fn with_layers(
     let arc = |o: &Seen| match *o {
         Seen::Surface(hit) => hit.s.into(),
         Seen::Sky { s, .. } => s.into(),
-        Seen::Length | Seen::Singular | Seen::Outside => f64::INFINITY,
+        Seen::Nothing | Seen::Length | Seen::Singular => f64::INFINITY,
     };
     let object = |o: &Seen| match *o {
         Seen::Surface(hit) => world.faces[hit.triangle as usize].object as usize + 1,
@@ -114,7 +114,7 @@ pub fn area(
                 let s = match outcomes[(y, x, 0)] {
                     Seen::Surface(hit) => hit.s.into(),
                     Seen::Sky { s, .. } => s.into(),
-                    Seen::Length | Seen::Singular | Seen::Outside => 0.0,
+                    Seen::Nothing | Seen::Length | Seen::Singular => 0.0,
                 };
                 match start {
                     Some(start) => Ray::new(manifold, start.u, start.direction, s),

@@ -50,7 +50,7 @@ impl SkyRow {
                     exit, direction, ..
                 } => (exit, direction),
                 // The same light everywhere: that of the last sky at its top.
-                Seen::Length | Seen::Singular | Seen::Outside => {
+                Seen::Nothing | Seen::Length | Seen::Singular => {
                     (world.skies.len() as u32 - 1, Vec3::Z)
                 }
             };

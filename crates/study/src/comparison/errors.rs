@@ -106,7 +106,7 @@ fn position(world: &World, seen: &Seen) -> Option<SeenPlace> {
                 unit: f64::from(hit.s) * v.length(),
             })
         }
-        Seen::Length | Seen::Singular | Seen::Outside => None,
+        Seen::Nothing | Seen::Length | Seen::Singular => None,
     }
 }
 

@@ -90,8 +90,12 @@ pub fn compare_local(
         flip: mean_flip(&flip),
         local: local.paths.as_secs_f64(),
         exact: exact.paths.as_secs_f64(),
-        unfinished: unfinished(world, view, &exact.outcomes, (length, tolerance)),
         distances: distance_errors(world, view, samples, &exact.outcomes),
+        unfinished: unfinished(
+            world,
+            &[(view.clone(), exact.outcomes)],
+            (length, tolerance),
+        ),
     };
     let error = error_picture(&flip, "FLIP", "local against exact");
     Ok(Comparison {

@@ -124,6 +124,8 @@ pub fn compare(
     let psnr = psnr(&exact.picture, &drawn.picture)?;
     let exact_times = comparison_report::frame_times(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
+    let seen = [(view.clone(), exact.outcomes.clone())];
+    let ends = unfinished(world, &seen, (table.length, options.tolerance));
     let report = ComparisonReport {
         psnr: psnr.is_finite().then_some(psnr),
         flip: mean_flip(&flip),
@@ -132,12 +134,7 @@ pub fn compare(
         lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
         sky_mrad: errors::sky_errors(&drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
-        unfinished: unfinished(
-            world,
-            view,
-            &exact.outcomes,
-            (table.length, options.tolerance),
-        ),
+        unfinished: ends,
         paths_ns: frame_times::paths(world, view, tracers, budget),
         speedup: exact_times.frame / table_times.frame,
         speedup_equal_error: equal_error.times.frame / table_times.frame,
