@@ -13,12 +13,10 @@ use clap::{Args, ValueEnum};
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result};
 use geofan_render::{
-    ExactTracer, Journey, Lookup, Stage, View, World,
-    drawing::{Drawing, draw},
-    frame::Paths,
+    Journey, PathSource, Stage, View,
+    drawing::Drawing,
     picture::{self, Format, Metadata},
     scene::PoseFile,
-    shade::{Footprints, area, with_layers},
 };
 use serde_json::json;
 use std::{
@@ -80,10 +78,12 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     if args.tracer == Some(TracerKind::Path) {
         return path_traced::run(args, &stage, &view, common);
     }
-    let paths = PathSource::new(args, &stage, bundle.as_ref())?;
+    let paths = path_source(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
-    let (drawing, contract) = paths.draw(args, &stage.world, &view)?;
-    let [paths_time, shade_time] = [drawing.paths, drawing.shade].map(|time| time.as_secs_f64());
+    let options = args.scene.drawing();
+    let (drawing, contract) = paths.draw(&stage.world, &view, options, &geofan_study::clock)?;
+    let times = [contract, drawing.paths, drawing.shade];
+    let [contract, paths_time, shade_time] = times.map(|time| time.as_secs_f64());
     let figures = [drawing.flagged_share(), contract, paths_time, shade_time];
     write(args, &stage, &view, &paths, drawing, &args.output)?;
     print(args, paths.name(), figures, common)
@@ -102,7 +102,7 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     let began = Instant::now();
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let mut stage = args.scene.stage(bundle.as_ref())?;
-    let paths = PathSource::new(args, &stage, bundle.as_ref())?;
+    let paths = path_source(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
     let animation = Animation {
@@ -112,11 +112,24 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     };
     let drawn = match &target {
         AnimationTarget::Frames(..) => animation.write_frames(&target, common, |view, path| {
-            let (drawing, _) = paths.draw(args, &stage.world, view)?;
+            let (drawing, _) = paths.draw(
+                &stage.world,
+                view,
+                args.scene.drawing(),
+                &geofan_study::clock,
+            )?;
             write(args, &stage, view, &paths, drawing, path)
         }),
         AnimationTarget::Video(path) => animation.write_video(path, common, |view| {
-            Ok(paths.draw(args, &stage.world, view)?.0.picture)
+            Ok(paths
+                .draw(
+                    &stage.world,
+                    view,
+                    args.scene.drawing(),
+                    &geofan_study::clock,
+                )?
+                .0
+                .picture)
         }),
     }?;
     let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
@@ -148,73 +161,24 @@ fn light_up(
     scenery::light_up(stage, args.bundle.as_deref(), length, common)
 }
 
-/// Where paths come from.
-enum PathSource<'b> {
-    Table(Lookup<'b>),
-    /// Integration over a length.
-    Exact(f64),
-    /// Straight lines of the chart over a length.
-    Local(f64),
-}
-
-impl<'b> PathSource<'b> {
-    /// Chooses it as the options say.
-    fn new(args: &RenderArgs, stage: &Stage, bundle: Option<&'b Bundle>) -> Result<Self> {
-        let length = || stage.world.manifold.length_or(args.length);
-        match (args.tracer, bundle) {
-            (Some(TracerKind::Table), None) => {
-                let message = "`table` needs --bundle FILE; bake one with geofan-bake";
-                Err(Error::input("--tracer", message))
-            }
-            (None | Some(TracerKind::Table), Some(bundle)) => {
-                let promise = 1e-3 * bundle.header.plan.max_error;
-                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
-                Ok(Self::Table(lookup))
-            }
-            (Some(TracerKind::Local), Some(bundle)) => Ok(Self::Local(bundle.table.length)),
-            (Some(TracerKind::Local), None) => Ok(Self::Local(length()?)),
-            _ => Ok(Self::Exact(length()?)),
+/// Chooses where paths come from as the options say.
+fn path_source<'b>(
+    args: &RenderArgs,
+    stage: &Stage,
+    bundle: Option<&'b Bundle>,
+) -> Result<PathSource<'b>> {
+    let length = || stage.world.manifold.length_or(args.length);
+    match (args.tracer, bundle) {
+        (Some(TracerKind::Table), None) => {
+            let message = "`table` needs --bundle FILE; bake one with geofan-bake";
+            Err(Error::input("--tracer", message))
         }
-    }
-
-    /// Names the tracer.
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Table(_) => "table",
-            Self::Exact(_) => "exact",
-            Self::Local(_) => "local",
+        (None | Some(TracerKind::Table), Some(bundle)) => {
+            Ok(PathSource::table(bundle, args.scene.tolerance))
         }
-    }
-
-    /// Draws the picture; returns it with the time that fixing the camera took.
-    fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
-        let samples = usize::from(args.scene.spp);
-        let by = |paths: Paths<'_>| {
-            draw(
-                world,
-                view,
-                paths,
-                samples,
-                Footprints::Filtered,
-                &geofan_study::clock,
-            )
-        };
-        match self {
-            Self::Table(lookup) => {
-                let began = Instant::now();
-                let fan = lookup.table.fan(view.u)?;
-                let contract = began.elapsed().as_secs_f64();
-                let tracer = lookup.tracer(&fan);
-                let budget = 1e-3 * args.scene.error;
-                Ok((by(Paths::Lattice(&tracer, budget)), contract))
-            }
-            Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
-            Self::Exact(length) => {
-                let tolerance = args.scene.tolerance;
-                let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
-                Ok((by(Paths::Exact(&tracer)), 0.0))
-            }
-        }
+        (Some(TracerKind::Local), Some(bundle)) => Ok(PathSource::Local(bundle.table.length)),
+        (Some(TracerKind::Local), None) => Ok(PathSource::Local(length()?)),
+        _ => Ok(PathSource::Exact(length()?)),
     }
 }
 
@@ -227,13 +191,10 @@ fn write(
     drawing: Drawing,
     output: &Path,
 ) -> Result<()> {
-    let world = &stage.world;
-    let mut picture = drawing.picture;
-    if Format::of(output) == Some(Format::Exr) {
-        picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
-        let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
-        picture = picture.with_float("area", area);
-    }
+    let picture = match Format::of(output) {
+        Some(Format::Exr) => drawing.layered(&stage.world, view, args.scene.tolerance),
+        _ => drawing.picture,
+    };
     picture::write(output, &picture, &metadata(stage, paths.name()))
 }
 

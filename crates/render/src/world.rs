@@ -11,6 +11,7 @@ use super::{
     sky::Sky,
     view::{View, camera_point},
 };
+use geofan_bundle::Bundle;
 use geofan_core::{
     diagnostic::Diagnostic,
     error::{Error, Result},
@@ -18,7 +19,10 @@ use geofan_core::{
     manifold::Manifold,
 };
 use glam::DVec3;
-use std::{path::Path, sync::Arc};
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// The corners of a triangle as shading needs them.
 #[derive(Debug, Clone)]
@@ -72,6 +76,18 @@ impl World {
     /// # Errors
     /// Files that cannot be read, objects outside the domain, skies of exits that do not exist.
     pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
+        Self::furnished(scene, manifold, Vec::new())
+    }
+
+    /// Does so where `shelf` has the meshes of some objects already, by the paths that the scene gives them.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn furnished(
+        scene: &SceneFile,
+        manifold: Arc<Manifold>,
+        mut shelf: Vec<(PathBuf, Arc<Mesh>)>,
+    ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
@@ -84,14 +100,13 @@ impl World {
             manifold,
         };
         let mut triangles = Vec::new();
-        let mut shelf: Vec<(&Path, Arc<Mesh>)> = Vec::new();
         for (index, object) in scene.objects.iter().enumerate() {
             let mesh = match shelf.iter().find(|(path, _)| *path == object.mesh) {
                 Some((_, mesh)) => mesh.clone(),
                 None => {
                     let mesh = Arc::new(Mesh::load(&object.mesh)?);
                     world.warnings.extend(mesh.warnings.iter().cloned());
-                    shelf.push((&object.mesh, mesh.clone()));
+                    shelf.push((object.mesh.clone(), mesh.clone()));
                     mesh
                 }
             };
@@ -296,6 +311,40 @@ impl Stage {
                 format!("the scene has no view `{name}`; it has: {known}"),
             )
         })
+    }
+
+    /// Refuses a bundle that was baked from another manifold than the scene's.
+    ///
+    /// # Errors
+    /// Says what differs.
+    pub fn check_bundle(&self, bundle: &Bundle) -> Result<()> {
+        let differences = self.world.manifold.differences(&bundle.manifold);
+        if differences.is_empty() {
+            return Ok(());
+        }
+        let message = format!(
+            "it was baked from another manifold (`{}`) than the scene's (`{}`): {} (the scene's first); bake again, or give the same --set",
+            bundle.manifold.name,
+            self.world.manifold.name,
+            differences.join(", ")
+        );
+        Err(Error::input("--bundle", message))
+    }
+
+    /// Returns the view of the camera called `name`, or of the main one, where a path can start.
+    ///
+    /// # Errors
+    /// There is no such camera, or it is where the metric breaks down, of which the domain need not tell.
+    pub fn view_of(&self, name: Option<&str>, size: (usize, usize)) -> Result<View> {
+        let camera = self.camera(name)?;
+        let view = self.view(camera, size)?;
+        match check_point(&self.world.manifold, "the camera", view.u) {
+            Err(fault) => {
+                let (source, span) = (&self.scene.source, camera.position_span.clone());
+                Err(Diagnostic::new(source, span, fault.to_string()).into())
+            }
+            Ok(()) => Ok(view),
+        }
     }
 
     /// Returns the view of a camera of this scene.

@@ -28,14 +28,14 @@ mod transport;
 
 pub use conjugate::conjugate_points;
 pub use crossing::crossing;
-pub use departure::{check_point, depart};
+pub use departure::{TOLERANCES, check_point, depart, unit};
 pub use elapsed::elapsed;
 pub use exponential::{Exponential, exponential};
 pub use first_event::first_event;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use path::{Path, ends, paths};
-pub use samples::{Sample, samples};
+pub use samples::{Sample, sample, samples};
 pub use spread::{JacobiField, perpendiculars, signed_area};
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
