@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -41,10 +42,11 @@ def text(item: Any) -> str:
         elif line.startswith("    ") and out and out[-1].startswith("- "):
             out[-1] += " " + line.strip()
         elif i > 0 and in_list(lines, i):
-            out.append(f"- `{line}`:" if " : " in line else f"- {line}")
+            out.append(f"- `{line}`:")
         else:
             out.append(line)
-    return "\n".join(examples(out)).replace("``", "`")
+    joined = re.sub(r":\w+:(`[^`]+`)", r"\1", "\n".join(examples(out)))
+    return re.sub("(?<!`)``(?!`)", "`", joined)
 
 
 def in_list(lines: list[str], i: int) -> bool:

@@ -6,7 +6,7 @@ any leading axes and runs on all processors without the interpreter's lock.
 >>> import geofan as gf
 >>> hole = gf.catalogue.schwarzschild(M=1)
 >>> paths = hole.trace([9.0, 0.0, 0.0], [[-1.0, 0.2, 0.0], [-1.0, 0.8, 0.0]])
->>> list(paths.end)
+>>> paths.end.tolist()
 ['horizon', 'sky']
 """
 

@@ -94,6 +94,7 @@ class Manifold:
         **entries : expression
             Entries ``xx``, ``yy``, ``zz``, ``xy``, ``xz``, ``yz`` of the metric, instead; absent off-diagonals are 0.
         coordinates : three names
+            A list, or a text of three letters.
         parameters : mapping of numbers, optional
             What expressions may name; changed by :meth:`set`.
         let : mapping of expressions, optional

@@ -9,6 +9,20 @@ _Floats = npt.NDArray[np.float64]
 _Three = tuple[float, ...]
 _Drawn = tuple[npt.NDArray[np.float32], dict[str, npt.NDArray[Any]], str, float]
 
+__all__ = [
+    "Bundle",
+    "Camera",
+    "Manifold",
+    "Stage",
+    "__version__",
+    "pop_threads",
+    "push_threads",
+    "read_picture",
+    "sweep",
+    "thread_count",
+    "write_picture",
+]
+
 __version__: str
 
 @final

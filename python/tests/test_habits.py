@@ -57,7 +57,7 @@ def test_results_are_written_where_they_are_read(s3, random):
     assert all(array.base is None or array.base.base is None for array in arrays)
 
 
-@pytest.mark.parametrize("arguments", [["mypy", "--strict", "-p", "geofan"], ["mypy.stubtest", "geofan"]])
+@pytest.mark.parametrize("arguments", [["mypy", "--strict", "-p", "geofan"], ["mypy.stubtest", "geofan", "--mypy-config-file", "pyproject.toml", "--allowlist", "tests/stubtest-allowlist.txt"]])
 def test_types_are_right(arguments, tmp_path):
     pytest.importorskip("mypy")
     line = [sys.executable, "-m", *arguments]
