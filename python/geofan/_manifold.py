@@ -256,7 +256,7 @@ class Manifold:
 
     def _at(self, quantity: str, u: npt.ArrayLike, *tail: int) -> Floats:
         points = vectors("u", u)
-        return self._native.at(quantity, rows(points)).reshape(*points.shape[:-1], *tail)
+        return self._native.at(quantity, rows(points)).reshape((*points.shape[:-1], *tail))
 
     def transport(
         self,
