@@ -9,6 +9,7 @@
 //! in batches, and between batches the observer is told and asked.
 
 use crate::{
+    USUAL_PROMISE,
     directions::{REFERENCE_SPHERE_WORK, reference_sphere, sphere_axes},
     refine::line_series::{LineSamples, SeriesTails},
 };
@@ -68,6 +69,19 @@ pub fn plan(
     plan.focus = reference_sphere(&space, &plan, &watch)?;
     watch.reach(WORK)?;
     Ok((plan.applied(space), plan))
+}
+
+/// Finds the discrete symmetries that a bake of `space` over `length` uses.
+///
+/// # Errors
+/// The observer ends it.
+pub fn discrete_symmetries(
+    space: &RaySpace,
+    length: f64,
+    observer: &dyn Observer,
+) -> Result<Vec<Mirror>> {
+    let plan = first_plan(space, length, USUAL_PROMISE, TangentPromise::AsPoints);
+    mirrors(space, &plan, &PlanWatch::new(observer))
 }
 
 /// Work of the parts of planning in the unit of [`PlanWatch`]: rays followed with frame and deviation, at

@@ -10,19 +10,14 @@ use super::{
 };
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
-use geofan_bundle::{Bundle, Fan};
+use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
 use geofan_render::{
-    ExactTracer, Journey, Lookup, PicturePanel, PicturePanels, ShiftedTracer, Stage, View, World,
-    count_unfinished,
-    drawing::{Drawing, draw},
-    frame::{Outcomes, Paths},
+    Journey, PathSource, PicturePanel, PicturePanels, Stage, View, count_unfinished,
+    frame::Outcomes,
     picture::{self, Format, Metadata, Picture},
     scene::PoseFile,
-    shade::{Footprints, area, with_layers},
-    unfinished,
 };
-use glam::DVec3;
 use serde_json::json;
 use std::{
     fs::File,
@@ -128,16 +123,15 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     if args.tracer == Some(TracerKind::Path) {
         return path_traced::run(args, &stage, &panels, common);
     }
-    let paths = PathSource::new(args, &stage, bundle.as_ref())?;
+    let paths = path_source(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
-    let drawn = paths.picture(args, &stage.world, &panels)?;
+    let drawn = draw_parts(args, &stage, &paths, &panels)?;
     if !drawn.shows {
         tracing::warn!(
             "nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives"
         );
     }
-    let ends = paths.ends(args, &stage.world, &drawn.parts);
-    scenery::warn_unfinished(&stage.world, &ends, paths.longer());
+    let ends = tell_ends(args, &stage, &paths, &drawn.parts);
     write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
     print(args, paths.name(), (&drawn, panels.size, &ends), common)
 }
@@ -155,7 +149,7 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     let began = Instant::now();
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let mut stage = args.scene.stage(bundle.as_ref())?;
-    let paths = PathSource::new(args, &stage, bundle.as_ref())?;
+    let paths = path_source(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
     let camera = stage.camera(args.scene.view.as_deref())?;
@@ -172,22 +166,18 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     let mut worst = WorstFrame::default();
     let drawn = match &target {
         AnimationTarget::Frames(..) => animation.write_frames(&target, common, |panels, path| {
-            let drawn = paths.picture(args, &stage.world, panels)?;
+            let drawn = draw_parts(args, &stage, &paths, panels)?;
             write(&stage, panels, &paths, &drawn.picture, path)?;
             worst.note(drawn.parts);
             Ok(())
         }),
         AnimationTarget::Video(path) => animation.write_video(path, common, |panels| {
-            let drawn = paths.picture(args, &stage.world, panels)?;
+            let drawn = draw_parts(args, &stage, &paths, panels)?;
             worst.note(drawn.parts);
             Ok(drawn.picture)
         }),
     }?;
-    let ends = (!worst.0.is_empty()).then(|| {
-        let ends = paths.ends(args, &stage.world, &worst.0);
-        scenery::warn_unfinished(&stage.world, &ends, paths.longer());
-        ends
-    });
+    let ends = (!worst.0.is_empty()).then(|| tell_ends(args, &stage, &paths, &worst.0));
     let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
     let seconds = began.elapsed().as_secs_f64();
     if common.json {
@@ -250,148 +240,71 @@ fn light_up(
     scenery::light_up(stage, args.bundle.as_deref(), length, common)
 }
 
-/// Where paths come from.
-enum PathSource<'b> {
-    Table(Lookup<'b>),
-    /// Integration over a length.
-    Exact(f64),
-    /// Straight lines of the chart over a length.
-    Local(f64),
+/// Chooses where paths come from as the options say.
+fn path_source<'b>(
+    args: &RenderArgs,
+    stage: &Stage,
+    bundle: Option<&'b Bundle>,
+) -> Result<PathSource<'b>> {
+    let length = || stage.world.manifold.length_or(args.length);
+    match (args.tracer, bundle) {
+        (Some(TracerKind::Table), None) => {
+            let message = "`table` needs --bundle FILE; bake one with geofan-bake";
+            Err(Error::input("--tracer", message))
+        }
+        (None | Some(TracerKind::Table), Some(bundle)) => {
+            Ok(PathSource::table(bundle, args.scene.tolerance()))
+        }
+        (Some(TracerKind::Local), Some(bundle)) => Ok(PathSource::Local(bundle.table.length)),
+        (Some(TracerKind::Local), None) => Ok(PathSource::Local(length()?)),
+        _ => Ok(PathSource::Exact(length()?)),
+    }
 }
 
-impl<'b> PathSource<'b> {
-    /// Chooses it as the options say.
-    fn new(args: &RenderArgs, stage: &Stage, bundle: Option<&'b Bundle>) -> Result<Self> {
-        let length = || stage.world.manifold.length_or(args.length);
-        match (args.tracer, bundle) {
-            (Some(TracerKind::Table), None) => {
-                let message = "`table` needs --bundle FILE; bake one with geofan-bake";
-                Err(Error::input("--tracer", message))
-            }
-            (None | Some(TracerKind::Table), Some(bundle)) => {
-                let promise = 1e-3 * bundle.header.plan.max_error;
-                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance());
-                Ok(Self::Table(lookup))
-            }
-            (Some(TracerKind::Local), Some(bundle)) => Ok(Self::Local(bundle.table.length)),
-            (Some(TracerKind::Local), None) => Ok(Self::Local(length()?)),
-            _ => Ok(Self::Exact(length()?)),
-        }
-    }
+/// Finds which paths of a picture end by their length, warns of it, and says what would do.
+fn tell_ends(
+    args: &RenderArgs,
+    stage: &Stage,
+    paths: &PathSource<'_>,
+    parts: &[(View, Outcomes)],
+) -> UnfinishedPaths {
+    let longer = match paths {
+        PathSource::Table(_) => scenery::LONGER_TABLE,
+        PathSource::Exact(_) | PathSource::Local(_) => scenery::LONGER_PATHS,
+    };
+    let ends = paths.ends(&stage.world, parts, args.scene.tolerance());
+    scenery::warn_unfinished(&stage.world, &ends, longer);
+    ends
+}
 
-    /// Names the tracer.
-    fn name(&self) -> &'static str {
-        match self {
-            Self::Table(_) => "table",
-            Self::Exact(_) => "exact",
-            Self::Local(_) => "local",
-        }
+/// Draws the picture of all parts, with layers if the output is an EXR.
+fn draw_parts(
+    args: &RenderArgs,
+    stage: &Stage,
+    paths: &PathSource<'_>,
+    panels: &PicturePanels,
+) -> Result<DrawnPanels> {
+    let (world, options) = (&stage.world, args.scene.drawing());
+    let mut drawn = DrawnPanels::default();
+    let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
+    for PicturePanel { view, .. } in &panels.parts {
+        let (drawing, contract) =
+            paths.draw(world, view, options, (&mut fan, &geofan_study::clock))?;
+        drawn.contract += contract.as_secs_f64();
+        drawn.paths += drawing.paths.as_secs_f64();
+        drawn.shade += drawing.shade.as_secs_f64();
+        drawn.flagged += drawing.flagged.len() as f64;
+        samples += drawing.outcomes.len();
+        drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
+        pictures.push(match Format::of(&args.output) {
+            Some(Format::Exr) => drawing.layered(world, view, options.tolerance),
+            _ => drawing.picture,
+        });
+        drawn.parts.push((view.clone(), drawing.outcomes));
     }
-
-    /// Says how its paths are made longer.
-    fn longer(&self) -> &'static str {
-        match self {
-            Self::Table(_) => scenery::LONGER_TABLE,
-            Self::Exact(_) | Self::Local(_) => scenery::LONGER_PATHS,
-        }
-    }
-
-    /// Finds which of its paths end by their length, and which length would do; of straight lines only the
-    /// first, as no length of theirs tells about light.
-    fn ends(
-        &self,
-        args: &RenderArgs,
-        world: &World,
-        parts: &[(View, Outcomes)],
-    ) -> UnfinishedPaths {
-        let length = match self {
-            Self::Table(lookup) => lookup.table.length,
-            Self::Exact(length) => *length,
-            Self::Local(_) => return count_unfinished(parts.iter().map(|(_, seen)| seen)),
-        };
-        unfinished(world, parts, (length, args.scene.tolerance()))
-    }
-
-    /// Draws the picture of all parts, with layers if the output is an EXR.
-    fn picture(
-        &self,
-        args: &RenderArgs,
-        world: &World,
-        panels: &PicturePanels,
-    ) -> Result<DrawnPanels> {
-        let mut drawn = DrawnPanels::default();
-        let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
-        for PicturePanel { view, .. } in &panels.parts {
-            let (drawing, contract) = self.draw(args, world, view, &mut fan)?;
-            drawn.contract += contract;
-            drawn.paths += drawing.paths.as_secs_f64();
-            drawn.shade += drawing.shade.as_secs_f64();
-            drawn.flagged += drawing.flagged.len() as f64;
-            samples += drawing.outcomes.len();
-            drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
-            let mut picture = drawing.picture;
-            if Format::of(&args.output) == Some(Format::Exr) {
-                picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
-                let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance());
-                picture = picture.with_float("area", area);
-            }
-            pictures.push(picture);
-            drawn.parts.push((view.clone(), drawing.outcomes));
-        }
-        drawn.flagged /= samples as f64;
-        drawn.picture = panels.join(pictures);
-        Ok(drawn)
-    }
-
-    /// Draws the picture of one part; returns it with the time that fixing the camera took. `kept` is the fan
-    /// of the part before, and then of this one.
-    fn draw(
-        &self,
-        args: &RenderArgs,
-        world: &World,
-        view: &View,
-        kept: &mut Option<(DVec3, Fan)>,
-    ) -> Result<(Drawing, f64)> {
-        let samples = usize::from(args.scene.spp);
-        let by = |paths: Paths<'_>| {
-            draw(
-                world,
-                view,
-                paths,
-                samples,
-                Footprints::Filtered,
-                &geofan_study::clock,
-            )
-        };
-        match self {
-            Self::Table(lookup) if !view.is_central() => {
-                // Of all places only the camera's own can be asked for; where a ray starts outside the
-                // table's region it is integrated.
-                lookup.table.space.place(view.u)?;
-                let tracer = ShiftedTracer::new(lookup, view);
-                let budget = 1e-3 * args.scene.error();
-                Ok((by(Paths::Lattice(&tracer, budget)), 0.0))
-            }
-            Self::Table(lookup) => {
-                let began = Instant::now();
-                let fan = match kept.take() {
-                    Some((u, fan)) if u == view.u => fan,
-                    _ => lookup.table.fan(view.u)?,
-                };
-                let contract = began.elapsed().as_secs_f64();
-                let budget = 1e-3 * args.scene.error();
-                let drawing = by(Paths::Lattice(&lookup.tracer(&fan), budget));
-                *kept = Some((view.u, fan));
-                Ok((drawing, contract))
-            }
-            Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
-            Self::Exact(length) => {
-                let tolerance = args.scene.tolerance();
-                let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
-                Ok((by(Paths::Exact(&tracer)), 0.0))
-            }
-        }
-    }
+    drawn.flagged /= samples as f64;
+    drawn.picture = panels.join(pictures);
+    Ok(drawn)
 }
 
 /// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.

@@ -10,7 +10,8 @@ use geofan_core::{
 };
 use geofan_light::cache::{self, LightmapSource};
 use geofan_render::{
-    Part, PicturePanels, Stage, View, World, camera_point, picture::Format, scene::Lens, usual_size,
+    DrawingOptions, Part, PicturePanels, Stage, View, World, camera_point, picture::Format,
+    scene::Lens, usual_size,
 };
 use std::path::{Path, PathBuf};
 
@@ -53,21 +54,19 @@ impl SceneArgs {
         self.tolerance.unwrap_or(1e-8)
     }
 
+    /// Returns how finely the options ask to draw.
+    pub fn drawing(&self) -> DrawingOptions {
+        DrawingOptions {
+            samples: usize::from(self.spp),
+            error: self.error(),
+            tolerance: self.tolerance(),
+        }
+    }
+
     /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
     pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
         let stage = Stage::load(&self.scene, &self.set)?;
-        if let Some(bundle) = bundle {
-            let differences = stage.world.manifold.differences(&bundle.manifold);
-            if !differences.is_empty() {
-                let message = format!(
-                    "it was baked from another manifold (`{}`) than the scene's (`{}`): {} (the scene's first); bake again, or give the same --set",
-                    bundle.manifold.name,
-                    stage.world.manifold.name,
-                    differences.join(", ")
-                );
-                return Err(Error::input("--bundle", message));
-            }
-        }
+        bundle.map_or(Ok(()), |bundle| stage.check_bundle(bundle))?;
         for warning in &stage.world.warnings {
             tracing::warn!("{warning}");
         }
@@ -162,10 +161,6 @@ pub fn refuse_idle(options: &[(&str, bool, &str)]) -> Result<()> {
     }
 }
 
-/// Local tolerance of the light's geodesics: shadows and brightness are then right to a part in a
-/// hundred thousand, far below what a picture shows.
-const LIGHT_TOLERANCE: f64 = 1e-6;
-
 /// Puts the light of the scene's point lights, followed over `length`, on its surfaces; stores it beside
 /// `bundle` if there is one.
 pub fn light_up(
@@ -174,31 +169,18 @@ pub fn light_up(
     length: f64,
     common: &CommonArgs,
 ) -> Result<()> {
-    if stage.world.lights.is_empty() || stage.world.faces.is_empty() {
-        return Ok(());
-    }
     let progress = ProgressDisplay::new(common, "light", 0);
     let done = |more: usize, all: usize| {
         progress.set_total(all as u64);
         progress.inc(more as u64);
     };
-    let path = bundle.map(light_file);
-    let world = &stage.world;
-    let (light, source) = cache::light(world, length, LIGHT_TOLERANCE, path.as_deref(), done)?;
+    let lit = cache::light_up(&mut stage.world, bundle, length, done)?;
     progress.finish();
-    if let (Some(path), LightmapSource::Damaged) = (&path, source) {
+    if let Some((Some(path), LightmapSource::Damaged)) = lit {
         tracing::warn!(
             "{} was damaged; its light has been computed again",
             path.display()
         );
     }
-    stage.world.light = Some(light);
     Ok(())
-}
-
-/// Returns the name of the file with the light beside a bundle.
-fn light_file(bundle: &Path) -> PathBuf {
-    let mut name = bundle.as_os_str().to_owned();
-    name.push(".light");
-    name.into()
 }

@@ -11,7 +11,7 @@ use geofan_core::{
     geodesic::{
         End, Sample, Settings, check_start, conjugate_points, depart, elapsed, paths, samples,
     },
-    manifold::{Carried, Follows, Manifold},
+    manifold::{Carried, Manifold},
 };
 use glam::DVec3;
 use serde::Serialize;
@@ -197,14 +197,9 @@ impl Trace {
     /// Returns the frequency seen over frequency sent, by normal observers at the start and at `sample`; `None` where
     /// light keeps its frequency.
     fn redshift(&self, sample: &Sample) -> Option<f64> {
-        let manifold = &self.manifold;
-        let first = self.samples.first().filter(|_| manifold.has_redshift())?;
-        let frequency = |x: &Sample| manifold.normal_frequency(x.u, manifold.sight(x.u, x.v));
-        let g = frequency(first) / frequency(sample);
-        Some(match manifold.follows() {
-            Follows::Light => 1.0 / g,
-            _ => g,
-        })
+        let first = self.samples.first()?;
+        let start = (first.u, first.v);
+        self.manifold.redshift(start, (sample.u, sample.v))
     }
 
     /// Pairs each sample with its redshift and its time.

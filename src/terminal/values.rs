@@ -3,6 +3,7 @@
 //! In: one argument's text. Out: the value, or one line that says how to write it. Directions come
 //! out at unit length.
 
+use geofan_core::geodesic::{TOLERANCES, unit};
 use glam::DVec3;
 
 /// Reads three finite numbers, `a,b,c`.
@@ -31,12 +32,7 @@ pub fn vector(text: &str) -> Result<DVec3, String> {
 /// A message for the user.
 pub fn direction(text: &str) -> Result<DVec3, String> {
     let vector = vector(text)?;
-    // Scaled first, so that no square overflows or vanishes.
-    let largest = vector.abs().max_element();
-    if largest == 0.0 {
-        return Err("a direction must not be zero".into());
-    }
-    Ok((vector / largest).normalize())
+    unit(vector).ok_or_else(|| "a direction must not be zero".into())
 }
 
 /// Reads a finite number.
@@ -61,10 +57,6 @@ pub fn positive(text: &str) -> Result<f64, String> {
         value => Err(format!("{value} is not above zero")),
     }
 }
-
-/// The tightest and the loosest local error of a step that the integrator is asked for: below the
-/// first, rounding decides; above the second, steps skip over what they should see.
-const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-14..=1e-1;
 
 /// Reads an integration tolerance.
 ///

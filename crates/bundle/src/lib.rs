@@ -116,7 +116,7 @@ pub use table::{Chunk, Division, Table};
 pub use table_path::TablePath;
 pub use tangent_promise::TangentPromise;
 pub use tensor::{Layout, Tensor};
-pub use trace::{Traced, trace};
+pub use trace::{Traced, trace, trace_in};
 pub use train::Train;
 pub use train_core::{Power, Scale, Step};
 pub use tree::{TensorShape, Tree};

@@ -4,7 +4,7 @@
 //! samples up to the end of the path, which is found on the interpolated path. A ray of which the
 //! table gives up a part before its end is integrated exactly.
 
-use crate::{Table, TablePath};
+use crate::{Fan, Table, TablePath};
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Sample, Settings, paths, samples},
@@ -40,24 +40,28 @@ pub fn trace(
     count: usize,
     tolerance: f64,
 ) -> Result<Traced> {
-    let manifold = table.space.manifold();
-    let fan = table.fan(u)?;
+    Ok(trace_in(&table.fan(u)?, d, length, count, tolerance))
+}
+
+/// Does the same in a fan at hand.
+pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) -> Traced {
+    let (manifold, u) = (fan.space().manifold(), fan.place.u);
     let path = fan.path(d);
     let event = path.first_event(length);
     // A flagged part is only reached where nothing ends the ray before it.
     if event.is_none() && path.flagged_from() < length {
-        return Ok(exactly(manifold, u, d, length, count, tolerance));
+        return exactly(manifold, u, d, length, count, tolerance);
     }
     let (end, length) = event.unwrap_or((End::Length, length));
     let last = count.max(2) - 1;
     let places = (0..=last).map(|i| length * (i as f64 / last as f64));
-    Ok(Traced {
+    Traced {
         samples: places.filter_map(|s| at(manifold, &path, s)).collect(),
         end,
         length,
         steps: 0,
         exact: false,
-    })
+    }
 }
 
 fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {

@@ -11,7 +11,10 @@ use geofan_render::{
     World,
     lightmap::{CONTRAST, FacetLayout, Light, Lightmap},
 };
-use std::{io::Write, path::Path};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Begins every version of the file; [`MAGIC`] begins this version.
@@ -30,6 +33,38 @@ pub enum LightmapSource {
     Outdated,
     /// The file was damaged.
     Damaged,
+}
+
+/// Local tolerance of the light's geodesics: shadows and brightness are then right to a part in a
+/// hundred thousand, far below what a picture shows.
+const LIGHT_TOLERANCE: f64 = 1e-6;
+
+/// Puts the light of the point lights of `world`, followed over `length`, on its surfaces, and keeps it in a
+/// file beside `bundle` if there is one; `done` is told how many more points are lit, and of how many. Returns
+/// the file and where the light came from; `None` if there is nothing to light.
+///
+/// # Errors
+/// The file cannot be written.
+pub fn light_up(
+    world: &mut World,
+    bundle: Option<&Path>,
+    length: f64,
+    done: impl Fn(usize, usize) + Sync,
+) -> Result<Option<(Option<PathBuf>, LightmapSource)>> {
+    if world.lights.is_empty() || world.faces.is_empty() {
+        return Ok(None);
+    }
+    let path = bundle.map(light_file);
+    let (found, source) = light(world, length, LIGHT_TOLERANCE, path.as_deref(), done)?;
+    world.light = Some(found);
+    Ok(Some((path, source)))
+}
+
+/// Returns the name of the file with the light beside a bundle.
+fn light_file(bundle: &Path) -> PathBuf {
+    let mut name = bundle.as_os_str().to_owned();
+    name.push(".light");
+    name.into()
 }
 
 /// Returns the light of `world`, followed over `length` at a local tolerance: from the file at `path`

@@ -12,7 +12,7 @@ use super::{
     sky::Sky,
     view::{View, camera_point},
 };
-use geofan_bundle::{Contents, container::MAGIC};
+use geofan_bundle::{Bundle, Contents, container::MAGIC};
 use geofan_core::{
     diagnostic::Diagnostic,
     error::{Error, Result},
@@ -21,7 +21,11 @@ use geofan_core::{
     reading::read_file,
 };
 use glam::DVec3;
-use std::{io::Write, path::Path, sync::Arc};
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+    sync::Arc,
+};
 
 /// The corners of a triangle as shading needs them.
 #[derive(Debug, Clone)]
@@ -80,6 +84,18 @@ impl World {
     /// # Errors
     /// Files that cannot be read, objects outside the domain, skies of exits that do not exist.
     pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
+        Self::furnished(scene, manifold, Vec::new())
+    }
+
+    /// Does so where `shelf` has the meshes of some objects already, by the paths that the scene gives them.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn furnished(
+        scene: &SceneFile,
+        manifold: Arc<Manifold>,
+        shelf: Vec<(PathBuf, Arc<Mesh>)>,
+    ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
@@ -98,18 +114,20 @@ impl World {
             manifold,
         };
         let mut triangles = Vec::new();
-        let mut shelf: Vec<(&Path, f64, Arc<Mesh>)> = Vec::new();
+        let mut loaded: Vec<(&Path, f64, Arc<Mesh>)> = Vec::new();
         for (index, object) in scene.objects.iter().enumerate() {
+            let given = shelf.iter().find(|(path, _)| *path == object.mesh);
             let wanted = (object.mesh.as_path(), object.crease);
-            let known = shelf
+            let known = loaded
                 .iter()
                 .find(|(path, crease, _)| (*path, *crease) == wanted);
-            let mesh = match known {
-                Some((.., mesh)) => mesh.clone(),
+            let known = known.map(|(.., mesh)| mesh);
+            let mesh = match given.map(|(_, mesh)| mesh).or(known) {
+                Some(mesh) => mesh.clone(),
                 None => {
                     let mesh = Arc::new(Mesh::load_creased(&object.mesh, object.crease)?);
                     world.warnings.extend(mesh.warnings.iter().cloned());
-                    shelf.push((&object.mesh, object.crease, mesh.clone()));
+                    loaded.push((&object.mesh, object.crease, mesh.clone()));
                     mesh
                 }
             };
@@ -548,6 +566,40 @@ impl Stage {
                 format!("the scene has no view `{name}`; it has: {known}"),
             )
         })
+    }
+
+    /// Refuses a bundle that was baked from another manifold than the scene's.
+    ///
+    /// # Errors
+    /// Says what differs.
+    pub fn check_bundle(&self, bundle: &Bundle) -> Result<()> {
+        let differences = self.world.manifold.differences(&bundle.manifold);
+        if differences.is_empty() {
+            return Ok(());
+        }
+        let message = format!(
+            "it was baked from another manifold (`{}`) than the scene's (`{}`): {} (the scene's first); bake again, or give the same --set",
+            bundle.manifold.name,
+            self.world.manifold.name,
+            differences.join(", ")
+        );
+        Err(Error::input("--bundle", message))
+    }
+
+    /// Returns the view of the camera called `name`, or of the main one, where a path can start.
+    ///
+    /// # Errors
+    /// There is no such camera, or it is where the metric breaks down, of which the domain need not tell.
+    pub fn view_of(&self, name: Option<&str>, size: (usize, usize)) -> Result<View> {
+        let camera = self.camera(name)?;
+        let view = self.view(camera, size)?;
+        match check_point(&self.world.manifold, "the camera", view.u) {
+            Err(fault) => {
+                let (source, span) = (&self.scene.source, camera.position_span.clone());
+                Err(Diagnostic::new(source, span, fault.to_string()).into())
+            }
+            Ok(()) => Ok(view),
+        }
     }
 
     /// Returns the view of a camera of this scene.

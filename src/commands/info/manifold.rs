@@ -5,7 +5,7 @@ use crate::terminal::{self, CommonArgs};
 use geofan_core::{
     Result,
     geodesic::check_point,
-    manifold::{Carried, Curvature, EventKind, Form, Manifold},
+    manifold::{Carried, Curvature, Form, Manifold},
 };
 use glam::{DMat3, DVec3};
 use serde_json::{Map, Value, json};
@@ -41,9 +41,9 @@ fn as_json(manifold: &Manifold, at: Option<&PointGeometry>) -> Value {
         "kind": "manifold",
         "name": manifold.name,
         "coordinates": manifold.coordinates,
-        "definition": definition(manifold),
+        "definition": manifold.form.name(),
         "ambient": manifold.ambient,
-        "light": medium(manifold),
+        "light": manifold.medium_names(),
         "parameters": object(manifold.parameters.clone()),
         "limits": manifold.domain.limits,
         "periodic": manifold.domain.periodic,
@@ -71,35 +71,9 @@ where
     Value::Object(entries.into_iter().map(entry).collect::<Map<_, _>>())
 }
 
-/// Says whether metric or embedding is given.
-fn definition(manifold: &Manifold) -> &'static str {
-    match manifold.form {
-        Form::Embedding => "embedding",
-        Form::Metric => "metric",
-        Form::Normal | Form::Static => "spacetime",
-    }
-}
-
-/// Lists what light meets besides the metric.
-fn medium(manifold: &Manifold) -> Vec<&'static str> {
-    let all = [
-        (manifold.blows(), "a wind"),
-        (manifold.has_drift(), "a drift of time"),
-        (manifold.has_lapse(), "a lapse of clocks"),
-    ];
-    all.into_iter().filter(|m| m.0).map(|m| m.1).collect()
-}
-
 /// Lists the names of exits.
 fn exits(manifold: &Manifold) -> Vec<&str> {
     manifold.exits.iter().map(|e| e.name.as_str()).collect()
-}
-
-/// Lists the coordinates that nothing depends on.
-fn translations(manifold: &Manifold) -> Vec<&str> {
-    let names = manifold.coordinates.iter().map(String::as_str);
-    let claims = names.zip(manifold.symmetry.translation);
-    claims.filter(|c| c.1).map(|c| c.0).collect()
 }
 
 /// Describes the claims of symmetry as JSON.
@@ -107,7 +81,7 @@ fn symmetry_json(manifold: &Manifold) -> Value {
     json!({
         "rotation": manifold.symmetry.rotation,
         "axis": manifold.symmetry.axis.map(|k| &manifold.coordinates[k]),
-        "translation": translations(manifold),
+        "translation": manifold.translations(),
         "group": manifold.symmetry.group.is_some(),
     })
 }
@@ -138,19 +112,19 @@ fn as_text(manifold: &Manifold, at: Option<&PointGeometry>) -> String {
             _ => "metric".into(),
         },
     );
-    let medium = medium(manifold);
+    let medium = manifold.medium_names();
     if !medium.is_empty() {
         text.line("light", format!("meets {}", medium.join(" and ")));
     }
     for (name, value) in &manifold.parameters {
         text.line("parameter", format!("{name} = {value}"));
     }
-    for line in domain(manifold) {
+    for line in manifold.domain_lines() {
         text.line("domain", line);
     }
     text.line("exits", exits(manifold).join(", "));
-    text.line("symmetry", symmetry(manifold));
-    text.line("cameras", cameras(manifold));
+    text.line("symmetry", manifold.symmetry_line());
+    text.line("cameras", manifold.cameras_line());
     if let Some(length) = manifold.length {
         text.line("length", length);
     }
@@ -163,68 +137,6 @@ fn as_text(manifold: &Manifold, at: Option<&PointGeometry>) -> String {
         text.0 += &point.as_text(&manifold.coordinates);
     }
     text.0
-}
-
-/// Describes coordinate limits and conditions.
-fn domain(manifold: &Manifold) -> Vec<String> {
-    let domain = &manifold.domain;
-    let mut lines = Vec::new();
-    for (k, name) in manifold.coordinates.iter().enumerate() {
-        if let Some([low, high]) = domain.limits[k] {
-            let glued = if domain.periodic[k] { ", glued" } else { "" };
-            lines.push(format!("{name} in [{low}, {high}]{glued}"));
-        }
-    }
-    let conditions = domain.kinds.iter().filter(|k| **k == EventKind::Inside);
-    match conditions.count() {
-        0 => {}
-        1 => lines.push("1 condition".into()),
-        n => lines.push(format!("{n} conditions")),
-    }
-    lines
-}
-
-/// Describes the claims of symmetry in words.
-fn symmetry(manifold: &Manifold) -> String {
-    let mut claims = Vec::new();
-    if manifold.symmetry.rotation {
-        claims.push("rotations about the origin".to_string());
-    }
-    if let Some(axis) = manifold.symmetry.axis {
-        claims.push(format!(
-            "rotations about the {} axis",
-            manifold.coordinates[axis]
-        ));
-    }
-    let translations = translations(manifold);
-    if !translations.is_empty() {
-        claims.push(format!("translations along {}", translations.join(", ")));
-    }
-    if manifold.symmetry.group.is_some() {
-        claims.push("left translations of a group".into());
-    }
-    match claims.is_empty() {
-        true => "none claimed".into(),
-        false => format!("{} (verified)", claims.join("; ")),
-    }
-}
-
-/// Describes the camera region.
-fn cameras(manifold: &Manifold) -> String {
-    match &manifold.cameras {
-        None => "no region given".into(),
-        Some(_) if manifold.symmetry.group.is_some() => "any point, by the group".into(),
-        Some(region) if region.dimension() == 0 => {
-            let u = region.at(&[]);
-            format!("one point: {}, {}, {}", u.x, u.y, u.z)
-        }
-        Some(region) => {
-            let intervals = region.names.iter().zip(&region.intervals);
-            let interval =
-                |(name, [low, high]): (&String, &[f64; 2])| format!("{name} in [{low}, {high}]");
-            intervals.map(interval).collect::<Vec<_>>().join(", ")
-        }
-    }
 }
 
 /// Differential geometry at one point of the chart.

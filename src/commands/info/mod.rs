@@ -7,10 +7,9 @@ mod manifold;
 
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use geofan_bundle::{
-    Contents, Header, Table, TangentPromise, Tree,
+    Contents, Table, TangentPromise, Tree,
     container::{MAGIC, VERSION},
     measure::tangents_at_exits,
-    rays::Reduction,
 };
 use geofan_core::{Error, Result};
 use glam::DVec3;
@@ -95,17 +94,6 @@ fn count_patches(file: &Path, contents: &Contents) -> Result<(usize, usize)> {
     Ok(sum)
 }
 
-/// Names the continuous symmetry that a bundle uses.
-fn reduction(header: &Header) -> &'static str {
-    match header.reduction {
-        Reduction::Whole => "none",
-        Reduction::Rotation => "rotation",
-        Reduction::Translation => "translation",
-        Reduction::Group => "group",
-        Reduction::Axis => "axis",
-    }
-}
-
 /// Writes a bundle's id in hexadecimal digits.
 fn id(contents: &Contents) -> String {
     contents.id.iter().map(|b| format!("{b:02x}")).collect()
@@ -136,7 +124,7 @@ fn bundle_json(contents: &Contents, (patches, flagged): (usize, usize), bytes: u
         "manifold": header.manifold.source,
         "parameters": parameters,
         "cameras": contents.space.describe(),
-        "reduction": reduction(header),
+        "reduction": header.reduction.name(),
         "stored_cameras": header.cameras,
         "mirrors": plan.mirrors.len(),
         "length": plan.length,
@@ -168,7 +156,7 @@ fn bundle_text(contents: &Contents, (patches, flagged): (usize, usize), bytes: u
     }
     // What is stored of it.
     text.line("cameras", contents.space.describe());
-    text.line("symmetry used", reduction(header));
+    text.line("symmetry used", header.reduction.name());
     text.line("mirrors used", plan.mirrors.len());
     text.line("length", plan.length);
     text.line("chunks", contents.chunks.len());

@@ -20,6 +20,17 @@ pub fn depart(manifold: &Manifold, subject: &str, u: DVec3, d: DVec3, length: f6
     Ok(Ray::new(manifold, u, d, length))
 }
 
+/// The tightest and the loosest local error of a step that the integrator is asked for: below the
+/// first, rounding decides; above the second, steps skip over what they should see.
+pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-14..=1e-1;
+
+/// Returns `v` at unit length; `None` if it is zero or not finite.
+pub fn unit(v: DVec3) -> Option<DVec3> {
+    // Scaled first, so that no square overflows or vanishes.
+    let largest = v.abs().max_element();
+    (v.is_finite() && largest > 0.0).then(|| (v / largest).normalize())
+}
+
 /// Refuses a point outside the domain, or where the metric is not finite and positive definite.
 ///
 /// # Errors

@@ -22,13 +22,13 @@ mod switching;
 mod transport;
 mod unfinished;
 
-pub use departure::{beyond_exit, check_point, check_start, depart};
+pub use departure::{TOLERANCES, beyond_exit, check_point, check_start, depart, unit};
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
 pub use events::{crossing, first_event};
 pub use exponential::{Exponential, exponential};
 pub use fixed::fixed_steps;
 pub use integrator::follow;
-pub use path::{Path, Sample, elapsed, ends, paths, samples};
+pub use path::{Path, Sample, elapsed, ends, paths, sample, samples};
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
 pub use unfinished::{UnfinishedPaths, end_lengths};

@@ -123,11 +123,16 @@ pub fn samples(manifold: &Manifold, ray: &Ray, path: &Path, count: usize) -> Vec
     let last = count.max(2) - 1;
     (0..=last)
         .map(|i| path.length * (i as f64 / last as f64))
-        .map(|s| match path.step_at(s) {
-            Some(step) => on_step(manifold, step, s),
-            None => at_start(manifold, ray),
-        })
+        .map(|s| sample(manifold, ray, path, s))
         .collect()
+}
+
+/// Computes the sample of `path`, which must be the path of `ray`, at arc length `s` up to its end.
+pub fn sample(manifold: &Manifold, ray: &Ray, path: &Path, s: f64) -> Sample {
+    match path.step_at(s) {
+        Some(step) => on_step(manifold, step, s),
+        None => at_start(manifold, ray),
+    }
 }
 
 fn on_step(manifold: &Manifold, step: &Step, s: f64) -> Sample {

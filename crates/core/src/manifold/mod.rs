@@ -7,6 +7,7 @@
 
 mod curvature;
 mod curve;
+mod description;
 mod domain;
 mod geometry;
 mod kin;

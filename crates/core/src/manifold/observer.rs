@@ -149,6 +149,19 @@ impl Manifold {
         }
     }
 
+    /// Computes the frequency seen over the frequency sent, by normal observers at two places `(u, v)` of one
+    /// path: at its start and farther along. `None` where light keeps its frequency.
+    pub fn redshift(&self, start: (DVec3, DVec3), place: (DVec3, DVec3)) -> Option<f64> {
+        let frequency = |(u, v)| self.normal_frequency(u, self.sight(u, v));
+        let g = self
+            .has_redshift()
+            .then(|| frequency(start) / frequency(place))?;
+        Some(match self.follows() {
+            Follows::Light => 1.0 / g,
+            _ => g,
+        })
+    }
+
     /// The same for an observer who moves with `dx/dt = velocity` (chart components); not a number if
     /// that is faster than light.
     pub fn frequency(&self, u: DVec3, n: DVec3, velocity: DVec3) -> f64 {

@@ -145,18 +145,20 @@ impl SceneFile {
     pub fn load(path: &Path) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let scene = Self::parse(read_text(path)?, folder)?;
-        scene.check_files()?;
+        scene.check_files(&[])?;
         Ok(scene)
     }
 
-    /// Refuses meshes and pictures that are not there, at the place where they are named.
-    fn check_files(&self) -> Result<()> {
+    /// Refuses meshes and pictures that are neither on the disk nor `made` already, at the place where they are
+    /// named.
+    pub fn check_files(&self, made: &[PathBuf]) -> Result<()> {
         let meshes = self.objects.iter().map(|o| (&o.mesh, &o.mesh_span));
         let pictures = self.skies.iter().filter_map(|(_, span, sky)| match sky {
             SkyEntry::Image(path) => Some((path, span)),
             SkyEntry::Pattern(_) => None,
         });
-        let missing = meshes.chain(pictures).find(|(path, _)| !path.exists());
+        let mut missing = meshes.chain(pictures);
+        let missing = missing.find(|(path, _)| !made.contains(path) && !path.exists());
         let Some((path, span)) = missing else {
             return Ok(());
         };

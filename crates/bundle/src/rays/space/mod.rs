@@ -58,6 +58,17 @@ pub enum Reduction {
 }
 
 impl Reduction {
+    /// Names the symmetry.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Whole => "none",
+            Self::Rotation => "rotation",
+            Self::Translation => "translation",
+            Self::Group => "group",
+            Self::Axis => "axis",
+        }
+    }
+
     /// The one that leaves the fewest invariants, and their number.
     fn best(symmetry: &Symmetry) -> (Self, usize) {
         let translated = symmetry.translation.iter().filter(|t| **t).count();

@@ -1,0 +1,127 @@
+//! Where the paths of a picture come from: a table, the integrator, or straight lines of the chart.
+//!
+//! In: a choice ([`PathSource`]) and [`DrawingOptions`]. Out: a [`Drawing`], its picture with the layers of an
+//! EXR file, and the paths that were not followed far enough.
+
+use super::{
+    drawing::{Drawing, draw},
+    frame::{Clock, Outcomes, Paths},
+    lookup::Lookup,
+    picture::Picture,
+    shade::{Footprints, area, with_layers},
+    shifted::ShiftedTracer,
+    tracer::ExactTracer,
+    unfinished::{count_unfinished, unfinished},
+    view::View,
+    world::World,
+};
+use geofan_bundle::{Bundle, Fan};
+use geofan_core::{error::Result, geodesic::UnfinishedPaths};
+use glam::DVec3;
+use std::time::Duration;
+
+/// Says how finely to draw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DrawingOptions {
+    /// Samples for each pixel.
+    pub samples: usize,
+    /// Largest error of interpolation between looked-up paths, mrad.
+    pub error: f64,
+    /// Local tolerance of the exact tracer, radians.
+    pub tolerance: f64,
+}
+
+/// Names where paths come from.
+pub enum PathSource<'b> {
+    /// A table.
+    Table(Lookup<'b>),
+    /// Integration over a length.
+    Exact(f64),
+    /// Straight lines of the chart over a length.
+    Local(f64),
+}
+
+impl<'b> PathSource<'b> {
+    /// Takes paths from `bundle`; those that it gives up on are integrated at `tolerance`.
+    pub fn table(bundle: &'b Bundle, tolerance: f64) -> Self {
+        let promise = 1e-3 * bundle.header.plan.max_error;
+        Self::Table(Lookup::new(&bundle.table, promise, tolerance))
+    }
+
+    /// Names the tracer.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Table(_) => "table",
+            Self::Exact(_) => "exact",
+            Self::Local(_) => "local",
+        }
+    }
+
+    /// Finds which of its paths end by their length, and which length would do; of straight lines only the
+    /// first, as no length of theirs tells about light.
+    pub fn ends(
+        &self,
+        world: &World,
+        parts: &[(View, Outcomes)],
+        tolerance: f64,
+    ) -> UnfinishedPaths {
+        let length = match self {
+            Self::Table(lookup) => lookup.table.length,
+            Self::Exact(length) => *length,
+            Self::Local(_) => return count_unfinished(parts.iter().map(|(_, seen)| seen)),
+        };
+        unfinished(world, parts, (length, tolerance))
+    }
+
+    /// Draws the picture of one view; returns it with the time that fixing the camera took. `kept` is the fan
+    /// of the view before, if there is one, and then of this one.
+    ///
+    /// # Errors
+    /// The camera is not in the table's region.
+    pub fn draw(
+        &self,
+        world: &World,
+        view: &View,
+        options: DrawingOptions,
+        (kept, clock): (&mut Option<(DVec3, Fan)>, Clock<'_>),
+    ) -> Result<(Drawing, Duration)> {
+        let (samples, budget) = (options.samples, 1e-3 * options.error);
+        let by = |paths: Paths<'_>| draw(world, view, paths, samples, Footprints::Filtered, clock);
+        match self {
+            Self::Table(lookup) if !view.is_central() => {
+                // Of all places only the camera's own can be asked for; where a ray starts outside the
+                // table's region it is integrated.
+                lookup.table.space.place(view.u)?;
+                let tracer = ShiftedTracer::new(lookup, view);
+                Ok((by(Paths::Lattice(&tracer, budget)), Duration::ZERO))
+            }
+            Self::Table(lookup) => {
+                let began = clock();
+                let fan = match kept.take() {
+                    Some((u, fan)) if u == view.u => fan,
+                    _ => lookup.table.fan(view.u)?,
+                };
+                let contract = clock().saturating_sub(began);
+                let drawing = by(Paths::Lattice(&lookup.tracer(&fan), budget));
+                *kept = Some((view.u, fan));
+                Ok((drawing, contract))
+            }
+            Self::Local(length) => Ok((by(Paths::Straight(*length)), Duration::ZERO)),
+            Self::Exact(length) => {
+                let tolerance = options.tolerance;
+                let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
+                Ok((by(Paths::Exact(&tracer)), Duration::ZERO))
+            }
+        }
+    }
+}
+
+impl Drawing {
+    /// Returns the picture with the layers of an EXR file, `area` by exact paths at `tolerance`.
+    pub fn layered(&self, world: &World, view: &View, tolerance: f64) -> Picture {
+        let outcomes = self.outcomes.view();
+        let picture = with_layers(self.picture.clone(), world, outcomes, &self.flagged);
+        let area = area(world, view, outcomes, tolerance);
+        picture.with_float("area", area)
+    }
+}

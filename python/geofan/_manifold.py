@@ -1,0 +1,579 @@
+"""Manifolds: curved spaces, their geometry and their geodesics."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _latex, _native, _toml
+from ._arrays import Floats, arc_lengths, count, number, rows, together, vector, vectors
+from ._camera import Camera
+from ._errors import InputError, ManifoldError
+from ._expressions import Expression, text_of
+from ._paths import Connections, Paths
+from ._progress import Progress
+
+if TYPE_CHECKING:
+    from ._bundle import Bundle
+
+#: Entries of a symmetric matrix, as manifold files name them.
+_ENTRIES = {"xx": (0, 0), "yy": (1, 1), "zz": (2, 2), "xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
+
+
+class Manifold:
+    """A curved 3-dimensional space in one chart.
+
+    Parameters
+    ----------
+    source : path or str
+        A manifold file, or the text of one (a text has line ends).
+    parameters : mapping, optional
+        Values that replace those of the file.
+
+    Raises
+    ------
+    ManifoldError
+        The file cannot work; ``line``, ``column`` and ``hint`` say where and what to do.
+
+    Points ``u`` are chart coordinates, tangents ``v`` chart components; lengths are in the metric's unit, angles in
+    radians where nothing else is said. Directions are given in the *standard frame* at their point (Gram–Schmidt of
+    the coordinate vectors in their order) and need no unit length. Arrays of points have any leading axes before the
+    last one of three; results have the same. A manifold does not change, and can be pickled and shared by threads.
+
+    >>> import geofan as gf
+    >>> sphere = gf.Manifold.metric(conformal="2/(1 + x^2 + y^2 + z^2)")
+    >>> float(sphere.scalar_curvature([0.3, 0.1, 0.2]).round(12))
+    6.0
+    """
+
+    def __init__(
+        self, source: str | os.PathLike[str], *, parameters: Mapping[str, float] | None = None
+    ) -> None:
+        settings = _settings(parameters)
+        if isinstance(source, str) and "\n" in source:
+            self._native = _native.Manifold.parse("text", source, settings)
+        else:
+            self._native = _native.Manifold.load(os.fspath(source), settings)
+
+    @classmethod
+    def _of(cls, native: _native.Manifold) -> Manifold:
+        made = cls.__new__(cls)
+        made._native = native
+        return made
+
+    @classmethod
+    def metric(
+        cls,
+        matrix: Any = None,
+        *,
+        conformal: Expression | None = None,
+        coordinates: Sequence[str] = "xyz",
+        parameters: Mapping[str, float] | None = None,
+        let: Mapping[str, Expression] | None = None,
+        domain: Mapping[str, Any] | None = None,
+        exits: Mapping[str, Any] | None = None,
+        symmetry: Mapping[str, Any] | None = None,
+        cameras: Mapping[str, Any] | None = None,
+        length: float | None = None,
+        name: str = "metric",
+        **entries: Expression,
+    ) -> Manifold:
+        """Makes a manifold of its metric.
+
+        Parameters
+        ----------
+        matrix : 3 × 3 of expressions, optional
+            The metric, such as a SymPy matrix; it must be symmetric.
+        conformal : expression, optional
+            ``n`` of a metric ``n² δ``, instead.
+        **entries : expression
+            Entries ``xx``, ``yy``, ``zz``, ``xy``, ``xz``, ``yz`` of the metric, instead; absent off-diagonals are 0.
+        coordinates : three names
+            A list, or a text of three letters.
+        parameters : mapping of numbers, optional
+            What expressions may name; changed by :meth:`set`.
+        let : mapping of expressions, optional
+            Named subexpressions, in order.
+        domain : mapping, optional
+            Limits of coordinates, ``{"x": (-1, 1)}``; ``"periodic": ["x"]`` glues them; ``"inside": [expression]``
+            must stay above 0.
+        exits : mapping, optional
+            By its name when a path leaves: an expression that becomes positive, or
+            ``{"when": expression, "direction": [three expressions]}``.
+        symmetry : mapping, optional
+            Claims, each checked: ``{"rotation": "origin"}``, ``{"translation": ["x"]}``.
+        cameras : mapping, optional
+            Where cameras may be: ``{"parameters": {"c": (0, 4)}, "at": ["c", 0, 0], "length": 10}``.
+        length : float, optional
+            How far paths are followed.
+
+        Expressions are texts in the language of manifold files (``^`` is a power), numbers, or SymPy expressions.
+        """
+        given = [x is not None for x in (matrix, conformal)] + [bool(entries)]
+        if sum(given) != 1:
+            raise ManifoldError("give exactly one of matrix, conformal, and entries such as xx", subject="metric")
+        if conformal is not None:
+            definition = {"conformal": text_of("conformal", conformal)}
+        elif matrix is not None:
+            definition = _of_matrix(matrix)
+        else:
+            definition = {k: text_of(k, v) for k, v in entries.items()}
+        sections = (parameters, let, domain, exits, symmetry, cameras, length)
+        return cls._written(name, coordinates, ("metric", definition), sections)
+
+    @classmethod
+    def embedding(
+        cls,
+        components: Sequence[Expression],
+        *,
+        coordinates: Sequence[str] = "xyz",
+        parameters: Mapping[str, float] | None = None,
+        let: Mapping[str, Expression] | None = None,
+        domain: Mapping[str, Any] | None = None,
+        exits: Mapping[str, Any] | None = None,
+        symmetry: Mapping[str, Any] | None = None,
+        cameras: Mapping[str, Any] | None = None,
+        length: float | None = None,
+        name: str = "embedding",
+    ) -> Manifold:
+        """Makes a manifold of its embedding in R^N.
+
+        Parameters
+        ----------
+        components : expressions
+            The N ≥ 3 coordinates of the image of a chart point.
+
+        The others are those of :meth:`metric`.
+        """
+        texts = [text_of(f"components[{i}]", x) for i, x in enumerate(components)]
+        sections = (parameters, let, domain, exits, symmetry, cameras, length)
+        return cls._written(name, coordinates, ("embedding", texts), sections)
+
+    @classmethod
+    def _written(
+        cls, name: str, coordinates: Sequence[str], definition: tuple[str, Any], sections: tuple[Any, ...]
+    ) -> Manifold:
+        """Makes a manifold of the text that a file would have."""
+        text = _text(name, coordinates, definition, *sections)
+        return cls._of(_native.Manifold.parse(name, text, []))
+
+    def set(self, **parameters: float) -> Manifold:
+        """Returns the manifold with other values of parameters: ``m.set(a=0.5)``."""
+        settings = dict(self._native.parameters) | dict(_settings(parameters))
+        name, text = self._native.source
+        return Manifold._of(_native.Manifold.parse(name, text, list(settings.items())))
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self._native.name
+
+    @property
+    def text(self) -> str:
+        """The text of its file."""
+        return self._native.source[1]
+
+    @property
+    def coordinates(self) -> tuple[str, str, str]:
+        """The names of the coordinates."""
+        return self._native.coordinates
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """The parameters, as set."""
+        return dict(self._native.parameters)
+
+    @property
+    def exits(self) -> tuple[str, ...]:
+        """The names of the ways out: the file's, then ``limit`` and ``inside``."""
+        return tuple(self._native.ends[:-2])
+
+    @property
+    def length(self) -> float | None:
+        """How far paths are followed, if the file says."""
+        return self._native.length
+
+    @property
+    def cameras(self) -> dict[str, tuple[float, float]] | None:
+        """The intervals of camera parameters by their names; None without a region of cameras."""
+        region = self._native.cameras
+        return None if region is None else {name: (low, high) for name, (low, high) in region}
+
+    def mirrors(self, length: float | None = None) -> int:
+        """Counts the reflections and exchanges of coordinates that a bake over `length` finds and uses."""
+        return self._native.mirrors(None if length is None else number("length", length))
+
+    def differences(self, other: Manifold) -> list[str]:
+        """Lists what makes two manifolds different spaces; nothing if they mean the same."""
+        return self._native.differences(other._native)
+
+    def metric_at(self, u: npt.ArrayLike) -> Floats:
+        """Returns the metric ``g_ij`` at points.
+
+        Parameters
+        ----------
+        u : array (…, 3)
+            Chart points.
+
+        Returns
+        -------
+        array (…, 3, 3)
+
+        Raises
+        ------
+        InputError
+            A point lies outside the domain, or the metric fails there; `subject` names the point.
+        """
+        return self._at("metric", u, 3, 3)
+
+    def christoffel(self, u: npt.ArrayLike) -> Floats:
+        """Returns the Christoffel symbols ``Γ^k_ij`` at points, as an array (…, k, i, j)."""
+        return self._at("christoffel", u, 3, 3, 3)
+
+    def riemann(self, u: npt.ArrayLike) -> Floats:
+        """Returns the Riemann tensor ``R_abcd`` at points, as an array (…, a, b, c, d).
+
+        It is ``K (g_ac g_bd − g_ad g_bc)`` where all sectional curvatures are K.
+        """
+        return self._at("riemann", u, 3, 3, 3, 3)
+
+    def ricci(self, u: npt.ArrayLike) -> Floats:
+        """Returns the Ricci tensor ``R_bd = g^ac R_abcd`` at points, as an array (…, b, d)."""
+        return self._at("ricci", u, 3, 3)
+
+    def scalar_curvature(self, u: npt.ArrayLike) -> Floats:
+        """Returns the scalar curvature at points, as an array (…): 6 on the unit 3-sphere."""
+        return self._at("scalar", u)
+
+    def frame(self, u: npt.ArrayLike) -> Floats:
+        """Returns the standard frame at points: three orthonormal vectors ``[…, i, :]`` in chart components."""
+        return self._at("frame", u, 3, 3)
+
+    def _at(self, quantity: str, u: npt.ArrayLike, *tail: int) -> Floats:
+        points = vectors("u", u)
+        return self._native.at(quantity, rows(points)).reshape((*points.shape[:-1], *tail))
+
+    def transport(
+        self,
+        curve: Any,
+        vectors: npt.ArrayLike,
+        interval: tuple[float, float] = (0.0, 1.0),
+        *,
+        tolerance: float = 1e-10,
+    ) -> Floats:
+        """Carries vectors along a curve by parallel transport.
+
+        Parameters
+        ----------
+        curve : three expressions of t, or array (n, 3)
+            A curve of the chart, or points of the chart that are joined by straight lines of the chart.
+        vectors : array (…, 3)
+            Vectors at its start, chart components.
+        interval : (float, float)
+            The parameter of expressions runs from the first to the second.
+        tolerance : float
+            Largest angle (radians) by which one step may be off.
+
+        Returns
+        -------
+        array (…, 3)
+            The vectors at its end, chart components.
+        """
+        carried = _vectors("vectors", vectors)
+        accuracy = number("tolerance", tolerance)
+        if len(curve) == 3 and all(_is_formula(x) for x in curve):
+            texts = [text_of(f"curve[{i}]", x) for i, x in enumerate(curve)]
+            ends = (number("interval", interval[0]), number("interval", interval[1]))
+            matrix = self._native.transport_along((texts[0], texts[1], texts[2]), ends, accuracy)
+        else:
+            points = _vectors("curve", curve)
+            if points.ndim != 2 or len(points) == 0:
+                raise InputError("curve: points are an array (n, 3)", subject="curve")
+            matrix = self._native.transport_through(points, accuracy)
+        arrived: Floats = carried @ np.array(matrix).T
+        return arrived
+
+    def trace(
+        self,
+        at: npt.ArrayLike,
+        direction: npt.ArrayLike,
+        length: float | None = None,
+        *,
+        samples: int = 2,
+        s: npt.ArrayLike | None = None,
+        tolerance: float = 1e-10,
+        forward: bool = False,
+        frame: bool = True,
+        area: bool = True,
+        conjugate: bool = False,
+    ) -> Paths:
+        """Follows geodesics exactly, many at once on all threads.
+
+        Parameters
+        ----------
+        at : array (…, 3)
+            Where they start.
+        direction : array (…, 3)
+            Where they go, in the standard frame there, of any length; the leading axes of both are broadcast.
+        length : float, optional
+            How far; the manifold's own if it has one.
+        samples : int
+            How many samples of each path, equally spaced from its start to its end.
+        s : array (samples,), optional
+            Arc lengths of samples, ascending, instead; beyond a path's end there are no numbers.
+        tolerance : float
+            Largest local error of a step, radians.
+        forward : bool
+            Follow light into the future; without, the line of sight, along which light has come. They differ where
+            there is a wind.
+        frame, area : bool
+            Whether to carry the transported frame and the geodesic deviation along; without, paths are faster.
+        conjugate : bool
+            Whether to find the points conjugate to the start.
+        """
+        points, directions, shape = together(("at", "direction"), at, direction)
+        places = None if s is None else arc_lengths(s)
+        found = self._native.trace(
+            points,
+            directions,
+            None if length is None else number("length", length),
+            count("samples", samples),
+            places,
+            number("tolerance", tolerance),
+            bool(forward),
+            (bool(frame), bool(area)),
+            bool(conjugate),
+        )
+        samples = samples if places is None else len(places)
+        return Paths._of(found, shape, samples, tuple(self._native.ends), self.coordinates)
+
+    def connect(
+        self, p: npt.ArrayLike, q: npt.ArrayLike, length: float | None = None, *, tolerance: float = 1e-10
+    ) -> Connections:
+        """Finds all geodesics from a point to others, up to a length.
+
+        Parameters
+        ----------
+        p : array (3,)
+            The start, a chart point.
+        q : array (3,) or (n, 3)
+            The points to reach.
+        length : float, optional
+            The longest geodesic; the manifold's own length if it has one.
+        tolerance : float
+            Largest local error of a step, radians.
+        """
+        start, points = vector("p", p), vectors("q", q)
+        found = self._native.connect(
+            (start[0], start[1], start[2]),
+            rows(points),
+            None if length is None else number("length", length),
+            number("tolerance", tolerance),
+        )
+        return Connections(**found)
+
+    def camera(
+        self,
+        at: npt.ArrayLike | Mapping[str, float],
+        look: npt.ArrayLike,
+        up: npt.ArrayLike = (0.0, 0.0, 1.0),
+        *,
+        fov: float = 90.0,
+    ) -> Camera:
+        """Returns a camera.
+
+        Parameters
+        ----------
+        at : array (3,) or mapping
+            A chart point, or values of the manifold's camera parameters.
+        look, up : array (3,)
+            The directions of view and upwards, in the standard frame.
+        fov : float
+            Horizontal angle of view, degrees.
+        """
+        if isinstance(at, Mapping):
+            place = list(self._native.camera_point(_settings(at)))
+        else:
+            place = vector("at", at)
+        a, b, c = (tuple(x) for x in (place, vector("look", look), vector("up", up)))
+        return Camera(self, self._native.camera(a, b, c, number("fov", fov)))
+
+    def bake(
+        self,
+        max_error: float | None = 0.5,
+        *,
+        max_size: int | None = None,
+        length: float | None = None,
+        out: str | os.PathLike[str] | None = None,
+        frames: bool = True,
+        mirrors: bool = True,
+        resume: bool = False,
+        wait: bool = False,
+        certify_rays: int = 20_000,
+        progress: Progress = False,
+    ) -> Bundle:
+        """Bakes all paths of the manifold's region of cameras into a table.
+
+        Parameters
+        ----------
+        max_error : float or None
+            The promise: 99th percentile of the screen error, in mrad. With None and `max_size` it is loosened until
+            the table fits.
+        max_size : int, optional
+            The largest file, bytes.
+        length : float, optional
+            How far paths go; the manifold's own if it has one.
+        out : path, optional
+            The bundle file to write. Without, the table is in memory alone.
+        frames : bool
+            Whether tangents are promised, and with them transported frames.
+        mirrors : bool
+            Whether to leave out what reflections or exchanges of coordinates carry into other parts.
+        resume : bool
+            Go on with what an interrupted bake left beside `out`.
+        wait : bool
+            If another process bakes into the same file, wait until it has ended.
+        certify_rays : int
+            Fresh random rays that the certificate takes.
+        progress : bool or function
+            Show a bar (by tqdm where it is installed), or call ``progress(work, done, total, detail)``.
+
+        Ctrl-C ends a bake; with `out`, finished parts are kept, and ``resume=True`` goes on.
+        """
+        from ._bundle import Bundle
+
+        options = (max_error, max_size, length, (frames, mirrors, resume, wait), certify_rays)
+        return Bundle._baked(self, out, options, progress)
+
+    def __repr__(self) -> str:
+        set_to = "".join(f", {name}={value:g}" for name, value in self.parameters.items())
+        return f"<manifold {self.name!r} over {', '.join(self.coordinates)}{set_to}>"
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Manifold):
+            return NotImplemented
+        return self._identity() == other._identity()
+
+    def __hash__(self) -> int:
+        return hash(self._identity())
+
+    def _identity(self) -> tuple[Any, ...]:
+        return self._native.source[1], tuple(self._native.parameters)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (*self._native.source, self._native.parameters)
+
+    def _repr_html_(self) -> str:
+        """Shows the line element, the domain, exits and symmetries in a notebook."""
+        lines = self._native.lines()
+        if self.length is not None and self.cameras is not None:
+            lines.append(("mirrors found", str(self.mirrors())))
+        lines += [(f"parameter {name}", f"{value:g}") for name, value in self.parameters.items()]
+        cells = "".join(f"<tr><td>{escape(a)}</td><td>{escape(b)}</td></tr>" for a, b in lines)
+        return f"<b>{escape(self.name)}</b><br>{_line_element(self)}<table>{cells}</table>"
+
+
+def _vectors(name: str, values: npt.ArrayLike) -> Floats:
+    return vectors(name, values)
+
+
+def _is_formula(item: Any) -> bool:
+    """Tells a formula from the coordinates of a point."""
+    return isinstance(item, (str, int, float)) or hasattr(item, "free_symbols")
+
+
+def _settings(parameters: Mapping[str, float] | None) -> list[tuple[str, float]]:
+    """Returns names and numbers."""
+    return [(str(name), number(str(name), value)) for name, value in (parameters or {}).items()]
+
+
+def _rebuilt(name: str, text: str, parameters: list[tuple[str, float]]) -> Manifold:
+    return Manifold._of(_native.Manifold.parse(name, text, parameters))
+
+
+def _of_matrix(matrix: Any) -> dict[str, str]:
+    """Returns the entries of a symmetric 3 × 3 matrix of expressions."""
+    listed = matrix.tolist() if hasattr(matrix, "tolist") else [list(row) for row in matrix]
+    if len(listed) != 3 or any(len(row) != 3 for row in listed):
+        raise ManifoldError("a metric is a matrix of 3 × 3 entries", subject="matrix")
+    texts = [[text_of(f"matrix[{i}, {j}]", x) for j, x in enumerate(row)] for i, row in enumerate(listed)]
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        if texts[i][j] != texts[j][i] and listed[i][j] != listed[j][i]:
+            message = f"entries ({i}, {j}) and ({j}, {i}) differ: {texts[i][j]} and {texts[j][i]}"
+            raise ManifoldError(message, subject="matrix", hint="a metric is symmetric")
+    entries = {name: texts[i][j] for name, (i, j) in _ENTRIES.items()}
+    return {name: text for name, text in entries.items() if name[0] == name[1] or text not in ("0", "0.0")}
+
+
+def _text(
+    name: str,
+    coordinates: Sequence[str],
+    definition: tuple[str, Any],
+    parameters: Mapping[str, float] | None,
+    let: Mapping[str, Expression] | None,
+    domain: Mapping[str, Any] | None,
+    exits: Mapping[str, Any] | None,
+    symmetry: Mapping[str, Any] | None,
+    cameras: Mapping[str, Any] | None,
+    length: float | None,
+) -> str:
+    """Writes a manifold file."""
+    top = {"name": name, "coordinates": [str(x) for x in coordinates], definition[0]: definition[1]}
+    text = "".join(f"{k} = {_toml.value(k, v)}\n" for k, v in top.items())
+    text += _toml.table("parameters", parameters or {})
+    text += _toml.table("let", {k: text_of(k, v) for k, v in (let or {}).items()})
+    bounds = dict(domain or {})
+    if "inside" in bounds:
+        bounds["inside"] = [text_of("inside", x) for x in bounds["inside"]]
+    text += _toml.table("domain", bounds)
+    for exit_name, way in (exits or {}).items():
+        text += f"\n[[exit]]\nname = {_toml.string(exit_name)}\n"
+        given = dict(way) if isinstance(way, Mapping) else {"when": way}
+        for key, item in given.items():
+            several = isinstance(item, Sequence) and not isinstance(item, str)
+            formula = [text_of(key, x) for x in item] if several else text_of(key, item)
+            text += f"{_toml.key(key)} = {_toml.value(key, formula)}\n"
+    text += _toml.table("symmetry", symmetry or {})
+    region = dict(cameras or {})
+    if "at" in region:
+        region["at"] = [text_of("at", x) for x in region["at"]]
+    if length is not None:
+        region["length"] = length
+    return text + _toml.table("cameras", region)
+
+
+def _line_element(manifold: Manifold) -> str:
+    """Returns what the file gives, as LaTeX between dollars; its text where it cannot be read."""
+    try:
+        import tomllib
+    except ImportError:  # Python 3.10
+        return f"<pre>{escape(manifold.text)}</pre>"
+    document = tomllib.loads(manifold.text)
+    names = [_latex.name(x) for x in manifold.coordinates]
+    given = document.get("metric")
+    if isinstance(given, dict) and "conformal" in given:
+        square = " + ".join(rf"\mathrm{{d}}{x}^2" for x in names)
+        body = rf"\mathrm{{d}}s^2 = \left({_latex.latex(str(given['conformal']))}\right)^2 \left({square}\right)"
+    elif isinstance(given, dict):
+        body = r"\mathrm{d}s^2 = " + " + ".join(_term(k, v, names) for k, v in given.items())
+    elif "embedding" in document:
+        parts = ", ".join(_latex.latex(str(x)) for x in document["embedding"])
+        body = rf"f({', '.join(names)}) = \left({parts}\right)"
+    else:
+        return f"<pre>{escape(manifold.text)}</pre>"
+    where = [rf"{_latex.name(k)} = {_latex.latex(str(v))}" for k, v in document.get("let", {}).items()]
+    return f"$\\displaystyle {body}$" + "".join(f"<br>$\\quad {x}$" for x in where)
+
+
+def _term(entry: str, formula: Any, names: list[str]) -> str:
+    """Returns one term of a line element."""
+    i, j = _ENTRIES.get(entry, (0, 0))
+    body = rf"\left({_latex.latex(str(formula))}\right)"
+    if i == j:
+        return rf"{body} \, \mathrm{{d}}{names[i]}^2"
+    return rf"2 {body} \, \mathrm{{d}}{names[i]} \, \mathrm{{d}}{names[j]}"

@@ -1,0 +1,149 @@
+//! Arrays from Python, checked.
+//!
+//! In: numpy arrays of any strides, so that broadcast ones are not copied. Out: rows as vectors, or an
+//! `InputError` that names the array and the row.
+
+use crate::errors::refuse;
+use geofan_core::{
+    Error, Result,
+    geodesic::{TOLERANCES, unit},
+};
+use glam::DVec3;
+use ndarray::ArrayView2;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+/// Rows of three numbers with the name of their argument.
+#[derive(Clone, Copy)]
+pub struct Vectors<'a> {
+    name: &'a str,
+    rows: ArrayView2<'a, f64>,
+}
+
+impl<'a> Vectors<'a> {
+    /// Wraps the argument `name`.
+    pub fn new(
+        py: Python<'_>,
+        name: &'a str,
+        array: &'a PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<Self> {
+        let rows = array.as_array();
+        match rows.dim().1 {
+            3 => Ok(Self { name, rows }),
+            n => Err(refuse(
+                py,
+                name,
+                format!("the last axis has {n} entries, 3 are needed"),
+            )),
+        }
+    }
+
+    /// Counts the rows.
+    pub fn len(&self) -> usize {
+        self.rows.dim().0
+    }
+
+    /// Returns a row.
+    pub fn at(&self, row: usize) -> DVec3 {
+        DVec3::from_array([0, 1, 2].map(|k| self.rows[(row, k)]))
+    }
+
+    /// Names a row, for complaints.
+    pub fn label(&self, row: usize) -> String {
+        match self.len() {
+            1 => self.name.to_string(),
+            _ => format!("{}[{row}]", self.name),
+        }
+    }
+
+    /// Returns a row as a direction of unit length.
+    ///
+    /// # Errors
+    /// It has none.
+    pub fn direction(&self, row: usize) -> Result<DVec3> {
+        unit(self.at(row)).ok_or_else(|| {
+            Error::input(
+                self.label(row),
+                "a direction must be finite and not be zero",
+            )
+        })
+    }
+
+    /// Returns all rows, if they are finite.
+    ///
+    /// # Errors
+    /// One is not.
+    pub fn finite(&self) -> Result<Vec<DVec3>> {
+        let finite = |row| match self.at(row) {
+            v if v.is_finite() => Ok(v),
+            _ => Err(Error::input(self.label(row), "is not finite")),
+        };
+        (0..self.len()).map(finite).collect()
+    }
+}
+
+/// Checks that two arrays have as many rows.
+pub fn same_length(py: Python<'_>, a: &Vectors<'_>, b: &Vectors<'_>) -> PyResult<()> {
+    match a.len() == b.len() {
+        true => Ok(()),
+        false => Err(refuse(
+            py,
+            b.name,
+            format!("has {} rows, `{}` has {}", b.len(), a.name, a.len()),
+        )),
+    }
+}
+
+/// Checks a number that must be finite and above zero.
+pub fn positive(py: Python<'_>, name: &str, value: f64) -> PyResult<f64> {
+    match value.is_finite() && value > 0.0 {
+        true => Ok(value),
+        false => Err(refuse(
+            py,
+            name,
+            format!("{value} is not finite and above zero"),
+        )),
+    }
+}
+
+/// Checks the tolerance of an integration.
+pub fn tolerance(py: Python<'_>, value: f64) -> PyResult<f64> {
+    match TOLERANCES.contains(&value) {
+        true => Ok(value),
+        false => Err(refuse(
+            py,
+            "tolerance",
+            format!(
+                "{value:e} does not lie between {:e} and {:e}",
+                TOLERANCES.start(),
+                TOLERANCES.end()
+            ),
+        )),
+    }
+}
+
+/// Returns arc lengths that are finite, not negative and ascending.
+pub fn arc_lengths(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>) -> PyResult<Vec<f64>> {
+    let s: Vec<f64> = array.as_array().iter().copied().collect();
+    let sound = s.iter().all(|x| x.is_finite() && *x >= 0.0);
+    match sound && s.is_sorted() && !s.is_empty() {
+        true => Ok(s),
+        false => Err(refuse(
+            py,
+            "s",
+            "arc lengths must be finite, not negative and ascending, and there must be one",
+        )),
+    }
+}
+
+/// Checks that an array of so many numbers can be made.
+pub fn room(py: Python<'_>, name: &str, counts: &[usize]) -> PyResult<()> {
+    let product = counts.iter().try_fold(8_usize, |n, c| n.checked_mul(*c));
+    match product {
+        Some(bytes) if bytes <= MOST_BYTES => Ok(()),
+        _ => Err(refuse(py, name, "the result would not fit into memory")),
+    }
+}
+
+/// The most bytes of one array: more than any machine has, and less than sizes can count.
+const MOST_BYTES: usize = 1 << 44;

@@ -1,0 +1,575 @@
+//! Bundles: reading, baking, checking, and paths of many rays.
+
+use crate::{
+    arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
+    columns::Columns,
+    errors::{About, refuse},
+    manifold::{Manifold, places},
+    trace::{BLOCK, Places, TraceArrays, end_number, known_to_tables, write_end, write_sample},
+    work,
+};
+use geofan_bake::{BakeOptions, BakeResult, PROMISES, bake, certify};
+use geofan_bundle::{self as table, Fan, TablePath, container::VERSION, trace_in};
+use geofan_core::{
+    Error, Observer, Progress, Result,
+    geodesic::{End, Ray, Settings, check_point, paths},
+    manifold::Carried,
+};
+use glam::DVec3;
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::{prelude::*, types::PyBytes, types::PyDict};
+use rayon::prelude::*;
+use serde_json::json;
+use std::{
+    path::PathBuf,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+};
+
+/// A bundle.
+#[pyclass(frozen, module = "geofan._native")]
+pub struct Bundle {
+    /// The library's.
+    pub bundle: Arc<table::Bundle>,
+}
+
+/// Numbers of the columns of `paths`.
+const U: usize = 0;
+const V: usize = 1;
+
+/// Numbers of the columns of `sky`.
+const DIRECTION: usize = 1;
+const LENGTH: usize = 2;
+
+#[pymethods]
+impl Bundle {
+    /// Reads a bundle file.
+    #[staticmethod]
+    fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let bundle = py.detach(|| table::Bundle::read(&path));
+        Ok(Self::new(bundle.map_err(|e| About::Input.raise(py, e))?))
+    }
+
+    /// Reads the bytes of a bundle file.
+    #[staticmethod]
+    fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
+        let bundle = table::Bundle::from_bytes(bytes);
+        Ok(Self::new(
+            bundle.map_err(|e| refuse(py, "bundle", e.to_string()))?,
+        ))
+    }
+
+    /// Bakes a manifold into the file `output`.
+    #[staticmethod]
+    #[allow(clippy::too_many_arguments)]
+    fn bake(
+        py: Python<'_>,
+        manifold: &Manifold,
+        output: PathBuf,
+        max_error: Option<f64>,
+        max_size: Option<u64>,
+        length: Option<f64>,
+        switches: (bool, bool, bool, bool),
+        certify_rays: u64,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<Self> {
+        if let Some(promise) = max_error.filter(|promise| !PROMISES.contains(promise)) {
+            let (start, end) = (PROMISES.start(), PROMISES.end());
+            let message = format!("{promise} does not lie between {start} and {end} mrad");
+            return Err(refuse(py, "max_error", message));
+        }
+        check_rays(py, "certify_rays", certify_rays)?;
+        let (frames, mirrors, resume, wait) = switches;
+        let options = BakeOptions {
+            max_error,
+            max_size,
+            length: Some(manifold.path_length(py, length)?),
+            frames,
+            mirrors,
+            share: None,
+            resume,
+            wait,
+            certify_rays,
+        };
+        let baked = work::watch(py, About::Input, progress.as_ref(), |observer| {
+            bake(manifold.space.clone(), &output, &options, observer)
+        })?;
+        match baked {
+            BakeResult::Bundle { bundle, .. } => Ok(Self::new(*bundle)),
+            BakeResult::TooLarge(reason) => {
+                let message = format!("{reason}; loosen max_error or raise max_size");
+                Err(refuse(py, "max_size", message))
+            }
+            BakeResult::Shard { .. } => Err(refuse(py, "bake", "made a shard")),
+        }
+    }
+
+    /// Returns the bytes of the file.
+    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = py.detach(|| self.bundle.contents().encode());
+        let bytes = bytes.map_err(|e| refuse(py, "bundle", e.to_string()))?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Writes the file and returns its size.
+    fn write(&self, py: Python<'_>, path: PathBuf) -> PyResult<u64> {
+        let written = py.detach(|| self.bundle.write(&path));
+        written.map_err(|e| About::Input.raise(py, e))
+    }
+
+    /// Returns the manifold.
+    #[getter]
+    fn manifold(&self) -> Manifold {
+        Manifold {
+            space: self.bundle.manifold.clone(),
+        }
+    }
+
+    /// Returns the length of the paths.
+    #[getter]
+    fn length(&self) -> f64 {
+        self.bundle.table.length
+    }
+
+    /// Describes the bundle as JSON.
+    fn info(&self, py: Python<'_>) -> PyResult<String> {
+        let bundle = &self.bundle;
+        let (header, plan) = (&bundle.header, &bundle.header.plan);
+        let counts = work::run(py, About::Input, 0, |_| Ok(bundle.table.counts()?))?;
+        let id: String = bundle.id.iter().map(|byte| format!("{byte:02x}")).collect();
+        let parameters: serde_json::Map<_, _> = (header.manifold.parameters.iter())
+            .map(|(name, value)| (name.clone(), json!(value)))
+            .collect();
+        let info = json!({
+            "format": VERSION,
+            "generator": header.generator,
+            "id": id,
+            "name": header.manifold.name,
+            "manifold": header.manifold.source,
+            "parameters": parameters,
+            "cameras": bundle.table.space.describe(),
+            "reduction": header.reduction.name(),
+            "stored_cameras": header.cameras,
+            "mirrors": plan.mirrors.len(),
+            "length": plan.length,
+            "frames": plan.frames,
+            "promise": plan.max_error,
+            "tolerance": plan.tolerance,
+            "chunks": bundle.table.chunks.len(),
+            "patches": counts.0,
+            "flagged_boxes": counts.1,
+            "certificate": header.certificate,
+        });
+        Ok(info.to_string())
+    }
+
+    /// Compares the table with exact paths of fresh random rays; returns JSON.
+    fn check(
+        &self,
+        py: Python<'_>,
+        rays: u64,
+        seed: u64,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<String> {
+        check_rays(py, "rays", rays)?;
+        let plan = &self.bundle.header.plan;
+        let checked = work::watch(py, About::Input, progress.as_ref(), |observer| {
+            let done = AtomicU64::new(0);
+            let told = |count| tell(observer, &done, count, rays);
+            let (tolerance, promise) = (plan.tolerance, plan.max_error);
+            certify(
+                &self.bundle.table,
+                rays as usize,
+                seed,
+                tolerance,
+                promise,
+                told,
+            )
+        })?;
+        let worst: Vec<_> = (checked.worst.iter())
+            .map(|outlier| json!({ "ray": outlier, "why": outlier.why() }))
+            .collect();
+        let report = json!({
+            "certificate": checked.certificate,
+            "promise": plan.max_error,
+            "beyond_20_promises": checked.far,
+            "worst": worst,
+        });
+        Ok(report.to_string())
+    }
+
+    /// Reads paths as `geofan trace --bundle` does: each ended where its ray leaves.
+    #[allow(clippy::too_many_arguments)]
+    fn trace<'py>(
+        &self,
+        py: Python<'py>,
+        at: PyReadonlyArray2<'py, f64>,
+        direction: PyReadonlyArray2<'py, f64>,
+        length: Option<f64>,
+        samples: usize,
+        accuracy: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let at = Vectors::new(py, "at", &at)?;
+        let directions = Vectors::new(py, "direction", &direction)?;
+        same_length(py, &at, &directions)?;
+        let count = places(py, samples, None).map(|places| Places::count(&places))?;
+        let request = TableTrace {
+            bundle: &self.bundle,
+            at: &at,
+            directions: &directions,
+            length: self.length_within(py, length)?,
+            samples: count,
+            tolerance: tolerance(py, accuracy)?,
+        };
+        let rays = at.len();
+        let arrays = TraceArrays::new(py, rays, count, known_to_tables)?;
+        let exact = arrays.fill(|columns| {
+            work::run(py, About::Input, rays, |observer| {
+                let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
+                let exact: Result<Vec<Vec<bool>>> = blocks
+                    .map(|(i, columns)| request.block(i * BLOCK, columns, observer))
+                    .collect();
+                Ok(exact?.concat())
+            })
+        })?;
+        let dict = arrays.into_dict(py)?;
+        dict.set_item("exact", PyArray1::from_vec(py, exact))?;
+        Ok(dict)
+    }
+
+    /// Looks up points and tangents of the rays from one camera at the same arc lengths.
+    fn paths<'py>(
+        &self,
+        py: Python<'py>,
+        camera: [f64; 3],
+        directions: PyReadonlyArray2<'py, f64>,
+        s: PyReadonlyArray1<'py, f64>,
+        accuracy: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let directions = Vectors::new(py, "directions", &directions)?;
+        let s = arc_lengths(py, &s)?;
+        let (rays, samples) = (directions.len(), s.len());
+        self.length_within(py, s.last().copied().filter(|s| *s > 0.0))?;
+        room(py, "s", &[rays, samples, 3])?;
+        let accuracy = tolerance(py, accuracy)?;
+        let floats = [U, V].map(|_| PyArray1::<f64>::zeros(py, rays * samples * 3, false));
+        let flagged = PyArray1::<i32>::zeros(py, rays, false);
+        {
+            let mut floats = floats.each_ref().map(|array| array.readwrite());
+            let mut flagged = flagged.readwrite();
+            let columns = Columns {
+                floats: floats.each_mut().map(|array| {
+                    let column = array.as_slice_mut().expect("a fresh array is contiguous");
+                    (column, 3 * samples)
+                }),
+                integers: [flagged.as_slice_mut()?],
+            };
+            work::run(py, About::Input, rays, |observer| {
+                let fan = self.fan(camera)?;
+                let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
+                blocks.try_for_each(|(i, columns)| {
+                    look_up(
+                        &fan,
+                        (&directions, i * BLOCK),
+                        &s,
+                        accuracy,
+                        columns,
+                        observer,
+                    )
+                })
+            })?;
+        }
+        let dict = PyDict::new(py);
+        let [u, v] = floats;
+        dict.set_item("u", u)?;
+        dict.set_item("v", v)?;
+        dict.set_item("flagged", flagged)?;
+        Ok(dict)
+    }
+
+    /// Tells where the rays from one camera leave, and in which directions their skies are looked up.
+    fn sky<'py>(
+        &self,
+        py: Python<'py>,
+        camera: [f64; 3],
+        directions: PyReadonlyArray2<'py, f64>,
+        accuracy: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let directions = Vectors::new(py, "directions", &directions)?;
+        let (rays, accuracy) = (directions.len(), tolerance(py, accuracy)?);
+        room(py, "directions", &[rays, 3])?;
+        let widths = [3, 3, 1];
+        let floats = widths.map(|width| PyArray1::<f64>::zeros(py, rays * width, false));
+        let end = PyArray1::<i32>::zeros(py, rays, false);
+        {
+            let mut floats = floats.each_ref().map(|array| array.readwrite());
+            let mut end = end.readwrite();
+            let mut widths = widths.into_iter();
+            let columns = Columns {
+                floats: floats.each_mut().map(|array| {
+                    let column = array.as_slice_mut().expect("a fresh array is contiguous");
+                    (column, widths.next().unwrap_or(1))
+                }),
+                integers: [end.as_slice_mut()?],
+            };
+            work::run(py, About::Input, rays, |observer| {
+                let fan = self.fan(camera)?;
+                let length = self.bundle.table.length;
+                let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
+                blocks.try_for_each(|(i, columns)| {
+                    see_skies(
+                        &fan,
+                        (&directions, i * BLOCK),
+                        length,
+                        accuracy,
+                        columns,
+                        observer,
+                    )
+                })
+            })?;
+        }
+        let dict = PyDict::new(py);
+        for (name, array) in ["u", "direction", "length"].into_iter().zip(floats) {
+            dict.set_item(name, array)?;
+        }
+        dict.set_item("end", end)?;
+        Ok(dict)
+    }
+}
+
+impl Bundle {
+    fn new(bundle: table::Bundle) -> Self {
+        Self {
+            bundle: Arc::new(bundle),
+        }
+    }
+
+    /// Contracts the table to the fan of a camera.
+    fn fan(&self, camera: [f64; 3]) -> Result<Fan> {
+        let u = DVec3::from_array(camera);
+        check_point(&self.bundle.manifold, "camera", u)?;
+        Ok(self.bundle.fan(u)?)
+    }
+
+    /// Returns the length to follow paths over, at most that of the table.
+    fn length_within(&self, py: Python<'_>, asked: Option<f64>) -> PyResult<f64> {
+        let most = self.bundle.table.length;
+        match asked {
+            None => Ok(most),
+            Some(length) if positive(py, "length", length)? <= most => Ok(length),
+            Some(_) => {
+                let message = format!("the bundle's paths end at {most}");
+                Err(refuse(py, "length", message))
+            }
+        }
+    }
+}
+
+/// Checks a number of random rays.
+fn check_rays(py: Python<'_>, name: &str, rays: u64) -> PyResult<()> {
+    match (1..=1_000_000_000).contains(&rays) {
+        true => Ok(()),
+        false => Err(refuse(
+            py,
+            name,
+            format!("{rays} is not between 1 and 1000000000"),
+        )),
+    }
+}
+
+/// Tells an observer that `count` more rays have been compared; an error if it ends the work.
+fn tell(observer: &dyn Observer, done: &AtomicU64, count: u64, total: u64) -> Result<()> {
+    let done = done.fetch_add(count, Ordering::Relaxed) + count;
+    observer.progress(Progress {
+        work: "checking",
+        done,
+        total,
+        detail: "",
+    });
+    go_on(observer)
+}
+
+/// Ends work that has been cancelled.
+fn go_on(observer: &dyn Observer) -> Result<()> {
+    match observer.cancelled() {
+        true => Err(Error::Interrupted {
+            resume: "nothing is kept".into(),
+        }),
+        false => Ok(()),
+    }
+}
+
+/// Paths to be read one by one.
+struct TableTrace<'a> {
+    bundle: &'a table::Bundle,
+    at: &'a Vectors<'a>,
+    directions: &'a Vectors<'a>,
+    length: f64,
+    samples: usize,
+    tolerance: f64,
+}
+
+impl TableTrace<'_> {
+    /// Reads the paths of a block; tells which were integrated. Rays from one camera share its fan.
+    fn block(
+        &self,
+        first: usize,
+        mut columns: Columns<'_, 8, 2>,
+        observer: &dyn Observer,
+    ) -> Result<Vec<bool>> {
+        go_on(observer)?;
+        let manifold = &self.bundle.manifold;
+        let mut known: Option<Fan> = None;
+        let mut exact = Vec::new();
+        for row in 0..columns.integers[0].len() {
+            let u = self.at.at(first + row);
+            let fan = match known.take() {
+                Some(fan) if fan.place.u == u => fan,
+                _ => {
+                    check_point(manifold, &self.at.label(first + row), u)?;
+                    self.bundle.fan(u)?
+                }
+            };
+            let direction = self.directions.direction(first + row)?;
+            let traced = trace_in(&fan, direction, self.length, self.samples, self.tolerance);
+            for (i, sample) in traced.samples.iter().enumerate() {
+                write_sample(row, i, sample, &mut columns);
+            }
+            let end = end_number(traced.end, manifold);
+            write_end(row, (end, traced.length, traced.steps), &mut columns);
+            exact.push(traced.exact);
+            known = Some(fan);
+        }
+        Ok(exact)
+    }
+}
+
+/// Looks up the rays of a block at the arc lengths `s`; those that the table gives up on are integrated.
+fn look_up(
+    fan: &Fan,
+    (directions, first): (&Vectors<'_>, usize),
+    s: &[f64],
+    tolerance: f64,
+    mut columns: Columns<'_, 2, 1>,
+    observer: &dyn Observer,
+) -> Result<()> {
+    go_on(observer)?;
+    let mut rows = vec![0.0; 6 * s.len()];
+    let mut given_up = Vec::new();
+    for row in 0..columns.integers[0].len() {
+        let direction = directions.direction(first + row)?;
+        let known = fan.path(direction).sample_into(s, &mut rows);
+        for (column, rows) in rows.chunks_exact(3 * s.len()).enumerate() {
+            for i in 0..known {
+                let values = [0, 1, 2].map(|k| rows[k * s.len() + i]);
+                columns.put(column, row, 3 * i, &values);
+            }
+        }
+        if known < s.len() {
+            given_up.push((row, direction));
+        }
+    }
+    integrate(fan, &given_up, s, tolerance, &mut columns);
+    Ok(())
+}
+
+/// Follows exactly what a table gives up on, past exits as tables do.
+fn integrate(
+    fan: &Fan,
+    rays: &[(usize, DVec3)],
+    s: &[f64],
+    tolerance: f64,
+    columns: &mut Columns<'_, 2, 1>,
+) {
+    let Some(length) = s.last().copied().filter(|_| !rays.is_empty()) else {
+        return;
+    };
+    let (manifold, settings) = (fan.space().manifold(), exact_settings(tolerance, false));
+    let starts = rays
+        .iter()
+        .map(|(_, d)| Ray::new(manifold, fan.place.u, *d, length));
+    for ((row, _), path) in rays.iter().zip(paths(manifold, settings, starts)) {
+        columns.integers[0][*row] = 1;
+        for (i, s) in s.iter().enumerate() {
+            let step = path.step_at(*s).filter(|_| *s <= path.length);
+            let Some(step) = step else {
+                columns.blank(U, *row, 3 * i);
+                columns.blank(V, *row, 3 * i);
+                break;
+            };
+            columns.put(U, *row, 3 * i, &step.position(*s).to_array());
+            columns.put(V, *row, 3 * i, &step.tangent(*s).to_array());
+        }
+    }
+}
+
+/// Follows paths alone.
+fn exact_settings(tolerance: f64, events: bool) -> Settings {
+    Settings {
+        tolerance,
+        carried: Carried::default(),
+        events,
+    }
+}
+
+/// Tells how the rays of a block end.
+fn see_skies(
+    fan: &Fan,
+    (directions, first): (&Vectors<'_>, usize),
+    length: f64,
+    tolerance: f64,
+    mut columns: Columns<'_, 3, 1>,
+    observer: &dyn Observer,
+) -> Result<()> {
+    go_on(observer)?;
+    let manifold = fan.space().manifold();
+    for row in 0..columns.integers[0].len() {
+        let direction = directions.direction(first + row)?;
+        let path = fan.path(direction);
+        let found =
+            ending(&path, length).or_else(|| exact_ending(fan, direction, length, tolerance));
+        let Some((end, s, u, v)) = found else {
+            columns.put(U, row, 0, &fan.place.u.to_array());
+            columns.put(DIRECTION, row, 0, &[f64::NAN; 3]);
+            columns.integers[0][row] = end_number(End::Singular, manifold);
+            continue;
+        };
+        let exit = match end {
+            End::Exit(k) => Some(k),
+            _ => None,
+        };
+        let u = manifold.domain.wrap(u);
+        let sky = manifold.sky_direction(exit, u, v);
+        columns.put(U, row, 0, &u.to_array());
+        columns.put(DIRECTION, row, 0, &sky.to_array());
+        columns.put(LENGTH, row, 0, &[s]);
+        columns.integers[0][row] = end_number(end, manifold);
+    }
+    Ok(())
+}
+
+/// How, where and in which direction a path ends.
+type PathEnd = (End, f64, DVec3, DVec3);
+
+/// Finds the end of a path in the table; `None` if the table gives up before.
+fn ending(path: &TablePath<'_>, length: f64) -> Option<PathEnd> {
+    let (end, s) = match path.first_event(length) {
+        Some(found) => found,
+        None if path.flagged_from() < length => return None,
+        None => (End::Length, length),
+    };
+    let (u, v) = path.at(s)?;
+    Some((end, s, u, v))
+}
+
+/// Finds it by integration; `None` for a path that ends where it starts.
+fn exact_ending(fan: &Fan, d: DVec3, length: f64, tolerance: f64) -> Option<PathEnd> {
+    let manifold = fan.space().manifold();
+    let ray = Ray::new(manifold, fan.place.u, d, length);
+    let path = paths(manifold, exact_settings(tolerance, true), [ray]).remove(0);
+    let step = path.steps.last()?;
+    let s = path.length;
+    Some((path.end, s, step.position(s), step.tangent(s)))
+}

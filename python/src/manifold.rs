@@ -1,0 +1,464 @@
+//! Manifolds: reading, geometry at many points, transport, exact paths.
+
+use crate::{
+    arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
+    camera::Camera,
+    connect,
+    errors::{About, refuse},
+    trace::{self, BLOCK, Places, TraceRequest},
+    work,
+};
+use geofan_bake::plan::discrete_symmetries;
+use geofan_bundle::rays::RaySpace;
+use geofan_core::{
+    Error, Result,
+    diagnostic::{Diagnostic, SourceText},
+    geodesic::{check_point, transport},
+    manifold::{self as space, Carried, ChartCurve, Curvature},
+};
+use glam::{DMat3, DVec3};
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods,
+};
+use pyo3::{prelude::*, types::PyDict};
+use rayon::prelude::*;
+use std::{path::PathBuf, sync::Arc};
+
+/// A manifold.
+#[pyclass(frozen, module = "geofan._native")]
+pub struct Manifold {
+    /// The library's.
+    pub space: Arc<space::Manifold>,
+}
+
+/// Quantities at a point, by the names of the methods that return them.
+#[derive(Debug, Clone, Copy)]
+enum Quantity {
+    Metric,
+    Frame,
+    Christoffel,
+    Riemann,
+    Ricci,
+    Scalar,
+}
+
+impl Quantity {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "metric" => Self::Metric,
+            "frame" => Self::Frame,
+            "christoffel" => Self::Christoffel,
+            "riemann" => Self::Riemann,
+            "ricci" => Self::Ricci,
+            "scalar" => Self::Scalar,
+            _ => return None,
+        })
+    }
+
+    /// Counts its numbers.
+    fn width(self) -> usize {
+        match self {
+            Self::Metric | Self::Frame | Self::Ricci => 9,
+            Self::Christoffel => 27,
+            Self::Riemann => 81,
+            Self::Scalar => 1,
+        }
+    }
+
+    /// Writes it at a point.
+    fn write(self, manifold: &space::Manifold, u: DVec3, out: &mut [f64]) -> Result<()> {
+        let curvature = || -> Result<Curvature> { manifold.curvature(u) };
+        match self {
+            Self::Metric => out.copy_from_slice(&rows(manifold.metric(u))),
+            Self::Frame => out.copy_from_slice(&manifold.standard_frame(u).to_cols_array()),
+            Self::Ricci => out.copy_from_slice(&rows(curvature()?.ricci)),
+            Self::Scalar => out[0] = curvature()?.scalar,
+            Self::Christoffel => {
+                out.copy_from_slice(curvature()?.christoffel.as_flattened().as_flattened());
+            }
+            Self::Riemann => {
+                let riemann = curvature()?.riemann;
+                out.copy_from_slice(riemann.as_flattened().as_flattened().as_flattened());
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Returns a matrix by rows.
+fn rows(m: DMat3) -> [f64; 9] {
+    m.transpose().to_cols_array()
+}
+
+#[pymethods]
+impl Manifold {
+    /// Reads a manifold file.
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf, settings: Vec<(String, f64)>) -> PyResult<Self> {
+        let loaded = py.detach(|| space::Manifold::load(&path, &settings));
+        Self::made(py, loaded)
+    }
+
+    /// Reads the text of a manifold file.
+    #[staticmethod]
+    fn parse(
+        py: Python<'_>,
+        name: String,
+        text: String,
+        settings: Vec<(String, f64)>,
+    ) -> PyResult<Self> {
+        if text.contains('\0') {
+            return Err(refuse(py, &name, "is not text: it holds NUL bytes"));
+        }
+        let source = SourceText::new(name, text);
+        let loaded = py.detach(|| space::Manifold::from_source(source, &settings));
+        Self::made(py, loaded)
+    }
+
+    /// Returns name and text of the file.
+    #[getter]
+    fn source(&self) -> (String, String) {
+        let source = &self.space.source;
+        (source.name.clone(), source.text.clone())
+    }
+
+    /// Returns the name.
+    #[getter]
+    fn name(&self) -> String {
+        self.space.name.clone()
+    }
+
+    /// Returns the names of the coordinates.
+    #[getter]
+    fn coordinates(&self) -> (String, String, String) {
+        self.space.coordinates.clone().into()
+    }
+
+    /// Returns the parameters, as set.
+    #[getter]
+    fn parameters(&self) -> Vec<(String, f64)> {
+        self.space.parameters.clone()
+    }
+
+    /// Returns the names of the ways in which a path can end, in the order of their numbers.
+    #[getter]
+    fn ends(&self) -> Vec<String> {
+        let exits = self.space.exits.iter().map(|exit| exit.name.clone());
+        exits.chain(["length".into(), "singular".into()]).collect()
+    }
+
+    /// Returns how far paths are followed, if the file says.
+    #[getter]
+    fn length(&self) -> Option<f64> {
+        self.space.length
+    }
+
+    /// Returns the dimension of the ambient space of an embedding.
+    #[getter]
+    fn ambient(&self) -> Option<usize> {
+        self.space.ambient
+    }
+
+    /// Names what the file gives: embedding, metric or spacetime.
+    #[getter]
+    fn form(&self) -> &'static str {
+        self.space.form.name()
+    }
+
+    /// Returns the names and intervals of camera parameters; `None` without a region.
+    #[getter]
+    fn cameras(&self) -> Option<Vec<(String, [f64; 2])>> {
+        let region = self.space.cameras.as_ref()?;
+        let names = region.names.iter().cloned();
+        Some(names.zip(region.intervals.iter().copied()).collect())
+    }
+
+    /// Describes the space: lines by their titles.
+    fn lines(&self) -> Vec<(&'static str, String)> {
+        let space = &self.space;
+        let mut lines = vec![("given by", space.form.name().to_string())];
+        let medium = space.medium_names();
+        if !medium.is_empty() {
+            lines.push(("light", format!("meets {}", medium.join(" and "))));
+        }
+        lines.extend(
+            space
+                .domain_lines()
+                .into_iter()
+                .map(|line| ("domain", line)),
+        );
+        let exits: Vec<&str> = space.exits.iter().map(|exit| exit.name.as_str()).collect();
+        lines.push(("exits", exits.join(", ")));
+        lines.push(("symmetry", space.symmetry_line()));
+        lines.push(("cameras", space.cameras_line()));
+        lines
+    }
+
+    /// Counts the reflections and exchanges of coordinates that a bake finds and uses.
+    fn mirrors(&self, py: Python<'_>, length: Option<f64>) -> PyResult<usize> {
+        let length = self.path_length(py, length)?;
+        let found = work::watch(py, About::Input, None, |observer| {
+            let rays = RaySpace::new(self.space.clone())?;
+            discrete_symmetries(&rays, length, observer)
+        })?;
+        Ok(found.len())
+    }
+
+    /// Tells whether two manifolds mean the same geometry; lists what differs.
+    fn differences(&self, other: &Self) -> Vec<String> {
+        self.space.differences(&other.space)
+    }
+
+    /// Returns the chart point at camera parameters.
+    fn camera_point(&self, py: Python<'_>, given: Vec<(String, f64)>) -> PyResult<[f64; 3]> {
+        let Some(region) = &self.space.cameras else {
+            return Err(refuse(
+                py,
+                "parameters",
+                "the manifold has no camera region",
+            ));
+        };
+        let value = |name: &String| {
+            let found = given.iter().find(|(n, _)| n == name);
+            found.map(|(_, value)| *value)
+        };
+        let values: Option<Vec<f64>> = region.names.iter().map(value).collect();
+        match values.filter(|values| values.len() == given.len() && region.contains(values)) {
+            Some(values) => Ok(region.at(&values).to_array()),
+            None => Err(refuse(
+                py,
+                "parameters",
+                format!("the camera parameters are: {}", self.space.cameras_line()),
+            )),
+        }
+    }
+
+    /// Returns a quantity at many points, flattened: one row a point.
+    fn at<'py>(
+        &self,
+        py: Python<'py>,
+        quantity: &str,
+        u: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points = Vectors::new(py, "u", &u)?;
+        let Some(quantity) = Quantity::named(quantity) else {
+            return Err(refuse(py, "quantity", format!("`{quantity}` is not known")));
+        };
+        let width = quantity.width();
+        room(py, "u", &[points.len(), width])?;
+        let result = PyArray2::zeros(py, [points.len(), width], false);
+        {
+            let mut values = result.readwrite();
+            let values = values.as_slice_mut()?;
+            let manifold = &self.space;
+            work::run(py, About::Input, points.len(), |_| {
+                let blocks = values.par_chunks_mut(BLOCK * width).enumerate();
+                blocks.try_for_each(|(block, values)| {
+                    for (i, out) in values.chunks_exact_mut(width).enumerate() {
+                        let row = block * BLOCK + i;
+                        let u = points.at(row);
+                        check_point(manifold, &points.label(row), u)?;
+                        quantity.write(manifold, u, out)?;
+                    }
+                    Ok(())
+                })
+            })?;
+        }
+        Ok(result)
+    }
+
+    /// Returns the matrix of parallel transport along a curve given by expressions of `t`.
+    fn transport_along(
+        &self,
+        py: Python<'_>,
+        curve: [String; 3],
+        interval: [f64; 2],
+        accuracy: f64,
+    ) -> PyResult<[[f64; 3]; 3]> {
+        let accuracy = tolerance(py, accuracy)?;
+        if !interval.iter().all(|t| t.is_finite()) {
+            return Err(refuse(py, "interval", "is not finite"));
+        }
+        let components = [&curve[0], &curve[1], &curve[2]].map(String::as_str);
+        let parsed = ChartCurve::parse(&self.space, "t", components);
+        let parsed = parsed.map_err(|(i, fault)| {
+            let source = SourceText::new(format!("curve[{i}]"), curve[i].as_str());
+            let complaint = Diagnostic::new(&source, fault.span, fault.message);
+            let complaint = match fault.hint {
+                Some(hint) => complaint.with_hint(hint),
+                None => complaint,
+            };
+            About::Manifold.raise(py, complaint.into())
+        })?;
+        let moved = work::run(py, About::Input, 1, |_| {
+            let ends = interval.map(|t| check_point(&self.space, "curve", parsed.at(t).0));
+            ends.into_iter().collect::<Result<()>>()?;
+            let found = transport(&self.space, |t| parsed.at(t), interval, accuracy);
+            found.map_err(|e| Error::input("curve", e.to_string()))
+        })?;
+        Ok(moved.matrix().transpose().to_cols_array_2d())
+    }
+
+    /// Returns the matrix of parallel transport along straight lines of the chart between points.
+    fn transport_through(
+        &self,
+        py: Python<'_>,
+        points: PyReadonlyArray2<'_, f64>,
+        accuracy: f64,
+    ) -> PyResult<[[f64; 3]; 3]> {
+        let accuracy = tolerance(py, accuracy)?;
+        let curve = Vectors::new(py, "curve", &points)?;
+        let moved = work::run(py, About::Input, curve.len(), |_| {
+            for row in 0..curve.len() {
+                check_point(&self.space, &curve.label(row), curve.at(row))?;
+            }
+            let mut moved = DMat3::IDENTITY;
+            for row in 1..curve.len() {
+                let (from, along) = (curve.at(row - 1), curve.at(row) - curve.at(row - 1));
+                let line = |t: f64| (from + along * t, along);
+                let found = transport(&self.space, line, [0.0, 1.0], accuracy);
+                let found = found.map_err(|e| Error::input(curve.label(row), e.to_string()))?;
+                moved = found.matrix() * moved;
+            }
+            Ok(moved)
+        })?;
+        Ok(moved.transpose().to_cols_array_2d())
+    }
+
+    /// Follows rays exactly.
+    #[allow(clippy::too_many_arguments)]
+    fn trace<'py>(
+        &self,
+        py: Python<'py>,
+        at: PyReadonlyArray2<'py, f64>,
+        direction: PyReadonlyArray2<'py, f64>,
+        length: Option<f64>,
+        samples: usize,
+        s: Option<PyReadonlyArray1<'py, f64>>,
+        accuracy: f64,
+        forward: bool,
+        carried: (bool, bool),
+        conjugate: bool,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let at = Vectors::new(py, "at", &at)?;
+        let directions = Vectors::new(py, "direction", &direction)?;
+        same_length(py, &at, &directions)?;
+        let places = places(py, samples, s.as_ref())?;
+        let asked = length.or_else(|| match &places {
+            Places::At(s) => s.last().copied().filter(|s| *s > 0.0),
+            Places::Even(_) => None,
+        });
+        let manifold = match forward {
+            true => self
+                .space
+                .forward()
+                .map_err(|e| About::Input.raise(py, e))?,
+            false => std::borrow::Cow::Borrowed(&*self.space),
+        };
+        let request = TraceRequest {
+            length: self.path_length(py, asked)?,
+            manifold: &manifold,
+            places,
+            tolerance: tolerance(py, accuracy)?,
+            carried: Carried {
+                frame: carried.0,
+                deviation: carried.1 || conjugate,
+            },
+            conjugate,
+        };
+        trace::trace(py, &request, &at, &directions)
+    }
+
+    /// Finds all geodesics from a point to others.
+    fn connect<'py>(
+        &self,
+        py: Python<'py>,
+        p: [f64; 3],
+        q: PyReadonlyArray2<'py, f64>,
+        length: Option<f64>,
+        accuracy: f64,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let points = Vectors::new(py, "q", &q)?;
+        let (length, accuracy) = (self.path_length(py, length)?, tolerance(py, accuracy)?);
+        connect::connect(
+            py,
+            &self.space,
+            DVec3::from_array(p),
+            &points,
+            length,
+            accuracy,
+        )
+    }
+
+    /// Returns a camera at `at` that looks along `look`.
+    fn camera(
+        &self,
+        py: Python<'_>,
+        at: [f64; 3],
+        look: [f64; 3],
+        up: [f64; 3],
+        fov: f64,
+    ) -> PyResult<Camera> {
+        Camera::looking(py, self.space.clone(), at, look, up, fov)
+    }
+}
+
+impl Manifold {
+    /// Wraps what was loaded.
+    fn made(py: Python<'_>, loaded: Result<space::Manifold>) -> PyResult<Self> {
+        let space = loaded.map_err(|error| About::Manifold.raise(py, error))?;
+        Ok(Self {
+            space: Arc::new(space),
+        })
+    }
+
+    /// Returns the length to follow paths over: the one asked for, or the file's.
+    pub fn path_length(&self, py: Python<'_>, asked: Option<f64>) -> PyResult<f64> {
+        match asked {
+            Some(length) => positive(py, "length", length),
+            None => {
+                let length = self.space.length_or(None);
+                length.map_err(|_| {
+                    refuse(
+                        py,
+                        "length",
+                        "the manifold has no `length` under [cameras]; give one",
+                    )
+                })
+            }
+        }
+    }
+}
+
+/// Reads where samples are wanted.
+pub fn places(
+    py: Python<'_>,
+    samples: usize,
+    s: Option<&PyReadonlyArray1<'_, f64>>,
+) -> PyResult<Places> {
+    match s {
+        Some(s) => {
+            room(py, "s", &[s.len()])?;
+            Ok(Places::At(arc_lengths(py, s)?))
+        }
+        None if (2..=MOST_SAMPLES).contains(&samples) => Ok(Places::Even(samples)),
+        None => Err(refuse(
+            py,
+            "samples",
+            format!("{samples} is not between 2 and {MOST_SAMPLES}"),
+        )),
+    }
+}
+
+/// The most samples of a path.
+const MOST_SAMPLES: usize = 10_000_000;
+
+/// Copies vectors into an array of rows.
+pub fn vectors<'py>(
+    py: Python<'py>,
+    vectors: impl ExactSizeIterator<Item = DVec3>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let count = vectors.len();
+    let numbers: Vec<f64> = vectors.flat_map(|v| v.to_array()).collect();
+    PyArray1::from_vec(py, numbers).reshape([count, 3])
+}

@@ -1,0 +1,316 @@
+//! Exact paths of many rays.
+//!
+//! In: points, directions, and where along the paths samples are wanted. Out: one array for each thing that
+//! samples tell, written by all threads. A path's samples are those of `geofan trace`.
+
+use crate::{
+    arrays::{Vectors, room},
+    columns::Columns,
+    errors::About,
+    work,
+};
+use geofan_core::{
+    Error, Observer, Result,
+    geodesic::{
+        End, Path, Ray, Sample, Settings, conjugate_points, depart, elapsed, paths, sample,
+    },
+    manifold::{Carried, Manifold},
+};
+use glam::DVec3;
+use numpy::{PyArray1, PyArrayMethods, ToPyArray};
+use pyo3::{prelude::*, types::PyDict};
+use rayon::prelude::*;
+
+/// Rays followed by one thread at a time: enough to fill the integrator's lanes many times over.
+pub const BLOCK: usize = 256;
+
+/// Says where along paths samples are taken.
+pub enum Places {
+    /// So many, equally spaced from the start to each path's end.
+    Even(usize),
+    /// At these arc lengths; there are none beyond a path's end.
+    At(Vec<f64>),
+}
+
+impl Places {
+    /// Counts the samples of a path.
+    pub fn count(&self) -> usize {
+        match self {
+            Self::Even(count) => *count,
+            Self::At(s) => s.len(),
+        }
+    }
+
+    /// Returns the arc length of a sample of a path that ended at `length`; `None` beyond.
+    fn at(&self, i: usize, length: f64) -> Option<f64> {
+        match self {
+            Self::Even(count) => Some(length * (i as f64 / (count - 1) as f64)),
+            Self::At(s) => Some(s[i]).filter(|s| *s <= length),
+        }
+    }
+}
+
+/// Says what to follow and what to tell.
+pub struct TraceRequest<'a> {
+    /// The space.
+    pub manifold: &'a Manifold,
+    /// How far.
+    pub length: f64,
+    /// Where samples are taken.
+    pub places: Places,
+    /// Local error of a step, radians.
+    pub tolerance: f64,
+    /// Whether frames and areas are wanted.
+    pub carried: Carried,
+    /// Whether conjugate points are wanted.
+    pub conjugate: bool,
+}
+
+/// Numbers of the columns of samples.
+const S: usize = 0;
+const U: usize = 1;
+const V: usize = 2;
+const FRAME: usize = 3;
+const AREA: usize = 4;
+const REDSHIFT: usize = 5;
+const TIME: usize = 6;
+const LENGTH: usize = 7;
+
+/// Names of the columns with how many numbers each sample has; the last has one a ray.
+const FLOATS: [(&str, usize); 8] = [
+    ("s", 1),
+    ("u", 3),
+    ("v", 3),
+    ("frame", 9),
+    ("area", 1),
+    ("g", 1),
+    ("t", 1),
+    ("length", 0),
+];
+
+/// Numbers of the columns of whole numbers.
+const END: usize = 0;
+const STEPS: usize = 1;
+
+type TraceColumns<'a> = Columns<'a, 8, 2>;
+
+/// The arrays of a result.
+pub struct TraceArrays<'py> {
+    floats: [Bound<'py, PyArray1<f64>>; 8],
+    integers: [Bound<'py, PyArray1<i32>>; 2],
+    samples: usize,
+}
+
+impl<'py> TraceArrays<'py> {
+    /// Makes room for `rays` paths with so many samples; unwanted columns stay empty.
+    pub fn new(
+        py: Python<'py>,
+        rays: usize,
+        samples: usize,
+        wanted: impl Fn(usize) -> bool,
+    ) -> PyResult<Self> {
+        room(py, "samples", &[rays, samples, 9])?;
+        let mut column = 0;
+        let floats = FLOATS.map(|(_, width)| {
+            let numbers = rays * if width == 0 { 1 } else { width * samples };
+            let count = if wanted(column) { numbers } else { 0 };
+            column += 1;
+            PyArray1::zeros(py, count, false)
+        });
+        let integers = [(); 2].map(|()| PyArray1::zeros(py, rays, false));
+        Ok(Self {
+            floats,
+            integers,
+            samples,
+        })
+    }
+
+    /// Lets `fill` write the columns.
+    pub fn fill<T>(&self, fill: impl FnOnce(TraceColumns<'_>) -> PyResult<T>) -> PyResult<T> {
+        let mut floats = self.floats.each_ref().map(|array| array.readwrite());
+        let mut integers = self.integers.each_ref().map(|array| array.readwrite());
+        let widths = FLOATS.map(|(_, width)| match width {
+            0 => 1,
+            width => width * self.samples,
+        });
+        let mut widths = widths.into_iter();
+        let floats = floats.each_mut().map(|array| {
+            let column = array.as_slice_mut().expect("a fresh array is contiguous");
+            (column, widths.next().unwrap_or(1))
+        });
+        let integers = integers.each_mut();
+        let integers = integers.map(|a| a.as_slice_mut().expect("a fresh array is contiguous"));
+        fill(Columns { floats, integers })
+    }
+
+    /// Names the arrays that have been filled.
+    pub fn into_dict(self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dict = PyDict::new(py);
+        for ((name, _), array) in FLOATS.iter().zip(self.floats) {
+            dict.set_item(name, array)?;
+        }
+        for (name, array) in ["end", "steps"].iter().zip(self.integers) {
+            dict.set_item(name, array)?;
+        }
+        Ok(dict)
+    }
+}
+
+/// Returns the number under which an end is told: that of its exit, then that of `length`, then `singular`.
+pub fn end_number(end: End, manifold: &Manifold) -> i32 {
+    let exits = manifold.exits.len() as i32;
+    match end {
+        End::Exit(k) => k as i32,
+        End::Length => exits,
+        End::Singular => exits + 1,
+    }
+}
+
+/// Follows rays and returns what is wanted of them.
+pub fn trace<'py>(
+    py: Python<'py>,
+    request: &TraceRequest<'_>,
+    at: &Vectors<'_>,
+    directions: &Vectors<'_>,
+) -> PyResult<Bound<'py, PyDict>> {
+    let (rays, samples) = (at.len(), request.places.count());
+    let manifold = request.manifold;
+    let arrays = TraceArrays::new(py, rays, samples, |column| match column {
+        FRAME => request.carried.frame,
+        AREA => request.carried.deviation,
+        REDSHIFT => manifold.has_redshift(),
+        TIME => manifold.has_drift(),
+        _ => true,
+    })?;
+    let conjugate = arrays.fill(|columns| {
+        work::run(py, About::Input, rays, |observer| {
+            let blocks = columns.blocks(rays, BLOCK).into_par_iter().enumerate();
+            let found: Result<Vec<Vec<Vec<f64>>>> = blocks
+                .map(|(i, columns)| request.block(i * BLOCK, at, directions, columns, observer))
+                .collect();
+            Ok(found?.concat())
+        })
+    })?;
+    let dict = arrays.into_dict(py)?;
+    if request.conjugate {
+        let lists = conjugate.iter().map(|s| s.to_pyarray(py));
+        dict.set_item("conjugate", lists.collect::<Vec<_>>())?;
+    }
+    Ok(dict)
+}
+
+impl TraceRequest<'_> {
+    /// Follows the rays of a block, the first of which is `first`; returns their conjugate points.
+    fn block(
+        &self,
+        first: usize,
+        at: &Vectors<'_>,
+        directions: &Vectors<'_>,
+        mut columns: TraceColumns<'_>,
+        observer: &dyn Observer,
+    ) -> Result<Vec<Vec<f64>>> {
+        if observer.cancelled() {
+            return Err(Error::Interrupted {
+                resume: "nothing is kept".into(),
+            });
+        }
+        let count = columns.integers[END].len();
+        let rays = (first..first + count).map(|row| {
+            let direction = directions.direction(row)?;
+            depart(
+                self.manifold,
+                &at.label(row),
+                at.at(row),
+                direction,
+                self.length,
+            )
+        });
+        let rays: Vec<Ray> = rays.collect::<Result<_>>()?;
+        let settings = Settings {
+            tolerance: self.tolerance,
+            carried: self.carried,
+            events: true,
+        };
+        let found = paths(self.manifold, settings, rays.iter().copied());
+        let mut conjugate = Vec::new();
+        for (row, (ray, path)) in rays.iter().zip(&found).enumerate() {
+            self.write(row, ray, path, &mut columns);
+            if self.conjugate {
+                conjugate.push(conjugate_points(self.manifold, ray, path));
+            }
+        }
+        Ok(conjugate)
+    }
+
+    /// Writes the samples of a path.
+    fn write(&self, row: usize, ray: &Ray, path: &Path, columns: &mut TraceColumns<'_>) {
+        let mut start = None;
+        for i in 0..self.places.count() {
+            let Some(s) = self.places.at(i, path.length) else {
+                blank_from(row, i, columns);
+                break;
+            };
+            let found = sample(self.manifold, ray, path, s);
+            write_sample(row, i, &found, columns);
+            let start = *start.get_or_insert_with(|| self.start(ray, path, &found));
+            if let Some(g) = self.manifold.redshift(start, (found.u, found.v)) {
+                columns.put(REDSHIFT, row, i, &[g]);
+            }
+            if self.manifold.has_drift() {
+                columns.put(TIME, row, i, &[elapsed(self.manifold, path, s)]);
+            }
+        }
+        columns.put(LENGTH, row, 0, &[path.length]);
+        columns.integers[END][row] = end_number(path.end, self.manifold);
+        columns.integers[STEPS][row] = path.tried as i32;
+    }
+
+    /// Returns point and tangent at the start of a path.
+    fn start(&self, ray: &Ray, path: &Path, first: &Sample) -> (DVec3, DVec3) {
+        let start = match first.s == 0.0 || !self.manifold.has_redshift() {
+            true => *first,
+            false => sample(self.manifold, ray, path, 0.0),
+        };
+        (start.u, start.v)
+    }
+}
+
+/// Writes the sample of number `i` of a ray.
+pub fn write_sample(row: usize, i: usize, found: &Sample, columns: &mut TraceColumns<'_>) {
+    columns.put(S, row, i, &[found.s]);
+    columns.put(U, row, 3 * i, &found.u.to_array());
+    columns.put(V, row, 3 * i, &found.v.to_array());
+    if let Some(frame) = found.frame {
+        columns.put(FRAME, row, 9 * i, &frame.to_cols_array());
+    }
+    if let Some(area) = found.area {
+        columns.put(AREA, row, i, &[area]);
+    }
+}
+
+/// Writes how a path ended.
+pub fn write_end(
+    row: usize,
+    (end, length, steps): (i32, f64, usize),
+    columns: &mut TraceColumns<'_>,
+) {
+    columns.put(LENGTH, row, 0, &[length]);
+    columns.integers[END][row] = end;
+    columns.integers[STEPS][row] = steps as i32;
+}
+
+/// Marks the samples of a ray from number `i` on as beyond its end.
+fn blank_from(row: usize, i: usize, columns: &mut TraceColumns<'_>) {
+    for (column, (_, width)) in FLOATS
+        .iter()
+        .enumerate()
+        .filter(|(_, (_, width))| *width > 0)
+    {
+        columns.blank(column, row, width * i);
+    }
+}
+
+/// Tells which columns a path from a table has.
+pub fn known_to_tables(column: usize) -> bool {
+    !matches!(column, AREA | REDSHIFT | TIME)
+}

@@ -1,0 +1,161 @@
+//! Work without the GIL.
+//!
+//! In: a closure over plain Rust values. Out: its result, or the exception of its error. Short work runs in a
+//! pool while the calling thread waits. Long work is watched: the calling thread looks for signals and hands
+//! progress to Python a few times a second, so that all Python code runs in the thread that called.
+
+use crate::{
+    errors::{About, refuse},
+    threads,
+};
+use geofan_core::{Error, Observer, Progress, Result, Unobserved};
+use pyo3::prelude::*;
+use std::{
+    any::Any,
+    collections::BTreeMap,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+        mpsc::{RecvTimeoutError, channel},
+    },
+    time::Duration,
+};
+
+/// Rays from which on work is long enough to be watched: some tens of milliseconds.
+const LONG: usize = 4096;
+
+/// Time between two looks at signals and progress.
+const GLANCE: Duration = Duration::from_millis(40);
+
+/// Runs work on `rays` rays, watched if they are many.
+pub fn run<T: Send>(
+    py: Python<'_>,
+    about: About,
+    rays: usize,
+    work: impl FnOnce(&dyn Observer) -> Result<T> + Send,
+) -> PyResult<T> {
+    if rays >= LONG {
+        return watch(py, about, None, work);
+    }
+    let pool = threads::pool(py)?;
+    let result =
+        py.detach(|| catch_unwind(AssertUnwindSafe(|| pool.install(|| work(&Unobserved)))));
+    finish(py, about, result)
+}
+
+/// Runs long work; `progress` is called with the name of the work, units done, units in all and further figures.
+pub fn watch<T: Send>(
+    py: Python<'_>,
+    about: About,
+    progress: Option<&Py<PyAny>>,
+    work: impl FnOnce(&dyn Observer) -> Result<T> + Send,
+) -> PyResult<T> {
+    let pool = threads::pool(py)?;
+    let watcher = Watcher::default();
+    let (result, raised) = py.detach(|| {
+        std::thread::scope(|scope| {
+            let (send, ended) = channel();
+            let watcher = &watcher;
+            scope.spawn(move || {
+                let result = catch_unwind(AssertUnwindSafe(|| pool.install(|| work(watcher))));
+                // The receiver waits until this has been sent.
+                let _ = send.send(result);
+            });
+            let mut raised = None;
+            loop {
+                match ended.recv_timeout(GLANCE) {
+                    Ok(result) => break (result, raised),
+                    Err(RecvTimeoutError::Disconnected) => {
+                        break (Err(Box::new("the work's thread ended") as Panic), raised);
+                    }
+                    Err(RecvTimeoutError::Timeout) if raised.is_none() => {
+                        raised = Python::attach(|py| watcher.glance(py, progress)).err();
+                        watcher.cancelled.store(raised.is_some(), Ordering::Relaxed);
+                    }
+                    Err(RecvTimeoutError::Timeout) => {}
+                }
+            }
+        })
+    });
+    match (raised, result) {
+        (Some(raised), Ok(Err(Error::Interrupted { resume }))) => Err(noted(py, raised, &resume)),
+        (Some(raised), _) => Err(raised),
+        (None, result) => {
+            watcher.tell(py, progress)?;
+            finish(py, about, result)
+        }
+    }
+}
+
+/// The payload of a panic.
+type Panic = Box<dyn Any + Send>;
+
+/// Turns how work ended into its value or an exception.
+fn finish<T>(py: Python<'_>, about: About, ended: Result<Result<T>, Panic>) -> PyResult<T> {
+    match ended {
+        Ok(result) => result.map_err(|error| about.raise(py, error)),
+        Err(panic) => {
+            let text = panic.downcast_ref::<&str>().map(|text| text.to_string());
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+            let text = text.unwrap_or_default();
+            Err(refuse(
+                py,
+                "",
+                format!("a fault in geofan, please report it: {text}"),
+            ))
+        }
+    }
+}
+
+/// Adds to an exception how interrupted work can go on.
+fn noted(py: Python<'_>, raised: PyErr, resume: &str) -> PyErr {
+    // Python 3.10 has no notes.
+    let _ = raised.value(py).call_method1("add_note", (resume,));
+    raised
+}
+
+/// Takes note of progress for the thread that called.
+#[derive(Default)]
+struct Watcher {
+    cancelled: AtomicBool,
+    /// By the name of the work: done, in all, further figures. What Python has been told is taken out.
+    news: Mutex<BTreeMap<String, (u64, u64, String)>>,
+}
+
+impl Observer for Watcher {
+    fn progress(&self, progress: Progress<'_>) {
+        let Progress {
+            work,
+            done,
+            total,
+            detail,
+        } = progress;
+        let mut news = self.news.lock().unwrap_or_else(PoisonError::into_inner);
+        news.insert(work.into(), (done, total, detail.into()));
+    }
+
+    fn cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::Relaxed)
+    }
+}
+
+impl Watcher {
+    /// Lets Python handle signals and take note of progress.
+    fn glance(&self, py: Python<'_>, progress: Option<&Py<PyAny>>) -> PyResult<()> {
+        py.check_signals()?;
+        self.tell(py, progress)
+    }
+
+    /// Tells Python what is new.
+    fn tell(&self, py: Python<'_>, progress: Option<&Py<PyAny>>) -> PyResult<()> {
+        let news = std::mem::take(&mut *self.news.lock().unwrap_or_else(PoisonError::into_inner));
+        let Some(progress) = progress else {
+            return Ok(());
+        };
+        for (work, (done, total, detail)) in news {
+            progress.call1(py, (work, done, total, detail))?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,84 @@
+"""Curvature, frames and transport against closed forms, SymPy and the command line."""
+
+import geofan as gf
+import numpy as np
+import pytest
+from conftest import MANIFOLDS
+
+
+def test_the_three_sphere_has_constant_curvature_one(s3, random):
+    u = random.normal(size=(4, 5, 3))
+    g, riemann = s3.metric_at(u), s3.riemann(u)
+    constant = np.einsum("...ac,...bd->...abcd", g, g) - np.einsum("...ad,...bc->...abcd", g, g)
+    assert riemann.shape == (4, 5, 3, 3, 3, 3)
+    np.testing.assert_allclose(riemann, constant, atol=1e-11)
+    np.testing.assert_allclose(s3.ricci(u), 2 * g, atol=1e-11)
+    np.testing.assert_allclose(s3.scalar_curvature(u), 6, rtol=1e-11)
+
+
+def test_frames_are_orthonormal_and_follow_the_order_of_coordinates(wormhole, random):
+    u = random.uniform(-5, 5, size=(7, 3))
+    frame, g = wormhole.frame(u), wormhole.metric_at(u)
+    np.testing.assert_allclose(np.einsum("nia,nab,njb->nij", frame, g, frame), np.eye(3) + 0 * frame, atol=1e-12)
+    assert np.all(frame[:, 0, 1:] == 0) and np.all(frame[:, 1, 2] == 0)
+
+
+def test_christoffel_symbols_are_those_that_sympy_derives():
+    sympy = pytest.importorskip("sympy")
+    x, y, z = symbols = sympy.symbols("x y z")
+    g = sympy.Matrix([[1 + y**2, x * z / 5, 0], [x * z / 5, sympy.exp(x / 3), 0], [0, 0, sympy.cosh(y) ** 2]])
+    manifold = gf.Manifold.metric(g)
+    inverse = g.inv()
+    at = {x: 0.3, y: -0.4, z: 0.7}
+    for k in range(3):
+        for i in range(3):
+            for j in range(3):
+                terms = (
+                    inverse[k, a] * (g[a, i].diff(symbols[j]) + g[a, j].diff(symbols[i]) - g[i, j].diff(symbols[a]))
+                    for a in range(3)
+                )
+                truth = float((sum(terms) / 2).subs(at))
+                found = manifold.christoffel([0.3, -0.4, 0.7])[k, i, j]
+                assert abs(found - truth) < 1e-12, (k, i, j)
+
+
+@pytest.mark.parametrize("name", ["schwarzschild", "nil", "three-bumps", "sol"])
+def test_the_command_line_tells_the_same_geometry(command, name):
+    at = [4.1, 0.3, -0.2]
+    told = command("info", MANIFOLDS / f"{name}.toml", "--at", ",".join(map(str, at)))["at"]
+    manifold = gf.Manifold(MANIFOLDS / f"{name}.toml")
+    np.testing.assert_array_equal(manifold.metric_at(at), told["metric"])
+    np.testing.assert_array_equal(manifold.frame(at), told["frame"])
+    np.testing.assert_array_equal(manifold.christoffel(at), told["christoffel"])
+    np.testing.assert_array_equal(manifold.riemann(at), told["riemann"])
+    np.testing.assert_array_equal(manifold.ricci(at), told["ricci"])
+    assert manifold.scalar_curvature(at) == told["scalar"]
+
+
+def test_transport_around_a_loop_turns_by_the_area_inside():
+    sphere = gf.Manifold.metric(xx=1, yy="sin(x)^2", zz=1, domain={"x": (0.1, 3.0)})
+    start = np.array([1.0, 0.0, 0.0])
+    for colatitude in (0.4, 1.0, 1.5):
+        end = sphere.transport((colatitude, "t", 0), start, (0, 2 * np.pi))
+        turn = 2 * np.pi * np.cos(colatitude)
+        expected = [np.cos(turn), -np.sin(turn) / np.sin(colatitude), 0.0]
+        np.testing.assert_allclose(end, expected, atol=1e-9)
+
+
+def test_transport_through_points_is_that_along_their_lines(wormhole, random):
+    w = random.normal(size=(2, 4, 3))
+    through = wormhole.transport(np.array([[3.0, 0.2, 0.1], [4.0, 1.2, 0.5]]), w)
+    along = wormhole.transport(("3 + t", "0.2 + t", "0.1 + 0.4*t"), w)
+    np.testing.assert_allclose(through, along, atol=1e-9)
+    back = wormhole.transport(("3 + t", "0.2 + t", "0.1 + 0.4*t"), along, (1, 0))
+    np.testing.assert_allclose(back, w, atol=1e-9)
+
+
+def test_embeddings_and_metrics_of_one_space_agree(random):
+    u = random.uniform(-1, 1, size=(6, 3))
+    graph = gf.Manifold.embedding(["x", "y", "z", "a*x*y"], parameters={"a": 0.5})
+    metric = gf.Manifold.metric(
+        xx="1 + a^2*y^2", yy="1 + a^2*x^2", zz=1, xy="a^2*x*y", parameters={"a": 0.5}
+    )
+    np.testing.assert_allclose(graph.riemann(u), metric.riemann(u), atol=1e-12)
+    np.testing.assert_allclose(graph.set(a=2).ricci(u), metric.set(a=2).ricci(u), atol=1e-11)
