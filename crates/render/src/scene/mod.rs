@@ -2,6 +2,7 @@
 //!
 //! In: paths. Out: [`SceneFile`] and [`Mesh`], checked, with warnings for what was mended.
 
+mod clip;
 mod file;
 mod formats;
 #[cfg(feature = "gltf")]
