@@ -1,11 +1,18 @@
 //! `geofan render --camera-path`: numbered frames, or a video through ffmpeg.
 //!
 //! In: a journey and something that draws one view. Out: files named by a pattern such as
-//! `frame-%04d.png`, those already there left alone; or one video, when ffmpeg can be run.
+//! `frame-%04d.png`, those of the same animation that are already there left alone; or one video, when ffmpeg
+//! can be run. Beside the files is `frame-%04d.png.keys`, a hash for each frame of all that decides it.
 
 use crate::terminal::{CommonArgs, ProgressDisplay, TerminalObserver};
-use geofan_core::{Error, Observer, Result};
-use geofan_render::{Journey, View, picture::Picture};
+use geofan_core::{
+    Error, Observer, Result, files::write_atomically, manifold::Manifold, reading::read_text,
+};
+use geofan_render::{
+    Journey, Part, PicturePanels,
+    picture::Picture,
+    scene::{CameraProjection, Lens},
+};
 use std::{
     io::Write,
     path::{Path, PathBuf},
@@ -49,6 +56,16 @@ impl AnimationTarget {
         Ok(Self::Frames(before.into(), digits, after.into()))
     }
 
+    /// Returns the file of the frames' keys.
+    fn keys(&self) -> Option<PathBuf> {
+        match self {
+            Self::Frames(before, digits, after) => {
+                Some(format!("{before}%0{digits}d{after}.keys").into())
+            }
+            Self::Video(_) => None,
+        }
+    }
+
     /// Returns the file of a frame.
     fn frame(&self, number: usize) -> Option<PathBuf> {
         match self {
@@ -68,14 +85,70 @@ pub struct Animation<'a> {
     pub frames: usize,
     /// Size of the pictures.
     pub size: (usize, usize),
+    /// Part of them that is drawn.
+    pub crop: Option<Part>,
+    /// The space.
+    pub manifold: &'a Manifold,
+    /// Projection, eyes and crop.
+    pub lens: Lens,
+    /// The angle of view of a fisheye, degrees; others have their poses'.
+    pub fisheye: f64,
+    /// A hash of all that decides the frames besides their cameras.
+    pub key: [u8; 32],
 }
 
 impl Animation<'_> {
-    /// Returns the view of a frame.
-    fn view(&self, number: usize) -> View {
+    /// Divides the picture of a frame.
+    fn panels(&self, number: usize) -> Result<PicturePanels> {
         let [from, to] = self.journey.interval();
         let share = number as f64 / (self.frames - 1) as f64;
-        self.journey.view(from + (to - from) * share, self.size)
+        let (camera, fov) = self.journey.pose(from + (to - from) * share);
+        let fov = match self.lens.projection {
+            CameraProjection::Fisheye => self.fisheye,
+            _ => fov,
+        };
+        PicturePanels::through(
+            self.manifold,
+            (camera, fov),
+            self.lens,
+            self.size,
+            self.crop.clone(),
+        )
+    }
+
+    /// Hashes all that decides each frame.
+    fn keys(&self) -> Result<Vec<String>> {
+        let key = |number: usize| {
+            let mut hasher = blake3::Hasher::new();
+            hasher.update(&self.key);
+            hasher.update(format!("{:?}", self.panels(number)?).as_bytes());
+            Ok(hasher.finalize().to_hex().to_string())
+        };
+        (0..self.frames).map(key).collect()
+    }
+
+    /// Refuses frames that are there and were not drawn for this animation, and writes its keys beside them.
+    fn claim(&self, target: &AnimationTarget) -> Result<()> {
+        let Some(path) = target.keys() else {
+            return Ok(());
+        };
+        let before = match path.exists() {
+            true => read_text(&path)?.text.clone(),
+            false => String::new(),
+        };
+        let (before, keys): (Vec<&str>, _) = (before.lines().collect(), self.keys()?);
+        for (number, key) in keys.iter().enumerate() {
+            let frame = target.frame(number).filter(|frame| frame.exists());
+            if let Some(frame) = frame
+                && before.get(number).is_none_or(|before| before != key)
+            {
+                let message = "is there already, and was not drawn for this: the scene, the camera path, the size, the tracer or an option was another; remove such frames, or give another pattern";
+                return Err(Error::input(frame.display().to_string(), message));
+            }
+        }
+        write_atomically(&path, |out| {
+            out.write_all((keys.join("\n") + "\n").as_bytes())
+        })
     }
 
     /// Returns the frames for each second.
@@ -89,8 +162,9 @@ impl Animation<'_> {
         &self,
         target: &AnimationTarget,
         common: &CommonArgs,
-        mut draw: impl FnMut(&View, &Path) -> Result<()>,
+        mut draw: impl FnMut(&PicturePanels, &Path) -> Result<()>,
     ) -> Result<usize> {
+        self.claim(target)?;
         let observer = TerminalObserver::new(common)?;
         let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         let mut drawn = 0;
@@ -101,7 +175,7 @@ impl Animation<'_> {
             }
             // Files appear under their names only when they are whole.
             if !path.is_file() {
-                draw(&self.view(number), &path)?;
+                draw(&self.panels(number)?, &path)?;
                 drawn += 1;
             }
             progress.inc(1);
@@ -115,7 +189,7 @@ impl Animation<'_> {
         &self,
         output: &Path,
         common: &CommonArgs,
-        mut draw: impl FnMut(&View) -> Result<Picture>,
+        mut draw: impl FnMut(&PicturePanels) -> Result<Picture>,
     ) -> Result<usize> {
         let observer = TerminalObserver::new(common)?;
         let (mut child, mut pipe) = self.ffmpeg(output)?;
@@ -126,7 +200,7 @@ impl Animation<'_> {
                 let resume = "videos are not resumed; numbered frames are".into();
                 return Err(Error::Interrupted { resume });
             }
-            let picture = draw(&self.view(number))?;
+            let picture = draw(&self.panels(number)?)?;
             pipe.write_all(&picture.bytes()).map_err(failed)?;
             progress.inc(1);
         }
@@ -142,7 +216,7 @@ impl Animation<'_> {
 
     /// Starts ffmpeg.
     fn ffmpeg(&self, output: &Path) -> Result<(Child, ChildStdin)> {
-        let (width, height) = self.size;
+        let (width, height) = self.panels(0)?.size;
         let mut child = Command::new("ffmpeg")
             .args([
                 "-loglevel",

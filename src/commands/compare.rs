@@ -4,7 +4,7 @@
 //! (screen error of the table's paths) in a folder, and a report as text or JSON. With `--tracer
 //! local` the local view takes the table's place.
 
-use super::scenery::{SceneArgs, light_up};
+use super::scenery::{SceneArgs, light_up, refuse_idle};
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
@@ -37,12 +37,14 @@ pub struct CompareArgs {
 
 /// Compares the local view with the exact one.
 fn run_local(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
+    let remedy = "the local view interpolates between no paths; leave it out";
+    refuse_idle(&[("--error", args.scene.error.is_some(), remedy)])?;
     let mut stage = args.scene.stage(None)?;
     let view = args.scene.view(&stage)?;
     let length = stage.world.manifold.length_or(args.length)?;
     light_up(&mut stage, None, length, common)?;
     let samples = usize::from(args.scene.spp);
-    let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance)?;
+    let found = compare_local(&stage.world, &view, samples, length, args.scene.tolerance())?;
     write_pictures(&found, &args.out, "")?;
     print(&found.report, common)
 }
@@ -69,8 +71,8 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let options = CompareOptions {
         samples: usize::from(args.scene.spp),
         promise: bundle.header.plan.max_error,
-        error: args.scene.error,
-        tolerance: args.scene.tolerance,
+        error: args.scene.error(),
+        tolerance: args.scene.tolerance(),
         frames: usize::from(args.frames),
     };
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;

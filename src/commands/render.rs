@@ -10,18 +10,20 @@ use super::{
 };
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
-use geofan_bundle::Bundle;
+use geofan_bundle::{Bundle, Fan};
 use geofan_core::{Error, Result};
 use geofan_render::{
-    ExactTracer, Journey, Lookup, Stage, View, World,
+    ExactTracer, Journey, Lookup, PicturePanel, PicturePanels, ShiftedTracer, Stage, View, World,
     drawing::{Drawing, draw},
     frame::Paths,
-    picture::{self, Format, Metadata},
+    picture::{self, Format, Metadata, Picture},
     scene::PoseFile,
     shade::{Footprints, area, with_layers},
 };
+use glam::DVec3;
 use serde_json::json;
 use std::{
+    fs::File,
     path::{Path, PathBuf},
     time::Instant,
 };
@@ -46,7 +48,7 @@ pub struct RenderArgs {
     /// `[camera]` has)
     #[arg(long, value_name = "P.toml", requires = "frames")]
     camera_path: Option<PathBuf>,
-    /// The animation's frames; those that are there already are kept
+    /// The animation's frames; those that are there already are kept if they are of this animation
     #[arg(long, value_name = "N", requires = "camera_path", value_parser = clap::value_parser!(u32).range(2..))]
     frames: Option<u32>,
     /// The picture: .png or .exr (with layers); for an animation a pattern such as frame-%04d.png,
@@ -68,25 +70,72 @@ enum TracerKind {
     Path,
 }
 
+impl RenderArgs {
+    /// Returns what follows the paths.
+    fn kind(&self) -> TracerKind {
+        self.tracer.unwrap_or(match self.bundle {
+            Some(_) => TracerKind::Table,
+            None => TracerKind::Exact,
+        })
+    }
+
+    /// Refuses options that would do nothing.
+    fn refuse_idle(&self) -> Result<()> {
+        let kind = self.kind();
+        let with_table = self.bundle.is_some() && kind != TracerKind::Exact;
+        let of_path = "it is the path tracer's; give --tracer path, or leave it out";
+        let mut options: Vec<(&str, bool, &str)> = (self.path.given().into_iter())
+            .map(|(name, given)| (name, given && kind != TracerKind::Path, of_path))
+            .collect();
+        options.extend([
+            (
+                "--bundle",
+                self.bundle.is_some() && kind == TracerKind::Path,
+                "the path tracer follows every path exactly; leave it out",
+            ),
+            (
+                "--length",
+                self.length.is_some() && with_table,
+                "the paths of a bundle have their length; leave it out, or give --tracer exact",
+            ),
+            (
+                "--error",
+                self.scene.error.is_some() && kind != TracerKind::Table,
+                "only between paths of a table is interpolated; leave it out, or give --bundle",
+            ),
+            (
+                "--tolerance",
+                self.scene.tolerance.is_some() && kind == TracerKind::Local,
+                "straight lines of the chart are not integrated; leave it out",
+            ),
+        ]);
+        scenery::refuse_idle(&options)
+    }
+}
+
 /// Renders a picture or an animation.
 pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
+    args.refuse_idle()?;
     if let (Some(poses), Some(frames)) = (&args.camera_path, args.frames) {
         return animate(args, poses, frames as usize, common);
     }
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let mut stage = args.scene.stage(bundle.as_ref())?;
-    let view = args.scene.view(&stage)?;
+    let panels = args.scene.panels(&stage)?;
     if args.tracer == Some(TracerKind::Path) {
-        return path_traced::run(args, &stage, &view, common);
+        return path_traced::run(args, &stage, &panels, common);
     }
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
-    let (drawing, contract) = paths.draw(args, &stage.world, &view)?;
-    let [paths_time, shade_time] = [drawing.paths, drawing.shade].map(|time| time.as_secs_f64());
-    let figures = [drawing.flagged_share(), contract, paths_time, shade_time];
-    write(args, &stage, &view, &paths, drawing, &args.output)?;
-    print(args, paths.name(), figures, common)
+    let drawn = paths.picture(args, &stage.world, &panels)?;
+    if !drawn.shows {
+        tracing::warn!(
+            "nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives"
+        );
+    }
+    write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
+    print(args, paths.name(), (&drawn, panels.size), common)
 }
 
 /// Renders an animation.
@@ -105,18 +154,24 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
+    let camera = stage.camera(args.scene.view.as_deref())?;
     let animation = Animation {
         journey: &journey,
         frames,
-        size: args.scene.size,
+        size: args.scene.picture_size(&camera.lens),
+        crop: args.scene.crop.clone(),
+        manifold: &stage.world.manifold,
+        lens: camera.lens,
+        fisheye: camera.fov_degrees,
+        key: key(args, &stage, &paths)?,
     };
     let drawn = match &target {
-        AnimationTarget::Frames(..) => animation.write_frames(&target, common, |view, path| {
-            let (drawing, _) = paths.draw(args, &stage.world, view)?;
-            write(args, &stage, view, &paths, drawing, path)
+        AnimationTarget::Frames(..) => animation.write_frames(&target, common, |panels, path| {
+            let drawn = paths.picture(args, &stage.world, panels)?;
+            write(&stage, panels, &paths, &drawn.picture, path)
         }),
-        AnimationTarget::Video(path) => animation.write_video(path, common, |view| {
-            Ok(paths.draw(args, &stage.world, view)?.0.picture)
+        AnimationTarget::Video(path) => animation.write_video(path, common, |panels| {
+            Ok(paths.picture(args, &stage.world, panels)?.picture)
         }),
     }?;
     let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
@@ -132,6 +187,22 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         ))?;
     }
     Ok(Outcome::Done)
+}
+
+/// Hashes everything that decides the frames of an animation besides their cameras.
+fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 32]> {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&stage.world.manifold.fingerprint());
+    hasher.update(&stage.world.fingerprint());
+    let length = stage.world.manifold.length_or(args.length).ok();
+    let numbers = (args.scene.spp, args.scene.error(), args.scene.tolerance());
+    let version = env!("CARGO_PKG_VERSION");
+    hasher.update(format!("{version} {} {numbers:?} {length:?}", paths.name()).as_bytes());
+    if let Some(bundle) = &args.bundle {
+        let read = File::open(bundle).and_then(|file| hasher.update_reader(file).map(|_| ()));
+        read.map_err(|e| Error::io(bundle, e))?;
+    }
+    Ok(*hasher.finalize().as_bytes())
 }
 
 /// Computes the scene's light, followed as far as paths are in `bundle`.
@@ -168,7 +239,7 @@ impl<'b> PathSource<'b> {
             }
             (None | Some(TracerKind::Table), Some(bundle)) => {
                 let promise = 1e-3 * bundle.header.plan.max_error;
-                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance);
+                let lookup = Lookup::new(&bundle.table, promise, args.scene.tolerance());
                 Ok(Self::Table(lookup))
             }
             (Some(TracerKind::Local), Some(bundle)) => Ok(Self::Local(bundle.table.length)),
@@ -186,8 +257,45 @@ impl<'b> PathSource<'b> {
         }
     }
 
-    /// Draws the picture; returns it with the time that fixing the camera took.
-    fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
+    /// Draws the picture of all parts, with layers if the output is an EXR.
+    fn picture(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        panels: &PicturePanels,
+    ) -> Result<DrawnPanels> {
+        let mut drawn = DrawnPanels::default();
+        let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
+        for PicturePanel { view, .. } in &panels.parts {
+            let (drawing, contract) = self.draw(args, world, view, &mut fan)?;
+            drawn.contract += contract;
+            drawn.paths += drawing.paths.as_secs_f64();
+            drawn.shade += drawing.shade.as_secs_f64();
+            drawn.flagged += drawing.flagged.len() as f64;
+            samples += drawing.outcomes.len();
+            drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
+            let mut picture = drawing.picture;
+            if Format::of(&args.output) == Some(Format::Exr) {
+                picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
+                let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance());
+                picture = picture.with_float("area", area);
+            }
+            pictures.push(picture);
+        }
+        drawn.flagged /= samples as f64;
+        drawn.picture = panels.join(pictures);
+        Ok(drawn)
+    }
+
+    /// Draws the picture of one part; returns it with the time that fixing the camera took. `kept` is the fan
+    /// of the part before, and then of this one.
+    fn draw(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        view: &View,
+        kept: &mut Option<(DVec3, Fan)>,
+    ) -> Result<(Drawing, f64)> {
         let samples = usize::from(args.scene.spp);
         let by = |paths: Paths<'_>| {
             draw(
@@ -200,17 +308,29 @@ impl<'b> PathSource<'b> {
             )
         };
         match self {
+            Self::Table(lookup) if !view.is_central() => {
+                // Of all places only the camera's own can be asked for; where a ray starts outside the
+                // table's region it is integrated.
+                lookup.table.space.place(view.u)?;
+                let tracer = ShiftedTracer::new(lookup, view);
+                let budget = 1e-3 * args.scene.error();
+                Ok((by(Paths::Lattice(&tracer, budget)), 0.0))
+            }
             Self::Table(lookup) => {
                 let began = Instant::now();
-                let fan = lookup.table.fan(view.u)?;
+                let fan = match kept.take() {
+                    Some((u, fan)) if u == view.u => fan,
+                    _ => lookup.table.fan(view.u)?,
+                };
                 let contract = began.elapsed().as_secs_f64();
-                let tracer = lookup.tracer(&fan);
-                let budget = 1e-3 * args.scene.error;
-                Ok((by(Paths::Lattice(&tracer, budget)), contract))
+                let budget = 1e-3 * args.scene.error();
+                let drawing = by(Paths::Lattice(&lookup.tracer(&fan), budget));
+                *kept = Some((view.u, fan));
+                Ok((drawing, contract))
             }
             Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
             Self::Exact(length) => {
-                let tolerance = args.scene.tolerance;
+                let tolerance = args.scene.tolerance();
                 let tracer = ExactTracer::new(&world.manifold, view.u, *length, tolerance);
                 Ok((by(Paths::Exact(&tracer)), 0.0))
             }
@@ -218,43 +338,54 @@ impl<'b> PathSource<'b> {
     }
 }
 
-/// Writes a picture into `output`, with layers if it is an EXR.
+/// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.
+#[derive(Default)]
+struct DrawnPanels {
+    picture: Picture,
+    /// True if there is anything at the end of any path.
+    shows: bool,
+    flagged: f64,
+    contract: f64,
+    paths: f64,
+    shade: f64,
+}
+
+/// Writes a picture into `output`.
 fn write(
-    args: &RenderArgs,
     stage: &Stage,
-    view: &View,
+    panels: &PicturePanels,
     paths: &PathSource<'_>,
-    drawing: Drawing,
+    picture: &Picture,
     output: &Path,
 ) -> Result<()> {
-    let world = &stage.world;
-    let mut picture = drawing.picture;
-    if Format::of(output) == Some(Format::Exr) {
-        picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
-        let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
-        picture = picture.with_float("area", area);
-    }
-    picture::write(output, &picture, &metadata(stage, paths.name()))
+    picture::write(output, picture, &metadata(stage, panels, paths.name()))
 }
 
 /// Makes the notes for a picture's file.
-pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
-    Metadata::default()
+pub(super) fn metadata(stage: &Stage, panels: &PicturePanels, tracer: &str) -> Metadata {
+    let notes = Metadata::default()
         .with("command", terminal::command_line())
         .with("manifold", &stage.world.manifold.name)
         .with("tracer", tracer)
-        .with("version", env!("CARGO_PKG_VERSION"))
+        .with("version", env!("CARGO_PKG_VERSION"));
+    panels.described(notes)
 }
 
 /// Prints where the picture is and what it took; times are in seconds.
 fn print(
     args: &RenderArgs,
     tracer: &str,
-    [flagged, contract, paths, shade]: [f64; 4],
+    (drawn, (width, height)): (&DrawnPanels, (usize, usize)),
     common: &CommonArgs,
 ) -> Result<Outcome> {
     let (output, spp) = (args.output.display(), args.scene.spp);
-    let (width, height) = args.scene.size;
+    let DrawnPanels {
+        flagged,
+        contract,
+        paths,
+        shade,
+        ..
+    } = drawn;
     if common.json {
         terminal::print_json(&json!({
             "output": output.to_string(), "tracer": tracer, "width": width, "height": height,

@@ -14,11 +14,23 @@ const MOST_OF_A_STREAM: u64 = 256 << 20;
 /// The most bytes of a text that people write: manifolds, scenes, camera paths.
 const MOST_OF_A_TEXT: u64 = 64 << 20;
 
+/// The most bytes of a file that may be long, such as a mesh or a picture: more does not fit into the memory
+/// of the machines that have to show it.
+pub const MOST_OF_A_FILE: u64 = 4 << 30;
+
 /// Reads a file of at most `most` bytes whole; only its first bytes if they are not `magic`.
 ///
 /// # Errors
 /// It cannot be read, or is longer; nothing longer is read into memory.
 pub fn read_file(path: &Path, magic: &[u8], most: u64) -> Result<Vec<u8>> {
+    read_one_of(path, &[magic], most)
+}
+
+/// Reads a file of at most `most` bytes whole; only its first bytes if it begins like none of `magics`.
+///
+/// # Errors
+/// As of [`read_file`].
+pub fn read_one_of(path: &Path, magics: &[&[u8]], most: u64) -> Result<Vec<u8>> {
     let failed = |e| Error::io(path, e);
     let mut file = File::open(path).map_err(failed)?;
     let found = file.metadata().map_err(failed)?;
@@ -41,13 +53,11 @@ pub fn read_file(path: &Path, magic: &[u8], most: u64) -> Result<Vec<u8>> {
         let read = file.take(count).read_to_end(bytes);
         read.map_err(failed)
     };
-    part(&mut file, magic.len() as u64, &mut bytes)?;
-    if bytes == magic {
-        part(
-            &mut file,
-            (most - magic.len() as u64).saturating_add(1),
-            &mut bytes,
-        )?;
+    let start = magics.iter().map(|magic| magic.len()).max().unwrap_or(0) as u64;
+    part(&mut file, start, &mut bytes)?;
+    if magics.iter().any(|magic| bytes.starts_with(magic)) {
+        let rest = most.saturating_sub(start).saturating_add(1);
+        part(&mut file, rest, &mut bytes)?;
     }
     match bytes.len() as u64 > most {
         true => Err(too_long()),
@@ -83,6 +93,13 @@ mod tests {
         assert_eq!(read_file(&path, b"", 99).unwrap(), b"magic and more");
         assert_eq!(read_file(&path, b"other", 99).unwrap(), b"magic");
         assert_eq!(read_file(&path, b"magic", 13).unwrap_err().exit_code(), 2);
+        let either: [&[u8]; 2] = [b"longer magic", b"magic"];
+        assert_eq!(read_one_of(&path, &either, 14).unwrap(), b"magic and more");
+        assert_eq!(
+            read_one_of(&path, &either[..1], 14).unwrap(),
+            b"magic and mo"
+        );
+        assert_eq!(read_one_of(&path, &either, 13).unwrap_err().exit_code(), 2);
         if cfg!(unix) {
             let endless = Path::new("/dev/zero");
             assert_eq!(read_file(endless, b"magic", u64::MAX).unwrap(), [0; 5]);

@@ -107,9 +107,11 @@ impl Camera {
             events: true,
         };
         let wanted = by.length();
-        let ray = Ray::new(manifold, self.u, direction, ROOM * wanted);
+        // A wind blows light, and no camera.
+        let still = manifold.still();
+        let ray = Ray::new(&still, self.u, direction, ROOM * wanted);
         let mut way = Way { wanted, last: None };
-        follow(manifold, settings, [ray], &mut way);
+        follow(&still, settings, [ray], &mut way);
         let Some(step) = way.last else { return stay };
         let length = wanted.min(step.end);
         let turn = step.rotation(length).unwrap_or(DQuat::IDENTITY);

@@ -6,17 +6,19 @@
 //! the camera, and off by an angle that grows in proportion to the distance.
 //!
 //! Triangles are cut at a plane in front of the camera, projected and filled with a depth for every
-//! sample. In glued coordinates the scene is drawn in the periods next to the camera's too.
+//! sample; where a picture is no plane, each
+//! sample's line is intersected. In glued coordinates the scene is drawn in the periods next to the camera's
+//! too.
 
 use super::{
-    curve::Ending,
+    curve::{Cubic, Ending},
     endings::EventLocator,
     frame::Outcomes,
-    intersect::{Hit, Seen, beyond},
+    intersect::{Hit, Seen, beyond, first_hit},
     path_batch::{PathBatch, PathOrigin},
     tiles::{PixelSamples, SamplePlace},
     tracer::even_knots,
-    view::View,
+    view::{Optics, View},
     world::World,
 };
 use glam::{DMat3, DVec2, DVec3};
@@ -33,8 +35,14 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
 pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcomes {
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
-    let picture = Projection::new(world, samples.view);
     let straight = StraightLines::new(world, samples.view);
+    let mut picture = Projection::new(world, samples.view);
+    // Triangles have straight sides on a plane only.
+    let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
+    if flat && samples.view.is_central() {
+        picture.flatten();
+    }
+    let picture = &picture;
     let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
@@ -51,9 +59,14 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
             |(lines, events), (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
-                    if *slot == Seen::Nothing {
-                        let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        *slot = straight.sky(at, lines, events);
+                    let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
+                    if *slot == Seen::Nothing && samples.view.shows(at.x, at.y) {
+                        let met = if picture.is_flat {
+                            None
+                        } else {
+                            straight.met(world, at, length)
+                        };
+                        *slot = met.unwrap_or_else(|| straight.sky(at, lines, events));
                     }
                 }
             },
@@ -92,21 +105,29 @@ struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
+    /// True once all that may be met is in `triangles`.
+    is_flat: bool,
     triangles: Vec<ProjectedTriangle>,
 }
 
 impl<'w> Projection<'w> {
-    /// Projects the triangles of `world` in all periods next to the camera's.
+    /// Prepares the picture; no triangle is projected yet.
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
-        let into = axes.transpose() * world.manifold.metric(view.u);
-        let mut picture = Self {
+        Self {
             world,
             view,
             axes,
+            is_flat: false,
             triangles: Vec::new(),
-        };
+        }
+    }
+
+    /// Projects all triangles onto the picture's plane, in all periods next to the camera's.
+    fn flatten(&mut self) {
+        let (world, view) = (self.world, self.view);
+        let into = self.axes.transpose() * world.manifold.metric(view.u);
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
                 .length()
@@ -117,12 +138,12 @@ impl<'w> Projection<'w> {
             let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
                     let p = corners.map(|u| into * (u + shift - view.u));
-                    picture.project(i as u32, p, NEAR * farthest)
+                    self.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
-            picture.triangles.extend(projected.into_iter().flatten());
+            self.triangles.extend(projected.into_iter().flatten());
         }
-        picture
+        self.is_flat = true;
     }
 
     /// Projects the parts of a triangle (in the camera's axes) that lie in front of the camera.
@@ -228,10 +249,29 @@ impl<'w> StraightLines<'w> {
         }
     }
 
-    /// Finds the sky at the end of the line through the point `at` of the picture.
+    /// Returns the chart's straight line of the point `at` of the picture: its start and its tangent.
+    fn line(&self, at: DVec2) -> (DVec3, DVec3) {
+        let ray = self.view.ray(at.x, at.y);
+        let start = self.view.u + self.frame * ray.offset;
+        (start, self.frame * ray.direction)
+    }
+
+    /// Finds what that line meets within `length`.
+    fn met(&self, world: &World, at: DVec2, length: f64) -> Option<Seen> {
+        let (u, v) = self.line(at);
+        let piece = Cubic {
+            s: [0.0, length],
+            u: [u, u + v * length],
+            v: [v, v],
+        };
+        let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+        first_hit(accelerator, domain, &piece, length).map(Seen::Surface)
+    }
+
+    /// Finds the sky at the end of that line.
     fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
-        let (u, v) = (self.view.u, self.frame * direction);
+        let (u, v) = self.line(at);
         let fill = |knots: &[f64], rows: &mut [f64]| {
             let n = knots.len();
             for (k, s) in knots.iter().enumerate() {
@@ -250,8 +290,8 @@ impl<'w> StraightLines<'w> {
 
     /// Finds the surface on the line through `at` behind so many others, as far as `reach`.
     fn behind(&self, world: &World, at: DVec2, passed: usize, reach: f64) -> Option<Hit> {
-        let v = self.frame * self.view.direction(at.x, at.y);
-        let [start, end] = [0.0, reach].map(|s| self.view.u + v * s);
+        let (u, v) = self.line(at);
+        let [start, end] = [0.0, reach].map(|s| u + v * s);
         let mut from = 0.0;
         let mut found = None;
         for _ in 0..=passed {

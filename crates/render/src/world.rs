@@ -5,8 +5,9 @@
 
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
-    intersect::Hit,
+    intersect::{Hit, Seen},
     lightmap::Lightmap,
+    panels::{Part, PicturePanels},
     scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
     sky::Sky,
     view::{View, camera_point},
@@ -20,7 +21,7 @@ use geofan_core::{
     reading::read_file,
 };
 use glam::DVec3;
-use std::{path::Path, sync::Arc};
+use std::{io::Write, path::Path, sync::Arc};
 
 /// The corners of a triangle as shading needs them.
 #[derive(Debug, Clone)]
@@ -80,6 +81,8 @@ impl World {
     /// Files that cannot be read, objects outside the domain, skies of exits that do not exist.
     pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
+        let shapes = skies.iter().flatten().filter_map(Sky::warning);
+        let warnings = shapes.map(str::to_owned).collect();
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
@@ -89,7 +92,7 @@ impl World {
             lights: lights(scene, &manifold)?,
             light: None,
             clear: false,
-            warnings: Vec::new(),
+            warnings,
             manifold,
         };
         let mut triangles = Vec::new();
@@ -187,6 +190,32 @@ impl World {
             for x in map.values.iter() {
                 hasher.update(&x.to_le_bytes());
             }
+        }
+    }
+
+    /// Computes a hash of everything that can be seen: triangles, materials with their textures, lamps and
+    /// skies.
+    pub fn fingerprint(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&self.geometry_fingerprint());
+        // Of pictures a digest of their pixels is written.
+        let seen = (
+            &self.faces,
+            &self.colours,
+            &self.materials,
+            &self.lights,
+            &self.skies,
+        );
+        write!(hasher, "{seen:?}").expect("a hash takes everything");
+        *hasher.finalize().as_bytes()
+    }
+
+    /// Tells whether anything is there where a line of sight ends: a surface, or a sky that the scene gives.
+    pub fn shows(&self, seen: &Seen) -> bool {
+        match seen {
+            Seen::Surface(_) => true,
+            Seen::Sky { exit, .. } => self.skies[*exit as usize].is_some(),
+            Seen::Nothing => self.skies.last().is_some_and(Option::is_some),
         }
     }
 
@@ -474,9 +503,22 @@ impl Stage {
     /// Returns the view of a camera of this scene.
     ///
     /// # Errors
-    /// The camera is outside the domain.
+    /// The camera is outside the domain, or draws several pictures.
     pub fn view(&self, camera: &CameraEntry, size: (usize, usize)) -> Result<View> {
+        self.panels(camera, size, None)?.single()
+    }
+
+    /// Returns the parts of the picture of a camera of this scene; of `crop` alone, if there is one.
+    ///
+    /// # Errors
+    /// The camera is outside the domain, or the picture cannot be divided as its lens asks.
+    pub fn panels(
+        &self,
+        camera: &CameraEntry,
+        size: (usize, usize),
+        crop: Option<Part>,
+    ) -> Result<PicturePanels> {
         let u = camera_point(&self.world.manifold, &self.scene.source, camera)?;
-        Ok(View::new(camera, u, size))
+        PicturePanels::new(&self.world.manifold, (camera, u), size, crop)
     }
 }

@@ -8,7 +8,7 @@ use crate::picture::{self, Picture};
 use base64::Engine;
 use geofan_core::{
     error::{Error, Result},
-    reading::read_file,
+    reading::{MOST_OF_A_FILE, read_file},
 };
 use glam::DVec3;
 use gltf::{Accessor, Document, Gltf, accessor::DataType, buffer, json::validation::Checked};
@@ -107,7 +107,7 @@ impl Source {
                 .map_err(|e| format!("has damaged data: {e}"));
         }
         let path = self.path(uri);
-        let bytes = read_file(&path, &[], u64::MAX).map_err(|e| e.to_string());
+        let bytes = read_file(&path, &[], MOST_OF_A_FILE).map_err(|e| e.to_string());
         bytes.map(Cow::Owned)
     }
 

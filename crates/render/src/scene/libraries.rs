@@ -8,7 +8,7 @@ use super::{
     mtl::{Entry, entries},
     text::{decoded, joined, without_comment},
 };
-use geofan_core::reading::read_file;
+use geofan_core::reading::{MOST_OF_A_FILE, read_file};
 use std::path::{Path, PathBuf};
 
 /// The materials of all libraries of a mesh.
@@ -39,7 +39,7 @@ impl Libraries {
     }
 
     fn read(&mut self, path: &Path, warnings: &mut Vec<String>) {
-        match read_file(path, &[], u64::MAX) {
+        match read_file(path, &[], MOST_OF_A_FILE) {
             Ok(bytes) => {
                 let (name, text) = (path.display().to_string(), decoded(&bytes));
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();

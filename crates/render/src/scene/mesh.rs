@@ -15,7 +15,7 @@ use super::{
 };
 use geofan_core::{
     error::{Error, Result},
-    reading::read_file,
+    reading::{MOST_OF_A_FILE, read_file},
 };
 use glam::DVec3;
 use std::path::Path;
@@ -51,7 +51,7 @@ impl Mesh {
 
     /// Reads it as [`Mesh::load`] does, but edges are sharp that turn by more than `crease` degrees.
     pub fn load_creased(path: &Path, crease: f64) -> Result<Self> {
-        let bytes = read_file(path, &[], u64::MAX)?;
+        let bytes = read_file(path, &[], MOST_OF_A_FILE)?;
         let folder = path.parent().unwrap_or(Path::new(""));
         let name = path.display().to_string();
         match Format::of(path, &bytes)? {

@@ -2,6 +2,7 @@
 //!
 //! In: paths. Out: [`SceneFile`] and [`Mesh`], checked, with warnings for what was mended.
 
+mod camera;
 mod clip;
 mod file;
 mod formats;
@@ -29,6 +30,7 @@ mod text;
 mod texture;
 mod vertex;
 
+pub use camera::{CameraProjection, Lens, Stereo, StereoLayout};
 pub use file::{
     CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
 };

@@ -3,17 +3,26 @@
 //! In: pixels, and how a material lays them on a surface ([`Mapping`]). Out: colours and opacities at
 //! texture coordinates; colours averaged over what a sample stands for.
 
-use crate::Footprint;
+use crate::{Footprint, picture::digest};
 use glam::Vec3;
 use ndarray::{Array2, Array3};
-use std::sync::Arc;
+use std::{fmt, sync::Arc};
 
 /// A picture that repeats over the plane of texture coordinates.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Texture {
     /// Rows from the top × columns × linear red, green, blue; then the same at half the size, a
     /// quarter, … down to one pixel.
     levels: Vec<Array3<f32>>,
+}
+
+/// Writes a digest in place of the pixels.
+impl fmt::Debug for Texture {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let pixels = &self.levels[0];
+        let digest = digest(pixels.iter().copied());
+        write!(f, "Texture({:?}, {digest})", pixels.dim())
+    }
 }
 
 impl Texture {
@@ -185,12 +194,21 @@ impl TextureMap {
 }
 
 /// An opacity in [0, 1] that changes over a surface.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct OpacityMap {
     /// Rows from the top × columns.
     pub values: Arc<Array2<f32>>,
     /// How it lies on the surface.
     pub mapping: Mapping,
+}
+
+/// Writes a digest in place of the values.
+impl fmt::Debug for OpacityMap {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let digest = digest(self.values.iter().copied());
+        let (size, mapping) = (self.values.dim(), self.mapping);
+        write!(f, "OpacityMap({size:?}, {digest}, {mapping:?})")
+    }
 }
 
 impl OpacityMap {
@@ -211,6 +229,28 @@ impl OpacityMap {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn pictures_that_differ_in_one_value_are_written_unlike() {
+        let written = |last: f32| {
+            let mut colours = Array3::from_elem((90, 80, 3), 0.5);
+            let mut opacity = Array2::from_elem((90, 80), 0.5);
+            (colours[[45, 40, 1]], opacity[[45, 40]]) = (last, last);
+            let opacity = OpacityMap {
+                values: Arc::new(opacity),
+                mapping: Mapping::default(),
+            };
+            [
+                format!("{:?}", Texture::new(colours).unwrap()),
+                format!("{opacity:?}"),
+            ]
+        };
+        assert_eq!(written(0.5), written(0.5));
+        let [a, b] = [written(0.5), written(0.500_001)];
+        assert!(a[0] != b[0] && a[1] != b[1], "{a:?} {b:?}");
+        // A digest, not seven thousand numbers.
+        assert!(a.iter().all(|text| text.len() < 500), "{a:?}");
+    }
 
     fn four_colours() -> Texture {
         let rows = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];

@@ -19,6 +19,7 @@ mod stars;
 use crate::{
     filter::{Across, Footprint, LaneTaps},
     lanes::{LANES, Mask, SingleLanes, SingleVectors, set_lane, single_lane, single_vector},
+    picture::digest,
     scene::SkyEntry,
 };
 use geofan_core::error::{Error, Result};
@@ -28,6 +29,7 @@ use ndarray::Array3;
 use stars::StarField;
 use std::{
     f32::consts::{FRAC_PI_2, LOG2_E, PI, TAU},
+    fmt,
     path::Path,
 };
 
@@ -77,6 +79,14 @@ impl Sky {
         Ok(Self::Equirectangular(Equirectangular::new(
             subject, &pixels,
         )?))
+    }
+
+    /// Tells what the user should know of its picture.
+    pub fn warning(&self) -> Option<&str> {
+        match self {
+            Self::Equirectangular(image) => image.warning.as_deref(),
+            _ => None,
+        }
     }
 
     /// Returns linear light from `direction`, averaged over about `footprint` radians.
@@ -155,14 +165,40 @@ impl From<Pattern> for Sky {
 #[derive(Debug, Clone)]
 pub struct Equirectangular {
     levels: Vec<Level>,
+    /// Told if it may be no picture of the whole sphere.
+    warning: Option<String>,
 }
 
 /// One size of the picture, row by row from the top.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 struct Level {
     width: usize,
     height: usize,
     pixels: Vec<Vec3>,
+}
+
+/// Writes a digest in place of the pixels.
+impl fmt::Debug for Level {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let values = self.pixels.iter().flat_map(|pixel| pixel.to_array());
+        write!(
+            f,
+            "Level({}x{}, {})",
+            self.width,
+            self.height,
+            digest(values)
+        )
+    }
+}
+
+/// Tells of a picture that is not twice as wide as high, as those of the whole sphere are; a row or a
+/// column more or less is seen by nobody.
+fn shape_warning(subject: &str, width: usize, height: usize) -> Option<String> {
+    (width.abs_diff(2 * height) > 2).then(|| {
+        format!(
+            "{subject}: {width}x{height} is not twice as wide as high, so this may be no picture of the whole sphere; it is stretched over it, 360° from side to side and 180° from top to bottom"
+        )
+    })
 }
 
 impl Equirectangular {
@@ -188,7 +224,10 @@ impl Equirectangular {
         while let Some(half) = levels.last().and_then(Level::halved) {
             levels.push(half);
         }
-        Ok(Self { levels })
+        Ok(Self {
+            levels,
+            warning: shape_warning(subject, width, height),
+        })
     }
 
     /// Returns linear light from the unit vector `d`, averaged over about `footprint` radians.

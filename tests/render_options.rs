@@ -1,0 +1,253 @@
+//! What `geofan render` says of options that do nothing, of pictures without anything, and of work that is
+//! there already.
+
+mod support;
+
+use geofan_render::picture::read;
+use std::fs;
+use support::Place;
+
+const FLAT: &str = "name = 'flat'
+coordinates = ['x', 'y', 'z']
+metric = { conformal = '1' }
+[[exit]]
+name = 'sky'
+when = 'x^2 + y^2 + z^2 - 9'
+[cameras]
+parameters = { c = [-1, 1] }
+at = ['c', '0', '0']
+length = 8
+";
+
+const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
+
+const CAMERA: &str = "manifold = 'flat.toml'
+[camera]
+at = [0.5, 0, 0]
+look = [-1, 0, 0.1]
+up = [0, 0, 1]
+";
+
+const SKY: &str = "[sky]\nsky = { pattern = 'grid' }\n";
+
+const WAY: &str = "[[pose]]\ntime = 0\nat = [-0.5, 0, 0]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n
+[[pose]]\ntime = 1\nat = [0.5, 0, 0]\nlook = [1, 0.2, 0]\nup = [0, 0, 1]\n";
+
+fn place(rest: &str) -> Place {
+    let scene = format!("{CAMERA}{rest}");
+    let files = [
+        ("flat.toml", FLAT),
+        ("square.obj", SQUARE),
+        ("way.toml", WAY),
+        ("scene.toml", &scene),
+    ];
+    Place::with(&files)
+}
+
+/// Renders with `arguments`: the exit code and all that was said.
+fn render(place: &Place, arguments: &str) -> (i32, String) {
+    let output = assert_cmd::Command::cargo_bin("geofan")
+        .unwrap()
+        .current_dir(place.path(""))
+        .env("NO_COLOR", "1")
+        .args("render scene.toml --size 12x8".split(' '))
+        .args(arguments.split_whitespace())
+        .output()
+        .unwrap();
+    let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
+    (output.status.code().unwrap(), said.concat())
+}
+
+#[test]
+fn options_that_would_do_nothing_are_refused_with_what_to_do() {
+    let place = place(SKY);
+    place.bake("flat.toml -o flat.fan --quiet").success();
+    let refused = [
+        ("--length 5 --bundle flat.fan", "--length", "--tracer exact"),
+        (
+            "--length 5 --bundle flat.fan --tracer local",
+            "--length",
+            "--tracer exact",
+        ),
+        ("--seed 3", "--seed", "--tracer path"),
+        ("--seed 3 --bundle flat.fan", "--seed", "--tracer path"),
+        ("--time 2 --tracer local", "--time", "--tracer path"),
+        ("--resume", "--resume", "--tracer path"),
+        ("--bounces 2", "--bounces", "--tracer path"),
+        ("--error 0.1", "--error", "--bundle"),
+        (
+            "--error 0.1 --bundle flat.fan --tracer exact",
+            "--error",
+            "--bundle",
+        ),
+        (
+            "--tracer path --bundle flat.fan",
+            "--bundle",
+            "leave it out",
+        ),
+        (
+            "--tracer local --tolerance 1e-6",
+            "--tolerance",
+            "leave it out",
+        ),
+    ];
+    for (options, name, remedy) in refused {
+        let (code, said) = render(&place, &format!("{options} -o a.png"));
+        assert_eq!(code, 2, "{options}: {said}");
+        let complete =
+            said.contains(name) && said.contains("does nothing") && said.contains(remedy);
+        assert!(complete, "{options}: {said}");
+        assert!(!place.path("a.png").exists(), "{options}");
+    }
+    let heeded = [
+        "--length 5",
+        "--length 5 --bundle flat.fan --tracer exact",
+        "--error 0.1 --bundle flat.fan",
+        "--tolerance 1e-6",
+        "--tracer path --seed 3 --bounces 2",
+    ];
+    for options in heeded {
+        let (code, said) = render(&place, &format!("{options} -o a.png"));
+        assert_eq!(code, 0, "{options}: {said}");
+    }
+}
+
+#[test]
+fn a_picture_in_which_nothing_can_be_seen_is_told() {
+    let square = "[[object]]\nmesh = 'square.obj'\nat = [0, 0, -0.5]\nscale = 0.4\n";
+    for (rest, tracer, told) in [
+        ("", "exact", "nothing can be seen"),
+        ("", "local", "nothing can be seen"),
+        ("", "path", "the picture is black"),
+        (square, "path", "the picture is black"),
+        (square, "exact", ""),
+        (SKY, "exact", ""),
+        (SKY, "path", ""),
+        // The sky of paths that end by their length is never reached here.
+        (
+            "[sky]\nlength = { pattern = 'grid' }\n",
+            "exact",
+            "nothing can be seen",
+        ),
+    ] {
+        // The square is below.
+        let place = place(rest);
+        let scene = fs::read_to_string(place.path("scene.toml")).unwrap();
+        let down = scene.replace("look = [-1, 0, 0.1]", "look = [-0.6, 0, -0.5]");
+        fs::write(place.path("scene.toml"), down).unwrap();
+        let (code, said) = render(&place, &format!("--tracer {tracer} -o a.png"));
+        assert_eq!(code, 0, "{said}");
+        let warns = said.contains("nothing can be seen") || said.contains("the picture is black");
+        assert_eq!(warns, !told.is_empty(), "{rest} {tracer}: {said}");
+        assert!(said.contains(told), "{rest} {tracer}: {said}");
+    }
+}
+
+#[test]
+fn resuming_a_finished_picture_says_so_and_leaves_it_alone() {
+    let place = place(SKY);
+    let path = "--tracer path --spp 3 --resume -o a.png";
+    // Nothing to go on with: it begins.
+    let (code, said) = render(&place, path);
+    assert_eq!(code, 0, "{said}");
+    let drawn = place.bytes("a.png");
+    assert!(!place.path("a.png.passes").exists());
+    let (code, said) = render(&place, &path.replace("--spp 3", "--spp 9"));
+    assert!(code == 0 && said.contains("is finished"), "{said}");
+    assert_eq!(place.bytes("a.png"), drawn);
+    let (code, said) = render(&place, &format!("--json {path}"));
+    assert!(code == 0 && said.contains("\"finished\":true"), "{said}");
+    // Another sky or lamp makes another picture of samples that are there.
+    let (code, said) = render(&place, "--tracer path --spp 9 --time 1e-9 -o b.png");
+    assert_eq!(code, 0, "{said}");
+    let scene = format!("{CAMERA}{}", SKY.replace("grid", "stars"));
+    fs::write(place.path("scene.toml"), scene).unwrap();
+    let (code, said) = render(&place, "--tracer path --spp 9 --resume -o b.png");
+    assert!(code == 2 && said.contains("another picture"), "{said}");
+}
+
+/// Writes a sky of one colour.
+fn paint(place: &Place, colour: [u8; 3]) {
+    let sky = image::RgbImage::from_pixel(8, 4, image::Rgb(colour));
+    sky.save(place.path("sky.png")).unwrap();
+}
+
+#[test]
+fn frames_are_kept_only_if_they_are_of_the_same_animation() {
+    let place = place("[sky]\nsky = { image = 'sky.png' }\n");
+    paint(&place, [200, 40, 40]);
+    place.bake("flat.toml -o flat.fan --quiet").success();
+    let draw = |options: &str| {
+        let arguments = format!("--json --camera-path way.toml --frames 3 {options} -o f-%02d.png");
+        render(&place, &arguments)
+    };
+    let kept = |options: &str, kept: usize| {
+        let (code, said) = draw(options);
+        assert_eq!(code, 0, "{options}: {said}");
+        let count = format!("\"kept\":{kept}");
+        assert!(said.contains(&count), "{options}: {said}");
+    };
+    kept("", 0);
+    kept("", 3);
+    fs::remove_file(place.path("f-01.png")).unwrap();
+    kept("", 2);
+    let red = read(&place.path("f-01.png")).unwrap().pixel(3, 3);
+    // A comment changes nothing.
+    let scene = fs::read_to_string(place.path("scene.toml")).unwrap();
+    fs::write(place.path("scene.toml"), format!("# the same\n{scene}")).unwrap();
+    kept("", 3);
+    let refused = |options: &str| {
+        let (code, said) = draw(options);
+        let told = said.contains("f-00.png") && said.contains("was not drawn for this");
+        assert!(code == 2 && told, "{options}: {said}");
+    };
+    for options in [
+        "--spp 2",
+        "--length 7",
+        "--tolerance 1e-6",
+        "--tracer local",
+        "--bundle flat.fan",
+        "--crop 0,0,4,4",
+    ] {
+        refused(options);
+    }
+    // Another sky under the same name, another mesh, another way, another space.
+    paint(&place, [40, 40, 200]);
+    refused("");
+    paint(&place, [200, 40, 40]);
+    kept("", 3);
+    let changes = [
+        ("way.toml", "[1, 0.2, 0]", "[1, 0.3, 0]"),
+        ("flat.toml", "conformal = '1'", "conformal = '1.01'"),
+        (
+            "scene.toml",
+            "[sky]",
+            "[[object]]\nmesh = 'square.obj'\nat = [0, 0, -0.5]\nscale = 0.1\n[sky]",
+        ),
+    ];
+    for (name, from, to) in changes {
+        let text = fs::read_to_string(place.path(name)).unwrap();
+        assert!(text.contains(from));
+        fs::write(place.path(name), text.replace(from, to)).unwrap();
+        let (code, said) = draw("");
+        assert!(
+            code == 2 && said.contains("was not drawn for this"),
+            "{name}: {said}"
+        );
+        fs::write(place.path(name), text).unwrap();
+    }
+    kept("", 3);
+    // Frames of an unknown origin are nobody's.
+    fs::remove_file(place.path("f-%02d.png.keys")).unwrap();
+    refused("");
+    for number in 0..3 {
+        fs::remove_file(place.path(&format!("f-0{number}.png"))).unwrap();
+    }
+    paint(&place, [40, 40, 200]);
+    kept("", 0);
+    let blue = read(&place.path("f-01.png")).unwrap().pixel(3, 3);
+    assert!(
+        red[0] > 0.5 && red[2] < 0.1 && blue[2] > 0.5 && blue[0] < 0.1,
+        "{red:?} {blue:?}"
+    );
+}
