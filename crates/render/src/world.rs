@@ -292,7 +292,7 @@ impl World {
             return Err(self.unreachable(scene, object));
         };
         self.check_extent(scene, object, &placed.vertices)?;
-        self.warnings.extend(placed.warning);
+        self.warnings.extend(placed.warnings);
         let name = object.mesh.display().to_string();
         let corners = placed.vertices.iter().map(|(u, _)| *u);
         self.warnings
@@ -367,23 +367,28 @@ impl World {
                 "a part of the object has no place in the chart",
             ));
         }
-        for k in 0..3 {
-            let Some(period) = self.manifold.domain.period(k) else {
-                continue;
-            };
+        let times = self.times_around(vertices);
+        let copies: f64 = times.iter().map(|times| times + 1.0).product();
+        let k = DVec3::from_array(times).max_position();
+        if copies > MOST_COPIES {
+            let (times, name) = (times[k], &self.manifold.coordinates[k]);
+            return refused(format!(
+                "the object goes {times:.0} times around in `{name}`"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Computes how many times an object goes around the space in each glued coordinate; 0 in the others.
+    fn times_around(&self, vertices: &Points) -> [f64; 3] {
+        [0, 1, 2].map(|k| {
             let all = vertices.iter().map(|(u, _)| u[k]);
             let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
                 (a.min(x), b.max(x))
             });
-            let times = (most - least) / period;
-            if times > MOST_PERIODS {
-                let name = &self.manifold.coordinates[k];
-                return refused(format!(
-                    "the object goes {times:.0} times around in `{name}`"
-                ));
-            }
-        }
-        Ok(())
+            let period = self.manifold.domain.period(k);
+            period.map_or(0.0, |period| ((most - least) / period).max(0.0))
+        })
     }
 
     /// Complains about an object that cannot be placed.
@@ -442,9 +447,9 @@ fn out_of_sight(
     ))
 }
 
-/// Most times that an object may go around the space in one coordinate: each costs another search for
-/// what a ray meets.
-const MOST_PERIODS: f64 = 64.0;
+/// Most places that an object may have beside itself because it goes around the space: each costs
+/// another search for what a ray meets.
+const MOST_COPIES: f64 = 64.0;
 
 /// Largest ratio of the lengths of a standard frame's axes: of sixteen digits, four are left for
 /// directions.

@@ -46,7 +46,7 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
 /// Returns the nodes that are no children.
 fn roots(source: &Source) -> Vec<Node<'_>> {
     let children = source.document.nodes().flat_map(|n| n.children());
-    let children: Vec<usize> = children.map(|n| n.index()).collect();
+    let children: HashSet<usize> = children.map(|n| n.index()).collect();
     let nodes = source.document.nodes();
     nodes.filter(|n| !children.contains(&n.index())).collect()
 }

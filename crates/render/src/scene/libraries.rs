@@ -9,12 +9,18 @@ use super::{
     text::{decoded, joined, without_comment},
 };
 use geofan_core::reading::{MOST_OF_A_FILE, read_file};
-use std::path::{Path, PathBuf};
+use std::{
+    collections::{HashMap, HashSet},
+    path::{Path, PathBuf},
+};
 
 /// The materials of all libraries of a mesh.
 pub(super) struct Libraries {
     /// Materials with the folder of their library, in order.
     entries: Vec<(Entry, PathBuf)>,
+    /// Numbers of the last of each name, as it is written and without what may be a comment.
+    whole: HashMap<String, usize>,
+    bare: HashMap<String, usize>,
     /// The folder of the mesh.
     folder: PathBuf,
     shelf: Shelf,
@@ -25,15 +31,26 @@ impl Libraries {
     pub(super) fn load(named: &[&str], folder: &Path, warnings: &mut Vec<String>) -> Self {
         let mut libraries = Self {
             entries: Vec::new(),
+            whole: HashMap::new(),
+            bare: HashMap::new(),
             folder: folder.to_owned(),
             shelf: Shelf::default(),
         };
+        let mut seen: HashSet<&str> = HashSet::new();
+        let named = named.iter().filter(|names| seen.insert(names));
         let mut known: Vec<PathBuf> = Vec::new();
-        for path in named.iter().flat_map(|names| paths(names, folder)) {
-            if !known.contains(&path) {
-                libraries.read(&path, warnings);
-                known.push(path);
+        for path in named.flat_map(|names| paths(names, folder)) {
+            if known.contains(&path) {
+                continue;
             }
+            if known.len() == MOST_LIBRARIES {
+                warnings.push(format!(
+                    "materials of more than {MOST_LIBRARIES} libraries left out"
+                ));
+                break;
+            }
+            libraries.read(&path, warnings);
+            known.push(path);
         }
         libraries
     }
@@ -43,9 +60,12 @@ impl Libraries {
             Ok(bytes) => {
                 let (name, text) = (path.display().to_string(), decoded(&bytes));
                 let folder = path.parent().unwrap_or(Path::new("")).to_owned();
-                let found = entries(&name, &joined(&text), warnings).into_iter();
-                self.entries
-                    .extend(found.map(|entry| (entry, folder.clone())));
+                for entry in entries(&name, &joined(&text), warnings) {
+                    let (name, number) = (&entry.material.name, self.entries.len());
+                    self.whole.insert(name.clone(), number);
+                    self.bare.insert(without_comment(name).to_owned(), number);
+                    self.entries.push((entry, folder.clone()));
+                }
             }
             Err(e) => warnings.push(format!("materials left out: {e}")),
         }
@@ -54,17 +74,19 @@ impl Libraries {
     /// Returns the material called `name`, which may have a comment behind it. Of several, the last.
     pub(super) fn material(&mut self, name: &str, warnings: &mut Vec<String>) -> Option<Material> {
         let bare = without_comment(name);
-        let called = |own: fn(&str) -> &str, name: &str| {
-            let mut found = self.entries.iter();
-            found.rposition(|(entry, _)| own(&entry.material.name) == name)
-        };
-        let whole = called(|own| own, name.trim_end()).or_else(|| called(|own| own, bare));
-        let found = whole.or_else(|| called(without_comment, bare))?;
-        let (entry, folder) = &self.entries[found];
+        let whole = [name.trim_end(), bare];
+        let whole = whole.iter().find_map(|name| self.whole.get(*name));
+        let (entry, folder) = &self.entries[*whole.or_else(|| self.bare.get(bare))?];
         let folders = [folder.as_path(), &self.folder];
         Some(self.shelf.material(entry, &folders, warnings))
     }
 }
+
+/// Most libraries of a mesh, most words that stand on a line of them, and most words of a name: more are
+/// in no file that a program has written, and each is looked for.
+const MOST_LIBRARIES: usize = 64;
+const MOST_WORDS: usize = 256;
+const MOST_IN_A_NAME: usize = 16;
 
 /// Returns the files that `names` means.
 fn paths(names: &str, folder: &Path) -> Vec<PathBuf> {
@@ -72,11 +94,12 @@ fn paths(names: &str, folder: &Path) -> Vec<PathBuf> {
     if let Some(path) = located(whole, &[folder]) {
         return vec![path];
     }
-    let words: Vec<&str> = without_comment(names).split_whitespace().collect();
+    let words = without_comment(names).split_whitespace();
+    let words: Vec<&str> = words.take(MOST_WORDS).collect();
     let mut paths = Vec::new();
     let mut begin = 0;
     while begin < words.len() {
-        let ends = (begin + 1..=words.len()).rev();
+        let ends = (begin + 1..=words.len().min(begin + MOST_IN_A_NAME)).rev();
         let names = ends.map(|end| (end, words[begin..end].join(" ")));
         let found = names
             .filter_map(|(end, name)| located(name.trim_matches('"'), &[folder]).map(|p| (end, p)));

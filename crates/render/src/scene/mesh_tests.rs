@@ -244,3 +244,52 @@ fn a_line_may_go_on_after_a_backslash_and_line_numbers_stay() {
     let message = refusal(&format!("{TRIANGLE}f 1 \\\n 2 3\nf 1 2 9\n"));
     assert!(message.starts_with("a.obj:6: "), "{message}");
 }
+
+#[test]
+fn what_grows_in_a_file_takes_time_in_proportion() {
+    use std::fmt::Write;
+    let folder = tempfile::tempdir().unwrap();
+    let count = 100_000;
+    // As many materials as faces.
+    let mut text = String::from("v 0 0 0\nv 1 0 0\nv 0 1 0\n");
+    let mut library = String::new();
+    // As many words that might be libraries.
+    text += "mtllib m.mtl\nmtllib";
+    (0..count).for_each(|k| write!(text, " {k}.mtl").unwrap());
+    for k in 0..count {
+        write!(text, "\nusemtl m{k} # {k}\nf 1 2 3").unwrap();
+        write!(library, "newmtl m{k}\nKd 0.5 0 0\n").unwrap();
+    }
+    std::fs::write(folder.path().join("m.mtl"), library).unwrap();
+    let began = std::time::Instant::now();
+    let mesh = Mesh::parse("many.obj", &text, folder.path()).unwrap();
+    assert_eq!(mesh.materials.len(), count);
+    assert!(mesh.materials.iter().all(|m| m.kd == [0.5, 0.0, 0.0]));
+    // One face: a staircase with a corner in the middle of every side.
+    let mut text = String::new();
+    for k in 0..count / 4 {
+        let places = [
+            [k, k],
+            [2 * k + 1, 2 * k],
+            [k + 1, k],
+            [2 * k + 2, 2 * k + 1],
+        ];
+        for (i, [x, y]) in places.into_iter().enumerate() {
+            let half = if i % 2 == 1 { 0.5 } else { 1.0 };
+            let [x, y] = [x as f64 * half, y as f64 * half];
+            writeln!(text, "v {x} {y} 0").unwrap();
+        }
+    }
+    let end = count / 4;
+    writeln!(text, "v {end} {end} 0\nv 0 {end} 0\nf").unwrap();
+    text.truncate(text.len() - 1);
+    (1..=4 * end + 2).for_each(|k| write!(text, " {k}").unwrap());
+    let mesh = Mesh::parse("stairs.obj", &text, folder.path()).unwrap();
+    let area: f64 = (mesh.triangles.iter())
+        .map(|t| 0.5 * mesh.doubled_area(*t).z)
+        .sum();
+    let n = end as f64;
+    let known = n * (n + 1.0) / 2.0;
+    assert!((area - known).abs() < 1e-6 * known, "{area} {known}");
+    assert!(began.elapsed().as_secs() < 60, "{:?}", began.elapsed());
+}

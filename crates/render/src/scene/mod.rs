@@ -3,6 +3,7 @@
 //! In: paths. Out: [`SceneFile`] and [`Mesh`], checked, with warnings for what was mended.
 
 mod camera;
+mod clip;
 mod file;
 mod formats;
 #[cfg(feature = "gltf")]

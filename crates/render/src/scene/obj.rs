@@ -19,7 +19,7 @@ use super::{
     vertex::{Vertices, number},
 };
 use geofan_core::error::{Error, Result};
-use std::fmt::Write;
+use std::{collections::HashMap, fmt::Write};
 
 /// Vertex, texture coordinates and normal of a corner, counted from 1; 0 for none.
 type Corner = [u32; 3];
@@ -41,6 +41,8 @@ struct Face {
 pub(super) struct Obj<'a> {
     /// Names after `usemtl`, each once, with comments that may be part of them.
     pub names: Vec<&'a str>,
+    /// Their numbers.
+    numbers: HashMap<&'a str, u32>,
     /// What stands after each `mtllib`.
     pub libraries: Vec<&'a str>,
     /// What is left out.
@@ -216,12 +218,12 @@ impl<'a> Obj<'a> {
         if name.is_empty() {
             return None;
         }
-        let known = self.names.iter().rposition(|known| *known == name);
-        let number = known.unwrap_or_else(|| {
+        let next = self.names.len() as u32;
+        let number = *self.numbers.entry(name).or_insert(next);
+        if number == next {
             self.names.push(name);
-            self.names.len() - 1
-        });
-        Some(number as u32)
+        }
+        Some(number)
     }
 
     /// Returns linear red, green, blue and opacity of every vertex, if any has a colour.

@@ -9,10 +9,11 @@
 
 use super::{
     Mesh, ObjectEntry, Placement,
+    clip::clipped,
     subdivide::{Points, subdivided},
 };
 use geofan_core::{
-    geodesic::{Ray, Settings, ends, perpendiculars},
+    geodesic::{End, Ray, Settings, Sink, Step, ends, follow, perpendiculars},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -26,7 +27,7 @@ pub struct Placed<'m> {
     /// Chart point and normal covector of every vertex.
     pub vertices: Points,
     /// What the user should know about how it lies there.
-    pub warning: Option<String>,
+    pub warnings: Vec<String>,
 }
 
 /// Places `mesh` as `object` says; `None` if a geodesic that places it does not get there.
@@ -37,23 +38,37 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
             let bend = Bend::of(manifold, object, mesh, &vertices);
             Some(Placed {
                 mesh: Cow::Borrowed(mesh),
-                warning: bend.warning(object),
+                warnings: bend.warning(object).into_iter().collect(),
                 vertices,
             })
         }
         Placement::Exponential => {
             let points = |x: &[DVec3], n: &[DVec3]| exponential(manifold, object, x, n);
-            let reach = mesh.positions.iter().map(|x| x.length());
-            let radius = object.scale * reach.fold(0.0, f64::max);
-            let (mesh, vertices, left) = subdivided(manifold, mesh, radius, points)?;
             let name = object.mesh.display();
-            let warning = (left > 0).then(|| {
-                format!("{name}: {left} edges are still bent after the last subdivision allowed")
-            });
+            let mut warnings = Vec::new();
+            let (mut mesh, mut radius) = (Cow::Borrowed(mesh), radius(object, mesh));
+            let most = SPARE * reach(manifold, object, radius);
+            if radius > most {
+                mesh = Cow::Owned(clipped(&mesh, most / object.scale));
+                let left = if mesh.triangles.is_empty() {
+                    "all of it"
+                } else {
+                    "what is beyond"
+                };
+                warnings.push(format!(
+                    "{name}: reaches {radius:.3e} from its middle, far beyond the space; clipped at {most:.3e}, {left} is left out"
+                ));
+                radius = self::radius(object, &mesh);
+            }
+            let (mesh, vertices, left) = subdivided(manifold, mesh, radius, points)?;
+            if left > 0 {
+                let note = "edges are still bent after the last subdivision allowed";
+                warnings.push(format!("{name}: {left} {note}"));
+            }
             Some(Placed {
                 mesh,
                 vertices,
-                warning,
+                warnings,
             })
         }
     }
@@ -65,6 +80,64 @@ fn linear(manifold: &Manifold, object: &ObjectEntry, x: &[DVec3], n: &[DVec3]) -
     let covector = axes.inverse().transpose();
     let place = |(x, n): (&DVec3, &DVec3)| (object.at + axes * *x * object.scale, covector * *n);
     x.iter().zip(n).map(place).collect()
+}
+
+/// Returns how far the vertices of a mesh are from its middle, at most, once it is scaled.
+fn radius(object: &ObjectEntry, mesh: &Mesh) -> f64 {
+    let reach = mesh.positions.iter().map(|x| x.length());
+    object.scale * reach.fold(0.0, f64::max)
+}
+
+/// An object is clipped at this many times the farthest that geodesics get from its middle: cameras stand
+/// elsewhere, and between the geodesics that are followed the space may go on.
+const SPARE: f64 = 2.0;
+
+/// Steps after which a geodesic from an object's middle has gone far enough: those of pictures take some
+/// hundred. To go as far with every vertex of a mesh must not take for ever.
+const MOST_STEPS: usize = 4096;
+
+/// Finds how far geodesics get from the object's middle before they leave the space, at most `radius` and
+/// the length of the space's paths.
+fn reach(manifold: &Manifold, object: &ObjectEntry, radius: f64) -> f64 {
+    let length = manifold.length.map_or(radius, |l| l.min(radius));
+    let at = object.at;
+    let events = manifold
+        .domain
+        .events()
+        .at(&[at.x, at.y, at.z, 0.0, 0.0, 0.0]);
+    let settings = Settings {
+        tolerance: TOLERANCE,
+        carried: Carried::default(),
+        // The middle of an object may be beyond an exit, and a part of it not.
+        events: events.iter().all(|event| *event <= 0.0),
+    };
+    let steps = [-1.0, 0.0, 1.0];
+    let planes = steps.map(|x| steps.map(|y| steps.map(|z| DVec3::new(x, y, z))));
+    let ways = planes.into_iter().flatten().flatten();
+    let ways = ways.filter_map(DVec3::try_normalize);
+    let rays = ways.map(|d| Ray::new(manifold, object.at, d, length));
+    let mut sink = ReachSink {
+        reached: vec![(0.0, 0); 26],
+    };
+    follow(manifold, settings, rays, &mut sink);
+    sink.reached.iter().fold(0.0, |most, (s, _)| most.max(*s))
+}
+
+/// Keeps how far rays have come, and in how many steps.
+struct ReachSink {
+    reached: Vec<(f64, usize)>,
+}
+
+impl Sink for ReachSink {
+    fn step(&mut self, ray: usize, step: &Step) {
+        self.reached[ray] = (step.end, self.reached[ray].1 + 1);
+    }
+
+    fn wants_more(&self, ray: usize) -> bool {
+        self.reached[ray].1 < MOST_STEPS
+    }
+
+    fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}
 }
 
 /// Tolerance of the geodesics that carry exponentially placed vertices.

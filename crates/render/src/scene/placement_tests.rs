@@ -42,7 +42,7 @@ fn exponential_placement_keeps_distances_from_the_middle_and_makes_edges_geodesi
     let (s3, mesh) = (sphere(), square());
     let object = object(Placement::Exponential, 0.7);
     let placed = place(&s3, &object, &mesh).unwrap();
-    assert!(placed.warning.is_none());
+    assert!(placed.warnings.is_empty());
     assert!(
         placed.mesh.triangles.len() > 16,
         "{}",
@@ -89,19 +89,20 @@ fn normals_stay_perpendicular_to_the_surface() {
 #[test]
 fn a_linear_placement_that_bends_lines_is_warned_about_with_the_angle() {
     let (s3, mesh) = (sphere(), square());
-    let warning = place(&s3, &object(Placement::Linear, 0.7), &mesh)
+    let warnings = place(&s3, &object(Placement::Linear, 0.7), &mesh)
         .unwrap()
-        .warning
-        .unwrap();
+        .warnings;
     assert!(
-        warning.contains("bends edges by up to") && warning.contains('°'),
-        "{warning}"
+        warnings.len() == 1
+            && warnings[0].contains("bends edges by up to")
+            && warnings[0].contains('°'),
+        "{warnings:?}"
     );
     assert!(
         place(&s3, &object(Placement::Linear, 0.01), &mesh)
             .unwrap()
-            .warning
-            .is_none()
+            .warnings
+            .is_empty()
     );
 }
 

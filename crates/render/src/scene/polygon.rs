@@ -9,6 +9,7 @@
 
 use earcut::Earcut;
 use glam::{DVec2, DVec3};
+use std::collections::HashMap;
 
 /// Corners of a triangle as numbers of the face's corners.
 type Triangle = [u32; 3];
@@ -166,6 +167,7 @@ fn insert_skipped(corners: usize, triangles: &mut Vec<Triangle>) {
     let Some(start) = used.iter().position(|used| *used) else {
         return;
     };
+    let mut sides = HashMap::new();
     let mut from = start;
     for step in 1..=corners {
         let to = (start + step) % corners;
@@ -174,27 +176,46 @@ fn insert_skipped(corners: usize, triangles: &mut Vec<Triangle>) {
         }
         let skipped = (to + corners - from - 1) % corners;
         if skipped > 0 {
+            if sides.is_empty() {
+                sides = sides_of(triangles);
+            }
             let between = (1..=skipped).map(|k| ((from + k) % corners) as u32);
-            split_side([from as u32, to as u32], between, triangles);
+            split_side([from as u32, to as u32], between, (triangles, &mut sides));
         }
         from = to;
     }
+}
+
+/// Triangles by their sides, each from one corner to the next.
+type Sides = HashMap<[u32; 2], usize>;
+
+fn sides_of(triangles: &[Triangle]) -> Sides {
+    let numbered = triangles.iter().enumerate();
+    let sides = numbered.flat_map(|(i, &[a, b, c])| [([a, b], i), ([b, c], i), ([c, a], i)]);
+    sides.collect()
 }
 
 /// Cuts the triangle at a side by the points on it.
 fn split_side(
     [from, to]: [u32; 2],
     between: impl Iterator<Item = u32>,
-    triangles: &mut Vec<Triangle>,
+    (triangles, sides): (&mut Vec<Triangle>, &mut Sides),
 ) {
-    let tip = |t: &Triangle| (0..3).find(|k| t[*k] == from && t[(k + 1) % 3] == to);
-    let found = triangles.iter().enumerate();
-    let found = found.filter_map(|(i, t)| tip(t).map(|k| (i, t[(k + 2) % 3])));
-    let Some((index, tip)) = found.into_iter().next() else {
+    let Some(&index) = sides.get(&[from, to]) else {
+        return;
+    };
+    let Some(tip) = triangles[index]
+        .into_iter()
+        .find(|c| ![from, to].contains(c))
+    else {
         return;
     };
     let mut last = from;
     for point in between {
+        // The side of the first part that the triangle had.
+        if last == from {
+            sides.insert([tip, from], triangles.len());
+        }
         triangles.push([tip, last, point]);
         last = point;
     }

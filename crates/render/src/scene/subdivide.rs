@@ -32,11 +32,10 @@ const MOST_TRIANGLES: usize = 4_000_000;
 /// is the object's, in the metric; `place` turns mesh points and normals into [`Points`], or fails.
 pub(super) fn subdivided<'m>(
     manifold: &Manifold,
-    mesh: &'m Mesh,
+    mut mesh: Cow<'m, Mesh>,
     radius: f64,
     place: impl Fn(&[DVec3], &[DVec3]) -> Option<Points>,
 ) -> Option<(Cow<'m, Mesh>, Points, usize)> {
-    let mut mesh = Cow::Borrowed(mesh);
     let mut vertices = place(&mesh.positions, &mesh.normals)?;
     let mut fate: HashMap<Edge, Fate> = HashMap::new();
     let departures = |middles: &Middles, vertices: &Points| -> Option<Vec<f64>> {
