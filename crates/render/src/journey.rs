@@ -53,6 +53,7 @@ impl Journey {
     /// # Errors
     /// A pose outside the domain, or two that no geodesic was found between.
     pub fn new(manifold: &Manifold, file: &PoseFile) -> Result<Self> {
+        let manifold = &*manifold.still();
         let points = file
             .poses
             .iter()

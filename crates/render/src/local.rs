@@ -19,14 +19,20 @@ use super::{
     view::View,
     world::World,
 };
+use geofan_core::manifold::LocalFrame;
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
-/// Returns `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards).
+/// Returns `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards). In a
+/// wind, which has blown light off on its way, where it is seen.
 pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
     let axes = view.camera().axes(&world.manifold);
-    axes.transpose() * world.manifold.metric(view.u) * (u - view.u)
+    let (g, local) = (
+        world.manifold.metric(view.u),
+        world.manifold.local_frame(view.u),
+    );
+    axes.transpose() * g * local.toward(g, u - view.u)
 }
 
 /// Finds what `samples` see along straight lines, followed over `length` to the skies.
@@ -91,8 +97,8 @@ struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
-    /// The standard frame at the camera.
-    frame: DMat3,
+    /// The observer at the camera.
+    local: LocalFrame,
     triangles: Vec<ProjectedTriangle>,
 }
 
@@ -101,12 +107,14 @@ impl<'w> Projection<'w> {
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
-        let into = axes.transpose() * world.manifold.metric(view.u);
+        let g = world.manifold.metric(view.u);
+        let local = world.manifold.local_frame(view.u);
+        let into = axes.transpose() * g;
         let mut picture = Self {
             world,
             view,
             axes,
-            frame: world.manifold.standard_frame(view.u),
+            local,
             triangles: Vec::new(),
         };
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
@@ -118,7 +126,7 @@ impl<'w> Projection<'w> {
             let triangles = world.accelerator.triangles().par_iter().enumerate();
             let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
-                    let p = corners.map(|u| into * (u + shift - view.u));
+                    let p = corners.map(|u| into * local.toward(g, u + shift - view.u));
                     picture.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
@@ -199,7 +207,8 @@ impl<'w> Projection<'w> {
         let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
         let u = a + (b - a) * weights.x + (c - a) * weights.y;
         let way = u - self.view.u;
-        let s = (self.axes.inverse() * way).length();
+        let g = self.world.manifold.metric(self.view.u);
+        let s = (self.axes.inverse() * self.local.toward(g, way)).length();
         Seen::Surface(Hit {
             s: s as f32,
             v: (way / s).as_vec3(),
@@ -211,7 +220,7 @@ impl<'w> Projection<'w> {
     /// Finds the sky at the end of the chart's straight line through the point `at` of the picture.
     fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
-        let (u, v) = (self.view.u, self.frame * direction);
+        let (u, v) = (self.view.u, self.local.tangent(direction));
         let fill = |knots: &[f64], rows: &mut [f64]| {
             let n = knots.len();
             for (k, s) in knots.iter().enumerate() {

@@ -12,7 +12,7 @@ use super::{
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
-    manifold::{Carried, Manifold, Observer},
+    manifold::{Carried, LocalFrame, Manifold},
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -72,7 +72,7 @@ pub(super) fn refine_each<T: GridTracer + ?Sized>(
 pub struct ExactTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    observer: Observer,
+    local: LocalFrame,
     length: f64,
     tolerance: f64,
 }
@@ -87,7 +87,7 @@ impl<'m> ExactTracer<'m> {
         Self {
             manifold,
             u,
-            observer: manifold.observer(u),
+            local: manifold.local_frame(u),
             length,
             tolerance,
         }
@@ -104,7 +104,7 @@ impl ExactTracer<'_> {
         };
         let rays = directions.iter().map(|&d| Ray {
             u: self.u,
-            v: self.observer.tangent(d),
+            v: self.local.tangent(d),
             length: self.length,
             spread: [DVec3::ZERO; 2],
         });
@@ -116,7 +116,7 @@ impl ExactTracer<'_> {
                     (
                         vec![0.0],
                         vec![self.u],
-                        vec![self.observer.tangent(d)],
+                        vec![self.local.tangent(d)],
                         Ending::Nowhere,
                     )
                 })
@@ -196,7 +196,7 @@ fn cubic_count(step: &Step) -> usize {
 pub struct FixedTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    observer: Observer,
+    local: LocalFrame,
     knots: Arc<[f64]>,
 }
 
@@ -206,7 +206,7 @@ impl<'m> FixedTracer<'m> {
         Self {
             manifold,
             u,
-            observer: manifold.observer(u),
+            local: manifold.local_frame(u),
             knots: even_knots(length, steps),
         }
     }
@@ -220,7 +220,7 @@ impl GridTracer for FixedTracer<'_> {
     fn add(&self, directions: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch) {
         let rays: Vec<_> = directions
             .iter()
-            .map(|&d| (self.u, self.observer.tangent(d)))
+            .map(|&d| (self.u, self.local.tangent(d)))
             .collect();
         let steps = self.knots.len() - 1;
         let paths = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);

@@ -46,6 +46,8 @@ pub struct PointLight {
 pub struct World {
     /// The manifold.
     pub manifold: Arc<Manifold>,
+    /// The same with light followed from lamps into the future.
+    pub lamplight: Arc<Manifold>,
     /// The triangles in chart coordinates.
     pub accelerator: Accelerator,
     /// One for each triangle.
@@ -73,6 +75,10 @@ impl World {
     /// Files that cannot be read, objects outside the domain, skies of exits that do not exist.
     pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
+        let lamplight = match manifold.has_wind() {
+            true => Arc::new(manifold.forward()?.into_owned()),
+            false => manifold.clone(),
+        };
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
@@ -81,6 +87,7 @@ impl World {
             lights: lights(scene, &manifold)?,
             light: None,
             warnings: Vec::new(),
+            lamplight,
             manifold,
         };
         let mut triangles = Vec::new();

@@ -19,7 +19,7 @@ const FOCUSED: f64 = 1e-3;
 /// The conjugate points of `path`, which must be the path of `ray`, in order; empty when frame or
 /// deviation was not carried.
 pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64> {
-    let d = manifold.observer(ray.u).direction(ray.v);
+    let d = manifold.local_frame(ray.u).direction(ray.v);
     let across = perpendiculars(d.normalize());
     let mut found = Vec::new();
     // J⊥/s at the start.

@@ -3,7 +3,7 @@
 //! The area of a unit solid angle is `|det J⊥|`; a displacement `e` looks like the angle `|δ|` with
 //! `J δ = e`. Displacements are taken in the standard frame at the point.
 
-use crate::manifold::Observer;
+use crate::manifold::LocalFrame;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 /// Two unit vectors perpendicular to the unit vector `d`, so that (d, e₁, e₂) is right-handed.
@@ -49,16 +49,16 @@ impl JacobiField {
         }
     }
 
-    /// The same as `observer` sees it where there is a wind. A displacement is moved along the path into
+    /// The same as `local` sees it where there is a wind. A displacement is moved along the path into
     /// the wave front, the plane across the direction of sight in which neighbours of equal time lie.
     /// Where the path nearly runs within the wave front, it is measured across the path instead.
-    pub fn seen_by(observer: &Observer, v: DVec3, j: [DVec3; 2]) -> Self {
-        let inverse = observer.frame.inverse();
-        if observer.wind.is_none() {
+    pub fn seen_by(local: &LocalFrame, v: DVec3, j: [DVec3; 2]) -> Self {
+        let inverse = local.frame.inverse();
+        if local.wind.is_none() {
             return Self::new(inverse, v, j);
         }
         let path = inverse * v;
-        let across = match front(inverse * observer.sight(v), path) {
+        let across = match front(inverse * local.sight(v), path) {
             Some(across) => across,
             None => perpendiculars(path.normalize_or(DVec3::Z)),
         };
@@ -132,11 +132,11 @@ fn looks_like(m: DMat2, e: DVec2, least: f64) -> f64 {
 }
 
 /// The area by which a unit solid angle has spread, with the sign of [`JacobiField::signed_area`]: in the
-/// wave front, from the tangent `v` and deviations `j` (chart components) at `observer`.
-pub fn signed_area(observer: &Observer, v: DVec3, j: [DVec3; 2]) -> f64 {
-    let inverse = observer.frame.inverse();
-    let n = inverse * observer.sight(v);
-    let across = match observer.wind {
+/// wave front, from the tangent `v` and deviations `j` (chart components) at `local`.
+pub fn signed_area(local: &LocalFrame, v: DVec3, j: [DVec3; 2]) -> f64 {
+    let inverse = local.frame.inverse();
+    let n = inverse * local.sight(v);
+    let across = match local.wind {
         None => None,
         Some(_) => front(n, inverse * v),
     };

@@ -31,6 +31,7 @@ pub struct Placed<'m> {
 
 /// Places `mesh` as `object` says; `None` if a geodesic that places it does not get there.
 pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> Option<Placed<'m>> {
+    let manifold = &*manifold.still();
     match object.placement {
         Placement::Linear => {
             let vertices = linear(manifold, object, &mesh.positions, &mesh.normals);
