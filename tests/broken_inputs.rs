@@ -260,8 +260,13 @@ fn a_camera_where_the_metric_breaks_down_is_refused() {
         .replacing("m.toml", r#"{ conformal = "1" }"#, metric)
         .replacing("m.toml", r#"["c", "0", "0"]"#, r#"["c", "1", "0"]"#);
     let zero = "at = [0.0, 0.0, 0.0]\nlook";
-    case.replacing("scene.toml", "at = [3.0, 0.0, 0.0]\nlook", zero)
-        .refused(&["scene.toml:3:6"]);
+    case.replacing(
+        "scene.toml",
+        "at = [0.0, 0.0, 0.0]\n[sky]",
+        "at = [1.0, 0.0, 0.0]\n[sky]",
+    )
+    .replacing("scene.toml", "at = [3.0, 0.0, 0.0]\nlook", zero)
+    .refused(&["scene.toml:3:6"]);
 }
 
 #[test]

@@ -326,12 +326,12 @@ fn a_spacetime_is_what_its_slices_are_and_what_observers_at_rest_make_of_it() {
         "metric = {{ {entries} }}\nshift = {shift:?}\nlapse = '{lapse}'"
     ));
     let lower = |a: &str, b: &str, c: &str| format!("({a})*s1 + ({b})*s2 + ({c})*s3");
-    let spacetime = |locals: &str| {
+    let spacetime = |observers: &str| {
         let [xx, yy, zz, xy] = ["1.3 + 0.1*sin(y)", "1.1", "1 + 0.2*cos(x)", "0.1*z"];
         let (tx, ty, tz) = (lower(xx, xy, "0"), lower(xy, yy, "0"), lower("0", "0", zz));
         manifold(&format!(
             "[let]\ns1 = '{}'\ns2 = '{}'\ns3 = '{}'\ntx = '{tx}'\nty = '{ty}'\ntz = '{tz}'
-            [spacetime]\nobservers = '{locals}'\ntt = 'tx*s1 + ty*s2 + tz*s3 - ({lapse})^2'
+            [spacetime]\nobservers = '{observers}'\ntt = 'tx*s1 + ty*s2 + tz*s3 - ({lapse})^2'
             tx = 'tx'\nty = 'ty'\ntz = 'tz'\n{}",
             shift[0],
             shift[1],

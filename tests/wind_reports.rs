@@ -57,7 +57,7 @@ fn a_wind_needs_a_metric_that_is_positive() {
 
 #[test]
 fn spacetimes_without_observers_are_refused() {
-    let schwarzschild = |locals: &str, x: f64| {
+    let schwarzschild = |observers: &str, x: f64| {
         format!(
             "[let]\nf = '2/sqrt(x^2 + y^2 + z^2)'\n[spacetime]\nobservers = '{observers}'\ntt = 'f - 1'
 tx = 'f*x*f/2'\nty = 'f*y*f/2'\ntz = 'f*z*f/2'

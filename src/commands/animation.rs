@@ -4,8 +4,12 @@
 //! `frame-%04d.png`, those already there left alone; or one video, when ffmpeg can be run.
 
 use crate::terminal::{CommonArgs, ProgressDisplay, TerminalObserver};
-use geofan_core::{Error, Observer, Result};
-use geofan_render::{Journey, View, picture::Picture};
+use geofan_core::{Error, Observer, Result, manifold::Manifold};
+use geofan_render::{
+    Journey, Part, PicturePanels,
+    picture::Picture,
+    scene::{CameraProjection, Lens},
+};
 use std::{
     io::Write,
     path::{Path, PathBuf},
@@ -68,14 +72,33 @@ pub struct Animation<'a> {
     pub frames: usize,
     /// Size of the pictures.
     pub size: (usize, usize),
+    /// Part of them that is drawn.
+    pub crop: Option<Part>,
+    /// The space.
+    pub manifold: &'a Manifold,
+    /// Projection, eyes and crop.
+    pub lens: Lens,
+    /// The angle of view of a fisheye, degrees; others have their poses'.
+    pub fisheye: f64,
 }
 
 impl Animation<'_> {
-    /// Returns the view of a frame.
-    fn view(&self, number: usize) -> View {
+    /// Divides the picture of a frame.
+    fn panels(&self, number: usize) -> Result<PicturePanels> {
         let [from, to] = self.journey.interval();
         let share = number as f64 / (self.frames - 1) as f64;
-        self.journey.view(from + (to - from) * share, self.size)
+        let (camera, fov) = self.journey.pose(from + (to - from) * share);
+        let fov = match self.lens.projection {
+            CameraProjection::Fisheye => self.fisheye,
+            _ => fov,
+        };
+        PicturePanels::through(
+            self.manifold,
+            (camera, fov),
+            self.lens,
+            self.size,
+            self.crop.clone(),
+        )
     }
 
     /// Returns the frames for each second.
@@ -89,7 +112,7 @@ impl Animation<'_> {
         &self,
         target: &AnimationTarget,
         common: &CommonArgs,
-        mut draw: impl FnMut(&View, &Path) -> Result<()>,
+        mut draw: impl FnMut(&PicturePanels, &Path) -> Result<()>,
     ) -> Result<usize> {
         let observer = TerminalObserver::new(common)?;
         let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
@@ -101,7 +124,7 @@ impl Animation<'_> {
             }
             // Files appear under their names only when they are whole.
             if !path.is_file() {
-                draw(&self.view(number), &path)?;
+                draw(&self.panels(number)?, &path)?;
                 drawn += 1;
             }
             progress.inc(1);
@@ -115,7 +138,7 @@ impl Animation<'_> {
         &self,
         output: &Path,
         common: &CommonArgs,
-        mut draw: impl FnMut(&View) -> Result<Picture>,
+        mut draw: impl FnMut(&PicturePanels) -> Result<Picture>,
     ) -> Result<usize> {
         let observer = TerminalObserver::new(common)?;
         let (mut child, mut pipe) = self.ffmpeg(output)?;
@@ -126,7 +149,7 @@ impl Animation<'_> {
                 let resume = "videos are not resumed; numbered frames are".into();
                 return Err(Error::Interrupted { resume });
             }
-            let picture = draw(&self.view(number))?;
+            let picture = draw(&self.panels(number)?)?;
             pipe.write_all(&picture.bytes()).map_err(failed)?;
             progress.inc(1);
         }
@@ -142,7 +165,7 @@ impl Animation<'_> {
 
     /// Starts ffmpeg.
     fn ffmpeg(&self, output: &Path) -> Result<(Child, ChildStdin)> {
-        let (width, height) = self.size;
+        let (width, height) = self.panels(0)?.size;
         let mut child = Command::new("ffmpeg")
             .args([
                 "-loglevel",

@@ -9,11 +9,12 @@ use clap::Args;
 use geofan_core::{Error, Observer, Result};
 use geofan_light::path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings};
 use geofan_render::{
-    ExactTracer, Stage, View,
+    ExactTracer, PicturePanel, PicturePanels, Stage, View,
     frame::{Paths, offsets, trace},
     picture::{self, Format, Precision, write_exr},
     shade::with_layers,
 };
+use glam::DVec3;
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -44,7 +45,12 @@ const BETWEEN_CHECKPOINTS: Duration = Duration::from_secs(60);
 const MEASURED_SIDE: usize = 160;
 
 /// Renders a picture by path tracing.
-pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -> Result<Outcome> {
+pub fn run(
+    args: &RenderArgs,
+    stage: &Stage,
+    panels: &PicturePanels,
+    common: &CommonArgs,
+) -> Result<Outcome> {
     let length = stage.world.manifold.length_or(args.length)?;
     let settings = PathTracerSettings {
         seed: args.path.seed,
@@ -55,20 +61,21 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
     };
     let checkpoint = Checkpoint {
         path: passes_file(&args.output),
-        key: key(args, stage, view, settings),
+        key: key(args, stage, panels, settings),
     };
     let mut film = match args.path.resume {
-        true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, view.size)?,
-        false => PassAccumulator::new(view.size),
+        true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, panels.size)?,
+        false => PassAccumulator::new(panels.size),
     };
-    let tracer = PathTracer::new(&stage.world, view, settings);
+    let tracers = PanelTracers::new(stage, panels, settings);
+    let view = &panels.parts[0].view;
     // Before and after, so that both rates are of the same machine under the same load.
     let exact_before = exact_speed(args, stage, view, length);
     let began = Instant::now();
     let passes = u64::from(args.scene.spp);
-    let complete = accumulate(args, &tracer, &mut film, passes, &checkpoint, common)?;
+    let complete = accumulate(args, &tracers, &mut film, passes, &checkpoint, common)?;
     let seconds = began.elapsed().as_secs_f64();
-    write(args, stage, view, &film, length)?;
+    write(args, stage, panels, &film, length)?;
     match complete {
         true if checkpoint.path.exists() => {
             std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
@@ -78,7 +85,7 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
     }
     let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length));
     let output = args.output.display().to_string();
-    let (spp, rays, (width, height)) = (film.passes(), tracer.rays(), view.size);
+    let (spp, rays, (width, height)) = (film.passes(), tracers.rays(), panels.size);
     let speed = rays as f64 / seconds;
     if common.json {
         // Rays: geodesics from the camera, from surfaces, and all that were tried to find those that connect
@@ -97,6 +104,48 @@ pub fn run(args: &RenderArgs, stage: &Stage, view: &View, common: &CommonArgs) -
     Ok(Outcome::Done)
 }
 
+/// One tracer for each part of a picture.
+struct PanelTracers<'a> {
+    panels: &'a PicturePanels,
+    tracers: Vec<PathTracer<'a>>,
+}
+
+impl<'a> PanelTracers<'a> {
+    /// Prepares the tracers of all parts.
+    fn new(stage: &'a Stage, panels: &'a PicturePanels, settings: PathTracerSettings) -> Self {
+        let mut tracers: Vec<PathTracer<'a>> = Vec::new();
+        let mut before = 0;
+        for PicturePanel { view, .. } in &panels.parts {
+            let tracer = match tracers.first() {
+                Some(first) => first.through(view, before),
+                None => PathTracer::new(&stage.world, view, settings),
+            };
+            before += (view.size.0 * view.size.1) as u64;
+            tracers.push(tracer);
+        }
+        Self { panels, tracers }
+    }
+
+    /// Returns the number of geodesics followed so far.
+    fn rays(&self) -> u64 {
+        self.tracers.first().map_or(0, PathTracer::rays)
+    }
+
+    /// Renders one sample of every pixel of the whole picture as radiance; `None` if `stop` said so.
+    fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
+        let (width, height) = self.panels.size;
+        let mut all = vec![DVec3::ZERO; width * height];
+        for (tracer, PicturePanel { view, at }) in self.tracers.iter().zip(&self.panels.parts) {
+            let light = tracer.pass(number, &stop)?;
+            for (row, line) in light.chunks_exact(view.size.0).enumerate() {
+                let start = (at.1 + row) * width + at.0;
+                all[start..start + line.len()].copy_from_slice(line);
+            }
+        }
+        Some(all)
+    }
+}
+
 /// The file of passes and the key of the picture that it must belong to.
 struct Checkpoint {
     path: PathBuf,
@@ -106,7 +155,7 @@ struct Checkpoint {
 /// Adds passes until there are enough (then true) or the time is up.
 fn accumulate(
     args: &RenderArgs,
-    tracer: &PathTracer<'_>,
+    tracers: &PanelTracers<'_>,
     film: &mut PassAccumulator,
     passes: u64,
     checkpoint: &Checkpoint,
@@ -118,7 +167,7 @@ fn accumulate(
     let began = Instant::now();
     let mut saved = Instant::now();
     while film.passes() < passes {
-        let pass = tracer.pass(film.passes(), || observer.cancelled());
+        let pass = tracers.pass(film.passes(), || observer.cancelled());
         let Some(pass) = pass else {
             film.save(&checkpoint.path, &checkpoint.key)?;
             return Err(Error::Interrupted {
@@ -151,12 +200,17 @@ fn passes_file(output: &Path) -> PathBuf {
 }
 
 /// Hashes everything that decides the passes.
-fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: PathTracerSettings) -> [u8; 32] {
+fn key(
+    args: &RenderArgs,
+    stage: &Stage,
+    panels: &PicturePanels,
+    settings: PathTracerSettings,
+) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     hasher.update(&stage.world.manifold.fingerprint());
     hasher.update(&stage.world.geometry_fingerprint());
     hasher.update(stage.scene.source.text.as_bytes());
-    hasher.update(format!("{settings:?} {view:?} {:?}", args.scene.view).as_bytes());
+    hasher.update(format!("{settings:?} {panels:?} {:?}", args.scene.view).as_bytes());
     *hasher.finalize().as_bytes()
 }
 
@@ -164,19 +218,26 @@ fn key(args: &RenderArgs, stage: &Stage, view: &View, settings: PathTracerSettin
 fn write(
     args: &RenderArgs,
     stage: &Stage,
-    view: &View,
+    panels: &PicturePanels,
     film: &PassAccumulator,
     length: f64,
 ) -> Result<()> {
     let picture = film.picture();
-    let notes = metadata(stage, "path").with("samples", film.passes().to_string());
+    let notes = metadata(stage, panels, "path").with("samples", film.passes().to_string());
     if Format::of(&args.output) != Some(Format::Exr) {
         return picture::write(&args.output, &picture, &notes);
     }
-    let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
-    let traced = trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1));
-    let picture = with_layers(picture, &stage.world, traced.outcomes.view(), &[]);
-    write_exr(&args.output, &picture, &notes, Precision::Float)
+    let world = &stage.world;
+    let layered = |(number, PicturePanel { view, .. }): (usize, &PicturePanel)| {
+        let tracer = ExactTracer::new(&world.manifold, view.u, length, args.scene.tolerance);
+        let traced = trace(world, view, Paths::Exact(&tracer), &offsets(1));
+        let part = panels.cut(&picture, number);
+        with_layers(part, world, traced.outcomes.view(), &[])
+    };
+    let mut layers = panels.join(panels.parts.iter().enumerate().map(layered).collect());
+    // Those of the film, such as its variance, come first.
+    layers.layers.splice(0..0, picture.layers);
+    write_exr(&args.output, &layers, &notes, Precision::Float)
 }
 
 /// Measures the camera rays of the exact tracer for each second: of the same view and length, at the same
@@ -185,8 +246,7 @@ fn exact_speed(args: &RenderArgs, stage: &Stage, view: &View, length: f64) -> f6
     let longer = view.size.0.max(view.size.1);
     let scaled = |n: usize| (n * MEASURED_SIDE / longer).clamp(1, n);
     let size = (scaled(view.size.0), scaled(view.size.1));
-    let fov = 2.0 * (0.5 * view.size.0 as f64 * view.pixel_angle()).atan();
-    let small = View::of_camera(&view.camera(), fov.to_degrees(), size);
+    let small = view.resized(size);
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, args.scene.tolerance);
     let samples = offsets(view.size.0.div_ceil(size.0));
     let began = Instant::now();

@@ -10,16 +10,17 @@ use super::{
 };
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
-use geofan_bundle::Bundle;
+use geofan_bundle::{Bundle, Fan};
 use geofan_core::{Error, Result};
 use geofan_render::{
-    ExactTracer, Journey, Lookup, Stage, View, World,
+    ExactTracer, Journey, Lookup, PicturePanel, PicturePanels, ShiftedTracer, Stage, View, World,
     drawing::{Drawing, draw},
     frame::Paths,
-    picture::{self, Format, Metadata},
+    picture::{self, Format, Metadata, Picture},
     scene::PoseFile,
     shade::{Footprints, area, with_layers},
 };
+use glam::DVec3;
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -76,17 +77,15 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
     let mut stage = args.scene.stage(bundle.as_ref())?;
-    let view = args.scene.view(&stage)?;
+    let panels = args.scene.panels(&stage)?;
     if args.tracer == Some(TracerKind::Path) {
-        return path_traced::run(args, &stage, &view, common);
+        return path_traced::run(args, &stage, &panels, common);
     }
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
-    let (drawing, contract) = paths.draw(args, &stage.world, &view)?;
-    let [paths_time, shade_time] = [drawing.paths, drawing.shade].map(|time| time.as_secs_f64());
-    let figures = [drawing.flagged_share(), contract, paths_time, shade_time];
-    write(args, &stage, &view, &paths, drawing, &args.output)?;
-    print(args, paths.name(), figures, common)
+    let drawn = paths.picture(args, &stage.world, &panels)?;
+    write(&stage, &panels, &paths, &drawn.picture, &args.output)?;
+    print(args, paths.name(), (&drawn, panels.size), common)
 }
 
 /// Renders an animation.
@@ -105,18 +104,23 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     let paths = PathSource::new(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
+    let camera = stage.camera(args.scene.view.as_deref())?;
     let animation = Animation {
         journey: &journey,
         frames,
-        size: args.scene.size,
+        size: args.scene.picture_size(&camera.lens),
+        crop: args.scene.crop.clone(),
+        manifold: &stage.world.manifold,
+        lens: camera.lens,
+        fisheye: camera.fov_degrees,
     };
     let drawn = match &target {
-        AnimationTarget::Frames(..) => animation.write_frames(&target, common, |view, path| {
-            let (drawing, _) = paths.draw(args, &stage.world, view)?;
-            write(args, &stage, view, &paths, drawing, path)
+        AnimationTarget::Frames(..) => animation.write_frames(&target, common, |panels, path| {
+            let drawn = paths.picture(args, &stage.world, panels)?;
+            write(&stage, panels, &paths, &drawn.picture, path)
         }),
-        AnimationTarget::Video(path) => animation.write_video(path, common, |view| {
-            Ok(paths.draw(args, &stage.world, view)?.0.picture)
+        AnimationTarget::Video(path) => animation.write_video(path, common, |panels| {
+            Ok(paths.picture(args, &stage.world, panels)?.picture)
         }),
     }?;
     let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
@@ -186,8 +190,44 @@ impl<'b> PathSource<'b> {
         }
     }
 
-    /// Draws the picture; returns it with the time that fixing the camera took.
-    fn draw(&self, args: &RenderArgs, world: &World, view: &View) -> Result<(Drawing, f64)> {
+    /// Draws the picture of all parts, with layers if the output is an EXR.
+    fn picture(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        panels: &PicturePanels,
+    ) -> Result<DrawnPanels> {
+        let mut drawn = DrawnPanels::default();
+        let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
+        for PicturePanel { view, .. } in &panels.parts {
+            let (drawing, contract) = self.draw(args, world, view, &mut fan)?;
+            drawn.contract += contract;
+            drawn.paths += drawing.paths.as_secs_f64();
+            drawn.shade += drawing.shade.as_secs_f64();
+            drawn.flagged += drawing.flagged.len() as f64;
+            samples += drawing.outcomes.len();
+            let mut picture = drawing.picture;
+            if Format::of(&args.output) == Some(Format::Exr) {
+                picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
+                let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
+                picture = picture.with_float("area", area);
+            }
+            pictures.push(picture);
+        }
+        drawn.flagged /= samples as f64;
+        drawn.picture = panels.join(pictures);
+        Ok(drawn)
+    }
+
+    /// Draws the picture of one part; returns it with the time that fixing the camera took. `kept` is the fan
+    /// of the part before, and then of this one.
+    fn draw(
+        &self,
+        args: &RenderArgs,
+        world: &World,
+        view: &View,
+        kept: &mut Option<(DVec3, Fan)>,
+    ) -> Result<(Drawing, f64)> {
         let samples = usize::from(args.scene.spp);
         let by = |paths: Paths<'_>| {
             draw(
@@ -200,13 +240,25 @@ impl<'b> PathSource<'b> {
             )
         };
         match self {
+            Self::Table(lookup) if !view.is_central() => {
+                // Of all places only the camera's own can be asked for; where a ray starts outside the
+                // table's region it is integrated.
+                lookup.table.space.place(view.u)?;
+                let tracer = ShiftedTracer::new(lookup, view);
+                let budget = 1e-3 * args.scene.error;
+                Ok((by(Paths::Lattice(&tracer, budget)), 0.0))
+            }
             Self::Table(lookup) => {
                 let began = Instant::now();
-                let fan = lookup.table.fan(view.u)?;
+                let fan = match kept.take() {
+                    Some((u, fan)) if u == view.u => fan,
+                    _ => lookup.table.fan(view.u)?,
+                };
                 let contract = began.elapsed().as_secs_f64();
-                let tracer = lookup.tracer(&fan);
                 let budget = 1e-3 * args.scene.error;
-                Ok((by(Paths::Lattice(&tracer, budget)), contract))
+                let drawing = by(Paths::Lattice(&lookup.tracer(&fan), budget));
+                *kept = Some((view.u, fan));
+                Ok((drawing, contract))
             }
             Self::Local(length) => Ok((by(Paths::Straight(*length)), 0.0)),
             Self::Exact(length) => {
@@ -218,43 +270,52 @@ impl<'b> PathSource<'b> {
     }
 }
 
-/// Writes a picture into `output`, with layers if it is an EXR.
+/// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.
+#[derive(Default)]
+struct DrawnPanels {
+    picture: Picture,
+    flagged: f64,
+    contract: f64,
+    paths: f64,
+    shade: f64,
+}
+
+/// Writes a picture into `output`.
 fn write(
-    args: &RenderArgs,
     stage: &Stage,
-    view: &View,
+    panels: &PicturePanels,
     paths: &PathSource<'_>,
-    drawing: Drawing,
+    picture: &Picture,
     output: &Path,
 ) -> Result<()> {
-    let world = &stage.world;
-    let mut picture = drawing.picture;
-    if Format::of(output) == Some(Format::Exr) {
-        picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
-        let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
-        picture = picture.with_float("area", area);
-    }
-    picture::write(output, &picture, &metadata(stage, paths.name()))
+    picture::write(output, picture, &metadata(stage, panels, paths.name()))
 }
 
 /// Makes the notes for a picture's file.
-pub(super) fn metadata(stage: &Stage, tracer: &str) -> Metadata {
-    Metadata::default()
+pub(super) fn metadata(stage: &Stage, panels: &PicturePanels, tracer: &str) -> Metadata {
+    let notes = Metadata::default()
         .with("command", terminal::command_line())
         .with("manifold", &stage.world.manifold.name)
         .with("tracer", tracer)
-        .with("version", env!("CARGO_PKG_VERSION"))
+        .with("version", env!("CARGO_PKG_VERSION"));
+    panels.described(notes)
 }
 
 /// Prints where the picture is and what it took; times are in seconds.
 fn print(
     args: &RenderArgs,
     tracer: &str,
-    [flagged, contract, paths, shade]: [f64; 4],
+    (drawn, (width, height)): (&DrawnPanels, (usize, usize)),
     common: &CommonArgs,
 ) -> Result<Outcome> {
     let (output, spp) = (args.output.display(), args.scene.spp);
-    let (width, height) = args.scene.size;
+    let DrawnPanels {
+        flagged,
+        contract,
+        paths,
+        shade,
+        ..
+    } = drawn;
     if common.json {
         terminal::print_json(&json!({
             "output": output.to_string(), "tracer": tracer, "width": width, "height": height,

@@ -5,7 +5,9 @@ use clap::Args;
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, diagnostic::Diagnostic, geodesic::check_point};
 use geofan_light::cache::{self, LightmapSource};
-use geofan_render::{Stage, View, picture::Format};
+use geofan_render::{
+    Part, PicturePanels, Stage, View, camera_point, picture::Format, scene::Lens, usual_size,
+};
 use std::path::{Path, PathBuf};
 
 /// Names a scene, one of its cameras, and how finely to look.
@@ -16,9 +18,12 @@ pub struct SceneArgs {
     /// The camera: the name of one of the scene's views [default: its main camera]
     #[arg(long, value_name = "NAME")]
     pub view: Option<String>,
-    /// Picture size
-    #[arg(long, value_name = "WxH", default_value = "1280x720", value_parser = values::picture_size)]
-    pub size: (usize, usize),
+    /// Picture size, of both eyes together [default: 1280x720, or what suits the projection]
+    #[arg(long, value_name = "WxH", value_parser = values::picture_size)]
+    pub size: Option<(usize, usize)>,
+    /// Draw only this part of the picture, in pixels from its upper left corner [default: the camera's]
+    #[arg(long, value_name = "X,Y,W,H", value_parser = part)]
+    pub crop: Option<Part>,
     /// Samples for each pixel
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=4096))]
     pub spp: u16,
@@ -55,18 +60,47 @@ impl SceneArgs {
         Ok(stage)
     }
 
-    /// Returns the view that the options ask for.
+    /// Returns the view that the options ask for, by a camera that draws one picture.
     pub fn view(&self, stage: &Stage) -> Result<View> {
+        self.panels(stage)?.single()
+    }
+
+    /// Returns the parts of the picture that the options ask for.
+    pub fn panels(&self, stage: &Stage) -> Result<PicturePanels> {
         let camera = stage.camera(self.view.as_deref())?;
-        let view = stage.view(camera, self.size)?;
+        let (source, manifold) = (&stage.scene.source, &stage.world.manifold);
+        let u = camera_point(manifold, source, camera)?;
         // The domain does not say where the metric breaks down.
-        match check_point(&stage.world.manifold, "the camera", view.u) {
-            Err(fault) => {
-                let (source, span) = (&stage.scene.source, camera.position_span.clone());
-                Err(Diagnostic::new(source, span, fault.to_string()).into())
-            }
-            Ok(()) => Ok(view),
+        if let Err(fault) = check_point(manifold, "the camera", u) {
+            let span = camera.position_span.clone();
+            return Err(Diagnostic::new(source, span, fault.to_string()).into());
         }
+        let size = self.picture_size(&camera.lens);
+        let panels = stage.panels(camera, size, self.crop.clone())?;
+        if let Some(warning) = panels.warning() {
+            tracing::warn!("{warning}");
+        }
+        Ok(panels)
+    }
+
+    /// Returns the size of a picture by `lens`.
+    pub fn picture_size(&self, lens: &Lens) -> (usize, usize) {
+        self.size.unwrap_or_else(|| usual_size(lens))
+    }
+}
+
+/// Reads the part of a picture: `x,y,width,height` in pixels.
+fn part(text: &str) -> std::result::Result<Part, String> {
+    let wrong = || format!("`{text}` is not a part of a picture: write x,y,width,height in pixels");
+    let numbers = text.split(',').map(|n| n.trim().parse::<u32>());
+    let numbers: Vec<u32> = numbers
+        .collect::<std::result::Result<_, _>>()
+        .map_err(|_| wrong())?;
+    let [x, y, width, height] = numbers.try_into().map_err(|_| wrong())?;
+    let range = |start: u32, length: u32| start as usize..start as usize + length as usize;
+    match width > 0 && height > 0 {
+        true => Ok((range(x, width), range(y, height))),
+        false => Err("a part of a picture needs at least one pixel".into()),
     }
 }
 

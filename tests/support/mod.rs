@@ -3,8 +3,11 @@
 // Each test uses a part of it.
 #![allow(dead_code, unused_imports)]
 
+#[path = "../../crates/core/tests/support/mod.rs"]
+mod manifolds;
 mod place;
 
+pub use manifolds::{manifold, settings};
 pub use place::Place;
 
 use geofan_bundle::rays::Axis;
@@ -34,25 +37,6 @@ pub fn asset(name: &str) -> Manifold {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
     let path = format!("{folder}/{name}.toml");
     Manifold::load(path.as_ref(), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
-
-/// The manifold of a file with this text after its name and the coordinates x, y, z.
-pub fn manifold(text: &str) -> Manifold {
-    let text = format!("name = 'test'\ncoordinates = ['x', 'y', 'z']\n{text}");
-    Manifold::from_source(SourceText::new("test.toml", text), &[])
-        .unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
-
-/// Settings that carry everything.
-pub fn settings(tolerance: f64, events: bool) -> Settings {
-    Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events,
-    }
 }
 
 /// A random point of the domain: a camera of the region moved by the manifold's symmetry, so that it

@@ -162,9 +162,20 @@ impl Header {
 
     /// Rebuilds the manifold from the embedded text; `file` is named in complaints about it.
     pub(crate) fn manifold(&self, file: &str) -> Result<Arc<Manifold>, Error> {
+        self.manifold_with(file, &[]).map(Arc::new)
+    }
+
+    /// Rebuilds the manifold from its text, with its parameters but for those that `settings` replace.
+    ///
+    /// # Errors
+    /// `settings` has a parameter that the manifold does not have, or the manifold does not work with it.
+    pub fn manifold_with(&self, file: &str, settings: &[(String, f64)]) -> Result<Manifold, Error> {
         let name = format!("{file}: manifold text");
         let source = SourceText::new(name, self.manifold.text.clone());
-        Manifold::from_source(source, &self.manifold.parameters).map(Arc::new)
+        let own = self.manifold.parameters.iter();
+        let kept = own.filter(|(name, _)| settings.iter().all(|(set, _)| set != name));
+        let all: Vec<(String, f64)> = kept.chain(settings).cloned().collect();
+        Manifold::from_source(source, &all)
     }
 
     /// Checks that plan and cameras are those of `space`, the rays of the embedded manifold.

@@ -11,7 +11,7 @@ use std::{fmt, ops::Range, sync::Arc};
 /// A text file as it was read, kept so that errors found later can quote it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SourceText {
-    /// What the user calls the file: its path, or `<bundle>` for embedded text.
+    /// The user's name of the file: its path, or `<bundle>` for embedded text.
     pub name: String,
     /// The whole text.
     pub text: String,
@@ -46,11 +46,11 @@ pub struct Diagnostic {
     pub source: Arc<SourceText>,
     /// Byte range in `source.text`; may be empty.
     pub span: Range<usize>,
-    /// What is wrong, one line, no final stop.
+    /// The fault, in one line, no final stop.
     pub message: String,
-    /// What to say beside the underlined text; may be empty.
+    /// Words beside the underlined text; may be empty.
     pub label: String,
-    /// What the user can do.
+    /// Advice to the user.
     pub hint: Option<String>,
 }
 

@@ -80,7 +80,7 @@ impl<'d> Item<'d> {
         Diagnostic::new(self.source, self.span.clone(), message)
     }
 
-    /// What TOML calls its type.
+    /// Returns TOML's name of its type.
     pub fn type_name(&self) -> &'static str {
         self.value.type_str()
     }
@@ -202,7 +202,7 @@ impl<'d> Item<'d> {
         self.as_table().ok_or_else(|| self.wrong_type("a table"))
     }
 
-    /// Whether the value is a table.
+    /// Returns whether the value is a table.
     pub fn is_table(&self) -> bool {
         self.value.is_table()
     }

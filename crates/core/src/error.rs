@@ -14,7 +14,7 @@ pub enum Error {
     Input {
         /// The file, flag or thing at fault.
         subject: String,
-        /// What was wrong and what to do.
+        /// The fault, and advice to the user.
         message: String,
     },
     /// The machine could not do it: unreadable file, full disk.
@@ -22,13 +22,13 @@ pub enum Error {
     Environment {
         /// The file concerned.
         path: String,
-        /// What the operating system said.
+        /// The operating system's answer.
         source: io::Error,
     },
     /// Stopped by the user; what was done is kept and can be resumed.
     #[error("interrupted; {resume}")]
     Interrupted {
-        /// How to go on.
+        /// Advice on how to go on.
         resume: String,
     },
 }

@@ -1,10 +1,10 @@
-//! Exact derivatives of graphs, as new nodes of the same graph.
+//! Exact derivatives of graphs, as new nodes of the same graph, and where they jump.
 //!
 //! In: a node and the rates of the inputs along some direction. Out: the node's rate along it
 //! (forward-mode automatic differentiation, carried out once on the graph instead of at every
 //! point). Applied twice it gives second derivatives.
 //!
-//! # At kinks
+//! # Where branches meet
 //!
 //! Where the two sides of `abs`, `min`, `max` or `if` meet, the derivative is one-sided: that of the
 //! branch whose value is taken there, never an average.
@@ -16,7 +16,7 @@
 //! | `if(a < b, p, q)`, `if(a > b, p, q)` | `a = b` | `q'` |
 //! | `if(a <= b, p, q)`, `if(a >= b, p, q)` | `a = b` | `p'` |
 //!
-//! Only the branch taken counts, even where the other one is not finite. [`Graph::kinks`] names the
+//! Only the branch taken counts, even where the other one is not finite. [`Graph::switching_functions`] names the
 //! functions that vanish at these places, because a variation of a path jumps there.
 
 use super::graph::{Binary, Graph, Node, NodeId, Unary};
@@ -200,5 +200,62 @@ impl Graph {
         let log = self.unary(Unary::Log, a);
         let by_exponent = self.mul(value, log);
         self.mul_add(by_exponent, db, by_base)
+    }
+
+    /// Returns the switching functions of `roots`, each once: they vanish where `abs`, `min`, `max`, `if`,
+    /// `floor` or `atan2` below those nodes change their branch (the argument of `abs`, the difference of what
+    /// the others compare, the sine of π times the argument of `floor`, the first argument of `atan2`). Their signs mean nothing.
+    pub fn switching_functions(&mut self, roots: &[NodeId]) -> Vec<NodeId> {
+        let mut found = Vec::new();
+        for node in self.below(roots) {
+            let function = match node {
+                Node::Unary(Unary::Abs, a) => a,
+                Node::Binary(
+                    Binary::Min | Binary::Max | Binary::Less | Binary::LessEqual,
+                    a,
+                    b,
+                ) => self.sub(a.min(b), a.max(b)),
+                // The cut lies at `a = 0` where `b < 0`; elsewhere on it nothing happens.
+                Node::Binary(Binary::Atan2, a, _) => a,
+                Node::Unary(Unary::Floor, a) => {
+                    let pi = self.constant(std::f64::consts::PI);
+                    let turns = self.mul(pi, a);
+                    self.unary(Unary::Sin, turns)
+                }
+                _ => continue,
+            };
+            if !found.contains(&function) {
+                found.push(function);
+            }
+        }
+        found
+    }
+
+    /// Returns all nodes that `roots` depend on, themselves included, the latest first.
+    fn below(&self, roots: &[NodeId]) -> Vec<Node> {
+        let reached = self.reached_from(roots);
+        let ids = (0..self.len()).rev().filter(|id| reached[*id]);
+        ids.map(|id| self.node(NodeId(id as u32))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_switching_function_is_found_once_and_smooth_parts_have_none() {
+        let mut graph = Graph::new();
+        let (x, y) = (graph.input(0), graph.input(1));
+        let least = graph.binary(Binary::Min, x, y);
+        let most = graph.binary(Binary::Max, y, x);
+        let size = graph.unary(Unary::Abs, x);
+        let sine = graph.unary(Unary::Sin, y);
+        let sum = graph.add(least, size);
+        let difference = graph.sub(x, y);
+        let found = graph.switching_functions(&[sum, most, sine]);
+        assert_eq!(found.len(), 2);
+        assert!(found.contains(&difference) && found.contains(&x));
+        assert!(graph.switching_functions(&[sine]).is_empty());
     }
 }

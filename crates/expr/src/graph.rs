@@ -56,7 +56,7 @@ pub enum Binary {
     LessEqual,
 }
 
-/// What a node computes.
+/// A node of the graph: the operation it stands for, with its operands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Node {
     /// A number, by its bits so that it can be hashed.
@@ -146,7 +146,7 @@ impl Graph {
         Self::default()
     }
 
-    /// What `id` computes.
+    /// Returns the operation of `id` with its operands.
     pub fn node(&self, id: NodeId) -> Node {
         self.nodes[id.0 as usize]
     }
@@ -171,7 +171,7 @@ impl Graph {
         self.nodes.len()
     }
 
-    /// Whether nothing has been made yet.
+    /// Returns whether nothing has been made yet.
     pub fn is_empty(&self) -> bool {
         self.nodes.is_empty()
     }
@@ -203,7 +203,7 @@ impl Graph {
         }
     }
 
-    /// Whether `id` is the constant `value`.
+    /// Returns whether `id` is the constant `value`.
     pub fn is(&self, id: NodeId, value: f64) -> bool {
         self.value(id) == Some(value)
     }

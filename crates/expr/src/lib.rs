@@ -7,8 +7,6 @@
 mod derivative;
 mod graph;
 mod kernels;
-mod kinks;
-mod lexer;
 pub mod parse;
 pub mod real;
 pub mod spelling;

@@ -1,25 +1,22 @@
-//! Expression text -> graph nodes, by precedence climbing.
+//! Expression text -> tokens with byte spans -> graph nodes, by precedence climbing.
 //!
 //! In: the text and a [`Scope`] of names. Out: a [`Parsed`] node, or an [`ExpressionError`] with the
 //! byte span at fault. `^` binds tighter than unary minus and is
 //! right-associative, so `-2^2` is −4 and `2^-1` is ½.
 
-use super::{
-    graph::{Binary, Graph, NodeId, Unary},
-    lexer::{Token, tokens},
-};
+use super::graph::{Binary, Graph, NodeId, Unary};
 use crate::spelling::nearest;
 use std::{collections::HashMap, ops::Range};
 
-/// What is wrong with an expression, and where in its text.
+/// A fault of an expression, with its place in the text.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
 pub struct ExpressionError {
     /// Bytes of the expression's text.
     pub span: Range<usize>,
-    /// What is wrong.
+    /// The fault, in one line.
     pub message: String,
-    /// What to do.
+    /// Advice to the user.
     pub hint: Option<String>,
     /// The name that means nothing here, if that is what is wrong.
     pub unknown: Option<String>,
@@ -42,12 +39,12 @@ impl ExpressionError {
     }
 }
 
-/// What a name stands for.
+/// The meaning of a name.
 #[derive(Debug, Clone, Copy)]
 pub struct Binding {
     /// The node.
     pub node: NodeId,
-    /// Whether the node uses the components of the tangent, directly or through other names.
+    /// Set if the node uses the components of the tangent, directly or through other names.
     pub uses_tangent: bool,
 }
 
@@ -73,7 +70,7 @@ impl Scope {
         self.names.insert(name.into(), binding);
     }
 
-    /// Whether `name` stands for something of its own.
+    /// Returns whether `name` stands for something of its own.
     pub fn knows(&self, name: &str) -> bool {
         self.names.contains_key(name)
     }
@@ -103,6 +100,131 @@ pub struct Parsed {
     pub node: NodeId,
     /// Where it first names something that depends on the tangent.
     pub tangent_use: Option<Range<usize>>,
+}
+
+/// A word of the language: operators, brackets, names and numbers.
+#[derive(Debug, Clone, PartialEq)]
+enum Token {
+    Number(f64),
+    Name(String),
+    Plus,
+    Minus,
+    Star,
+    Slash,
+    Caret,
+    Open,
+    Close,
+    Comma,
+    Less,
+    LessEqual,
+    Greater,
+    GreaterEqual,
+    End,
+}
+
+impl Token {
+    /// Returns `true` for `< <= > >=`.
+    fn compares(&self) -> bool {
+        use Token::{Greater, GreaterEqual, Less, LessEqual};
+        matches!(self, Less | LessEqual | Greater | GreaterEqual)
+    }
+}
+
+/// Reads all tokens of `text`, the last of which is [`Token::End`].
+fn tokens(text: &str) -> Result<Vec<(Token, Range<usize>)>, ExpressionError> {
+    let mut found = Vec::new();
+    let mut at = 0;
+    while let Some(c) = text[at..].chars().next() {
+        if c.is_whitespace() {
+            at += c.len_utf8();
+            continue;
+        }
+        let (token, length) = token(&text[at..], c, at)?;
+        found.push((token, at..at + length));
+        at += length;
+    }
+    found.push((Token::End, at..at));
+    Ok(found)
+}
+
+/// Reads the token that `rest` starts with: (token, its length in bytes).
+fn token(rest: &str, first: char, at: usize) -> Result<(Token, usize), ExpressionError> {
+    if first.is_ascii_digit() || first == '.' {
+        return number(rest, at);
+    }
+    if first.is_alphabetic() || first == '_' {
+        let length = rest
+            .find(|c: char| !c.is_alphanumeric() && c != '_')
+            .unwrap_or(rest.len());
+        return Ok((Token::Name(rest[..length].to_string()), length));
+    }
+    let wide = rest[first.len_utf8()..].starts_with('=');
+    Ok(match first {
+        '+' => (Token::Plus, 1),
+        '-' => (Token::Minus, 1),
+        '*' if rest.starts_with("**") => {
+            return Err(ExpressionError::new(at..at + 2, "`**` is not an operator")
+                .hint("write powers with `^`"));
+        }
+        '*' => (Token::Star, 1),
+        '/' => (Token::Slash, 1),
+        '^' => (Token::Caret, 1),
+        '(' => (Token::Open, 1),
+        ')' => (Token::Close, 1),
+        ',' => (Token::Comma, 1),
+        '<' if wide => (Token::LessEqual, 2),
+        '<' => (Token::Less, 1),
+        '>' if wide => (Token::GreaterEqual, 2),
+        '>' => (Token::Greater, 1),
+        _ => return Err(stray(first, at)),
+    })
+}
+
+/// Makes the error for a character that no token starts with.
+fn stray(c: char, at: usize) -> ExpressionError {
+    let hint = match c {
+        '=' => "only `<`, `<=`, `>` and `>=` compare, inside `if(…)`",
+        '[' | ']' | '{' | '}' => "group with round brackets",
+        _ => "an expression has numbers, names, `+ - * / ^`, brackets and commas",
+    };
+    ExpressionError::new(at..at + c.len_utf8(), format!("unexpected character `{c}`")).hint(hint)
+}
+
+/// Reads a decimal number with optional fraction and exponent.
+fn number(rest: &str, at: usize) -> Result<(Token, usize), ExpressionError> {
+    let bytes = rest.as_bytes();
+    let digits = |from: usize| {
+        bytes[from..]
+            .iter()
+            .take_while(|b| b.is_ascii_digit())
+            .count()
+    };
+    let mut end = digits(0);
+    if bytes.get(end) == Some(&b'.') {
+        end += 1 + digits(end + 1);
+    }
+    if matches!(bytes.get(end), Some(b'e' | b'E')) {
+        let sign = usize::from(matches!(bytes.get(end + 1), Some(b'+' | b'-')));
+        let exponent = digits((end + 1 + sign).min(bytes.len()));
+        if exponent > 0 {
+            end += 1 + sign + exponent;
+        }
+    }
+    // `1.2.3` is one mistake, not two numbers.
+    if bytes.get(end) == Some(&b'.') {
+        let more = bytes[end..].iter();
+        end += more
+            .take_while(|b| b.is_ascii_digit() || **b == b'.')
+            .count();
+    }
+    match rest[..end].parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok((Token::Number(value), end)),
+        Ok(_) => Err(
+            ExpressionError::new(at..at + end, "this number is too large")
+                .hint("numbers go up to about 1.8e308"),
+        ),
+        Err(_) => Err(ExpressionError::new(at..at + end, "this is not a number")),
+    }
 }
 
 /// The deepest nesting of brackets, calls, signs and powers; keeps the recursion well inside the
@@ -137,7 +259,7 @@ const BINARY: [(&str, Binary); 3] = [
     ("max", Binary::Max),
 ];
 
-/// Whether `name` is a function of the language and so cannot be declared.
+/// Returns whether `name` is a function of the language and so cannot be declared.
 pub fn is_function(name: &str) -> bool {
     name == "if" || UNARY.iter().any(|(n, _)| *n == name) || BINARY.iter().any(|(n, _)| *n == name)
 }

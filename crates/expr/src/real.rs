@@ -18,7 +18,7 @@ use fearless_simd::{Simd, SimdFloat, SimdFloatElement, f32x16, f64x8};
 use std::fmt::Debug;
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
-use super::kernels::{exponential, inverse, logarithm, trigonometric};
+use super::kernels::{exponential, trigonometric};
 
 /// A floating-point number with elementary functions that vectorise.
 ///
@@ -53,7 +53,7 @@ pub trait Real:
     fn from_f64(x: f64) -> Self;
     /// The nearest number of this type.
     fn from_i32(x: i32) -> Self;
-    /// The same number, exactly.
+    /// Converts to double precision, exactly.
     fn to_f64(self) -> f64;
     /// `yes` where the mask holds, else `no`; both are computed.
     fn select(mask: bool, yes: Self, no: Self) -> Self;
@@ -172,11 +172,11 @@ macro_rules! implement_real {
             }
             #[inline(always)]
             fn pow(self, exponent: Self) -> Self {
-                logarithm::pow(self, exponent)
+                exponential::pow(self, exponent)
             }
             #[inline(always)]
             fn atan2(self, x: Self) -> Self {
-                inverse::atan2(self, x)
+                trigonometric::atan2(self, x)
             }
             $($(
                 #[inline(always)]
@@ -189,10 +189,8 @@ macro_rules! implement_real {
     ($float:ident, $vector:ident, from_f64: $from_f64:expr, to_f64: $to_f64:expr) => {
         implement_real! {
             $float, $vector, from_f64: $from_f64, to_f64: $to_f64, kernels:
-            exponential { exp sinh cosh tanh }
-            logarithm { ln asinh acosh atanh }
-            trigonometric { sin cos tan }
-            inverse { asin acos atan }
+            exponential { exp sinh cosh tanh ln asinh acosh atanh }
+            trigonometric { sin cos tan asin acos atan }
         }
     };
 }

@@ -1,6 +1,6 @@
-//! Which known name a misspelt one was meant to be.
+//! Guesses the known name that a misspelt one was meant to be.
 
-/// The one of `known` that looks most like `name`, if any is close and shares a letter with it.
+/// Finds the one of `known` that looks most like `name`, if any is close and shares a letter with it.
 pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<String> {
     let length = name.chars().count();
     known
@@ -13,7 +13,7 @@ pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<S
         .map(|(_, k)| k.to_string())
 }
 
-/// What to do about an unknown `name`: take the known one that it looks like, or else any of them.
+/// Advises on an unknown `name`: names the known one that it looks like, or else all of them.
 pub fn suggestion(name: &str, known: &[&str]) -> String {
     match nearest(name, known.iter().copied()) {
         Some(near) => format!("did you mean `{near}`?"),

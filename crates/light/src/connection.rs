@@ -32,6 +32,8 @@ pub struct Connection {
     /// The area by which a unit solid angle at the start has spread at the end; negative after an
     /// odd number of caustics.
     pub area: f64,
+    /// The share of light that surfaces on the way let through.
+    pub through: f64,
 }
 
 /// Says which two points to connect, and where to begin.
@@ -236,6 +238,7 @@ impl ShootingState {
             v,
             spread,
             local,
+            through,
         }) = ray
         else {
             return None;
@@ -253,6 +256,7 @@ impl ShootingState {
             u,
             v,
             area: signed_area(&local, v, columns),
+            through,
         };
         let step = limited(least_squares(slope, miss, s), s);
         Some((tried, miss.length(), step))

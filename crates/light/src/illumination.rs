@@ -24,7 +24,7 @@ use rayon::prelude::*;
 pub const MOST_GAIN: f64 = 1e4;
 
 /// Computes the irradiance (per unit intensity) that `connection` brings to a surface at `u` with the
-/// normal covector `normal`: `cosθ / area`. Positive on the side to which the normal points, negative
+/// normal covector `normal`: `cosθ / area`, of what surfaces on the way let through. Positive on the side to which the normal points, negative
 /// on the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
     let frames = manifold.rest_frames(&[u]);
@@ -36,7 +36,7 @@ fn irradiance_in(frame: DMat3, normal: DVec3, connection: &Connection) -> f64 {
     let n = (frame.transpose() * normal).normalize_or_zero();
     let v = (frame.inverse() * connection.v).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
-    -n.dot(v) / connection.area.abs().max(least)
+    -n.dot(v) * connection.through / connection.area.abs().max(least)
 }
 
 /// The lamps of a world, ready to be connected.

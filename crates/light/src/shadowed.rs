@@ -1,8 +1,9 @@
 //! Connections and what casts shadows on them.
 //!
 //! In: geodesics from a lamp to points of surfaces. Out: the end of each, unless a surface casts a
-//! shadow on it ([`Shadows`]). Intersection goes along with integration, so a shadow costs no ray of
-//! its own, and a ray in shadow is given up where the shadow begins.
+//! shadow on it ([`Shadows`]), and the share of light that surfaces which are not solid let through.
+//! Intersection goes along with integration, so a shadow costs no ray of its own, and a ray in shadow
+//! is given up where the shadow begins.
 
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
@@ -10,7 +11,7 @@ use geofan_core::{
 };
 use geofan_render::{
     SurfacePoint, World,
-    intersect::{first_hit, may_meet, region},
+    intersect::{Hit, first_hit, may_meet, region},
     tracer::pieces,
 };
 use glam::DVec3;
@@ -48,12 +49,21 @@ pub(super) struct RayEnd {
     pub spread: Option<[DVec3; 2]>,
     /// The standard frame there.
     pub local: LocalFrame,
+    /// The share of the light that surfaces on the way have let through.
+    pub through: f64,
 }
 
 /// Share of the arc length by which a ray may stop short of its point and still have reached it: the
 /// curve that is intersected departs from the exact one by a tenth of that. Farther from the
 /// surface, shadows begin to come off what casts them.
 const SHORT: f64 = 5e-4;
+
+/// Light of which less than this share is let through is none.
+const FAINT: f64 = 1e-3;
+
+/// How far beyond a surface that lets light through the next is looked for, as a share of the arc
+/// length: arc lengths of hits are in single precision.
+const BEYOND: f64 = 1e-6;
 
 /// The triangle of the point itself may be met as much earlier, where light grazes it.
 const GRAZING: f64 = 0.1;
@@ -71,6 +81,7 @@ pub(super) fn follow_shadowed(
         number,
         met: false,
         shadowed: false,
+        through: 1.0,
         end: None,
     };
     let states = rays.iter().zip(numbers).map(state).collect();
@@ -94,6 +105,7 @@ fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
                 v,
                 spread,
                 local,
+                through: f.through,
             })
         }
     };
@@ -108,6 +120,8 @@ struct RayState {
     met: bool,
     /// Set once another surface has been met before.
     shadowed: bool,
+    /// The share of light that has been let through so far.
+    through: f64,
     /// Point, tangent and deviations at its end.
     end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,
 }
@@ -162,18 +176,37 @@ impl Sink for ShadowSink<'_> {
 }
 
 impl RayState {
-    /// Tells whether the step meets the surface of the ray's point, or one before it; `None` if it
-    /// meets nothing.
-    fn meets(&self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
+    /// Tells whether the step meets the surface of the ray's point, or one before it that stops light;
+    /// `None` if it meets neither.
+    fn meets(&mut self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
         let domain = &world.manifold.domain;
         if !may_meet(&world.accelerator, domain, step.bounds()) {
             return None;
         }
-        let mut hits = pieces(step)
-            .filter_map(|piece| first_hit(&world.accelerator, domain, &piece, f64::INFINITY));
-        let hit = hits.next()?;
-        let s = f64::from(hit.s);
-        let own = hit.triangle == points[self.number].triangle && s > (1.0 - GRAZING) * self.length;
-        Some(own || s >= (1.0 - SHORT) * self.length)
+        for piece in pieces(step) {
+            let mut rest = piece;
+            while let Some(hit) = first_hit(&world.accelerator, domain, &rest, f64::INFINITY) {
+                let s = f64::from(hit.s);
+                let at_point = hit.triangle == points[self.number].triangle;
+                let own = at_point && s > (1.0 - GRAZING) * self.length;
+                if own || s >= (1.0 - SHORT) * self.length {
+                    return Some(true);
+                }
+                if !self.passes(world, &hit) {
+                    return Some(false);
+                }
+                let Some(beyond) = rest.after(s + BEYOND * self.length) else {
+                    break;
+                };
+                rest = beyond;
+            }
+        }
+        None
+    }
+
+    /// Takes the share that a surface lets through; tells whether that is any.
+    fn passes(&mut self, world: &World, hit: &Hit) -> bool {
+        self.through *= 1.0 - f64::from(world.opacity(hit));
+        self.through > FAINT
     }
 }

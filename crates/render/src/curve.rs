@@ -148,6 +148,16 @@ impl Cubic {
         slope * (3.0 / self.width())
     }
 
+    /// Returns the part beyond arc length `s`; `None` if there is none.
+    pub fn after(&self, s: f64) -> Option<Self> {
+        let t = self.fraction(s);
+        (t < 1.0).then(|| Self {
+            s: [s, self.s[1]],
+            u: [self.position(t), self.u[1]],
+            v: [self.tangent(t), self.v[1]],
+        })
+    }
+
     /// Returns the control points of Bézier's form; the curve lies in their hull.
     pub fn bezier(&self) -> [DVec3; 4] {
         let third = self.width() / 3.0;
@@ -268,4 +278,24 @@ fn squares(v: &Vectors) -> Lanes {
         #[inline(always)]
         |l| v[0][l] * v[0][l] + v[1][l] * v[1][l] + v[2][l] * v[2][l],
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_part_of_a_cubic_lies_on_it() {
+        let cubic = Cubic {
+            s: [1.0, 3.0],
+            u: [DVec3::ZERO, DVec3::new(2.0, 1.0, 0.0)],
+            v: [DVec3::X, DVec3::new(0.5, 0.0, 1.0)],
+        };
+        let part = cubic.after(1.5).unwrap();
+        for s in [1.5, 2.0, 2.9] {
+            let on = |cubic: &Cubic| cubic.position(cubic.fraction(s));
+            assert!((on(&part) - on(&cubic)).length() < 1e-14);
+        }
+        assert!(cubic.after(3.0).is_none());
+    }
 }

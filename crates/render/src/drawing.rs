@@ -4,14 +4,18 @@
 //! taken in passes, so that memory does not grow with their number.
 
 use super::{
+    behind::SeenBehind,
     filter::Film,
     frame::{Clock, Outcomes, Paths, Work, offsets, trace_timed},
+    intersect::Seen,
     picture::Picture,
     shade::{Footprints, shade},
-    tiles::SamplePlace,
-    view::View,
+    tiles::{PixelSamples, SamplePlace},
+    view::{Optics, View},
     world::World,
 };
+use glam::DVec2;
+use ndarray::s;
 use std::time::Duration;
 
 /// A picture, and what it took.
@@ -37,6 +41,21 @@ impl Drawing {
     }
 }
 
+/// Finds the samples that show nothing.
+fn hidden(view: &View, offsets: &[DVec2]) -> Vec<SamplePlace> {
+    if !matches!(view.optics(), Optics::Fisheye { .. }) {
+        return Vec::new();
+    }
+    let (width, height) = view.size;
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (y, x)));
+    let places = pixels.flat_map(|(y, x)| (0..offsets.len()).map(move |k| (y, x, k)));
+    let shows = |(y, x, k): &SamplePlace| {
+        let at = offsets[*k] + DVec2::new(*x as f64, *y as f64);
+        view.shows(at.x, at.y)
+    };
+    places.filter(|place| !shows(place)).collect()
+}
+
 /// Samples of one pass: as many as fit one packet.
 const PASS: usize = 16;
 
@@ -56,13 +75,34 @@ pub fn draw(
     let mut times = [Duration::ZERO; 2];
     for offsets in all.chunks(PASS) {
         let began = clock();
-        let traced = trace_timed(world, view, paths, offsets, clock);
+        let mut traced = trace_timed(world, view, paths, offsets, clock);
         work += traced.work;
         let middle = clock();
-        let colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let hidden = hidden(view, offsets);
+        for place in &hidden {
+            traced.outcomes[*place] = Seen::Nothing;
+        }
+        let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        let shaded = clock();
+        let behind = SeenBehind {
+            samples: PixelSamples {
+                world,
+                view,
+                offsets,
+                clock,
+            },
+            paths,
+            of_pixel: samples,
+            footprints,
+        };
+        behind.show(traced.outcomes.view(), &mut colours);
+        let shown = clock();
+        for (y, x, k) in hidden {
+            colours.slice_mut(s![y, x, k, ..]).fill(0.0);
+        }
         film.add(colours, offsets);
-        times[0] += middle.saturating_sub(began);
-        times[1] += clock().saturating_sub(middle);
+        times[0] += middle.saturating_sub(began) + shown.saturating_sub(shaded);
+        times[1] += shaded.saturating_sub(middle) + clock().saturating_sub(shown);
         first.get_or_insert((traced.outcomes, traced.flagged));
     }
     let began = clock();

@@ -7,12 +7,13 @@ use super::{
     intersect::{Seen, seen_along},
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
+    starts::starts,
     tiles::{PixelSamples, SamplePlace, Scratch, TileOutcomes},
     tracer::{ExactTracer, GridTracer},
     view::View,
     world::World,
 };
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 use ndarray::{Array3, Axis};
 use rayon::prelude::*;
 use std::time::Duration;
@@ -163,11 +164,10 @@ fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSa
         .into_par_iter()
         .enumerate()
         .for_each(|(y, mut row)| {
-            let directions: Vec<DVec3> = (0..width * count)
-                .map(|i| samples.direction((y, i / count, i % count)))
-                .collect();
-            for (slot, curve) in row.iter_mut().zip(tracer.trace(&directions)) {
-                *slot = seen_along(samples.world, &curve);
+            let places = (0..width * count).map(|i| (y, i / count, i % count));
+            let places: Vec<SamplePlace> = places.filter(|p| samples.shows(*p)).collect();
+            for ((_, x, k), seen) in trace_each(samples, tracer, &places) {
+                row[(x, k)] = seen;
             }
         });
     let work = Work {
@@ -192,7 +192,10 @@ fn trace_tiles(
     let mut tiles = TileOutcomes::split(&mut outcomes);
     // One by one: a few tiles take as long as many others, and they stand together. Those in the middle
     // first: there is most often what a camera looks at, and a slow tile at the end keeps one thread alone.
-    let mut order: Vec<&mut TileOutcomes<'_>> = tiles.iter_mut().collect();
+    let mut order: Vec<&mut TileOutcomes<'_>> = tiles
+        .iter_mut()
+        .filter(|tile| samples.shows_some(tile.tile()))
+        .collect();
     order.sort_by_key(|tile| tile.tile().squared_distance((width / 2, height / 2)));
     order.into_iter().par_bridge().for_each_init(
         || Scratch::new(&samples.world.manifold, tracer.knots()),
@@ -209,7 +212,7 @@ fn trace_tiles(
     work.pending = pending.len();
     let mut flagged = Vec::new();
     if let Some(tracer) = tracer.fallback() {
-        for (place, seen) in trace_pending(samples.world, tracer, &pending) {
+        for (place, seen) in trace_pending(samples, tracer, &pending) {
             outcomes[place] = seen;
             flagged.push(place);
         }
@@ -227,17 +230,30 @@ const BLOCK: usize = 256;
 
 /// Integrates the samples that were put off, in blocks.
 fn trace_pending(
-    world: &World,
+    samples: &PixelSamples<'_>,
     tracer: &ExactTracer<'_>,
-    pending: &[(SamplePlace, DVec3)],
+    pending: &[SamplePlace],
 ) -> Vec<(SamplePlace, Seen)> {
-    let block = |rays: &[(SamplePlace, DVec3)]| -> Vec<(SamplePlace, Seen)> {
-        let directions: Vec<DVec3> = rays.iter().map(|(_, d)| *d).collect();
-        let curves = tracer.trace(&directions);
-        rays.iter()
-            .zip(curves)
-            .map(|((place, _), curve)| (*place, seen_along(world, &curve)))
-            .collect()
-    };
-    pending.par_chunks(BLOCK).flat_map(block).collect()
+    let blocks = pending.par_chunks(BLOCK);
+    blocks
+        .flat_map(|places| trace_each(samples, tracer, places))
+        .collect()
+}
+
+/// Integrates the paths of samples from where they start; those that start nowhere are left out.
+fn trace_each(
+    samples: &PixelSamples<'_>,
+    tracer: &ExactTracer<'_>,
+    places: &[SamplePlace],
+) -> Vec<(SamplePlace, Seen)> {
+    let world = samples.world;
+    let points = places.iter().map(|place| samples.point(*place));
+    let starts = starts(&world.manifold, samples.view, points);
+    let known = places.iter().zip(starts);
+    let (places, starts): (Vec<SamplePlace>, Vec<_>) = known
+        .filter_map(|(place, start)| start.map(|start| (*place, (start.u, start.v))))
+        .unzip();
+    let curves = tracer.trace_from(&starts).into_iter();
+    let seen = curves.map(|curve| seen_along(world, &curve));
+    places.into_iter().zip(seen).collect()
 }

@@ -1,6 +1,6 @@
 //! A camera's journey through key poses.
 //!
-//! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`View`] at any time. Neighbouring
+//! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`Camera`] at any time. Neighbouring
 //! poses are joined by a geodesic; the camera is carried along it by parallel transport, and what is
 //! then missing to the next pose is turned evenly on the way. Speed (arc length plus angle turned)
 //! is a monotone cubic of time through all poses (F. N. Fritsch and R. E. Carlson, *Monotone
@@ -9,7 +9,7 @@
 use super::{
     camera::Camera,
     scene::{KeyPose, PoseFile},
-    view::{View, camera_point},
+    view::camera_point,
 };
 use geofan_core::{
     diagnostic::Diagnostic,
@@ -90,8 +90,8 @@ impl Journey {
         [self.times[0], self.times[self.times.len() - 1]]
     }
 
-    /// Returns the view at `time`.
-    pub fn view(&self, time: f64, size: (usize, usize)) -> View {
+    /// Returns the camera at `time`, and its angle of view in degrees.
+    pub fn pose(&self, time: f64) -> (Camera, f64) {
         let next = self.times.partition_point(|t| *t <= time);
         let k = next.clamp(1, self.legs.len()) - 1;
         let h = self.times[k + 1] - self.times[k];
@@ -105,7 +105,7 @@ impl Journey {
         } else {
             t
         };
-        self.legs[k].view(share, size)
+        self.legs[k].pose(share)
     }
 }
 
@@ -162,12 +162,12 @@ impl Leg {
         }
     }
 
-    /// Returns the view at a share of the way.
-    fn view(&self, share: f64, size: (usize, usize)) -> View {
+    /// Returns the camera at a share of the way, and its angle of view in degrees.
+    fn pose(&self, share: f64) -> (Camera, f64) {
         let (u, carried) = self.carried(share);
         let rotation = carried * DQuat::IDENTITY.slerp(self.turn, share);
         let fov_degrees = self.fov[0] + (self.fov[1] - self.fov[0]) * share;
-        View::of_camera(&Camera { u, rotation }, fov_degrees, size)
+        (Camera { u, rotation }, fov_degrees)
     }
 }
 

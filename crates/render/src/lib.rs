@@ -6,6 +6,7 @@
 //! sees is shaded ([`shade`]). Times come from a [`Clock`] of the caller.
 
 pub mod accel;
+mod behind;
 mod camera;
 mod chords;
 mod curve;
@@ -22,12 +23,15 @@ pub mod lattice;
 pub mod lightmap;
 pub mod local;
 pub mod lookup;
+pub mod panels;
 pub mod path_batch;
 mod path_patch;
 pub mod picture;
 pub mod scene;
 pub mod shade;
+pub mod shifted;
 pub mod sky;
+pub mod starts;
 pub mod tiles;
 pub mod tracer;
 pub mod view;
@@ -42,8 +46,10 @@ pub use intersect::{Hit, Seen, first_seen};
 pub use journey::Journey;
 pub use lightmap::{Lightmap, SurfacePoint};
 pub use lookup::{Lookup, TableTracer};
+pub use panels::{Part, PicturePanel, PicturePanels, usual_size};
 pub use path_batch::{PathBatch, PathView};
+pub use shifted::ShiftedTracer;
 pub use tiles::Scratch;
 pub use tracer::{ExactTracer, FixedTracer, GridTracer};
-pub use view::{View, camera_point};
+pub use view::{Optics, PictureRay, View, camera_point};
 pub use world::{Face, PointLight, Stage, World};

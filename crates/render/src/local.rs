@@ -6,17 +6,19 @@
 //! the camera, and off by an angle that grows in proportion to the distance.
 //!
 //! Triangles are cut at a plane in front of the camera, projected and filled with a depth for every
-//! sample. In glued coordinates the scene is drawn in the periods next to the camera's too.
+//! sample; where a picture is no plane, each
+//! sample's line is intersected. In glued coordinates the scene is drawn in the periods next to the camera's
+//! too.
 
 use super::{
-    curve::Ending,
+    curve::{Cubic, Ending},
     endings::EventLocator,
     frame::Outcomes,
-    intersect::{Hit, Seen, beyond},
+    intersect::{Hit, Seen, beyond, first_hit},
     path_batch::{PathBatch, PathOrigin},
-    tiles::PixelSamples,
+    tiles::{PixelSamples, SamplePlace},
     tracer::even_knots,
-    view::View,
+    view::{Optics, View},
     world::World,
 };
 use geofan_core::manifold::LocalFrame;
@@ -39,7 +41,14 @@ pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
 pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcomes {
     let (world, offsets) = (samples.world, samples.offsets);
     let (width, height) = samples.view.size;
-    let picture = Projection::new(world, samples.view);
+    let straight = StraightLines::new(world, samples.view);
+    let mut picture = Projection::new(world, samples.view);
+    // Triangles have straight sides on a plane only.
+    let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
+    if flat && samples.view.is_central() {
+        picture.flatten();
+    }
+    let picture = &picture;
     let knots = even_knots(length, INTERVALS);
     let mut outcomes = Outcomes::from_elem((height, width, offsets.len()), Seen::Nothing);
     outcomes
@@ -56,9 +65,14 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
             |(lines, events), (band, mut part)| {
                 picture.fill(band * BAND, offsets, part.view_mut());
                 for ((y, x, k), slot) in part.indexed_iter_mut() {
-                    if *slot == Seen::Nothing {
-                        let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
-                        *slot = picture.sky(at, lines, events);
+                    let at = DVec2::new(x as f64, (band * BAND + y) as f64) + offsets[k];
+                    if *slot == Seen::Nothing && samples.view.shows(at.x, at.y) {
+                        let met = if picture.is_flat {
+                            None
+                        } else {
+                            straight.met(world, at, length)
+                        };
+                        *slot = met.unwrap_or_else(|| straight.sky(at, lines, events));
                     }
                 }
             },
@@ -99,24 +113,31 @@ struct Projection<'w> {
     axes: DMat3,
     /// The observer at the camera.
     local: LocalFrame,
+    /// True once all that may be met is in `triangles`.
+    is_flat: bool,
     triangles: Vec<ProjectedTriangle>,
 }
 
 impl<'w> Projection<'w> {
-    /// Projects the triangles of `world` in all periods next to the camera's.
+    /// Prepares the picture; no triangle is projected yet.
     fn new(world: &'w World, view: &'w View) -> Self {
         let camera = view.camera();
         let axes = camera.axes(&world.manifold);
-        let g = world.manifold.metric(view.u);
-        let local = world.manifold.local_frame(view.u);
-        let into = axes.transpose() * g;
-        let mut picture = Self {
+        Self {
             world,
             view,
             axes,
-            local,
+            local: world.manifold.local_frame(view.u),
+            is_flat: false,
             triangles: Vec::new(),
-        };
+        }
+    }
+
+    /// Projects all triangles onto the picture's plane, in all periods next to the camera's.
+    fn flatten(&mut self) {
+        let (world, view) = (self.world, self.view);
+        let (g, local) = (world.manifold.metric(view.u), self.local);
+        let into = self.axes.transpose() * g;
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
                 .length()
@@ -127,12 +148,12 @@ impl<'w> Projection<'w> {
             let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
                     let p = corners.map(|u| into * local.toward(g, u + shift - view.u));
-                    picture.project(i as u32, p, NEAR * farthest)
+                    self.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
-            picture.triangles.extend(projected.into_iter().flatten());
+            self.triangles.extend(projected.into_iter().flatten());
         }
-        picture
+        self.is_flat = true;
     }
 
     /// Projects the parts of a triangle (in the camera's axes) that lie in front of the camera.
@@ -192,7 +213,7 @@ impl<'w> Projection<'w> {
                         let Some((nearness, weights)) = projected.meet(at) else {
                             continue;
                         };
-                        if nearness > *slot {
+                        if nearness > *slot && !self.is_open(projected.triangle, weights) {
                             *slot = nearness;
                             part[(y, x, k)] = self.hit(projected.triangle, weights);
                         }
@@ -200,6 +221,12 @@ impl<'w> Projection<'w> {
                 }
             }
         }
+    }
+
+    /// Tells whether a triangle has a hole at these weights.
+    fn is_open(&self, triangle: u32, weights: DVec2) -> bool {
+        let weights = weights.as_vec2().to_array();
+        self.world.accelerator.is_open(triangle, weights)
     }
 
     /// Returns the hit at the place of a triangle with these weights.
@@ -216,11 +243,46 @@ impl<'w> Projection<'w> {
             barycentric: weights.as_vec2().to_array(),
         })
     }
+}
 
-    /// Finds the sky at the end of the chart's straight line through the point `at` of the picture.
+/// The straight lines of the chart from the camera.
+struct StraightLines<'w> {
+    view: &'w View,
+    /// The observer at the camera.
+    local: LocalFrame,
+}
+
+impl<'w> StraightLines<'w> {
+    fn new(world: &World, view: &'w View) -> Self {
+        Self {
+            view,
+            local: world.manifold.local_frame(view.u),
+        }
+    }
+
+    /// Returns the chart's straight line of the point `at` of the picture: its start and its tangent.
+    fn line(&self, at: DVec2) -> (DVec3, DVec3) {
+        let ray = self.view.ray(at.x, at.y);
+        let start = self.view.u + self.local.frame * ray.offset;
+        (start, self.local.tangent(ray.direction))
+    }
+
+    /// Finds what that line meets within `length`.
+    fn met(&self, world: &World, at: DVec2, length: f64) -> Option<Seen> {
+        let (u, v) = self.line(at);
+        let piece = Cubic {
+            s: [0.0, length],
+            u: [u, u + v * length],
+            v: [v, v],
+        };
+        let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+        first_hit(accelerator, domain, &piece, length).map(Seen::Surface)
+    }
+
+    /// Finds the sky at the end of that line.
     fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
-        let (u, v) = (self.view.u, self.local.tangent(direction));
+        let (u, v) = self.line(at);
         let fill = |knots: &[f64], rows: &mut [f64]| {
             let n = knots.len();
             for (k, s) in knots.iter().enumerate() {
@@ -236,6 +298,73 @@ impl<'w> Projection<'w> {
         });
         beyond(&lines.path(0).ending.unwrap_or(Ending::Nowhere))
     }
+
+    /// Finds the surface on the line through `at` behind so many others, as far as `reach`.
+    fn behind(&self, world: &World, at: DVec2, passed: usize, reach: f64) -> Option<Hit> {
+        let (u, v) = self.line(at);
+        let [start, end] = [0.0, reach].map(|s| u + v * s);
+        let mut from = 0.0;
+        let mut found = None;
+        for _ in 0..=passed {
+            let hits = neighbouring_periods(world).into_iter().filter_map(|shift| {
+                let (a, b) = (start.lerp(end, from) - shift, end - shift);
+                world.accelerator.first_hit_on_chord(a, b)
+            });
+            let hit = hits.min_by(|a, b| a.t.total_cmp(&b.t))?;
+            let t = from + hit.t * (1.0 - from);
+            found = Some(Hit {
+                s: (t * reach) as f32,
+                v: v.as_vec3(),
+                triangle: hit.triangle,
+                barycentric: [hit.barycentric.0 as f32, hit.barycentric.1 as f32],
+            });
+            from = t + BEYOND;
+        }
+        found
+    }
+}
+
+/// How far beyond a surface the next is looked for, as a share of the whole line: more than rounding.
+const BEYOND: f64 = 1e-9;
+
+/// Finds what `samples` at these places see along straight lines behind so many surfaces; lines are
+/// followed over `length` to the skies.
+pub(super) fn straight_behind(
+    samples: &PixelSamples<'_>,
+    length: f64,
+    passed: &[(SamplePlace, usize)],
+) -> Vec<Seen> {
+    let (world, view) = (samples.world, samples.view);
+    let lines = StraightLines::new(world, view);
+    let knots = even_knots(length, INTERVALS);
+    let corners = world.accelerator.bounds().map(|(low, high)| [low, high]);
+    let shifts = neighbouring_periods(world);
+    let farthest = corners.into_iter().flatten().flat_map(|corner| {
+        let from = corner - view.u;
+        shifts.iter().map(move |shift| (from + *shift).length())
+    });
+    // Corners of a box are no farther apart than thrice two opposite ones are.
+    let reach = |v: DVec3, farthest: f64| 3.0 * farthest / v.length();
+    let farthest = farthest.fold(0.0, f64::max);
+    passed
+        .par_iter()
+        .map_init(
+            || {
+                (
+                    PathBatch::new(knots.clone()),
+                    EventLocator::new(&world.manifold),
+                )
+            },
+            |(batch, events), ((y, x, k), passed)| {
+                let at = DVec2::new(*x as f64, *y as f64) + samples.offsets[*k];
+                let v = lines.local.tangent(view.direction(at.x, at.y));
+                match lines.behind(world, at, *passed, reach(v, farthest)) {
+                    Some(hit) => Seen::Surface(hit),
+                    None => lines.sky(at, batch, events),
+                }
+            },
+        )
+        .collect()
 }
 
 impl ProjectedTriangle {

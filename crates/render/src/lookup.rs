@@ -36,14 +36,28 @@ impl<'t> Lookup<'t> {
         }
     }
 
+    /// Returns the arc lengths of the knots.
+    pub(super) fn knots(&self) -> &Arc<[f64]> {
+        &self.knots
+    }
+
+    /// Returns the angle at the camera by which cubics between the knots may miss the path.
+    pub(super) fn slack(&self) -> f64 {
+        KNOT_ERROR
+    }
+
+    /// Returns the tracer of rays from `u` that the table gave up on.
+    pub(super) fn exact(&self, u: DVec3) -> ExactTracer<'_> {
+        let manifold = self.table.space.manifold();
+        ExactTracer::new(manifold, u, self.table.length, self.tolerance)
+    }
+
     /// Returns the tracer of one frame, from the camera of `fan`.
     pub fn tracer<'f>(&'f self, fan: &'f Fan) -> TableTracer<'f> {
-        let manifold = self.table.space.manifold();
-        let (u, length) = (fan.place.u, self.table.length);
         TableTracer {
             fan,
             knots: &self.knots,
-            exact: ExactTracer::new(manifold, u, length, self.tolerance),
+            exact: self.exact(fan.place.u),
             family: RayFamily::new(fan, &self.knots),
         }
     }
@@ -176,7 +190,7 @@ impl TableTracer<'_> {
 }
 
 /// Finds how a path from the table ends, of which `view` holds the knots.
-fn ending<C: Borrow<PathCoefficients>>(
+pub(super) fn ending<C: Borrow<PathCoefficients>>(
     path: &TablePath<'_, C>,
     view: PathView<'_>,
     events: &mut EventLocator<'_>,

@@ -71,8 +71,8 @@ pub struct TileOutcomes<'o> {
     pub corner: (usize, usize),
     /// Its outcomes, axes (row, column, sample) from the corner.
     pub outcomes: ArrayViewMut3<'o, Seen>,
-    /// Samples put off, with their directions.
-    pub pending: Vec<(SamplePlace, DVec3)>,
+    /// Samples put off.
+    pub pending: Vec<SamplePlace>,
     /// Work and time.
     pub work: Work,
 }
@@ -232,8 +232,8 @@ impl PixelSamples<'_> {
         (tracer, events): (&dyn GridTracer, &mut EventLocator<'_>),
         lost: &mut Vec<SamplePlace>,
     ) -> [Ending; LANES] {
-        let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
-        let known = tracer.endings(&directions, events);
+        let addresses: Vec<DVec3> = places.iter().map(|place| self.address(*place)).collect();
+        let known = tracer.endings(&addresses, events);
         let mut ends = [Ending::Nowhere; LANES];
         for ((end, known), place) in ends.iter_mut().zip(known).zip(places) {
             match known {
@@ -253,16 +253,16 @@ impl PixelSamples<'_> {
         tile: &mut TileOutcomes<'_>,
     ) {
         let began = (self.clock)();
-        let directions: Vec<DVec3> = places.iter().map(|place| self.direction(*place)).collect();
+        let addresses: Vec<DVec3> = places.iter().map(|place| self.address(*place)).collect();
         let Scratch {
             events,
             singles,
             single_paths,
             ..
         } = scratch;
-        for (places, directions) in places.chunks(BLOCK).zip(directions.chunks(BLOCK)) {
+        for (places, addresses) in places.chunks(BLOCK).zip(addresses.chunks(BLOCK)) {
             singles.clear();
-            tracer.add(directions, events, singles);
+            tracer.add(addresses, events, singles);
             for (first, places) in places.chunks(LANES).enumerate() {
                 let first = LANES * first;
                 self.see_singles((tracer, single_paths), singles, first, places, tile);
@@ -288,7 +288,7 @@ impl PixelSamples<'_> {
         single_paths.surround(&all, tracer, self.world);
         for (path, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {
             match path.ending {
-                None => tile.pending.push((*place, path.direction)),
+                None => tile.pending.push(*place),
                 Some(ending) => {
                     let seen = single_paths.seen((l, path), &ending, tracer, self.world);
                     tile.put(*place, seen);
@@ -314,7 +314,20 @@ impl PixelSamples<'_> {
         places
     }
 
-    fn point(&self, (y, x, k): SamplePlace) -> DVec2 {
+    /// Tells whether a sample shows anything.
+    pub fn shows(&self, place: SamplePlace) -> bool {
+        let at = self.point(place);
+        self.view.shows(at.x, at.y)
+    }
+
+    /// Tells whether any point of a tile shows anything.
+    pub fn shows_some(&self, tile: Tile) -> bool {
+        let along = |corner: usize| corner as f64..(corner + tile.side) as f64;
+        self.view.shows_some(along(tile.x), along(tile.y))
+    }
+
+    /// Finds where a sample is in the picture.
+    pub fn point(&self, (y, x, k): SamplePlace) -> DVec2 {
         DVec2::new(x as f64, y as f64) + self.offsets[k]
     }
 
@@ -323,10 +336,10 @@ impl PixelSamples<'_> {
         (self.point(place) - DVec2::new(tile.x as f64, tile.y as f64)) * (1.0 / tile.side as f64)
     }
 
-    /// Returns the direction of a sample.
-    pub fn direction(&self, place: SamplePlace) -> DVec3 {
+    /// Returns the address by which a tracer knows the ray of a sample ([`View::address`]).
+    pub fn address(&self, place: SamplePlace) -> DVec3 {
         let at = self.point(place);
-        self.view.direction(at.x, at.y)
+        self.view.address(at.x, at.y)
     }
 }
 

@@ -23,7 +23,7 @@ pub trait GridTracer: Sync {
     fn knots(&self) -> &Arc<[f64]>;
 
     /// Appends the paths in `directions` to `batch`, which has these knots; a path that the tracer cannot
-    /// give on them has no ending.
+    /// give on them has no ending. Directions are what [`super::View::address`] tells.
     fn add(&self, directions: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch);
 
     /// Returns how the paths in `directions` end, where that is known without the paths.
@@ -95,32 +95,39 @@ impl<'m> ExactTracer<'m> {
 }
 
 impl ExactTracer<'_> {
+    /// Returns how far it follows rays.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Returns its local tolerance.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
+    }
+
     /// Follows the rays in `directions`, in order.
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
+        let starts = directions.iter().map(|&d| (self.u, self.local.tangent(d)));
+        self.trace_from(&starts.collect::<Vec<_>>())
+    }
+
+    /// The curves from chart points with unit tangents, in order.
+    pub fn trace_from(&self, starts: &[(DVec3, DVec3)]) -> Vec<Curve> {
         let settings = Settings {
             tolerance: self.tolerance,
             carried: Carried::default(),
             events: true,
         };
-        let rays = directions.iter().map(|&d| Ray {
-            u: self.u,
-            v: self.local.tangent(d),
+        let rays = starts.iter().map(|&(u, v)| Ray {
+            u,
+            v,
             length: self.length,
             spread: [DVec3::ZERO; 2],
         });
+        let growing = |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Nowhere);
         let mut sink = CurveSink {
             manifold: self.manifold,
-            curves: directions
-                .iter()
-                .map(|&d| {
-                    (
-                        vec![0.0],
-                        vec![self.u],
-                        vec![self.local.tangent(d)],
-                        Ending::Nowhere,
-                    )
-                })
-                .collect(),
+            curves: starts.iter().map(growing).collect(),
         };
         follow(self.manifold, settings, rays, &mut sink);
         let curve = |(s, u, v, ending): Growing| Curve {

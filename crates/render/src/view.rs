@@ -1,12 +1,23 @@
-//! The camera: pixels to directions.
+//! The camera: pixels to rays.
 //!
-//! In: a camera entry of a scene and a picture size. Out: for any point of the picture the unit
-//! direction in the standard frame at the camera. Pixel (0, 0) is the upper left one; its middle is
-//! the point (0.5, 0.5). The picture is upright and not mirrored: right is `look × up`.
+//! In: a camera and a picture size. Out: for any point of the picture the unit direction in the standard
+//! frame at the camera, and for those that do not start there ([`View::ray`]) from where. Pixel (0, 0) is
+//! the upper left one; its middle is the point (0.5, 0.5). The picture is upright and not mirrored: right
+//! is `look × up`. All maps go on smoothly beyond the picture's edges, so that paths can be interpolated
+//! across them.
+//!
+//! With `x`, `y` from the middle, in units of the picture's width `W` or height `H`, to the right and down:
+//!
+//! | optics | direction (right, down, ahead) |
+//! |---|---|
+//! | perspective | (2x tan(fov/2), 2y H/W tan(fov/2), 1), normalised |
+//! | panorama | longitude 2πx to the right, latitude πy downwards |
+//! | fisheye | at the angle fov · r from ahead, r the distance in units of the circle's diameter |
+//! | orthographic | ahead, from a point away from the camera |
 
 use super::{
     camera::Camera,
-    scene::{CameraEntry, CameraPosition},
+    scene::{CameraEntry, CameraPosition, CameraProjection},
 };
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
@@ -14,88 +25,350 @@ use geofan_core::{
     manifold::Manifold,
 };
 use glam::{DMat3, DQuat, DVec3};
-use std::sync::Arc;
+use std::{
+    f64::consts::{PI, TAU},
+    ops::Range,
+    sync::Arc,
+};
 
-/// A camera with a picture plane.
+/// Maps pixels to rays.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Optics {
+    /// A plane; the horizontal angle of view.
+    Perspective {
+        /// Degrees.
+        fov: f64,
+    },
+    /// All directions by longitude and latitude.
+    Panorama,
+    /// A circle; the angle of view across it.
+    Fisheye {
+        /// Degrees.
+        fov: f64,
+    },
+    /// Parallel rays; the length across the picture.
+    Orthographic {
+        /// Length in the metric.
+        width: f64,
+    },
+}
+
+/// A ray of a picture, in the standard frame at the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PictureRay {
+    /// Direction and length of the geodesic from the camera at whose end the ray starts.
+    pub offset: DVec3,
+    /// Unit vector: the ray's direction when carried along that geodesic.
+    pub direction: DVec3,
+}
+
+/// An eye that is turned with the direction in which it looks, as a head would be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct TurningEye {
+    /// The axis about which, standard frame.
+    up: DVec3,
+    /// Length from the middle to the right.
+    right: f64,
+    /// One over the length at which both eyes' pictures agree.
+    nearness: f64,
+}
+
+/// A camera with a picture.
 #[derive(Debug, Clone)]
 pub struct View {
     /// Chart point.
     pub u: DVec3,
     /// Pixels across and down.
     pub size: (usize, usize),
-    look: DVec3,
-    /// To the right and down by one pixel, on the plane at distance 1.
-    right: DVec3,
-    down: DVec3,
+    /// The picture that this is a part of, and where its corner is there.
+    whole: (usize, usize),
+    corner: (usize, usize),
+    /// To the right, down and ahead, in the standard frame.
+    axes: DMat3,
+    optics: Optics,
+    /// The side of a pixel: on the plane at distance 1 in perspective, in space of parallel rays.
+    pixel: f64,
+    /// Shift to the right, of what is at distance 1, that an eye's picture undoes.
+    lean: f64,
+    turning: Option<TurningEye>,
+}
+
+/// Returns the side of a pixel of a picture `width` pixels wide, where `optics` have one for all of it.
+fn pixel_side(optics: Optics, width: usize) -> f64 {
+    let whole = match optics {
+        Optics::Perspective { fov } => 2.0 * (0.5 * fov.to_radians()).tan(),
+        Optics::Orthographic { width } => width,
+        Optics::Panorama | Optics::Fisheye { .. } => 0.0,
+    };
+    whole / width as f64
 }
 
 impl View {
-    /// The view of `camera` from the chart point `u`.
+    /// Makes the view of `camera` from the chart point `u`: of its own projection, which must not be a cube's,
+    /// by one eye, uncropped. [`super::PicturePanels`] is the view with all that.
     pub fn new(camera: &CameraEntry, u: DVec3, size: (usize, usize)) -> Self {
         let placed = Camera::looking(u, camera.look, camera.up);
-        Self::of_camera(&placed, camera.fov_degrees, size)
+        let fov = camera.fov_degrees;
+        let optics = match camera.lens.projection {
+            CameraProjection::Perspective | CameraProjection::Cube => Optics::Perspective { fov },
+            CameraProjection::Panorama => Optics::Panorama,
+            CameraProjection::Fisheye => Optics::Fisheye { fov },
+            CameraProjection::Orthographic { width } => Optics::Orthographic { width },
+        };
+        Self::through(&placed, optics, size)
     }
 
-    /// What `camera` sees at a horizontal angle of view of `fov_degrees`.
+    /// Makes the view of `camera` in perspective at a horizontal angle of view of `fov_degrees`.
     pub fn of_camera(camera: &Camera, fov_degrees: f64, size: (usize, usize)) -> Self {
-        let pixel = 2.0 * (0.5 * fov_degrees.to_radians()).tan() / size.0 as f64;
+        Self::through(camera, Optics::Perspective { fov: fov_degrees }, size)
+    }
+
+    /// Makes the view of `camera` through `optics`.
+    pub fn through(camera: &Camera, optics: Optics, size: (usize, usize)) -> Self {
         let axes = DMat3::from_quat(camera.rotation);
         Self {
             u: camera.u,
             size,
-            look: -axes.z_axis,
-            right: axes.x_axis * pixel,
-            down: -axes.y_axis * pixel,
+            whole: size,
+            corner: (0, 0),
+            axes: DMat3::from_cols(axes.x_axis, -axes.y_axis, -axes.z_axis),
+            optics,
+            pixel: pixel_side(optics, size.0),
+            lean: 0.0,
+            turning: None,
         }
     }
 
-    /// The camera that sees this.
-    pub fn camera(&self) -> Camera {
-        Camera::looking(self.u, self.look, -self.down)
-    }
-
-    /// The point of the picture in `direction` (standard frame): the inverse of
-    /// [`View::direction`]; `None` behind the camera.
-    pub fn pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
-        let depth = direction.dot(self.look);
-        let along = |axis: DVec3| direction.dot(axis) / (depth * axis.length_squared());
-        let (w, h) = (self.size.0 as f64, self.size.1 as f64);
-        (depth > 0.0).then(|| (along(self.right) + 0.5 * w, along(self.down) + 0.5 * h))
-    }
-
-    /// The direction of the middle of the picture.
-    pub fn look(&self) -> DVec3 {
-        self.look
-    }
-
-    /// The same view from `u`: the same components in the standard frame there.
-    pub fn moved(&self, u: DVec3) -> Self {
-        Self { u, ..self.clone() }
-    }
-
-    /// The view turned by `angle` (radians) to the right about the picture's upward direction.
-    pub fn turned(&self, angle: f64) -> Self {
-        let turn = DQuat::from_axis_angle(self.down.normalize(), angle);
+    /// Makes the view of an eye that is `right` to the right of a middle between two: it is there already,
+    /// and what the middle would see at `convergence` in any pixel it sees in that pixel too. On a plane that
+    /// is what is as far ahead; else, what is as far away. Exact in flat space.
+    #[must_use]
+    pub fn converged(&self, right: f64, convergence: f64) -> Self {
         Self {
-            look: turn * self.look,
-            right: turn * self.right,
+            lean: right / convergence,
             ..self.clone()
         }
     }
 
-    /// The direction of the point (x, y) of the picture.
-    pub fn direction(&self, x: f64, y: f64) -> DVec3 {
-        let (w, h) = (self.size.0 as f64, self.size.1 as f64);
-        (self.look + self.right * (x - 0.5 * w) + self.down * (y - 0.5 * h)).normalize()
+    /// Makes the view of an eye that is `right` to the right of the camera whatever its direction is, turned
+    /// with it about `up` (standard frame) and nearing the camera towards both poles.
+    #[must_use]
+    pub fn turning(&self, up: DVec3, right: f64, convergence: f64) -> Self {
+        let nearness = 1.0 / convergence;
+        let turning = Some(TurningEye {
+            up,
+            right,
+            nearness,
+        });
+        Self {
+            turning,
+            ..self.clone()
+        }
     }
 
-    /// The angle of one pixel in the middle of the picture, radians: the largest there is.
+    /// Cuts the picture to these columns and rows.
+    #[must_use]
+    pub fn cropped(&self, columns: Range<usize>, rows: Range<usize>) -> Self {
+        Self {
+            size: (columns.len(), rows.len()),
+            corner: (self.corner.0 + columns.start, self.corner.1 + rows.start),
+            ..self.clone()
+        }
+    }
+
+    /// Makes a picture of about `size` of it.
+    #[must_use]
+    pub fn resized(&self, size: (usize, usize)) -> Self {
+        let scaled = |n: usize, to: usize, from: usize| (n * to).div_ceil(from);
+        let both = |n: (usize, usize)| {
+            let (w, h) = self.size;
+            (scaled(n.0, size.0, w), scaled(n.1, size.1, h))
+        };
+        let whole = both(self.whole);
+        Self {
+            size,
+            whole,
+            pixel: pixel_side(self.optics, whole.0),
+            corner: both(self.corner),
+            ..self.clone()
+        }
+    }
+
+    /// Returns the camera that sees this.
+    pub fn camera(&self) -> Camera {
+        Camera::looking(self.u, self.look(), -self.axes.y_axis)
+    }
+
+    /// Returns the map from pixels to rays.
+    pub fn optics(&self) -> Optics {
+        self.optics
+    }
+
+    /// Tells whether all rays start at the camera.
+    pub fn is_central(&self) -> bool {
+        self.turning.is_none() && !matches!(self.optics, Optics::Orthographic { .. })
+    }
+
+    /// Finds the point of the picture in `direction` (standard frame): the inverse of [`View::direction`] in
+    /// perspective; `None` behind the camera, and of other optics.
+    pub fn pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
+        if !matches!(self.optics, Optics::Perspective { .. }) {
+            return None;
+        }
+        let depth = direction.dot(self.look());
+        let along = |axis: DVec3| direction.dot(axis) / (depth * axis.length_squared());
+        let [right, down] = self.pixel_axes();
+        let (x, y) = self.middle();
+        let leaned = x + self.lean / self.pixel;
+        (depth > 0.0).then(|| (along(right) + leaned, along(down) + y))
+    }
+
+    /// Returns the direction of the middle of the whole picture.
+    pub fn look(&self) -> DVec3 {
+        self.axes.z_axis
+    }
+
+    /// Makes the same view from `u`: the same components in the standard frame there.
+    pub fn moved(&self, u: DVec3) -> Self {
+        Self { u, ..self.clone() }
+    }
+
+    /// Makes the view turned by `angle` (radians) to the right about the picture's upward direction.
+    pub fn turned(&self, angle: f64) -> Self {
+        let turn = DQuat::from_axis_angle(self.axes.y_axis, angle);
+        Self {
+            axes: DMat3::from_quat(turn) * self.axes,
+            ..self.clone()
+        }
+    }
+
+    /// Returns the direction of the point (x, y) of the picture.
+    pub fn direction(&self, x: f64, y: f64) -> DVec3 {
+        self.ray(x, y).direction
+    }
+
+    /// Returns the address by which a tracer knows the ray that is wanted: its direction, or, in a view whose
+    /// rays start elsewhere, the point of the picture.
+    pub fn address(&self, x: f64, y: f64) -> DVec3 {
+        match self.is_central() {
+            true => self.direction(x, y),
+            false => DVec3::new(x, y, 0.0),
+        }
+    }
+
+    /// Returns the length by which one radian of [`View::pixel_angle`] moves a parallel ray in flat space, at
+    /// all distances; other rays are moved by the distance.
+    pub fn reach(&self) -> Option<f64> {
+        match self.optics {
+            Optics::Orthographic { width } => Some(0.5 * width),
+            _ => None,
+        }
+    }
+
+    /// Returns the ray of the point (x, y) of the picture.
+    pub fn ray(&self, x: f64, y: f64) -> PictureRay {
+        let seen = self.seen(x, y);
+        // On a sphere, what is leaned towards is at distance 1; on the plane, at depth 1.
+        let (offset, leaned) = match self.turning {
+            Some(eye) => {
+                let seen = seen.normalize();
+                let right = seen.cross(eye.up) * eye.right;
+                (right, seen - right * eye.nearness)
+            }
+            None if self.lean == 0.0 => (self.parallel_offset(x, y), seen),
+            None => {
+                let lean = self.axes.x_axis * self.lean;
+                (self.parallel_offset(x, y), seen - lean)
+            }
+        };
+        PictureRay {
+            offset,
+            direction: leaned.normalize(),
+        }
+    }
+
+    /// Finds the vector that a camera without eyes sees at a point of the picture, standard frame: at depth 1
+    /// in perspective, else at distance 1.
+    fn seen(&self, x: f64, y: f64) -> DVec3 {
+        let (w, h) = (self.whole.0 as f64, self.whole.1 as f64);
+        let (middle_x, middle_y) = self.middle();
+        let (x, y) = (x - middle_x, y - middle_y);
+        let ahead = match self.optics {
+            Optics::Perspective { .. } => {
+                let [right, down] = self.pixel_axes();
+                return self.look() + right * x + down * y;
+            }
+            Optics::Panorama => {
+                let (sin, cos) = (TAU * x / w).sin_cos();
+                let (down, level) = (PI * y / h).sin_cos();
+                DVec3::new(sin * level, down, cos * level)
+            }
+            Optics::Fisheye { fov } => {
+                let radius = x.hypot(y);
+                let (sin, cos) = (radius * fov.to_radians() / w.min(h)).sin_cos();
+                let across = if radius > 0.0 { sin / radius } else { 0.0 };
+                DVec3::new(x * across, y * across, cos)
+            }
+            Optics::Orthographic { .. } => DVec3::Z,
+        };
+        self.axes * ahead
+    }
+
+    /// Finds where the ray of a point of the picture starts.
+    fn parallel_offset(&self, x: f64, y: f64) -> DVec3 {
+        if !matches!(self.optics, Optics::Orthographic { .. }) {
+            return DVec3::ZERO;
+        }
+        let (middle_x, middle_y) = self.middle();
+        let [right, down] = self.pixel_axes();
+        right * (x - middle_x) + down * (y - middle_y)
+    }
+
+    /// Returns the middle of the whole picture, counted from this part's corner.
+    fn middle(&self) -> (f64, f64) {
+        let along = |whole: usize, corner: usize| 0.5 * whole as f64 - corner as f64;
+        (
+            along(self.whole.0, self.corner.0),
+            along(self.whole.1, self.corner.1),
+        )
+    }
+
+    /// Returns the steps by one pixel to the right and down, of the sides that all pixels have.
+    fn pixel_axes(&self) -> [DVec3; 2] {
+        [self.axes.x_axis, self.axes.y_axis].map(|axis| axis * self.pixel)
+    }
+
+    /// Returns the angle of one pixel where it is largest, radians; of parallel rays, as if what is half a picture
+    /// away were seen in perspective, 90° wide.
     pub fn pixel_angle(&self) -> f64 {
-        self.right.length()
+        let (w, h) = (self.whole.0 as f64, self.whole.1 as f64);
+        match self.optics {
+            Optics::Perspective { .. } => self.pixel_axes()[0].length(),
+            Optics::Panorama => (TAU / w).max(PI / h),
+            Optics::Fisheye { fov } => fov.to_radians() / w.min(h),
+            Optics::Orthographic { .. } => 2.0 / w,
+        }
+    }
+
+    /// Tells whether the point (x, y) of the picture shows anything: of a fisheye, the circle does.
+    pub fn shows(&self, x: f64, y: f64) -> bool {
+        self.shows_some(x..x, y..y)
+    }
+
+    /// Tells whether any point in these columns and rows shows anything.
+    pub fn shows_some(&self, columns: Range<f64>, rows: Range<f64>) -> bool {
+        let Optics::Fisheye { .. } = self.optics else {
+            return true;
+        };
+        let (x, y) = self.middle();
+        let nearest =
+            |middle: f64, along: Range<f64>| (middle - middle.clamp(along.start, along.end)).abs();
+        let radius = 0.5 * self.whole.0.min(self.whole.1) as f64;
+        nearest(x, columns).hypot(nearest(y, rows)) <= radius
     }
 }
 
-/// The chart point of a camera entry.
+/// Finds the chart point of a camera entry.
 ///
 /// # Errors
 /// Parameters that the manifold's region does not have, or a point outside the domain.
@@ -141,3 +414,7 @@ fn by_parameters(manifold: &Manifold, given: &[(String, f64)]) -> Result<DVec3, 
     }
     Ok(region.at(&values))
 }
+
+#[cfg(test)]
+#[path = "view_tests.rs"]
+mod tests;

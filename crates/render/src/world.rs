@@ -4,21 +4,24 @@
 //! hits be shaded from; together with the file, a [`Stage`].
 
 use super::{
-    accel::Accelerator,
+    accel::{Accelerator, HoledTriangle, OPEN},
     intersect::Hit,
     lightmap::Lightmap,
-    scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, SceneFile, place},
+    panels::{Part, PicturePanels},
+    scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
     sky::Sky,
     view::{View, camera_point},
 };
+use geofan_bundle::{Contents, container::MAGIC};
 use geofan_core::{
     diagnostic::Diagnostic,
     error::{Error, Result},
     geodesic::check_point,
     manifold::Manifold,
+    reading::read_file,
 };
 use glam::DVec3;
-use std::{path::Path, sync::Arc};
+use std::{io::Write, path::Path, sync::Arc};
 
 /// The corners of a triangle as shading needs them.
 #[derive(Debug, Clone)]
@@ -52,6 +55,9 @@ pub struct World {
     pub accelerator: Accelerator,
     /// One for each triangle.
     pub faces: Vec<Face>,
+    /// Linear red, green, blue and opacity at the corners of each triangle, times those of its
+    /// material; empty where no mesh has any.
+    pub colours: Vec<[[f32; 4]; 3]>,
     /// All materials.
     pub materials: Vec<Material>,
     /// The sky of each exit, and last the one of paths that end nowhere.
@@ -61,6 +67,8 @@ pub struct World {
     /// Their light on the triangles, where it has been baked; without, the only lamp is at the
     /// camera.
     pub light: Option<Lightmap>,
+    /// Whether anything can be seen through.
+    pub clear: bool,
     /// Warnings about what was mended or left out while loading.
     pub warnings: Vec<String>,
 }
@@ -79,36 +87,85 @@ impl World {
             true => Arc::new(manifold.forward()?.into_owned()),
             false => manifold.clone(),
         };
+        let shapes = skies.iter().flatten().filter_map(Sky::warning);
+        let warnings = shapes.map(str::to_owned).collect();
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
+            colours: Vec::new(),
             materials: Vec::new(),
             skies,
             lights: lights(scene, &manifold)?,
             light: None,
-            warnings: Vec::new(),
             lamplight,
+            clear: false,
+            warnings,
             manifold,
         };
         let mut triangles = Vec::new();
-        let mut shelf: Vec<(&Path, Arc<Mesh>)> = Vec::new();
+        let mut shelf: Vec<(&Path, f64, Arc<Mesh>)> = Vec::new();
         for (index, object) in scene.objects.iter().enumerate() {
-            let mesh = match shelf.iter().find(|(path, _)| *path == object.mesh) {
-                Some((_, mesh)) => mesh.clone(),
+            let wanted = (object.mesh.as_path(), object.crease);
+            let known = shelf
+                .iter()
+                .find(|(path, crease, _)| (*path, *crease) == wanted);
+            let mesh = match known {
+                Some((.., mesh)) => mesh.clone(),
                 None => {
-                    let mesh = Arc::new(Mesh::load(&object.mesh)?);
+                    let mesh = Arc::new(Mesh::load_creased(&object.mesh, object.crease)?);
                     world.warnings.extend(mesh.warnings.iter().cloned());
-                    shelf.push((&object.mesh, mesh.clone()));
+                    shelf.push((&object.mesh, object.crease, mesh.clone()));
                     mesh
                 }
             };
             world.place(scene, index as u32, object, &mesh, &mut triangles)?;
         }
-        world.accelerator = Accelerator::build(&triangles);
+        world.accelerator = Accelerator::build_with_holes(&triangles, world.holed());
+        world.clear = world.materials.iter().any(Material::is_clear)
+            || world.colours.iter().flatten().any(|c| c[3] < 1.0);
         Ok(world)
     }
 
-    /// Computes a hash of the triangles and their normals.
+    /// Returns the triangles with opacity maps.
+    fn holed(&self) -> Vec<HoledTriangle> {
+        let faces = self.faces.iter().enumerate();
+        let holed = faces.filter_map(|(i, face)| {
+            let map = self.materials[face.material as usize].map_d.clone()?;
+            Some(HoledTriangle {
+                triangle: i as u32,
+                uvs: face.uvs,
+                map,
+            })
+        });
+        holed.collect()
+    }
+
+    /// Returns what multiplies the material's colour and opacity at a hit.
+    pub fn colour(&self, hit: &Hit) -> [f32; 4] {
+        let Some([p, q, r]) = self.colours.get(hit.triangle as usize) else {
+            return [1.0; 4];
+        };
+        let [b, c] = hit.barycentric;
+        std::array::from_fn(|k| p[k] * (1.0 - b - c) + q[k] * b + r[k] * c)
+    }
+
+    /// Returns the share of the light that a hit's surface stops: 1 solid, 0 not there.
+    pub fn opacity(&self, hit: &Hit) -> f32 {
+        let face = &self.faces[hit.triangle as usize];
+        self.materials[face.material as usize].dissolve * self.coverage(hit)
+    }
+
+    /// Returns the share of a hit's place that is covered by its material, whatever that does to light.
+    pub fn coverage(&self, hit: &Hit) -> f32 {
+        let face = &self.faces[hit.triangle as usize];
+        let map = &self.materials[face.material as usize].map_d;
+        let [p, q, r] = face.uvs;
+        let [b, c] = hit.barycentric;
+        let uv = [0, 1].map(|k| p[k] * (1.0 - b - c) + q[k] * b + r[k] * c);
+        map.as_ref().map_or(1.0, |map| map.at(uv)) * self.colour(hit)[3]
+    }
+
+    /// Returns a hash of the triangles, their normals and their opacity.
     pub fn geometry_fingerprint(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
         for (corners, face) in self.accelerator.triangles().iter().zip(&self.faces) {
@@ -120,6 +177,43 @@ impl World {
                 hasher.update(&x.to_le_bytes());
             }
         }
+        self.hash_opacity(&mut hasher);
+        *hasher.finalize().as_bytes()
+    }
+
+    /// Adds what decides how much light passes, where any does.
+    fn hash_opacity(&self, hasher: &mut blake3::Hasher) {
+        if !self.clear {
+            return;
+        }
+        for (i, face) in self.faces.iter().enumerate() {
+            let material = &self.materials[face.material as usize];
+            let colours = self.colours.get(i).map(|all| all.map(|c| c[3]));
+            let told = (material.dissolve, colours, face.uvs, face.material);
+            hasher.update(format!("{told:?}").as_bytes());
+        }
+        for map in self.materials.iter().filter_map(|m| m.map_d.as_ref()) {
+            hasher.update(format!("{:?}", map.mapping).as_bytes());
+            for x in map.values.iter() {
+                hasher.update(&x.to_le_bytes());
+            }
+        }
+    }
+
+    /// Computes a hash of everything that can be seen: triangles, materials with their textures, lamps and
+    /// skies.
+    pub fn fingerprint(&self) -> [u8; 32] {
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(&self.geometry_fingerprint());
+        // Of pictures a digest of their pixels is written.
+        let seen = (
+            &self.faces,
+            &self.colours,
+            &self.materials,
+            &self.lights,
+            &self.skies,
+        );
+        write!(hasher, "{seen:?}").expect("a hash takes everything");
         *hasher.finalize().as_bytes()
     }
 
@@ -166,25 +260,31 @@ impl World {
         mesh: &Mesh,
         triangles: &mut Vec<[DVec3; 3]>,
     ) -> Result<()> {
-        if self.manifold.domain.violation(object.at).is_some() {
-            let complaint = Diagnostic::new(
-                &scene.source,
-                object.at_span.clone(),
-                "this object is outside the manifold's domain",
-            );
-            return Err(complaint
-                .with_hint("see [domain] in the manifold file")
-                .into());
-        }
+        self.check_place(scene, object)?;
         let Some(placed) = place(&self.manifold, object, mesh) else {
             return Err(self.unreachable(scene, object));
         };
+        self.check_extent(scene, object, &placed.vertices)?;
         self.warnings.extend(placed.warning);
-        let (mesh, vertices) = (placed.mesh, placed.vertices);
+        self.add(index, &placed.mesh, &placed.vertices, triangles);
+        Ok(())
+    }
+
+    /// Adds the triangles of a placed mesh, but for those that are not there at all.
+    fn add(&mut self, index: u32, mesh: &Mesh, vertices: &Points, triangles: &mut Vec<[DVec3; 3]>) {
         let first = self.materials.len() as u32;
         self.materials.extend(mesh.materials.iter().cloned());
         for (corners, material) in mesh.triangles.iter().zip(&mesh.material_of) {
             let corner = corners.map(|c| c as usize);
+            let colours = corner.map(|c| mesh.colours.get(c).copied().unwrap_or([1.0; 4]));
+            let alpha = colours.iter().fold(0.0, |most: f32, c| most.max(c[3]));
+            if mesh.materials[*material as usize].solid() * alpha < OPEN {
+                continue;
+            }
+            if !(mesh.colours.is_empty() && self.colours.is_empty()) {
+                self.colours.resize(self.faces.len(), [[1.0; 4]; 3]);
+                self.colours.push(colours);
+            }
             triangles.push(corner.map(|c| vertices[c].0));
             self.faces.push(Face {
                 object: index,
@@ -192,6 +292,65 @@ impl World {
                 normals: corner.map(|c| vertices[c].1),
                 uvs: corner.map(|c| mesh.uvs[c]),
             });
+        }
+    }
+
+    /// Refuses a place outside the domain, or where the chart breaks down or all but does.
+    fn check_place(&self, scene: &SceneFile, object: &ObjectEntry) -> Result<()> {
+        let refused = |message: String, hint: &str| -> Result<()> {
+            let place = object.at_span.clone();
+            Err(Diagnostic::new(&scene.source, place, message)
+                .with_hint(hint)
+                .into())
+        };
+        if let Err(fault) = check_point(&self.manifold, "the object", object.at) {
+            let hint =
+                "see [domain] in the manifold file, or move it from where the chart breaks down";
+            return refused(fault.to_string(), hint);
+        }
+        if is_near_singular(&self.manifold, object.at) {
+            let message = "the object: the chart is all but singular there, so directions are lost to rounding";
+            let hint = "move it away, or describe the space in other coordinates";
+            return refused(message.into(), hint);
+        }
+        Ok(())
+    }
+
+    /// Refuses an object of which a part lies nowhere or which goes round and round the space: both
+    /// come of a place where the chart is all but singular.
+    fn check_extent(
+        &self,
+        scene: &SceneFile,
+        object: &ObjectEntry,
+        vertices: &Points,
+    ) -> Result<()> {
+        let refused = |message: String| -> Result<()> {
+            Err(
+                Diagnostic::new(&scene.source, object.at_span.clone(), message)
+                    .with_hint("make it smaller, or move it from where the chart breaks down")
+                    .into(),
+            )
+        };
+        if vertices.iter().any(|(u, _)| !u.is_finite()) {
+            return refused(String::from(
+                "a part of the object has no place in the chart",
+            ));
+        }
+        for k in 0..3 {
+            let Some(period) = self.manifold.domain.period(k) else {
+                continue;
+            };
+            let all = vertices.iter().map(|(u, _)| u[k]);
+            let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+                (a.min(x), b.max(x))
+            });
+            let times = (most - least) / period;
+            if times > MOST_PERIODS {
+                let name = &self.manifold.coordinates[k];
+                return refused(format!(
+                    "the object goes {times:.0} times around in `{name}`"
+                ));
+            }
         }
         Ok(())
     }
@@ -208,7 +367,24 @@ impl World {
     }
 }
 
-/// Places the lights of `scene`, all inside the domain.
+/// Most times that an object may go around the space in one coordinate: each costs another search for
+/// what a ray meets.
+const MOST_PERIODS: f64 = 64.0;
+
+/// Largest ratio of the lengths of a standard frame's axes: of sixteen digits, four are left for
+/// directions.
+const MOST_STRETCH: f64 = 1e12;
+
+/// Tells whether the standard frame at `u` is so uneven that directions are lost.
+fn is_near_singular(manifold: &Manifold, u: DVec3) -> bool {
+    let frame = manifold.standard_frame(u);
+    let lengths = [0, 1, 2].map(|k| frame.col(k).length());
+    let [least, most] =
+        [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of).unwrap_or(1.0));
+    !(most <= MOST_STRETCH * least)
+}
+
+/// Returns the lights of `scene`, all inside the domain.
 fn lights(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<PointLight>> {
     let light = |entry: &LightEntry| match check_point(manifold, "the light", entry.at) {
         Ok(()) => Ok(PointLight {
@@ -249,6 +425,18 @@ fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>
     Ok(skies)
 }
 
+/// Loads the manifold of a file, which may be a bundle: it has the text of its manifold in it.
+fn load_manifold(path: &Path, settings: &[(String, f64)]) -> Result<Manifold> {
+    // Of another file this reads the first bytes only.
+    match read_file(path, MAGIC, u64::MAX) {
+        Ok(start) if start.starts_with(MAGIC) => {
+            let name = path.display().to_string();
+            Contents::read(path)?.header.manifold_with(&name, settings)
+        }
+        _ => Manifold::load(path, settings),
+    }
+}
+
 /// A scene with everything it names.
 pub struct Stage {
     /// The file.
@@ -264,7 +452,7 @@ impl Stage {
     /// Whatever is wrong with any of its files.
     pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
         let scene = SceneFile::load(path)?;
-        let manifold = Manifold::load(&scene.manifold, settings).map_err(|e| match e {
+        let manifold = load_manifold(&scene.manifold, settings).map_err(|e| match e {
             // A missing file is the scene's fault, and the scene says where it is named.
             Error::Input { message, .. } if !scene.manifold.exists() => Diagnostic::new(
                 &scene.source,
@@ -308,9 +496,22 @@ impl Stage {
     /// Returns the view of a camera of this scene.
     ///
     /// # Errors
-    /// The camera is outside the domain.
+    /// The camera is outside the domain, or draws several pictures.
     pub fn view(&self, camera: &CameraEntry, size: (usize, usize)) -> Result<View> {
+        self.panels(camera, size, None)?.single()
+    }
+
+    /// Returns the parts of the picture of a camera of this scene; of `crop` alone, if there is one.
+    ///
+    /// # Errors
+    /// The camera is outside the domain, or the picture cannot be divided as its lens asks.
+    pub fn panels(
+        &self,
+        camera: &CameraEntry,
+        size: (usize, usize),
+        crop: Option<Part>,
+    ) -> Result<PicturePanels> {
         let u = camera_point(&self.world.manifold, &self.scene.source, camera)?;
-        Ok(View::new(camera, u, size))
+        PicturePanels::new(&self.world.manifold, (camera, u), size, crop)
     }
 }

@@ -41,7 +41,7 @@ const KINK: f64 = 1e-9;
 /// Most growth from one step to the next: more than the error estimate can be trusted for.
 const MOST_GROWTH: f64 = 5.0;
 
-/// How far all lanes are and what becomes of their steps.
+/// Step-size control of all lanes: the arc lengths reached and the decisions on trial steps.
 pub(super) struct Control {
     tolerance: f64,
     /// Arc length to follow, arc length followed, and the step to try.
@@ -104,7 +104,7 @@ impl Control {
         self.next_h[lane] = 0.0;
     }
 
-    /// Whether the ray in `lane` may be given another step.
+    /// Returns whether the ray in `lane` may be given another step.
     pub fn may_go_on(&self, lane: usize) -> bool {
         self.steps[lane] < MOST_STEPS
     }
@@ -118,19 +118,26 @@ impl Control {
         self.next_h[lane] = h.min(self.length[lane] - self.s[lane]);
     }
 
+    /// Replaces the judgement of the trial in `lane`: no further step is possible.
+    pub fn end_here(&mut self, lane: usize) {
+        self.accepted[lane] = 0.0;
+        self.complete[lane] = 0.0;
+        self.stuck[lane] = 1.0;
+    }
+
     /// Replaces the step after the accepted trial in `lane`.
     pub fn go_on_with(&mut self, lane: usize, h: f64) {
         self.stuck[lane] = 0.0;
         self.next_h[lane] = h.min(self.length[lane] - self.next_s[lane]);
     }
 
-    /// Whether the step of `lane` is so long that it needs more than its stages.
+    /// Returns whether the step of `lane` is so long that it needs more than its stages.
     #[inline(always)]
     pub fn is_long(&self, lane: usize) -> bool {
         self.h[lane] > 0.5 * LONGEST_STEP * self.length[lane]
     }
 
-    /// Whether any step is.
+    /// Returns whether any step is so long.
     #[inline(always)]
     pub fn any_is_long(&self) -> bool {
         let mut longs = 0;

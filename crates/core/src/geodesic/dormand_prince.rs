@@ -68,7 +68,7 @@ pub(super) const DENSE: [f64; STAGES] = [
 pub(super) struct Dense<const N: usize>(pub(super) [[f64; 5]; N]);
 
 impl<const N: usize> Dense<N> {
-    /// The same components all over.
+    /// Makes a step that keeps these components all over.
     pub fn still(y: [f64; N]) -> Self {
         Self(y.map(|a| [a, 0.0, 0.0, 0.0, 0.0]))
     }

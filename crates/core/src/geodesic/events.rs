@@ -1,18 +1,17 @@
-//! Where a ray ends: the first arc length at which an event of the domain becomes positive.
+//! Events of the domain: the first arc length at which one becomes positive ends a ray.
 //!
-//! In: trial states of all lanes, then the accepted [`Step`] of one. Out: the [`End`] and its arc
-//! length, found on the step's curve to rounding, not to the step. Events are looked at at the end of
-//! a step and at one or three places inside it, so one that comes and goes between two of them is
-//! missed: at most 1/64 of the ray lies between.
+//! In: trial states of all lanes, then the accepted [`Step`] of one; or the events' values at the ends of a
+//! stretch; or any curve s -> (u, v). Out: the [`End`] and its arc length, found on the curve to rounding,
+//! not to the step. Events are looked at at the end of a step and at one or three places inside it, so one
+//! that comes and goes between two of them is missed: at most 1/64 of the ray lies between.
 //!
-//! A ray that starts beyond an event is not over if it is on its way back.
+//! An event counts where its value becomes positive; one that is positive already, because the ray starts
+//! beyond it, counts as soon as its value rises. [`crossing`] is the root finder of all of them.
 
-use super::{
-    End, LANES, NIL, Row, Step, control::Control, curves::Curves, each, first_event::first_between,
-    rows::take_where,
-};
+use super::{End, LANES, NIL, Row, Step, control::Control, each, rows::take_where, step::Curves};
 use crate::manifold::{Domain, EventKind};
 use geofan_expr::{Registers, Wide, real::Real};
+use glam::DVec3;
 
 /// Where events are looked at, as fractions of a step; short steps only at every second place.
 const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
@@ -20,7 +19,7 @@ const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// Finds events on the steps of the rays in all lanes.
 pub(super) struct Events<'m> {
     domain: &'m Domain,
-    /// Whether the events depend on the tangent.
+    /// Set if the events depend on the tangent.
     tangent: bool,
     single: Registers<f64, 1>,
     /// The events' values at the end of the step before.
@@ -113,7 +112,7 @@ impl<'m> Events<'m> {
         self.most = most;
     }
 
-    /// Whether an event may be met within the step tried in `lane`.
+    /// Returns whether an event may be met within the step tried in `lane`.
     pub fn may_be_met(&self, lane: usize) -> bool {
         self.most[lane] > 0.0
     }
@@ -177,5 +176,131 @@ impl End {
             EventKind::Limit => Self::Exit(named),
             EventKind::Inside => Self::Exit(named + 1),
         }
+    }
+}
+
+/// Number of intervals in which a whole path is searched for events: paths of tables bend over about a hundredth of
+/// their length at the least.
+const LOOKS: u32 = 256;
+
+/// Returns whether an event with these values at two places is met between them.
+#[inline(always)]
+pub(super) fn is_met(before: f64, now: f64) -> bool {
+    (now > 0.0) & (now > before)
+}
+
+/// The first event between the arc lengths `from` and `to`; `ends` gives the values of an event at
+/// both, `value` that of an event at an arc length between.
+pub(super) fn first_between(
+    domain: &Domain,
+    [from, to]: [f64; 2],
+    ends: impl Fn(usize) -> [f64; 2],
+    mut value: impl FnMut(usize, f64) -> f64,
+) -> Option<(End, f64)> {
+    let mut first: Option<(f64, usize)> = None;
+    for k in 0..domain.kinds.len() {
+        let [before, now] = ends(k);
+        if !is_met(before, now) {
+            continue;
+        }
+        let s = match before > 0.0 {
+            true => from,
+            false => crossing(from, to, |s| value(k, s)),
+        };
+        if first.is_none_or(|(earlier, _)| s < earlier) {
+            first = Some((s, k));
+        }
+    }
+    first.map(|(s, k)| (End::of_event(domain, domain.kinds[k]), s))
+}
+
+/// The first event on a curve s -> (u, v), chart components, for s from 0 to `length`.
+pub fn first_event(
+    domain: &Domain,
+    length: f64,
+    curve: impl Fn(f64) -> (DVec3, DVec3),
+) -> Option<(End, f64)> {
+    if !domain.ends_rays() {
+        return None;
+    }
+    let values = |s: f64| {
+        let (u, v) = curve(s);
+        domain.events().at(&[u.x, u.y, u.z, v.x, v.y, v.z])
+    };
+    let place = |i: u32| length * f64::from(i) / f64::from(LOOKS);
+    let mut before = values(0.0);
+    (0..LOOKS).find_map(|i| {
+        let stretch = [place(i), place(i + 1)];
+        let now = values(stretch[1]);
+        let ends = |k: usize| [before[k], now[k]];
+        let first = first_between(domain, stretch, ends, |k, s| values(s)[k]);
+        before = now;
+        first
+    })
+}
+
+/// The `s` in `[low, high]` at which `value`, not positive at `low` and positive at `high`, becomes
+/// positive, to rounding: the Illinois method (M. Dowell and P. Jarratt, BIT 11 (1971) 168–174), with
+/// a bisection whenever three rounds did not halve the interval, so that no shape of function can make
+/// it crawl. Smooth functions take about ten looks.
+pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (low, high);
+    let (mut below, mut above) = (value(low).min(-0.0), value(high));
+    let mut width = high - low;
+    let mut was_above = None;
+    for round in 1..100 {
+        // Never nearer to an end than this: once a side has come close, one look across the crossing
+        // closes the interval.
+        let least = 2.0 * f64::EPSILON * high.abs();
+        if high - low <= 2.0 * least {
+            break;
+        }
+        let crawls = round % 3 == 0 && high - low > 0.5 * width;
+        if round % 3 == 0 {
+            width = high - low;
+        }
+        let share = (below / (below - above)).clamp(0.0, 1.0);
+        let share = if share.is_finite() && !crawls {
+            share
+        } else {
+            0.5
+        };
+        let s = (low + (high - low) * share).clamp(low + least, high - least);
+        let v = value(s);
+        if v > 0.0 {
+            (high, above) = (s, v);
+            below *= if was_above == Some(true) { 0.5 } else { 1.0 };
+        } else {
+            (low, below) = (s, v.min(-0.0));
+            above *= if was_above == Some(false) { 0.5 } else { 1.0 };
+            if v == 0.0 {
+                return s;
+            }
+        }
+        was_above = Some(v > 0.0);
+    }
+    0.5 * (low + high)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn crossings_are_found_to_rounding() {
+        let root = crossing(0.0, 3.0, |s| s * s - 2.0);
+        assert!((root - 2.0_f64.sqrt()).abs() < 1e-14);
+        let late = crossing(0.0, 1.0, |s| (s - 0.999).powi(9));
+        assert!((late - 0.999).abs() < 1e-2);
+        assert_eq!(crossing(0.0, 4.0, |s| s - 3.0), 3.0);
+        let mut looks = 0;
+        let root = crossing(7.0, 7.8, |s| {
+            looks += 1;
+            s * s - 60.0
+        });
+        assert!(
+            (root - 60.0_f64.sqrt()).abs() < 1e-14 && looks < 14,
+            "{looks}"
+        );
     }
 }

@@ -10,14 +10,14 @@ mod report;
 use super::{
     End, LANES, NIL, Ray, Row, Settings, Sink,
     control::{Control, LOOK},
-    curves::{Curves, Trial},
     dormand_prince::{A, ERROR, STAGES},
     each,
     events::Events,
-    kinks::{Kinks, Meeting},
     rows::{larger, multiply, norm2, take_where, vector},
     starts::{Start, Starts},
     state::{Layout, Rest, rates_at},
+    step::{Curves, Trial},
+    switching::{Meeting, SwitchingSurfaces},
     weighted,
 };
 use crate::manifold::{Carried, Manifold};
@@ -42,7 +42,7 @@ pub fn follow<S: Sink>(
             return;
         }
         lanes.attempt();
-        lanes.meet_kinks();
+        lanes.meet_surfaces();
         lanes.report(sink);
         lanes.commit();
     }
@@ -56,7 +56,7 @@ struct Lanes<'m> {
     /// The rates of a path that carries nothing.
     bare: (&'m Tape, Registers<f64, LANES>, Rest),
     events: Option<Events<'m>>,
-    kinks: Option<Kinks<'m>>,
+    surfaces: Option<SwitchingSurfaces<'m>>,
     starts: Starts<'m>,
     /// The number of the ray that a lane follows.
     ray: [Option<usize>; LANES],
@@ -87,7 +87,7 @@ impl<'m> Lanes<'m> {
                 true => Events::new(&manifold.domain),
                 false => None,
             },
-            kinks: Kinks::new(manifold, settings),
+            surfaces: SwitchingSurfaces::new(manifold, settings),
             starts: Starts::new(manifold, settings),
             ray: [None; LANES],
             curves: Curves::new(layout),
@@ -126,8 +126,8 @@ impl<'m> Lanes<'m> {
         if let Some(events) = &mut self.events {
             events.start(lane, &self.starts.events, start.column);
         }
-        if let Some(kinks) = &mut self.kinks {
-            kinks.start(lane);
+        if let Some(surfaces) = &mut self.surfaces {
+            surfaces.start(lane);
         }
     }
 
@@ -158,7 +158,7 @@ impl<'m> Lanes<'m> {
                 if let Some(events) = &mut self.events {
                     events.look(&self.curves, &self.control, &self.trial);
                 }
-                self.look_for_kinks();
+                self.look_for_surfaces();
             },
         );
     }
@@ -213,26 +213,28 @@ impl<'m> Lanes<'m> {
         self.control.unforeseen2 = norm2(metric, vector(&surprise, 0));
     }
 
-    /// Looks where the trial steps meet kinks of the metric.
+    /// Looks where the trial steps meet surfaces across which the metric is not smooth.
     #[inline(always)]
-    fn look_for_kinks(&mut self) {
-        if let Some(kinks) = &mut self.kinks {
-            let mut middle = [NIL; 3];
-            for (c, middle) in middle.iter_mut().enumerate() {
-                *middle = self.curves.point(c, 0.5);
+    fn look_for_surfaces(&mut self) {
+        if let Some(surfaces) = &mut self.surfaces {
+            let (mut middle, mut tangent) = ([NIL; 3], [NIL; 3]);
+            let inverse = each(|l| 1.0 / self.control.h[l]);
+            for c in 0..3 {
+                middle[c] = self.curves.point(c, 0.5);
+                tangent[c] = self.curves.tangent(c, &inverse, 0.5);
             }
-            kinks.look([
-                vector(&self.y, 0),
-                vector(&middle, 0),
-                vector(&self.trial, 0),
+            surfaces.look([
+                (vector(&self.y, 0), vector(&self.y, 3)),
+                (vector(&middle, 0), vector(&tangent, 0)),
+                (vector(&self.trial, 0), vector(&self.trial, 3)),
             ]);
         }
     }
 
-    /// Tries steps that end at a kink instead of those that meet one, and moves rays that are there
-    /// over it.
-    fn meet_kinks(&mut self) {
-        let Some(kinks) = &mut self.kinks else {
+    /// Tries steps that end at a surface instead of those that meet one, and moves rays that are there
+    /// across it.
+    fn meet_surfaces(&mut self) {
+        let Some(surfaces) = &mut self.surfaces else {
             return;
         };
         for lane in 0..LANES {
@@ -240,18 +242,23 @@ impl<'m> Lanes<'m> {
                 continue;
             }
             let (s, h) = (self.control.s[lane], self.control.h[lane]);
-            let meeting = match kinks.is_crossed(lane) {
-                true => kinks.meeting(&self.curves.step(lane, s, h)),
+            let meeting = match surfaces.is_crossed(lane) {
+                true => surfaces.meeting(&self.curves.step(lane, s, h)),
                 false => None,
             };
             if let Some(meeting) = meeting {
-                let instead = kinks.instead(lane, meeting, h);
+                let instead = surfaces.instead(lane, meeting, h);
                 self.control.try_instead(lane, instead);
-                if let Meeting::Here(hop) = meeting {
-                    kinks.hop(lane, hop, &mut self.y, &mut self.k[0]);
+                match meeting {
+                    Meeting::Ahead(_) => {}
+                    Meeting::Here(crossing) => {
+                        let state = (&mut self.y[..], &mut self.k[0][..]);
+                        surfaces.cross(lane, s, crossing, state);
+                    }
+                    Meeting::Grazing => self.control.end_here(lane),
                 }
             } else if self.control.accepted[lane] > 0.0
-                && let Some(step) = kinks.go_on_with(lane)
+                && let Some(step) = surfaces.go_on_with(lane)
             {
                 self.control.go_on_with(lane, step);
             }

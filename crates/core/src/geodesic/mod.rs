@@ -4,56 +4,36 @@
 //! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
 //! any curve ([`transport`]), and the exponential map with its differential ([`exponential()`]).
 
-mod conjugate;
 mod control;
-mod crossing;
-mod curves;
 mod departure;
+mod deviation;
 mod dormand_prince;
-mod elapsed;
 mod events;
 mod exponential;
-mod first_event;
 mod fixed;
 mod integrator;
-mod kinks;
 mod path;
+mod refraction;
 mod rows;
-mod samples;
-mod spread;
 mod starts;
 mod state;
 mod step;
+mod switching;
 mod transport;
 
-pub use conjugate::conjugate_points;
-pub use crossing::crossing;
 pub use departure::{check_point, depart};
-pub use elapsed::elapsed;
+pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
+pub use events::{crossing, first_event};
 pub use exponential::{Exponential, exponential};
-pub use first_event::first_event;
 pub use fixed::fixed_steps;
 pub use integrator::follow;
-pub use path::{Path, ends, paths};
-pub use samples::{Sample, samples};
-pub use spread::{JacobiField, perpendiculars, signed_area};
+pub use path::{Path, Sample, elapsed, ends, paths, samples};
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
 
 use crate::manifold::{Carried, LocalFrame, Manifold};
-use geofan_expr::Wide;
 use glam::DVec3;
-
-/// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
-/// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
-/// stages no longer stay in the first-level cache.
-const LANES: usize = 32;
-
-/// One number for every lane.
-type Row = Wide<f64, LANES>;
-
-/// Zero in every lane.
-const NIL: Row = Wide([0.0; LANES]);
+use rows::{LANES, NIL, Row, each, weighted};
 
 /// A geodesic to follow.
 #[derive(Debug, Clone, Copy)]
@@ -62,7 +42,7 @@ pub struct Ray {
     pub u: DVec3,
     /// Tangent, chart components: of unit length in the metric at `u`, or against the wind there.
     pub v: DVec3,
-    /// How far to follow it (arc length).
+    /// Arc length to follow it to.
     pub length: f64,
     /// The initial δv of the two deviations, chart components; used only when deviation is carried.
     pub spread: [DVec3; 2],
@@ -87,7 +67,7 @@ impl Ray {
     }
 }
 
-/// How a path ended.
+/// The reason of a path's end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum End {
     /// At the length asked for, or where its [`Sink`] had seen enough.
@@ -109,21 +89,21 @@ impl End {
     }
 }
 
-/// What to follow and how exactly.
+/// Settings of the integrator: error budget, quantities carried along, events.
 #[derive(Debug, Clone, Copy)]
 pub struct Settings {
     /// Largest local error of a step: an angle in radians for directions and frames, a share of the
     /// arc length for positions.
     pub tolerance: f64,
-    /// What to carry along.
+    /// Quantities to carry along.
     pub carried: Carried,
-    /// Whether to end rays at exits and at the end of the domain.
+    /// Set to end rays at exits and at the end of the domain.
     pub events: bool,
 }
 
 /// Takes the steps of many rays as they are made.
 pub trait Sink {
-    /// Whether the step of `ray` that ends at arc length `to` is to be made into a curve and given to
+    /// Returns whether the step of `ray` that ends at arc length `to` is to be made into a curve and given to
     /// [`Sink::step`]; the one in which the ray ends always is.
     fn wants(&self, ray: usize, to: f64) -> bool {
         let _ = (ray, to);
@@ -134,40 +114,17 @@ pub trait Sink {
     fn region(&self) -> Option<(DVec3, DVec3)> {
         None
     }
-    /// Whether steps are to have what is carried along; that in which a ray ends always has.
+    /// Returns whether steps are to have what is carried along; that in which a ray ends always has.
     fn wants_carried(&self) -> bool {
         true
     }
     /// The next step of `ray` that was wanted; steps of one ray come in order, those of different rays mixed.
     fn step(&mut self, ray: usize, step: &Step);
-    /// Whether to follow `ray` further; asked after each of its steps. A ray that is given up ends
+    /// Returns whether to follow `ray` further; asked after each of its steps. A ray that is given up ends
     /// as [`End::Length`] at the end of that step.
     fn wants_more(&self, _ray: usize) -> bool {
         true
     }
     /// `ray` has ended at arc length `s` after `steps` steps tried.
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);
-}
-
-/// One number for each lane.
-#[inline(always)]
-fn each(f: impl Fn(usize) -> f64) -> Row {
-    let mut row = NIL;
-    for l in 0..LANES {
-        row[l] = f(l);
-    }
-    row
-}
-
-/// `Σ wⱼ kⱼ` of one row of the stages' rates.
-#[inline(always)]
-fn weighted(weights: &[f64], k: &[Vec<Row>], row: usize) -> Row {
-    let mut sum = NIL;
-    for (&w, k) in weights.iter().zip(k).filter(|(w, _)| **w != 0.0) {
-        let k = &k[row];
-        for l in 0..LANES {
-            sum[l] += w * k[l];
-        }
-    }
-    sum
 }

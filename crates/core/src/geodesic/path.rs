@@ -1,18 +1,23 @@
-//! A whole geodesic with dense output.
+//! Whole geodesics with dense output, their samples, and the time that light takes along them.
+//!
+//! In: [`Ray`]s. Out: [`Path`]s; equally spaced [`Sample`]s of one, from arc length 0 to the path's end, both
+//! included, vectors in chart components, glued coordinates inside their limits; the time of the spacetime
+//! that passes along it.
 
-use super::{End, Ray, Settings, Sink, Step, follow};
+use super::{End, Ray, Settings, Sink, Step, follow, signed_area};
 use crate::manifold::Manifold;
+use glam::{DMat3, DVec3};
 
 /// A geodesic as its steps.
 #[derive(Debug, Clone)]
 pub struct Path {
     /// The steps in order, without gaps.
     pub steps: Vec<Step>,
-    /// How it ended.
+    /// The reason of its end.
     pub end: End,
     /// The arc length at which it ended.
     pub length: f64,
-    /// How many steps were tried, rejected ones included.
+    /// Number of steps tried, rejected ones included.
     pub tried: usize,
 }
 
@@ -94,4 +99,86 @@ impl Sink for Kept {
         let path = self.path(ray);
         (path.end, path.length, path.tried) = (end, s, steps);
     }
+}
+
+/// State of a path at one arc length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// Arc length from the start.
+    pub s: f64,
+    /// Chart point, inside the limits of glued coordinates.
+    pub u: DVec3,
+    /// Tangent, of unit length (against the wind, where there is one).
+    pub v: DVec3,
+    /// Columns: the transported vectors that start as the standard frame. `None` when the frame
+    /// was not carried.
+    pub frame: Option<DMat3>,
+    /// The area by which a unit solid angle has spread. `None` when deviation was not carried.
+    pub area: Option<f64>,
+}
+
+/// `count` equally spaced samples of `path`, which must be the path of `ray`; at least two. A path
+/// that ended at its start gives its start `count` times.
+pub fn samples(manifold: &Manifold, ray: &Ray, path: &Path, count: usize) -> Vec<Sample> {
+    let last = count.max(2) - 1;
+    (0..=last)
+        .map(|i| path.length * (i as f64 / last as f64))
+        .map(|s| match path.step_at(s) {
+            Some(step) => on_step(manifold, step, s),
+            None => at_start(manifold, ray),
+        })
+        .collect()
+}
+
+fn on_step(manifold: &Manifold, step: &Step, s: f64) -> Sample {
+    let u = manifold.domain.wrap(step.position(s));
+    let local = manifold.local_frame(u);
+    let v = local.restored(manifold.metric(u), step.tangent(s));
+    let turned = |q| local.frame * DMat3::from_quat(q);
+    let area = |j| signed_area(&local, v, j).abs();
+    Sample {
+        s,
+        u,
+        v,
+        frame: step.rotation(s).map(turned),
+        area: step.deviation(s).map(area),
+    }
+}
+
+fn at_start(manifold: &Manifold, ray: &Ray) -> Sample {
+    let u = manifold.domain.wrap(ray.u);
+    Sample {
+        s: 0.0,
+        u,
+        v: ray.v,
+        frame: Some(manifold.standard_frame(u)),
+        area: Some(0.0),
+    }
+}
+
+/// Nodes and weights of Gauss's rule of order twelve on [−1, 1], those of one side.
+const GAUSS: [(f64, f64); 3] = [
+    (0.238_619_186_083_196_9, 0.467_913_934_572_691_1),
+    (0.661_209_386_466_264_5, 0.360_761_573_048_138_6),
+    (0.932_469_514_203_152, 0.171_324_492_379_170_36),
+];
+
+/// The time that light takes from the start of `path` to the parameter `s`.
+pub fn elapsed(manifold: &Manifold, path: &Path, s: f64) -> f64 {
+    if !manifold.has_drift() {
+        return s;
+    }
+    let mut time = 0.0;
+    for step in path.steps.iter().take_while(|step| step.start < s) {
+        let to = step.end.min(s);
+        let (middle, half) = (0.5 * (step.start + to), 0.5 * (to - step.start));
+        let rate = |x: f64| {
+            let s = middle + half * x;
+            manifold.time_rate(step.position(s), step.tangent(s))
+        };
+        for (x, weight) in GAUSS {
+            time += half * weight * (rate(x) + rate(-x));
+        }
+    }
+    time
 }

@@ -1,7 +1,17 @@
-//! Sums, products and choices in all lanes at once.
+//! One number for every lane, and sums, products and choices in all lanes at once.
 
-use super::{LANES, Row, each};
-use geofan_expr::real::Real;
+use geofan_expr::{Wide, real::Real};
+
+/// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
+/// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
+/// stages no longer stay in the first-level cache.
+pub(super) const LANES: usize = 32;
+
+/// One number for every lane.
+pub(super) type Row = Wide<f64, LANES>;
+
+/// Zero in every lane.
+pub(super) const NIL: Row = Wide([0.0; LANES]);
 
 /// `row *= by`
 #[inline(always)]
@@ -51,4 +61,27 @@ pub(super) fn take_where(mask: &Row, from: &[Row], to: &mut [Row]) {
             *to = chosen;
         }
     }
+}
+
+/// One number for each lane.
+#[inline(always)]
+pub(super) fn each(f: impl Fn(usize) -> f64) -> Row {
+    let mut row = NIL;
+    for l in 0..LANES {
+        row[l] = f(l);
+    }
+    row
+}
+
+/// `Σ wⱼ kⱼ` of one row of the stages' rates.
+#[inline(always)]
+pub(super) fn weighted(weights: &[f64], k: &[Vec<Row>], row: usize) -> Row {
+    let mut sum = NIL;
+    for (&w, k) in weights.iter().zip(k).filter(|(w, _)| **w != 0.0) {
+        let k = &k[row];
+        for l in 0..LANES {
+            sum[l] += w * k[l];
+        }
+    }
+    sum
 }

@@ -19,7 +19,7 @@ pub(super) struct Start {
     pub ray: usize,
     /// Its column in the block's rows.
     pub column: usize,
-    /// How far it is to be followed.
+    /// Arc length to follow it to.
     pub length: f64,
     /// The first step to try; `None` where the metric allows none.
     pub step: Option<f64>,

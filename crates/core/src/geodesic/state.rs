@@ -19,7 +19,7 @@ pub(super) struct Layout {
     pub turn: Option<usize>,
     /// The first row of the first deviation.
     pub deviation: Option<usize>,
-    /// How many rows there are.
+    /// Number of rows.
     pub rows: usize,
 }
 
@@ -91,7 +91,7 @@ pub(super) fn rates_at<const W: usize>(
     }
 }
 
-/// What the rest of a flow's outputs are.
+/// Places of a flow's outputs behind the accelerations.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Rest {
     metric: usize,
@@ -100,7 +100,7 @@ pub(super) struct Rest {
 }
 
 impl Rest {
-    /// Of the tape `flow` of `manifold`.
+    /// Finds them for the tape `flow` of `manifold`.
     pub fn of(manifold: &Manifold, flow: &Tape) -> Self {
         let end = flow.outputs();
         match manifold.has_wind() {
@@ -121,7 +121,7 @@ impl Rest {
         [0, 1, 2, 3, 4, 5].map(|i| registers.output(self.metric + i))
     }
 
-    /// Whether there is a wind.
+    /// Returns whether there is a wind.
     pub fn has_wind(self) -> bool {
         self.wind.is_some()
     }

@@ -62,7 +62,7 @@ pub fn transport(
     follow(manifold, rate, curve, interval, tolerance)
 }
 
-/// The same along the path of a ray: what its frame does. Where there is a wind, that is not parallel.
+/// Carries vectors along the path of a ray as its frame is carried. Where there is a wind, that is not parallel.
 ///
 /// # Errors
 /// As [`transport`].

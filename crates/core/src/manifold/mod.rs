@@ -217,8 +217,8 @@ impl Manifold {
 
     /// The tape u -> for each place where the metric is not smooth, a function φ(u) that vanishes there
     /// and its gradient (4 numbers); `None` if `abs`, `min`, `max` and `if` do not occur.
-    pub fn kinks(&self) -> Option<&Tape> {
-        self.tapes.kinks.as_ref()
+    pub fn switching_functions(&self) -> Option<&Tape> {
+        self.tapes.switching.as_ref()
     }
 
     /// The direction by which the sky of exit `exit` is looked up, for a ray that is at `u` with

@@ -35,7 +35,7 @@ pub(super) struct Tapes {
     pub pullback: Option<Tape>,
     /// u -> for each place where the definition is not smooth, a function φ that vanishes there and
     /// its gradient (4); `None` for a smooth definition.
-    pub kinks: Option<Tape>,
+    pub switching: Option<Tape>,
     jet: Arc<Jet>,
 }
 
@@ -85,7 +85,7 @@ impl Tapes {
                 drift: medium.drift.is_some(),
                 lapse: medium.lapse.is_some(),
             },
-            kinks: kinks(&mut graph, definition, medium)?,
+            switching: switching(&mut graph, definition, medium)?,
             jet: Arc::new(Jet {
                 graph,
                 metric: geometry.metric,
@@ -163,8 +163,8 @@ fn medium_tape(graph: &mut Graph, medium: &Medium) -> Result<Option<Tape>, TapeT
     Tape::compile(graph, &outputs, 3).map(Some)
 }
 
-/// The kink functions with their gradients; `None` for a smooth definition.
-fn kinks(
+/// The switching functions with their gradients; `None` for a smooth definition.
+fn switching(
     graph: &mut Graph,
     definition: &Definition,
     medium: &Medium,
@@ -175,7 +175,7 @@ fn kinks(
         .copied()
         .chain(medium.nodes())
         .collect();
-    let functions = graph.kinks(&roots);
+    let functions = graph.switching_functions(&roots);
     if functions.is_empty() {
         return Ok(None);
     }

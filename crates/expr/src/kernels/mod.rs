@@ -12,8 +12,6 @@
 //! rounded coefficients included. An ulp is 2^-52 (`f32`: 2^-23) at most.
 
 pub(super) mod exponential;
-pub(super) mod inverse;
-pub(super) mod logarithm;
 #[cfg(test)]
 mod tests;
 pub(super) mod trigonometric;
@@ -21,7 +19,7 @@ pub(super) mod trigonometric;
 use super::real::Real;
 
 /// The layout of a binary floating-point type, and the operations on its bits.
-pub(super) trait Format: Real {
+pub(super) trait FloatFormat: Real {
     /// Positive infinity.
     const INFINITY: Self;
     /// 1/2
@@ -35,7 +33,7 @@ pub(super) trait Format: Real {
 
     /// Nearest integer, for |x| below a quarter of the largest mantissa.
     fn nearest(self) -> Self;
-    /// Bits 0 and 1 of an integer in the range of [`Format::nearest`], in two's complement.
+    /// Bits 0 and 1 of an integer in the range of [`FloatFormat::nearest`], in two's complement.
     fn low_bits(self) -> (bool, bool);
     /// 2^self for an integer within the normal exponents; 0 one below them.
     fn pow2(self) -> Self;
@@ -45,13 +43,13 @@ pub(super) trait Format: Real {
     fn head(self) -> Self;
     /// Magnitude of `self` with the sign of `sign`.
     fn with_sign_of(self, sign: Self) -> Self;
-    /// Whether the sign bit is set, as in −0.
+    /// Returns whether the sign bit is set, as in −0.
     fn has_sign_bit(self) -> bool;
 }
 
 macro_rules! implement_format {
     ($float:ident, $bits:ident, half_root_bits: $half_root:expr, ln_2: $ln_2:expr) => {
-        impl Format for $float {
+        impl FloatFormat for $float {
             const INFINITY: Self = $float::INFINITY;
             const HALF: Self = 0.5;
             const EXPONENT_LIMIT: Self = ($float::MAX_EXP - 2) as $float;
@@ -143,7 +141,7 @@ mod layout {
 /// The split is at the power of two next to half the length; at least two coefficients are
 /// needed. All loops have constant lengths and unroll.
 #[inline(always)]
-fn polynomial<F: Format>(z: F, coefficients: &[F]) -> F {
+fn polynomial<F: FloatFormat>(z: F, coefficients: &[F]) -> F {
     let squarings = (coefficients.len() * 2 / 3).ilog2();
     let (low, high) = coefficients.split_at(1 << squarings);
     let mut power = z;
@@ -154,7 +152,7 @@ fn polynomial<F: Format>(z: F, coefficients: &[F]) -> F {
 }
 
 #[inline(always)]
-fn horner<F: Format>(z: F, coefficients: &[F]) -> F {
+fn horner<F: FloatFormat>(z: F, coefficients: &[F]) -> F {
     let (&last, rest) = coefficients
         .split_last()
         .expect("a polynomial has coefficients");
@@ -163,7 +161,7 @@ fn horner<F: Format>(z: F, coefficients: &[F]) -> F {
 
 /// (s, e) with s = a + b rounded and s + e = a + b exactly (Knuth).
 #[inline(always)]
-fn two_sum<F: Format>(a: F, b: F) -> (F, F) {
+fn two_sum<F: FloatFormat>(a: F, b: F) -> (F, F) {
     let s = a + b;
     let t = s - a;
     (s, (a - (s - t)) + (b - t))
@@ -171,14 +169,14 @@ fn two_sum<F: Format>(a: F, b: F) -> (F, F) {
 
 /// As [`two_sum`], for |a| ≥ |b| or a = 0 (Dekker).
 #[inline(always)]
-fn fast_two_sum<F: Format>(a: F, b: F) -> (F, F) {
+fn fast_two_sum<F: FloatFormat>(a: F, b: F) -> (F, F) {
     let s = a + b;
     (s, b - (s - a))
 }
 
 /// (p, e) with p = a·b rounded and p + e = a·b to twice the precision (Dekker).
 #[inline(always)]
-fn two_product<F: Format>(a: F, b: F) -> (F, F) {
+fn two_product<F: FloatFormat>(a: F, b: F) -> (F, F) {
     let p = a * b;
     let (ah, bh) = (a.head(), b.head());
     let (al, bl) = (a - ah, b - bh);

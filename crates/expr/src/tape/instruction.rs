@@ -9,7 +9,7 @@ use std::ops::{Deref, DerefMut};
 /// The operations of instructions, the interpreter's arm for each, and those of graph nodes: one list.
 macro_rules! operations {
     (unary [$($unary:ident)*] binary [$($binary:ident)*] own [$($own:ident ($($operand:ident)*) $value:expr;)*]) => {
-        /// What an instruction does with its operands.
+        /// The operation that an instruction applies to its operands.
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Operation {
             $($unary,)* $($binary,)* $($own,)*
@@ -56,7 +56,7 @@ operations! {
 }
 
 impl Operation {
-    /// Whether it is one of the elementary functions, which cost many multiplications.
+    /// Returns whether it is one of the elementary functions, which cost many multiplications.
     pub fn is_transcendental(self) -> bool {
         use Operation::{
             Acos, Acosh, Asin, Asinh, Atan, Atan2, Atanh, Cos, Cosh, Exp, Log, Pow, Sin, Sinh, Tan,
@@ -67,7 +67,7 @@ impl Operation {
         circular || hyperbolic || matches!(self, Exp | Log | Pow)
     }
 
-    /// How many multiplications and additions (or other single steps) it takes.
+    /// Counts the multiplications and additions (or other single steps) that it takes.
     pub fn arithmetic(self) -> usize {
         match self {
             Self::MulAdd | Self::NegMulAdd => 2,
@@ -85,7 +85,7 @@ pub const MOST_OPERANDS: usize = 6;
 /// An operation on registers.
 #[derive(Debug, Clone, Copy)]
 pub struct Instruction {
-    /// What is done.
+    /// The operation.
     pub operation: Operation,
     /// The register of the result.
     pub to: u16,
@@ -129,7 +129,7 @@ fn apply<R: Real, const W: usize, const N: usize>(
     }
 }
 
-/// How many of `lanes` fill a vector of 64 bytes; 1 if they do not fill whole ones.
+/// Returns the number of lanes that fill a vector of 64 bytes; 1 if `lanes` do not fill whole ones.
 const fn lanes_in_a_vector<R>(lanes: usize) -> usize {
     let fit = 64 / size_of::<R>();
     if lanes.is_multiple_of(fit) { fit } else { 1 }

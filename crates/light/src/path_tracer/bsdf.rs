@@ -8,10 +8,11 @@
 //! |---|---|
 //! | 0, 1 | matt: `Kd` |
 //! | 2 (and others) | matt `Kd` and glossy `Ks` with exponent `Ns` |
-//! | 3, 5, 8 | matt `Kd` and a mirror `Ks` |
-//! | 4, 6, 7, 9 | glass of index `Ni` |
+//! | 3, 4, 5, 8 | matt `Kd` and a mirror `Ks` |
+//! | 6, 7 | glass of index `Ni` |
 //!
-//! `d` below 1 lets the rest of the light through unturned. Where `Kd + Ks` exceeds 1, both are
+//! `d` below 1 lets the rest of the light through unturned: that is all that 4 and 9 mean by glass, and
+//! Maya gives 4 to whatever it exports. Where `Kd + Ks` exceeds 1, both are
 //! scaled down, so that no surface gives off more than it receives.
 
 use crate::path_tracer::ggx;
@@ -43,6 +44,8 @@ enum SpecularModel {
 /// A direction at random.
 #[derive(Debug, Clone, Copy)]
 pub struct Scattered {
+    /// Whether the light has gone through unturned, as if nothing were there.
+    pub unturned: bool,
     /// Away from the surface; below it (z < 0) if the light goes through.
     pub wi: DVec3,
     /// Reflectance times cosine over probability.
@@ -56,8 +59,8 @@ impl Bsdf {
     pub fn new(material: &Material, kd: [f32; 3]) -> Self {
         let colour = |c: [f32; 3]| DVec3::from_array(c.map(f64::from));
         let specular_model = match material.illumination {
-            3 | 5 | 8 => SpecularModel::Mirror,
-            4 | 6 | 7 | 9 => SpecularModel::Glass(f64::from(material.ni).max(1e-3)),
+            3 | 4 | 5 | 8 => SpecularModel::Mirror,
+            _ if material.is_glass() => SpecularModel::Glass(f64::from(material.ni).max(1e-3)),
             _ => SpecularModel::Glossy(ggx::roughness(f64::from(material.ns))),
         };
         let glass = matches!(specular_model, SpecularModel::Glass(_));
@@ -74,13 +77,19 @@ impl Bsdf {
             },
             specular: if glass { DVec3::ONE } else { specular / most },
             specular_model,
-            // Glass says by `d` that it is clear, not that it is thin.
-            through: if glass {
-                0.0
-            } else {
-                1.0 - f64::from(material.dissolve)
-            },
+            through: 1.0 - f64::from(material.solid()),
         }
+    }
+
+    /// Restricts it to a share of the surface; the rest lets light through.
+    pub fn covering(self, share: f64) -> Self {
+        let through = 1.0 - self.solid() * share;
+        Self { through, ..self }
+    }
+
+    /// Returns the share of light that does not go through unturned.
+    pub fn solid(&self) -> f64 {
+        1.0 - self.through
     }
 
     /// Tells whether light from a given direction is reflected to the viewer at all: not by mirrors alone.
@@ -133,6 +142,7 @@ impl Bsdf {
     pub fn scatter(&self, wo: DVec3, outside: bool, random: &mut Stream) -> Option<Scattered> {
         if random.uniform() < self.through {
             return Some(Scattered {
+                unturned: true,
                 wi: -wo,
                 weight: DVec3::ONE,
                 probability: None,
@@ -148,6 +158,7 @@ impl Bsdf {
             _ if choice < matt => cosine_direction(two),
             SpecularModel::Mirror => {
                 return Some(Scattered {
+                    unturned: false,
                     wi: DVec3::new(-wo.x, -wo.y, wo.z),
                     weight: self.specular / (1.0 - matt),
                     probability: None,
@@ -157,6 +168,7 @@ impl Bsdf {
         };
         let probability = self.probability(wo, wi);
         (probability > 0.0).then(|| Scattered {
+            unturned: false,
             wi,
             weight: self.reflectance(wo, wi) * (wi.z / probability),
             probability: Some(probability),
@@ -180,6 +192,7 @@ fn cosine_direction(random: DVec2) -> DVec3 {
 fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
     let sin2 = (1.0 - wo.z * wo.z).max(0.0) / (index * index);
     let mirrored = |weight: f64| Scattered {
+        unturned: false,
         wi: DVec3::new(-wo.x, -wo.y, wo.z),
         weight: DVec3::splat(weight),
         probability: None,
@@ -195,6 +208,7 @@ fn refracted(wo: DVec3, index: f64, choice: f64) -> Option<Scattered> {
         return Some(mirrored(1.0));
     }
     Some(Scattered {
+        unturned: false,
         wi: DVec3::new(-wo.x / index, -wo.y / index, -cosine),
         weight: DVec3::splat(1.0 / (index * index)),
         probability: None,

@@ -10,8 +10,8 @@
 
 use crate::{Connection, Shadows, ShootingStart, connect};
 use geofan_core::random::Stream;
-use geofan_render::{Hit, World};
-use glam::{DMat3, DVec3};
+use geofan_render::{Footprint, Hit, World, shade};
+use glam::{DMat3, DVec3, Vec3};
 
 /// Chooses among the emitting triangles of a world.
 pub struct Emitters {
@@ -25,7 +25,7 @@ pub struct Emitters {
 pub struct EmitterPoint {
     /// Chart point.
     pub u: DVec3,
-    /// Radiance.
+    /// Radiance, of what the surface stops if it is not solid.
     pub radiance: DVec3,
     /// The flat triangle's normal covector.
     pub normal: DVec3,
@@ -78,7 +78,9 @@ impl Emitters {
             (b, c) = (1.0 - b, 1.0 - c);
         }
         let [p, q, r] = world.accelerator.triangles()[triangle as usize];
-        self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c)
+        let mut chosen = self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c);
+        chosen.radiance = radiance(world, triangle, [b as f32, c as f32]);
+        chosen
     }
 
     /// Describes the point `u` of an emitting triangle.
@@ -123,6 +125,20 @@ impl EmitterPoint {
         let cosine = self.cosine(world, connection).max(1e-12);
         self.by_area * connection.area.abs() / cosine
     }
+}
+
+/// Computes what an emitter gives off where its second and third corner have these weights.
+fn radiance(world: &World, triangle: u32, barycentric: [f32; 2]) -> DVec3 {
+    let material = world.faces[triangle as usize].material;
+    let here = Hit {
+        s: 0.0,
+        v: Vec3::ZERO,
+        triangle,
+        barycentric,
+    };
+    let solid = world.materials[material as usize].solid() * world.coverage(&here);
+    let emitted = shade::emission(world, &here, &Footprint::POINT);
+    DVec3::from_array(emitted.map(|x| f64::from(x * solid)))
 }
 
 /// Returns the area, in the metric at `u`, that the unit square of a triangle's barycentric

@@ -27,10 +27,16 @@ use crate::{Connection, Lamps};
 use bsdf::balance;
 use emitters::{EmitterPoint, Emitters, is_same_geodesic, principal_connections};
 use geofan_core::{geodesic::Ray, random::Stream};
-use geofan_render::{Footprint, Hit, Seen, SurfacePoint, View, World, first_seen};
-use glam::{DVec3, Vec3};
+use geofan_render::{
+    Footprint, Hit, Seen, SurfacePoint, View, World, first_seen,
+    starts::{RayStart, starts},
+};
+use glam::{DVec2, DVec3, Vec3};
 use rayon::prelude::*;
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{
+    Arc,
+    atomic::{AtomicU64, Ordering},
+};
 use surface::SurfaceInteraction;
 
 /// Decides a picture, together with world and view.
@@ -63,9 +69,11 @@ pub struct PathTracer<'w> {
     world: &'w World,
     view: &'w View,
     settings: PathTracerSettings,
-    lamps: Option<Lamps<'w>>,
-    emitters: Option<Emitters>,
-    rays: AtomicU64,
+    lamps: Option<Arc<Lamps<'w>>>,
+    emitters: Option<Arc<Emitters>>,
+    rays: Arc<AtomicU64>,
+    /// Pixels of the parts of the picture before this one, which have other noise.
+    before: u64,
 }
 
 /// Fewest and most pixels whose paths go together: enough that the lanes stay full while most paths
@@ -117,11 +125,31 @@ impl<'w> PathTracer<'w> {
             world,
             view,
             settings,
-            lamps: connected.then(lamps).filter(|lamps| !lamps.is_empty()),
+            lamps: connected
+                .then(lamps)
+                .filter(|lamps| !lamps.is_empty())
+                .map(Arc::new),
             emitters: connected
                 .then(|| Emitters::new(world))
-                .filter(|e| !e.is_empty()),
-            rays: AtomicU64::new(0),
+                .filter(|e| !e.is_empty())
+                .map(Arc::new),
+            rays: Arc::default(),
+            before: 0,
+        }
+    }
+
+    /// Makes the tracer of another part of the picture, which comes after `before` pixels; rays are counted
+    /// together.
+    #[must_use]
+    pub fn through(&self, view: &'w View, before: u64) -> Self {
+        Self {
+            world: self.world,
+            view,
+            settings: self.settings,
+            lamps: self.lamps.clone(),
+            emitters: self.emitters.clone(),
+            rays: self.rays.clone(),
+            before,
         }
     }
 
@@ -148,7 +176,7 @@ impl<'w> PathTracer<'w> {
     /// Renders consecutive pixels.
     fn block(&self, pixels: &[usize], pass: u64) -> Vec<DVec3> {
         let mut light = vec![DVec3::ZERO; pixels.len()];
-        let mut paths: Vec<PathState> = pixels.iter().map(|p| self.start(*p, pass)).collect();
+        let mut paths = self.start(pixels, pass);
         let first = pixels.first().copied().unwrap_or(0);
         while !paths.is_empty() {
             paths = self.bounce(paths, &mut |pixel, part| light[pixel - first] += part);
@@ -156,28 +184,40 @@ impl<'w> PathTracer<'w> {
         light
     }
 
-    /// Starts a path at a random place of a pixel.
-    fn start(&self, pixel: usize, pass: u64) -> PathState {
-        let mut random = Stream::new(&[self.settings.seed, pixel as u64, pass]);
+    /// Starts paths at random places of those pixels that show something.
+    fn start(&self, pixels: &[usize], pass: u64) -> Vec<PathState> {
         let width = self.view.size.0;
-        let (x, y) = (random.uniform(), random.uniform());
-        let d = self
-            .view
-            .direction((pixel % width) as f64 + x, (pixel / width) as f64 + y);
-        PathState {
-            pixel,
-            random,
-            ray: Ray {
-                spread: [DVec3::ZERO; 2],
-                u: self.view.u,
-                v: self.world.manifold.local_frame(self.view.u).tangent(d),
-                length: self.settings.length,
-            },
-            throughput: DVec3::ONE,
-            bounce: 0,
-            from: self.view.u,
-            scattered: None,
-        }
+        let place = |pixel: &usize| {
+            let number = self.before + *pixel as u64;
+            let mut random = Stream::new(&[self.settings.seed, number, pass]);
+            let (x, y) = (random.uniform(), random.uniform());
+            let at = DVec2::new((pixel % width) as f64 + x, (pixel / width) as f64 + y);
+            (*pixel, random, at)
+        };
+        let shown = pixels.iter().map(place);
+        let shown: Vec<_> = shown
+            .filter(|(_, _, at)| self.view.shows(at.x, at.y))
+            .collect();
+        let points = shown.iter().map(|(_, _, at)| *at);
+        let starts = starts(&self.world.manifold, self.view, points);
+        let path = |((pixel, random, _), start): ((usize, Stream, DVec2), Option<RayStart>)| {
+            let start = start?;
+            Some(PathState {
+                pixel,
+                random,
+                ray: Ray {
+                    spread: [DVec3::ZERO; 2],
+                    u: start.u,
+                    v: start.v,
+                    length: self.settings.length,
+                },
+                throughput: DVec3::ONE,
+                bounce: 0,
+                from: start.u,
+                scattered: None,
+            })
+        };
+        shown.into_iter().zip(starts).filter_map(path).collect()
     }
 
     /// Follows rays to the first thing that each sees.
@@ -207,12 +247,20 @@ impl<'w> PathTracer<'w> {
             }
         }
         // The others gather light where they have met a surface, and are scattered there.
-        let mut met = self.interactions(met);
+        let met = self.interactions(met);
         self.add_emitted(&met, add);
-        met.retain(|(path, _)| path.bounce < self.settings.bounces);
+        // Those that may not be reflected any more may still go through unturned.
+        let (mut met, last): (Vec<MetSurface>, Vec<MetSurface>) =
+            met.into_iter().partition(|(path, _)| self.goes_on(path));
         self.add_lamps(&met, add);
         self.add_emitters(&mut met, add);
-        met.into_iter().filter_map(|m| self.scattered(m)).collect()
+        let all = met.into_iter().chain(last);
+        all.filter_map(|m| self.scattered(m)).collect()
+    }
+
+    /// Tells whether light that has come so far may be reflected once more.
+    fn goes_on(&self, path: &PathState) -> bool {
+        path.bounce < self.settings.bounces
     }
 
     /// Computes what each path needs to know of the surface that it has met.
@@ -358,7 +406,14 @@ impl<'w> PathTracer<'w> {
             return None;
         }
         path.throughput *= scattered.weight;
-        path.bounce += 1;
+        let mut length = self.settings.length;
+        if scattered.unturned {
+            length = path.ray.length - f64::from(surface.hit.s);
+        } else if self.goes_on(&path) {
+            path.bounce += 1;
+        } else {
+            return None;
+        }
         // Russian roulette.
         if path.bounce > SURE_BOUNCES {
             let survival = path.throughput.max_element().min(MOST_SURVIVAL);
@@ -375,7 +430,7 @@ impl<'w> PathTracer<'w> {
             spread: [DVec3::ZERO; 2],
             u: surface.beside(scattered.wi, self.offset(&surface.hit)),
             v: surface.tangent(scattered.wi),
-            length: self.settings.length,
+            length,
         };
         (path.throughput.is_finite() && path.throughput != DVec3::ZERO).then_some(path)
     }

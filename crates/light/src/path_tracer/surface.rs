@@ -68,6 +68,9 @@ impl SurfaceInteraction {
         // A smoothed normal that looks away from the viewer is not used.
         let normal = if facing.dot(back) > 0.0 { facing } else { flat };
         let around = ShadingFrame::new(normal);
+        let emitted = shade::emission(world, hit, &Footprint::POINT);
+        let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
+            .covering(f64::from(world.coverage(hit)));
         Self {
             hit: *hit,
             point: SurfacePoint {
@@ -83,8 +86,8 @@ impl SurfaceInteraction {
             flat: around.local(flat),
             around,
             outside,
-            emitted: DVec3::from_array(material.ke.map(f64::from)),
-            bsdf: Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT)),
+            emitted: DVec3::from_array(emitted.map(f64::from)) * bsdf.solid(),
+            bsdf,
         }
     }
 

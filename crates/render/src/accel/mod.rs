@@ -10,14 +10,17 @@
 //! neighbouring chords are held against the tree together (`packet`).
 
 mod box_tree;
+mod holes;
 mod packet;
 
 pub use box_tree::BoxTree;
+pub use holes::{HoledTriangle, OPEN};
 pub use packet::PacketHits;
 
 use crate::lanes::{BoxPacket, Mask};
 use box_tree::{MARGIN, Stack, boxes_meet, is_usable};
 use glam::{DVec3, Vec3, Vec3A};
+use holes::Holes;
 use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 
 /// A set of triangles, sorted for questions about what a chord or a box meets.
@@ -25,6 +28,7 @@ use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
 pub struct Accelerator {
     triangles: Vec<[DVec3; 3]>,
     tree: BoxTree<LeafTriangle>,
+    holes: Holes,
 }
 
 /// A triangle in a leaf of the tree.
@@ -33,6 +37,8 @@ struct LeafTriangle {
     corners: [DVec3; 3],
     /// Its number in the order given to [`Accelerator::build`].
     number: u32,
+    /// Whether it may have holes.
+    holed: bool,
 }
 
 /// A meeting of a chord and a triangle.
@@ -52,13 +58,23 @@ impl Accelerator {
     /// # Panics
     /// If there are more than `u32::MAX` triangles.
     pub fn build(triangles: &[[DVec3; 3]]) -> Self {
+        Self::build_with_holes(triangles, Vec::new())
+    }
+
+    /// Sorts the triangles, some of which have holes.
+    ///
+    /// # Panics
+    /// As [`Self::build`].
+    pub fn build_with_holes(triangles: &[[DVec3; 3]], holed: Vec<HoledTriangle>) -> Self {
         assert!(
             u32::try_from(triangles.len()).is_ok(),
             "more than 2³² triangles"
         );
+        let holes = Holes::new(holed);
         let numbered = |(number, corners): (usize, &[DVec3; 3])| LeafTriangle {
             corners: *corners,
             number: number as u32,
+            holed: holes.of(number as u32).is_some(),
         };
         let usable = |triangle: &LeafTriangle| triangle.corners.iter().all(|p| is_usable(*p));
         let leaves = triangles.iter().enumerate().map(numbered);
@@ -69,7 +85,13 @@ impl Accelerator {
         Self {
             triangles: triangles.to_vec(),
             tree: BoxTree::build(&leaves, |triangle| box_of(&triangle.corners)),
+            holes,
         }
+    }
+
+    /// Tells whether a triangle is open where its second and third corner have these weights.
+    pub fn is_open(&self, triangle: u32, weights: [f32; 2]) -> bool {
+        self.holes.is_open(triangle, weights)
     }
 
     /// Returns the corners of the box around all usable triangles; `None` if there are none.
@@ -102,7 +124,7 @@ impl Accelerator {
         while let Some((index, entry)) = next {
             let node: &Bvh2Node = &self.tree.nodes[index as usize];
             if entry <= limit && node.is_leaf() {
-                best = nearest(best, &chord, self.tree.leaf(node).iter().copied());
+                best = self.nearest(best, &chord, self.tree.leaf(node).iter().copied());
                 limit = best.map_or(limit, |hit| tau(hit.t));
             } else if entry <= limit {
                 let children = [node.first_index, node.first_index + 1];
@@ -125,10 +147,15 @@ impl Accelerator {
     pub fn first_hit_among(&self, candidates: &[u32], a: DVec3, b: DVec3) -> Option<ChordHit> {
         let numbered = |&number: &u32| {
             let corners = *self.triangles.get(number as usize)?;
-            Some(LeafTriangle { corners, number })
+            let holed = self.holes.of(number).is_some();
+            Some(LeafTriangle {
+                corners,
+                number,
+                holed,
+            })
         };
         let candidates = candidates.iter().filter_map(numbered);
-        nearest(None, &Chord::new(a, b)?, candidates)
+        self.nearest(None, &Chord::new(a, b)?, candidates)
     }
 
     /// Tells whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
@@ -159,32 +186,36 @@ impl Accelerator {
             }
         });
     }
+
+    /// Returns the better of `best` and the nearest hit among the triangles.
+    fn nearest(
+        &self,
+        mut best: Option<ChordHit>,
+        chord: &Chord,
+        triangles: impl Iterator<Item = LeafTriangle>,
+    ) -> Option<ChordHit> {
+        for triangle in triangles {
+            let Some((t, barycentric)) = chord.meet(&triangle.corners) else {
+                continue;
+            };
+            let weights = || [barycentric.0 as f32, barycentric.1 as f32];
+            if best.is_none_or(|b| (t, triangle.number) < (b.t, b.triangle))
+                && !(triangle.holed && self.is_open(triangle.number, weights()))
+            {
+                best = Some(ChordHit {
+                    t,
+                    triangle: triangle.number,
+                    barycentric,
+                });
+            }
+        }
+        best
+    }
 }
 
 /// Returns the box around a triangle.
 fn box_of([a, b, c]: &[DVec3; 3]) -> (DVec3, DVec3) {
     (a.min(*b).min(*c), a.max(*b).max(*c))
-}
-
-/// Returns the better of `best` and the nearest hit among the triangles.
-fn nearest(
-    mut best: Option<ChordHit>,
-    chord: &Chord,
-    triangles: impl Iterator<Item = LeafTriangle>,
-) -> Option<ChordHit> {
-    for triangle in triangles {
-        let Some((t, barycentric)) = chord.meet(&triangle.corners) else {
-            continue;
-        };
-        if best.is_none_or(|b| (t, triangle.number) < (b.t, b.triangle)) {
-            best = Some(ChordHit {
-                t,
-                triangle: triangle.number,
-                barycentric,
-            });
-        }
-    }
-    best
 }
 
 /// Margin before its start and past its end, in its own length, in which a chord still hits. Consecutive

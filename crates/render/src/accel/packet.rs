@@ -11,7 +11,7 @@
 //! test of one chord): two triangles that share an edge compute the same number for it with
 //! opposite sign, so no chord slips between them.
 
-use super::{Accelerator, MARGIN, Stack};
+use super::{Accelerator, MARGIN, Stack, holes::Holes};
 use crate::{
     lanes::{LANES, SingleLanes, SingleVectors, any, less, more, range, single},
     path_patch::Offsets,
@@ -103,7 +103,9 @@ impl Accelerator {
                 for triangle in self.tree.leaf(node) {
                     let corners = chords.seen_from(&triangle.corners, unit);
                     if near.intersect_aabb(&Aabb::from_points(&corners)) {
-                        met |= chords.meet(&corners, triangle.number, &mut reach, &mut hits);
+                        let holes = triangle.holed.then_some(&self.holes);
+                        let number = triangle.number;
+                        met |= chords.meet(&corners, number, holes, &mut reach, &mut hits);
                     }
                 }
                 continue;
@@ -236,6 +238,7 @@ impl ChordPacket {
         &self,
         [a, b, c]: &[Vec3A; 3],
         triangle: u32,
+        holes: Option<&Holes>,
         best: &mut SingleLanes,
         hits: &mut PacketHits,
     ) -> bool {
@@ -270,6 +273,9 @@ impl ChordPacket {
                 f32::INFINITY
             };
             (weights[0][l], weights[1][l]) = (y, z);
+        }
+        if let Some(holes) = holes {
+            miss_holes(holes, triangle, &weights, &mut found);
         }
         if range(&found)[0] == f32::INFINITY {
             return false;
@@ -314,5 +320,15 @@ impl ChordPacket {
     fn along(&self, p: &SingleVectors) -> SingleLanes {
         let [x, y, z] = &self.way;
         single(|l| x[l] * p[0][l] + y[l] * p[1][l] + z[l] * p[2][l])
+    }
+}
+
+/// Takes back what was found where the triangle is open.
+#[cold]
+fn miss_holes(holes: &Holes, triangle: u32, weights: &[SingleLanes; 2], found: &mut SingleLanes) {
+    for l in 0..LANES {
+        if found[l] < f32::INFINITY && holes.is_open(triangle, [weights[0][l], weights[1][l]]) {
+            found[l] = f32::INFINITY;
+        }
     }
 }

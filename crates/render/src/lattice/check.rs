@@ -60,15 +60,23 @@ pub(super) struct Checks<'a> {
     truths: [PathView<'a>; CHECKS.len()],
     /// The angle of the tile's side.
     side: f64,
+    /// Length by which one radian moves a path in flat space, if it is equal at all arc lengths.
+    reach: Option<f64>,
 }
 
 impl<'a> Checks<'a> {
     /// Compares `patch` with the paths numbered `truths`.
-    pub(super) fn new(patch: &'a PathPatch<'a>, truths: [usize; CHECKS.len()], side: f64) -> Self {
+    pub(super) fn new(
+        patch: &'a PathPatch<'a>,
+        truths: [usize; CHECKS.len()],
+        side: f64,
+        reach: Option<f64>,
+    ) -> Self {
         Self {
             patch,
             truths: truths.map(|i| patch.in_batch(i)),
             side,
+            reach,
         }
     }
 
@@ -147,7 +155,8 @@ impl<'a> Checks<'a> {
             |path| path.point(k),
             |truth| {
                 let v = truth.tangent(k);
-                (v.normalize_or_zero(), truth.knots[k] * v.length())
+                let reach = self.reach.unwrap_or(truth.knots[k]);
+                (v.normalize_or_zero(), reach * v.length())
             },
         )
     }

@@ -226,7 +226,7 @@ impl Lattice<'_> {
             return None;
         }
         let angle = self.view.pixel_angle() * tile.side as f64;
-        let checks = Checks::new(&patch, nodes.checks(tile)?, angle);
+        let checks = Checks::new(&patch, nodes.checks(tile)?, angle, self.view.reach());
         let allowed = LATTICE_SHARE * self.budget;
         // The sky is cheap to compare and rules most tiles out.
         let each = || tile.side <= self.smallest && self.knows_end(tile, events);
@@ -255,8 +255,7 @@ impl Lattice<'_> {
     /// Tells whether the tracer knows the end of the path in the middle of a tile, and so most likely of all.
     fn knows_end(&self, tile: Tile, events: &mut EventLocator<'_>) -> bool {
         let [x, y] = [tile.x, tile.y].map(|corner| corner as f64 + 0.5 * tile.side as f64);
-        let direction = self.view.direction(x, y);
-        let known = self.tracer.endings(&[direction], events);
+        let known = self.tracer.endings(&[self.view.address(x, y)], events);
         known.iter().all(Option::is_some)
     }
 }

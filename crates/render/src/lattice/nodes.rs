@@ -62,7 +62,7 @@ impl Nodes {
                 if self.numbers[place].is_none() {
                     self.numbers[place] = Some((self.paths.len() + directions.len()) as u32);
                     let sixth = tile.side as f64 / 6.0;
-                    directions.push(lattice.view.direction(
+                    directions.push(lattice.view.address(
                         tile.x as f64 + at.0 as f64 * sixth,
                         tile.y as f64 + at.1 as f64 * sixth,
                     ));

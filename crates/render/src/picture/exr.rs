@@ -2,18 +2,27 @@
 //!
 //! In: a picture, its notes, and how precise the colours are to be. Out: a file that OpenEXR
 //! readers understand, equal byte for byte for equal pictures and notes. Layers are 32-bit floats
-//! or 32-bit whole numbers and come back exactly; notes are string attributes `geofan.KEY`.
+//! or 32-bit whole numbers and come back exactly; notes are string attributes `geofan.KEY`. Reading knows
+//! what other programs write, too: windows, chromaticities, luminance and chroma, CIE XYZ.
+
+mod chroma;
+mod subsampled;
 
 use super::{
-    Layer, LayerValues, MAX_PIXELS, Metadata, Picture, bad_input, check_writable, read_bytes,
+    Frame, Layer, LayerValues, MAX_PIXELS, Metadata, Picture, bad_input, check_writable,
+    colour_space::Primaries, read_bytes,
 };
-use ::exr::prelude::{
-    AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatImage, FlatSamples,
-    Image, Layer as ExrLayer, LayerAttributes, LineOrder, MetaData, ReadChannels, ReadLayers, Text,
-    WritableImage, f16,
+use ::exr::{
+    meta::{attribute::IntegerBounds, header::Header},
+    prelude::{
+        AnyChannel, AnyChannels, AttributeValue, Blocks, Compression, Encoding, FlatImage,
+        FlatSamples, Image, Layer as ExrLayer, LayerAttributes, LineOrder, MetaData, ReadChannels,
+        ReadLayers, Text, Vec2, WritableImage, f16,
+    },
 };
 use geofan_core::{error::Result, files::write_atomically};
-use ndarray::{Array2, Array3, ArrayView2, Axis, stack};
+use glam::DVec2;
+use ndarray::{Array, Array2, ArrayView, ArrayView2, Axis, Dimension, Slice};
 use std::{
     io::{Cursor, Write},
     path::Path,
@@ -44,16 +53,23 @@ pub fn write_exr(
     write_atomically(path, |out| out.write_all(&bytes))
 }
 
-/// Reads the colours, the further channels of the same size, and the notes. A file with only `Y`
-/// is grey; channels of parts after the first are called `part.channel`; alpha is dropped.
+/// Reads the colours, the further channels, and the notes. The picture is the display window: what the
+/// data window has beyond it is left out, and what it lacks is black. Colours may be `R G B` of any
+/// chromaticities, `Y` alone or with `RY BY`, or `X Y Z`; channels of parts after the first are called
+/// `part.channel`; alpha is dropped.
 pub fn read_exr(path: &Path) -> Result<(Picture, Metadata)> {
     decode(&read_bytes(path)?).map_err(|e| bad_input(path, e))
+}
+
+/// Tells if a file begins as EXR files do.
+pub(super) fn is_exr(bytes: &[u8]) -> bool {
+    bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01])
 }
 
 /// The bytes of an EXR file.
 fn encode(picture: &Picture, notes: &Metadata, precision: Precision) -> Result<Vec<u8>, String> {
     let mut attributes = LayerAttributes::default();
-    for (key, text) in &notes.0 {
+    for (key, text) in &notes.notes {
         let value = AttributeValue::Text(Text::from_slice_unchecked(text.as_bytes()));
         attributes.other.insert(note_name(key)?, value);
     }
@@ -64,7 +80,17 @@ fn encode(picture: &Picture, notes: &Metadata, precision: Precision) -> Result<V
     };
     let channels = AnyChannels::sort(channels(picture, precision)?.into_iter().collect());
     let size = (picture.width(), picture.height());
-    let image = Image::from_layer(ExrLayer::new(size, attributes, encoding, channels));
+    if let Some(width) = notes.screen_width {
+        attributes.screen_window_width = width;
+    }
+    let frame = notes.frame.unwrap_or(Frame {
+        size,
+        corner: (0, 0),
+    });
+    attributes.layer_position = Vec2(frame.corner.0 as i32, frame.corner.1 as i32);
+    let mut image = Image::from_layer(ExrLayer::new(size, attributes, encoding, channels));
+    let window = Vec2(frame.size.0, frame.size.1);
+    image.attributes.display_window = IntegerBounds::new(Vec2(0, 0), window);
     let mut bytes = Cursor::new(Vec::new());
     let written = image.write().to_buffered(&mut bytes);
     written.map_err(|e| e.to_string())?;
@@ -162,64 +188,143 @@ fn first_attribute(bytes: &[u8]) -> Option<&[u8]> {
     bytes.get(..size_at + 4 + u32::from_le_bytes(size) as usize)
 }
 
-/// The picture and the notes in the bytes of an EXR file, or what is wrong with them.
-fn decode(bytes: &[u8]) -> Result<(Picture, Metadata), String> {
-    check_size(bytes)?;
-    let image: FlatImage = ::exr::prelude::read()
+/// The picture and the notes in the bytes of an EXR file, or what is wrong with them. The picture is the
+/// file's display window, black where there is no data.
+pub(super) fn decode(bytes: &[u8]) -> Result<(Picture, Metadata), String> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false);
+    let meta = meta.map_err(|e| e.to_string())?;
+    check_size(&meta)?;
+    let first = meta.headers.first().ok_or("has no parts")?;
+    let window = first.shared_attributes.display_window;
+    let primaries = primaries(first);
+    let notes = notes(&meta);
+    let mut planes = match subsampled::is_subsampled(&meta) {
+        true => subsampled::read(bytes)?,
+        false => planes(read(bytes)?),
+    };
+    let corner = first.own_attributes.layer_position;
+    let rgb = framed(
+        chroma::colours(&mut planes, primaries)?.view(),
+        corner,
+        window,
+    );
+    let layers = planes.into_iter().filter(|plane| plane.name != "A");
+    let layers = layers
+        .filter_map(|plane| plane.into_layer(window))
+        .collect();
+    Ok((Picture { rgb, layers }, notes))
+}
+
+/// Reads a file in which every channel has a value for each pixel of its data window.
+fn read(bytes: &[u8]) -> Result<FlatImage, String> {
+    ::exr::prelude::read()
         .no_deep_data()
         .largest_resolution_level()
         .all_channels()
         .all_layers()
         .all_attributes()
         .from_buffered(Cursor::new(bytes))
-        .map_err(|e| e.to_string())?;
-    let notes = notes(&image);
-    let mut planes = planes(image);
-    let mut take = |name: &str| {
-        let at = planes.iter().position(|plane| plane.name == name)?;
-        Some(floats(planes.remove(at).values))
-    };
-    let colours = match (take("R"), take("G"), take("B")) {
-        (Some(r), Some(g), Some(b)) => [r, g, b],
-        _ => match take("Y") {
-            Some(grey) => [grey.clone(), grey.clone(), grey],
-            None => return Err("has no channels R, G and B, and no Y".into()),
-        },
-    };
-    take("A");
-    let rgb = stack(Axis(2), &colours.each_ref().map(|plane| plane.view()));
-    let rgb: Array3<f32> = rgb.map_err(|_| "has colour channels of different sizes")?;
-    planes.retain(|plane| plane.values.dim() == colours[0].dim());
-    let rgb = rgb.as_standard_layout().into_owned();
-    let layers = planes;
-    Ok((Picture { rgb, layers }, notes))
+        .map_err(|e| e.to_string())
+}
+
+/// One channel of a file.
+struct Plane {
+    name: String,
+    /// Pixels for each sample, across and down.
+    sampling: Vec2<usize>,
+    /// The upper left corner of its data window.
+    corner: Vec2<i32>,
+    values: LayerValues,
+}
+
+impl Plane {
+    /// Turns it into a layer over the display window; none if it is subsampled and thus has fewer values than
+    /// pixels.
+    fn into_layer(self, window: IntegerBounds) -> Option<Layer> {
+        let whole = self.sampling == Vec2(1, 1);
+        let framed = |values: LayerValues| match values {
+            LayerValues::Float(x) => LayerValues::Float(framed(x.view(), self.corner, window)),
+            LayerValues::Index(x) => LayerValues::Index(framed(x.view(), self.corner, window)),
+        };
+        whole.then(|| Layer {
+            name: self.name,
+            values: framed(self.values),
+        })
+    }
+}
+
+/// Cuts `values` (row, column, …), whose upper left corner is at `corner`, to the display window; zeros
+/// fill the rest of it.
+fn framed<T: Copy + Default, D: Dimension>(
+    values: ArrayView<'_, T, D>,
+    corner: Vec2<i32>,
+    window: IntegerBounds,
+) -> Array<T, D> {
+    let mut size = values.raw_dim();
+    (size[0], size[1]) = (window.size.height(), window.size.width());
+    let mut framed = Array::from_elem(size, T::default());
+    let (mut from, mut to) = (values, framed.view_mut());
+    for (axis, corner, start) in [
+        (Axis(0), corner.y(), window.position.y()),
+        (Axis(1), corner.x(), window.position.x()),
+    ] {
+        let shift = i64::from(corner) - i64::from(start);
+        let (skipped, left) = (shift.min(0).unsigned_abs(), shift.max(0) as u64);
+        let [have, room] = [from.len_of(axis), to.len_of(axis)].map(|n| n as u64);
+        let count = have.saturating_sub(skipped).min(room.saturating_sub(left));
+        let part = |first: u64, length: usize| {
+            let first = (first as usize).min(length);
+            Slice::from(first..first + (count as usize).min(length - first))
+        };
+        let (have, room) = (from.len_of(axis), to.len_of(axis));
+        from.slice_axis_inplace(axis, part(skipped, have));
+        to.slice_axis_inplace(axis, part(left, room));
+    }
+    to.assign(&from);
+    framed
+}
+
+/// Takes the chromaticities that a header states, or those of Rec.709.
+fn primaries(header: &Header) -> Primaries {
+    let pair = |Vec2(x, y): Vec2<f32>| DVec2::new(x.into(), y.into());
+    let stated = header.shared_attributes.chromaticities;
+    stated.map_or(Primaries::REC709, |stated| Primaries {
+        red: pair(stated.red),
+        green: pair(stated.green),
+        blue: pair(stated.blue),
+        white: pair(stated.white),
+    })
 }
 
 /// Refuses what would not fit into memory, before any pixel is read.
-fn check_size(bytes: &[u8]) -> Result<(), String> {
-    let header = MetaData::read_from_buffered(Cursor::new(bytes), false);
+fn check_size(meta: &MetaData) -> Result<(), String> {
     let mut samples = 0_usize;
-    for header in &header.map_err(|e| e.to_string())?.headers {
-        let (width, height) = (header.layer_size.width(), header.layer_size.height());
-        let pixels = width.saturating_mul(height);
-        samples = samples.saturating_add(pixels.saturating_mul(header.channels.list.len()));
-        if pixels > MAX_PIXELS || samples > 4 * MAX_PIXELS {
-            return Err(format!(
-                "{width}x{height} pixels in these channels are too many"
-            ));
+    for header in &meta.headers {
+        let window = header.shared_attributes.display_window.size;
+        for size in [header.layer_size, window] {
+            let (width, height) = (size.width(), size.height());
+            let pixels = width.saturating_mul(height);
+            samples = samples.saturating_add(pixels.saturating_mul(header.channels.list.len()));
+            if pixels > MAX_PIXELS || samples > 8 * MAX_PIXELS {
+                return Err(format!(
+                    "{width}x{height} pixels in these channels are too many"
+                ));
+            }
+            if pixels == 0 {
+                return Err("has no pixels".into());
+            }
         }
     }
     Ok(())
 }
 
 /// The notes of all parts, sorted by key.
-fn notes(image: &FlatImage) -> Metadata {
-    let own = image
-        .layer_data
-        .iter()
-        .flat_map(|part| &part.attributes.other);
+fn notes(meta: &MetaData) -> Metadata {
+    let own = meta.headers.iter().flat_map(|header| {
+        let shared = &header.shared_attributes.other;
+        header.own_attributes.other.iter().chain(shared)
+    });
     let mut notes: Vec<_> = own
-        .chain(&image.attributes.other)
         .filter_map(|(name, value)| {
             let key = name.to_string().strip_prefix(NOTE_PREFIX)?.to_string();
             let text = String::from_utf8_lossy(value.to_text().ok()?.bytes()).into_owned();
@@ -228,29 +333,42 @@ fn notes(image: &FlatImage) -> Metadata {
         .collect();
     notes.sort();
     notes.dedup();
-    Metadata(notes)
+    Metadata {
+        notes,
+        ..Metadata::default()
+    }
 }
 
-/// All channels of all parts as layers.
-fn planes(image: FlatImage) -> Vec<Layer> {
+/// All channels of all parts.
+fn planes(image: FlatImage) -> Vec<Plane> {
     let mut planes = Vec::new();
     for (number, part) in image.layer_data.into_iter().enumerate() {
         let shape = (part.size.height(), part.size.width());
-        let part_name = part.attributes.layer_name.map(|name| name.to_string());
         for channel in part.channel_data.list {
-            let name = match (&part_name, number) {
-                (_, 0) | (None, _) => channel.name.to_string(),
-                (Some(part_name), _) => format!("{part_name}.{}", channel.name),
-            };
+            let part_name = part.attributes.layer_name.as_ref();
+            let name = plane_name(number, part_name, &channel.name);
             if let Some(values) = layer_values(shape, channel.sample_data) {
-                planes.push(Layer { name, values });
+                planes.push(Plane {
+                    name,
+                    sampling: channel.sampling,
+                    corner: part.attributes.layer_position,
+                    values,
+                });
             }
         }
     }
     planes
 }
 
-/// One channel as an array; none if it is subsampled and thus has fewer values than pixels.
+/// The name of a channel of part `number`: with the part's name, except in the first part.
+fn plane_name(number: usize, part: Option<&Text>, channel: &Text) -> String {
+    match part {
+        Some(part) if number > 0 => format!("{part}.{channel}"),
+        _ => channel.to_string(),
+    }
+}
+
+/// One channel as an array; none if it has another number of values.
 fn layer_values(shape: (usize, usize), samples: FlatSamples) -> Option<LayerValues> {
     Some(match samples {
         FlatSamples::F16(values) => {
@@ -260,14 +378,6 @@ fn layer_values(shape: (usize, usize), samples: FlatSamples) -> Option<LayerValu
         FlatSamples::F32(values) => LayerValues::Float(Array2::from_shape_vec(shape, values).ok()?),
         FlatSamples::U32(values) => LayerValues::Index(Array2::from_shape_vec(shape, values).ok()?),
     })
-}
-
-/// Values as colours.
-fn floats(values: LayerValues) -> Array2<f32> {
-    match values {
-        LayerValues::Float(values) => values,
-        LayerValues::Index(values) => values.mapv(|value| value as f32),
-    }
 }
 
 #[cfg(test)]
@@ -356,6 +466,34 @@ mod tests {
         };
         let (grey, _) = only("Y").unwrap();
         assert_eq!(grey, Picture::filled(4, 3, [0.5; 3]));
-        assert!(only("Z").unwrap_err().contains("no channels R, G and B"));
+        assert!(only("Z").unwrap_err().contains("channels: Z"));
+    }
+
+    #[test]
+    fn a_part_of_a_picture_lies_where_it_belongs_in_the_whole() {
+        let frame = Frame {
+            size: (9, 7),
+            corner: (4, 2),
+        };
+        let mut notes = note();
+        (notes.frame, notes.screen_width) = (Some(frame), Some(1.5));
+        let part = sample(3, 2);
+        let bytes = encode(&part, &notes, Precision::Float).unwrap();
+        let header = MetaData::read_from_buffered(Cursor::new(&bytes), true).unwrap();
+        let header = &header.headers[0];
+        assert_eq!(header.own_attributes.screen_window_width, 1.5);
+        assert_eq!(header.own_attributes.layer_position, Vec2(4, 2));
+        assert_eq!(header.layer_size, Vec2(3, 2));
+        assert_eq!(header.shared_attributes.display_window.size, Vec2(9, 7));
+        let (whole, _) = decode(&bytes).unwrap();
+        assert_eq!((whole.width(), whole.height()), (9, 7));
+        for (x, y) in (0..9).flat_map(|x| (0..7).map(move |y| (x, y))) {
+            let inside = (4..7).contains(&x) && (2..4).contains(&y);
+            let expected = match inside {
+                true => part.pixel(x - 4, y - 2),
+                false => [0.0; 3],
+            };
+            assert_eq!(whole.pixel(x, y), expected);
+        }
     }
 }

@@ -5,8 +5,11 @@
 //! Arrays are (row, column), row 0 at the top; colours are linear with Rec.709 primaries and a D65
 //! white, 1 being the white of a screen, except where a name says sRGB.
 
+mod colour_space;
 pub mod exr;
+mod jpeg;
 pub mod png;
+mod radiance;
 
 use geofan_core::{
     error::{Error, Result},
@@ -16,6 +19,8 @@ use ndarray::{Array2, Array3, s};
 use std::{ops::Range, path::Path};
 
 pub use exr::{Precision, read_exr, write_exr};
+#[cfg(feature = "gltf")]
+pub use png::decode_bytes;
 pub use png::{read_png, write_png};
 
 /// The most pixels a file may have: a 16384 by 8192 sky. A damaged header can ask for any size, and
@@ -23,7 +28,7 @@ pub use png::{read_png, write_png};
 pub const MAX_PIXELS: usize = 1 << 27;
 
 /// A picture in linear light with its layers.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Picture {
     /// (height, width, 3): red, green and blue.
     pub rgb: Array3<f32>,
@@ -59,14 +64,30 @@ impl LayerValues {
     }
 }
 
-/// Notes that travel with a picture in an EXR file: command line, manifold, version.
-#[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Metadata(pub Vec<(String, String)>);
+/// Goes with a picture into an EXR file.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Metadata {
+    /// Command line, manifold, version, camera.
+    pub notes: Vec<(String, String)>,
+    /// The picture that this is a part of, which becomes the display window.
+    pub frame: Option<Frame>,
+    /// Width of a picture in perspective at distance 1.
+    pub screen_width: Option<f32>,
+}
+
+/// A picture of which only a part is there.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Frame {
+    /// Pixels across and down.
+    pub size: (usize, usize),
+    /// Where the part's upper left pixel is.
+    pub corner: (usize, usize),
+}
 
 impl Metadata {
     /// Adds a note.
     pub fn with(mut self, key: impl Into<String>, text: impl Into<String>) -> Self {
-        self.0.push((key.into(), text.into()));
+        self.notes.push((key.into(), text.into()));
         self
     }
 }
@@ -215,18 +236,25 @@ pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> 
     }
 }
 
-/// Reads the linear light of a PNG, JPEG, Radiance HDR or EXR file (whose layers come too); 8- and
-/// 16-bit files are taken as sRGB, and transparency is dropped.
+/// Reads the linear light of a PNG, JPEG, Radiance or EXR file (whose layers come too); 8- and 16-bit
+/// files are taken as sRGB, and their opacity, if they have any, is the layer `A`. What is inside counts,
+/// not what the name says, because skies and textures from the net are often misnamed.
 pub fn read(path: &Path) -> Result<Picture> {
-    match extension(path).as_str() {
-        "exr" => read_exr(path).map(|(picture, _)| picture),
-        "png" | "jpg" | "jpeg" | "hdr" => png::read_with_image_crate(path),
-        _ => {
-            let message = "a picture to read is a .png, .jpg, .jpeg, .hdr or .exr file";
-            Err(bad_input(path, message))
-        }
+    if !READ.contains(&extension(path).as_str()) {
+        let message = "a picture to read is a .png, .jpg, .jpeg, .hdr, .pic or .exr file";
+        return Err(bad_input(path, message));
     }
+    let bytes = read_bytes(path)?;
+    let picture = match &bytes {
+        bytes if exr::is_exr(bytes) => exr::decode(bytes).map(|(picture, _)| picture),
+        bytes if radiance::is_radiance(bytes) => radiance::decode(bytes).map(Picture::new),
+        bytes => png::decode_any(bytes),
+    };
+    picture.map_err(|e| bad_input(path, e))
 }
+
+/// The endings of the names of pictures that are read.
+const READ: [&str; 6] = ["png", "jpg", "jpeg", "hdr", "pic", "exr"];
 
 /// The file name's ending in lower case; empty if there is none.
 fn extension(path: &Path) -> String {

@@ -1,12 +1,16 @@
-//! PNG files, and the other formats that the `image` crate reads.
+//! PNG files, and JPEG files to read.
 //!
 //! In: a picture. Out: 8-bit sRGB, rounded to the nearest code value without dither, so that equal
-//! pictures give equal bytes. Reading turns any of PNG, JPEG and Radiance HDR into linear light.
+//! pictures give equal bytes. Reading turns both into linear light.
 
-use super::{MAX_PIXELS, Picture, bad_input, check_writable, read_bytes, srgb_decode, srgb_shown};
+use super::{
+    MAX_PIXELS, Picture, bad_input, check_writable, jpeg, read_bytes, srgb_decode, srgb_shown,
+};
 use geofan_core::{error::Result, files::write_atomically};
-use image::{ImageEncoder, ImageFormat, ImageReader, Limits, codecs::png::PngEncoder};
-use ndarray::Array3;
+use image::{
+    DynamicImage, ImageEncoder, ImageFormat, ImageReader, Limits, codecs::png::PngEncoder,
+};
+use ndarray::{Array2, Array3};
 use std::{
     io::{Cursor, Write},
     path::Path,
@@ -24,14 +28,26 @@ pub fn read_png(path: &Path) -> Result<Picture> {
     decode(&read_bytes(path)?, ImageFormat::Png).map_err(|e| bad_input(path, e))
 }
 
-/// Reads a PNG, JPEG or Radiance HDR; what is inside counts, not what the name says, because skies
-/// and textures from the net are often misnamed.
-pub(super) fn read_with_image_crate(path: &Path) -> Result<Picture> {
-    let bytes = read_bytes(path)?;
-    let format = image::guess_format(&bytes).ok();
-    let format =
-        format.ok_or_else(|| bad_input(path, "is not a PNG, JPEG or Radiance HDR file"))?;
-    decode(&bytes, format).map_err(|e| bad_input(path, e))
+/// The picture in the bytes of a PNG or JPEG file, or what is wrong with them.
+pub(super) fn decode_any(bytes: &[u8]) -> Result<Picture, String> {
+    let format = image::guess_format(bytes).ok();
+    match format.ok_or("is not a PNG, JPEG, Radiance or OpenEXR file")? {
+        ImageFormat::Jpeg => {
+            jpeg::check(bytes)?;
+            decode(bytes, ImageFormat::Jpeg)
+        }
+        format => decode(bytes, format),
+    }
+}
+
+/// Reads a PNG, JPEG or Radiance HDR out of a file that holds more, or says what is wrong with it.
+#[cfg(feature = "gltf")]
+pub fn decode_bytes(bytes: &[u8]) -> Result<Picture, String> {
+    let format = image::guess_format(bytes);
+    decode(
+        bytes,
+        format.map_err(|_| "is not a PNG, JPEG or Radiance HDR picture")?,
+    )
 }
 
 impl Picture {
@@ -63,13 +79,26 @@ fn decode(bytes: &[u8], format: ImageFormat) -> Result<Picture, String> {
     if width as usize * height as usize > MAX_PIXELS {
         return Err(format!("{width}x{height} pixels are too many"));
     }
-    let values = reader.decode().map_err(|e| e.to_string())?.into_rgb32f();
+    let image = reader.decode().map_err(|e| e.to_string())?;
+    let alpha = image.color().has_alpha().then(|| alpha(&image));
     let shape = (height as usize, width as usize, 3);
-    let mut rgb = Array3::from_shape_vec(shape, values.into_raw()).map_err(|e| e.to_string())?;
-    if format != ImageFormat::Hdr {
-        rgb.mapv_inplace(srgb_decode);
-    }
-    Ok(Picture::new(rgb))
+    let values = image.into_rgb32f().into_raw();
+    let mut rgb = Array3::from_shape_vec(shape, values).map_err(|e| e.to_string())?;
+    rgb.mapv_inplace(srgb_decode);
+    let picture = Picture::new(rgb);
+    Ok(match alpha {
+        Some(alpha) => picture.with_float("A", alpha),
+        None => picture,
+    })
+}
+
+/// The opacity of an image, rows from the top.
+fn alpha(image: &DynamicImage) -> Array2<f32> {
+    let (height, width) = (image.height() as usize, image.width() as usize);
+    let rgba = image.to_rgba16();
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        f32::from(rgba.get_pixel(x as u32, y as u32).0[3]) / f32::from(u16::MAX)
+    })
 }
 
 /// The nearest 8-bit sRGB code value.
@@ -98,18 +127,5 @@ mod tests {
     fn equal_pictures_give_equal_bytes() {
         let picture = sample(40, 30);
         assert_eq!(encode(&picture).unwrap(), encode(&picture).unwrap());
-    }
-
-    #[test]
-    fn a_header_that_asks_for_too_many_pixels_is_refused() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("huge.hdr");
-        std::fs::write(
-            &path,
-            "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n",
-        )
-        .unwrap();
-        let failure = read_with_image_crate(&path).unwrap_err();
-        assert!(failure.to_string().contains("huge.hdr"), "{failure}");
     }
 }

@@ -146,3 +146,35 @@ fn radiance_pictures_are_read_as_linear_light() {
         approx::assert_relative_eq!(a, b, max_relative = 0.05);
     }
 }
+
+#[test]
+fn a_header_that_asks_for_too_many_pixels_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("huge.hdr");
+    let header = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n";
+    fs::write(&path, header).unwrap();
+    let failure = read(&path).unwrap_err().to_string();
+    assert!(failure.contains("huge.hdr"), "{failure}");
+    assert!(failure.contains("too many"), "{failure}");
+}
+
+#[test]
+fn the_kind_of_a_file_is_told_by_what_is_inside() {
+    let folder = tempfile::tempdir().unwrap();
+    let kinds = ["a.png", "a.jpg", "a.hdr", "a.exr"];
+    for (i, name) in kinds.iter().enumerate() {
+        let path = folder.path().join(name);
+        save_as(&path, &sample(24, 17));
+        let misnamed = folder.path().join(kinds[(i + 1) % 4].replace('a', "b"));
+        fs::rename(&path, &misnamed).unwrap();
+        let back = read(&misnamed).unwrap();
+        assert_eq!((back.width(), back.height()), (24, 17));
+    }
+    let text = folder.path().join("text.png");
+    fs::write(&text, "none of them").unwrap();
+    let failure = read(&text).unwrap_err().to_string();
+    assert!(
+        failure.contains("is not a PNG, JPEG, Radiance or OpenEXR file"),
+        "{failure}"
+    );
+}

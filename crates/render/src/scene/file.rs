@@ -7,7 +7,11 @@
 //! Units: positions are chart coordinates, directions components in the standard frame at their
 //! point, angles degrees, light linear.
 
-use super::table::{self, Span, Table, Value};
+use super::{
+    camera::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
+    smoothing::CREASE,
+    table::{self, Span, Table, Value},
+};
 use crate::sky::Pattern;
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
@@ -54,8 +58,10 @@ pub struct CameraEntry {
     pub look: DVec3,
     /// Unit vector of the picture's upward direction, perpendicular to `look`.
     pub up: DVec3,
-    /// Horizontal angle of view, degrees, in (0, 180).
+    /// Horizontal angle of view, degrees, in (0, 180); of a fisheye across its circle, up to 360.
     pub fov_degrees: f64,
+    /// CameraProjection, eyes and crop.
+    pub lens: Lens,
 }
 
 /// The two ways to say where a camera is.
@@ -70,7 +76,7 @@ pub enum CameraPosition {
 /// A mesh placed in the manifold.
 #[derive(Debug, Clone)]
 pub struct ObjectEntry {
-    /// The OBJ file.
+    /// The file of the mesh.
     pub mesh: PathBuf,
     /// Where `mesh` is named.
     pub mesh_span: Span,
@@ -84,6 +90,8 @@ pub struct ObjectEntry {
     pub rotation: DQuat,
     /// How mesh points become chart points.
     pub placement: Placement,
+    /// Edges that turn by more than this are sharp where the mesh gives no normals, degrees.
+    pub crease: f64,
     /// Where the entry stands.
     pub span: Span,
 }
@@ -128,9 +136,7 @@ pub enum SkyEntry {
 }
 
 const ROOT_KEYS: &[&str] = &["manifold", "camera", "view", "object", "light", "sky"];
-const CAMERA_KEYS: &[&str] = &["at", "parameters", "look", "up", "fov"];
-const VIEW_KEYS: &[&str] = &["name", "at", "parameters", "look", "up", "fov"];
-const OBJECT_KEYS: &[&str] = &["mesh", "at", "scale", "rotate", "placement"];
+const OBJECT_KEYS: &[&str] = &["mesh", "at", "scale", "rotate", "placement", "crease"];
 const LIGHT_KEYS: &[&str] = &["kind", "at", "intensity"];
 const AN_ARRAY_OF_TABLES: &str = "an array of tables, each under its own double-bracket header";
 
@@ -204,14 +210,14 @@ fn camera(root: &Table) -> Result<CameraEntry> {
     let example = "[camera]` with `at = [3.0, 0.0, 0.0]";
     let value = root.required("camera", example)?;
     let table = value.table(String::from("[camera]"), "a table")?;
-    table.allow_only(CAMERA_KEYS)?;
+    table.allow_only(&[&PLACE_KEYS[..], &LENS_KEYS].concat())?;
     camera_entry(&table)
 }
 
 /// The `[[view]]`s, whose names must differ.
 fn views<'a>(root: &Table<'a>) -> Result<Vec<CameraEntry>> {
     let views = each(root, "view", |table: Table<'a>| {
-        table.allow_only(VIEW_KEYS)?;
+        table.allow_only(&[&["name"], &PLACE_KEYS[..], &LENS_KEYS].concat())?;
         let name = table.required("name", "name = \"near\"")?;
         let mut camera = camera_entry(&table)?;
         camera.name = Some(name.string()?.to_owned());
@@ -230,47 +236,8 @@ fn views<'a>(root: &Table<'a>) -> Result<Vec<CameraEntry>> {
     Ok(views.into_iter().map(|(camera, ..)| camera).collect())
 }
 
-/// The keys that `[camera]` and `[[view]]` share.
-pub(super) fn camera_entry(table: &Table) -> Result<CameraEntry> {
-    let (position, position_span) = position(table)?;
-    let look = table
-        .required("look", "look = [-1.0, 0.0, 0.0]")?
-        .direction()?;
-    let up_value = table.required("up", "up = [0.0, 0.0, 1.0]")?;
-    let up = up_value.direction()?;
-    let across = look.cross(up);
-    // Below 1e-6 the picture's turn about the view is decided by the last digits of the file.
-    if across.length() < 1e-6 {
-        return Err(up_value
-            .complain(String::from("`up` is parallel to `look`"))
-            .with_label("leaves open which way is up in the picture")
-            .with_hint("choose an `up` that is not along the view, such as another axis")
-            .into());
-    }
-    Ok(CameraEntry {
-        name: None,
-        position,
-        position_span,
-        look,
-        up: across.cross(look).normalize(),
-        fov_degrees: table.optional("fov").map_or(Ok(90.0), |v| fov(&v))?,
-    })
-}
-
-fn fov(value: &Value) -> Result<f64> {
-    let degrees = value.number()?;
-    if degrees > 0.0 && degrees < 180.0 {
-        return Ok(degrees);
-    }
-    Err(value
-        .complain(String::from("`fov` must lie between 0 and 180 degrees"))
-        .with_label("the horizontal angle of view, ends excluded")
-        .with_hint("90 is usual")
-        .into())
-}
-
 /// `at` or `parameters`, exactly one.
-fn position(table: &Table) -> Result<(CameraPosition, Span)> {
+pub(super) fn position(table: &Table) -> Result<(CameraPosition, Span)> {
     let hint = "give either `at = [x, y, z]` or `parameters = { c = 3.0 }`";
     match (table.optional("at"), table.optional("parameters")) {
         (Some(at), None) => Ok((CameraPosition::Chart(at.vector()?), at.span())),
@@ -312,6 +279,9 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
             .optional("rotate")
             .map_or(Ok(DQuat::IDENTITY), |v| rotation(&v))?,
         placement: placement.transpose()?.unwrap_or_default(),
+        crease: table
+            .optional("crease")
+            .map_or(Ok(CREASE), |v| crease(&v))?,
         span: table.span(),
     })
 }
@@ -324,6 +294,18 @@ fn scale(value: &Value) -> Result<f64> {
     Err(value
         .complain(String::from("`scale` must be greater than 0"))
         .with_label("would leave nothing to see, or turn the mesh inside out")
+        .into())
+}
+
+fn crease(value: &Value) -> Result<f64> {
+    let degrees = value.number()?;
+    if (0.0..=180.0).contains(&degrees) {
+        return Ok(degrees);
+    }
+    Err(value
+        .complain(String::from("`crease` must lie between 0 and 180 degrees"))
+        .with_label("the angle between neighbouring faces above which an edge is sharp")
+        .with_hint("30 is usual, 0 shows every face flat, 180 smooths everything")
         .into())
 }
 

@@ -22,6 +22,7 @@ at = [1.0, 0.5, 0.0]
 scale = 0.2
 rotate = { axis = [0,0,2], degrees = 90 }
 placement = "exponential"
+crease = 45
 
 [[object]]
 mesh = "/meshes/cube.obj"
@@ -79,6 +80,7 @@ fn the_whole_format_is_read() {
         (cube.scale, cube.placement, cube.rotation),
         (1.0, Placement::Linear, DQuat::IDENTITY)
     );
+    assert_eq!((teapot.crease, cube.crease), (45.0, 30.0));
     assert_eq!(cube.mesh, Path::new("/meshes/cube.obj"));
     assert_eq!(scene.lights[0].intensity, [10.0; 3]);
     let blue = SkyEntry::Pattern(Pattern::Colour([0.0, 0.5, 1.0]));
@@ -150,6 +152,7 @@ fn every_mistake_is_underlined() {
     );
     refused("scale = 0.2", "scale = 0", "greater than 0", "0");
     refused("scale = 0.2", "scale = -1.5", "greater than 0", "-1.5");
+    refused("crease = 45", "crease = 181", "between 0 and 180", "181");
     refused(
         "\"exponential\"",
         "\"exp\"",

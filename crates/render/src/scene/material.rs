@@ -1,15 +1,18 @@
-//! Materials (MTL) and the textures they name.
+//! Materials, and the textures that MTL files name.
 //!
-//! In: the text of an MTL file. Out: [`Material`]s in linear light, and a warning for every line
-//! that had to be dropped or mended. A damaged MTL never stops a mesh from loading.
-//!
-//! `tobj` parses the text, but panics on a colour of fewer than three numbers and gives up the
-//! whole file at the first bad number; so each line is checked and mended before `tobj` sees it.
+//! In: an [`Entry`] of a library. Out: a [`Material`] in linear light, with a warning for what of it is
+//! not drawn. A texture that cannot be read leaves the material without it.
 
-use crate::{Footprint, picture};
-use ndarray::Array3;
+use super::{
+    libraries::located,
+    mtl::Entry,
+    text::without_comment,
+    texture::{Mapping, OpacityMap, Texture, TextureMap},
+};
+use crate::picture::{self, LayerValues, Picture, srgb_encode};
+use ndarray::{Array2, Axis};
 use std::{
-    collections::HashMap,
+    collections::{BTreeSet, HashMap},
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -31,15 +34,18 @@ pub struct Material {
     pub dissolve: f32,
     /// Index of refraction (`Ni`).
     pub ni: f32,
-    /// The illumination model's number (`illum`): 2 matt and glossy, 3 and 5 mirror, 4, 6, 7 and 9
-    /// glass.
+    /// The illumination model's number (`illum`): 2 matt and glossy, 3 to 5 mirror, 6 and 7 glass.
     pub illumination: u8,
     /// Texture that multiplies `kd` (`map_Kd`).
-    pub map_kd: Option<Arc<Texture>>,
+    pub map_kd: Option<TextureMap>,
+    /// Opacity that multiplies `dissolve`: `map_d`, else what `map_Kd` has beside its colours.
+    pub map_d: Option<OpacityMap>,
+    /// Texture that multiplies `ke` (`map_Ke`).
+    pub map_ke: Option<TextureMap>,
 }
 
 impl Default for Material {
-    /// A matt light grey.
+    /// Returns a matt light grey.
     fn default() -> Self {
         Self {
             name: String::from("default grey"),
@@ -51,211 +57,304 @@ impl Default for Material {
             ni: 1.5,
             illumination: 2,
             map_kd: None,
+            map_d: None,
+            map_ke: None,
         }
     }
 }
 
-/// A picture that repeats over the plane of texture coordinates.
-#[derive(Debug, Clone)]
-pub struct Texture {
-    /// Rows from the top × columns × linear red, green, blue; then the same at half the size, a
-    /// quarter, … down to one pixel.
-    levels: Vec<Array3<f32>>,
-}
-
-impl Texture {
-    /// Wraps rows from the top × columns × 3; `None` if there is no pixel.
-    pub fn new(pixels: Array3<f32>) -> Option<Self> {
-        let (height, width, channels) = pixels.dim();
-        if height == 0 || width == 0 || channels != 3 {
-            return None;
-        }
-        let mut levels = vec![pixels];
-        while let Some(half) = levels.last().and_then(halved) {
-            levels.push(half);
-        }
-        Some(Self { levels })
+impl Material {
+    /// Tells whether it may let light through unturned.
+    pub fn is_clear(&self) -> bool {
+        self.dissolve < 1.0 || self.map_d.is_some()
     }
 
-    /// Linear colour at `uv`, averaged over a footprint in texture widths.
-    pub fn filtered(&self, [u, v]: [f32; 2], footprint: &Footprint) -> [f32; 3] {
-        let taps = footprint.taps(0.0);
-        let (height, columns, _) = self.levels[0].dim();
-        let texels = taps.width * height.max(columns) as f32;
-        let last = self.levels.len() - 1;
-        let level = texels.max(1.0).log2().min(last as f32);
-        let (low, way) = (level as usize, level.fract());
-        let mut sum = [0.0; 3];
-        for tap in taps.places() {
-            let (u, v) = (f64::from(u + tap.x), f64::from(v + tap.y));
-            let sharp = self.sample_level(low, u, v);
-            let soft = self.sample_level((low + 1).min(last), u, v);
-            for c in 0..3 {
-                sum[c] += lerp(sharp[c], soft[c], way);
-            }
-        }
-        sum.map(|x| x / taps.count)
+    /// Tells whether a texture says what it looks like.
+    pub fn is_textured(&self) -> bool {
+        self.map_kd.is_some() || self.map_ke.is_some()
     }
 
-    /// Linear colour at `(u, v)`, bilinear and repeating; `v` grows upwards as OBJ has it.
-    pub fn sample(&self, u: f64, v: f64) -> [f32; 3] {
-        self.sample_level(0, u, v)
+    /// Tells whether it turns light that goes through it (`illum` 6 and 7).
+    pub fn is_glass(&self) -> bool {
+        matches!(self.illumination, 6 | 7)
     }
 
-    fn sample_level(&self, level: usize, u: f64, v: f64) -> [f32; 3] {
-        let pixels = &self.levels[level];
-        let (height, width, _) = pixels.dim();
-        let (x0, x1, fx) = neighbours(u, width);
-        let (y0, y1, fy) = neighbours(-v, height);
-        std::array::from_fn(|c| {
-            let top = lerp(pixels[[y0, x0, c]], pixels[[y0, x1, c]], fx);
-            let bottom = lerp(pixels[[y1, x0, c]], pixels[[y1, x1, c]], fx);
-            lerp(top, bottom, fy)
-        })
+    /// Returns the most that it stops of the light that does not turn: glass says by `d` that it is clear, not
+    /// that it is not there.
+    pub fn solid(&self) -> f32 {
+        if self.is_glass() { 1.0 } else { self.dissolve }
     }
-}
-
-/// Half the size, by means of up to 2 × 2 pixels; `None` for a single pixel.
-fn halved(pixels: &Array3<f32>) -> Option<Array3<f32>> {
-    let (height, width, _) = pixels.dim();
-    if height == 1 && width == 1 {
-        return None;
-    }
-    let half = |n: usize| n.div_ceil(2);
-    Some(Array3::from_shape_fn(
-        (half(height), half(width), 3),
-        |(y, x, c)| {
-            let rows = 2 * y..(2 * y + 2).min(height);
-            let columns = 2 * x..(2 * x + 2).min(width);
-            let count = (rows.len() * columns.len()) as f32;
-            let cells = rows.flat_map(|y| columns.clone().map(move |x| (y, x)));
-            cells.map(|(y, x)| pixels[[y, x, c]]).sum::<f32>() / count
-        },
-    ))
-}
-
-/// The two pixel centres around the repeating coordinate `t`, and the way between them.
-fn neighbours(t: f64, count: usize) -> (usize, usize, f32) {
-    let at = t.rem_euclid(1.0) * count as f64 - 0.5;
-    let low = at.floor();
-    let first = (low + count as f64) as usize % count;
-    (first, (first + 1) % count, (at - low) as f32)
-}
-
-fn lerp(a: f32, b: f32, t: f32) -> f32 {
-    a + (b - a) * t
-}
-
-/// Mends the text of an MTL file so that `tobj` reads all of it; says what was dropped.
-pub(super) fn mend_mtl(name: &str, text: &str, warnings: &mut Vec<String>) -> String {
-    let mut mended = String::with_capacity(text.len());
-    for (i, line) in text.lines().enumerate() {
-        match mend_line(line) {
-            Some(line) => mended.push_str(&line),
-            None => warnings.push(format!("{name}:{}: ignored `{}`", i + 1, line.trim())),
-        }
-        mended.push('\n');
-    }
-    mended
-}
-
-/// The line as `tobj` can read it, or nothing if it makes no sense.
-fn mend_line(line: &str) -> Option<String> {
-    let line = line.trim();
-    let (key, rest) = line.split_once(char::is_whitespace).unwrap_or((line, ""));
-    let rest = rest.trim();
-    let words = || rest.split_whitespace();
-    match key {
-        "Kd" | "Ks" | "Ke" => {
-            let given: Option<Vec<f32>> = words().map(not_negative).collect();
-            let [r, g, b] = match given?.as_slice() {
-                [grey] => [*grey; 3],
-                [r, g, b] => [*r, *g, *b],
-                _ => return None,
-            };
-            Some(format!("{key} {r} {g} {b}"))
-        }
-        "Ns" | "Ni" => Some(format!("{key} {}", not_negative(words().next()?)?)),
-        "illum" => Some(format!("illum {}", words().next()?.parse::<u8>().ok()?)),
-        "d" => Some(format!("d {}", not_negative(words().last()?)?.min(1.0))),
-        "Tr" => Some(format!(
-            "d {}",
-            1.0 - not_negative(words().next()?)?.min(1.0)
-        )),
-        "newmtl" | "map_Kd" => (!rest.is_empty()).then(|| format!("{key} {rest}")),
-        // The renderer uses nothing else, so nothing else needs to reach the parser.
-        _ => Some(String::new()),
-    }
-}
-
-fn not_negative(word: &str) -> Option<f32> {
-    word.parse()
-        .ok()
-        .filter(|x: &f32| x.is_finite() && *x >= 0.0)
 }
 
 /// Reads textures, each file once.
-pub(super) struct TextureShelf<'a> {
-    folder: &'a Path,
-    loaded: HashMap<PathBuf, Option<Arc<Texture>>>,
+#[derive(Default)]
+pub(super) struct Shelf {
+    loaded: HashMap<PathBuf, Option<Loaded>>,
 }
 
-impl<'a> TextureShelf<'a> {
-    /// Texture names will be relative to `folder`.
-    pub(super) fn new(folder: &'a Path) -> Self {
-        Self {
-            folder,
-            loaded: HashMap::new(),
-        }
-    }
+/// A picture as colours and as opacity.
+#[derive(Clone)]
+pub(super) struct Loaded {
+    pub picture: Arc<Picture>,
+    pub texture: Arc<Texture>,
+    /// Its own opacity, if that is not the same everywhere.
+    pub alpha: Option<Arc<Array2<f32>>>,
+}
 
-    /// The material with its texture; a texture that cannot be read leaves `Kd` alone.
+/// The map of a material: its name and options.
+struct Map<'a> {
+    /// What follows the options.
+    name: &'a str,
+    mapping: Mapping,
+    /// The channel that is an opacity (`-imfchan`).
+    channel: Option<char>,
+}
+
+impl Shelf {
+    /// Returns the material of an entry; textures are looked for in `folders`, the library's first.
     pub(super) fn material(
         &mut self,
-        from: &tobj::Material,
+        entry: &Entry,
+        folders: &[&Path],
         warnings: &mut Vec<String>,
     ) -> Material {
+        let from = &entry.material;
         let grey = Material::default();
-        let map = from.diffuse_texture.as_deref();
+        let three = |c: Option<[f64; 3]>| c.map(|c| c.map(|x| x as f32));
+        let one = |x: Option<f64>, otherwise: f32| x.map_or(otherwise, |x| x as f32);
+        let (library, name) = (&entry.library, &from.name);
+        let mut say = |text: &str| warnings.push(format!("{library}: material `{name}`: {text}"));
+        if !entry.left_out.is_empty() {
+            let all: Vec<&str> = entry.left_out.iter().map(String::as_str).collect();
+            say(&format!("{} not drawn", all.join(", ")));
+        }
+        let map_kd = from.diffuse_texture.as_deref();
+        let map_kd = map_kd.and_then(|map| self.read(map, folders, &mut say));
+        let map_d = from.dissolve_texture.as_deref();
+        let map_d = map_d.and_then(|map| self.read(map, folders, &mut say));
+        let map_ke = from.unknown_param.get("map_Ke");
+        let map_ke = map_ke.and_then(|map| self.read(map, folders, &mut say));
+        let dark = if map_ke.is_some() { [1.0; 3] } else { grey.ke };
+        let mut kd = three(from.diffuse);
+        let shines = map_ke.is_some() || from.emissive.is_some_and(|ke| ke != [0.0; 3]);
+        if map_kd.is_some() && kd == Some([0.0; 3]) && !shines {
+            // Maya writes black for what a texture is to decide.
+            say("its texture is used although Kd is black");
+            kd = None;
+        }
+        let plain = if map_kd.is_some() { [1.0; 3] } else { grey.kd };
+        let opacity = match (&map_d, &map_kd) {
+            (Some((loaded, map)), _) => Some(loaded.opacity(map)),
+            (None, Some((loaded, map))) => loaded.alpha_with(map),
+            (None, None) => None,
+        };
+        let dissolve = one(from.dissolve, grey.dissolve);
+        if dissolve == 0.0 && !matches!(from.illumination_model, Some(6 | 7)) {
+            say("is not there at all (d 0 or Tr 1)");
+        }
         Material {
             name: from.name.clone(),
-            kd: from.diffuse.unwrap_or(grey.kd),
-            ks: from.specular.unwrap_or(grey.ks),
-            ns: from.shininess.unwrap_or(grey.ns),
-            ke: from.emissive.unwrap_or(grey.ke),
-            dissolve: from.dissolve.unwrap_or(grey.dissolve),
-            ni: from.optical_density.unwrap_or(grey.ni),
+            kd: kd.unwrap_or(plain),
+            ks: three(from.specular).unwrap_or(grey.ks),
+            ns: one(from.shininess, grey.ns),
+            ke: three(from.emissive).unwrap_or(dark),
+            dissolve,
+            ni: one(from.optical_density, grey.ni),
             illumination: from.illumination_model.unwrap_or(grey.illumination),
-            map_kd: map.and_then(|map| self.texture(map, warnings)),
+            map_kd: map_kd.map(colours),
+            map_d: opacity,
+            map_ke: map_ke.map(colours),
         }
     }
 
-    fn texture(&mut self, map: &str, warnings: &mut Vec<String>) -> Option<Arc<Texture>> {
-        let path = self.locate(map);
+    /// Returns a white material with the texture `name`, which is in `folder`, for the mesh `library`.
+    pub(super) fn textured(
+        &mut self,
+        name: &str,
+        (library, folder): (&str, &Path),
+        warnings: &mut Vec<String>,
+    ) -> Material {
+        let entry = Entry {
+            library: library.to_owned(),
+            material: tobj::Material {
+                name: name.to_owned(),
+                diffuse: Some([1.0; 3]),
+                diffuse_texture: Some(name.to_owned()),
+                ..Default::default()
+            },
+            left_out: BTreeSet::new(),
+        };
+        self.material(&entry, &[folder], warnings)
+    }
+
+    /// Returns the picture that `map` names, with its options.
+    fn read<'a>(
+        &mut self,
+        map: &'a str,
+        folders: &[&Path],
+        say: &mut dyn FnMut(&str),
+    ) -> Option<(Loaded, Map<'a>)> {
+        let map = Map::of(map);
+        let bare = without_comment(map.name);
+        let path = located(map.name, folders).or_else(|| located(bare, folders));
+        let path = path.unwrap_or_else(|| folders[0].join(map.name.replace('\\', "/")));
         if let Some(known) = self.loaded.get(&path) {
-            return known.clone();
+            return known.clone().map(|loaded| (loaded, map));
         }
-        let texture = match picture::read(&path).map(|picture| picture.rgb) {
-            Ok(pixels) => Texture::new(pixels).map(Arc::new),
+        let loaded = match picture::read(&path) {
+            Ok(picture) => Loaded::of(picture),
             Err(error) => {
-                warnings.push(format!("texture left out: {error}"));
+                say(&format!("texture left out: {error}"));
                 None
             }
         };
-        self.loaded.insert(path, texture.clone());
-        texture
+        self.loaded.insert(path, loaded.clone());
+        loaded.map(|loaded| (loaded, map))
+    }
+}
+
+/// Returns a picture laid on a surface.
+fn colours((loaded, map): (Loaded, Map<'_>)) -> TextureMap {
+    TextureMap {
+        texture: loaded.texture,
+        mapping: map.mapping,
+    }
+}
+
+impl Loaded {
+    /// Takes a picture; `None` if it has no pixel.
+    pub(super) fn of(picture: Picture) -> Option<Self> {
+        let alpha = match picture.layer("A") {
+            Some(LayerValues::Float(alpha)) => Some(alpha.clone()),
+            _ => None,
+        };
+        // All of one kind says nothing: many programs leave it so by mistake.
+        let says =
+            |alpha: &Array2<f32>| alpha.iter().any(|a| *a < 1.0) && alpha.iter().any(|a| *a > 0.0);
+        Some(Self {
+            texture: Arc::new(Texture::new(picture.rgb.clone())?),
+            alpha: alpha.filter(says).map(Arc::new),
+            picture: Arc::new(picture),
+        })
     }
 
-    /// The file that `map_Kd` means: names may hold spaces, backslashes, or options in front.
-    fn locate(&self, map: &str) -> PathBuf {
-        let map = map.replace('\\', "/");
-        let whole = self.folder.join(&map);
-        if whole.is_file() || !map.starts_with('-') {
-            return whole;
-        }
-        let last = map.split_whitespace().last().unwrap_or_default();
-        self.folder.join(last)
+    fn alpha_with(&self, map: &Map<'_>) -> Option<OpacityMap> {
+        let values = self.alpha.clone()?;
+        // `-mm` is about colours.
+        let mapping = Mapping {
+            range: Mapping::default().range,
+            ..map.mapping
+        };
+        Some(OpacityMap { values, mapping })
     }
+
+    /// Returns the opacity in a picture: what it has beside its colours, else its luminance, unless the
+    /// options name a channel.
+    fn opacity(&self, map: &Map<'_>) -> OpacityMap {
+        let values = match (map.channel, &self.alpha) {
+            (None | Some('m'), Some(alpha)) => alpha.clone(),
+            (channel, _) => Arc::new(self.scalar(channel)),
+        };
+        OpacityMap {
+            values,
+            mapping: map.mapping,
+        }
+    }
+
+    /// Returns a channel's numbers as the file has them, which are not light.
+    fn scalar(&self, channel: Option<char>) -> Array2<f32> {
+        let weights = match channel {
+            Some('r') => [1.0, 0.0, 0.0],
+            Some('g') => [0.0, 1.0, 0.0],
+            Some('b') => [0.0, 0.0, 1.0],
+            _ => [0.2126, 0.7152, 0.0722],
+        };
+        let number = |rgb: ndarray::ArrayView1<'_, f32>| {
+            (0..3)
+                .map(|c| weights[c] * srgb_encode(rgb[c]))
+                .sum::<f32>()
+        };
+        self.picture.rgb.map_axis(Axis(2), number)
+    }
+}
+
+impl<'a> Map<'a> {
+    /// Parts the options from the name, which may hold spaces.
+    fn of(text: &'a str) -> Self {
+        let mut map = Self {
+            name: text.trim(),
+            mapping: Mapping::default(),
+            channel: None,
+        };
+        while let Some((option, rest)) = map.name.split_once(char::is_whitespace) {
+            let Some(rest) = map.option(option, rest.trim_start()) else {
+                break;
+            };
+            map.name = rest;
+        }
+        map.name = map.name.trim_matches('"');
+        map
+    }
+
+    /// Takes an option and its words; what is left, or `None` if it is none and the name begins.
+    fn option(&mut self, option: &str, rest: &'a str) -> Option<&'a str> {
+        let mapping = &mut self.mapping;
+        match option {
+            "-s" => {
+                let (given, rest) = numbers::<3>(rest);
+                let kept = mapping.scale;
+                mapping.scale = [0, 1].map(|k| given[k].unwrap_or(kept[k]));
+                Some(rest)
+            }
+            "-o" => {
+                let (given, rest) = numbers::<3>(rest);
+                let kept = mapping.offset;
+                mapping.offset = [0, 1].map(|k| given[k].unwrap_or(kept[k]));
+                Some(rest)
+            }
+            "-mm" => {
+                let (given, rest) = numbers::<2>(rest);
+                mapping.range = [0, 1].map(|k| given[k].unwrap_or(mapping.range[k]));
+                Some(rest)
+            }
+            "-clamp" => {
+                let (word, rest) = word(rest)?;
+                mapping.clamp = word.eq_ignore_ascii_case("on");
+                Some(rest)
+            }
+            "-imfchan" => {
+                let (word, rest) = word(rest)?;
+                self.channel = word.chars().next();
+                Some(rest)
+            }
+            // How finely, how sharply, by which program: nothing that a picture here depends on.
+            "-blendu" | "-blendv" | "-cc" | "-texres" | "-boost" | "-bm" | "-type" => {
+                word(rest).map(|(_, rest)| rest)
+            }
+            // Turbulence moves a texture about at random.
+            "-t" => Some(numbers::<3>(rest).1),
+            _ => None,
+        }
+    }
+}
+
+/// Returns the first word, and what follows it; `None` if nothing does.
+fn word(text: &str) -> Option<(&str, &str)> {
+    let (word, rest) = text.split_once(char::is_whitespace)?;
+    Some((word, rest.trim_start()))
+}
+
+/// As many numbers as there are, at most `N`, and what follows, which is never nothing.
+fn numbers<const N: usize>(mut text: &str) -> ([Option<f32>; N], &str) {
+    let mut found = [None; N];
+    for slot in &mut found {
+        let next = word(text).and_then(|(word, rest)| Some((word.parse().ok()?, rest)));
+        let Some((number, rest)) = next.filter(|(number, _): &(f32, _)| number.is_finite()) else {
+            break;
+        };
+        (*slot, text) = (Some(number), rest);
+    }
+    (found, text)
 }
 
 #[cfg(test)]
@@ -263,28 +362,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lines_that_would_stop_the_parser_are_mended_or_named() {
-        let text =
-            "newmtl a\nKd 0.5\nKs 1 2\nNs x\n\td -halo 0.3\nTr 0.25\nKe nan 0 0\nnewmtl\nillum\n";
-        let mut warnings = Vec::new();
-        let mended = mend_mtl("a.mtl", text, &mut warnings);
-        assert_eq!(
-            mended,
-            "newmtl a\nKd 0.5 0.5 0.5\n\n\nd 0.3\nd 0.75\n\n\n\n"
-        );
-        let expected = ["a.mtl:3: ignored `Ks 1 2`", "a.mtl:4: ignored `Ns x`"];
-        assert_eq!(warnings[..2], expected);
-        assert_eq!(warnings.len(), 5);
+    fn options_stand_before_names_which_may_hold_spaces() {
+        let map =
+            Map::of("-blendu off -s 2 3 1 -o 0.5 -clamp on -imfchan g -mm 0.1 2 my  wood 2.png");
+        assert_eq!(map.name, "my  wood 2.png");
+        let known = Mapping {
+            scale: [2.0, 3.0],
+            offset: [0.5, 0.0],
+            clamp: true,
+            range: [0.1, 2.0],
+        };
+        assert_eq!((map.mapping, map.channel), (known, Some('g')));
     }
 
     #[test]
-    fn a_texture_repeats_and_has_its_first_row_on_top() {
-        let rows = vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0];
-        let texture = Texture::new(Array3::from_shape_vec((2, 2, 3), rows).unwrap()).unwrap();
-        assert_eq!(texture.sample(0.25, 0.75), [1.0, 0.0, 0.0]);
-        assert_eq!(texture.sample(0.75, 0.75), [0.0, 1.0, 0.0]);
-        assert_eq!(texture.sample(1.25, -0.75), [0.0, 0.0, 1.0]);
-        assert_eq!(texture.sample(0.0, 0.5), [0.5, 0.5, 0.5]);
-        assert!(texture.sample(f64::NAN, f64::INFINITY)[0].is_nan());
+    fn names_that_look_like_options_or_numbers_stay_names() {
+        for name in ["-wood.png", "7", "-s", "wood -s 2.png", "-odd name.png"] {
+            assert_eq!(Map::of(name).name, name);
+        }
+        assert_eq!(Map::of("-s 2 2 2 7").name, "7");
+        assert_eq!(Map::of("-s 2 7").name, "7");
+        assert_eq!(Map::of("-bm 1 \"a b.png\"").name, "a b.png");
     }
 }

@@ -2,20 +2,40 @@
 //!
 //! In: paths. Out: [`SceneFile`] and [`Mesh`], checked, with warnings for what was mended.
 
+mod camera;
 mod file;
+mod formats;
+#[cfg(feature = "gltf")]
+mod gltf_material;
+#[cfg(feature = "gltf")]
+mod gltf_mesh;
+#[cfg(feature = "gltf")]
+mod gltf_source;
+mod libraries;
 mod material;
 mod mesh;
+mod mtl;
+mod obj;
+mod obj_mesh;
 mod placement;
+mod ply_mesh;
+mod polygon;
 mod poses;
 mod smoothing;
 mod subdivide;
-mod survey;
 mod table;
+mod tally;
+mod text;
+mod texture;
+mod vertex;
 
+pub use camera::{CameraProjection, Lens, Stereo, StereoLayout};
 pub use file::{
     CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
 };
-pub use material::{Material, Texture};
+pub use material::Material;
 pub use mesh::Mesh;
 pub(super) use placement::place;
 pub use poses::{KeyPose, PoseFile};
+pub(super) use subdivide::Points;
+pub use texture::{Mapping, OpacityMap, Texture, TextureMap};

@@ -1,7 +1,8 @@
 //! Reading a camera path: key poses of an animation.
 //!
 //! In: the text of a TOML file of `[[pose]]` tables, each with `time` (seconds, ascending) and what
-//! a scene's `[camera]` has: `at` or `parameters`, `look`, `up`, `fov`. Out: [`PoseFile`].
+//! a scene's `[camera]` has: `at` or `parameters`, `look`, `up`, `fov`; how the camera draws is the
+//! scene's. Out: [`PoseFile`].
 //!
 //! ```toml
 //! [[pose]]
@@ -19,7 +20,8 @@
 //! ```
 
 use super::{
-    file::{CameraEntry, camera_entry, each},
+    camera::camera_entry,
+    file::{CameraEntry, each},
     table::{Span, Table, parse},
 };
 use geofan_core::{diagnostic::SourceText, error::Result, reading::read_text};

@@ -1,156 +1,234 @@
-//! Smoothing groups of OBJ texts, and the normals that a file leaves out.
+//! The normals that a file leaves out.
 //!
-//! In: the text, then the models that `tobj` made of it. Out: a text in which every line is whole
-//! and the smoothing group is the name of the group, which is all that `tobj` lets through; later,
-//! normals for the vertices that lack one.
+//! In: a mesh, and which of its triangles share normals ([`Share`]). Out: a normal for every vertex
+//! that lacks one; a vertex gets copies where its faces do not share theirs.
 //!
-//! Normals are smoothed among the faces of one group. A file without any `s` line says nothing
-//! about it, and most of those are scans of round things: they are smoothed as a whole.
+//! Two triangles that meet in an edge share the normals at its ends if they are parts of one face, if
+//! the file puts both into one smoothing group, or, where it says nothing about groups, if the
+//! surface turns by no more than the crease angle there. So all triangles around a place that can be
+//! reached from each other over such edges have one normal: the mean of theirs, each weighed by its
+//! angle there, which does not depend on how faces are cut into triangles (G. Thürmer, C. Wüthrich,
+//! *Computing vertex normals from polygonal facets*, 1998).
 
 use super::Mesh;
 use glam::DVec3;
-use std::{borrow::Cow, collections::HashMap};
+use rayon::prelude::*;
+use std::collections::HashMap;
 
-/// The group of faces that are not smoothed (`s off` or `s 0`).
+/// The group of faces that are not smoothed (`s off` or `s 0` in OBJ).
 pub(super) const FLAT: u32 = 0;
 
-/// What `tobj` sees as the name of the group of faces with a smoothing group.
-const NAME: &str = "smoothing-group-";
+/// The angle (degrees) above which an edge is sharp unless something else is asked for: what
+/// modelling programs take. Round things of 12 sides and more are smooth.
+pub const CREASE: f64 = 30.0;
 
-/// Joins lines that end in a backslash with the next (a blank line takes the place of that, so that
-/// line numbers stay), and turns `s` into `g`.
-pub(super) fn mend_obj(text: &str) -> Cow<'_, str> {
-    let is_special = |line: &str| {
-        let key = line.split_whitespace().next().unwrap_or_default();
-        line.trim_end().ends_with('\\') || matches!(key, "s" | "g" | "o")
-    };
-    if !text.lines().any(is_special) {
-        return Cow::Borrowed(text);
+/// With which others a triangle shares normals.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Share {
+    /// The face that it is a part of.
+    pub face: u32,
+    /// Its smoothing group; `None` where the file has not named one.
+    pub group: Option<u32>,
+}
+
+/// Gives the vertices of `mesh` without a normal (zero) theirs; `shares` has one for each triangle,
+/// and edges that turn by more than `crease` degrees are sharp.
+pub(super) fn fill_normals(mesh: &mut Mesh, shares: &[Share], crease: f64) {
+    let lacks = |t: &[u32; 3]| t.iter().any(|v| mesh.normals[*v as usize] == DVec3::ZERO);
+    if !mesh.triangles.iter().any(lacks) {
+        return;
     }
-    let mut mended = String::with_capacity(text.len());
-    let mut joined = 0;
-    for line in text.lines() {
-        if let Some(part) = line.trim_end().strip_suffix('\\') {
-            mended.push_str(part);
-            mended.push(' ');
-            joined += 1;
+    let corners = Corners::of(mesh);
+    let mut fans = Fans::new(3 * mesh.triangles.len());
+    let smooth = Smooth {
+        shares,
+        corners: &corners,
+        least: match crease < 180.0 {
+            // Rounding must not make an edge of just this angle sharp.
+            true => crease.to_radians().cos() - 1e-9,
+            false => -2.0,
+        },
+    };
+    smooth.join(&mut fans);
+    let roots: Vec<u32> = (0..fans.parents.len() as u32)
+        .map(|c| fans.root(c))
+        .collect();
+    let mut sums = vec![DVec3::ZERO; roots.len()];
+    for (corner, root) in roots.iter().enumerate() {
+        sums[*root as usize] += corners.normals[corner / 3] * corners.angle(mesh, corner);
+    }
+    hand_out(mesh, &roots, &sums);
+}
+
+/// Puts the normals of fans into the vertices that lack one. The first fan that a vertex is met in
+/// keeps it; others get copies.
+fn hand_out(mesh: &mut Mesh, roots: &[u32], sums: &[DVec3]) {
+    let lacking: Vec<bool> = mesh.normals.iter().map(|n| *n == DVec3::ZERO).collect();
+    let mut first: Vec<Option<u32>> = vec![None; lacking.len()];
+    let mut copies: HashMap<(u32, u32), u32> = HashMap::new();
+    for (corner, root) in roots.iter().enumerate() {
+        let vertex = mesh.triangles[corner / 3][corner % 3];
+        if !lacking[vertex as usize] {
             continue;
         }
-        match line.split_whitespace().next() {
-            // Groups and objects have no meaning here, and would take the smoothing group's place.
-            Some("g" | "o") if joined == 0 => {}
-            Some("s") if joined == 0 => mended.push_str(&smoothing_line(line)),
-            _ => mended.push_str(line),
+        let own = first[vertex as usize].get_or_insert(*root) == root;
+        let number = match own {
+            true => vertex,
+            false => *copies
+                .entry((vertex, *root))
+                .or_insert_with(|| mesh.copy_vertex(vertex)),
+        };
+        let sum = sums[*root as usize];
+        // Opposite faces can cancel; any unit vector will do then, shading is two-sided.
+        mesh.normals[number as usize] = sum.try_normalize().unwrap_or(DVec3::Z);
+        mesh.triangles[corner / 3][corner % 3] = number;
+    }
+    // Of vertices that belong to no triangle.
+    let lost = mesh.normals.iter_mut().filter(|n| **n == DVec3::ZERO);
+    lost.for_each(|n| *n = DVec3::Z);
+}
+
+/// The corners of all triangles, three each.
+struct Corners {
+    /// Unit normal of each triangle.
+    normals: Vec<DVec3>,
+    /// The place of each corner: vertices in one place are one, because seams of texture split them.
+    places: Vec<u32>,
+}
+
+impl Corners {
+    fn of(mesh: &Mesh) -> Self {
+        let mut numbers: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.positions.len());
+        let mut place = |p: &DVec3| {
+            // Adding zero turns -0 into 0, which has other bits but is the same place.
+            let bits = (*p + DVec3::ZERO).to_array().map(f64::to_bits);
+            let next = numbers.len() as u32;
+            *numbers.entry(bits).or_insert(next)
+        };
+        let of_vertex: Vec<u32> = mesh.positions.iter().map(&mut place).collect();
+        let corners = mesh.triangles.iter().flatten();
+        let normal = |t: &[u32; 3]| {
+            let across = mesh.doubled_area(*t);
+            // Dividing by the largest component first keeps squares from underflowing.
+            (across / across.abs().max_element()).normalize_or_zero()
+        };
+        Self {
+            normals: mesh.triangles.iter().map(normal).collect(),
+            places: corners.map(|v| of_vertex[*v as usize]).collect(),
         }
-        (0..=joined).for_each(|_| mended.push('\n'));
-        joined = 0;
-    }
-    Cow::Owned(mended)
-}
-
-fn smoothing_line(line: &str) -> String {
-    let group = match line.split_whitespace().nth(1) {
-        None | Some("off") => FLAT,
-        Some("on") => 1,
-        Some(number) => number.parse().unwrap_or(1),
-    };
-    format!("g {NAME}{group}")
-}
-
-/// The smoothing group of a model called `name`; `None` where the file has not named one.
-pub(super) fn group_of(name: &str) -> Option<u32> {
-    name.strip_prefix(NAME)?.parse().ok()
-}
-
-/// The mesh with three vertices of its own for every triangle, so that each can have its own
-/// normals.
-pub(super) fn unshared(from: tobj::Mesh) -> tobj::Mesh {
-    let spread = |values: &[f32], width: usize| -> Vec<f32> {
-        let of = |i: &u32| values.get(*i as usize * width..(*i as usize + 1) * width);
-        let all: Option<Vec<&[f32]>> = from.indices.iter().map(of).collect();
-        all.unwrap_or_default().concat()
-    };
-    tobj::Mesh {
-        positions: spread(&from.positions, 3),
-        normals: spread(&from.normals, 3),
-        texcoords: spread(&from.texcoords, 2),
-        indices: (0..from.indices.len() as u32).collect(),
-        material_id: from.material_id,
-        ..Default::default()
-    }
-}
-
-/// The vertices without a normal, and which faces theirs is made of.
-#[derive(Default)]
-pub(super) struct Lacking {
-    /// The smoothing group of what is being read.
-    pub group: Option<u32>,
-    vertices: Vec<(u32, Option<u32>)>,
-    /// Number of the first triangle after each run of triangles of one group.
-    runs: Vec<(usize, Option<u32>)>,
-}
-
-/// Where a normal is shared: a place (not a vertex, because seams of texture split those) and a
-/// smoothing group.
-type Key = ([u64; 3], Option<u32>);
-
-fn key(p: DVec3, group: Option<u32>) -> Key {
-    // Adding zero turns -0 into 0, which has other bits but is the same place.
-    ((p + DVec3::ZERO).to_array().map(f64::to_bits), group)
-}
-
-impl Lacking {
-    /// These vertices of the present group lack a normal.
-    pub(super) fn note(&mut self, vertices: impl Iterator<Item = u32>) {
-        let group = self.group;
-        self.vertices.extend(vertices.map(|v| (v, group)));
     }
 
-    /// The triangles up to number `end` belong to the present group.
-    pub(super) fn note_triangles(&mut self, end: usize) {
-        self.runs.push((end, self.group));
+    /// Returns the angle of a triangle at a corner.
+    fn angle(&self, mesh: &Mesh, corner: usize) -> f64 {
+        let triangle = mesh.triangles[corner / 3];
+        let at = |k: usize| mesh.positions[triangle[(corner + k) % 3] as usize];
+        (at(1) - at(0)).angle_between(at(2) - at(0))
     }
 
-    /// Gives the vertices the area-weighted mean normal of the triangles of their group around
-    /// their place; those that are not smoothed that of their own triangle.
-    pub(super) fn fill(&self, mesh: &mut Mesh) {
-        if self.vertices.is_empty() {
-            return;
-        }
-        let mut sums: HashMap<Key, DVec3> = HashMap::with_capacity(self.vertices.len());
-        let mut own: HashMap<u32, DVec3> = HashMap::new();
-        for &(vertex, group) in &self.vertices {
-            if group == Some(FLAT) {
-                own.insert(vertex, DVec3::ZERO);
-            } else {
-                sums.insert(key(mesh.positions[vertex as usize], group), DVec3::ZERO);
+    /// Returns the sides of all triangles, those in one place one after another.
+    fn sides(&self) -> Vec<Side> {
+        let side = |corner: usize| {
+            let [from, to] = [corner, next(corner)].map(|c| self.places[c]);
+            Side {
+                ends: [from.min(to), from.max(to)],
+                corner: corner as u32,
             }
-        }
-        let mut begin = 0;
-        for &(end, group) in &self.runs {
-            for &triangle in &mesh.triangles[begin..end] {
-                let normal = mesh.doubled_area(triangle);
-                for corner in triangle {
-                    let place = key(mesh.positions[corner as usize], group);
-                    let sum = match group {
-                        Some(FLAT) => own.get_mut(&corner),
-                        _ => sums.get_mut(&place),
-                    };
-                    if let Some(sum) = sum {
-                        *sum += normal;
+        };
+        let mut sides: Vec<Side> = (0..self.places.len()).map(side).collect();
+        sides.par_sort_unstable();
+        sides
+    }
+}
+
+/// Returns the next corner of the same triangle.
+fn next(corner: usize) -> usize {
+    corner - corner % 3 + (corner + 1) % 3
+}
+
+/// A side of a triangle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Side {
+    /// The places at its ends, the lower number first.
+    ends: [u32; 2],
+    /// The corner that it begins at.
+    corner: u32,
+}
+
+/// Triangles around an edge up to which each is held against each: surfaces modelled from both sides
+/// have four. Beyond it only neighbours in the file are, so that no file takes for ever.
+const MOST_AROUND: usize = 16;
+
+/// Across which edges normals are shared.
+struct Smooth<'a> {
+    shares: &'a [Share],
+    corners: &'a Corners,
+    /// The least cosine between the normals of triangles that share theirs.
+    least: f64,
+}
+
+impl Smooth<'_> {
+    /// Joins the corners of triangles at both ends of every smooth edge.
+    fn join(&self, fans: &mut Fans) {
+        let sides = self.corners.sides();
+        for around in sides.chunk_by(|a, b| a.ends == b.ends) {
+            let far = if around.len() > MOST_AROUND {
+                2
+            } else {
+                around.len()
+            };
+            for (i, one) in around.iter().enumerate() {
+                for other in around.iter().skip(i + 1).take(far - 1) {
+                    let [a, b] = [one.corner, other.corner].map(|c| c as usize);
+                    if self.between(a, b) {
+                        fans.join(a, next(b));
+                        fans.join(next(a), b);
                     }
                 }
             }
-            begin = end;
         }
-        for &(vertex, group) in &self.vertices {
-            let sum = match group {
-                Some(FLAT) => own[&vertex],
-                _ => sums[&key(mesh.positions[vertex as usize], group)],
-            };
-            // Opposite faces can cancel; any unit vector will do then, shading is two-sided.
-            let largest = sum.abs().max_element();
-            mesh.normals[vertex as usize] = (sum / largest).normalize_or(DVec3::Z);
+    }
+
+    /// Tells whether the triangles with sides that begin at these corners share normals across them.
+    fn between(&self, a: usize, b: usize) -> bool {
+        // Sides of neighbours run against each other, or one of them is inside out.
+        if self.corners.places[a] == self.corners.places[b] {
+            return false;
         }
+        let [one, other] = [a, b].map(|corner| self.shares[corner / 3]);
+        let normals = [a, b].map(|corner| self.corners.normals[corner / 3]);
+        one.face == other.face
+            || match (one.group, other.group) {
+                (None, None) => normals[0].dot(normals[1]) >= self.least,
+                (one, other) => one == other && one != Some(FLAT),
+            }
+    }
+}
+
+/// Sets of corners with one normal: a forest in which every tree is a set.
+struct Fans {
+    parents: Vec<u32>,
+}
+
+impl Fans {
+    fn new(corners: usize) -> Self {
+        Self {
+            parents: (0..corners as u32).collect(),
+        }
+    }
+
+    fn root(&mut self, corner: u32) -> u32 {
+        let mut corner = corner;
+        while self.parents[corner as usize] != corner {
+            let above = self.parents[self.parents[corner as usize] as usize];
+            self.parents[corner as usize] = above;
+            corner = above;
+        }
+        corner
+    }
+
+    /// Joins two sets; the lower number stays the root, so that nothing depends on the order.
+    fn join(&mut self, a: usize, b: usize) {
+        let (a, b) = (self.root(a as u32), self.root(b as u32));
+        self.parents[a.max(b) as usize] = a.min(b);
     }
 }

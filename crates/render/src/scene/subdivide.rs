@@ -171,6 +171,8 @@ struct Middles {
     positions: Vec<DVec3>,
     normals: Vec<DVec3>,
     uvs: Vec<[f32; 2]>,
+    /// Empty where the mesh has none.
+    colours: Vec<[f32; 4]>,
 }
 
 impl Middles {
@@ -179,15 +181,19 @@ impl Middles {
             let middle = |[a, b]: &Edge| 0.5 * (of[*a as usize] + of[*b as usize]);
             new.iter().map(middle).collect()
         };
-        let uv = |[a, b]: &Edge| {
-            let (a, b) = (mesh.uvs[*a as usize], mesh.uvs[*b as usize]);
-            [0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])]
+        let uv = |[a, b]: &Edge| mean(mesh.uvs[*a as usize], mesh.uvs[*b as usize]);
+        let colour = |[a, b]: &Edge| mean(mesh.colours[*a as usize], mesh.colours[*b as usize]);
+        let coloured = if mesh.colours.is_empty() {
+            0
+        } else {
+            new.len()
         };
         Self {
             positions: half(&mesh.positions),
             // Not of unit length: so they interpolate as the whole edge's do.
             normals: half(&mesh.normals),
             uvs: new.iter().map(uv).collect(),
+            colours: new.iter().take(coloured).map(colour).collect(),
             edges: new,
         }
     }
@@ -197,8 +203,13 @@ impl Middles {
         mesh.positions.push(self.positions[i]);
         mesh.normals.push(self.normals[i]);
         mesh.uvs.push(self.uvs[i]);
+        mesh.colours.extend(self.colours.get(i));
         (mesh.positions.len() - 1) as u32
     }
+}
+
+fn mean<const N: usize>(a: [f32; N], b: [f32; N]) -> [f32; N] {
+    std::array::from_fn(|k| 0.5 * (a[k] + b[k]))
 }
 
 /// Cuts every triangle by the middles of its split edges.

@@ -120,7 +120,8 @@ impl<'w> Lamp<'w> {
             false => GLOSS * Real::pow(mirrored, exponent),
         };
         let light = AMBIENT + (1.0 - AMBIENT) * cosine;
-        std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + material.ke[k])
+        let emitted = emission(self.world, hit, footprint);
+        std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + emitted[k])
     }
 }
 
@@ -145,8 +146,9 @@ fn put(row: &mut [f32], index: usize, colour: [f32; 3]) {
 fn by_baked(world: &World, light: &Lightmap, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
     let front = world.covector(hit).dot(hit.v.as_dvec3()) <= 0.0;
     let irradiance = light.at(hit.triangle, hit.barycentric, front);
-    let (diffuse, ke) = (diffuse(world, hit, footprint), material(world, hit).ke);
-    std::array::from_fn(|k| diffuse[k] * irradiance[k] * FRAC_1_PI + ke[k])
+    let diffuse = diffuse(world, hit, footprint);
+    let emitted = emission(world, hit, footprint);
+    std::array::from_fn(|k| diffuse[k] * irradiance[k] * FRAC_1_PI + emitted[k])
 }
 
 /// Returns the material of a hit.
@@ -154,17 +156,37 @@ fn material<'w>(world: &'w World, hit: &Hit) -> &'w Material {
     &world.materials[world.faces[hit.triangle as usize].material as usize]
 }
 
-/// Returns the diffuse reflectance of a hit: `Kd`, times its texture averaged over `footprint`.
-pub fn diffuse(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
+/// Returns the texture coordinates of a hit.
+fn uv(world: &World, hit: &Hit) -> [f32; 2] {
     let uvs = world.faces[hit.triangle as usize].uvs;
     let [b, c] = hit.barycentric;
-    let uv = |k: usize| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c;
+    [0, 1].map(|k| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c)
+}
+
+/// Returns the radiance given off by what was hit: `Ke`, times its texture averaged over `footprint`.
+pub fn emission(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
     let material = material(world, hit);
-    match &material.map_kd {
-        Some(texture) => {
-            let colour = texture.filtered([uv(0), uv(1)], footprint);
-            std::array::from_fn(|k| colour[k] * material.kd[k])
+    match &material.map_ke {
+        Some(map) => {
+            let texture = map.filtered(uv(world, hit), footprint);
+            std::array::from_fn(|k| texture[k] * material.ke[k])
         }
-        None => material.kd,
+        None => material.ke,
     }
+}
+
+/// Returns the diffuse reflectance of what was hit: `Kd`, times the colour of the mesh there, times its texture
+/// averaged over `footprint`.
+pub fn diffuse(world: &World, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
+    let material = material(world, hit);
+    let mut colour = material.kd;
+    if let Some(map) = &material.map_kd {
+        let texture = map.filtered(uv(world, hit), footprint);
+        colour = std::array::from_fn(|k| texture[k] * colour[k]);
+    }
+    if !world.colours.is_empty() {
+        let own = world.colour(hit);
+        colour = std::array::from_fn(|k| own[k] * colour[k]);
+    }
+    colour
 }

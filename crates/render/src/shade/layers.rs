@@ -7,6 +7,7 @@ use crate::{
     frame::offsets,
     intersect::{Hit, Seen},
     picture::Picture,
+    starts::starts,
     tiles::SamplePlace,
     view::View,
     world::World,
@@ -15,7 +16,7 @@ use geofan_core::{
     geodesic::{Ray, Settings, ends, signed_area},
     manifold::Carried,
 };
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use ndarray::{Array2, ArrayView3, Axis};
 use rayon::prelude::*;
 
@@ -107,14 +108,18 @@ pub fn area(
         .into_par_iter()
         .enumerate()
         .for_each(|(y, mut row)| {
-            let rays = (0..width).map(|x| {
+            let points = (0..width).map(|x| offset + DVec2::new(x as f64, y as f64));
+            let starts = starts(manifold, view, points);
+            let rays = starts.into_iter().enumerate().map(|(x, start)| {
                 let s = match outcomes[(y, x, 0)] {
                     Seen::Surface(hit) => hit.s.into(),
                     Seen::Sky { s, .. } => s.into(),
                     Seen::Nothing => 0.0,
                 };
-                let d = view.direction(x as f64 + offset.x, y as f64 + offset.y);
-                Ray::new(manifold, view.u, d, s)
+                match start {
+                    Some(start) => Ray::new(manifold, start.u, start.direction, s),
+                    None => Ray::new(manifold, view.u, view.look(), 0.0),
+                }
             });
             for (slot, end) in row.iter_mut().zip(ends(manifold, settings, rays)) {
                 if let Some((step, s)) = end

@@ -20,7 +20,7 @@ use super::{
 };
 use glam::{DVec3, Vec3};
 use lamp::Lamp;
-pub use lamp::diffuse;
+pub use lamp::{diffuse, emission};
 use ndarray::{Array4, ArrayView3, Axis};
 use rayon::prelude::*;
 use skies::SkyRow;
@@ -112,9 +112,7 @@ impl Shader<'_> {
     /// Returns the change of texture coordinates from sample to sample; a point without a texture.
     fn texture_footprint(&self, at: SamplePlace, hit: &Hit) -> Footprint {
         let face = &self.world.faces[hit.triangle as usize];
-        let textured = self.world.materials[face.material as usize]
-            .map_kd
-            .is_some();
+        let textured = self.world.materials[face.material as usize].is_textured();
         if !textured || self.spacing == 0.0 {
             return Footprint::POINT;
         }

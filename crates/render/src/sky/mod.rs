@@ -79,6 +79,14 @@ impl Sky {
         )?))
     }
 
+    /// Tells what the user should know of its picture.
+    pub fn warning(&self) -> Option<&str> {
+        match self {
+            Self::Equirectangular(image) => image.warning.as_deref(),
+            _ => None,
+        }
+    }
+
     /// Returns linear light from `direction`, averaged over about `footprint` radians.
     #[inline]
     pub fn radiance(&self, direction: DVec3, footprint: f32) -> [f32; 3] {
@@ -155,6 +163,8 @@ impl From<Pattern> for Sky {
 #[derive(Debug, Clone)]
 pub struct Equirectangular {
     levels: Vec<Level>,
+    /// Told if it may be no picture of the whole sphere.
+    warning: Option<String>,
 }
 
 /// One size of the picture, row by row from the top.
@@ -163,6 +173,16 @@ struct Level {
     width: usize,
     height: usize,
     pixels: Vec<Vec3>,
+}
+
+/// Tells of a picture that is not twice as wide as high, as those of the whole sphere are; a row or a
+/// column more or less is seen by nobody.
+fn shape_warning(subject: &str, width: usize, height: usize) -> Option<String> {
+    (width.abs_diff(2 * height) > 2).then(|| {
+        format!(
+            "{subject}: {width}x{height} is not twice as wide as high, so this may be no picture of the whole sphere; it is stretched over it, 360° from side to side and 180° from top to bottom"
+        )
+    })
 }
 
 impl Equirectangular {
@@ -188,7 +208,10 @@ impl Equirectangular {
         while let Some(half) = levels.last().and_then(Level::halved) {
             levels.push(half);
         }
-        Ok(Self { levels })
+        Ok(Self {
+            levels,
+            warning: shape_warning(subject, width, height),
+        })
     }
 
     /// Returns linear light from the unit vector `d`, averaged over about `footprint` radians.

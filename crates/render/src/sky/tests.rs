@@ -14,6 +14,21 @@ fn from_angles(longitude: f64, latitude: f64) -> DVec3 {
 }
 
 #[test]
+fn a_picture_that_is_not_twice_as_wide_as_high_is_told() {
+    let warning = |width: usize, height: usize| {
+        let sky = Sky::from_image("sky.png", Array3::zeros((height, width, 3))).unwrap();
+        sky.warning().map(str::to_owned)
+    };
+    for (width, height) in [(200, 100), (201, 100), (2048, 1023), (2, 1)] {
+        assert_eq!(warning(width, height), None);
+    }
+    for (width, height) in [(200, 200), (100, 200), (400, 100), (192, 108)] {
+        let told = warning(width, height).unwrap();
+        assert!(told.contains("sky.png") && told.contains(&format!("{width}x{height}")));
+    }
+}
+
+#[test]
 fn the_middle_is_forward_and_longitude_grows_to_the_left() {
     let sky = numbered();
     // Centre of column c: longitude 180° − 45° (c + ½). Columns 3 and 4 are either side of +x.

@@ -5,7 +5,10 @@
 
 use super::Comparison;
 use crate::picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr};
-use geofan_core::{error::Result, quantiles::Quantiles};
+use geofan_core::{
+    error::{Error, Result},
+    quantiles::Quantiles,
+};
 use geofan_render::{
     drawing::draw,
     frame::{Outcomes, Paths, offsets},
@@ -52,7 +55,7 @@ pub struct LocalReport {
 /// pictures `local`, `exact` and `error` (FLIP).
 ///
 /// # Errors
-/// None: both pictures have one size.
+/// Rays of the view start elsewhere than at its camera, so that nothing has one direction from there.
 pub fn compare_local(
     world: &World,
     view: &View,
@@ -60,6 +63,10 @@ pub fn compare_local(
     length: f64,
     tolerance: f64,
 ) -> Result<Comparison<LocalReport>> {
+    if !view.is_central() {
+        let message = "errors are told as angles at the camera, and rays of an orthographic picture, or of an eye that sees all around, start elsewhere";
+        return Err(Error::input("the camera", message));
+    }
     let tracer = ExactTracer::new(&world.manifold, view.u, length, tolerance);
     let by = |paths: Paths<'_>| {
         draw(

@@ -23,7 +23,10 @@ use crate::{
     rival::{ProbedFan, rivals},
 };
 use geofan_bundle::{Table, measure::Probed};
-use geofan_core::{error::Result, quantiles::Quantiles};
+use geofan_core::{
+    error::{Error, Result},
+    quantiles::Quantiles,
+};
 use geofan_render::{
     drawing::draw,
     frame::Paths,
@@ -77,13 +80,17 @@ pub fn write_pictures<R>(comparison: &Comparison<R>, folder: &Path, prefix: &str
 /// `exact`, `error` (FLIP) and `mrad` (screen error of the paths).
 ///
 /// # Errors
-/// The camera is not in the table's region.
+/// The camera is not in the table's region, or rays of the view start elsewhere.
 pub fn compare(
     world: &World,
     view: &View,
     table: &Table,
     options: CompareOptions,
 ) -> Result<Comparison<ComparisonReport>> {
+    if !view.is_central() {
+        let message = "each pixel of an orthographic picture, and of an eye that sees all around, has a position of its own, and a table is made ready for one";
+        return Err(Error::input("the camera", message));
+    }
     // Both pictures.
     let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
     let budget = 1e-3 * options.error;

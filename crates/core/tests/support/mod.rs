@@ -1,0 +1,29 @@
+//! What several tests need: manifolds from text, settings.
+
+// Each test uses a part of it.
+#![allow(dead_code)]
+
+use geofan_core::{
+    diagnostic::SourceText,
+    geodesic::Settings,
+    manifold::{Carried, Manifold},
+};
+
+/// The manifold of a file with this text after its name and the coordinates x, y, z.
+pub fn manifold(text: &str) -> Manifold {
+    let text = format!("name = 'test'\ncoordinates = ['x', 'y', 'z']\n{text}");
+    Manifold::from_source(SourceText::new("test.toml", text), &[])
+        .unwrap_or_else(|e| panic!("{}", e.report(false)))
+}
+
+/// Settings that carry everything.
+pub fn settings(tolerance: f64, events: bool) -> Settings {
+    Settings {
+        tolerance,
+        carried: Carried {
+            frame: true,
+            deviation: true,
+        },
+        events,
+    }
+}

@@ -1,0 +1,250 @@
+//! glTF files as meshes.
+//!
+//! In: a [`Source`]. Out: a [`Draft`] of all meshes of its scene where the nodes put them, in the
+//! file's own units and axes (metres, y upwards). Cameras, lights, skins and animations are left out.
+//! The format: *glTF 2.0 Specification*, Khronos Group, 2021.
+
+use super::{
+    gltf_material::Materials,
+    gltf_source::{Numbers, Source},
+    mesh::{Draft, Mesh, unit_or_none},
+    smoothing::{FLAT, Share},
+};
+use geofan_core::error::{Error, Result};
+use glam::{DMat3, DMat4, DVec3};
+use gltf::{Node, Primitive, Semantic, mesh::Mode};
+use std::{
+    collections::{HashMap, HashSet},
+    path::Path,
+};
+
+/// Reads the file that the user calls `name`; what it names is in `folder`.
+pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
+    let source = Source::read(name, bytes, folder)?;
+    let mut building = Building {
+        source: &source,
+        materials: Materials::new(&source),
+        numbers: HashMap::new(),
+        draft: Draft::default(),
+        left_out: [0; 3],
+        visited: HashSet::new(),
+    };
+    let scenes = &source.document;
+    let scene = scenes.default_scene().or_else(|| scenes.scenes().next());
+    let placed = match scene {
+        Some(scene) => scene
+            .nodes()
+            .try_for_each(|n| building.node(&n, DMat4::IDENTITY)),
+        None => roots(&source)
+            .into_iter()
+            .try_for_each(|n| building.node(&n, DMat4::IDENTITY)),
+    };
+    placed.map_err(|message| Error::input(name, message))?;
+    Ok(building.finish())
+}
+
+/// Returns the nodes that are no children.
+fn roots(source: &Source) -> Vec<Node<'_>> {
+    let children = source.document.nodes().flat_map(|n| n.children());
+    let children: Vec<usize> = children.map(|n| n.index()).collect();
+    let nodes = source.document.nodes();
+    nodes.filter(|n| !children.contains(&n.index())).collect()
+}
+
+/// Most nodes: each may stand below the other, and each takes its room on the stack.
+const MOST_NODES: usize = 4096;
+
+/// A mesh being made.
+struct Building<'s> {
+    source: &'s Source,
+    materials: Materials<'s>,
+    /// Numbers of materials that are in use.
+    numbers: HashMap<Option<usize>, u32>,
+    draft: Draft,
+    /// Of primitives that are no triangles, of skins, and of shapes to be blended.
+    left_out: [usize; 3],
+    visited: HashSet<usize>,
+}
+
+impl Building<'_> {
+    /// Adds the meshes of a node, which `above` puts in its place, and of its children.
+    fn node(&mut self, node: &Node<'_>, above: DMat4) -> Result<(), String> {
+        if !self.visited.insert(node.index()) || self.visited.len() > MOST_NODES {
+            return Err(format!(
+                "node {}: its nodes are no tree, or too many",
+                node.index()
+            ));
+        }
+        let own = DMat4::from_cols_array_2d(&node.transform().matrix().map(|c| c.map(f64::from)));
+        let placed = above * own;
+        if let Some(mesh) = node.mesh() {
+            self.left_out[1] += usize::from(node.skin().is_some());
+            for primitive in mesh.primitives() {
+                let added = self.primitive(&primitive, placed);
+                added.map_err(|e| format!("mesh {}: {e}", mesh.index()))?;
+            }
+        }
+        let mut children = node.children();
+        children.try_for_each(|child| self.node(&child, placed))
+    }
+
+    fn primitive(&mut self, primitive: &Primitive<'_>, placed: DMat4) -> Result<(), String> {
+        self.left_out[2] += usize::from(primitive.morph_targets().next().is_some());
+        let Some(positions) = primitive.get(&Semantic::Positions) else {
+            self.left_out[0] += 1;
+            return Ok(());
+        };
+        let positions = self.source.numbers(&positions)?;
+        let count = positions.values.len() / positions.width;
+        let indices: Vec<usize> = match primitive.indices() {
+            Some(accessor) => {
+                let all = self.source.numbers(&accessor)?.values;
+                all.into_iter().map(|x| x as usize).collect()
+            }
+            None => (0..count).collect(),
+        };
+        if let Some(wrong) = indices.iter().find(|i| **i >= count) {
+            return Err(format!("vertex {wrong}, but there are {count} (from 0)"));
+        }
+        let Some(triangles) = triangles(primitive.mode(), &indices) else {
+            self.left_out[0] += 1;
+            return Ok(());
+        };
+        let base = self.draft.mesh.positions.len() as u32;
+        let flat = self.vertices(primitive, &positions, placed)?;
+        let material = self.material(primitive);
+        // A mirrored node turns faces round.
+        let mirrored = DMat3::from_mat4(placed).determinant() < 0.0;
+        for [a, b, c] in triangles {
+            let mesh = &mut self.draft.mesh;
+            let [b, c] = if mirrored { [c, b] } else { [b, c] };
+            let share = Share {
+                face: mesh.triangles.len() as u32,
+                // Without normals faces are flat, by the specification.
+                group: flat.then_some(FLAT),
+            };
+            mesh.triangles.push([a, b, c].map(|i| base + i as u32));
+            mesh.material_of.push(material);
+            self.draft.shares.push(share);
+        }
+        Ok(())
+    }
+
+    /// Adds the vertices of a primitive; whether they lack normals.
+    fn vertices(
+        &mut self,
+        primitive: &Primitive<'_>,
+        positions: &Numbers,
+        placed: DMat4,
+    ) -> Result<bool, String> {
+        if positions.width != 3 {
+            return Err(String::from("positions need three numbers"));
+        }
+        let count = positions.values.len() / 3;
+        let normals = self.attribute(primitive, Semantic::Normals, 3, count)?;
+        let uvs = self.attribute(primitive, Semantic::TexCoords(0), 2, count)?;
+        let colours = self.attribute(primitive, Semantic::Colors(0), 3, count)?;
+        let across = DMat3::from_mat4(placed).inverse().transpose();
+        let mesh = &mut self.draft.mesh;
+        for i in 0..count {
+            mesh.positions
+                .push(placed.transform_point3(positions.three(i)));
+            let normal = normals
+                .as_ref()
+                .map_or(DVec3::ZERO, |n| across * n.three(i));
+            mesh.normals.push(unit_or_none(normal));
+            let uv = uvs
+                .as_ref()
+                .map_or([0.0; 2], |uv| [uv.item(i)[0], 1.0 - uv.item(i)[1]]);
+            mesh.uvs
+                .push(uv.map(|x| if x.is_finite() { x as f32 } else { 0.0 }));
+        }
+        if let Some(colours) = &colours {
+            mesh.colours.resize(mesh.positions.len() - count, [1.0; 4]);
+            mesh.colours.extend((0..count).map(|i| {
+                let [r, g, b] = colours.three(i).to_array();
+                let alpha = colours.item(i).get(3).copied().unwrap_or(1.0);
+                [r, g, b, alpha].map(|x| x.clamp(0.0, 1.0) as f32)
+            }));
+        } else if !mesh.colours.is_empty() {
+            mesh.colours.resize(mesh.positions.len(), [1.0; 4]);
+        }
+        Ok(normals.is_none())
+    }
+
+    /// Returns an attribute of so many vertices, if the primitive has it; of at least `width` numbers each.
+    fn attribute(
+        &self,
+        primitive: &Primitive<'_>,
+        semantic: Semantic,
+        width: usize,
+        count: usize,
+    ) -> Result<Option<Numbers>, String> {
+        let Some(accessor) = primitive.get(&semantic) else {
+            return Ok(None);
+        };
+        let found = self.source.numbers(&accessor)?;
+        match found.width >= width && found.values.len() >= count * found.width {
+            true => Ok(Some(found)),
+            false => Err(format!("{semantic:?} does not fit its positions")),
+        }
+    }
+
+    fn material(&mut self, primitive: &Primitive<'_>) -> u32 {
+        let material = primitive.material();
+        if let Some(number) = self.numbers.get(&material.index()) {
+            return *number;
+        }
+        let mesh: &mut Mesh = &mut self.draft.mesh;
+        let made = self.materials.material(&material, &mut mesh.warnings);
+        mesh.materials.push(made);
+        let number = (mesh.materials.len() - 1) as u32;
+        self.numbers.insert(material.index(), number);
+        number
+    }
+
+    fn finish(self) -> Draft {
+        let mut draft = self.draft;
+        let name = &self.source.name;
+        let kinds = [
+            "points and lines",
+            "skins (the pose of rest is drawn)",
+            "shapes to be blended",
+        ];
+        for (count, what) in self.left_out.into_iter().zip(kinds) {
+            if count > 0 {
+                draft
+                    .mesh
+                    .warnings
+                    .push(format!("{name}: {count} {what} left out"));
+            }
+        }
+        draft
+    }
+}
+
+/// Returns the triangles of a list, strip or fan; `None` of points and lines.
+fn triangles(mode: Mode, indices: &[usize]) -> Option<Vec<[usize; 3]>> {
+    Some(match mode {
+        Mode::Triangles => indices
+            .chunks_exact(3)
+            .map(|t| [t[0], t[1], t[2]])
+            .collect(),
+        Mode::TriangleStrip => {
+            let threes = indices.windows(3).enumerate();
+            let turned = |(i, t): (usize, &[usize])| {
+                if i % 2 == 0 {
+                    [t[0], t[1], t[2]]
+                } else {
+                    [t[1], t[0], t[2]]
+                }
+            };
+            threes.map(turned).collect()
+        }
+        Mode::TriangleFan => {
+            let sides = indices.get(1..).unwrap_or_default().windows(2);
+            sides.map(|side| [side[0], side[1], indices[0]]).collect()
+        }
+        _ => return None,
+    })
+}

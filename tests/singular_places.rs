@@ -1,0 +1,58 @@
+//! Objects where the chart is singular, or all but: refused at once, with the place in the scene.
+
+use geofan_core::Error;
+use geofan_render::Stage;
+use std::{path::Path, time::Instant};
+
+/// A triangle in flat space in spherical coordinates, at this colatitude.
+fn refusal(folder: &Path, theta: &str, placement: &str) -> String {
+    let write = |name: &str, text: &str| std::fs::write(folder.join(name), text).unwrap();
+    write(
+        "space.toml",
+        "name = 'space'\ncoordinates = ['r', 'theta', 'phi']\n\
+         embedding = ['r*sin(theta)*cos(phi)', 'r*sin(theta)*sin(phi)', 'r*cos(theta)']\n\
+         [domain]\nr = [0.001, 100]\ntheta = [0, 3.141592653589793]\nphi = [0, 6.283185307179586]\n\
+         periodic = ['phi']\n[cameras]\nlength = 40\n",
+    );
+    write("triangle.obj", "v 0 -1 -1\nv 0 1 -1\nv 0 0 1\nf 1 2 3\n");
+    let scene = format!(
+        "manifold = 'space.toml'\n\
+         camera = {{ at = [5, 0.6, 0.3], look = [-1, 0, 0], up = [0, -1, 0] }}\n\
+         [[object]]\nmesh = 'triangle.obj'\nat = [1.5, {theta}, 0.0]\nscale = 0.3\nplacement = '{placement}'\n"
+    );
+    write("scene.toml", &scene);
+    let began = Instant::now();
+    let loaded = Stage::load(&folder.join("scene.toml"), &[]);
+    assert!(began.elapsed().as_secs() < 20, "{theta}, {placement}");
+    match loaded {
+        Ok(_) => String::new(),
+        Err(error @ Error::Source(_)) => error.report(false),
+        Err(error) => panic!("{error} has no place"),
+    }
+}
+
+#[test]
+fn objects_at_the_poles_of_spherical_coordinates_are_refused_with_their_place() {
+    let folder = tempfile::tempdir().unwrap();
+    for placement in ["linear", "exponential"] {
+        let report = refusal(folder.path(), "0", placement);
+        assert!(report.contains("not positive definite"), "{report}");
+        assert!(report.contains("scene.toml:5:6"), "{report}");
+        // The other pole is missed by rounding.
+        let report = refusal(folder.path(), "3.141592653589793", placement);
+        assert!(report.contains("all but singular"), "{report}");
+        assert!(report.contains("scene.toml:5:6"), "{report}");
+    }
+}
+
+#[test]
+fn objects_that_a_pole_winds_around_it_are_refused_and_others_are_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = refusal(folder.path(), "1e-9", "linear");
+    assert!(report.contains("times around in `phi`"), "{report}");
+    let report = refusal(folder.path(), "1e-9", "exponential");
+    assert!(report.contains("leave the manifold"), "{report}");
+    for placement in ["linear", "exponential"] {
+        assert_eq!(refusal(folder.path(), "1.2", placement), "");
+    }
+}
