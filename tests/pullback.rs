@@ -8,6 +8,7 @@ use geofan_core::{
     manifold::{Carried, Manifold},
     random::Stream,
 };
+use geofan_render::{Ending, ExactTracer, Stage};
 use glam::{DMat3, DVec3};
 use support::{asset, manifold, settings};
 
@@ -199,4 +200,62 @@ fn an_embedding_may_use_textbook_coordinates_too() {
     let bump = "embedding = ['x', 'y', 'z', 'exp(-r^2/2)']\n";
     let written = manifold(&format!("{bump}{SPHERICAL}"));
     assert_same(&written, &asset("gaussian-bump"), [0.5, 2.0], 3.0, 1e-9);
+}
+
+/// Flat space in textbook coordinates without `[pullback]`, seen from beside the axis, and a sky.
+fn polar_scene(more: &str, camera: &str) -> Stage {
+    let space = format!(
+        "name = 'polar'\ncoordinates = ['r', 'th', 'ph']\nmetric = {{ rr = '1', thth = 'r^2', phph = '(r*sin(th))^2' }}\n[domain]\nr = [0.001, 100]\nth = [0, 3.141592653589793]\nph = [0, 6.283185307179586]\nperiodic = ['ph']\n[[exit]]\nname = 'sky'\nwhen = 'r - 20'\n{more}\n[cameras]\nlength = 40\n"
+    );
+    let scene =
+        format!("manifold = 'm.toml'\n[camera]\n{camera}\n[sky]\nsky = {{ pattern = 'grid' }}\n");
+    let place = support::Place::with(&[("m.toml", &space), ("s.toml", &scene)]);
+    Stage::load(&place.path("s.toml"), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
+}
+
+const BESIDE_AXIS: &str = "at = [5, 1.2, 0.3]\nlook = [-1, 0, 0]\nup = [0, -1, 0]";
+
+#[test]
+fn a_sky_in_polar_coordinates_is_told_with_a_direction_that_is_right() {
+    let warned = polar_scene("", BESIDE_AXIS);
+    let [warning] = &warned.world.warnings[..] else {
+        panic!("{:?}", warned.world.warnings);
+    };
+    assert!(warning.contains("exit `sky`") && warning.contains("[pullback]"));
+    // The recipe, taken by its word.
+    let from = warning.find("direction = [").unwrap();
+    let recipe = &warning[from..from + warning[from..].find(']').unwrap() + 1];
+    let mended = polar_scene(recipe, BESIDE_AXIS);
+    assert_eq!(mended.world.warnings, Vec::<String>::new());
+    let manifold = &mended.world.manifold;
+    let u = DVec3::new(5.0, 1.2, 0.3);
+    let tracer = ExactTracer::new(manifold, u, 40.0, 1e-10);
+    let directions = [DVec3::new(0.3, 0.5, -0.2), DVec3::new(-0.4, 0.1, 0.9)].map(DVec3::normalize);
+    for (d, curve) in directions.iter().zip(tracer.trace(&directions)) {
+        let Ending::Exit { sky, .. } = curve.ending else {
+            panic!("{:?}", curve.ending);
+        };
+        // The standard frame is along r, th, ph.
+        let (th, ph) = (u.y, u.z);
+        let axes = DMat3::from_cols(
+            DVec3::new(th.sin() * ph.cos(), th.sin() * ph.sin(), th.cos()),
+            DVec3::new(th.cos() * ph.cos(), th.cos() * ph.sin(), -th.sin()),
+            DVec3::new(-ph.sin(), ph.cos(), 0.0),
+        );
+        assert!((axes * *d - sky).length() < 1e-8, "{sky}");
+    }
+}
+
+#[test]
+fn rays_that_meet_a_pole_go_on_beside_it() {
+    let stage = polar_scene("", BESIDE_AXIS);
+    let view = stage.view(&stage.scene.camera, (5, 7)).unwrap();
+    let tracer = ExactTracer::new(&stage.world.manifold, view.u, 40.0, 1e-8);
+    // In the plane of the axis all of them meet it; the middle one ends at the radius where the chart does.
+    let rows = [0, 1, 2, 4, 5, 6].into_iter();
+    let column = rows.map(|y| view.direction(2.5, f64::from(y) + 0.5));
+    for curve in tracer.trace(&column.collect::<Vec<_>>()) {
+        let far = matches!(curve.ending, Ending::Exit { exit: 0, .. });
+        assert!(far, "{:?} at {:?}", curve.ending, curve.u.last());
+    }
 }

@@ -15,8 +15,9 @@ use geofan_core::{Error, Result};
 use geofan_render::{
     ExactTracer, Journey, Lookup, PicturePanel, PicturePanels, ShiftedTracer, Stage, View, World,
     drawing::{Drawing, draw},
-    frame::Paths,
+    frame::{Paths, offsets},
     picture::{self, Format, Metadata, Picture},
+    redshift::redshifts,
     scene::PoseFile,
     shade::{Footprints, area, with_layers},
 };
@@ -211,6 +212,11 @@ impl<'b> PathSource<'b> {
                 picture = with_layers(picture, world, drawing.outcomes.view(), &drawing.flagged);
                 let area = area(world, view, drawing.outcomes.view(), args.scene.tolerance);
                 picture = picture.with_float("area", area);
+                if world.has_redshift(view) {
+                    let offset = offsets(usize::from(args.scene.spp))[0];
+                    let g = redshifts(world, view, &drawing.outcomes, offset);
+                    picture = picture.with_float("g", g);
+                }
             }
             pictures.push(picture);
         }

@@ -8,6 +8,7 @@
 pub mod accel;
 mod behind;
 mod camera;
+mod chart_skies;
 mod chords;
 mod curve;
 pub mod drawing;
@@ -27,6 +28,7 @@ pub mod panels;
 pub mod path_batch;
 mod path_patch;
 pub mod picture;
+pub mod redshift;
 pub mod scene;
 pub mod shade;
 pub mod shifted;

@@ -143,11 +143,17 @@ impl<'w> Projection<'w> {
                 .length()
                 .max((into * (high - view.u)).length())
         });
+        // In the axes of the camera, as it sees it.
+        let own = self.axes.inverse() * local.frame;
+        let seen = |way: DVec3| match view.velocity() == DVec3::ZERO {
+            true => into * way,
+            false => own * view.in_camera(local.frame.inverse() * way),
+        };
         for shift in neighbouring_periods(world) {
             let triangles = world.accelerator.triangles().par_iter().enumerate();
             let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
-                    let p = corners.map(|u| into * local.toward(g, u + shift - view.u));
+                    let p = corners.map(|u| seen(local.toward(g, u + shift - view.u)));
                     self.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
@@ -173,7 +179,11 @@ impl<'w> Projection<'w> {
         corners: [(DVec3, DVec2); 3],
     ) -> Option<ProjectedTriangle> {
         let camera = DMat3::from_quat(self.view.camera().rotation);
-        let pixel = |p: DVec3| self.view.pixel(camera * p).map(|(x, y)| DVec2::new(x, y));
+        let pixel = |p: DVec3| {
+            self.view
+                .own_pixel(camera * p)
+                .map(|(x, y)| DVec2::new(x, y))
+        };
         let [a, b, c] = corners.map(|(p, _)| pixel(p));
         let at = [a?, b?, c?];
         let (low, high) = (at[0].min(at[1]).min(at[2]), at[0].max(at[1]).max(at[2]));

@@ -5,12 +5,14 @@
 
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
+    chart_skies::sky_warnings,
     intersect::Hit,
     lightmap::Lightmap,
     panels::{Part, PicturePanels},
+    redshift::ObjectState,
     scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
     sky::Sky,
-    view::{View, camera_point},
+    view::{View, camera_point, camera_velocity},
 };
 use geofan_bundle::{Contents, container::MAGIC};
 use geofan_core::{
@@ -60,6 +62,10 @@ pub struct World {
     pub colours: Vec<[[f32; 4]; 3]>,
     /// All materials.
     pub materials: Vec<Material>,
+    /// Motion and heat of each object of the scene file.
+    pub(crate) states: Vec<ObjectState>,
+    /// Set if light is weighed with what happens to its frequency on the way.
+    pub redshift: bool,
     /// The sky of each exit, and last the one of paths that end nowhere.
     pub skies: Vec<Option<Sky>>,
     /// Lights without extent.
@@ -94,6 +100,8 @@ impl World {
             faces: Vec::new(),
             colours: Vec::new(),
             materials: Vec::new(),
+            states: Vec::new(),
+            redshift: scene.redshift,
             skies,
             lights: lights(scene, &manifold)?,
             light: None,
@@ -214,6 +222,10 @@ impl World {
             &self.skies,
         );
         write!(hasher, "{seen:?}").expect("a hash takes everything");
+        if self.is_coloured_by_frequency() {
+            let told = (self.redshift, &self.states);
+            write!(hasher, "{told:?}").expect("a hash takes everything");
+        }
         *hasher.finalize().as_bytes()
     }
 
@@ -266,7 +278,33 @@ impl World {
         };
         self.check_extent(scene, object, &placed.vertices)?;
         self.warnings.extend(placed.warning);
+        self.add_state(scene, object, &placed.vertices)?;
         self.add(index, &placed.mesh, &placed.vertices, triangles);
+        Ok(())
+    }
+
+    /// Adds motion and heat of an object; none of its vertices may be as fast as light.
+    fn add_state(
+        &mut self,
+        scene: &SceneFile,
+        object: &ObjectEntry,
+        vertices: &Points,
+    ) -> Result<()> {
+        let state = ObjectState::new(object, &self.manifold, &scene.source)?;
+        let too_fast = |u: &DVec3| match state.velocity(*u) {
+            Some(velocity) => !self.manifold.is_slower_than_light(*u, velocity),
+            None => false,
+        };
+        let mut points = vertices.iter().map(|(u, _)| *u);
+        if let (Some(u), Some(formulas)) = (points.find(too_fast), &object.velocity) {
+            let message = format!("this velocity is not below that of light at {u}");
+            return Err(
+                Diagnostic::new(&scene.source, formulas.span.clone(), message)
+                    .with_hint("it is dx/dt in chart components, with the time of the spacetime")
+                    .into(),
+            );
+        }
+        self.states.push(state);
         Ok(())
     }
 
@@ -463,7 +501,10 @@ impl Stage {
             .into(),
             other => other,
         })?;
-        let world = World::new(&scene, Arc::new(manifold))?;
+        let mut world = World::new(&scene, Arc::new(manifold))?;
+        if let Ok(u) = camera_point(&world.manifold, &scene.source, &scene.camera) {
+            world.warnings.extend(sky_warnings(&world, u));
+        }
         Ok(Self { scene, world })
     }
 
@@ -512,6 +553,8 @@ impl Stage {
         crop: Option<Part>,
     ) -> Result<PicturePanels> {
         let u = camera_point(&self.world.manifold, &self.scene.source, camera)?;
-        PicturePanels::new(&self.world.manifold, (camera, u), size, crop)
+        let velocity = camera_velocity(&self.world.manifold, &self.scene.source, camera, u)?;
+        let panels = PicturePanels::new(&self.world.manifold, (camera, u), size, crop)?;
+        Ok(panels.with_velocity(velocity))
     }
 }

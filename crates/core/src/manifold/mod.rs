@@ -53,6 +53,13 @@ pub struct Exit {
     direction: Option<Tape>,
 }
 
+impl Exit {
+    /// Tells whether the file says in which direction its sky is looked up.
+    pub fn has_direction(&self) -> bool {
+        self.direction.is_some()
+    }
+}
+
 /// How a file gives the space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
@@ -191,6 +198,16 @@ impl Manifold {
         let found = tape.at(&u.to_array());
         let regular = |row: &[f64]| row.iter().all(|x| x.is_finite());
         found[9] == 0.0 || !found[..9].chunks_exact(3).any(regular)
+    }
+
+    /// Tells whether `u` is on an axis of textbook coordinates, where their formulas give no numbers.
+    pub(crate) fn is_on_axis(&self, u: DVec3) -> bool {
+        let rows = self
+            .tapes
+            .pullback
+            .as_ref()
+            .map(|tape| tape.at(&u.to_array()));
+        rows.is_some_and(|rows| rows.iter().any(|x| !x.is_finite()))
     }
 
     /// The outputs of a tape of the point alone; on the axis of textbook coordinates, what those around it
