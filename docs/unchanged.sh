@@ -47,7 +47,7 @@ picture() { # name, arguments of render
 
 for scene in assets/scenes/*.toml; do
     name=$(basename "$scene" .toml)
-    [[ $name == wormhole-journey ]] && continue
+    [[ $name == wormhole-journey || $name == *-poses ]] && continue
     picture "$name, exact" "$scene"
 done
 picture "wormhole, table" assets/scenes/wormhole-gallery.toml --bundle "$out/before/ellis-wormhole.fan"

@@ -80,6 +80,11 @@ fn space(name: &str) -> Space {
             let w = (-(u[0] * u[0] + u[1] * u[1] + u[2] * u[2]) + 1.0).sqrt();
             [u[0], u[1], u[2], w]
         }),
+        "schwarzschild-polar" => Metric(|u| {
+            // (1 - 2/r)⁻² (dr² + (1 - 2/r) r² dΩ²)
+            let fall = -(r2(u).sqrt().recip() * 2.0) + 1.0;
+            radial(u, |_| fall).map(|entry| entry / (fall * fall))
+        }),
         "schwarzschild" => Metric(|u| {
             let q = (r2(u).sqrt() * 2.0).recip();
             conformal((q + 1.0).powi(3) / (-q + 1.0))
@@ -321,7 +326,12 @@ fn ours(manifold: &Manifold, stream: &mut Stream) -> Option<(DVec3, DVec3, f64, 
 fn every_manifold_agrees_with_another_integrator_and_another_derivative() {
     let (mut report, mut wrong) = (String::new(), 0);
     for (i, name) in catalogue().iter().enumerate() {
-        let (manifold, space) = (asset(name), space(name));
+        let manifold = asset(name);
+        // Light in a wind has an integrator of its own, in `wind_independent.rs`.
+        if manifold.has_wind() {
+            continue;
+        }
+        let space = space(name);
         let mut stream = Stream::new(&[77, i as u64]);
         let (mut position, mut turned) = (0.0, 0.0);
         for _ in 0..RAYS {

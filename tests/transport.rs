@@ -3,7 +3,7 @@
 mod support;
 
 use geofan_core::{
-    geodesic::{Ray, exponential, paths, transport},
+    geodesic::{Ray, Transport, carry, exponential, paths, transport},
     manifold::{ChartCurve, Manifold},
     random::Stream,
 };
@@ -110,29 +110,48 @@ fn transport_agrees_with_christoffel_symbols_along_any_curve() {
 }
 
 #[test]
-fn the_frame_of_a_geodesic_is_the_one_transported_along_it() {
-    let mut stream = Stream::new(&[21]);
+fn the_frame_of_a_path_is_the_one_transported_along_it() {
+    let (mut stream, mut winds) = (Stream::new(&[21]), Stream::new(&[22]));
     for name in catalogue() {
-        let manifold = asset(&name);
-        let (u, d) = (random_point(&manifold, &mut stream), stream.direction());
-        let length = manifold.length.unwrap_or(6.0).min(4.0);
-        let ray = Ray::new(&manifold, u, d, length);
-        let path = paths(&manifold, settings(1e-12, true), [ray]).remove(0);
-        let along = |s: f64| {
-            let step = path.step_at(s).unwrap();
-            (step.position(s), step.tangent(s))
-        };
-        // A curve of quintic pieces: what its third derivative jumps by is small.
-        let carried = transport(&manifold, along, [0.0, path.length], 1e-11).unwrap();
-        let step = path.steps.last().unwrap();
-        let own = step.rotation(path.length).unwrap();
-        let off = 2.0 * (own.inverse() * carried.rotation).xyz().length();
-        assert!(off < 1e-8, "{name}: {off}");
-        let tangent = carried.vector(ray.v);
-        let g = manifold.metric(step.position(path.length));
-        let off = tangent - step.tangent(path.length);
-        assert!(off.dot(g * off).sqrt() < 1e-8, "{name}");
+        let asset = asset(&name);
+        if asset.has_wind() {
+            follow_and_transport(&name, &asset, &mut winds, |space, curve, s| {
+                carry(space, curve, [0.0, s], 1e-11).unwrap()
+            });
+        } else {
+            follow_and_transport(&name, &asset, &mut stream, |space, curve, s| {
+                transport(space, curve, [0.0, s], 1e-11).unwrap()
+            });
+        }
     }
+}
+
+/// Compares the frame that a random path carries with the one that `along` makes of its curve.
+fn follow_and_transport(
+    name: &str,
+    manifold: &Manifold,
+    stream: &mut Stream,
+    along: impl Fn(&Manifold, &dyn Fn(f64) -> (DVec3, DVec3), f64) -> Transport,
+) {
+    let (u, d) = (random_point(manifold, stream), stream.direction());
+    let length = manifold.length.unwrap_or(6.0).min(4.0);
+    let ray = Ray::new(manifold, u, d, length);
+    let path = paths(manifold, settings(1e-12, true), [ray]).remove(0);
+    let curve = |s: f64| {
+        let step = path.step_at(s).unwrap();
+        (step.position(s), step.tangent(s))
+    };
+    // A curve of quintic pieces: what its third derivative jumps by is small.
+    let carried = along(manifold, &curve, path.length);
+    let step = path.steps.last().unwrap();
+    let own = step.rotation(path.length).unwrap();
+    let off = 2.0 * (own.inverse() * carried.rotation).xyz().length();
+    assert!(off < 1e-8, "{name}: {off}");
+    let end = step.position(path.length);
+    let sight = carried.vector(manifold.sight(ray.u, ray.v));
+    let g = manifold.metric(end);
+    let off = sight - manifold.sight(end, step.tangent(path.length));
+    assert!(off.dot(g * off).sqrt() < 1e-8, "{name}");
 }
 
 #[test]

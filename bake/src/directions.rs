@@ -267,7 +267,7 @@ fn bits_of_part(part: &TableSample, space: &RaySpace, plan: &PlanRecord) -> f64 
         let camera = cell::parameters(&cells, space.cameras(), &part.cell, camera);
         let ray = move |aim: &DVec3| -> (DVec3, DVec3) {
             let (u, d) = space.ray_aimed(&camera, *aim);
-            (u, manifold.observer(u).tangent(d))
+            (u, manifold.local_frame(u).tangent(d))
         };
         part.aims.iter().map(ray)
     });

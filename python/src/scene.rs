@@ -212,7 +212,7 @@ impl Stage {
                 let (drawing, _) = source.draw(world, &view, request.drawing(), (&mut None, clock))?;
                 let flagged = drawing.flagged_share();
                 let picture = match layers {
-                    true => drawing.layered(world, &view, request.tolerance),
+                    true => drawing.layered(world, &view, request.drawing()),
                     false => drawing.picture,
                 };
                 Ok((picture, source.name(), flagged))

@@ -102,18 +102,20 @@ impl Animation<'_> {
     fn panels(&self, number: usize) -> Result<PicturePanels> {
         let [from, to] = self.journey.interval();
         let share = number as f64 / (self.frames - 1) as f64;
-        let (camera, fov) = self.journey.pose(from + (to - from) * share);
+        let time = from + (to - from) * share;
+        let (camera, fov) = self.journey.pose(time);
         let fov = match self.lens.projection {
             CameraProjection::Fisheye => self.fisheye,
             _ => fov,
         };
-        PicturePanels::through(
+        let panels = PicturePanels::through(
             self.manifold,
             (camera, fov),
             self.lens,
             self.size,
             self.crop.clone(),
-        )
+        )?;
+        Ok(panels.with_velocity(self.journey.velocity(time)))
     }
 
     /// Hashes all that decides each frame.

@@ -297,7 +297,7 @@ fn draw_parts(
         samples += drawing.outcomes.len();
         drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
         pictures.push(match Format::of(&args.output) {
-            Some(Format::Exr) => drawing.layered(world, view, options.tolerance),
+            Some(Format::Exr) => drawing.layered(world, view, options),
             _ => drawing.picture,
         });
         drawn.parts.push((view.clone(), drawing.outcomes));

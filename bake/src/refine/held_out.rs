@@ -199,7 +199,7 @@ impl<'a> HeldOutRays<'a> {
                 }
                 HeldOutRay {
                     parameters,
-                    start: lift.start(u, manifold.observer(u).tangent(d)),
+                    start: lift.start(u, manifold.local_frame(u).tangent(d)),
                     probes: probed.probes,
                     exits,
                 }

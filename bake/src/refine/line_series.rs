@@ -102,7 +102,7 @@ impl LineSamples {
         let manifold = space.manifold();
         let tangents = rays
             .iter()
-            .map(|&(u, d)| (u, manifold.observer(u).tangent(d)));
+            .map(|&(u, d)| (u, manifold.local_frame(u).tangent(d)));
         let tangents: Vec<_> = tangents.collect();
         let values = sample(space, plan.tolerance, &tangents, lengths);
         // The magnification of each path, up to its end.

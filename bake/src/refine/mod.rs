@@ -367,15 +367,12 @@ impl Refiner<'_> {
             // Camera by camera, because each has one frame.
             for number in numbers.start / each..numbers.end.div_ceil(each) {
                 let camera = self.camera(chunk, bounds, &grid_node(&cameras, number));
-                let observer = self.space.manifold().observer(camera.u);
+                let local = self.space.manifold().local_frame(camera.u);
                 let first = numbers.start.max(number * each);
                 let own = first..numbers.end.min((number + 1) * each);
                 rays.extend(own.map(|ray| {
                     let x = grid_node(&directions, ray % each);
-                    (
-                        camera.u,
-                        observer.tangent(self.direction(&camera, bounds, &x)),
-                    )
+                    (camera.u, local.tangent(self.direction(&camera, bounds, &x)))
                 }));
             }
             rays

@@ -161,8 +161,8 @@ pub fn probe(
 /// The exact state at `s` on `step`; `None` if it does not carry frame and deviation.
 fn state(manifold: &Manifold, step: &Step, s: f64) -> Option<Probe> {
     let (u, v) = (step.position(s), step.tangent(s));
-    let observer = manifold.observer(u);
-    let frame_inverse = observer.frame.inverse();
+    let local = manifold.local_frame(u);
+    let frame_inverse = local.frame.inverse();
     let deviation = step.deviation(s)?;
     let rates = step.deviation_rate(s)?;
     let covariant = [0, 1].map(|k| manifold.sight_change((u, v), (deviation[k], rates[k])));
@@ -171,8 +171,8 @@ fn state(manifold: &Manifold, step: &Step, s: f64) -> Option<Probe> {
         u,
         v,
         frame_inverse,
-        spread: JacobiField::seen_by(&observer, v, deviation),
-        turning: JacobiField::new(frame_inverse, observer.sight(v), covariant),
+        spread: JacobiField::seen_by(&local, v, deviation),
+        turning: JacobiField::new(frame_inverse, local.sight(v), covariant),
         rotation: step.rotation(s)?,
     })
 }

@@ -67,12 +67,12 @@ pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) 
 fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {
     let (u, v) = path.at(s)?;
     let u = manifold.domain.wrap(u);
-    let observer = manifold.observer(u);
-    let turned = |q| observer.frame * DMat3::from_quat(q);
+    let local = manifold.local_frame(u);
+    let turned = |q| local.frame * DMat3::from_quat(q);
     Some(Sample {
         s,
         u,
-        v: observer.restored(manifold.metric(u), v),
+        v: local.restored(manifold.metric(u), v),
         frame: path.rotation(s).map(turned),
         area: None,
     })

@@ -90,6 +90,14 @@ impl<'d> Item<'d> {
         self.value.as_str()
     }
 
+    /// The truth value that it is.
+    pub fn as_truth(&self) -> Option<bool> {
+        match self.value {
+            DeValue::Boolean(truth) => Some(*truth),
+            _ => None,
+        }
+    }
+
     /// The number that it is; not finite if it is too large for double precision.
     pub fn as_number(&self) -> Option<f64> {
         let parsed = match self.value {

@@ -251,7 +251,7 @@ fn carried_frames_turn_with_the_tangent_and_keep_their_angles() {
         let step = path.steps.last().unwrap();
         let (end, v) = (step.position(path.length), step.tangent(path.length));
         let seen = step.rotation(path.length).unwrap() * d.normalize();
-        let direction = manifold.observer(end).direction(v);
+        let direction = manifold.local_frame(end).direction(v);
         assert!((seen - direction).length() < 1e-10, "case {case}");
     }
 }

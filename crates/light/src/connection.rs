@@ -14,7 +14,7 @@ use crate::{
 };
 use geofan_core::{
     geodesic::{Ray, Settings, perpendiculars, signed_area},
-    manifold::{Carried, Manifold, Observer},
+    manifold::{Carried, LocalFrame, Manifold},
 };
 use glam::{DMat3, DVec3};
 
@@ -43,7 +43,7 @@ pub(crate) struct ShootingStart {
     pub index: usize,
     /// The point to start from with the standard frame there, and the one to reach.
     pub from: DVec3,
-    pub observer: Observer,
+    pub local: LocalFrame,
     pub to: DVec3,
     /// Guessed direction in the standard frame at the start, and arc length.
     pub direction: DVec3,
@@ -228,7 +228,7 @@ impl ShootingState {
 
     fn ray(&self) -> Ray {
         let (d, s) = self.tried();
-        Ray::seen_by(&self.start.observer, self.start.from, d, s)
+        Ray::seen_by(&self.start.local, self.start.from, d, s)
     }
 
     /// Returns what the present step has led to, if its ray has reached its end.
@@ -237,7 +237,7 @@ impl ShootingState {
             u,
             v,
             spread,
-            observer,
+            local,
             through,
         }) = ray
         else {
@@ -247,7 +247,7 @@ impl ShootingState {
         let columns = spread.or(self.start.spread)?;
         // From the end to the point, and the derivatives of the end by two angles and the arc length,
         // in the standard frame.
-        let into = observer.frame.inverse();
+        let into = local.frame.inverse();
         let miss = into * (self.start.to - u);
         let slope = DMat3::from_cols(into * columns[0], into * columns[1], into * v);
         let tried = Connection {
@@ -255,7 +255,7 @@ impl ShootingState {
             s,
             u,
             v,
-            area: signed_area(&observer, v, columns),
+            area: signed_area(&local, v, columns),
             through,
         };
         let step = limited(least_squares(slope, miss, s), s);
@@ -356,7 +356,7 @@ impl LightFan<'_> {
         let start = |(index, to, guess): (usize, DVec3, Guess)| ShootingStart {
             index,
             from: self.u,
-            observer: self.observer,
+            local: self.local,
             to,
             direction: guess.direction,
             s: guess.s,

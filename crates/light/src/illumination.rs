@@ -6,12 +6,12 @@
 //! light changes.
 
 use crate::{Connection, LightFan, Shadows};
-use geofan_core::manifold::{Manifold, Observer};
+use geofan_core::manifold::Manifold;
 use geofan_render::{
     PointLight, SurfacePoint, World,
     lightmap::{FacetLayout, Light, Lightmap},
 };
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use rayon::prelude::*;
 
 /// Caustics: no geodesic brings more than this many times the irradiance that it would bring over
@@ -27,13 +27,14 @@ pub const MOST_GAIN: f64 = 1e4;
 /// normal covector `normal`: `cosθ / area`, of what surfaces on the way let through. Positive on the side to which the normal points, negative
 /// on the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
-    irradiance_for(&manifold.observer(u), normal, connection)
+    let frames = manifold.rest_frames(&[u]);
+    irradiance_in(frames[0], normal, connection)
 }
 
-/// Computes [`irradiance`] where the observer at the point is known.
-fn irradiance_for(observer: &Observer, normal: DVec3, connection: &Connection) -> f64 {
-    let n = (observer.frame.transpose() * normal).normalize_or_zero();
-    let v = observer.direction(connection.v).normalize_or_zero();
+/// Computes [`irradiance`] where the frame of those at rest at the point is known: surfaces do not move.
+fn irradiance_in(frame: DMat3, normal: DVec3, connection: &Connection) -> f64 {
+    let n = (frame.transpose() * normal).normalize_or_zero();
+    let v = (frame.inverse() * connection.v).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
     -n.dot(v) * connection.through / connection.area.abs().max(least)
 }
@@ -52,7 +53,7 @@ pub struct IncidentLight {
     pub irradiance: [f64; 3],
     /// Set if it falls on the side to which the normal points.
     pub front: bool,
-    /// The way in which it is seen to go at the point, chart components; unit.
+    /// The tangent of the light's path at the point, chart components.
     pub v: DVec3,
 }
 
@@ -63,7 +64,7 @@ impl<'w> Lamps<'w> {
         let nowhere = (DVec3::ZERO, DVec3::ZERO);
         let region = world.accelerator.bounds().unwrap_or(nowhere);
         let fan = |light: &PointLight| {
-            let fan = LightFan::new(&world.manifold, light.u, length, region);
+            let fan = LightFan::new(&world.lamplight, light.u, length, region);
             (*light, fan)
         };
         Self {
@@ -88,20 +89,19 @@ impl<'w> Lamps<'w> {
             let (connections, followed) = fan.connected(places, self.tolerance, shadows);
             rays += followed;
             let places: Vec<DVec3> = connections.iter().map(|(i, _)| points[*i].u).collect();
-            let observers = self.world.manifold.observers(&places);
-            let brought = |((index, connection), observer): ((usize, Connection), Observer)| {
-                let share = irradiance_for(&observer, points[index].normal, &connection);
-                let v = observer.sight(connection.v);
-                (index, IncidentLight::new(light, share, v))
+            let frames = self.world.manifold.rest_frames(&places);
+            let brought = |((index, connection), frame): ((usize, Connection), DMat3)| {
+                let share = irradiance_in(frame, points[index].normal, &connection);
+                (index, IncidentLight::new(light, share, connection.v))
             };
-            incident.extend(connections.into_iter().zip(observers).map(brought));
+            incident.extend(connections.into_iter().zip(frames).map(brought));
         }
         (incident, rays)
     }
 }
 
 impl IncidentLight {
-    /// Takes `share` of the lamp's intensity, positive on the front, along the sight `v` of the light.
+    /// Takes `share` of the lamp's intensity, positive on the front, along the tangent `v` of the light.
     fn new(light: &PointLight, share: f64, v: DVec3) -> Self {
         Self {
             irradiance: light.intensity.map(|i| f64::from(i) * share.abs()),

@@ -12,7 +12,7 @@
 use crate::segment::{BeamSegment, Guess};
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
-    manifold::{Carried, Manifold, Observer},
+    manifold::{Carried, LocalFrame, Manifold},
 };
 use geofan_render::accel::BoxTree;
 use glam::{DVec3, Vec3};
@@ -74,7 +74,7 @@ pub struct LightFan<'m> {
     /// The lamp's chart point.
     pub u: DVec3,
     /// The observer there.
-    pub(super) observer: Observer,
+    pub(super) local: LocalFrame,
     /// Arc length over which its light is followed.
     pub length: f64,
     /// Where connections are asked for.
@@ -96,7 +96,7 @@ impl<'m> LightFan<'m> {
         let mut fan = Self {
             manifold,
             u,
-            observer: manifold.observer(u),
+            local: manifold.local_frame(u),
             length,
             region: widened(manifold, region),
             directions: Vec::new(),
@@ -257,7 +257,7 @@ impl<'m> LightFan<'m> {
             };
             let rays = directions
                 .iter()
-                .map(|d| Ray::seen_by(&self.observer, self.u, *d, self.length));
+                .map(|d| Ray::seen_by(&self.local, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
             sampler.rays
         };
@@ -268,7 +268,7 @@ impl<'m> LightFan<'m> {
     fn first_knot(&self, direction: DVec3) -> RayKnot {
         RayKnot {
             u: self.u,
-            v: self.observer.tangent(direction),
+            v: self.local.tangent(direction),
             spread: [Vec3::ZERO; 2],
             reversed: false,
         }
@@ -382,13 +382,13 @@ impl Sink for KnotSampler<'_, '_> {
             && s <= step.end
         {
             let (u, v) = (step.position(s), step.tangent(s));
-            let observer = self.fan.manifold.observer(u);
+            let local = self.fan.manifold.local_frame(u);
             let spread = step.deviation(s).unwrap_or_default();
             ray.push(RayKnot {
                 u,
                 v,
                 spread: spread.map(|j| j.as_vec3()),
-                reversed: signed_area(&observer, v, spread) < 0.0,
+                reversed: signed_area(&local, v, spread) < 0.0,
             });
         }
     }

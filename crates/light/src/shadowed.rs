@@ -7,7 +7,7 @@
 
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Manifold, Observer},
+    manifold::{LocalFrame, Manifold},
 };
 use geofan_render::{
     SurfacePoint, World,
@@ -48,7 +48,7 @@ pub(super) struct RayEnd {
     /// The two deviations, if they were carried.
     pub spread: Option<[DVec3; 2]>,
     /// The standard frame there.
-    pub observer: Observer,
+    pub local: LocalFrame,
     /// The share of the light that surfaces on the way have let through.
     pub through: f64,
 }
@@ -94,17 +94,17 @@ pub(super) fn follow_shadowed(
 fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
     let ends = |f: &RayState| f.end.map(|(u, ..)| u);
     let ends: Vec<DVec3> = states.iter().filter_map(ends).collect();
-    let mut observers = manifold.observers(&ends).into_iter();
+    let mut locals = manifold.local_frames(&ends).into_iter();
     let followed = |f: &RayState| match (f.shadowed, f.end) {
         (true, _) => FollowedRay::Shadowed,
         (false, None) => FollowedRay::Ended,
         (false, Some((u, v, spread))) => {
-            let observer = observers.next().expect("as many observers as ends");
+            let local = locals.next().expect("as many locals as ends");
             FollowedRay::Arrived(RayEnd {
                 u,
                 v,
                 spread,
-                observer,
+                local,
                 through: f.through,
             })
         }

@@ -9,6 +9,7 @@ use super::{
     frame::{Outcomes, Paths},
     intersect::{Hit, Seen, first_seen},
     local::straight_behind,
+    redshift::shift_colours,
     shade::{Colours, Footprints, shade},
     tiles::{PixelSamples, SamplePlace},
 };
@@ -80,7 +81,8 @@ impl SeenBehind<'_> {
                 layer[through.place] = *seen;
             }
             let PixelSamples { world, view, .. } = self.samples;
-            let lit = shade(world, view, layer.view(), self.of_pixel, self.footprints);
+            let mut lit = shade(world, view, layer.view(), self.of_pixel, self.footprints);
+            shift_colours(world, view, &layer, self.samples.offsets, &mut lit);
             let mut next = Vec::new();
             for (through, seen) in open.iter().zip(&seen) {
                 let before = (through.place, through.s, through.passed, through.share);

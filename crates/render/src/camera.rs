@@ -126,13 +126,16 @@ impl Camera {
 
     /// The same by table: point and transported rotation are read from the path that starts at the
     /// camera, as exact as the table's certificate says, and nothing is integrated but the turning
-    /// along that path. Where the table gives up before the end of the move, or does not promise
-    /// tangents, it is [`Camera::moved`].
+    /// along that path. Where the table gives up before the end of the move, does not promise
+    /// tangents, or has paths of light in a wind, it is [`Camera::moved`].
     ///
     /// # Errors
     /// The camera is not in the table's region, or the table is damaged there.
     pub fn moved_by(&self, table: &Table, by: DVec3) -> Result<Moved> {
         let manifold = table.space.manifold();
+        if manifold.has_wind() {
+            return Ok(self.moved(manifold, by));
+        }
         let fan = table.fan(self.u)?;
         let Some(direction) = (self.rotation * by).try_normalize() else {
             return Ok(self.moved(manifold, by));

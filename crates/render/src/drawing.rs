@@ -9,6 +9,7 @@ use super::{
     frame::{Clock, Outcomes, Paths, Work, offsets, trace_timed},
     intersect::Seen,
     picture::Picture,
+    redshift::shift_colours,
     shade::{Footprints, shade},
     tiles::{PixelSamples, SamplePlace},
     view::{Optics, View},
@@ -83,6 +84,7 @@ pub fn draw(
             traced.outcomes[*place] = Seen::Nothing;
         }
         let mut colours = shade(world, view, traced.outcomes.view(), samples, footprints);
+        shift_colours(world, view, &traced.outcomes, offsets, &mut colours);
         let shaded = clock();
         let behind = SeenBehind {
             samples: PixelSamples {

@@ -8,8 +8,8 @@
 
 use super::{
     camera::Camera,
-    scene::{KeyPose, PoseFile},
-    view::camera_point,
+    scene::{CameraMotion, KeyPose, PoseFile},
+    view::{camera_point, camera_velocity},
 };
 use geofan_core::{
     diagnostic::Diagnostic,
@@ -25,6 +25,9 @@ const TOLERANCE: f64 = 1e-9;
 /// Distance to the next pose at which the geodesic has reached it, as a share of the whole distance.
 const CLOSE: f64 = 1e-7;
 
+/// Places on the way between two poses at which cameras are checked that are to be at rest.
+const MOTION_CHECKS: usize = 256;
+
 /// The geodesic between two poses, and the turn along it.
 struct Leg {
     /// The geodesic; `None` if the camera stays where it is.
@@ -35,10 +38,13 @@ struct Leg {
     from: DQuat,
     turn: DQuat,
     fov: [f64; 2],
+    motion: [CameraMotion; 2],
 }
 
 /// The journey through all poses.
 pub struct Journey {
+    /// The space with its wind, past which cameras move.
+    space: Manifold,
     legs: Vec<Leg>,
     times: Vec<f64>,
     /// Arc length plus angle up to each pose.
@@ -51,8 +57,10 @@ impl Journey {
     /// Joins the poses of `file`.
     ///
     /// # Errors
-    /// A pose outside the domain, or two that no geodesic was found between.
-    pub fn new(manifold: &Manifold, file: &PoseFile) -> Result<Self> {
+    /// A pose outside the domain, two that no geodesic was found between, or a camera that is to be at rest
+    /// where nothing can be.
+    pub fn new(space: &Manifold, file: &PoseFile) -> Result<Self> {
+        let manifold = &*space.still();
         let points = file
             .poses
             .iter()
@@ -70,6 +78,14 @@ impl Journey {
                 .with_hint("put another pose between them")
             })?);
         }
+        for (leg, pair) in legs.iter().zip(file.poses.windows(2)) {
+            for k in 0..=MOTION_CHECKS {
+                let (u, _) = leg.carried(k as f64 / MOTION_CHECKS as f64);
+                for pose in pair {
+                    camera_velocity(space, &file.source, &pose.camera, u)?;
+                }
+            }
+        }
         let times: Vec<f64> = file.poses.iter().map(|pose| pose.time).collect();
         let mut progress = vec![0.0];
         for leg in &legs {
@@ -77,6 +93,7 @@ impl Journey {
         }
         let speed = monotone_slopes(&times, &progress);
         Ok(Self {
+            space: space.clone(),
             legs,
             times,
             progress,
@@ -91,6 +108,21 @@ impl Journey {
 
     /// Returns the camera at `time`, and its angle of view in degrees.
     pub fn pose(&self, time: f64) -> (Camera, f64) {
+        let (leg, share) = self.place(time);
+        leg.pose(share)
+    }
+
+    /// Returns the velocity of the camera past the normal observer at `time`, standard frame: between poses
+    /// with different motions, evenly from the one to the other.
+    pub fn velocity(&self, time: f64) -> DVec3 {
+        let (leg, share) = self.place(time);
+        let (u, _) = leg.carried(share);
+        let [from, to] = leg.motion.map(|motion| motion.velocity(&self.space, u));
+        from.unwrap_or_default().lerp(to.unwrap_or_default(), share)
+    }
+
+    /// Finds the leg at `time`, and the share of its way.
+    fn place(&self, time: f64) -> (&Leg, f64) {
         let next = self.times.partition_point(|t| *t <= time);
         let k = next.clamp(1, self.legs.len()) - 1;
         let h = self.times[k + 1] - self.times[k];
@@ -104,7 +136,7 @@ impl Journey {
         } else {
             t
         };
-        self.legs[k].pose(share)
+        (&self.legs[k], share)
     }
 }
 
@@ -133,6 +165,7 @@ impl Leg {
             from,
             turn: DQuat::IDENTITY,
             fov: poses.map(|pose| pose.camera.fov_degrees),
+            motion: poses.map(|pose| pose.camera.motion),
         };
         let (_, carried) = leg.carried(1.0);
         leg.turn = (carried.inverse() * to).normalize();

@@ -8,6 +8,7 @@
 pub mod accel;
 mod behind;
 mod camera;
+mod chart_skies;
 mod chords;
 mod curve;
 pub mod drawing;
@@ -28,6 +29,7 @@ pub mod path_batch;
 mod path_patch;
 mod path_source;
 pub mod picture;
+pub mod redshift;
 pub mod scene;
 pub mod shade;
 pub mod shifted;

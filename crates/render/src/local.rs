@@ -21,14 +21,20 @@ use super::{
     view::{Optics, View},
     world::World,
 };
+use geofan_core::manifold::LocalFrame;
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{ArrayViewMut3, Axis};
 use rayon::prelude::*;
 
-/// Returns `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards).
+/// Returns `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards). In a
+/// wind, which has blown light off on its way, where it is seen.
 pub fn projection(world: &World, view: &View, u: DVec3) -> DVec3 {
     let axes = view.camera().axes(&world.manifold);
-    axes.transpose() * world.manifold.metric(view.u) * (u - view.u)
+    let (g, local) = (
+        world.manifold.metric(view.u),
+        world.manifold.local_frame(view.u),
+    );
+    axes.transpose() * g * local.toward(g, u - view.u)
 }
 
 /// Finds what `samples` see along straight lines, followed over `length` to the skies.
@@ -105,6 +111,8 @@ struct Projection<'w> {
     world: &'w World,
     view: &'w View,
     axes: DMat3,
+    /// The observer at the camera.
+    local: LocalFrame,
     /// True once all that may be met is in `triangles`.
     is_flat: bool,
     triangles: Vec<ProjectedTriangle>,
@@ -119,6 +127,7 @@ impl<'w> Projection<'w> {
             world,
             view,
             axes,
+            local: world.manifold.local_frame(view.u),
             is_flat: false,
             triangles: Vec::new(),
         }
@@ -127,17 +136,24 @@ impl<'w> Projection<'w> {
     /// Projects all triangles onto the picture's plane, in all periods next to the camera's.
     fn flatten(&mut self) {
         let (world, view) = (self.world, self.view);
-        let into = self.axes.transpose() * world.manifold.metric(view.u);
+        let (g, local) = (world.manifold.metric(view.u), self.local);
+        let into = self.axes.transpose() * g;
         let farthest = world.accelerator.bounds().map_or(1.0, |(low, high)| {
             (into * (low - view.u))
                 .length()
                 .max((into * (high - view.u)).length())
         });
+        // In the axes of the camera, as it sees it.
+        let own = self.axes.inverse() * local.frame;
+        let seen = |way: DVec3| match view.velocity() == DVec3::ZERO {
+            true => into * way,
+            false => own * view.in_camera(local.frame.inverse() * way),
+        };
         for shift in neighbouring_periods(world) {
             let triangles = world.accelerator.triangles().par_iter().enumerate();
             let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
-                    let p = corners.map(|u| into * (u + shift - view.u));
+                    let p = corners.map(|u| seen(local.toward(g, u + shift - view.u)));
                     self.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
@@ -163,7 +179,11 @@ impl<'w> Projection<'w> {
         corners: [(DVec3, DVec2); 3],
     ) -> Option<ProjectedTriangle> {
         let camera = DMat3::from_quat(self.view.camera().rotation);
-        let pixel = |p: DVec3| self.view.pixel(camera * p).map(|(x, y)| DVec2::new(x, y));
+        let pixel = |p: DVec3| {
+            self.view
+                .own_pixel(camera * p)
+                .map(|(x, y)| DVec2::new(x, y))
+        };
         let [a, b, c] = corners.map(|(p, _)| pixel(p));
         let at = [a?, b?, c?];
         let (low, high) = (at[0].min(at[1]).min(at[2]), at[0].max(at[1]).max(at[2]));
@@ -224,7 +244,8 @@ impl<'w> Projection<'w> {
         let [a, b, c] = self.world.accelerator.triangles()[triangle as usize];
         let u = a + (b - a) * weights.x + (c - a) * weights.y;
         let way = u - self.view.u;
-        let s = (self.axes.inverse() * way).length();
+        let g = self.world.manifold.metric(self.view.u);
+        let s = (self.axes.inverse() * self.local.toward(g, way)).length();
         Seen::Surface(Hit {
             s: s as f32,
             v: (way / s).as_vec3(),
@@ -237,23 +258,23 @@ impl<'w> Projection<'w> {
 /// The straight lines of the chart from the camera.
 struct StraightLines<'w> {
     view: &'w View,
-    /// The standard frame at the camera.
-    frame: DMat3,
+    /// The observer at the camera.
+    local: LocalFrame,
 }
 
 impl<'w> StraightLines<'w> {
     fn new(world: &World, view: &'w View) -> Self {
         Self {
             view,
-            frame: world.manifold.standard_frame(view.u),
+            local: world.manifold.local_frame(view.u),
         }
     }
 
     /// Returns the chart's straight line of the point `at` of the picture: its start and its tangent.
     fn line(&self, at: DVec2) -> (DVec3, DVec3) {
         let ray = self.view.ray(at.x, at.y);
-        let start = self.view.u + self.frame * ray.offset;
-        (start, self.frame * ray.direction)
+        let start = self.view.u + self.local.frame * ray.offset;
+        (start, self.local.tangent(ray.direction))
     }
 
     /// Finds what that line meets within `length`.
@@ -346,7 +367,7 @@ pub(super) fn straight_behind(
             },
             |(batch, events), ((y, x, k), passed)| {
                 let at = DVec2::new(*x as f64, *y as f64) + samples.offsets[*k];
-                let v = lines.frame * view.direction(at.x, at.y);
+                let v = lines.local.tangent(view.direction(at.x, at.y));
                 match lines.behind(world, at, *passed, reach(v, farthest)) {
                     Some(hit) => Seen::Surface(hit),
                     None => lines.sky(at, batch, events),

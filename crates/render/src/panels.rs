@@ -142,6 +142,15 @@ impl PicturePanels {
         })
     }
 
+    /// Makes the same picture by a camera that moves past the normal observer with `velocity` (standard frame).
+    #[must_use]
+    pub fn with_velocity(mut self, velocity: DVec3) -> Self {
+        for panel in &mut self.parts {
+            panel.view = panel.view.with_velocity(velocity);
+        }
+        self
+    }
+
     /// Returns the view of a picture that has only one part.
     ///
     /// # Errors

@@ -5,9 +5,10 @@
 
 use super::{
     drawing::{Drawing, draw},
-    frame::{Clock, Outcomes, Paths},
+    frame::{Clock, Outcomes, Paths, offsets},
     lookup::Lookup,
     picture::Picture,
+    redshift::redshifts,
     shade::{Footprints, area, with_layers},
     shifted::ShiftedTracer,
     tracer::ExactTracer,
@@ -117,11 +118,16 @@ impl<'b> PathSource<'b> {
 }
 
 impl Drawing {
-    /// Returns the picture with the layers of an EXR file, `area` by exact paths at `tolerance`.
-    pub fn layered(&self, world: &World, view: &View, tolerance: f64) -> Picture {
+    /// Returns the picture with the layers of an EXR file, `area` by exact paths.
+    pub fn layered(&self, world: &World, view: &View, options: DrawingOptions) -> Picture {
         let outcomes = self.outcomes.view();
         let picture = with_layers(self.picture.clone(), world, outcomes, &self.flagged);
-        let area = area(world, view, outcomes, tolerance);
-        picture.with_float("area", area)
+        let area = area(world, view, outcomes, options.tolerance);
+        let picture = picture.with_float("area", area);
+        if !world.has_redshift(view) {
+            return picture;
+        }
+        let g = redshifts(world, view, &self.outcomes, offsets(options.samples)[0]);
+        picture.with_float("g", g)
     }
 }

@@ -32,11 +32,11 @@ pub fn starts(
 ) -> Vec<Option<RayStart>> {
     let rays = points.map(|at| view.ray(at.x, at.y));
     if view.is_central() {
-        let observer = manifold.observer(view.u);
+        let local = manifold.local_frame(view.u);
         let start = |direction: DVec3| RayStart {
             u: view.u,
             direction,
-            v: observer.tangent(direction),
+            v: local.tangent(direction),
         };
         return rays.map(|ray| Some(start(ray.direction))).collect();
     }
@@ -45,7 +45,7 @@ pub fn starts(
     let start = |(ray, end): (&PictureRay, Option<(DVec3, DQuat)>)| {
         let (u, turn) = end?;
         let direction = turn * ray.direction;
-        let v = manifold.observer(u).tangent(direction);
+        let v = manifold.local_frame(u).tangent(direction);
         Some(RayStart { u, direction, v })
     };
     rays.iter().zip(reached).map(start).collect()
@@ -63,10 +63,10 @@ fn moved(manifold: &Manifold, u: DVec3, rays: &[PictureRay]) -> Vec<Option<(DVec
         },
         events: true,
     };
-    let observer = still.observer(u);
+    let local = still.local_frame(u);
     let ways = rays.iter().map(|ray| {
         let d = ray.offset.try_normalize().unwrap_or(DVec3::X);
-        Ray::seen_by(&observer, u, d, ray.offset.length())
+        Ray::seen_by(&local, u, d, ray.offset.length())
     });
     let mut reached = ends(&still, settings, ways);
     reached.resize(rays.len(), None);
@@ -114,7 +114,7 @@ mod tests {
             let (start, u) = (start.unwrap(), camera.u + offset);
             assert!((start.u - u).length() < 1e-9, "{start:?} {u}");
             assert!((start.direction - DVec3::X).length() < 1e-9);
-            assert!((start.v - windy.observer(u).tangent(DVec3::X)).length() < 1e-9);
+            assert!((start.v - windy.local_frame(u).tangent(DVec3::X)).length() < 1e-9);
         }
         let moved = camera.moved(&windy, DVec3::new(0.7, 0.0, 0.0)).camera;
         assert!((moved.u - camera.u - DVec3::new(0.0, -0.7, 0.0)).length() < 1e-9);

@@ -11,8 +11,8 @@ use super::{
     path_batch::{PathBatch, PathOrigin, PathView, ROWS, put},
 };
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow},
-    manifold::{Carried, Manifold, Observer},
+    geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow, perpendiculars},
+    manifold::{Carried, LocalFrame, Manifold},
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -72,7 +72,7 @@ pub(super) fn refine_each<T: GridTracer + ?Sized>(
 pub struct ExactTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    observer: Observer,
+    local: LocalFrame,
     length: f64,
     tolerance: f64,
 }
@@ -87,7 +87,7 @@ impl<'m> ExactTracer<'m> {
         Self {
             manifold,
             u,
-            observer: manifold.observer(u),
+            local: manifold.local_frame(u),
             length,
             tolerance,
         }
@@ -107,14 +107,47 @@ impl ExactTracer<'_> {
 
     /// Follows the rays in `directions`, in order.
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
-        let starts = directions
-            .iter()
-            .map(|&d| (self.u, self.observer.tangent(d)));
+        let starts = directions.iter().map(|&d| (self.u, self.local.tangent(d)));
         self.trace_from(&starts.collect::<Vec<_>>())
     }
 
-    /// The curves from chart points with unit tangents, in order.
+    /// Follows the curves from chart points with unit tangents, in order. One that meets a pole of the chart,
+    /// where the metric ends and the space does not, is turned by far less than a pixel and followed again.
     pub fn trace_from(&self, starts: &[(DVec3, DVec3)]) -> Vec<Curve> {
+        let mut curves = self.follow_all(starts);
+        for side in 0..2 {
+            let lost: Vec<usize> = (0..curves.len())
+                .filter(|i| curves[*i].4 == Stop::Broken)
+                .collect();
+            if lost.is_empty() {
+                break;
+            }
+            let turned: Vec<_> = lost.iter().map(|i| self.turned(starts[*i], side)).collect();
+            for (i, curve) in lost.into_iter().zip(self.follow_all(&turned)) {
+                if curve.4 == Stop::Smooth {
+                    curves[i] = curve;
+                }
+            }
+        }
+        let curve = |(s, u, v, ending, _): Growing| Curve {
+            s: s.into(),
+            u,
+            v,
+            ending,
+        };
+        curves.into_iter().map(curve).collect()
+    }
+
+    /// Turns a start to one of two sides, across each other.
+    fn turned(&self, (u, v): (DVec3, DVec3), side: usize) -> (DVec3, DVec3) {
+        let local = self.manifold.local_frame(u);
+        let d = local.direction(v);
+        let across = perpendiculars(d)[side];
+        (u, local.tangent((d + across * BESIDE_POLE).normalize()))
+    }
+
+    /// Follows the curves from these starts.
+    fn follow_all(&self, starts: &[(DVec3, DVec3)]) -> Vec<Growing> {
         let settings = Settings {
             tolerance: self.tolerance,
             carried: Carried::default(),
@@ -126,24 +159,32 @@ impl ExactTracer<'_> {
             length: self.length,
             spread: [DVec3::ZERO; 2],
         });
-        let growing = |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Length);
+        let growing =
+            |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Length, Stop::Smooth);
         let mut sink = CurveSink {
             manifold: self.manifold,
             curves: starts.iter().map(growing).collect(),
         };
         follow(self.manifold, settings, rays, &mut sink);
-        let curve = |(s, u, v, ending): Growing| Curve {
-            s: s.into(),
-            u,
-            v,
-            ending,
-        };
-        sink.curves.into_iter().map(curve).collect()
+        sink.curves
     }
 }
 
+/// Angle (radians) by which a ray that meets a pole is turned: a twentieth of a pixel of a view 90° wide
+/// and 8000 pixels across. A smaller one passes the pole closer, in more steps, and shows nothing.
+const BESIDE_POLE: f64 = 1e-5;
+
+/// Tells whether the chart goes on where a curve stopped.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Stop {
+    /// The curve ended as curves do.
+    Smooth,
+    /// The metric broke down.
+    Broken,
+}
+
 /// A curve being made: arc lengths, points, tangents, and how it ends.
-type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending);
+type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending, Stop);
 
 /// Collects the steps of rays as cubics.
 struct CurveSink<'m> {
@@ -153,7 +194,7 @@ struct CurveSink<'m> {
 
 impl Sink for CurveSink<'_> {
     fn step(&mut self, ray: usize, step: &Step) {
-        let (s, u, v, _) = &mut self.curves[ray];
+        let (s, u, v, ..) = &mut self.curves[ray];
         let count = cubic_count(step);
         for k in 1..=count {
             let at = step.start + (step.end - step.start) * k as f64 / count as f64;
@@ -164,9 +205,31 @@ impl Sink for CurveSink<'_> {
     }
 
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
-        let (_, u, v, ending) = &mut self.curves[ray];
+        let (_, u, v, ending, stop) = &mut self.curves[ray];
         let (u, v) = (u[u.len() - 1], v[v.len() - 1]);
+        if meets_pole(self.manifold, end, u) {
+            *stop = Stop::Broken;
+        }
         *ending = ending_at(self.manifold, end, s, u, v);
+    }
+}
+
+/// Axes of the standard frame that are so many times as long as each other are those of a pole: of rays that
+/// are turned by [`BESIDE_POLE`] none comes as close.
+const POLE_STRETCH: f64 = 1e6;
+
+/// Tells whether a curve that ended at `u` met a pole of the chart: the metric broke down, or did so where
+/// the coordinates have their limit.
+fn meets_pole(manifold: &Manifold, end: End, u: DVec3) -> bool {
+    match end {
+        End::Singular => true,
+        End::Exit(k) if manifold.exits[k].name == "limit" => {
+            let frame = manifold.standard_frame(u);
+            let lengths = [0, 1, 2].map(|k| frame.col(k).length());
+            let [least, most] = [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of));
+            !(most.unwrap_or(1.0) <= POLE_STRETCH * least.unwrap_or(1.0))
+        }
+        _ => false,
     }
 }
 
@@ -205,7 +268,7 @@ fn cubic_count(step: &Step) -> usize {
 pub struct FixedTracer<'m> {
     manifold: &'m Manifold,
     u: DVec3,
-    observer: Observer,
+    local: LocalFrame,
     knots: Arc<[f64]>,
 }
 
@@ -215,7 +278,7 @@ impl<'m> FixedTracer<'m> {
         Self {
             manifold,
             u,
-            observer: manifold.observer(u),
+            local: manifold.local_frame(u),
             knots: even_knots(length, steps),
         }
     }
@@ -229,7 +292,7 @@ impl GridTracer for FixedTracer<'_> {
     fn add(&self, directions: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch) {
         let rays: Vec<_> = directions
             .iter()
-            .map(|&d| (self.u, self.observer.tangent(d)))
+            .map(|&d| (self.u, self.local.tangent(d)))
             .collect();
         let steps = self.knots.len() - 1;
         let paths = fixed_steps::<f32>(self.manifold, &rays, self.knots[steps], steps);

@@ -14,6 +14,11 @@
 //! | panorama | longitude 2πx to the right, latitude πy downwards |
 //! | fisheye | at the angle fov · r from ahead, r the distance in units of the circle's diameter |
 //! | orthographic | ahead, from a point away from the camera |
+//!
+//! A camera may move past the normal observer at its point, who has the standard frame. With the velocity
+//! β there (light has 1) and γ = 1/√(1 − β²), what it sees in the direction d of its own axes that
+//! observer sees in `[d − γβ + (γ−1)(d·β̂)β̂]/[γ(1 − β·d)]`, and light is bluer to it by `γ(1 + β·d)` for
+//! `d` as that observer has it.
 
 use super::{
     camera::Camera,
@@ -92,6 +97,8 @@ pub struct View {
     /// Shift to the right, of what is at distance 1, that an eye's picture undoes.
     lean: f64,
     turning: Option<TurningEye>,
+    /// The velocity of the camera past the normal observer, standard frame; shorter than 1.
+    velocity: DVec3,
 }
 
 /// Returns the side of a pixel of a picture `width` pixels wide, where `optics` have one for all of it.
@@ -137,7 +144,23 @@ impl View {
             pixel: pixel_side(optics, size.0),
             lean: 0.0,
             turning: None,
+            velocity: DVec3::ZERO,
         }
+    }
+
+    /// Makes the same view by a camera that moves past the normal observer with `velocity` (standard frame,
+    /// shorter than 1).
+    #[must_use]
+    pub fn with_velocity(&self, velocity: DVec3) -> Self {
+        Self {
+            velocity,
+            ..self.clone()
+        }
+    }
+
+    /// Returns the velocity of the camera past the normal observer, standard frame.
+    pub fn velocity(&self) -> DVec3 {
+        self.velocity
     }
 
     /// Makes the view of an eye that is `right` to the right of a middle between two: it is there already,
@@ -213,6 +236,11 @@ impl View {
     /// Finds the point of the picture in `direction` (standard frame): the inverse of [`View::direction`] in
     /// perspective; `None` behind the camera, and of other optics.
     pub fn pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
+        self.own_pixel(self.in_camera(direction))
+    }
+
+    /// Finds the point of the picture in `direction` as the camera sees it, in motion or not.
+    pub(crate) fn own_pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
         if !matches!(self.optics, Optics::Perspective { .. }) {
             return None;
         }
@@ -222,6 +250,22 @@ impl View {
         let (x, y) = self.middle();
         let leaned = x + self.lean / self.pixel;
         (depth > 0.0).then(|| (along(right) + leaned, along(down) + y))
+    }
+
+    /// Returns `direction` (standard frame, any length, which is kept) as the moving camera sees it.
+    pub fn in_camera(&self, direction: DVec3) -> DVec3 {
+        let length = direction.length();
+        if self.velocity == DVec3::ZERO || length == 0.0 {
+            return direction;
+        }
+        aberrated(direction / length, self.velocity) * length
+    }
+
+    /// Returns how much bluer light from `direction` (standard frame, unit) is to the moving camera than to
+    /// the normal observer.
+    pub fn blueshift(&self, direction: DVec3) -> f64 {
+        let slowed = (1.0 - self.velocity.length_squared()).sqrt();
+        (1.0 + self.velocity.dot(direction)) / slowed
     }
 
     /// Returns the direction of the middle of the whole picture.
@@ -282,10 +326,12 @@ impl View {
                 (self.parallel_offset(x, y), seen - lean)
             }
         };
-        PictureRay {
-            offset,
-            direction: leaned.normalize(),
-        }
+        let own = leaned.normalize();
+        let direction = match self.velocity == DVec3::ZERO {
+            true => own,
+            false => aberrated(own, -self.velocity),
+        };
+        PictureRay { offset, direction }
     }
 
     /// Finds the vector that a camera without eyes sees at a point of the picture, standard frame: at depth 1
@@ -340,8 +386,18 @@ impl View {
     }
 
     /// Returns the angle of one pixel where it is largest, radians; of parallel rays, as if what is half a picture
-    /// away were seen in perspective, 90° wide.
+    /// away were seen in perspective, 90° wide. To a camera in motion the sky is crowded together ahead, and a
+    /// pixel holds as much more of it.
     pub fn pixel_angle(&self) -> f64 {
+        let speed = self.velocity.length();
+        match speed == 0.0 {
+            true => self.own_pixel_angle(),
+            false => self.own_pixel_angle() * ((1.0 + speed) / (1.0 - speed)).sqrt(),
+        }
+    }
+
+    /// Returns the angle of one pixel as the camera sees it.
+    fn own_pixel_angle(&self) -> f64 {
         let (w, h) = (self.whole.0 as f64, self.whole.1 as f64);
         match self.optics {
             Optics::Perspective { .. } => self.pixel_axes()[0].length(),
@@ -367,6 +423,34 @@ impl View {
         let radius = 0.5 * self.whole.0.min(self.whole.1) as f64;
         nearest(x, columns).hypot(nearest(y, rows)) <= radius
     }
+}
+
+/// Returns the unit direction in which someone who moves with `velocity` sees what is in the direction `d`.
+fn aberrated(d: DVec3, velocity: DVec3) -> DVec3 {
+    let gamma = 1.0 / (1.0 - velocity.length_squared()).sqrt();
+    let along = velocity.dot(d);
+    // (γ − 1)/β² = γ²/(γ + 1), without a division by a small speed.
+    let turned = d + velocity * (gamma + gamma * gamma / (gamma + 1.0) * along);
+    (turned / (gamma * (1.0 + along))).normalize()
+}
+
+/// Finds the velocity past the normal observer of a camera at `u`, standard frame.
+///
+/// # Errors
+/// It is to be at rest where nothing can be.
+pub fn camera_velocity(
+    manifold: &Manifold,
+    source: &Arc<SourceText>,
+    camera: &CameraEntry,
+    u: DVec3,
+) -> Result<DVec3> {
+    camera.motion.velocity(manifold, u).ok_or_else(|| {
+        let message = format!("nothing can be at rest at {u}: it would be as fast as light");
+        Diagnostic::new(source, camera.motion_span.clone(), message)
+            .with_label("the camera is to be at rest in the chart")
+            .with_hint("take it out of the ergosphere or horizon, or leave `rest` out")
+            .into()
+    })
 }
 
 /// Finds the chart point of a camera entry.

@@ -5,12 +5,14 @@
 
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
+    chart_skies::sky_warnings,
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     panels::{Part, PicturePanels},
+    redshift::ObjectState,
     scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
     sky::Sky,
-    view::{View, camera_point},
+    view::{View, camera_point, camera_velocity},
 };
 use geofan_bundle::{Bundle, Contents, container::MAGIC};
 use geofan_core::{
@@ -53,6 +55,8 @@ pub struct PointLight {
 pub struct World {
     /// The manifold.
     pub manifold: Arc<Manifold>,
+    /// The same with light followed from lamps into the future.
+    pub lamplight: Arc<Manifold>,
     /// The triangles in chart coordinates.
     pub accelerator: Accelerator,
     /// One for each triangle.
@@ -62,6 +66,10 @@ pub struct World {
     pub colours: Vec<[[f32; 4]; 3]>,
     /// All materials.
     pub materials: Vec<Material>,
+    /// Motion and heat of each object of the scene file.
+    pub(crate) states: Vec<ObjectState>,
+    /// Set if light is weighed with what happens to its frequency on the way.
+    pub redshift: bool,
     /// The sky of each exit, and last the one of paths that end by their length.
     pub skies: Vec<Option<Sky>>,
     /// Lights without extent.
@@ -98,6 +106,10 @@ impl World {
     ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
+        let lamplight = match manifold.has_wind() {
+            true => Arc::new(manifold.forward()?.into_owned()),
+            false => manifold.clone(),
+        };
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
         let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
         warnings.extend(lamps_out_of_sight(&manifold, &lights));
@@ -106,9 +118,12 @@ impl World {
             faces: Vec::new(),
             colours: Vec::new(),
             materials: Vec::new(),
+            states: Vec::new(),
+            redshift: scene.redshift,
             skies,
             lights,
             light: None,
+            lamplight,
             clear: false,
             warnings,
             manifold,
@@ -232,6 +247,10 @@ impl World {
             &self.skies,
         );
         write!(hasher, "{seen:?}").expect("a hash takes everything");
+        if self.is_coloured_by_frequency() {
+            let told = (self.redshift, &self.states);
+            write!(hasher, "{told:?}").expect("a hash takes everything");
+        }
         *hasher.finalize().as_bytes()
     }
 
@@ -297,7 +316,33 @@ impl World {
         let corners = placed.vertices.iter().map(|(u, _)| *u);
         self.warnings
             .extend(out_of_sight(&self.manifold, &name, corners));
+        self.add_state(scene, object, &placed.vertices)?;
         self.add(index, &placed.mesh, &placed.vertices, triangles);
+        Ok(())
+    }
+
+    /// Adds motion and heat of an object; none of its vertices may be as fast as light.
+    fn add_state(
+        &mut self,
+        scene: &SceneFile,
+        object: &ObjectEntry,
+        vertices: &Points,
+    ) -> Result<()> {
+        let state = ObjectState::new(object, &self.manifold, &scene.source)?;
+        let too_fast = |u: &DVec3| match state.velocity(*u) {
+            Some(velocity) => !self.manifold.is_slower_than_light(*u, velocity),
+            None => false,
+        };
+        let mut points = vertices.iter().map(|(u, _)| *u);
+        if let (Some(u), Some(formulas)) = (points.find(too_fast), &object.velocity) {
+            let message = format!("this velocity is not below that of light at {u}");
+            return Err(
+                Diagnostic::new(&scene.source, formulas.span.clone(), message)
+                    .with_hint("it is dx/dt in chart components, with the time of the spacetime")
+                    .into(),
+            );
+        }
+        self.states.push(state);
         Ok(())
     }
 
@@ -543,7 +588,10 @@ impl Stage {
             .into(),
             other => other,
         })?;
-        let world = World::new(&scene, Arc::new(manifold))?;
+        let mut world = World::new(&scene, Arc::new(manifold))?;
+        if let Ok(u) = camera_point(&world.manifold, &scene.source, &scene.camera) {
+            world.warnings.extend(sky_warnings(&world, u));
+        }
         Ok(Self { scene, world })
     }
 
@@ -626,6 +674,8 @@ impl Stage {
         crop: Option<Part>,
     ) -> Result<PicturePanels> {
         let u = camera_point(&self.world.manifold, &self.scene.source, camera)?;
-        PicturePanels::new(&self.world.manifold, (camera, u), size, crop)
+        let velocity = camera_velocity(&self.world.manifold, &self.scene.source, camera, u)?;
+        let panels = PicturePanels::new(&self.world.manifold, (camera, u), size, crop)?;
+        Ok(panels.with_velocity(velocity))
     }
 }

@@ -34,10 +34,10 @@ pub(crate) fn rivals<'a>(
 /// Measures the screen errors of `steps` equal steps.
 fn screen_errors(manifold: &Manifold, fans: &[ProbedFan], length: f64, steps: usize) -> Quantiles {
     let errors = fans.par_iter().flat_map_iter(|(camera, probes)| {
-        let observer = manifold.observer(*camera);
+        let local = manifold.local_frame(*camera);
         let rays: Vec<_> = probes
             .iter()
-            .map(|(d, _)| (*camera, observer.tangent(*d)))
+            .map(|(d, _)| (*camera, local.tangent(*d)))
             .collect();
         let paths = fixed_steps::<f32>(manifold, &rays, length, steps);
         let errors = probes.iter().zip(paths).map(|((_, probe), path)| {

@@ -13,6 +13,7 @@ mod mirror;
 mod orbit;
 mod position;
 mod sample;
+mod slowing;
 mod space;
 mod sphere;
 

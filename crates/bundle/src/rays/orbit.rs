@@ -14,6 +14,11 @@
 //! | 1 | outwards, `b ≤ R₀` | `asin(b/R)` |
 //! | 2 | across, `b > R₀` | from `asin(R₀/R)` evenly to `π − asin(R₀/R)` |
 //!
+//! In a radial wind the tangent differs from the direction in which a ray is seen, and θ is that of the
+//! latter. A ray of energy 1 then has the angular momentum `b = R sin θ/(1 + w cos θ)`, with w the outward
+//! component of the wind: at most `R/√(1 − w²)`, at `cos θ = −w`, which parts inwards from outwards and
+//! stands for `R` below. In a wind as fast as light there is no such bound, and all rays are across.
+//!
 //! `R₀` is the least areal radius of the camera region, so that every camera has every `b` up to
 //! it; where that is 0 all rays are across, on face 0. `b = R₀ sin(πt/2)`: where `R = R₀` this makes θ itself even in `t`.
 
@@ -26,6 +31,45 @@ const FACES: usize = 3;
 /// Cones narrower than this would be faces of no rays.
 const NARROWEST: f64 = 1e-6;
 
+/// A camera as its rays' angular momenta know it.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Radius {
+    /// The areal radius R.
+    pub areal: f64,
+    /// The outward component w of the wind, in the standard frame; 0 without one.
+    pub wind: f64,
+}
+
+impl Radius {
+    /// Without a wind.
+    pub fn still(areal: f64) -> Self {
+        Self { areal, wind: 0.0 }
+    }
+
+    /// The largest angular momentum of a ray; 0 where there is none.
+    pub fn most(self) -> f64 {
+        match 1.0 - self.wind * self.wind {
+            _ if self.wind == 0.0 => self.areal,
+            slow if slow > 0.0 => self.areal / slow.sqrt(),
+            _ => 0.0,
+        }
+    }
+
+    /// The angles to the outward radius, the outward one first, of the rays with angular momentum `b`:
+    /// the solutions of `R sin θ − b w cos θ = b`.
+    fn angles(self, b: f64) -> [f64; 2] {
+        let (turn, size) = match self.wind == 0.0 {
+            true => (0.0, self.areal),
+            false => {
+                let beside = b * self.wind;
+                (beside.atan2(self.areal), self.areal.hypot(beside))
+            }
+        };
+        let inner = (b / size).min(1.0).asin();
+        [turn + inner, turn + (PI - inner)]
+    }
+}
+
 /// The division of the angles for a region of cameras.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ImpactParameter {
@@ -34,7 +78,7 @@ pub struct ImpactParameter {
 }
 
 impl ImpactParameter {
-    /// For cameras with areal radii from `least` to `most`.
+    /// For cameras whose [`Radius::most`] is from `least` to `most`.
     pub fn new(least: f64, most: f64) -> Self {
         let least = if least > NARROWEST * most { least } else { 0.0 };
         Self { least }
@@ -45,31 +89,33 @@ impl ImpactParameter {
         if self.least > 0.0 { FACES } else { 1 }
     }
 
-    /// The half-angle of the cones that faces 0 and 1 fill, at areal radius `radius`.
-    fn cone(&self, radius: f64) -> f64 {
-        match radius > 0.0 {
-            true => (self.least / radius).min(1.0).asin(),
-            false => 0.0,
-        }
+    /// The angle up to which face 1 goes, and from there the width of what is across.
+    fn across(&self, radius: Radius) -> [f64; 2] {
+        let [low, high] = match radius.areal > 0.0 {
+            true => radius.angles(self.least),
+            false => [0.0, PI],
+        };
+        // Without a wind both cones are the same.
+        let width = match radius.wind == 0.0 {
+            true => PI - 2.0 * low,
+            false => high - low,
+        };
+        [low, width]
     }
 
     /// θ at a parameter of a face.
-    pub fn angle(&self, face: usize, parameter: f64, radius: f64) -> f64 {
+    pub fn angle(&self, face: usize, parameter: f64, radius: Radius) -> f64 {
         let t = 0.5 * (parameter + 1.0);
-        let inner = || {
-            (self.least * (FRAC_PI_2 * t).sin() / radius)
-                .min(1.0)
-                .asin()
-        };
+        let sides = || radius.angles(self.least * (FRAC_PI_2 * t).sin());
         match face {
             0 | 1 if self.least <= 0.0 => PI * t,
-            0 if radius > 0.0 => PI - inner(),
-            1 if radius > 0.0 => inner(),
+            0 if radius.areal > 0.0 => sides()[1],
+            1 if radius.areal > 0.0 => sides()[0],
             0 => PI,
             1 => 0.0,
             _ => {
-                let cone = self.cone(radius);
-                cone + (PI - 2.0 * cone) * t
+                let [low, width] = self.across(radius);
+                low + width * t
             }
         }
     }
@@ -80,24 +126,31 @@ impl ImpactParameter {
     pub fn parameters<const W: usize>(
         &self,
         directions: &[[f64; W]; 2],
-        radius: f64,
+        radius: Radius,
     ) -> ([usize; W], [f64; W]) {
-        let cone = self.cone(radius);
-        let width = (PI - 2.0 * cone).max(f64::MIN_POSITIVE);
-        let last = self.faces() - 1;
+        let [low, width] = self.across(radius);
+        let width = width.max(f64::MIN_POSITIVE);
+        let (last, still) = (self.faces() - 1, radius.wind == 0.0);
         let (mut faces, mut parameters) = ([0; W], [0.0; W]);
         for l in 0..W {
             let [x, y] = [directions[0][l], directions[1][l]];
-            let sine = (y / Real::sqrt(x * x + y * y)).clamp(0.0, 1.0);
-            let inner = radius * sine / self.least;
+            let length = Real::sqrt(x * x + y * y);
+            let sine = (y / length).clamp(0.0, 1.0);
+            let share = if still {
+                1.0
+            } else {
+                1.0 + radius.wind * (x / length)
+            };
+            let inner = radius.areal * sine / share / self.least;
             let in_cone = (self.least > 0.0) & (inner <= 1.0);
-            let across = ((Real::atan2(y, x) - cone) / width).clamp(0.0, 1.0);
+            let across = ((Real::atan2(y, x) - low) / width).clamp(0.0, 1.0);
             let t = if in_cone {
                 Real::asin(inner) / FRAC_PI_2
             } else {
                 across
             };
-            faces[l] = if in_cone { usize::from(x >= 0.0) } else { last };
+            let outwards = x >= -radius.wind * length;
+            faces[l] = if in_cone { usize::from(outwards) } else { last };
             parameters[l] = 2.0 * t - 1.0;
         }
         (faces, parameters)
@@ -116,14 +169,36 @@ mod tests {
                 for i in 0..=400 {
                     let theta = PI * f64::from(i) / 400.0;
                     let along = [[theta.cos()], [theta.sin()]];
-                    let ([face], [parameter]) = orbits.parameters(&along, radius);
-                    assert!(face < orbits.faces() && parameter.abs() <= 1.0);
-                    let back = orbits.angle(face, parameter, radius);
-                    assert!(
-                        (back - theta).abs() < 1e-7,
-                        "{least} {radius} {theta} {back}"
-                    );
+                    for wind in [0.0, 0.3, -0.8] {
+                        let radius = Radius {
+                            areal: radius,
+                            wind,
+                        };
+                        let ([face], [parameter]) = orbits.parameters(&along, radius);
+                        assert!(face < orbits.faces() && parameter.abs() <= 1.0);
+                        let back = orbits.angle(face, parameter, radius);
+                        assert!(
+                            (back - theta).abs() < 1e-7,
+                            "{least} {radius:?} {theta} {back}"
+                        );
+                    }
                 }
+            }
+        }
+    }
+
+    #[test]
+    fn in_a_wind_angular_momentum_is_that_of_light_with_energy_one() {
+        let orbits = ImpactParameter::new(1.0, 9.0);
+        let momentum = |radius: Radius, face| {
+            let angle = orbits.angle(face, 0.2, radius);
+            radius.areal * angle.sin() / (1.0 + radius.wind * angle.cos())
+        };
+        let still = momentum(Radius::still(2.0), 0);
+        for wind in [-0.7, 0.4] {
+            for face in [0, 1] {
+                let b = momentum(Radius { areal: 3.0, wind }, face);
+                assert!((b - still).abs() < 1e-14, "{wind} {face}: {b} {still}");
             }
         }
     }
@@ -132,8 +207,9 @@ mod tests {
     fn angular_momentum_is_constant_along_parameters() {
         let orbits = ImpactParameter::new(1.0, 9.0);
         for radius in [1.0, 2.0, 9.0] {
-            let b = radius * orbits.angle(0, 0.2, radius).sin();
-            assert!((b - orbits.angle(0, 0.2, 1.0).sin()).abs() < 1e-14);
+            let b = radius * orbits.angle(0, 0.2, Radius::still(radius)).sin();
+            let nearest = orbits.angle(0, 0.2, Radius::still(1.0)).sin();
+            assert!((b - nearest).abs() < 1e-14);
         }
     }
 }

@@ -7,10 +7,10 @@
 //! [`ChartMap::slope`]: super::ChartMap::slope
 //! [`ChartMap::displacement`]: super::ChartMap::displacement
 
-use super::{ChartMap, RaySpace, Start};
+use super::{ChartMap, RaySpace, Start, slowing::Slowing};
 use crate::parallel::*;
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    geodesic::{End, Path, Ray, Settings, Sink, Step, first_event, follow},
     manifold::Carried,
 };
 use glam::{DVec3, DVec4};
@@ -31,7 +31,8 @@ pub type Sample = [f64; CHANNELS];
 
 /// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
 /// samples them there. Exits are passed by; where the metric ends the last tangent is continued
-/// straight in the chart. NaN only where the very start is singular.
+/// straight in the chart, unless a wind carries paths over their ends into it ([`Slowing`]). NaN only
+/// where the very start is singular.
 pub fn sample(
     space: &RaySpace,
     tolerance: f64,
@@ -64,6 +65,12 @@ pub struct Samples<'a> {
 }
 
 impl Samples<'_> {
+    /// Tells whether paths may run into a singularity behind ends that all who see them share.
+    fn may_be_slowed(&self) -> bool {
+        let manifold = self.space.manifold();
+        manifold.has_wind() && manifold.domain.ends_rays() && self.space.ends_alike()
+    }
+
     /// Of `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
     /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
     /// last running fastest.
@@ -107,6 +114,10 @@ impl Samples<'_> {
             starts,
             next: vec![0; rays.len()],
             last: None,
+            kept: match self.may_be_slowed() {
+                true => vec![Vec::new(); rays.len()],
+                false => Vec::new(),
+            },
             keep,
             samples,
         };
@@ -133,6 +144,8 @@ struct Sampler<'a, K> {
     next: Vec<usize>,
     /// The end of the last step, if its ray has samples left.
     last: Option<Last>,
+    /// The steps of each ray, where only its end tells what becomes of them.
+    kept: Vec<Vec<Step>>,
     keep: K,
     samples: &'a mut [f64],
 }
@@ -157,20 +170,20 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
         (self.keep)(at, &sample, &mut self.samples[row..row + width]);
         self.next[ray] += 1;
     }
-}
 
-impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
-    fn wants(&self, ray: usize, to: f64) -> bool {
-        let next = self.of.lengths.get(self.next[ray]);
-        // Turns are counted step by step.
-        next.is_some_and(|s| *s <= to || self.of.space.lift() == ChartMap::Polar)
-    }
-
-    fn step(&mut self, ray: usize, step: &Step) {
-        while let Some(&s) = self.of.lengths.get(self.next[ray])
-            && s <= step.end
-        {
-            self.put(ray, step.position(s), step.tangent(s));
+    /// Samples `step`, with the arc lengths of the table changed by `slowing`.
+    fn read(&mut self, ray: usize, step: &Step, slowing: Option<Slowing>) {
+        while let Some(&s) = self.of.lengths.get(self.next[ray]) {
+            let (s, speed) = slowing.map_or((s, 1.0), |slowing| slowing.at(s));
+            if s > step.end {
+                break;
+            }
+            let v = step.tangent(s);
+            self.put(
+                ray,
+                step.position(s),
+                if speed < 1.0 { v * speed } else { v },
+            );
         }
         let (s, left) = (step.end, self.next[ray] < self.of.lengths.len());
         self.last = left.then(|| (s, step.position(s), step.tangent(s)));
@@ -179,7 +192,56 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
         }
     }
 
-    fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {
+    /// Samples a ray that has ended as `end` at arc length `length`.
+    fn read_kept(&mut self, ray: usize, end: End, length: f64) {
+        let steps = std::mem::take(&mut self.kept[ray]);
+        let path = Path {
+            steps,
+            end,
+            length,
+            tried: 0,
+        };
+        let slowing = match end {
+            End::Singular => self.slowing(&path),
+            _ => None,
+        };
+        for step in &path.steps {
+            self.read(ray, step, slowing);
+        }
+    }
+
+    /// Returns the slowing of `path`, which runs into a singularity; `None` if it does not end for
+    /// all who see it before.
+    fn slowing(&self, path: &Path) -> Option<Slowing> {
+        let curve = |s: f64| match path.step_at(s) {
+            Some(step) => (step.position(s), step.tangent(s)),
+            None => (DVec3::NAN, DVec3::NAN),
+        };
+        let domain = &self.of.space.manifold().domain;
+        let (_, end) = first_event(domain, path.length, curve)?;
+        (end < path.length).then(|| Slowing::new(end, path.length))
+    }
+}
+
+impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
+    fn wants(&self, ray: usize, to: f64) -> bool {
+        let next = self.of.lengths.get(self.next[ray]);
+        // Turns are counted step by step.
+        let counted = self.of.space.lift() == ChartMap::Polar || !self.kept.is_empty();
+        next.is_some_and(|s| *s <= to || counted)
+    }
+
+    fn step(&mut self, ray: usize, step: &Step) {
+        match self.kept.get_mut(ray) {
+            Some(kept) => kept.push(step.clone()),
+            None => self.read(ray, step, None),
+        }
+    }
+
+    fn end(&mut self, ray: usize, end: End, reached: f64, _: usize) {
+        if !self.kept.is_empty() {
+            self.read_kept(ray, end, reached);
+        }
         // The step before was this ray's, unless it never took one.
         let last = self.last.take().filter(|_| reached > 0.0);
         while let (Some(&s), Some((end, u, v))) = (self.of.lengths.get(self.next[ray]), last) {

@@ -10,7 +10,7 @@
 //! only touches zero, but `J⊥` comes out of it reversed.
 
 use super::{Path, Ray, Step};
-use crate::manifold::{Manifold, Observer};
+use crate::manifold::{LocalFrame, Manifold};
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
 /// Two unit vectors perpendicular to the unit vector `d`, so that (d, e₁, e₂) is right-handed.
@@ -56,16 +56,16 @@ impl JacobiField {
         }
     }
 
-    /// Computes the field as `observer` sees it where there is a wind. A displacement is moved along the path into
+    /// Computes the field as `local` sees it where there is a wind. A displacement is moved along the path into
     /// the wave front, the plane across the direction of sight in which neighbours of equal time lie.
     /// Where the path nearly runs within the wave front, it is measured across the path instead.
-    pub fn seen_by(observer: &Observer, v: DVec3, j: [DVec3; 2]) -> Self {
-        let inverse = observer.frame.inverse();
-        if observer.wind.is_none() {
+    pub fn seen_by(local: &LocalFrame, v: DVec3, j: [DVec3; 2]) -> Self {
+        let inverse = local.frame.inverse();
+        if local.wind.is_none() {
             return Self::new(inverse, v, j);
         }
         let path = inverse * v;
-        let across = match front(inverse * observer.sight(v), path) {
+        let across = match front(inverse * local.sight(v), path) {
             Some(across) => across,
             None => perpendiculars(path.normalize_or(DVec3::Z)),
         };
@@ -139,11 +139,11 @@ fn looks_like(m: DMat2, e: DVec2, least: f64) -> f64 {
 }
 
 /// The area by which a unit solid angle has spread, with the sign of [`JacobiField::signed_area`]: in the
-/// wave front, from the tangent `v` and deviations `j` (chart components) at `observer`.
-pub fn signed_area(observer: &Observer, v: DVec3, j: [DVec3; 2]) -> f64 {
-    let inverse = observer.frame.inverse();
-    let n = inverse * observer.sight(v);
-    let across = match observer.wind {
+/// wave front, from the tangent `v` and deviations `j` (chart components) at `local`.
+pub fn signed_area(local: &LocalFrame, v: DVec3, j: [DVec3; 2]) -> f64 {
+    let inverse = local.frame.inverse();
+    let n = inverse * local.sight(v);
+    let across = match local.wind {
         None => None,
         Some(_) => front(n, inverse * v),
     };
@@ -173,7 +173,7 @@ const FOCUSED: f64 = 1e-3;
 /// The conjugate points of `path`, which must be the path of `ray`, in order; empty when frame or
 /// deviation was not carried.
 pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64> {
-    let d = manifold.observer(ray.u).direction(ray.v);
+    let d = manifold.local_frame(ray.u).direction(ray.v);
     let across = perpendiculars(d.normalize());
     let mut found = Vec::new();
     // J⊥/s at the start.

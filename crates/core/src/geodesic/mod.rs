@@ -33,7 +33,7 @@ pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
 pub use unfinished::{UnfinishedPaths, end_lengths};
 
-use crate::manifold::{Carried, Manifold, Observer};
+use crate::manifold::{Carried, LocalFrame, Manifold};
 use glam::DVec3;
 use rows::{LANES, NIL, Row, each, weighted};
 
@@ -54,17 +54,17 @@ impl Ray {
     /// The ray seen from `u` in the direction `d` (standard frame, unit), with deviations along two
     /// perpendicular directions that make a right-handed triple with it.
     pub fn new(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> Self {
-        Self::seen_by(&manifold.observer(u), u, d, length)
+        Self::seen_by(&manifold.local_frame(u), u, d, length)
     }
 
     /// [`Ray::new`] where the observer at `u` is known.
-    pub fn seen_by(observer: &Observer, u: DVec3, d: DVec3, length: f64) -> Self {
+    pub fn seen_by(local: &LocalFrame, u: DVec3, d: DVec3, length: f64) -> Self {
         let across = perpendiculars(d);
         Self {
             u,
-            v: observer.tangent(d),
+            v: local.tangent(d),
             length,
-            spread: across.map(|e| observer.frame * e),
+            spread: across.map(|e| local.frame * e),
         }
     }
 }

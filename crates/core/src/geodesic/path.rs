@@ -137,10 +137,10 @@ pub fn sample(manifold: &Manifold, ray: &Ray, path: &Path, s: f64) -> Sample {
 
 fn on_step(manifold: &Manifold, step: &Step, s: f64) -> Sample {
     let u = manifold.domain.wrap(step.position(s));
-    let observer = manifold.observer(u);
-    let v = observer.restored(manifold.metric(u), step.tangent(s));
-    let turned = |q| observer.frame * DMat3::from_quat(q);
-    let area = |j| signed_area(&observer, v, j).abs();
+    let local = manifold.local_frame(u);
+    let v = local.restored(manifold.metric(u), step.tangent(s));
+    let turned = |q| local.frame * DMat3::from_quat(q);
+    let area = |j| signed_area(&local, v, j).abs();
     Sample {
         s,
         u,

@@ -8,8 +8,8 @@ use super::{
     events::Events,
     state::{Layout, Rest, rates_at},
 };
-use crate::manifold::{Manifold, beside_axis};
-use geofan_expr::{Registers, Tape, real::Real};
+use crate::manifold::{Manifold, around};
+use geofan_expr::{Registers, Tape, Wide, real::Real};
 use glam::DVec3;
 
 /// A ray at its start.
@@ -116,30 +116,24 @@ impl<'m> Starts<'m> {
         }
     }
 
-    /// Gives rays that start on the axis of textbook coordinates the mean of the rates beside it.
+    /// Gives rays that start on the axis of textbook coordinates the rates that those around it tend to.
     fn mend(&mut self) {
-        let broken = |column: usize| {
-            let mut rates = self.rates.iter();
-            rates.any(|row| !row[column].is_finite())
-        };
-        let broken: Vec<usize> = (0..self.rays.len()).filter(|c| broken(*c)).collect();
-        if broken.is_empty() {
-            return;
-        }
-        let mut sides = [self.rates.clone(), self.rates.clone()];
-        for (rates, sign) in sides.iter_mut().zip([1.0, -1.0]) {
-            let mut y = self.y.clone();
-            for column in &broken {
-                let beside = beside_axis(self.rays[*column].1.u) * sign;
-                for k in 0..3 {
-                    y[k][*column] += beside[k];
-                }
+        for column in 0..self.rays.len() {
+            if self.rates.iter().all(|row| row[column].is_finite()) {
+                continue;
             }
-            rates_at(self.flow, &mut self.registers, self.layout, &y, rates);
-        }
-        for (row, rates) in self.rates.iter_mut().enumerate() {
-            for column in &broken {
-                rates[*column] = 0.5 * (sides[0][row][*column] + sides[1][row][*column]);
+            let mut y: Vec<Wide<f64, 1>> = self.y.iter().map(|row| Wide([row[column]])).collect();
+            let mut registers = self.flow.registers();
+            let mended = around(self.rays[column].1.u, |u| {
+                let mut rates = vec![Wide([0.0]); y.len()];
+                for k in 0..3 {
+                    y[k][0] = u[k];
+                }
+                rates_at(self.flow, &mut registers, self.layout, &y, &mut rates);
+                rates.iter().map(|rate| rate[0]).collect()
+            });
+            for (row, rate) in self.rates.iter_mut().zip(mended) {
+                row[column] = rate;
             }
         }
     }

@@ -292,6 +292,10 @@ impl<'m> SwitchingSurfaces<'m> {
         let (u, v) = (step.position(step.start), step.tangent(step.start));
         let aside = aside(step, u, v);
         let before = at - step.start - aside;
+        // On an axis of textbook coordinates their cuts meet, and a little beside it rounding spoils all rates.
+        if !(before > aside) && self.manifold.is_on_axis(u) {
+            return None;
+        }
         Some(match before > aside {
             true => Meeting::Ahead(before),
             false if grazing => Meeting::Grazing,

@@ -7,11 +7,12 @@
 use super::{
     Manifold,
     geometry::{self, Definition},
+    pullback::Pullback,
     tapes::Tapes,
     wind::Medium,
 };
 use crate::error::{Error, Result};
-use geofan_expr::{Graph, NodeId, TapeTooLarge};
+use geofan_expr::{Graph, TapeTooLarge};
 use std::{
     borrow::Cow,
     sync::{Arc, OnceLock},
@@ -35,8 +36,7 @@ pub(super) struct Kin {
     graph: Graph,
     definition: Definition,
     medium: Medium,
-    /// The determinant of textbook coordinates.
-    pullback: Option<NodeId>,
+    pullback: Option<Pullback>,
     light: OnceLock<Result<Arc<Tapes>, TapeTooLarge>>,
     /// The connection of the metric, without which nothing can be said of errors.
     pub geodesics: Arc<Tapes>,
@@ -48,13 +48,13 @@ impl Kin {
         graph: Graph,
         definition: Definition,
         medium: Medium,
-        pullback: Option<NodeId>,
+        pullback: Option<Pullback>,
     ) -> Result<Self, TapeTooLarge> {
         let alone = Medium {
             lapse: medium.lapse,
             ..Medium::default()
         };
-        let geodesics = compiled(graph.clone(), &definition, &alone, pullback)?;
+        let geodesics = compiled(graph.clone(), &definition, &alone, pullback.as_ref())?;
         Ok(Self {
             graph,
             definition,
@@ -66,8 +66,9 @@ impl Kin {
     }
 
     fn light(&self) -> Result<Arc<Tapes>, TapeTooLarge> {
+        let pullback = self.pullback.as_ref();
         let graph = || self.graph.clone();
-        let compile = || compiled(graph(), &self.definition, &self.medium, self.pullback);
+        let compile = || compiled(graph(), &self.definition, &self.medium, pullback);
         self.light.get_or_init(compile).clone()
     }
 }
@@ -77,7 +78,7 @@ fn compiled(
     mut graph: Graph,
     definition: &Definition,
     medium: &Medium,
-    pullback: Option<NodeId>,
+    pullback: Option<&Pullback>,
 ) -> Result<Arc<Tapes>, TapeTooLarge> {
     let geometry = geometry::build(&mut graph, definition, medium);
     Tapes::compile(graph, definition, medium, geometry, pullback).map(Arc::new)

@@ -5,6 +5,7 @@
 //! later stages need; [`Manifold::curvature`] tells connection and curvature at a point. Chart points
 //! `u` and tangents `v` are in coordinates; lengths are in the metric's unit.
 
+mod axis;
 mod curvature;
 mod curve;
 mod description;
@@ -12,8 +13,9 @@ mod domain;
 mod geometry;
 mod kin;
 mod load;
+mod local_frame;
 mod meaning;
-mod observer;
+mod point_functions;
 mod probe;
 mod pullback;
 mod region;
@@ -22,11 +24,13 @@ mod symmetry;
 mod tapes;
 mod wind;
 
+pub(crate) use axis::around;
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
 pub use kin::Follows;
-pub use observer::Observer;
+pub use local_frame::LocalFrame;
+pub use point_functions::PointFunctions;
 pub use region::CameraRegion;
 pub use symmetry::{Isometry, Symmetry};
 
@@ -48,6 +52,13 @@ pub struct Exit {
     pub name: String,
     /// (u, v) -> the direction in which its sky is looked up; `None`: the ambient direction.
     direction: Option<Tape>,
+}
+
+impl Exit {
+    /// Tells whether the file says in which direction its sky is looked up.
+    pub fn has_direction(&self) -> bool {
+        self.direction.is_some()
+    }
 }
 
 /// How a file gives the space.
@@ -179,22 +190,35 @@ impl Manifold {
         self.tapes.pullback.is_some()
     }
 
-    /// The determinant of the textbook coordinates' differential at `u`; `None` without them.
-    pub(crate) fn pullback_determinant(&self, u: DVec3) -> Option<f64> {
-        let tape = self.tapes.pullback.as_ref()?;
-        Some(tape.at(&u.to_array())[0])
+    /// Whether textbook coordinates are of no use at `u`: where not one of them is regular, or one depends
+    /// on the others. On an axis, where only some fail, the space can be told from what is around.
+    fn is_pullback_singular(&self, u: DVec3) -> bool {
+        let Some(tape) = &self.tapes.pullback else {
+            return false;
+        };
+        let found = tape.at(&u.to_array());
+        let regular = |row: &[f64]| row.iter().all(|x| x.is_finite());
+        found[9] == 0.0 || !found[..9].chunks_exact(3).any(regular)
     }
 
-    /// The outputs of a tape of the point alone. On the axis of textbook coordinates, the mean of those at
-    /// two points beside it.
+    /// Tells whether `u` is on an axis of textbook coordinates, where their formulas give no numbers.
+    pub(crate) fn is_on_axis(&self, u: DVec3) -> bool {
+        let rows = self
+            .tapes
+            .pullback
+            .as_ref()
+            .map(|tape| tape.at(&u.to_array()));
+        rows.is_some_and(|rows| rows.iter().any(|x| !x.is_finite()))
+    }
+
+    /// The outputs of a tape of the point alone; on the axis of textbook coordinates, what those around it
+    /// tend to.
     fn at_point(&self, tape: &Tape, u: DVec3) -> Vec<f64> {
         let outputs = tape.at(&u.to_array());
         if !self.is_pulled_back() || outputs.iter().all(|x| x.is_finite()) {
             return outputs;
         }
-        let beside = beside_axis(u);
-        let [a, b] = [u + beside, u - beside].map(|u| tape.at(&u.to_array()));
-        a.iter().zip(b).map(|(a, b)| 0.5 * (a + b)).collect()
+        around(u, |u| tape.at(&u.to_array()))
     }
 
     /// The tape u -> G (xx, yy, zz, xy, xz, yz), S (11, 22, 33, 12, 13, 23).
@@ -287,16 +311,6 @@ impl Manifold {
         }
         *hasher.finalize().as_bytes()
     }
-}
-
-/// How far beside an axis of textbook coordinates values are taken in place of those on it, as a share of
-/// the distance from the chart's origin, or in the chart's unit where that is larger: the mean of both
-/// sides is wrong by the square of it, and rounding by its inverse.
-const BESIDE: f64 = 1e-7;
-
-/// From a point to another beside any coordinate axis or plane through it.
-pub(crate) fn beside_axis(u: DVec3) -> DVec3 {
-    DVec3::new(0.48, 0.6, 0.64) * (BESIDE * u.length().max(1.0))
 }
 
 /// The upper triangular matrix with the entries 11, 22, 33, 12, 13, 23.

@@ -30,6 +30,12 @@ impl Pullback {
         }
     }
 
+    /// `J` by rows, and its determinant.
+    pub fn nodes(&self) -> Vec<NodeId> {
+        let rows = self.rows.iter().flatten().copied();
+        rows.chain([self.determinant]).collect()
+    }
+
     /// `JᵀgJ`
     pub fn metric(&self, graph: &mut Graph, g: [NodeId; 6]) -> [NodeId; 6] {
         let lowered = [0, 1, 2].map(|a| {

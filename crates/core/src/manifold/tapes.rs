@@ -7,6 +7,7 @@
 use super::{
     Carried,
     geometry::{self, Definition, Geometry, PAIRS},
+    pullback::Pullback,
     wind::{self, Medium},
 };
 use geofan_expr::{Direction, Graph, NodeId, Tape, TapeTooLarge};
@@ -29,7 +30,8 @@ pub(super) struct Tapes {
     pub moving: bool,
     /// What the medium has.
     pub parts: Parts,
-    /// u -> the determinant of the textbook coordinates' differential, where the space is written in them.
+    /// u -> the differential of the textbook coordinates (by rows) and its determinant, where the space is
+    /// written in them.
     pub pullback: Option<Tape>,
     /// u -> for each place where the definition is not smooth, a function φ that vanishes there and
     /// its gradient (4); `None` for a smooth definition.
@@ -54,14 +56,14 @@ struct Jet {
 }
 
 impl Tapes {
-    /// For paths through `medium`, of which `geometry` has been made; `pullback` is the determinant of
+    /// For paths through `medium`, of which `geometry` has been made; `pullback` are the
     /// textbook coordinates.
     pub fn compile(
         mut graph: Graph,
         definition: &Definition,
         medium: &Medium,
         geometry: Geometry,
-        pullback: Option<NodeId>,
+        pullback: Option<&Pullback>,
     ) -> Result<Self, TapeTooLarge> {
         let metric: Vec<_> = [geometry.metric, geometry.frame].concat();
         let jacobian = geometry.jacobian.as_ref().map(|rows| {
@@ -76,7 +78,7 @@ impl Tapes {
             medium: medium_tape(&mut graph, medium)?,
             moving: medium.moves(),
             pullback: pullback
-                .map(|determinant| Tape::compile(&graph, &[determinant], 3))
+                .map(|pullback| Tape::compile(&graph, &pullback.nodes(), 3))
                 .transpose()?,
             parts: Parts {
                 wind: medium.wind.is_some(),

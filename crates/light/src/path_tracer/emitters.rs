@@ -11,7 +11,7 @@
 use crate::{Connection, Shadows, ShootingStart, connect};
 use geofan_core::random::Stream;
 use geofan_render::{Footprint, Hit, World, shade};
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 
 /// Chooses among the emitting triangles of a world.
 pub struct Emitters {
@@ -114,9 +114,9 @@ impl Emitters {
 impl EmitterPoint {
     /// Returns the cosine between the emitter's normal and the geodesic that arrives.
     pub fn cosine(&self, world: &World, connection: &Connection) -> f64 {
-        let observer = world.manifold.observer(self.u);
-        let n = (observer.frame.transpose() * self.normal).normalize_or_zero();
-        let v = observer.direction(connection.v).normalize_or_zero();
+        let frame = rest_frame(world, self.u);
+        let n = (frame.transpose() * self.normal).normalize_or_zero();
+        let v = (frame.inverse() * connection.v).normalize_or_zero();
         n.dot(v).abs()
     }
 
@@ -145,8 +145,16 @@ fn radiance(world: &World, triangle: u32, barycentric: [f32; 2]) -> DVec3 {
 /// coordinates covers: twice that of the triangle.
 fn square_area(world: &World, triangle: u32, u: DVec3) -> f64 {
     let [p, q, r] = world.accelerator.triangles()[triangle as usize];
-    let into = world.manifold.standard_frame(u).inverse();
+    let into = rest_frame(world, u).inverse();
     (into * (q - p)).cross(into * (r - p)).length()
+}
+
+/// Returns the frame at `u` of what does not move.
+fn rest_frame(world: &World, u: DVec3) -> DMat3 {
+    match world.manifold.has_wind() {
+        true => world.manifold.rest_frames(&[u])[0],
+        false => world.manifold.standard_frame(u),
+    }
 }
 
 /// Finds the principal connections of pairs of chart points, `None` where there is none; and tells
@@ -157,15 +165,15 @@ pub fn principal_connections(
     tolerance: f64,
 ) -> (Vec<Option<Connection>>, usize) {
     let starts: Vec<DVec3> = pairs.iter().map(|(from, _)| *from).collect();
-    let observers = world.manifold.observers(&starts);
-    let starts = pairs.iter().zip(observers).enumerate();
-    let starts = starts.filter_map(|(index, ((from, to), observer))| {
+    let locals = world.manifold.local_frames(&starts);
+    let starts = pairs.iter().zip(locals).enumerate();
+    let starts = starts.filter_map(|(index, ((from, to), local))| {
         let to = nearest_image(world, *from, *to);
-        let straight = observer.frame.inverse() * (to - *from);
+        let straight = local.frame.inverse() * (to - *from);
         Some(ShootingStart {
             index,
             from: *from,
-            observer,
+            local,
             to,
             direction: straight.try_normalize()?,
             s: straight.length(),

@@ -373,12 +373,13 @@ impl<'w> PathTracer<'w> {
         connection: &Connection,
     ) -> Option<(DVec3, Ray)> {
         let hit = &surface.hit;
-        let wi = surface.around.local(connection.direction);
+        let wi = surface.from_sight(connection.direction);
         let same = chosen.triangle == hit.triangle;
         if same || connection.s > self.settings.length || !surface.is_possible(wi) {
             return None;
         }
-        let probability = chosen.by_solid_angle(self.world, connection);
+        let probability =
+            chosen.by_solid_angle(self.world, connection) * surface.spread_to_sight(wi);
         let reflected = surface.bsdf.reflectance(surface.wo, wi) * wi.z.max(0.0);
         let weight = balance(probability, surface.bsdf.probability(surface.wo, wi));
         let light = path.throughput * reflected * chosen.radiance * (weight / probability);
@@ -421,9 +422,10 @@ impl<'w> PathTracer<'w> {
             }
             path.throughput /= survival;
         }
-        let direction = || surface.around.global(scattered.wi);
+        let direction = || surface.to_sight(scattered.wi);
         path.from = surface.point.u;
-        path.scattered = scattered.probability.map(|p| (direction(), p));
+        let spread = || surface.spread_to_sight(scattered.wi);
+        path.scattered = scattered.probability.map(|p| (direction(), p / spread()));
         path.ray = Ray {
             spread: [DVec3::ZERO; 2],
             u: surface.beside(scattered.wi, self.offset(&surface.hit)),

@@ -4,7 +4,7 @@
 //! it gives off and its scattering.
 
 use super::bsdf::{Bsdf, ShadingFrame};
-use geofan_core::manifold::Observer;
+use geofan_core::manifold::LocalFrame;
 use geofan_render::{Footprint, Hit, SurfacePoint, World, shade};
 use glam::{DMat3, DVec3};
 
@@ -15,8 +15,11 @@ pub struct SurfaceInteraction {
     pub hit: Hit,
     /// The point, for lamps.
     pub point: SurfacePoint,
-    /// The observer there, and the inverse of the standard frame.
-    observer: Observer,
+    /// The observer there, and the metric.
+    local: LocalFrame,
+    metric: DMat3,
+    /// The frame of what is at rest there, as surfaces are, and its inverse.
+    frame: DMat3,
     inverse: DMat3,
     /// Directions around the normal, on the side of the ray.
     pub around: ShadingFrame,
@@ -35,23 +38,23 @@ impl SurfaceInteraction {
     /// Describes what each of `hits` met.
     pub fn of_hits(world: &World, hits: &[Hit]) -> Vec<Self> {
         let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
-        let observers = world.manifold.observers(&points);
-        let surface = |((hit, u), observer)| Self::new(world, hit, u, observer);
-        hits.iter()
-            .zip(points)
-            .zip(observers)
-            .map(surface)
-            .collect()
+        let locals = world.manifold.local_frames(&points);
+        let surface = |((hit, u), local)| Self::new(world, hit, u, local);
+        hits.iter().zip(points).zip(locals).map(surface).collect()
     }
 
-    /// Describes what `hit` met, at the chart point `u` with this `observer`.
-    fn new(world: &World, hit: &Hit, u: DVec3, observer: Observer) -> Self {
-        let frame = observer.frame;
+    /// Describes what `hit` met, at the chart point `u` with this `local`.
+    fn new(world: &World, hit: &Hit, u: DVec3, local: LocalFrame) -> Self {
+        let metric = match local.wind {
+            Some(_) => world.manifold.metric(u),
+            None => DMat3::IDENTITY,
+        };
+        let frame = local.rest_frame(metric);
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
         let covector = world.covector(hit);
         let inverse = frame.inverse();
-        let back = -(inverse * observer.sight(hit.v.as_dvec3())).normalize_or_zero();
+        let back = -(inverse * hit.v.as_dvec3()).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
         let across = (frame.transpose() * (q - p).cross(r - p)).normalize_or_zero();
         let flat = if across.dot(back) < 0.0 {
@@ -75,7 +78,9 @@ impl SurfaceInteraction {
                 normal: inverse.transpose() * normal,
                 triangle: hit.triangle,
             },
-            observer,
+            local,
+            metric,
+            frame,
             inverse,
             wo: around.local(back),
             flat: around.local(flat),
@@ -91,9 +96,37 @@ impl SurfaceInteraction {
         self.around.local((self.inverse * v).normalize_or_zero())
     }
 
-    /// Returns the tangent of the path that is seen in a direction around the normal.
+    /// Returns the tangent of the path in a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
-        self.observer.tangent(self.around.global(w))
+        let along = self.frame * self.around.global(w);
+        match self.local.wind {
+            Some(_) => self.local.along(self.metric, along),
+            None => along,
+        }
+    }
+
+    /// Returns the direction around the normal that the normal observer sees as `d` (standard frame).
+    pub fn from_sight(&self, d: DVec3) -> DVec3 {
+        match self.local.wind {
+            Some(_) => self.direction(self.local.tangent(d)),
+            None => self.around.local(d),
+        }
+    }
+
+    /// Inverts [`Self::from_sight`].
+    pub fn to_sight(&self, w: DVec3) -> DVec3 {
+        match self.local.wind {
+            Some(_) => self.local.direction(self.tangent(w)),
+            None => self.around.global(w),
+        }
+    }
+
+    /// Tells how much larger a solid angle around the direction `w` is to the normal observer.
+    pub fn spread_to_sight(&self, w: DVec3) -> f64 {
+        match self.local.wind {
+            Some(_) => self.local.spread_against_rest(self.metric, self.tangent(w)),
+            None => 1.0,
+        }
     }
 
     /// Tells whether the smooth surface and the flat triangle agree about which side `w` is on.
@@ -105,6 +138,6 @@ impl SurfaceInteraction {
     /// that start there do not meet the triangle again by rounding.
     pub fn beside(&self, w: DVec3, off: f64) -> DVec3 {
         let side = off.copysign(w.dot(self.flat));
-        self.point.u + self.observer.frame * self.around.global(self.flat) * side
+        self.point.u + self.frame * self.around.global(self.flat) * side
     }
 }

@@ -11,17 +11,21 @@
 //! fov = 180.0                # perspective: across the picture; fisheye: across the circle
 //! # width = 4.0              # orthographic: length in the metric across the picture
 //! stereo = { separation = 0.065, convergence = 2.0, layout = "side-by-side" }    # or "over-under"
+//! rest = "static"            # at rest in the chart; default "normal", as the observer of the standard frame
+//! # velocity = [0.3, 0, 0]    # or past that observer, in its frame; light has 1
 //! crop = [0.25, 0.25, 0.5, 0.5]    # x, y, width and height as parts of the picture
 //! ```
 
 use super::{
     file::{CameraEntry, position},
+    motion::CameraMotion,
     table::{Table, Value},
 };
 use geofan_core::error::Result;
 
 /// Keys that tell where a camera is.
-pub(super) const PLACE_KEYS: [&str; 5] = ["at", "parameters", "look", "up", "fov"];
+pub(super) const PLACE_KEYS: [&str; 7] =
+    ["at", "parameters", "look", "up", "fov", "rest", "velocity"];
 
 /// Keys that tell how it draws.
 pub(super) const LENS_KEYS: [&str; 4] = ["projection", "width", "stereo", "crop"];
@@ -128,7 +132,10 @@ pub(super) fn camera_entry(table: &Table) -> Result<CameraEntry> {
             .into());
     }
     let projection = projection(table)?;
+    let (motion, motion_span) = CameraMotion::read(table)?;
     Ok(CameraEntry {
+        motion,
+        motion_span,
         name: None,
         position,
         position_span,

@@ -9,6 +9,7 @@
 
 use super::{
     camera::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
+    motion::{CameraMotion, Formulas},
     smoothing::CREASE,
     table::{self, Span, Table, Value},
 };
@@ -41,6 +42,8 @@ pub struct SceneFile {
     pub objects: Vec<ObjectEntry>,
     /// Lights that have no shape.
     pub lights: Vec<LightEntry>,
+    /// Set if light is to be weighed with what happens to its frequency on the way.
+    pub redshift: bool,
     /// Exit name, where it is named, and its sky, in the order of the file.
     pub skies: Vec<(String, Span, SkyEntry)>,
 }
@@ -62,6 +65,10 @@ pub struct CameraEntry {
     pub fov_degrees: f64,
     /// CameraProjection, eyes and crop.
     pub lens: Lens,
+    /// How it moves.
+    pub motion: CameraMotion,
+    /// Where `motion` is given.
+    pub motion_span: Span,
 }
 
 /// The two ways to say where a camera is.
@@ -90,6 +97,11 @@ pub struct ObjectEntry {
     pub rotation: DQuat,
     /// How mesh points become chart points.
     pub placement: Placement,
+    /// How its points move, `dx/dt` in chart components: what this does to the light that they send. The
+    /// object stays where it is.
+    pub velocity: Option<Formulas>,
+    /// How hot it is, kelvin, if it glows as a black body.
+    pub temperature: Option<Formulas>,
     /// Edges that turn by more than this are sharp where the mesh gives no normals, degrees.
     pub crease: f64,
     /// Where the entry stands.
@@ -104,6 +116,8 @@ pub enum Placement {
     Linear,
     /// `exp(S R Δx)` at `u0`: exact along rays from the origin, for larger objects.
     Exponential,
+    /// `u0 + R Δx`: the mesh is a shape of the chart, whatever the metric.
+    Chart,
 }
 
 /// What shape a light has.
@@ -135,8 +149,19 @@ pub enum SkyEntry {
     Pattern(Pattern),
 }
 
-const ROOT_KEYS: &[&str] = &["manifold", "camera", "view", "object", "light", "sky"];
-const OBJECT_KEYS: &[&str] = &["mesh", "at", "scale", "rotate", "placement", "crease"];
+const ROOT_KEYS: &[&str] = &[
+    "manifold", "redshift", "camera", "view", "object", "light", "sky",
+];
+const OBJECT_KEYS: &[&str] = &[
+    "mesh",
+    "at",
+    "scale",
+    "rotate",
+    "placement",
+    "crease",
+    "velocity",
+    "temperature",
+];
 const LIGHT_KEYS: &[&str] = &["kind", "at", "intensity"];
 const AN_ARRAY_OF_TABLES: &str = "an array of tables, each under its own double-bracket header";
 
@@ -181,6 +206,7 @@ impl SceneFile {
             views: views(&root)?,
             objects: each(&root, "object", |t| object(&t, folder))?,
             lights: each(&root, "light", |t| light(&t))?,
+            redshift: root.optional("redshift").map_or(Ok(false), |v| v.truth())?,
             skies: skies(&root, folder)?,
             source: source.clone(),
         };
@@ -269,6 +295,7 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
     let placements = [
         ("linear", Placement::Linear),
         ("exponential", Placement::Exponential),
+        ("chart", Placement::Chart),
     ];
     let placement = table.optional("placement").map(|v| v.choice(&placements));
     Ok(ObjectEntry {
@@ -281,6 +308,14 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
             .optional("rotate")
             .map_or(Ok(DQuat::IDENTITY), |v| rotation(&v))?,
         placement: placement.transpose()?.unwrap_or_default(),
+        velocity: table
+            .optional("velocity")
+            .map(|v| Formulas::three(&v))
+            .transpose()?,
+        temperature: table
+            .optional("temperature")
+            .map(|v| Formulas::one(&v))
+            .transpose()?,
         crease: table
             .optional("crease")
             .map_or(Ok(CREASE), |v| crease(&v))?,

@@ -15,6 +15,7 @@ mod gltf_source;
 mod libraries;
 mod material;
 mod mesh;
+mod motion;
 mod mtl;
 mod obj;
 mod obj_mesh;
@@ -36,6 +37,7 @@ pub use file::{
 };
 pub use material::Material;
 pub use mesh::Mesh;
+pub use motion::{CameraMotion, Formulas};
 pub(super) use placement::place;
 pub use poses::{KeyPose, PoseFile};
 pub(super) use subdivide::Points;

@@ -3,7 +3,8 @@
 //! In: an [`ObjectEntry`] and its [`Mesh`]. Out: [`Placed`]: the mesh, subdivided where the space
 //! asks for it, with a chart point and a normal covector for every vertex.
 //!
-//! With `A = S(u0) R · scale`, linear placement is `u = u0 + A x` with covectors `A⁻ᵀ n`, and
+//! With `A = S(u0) R · scale`, linear placement is `u = u0 + A x` with covectors `A⁻ᵀ n`, placement in the
+//! chart the same with `A = R · scale`, and
 //! exponential placement is `u = exp_{u0}(A x)`, whose differential is the tangent and the two
 //! columns of geodesic deviation at the end of the path.
 
@@ -32,9 +33,10 @@ pub struct Placed<'m> {
 
 /// Places `mesh` as `object` says; `None` if a geodesic that places it does not get there.
 pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> Option<Placed<'m>> {
+    let manifold = &*manifold.still();
     match object.placement {
         Placement::Linear => {
-            let vertices = linear(manifold, object, &mesh.positions, &mesh.normals);
+            let vertices = linear(manifold.standard_frame(object.at), object, mesh);
             let bend = Bend::of(manifold, object, mesh, &vertices);
             Some(Placed {
                 mesh: Cow::Borrowed(mesh),
@@ -42,6 +44,11 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
                 vertices,
             })
         }
+        Placement::Chart => Some(Placed {
+            vertices: linear(DMat3::IDENTITY, object, mesh),
+            mesh: Cow::Borrowed(mesh),
+            warnings: Vec::new(),
+        }),
         Placement::Exponential => {
             let points = |x: &[DVec3], n: &[DVec3]| exponential(manifold, object, x, n);
             let name = object.mesh.display();
@@ -74,9 +81,10 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
     }
 }
 
-/// `u0 + S R x`, `(S R)⁻ᵀ n`.
-fn linear(manifold: &Manifold, object: &ObjectEntry, x: &[DVec3], n: &[DVec3]) -> Points {
-    let axes = manifold.standard_frame(object.at) * DMat3::from_quat(object.rotation);
+/// Places by `u0 + S R x`, `(S R)⁻ᵀ n` for a `frame` S.
+fn linear(frame: DMat3, object: &ObjectEntry, mesh: &Mesh) -> Points {
+    let (x, n) = (&mesh.positions, &mesh.normals);
+    let axes = frame * DMat3::from_quat(object.rotation);
     let covector = axes.inverse().transpose();
     let place = |(x, n): (&DVec3, &DVec3)| (object.at + axes * *x * object.scale, covector * *n);
     x.iter().zip(n).map(place).collect()

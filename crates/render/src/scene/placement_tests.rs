@@ -17,6 +17,8 @@ fn object(placement: Placement, scale: f64) -> ObjectEntry {
         scale,
         rotation: DQuat::from_xyzw(0.1, -0.4, 0.2, 0.8).normalize(),
         placement,
+        velocity: None,
+        temperature: None,
         crease: 30.0,
         span: 0..0,
     }

@@ -27,7 +27,16 @@ use super::{
 use geofan_core::{diagnostic::SourceText, error::Result, reading::read_text};
 use std::{path::Path, sync::Arc};
 
-const POSE_KEYS: &[&str] = &["time", "at", "parameters", "look", "up", "fov"];
+const POSE_KEYS: &[&str] = &[
+    "time",
+    "at",
+    "parameters",
+    "look",
+    "up",
+    "fov",
+    "rest",
+    "velocity",
+];
 
 /// The key poses of an animation.
 #[derive(Debug, Clone)]

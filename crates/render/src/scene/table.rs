@@ -146,6 +146,12 @@ impl<'a> Value<'a> {
         }
     }
 
+    /// The value as `true` or `false`.
+    pub(super) fn truth(&self) -> Result<bool> {
+        let truth = self.item.as_truth();
+        truth.ok_or_else(|| self.wrong_type("true or false").into())
+    }
+
     /// The value as an array.
     pub(super) fn array(&self, expected: &str) -> Result<Vec<Value<'a>>> {
         let list = self.item.as_list();

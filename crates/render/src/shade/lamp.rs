@@ -86,6 +86,9 @@ impl<'w> Lamp<'w> {
     fn cosine(&self, lane: usize, hit: &Hit) -> f64 {
         let o = |k: usize| self.registers.output(k)[lane];
         let (n, v) = (self.world.covector(hit), hit.v.as_dvec3());
+        if self.world.manifold.has_wind() {
+            return at_rest(self.world, hit, n, v);
+        }
         let across = DVec3::new(
             o(6) * n.x,
             o(9) * n.x + o(7) * n.y,
@@ -119,6 +122,18 @@ impl<'w> Lamp<'w> {
         let light = AMBIENT + (1.0 - AMBIENT) * cosine;
         let emitted = emission(self.world, hit, footprint);
         std::array::from_fn(|k| diffuse[k] * light + material.ks[k] * gloss + emitted[k])
+    }
+}
+
+/// Computes the cosine in a wind, to which the surface is at rest and the metric's frame is not.
+fn at_rest(world: &World, hit: &Hit, n: DVec3, v: DVec3) -> f64 {
+    let frame = world.manifold.rest_frames(&[world.point(hit)])[0];
+    let (across, along) = (frame.transpose() * n, frame.inverse() * v);
+    let cosine = across.dot(along).abs() / (across.length() * along.length());
+    if cosine.is_finite() {
+        cosine.min(1.0)
+    } else {
+        0.0
     }
 }
 

@@ -125,8 +125,8 @@ pub fn area(
                 if let Some((step, s)) = end
                     && let Some(columns) = step.deviation(s)
                 {
-                    let observer = manifold.observer(step.position(s));
-                    *slot = signed_area(&observer, step.tangent(s), columns).abs() as f32;
+                    let local = manifold.local_frame(step.position(s));
+                    *slot = signed_area(&local, step.tangent(s), columns).abs() as f32;
                 }
             }
         });

@@ -172,12 +172,9 @@ pub fn grid_path((fixed, place): (Grid, Place), length: f64) -> f64 {
 
 /// Measures the nanoseconds for a path over `length` by `steps` equal steps from `u`.
 pub fn fixed_steps_path(manifold: &Manifold, u: DVec3, length: f64, steps: usize) -> f64 {
-    let observer = manifold.observer(u);
+    let local = manifold.local_frame(u);
     each_direction(|directions| {
-        let rays: Vec<_> = directions
-            .iter()
-            .map(|d| (u, observer.tangent(*d)))
-            .collect();
+        let rays: Vec<_> = directions.iter().map(|d| (u, local.tangent(*d))).collect();
         black_box(fixed_steps::<f32>(manifold, &rays, length, steps));
     })
 }

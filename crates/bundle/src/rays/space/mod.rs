@@ -30,7 +30,7 @@ use super::{
     ends::{follow_symmetry, skies_turn},
     focus::{ReferenceSphere, direction_of},
     mirror::Mirror,
-    orbit::ImpactParameter,
+    orbit::{ImpactParameter, Radius},
     position::ChartMap,
     sphere::Sphere,
 };
@@ -118,7 +118,7 @@ pub struct StoredCamera {
     pub u: DVec3,
     parallax: DVec3,
     /// Where stored paths are planar.
-    areal_radius: f64,
+    radius: Radius,
 }
 
 impl StoredCamera {
@@ -160,7 +160,7 @@ impl RaySpace {
             space.cameras = space.ranges();
         }
         if reduction == Reduction::Rotation {
-            let [least, most] = space.areal_radii();
+            let [least, most] = space.largest_momenta();
             space.orbits = ImpactParameter::new(least, most);
         }
         let middle = region.at(&region.lerp(&[0.5; 3])).length();
@@ -297,9 +297,15 @@ impl RaySpace {
         self.manifold.cameras.as_ref().expect("checked on creation")
     }
 
-    /// The circumference over 2π of the circle through the stored point `u` on the x axis.
-    fn areal_radius(&self, u: DVec3) -> f64 {
-        u.x * self.manifold.metric(u).y_axis.y.sqrt()
+    /// The circumference over 2π of the circle through the stored point `u` on the x axis, and the wind
+    /// there, which is radial.
+    fn radius(&self, u: DVec3) -> Radius {
+        let g = self.manifold.metric(u);
+        let wind = self.manifold.wind(u);
+        Radius {
+            areal: u.x * g.y_axis.y.sqrt(),
+            wind: wind.map_or(0.0, |wind| wind.x * g.x_axis.x.sqrt()),
+        }
     }
 
     /// The axis about which rotations have been taken out, and whether translations along it have.
@@ -387,7 +393,11 @@ impl RaySpace {
             } else {
                 self.parallax(u, parameters)
             },
-            areal_radius: if planar { self.areal_radius(u) } else { 0.0 },
+            radius: if planar {
+                self.radius(u)
+            } else {
+                Radius::default()
+            },
         }
     }
 
@@ -397,7 +407,7 @@ impl RaySpace {
             let aim = direction(face, DVec2::new(directions[0], directions[1]));
             return camera.direction(aim);
         }
-        let theta = self.orbits.angle(face, directions[0], camera.areal_radius);
+        let theta = self.orbits.angle(face, directions[0], camera.radius);
         DVec3::new(theta.cos(), theta.sin(), 0.0)
     }
 

@@ -259,7 +259,7 @@ impl RaySpace {
                         (radials[c][l], acrosses[c][l]) = (radial[c], across[c]);
                     }
                 }
-                let radius = place.stored.areal_radius;
+                let radius = place.stored.radius;
                 let (faces, parameters) = self.orbits.parameters(&stored, radius);
                 std::array::from_fn(|l| {
                     let [radial, across] =

@@ -1,6 +1,6 @@
 //! The ranges of what is left of cameras when symmetry has been taken out.
 //!
-//! In: the camera region. Out: intervals that hold the invariants, and the areal radii, of all its
+//! In: the camera region. Out: intervals that hold the invariants, and the angular momenta, of all its
 //! points: a search on a grid, then from its best point downhill, because extremes lie between the
 //! points of a grid.
 
@@ -9,7 +9,7 @@ use super::RaySpace;
 /// How finely the region is searched for the range of an invariant.
 const RANGE_SAMPLES: usize = 4096;
 
-/// How finely the camera's interval is searched for its least areal radius.
+/// How finely the camera's interval is searched for its least angular momentum.
 const ORBIT_SAMPLES: usize = 256;
 
 impl RaySpace {
@@ -24,14 +24,15 @@ impl RaySpace {
         rises.iter().all(|r| *r) || rises.iter().all(|r| !*r)
     }
 
-    /// The least and the largest areal radius of the stored cameras.
-    pub(super) fn areal_radii(&self) -> [f64; 2] {
+    /// Of the largest angular momentum of a ray from a stored camera, the least and the largest over them;
+    /// without a wind, those of their areal radii.
+    pub(super) fn largest_momenta(&self) -> [f64; 2] {
         let radius = |t: &[f64]| {
             let camera = self.cameras.iter().zip(t);
             let camera: Vec<f64> = camera
                 .map(|([low, high], t)| low + (high - low) * t)
                 .collect();
-            self.areal_radius(self.stored_point(&camera))
+            self.radius(self.stored_point(&camera)).most()
         };
         let step = 1.0 / ORBIT_SAMPLES as f64;
         [1.0, -1.0].map(|sign| {

@@ -130,10 +130,15 @@ impl<'s> Loader<'s> {
             place,
         } = self.read_definition(root)?;
         let too_large = |e: TapeTooLarge| place.complain(e.to_string());
-        let pullback = self.pullback.as_ref().map(|p| p.1.determinant);
-        let kin = medium
-            .moves()
-            .then(|| Kin::new(self.graph.clone(), definition.clone(), medium, pullback));
+        let pullback = self.pullback.as_ref().map(|p| p.1.clone());
+        let kin = medium.moves().then(|| {
+            Kin::new(
+                self.graph.clone(),
+                definition.clone(),
+                medium,
+                pullback.clone(),
+            )
+        });
         let kin = kin.transpose().map_err(too_large)?.map(Arc::new);
         let seen = match &kin {
             Some(_) => medium.reversed(&mut self.graph),
@@ -146,7 +151,7 @@ impl<'s> Loader<'s> {
         let section = root.get("cameras");
         let length = self.read_length(section.as_ref())?;
         let cameras = self.read_cameras(section.as_ref(), &domain, &symmetry)?;
-        let tapes = Tapes::compile(self.graph, &definition, &seen, geometry, pullback);
+        let tapes = Tapes::compile(self.graph, &definition, &seen, geometry, pullback.as_ref());
         Ok(Manifold {
             source: self.source.clone(),
             name,

@@ -124,10 +124,8 @@ impl Loader<'_> {
         for (k, (name, item)) in entries.into_iter().enumerate() {
             nodes[k] = self.position_expression(&item.text()?)?;
             self.declare(&name, PULLED_BACK)?;
+            self.scope.bind(&name.value, Binding::fixed(nodes[k]));
             names[k] = name.value;
-        }
-        for (name, node) in names.iter().zip(nodes) {
-            self.scope.bind(name, Binding::fixed(node));
         }
         let pullback = Pullback::new(&mut self.graph, nodes);
         if self.graph.is(pullback.determinant, 0.0) {

@@ -183,7 +183,7 @@ fn append(
     let manifold = space.manifold();
     let tangents = batch
         .iter()
-        .map(|&(u, d)| (u, manifold.observer(u).tangent(d)));
+        .map(|&(u, d)| (u, manifold.local_frame(u).tangent(d)));
     let rays: Vec<_> = tangents.collect();
     let starts = lengths.iter().take_while(|s| **s <= 0.0).count();
     let found = sample(space, tolerance, &rays, &lengths[starts..]);

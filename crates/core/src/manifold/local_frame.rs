@@ -1,0 +1,335 @@
+//! Directions and frequencies as an observer at a point sees them.
+//!
+//! In: a chart point. Out: the normal observer's [`LocalFrame`], which turns directions in the standard
+//! frame into tangents and back, and frequencies of light there.
+//!
+//! Light keeps `|v − W| = 1`: where there is a wind, the tangent `v` of its path is not the direction
+//! `n = v − W` in which the normal observer sees it. Lines of sight run into the past, and along them
+//! `n` points to where the light comes from and `W` is the wind reversed.
+
+use super::{Follows, Manifold};
+use glam::{DMat3, DVec3};
+
+/// Holds the standard frame at a point, and the wind there if there is one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LocalFrame {
+    /// `S(u)`: columns are the standard frame.
+    pub frame: DMat3,
+    /// `W(u)` as the paths followed meet it, chart components.
+    pub wind: Option<DVec3>,
+}
+
+impl LocalFrame {
+    /// Returns the tangent of a path that is seen in the direction `d` (standard frame, unit).
+    #[inline(always)]
+    pub fn tangent(&self, d: DVec3) -> DVec3 {
+        let n = self.frame * d;
+        match self.wind {
+            Some(wind) => n + wind,
+            None => n,
+        }
+    }
+
+    /// Returns the direction, chart components, in which a path with tangent `v` is seen.
+    #[inline(always)]
+    pub fn sight(&self, v: DVec3) -> DVec3 {
+        match self.wind {
+            Some(wind) => v - wind,
+            None => v,
+        }
+    }
+
+    /// Inverts [`Self::tangent`]: returns a direction in the standard frame, of unit length for the
+    /// tangent of a path.
+    pub fn direction(&self, v: DVec3) -> DVec3 {
+        self.frame.inverse() * self.sight(v)
+    }
+
+    /// Returns the frame of an observer at rest in the chart, where the metric is `g`: that of things that do not
+    /// move. To them space is `G + W♭W♭/(1 − |W|²)`. Where nothing can be at rest, and without a wind, it
+    /// is the standard frame.
+    pub fn rest_frame(&self, g: DMat3) -> DMat3 {
+        let Some(wind) = self.wind else {
+            return self.frame;
+        };
+        let lowered = g * wind;
+        let slow = 1.0 - wind.dot(lowered);
+        if !(slow > 0.0) {
+            return self.frame;
+        }
+        let across = DMat3::from_cols(
+            lowered * lowered.x,
+            lowered * lowered.y,
+            lowered * lowered.z,
+        );
+        gram_schmidt(g + across * (1.0 / slow))
+    }
+
+    /// Returns the tangent of the path that runs along `x` (chart components, any length but zero).
+    pub fn along(&self, g: DMat3, x: DVec3) -> DVec3 {
+        let Some(wind) = self.wind else {
+            return x / x.dot(g * x).sqrt();
+        };
+        // |κx − W| = 1
+        let (square, beside) = (x.dot(g * x), x.dot(g * wind));
+        let slow = 1.0 - wind.dot(g * wind);
+        x * ((beside + (beside * beside + square * slow).sqrt()) / square)
+    }
+
+    /// Tells how much larger a solid angle of light along the tangent `v` is to this observer than to one at rest
+    /// in the chart; 1 where nothing can be at rest.
+    pub fn spread_against_rest(&self, g: DMat3, v: DVec3) -> f64 {
+        let Some(wind) = self.wind else { return 1.0 };
+        let slow = 1.0 - wind.dot(g * wind);
+        // Solid angles are as the squares of wavelengths.
+        let share = (v - wind).dot(g * v);
+        if slow > 0.0 {
+            share * share / slow
+        } else {
+            1.0
+        }
+    }
+
+    /// Returns the direction (chart components) in which a point at `way` from here is seen to first
+    /// order, times how long a path takes from it; not a number if none does.
+    pub fn toward(&self, g: DMat3, way: DVec3) -> DVec3 {
+        let Some(wind) = self.wind else { return way };
+        // |way − W s| = s
+        let (square, beside) = (way.dot(g * way), way.dot(g * wind));
+        let slow = 1.0 - wind.dot(g * wind);
+        let s = square / (beside + (beside * beside + square * slow).sqrt());
+        if square > 0.0 { way - wind * s } else { way }
+    }
+
+    /// Returns the tangent `v` with what is left of it against the wind at unit length in the metric `g` here:
+    /// between the ends of a step, a curve keeps it only to the tolerance.
+    pub fn restored(&self, g: DMat3, v: DVec3) -> DVec3 {
+        let n = self.sight(v);
+        let length = n.dot(g * n).sqrt();
+        match self.wind {
+            _ if !(length > 0.0) => v,
+            Some(wind) => n / length + wind,
+            None => n / length,
+        }
+    }
+}
+
+/// Computes the upper triangular matrix of an orthonormal frame of the metric `g`, in coordinate order.
+fn gram_schmidt(g: DMat3) -> DMat3 {
+    let mut frame = DMat3::IDENTITY;
+    for k in 0..3 {
+        let mut w = frame.col(k);
+        for j in 0..k {
+            w -= frame.col(j) * frame.col(j).dot(g * w);
+        }
+        *frame.col_mut(k) = w / w.dot(g * w).sqrt();
+    }
+    frame
+}
+
+/// Wind, lapse and drift at a point, as the paths followed meet them.
+struct Medium {
+    wind: DVec3,
+    lapse: f64,
+    drift: DVec3,
+    /// The exterior derivative of the drift, entries 12, 13, 23.
+    exterior: DVec3,
+    /// Columns: `∂_k W`.
+    slopes: DMat3,
+}
+
+impl Manifold {
+    /// Whether light has unit speed against a wind, or drifts: paths then are no geodesics.
+    pub fn has_wind(&self) -> bool {
+        self.tapes.moving
+    }
+
+    /// Whether there is a wind, beside which there may be a drift.
+    pub fn blows(&self) -> bool {
+        self.tapes.parts.wind
+    }
+
+    /// Tells whether clocks of normal observers run at rates of their own.
+    pub fn has_lapse(&self) -> bool {
+        self.tapes.parts.lapse
+    }
+
+    /// Whether time is not what paths of light are measured by.
+    pub fn has_drift(&self) -> bool {
+        self.tapes.parts.drift
+    }
+
+    /// Whether light may change its frequency: there is a wind, a drift or a lapse.
+    pub fn has_redshift(&self) -> bool {
+        self.kin.is_some() || self.tapes.medium.is_some()
+    }
+
+    /// Returns the frame of the normal observer at `u`.
+    pub fn local_frame(&self, u: DVec3) -> LocalFrame {
+        LocalFrame {
+            frame: self.standard_frame(u),
+            wind: self.wind(u),
+        }
+    }
+
+    /// Returns [`Self::local_frame`] at many points.
+    pub fn local_frames(&self, points: &[DVec3]) -> Vec<LocalFrame> {
+        let frames = self.standard_frames(points).into_iter();
+        let local = |(frame, u): (DMat3, &DVec3)| LocalFrame {
+            frame,
+            wind: self.wind(*u),
+        };
+        frames.zip(points).map(local).collect()
+    }
+
+    /// Returns [`LocalFrame::rest_frame`] at many points.
+    pub fn rest_frames(&self, points: &[DVec3]) -> Vec<DMat3> {
+        if !self.has_wind() {
+            return self.standard_frames(points);
+        }
+        let rest = |u: &DVec3| self.local_frame(*u).rest_frame(self.metric(*u));
+        points.iter().map(rest).collect()
+    }
+
+    /// Returns `W(u)` as the paths followed meet it: reversed for lines of sight. `None` without a wind.
+    pub fn wind(&self, u: DVec3) -> Option<DVec3> {
+        self.has_wind().then(|| self.medium(u).wind)
+    }
+
+    /// Returns `b(u)` as the paths followed meet it, chart components of a covector.
+    pub fn drift(&self, u: DVec3) -> DVec3 {
+        self.medium(u).drift
+    }
+
+    /// Returns the direction `n = v − W` in which a path with tangent `v` is seen at `u`, chart components.
+    pub fn sight(&self, u: DVec3, v: DVec3) -> DVec3 {
+        match self.wind(u) {
+            Some(wind) => v - wind,
+            None => v,
+        }
+    }
+
+    /// Returns `1 + ⟨W, n⟩` for a path seen in the direction `n` (chart components): what a path gains on the
+    /// clock of the spacetime for each unit that the normal observer sees it go.
+    pub fn share(&self, u: DVec3, n: DVec3) -> f64 {
+        match self.wind(u) {
+            Some(wind) => 1.0 + n.dot(self.metric(u) * wind),
+            None => 1.0,
+        }
+    }
+
+    /// Returns the frequency that the normal observer at `u` measures of light seen in the direction `n`
+    /// (chart components, unit), for light of energy 1: `1/(N (1 + ⟨W, n⟩))`.
+    pub fn normal_frequency(&self, u: DVec3, n: DVec3) -> f64 {
+        match &self.tapes.medium {
+            Some(_) => 1.0 / (self.medium(u).lapse * self.share(u, n)),
+            None => 1.0,
+        }
+    }
+
+    /// Computes the frequency seen over the frequency sent, by normal observers at two places `(u, v)` of one
+    /// path: at its start and farther along. `None` where light keeps its frequency.
+    pub fn redshift(&self, start: (DVec3, DVec3), place: (DVec3, DVec3)) -> Option<f64> {
+        let frequency = |(u, v)| self.normal_frequency(u, self.sight(u, v));
+        let g = self
+            .has_redshift()
+            .then(|| frequency(start) / frequency(place))?;
+        Some(match self.follows() {
+            Follows::Light => 1.0 / g,
+            _ => g,
+        })
+    }
+
+    /// Returns [`Self::normal_frequency`] for an observer who moves with `dx/dt = velocity` (chart
+    /// components); not a number if that is faster than light.
+    pub fn frequency(&self, u: DVec3, n: DVec3, velocity: DVec3) -> f64 {
+        let g = self.metric(u);
+        let Medium { wind, lapse, .. } = self.medium(u);
+        let past = self.past_normal(u, velocity);
+        let share = 1.0 + n.dot(g * wind);
+        let slowed = (1.0 - past.dot(g * past)).sqrt();
+        (1.0 - n.dot(g * (past + wind)) / share) / (lapse * slowed)
+    }
+
+    /// Returns the velocity (chart components) at which what has `dx/dt = velocity` moves past the normal
+    /// observer at `u`, along the paths followed.
+    fn past_normal(&self, u: DVec3, velocity: DVec3) -> DVec3 {
+        let Medium { wind, drift, .. } = self.medium(u);
+        // Into the past everything moves the other way.
+        let velocity = match self.follows {
+            Follows::Sight => -velocity,
+            _ => velocity,
+        };
+        velocity / (1.0 - drift.dot(velocity)) - wind
+    }
+
+    /// Returns the velocity at which something at rest in the chart moves by the normal observer at `u`,
+    /// standard frame; light has 1. Where nothing can be at rest it is faster.
+    pub fn rest_velocity(&self, u: DVec3) -> DVec3 {
+        let LocalFrame { frame, wind } = self.local_frame(u);
+        // The wind blows forward in time; lines of sight meet it reversed.
+        match (wind, self.follows) {
+            (None, _) => DVec3::ZERO,
+            (Some(wind), Follows::Sight) => frame.inverse() * wind,
+            (Some(wind), _) => frame.inverse() * -wind,
+        }
+    }
+
+    /// Tells whether something at `u` with `dx/dt = velocity` (chart components) is slower than light.
+    pub fn is_slower_than_light(&self, u: DVec3, velocity: DVec3) -> bool {
+        let past = self.past_normal(u, velocity);
+        past.dot(self.metric(u) * past) < 1.0
+    }
+
+    /// Returns the rate at which time runs along a path with tangent `v`: `1 + b(v)`.
+    pub fn time_rate(&self, u: DVec3, v: DVec3) -> f64 {
+        1.0 + self.medium(u).drift.dot(v)
+    }
+
+    /// Returns the change, as a covariant derivative, of the direction of sight `n` from a path through `u`
+    /// with tangent `v` to a neighbour whose point and tangent differ by `du` and `dv` (chart components).
+    pub fn sight_change(&self, (u, v): (DVec3, DVec3), (du, dv): (DVec3, DVec3)) -> DVec3 {
+        if !self.has_wind() {
+            return dv - self.parallel_rate(u, v, du);
+        }
+        let Medium { wind, slopes, .. } = self.medium(u);
+        dv - slopes * du - self.parallel_rate(u, du, v - wind)
+    }
+
+    /// Returns N at `u`, not a number where there is none.
+    pub(super) fn lapse(&self, u: DVec3) -> f64 {
+        self.medium(u).lapse
+    }
+
+    /// Tells whether wind and drift at `u` are finite.
+    pub(super) fn is_medium_finite(&self, u: DVec3) -> bool {
+        let medium = self.medium(u);
+        medium.wind.is_finite() && medium.drift.is_finite()
+    }
+
+    /// Returns wind and the exterior derivative of the drift at `u`, by which symmetries are judged.
+    pub(super) fn currents(&self, u: DVec3) -> (DVec3, DVec3) {
+        let medium = self.medium(u);
+        (medium.wind, medium.exterior)
+    }
+
+    fn medium(&self, u: DVec3) -> Medium {
+        let Some(tape) = &self.tapes.medium else {
+            return Medium {
+                wind: DVec3::ZERO,
+                lapse: 1.0,
+                drift: DVec3::ZERO,
+                exterior: DVec3::ZERO,
+                slopes: DMat3::ZERO,
+            };
+        };
+        let o = self.at_point(tape, u);
+        Medium {
+            wind: DVec3::from_slice(&o[..3]),
+            lapse: o[3],
+            drift: DVec3::from_slice(&o[4..7]),
+            exterior: DVec3::from_slice(&o[7..10]),
+            slopes: DMat3::from_cols_slice(&o[10..19]),
+        }
+    }
+}

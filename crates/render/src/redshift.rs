@@ -1,0 +1,274 @@
+//! Frequencies of light between those who send it and the camera, and colours by them.
+//!
+//! In: outcomes of samples, and what the scene says of motion and heat. Out: the ratio
+//! `g = ν_camera/ν_emitter`, and colours in which radiance is weighed with g⁴ and glowing bodies, whose
+//! light of temperature T is seen as that of `g T`, have the colours of black bodies.
+//!
+//! Surfaces send with the velocity that the scene gives them, else at rest in the chart, and where nothing
+//! can be at rest as the normal observer. Skies are infinitely far: what is at rest there has the clock of
+//! the chart's time, and the frequency of its light is the energy that paths conserve, 1.
+
+use crate::{
+    frame::Outcomes,
+    intersect::{Hit, Seen},
+    scene::{Formulas, ObjectEntry},
+    shade::Colours,
+    starts::{RayStart, starts},
+    view::View,
+    world::World,
+};
+use geofan_core::{
+    diagnostic::SourceText,
+    error::Result,
+    manifold::{Manifold, PointFunctions},
+};
+use glam::{DVec2, DVec3};
+use ndarray::{Array2, Axis};
+use rayon::prelude::*;
+use std::sync::{Arc, LazyLock};
+
+/// Tells how an object moves and how hot it is.
+#[derive(Debug, Clone, Default)]
+pub struct ObjectState {
+    /// `dx/dt`, chart components.
+    velocity: Option<PointFunctions>,
+    /// Kelvin; objects that have one glow as black bodies and reflect nothing.
+    temperature: Option<PointFunctions>,
+}
+
+impl ObjectState {
+    /// Compiles what the scene says of an object.
+    ///
+    /// # Errors
+    /// An expression that means nothing, at its place in `source`.
+    pub(crate) fn new(
+        object: &ObjectEntry,
+        manifold: &Manifold,
+        source: &Arc<SourceText>,
+    ) -> Result<Self> {
+        let compiled = |formulas: &Option<Formulas>| {
+            let compile = |f: &Formulas| f.compile(manifold, source);
+            formulas.as_ref().map(compile).transpose()
+        };
+        Ok(Self {
+            velocity: compiled(&object.velocity)?,
+            temperature: compiled(&object.temperature)?,
+        })
+    }
+
+    /// Returns `dx/dt` at `u`, if the scene gives it.
+    pub(crate) fn velocity(&self, u: DVec3) -> Option<DVec3> {
+        let velocity = self.velocity.as_ref()?.at(u);
+        Some(DVec3::from_slice(&velocity))
+    }
+
+    /// Tells whether the object glows.
+    pub fn glows(&self) -> bool {
+        self.temperature.is_some()
+    }
+}
+
+/// Returns `g` of samples at points of a picture and of what they see, in order; not a number where nothing
+/// is seen.
+fn compared(world: &World, view: &View, samples: &[(DVec2, Seen)]) -> Vec<f64> {
+    let manifold = &world.manifold;
+    let starts = starts(manifold, view, samples.iter().map(|(at, _)| *at));
+    let g = |(start, (_, seen)): (Option<RayStart>, &(DVec2, Seen))| {
+        let Some(RayStart { u, direction, .. }) = start else {
+            return f64::NAN;
+        };
+        let n = manifold.standard_frame(u) * direction;
+        let camera = manifold.normal_frequency(u, n) * view.blueshift(direction);
+        match seen {
+            Seen::Surface(hit) => camera / sent(world, hit),
+            Seen::Sky { .. } => camera,
+            Seen::Nothing | Seen::Length | Seen::Singular => f64::NAN,
+        }
+    };
+    starts.into_iter().zip(samples).map(g).collect()
+}
+
+/// Returns the frequency that a surface itself measures of the light, of energy 1, that it sends.
+fn sent(world: &World, hit: &Hit) -> f64 {
+    let manifold = &world.manifold;
+    let u = world.point(hit);
+    let n = manifold.sight(u, hit.v.as_dvec3());
+    // Tangents are kept in single precision.
+    let n = n / n.dot(manifold.metric(u) * n).sqrt();
+    let velocity = world.state(hit).velocity(u).unwrap_or_default();
+    match manifold.is_slower_than_light(u, velocity) {
+        true => manifold.frequency(u, n, velocity),
+        false => manifold.normal_frequency(u, n),
+    }
+}
+
+impl World {
+    /// Tells how the object of a hit moves and how hot it is.
+    fn state(&self, hit: &Hit) -> &ObjectState {
+        &self.states[self.faces[hit.triangle as usize].object as usize]
+    }
+
+    /// Tells whether the scene asks for colours that depend on frequencies.
+    pub fn is_coloured_by_frequency(&self) -> bool {
+        self.redshift || self.states.iter().any(ObjectState::glows)
+    }
+
+    /// Tells whether light reaches the camera of `view` at other frequencies than it was sent with.
+    pub fn has_redshift(&self, view: &View) -> bool {
+        self.manifold.has_redshift()
+            || view.velocity() != DVec3::ZERO
+            || self.states.iter().any(|state| state.velocity.is_some())
+    }
+}
+
+/// Weighs `colours` of samples at `offsets` with their frequencies, as far as the scene asks for it, and
+/// colours what glows.
+pub(crate) fn shift_colours(
+    world: &World,
+    view: &View,
+    outcomes: &Outcomes,
+    offsets: &[DVec2],
+    colours: &mut Colours,
+) {
+    if !world.is_coloured_by_frequency() {
+        return;
+    }
+    let rows = colours.axis_iter_mut(Axis(0)).into_par_iter();
+    rows.zip(outcomes.axis_iter(Axis(0)).into_par_iter())
+        .enumerate()
+        .for_each(|(y, (mut row, seen))| {
+            let at = |(x, k): (usize, usize)| DVec2::new(x as f64, y as f64) + offsets[k];
+            let samples = seen.indexed_iter().map(|(place, seen)| (at(place), *seen));
+            let samples: Vec<_> = samples.collect();
+            let g = match world.redshift {
+                true => compared(world, view, &samples),
+                false => vec![1.0; samples.len()],
+            };
+            let samples = samples.iter().zip(g);
+            for (mut colour, ((_, seen), g)) in row.lanes_mut(Axis(2)).into_iter().zip(samples) {
+                let light = shifted(world, seen, g, [0, 1, 2].map(|c| colour[c]));
+                for (c, light) in light.into_iter().enumerate() {
+                    colour[c] = light;
+                }
+            }
+        });
+}
+
+/// Returns a sample's colour at frequencies that are `g` times those sent.
+fn shifted(world: &World, seen: &Seen, g: f64, colour: [f32; 3]) -> [f32; 3] {
+    let glow = match seen {
+        Seen::Nothing | Seen::Length | Seen::Singular => return colour,
+        Seen::Surface(hit) => world.state(hit).temperature.as_ref().map(|t| (hit, t)),
+        Seen::Sky { .. } => None,
+    };
+    // Behind what no light can leave, nothing is seen.
+    let g = if g > 0.0 { g } else { 0.0 };
+    match glow {
+        Some((hit, temperature)) => blackbody(g * temperature.at(world.point(hit))[0]),
+        None => colour.map(|light| light * g.powi(4) as f32),
+    }
+}
+
+/// Computes `g` of the first sample of every pixel; not a number where nothing is seen.
+pub fn redshifts(world: &World, view: &View, outcomes: &Outcomes, offset: DVec2) -> Array2<f32> {
+    let first = outcomes.index_axis(Axis(2), 0);
+    let mut found = Array2::from_elem(first.dim(), f32::NAN);
+    let rows = found.axis_iter_mut(Axis(0)).into_par_iter().enumerate();
+    rows.for_each(|(y, mut row)| {
+        let at = |x: usize| DVec2::new(x as f64, y as f64) + offset;
+        let samples = first.row(y).into_iter().enumerate();
+        let samples: Vec<_> = samples.map(|(x, seen)| (at(x), *seen)).collect();
+        for (slot, g) in row.iter_mut().zip(compared(world, view, &samples)) {
+            *slot = g as f32;
+        }
+    });
+    found
+}
+
+/// The temperature (kelvin) of the black body whose luminance is 1: daylight.
+const UNIT_TEMPERATURE: f64 = 6500.0;
+
+/// hc/k, nanometres times kelvin.
+const SECOND_RADIATION_CONSTANT: f64 = 1.438_776_877e7;
+
+/// Returns linear red, green and blue of a black body at `kelvin`, in units in which that of 6500 K has the
+/// luminance 1. What lies outside of the colours of screens is moved to their edge.
+pub fn blackbody(kelvin: f64) -> [f32; 3] {
+    static UNIT: LazyLock<f64> = LazyLock::new(|| 1.0 / tristimulus(UNIT_TEMPERATURE).y);
+    if !(kelvin > 0.0) {
+        return [0.0; 3];
+    }
+    let DVec3 { x, y, z } = tristimulus(kelvin) * *UNIT;
+    // IEC 61966-2-1.
+    let rgb = [
+        3.2406 * x - 1.5372 * y - 0.4986 * z,
+        -0.9689 * x + 1.8758 * y + 0.0415 * z,
+        0.0557 * x - 0.2040 * y + 1.0570 * z,
+    ];
+    rgb.map(|light| light.max(0.0) as f32)
+}
+
+/// Integrates Planck's law at `kelvin` with the eye's sensitivities, up to a factor.
+fn tristimulus(kelvin: f64) -> DVec3 {
+    static SENSITIVITIES: LazyLock<Vec<(f64, DVec3)>> = LazyLock::new(|| {
+        let wavelengths = (0..=90).map(|k| 380.0 + 5.0 * f64::from(k));
+        wavelengths.map(|nm| (nm, sensitivity(nm))).collect()
+    });
+    let radiance = |nm: f64| {
+        // Overflows to no light.
+        let occupied = 1.0 / (SECOND_RADIATION_CONSTANT / (nm * kelvin)).exp_m1();
+        occupied * (500.0 / nm).powi(5)
+    };
+    let light = SENSITIVITIES.iter().map(|(nm, eye)| *eye * radiance(*nm));
+    light.sum()
+}
+
+/// Returns the sensitivities x̄, ȳ, z̄ of the standard observer of 1931 at a wavelength, by the lobes of C.
+/// Wyman, P.-P. Sloan, P. Shirley, *Simple analytic approximations to the CIE XYZ color matching
+/// functions* (2013).
+fn sensitivity(nm: f64) -> DVec3 {
+    let lobe = |weight: f64, middle: f64, [left, right]: [f64; 2]| {
+        let width = if nm < middle { left } else { right };
+        weight * (-0.5 * ((nm - middle) / width).powi(2)).exp()
+    };
+    DVec3::new(
+        lobe(1.056, 599.8, [37.9, 31.0])
+            + lobe(0.362, 442.0, [16.0, 26.7])
+            + lobe(-0.065, 501.1, [20.4, 26.2]),
+        lobe(0.821, 568.8, [46.9, 40.5]) + lobe(0.286, 530.9, [16.3, 31.1]),
+        lobe(1.217, 437.0, [11.8, 36.0]) + lobe(0.681, 459.0, [26.0, 13.8]),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_chromaticities_of_black_bodies_are_those_of_the_planckian_locus() {
+        // x, y of the Planckian locus (CIE 15).
+        for (kelvin, x, y) in [
+            (2856.0, 0.4476, 0.4075),
+            (5000.0, 0.3451, 0.3516),
+            (6504.0, 0.3135, 0.3237),
+            (10_000.0, 0.2807, 0.2884),
+        ] {
+            let found = tristimulus(kelvin);
+            let found = found / (found.x + found.y + found.z);
+            let off = (found.x - x).abs().max((found.y - y).abs());
+            assert!(off < 3e-3, "{kelvin}: {found}");
+        }
+    }
+
+    #[test]
+    fn hot_is_blue_cold_is_red_and_absolute_zero_is_dark() {
+        let [r, _, b] = blackbody(2500.0);
+        assert!(r > 5.0 * b);
+        let [r, _, b] = blackbody(20_000.0);
+        assert!(b > 1.3 * r);
+        assert_eq!(blackbody(0.0), [0.0; 3]);
+        assert_eq!(blackbody(f64::NAN), [0.0; 3]);
+        let [r, g, b] = blackbody(UNIT_TEMPERATURE).map(f64::from);
+        assert!((0.2126 * r + 0.7152 * g + 0.0722 * b - 1.0).abs() < 1e-3);
+    }
+}
