@@ -97,10 +97,15 @@ impl<'m> ExactTracer<'m> {
 impl ExactTracer<'_> {
     /// Follows the rays in `directions`, in order.
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
+        self.curves(directions, true)
+    }
+
+    /// Follows them to the end of the domain, or, without `events`, as far as the metric allows.
+    pub(super) fn curves(&self, directions: &[DVec3], events: bool) -> Vec<Curve> {
         let settings = Settings {
             tolerance: self.tolerance,
             carried: Carried::default(),
-            events: true,
+            events,
         };
         let rays = directions.iter().map(|&d| Ray {
             u: self.u,

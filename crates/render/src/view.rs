@@ -13,8 +13,8 @@ use geofan_core::{
     error::Result,
     manifold::Manifold,
 };
-use glam::{DMat3, DQuat, DVec3};
-use std::sync::Arc;
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use std::{ops::Range, sync::Arc};
 
 /// A camera with a picture plane.
 #[derive(Debug, Clone)]
@@ -27,6 +27,8 @@ pub struct View {
     /// To the right and down by one pixel, on the plane at distance 1.
     right: DVec3,
     down: DVec3,
+    /// The point of the picture in the direction of the look.
+    middle: DVec2,
 }
 
 impl View {
@@ -46,6 +48,7 @@ impl View {
             look: -axes.z_axis,
             right: axes.x_axis * pixel,
             down: -axes.y_axis * pixel,
+            middle: DVec2::new(0.5 * size.0 as f64, 0.5 * size.1 as f64),
         }
     }
 
@@ -59,8 +62,12 @@ impl View {
     pub fn pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
         let depth = direction.dot(self.look);
         let along = |axis: DVec3| direction.dot(axis) / (depth * axis.length_squared());
-        let (w, h) = (self.size.0 as f64, self.size.1 as f64);
-        (depth > 0.0).then(|| (along(self.right) + 0.5 * w, along(self.down) + 0.5 * h))
+        (depth > 0.0).then(|| {
+            (
+                along(self.right) + self.middle.x,
+                along(self.down) + self.middle.y,
+            )
+        })
     }
 
     /// The direction of the middle of the picture.
@@ -83,10 +90,20 @@ impl View {
         }
     }
 
+    /// The part of the picture in these columns and rows, as a picture of its own by the same camera.
+    pub fn part(&self, columns: Range<usize>, rows: Range<usize>) -> Self {
+        let corner = DVec2::new(columns.start as f64, rows.start as f64);
+        Self {
+            size: (columns.len(), rows.len()),
+            middle: self.middle - corner,
+            ..self.clone()
+        }
+    }
+
     /// The direction of the point (x, y) of the picture.
     pub fn direction(&self, x: f64, y: f64) -> DVec3 {
-        let (w, h) = (self.size.0 as f64, self.size.1 as f64);
-        (self.look + self.right * (x - 0.5 * w) + self.down * (y - 0.5 * h)).normalize()
+        let (x, y) = (x - self.middle.x, y - self.middle.y);
+        (self.look + self.right * x + self.down * y).normalize()
     }
 
     /// The angle of one pixel in the middle of the picture, radians: the largest there is.

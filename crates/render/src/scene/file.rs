@@ -12,7 +12,7 @@ use crate::sky::Pattern;
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
     error::Result,
-    reading::read_text,
+    reading::{self, read_text},
 };
 use glam::{DQuat, DVec3};
 use std::{
@@ -150,7 +150,9 @@ impl SceneFile {
             SkyEntry::Image(path) => Some((path, span)),
             SkyEntry::Pattern(_) => None,
         });
-        let missing = meshes.chain(pictures).find(|(path, _)| !path.exists());
+        let missing = meshes
+            .chain(pictures)
+            .find(|(path, _)| !reading::exists(path));
         let Some((path, span)) = missing else {
             return Ok(());
         };
