@@ -29,7 +29,7 @@ pub struct DrawSpace {
     pub stage: Stage,
     /// The table, with the lookup's knots and tolerance.
     table: Option<(Bundle, Arc<[f64]>, f64)>,
-    /// How far exact paths are followed.
+    /// Arc length over which exact paths are followed.
     length: f64,
     /// Knots of exact paths that are interpolated, chosen when first needed.
     knots: OnceLock<Arc<[f64]>>,

@@ -1,4 +1,4 @@
-//! What an engine tells the user interface besides pixels.
+//! Messages of an engine to the user interface besides pixels.
 //!
 //! In: a session, and the time. Out: JSON messages: the panel when it has changed, a few times a second at
 //! most, and the text of a recording when one has ended.

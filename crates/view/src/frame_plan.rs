@@ -24,7 +24,7 @@ pub struct Block {
     pub height: usize,
 }
 
-/// What a picture is for.
+/// Purposes of pictures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// To be seen for a moment.
@@ -48,7 +48,7 @@ pub struct FramePlan {
     pub number: u32,
     /// The state of the session that it shows.
     pub revision: u64,
-    /// What it is for.
+    /// Its purpose.
     pub purpose: Purpose,
     /// Columns and rows.
     pub size: (usize, usize),
@@ -61,11 +61,9 @@ pub struct FramePlan {
     waiting: VecDeque<(Block, PictureKind)>,
     /// Blocks that are being drawn.
     outstanding: usize,
-    /// Whether a block could not be drawn.
-    pub failed: bool,
 }
 
-/// What a picture shows and how.
+/// The content of a picture and the way in which it is drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct FrameContent {
     /// The camera.
@@ -129,7 +127,6 @@ impl FramePlan {
             fov: content.fov,
             waiting,
             outstanding: 0,
-            failed: false,
         }
     }
 
@@ -162,11 +159,6 @@ impl FramePlan {
     pub fn returned(&mut self) -> bool {
         self.outstanding = self.outstanding.saturating_sub(1);
         self.outstanding == 0 && self.waiting.is_empty()
-    }
-
-    /// Gives up what has not been handed out.
-    pub fn abandon(&mut self) {
-        self.waiting.clear();
     }
 }
 

@@ -21,7 +21,7 @@ pub struct Package {
     files: Vec<(String, Vec<u8>)>,
 }
 
-/// What is wrong with the bytes of a package.
+/// Faults of the bytes of a package.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PackageError {
     /// The bytes begin with something else.

@@ -1,4 +1,4 @@
-//! What a page's package holds besides the scene's files.
+//! Contents of a page's package besides the scene's files.
 //!
 //! In and out: the settings that the scene is loaded with, as JSON, and the light of its lamps, as numbers: the
 //! points of the even layout asked for, the facets divided and the points (u32 each), the facets divided (u32),
@@ -22,7 +22,7 @@ pub struct PageAbout {
     pub scene: String,
     /// Parameters of the manifold that were replaced.
     pub settings: Vec<(String, f64)>,
-    /// How far exact paths are followed.
+    /// Arc length over which exact paths are followed.
     pub length: f64,
 }
 

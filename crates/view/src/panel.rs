@@ -1,4 +1,4 @@
-//! What the panel shows, as data.
+//! The panel's contents, as data.
 //!
 //! In: nothing but numbers and names of a session. Out: [`PanelData`], which a user interface turns into words
 //! and controls. Fields that have no value now are null.
@@ -33,9 +33,9 @@ pub struct PanelData {
     pub promise: Option<f64>,
     /// The certificate of the table, in words.
     pub certificate: Option<String>,
-    /// Whether the camera may leave the table's region.
+    /// The camera may leave the table's region.
     pub beyond: bool,
-    /// Whether the camera is where the table knows all paths.
+    /// The camera is where the table knows all paths.
     pub within_table: bool,
     /// Length a second.
     pub speed: f64,
@@ -51,9 +51,9 @@ pub struct PanelData {
     pub seconds: Option<f64>,
     /// Moving pictures a second; null when nothing moves.
     pub rate: Option<f64>,
-    /// What stopped the camera, or what cannot be drawn.
+    /// The reason for which the camera stopped or something cannot be drawn.
     pub hint: Option<String>,
-    /// What is wrong with a file; the last good state is shown.
+    /// A mistake in a file; the last good state is shown.
     pub trouble: Option<String>,
     /// Work that goes on behind, in words.
     pub background: Option<String>,
@@ -61,15 +61,15 @@ pub struct PanelData {
     pub errors: Option<(Quantiles, f64)>,
     /// Classes of error pictures: most mrad (null: more, or given up), colour.
     pub legend: Vec<(Option<f32>, [u8; 3])>,
-    /// What the pointer is on: name, arc length.
+    /// The thing under the pointer: name, arc length.
     pub hover: Option<(String, f64)>,
     /// The picked path.
     pub picked: Option<RayReport>,
     /// Seconds recorded so far; null when nothing is recorded.
     pub recording: Option<f64>,
-    /// Whether there is a recording to replay.
+    /// There is a recording to replay.
     pub recorded: bool,
-    /// Whether the camera moves by itself.
+    /// The camera moves by itself.
     pub travelling: bool,
 }
 

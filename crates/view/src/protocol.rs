@@ -1,4 +1,4 @@
-//! What goes between user interface, session and drawing.
+//! Messages between user interface, session and drawing.
 //!
 //! In and out: JSON for what is small, little-endian binary for pixels; the layouts are told in
 //! `ui/PROTOCOL.md`. Everything that comes from a user interface is checked where it is used: numbers may be
@@ -13,11 +13,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PictureKind {
-    /// By looking paths up in the table.
+    /// Paths are looked up in the table.
     Table,
-    /// By integrating paths.
+    /// Paths are integrated.
     Exact,
-    /// Along straight lines of the chart: the same scene without curvature.
+    /// Paths are straight lines of the chart: the same scene without curvature.
     Flat,
     /// The screen error of the table, pixel by pixel.
     Error,
@@ -34,7 +34,7 @@ pub enum ViewerEvent {
         /// Rows.
         height: u32,
     },
-    /// What is held down: each number from −1 to 1, all 0 when nothing is.
+    /// Keys are held down: each number from −1 to 1, all 0 when nothing is.
     Hold {
         /// Right, up and forwards.
         go: [f64; 3],
@@ -54,12 +54,12 @@ pub enum ViewerEvent {
     },
     /// The speed is multiplied.
     Speed {
-        /// By this.
+        /// The factor.
         factor: f64,
     },
     /// The angle of view is multiplied.
     Zoom {
-        /// By this.
+        /// The factor.
         factor: f64,
     },
     /// Back to the scene's camera.
@@ -83,7 +83,7 @@ pub enum ViewerEvent {
         /// In stops.
         stops: f64,
     },
-    /// Whether the camera may leave the table's region, where paths are then integrated.
+    /// The camera may or may not leave the table's region, beyond which paths are integrated.
     Beyond {
         /// It may.
         allowed: bool,
@@ -208,7 +208,7 @@ pub struct DrawRequest {
     pub samples: u16,
     /// The way.
     pub kind: PictureKind,
-    /// Whether exact paths are integrated pixel by pixel, not interpolated.
+    /// Exact paths are integrated pixel by pixel, not interpolated.
     pub each: bool,
 }
 
@@ -247,7 +247,7 @@ pub enum Answer {
         /// Errors; empty for other pictures.
         errors: Vec<f32>,
     },
-    /// What a path meets.
+    /// The end of a path.
     Ray {
         /// Number of the question.
         number: u32,
@@ -263,7 +263,7 @@ pub enum Answer {
     },
 }
 
-/// What a path meets.
+/// The end of a path, and the way to it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RayReport {
     /// Chart points along it.
@@ -272,7 +272,7 @@ pub struct RayReport {
     pub length: f64,
     /// Name of the object, or of the exit, or `length`.
     pub end: String,
-    /// Whether it meets an object.
+    /// It meets an object.
     pub object: bool,
 }
 
@@ -281,13 +281,13 @@ pub struct RayReport {
 pub struct Patch {
     /// Number of the frame.
     pub frame: u32,
-    /// Whether they belong to a captured picture and not to the display.
+    /// They belong to a captured picture and not to the display.
     pub capture: bool,
     /// Columns and rows of the whole picture.
     pub size: (usize, usize),
     /// The part that they fill.
     pub block: Block,
-    /// Whether the picture is whole with them.
+    /// The picture is whole with them.
     pub last: bool,
     /// Red, green, blue, opacity.
     pub rgba: Vec<u8>,

@@ -45,7 +45,7 @@ const ERROR_PIXELS: [usize; 2] = [2_500, 25_000];
 /// Whole moving pictures that may be on their way to the display.
 const AHEAD: usize = 2;
 
-/// What a followed ray was asked for.
+/// Reasons for which a ray is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum RayUse {
     Hover,
@@ -69,7 +69,7 @@ pub struct Session {
     pub(crate) active_until: f64,
     kind: PictureKind,
     split: Option<PictureKind>,
-    /// Whether the user has chosen the kind: then a table that arrives does not change it.
+    /// The user has chosen the kind: then a table that arrives does not change it.
     chosen: bool,
     beyond: bool,
     still_samples: u16,
@@ -580,7 +580,10 @@ impl Session {
             parameters: manifold.parameters.clone(),
             views: views.map(|(name, _)| name.clone()).collect(),
             pose: Pose::of(&self.camera, self.fov),
-            curvature: self.curvature.and_then(|(_, scalar)| scalar),
+            curvature: self
+                .curvature
+                .filter(|(u, _)| *u == self.camera.u)
+                .and_then(|(_, scalar)| scalar),
             kind: self.kind,
             split: self.split,
             promise: table.map(|promise| promise.mrad),

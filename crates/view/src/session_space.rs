@@ -45,7 +45,7 @@ pub struct SessionSpace {
     pub table: Option<TablePromise>,
     /// The scene's cameras: the main one, then those with names.
     pub cameras: Vec<(String, Pose)>,
-    /// How far paths are followed.
+    /// Arc length over which paths are followed.
     pub length: f64,
 }
 

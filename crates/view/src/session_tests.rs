@@ -53,7 +53,7 @@ struct Machine {
     now: f64,
     cost: f64,
     frames: Vec<DrawRequest>,
-    /// Whether the display shows what it gets.
+    /// The display shows what it gets.
     shows: bool,
 }
 

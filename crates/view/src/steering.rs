@@ -1,4 +1,4 @@
-//! How a session's camera moves as time goes by.
+//! The movement of a session's camera as time goes by.
 //!
 //! In: what is held down, a way to be followed or replayed, and the time. Out: the camera. It moves by the time
 //! that has gone by since the last step, along geodesics, with axes transported in parallel: what lies straight
@@ -12,7 +12,7 @@ use geofan_core::diagnostic::SourceText;
 use geofan_render::{Journey, scene::PoseFile};
 use glam::{DQuat, DVec3};
 
-/// What is held down.
+/// The keys that are held down, as directions.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Held {
     /// Right, up, backwards: the camera's axes.
@@ -41,7 +41,7 @@ impl Held {
     }
 }
 
-/// What moves the camera by itself.
+/// Ways in which the camera moves by itself.
 #[derive(Default)]
 pub enum Travel {
     /// Nothing.

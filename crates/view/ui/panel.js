@@ -105,7 +105,7 @@ export function createPanel(root, send, act) {
       paper.fillStyle = `rgb(${r},${g},${b})`;
       paper.fillRect(0, 0, 22, 16);
       const last = i === panel.legend.length - 1;
-      const word = last ? "given up: integrated" : most === null ? "more" : `up to ${most} mrad`;
+      const word = last ? "given up: integrated" : most === null ? "more" : `up to ${short(most)} mrad`;
       legend.append(patch, make("span", { textContent: word }));
     });
   }
@@ -145,7 +145,8 @@ export function createPanel(root, send, act) {
 /** The numbers over the picture. */
 export function overlayText(panel) {
   const { size, display, samples, seconds, rate, coordinates, pose } = panel;
-  const reduced = size[0] < display[0] ? ` of ${display[0]}×${display[1]}: coarser while it moves` : "";
+  const why = panel.kind === "error" ? "every error takes an exact path" : "coarser while it moves";
+  const reduced = size[0] < display[0] ? ` of ${display[0]}×${display[1]}: ${why}` : "";
   const pace = rate ? `${rate.toFixed(0)} frames a second` : seconds === null ? "" : `drawn in ${(1e3 * seconds).toFixed(0)} ms`;
   const where = coordinates.map((name, k) => `${name} ${short(pose.at[k])}`).join("  ");
   const ways = { table: "table", exact: "exact paths", flat: "flat space", error: "errors" };

@@ -60,6 +60,7 @@ export function startViewer(engine) {
   function update() {
     overlay.textContent = numbers ? overlayText(panel) : "";
     hint.textContent = panel.hint ?? "";
+    find("stage").classList.toggle("split", panel.split !== null);
     trouble.hidden = panel.trouble === null;
     trouble.textContent = panel.trouble ?? "";
     map.update(panel);

@@ -1,4 +1,4 @@
-//! What one WebAssembly instance is: a session or a drawing, and the package that it was opened from.
+//! One WebAssembly instance: a session or a drawing, and the package that it was opened from.
 
 use geofan_core::{Error, Result};
 use geofan_view::{
@@ -8,9 +8,9 @@ use geofan_view::{
 /// The state of an instance.
 #[derive(Default)]
 pub struct Instance {
-    /// What the page has written.
+    /// Written by the page.
     pub input: Vec<u8>,
-    /// What the page reads.
+    /// Read by the page.
     pub output: Vec<u8>,
     package: Package,
     session: Option<Session>,
