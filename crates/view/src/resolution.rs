@@ -143,7 +143,8 @@ mod tests {
 
     #[test]
     fn the_size_settles_though_times_vary_by_a_tenth() {
-        let wobble = |k: usize| 1.15e-7 * (1.0 + 0.1 * if k % 2 == 0 { 1.0 } else { -1.0 });
+        let wobble =
+            |k: usize| 1.15e-7 * (1.0 + 0.1 * if k.is_multiple_of(2) { 1.0 } else { -1.0 });
         let widths = run(&mut ResolutionControl::default(), wobble, 60);
         assert!(widths[5..].windows(2).all(|w| w[0] == w[1]), "{widths:?}");
     }
