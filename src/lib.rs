@@ -22,7 +22,8 @@
 //! 5. [`bake`] decides what to store, where and until when, and measures the certificate.
 //! 6. [`render`] makes a picture: paths from a tracer, intersected with the scene, shaded.
 //! 7. [`light`] connects lamps with surfaces, and traces paths.
-//! 8. [`study`] compares pictures and tables with their rivals.
+//! 8. [`view`] lets people look around: sessions, without the threads, clocks and sockets that drive them.
+//! 9. [`study`] compares pictures and tables with their rivals.
 //!
 //! [`error`], [`files`], [`observer`], [`quantiles`] and [`random`] serve every stage.
 //!
@@ -87,10 +88,11 @@
 //!
 //! ```text
 //! geofan-expr < geofan-core < geofan-bundle < geofan-render < geofan-light
+//!                                                           < geofan-view                 < geofan
 //!                                           < geofan-bake                  < geofan-study < geofan
 //! ```
 //!
-//! `geofan-bundle` alone reads a bundle and looks paths up in it, without threads, files or clocks if
+//! `geofan-web` is `geofan-view` for the browser, beside this package. `geofan-bundle` alone reads a bundle and looks paths up in it, without threads, files or clocks if
 //! its features are off. The programs are in the root package.
 
 pub use geofan_bake as bake;
@@ -103,6 +105,7 @@ pub use geofan_expr as expr;
 pub use geofan_light as light;
 pub use geofan_render as render;
 pub use geofan_study as study;
+pub use geofan_view as view;
 
 #[cfg(feature = "program")]
 mod commands;

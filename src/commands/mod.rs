@@ -11,6 +11,7 @@ mod render;
 mod scenery;
 mod sweep;
 mod trace;
+mod view;
 
 use crate::terminal::{self, CommonArgs, Outcome};
 use geofan_core::Result;
@@ -34,6 +35,8 @@ pub enum Command {
     Render(render::RenderArgs),
     /// Hold a picture by table against the exact one
     Compare(compare::CompareArgs),
+    /// Look around in a scene, in the browser, or write it as a page
+    View(view::ViewArgs),
     /// Say what a file contains
     Info(info::InfoArgs),
     /// Print a completion script for a shell
@@ -59,6 +62,7 @@ impl Command {
             Self::Check(args) => check::run(args, common),
             Self::Render(args) => render::run(args, common),
             Self::Compare(args) => compare::run(args, common),
+            Self::View(args) => view::run(args, common),
             Self::Info(args) => info::run(args, common),
             Self::Completions { shell } => completions(*shell),
         }

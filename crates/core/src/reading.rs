@@ -1,12 +1,13 @@
 //! Reading files within limits: what a user names may be a device that never ends.
 //!
-//! In: a path and the most that may be read from it. Out: its bytes or its text.
+//! In: a path and the most that may be read from it. Out: its bytes or its text. Where there is no disk, or
+//! where somebody must know which files are read, the caller's own source stands before it ([`with_source`]).
 
 use crate::{
     diagnostic::SourceText,
     error::{Error, Result},
 };
-use std::{fs::File, io::Read, path::Path, sync::Arc};
+use std::{cell::RefCell, fs::File, io::Read, path::Path, rc::Rc, sync::Arc};
 
 /// The most bytes that are read from anything but a plain file, such as a pipe.
 const MOST_OF_A_STREAM: u64 = 256 << 20;
@@ -17,6 +18,34 @@ const MOST_OF_A_TEXT: u64 = 64 << 20;
 /// The most bytes of a file that may be long, such as a mesh or a picture: more does not fit into the memory
 /// of the machines that have to show it.
 pub const MOST_OF_A_FILE: u64 = 4 << 30;
+
+/// Tells the bytes of the file at a path; `None` leaves it to the disk.
+pub type FileSource = Rc<dyn Fn(&Path) -> Option<Vec<u8>>>;
+
+thread_local! {
+    /// Stands before the disk for this thread.
+    static SOURCE: RefCell<Option<FileSource>> = const { RefCell::new(None) };
+}
+
+/// Does `work` with `source` before the disk, for all that this thread reads by [`read_file`] and
+/// [`read_text`].
+pub fn with_source<T>(source: FileSource, work: impl FnOnce() -> T) -> T {
+    let before = SOURCE.replace(Some(source));
+    let done = work();
+    SOURCE.set(before);
+    done
+}
+
+/// Returns the bytes that the caller's source has of a file.
+fn from_source(path: &Path) -> Option<Vec<u8>> {
+    let source = SOURCE.with_borrow(Clone::clone);
+    source.and_then(|source| source(path))
+}
+
+/// Tells whether there is a file, in the caller's source or on the disk.
+pub fn exists(path: &Path) -> bool {
+    from_source(path).is_some() || path.exists()
+}
 
 /// Reads a file of at most `most` bytes whole; only its first bytes if they are not `magic`.
 ///
@@ -31,6 +60,15 @@ pub fn read_file(path: &Path, magic: &[u8], most: u64) -> Result<Vec<u8>> {
 /// # Errors
 /// As of [`read_file`].
 pub fn read_one_of(path: &Path, magics: &[&[u8]], most: u64) -> Result<Vec<u8>> {
+    if let Some(mut bytes) = from_source(path) {
+        if !magics.iter().any(|magic| bytes.starts_with(magic)) {
+            bytes.truncate(magics.iter().map(|magic| magic.len()).max().unwrap_or(0));
+        }
+        return match bytes.len() as u64 > most {
+            true => Err(too_long(path, most)),
+            false => Ok(bytes),
+        };
+    }
     let failed = |e| Error::io(path, e);
     let mut file = File::open(path).map_err(failed)?;
     let found = file.metadata().map_err(failed)?;
@@ -39,14 +77,8 @@ pub fn read_one_of(path: &Path, magics: &[&[u8]], most: u64) -> Result<Vec<u8>> 
     } else {
         most.min(MOST_OF_A_STREAM)
     };
-    let too_long = || {
-        Error::input(
-            path.display().to_string(),
-            format!("is longer than {most} bytes"),
-        )
-    };
     if found.is_file() && found.len() > most {
-        return Err(too_long());
+        return Err(too_long(path, most));
     }
     let mut bytes = Vec::new();
     let part = |file: &mut File, count: u64, bytes: &mut Vec<u8>| {
@@ -60,9 +92,15 @@ pub fn read_one_of(path: &Path, magics: &[&[u8]], most: u64) -> Result<Vec<u8>> 
         part(&mut file, rest, &mut bytes)?;
     }
     match bytes.len() as u64 > most {
-        true => Err(too_long()),
+        true => Err(too_long(path, most)),
         false => Ok(bytes),
     }
+}
+
+/// Complains about a file of more than `most` bytes.
+fn too_long(path: &Path, most: u64) -> Error {
+    let message = format!("is longer than {most} bytes");
+    Error::input(path.display().to_string(), message)
 }
 
 /// Reads a whole text file.
@@ -105,6 +143,23 @@ mod tests {
             assert_eq!(read_file(endless, b"magic", u64::MAX).unwrap(), [0; 5]);
             assert_eq!(read_file(endless, b"", 1 << 20).unwrap_err().exit_code(), 2);
         }
+    }
+
+    #[test]
+    fn a_source_of_the_caller_stands_before_the_disk_while_its_work_is_done() {
+        let folder = tempfile::tempdir().unwrap();
+        let [known, other] = ["known", "other"].map(|name| folder.path().join(name));
+        fs::write(&other, b"disk").unwrap();
+        let name = known.clone();
+        let source: FileSource = Rc::new(move |path| (path == name).then(|| b"memory".to_vec()));
+        with_source(source, || {
+            assert!(exists(&known) && exists(&other));
+            assert_eq!(read_file(&known, b"", 6).unwrap(), b"memory");
+            assert_eq!(read_file(&known, b"", 5).unwrap_err().exit_code(), 2);
+            assert_eq!(read_file(&known, b"other", 99).unwrap(), b"memor");
+            assert_eq!(read_file(&other, b"", 99).unwrap(), b"disk");
+        });
+        assert!(!exists(&known));
     }
 
     #[test]

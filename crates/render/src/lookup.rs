@@ -12,6 +12,7 @@ use super::{
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
 };
 use geofan_bundle::{Fan, PathCoefficients, Table, TablePath, rays::Orbit};
+use geofan_core::manifold::Manifold;
 use glam::DVec3;
 use std::{borrow::Borrow, sync::Arc};
 
@@ -29,16 +30,28 @@ impl<'t> Lookup<'t> {
     /// integrated at `tolerance`, or at a small share of the promise if that is wider.
     pub fn new(table: &'t Table, error: f64, tolerance: f64) -> Self {
         let tolerance = tolerance.max(FALLBACK_SHARE * error);
+        let manifold = table.space.manifold();
+        let knots = choose_knots(manifold, DVec3::NAN, [table.length, tolerance, KNOT_ERROR]);
+        Self::at_knots(table, knots, tolerance)
+    }
+
+    /// Takes the [`Lookup::knots`] and the [`Lookup::tolerance`] that were chosen for this table before.
+    pub fn at_knots(table: &'t Table, knots: Arc<[f64]>, tolerance: f64) -> Self {
         Self {
             table,
-            knots: choose_knots(table, tolerance),
+            knots,
             tolerance,
         }
     }
 
-    /// Returns the arc lengths of the knots.
-    pub(super) fn knots(&self) -> &Arc<[f64]> {
+    /// Returns the arc lengths at which paths are known.
+    pub fn knots(&self) -> &Arc<[f64]> {
         &self.knots
+    }
+
+    /// Returns the local tolerance of the rays that the table gave up on.
+    pub fn tolerance(&self) -> f64 {
+        self.tolerance
     }
 
     /// Returns the angle at the camera by which cubics between the knots may miss the path.
@@ -221,31 +234,37 @@ const KNOT_PATHS: usize = 24;
 const KNOT_PLACES: [f64; 4] = [0.0, 0.35, 0.65, 1.0];
 
 /// Chooses the fewest equal intervals (of a few) between which cubics follow a sample of exact paths to
-/// [`KNOT_ERROR`], all but one in twelve. Exact paths, because the slopes of the table's own
-/// polynomials carry noise that finer knots would only follow. They are chosen for the whole region, because
-/// integrating the sample takes longer than a frame.
-fn choose_knots(table: &Table, tolerance: f64) -> Arc<[f64]> {
-    let manifold = table.space.manifold();
+/// `error`, all but one in twelve. Exact paths, because the slopes of a table's own
+/// polynomials carry noise that finer knots would only follow. They are chosen for the whole region (for `u`
+/// if there is none), because integrating the sample takes longer than a frame.
+pub(super) fn choose_knots(
+    manifold: &Manifold,
+    u: DVec3,
+    [length, tolerance, error]: [f64; 3],
+) -> Arc<[f64]> {
     let directions: Vec<DVec3> = (0..KNOT_PATHS).map(fibonacci_direction).collect();
-    let places = manifold
-        .cameras
-        .iter()
-        .flat_map(|region| KNOT_PLACES.map(|t| region.at(&region.lerp(&[t; 3]))));
+    let places = match &manifold.cameras {
+        Some(region) => KNOT_PLACES
+            .map(|t| region.at(&region.lerp(&[t; 3])))
+            .to_vec(),
+        None => vec![u],
+    };
     let curves: Vec<Curve> = places
-        .flat_map(|u| ExactTracer::new(manifold, u, table.length, tolerance).trace(&directions))
+        .into_iter()
+        .flat_map(|u| ExactTracer::new(manifold, u, length, tolerance).trace(&directions))
         .collect();
     let good = |n: &usize| {
-        let knots = even_knots(table.length, *n);
+        let knots = even_knots(length, *n);
         let errors = curves.iter().map(|curve| worst_middle(curve, &knots));
-        errors.filter(|e| *e > KNOT_ERROR).count() <= curves.len() / 12
+        errors.filter(|e| *e > error).count() <= curves.len() / 12
     };
     // With the first knot multiples of sixteen, in which paths are sampled.
     let counts = [15, 31, 47, 63, 79, 95, 127];
-    even_knots(table.length, counts.into_iter().find(good).unwrap_or(191))
+    even_knots(length, counts.into_iter().find(good).unwrap_or(191))
 }
 
 /// Returns the largest angle by which the middles of cubics between `knots` miss the curve.
-fn worst_middle(curve: &Curve, knots: &[f64]) -> f64 {
+pub(super) fn worst_middle(curve: &Curve, knots: &[f64]) -> f64 {
     let end = curve.ending.limit();
     let mut worst = 0.0_f64;
     for pair in knots.windows(2).take_while(|pair| pair[1] < end) {

@@ -107,14 +107,24 @@ impl ExactTracer<'_> {
 
     /// Follows the rays in `directions`, in order.
     pub fn trace(&self, directions: &[DVec3]) -> Vec<Curve> {
-        let starts = directions.iter().map(|&d| (self.u, self.local.tangent(d)));
-        self.trace_from(&starts.collect::<Vec<_>>())
+        self.curves(directions, true)
     }
 
-    /// Follows the curves from chart points with unit tangents, in order. One that meets a pole of the chart,
-    /// where the metric ends and the space does not, is turned by far less than a pixel and followed again.
+    /// Follows them to the end of the domain, or, without `events`, as far as the metric allows.
+    pub(super) fn curves(&self, directions: &[DVec3], events: bool) -> Vec<Curve> {
+        let starts = directions.iter().map(|&d| (self.u, self.local.tangent(d)));
+        self.follow_beside_poles(&starts.collect::<Vec<_>>(), events)
+    }
+
+    /// Follows the curves from chart points with unit tangents, in order.
     pub fn trace_from(&self, starts: &[(DVec3, DVec3)]) -> Vec<Curve> {
-        let mut curves = self.follow_all(starts);
+        self.follow_beside_poles(starts, true)
+    }
+
+    /// Does so, where a curve that meets a pole of the chart, at which the metric ends and the space does not, is
+    /// turned by far less than a pixel and followed again.
+    fn follow_beside_poles(&self, starts: &[(DVec3, DVec3)], events: bool) -> Vec<Curve> {
+        let mut curves = self.follow_all(starts, events);
         for side in 0..2 {
             let lost: Vec<usize> = (0..curves.len())
                 .filter(|i| curves[*i].4 == Stop::Broken)
@@ -123,7 +133,7 @@ impl ExactTracer<'_> {
                 break;
             }
             let turned: Vec<_> = lost.iter().map(|i| self.turned(starts[*i], side)).collect();
-            for (i, curve) in lost.into_iter().zip(self.follow_all(&turned)) {
+            for (i, curve) in lost.into_iter().zip(self.follow_all(&turned, events)) {
                 if curve.4 == Stop::Smooth {
                     curves[i] = curve;
                 }
@@ -147,11 +157,11 @@ impl ExactTracer<'_> {
     }
 
     /// Follows the curves from these starts.
-    fn follow_all(&self, starts: &[(DVec3, DVec3)]) -> Vec<Growing> {
+    fn follow_all(&self, starts: &[(DVec3, DVec3)], events: bool) -> Vec<Growing> {
         let settings = Settings {
             tolerance: self.tolerance,
             carried: Carried::default(),
-            events: true,
+            events,
         };
         let rays = starts.iter().map(|&(u, v)| Ray {
             u,

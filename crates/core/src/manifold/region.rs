@@ -80,6 +80,11 @@ impl CameraRegion {
             .map(|p| self.clamped(p))
     }
 
+    /// The parameters nearest to `u` in the chart that are found by descent from the parameters `from`.
+    pub fn nearest(&self, u: DVec3, from: Vec<f64>) -> Vec<f64> {
+        self.clamped(self.descend(u, &|u, _| u, from))
+    }
+
     fn clamped(&self, mut parameters: Vec<f64>) -> Vec<f64> {
         for (p, [low, high]) in parameters.iter_mut().zip(&self.intervals) {
             *p = p.clamp(*low, *high);

@@ -17,7 +17,7 @@ use crate::sky::Pattern;
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
     error::Result,
-    reading::read_text,
+    reading::{self, read_text},
 };
 use glam::{DQuat, DVec3};
 use std::{
@@ -183,7 +183,7 @@ impl SceneFile {
             SkyEntry::Pattern(_) => None,
         });
         let mut missing = meshes.chain(pictures);
-        let missing = missing.find(|(path, _)| !made.contains(path) && !path.exists());
+        let missing = missing.find(|(path, _)| !made.contains(path) && !reading::exists(path));
         let Some((path, span)) = missing else {
             return Ok(());
         };

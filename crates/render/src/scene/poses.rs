@@ -65,7 +65,14 @@ impl PoseFile {
     /// A file that cannot be read, fewer than two poses, times that do not ascend, or whatever is
     /// wrong with a camera.
     pub fn load(path: &Path) -> Result<Self> {
-        let source = read_text(path)?;
+        Self::parse(read_text(path)?)
+    }
+
+    /// Reads the text of such a file.
+    ///
+    /// # Errors
+    /// As [`PoseFile::load`], but for reading.
+    pub fn parse(source: Arc<SourceText>) -> Result<Self> {
         let poses = {
             let document = parse(&source)?;
             let root = Table::root(&source, &document);

@@ -1,0 +1,242 @@
+//! Doing a session's work: drawing blocks of pixels and following rays.
+//!
+//! In: a loaded scene, perhaps with its bundle, and [`Work`]. Out: [`Answer`]s. It can be shared by threads;
+//! in the browser every worker has its own. The fan of the last camera is kept, because a head turns more often
+//! than it moves, and blocks of one picture have one camera.
+
+use crate::{
+    error_map,
+    protocol::{Answer, DrawRequest, PictureKind, RayQuery, RayReport, Work},
+};
+use geofan_bundle::{Bundle, Fan};
+use geofan_core::{Error, Result};
+use geofan_render::{
+    ExactGridTracer, ExactTracer, Lookup, Stage, View,
+    drawing::draw,
+    frame::Paths,
+    intersect::{Seen, seen_along},
+    no_clock,
+    picture::Picture,
+    shade::Footprints,
+};
+use glam::DVec3;
+use ndarray::s;
+use std::sync::{Arc, Mutex, OnceLock};
+
+/// A loaded scene that can be drawn.
+pub struct DrawSpace {
+    /// The scene.
+    pub stage: Stage,
+    /// The table, with the lookup's knots and tolerance.
+    table: Option<(Bundle, Arc<[f64]>, f64)>,
+    /// Arc length over which exact paths are followed.
+    length: f64,
+    /// Knots of exact paths that are interpolated, chosen when first needed.
+    knots: OnceLock<Arc<[f64]>>,
+    fan: Mutex<Option<Fan>>,
+}
+
+/// Local tolerance of exact paths, as that of `geofan render`.
+const TOLERANCE: f64 = 1e-8;
+
+/// Local tolerance of exact paths between which is interpolated: the interpolation is coarser by far.
+const COARSE_TOLERANCE: f64 = 1e-6;
+
+/// Most error of interpolation between paths, radians, as that of `geofan render`.
+const BUDGET: f64 = 5e-4;
+
+/// Points of a path that is drawn on a map.
+const POINTS: usize = 128;
+
+impl DrawSpace {
+    /// Takes over a scene; exact paths are followed over `length`, or over the table's.
+    pub fn new(stage: Stage, bundle: Option<Bundle>, length: f64) -> Self {
+        let table = bundle.map(|bundle| {
+            let promise = 1e-3 * bundle.header.plan.max_error;
+            let lookup = Lookup::new(&bundle.table, promise, TOLERANCE);
+            let (knots, tolerance) = (lookup.knots().clone(), lookup.tolerance());
+            (bundle, knots, tolerance)
+        });
+        let length = table
+            .as_ref()
+            .map_or(length, |(bundle, ..)| bundle.table.length);
+        Self {
+            stage,
+            table,
+            length,
+            knots: OnceLock::new(),
+            fan: Mutex::default(),
+        }
+    }
+
+    /// Returns the bundle.
+    pub fn bundle(&self) -> Option<&Bundle> {
+        self.table.as_ref().map(|(bundle, ..)| bundle)
+    }
+
+    /// Returns how far paths are followed.
+    pub fn length(&self) -> f64 {
+        self.length
+    }
+
+    /// Does `work`.
+    pub fn answer(&self, work: &Work) -> Answer {
+        let done = match work {
+            Work::Draw(request) => self.draw(request),
+            Work::Ray(query) => self.ray(query),
+        };
+        done.unwrap_or_else(|error| Answer::Failed {
+            frame: match work {
+                Work::Draw(request) => Some(request.frame),
+                Work::Ray(_) => None,
+            },
+            message: error.to_string(),
+        })
+    }
+
+    /// Draws a block.
+    fn draw(&self, request: &DrawRequest) -> Result<Answer> {
+        let ((width, height), block) = (request.size, request.block);
+        if block.width == 0 || block.x + block.width > width || block.y + block.height > height {
+            return Err(Error::input("block", "is not a part of the picture"));
+        }
+        let whole = View::of_camera(&request.camera(), request.fov, request.size);
+        let grown = |from: usize, length: usize, most: usize| {
+            from.saturating_sub(request.margin)..(from + length + request.margin).min(most)
+        };
+        let columns = grown(block.x, block.width, width);
+        let rows = grown(block.y, block.height, height);
+        let answer = |rgb: Vec<f32>, errors: Vec<f32>| Answer::Drawn {
+            frame: request.frame,
+            block,
+            rgb,
+            errors,
+        };
+        if request.kind == PictureKind::Error {
+            let exact = block.x..block.x + block.width;
+            let part = whole.cropped(exact, block.y..block.y + block.height);
+            let errors = self.errors(&part)?;
+            let rgb = errors.iter().flat_map(|e| error_map::colour(*e)).collect();
+            return Ok(answer(rgb, errors));
+        }
+        let (left, top) = (block.x - columns.start, block.y - rows.start);
+        let picture = self.picture(&whole.cropped(columns, rows), request)?;
+        let inner = picture
+            .rgb
+            .slice(s![top..top + block.height, left..left + block.width, ..]);
+        Ok(answer(inner.iter().copied().collect(), Vec::new()))
+    }
+
+    /// Draws what `view` sees.
+    fn picture(&self, view: &View, request: &DrawRequest) -> Result<Picture> {
+        let world = &self.stage.world;
+        let samples = usize::from(request.samples.max(1));
+        let by = |paths: Paths<'_>| {
+            draw(world, view, paths, samples, Footprints::Filtered, &no_clock).picture
+        };
+        if request.kind == PictureKind::Flat {
+            return Ok(by(Paths::Straight(self.length)));
+        }
+        if let (PictureKind::Table, Some((bundle, knots, tolerance))) = (request.kind, &self.table)
+            && bundle.table.space.place(view.u).is_ok()
+        {
+            let lookup = Lookup::at_knots(&bundle.table, knots.clone(), *tolerance);
+            let fan = self.fan(bundle, view.u)?;
+            return Ok(by(Paths::Lattice(&lookup.tracer(&fan), BUDGET)));
+        }
+        if request.each && request.kind == PictureKind::Exact {
+            let tracer = ExactTracer::new(&world.manifold, view.u, self.length, TOLERANCE);
+            return Ok(by(Paths::Exact(&tracer)));
+        }
+        let tracer = ExactGridTracer::new(
+            &world.manifold,
+            view.u,
+            self.exact_knots(view.u).clone(),
+            COARSE_TOLERANCE,
+        );
+        Ok(by(Paths::Lattice(&tracer, BUDGET)))
+    }
+
+    /// Returns the knots of exact paths.
+    fn exact_knots(&self, u: DVec3) -> &Arc<[f64]> {
+        let manifold = &self.stage.world.manifold;
+        let choose = || ExactGridTracer::choose_knots(manifold, u, self.length, COARSE_TOLERANCE);
+        match self.knots.get() {
+            Some(knots) => knots,
+            // Not within `get_or_init`: a thread that waits there may take up work that needs the knots.
+            None => {
+                let knots = choose();
+                self.knots.get_or_init(|| knots)
+            }
+        }
+    }
+
+    /// Returns all paths from `u`.
+    fn fan(&self, bundle: &Bundle, u: DVec3) -> Result<Fan> {
+        let known = self.fan.lock().unwrap_or_else(|e| e.into_inner()).clone();
+        if let Some(fan) = known.filter(|fan| fan.place.u == u) {
+            return Ok(fan);
+        }
+        let fan = bundle.fan(u)?;
+        *self.fan.lock().unwrap_or_else(|e| e.into_inner()) = Some(fan.clone());
+        Ok(fan)
+    }
+
+    fn errors(&self, view: &View) -> Result<Vec<f32>> {
+        let Some((bundle, ..)) = &self.table else {
+            return Err(Error::input("errors", "there is no table yet"));
+        };
+        let fan = self.fan(bundle, view.u)?;
+        Ok(error_map::errors(&fan, view, self.length))
+    }
+
+    /// Follows a ray to what it meets.
+    fn ray(&self, query: &RayQuery) -> Result<Answer> {
+        let world = &self.stage.world;
+        let (u, direction) = (
+            DVec3::from_array(query.u),
+            DVec3::from_array(query.direction),
+        );
+        let Some(direction) = direction.try_normalize().filter(|_| u.is_finite()) else {
+            return Err(Error::input("ray", "has no direction"));
+        };
+        let tracer = ExactTracer::new(&world.manifold, u, self.length, TOLERANCE);
+        let Some(curve) = tracer.trace(&[direction]).pop() else {
+            return Err(Error::input("ray", "cannot be followed"));
+        };
+        let reached = curve.s.last().copied().unwrap_or_default();
+        let (length, end, object) = match seen_along(world, &curve) {
+            Seen::Surface(hit) => {
+                let object = world.faces[hit.triangle as usize].object as usize;
+                (f64::from(hit.s), self.object_name(object), true)
+            }
+            Seen::Sky { exit, s, .. } => (
+                f64::from(s),
+                world.manifold.exits[exit as usize].name.clone(),
+                false,
+            ),
+            Seen::Singular => (reached, "singular".into(), false),
+            Seen::Length | Seen::Nothing => (reached, "length".into(), false),
+        };
+        let points = (0..POINTS).filter_map(|i| {
+            let s = length.min(reached) * i as f64 / (POINTS - 1) as f64;
+            Some(world.manifold.domain.wrap(curve.state(s)?.0).to_array())
+        });
+        let report = RayReport {
+            points: points.collect(),
+            length,
+            end,
+            object,
+        };
+        let number = query.number;
+        Ok(Answer::Ray { number, report })
+    }
+
+    /// Names an object of the scene by its mesh.
+    fn object_name(&self, index: usize) -> String {
+        let object = self.stage.scene.objects.get(index);
+        let stem = object.and_then(|object| object.mesh.file_stem());
+        let name = stem.map_or_else(|| "object".into(), |stem| stem.to_string_lossy());
+        format!("{name} ({})", index + 1)
+    }
+}

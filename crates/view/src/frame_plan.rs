@@ -1,0 +1,253 @@
+//! Dividing a picture into blocks to be drawn.
+//!
+//! In: the size of a picture, how many workers there are, and what it is for. Out: a [`FramePlan`]: blocks
+//! handed out one after another, and what has come back. A moving picture is one band of whole rows for each
+//! worker; a still one has blocks of a fixed size, whatever the workers, so that it is the same everywhere and
+//! an event does not wait for more than a block.
+
+use crate::protocol::{DrawRequest, PictureKind};
+use geofan_render::Camera;
+use geofan_render::lattice::LARGEST_TILE;
+use serde::{Deserialize, Serialize};
+use std::collections::VecDeque;
+
+/// A part of a picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Block {
+    /// Its first column.
+    pub x: usize,
+    /// Its first row.
+    pub y: usize,
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+}
+
+/// Purposes of pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// To be seen for a moment.
+    Moving,
+    /// To be looked at.
+    Still,
+    /// To be kept.
+    Capture,
+}
+
+/// Pixels around a block of a still picture that are drawn with it: the pixel filter reaches one and a half.
+const MARGIN: usize = 2;
+
+/// Sides of the blocks of a still picture: with their margins whole tiles of the lattice.
+const STILL_BLOCK: (usize, usize) = (4 * LARGEST_TILE - 2 * MARGIN, 2 * LARGEST_TILE - 2 * MARGIN);
+
+/// A picture being drawn.
+#[derive(Debug, Clone)]
+pub struct FramePlan {
+    /// Its number.
+    pub number: u32,
+    /// The state of the session that it shows.
+    pub revision: u64,
+    /// Its purpose.
+    pub purpose: Purpose,
+    /// Columns and rows.
+    pub size: (usize, usize),
+    /// Samples of a pixel.
+    pub samples: u16,
+    /// When the first block was handed out.
+    pub started: f64,
+    camera: Camera,
+    fov: f64,
+    waiting: VecDeque<(Block, PictureKind)>,
+    /// Blocks that are being drawn.
+    outstanding: usize,
+}
+
+/// The content of a picture and the way in which it is drawn.
+#[derive(Debug, Clone, Copy)]
+pub struct FrameContent {
+    /// The camera.
+    pub camera: Camera,
+    /// Horizontal angle of view, degrees.
+    pub fov: f64,
+    /// The way in which it is drawn.
+    pub kind: PictureKind,
+    /// The way of the right half, if it has its own.
+    pub split: Option<PictureKind>,
+}
+
+impl FramePlan {
+    /// Plans a picture of `size` with `samples` for each pixel, to be drawn by `workers`.
+    pub fn new(
+        (number, revision): (u32, u64),
+        purpose: Purpose,
+        content: FrameContent,
+        (size, samples): ((usize, usize), u16),
+        workers: usize,
+    ) -> Self {
+        let halves = match content.split {
+            None => vec![(0..size.0, content.kind)],
+            Some(second) => vec![(0..size.0 / 2, content.kind), (size.0 / 2..size.0, second)],
+        };
+        let mut waiting = VecDeque::new();
+        for (columns, kind) in halves
+            .into_iter()
+            .filter(|(columns, _)| !columns.is_empty())
+        {
+            let area = Block {
+                x: columns.start,
+                y: 0,
+                width: columns.len(),
+                height: size.1,
+            };
+            let blocks = match purpose {
+                Purpose::Moving => bands(area, workers),
+                Purpose::Still | Purpose::Capture => blocks(area),
+            };
+            waiting.extend(blocks.into_iter().map(|block| (block, kind)));
+        }
+        if purpose == Purpose::Still {
+            // What is looked at most first.
+            let middle = (size.0 / 2, size.1 / 2);
+            waiting.make_contiguous().sort_by_key(|(b, _)| {
+                let away = |at: usize, length: usize, middle: usize| {
+                    (at + length / 2).abs_diff(middle).pow(2)
+                };
+                away(b.x, b.width, middle.0) + away(b.y, b.height, middle.1)
+            });
+        }
+        Self {
+            number,
+            revision,
+            purpose,
+            size,
+            samples,
+            started: f64::NAN,
+            camera: content.camera,
+            fov: content.fov,
+            waiting,
+            outstanding: 0,
+        }
+    }
+
+    /// Hands out the next block.
+    pub fn next(&mut self, now: f64) -> Option<DrawRequest> {
+        let (block, kind) = self.waiting.pop_front()?;
+        self.outstanding += 1;
+        if self.started.is_nan() {
+            self.started = now;
+        }
+        Some(DrawRequest {
+            frame: self.number,
+            u: self.camera.u.to_array(),
+            rotation: self.camera.rotation.to_array(),
+            fov: self.fov,
+            size: self.size,
+            block,
+            margin: if self.purpose == Purpose::Moving {
+                0
+            } else {
+                MARGIN
+            },
+            samples: self.samples,
+            kind,
+            each: self.purpose != Purpose::Moving,
+        })
+    }
+
+    /// Takes note that a block has come back; tells whether it was the last.
+    pub fn returned(&mut self) -> bool {
+        self.outstanding = self.outstanding.saturating_sub(1);
+        self.outstanding == 0 && self.waiting.is_empty()
+    }
+}
+
+/// Divides `area` into bands of whole tiles, one for each worker as far as there are tiles.
+fn bands(area: Block, workers: usize) -> Vec<Block> {
+    let tiles = area.height.div_ceil(LARGEST_TILE);
+    let workers = workers.clamp(1, tiles.max(1));
+    let row = |k: usize| (k * tiles / workers * LARGEST_TILE).min(area.height);
+    (0..workers)
+        .map(|k| Block {
+            y: area.y + row(k),
+            height: row(k + 1) - row(k),
+            ..area
+        })
+        .filter(|band| band.height > 0)
+        .collect()
+}
+
+/// Divides `area` into blocks of [`STILL_BLOCK`].
+fn blocks(area: Block) -> Vec<Block> {
+    let mut blocks = Vec::new();
+    for y in (0..area.height).step_by(STILL_BLOCK.1) {
+        for x in (0..area.width).step_by(STILL_BLOCK.0) {
+            blocks.push(Block {
+                x: area.x + x,
+                y: area.y + y,
+                width: STILL_BLOCK.0.min(area.width - x),
+                height: STILL_BLOCK.1.min(area.height - y),
+            });
+        }
+    }
+    blocks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+
+    fn plan(purpose: Purpose, size: (usize, usize), split: bool, workers: usize) -> FramePlan {
+        let content = FrameContent {
+            camera: Camera::looking(DVec3::ZERO, DVec3::X, DVec3::Z),
+            fov: 90.0,
+            kind: PictureKind::Table,
+            split: split.then_some(PictureKind::Exact),
+        };
+        FramePlan::new((1, 1), purpose, content, (size, 1), workers)
+    }
+
+    #[test]
+    fn blocks_cover_every_pixel_once_in_the_way_of_its_half() {
+        for purpose in [Purpose::Moving, Purpose::Still, Purpose::Capture] {
+            for (size, split, workers) in [
+                ((640, 360), false, 1),
+                ((641, 359), true, 3),
+                ((1, 1), true, 8),
+            ] {
+                let mut plan = plan(purpose, size, split, workers);
+                let mut times = vec![0; size.0 * size.1];
+                while let Some(request) = plan.next(0.0) {
+                    let b = request.block;
+                    for (y, x) in (b.y..b.y + b.height)
+                        .flat_map(|y| (b.x..b.x + b.width).map(move |x| (y, x)))
+                    {
+                        times[y * size.0 + x] += 1;
+                        let right = split && x >= size.0 / 2;
+                        assert_eq!(request.kind == PictureKind::Exact, right);
+                    }
+                }
+                assert!(times.iter().all(|n| *n == 1), "{purpose:?} {size:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_frame_is_whole_when_its_last_block_is_back() {
+        let mut plan = plan(Purpose::Moving, (640, 360), false, 2);
+        assert!(plan.next(1.0).is_some() && plan.next(2.0).is_some() && plan.next(3.0).is_none());
+        assert_eq!(plan.started, 1.0);
+        assert!(!plan.returned());
+        assert!(plan.returned());
+    }
+
+    #[test]
+    fn still_blocks_do_not_depend_on_the_workers() {
+        let all = |workers: usize| {
+            let mut plan = plan(Purpose::Still, (1280, 720), false, workers);
+            std::iter::from_fn(move || plan.next(0.0)).collect::<Vec<_>>()
+        };
+        assert_eq!(all(1), all(7));
+    }
+}

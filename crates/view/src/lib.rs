@@ -1,0 +1,54 @@
+//! Looking around in a curved space: the viewer's core.
+//!
+//! In: events of a user ([`ViewerEvent`]), the time as a number of seconds, and answers to what was asked for
+//! ([`Answer`]). Out: work to be done ([`Work`]: blocks of pixels, rays), pixels to be shown ([`Patch`]), and
+//! everything that a panel shows, as data ([`PanelData`]). Nothing here has threads, a clock, files or a
+//! network: an engine has them, and drives a [`Session`] in this circle:
+//!
+//! ```text
+//! UI ── event ──> Session::handle
+//!                 Session::next_work ── Work ──> DrawSpace::answer, on any thread or worker
+//!                 Session::accept  <── Answer ──┘   └> Patch ──> UI
+//!                 Session::panel ── PanelData ──> UI
+//! ```
+//!
+//! There are two engines for the one user interface in [`ui`]: the program's, which serves it on a local
+//! address, and the page's, in which the same crates run in the browser's workers. The messages between user
+//! interface and engine are those of `ui/PROTOCOL.md`.
+
+mod draw_space;
+mod error_map;
+mod feed;
+mod frame_plan;
+mod motion;
+mod package;
+mod page_about;
+mod panel;
+mod protocol;
+mod recording;
+mod resolution;
+mod session;
+mod session_space;
+mod shown_picture;
+mod start_scene;
+mod steering;
+mod tone;
+pub mod ui;
+
+pub use draw_space::DrawSpace;
+pub use error_map::LEGEND;
+pub use feed::PanelFeed;
+pub use frame_plan::Block;
+pub use motion::{Movement, Stop, moved};
+pub use package::{Package, PackageError, noting_source};
+pub use page_about::{PageAbout, decode_light, encode_light};
+pub use panel::PanelData;
+pub use protocol::{
+    Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, ViewerEvent, Work,
+};
+pub use recording::Recording;
+pub use resolution::ResolutionControl;
+pub use session::Session;
+pub use session_space::{SessionSpace, TablePromise};
+pub use start_scene::StartScene;
+pub use tone::ToneTable;

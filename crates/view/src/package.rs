@@ -1,0 +1,206 @@
+//! A scene with all of its files in one piece, for where there is no disk.
+//!
+//! In: files by their paths. Out: bytes, and from bytes a source that files are read from
+//! ([`geofan_core::reading::with_source`]). Layout, little-endian: the magic, a hash (BLAKE3, 32 bytes)
+//! of all that follows, the number of files (u32), and for each the length of its name (u32), the name, the
+//! length of its content (u32), and the content. Names are those of
+//! paths from a common folder, so that a package tells nothing about the disk that it was made on.
+
+use geofan_core::reading::FileSource;
+use std::{
+    cell::RefCell,
+    path::{Component, Path, PathBuf},
+    rc::Rc,
+};
+
+const MAGIC: &[u8; 16] = b"geofan package1\n";
+
+/// Files by name.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Package {
+    files: Vec<(String, Vec<u8>)>,
+}
+
+/// Faults of the bytes of a package.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PackageError {
+    /// The bytes begin with something else.
+    #[error("is not a package of this version")]
+    Magic,
+    /// The bytes have changed.
+    #[error("is damaged")]
+    Damaged,
+}
+
+/// Makes a source that has no file, so that the disk is read, and notes the path of every file asked for.
+pub fn noting_source() -> (FileSource, Rc<RefCell<Vec<PathBuf>>>) {
+    let paths: Rc<RefCell<Vec<PathBuf>>> = Rc::default();
+    let noted = paths.clone();
+    let source: FileSource = Rc::new(move |path: &Path| {
+        let mut noted = noted.borrow_mut();
+        if !noted.iter().any(|known| known == path) {
+            noted.push(path.to_path_buf());
+        }
+        None
+    });
+    (source, paths)
+}
+
+/// Removes `.` and `name/..` from a path without asking the disk.
+fn plain(path: &Path) -> PathBuf {
+    let mut plain = PathBuf::new();
+    for part in path.components() {
+        match part {
+            Component::CurDir => {}
+            Component::ParentDir if plain.file_name().is_some_and(|name| name != "..") => {
+                plain.pop();
+            }
+            part => plain.push(part),
+        }
+    }
+    plain
+}
+
+impl Package {
+    /// Packs files of these paths; their common folder is left out of their names. Returns the new name of the
+    /// first.
+    pub fn of_files(files: Vec<(PathBuf, Vec<u8>)>) -> (Self, String) {
+        let files: Vec<(PathBuf, Vec<u8>)> = files
+            .into_iter()
+            .map(|(path, bytes)| (plain(&path), bytes))
+            .collect();
+        let mut common = files
+            .first()
+            .and_then(|(path, _)| path.parent())
+            .map(Path::to_path_buf)
+            .unwrap_or_default();
+        while !files.iter().all(|(path, _)| path.starts_with(&common)) && common.pop() {}
+        let name = |path: &Path| {
+            let parts = path.strip_prefix(&common).unwrap_or(path).components();
+            let parts: Vec<_> = parts
+                .map(|part| part.as_os_str().to_string_lossy())
+                .collect();
+            parts.join("/")
+        };
+        let mut package = Self::default();
+        for (path, bytes) in &files {
+            package.add(&name(path), bytes.clone());
+        }
+        let first = files.first().map(|(path, _)| name(path));
+        (package, first.unwrap_or_default())
+    }
+
+    /// Adds a file; an earlier one of that name is replaced.
+    pub fn add(&mut self, name: &str, bytes: Vec<u8>) {
+        self.files.retain(|(known, _)| known != name);
+        self.files.push((name.into(), bytes));
+    }
+
+    /// Returns the content of a file.
+    pub fn get(&self, name: &str) -> Option<&[u8]> {
+        let found = self.files.iter().find(|(known, _)| known == name);
+        found.map(|(_, bytes)| bytes.as_slice())
+    }
+
+    /// Makes a source of the files.
+    pub fn source(self) -> FileSource {
+        Rc::new(move |path: &Path| {
+            let name = plain(path).to_string_lossy().replace('\\', "/");
+            self.get(&name).map(<[u8]>::to_vec)
+        })
+    }
+
+    /// Writes the bytes.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut body = (self.files.len() as u32).to_le_bytes().to_vec();
+        for (name, content) in &self.files {
+            for part in [name.as_bytes(), content] {
+                body.extend_from_slice(&(part.len() as u32).to_le_bytes());
+                body.extend_from_slice(part);
+            }
+        }
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend_from_slice(blake3::hash(&body).as_bytes());
+        bytes.extend_from_slice(&body);
+        bytes
+    }
+
+    /// Reads the bytes that [`Package::encode`] wrote.
+    ///
+    /// # Errors
+    /// They are something else, or have changed.
+    pub fn decode(bytes: &[u8]) -> Result<Self, PackageError> {
+        let rest = bytes.strip_prefix(MAGIC).ok_or(PackageError::Magic)?;
+        let (sum, body) = rest
+            .split_first_chunk::<32>()
+            .ok_or(PackageError::Damaged)?;
+        if blake3::hash(body).as_bytes() != sum {
+            return Err(PackageError::Damaged);
+        }
+        let mut package = Self::default();
+        let (count, mut rest) = body.split_first_chunk::<4>().ok_or(PackageError::Damaged)?;
+        let mut part = || {
+            let (length, after) = rest.split_first_chunk::<4>()?;
+            let (part, after) = after.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+            rest = after;
+            Some(part)
+        };
+        for _ in 0..u32::from_le_bytes(*count) {
+            let (name, content) = part().zip(part()).ok_or(PackageError::Damaged)?;
+            let name = str::from_utf8(name).map_err(|_| PackageError::Damaged)?;
+            package.files.push((name.into(), content.to_vec()));
+        }
+        Ok(package)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_core::reading::{read_file, with_source};
+
+    #[test]
+    fn files_are_found_by_any_spelling_of_their_paths_and_the_disk_s_folders_are_not_told() {
+        let files = [
+            ("/home/me/a/scenes/s.toml", "scene"),
+            ("/home/me/a/scenes/../manifolds/m.toml", "manifold"),
+        ];
+        let files = files.map(|(path, text)| (PathBuf::from(path), text.into()));
+        let (package, scene) = Package::of_files(files.to_vec());
+        assert_eq!(scene, "scenes/s.toml");
+        let bytes = package.encode();
+        assert!(!bytes.windows(4).any(|w| w == b"home"));
+        let source = Package::decode(&bytes).unwrap().source();
+        with_source(source, || {
+            let read = |path: &str| read_file(Path::new(path), &[], 99).unwrap();
+            assert_eq!(read("scenes/s.toml"), b"scene");
+            assert_eq!(read("scenes/../manifolds/m.toml"), b"manifold");
+        });
+    }
+
+    #[test]
+    fn a_changed_byte_or_a_missing_end_is_noticed() {
+        let mut package = Package::default();
+        package.add("a", vec![1, 2, 3]);
+        package.add("b", vec![]);
+        let bytes = package.encode();
+        assert_eq!(Package::decode(&bytes), Ok(package));
+        for i in 0..bytes.len() {
+            let mut damaged = bytes.clone();
+            damaged[i] ^= 4;
+            assert!(Package::decode(&damaged).is_err());
+            assert!(Package::decode(&bytes[..i]).is_err());
+        }
+    }
+
+    #[test]
+    fn what_is_read_is_noted_once() {
+        let (source, noted) = noting_source();
+        with_source(source, || {
+            for _ in 0..2 {
+                assert!(read_file(Path::new("no/such/file"), &[], 9).is_err());
+            }
+        });
+        assert_eq!(*noted.borrow(), [PathBuf::from("no/such/file")]);
+    }
+}

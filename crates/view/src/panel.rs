@@ -1,0 +1,82 @@
+//! The panel's contents, as data.
+//!
+//! In: nothing but numbers and names of a session. Out: [`PanelData`], which a user interface turns into words
+//! and controls. Fields that have no value now are null.
+
+use crate::{
+    error_map::LEGEND,
+    protocol::{PictureKind, Pose, RayReport},
+};
+use geofan_core::quantiles::Quantiles;
+use serde::Serialize;
+
+/// Everything that a panel shows.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PanelData {
+    /// Name of the manifold.
+    pub manifold: String,
+    /// Names of its coordinates.
+    pub coordinates: [String; 3],
+    /// Its parameters.
+    pub parameters: Vec<(String, f64)>,
+    /// Names of the scene's further cameras.
+    pub views: Vec<String>,
+    /// Where the camera is.
+    pub pose: Pose,
+    /// Scalar curvature there; null where it cannot be computed.
+    pub curvature: Option<f64>,
+    /// The way of drawing, and that of the right half.
+    pub kind: PictureKind,
+    /// See `kind`.
+    pub split: Option<PictureKind>,
+    /// The table's promise in mrad; null without a table.
+    pub promise: Option<f64>,
+    /// The certificate of the table, in words.
+    pub certificate: Option<String>,
+    /// The camera may leave the table's region.
+    pub beyond: bool,
+    /// The camera is where the table knows all paths.
+    pub within_table: bool,
+    /// Length a second.
+    pub speed: f64,
+    /// Stops.
+    pub exposure: f64,
+    /// Columns and rows of the last whole picture, and its samples a pixel.
+    pub size: (usize, usize),
+    /// See `size`.
+    pub samples: u16,
+    /// Columns and rows of the display.
+    pub display: (usize, usize),
+    /// Seconds that the last whole picture took.
+    pub seconds: Option<f64>,
+    /// Moving pictures a second; null when nothing moves.
+    pub rate: Option<f64>,
+    /// The reason for which the camera stopped or something cannot be drawn.
+    pub hint: Option<String>,
+    /// A mistake in a file; the last good state is shown.
+    pub trouble: Option<String>,
+    /// Work that goes on behind, in words.
+    pub background: Option<String>,
+    /// Errors of the last whole error picture, mrad, and the share of paths given up.
+    pub errors: Option<(Quantiles, f64)>,
+    /// Classes of error pictures: most mrad (null: more, or given up), colour.
+    pub legend: Vec<(Option<f32>, [u8; 3])>,
+    /// The thing under the pointer: name, arc length.
+    pub hover: Option<(String, f64)>,
+    /// The picked path.
+    pub picked: Option<RayReport>,
+    /// Seconds recorded so far; null when nothing is recorded.
+    pub recording: Option<f64>,
+    /// There is a recording to replay.
+    pub recorded: bool,
+    /// The camera moves by itself.
+    pub travelling: bool,
+}
+
+impl PanelData {
+    /// Lists the classes of error pictures.
+    pub fn legend() -> Vec<(Option<f32>, [u8; 3])> {
+        let class = |(most, colour): (f32, [u8; 3])| (most.is_finite().then_some(most), colour);
+        LEGEND.map(class).to_vec()
+    }
+}

@@ -1,0 +1,638 @@
+//! A viewer's session: what it shows and how, what happens next, and what must be drawn for that.
+//!
+//! In: events and answers, each with the time in seconds by any clock. Out: work, patches, the panel. Movement
+//! is in `steering`. A change that makes the picture another one counts up the revision; what is drawn of an
+//! older revision is given up. A change that does not (exposure, hints, the pointer) keeps all that is drawn.
+
+use crate::{
+    frame_plan::{FrameContent, FramePlan, Purpose},
+    panel::PanelData,
+    protocol::{Answer, Patch, PictureKind, Pose, RayQuery, RayReport, ViewerEvent, Work},
+    recording::Recording,
+    resolution::ResolutionControl,
+    session_space::SessionSpace,
+    shown_picture::ShownPicture,
+    steering::{Held, Travel},
+};
+use geofan_bundle::Table;
+use geofan_core::{geodesic::check_point, quantiles::Quantiles};
+use geofan_render::{Camera, View};
+use glam::DVec3;
+use std::collections::VecDeque;
+
+/// Seconds after the last event in which the picture still counts as moving: between two events of a mouse
+/// there are less.
+const SETTLE: f64 = 0.15;
+
+/// Angles of view, degrees: outside them a picture on a plane shows nothing that can be recognised.
+const FOVS: [f64; 2] = [2.0, 150.0];
+
+/// Speeds, as shares of the length of paths a second.
+const SPEEDS: [f64; 2] = [1e-5, 10.0];
+
+/// The share of the length of paths that a camera moves in a second at first.
+const FIRST_SPEED: f64 = 1.0 / 12.0;
+
+/// Sides of a display, and of a captured picture.
+const SIDES: [usize; 2] = [16, 8192];
+
+/// Most pixels of a captured picture: a quarter gigabyte of linear light would be four times that.
+const MOST_CAPTURED: usize = 1 << 24;
+
+/// Pixels of an error picture, moving and still: every pixel takes an exact path with its deviation.
+const ERROR_PIXELS: [usize; 2] = [2_500, 25_000];
+
+/// Whole moving pictures that may be on their way to the display.
+const AHEAD: usize = 2;
+
+/// Reasons for which a ray is followed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum RayUse {
+    Hover,
+    Pick,
+}
+
+/// A viewer's session.
+pub struct Session {
+    pub(crate) space: SessionSpace,
+    pub(crate) camera: Camera,
+    pub(crate) fov: f64,
+    pub(crate) held: Held,
+    pub(crate) travel: Travel,
+    pub(crate) speed: f64,
+    pub(crate) hint: Option<String>,
+    pub(crate) recording: Option<Recording>,
+    pub(crate) revision: u64,
+    /// The time of the last step of movement.
+    pub(crate) stepped: Option<f64>,
+    /// Until then the picture counts as moving.
+    pub(crate) active_until: f64,
+    kind: PictureKind,
+    split: Option<PictureKind>,
+    /// The user has chosen the kind: then a table that arrives does not change it.
+    chosen: bool,
+    beyond: bool,
+    still_samples: u16,
+    display: (usize, usize),
+    control: ResolutionControl,
+    number: u32,
+    plan: Option<FramePlan>,
+    capture: Option<FramePlan>,
+    /// The revision, the size and the samples of the last whole picture, and the seconds that it took.
+    drawn: Option<(u64, (usize, usize), u16, f64)>,
+    /// A revision of which a picture failed: it is not tried again.
+    failed: Option<u64>,
+    shown: ShownPicture,
+    patches: Vec<Patch>,
+    /// Whole frames that the user interface has not shown yet.
+    on_their_way: VecDeque<u32>,
+    finished: VecDeque<f64>,
+    ray_number: u32,
+    rays: Vec<(u32, RayUse)>,
+    pointer: Option<(RayUse, [f64; 2])>,
+    hover: Option<(String, f64)>,
+    pub(crate) picked: Option<(RayQuery, RayReport)>,
+    asked: Option<RayQuery>,
+    errors: Vec<f64>,
+    given_up: usize,
+    error_report: Option<(Quantiles, f64)>,
+    recorded: String,
+    trouble: Option<String>,
+    background: Option<String>,
+    curvature: Option<(DVec3, Option<f64>)>,
+}
+
+impl Session {
+    /// Begins in `space` at its scene's camera.
+    pub fn new(space: SessionSpace) -> Self {
+        let (camera, fov) = space.home();
+        let kind = match space.table {
+            Some(_) => PictureKind::Table,
+            None => PictureKind::Exact,
+        };
+        Self {
+            speed: FIRST_SPEED * space.length,
+            space,
+            camera,
+            fov,
+            held: Held::default(),
+            travel: Travel::None,
+            hint: None,
+            recording: None,
+            revision: 1,
+            stepped: None,
+            active_until: SETTLE,
+            kind,
+            split: None,
+            chosen: false,
+            beyond: false,
+            still_samples: 16,
+            display: (640, 360),
+            control: ResolutionControl::default(),
+            number: 0,
+            plan: None,
+            capture: None,
+            drawn: None,
+            failed: None,
+            shown: ShownPicture::default(),
+            patches: Vec::new(),
+            on_their_way: VecDeque::new(),
+            finished: VecDeque::new(),
+            ray_number: 0,
+            rays: Vec::new(),
+            pointer: None,
+            hover: None,
+            picked: None,
+            asked: None,
+            errors: Vec::new(),
+            given_up: 0,
+            error_report: None,
+            recorded: String::new(),
+            trouble: None,
+            background: None,
+            curvature: None,
+        }
+    }
+
+    /// Takes another space in place of the present one, after a change of its files: the camera stays where it
+    /// is if it can.
+    pub fn replace_space(&mut self, space: SessionSpace) {
+        let stays = check_point(&space.manifold, "the camera", self.camera.u).is_ok();
+        self.space = space;
+        if !stays {
+            (self.camera, self.fov) = self.space.home();
+        }
+        if !self.chosen || self.space.table.is_none() {
+            self.kind = match self.space.table {
+                Some(_) => PictureKind::Table,
+                None => PictureKind::Exact,
+            };
+            self.split = None;
+        }
+        self.travel = Travel::None;
+        (self.picked, self.hover, self.curvature) = (None, None, None);
+        self.control.forget();
+        self.changed();
+    }
+
+    /// Says what is wrong with a file; `None` when all is well again.
+    pub fn set_trouble(&mut self, trouble: Option<String>) {
+        self.trouble = trouble;
+    }
+
+    /// Says what goes on behind; `None` when nothing does.
+    pub fn set_background(&mut self, background: Option<String>) {
+        self.background = background;
+    }
+
+    /// Returns the space.
+    pub fn space(&self) -> &SessionSpace {
+        &self.space
+    }
+
+    /// Returns the camera.
+    pub fn camera(&self) -> &Camera {
+        &self.camera
+    }
+
+    /// Returns the text of the last recording.
+    pub fn recorded(&self) -> &str {
+        &self.recorded
+    }
+
+    /// Takes the patches that have not been taken yet.
+    pub fn take_patches(&mut self) -> Vec<Patch> {
+        std::mem::take(&mut self.patches)
+    }
+
+    /// Takes note of an event at the time `now`.
+    pub fn handle(&mut self, now: f64, event: ViewerEvent) {
+        self.advance(now);
+        match event {
+            ViewerEvent::Resize { width, height } => {
+                let side = |x: u32| (x as usize).clamp(SIDES[0], SIDES[1]);
+                self.display = (side(width), side(height));
+                self.changed_at(now);
+            }
+            ViewerEvent::Hold {
+                go,
+                turn,
+                roll,
+                fast,
+            } => {
+                self.held = Held::new(go, turn, roll, fast);
+            }
+            ViewerEvent::Look { right, down } => self.look(now, right, down),
+            ViewerEvent::Speed { factor } if is_factor(factor) => {
+                let [slowest, fastest] = SPEEDS.map(|share| share * self.space.length);
+                self.speed = (self.speed * factor).clamp(slowest, fastest);
+            }
+            ViewerEvent::Zoom { factor } if is_factor(factor) => {
+                self.fov = (self.fov * factor).clamp(FOVS[0], FOVS[1]);
+                self.changed_at(now);
+            }
+            ViewerEvent::Speed { .. } | ViewerEvent::Zoom { .. } => {}
+            ViewerEvent::Home => {
+                let (_, pose) = self.space.cameras[0].clone();
+                self.place(now, &pose);
+            }
+            ViewerEvent::View { name } => {
+                let found = self.space.cameras.iter().skip(1).find(|(n, _)| *n == name);
+                match found.map(|(_, pose)| *pose) {
+                    Some(pose) => self.place(now, &pose),
+                    None => self.hint = Some(format!("the scene has no view `{name}`")),
+                }
+            }
+            ViewerEvent::Place(pose) => self.place(now, &pose),
+            ViewerEvent::Show { kind, split } => self.show(now, kind, split),
+            ViewerEvent::Exposure { stops } if stops.is_finite() => {
+                let patches = self.shown.expose(stops.clamp(-20.0, 20.0));
+                self.patches.extend(patches);
+            }
+            ViewerEvent::Exposure { .. } => {}
+            ViewerEvent::Beyond { allowed } => self.beyond = allowed,
+            ViewerEvent::Still { samples } => self.still_samples = samples.clamp(1, 256),
+            ViewerEvent::Hover { x, y } => self.pointer = Some((RayUse::Hover, [x, y])),
+            ViewerEvent::Pick { x, y } => self.pointer = Some((RayUse::Pick, [x, y])),
+            ViewerEvent::Follow => self.follow(),
+            ViewerEvent::Halt => self.travel = Travel::None,
+            ViewerEvent::Record { on } => self.record(now, on),
+            ViewerEvent::Replay { text } => self.replay(now, &text),
+            ViewerEvent::Capture {
+                width,
+                height,
+                samples,
+            } => {
+                self.begin_capture((width as usize, height as usize), samples);
+            }
+            ViewerEvent::Shown { frame } => self.on_their_way.retain(|number| *number > frame),
+            // Only an engine can load a space again.
+            ViewerEvent::Parameter { .. } => {}
+        }
+    }
+
+    /// Goes to a pose, if a camera can be there.
+    fn place(&mut self, now: f64, pose: &Pose) {
+        let Some(camera) = pose.camera().filter(|_| pose.fov.is_finite()) else {
+            self.hint = Some("this is no place for a camera: it looks nowhere".into());
+            return;
+        };
+        let u = self.space.manifold.domain.wrap(camera.u);
+        if let Err(error) = check_point(&self.space.manifold, "the camera", u) {
+            self.hint = Some(error.to_string());
+            return;
+        }
+        self.travel = Travel::None;
+        self.hint = None;
+        self.camera = Camera { u, ..camera };
+        self.fov = pose.fov.clamp(FOVS[0], FOVS[1]);
+        self.changed_at(now);
+    }
+
+    fn show(&mut self, now: f64, kind: PictureKind, split: Option<PictureKind>) {
+        let needs_table =
+            |kind: &PictureKind| matches!(kind, PictureKind::Table | PictureKind::Error);
+        if self.space.table.is_none()
+            && (needs_table(&kind) || split.as_ref().is_some_and(needs_table))
+        {
+            self.hint = Some("there is no table yet".into());
+            return;
+        }
+        if (kind, split) == (self.kind, self.split) {
+            return;
+        }
+        // Error pictures are of another size: they share no picture with others.
+        let split = split.filter(|second| *second != kind && *second != PictureKind::Error);
+        (self.kind, self.split, self.chosen) =
+            (kind, split.filter(|_| kind != PictureKind::Error), true);
+        self.hint = None;
+        self.control.forget();
+        self.changed_at(now);
+    }
+
+    /// Tells whether the camera is held in the table's region.
+    pub(crate) fn holding_table(&self) -> Option<&Table> {
+        let by_table = |kind: PictureKind| matches!(kind, PictureKind::Table | PictureKind::Error);
+        let held = !self.beyond && (by_table(self.kind) || self.split.is_some_and(by_table));
+        let table = self.space.table.as_ref().filter(|_| held);
+        table.map(|promise| &promise.table)
+    }
+
+    fn record(&mut self, now: f64, on: bool) {
+        if on {
+            self.recording = Some(Recording::begin(now));
+        }
+        self.note_way(now, !on);
+        if !on && let Some(recording) = self.recording.take() {
+            self.recorded = recording.text();
+            if self.recorded.is_empty() {
+                self.hint = Some("the recording is too short to be a way".into());
+            }
+        }
+    }
+
+    fn begin_capture(&mut self, size: (usize, usize), samples: u16) {
+        let fits = size.0 >= 1 && size.1 >= 1 && size.0 <= SIDES[1] && size.1 <= SIDES[1];
+        if !fits || size.0 * size.1 > MOST_CAPTURED {
+            self.hint = Some(format!("a picture has at most {MOST_CAPTURED} pixels"));
+            return;
+        }
+        let samples = samples.clamp(1, 256);
+        let content = self.content();
+        self.number += 1;
+        let numbers = (self.number, self.revision);
+        self.capture = Some(FramePlan::new(
+            numbers,
+            Purpose::Capture,
+            content,
+            (size, samples),
+            1,
+        ));
+    }
+
+    fn content(&self) -> FrameContent {
+        FrameContent {
+            camera: self.camera,
+            fov: self.fov,
+            kind: self.kind,
+            split: self.split,
+        }
+    }
+
+    /// Makes the picture another one.
+    pub(crate) fn changed(&mut self) {
+        self.revision += 1;
+    }
+
+    /// Makes the picture another one by an event.
+    pub(crate) fn changed_at(&mut self, now: f64) {
+        self.changed();
+        self.active_until = now + SETTLE;
+    }
+
+    /// Returns the next work for one of `workers`, or nothing while there is none to give.
+    pub fn next_work(&mut self, now: f64, workers: usize) -> Option<Work> {
+        self.advance(now);
+        if let Some(query) = self.next_ray(now) {
+            return Some(Work::Ray(query));
+        }
+        if let Some(request) = self.capture.as_mut().and_then(|plan| plan.next(now)) {
+            return Some(Work::Draw(request));
+        }
+        if let Some(plan) = &mut self.plan {
+            if plan.purpose == Purpose::Moving || plan.revision == self.revision {
+                // A picture that is waited for: blocks of the next one would come in between.
+                return plan.next(now).map(Work::Draw);
+            }
+            self.plan = None;
+        }
+        self.plan = self.next_plan(now, workers.max(1));
+        self.plan.as_mut()?.next(now).map(Work::Draw)
+    }
+
+    /// Plans the next picture, if the display lacks one.
+    fn next_plan(&mut self, now: f64, workers: usize) -> Option<FramePlan> {
+        if self.failed == Some(self.revision) {
+            return None;
+        }
+        let known = self
+            .drawn
+            .filter(|(revision, ..)| *revision == self.revision);
+        let (purpose, size, samples) = match self.is_moving(now) {
+            true => {
+                if known.is_some() || self.on_their_way.len() > AHEAD {
+                    return None;
+                }
+                (Purpose::Moving, self.moving_size(), 1)
+            }
+            false => {
+                let size = self.still_size();
+                let best = match self.kind {
+                    PictureKind::Error => 1,
+                    _ => self.still_samples,
+                };
+                let levels = [1, 4.min(best), best];
+                let whole = known.filter(|(_, drawn, ..)| *drawn == size);
+                let have = whole.map_or(0, |(_, _, samples, _)| samples);
+                let next = levels.into_iter().find(|samples| *samples > have)?;
+                (Purpose::Still, size, next)
+            }
+        };
+        self.number += 1;
+        if self.kind == PictureKind::Error {
+            (self.errors, self.given_up) = (Vec::new(), 0);
+        }
+        let numbers = (self.number, self.revision);
+        Some(FramePlan::new(
+            numbers,
+            purpose,
+            self.content(),
+            (size, samples),
+            workers,
+        ))
+    }
+
+    fn moving_size(&mut self) -> (usize, usize) {
+        match self.kind {
+            PictureKind::Error => within(self.display, ERROR_PIXELS[0]),
+            _ => self.control.size(self.display),
+        }
+    }
+
+    fn still_size(&self) -> (usize, usize) {
+        match self.kind {
+            PictureKind::Error => within(self.display, ERROR_PIXELS[1]),
+            _ => self.display,
+        }
+    }
+
+    /// Returns a ray to be followed, if the pointer asks for one.
+    fn next_ray(&mut self, now: f64) -> Option<RayQuery> {
+        let (wanted, [x, y]) = self.pointer?;
+        let busy = self.rays.iter().any(|(_, asked)| *asked == wanted);
+        if busy || wanted == RayUse::Hover && self.is_moving(now) {
+            return None;
+        }
+        self.pointer = None;
+        if !(x.is_finite() && y.is_finite()) {
+            return None;
+        }
+        let view = View::of_camera(&self.camera, self.fov, self.display);
+        let (width, height) = (self.display.0 as f64, self.display.1 as f64);
+        self.ray_number += 1;
+        self.rays.push((self.ray_number, wanted));
+        let query = RayQuery {
+            number: self.ray_number,
+            u: self.camera.u.to_array(),
+            direction: view.direction(x * width, y * height).to_array(),
+        };
+        if wanted == RayUse::Pick {
+            self.asked = Some(query);
+        }
+        Some(query)
+    }
+
+    /// Takes an answer at the time `now`.
+    pub fn accept(&mut self, now: f64, answer: Answer) {
+        match answer {
+            Answer::Ray { number, report } => self.accept_ray(number, report),
+            Answer::Failed {
+                frame: None,
+                message,
+            } => {
+                self.rays.clear();
+                self.hint = Some(message);
+            }
+            Answer::Failed {
+                frame: Some(frame),
+                message,
+            } => {
+                self.hint = Some(message);
+                if self
+                    .capture
+                    .as_ref()
+                    .is_some_and(|plan| plan.number == frame)
+                {
+                    self.capture = None;
+                }
+                if let Some(plan) = self.plan.take_if(|plan| plan.number == frame) {
+                    self.failed = Some(plan.revision);
+                }
+            }
+            Answer::Drawn {
+                frame,
+                block,
+                rgb,
+                errors,
+            } => {
+                if let Some(plan) = self.capture.as_mut().filter(|plan| plan.number == frame) {
+                    let (last, size) = (plan.returned(), plan.size);
+                    let patch = self.shown.captured((frame, size), block, &rgb, last);
+                    self.patches.push(patch);
+                    if last {
+                        self.capture = None;
+                    }
+                } else if let Some(mut plan) = self.plan.take_if(|plan| plan.number == frame) {
+                    self.given_up += errors.iter().filter(|e| e.is_nan()).count();
+                    let known = errors.into_iter().filter(|e| !e.is_nan());
+                    self.errors.extend(known.map(f64::from));
+                    let last = plan.returned();
+                    let patch = self.shown.accept((frame, plan.size), block, &rgb, last);
+                    self.patches.extend(patch);
+                    match last {
+                        true => self.finish(now, &plan),
+                        false => self.plan = Some(plan),
+                    }
+                }
+            }
+        }
+    }
+
+    /// Takes note that a picture is whole.
+    fn finish(&mut self, now: f64, plan: &FramePlan) {
+        let seconds = (now - plan.started).max(0.0);
+        let pixels = plan.size.0 * plan.size.1;
+        if plan.purpose == Purpose::Moving {
+            self.on_their_way.push_back(plan.number);
+            self.finished.push_back(now);
+            if self.finished.len() > 16 {
+                self.finished.pop_front();
+            }
+            if self.kind != PictureKind::Error {
+                self.control.observe(pixels, seconds);
+            }
+        }
+        self.drawn = Some((plan.revision, plan.size, plan.samples, seconds));
+        if self.kind == PictureKind::Error {
+            let all = self.errors.len() + self.given_up;
+            let share = self.given_up as f64 / all.max(1) as f64;
+            self.error_report = Some((Quantiles::of(&mut self.errors), share));
+        }
+    }
+
+    fn accept_ray(&mut self, number: u32, report: RayReport) {
+        let Some(at) = self.rays.iter().position(|(known, _)| *known == number) else {
+            return;
+        };
+        match self.rays.swap_remove(at).1 {
+            RayUse::Hover => self.hover = Some((report.end, report.length)),
+            RayUse::Pick => {
+                let query = self.asked.take().filter(|query| query.number == number);
+                self.picked = query.map(|query| (query, report));
+            }
+        }
+    }
+
+    /// Returns all that the panel shows.
+    pub fn panel(&mut self, now: f64) -> PanelData {
+        let manifold = self.space.manifold.clone();
+        let moving = self.is_moving(now);
+        if !moving && self.curvature.is_none_or(|(u, _)| u != self.camera.u) {
+            let scalar = manifold.curvature(self.camera.u).map(|c| c.scalar);
+            self.curvature = Some((self.camera.u, scalar.ok().filter(|x| x.is_finite())));
+        }
+        let drawn = self.drawn;
+        let table = self.space.table.as_ref();
+        let views = self.space.cameras.iter().skip(1);
+        PanelData {
+            manifold: manifold.name.clone(),
+            coordinates: manifold.coordinates.clone(),
+            parameters: manifold.parameters.clone(),
+            views: views.map(|(name, _)| name.clone()).collect(),
+            pose: Pose::of(&self.camera, self.fov),
+            curvature: self
+                .curvature
+                .filter(|(u, _)| *u == self.camera.u)
+                .and_then(|(_, scalar)| scalar),
+            kind: self.kind,
+            split: self.split,
+            promise: table.map(|promise| promise.mrad),
+            certificate: table.and_then(|promise| promise.certificate.clone()),
+            beyond: self.beyond,
+            within_table: self.space.knows(self.camera.u),
+            speed: self.speed,
+            exposure: self.shown.exposure(),
+            size: drawn.map_or((0, 0), |(_, size, ..)| size),
+            samples: drawn.map_or(0, |(_, _, samples, _)| samples),
+            display: self.display,
+            seconds: drawn.map(|(.., seconds)| seconds),
+            rate: self.rate(now),
+            hint: self.hint.clone(),
+            trouble: self.trouble.clone(),
+            background: self.background.clone(),
+            errors: self
+                .error_report
+                .filter(|_| self.kind == PictureKind::Error),
+            legend: PanelData::legend(),
+            hover: self.hover.clone(),
+            picked: self.picked.as_ref().map(|(_, report)| report.clone()),
+            recording: self.recording.as_ref().map(Recording::seconds),
+            recorded: !self.recorded.is_empty(),
+            travelling: !matches!(self.travel, Travel::None),
+        }
+    }
+
+    /// Returns the moving pictures of the last second or so, each second.
+    fn rate(&self, now: f64) -> Option<f64> {
+        let recent = self.finished.iter().filter(|t| now - **t < 1.5);
+        let (count, first) = (recent.clone().count(), recent.copied().reduce(f64::min)?);
+        let last = self.finished.back()?;
+        (count >= 3 && *last > first).then(|| (count - 1) as f64 / (last - first))
+    }
+}
+
+/// Tells whether something can be multiplied by this.
+fn is_factor(factor: f64) -> bool {
+    factor.is_finite() && factor > 0.0
+}
+
+/// Returns the size of a picture of at most so many pixels with about the sides of `display`.
+fn within((width, height): (usize, usize), pixels: usize) -> (usize, usize) {
+    let share = (pixels as f64 / (width * height) as f64).sqrt().min(1.0);
+    let side = |length: usize| ((length as f64 * share) as usize).max(1);
+    (side(width), side(height))
+}
+
+#[cfg(test)]
+#[path = "session_tests.rs"]
+pub(crate) mod tests;

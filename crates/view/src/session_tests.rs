@@ -1,0 +1,597 @@
+//! The rules of a session, with a clock and an engine that are made up.
+
+use super::*;
+use crate::{DrawSpace, StartScene, frame_plan::Block, protocol::DrawRequest};
+use geofan_bundle::Bundle;
+use geofan_core::{
+    diagnostic::SourceText,
+    manifold::Manifold,
+    random::Stream,
+    reading::{FileSource, with_source},
+};
+use geofan_render::Stage;
+use std::{path::Path, rc::Rc, sync::Arc};
+
+/// The manifold of a file with this text after its name and the coordinates x, y, z.
+pub(crate) fn manifold(text: &str) -> Arc<Manifold> {
+    let text = format!("name = 'test'\ncoordinates = ['x', 'y', 'z']\n{text}");
+    let source = SourceText::new("test.toml", text);
+    Arc::new(Manifold::from_source(source, &[]).unwrap_or_else(|e| panic!("{}", e.report(false))))
+}
+
+/// A golden bundle.
+pub(crate) fn bundle(name: &str) -> Bundle {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden");
+    Bundle::read(Path::new(&format!("{folder}/{name}.fan"))).unwrap()
+}
+
+/// The first scene of a manifold, loaded.
+pub(crate) fn start_stage(manifold: &Arc<Manifold>, length: f64) -> Stage {
+    let scene = StartScene::new(manifold, "m.toml", length).unwrap();
+    let mut files = scene.files;
+    files.push(("s.toml".into(), scene.text));
+    files.push(("m.toml".into(), manifold.source.text.clone()));
+    let source: FileSource = Rc::new(move |path| {
+        let found = files.iter().find(|(name, _)| Path::new(name) == path);
+        found.map(|(_, text)| text.clone().into_bytes())
+    });
+    with_source(source, || Stage::load(Path::new("s.toml"), &[]))
+        .unwrap_or_else(|e| panic!("{}: {}", manifold.name, e.report(false)))
+}
+
+/// A session in a golden bundle's space, or in that of a text.
+fn session(bundle: Option<&Bundle>, manifold: &Arc<Manifold>) -> Session {
+    let length = manifold.length.unwrap_or(10.0);
+    let stage = start_stage(manifold, length);
+    Session::new(SessionSpace::new(&stage.scene, manifold, bundle, length).unwrap())
+}
+
+const FLAT: &str = "metric = { conformal = '1' }\nexit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 100' }]\n[cameras]\nparameters = { c = [0, 1] }\nat = ['c', '0', '0']\nlength = 10";
+
+/// An engine that answers with grey after a time for each pixel, and draws one block at a time.
+struct Machine {
+    now: f64,
+    cost: f64,
+    frames: Vec<DrawRequest>,
+    /// The display shows what it gets.
+    shows: bool,
+}
+
+impl Machine {
+    fn new(cost: f64) -> Self {
+        Self {
+            now: 0.0,
+            cost,
+            frames: Vec::new(),
+            shows: true,
+        }
+    }
+
+    /// Lets the session run for `seconds`.
+    fn run(&mut self, session: &mut Session, seconds: f64) {
+        let end = self.now + seconds;
+        while self.now < end {
+            match session.next_work(self.now, 1) {
+                None => self.now += 0.004,
+                Some(Work::Draw(request)) => {
+                    let block = request.block;
+                    let pixels = block.width * block.height;
+                    self.now += self.cost * (pixels * usize::from(request.samples)) as f64;
+                    let answer = Answer::Drawn {
+                        frame: request.frame,
+                        block,
+                        rgb: vec![0.2; 3 * pixels],
+                        errors: Vec::new(),
+                    };
+                    session.accept(self.now, answer);
+                    self.frames.push(request);
+                }
+                Some(Work::Ray(query)) => {
+                    let report = RayReport {
+                        points: vec![query.u],
+                        length: 1.0,
+                        end: "sky".into(),
+                        object: false,
+                    };
+                    session.accept(
+                        self.now,
+                        Answer::Ray {
+                            number: query.number,
+                            report,
+                        },
+                    );
+                }
+            }
+            for patch in session
+                .take_patches()
+                .into_iter()
+                .filter(|p| p.last && self.shows)
+            {
+                session.handle(self.now, ViewerEvent::Shown { frame: patch.frame });
+            }
+        }
+    }
+}
+
+fn hold(forwards: f64) -> ViewerEvent {
+    ViewerEvent::Hold {
+        go: [0.0, 0.0, forwards],
+        turn: [0.0; 2],
+        roll: 0.0,
+        fast: false,
+    }
+}
+
+#[test]
+fn a_held_key_moves_by_speed_times_time_whatever_the_frame_rate() {
+    let flat = manifold(FLAT);
+    let mut ways = Vec::new();
+    for cost in [1e-8, 4e-7] {
+        let mut session = session(None, &flat);
+        let start = session.camera().u;
+        let mut machine = Machine::new(cost);
+        session.handle(0.0, hold(1.0));
+        machine.run(&mut session, 1.0);
+        session.handle(machine.now, hold(0.0));
+        let way = (session.camera().u - start).length();
+        assert!((way - session.speed * machine.now).abs() < 1e-9, "{way}");
+        ways.push(machine.frames.len());
+    }
+    assert!(ways[0] > ways[1]);
+}
+
+#[test]
+fn a_long_pause_does_not_throw_the_camera_far() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let start = session.camera().u;
+    session.handle(0.0, hold(1.0));
+    session.handle(1.0, hold(0.0));
+    session.handle(1e6, hold(0.0));
+    assert!((session.camera().u - start).length() <= 0.2 * session.speed);
+}
+
+#[test]
+fn moving_pictures_get_as_small_as_the_machine_needs_and_still_ones_are_refined() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(3e-7);
+    session.handle(
+        0.0,
+        ViewerEvent::Resize {
+            width: 1280,
+            height: 720,
+        },
+    );
+    session.handle(0.0, hold(1.0));
+    machine.run(&mut session, 2.0);
+    let moving = machine.frames.last().unwrap().clone();
+    assert!(moving.size.0 <= 640 && !moving.each, "{:?}", moving.size);
+    session.handle(machine.now, hold(0.0));
+    machine.frames.clear();
+    machine.run(&mut session, 20.0);
+    let samples: Vec<u16> = machine.frames.iter().map(|f| f.samples).collect();
+    assert!(samples.is_sorted() && samples.contains(&1) && *samples.last().unwrap() == 16);
+    let still: Vec<_> = machine.frames.iter().filter(|f| f.each).collect();
+    assert!(still.iter().all(|f| f.size == (1280, 720)));
+    // When all is done there is nothing more to do.
+    machine.frames.clear();
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.is_empty());
+    assert_eq!(session.panel(machine.now).samples, 16);
+}
+
+#[test]
+fn exposure_and_the_pointer_throw_no_work_away() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-7);
+    machine.run(&mut session, 30.0);
+    machine.frames.clear();
+    session.handle(machine.now, ViewerEvent::Exposure { stops: 1.0 });
+    let patches = session.take_patches();
+    assert!(!patches.is_empty() && patches.last().unwrap().last);
+    session.handle(machine.now, ViewerEvent::Hover { x: 0.5, y: 0.5 });
+    session.handle(machine.now, ViewerEvent::Beyond { allowed: true });
+    session.handle(machine.now, ViewerEvent::Speed { factor: 2.0 });
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.is_empty());
+    assert_eq!(session.panel(machine.now).hover, Some(("sky".into(), 1.0)));
+}
+
+#[test]
+fn an_event_ends_the_refinement_after_the_block_that_is_being_drawn() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-6);
+    machine.run(&mut session, 1.0);
+    session.handle(
+        machine.now,
+        ViewerEvent::Look {
+            right: 0.01,
+            down: 0.0,
+        },
+    );
+    machine.frames.clear();
+    machine.run(&mut session, 0.05);
+    assert!(!machine.frames[0].each, "the next picture is a moving one");
+}
+
+#[test]
+fn a_display_that_falls_behind_is_waited_for() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    machine.shows = false;
+    session.handle(0.0, hold(1.0));
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.len() <= AHEAD + 1);
+}
+
+#[test]
+fn a_picked_path_is_followed_along_its_geodesic() {
+    let sphere = manifold(
+        "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n[cameras]\nparameters = { c = [0.2, 0.4] }\nat = ['c', '0.1', '0']\nlength = 3",
+    );
+    let mut session = session(None, &sphere);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Follow);
+    assert!(session.panel(0.0).hint.unwrap().contains("pick"));
+    machine.run(&mut session, 0.5);
+    session.handle(machine.now, ViewerEvent::Pick { x: 0.7, y: 0.4 });
+    machine.run(&mut session, 0.1);
+    let (query, report) = session.picked.clone().unwrap();
+    session.handle(machine.now, ViewerEvent::Follow);
+    let seconds = 1.5 / session.speed;
+    machine.run(&mut session, seconds);
+    assert!(!session.panel(machine.now).travelling);
+    let camera = Camera {
+        u: DVec3::from_array(query.u),
+        rotation: glam::DQuat::IDENTITY,
+    };
+    let by = DVec3::from_array(query.direction) * (0.9 * report.length);
+    let expected = camera.moved(&sphere, by).camera.u;
+    assert!((session.camera().u - expected).length() < 1e-7);
+}
+
+#[test]
+fn home_and_named_places_are_found_and_impossible_ones_are_refused_with_a_reason() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let home = *session.camera();
+    session.handle(0.0, hold(1.0));
+    session.handle(0.1, hold(0.0));
+    assert_ne!(session.camera().u, home.u);
+    session.handle(0.2, ViewerEvent::Home);
+    assert_eq!(session.camera().u, home.u);
+    let pose = |at, look| {
+        ViewerEvent::Place(Pose {
+            at,
+            look,
+            up: [0.0, 0.0, 1.0],
+            fov: 60.0,
+        })
+    };
+    for (at, look) in [
+        ([f64::NAN; 3], [1.0, 0.0, 0.0]),
+        ([0.0; 3], [0.0, 0.0, 1.0]),
+        ([0.0; 3], [0.0; 3]),
+    ] {
+        session.handle(0.3, pose(at, look));
+        assert_eq!(session.camera().u, home.u);
+        assert!(session.panel(0.3).hint.is_some());
+    }
+    session.handle(0.4, pose([0.5, 0.25, 0.0], [0.0, 1.0, 0.0]));
+    assert_eq!(session.camera().u, DVec3::new(0.5, 0.25, 0.0));
+    session.handle(
+        0.5,
+        ViewerEvent::View {
+            name: "nowhere".into(),
+        },
+    );
+    assert!(session.panel(0.5).hint.unwrap().contains("nowhere"));
+}
+
+#[test]
+fn the_table_s_edge_stops_the_camera_with_a_hint_or_lets_it_go_on_with_exact_paths() {
+    let bundle = bundle("s3");
+    let mut session = session(Some(&bundle), &bundle.manifold.clone());
+    assert_eq!(session.panel(0.0).kind, PictureKind::Table);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, hold(-1.0));
+    machine.run(&mut session, 8.0);
+    let panel = session.panel(machine.now);
+    assert!(panel.hint.unwrap().contains("beyond") && panel.within_table);
+    session.handle(machine.now, ViewerEvent::Beyond { allowed: true });
+    machine.run(&mut session, 2.0);
+    let panel = session.panel(machine.now);
+    assert!(panel.hint.is_none() && !panel.within_table);
+}
+
+#[test]
+fn a_recorded_way_is_replayed_to_where_it_ended() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Record { on: true });
+    session.handle(0.0, hold(1.0));
+    machine.run(&mut session, 1.3);
+    session.handle(machine.now, hold(0.0));
+    session.handle(machine.now, ViewerEvent::Record { on: false });
+    let end = *session.camera();
+    session.handle(machine.now, ViewerEvent::Home);
+    session.handle(
+        machine.now,
+        ViewerEvent::Replay {
+            text: String::new(),
+        },
+    );
+    machine.run(&mut session, 3.0);
+    assert!((session.camera().u - end.u).length() < 1e-6);
+    session.handle(
+        machine.now,
+        ViewerEvent::Replay {
+            text: "[[pose]]".into(),
+        },
+    );
+    assert!(session.panel(machine.now).hint.is_some());
+}
+
+#[test]
+fn a_captured_picture_has_its_own_size_and_does_not_disturb_the_display() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-9);
+    machine.run(&mut session, 5.0);
+    session.handle(
+        machine.now,
+        ViewerEvent::Capture {
+            width: 300,
+            height: 200,
+            samples: 4,
+        },
+    );
+    machine.frames.clear();
+    machine.run(&mut session, 1.0);
+    assert!(
+        machine
+            .frames
+            .iter()
+            .all(|f| f.size == (300, 200) && f.samples == 4)
+    );
+    assert_eq!(session.panel(machine.now).size, (640, 360));
+    session.handle(
+        machine.now,
+        ViewerEvent::Capture {
+            width: 8192,
+            height: 8192,
+            samples: 1,
+        },
+    );
+    assert!(session.panel(machine.now).hint.is_some());
+}
+
+#[test]
+fn what_cannot_be_drawn_is_said_and_not_tried_for_ever() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let Some(Work::Draw(request)) = session.next_work(0.0, 1) else {
+        panic!("a picture is wanted")
+    };
+    let message = String::from("the table is damaged");
+    session.accept(
+        0.1,
+        Answer::Failed {
+            frame: Some(request.frame),
+            message,
+        },
+    );
+    assert!(session.next_work(0.2, 1).is_none());
+    assert!(session.panel(0.2).hint.unwrap().contains("damaged"));
+    session.handle(
+        0.3,
+        ViewerEvent::Look {
+            right: 0.1,
+            down: 0.0,
+        },
+    );
+    assert!(session.next_work(0.3, 1).is_some());
+}
+
+/// A random event, some of them nonsense.
+fn random_event(random: &mut Stream) -> ViewerEvent {
+    let mut number = |scale: f64| {
+        let x = random.uniform();
+        let odd = [f64::NAN, f64::INFINITY, -1e300, 0.0];
+        if x < 0.03 {
+            odd[(random.uniform() * 4.0) as usize % 4]
+        } else {
+            (2.0 * x - 1.0) * scale
+        }
+    };
+    match (number(1.0).abs().min(0.999) * 22.0) as usize {
+        0..=5 => ViewerEvent::Hold {
+            go: [number(1.2), number(1.2), number(1.2)],
+            turn: [number(1.0), number(1.0)],
+            roll: number(1.0),
+            fast: number(1.0) > 0.0,
+        },
+        6..=8 => ViewerEvent::Look {
+            right: number(0.3),
+            down: number(0.3),
+        },
+        9 => ViewerEvent::Speed {
+            factor: 1.0 + number(0.9),
+        },
+        10 => ViewerEvent::Zoom {
+            factor: 1.0 + number(0.9),
+        },
+        11 => ViewerEvent::Home,
+        12 => ViewerEvent::Show {
+            kind: [
+                PictureKind::Table,
+                PictureKind::Exact,
+                PictureKind::Flat,
+                PictureKind::Error,
+            ][(number(2.0).abs() as usize).min(3)],
+            split: (number(1.0) > 0.0).then_some(PictureKind::Exact),
+        },
+        13 => ViewerEvent::Exposure { stops: number(5.0) },
+        14 => ViewerEvent::Beyond {
+            allowed: number(1.0) > 0.5,
+        },
+        15 => ViewerEvent::Hover {
+            x: number(1.0),
+            y: number(1.0),
+        },
+        16 => ViewerEvent::Pick {
+            x: number(1.0).abs(),
+            y: number(1.0).abs(),
+        },
+        17 => ViewerEvent::Follow,
+        18 => ViewerEvent::Record {
+            on: number(1.0) > 0.0,
+        },
+        19 => ViewerEvent::Replay {
+            text: String::new(),
+        },
+        20 => ViewerEvent::Resize {
+            width: number(900.0).abs() as u32,
+            height: number(900.0).abs() as u32,
+        },
+        _ => ViewerEvent::Place(Pose {
+            at: [number(3.0), number(3.0), number(3.0)],
+            look: [number(1.0), number(1.0), number(1.0)],
+            up: [0.0, 0.0, 1.0],
+            fov: number(100.0),
+        }),
+    }
+}
+
+#[test]
+fn whatever_a_user_does_the_axes_stay_orthonormal_and_the_camera_inside() {
+    let golden = bundle("three-bumps-rail");
+    let sphere = bundle("s3");
+    let ended = manifold(
+        "metric = { conformal = '1 + 1/(4*(x^2 + y^2 + z^2))' }\nexit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 25' }]\n[domain]\ninside = ['x^2 + y^2 + z^2 - 0.04']\n[cameras]\nparameters = { c = [1, 2] }\nat = ['c', '0', '0']\nlength = 10",
+    );
+    let torus = manifold(
+        "metric = { conformal = '1' }\n[domain]\nx = [-1, 1]\ny = [-1, 1]\nz = [-1, 1]\nperiodic = ['x', 'y', 'z']\n[cameras]\nlength = 12",
+    );
+    for (seed, bundle, space) in [
+        (1, Some(&golden), golden.manifold.clone()),
+        (2, Some(&sphere), sphere.manifold.clone()),
+        (3, None, ended),
+        (4, None, torus),
+    ] {
+        let mut session = session(bundle, &space);
+        let mut machine = Machine::new(2e-7);
+        let mut random = Stream::new(&[seed]);
+        for step in 0..250 {
+            let event = random_event(&mut random);
+            session.handle(machine.now, event.clone());
+            machine.run(&mut session, 0.03);
+            let camera = session.camera();
+            let axes = camera.axes(&space);
+            let gram = axes.transpose() * space.metric(camera.u) * axes;
+            let off = (gram - glam::DMat3::IDENTITY).to_cols_array();
+            let worst = off.into_iter().map(f64::abs).fold(0.0, f64::max);
+            assert!(
+                worst < 1e-12,
+                "{} step {step}: {worst:e} after {event:?}",
+                space.name
+            );
+            assert!(space.domain.violation(camera.u).is_none());
+            assert!(camera.u.is_finite());
+            let _ = session.panel(machine.now);
+        }
+    }
+}
+
+#[test]
+fn a_block_drawn_alone_is_the_part_of_the_whole_picture() {
+    let bundle = bundle("s3");
+    let space = bundle.manifold.clone();
+    let stage = start_stage(&space, bundle.table.length);
+    let mut session =
+        Session::new(SessionSpace::new(&stage.scene, &space, Some(&bundle), 3.0).unwrap());
+    session.handle(
+        0.0,
+        ViewerEvent::Resize {
+            width: 320,
+            height: 192,
+        },
+    );
+    let drawer = DrawSpace::new(stage, Some(bundle), 3.0);
+    let Some(Work::Draw(whole)) = session.next_work(0.0, 1) else {
+        panic!("a picture is wanted")
+    };
+    let light = |request: DrawRequest| match drawer.answer(&Work::Draw(request)) {
+        Answer::Drawn { rgb, .. } => rgb,
+        other => panic!("{other:?}"),
+    };
+    let all = light(DrawRequest {
+        block: Block {
+            x: 0,
+            y: 0,
+            width: 320,
+            height: 192,
+        },
+        size: (320, 192),
+        ..whole.clone()
+    });
+    let block = Block {
+        x: 64,
+        y: 64,
+        width: 192,
+        height: 64,
+    };
+    let part = light(DrawRequest {
+        block,
+        size: (320, 192),
+        margin: 64,
+        ..whole.clone()
+    });
+    let mut differing = 0;
+    for (y, x) in (0..block.height).flat_map(|y| (0..block.width).map(move |x| (y, x))) {
+        for c in 0..3 {
+            let a = all[3 * ((y + block.y) * 320 + x + block.x) + c];
+            let b = part[3 * (y * block.width + x) + c];
+            differing += usize::from((a - b).abs() > 1e-3);
+        }
+    }
+    assert!(
+        differing * 1000 <= 3 * block.width * block.height,
+        "{differing}"
+    );
+    // The other ways of drawing give something too.
+    for kind in [PictureKind::Exact, PictureKind::Flat, PictureKind::Error] {
+        let block = Block {
+            x: 0,
+            y: 0,
+            width: 32,
+            height: 16,
+        };
+        let size = (32, 16);
+        let rgb = light(DrawRequest {
+            kind,
+            block,
+            size,
+            each: true,
+            ..whole.clone()
+        });
+        assert!(
+            rgb.iter().all(|x| x.is_finite()) && rgb.iter().any(|x| *x > 0.0),
+            "{kind:?}"
+        );
+    }
+    let query = RayQuery {
+        number: 1,
+        u: whole.u,
+        direction: [1.0, 0.0, 0.0],
+    };
+    let Answer::Ray { report, .. } = drawer.answer(&Work::Ray(query)) else {
+        panic!("a path is told")
+    };
+    assert!(report.points.len() > 10 && report.length > 0.0);
+}

@@ -1,0 +1,47 @@
+//! The user interface's files.
+//!
+//! Plain HTML, style sheet and ES modules, without a build. The program serves them as they are; the page has
+//! them in one file, with the modules put one after another ([`single_script`]).
+
+/// The page's frame.
+pub const HTML: &str = include_str!("../ui/index.html");
+
+/// The style sheet.
+pub const STYLE: &str = include_str!("../ui/style.css");
+
+/// Modules in the order of their imports: each imports earlier ones only.
+pub const MODULES: [(&str, &str); 6] = [
+    ("controls.js", include_str!("../ui/controls.js")),
+    ("display.js", include_str!("../ui/display.js")),
+    ("chart_map.js", include_str!("../ui/chart_map.js")),
+    ("panel.js", include_str!("../ui/panel.js")),
+    ("socket_engine.js", include_str!("../ui/socket_engine.js")),
+    ("viewer.js", include_str!("../ui/viewer.js")),
+];
+
+/// The module that begins when the program serves the user interface.
+pub const SERVED_MAIN: (&str, &str) = ("served.js", include_str!("../ui/served.js"));
+
+/// The engine of the page, and the module that begins there.
+pub const PAGE_MODULES: [(&str, &str); 2] = [
+    ("worker_engine.js", include_str!("../ui/worker_engine.js")),
+    ("page.js", include_str!("../ui/page.js")),
+];
+
+/// The script of the page's workers.
+pub const WORKER: &str = include_str!("../ui/worker.js");
+
+/// Joins the page's modules to one script: names are unique among them, so imports and exports fall away.
+pub fn single_script() -> String {
+    let modules = MODULES
+        .iter()
+        .filter(|(name, _)| *name != "socket_engine.js");
+    let mut script = String::new();
+    for (_, text) in modules.chain(&PAGE_MODULES) {
+        for line in text.lines().filter(|line| !line.starts_with("import ")) {
+            script.push_str(line.strip_prefix("export ").unwrap_or(line));
+            script.push('\n');
+        }
+    }
+    script
+}

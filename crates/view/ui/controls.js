@@ -1,0 +1,145 @@
+// Keys, mouse and touch to events. Keys are taken by where they are on the keyboard (event.code), so that W A S D
+// lie together on every layout; nothing uses Ctrl, Alt or Meta, which belong to the browser.
+
+/** What keys do while they are held: right, up, forwards; turn right, down; roll clockwise. */
+const HELD_KEYS = {
+  KeyW: [0, 0, 1, 0, 0, 0], KeyS: [0, 0, -1, 0, 0, 0], KeyA: [-1, 0, 0, 0, 0, 0], KeyD: [1, 0, 0, 0, 0, 0],
+  KeyQ: [0, -1, 0, 0, 0, 0], KeyE: [0, 1, 0, 0, 0, 0], ArrowLeft: [0, 0, 0, -1, 0, 0], ArrowRight: [0, 0, 0, 1, 0, 0],
+  ArrowUp: [0, 0, 0, 0, -1, 0], ArrowDown: [0, 0, 0, 0, 1, 0], KeyZ: [0, 0, 0, 0, 0, -1], KeyC: [0, 0, 0, 0, 0, 1],
+};
+
+/** Keys that do something once: name of the action, and words for the help. */
+export const ACTION_KEYS = {
+  KeyX: ["swap", "Swap table and exact"], KeyV: ["split", "Split the screen: table and exact side by side"],
+  KeyM: ["error", "Show the error of the table in mrad"], KeyG: ["flat", "Show the same scene in flat space"],
+  KeyH: ["home", "Back to the start"], KeyT: ["follow", "Fly along the picked path"], Escape: ["halt", "Stop flying"],
+  KeyB: ["beyond", "Let the camera leave the table's region"], BracketLeft: ["darker", "Darker"],
+  BracketRight: ["brighter", "Brighter"], KeyR: ["record", "Begin or end a recording of the way"],
+  KeyP: ["replay", "Replay the way"], KeyK: ["capture", "Save a picture (PNG)"], KeyO: ["overlay", "Hide or show the numbers"],
+  Slash: ["help", "This help"],
+};
+
+/** Words for the keys that are held, for the help. */
+export const HELD_HELP = [
+  ["W A S D", "Move"], ["Q E", "Down, up"], ["Z C", "Roll"], ["← → ↑ ↓, drag", "Turn"], ["Shift", "Faster"],
+  ["Wheel, − +", "Speed"], ["Click, Enter", "Draw the path to what is there (Enter: in the middle)"], ["Pinch, , .", "Angle of view"],
+];
+
+/** A press that moved less than this, in pixels, is a click. */
+const CLICK_REACH = 5;
+
+/**
+ * Listens to a canvas and to the pad's buttons.
+ * @param {HTMLCanvasElement} canvas @param {HTMLElement} pad
+ * @param {(event: object) => void} send @param {(action: string) => void} act
+ */
+export function attachControls(canvas, pad, send, act) {
+  const keys = new Set();
+  let fast = false;
+  let padGo = [0, 0, 0];
+  let told = "";
+
+  function tellHeld() {
+    const sum = [...padGo, 0, 0, 0];
+    for (const key of keys) HELD_KEYS[key].forEach((x, i) => (sum[i] += x));
+    const event = { type: "hold", go: sum.slice(0, 3), turn: sum.slice(3, 5), roll: sum[5], fast };
+    const text = JSON.stringify(event);
+    if (text !== told) send(event);
+    told = text;
+  }
+
+  function release() {
+    keys.clear();
+    padGo = [0, 0, 0];
+    fast = false;
+    tellHeld();
+  }
+
+  addEventListener("keydown", (event) => {
+    const inField = event.target instanceof Element && event.target.closest("input, select, textarea, dialog, button, summary");
+    if (event.ctrlKey || event.altKey || event.metaKey || inField) return;
+    fast = event.shiftKey;
+    if (event.code in HELD_KEYS) keys.add(event.code);
+    else if (event.code in ACTION_KEYS) { if (!event.repeat) act(ACTION_KEYS[event.code][0]); }
+    else if (event.code === "Minus" || event.code === "NumpadSubtract") send({ type: "speed", factor: 0.8 });
+    else if (event.code === "Equal" || event.code === "NumpadAdd") send({ type: "speed", factor: 1.25 });
+    else if (event.code === "Comma") send({ type: "zoom", factor: 0.95 });
+    else if (event.code === "Period") send({ type: "zoom", factor: 1.05 });
+    else if (event.code === "Enter") send({ type: "pick", x: 0.5, y: 0.5 });
+    else if (!event.code.startsWith("Shift")) return;
+    if (event.code !== "Escape") event.preventDefault();
+    tellHeld();
+  });
+  addEventListener("keyup", (event) => {
+    keys.delete(event.code);
+    fast = event.shiftKey;
+    tellHeld();
+  });
+  addEventListener("blur", release);
+  document.addEventListener("visibilitychange", () => document.hidden && release());
+
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    send({ type: "speed", factor: Math.exp(-Math.sign(event.deltaY) * 0.2) });
+  }, { passive: false });
+  attachPointers(canvas, send);
+
+  for (const button of pad.querySelectorAll("button")) {
+    const go = button.dataset.go.split(",").map(Number);
+    const press = (event) => { event.preventDefault(); padGo = go; tellHeld(); };
+    const lift = () => { padGo = [0, 0, 0]; tellHeld(); };
+    button.addEventListener("pointerdown", press);
+    for (const end of ["pointerup", "pointercancel", "pointerleave"]) button.addEventListener(end, lift);
+  }
+}
+
+/** Drags turn, clicks pick, two fingers change the angle of view, and a resting pointer asks what it is on. */
+function attachPointers(canvas, send) {
+  const down = new Map();
+  let moved = 0;
+  let spread = 0;
+  const share = (event) => {
+    const box = canvas.getBoundingClientRect();
+    return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
+  };
+  const apart = () => {
+    const [a, b] = [...down.values()];
+    return Math.hypot(a.x - b.x, a.y - b.y);
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.focus({ preventScroll: true });
+    canvas.setPointerCapture(event.pointerId);
+    down.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    if (down.size === 1) moved = 0;
+    if (down.size === 2) spread = apart();
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    const last = down.get(event.pointerId);
+    if (!last) {
+      const [x, y] = share(event);
+      send({ type: "hover", x, y });
+      return;
+    }
+    const [dx, dy] = [event.clientX - last.x, event.clientY - last.y];
+    moved += Math.abs(dx) + Math.abs(dy);
+    down.set(event.pointerId, { x: event.clientX, y: event.clientY });
+    if (down.size === 2) {
+      const now = apart();
+      if (now > 0 && spread > 0) send({ type: "zoom", factor: spread / now });
+      spread = now;
+    } else if (moved >= CLICK_REACH) {
+      const width = canvas.clientWidth;
+      // The picture is dragged: what was under the pointer stays there.
+      send({ type: "look", right: -dx / width, down: -dy / width });
+    }
+  });
+  const lift = (event) => {
+    if (!down.delete(event.pointerId) || down.size > 0) return;
+    if (event.type === "pointerup" && moved < CLICK_REACH) {
+      const [x, y] = share(event);
+      send({ type: "pick", x, y });
+    }
+  };
+  canvas.addEventListener("pointerup", lift);
+  canvas.addEventListener("pointercancel", lift);
+}

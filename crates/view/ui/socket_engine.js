@@ -1,0 +1,35 @@
+// The engine behind a WebSocket: the program that serves this page.
+
+/** Milliseconds before another try when the connection is lost. */
+const RETRY = 1000;
+
+/** Opens the connection; it comes back by itself when it is lost. */
+export function openSocketEngine() {
+  const engine = { send, onpatch: (_) => {}, onmessage: (_) => {}, onopen: () => {}, onlost: () => {} };
+  const address = new URL("socket", location.href);
+  address.protocol = "ws:";
+  address.hash = "";
+  let socket = null;
+
+  function connect() {
+    socket = new WebSocket(address);
+    socket.binaryType = "arraybuffer";
+    socket.onopen = () => engine.onopen();
+    socket.onmessage = ({ data }) => {
+      if (typeof data === "string") engine.onmessage(JSON.parse(data));
+      else engine.onpatch(data);
+    };
+    socket.onclose = () => {
+      engine.onlost();
+      setTimeout(connect, RETRY);
+    };
+  }
+
+  function send(event) {
+    if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(event));
+  }
+
+  // After the caller has set what is to be done.
+  setTimeout(connect, 0);
+  return engine;
+}

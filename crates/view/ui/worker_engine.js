@@ -1,0 +1,93 @@
+// The engine in the page itself: a session here, drawing in workers. Each has the same WebAssembly and its own
+// memory, so nothing is shared and no special headers are needed.
+
+/** Calls of one WebAssembly instance. */
+function instanceCalls(exports) {
+  const encoder = new TextEncoder();
+  const decoder = new TextDecoder();
+  return {
+    exports,
+    /** Gives bytes, or a text, to the next call. */
+    give(content) {
+      const bytes = typeof content === "string" ? encoder.encode(content) : content;
+      const place = exports.geofan_input(bytes.length);
+      new Uint8Array(exports.memory.buffer, place, bytes.length).set(bytes);
+    },
+    /** Takes the bytes of the last call. */
+    take: () => new Uint8Array(exports.memory.buffer, exports.geofan_output(), exports.geofan_output_length()).slice(),
+    takeText() { return decoder.decode(this.take()); },
+  };
+}
+
+/**
+ * Opens the engine.
+ * @param {Uint8Array} wasm @param {Uint8Array} space @param {string} worker the address of the workers' script
+ * @param {number} count of workers
+ */
+export async function openWorkerEngine(wasm, space, worker, count) {
+  const engine = { send, onpatch: (_) => {}, onmessage: (_) => {}, onopen: () => {}, onlost: () => {} };
+  const module = await WebAssembly.compile(wasm);
+  const session = instanceCalls((await WebAssembly.instantiate(module, {})).exports);
+  session.give(space);
+  if (session.exports.geofan_open_session() !== 0) throw new Error(session.takeText());
+  const now = () => performance.now() / 1e3;
+  const settings = new Map();
+  const free = [];
+  const workers = Array.from({ length: count }, () => {
+    const made = new Worker(worker);
+    made.onmessage = ({ data }) => answer(made, data);
+    made.onerror = (event) => engine.onmessage({ type: "broken", text: event.message });
+    made.postMessage({ module, space });
+    return made;
+  });
+
+  /** Takes what a worker says: that it is ready, what was wrong, or an answer. */
+  function answer(made, data) {
+    if (data.trouble !== undefined) tellTrouble(data.trouble);
+    if (data.answer) {
+      session.give(data.answer);
+      session.exports.geofan_accept(now());
+    }
+    if (!free.includes(made)) free.push(made);
+    pump();
+  }
+
+  function tellTrouble(text) {
+    session.give(text);
+    session.exports.geofan_trouble();
+  }
+
+  function send(event) {
+    if (event.type === "parameter") {
+      settings.set(event.name, event.value);
+      const text = JSON.stringify([...settings]);
+      session.give(text);
+      if (session.exports.geofan_set_session() !== 0) tellTrouble(session.takeText());
+      else for (const made of workers) made.postMessage({ settings: text });
+    } else {
+      session.give(JSON.stringify(event));
+      session.exports.geofan_event(now());
+    }
+    pump();
+  }
+
+  /** Hands work to free workers, and pixels and panels on. */
+  function pump() {
+    while (session.exports.geofan_patch() !== 0) engine.onpatch(session.take().buffer);
+    while (free.length > 0 && session.exports.geofan_next(now(), count) !== 0) {
+      const work = session.take();
+      free.pop().postMessage({ work }, [work.buffer]);
+    }
+    while (session.exports.geofan_message(now()) !== 0) engine.onmessage(JSON.parse(session.takeText()));
+  }
+
+  const beat = () => {
+    pump();
+    requestAnimationFrame(beat);
+  };
+  setTimeout(() => {
+    engine.onopen();
+    beat();
+  }, 0);
+  return engine;
+}

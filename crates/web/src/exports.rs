@@ -1,0 +1,176 @@
+//! The functions that a page calls. Numbers go in and out; everything else is in the buffers.
+//!
+//! | function | input | output |
+//! |---|---|---|
+//! | `geofan_input(length)` | | room for so many bytes; returns where |
+//! | `geofan_output()`, `geofan_output_length()` | | where the output is, and its length |
+//! | `geofan_open_session()`, `geofan_open_drawing()` | package | 0, or 1 and what was wrong |
+//! | `geofan_set_session()`, `geofan_set_drawing()` | parameters as JSON | 0, or 1 and what was wrong |
+//! | `geofan_event(now)` | an event | |
+//! | `geofan_trouble()` | a text | |
+//! | `geofan_next(now, workers)` | | 1 and work, or 0 |
+//! | `geofan_work()` | work | the answer |
+//! | `geofan_accept(now)` | an answer | |
+//! | `geofan_patch()`, `geofan_message(now)` | | 1 and pixels or a message, or 0 |
+
+// Exporting a function by its name counts as unsafe, because names must be unique; nothing else here is.
+#![allow(unsafe_code)]
+
+use crate::instance::Instance;
+use geofan_core::Result;
+use std::cell::RefCell;
+
+thread_local! {
+    static INSTANCE: RefCell<Instance> = RefCell::default();
+}
+
+fn with<T>(call: impl FnOnce(&mut Instance) -> T) -> T {
+    INSTANCE.with_borrow_mut(call)
+}
+
+/// Returns 0, or 1 with the reason in the output.
+fn told(call: impl FnOnce(&mut Instance) -> Result<()>) -> u32 {
+    with(|instance| match call(instance) {
+        Ok(()) => 0,
+        Err(error) => {
+            instance.output = error.report(false).into_bytes();
+            1
+        }
+    })
+}
+
+/// Makes room for `length` bytes of input and returns where.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_input(length: usize) -> *mut u8 {
+    with(|instance| {
+        instance.input.clear();
+        instance.input.resize(length, 0);
+        instance.input.as_mut_ptr()
+    })
+}
+
+/// Returns where the output is.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_output() -> *const u8 {
+    with(|instance| instance.output.as_ptr())
+}
+
+/// Returns the length of the output.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_output_length() -> usize {
+    with(|instance| instance.output.len())
+}
+
+/// Opens a package for a session.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_open_session() -> u32 {
+    told(Instance::open_session)
+}
+
+/// Opens a package for drawing.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_open_drawing() -> u32 {
+    told(Instance::open_drawing)
+}
+
+/// Loads the session's space with other parameters.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_set_session() -> u32 {
+    told(Instance::set)
+}
+
+/// Loads the drawing's space with other parameters.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_set_drawing() -> u32 {
+    told(Instance::set)
+}
+
+/// Takes an event.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_event(now: f64) {
+    with(|instance| instance.event(now));
+}
+
+/// Takes a text about what is wrong.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_trouble() {
+    with(Instance::trouble);
+}
+
+/// Gives out work.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_next(now: f64, workers: u32) -> u32 {
+    with(|instance| instance.next(now, workers).into())
+}
+
+/// Does work.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_work() {
+    with(Instance::work);
+}
+
+/// Takes an answer.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_accept(now: f64) {
+    with(|instance| instance.accept(now));
+}
+
+/// Gives out pixels.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_patch() -> u32 {
+    with(|instance| instance.patch().into())
+}
+
+/// Gives out a message.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_message(now: f64) -> u32 {
+    with(|instance| instance.message(now).into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_view::{Package, PageAbout};
+
+    #[test]
+    fn a_session_and_a_drawing_of_one_package_make_a_picture_together() {
+        let manifold = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\nexit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 9' }]\n";
+        let scene = "manifold = 'm.toml'\ncamera = { at = [0, 0, 0], look = [1, 0, 0], up = [0, 0, 1] }\nsky = { sky = { pattern = 'grid' } }\n";
+        let mut package = Package::default();
+        package.add("m.toml", manifold.into());
+        package.add("s.toml", scene.into());
+        let about = PageAbout {
+            scene: "s.toml".into(),
+            settings: Vec::new(),
+            length: 10.0,
+        };
+        package.add(PageAbout::NAME, about.encode());
+        let (mut session, mut drawing) = (Instance::default(), Instance::default());
+        for instance in [&mut session, &mut drawing] {
+            instance.input = package.encode();
+        }
+        session.open_session().unwrap();
+        drawing.open_drawing().unwrap();
+        session.input = br#"{"type":"resize","width":64,"height":48}"#.to_vec();
+        session.event(0.0);
+        let mut pictures = 0;
+        let mut now = 0.0;
+        while pictures < 2 && now < 10.0 {
+            now += 0.1;
+            while session.next(now, 1) {
+                drawing.input = session.output.clone();
+                drawing.work();
+                session.input = drawing.output.clone();
+                session.accept(now);
+                while session.patch() {
+                    pictures += usize::from(session.output[0] & 2 == 2);
+                    assert!(session.output[32..].chunks(4).any(|p| p[0] > 30));
+                }
+            }
+        }
+        assert_eq!(pictures, 2);
+        assert!(session.message(now));
+        drawing.input = b"no package".to_vec();
+        assert!(drawing.open_drawing().is_err());
+    }
+}

@@ -1,0 +1,146 @@
+//! One WebAssembly instance: a session or a drawing, and the package that it was opened from.
+
+use geofan_core::{Error, Result};
+use geofan_view::{
+    Answer, DrawSpace, Package, PageAbout, PanelFeed, Session, SessionSpace, ViewerEvent, Work,
+};
+
+/// The state of an instance.
+#[derive(Default)]
+pub struct Instance {
+    /// Written by the page.
+    pub input: Vec<u8>,
+    /// Read by the page.
+    pub output: Vec<u8>,
+    package: Package,
+    session: Option<Session>,
+    feed: PanelFeed,
+    messages: Vec<String>,
+    patches: Vec<geofan_view::Patch>,
+    drawing: Option<DrawSpace>,
+}
+
+impl Instance {
+    /// Opens the package in the input to draw its scene.
+    pub fn open_drawing(&mut self) -> Result<()> {
+        self.package = self.read_package()?;
+        self.drawing = Some(PageAbout::open(&self.package, None)?);
+        Ok(())
+    }
+
+    /// Opens the package in the input for a session.
+    pub fn open_session(&mut self) -> Result<()> {
+        self.package = self.read_package()?;
+        self.session = Some(Session::new(self.session_space(None)?));
+        Ok(())
+    }
+
+    fn read_package(&self) -> Result<Package> {
+        Package::decode(&self.input).map_err(|e| Error::input("page", e.to_string()))
+    }
+
+    /// Loads what a session has to know; the scene's meshes are the workers' matter.
+    fn session_space(&self, settings: Option<&[(String, f64)]>) -> Result<SessionSpace> {
+        PageAbout::open_session(&self.package, settings)
+    }
+
+    /// Loads the scene again with the settings in the input.
+    pub fn set(&mut self) -> Result<()> {
+        let settings: Vec<(String, f64)> = serde_json::from_slice(&self.input)
+            .map_err(|e| Error::input("settings", e.to_string()))?;
+        if self.session.is_some() {
+            let space = self.session_space(Some(&settings))?;
+            if let Some(session) = &mut self.session {
+                session.replace_space(space);
+                session.set_trouble(None);
+            }
+        }
+        if self.drawing.is_some() {
+            self.drawing = Some(PageAbout::open(&self.package, Some(&settings))?);
+        }
+        Ok(())
+    }
+
+    /// Hands the event in the input to the session.
+    pub fn event(&mut self, now: f64) {
+        let event = serde_json::from_slice::<ViewerEvent>(&self.input);
+        if let (Some(session), Ok(event)) = (&mut self.session, event) {
+            session.handle(now, event);
+        }
+    }
+
+    /// Says that something is wrong, by the text in the input.
+    pub fn trouble(&mut self) {
+        let text = String::from_utf8_lossy(&self.input).into_owned();
+        if let Some(session) = &mut self.session {
+            session.set_trouble(Some(text).filter(|text| !text.is_empty()));
+        }
+    }
+
+    /// Puts the next work into the output, if there is any.
+    pub fn next(&mut self, now: f64, workers: u32) -> bool {
+        let session = self.session.as_mut();
+        let work = session.and_then(|session| session.next_work(now, workers as usize));
+        match work {
+            Some(work) => {
+                self.output = serde_json::to_vec(&work).unwrap_or_default();
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Does the work in the input and puts the answer into the output.
+    pub fn work(&mut self) {
+        let work = serde_json::from_slice::<Work>(&self.input);
+        let answer = match (&self.drawing, work) {
+            (Some(drawing), Ok(work)) => drawing.answer(&work),
+            _ => Answer::Failed {
+                frame: None,
+                message: "this worker has nothing to draw".into(),
+            },
+        };
+        self.output = answer.encode();
+    }
+
+    /// Hands the answer in the input to the session.
+    pub fn accept(&mut self, now: f64) {
+        if let (Some(session), Some(answer)) = (&mut self.session, Answer::decode(&self.input)) {
+            session.accept(now, answer);
+        }
+    }
+
+    /// Puts the next patch into the output, if there is one.
+    pub fn patch(&mut self) -> bool {
+        if self.patches.is_empty()
+            && let Some(session) = &mut self.session
+        {
+            self.patches = session.take_patches();
+            self.patches.reverse();
+        }
+        match self.patches.pop() {
+            Some(patch) => {
+                self.output = patch.encode();
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Puts the next message for the user interface into the output, if there is one.
+    pub fn message(&mut self, now: f64) -> bool {
+        if self.messages.is_empty()
+            && let Some(session) = &mut self.session
+        {
+            self.messages = self.feed.next(session, now);
+            self.messages.reverse();
+        }
+        match self.messages.pop() {
+            Some(message) => {
+                self.output = message.into_bytes();
+                true
+            }
+            None => false,
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! Work behind, while somebody looks around already: baking a table, and decoding it ahead of the camera.
+//!
+//! In: the space as it is. Out: a bundle in the user's cache, under the manifold's identity, and from then on in
+//! the space. A space that changes ends the bake of the one before; what was done is kept and gone on with when
+//! that space comes back. Half of the threads bake: the picture comes first.
+
+use super::loading::SharedSpace;
+use geofan_bake::{BakeOptions, BakeResult, bake};
+use geofan_bundle::Bundle;
+use geofan_core::{Observer, Progress, manifold::Manifold};
+use std::{
+    fs,
+    path::{Path, PathBuf},
+    sync::Arc,
+    time::Duration,
+};
+
+/// Time between two looks at whether the space is another one.
+const LOOK: Duration = Duration::from_millis(300);
+
+/// Rays of the certificate, as for `geofan bake`.
+const CERTIFY_RAYS: u64 = 20_000;
+
+/// Bakes a table for every space that has none, until the viewer ends.
+pub fn bake_tables(shared: &Arc<SharedSpace>) {
+    let Some(folder) = cache_folder() else {
+        return;
+    };
+    let threads = rayon::current_num_threads().div_ceil(2);
+    let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
+        return;
+    };
+    let mut tried = 0;
+    while !shared.has_ended() {
+        let (version, loaded, ..) = shared.present();
+        if version != tried && loaded.draw.bundle().is_none() {
+            tried = version;
+            let manifold = loaded.session.manifold.clone();
+            let work = BehindBake { shared, version };
+            let made = pool.install(|| table(&folder, manifold, loaded.draw.length(), &work));
+            shared.set_background(made.err());
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Decodes the chunks of every table one after another, until the viewer ends: a camera that comes into a new
+/// cell then does not wait for its chunks.
+pub fn decode_ahead(shared: &SharedSpace) {
+    let mut decoded = 0;
+    while !shared.has_ended() {
+        let (version, loaded, ..) = shared.present();
+        if version != decoded {
+            decoded = version;
+            let table = loaded.draw.bundle().map(|bundle| &bundle.table);
+            for (table, chunk) in table
+                .iter()
+                .flat_map(|t| (0..t.chunks.len()).map(move |c| (t, c)))
+            {
+                if shared.has_ended() || shared.present().0 != version {
+                    break;
+                }
+                // A damaged chunk is complained of when a camera needs it.
+                let _ = table.tree(chunk);
+            }
+        }
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Finds the table of a manifold in the cache, or bakes it there, and gives it to the space.
+fn table(
+    folder: &Path,
+    manifold: Arc<Manifold>,
+    length: f64,
+    work: &BehindBake<'_>,
+) -> Result<(), String> {
+    let path = folder.join(format!("{}.fan", identity(&manifold, length)));
+    let found = Bundle::read(&path).ok();
+    let found = found.filter(|bundle| manifold.differences(&bundle.manifold).is_empty());
+    if let Some(bundle) = found {
+        work.shared.set_table(bundle);
+        return Ok(());
+    }
+    fs::create_dir_all(folder).map_err(|e| format!("no table: {}: {e}", folder.display()))?;
+    let options = BakeOptions {
+        max_sky_error: None,
+        max_error: None,
+        max_size: None,
+        length: Some(length),
+        frames: true,
+        mirrors: true,
+        share: None,
+        resume: true,
+        wait: false,
+        certify_rays: CERTIFY_RAYS,
+    };
+    match bake(manifold, &path, &options, work) {
+        Ok(BakeResult::Bundle { bundle, .. }) => {
+            work.shared.set_table(*bundle);
+            Ok(())
+        }
+        Ok(_) => Ok(()),
+        Err(_) if work.cancelled() => Ok(()),
+        Err(error) => Err(format!("no table: {error}")),
+    }
+}
+
+/// Returns the name of a manifold's table: equal for equal geometry and length.
+fn identity(manifold: &Manifold, length: f64) -> String {
+    let mut hasher = blake3::Hasher::new();
+    hasher.update(&manifold.meaning_digest());
+    hasher.update(&length.to_le_bytes());
+    hasher.finalize().to_hex()[..32].to_string()
+}
+
+/// Returns the folder for tables in the user's cache.
+fn cache_folder() -> Option<PathBuf> {
+    let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
+    let base = match std::env::consts::OS {
+        "windows" => PathBuf::from(set("LOCALAPPDATA")?),
+        "macos" => PathBuf::from(set("HOME")?).join("Library/Caches"),
+        _ => match set("XDG_CACHE_HOME") {
+            Some(folder) => PathBuf::from(folder),
+            None => PathBuf::from(set("HOME")?).join(".cache"),
+        },
+    };
+    Some(base.join("geofan").join("tables"))
+}
+
+/// Watches a bake for the viewers.
+struct BehindBake<'s> {
+    shared: &'s SharedSpace,
+    version: u64,
+}
+
+impl Observer for BehindBake<'_> {
+    fn progress(&self, progress: Progress<'_>) {
+        let Progress {
+            work, done, total, ..
+        } = progress;
+        let text = match total {
+            0 => format!("baking a table behind: {work}"),
+            _ => format!("baking a table behind: {work} {done} of {total}"),
+        };
+        self.shared.set_background(Some(text));
+    }
+
+    fn cancelled(&self) -> bool {
+        self.shared.has_ended() || self.shared.present().0 != self.version
+    }
+}

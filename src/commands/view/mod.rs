@@ -1,0 +1,136 @@
+//! `geofan view`: looking around in a scene, in the browser; or the same written into one page.
+//!
+//! In: a scene file, or a bare manifold file, and perhaps a bundle. Out: the viewer's user interface on a local
+//! address, until a signal ends it; or a page. The viewer's rules are in `geofan-view`; here are its threads,
+//! files and sockets: [`loading`] reads and watches files, [`background`] bakes, [`server`] answers requests of
+//! which it checks everything, [`connection`] drives one session.
+
+mod background;
+mod connection;
+mod loading;
+mod page;
+mod server;
+
+use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, values};
+use clap::Args;
+use geofan_core::{Error, Observer, Result};
+use loading::SpaceSource;
+use serde_json::json;
+use server::Server;
+use std::{
+    net::{IpAddr, Ipv4Addr, SocketAddr},
+    path::PathBuf,
+    process::{Command, Stdio},
+    time::Duration,
+};
+
+/// Options of `geofan view`.
+#[derive(Debug, Args)]
+pub struct ViewArgs {
+    /// The scene file, or a manifold file
+    scene: PathBuf,
+    /// The table to look paths up in [default: one baked behind, kept in the user's cache]
+    #[arg(long, value_name = "FILE")]
+    bundle: Option<PathBuf>,
+    /// How far to follow exact paths [default: the manifold's, else 10]
+    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
+    length: Option<f64>,
+    /// Replace a parameter of the manifold; may be repeated
+    #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
+    set: Vec<(String, f64)>,
+    /// Print the address and open no browser
+    #[arg(long)]
+    no_open: bool,
+    /// Bake no table behind where there is no bundle
+    #[arg(long)]
+    no_bake: bool,
+    /// The local address to serve on [default: 127.0.0.1 and any free port]
+    #[arg(long, value_name = "127.0.0.1:PORT")]
+    listen: Option<SocketAddr>,
+    /// Write a page that needs no server instead: one file (out.html), or a folder for a static host
+    #[arg(long, value_name = "out.html|DIR", conflicts_with_all = ["listen", "no_open"])]
+    page: Option<PathBuf>,
+    /// The viewer for pages, as `.ci/page.sh` builds it [default: geofan-web.wasm beside this program]
+    #[arg(long, value_name = "FILE", requires = "page")]
+    wasm: Option<PathBuf>,
+}
+
+/// Runs the viewer, or writes the page.
+pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
+    let source = SpaceSource {
+        file: args.scene.clone(),
+        bundle: args.bundle.clone(),
+        length: args.length,
+    };
+    if let Some(output) = &args.page {
+        let written = page::write(&source, &args.set, args.wasm.as_deref(), output)?;
+        return report_page(&written, common);
+    }
+    let listen = args.listen.unwrap_or((Ipv4Addr::LOCALHOST, 0).into());
+    if !is_loopback(listen.ip()) {
+        let message =
+            "the viewer is served to this machine only: give 127.0.0.1:PORT or [::1]:PORT";
+        return Err(Error::input("--listen", message));
+    }
+    let observer = TerminalObserver::new(common)?;
+    let shared = loading::SharedSpace::open(source, args.set.clone())?;
+    let server = Server::bind(listen, shared.clone())?;
+    announce(&server, args, common)?;
+    std::thread::scope(|threads| {
+        threads.spawn(|| shared.watch());
+        if !args.no_bake {
+            threads.spawn(|| background::bake_tables(&shared));
+        }
+        threads.spawn(|| background::decode_ahead(&shared));
+        threads.spawn(|| server.serve());
+        while !observer.cancelled() {
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        shared.end();
+        server.wake();
+    });
+    Ok(Outcome::Done)
+}
+
+/// Tells whether only this machine reaches an address.
+fn is_loopback(address: IpAddr) -> bool {
+    address.is_loopback()
+}
+
+/// Prints the address, and opens the browser.
+fn announce(server: &Server, args: &ViewArgs, common: &CommonArgs) -> Result<()> {
+    let address = server.address();
+    match common.json {
+        true => terminal::print_json(&json!({ "address": address }))?,
+        false => terminal::print(&format!("{address}\n"))?,
+    }
+    if !args.no_open && !open_browser(&address) {
+        tracing::warn!("no browser could be opened; open the address by hand");
+    }
+    Ok(())
+}
+
+/// Asks the system to open an address.
+fn open_browser(address: &str) -> bool {
+    let (program, first): (&str, &[&str]) = match std::env::consts::OS {
+        "macos" => ("open", &[]),
+        "windows" => ("rundll32", &["url.dll,FileProtocolHandler"]),
+        _ => ("xdg-open", &[]),
+    };
+    let mut command = Command::new(program);
+    command.args(first).arg(address).stdin(Stdio::null());
+    let quiet = command.stdout(Stdio::null()).stderr(Stdio::null());
+    quiet.spawn().is_ok()
+}
+
+/// Says what was written.
+fn report_page(written: &page::WrittenPage, common: &CommonArgs) -> Result<Outcome> {
+    let output = written.output.display().to_string();
+    if common.json {
+        terminal::print_json(&json!({ "output": output, "bytes": written.bytes }))?;
+    } else if !common.quiet {
+        let size = written.bytes as f64 / 1e6;
+        terminal::print(&format!("{output}: {size:.2} MB, opens without a server\n"))?;
+    }
+    Ok(Outcome::Done)
+}

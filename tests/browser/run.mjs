@@ -1,0 +1,229 @@
+// The viewer in a real browser, by the program's engine and as a page opened from its file alike: a flight through
+// the throat and back, exact paths, the split screen, the error, a followed path, a broken and mended scene file,
+// a saved picture, a replayed way; and the page by touch on a phone's screen. Screenshots are left in OUT.
+//
+//   cd tests/browser && npm install && node run.mjs GEOFAN SCENE BUNDLE OUT [chromium]
+//
+// GEOFAN is the program; its geofan-web.wasm must lie beside it (.ci/page.sh). Ends with 1 if something is wrong.
+
+import { chromium } from "playwright-core";
+import { spawn, execFileSync } from "node:child_process";
+import { copyFileSync, cpSync, mkdirSync, readFileSync, statSync, writeFileSync, mkdtempSync } from "node:fs";
+import { tmpdir } from "node:os";
+import path from "node:path";
+
+const [geofan, scene, bundle, out, browserPath = "/usr/bin/chromium"] = process.argv.slice(2);
+if (!out) {
+  console.error("usage: node run.mjs GEOFAN SCENE BUNDLE OUT [chromium]");
+  process.exit(2);
+}
+mkdirSync(out, { recursive: true });
+const work = mkdtempSync(path.join(tmpdir(), "geofan-browser-"));
+// A copy of the scene's folders, because the test breaks its file.
+cpSync(path.resolve(path.dirname(scene), ".."), path.join(work, "assets"), { recursive: true });
+const copy = path.join(work, "assets", path.basename(path.dirname(scene)), path.basename(scene));
+copyFileSync(bundle, path.join(work, "b.fan"));
+let wrong = 0;
+
+function check(holds, words) {
+  console.log(`${holds ? "ok   " : "WRONG"} ${words}`);
+  if (!holds) wrong += 1;
+}
+
+const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+  "--disable-background-networking", "--disable-component-update", "--disable-sync"];
+
+async function open(address, context) {
+  const began = performance.now();
+  const page = await context.newPage();
+  const asked = [];
+  page.on("request", (request) => asked.push(request.url()));
+  page.on("console", (message) => message.type() === "error" && console.log(`      console: ${message.text()}`));
+  page.on("pageerror", (error) => { check(false, `no error in the page: ${error.message}`); });
+  await page.goto(address);
+  await page.waitForFunction(() => globalThis.geofan?.stats().frames > 0, null, { timeout: 60000 });
+  const ready = performance.now() - began;
+  return { page, ready, asked };
+}
+
+const panel = (page) => page.evaluate(() => globalThis.geofan.panel());
+const until = (page, test, argument = null, timeout = 60000) =>
+  page.waitForFunction(test, argument, { timeout, polling: 50 });
+const shot = (page, name) => page.screenshot({ path: path.join(out, `${name}.png`) });
+
+/** The picture's own pixels, 32 × 18 of them, to see whether it has changed and is not empty. */
+const thumbnail = (page) => page.evaluate(() => {
+  const small = Object.assign(document.createElement("canvas"), { width: 32, height: 18 });
+  const paper = small.getContext("2d");
+  paper.drawImage(document.getElementById("picture"), 0, 0, 32, 18);
+  return [...paper.getImageData(0, 0, 32, 18).data];
+});
+const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0) / a.length;
+/** Waits until nothing is left to be refined; with few samples, because exact paths take their time. */
+const SAMPLES = 4;
+const settled = async (page) => {
+  await page.evaluate((samples) => globalThis.geofan.send({ type: "still", samples }), SAMPLES);
+  return until(page, (samples) => {
+    const p = globalThis.geofan.panel();
+    return p?.samples >= samples && p.size[0] === p.display[0];
+  }, SAMPLES, 300000);
+};
+
+/** The session that both engines go through. */
+async function session(page, name) {
+  await settled(page);
+  const start = await thumbnail(page);
+  await shot(page, `${name}-1-start`);
+  check(Math.max(...start.filter((_, i) => i % 4 !== 3)) > 60, `${name}: the picture is not dark`);
+  const before = await panel(page);
+
+  await page.keyboard.down("KeyW");
+  const times = [];
+  const through = async (sign) => {
+    for (let i = 0; i < 120; i += 1) {
+      await page.waitForTimeout(100);
+      const now = await panel(page);
+      if (now.rate) times.push([now.rate, now.seconds, now.size[0]]);
+      const radius = Math.hypot(...now.pose.at);
+      if (sign * (radius - 0.5) > 0.2 || now.hint) return now;
+    }
+    return panel(page);
+  };
+  const beyond = await through(-1);
+  await page.keyboard.up("KeyW");
+  check(Math.hypot(...beyond.pose.at) < 0.5, `${name}: flies through the throat, radius ${Math.hypot(...beyond.pose.at).toFixed(3)}`);
+  await shot(page, `${name}-2-beyond`);
+  const middle = (k) => times.map((t) => t[k]).sort((a, b) => a - b)[times.length >> 1];
+  console.log(`      ${name}: moving, median ${middle(0)?.toFixed(1)} frames a second, ${(1e3 * middle(1)).toFixed(0)} ms each, ${middle(2)} wide`);
+  await page.keyboard.press("KeyH");
+  await settled(page);
+  check(difference(start, await thumbnail(page)) < 0.5, `${name}: home shows the first picture again`);
+
+  await page.keyboard.press("KeyX");
+  await until(page, () => globalThis.geofan.panel().kind === "exact");
+  await settled(page);
+  await shot(page, `${name}-3-exact`);
+  const exact = difference(start, await thumbnail(page));
+  check(exact < 2, `${name}: exact paths show the same, mean difference ${exact.toFixed(3)} code values`);
+  await page.keyboard.press("KeyX");
+  await page.keyboard.press("KeyV");
+  await until(page, () => globalThis.geofan.panel().split === "exact");
+  await settled(page);
+  await shot(page, `${name}-4-split`);
+  await page.keyboard.press("KeyV");
+  await page.keyboard.press("KeyM");
+  await until(page, () => globalThis.geofan.panel().errors);
+  await shot(page, `${name}-5-error`);
+  const errors = (await panel(page)).errors[0];
+  check(errors.p99 < 5 && errors.p99 > 0, `${name}: errors are told, p99 ${errors.p99.toFixed(3)} mrad`);
+  await page.keyboard.press("KeyM");
+  await page.keyboard.press("KeyG");
+  await settled(page);
+  await shot(page, `${name}-6-flat`);
+  check(difference(start, await thumbnail(page)) > 3, `${name}: flat space looks different`);
+  await page.keyboard.press("KeyG");
+
+  const box = await page.locator("#picture").boundingBox();
+  await page.mouse.click(box.x + 0.62 * box.width, box.y + 0.42 * box.height);
+  await until(page, () => globalThis.geofan.panel().picked);
+  await settled(page);
+  await shot(page, `${name}-7-path`);
+  await page.keyboard.press("KeyR");
+  await page.keyboard.press("KeyT");
+  await until(page, () => globalThis.geofan.panel().travelling);
+  await page.waitForTimeout(1500);
+  await page.keyboard.press("Escape");
+  await page.waitForTimeout(1000);
+  const end = (await panel(page)).pose.at;
+  const download = page.waitForEvent("download");
+  await page.keyboard.press("KeyR");
+  const way = await download;
+  await way.saveAs(path.join(work, `${name}-way.toml`));
+  check(Math.hypot(...end.map((x, i) => x - before.pose.at[i])) > 1e-3, `${name}: follows a picked path`);
+  await page.keyboard.press("KeyH");
+  await page.keyboard.press("KeyP");
+  await until(page, () => globalThis.geofan.panel().travelling);
+  await until(page, () => !globalThis.geofan.panel().travelling);
+  const again = (await panel(page)).pose.at;
+  check(Math.hypot(...end.map((x, i) => x - again[i])) < 1e-3, `${name}: a replay ends where the recording did`);
+  const frames = path.join(work, `${name}-%02d.png`);
+  execFileSync(geofan, ["render", copy, "--bundle", path.join(work, "b.fan"), "--camera-path", path.join(work, `${name}-way.toml`), "--frames", "2", "--size", "64x36", "-o", frames, "--quiet"]);
+  check(statSync(path.join(work, `${name}-01.png`)).size > 100, `${name}: geofan render takes the recorded way`);
+
+  const picture = page.waitForEvent("download", { timeout: 120000 });
+  await page.keyboard.press("KeyK");
+  await (await picture).saveAs(path.join(out, `${name}-8-saved.png`));
+  check(statSync(path.join(out, `${name}-8-saved.png`)).size > 10000, `${name}: a picture is saved`);
+  const address = await page.evaluate(() => new Promise((done) => setTimeout(() => done(location.hash), 1500)));
+  check(address.includes("at=") && address.includes("show="), `${name}: the address holds the settings`);
+}
+
+let viewer = null;
+
+async function native(browser) {
+  viewer = spawn(geofan, ["view", copy, "--bundle", path.join(work, "b.fan"), "--no-open"]);
+  const began = performance.now();
+  const address = await new Promise((done) => viewer.stdout.on("data", (data) => done(String(data).trim())));
+  const context = await browser.newContext({ viewport: { width: 930, height: 360 }, acceptDownloads: true });
+  const { page, ready, asked } = await open(address, context);
+  console.log(`      native: ${(performance.now() - began).toFixed(0)} ms from the command to the first picture, ${ready.toFixed(0)} of them in the browser`);
+  check(asked.every((url) => url.startsWith(new URL(address).origin) || url.startsWith("blob:")), "native: only its own server is asked");
+  await session(page, "native");
+
+  const text = readFileSync(copy, "utf8");
+  writeFileSync(copy, text.replace(/^look = .*$/m, "look = \"wide\""));
+  await until(page, () => globalThis.geofan.panel().trouble);
+  const trouble = (await panel(page)).trouble;
+  check(trouble.includes(path.basename(copy)) && trouble.includes("wide"), "native: a mistake is shown with its line");
+  await shot(page, "native-9-broken");
+  writeFileSync(copy, text);
+  await until(page, () => !globalThis.geofan.panel().trouble);
+  check(true, "native: and goes when it is mended");
+  await context.close();
+  viewer.kill();
+}
+
+async function standalone(browser) {
+  const file = path.join(work, "page.html");
+  execFileSync(geofan, ["view", copy, "--bundle", path.join(work, "b.fan"), "--page", file]);
+  console.log(`      page: ${(statSync(file).size / 1e6).toFixed(2)} MB`);
+  const context = await browser.newContext({ viewport: { width: 930, height: 360 }, acceptDownloads: true });
+  const { page, ready, asked } = await open(`file://${file}`, context);
+  console.log(`      page: first picture ${ready.toFixed(0)} ms after it is opened`);
+  check(asked.every((url) => url === `file://${file}` || url.startsWith("blob:")), "page: nobody is asked for anything");
+  await session(page, "page");
+  await context.close();
+
+  const phone = await browser.newContext({ viewport: { width: 390, height: 700 }, deviceScaleFactor: 2, hasTouch: true, isMobile: true });
+  const small = await open(`file://${file}`, phone);
+  const before = (await panel(small.page)).pose;
+  await small.page.touchscreen.tap(150, 300);
+  await until(small.page, () => globalThis.geofan.panel().picked);
+  const client = await phone.newCDPSession(small.page);
+  const touch = (type, points) => client.send("Input.dispatchTouchEvent", { type, touchPoints: points });
+  await touch("touchStart", [{ x: 200, y: 350 }]);
+  for (let i = 1; i <= 10; i += 1) await touch("touchMove", [{ x: 200 - 8 * i, y: 350 }]);
+  await touch("touchEnd", []);
+  await small.page.waitForTimeout(300);
+  const after = (await panel(small.page)).pose;
+  check(Math.hypot(...after.look.map((x, i) => x - before.look[i])) > 0.05, "phone: a finger turns the head");
+  const button = await small.page.locator("#pad button").first().boundingBox();
+  await touch("touchStart", [{ x: button.x + 20, y: button.y + 20 }]);
+  await small.page.waitForTimeout(500);
+  await touch("touchEnd", []);
+  const moved = (await panel(small.page)).pose;
+  check(Math.hypot(...moved.at.map((x, i) => x - after.at[i])) > 1e-3, "phone: the pad moves the camera");
+  await shot(small.page, "phone");
+  await phone.close();
+}
+
+const browser = await chromium.launch({ executablePath: browserPath, args: flags });
+try {
+  if (!process.env.ONLY || process.env.ONLY === "native") await native(browser);
+  if (!process.env.ONLY || process.env.ONLY === "page") await standalone(browser);
+} finally {
+  viewer?.kill();
+  await browser.close();
+}
+console.log(wrong === 0 ? "all is well" : `${wrong} wrong`);
+process.exit(wrong === 0 ? 0 : 1);
