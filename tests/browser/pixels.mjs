@@ -22,10 +22,8 @@ for (const [at, samples] of [[address, 1], [`file://${file}`, 1], [address, 16],
   await page.goto(at);
   await page.waitForFunction(() => globalThis.geofan?.panel(), null, { timeout: 60000 });
   await page.evaluate((n) => globalThis.geofan.send({ type: "still", samples: n }), samples);
-  await page.waitForFunction((n) => {
-    const p = globalThis.geofan.panel();
-    return p.samples === n && p.size[0] === p.display[0];
-  }, samples, { timeout: 180000 });
+  await page.waitForTimeout(300);
+  await page.waitForFunction(() => globalThis.geofan.panel().settled, null, { timeout: 180000 });
   await page.waitForTimeout(500);
   pictures.push(await page.evaluate(() => {
     const canvas = document.getElementById("picture");

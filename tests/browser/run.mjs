@@ -63,10 +63,8 @@ const difference = (a, b) => a.reduce((sum, x, i) => sum + Math.abs(x - b[i]), 0
 const SAMPLES = 4;
 const settled = async (page) => {
   await page.evaluate((samples) => globalThis.geofan.send({ type: "still", samples }), SAMPLES);
-  return until(page, (samples) => {
-    const p = globalThis.geofan.panel();
-    return p?.samples >= samples && p.size[0] === p.display[0];
-  }, SAMPLES, 300000);
+  await page.waitForTimeout(300);
+  return until(page, () => globalThis.geofan.panel()?.settled, null, 300000);
 };
 
 /** The session that both engines go through. */
@@ -201,8 +199,8 @@ async function standalone(browser) {
   await until(small.page, () => globalThis.geofan.panel().picked);
   const client = await phone.newCDPSession(small.page);
   const touch = (type, points) => client.send("Input.dispatchTouchEvent", { type, touchPoints: points });
-  await touch("touchStart", [{ x: 200, y: 350 }]);
-  for (let i = 1; i <= 10; i += 1) await touch("touchMove", [{ x: 200 - 8 * i, y: 350 }]);
+  await touch("touchStart", [{ x: 200, y: 250 }]);
+  for (let i = 1; i <= 10; i += 1) await touch("touchMove", [{ x: 200 - 8 * i, y: 250 }]);
   await touch("touchEnd", []);
   await small.page.waitForTimeout(300);
   const after = (await panel(small.page)).pose;

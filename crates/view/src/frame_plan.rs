@@ -56,8 +56,8 @@ pub struct FramePlan {
     pub samples: u16,
     /// When the first block was handed out.
     pub started: f64,
-    camera: Camera,
-    fov: f64,
+    /// Its content and the way in which it is drawn.
+    pub content: FrameContent,
     waiting: VecDeque<(Block, PictureKind)>,
     /// Blocks that are being drawn.
     outstanding: usize,
@@ -123,8 +123,7 @@ impl FramePlan {
             size,
             samples,
             started: f64::NAN,
-            camera: content.camera,
-            fov: content.fov,
+            content,
             waiting,
             outstanding: 0,
         }
@@ -139,9 +138,9 @@ impl FramePlan {
         }
         Some(DrawRequest {
             frame: self.number,
-            u: self.camera.u.to_array(),
-            rotation: self.camera.rotation.to_array(),
-            fov: self.fov,
+            u: self.content.camera.u.to_array(),
+            rotation: self.content.camera.rotation.to_array(),
+            fov: self.content.fov,
             size: self.size,
             block,
             margin: if self.purpose == Purpose::Moving {

@@ -45,6 +45,8 @@ pub struct PanelData {
     pub size: (usize, usize),
     /// See `size`.
     pub samples: u16,
+    /// Nothing moves, and nothing is left to be refined.
+    pub settled: bool,
     /// Columns and rows of the display.
     pub display: (usize, usize),
     /// Seconds that the last whole picture took.

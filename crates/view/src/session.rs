@@ -407,10 +407,7 @@ impl Session {
             }
             false => {
                 let size = self.still_size();
-                let best = match self.kind {
-                    PictureKind::Error => 1,
-                    _ => self.still_samples,
-                };
+                let best = self.best_samples();
                 let levels = [1, 4.min(best), best];
                 let whole = known.filter(|(_, drawn, ..)| *drawn == size);
                 let have = whole.map_or(0, |(_, _, samples, _)| samples);
@@ -430,6 +427,22 @@ impl Session {
             (size, samples),
             workers,
         ))
+    }
+
+    /// Returns the samples of a pixel of the best picture.
+    fn best_samples(&self) -> u16 {
+        match self.kind {
+            PictureKind::Error => 1,
+            _ => self.still_samples,
+        }
+    }
+
+    /// Tells whether the display shows the best picture.
+    fn is_refined(&self) -> bool {
+        self.drawn.is_some_and(|(revision, size, samples, _)| {
+            let whole = revision == self.revision && size == self.still_size();
+            whole && samples >= self.best_samples()
+        })
     }
 
     fn moving_size(&mut self) -> (usize, usize) {
@@ -532,18 +545,20 @@ impl Session {
     fn finish(&mut self, now: f64, plan: &FramePlan) {
         let seconds = (now - plan.started).max(0.0);
         let pixels = plan.size.0 * plan.size.1;
+        // Its own kind: the user may have chosen another one since.
+        let of_errors = plan.content.kind == PictureKind::Error;
         if plan.purpose == Purpose::Moving {
             self.on_their_way.push_back(plan.number);
             self.finished.push_back(now);
             if self.finished.len() > 16 {
                 self.finished.pop_front();
             }
-            if self.kind != PictureKind::Error {
+            if !of_errors {
                 self.control.observe(pixels, seconds);
             }
         }
         self.drawn = Some((plan.revision, plan.size, plan.samples, seconds));
-        if self.kind == PictureKind::Error {
+        if of_errors {
             let all = self.errors.len() + self.given_up;
             let share = self.given_up as f64 / all.max(1) as f64;
             self.error_report = Some((Quantiles::of(&mut self.errors), share));
@@ -594,6 +609,7 @@ impl Session {
             exposure: self.shown.exposure(),
             size: drawn.map_or((0, 0), |(_, size, ..)| size),
             samples: drawn.map_or(0, |(_, _, samples, _)| samples),
+            settled: !moving && self.is_refined(),
             display: self.display,
             seconds: drawn.map(|(.., seconds)| seconds),
             rate: self.rate(now),

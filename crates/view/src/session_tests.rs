@@ -178,7 +178,8 @@ fn moving_pictures_get_as_small_as_the_machine_needs_and_still_ones_are_refined(
     machine.frames.clear();
     machine.run(&mut session, 1.0);
     assert!(machine.frames.is_empty());
-    assert_eq!(session.panel(machine.now).samples, 16);
+    let panel = session.panel(machine.now);
+    assert!(panel.samples == 16 && panel.settled);
 }
 
 #[test]
@@ -197,6 +198,46 @@ fn exposure_and_the_pointer_throw_no_work_away() {
     machine.run(&mut session, 1.0);
     assert!(machine.frames.is_empty());
     assert_eq!(session.panel(machine.now).hover, Some(("sky".into(), 1.0)));
+}
+
+#[test]
+fn errors_are_told_of_error_pictures_only() {
+    let bundle = bundle("s3");
+    let mut session = session(Some(&bundle), &bundle.manifold.clone());
+    session.handle(
+        0.0,
+        ViewerEvent::Look {
+            right: 0.1,
+            down: 0.0,
+        },
+    );
+    // A picture of another kind is still being drawn when errors are asked for.
+    let Some(Work::Draw(request)) = session.next_work(0.0, 1) else {
+        panic!("a picture is wanted")
+    };
+    let show = ViewerEvent::Show {
+        kind: PictureKind::Error,
+        split: None,
+    };
+    session.handle(0.01, show);
+    let answer = |request: &DrawRequest, error: f32| {
+        let pixels = request.block.width * request.block.height;
+        let of_errors = request.kind == PictureKind::Error;
+        Answer::Drawn {
+            frame: request.frame,
+            block: request.block,
+            rgb: vec![0.2; 3 * pixels],
+            errors: vec![error; if of_errors { pixels } else { 0 }],
+        }
+    };
+    session.accept(0.02, answer(&request, 0.0));
+    assert!(session.panel(0.02).errors.is_none());
+    let Some(Work::Draw(request)) = session.next_work(0.03, 1) else {
+        panic!("an error picture is wanted")
+    };
+    session.accept(0.04, answer(&request, 0.5));
+    let (quantiles, given_up) = session.panel(0.04).errors.unwrap();
+    assert_eq!((quantiles.p50, given_up), (0.5, 0.0));
 }
 
 #[test]

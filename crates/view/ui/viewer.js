@@ -102,6 +102,10 @@ export function startViewer(engine) {
   engine.onpatch = (buffer) => display.show(buffer);
   engine.onmessage = (message) => {
     if (message.type === "recorded" && message.text) download("camera-path.toml", new Blob([message.text], { type: "application/toml" }));
+    if (message.type === "broken") {
+      trouble.hidden = false;
+      trouble.textContent = `A worker has failed: ${message.text}. Reload the page.`;
+    }
     if (message.type !== "panel") return;
     panel = message.panel;
     update();
