@@ -373,7 +373,7 @@ impl<'w> PathTracer<'w> {
         connection: &Connection,
     ) -> Option<(DVec3, Ray)> {
         let hit = &surface.hit;
-        let wi = surface.from_sight(connection.direction);
+        let wi = surface.around_normal(connection.direction);
         let same = chosen.triangle == hit.triangle;
         if same || connection.s > self.settings.length || !surface.is_possible(wi) {
             return None;
@@ -422,7 +422,7 @@ impl<'w> PathTracer<'w> {
             }
             path.throughput /= survival;
         }
-        let direction = || surface.to_sight(scattered.wi);
+        let direction = || surface.sight_of(scattered.wi);
         path.from = surface.point.u;
         let spread = || surface.spread_to_sight(scattered.wi);
         path.scattered = scattered.probability.map(|p| (direction(), p / spread()));
