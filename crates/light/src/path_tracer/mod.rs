@@ -373,7 +373,7 @@ impl<'w> PathTracer<'w> {
         connection: &Connection,
     ) -> Option<(DVec3, Ray)> {
         let hit = &surface.hit;
-        let wi = surface.direction_seen(connection.direction);
+        let wi = surface.around_normal(connection.direction);
         let same = chosen.triangle == hit.triangle;
         if same || connection.s > self.settings.length || !surface.is_possible(wi) {
             return None;

@@ -106,14 +106,14 @@ impl SurfaceInteraction {
     }
 
     /// Returns the direction around the normal that the normal observer sees as `d` (standard frame).
-    pub fn direction_seen(&self, d: DVec3) -> DVec3 {
+    pub fn around_normal(&self, d: DVec3) -> DVec3 {
         match self.local.wind {
             Some(_) => self.direction(self.local.tangent(d)),
             None => self.around.local(d),
         }
     }
 
-    /// Inverts [`Self::direction_seen`].
+    /// Inverts [`Self::around_normal`].
     pub fn sight_of(&self, w: DVec3) -> DVec3 {
         match self.local.wind {
             Some(_) => self.local.direction(self.tangent(w)),
