@@ -38,17 +38,17 @@ pub struct BakeOptions {
     pub max_size: Option<u64>,
     /// Arc length of paths; `None` takes the manifold file's.
     pub length: Option<f64>,
-    /// Whether tangents are promised, and with them transported frames.
+    /// Set if tangents are promised, and with them transported frames.
     pub frames: bool,
     /// The promise of tangents: 99th percentile of the sky error, in mrad. `None` takes [`usual_tangents`].
     pub max_sky_error: Option<f64>,
-    /// Whether chunks that reflections or exchanges of coordinates carry into others are left out.
+    /// Set to leave out chunks that reflections or exchanges of coordinates carry into others.
     pub mirrors: bool,
     /// The share of the chunks to bake; all of them if `None`.
     pub share: Option<Share>,
-    /// Whether to use chunks that an interrupted bake left behind.
+    /// Set to use chunks that an interrupted bake left behind.
     pub resume: bool,
-    /// Whether to wait while another process bakes into the same file, instead of giving up.
+    /// Set to wait while another process bakes into the same file, instead of giving up.
     pub wait: bool,
     /// Number of fresh random rays of the certificate.
     pub certify_rays: u64,

@@ -81,7 +81,7 @@ impl AnimationTarget {
 pub struct Animation<'a> {
     /// The camera's journey.
     pub journey: &'a Journey,
-    /// How many frames, at least two.
+    /// Number of frames, at least two
     pub frames: usize,
     /// Size of the pictures.
     pub size: (usize, usize),

@@ -67,7 +67,7 @@ pub struct BakeArgs {
     /// Largest file; the promise is loosened until the table fits, unless --max-error is given too
     #[arg(long, value_name = "SIZE", value_parser = values::bytes, conflicts_with = "shard")]
     pub max_size: Option<u64>,
-    /// How far paths go (arc length) [default: the manifold file's]
+    /// Arc length of the paths [default: the manifold file's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     pub length: Option<f64>,
     /// Replace a parameter of the manifold; may be repeated

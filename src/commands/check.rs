@@ -17,7 +17,7 @@ pub struct CheckArgs {
     /// The bundle
     #[arg(value_name = "B.fan")]
     bundle: PathBuf,
-    /// How many random rays to compare
+    /// Number of random rays to compare
     #[arg(long, value_name = "N", default_value_t = 100_000,
           value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
     rays: u64,

@@ -26,7 +26,7 @@ pub struct CompareArgs {
     /// Hold the local view, not the table, against exact paths
     #[arg(long, value_parser = ["local"], conflicts_with = "bundle")]
     tracer: Option<String>,
-    /// How far to follow paths of the local view [default: the manifold's]
+    /// Arc length of the paths of the local view [default: the manifold's]
     #[arg(long, value_name = "L", requires = "tracer", value_parser = values::positive)]
     length: Option<f64>,
     /// The folder for the pictures; made if missing

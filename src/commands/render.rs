@@ -35,10 +35,10 @@ pub struct RenderArgs {
     /// The table to look paths up in
     #[arg(long, value_name = "FILE")]
     bundle: Option<PathBuf>,
-    /// What follows the paths [default: table with --bundle, else exact]
+    /// The tracer of the paths [default: table with --bundle, else exact]
     #[arg(long, value_enum)]
     tracer: Option<TracerKind>,
-    /// How far to follow exact paths [default: the manifold's]
+    /// Arc length of exact paths [default: the manifold's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     pub(super) length: Option<f64>,
     /// An animation: the file of its key poses (`[[pose]]` tables with `time` and what a scene's

@@ -38,7 +38,7 @@ pub struct SweepArgs {
     /// parameter and the arc length as NPZ
     #[arg(long, value_name = "CAMERA,DIRECTION,ARC", value_parser = nodes)]
     npz_nodes: Option<[usize; 3]>,
-    /// How those nodes are placed: equally spaced, both ends included, or at the roots of a Chebyshev
+    /// The placement of those nodes: equally spaced, both ends included, or at the roots of a Chebyshev
     /// polynomial
     #[arg(long, value_name = "uniform|chebyshev", value_parser = spacing, default_value = "uniform", requires = "npz_nodes")]
     npz_spacing: Spacing,

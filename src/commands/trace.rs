@@ -36,10 +36,10 @@ pub struct TraceArgs {
     /// Where to go: a direction in the standard frame at the start, of any length
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = values::direction)]
     dir: DVec3,
-    /// How far to go (arc length) [default: the manifold file's, the bundle's]
+    /// Arc length of the path [default: the manifold file's, the bundle's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     length: Option<f64>,
-    /// How many samples to print, equally spaced from the start to the end
+    /// Number of samples to print, equally spaced from the start to the end
     #[arg(long, value_name = "N", default_value_t = 2,
           value_parser = clap::value_parser!(u32).range(2..=10_000_000))]
     samples: u32,
@@ -65,7 +65,7 @@ struct Trace {
     steps: usize,
     /// Only exact paths know them.
     conjugate: Option<Vec<f64>>,
-    /// Whether a bundle left this ray to the integrator.
+    /// Set if a bundle left this ray to the integrator.
     flagged: bool,
 }
 

@@ -70,7 +70,7 @@ struct HeldOutRay {
     parameters: Vec<f64>,
     start: Start,
     probes: Vec<Probe>,
-    /// Whether an exit in the box ends it: the last probe is there.
+    /// Set if an exit in the box ends it: the last probe is there.
     exits: bool,
 }
 
@@ -88,7 +88,7 @@ pub struct HeldOutRays<'a> {
     interval: [f64; 2],
     /// Share of comparisons that may exceed the promise.
     exceeding: f64,
-    /// Whether the metric ended a ray within the box: the table cannot know that.
+    /// Set if the metric ended a ray within the box: the table cannot know that.
     pub singular: bool,
 }
 

@@ -85,7 +85,7 @@ impl ProbeLine {
 
 /// Exact paths from the places of a line.
 pub struct LineSamples {
-    /// What is stored of each path: (place, arc length, channel).
+    /// Stored numbers of each path: (place, arc length, channel).
     values: Array3<f64>,
     /// Factors that turn errors of the values into mrad; zero where no one will look.
     weights: Array3<f64>,
@@ -181,7 +181,7 @@ pub fn channel_weights(
 /// Errors of series that are cut off after too few terms, at many places.
 pub struct SeriesTails {
     most: usize,
-    /// What may be missed, mrad.
+    /// Error allowed, mrad.
     allowed: f64,
     /// Value of term `k` at node `i`: `[i, k]`.
     values: Array2<f64>,

@@ -25,7 +25,7 @@ pub struct Probe {
     /// Tangent, chart components.
     pub v: DVec3,
     frame_inverse: DMat3,
-    /// Of points, and of tangents.
+    /// The Jacobi fields of points, and of tangents.
     spread: JacobiField,
     turning: JacobiField,
     rotation: DQuat,
@@ -36,14 +36,14 @@ pub struct Probe {
 pub struct Deviation {
     /// Transverse distance over arc length.
     pub mrad: f64,
-    /// The same divided by the ray's magnification.
+    /// The screen error divided by the ray's magnification, mrad.
     pub screen_mrad: f64,
     /// Angle between the transported rotations; `None` if the answer has none.
     pub rotation_mrad: Option<f64>,
 }
 
 impl Probe {
-    /// How far the answer (`u`, `rotation`) is from this.
+    /// Measures how far the answer (`u`, `rotation`) is from this.
     pub fn deviation(&self, u: DVec3, rotation: Option<DQuat>) -> Deviation {
         let e = self.frame_inverse * (u - self.u);
         Deviation {
@@ -53,7 +53,7 @@ impl Probe {
         }
     }
 
-    /// How much farther neighbouring rays part than in flat space, the smaller way: the smaller
+    /// Computes how much farther neighbouring rays part than in flat space, the smaller way: the smaller
     /// singular value of `J/s`.
     pub fn magnification(&self) -> f64 {
         self.spread.least_magnification(self.s)
@@ -72,7 +72,7 @@ impl Probe {
     }
 }
 
-/// What is known exactly about one ray.
+/// Exact knowledge of one ray, for comparison with a table.
 #[derive(Debug, Clone)]
 pub struct Probed {
     /// Where the ray ended.
@@ -81,12 +81,12 @@ pub struct Probed {
     pub length: f64,
     /// The states asked for, as far as the ray went.
     pub probes: Vec<Probe>,
-    /// Whether the manifold has exits.
+    /// Set if the manifold has exits.
     exits_exist: bool,
 }
 
 impl Probed {
-    /// Whether an exit ended the ray.
+    /// Returns whether an exit ended the ray.
     pub fn exits(&self) -> bool {
         matches!(self.end, End::Exit(_))
     }
@@ -101,7 +101,7 @@ impl Probed {
     }
 }
 
-/// Whether tangents of the stored rays of `space` are compared at exits only.
+/// Returns whether tangents of the stored rays of `space` are compared at exits only.
 pub fn tangents_at_exits(space: &RaySpace) -> bool {
     space.ends_alike() && space.manifold().domain.ends_rays()
 }
@@ -123,7 +123,7 @@ pub fn settings(tolerance: f64) -> Settings {
     }
 }
 
-/// The same for the stored rays of `space`, which end only where every ray does that they stand for.
+/// Returns the settings for the stored rays of `space`, which end only where every ray does that they stand for.
 pub fn stored_settings(space: &RaySpace, tolerance: f64) -> Settings {
     Settings {
         events: space.ends_alike(),

@@ -17,13 +17,13 @@ use glam::{DMat3, DVec3};
 pub struct Traced {
     /// From arc length 0 to the end, both included; without area.
     pub samples: Vec<Sample>,
-    /// How it ended.
+    /// The reason of its end.
     pub end: End,
     /// The arc length at which it ended.
     pub length: f64,
     /// Steps integrated; none if the table has the whole path.
     pub steps: usize,
-    /// Whether the path was integrated, because its patch is flagged.
+    /// Set if the path was integrated, because its patch is flagged.
     pub exact: bool,
 }
 

@@ -61,7 +61,7 @@ const SHORT: f64 = 5e-4;
 /// Light of which less than this share is let through is none.
 const FAINT: f64 = 1e-3;
 
-/// How far beyond a surface that lets light through the next is looked for, as a share of the arc
+/// Distance beyond a surface that lets light through from which the next is looked for, as a share of the arc
 /// length: arc lengths of hits are in single precision.
 const BEYOND: f64 = 1e-6;
 

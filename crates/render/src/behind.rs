@@ -40,11 +40,11 @@ const TOLERANCE: f64 = 1e-8;
 pub(super) struct SeenBehind<'a> {
     /// The samples of one pass.
     pub samples: PixelSamples<'a>,
-    /// How their paths are made.
+    /// The tracer of their paths.
     pub paths: Paths<'a>,
     /// Samples of a pixel in all passes.
     pub of_pixel: usize,
-    /// Whether colours are averaged over footprints.
+    /// Set if colours are averaged over footprints.
     pub footprints: Footprints,
 }
 
@@ -54,9 +54,9 @@ struct Through {
     /// The last surface, at arc length `s` in all.
     hit: Hit,
     s: f64,
-    /// How many there have been.
+    /// Number of surfaces passed.
     passed: usize,
-    /// What they let through.
+    /// Share of light that they let through.
     share: f32,
 }
 

@@ -29,7 +29,7 @@ pub struct Camera {
 pub struct Moved {
     /// The camera where it is now.
     pub camera: Camera,
-    /// How far it came (arc length): less than asked for if the space ended.
+    /// Arc length that it came: less than asked for if the space ended.
     pub length: f64,
 }
 
@@ -124,7 +124,7 @@ impl Camera {
         }
     }
 
-    /// The same by table: point and transported rotation are read from the path that starts at the
+    /// Moves it by table: point and transported rotation are read from the path that starts at the
     /// camera, as exact as the table's certificate says, and nothing is integrated but the turning
     /// along that path. Where the table gives up before the end of the move, does not promise
     /// tangents, or has paths of light in a wind, it is [`Camera::moved`].

@@ -334,7 +334,7 @@ impl<'w> StraightLines<'w> {
     }
 }
 
-/// How far beyond a surface the next is looked for, as a share of the whole line: more than rounding.
+/// Distance beyond a surface from which the next is looked for, as a share of the whole line: more than rounding.
 const BEYOND: f64 = 1e-9;
 
 /// Finds what `samples` at these places see along straight lines behind so many surfaces; lines are

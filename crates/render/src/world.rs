@@ -77,7 +77,7 @@ pub struct World {
     /// Their light on the triangles, where it has been baked; without, the only lamp is at the
     /// camera.
     pub light: Option<Lightmap>,
-    /// Whether anything can be seen through.
+    /// Set if anything can be seen through.
     pub clear: bool,
     /// Warnings about what was mended or left out while loading.
     pub warnings: Vec<String>,

@@ -32,7 +32,7 @@ pub struct ViewArgs {
     /// The table to look paths up in [default: one baked behind, kept in the user's cache]
     #[arg(long, value_name = "FILE")]
     bundle: Option<PathBuf>,
-    /// How far to follow exact paths [default: the manifold's, else 10]
+    /// Arc length of exact paths [default: the manifold's, else 10]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     length: Option<f64>,
     /// Replace a parameter of the manifold; may be repeated

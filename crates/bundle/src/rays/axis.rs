@@ -49,7 +49,7 @@ impl Axis {
         DMat3::from_cols(columns[0], columns[1], columns[2])
     }
 
-    /// How the invariants change when the point `u` moves by `du`: the distance, then the place.
+    /// Computes the change of the invariants when the point `u` moves by `du`: the distance, then the place.
     pub fn change(self, u: DVec3, du: DVec3) -> [f64; 2] {
         let [i, j] = self.across();
         let distance = u[i].hypot(u[j]);

@@ -14,13 +14,13 @@ use std::f64::consts::PI;
 /// Random points tried.
 const TRIALS: usize = 64;
 
-/// How far apart the values of a condition may be that is unchanged, as a share of their size.
+/// Difference allowed between values of a condition that is unchanged, as a share of their size.
 const ROUNDING: f64 = 1e-9;
 
 /// Points are tried up to this many times nearer to the origin and farther than `distance`.
 const REACH: f64 = 10.0;
 
-/// Whether the ends of rays are unchanged by the symmetry; cameras are about `distance` from the
+/// Returns whether the ends of rays are unchanged by the symmetry; cameras are about `distance` from the
 /// origin.
 pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64) -> bool {
     if !manifold.domain.ends_rays() || reduction == Reduction::Whole {
@@ -55,7 +55,7 @@ pub fn follow_symmetry(manifold: &Manifold, reduction: Reduction, distance: f64)
     })
 }
 
-/// Whether the direction in which a ray looks up the sky of each exit turns with the ray, about the origin.
+/// Returns whether the direction in which a ray looks up the sky of each exit turns with the ray, about the origin.
 pub fn skies_turn(manifold: &Manifold, distance: f64) -> bool {
     let mut stream = Stream::new(&[0x736b_6965]);
     (0..manifold.exits.len()).all(|exit| {
@@ -76,7 +76,7 @@ fn ray(stream: &mut Stream, distance: f64) -> (f64, DVec3, DVec3) {
     (scale, u, stream.direction())
 }
 
-/// Whether rays at two places (chart point, tangent) end or go on together; which of the ends it is
+/// Returns whether rays at two places (chart point, tangent) end or go on together; which of the ends it is
 /// does not matter.
 pub fn end_together(manifold: &Manifold, a: (DVec3, DVec3), b: (DVec3, DVec3)) -> bool {
     let first = |at| {

@@ -17,7 +17,7 @@ use glam::{DMat3, DVec3};
 /// The largest parallax: at 1 a direction would be lost.
 const FARTHEST: f64 = 0.9;
 
-/// How far away the rays of a space aim.
+/// The sphere that directions of a space aim at: nearby cameras then see alike in equal parameters.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReferenceSphere {
     /// W: from chart coordinates to the standard frame; zero if directions are named by themselves.

@@ -37,7 +37,7 @@ impl SignedPermutation {
         found.into_iter().map(Self).collect()
     }
 
-    /// Whether it is one of `n` coordinates: files may hold anything.
+    /// Returns whether it is one of `n` coordinates: files may hold anything.
     fn is_of(&self, n: usize) -> bool {
         let has = |j: i8| self.0.iter().any(|i| i.unsigned_abs() == j.unsigned_abs());
         self.0.len() == n && (1..=n as i8).all(has)
@@ -113,13 +113,13 @@ fn close(group: &mut Vec<SignedPermutation>) {
 pub struct Mirror {
     /// P, of the chart's axes.
     axes: SignedPermutation,
-    /// What it does to camera parameters, scaled to [−1, 1].
+    /// Its action on camera parameters, scaled to [−1, 1].
     cameras: SignedPermutation,
-    /// What it does to directions in standard frames.
+    /// Its action on directions in standard frames.
     directions: SignedPermutation,
 }
 
-/// How far apart numbers may be that ought to be equal, as a share of their size.
+/// Difference allowed between numbers that ought to be equal, as a share of their size.
 const ROUNDING: f64 = 1e-9;
 
 /// The largest relative discrepancy of the metric, as for symmetries that a file claims.
@@ -242,7 +242,7 @@ impl Mirror {
         Some(true)
     }
 
-    /// Whether a file's mirror is one of `space` as far as cameras and directions go.
+    /// Returns whether a file's mirror is one of `space` as far as cameras and directions go.
     pub fn fits(&self, space: &RaySpace) -> bool {
         self.axes.is_of(3)
             && space.reduction() != Reduction::Rotation
@@ -277,7 +277,7 @@ impl Mirror {
         2 * to + usize::from(face.is_multiple_of(2) == negative)
     }
 
-    /// What it does to the rays of `space` in the directions of `face`.
+    /// Computes its action on the rays of `space` in the directions of `face`.
     pub fn image(&self, space: &RaySpace, face: usize) -> Image {
         let (axis, image) = (face / 2, self.face(face));
         let to = image / 2;
@@ -297,7 +297,7 @@ impl Mirror {
     }
 }
 
-/// What a [`Mirror`] does to the rays in the directions of one face.
+/// The action of a [`Mirror`] on the rays in the directions of one face.
 #[derive(Debug, Clone)]
 pub struct Image {
     /// The face that they are carried to.

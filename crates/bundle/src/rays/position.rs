@@ -23,7 +23,7 @@ use glam::{DVec3, DVec4};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 
-/// How chart points are stored.
+/// The coordinates in which chart points are stored.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub enum ChartMap {
     /// As they are.
@@ -107,7 +107,7 @@ impl ChartMap {
         }
     }
 
-    /// By how much the chart point `u` moves when its lifted one moves by `change`.
+    /// Computes the displacement of the chart point `u` when its lifted one moves by `change`.
     pub fn chart_change(self, u: DVec3, change: DVec4) -> DVec3 {
         self.project_tangent(self.point(u), change)
     }
@@ -153,7 +153,7 @@ impl ChartMap {
         (self.project(x), self.project_tangent(x, slope))
     }
 
-    /// Which of the stored values can differ from zero; for paths in the plane z = 0 if `planar`.
+    /// Lists the stored values that can differ from zero; for paths in the plane z = 0 if `planar`.
     pub fn channels(self, planar: bool) -> &'static [usize] {
         match (self, planar) {
             (Self::None, false) => &[0, 1, 2],

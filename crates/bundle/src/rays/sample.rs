@@ -26,7 +26,7 @@ pub const DISPLACEMENT: usize = 4;
 /// Rays handed to one thread at once: long enough to keep lanes full, short enough to share.
 const BLOCK: usize = 512;
 
-/// What is known of a ray at one arc length: [`CHANNELS`] numbers.
+/// State of a ray at one arc length: [`CHANNELS`] numbers.
 pub type Sample = [f64; CHANNELS];
 
 /// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
@@ -60,7 +60,7 @@ pub struct Samples<'a> {
     pub tolerance: f64,
     /// Arc lengths, ascending.
     pub lengths: &'a [f64],
-    /// How many numbers are kept of each sample.
+    /// Number of values kept of each sample.
     pub width: usize,
 }
 
@@ -71,7 +71,7 @@ impl Samples<'_> {
         manifold.has_wind() && manifold.domain.ends_rays() && self.space.ends_alike()
     }
 
-    /// Of `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
+    /// Samples `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
     /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
     /// last running fastest.
     pub fn of(

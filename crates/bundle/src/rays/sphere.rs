@@ -21,7 +21,7 @@ impl Sphere {
         Self { axes }
     }
 
-    /// Whether the axes are orthonormal: files may hold anything.
+    /// Returns whether the axes are orthonormal: files may hold anything.
     pub fn is_valid(self) -> bool {
         let off = self.axes.transpose() * self.axes - DMat3::IDENTITY;
         off.to_cols_array().iter().all(|x| x.abs() < 1e-9)

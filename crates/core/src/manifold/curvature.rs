@@ -70,7 +70,7 @@ impl Manifold {
         rate_at(&self.levi_civita().turning, u, v)
     }
 
-    /// The same for the frame that light carries along its path through `u` with tangent `v`: where
+    /// Computes the turning of the frame that light carries along its path through `u` with tangent `v`: where
     /// there is a wind, it keeps the direction of sight, and turns about it as polarised light does.
     pub fn carrying(&self, u: DVec3, v: DVec3) -> DVec3 {
         rate_at(&self.tapes.turning, u, v)
@@ -99,7 +99,7 @@ impl Manifold {
     }
 }
 
-/// What `tape` gives for the point `u` and the velocity `v`.
+/// Evaluates `tape` for the point `u` and the velocity `v`.
 fn rate_at(tape: &Tape, u: DVec3, v: DVec3) -> DVec3 {
     let mut registers = tape.registers::<f64, 1>();
     for k in 0..3 {

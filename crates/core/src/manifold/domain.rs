@@ -6,7 +6,7 @@
 use geofan_expr::Tape;
 use glam::DVec3;
 
-/// Which kind of end an event stands for.
+/// The kind of end that an event stands for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EventKind {
     /// An exit named in the file, by index.
@@ -22,15 +22,15 @@ pub enum EventKind {
 pub struct Domain {
     /// Lower and upper limit of each coordinate, where given.
     pub limits: [Option<[f64; 2]>; 3],
-    /// Whether the limits of a coordinate are glued.
+    /// Set where the limits of a coordinate are glued.
     pub periodic: [bool; 3],
-    /// What each output of the event tape stands for.
+    /// The meaning of each output of the event tape.
     pub kinds: Vec<EventKind>,
     pub(super) events: Tape,
 }
 
 impl Domain {
-    /// Whether a ray can end anywhere, at a limit or an exit.
+    /// Returns whether a ray can end anywhere, at a limit or an exit.
     pub fn ends_rays(&self) -> bool {
         !self.kinds.is_empty()
     }

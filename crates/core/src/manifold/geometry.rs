@@ -11,7 +11,7 @@
 use super::wind::{self, Medium};
 use geofan_expr::{Direction, Graph, NodeId, Unary};
 
-/// How the manifold was given.
+/// The way in which the manifold was given.
 #[derive(Debug, Clone)]
 pub(super) enum Definition {
     /// `f(u)`, N ≥ 3 components.
@@ -258,7 +258,7 @@ pub(super) fn half_difference(graph: &mut Graph, a: NodeId, b: NodeId) -> NodeId
     graph.mul(half, difference)
 }
 
-/// What the standard frame and its turning follow from.
+/// The quantities from which the standard frame and its turning follow.
 pub(super) struct Bare {
     pub metric: [NodeId; 6],
     pub factors: Factors,

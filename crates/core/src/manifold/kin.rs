@@ -18,7 +18,7 @@ use std::{
     sync::{Arc, OnceLock},
 };
 
-/// Which paths a manifold follows.
+/// The paths that a manifold follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Follows {
     /// Light into the past, as an eye does.
@@ -30,7 +30,7 @@ pub enum Follows {
     Geodesics,
 }
 
-/// What the tapes for other paths are made from.
+/// The sources of the tapes for other paths.
 #[derive(Debug)]
 pub(super) struct Kin {
     graph: Graph,
@@ -85,12 +85,12 @@ fn compiled(
 }
 
 impl Manifold {
-    /// Which paths it follows.
+    /// Returns the kind of paths that it follows.
     pub fn follows(&self) -> Follows {
         self.follows
     }
 
-    /// The same space with light followed into the future.
+    /// Returns this space with light followed into the future.
     ///
     /// # Errors
     /// Its expressions are too large to be compiled.
@@ -105,7 +105,7 @@ impl Manifold {
         Ok(Cow::Owned(self.with(Follows::Light, tapes)))
     }
 
-    /// The same space without wind and drift: geodesics of the metric.
+    /// Returns this space without wind and drift: geodesics of the metric.
     pub fn still(&self) -> Cow<'_, Self> {
         match &self.kin {
             Some(kin) => Cow::Owned(self.with(Follows::Geodesics, kin.geodesics.clone())),

@@ -139,12 +139,12 @@ struct Medium {
 }
 
 impl Manifold {
-    /// Whether light has unit speed against a wind, or drifts: paths then are no geodesics.
+    /// Returns whether light has unit speed against a wind, or drifts: paths then are no geodesics.
     pub fn has_wind(&self) -> bool {
         self.tapes.moving
     }
 
-    /// Whether there is a wind, beside which there may be a drift.
+    /// Returns whether there is a wind, beside which there may be a drift.
     pub fn blows(&self) -> bool {
         self.tapes.parts.wind
     }
@@ -154,12 +154,12 @@ impl Manifold {
         self.tapes.parts.lapse
     }
 
-    /// Whether time is not what paths of light are measured by.
+    /// Returns whether time is not what paths of light are measured by.
     pub fn has_drift(&self) -> bool {
         self.tapes.parts.drift
     }
 
-    /// Whether light may change its frequency: there is a wind, a drift or a lapse.
+    /// Returns whether light may change its frequency: there is a wind, a drift or a lapse.
     pub fn has_redshift(&self) -> bool {
         self.kin.is_some() || self.tapes.medium.is_some()
     }

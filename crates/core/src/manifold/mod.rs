@@ -61,12 +61,12 @@ impl Exit {
     }
 }
 
-/// How a file gives the space.
+/// The way in which a file gives the space.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Form {
     /// As a surface in R^N.
     Embedding,
-    /// By its metric, and perhaps a wind or a drift.
+    /// The metric, and perhaps a wind or a drift.
     Metric,
     /// As a stationary spacetime, seen by observers at rest on its slices.
     Normal,
@@ -74,7 +74,7 @@ pub enum Form {
     Static,
 }
 
-/// Which rates a geodesic tape computes, besides acceleration and metric.
+/// The rates that a geodesic tape computes, besides acceleration and metric.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Carried {
     /// The turning rate of the transported frame.
@@ -108,14 +108,14 @@ pub struct Manifold {
     pub symmetry: Symmetry,
     /// Where cameras may be.
     pub cameras: Option<CameraRegion>,
-    /// How far a path is followed (arc length), if the file says.
+    /// Arc length to which a path is followed, if the file says.
     pub length: Option<f64>,
     /// Dimension N of the ambient space, for an embedding.
     pub ambient: Option<usize>,
-    /// How the file gives the space.
+    /// The way in which the file gives the space.
     pub form: Form,
     tapes: Arc<Tapes>,
-    /// The same space for other paths; `None` where all paths are geodesics.
+    /// This space for other paths; `None` where all paths are geodesics.
     kin: Option<Arc<Kin>>,
     follows: Follows,
 }
@@ -184,7 +184,7 @@ impl Manifold {
         frames
     }
 
-    /// Whether the space is written in textbook coordinates, which may have an axis where formulas fail
+    /// Returns whether the space is written in textbook coordinates, which may have an axis where formulas fail
     /// and the space does not.
     pub fn is_pulled_back(&self) -> bool {
         self.tapes.pullback.is_some()

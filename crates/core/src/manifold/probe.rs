@@ -12,7 +12,7 @@ use crate::{
 use glam::{DMat3, DQuat, DVec3};
 use std::f64::consts::TAU;
 
-/// How many points are probed: enough that a metric that fails on a few per cent of the region is
+/// Number of points probed: enough that a metric that fails on a few per cent of the region is
 /// refused almost surely, and still below a millisecond.
 const PROBES: usize = 64;
 
@@ -20,7 +20,7 @@ const PROBES: usize = 64;
 /// 1e-15 to 1e-11 on the shipped files; claims wrong by one part in a million measure 1e-6.
 const WORST_DISCREPANCY: f64 = 1e-8;
 
-/// How far inside its limits, as a share of the period, a glued coordinate is looked at.
+/// Distance inside its limits, as a share of the period, at which a glued coordinate is looked at.
 const SEAM: f64 = 1e-9;
 
 /// The largest relative difference of the metric at glued limits: limits written with seven digits
@@ -194,7 +194,7 @@ fn check_pullback(manifold: &Manifold, u: DVec3) -> Result<()> {
         .into())
 }
 
-/// Whether a metric with this frame is finite and positive definite.
+/// Returns whether a metric with this frame is finite and positive definite.
 fn is_positive(g: DMat3, s: DMat3) -> bool {
     g.is_finite() && s.is_finite() && (0..3).all(|k| s.col(k)[k] > 0.0)
 }

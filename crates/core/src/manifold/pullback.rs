@@ -17,7 +17,7 @@ pub(super) struct Pullback {
 }
 
 impl Pullback {
-    /// Of these textbook coordinates.
+    /// Prepares for these textbook coordinates.
     pub fn new(graph: &mut Graph, coordinates: [NodeId; 3]) -> Self {
         let mut axes = [0, 1, 2].map(|k| Direction::of_input(graph, k));
         let rows = coordinates.map(|r| axes.each_mut().map(|axis| graph.derivative(r, axis)));

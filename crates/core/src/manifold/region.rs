@@ -20,7 +20,7 @@ pub struct CameraRegion {
     pub(super) map: Tape,
 }
 
-/// How far outside its interval, as a share of it, a parameter may lie and still be taken as on
+/// Distance outside its interval, as a share of it, at which a parameter is still taken as on
 /// the edge: rounding in the inverse map, far below any promise of accuracy.
 const EDGE: f64 = 1e-9;
 
@@ -44,7 +44,7 @@ impl CameraRegion {
             .collect()
     }
 
-    /// Whether `parameters` lie in their intervals.
+    /// Returns whether `parameters` lie in their intervals.
     pub fn contains(&self, parameters: &[f64]) -> bool {
         parameters
             .iter()
@@ -61,7 +61,7 @@ impl CameraRegion {
         self.locate_by(u, |u, _| u)
     }
 
-    /// The same for the parameters at whose point `value` is `u`; from a point and changes of it, `value`
+    /// Finds the parameters at whose point `value` is `u`; from a point and changes of it, `value`
     /// makes its own there, and its changes in their place.
     pub fn locate_by(
         &self,

@@ -34,7 +34,7 @@ pub enum Isometry {
         p: DVec3,
         /// `Q` and `t`.
         first: (DMat3, DVec3),
-        /// Of [`Symmetry::group`].
+        /// The tape of [`Symmetry::group`].
         tape: Arc<Tape>,
     },
 }
@@ -89,7 +89,7 @@ impl Isometry {
 }
 
 impl Manifold {
-    /// How far metric, wind and drift at `u` are from those pulled back by `isometry`: the larger of
+    /// Measures how far metric, wind and drift at `u` are from those pulled back by `isometry`: the larger of
     /// [`Manifold::metric_discrepancy`] and [`Manifold::wind_discrepancy`].
     pub fn discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
         let metric = self.metric_discrepancy(isometry, u);
@@ -99,7 +99,7 @@ impl Manifold {
         }
     }
 
-    /// How far the metric at `u` is from the metric pulled back by `isometry`: the largest entry of
+    /// Measures how far the metric at `u` is from the metric pulled back by `isometry`: the largest entry of
     /// `Sᵀ (φ*G − G) S`, in which 1 means lengths wrong by a factor of about √2.
     pub fn metric_discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
         let (image, d) = isometry.apply(u);
@@ -108,7 +108,7 @@ impl Manifold {
         largest(s.transpose() * (pulled - g) * s)
     }
 
-    /// How far wind and drift at `u` are from those pulled back by `isometry`: in the standard frame, the
+    /// Measures how far wind and drift at `u` are from those pulled back by `isometry`: in the standard frame, the
     /// largest component of the difference of the winds or of the exterior derivatives of the drifts.
     pub fn wind_discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
         let (image, d) = isometry.apply(u);

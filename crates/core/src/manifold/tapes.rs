@@ -20,15 +20,15 @@ pub(super) struct Tapes {
     pub metric: Tape,
     /// u -> the first three rows of the Jacobian, for an embedding.
     pub jacobian: Option<Tape>,
-    /// By [`Carried::index`].
+    /// Flows by [`Carried::index`].
     pub flows: [Tape; 4],
     /// u, v -> ω (3): in a medium for paths of light, else for any curve.
     pub turning: Tape,
     /// u -> W (3), N (1), b (3), db (3: 12, 13, 23), ∂_k W (3 × 3), as light meets them; `None` without a medium.
     pub medium: Option<Tape>,
-    /// Whether there is a wind or a drift.
+    /// Set if there is a wind or a drift.
     pub moving: bool,
-    /// What the medium has.
+    /// The parts that the medium has.
     pub parts: Parts,
     /// u -> the differential of the textbook coordinates (by rows) and its determinant, where the space is
     /// written in them.
@@ -39,7 +39,7 @@ pub(super) struct Tapes {
     jet: Arc<Jet>,
 }
 
-/// Which parts a medium has.
+/// The parts that a medium has.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Parts {
     pub wind: bool,
@@ -47,7 +47,7 @@ pub(super) struct Parts {
     pub lapse: bool,
 }
 
-/// What is left to compile, and the result once it is.
+/// An expression left to compile, and the result once it is.
 #[derive(Debug)]
 struct Jet {
     graph: Graph,

@@ -34,7 +34,7 @@ type Vector = [NodeId; 3];
 /// The pairs of indices of an antisymmetric matrix, in the order of storage.
 const PLANES: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
 
-/// What a stationary spacetime has beside the metric.
+/// The parts of a stationary spacetime beside the metric.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Medium {
     /// `W`, chart components.
@@ -46,12 +46,12 @@ pub(super) struct Medium {
 }
 
 impl Medium {
-    /// Whether paths of light differ from geodesics of the metric.
+    /// Returns whether paths of light differ from geodesics of the metric.
     pub fn moves(&self) -> bool {
         self.wind.is_some() || self.drift.is_some()
     }
 
-    /// Whether it has anything at all.
+    /// Returns whether it has anything at all.
     pub fn is_some(&self) -> bool {
         self.moves() || self.lapse.is_some()
     }

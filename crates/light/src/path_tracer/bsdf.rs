@@ -44,7 +44,7 @@ enum SpecularModel {
 /// A direction at random.
 #[derive(Debug, Clone, Copy)]
 pub struct Scattered {
-    /// Whether the light has gone through unturned, as if nothing were there.
+    /// Set if the light has gone through unturned, as if nothing were there.
     pub unturned: bool,
     /// Away from the surface; below it (z < 0) if the light goes through.
     pub wi: DVec3,

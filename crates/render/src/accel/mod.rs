@@ -37,7 +37,7 @@ struct LeafTriangle {
     corners: [DVec3; 3],
     /// Its number in the order given to [`Accelerator::build`].
     number: u32,
-    /// Whether it may have holes.
+    /// Set if it may have holes.
     holed: bool,
 }
 

@@ -65,9 +65,9 @@ pub(crate) struct FamilyInterval<'f> {
 enum FamilyEnd {
     /// Their length is used up.
     Length,
-    /// The same exit, whose sky turns with them: arc length and the sky's direction.
+    /// All leave through one exit, whose sky turns with them: arc length and the sky's direction.
     Exit(usize, [[f64; 4]; NODES]),
-    /// The same event: its arc length, and the stored plane's point and tangent there.
+    /// All meet one event: its arc length, and the stored plane's point and tangent there.
     Event(usize, [[f64; 1 + PLANE]; NODES]),
 }
 

@@ -28,7 +28,7 @@ use std::{
     path::Path,
 };
 
-/// How the colours are stored.
+/// Number format of the colours.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Precision {
     /// 16 bits: 11 bits of precision up to 65504; larger finite values are stored as that.

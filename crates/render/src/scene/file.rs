@@ -95,7 +95,7 @@ pub struct ObjectEntry {
     pub scale: f64,
     /// Turn of the mesh in the standard frame.
     pub rotation: DQuat,
-    /// How mesh points become chart points.
+    /// The way in which mesh points become chart points.
     pub placement: Placement,
     /// How its points move, `dx/dt` in chart components: what this does to the light that they send. The
     /// object stays where it is.
@@ -108,7 +108,7 @@ pub struct ObjectEntry {
     pub span: Span,
 }
 
-/// How a mesh point `Δx` becomes a chart point.
+/// The map from a mesh point `Δx` to a chart point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Placement {
     /// `u0 + S R Δx`: right to first order, for small objects.
@@ -120,7 +120,7 @@ pub enum Placement {
     Chart,
 }
 
-/// What shape a light has.
+/// The shape of a light.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LightKind {
     /// No extent, equal in all directions.
@@ -140,7 +140,7 @@ pub struct LightEntry {
     pub intensity: [f32; 3],
 }
 
-/// What is seen through an exit.
+/// The sky seen through an exit.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SkyEntry {
     /// An equirectangular picture.

@@ -18,7 +18,7 @@ pub(super) enum Format {
     Gltf,
 }
 
-/// What to do with most files that are not read.
+/// Advice for most files that are not read.
 const CONVERT: &str = "convert it to OBJ or PLY, for example with Blender or MeshLab";
 
 /// Formats known by how a file begins: bytes, name, and what to do.

@@ -61,7 +61,7 @@ struct Building<'s> {
     /// Numbers of materials that are in use.
     numbers: HashMap<Option<usize>, u32>,
     draft: Draft,
-    /// Of primitives that are no triangles, of skins, and of shapes to be blended.
+    /// Counts of primitives that are no triangles, of skins, and of shapes to be blended.
     left_out: [usize; 3],
     visited: HashSet<usize>,
 }

@@ -19,9 +19,9 @@ use std::{
 
 /// A glTF document with its buffers.
 pub(super) struct Source {
-    /// What the user calls the file.
+    /// The user's name of the file.
     pub name: String,
-    /// What it says.
+    /// Its contents.
     pub document: Document,
     buffers: Vec<Vec<u8>>,
     folder: PathBuf,
@@ -208,7 +208,7 @@ fn complete(json: &mut gltf::json::Root) -> Result<(), String> {
     Ok(())
 }
 
-/// How numbers are kept.
+/// Number format of an accessor.
 #[derive(Clone, Copy)]
 struct Kind {
     of: DataType,

@@ -17,7 +17,7 @@ use std::{
     sync::Arc,
 };
 
-/// How a surface reflects, lets through and gives off light.
+/// The optical properties of a surface: reflection, transmission, emission.
 #[derive(Debug, Clone)]
 pub struct Material {
     /// Its name in the MTL file.
@@ -103,7 +103,7 @@ pub(super) struct Loaded {
 
 /// The map of a material: its name and options.
 struct Map<'a> {
-    /// What follows the options.
+    /// The text behind the options.
     name: &'a str,
     mapping: Mapping,
     /// The channel that is an opacity (`-imfchan`).

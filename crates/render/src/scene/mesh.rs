@@ -38,7 +38,7 @@ pub struct Mesh {
     pub material_of: Vec<u32>,
     /// The materials in use; never empty.
     pub materials: Vec<Material>,
-    /// What was mended or left out, one line each.
+    /// Mended and left-out parts, one line each.
     pub warnings: Vec<String>,
 }
 
@@ -96,7 +96,7 @@ impl Mesh {
 pub(super) struct Draft {
     /// The mesh.
     pub mesh: Mesh,
-    /// Which normals each triangle shares.
+    /// For each triangle, the normals it shares.
     pub shares: Vec<Share>,
 }
 

@@ -16,7 +16,7 @@ use std::collections::BTreeSet;
 pub(super) struct Entry {
     /// The file that it is in.
     pub library: String,
-    /// What `tobj` has read.
+    /// The material as `tobj` has read it.
     pub material: tobj::Material,
     /// Statements with a meaning that is not drawn, in the spelling of the file.
     pub left_out: BTreeSet<String>,
@@ -59,9 +59,9 @@ pub(super) fn entries(name: &str, text: &str, warnings: &mut Vec<String>) -> Vec
 #[derive(Default)]
 struct Mended {
     text: String,
-    /// Of each material so far.
+    /// Words left out, of each material so far.
     left_out: Vec<BTreeSet<String>>,
-    /// Whether the present material has a `d`, which counts more than its `Tr`.
+    /// Set if the present material has a `d`, which counts more than its `Tr`.
     dissolved: bool,
 }
 

@@ -36,16 +36,16 @@ struct Face {
     group: Option<u32>,
 }
 
-/// What an OBJ text says.
+/// The contents of an OBJ text.
 #[derive(Default)]
 pub(super) struct Obj<'a> {
     /// Names after `usemtl`, each once, with comments that may be part of them.
     pub names: Vec<&'a str>,
     /// Their numbers.
     numbers: HashMap<&'a str, u32>,
-    /// What stands after each `mtllib`.
+    /// The text after each `mtllib`.
     pub libraries: Vec<&'a str>,
-    /// What is left out.
+    /// Counts of what is left out.
     pub tally: Tally,
     /// Vertices, texture coordinates and normals so far.
     vertices: Vertices,
@@ -67,7 +67,7 @@ pub(super) struct Triangulated {
     pub text: String,
     /// Number of the name of each triangle's material.
     pub material_of: Vec<Option<u32>>,
-    /// Which normals each triangle shares.
+    /// For each triangle, the normals it shares.
     pub shares: Vec<Share>,
 }
 

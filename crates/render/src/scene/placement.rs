@@ -27,7 +27,7 @@ pub struct Placed<'m> {
     pub mesh: Cow<'m, Mesh>,
     /// Chart point and normal covector of every vertex.
     pub vertices: Points,
-    /// What the user should know about how it lies there.
+    /// A warning about its placement.
     pub warnings: Vec<String>,
 }
 
@@ -234,7 +234,7 @@ pub(super) fn bend(manifold: &Manifold, a: DVec3, b: DVec3, pieces: usize) -> f6
     (0..pieces).map(at).sum::<f64>() / pieces as f64
 }
 
-/// How much linear placement bends what is straight in the mesh, radians.
+/// The angle by which linear placement bends straight parts of the mesh, radians.
 struct Bend {
     edges: f64,
     spokes: f64,
@@ -249,7 +249,7 @@ const NOTICED: f64 = 2.0 * std::f64::consts::PI / 180.0;
 const LOOKED_AT: usize = 4096;
 
 impl Bend {
-    /// Of the edges, and of the lines from the mesh's origin to its vertices.
+    /// Measures the edges, and the lines from the mesh's origin to its vertices.
     fn of(manifold: &Manifold, object: &ObjectEntry, mesh: &Mesh, vertices: &Points) -> Self {
         let worst = |angles: &(dyn Fn(usize) -> f64 + Sync), count: usize| {
             let stride = count.div_ceil(LOOKED_AT).max(1);

@@ -169,13 +169,13 @@ fn strip_triangles(strip: &Element) -> Vec<Element> {
     triangles
 }
 
-/// What a corner has besides its vertex: texture coordinates and a colour, as bits.
+/// Attributes of a corner besides its vertex: texture coordinates and a colour, as bits.
 type Own = ([u32; 2], [u32; 4]);
 
 /// A mesh being made.
 struct Building<'a> {
     vertices: &'a [Element],
-    /// Whether vertices, or faces, have colours.
+    /// Set if vertices, or faces, have colours.
     coloured: [bool; 2],
     draft: Draft,
     /// Vertices of the mesh by those of the file and what else the corner has.

@@ -14,7 +14,7 @@ use std::collections::HashMap;
 /// Corners of a triangle as numbers of the face's corners.
 type Triangle = [u32; 3];
 
-/// What the outline of a face is like.
+/// The kind of outline that a face has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Outline {
     /// The triangles cover the face once.

@@ -104,7 +104,7 @@ fn edges([a, b, c]: [u32; 3]) -> [Edge; 3] {
     [edge(a, b), edge(b, c), edge(c, a)]
 }
 
-/// How far (in the metric) the chart line from `a` to `b` is from its geodesic, or its middle from
+/// Measures how far (in the metric) the chart line from `a` to `b` is from its geodesic, or its middle from
 /// where it should be: a bend by the angle θ over the length ℓ makes a sagitta of θ ℓ / 8.
 fn departure(manifold: &Manifold, a: DVec3, b: DVec3, middle: DVec3) -> f64 {
     let half = 0.5 * (a + b);
@@ -152,7 +152,7 @@ fn all_edges(mesh: &Mesh) -> Vec<Edge> {
 /// triangles is then placed without following a geodesic to the middle of every edge.
 const SAMPLED: usize = 4096;
 
-/// How much larger than the largest sampled one the rate of another edge might be.
+/// Factor by which the rate of another edge may exceed the largest sampled one: the rate of another edge might be.
 const SAFETY: f64 = 4.0;
 
 fn sampled(edges: Vec<Edge>) -> Vec<Edge> {

@@ -211,7 +211,7 @@ impl<'a> Value<'a> {
         Ok(Table { name, table })
     }
 
-    /// Whether the value is a string (several keys take a word or a table).
+    /// Returns whether the value is a string (several keys take a word or a table).
     pub(super) fn is_string(&self) -> bool {
         self.item.as_str().is_some()
     }

@@ -11,9 +11,9 @@ pub(super) struct Tally {
     pub unpainted: usize,
     /// Number and first line of each kind of statement that is left out.
     left_out: BTreeMap<&'static str, (usize, usize)>,
-    /// Of faces that cross themselves.
+    /// Faces that cross themselves: their number, and the first.
     crossing: (usize, usize),
-    /// Of vertices with words that mean nothing.
+    /// Vertices with words that mean nothing: their number, and the first.
     odd_vertices: (usize, usize),
 }
 

@@ -54,9 +54,9 @@ pub(super) struct Statement<'a> {
     pub line: usize,
     /// Its first word.
     pub key: &'a str,
-    /// What follows, with the comment at its end if there is one: names may hold a `#`.
+    /// The rest of the line, with the comment at its end if there is one: names may hold a `#`.
     pub whole: &'a str,
-    /// What follows, without the comment.
+    /// The rest of the line, without the comment.
     pub rest: &'a str,
 }
 

@@ -125,7 +125,7 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
     a + (b - a) * t
 }
 
-/// How texture coordinates become places of a texture, and its values those that are used: the
+/// The map from texture coordinates to places of a texture, and from its values to those used: the
 /// options of a map in an MTL file.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mapping {
@@ -133,7 +133,7 @@ pub struct Mapping {
     pub scale: [f32; 2],
     /// … plus this (`-o`) are the place.
     pub offset: [f32; 2],
-    /// Whether places outside the texture take what is at its edge (`-clamp on`); else it repeats.
+    /// Set if places outside the texture take what is at its edge (`-clamp on`); else it repeats.
     pub clamp: bool,
     /// Values times the second plus the first are used (`-mm`).
     pub range: [f32; 2],
@@ -176,7 +176,7 @@ impl Mapping {
 pub struct TextureMap {
     /// The texture.
     pub texture: Arc<Texture>,
-    /// How it lies on the surface.
+    /// Its placement on the surface.
     pub mapping: Mapping,
 }
 
@@ -198,7 +198,7 @@ impl TextureMap {
 pub struct OpacityMap {
     /// Rows from the top × columns.
     pub values: Arc<Array2<f32>>,
-    /// How it lies on the surface.
+    /// Its placement on the surface.
     pub mapping: Mapping,
 }
 

@@ -40,7 +40,7 @@ pub enum Pattern {
     Grid,
     /// A few thousand stars and a milky way.
     Stars,
-    /// The same linear colour everywhere.
+    /// One linear colour everywhere.
     Colour([f32; 3]),
 }
 

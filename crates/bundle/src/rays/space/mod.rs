@@ -42,7 +42,7 @@ use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
-/// Which symmetry has been taken out.
+/// The symmetry that has been taken out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Reduction {
     /// None.
@@ -92,26 +92,26 @@ pub struct RaySpace {
     reduction: Reduction,
     /// Intervals of the stored camera parameters.
     cameras: Vec<[f64; 2]>,
-    /// Whether the stored camera parameters are the region's own (else invariants: the radius, or
+    /// Set if the stored camera parameters are the region's own (else invariants: the radius, or
     /// the coordinates not translated).
     by_region: bool,
-    /// How directions are divided under rotation.
+    /// Parameters of directions under rotation.
     orbits: ImpactParameter,
-    /// How chart points are stored.
+    /// The coordinates in which chart points are stored.
     lift: ChartMap,
-    /// Whether rays that the symmetry carries into each other end alike.
+    /// Set if rays that the symmetry carries into each other end alike.
     ends_alike: bool,
-    /// Whether skies turn with rays under rotation.
+    /// Set if skies turn with rays under rotation.
     skies_turn: bool,
     /// Discrete symmetries beside the one taken out.
     mirrors: Vec<Mirror>,
-    /// How far away directions on cube faces aim.
+    /// The sphere at which directions on cube faces aim.
     focus: ReferenceSphere,
     /// The axes of the sphere if all directions are held together.
     sphere: Option<Sphere>,
 }
 
-/// What all stored rays from one camera share.
+/// The part of stored rays that all from one camera share.
 #[derive(Debug, Clone, Copy)]
 pub struct StoredCamera {
     /// The chart point.
@@ -202,42 +202,42 @@ impl RaySpace {
         }
     }
 
-    /// Whether a stored ray ends where every ray does that the symmetry makes of it: if not, what
+    /// Returns whether a stored ray ends where every ray does that the symmetry makes of it: if not, what
     /// is stored must hold beyond its end.
     pub fn ends_alike(&self) -> bool {
         self.ends_alike
     }
 
-    /// Whether rays that rotations carry into each other look up the sky in directions that they carry into
+    /// Returns whether rays that rotations carry into each other look up the sky in directions that they carry into
     /// each other.
     pub fn skies_turn(&self) -> bool {
         self.skies_turn
     }
 
-    /// How chart points are stored.
+    /// The coordinates in which chart points are stored.
     pub fn lift(&self) -> ChartMap {
         self.lift
     }
 
-    /// The same rays with chart points stored in another way.
+    /// Returns these rays with chart points stored in another way.
     pub fn lifted(mut self, lift: ChartMap) -> Self {
         self.lift = lift;
         self
     }
 
-    /// The same rays, of which `mirrors` carry some into others.
+    /// Returns these rays, of which `mirrors` carry some into others.
     pub fn mirrored(mut self, mirrors: Vec<Mirror>) -> Self {
         self.mirrors = mirrors;
         self
     }
 
-    /// The same rays, aimed in another way; `focus` has the cells of the table.
+    /// Returns these rays, aimed in another way; `focus` has the cells of the table.
     pub fn focused(mut self, focus: ReferenceSphere) -> Self {
         self.focus = focus;
         self
     }
 
-    /// The same rays, those in all directions held together on this sphere; `None` if each face is held
+    /// Returns these rays, those in all directions held together on this sphere; `None` if each face is held
     /// by itself.
     pub fn on_sphere(mut self, sphere: Option<Sphere>) -> Self {
         self.sphere = sphere;
@@ -282,12 +282,12 @@ impl RaySpace {
         self.stored_at(&vec![0.0; self.cameras.len()])
     }
 
-    /// Whether stored paths stay in the plane z = 0, whose normal then stays parallel.
+    /// Returns whether stored paths stay in the plane z = 0, whose normal then stays parallel.
     pub fn planar(&self) -> bool {
         self.reduction == Reduction::Rotation
     }
 
-    /// Which channels can differ from zero for stored rays.
+    /// Lists the channels that can differ from zero for stored rays.
     pub fn channels(&self) -> &'static [usize] {
         self.lift.channels(self.planar())
     }
@@ -382,7 +382,7 @@ impl RaySpace {
         (camera.u, camera.direction(aim))
     }
 
-    /// What all stored rays at camera parameters share.
+    /// Computes what all stored rays at camera parameters share.
     pub fn stored_camera(&self, parameters: &[f64]) -> StoredCamera {
         let u = self.stored_point(parameters);
         let planar = self.planar();

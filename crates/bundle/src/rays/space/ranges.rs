@@ -6,14 +6,14 @@
 
 use super::RaySpace;
 
-/// How finely the region is searched for the range of an invariant.
+/// Number of places at which the region is searched for the range of an invariant.
 const RANGE_SAMPLES: usize = 4096;
 
 /// How finely the camera's interval is searched for its least angular momentum.
 const ORBIT_SAMPLES: usize = 256;
 
 impl RaySpace {
-    /// Whether the radius only rises or only falls over a region of one parameter, or none.
+    /// Returns whether the radius only rises or only falls over a region of one parameter, or none.
     pub(super) fn radius_is_monotonic(&self) -> bool {
         let region = self.region();
         let radius = |i: usize| region.at(&region.lerp(&[i as f64 / 256.0])).length();

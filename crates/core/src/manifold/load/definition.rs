@@ -14,7 +14,7 @@ use geofan_expr::NodeId;
 /// The least and the most components of an embedding.
 const AMBIENT: std::ops::RangeInclusive<usize> = 3..=16;
 
-/// What a file says about the space, in terms of the chart.
+/// A file's description of the space, in terms of the chart.
 pub(super) struct Given<'d> {
     pub form: Form,
     pub definition: Definition,

@@ -19,7 +19,7 @@ use geofan_expr::NodeId;
 const KEYS: [&str; 4] = ["wind", "shift", "lapse", "drift"];
 
 impl Loader<'_> {
-    /// What stands beside a metric or an embedding.
+    /// Reads what stands beside a metric or an embedding.
     pub(super) fn read_medium<'d>(
         &mut self,
         root: &Table<'d>,

@@ -29,7 +29,7 @@ use std::sync::Arc;
 
 type Reading<T> = Result<T, Diagnostic>;
 
-/// What a manifold file may have at its top.
+/// The keys that a manifold file may have at its top.
 const KEYS: [&str; 16] = [
     "name",
     "coordinates",
@@ -85,7 +85,7 @@ fn refuse_unless_known(name: &str, parameters: &[(String, f64)]) -> Result<()> {
     ))
 }
 
-/// What has been read so far.
+/// The parts of the file that have been read so far.
 struct Loader<'s> {
     source: &'s Arc<SourceText>,
     graph: Graph,

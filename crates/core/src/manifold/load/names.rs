@@ -80,7 +80,7 @@ impl Loader<'_> {
         Ok(parameters)
     }
 
-    /// Which coordinate `name` is.
+    /// Finds the coordinate called `name`.
     pub(super) fn coordinate(&self, name: &Text) -> Reading<usize> {
         let found = self.coordinates.iter().position(|c| *c == name.value);
         found.ok_or_else(|| {
@@ -168,7 +168,7 @@ impl Loader<'_> {
     }
 }
 
-/// Whether `text` could be a name at all.
+/// Returns whether `text` could be a name at all.
 fn is_name(text: &str) -> bool {
     let starts = |c: char| c.is_alphabetic() || c == '_';
     text.starts_with(starts) && text.chars().all(|c| c.is_alphanumeric() || c == '_')
