@@ -169,6 +169,9 @@ pub fn light_up(
     length: f64,
     common: &CommonArgs,
 ) -> Result<()> {
+    if stage.world.lights.is_empty() || stage.world.faces.is_empty() {
+        return Ok(());
+    }
     let progress = ProgressDisplay::new(common, "light", 0);
     let done = |more: usize, all: usize| {
         progress.set_total(all as u64);
