@@ -18,7 +18,7 @@ when = "x^2 + y^2 + z^2 - 100"
 [cameras]
 parameters = { c = [-1, 1] }
 at = ["c", "0", "0"]
-length = 5.0
+length = 14.0
 "#;
 
 const SCENE: &str = r#"manifold = "m.toml"

@@ -19,8 +19,15 @@ use std::{fs, path::Path};
 use support::{asset, catalogue, random_point};
 use tempfile::TempDir;
 
-/// Spaces in which some paths stay for ever whatever their length: sideways along a rod, and around a sphere.
-const ENDLESS: [&str; 2] = ["grin-rod", "s2xr"];
+/// Spaces in which some paths stay for ever whatever their length: sideways along a rod, around a sphere,
+/// around in a universe that rotates, and onto a horizon in coordinates that are smooth for what falls in.
+const ENDLESS: [&str; 5] = [
+    "grin-rod",
+    "s2xr",
+    "goedel",
+    "kerr-ingoing",
+    "schwarzschild-rain",
+];
 
 /// Finds what share of random paths over the camera region of `name` ends by length, and which would do.
 fn over_region(name: &str, count: usize) -> Option<UnfinishedPaths> {

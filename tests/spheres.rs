@@ -62,7 +62,7 @@ fn assert_kept(bundle: &Bundle, promise: f64) {
 
 #[test]
 fn one_patch_holds_all_directions_and_its_mirror_image() {
-    let bundle = baked(PAIR, "--max-error 1");
+    let bundle = baked(PAIR, "--max-error 1 --max-sky-error 1");
     assert_eq!(bundle.header.plan.mirrors.len(), 1);
     // The mirror carries one of the two cells to the other.
     assert_eq!((bundle.table.chunks.len(), kinds(&bundle)), (1, [1, 0]));
@@ -82,7 +82,7 @@ fn one_patch_holds_all_directions_and_its_mirror_image() {
 
 #[test]
 fn faces_are_parted_where_only_some_directions_are_rough() {
-    let bundle = baked(PEBBLE, "--max-error 4");
+    let bundle = baked(PEBBLE, "--max-error 4 --max-sky-error 4");
     let parted = kinds(&bundle)[1];
     assert!(parted > 0, "{:?}", bundle.table.counts());
     assert_kept(&bundle, 4.0);

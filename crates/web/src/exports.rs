@@ -168,7 +168,7 @@ mod tests {
                 }
             }
         }
-        assert_eq!(pictures, 2);
+        assert!(pictures >= 2);
         assert!(session.message(now));
         drawing.input = b"no package".to_vec();
         assert!(drawing.open_drawing().is_err());
