@@ -97,3 +97,19 @@ fn closed_spaces_do_not_hang_either() {
     let refused = stage(folder.path(), torus, "linear", 1e5).err().unwrap();
     assert!(refused.contains("times around"), "{refused}");
 }
+
+#[test]
+fn where_lengths_grow_exponentially_triangles_do_not() {
+    let folder = tempfile::tempdir().unwrap();
+    // Hyperbolic space, in the coordinates of the upper half with z shifted by 2.
+    let half = "metric = { conformal = '1/(z + 2)' }\ndomain = { z = [-1.999, 1000] }\n\
+                cameras = { length = 9 }\n";
+    let stage = stage(folder.path(), half, "exponential", 1e5).unwrap();
+    assert!(
+        stage.world.faces.len() < 200_000,
+        "{}",
+        stage.world.faces.len()
+    );
+    let told = &stage.world.warnings;
+    assert!(told.iter().any(|w| w.contains("far beyond")), "{told:?}");
+}

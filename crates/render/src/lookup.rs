@@ -242,7 +242,9 @@ pub(super) fn choose_knots(
     u: DVec3,
     [length, tolerance, error]: [f64; 3],
 ) -> Arc<[f64]> {
-    let directions: Vec<DVec3> = (0..KNOT_PATHS).map(fibonacci_direction).collect();
+    let directions: Vec<DVec3> = (0..KNOT_PATHS)
+        .map(|i| fibonacci_direction(i, KNOT_PATHS))
+        .collect();
     let places = match &manifold.cameras {
         Some(region) => KNOT_PLACES
             .map(|t| region.at(&region.lerp(&[t; 3])))
@@ -286,9 +288,9 @@ pub(super) fn worst_middle(curve: &Curve, knots: &[f64]) -> f64 {
     worst
 }
 
-/// Returns direction number `i` of those spread evenly over the sphere.
-fn fibonacci_direction(i: usize) -> DVec3 {
-    let z = 1.0 - (2.0 * i as f64 + 1.0) / KNOT_PATHS as f64;
+/// Returns direction number `i` of `count` spread evenly over the sphere.
+pub(crate) fn fibonacci_direction(i: usize, count: usize) -> DVec3 {
+    let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
     let phi = i as f64 * 2.399_963_229_728_653;
     let r = (1.0 - z * z).sqrt();
     DVec3::new(r * phi.cos(), r * phi.sin(), z)

@@ -23,6 +23,7 @@ mod placement;
 mod ply_mesh;
 mod polygon;
 mod poses;
+mod reach;
 mod smoothing;
 mod subdivide;
 mod table;

@@ -11,10 +11,11 @@
 use super::{
     Mesh, ObjectEntry, Placement,
     clip::clipped,
-    subdivide::{Points, subdivided},
+    reach::reach,
+    subdivide::{MOST_OF_CLIPPED, MOST_TRIANGLES, Points, subdivided},
 };
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, ends, follow, perpendiculars},
+    geodesic::{Ray, Settings, ends, perpendiculars},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -54,8 +55,9 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
             let name = object.mesh.display();
             let mut warnings = Vec::new();
             let (mut mesh, mut radius) = (Cow::Borrowed(mesh), radius(object, mesh));
-            let most = SPARE * reach(manifold, object, radius);
+            let (most, mut triangles) = (reach(manifold, object.at, radius), MOST_TRIANGLES);
             if radius > most {
+                triangles = MOST_OF_CLIPPED;
                 mesh = Cow::Owned(clipped(&mesh, most / object.scale));
                 let left = if mesh.triangles.is_empty() {
                     "all of it"
@@ -63,11 +65,13 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
                     "what is beyond"
                 };
                 warnings.push(format!(
-                    "{name}: reaches {radius:.3e} from its middle, far beyond the space; clipped at {most:.3e}, {left} is left out"
+                    "{name}: reaches {} from its middle, far beyond the space; clipped at {}, {left} is left out",
+                    short(radius),
+                    short(most),
                 ));
                 radius = self::radius(object, &mesh);
             }
-            let (mesh, vertices, left) = subdivided(manifold, mesh, radius, points)?;
+            let (mesh, vertices, left) = subdivided(manifold, mesh, (radius, triangles), points)?;
             if left > 0 {
                 let note = "edges are still bent after the last subdivision allowed";
                 warnings.push(format!("{name}: {left} {note}"));
@@ -96,56 +100,9 @@ fn radius(object: &ObjectEntry, mesh: &Mesh) -> f64 {
     object.scale * reach.fold(0.0, f64::max)
 }
 
-/// An object is clipped at this many times the farthest that geodesics get from its middle: cameras stand
-/// elsewhere, and between the geodesics that are followed the space may go on.
-const SPARE: f64 = 2.0;
-
-/// Steps after which a geodesic from an object's middle has gone far enough: those of pictures take some
-/// hundred. To go as far with every vertex of a mesh must not take for ever.
-const MOST_STEPS: usize = 4096;
-
-/// Finds how far geodesics get from the object's middle before they leave the space, at most `radius` and
-/// the length of the space's paths.
-fn reach(manifold: &Manifold, object: &ObjectEntry, radius: f64) -> f64 {
-    let length = manifold.length.map_or(radius, |l| l.min(radius));
-    let at = object.at;
-    let events = manifold
-        .domain
-        .events()
-        .at(&[at.x, at.y, at.z, 0.0, 0.0, 0.0]);
-    let settings = Settings {
-        tolerance: TOLERANCE,
-        carried: Carried::default(),
-        // The middle of an object may be beyond an exit, and a part of it not.
-        events: events.iter().all(|event| *event <= 0.0),
-    };
-    let steps = [-1.0, 0.0, 1.0];
-    let planes = steps.map(|x| steps.map(|y| steps.map(|z| DVec3::new(x, y, z))));
-    let ways = planes.into_iter().flatten().flatten();
-    let ways = ways.filter_map(DVec3::try_normalize);
-    let rays = ways.map(|d| Ray::new(manifold, object.at, d, length));
-    let mut sink = ReachSink {
-        reached: vec![(0.0, 0); 26],
-    };
-    follow(manifold, settings, rays, &mut sink);
-    sink.reached.iter().fold(0.0, |most, (s, _)| most.max(*s))
-}
-
-/// Keeps how far rays have come, and in how many steps.
-struct ReachSink {
-    reached: Vec<(f64, usize)>,
-}
-
-impl Sink for ReachSink {
-    fn step(&mut self, ray: usize, step: &Step) {
-        self.reached[ray] = (step.end, self.reached[ray].1 + 1);
-    }
-
-    fn wants_more(&self, ray: usize) -> bool {
-        self.reached[ray].1 < MOST_STEPS
-    }
-
-    fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}
+/// Rounds a length to four digits, for people.
+fn short(length: f64) -> f64 {
+    format!("{length:.3e}").parse().unwrap_or(length)
 }
 
 /// Tolerance of the geodesics that carry exponentially placed vertices.

@@ -26,14 +26,18 @@ pub const SAG: f64 = 5e-4;
 /// Most halvings of one edge, and most triangles of one object: an edge that is still bent after
 /// them runs through a place where no mesh will do.
 const MOST_ROUNDS: usize = 10;
-const MOST_TRIANGLES: usize = 4_000_000;
+pub(super) const MOST_TRIANGLES: usize = 4_000_000;
+
+/// Most triangles of an object that has been clipped: it fills its space, and where lengths grow
+/// exponentially no number is enough.
+pub(super) const MOST_OF_CLIPPED: usize = 200_000;
 
 /// The subdivided mesh, its vertices, and the number of edges that should be split still. `radius`
-/// is the object's, in the metric; `place` turns mesh points and normals into [`Points`], or fails.
+/// is the object's, in the metric, and it may have at most `most_triangles`; `place` turns mesh points and normals into [`Points`], or fails.
 pub(super) fn subdivided<'m>(
     manifold: &Manifold,
     mut mesh: Cow<'m, Mesh>,
-    radius: f64,
+    (radius, most_triangles): (f64, usize),
     place: impl Fn(&[DVec3], &[DVec3]) -> Option<Points>,
 ) -> Option<(Cow<'m, Mesh>, Points, usize)> {
     let mut vertices = place(&mesh.positions, &mesh.normals)?;
@@ -61,7 +65,7 @@ pub(super) fn subdivided<'m>(
         let found = departures(&middles, &vertices)?;
         let split: Vec<bool> = found.iter().map(|d| !(*d <= SAG * radius)).collect();
         let left = split.iter().filter(|s| **s).count();
-        let full = mesh.triangles.len() + 3 * left > MOST_TRIANGLES;
+        let full = mesh.triangles.len() + 3 * left > most_triangles;
         if left == 0 || round == MOST_ROUNDS || full {
             return Some((mesh, vertices, left));
         }
