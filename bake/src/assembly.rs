@@ -75,7 +75,7 @@ pub fn write_shard(
     contents.write(path)
 }
 
-/// Joins shards into a bundle at `output`, and measures it; returns what [`finish`] does.
+/// Joins shards into a bundle at `output`, and measures it; returns the outcome of the bake.
 ///
 /// # Errors
 /// The shards are not all shards of one bake, or the place cannot be written.

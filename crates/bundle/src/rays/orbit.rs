@@ -78,7 +78,7 @@ pub struct ImpactParameter {
 }
 
 impl ImpactParameter {
-    /// For cameras whose [`Radius::most`] is from `least` to `most`.
+    /// For cameras whose largest radius is from `least` to `most`.
     pub fn new(least: f64, most: f64) -> Self {
         let least = if least > NARROWEST * most { least } else { 0.0 };
         Self { least }

@@ -31,7 +31,7 @@ pub type Sample = [f64; CHANNELS];
 
 /// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
 /// samples them there. Exits are passed by; where the metric ends the last tangent is continued
-/// straight in the chart, unless a wind carries paths over their ends into it ([`Slowing`]). NaN only
+/// straight in the chart, unless a wind carries paths over their ends into it (see `slowing.rs`). NaN only
 /// where the very start is singular.
 pub fn sample(
     space: &RaySpace,
