@@ -9,7 +9,7 @@ use crate::{
     work,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, bake, certify};
-use geofan_bundle::{self as table, Fan, TablePath, container::VERSION, trace_in};
+use geofan_bundle::{self as table, Fan, TablePath, TangentPromise, container::VERSION, trace_in};
 use geofan_core::{
     Error, Observer, Progress, Result,
     geodesic::{End, Ray, Settings, check_point, paths},
@@ -84,6 +84,7 @@ impl Bundle {
         let (frames, mirrors, resume, wait) = switches;
         let options = BakeOptions {
             max_error,
+            max_sky_error: None,
             max_size,
             length: Some(manifold.path_length(py, length)?),
             frames,
@@ -154,7 +155,8 @@ impl Bundle {
             "stored_cameras": header.cameras,
             "mirrors": plan.mirrors.len(),
             "length": plan.length,
-            "frames": plan.frames,
+            "frames": plan.tangents != TangentPromise::None,
+            "sky_promise": plan.tangents.mrad(plan.max_error),
             "promise": plan.max_error,
             "tolerance": plan.tolerance,
             "chunks": bundle.table.chunks.len(),

@@ -58,8 +58,16 @@ pub fn write_picture(
     for (name, layer) in indices {
         made = made.with_index(name, layer.as_array().to_owned());
     }
-    let written: Result<()> = py.detach(|| picture::write(&path, &made, &Metadata(notes)));
+    let written: Result<()> = py.detach(|| picture::write(&path, &made, &with_notes(notes)));
     written.map_err(|e| About::Input.raise(py, e))
+}
+
+/// Makes the notes for a picture's file.
+fn with_notes(notes: Vec<(String, String)>) -> Metadata {
+    Metadata {
+        notes,
+        ..Metadata::default()
+    }
 }
 
 /// What is read from a picture's file: light, layers, notes.
@@ -78,5 +86,5 @@ pub fn read_picture<'py>(py: Python<'py>, path: PathBuf) -> PyResult<ReadPicture
     });
     let (picture, notes) = found.map_err(|e| About::Input.raise(py, e))?;
     let (rgb, layers) = arrays(py, picture)?;
-    Ok((rgb, layers, notes.0))
+    Ok((rgb, layers, notes.notes))
 }

@@ -209,7 +209,8 @@ impl Stage {
                 light_up(&mut staged, light_file.as_deref(), length, observer)?;
                 let world = &staged.0.world;
                 let clock = &geofan_study::clock;
-                let (drawing, _) = source.draw(world, &view, request.drawing(), (&mut None, clock))?;
+                let (drawing, _) =
+                    source.draw(world, &view, request.drawing(), (&mut None, clock))?;
                 let flagged = drawing.flagged_share();
                 let picture = match layers {
                     true => drawing.layered(world, &view, request.drawing()),
