@@ -20,7 +20,7 @@ use geofan_core::manifold::Manifold;
 #[cfg(feature = "files")]
 use geofan_core::{error::Error, files::write_atomically, reading::read_file};
 use glam::DVec3;
-use std::sync::Arc;
+use std::{borrow::Cow, sync::Arc};
 #[cfg(feature = "files")]
 use std::{fs, io::Write, path::Path};
 
@@ -157,6 +157,14 @@ fn expected_chunks(
     Ok((u64::from(first)..total).step_by(step as usize))
 }
 
+/// Returns the manifold of the file, of which a table may know the cover.
+fn glued(manifold: &Arc<Manifold>) -> Arc<Manifold> {
+    match manifold.glued() {
+        Cow::Borrowed(_) => manifold.clone(),
+        Cow::Owned(glued) => Arc::new(glued),
+    }
+}
+
 impl Bundle {
     /// Reads a whole bundle from the bytes of a file.
     ///
@@ -187,7 +195,7 @@ impl Bundle {
             .into_iter()
             .map(|(_, bytes)| Chunk::new(bytes, shape));
         Ok(Self {
-            manifold: space.manifold().clone(),
+            manifold: glued(space.manifold()),
             table: Table {
                 division: header.plan.division(&space).into(),
                 length: header.plan.length,
