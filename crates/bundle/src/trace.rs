@@ -85,7 +85,11 @@ fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {
         let axes = local.frame * DMat3::from_quat(q);
         match manifold.gluing().filter(|_| !word.is_empty()) {
             None => axes,
-            Some(gluing) => gluing.carried(&word, cover, manifold.standard_frame(cover) * DMat3::from_quat(q)),
+            Some(gluing) => gluing.carried(
+                &word,
+                cover,
+                manifold.standard_frame(cover) * DMat3::from_quat(q),
+            ),
         }
     };
     Some(Sample {
@@ -95,7 +99,9 @@ fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {
         frame: path.rotation(s).map(turned),
         area: None,
         crossings: word.len() as u32,
-        reversed: manifold.gluing().is_some_and(|gluing| gluing.reverses(&word)),
+        reversed: manifold
+            .gluing()
+            .is_some_and(|gluing| gluing.reverses(&word)),
     })
 }
 

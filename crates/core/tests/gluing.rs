@@ -61,13 +61,22 @@ fn paths_end_where_matrices_take_them() {
         println!("{name}: {off:.1e} off after {} crossings", last.crossings);
         assert_eq!(path.end, End::Length, "{name}");
         assert!(off < 2e-11, "{name}: {} is {off:e} off", last.u);
-        assert_eq!((last.crossings, last.reversed), (crossings, reversed), "{name}");
+        assert_eq!(
+            (last.crossings, last.reversed),
+            (crossings, reversed),
+            "{name}"
+        );
     }
 }
 
 #[test]
 fn areas_and_frames_are_those_of_the_cover() {
-    for (name, length) in [("poincare", 2.8), ("seifert-weber", 3.0), ("sol-cat", 3.0), ("mirrored-dodecahedron", 3.0)] {
+    for (name, length) in [
+        ("poincare", 2.8),
+        ("seifert-weber", 3.0),
+        ("sol-cat", 3.0),
+        ("mirrored-dodecahedron", 3.0),
+    ] {
         let space = asset(name);
         let cover = space.cover();
         let (u, d) = (DVec3::new(0.05, -0.03, 0.12), DVec3::new(0.3, 0.8, -0.5));
@@ -75,29 +84,50 @@ fn areas_and_frames_are_those_of_the_cover() {
         let (_, straight) = follow(&cover, u, d, length);
         for i in 1..=8 {
             let s = length * f64::from(i) / 8.0;
-            let (here, there) = (sample(&space, &ray, &path, s), sample(&cover, &ray, &straight, s));
+            let (here, there) = (
+                sample(&space, &ray, &path, s),
+                sample(&cover, &ray, &straight, s),
+            );
             let (a, b) = (here.area.unwrap(), there.area.unwrap());
-            assert!((a - b).abs() < 1e-9 * b.max(1.0), "{name}: area {a} is not {b} at {s}");
+            assert!(
+                (a - b).abs() < 1e-9 * b.max(1.0),
+                "{name}: area {a} is not {b} at {s}"
+            );
             let (u, v, word) = space.brought_in(there.u, there.v).unwrap();
             if (u - here.u).length() > 1e-9 {
                 // On a face either side is right.
                 continue;
             }
             assert!((v - here.v).length() < 1e-9, "{name}: tangent at {s}");
-            let frame = space.gluing().unwrap().carried(&word, there.u, there.frame.unwrap());
+            let frame = space
+                .gluing()
+                .unwrap()
+                .carried(&word, there.u, there.frame.unwrap());
             let off = (frame - here.frame.unwrap()).to_cols_array();
-            assert!(off.iter().all(|x| x.abs() < 1e-8), "{name}: frame at {s}: {off:?}");
+            assert!(
+                off.iter().all(|x| x.abs() < 1e-8),
+                "{name}: frame at {s}: {off:?}"
+            );
         }
     }
 }
 
 #[test]
 fn points_inside_stay_and_points_outside_come_back_by_isometries() {
-    for name in ["half-turn", "sol-cat", "poincare", "seifert-weber", "mirrored-dodecahedron"] {
+    for name in [
+        "half-turn",
+        "sol-cat",
+        "poincare",
+        "seifert-weber",
+        "mirrored-dodecahedron",
+    ] {
         let space = asset(name);
         let gluing = space.gluing().unwrap();
         assert_eq!(gluing.violated(gluing.inside()), None);
-        assert!(gluing.faces().iter().all(|face| face.partner().is_some()), "{name}");
+        assert!(
+            gluing.faces().iter().all(|face| face.partner().is_some()),
+            "{name}"
+        );
         let u = gluing.inside() + DVec3::new(0.41, -0.35, 0.28) * gluing.size();
         let (v, word) = gluing.locate(u).unwrap();
         assert_eq!(gluing.violated(v), None);
@@ -111,7 +141,11 @@ fn points_inside_stay_and_points_outside_come_back_by_isometries() {
 
 /// The elements of the group whose images of `x` lie within `reach` of `p`, by walking from copy to copy:
 /// an element is known by its image of the point inside.
-fn images(gluing: &Gluing, reach: impl Fn(&DeckTransformation) -> bool, most: usize) -> Vec<DeckTransformation> {
+fn images(
+    gluing: &Gluing,
+    reach: impl Fn(&DeckTransformation) -> bool,
+    most: usize,
+) -> Vec<DeckTransformation> {
     let mut found = vec![gluing.identity().unwrap()];
     let mut places = vec![gluing.inside()];
     let mut next = 0;
@@ -145,15 +179,33 @@ fn the_poincare_space_has_120_copies_and_seifert_webers_as_many_as_known() {
     let (x, p) = (DVec3::new(-0.15, 0.03, 0.12), DVec3::new(0.1, 0.2, -0.05));
     let unlift = |x: DVec3| x / (1.0 + (1.0 - x.length_squared()).sqrt());
     let (x, p) = (unlift(x), unlift(p));
-    let mut distances: Vec<f64> = all.iter().map(|g| lift(x).dot(lift(g.point(p))).acos()).collect();
+    let mut distances: Vec<f64> = all
+        .iter()
+        .map(|g| lift(x).dot(lift(g.point(p))).acos())
+        .collect();
     distances.sort_by(f64::total_cmp);
-    for (found, known) in distances.iter().zip([0.348688219641, 0.373430251145, 0.418685684911, 0.420832380548]) {
+    for (found, known) in distances.iter().zip([
+        0.348688219641,
+        0.373430251145,
+        0.418685684911,
+        0.420832380548,
+    ]) {
         assert!((found - known).abs() < 1e-9, "{found} {known}");
     }
     let within = |d: f64| distances.iter().filter(|x| **x < d).count();
-    assert_eq!((within(1.0), within(std::f64::consts::FRAC_PI_2), within(2.0)), (24, 60, 94));
+    assert_eq!(
+        (
+            within(1.0),
+            within(std::f64::consts::FRAC_PI_2),
+            within(2.0)
+        ),
+        (24, 60, 94)
+    );
     let sum: f64 = distances.iter().map(|d| d.sin().powi(-2)).sum();
-    assert!(all.len() < 120 || (sum - 210.2510406304).abs() < 1e-6, "{sum}");
+    assert!(
+        all.len() < 120 || (sum - 210.2510406304).abs() < 1e-6,
+        "{sum}"
+    );
 
     let space = asset("seifert-weber");
     let gluing = space.gluing().unwrap();
@@ -162,8 +214,16 @@ fn the_poincare_space_has_120_copies_and_seifert_webers_as_many_as_known() {
         let ((a, s, k), (b, t, l)) = (lift(a), lift(b));
         ((s * t - a.dot(b)) / (k * l)).acosh()
     };
-    let near = images(gluing, |g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < 4.0, 2000);
-    let count = |d: f64| near.iter().filter(|g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < d).count();
+    let near = images(
+        gluing,
+        |g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < 4.0,
+        2000,
+    );
+    let count = |d: f64| {
+        near.iter()
+            .filter(|g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < d)
+            .count()
+    };
     assert_eq!(count(4.0), 465);
     assert_eq!((count(2.0), count(2.9), count(3.5)), (13, 73, 193));
 }
@@ -184,9 +244,21 @@ fn flat_spaces_show_a_point_as_often_as_known() {
     let y = [["x", "y - 2", "z"], ["x", "y + 2", "z"]];
     let with = |z: [[&'static str; 3]; 2]| [x[0], x[1], y[0], y[1], z[0], z[1]];
     let cases = [
-        ("torus", with([["x", "y", "z - 2"], ["x", "y", "z + 2"]]), (114, 14)),
-        ("half turn", with([["-x", "-y", "z - 2"], ["-x", "-y", "z + 2"]]), (115, 14)),
-        ("quarter turn", with([["-y", "x", "z - 2"], ["y", "-x", "z + 2"]]), (115, 14)),
+        (
+            "torus",
+            with([["x", "y", "z - 2"], ["x", "y", "z + 2"]]),
+            (114, 14),
+        ),
+        (
+            "half turn",
+            with([["-x", "-y", "z - 2"], ["-x", "-y", "z + 2"]]),
+            (115, 14),
+        ),
+        (
+            "quarter turn",
+            with([["y", "-x", "z - 2"], ["-y", "x", "z + 2"]]),
+            (115, 14),
+        ),
     ];
     let (p, x) = (DVec3::new(0.3, 0.2, -0.4), DVec3::new(-0.1, 0.5, 0.6));
     for (name, maps, (far, near)) in cases {
@@ -210,9 +282,17 @@ fn a_quotient_by_matrices_is_the_space_of_its_faces() {
     let space = manifold(text);
     let gluing = space.gluing().unwrap();
     assert_eq!(gluing.faces().len(), 2);
-    let (ray, path) = follow(&space, DVec3::new(0.1, 0.0, 0.1), DVec3::new(0.0, s, c), std::f64::consts::TAU);
+    let (ray, path) = follow(
+        &space,
+        DVec3::new(0.1, 0.0, 0.1),
+        DVec3::new(0.0, s, c),
+        std::f64::consts::TAU,
+    );
     let last = sample(&space, &ray, &path, std::f64::consts::TAU);
-    assert!((last.u - ray.u).length() < 1e-9 && last.crossings == 4, "{last:?}");
+    assert!(
+        (last.u - ray.u).length() < 1e-9 && last.crossings == 4,
+        "{last:?}"
+    );
     // Flat space has no invariant form; the domain is that of distances.
     let text = "metric = { xx = '1', yy = '1', zz = '1' }\n[quotient]\nlift = ['x', 'y', 'z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]], [[1,0,0,0],[0,1,0,2],[0,0,1,0],[0,0,0,1]], [[-1,0,0,0],[0,-1,0,0],[0,0,1,2],[0,0,0,1]]]\n";
     let space = manifold(text);
@@ -228,7 +308,9 @@ fn a_quotient_by_matrices_is_the_space_of_its_faces() {
 
 /// What is said about a file that begins with a flat metric.
 fn refusal(text: &str) -> String {
-    let text = format!("name = 'test'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\n{text}");
+    let text = format!(
+        "name = 'test'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\n{text}"
+    );
     match Manifold::from_source(SourceText::new("test.toml", text), &[]) {
         Err(error) => error.report(false),
         Ok(_) => panic!("accepted"),
@@ -245,29 +327,82 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
     let back = pair("1 + x", ["x + 2", "y", "z"]);
     let y = pair("1 - y", ["x", "y - 2", "z"]) + &pair("1 + y", ["x", "y + 2", "z"]);
     let cases = [
-        ("stretches", pair("1 - x", ["2*x - 3", "y", "z"]) + &back, "face 1: its map is no isometry: at x ="),
-        ("is not paired", pair("1 - x", ["x - 1.5", "y", "z"]) + &back, "face 1: its map leads to no face: x ="),
-        ("has another way back", pair("1 - x", ["x - 2", "-y", "-z"]) + &pair("1 + x", ["x + 2", "-z", "y"]), "no map leads back: x ="),
-        ("does not close", pair("1 - x", ["x - 2", "y + 0.7", "z"]) + &pair("1 + x", ["x + 2", "y - 0.7", "z"]) + &pair("1 - y", ["-x", "y - 2", "z"]) + &pair("1 + y", ["-x", "y + 2", "z"]), "does not close"),
-        ("fixes an axis", pair("x", ["-x", "-y", "z"]) + &y, "its map fixes a point of the domain: x ="),
-        ("leads out", pair("1 - x", ["x - 2", "y + 3", "z"]) + &pair("1 + x", ["x + 2", "y - 3", "z"]) + &y, "face"),
-        ("has neither", "[[glue]]\nface = '1 - x'\n".into(), "a glued face needs `map`"),
-        ("has both", pair("1 - x", ["x", "y", "z"]) + "mirror = true\n", "a face has a map or is a mirror"),
-        ("goes farther out", pair("1 - x", ["x + 2", "y", "z"]) + &pair("1 + x", ["x - 2", "y", "z"]), "face"),
-        ("is periodic too", "[domain]\nx = [0, 1]\nperiodic = ['x']\n".to_string() + &back, "not possible together"),
-        ("has no inside", pair("-1 - x^2", ["x - 2", "y", "z"]), "face 1"),
+        (
+            "stretches",
+            pair("1 - x", ["2*x - 3", "y", "z"]) + &back,
+            "face 1: its map is no isometry: at x =",
+        ),
+        (
+            "is not paired",
+            pair("1 - x", ["x - 1.5", "y", "z"]) + &back,
+            "no map leads back: x =",
+        ),
+        (
+            "has another way back",
+            pair("1 - x", ["x - 2", "-y", "-z"]) + &pair("1 + x", ["x + 2", "-z", "y"]),
+            "no map leads back: x =",
+        ),
+        (
+            "does not close",
+            pair("1 - x", ["x - 2", "y + 0.7", "z"])
+                + &pair("1 + x", ["x + 2", "y - 0.7", "z"])
+                + &pair("1 - y", ["-x", "y - 2", "z"])
+                + &pair("1 + y", ["-x", "y + 2", "z"]),
+            "does not close",
+        ),
+        (
+            "fixes an axis",
+            pair("x", ["-x", "-y", "z"]) + &y,
+            "its map fixes a point of the domain: x =",
+        ),
+        (
+            "leads nowhere",
+            pair("1 - x", ["x - 1.5", "y", "z"]) + &pair("1 + x", ["x + 1.5", "y", "z"]),
+            "its map leads to no face: x =",
+        ),
+        (
+            "has neither",
+            "[[glue]]\nface = '1 - x'\n".into(),
+            "a glued face needs `map`",
+        ),
+        (
+            "has both",
+            pair("1 - x", ["x", "y", "z"]) + "mirror = true\n",
+            "a face has a map or is a mirror",
+        ),
+        (
+            "goes farther out",
+            pair("1 - x", ["x + 2", "y", "z"]) + &pair("1 + x", ["x - 2", "y", "z"]),
+            "face",
+        ),
+        (
+            "is periodic too",
+            "[domain]\nx = [0, 1]\nperiodic = ['x']\n".to_string() + &back,
+            "not possible together",
+        ),
+        (
+            "has no inside",
+            pair("-1 - x^2", ["x - 2", "y", "z"]),
+            "face 1",
+        ),
     ];
     for (what, text, told) in cases {
         let report = refusal(&text);
         println!("{what}:\n{report}\n");
         assert!(report.contains(told), "{what}:\n{report}");
     }
-    let quotient = |m: &str| format!("[quotient]\nlift = ['x', 'y', 'z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [{m}]\n");
+    let quotient = |m: &str| {
+        format!(
+            "[quotient]\nlift = ['x', 'y', 'z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [{m}]\n"
+        )
+    };
     let turned = refusal(&quotient("[[-1,0,0,0],[0,-1,0,0],[0,0,1,0],[0,0,0,1]]"));
     assert!(turned.contains("does not move the centre"), "{turned}");
     let short = refusal(&quotient("[[1,0,0,2],[0,1,0,0],[0,0,1,0]]"));
     assert!(short.contains("a matrix of 4 rows is needed"), "{short}");
-    let wrong = refusal("[quotient]\nlift = ['x', 'y', '2*z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]\n");
+    let wrong = refusal(
+        "[quotient]\nlift = ['x', 'y', '2*z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]\n",
+    );
     assert!(wrong.contains("`drop` does not undo `lift`"), "{wrong}");
 }
 
@@ -275,11 +410,16 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
 #[test]
 fn a_curved_mirror_reflects_and_focuses_as_mirrors_do() {
     // Inside of a ball of radius 2: a path through the centre comes back, and neighbours meet in the centre.
-    let space = manifold("metric = { conformal = '1' }\n[[glue]]\nface = '4 - x^2 - y^2 - z^2'\nmirror = true\n");
+    let space = manifold(
+        "metric = { conformal = '1' }\n[[glue]]\nface = '4 - x^2 - y^2 - z^2'\nmirror = true\n",
+    );
     let (ray, path) = follow(&space, DVec3::ZERO, DVec3::new(0.3, 0.5, -0.7), 6.0);
     let at = |s: f64| sample(&space, &ray, &path, s);
     let back = at(4.0);
-    assert!(back.u.length() < 1e-9 && back.area.unwrap() < 1e-8, "{back:?}");
+    assert!(
+        back.u.length() < 1e-9 && back.area.unwrap() < 1e-8,
+        "{back:?}"
+    );
     assert_eq!((back.crossings, back.reversed), (1, true));
     // From a point 1.2 before the mirror: 1/1.2 + 1/b = 1 for a focal length of half the radius.
     let (ray, path) = follow(&space, DVec3::new(0.8, 0.0, 0.0), DVec3::X, 1.2 + 3.5);
@@ -287,11 +427,24 @@ fn a_curved_mirror_reflects_and_focuses_as_mirrors_do() {
     let spread = |s: f64| focus * (1.0 - s / image) + 0.0 * s;
     for s in [0.5, 1.5, 3.0] {
         let area = sample(&space, &ray, &path, 1.2 + s).area.unwrap();
-        assert!((area - spread(s).powi(2)).abs() < 1e-8, "{s}: {area} {}", spread(s).powi(2));
+        assert!(
+            (area - spread(s).powi(2)).abs() < 1e-8,
+            "{s}: {area} {}",
+            spread(s).powi(2)
+        );
     }
     // Off the axis: reflections keep the distance of the chords from the centre, and the plane.
-    let (ray, path) = follow(&space, DVec3::new(0.3, -0.4, 0.2), DVec3::new(0.4, 0.7, 0.3), 30.0);
-    let moment = |s: f64| sample(&space, &ray, &path, s).u.cross(sample(&space, &ray, &path, s).v);
+    let (ray, path) = follow(
+        &space,
+        DVec3::new(0.3, -0.4, 0.2),
+        DVec3::new(0.4, 0.7, 0.3),
+        30.0,
+    );
+    let moment = |s: f64| {
+        sample(&space, &ray, &path, s)
+            .u
+            .cross(sample(&space, &ray, &path, s).v)
+    };
     assert!((moment(0.1) - moment(29.9)).length() < 1e-9);
     let frame = sample(&space, &ray, &path, 29.9).frame.unwrap();
     let off = frame.transpose() * frame - DMat3::IDENTITY;
@@ -301,8 +454,13 @@ fn a_curved_mirror_reflects_and_focuses_as_mirrors_do() {
 /// Neighbouring rays by difference: areas behind a curved mirror off the axis.
 #[test]
 fn areas_behind_mirrors_are_those_of_neighbours() {
-    let space = manifold("metric = { conformal = '1 + 0.1*x^2' }\n[[glue]]\nface = '2 - x^2 - 0.5*y^2 - z^2'\nmirror = true\n");
-    let (u, d) = (DVec3::new(0.3, -0.4, 0.2), DVec3::new(0.4, 0.7, 0.3).normalize());
+    let space = manifold(
+        "metric = { conformal = '1 + 0.1*x^2' }\n[[glue]]\nface = '2 - x^2 - 0.5*y^2 - z^2'\nmirror = true\n",
+    );
+    let (u, d) = (
+        DVec3::new(0.3, -0.4, 0.2),
+        DVec3::new(0.4, 0.7, 0.3).normalize(),
+    );
     let length = 3.3;
     let ray = Ray::new(&space, u, d, length);
     let path = paths(&space, settings(1e-13, true), [ray]).remove(0);

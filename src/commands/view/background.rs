@@ -77,7 +77,12 @@ fn table(
 ) -> Result<(), String> {
     let path = folder.join(format!("{}.fan", identity(&manifold, length)));
     let found = Bundle::read(&path).ok();
-    let found = found.filter(|bundle| manifold.cover().differences(&bundle.manifold.cover()).is_empty());
+    let found = found.filter(|bundle| {
+        manifold
+            .cover()
+            .differences(&bundle.manifold.cover())
+            .is_empty()
+    });
     if let Some(bundle) = found {
         work.shared.set_table(bundle);
         return Ok(());

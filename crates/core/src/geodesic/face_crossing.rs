@@ -365,5 +365,9 @@ fn vector_at(rows: &[Row], lane: usize, at: usize) -> DVec3 {
 /// Returns the frame whose rotation is `turn`, mirrored if its path has been `reversed`.
 pub(super) fn carried_frame(turn: DQuat, reversed: bool) -> DMat3 {
     let rotation = DMat3::from_quat(turn);
-    if reversed { rotation * MIRRORING } else { rotation }
+    if reversed {
+        rotation * MIRRORING
+    } else {
+        rotation
+    }
 }

@@ -58,7 +58,10 @@ impl Manifold {
         let count = |of: fn(&GluedFace) -> bool| faces.iter().filter(|face| of(face)).count();
         let parts = [
             (count(|face| !face.is_mirror() && !face.reverses()), "glued"),
-            (count(|face| !face.is_mirror() && face.reverses()), "glued with a reversal"),
+            (
+                count(|face| !face.is_mirror() && face.reverses()),
+                "glued with a reversal",
+            ),
             (count(GluedFace::is_mirror), "mirrors"),
             (count(GluedFace::is_portal), "with an opening"),
         ];

@@ -26,6 +26,9 @@ const FEWEST_POINTS: usize = 8;
 const LINES: usize = 600;
 const PLACES: usize = 80;
 
+/// Places on the line between two points that must lie inside.
+const SIGHTS: u32 = 24;
+
 /// Points beyond several faces that are brought back in every order, and how far out they lie at most.
 const EDGE_TESTS: usize = 400;
 const FARTHEST_OUT: f64 = 1.8;
@@ -73,22 +76,49 @@ fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
     u.is_finite() && is_positive(g, s) && manifold.domain.violation(u).is_none()
 }
 
-/// Finds points inside the domain: cameras, and points of boxes about the origin of several sizes, brought in.
+/// Finds points inside the domain: a camera or the middle of the chart, and points of boxes of several sizes,
+/// brought in. A chart may hold the space twice, so only those count that see the first one along a line of
+/// the chart.
 fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
-    let mut points = Vec::new();
-    let mut lost = None;
+    let (mut points, mut lost) = (Vec::new(), None);
+    let middle = manifold
+        .domain
+        .limits
+        .map(|l| l.map_or(0.0, |[low, high]| 0.5 * (low + high)));
+    let camera = manifold
+        .cameras
+        .as_ref()
+        .map(|region| region.at(&region.lerp(&[0.5; 3])));
+    let firsts = [camera, Some(DVec3::from_array(middle))];
+    let first = firsts
+        .into_iter()
+        .flatten()
+        .filter(|u| is_regular(manifold, *u));
+    points.extend(
+        first
+            .filter_map(|u| gluing.locate(u))
+            .map(|(u, _)| u)
+            .next(),
+    );
     for scale in [1.0, 0.3, 0.1, 3.0, 0.03, 10.0] {
         let limits = manifold.domain.limits.map(|l| l.unwrap_or([-scale, scale]));
         for i in 0..POINTS {
             let t = halton(i);
-            let u = DVec3::from_array([0, 1, 2].map(|k| {
-                limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]
-            }));
+            let u = DVec3::from_array(
+                [0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]),
+            );
             if !is_regular(manifold, u) {
                 continue;
             }
             match gluing.locate(u) {
-                Some((u, _)) if is_regular(manifold, u) => points.push(u),
+                Some((u, _)) if is_regular(manifold, u) => {
+                    if points
+                        .first()
+                        .is_none_or(|first| gluing.holds_between(*first, u))
+                    {
+                        points.push(u);
+                    }
+                }
                 Some(_) => {}
                 None => lost = lost.or(gluing.violated(u).map(|k| (k, u))),
             }
@@ -121,6 +151,18 @@ fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
 }
 
 impl Gluing {
+    /// Returns whether the chart's line between two points stays inside all bounding faces.
+    fn holds_between(&self, a: DVec3, b: DVec3) -> bool {
+        let inside = |t: f64| {
+            let values = self.values.at(&a.lerp(b, t).to_array());
+            let faces = self.faces.iter().zip(values);
+            faces
+                .filter(|(face, _)| !face.is_portal())
+                .all(|(_, value)| value > 0.0)
+        };
+        (1..SIGHTS).all(|i| inside(f64::from(i) / f64::from(SIGHTS)))
+    }
+
     /// Takes sizes from points of the domain.
     fn measure(&mut self, points: &[DVec3]) {
         let middle = points.iter().sum::<DVec3>() / points.len() as f64;
@@ -205,7 +247,9 @@ impl Checks<'_> {
                     );
                     let complaint = self.complain(k, message);
                     return Err(complaint
-                        .with_hint("the metric (and a wind) must be the same at a point and at its image")
+                        .with_hint(
+                            "the metric (and a wind) must be the same at a point and at its image",
+                        )
                         .into());
                 }
             }
@@ -250,7 +294,8 @@ impl Checks<'_> {
         None
     }
 
-    /// Finds the partner of every face; each point of a face must come to lie on it, inside the domain, and back.
+    /// Finds the partner of every face, on which each of its points must come to lie, and whose map leads back. It
+    /// may come to lie beyond other faces, where the domain is no Dirichlet domain.
     fn partners(&self) -> Result<Vec<Option<usize>>> {
         let faces = &self.gluing.faces;
         let mut partners: Vec<Option<usize>> = vec![None; faces.len()];
@@ -261,24 +306,11 @@ impl Checks<'_> {
             let values = self.gluing.values.at(&image.to_array());
             let bounding = |j: &usize| !faces[*j].is_portal();
             let depth = |j: usize| values[j] / (faces[j].slope * self.gluing.size);
-            let outside = (0..faces.len())
-                .filter(bounding)
-                .find(|j| !(depth(*j) > -WORST_IMAGE));
             let here = |u: DVec3| point(self.manifold, u);
-            if let Some(j) = outside {
-                let message = format!(
-                    "its map does not lead into the domain: {} goes to {}, beyond {}",
-                    here(u),
-                    here(image),
-                    Gluing::name(j)
-                );
-                return Err(self.unpaired(k, message));
-            }
             let back = |j: &usize| {
                 let back = faces[*j].carry(image);
                 let near = |(v, e): (DVec3, DMat3)| {
-                    (v - u).length() <= WORST_IMAGE * self.gluing.size
-                        && is_identity(e * d)
+                    (v - u).length() <= WORST_IMAGE * self.gluing.size && is_identity(e * d)
                 };
                 back.is_some_and(near)
             };

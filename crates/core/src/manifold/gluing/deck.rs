@@ -60,7 +60,8 @@ impl DeckTransformation {
     pub(super) fn of_tapes(tapes: &[Arc<Tape>], points: &[DVec3]) -> Vec<Self> {
         let all = |rules: Option<Vec<Rule>>| rules;
         let affine = all(tapes.iter().map(|tape| affine(tape, points)).collect());
-        let rules = affine.or_else(|| all(tapes.iter().map(|tape| moebius(tape, points)).collect()));
+        let rules =
+            affine.or_else(|| all(tapes.iter().map(|tape| moebius(tape, points)).collect()));
         let chains = || tapes.iter().map(|t| Rule::Tapes(vec![t.clone()])).collect();
         let rules = rules.unwrap_or_else(chains);
         let transformation = |rule| Self {
@@ -234,10 +235,7 @@ fn moebius(tape: &Tape, points: &[DVec3]) -> Option<Rule> {
     let solved = solve(rows)?;
     let matrix: Lorentz = std::array::from_fn(|i| std::array::from_fn(|j| solved[j][i]));
     let agrees = |u: &DVec3| near(apply_moebius(&matrix, *u).0, at_tape(tape, *u).0);
-    points
-        .iter()
-        .all(agrees)
-        .then_some(Rule::Moebius(matrix))
+    points.iter().all(agrees).then_some(Rule::Moebius(matrix))
 }
 
 /// Solves `A X = B` for the rows `(A | B)` by Gauss's elimination with pivots; `None` for a singular `A`.
@@ -326,16 +324,18 @@ mod tests {
         let d = "((x - 2)^2 + (y - 1)^2 + z^2)";
         let inversion = ["2 + 3*(x - 2)/D", "1 + 3*(y - 1)/D", "3*z/D"].map(|t| t.replace('D', d));
         check_composition(
-            [inversion.each_ref().map(String::as_str), ["-y", "x + 0.1", "z"]],
+            [
+                inversion.each_ref().map(String::as_str),
+                ["-y", "x + 0.1", "z"],
+            ],
             |rule| matches!(rule, Rule::Moebius(_)),
         );
     }
 
     #[test]
     fn other_maps_compose_as_chains() {
-        check_composition(
-            [["x + y*z", "y", "z"], ["x", "exp(y)", "z"]],
-            |rule| matches!(rule, Rule::Tapes(_)),
-        );
+        check_composition([["x + y*z", "y", "z"], ["x", "exp(y)", "z"]], |rule| {
+            matches!(rule, Rule::Tapes(_))
+        });
     }
 }

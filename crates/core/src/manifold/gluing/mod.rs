@@ -148,7 +148,9 @@ impl Gluing {
         };
         let mut portals = 0;
         for face in faces {
-            let map = face.map.map(|map| FaceMap::compile(graph, map, face.matrix));
+            let map = face
+                .map
+                .map(|map| FaceMap::compile(graph, map, face.matrix));
             let opening = face.opening.map(|_| portals);
             portals += usize::from(opening.is_some());
             gluing.faces.push(GluedFace {

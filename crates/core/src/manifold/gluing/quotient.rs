@@ -80,7 +80,10 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 fn times(matrix: &[f64], x: &[f64]) -> Vec<f64> {
-    matrix.chunks_exact(x.len()).map(|row| dot(row, x)).collect()
+    matrix
+        .chunks_exact(x.len())
+        .map(|row| dot(row, x))
+        .collect()
 }
 
 /// Finds the faces of the domain about `centre` of the group of `generators` (by rows).
@@ -143,11 +146,8 @@ fn invariant_form(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Option<Vec<f64
             .iter()
             .all(|x| (form(x, x) - level).abs() <= 1e-9 * (1.0 + level.abs()));
         // Near the centre the form must fall.
-        let falls = points[1..]
-            .iter()
-            .all(|x| form(x, &points[0]) < level);
-        (kept && constant && falls)
-            .then(|| (0..n).map(|k| -q[k] * points[0][k]).collect())
+        let falls = points[1..].iter().all(|x| form(x, &points[0]) < level);
+        (kept && constant && falls).then(|| (0..n).map(|k| -q[k] * points[0][k]).collect())
     })
 }
 
@@ -185,7 +185,8 @@ impl Elements {
         let mut found = Vec::new();
         while let Some(Reverse((Key(value), index))) = queue.pop() {
             if index > 0 {
-                let off = (nearness.dropped(&times(&all[index], &start)) - nearness.centre).length();
+                let off =
+                    (nearness.dropped(&times(&all[index], &start)) - nearness.centre).length();
                 if !(off > 1e-6 * (1.0 + nearness.centre.length())) {
                     return Err("an element of the group does not move the centre".into());
                 }
@@ -240,7 +241,11 @@ fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
     let mut rows: Vec<Vec<f64>> = (0..n)
         .map(|i| {
             let unit = (0..n).map(|j| f64::from(u8::from(i == j)));
-            matrix[i * n..(i + 1) * n].iter().copied().chain(unit).collect()
+            matrix[i * n..(i + 1) * n]
+                .iter()
+                .copied()
+                .chain(unit)
+                .collect()
         })
         .collect();
     for k in 0..n {
@@ -274,7 +279,11 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
             let moved: Vec<f64> = (0..n)
                 .map(|j| (0..n).map(|i| form[i] * matrix[i * n + j]).sum())
                 .collect();
-            moved.iter().zip(form).map(|(a, b)| a - b).collect::<Vec<f64>>()
+            moved
+                .iter()
+                .zip(form)
+                .map(|(a, b)| a - b)
+                .collect::<Vec<f64>>()
         })
     };
     let rows: Vec<Option<Vec<f64>>> = candidates.iter().map(row).collect();
@@ -324,7 +333,9 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
             (low, high) = (0.0, low);
         }
         let x = at(high);
-        let last = chosen.iter().min_by(|a, b| value(**a, &x).total_cmp(&value(**b, &x)));
+        let last = chosen
+            .iter()
+            .min_by(|a, b| value(**a, &x).total_cmp(&value(**b, &x)));
         active.extend(last.filter(|k| !active.contains(k)));
     }
     // Inverses, which are faces as well.

@@ -35,7 +35,9 @@ impl Loader<'_> {
         if domain.periodic.contains(&true) {
             return Err(item
                 .complain("glued faces and `periodic` coordinates are not possible together")
-                .with_hint("write the periodic coordinates as two faces each, with translations as maps"));
+                .with_hint(
+                    "write the periodic coordinates as two faces each, with translations as maps",
+                ));
         }
         let mut faces = Vec::new();
         if let Some(item) = &glue {
@@ -131,9 +133,9 @@ impl Loader<'_> {
         let metric = std::array::from_fn(|k| entries[k]);
         let found = quotient::dirichlet(&model, &matrices, centre, metric);
         let found = found.map_err(|message| {
-            generators
-                .complain(message)
-                .with_hint("the group must be discrete, and no element but the identity may fix `centre`")
+            generators.complain(message).with_hint(
+                "the group must be discrete, and no element but the identity may fix `centre`",
+            )
         })?;
         let texts = three_texts(&drop, "coordinates")?;
         let mut faces = Vec::new();
@@ -262,7 +264,9 @@ fn check_model(lift: &Item<'_>, model: &Arc<LinearModel>, centre: DVec3) -> Read
                 .complain(format!(
                     "`drop` does not undo `lift`: {u} comes back {found:.2e} beside itself"
                 ))
-                .with_hint("drop(lift(u)) must be u; the components of `lift` are X, Y, Z, W in `drop`"));
+                .with_hint(
+                    "drop(lift(u)) must be u; the components of `lift` are X, Y, Z, W in `drop`",
+                ));
         }
     }
     Ok(())
@@ -297,4 +301,3 @@ fn read_matrices(item: &Item<'_>, n: usize) -> Reading<Vec<Vec<f64>>> {
     }
     Ok(matrices)
 }
-
