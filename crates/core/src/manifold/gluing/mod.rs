@@ -315,7 +315,7 @@ impl FaceMap {
         });
         let deck = match matrix {
             Some((matrix, model)) => DeckTransformation::linear(matrix, model),
-            None => DeckTransformation::of_tapes(&[tape.clone()], &[]).remove(0),
+            None => DeckTransformation::of_tapes(std::slice::from_ref(&tape), &[]).remove(0),
         };
         Ok(Self {
             bend: Tape::compile(graph, &bend, 9)?,
