@@ -9,7 +9,7 @@ use crate::{Fan, Table, TablePath};
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Sample, Settings, first_event, paths, samples},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Development, Manifold},
 };
 use glam::{DMat3, DVec3};
 
@@ -68,7 +68,7 @@ pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) 
     let last = count.max(2) - 1;
     let places = (0..=last).map(|i| length * (i as f64 / last as f64));
     Traced {
-        samples: places.filter_map(|s| at(manifold, &path, s)).collect(),
+        samples: samples_of(manifold, &path, places),
         end,
         length,
         steps: 0,
@@ -76,17 +76,43 @@ pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) 
     }
 }
 
-fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {
+/// Places on a path of a glued space at which its crossings are looked for, on the way to each sample.
+const LOOKS: usize = 64;
+
+fn samples_of(
+    manifold: &Manifold,
+    path: &TablePath<'_>,
+    places: impl Iterator<Item = f64>,
+) -> Vec<Sample> {
+    let mut way = manifold.gluing().and_then(Development::new);
+    let mut before = 0.0;
+    let mut samples = Vec::new();
+    for s in places {
+        if let Some(way) = &mut way {
+            for k in 1..=LOOKS {
+                let at = before + (s - before) * k as f64 / LOOKS as f64;
+                path.at(at).and_then(|(u, _)| way.advance(u));
+            }
+        }
+        before = s;
+        let word = way.as_ref().map_or(&[][..], |way| way.crossed());
+        samples.extend(at(manifold, path, s, word));
+    }
+    samples
+}
+
+/// Makes a sample, brought back through the faces of `word`.
+fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64, word: &[usize]) -> Option<Sample> {
     let (cover, v) = path.at(s)?;
     let cover = manifold.domain.wrap(cover);
-    let (u, v, word) = manifold.brought_in(cover, v)?;
+    let (u, v) = manifold.carried_through(word, (cover, v))?;
     let local = manifold.local_frame(u);
     let turned = |q| {
         let axes = local.frame * DMat3::from_quat(q);
         match manifold.gluing().filter(|_| !word.is_empty()) {
             None => axes,
             Some(gluing) => gluing.carried(
-                &word,
+                word,
                 cover,
                 manifold.standard_frame(cover) * DMat3::from_quat(q),
             ),
@@ -101,7 +127,7 @@ fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {
         crossings: word.len() as u32,
         reversed: manifold
             .gluing()
-            .is_some_and(|gluing| gluing.reverses(&word)),
+            .is_some_and(|gluing| gluing.reverses(word)),
     })
 }
 

@@ -493,3 +493,53 @@ fn a_portal_is_there_only_where_its_opening_is() {
     assert!((end(0.6).u - DVec3::new(2.0, 0.6, 0.1)).length() < 1e-12);
     assert_eq!((end(0.1).crossings, end(0.6).crossings), (1, 0));
 }
+
+#[test]
+fn rays_through_edges_and_corners_and_along_faces_go_on() {
+    let space = asset("half-turn");
+    let end = |u: DVec3, d: DVec3, length: f64| {
+        let (ray, path) = follow(&space, u, d, length);
+        assert_eq!(path.end, End::Length);
+        sample(&space, &ray, &path, path.length).u
+    };
+    // Through edges: x and y at once.
+    let t = 20.0 / 2.0_f64.sqrt() - 14.0;
+    let found = end(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), 20.0);
+    assert!((found - DVec3::new(t, t, 0.0)).length() < 1e-10, "{found}");
+    // Through corners: six layers up, an even number of half turns.
+    let t = 20.0 / 3.0_f64.sqrt() - 12.0;
+    let found = end(DVec3::ZERO, DVec3::ONE, 20.0);
+    assert!((found - DVec3::splat(t)).length() < 1e-10, "{found}");
+    // Along a face, which rounding may put on either side.
+    let found = end(DVec3::new(1.0, 0.1, 0.2), DVec3::Y, 4.0);
+    assert!(
+        (found.x.abs() - 1.0).abs() < 1e-9 && (found.y - 0.1).abs() < 1e-9,
+        "{found}"
+    );
+}
+
+#[test]
+fn a_wind_blows_through_faces() {
+    let faces = pair("1 - x", ["x - 2", "y", "z"]) + &pair("1 + x", ["x + 2", "y", "z"]);
+    let space = manifold(&format!(
+        "metric = {{ conformal = '1' }}\nwind = ['0.3', '0', '0.1']\n{faces}"
+    ));
+    let (u, d) = (DVec3::new(0.2, 0.1, 0.0), DVec3::new(0.5, 0.2, -0.3));
+    let (ray, path) = follow(&space, u, d, 9.0);
+    let last = sample(&space, &ray, &path, 9.0);
+    // A line of sight runs into the past: against the wind.
+    let mut end = u + (d.normalize() - DVec3::new(0.3, 0.0, 0.1)) * 9.0;
+    end.x -= 2.0 * ((end.x + 1.0) / 2.0).floor();
+    assert!((last.u - end).length() < 1e-10, "{} {end}", last.u);
+    // A gluing that turns the wind round is refused.
+    let turned = pair("1 - x", ["x - 2", "-y", "-z"]) + &pair("1 + x", ["x + 2", "-y", "-z"]);
+    let text = format!(
+        "name = 'test'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\nwind = ['0.3', '0', '0.1']\n{turned}"
+    );
+    let error = Manifold::from_source(SourceText::new("test.toml", text), &[]).unwrap_err();
+    assert!(
+        error.report(false).contains("its map is no isometry"),
+        "{}",
+        error.report(false)
+    );
+}

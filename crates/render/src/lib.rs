@@ -10,6 +10,7 @@ mod behind;
 mod camera;
 mod chart_skies;
 mod chords;
+mod copies;
 mod curve;
 pub mod drawing;
 pub mod endings;
@@ -43,6 +44,7 @@ pub mod view;
 pub mod world;
 
 pub use camera::{Camera, Moved};
+pub use copies::SceneCopies;
 pub use curve::{Cubic, Curve, Ending};
 pub use endings::EventLocator;
 pub use exact_grid::ExactGridTracer;

@@ -9,7 +9,7 @@ use super::{
     lookup::Lookup,
     picture::Picture,
     redshift::redshifts,
-    shade::{Footprints, area, with_layers},
+    shade::{Footprints, area, copies, with_layers},
     shifted::ShiftedTracer,
     tracer::ExactTracer,
     unfinished::{count_unfinished, unfinished},
@@ -124,6 +124,10 @@ impl Drawing {
         let picture = with_layers(self.picture.clone(), world, outcomes, &self.flagged);
         let area = area(world, view, outcomes, options.tolerance);
         let picture = picture.with_float("area", area);
+        let picture = match copies(world, outcomes, options.tolerance) {
+            Some(copies) => picture.with_index("copy", copies),
+            None => picture,
+        };
         if !world.has_redshift(view) {
             return picture;
         }

@@ -216,6 +216,35 @@ impl Gluing {
         decks.next().map(DeckTransformation::identity)
     }
 
+    /// Makes the transformations from the domain to its copies, nearest first by the number of faces between, as
+    /// far as `reaches` says of the image of the point inside and of the differential there; at most so many.
+    pub fn copies(
+        &self,
+        reaches: impl Fn(DVec3, DMat3) -> bool,
+        most: usize,
+    ) -> Vec<DeckTransformation> {
+        let Some(identity) = self.identity() else {
+            return Vec::new();
+        };
+        let (mut copies, mut places) = (vec![identity], vec![self.inside]);
+        let mut next = 0;
+        while next < copies.len() && copies.len() < most {
+            for face in self.faces.iter().filter(|face| !face.is_portal()) {
+                let Some(deck) = face.deck() else { continue };
+                let copy = deck.then(&copies[next]);
+                let (place, d) = copy.apply(self.inside);
+                let scale = 1e-7 * (self.size + place.length());
+                let known = places.iter().any(|p| (*p - place).length() <= scale);
+                if !known && place.is_finite() && reaches(place, d) {
+                    places.push(place);
+                    copies.push(copy);
+                }
+            }
+            next += 1;
+        }
+        copies
+    }
+
     /// Finds the bounding face that `u` lies farthest beyond, by more than rounding. Portals bound nothing.
     pub fn violated(&self, u: DVec3) -> Option<usize> {
         let values = self.values.at(&u.to_array());
@@ -235,6 +264,21 @@ impl Gluing {
             face.is_mirror() && !face.is_portal() && values[*k] < -self.guard(*k)
         };
         (0..self.faces.len()).find(behind)
+    }
+
+    /// Finds the copy of the domain that `u` of the covering chart is in: where its point inside is.
+    pub fn copy_of(&self, u: DVec3) -> Option<DVec3> {
+        let (_, word) = self.locate(u)?;
+        Some(self.way_back(&word)?.point(self.inside))
+    }
+
+    /// Returns the transformation that undoes the maps of the faces of `word`.
+    pub fn way_back(&self, word: &[usize]) -> Option<DeckTransformation> {
+        let mut deck = self.identity()?;
+        for k in word.iter().rev() {
+            deck = deck.then(self.faces[self.faces[*k].partner?].deck()?);
+        }
+        Some(deck)
     }
 
     /// Brings `u` into the domain, by the map of the face that it lies farthest beyond, again and again. Returns
@@ -331,6 +375,11 @@ impl Manifold {
         self.gluing.as_deref().filter(|_| !self.unfolded)
     }
 
+    /// Returns the gluing that the file gives, of the space or of what this is the cover of.
+    pub fn gluing_below(&self) -> Option<&Gluing> {
+        self.gluing.as_deref()
+    }
+
     /// Returns the space that covers this one: the chart without its gluing.
     pub fn cover(&self) -> Cow<'_, Self> {
         self.folded(false)
@@ -358,12 +407,17 @@ impl Manifold {
             return Some((u, v, Vec::new()));
         };
         let (_, word) = gluing.locate(u)?;
-        let mut state = (u, v);
-        for k in &word {
-            let (image, d) = gluing.faces[*k].carry(state.0)?;
-            state = (image, d * state.1);
-        }
-        Some((state.0, state.1, word))
+        let (u, v) = self.carried_through(&word, (u, v))?;
+        Some((u, v, word))
+    }
+
+    /// Carries a point and a tangent through the faces of `word`.
+    pub fn carried_through(&self, word: &[usize], start: (DVec3, DVec3)) -> Option<(DVec3, DVec3)> {
+        let faces = self.gluing().map_or(&[][..], Gluing::faces);
+        word.iter().try_fold(start, |(u, v), k| {
+            let (image, d) = faces[*k].carry(u)?;
+            Some((image, d * v))
+        })
     }
 
     /// Returns the point of the glued domain, and inside the limits of glued coordinates, that `u` stands for;
