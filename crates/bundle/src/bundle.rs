@@ -21,7 +21,7 @@ use geofan_core::manifold::Manifold;
 #[cfg(feature = "files")]
 use geofan_core::{error::Error, files::write_atomically, reading::read_file};
 use glam::DVec3;
-use std::sync::Arc;
+use std::{borrow::Cow, sync::Arc};
 #[cfg(feature = "files")]
 use std::{fs, io::Write, path::Path};
 
@@ -168,6 +168,14 @@ fn budget_of(chunks: &[(u32, Vec<u8>)]) -> DecodeBudget {
     DecodeBudget::for_bytes(chunks.iter().map(|(_, bytes)| bytes.len()).sum())
 }
 
+/// Returns the manifold of the file, of which a table may know the cover.
+fn glued(manifold: &Arc<Manifold>) -> Arc<Manifold> {
+    match manifold.glued() {
+        Cow::Borrowed(_) => manifold.clone(),
+        Cow::Owned(glued) => Arc::new(glued),
+    }
+}
+
 impl Bundle {
     /// Reads a whole bundle from the bytes of a file.
     ///
@@ -199,7 +207,7 @@ impl Bundle {
             .into_iter()
             .map(|(_, bytes)| Chunk::new(bytes, shape, budget.clone()));
         Ok(Self {
-            manifold: space.manifold().clone(),
+            manifold: glued(space.manifold()),
             table: Table {
                 division: header.plan.division(&space).into(),
                 length: header.plan.length,

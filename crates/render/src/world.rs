@@ -626,7 +626,11 @@ impl Stage {
     /// # Errors
     /// Says what differs.
     pub fn check_bundle(&self, bundle: &Bundle) -> Result<()> {
-        let differences = self.world.manifold.differences(&bundle.manifold);
+        let differences = self
+            .world
+            .manifold
+            .cover()
+            .differences(&bundle.manifold.cover());
         if differences.is_empty() {
             return Ok(());
         }

@@ -81,7 +81,8 @@ impl SpaceSource {
             (None, None) => None,
         };
         let manifold = stage.world.manifold.clone();
-        let bundle = bundle.filter(|b| manifold.differences(&b.manifold).is_empty());
+        let bundle =
+            bundle.filter(|b| manifold.cover().differences(&b.manifold.cover()).is_empty());
         let length = self.length.or(manifold.length).unwrap_or(LENGTH);
         let followed = bundle.as_ref().map_or(length, |b| b.table.length);
         light_up(&mut stage, followed, self.bundle.as_deref())?;

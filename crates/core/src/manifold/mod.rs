@@ -11,6 +11,7 @@ mod curve;
 mod description;
 mod domain;
 mod geometry;
+mod gluing;
 mod kin;
 mod load;
 mod local_frame;
@@ -28,6 +29,7 @@ pub(crate) use axis::around;
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
+pub use gluing::{DeckTransformation, Development, GluedFace, Gluing};
 pub use kin::Follows;
 pub use local_frame::LocalFrame;
 pub use point_functions::PointFunctions;
@@ -118,6 +120,10 @@ pub struct Manifold {
     /// This space for other paths; `None` where all paths are geodesics.
     kin: Option<Arc<Kin>>,
     follows: Follows,
+    /// `None` for a space that is all of its chart.
+    gluing: Option<Arc<Gluing>>,
+    /// Set if the gluing is left out: the covering space.
+    unfolded: bool,
 }
 
 impl Manifold {
@@ -136,7 +142,7 @@ impl Manifold {
     pub fn from_source(source: Arc<SourceText>, settings: &[(String, f64)]) -> Result<Self> {
         let manifold = load::from_source(&source, settings)?;
         probe::check(&manifold)?;
-        Ok(manifold)
+        manifold.with_checked_gluing()
     }
 
     /// `G(u)`.
