@@ -107,7 +107,7 @@ pub use chebyshev::MappedChebyshev;
 pub use contracted::Contracted;
 pub use decode::{BundleError, ByteReader, DecodeError, LookupError, put_bytes};
 pub use fan::Fan;
-pub use header::{Header, ManifoldRecord, PlanRecord, ShardRecord};
+pub use header::{FieldSamples, Header, ManifoldRecord, PlanRecord, ShardRecord};
 pub use matrix::product;
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};

@@ -52,6 +52,11 @@ impl Manifold {
         lines
     }
 
+    /// Describes the sampled fields.
+    pub fn field_lines(&self) -> Vec<String> {
+        self.fields.iter().map(|field| field.line()).collect()
+    }
+
     /// Describes the claims of symmetry.
     pub fn symmetry_line(&self) -> String {
         let mut claims = Vec::new();
