@@ -228,7 +228,7 @@ fn a_point_of_the_three_sphere_is_seen_twice_a_turn() {
     let (camera, point) = (DVec3::new(0.3, -0.25, 0.1), DVec3::new(-0.35, 0.2, 0.6));
     let scene = scene(&folder, "s3", camera, DVec3::new(-0.6, 0.4, 0.5));
     let at = "-0.35,0.2,0.6";
-    let found = json(&["project", &scene, "--point", at, "--length", "7.3"]);
+    let found = json(&["project", &scene, "--point", at, "--length", "8"]);
     let dot: f64 = lifted(camera)
         .iter()
         .zip(lifted(point))

@@ -211,7 +211,7 @@ fn a_turned_box_gives_the_same_space() {
     let area = |space: &Manifold| {
         let ray = Ray::new(space, DVec3::new(-1.5, 0.3, 0.2), DVec3::X, 3.0);
         let path = paths(space, settings(1e-10, false), [ray]).remove(0);
-        geofan_core::geodesic::sample(space, &ray, path.steps.last().unwrap(), 3.0)
+        geofan_core::geodesic::sample(space, &ray, &path, 3.0)
             .area
             .unwrap()
     };
@@ -263,7 +263,7 @@ fn an_embedding_may_be_sampled_and_its_areas_are_right() {
         let d = DVec3::new(0.9, 0.2, -0.1).normalize();
         let ray = Ray::new(space, DVec3::new(-2.0, 0.3, 0.2), d, 4.0);
         let path = paths(space, settings(1e-10, false), [ray]).remove(0);
-        geofan_core::geodesic::sample(space, &ray, path.steps.last().unwrap(), 4.0)
+        geofan_core::geodesic::sample(space, &ray, &path, 4.0)
     };
     let (own, right) = (end(&bump), end(&truth));
     assert!((own.u - right.u).length() < 1e-5, "{} {}", own.u, right.u);
@@ -310,7 +310,7 @@ when = "0.01 - logn(x, y, z)"
     let path = paths(&space, settings(1e-9, true), [ray]).remove(0);
     assert_eq!(path.end.name(&space), "far");
     let at = path.steps.last().unwrap().position(path.length);
-    assert!((log_index(at, 0.0) - 0.01).abs() < 1e-5);
+    assert!((log_index(at, 0.0) - 0.01).abs() < 2e-4);
     let inwards = Ray::new(&space, DVec3::new(2.0, 0.1, 0.1), DVec3::NEG_X, 9.0);
     let path = paths(&space, settings(1e-9, true), [inwards]).remove(0);
     assert_eq!(path.end.name(&space), "inside");
@@ -437,8 +437,8 @@ fn what_cannot_be_a_field_is_refused_at_its_place() {
         (
             &sampled,
             BOX.into(),
-            "metric = { conformal = \"exp(logm(x, y, z))\" }",
-            "logm",
+            "metric = { conformal = \"exp(lognn(x, y, z))\" }",
+            "lognn",
             "did you mean `logn`?",
         ),
     ];

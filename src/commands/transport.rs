@@ -112,7 +112,7 @@ fn read_curve(manifold: &Manifold, texts: &[String; 3]) -> Result<ChartCurve> {
 /// Refuses a curve that leaves the domain; returns its length by chords.
 fn check_curve(manifold: &Manifold, curve: &ChartCurve, [from, to]: [f64; 2]) -> Result<f64> {
     let mut length = 0.0;
-    let mut last = None;
+    let mut last: Option<DVec3> = None;
     for i in 0..=PROBES {
         let t = from + (to - from) * i as f64 / PROBES as f64;
         let u = curve.at(t).0;

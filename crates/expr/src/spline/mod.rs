@@ -54,7 +54,7 @@ pub struct TooFewSamples {
 struct Cells {
     /// Place of the first sample.
     low: f64,
-    /// Cells per unit of length.
+    /// Cells per unit of length; 0 where there is one sample.
     scale: f64,
     count: usize,
     periodic: bool,
@@ -253,7 +253,7 @@ fn cells(axis: SampledAxis, degree: usize) -> Cells {
         scale: if axis.samples > 1 {
             steps as f64 / length
         } else {
-            1.0
+            0.0
         },
         count,
         periodic: axis.periodic,
