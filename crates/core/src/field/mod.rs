@@ -120,7 +120,7 @@ impl Field {
             sigma => format!(", smoothed by {sigma} steps"),
         };
         format!(
-            "{}: {x} x {y} x {z} samples of {}, from {least} to {most}; {}, {}, {}; degree {}{smooth}",
+            "{}: {x} x {y} x {z} samples of {}, from {least:.6} to {most:.6}; {}, {}, {}; degree {}{smooth}",
             self.name,
             self.files.join(", "),
             axis(0),

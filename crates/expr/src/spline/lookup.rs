@@ -2,10 +2,11 @@
 //!
 //! In: a [`Spline`] and the orders wanted, then points. Out: one number for each. A point needs (d + 1)³
 //! coefficients whatever is asked for, so that derivatives together cost little more than the value: rows along
-//! the last axis are summed over the second axis and then over the first, a vector of weights at a time.
+//! the last axis are summed over the second axis and then over the first, a vector of coefficients at a time.
 
-use super::{Cells, Spline, raised};
-use crate::{real::Real, tape::vectorised};
+use super::{Cells, MOST_TAPS, Spline};
+use crate::real::Real;
+use fearless_simd::{Level, Simd, SimdBase, dispatch};
 use std::sync::Arc;
 
 /// The highest order of derivatives that are computed together.
@@ -95,8 +96,7 @@ const fn place([_, y, z]: [u8; 3], order: usize) -> usize {
     lower + across * (across + 1) / 2 + z as usize
 }
 
-// Not inlined, as the interpreter of tapes is not: one copy for each kind of number, degree and order.
-#[inline(never)]
+/// Computes all derivatives up to the order `highest` at points.
 fn together<R: Real>(
     spline: &Spline,
     highest: usize,
@@ -104,136 +104,178 @@ fn together<R: Real>(
     found: &mut [[R; TOGETHER]],
 ) {
     match spline.degree {
-        1 => by_degree::<R, 1, 2>(spline, highest, points, found),
-        3 => by_degree::<R, 3, 4>(spline, highest, points, found),
-        _ => by_degree::<R, 5, 8>(spline, highest, points, found),
+        1 => by_degree::<R, 1>(spline, highest, points, found),
+        3 => by_degree::<R, 3>(spline, highest, points, found),
+        _ => by_degree::<R, 5>(spline, highest, points, found),
     }
 }
 
-fn by_degree<R: Real, const D: usize, const T: usize>(
+fn by_degree<R: Real, const D: usize>(
     spline: &Spline,
     highest: usize,
     points: &[[R; 3]],
     found: &mut [[R; TOGETHER]],
 ) {
     match highest {
-        0 => by_order::<R, D, T, 0>(spline, points, found),
-        1 => by_order::<R, D, T, 1>(spline, points, found),
-        2 => by_order::<R, D, T, 2>(spline, points, found),
-        _ => by_order::<R, D, T, 3>(spline, points, found),
+        0 => by_order::<R, D, 0>(spline, points, found),
+        1 => by_order::<R, D, 1>(spline, points, found),
+        2 => by_order::<R, D, 2>(spline, points, found),
+        _ => by_order::<R, D, 3>(spline, points, found),
     }
 }
 
+// Not inlined, as the interpreter of tapes is not: one copy for each kind of number, degree and order.
 #[inline(never)]
-fn by_order<R: Real, const D: usize, const T: usize, const M: usize>(
+fn by_order<R: Real, const D: usize, const M: usize>(
     spline: &Spline,
     points: &[[R; 3]],
     found: &mut [[R; TOGETHER]],
 ) {
     let coefficients = spline.coefficients::<R>();
-    vectorised(
+    dispatch!(Level::new(), simd => simd.vectorize(
         #[inline(always)]
         || {
             for (point, found) in points.iter().zip(found) {
-                *found = derivatives::<R, D, T, M>(&spline.cells, coefficients, *point);
+                derivatives::<_, R, D, M>(simd, &spline.cells, coefficients, *point, found);
             }
         },
-    );
+    ));
 }
 
-/// All derivatives up to order `M` of a spline of degree `D`, whose weights fill `T` lanes.
+/// One more than the highest order.
+const ORDERS: usize = MOST_TOGETHER + 1;
+
+/// Lanes of the widest vector of numbers.
+const LANES: usize = 16;
+
+/// The weights of degree `D` as polynomials on a cell.
+struct Basis<const D: usize>;
+
+impl<const D: usize> Basis<D> {
+    /// `[n][k][m]`: the factor of `t^k` in the n-th derivative of the m-th weight.
+    const ROWS: [[[f64; LANES]; MOST_TAPS]; ORDERS] = basis(D);
+}
+
+/// Computes [`Basis::ROWS`] by the recursion for weights.
+const fn basis(degree: usize) -> [[[f64; LANES]; MOST_TAPS]; ORDERS] {
+    let mut rows = [[[0.0; LANES]; MOST_TAPS]; ORDERS];
+    rows[0][0][0] = 1.0;
+    let mut d = 1;
+    while d <= degree {
+        let old = rows[0];
+        let mut k = 0;
+        while k <= d {
+            let mut m = 0;
+            while m <= d {
+                let (mut sum, by) = (0.0, d as f64);
+                if m > 0 {
+                    sum += (d - m) as f64 * old[k][m - 1];
+                    if k > 0 {
+                        sum += old[k - 1][m - 1];
+                    }
+                }
+                sum += (1 + m) as f64 * old[k][m];
+                if k > 0 {
+                    sum -= old[k - 1][m];
+                }
+                rows[0][k][m] = sum / by;
+                m += 1;
+            }
+            k += 1;
+        }
+        d += 1;
+    }
+    let mut order = 1;
+    while order < ORDERS {
+        let mut k = 0;
+        while k + 1 < MOST_TAPS {
+            let mut m = 0;
+            while m < LANES {
+                rows[order][k][m] = rows[order - 1][k + 1][m] * (k + 1) as f64;
+                m += 1;
+            }
+            k += 1;
+        }
+        order += 1;
+    }
+    rows
+}
+
+/// All derivatives up to order `M` of a spline of degree `D`.
 #[inline(always)]
-fn derivatives<R: Real, const D: usize, const T: usize, const M: usize>(
+fn derivatives<S: Simd, R: Real, const D: usize, const M: usize>(
+    simd: S,
     cells: &[Cells; 3],
     coefficients: &[R],
     point: [R; 3],
-) -> [R; TOGETHER] {
-    const ORDERS: usize = MOST_TOGETHER + 1;
+    found: &mut [R; TOGETHER],
+) {
+    let zero = R::Vector::splat(simd, R::ZERO);
     let mut places = [0; 3];
-    let mut weights = [[[R::ZERO; T]; ORDERS]; 3];
+    let mut weights = [[zero; ORDERS]; 3];
     for k in 0..3 {
         let (cell, t) = cells[k].locate(point[k]);
         places[k] = cell;
-        weights[k] = weights_of::<R, D, T, M, ORDERS>(t, R::from_f64(cells[k].scale));
+        weights[k] = weights_of::<S, R, D, M>(simd, t, R::from_f64(cells[k].scale));
     }
-    let [_, rows, columns] = [0, 1, 2].map(|k| cells[k].coefficients);
     let [wx, wy, wz] = &weights;
-    // Sums over the first two axes, by their orders.
-    let mut planes = [[[R::ZERO; T]; ORDERS]; ORDERS];
+    let (rows, columns) = (cells[1].coefficients, cells[2].coefficients);
+    let lanes = R::Vector::<S>::LEN;
+    // Sums over the first two axes, by their orders. What lies beside the row in a vector is not used.
+    let mut planes = [[zero; ORDERS]; ORDERS];
     for x in 0..=D {
-        let mut lines = [[R::ZERO; T]; ORDERS];
+        let mut lines = [zero; ORDERS];
         for y in 0..=D {
             let start = ((places[0] + x) * rows + places[1] + y) * columns + places[2];
-            let Some(taps) = coefficients[start..].first_chunk::<T>() else {
-                continue;
-            };
+            let taps = R::Vector::from_slice(simd, &coefficients[start..start + lanes]);
             for j in 0..=M {
-                for z in 0..T {
-                    lines[j][z] = lines[j][z] + wy[j][y] * taps[z];
-                }
+                lines[j] = taps * R::Vector::splat(simd, wy[j].as_slice()[y]) + lines[j];
             }
         }
         for i in 0..=M {
+            let weight = R::Vector::splat(simd, wx[i].as_slice()[x]);
             for j in 0..=M - i {
-                for z in 0..T {
-                    planes[i][j][z] = planes[i][j][z] + wx[i][x] * lines[j][z];
-                }
+                planes[i][j] = lines[j] * weight + planes[i][j];
             }
         }
     }
-    let mut found = [R::ZERO; TOGETHER];
     for i in 0..=M {
         for j in 0..=M - i {
             for k in 0..=M - i - j {
+                // The weights beyond the last are zero.
+                let products = planes[i][j] * wz[k];
                 let mut sum = R::ZERO;
                 for z in 0..=D {
-                    sum = sum + planes[i][j][z] * wz[k][z];
+                    sum += products.as_slice()[z];
                 }
                 found[place([i as u8, j as u8, k as u8], i + j + k)] = sum;
             }
         }
     }
-    found
 }
 
 /// The weights of the value and of the derivatives up to order `M` at `t` of a cell, `scale` cells a unit.
 #[inline(always)]
-fn weights_of<R: Real, const D: usize, const T: usize, const M: usize, const ORDERS: usize>(
+fn weights_of<S: Simd, R: Real, const D: usize, const M: usize>(
+    simd: S,
     t: R,
     scale: R,
-) -> [[R; T]; ORDERS] {
-    let mut weights = [[R::ZERO; T]; ORDERS];
-    let mut level = [R::ZERO; T];
-    level[0] = R::ONE;
-    // Those of degree D − n become those of the n-th derivative.
-    for degree in 0..=D {
-        if degree > 0 {
-            let old = level;
-            level[0] = raised(degree, 0, t, R::ZERO, old[0]);
-            for m in 1..=degree {
-                level[m] = raised(degree, m, t, old[m - 1], old[m]);
-            }
-        }
-        let order = D - degree;
-        if order <= M {
-            weights[order] = level;
-        }
-    }
+) -> [R::Vector<S>; ORDERS] {
+    let mut weights = [R::Vector::splat(simd, R::ZERO); ORDERS];
+    let at = R::Vector::splat(simd, t);
     let mut factor = R::ONE;
-    for order in 1..=M {
-        factor = factor * scale;
-        if order > D {
-            continue;
+    for order in 0..=M.min(D) {
+        let mut sum = R::Vector::splat(simd, R::ZERO);
+        for k in (0..=D - order).rev() {
+            let row = Basis::<D>::ROWS[order][k].map(
+                #[inline(always)]
+                |x| R::from_f64(x),
+            );
+            let row = R::Vector::from_slice(simd, &row[..R::Vector::<S>::LEN]);
+            sum = sum * at + row;
         }
-        for _ in 0..order {
-            for m in (1..=D).rev() {
-                weights[order][m] = weights[order][m - 1] - weights[order][m];
-            }
-            weights[order][0] = R::ZERO - weights[order][0];
-        }
-        for m in 0..=D {
-            weights[order][m] = weights[order][m] * factor;
-        }
+        weights[order] = sum * R::Vector::splat(simd, factor);
+        factor *= scale;
     }
     weights
 }

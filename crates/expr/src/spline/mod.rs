@@ -91,7 +91,7 @@ pub struct Spline {
 }
 
 /// Zeros behind the coefficients.
-const PADDING: usize = 8;
+const PADDING: usize = 16;
 
 impl Spline {
     /// Puts a spline of `degree` through `samples` on the grid of `axes`, the last axis fastest. `identity` is
@@ -189,7 +189,7 @@ impl Spline {
                 let start = ((places[0] + x) * rows + places[1] + y) * columns + places[2];
                 for z in 0..=self.degree {
                     let weight = weights[0][x] * weights[1][y] * weights[2][z];
-                    sum = sum + weight * coefficients[start + z];
+                    sum += weight * coefficients[start + z];
                 }
             }
         }

@@ -108,7 +108,7 @@ impl Banded {
             _ => (i - conditions, &values),
         };
         let mut rows: Vec<(usize, Vec<f64>)> = (0..size)
-            .map(|i| row(i))
+            .map(row)
             .map(|(first, row)| (first, row.clone()))
             .collect();
         // Elimination with exchange of rows; each row knows its first column.
