@@ -68,7 +68,7 @@ pub fn resealed(bytes: &[u8]) {
     let Some((key, rest)) = bytes.split_first_chunk::<9>() else {
         return;
     };
-    let Ok((header, chunks)) = container::decode(rest) else {
+    let Ok((header, fields, chunks)) = container::decode(rest) else {
         return;
     };
     let mut stream = Stream::new(&[u64::from_le_bytes(key[..8].try_into().unwrap_or_default())]);
@@ -77,15 +77,20 @@ pub fn resealed(bytes: &[u8]) {
         .iter()
         .map(|chunk| (chunk.index, chunk.payload.to_vec()))
         .collect();
+    let mut samples: Vec<Vec<u8>> = fields.iter().map(|field| field.payload.to_vec()).collect();
     for _ in 0..=key[8] % 4 {
-        let count = payloads.len() as u64 + 1;
-        let place = (stream.bits() % count) as usize;
-        match payloads.get_mut(place) {
-            Some((_, payload)) => change(payload, &mut stream),
-            None => change(&mut header_bytes, &mut stream),
-        }
+        let parts = payloads.iter_mut().map(|(_, payload)| payload);
+        let mut parts: Vec<&mut Vec<u8>> = parts.chain(&mut samples).collect();
+        parts.push(&mut header_bytes);
+        let place = (stream.bits() % parts.len() as u64) as usize;
+        change(parts[place], &mut stream);
     }
-    bundle(&container::encode(header.id, &header_bytes, &payloads));
+    bundle(&container::encode(
+        header.id,
+        &header_bytes,
+        &samples,
+        &payloads,
+    ));
 }
 
 /// Changes, inserts, removes or copies a few of the bytes.

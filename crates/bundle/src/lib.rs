@@ -109,7 +109,7 @@ pub use contracted::Contracted;
 pub use decode::{BundleError, ByteReader, DecodeError, LookupError, put_bytes};
 pub use decode_budget::DecodeBudget;
 pub use fan::Fan;
-pub use header::{Header, ManifoldRecord, PlanRecord, ShardRecord};
+pub use header::{FieldSamples, Header, ManifoldRecord, PlanRecord, ShardRecord};
 pub use matrix::product;
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
