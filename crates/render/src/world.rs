@@ -568,7 +568,7 @@ fn load_manifold(path: &Path, settings: &[(String, f64)]) -> Result<Manifold> {
     match read_file(path, MAGIC, u64::MAX) {
         Ok(start) if start.starts_with(MAGIC) => {
             let name = path.display().to_string();
-            Contents::read(path)?.header.manifold_with(&name, settings)
+            Contents::read(path)?.manifold_with(&name, settings)
         }
         _ => Manifold::load(path, settings),
     }

@@ -4,6 +4,7 @@ use super::{DescriptionText, InfoArgs};
 use crate::terminal::{self, CommonArgs};
 use geofan_core::{
     Result,
+    field::{Field, Outside},
     geodesic::check_point,
     manifold::{Carried, Curvature, Form, GluedFace, Manifold},
 };
@@ -45,6 +46,7 @@ fn as_json(manifold: &Manifold, at: Option<&PointGeometry>) -> Value {
         "ambient": manifold.ambient,
         "light": manifold.medium_names(),
         "parameters": object(manifold.parameters.clone()),
+        "fields": fields_json(manifold),
         "limits": manifold.domain.limits,
         "periodic": manifold.domain.periodic,
         "exits": exits(manifold),
@@ -82,6 +84,24 @@ where
 {
     let entry = |(name, value): (N, V)| (name.into(), json!(value));
     Value::Object(entries.into_iter().map(entry).collect::<Map<_, _>>())
+}
+
+/// Describes the sampled fields as JSON.
+fn fields_json(manifold: &Manifold) -> Value {
+    let field = |field: &Field| {
+        let plan = &field.plan;
+        json!({
+            "name": field.name,
+            "files": field.files,
+            "shape": field.samples.shape,
+            "range": field.samples.range(),
+            "box": plan.limits,
+            "degree": plan.degree,
+            "outside": plan.outside.map(Outside::name),
+            "smooth": plan.smooth,
+        })
+    };
+    manifold.fields.iter().map(field).collect()
 }
 
 /// Lists the names of exits.
@@ -131,6 +151,9 @@ fn as_text(manifold: &Manifold, at: Option<&PointGeometry>) -> String {
     }
     for (name, value) in &manifold.parameters {
         text.line("parameter", format!("{name} = {value}"));
+    }
+    for line in manifold.field_lines() {
+        text.line("field", line);
     }
     for line in manifold.domain_lines() {
         text.line("domain", line);

@@ -70,6 +70,11 @@ impl Manifold {
         Some(format!("{} faces: {}", faces.len(), parts.join(", ")))
     }
 
+    /// Describes the sampled fields.
+    pub fn field_lines(&self) -> Vec<String> {
+        self.fields.iter().map(|field| field.line()).collect()
+    }
+
     /// Describes the claims of symmetry.
     pub fn symmetry_line(&self) -> String {
         let mut claims = Vec::new();

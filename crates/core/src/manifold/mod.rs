@@ -39,6 +39,7 @@ pub use symmetry::{Isometry, Symmetry};
 use crate::{
     diagnostic::SourceText,
     error::{Error, Result},
+    field::{Field, Samples},
     reading::read_text,
 };
 use geofan_expr::{Registers, Tape};
@@ -116,6 +117,8 @@ pub struct Manifold {
     pub ambient: Option<usize>,
     /// The way in which the file gives the space.
     pub form: Form,
+    /// Functions given by samples.
+    pub fields: Arc<[Field]>,
     tapes: Arc<Tapes>,
     /// This space for other paths; `None` where all paths are geodesics.
     kin: Option<Arc<Kin>>,
@@ -140,7 +143,20 @@ impl Manifold {
     /// # Errors
     /// As [`Manifold::load`].
     pub fn from_source(source: Arc<SourceText>, settings: &[(String, f64)]) -> Result<Self> {
-        let manifold = load::from_source(&source, settings)?;
+        Self::with_samples(source, settings, &[])
+    }
+
+    /// Makes a manifold from the text of its file and samples of its fields, by their names; those that are not
+    /// given are read from the files that the text names.
+    ///
+    /// # Errors
+    /// As [`Manifold::load`].
+    pub fn with_samples(
+        source: Arc<SourceText>,
+        settings: &[(String, f64)],
+        samples: &[(String, Arc<Samples>)],
+    ) -> Result<Self> {
+        let manifold = load::from_source(&source, settings, samples)?;
         probe::check(&manifold)?;
         manifold.with_checked_gluing()
     }
@@ -306,7 +322,8 @@ impl Manifold {
         })
     }
 
-    /// A hash of everything that determines the geometry: the text and the parameter values.
+    /// A hash of everything that determines the geometry: the text, the parameter values, and the samples of
+    /// fields.
     pub fn fingerprint(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
         hasher.update(self.source.text.as_bytes());
@@ -314,6 +331,9 @@ impl Manifold {
             hasher.update(name.as_bytes());
             hasher.update(&[0]);
             hasher.update(&value.to_bits().to_le_bytes());
+        }
+        for field in self.fields.iter() {
+            hasher.update(field.spline.identity());
         }
         *hasher.finalize().as_bytes()
     }
