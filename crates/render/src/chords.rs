@@ -315,7 +315,7 @@ impl ChordList {
         let Some(mut way) = copies.search() else {
             return;
         };
-        for copy in copies.around(&mut way, low + half, half.length()) {
+        for copy in copies.around(&mut way, low + half, half) {
             let (low, high) = copy.image_of_box(half);
             if !world.accelerator.touches(low, high) {
                 continue;

@@ -20,7 +20,7 @@ const MOST_BESIDE: usize = 512;
 const BEND: f64 = 1.3;
 
 /// Share of the domain's size up to which a cubic is carried whole: beyond, it is cut.
-const WHOLE: f64 = 0.25;
+const WHOLE: f64 = 0.5;
 
 /// Most parts of a cubic.
 const MOST_PARTS: f64 = 64.0;
@@ -32,8 +32,18 @@ const EDGE_PLACES: usize = 4;
 #[derive(Debug, Clone)]
 pub struct SceneCopies {
     manifold: Arc<Manifold>,
-    /// From the domain to the cells in which parts of the scene lie.
-    beside: Vec<DeckTransformation>,
+    /// From the domain to the cells in which parts of the scene lie, first to the domain itself.
+    cells: Vec<SceneCell>,
+}
+
+/// A copy of the domain in which a part of the scene lies.
+#[derive(Debug, Clone)]
+struct SceneCell {
+    deck: DeckTransformation,
+    /// The image of the domain's point inside.
+    place: DVec3,
+    /// The box around that part.
+    bounds: (DVec3, DVec3),
 }
 
 /// A transformation that brings a part of a path to the scene.
@@ -45,28 +55,49 @@ pub struct SceneCopy {
     differential: DMat3,
 }
 
+/// The box around nothing.
+const NOWHERE: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+
 impl SceneCopies {
     /// Prepares the copies of these triangles; `None` if nothing is glued.
     pub fn of(manifold: &Arc<Manifold>, triangles: &[[DVec3; 3]]) -> Option<Self> {
         let gluing = manifold.gluing()?;
-        let identity = gluing.identity()?;
-        let mut beside = vec![(identity, gluing.inside())];
-        for u in triangles.iter().flat_map(places) {
-            let Some((_, word)) = gluing.locate(u).filter(|(_, word)| !word.is_empty()) else {
-                continue;
-            };
-            let Some(deck) = gluing.way_back(&word) else {
-                continue;
-            };
-            let place = deck.point(gluing.inside());
-            let known = beside.iter().any(|(_, other)| near(gluing, *other, place));
-            if !known && beside.len() < MOST_BESIDE {
-                beside.push((deck, place));
+        let mut cells = vec![SceneCell {
+            deck: gluing.identity()?,
+            place: gluing.inside(),
+            bounds: NOWHERE,
+        }];
+        for triangle in triangles {
+            let [a, b, c] = *triangle;
+            for u in places(triangle) {
+                let Some((_, word)) = gluing.locate(u) else {
+                    continue;
+                };
+                let deck = match word.is_empty() {
+                    true => Some(cells[0].deck.clone()),
+                    false => gluing.way_back(&word),
+                };
+                let Some(deck) = deck else { continue };
+                let place = deck.point(gluing.inside());
+                let known = cells
+                    .iter()
+                    .position(|cell| near(gluing, cell.place, place));
+                let number = known.unwrap_or(cells.len());
+                if known.is_none() && cells.len() < MOST_BESIDE {
+                    cells.push(SceneCell {
+                        deck,
+                        place,
+                        bounds: NOWHERE,
+                    });
+                }
+                if let Some(SceneCell { bounds, .. }) = cells.get_mut(number) {
+                    *bounds = (bounds.0.min(a.min(b).min(c)), bounds.1.max(a.max(b).max(c)));
+                }
             }
         }
         Some(Self {
             manifold: manifold.clone(),
-            beside: beside.into_iter().map(|(deck, _)| deck).collect(),
+            cells,
         })
     }
 
@@ -83,19 +114,29 @@ impl SceneCopies {
         self.manifold.gluing().and_then(Development::new)
     }
 
-    /// Finds the transformations that bring what is within `reach` of `u` to the scene.
-    pub fn around(&self, way: &mut Development<'_>, u: DVec3, reach: f64) -> Vec<SceneCopy> {
+    /// Finds the transformations that bring what is in the box about `u` that reaches so far along each axis to parts
+    /// of the scene.
+    pub fn around(&self, way: &mut Development<'_>, u: DVec3, half: DVec3) -> Vec<SceneCopy> {
         let mut copies = Vec::new();
-        for cell in cells(way, u, reach) {
-            for deck in &self.beside[1..] {
-                let (point, d) = deck.apply(cell.point);
-                copies.push(SceneCopy {
-                    deck: cell.deck.then(deck),
+        for path in cells(way, u, half.length()) {
+            for (k, cell) in self.cells.iter().enumerate() {
+                let (point, d) = match k {
+                    0 => (path.point, DMat3::IDENTITY),
+                    _ => cell.deck.apply(path.point),
+                };
+                let mut copy = SceneCopy {
+                    deck: path.deck.clone(),
                     point,
-                    differential: d * cell.differential,
-                });
+                    differential: d * path.differential,
+                };
+                let (low, high) = copy.image_of_box(half);
+                if low.cmple(cell.bounds.1).all() && high.cmpge(cell.bounds.0).all() {
+                    if k > 0 {
+                        copy.deck = copy.deck.then(&cell.deck);
+                    }
+                    copies.push(copy);
+                }
             }
-            copies.push(cell);
         }
         copies
     }
@@ -108,19 +149,18 @@ impl SceneCopies {
         (u, half): (DVec3, DVec3),
         touches: impl Fn(DVec3, DVec3) -> bool,
     ) -> bool {
-        let reach = half.length();
         let size = way.gluing().size();
         let Some((_, d)) = way.advance(u) else {
             return false;
         };
-        if reach * stretch(d) > size {
+        if half.length() * stretch(d) > size {
             return true;
         }
         let touched = |copy: SceneCopy| {
             let (low, high) = copy.image_of_box(half);
             touches(low, high)
         };
-        self.around(way, u, reach).into_iter().any(touched)
+        self.around(way, u, half).into_iter().any(touched)
     }
 
     /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something.
@@ -142,8 +182,8 @@ impl SceneCopies {
             };
             let (low, high) = part.bounds();
             let middle = part.middle();
-            let reach = (high - middle).length().max((low - middle).length());
-            for copy in self.around(&mut way, middle, reach) {
+            let half = (high - middle).max(middle - low);
+            for copy in self.around(&mut way, middle, half) {
                 cubics.push(copy.cubic(&part));
             }
         }
