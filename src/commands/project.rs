@@ -63,7 +63,8 @@ fn project(args: &ProjectArgs) -> Result<Projected> {
     let name = args.view.as_deref();
     let size = args.size.unwrap_or(usual_size(&stage.camera(name)?.lens));
     let view = stage.view_of(name, size)?;
-    let manifold = stage.world.manifold.clone();
+    // Of a glued space the cover: the point has an image in every copy.
+    let manifold = stage.world.cover.clone();
     check_point(&manifold, "--point", args.point)?;
     if args.point == view.u {
         return Err(Error::input("--point", "is where the camera is"));

@@ -60,7 +60,9 @@ impl Journey {
     /// A pose outside the domain, two that no geodesic was found between, or a camera that is to be at rest
     /// where nothing can be.
     pub fn new(space: &Manifold, file: &PoseFile) -> Result<Self> {
-        let manifold = &*space.still();
+        // Past the faces of a glued domain on a straight way through the cover.
+        let cover = space.cover();
+        let manifold = &*cover.still();
         let points = file
             .poses
             .iter()

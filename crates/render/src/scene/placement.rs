@@ -34,6 +34,8 @@ pub struct Placed<'m> {
 
 /// Places `mesh` as `object` says; `None` if a geodesic that places it does not get there.
 pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> Option<Placed<'m>> {
+    // An object that sticks out of a glued domain is whole in the cover.
+    let manifold = &*manifold.cover();
     let manifold = &*manifold.still();
     match object.placement {
         Placement::Linear => {
