@@ -58,3 +58,39 @@ fn the_table_of_a_quotient_is_that_of_its_cover() {
     }
     assert!(traced.samples.last().unwrap().crossings > 2);
 }
+
+#[test]
+fn a_lamp_has_as_many_images_as_the_group_says() {
+    let cases = [
+        (
+            "half-turn",
+            [-0.1, 0.5, 0.6],
+            [0.3, 0.2, -0.4],
+            6.0,
+            115,
+            [1.118033989, 1.236931688],
+        ),
+        (
+            "poincare",
+            [-0.07572246, 0.01514449, 0.06057797],
+            [0.05067406, 0.10134813, -0.02533703],
+            2.0,
+            94,
+            [0.348688220, 0.373430251],
+        ),
+    ];
+    for (name, from, to, length, count, nearest) in cases {
+        let cover = asset(name).cover().into_owned();
+        let [from, to] = [from, to].map(DVec3::from_array);
+        let fan = geofan_light::LightFan::new(&cover, from, length, (to, to));
+        let (found, _) = fan.connections(&[to], 1e-10);
+        assert_eq!(found.len(), count, "{name}");
+        for ((_, connection), known) in found.iter().zip(nearest) {
+            assert!(
+                (connection.s - known).abs() < 1e-6,
+                "{name}: {} {known}",
+                connection.s
+            );
+        }
+    }
+}
