@@ -92,6 +92,7 @@ impl PictureRequest {
             samples: self.spp,
             error: self.error,
             tolerance: self.tolerance,
+            layers: false,
         }
     }
 
