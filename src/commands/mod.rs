@@ -9,6 +9,7 @@ mod info;
 mod path_traced;
 mod render;
 mod scenery;
+mod shard;
 mod sweep;
 mod trace;
 mod view;

@@ -11,6 +11,7 @@ use crate::{
     Certificate, TangentPromise,
     container::{self, Id},
     decode::{BundleError, LookupError},
+    decode_budget::DecodeBudget,
     fan::Fan,
     header::{Header, PlanRecord, ShardRecord},
     rays::RaySpace,
@@ -117,6 +118,11 @@ impl Contents {
         })
     }
 
+    /// Returns what the chunks may ask for when they are decoded.
+    pub fn budget(&self) -> DecodeBudget {
+        budget_of(&self.chunks)
+    }
+
     /// Makes the bytes of the file.
     ///
     /// # Errors
@@ -157,6 +163,11 @@ fn expected_chunks(
     Ok((u64::from(first)..total).step_by(step as usize))
 }
 
+/// Returns the budget of a table of these chunks.
+fn budget_of(chunks: &[(u32, Vec<u8>)]) -> DecodeBudget {
+    DecodeBudget::for_bytes(chunks.iter().map(|(_, bytes)| bytes.len()).sum())
+}
+
 impl Bundle {
     /// Reads a whole bundle from the bytes of a file.
     ///
@@ -183,9 +194,10 @@ impl Bundle {
         }
         // Chunks stay coded until they are used.
         let shape = Table::tensor_shape(&space, header.plan.stretch);
+        let budget = Arc::new(budget_of(&chunks));
         let chunks = chunks
             .into_iter()
-            .map(|(_, bytes)| Chunk::new(bytes, shape));
+            .map(|(_, bytes)| Chunk::new(bytes, shape, budget.clone()));
         Ok(Self {
             manifold: space.manifold().clone(),
             table: Table {
