@@ -61,6 +61,7 @@ impl SceneArgs {
             samples: usize::from(self.spp),
             error: self.error(),
             tolerance: self.tolerance(),
+            layers: false,
         }
     }
 

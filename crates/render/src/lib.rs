@@ -56,7 +56,7 @@ pub use lightmap::{Lightmap, SurfacePoint};
 pub use lookup::{Lookup, TableTracer};
 pub use panels::{Part, PicturePanel, PicturePanels, usual_size};
 pub use path_batch::{PathBatch, PathView};
-pub use path_source::{DrawingOptions, PathSource};
+pub use path_source::{DrawingOptions, DrawnPanels, PathSource};
 pub use shifted::ShiftedTracer;
 pub use tiles::Scratch;
 pub use tracer::{ExactTracer, FixedTracer, GridTracer};
