@@ -7,10 +7,13 @@ mod compare;
 mod demo;
 mod info;
 mod path_traced;
+mod project;
 mod render;
 mod scenery;
+mod shard;
 mod sweep;
 mod trace;
+mod transport;
 mod view;
 
 use crate::terminal::{self, CommonArgs, Outcome};
@@ -29,6 +32,10 @@ pub enum Command {
     Sweep(sweep::SweepArgs),
     /// Follow one geodesic, exactly or through a bundle, and print samples of it
     Trace(trace::TraceArgs),
+    /// Carry vectors along a curve in parallel, and tell how a closed one turns them
+    Transport(transport::TransportArgs),
+    /// Say where a point is in a picture: to first order, and by every geodesic to it
+    Project(project::ProjectArgs),
     /// Compare a bundle with exact paths of fresh random rays
     Check(check::CheckArgs),
     /// Render a picture of a scene
@@ -59,6 +66,8 @@ impl Command {
             Self::Demo(args) => demo::run(args, common),
             Self::Sweep(args) => sweep::run(args, common),
             Self::Trace(args) => trace::run(args, common),
+            Self::Transport(args) => transport::run(args, common),
+            Self::Project(args) => project::run(args, common),
             Self::Check(args) => check::run(args, common),
             Self::Render(args) => render::run(args, common),
             Self::Compare(args) => compare::run(args, common),

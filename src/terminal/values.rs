@@ -4,6 +4,10 @@
 //! out at unit length.
 
 use geofan_core::geodesic::{TOLERANCES, unit};
+use geofan_expr::{
+    Graph,
+    parse::{Scope, parse},
+};
 use glam::DVec3;
 
 /// Reads three finite numbers, `a,b,c`.
@@ -45,6 +49,40 @@ pub fn number(text: &str) -> Result<f64, String> {
         Ok(_) => Err(format!("`{}` is not finite", text.trim())),
         Err(_) => Err(format!("`{}` is not a number", text.trim())),
     }
+}
+
+/// Reads a number, or an expression of numbers such as `2*pi`.
+///
+/// # Errors
+/// A message for the user.
+pub fn constant(text: &str) -> Result<f64, String> {
+    let mut graph = Graph::new();
+    let parsed = parse(text, &Scope::default(), &mut graph);
+    let parsed = parsed.map_err(|e| format!("`{}`: {e}", text.trim()))?;
+    match graph.value(parsed.node) {
+        Some(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("`{}` is not finite", text.trim())),
+    }
+}
+
+/// Divides three expressions at the commas that stand in no bracket.
+///
+/// # Errors
+/// A message for the user.
+pub fn expressions(text: &str) -> Result<[String; 3], String> {
+    let mut parts = vec![String::new()];
+    let mut depth = 0_i32;
+    for c in text.chars() {
+        depth += i32::from(c == '(') - i32::from(c == ')');
+        match c {
+            ',' if depth == 0 => parts.push(String::new()),
+            c => parts.last_mut().map_or((), |part| part.push(c)),
+        }
+    }
+    let count = parts.len();
+    parts
+        .try_into()
+        .map_err(|_| format!("three expressions are needed, separated by commas; this is {count}"))
 }
 
 /// Reads a finite number above zero.

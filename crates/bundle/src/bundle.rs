@@ -10,17 +10,22 @@ use crate::container::{MAGIC, MOST_BYTES, too_large};
 use crate::{
     Certificate, TangentPromise,
     container::{self, Id},
-    decode::{BundleError, LookupError},
+    decode::{BundleError, ByteReader, LookupError},
+    decode_budget::DecodeBudget,
     fan::Fan,
     header::{Header, PlanRecord, ShardRecord},
     rays::RaySpace,
     table::{Chunk, Table},
 };
-use geofan_core::manifold::Manifold;
+use geofan_core::{
+    error::Error,
+    field::{Field, Samples},
+    manifold::Manifold,
+};
 #[cfg(feature = "files")]
-use geofan_core::{error::Error, files::write_atomically, reading::read_file};
+use geofan_core::{files::write_atomically, reading::read_file};
 use glam::DVec3;
-use std::sync::Arc;
+use std::{borrow::Cow, sync::Arc};
 #[cfg(feature = "files")]
 use std::{fs, io::Write, path::Path};
 
@@ -90,11 +95,13 @@ impl Contents {
     /// # Errors
     /// The bytes are not one.
     pub fn decode(name: &str, bytes: &[u8]) -> Result<Self, BundleError> {
-        let (header_block, chunk_blocks) = container::decode(bytes)?;
+        let (header_block, field_blocks, chunk_blocks) = container::decode(bytes)?;
         // The header, and the rays that it says the table holds.
         let header = Header::decode(header_block.payload)?;
         check_chunk_count(&header)?;
-        let manifold = header.manifold(name)?;
+        let fields = field_blocks.iter().map(|block| read_field(block.payload));
+        let fields = fields.collect::<Result<Vec<_>, _>>()?;
+        let manifold = Arc::new(header.manifold_with(name, &fields, &[])?);
         let space = RaySpace::new(manifold.clone())?;
         header.check(&space)?;
         let space = header.plan.applied(space);
@@ -117,14 +124,53 @@ impl Contents {
         })
     }
 
+    /// Returns what the chunks may ask for when they are decoded.
+    pub fn budget(&self) -> DecodeBudget {
+        budget_of(&self.chunks)
+    }
+
+    /// Rebuilds the manifold with these parameters in place of its own.
+    ///
+    /// # Errors
+    /// It does not have such a parameter, or does not work with it.
+    pub fn manifold_with(&self, name: &str, settings: &[(String, f64)]) -> Result<Manifold, Error> {
+        let fields = self.space.manifold().fields.iter();
+        let samples: Vec<_> = fields
+            .map(|field| (field.name.clone(), field.samples.clone()))
+            .collect();
+        self.header.manifold_with(name, &samples, settings)
+    }
+
     /// Makes the bytes of the file.
     ///
     /// # Errors
     /// The manifold's text is too long for a header.
     pub fn encode(&self) -> Result<Vec<u8>, BundleError> {
         let header = self.header.encode()?;
-        Ok(container::encode(self.id, &header, &self.chunks))
+        let fields = self.space.manifold().fields.iter().map(field_bytes);
+        let fields: Vec<_> = fields.collect();
+        Ok(container::encode(self.id, &header, &fields, &self.chunks))
     }
+}
+
+/// The payload of a field's block: the length of its name (u32), the name, and its samples, packed.
+fn field_bytes(field: &Field) -> Vec<u8> {
+    let name = field.name.as_bytes();
+    let mut bytes = (name.len() as u32).to_le_bytes().to_vec();
+    bytes.extend(name);
+    bytes.extend(field.samples.pack());
+    bytes
+}
+
+/// Reads what [`field_bytes`] wrote.
+fn read_field(payload: &[u8]) -> Result<(String, Arc<Samples>), BundleError> {
+    let wrong = || BundleError::Invalid("the samples of a field");
+    let mut input = ByteReader(payload);
+    let length = input.u32().map_err(|_| wrong())?;
+    let name = input.take(length as usize).map_err(|_| wrong())?;
+    let name = str::from_utf8(name).map_err(|_| wrong())?;
+    let samples = Samples::unpack(input.0).map_err(|_| wrong())?;
+    Ok((name.into(), Arc::new(samples)))
 }
 
 /// Checks that the number of cells and faces is one that a bake may have made.
@@ -157,6 +203,19 @@ fn expected_chunks(
     Ok((u64::from(first)..total).step_by(step as usize))
 }
 
+/// Returns the budget of a table of these chunks.
+fn budget_of(chunks: &[(u32, Vec<u8>)]) -> DecodeBudget {
+    DecodeBudget::for_bytes(chunks.iter().map(|(_, bytes)| bytes.len()).sum())
+}
+
+/// Returns the manifold of the file, of which a table may know the cover.
+fn glued(manifold: &Arc<Manifold>) -> Arc<Manifold> {
+    match manifold.glued() {
+        Cow::Borrowed(_) => manifold.clone(),
+        Cow::Owned(glued) => Arc::new(glued),
+    }
+}
+
 impl Bundle {
     /// Reads a whole bundle from the bytes of a file.
     ///
@@ -183,11 +242,12 @@ impl Bundle {
         }
         // Chunks stay coded until they are used.
         let shape = Table::tensor_shape(&space, header.plan.stretch);
+        let budget = Arc::new(budget_of(&chunks));
         let chunks = chunks
             .into_iter()
-            .map(|(_, bytes)| Chunk::new(bytes, shape));
+            .map(|(_, bytes)| Chunk::new(bytes, shape, budget.clone()));
         Ok(Self {
-            manifold: space.manifold().clone(),
+            manifold: glued(space.manifold()),
             table: Table {
                 division: header.plan.division(&space).into(),
                 length: header.plan.length,

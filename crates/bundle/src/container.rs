@@ -7,7 +7,7 @@
 //! |---|---|
 //! | 10 | magic `GEOFAN\r\n\x1a\n`: line ends that a text transfer would change |
 //! | 4 | format version |
-//! | … | the header block, the table of contents, one block for each chunk in order |
+//! | … | the header block, the table of contents, one block for each sampled field of the manifold, one for each chunk in order |
 //! | 32 | blake3 of everything before |
 //!
 //! A block is type u8, index u32, payload length u64, the bundle's id (16), the payload, and xxh3-64
@@ -51,13 +51,15 @@ pub enum BlockKind {
     Chunk = 3,
     /// One chunk in a file of its own, while a bake is under way.
     Part = 4,
+    /// The samples of a field of the manifold.
+    Field = 5,
 }
 
 /// A block of a file, checked.
 #[derive(Debug, Clone, Copy)]
 pub struct FileBlock<'a> {
     kind: u8,
-    /// The number of a chunk; 0 in other blocks.
+    /// The number of a chunk or of a field; 0 in other blocks.
     pub index: u32,
     /// The bundle's id.
     pub id: Id,
@@ -116,13 +118,19 @@ fn next_block<'a>(bytes: &'a [u8], at: &mut usize) -> Result<FileBlock<'a>, Bund
     })
 }
 
-/// Makes the bytes of a file with this id, header record and numbered chunks, these in ascending order.
-pub fn encode(id: Id, header: &[u8], chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
+/// Makes the bytes of a file with this id, header record, fields and numbered chunks, these in ascending order.
+pub fn encode(id: Id, header: &[u8], fields: &[Vec<u8>], chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
     let mut out = MAGIC.to_vec();
     out.extend(VERSION.to_le_bytes());
     put_block(&mut out, BlockKind::Header, 0, id, header);
-    let contents = table_of_contents(header, chunks);
+    let between = fields
+        .iter()
+        .map(|field| BLOCK_HEAD + field.len() + CHECKSUM);
+    let contents = table_of_contents(header, between.sum(), chunks);
     put_block(&mut out, BlockKind::Contents, 0, id, &contents);
+    for (index, payload) in (0..).zip(fields) {
+        put_block(&mut out, BlockKind::Field, index, id, payload);
+    }
     for (index, payload) in chunks {
         put_block(&mut out, BlockKind::Chunk, *index, id, payload);
     }
@@ -131,9 +139,10 @@ pub fn encode(id: Id, header: &[u8], chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
     out
 }
 
-fn table_of_contents(header: &[u8], chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
+/// Lists the chunks; `between` is the number of bytes between the list and the first of them.
+fn table_of_contents(header: &[u8], between: usize, chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
     let contents = chunks.len() * ENTRY;
-    let mut offset = START + 3 * BLOCK_HEAD + 2 * CHECKSUM + header.len() + contents;
+    let mut offset = START + 3 * BLOCK_HEAD + 2 * CHECKSUM + header.len() + contents + between;
     let mut out = Vec::with_capacity(contents);
     for (index, payload) in chunks {
         out.extend(index.to_le_bytes());
@@ -144,11 +153,14 @@ fn table_of_contents(header: &[u8], chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
     out
 }
 
-/// Reads what [`encode`] made: the block of the header, then those of the chunks.
+/// The blocks of a file: that of the header, those of fields, those of chunks.
+pub type FileBlocks<'a> = (FileBlock<'a>, Vec<FileBlock<'a>>, Vec<FileBlock<'a>>);
+
+/// Reads what [`encode`] made.
 ///
 /// # Errors
 /// Anything is different: every byte is covered by a checksum.
-pub fn decode(bytes: &[u8]) -> Result<(FileBlock<'_>, Vec<FileBlock<'_>>), BundleError> {
+pub fn decode(bytes: &[u8]) -> Result<FileBlocks<'_>, BundleError> {
     if bytes.len() as u64 > MOST_BYTES {
         return Err(too_large(bytes.len() as u64));
     }
@@ -166,9 +178,16 @@ pub fn decode(bytes: &[u8]) -> Result<(FileBlock<'_>, Vec<FileBlock<'_>>), Bundl
     while at < bytes.len() {
         blocks.push(next_block(bytes, &mut at)?);
     }
-    check_order(&blocks)?;
-    let chunks = blocks.split_off(2);
-    Ok((blocks[0], chunks))
+    let is_field = |block: &FileBlock<'_>| block.kind == BlockKind::Field as u8;
+    let fields = blocks
+        .iter()
+        .skip(2)
+        .take_while(|block| is_field(block))
+        .count();
+    check_order(&blocks, fields)?;
+    let chunks = blocks.split_off(2 + fields);
+    let fields = blocks.split_off(2);
+    Ok((blocks[0], fields, chunks))
 }
 
 /// Makes the error for a file of so many bytes.
@@ -213,20 +232,32 @@ fn first_damage(bytes: &[u8]) -> BundleError {
     }
 }
 
-/// Checks that whole blocks are the header, the table of contents and the chunks that it lists.
-fn check_order(blocks: &[FileBlock<'_>]) -> Result<(), BundleError> {
+/// Checks that whole blocks are the header, the table of contents, this number of fields and the chunks that
+/// are listed.
+fn check_order(blocks: &[FileBlock<'_>], fields: usize) -> Result<(), BundleError> {
     let wrong = |what| Err(BundleError::Invalid(what));
     // The blocks that must be there, of one bundle.
-    let [header, contents, chunks @ ..] = blocks else {
+    let [header, contents, rest @ ..] = blocks else {
         return wrong("its header or its table of contents is missing");
     };
     if header.kind != BlockKind::Header as u8 || contents.kind != BlockKind::Contents as u8 {
         return wrong("its blocks are out of order");
     }
+    if header.index != 0 || contents.index != 0 {
+        return wrong("its header or its table of contents has a number");
+    }
     if blocks.iter().any(|b| b.id != header.id) {
         return wrong("its blocks come from several bundles");
     }
-    // The chunks where the table of contents says.
+    // Fields by their numbers, and the chunks where the table of contents says.
+    let (fields, chunks) = rest.split_at(fields);
+    if !fields
+        .iter()
+        .map(|block| block.index)
+        .eq(0..fields.len() as u32)
+    {
+        return wrong("its fields are out of order");
+    }
     let mut entries = contents.payload.chunks_exact(ENTRY);
     let listed = entries.by_ref().zip(chunks).all(|(entry, chunk)| {
         chunk.kind == BlockKind::Chunk as u8
@@ -254,13 +285,16 @@ mod tests {
     }
 
     fn file() -> Vec<u8> {
-        encode(*b"0123456789abcdef", b"a header", &chunks())
+        let fields = [b"a field".to_vec(), b"another".to_vec()];
+        encode(*b"0123456789abcdef", b"a header", &fields, &chunks())
     }
 
     #[test]
     fn payloads_come_back_as_they_were() {
         let file = file();
-        let (header, found) = decode(&file).unwrap();
+        let (header, fields, found) = decode(&file).unwrap();
+        let fields: Vec<_> = fields.iter().map(|b| b.payload).collect();
+        assert_eq!(fields, [b"a field", b"another"]);
         assert_eq!(header.payload, b"a header");
         assert_eq!(&header.id, b"0123456789abcdef");
         let found = found.iter().map(|b| (b.index, b.payload.to_vec()));
@@ -292,6 +326,19 @@ mod tests {
             let mut longer = bytes.clone();
             longer.extend(vec![0; tail]);
             assert!(decode(&longer).is_err());
+        }
+    }
+
+    #[test]
+    fn blocks_that_need_no_number_have_none() {
+        for (header, contents) in [(0, 0), (1, 0), (0, 7)] {
+            let mut bytes = MAGIC.to_vec();
+            bytes.extend(VERSION.to_le_bytes());
+            put_block(&mut bytes, BlockKind::Header, header, [1; 16], b"h");
+            put_block(&mut bytes, BlockKind::Contents, contents, [1; 16], b"");
+            let hash = blake3::hash(&bytes);
+            bytes.extend(hash.as_bytes());
+            assert_eq!(decode(&bytes).is_ok(), header + contents == 0);
         }
     }
 

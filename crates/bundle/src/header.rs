@@ -13,7 +13,7 @@ use crate::{
     table::Division,
 };
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
-use geofan_core::{diagnostic::SourceText, error::Error, manifold::Manifold};
+use geofan_core::{diagnostic::SourceText, error::Error, field::Samples, manifold::Manifold};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
 use std::{path::Path, sync::Arc};
@@ -21,6 +21,12 @@ use std::{path::Path, sync::Arc};
 /// The most bytes of a header: a manifold file is text, far smaller. Without a limit a hostile
 /// length aborts the process.
 const MOST_HEADER_BYTES: usize = 16 << 20;
+
+/// The reflections and exchanges of three axes, without the one that changes nothing.
+const MOST_MIRRORS: usize = 47;
+
+/// The samples of a manifold's fields, by the fields' names.
+pub type FieldSamples = [(String, Arc<Samples>)];
 
 /// Everything about a bundle except its chunks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -162,22 +168,23 @@ impl Header {
         }
     }
 
-    /// Rebuilds the manifold from the embedded text; `file` is named in complaints about it.
-    pub(crate) fn manifold(&self, file: &str) -> Result<Arc<Manifold>, Error> {
-        self.manifold_with(file, &[]).map(Arc::new)
-    }
-
-    /// Rebuilds the manifold from its text, with its parameters but for those that `settings` replace.
+    /// Rebuilds the manifold from its text and the samples of its fields, with its parameters but for those that
+    /// `settings` replace; `file` is named in complaints about it.
     ///
     /// # Errors
     /// `settings` has a parameter that the manifold does not have, or the manifold does not work with it.
-    pub fn manifold_with(&self, file: &str, settings: &[(String, f64)]) -> Result<Manifold, Error> {
+    pub fn manifold_with(
+        &self,
+        file: &str,
+        samples: &FieldSamples,
+        settings: &[(String, f64)],
+    ) -> Result<Manifold, Error> {
         let name = format!("{file}: manifold text");
         let source = SourceText::new(name, self.manifold.text.clone());
         let own = self.manifold.parameters.iter();
         let kept = own.filter(|(name, _)| settings.iter().all(|(set, _)| set != name));
         let all: Vec<(String, f64)> = kept.chain(settings).cloned().collect();
-        Manifold::from_source(source, &all)
+        Manifold::with_samples(source, &all, samples)
     }
 
     /// Checks that plan and cameras are those of `space`, the rays of the embedded manifold.
@@ -194,6 +201,9 @@ impl Header {
         }
         if plan.cells.len() != space.cameras().len() || plan.nodes.len() != axes {
             return wrong("its plan has another number of axes");
+        }
+        if plan.mirrors.len() > MOST_MIRRORS {
+            return wrong("it has more mirrors than there are");
         }
         if !plan.mirrors.iter().all(|mirror| mirror.fits(space)) {
             return wrong("its mirrors are not the manifold's");

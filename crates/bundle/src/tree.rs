@@ -9,6 +9,7 @@
 use crate::{
     coder::{IntegerDecoder, IntegerEncoder},
     decode::{ByteReader, DecodeError, put_bytes},
+    decode_budget::DecodeBudget,
     polynomial::Variables,
     rays::FACES,
     tensor::Tensor,
@@ -135,29 +136,38 @@ impl Tree {
     /// Reads what [`Tree::encode`] wrote.
     ///
     /// # Errors
-    /// The bytes are not a chunk of tensors of this shape.
-    pub fn decode(bytes: &[u8], shape: TensorShape) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, IntegerDecoder::new)
+    /// The bytes are not a chunk of tensors of this shape, or ask for more than is left of the budget.
+    pub fn decode(
+        bytes: &[u8],
+        shape: TensorShape,
+        budget: &DecodeBudget,
+    ) -> Result<Self, DecodeError> {
+        Self::read(bytes, shape, budget, IntegerDecoder::new)
     }
 
     /// Reads the boxes alone, with zeros for all integers, which need not be decoded.
     ///
     /// # Errors
-    /// The bytes are not a chunk of tensors of this shape.
-    pub fn outline(bytes: &[u8], shape: TensorShape) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, IntegerDecoder::zeros)
+    /// The bytes are not a chunk of tensors of this shape, or ask for more than is left of the budget.
+    pub fn outline(
+        bytes: &[u8],
+        shape: TensorShape,
+        budget: &DecodeBudget,
+    ) -> Result<Self, DecodeError> {
+        Self::read(bytes, shape, budget, IntegerDecoder::zeros)
     }
 
     fn read(
         bytes: &[u8],
         shape: TensorShape,
+        budget: &DecodeBudget,
         decoder: fn(&mut ByteReader<'_>) -> Result<IntegerDecoder, DecodeError>,
     ) -> Result<Self, DecodeError> {
         let mut input = ByteReader(bytes);
         let mut integers = decoder(&mut input)?;
         let mut structure = ByteReader(input.bytes()?);
         input.finish()?;
-        let tree = Self::take(&mut structure, &mut integers, shape, 0)?;
+        let tree = Self::take(&mut structure, &mut integers, (shape, budget), 0)?;
         structure.finish()?;
         integers.finish()?;
         Ok(tree)
@@ -166,7 +176,7 @@ impl Tree {
     fn take(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
-        shape: TensorShape,
+        (shape, budget): (TensorShape, &DecodeBudget),
         depth: usize,
     ) -> Result<Self, DecodeError> {
         if depth > DEEPEST {
@@ -175,13 +185,13 @@ impl Tree {
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
             PATCH => {
-                let tensor = Tensor::decode(input, integers, shape)?;
+                let tensor = Tensor::decode(input, integers, shape, budget)?;
                 Ok(Tree::Leaf(Arc::new(tensor)))
             }
             // The sphere may be parted into faces once.
             PARTED if shape.variables.sphere => {
                 let shape = shape.of_a_face();
-                let face = |_| Self::take(input, integers, shape, depth + 1);
+                let face = |_| Self::take(input, integers, (shape, budget), depth + 1);
                 let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
                 let faces = faces?.try_into();
                 Ok(Tree::Faces(
@@ -190,20 +200,20 @@ impl Tree {
             }
             // Where paths meet edges the directions of each face are apart.
             BROKEN if !shape.variables.sphere => {
-                let place = Tensor::decode(input, integers, shape.of_a_place())?;
+                let place = Tensor::decode(input, integers, shape.of_a_place(), budget)?;
                 if place.shape()[shape.arc()] != 1 {
                     return Err(DecodeError("place of an edge"));
                 }
-                let before = Self::take(input, integers, shape, depth + 1)?;
-                let behind = Self::take(input, integers, shape, depth + 1)?;
+                let before = Self::take(input, integers, (shape, budget), depth + 1)?;
+                let behind = Self::take(input, integers, (shape, budget), depth + 1)?;
                 Ok(Tree::Edge {
                     place: Arc::new(place),
                     parts: Box::new([before, behind]),
                 })
             }
             axis if shape.may_halve(usize::from(axis)) => {
-                let low = Self::take(input, integers, shape, depth + 1)?;
-                let high = Self::take(input, integers, shape, depth + 1)?;
+                let low = Self::take(input, integers, (shape, budget), depth + 1)?;
+                let high = Self::take(input, integers, (shape, budget), depth + 1)?;
                 Ok(Tree::Split {
                     axis: usize::from(axis),
                     halves: Box::new([low, high]),
@@ -240,6 +250,10 @@ impl TensorShape {
 }
 
 #[cfg(test)]
+#[path = "hostile_tests.rs"]
+mod hostile_tests;
+
+#[cfg(test)]
 mod tests {
     use super::*;
     use crate::{
@@ -257,6 +271,10 @@ mod tests {
             directions: 2,
             channels: 3,
         }
+    }
+
+    fn budget() -> DecodeBudget {
+        DecodeBudget::for_bytes(0)
     }
 
     fn leaf(sphere: bool) -> Tree {
@@ -281,13 +299,13 @@ mod tests {
             half(0, true),
             half(3, true),
         ] {
-            let back = Tree::decode(&good.encode(), shape(true)).unwrap();
-            let outline = Tree::outline(&good.encode(), shape(true)).unwrap();
+            let back = Tree::decode(&good.encode(), shape(true), &budget()).unwrap();
+            let outline = Tree::outline(&good.encode(), shape(true), &budget()).unwrap();
             assert_eq!(back.count(), good.count());
             assert_eq!(outline.count(), good.count());
             assert_eq!(back.encode(), good.encode());
         }
-        let parted = Tree::decode(&faces(|| leaf(false)).encode(), shape(true)).unwrap();
+        let parted = Tree::decode(&faces(|| leaf(false)).encode(), shape(true), &budget()).unwrap();
         let Tree::Faces(faces_of_it) = parted else {
             panic!("{parted:?}")
         };
@@ -312,10 +330,10 @@ mod tests {
         assert!(Tree::decode(&place(2).encode(), shape(false)).is_err());
         assert!(Tree::decode(&place(1).encode(), shape(true)).is_err());
         // The sphere has no halves along directions, and a face no faces.
-        assert!(Tree::decode(&half(1, true).encode(), shape(true)).is_err());
-        assert!(Tree::decode(&half(1, false).encode(), shape(false)).is_ok());
-        assert!(Tree::decode(&faces(|| leaf(false)).encode(), shape(false)).is_err());
+        assert!(Tree::decode(&half(1, true).encode(), shape(true), &budget()).is_err());
+        assert!(Tree::decode(&half(1, false).encode(), shape(false), &budget()).is_ok());
+        assert!(Tree::decode(&faces(|| leaf(false)).encode(), shape(false), &budget()).is_err());
         let twice = Tree::Faces(Box::new([(); FACES].map(|()| faces(|| leaf(false)))));
-        assert!(Tree::decode(&twice.encode(), shape(true)).is_err());
+        assert!(Tree::decode(&twice.encode(), shape(true), &budget()).is_err());
     }
 }

@@ -4,7 +4,7 @@
 //!
 //! 1. [`document`] reads TOML and remembers where everything stands; [`diagnostic`] turns a mistake
 //!    into a message with the line, the column and the text underlined.
-//! 2. [`manifold`] makes a space of expressions: metric, standard frames, geodesic equation, domain,
+//! 2. [`field`] makes functions of files of samples; [`manifold`] makes a space of expressions: metric, standard frames, geodesic equation, domain,
 //!    exits, symmetry, camera region. A claim of the file that is false is refused here.
 //! 3. [`geodesic`] follows rays: an adaptive integrator with dense output that carries the
 //!    transported frame and the geodesic deviation along.
@@ -15,6 +15,7 @@
 pub mod diagnostic;
 pub mod document;
 pub mod error;
+pub mod field;
 #[cfg(feature = "files")]
 pub mod files;
 pub mod geodesic;

@@ -19,7 +19,7 @@
 //! Only the branch taken counts, even where the other one is not finite. [`Graph::switching_functions`] names the
 //! functions that vanish at these places, because a variation of a path jumps there.
 
-use super::graph::{Binary, Graph, Node, NodeId, Unary};
+use super::graph::{Binary, FieldId, Graph, Node, NodeId, Unary};
 use std::collections::HashMap;
 
 /// A direction in input space: how fast each input changes. Inputs not named stand still.
@@ -80,6 +80,10 @@ impl Graph {
             }
             Node::Binary(op, a, b) => self.binary_rate(op, id, (a, rates[&a]), (b, rates[&b])),
             Node::Select(mask, yes, no) => self.select(mask, rates[&yes], rates[&no]),
+            Node::Sample(field, orders, at) => {
+                let moving = at.map(|a| rates[&a]);
+                self.sample_rate(field, orders, at, moving)
+            }
         }
     }
 
@@ -180,6 +184,27 @@ impl Graph {
             }
             Binary::Less | Binary::LessEqual => self.constant(0.0),
         }
+    }
+
+    /// Ḟ = Σ_k ∂_k F ȧ_k
+    fn sample_rate(
+        &mut self,
+        field: FieldId,
+        orders: [u8; 3],
+        at: [NodeId; 3],
+        moving: [NodeId; 3],
+    ) -> NodeId {
+        let mut rate = self.constant(0.0);
+        for k in 0..3 {
+            if self.is(moving[k], 0.0) {
+                continue;
+            }
+            let mut higher = orders;
+            higher[k] = higher[k].saturating_add(1);
+            let slope = self.sampled(field, higher, at);
+            rate = self.mul_add(slope, moving[k], rate);
+        }
+        rate
     }
 
     /// (a^b)˙ = b a^(b−1) ȧ + a^b ln(a) ḃ

@@ -7,12 +7,16 @@
 //! `0*x` is `0` even where `x` is infinite, and `a/b` is `a*(1/b)`, one rounding more, so that
 //! divisions by the same thing are shared.
 
-use super::real::Real;
-use std::collections::HashMap;
+use super::{real::Real, spline::Spline};
+use std::{collections::HashMap, sync::Arc};
 
 /// A node of a [`Graph`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct NodeId(pub(super) u32);
+
+/// A sampled field of a [`Graph`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct FieldId(pub(super) u16);
 
 /// Functions of one argument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -69,6 +73,8 @@ pub enum Node {
     Binary(Binary, NodeId, NodeId),
     /// `if mask > 0 { yes } else { no }`, in the order mask, yes, no.
     Select(NodeId, NodeId, NodeId),
+    /// The derivative of a field, of these orders along its axes, at a point.
+    Sample(FieldId, [u8; 3], [NodeId; 3]),
 }
 
 impl Node {
@@ -78,7 +84,7 @@ impl Node {
             Node::Constant(_) | Node::Input(_) => [None; 3],
             Node::Unary(_, a) => [Some(a), None, None],
             Node::Binary(_, a, b) => [Some(a), Some(b), None],
-            Node::Select(a, b, c) => [Some(a), Some(b), Some(c)],
+            Node::Select(a, b, c) | Node::Sample(_, _, [a, b, c]) => [Some(a), Some(b), Some(c)],
         };
         all.into_iter().flatten()
     }
@@ -89,7 +95,15 @@ impl Node {
 pub struct Graph {
     nodes: Vec<Node>,
     index: HashMap<Node, NodeId>,
+    fields: Vec<Arc<Spline>>,
+    /// What fields are asked for: the value, and the arguments before they are clamped.
+    calls: Vec<(FieldId, NodeId, [NodeId; 3])>,
 }
+
+/// The graph has as many fields as it can hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("more than {} fields", u16::MAX)]
+pub struct TooManyFields;
 
 impl Unary {
     /// The value of the function, by the same kernels that tapes use.
@@ -459,5 +473,88 @@ impl Graph {
             Some(_) => no,
             None => self.intern(Node::Select(mask, yes, no)),
         }
+    }
+
+    /// Adds a sampled field.
+    ///
+    /// # Errors
+    /// There are too many.
+    pub fn add_field(&mut self, spline: Arc<Spline>) -> Result<FieldId, TooManyFields> {
+        let id = u16::try_from(self.fields.len()).map_err(|_| TooManyFields)?;
+        self.fields.push(spline);
+        Ok(FieldId(id))
+    }
+
+    /// Returns the spline of a field.
+    pub fn field(&self, id: FieldId) -> &Arc<Spline> {
+        &self.fields[usize::from(id.0)]
+    }
+
+    /// The value of a field at a point; outside its grid that of the nearest point of the grid.
+    pub fn sample(&mut self, id: FieldId, at: [NodeId; 3]) -> NodeId {
+        let axes = *self.field(id).axes();
+        let mut inside = at;
+        for k in 0..3 {
+            let [low, high] = axes[k].limits.map(|x| self.constant(x));
+            inside[k] = match (axes[k].samples, axes[k].periodic) {
+                (1, _) => low,
+                (_, true) => at[k],
+                (_, false) => self.clamped(at[k], low, high),
+            };
+        }
+        let value = self.sampled(id, [0; 3], inside);
+        if !self.calls.contains(&(id, value, at)) {
+            self.calls.push((id, value, at));
+        }
+        value
+    }
+
+    /// `a` between two numbers. Not by minimum and maximum, which would hide a NaN; at the limits the
+    /// derivative is that of `a`.
+    fn clamped(&mut self, a: NodeId, low: NodeId, high: NodeId) -> NodeId {
+        let above = self.binary(Binary::Less, high, a);
+        let below = self.binary(Binary::Less, a, low);
+        let inner = self.select(above, high, a);
+        self.select(below, low, inner)
+    }
+
+    /// The derivative of a field, of these orders along its axes, at a point of its grid.
+    pub(super) fn sampled(&mut self, id: FieldId, orders: [u8; 3], at: [NodeId; 3]) -> NodeId {
+        let spline = self.field(id).clone();
+        if spline.vanishes(orders) {
+            return self.constant(0.0);
+        }
+        match at.map(|a| self.value(a)) {
+            [Some(x), Some(y), Some(z)] => self.constant(spline.derivative(orders, [x, y, z])),
+            _ => self.intern(Node::Sample(id, orders, at)),
+        }
+    }
+
+    /// Returns the calls of fields that `roots` depend on: the field, and its arguments as they were given.
+    pub fn calls_below(&self, roots: &[NodeId]) -> Vec<(FieldId, [NodeId; 3])> {
+        let reached = self.reached_from(roots);
+        let calls = self.calls.iter();
+        calls
+            .filter(|(_, value, _)| reached[value.0 as usize])
+            .map(|(id, _, at)| (*id, *at))
+            .collect()
+    }
+
+    /// Returns the fields that `roots` depend on, each with the highest order along one axis in which it is
+    /// differentiated for them.
+    pub fn fields_below(&self, roots: &[NodeId]) -> Vec<(FieldId, u8)> {
+        let reached = self.reached_from(roots);
+        let mut found: Vec<(FieldId, u8)> = Vec::new();
+        for node in self.nodes.iter().zip(reached).filter(|n| n.1).map(|n| n.0) {
+            let Node::Sample(id, orders, _) = node else {
+                continue;
+            };
+            let order = orders.iter().copied().max().unwrap_or(0);
+            match found.iter_mut().find(|(known, _)| known == id) {
+                Some((_, highest)) => *highest = order.max(*highest),
+                None => found.push((*id, order)),
+            }
+        }
+        found
     }
 }

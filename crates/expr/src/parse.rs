@@ -4,7 +4,7 @@
 //! byte span at fault. `^` binds tighter than unary minus and is
 //! right-associative, so `-2^2` is −4 and `2^-1` is ½.
 
-use super::graph::{Binary, Graph, NodeId, Unary};
+use super::graph::{Binary, FieldId, Graph, NodeId, Unary};
 use crate::spelling::nearest;
 use std::{collections::HashMap, ops::Range};
 
@@ -62,12 +62,19 @@ impl Binding {
 #[derive(Debug, Clone, Default)]
 pub struct Scope {
     names: HashMap<String, Binding>,
+    /// Functions of three arguments, given by samples.
+    fields: HashMap<String, FieldId>,
 }
 
 impl Scope {
     /// Makes `name` stand for `binding`, hiding what it stood for before.
     pub fn bind(&mut self, name: impl Into<String>, binding: Binding) {
         self.names.insert(name.into(), binding);
+    }
+
+    /// Makes `name` a function: this field of the graph.
+    pub fn bind_field(&mut self, name: impl Into<String>, field: FieldId) {
+        self.fields.insert(name.into(), field);
     }
 
     /// Returns whether `name` stands for something of its own.
@@ -403,13 +410,15 @@ impl Parser<'_> {
         }
         let mut error = ExpressionError::new(span, format!("unknown name `{name}`"));
         error.unknown = Some(name.to_string());
-        Err(if is_function(name) {
-            error.hint(format!("`{name}` is a function: write {name}(…)"))
-        } else if let Some(near) = self.scope.nearest(name) {
-            error.hint(format!("did you mean `{near}`?"))
-        } else {
-            error.hint("declare it under [parameters] or [let]")
-        })
+        Err(
+            if is_function(name) || self.scope.fields.contains_key(name) {
+                error.hint(format!("`{name}` is a function: write {name}(…)"))
+            } else if let Some(near) = self.scope.nearest(name) {
+                error.hint(format!("did you mean `{near}`?"))
+            } else {
+                error.hint("declare it under [parameters] or [let]")
+            },
+        )
     }
 
     fn call(&mut self, name: &str, span: Range<usize>) -> Parse<NodeId> {
@@ -425,9 +434,14 @@ impl Parser<'_> {
             let [a, b] = self.arguments::<2>(name, span)?;
             return Ok(self.graph.binary(op, a, b));
         }
+        if let Some(&field) = self.scope.fields.get(name) {
+            let at = self.arguments::<3>(name, span)?;
+            return Ok(self.graph.sample(field, at));
+        }
         let error = ExpressionError::new(span, format!("unknown function `{name}`"));
         let known = UNARY.iter().map(|(n, _)| *n);
         let known = known.chain(BINARY.iter().map(|(n, _)| *n)).chain(["if"]);
+        let known = known.chain(self.scope.fields.keys().map(String::as_str));
         Err(match nearest(name, known) {
             Some(near) => error.hint(format!("did you mean `{near}`?")),
             None if self.scope.names.contains_key(name) => {

@@ -233,10 +233,37 @@ impl View {
         self.turning.is_none() && !matches!(self.optics, Optics::Orthographic { .. })
     }
 
-    /// Finds the point of the picture in `direction` (standard frame): the inverse of [`View::direction`] in
-    /// perspective; `None` behind the camera, and of other optics.
+    /// Finds the point of the picture in `direction` (standard frame), which may be beyond the picture's edges: the
+    /// inverse of [`View::direction`]. `None` behind a camera in perspective, of parallel rays, and of an eye
+    /// that turns.
     pub fn pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
-        self.own_pixel(self.in_camera(direction))
+        let seen = self.in_camera(direction);
+        let (w, h) = (self.whole.0 as f64, self.whole.1 as f64);
+        let own = (self.axes.transpose() * seen).normalize_or_zero();
+        // On the sphere, before what an eye leans: see `ray`.
+        let along = own.x * self.lean;
+        let far = (along * along + 1.0 - self.lean * self.lean).sqrt() - along;
+        let ahead = own * far + DVec3::X * self.lean;
+        let (x, y) = match self.optics {
+            _ if self.turning.is_some() => return None,
+            Optics::Perspective { .. } => return self.own_pixel(seen),
+            Optics::Orthographic { .. } => return None,
+            Optics::Panorama => {
+                let longitude = ahead.x.atan2(ahead.z);
+                (
+                    w * longitude / TAU,
+                    h * ahead.y.clamp(-1.0, 1.0).asin() / PI,
+                )
+            }
+            Optics::Fisheye { fov } => {
+                let across = ahead.x.hypot(ahead.y);
+                let radius = across.atan2(ahead.z) * w.min(h) / fov.to_radians();
+                let share = if across > 0.0 { radius / across } else { 0.0 };
+                (ahead.x * share, ahead.y * share)
+            }
+        };
+        let (middle_x, middle_y) = self.middle();
+        Some((x + middle_x, y + middle_y))
     }
 
     /// Finds the point of the picture in `direction` as the camera sees it, in motion or not.

@@ -85,6 +85,28 @@ fn pixels_of_a_plane_are_found_again_in_parts_and_by_eyes() {
 }
 
 #[test]
+fn pixels_of_panoramas_and_fisheyes_are_found_again() {
+    for optics in [Optics::Panorama, Optics::Fisheye { fov: 200.0 }] {
+        let view = View::through(&camera(), optics, SIZE);
+        for view in [
+            view.clone(),
+            view.cropped(10..30, 5..25),
+            view.converged(0.1, 2.0),
+            view.with_velocity(DVec3::new(0.3, -0.2, 0.1)),
+        ] {
+            for at in [(37.3, 12.1), (41.0, 23.5), (22.0, 18.0)] {
+                let (x, y) = view.pixel(view.direction(at.0, at.1)).unwrap();
+                assert!(
+                    (x - at.0).abs() < 1e-9 && (y - at.1).abs() < 1e-9,
+                    "{at:?} {x} {y}"
+                );
+            }
+        }
+        assert_eq!(view.turning(DVec3::Z, 0.1, 2.0).pixel(DVec3::X), None);
+    }
+}
+
+#[test]
 fn a_part_of_a_picture_has_the_rays_of_the_whole() {
     for optics in all() {
         let view = View::through(&camera(), optics, SIZE);

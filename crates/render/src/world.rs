@@ -6,6 +6,7 @@
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
     chart_skies::sky_warnings,
+    copies::SceneCopies,
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     panels::{Part, PicturePanels},
@@ -55,8 +56,12 @@ pub struct PointLight {
 pub struct World {
     /// The manifold.
     pub manifold: Arc<Manifold>,
-    /// The same with light followed from lamps into the future.
+    /// The covering space with light followed from lamps into the future.
     pub lamplight: Arc<Manifold>,
+    /// The space that covers a glued one, else the same.
+    pub cover: Arc<Manifold>,
+    /// Where a glued space shows things again.
+    pub copies: Option<SceneCopies>,
     /// The triangles in chart coordinates.
     pub accelerator: Accelerator,
     /// One for each triangle.
@@ -106,9 +111,13 @@ impl World {
     ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
+        let cover = match manifold.gluing() {
+            Some(_) => Arc::new(manifold.cover().into_owned()),
+            None => manifold.clone(),
+        };
         let lamplight = match manifold.has_wind() {
-            true => Arc::new(manifold.forward()?.into_owned()),
-            false => manifold.clone(),
+            true => Arc::new(cover.forward()?.into_owned()),
+            false => cover.clone(),
         };
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
         let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
@@ -124,6 +133,8 @@ impl World {
             lights,
             light: None,
             lamplight,
+            cover,
+            copies: None,
             clear: false,
             warnings,
             manifold,
@@ -149,6 +160,7 @@ impl World {
             world.place(scene, index as u32, object, &mesh, &mut triangles)?;
         }
         world.accelerator = Accelerator::build_with_holes(&triangles, world.holed());
+        world.copies = SceneCopies::of(&world.manifold, world.accelerator.triangles());
         world.clear = world.materials.iter().any(Material::is_clear)
             || world.colours.iter().flatten().any(|c| c[3] < 1.0);
         Ok(world)
@@ -556,7 +568,7 @@ fn load_manifold(path: &Path, settings: &[(String, f64)]) -> Result<Manifold> {
     match read_file(path, MAGIC, u64::MAX) {
         Ok(start) if start.starts_with(MAGIC) => {
             let name = path.display().to_string();
-            Contents::read(path)?.header.manifold_with(&name, settings)
+            Contents::read(path)?.manifold_with(&name, settings)
         }
         _ => Manifold::load(path, settings),
     }
@@ -626,7 +638,11 @@ impl Stage {
     /// # Errors
     /// Says what differs.
     pub fn check_bundle(&self, bundle: &Bundle) -> Result<()> {
-        let differences = self.world.manifold.differences(&bundle.manifold);
+        let differences = self
+            .world
+            .manifold
+            .cover()
+            .differences(&bundle.manifold.cover());
         if differences.is_empty() {
             return Ok(());
         }

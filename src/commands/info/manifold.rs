@@ -4,8 +4,9 @@ use super::{DescriptionText, InfoArgs};
 use crate::terminal::{self, CommonArgs};
 use geofan_core::{
     Result,
+    field::{Field, Outside},
     geodesic::check_point,
-    manifold::{Carried, Curvature, Form, Manifold},
+    manifold::{Carried, Curvature, Form, GluedFace, Manifold},
 };
 use glam::{DMat3, DVec3};
 use serde_json::{Map, Value, json};
@@ -45,6 +46,7 @@ fn as_json(manifold: &Manifold, at: Option<&PointGeometry>) -> Value {
         "ambient": manifold.ambient,
         "light": manifold.medium_names(),
         "parameters": object(manifold.parameters.clone()),
+        "fields": fields_json(manifold),
         "limits": manifold.domain.limits,
         "periodic": manifold.domain.periodic,
         "exits": exits(manifold),
@@ -55,10 +57,23 @@ fn as_json(manifold: &Manifold, at: Option<&PointGeometry>) -> Value {
         "length": manifold.length,
         "operations": operations_json(manifold),
     });
+    if let Some(gluing) = manifold.gluing() {
+        value["faces"] = gluing.faces().iter().map(face_json).collect();
+    }
     if let Some(point) = at {
         value["at"] = point.as_json();
     }
     value
+}
+
+/// Describes a glued face as JSON; faces are numbered from 1.
+fn face_json(face: &GluedFace) -> Value {
+    json!({
+        "partner": face.partner().map(|k| k + 1),
+        "reverses": face.reverses(),
+        "mirror": face.is_mirror(),
+        "opening": face.is_portal(),
+    })
 }
 
 /// Makes a JSON object of names and values.
@@ -69,6 +84,24 @@ where
 {
     let entry = |(name, value): (N, V)| (name.into(), json!(value));
     Value::Object(entries.into_iter().map(entry).collect::<Map<_, _>>())
+}
+
+/// Describes the sampled fields as JSON.
+fn fields_json(manifold: &Manifold) -> Value {
+    let field = |field: &Field| {
+        let plan = &field.plan;
+        json!({
+            "name": field.name,
+            "files": field.files,
+            "shape": field.samples.shape,
+            "range": field.samples.range(),
+            "box": plan.limits,
+            "degree": plan.degree,
+            "outside": plan.outside.map(Outside::name),
+            "smooth": plan.smooth,
+        })
+    };
+    manifold.fields.iter().map(field).collect()
 }
 
 /// Lists the names of exits.
@@ -119,8 +152,14 @@ fn as_text(manifold: &Manifold, at: Option<&PointGeometry>) -> String {
     for (name, value) in &manifold.parameters {
         text.line("parameter", format!("{name} = {value}"));
     }
+    for line in manifold.field_lines() {
+        text.line("field", line);
+    }
     for line in manifold.domain_lines() {
         text.line("domain", line);
+    }
+    if let Some(line) = manifold.gluing_line() {
+        text.line("gluing", line);
     }
     text.line("exits", exits(manifold).join(", "));
     text.line("symmetry", manifold.symmetry_line());

@@ -74,7 +74,7 @@ impl EdgeSide {
     }
 
     /// Computes the unit direction, in the standard frame, in which a path with tangent `v` is seen.
-    fn direction(&self, v: DVec3) -> DVec3 {
+    pub fn direction(&self, v: DVec3) -> DVec3 {
         (self.frame.inverse() * (v - self.wind)).normalize()
     }
 
@@ -116,6 +116,16 @@ pub(super) fn deflect(near: &EdgeSide, far: &EdgeSide, gradient: DVec3, v: DVec3
         ),
     };
     Deflection { v, reflected }
+}
+
+/// Reflects the tangent `v` at a wall with the normal covector `gradient`.
+pub(super) fn reflect(side: &EdgeSide, gradient: DVec3, v: DVec3) -> DVec3 {
+    let n = v - side.wind;
+    let q = side.metric * n;
+    let q = q / n.dot(q).sqrt();
+    let energy = 1.0 + side.wind.dot(q);
+    let back = -gradient.dot(v).signum();
+    side.tangent(q, gradient, energy, back).unwrap_or(-v)
 }
 
 /// Returns the smallest rotation, in the standard frames of both sides, that takes the direction of the tangent

@@ -11,6 +11,7 @@ mod curve;
 mod description;
 mod domain;
 mod geometry;
+mod gluing;
 mod kin;
 mod load;
 mod local_frame;
@@ -28,6 +29,7 @@ pub(crate) use axis::around;
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
+pub use gluing::{DeckTransformation, Development, GluedFace, Gluing};
 pub use kin::Follows;
 pub use local_frame::LocalFrame;
 pub use point_functions::PointFunctions;
@@ -37,6 +39,7 @@ pub use symmetry::{Isometry, Symmetry};
 use crate::{
     diagnostic::SourceText,
     error::{Error, Result},
+    field::{Field, Samples},
     reading::read_text,
 };
 use geofan_expr::{Registers, Tape};
@@ -114,10 +117,16 @@ pub struct Manifold {
     pub ambient: Option<usize>,
     /// The way in which the file gives the space.
     pub form: Form,
+    /// Functions given by samples.
+    pub fields: Arc<[Field]>,
     tapes: Arc<Tapes>,
     /// This space for other paths; `None` where all paths are geodesics.
     kin: Option<Arc<Kin>>,
     follows: Follows,
+    /// `None` for a space that is all of its chart.
+    gluing: Option<Arc<Gluing>>,
+    /// Set if the gluing is left out: the covering space.
+    unfolded: bool,
 }
 
 impl Manifold {
@@ -134,9 +143,22 @@ impl Manifold {
     /// # Errors
     /// As [`Manifold::load`].
     pub fn from_source(source: Arc<SourceText>, settings: &[(String, f64)]) -> Result<Self> {
-        let manifold = load::from_source(&source, settings)?;
+        Self::with_samples(source, settings, &[])
+    }
+
+    /// Makes a manifold from the text of its file and samples of its fields, by their names; those that are not
+    /// given are read from the files that the text names.
+    ///
+    /// # Errors
+    /// As [`Manifold::load`].
+    pub fn with_samples(
+        source: Arc<SourceText>,
+        settings: &[(String, f64)],
+        samples: &[(String, Arc<Samples>)],
+    ) -> Result<Self> {
+        let manifold = load::from_source(&source, settings, samples)?;
         probe::check(&manifold)?;
-        Ok(manifold)
+        manifold.with_checked_gluing()
     }
 
     /// `G(u)`.
@@ -300,7 +322,8 @@ impl Manifold {
         })
     }
 
-    /// A hash of everything that determines the geometry: the text and the parameter values.
+    /// A hash of everything that determines the geometry: the text, the parameter values, and the samples of
+    /// fields.
     pub fn fingerprint(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
         hasher.update(self.source.text.as_bytes());
@@ -308,6 +331,9 @@ impl Manifold {
             hasher.update(name.as_bytes());
             hasher.update(&[0]);
             hasher.update(&value.to_bits().to_le_bytes());
+        }
+        for field in self.fields.iter() {
+            hasher.update(field.spline.identity());
         }
         *hasher.finalize().as_bytes()
     }

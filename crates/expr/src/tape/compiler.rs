@@ -4,9 +4,13 @@
 
 use super::{
     MOST_REGISTERS, Tape, TapeTooLarge,
-    instruction::{Instruction, MOST_OPERANDS, Operation},
+    instruction::{FieldLookup, Instruction, MOST_OPERANDS, Operation},
 };
-use crate::graph::{Binary, Graph, Node, NodeId};
+use crate::{
+    graph::{Binary, FieldId, Graph, Node, NodeId},
+    spline::Lookup,
+};
+use std::collections::HashMap;
 
 /// An operation with its operands.
 type Fused = (Operation, Vec<NodeId>);
@@ -20,7 +24,11 @@ pub struct Compiler<'g> {
     register: Vec<u16>,
     free: Vec<u16>,
     next: usize,
+    fields: Vec<FieldLookup>,
 }
+
+/// The nodes wanted of each field at each point: one instruction computes them.
+type FieldPoints = HashMap<(FieldId, [NodeId; 3]), Vec<usize>>;
 
 impl<'g> Compiler<'g> {
     /// For the nodes `outputs` of `graph`, whose inputs are numbered below `inputs`.
@@ -33,6 +41,7 @@ impl<'g> Compiler<'g> {
             register: vec![0; graph.len()],
             free: Vec::new(),
             next: inputs,
+            fields: Vec::new(),
         };
         for output in outputs {
             compiler.uses[output.0 as usize] += 1;
@@ -52,18 +61,29 @@ impl<'g> Compiler<'g> {
         let inputs = self.next;
         let constants = self.place_leaves()?;
         let mut fused = self.fuse();
+        let mut points = self.field_points();
         let first = self.graph.reached_from(first);
         let mut parts = [const { Vec::new() }; 2];
         for (part, wanted) in parts.iter_mut().zip([true, false]) {
             for id in 0..self.graph.len() {
-                if self.reached[id] && first[id] == wanted && !self.is_leaf(id) && !fused[id].1 {
-                    part.push(self.instruction(id, fused[id].0.take())?);
+                if !self.reached[id] || first[id] != wanted || self.is_leaf(id) || fused[id].1 {
+                    continue;
+                }
+                match self.graph.node(NodeId(id as u32)) {
+                    // Taken out by the first of its nodes, with all others.
+                    Node::Sample(field, _, at) => {
+                        let nodes = points.remove(&(field, at));
+                        let nodes = nodes.map(|nodes| self.lookup(field, at, &nodes));
+                        part.extend(nodes.transpose()?);
+                    }
+                    _ => part.push(self.instruction(id, fused[id].0.take())?),
                 }
             }
         }
         Ok(Tape {
             first: parts[0].len(),
             code: parts.concat(),
+            fields: std::mem::take(&mut self.fields),
             constants,
             outputs: outputs
                 .iter()
@@ -197,6 +217,54 @@ impl<'g> Compiler<'g> {
             }
             _ => None,
         }
+    }
+
+    fn field_points(&self) -> FieldPoints {
+        let mut points = FieldPoints::new();
+        for id in (0..self.graph.len()).filter(|id| self.reached[*id]) {
+            if let Node::Sample(field, _, at) = self.graph.node(NodeId(id as u32)) {
+                points.entry((field, at)).or_default().push(id);
+            }
+        }
+        points
+    }
+
+    /// The instruction that computes `nodes`, derivatives of a field at one point.
+    fn lookup(
+        &mut self,
+        field: FieldId,
+        at: [NodeId; 3],
+        nodes: &[usize],
+    ) -> Result<Instruction, TapeTooLarge> {
+        let mut operands = [0; MOST_OPERANDS];
+        for (operand, node) in operands.iter_mut().zip(at) {
+            *operand = self.register[node.0 as usize];
+        }
+        operands[3] = u16::try_from(self.fields.len()).map_err(|_| TapeTooLarge)?;
+        let (mut orders, mut to) = (Vec::new(), Vec::new());
+        for id in nodes {
+            if let Node::Sample(_, these, _) = self.graph.node(NodeId(*id as u32)) {
+                orders.push(these);
+            }
+            at.iter().for_each(|node| self.release(*node));
+        }
+        for id in nodes {
+            let register = match self.free.pop() {
+                Some(register) => register,
+                None => self.fresh()?,
+            };
+            self.register[*id] = register;
+            to.push(register);
+        }
+        self.fields.push(FieldLookup {
+            lookup: Lookup::new(self.graph.field(field).clone(), orders),
+            to,
+        });
+        Ok(Instruction {
+            operation: Operation::Sample,
+            to: self.fields[self.fields.len() - 1].to[0],
+            operands,
+        })
     }
 
     fn instruction(

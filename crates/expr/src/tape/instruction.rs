@@ -3,6 +3,7 @@
 use crate::{
     graph::{Binary, Unary},
     real::Real,
+    spline::Lookup,
 };
 use std::ops::{Deref, DerefMut};
 
@@ -13,6 +14,9 @@ macro_rules! operations {
         #[derive(Debug, Clone, Copy, PartialEq, Eq)]
         pub enum Operation {
             $($unary,)* $($binary,)* $($own,)*
+            /// All derivatives wanted of a field, at the point of the first three operands; the fourth
+            /// is the number of its [`FieldLookup`].
+            Sample,
         }
 
         impl From<Unary> for Operation {
@@ -29,8 +33,13 @@ macro_rules! operations {
 
         /// Carries out one instruction. Every arm is a loop of its own over the lanes.
         #[inline(always)]
-        pub fn carry_out<R: Real, const W: usize>(r: &mut [Wide<R, W>], i: &Instruction) {
+        pub fn carry_out<R: Real, const W: usize>(
+            r: &mut [Wide<R, W>],
+            i: &Instruction,
+            fields: &[FieldLookup],
+        ) {
             match i.operation {
+                Operation::Sample => look_up(r, i, fields),
                 $(Operation::$unary => apply(r, i, #[inline(always)] |[x]| Unary::$unary.apply(x)),)*
                 $(Operation::$binary => apply(r, i, #[inline(always)] |[x, y]| Binary::$binary.apply(x, y)),)*
                 $(Operation::$own => apply(r, i, #[inline(always)] |[$($operand),*]| $value),)*
@@ -77,6 +86,27 @@ impl Operation {
             _ => 1,
         }
     }
+}
+
+/// The derivatives of a field at one point, with the registers that they go to.
+#[derive(Debug, Clone)]
+pub struct FieldLookup {
+    /// Computes them.
+    pub lookup: Lookup,
+    /// The register of each.
+    pub to: Vec<u16>,
+}
+
+/// Carries out the lookup of a field.
+#[inline(never)]
+fn look_up<R: Real, const W: usize>(r: &mut [Wide<R, W>], i: &Instruction, fields: &[FieldLookup]) {
+    let [x, y, z, field, ..] = i.operands.map(usize::from);
+    let FieldLookup { lookup, to } = &fields[field];
+    // Copied, because results may take the place of arguments.
+    let at = [x, y, z].map(|k| r[k].0);
+    lookup.evaluate(at.each_ref(), |k, lanes| {
+        r[usize::from(to[k])] = Wide(lanes)
+    });
 }
 
 /// Most operands of an instruction.

@@ -19,7 +19,7 @@ use super::{
 use compiler::Compiler;
 use fearless_simd::{Level, Simd, dispatch};
 pub use instruction::Wide;
-use instruction::{Instruction, Operation, carry_out};
+use instruction::{FieldLookup, Instruction, Operation, carry_out};
 
 /// Runs `work` with the widest vector instructions this machine has. `work` and what it calls must
 /// be `#[inline(always)]` to profit.
@@ -32,6 +32,8 @@ pub fn vectorised<T>(work: impl FnOnce() -> T) -> T {
 #[derive(Debug, Clone)]
 pub struct Tape {
     code: Vec<Instruction>,
+    /// What instructions look up in sampled fields.
+    fields: Vec<FieldLookup>,
     /// Number of instructions of the code that [`Tape::run_first`] carries out.
     first: usize,
     constants: Vec<(u16, f64)>,
@@ -94,12 +96,18 @@ impl Tape {
     /// Counts the operations of one run: (arithmetic, transcendental). A sum of products counts as
     /// many as it has multiplications and additions.
     pub fn operations(&self) -> (usize, usize) {
-        self.code.iter().fold((0, 0), |(plain, heavy), i| {
-            match i.operation.is_transcendental() {
-                true => (plain, heavy + 1),
-                false => (plain + i.operation.arithmetic(), heavy),
-            }
-        })
+        self.code
+            .iter()
+            .fold((0, 0), |(plain, heavy), i| match i.operation {
+                Operation::Sample => (plain + self.field_of(i).lookup.arithmetic(), heavy),
+                heavy_one if heavy_one.is_transcendental() => (plain, heavy + 1),
+                other => (plain + other.arithmetic(), heavy),
+            })
+    }
+
+    /// What an instruction looks up.
+    fn field_of(&self, instruction: &Instruction) -> &FieldLookup {
+        &self.fields[usize::from(instruction.operands[3])]
     }
 
     /// Returns the number of outputs.
@@ -128,17 +136,17 @@ impl Tape {
     /// Computes all outputs from the inputs in `registers` (which must be of this tape), with the
     /// widest vector instructions there are.
     pub fn run<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        interpret(&self.code, registers);
+        self.interpret(&self.code, registers);
     }
 
     /// [`Tape::run`] for the first part of the outputs only.
     pub fn run_first<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        interpret(&self.code[..self.first], registers);
+        self.interpret(&self.code[..self.first], registers);
     }
 
     /// Computes the rest of the outputs after [`Tape::run_first`], for the same inputs.
     pub fn run_rest<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        interpret(&self.code[self.first..], registers);
+        self.interpret(&self.code[self.first..], registers);
     }
 
     /// The outputs at one point, in double precision.
@@ -159,19 +167,25 @@ impl Tape {
     }
 }
 
-// Not inlined: one copy of the interpreter for each kind of number and of machine is large enough,
-// and a call costs nothing against a tape.
-#[inline(never)]
-fn interpret<R: Real, const W: usize>(code: &[Instruction], registers: &mut Registers<R, W>) {
-    vectorised(
-        #[inline(always)]
-        || {
-            let r = registers.values.as_mut_slice();
-            for i in code {
-                carry_out(r, i);
-            }
-        },
-    );
+impl Tape {
+    // Not inlined: one copy of the interpreter for each kind of number and of machine is large enough,
+    // and a call costs nothing against a tape.
+    #[inline(never)]
+    fn interpret<R: Real, const W: usize>(
+        &self,
+        code: &[Instruction],
+        registers: &mut Registers<R, W>,
+    ) {
+        vectorised(
+            #[inline(always)]
+            || {
+                let r = registers.values.as_mut_slice();
+                for i in code {
+                    carry_out(r, i, &self.fields);
+                }
+            },
+        );
+    }
 }
 
 /// A hash of an expression.
@@ -195,6 +209,17 @@ impl Tape {
             registers[usize::from(*register)] = leaf("constant", &value.to_bits().to_le_bytes());
         }
         for instruction in &self.code {
+            if instruction.operation == Operation::Sample {
+                let FieldLookup { lookup, to } = self.field_of(instruction);
+                let [x, y, z, ..] = instruction.operands.map(usize::from);
+                let at = [x, y, z].map(|r| registers[r]);
+                for (orders, register) in lookup.orders().iter().zip(to) {
+                    let which = leaf("derivative", orders);
+                    let parts = [*lookup.spline().identity(), which, at[0], at[1], at[2]];
+                    registers[usize::from(*register)] = node("Sample", &parts);
+                }
+                continue;
+            }
             let operands = instruction.operands.map(|r| registers[usize::from(r)]);
             let result = instruction.operation.digest(operands, &node);
             registers[usize::from(instruction.to)] = result;

@@ -31,6 +31,9 @@ impl Lanes<'_> {
             }
             let mut step = self.step_of(lane, (accepted, over || met), (sink, &mut carried_made));
             step.edge = edge;
+            if let Some(faces) = &self.faces {
+                faces.mark(lane, &mut step);
+            }
             let event = match met {
                 true => self.events.as_mut().and_then(|e| e.first_in(lane, &step)),
                 false => None,
@@ -125,6 +128,8 @@ impl Lanes<'_> {
                 .turn
                 .map(|at| Dense::still(std::array::from_fn(|c| self.y[at + c][lane]))),
             deviation: self.layout.deviation.map(|at| [still(at), still(at + 6)]),
+            crossings: 0,
+            reversed: false,
         }
     }
 }

@@ -99,6 +99,7 @@ impl Loader<'_> {
             let parsed = parsed.map_err(|e| at_camera(&text, e, &self.declared))?;
             nodes.push(parsed.node);
         }
+        self.refuse_rough(&nodes, "a camera's position", 1)?;
         let region = self.region(parameters, nodes);
         let region = region.map_err(|e| at.complain(e.to_string()))?;
         Ok(CameraRegion {

@@ -15,10 +15,11 @@ const BUILT_IN: [&str; 2] = ["limit", "inside"];
 const OTHER_ENDS: [&str; 2] = ["length", "singular"];
 
 impl Loader<'_> {
-    /// All exits, and the event expressions of those of the file.
+    /// All exits, and the event expressions of those of the file and of `fields`, which end at their samples.
     pub(super) fn read_exits(
         &mut self,
         item: Option<Item<'_>>,
+        fields: Vec<(String, NodeId)>,
     ) -> Reading<(Vec<Exit>, Vec<NodeId>)> {
         let (mut exits, mut events) = (Vec::<Exit>::new(), Vec::new());
         let list = item.map(|item| {
@@ -27,8 +28,15 @@ impl Loader<'_> {
         });
         for item in list.transpose()?.unwrap_or_default() {
             let table = item.table()?;
-            exits.push(self.read_exit(&table, &exits)?);
+            exits.push(self.read_exit(&table, &exits, &fields)?);
             events.push(self.ray_expression(&table.require("when")?.text()?)?);
+        }
+        for (name, beyond) in fields {
+            exits.push(Exit {
+                name,
+                direction: None,
+            });
+            events.push(beyond);
         }
         exits.extend(BUILT_IN.map(|name| Exit {
             name: name.into(),
@@ -37,7 +45,12 @@ impl Loader<'_> {
         Ok((exits, events))
     }
 
-    fn read_exit(&mut self, table: &Table<'_>, earlier: &[Exit]) -> Reading<Exit> {
+    fn read_exit(
+        &mut self,
+        table: &Table<'_>,
+        earlier: &[Exit],
+        fields: &[(String, NodeId)],
+    ) -> Reading<Exit> {
         let (name, when) = (table.get("name"), table.get("when"));
         let direction = table.get("direction");
         table.finish()?;
@@ -47,6 +60,14 @@ impl Loader<'_> {
         if BUILT_IN.iter().chain(&OTHER_ENDS).any(|n| *n == name.value) {
             return Err(name
                 .complain(format!("`{}` is the name of a built-in end", name.value))
+                .with_hint("choose another name"));
+        }
+        if fields.iter().any(|(field, _)| *field == name.value) {
+            return Err(name
+                .complain(format!(
+                    "`{}` is already the exit through the end of a field",
+                    name.value
+                ))
                 .with_hint("choose another name"));
         }
         if earlier.iter().any(|e| e.name == name.value) {

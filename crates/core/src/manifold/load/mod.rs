@@ -2,13 +2,15 @@
 //!
 //! In: the file as TOML and values that replace its parameters. Out: a [`Manifold`] of which nothing
 //! numerical is checked yet. Each section of the file has a file here, in the order of reading:
-//! [`names`] (coordinates, parameters, textbook coordinates, lets), [`domain`], [`definition`]
-//! (embedding, metric or spacetime), [`medium`] (wind and drift), [`exits`], [`symmetry`], [`cameras`].
+//! [`names`] (coordinates, parameters, textbook coordinates, lets), [`domain`], [`fields`], [`definition`]
+//! (embedding, metric or spacetime), [`medium`] (wind and drift), [`exits`], [`gluing`], [`symmetry`], [`cameras`].
 
 mod cameras;
 mod definition;
 mod domain;
 mod exits;
+mod fields;
+mod gluing;
 mod medium;
 mod names;
 mod symmetry;
@@ -18,8 +20,10 @@ use crate::{
     diagnostic::{Diagnostic, SourceText},
     document::{self, Item, Table, Text},
     error::{Error, Result},
+    field::Samples,
 };
 use definition::Given;
+use fields::LoadedField;
 use geofan_expr::{
     Graph, NodeId, TapeTooLarge,
     parse::{ExpressionError, Parsed, Scope, parse},
@@ -30,7 +34,7 @@ use std::sync::Arc;
 type Reading<T> = Result<T, Diagnostic>;
 
 /// The keys that a manifold file may have at its top.
-const KEYS: [&str; 16] = [
+const KEYS: [&str; 19] = [
     "name",
     "coordinates",
     "embedding",
@@ -42,17 +46,24 @@ const KEYS: [&str; 16] = [
     "lapse",
     "drift",
     "parameters",
+    "field",
     "let",
     "domain",
     "exit",
+    "glue",
+    "quotient",
     "symmetry",
     "cameras",
 ];
 
-/// Reads the file; nothing numerical is checked yet.
+/// Samples of fields, by the fields' names.
+pub(super) type KnownSamples = [(String, Arc<Samples>)];
+
+/// Reads the file; nothing numerical is checked yet. Fields in `samples` need no files.
 pub(super) fn from_source(
     source: &Arc<SourceText>,
     settings: &[(String, f64)],
+    samples: &KnownSamples,
 ) -> Result<Manifold> {
     if let Some((name, value)) = settings.iter().find(|(_, v)| !v.is_finite()) {
         return Err(Error::input(
@@ -60,7 +71,7 @@ pub(super) fn from_source(
             format!("{name}={value} is not finite"),
         ));
     }
-    let read = |root: Table<'_>| Loader::new(source).load(&root, settings);
+    let read = |root: Table<'_>| Loader::new(source, samples).load(&root, settings);
     let manifold = document::read(source, read)?;
     for (name, _) in settings {
         refuse_unless_known(name, &manifold.parameters)?;
@@ -98,10 +109,13 @@ struct Loader<'s> {
     coordinates: [String; 3],
     /// The coordinates in which the space is written, where they are not those of the chart.
     pullback: Option<([String; 3], Pullback)>,
+    /// Samples that need not be read.
+    samples: &'s KnownSamples,
+    fields: Vec<LoadedField>,
 }
 
 impl<'s> Loader<'s> {
-    fn new(source: &'s Arc<SourceText>) -> Self {
+    fn new(source: &'s Arc<SourceText>, samples: &'s KnownSamples) -> Self {
         Self {
             source,
             graph: Graph::new(),
@@ -110,6 +124,8 @@ impl<'s> Loader<'s> {
             declared: Vec::new(),
             coordinates: Default::default(),
             pullback: None,
+            samples,
+            fields: Vec::new(),
         }
     }
 
@@ -120,6 +136,7 @@ impl<'s> Loader<'s> {
         let parameters = self.read_parameters(root.get("parameters"), settings)?;
         let domain = self.read_domain(root.get("domain"))?;
         self.bind_coordinates(&domain);
+        self.read_fields(root.get("field"))?;
         self.read_pullback(root.get("pullback"))?;
         self.read_lets(root.get("let"))?;
         let Given {
@@ -129,6 +146,9 @@ impl<'s> Loader<'s> {
             conditions,
             place,
         } = self.read_definition(root)?;
+        let medium_nodes: Vec<NodeId> = medium.nodes().collect();
+        self.check_smoothness(&definition, &medium_nodes)?;
+        let field_exits = self.field_exits(&[definition.nodes(), &medium_nodes].concat());
         let too_large = |e: TapeTooLarge| place.complain(e.to_string());
         let pullback = self.pullback.as_ref().map(|p| p.1.clone());
         let kin = medium.moves().then(|| {
@@ -145,8 +165,10 @@ impl<'s> Loader<'s> {
             None => medium,
         };
         let geometry = geometry::build(&mut self.graph, &definition, &seen);
-        let (exits, events) = self.read_exits(root.get("exit"))?;
+        let (exits, events) = self.read_exits(root.get("exit"), field_exits)?;
         let domain = self.compile_domain(domain, events, conditions)?;
+        let faces = (root.get("glue"), root.get("quotient"));
+        let gluing = self.read_gluing(faces, &domain, geometry.metric)?;
         let symmetry = self.read_symmetry(root.get("symmetry"))?;
         let section = root.get("cameras");
         let length = self.read_length(section.as_ref())?;
@@ -164,9 +186,12 @@ impl<'s> Loader<'s> {
             length,
             ambient: definition.ambient(),
             form,
+            fields: self.fields.into_iter().map(|loaded| loaded.field).collect(),
             tapes: Arc::new(tapes.map_err(too_large)?),
             kin,
             follows: Follows::Sight,
+            gluing: gluing.map(Arc::new),
+            unfolded: false,
         })
     }
 

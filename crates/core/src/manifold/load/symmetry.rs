@@ -50,6 +50,7 @@ impl Loader<'_> {
         for text in three_texts(item, "components")? {
             nodes.push(expression(&text, &scope, &mut self.graph)?.node);
         }
+        self.refuse_rough(&nodes, "the law of a group", 1)?;
         for row in 0..3 {
             for k in 0..3 {
                 let mut axis = Direction::of_input(&mut self.graph, k);

@@ -1,0 +1,238 @@
+//! Files of samples.
+//!
+//! In: paths and what the manifold says about them. Out: [`Samples`], or the key of the field's section that
+//! is at fault. The kind of a file is told by the end of its name:
+//!
+//! | end | samples |
+//! |---|---|
+//! | `.npy`, `.npz` | an array of numpy with axes x, y, z; in an archive that called `array` |
+//! | `.vti` | an image of VTK: point data called `array`; places come from the file unless a box is given |
+//! | `.exr` | slices of constant z, one a file or one a layer; columns are x, rows y; the channel `array` |
+//! | other | numbers of one `type` without a head, in the `shape` and `order` given |
+
+#[cfg(feature = "samples")]
+mod exr;
+mod npy;
+mod numbers;
+#[cfg(feature = "samples")]
+mod vti;
+
+pub use numbers::NumberType;
+
+use super::{SampleFault, Samples, samples::checked_total};
+use crate::{
+    error::Error,
+    reading::{MOST_OF_A_FILE, read_file},
+};
+use std::path::{Path, PathBuf};
+
+/// Which file holds samples, and what is said about it.
+#[derive(Debug, Clone, Default)]
+pub struct SampleSource {
+    /// The file, or the slices in the order of z.
+    pub files: Vec<PathBuf>,
+    /// The array in it.
+    pub array: Option<String>,
+    /// Numbers of samples along x, y, z, of a file without a head.
+    pub shape: Option<[usize; 3]>,
+    /// Their type.
+    pub number: Option<NumberType>,
+    /// Set if x runs fastest, in a file without a head.
+    pub x_fastest: bool,
+    /// Set if the numbers' first bytes are the highest, in a file without a head.
+    pub big_endian: bool,
+}
+
+/// Samples, and their places if the file says where they are.
+pub type Placed = (Samples, Option<[[f64; 2]; 3]>);
+
+type Reading<T> = Result<T, SampleFault>;
+
+impl SampleSource {
+    /// Reads the samples.
+    ///
+    /// # Errors
+    /// The key that is at fault, and why.
+    pub fn read(&self) -> Reading<Placed> {
+        let [file] = self.files.as_slice() else {
+            return self.read_slices();
+        };
+        let kind = kind(file);
+        if kind != Kind::Raw
+            && let Some(key) = self.raw_key()
+        {
+            return Err(
+                SampleFault::new(key, format!("`{key}` is for files without a head"))
+                    .hint("take it away: this kind of file tells it"),
+            );
+        }
+        match kind {
+            Kind::Npy => {
+                self.refuse_array("a .npy file holds one array")?;
+                npy::array(&bytes(file)?).map(|samples| (samples, None))
+            }
+            Kind::Raw => {
+                self.refuse_array("a file without a head holds one array")?;
+                self.raw(&bytes(file)?).map(|samples| (samples, None))
+            }
+            #[cfg(feature = "samples")]
+            Kind::Npz => npy::archive(bytes(file)?, self.array.as_deref()).map(|s| (s, None)),
+            #[cfg(feature = "samples")]
+            Kind::Vti => vti::image(&bytes(file)?, self.array.as_deref()),
+            #[cfg(feature = "samples")]
+            Kind::Exr => self.read_slices(),
+            #[cfg(not(feature = "samples"))]
+            Kind::Npz | Kind::Vti | Kind::Exr => Err(SampleFault::new(
+                "file",
+                "this build of geofan reads samples from .npy files and files without a head only",
+            )),
+        }
+    }
+
+    #[cfg(feature = "samples")]
+    fn read_slices(&self) -> Reading<Placed> {
+        if let Some(other) = self.files.iter().find(|file| kind(file) != Kind::Exr) {
+            return Err(
+                SampleFault::new("file", format!("{} is no slice", other.display()))
+                    .hint("a list names .exr files, one for each z"),
+            );
+        }
+        let mut slices = Vec::new();
+        for file in &self.files {
+            slices.extend(
+                exr::layers(&bytes(file)?, self.array.as_deref()).map_err(|fault| SampleFault {
+                    message: format!("{}: {}", file.display(), fault.message),
+                    ..fault
+                })?,
+            );
+        }
+        exr::stack(slices).map(|samples| (samples, None))
+    }
+
+    #[cfg(not(feature = "samples"))]
+    fn read_slices(&self) -> Reading<Placed> {
+        Err(SampleFault::new(
+            "file",
+            "this build of geofan reads no slices",
+        ))
+    }
+
+    /// The first key that only files without a head need, if one is given.
+    fn raw_key(&self) -> Option<&'static str> {
+        let given = [
+            ("shape", self.shape.is_some()),
+            ("type", self.number.is_some()),
+            ("order", self.x_fastest),
+        ];
+        given
+            .into_iter()
+            .find(|(_, given)| *given)
+            .map(|(key, _)| key)
+    }
+
+    fn refuse_array(&self, why: &str) -> Reading<()> {
+        match &self.array {
+            None => Ok(()),
+            Some(_) => Err(SampleFault::new("array", why).hint("take `array` away")),
+        }
+    }
+
+    /// Numbers without a head.
+    fn raw(&self, bytes: &[u8]) -> Reading<Samples> {
+        let Some(shape) = self.shape else {
+            let message =
+                "a file without a head needs `shape`, the numbers of samples along x, y, z";
+            return Err(SampleFault::new("file", message)
+                .hint("files that tell it end in .npy, .npz, .vti or .exr"));
+        };
+        let number = self.number.unwrap_or(NumberType::F32);
+        let total = total("shape", shape)?;
+        let needed = total * number.width();
+        if bytes.len() != needed {
+            let [x, y, z] = shape;
+            let message = format!(
+                "{x} x {y} x {z} numbers of type {} take {needed} bytes, the file has {}",
+                number.name(),
+                bytes.len()
+            );
+            return Err(SampleFault::new("shape", message));
+        }
+        let values = number.numbers(bytes, self.big_endian);
+        Ok(match self.x_fastest {
+            true => Samples::from_x_fastest(shape, &values),
+            false => Samples { shape, values },
+        })
+    }
+}
+
+/// The kinds of files.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Npy,
+    Npz,
+    Vti,
+    Exr,
+    Raw,
+}
+
+/// Tells the kind of a file by its name.
+fn kind(file: &Path) -> Kind {
+    let end = file.extension().unwrap_or_default().to_string_lossy();
+    match end.to_ascii_lowercase().as_str() {
+        "npy" => Kind::Npy,
+        "npz" => Kind::Npz,
+        "vti" => Kind::Vti,
+        "exr" => Kind::Exr,
+        _ => Kind::Raw,
+    }
+}
+
+/// The bytes of a file.
+fn bytes(file: &Path) -> Reading<Vec<u8>> {
+    read_file(file, &[], MOST_OF_A_FILE).map_err(|error| {
+        let fault = SampleFault::new("file", format!("the samples cannot be read: {error}"));
+        match error {
+            Error::Input { .. } => fault.hint("paths are relative to the manifold's file"),
+            _ => fault,
+        }
+    })
+}
+
+/// The number of samples in a grid of this `shape`.
+fn total(key: &'static str, shape: [usize; 3]) -> Reading<usize> {
+    checked_total(shape).ok_or_else(|| {
+        let [x, y, z] = shape;
+        let most = super::MOST_SAMPLES;
+        SampleFault::new(
+            key,
+            format!("{x} x {y} x {z} samples; from 1 to {most} can be used"),
+        )
+    })
+}
+
+/// The complaint about an array that is not there, or not named.
+#[cfg(feature = "samples")]
+fn choose<'n>(asked: Option<&str>, names: &'n [String], things: &str) -> Reading<&'n String> {
+    let all = names.join(", ");
+    match (asked, names) {
+        (_, []) => Err(SampleFault::new(
+            "file",
+            format!("the file has no {things}"),
+        )),
+        (None, [only]) => Ok(only),
+        (None, _) => Err(
+            SampleFault::new("file", format!("the file has several {things}: {all}"))
+                .hint("name one: array = \"…\""),
+        ),
+        (Some(asked), names) => names.iter().find(|name| *name == asked).ok_or_else(|| {
+            let fault = SampleFault::new(
+                "array",
+                format!("the file has no {things} called `{asked}`"),
+            );
+            fault.hint(format!("it has {all}"))
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests;

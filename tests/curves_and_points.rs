@@ -1,0 +1,315 @@
+//! `geofan transport` and `geofan project` against closed forms.
+
+mod support;
+
+use assert_cmd::cargo::cargo_bin_cmd;
+use geofan_core::geodesic::{Ray, paths};
+use glam::DVec3;
+use serde_json::Value;
+use std::{f64::consts::TAU, fs};
+use support::{asset, settings};
+
+const ASSETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/assets");
+
+/// Runs the program and reads what it prints as JSON.
+fn json(arguments: &[&str]) -> Value {
+    let run = cargo_bin_cmd!("geofan")
+        .args(arguments)
+        .arg("--json")
+        .assert()
+        .success();
+    serde_json::from_slice(&run.get_output().stdout).unwrap()
+}
+
+/// Runs the program, which must refuse; returns what it says.
+fn refusal(arguments: &[&str]) -> String {
+    let run = cargo_bin_cmd!("geofan").args(arguments).assert().code(2);
+    String::from_utf8_lossy(&run.get_output().stderr).into_owned()
+}
+
+fn manifold(name: &str) -> String {
+    format!("{ASSETS}/manifolds/{name}.toml")
+}
+
+fn numbers(value: &Value) -> Vec<f64> {
+    value
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|x| x.as_f64().unwrap())
+        .collect()
+}
+
+fn vector(value: &Value) -> DVec3 {
+    DVec3::from_slice(&numbers(value))
+}
+
+/// The integral over a turn of a periodic function, to rounding.
+fn round(f: impl Fn(f64) -> f64) -> f64 {
+    let n = 400;
+    (0..n)
+        .map(|i| f(TAU * f64::from(i) / f64::from(n)))
+        .sum::<f64>()
+        * TAU
+        / f64::from(n)
+}
+
+/// The difference of two rotations about one axis, by their angles.
+fn off(angle: f64, expected: f64) -> f64 {
+    let off = (angle - expected).rem_euclid(TAU);
+    off.min(TAU - off)
+}
+
+#[test]
+fn a_loop_in_the_three_sphere_turns_by_the_area_it_encloses_in_any_plane() {
+    // A wavy loop about the chart's origin in a slanted plane, which is a sphere of radius 1 by the same chart.
+    let e1 = DVec3::new(0.8, 0.36, -0.48);
+    let e2 = DVec3::new(0.0, 0.8, 0.6);
+    let component = |k: usize| {
+        format!(
+            "(0.5 + 0.15*sin(3*t))*(({:?})*cos(t) + ({:?})*sin(t))",
+            e1[k], e2[k]
+        )
+    };
+    let curve = [0, 1, 2].map(component).join(",");
+    let found = json(&[
+        "transport",
+        &manifold("s3"),
+        "--curve",
+        &curve,
+        "--from",
+        "0",
+        "--to",
+        "2*pi",
+    ]);
+    assert_eq!(found["closed"], true);
+    let area = round(|t| {
+        let r2 = (0.5 + 0.15 * (3.0 * t).sin()).powi(2);
+        2.0 * r2 / (1.0 + r2)
+    });
+    let axis = vector(&found["holonomy"]["axis"]);
+    let angle = found["holonomy"]["angle"].as_f64().unwrap() * axis.dot(e1.cross(e2)).signum();
+    assert!(off(angle, area) < 1e-9, "{angle} {area}");
+    assert!(axis.cross(e1.cross(e2)).length() < 1e-9);
+}
+
+#[test]
+fn a_loop_in_the_product_of_sphere_and_line_turns_by_the_area_of_its_shadow() {
+    // S² by its stereographic chart: conformal 2/(1 + x² + y²); along z it may go up and come back.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("s2xr.toml");
+    let text = "name = \"s2xr\"\ncoordinates = [\"x\", \"y\", \"z\"]\n\
+        metric = { xx = \"4/(1 + x^2 + y^2)^2\", yy = \"4/(1 + x^2 + y^2)^2\", zz = \"1\" }\n";
+    fs::write(&path, text).unwrap();
+    let path = path.display().to_string();
+    let curve = "0.2 + 0.4*cos(t),-0.1 + 0.3*sin(t),0.7*sin(2*t) + 0.2";
+    let found = json(&[
+        "transport",
+        &path,
+        "--curve",
+        curve,
+        "--from",
+        "-pi/2",
+        "--to",
+        "3*pi/2",
+        "--vector",
+        "0,0,2",
+    ]);
+    // ∮ (1 − cos θ) dφ = ∮ 2 (x dy − y dx)/(1 + x² + y²)
+    let area = round(|t| {
+        let (x, y) = (0.2 + 0.4 * t.cos(), -0.1 + 0.3 * t.sin());
+        let (dx, dy) = (-0.4 * t.sin(), 0.3 * t.cos());
+        2.0 * (x * dy - y * dx) / (1.0 + x * x + y * y)
+    });
+    let axis = vector(&found["holonomy"]["axis"]);
+    let angle = found["holonomy"]["angle"].as_f64().unwrap() * axis.z.signum();
+    assert!(off(angle, area) < 1e-9, "{angle} {area}");
+    assert!(axis.z.abs() > 1.0 - 1e-12);
+    let carried = vector(&found["vectors"][0]["to"]);
+    assert!(
+        (carried - 2.0 * DVec3::Z).length() < 1e-12,
+        "the line's direction is parallel"
+    );
+}
+
+#[test]
+fn open_curves_have_no_holonomy_and_glued_ones_close() {
+    let torus = manifold("flat-torus");
+    let open = json(&[
+        "transport",
+        &torus,
+        "--curve",
+        "0.1*t,0,0",
+        "--from",
+        "0",
+        "--to",
+        "1",
+        "--vector",
+        "1,2,3",
+    ]);
+    assert_eq!(open["closed"], false);
+    assert!(open["holonomy"].is_null());
+    assert_eq!(numbers(&open["vectors"][0]["to"]), [1.0, 2.0, 3.0]);
+    let limits = asset("flat-torus").domain.limits[0].unwrap();
+    let way = format!("{:?} + {:?}*t,0.1,0.2", limits[0], limits[1] - limits[0]);
+    let glued = json(&[
+        "transport",
+        &torus,
+        "--curve",
+        &way,
+        "--from",
+        "0",
+        "--to",
+        "1",
+    ]);
+    assert_eq!(glued["closed"], true);
+    assert!(glued["holonomy"]["angle"].as_f64().unwrap() < 1e-12);
+}
+
+#[test]
+fn curves_that_cannot_be_are_refused_with_their_place() {
+    let hole = manifold("schwarzschild");
+    let refused = |curve: &str| {
+        refusal(&[
+            "transport",
+            &hole,
+            "--curve",
+            curve,
+            "--from",
+            "0",
+            "--to",
+            "1",
+        ])
+    };
+    assert!(refused("t,2").contains("three expressions"));
+    let unknown = refused("5 + q,0,0");
+    assert!(
+        unknown.contains("unknown name `q`") && unknown.contains('^'),
+        "{unknown}"
+    );
+    let inside = refused("5 - 5*t,0.1,0");
+    assert!(inside.contains("--curve at t = 0.9"), "{inside}");
+    let from = refusal(&[
+        "transport",
+        &hole,
+        "--curve",
+        "9,t,0",
+        "--from",
+        "x",
+        "--to",
+        "1",
+    ]);
+    assert!(from.contains("unknown name"), "{from}");
+}
+
+/// Writes a scene with a camera in a manifold of the catalogue.
+fn scene(folder: &tempfile::TempDir, name: &str, at: DVec3, look: DVec3) -> String {
+    let path = folder.path().join("scene.toml");
+    let text = format!(
+        "manifold = \"{}\"\n[camera]\nat = {:?}\nlook = {:?}\nup = [0.1, 0.2, 1.0]\nfov = 90\n",
+        manifold(name),
+        at.to_array(),
+        look.to_array()
+    );
+    fs::write(&path, text).unwrap();
+    path.display().to_string()
+}
+
+/// A point of S³ in R⁴, from its stereographic chart.
+fn lifted(u: DVec3) -> [f64; 4] {
+    let r2 = u.length_squared();
+    let p = 2.0 * u / (1.0 + r2);
+    [p.x, p.y, p.z, (1.0 - r2) / (1.0 + r2)]
+}
+
+#[test]
+fn a_point_of_the_three_sphere_is_seen_twice_a_turn() {
+    let folder = tempfile::tempdir().unwrap();
+    let (camera, point) = (DVec3::new(0.3, -0.25, 0.1), DVec3::new(-0.35, 0.2, 0.6));
+    let scene = scene(&folder, "s3", camera, DVec3::new(-0.6, 0.4, 0.5));
+    let at = "-0.35,0.2,0.6";
+    let found = json(&["project", &scene, "--point", at, "--length", "8"]);
+    let dot: f64 = lifted(camera)
+        .iter()
+        .zip(lifted(point))
+        .map(|(a, b)| a * b)
+        .sum();
+    let d = dot.acos();
+    let images = found["images"].as_array().unwrap();
+    let distances: Vec<f64> = images
+        .iter()
+        .map(|i| i["distance"].as_f64().unwrap())
+        .collect();
+    let expected = [d, TAU - d, TAU + d];
+    assert_eq!(distances.len(), 3, "{distances:?}");
+    for ((distance, expected), image) in distances.iter().zip(expected).zip(images) {
+        assert!((distance - expected).abs() < 1e-8, "{distances:?}");
+        let area = image["area"].as_f64().unwrap();
+        assert!((area - d.sin().powi(2)).abs() < 1e-6, "{area}");
+    }
+    let [a, b] = [0, 1].map(|k| vector(&images[k]["direction"]));
+    assert!((a + b).length() < 1e-7);
+    // The pixel is that of the direction.
+    let pixel = numbers(&images[0]["pixel"]);
+    let stage = geofan_render::Stage::load(scene.as_ref(), &[]).unwrap();
+    let view = stage.view_of(None, (1280, 720)).unwrap();
+    assert!((view.direction(pixel[0], pixel[1]) - a).length() < 1e-9);
+    assert!(images[1]["pixel"].is_null());
+}
+
+#[test]
+fn a_point_behind_a_black_hole_has_an_image_on_either_side() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = DVec3::new(9.0, 2.0, -3.0);
+    let point = DVec3::new(-8.0, -1.0, 3.5);
+    let scene = scene(&folder, "schwarzschild", camera, -camera);
+    let found = json(&["project", &scene, "--point", "-8,-1,3.5", "--length", "40"]);
+    let images = found["images"].as_array().unwrap();
+    assert!(images.len() >= 2, "{images:?}");
+    let hole = asset("schwarzschild");
+    let normal = camera.cross(point).normalize();
+    let mut sides = Vec::new();
+    for image in images {
+        let d = vector(&image["direction"]);
+        // In the plane of the orbit: the chart is conformal.
+        assert!(d.dot(normal).abs() < 1e-7, "{d}");
+        let distance = image["distance"].as_f64().unwrap();
+        let ray = Ray::new(&hole, camera, d, distance);
+        let path = paths(&hole, settings(1e-12, true), [ray]).remove(0);
+        let end = path.steps.last().unwrap().position(distance);
+        assert!((end - point).length() < 1e-6, "{end}");
+        sides.push(d.cross(-camera).dot(normal) > 0.0);
+    }
+    assert_ne!(sides[0], sides[1]);
+    assert_eq!(images[1]["mirrored"], true);
+}
+
+#[test]
+fn in_flat_space_the_first_order_is_exact() {
+    let folder = tempfile::tempdir().unwrap();
+    let camera = DVec3::new(0.5, -0.2, 0.1);
+    let scene = scene(&folder, "flat", camera, DVec3::new(1.0, 0.2, -0.1));
+    let found = json(&[
+        "project",
+        &scene,
+        "--point",
+        "2.5,0.3,0.4",
+        "--length",
+        "9",
+        "--size",
+        "640x360",
+    ]);
+    let images = found["images"].as_array().unwrap();
+    assert_eq!(images.len(), 1);
+    let (local, exact) = (
+        numbers(&found["local"]["pixel"]),
+        numbers(&images[0]["pixel"]),
+    );
+    assert!((local[0] - exact[0]).abs() < 1e-6 && (local[1] - exact[1]).abs() < 1e-6);
+    let distance = (DVec3::new(2.5, 0.3, 0.4) - camera).length();
+    assert!((images[0]["distance"].as_f64().unwrap() - distance).abs() < 1e-9);
+    assert!((vector(&found["local"]["p"]).length() - distance).abs() < 1e-12);
+    assert!((images[0]["area"].as_f64().unwrap() - distance * distance).abs() < 1e-6);
+    let nowhere = refusal(&["project", &scene, "--point", "1,2"]);
+    assert!(nowhere.contains("three numbers"));
+}
