@@ -325,10 +325,10 @@ mod tests {
                 parts: Box::new([leaf(false), Tree::Flagged]),
             }
         };
-        let back = Tree::decode(&place(1).encode(), shape(false)).unwrap();
+        let back = Tree::decode(&place(1).encode(), shape(false), &budget()).unwrap();
         assert_eq!((back.count(), back.encode()), ((1, 1), place(1).encode()));
-        assert!(Tree::decode(&place(2).encode(), shape(false)).is_err());
-        assert!(Tree::decode(&place(1).encode(), shape(true)).is_err());
+        assert!(Tree::decode(&place(2).encode(), shape(false), &budget()).is_err());
+        assert!(Tree::decode(&place(1).encode(), shape(true), &budget()).is_err());
         // The sphere has no halves along directions, and a face no faces.
         assert!(Tree::decode(&half(1, true).encode(), shape(true), &budget()).is_err());
         assert!(Tree::decode(&half(1, false).encode(), shape(false), &budget()).is_ok());

@@ -26,6 +26,7 @@ pub mod lattice;
 pub mod lightmap;
 pub mod local;
 pub mod lookup;
+mod moving;
 pub mod panels;
 pub mod path_batch;
 mod path_patch;
