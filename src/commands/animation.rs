@@ -93,16 +93,23 @@ pub struct Animation<'a> {
     pub lens: Lens,
     /// The angle of view of a fisheye, degrees; others have their poses'.
     pub fisheye: f64,
+    /// Set if objects move.
+    pub moves: bool,
     /// A hash of all that decides the frames besides their cameras.
     pub key: [u8; 32],
 }
 
 impl Animation<'_> {
-    /// Divides the picture of a frame.
-    fn panels(&self, number: usize) -> Result<PicturePanels> {
+    /// The time of a frame.
+    fn time(&self, number: usize) -> f64 {
         let [from, to] = self.journey.interval();
         let share = number as f64 / (self.frames - 1) as f64;
-        let time = from + (to - from) * share;
+        from + (to - from) * share
+    }
+
+    /// Divides the picture of a frame.
+    fn panels(&self, number: usize) -> Result<PicturePanels> {
+        let time = self.time(number);
         let (camera, fov) = self.journey.pose(time);
         let fov = match self.lens.projection {
             CameraProjection::Fisheye => self.fisheye,
@@ -124,6 +131,9 @@ impl Animation<'_> {
             let mut hasher = blake3::Hasher::new();
             hasher.update(&self.key);
             hasher.update(format!("{:?}", self.panels(number)?).as_bytes());
+            if self.moves {
+                hasher.update(&self.time(number).to_le_bytes());
+            }
             Ok(hasher.finalize().to_hex().to_string())
         };
         (0..self.frames).map(key).collect()
@@ -159,12 +169,13 @@ impl Animation<'_> {
         (self.frames - 1) as f64 / (to - from)
     }
 
-    /// Writes one file for each frame; `draw` draws a view into a file. Returns the number of frames drawn.
+    /// Writes one file for each frame; `draw` draws a view at its time into a file. Returns the number of frames
+    /// drawn.
     pub fn write_frames(
         &self,
         target: &AnimationTarget,
         common: &CommonArgs,
-        mut draw: impl FnMut(&PicturePanels, &Path) -> Result<()>,
+        mut draw: impl FnMut((&PicturePanels, f64), &Path) -> Result<()>,
     ) -> Result<usize> {
         self.claim(target)?;
         let observer = TerminalObserver::new(common)?;
@@ -177,7 +188,7 @@ impl Animation<'_> {
             }
             // Files appear under their names only when they are whole.
             if !path.is_file() {
-                draw(&self.panels(number)?, &path)?;
+                draw((&self.panels(number)?, self.time(number)), &path)?;
                 drawn += 1;
             }
             progress.inc(1);
@@ -186,12 +197,12 @@ impl Animation<'_> {
         Ok(drawn)
     }
 
-    /// Sends all frames to ffmpeg; `draw` draws a view. Returns the number of frames drawn.
+    /// Sends all frames to ffmpeg; `draw` draws a view at its time. Returns the number of frames drawn.
     pub fn write_video(
         &self,
         output: &Path,
         common: &CommonArgs,
-        mut draw: impl FnMut(&PicturePanels) -> Result<Picture>,
+        mut draw: impl FnMut((&PicturePanels, f64)) -> Result<Picture>,
     ) -> Result<usize> {
         let observer = TerminalObserver::new(common)?;
         let (mut child, mut pipe) = self.ffmpeg(output)?;
@@ -202,7 +213,7 @@ impl Animation<'_> {
                 let resume = "videos are not resumed; numbered frames are".into();
                 return Err(Error::Interrupted { resume });
             }
-            let picture = draw(&self.panels(number)?)?;
+            let picture = draw((&self.panels(number)?, self.time(number)))?;
             pipe.write_all(&picture.bytes()).map_err(failed)?;
             progress.inc(1);
         }

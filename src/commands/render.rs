@@ -13,7 +13,7 @@ use clap::{Args, ValueEnum};
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
 use geofan_render::{
-    Journey, PathSource, PicturePanel, PicturePanels, Stage, View, count_unfinished,
+    DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Stage, View, count_unfinished,
     frame::Outcomes,
     picture::{self, Format, Metadata, Picture},
     scene::PoseFile,
@@ -43,7 +43,12 @@ pub struct RenderArgs {
     pub(super) length: Option<f64>,
     /// An animation: the file of its key poses (`[[pose]]` tables with `time` and what a scene's
     /// `[camera]` has)
-    #[arg(long, value_name = "P.toml", requires = "frames")]
+    #[arg(
+        long,
+        value_name = "P.toml",
+        requires = "frames",
+        conflicts_with = "time"
+    )]
     camera_path: Option<PathBuf>,
     /// The animation's frames; those that are there already are kept if they are of this animation
     #[arg(long, value_name = "N", requires = "camera_path", value_parser = clap::value_parser!(u32).range(2..))]
@@ -153,25 +158,39 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
     let camera = stage.camera(args.scene.view.as_deref())?;
+    let manifold = stage.world.manifold.clone();
     let animation = Animation {
         journey: &journey,
         frames,
         size: args.scene.picture_size(&camera.lens),
         crop: args.scene.crop.clone(),
-        manifold: &stage.world.manifold,
+        manifold: &manifold,
         lens: camera.lens,
         fisheye: camera.fov_degrees,
+        moves: stage.scene.moves(),
         key: key(args, &stage, &paths)?,
     };
     let mut worst = WorstFrame::default();
+    // Objects go where they are at the frame's time, and light falls on them there.
+    let show = |stage: &mut Stage, time: f64| match stage.scene.moves() {
+        true => {
+            stage.set_time(time)?;
+            light_up(args, stage, bundle.as_ref(), common)
+        }
+        false => Ok(()),
+    };
     let drawn = match &target {
-        AnimationTarget::Frames(..) => animation.write_frames(&target, common, |panels, path| {
-            let drawn = draw_parts(args, &stage, &paths, panels)?;
-            write(&stage, panels, &paths, &drawn.picture, path)?;
-            worst.note(drawn.parts);
-            Ok(())
-        }),
-        AnimationTarget::Video(path) => animation.write_video(path, common, |panels| {
+        AnimationTarget::Frames(..) => {
+            animation.write_frames(&target, common, |(panels, time), path| {
+                show(&mut stage, time)?;
+                let drawn = draw_parts(args, &stage, &paths, panels)?;
+                write(&stage, panels, &paths, &drawn.picture, path)?;
+                worst.note(drawn.parts);
+                Ok(())
+            })
+        }
+        AnimationTarget::Video(path) => animation.write_video(path, common, |(panels, time)| {
+            show(&mut stage, time)?;
             let drawn = draw_parts(args, &stage, &paths, panels)?;
             worst.note(drawn.parts);
             Ok(drawn.picture)
@@ -219,6 +238,9 @@ fn key(args: &RenderArgs, stage: &Stage, paths: &PathSource<'_>) -> Result<[u8; 
     let numbers = (args.scene.spp, args.scene.error(), args.scene.tolerance());
     let version = env!("CARGO_PKG_VERSION");
     hasher.update(format!("{version} {} {numbers:?} {length:?}", paths.name()).as_bytes());
+    for object in stage.scene.objects.iter().filter(|o| o.path.is_some()) {
+        hasher.update(format!("{:?}", object.path).as_bytes());
+    }
     if let Some(bundle) = &args.bundle {
         let read = File::open(bundle).and_then(|file| hasher.update_reader(file).map(|_| ()));
         read.map_err(|e| Error::io(bundle, e))?;
@@ -284,41 +306,11 @@ fn draw_parts(
     paths: &PathSource<'_>,
     panels: &PicturePanels,
 ) -> Result<DrawnPanels> {
-    let (world, options) = (&stage.world, args.scene.drawing());
-    let mut drawn = DrawnPanels::default();
-    let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
-    for PicturePanel { view, .. } in &panels.parts {
-        let (drawing, contract) =
-            paths.draw(world, view, options, (&mut fan, &geofan_study::clock))?;
-        drawn.contract += contract.as_secs_f64();
-        drawn.paths += drawing.paths.as_secs_f64();
-        drawn.shade += drawing.shade.as_secs_f64();
-        drawn.flagged += drawing.flagged.len() as f64;
-        samples += drawing.outcomes.len();
-        drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
-        pictures.push(match Format::of(&args.output) {
-            Some(Format::Exr) => drawing.layered(world, view, options),
-            _ => drawing.picture,
-        });
-        drawn.parts.push((view.clone(), drawing.outcomes));
-    }
-    drawn.flagged /= samples as f64;
-    drawn.picture = panels.join(pictures);
-    Ok(drawn)
-}
-
-/// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.
-#[derive(Default)]
-struct DrawnPanels {
-    picture: Picture,
-    /// What the samples of each part see.
-    parts: Vec<(View, Outcomes)>,
-    /// True if there is anything at the end of any path.
-    shows: bool,
-    flagged: f64,
-    contract: f64,
-    paths: f64,
-    shade: f64,
+    let options = DrawingOptions {
+        layers: Format::of(&args.output) == Some(Format::Exr),
+        ..args.scene.drawing()
+    };
+    paths.draw_panels(&stage.world, panels, options, &geofan_study::clock)
 }
 
 /// Writes a picture into `output`.

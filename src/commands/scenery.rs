@@ -42,6 +42,9 @@ pub struct SceneArgs {
     /// Replace a parameter of the manifold; may be repeated
     #[arg(long, value_name = "NAME=VALUE", value_parser = values::setting)]
     pub set: Vec<(String, f64)>,
+    /// The time at which objects that move are shown [default: 0]
+    #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = values::number)]
+    pub time: Option<f64>,
 }
 
 impl SceneArgs {
@@ -61,12 +64,21 @@ impl SceneArgs {
             samples: usize::from(self.spp),
             error: self.error(),
             tolerance: self.tolerance(),
+            layers: false,
         }
     }
 
     /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
     pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
-        let stage = Stage::load(&self.scene, &self.set)?;
+        let mut stage = Stage::load(&self.scene, &self.set)?;
+        if let Some(time) = self.time {
+            if !stage.scene.moves() {
+                let message =
+                    "nothing in this scene moves; leave it out, or give an object a `path`";
+                return Err(Error::input("--time", message));
+            }
+            stage.set_time(time)?;
+        }
         bundle.map_or(Ok(()), |bundle| stage.check_bundle(bundle))?;
         for warning in &stage.world.warnings {
             tracing::warn!("{warning}");

@@ -121,4 +121,4 @@ pub use tensor::{Layout, Tensor};
 pub use trace::{Traced, trace, trace_in};
 pub use train::Train;
 pub use train_core::{Power, Scale, Step};
-pub use tree::{TensorShape, Tree};
+pub use tree::{TensorShape, Tree, divided_at_edge};

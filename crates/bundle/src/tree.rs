@@ -2,7 +2,7 @@
 //!
 //! A chunk covers one cell of camera parameters, one face of directions or all of them, and all arc
 //! lengths, all in [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one
-//! axis at a time down to patches. Axes are numbered camera…, direction…, arc length. In: boxes. Out: the
+//! axis at a time down to patches, and divides paths where they meet edges of the metric. Axes are numbered camera…, direction…, arc length. In: boxes. Out: the
 //! bytes of a chunk, and back. The same tree holds what is left of its patches at a fixed camera
 //! ([`crate::Fan`]).
 
@@ -28,6 +28,13 @@ pub enum Tree<P = Arc<Tensor>> {
     },
     /// All directions parted into their faces.
     Faces(Box<[Self; FACES]>),
+    /// Divided where its paths meet an edge, at an arc length that differs from path to path.
+    Edge {
+        /// A patch with one number for each path: that arc length.
+        place: P,
+        /// The parts of the paths before the edge and behind it.
+        parts: Box<[Self; 2]>,
+    },
     /// A patch: one polynomial for all its paths.
     Leaf(P),
     /// Given up: rays here are integrated exactly.
@@ -52,6 +59,10 @@ const DEEPEST: usize = 64;
 const FLAGGED: u8 = 255;
 const PATCH: u8 = 254;
 const PARTED: u8 = 253;
+const BROKEN: u8 = 252;
+
+/// The least distance of an edge from both ends of a piece, as a share of it: neither part is empty.
+const BESIDE_EDGE: f64 = 1e-9;
 
 /// Finds the half of [−1, 1] that holds `x`, and the coordinate there, in [−1, 1] again.
 pub(crate) fn half(x: f64) -> (usize, f64) {
@@ -62,6 +73,13 @@ pub(crate) fn half(x: f64) -> (usize, f64) {
     }
 }
 
+/// Divides the arc lengths of a path into those before an edge at `place` and those behind it.
+pub fn divided_at_edge([start, end]: [f64; 2], place: f64) -> [[f64; 2]; 2] {
+    let least = BESIDE_EDGE * (end - start);
+    let place = place.max(start + least).min(end - least);
+    [[start, place], [place, end]]
+}
+
 impl<P> Tree<P> {
     /// Counts patches and flagged boxes.
     pub fn count(&self) -> (usize, usize) {
@@ -70,6 +88,7 @@ impl<P> Tree<P> {
             Tree::Flagged => (0, 1),
             Tree::Split { halves, .. } => counts(halves.as_slice()),
             Tree::Faces(faces) => counts(faces.as_slice()),
+            Tree::Edge { parts, .. } => counts(parts.as_slice()),
         }
     }
 }
@@ -100,6 +119,11 @@ impl Tree {
             Tree::Faces(faces) => {
                 out.push(PARTED);
                 faces.iter().for_each(|face| face.put(out, integers));
+            }
+            Tree::Edge { place, parts } => {
+                out.push(BROKEN);
+                place.encode(out, integers);
+                parts.iter().for_each(|part| part.put(out, integers));
             }
             Tree::Flagged => out.push(FLAGGED),
             Tree::Leaf(tensor) => {
@@ -174,6 +198,19 @@ impl Tree {
                     faces.map_err(|_| DecodeError("number of faces"))?,
                 ))
             }
+            // Where paths meet edges the directions of each face are apart.
+            BROKEN if !shape.variables.sphere => {
+                let place = Tensor::decode(input, integers, shape.of_a_place(), budget)?;
+                if place.shape()[shape.arc()] != 1 {
+                    return Err(DecodeError("place of an edge"));
+                }
+                let before = Self::take(input, integers, (shape, budget), depth + 1)?;
+                let behind = Self::take(input, integers, (shape, budget), depth + 1)?;
+                Ok(Tree::Edge {
+                    place: Arc::new(place),
+                    parts: Box::new([before, behind]),
+                })
+            }
             axis if shape.may_halve(usize::from(axis)) => {
                 let low = Self::take(input, integers, (shape, budget), depth + 1)?;
                 let high = Self::take(input, integers, (shape, budget), depth + 1)?;
@@ -194,12 +231,20 @@ impl TensorShape {
         self
     }
 
+    /// Returns the shape of the tensors that tell where paths meet an edge.
+    fn of_a_place(mut self) -> Self {
+        self.channels = 1;
+        self
+    }
+
+    /// Returns the index of the arc length among the axes.
+    fn arc(&self) -> usize {
+        self.variables.cameras + self.directions
+    }
+
     /// Tells whether boxes can be halved along `axis`: the whole sphere has no halves.
     fn may_halve(&self, axis: usize) -> bool {
-        let (cameras, arc) = (
-            self.variables.cameras,
-            self.variables.cameras + self.directions,
-        );
+        let (cameras, arc) = (self.variables.cameras, self.arc());
         axis < cameras || axis == arc || (axis < arc && !self.variables.sphere)
     }
 }
@@ -242,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_may_be_parted_into_faces_once() {
+    fn a_sphere_may_be_parted_into_faces_once_and_edges_divide_faces_alone() {
         let faces = |inner: fn() -> Tree| Tree::Faces(Box::new([(); FACES].map(|()| inner())));
         let half = |axis: usize, sphere: bool| Tree::Split {
             axis,
@@ -268,6 +313,22 @@ mod tests {
             panic!("{:?}", faces_of_it[2])
         };
         assert!(!tensor.variables.sphere);
+        // An edge divides where directions are those of a face; its place is one number for each path.
+        let place = |lengths: usize| {
+            let polynomial = Polynomial {
+                coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, lengths, 1]), 0.5),
+                variables: shape(false).variables,
+            };
+            let place = Train::plain(&polynomial).rounded(Step::near(1e-3));
+            Tree::Edge {
+                place: Arc::new(place.unwrap()),
+                parts: Box::new([leaf(false), Tree::Flagged]),
+            }
+        };
+        let back = Tree::decode(&place(1).encode(), shape(false), &budget()).unwrap();
+        assert_eq!((back.count(), back.encode()), ((1, 1), place(1).encode()));
+        assert!(Tree::decode(&place(2).encode(), shape(false), &budget()).is_err());
+        assert!(Tree::decode(&place(1).encode(), shape(true), &budget()).is_err());
         // The sphere has no halves along directions, and a face no faces.
         assert!(Tree::decode(&half(1, true).encode(), shape(true), &budget()).is_err());
         assert!(Tree::decode(&half(1, false).encode(), shape(false), &budget()).is_ok());

@@ -9,6 +9,7 @@ use super::{
     copies::SceneCopies,
     intersect::{Hit, Seen},
     lightmap::Lightmap,
+    moving::at_time,
     panels::{Part, PicturePanels},
     redshift::ObjectState,
     scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
@@ -86,6 +87,8 @@ pub struct World {
     pub clear: bool,
     /// Warnings about what was mended or left out while loading.
     pub warnings: Vec<String>,
+    /// Meshes by their files and creases, kept for objects that move.
+    meshes: Vec<(PathBuf, f64, Arc<Mesh>)>,
 }
 
 /// The key under `[sky]` for paths that end by their length.
@@ -137,33 +140,85 @@ impl World {
             copies: None,
             clear: false,
             warnings,
+            meshes: Vec::new(),
             manifold,
         };
-        let mut triangles = Vec::new();
-        let mut loaded: Vec<(&Path, f64, Arc<Mesh>)> = Vec::new();
-        for (index, object) in scene.objects.iter().enumerate() {
-            let given = shelf.iter().find(|(path, _)| *path == object.mesh);
-            let wanted = (object.mesh.as_path(), object.crease);
-            let known = loaded
-                .iter()
-                .find(|(path, crease, _)| (*path, *crease) == wanted);
-            let known = known.map(|(.., mesh)| mesh);
-            let mesh = match given.map(|(_, mesh)| mesh).or(known) {
-                Some(mesh) => mesh.clone(),
-                None => {
-                    let mesh = Arc::new(Mesh::load_creased(&object.mesh, object.crease)?);
-                    world.warnings.extend(mesh.warnings.iter().cloned());
-                    loaded.push((&object.mesh, object.crease, mesh.clone()));
-                    mesh
-                }
-            };
-            world.place(scene, index as u32, object, &mesh, &mut triangles)?;
+        for object in &scene.objects {
+            world.load_mesh(object, &shelf)?;
         }
-        world.accelerator = Accelerator::build_with_holes(&triangles, world.holed());
-        world.copies = SceneCopies::of(&world.manifold, world.accelerator.triangles());
-        world.clear = world.materials.iter().any(Material::is_clear)
-            || world.colours.iter().flatten().any(|c| c[3] < 1.0);
+        world.furnish(scene, 0.0)?;
+        if !scene.moves() {
+            world.meshes = Vec::new();
+        }
         Ok(world)
+    }
+
+    /// Moves the objects of `scene`, which must be this world's, to where they are at `time`. What light falls
+    /// on them ([`World::light`]) is to be computed anew.
+    ///
+    /// # Errors
+    /// An object cannot be placed there; the objects after it are missing then.
+    pub fn set_time(&mut self, scene: &SceneFile, time: f64) -> Result<()> {
+        if !scene.moves() {
+            return Ok(());
+        }
+        self.faces.clear();
+        self.colours.clear();
+        self.materials.clear();
+        self.states.clear();
+        self.light = None;
+        let mut told = std::mem::take(&mut self.warnings);
+        self.furnish(scene, time)?;
+        let new = std::mem::take(&mut self.warnings);
+        told.extend(
+            new.into_iter()
+                .filter(|new| !told.contains(new))
+                .collect::<Vec<_>>(),
+        );
+        self.warnings = told;
+        Ok(())
+    }
+
+    /// Loads the mesh of an object, unless it is known, or on the `shelf`.
+    fn load_mesh(&mut self, object: &ObjectEntry, shelf: &[(PathBuf, Arc<Mesh>)]) -> Result<()> {
+        if self.mesh_of(object).is_some() {
+            return Ok(());
+        }
+        let given = shelf.iter().find(|(path, _)| *path == object.mesh);
+        let mesh = match given {
+            Some((_, mesh)) => mesh.clone(),
+            None => {
+                let mesh = Arc::new(Mesh::load_creased(&object.mesh, object.crease)?);
+                self.warnings.extend(mesh.warnings.iter().cloned());
+                mesh
+            }
+        };
+        self.meshes.push((object.mesh.clone(), object.crease, mesh));
+        Ok(())
+    }
+
+    /// Finds the mesh of an object.
+    fn mesh_of(&self, object: &ObjectEntry) -> Option<Arc<Mesh>> {
+        let wanted = (&object.mesh, object.crease);
+        let mut meshes = self.meshes.iter();
+        let found = meshes.find(|(path, crease, _)| (path, *crease) == wanted);
+        found.map(|(.., mesh)| mesh.clone())
+    }
+
+    /// Places all objects as they are at `time`.
+    fn furnish(&mut self, scene: &SceneFile, time: f64) -> Result<()> {
+        let mut triangles = Vec::new();
+        for (index, object) in scene.objects.iter().enumerate() {
+            let object = &*at_time(object, &self.manifold, &scene.source, time)?;
+            if let Some(mesh) = self.mesh_of(object) {
+                self.place(scene, index as u32, object, &mesh, &mut triangles)?;
+            }
+        }
+        self.accelerator = Accelerator::build_with_holes(&triangles, self.holed());
+        self.copies = SceneCopies::of(&self.manifold, self.accelerator.triangles());
+        self.clear = self.materials.iter().any(Material::is_clear)
+            || self.colours.iter().flatten().any(|c| c[3] < 1.0);
+        Ok(())
     }
 
     /// Tells whether the scene has a sky for paths that end by their length.
@@ -605,6 +660,14 @@ impl Stage {
             world.warnings.extend(sky_warnings(&world, u));
         }
         Ok(Self { scene, world })
+    }
+
+    /// Moves objects to where they are at `time`.
+    ///
+    /// # Errors
+    /// As [`World::set_time`].
+    pub fn set_time(&mut self, time: f64) -> Result<()> {
+        self.world.set_time(&self.scene, time)
     }
 
     /// Returns the camera called `name`, or the main one.

@@ -30,6 +30,7 @@ pub use exponential::{Exponential, exponential};
 pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use path::{Path, Sample, elapsed, ends, paths, sample, samples};
+pub use refraction::turn_at_edge;
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
 pub use unfinished::{UnfinishedPaths, end_lengths};

@@ -7,6 +7,7 @@
 use super::{End, Ray, Settings, Sink, Step, follow, signed_area};
 use crate::manifold::Manifold;
 use glam::{DMat3, DVec3};
+use std::num::NonZeroU32;
 
 /// A geodesic as its steps.
 #[derive(Debug, Clone)]
@@ -22,6 +23,13 @@ pub struct Path {
 }
 
 impl Path {
+    /// Lists the edges that the path meets: where, and their numbers (see [`Step::edge`]).
+    pub fn edges(&self) -> impl Iterator<Item = (f64, NonZeroU32)> {
+        self.steps
+            .iter()
+            .filter_map(|step| Some((step.start, step.edge?)))
+    }
+
     /// The step that covers arc length `s`; `None` for a path that ended at its start.
     pub fn step_at(&self, s: f64) -> Option<&Step> {
         let after = self.steps.partition_point(|step| step.end < s);

@@ -137,6 +137,13 @@ pub(super) fn turn(
     DQuat::from_rotation_arc(near.direction(before), behind.direction(after))
 }
 
+/// Returns the rotation of the frame that a path carries over an edge, relative to the standard frames: from the
+/// point and tangent `before` it to those `behind` it, both so near that nothing else turns it.
+pub fn turn_at_edge(manifold: &Manifold, before: (DVec3, DVec3), behind: (DVec3, DVec3)) -> DQuat {
+    let [near, far] = [before.0, behind.0].map(|u| EdgeSide::at(manifold, u));
+    turn((&near, before.1), (&far, behind.1))
+}
+
 /// A ray at an edge, for the neighbours that cross it with it.
 pub(super) struct EdgeCrossing<'a> {
     pub manifold: &'a Manifold,

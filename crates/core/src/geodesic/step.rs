@@ -13,6 +13,7 @@ use super::{
 };
 use geofan_expr::real::Real;
 use glam::{DMat3, DQuat, DVec3};
+use std::num::NonZeroU32;
 
 /// A piece of a path between two points of the integration, continuous inside.
 #[derive(Debug, Clone)]
@@ -21,6 +22,9 @@ pub struct Step {
     pub start: f64,
     /// Arc length at which the piece ends: the step's end, or the event that cut it.
     pub end: f64,
+    /// The edge behind which the piece begins: a number for the surface met there, for the side that the path
+    /// comes from and for whether it is refracted or reflected. Neighbours that go the same way have the same.
+    pub edge: Option<NonZeroU32>,
     /// The whole step's length; the curves run over it.
     pub(super) h: f64,
     pub(super) curve: Quintic,
@@ -208,6 +212,7 @@ impl Curves {
         Step {
             start,
             end: start + h,
+            edge: None,
             h,
             curve: gathered(&self.path, lane, h),
             turn: None,

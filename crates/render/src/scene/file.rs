@@ -12,6 +12,7 @@ use super::{
     motion::{CameraMotion, Formulas},
     smoothing::CREASE,
     table::{self, Span, Table, Value},
+    trajectory::{Trajectory, trajectory},
 };
 use crate::sky::Pattern;
 use geofan_core::{
@@ -87,7 +88,7 @@ pub struct ObjectEntry {
     pub mesh: PathBuf,
     /// Where `mesh` is named.
     pub mesh_span: Span,
-    /// Chart coordinates of the mesh's origin.
+    /// Chart coordinates of the mesh's origin; with a path, where that begins is filled in when it is placed.
     pub at: DVec3,
     /// Where `at` is given.
     pub at_span: Span,
@@ -97,6 +98,8 @@ pub struct ObjectEntry {
     pub rotation: DQuat,
     /// The way in which mesh points become chart points.
     pub placement: Placement,
+    /// Where it goes as time passes; `None` for what stands still.
+    pub path: Option<Trajectory>,
     /// How its points move, `dx/dt` in chart components: what this does to the light that they send. The
     /// object stays where it is.
     pub velocity: Option<Formulas>,
@@ -161,6 +164,9 @@ const OBJECT_KEYS: &[&str] = &[
     "crease",
     "velocity",
     "temperature",
+    "path",
+    "during",
+    "turning",
 ];
 const LIGHT_KEYS: &[&str] = &["kind", "at", "intensity"];
 const AN_ARRAY_OF_TABLES: &str = "an array of tables, each under its own double-bracket header";
@@ -211,6 +217,11 @@ impl SceneFile {
             source: source.clone(),
         };
         Ok(scene)
+    }
+
+    /// Tells whether any object moves.
+    pub fn moves(&self) -> bool {
+        self.objects.iter().any(|object| object.path.is_some())
     }
 
     /// The `[[view]]` named `name`.
@@ -291,7 +302,8 @@ pub(super) fn position(table: &Table) -> Result<(CameraPosition, Span)> {
 fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
     table.allow_only(OBJECT_KEYS)?;
     let mesh = table.required("mesh", "mesh = \"../meshes/teapot.obj\"")?;
-    let at = table.required("at", "at = [0.0, 0.0, 0.0]")?;
+    let path = trajectory(table, folder)?;
+    let (at, at_span) = object_place(table, path.as_ref())?;
     let placements = [
         ("linear", Placement::Linear),
         ("exponential", Placement::Exponential),
@@ -301,8 +313,9 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
     Ok(ObjectEntry {
         mesh: folder.join(mesh.string()?),
         mesh_span: mesh.span(),
-        at: at.vector()?,
-        at_span: at.span(),
+        at,
+        at_span,
+        path,
         scale: table.optional("scale").map_or(Ok(1.0), |v| scale(&v))?,
         rotation: table
             .optional("rotate")
@@ -321,6 +334,22 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
             .map_or(Ok(CREASE), |v| crease(&v))?,
         span: table.span(),
     })
+}
+
+/// `at`, which an object with a path does not have.
+fn object_place(table: &Table, path: Option<&Trajectory>) -> Result<(DVec3, Span)> {
+    match (path, table.optional("at")) {
+        (None, _) => {
+            let at = table.required("at", "at = [0.0, 0.0, 0.0]")?;
+            Ok((at.vector()?, at.span()))
+        }
+        (Some(path), None) => Ok((DVec3::ZERO, path.span.clone())),
+        (Some(_), Some(at)) => Err(at
+            .complain(String::from("an object has both `at` and `path`"))
+            .with_label("the path says where it is")
+            .with_hint("take `at` away")
+            .into()),
+    }
 }
 
 fn scale(value: &Value) -> Result<f64> {

@@ -30,6 +30,7 @@ mod table;
 mod tally;
 mod text;
 mod texture;
+mod trajectory;
 mod vertex;
 
 pub use camera::{CameraProjection, Lens, Stereo, StereoLayout};
@@ -43,3 +44,4 @@ pub(super) use placement::place;
 pub use poses::{KeyPose, PoseFile};
 pub(super) use subdivide::Points;
 pub use texture::{Mapping, OpacityMap, Texture, TextureMap};
+pub use trajectory::{Course, Trajectory};

@@ -8,8 +8,9 @@ use super::table::{Span, Table, Value};
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
     error::Result,
-    manifold::{Manifold, PointFunctions},
+    manifold::{ChartCurve, Manifold, PointFunctions},
 };
+use geofan_expr::parse::ExpressionError;
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -107,16 +108,30 @@ impl Formulas {
     /// An expression that means nothing, at its place in `source`.
     pub fn compile(&self, manifold: &Manifold, source: &Arc<SourceText>) -> Result<PointFunctions> {
         let texts: Vec<&str> = self.texts.iter().map(String::as_str).collect();
-        PointFunctions::parse(manifold, &texts).map_err(|(i, error)| {
-            // Behind the opening quote.
-            let first = self.spans[i].start + 1;
-            let place = first + error.span.start..first + error.span.end;
-            let diagnostic = Diagnostic::new(source, place, error.message);
-            match error.hint {
-                Some(hint) => diagnostic.with_hint(hint).into(),
-                None => diagnostic.into(),
-            }
-        })
+        PointFunctions::parse(manifold, &texts)
+            .map_err(|(i, error)| self.complain(source, i, error).into())
+    }
+
+    /// Compiles them as functions of the time t, up to three; others are 0.
+    ///
+    /// # Errors
+    /// As [`Formulas::compile`].
+    pub fn curve(&self, manifold: &Manifold, source: &Arc<SourceText>) -> Result<ChartCurve> {
+        let texts = [0, 1, 2].map(|k| self.texts.get(k).map_or("0", String::as_str));
+        ChartCurve::parse(manifold, "t", texts)
+            .map_err(|(i, error)| self.complain(source, i, error).into())
+    }
+
+    /// The complaint about the formula with number `i`.
+    fn complain(&self, source: &Arc<SourceText>, i: usize, error: ExpressionError) -> Diagnostic {
+        // Behind the opening quote.
+        let first = self.spans[i].start + 1;
+        let place = first + error.span.start..first + error.span.end;
+        let diagnostic = Diagnostic::new(source, place, error.message);
+        match error.hint {
+            Some(hint) => diagnostic.with_hint(hint),
+            None => diagnostic,
+        }
     }
 }
 

@@ -10,6 +10,7 @@ fn sphere() -> Manifold {
 
 fn object(placement: Placement, scale: f64) -> ObjectEntry {
     ObjectEntry {
+        path: None,
         mesh: "square.obj".into(),
         mesh_span: 0..0,
         at: DVec3::new(0.3, -0.2, 0.1),

@@ -226,6 +226,9 @@ fn integers(tree: &Tree) -> u64 {
         Tree::Flagged => 0,
         Tree::Split { halves, .. } => halves.iter().map(integers).sum(),
         Tree::Faces(faces) => faces.iter().map(integers).sum(),
+        Tree::Edge { place, parts } => {
+            place.integers() as u64 + parts.iter().map(integers).sum::<u64>()
+        }
         Tree::Leaf(tensor) => tensor.integers() as u64,
     }
 }

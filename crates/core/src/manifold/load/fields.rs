@@ -52,7 +52,9 @@ impl Loader<'_> {
             "file", "array", "box", "degree", "outside", "smooth", "shape", "type", "order",
             "endian",
         ];
-        KEYS.iter().for_each(|key| drop(table.get(key)));
+        for key in KEYS {
+            table.get(key);
+        }
         table.finish()?;
         let degree = self.read_degree(table)?;
         let files = read_files(table)?;
