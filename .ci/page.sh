@@ -14,7 +14,8 @@ export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128
     --remap-path-prefix=$PWD=. --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo"
 cargo build --locked --profile web -p geofan-web --target "$target"
 
-built=target/$target/web/geofan_web.wasm
-mkdir -p target/release
-cp "$built" target/release/geofan-web.wasm
-printf '%s: %s bytes\n' target/release/geofan-web.wasm "$(stat -c %s "$built" 2>/dev/null || stat -f %z "$built")"
+folder="${CARGO_TARGET_DIR:-target}"
+built="$folder/$target/web/geofan_web.wasm"
+mkdir -p "$folder/release"
+cp "$built" "$folder/release/geofan-web.wasm"
+printf '%s: %s bytes\n' "$folder/release/geofan-web.wasm" "$(stat -c %s "$built" 2>/dev/null || stat -f %z "$built")"

@@ -39,11 +39,11 @@ make() {
     schwarzschild) row "$1" "$(asset "$1")" 0.1 120 ;;
     ellis-wormhole) row "$1" "$(far_region)" 0.2 28 ;;
     interstellar-wormhole) row "$1" "$(asset "$1")" 0.2 24 --set a=0.5 --set W=0.43 ;;
-    three-bumps-rail) row "$1" "$(region "$1" '{ c = [-2.0, 2.0] }' '["c", "0.3", "0.2"]')" 0.5 8 ;;
+    three-bumps-rail) row "$1" "$(region "$1" '{ c = [-2.0, 2.0] }' '["c", "0.3", "0.2"]')" 0.5 9.5 ;;
     three-bumps-floor)
-        row "$1" "$(region "$1" '{ cx = [-2.0, 2.0], cy = [-2.0, 2.0] }' '["cx", "cy", "0.2"]')" 0.5 8
+        row "$1" "$(region "$1" '{ cx = [-2.0, 2.0], cy = [-2.0, 2.0] }' '["cx", "cy", "0.2"]')" 0.5 9.5
         ;;
-    three-bumps) row "$1" "$(asset "$1")" 1.0 8 ;;
+    three-bumps) row "$1" "$(asset "$1")" 1.0 9.5 ;;
     gaussian-lens) row "$1" "$(asset "$1")" 0.3 9 ;;
     *)
         echo "there is no row $1" >&2

@@ -19,7 +19,8 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "python.md"
 #: Classes and functions in the order of the page.
 ORDER = (
     "Manifold", "Paths", "Connections", "Bundle", "Certificate", "Quantiles", "Lookups", "Skies", "Camera", "Scene",
-    "Image", "Comparison", "sweep", "threads", "thread_count", "GeofanError", "InputError", "ManifoldError", "SceneError",
+    "Image", "Comparison", "page", "view", "View", "sweep", "threads", "thread_count", "GeofanError", "InputError",
+    "ManifoldError", "SceneError", "GeofanWarning",
 )  # fmt: skip
 
 

@@ -77,6 +77,8 @@
 //! | flagged | of a patch or ray: the table gave up on it, it is integrated exactly |
 //! | tracer | anything that turns a camera and directions into paths: *exact* integrates, *table* looks up |
 //! | exit | a named way out of the manifold, with a sky of its own |
+//! | glued domain | the part of the chart inside all faces of a gluing; a path that leaves through a face goes on where its map leads |
+//! | cover, copy | the chart without its gluing; the image of the domain by a deck transformation, a product of maps |
 //! | area | how far a unit solid angle has spread: `s²` in flat space; a zero is a caustic |
 //! | mrad error | distance across the ray between table and exact position at equal `s`, divided by `s`, times 1000; one mrad is about one pixel of a 1920-wide view of 90° |
 //! | screen error | the same divided by the ray's magnification (taken as at least 0.25): what an eye can see |

@@ -41,8 +41,10 @@ fn killing(name: &str) -> Vec<Killing> {
         | "reissner-nordstrom"
         | "schwarzschild"
         | "s3-graph"
-        | "h3-ball" => ROTATIONS.to_vec(),
-        "flat" => [ROTATIONS, SHIFTS].concat(),
+        | "h3-ball"
+        | "seifert-weber"
+        | "mirrored-dodecahedron" => ROTATIONS.to_vec(),
+        "flat" | "half-turn" | "portal" => [ROTATIONS, SHIFTS].concat(),
         "flat-torus" | "rolled-sheet" => SHIFTS.to_vec(),
         "grin-rod" => vec![turn_z, along_z],
         // Dilations, and inversion's parabolic fields.
@@ -51,16 +53,16 @@ fn killing(name: &str) -> Vec<Killing> {
         }],
         "s2xr" => [&ROTATIONS[..], &[|u| u]].concat(),
         // Rotations of the ambient space in planes with its fourth axis.
-        "s3" => [
+        "s3" | "poincare" | "lens-space" => [
             &ROTATIONS[..],
             &[|u| DVec3::X * ((1.0 - u.length_squared()) / 2.0) + u * u.x],
         ]
         .concat(),
         "h2xr" => vec![along_x, along_z, |u| DVec3::new(u.x, 1.0, 0.0)],
-        "nil" => vec![along_z, turn_z, |u| DVec3::new(1.0, 0.0, u.y / 2.0), |u| {
+        "nil" | "nil-torus" => vec![along_z, turn_z, |u| DVec3::new(1.0, 0.0, u.y / 2.0), |u| {
             DVec3::new(0.0, 1.0, -u.x / 2.0)
         }],
-        "sol" => vec![along_x, along_y, |u| DVec3::new(-u.x, u.y, 1.0)],
+        "sol" | "sol-cat" => vec![along_x, along_y, |u| DVec3::new(-u.x, u.y, 1.0)],
         "sl2r" => vec![along_x, along_z, |u| DVec3::new(u.x, 1.0, 0.0)],
         // Turns of the sphere, in its stereographic chart (y, z).
         "torus-s1xs2" => vec![turn_x, |u| {
@@ -94,7 +96,7 @@ fn momenta_along_killing_fields_are_conserved() {
     let mut report = String::new();
     let mut worst_of_all = 0.0;
     for (i, name) in catalogue().iter().enumerate() {
-        let manifold = asset(name);
+        let manifold = asset(name).cover().into_owned();
         let mut worst = 0.0;
         for (ray, path) in random_paths(&manifold, i as u64) {
             for field in killing(name) {
@@ -124,7 +126,7 @@ fn random_rays_turned_back_return_to_their_start() {
     let mut report = String::new();
     let mut worst_of_all = 0.0;
     for (i, name) in catalogue().iter().enumerate() {
-        let manifold = asset(name);
+        let manifold = asset(name).cover().into_owned();
         let (there, forth): (Vec<Ray>, Vec<Path>) =
             random_paths(&manifold, 100 + i as u64).into_iter().unzip();
         // What was followed into the past goes back into the future.

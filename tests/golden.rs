@@ -102,8 +102,9 @@ fn golden_bundles_come_back_byte_for_byte() {
         let header = contents.header.encode().unwrap();
         assert_eq!(Header::decode(&header).unwrap(), contents.header);
         let shape = Table::tensor_shape(&contents.space, contents.header.plan.stretch);
+        let budget = contents.budget();
         for (number, chunk) in &contents.chunks {
-            let tree = Tree::decode(chunk, shape).unwrap();
+            let tree = Tree::decode(chunk, shape, &budget).unwrap();
             assert!(tree.encode() == *chunk, "{} chunk {number}", golden.file);
         }
         assert!(contents.encode().unwrap() == bytes, "{}", golden.file);

@@ -111,15 +111,19 @@ fn transport_agrees_with_christoffel_symbols_along_any_curve() {
 
 #[test]
 fn the_frame_of_a_path_is_the_one_transported_along_it() {
-    let (mut stream, mut winds) = (Stream::new(&[21]), Stream::new(&[22]));
+    let [mut stream, mut winds, mut glued] = [21, 22, 23].map(|key| Stream::new(&[key]));
     for name in catalogue() {
-        let asset = asset(&name);
+        let asset = asset(&name).cover().into_owned();
         if asset.has_wind() {
             follow_and_transport(&name, &asset, &mut winds, |space, curve, s| {
                 carry(space, curve, [0.0, s], 1e-11).unwrap()
             });
         } else {
-            follow_and_transport(&name, &asset, &mut stream, |space, curve, s| {
+            let stream = match asset.glued().gluing() {
+                Some(_) => &mut glued,
+                None => &mut stream,
+            };
+            follow_and_transport(&name, &asset, stream, |space, curve, s| {
                 transport(space, curve, [0.0, s], 1e-11).unwrap()
             });
         }

@@ -310,9 +310,8 @@ fn a_bare_manifold_is_flown_through_and_its_file_s_mistakes_are_shown_until_they
     let viewer = Viewer::start();
     let mut client = viewer.open(Some(&viewer.origin())).unwrap();
     client.send(&json!({ "type": "resize", "width": 160, "height": 90 }));
-    let number = |patch: &[u8], i: usize| {
-        u32::from_le_bytes(std::array::from_fn(|k| patch[4 * i + k]))
-    };
+    let number =
+        |patch: &[u8], i: usize| u32::from_le_bytes(std::array::from_fn(|k| patch[4 * i + k]));
     // Pictures of the size before may be on their way.
     let asked = |patch: &Vec<u8>| number(patch, 2) <= 160 && number(patch, 3) <= 90;
     let patch = (0..1000).map(|_| client.patch()).find(asked).unwrap();

@@ -6,7 +6,9 @@
 
 use crate::{bake::Share, certificate::certify};
 use geofan_bundle::{Bundle, Contents, ShardRecord};
-use geofan_core::{Error, Observer, Progress, Result, geodesic::UnfinishedPaths};
+use geofan_core::{
+    Error, Observer, Progress, Result, files::check_output, geodesic::UnfinishedPaths,
+};
 use std::{
     path::{Path, PathBuf},
     sync::atomic::{AtomicU64, Ordering::Relaxed},
@@ -84,6 +86,7 @@ pub fn merge(
     output: &Path,
     observer: &dyn Observer,
 ) -> Result<(Bundle, u64, UnfinishedPaths)> {
+    check_output(output)?;
     let read = shards.iter().map(|path| Contents::read(path));
     let (contents, exact_rays) = join(shards, read.collect::<Result<Vec<_>>>()?)?;
     let resume = "the shards are untouched; run the same command again";

@@ -155,7 +155,10 @@ impl CertificateErrors {
                 let found = probe.deviation(u, path.rotation(probe.s));
                 self.mrad.push(found.mrad);
                 self.screen.push(found.screen_mrad);
-                self.rotation.extend(found.rotation_mrad);
+                if table.frames {
+                    let unknown = 1e3 * std::f64::consts::PI;
+                    self.rotation.push(found.rotation_mrad.unwrap_or(unknown));
+                }
                 if !(found.screen_mrad <= FAR * promise) {
                     let (place, s) = (&fan.place, (probe.s, exact.length));
                     let outlier = table.outlier(place, *d, s, found, probe.magnification());
@@ -287,7 +290,7 @@ fn moved(
 mod tests {
     use super::*;
     use geofan_bundle::{
-        Chunk, Division, MappedChebyshev, Polynomial, Step, Train, Tree, Variables,
+        Chunk, DecodeBudget, Division, MappedChebyshev, Polynomial, Step, Train, Tree, Variables,
     };
     use geofan_core::diagnostic::SourceText;
     use ndarray::{ArrayD, IxDyn};
@@ -319,7 +322,9 @@ length = 5.0
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;
         let shape = Table::tensor_shape(&space, MappedChebyshev::NONE);
-        let chunks = chunks.iter().map(|tree| Chunk::new(tree.encode(), shape));
+        let budget = Arc::new(DecodeBudget::for_bytes(0));
+        let chunks = chunks.iter();
+        let chunks = chunks.map(|tree| Chunk::new(tree.encode(), shape, budget.clone()));
         Table {
             space: space.into(),
             division: Division::new(Vec::new(), 6, &[]).into(),

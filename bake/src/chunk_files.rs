@@ -8,7 +8,7 @@
 //! ends with the process. Without, two bakes of one output would remove each other's chunks.
 
 use geofan_bundle::{
-    ByteReader, TensorShape, Tree,
+    ByteReader, DecodeBudget, TensorShape, Tree,
     container::{BlockKind, Id, put_block, read_block},
     put_bytes,
 };
@@ -169,7 +169,8 @@ impl ChunkFiles {
         let rays = u64::from_le_bytes(input.bytes().ok()?.try_into().ok()?);
         let tree = input.0.to_vec();
         // Only what this version would have written: the same bytes again.
-        let again = Tree::decode(&tree, shape).ok()?.encode();
+        let budget = DecodeBudget::for_bytes(tree.len());
+        let again = Tree::decode(&tree, shape, &budget).ok()?.encode();
         (again == tree).then_some(BakedChunk { tree, rays })
     }
 

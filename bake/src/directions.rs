@@ -273,7 +273,7 @@ fn bits_of_part(part: &TableSample, space: &RaySpace, plan: &PlanRecord) -> f64 
     });
     let rays: Vec<(DVec3, DVec3)> = rays.collect();
     let lengths = arc_lengths(plan);
-    let samples = sample(space, plan.tolerance, &rays, &lengths);
+    let samples = sample(space, plan.tolerance, &rays, (&lengths, None));
     let channels = space.channels();
     let width = lengths.len() * channels.len();
     rank_in_bits(&Mat::from_fn(CAMERAS, DIRECTIONS * width, |i, j| {

@@ -26,6 +26,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Counts up when refinement changes: parts of another count are baked again.
 pub const REFINEMENT: u32 = 14;
 
+/// The like count of what is done where paths meet edges of the metric; added for metrics that have any.
+const REFINEMENT_AT_EDGES: u32 = 1 << 16;
+
 /// The tracer's local tolerance while the plan is made.
 const FIRST_TOLERANCE: f64 = 1e-8;
 
@@ -61,6 +64,9 @@ pub fn plan(
     let mut plan = first_plan(&space, length, max_error, tangents);
     plan.mirrors = mirrors(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK)?;
+    if meets_edges(&space, &plan, &watch)? {
+        plan.refinement += REFINEMENT_AT_EDGES;
+    }
     plan.lift = best_chart_map(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK + CHART_WORK)?;
     plan.tolerance = needed_tolerance(&space, &plan, &watch)?;
@@ -261,6 +267,20 @@ fn mirrors(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result
     }
 }
 
+/// Random paths that are followed to see whether the metric has edges.
+const EDGE_PATHS: usize = 256;
+
+/// Tells whether random paths meet edges of the metric.
+fn meets_edges(space: &RaySpace, plan: &PlanRecord, watch: &PlanWatch<'_>) -> Result<bool> {
+    if space.manifold().switching_functions().is_none() {
+        return Ok(false);
+    }
+    let rays = random_stored_rays(space, EDGE_PATHS);
+    let nowhere = |_: usize, _: f64| Vec::new();
+    let paths = watch.probe(space, (plan.length, plan.tolerance), &rays, nowhere)?;
+    Ok(paths.iter().any(|path| !path.edges.is_empty()))
+}
+
 /// Random paths on which chart maps are compared.
 const CHART_PATHS: usize = 96;
 
@@ -317,7 +337,7 @@ fn roughness(
     let mut tails = SeriesTails::of_polynomials(CHART_NODES, plan.max_error);
     for batch in rays.chunks(BATCH) {
         watch.add(batch.len() as u64)?;
-        LineSamples::new(space, plan, batch, lengths).along_paths(&mut tails);
+        LineSamples::new(space, plan, batch, (lengths, None)).along_paths(&mut tails);
     }
     Ok(tails.excess())
 }

@@ -13,10 +13,11 @@ any leading axes and runs on all processors without the interpreter's lock.
 from . import catalogue
 from ._bundle import Bundle, Certificate, Quantiles
 from ._camera import Camera
-from ._errors import GeofanError, InputError, ManifoldError, SceneError
+from ._errors import GeofanError, GeofanWarning, InputError, ManifoldError, SceneError
 from ._image import Comparison, Image
 from ._manifold import Manifold
 from ._native import __version__
+from ._page import View, page, view
 from ._paths import Connections, Lookups, Paths, Skies
 from ._scene import Scene
 from ._sweep import sweep
@@ -29,6 +30,7 @@ __all__ = [
     "Comparison",
     "Connections",
     "GeofanError",
+    "GeofanWarning",
     "Image",
     "InputError",
     "Lookups",
@@ -39,9 +41,12 @@ __all__ = [
     "Scene",
     "SceneError",
     "Skies",
+    "View",
     "__version__",
     "catalogue",
+    "page",
     "sweep",
     "thread_count",
     "threads",
+    "view",
 ]

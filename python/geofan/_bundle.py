@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from . import _native
 from ._arrays import arc_lengths, count, number, rows, together, vector, vectors
-from ._errors import InputError
+from ._errors import InputError, warn
 from ._manifold import Manifold
 from ._paths import Lookups, Paths, Skies
 from ._progress import Progress, teller
@@ -51,6 +51,13 @@ class Certificate:
         Local tolerance of the exact paths.
     promise : float
         What was promised of the 99th percentile of the screen error.
+    sky_promise : float or None
+        What was promised of that of directions.
+    kept : bool
+        Whether the promises hold on these rays.
+    unfinished : dict or None
+        Shares of paths that end by their length or where the metric ends, by the names of ``geofan check --json``.
+        Checks alone know them.
     beyond_20_promises : int
         Rays off by more than twenty times the promise; the worst are listed in `worst`. Checks alone know them.
     """
@@ -64,16 +71,14 @@ class Certificate:
     seed: int
     tolerance: float
     promise: float
+    sky_promise: float | None
+    kept: bool
     beyond_20_promises: int = 0
+    unfinished: dict[str, float | None] | None = None
     worst: list[dict[str, Any]] = field(default_factory=list, repr=False)
 
-    @property
-    def kept(self) -> bool:
-        """Whether the promise holds on these rays."""
-        return self.screen_mrad.p99 <= self.promise
-
     @classmethod
-    def _of(cls, found: Mapping[str, Any], promise: float, **more: Any) -> Certificate:
+    def _of(cls, found: Mapping[str, Any], **more: Any) -> Certificate:
         def quantiles(name: str) -> Quantiles | None:
             return None if found[name] is None else Quantiles(**found[name])
 
@@ -86,7 +91,6 @@ class Certificate:
             rays=found["rays"],
             seed=found["seed"],
             tolerance=found["tolerance"],
-            promise=promise,
             **more,
         )
 
@@ -151,22 +155,59 @@ class Bundle:
         options: tuple[Any, ...],
         progress: Progress,
     ) -> Bundle:
-        max_error, max_size, length, switches, certify_rays = options
-        made = (
-            None if max_error is None else number("max_error", max_error),
+        if out is not None:
+            path = os.fspath(out)
+            return cls._of(cls._bake(manifold, path, options, progress), path)
+        resume = options[3][2]
+        if resume:
+            raise InputError("resume: an interrupted bake is kept beside `out`; give it", subject="resume")
+        with tempfile.TemporaryDirectory(prefix="geofan-") as folder:
+            return cls._of(cls._bake(manifold, os.path.join(folder, "table.fan"), options, progress))
+
+    @classmethod
+    def _bake(cls, manifold: Manifold, path: str, options: tuple[Any, ...], progress: Progress) -> Any:
+        (max_error, max_sky_error), max_size, length, switches, share, certify_rays = options
+        baked, warnings = _native.Bundle.bake(
+            manifold._native,
+            path,
+            (
+                None if max_error is None else number("max_error", max_error),
+                None if max_sky_error is None else number("max_sky_error", max_sky_error),
+            ),
             None if max_size is None else count("max_size", max_size),
             None if length is None else number("length", length),
             tuple(bool(x) for x in switches),
+            share,
             count("certify_rays", certify_rays),
             teller(progress),
         )
-        if out is not None:
-            path = os.fspath(out)
-            return cls._of(_native.Bundle.bake(manifold._native, path, *made), path)
-        if switches[2]:
-            raise InputError("resume: an interrupted bake is kept beside `out`; give it", subject="resume")
-        with tempfile.TemporaryDirectory(prefix="geofan-") as folder:
-            return cls._of(_native.Bundle.bake(manifold._native, os.path.join(folder, "table.fan"), *made))
+        warn(warnings)
+        return baked
+
+    @classmethod
+    def merge(
+        cls,
+        shares: Sequence[str | os.PathLike[str]],
+        out: str | os.PathLike[str],
+        *,
+        progress: Progress = False,
+    ) -> Bundle:
+        """Joins the shares of one bake (:meth:`Manifold.bake_share`): the same bytes as a bake in one go.
+
+        Parameters
+        ----------
+        shares : paths
+            All shares, in any order.
+        out : path
+            The bundle file to write.
+        progress : bool or function
+            As in :meth:`Manifold.bake`.
+        """
+        paths = [os.fspath(share) for share in shares]
+        baked, warnings = _native.Bundle.merge(paths, os.fspath(out), teller(progress))
+        warn(warnings)
+        assert baked is not None
+        return cls._of(baked, os.fspath(out))
 
     def save(self, path: str | os.PathLike[str]) -> int:
         """Writes the bundle file, whole or not at all; returns its size in bytes."""
@@ -203,7 +244,8 @@ class Bundle:
         info = self.info
         if info["certificate"] is None:
             raise InputError("the bundle has no certificate", subject="certificate")
-        return Certificate._of(info["certificate"], info["promise"])
+        promises = {name: info[name] for name in ("promise", "sky_promise")}
+        return Certificate._of(info["certificate"], **promises, kept=bool(self._native.kept))
 
     def check(self, rays: int = 100_000, seed: int = 2, *, progress: Progress = False) -> Certificate:
         """Compares the table with exact paths of fresh random rays.
@@ -218,8 +260,8 @@ class Bundle:
             As in :meth:`Manifold.bake`.
         """
         found = json.loads(self._native.check(count("rays", rays), count("seed", seed), teller(progress)))
-        more = {name: found[name] for name in ("beyond_20_promises", "worst")}
-        return Certificate._of(found["certificate"], found["promise"], **more)
+        certificate = found.pop("certificate")
+        return Certificate._of(certificate, **found)
 
     def trace(
         self,

@@ -24,6 +24,12 @@ class Camera:
         self.manifold = manifold
         self._native = native
 
+    @classmethod
+    def _read(cls, manifold: Manifold, text: str) -> Camera:
+        """Makes a camera of the lines of a scene file's ``[camera]``."""
+        whole = f"[camera]\n{text}"
+        return cls(manifold, _native.Camera.read(manifold._native, f"manifold = 'space'\n{whole}"))
+
     @property
     def at(self) -> Floats:
         """Where it is: chart point."""
@@ -31,8 +37,24 @@ class Camera:
 
     @property
     def fov(self) -> float:
-        """Horizontal angle of view, degrees."""
+        """Horizontal angle of view, or the angle across the circle of a fisheye, degrees."""
         return self._native.fov
+
+    @property
+    def projection(self) -> str:
+        """How pixels become directions: ``perspective``, ``panorama``, ``fisheye``, ``orthographic`` or ``cube``."""
+        return self._native.projection
+
+    @property
+    def velocity(self) -> Floats | None:
+        """Velocity past the normal observer, standard frame, where light has 1; None where nothing can move so."""
+        found = self._native.velocity
+        return None if found is None else np.array(found)
+
+    @property
+    def text(self) -> str:
+        """The lines of the ``[camera]`` of a scene file."""
+        return self._native.text
 
     @property
     def look(self) -> Floats:
@@ -77,7 +99,7 @@ class Camera:
         return Camera(self.manifold, self._native.turned(by))
 
     def zoomed(self, fov: float) -> Camera:
-        """Returns the camera with another horizontal angle of view, in degrees."""
+        """Returns the camera with another angle of view, in degrees; a perspective or a fisheye has one."""
         return Camera(self.manifold, self._native.zoomed(number("fov", fov)))
 
     def directions(self, size: tuple[int, int]) -> Floats:
@@ -91,18 +113,26 @@ class Camera:
         Returns
         -------
         array (rows, columns, 3)
-            From the upper left pixel on; unit vectors.
+            From the upper left pixel on; unit vectors. Of a camera with a crop, the part that it draws.
+
+        Raises
+        ------
+        InputError
+            The camera draws several pictures, or its rays start at different points (orthographic).
         """
         width, height = count("size", size[0]), count("size", size[1])
-        return self._native.directions((width, height)).reshape(height, width, 3)
+        found = self._native.directions((width, height))
+        return found[0].reshape(found[1][1], found[1][0], 3)
 
     def __repr__(self) -> str:
         at, look = (np.array2string(x, precision=6) for x in (self.at, self.look))
-        return f"<camera at {at} looking {look}, {self.fov:g}° wide>"
+        kind = "" if self.projection == "perspective" else f", {self.projection}"
+        wide = f", {self.fov:g}° wide" if self.projection in ("perspective", "fisheye") else ""
+        return f"<camera at {at} looking {look}{wide}{kind}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuilt, (self.manifold, self.at, self.look, self.up, self.fov)
+        return _rebuilt, (self.manifold, self.text)
 
 
-def _rebuilt(manifold: Manifold, at: Floats, look: Floats, up: Floats, fov: float) -> Camera:
-    return manifold.camera(at, look, up, fov=fov)
+def _rebuilt(manifold: Manifold, text: str) -> Camera:
+    return Camera._read(manifold, text)

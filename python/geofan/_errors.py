@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import warnings
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -66,6 +69,19 @@ class ManifoldError(InputError):
 
 class SceneError(InputError):
     """A scene that cannot work; ``line``, ``column`` and ``hint`` say where and what to do."""
+
+
+class GeofanWarning(UserWarning):
+    """What works, and is perhaps not what was meant: a view that is black in parts, a promise that is not kept."""
+
+
+def warn(messages: Iterable[str]) -> None:
+    """Warns whoever called the package."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and frame.f_globals.get("__name__", "").startswith(__package__):
+        level, frame = level + 1, frame.f_back
+    for message in messages:
+        warnings.warn(message, GeofanWarning, stacklevel=level)
 
 
 def _rebuilt(kind: type[InputError], message: str, details: dict[str, Any]) -> InputError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
 from collections.abc import Mapping
@@ -31,6 +32,11 @@ class Image:
         What followed the paths: ``exact``, ``table``, ``local`` or ``path``.
     flagged : float
         Share of samples that a table gave up on.
+    unfinished : dict
+        Of a picture that was drawn: shares of paths that end by their length or where the metric ends, and the length
+        that would do, by the names of ``geofan render --json``.
+    samples : int
+        Samples of a pixel.
     notes : dict of str
         What an EXR file says about itself.
     """
@@ -49,13 +55,28 @@ class Image:
         self.tracer = tracer
         self.flagged = flagged
         self.notes = dict(notes or {})
+        self.unfinished: dict[str, float | None] = {}
+        self.samples = 0
+        self._window: tuple[Any, float | None] = (None, None)
+
+    @classmethod
+    def _drawn(cls, drawn: Mapping[str, Any]) -> Image:
+        """Takes a picture that was drawn."""
+        notes = dict(drawn["notes"])
+        made = cls(drawn["rgb"], drawn["layers"], tracer=drawn["tracer"], flagged=drawn["flagged"], notes=notes)
+        made.unfinished = json.loads(drawn["unfinished"])
+        made.samples = drawn["samples"]
+        made._window = drawn["window"]
+        return made
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> Image:
         """Reads a PNG, HDR or EXR file, with its layers."""
-        rgb, layers, notes = _native.read_picture(os.fspath(path))
+        rgb, layers, notes, window = _native.read_picture(os.fspath(path))
         told = dict(notes)
-        return cls(rgb, layers, tracer=told.get("tracer", ""), notes=told)
+        made = cls(rgb, layers, tracer=told.get("tracer", ""), notes=told)
+        made._window = window
+        return made
 
     @property
     def size(self) -> tuple[int, int]:
@@ -77,13 +98,13 @@ class Image:
         real = [(k, np.ascontiguousarray(v, np.float32)) for k, v in self.layers.items() if v.dtype.kind == "f"]
         notes = {"tracer": self.tracer, **self.notes} if self.tracer else self.notes
         rgb = np.asarray(self.rgb, dtype=np.float32)
-        _native.write_picture(os.fspath(path), rgb, real, whole, list(notes.items()))
+        _native.write_picture(os.fspath(path), rgb, real, whole, list(notes.items()), self._window)
 
     def _repr_png_(self) -> bytes:
         """Shows the picture in a notebook."""
         with tempfile.TemporaryDirectory(prefix="geofan-") as folder:
             path = Path(folder) / "picture.png"
-            _native.write_picture(os.fspath(path), self.rgb, [], [], [])
+            _native.write_picture(os.fspath(path), self.rgb, [], [], [], (None, None))
             return path.read_bytes()
 
     def __repr__(self) -> str:
@@ -92,7 +113,7 @@ class Image:
 
 
 class Comparison:
-    """A view by table against exact integration, with errors and times of one run.
+    """A view by table, or by straight lines, against exact integration, with errors and times of one run.
 
     Attributes
     ----------
@@ -100,17 +121,20 @@ class Comparison:
         All numbers, by the names of ``geofan compare --json``.
     flip : array (rows, columns)
         FLIP of every pixel.
-    table, exact, error, screen : Image
-        Both pictures, the picture of FLIP and that of the screen error.
+    approximate, exact, error, screen : Image
+        The picture by the table (or by straight lines) and the exact one, the picture of FLIP and that of the screen
+        error.
     """
 
-    def __init__(self, report: dict[str, Any], text: str, flip: Layer, pictures: Mapping[str, Layer]) -> None:
+    def __init__(
+        self, report: dict[str, Any], text: str, flip: Layer, pictures: Mapping[str, Layer], *, tracer: str
+    ) -> None:
         self.report = report
         self.flip = flip
-        self.table = Image(pictures["table"], tracer="table")
+        self.approximate = Image(pictures[tracer], tracer=tracer)
         self.exact = Image(pictures["exact"], tracer="exact")
         self.error = Image(pictures["error"])
-        self.screen = Image(pictures["mrad"])
+        self.screen = Image(pictures["mrad"]) if "mrad" in pictures else self.error
         self._text = text
 
     @property
@@ -136,6 +160,6 @@ class Comparison:
 
         cells = "".join(
             shown(title, image)
-            for title, image in (("table", self.table), ("exact", self.exact), ("FLIP", self.error))
+            for title, image in ((self.approximate.tracer, self.approximate), ("exact", self.exact), ("FLIP", self.error))
         )
         return f"<table><tr>{cells}</tr></table><pre>{escape(self._text)}</pre>"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -250,6 +251,17 @@ class Manifold:
         """Returns the scalar curvature at points, as an array (…): 6 on the unit 3-sphere."""
         return self._at("scalar", u)
 
+    def inverse_metric(self, u: npt.ArrayLike) -> Floats:
+        """Returns the inverse metric ``g^ij`` at points, as an array (…, 3, 3)."""
+        return self._at("inverse", u, 3, 3)
+
+    def connection(self, u: npt.ArrayLike) -> Floats:
+        """Returns the connection of the standard frame at points, as an array (…, k, a, b).
+
+        It is ``Ω(∂_k)^a_b``: how the frame turns along the coordinates.
+        """
+        return self._at("connection", u, 3, 3, 3)
+
     def frame(self, u: npt.ArrayLike) -> Floats:
         """Returns the standard frame at points: three orthonormal vectors ``[…, i, :]`` in chart components."""
         return self._at("frame", u, 3, 3)
@@ -383,7 +395,13 @@ class Manifold:
         look: npt.ArrayLike,
         up: npt.ArrayLike = (0.0, 0.0, 1.0),
         *,
-        fov: float = 90.0,
+        fov: float | None = None,
+        projection: str = "perspective",
+        width: float | None = None,
+        stereo: Mapping[str, Any] | None = None,
+        crop: Sequence[float] | None = None,
+        rest: str | None = None,
+        velocity: npt.ArrayLike | None = None,
     ) -> Camera:
         """Returns a camera.
 
@@ -394,19 +412,75 @@ class Manifold:
         look, up : array (3,)
             The directions of view and upwards, in the standard frame.
         fov : float
-            Horizontal angle of view, degrees.
+            Horizontal angle of view, degrees, 90 if not given; of a fisheye the angle across its circle, 180.
+        projection : {"perspective", "panorama", "fisheye", "orthographic", "cube"}
+            How pixels become rays.
+        width : float
+            Of an orthographic camera: length in the metric across the picture.
+        stereo : mapping, optional
+            Two eyes: ``{"separation": 0.065, "convergence": 2.0, "layout": "side-by-side"}``, lengths in the metric;
+            or ``"over-under"``.
+        crop : four numbers, optional
+            The part that is drawn: x, y, width and height, parts of the picture.
+        rest : {"normal", "static"}, optional
+            Whose directions the camera has: those of the normal observer, or at rest in the chart.
+        velocity : array (3,), optional
+            Past the normal observer instead, standard frame; light has 1.
+
+        Raises
+        ------
+        InputError
+            It cannot be; ``line`` and ``hint`` are of the lines that a scene file would have.
         """
-        if isinstance(at, Mapping):
-            place = list(self._native.camera_point(_settings(at)))
+        place = {str(k): number(str(k), v) for k, v in at.items()} if isinstance(at, Mapping) else vector("at", at)
+        entries: dict[str, Any] = {
+            "parameters" if isinstance(at, Mapping) else "at": place,
+            "look": vector("look", look),
+            "up": vector("up", up),
+            "projection": projection,
+            "fov": fov,
+            "width": width,
+            "stereo": stereo,
+            "crop": crop,
+            "rest": rest,
+            "velocity": None if velocity is None else vector("velocity", velocity),
+        }
+        return Camera._read(self, _toml.lines({k: v for k, v in entries.items() if v is not None}))
+
+    def journey(
+        self,
+        poses: str | os.PathLike[str] | Sequence[tuple[float, Camera]],
+        frames: int,
+        *,
+        like: Camera | None = None,
+    ) -> list[Camera]:
+        """Returns the cameras of an animation, evenly in time: along geodesics from one key pose to the next.
+
+        Parameters
+        ----------
+        poses : path, or pairs of a time and a camera
+            A file of ``[[pose]]`` tables as ``geofan render --camera-path`` takes it, or key poses, times ascending.
+        frames : int
+            How many cameras, from 2.
+        like : Camera, optional
+            How they draw (projection, stereo, crop); the first pose of a sequence, if it is not given.
+        """
+        if isinstance(poses, (str, os.PathLike)):
+            path = Path(poses)
+            told = (os.fspath(poses), path.read_text(encoding="utf-8"))
         else:
-            place = vector("at", at)
-        a, b, c = (tuple(x) for x in (place, vector("look", look), vector("up", up)))
-        return Camera(self, self._native.camera(a, b, c, number("fov", fov)))
+            pairs = list(poses)
+            like = pairs[0][1] if like is None and pairs else like
+            told = ("poses", "".join(_pose(time, camera) for time, camera in pairs))
+        drawn = None if like is None else like._native
+        found = _native.journey(self._native, told, count("frames", frames), drawn)
+        return [Camera(self, camera) for camera in found]
 
     def bake(
         self,
         max_error: float | None = 0.5,
         *,
+        max_sky_error: float | None = None,
         max_size: int | None = None,
         length: float | None = None,
         out: str | os.PathLike[str] | None = None,
@@ -424,6 +498,9 @@ class Manifold:
         max_error : float or None
             The promise: 99th percentile of the screen error, in mrad. With None and `max_size` it is loosened until
             the table fits.
+        max_sky_error : float, optional
+            The promise of directions: 99th percentile of the sky error, in mrad. Without, `max_error` where paths
+            may end at an exit, and four times that where they never do.
         max_size : int, optional
             The largest file, bytes.
         length : float, optional
@@ -443,12 +520,47 @@ class Manifold:
         progress : bool or function
             Show a bar (by tqdm where it is installed), or call ``progress(work, done, total, detail)``.
 
-        Ctrl-C ends a bake; with `out`, finished parts are kept, and ``resume=True`` goes on.
+        Ctrl-C ends a bake; with `out`, finished parts are kept, and ``resume=True`` goes on. A promise that is not
+        kept, and paths that end before they leave, are warned of (:class:`GeofanWarning`).
         """
         from ._bundle import Bundle
 
-        options = (max_error, max_size, length, (frames, mirrors, resume, wait), certify_rays)
+        promises = (max_error, max_sky_error)
+        options = (promises, max_size, length, (frames, mirrors, resume, wait), None, certify_rays)
         return Bundle._baked(self, out, options, progress)
+
+    def bake_share(
+        self,
+        share: tuple[int, int],
+        out: str | os.PathLike[str],
+        max_error: float = 0.5,
+        *,
+        max_sky_error: float | None = None,
+        length: float | None = None,
+        frames: bool = True,
+        mirrors: bool = True,
+        resume: bool = False,
+        wait: bool = False,
+        certify_rays: int = 20_000,
+        progress: Progress = False,
+    ) -> Path:
+        """Bakes one share of a table, for :meth:`Bundle.merge`: on several machines, or workers of Dask or Ray.
+
+        Parameters
+        ----------
+        share : (int, int)
+            ``(1, 4)`` is the first of four.
+        out : path
+            The file of the share.
+
+        The others are those of :meth:`bake`, and must be the same for all shares. Returns `out`.
+        """
+        from ._bundle import Bundle
+
+        pair = (count("share", share[0]), count("share", share[1]))
+        options = ((max_error, max_sky_error), None, length, (frames, mirrors, resume, wait), pair, certify_rays)
+        Bundle._bake(self, os.fspath(out), options, progress)
+        return Path(out)
 
     def __repr__(self) -> str:
         set_to = "".join(f", {name}={value:g}" for name, value in self.parameters.items())
@@ -476,6 +588,18 @@ class Manifold:
         lines += [(f"parameter {name}", f"{value:g}") for name, value in self.parameters.items()]
         cells = "".join(f"<tr><td>{escape(a)}</td><td>{escape(b)}</td></tr>" for a, b in lines)
         return f"<b>{escape(self.name)}</b><br>{_line_element(self)}<table>{cells}</table>"
+
+
+#: What a key pose of an animation tells of a camera.
+_POSE_KEYS = ("at", "look", "up", "fov", "rest", "velocity")
+
+
+def _pose(time: float, camera: Camera) -> str:
+    """Writes a key pose."""
+    kept = [line for line in camera.text.splitlines() if line.split(" = ")[0] in _POSE_KEYS]
+    if camera.projection != "perspective":
+        kept = [line for line in kept if not line.startswith("fov")]
+    return "[[pose]]\n" + _toml.lines({"time": number("time", time)}) + "\n".join(kept) + "\n"
 
 
 def _vectors(name: str, values: npt.ArrayLike) -> Floats:

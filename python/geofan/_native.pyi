@@ -7,7 +7,9 @@ from ._progress import Told
 
 _Floats = npt.NDArray[np.float64]
 _Three = tuple[float, ...]
-_Drawn = tuple[npt.NDArray[np.float32], dict[str, npt.NDArray[Any]], str, float]
+_Window = tuple[tuple[tuple[int, int], tuple[int, int]] | None, float | None]
+_Baked = tuple[Bundle | None, list[str]]
+_Compared = tuple[str, str, npt.NDArray[np.float32], dict[str, npt.NDArray[np.float32]]]
 
 __all__ = [
     "Bundle",
@@ -15,6 +17,8 @@ __all__ = [
     "Manifold",
     "Stage",
     "__version__",
+    "journey",
+    "page",
     "pop_threads",
     "push_threads",
     "read_picture",
@@ -73,10 +77,17 @@ class Manifold:
     def connect(
         self, p: tuple[float, float, float], q: _Floats, length: float | None, accuracy: float
     ) -> dict[str, Any]: ...
-    def camera(self, at: _Three, look: _Three, up: _Three, fov: float) -> Camera: ...
 
 @final
 class Camera:
+    @staticmethod
+    def read(manifold: Manifold, text: str) -> Camera: ...
+    @property
+    def text(self) -> str: ...
+    @property
+    def projection(self) -> str: ...
+    @property
+    def velocity(self) -> list[float] | None: ...
     @property
     def at(self) -> list[float]: ...
     @property
@@ -88,7 +99,7 @@ class Camera:
     def moved(self, by: tuple[float, float, float]) -> tuple[Camera, float]: ...
     def turned(self, by: tuple[float, float, float]) -> Camera: ...
     def zoomed(self, fov: float) -> Camera: ...
-    def directions(self, size: tuple[int, int]) -> _Floats: ...
+    def directions(self, size: tuple[int, int]) -> tuple[_Floats, tuple[int, int]]: ...
 
 @final
 class Bundle:
@@ -100,13 +111,18 @@ class Bundle:
     def bake(
         manifold: Manifold,
         output: str,
-        max_error: float | None,
+        promises: tuple[float | None, float | None],
         max_size: int | None,
         length: float | None,
         switches: tuple[bool, ...],
+        share: tuple[int, int] | None,
         certify_rays: int,
         progress: Told | None,
-    ) -> Bundle: ...
+    ) -> _Baked: ...
+    @staticmethod
+    def merge(shards: list[str], output: str, progress: Told | None) -> _Baked: ...
+    @property
+    def kept(self) -> bool | None: ...
     def to_bytes(self) -> bytes: ...
     def write(self, path: str) -> int: ...
     @property
@@ -149,16 +165,17 @@ class Stage:
         light_file: str | None,
         layers: bool,
         progress: Told | None,
-    ) -> _Drawn: ...
+    ) -> dict[str, Any]: ...
     def path_trace(
         self,
         camera: Camera | None,
         request: dict[str, Any],
         seed: int,
         bounces: int | None,
+        seconds: float | None,
         layers: bool,
         progress: Told | None,
-    ) -> _Drawn: ...
+    ) -> dict[str, Any]: ...
     def compare(
         self,
         camera: Camera | None,
@@ -166,20 +183,33 @@ class Stage:
         bundle: Bundle,
         light_file: str | None,
         frames: int,
-    ) -> tuple[str, str, npt.NDArray[np.float32], dict[str, npt.NDArray[np.float32]]]: ...
+    ) -> _Compared: ...
+    def compare_local(self, camera: Camera | None, request: dict[str, Any]) -> _Compared: ...
 
+def journey(
+    manifold: Manifold, text: tuple[str, str], frames: int, like: Camera | None
+) -> list[Camera]: ...
+def page(
+    file: str,
+    bundle: str | None,
+    length: float | None,
+    settings: list[tuple[str, float]],
+    wasm: str,
+    output: str | None,
+) -> tuple[int, str | None]: ...
 def push_threads(count: int) -> None: ...
 def pop_threads() -> None: ...
 def thread_count() -> int: ...
 def read_picture(
     path: str,
-) -> tuple[npt.NDArray[np.float32], dict[str, npt.NDArray[Any]], list[tuple[str, str]]]: ...
+) -> tuple[npt.NDArray[np.float32], dict[str, npt.NDArray[Any]], list[tuple[str, str]], _Window]: ...
 def write_picture(
     path: str,
     rgb: npt.NDArray[np.float32],
     floats: list[tuple[str, npt.NDArray[np.float32]]],
     indices: list[tuple[str, npt.NDArray[np.uint32]]],
     notes: list[tuple[str, str]],
+    window: _Window,
 ) -> None: ...
 def sweep(
     manifolds: list[str],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,8 @@ from . import _native, _toml
 from ._arrays import Floats, Integers, count, number, vector
 from ._bundle import Bundle
 from ._camera import Camera
-from ._errors import InputError, SceneError
+from ._errors import InputError, SceneError, warn
+from ._expressions import text_of
 from ._image import Comparison, Image
 from ._manifold import Manifold, _settings
 from ._progress import Progress, teller
@@ -35,6 +37,8 @@ class Scene:
     sky : str, sequence or mapping, optional
         Of a scene built in code: what is seen through all exits, or by the names of exits: ``"grid"``, ``"stars"``,
         a linear colour, or the path of an equirectangular picture.
+    redshift : bool
+        Of a scene built in code: whether light is weighed with what happens to its frequency on the way.
 
     Raises
     ------
@@ -51,16 +55,22 @@ class Scene:
         *,
         parameters: Mapping[str, float] | None = None,
         sky: Any = None,
+        redshift: bool = False,
     ) -> None:
         self._objects: list[str] = []
         self._lights: list[str] = []
         self._meshes: list[tuple[str, Floats, Integers, tuple[float, ...], tuple[float, ...]]] = []
         self._skies: dict[str, Any] = {}
-        self._stages: dict[tuple[Any, ...], _native.Stage] = {}
+        self._staged: _native.Stage | None = None
         self._file: _native.Stage | None = None
+        self._redshift = bool(redshift)
         if not isinstance(source, Manifold):
-            self._file = _native.Stage.load(os.fspath(source), _settings(parameters))
+            self._path, self._parameters = os.fspath(source), _settings(parameters)
+            self._file = _native.Stage.load(self._path, self._parameters)
             self.manifold = Manifold._of(self._file.manifold)
+            if sky is not None or redshift:
+                raise SceneError("sky, redshift: a scene from a file does not change", subject="sky")
+            warn(self._file.warnings)
             return
         if parameters:
             raise InputError("parameters: use Manifold.set", subject="parameters")
@@ -78,6 +88,9 @@ class Scene:
         placement: str = "linear",
         color: Sequence[float] = (0.7, 0.7, 0.7),
         emission: Sequence[float] = (0.0, 0.0, 0.0),
+        crease: float | None = None,
+        velocity: Sequence[Any] | None = None,
+        temperature: Any = None,
     ) -> Scene:
         """Adds an object; returns the scene.
 
@@ -92,13 +105,20 @@ class Scene:
             Length in the metric of the mesh's unit.
         rotate : (axis, degrees), optional
             Turn in the standard frame at `at`.
-        placement : {"linear", "exponential"}
-            Right to first order, for small objects; or exact along rays from the origin, for larger ones.
+        placement : {"linear", "exponential", "chart"}
+            Right to first order, for small objects; or exact along rays from the origin, for larger ones; or a shape
+            of the chart, whatever the metric.
         color, emission : three numbers
             Linear diffuse reflectance, and radiance given off, of a mesh that is no file.
+        crease : float, optional
+            Edges that turn by more than this are sharp where the mesh has no normals, degrees; 30 if not given.
+        velocity : three expressions, optional
+            ``dx/dt`` in chart components: what it does to the light that the object sends. It stays where it is.
+        temperature : expression, optional
+            How hot it is, kelvin, if it glows as a black body.
         """
         self._built("add")
-        name = os.path.abspath(os.fspath(mesh)) if _is_path(mesh) else f"mesh {len(self._meshes) + 1}"
+        name = os.path.abspath(os.fspath(mesh)) if _is_path(mesh) else f"geofan-mesh-{len(self._meshes) + 1}.obj"
         if not _is_path(mesh):
             vertices, faces = _arrays_of(mesh)
             colors = (_three("color", color), _three("emission", emission))
@@ -111,8 +131,14 @@ class Scene:
         }
         if rotate is not None:
             entry["rotate"] = {"axis": vector("rotate", rotate[0]), "degrees": number("rotate", rotate[1])}
+        if crease is not None:
+            entry["crease"] = number("crease", crease)
+        if velocity is not None:
+            entry["velocity"] = [text_of(f"velocity[{i}]", x) for i, x in enumerate(velocity)]
+        if temperature is not None:
+            entry["temperature"] = text_of("temperature", temperature)
         self._objects.append(_entry("object", entry))
-        self._stages.clear()
+        self._staged = None
         return self
 
     def light(self, at: npt.ArrayLike, intensity: Sequence[float] | float = 10.0) -> Scene:
@@ -129,7 +155,7 @@ class Scene:
         several = np.broadcast_to(np.asarray(intensity, dtype=np.float64), (3,))
         entry = {"kind": "point", "at": vector("at", at), "intensity": several.tolist()}
         self._lights.append(_entry("light", entry))
-        self._stages.clear()
+        self._staged = None
         return self
 
     def sky(self, sky: Any) -> Scene:
@@ -138,7 +164,7 @@ class Scene:
         if not isinstance(sky, Mapping):
             sky = dict.fromkeys((*self.manifold.exits, "length"), sky)
         self._skies |= {str(name): _sky_entry(str(name), entry) for name, entry in sky.items()}
-        self._stages.clear()
+        self._staged = None
         return self
 
     def camera(self, view: str | None = None) -> Camera:
@@ -154,7 +180,7 @@ class Scene:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was mended or left out of meshes while loading."""
+        """What was mended or left out of meshes while loading, and is warned of then."""
         return tuple(self._stage().warnings)
 
     @property
@@ -167,7 +193,8 @@ class Scene:
         bundle: Bundle | None = None,
         *,
         camera: Camera | str | None = None,
-        size: tuple[int, int] = (640, 360),
+        size: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
         spp: int = 1,
         tracer: str | None = None,
         length: float | None = None,
@@ -176,6 +203,7 @@ class Scene:
         layers: bool = True,
         seed: int = 0,
         bounces: int | None = None,
+        seconds: float | None = None,
         progress: Progress = False,
     ) -> Image:
         """Draws a picture.
@@ -186,8 +214,10 @@ class Scene:
             The table to look paths up in; it must be of the scene's manifold.
         camera : Camera or str, optional
             Where it is seen from: a camera, or the name of a view of a scene file; its main camera without.
-        size : (int, int)
-            Columns and rows.
+        size : (int, int), optional
+            Columns and rows, of both eyes together; 640 × 360 if not given, or what suits the projection.
+        crop : four ints, optional
+            Draw only this part, in pixels: its first column and row, its columns and rows.
         spp : int
             Samples for each pixel.
         tracer : {"table", "exact", "local", "path"}, optional
@@ -201,52 +231,63 @@ class Scene:
             Local tolerance of exact paths, radians.
         layers : bool
             Whether to make the layers of an EXR file, too.
-        seed, bounces : int
-            Of the path tracer: its noise, and how often light may be reflected.
+        seed, bounces, seconds : int, int, float
+            Of the path tracer: its noise, how often light may be reflected, and after which time it ends although
+            not all samples are done.
         progress : bool or function
             As in :meth:`Manifold.bake`.
+
+        A view that is black in parts because paths are too short, and the like, is warned of
+        (:class:`GeofanWarning`); ``image.unfinished`` has the numbers.
         """
-        request = self._request(camera, size, spp, error, tolerance, length)
+        request = self._request(camera, size, crop, spp, error, tolerance, length)
         seen = camera._native if isinstance(camera, Camera) else None
-        stage, told = self._stage(seen is not None), teller(progress)
+        stage, told = self._stage(), teller(progress)
         if tracer == "path":
             if bundle is not None:
                 raise InputError("tracer: `path` follows exact paths, without a bundle", subject="tracer")
             most = None if bounces is None else count("bounces", bounces)
-            drawn = stage.path_trace(seen, request, count("seed", seed), most, layers, told)
+            until = None if seconds is None else number("seconds", seconds)
+            drawn = stage.path_trace(seen, request, count("seed", seed), most, until, layers, told)
         else:
             table = None if bundle is None else bundle._native
             drawn = stage.render(seen, request, tracer, table, _light_file(bundle), layers, told)
-        rgb, found, name, flagged = drawn
-        return Image(rgb, found, tracer=name, flagged=flagged, notes={"manifold": self.manifold.name})
+        warn(drawn["warnings"])
+        return Image._drawn(drawn)
 
     def compare(
         self,
-        bundle: Bundle,
+        bundle: Bundle | None = None,
         *,
         camera: Camera | str | None = None,
-        size: tuple[int, int] = (640, 360),
+        size: tuple[int, int] | None = None,
+        crop: tuple[int, int, int, int] | None = None,
         spp: int = 1,
+        length: float | None = None,
         error: float = 0.5,
         tolerance: float = 1e-8,
         frames: int = 20,
     ) -> Comparison:
-        """Holds the picture by a table against the exact one.
+        """Holds the picture by a table, or that by straight lines of the chart, against the exact one.
 
         Parameters
         ----------
+        bundle : Bundle, optional
+            The table; without, straight lines of the chart take its place.
         frames : int
             From how many cameras, moving and turning, the table's frame is drawn; its times are medians.
 
         The others are those of :meth:`render`.
         """
-        request = self._request(camera, size, spp, error, tolerance, None)
+        request = self._request(camera, size, crop, spp, error, tolerance, length)
         seen = camera._native if isinstance(camera, Camera) else None
-        stage = self._stage(seen is not None)
-        report, text, flip, pictures = stage.compare(
-            seen, request, bundle._native, _light_file(bundle), count("frames", frames)
-        )
-        return Comparison(json.loads(report), text, flip, pictures)
+        stage = self._stage()
+        if bundle is None:
+            return Comparison(*_read(stage.compare_local(seen, request)), tracer="local")
+        if length is not None:
+            raise InputError("length: the paths of a bundle have their length", subject="length")
+        found = stage.compare(seen, request, bundle._native, _light_file(bundle), count("frames", frames))
+        return Comparison(*_read(found), tracer="table")
 
     def __repr__(self) -> str:
         objects = "from a file" if self._file is not None else f"{len(self._objects)} objects"
@@ -260,7 +301,8 @@ class Scene:
     def _request(
         self,
         camera: Camera | str | None,
-        size: tuple[int, int],
+        size: tuple[int, int] | None,
+        crop: tuple[int, int, int, int] | None,
         spp: int,
         error: float,
         tolerance: float,
@@ -274,41 +316,78 @@ class Scene:
             raise SceneError("give a camera: Manifold.camera makes one", subject="camera")
         return {
             "view": camera if isinstance(camera, str) else None,
-            "size": (count("size", size[0]), count("size", size[1])),
+            "size": None if size is None else tuple(_whole("size", size, 2)),
+            "crop": None if crop is None else _whole("crop", crop, 4),
             "spp": count("spp", spp),
             "error": number("error", error),
             "tolerance": number("tolerance", tolerance),
             "length": None if length is None else number("length", length),
         }
 
-    def _stage(self, _seen: bool = False) -> _native.Stage:
+    def _stage(self) -> _native.Stage:
         """Returns the scene with its meshes placed."""
         if self._file is not None:
             return self._file
-        key = (len(self._objects), len(self._lights))
-        if key not in self._stages:
+        if self._staged is None:
             text = self._written("at = [0.0, 0.0, 0.0]\nlook = [1.0, 0.0, 0.0]\nup = [0.0, 0.0, 1.0]\n")
-            folder = os.getcwd()
-            self._stages[key] = _native.Stage.parse(text, folder, self.manifold._native, self._meshes)
-        return self._stages[key]
+            self._staged = _native.Stage.parse(text, "", self.manifold._native, self._meshes)
+            warn(self._staged.warnings)
+        return self._staged
 
-    def _written(self, camera: str | None) -> str:
+    def _written(self, camera: str | None, manifold: str | None = None) -> str:
         """Writes a scene file."""
-        text = f"manifold = {_toml.string(self.manifold.name)}\n"
+        text = f"manifold = {_toml.string(manifold or self.manifold.name)}\n"
+        if self._redshift:
+            text += "redshift = true\n"
         if camera is not None:
             text += f"\n[camera]\n{camera}"
         return text + "".join(self._objects + self._lights) + _toml.table("sky", self._skies)
 
+    def _files(self, camera: Camera, folder: Path) -> Path:
+        """Writes the scene with all that is in memory alone as files into `folder`; returns the scene's."""
+        (folder / "manifold.toml").write_text(self.manifold.text, encoding="utf-8")
+        for name, vertices, faces, color, emission in self._meshes:
+            material = Path(name).with_suffix(".mtl").name
+            lines = [f"mtllib {material}", "usemtl made"]
+            lines += ["v " + " ".join(repr(float(x)) for x in vertex) for vertex in vertices]
+            lines += ["f " + " ".join(str(int(i) + 1) for i in face) for face in faces]
+            (folder / name).write_text("\n".join(lines) + "\n", encoding="utf-8")
+            light = (" ".join(repr(float(x)) for x in three) for three in (color, emission))
+            (folder / material).write_text("newmtl made\nKd {}\nKe {}\n".format(*light), encoding="utf-8")
+        path = folder / "scene.toml"
+        path.write_text(self._written(camera.text, "manifold.toml"), encoding="utf-8")
+        return path
+
     def __reduce__(self) -> tuple[Any, ...]:
         if self._file is not None:
             raise TypeError("a scene from a file is not pickled: send its path")
-        return _rebuilt, (self.manifold, self._objects, self._lights, self._meshes, self._skies)
+        return _rebuilt, (
+            self.manifold,
+            self._redshift,
+            self._objects,
+            self._lights,
+            self._meshes,
+            self._skies,
+        )
 
 
-def _rebuilt(manifold: Manifold, objects: Any, lights: Any, meshes: Any, skies: Any) -> Scene:
-    scene = Scene(manifold)
+def _rebuilt(manifold: Manifold, redshift: bool, objects: Any, lights: Any, meshes: Any, skies: Any) -> Scene:
+    scene = Scene(manifold, redshift=redshift)
     scene._objects, scene._lights, scene._meshes, scene._skies = objects, lights, meshes, skies
     return scene
+
+
+def _read(found: tuple[str, str, Any, Any]) -> tuple[dict[str, Any], str, Any, Any]:
+    """Reads the report of a comparison."""
+    return (json.loads(found[0]), *found[1:])
+
+
+def _whole(name: str, values: Sequence[int], length: int) -> list[int]:
+    """Returns so many whole numbers."""
+    given = list(values)
+    if len(given) != length:
+        raise InputError(f"{name}: {length} whole numbers are needed", subject=name)
+    return [count(name, x) for x in given]
 
 
 def _is_path(mesh: Any) -> bool:

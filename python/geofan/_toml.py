@@ -42,9 +42,13 @@ def key(name: str) -> str:
     return name if plain else string(name)
 
 
+def lines(entries: Mapping[str, Any]) -> str:
+    """Writes entries, each in a line."""
+    return "".join(f"{key(k)} = {value(k, v)}\n" for k, v in entries.items())
+
+
 def table(title: str, entries: Mapping[str, Any]) -> str:
     """Writes a table under its header; nothing if it is empty."""
     if not entries:
         return ""
-    lines = "".join(f"{key(k)} = {value(k, v)}\n" for k, v in entries.items())
-    return f"\n[{title}]\n{lines}"
+    return f"\n[{title}]\n{lines(entries)}"

@@ -1,8 +1,8 @@
 """Spaces that come with the package, as functions of their parameters.
 
 >>> import geofan as gf
->>> gf.catalogue.schwarzschild(M=0.5).parameters
-{'M': 0.5}
+>>> gf.catalogue.schwarzschild(M=0.95).parameters
+{'M': 0.95}
 
 ``gf.catalogue.names()`` lists them. Each is a commented text: ``print(gf.catalogue.nil().text)``.
 """

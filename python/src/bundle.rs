@@ -8,11 +8,11 @@ use crate::{
     trace::{BLOCK, Places, TraceArrays, end_number, known_to_tables, write_end, write_sample},
     work,
 };
-use geofan_bake::{BakeOptions, BakeResult, PROMISES, bake, certify};
+use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
 use geofan_bundle::{self as table, Fan, TablePath, TangentPromise, container::VERSION, trace_in};
 use geofan_core::{
     Error, Observer, Progress, Result,
-    geodesic::{End, Ray, Settings, check_point, paths},
+    geodesic::{End, Ray, Settings, UnfinishedPaths, check_point, paths},
     manifold::Carried,
 };
 use glam::DVec3;
@@ -48,8 +48,8 @@ impl Bundle {
     /// Reads a bundle file.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let bundle = py.detach(|| table::Bundle::read(&path));
-        Ok(Self::new(bundle.map_err(|e| About::Input.raise(py, e))?))
+        let bundle = work::watch(py, About::Input, None, |_| table::Bundle::read(&path))?;
+        Ok(Self::new(bundle))
     }
 
     /// Reads the bytes of a bundle file.
@@ -61,35 +61,43 @@ impl Bundle {
         ))
     }
 
-    /// Bakes a manifold into the file `output`.
+    /// Bakes a manifold, or a share of it, into the file `output`; returns the bundle, if it is a whole one, and
+    /// what the user should know.
     #[staticmethod]
     #[allow(clippy::too_many_arguments)]
     fn bake(
         py: Python<'_>,
         manifold: &Manifold,
         output: PathBuf,
-        max_error: Option<f64>,
+        promises: (Option<f64>, Option<f64>),
         max_size: Option<u64>,
         length: Option<f64>,
         switches: (bool, bool, bool, bool),
+        share: Option<(u32, u32)>,
         certify_rays: u64,
         progress: Option<Py<PyAny>>,
-    ) -> PyResult<Self> {
-        if let Some(promise) = max_error.filter(|promise| !PROMISES.contains(promise)) {
-            let (start, end) = (PROMISES.start(), PROMISES.end());
-            let message = format!("{promise} does not lie between {start} and {end} mrad");
-            return Err(refuse(py, "max_error", message));
-        }
+    ) -> PyResult<(Option<Self>, Vec<String>)> {
+        let (max_error, max_sky_error) = promises;
+        check_promise(py, "max_error", max_error)?;
+        check_promise(py, "max_sky_error", max_sky_error)?;
         check_rays(py, "certify_rays", certify_rays)?;
+        if let Some((index, of)) = share.filter(|(index, of)| !(1..=*of).contains(index)) {
+            let message = format!("({index}, {of}) is none: shares are numbered from 1 to {of}");
+            return Err(refuse(py, "share", message));
+        }
         let (frames, mirrors, resume, wait) = switches;
+        if !frames && max_sky_error.is_some() {
+            let message = "without frames no directions are promised";
+            return Err(refuse(py, "max_sky_error", message));
+        }
         let options = BakeOptions {
             max_error,
-            max_sky_error: None,
+            max_sky_error,
             max_size,
             length: Some(manifold.path_length(py, length)?),
             frames,
             mirrors,
-            share: None,
+            share: share.map(|(index, of)| Share { index, of }),
             resume,
             wait,
             certify_rays,
@@ -98,18 +106,40 @@ impl Bundle {
             bake(manifold.space.clone(), &output, &options, observer)
         })?;
         match baked {
-            BakeResult::Bundle { bundle, .. } => Ok(Self::new(*bundle)),
+            BakeResult::Bundle {
+                bundle, unfinished, ..
+            } => Ok(Self::made(*bundle, &unfinished)),
             BakeResult::TooLarge(reason) => {
                 let message = format!("{reason}; loosen max_error or raise max_size");
                 Err(refuse(py, "max_size", message))
             }
-            BakeResult::Shard { .. } => Err(refuse(py, "bake", "made a shard")),
+            BakeResult::Shard { .. } => Ok((None, Vec::new())),
         }
+    }
+
+    /// Joins the shares of one bake into the file `output`; returns the bundle and what the user should know.
+    #[staticmethod]
+    fn merge(
+        py: Python<'_>,
+        shards: Vec<PathBuf>,
+        output: PathBuf,
+        progress: Option<Py<PyAny>>,
+    ) -> PyResult<(Option<Self>, Vec<String>)> {
+        if shards.is_empty() {
+            return Err(refuse(py, "shards", "there is none"));
+        }
+        let (bundle, _, unfinished) = work::watch(py, About::Input, progress.as_ref(), |o| {
+            merge(&shards, &output, o)
+        })?;
+        Ok(Self::made(bundle, &unfinished))
     }
 
     /// Returns the bytes of the file.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = py.detach(|| self.bundle.contents().encode());
+        let encoded = work::watch(py, About::Input, None, |_| {
+            Ok(self.bundle.contents().encode())
+        });
+        let bytes = encoded?;
         let bytes = bytes.map_err(|e| refuse(py, "bundle", e.to_string()))?;
         Ok(PyBytes::new(py, &bytes))
     }
@@ -167,6 +197,14 @@ impl Bundle {
         Ok(info.to_string())
     }
 
+    /// Tells whether the certificate of the bundle keeps its promises; `None` without one.
+    #[getter]
+    fn kept(&self) -> Option<bool> {
+        let header = &self.bundle.header;
+        let certificate = header.certificate.as_ref()?;
+        Some(header.plan.is_kept(certificate))
+    }
+
     /// Compares the table with exact paths of fresh random rays; returns JSON.
     fn check(
         &self,
@@ -195,8 +233,11 @@ impl Bundle {
             .collect();
         let report = json!({
             "certificate": checked.certificate,
+            "kept": plan.is_kept(&checked.certificate),
             "promise": plan.max_error,
+            "sky_promise": plan.tangents.mrad(plan.max_error),
             "beyond_20_promises": checked.far,
+            "unfinished": checked.unfinished,
             "worst": worst,
         });
         Ok(report.to_string())
@@ -348,6 +389,21 @@ impl Bundle {
         }
     }
 
+    /// Wraps what was baked, with what the user should know of it.
+    fn made(bundle: table::Bundle, unfinished: &UnfinishedPaths) -> (Option<Self>, Vec<String>) {
+        let plan = &bundle.header.plan;
+        let short = "bake with a greater `length`";
+        let short = unfinished.warning("paths end before they leave", short);
+        let short = short.filter(|_| bundle.manifold.domain.has_exits());
+        let certificate = bundle.header.certificate.as_ref();
+        let broken = certificate.filter(|found| !plan.is_kept(found)).map(|_| {
+            let promises = plan.promises(&bundle.table.space);
+            format!("the promise is not kept ({promises}); see `certificate`")
+        });
+        let warnings = short.into_iter().chain(broken).collect();
+        (Some(Self::new(bundle)), warnings)
+    }
+
     /// Contracts the table to the fan of a camera.
     fn fan(&self, camera: [f64; 3]) -> Result<Fan> {
         let u = DVec3::from_array(camera);
@@ -367,6 +423,16 @@ impl Bundle {
             }
         }
     }
+}
+
+/// Checks a promise, mrad.
+fn check_promise(py: Python<'_>, name: &str, promise: Option<f64>) -> PyResult<()> {
+    let Some(promise) = promise.filter(|promise| !PROMISES.contains(promise)) else {
+        return Ok(());
+    };
+    let (start, end) = (PROMISES.start(), PROMISES.end());
+    let message = format!("{promise} does not lie between {start} and {end} mrad");
+    Err(refuse(py, name, message))
 }
 
 /// Checks a number of random rays.

@@ -3,79 +3,167 @@
 use crate::{
     arrays::{positive, room},
     errors::{About, refuse},
-    manifold::vectors,
+    manifold::{Manifold, vectors},
     work,
 };
 use geofan_core::{
-    geodesic::{check_point, unit},
-    manifold::Manifold,
+    Error, Result,
+    diagnostic::{Diagnostic, SourceText},
+    geodesic::check_start,
+    manifold as space,
 };
-use geofan_render::{self as render, View};
+use geofan_render::{
+    self as render, Part, PicturePanels, camera_point,
+    scene::{CameraEntry, CameraMotion, CameraProjection, Lens, SceneFile},
+};
 use glam::{DMat3, DQuat, DVec3};
 use numpy::PyArray2;
 use pyo3::prelude::*;
-use std::sync::Arc;
+use std::{fmt::Write, path::Path, sync::Arc};
 
 /// A camera in a manifold.
 #[pyclass(frozen, module = "geofan._native")]
+#[derive(Clone)]
 pub struct Camera {
-    space: Arc<Manifold>,
-    /// The library's.
-    pub placed: render::Camera,
-    /// Horizontal angle of view, degrees.
-    pub fov: f64,
+    space: Arc<space::Manifold>,
+    placed: render::Camera,
+    /// Angle of view, degrees.
+    fov: f64,
+    /// Projection, eyes and crop.
+    pub lens: Lens,
+    motion: CameraMotion,
 }
 
-/// Below this sine of the angle between them, `up` and `look` do not say how a picture is turned.
-const PARALLEL: f64 = 1e-6;
-
 impl Camera {
-    /// Returns a camera at `at` that looks along `look`.
-    pub fn looking(
-        py: Python<'_>,
-        space: Arc<Manifold>,
-        at: [f64; 3],
-        look: [f64; 3],
-        up: [f64; 3],
-        fov: f64,
-    ) -> PyResult<Self> {
-        let u = DVec3::from_array(at);
-        check_point(&space, "at", u).map_err(|e| About::Input.raise(py, e))?;
-        let direction = |name: &str, v: [f64; 3]| {
-            unit(v.into())
-                .ok_or_else(|| refuse(py, name, "a direction must be finite and not be zero"))
-        };
-        let (look, up) = (direction("look", look)?, direction("up", up)?);
-        if look.cross(up).length() < PARALLEL {
-            return Err(refuse(py, "up", "is parallel to `look`"));
-        }
-        if !(fov > 0.0 && fov < 180.0) {
-            return Err(refuse(
-                py,
-                "fov",
-                format!("{fov} does not lie between 0 and 180"),
-            ));
-        }
+    /// Takes a camera of a text, from which paths must be able to start.
+    pub fn of_entry(
+        space: &Arc<space::Manifold>,
+        source: &Arc<SourceText>,
+        entry: &CameraEntry,
+    ) -> Result<Self> {
+        let u = camera_point(space, source, entry)?;
+        let complain =
+            |fault: Error| Diagnostic::new(source, entry.position_span.clone(), fault.to_string());
+        // The domain does not say where the metric breaks down.
+        check_start(space, "the camera", u).map_err(complain)?;
         Ok(Self {
-            placed: render::Camera::looking(u, look, up),
-            space,
-            fov,
+            space: space.clone(),
+            placed: render::Camera::looking(u, entry.look, entry.up),
+            fov: entry.fov_degrees,
+            lens: entry.lens,
+            motion: entry.motion,
         })
     }
 
-    /// Takes a camera of a scene.
-    pub fn placed(space: Arc<Manifold>, placed: render::Camera, fov: f64) -> Self {
-        Self { space, placed, fov }
+    /// Takes a camera of a journey that moves with `velocity` (standard frame); it draws as `like` does.
+    pub fn on_the_way(
+        space: &Arc<space::Manifold>,
+        (placed, fov): (render::Camera, f64),
+        velocity: DVec3,
+        like: Option<&Self>,
+    ) -> Self {
+        let lens = like.map_or(Lens::default(), |like| like.lens);
+        Self {
+            space: space.clone(),
+            placed,
+            // The angle of a fisheye is no pose's.
+            fov: match (lens.projection, like) {
+                (CameraProjection::Fisheye, Some(like)) => like.fov,
+                _ => fov,
+            },
+            lens,
+            motion: match velocity == DVec3::ZERO {
+                true => CameraMotion::Normal,
+                false => CameraMotion::Velocity(velocity),
+            },
+        }
     }
 
-    /// Returns what it sees on a picture of this size.
-    pub fn view(&self, size: (usize, usize)) -> View {
-        View::of_camera(&self.placed, self.fov, size)
+    /// Divides the picture that it draws; of `crop` alone, if there is one.
+    pub fn panels(&self, size: (usize, usize), crop: Option<Part>) -> Result<PicturePanels> {
+        let u = self.placed.u;
+        let velocity = self.motion.velocity(&self.space, u).ok_or_else(|| {
+            let message = format!("nothing can be at rest at {u}: it would be as fast as light");
+            Error::input("rest", message)
+        })?;
+        let seen = (self.placed, self.fov);
+        let panels = PicturePanels::through(&self.space, seen, self.lens, size, crop)?;
+        Ok(panels.with_velocity(velocity))
+    }
+
+    /// Writes the lines of a scene file that tell how it draws and moves.
+    fn manner(&self) -> String {
+        let mut text = String::new();
+        let projection = self.lens.projection;
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "projection = {:?}", projection.name());
+        let _ = match projection {
+            CameraProjection::Orthographic { width } => writeln!(text, "width = {width:?}"),
+            CameraProjection::Perspective | CameraProjection::Fisheye => {
+                writeln!(text, "fov = {:?}", self.fov)
+            }
+            CameraProjection::Panorama | CameraProjection::Cube => Ok(()),
+        };
+        if let Some(stereo) = self.lens.stereo {
+            let (separation, layout) = (stereo.separation, stereo.layout.name());
+            let convergence = match stereo.convergence.is_finite() {
+                true => format!(", convergence = {:?}", stereo.convergence),
+                false => String::new(),
+            };
+            let _ = writeln!(
+                text,
+                "stereo = {{ separation = {separation:?}{convergence}, layout = {layout:?} }}"
+            );
+        }
+        if let Some(crop) = self.lens.crop {
+            let _ = writeln!(text, "crop = {crop:?}");
+        }
+        let _ = match self.motion {
+            CameraMotion::Normal => Ok(()),
+            CameraMotion::Static => writeln!(text, "rest = \"static\""),
+            CameraMotion::Velocity(v) => writeln!(text, "velocity = {:?}", v.to_array()),
+        };
+        text
     }
 }
 
 #[pymethods]
 impl Camera {
+    /// Reads the text of a scene file that has nothing but a camera.
+    #[staticmethod]
+    fn read(py: Python<'_>, manifold: &Manifold, text: String) -> PyResult<Self> {
+        let source = SourceText::new("camera", text);
+        let read = || {
+            let scene = SceneFile::parse(source, Path::new(""))?;
+            Self::of_entry(&manifold.space, &scene.source, &scene.camera)
+        };
+        read().map_err(|e| About::Input.raise(py, e))
+    }
+
+    /// Returns the lines of the `[camera]` of a scene file.
+    #[getter]
+    fn text(&self) -> String {
+        let axes = DMat3::from_quat(self.placed.rotation);
+        let [at, look, up] = [self.placed.u, -axes.z_axis, axes.y_axis].map(|v| v.to_array());
+        format!(
+            "at = {at:?}\nlook = {look:?}\nup = {up:?}\n{}",
+            self.manner()
+        )
+    }
+
+    /// Names the projection.
+    #[getter]
+    fn projection(&self) -> &'static str {
+        self.lens.projection.name()
+    }
+
+    /// Returns the velocity past the normal observer, standard frame; `None` where nothing can move so.
+    #[getter]
+    fn velocity(&self) -> Option<[f64; 3]> {
+        let velocity = self.motion.velocity(&self.space, self.placed.u)?;
+        Some(velocity.to_array())
+    }
+
     /// Returns the chart point.
     #[getter]
     fn at(&self) -> [f64; 3] {
@@ -127,33 +215,40 @@ impl Camera {
 
     /// Returns the camera with another angle of view.
     fn zoomed(&self, py: Python<'_>, fov: f64) -> PyResult<Self> {
-        match positive(py, "fov", fov)? < 180.0 {
-            true => Ok(Self {
-                space: self.space.clone(),
-                placed: self.placed,
+        positive(py, "fov", fov)?;
+        let message = match self.lens.projection {
+            CameraProjection::Perspective if fov < 180.0 => None,
+            CameraProjection::Fisheye if fov <= 360.0 => None,
+            CameraProjection::Perspective => Some("does not lie between 0 and 180"),
+            CameraProjection::Fisheye => Some("is more than 360"),
+            _ => Some("is given, but this projection has no angle of view"),
+        };
+        match message {
+            None => Ok(Self {
                 fov,
+                ..self.clone()
             }),
-            false => Err(refuse(
-                py,
-                "fov",
-                format!("{fov} does not lie between 0 and 180"),
-            )),
+            Some(message) => Err(refuse(py, "fov", format!("{fov} {message}"))),
         }
     }
 
-    /// Returns the directions of pixels' middles, standard frame: rows of pixels, from the upper left.
+    /// Returns the directions of pixels' middles, standard frame: rows of pixels, from the upper left; and how many
+    /// columns and rows there are.
     fn directions<'py>(
         &self,
         py: Python<'py>,
         size: (usize, usize),
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, (usize, usize))> {
         room(py, "size", &[size.0, size.1, 3])?;
-        let view = self.view(size);
-        let middle = |i: usize| {
-            let (x, y) = (i % size.0, i / size.0);
-            view.direction(x as f64 + 0.5, y as f64 + 0.5)
-        };
-        vectors(py, (0..size.0 * size.1).map(middle))
+        let view = self.panels(size, None).and_then(PicturePanels::single);
+        let view = view.map_err(|e| About::Input.raise(py, e))?;
+        if !view.is_central() {
+            let message = "its rays start at different points; directions alone do not tell them";
+            return Err(refuse(py, "camera", message));
+        }
+        let (width, height) = view.size;
+        let middle = |i: usize| view.direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5);
+        Ok((vectors(py, (0..width * height).map(middle))?, view.size))
     }
 }
 
@@ -161,9 +256,8 @@ impl Camera {
     /// Puts it elsewhere.
     fn with(&self, placed: render::Camera) -> Self {
         Self {
-            space: self.space.clone(),
             placed,
-            fov: self.fov,
+            ..self.clone()
         }
     }
 }

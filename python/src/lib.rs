@@ -11,7 +11,9 @@ mod camera;
 mod columns;
 mod connect;
 mod errors;
+mod journey;
 mod manifold;
+mod page;
 mod pictures;
 mod scene;
 mod study;
@@ -19,7 +21,20 @@ mod threads;
 mod trace;
 mod work;
 
-use pyo3::prelude::*;
+use pyo3::{PyClass, prelude::*};
+
+/// Refuses a class whose values need more than the alignment that Python's allocator gives to objects, where they
+/// are kept: vector instructions fault on them. Such a class keeps them in a box.
+const fn is_aligned<T: PyClass>() -> bool {
+    align_of::<T>() <= 2 * size_of::<usize>()
+}
+
+const _: () = {
+    assert!(is_aligned::<bundle::Bundle>());
+    assert!(is_aligned::<camera::Camera>());
+    assert!(is_aligned::<manifold::Manifold>());
+    assert!(is_aligned::<scene::Stage>());
+};
 
 /// Geodesics, tables and pictures of curved spaces, without the conveniences of the package around it.
 #[pymodule]
@@ -28,7 +43,9 @@ mod _native {
     use super::{
         bundle::Bundle,
         camera::Camera,
+        journey::journey,
         manifold::Manifold,
+        page::page,
         pictures::{read_picture, write_picture},
         scene::Stage,
         study::sweep,

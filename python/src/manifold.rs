@@ -2,7 +2,6 @@
 
 use crate::{
     arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
-    camera::Camera,
     connect,
     errors::{About, refuse},
     trace::{self, BLOCK, Places, TraceRequest},
@@ -35,7 +34,9 @@ pub struct Manifold {
 #[derive(Debug, Clone, Copy)]
 enum Quantity {
     Metric,
+    Inverse,
     Frame,
+    Connection,
     Christoffel,
     Riemann,
     Ricci,
@@ -46,6 +47,8 @@ impl Quantity {
     fn named(name: &str) -> Option<Self> {
         Some(match name {
             "metric" => Self::Metric,
+            "inverse" => Self::Inverse,
+            "connection" => Self::Connection,
             "frame" => Self::Frame,
             "christoffel" => Self::Christoffel,
             "riemann" => Self::Riemann,
@@ -58,8 +61,8 @@ impl Quantity {
     /// Counts its numbers.
     fn width(self) -> usize {
         match self {
-            Self::Metric | Self::Frame | Self::Ricci => 9,
-            Self::Christoffel => 27,
+            Self::Metric | Self::Inverse | Self::Frame | Self::Ricci => 9,
+            Self::Christoffel | Self::Connection => 27,
             Self::Riemann => 81,
             Self::Scalar => 1,
         }
@@ -71,6 +74,12 @@ impl Quantity {
         match self {
             Self::Metric => out.copy_from_slice(&rows(manifold.metric(u))),
             Self::Frame => out.copy_from_slice(&manifold.standard_frame(u).to_cols_array()),
+            Self::Inverse => out.copy_from_slice(&rows(curvature()?.inverse)),
+            Self::Connection => {
+                for (out, omega) in out.chunks_exact_mut(9).zip(manifold.connection(u)) {
+                    out.copy_from_slice(&rows(omega));
+                }
+            }
             Self::Ricci => out.copy_from_slice(&rows(curvature()?.ricci)),
             Self::Scalar => out[0] = curvature()?.scalar,
             Self::Christoffel => {
@@ -388,18 +397,6 @@ impl Manifold {
             length,
             accuracy,
         )
-    }
-
-    /// Returns a camera at `at` that looks along `look`.
-    fn camera(
-        &self,
-        py: Python<'_>,
-        at: [f64; 3],
-        look: [f64; 3],
-        up: [f64; 3],
-        fov: f64,
-    ) -> PyResult<Camera> {
-        Camera::looking(py, self.space.clone(), at, look, up, fov)
     }
 }
 

@@ -1,11 +1,62 @@
 //! Pictures as arrays: what the renderer made, and files.
 
 use crate::errors::{About, refuse};
-use geofan_core::Result;
-use geofan_render::picture::{self, Format, LayerValues, Metadata, Picture, read_exr};
+use geofan_core::{Result, geodesic::UnfinishedPaths};
+use geofan_render::{
+    PicturePanels, World,
+    picture::{self, Format, Frame, LayerValues, Metadata, Picture, read_exr},
+};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::{prelude::*, types::PyDict};
 use std::path::PathBuf;
+
+/// A picture of a scene, and what is told of it.
+pub struct DrawnPicture {
+    /// The picture.
+    pub picture: Picture,
+    /// Goes with it into an EXR file.
+    pub notes: Metadata,
+    /// The tracer's name.
+    pub tracer: &'static str,
+    /// Samples of a pixel.
+    pub samples: u64,
+    /// Share of samples that a table gave up on.
+    pub flagged: f64,
+    /// Paths that were not followed far enough.
+    pub unfinished: UnfinishedPaths,
+    /// What the user should know.
+    pub warnings: Vec<String>,
+}
+
+impl DrawnPicture {
+    /// Makes the notes for a picture's file.
+    pub fn notes(world: &World, panels: &PicturePanels, tracer: &str) -> Metadata {
+        let notes = Metadata::default()
+            .with("manifold", &world.manifold.name)
+            .with("tracer", tracer)
+            .with("version", env!("CARGO_PKG_VERSION"));
+        panels.described(notes)
+    }
+
+    /// Hands it over, without copying it.
+    pub fn into_dict(self, py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+        let unfinished = serde_json::to_string(&self.unfinished);
+        let unfinished = unfinished.map_err(|e| refuse(py, "picture", e.to_string()))?;
+        let (rgb, layers) = arrays(py, self.picture)?;
+        let dict = PyDict::new(py);
+        dict.set_item("rgb", rgb)?;
+        dict.set_item("layers", layers)?;
+        dict.set_item("tracer", self.tracer)?;
+        dict.set_item("samples", self.samples)?;
+        dict.set_item("flagged", self.flagged)?;
+        dict.set_item("unfinished", unfinished)?;
+        dict.set_item("warnings", self.warnings)?;
+        let frame = self.notes.frame.map(|frame| (frame.size, frame.corner));
+        dict.set_item("window", (frame, self.notes.screen_width))?;
+        dict.set_item("notes", self.notes.notes)?;
+        Ok(dict)
+    }
+}
 
 /// Hands a picture over: `rgb` and the layers by their names, without copying them.
 pub fn arrays<'py>(
@@ -35,6 +86,7 @@ pub fn write_picture(
     floats: Vec<(String, PyReadonlyArray2<'_, f32>)>,
     indices: Vec<(String, PyReadonlyArray2<'_, u32>)>,
     notes: Vec<(String, String)>,
+    window: PictureWindow,
 ) -> PyResult<()> {
     let name = path.display().to_string();
     if Format::of(&path).is_none() {
@@ -58,23 +110,25 @@ pub fn write_picture(
     for (name, layer) in indices {
         made = made.with_index(name, layer.as_array().to_owned());
     }
-    let written: Result<()> = py.detach(|| picture::write(&path, &made, &with_notes(notes)));
+    let (frame, screen_width) = window;
+    let about = Metadata {
+        notes,
+        frame: frame.map(|(size, corner)| Frame { size, corner }),
+        screen_width,
+    };
+    let written: Result<()> = py.detach(|| picture::write(&path, &made, &about));
     written.map_err(|e| About::Input.raise(py, e))
 }
 
-/// Makes the notes for a picture's file.
-fn with_notes(notes: Vec<(String, String)>) -> Metadata {
-    Metadata {
-        notes,
-        ..Metadata::default()
-    }
-}
+/// Size and corner of the picture that one is a part of, and its width at distance 1 in perspective.
+type PictureWindow = (Option<((usize, usize), (usize, usize))>, Option<f32>);
 
-/// What is read from a picture's file: light, layers, notes.
+/// What is read from a picture's file: light, layers, notes, window.
 type ReadPicture<'py> = (
     Bound<'py, PyArray3<f32>>,
     Bound<'py, PyDict>,
     Vec<(String, String)>,
+    PictureWindow,
 );
 
 /// Reads a PNG, HDR or EXR file as linear light, with its layers and notes.
@@ -86,5 +140,6 @@ pub fn read_picture<'py>(py: Python<'py>, path: PathBuf) -> PyResult<ReadPicture
     });
     let (picture, notes) = found.map_err(|e| About::Input.raise(py, e))?;
     let (rgb, layers) = arrays(py, picture)?;
-    Ok((rgb, layers, notes.notes))
+    let frame = notes.frame.map(|frame| (frame.size, frame.corner));
+    Ok((rgb, layers, notes.notes, (frame, notes.screen_width)))
 }

@@ -6,40 +6,40 @@ use crate::{
     camera::Camera,
     errors::{About, refuse},
     manifold::Manifold,
-    pictures::arrays,
+    pictures::{DrawnPicture, arrays},
     work,
 };
 use geofan_core::{
-    Error, Observer, Progress, Result, diagnostic::SourceText, geodesic::check_point,
+    Error, Observer, Progress, Result, diagnostic::SourceText, geodesic::UnfinishedPaths,
 };
 use geofan_light::{
     cache,
-    path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings},
+    path_tracer::{Estimator, PanelTracers, PassAccumulator, PathTracerSettings},
 };
 use geofan_render::{
-    self as render, DrawingOptions, ExactTracer, PathSource, View, World,
-    frame::{Paths, offsets, trace},
-    picture::Picture,
+    self as render, DrawingOptions, Part, PathSource, PicturePanels, World,
     scene::{Mesh, SceneFile},
-    shade::with_layers,
+    usual_size,
 };
-use geofan_study::comparison::{CompareOptions, compare};
-use numpy::{PyArray2, PyArray3, PyReadonlyArray2};
+use geofan_study::comparison::{CompareOptions, Comparison, LocalReport, compare, compare_local};
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::{prelude::*, types::PyDict};
 use std::{
-    fmt::Write,
+    fmt::{Display, Write},
     path::{Path, PathBuf},
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
     },
+    time::Instant,
 };
 
 /// A scene with everything it names.
 #[pyclass(frozen, module = "geofan._native")]
 pub struct Stage {
-    /// The library's, and over which length its surfaces are lit.
-    staged: Mutex<(render::Stage, Option<f64>)>,
+    /// The library's, and over which length its surfaces are lit. In a box, as its vectors are aligned as Python's
+    /// objects are not.
+    staged: Mutex<Box<Staged>>,
 }
 
 /// A mesh made of arrays: its name in the scene, vertices, faces, colour, light given off.
@@ -57,7 +57,10 @@ type MadeMesh<'py> = (
 struct PictureRequest {
     /// Name of a view of the scene, if no camera is given.
     view: Option<String>,
-    size: (usize, usize),
+    /// Columns and rows; half of what the program takes where none are given.
+    size: Option<(usize, usize)>,
+    /// First column and row, columns and rows of the part that is drawn.
+    crop: Option<[usize; 4]>,
     spp: usize,
     error: f64,
     tolerance: f64,
@@ -71,8 +74,9 @@ const MOST_SAMPLES: usize = 4096;
 impl PictureRequest {
     /// Checks the numbers.
     fn checked(self, py: Python<'_>) -> PyResult<Self> {
-        let pixels = self.size.0.checked_mul(self.size.1);
-        if !pixels.is_some_and(|pixels| (1..=MOST_PIXELS).contains(&pixels)) {
+        let pixels = self.size.map(|(width, height)| width.checked_mul(height));
+        let fits = |pixels: Option<usize>| pixels.is_some_and(|n| (1..=MOST_PIXELS).contains(&n));
+        if !pixels.is_none_or(fits) {
             let message = format!("a picture has 1 to {MOST_PIXELS} pixels");
             return Err(refuse(py, "size", message));
         }
@@ -87,22 +91,45 @@ impl PictureRequest {
         Ok(self)
     }
 
-    fn drawing(&self) -> DrawingOptions {
+    fn drawing(&self, layers: bool) -> DrawingOptions {
         DrawingOptions {
             samples: self.spp,
             error: self.error,
             tolerance: self.tolerance,
+            layers,
         }
     }
 
-    /// Returns what `camera`, or the view that is named, sees.
-    fn view(&self, stage: &render::Stage, camera: Option<&Camera>) -> Result<View> {
-        let Some(camera) = camera else {
-            return stage.view_of(self.view.as_deref(), self.size);
+    /// Divides the picture of `camera`, or of the view that is named.
+    fn panels(&self, stage: &render::Stage, camera: Option<&Camera>) -> Result<PicturePanels> {
+        let camera = match camera {
+            Some(camera) => camera.clone(),
+            None => scene_camera(stage, self.view.as_deref())?,
         };
-        check_point(&stage.world.manifold, "camera", camera.placed.u)?;
-        Ok(camera.view(self.size))
+        let size = self.size.unwrap_or_else(|| {
+            let (width, height) = usual_size(&camera.lens);
+            (width / 2, height / 2)
+        });
+        camera.panels(size, self.crop.map(part).transpose()?)
     }
+}
+
+/// Returns columns and rows of a part of a picture.
+fn part([x, y, width, height]: [usize; 4]) -> Result<Part> {
+    let end = |start: usize, length: usize| start.checked_add(length).filter(|_| length > 0);
+    match (end(x, width), end(y, height)) {
+        (Some(right), Some(bottom)) => Ok((x..right, y..bottom)),
+        _ => Err(Error::input(
+            "crop",
+            "is first column, first row, columns and rows, of which there must be some",
+        )),
+    }
+}
+
+/// Returns one of a scene's cameras.
+fn scene_camera(stage: &render::Stage, name: Option<&str>) -> Result<Camera> {
+    let entry = stage.camera(name)?;
+    Camera::of_entry(&stage.world.manifold, &stage.scene.source, entry)
 }
 
 #[pymethods]
@@ -110,7 +137,9 @@ impl Stage {
     /// Reads a scene file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, settings: Vec<(String, f64)>) -> PyResult<Self> {
-        let stage = py.detach(|| render::Stage::load(&path, &settings));
+        let stage = work::watch(py, About::Scene, None, |_| {
+            Ok(render::Stage::load(&path, &settings))
+        })?;
         Self::made(py, stage)
     }
 
@@ -129,13 +158,14 @@ impl Stage {
             let mesh = mesh.map_err(|e| About::Scene.raise(py, e))?;
             shelf.push((folder.join(name), Arc::new(mesh)));
         }
-        let stage = py.detach(|| {
+        let furnish = || {
             let scene = SceneFile::parse(SourceText::new("scene", text), &folder)?;
             let made: Vec<PathBuf> = shelf.iter().map(|(path, _)| path.clone()).collect();
             scene.check_files(&made)?;
             let world = World::furnished(&scene, manifold.space.clone(), shelf)?;
             Ok(render::Stage { scene, world })
-        });
+        };
+        let stage = work::watch(py, About::Scene, None, |_| Ok(furnish()))?;
         Self::made(py, stage)
     }
 
@@ -169,20 +199,11 @@ impl Stage {
 
     /// Returns one of the scene's cameras.
     fn camera(&self, py: Python<'_>, name: Option<String>) -> PyResult<Camera> {
-        let staged = self.lock();
-        let stage = &staged.0;
-        let raise = |e| About::Scene.raise(py, e);
-        let view = stage.view_of(name.as_deref(), (2, 2)).map_err(raise)?;
-        let entry = stage.camera(name.as_deref()).map_err(raise)?;
-        Ok(Camera::placed(
-            stage.world.manifold.clone(),
-            view.camera(),
-            entry.fov_degrees,
-        ))
+        let camera = scene_camera(&self.lock().0, name.as_deref());
+        camera.map_err(|e| About::Scene.raise(py, e))
     }
 
-    /// Draws a picture by table, exactly or to first order; returns light, layers, the tracer's name and the share
-    /// of samples that the table gave up on.
+    /// Draws a picture by table, exactly or to first order.
     #[allow(clippy::too_many_arguments)]
     fn render<'py>(
         &self,
@@ -194,32 +215,37 @@ impl Stage {
         light_file: Option<PathBuf>,
         layers: bool,
         progress: Option<Py<PyAny>>,
-    ) -> PyResult<Rendered<'py>> {
+    ) -> PyResult<Bound<'py, PyDict>> {
         let request = request.checked(py)?;
-        let (picture, tracer, flagged) =
-            work::watch(py, About::Scene, progress.as_ref(), |observer| {
-                let mut staged = self.lock();
-                bundle.map_or(Ok(()), |b| staged.0.check_bundle(&b.bundle))?;
-                let view = request.view(&staged.0, camera)?;
-                let source = source(&request, &staged.0, tracer.as_deref(), bundle)?;
-                let length = match bundle {
-                    Some(bundle) => bundle.bundle.table.length,
-                    None => staged.0.world.manifold.length_or(request.length)?,
-                };
-                light_up(&mut staged, light_file.as_deref(), length, observer)?;
-                let world = &staged.0.world;
-                let clock = &geofan_study::clock;
-                let (drawing, _) =
-                    source.draw(world, &view, request.drawing(), (&mut None, clock))?;
-                let flagged = drawing.flagged_share();
-                let picture = match layers {
-                    true => drawing.layered(world, &view, request.drawing()),
-                    false => drawing.picture,
-                };
-                Ok((picture, source.name(), flagged))
-            })?;
-        let (rgb, layers) = arrays(py, picture)?;
-        Ok((rgb, layers, tracer, flagged))
+        let drawn = work::watch(py, About::Scene, progress.as_ref(), |observer| {
+            let mut staged = self.lock();
+            bundle.map_or(Ok(()), |b| staged.0.check_bundle(&b.bundle))?;
+            let panels = request.panels(&staged.0, camera)?;
+            let source = source(&request, &staged.0, tracer.as_deref(), bundle)?;
+            let length = match bundle {
+                Some(bundle) => bundle.bundle.table.length,
+                None => staged.0.world.manifold.length_or(request.length)?,
+            };
+            light_up(&mut staged, light_file.as_deref(), length, observer)?;
+            let world = &staged.0.world;
+            let options = request.drawing(layers);
+            let drawn = source.draw_panels(world, &panels, options, &geofan_study::clock)?;
+            let unfinished = source.ends(world, &drawn.parts, request.tolerance);
+            let mut warnings = drawing_warnings(world, &panels, &unfinished, bundle.is_some());
+            if !drawn.shows {
+                warnings.push("nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives".into());
+            }
+            Ok(DrawnPicture {
+                picture: drawn.picture,
+                notes: DrawnPicture::notes(world, &panels, source.name()),
+                tracer: source.name(),
+                samples: request.spp as u64,
+                flagged: drawn.flagged,
+                unfinished,
+                warnings,
+            })
+        })?;
+        drawn.into_dict(py)
     }
 
     /// Draws a picture by path tracing.
@@ -231,14 +257,20 @@ impl Stage {
         request: PictureRequest,
         seed: u64,
         bounces: Option<u32>,
+        seconds: Option<f64>,
         layers: bool,
         progress: Option<Py<PyAny>>,
-    ) -> PyResult<Rendered<'py>> {
+    ) -> PyResult<Bound<'py, PyDict>> {
         let request = request.checked(py)?;
-        let picture = work::watch(py, About::Scene, progress.as_ref(), |observer| {
+        seconds.map_or(Ok(0.0), |seconds| positive(py, "seconds", seconds))?;
+        let drawn = work::watch(py, About::Scene, progress.as_ref(), |observer| {
             let staged = self.lock();
             let world = &staged.0.world;
-            let view = request.view(&staged.0, camera)?;
+            if world.is_coloured_by_frequency() {
+                let message = "`path` knows neither `redshift` nor `temperature` of the scene; draw it by another tracer, or take them out";
+                return Err(Error::input("tracer", message));
+            }
+            let panels = request.panels(&staged.0, camera)?;
             let settings = PathTracerSettings {
                 seed,
                 length: world.manifold.length_or(request.length)?,
@@ -246,18 +278,30 @@ impl Stage {
                 bounces: bounces.unwrap_or(u32::MAX),
                 estimator: Estimator::Connected,
             };
-            let picture = passes(world, &view, settings, request.spp, observer)?;
-            Ok(match layers {
-                true => first_hits(picture, world, &view, settings),
-                false => picture,
+            let tracers = PanelTracers::new(world, &panels, settings);
+            let film = passes(&tracers, panels.size, (request.spp, seconds), observer)?;
+            let picture = film.picture();
+            let mut warnings = Vec::new();
+            if picture.rgb.iter().all(|light| *light == 0.0) {
+                warnings.push("the picture is black: no lamp, no glowing surface and no sky of the scene lights what is seen".into());
+            }
+            Ok(DrawnPicture {
+                picture: match layers {
+                    true => tracers.layered(picture),
+                    false => picture,
+                },
+                notes: DrawnPicture::notes(world, &panels, "path"),
+                tracer: "path",
+                samples: film.passes(),
+                flagged: 0.0,
+                unfinished: UnfinishedPaths::default(),
+                warnings,
             })
         })?;
-        let (rgb, layers) = arrays(py, picture)?;
-        Ok((rgb, layers, "path", 0.0))
+        drawn.into_dict(py)
     }
 
-    /// Compares the picture by a table with the exact one; returns the report as JSON and as text, FLIP of every
-    /// pixel, and the pictures by their names.
+    /// Compares the picture by a table with the exact one.
     fn compare<'py>(
         &self,
         py: Python<'py>,
@@ -269,16 +313,13 @@ impl Stage {
     ) -> PyResult<Compared<'py>> {
         let request = request.checked(py)?;
         if !(1..=1000).contains(&frames) {
-            return Err(refuse(
-                py,
-                "frames",
-                format!("{frames} is not between 1 and 1000"),
-            ));
+            let message = format!("{frames} is not between 1 and 1000");
+            return Err(refuse(py, "frames", message));
         }
         let found = work::watch(py, About::Scene, None, |observer| {
             let mut staged = self.lock();
             staged.0.check_bundle(&bundle.bundle)?;
-            let view = request.view(&staged.0, camera)?;
+            let view = request.panels(&staged.0, camera)?.single()?;
             let length = bundle.bundle.table.length;
             light_up(&mut staged, light_file.as_deref(), length, observer)?;
             let options = CompareOptions {
@@ -290,24 +331,30 @@ impl Stage {
             };
             compare(&staged.0.world, &view, &bundle.bundle.table, options)
         })?;
-        let report = serde_json::to_string(&found.report);
-        let report = report.map_err(|e| refuse(py, "compare", e.to_string()))?;
-        let pictures = PyDict::new(py);
-        for (name, picture) in found.pictures {
-            pictures.set_item(name, arrays(py, picture)?.0)?;
-        }
-        let flip = PyArray2::from_owned_array(py, found.flip);
-        Ok((report, found.report.to_string(), flip, pictures))
+        compared(py, found)
+    }
+
+    /// Compares the picture by straight lines of the chart with the exact one.
+    fn compare_local<'py>(
+        &self,
+        py: Python<'py>,
+        camera: Option<&Camera>,
+        request: PictureRequest,
+    ) -> PyResult<Compared<'py>> {
+        let request = request.checked(py)?;
+        let found = work::watch(py, About::Scene, None, |observer| {
+            let mut staged = self.lock();
+            let view = request.panels(&staged.0, camera)?.single()?;
+            let length = staged.0.world.manifold.length_or(request.length)?;
+            light_up(&mut staged, None, length, observer)?;
+            let (samples, tolerance) = (request.spp, request.tolerance);
+            let found: Result<Comparison<LocalReport>> =
+                compare_local(&staged.0.world, &view, samples, length, tolerance);
+            found
+        })?;
+        compared(py, found)
     }
 }
-
-/// A picture: light, layers, the tracer's name, the share of samples that a table gave up on.
-type Rendered<'py> = (
-    Bound<'py, PyArray3<f32>>,
-    Bound<'py, PyDict>,
-    &'static str,
-    f64,
-);
 
 /// A comparison: report as JSON and as text, FLIP, pictures.
 type Compared<'py> = (
@@ -316,6 +363,38 @@ type Compared<'py> = (
     Bound<'py, PyArray2<f32>>,
     Bound<'py, PyDict>,
 );
+
+/// Hands a comparison over.
+fn compared<R: serde::Serialize + Display>(
+    py: Python<'_>,
+    found: Comparison<R>,
+) -> PyResult<Compared<'_>> {
+    let report = serde_json::to_string(&found.report);
+    let report = report.map_err(|e| refuse(py, "compare", e.to_string()))?;
+    let pictures = PyDict::new(py);
+    for (name, picture) in found.pictures {
+        pictures.set_item(name, arrays(py, picture)?.0)?;
+    }
+    let flip = PyArray2::from_owned_array(py, found.flip);
+    Ok((report, found.report.to_string(), flip, pictures))
+}
+
+/// Lists what the user should know of a picture's shape and of where its paths end.
+fn drawing_warnings(
+    world: &World,
+    panels: &PicturePanels,
+    unfinished: &UnfinishedPaths,
+    by_table: bool,
+) -> Vec<String> {
+    let longer = match by_table {
+        true => "bake with a `length`",
+        false => "give a `length`, here or to the manifold",
+    };
+    let remedy = format!("{longer}; or give the scene a `length` sky");
+    let black = unfinished.warning("this view is black in parts", &remedy);
+    let black = black.filter(|_| !world.has_length_sky());
+    panels.warning().into_iter().chain(black).collect()
+}
 
 type Staged = (render::Stage, Option<f64>);
 
@@ -329,11 +408,11 @@ impl Stage {
             about.raise(py, error)
         })?;
         Ok(Self {
-            staged: Mutex::new((stage, None)),
+            staged: Mutex::new(Box::new((stage, None))),
         })
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Staged> {
+    fn lock(&self) -> std::sync::MutexGuard<'_, Box<Staged>> {
         self.staged.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -355,6 +434,11 @@ fn source<'b>(
     bundle: Option<&'b Bundle>,
 ) -> Result<PathSource<'b>> {
     let length = || stage.world.manifold.length_or(request.length);
+    if bundle.is_some() && request.length.is_some() && tracer != Some("exact") {
+        let message =
+            "the paths of a bundle have their length; leave it out, or give the tracer `exact`";
+        return Err(Error::input("length", message));
+    }
     match (tracer, bundle) {
         (None | Some("table"), Some(bundle)) => {
             Ok(PathSource::table(&bundle.bundle, request.tolerance))
@@ -398,19 +482,17 @@ fn light_up(
     Ok(())
 }
 
-/// Adds passes of the path tracer.
+/// Adds so many passes of the path tracer, or as many as so many seconds allow.
 fn passes(
-    world: &World,
-    view: &View,
-    settings: PathTracerSettings,
-    count: usize,
+    tracers: &PanelTracers<'_>,
+    size: (usize, usize),
+    (count, seconds): (usize, Option<f64>),
     observer: &dyn Observer,
-) -> Result<Picture> {
-    let tracer = PathTracer::new(world, view, settings);
-    let mut film = PassAccumulator::new(view.size);
+) -> Result<PassAccumulator> {
+    let mut film = PassAccumulator::new(size);
+    let began = Instant::now();
     for number in 0..count as u64 {
-        let pass = tracer.pass(number, || observer.cancelled());
-        let Some(pass) = pass else {
+        let Some(pass) = tracers.pass(number, || observer.cancelled()) else {
             return Err(Error::Interrupted {
                 resume: "nothing is kept".into(),
             });
@@ -422,20 +504,11 @@ fn passes(
             total: count as u64,
             detail: "",
         });
+        if seconds.is_some_and(|seconds| began.elapsed().as_secs_f64() >= seconds) {
+            break;
+        }
     }
-    Ok(film.picture())
-}
-
-/// Adds the layers of what the camera's rays meet first.
-fn first_hits(
-    picture: Picture,
-    world: &World,
-    view: &View,
-    settings: PathTracerSettings,
-) -> Picture {
-    let tracer = ExactTracer::new(&world.manifold, view.u, settings.length, settings.tolerance);
-    let traced = trace(world, view, Paths::Exact(&tracer), &offsets(1));
-    with_layers(picture, world, traced.outcomes.view(), &[])
+    Ok(film)
 }
 
 /// Makes a mesh of vertices and faces, by way of the text of an OBJ file, whose reader checks it.

@@ -74,6 +74,12 @@ pub fn pool(py: Python<'_>) -> PyResult<Arc<ThreadPool>> {
     Ok(owned.pool.clone())
 }
 
+/// Makes as many threads as calls from this thread run on, for one piece of work.
+pub fn fresh(py: Python<'_>) -> PyResult<Arc<ThreadPool>> {
+    let count = pool(py)?.current_num_threads();
+    Ok(OwnedPool::new(py, count)?.pool)
+}
+
 /// Lets calls from this thread run on `count` threads.
 #[pyfunction]
 pub fn push_threads(py: Python<'_>, count: usize) -> PyResult<()> {

@@ -10,6 +10,7 @@ use crate::{
 };
 use geofan_core::{Error, Observer, Progress, Result, Unobserved};
 use pyo3::prelude::*;
+use rayon::ThreadPool;
 use std::{
     any::Any,
     collections::BTreeMap,
@@ -52,6 +53,17 @@ pub fn watch<T: Send>(
     work: impl FnOnce(&dyn Observer) -> Result<T> + Send,
 ) -> PyResult<T> {
     let pool = threads::pool(py)?;
+    watch_in(py, about, progress, &pool, work)
+}
+
+/// Runs long work on the threads of `pool`.
+pub fn watch_in<T: Send>(
+    py: Python<'_>,
+    about: About,
+    progress: Option<&Py<PyAny>>,
+    pool: &ThreadPool,
+    work: impl FnOnce(&dyn Observer) -> Result<T> + Send,
+) -> PyResult<T> {
     let watcher = Watcher::default();
     let (result, raised) = py.detach(|| {
         std::thread::scope(|scope| {

@@ -26,7 +26,9 @@ def test_the_command_line_checks_and_describes_the_same(command, table):
     found = table.check(3000, 5)
     for name in ("mrad", "screen_mrad", "sky_mrad", "rotation_mrad"):
         assert getattr(found, name)._asdict() == told[name], name
-    assert (found.flagged, found.rays, found.promise) == (told["flagged"], told["rays"], told["promise"])
+    same = ("flagged", "rays", "seed", "promise", "sky_promise", "beyond_20_promises", "unfinished", "worst")
+    assert {name: getattr(found, name) for name in same} == {name: told[name] for name in same}
+    assert found.kept and len(table.to_bytes()) == told["bytes"]
     info = command("info", table.path)
     mine = table.info
     assert {key: mine[key] for key in mine} == {key: info[key] for key in mine}
@@ -39,6 +41,32 @@ def test_a_bake_is_that_of_the_command_line(command, bump, table, tmp_path):
     # The id depends on manifold and plan; the source is the name of the text.
     for key in mine.keys() - {"manifold"}:
         assert mine[key] == theirs[key], key
+
+
+def test_directions_have_a_promise_of_their_own(command, bump, tmp_path):
+    (tmp_path / "bump.toml").write_text(bump.text)
+    line = ("--max-error", 2, "--max-sky-error", 9, "--certify-rays", 500)
+    told = command("bake", tmp_path / "bump.toml", "-o", tmp_path / "b.fan", *line)
+    mine = bump.bake(2.0, max_sky_error=9.0, certify_rays=500)
+    assert mine.certificate.sky_promise == told["sky_promise"] == 9.0
+    assert len(mine.to_bytes()) < len(bump.bake(2.0, certify_rays=500).to_bytes())
+    with pytest.raises(gf.InputError, match="directions"):
+        bump.bake(2.0, max_sky_error=9.0, frames=False)
+
+
+def test_shares_of_a_bake_are_joined_to_the_same_bytes(bump, table, tmp_path):
+    shares = [bump.bake_share((i, 3), tmp_path / f"{i}.fan", 1.0, certify_rays=2000) for i in (1, 2, 3)]
+    whole = gf.Bundle.merge(shares[::-1], tmp_path / "whole.fan")
+    assert whole.to_bytes() == table.to_bytes()
+    with pytest.raises(gf.InputError):
+        gf.Bundle.merge(shares[:2], tmp_path / "part.fan")
+    with pytest.raises(gf.InputError, match="numbered"):
+        bump.bake_share((4, 3), tmp_path / "4.fan")
+
+
+def test_paths_that_end_before_they_leave_are_warned_of(bump):
+    with pytest.warns(gf.GeofanWarning, match="greater `length`"):
+        bump.bake(5.0, length=3.0, certify_rays=500)
 
 
 def test_looked_up_paths_are_within_the_promise(bump, table, random):

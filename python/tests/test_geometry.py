@@ -48,6 +48,8 @@ def test_the_command_line_tells_the_same_geometry(command, name):
     told = command("info", MANIFOLDS / f"{name}.toml", "--at", ",".join(map(str, at)))["at"]
     manifold = gf.Manifold(MANIFOLDS / f"{name}.toml")
     np.testing.assert_array_equal(manifold.metric_at(at), told["metric"])
+    np.testing.assert_array_equal(manifold.inverse_metric(at), told["inverse"])
+    np.testing.assert_array_equal(manifold.connection(at), told["connection"])
     np.testing.assert_array_equal(manifold.frame(at), told["frame"])
     np.testing.assert_array_equal(manifold.christoffel(at), told["christoffel"])
     np.testing.assert_array_equal(manifold.riemann(at), told["riemann"])

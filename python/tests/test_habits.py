@@ -57,6 +57,39 @@ def test_results_are_written_where_they_are_read(s3, random):
     assert all(array.base is None or array.base.base is None for array in arrays)
 
 
+PEAK = """
+import sys, geofan as gf, numpy as np
+
+def peak():
+    return 1024 * int(next(x for x in open("/proc/self/status") if x.startswith("VmHWM")).split()[1])
+
+table = gf.Bundle(sys.argv[1])
+space = table.manifold
+directions = np.random.default_rng(1).normal(size=(200_000, 3))
+s = np.linspace(0, 4, 20)
+calls = {
+    "exact": lambda n, s: space.trace([2.1, 0.7, -0.4], directions[:n], s=s, length=10.0),
+    "table": lambda n, s: table.paths([2.1, 0.7, -0.4], directions[:n], s),
+    "paths": lambda n, s: table.trace([2.1, 0.7, -0.4], directions[: n // 4], samples=len(s)),
+}
+call = calls[sys.argv[2]]
+call(9000, s)
+before = peak()
+found = call(len(directions), s)
+size = sum(x.nbytes for x in vars(found).values() if isinstance(x, np.ndarray))
+print(size, peak() - before)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+@pytest.mark.parametrize("call", ["exact", "table", "paths"])
+def test_a_result_is_all_the_memory_that_a_call_takes(call, table):
+    line = [sys.executable, "-c", PEAK, str(table.path), call]
+    size, grown = map(int, subprocess.run(line, check=True, capture_output=True, text=True).stdout.split())
+    # Besides the result there are the blocks that the threads are at, and one byte or two of each ray.
+    assert size > 1e8 and grown < 1.03 * size + 1.5e7
+
+
 @pytest.mark.parametrize("arguments", [["mypy", "--strict", "-p", "geofan"], ["mypy.stubtest", "geofan", "--mypy-config-file", "pyproject.toml", "--allowlist", "tests/stubtest-allowlist.txt"]])
 def test_types_are_right(arguments, tmp_path):
     pytest.importorskip("mypy")

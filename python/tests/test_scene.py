@@ -1,6 +1,8 @@
 """Scenes and pictures, against the command line."""
 
 import pickle
+import subprocess
+import sys
 
 import geofan as gf
 import numpy as np
@@ -39,6 +41,9 @@ def test_a_picture_by_table_is_close_to_the_exact_one(bump, table):
     assert compared.report["flip"] < 0.05 and compared.flip.shape == SIZE[::-1]
     assert "PSNR" in str(compared) and "data:image/png" in compared._repr_html_()
     np.testing.assert_array_equal(compared.exact.rgb, exact.rgb)
+    assert scene.compare(camera=camera, size=SIZE).approximate.tracer == "local"
+    with pytest.raises(gf.InputError, match="length"):
+        scene.render(table, camera=camera, size=SIZE, length=3)
 
 
 def test_a_scene_in_code_is_that_of_its_file(command, tmp_path):
@@ -56,6 +61,162 @@ def test_a_scene_in_code_is_that_of_its_file(command, tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 0
     np.testing.assert_array_equal(gf.Image.open(tmp_path / "a.png").rgb, gf.Image.open(tmp_path / "b.png").rgb)
     assert set(np.unique(mine["id"])) == {0, 1}
+
+
+@pytest.mark.parametrize(
+    ("lens", "line", "size"),
+    [
+        ("", ("--crop", "7,5,20,11"), "48x27"),
+        ("crop = [0.25, 0.5, 0.5, 0.5]", (), "48x28"),
+        ('projection = "panorama"', (), "48x24"),
+        ('projection = "fisheye"\nfov = 200', (), "40x40"),
+        ('projection = "orthographic"\nwidth = 2.5', (), "40x30"),
+        ('projection = "cube"', (), "48x32"),
+        ("stereo = { separation = 0.2, convergence = 3.0 }", (), "60x20"),
+        ('projection = "panorama"\nstereo = { separation = 0.2, layout = "over-under" }', (), "40x40"),
+        ("velocity = [0.3, 0.1, 0.0]", (), "48x27"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::geofan.GeofanWarning")
+def test_cameras_of_all_kinds_draw_the_picture_of_the_command_line(command, tmp_path, bump, lens, line, size):
+    (tmp_path / "bump.toml").write_text(bump.text)
+    place = f"at = [2.5, 0.4, 0.1]\nlook = [-1, 0, 0]\nup = [0, 0, 1]\n{lens}\n"
+    skies = 'sky = { pattern = "grid" }\nlength = { color = [0.1, 0.2, 0.3] }\n'
+    letter = f'[[object]]\nmesh = "{MESHES}/letter-F.obj"\nat = [0.5, 0.6, 0.2]\nscale = 0.5\n'
+    (tmp_path / "scene.toml").write_text(f'manifold = "bump.toml"\n[camera]\n{place}{letter}[sky]\n{skies}')
+    told = command("render", tmp_path / "scene.toml", "--size", size, *line, "-o", tmp_path / "told.exr")
+    theirs = gf.Image.open(tmp_path / "told.exr")
+    crop = tuple(int(x) for x in line[1].split(",")) if line else None
+    whole = tuple(int(x) for x in size.split("x"))
+    scene = gf.Scene(tmp_path / "scene.toml")
+    mine = scene.render(size=whole, crop=crop)
+    assert mine.size == (told["width"], told["height"]) and mine.unfinished == told["unfinished"]
+    mine.save(tmp_path / "mine.exr")
+    again = gf.Image.open(tmp_path / "mine.exr")
+    assert again.layers.keys() == theirs.layers.keys() and again._window == theirs._window
+    np.testing.assert_array_equal(again.rgb, theirs.rgb)
+    for name, layer in theirs.layers.items():
+        np.testing.assert_array_equal(again[name], layer, name)
+    assert {k: v for k, v in theirs.notes.items() if k != "command"} == {k: v for k, v in again.notes.items()}
+    # The same camera, made in code, and sent to another process.
+    made = pickle.loads(pickle.dumps(scene.camera()))
+    assert made.projection == scene.camera().projection
+    moved = scene.render(camera=made, size=whole, crop=crop)
+    np.testing.assert_allclose(moved.rgb, mine.rgb, atol=2e-2)
+
+
+def test_cameras_made_in_code_have_all_that_a_scene_file_says(bump):
+    camera = bump.camera(
+        {"c": 2.0}, [-1, 0, 0], projection="fisheye", fov=220, stereo={"separation": 0.1, "layout": "over-under"}
+    )
+    assert (camera.projection, camera.fov, camera.turned(up=5).projection) == ("fisheye", 220, "fisheye")
+    assert "over-under" in camera.text and "fisheye" in repr(camera)
+    moving = bump.camera([2, 0, 0], [-1, 0, 0], velocity=[0.5, 0, 0])
+    assert moving.velocity.tolist() == [0.5, 0, 0] and camera.velocity.tolist() == [0, 0, 0]
+    # Aberration: at half the speed of light, what is at 90° is seen at 120° from behind.
+    still = bump.camera([2, 0, 0], [-1, 0, 0])
+    assert moving.directions((1, 1)).shape == (1, 1, 3)
+    assert np.allclose(moving.directions((3, 3))[1, 1], still.directions((3, 3))[1, 1])
+    assert not np.allclose(moving.directions((3, 3))[0, 0], still.directions((3, 3))[0, 0])
+    for wrong in (
+        {"projection": "mirror"},
+        {"projection": "cube", "fov": 90},
+        {"projection": "orthographic"},
+        {"velocity": [1, 0, 0]},
+        {"rest": "static", "velocity": [0.1, 0, 0]},
+        {"crop": [0.5, 0.5, 0.6, 0.1]},
+        {"stereo": {"separation": -1}},
+    ):
+        with pytest.raises(gf.InputError) as caught:
+            bump.camera([2, 0, 0], [-1, 0, 0], **wrong)
+        assert caught.value.line is not None
+    for camera in (bump.camera([2, 0, 0], [-1, 0, 0], projection="orthographic", width=2),):
+        with pytest.raises(gf.InputError, match="different points"):
+            camera.directions((3, 3))
+        with pytest.raises(gf.InputError, match="angle of view"):
+            camera.zoomed(30)
+
+
+def test_a_journey_begins_and_ends_at_its_poses(bump, tmp_path):
+    from_here = bump.camera([3, 0, 0], [-1, 0, 0], fov=60)
+    to_there = bump.camera([1, 1, 0], [0, -1, 0.2], fov=80)
+    way = bump.journey([(0, from_here), (2, to_there)], 9)
+    for mine, given in ((way[0], from_here), (way[-1], to_there)):
+        np.testing.assert_allclose(mine.axes, given.axes, atol=1e-6)
+        assert abs(mine.fov - given.fov) < 1e-12
+    poses = "".join(
+        f"[[pose]]\ntime = {t}\nat = {c.at.tolist()}\nlook = {c.look.tolist()}\nup = {c.up.tolist()}\nfov = {c.fov}\n"
+        for t, c in ((0, from_here), (2, to_there))
+    )
+    (tmp_path / "poses.toml").write_text(poses)
+    for mine, theirs in zip(way, bump.journey(tmp_path / "poses.toml", 9)):
+        np.testing.assert_allclose(mine.axes, theirs.axes, atol=1e-9)
+    with pytest.raises(gf.InputError):
+        bump.journey([(0, from_here)], 9)
+
+
+def torus(across, around, radius=0.08):
+    """Returns the corners and the quads of a torus."""
+    i, j = np.meshgrid(np.arange(across), np.arange(around), indexing="ij")
+    turn, roll = 2 * np.pi * i / across, 2 * np.pi * j / around
+    distance = 1 + radius * np.cos(roll)
+    points = np.stack([distance * np.cos(turn), distance * np.sin(turn), radius * np.sin(roll)], axis=-1)
+    number = lambda i, j: i % across * around + j % around  # noqa: E731
+    quads = np.stack([number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)], axis=-1)
+    return points.reshape(-1, 3), quads.reshape(-1, 4)
+
+
+MANY = """
+import sys, geofan as gf, numpy as np
+table = gf.Bundle(sys.argv[1])
+space, points, quads = table.manifold, np.load(sys.argv[2]), np.load(sys.argv[3])
+camera = space.camera([2.5, 0, 0.8], [-3, 0, -1], fov=60)
+scenes = [gf.Scene(space, sky="grid").add((points, quads), at=[0, 0, 0]) for _ in range(12)]
+pictures = [scene.render(table, camera=camera, size=(64, 40), spp=4) for scene in scenes]
+assert all(np.array_equal(p.rgb, pictures[0].rgb) for p in pictures) and (pictures[0]["id"] == 1).any()
+print("drawn")
+"""
+
+
+def test_scenes_are_drawn_wherever_python_keeps_them(table, tmp_path):
+    """Vectors of a scene must be aligned; of so many Python objects some are not."""
+    points, quads = torus(48, 12)
+    np.save(tmp_path / "points.npy", points)
+    np.save(tmp_path / "quads.npy", quads)
+    line = [sys.executable, "-c", MANY, str(table.path), str(tmp_path / "points.npy"), str(tmp_path / "quads.npy")]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "drawn\n"), done.stderr
+
+
+def test_a_scene_tells_what_a_camera_in_it_would_not_see(bump):
+    scene = gf.Scene(bump)
+    with pytest.warns(gf.GeofanWarning, match="nothing can be seen"):
+        scene.render(camera=bump.camera([2.5, 0, 0], [-1, 0, 0]), size=(20, 10))
+    with pytest.warns(gf.GeofanWarning, match="black in parts") as told:
+        scene.sky("grid")
+        del scene._skies["length"]
+        short = scene.render(camera=bump.camera([2.5, 0, 0], [-1, 0, 0]), size=(20, 10), length=3)
+    assert told[0].filename == __file__
+    assert short.unfinished["length"] > 0.5 and short.unfinished["enough"] > 3
+
+
+def test_light_of_what_recedes_is_redder_and_weaker_where_the_scene_says_so():
+    flat = gf.catalogue.flat()
+    camera = flat.camera([0, 0, 0], [1, 0, 0], fov=2)
+    wall = (np.array([[0, -1, -1], [0, 1, -1], [0, 1, 1], [0, -1, 1]], float), [[0, 1, 2, 3]])
+    plain, shifted = (
+        gf.Scene(flat, redshift=r).add(wall, at=[2, 0, 0], emission=(1, 1, 1), velocity=[0.6, 0, "0*x"])
+        for r in (False, True)
+    )
+    a, b = (scene.render(camera=camera, size=(8, 8), length=9) for scene in (plain, shifted))
+    # Doppler: √((1 − 0.6)/(1 + 0.6)), and radiance goes as the fourth power.
+    np.testing.assert_allclose(b["g"], 0.5, rtol=1e-3)
+    assert (b["id"] == 1).all() and b.rgb.mean() < 0.2 * a.rgb.mean()
+    hot = gf.Scene(flat).add(wall, at=[2, 0, 0], temperature=4000)
+    red, green, blue = hot.render(camera=camera, size=(8, 8), length=9).rgb.mean((0, 1))
+    assert red > green > blue > 0
+    with pytest.raises(gf.InputError, match="redshift"):
+        shifted.render(camera=camera, size=(8, 8), tracer="path", length=9)
 
 
 def test_meshes_of_arrays_stand_where_they_are_put():
@@ -79,7 +240,9 @@ def test_the_path_tracer_lights_a_surface():
     scene = gf.Scene(flat).add((floor, [[0, 1, 2], [0, 2, 3]]), at=[0, 0, -1]).light([0, 0, 1], 10.0)
     camera = flat.camera([0, 0, 0.5], [1, 0, -1])
     picture = scene.render(camera=camera, size=(16, 9), spp=4, tracer="path", length=8)
-    assert picture.tracer == "path" and picture.rgb.max() > 0 and "Z" in picture.layers
+    assert picture.tracer == "path" and picture.rgb.max() > 0 and "Z" in picture.layers and picture.samples == 4
+    hasty = scene.render(camera=camera, size=(16, 9), spp=4096, tracer="path", length=8, seconds=1e-9)
+    assert hasty.samples == 1
 
 
 def test_cameras_move_along_geodesics_with_their_axes():

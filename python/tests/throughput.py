@@ -3,8 +3,8 @@
     cargo build --release --example rates
     python python/tests/throughput.py target/release/examples/rates
 
-Both sides follow the same rays, with as many threads, and take turns. Ends with exit code 1 if either rate is below
-80 % of the library's.
+Both sides follow the same rays, with as many threads, and take turns. Each side's best time counts: what else the
+machine does only takes time. Ends with exit code 1 if either rate is below 80 % of the library's.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import geofan as gf
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
-EXACT, TABLE, REPEATS, ROUNDS = 100_000, 1_000_000, 3, 3
+EXACT, TABLE, REPEATS, ROUNDS = 100_000, 1_000_000, 2, 6
 
 
 def directions(count):
@@ -48,7 +48,7 @@ def main(program):
     with tempfile.TemporaryDirectory() as folder:
         table = manifold.bake(0.5, out=Path(folder) / "table.fan", certify_rays=1000)
         s = np.arange(4) * table.length / 3
-        shares = {"exact": [], "table": []}
+        rates = {kind: {"Python": [], "Rust": []} for kind in ("exact", "table")}
         for _ in range(ROUNDS):
             line = [program, path, table.path, ",".join(map(str, at))]
             rust = json.loads(subprocess.run(line, check=True, capture_output=True, text=True).stdout)
@@ -56,12 +56,13 @@ def main(program):
                 "exact": rate(EXACT, lambda: manifold.trace(at, few, table.length, tolerance=1e-8)),
                 "table": rate(TABLE, lambda: table.paths(at, many, s)),
             }
-            for kind, found in shares.items():
-                found.append(mine[kind] / rust[kind])
-                print(f"{kind}: Python {mine[kind]:,.0f} rays/s, Rust {rust[kind]:,.0f} rays/s: {found[-1]:.0%}")
-    medians = {kind: float(np.median(found)) for kind, found in shares.items()}
-    print("median shares:", {kind: f"{share:.0%}" for kind, share in medians.items()})
-    return min(medians.values()) >= 0.8
+            for kind, found in rates.items():
+                found["Python"].append(mine[kind])
+                found["Rust"].append(rust[kind])
+                print(f"{kind}: Python {mine[kind]:,.0f} rays/s, Rust {rust[kind]:,.0f} rays/s", flush=True)
+    shares = {kind: max(found["Python"]) / max(found["Rust"]) for kind, found in rates.items()}
+    print("best against best:", {kind: f"{share:.0%}" for kind, share in shares.items()})
+    return min(shares.values()) >= 0.8
 
 
 if __name__ == "__main__":

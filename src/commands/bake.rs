@@ -2,7 +2,7 @@
 //!
 //! In: a manifold file and a promise, or shards. Out: the file, and its contents and errors on stdout.
 
-use super::{demo::DemoArgs, sweep::SweepArgs};
+use super::{demo::DemoArgs, shard, sweep::SweepArgs};
 use crate::terminal::{
     self, CommonArgs, Outcome, TerminalObserver, command_line, has_option, values,
 };
@@ -83,8 +83,9 @@ pub struct BakeArgs {
     /// Store every chunk, also those that reflections or exchanges of coordinates carry into others
     #[arg(long)]
     pub no_mirrors: bool,
-    /// Bake the share I of N only (I from 1 to N) and write it as a shard for `merge`
-    #[arg(long, value_name = "I/N", value_parser = share)]
+    /// Bake the share I of N only (I from 1 to N) and write it as a shard for `merge`; `auto` or `auto/N` takes
+    /// the number from Slurm, GNU parallel, Kubernetes, Grid Engine, PBS or LSF
+    #[arg(long, value_name = "I/N", value_parser = shard::share)]
     pub shard: Option<Share>,
     /// Go on with what an interrupted bake left in B.fan.parts
     #[arg(long)]
@@ -109,18 +110,6 @@ pub fn promise(text: &str) -> Result<f64, String> {
     }
     let (start, end) = (PROMISES.start(), PROMISES.end());
     Err(format!("a promise lies between {start} and {end} mrad"))
-}
-
-/// Reads a share of the chunks, `1/4`.
-fn share(text: &str) -> Result<Share, String> {
-    let wrong = || format!("`{text}` is not a share: write 1/4 for the first of four");
-    let (index, of) = text.split_once('/').ok_or_else(wrong)?;
-    let number = |text: &str| text.trim().parse::<u32>().map_err(|_| wrong());
-    let (index, of) = (number(index)?, number(of)?);
-    match (1..=of).contains(&index) {
-        true => Ok(Share { index, of }),
-        false => Err(format!("shares are numbered from 1 to {of}")),
-    }
 }
 
 /// Bakes a manifold and prints what was made.
@@ -189,6 +178,9 @@ pub struct MergeArgs {
     /// The bundle to write
     #[arg(long, short, value_name = "B.fan")]
     output: PathBuf,
+    /// End with exit code 1 if the certificate misses the promise
+    #[arg(long)]
+    strict: bool,
 }
 
 /// Joins shards, measures the bundle and prints what was made.
@@ -196,7 +188,12 @@ pub fn merge(args: &MergeArgs, common: &CommonArgs) -> Result<Outcome> {
     let started = Instant::now();
     let observer = TerminalObserver::new(common)?;
     let (bundle, bytes, unfinished) = geofan_bake::merge(&args.shards, &args.output, &observer)?;
-    report((&bundle, bytes, &unfinished), &args.output, started, common)
+    let outcome = report((&bundle, bytes, &unfinished), &args.output, started, common)?;
+    // The bundle is there: an engine must not take it for a task that failed.
+    match args.strict {
+        true => Ok(outcome),
+        false => Ok(Outcome::Done),
+    }
 }
 
 /// Prints what a shard holds.
@@ -297,14 +294,6 @@ pub fn warn_unfinished(bundle: &Bundle, found: &UnfinishedPaths) {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn shares_are_counted_from_one() {
-        assert_eq!(share("2/3"), Ok(Share { index: 2, of: 3 }));
-        for wrong in ["0/3", "4/3", "1/0", "1", "a/b", "-1/2", ""] {
-            assert!(share(wrong).is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn promises_have_a_range() {

@@ -10,7 +10,7 @@ use super::scenery::{
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
-use geofan_core::{Error, Result};
+use geofan_core::{Result, files::make_output_folder};
 use geofan_study::comparison::{CompareOptions, compare, compare_local, write_pictures};
 use serde::Serialize;
 use std::{fmt::Display, path::PathBuf};
@@ -63,7 +63,7 @@ fn print(report: &(impl Serialize + Display), common: &CommonArgs) -> Result<Out
 
 /// Compares a view by table with the exact one, and writes pictures of both.
 pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
-    std::fs::create_dir_all(&args.out).map_err(|e| Error::io(&args.out, e))?;
+    make_output_folder(&args.out)?;
     let Some(path) = &args.bundle else {
         return run_local(args, common);
     };

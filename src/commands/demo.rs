@@ -9,7 +9,7 @@ use super::bake::{self, BakeArgs};
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, values};
 use geofan_bake::plan::{plan, usual_tangents};
 use geofan_bundle::{Bundle, identity, rays::RaySpace};
-use geofan_core::{Error, Result, Unobserved, manifold::Manifold};
+use geofan_core::{Result, Unobserved, files::make_output_folder, manifold::Manifold};
 use geofan_render::Stage;
 use geofan_study::comparison::{CompareOptions, ComparisonReport, compare, write_pictures};
 use serde_json::json;
@@ -55,7 +55,7 @@ const CERTIFY_RAYS: u64 = 20_000;
 /// The assets are not there, the folder cannot be written, or an interruption.
 pub fn run(args: &DemoArgs, common: &CommonArgs) -> Result<Outcome> {
     let began = Instant::now();
-    std::fs::create_dir_all(&args.out).map_err(|e| Error::io(&args.out, e))?;
+    make_output_folder(&args.out)?;
     let scene = asset("scenes/wormhole-gallery.toml");
     let stage = Stage::load(&scene, &[])?;
     let bundle = bundle(&stage, &args.out, common)?;

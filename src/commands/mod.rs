@@ -10,6 +10,7 @@ mod path_traced;
 mod project;
 mod render;
 mod scenery;
+mod shard;
 mod sweep;
 mod trace;
 mod transport;

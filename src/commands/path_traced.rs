@@ -10,15 +10,13 @@ use super::{
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay, TerminalObserver, values};
 use clap::Args;
 use geofan_core::{Error, Observer, Result, geodesic::UnfinishedPaths};
-use geofan_light::path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings};
+use geofan_light::path_tracer::{Estimator, PanelTracers, PassAccumulator, PathTracerSettings};
 use geofan_render::{
-    ExactTracer, PicturePanel, PicturePanels, Stage, View,
+    ExactTracer, PicturePanels, Stage, View,
     frame::{Paths, offsets, trace},
     picture::{self, Format, Precision, write_exr},
-    shade::with_layers,
     unfinished,
 };
-use glam::DVec3;
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -92,7 +90,7 @@ pub fn run(
         true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, panels.size)?,
         false => PassAccumulator::new(panels.size),
     };
-    let tracers = PanelTracers::new(stage, panels, settings);
+    let tracers = PanelTracers::new(&stage.world, panels, settings);
     let view = &panels.parts[0].view;
     // Before and after, so that both rates are of the same machine under the same load.
     let (exact_before, ends) = exact_speed(args, stage, view, length);
@@ -103,7 +101,7 @@ pub fn run(
     let seconds = began.elapsed().as_secs_f64();
     // First, so that a picture that cannot be written loses no samples.
     film.save(&checkpoint.path, &checkpoint.key)?;
-    write(args, stage, panels, &film, length)?;
+    write(args, stage, panels, (&tracers, &film))?;
     if complete {
         std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
     }
@@ -140,48 +138,6 @@ fn already_finished(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
         ))?;
     }
     Ok(Outcome::Done)
-}
-
-/// One tracer for each part of a picture.
-struct PanelTracers<'a> {
-    panels: &'a PicturePanels,
-    tracers: Vec<PathTracer<'a>>,
-}
-
-impl<'a> PanelTracers<'a> {
-    /// Prepares the tracers of all parts.
-    fn new(stage: &'a Stage, panels: &'a PicturePanels, settings: PathTracerSettings) -> Self {
-        let mut tracers: Vec<PathTracer<'a>> = Vec::new();
-        let mut before = 0;
-        for PicturePanel { view, .. } in &panels.parts {
-            let tracer = match tracers.first() {
-                Some(first) => first.through(view, before),
-                None => PathTracer::new(&stage.world, view, settings),
-            };
-            before += (view.size.0 * view.size.1) as u64;
-            tracers.push(tracer);
-        }
-        Self { panels, tracers }
-    }
-
-    /// Returns the number of geodesics followed so far.
-    fn rays(&self) -> u64 {
-        self.tracers.first().map_or(0, PathTracer::rays)
-    }
-
-    /// Renders one sample of every pixel of the whole picture as radiance; `None` if `stop` said so.
-    fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
-        let (width, height) = self.panels.size;
-        let mut all = vec![DVec3::ZERO; width * height];
-        for (tracer, PicturePanel { view, at }) in self.tracers.iter().zip(&self.panels.parts) {
-            let light = tracer.pass(number, &stop)?;
-            for (row, line) in light.chunks_exact(view.size.0).enumerate() {
-                let start = (at.1 + row) * width + at.0;
-                all[start..start + line.len()].copy_from_slice(line);
-            }
-        }
-        Some(all)
-    }
 }
 
 /// The file of passes and the key of the picture that it must belong to.
@@ -256,8 +212,7 @@ fn write(
     args: &RenderArgs,
     stage: &Stage,
     panels: &PicturePanels,
-    film: &PassAccumulator,
-    length: f64,
+    (tracers, film): (&PanelTracers<'_>, &PassAccumulator),
 ) -> Result<()> {
     let picture = film.picture();
     if picture.rgb.iter().all(|light| *light == 0.0) {
@@ -269,16 +224,7 @@ fn write(
     if Format::of(&args.output) != Some(Format::Exr) {
         return picture::write(&args.output, &picture, &notes);
     }
-    let world = &stage.world;
-    let layered = |(number, PicturePanel { view, .. }): (usize, &PicturePanel)| {
-        let tracer = ExactTracer::new(&world.manifold, view.u, length, args.scene.tolerance());
-        let traced = trace(world, view, Paths::Exact(&tracer), &offsets(1));
-        let part = panels.cut(&picture, number);
-        with_layers(part, world, traced.outcomes.view(), &[])
-    };
-    let mut layers = panels.join(panels.parts.iter().enumerate().map(layered).collect());
-    // Those of the film, such as its variance, come first.
-    layers.layers.splice(0..0, picture.layers);
+    let layers = tracers.layered(picture);
     write_exr(&args.output, &layers, &notes, Precision::Float)
 }
 

@@ -13,7 +13,7 @@ use clap::{Args, ValueEnum};
 use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
 use geofan_render::{
-    Journey, PathSource, PicturePanel, PicturePanels, Stage, View, count_unfinished,
+    DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Stage, View, count_unfinished,
     frame::Outcomes,
     picture::{self, Format, Metadata, Picture},
     scene::PoseFile,
@@ -306,41 +306,11 @@ fn draw_parts(
     paths: &PathSource<'_>,
     panels: &PicturePanels,
 ) -> Result<DrawnPanels> {
-    let (world, options) = (&stage.world, args.scene.drawing());
-    let mut drawn = DrawnPanels::default();
-    let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
-    for PicturePanel { view, .. } in &panels.parts {
-        let (drawing, contract) =
-            paths.draw(world, view, options, (&mut fan, &geofan_study::clock))?;
-        drawn.contract += contract.as_secs_f64();
-        drawn.paths += drawing.paths.as_secs_f64();
-        drawn.shade += drawing.shade.as_secs_f64();
-        drawn.flagged += drawing.flagged.len() as f64;
-        samples += drawing.outcomes.len();
-        drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
-        pictures.push(match Format::of(&args.output) {
-            Some(Format::Exr) => drawing.layered(world, view, options),
-            _ => drawing.picture,
-        });
-        drawn.parts.push((view.clone(), drawing.outcomes));
-    }
-    drawn.flagged /= samples as f64;
-    drawn.picture = panels.join(pictures);
-    Ok(drawn)
-}
-
-/// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.
-#[derive(Default)]
-struct DrawnPanels {
-    picture: Picture,
-    /// What the samples of each part see.
-    parts: Vec<(View, Outcomes)>,
-    /// True if there is anything at the end of any path.
-    shows: bool,
-    flagged: f64,
-    contract: f64,
-    paths: f64,
-    shade: f64,
+    let options = DrawingOptions {
+        layers: Format::of(&args.output) == Some(Format::Exr),
+        ..args.scene.drawing()
+    };
+    paths.draw_panels(&stage.world, panels, options, &geofan_study::clock)
 }
 
 /// Writes a picture into `output`.

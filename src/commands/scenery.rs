@@ -6,6 +6,7 @@ use geofan_bundle::Bundle;
 use geofan_core::{
     Error, Result,
     diagnostic::Diagnostic,
+    files,
     geodesic::{UnfinishedPaths, check_start},
 };
 use geofan_light::cache::{self, LightmapSource};
@@ -63,6 +64,7 @@ impl SceneArgs {
             samples: usize::from(self.spp),
             error: self.error(),
             tolerance: self.tolerance(),
+            layers: false,
         }
     }
 
@@ -156,7 +158,7 @@ pub fn check_output(path: &Path) -> Result<()> {
             path.display().to_string(),
             "the folder does not exist; make it first",
         )),
-        _ => Ok(()),
+        _ => files::check_output(path),
     }
 }
 

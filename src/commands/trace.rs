@@ -177,10 +177,16 @@ struct SampleJson {
     /// Time since the start.
     #[serde(skip_serializing_if = "Option::is_none")]
     t: Option<f64>,
+    /// Faces of a glued space crossed up to here, and 1, or −1 where they have turned right into left.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    crossings: Option<u32>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    handedness: Option<i8>,
 }
 
 impl SampleJson {
-    fn new(sample: &Sample, g: Option<f64>, t: Option<f64>) -> Self {
+    fn new(sample: &Sample, g: Option<f64>, t: Option<f64>, glued: bool) -> Self {
+        let handedness = if sample.reversed { -1 } else { 1 };
         Self {
             s: sample.s,
             u: sample.u.to_array(),
@@ -189,6 +195,8 @@ impl SampleJson {
             area: sample.area,
             g,
             t,
+            crossings: glued.then_some(sample.crossings),
+            handedness: glued.then_some(handedness),
         }
     }
 }
@@ -213,10 +221,11 @@ impl Trace {
 
     /// Returns what JSON is made of.
     fn as_json(&self) -> TraceJson<'_> {
+        let glued = self.manifold.gluing().is_some();
         TraceJson {
             samples: self
                 .rows()
-                .map(|(x, g, t)| SampleJson::new(x, g, t))
+                .map(|(x, g, t)| SampleJson::new(x, g, t, glued))
                 .collect(),
             end: self.end.name(&self.manifold),
             steps: self.steps,
@@ -243,6 +252,13 @@ impl Trace {
             self.length,
             self.steps
         );
+        if self.manifold.gluing().is_some()
+            && let Some(last) = self.samples.last()
+        {
+            let handedness = if last.reversed { "left" } else { "right" };
+            let crossings = last.crossings;
+            let _ = writeln!(text, "{crossings} faces crossed, {handedness}-handed");
+        }
         if self.flagged {
             text += "the ray is flagged in the bundle and was followed exactly\n";
         }

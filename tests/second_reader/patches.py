@@ -13,7 +13,7 @@ import numpy as np
 from container import Cursor, require
 from entropy import IntegerReader, next_pivot
 
-FLAGGED, PATCH, FACES = 255, 254, 253
+FLAGGED, PATCH, FACES, EDGE = 255, 254, 253, 252
 MOST_INTEGERS, MOST_CORE_INTEGERS = 1 << 26, 1 << 24
 MOST_DEGREES, MOST_TERMS, DEEPEST = 64, 128, 64
 
@@ -66,6 +66,12 @@ def read_tree(structure, integers, shape, depth):
         require(shape.sphere, "directions are divided into faces twice")
         faces = shape.of_faces()
         return (FACES, [read_tree(structure, integers, faces, depth + 1) for _ in range(6)])
+    if kind == EDGE:
+        require(not shape.sphere, "an edge where directions are held together")
+        one = Shape(shape.cameras, shape.directions, 1, shape.alpha, False)
+        place = read_tensor(structure, integers, one)
+        parts = [read_tree(structure, integers, shape, depth + 1) for _ in range(2)]
+        return (EDGE, [place] + parts)
     arc = shape.cameras + shape.directions
     is_direction = shape.cameras <= kind < arc
     require(kind <= arc and not (shape.sphere and is_direction), "an axis cannot be halved")
@@ -238,6 +244,14 @@ def pieces(tree, cameras, directions, face, interval):
     if axis == FACES:
         number, own = face
         return pieces(branches[number], cameras, own, face, interval)
+    if axis == EDGE:
+        low, high = interval
+        least = 1e-9 * (high - low)
+        place = float(rows_at(branches[0], cameras + directions)[0][0])
+        place = min(max(place, low + least), high - least)
+        return pieces(branches[1], cameras, directions, face, (low, place)) + pieces(
+            branches[2], cameras, directions, face, (place, high)
+        )
     if axis == len(cameras) + len(directions):
         low, high = interval
         middle = 0.5 * (low + high)

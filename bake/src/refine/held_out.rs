@@ -8,11 +8,11 @@ use geofan_bundle::{
     Polynomial, Tensor,
     measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
     path_coefficients,
-    rays::{CHANNELS, Start},
+    rays::{CHANNELS, EdgePiece, Start},
 };
 use geofan_core::{geodesic::End, random::Stream};
 use rayon::prelude::*;
-use std::sync::atomic::Ordering;
+use std::{num::NonZeroU32, sync::atomic::Ordering};
 
 /// The fewest held-out rays of a box. Fewer miss narrow failures, and let steps pass that other rays
 /// would not (S³ and H³: 99th percentiles 0.98 of the promise with 48, 0.9 with 96; a lens from one point:
@@ -64,12 +64,19 @@ const FIRST: usize = 16;
 /// wormhole fail on the first of them.
 const AT_ONCE: usize = 32;
 
+/// The least share of a box's arc lengths that either side of an edge counts as.
+const LEAST_SHARE: f64 = 0.01;
+
 /// A held-out ray.
 struct HeldOutRay {
     /// Parameters in [−1, 1] of the box: camera…, direction….
     parameters: Vec<f64>,
     start: Start,
+    /// Its arc lengths in the box.
+    interval: [f64; 2],
     probes: Vec<Probe>,
+    /// The edges that it meets: where, and their numbers.
+    edges: (Vec<f64>, Vec<NonZeroU32>),
     /// Set if an exit in the box ends it: the last probe is there.
     exits: bool,
 }
@@ -84,8 +91,8 @@ pub struct HeldOutRays<'a> {
     /// Parameters of rays that have been drawn and not followed yet, and the key of their arc lengths.
     pending: Vec<Vec<f64>>,
     key: u64,
-    /// Arc lengths of the box.
-    interval: [f64; 2],
+    /// The edges that bound the box.
+    piece: EdgePiece,
     /// Share of comparisons that may exceed the promise.
     exceeding: f64,
     /// Set if the metric ended a ray within the box: the table cannot know that.
@@ -113,7 +120,7 @@ impl<'a> HeldOutRays<'a> {
             rays: Vec::new(),
             pending: Vec::new(),
             key: 0,
-            interval: bounds.arc_interval(refiner.plan.length),
+            piece: bounds.piece(),
             exceeding: budget * usual,
             singular: false,
         };
@@ -162,7 +169,7 @@ impl<'a> HeldOutRays<'a> {
     /// Follows the next `count` rays that have been drawn and keeps those that get to the box's arc
     /// lengths.
     fn follow(&mut self, count: usize) {
-        let (refiner, [start, end]) = (self.refiner, self.interval);
+        let (refiner, length) = (self.refiner, self.refiner.plan.length);
         let manifold = refiner.space.manifold();
         // The next rays, out of those pending.
         let first = self.count() - self.pending.len();
@@ -172,9 +179,11 @@ impl<'a> HeldOutRays<'a> {
         let rays: Vec<_> = rays
             .map(|x| refiner.ray(self.chunk, self.bounds, x))
             .collect();
+        let intervals = self.bounds.arc_intervals(&parameters, length);
         // Random arc lengths in the box, and the end of the path.
         let key = self.key;
         let lengths = |ray: usize, length: f64| {
+            let [start, end] = intervals[ray];
             let mut stream = Stream::new(&[key, (first + ray) as u64]);
             let end = end.min(length);
             let count = if end > start { LENGTHS } else { 0 };
@@ -182,28 +191,105 @@ impl<'a> HeldOutRays<'a> {
             within.chain((count > 0).then_some(end)).collect()
         };
         let settings = stored_settings(refiner.space, refiner.plan.tolerance);
-        let probed = probe(manifold, settings, end, &rays, lengths);
+        let farthest = self.piece.reach(&intervals).min(length);
+        let probed = probe(manifold, settings, farthest, &rays, lengths);
         let tried = rays.len() as u64;
         refiner.tally.rays.fetch_add(tried, Ordering::Relaxed);
         // What was found about them.
-        let ended = |p: &Probed| p.end == End::Singular && p.length >= start;
-        self.singular |= probed.iter().any(ended);
-        let found = parameters.into_iter().zip(&rays).zip(probed);
+        let ended = |(p, [start, end]): (&Probed, &[f64; 2])| {
+            p.end == End::Singular && p.length >= *start && p.length <= *end
+        };
+        self.singular |= probed.iter().zip(&intervals).any(ended);
+        let found = parameters.into_iter().zip(&rays).zip(intervals).zip(probed);
         let found = found.filter(|(_, probed)| !probed.probes.is_empty());
         let lift = refiner.space.lift();
-        self.rays
-            .extend(found.map(|((parameters, &(u, d)), mut probed)| {
-                let exits = probed.exits();
+        self.rays.extend(
+            found.map(|(((parameters, &(u, d)), interval), mut probed)| {
+                let exits = probed.exits() && probed.length <= interval[1];
                 if !exits {
                     probed.probes.pop();
                 }
                 HeldOutRay {
                     parameters,
                     start: lift.start(u, manifold.local_frame(u).tangent(d)),
+                    interval,
                     probes: probed.probes,
+                    edges: probed.edges.into_iter().unzip(),
                     exits,
                 }
-            }));
+            }),
+        );
+    }
+
+    /// Counts the rays followed.
+    pub fn len(&self) -> usize {
+        self.rays.len()
+    }
+
+    /// Lists the parameters of the rays in the box with the edges that each meets.
+    pub fn kinds(&self) -> impl Iterator<Item = (&Vec<f64>, Option<&[NonZeroU32]>)> + Clone {
+        let rays = self.rays.iter().enumerate();
+        rays.map(|(number, ray)| (&ray.parameters, self.edges_met(number)))
+    }
+
+    /// Tells whether any ray meets an edge in the box or before it.
+    pub fn meets_edges(&self) -> bool {
+        (0..self.rays.len()).any(|ray| self.edges_met(ray).is_some_and(|edges| !edges.is_empty()))
+    }
+
+    /// Lists the edges that a ray meets before the box, and the first one in it or at its end; `None` if there is no
+    /// such ray.
+    pub fn edges_met(&self, ray: usize) -> Option<&[NonZeroU32]> {
+        let ray = self.rays.get(ray)?;
+        let (places, edges) = &ray.edges;
+        let count = match self.piece.next {
+            Some(_) => edges.len(),
+            None => places.partition_point(|s| *s < ray.interval[1]),
+        };
+        Some(&edges[..count.min(self.piece.before.len() + 1)])
+    }
+
+    /// Tells whether in the first half of the box all rays are between the same edges as those of its neighbours.
+    pub fn first_half_is_alike(&self) -> bool {
+        self.rays.iter().all(|ray| {
+            let (places, edges) = &ray.edges;
+            let middle = 0.5 * (ray.interval[0] + ray.interval[1]);
+            edges[..places.partition_point(|s| *s < middle)] == self.piece.before
+        })
+    }
+
+    /// Lists where the rays meet the first edge in the box.
+    fn places(&self) -> impl Iterator<Item = f64> {
+        let number = self.piece.before.len();
+        let places = self.rays.iter().map(move |ray| ray.edges.0.get(number));
+        places.map(|place| place.copied().unwrap_or(f64::NAN))
+    }
+
+    /// Measures the error, as a share of the arc length, of what `read` gives as the places of the first edge at the
+    /// parameters of the rays, which all but the allowed share of them keep.
+    pub fn place_error(&self, read: impl FnOnce(&[&[f64]]) -> Vec<Vec<f64>>) -> f64 {
+        let points: Vec<&[f64]> = self.rays.iter().map(|r| r.parameters.as_slice()).collect();
+        let found = read(&points).into_iter().zip(self.places());
+        let errors = found.map(|(row, place)| (row[0] / place - 1.0).abs());
+        quantile(errors.collect(), self.exceeding)
+    }
+
+    /// Returns the arc length before which hardly any ray meets the first edge.
+    pub fn least_place(&self) -> f64 {
+        let mut places: Vec<f64> = self.places().collect();
+        places.sort_by(f64::total_cmp);
+        places.get(places.len() / 10).map_or(1.0, |s| *s)
+    }
+
+    /// Returns the share of the box's arc lengths before the first edge, in the mean.
+    pub fn share_before_edge(&self) -> f64 {
+        let rays = self.rays.iter().zip(self.places());
+        let share = |(ray, place): (&HeldOutRay, f64)| {
+            let [start, end] = ray.interval;
+            (place - start) / (end - start)
+        };
+        let mean = rays.map(share).sum::<f64>() / self.rays.len().max(1) as f64;
+        mean.clamp(LEAST_SHARE, 1.0 - LEAST_SHARE)
     }
 
     /// Tells whether the box has the whole sphere of directions.
@@ -308,12 +394,12 @@ impl<'a> HeldOutRays<'a> {
         let refiner = self.refiner;
         let channels = refiner.space.channels().len();
         let mut rows = Vec::new();
-        path_coefficients::unfold(stored, channels, self.interval, &mut rows);
+        path_coefficients::unfold(stored, channels, ray.interval, &mut rows);
         let mut errors = HeldOutErrors::default();
         let only_exits = tangents_at_exits(refiner.space);
         let tangents = refiner.plan.tangent_weight();
         for (i, probe) in ray.probes.iter().enumerate() {
-            let sums = path_coefficients::sums(&rows, channels, self.interval, &[probe.s]);
+            let sums = path_coefficients::sums(&rows, channels, ray.interval, &[probe.s]);
             let (u, v) = path_coefficients::state(refiner.space, &ray.start, &sums, 0, probe.s);
             errors.points.push(probe.screen_mrad(u - probe.u));
             let exit = ray.exits && i + 1 == ray.probes.len();

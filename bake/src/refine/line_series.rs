@@ -8,7 +8,7 @@
 use geofan_bundle::{
     PlanRecord, Variables, chebyshev,
     measure::{Probe, probe, stored_settings, tangents_at_exits},
-    rays::{CHANNELS, DISPLACEMENT, RaySpace, sample},
+    rays::{BetweenEdges, CHANNELS, DISPLACEMENT, RaySpace, sample},
     spherical,
 };
 use glam::{DVec3, DVec4};
@@ -92,22 +92,34 @@ pub struct LineSamples {
 }
 
 impl LineSamples {
-    /// Follows `rays` (chart point, direction in the standard frame) to the arc lengths.
+    /// Follows `rays` (chart point, direction in the standard frame) to the arc lengths, or `between` edges to
+    /// shares of what is there.
     pub fn new(
         space: &RaySpace,
         plan: &PlanRecord,
         rays: &[(DVec3, DVec3)],
-        lengths: &[f64],
+        (lengths, between): (&[f64], Option<BetweenEdges<'_>>),
     ) -> Self {
         let manifold = space.manifold();
         let tangents = rays
             .iter()
             .map(|&(u, d)| (u, manifold.local_frame(u).tangent(d)));
         let tangents: Vec<_> = tangents.collect();
-        let values = sample(space, plan.tolerance, &tangents, lengths);
+        let values = sample(space, plan.tolerance, &tangents, (lengths, between));
         // The magnification of each path, up to its end.
-        let farthest = lengths.last().copied().unwrap_or(0.0);
-        let within = |_: usize, end: f64| lengths.iter().copied().filter(|s| *s <= end).collect();
+        let at = |ray: usize, s: f64| match between {
+            Some(BetweenEdges { intervals, .. }) => {
+                let [low, high] = intervals[ray];
+                low + s * (high - low)
+            }
+            None => s,
+        };
+        let last = lengths.last().copied().unwrap_or(0.0);
+        let farthest = (0..rays.len()).map(|ray| at(ray, last)).fold(0.0, f64::max);
+        let within = |ray: usize, end: f64| {
+            let lengths = lengths.iter().map(|s| at(ray, *s));
+            lengths.filter(|s| *s <= end).collect()
+        };
         let settings = stored_settings(space, plan.tolerance);
         let probed = probe(manifold, settings, farthest, rays, within);
         // Errors beyond the end of a path have no weight.

@@ -7,8 +7,10 @@
 //! is sampled at the tensor grid of Chebyshev nodes and fitted; its coefficients are rounded as
 //! coarsely as random held-out rays allow, measured as the certificate measures them (`held_out`,
 //! `quantise`). Otherwise it is halved along the axis that needs it most; one too small for that is
-//! flagged. The boxes of one level share an error budget (`tree`).
+//! flagged. Boxes whose paths meet edges of the metric are divided there (`edges`). The boxes of one level share an
+//! error budget (`tree`).
 
+mod edges;
 mod held_out;
 pub(crate) mod line_series;
 mod quantise;
@@ -20,6 +22,7 @@ use geofan_bundle::{
     Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, chebyshev, path_coefficients,
     rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
 };
+use geofan_core::{geodesic::Settings, manifold::Carried};
 use glam::DVec3;
 use held_out::HeldOutRays;
 use ndarray::ArrayD;
@@ -99,7 +102,11 @@ impl Refiner<'_> {
                 go_on.then(|| self.decide(chunk, bounds, budget))
             };
             let decisions: Option<Vec<Decision>> = open.into_par_iter().map(decide).collect();
-            tree.grow(decisions?);
+            let mut decisions = decisions?;
+            for _ in 0..tree.settle(&mut decisions) {
+                self.tally.patches.fetch_add(1, Ordering::Relaxed);
+            }
+            tree.grow(decisions);
         }
         Some(tree.into_tree())
     }
@@ -113,6 +120,9 @@ impl Refiner<'_> {
         }
         if bounds.face.is_none() {
             return self.decide_sphere(chunk, bounds, &mut held_out);
+        }
+        if let Some(decision) = self.decide_edges(chunk, bounds, &mut held_out) {
+            return decision;
         }
         let resolution = Resolution::new(self, chunk, bounds);
         let may_halve = self.may_halve(bounds);
@@ -151,6 +161,9 @@ impl Refiner<'_> {
         bounds: &ParameterBox,
         held_out: &mut HeldOutRays<'_>,
     ) -> Decision {
+        if held_out.meets_edges() {
+            return Decision::Faces;
+        }
         let resolution = Resolution::new(self, chunk, bounds);
         let resolved = resolution.excess.iter().all(|e| *e <= 1.0);
         let affordable = resolution.rays() <= self.most_rays(bounds);
@@ -197,7 +210,7 @@ impl Refiner<'_> {
                 // Waves come in pairs.
                 resolution.nodes[bounds.arc() - 2] |= 1;
             }
-            let polynomial = self.fit(chunk, bounds, &resolution.nodes);
+            let polynomial = self.fit(chunk, bounds, &resolution.nodes)?;
             let spectra = polynomial.spectra();
             let left = held_out.error_of(&polynomial);
             let limits = (&self.most_nodes(bounds)[..], self.most_rays(bounds));
@@ -271,12 +284,24 @@ impl Refiner<'_> {
 /// Rays of boxes and the polynomials through them.
 impl Refiner<'_> {
     /// Fits the polynomial through exact samples on the tensor grid of `nodes`, its rows along the arc
-    /// length as [`path_coefficients`] unfolds them.
-    fn fit(&self, chunk: usize, bounds: &ParameterBox, nodes: &[usize]) -> Polynomial {
+    /// length as [`path_coefficients`] unfolds them. Where some of the rays meet other edges than the box's, returns
+    /// the urgency of halving each axis instead.
+    fn fit(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        nodes: &[usize],
+    ) -> Result<Polynomial, Vec<f64>> {
         // A box that begins at the start of paths stores no displacement there.
-        let interval = bounds.arc_interval(self.plan.length);
+        let count = nodes[..bounds.arc()].iter().product();
+        let parameters = self.grid_parameters(bounds, nodes);
+        let pieces = self.pieces(bounds, &parameters);
+        let interval = match &pieces {
+            Some((_, intervals)) => intervals[0],
+            None => bounds.arc_interval(self.plan.length),
+        };
         let starts = usize::from(path_coefficients::stores_start(interval));
-        let mut lengths = vec![interval[0]; starts];
+        let mut lengths = vec![if pieces.is_some() { 0.0 } else { interval[0] }; starts];
         lengths.extend(self.arc_lengths(bounds, nodes[bounds.arc()]));
         // Exact samples: slopes at the nodes, and the displacement that they add to.
         let channels = self.space.channels();
@@ -285,6 +310,7 @@ impl Refiner<'_> {
             tolerance: self.plan.tolerance,
             lengths: &lengths,
             width: channels.len(),
+            between: pieces.as_ref().map(edges::between),
         };
         let keep = |at: usize, sample: &Sample, to: &mut [f64]| {
             let first = if at < starts { DISPLACEMENT } else { 0 };
@@ -292,18 +318,22 @@ impl Refiner<'_> {
                 *to = sample[first + channel];
             }
         };
-        let count = nodes[..bounds.arc()].iter().product();
         let samples = samples.of(count, self.grid(chunk, bounds, nodes), keep);
         self.tally.rays.fetch_add(count as u64, Ordering::Relaxed);
+        let width = samples.len() / count.max(1);
+        if pieces.is_some() && samples.iter().step_by(width).any(|x| x.is_nan()) {
+            let numbers = samples.iter().step_by(width).map(|x| x.is_nan());
+            return Err(edges::parting(bounds, parameters.iter().zip(numbers)));
+        }
         // Their polynomial.
         let mut shape = nodes[..bounds.arc()].to_vec();
         shape.extend([lengths.len(), channels.len()]);
         let samples = ArrayD::from_shape_vec(shape, samples);
-        Polynomial::fit(
+        Ok(Polynomial::fit(
             samples.expect("one sample for each node"),
             starts,
             self.variables(bounds),
-        )
+        ))
     }
 
     /// Says how the parameters of rays enter the polynomials of a box.
@@ -311,9 +341,12 @@ impl Refiner<'_> {
         bounds.variables(self.space.cameras().len(), self.plan.stretch)
     }
 
-    /// Returns the `count` Chebyshev nodes of the box's arc lengths.
+    /// Returns the `count` Chebyshev nodes of the box's arc lengths; between edges as shares of them.
     fn arc_lengths(&self, bounds: &ParameterBox, count: usize) -> Vec<f64> {
-        let [start, end] = bounds.arc_interval(self.plan.length);
+        let [start, end] = match bounds.edges {
+            Some(_) => [0.0, 1.0],
+            None => bounds.arc_interval(self.plan.length),
+        };
         let nodes = chebyshev::nodes(count);
         let at = |t: &f64| start + 0.5 * (t + 1.0) * (end - start);
         nodes.iter().map(at).collect()
@@ -345,6 +378,33 @@ impl Refiner<'_> {
         match (bounds.face, self.space.sphere()) {
             (None, Some(sphere)) => camera.direction(sphere.direction([inner[0], inner[1]])),
             (face, _) => self.space.direction_from(camera, face.unwrap_or(0), &inner),
+        }
+    }
+
+    /// Lists the parameters of the rays of the tensor grid of `nodes`; none if no edges bound the box.
+    fn grid_parameters(&self, bounds: &ParameterBox, nodes: &[usize]) -> Vec<Vec<f64>> {
+        match bounds.edges {
+            Some(_) => self.all_parameters(bounds, nodes),
+            None => Vec::new(),
+        }
+    }
+
+    /// Lists the parameters of the rays of the tensor grid of `nodes`.
+    fn all_parameters(&self, bounds: &ParameterBox, nodes: &[usize]) -> Vec<Vec<f64>> {
+        let inputs = &nodes[..bounds.arc()];
+        let count = inputs.iter().product();
+        let variables = self.variables(bounds);
+        let along = |(axis, n): (usize, &usize)| variables.places(axis, *n);
+        let axes: Vec<Vec<f64>> = inputs.iter().enumerate().map(along).collect();
+        (0..count).map(|number| grid_node(&axes, number)).collect()
+    }
+
+    /// Returns the settings under which paths are followed to where they meet edges.
+    fn settings(&self) -> Settings {
+        Settings {
+            tolerance: self.plan.tolerance,
+            carried: Carried::default(),
+            events: false,
         }
     }
 

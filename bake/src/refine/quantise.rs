@@ -63,6 +63,17 @@ impl Refiner<'_> {
         self.smallest(polynomial, &finest, |tensor| held_out.error(tensor, unit))
     }
 
+    /// Finds the smallest tensor of the polynomial that tells where an edge is, whose `error` must be at most 1; one of
+    /// `unit` is as large as that.
+    pub fn quantise_place(
+        &self,
+        polynomial: &Polynomial,
+        unit: f64,
+        error: impl Fn(&Tensor) -> f64,
+    ) -> Option<Tensor> {
+        self.smallest(polynomial, &finest(polynomial, unit, false), error)
+    }
+
     /// Returns the smaller of the tensor train and the plain coefficients, each rounded as coarsely as the
     /// `error`, in units of the promise, allows, from the first of the `finest` steps that does.
     fn smallest(

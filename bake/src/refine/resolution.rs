@@ -6,10 +6,12 @@
 
 use super::{
     Refiner,
+    edges::between,
     line_series::{LineSamples, ProbeLine, SeriesTails},
     tree::ParameterBox,
 };
 use geofan_core::random::Stream;
+use glam::DVec3;
 use std::sync::atomic::Ordering;
 
 /// Lines along each axis. With two, one in a flat part of the box hides what the other would show;
@@ -64,6 +66,11 @@ impl Resolution {
         let most = refiner.most_nodes(bounds);
         let variables = refiner.variables(bounds);
         let lengths = refiner.arc_lengths(bounds, most[bounds.arc()]);
+        let samples_on = |points: &[Vec<f64>], rays: &[(DVec3, DVec3)]| {
+            let pieces = refiner.pieces(bounds, points);
+            let between = pieces.as_ref().map(between);
+            LineSamples::new(refiner.space, refiner.plan, rays, (&lengths, between))
+        };
         let mut stream = Stream::new(&[&bounds.name[..], &[u64::MAX]].concat());
         let allowed = SHARE * refiner.plan.max_error;
         let mut along_arc = SeriesTails::of_polynomials(most[bounds.arc()], allowed);
@@ -81,7 +88,7 @@ impl Resolution {
                     .collect();
                 let count = rays.len() as u64;
                 refiner.tally.rays.fetch_add(count, Ordering::Relaxed);
-                let samples = LineSamples::new(refiner.space, refiner.plan, &rays, &lengths);
+                let samples = samples_on(&points, &rays);
                 // Their series along the arc length, and along the line in both halves of it.
                 samples.along_paths(&mut along_arc);
                 let [early_samples, late_samples] = samples.halves(lengths.len() / 2);
@@ -101,14 +108,18 @@ impl Resolution {
         }
     }
 
-    /// Takes all nodes of the plan: where they are few, looking first costs more than it saves.
-    fn all(refiner: &Refiner<'_>, bounds: &ParameterBox) -> Self {
-        let nodes = refiner.most_nodes(bounds);
+    /// Takes these nodes.
+    pub fn of_nodes(nodes: Vec<usize>) -> Self {
         Self {
             excess: vec![0.0; nodes.len()],
             nodes,
             early_excess: 0.0,
         }
+    }
+
+    /// Takes all nodes of the plan: where they are few, looking first costs more than it saves.
+    fn all(refiner: &Refiner<'_>, bounds: &ParameterBox) -> Self {
+        Self::of_nodes(refiner.most_nodes(bounds))
     }
 
     /// Adds as many nodes as the fall of the coefficients of each degree (`spectra`) suggests, if `limits`

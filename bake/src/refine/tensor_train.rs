@@ -319,7 +319,9 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use geofan_bundle::{MappedChebyshev, Step, Tensor, TensorShape, Tree, Variables};
+    use geofan_bundle::{
+        DecodeBudget, MappedChebyshev, Step, Tensor, TensorShape, Tree, Variables,
+    };
     use ndarray::IxDyn;
     use std::sync::Arc;
 
@@ -348,7 +350,9 @@ mod tests {
             directions: shape.len() - 2 - cameras,
             channels: shape[shape.len() - 1],
         };
-        let Ok(Tree::Leaf(read)) = Tree::decode(&bytes, shape) else {
+        let Ok(Tree::Leaf(read)) =
+            Tree::decode(&bytes, shape, &DecodeBudget::for_bytes(bytes.len()))
+        else {
             panic!("{shape:?}")
         };
         Arc::unwrap_or_clone(read)

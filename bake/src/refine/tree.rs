@@ -9,12 +9,13 @@
 //! again. So the open boxes of a level may spend a share of the remaining error budget only
 //! ([`LEVEL_SHARES`]), and those that need not be divided leave more than their own part to the others.
 
+use super::edges::{EdgeBounds, EdgeCrossing};
 use geofan_bundle::{
     MappedChebyshev, Tree, Variables,
     rays::{FACES, parallel},
 };
 use geofan_core::random::Stream;
-use std::array::from_fn;
+use std::{array::from_fn, sync::Arc};
 
 /// Shares of the remaining error budget that a level may spend: that of the one box that has all, of
 /// those that it is divided into, and of later ones. One of the largest chunks of three bumps in a volume
@@ -37,6 +38,8 @@ pub struct ParameterBox {
     pub share: f64,
     /// Name of the box: the chunk's, then one number for each halving.
     pub name: Vec<u64>,
+    /// The edges between which its paths are, whose pieces the intervals of arc length then divide.
+    pub edges: Option<Arc<EdgeBounds>>,
 }
 
 impl ParameterBox {
@@ -47,6 +50,7 @@ impl ParameterBox {
             face,
             share: 1.0,
             name,
+            edges: None,
         }
     }
 
@@ -59,6 +63,24 @@ impl ParameterBox {
             ..self.clone()
         };
         (0..FACES).map(face).collect()
+    }
+
+    /// Divides into the parts before and behind the edge that `crossing` tells of.
+    pub fn parts(&self, crossing: &EdgeCrossing) -> [Self; 2] {
+        let rays = self.arc();
+        from_fn(|side| {
+            let share = match side {
+                0 => crossing.share,
+                _ => 1.0 - crossing.share,
+            };
+            let bounds = EdgeBounds::beside(self, crossing, side);
+            Self {
+                share: self.share * share,
+                name: [&self.name[..], &[(2 * rays + FACES + 2 + side) as u64]].concat(),
+                edges: Some(Arc::new(bounds)),
+                ..self.clone()
+            }
+        })
     }
 
     /// Returns the lower (0) or upper (1) half along `axis`.
@@ -114,7 +136,25 @@ impl ParameterBox {
         0.5 * (a + b) + 0.5 * (b - a) * x
     }
 
-    /// Returns the interval of arc lengths, on paths of `length`.
+    /// Returns the parameters in the chunk of a ray with these in the box.
+    pub fn in_chunk(&self, x: &[f64]) -> Vec<f64> {
+        (0..self.arc()).map(|axis| self.at(axis, x[axis])).collect()
+    }
+
+    /// Returns the intervals of arc lengths on the paths of rays with these parameters, on paths of `length`.
+    pub fn arc_intervals(&self, rays: &[Vec<f64>], length: f64) -> Vec<[f64; 2]> {
+        let Some(edges) = &self.edges else {
+            return vec![self.arc_interval(length); rays.len()];
+        };
+        let rays: Vec<Vec<f64>> = rays.iter().map(|x| self.in_chunk(x)).collect();
+        let shares = self.intervals[self.arc()].map(|t| 0.5 * (t + 1.0));
+        let pieces = edges.pieces(&rays, length).into_iter();
+        pieces
+            .map(|[start, end]| shares.map(|share| start + share * (end - start)))
+            .collect()
+    }
+
+    /// Returns the interval of arc lengths, on paths of `length` that no edge divides.
     pub fn arc_interval(&self, length: f64) -> [f64; 2] {
         self.intervals[self.arc()].map(|t| 0.5 * (t + 1.0) * length)
     }
@@ -130,7 +170,18 @@ pub enum Decision {
     Halve(usize),
     /// The whole sphere of directions is too much at once: each face by itself.
     Faces,
+    /// Its paths do not meet the same edges, and the axis along which halving it parts them best.
+    Mixed(usize),
+    /// All its paths meet an edge, which divides them.
+    Edge(Box<EdgeCrossing>),
 }
+
+/// The share of a chunk in boxes whose paths do not meet the same edges that is not worth halving any more.
+const LEAST_MIXED: f64 = 0.002;
+
+/// The most such boxes of a level that are halved. Those along a face of many dimensions get smaller slowly and ever
+/// more.
+const MOST_MIXED: usize = 512;
 
 /// A tree of boxes that grows by levels.
 pub struct RefinementTree {
@@ -166,6 +217,28 @@ impl RefinementTree {
         (share * self.budget_left / volume).min(LARGEST_BUDGET)
     }
 
+    /// Decides about open boxes whose paths do not meet the same edges: they are halved while that pays, and given up
+    /// then. Returns how many are given up.
+    pub fn settle(&self, decisions: &mut [Decision]) -> usize {
+        let mixed = |decision: &Decision| matches!(decision, Decision::Mixed(_));
+        let boxes = self.open().zip(&*decisions);
+        let (mut count, mut share) = (0, 0.0);
+        for (bounds, _) in boxes.filter(|(_, decision)| mixed(decision)) {
+            count += 1;
+            share += bounds.share;
+        }
+        let pays = share > LEAST_MIXED && count <= MOST_MIXED;
+        for decision in decisions.iter_mut() {
+            if let Decision::Mixed(axis) = decision {
+                *decision = match pays {
+                    true => Decision::Halve(*axis),
+                    false => Decision::Unread(Tree::Flagged),
+                };
+            }
+        }
+        if pays { 0 } else { count }
+    }
+
     /// Goes on to the boxes that the open ones are divided into.
     pub fn grow(&mut self, decisions: Vec<Decision>) {
         let budget = self.error_budget();
@@ -179,7 +252,10 @@ impl RefinementTree {
                     Vec::new()
                 }
                 Decision::Unread(_) => Vec::new(),
-                Decision::Halve(axis) => [0, 1].map(|side| bounds.half(*axis, side)).into(),
+                Decision::Edge(crossing) => bounds.parts(crossing).into(),
+                Decision::Halve(axis) | Decision::Mixed(axis) => {
+                    [0, 1].map(|side| bounds.half(*axis, side)).into()
+                }
                 Decision::Faces => bounds.faces(),
             };
             self.nodes[number] = Some((decision, next));
@@ -201,7 +277,11 @@ impl RefinementTree {
         };
         match decision {
             Decision::Fitted(tree) | Decision::Unread(tree) => tree,
-            Decision::Halve(axis) => Tree::Split {
+            Decision::Edge(crossing) => Tree::Edge {
+                place: crossing.place,
+                parts: Box::new(from_fn(|side| self.take(first + side))),
+            },
+            Decision::Halve(axis) | Decision::Mixed(axis) => Tree::Split {
                 axis,
                 halves: Box::new(from_fn(|side| self.take(first + side))),
             },

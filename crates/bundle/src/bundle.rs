@@ -11,6 +11,7 @@ use crate::{
     Certificate, TangentPromise,
     container::{self, Id},
     decode::{BundleError, ByteReader, LookupError},
+    decode_budget::DecodeBudget,
     fan::Fan,
     header::{Header, PlanRecord, ShardRecord},
     rays::RaySpace,
@@ -24,7 +25,7 @@ use geofan_core::{
 #[cfg(feature = "files")]
 use geofan_core::{files::write_atomically, reading::read_file};
 use glam::DVec3;
-use std::sync::Arc;
+use std::{borrow::Cow, sync::Arc};
 #[cfg(feature = "files")]
 use std::{fs, io::Write, path::Path};
 
@@ -123,6 +124,11 @@ impl Contents {
         })
     }
 
+    /// Returns what the chunks may ask for when they are decoded.
+    pub fn budget(&self) -> DecodeBudget {
+        budget_of(&self.chunks)
+    }
+
     /// Rebuilds the manifold with these parameters in place of its own.
     ///
     /// # Errors
@@ -197,6 +203,19 @@ fn expected_chunks(
     Ok((u64::from(first)..total).step_by(step as usize))
 }
 
+/// Returns the budget of a table of these chunks.
+fn budget_of(chunks: &[(u32, Vec<u8>)]) -> DecodeBudget {
+    DecodeBudget::for_bytes(chunks.iter().map(|(_, bytes)| bytes.len()).sum())
+}
+
+/// Returns the manifold of the file, of which a table may know the cover.
+fn glued(manifold: &Arc<Manifold>) -> Arc<Manifold> {
+    match manifold.glued() {
+        Cow::Borrowed(_) => manifold.clone(),
+        Cow::Owned(glued) => Arc::new(glued),
+    }
+}
+
 impl Bundle {
     /// Reads a whole bundle from the bytes of a file.
     ///
@@ -223,11 +242,12 @@ impl Bundle {
         }
         // Chunks stay coded until they are used.
         let shape = Table::tensor_shape(&space, header.plan.stretch);
+        let budget = Arc::new(budget_of(&chunks));
         let chunks = chunks
             .into_iter()
-            .map(|(_, bytes)| Chunk::new(bytes, shape));
+            .map(|(_, bytes)| Chunk::new(bytes, shape, budget.clone()));
         Ok(Self {
-            manifold: space.manifold().clone(),
+            manifold: glued(space.manifold()),
             table: Table {
                 division: header.plan.division(&space).into(),
                 length: header.plan.length,

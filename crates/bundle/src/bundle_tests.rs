@@ -100,10 +100,18 @@ fn forged(change: impl Fn(&mut Header)) -> Vec<u8> {
     contents.encode().unwrap()
 }
 
+/// A mirror of the space of [`bundle`].
+fn mirror() -> crate::rays::Mirror {
+    let space = bundle(1).contents().space;
+    let rays = [(glam::DVec3::new(0.3, 0.2, -0.1), glam::DVec3::Y)];
+    let mut found = crate::rays::Mirror::find(&space, &rays, &|| false).unwrap();
+    found.remove(0)
+}
+
 #[test]
 fn headers_that_disagree_with_their_manifold_are_refused() {
     type Change = fn(&mut Header);
-    let changes: [Change; 12] = [
+    let changes: [Change; 13] = [
         |h| h.cameras[0][1] = 2.0,
         |h| h.cameras.clear(),
         |h| h.faces = 1,
@@ -112,6 +120,7 @@ fn headers_that_disagree_with_their_manifold_are_refused() {
         |h| h.plan.cells = vec![2],
         |h| h.plan.nodes.clear(),
         |h| h.plan.length = f64::NAN,
+        |h| h.plan.mirrors = vec![mirror(); 48],
         |h| h.reduction = crate::rays::Reduction::Rotation,
         |h| h.manifold.parameters[0].1 = 2.0,
         |h| h.manifold.text = "name = \"".into(),

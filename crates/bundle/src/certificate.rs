@@ -8,7 +8,7 @@ use crate::{
     LookupError, Table,
     measure::Deviation,
     rays::{Located, Place},
-    tree::{Tree, half},
+    tree::{Tree, divided_at_edge, half},
 };
 use geofan_core::{geodesic::UnfinishedPaths, quantiles::Quantiles};
 use glam::DVec3;
@@ -154,12 +154,27 @@ impl Table {
         let carried = located.clone().carried(stored.image.as_ref());
         point.extend(&carried.direction[..self.space.directions()]);
         point.push(2.0 * s / self.length - 1.0);
-        // Down the tree, with the box that is left.
+        // Down the tree, with the box that is left; arc lengths may be divided anywhere.
+        let arc = point.len() - 1;
+        let mut lengths = [0.0, self.length];
         let mut intervals = vec![[-1.0, 1.0]; point.len()];
         let mut tree = self.tree(chunk)?;
         let mut face = (self.division.blocks == self.space.faces()).then_some(carried.face);
         loop {
             match tree {
+                Tree::Split { axis, halves } if *axis == arc => {
+                    let middle = 0.5 * (lengths[0] + lengths[1]);
+                    let side = usize::from(s >= middle);
+                    lengths[1 - side] = middle;
+                    tree = &halves[side];
+                }
+                Tree::Edge { place, parts } => {
+                    let at = place.at_many(&[&point[..arc]])[0][0];
+                    let divided = divided_at_edge(lengths, at);
+                    let side = usize::from(s >= divided[1][0]);
+                    lengths = divided[side];
+                    tree = &parts[side];
+                }
                 Tree::Split { axis, halves } => {
                     let (side, inner) = half(point[*axis]);
                     point[*axis] = inner;
@@ -174,6 +189,7 @@ impl Table {
                 Tree::Leaf(_) | Tree::Flagged => break,
             }
         }
+        intervals[arc] = lengths.map(|s| 2.0 * s / self.length - 1.0);
         Ok(BoxPlace {
             chunk,
             face,

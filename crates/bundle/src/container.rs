@@ -243,6 +243,9 @@ fn check_order(blocks: &[FileBlock<'_>], fields: usize) -> Result<(), BundleErro
     if header.kind != BlockKind::Header as u8 || contents.kind != BlockKind::Contents as u8 {
         return wrong("its blocks are out of order");
     }
+    if header.index != 0 || contents.index != 0 {
+        return wrong("its header or its table of contents has a number");
+    }
     if blocks.iter().any(|b| b.id != header.id) {
         return wrong("its blocks come from several bundles");
     }
@@ -323,6 +326,19 @@ mod tests {
             let mut longer = bytes.clone();
             longer.extend(vec![0; tail]);
             assert!(decode(&longer).is_err());
+        }
+    }
+
+    #[test]
+    fn blocks_that_need_no_number_have_none() {
+        for (header, contents) in [(0, 0), (1, 0), (0, 7)] {
+            let mut bytes = MAGIC.to_vec();
+            bytes.extend(VERSION.to_le_bytes());
+            put_block(&mut bytes, BlockKind::Header, header, [1; 16], b"h");
+            put_block(&mut bytes, BlockKind::Contents, contents, [1; 16], b"");
+            let hash = blake3::hash(&bytes);
+            bytes.extend(hash.as_bytes());
+            assert_eq!(decode(&bytes).is_ok(), header + contents == 0);
         }
     }
 

@@ -37,6 +37,14 @@ pub(crate) fn contract(tree: &Tree, camera: &[f64]) -> ContractedTree {
             pairs.for_each(|(to, face)| *to = contract(face, camera));
             Tree::Faces(Box::new(contracted))
         }
+        Tree::Edge { place, parts } => {
+            let [before, behind] = parts.each_ref();
+            let part = |part| move || contract(part, camera);
+            Tree::Edge {
+                place: place.contract(camera),
+                parts: Box::new(join(part(before), part(behind)).into()),
+            }
+        }
         // Both halves of others stay.
         Tree::Split { axis, halves } => {
             let [low, high] = halves.each_ref();

@@ -22,6 +22,9 @@ use std::{path::Path, sync::Arc};
 /// length aborts the process.
 const MOST_HEADER_BYTES: usize = 16 << 20;
 
+/// The reflections and exchanges of three axes, without the one that changes nothing.
+const MOST_MIRRORS: usize = 47;
+
 /// The samples of a manifold's fields, by the fields' names.
 pub type FieldSamples = [(String, Arc<Samples>)];
 
@@ -198,6 +201,9 @@ impl Header {
         }
         if plan.cells.len() != space.cameras().len() || plan.nodes.len() != axes {
             return wrong("its plan has another number of axes");
+        }
+        if plan.mirrors.len() > MOST_MIRRORS {
+            return wrong("it has more mirrors than there are");
         }
         if !plan.mirrors.iter().all(|mirror| mirror.fits(space)) {
             return wrong("its mirrors are not the manifold's");

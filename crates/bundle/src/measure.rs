@@ -14,6 +14,7 @@ use geofan_core::{
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
+use std::num::NonZeroU32;
 
 /// The exact state of a ray at an arc length.
 #[derive(Debug, Clone, Copy)]
@@ -81,6 +82,8 @@ pub struct Probed {
     pub length: f64,
     /// The states asked for, as far as the ray went.
     pub probes: Vec<Probe>,
+    /// The edges that it met: where, and their numbers (see [`Step::edge`]).
+    pub edges: Vec<(f64, NonZeroU32)>,
     /// Set if the manifold has exits.
     exits_exist: bool,
 }
@@ -152,6 +155,7 @@ pub fn probe(
             end: path.end,
             length: path.length,
             probes: states.collect(),
+            edges: path.edges().collect(),
             exits_exist: manifold.domain.ends_rays(),
         });
     }

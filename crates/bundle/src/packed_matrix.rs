@@ -47,6 +47,11 @@ impl PanelAxes {
         self.rows() * self.along * self.columns
     }
 
+    /// Counts the numbers with those that fill its panels.
+    pub(crate) fn padded(self) -> usize {
+        self.rows() * self.along * self.panels_per_row() * LANES
+    }
+
     /// Finds row and columns of a panel, in storage order without the axis along.
     fn place(self, panel: usize) -> (usize, Range<usize>) {
         let first = panel % self.panels_per_row() * LANES;
@@ -203,6 +208,11 @@ impl PackedMatrix {
             packed.push(run[0].0, numbers, &integers);
         }
         packed
+    }
+
+    /// Counts the bytes of its numbers.
+    pub fn bytes(&self) -> usize {
+        LANES * (4 * self.rows32.len() + 2 * self.rows16.len() + self.rows8.len())
     }
 
     /// Adds `panels` of these `integers` that have the same stored rows.

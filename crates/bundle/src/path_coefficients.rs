@@ -16,7 +16,7 @@ use crate::{
     rays::{Located, RaySpace, Start},
     table::Table,
     train_core::MOST_DEGREES,
-    tree::{Tree, half},
+    tree::{Tree, divided_at_edge, half},
 };
 use geofan_core::manifold::Isometry;
 use geofan_expr::vectorised;
@@ -53,6 +53,8 @@ pub(crate) struct StoredRay {
 pub(crate) struct PathPiece {
     /// Its arc lengths.
     pub interval: [f64; 2],
+    /// Set if an edge of the metric is at its start.
+    pub behind_edge: bool,
     /// The numbers of its rows; `None` where the patch is flagged.
     rows: Option<Range<usize>>,
 }
@@ -129,11 +131,21 @@ impl PathCoefficients {
         match tree {
             Tree::Flagged => self.pieces.push(PathPiece {
                 interval,
+                behind_edge: false,
                 rows: None,
             }),
             Tree::Faces(faces) => {
                 let face = &faces[located.face];
                 self.collect(face, from, located.direction, interval, evaluate);
+            }
+            Tree::Edge { place, parts } => {
+                let mut row = EMPTY_ROW;
+                let place = evaluate(place, direction[0], direction[1], &mut row)[0];
+                let [before, behind] = divided_at_edge(interval, place);
+                self.collect(&parts[0], from, direction, before, evaluate);
+                let first = self.pieces.len();
+                self.collect(&parts[1], from, direction, behind, evaluate);
+                self.pieces[first].behind_edge = true;
             }
             Tree::Split { axis, halves } if *axis == arc_axis => {
                 let middle = 0.5 * (interval[0] + interval[1]);
@@ -153,7 +165,11 @@ impl PathCoefficients {
                 let (start, channels) = (self.coefficients.len(), patch.channels());
                 unfold(stored, channels, interval, &mut self.coefficients);
                 let rows = Some(start..self.coefficients.len());
-                self.pieces.push(PathPiece { interval, rows });
+                self.pieces.push(PathPiece {
+                    interval,
+                    behind_edge: false,
+                    rows,
+                });
             }
         }
     }

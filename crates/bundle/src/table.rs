@@ -8,6 +8,7 @@
 use crate::{
     MappedChebyshev,
     decode::{DecodeError, LookupError},
+    decode_budget::DecodeBudget,
     fan::{ContractedTree, FaceFan, Fan, contract},
     parallel::*,
     polynomial::Variables,
@@ -23,6 +24,8 @@ use std::sync::{Arc, OnceLock};
 pub struct Chunk {
     bytes: Vec<u8>,
     shape: TensorShape,
+    /// What all chunks of the table may ask for.
+    budget: Arc<DecodeBudget>,
     tree: OnceLock<Result<Tree, DecodeError>>,
     /// The chunk contracted, where a symmetry takes every camera to the same one.
     fixed: OnceLock<Arc<ContractedTree>>,
@@ -30,10 +33,12 @@ pub struct Chunk {
 
 impl Chunk {
     /// Takes over the bytes that [`Tree::encode`] wrote.
-    pub fn new(bytes: Vec<u8>, shape: TensorShape) -> Self {
+    /// The chunks of a table share its `budget`.
+    pub fn new(bytes: Vec<u8>, shape: TensorShape, budget: Arc<DecodeBudget>) -> Self {
         Self {
             bytes,
             shape,
+            budget,
             tree: OnceLock::new(),
             fixed: OnceLock::new(),
         }
@@ -49,7 +54,9 @@ impl Chunk {
     /// # Errors
     /// The bytes are not a tree.
     pub fn tree(&self) -> Result<&Tree, DecodeError> {
-        let tree = filled(&self.tree, || Tree::decode(&self.bytes, self.shape));
+        let tree = filled(&self.tree, || {
+            Tree::decode(&self.bytes, self.shape, &self.budget)
+        });
         tree.as_ref().map_err(|e| *e)
     }
 

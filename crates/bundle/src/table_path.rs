@@ -10,7 +10,7 @@ use crate::{
     rays::ChartMap,
 };
 use geofan_core::{
-    geodesic::{End, carry, first_event},
+    geodesic::{End, carry, first_event, turn_at_edge},
     manifold::Isometry,
 };
 use geofan_expr::{Tape, real::Real, vectorised};
@@ -23,6 +23,14 @@ const LANES: usize = 16;
 /// The most that one step of a transport along a stored path may be off, radians: far below any
 /// promise.
 const TRANSPORT_TOLERANCE: f64 = 1e-7;
+
+/// Distances from an edge, as shares of the arc length up to it, at which frames before it and behind it are
+/// looked at: the table is off by a thousandth or less.
+const BESIDE_EDGE: [f64; 4] = [1e-6, 1e-4, 1e-3, 4e-3];
+
+/// Difference from 1 of the length of a tangent that is believed to be on its own side of an edge: where the metric
+/// jumps by less, sides are alike.
+const OFF_SPEED: f64 = 0.01;
 
 /// One path of a fan, which owns its coefficients or is one of many.
 #[derive(Debug, Clone)]
@@ -125,8 +133,34 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             return None;
         }
         let manifold = table.space.manifold();
-        let carried = carry(manifold, self.curve(), [0.0, s], TRANSPORT_TOLERANCE);
-        Some(carried.ok()?.rotation)
+        let carried = |interval: [f64; 2]| {
+            let carried = carry(manifold, self.curve(), interval, TRANSPORT_TOLERANCE);
+            Some(carried.ok()?.rotation)
+        };
+        // From edge to edge, and over them.
+        let (mut from, mut turned) = (0.0, DQuat::IDENTITY);
+        for piece in self.pieces() {
+            let at = piece.interval[0];
+            if piece.behind_edge && at < s {
+                turned = self.turn_at_edge(at)? * carried([from, at])? * turned;
+                from = at;
+            }
+        }
+        Some(carried([from, s])? * turned)
+    }
+
+    /// Computes the rotation of a frame over the edge at `s`: from the nearest points on both sides at which the
+    /// tangent has the length that the metric there asks for. The table does not know the edge exactly.
+    fn turn_at_edge(&self, s: f64) -> Option<DQuat> {
+        let manifold = self.fan.table.space.manifold();
+        let nearest = |side: f64| {
+            let states = BESIDE_EDGE.map(|share| self.at((1.0 + side * share) * s));
+            let off = |(u, v): (DVec3, DVec3)| (manifold.speed(u, v) - 1.0).abs();
+            let mut states = states.into_iter().flatten();
+            let last = states.clone().last();
+            states.find(|state| off(*state) < OFF_SPEED).or(last)
+        };
+        Some(turn_at_edge(manifold, nearest(-1.0)?, nearest(1.0)?))
     }
 
     /// Fills the rows of [`TablePath::sample_into`] at the lengths of `range`, all in `piece`.

@@ -18,6 +18,7 @@ use crate::{
     coder::{IntegerDecoder, IntegerEncoder},
     contracted::{self, Contracted},
     decode::{ByteReader, DecodeError},
+    decode_budget::DecodeBudget,
     matrix::{added, product},
     parallel::*,
     polynomial::{TermWeights, Variables},
@@ -38,6 +39,9 @@ pub struct Tensor {
     /// The last core as cameras take it, once one has asked for it.
     pub(crate) rows: OnceLock<Arc<[f32]>>,
 }
+
+/// The largest product of sums of cores that is taken for a table's.
+const LARGEST_PRODUCT: f64 = 1e30;
 
 impl Tensor {
     /// Counts the axes: camera…, direction…, arc length, channel.
@@ -243,6 +247,7 @@ impl Tensor {
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
         shape: TensorShape,
+        budget: &DecodeBudget,
     ) -> Result<Self, DecodeError> {
         let TensorShape {
             variables,
@@ -253,7 +258,7 @@ impl Tensor {
         // Layout and step.
         let layout = Layout::of_code(input.u8()?, rays);
         let layout = layout.ok_or(DecodeError("layout of a tensor"))?;
-        let step = Power(input.i16()?);
+        let step = Power(input.i16()?).within_range("step")?;
         // The cores, each behind the one before.
         let mut cores: Vec<Core> = Vec::new();
         let axes = layout.cores(rays);
@@ -261,19 +266,50 @@ impl Tensor {
             let last = k + 1 == axes.len();
             let along = axis_along(axes_of_core, variables.cameras);
             let read = (axes_of_core.len(), along);
-            let core = Core::decode(input, integers, (cores.last(), last), read, step)?;
+            let core = Core::decode(input, integers, (cores.last(), last), read, (step, budget))?;
             if last && core.shape[axes_of_core.len()] != channels {
                 return Err(DecodeError("number of channels"));
             }
             cores.push(core);
         }
-        Ok(Self {
+        let tensor = Self {
             layout,
             variables,
             step,
             cores,
             rows: OnceLock::new(),
-        })
+        };
+        // A camera opens all directions of the tensor at once, in single precision.
+        budget.take_memory(tensor.opened(variables.cameras).saturating_mul(4))?;
+        match tensor.is_finite() {
+            true => Ok(tensor),
+            false => Err(DecodeError("size of coefficients")),
+        }
+    }
+
+    /// Tells whether products of neighbouring cores, in any order, stay far from the end of single precision.
+    fn is_finite(&self) -> bool {
+        let sizes = self.cores.iter().map(|core| core.largest_sum);
+        let sizes: Vec<f64> = sizes.map(|sum| sum * self.step.value()).collect();
+        let product_of = |chain: &[f64]| chain.iter().product::<f64>();
+        let lengths = 1..=sizes.len();
+        let mut chains = lengths.flat_map(|n| sizes.windows(n));
+        chains.all(|chain| product_of(chain) < LARGEST_PRODUCT)
+    }
+
+    /// Counts the numbers that are left when the first `cameras` axes are summed out ([`Tensor::contract`]).
+    fn opened(&self, cameras: usize) -> u64 {
+        let shape = self.shape();
+        let (rays, row) = shape[cameras..].split_at(shape.len() - 2 - cameras);
+        let last = &self.cores[self.cores.len() - 1];
+        let width = row.iter().product::<usize>().min(last.shape[0].max(1));
+        let width = if self.cores.len() > 1 {
+            width
+        } else {
+            row.iter().product()
+        };
+        rays.iter()
+            .fold(width as u64, |all, n| all.saturating_mul(*n as u64))
     }
 }
 

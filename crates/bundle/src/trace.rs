@@ -2,13 +2,14 @@
 //!
 //! In: a [`Table`], a camera position, a direction, a length. Out: a [`Traced`]: equally spaced
 //! samples up to the end of the path, which is found on the interpolated path. A ray of which the
-//! table gives up a part before its end is integrated exactly.
+//! table gives up a part before its end is integrated exactly. In a glued space the table has paths of the cover;
+//! samples are brought back into the domain.
 
 use crate::{Fan, Table, TablePath};
 use geofan_core::{
     error::Result,
-    geodesic::{End, Ray, Sample, Settings, paths, samples},
-    manifold::{Carried, Manifold},
+    geodesic::{End, Ray, Sample, Settings, first_event, paths, samples},
+    manifold::{Carried, Development, Manifold},
 };
 use glam::{DMat3, DVec3};
 
@@ -45,9 +46,20 @@ pub fn trace(
 
 /// Does the same in a fan at hand.
 pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) -> Traced {
-    let (manifold, u) = (fan.space().manifold(), fan.place.u);
+    let (manifold, u) = (&*fan.space().manifold().glued(), fan.place.u);
     let path = fan.path(d);
-    let event = path.first_event(length);
+    let event = match manifold.gluing() {
+        None => path.first_event(length),
+        // Which way a path goes on at a portal or a mirror, the cover does not know.
+        Some(gluing) if gluing.has_portals() || gluing.has_mirrors() => {
+            return exactly(manifold, u, d, length, count, tolerance);
+        }
+        Some(_) => first_event(&manifold.domain, length, |s| {
+            let (u, v) = path.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
+            let state = manifold.brought_in(u, v);
+            state.map_or((u, v), |(u, v, _)| (u, v))
+        }),
+    };
     // A flagged part is only reached where nothing ends the ray before it.
     if event.is_none() && path.flagged_from() < length {
         return exactly(manifold, u, d, length, count, tolerance);
@@ -56,7 +68,7 @@ pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) 
     let last = count.max(2) - 1;
     let places = (0..=last).map(|i| length * (i as f64 / last as f64));
     Traced {
-        samples: places.filter_map(|s| at(manifold, &path, s)).collect(),
+        samples: samples_of(manifold, &path, places),
         end,
         length,
         steps: 0,
@@ -64,17 +76,58 @@ pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) 
     }
 }
 
-fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64) -> Option<Sample> {
-    let (u, v) = path.at(s)?;
-    let u = manifold.domain.wrap(u);
+/// Places on a path of a glued space at which its crossings are looked for, on the way to each sample.
+const LOOKS: usize = 64;
+
+fn samples_of(
+    manifold: &Manifold,
+    path: &TablePath<'_>,
+    places: impl Iterator<Item = f64>,
+) -> Vec<Sample> {
+    let mut way = manifold.gluing().and_then(Development::new);
+    let mut before = 0.0;
+    let mut samples = Vec::new();
+    for s in places {
+        if let Some(way) = &mut way {
+            for k in 1..=LOOKS {
+                let at = before + (s - before) * k as f64 / LOOKS as f64;
+                path.at(at).and_then(|(u, _)| way.advance(u));
+            }
+        }
+        before = s;
+        let word = way.as_ref().map_or(&[][..], |way| way.crossed());
+        samples.extend(at(manifold, path, s, word));
+    }
+    samples
+}
+
+/// Makes a sample, brought back through the faces of `word`.
+fn at(manifold: &Manifold, path: &TablePath<'_>, s: f64, word: &[usize]) -> Option<Sample> {
+    let (cover, v) = path.at(s)?;
+    let cover = manifold.domain.wrap(cover);
+    let (u, v) = manifold.carried_through(word, (cover, v))?;
     let local = manifold.local_frame(u);
-    let turned = |q| local.frame * DMat3::from_quat(q);
+    let turned = |q| {
+        let axes = local.frame * DMat3::from_quat(q);
+        match manifold.gluing().filter(|_| !word.is_empty()) {
+            None => axes,
+            Some(gluing) => gluing.carried(
+                word,
+                cover,
+                manifold.standard_frame(cover) * DMat3::from_quat(q),
+            ),
+        }
+    };
     Some(Sample {
         s,
         u,
         v: local.restored(manifold.metric(u), v),
         frame: path.rotation(s).map(turned),
         area: None,
+        crossings: word.len() as u32,
+        reversed: manifold
+            .gluing()
+            .is_some_and(|gluing| gluing.reverses(word)),
     })
 }
 

@@ -221,15 +221,23 @@ fn nonzero_columns(core: &ArrayD<f64>, counts: impl Fn(&f64) -> bool) -> Vec<boo
 /// Cuts off the degrees beyond the last that counts; ranks and the channels of the last core stay.
 fn shortened(mut core: ArrayD<f64>, last: bool, counts: impl Fn(&f64) -> bool) -> ArrayD<f64> {
     let ends = core.ndim() - if last { 2 } else { 1 };
-    let length = |axis: usize| {
-        let all = core.len_of(Axis(axis));
-        let lives = |i: &usize| core.index_axis(Axis(axis), *i).iter().any(&counts);
-        match axis == 0 || axis >= ends {
-            true => all,
-            false => (0..all).rev().find(lives).map_or(1, |i| i + 1),
+    let shape = core.shape().to_vec();
+    let mut lengths = shape.clone();
+    lengths[1..ends].fill(1);
+    // Numbers behind the axes that may be shortened, block by block.
+    let (values, block) = (core.as_standard_layout(), shape[ends..].iter().product());
+    let blocks = values.as_slice().expect("in standard layout");
+    for (number, block) in blocks.chunks_exact(usize::max(block, 1)).enumerate() {
+        if !block.iter().any(&counts) {
+            continue;
         }
-    };
-    let lengths: Vec<usize> = (0..core.ndim()).map(length).collect();
+        let mut rest = number;
+        for axis in (1..ends).rev() {
+            lengths[axis] = lengths[axis].max(rest % shape[axis] + 1);
+            rest /= shape[axis];
+        }
+    }
+    drop(values);
     core.slice_each_axis_inplace(|axis| (..lengths[axis.axis.index()]).into());
     core
 }

@@ -7,6 +7,7 @@
 use crate::{
     coder::{IntegerDecoder, IntegerEncoder},
     decode::{ByteReader, DecodeError},
+    decode_budget::{CoreSizes, DecodeBudget},
     householder::{Orthogonality, restored},
     matrix::{product, summed},
     packed_matrix::{PackedMatrix, Packing, PaddedSums, PanelAxes},
@@ -21,6 +22,10 @@ pub const MOST_TERMS: usize = 128;
 
 /// The most integers of a core: far above any that a bake makes.
 const MOST_CORE_INTEGERS: u64 = 1 << 24;
+
+/// The largest exponent of two of a step or a scale: with those of charts in kilometres and promises of
+/// nanoradians there is twice as much room as tables need.
+const MOST_EXPONENT: f64 = 100.0;
 
 /// The number `2^(k/N)`, in two bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -37,6 +42,17 @@ impl<const N: i16> Power<N> {
     /// Finds the power nearest to `x`, clamped to the range of 16 bits.
     pub fn near(x: f64) -> Self {
         Self((f64::from(N) * x.log2()).round() as i16)
+    }
+
+    /// Returns the power, if products of a few of its kind and sums of them are finite in single precision.
+    ///
+    /// # Errors
+    /// It is not: no bake makes such a power.
+    pub(crate) fn within_range(self, what: &'static str) -> Result<Self, DecodeError> {
+        match (f64::from(self.0) / f64::from(N)).abs() <= MOST_EXPONENT {
+            true => Ok(self),
+            false => Err(DecodeError(what)),
+        }
     }
 
     /// Returns the number.
@@ -81,6 +97,8 @@ pub(crate) struct Core {
     /// The factors that give all columns the same unit: powers of two whose exponents are no integers,
     /// which take 1 % of fixing a camera if they are worked out for each.
     factors: Vec<f64>,
+    /// No sum of its numbers is larger, in units of the step.
+    pub largest_sum: f64,
 }
 
 impl Core {
@@ -98,7 +116,12 @@ impl Core {
             true => vec![1.0; row(&shape)],
             false => scales.iter().map(|scale| 1.0 / scale.value()).collect(),
         };
+        let columns = values.chunks_exact(factors.len());
+        let products = columns.flat_map(|row| row.iter().zip(&factors).map(|(x, f)| (x * f).abs()));
+        let largest = products.fold(0.0, f64::max);
+        let summed = shape[..shape.len() - 1].iter().product::<usize>();
         Self {
+            largest_sum: largest * summed as f64,
             factors,
             values: PackedMatrix::new(&values, panel_axes(&shape, along), packing),
             shape,
@@ -189,13 +212,14 @@ impl Core {
         integers: &mut IntegerDecoder,
         (before, last): (Option<&Self>, bool),
         (axes, along): (usize, usize),
-        step: Step,
+        (step, budget): (Step, &DecodeBudget),
     ) -> Result<Self, DecodeError> {
         let left = before.map_or(1, |core| core.scales.len());
         // The shape, and the vectors that are stored.
         let shape = decode_shape(input, left, axes, last)?;
         let orthogonality = Orthogonality::behind(before.map(|c| c.orthogonality), &shape);
         let length = orthogonality.length(&shape);
+        budget.take_core(core_sizes(&shape, along, length))?;
         let stored = integers.take(&orthogonality.shape(&shape), length)?;
         // The scales, each by its difference from the one before.
         let ranks = if last { 0 } else { shape[axes + 1] };
@@ -205,19 +229,26 @@ impl Core {
             .into_iter()
             .map(|difference| {
                 before = before.saturating_add(difference);
-                i16::try_from(before)
-                    .map(Power)
-                    .map_err(|_| DecodeError("scale of a rank"))
+                let scale = i16::try_from(before).map(Power);
+                scale
+                    .map_err(|_| DecodeError("scale of a rank"))?
+                    .within_range("scale of a rank")
             });
         let scales = scales.collect::<Result<_, _>>()?;
         let packing = Packing::Small;
-        Ok(Self::new(
-            (shape, along),
-            orthogonality,
-            stored,
-            scales,
-            packing,
-        ))
+        let core = Self::new((shape, along), orthogonality, stored, scales, packing);
+        budget.take_memory(core.values.bytes() as u64)?;
+        Ok(core)
+    }
+}
+
+/// Returns the sizes of a core of this shape, its vectors of this `length`.
+fn core_sizes(shape: &[usize], along: usize, length: usize) -> CoreSizes {
+    let integers = shape.iter().product::<usize>();
+    CoreSizes {
+        integers: integers as u64,
+        vectors: length.min(integers / length.max(1)) as u64,
+        padded: panel_axes(shape, along).padded() as u64,
     }
 }
 

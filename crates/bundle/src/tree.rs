@@ -2,13 +2,14 @@
 //!
 //! A chunk covers one cell of camera parameters, one face of directions or all of them, and all arc
 //! lengths, all in [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one
-//! axis at a time down to patches. Axes are numbered camera…, direction…, arc length. In: boxes. Out: the
+//! axis at a time down to patches, and divides paths where they meet edges of the metric. Axes are numbered camera…, direction…, arc length. In: boxes. Out: the
 //! bytes of a chunk, and back. The same tree holds what is left of its patches at a fixed camera
 //! ([`crate::Fan`]).
 
 use crate::{
     coder::{IntegerDecoder, IntegerEncoder},
     decode::{ByteReader, DecodeError, put_bytes},
+    decode_budget::DecodeBudget,
     polynomial::Variables,
     rays::FACES,
     tensor::Tensor,
@@ -27,6 +28,13 @@ pub enum Tree<P = Arc<Tensor>> {
     },
     /// All directions parted into their faces.
     Faces(Box<[Self; FACES]>),
+    /// Divided where its paths meet an edge, at an arc length that differs from path to path.
+    Edge {
+        /// A patch with one number for each path: that arc length.
+        place: P,
+        /// The parts of the paths before the edge and behind it.
+        parts: Box<[Self; 2]>,
+    },
     /// A patch: one polynomial for all its paths.
     Leaf(P),
     /// Given up: rays here are integrated exactly.
@@ -51,6 +59,10 @@ const DEEPEST: usize = 64;
 const FLAGGED: u8 = 255;
 const PATCH: u8 = 254;
 const PARTED: u8 = 253;
+const BROKEN: u8 = 252;
+
+/// The least distance of an edge from both ends of a piece, as a share of it: neither part is empty.
+const BESIDE_EDGE: f64 = 1e-9;
 
 /// Finds the half of [−1, 1] that holds `x`, and the coordinate there, in [−1, 1] again.
 pub(crate) fn half(x: f64) -> (usize, f64) {
@@ -61,6 +73,13 @@ pub(crate) fn half(x: f64) -> (usize, f64) {
     }
 }
 
+/// Divides the arc lengths of a path into those before an edge at `place` and those behind it.
+pub fn divided_at_edge([start, end]: [f64; 2], place: f64) -> [[f64; 2]; 2] {
+    let least = BESIDE_EDGE * (end - start);
+    let place = place.max(start + least).min(end - least);
+    [[start, place], [place, end]]
+}
+
 impl<P> Tree<P> {
     /// Counts patches and flagged boxes.
     pub fn count(&self) -> (usize, usize) {
@@ -69,6 +88,7 @@ impl<P> Tree<P> {
             Tree::Flagged => (0, 1),
             Tree::Split { halves, .. } => counts(halves.as_slice()),
             Tree::Faces(faces) => counts(faces.as_slice()),
+            Tree::Edge { parts, .. } => counts(parts.as_slice()),
         }
     }
 }
@@ -100,6 +120,11 @@ impl Tree {
                 out.push(PARTED);
                 faces.iter().for_each(|face| face.put(out, integers));
             }
+            Tree::Edge { place, parts } => {
+                out.push(BROKEN);
+                place.encode(out, integers);
+                parts.iter().for_each(|part| part.put(out, integers));
+            }
             Tree::Flagged => out.push(FLAGGED),
             Tree::Leaf(tensor) => {
                 out.push(PATCH);
@@ -111,29 +136,38 @@ impl Tree {
     /// Reads what [`Tree::encode`] wrote.
     ///
     /// # Errors
-    /// The bytes are not a chunk of tensors of this shape.
-    pub fn decode(bytes: &[u8], shape: TensorShape) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, IntegerDecoder::new)
+    /// The bytes are not a chunk of tensors of this shape, or ask for more than is left of the budget.
+    pub fn decode(
+        bytes: &[u8],
+        shape: TensorShape,
+        budget: &DecodeBudget,
+    ) -> Result<Self, DecodeError> {
+        Self::read(bytes, shape, budget, IntegerDecoder::new)
     }
 
     /// Reads the boxes alone, with zeros for all integers, which need not be decoded.
     ///
     /// # Errors
-    /// The bytes are not a chunk of tensors of this shape.
-    pub fn outline(bytes: &[u8], shape: TensorShape) -> Result<Self, DecodeError> {
-        Self::read(bytes, shape, IntegerDecoder::zeros)
+    /// The bytes are not a chunk of tensors of this shape, or ask for more than is left of the budget.
+    pub fn outline(
+        bytes: &[u8],
+        shape: TensorShape,
+        budget: &DecodeBudget,
+    ) -> Result<Self, DecodeError> {
+        Self::read(bytes, shape, budget, IntegerDecoder::zeros)
     }
 
     fn read(
         bytes: &[u8],
         shape: TensorShape,
+        budget: &DecodeBudget,
         decoder: fn(&mut ByteReader<'_>) -> Result<IntegerDecoder, DecodeError>,
     ) -> Result<Self, DecodeError> {
         let mut input = ByteReader(bytes);
         let mut integers = decoder(&mut input)?;
         let mut structure = ByteReader(input.bytes()?);
         input.finish()?;
-        let tree = Self::take(&mut structure, &mut integers, shape, 0)?;
+        let tree = Self::take(&mut structure, &mut integers, (shape, budget), 0)?;
         structure.finish()?;
         integers.finish()?;
         Ok(tree)
@@ -142,7 +176,7 @@ impl Tree {
     fn take(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
-        shape: TensorShape,
+        (shape, budget): (TensorShape, &DecodeBudget),
         depth: usize,
     ) -> Result<Self, DecodeError> {
         if depth > DEEPEST {
@@ -151,22 +185,35 @@ impl Tree {
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
             PATCH => {
-                let tensor = Tensor::decode(input, integers, shape)?;
+                let tensor = Tensor::decode(input, integers, shape, budget)?;
                 Ok(Tree::Leaf(Arc::new(tensor)))
             }
             // The sphere may be parted into faces once.
             PARTED if shape.variables.sphere => {
                 let shape = shape.of_a_face();
-                let face = |_| Self::take(input, integers, shape, depth + 1);
+                let face = |_| Self::take(input, integers, (shape, budget), depth + 1);
                 let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
                 let faces = faces?.try_into();
                 Ok(Tree::Faces(
                     faces.map_err(|_| DecodeError("number of faces"))?,
                 ))
             }
+            // Where paths meet edges the directions of each face are apart.
+            BROKEN if !shape.variables.sphere => {
+                let place = Tensor::decode(input, integers, shape.of_a_place(), budget)?;
+                if place.shape()[shape.arc()] != 1 {
+                    return Err(DecodeError("place of an edge"));
+                }
+                let before = Self::take(input, integers, (shape, budget), depth + 1)?;
+                let behind = Self::take(input, integers, (shape, budget), depth + 1)?;
+                Ok(Tree::Edge {
+                    place: Arc::new(place),
+                    parts: Box::new([before, behind]),
+                })
+            }
             axis if shape.may_halve(usize::from(axis)) => {
-                let low = Self::take(input, integers, shape, depth + 1)?;
-                let high = Self::take(input, integers, shape, depth + 1)?;
+                let low = Self::take(input, integers, (shape, budget), depth + 1)?;
+                let high = Self::take(input, integers, (shape, budget), depth + 1)?;
                 Ok(Tree::Split {
                     axis: usize::from(axis),
                     halves: Box::new([low, high]),
@@ -184,15 +231,27 @@ impl TensorShape {
         self
     }
 
+    /// Returns the shape of the tensors that tell where paths meet an edge.
+    fn of_a_place(mut self) -> Self {
+        self.channels = 1;
+        self
+    }
+
+    /// Returns the index of the arc length among the axes.
+    fn arc(&self) -> usize {
+        self.variables.cameras + self.directions
+    }
+
     /// Tells whether boxes can be halved along `axis`: the whole sphere has no halves.
     fn may_halve(&self, axis: usize) -> bool {
-        let (cameras, arc) = (
-            self.variables.cameras,
-            self.variables.cameras + self.directions,
-        );
+        let (cameras, arc) = (self.variables.cameras, self.arc());
         axis < cameras || axis == arc || (axis < arc && !self.variables.sphere)
     }
 }
+
+#[cfg(test)]
+#[path = "hostile_tests.rs"]
+mod hostile_tests;
 
 #[cfg(test)]
 mod tests {
@@ -214,6 +273,10 @@ mod tests {
         }
     }
 
+    fn budget() -> DecodeBudget {
+        DecodeBudget::for_bytes(0)
+    }
+
     fn leaf(sphere: bool) -> Tree {
         let polynomial = Polynomial {
             coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, 4, 3]), 0.5),
@@ -224,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sphere_may_be_parted_into_faces_once() {
+    fn a_sphere_may_be_parted_into_faces_once_and_edges_divide_faces_alone() {
         let faces = |inner: fn() -> Tree| Tree::Faces(Box::new([(); FACES].map(|()| inner())));
         let half = |axis: usize, sphere: bool| Tree::Split {
             axis,
@@ -236,13 +299,13 @@ mod tests {
             half(0, true),
             half(3, true),
         ] {
-            let back = Tree::decode(&good.encode(), shape(true)).unwrap();
-            let outline = Tree::outline(&good.encode(), shape(true)).unwrap();
+            let back = Tree::decode(&good.encode(), shape(true), &budget()).unwrap();
+            let outline = Tree::outline(&good.encode(), shape(true), &budget()).unwrap();
             assert_eq!(back.count(), good.count());
             assert_eq!(outline.count(), good.count());
             assert_eq!(back.encode(), good.encode());
         }
-        let parted = Tree::decode(&faces(|| leaf(false)).encode(), shape(true)).unwrap();
+        let parted = Tree::decode(&faces(|| leaf(false)).encode(), shape(true), &budget()).unwrap();
         let Tree::Faces(faces_of_it) = parted else {
             panic!("{parted:?}")
         };
@@ -250,11 +313,27 @@ mod tests {
             panic!("{:?}", faces_of_it[2])
         };
         assert!(!tensor.variables.sphere);
+        // An edge divides where directions are those of a face; its place is one number for each path.
+        let place = |lengths: usize| {
+            let polynomial = Polynomial {
+                coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, lengths, 1]), 0.5),
+                variables: shape(false).variables,
+            };
+            let place = Train::plain(&polynomial).rounded(Step::near(1e-3));
+            Tree::Edge {
+                place: Arc::new(place.unwrap()),
+                parts: Box::new([leaf(false), Tree::Flagged]),
+            }
+        };
+        let back = Tree::decode(&place(1).encode(), shape(false), &budget()).unwrap();
+        assert_eq!((back.count(), back.encode()), ((1, 1), place(1).encode()));
+        assert!(Tree::decode(&place(2).encode(), shape(false), &budget()).is_err());
+        assert!(Tree::decode(&place(1).encode(), shape(true), &budget()).is_err());
         // The sphere has no halves along directions, and a face no faces.
-        assert!(Tree::decode(&half(1, true).encode(), shape(true)).is_err());
-        assert!(Tree::decode(&half(1, false).encode(), shape(false)).is_ok());
-        assert!(Tree::decode(&faces(|| leaf(false)).encode(), shape(false)).is_err());
+        assert!(Tree::decode(&half(1, true).encode(), shape(true), &budget()).is_err());
+        assert!(Tree::decode(&half(1, false).encode(), shape(false), &budget()).is_ok());
+        assert!(Tree::decode(&faces(|| leaf(false)).encode(), shape(false), &budget()).is_err());
         let twice = Tree::Faces(Box::new([(); FACES].map(|()| faces(|| leaf(false)))));
-        assert!(Tree::decode(&twice.encode(), shape(true)).is_err());
+        assert!(Tree::decode(&twice.encode(), shape(true), &budget()).is_err());
     }
 }

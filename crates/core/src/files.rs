@@ -35,6 +35,16 @@ pub fn check_output(path: &Path) -> Result<()> {
         })
 }
 
+/// Makes a folder for outputs, if it is not there, and removes what killed processes left in it.
+///
+/// # Errors
+/// It cannot be made.
+pub fn make_output_folder(folder: &Path) -> Result<()> {
+    fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
+    remove_unfinished(folder);
+    Ok(())
+}
+
 /// Removes temporary files of processes that are gone from `folder`; whatever cannot be removed stays.
 pub fn remove_unfinished(folder: &Path) {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
@@ -128,7 +138,11 @@ fn write_and_rename(
     writer.flush()?;
     drop(writer);
     temporary.as_file().sync_all()?;
-    temporary.persist(target).map_err(|e| e.error)?;
+    // The file stays open, and with it its lock, until it has its name.
+    let (_file, own_path) = temporary.keep().map_err(|e| e.error)?;
+    fs::rename(&own_path, target).inspect_err(|_| {
+        let _ = fs::remove_file(&own_path);
+    })?;
     sync_folder(folder)
 }
 

@@ -91,6 +91,7 @@ impl<'w> Lamps<'w> {
             let places: Vec<DVec3> = connections.iter().map(|(i, _)| points[*i].u).collect();
             let frames = self.world.manifold.rest_frames(&places);
             let brought = |((index, connection), frame): ((usize, Connection), DMat3)| {
+                let connection = carried_back(self.world, points[index].u, connection);
                 let share = irradiance_in(frame, points[index].normal, &connection);
                 (index, IncidentLight::new(light, share, connection.v))
             };
@@ -98,6 +99,21 @@ impl<'w> Lamps<'w> {
         }
         (incident, rays)
     }
+}
+
+/// Carries the end of a connection with an image of `u` in a glued space back to `u` itself.
+fn carried_back(world: &World, u: DVec3, connection: Connection) -> Connection {
+    let manifold = &world.manifold;
+    let Some(gluing) = manifold.gluing() else {
+        return connection;
+    };
+    let back = || {
+        let (_, v, _) = manifold.brought_in(connection.u, connection.v)?;
+        let (_, word) = gluing.locate(u)?;
+        Some(gluing.carried(&word, u, DMat3::IDENTITY).inverse() * v)
+    };
+    let v = back().unwrap_or(connection.v);
+    Connection { u, v, ..connection }
 }
 
 impl IncidentLight {

@@ -12,10 +12,10 @@
 use crate::segment::{BeamSegment, Guess};
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
-    manifold::{Carried, LocalFrame, Manifold},
+    manifold::{Carried, DeckTransformation, LocalFrame, Manifold},
 };
 use geofan_render::accel::BoxTree;
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::collections::HashMap;
 
@@ -54,6 +54,12 @@ const MOST_INTERVALS: usize = 256;
 /// Rays traced by one thread at a time.
 const BLOCK: usize = 64;
 
+/// How far from the image of a point inside a copy of a glued domain may reach, in sizes of the domain.
+const COPY_REACH: f64 = 3.0;
+
+/// Most copies of a glued domain into which light is followed.
+const MOST_COPIES: usize = 20_000;
+
 /// Tolerance of the fan's rays; they serve as guesses only.
 const TOLERANCE: f64 = 1e-6;
 
@@ -86,6 +92,8 @@ pub struct LightFan<'m> {
     /// Arc lengths of the knots: the ends of intervals and, in between, their middles.
     pub(super) arc_lengths: Vec<f64>,
     segments: Vec<BeamSegment>,
+    /// From the domain of a glued space to its copies within reach.
+    copies: Vec<DeckTransformation>,
     /// The numbers of the segments, by the boxes around them.
     boxes: BoxTree<(u32, Region)>,
 }
@@ -103,6 +111,7 @@ impl<'m> LightFan<'m> {
             rays: Vec::new(),
             arc_lengths: Vec::new(),
             segments: Vec::new(),
+            copies: Vec::new(),
             boxes: BoxTree::default(),
         };
         fan.choose_arc_lengths();
@@ -114,6 +123,7 @@ impl<'m> LightFan<'m> {
         let numbered: Vec<(u32, Region)> = (0..).zip(boxes).collect();
         fan.boxes = BoxTree::build(&numbered, |(_, region)| *region);
         fan.segments = segments;
+        fan.copies = fan.copies_in_reach();
         fan
     }
 
@@ -309,8 +319,30 @@ impl<'m> LightFan<'m> {
         guesses
     }
 
-    /// Returns the points whole periods from `x` within reach of the fan, `x` included.
+    /// Makes the transformations to the copies of a glued domain that light may reach.
+    fn copies_in_reach(&self) -> Vec<DeckTransformation> {
+        let (Some(gluing), Some((low, high))) = (self.manifold.gluing_below(), self.boxes.bounds())
+        else {
+            return Vec::new();
+        };
+        let reaches = |place: DVec3, d: DMat3| {
+            let size = [0, 1, 2]
+                .map(|k| d.col(k).length())
+                .into_iter()
+                .fold(0.0, f64::max);
+            let around = DVec3::splat(COPY_REACH * size * gluing.size());
+            meet((place - around, place + around), (low, high))
+        };
+        gluing.copies(reaches, MOST_COPIES)
+    }
+
+    /// Returns the points whole periods from `x` within reach of the fan, `x` included, or its images in the copies
+    /// of a glued domain.
     fn images(&self, x: DVec3) -> Vec<DVec3> {
+        if let Some(gluing) = self.manifold.gluing_below() {
+            let x = gluing.locate(x).map_or(x, |(x, _)| x);
+            return self.copies.iter().map(|deck| deck.point(x)).collect();
+        }
         let Some((low, high)) = self.boxes.bounds() else {
             return Vec::new();
         };
@@ -344,7 +376,9 @@ fn cubic_miss(ray: &[RayKnot], k: usize, half: f64) -> f64 {
 fn widened(manifold: &Manifold, (low, high): Region) -> Region {
     let margin = 0.5 * (high - low).max_element();
     let mut wide = (low - margin, high + margin);
-    for k in (0..3).filter(|k| manifold.domain.period(*k).is_some()) {
+    let repeats =
+        |k: &usize| manifold.gluing_below().is_some() || manifold.domain.period(*k).is_some();
+    for k in (0..3).filter(repeats) {
         (wide.0[k], wide.1[k]) = (f64::NEG_INFINITY, f64::INFINITY);
     }
     wide

@@ -140,7 +140,7 @@ impl Sink for ShadowSink<'_> {
     fn region(&self) -> Option<(DVec3, DVec3)> {
         match self.shadows {
             Shadows::Ignored => None,
-            Shadows::Cast(world, _) => region(&world.accelerator, &world.manifold.domain),
+            Shadows::Cast(world, _) => region(world),
         }
     }
 
@@ -179,13 +179,12 @@ impl RayState {
     /// Tells whether the step meets the surface of the ray's point, or one before it that stops light;
     /// `None` if it meets neither.
     fn meets(&mut self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
-        let domain = &world.manifold.domain;
-        if !may_meet(&world.accelerator, domain, step.bounds()) {
+        if !may_meet(world, step.bounds()) {
             return None;
         }
         for piece in pieces(step) {
             let mut rest = piece;
-            while let Some(hit) = first_hit(&world.accelerator, domain, &rest, f64::INFINITY) {
+            while let Some(hit) = first_hit(world, &rest, f64::INFINITY) {
                 let s = f64::from(hit.s);
                 let at_point = hit.triangle == points[self.number].triangle;
                 let own = at_point && s > (1.0 - GRAZING) * self.length;

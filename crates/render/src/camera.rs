@@ -108,19 +108,44 @@ impl Camera {
         };
         let wanted = by.length();
         // A wind blows light, and no camera.
-        let still = manifold.still();
+        let cover = manifold.cover();
+        let still = cover.still();
         let ray = Ray::new(&still, self.u, direction, ROOM * wanted);
         let mut way = Way { wanted, last: None };
         follow(&still, settings, [ray], &mut way);
         let Some(step) = way.last else { return stay };
         let length = wanted.min(step.end);
         let turn = step.rotation(length).unwrap_or(DQuat::IDENTITY);
+        let camera = Self {
+            u: manifold.domain.wrap(step.position(length)),
+            rotation: (turn * self.rotation).normalize(),
+        };
         Moved {
-            camera: Self {
-                u: manifold.domain.wrap(step.position(length)),
-                rotation: (turn * self.rotation).normalize(),
-            },
+            camera: camera.brought_in(manifold),
             length,
+        }
+    }
+
+    /// Brings the camera into the domain of a glued space, turned by the maps of the faces between. A camera cannot
+    /// be mirrored: where an odd number of faces turns right into left, it stays before the last of these.
+    #[must_use]
+    pub fn brought_in(&self, manifold: &Manifold) -> Self {
+        let Some(gluing) = manifold.gluing() else {
+            return *self;
+        };
+        let word = gluing.locate(self.u).map_or(Vec::new(), |(_, word)| word);
+        let proper = |n: &usize| !gluing.reverses(&word[..*n]);
+        let word = &word[..(0..=word.len()).rev().find(proper).unwrap_or(0)];
+        if word.is_empty() {
+            return *self;
+        }
+        let axes = gluing.carried(word, self.u, self.axes(manifold));
+        let carry = |u: DVec3, k: &usize| gluing.faces()[*k].carry(u).map_or(u, |(u, _)| u);
+        let u = word.iter().fold(self.u, carry);
+        let own = manifold.standard_frame(u).inverse() * axes;
+        Self {
+            u,
+            rotation: DQuat::from_mat3(&own).normalize(),
         }
     }
 
@@ -148,11 +173,12 @@ impl Camera {
         let Some((turn, (u, _))) = turn.zip(path.at(length)) else {
             return Ok(self.moved(manifold, by));
         };
+        let camera = Self {
+            u: manifold.domain.wrap(u),
+            rotation: (turn * self.rotation).normalize(),
+        };
         Ok(Moved {
-            camera: Self {
-                u: manifold.domain.wrap(u),
-                rotation: (turn * self.rotation).normalize(),
-            },
+            camera: camera.brought_in(&manifold.glued()),
             length,
         })
     }

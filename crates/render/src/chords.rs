@@ -7,6 +7,7 @@
 //! the scene's box is.
 
 use super::{
+    copies::SceneCopies,
     curve::CubicPacket,
     intersect::{MOST_CHORDS, is_glued, shifts},
     lanes::{BoxPacket, LANES, Mask, SingleLanes, SingleVectors, less, more, single_lane},
@@ -189,6 +190,9 @@ fn boxes(paths: &[PathView<'_>; LANES], k: usize, slack: f64) -> BoxPacket {
 #[inline(always)]
 fn met(world: &World, boxes: &BoxPacket) -> Mask {
     let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+    if let Some(copies) = &world.copies {
+        return met_by_copies(world, copies, boxes);
+    }
     if !is_glued(domain) {
         return accelerator.touched(boxes);
     }
@@ -201,6 +205,19 @@ fn met(world: &World, boxes: &BoxPacket) -> Mask {
         };
         let touches = |shift: &DVec3| accelerator.touches(low + *shift, high + *shift);
         periods.iter().any(touches)
+    })
+}
+
+/// Marks which of sixteen boxes meet a leaf of the scene's tree in any copy of a glued domain.
+fn met_by_copies(world: &World, copies: &SceneCopies, boxes: &BoxPacket) -> Mask {
+    let mut way = copies.search();
+    std::array::from_fn(|l| {
+        let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
+        let half = (high - low) * 0.5;
+        // A box that is inside out meets nothing.
+        let way = way.as_mut().filter(|_| low.x <= high.x);
+        let touches = |low, high| world.accelerator.touches(low, high);
+        way.is_some_and(|way| copies.may_meet(way, (low + half, half), touches))
     })
 }
 
@@ -259,7 +276,10 @@ impl ChordList {
         let mut list = Self::default();
         for from in 0..s.len().saturating_sub(1) {
             if !begins.contains(&(from + 1)) {
-                list.add(world, from, &vertices);
+                match &world.copies {
+                    None => list.add(world, from, &vertices),
+                    Some(copies) => list.add_copies((world, copies), from, &mut vertices),
+                }
             }
         }
         (vertices, list)
@@ -277,6 +297,41 @@ impl ChordList {
                 for shift in shifts(&world.accelerator, domain, least, most) {
                     self.add_shifted(world, from, (bounds, shift), None);
                 }
+            }
+        }
+    }
+
+    /// Adds the chord from the vertex numbered `from` in every copy of a glued domain in which it may meet
+    /// something, with vertices of its own.
+    fn add_copies(
+        &mut self,
+        (world, copies): (&World, &SceneCopies),
+        from: usize,
+        vertices: &mut Vec<Vertex>,
+    ) {
+        let [a, b] = [from, from + 1].map(|v| vertices[v].point.bounds());
+        let (low, high) = widened(around(a, b), TUBE_MARGIN);
+        let half = (high - low) * 0.5;
+        let Some(mut way) = copies.search() else {
+            return;
+        };
+        for copy in copies.around(&mut way, low + half, half) {
+            let (low, high) = copy.image_of_box(half);
+            if !world.accelerator.touches(low, high) {
+                continue;
+            }
+            let images = [from, from + 1].map(|v| vertices[v].image(|u| copy.apply(u)));
+            let first = vertices.len();
+            let bounds = images.each_ref().map(|vertex| vertex.point.bounds());
+            let count = self.chords.len();
+            self.add_shifted(
+                world,
+                first,
+                (around(bounds[0], bounds[1]), DVec3::ZERO),
+                None,
+            );
+            if self.chords.len() > count {
+                vertices.extend(images);
             }
         }
     }

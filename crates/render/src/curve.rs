@@ -81,6 +81,8 @@ impl Curve {
         let limit = self.ending.limit();
         (1..self.u.len())
             .take_while(move |k| self.s[k - 1] < limit)
+            // Where a path of a glued space goes on elsewhere, two knots are at one arc length.
+            .filter(|k| self.s[k - 1] < self.s[*k])
             .map(|k| self.piece(k - 1))
     }
 
@@ -159,6 +161,15 @@ impl Cubic {
             u: [self.position(t), self.u[1]],
             v: [self.tangent(t), self.v[1]],
         })
+    }
+
+    /// Returns the part between two fractions of the way.
+    pub fn between(&self, t: [f64; 2]) -> Self {
+        Self {
+            s: t.map(|t| self.arc(t)),
+            u: t.map(|t| self.position(t)),
+            v: t.map(|t| self.tangent(t)),
+        }
     }
 
     /// Returns the control points of Bézier's form; the curve lies in their hull.

@@ -275,11 +275,10 @@ impl SinglePaths {
             known: self.lengths.len(),
             ..path
         };
-        let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
         for first in (0..closer.known).step_by(per_piece + 1) {
             for i in first..first + per_piece {
                 let piece = closer.piece(i);
-                if let Some(hit) = first_hit(accelerator, domain, &piece, limit) {
+                if let Some(hit) = first_hit(world, &piece, limit) {
                     return Seen::Surface(hit);
                 }
             }

@@ -97,6 +97,27 @@ pub enum Paths<'a> {
     Straight(f64),
 }
 
+impl Paths<'_> {
+    /// Returns how far paths at common knots are followed, and at what local tolerance those that the tracer
+    /// cannot give; `None` for others.
+    fn length(&self) -> Option<(f64, f64)> {
+        match self {
+            Paths::Direct(tracer) | Paths::Lattice(tracer, _) => {
+                let exact = tracer.fallback();
+                let tolerance = exact.map_or(TOLERANCE, ExactTracer::tolerance);
+                Some((
+                    tracer.knots().last().copied().unwrap_or_default(),
+                    tolerance,
+                ))
+            }
+            Paths::Exact(_) | Paths::Straight(_) => None,
+        }
+    }
+}
+
+/// Local tolerance of exact paths in place of those of a tracer that has none.
+const TOLERANCE: f64 = 1e-8;
+
 /// Finds what the samples at `offsets` of every pixel see, without measuring times.
 pub fn trace(world: &World, view: &View, paths: Paths<'_>, offsets: &[DVec2]) -> TracedSamples {
     trace_timed(world, view, paths, offsets, &no_clock)
@@ -116,6 +137,17 @@ pub fn trace_timed(
         offsets,
         clock,
     };
+    // Paths of a covering space do not tell what portals, mirrors and exits of a glued one do with them.
+    let glued = world
+        .copies
+        .as_ref()
+        .filter(|copies| copies.need_exact_paths());
+    let exact = glued
+        .and_then(|_| paths.length())
+        .map(|(length, tolerance)| ExactTracer::new(&world.manifold, view.u, length, tolerance));
+    if let Some(tracer) = &exact {
+        return trace_exact(&samples, tracer);
+    }
     match paths {
         Paths::Exact(tracer) => trace_exact(&samples, tracer),
         Paths::Straight(length) => TracedSamples {

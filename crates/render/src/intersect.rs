@@ -8,6 +8,7 @@
 
 use super::{
     accel::Accelerator,
+    copies::SceneCopies,
     curve::{Cubic, Curve, Ending, ending_at},
     tracer::pieces,
     world::World,
@@ -63,12 +64,11 @@ pub const CHORD_ERROR: f64 = 5e-5;
 pub(super) const MOST_CHORDS: f64 = 64.0;
 
 /// Finds the first hit of `piece` before arc length `limit`.
-pub fn first_hit(
-    accelerator: &Accelerator,
-    domain: &Domain,
-    piece: &Cubic,
-    limit: f64,
-) -> Option<Hit> {
+pub fn first_hit(world: &World, piece: &Cubic, limit: f64) -> Option<Hit> {
+    let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
+    if let Some(copies) = &world.copies {
+        return first_hit_of_copies(accelerator, copies, piece, limit);
+    }
     let (low, high) = piece.bounds();
     if !is_glued(domain) {
         return hit_shifted(accelerator, piece, limit, DVec3::ZERO, (low, high));
@@ -85,14 +85,41 @@ pub fn first_hit(
     first
 }
 
+/// Finds the first hit of `piece` in a glued space.
+fn first_hit_of_copies(
+    accelerator: &Accelerator,
+    copies: &SceneCopies,
+    piece: &Cubic,
+    limit: f64,
+) -> Option<Hit> {
+    let mut first: Option<Hit> = None;
+    for cubic in copies.cubics(piece) {
+        if first.is_some_and(|first| f64::from(first.s) < cubic.s[0]) {
+            break;
+        }
+        let hit = hit_shifted(accelerator, &cubic, limit, DVec3::ZERO, cubic.bounds());
+        if let Some(hit) = hit
+            && first.is_none_or(|first| hit.s < first.s)
+        {
+            first = Some(hit);
+        }
+    }
+    first
+}
+
 /// Tells whether a path inside the box may meet anything: cheaper than to divide it into pieces.
-pub fn may_meet(accelerator: &Accelerator, domain: &Domain, (low, high): (DVec3, DVec3)) -> bool {
-    is_glued(domain) || accelerator.touches(low, high)
+pub fn may_meet(world: &World, (low, high): (DVec3, DVec3)) -> bool {
+    repeats(world) || world.accelerator.touches(low, high)
 }
 
 /// Returns the box outside which paths meet nothing; `None` if that is not known.
-pub fn region(accelerator: &Accelerator, domain: &Domain) -> Option<(DVec3, DVec3)> {
-    accelerator.bounds().filter(|_| !is_glued(domain))
+pub fn region(world: &World) -> Option<(DVec3, DVec3)> {
+    world.accelerator.bounds().filter(|_| !repeats(world))
+}
+
+/// Tells whether things are in several places of the chart.
+fn repeats(world: &World) -> bool {
+    world.copies.is_some() || is_glued(&world.manifold.domain)
 }
 
 /// Tells whether any coordinate is glued.
@@ -167,7 +194,7 @@ pub fn seen_along(world: &World, curve: &Curve) -> Seen {
     let limit = curve.ending.limit();
     let mut hits = curve
         .pieces()
-        .filter_map(|piece| first_hit(&world.accelerator, &world.manifold.domain, &piece, limit));
+        .filter_map(|piece| first_hit(world, &piece, limit));
     match hits.next() {
         Some(hit) => Seen::Surface(hit),
         None => beyond(&curve.ending),
@@ -215,14 +242,14 @@ struct FirstSeen<'w> {
 
 impl Sink for FirstSeen<'_> {
     fn region(&self) -> Option<(DVec3, DVec3)> {
-        region(&self.world.accelerator, &self.world.manifold.domain)
+        region(self.world)
     }
 
     fn step(&mut self, ray: usize, step: &Step) {
-        let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        let world = self.world;
         let (u, v, seen) = &mut self.rays[ray];
-        if may_meet(accelerator, domain, step.bounds()) {
-            let hit = |piece| first_hit(accelerator, domain, &piece, f64::INFINITY);
+        if may_meet(world, step.bounds()) {
+            let hit = |piece| first_hit(world, &piece, f64::INFINITY);
             if let Some(hit) = pieces(step).find_map(hit) {
                 *seen = Some(Seen::Surface(hit));
                 return;

@@ -21,7 +21,7 @@ use super::{
     view::{Optics, View},
     world::World,
 };
-use geofan_core::manifold::LocalFrame;
+use geofan_core::manifold::{DeckTransformation, LocalFrame};
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{ArrayViewMut3, Axis};
 use rayon::prelude::*;
@@ -149,11 +149,11 @@ impl<'w> Projection<'w> {
             true => into * way,
             false => own * view.in_camera(local.frame.inverse() * way),
         };
-        for shift in neighbouring_periods(world) {
+        for image in neighbouring_images(world) {
             let triangles = world.accelerator.triangles().par_iter().enumerate();
             let projected: Vec<Vec<ProjectedTriangle>> = triangles
                 .map(|(i, corners)| {
-                    let p = corners.map(|u| seen(local.toward(g, u + shift - view.u)));
+                    let p = corners.map(|u| seen(local.toward(g, image(u) - view.u)));
                     self.project(i as u32, p, NEAR * farthest)
                 })
                 .collect();
@@ -285,8 +285,7 @@ impl<'w> StraightLines<'w> {
             u: [u, u + v * length],
             v: [v, v],
         };
-        let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
-        first_hit(accelerator, domain, &piece, length).map(Seen::Surface)
+        first_hit(world, &piece, length).map(Seen::Surface)
     }
 
     /// Finds the sky at the end of that line.
@@ -409,6 +408,21 @@ fn cut_at(polygon: &[(DVec3, DVec2)], near: f64) -> Vec<(DVec3, DVec2)> {
         }
     }
     cut
+}
+
+/// Carries a point of the chart.
+type PointMap = Box<dyn Fn(DVec3) -> DVec3 + Sync>;
+
+/// Returns the maps to the copies next to the camera's: by whole periods, or behind the faces of a glued domain.
+fn neighbouring_images(world: &World) -> Vec<PointMap> {
+    if let Some(gluing) = world.manifold.gluing() {
+        let copies = gluing.copies(|_, _| true, gluing.faces().len() + 1);
+        let map = |deck: DeckTransformation| -> PointMap { Box::new(move |u| deck.point(u)) };
+        return copies.into_iter().map(map).collect();
+    }
+    let shifts = neighbouring_periods(world).into_iter();
+    let map = |shift: DVec3| -> PointMap { Box::new(move |u| u + shift) };
+    shifts.map(map).collect()
 }
 
 /// Returns the displacements by −1, 0 and 1 periods of every glued coordinate.

@@ -7,9 +7,10 @@ use super::{
     drawing::{Drawing, draw},
     frame::{Clock, Outcomes, Paths, offsets},
     lookup::Lookup,
+    panels::{PicturePanel, PicturePanels},
     picture::Picture,
     redshift::redshifts,
-    shade::{Footprints, area, with_layers},
+    shade::{Footprints, area, copies, with_layers},
     shifted::ShiftedTracer,
     tracer::ExactTracer,
     unfinished::{count_unfinished, unfinished},
@@ -30,6 +31,27 @@ pub struct DrawingOptions {
     pub error: f64,
     /// Local tolerance of the exact tracer, radians.
     pub tolerance: f64,
+    /// Set if the picture is to have the layers of an EXR file.
+    pub layers: bool,
+}
+
+/// A picture of all parts, and what it took: the share of samples that the table gave up on, and seconds.
+#[derive(Default)]
+pub struct DrawnPanels {
+    /// The picture, put together.
+    pub picture: Picture,
+    /// What the samples of each part see.
+    pub parts: Vec<(View, Outcomes)>,
+    /// True if there is anything at the end of any path.
+    pub shows: bool,
+    /// Share of the samples that the table gave up on.
+    pub flagged: f64,
+    /// Fixing the cameras.
+    pub contract: f64,
+    /// Paths and what they meet.
+    pub paths: f64,
+    /// Colours and pixels.
+    pub shade: f64,
 }
 
 /// Names where paths come from.
@@ -115,6 +137,38 @@ impl<'b> PathSource<'b> {
             }
         }
     }
+
+    /// Draws the picture of all parts.
+    ///
+    /// # Errors
+    /// As of [`PathSource::draw`].
+    pub fn draw_panels(
+        &self,
+        world: &World,
+        panels: &PicturePanels,
+        options: DrawingOptions,
+        clock: Clock<'_>,
+    ) -> Result<DrawnPanels> {
+        let mut drawn = DrawnPanels::default();
+        let (mut pictures, mut fan, mut samples) = (Vec::new(), None, 0);
+        for PicturePanel { view, .. } in &panels.parts {
+            let (drawing, contract) = self.draw(world, view, options, (&mut fan, clock))?;
+            drawn.contract += contract.as_secs_f64();
+            drawn.paths += drawing.paths.as_secs_f64();
+            drawn.shade += drawing.shade.as_secs_f64();
+            drawn.flagged += drawing.flagged.len() as f64;
+            samples += drawing.outcomes.len();
+            drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
+            pictures.push(match options.layers {
+                true => drawing.layered(world, view, options),
+                false => drawing.picture,
+            });
+            drawn.parts.push((view.clone(), drawing.outcomes));
+        }
+        drawn.flagged /= samples as f64;
+        drawn.picture = panels.join(pictures);
+        Ok(drawn)
+    }
 }
 
 impl Drawing {
@@ -124,6 +178,10 @@ impl Drawing {
         let picture = with_layers(self.picture.clone(), world, outcomes, &self.flagged);
         let area = area(world, view, outcomes, options.tolerance);
         let picture = picture.with_float("area", area);
+        let picture = match copies(world, outcomes, options.tolerance) {
+            Some(copies) => picture.with_index("copy", copies),
+            None => picture,
+        };
         if !world.has_redshift(view) {
             return picture;
         }

@@ -54,7 +54,8 @@ pub fn starts(
 /// Moves from `u` along the offset of each ray: the point there, and the rotation of what is carried along.
 fn moved(manifold: &Manifold, u: DVec3, rays: &[PictureRay]) -> Vec<Option<(DVec3, DQuat)>> {
     // A wind blows light, and no camera.
-    let still = manifold.still();
+    let cover = manifold.cover();
+    let still = cover.still();
     let settings = Settings {
         tolerance: TOLERANCE,
         carried: Carried {

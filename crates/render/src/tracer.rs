@@ -173,6 +173,7 @@ impl ExactTracer<'_> {
             |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Length, Stop::Smooth);
         let mut sink = CurveSink {
             manifold: self.manifold,
+            crossings: vec![0; starts.len()],
             curves: starts.iter().map(growing).collect(),
         };
         follow(self.manifold, settings, rays, &mut sink);
@@ -200,11 +201,20 @@ type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending, Stop);
 struct CurveSink<'m> {
     manifold: &'m Manifold,
     curves: Vec<Growing>,
+    /// Faces of a glued space that each has crossed.
+    crossings: Vec<u32>,
 }
 
 impl Sink for CurveSink<'_> {
     fn step(&mut self, ray: usize, step: &Step) {
         let (s, u, v, ..) = &mut self.curves[ray];
+        if step.crossings != self.crossings[ray] {
+            // The path goes on elsewhere.
+            self.crossings[ray] = step.crossings;
+            s.push(step.start);
+            u.push(step.position(step.start));
+            v.push(step.tangent(step.start));
+        }
         let count = cubic_count(step);
         for k in 1..=count {
             let at = step.start + (step.end - step.start) * k as f64 / count as f64;

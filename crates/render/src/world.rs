@@ -6,6 +6,7 @@
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
     chart_skies::sky_warnings,
+    copies::SceneCopies,
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     moving::at_time,
@@ -56,8 +57,12 @@ pub struct PointLight {
 pub struct World {
     /// The manifold.
     pub manifold: Arc<Manifold>,
-    /// The same with light followed from lamps into the future.
+    /// The covering space with light followed from lamps into the future.
     pub lamplight: Arc<Manifold>,
+    /// The space that covers a glued one, else the same.
+    pub cover: Arc<Manifold>,
+    /// Where a glued space shows things again.
+    pub copies: Option<SceneCopies>,
     /// The triangles in chart coordinates.
     pub accelerator: Accelerator,
     /// One for each triangle.
@@ -109,9 +114,13 @@ impl World {
     ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
+        let cover = match manifold.gluing() {
+            Some(_) => Arc::new(manifold.cover().into_owned()),
+            None => manifold.clone(),
+        };
         let lamplight = match manifold.has_wind() {
-            true => Arc::new(manifold.forward()?.into_owned()),
-            false => manifold.clone(),
+            true => Arc::new(cover.forward()?.into_owned()),
+            false => cover.clone(),
         };
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
         let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
@@ -127,6 +136,8 @@ impl World {
             lights,
             light: None,
             lamplight,
+            cover,
+            copies: None,
             clear: false,
             warnings,
             meshes: Vec::new(),
@@ -204,6 +215,7 @@ impl World {
             }
         }
         self.accelerator = Accelerator::build_with_holes(&triangles, self.holed());
+        self.copies = SceneCopies::of(&self.manifold, self.accelerator.triangles());
         self.clear = self.materials.iter().any(Material::is_clear)
             || self.colours.iter().flatten().any(|c| c[3] < 1.0);
         Ok(())
@@ -689,7 +701,11 @@ impl Stage {
     /// # Errors
     /// Says what differs.
     pub fn check_bundle(&self, bundle: &Bundle) -> Result<()> {
-        let differences = self.world.manifold.differences(&bundle.manifold);
+        let differences = self
+            .world
+            .manifold
+            .cover()
+            .differences(&bundle.manifold.cover());
         if differences.is_empty() {
             return Ok(());
         }

@@ -149,7 +149,7 @@ impl DrawSpace {
             return Ok(by(Paths::Exact(&tracer)));
         }
         let tracer = ExactGridTracer::new(
-            &world.manifold,
+            &world.cover,
             view.u,
             self.exact_knots(view.u).clone(),
             COARSE_TOLERANCE,
@@ -159,7 +159,7 @@ impl DrawSpace {
 
     /// Returns the knots of exact paths.
     fn exact_knots(&self, u: DVec3) -> &Arc<[f64]> {
-        let manifold = &self.stage.world.manifold;
+        let manifold = &self.stage.world.cover;
         let choose = || ExactGridTracer::choose_knots(manifold, u, self.length, COARSE_TOLERANCE);
         match self.knots.get() {
             Some(knots) => knots,

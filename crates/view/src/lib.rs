@@ -15,13 +15,19 @@
 //! There are two engines for the one user interface in [`ui`]: the program's, which serves it on a local
 //! address, and the page's, in which the same crates run in the browser's workers. The messages between user
 //! interface and engine are those of `ui/PROTOCOL.md`.
+//!
+//! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
 mod draw_space;
 mod error_map;
 mod feed;
 mod frame_plan;
+#[cfg(feature = "files")]
+mod loaded_space;
 mod motion;
 mod package;
+#[cfg(feature = "files")]
+mod page;
 mod page_about;
 mod panel;
 mod protocol;
@@ -39,8 +45,12 @@ pub use draw_space::DrawSpace;
 pub use error_map::LEGEND;
 pub use feed::PanelFeed;
 pub use frame_plan::Block;
+#[cfg(feature = "files")]
+pub use loaded_space::{LoadedSpace, SpaceSource};
 pub use motion::{Movement, Stop, moved};
 pub use package::{Package, PackageError, noting_source};
+#[cfg(feature = "files")]
+pub use page::Page;
 pub use page_about::{PageAbout, decode_light, encode_light};
 pub use panel::PanelData;
 pub use protocol::{

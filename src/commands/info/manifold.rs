@@ -6,7 +6,7 @@ use geofan_core::{
     Result,
     field::{Field, Outside},
     geodesic::check_point,
-    manifold::{Carried, Curvature, Form, Manifold},
+    manifold::{Carried, Curvature, Form, GluedFace, Manifold},
 };
 use glam::{DMat3, DVec3};
 use serde_json::{Map, Value, json};
@@ -57,10 +57,23 @@ fn as_json(manifold: &Manifold, at: Option<&PointGeometry>) -> Value {
         "length": manifold.length,
         "operations": operations_json(manifold),
     });
+    if let Some(gluing) = manifold.gluing() {
+        value["faces"] = gluing.faces().iter().map(face_json).collect();
+    }
     if let Some(point) = at {
         value["at"] = point.as_json();
     }
     value
+}
+
+/// Describes a glued face as JSON; faces are numbered from 1.
+fn face_json(face: &GluedFace) -> Value {
+    json!({
+        "partner": face.partner().map(|k| k + 1),
+        "reverses": face.reverses(),
+        "mirror": face.is_mirror(),
+        "opening": face.is_portal(),
+    })
 }
 
 /// Makes a JSON object of names and values.
@@ -144,6 +157,9 @@ fn as_text(manifold: &Manifold, at: Option<&PointGeometry>) -> String {
     }
     for line in manifold.domain_lines() {
         text.line("domain", line);
+    }
+    if let Some(line) = manifold.gluing_line() {
+        text.line("gluing", line);
     }
     text.line("exits", exits(manifold).join(", "));
     text.line("symmetry", manifold.symmetry_line());

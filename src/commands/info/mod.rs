@@ -82,9 +82,10 @@ fn describe_bundle(args: &InfoArgs, common: &CommonArgs) -> Result<()> {
 /// Counts patches and flagged boxes of all chunks.
 fn count_patches(file: &Path, contents: &Contents) -> Result<(usize, usize)> {
     let mut sum = (0, 0);
+    let budget = contents.budget();
     for (chunk, bytes) in &contents.chunks {
         let shape = Table::tensor_shape(&contents.space, contents.header.plan.stretch);
-        let tree = Tree::outline(bytes, shape).map_err(|damage| {
+        let tree = Tree::outline(bytes, shape, &budget).map_err(|damage| {
             let message = format!("is not a valid bundle: chunk {chunk}: {damage}");
             Error::input(file.display().to_string(), message)
         })?;

@@ -77,7 +77,12 @@ fn table(
 ) -> Result<(), String> {
     let path = folder.join(format!("{}.fan", identity(&manifold, length)));
     let found = Bundle::read(&path).ok();
-    let found = found.filter(|bundle| manifold.differences(&bundle.manifold).is_empty());
+    let found = found.filter(|bundle| {
+        manifold
+            .cover()
+            .differences(&bundle.manifold.cover())
+            .is_empty()
+    });
     if let Some(bundle) = found {
         work.shared.set_table(bundle);
         return Ok(());
@@ -109,7 +114,7 @@ fn table(
 /// Returns the name of a manifold's table: equal for equal geometry and length.
 fn identity(manifold: &Manifold, length: f64) -> String {
     let mut hasher = blake3::Hasher::new();
-    hasher.update(&manifold.meaning_digest());
+    hasher.update(&manifold.cover().meaning_digest());
     hasher.update(&length.to_le_bytes());
     hasher.finalize().to_hex()[..32].to_string()
 }

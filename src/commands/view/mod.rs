@@ -1,25 +1,24 @@
 //! `geofan view`: looking around in a scene, in the browser; or the same written into one page.
 //!
 //! In: a scene file, or a bare manifold file, and perhaps a bundle. Out: the viewer's user interface on a local
-//! address, until a signal ends it; or a page. The viewer's rules are in `geofan-view`; here are its threads,
-//! files and sockets: [`loading`] reads and watches files, [`background`] bakes, [`server`] answers requests of
+//! address, until a signal ends it; or a page. The viewer's rules and its pages are in `geofan-view`; here are its
+//! threads, clocks and sockets: [`loading`] watches files, [`background`] bakes, [`server`] answers requests of
 //! which it checks everything, [`connection`] drives one session.
 
 mod background;
 mod connection;
 mod loading;
-mod page;
 mod server;
 
 use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, values};
 use clap::Args;
 use geofan_core::{Error, Observer, Result};
-use loading::SpaceSource;
+use geofan_view::{Page, SpaceSource};
 use serde_json::json;
 use server::Server;
 use std::{
     net::{IpAddr, Ipv4Addr, SocketAddr},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::{Command, Stdio},
     time::Duration,
 };
@@ -63,8 +62,8 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
         length: args.length,
     };
     if let Some(output) = &args.page {
-        let written = page::write(&source, &args.set, args.wasm.as_deref(), output)?;
-        return report_page(&written, common);
+        let page = Page::new(&source, &args.set, &viewer(args.wasm.as_deref())?)?;
+        return report_page(output, page.write(output)?, common);
     }
     let listen = args.listen.unwrap_or((Ipv4Addr::LOCALHOST, 0).into());
     if !is_loopback(listen.ip()) {
@@ -123,13 +122,29 @@ fn open_browser(address: &str) -> bool {
     quiet.spawn().is_ok()
 }
 
+/// Finds the viewer for pages.
+fn viewer(asked: Option<&Path>) -> Result<PathBuf> {
+    if let Some(path) = asked {
+        return Ok(path.to_path_buf());
+    }
+    let program = std::env::current_exe().ok();
+    let beside = program.and_then(|program| Some(program.parent()?.join(Page::WASM)));
+    beside.filter(|path| path.is_file()).ok_or_else(|| {
+        let message = format!(
+            "there is no {} beside this program; build it with .ci/page.sh, or say where it is with --wasm FILE",
+            Page::WASM
+        );
+        Error::input("--page", message)
+    })
+}
+
 /// Says what was written.
-fn report_page(written: &page::WrittenPage, common: &CommonArgs) -> Result<Outcome> {
-    let output = written.output.display().to_string();
+fn report_page(output: &Path, bytes: usize, common: &CommonArgs) -> Result<Outcome> {
+    let output = output.display().to_string();
     if common.json {
-        terminal::print_json(&json!({ "output": output, "bytes": written.bytes }))?;
+        terminal::print_json(&json!({ "output": output, "bytes": bytes }))?;
     } else if !common.quiet {
-        let size = written.bytes as f64 / 1e6;
+        let size = bytes as f64 / 1e6;
         terminal::print(&format!("{output}: {size:.2} MB, opens without a server\n"))?;
     }
     Ok(Outcome::Done)

@@ -7,10 +7,14 @@
 //! [`ChartMap::slope`]: super::ChartMap::slope
 //! [`ChartMap::displacement`]: super::ChartMap::displacement
 
-use super::{ChartMap, RaySpace, Start, slowing::Slowing};
+use super::{
+    ChartMap, RaySpace, Start,
+    piece::{EdgePiece, state_on},
+    slowing::Slowing,
+};
 use crate::parallel::*;
 use geofan_core::{
-    geodesic::{End, Path, Ray, Settings, Sink, Step, first_event, follow},
+    geodesic::{End, Path, Ray, Settings, Sink, Step, first_event, follow, paths},
     manifold::Carried,
 };
 use glam::{DVec3, DVec4};
@@ -30,20 +34,21 @@ const BLOCK: usize = 512;
 pub type Sample = [f64; CHANNELS];
 
 /// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
-/// samples them there. Exits are passed by; where the metric ends the last tangent is continued
+/// samples them there, or `between` edges at shares of what is there. Exits are passed by; where the metric ends the last tangent is continued
 /// straight in the chart, unless a wind carries paths over their ends into it (see `slowing.rs`). NaN only
 /// where the very start is singular.
 pub fn sample(
     space: &RaySpace,
     tolerance: f64,
     rays: &[(DVec3, DVec3)],
-    lengths: &[f64],
+    (lengths, between): (&[f64], Option<BetweenEdges<'_>>),
 ) -> Array3<f64> {
     let samples = Samples {
         space,
         tolerance,
         lengths,
         width: CHANNELS,
+        between,
     };
     let all = |_: usize, sample: &Sample, to: &mut [f64]| to.copy_from_slice(sample);
     let samples = samples.of(rays.len(), |block| rays[block].to_vec(), all);
@@ -62,6 +67,18 @@ pub struct Samples<'a> {
     pub lengths: &'a [f64],
     /// Number of values kept of each sample.
     pub width: usize,
+    /// The pieces of the paths that are sampled, if not from their starts on.
+    pub between: Option<BetweenEdges<'a>>,
+}
+
+/// Pieces of paths between edges. Arc lengths are then shares of their intervals, and samples of rays that meet
+/// other edges are not numbers.
+#[derive(Debug, Clone, Copy)]
+pub struct BetweenEdges<'a> {
+    /// The piece.
+    pub piece: &'a EdgePiece,
+    /// Its arc lengths on the path of each ray.
+    pub intervals: &'a [[f64; 2]],
 }
 
 impl Samples<'_> {
@@ -87,9 +104,81 @@ impl Samples<'_> {
             samples.fill(f64::NAN);
             let first = block * BLOCK;
             let rays = rays(first..count.min(first + BLOCK));
-            self.block(rays, &keep, samples);
+            match self.between {
+                Some(between) => self.block_between(between, (first, rays), &keep, samples),
+                None => self.block(rays, &keep, samples),
+            }
         });
         samples
+    }
+
+    /// Samples pieces of paths between edges, those of the rays from number `first` on.
+    fn block_between(
+        &self,
+        between: BetweenEdges<'_>,
+        (first, rays): (usize, Vec<(DVec3, DVec3)>),
+        keep: impl Fn(usize, &Sample, &mut [f64]),
+        samples: &mut [f64],
+    ) {
+        let intervals = &between.intervals[first..first + rays.len()];
+        let farthest = between.piece.reach(intervals);
+        let starts = rays.iter().map(|&(u, v)| without_spread(u, v, farthest));
+        let found = paths(self.space.manifold(), self.settings(), starts);
+        let rows = samples.chunks_exact_mut((self.lengths.len() * self.width).max(1));
+        let each = found.iter().zip(&rays).zip(intervals).zip(rows);
+        for (((path, &(u, v)), interval), row) in each {
+            let Some(steps) = between.piece.steps(self.space, path, interval[1]) else {
+                continue;
+            };
+            let start = self.space.lift().start(u, v);
+            self.read_piece((path, steps), &start, *interval, |at, sample| {
+                keep(at, sample, &mut row[at * self.width..(at + 1) * self.width]);
+            });
+        }
+    }
+
+    /// Samples the piece of `path` with the steps `first` up to `end`, whose arc lengths are `interval`.
+    fn read_piece(
+        &self,
+        (path, [first, end]): (&Path, [usize; 2]),
+        start: &Start,
+        [low, high]: [f64; 2],
+        mut put: impl FnMut(usize, &Sample),
+    ) {
+        let lift = self.space.lift();
+        let (mut point, mut at) = (start.x, 0);
+        for (number, share) in self.lengths.iter().enumerate() {
+            let s = low + share * (high - low);
+            let steps = &path.steps[first..end];
+            if steps.is_empty() {
+                return;
+            }
+            let within = steps.partition_point(|step| step.end < s);
+            let step = first + within.min(steps.len() - 1);
+            // Turns are counted step by step.
+            for step in &path.steps[at..step] {
+                point = lift.continued(step.position(step.end), point);
+            }
+            at = step;
+            let (u, v) = state_on(&path.steps[step], s);
+            point = lift.continued(u, point);
+            let mut sample = [0.0; CHANNELS];
+            sample[..DISPLACEMENT].copy_from_slice(&lift.slope(start, u, v));
+            sample[DISPLACEMENT..].copy_from_slice(&lift.displacement(start, point, s));
+            put(number, &sample);
+        }
+    }
+
+    /// Returns the settings under which paths are sampled.
+    fn settings(&self) -> Settings {
+        Settings {
+            tolerance: self.tolerance,
+            carried: Carried {
+                frame: false,
+                deviation: false,
+            },
+            events: false,
+        }
     }
 
     fn block(
@@ -98,14 +187,7 @@ impl Samples<'_> {
         keep: impl Fn(usize, &Sample, &mut [f64]),
         samples: &mut [f64],
     ) {
-        let settings = Settings {
-            tolerance: self.tolerance,
-            carried: Carried {
-                frame: false,
-                deviation: false,
-            },
-            events: false,
-        };
+        let settings = self.settings();
         let starts = rays.iter().map(|&(u, v)| self.space.lift().start(u, v));
         let starts: Vec<Start> = starts.collect();
         let mut sampler = Sampler {
@@ -122,13 +204,20 @@ impl Samples<'_> {
             samples,
         };
         let farthest = self.lengths.last().copied().unwrap_or(0.0);
-        let rays = rays.into_iter().map(|(u, v)| Ray {
-            u,
-            v,
-            length: farthest,
-            spread: [DVec3::ZERO; 2],
-        });
+        let rays = rays
+            .into_iter()
+            .map(|(u, v)| without_spread(u, v, farthest));
         follow(self.space.manifold(), settings, rays, &mut sampler);
+    }
+}
+
+/// Makes a ray whose neighbours do not matter.
+fn without_spread(u: DVec3, v: DVec3, length: f64) -> Ray {
+    Ray {
+        u,
+        v,
+        length,
+        spread: [DVec3::ZERO; 2],
     }
 }
 

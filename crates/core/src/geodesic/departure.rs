@@ -6,7 +6,7 @@
 use super::Ray;
 use crate::{
     error::{Error, Result},
-    manifold::{EventKind, Manifold},
+    manifold::{EventKind, Gluing, Manifold},
 };
 use glam::{DMat3, DVec3};
 
@@ -78,6 +78,12 @@ fn fault(manifold: &Manifold, u: DVec3) -> Option<String> {
         Some(_) => return Some("the point violates a condition of `inside`".into()),
         None => {}
     }
+    if let Some(gluing) = manifold.gluing() {
+        match gluing.locate(u) {
+            Some(_) => {}
+            None => return Some(gluing_fault(gluing, u)),
+        }
+    }
     let (g, s) = manifold.metric_and_frame(u);
     let finite = |m: DMat3| m.to_cols_array().iter().all(|x| x.is_finite());
     if !finite(g) {
@@ -85,6 +91,13 @@ fn fault(manifold: &Manifold, u: DVec3) -> Option<String> {
     }
     let positive = finite(s) && (0..3).all(|k| s.col(k)[k] > 0.0);
     (!positive).then(|| "the metric is not positive definite there".into())
+}
+
+fn gluing_fault(gluing: &Gluing, u: DVec3) -> String {
+    match gluing.behind_mirror(u) {
+        Some(k) => format!("the point lies behind the mirror of face {}", k + 1),
+        None => "the point cannot be brought into the glued domain".into(),
+    }
 }
 
 fn limit_fault(manifold: &Manifold, u: DVec3) -> String {

@@ -215,7 +215,7 @@ fn near(a: DMat2, b: DMat2) -> bool {
 /// Computes `J⊥` at `s` in the transported frame, in the directions `across` of the start.
 fn transverse(manifold: &Manifold, step: &Step, across: [DVec3; 2], s: f64) -> Option<DMat2> {
     let u = step.position(s);
-    let frame = manifold.standard_frame(u) * DMat3::from_quat(step.rotation(s)?);
+    let frame = manifold.standard_frame(u) * step.frame(s)?;
     let inverse = frame.inverse();
     // In the wave front, where that is not all across the path.
     let slant = manifold.has_wind().then(|| {

@@ -64,6 +64,14 @@ impl<'m> Events<'m> {
         }
     }
 
+    /// Begins anew in `lane`, whose ray has moved to the state (u, v).
+    pub fn restart(&mut self, lane: usize, state: [f64; 6]) {
+        self.domain.events().run_at(&mut self.single, &state);
+        for (k, before) in self.before.iter_mut().enumerate() {
+            before[lane] = self.single.output(k)[0];
+        }
+    }
+
     /// Evaluates all events in all lanes on the steps tried, whose ends are the states (u, v).
     #[inline(always)]
     pub fn look(&mut self, curves: &Curves, control: &Control, ends: &[Row]) {

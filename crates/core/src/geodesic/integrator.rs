@@ -13,6 +13,7 @@ use super::{
     dormand_prince::{A, ERROR, STAGES},
     each,
     events::Events,
+    face_crossing::{FaceCrossings, Leaving},
     rows::{larger, multiply, norm2, take_where, vector},
     starts::{Start, Starts},
     state::{Layout, Rest, rates_at},
@@ -43,8 +44,10 @@ pub fn follow<S: Sink>(
         }
         lanes.attempt();
         lanes.meet_surfaces();
+        lanes.meet_faces(sink);
         lanes.report(sink);
         lanes.commit();
+        lanes.cross_faces(sink);
     }
 }
 
@@ -57,6 +60,7 @@ struct Lanes<'m> {
     bare: (&'m Tape, Registers<f64, LANES>, Rest),
     events: Option<Events<'m>>,
     surfaces: Option<SwitchingSurfaces<'m>>,
+    faces: Option<FaceCrossings<'m>>,
     starts: Starts<'m>,
     /// The number of the ray that a lane follows.
     ray: [Option<usize>; LANES],
@@ -88,6 +92,7 @@ impl<'m> Lanes<'m> {
                 false => None,
             },
             surfaces: SwitchingSurfaces::new(manifold, settings),
+            faces: FaceCrossings::new(manifold, settings),
             starts: Starts::new(manifold, settings),
             ray: [None; LANES],
             curves: Curves::new(layout),
@@ -129,6 +134,9 @@ impl<'m> Lanes<'m> {
         if let Some(surfaces) = &mut self.surfaces {
             surfaces.start(lane);
         }
+        if let Some(faces) = &mut self.faces {
+            faces.start(lane);
+        }
     }
 
     /// One trial step of every lane: stages, new state, error, judgement. Lanes without a ray compute
@@ -159,6 +167,9 @@ impl<'m> Lanes<'m> {
                     events.look(&self.curves, &self.control, &self.trial);
                 }
                 self.look_for_surfaces();
+                if let Some(faces) = &mut self.faces {
+                    faces.look(&self.curves);
+                }
             },
         );
     }
@@ -261,6 +272,47 @@ impl<'m> Lanes<'m> {
                 && let Some(step) = surfaces.go_on_with(lane)
             {
                 self.control.go_on_with(lane, step);
+            }
+        }
+    }
+
+    /// Tries steps that end at a face of a glued domain instead of those that leave it, and moves rays that start
+    /// on one across it.
+    fn meet_faces(&mut self, sink: &mut impl Sink) {
+        let Some(faces) = &mut self.faces else {
+            return;
+        };
+        for lane in 0..LANES {
+            let accepted = self.control.accepted[lane] > 0.0 && self.control.may_go_on(lane);
+            let Some(ray) = self.ray[lane].filter(|_| accepted && faces.may_leave(lane)) else {
+                continue;
+            };
+            let (s, h) = (self.control.s[lane], self.control.h[lane]);
+            match faces.leaving(lane, &self.curves.path(lane, s, h)) {
+                None => {}
+                Some(Leaving::Ahead(length)) => self.control.try_instead(lane, length),
+                Some(Leaving::Behind(usual)) => self.control.go_on_with(lane, usual),
+                Some(Leaving::Here(face)) => {
+                    self.control.try_instead(lane, h);
+                    let state = (&mut self.y[..], &mut self.k[0][..]);
+                    faces.cross((lane, ray), face, state, sink);
+                    restart(lane, &self.y, &mut self.events, &mut self.surfaces);
+                }
+            }
+        }
+    }
+
+    /// Moves rays whose steps have ended at a face across it.
+    fn cross_faces(&mut self, sink: &mut impl Sink) {
+        let Some(faces) = &mut self.faces else {
+            return;
+        };
+        for lane in 0..LANES {
+            let due = faces.due(lane);
+            if let Some((ray, face)) = self.ray[lane].zip(due) {
+                let state = (&mut self.y[..], &mut self.k[0][..]);
+                faces.cross((lane, ray), face, state, sink);
+                restart(lane, &self.y, &mut self.events, &mut self.surfaces);
             }
         }
     }
@@ -391,6 +443,22 @@ impl<'m> Lanes<'m> {
             k: &self.k,
         };
         (&mut self.curves, trial)
+    }
+}
+
+/// Makes what looks along steps forget the state before, in a lane whose ray has moved to `y`.
+fn restart(
+    lane: usize,
+    y: &[Row],
+    events: &mut Option<Events<'_>>,
+    surfaces: &mut Option<SwitchingSurfaces<'_>>,
+) {
+    if let Some(events) = events {
+        let state = std::array::from_fn(|row| y[row][lane]);
+        events.restart(lane, state);
+    }
+    if let Some(surfaces) = surfaces {
+        surfaces.start(lane);
     }
 }
 

@@ -10,6 +10,7 @@ mod deviation;
 mod dormand_prince;
 mod events;
 mod exponential;
+mod face_crossing;
 mod fixed;
 mod integrator;
 mod path;
@@ -29,6 +30,7 @@ pub use exponential::{Exponential, exponential};
 pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use path::{Path, Sample, elapsed, ends, paths, sample, samples};
+pub use refraction::turn_at_edge;
 pub use step::Step;
 pub use transport::{Transport, TransportFailed, carry, transport};
 pub use unfinished::{UnfinishedPaths, end_lengths};
@@ -126,6 +128,10 @@ pub trait Sink {
     /// as [`End::Length`] at the end of that step.
     fn wants_more(&self, _ray: usize) -> bool {
         true
+    }
+    /// `ray` goes on behind face `face` of a glued domain: steps after this are there.
+    fn crossed(&mut self, ray: usize, face: usize) {
+        let _ = (ray, face);
     }
     /// `ray` has ended at arc length `s` after `steps` steps tried.
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);

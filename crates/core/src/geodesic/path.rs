@@ -7,6 +7,7 @@
 use super::{End, Ray, Settings, Sink, Step, follow, signed_area};
 use crate::manifold::Manifold;
 use glam::{DMat3, DVec3};
+use std::num::NonZeroU32;
 
 /// A geodesic as its steps.
 #[derive(Debug, Clone)]
@@ -22,6 +23,13 @@ pub struct Path {
 }
 
 impl Path {
+    /// Lists the edges that the path meets: where, and their numbers (see [`Step::edge`]).
+    pub fn edges(&self) -> impl Iterator<Item = (f64, NonZeroU32)> {
+        self.steps
+            .iter()
+            .filter_map(|step| Some((step.start, step.edge?)))
+    }
+
     /// The step that covers arc length `s`; `None` for a path that ended at its start.
     pub fn step_at(&self, s: f64) -> Option<&Step> {
         let after = self.steps.partition_point(|step| step.end < s);
@@ -115,6 +123,10 @@ pub struct Sample {
     pub frame: Option<DMat3>,
     /// The area by which a unit solid angle has spread. `None` when deviation was not carried.
     pub area: Option<f64>,
+    /// Faces of a glued domain crossed up to here.
+    pub crossings: u32,
+    /// Set if they have turned right into left.
+    pub reversed: bool,
 }
 
 /// `count` equally spaced samples of `path`, which must be the path of `ray`; at least two. A path
@@ -139,14 +151,15 @@ fn on_step(manifold: &Manifold, step: &Step, s: f64) -> Sample {
     let u = manifold.domain.wrap(step.position(s));
     let local = manifold.local_frame(u);
     let v = local.restored(manifold.metric(u), step.tangent(s));
-    let turned = |q| local.frame * DMat3::from_quat(q);
     let area = |j| signed_area(&local, v, j).abs();
     Sample {
         s,
         u,
         v,
-        frame: step.rotation(s).map(turned),
+        frame: step.frame(s).map(|carried| local.frame * carried),
         area: step.deviation(s).map(area),
+        crossings: step.crossings,
+        reversed: step.reversed,
     }
 }
 
@@ -158,6 +171,8 @@ fn at_start(manifold: &Manifold, ray: &Ray) -> Sample {
         v: ray.v,
         frame: Some(manifold.standard_frame(u)),
         area: Some(0.0),
+        crossings: 0,
+        reversed: false,
     }
 }
 

@@ -74,7 +74,7 @@ impl EdgeSide {
     }
 
     /// Computes the unit direction, in the standard frame, in which a path with tangent `v` is seen.
-    fn direction(&self, v: DVec3) -> DVec3 {
+    pub fn direction(&self, v: DVec3) -> DVec3 {
         (self.frame.inverse() * (v - self.wind)).normalize()
     }
 
@@ -118,6 +118,16 @@ pub(super) fn deflect(near: &EdgeSide, far: &EdgeSide, gradient: DVec3, v: DVec3
     Deflection { v, reflected }
 }
 
+/// Reflects the tangent `v` at a wall with the normal covector `gradient`.
+pub(super) fn reflect(side: &EdgeSide, gradient: DVec3, v: DVec3) -> DVec3 {
+    let n = v - side.wind;
+    let q = side.metric * n;
+    let q = q / n.dot(q).sqrt();
+    let energy = 1.0 + side.wind.dot(q);
+    let back = -gradient.dot(v).signum();
+    side.tangent(q, gradient, energy, back).unwrap_or(-v)
+}
+
 /// Returns the smallest rotation, in the standard frames of both sides, that takes the direction of the tangent
 /// `before` to that of the tangent `after`.
 pub(super) fn turn(
@@ -125,6 +135,13 @@ pub(super) fn turn(
     (behind, after): (&EdgeSide, DVec3),
 ) -> DQuat {
     DQuat::from_rotation_arc(near.direction(before), behind.direction(after))
+}
+
+/// Returns the rotation of the frame that a path carries over an edge, relative to the standard frames: from the
+/// point and tangent `before` it to those `behind` it, both so near that nothing else turns it.
+pub fn turn_at_edge(manifold: &Manifold, before: (DVec3, DVec3), behind: (DVec3, DVec3)) -> DQuat {
+    let [near, far] = [before.0, behind.0].map(|u| EdgeSide::at(manifold, u));
+    turn((&near, before.1), (&far, behind.1))
 }
 
 /// A ray at an edge, for the neighbours that cross it with it.

@@ -8,10 +8,12 @@ use super::{
     LANES, NIL, Row,
     dormand_prince::{DENSE, Dense, Quintic, STAGES},
     each,
+    face_crossing::carried_frame,
     state::Layout,
 };
 use geofan_expr::real::Real;
-use glam::{DQuat, DVec3};
+use glam::{DMat3, DQuat, DVec3};
+use std::num::NonZeroU32;
 
 /// A piece of a path between two points of the integration, continuous inside.
 #[derive(Debug, Clone)]
@@ -20,11 +22,18 @@ pub struct Step {
     pub start: f64,
     /// Arc length at which the piece ends: the step's end, or the event that cut it.
     pub end: f64,
+    /// The edge behind which the piece begins: a number for the surface met there, for the side that the path
+    /// comes from and for whether it is refracted or reflected. Neighbours that go the same way have the same.
+    pub edge: Option<NonZeroU32>,
     /// The whole step's length; the curves run over it.
     pub(super) h: f64,
     pub(super) curve: Quintic,
     pub(super) turn: Option<Dense<4>>,
     pub(super) deviation: Option<[Quintic; 2]>,
+    /// Faces of a glued domain that the path has crossed before.
+    pub crossings: u32,
+    /// Set if they have turned right into left.
+    pub reversed: bool,
 }
 
 impl Step {
@@ -49,9 +58,18 @@ impl Step {
 
     /// The transported rotation at `s`, relative to the standard frames: a camera that starts with
     /// `R` has axes `S(u) q R` here. `None` when the frame is not carried.
+    ///
+    /// In a glued space that turns right into left it stands for [`Step::frame`].
     pub fn rotation(&self, s: f64) -> Option<DQuat> {
         let dense = self.turn.as_ref()?;
         Some(DQuat::from_array(dense.at(self.fraction(s))).normalize())
+    }
+
+    /// The transported frame at `s`, relative to the standard frames: a rotation, or after an odd number of
+    /// reversals one with its first axis mirrored. `None` when the frame is not carried.
+    pub fn frame(&self, s: f64) -> Option<DMat3> {
+        let turn = self.rotation(s)?;
+        Some(carried_frame(turn, self.reversed))
     }
 
     /// `∂u/∂(initial direction)` along the two initial deviations, chart components. `None` when
@@ -194,10 +212,13 @@ impl Curves {
         Step {
             start,
             end: start + h,
+            edge: None,
             h,
             curve: gathered(&self.path, lane, h),
             turn: None,
             deviation: None,
+            crossings: 0,
+            reversed: false,
         }
     }
 

@@ -18,6 +18,7 @@ use super::{
 use crate::manifold::Manifold;
 use geofan_expr::{Registers, Tape, Wide};
 use glam::{DQuat, DVec3};
+use std::num::NonZeroU32;
 
 /// Distance before a surface at which a step ends, and beyond it to which a ray is moved, as a share of the arc length and of the distance
 /// from the chart's origin. Rounding in `φ` moves the crossing by 1e-16 to 1e-15 of them, and both ends
@@ -28,6 +29,9 @@ const ASIDE: f64 = 2e-14;
 /// which side; nothing can be said about a jump then, and no step ends there. Where the metric itself
 /// jumps, the path ends.
 const GRAZING: f64 = 1e-4;
+
+/// More than the numbers of edges of any one metric, for those of two at the same place.
+const EDGES: u32 = 4096;
 
 /// Finds the surfaces on the steps of the rays in all lanes.
 pub(super) struct SwitchingSurfaces<'m> {
@@ -44,6 +48,8 @@ pub(super) struct SwitchingSurfaces<'m> {
     crossed: Row,
     /// The steps to go on with behind the surfaces that rays are about to meet.
     behind: [Option<f64>; LANES],
+    /// The edges that rays have met since their last step, as [`Step::edge`] numbers them.
+    edges: [Option<NonZeroU32>; LANES],
 }
 
 /// A surface met by a trial step.
@@ -65,6 +71,17 @@ pub(super) struct Crossing {
     /// The switching function that vanishes there.
     function: usize,
     surface: Surface,
+}
+
+impl Crossing {
+    /// Numbers the edge that a ray with tangent `v` meets, as [`Step::edge`] says; `before` is another that it
+    /// has met at the same place.
+    fn edge(&self, v: DVec3, reflected: bool, before: Option<NonZeroU32>) -> NonZeroU32 {
+        let rises = self.surface.gradient.dot(v) > 0.0;
+        let own = 4 * self.function as u32 + 2 * u32::from(reflected) + u32::from(rises) + 1;
+        let before = before.map_or(0, NonZeroU32::get);
+        NonZeroU32::new(before.wrapping_mul(EDGES) + own).unwrap_or(NonZeroU32::MIN)
+    }
 }
 
 /// A surface `φ = 0` near a point.
@@ -112,12 +129,19 @@ impl<'m> SwitchingSurfaces<'m> {
             before: vec![[NIL; 2]; tape.outputs() / 4],
             crossed: NIL,
             behind: [None; LANES],
+            edges: [None; LANES],
         })
     }
 
     /// Begins a ray in `lane`.
     pub fn start(&mut self, lane: usize) {
         self.behind[lane] = None;
+        self.edges[lane] = None;
+    }
+
+    /// Returns the edge behind which the accepted step in `lane` begins, and forgets it.
+    pub fn take_edge(&mut self, lane: usize) -> Option<NonZeroU32> {
+        self.edges[lane].take()
     }
 
     /// Looks at the trial steps of all lanes at these points with these tangents: at their starts, inside, at
@@ -187,7 +211,13 @@ impl<'m> SwitchingSurfaces<'m> {
         let beyond = u + v * crossing.distance;
         let [near, far] = [u, beyond].map(|u| EdgeSide::at(self.manifold, u));
         let behind = match near.differs(&far) && self.parts(crossing, u, beyond) {
-            true => self.deflect(s, crossing, [near, far], [u, v, before], &mut there),
+            true => {
+                let sides = [near, far];
+                let (behind, reflected) =
+                    self.deflect(s, crossing, sides, [u, v, before], &mut there);
+                self.edges[lane] = Some(crossing.edge(v, reflected, self.edges[lane]));
+                behind
+            }
             false => self.go_through(crossing, [v, before], &mut there),
         };
         for (row, (y, rates)) in y.iter_mut().zip(rates).enumerate() {
@@ -226,7 +256,8 @@ impl<'m> SwitchingSurfaces<'m> {
         self.rates(there)
     }
 
-    /// Refracts or reflects the state `there` at an edge, and returns its rates behind it.
+    /// Refracts or reflects the state `there` at an edge, and returns its rates behind it and whether it is
+    /// reflected.
     fn deflect(
         &mut self,
         s: f64,
@@ -234,7 +265,7 @@ impl<'m> SwitchingSurfaces<'m> {
         [near, far]: [EdgeSide; 2],
         [u, v, a]: [DVec3; 3],
         there: &mut [Wide<f64, 1>; MOST_ROWS],
-    ) -> [Wide<f64, 1>; MOST_ROWS] {
+    ) -> ([Wide<f64, 1>; MOST_ROWS], bool) {
         let gradient = crossing.surface.gradient;
         let deflection = deflect(&near, &far, gradient, v);
         let (distance, side) = match deflection.reflected {
@@ -253,7 +284,7 @@ impl<'m> SwitchingSurfaces<'m> {
         }
         let behind = self.rates(there);
         let Some(at) = self.layout.deviation else {
-            return behind;
+            return (behind, deflection.reflected);
         };
         // Neighbours.
         let edge = EdgeCrossing {
@@ -275,7 +306,7 @@ impl<'m> SwitchingSurfaces<'m> {
             set_vector(there, column, du);
             set_vector(there, column + 3, dv);
         }
-        self.rates(there)
+        (self.rates(there), deflection.reflected)
     }
 
     fn rates(&mut self, y: &[Wide<f64, 1>]) -> [Wide<f64, 1>; MOST_ROWS] {

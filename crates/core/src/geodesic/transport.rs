@@ -35,13 +35,20 @@ impl Transport {
     }
 }
 
-/// Why a transport failed.
+/// Says how far a transport got.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("the metric allows no transport along the curve beyond t = {at}")]
 pub struct TransportFailed {
     /// The parameter up to which it went.
     pub at: f64,
 }
+
+/// The most steps tried, as of the integrator of rays: what turns faster is noise.
+const MOST_STEPS: usize = 200_000;
+
+/// The most along the path of a ray, which turns its frame a few times at most: paths that were followed take
+/// some hundreds. A table that somebody forged ends here soon.
+const MOST_STEPS_OF_A_RAY: usize = 4_000;
 
 /// A step below this share of the interval cannot advance in double precision.
 const SHORTEST_STEP: f64 = 1e-14;
@@ -51,7 +58,7 @@ const SHORTEST_STEP: f64 = 1e-14;
 /// become short.
 ///
 /// # Errors
-/// The curve or the metric on it is not finite, or the steps shrink to nothing.
+/// The curve or the metric on it is not finite, the steps shrink to nothing, or there are too many.
 pub fn transport(
     manifold: &Manifold,
     curve: impl Fn(f64) -> (DVec3, DVec3),
@@ -59,7 +66,7 @@ pub fn transport(
     tolerance: f64,
 ) -> Result<Transport, TransportFailed> {
     let rate = |u, v| manifold.turning(u, v);
-    follow(manifold, rate, curve, interval, tolerance)
+    follow(manifold, rate, curve, interval, (tolerance, MOST_STEPS))
 }
 
 /// Carries vectors along the path of a ray as its frame is carried. Where there is a wind, that is not parallel.
@@ -73,7 +80,8 @@ pub fn carry(
     tolerance: f64,
 ) -> Result<Transport, TransportFailed> {
     let rate = |u, v| manifold.carrying(u, v);
-    follow(manifold, rate, path, interval, tolerance)
+    let limits = (tolerance, MOST_STEPS_OF_A_RAY);
+    follow(manifold, rate, path, interval, limits)
 }
 
 /// Turns a frame along `curve` at `rate` (point, velocity).
@@ -82,13 +90,13 @@ fn follow(
     rate: impl Fn(DVec3, DVec3) -> DVec3,
     curve: impl Fn(f64) -> (DVec3, DVec3),
     [from, to]: [f64; 2],
-    tolerance: f64,
+    (tolerance, most): (f64, usize),
 ) -> Result<Transport, TransportFailed> {
     let rate = |t: f64| {
         let (u, v) = curve(t);
         rate(u, v)
     };
-    let (mut t, mut q, mut steps) = (from, DQuat::IDENTITY, 0);
+    let (mut t, mut q, mut steps, mut tried) = (from, DQuat::IDENTITY, 0, 0);
     let mut h = (to - from) / 16.0;
     while t != to {
         // What is left is split evenly, so that no sliver remains.
@@ -108,7 +116,8 @@ fn follow(
             steps += 1;
         }
         h = step * factor;
-        if !(h.abs() > SHORTEST_STEP * (to - from).abs()) {
+        tried += 1;
+        if tried >= most || !(h.abs() > SHORTEST_STEP * (to - from).abs()) {
             return Err(TransportFailed { at: t });
         }
     }
@@ -141,6 +150,7 @@ fn angle_between(a: DQuat, b: DQuat) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::diagnostic::SourceText;
 
     /// The rotation by `steps` equal steps from 0 to `length`.
     fn equal_steps(rate: impl Fn(f64) -> DVec3, length: f64, steps: u32) -> DQuat {
@@ -159,6 +169,19 @@ mod tests {
         for pair in errors.windows(2) {
             assert!((50.0..80.0).contains(&(pair[0] / pair[1])), "{errors:?}");
         }
+    }
+
+    #[test]
+    fn a_curve_that_turns_without_end_is_given_up() {
+        let text = "name = \"bent\"\ncoordinates = [\"x\", \"y\", \"z\"]\n\
+                    metric = { conformal = \"exp(x + y)\" }\n";
+        let manifold = Manifold::from_source(SourceText::new("bent", text), &[]).unwrap();
+        let curve = |t: f64| {
+            let (sin, cos) = (1e9 * t).sin_cos();
+            (DVec3::new(sin, cos, t), DVec3::new(cos, -sin, 0.0) * 1e9)
+        };
+        let given_up = carry(&manifold, curve, [0.0, 1.0], 1e-9).unwrap_err();
+        assert!(given_up.at < 1e-3, "{given_up}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //!
 //! In: a [`Manifold`]. Out: lines without units or decoration, for `geofan info` and notebooks.
 
-use super::{EventKind, Form, Manifold};
+use super::{EventKind, Form, GluedFace, Manifold};
 
 impl Form {
     /// Names what the file gives.
@@ -50,6 +50,24 @@ impl Manifold {
             n => lines.push(format!("{n} conditions")),
         }
         lines
+    }
+
+    /// Describes the gluing; `None` where nothing is glued.
+    pub fn gluing_line(&self) -> Option<String> {
+        let faces = self.gluing()?.faces();
+        let count = |of: fn(&GluedFace) -> bool| faces.iter().filter(|face| of(face)).count();
+        let parts = [
+            (count(|face| !face.is_mirror() && !face.reverses()), "glued"),
+            (
+                count(|face| !face.is_mirror() && face.reverses()),
+                "glued with a reversal",
+            ),
+            (count(GluedFace::is_mirror), "mirrors"),
+            (count(GluedFace::is_portal), "with an opening"),
+        ];
+        let parts = parts.iter().filter(|part| part.0 > 0);
+        let parts: Vec<_> = parts.map(|(n, what)| format!("{n} {what}")).collect();
+        Some(format!("{} faces: {}", faces.len(), parts.join(", ")))
     }
 
     /// Describes the sampled fields.

@@ -196,6 +196,12 @@ impl Manifold {
         self.has_wind().then(|| self.medium(u).wind)
     }
 
+    /// Computes the length of the tangent `v` at `u`, against the wind: 1 on the paths followed.
+    pub fn speed(&self, u: DVec3, v: DVec3) -> f64 {
+        let n = v - self.wind(u).unwrap_or(DVec3::ZERO);
+        n.dot(self.metric(u) * n).sqrt()
+    }
+
     /// Returns `b(u)` as the paths followed meet it, chart components of a covector.
     pub fn drift(&self, u: DVec3) -> DVec3 {
         self.medium(u).drift

@@ -8,7 +8,7 @@ use super::{Carried, EventKind, Manifold};
 use geofan_expr::Tape;
 
 /// Hash of a part of the meaning.
-type Digest = [u8; 32];
+pub(super) type Digest = [u8; 32];
 
 /// Names of the metric's components in the order of its tape.
 const COMPONENTS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
@@ -92,6 +92,10 @@ impl Manifold {
                 EventKind::Limit => {}
             }
         }
+        // Where they go on.
+        if let Some(gluing) = self.gluing() {
+            parts.push(("the gluing of faces".into(), gluing.digest()));
+        }
         // Where skies are looked up.
         for exit in &self.exits {
             if let Some(direction) = &exit.direction {
@@ -104,7 +108,7 @@ impl Manifold {
 }
 
 /// Hashes each output of a tape.
-fn digests(tape: &Tape) -> Vec<Digest> {
+pub(super) fn digests(tape: &Tape) -> Vec<Digest> {
     tape.digests(|bytes| *blake3::hash(bytes).as_bytes())
 }
 

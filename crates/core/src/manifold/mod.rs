@@ -11,6 +11,7 @@ mod curve;
 mod description;
 mod domain;
 mod geometry;
+mod gluing;
 mod kin;
 mod load;
 mod local_frame;
@@ -28,6 +29,7 @@ pub(crate) use axis::around;
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
+pub use gluing::{DeckTransformation, Development, GluedFace, Gluing};
 pub use kin::Follows;
 pub use local_frame::LocalFrame;
 pub use point_functions::PointFunctions;
@@ -121,6 +123,10 @@ pub struct Manifold {
     /// This space for other paths; `None` where all paths are geodesics.
     kin: Option<Arc<Kin>>,
     follows: Follows,
+    /// `None` for a space that is all of its chart.
+    gluing: Option<Arc<Gluing>>,
+    /// Set if the gluing is left out: the covering space.
+    unfolded: bool,
 }
 
 impl Manifold {
@@ -152,7 +158,7 @@ impl Manifold {
     ) -> Result<Self> {
         let manifold = load::from_source(&source, settings, samples)?;
         probe::check(&manifold)?;
-        Ok(manifold)
+        manifold.with_checked_gluing()
     }
 
     /// `G(u)`.

@@ -18,7 +18,7 @@ const PROBES: usize = 64;
 
 /// The largest relative discrepancy of the metric under a claimed symmetry. Honest claims measure
 /// 1e-15 to 1e-11 on the shipped files; claims wrong by one part in a million measure 1e-6.
-const WORST_DISCREPANCY: f64 = 1e-8;
+pub(super) const WORST_DISCREPANCY: f64 = 1e-8;
 
 /// Distance inside its limits, as a share of the period, at which a glued coordinate is looked at.
 const SEAM: f64 = 1e-9;
@@ -45,8 +45,8 @@ pub(super) fn check(manifold: &Manifold) -> Result<()> {
     check_symmetry(manifold, &points)
 }
 
-/// The `i`-th point of the Halton sequence in [0, 1]³.
-fn halton(i: usize) -> [f64; 3] {
+/// Returns the `i`-th point of the Halton sequence in [0, 1]³.
+pub(super) fn halton(i: usize) -> [f64; 3] {
     [2, 3, 5].map(|base| {
         let (mut value, mut scale, mut left) = (0.0, 1.0, i + 1);
         while left > 0 {
@@ -98,7 +98,8 @@ fn complain(manifold: &Manifold, keys: &[&str], message: String) -> Diagnostic {
     Diagnostic::new(&manifold.source, line.unwrap_or(0..0), message)
 }
 
-fn point(manifold: &Manifold, u: DVec3) -> String {
+/// Writes a point for people.
+pub(super) fn point(manifold: &Manifold, u: DVec3) -> String {
     let [x, y, z] = &manifold.coordinates;
     format!("{x} = {:.6}, {y} = {:.6}, {z} = {:.6}", u.x, u.y, u.z)
 }
@@ -195,7 +196,7 @@ fn check_pullback(manifold: &Manifold, u: DVec3) -> Result<()> {
 }
 
 /// Returns whether a metric with this frame is finite and positive definite.
-fn is_positive(g: DMat3, s: DMat3) -> bool {
+pub(super) fn is_positive(g: DMat3, s: DMat3) -> bool {
     g.is_finite() && s.is_finite() && (0..3).all(|k| s.col(k)[k] > 0.0)
 }
 

@@ -92,9 +92,14 @@ impl Manifold {
     /// Measures how far metric, wind and drift at `u` are from those pulled back by `isometry`: the larger of
     /// [`Manifold::metric_discrepancy`] and [`Manifold::wind_discrepancy`].
     pub fn discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
-        let metric = self.metric_discrepancy(isometry, u);
+        self.discrepancy_by(isometry.apply(u), u)
+    }
+
+    /// Measures the same for a map with this image of `u` and this differential there.
+    pub(super) fn discrepancy_by(&self, map: (DVec3, DMat3), u: DVec3) -> f64 {
+        let metric = self.metric_discrepancy_by(map, u);
         match self.has_wind() {
-            true => metric.max(self.wind_discrepancy(isometry, u)),
+            true => metric.max(self.wind_discrepancy_by(map, u)),
             false => metric,
         }
     }
@@ -102,7 +107,10 @@ impl Manifold {
     /// Measures how far the metric at `u` is from the metric pulled back by `isometry`: the largest entry of
     /// `Sᵀ (φ*G − G) S`, in which 1 means lengths wrong by a factor of about √2.
     pub fn metric_discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
-        let (image, d) = isometry.apply(u);
+        self.metric_discrepancy_by(isometry.apply(u), u)
+    }
+
+    fn metric_discrepancy_by(&self, (image, d): (DVec3, DMat3), u: DVec3) -> f64 {
         let (g, s) = self.metric_and_frame(u);
         let pulled = d.transpose() * self.metric(self.domain.wrap(image)) * d;
         largest(s.transpose() * (pulled - g) * s)
@@ -111,7 +119,10 @@ impl Manifold {
     /// Measures how far wind and drift at `u` are from those pulled back by `isometry`: in the standard frame, the
     /// largest component of the difference of the winds or of the exterior derivatives of the drifts.
     pub fn wind_discrepancy(&self, isometry: &Isometry, u: DVec3) -> f64 {
-        let (image, d) = isometry.apply(u);
+        self.wind_discrepancy_by(isometry.apply(u), u)
+    }
+
+    fn wind_discrepancy_by(&self, (image, d): (DVec3, DMat3), u: DVec3) -> f64 {
         let s = self.standard_frame(u);
         let (wind, exterior) = self.currents(u);
         let (there, exterior_there) = self.currents(self.domain.wrap(image));

@@ -165,7 +165,7 @@ pub fn principal_connections(
     tolerance: f64,
 ) -> (Vec<Option<Connection>>, usize) {
     let starts: Vec<DVec3> = pairs.iter().map(|(from, _)| *from).collect();
-    let locals = world.manifold.local_frames(&starts);
+    let locals = world.cover.local_frames(&starts);
     let starts = pairs.iter().zip(locals).enumerate();
     let starts = starts.filter_map(|(index, ((from, to), local))| {
         let to = nearest_image(world, *from, *to);
@@ -181,7 +181,7 @@ pub fn principal_connections(
         })
     });
     let starts = starts.collect();
-    let (found, followed) = connect(&world.manifold, starts, tolerance, Shadows::Ignored);
+    let (found, followed) = connect(&world.cover, starts, tolerance, Shadows::Ignored);
     let mut principal = vec![None; pairs.len()];
     for (index, connection) in found {
         principal[index] = Some(connection);

@@ -19,9 +19,11 @@ mod accumulator;
 mod bsdf;
 mod emitters;
 mod ggx;
+mod panel_tracers;
 mod surface;
 
 pub use accumulator::PassAccumulator;
+pub use panel_tracers::PanelTracers;
 
 use crate::{Connection, Lamps};
 use bsdf::balance;

@@ -14,7 +14,8 @@ use crate::{
 };
 use geofan_core::{
     geodesic::{Ray, Settings, ends, signed_area},
-    manifold::Carried,
+    manifold::{Carried, Gluing},
+    random::Stream,
 };
 use glam::{DVec2, DVec3};
 use ndarray::{Array2, ArrayView3, Axis};
@@ -81,6 +82,60 @@ pub fn with_layers(
         .with_index("id", index(&object))
         .with_index("exit", index(&exit))
         .with_index("flagged", given_up)
+}
+
+/// Computes which copy of a glued domain the camera is in as seen from where the first sample of each pixel ends:
+/// 0 for none, 1 for the domain itself, else a number that is the same for the same copy in every picture. Each takes
+/// an exact path back to the camera. `None` if nothing is glued.
+pub fn copies(
+    world: &World,
+    outcomes: ArrayView3<'_, Seen>,
+    tolerance: f64,
+) -> Option<Array2<u32>> {
+    let gluing = world.manifold.gluing()?;
+    let (height, width, _) = outcomes.dim();
+    let settings = Settings {
+        tolerance,
+        carried: Carried::default(),
+        events: false,
+    };
+    let mut copies = Array2::zeros((height, width));
+    copies
+        .axis_iter_mut(Axis(0))
+        .into_par_iter()
+        .enumerate()
+        .for_each(|(y, mut row)| {
+            let hits = (0..width).filter_map(|x| match outcomes[(y, x, 0)] {
+                Seen::Surface(hit) => Some((x, hit)),
+                _ => None,
+            });
+            let hits: Vec<(usize, Hit)> = hits.collect();
+            let back = hits.iter().map(|(_, hit)| Ray {
+                u: world.point(hit),
+                v: -hit.v.as_dvec3(),
+                length: hit.s.into(),
+                spread: [DVec3::ZERO; 2],
+            });
+            let ends = ends(&world.lamplight, settings, back);
+            for ((x, _), end) in hits.iter().zip(ends) {
+                let place = end.and_then(|(step, s)| gluing.copy_of(step.position(s)));
+                row[*x] = place.map_or(0, |place| copy_number(place, gluing));
+            }
+        });
+    Some(copies)
+}
+
+/// Returns the number of the copy of a domain whose point inside has come to `place`.
+fn copy_number(place: DVec3, gluing: &Gluing) -> u32 {
+    const STEP: f64 = 1e-5;
+    let way = place - gluing.inside();
+    if way.length() <= STEP * gluing.size() {
+        return 1;
+    }
+    let rounded = (way / (STEP * gluing.size())).round();
+    let key = rounded.to_array().map(|x| x as i64 as u64);
+    // Whole numbers that single precision has.
+    2 + (Stream::new(&key).bits() % ((1 << 24) - 2)) as u32
 }
 
 /// Computes the area by which a unit solid angle has spread where the first sample of each pixel ends: an

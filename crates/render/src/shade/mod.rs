@@ -9,7 +9,7 @@ mod lamp;
 mod layers;
 mod skies;
 
-pub use layers::{area, with_layers};
+pub use layers::{area, copies, with_layers};
 
 use super::{
     filter::Footprint,

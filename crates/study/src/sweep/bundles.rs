@@ -14,7 +14,7 @@ use geofan_bake::{
     plan::{plan, usual_tangents},
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};
-use geofan_core::{Error, Muted, Observer, Progress, Result};
+use geofan_core::{Error, Muted, Observer, Progress, Result, files::make_output_folder};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -149,7 +149,7 @@ impl ManifoldSweep<'_> {
     /// Returns the path of a bundle's file, in a folder that is made if it is missing.
     fn bundle_path(&self, spec: &TableSpec) -> Result<PathBuf> {
         let folder = self.out.join("bundles");
-        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+        make_output_folder(&folder)?;
         Ok(folder.join(format!("{}.fan", self.store.name(spec))))
     }
 
@@ -226,6 +226,9 @@ fn integers(tree: &Tree) -> u64 {
         Tree::Flagged => 0,
         Tree::Split { halves, .. } => halves.iter().map(integers).sum(),
         Tree::Faces(faces) => faces.iter().map(integers).sum(),
+        Tree::Edge { place, parts } => {
+            place.integers() as u64 + parts.iter().map(integers).sum::<u64>()
+        }
         Tree::Leaf(tensor) => tensor.integers() as u64,
     }
 }

@@ -34,7 +34,7 @@ mod timing;
 
 pub use sweep_options::{MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions};
 
-use geofan_core::{Error, Observer, Result};
+use geofan_core::{Error, Observer, Result, files::make_output_folder};
 #[cfg(feature = "sweep")]
 use {
     geofan_core::Progress,
@@ -59,7 +59,7 @@ pub fn run(_: &SweepOptions, _: &dyn Observer) -> Result<SweepSummary> {
 /// Bad input, an interruption, or a folder that cannot be written.
 #[cfg(feature = "sweep")]
 pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSummary> {
-    std::fs::create_dir_all(&options.out).map_err(|e| Error::io(&options.out, e))?;
+    make_output_folder(&options.out)?;
     if let Some(tensor) = &options.tensor {
         return write_tensors(tensor, options, observer);
     }

@@ -25,11 +25,15 @@ use geofan_bundle::{
     rays::{DISPLACEMENT, RaySpace, ReferenceSphere},
     unweighted, weighted,
 };
-use geofan_core::{Error, Muted, Observer, Result, files::write_atomically, manifold::Manifold};
+use geofan_core::{
+    Error, Muted, Observer, Result,
+    files::{make_output_folder, write_atomically},
+    manifold::Manifold,
+};
 use ndarray::{Array1, ArrayD, Axis, IxDyn, Slice};
 use ndarray_npy::{NpzWriter, WriteNpzError};
 use std::{
-    fs, io,
+    io,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -124,7 +128,7 @@ impl TensorOptions {
 /// The place cannot be written.
 pub fn write_samples(out: &Path, name: &str, samples: &GridSamples) -> Result<PathBuf> {
     let folder = out.join("npz");
-    fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+    make_output_folder(&folder)?;
     let path = folder.join(format!("{name}.npz"));
     write_atomically(&path, |file| {
         put(NpzWriter::new(file), samples).map_err(io::Error::other)

@@ -12,7 +12,11 @@ use crate::sweep::{
     grid::{Interpolation, NumberFormat},
     timing::TimeSpent,
 };
-use geofan_core::{Error, Result, files::write_atomically, manifold::Manifold};
+use geofan_core::{
+    Result,
+    files::{make_output_folder, write_atomically},
+    manifold::Manifold,
+};
 use serde::{Deserialize, Serialize};
 use std::{
     fs,
@@ -252,7 +256,7 @@ impl PointStore {
     /// It cannot be made.
     pub fn open(out: &Path, conditions: Conditions) -> Result<Self> {
         let folder = out.join("points");
-        fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+        make_output_folder(&folder)?;
         Ok(Self { folder, conditions })
     }
 

@@ -134,6 +134,11 @@ impl RaySpace {
     /// # Errors
     /// The manifold has no camera region.
     pub fn new(manifold: Arc<Manifold>) -> Result<Self> {
+        // Paths are those of the covering space, whatever is glued.
+        let manifold = match manifold.gluing() {
+            Some(_) => Arc::new(manifold.cover().into_owned()),
+            None => manifold,
+        };
         let Some(region) = &manifold.cameras else {
             return Err(Error::input(
                 manifold.source.name.clone(),
@@ -171,7 +176,7 @@ impl RaySpace {
         Ok(space)
     }
 
-    /// The manifold.
+    /// The manifold; of a glued one the covering space.
     pub fn manifold(&self) -> &Arc<Manifold> {
         &self.manifold
     }

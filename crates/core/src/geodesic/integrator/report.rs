@@ -24,10 +24,16 @@ impl Lanes<'_> {
             let met = accepted && self.events.as_ref().is_some_and(|e| e.may_be_met(lane));
             let to = self.control.s[lane] + self.control.h[lane];
             let wanted = accepted && self.near[lane] > 0.0 && sink.wants(ray, to);
+            let surfaces = self.surfaces.as_mut().filter(|_| accepted);
+            let edge = surfaces.and_then(|surfaces| surfaces.take_edge(lane));
             if !(wanted || over || met) {
                 continue;
             }
             let mut step = self.step_of(lane, (accepted, over || met), (sink, &mut carried_made));
+            step.edge = edge;
+            if let Some(faces) = &self.faces {
+                faces.mark(lane, &mut step);
+            }
             let event = match met {
                 true => self.events.as_mut().and_then(|e| e.first_in(lane, &step)),
                 false => None,
@@ -114,6 +120,7 @@ impl Lanes<'_> {
         Step {
             start: s,
             end: s,
+            edge: None,
             h: 1.0,
             curve: still(0),
             turn: self
@@ -121,6 +128,8 @@ impl Lanes<'_> {
                 .turn
                 .map(|at| Dense::still(std::array::from_fn(|c| self.y[at + c][lane]))),
             deviation: self.layout.deviation.map(|at| [still(at), still(at + 6)]),
+            crossings: 0,
+            reversed: false,
         }
     }
 }

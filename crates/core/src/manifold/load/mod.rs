@@ -3,13 +3,14 @@
 //! In: the file as TOML and values that replace its parameters. Out: a [`Manifold`] of which nothing
 //! numerical is checked yet. Each section of the file has a file here, in the order of reading:
 //! [`names`] (coordinates, parameters, textbook coordinates, lets), [`domain`], [`fields`], [`definition`]
-//! (embedding, metric or spacetime), [`medium`] (wind and drift), [`exits`], [`symmetry`], [`cameras`].
+//! (embedding, metric or spacetime), [`medium`] (wind and drift), [`exits`], [`gluing`], [`symmetry`], [`cameras`].
 
 mod cameras;
 mod definition;
 mod domain;
 mod exits;
 mod fields;
+mod gluing;
 mod medium;
 mod names;
 mod symmetry;
@@ -33,7 +34,7 @@ use std::sync::Arc;
 type Reading<T> = Result<T, Diagnostic>;
 
 /// The keys that a manifold file may have at its top.
-const KEYS: [&str; 17] = [
+const KEYS: [&str; 19] = [
     "name",
     "coordinates",
     "embedding",
@@ -49,6 +50,8 @@ const KEYS: [&str; 17] = [
     "let",
     "domain",
     "exit",
+    "glue",
+    "quotient",
     "symmetry",
     "cameras",
 ];
@@ -164,6 +167,8 @@ impl<'s> Loader<'s> {
         let geometry = geometry::build(&mut self.graph, &definition, &seen);
         let (exits, events) = self.read_exits(root.get("exit"), field_exits)?;
         let domain = self.compile_domain(domain, events, conditions)?;
+        let faces = (root.get("glue"), root.get("quotient"));
+        let gluing = self.read_gluing(faces, &domain, geometry.metric)?;
         let symmetry = self.read_symmetry(root.get("symmetry"))?;
         let section = root.get("cameras");
         let length = self.read_length(section.as_ref())?;
@@ -185,6 +190,8 @@ impl<'s> Loader<'s> {
             tapes: Arc::new(tapes.map_err(too_large)?),
             kin,
             follows: Follows::Sight,
+            gluing: gluing.map(Arc::new),
+            unfolded: false,
         })
     }
 

@@ -186,7 +186,7 @@ fn append(
         .map(|&(u, d)| (u, manifold.local_frame(u).tangent(d)));
     let rays: Vec<_> = tangents.collect();
     let starts = lengths.iter().take_while(|s| **s <= 0.0).count();
-    let found = sample(space, tolerance, &rays, &lengths[starts..]);
+    let found = sample(space, tolerance, &rays, (&lengths[starts..], None));
     for path in found.outer_iter() {
         let mut put = |at: &dyn Fn(usize) -> f64| {
             // Places that cannot be sampled are left straight: one NaN would spoil its whole line.

@@ -18,8 +18,11 @@ use crate::sweep::{
 use analysis::{byte_slopes, frames_to_pay, paths_to_pay, size_ratio, spacing_orders};
 use base64::{Engine, prelude::BASE64_STANDARD};
 use figures::Figure;
-use geofan_core::{Error, Result, files::write_atomically};
-use std::{fmt::Write as _, fs, io::Write as _, path::Path};
+use geofan_core::{
+    Result,
+    files::{make_output_folder, write_atomically},
+};
+use std::{fmt::Write as _, io::Write as _, path::Path};
 
 /// Writes the figures and the page about `all` into `out`; `command` is what repeats it.
 ///
@@ -27,7 +30,7 @@ use std::{fmt::Write as _, fs, io::Write as _, path::Path};
 /// A figure cannot be drawn, or the place cannot be written.
 pub fn write(out: &Path, all: &[ManifoldResults], command: &str) -> Result<()> {
     let folder = out.join("figures");
-    fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, e))?;
+    make_output_folder(&folder)?;
     let mut figures: Vec<Vec<Figure>> = Vec::new();
     for results in all {
         let mut own = figures::figures(results)?;

@@ -1,0 +1,339 @@
+//! Boxes whose paths meet edges of the metric, where they are refracted or reflected.
+//!
+//! In: a box and its held-out rays, with the edges that each meets. Out: what becomes of the box because of them.
+//!
+//! Where all rays meet the same edges in the same sense, the place of the first is a polynomial of the ray
+//! ([`EdgeCrossing`]), and the box is divided there: what is before it and what is behind it is smooth again. Where
+//! they do not (some miss a ball of glass, or are reflected totally), paths jump from ray to ray, and the box is
+//! halved to part them, as long as that pays ([`Decision::Mixed`]).
+
+use super::{
+    Refiner,
+    held_out::HeldOutRays,
+    most_urgent,
+    resolution::{Resolution, tail},
+    tree::{Decision, ParameterBox},
+};
+use geofan_bundle::{
+    Polynomial, Tensor, Tree, divided_at_edge,
+    rays::{BetweenEdges, EdgePiece},
+};
+use geofan_core::geodesic::{Ray, paths};
+use glam::DVec3;
+use ndarray::ArrayD;
+use rayon::prelude::*;
+use std::{collections::BTreeMap, num::NonZeroU32, sync::Arc, sync::atomic::Ordering};
+
+/// The most edges of a path that a table knows of: light that goes round in a ball of glass meets ever more, and
+/// each of its pieces is a patch of its own.
+const MOST_EDGES: usize = 6;
+
+/// The part of the promise that the place of an edge may be off, as a share of the arc length. Both sides know of
+/// it: they are fitted to where the table says that the edge is.
+const PLACE_SHARE: f64 = 0.1;
+
+/// Nodes along each axis that are tried first for the place of an edge.
+const FIRST_NODES: usize = 5;
+
+/// Rays followed at once to where they meet an edge.
+const BATCH: usize = 256;
+
+/// Share of the promise of a place that a polynomial may miss before more nodes are tried.
+const ROOMY: f64 = 0.5;
+
+/// The edges between which the paths of a box are.
+#[derive(Debug, Clone)]
+pub struct EdgeBounds {
+    /// Those that bound it.
+    pub piece: EdgePiece,
+    /// The divisions that led to it: where each is, and whether the piece is before (0) or behind (1) it.
+    divisions: Vec<(EdgePlace, usize)>,
+}
+
+/// The place of an edge on the paths of a box.
+#[derive(Debug, Clone)]
+struct EdgePlace {
+    arc_length: Arc<Tensor>,
+    /// The intervals of its box in the chunk, along cameras and directions.
+    intervals: Vec<[f64; 2]>,
+}
+
+/// An edge that all paths of a box meet first.
+#[derive(Debug)]
+pub struct EdgeCrossing {
+    /// Its number: see [`geofan_core::geodesic::Step::edge`].
+    edge: NonZeroU32,
+    /// Its arc length, as the table stores it.
+    pub place: Arc<Tensor>,
+    /// The part of the box's arc lengths before it, in the mean.
+    pub share: f64,
+}
+
+impl EdgeBounds {
+    /// Makes those of the part of `bounds` on one side of an edge.
+    pub fn beside(bounds: &ParameterBox, crossing: &EdgeCrossing, side: usize) -> Self {
+        let (mut piece, mut divisions) = match &bounds.edges {
+            Some(edges) => (edges.piece.clone(), edges.divisions.clone()),
+            None => (EdgePiece::default(), Vec::new()),
+        };
+        match side {
+            0 => piece.next = Some(crossing.edge),
+            _ => piece.before.push(crossing.edge),
+        }
+        let place = EdgePlace {
+            arc_length: crossing.place.clone(),
+            intervals: bounds.intervals[..bounds.arc()].to_vec(),
+        };
+        divisions.push((place, side));
+        Self { piece, divisions }
+    }
+
+    /// Returns the arc lengths of the piece on paths of `length`, of rays with these parameters in the chunk.
+    pub fn pieces(&self, rays: &[Vec<f64>], length: f64) -> Vec<[f64; 2]> {
+        let mut pieces = vec![[0.0, length]; rays.len()];
+        for (place, side) in &self.divisions {
+            for (piece, at) in pieces.iter_mut().zip(place.on(rays)) {
+                *piece = divided_at_edge(*piece, at)[*side];
+            }
+        }
+        pieces
+    }
+}
+
+impl EdgePlace {
+    /// Returns the arc lengths at which the paths of rays with these parameters in the chunk meet the edge.
+    fn on(&self, rays: &[Vec<f64>]) -> Vec<f64> {
+        let inner = |x: &Vec<f64>| -> Vec<f64> {
+            let axes = x.iter().zip(&self.intervals);
+            axes.map(|(x, [a, b])| (2.0 * x - a - b) / (b - a))
+                .collect()
+        };
+        let inner: Vec<Vec<f64>> = rays.iter().map(inner).collect();
+        let points: Vec<&[f64]> = inner.iter().map(Vec::as_slice).collect();
+        let found = self.arc_length.at_many(&points);
+        found.into_iter().map(|row| row[0]).collect()
+    }
+}
+
+impl ParameterBox {
+    /// Returns the piece of paths that it is of; the whole of those that meet no edge if none bounds it.
+    pub fn piece(&self) -> EdgePiece {
+        let edges = self.edges.as_ref();
+        edges.map_or_else(EdgePiece::default, |edges| edges.piece.clone())
+    }
+}
+
+/// Decisions about boxes because of edges.
+impl Refiner<'_> {
+    /// Decides about a box whose paths meet edges; `None` where those in it do not meet any that its neighbours
+    /// do not, so that it is like every other.
+    pub(super) fn decide_edges(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        held_out: &mut HeldOutRays<'_>,
+    ) -> Option<Decision> {
+        let piece = bounds.piece();
+        if bounds.edges.is_none() && !held_out.meets_edges() {
+            return None;
+        }
+        let expected: Vec<NonZeroU32> = piece.before.iter().chain(&piece.next).copied().collect();
+        let alike = |held_out: &HeldOutRays<'_>| {
+            let first = held_out.edges_met(0)?;
+            let same = (1..held_out.len()).all(|ray| held_out.edges_met(ray) == Some(first));
+            (same && first.starts_with(&expected)).then(|| first.get(expected.len()).copied())
+        };
+        // The first rays most often tell that they are not.
+        let mut next = alike(held_out);
+        if next.is_some() {
+            held_out.complete();
+            next = alike(held_out);
+        }
+        let Some(next) = next else {
+            return Some(self.decide_mixed(bounds, held_out));
+        };
+        let edge = next?;
+        if bounds.arc_halvings() > 0 || piece.before.len() >= MOST_EDGES {
+            return Some(self.give_up(bounds, held_out));
+        }
+        Some(match self.crossing(chunk, bounds, edge, held_out) {
+            Ok(crossing) => Decision::Edge(Box::new(crossing)),
+            Err(urgency) => match most_urgent(&urgency, &self.may_halve_rays(bounds)) {
+                Some(axis) => Decision::Halve(axis),
+                None => self.give_up(bounds, held_out),
+            },
+        })
+    }
+
+    /// Decides about a box whose paths do not meet the same edges: it is given up where it would be too small before
+    /// they do.
+    fn decide_mixed(&self, bounds: &ParameterBox, held_out: &HeldOutRays<'_>) -> Decision {
+        let groups = groups(held_out.kinds());
+        let largest = groups.values().copied().fold(0.0, f64::max) / held_out.len() as f64;
+        let halvings = (bounds.volume() / self.plan.least_volume).log2();
+        let urgency = parting(bounds, held_out.kinds());
+        match most_urgent(&urgency, &self.may_halve_rays(bounds)) {
+            Some(axis) if HALVINGS * -largest.log2() <= halvings => Decision::Mixed(axis),
+            _ => self.give_up(bounds, held_out),
+        }
+    }
+
+    /// Gives up a box too small to be halved, but the first half of its arc lengths where no edge is there.
+    fn give_up(&self, bounds: &ParameterBox, held_out: &HeldOutRays<'_>) -> Decision {
+        let arc = bounds.arc();
+        if self.may_halve(bounds)[arc] && held_out.first_half_is_alike() {
+            return Decision::Halve(arc);
+        }
+        self.count_finished(bounds, 1);
+        Decision::Unread(Tree::Flagged)
+    }
+
+    /// Tells along which axes but the arc length the box may be halved.
+    fn may_halve_rays(&self, bounds: &ParameterBox) -> Vec<bool> {
+        let mut may = self.may_halve(bounds);
+        may[bounds.arc()] = false;
+        may
+    }
+
+    /// Finds where the paths of a box meet `edge`, the first behind its start; the urgency of halving each axis
+    /// if no polynomial tells.
+    fn crossing(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        edge: NonZeroU32,
+        held_out: &HeldOutRays<'_>,
+    ) -> Result<EdgeCrossing, Vec<f64>> {
+        let piece = EdgePiece {
+            next: Some(edge),
+            ..bounds.piece()
+        };
+        let most = PLACE_SHARE * 1e-3 * self.plan.max_error;
+        let mut limits = self.most_nodes(bounds);
+        limits[bounds.arc()] = 1;
+        let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();
+        let mut resolution = Resolution::of_nodes(nodes);
+        let polynomial = loop {
+            let polynomial = self.fit_place(chunk, bounds, &resolution.nodes, &piece)?;
+            let left = held_out.place_error(|points| polynomial.at(points)) / most;
+            if left <= ROOMY {
+                break polynomial;
+            }
+            let mut spectra = polynomial.spectra();
+            spectra[bounds.arc()] = vec![0.0];
+            if !resolution.raise((&limits, self.most_rays(bounds)), &spectra, left) {
+                return Err(spectra.iter().map(|s| tail(s)).collect());
+            }
+        };
+        let place = self.quantise_place(&polynomial, most * held_out.least_place(), |tensor| {
+            held_out.place_error(|points| tensor.at_many(points)) / most
+        });
+        let place = place.ok_or_else(|| parting(bounds, held_out.kinds()))?;
+        Ok(EdgeCrossing {
+            edge,
+            place: Arc::new(place),
+            share: held_out.share_before_edge(),
+        })
+    }
+
+    /// Fits the polynomial through the places where rays on the tensor grid of `nodes` meet the edge at the end of
+    /// `piece`; the urgency of halving each axis if some meet others.
+    fn fit_place(
+        &self,
+        chunk: usize,
+        bounds: &ParameterBox,
+        nodes: &[usize],
+        piece: &EdgePiece,
+    ) -> Result<Polynomial, Vec<f64>> {
+        let count: usize = nodes[..bounds.arc()].iter().product();
+        let manifold = self.space.manifold();
+        let settings = self.settings();
+        let grid = self.grid(chunk, bounds, nodes);
+        let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
+        let ends = starts.into_par_iter().flat_map_iter(|first| {
+            let rays = grid(first..count.min(first + BATCH));
+            let rays = rays.into_iter().map(|(u, v)| Ray {
+                u,
+                v,
+                length: self.plan.length,
+                spread: [DVec3::ZERO; 2],
+            });
+            let found = paths(manifold, settings, rays);
+            let ends = found.iter().map(|path| piece.end(path));
+            ends.collect::<Vec<f64>>()
+        });
+        let ends: Vec<f64> = ends.collect();
+        self.tally.rays.fetch_add(count as u64, Ordering::Relaxed);
+        if ends.iter().any(|end| end.is_nan()) {
+            let parameters = self.all_parameters(bounds, nodes);
+            let kinds = ends.iter().map(|end| end.is_nan());
+            return Err(parting(bounds, parameters.iter().zip(kinds)));
+        }
+        let mut shape = nodes[..bounds.arc()].to_vec();
+        shape.extend([1, 1]);
+        let samples = ArrayD::from_shape_vec(shape, ends).expect("one place for each node");
+        Ok(Polynomial::fit(samples, 0, self.variables(bounds)))
+    }
+
+    /// Returns the pieces of the paths of the rays with these parameters, to be sampled between edges; `None` of a
+    /// box that no edge bounds.
+    pub(super) fn pieces(
+        &self,
+        bounds: &ParameterBox,
+        rays: &[Vec<f64>],
+    ) -> Option<(EdgePiece, Vec<[f64; 2]>)> {
+        let edges = bounds.edges.as_ref()?;
+        let intervals = bounds.arc_intervals(rays, self.plan.length);
+        Some((edges.piece.clone(), intervals))
+    }
+}
+
+/// Prepares pieces to be sampled.
+pub(super) fn between(pieces: &(EdgePiece, Vec<[f64; 2]>)) -> BetweenEdges<'_> {
+    BetweenEdges {
+        piece: &pieces.0,
+        intervals: &pieces.1,
+    }
+}
+
+/// Rates each axis by how well halving a box along it parts rays of different kinds, each given with its parameters;
+/// where there is one kind, by the box's width along it.
+pub(super) fn parting<'x, K: Ord + Clone>(
+    bounds: &ParameterBox,
+    rays: impl Iterator<Item = (&'x Vec<f64>, K)> + Clone,
+) -> Vec<f64> {
+    // How many rays of its own kind a ray finds on one side.
+    let agreement = |side: &dyn Fn(&[f64]) -> bool| {
+        let groups = groups(rays.clone().filter(|(x, _)| side(x)));
+        let all: f64 = groups.values().sum();
+        groups.values().map(|n| n * n).sum::<f64>() / all.max(1.0)
+    };
+    let (whole, count) = (agreement(&|_| true), rays.clone().count() as f64);
+    let axes = 0..bounds.arc();
+    let mut urgency: Vec<f64> = axes
+        .map(|axis| {
+            let [low, high] = [-1.0, 1.0].map(|sign| agreement(&|x: &[f64]| sign * x[axis] > 0.0));
+            let [a, b] = bounds.intervals[axis];
+            let gain = (low + high - whole) / (count - whole).max(0.5);
+            gain.max(0.0) + LEAST_GAIN * 0.5 * (b - a)
+        })
+        .collect();
+    urgency.push(0.0);
+    urgency
+}
+
+/// Counts rays by their kinds.
+fn groups<'x, K: Ord>(rays: impl Iterator<Item = (&'x Vec<f64>, K)>) -> BTreeMap<K, f64> {
+    let mut groups = BTreeMap::new();
+    for (_, kind) in rays {
+        *groups.entry(kind).or_default() += 1.0;
+    }
+    groups
+}
+
+/// Halvings that a box must have left for each time that its largest group of rays that meet the same edges has to be
+/// doubled to be all of them.
+const HALVINGS: f64 = 2.0;
+
+/// The gain, as a share of all that could be gained, that twice the width of a box outweighs.
+const LEAST_GAIN: f64 = 0.1;

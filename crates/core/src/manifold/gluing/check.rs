@@ -1,0 +1,497 @@
+//! The numerical checks that a gluing must pass before it is used.
+//!
+//! In: the faces of a manifold file as read. Out: the [`Gluing`] with what only numbers tell (sizes, partners, the
+//! form of its maps), or a complaint about a face and a place: a map that is no isometry, a face that comes to lie
+//! on no other, edges round which the maps do not close (Poincaré's condition), a point that a map fixes.
+
+use super::{DeckTransformation, GUARD, Gluing};
+use crate::{
+    diagnostic::Diagnostic,
+    error::Result,
+    geodesic::crossing,
+    manifold::{
+        Manifold,
+        probe::{WORST_DISCREPANCY, halton, is_positive, point},
+    },
+    random::Stream,
+};
+use glam::{DMat3, DVec3};
+
+/// Points of the domain that are looked at, and the fewest that tell anything.
+const POINTS: usize = 48;
+const FEWEST_POINTS: usize = 8;
+
+/// Lines from points of the domain on which faces are looked for, and places on each: faces are met where a line
+/// leaves the domain.
+const LINES: usize = 600;
+const PLACES: usize = 80;
+
+/// Places on the line between two points that must lie inside.
+const SIGHTS: u32 = 24;
+
+/// Points beyond several faces that are brought back in every order, and how far out they lie at most.
+const EDGE_TESTS: usize = 400;
+const FARTHEST_OUT: f64 = 1.8;
+
+/// How far apart two images of one point may be, as a share of the domain's size, and their differentials.
+const WORST_IMAGE: f64 = 1e-7;
+
+/// Rounds of Newton's method for fixed points.
+const ROUNDS: usize = 40;
+
+/// Completes and checks the gluing of `manifold`.
+pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
+    let mut gluing = gluing.clone();
+    let points = points_inside(manifold, &gluing)?;
+    gluing.measure(&points);
+    gluing.recognise(&points);
+    let checks = Checks {
+        manifold,
+        gluing: &gluing,
+        points: &points,
+    };
+    checks.isometries()?;
+    let partners = checks.partners()?;
+    checks.edges()?;
+    checks.fixed_points()?;
+    for (face, partner) in gluing.faces.iter_mut().zip(partners) {
+        face.partner = partner;
+    }
+    Ok(gluing)
+}
+
+/// Complains about face `k`.
+fn complain(manifold: &Manifold, gluing: &Gluing, k: usize, message: String) -> Diagnostic {
+    let span = gluing.faces[k].span.clone();
+    Diagnostic::new(
+        &manifold.source,
+        span,
+        format!("{}: {message}", Gluing::name(k)),
+    )
+}
+
+/// Returns whether the space is regular at `u`.
+fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
+    let (g, s) = manifold.metric_and_frame(u);
+    u.is_finite() && is_positive(g, s) && manifold.domain.violation(u).is_none()
+}
+
+/// Finds points inside the domain: a camera or the middle of the chart, and points of boxes of several sizes,
+/// brought in. A chart may hold the space twice, so only those count that see the first one along a line of
+/// the chart.
+fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
+    let (mut points, mut lost) = (Vec::new(), None);
+    let middle = manifold
+        .domain
+        .limits
+        .map(|l| l.map_or(0.0, |[low, high]| 0.5 * (low + high)));
+    let camera = manifold
+        .cameras
+        .as_ref()
+        .map(|region| region.at(&region.lerp(&[0.5; 3])));
+    let firsts = [camera, Some(DVec3::from_array(middle))];
+    let first = firsts
+        .into_iter()
+        .flatten()
+        .filter(|u| is_regular(manifold, *u));
+    points.extend(
+        first
+            .filter_map(|u| gluing.locate(u))
+            .map(|(u, _)| u)
+            .next(),
+    );
+    for scale in [1.0, 0.3, 0.1, 3.0, 0.03, 10.0] {
+        let limits = manifold.domain.limits.map(|l| l.unwrap_or([-scale, scale]));
+        for i in 0..POINTS {
+            let t = halton(i);
+            let u = DVec3::from_array(
+                [0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]),
+            );
+            if !is_regular(manifold, u) {
+                continue;
+            }
+            match gluing.locate(u) {
+                Some((u, _)) if is_regular(manifold, u) => {
+                    if points
+                        .first()
+                        .is_none_or(|first| gluing.holds_between(*first, u))
+                    {
+                        points.push(u);
+                    }
+                }
+                Some(_) => {}
+                None => lost = lost.or(gluing.violated(u).map(|k| (k, u))),
+            }
+        }
+        if points.len() >= POINTS / 2 {
+            return Ok(points);
+        }
+    }
+    match lost {
+        _ if points.len() >= FEWEST_POINTS => Ok(points),
+        Some((k, u)) if !gluing.faces[k].is_mirror() => {
+            let message = format!(
+                "points beyond it are not brought back into the domain: {}",
+                point(manifold, u)
+            );
+            let complaint = complain(manifold, gluing, k, message);
+            Err(complaint
+                .with_label("its map is applied where this is negative")
+                .with_hint("a map must lead from beyond its face back inside")
+                .into())
+        }
+        _ => {
+            let message = "no points were found where all faces are positive".to_string();
+            let complaint = complain(manifold, gluing, 0, message);
+            Err(complaint
+                .with_hint("faces must be positive inside the domain; it should surround the origin of the chart, or lie in the limits of [domain]")
+                .into())
+        }
+    }
+}
+
+impl Gluing {
+    /// Returns whether the chart's line between two points stays inside all bounding faces.
+    fn holds_between(&self, a: DVec3, b: DVec3) -> bool {
+        let inside = |t: f64| {
+            let values = self.values.at(&a.lerp(b, t).to_array());
+            let faces = self.faces.iter().zip(values);
+            faces
+                .filter(|(face, _)| !face.is_portal())
+                .all(|(_, value)| value > 0.0)
+        };
+        (1..SIGHTS).all(|i| inside(f64::from(i) / f64::from(SIGHTS)))
+    }
+
+    /// Takes sizes from points of the domain.
+    fn measure(&mut self, points: &[DVec3]) {
+        let middle = points.iter().sum::<DVec3>() / points.len() as f64;
+        let far = points.iter().map(|u| (*u - middle).length());
+        self.size = far.fold(f64::MIN_POSITIVE, f64::max);
+        for k in 0..self.faces.len() {
+            let mut slopes: Vec<f64> = points
+                .iter()
+                .map(|u| self.gradient(k, *u).length())
+                .filter(|slope| *slope > 0.0 && slope.is_finite())
+                .collect();
+            slopes.sort_by(f64::total_cmp);
+            self.faces[k].slope = slopes.get(slopes.len() / 2).copied().unwrap_or(1.0);
+        }
+        let depth = |u: &DVec3| {
+            let values = self.values.at(&u.to_array());
+            let faces = self.faces.iter().zip(values);
+            let bounding = faces.filter(|(face, _)| !face.is_portal());
+            bounding.fold(f64::INFINITY, |least, (face, value)| {
+                least.min(value / face.slope)
+            })
+        };
+        let deepest = points.iter().max_by(|a, b| depth(a).total_cmp(&depth(b)));
+        self.inside = deepest.copied().unwrap_or(middle);
+    }
+
+    /// Recognises the form of the maps, and which turn right into left.
+    fn recognise(&mut self, points: &[DVec3]) {
+        let maps = self.faces.iter().filter_map(|face| face.map.as_ref());
+        let matrices = maps.clone().all(|map| map.deck.is_linear());
+        let tapes: Vec<_> = maps.map(|map| map.tape.clone()).collect();
+        let decks = match matrices {
+            true => Vec::new(),
+            false => DeckTransformation::of_tapes(&tapes, points),
+        };
+        let mut decks = decks.into_iter();
+        for map in self.faces.iter_mut().filter_map(|face| face.map.as_mut()) {
+            if let Some(deck) = decks.next() {
+                map.deck = deck;
+            }
+            let (_, d) = super::at_tape(&map.tape, points[0]);
+            map.deck = map.deck.clone().reversing(d.determinant() < 0.0);
+        }
+    }
+}
+
+/// A point of a face, where a line leaves the domain.
+#[derive(Debug, Clone, Copy)]
+struct FacePoint {
+    face: usize,
+    u: DVec3,
+}
+
+/// What the checks look at.
+struct Checks<'a> {
+    manifold: &'a Manifold,
+    gluing: &'a Gluing,
+    points: &'a [DVec3],
+}
+
+impl Checks<'_> {
+    fn complain(&self, k: usize, message: String) -> Diagnostic {
+        complain(self.manifold, self.gluing, k, message)
+    }
+
+    /// Every map must be an isometry, of one handedness.
+    fn isometries(&self) -> Result<()> {
+        for (k, face) in self.gluing.faces.iter().enumerate() {
+            for &u in self.points {
+                let Some((image, d)) = face.carry(u) else {
+                    continue;
+                };
+                if !is_regular_or_outside(self.manifold, image) {
+                    continue;
+                }
+                let found = self.manifold.discrepancy_by((image, d), u);
+                if found > WORST_DISCREPANCY {
+                    let message = format!(
+                        "its map is no isometry: at {} and its image {} lengths or velocities differ by {found:.2e}",
+                        point(self.manifold, u),
+                        point(self.manifold, image),
+                    );
+                    let complaint = self.complain(k, message);
+                    return Err(complaint
+                        .with_hint(
+                            "the metric (and a wind) must be the same at a point and at its image",
+                        )
+                        .into());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Finds points of the bounding faces, on lines of the chart from points inside.
+    fn face_points(&self) -> Vec<FacePoint> {
+        let mut random = Stream::new(&[0x0067_6c75_6564]);
+        let mut found = Vec::new();
+        for i in 0..LINES {
+            let from = match i % 2 {
+                0 => self.gluing.inside,
+                _ => self.points[i / 2 % self.points.len()],
+            };
+            let d = random.direction() * (4.0 * self.gluing.size / PLACES as f64);
+            found.extend(self.leaves(from, d));
+        }
+        found
+    }
+
+    /// Finds where the line from `from` along `d` leaves the domain, if it does within [`PLACES`] steps.
+    fn leaves(&self, from: DVec3, d: DVec3) -> Option<FacePoint> {
+        let faces = &self.gluing.faces;
+        let value = |k: usize, t: f64| self.gluing.values.at(&(from + d * t).to_array())[k];
+        for i in 1..=PLACES {
+            let t = i as f64;
+            let values = self.gluing.values.at(&(from + d * t).to_array());
+            if values.iter().any(|x| x.is_nan()) {
+                return None;
+            }
+            let left = (0..faces.len()).filter(|k| !faces[*k].is_portal() && values[*k] < 0.0);
+            let places = left.map(|k| (crossing(t - 1.0, t, |t| -value(k, t)), k));
+            if let Some((t, face)) = places.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                return Some(FacePoint {
+                    face,
+                    u: from + d * t,
+                });
+            }
+        }
+        None
+    }
+
+    /// Finds the partner of every face, on which each of its points must come to lie, and whose map leads back. It
+    /// may come to lie beyond other faces, where the domain is no Dirichlet domain.
+    fn partners(&self) -> Result<Vec<Option<usize>>> {
+        let faces = &self.gluing.faces;
+        let mut partners: Vec<Option<usize>> = vec![None; faces.len()];
+        for FacePoint { face: k, u } in self.face_points() {
+            let Some((image, d)) = faces[k].carry(u) else {
+                continue;
+            };
+            let values = self.gluing.values.at(&image.to_array());
+            let bounding = |j: &usize| !faces[*j].is_portal();
+            let depth = |j: usize| values[j] / (faces[j].slope * self.gluing.size);
+            let here = |u: DVec3| point(self.manifold, u);
+            let back = |j: &usize| {
+                let back = faces[*j].carry(image);
+                let near = |(v, e): (DVec3, DMat3)| {
+                    (v - u).length() <= WORST_IMAGE * self.gluing.size && is_identity(e * d)
+                };
+                back.is_some_and(near)
+            };
+            let on = (0..faces.len())
+                .filter(bounding)
+                .filter(|j| depth(*j).abs() <= 10.0 * WORST_IMAGE);
+            let on: Vec<usize> = on.collect();
+            match on.iter().copied().find(back) {
+                Some(j) => partners[k] = partners[k].or(Some(j)),
+                None if on.is_empty() => {
+                    let message = format!(
+                        "its map leads to no face: {} goes to {}",
+                        here(u),
+                        here(image)
+                    );
+                    return Err(self.unpaired(k, message));
+                }
+                None => {
+                    let message = format!(
+                        "no map leads back: {} goes to {}, which is on {}",
+                        here(u),
+                        here(image),
+                        Gluing::name(on[0])
+                    );
+                    return Err(self.unpaired(k, message));
+                }
+            }
+        }
+        Ok(partners)
+    }
+
+    fn unpaired(&self, k: usize, message: String) -> crate::error::Error {
+        let complaint = self.complain(k, message);
+        complaint
+            .with_hint("faces come in pairs: each map must bring its face onto another face (or itself), whose map brings it back")
+            .into()
+    }
+
+    /// From points beyond two or more faces, every order of maps must end in the same point.
+    fn edges(&self) -> Result<()> {
+        let mut random = Stream::new(&[0x6564_6765]);
+        let middle = self.gluing.inside;
+        let borders = self.face_points();
+        if borders.is_empty() {
+            return Ok(());
+        }
+        for i in 0..EDGE_TESTS {
+            let border = borders[i % borders.len()].u;
+            let out = random.between(1.001, FARTHEST_OUT);
+            let u = middle + (border - middle) * out;
+            let beyond = self.beyond(u);
+            if beyond.len() < 2 || !is_regular(self.manifold, u) {
+                continue;
+            }
+            let mut first: Option<(DVec3, DMat3, usize)> = None;
+            for k in beyond {
+                let Some(end) = self.brought_in(k, u) else {
+                    continue;
+                };
+                let Some((v, d, j)) = first else {
+                    first = (!self.is_border(end.0)).then_some((end.0, end.1, k));
+                    continue;
+                };
+                let off = (end.0 - v).length() / self.gluing.size;
+                let turned = !is_identity_to(d.inverse() * end.1, 1e-5);
+                if (off > 10.0 * WORST_IMAGE || turned) && !self.is_border(end.0) {
+                    let message = format!(
+                        "its edge with {} does not close: {} comes to {} by way of the one and to {} by way of the other",
+                        Gluing::name(j),
+                        point(self.manifold, u),
+                        point(self.manifold, end.0),
+                        point(self.manifold, v),
+                    );
+                    let complaint = self.complain(k, message);
+                    return Err(complaint
+                        .with_hint("round every edge the maps must compose to the identity (Poincare's condition)")
+                        .into());
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Lists the faces with maps that `u` is beyond.
+    fn beyond(&self, u: DVec3) -> Vec<usize> {
+        let values = self.gluing.values.at(&u.to_array());
+        let faces = self.gluing.faces.iter().enumerate();
+        let beyond = faces.filter(|(k, face)| {
+            !face.is_portal() && !face.is_mirror() && values[*k] < -self.gluing.guard(*k)
+        });
+        beyond.map(|(k, _)| k).collect()
+    }
+
+    /// Brings `u` into the domain, through face `k` first. Returns its image and the differential.
+    fn brought_in(&self, k: usize, u: DVec3) -> Option<(DVec3, DMat3)> {
+        let (mut image, mut d) = self.gluing.faces[k].carry(u)?;
+        let (_, word) = self.gluing.locate(image)?;
+        for k in word {
+            let (next, e) = self.gluing.faces[k].carry(image)?;
+            (image, d) = (next, e * d);
+        }
+        Some((image, d))
+    }
+
+    /// Returns whether `u` is so near a face that it may as well be on its other side.
+    fn is_border(&self, u: DVec3) -> bool {
+        let values = self.gluing.values.at(&u.to_array());
+        let faces = self.gluing.faces.iter().zip(values);
+        faces
+            .filter(|(face, _)| !face.is_portal())
+            .any(|(face, value)| value.abs() <= 100.0 * GUARD * face.slope * self.gluing.size)
+    }
+
+    /// No map may fix a point of the domain, but a reflection those of its face.
+    fn fixed_points(&self) -> Result<()> {
+        for (k, face) in self.gluing.faces.iter().enumerate() {
+            let Some(deck) = face.deck().filter(|_| !face.is_portal()) else {
+                continue;
+            };
+            for &start in self.points {
+                let Some(u) = fixed_point(deck, start, self.gluing.size) else {
+                    continue;
+                };
+                let values = self.gluing.values.at(&u.to_array());
+                let least = self.gluing.faces.iter().zip(values);
+                let least = least
+                    .filter(|(face, _)| !face.is_portal())
+                    .map(|(face, value)| value / (face.slope * self.gluing.size))
+                    .fold(f64::INFINITY, f64::min);
+                let margin = if deck.reverses() { 1e-4 } else { -1e-6 };
+                if least > margin && is_regular(self.manifold, u) {
+                    let message = format!(
+                        "its map fixes a point of the domain: {}",
+                        point(self.manifold, u)
+                    );
+                    let complaint = self.complain(k, message);
+                    return Err(complaint
+                        .with_hint("space would have a cone there; only reflections may fix points, those of their own face")
+                        .into());
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Returns whether the metric at an image can be compared: it may lie outside limits, where the formulas still hold.
+fn is_regular_or_outside(manifold: &Manifold, u: DVec3) -> bool {
+    let (g, s) = manifold.metric_and_frame(u);
+    u.is_finite() && is_positive(g, s)
+}
+
+fn is_identity(m: DMat3) -> bool {
+    is_identity_to(m, WORST_IMAGE)
+}
+
+/// Returns whether a matrix is the identity up to `allowed`.
+fn is_identity_to(m: DMat3, allowed: f64) -> bool {
+    let off = (m - DMat3::IDENTITY).to_cols_array();
+    off.iter().all(|x| x.abs() <= allowed)
+}
+
+/// Finds a fixed point near `start` by Newton's method, with the least steps where fixed points form lines.
+fn fixed_point(deck: &DeckTransformation, start: DVec3, size: f64) -> Option<DVec3> {
+    let mut u = start;
+    for _ in 0..ROUNDS {
+        let (image, d) = deck.apply(u);
+        let off = image - u;
+        if off.length() <= 1e-12 * size {
+            return Some(u);
+        }
+        let a = d - DMat3::IDENTITY;
+        let normal = a.transpose() * a;
+        let scale = normal.x_axis.x + normal.y_axis.y + normal.z_axis.z;
+        let damped = normal + DMat3::from_diagonal(DVec3::splat(1e-9 * scale));
+        let step = damped.inverse() * (a.transpose() * off);
+        if !step.is_finite() || step.length() > 100.0 * size {
+            return None;
+        }
+        u -= step;
+    }
+    let off = deck.point(u) - u;
+    (off.length() <= 1e-7 * size).then_some(u)
+}

@@ -1,0 +1,372 @@
+//! Dirichlet's domain of a discrete group of matrices.
+//!
+//! In: generators in a linear model of the space, and a centre. Out: the faces of the domain of all points that are
+//! nearer to the centre than to any of its images, each with its matrix.
+//!
+//! Nearness is measured by an invariant form of the model where there is one: a diagonal form of signs that the
+//! generators keep and that is constant on the space, as for spheres and hyperboloids. Faces are then linear in the
+//! model. Otherwise it is measured in the chart by the metric at the centre, which is the distance in flat
+//! space; the domain then is one of representatives all the same, each the nearest of its orbit.
+
+use super::{LinearModel, deck::product};
+use glam::{DMat3, DVec3};
+use std::{
+    cmp::Reverse,
+    collections::{BinaryHeap, HashMap},
+};
+
+/// The most elements of the group that are made, in the order of how far they move the centre.
+const MOST_ELEMENTS: usize = 3000;
+
+/// The nearest elements, among which faces are looked for.
+const CANDIDATES: usize = 600;
+
+/// Directions from the centre in which faces are looked for.
+const DIRECTIONS: usize = 1500;
+
+/// Relative difference up to which matrices are the same.
+const SAME: f64 = 1e-7;
+
+/// Distance in the chart up to which a domain without end is followed, as a multiple of the smallest
+/// displacement of the centre.
+const REACH: f64 = 50.0;
+
+/// A face of the domain.
+pub(in crate::manifold) struct QuotientFace {
+    /// The element that brings back what leaves here, by rows.
+    pub matrix: Vec<f64>,
+    /// The face as a linear function in the model, where there is an invariant form.
+    pub row: Option<Vec<f64>>,
+    /// The metric by which it is measured otherwise.
+    pub metric: [f64; 6],
+}
+
+/// How near points are to the centre.
+struct Nearness<'m> {
+    model: &'m LinearModel,
+    centre: DVec3,
+    metric: [f64; 6],
+    /// `−Q X(c)`: times X it grows with the distance from the centre.
+    form: Option<Vec<f64>>,
+}
+
+impl Nearness<'_> {
+    /// A number that grows with the distance of the point `x` of the model from the centre.
+    fn of(&self, x: &[f64]) -> f64 {
+        match &self.form {
+            Some(form) => dot(form, x),
+            None => {
+                let off = self.dropped(x) - self.centre;
+                let [xx, yy, zz, xy, xz, yz] = self.metric;
+                let g = DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
+                off.dot(g * off)
+            }
+        }
+    }
+
+    fn dropped(&self, x: &[f64]) -> DVec3 {
+        DVec3::from_slice(&self.model.drop.at(x)[..3])
+    }
+
+    fn lifted(&self, u: DVec3) -> Vec<f64> {
+        let mut lifted = self.model.lift.at(&u.to_array());
+        lifted.truncate(self.model.dimension);
+        lifted
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn times(matrix: &[f64], x: &[f64]) -> Vec<f64> {
+    matrix
+        .chunks_exact(x.len())
+        .map(|row| dot(row, x))
+        .collect()
+}
+
+/// Finds the faces of the domain about `centre` of the group of `generators` (by rows).
+///
+/// # Errors
+/// The reason why there is none.
+pub(in crate::manifold) fn dirichlet(
+    model: &LinearModel,
+    generators: &[Vec<f64>],
+    centre: DVec3,
+    metric: [f64; 6],
+) -> Result<Vec<QuotientFace>, String> {
+    let n = model.dimension;
+    let mut steps = generators.to_vec();
+    for (k, generator) in generators.iter().enumerate() {
+        let inverse = inverse(generator, n)
+            .ok_or_else(|| format!("the matrix of generator {} is singular", k + 1))?;
+        steps.push(inverse);
+    }
+    let mut nearness = Nearness {
+        model,
+        centre,
+        metric,
+        form: None,
+    };
+    nearness.form = invariant_form(&nearness, &steps);
+    let group = Elements::about(&nearness, &steps)?;
+    Ok(faces(&nearness, &group.matrices))
+}
+
+/// Finds a diagonal form of signs that the steps keep and that is constant on the space; returns `−Q X(c)`.
+fn invariant_form(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Option<Vec<f64>> {
+    let n = nearness.model.dimension;
+    let points: Vec<Vec<f64>> = [
+        DVec3::ZERO,
+        DVec3::new(0.02, -0.01, 0.03),
+        DVec3::new(-0.03, 0.02, 0.01),
+        DVec3::new(0.01, 0.04, -0.02),
+    ]
+    .iter()
+    .map(|shift| nearness.lifted(nearness.centre + *shift))
+    .collect();
+    let signs = |mask: usize| -> Vec<f64> {
+        let sign = |k: usize| if mask >> k & 1 == 1 { -1.0 } else { 1.0 };
+        (0..n).map(sign).collect()
+    };
+    (0..1_usize << n).map(signs).find_map(|q| {
+        let form = |a: &[f64], b: &[f64]| -> f64 { (0..n).map(|k| q[k] * a[k] * b[k]).sum() };
+        let kept = steps.iter().all(|m| {
+            (0..n).all(|i| {
+                (0..n).all(|j| {
+                    let wanted = if i == j { q[i] } else { 0.0 };
+                    let got: f64 = (0..n).map(|k| q[k] * m[k * n + i] * m[k * n + j]).sum();
+                    (got - wanted).abs() <= SAME
+                })
+            })
+        });
+        let level = form(&points[0], &points[0]);
+        let constant = points
+            .iter()
+            .all(|x| (form(x, x) - level).abs() <= 1e-9 * (1.0 + level.abs()));
+        // Near the centre the form must fall.
+        let falls = points[1..].iter().all(|x| form(x, &points[0]) < level);
+        (kept && constant && falls).then(|| (0..n).map(|k| -q[k] * points[0][k]).collect())
+    })
+}
+
+/// Elements of a group, by how far they move the centre, without the identity.
+struct Elements {
+    matrices: Vec<Vec<f64>>,
+}
+
+/// A number to sort by.
+#[derive(PartialEq, PartialOrd)]
+struct Key(f64);
+
+impl Eq for Key {}
+
+#[allow(clippy::derive_ord_xor_partial_ord)]
+impl Ord for Key {
+    fn cmp(&self, other: &Self) -> std::cmp::Ordering {
+        self.0.total_cmp(&other.0)
+    }
+}
+
+impl Elements {
+    /// Makes products of `steps`, those first that move the centre least.
+    fn about(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Self, String> {
+        let n = nearness.model.dimension;
+        let start = nearness.lifted(nearness.centre);
+        let identity: Vec<f64> = (0..n * n)
+            .map(|k| f64::from(u8::from(k / n == k % n)))
+            .collect();
+        let rest = nearness.of(&start);
+        let mut known = Known::default();
+        known.add(rest, &identity);
+        let mut all = vec![identity];
+        let mut queue = BinaryHeap::from([Reverse((Key(rest), 0))]);
+        let mut found = Vec::new();
+        while let Some(Reverse((Key(value), index))) = queue.pop() {
+            if index > 0 {
+                let off =
+                    (nearness.dropped(&times(&all[index], &start)) - nearness.centre).length();
+                if !(off > 1e-6 * (1.0 + nearness.centre.length())) {
+                    return Err("an element of the group does not move the centre".into());
+                }
+                found.push((value, index));
+            }
+            if found.len() >= MOST_ELEMENTS {
+                break;
+            }
+            for step in steps {
+                let next = product(step, &all[index], n);
+                let value = nearness.of(&times(&next, &start));
+                if value.is_finite() && known.add(value, &next) {
+                    queue.push(Reverse((Key(value), all.len())));
+                    all.push(next);
+                }
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        let matrices = found.into_iter().map(|(_, k)| all[k].clone());
+        Ok(Self {
+            matrices: matrices.collect(),
+        })
+    }
+}
+
+/// Matrices known already, by how far they move the centre.
+#[derive(Default)]
+struct Known(HashMap<i64, Vec<Vec<f64>>>);
+
+impl Known {
+    /// Adds a matrix; `false` if it is known.
+    fn add(&mut self, value: f64, matrix: &[f64]) -> bool {
+        let scale = matrix.iter().fold(1.0, |most: f64, x| most.max(x.abs()));
+        let bin = (value.abs().ln_1p() * 1e4).round() as i64;
+        let same = |other: &Vec<f64>| {
+            other
+                .iter()
+                .zip(matrix)
+                .all(|(a, b)| (a - b).abs() <= SAME * scale)
+        };
+        let near = (bin - 1..=bin + 1).filter_map(|bin| self.0.get(&bin));
+        if near.flatten().any(same) {
+            return false;
+        }
+        self.0.entry(bin).or_default().push(matrix.to_vec());
+        true
+    }
+}
+
+/// The inverse of a matrix (by rows) by elimination; `None` for a singular one.
+fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
+    let mut rows: Vec<Vec<f64>> = (0..n)
+        .map(|i| {
+            let unit = (0..n).map(|j| f64::from(u8::from(i == j)));
+            matrix[i * n..(i + 1) * n]
+                .iter()
+                .copied()
+                .chain(unit)
+                .collect()
+        })
+        .collect();
+    for k in 0..n {
+        let pivot = (k..n).max_by(|a, b| rows[*a][k].abs().total_cmp(&rows[*b][k].abs()))?;
+        rows.swap(k, pivot);
+        let scale = rows[k][k];
+        if !(scale.abs() > 1e-12) {
+            return None;
+        }
+        rows[k].iter_mut().for_each(|x| *x /= scale);
+        let pivot = rows[k].clone();
+        for (i, row) in rows.iter_mut().enumerate() {
+            let factor = row[k];
+            if i != k {
+                row.iter_mut()
+                    .zip(&pivot)
+                    .for_each(|(x, p)| *x -= factor * p);
+            }
+        }
+    }
+    Some(rows.into_iter().flat_map(|row| row[n..].to_vec()).collect())
+}
+
+/// The elements that bound the domain: in each direction from the centre, the first beyond which a point is nearer
+/// to an image of the centre. With each comes its inverse.
+fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
+    let n = nearness.model.dimension;
+    let candidates = &elements[..elements.len().min(CANDIDATES)];
+    let row = |matrix: &Vec<f64>| {
+        nearness.form.as_ref().map(|form| {
+            let moved: Vec<f64> = (0..n)
+                .map(|j| (0..n).map(|i| form[i] * matrix[i * n + j]).sum())
+                .collect();
+            moved
+                .iter()
+                .zip(form)
+                .map(|(a, b)| a - b)
+                .collect::<Vec<f64>>()
+        })
+    };
+    let rows: Vec<Option<Vec<f64>>> = candidates.iter().map(row).collect();
+    // Negative where the image of x is nearer to the centre than x.
+    let value = |k: usize, x: &[f64]| match &rows[k] {
+        Some(row) => dot(row, x),
+        None => nearness.of(&times(&candidates[k], x)) - nearness.of(x),
+    };
+    let start = nearness.lifted(nearness.centre);
+    let Some(first) = candidates.first() else {
+        return Vec::new();
+    };
+    let step = (nearness.dropped(&times(first, &start)) - nearness.centre).length();
+    let (mut chosen, mut active): (Vec<usize>, Vec<usize>) = (vec![0], Vec::new());
+    for i in 0..DIRECTIONS {
+        let d = spiral(i, DIRECTIONS);
+        let at = |t: f64| nearness.lifted(nearness.centre + d * t);
+        let inside = |t: f64, chosen: &[usize]| {
+            let x = at(t);
+            x.iter().all(|x| x.is_finite()) && chosen.iter().all(|k| value(*k, &x) >= 0.0)
+        };
+        // Where the faces known so far end the line.
+        let Some(mut high) = (1..=(20.0 * REACH) as usize)
+            .map(|j| 0.05 * step * j as f64)
+            .find(|t| !inside(*t, &chosen))
+        else {
+            continue;
+        };
+        let mut low = high - 0.05 * step;
+        loop {
+            for _ in 0..32 {
+                let middle = 0.5 * (low + high);
+                match inside(middle, &chosen) {
+                    true => low = middle,
+                    false => high = middle,
+                }
+            }
+            // A face that none of them is cuts it off before.
+            let x = at(low);
+            let nearer = (0..candidates.len())
+                .filter(|k| !chosen.contains(k))
+                .map(|k| (value(k, &x), k))
+                .min_by(|a, b| a.0.total_cmp(&b.0))
+                .filter(|(value, _)| *value < -1e-9 * nearness.of(&x).abs().max(1e-9));
+            let Some((_, k)) = nearer else { break };
+            chosen.push(k);
+            (low, high) = (0.0, low);
+        }
+        let x = at(high);
+        let last = chosen
+            .iter()
+            .min_by(|a, b| value(**a, &x).total_cmp(&value(**b, &x)));
+        active.extend(last.filter(|k| !active.contains(k)));
+    }
+    // Inverses, which are faces as well.
+    let mut chosen = active;
+    for k in chosen.clone() {
+        let Some(back) = inverse(&candidates[k], n) else {
+            continue;
+        };
+        let same = |other: &Vec<f64>| {
+            let pairs = other.iter().zip(&back);
+            pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) <= 1e-6
+        };
+        if let Some(j) = candidates.iter().position(same)
+            && !chosen.contains(&j)
+        {
+            chosen.push(j);
+        }
+    }
+    chosen.sort_unstable();
+    let face = |k: usize| QuotientFace {
+        matrix: candidates[k].clone(),
+        row: rows[k].clone(),
+        metric: nearness.metric,
+    };
+    chosen.into_iter().map(face).collect()
+}
+
+/// The `i`-th of `count` directions spread evenly (Fibonacci's spiral).
+fn spiral(i: usize, count: usize) -> DVec3 {
+    let z = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
+    let turn = i as f64 * std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());
+    let r = (1.0 - z * z).sqrt();
+    DVec3::new(r * turn.cos(), r * turn.sin(), z)
+}

@@ -1,0 +1,545 @@
+//! Glued spaces against matrix groups: where paths end, how space spreads along them, how often a point is seen.
+
+mod support;
+
+use geofan_core::{
+    diagnostic::SourceText,
+    geodesic::{End, Path, Ray, paths, sample},
+    manifold::{DeckTransformation, Gluing, Manifold},
+};
+use glam::{DMat3, DVec3};
+use support::{manifold, settings};
+
+/// A manifold of the catalogue.
+fn asset(name: &str) -> Manifold {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/manifolds");
+    let file = std::path::Path::new(folder).join(format!("{name}.toml"));
+    Manifold::load(&file, &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
+}
+
+/// Follows the ray from `u` in the direction `d` (standard frame).
+fn follow(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> (Ray, Path) {
+    let ray = Ray::new(manifold, u, d.normalize(), length);
+    let path = paths(manifold, settings(1e-13, true), [ray]).remove(0);
+    (ray, path)
+}
+
+#[test]
+fn paths_end_where_matrices_take_them() {
+    let (start, d) = (DVec3::new(0.1, -0.05, 0.2), DVec3::new(0.3, 0.8, -0.5));
+    let cases = [
+        (
+            "half-turn",
+            (DVec3::new(0.3, 0.2, -0.4), DVec3::new(0.5, 0.3, 0.8), 20.0),
+            DVec3::new(0.40152544552, 0.26091526731, -0.23755928716),
+            (16, false),
+        ),
+        (
+            "poincare",
+            (DVec3::new(0.05, -0.03, 0.02), d, 6.0),
+            DVec3::new(0.00537716456, -0.14564469254, 0.09225229864),
+            (12, false),
+        ),
+        (
+            "seifert-weber",
+            (start, d, 6.0),
+            DVec3::new(-0.09478838637, 0.02413016849, 0.56072840831),
+            (5, false),
+        ),
+        (
+            "mirrored-dodecahedron",
+            (start, d, 5.0),
+            DVec3::new(-0.03715048029, 0.08201759694, 0.26066330372),
+            (5, true),
+        ),
+    ];
+    for (name, (u, d, length), end, (crossings, reversed)) in cases {
+        let space = asset(name);
+        let (ray, path) = follow(&space, u, d, length);
+        let last = sample(&space, &ray, &path, length);
+        let off = (last.u - end).length();
+        println!("{name}: {off:.1e} off after {} crossings", last.crossings);
+        assert_eq!(path.end, End::Length, "{name}");
+        assert!(off < 2e-11, "{name}: {} is {off:e} off", last.u);
+        assert_eq!(
+            (last.crossings, last.reversed),
+            (crossings, reversed),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn areas_and_frames_are_those_of_the_cover() {
+    for (name, length) in [
+        ("poincare", 2.8),
+        ("seifert-weber", 3.0),
+        ("sol-cat", 3.0),
+        ("mirrored-dodecahedron", 3.0),
+    ] {
+        let space = asset(name);
+        let cover = space.cover();
+        let (u, d) = (DVec3::new(0.05, -0.03, 0.12), DVec3::new(0.3, 0.8, -0.5));
+        let (ray, path) = follow(&space, u, d, length);
+        let (_, straight) = follow(&cover, u, d, length);
+        for i in 1..=8 {
+            let s = length * f64::from(i) / 8.0;
+            let (here, there) = (
+                sample(&space, &ray, &path, s),
+                sample(&cover, &ray, &straight, s),
+            );
+            let (a, b) = (here.area.unwrap(), there.area.unwrap());
+            assert!(
+                (a - b).abs() < 1e-9 * b.max(1.0),
+                "{name}: area {a} is not {b} at {s}"
+            );
+            let (u, v, word) = space.brought_in(there.u, there.v).unwrap();
+            if (u - here.u).length() > 1e-9 {
+                // On a face either side is right.
+                continue;
+            }
+            assert!((v - here.v).length() < 1e-9, "{name}: tangent at {s}");
+            let frame = space
+                .gluing()
+                .unwrap()
+                .carried(&word, there.u, there.frame.unwrap());
+            let off = (frame - here.frame.unwrap()).to_cols_array();
+            assert!(
+                off.iter().all(|x| x.abs() < 1e-8),
+                "{name}: frame at {s}: {off:?}"
+            );
+        }
+    }
+}
+
+#[test]
+fn points_inside_stay_and_points_outside_come_back_by_isometries() {
+    for name in [
+        "half-turn",
+        "sol-cat",
+        "poincare",
+        "seifert-weber",
+        "mirrored-dodecahedron",
+    ] {
+        let space = asset(name);
+        let gluing = space.gluing().unwrap();
+        assert_eq!(gluing.violated(gluing.inside()), None);
+        assert!(
+            gluing.faces().iter().all(|face| face.partner().is_some()),
+            "{name}"
+        );
+        let u = gluing.inside() + DVec3::new(0.41, -0.35, 0.28) * gluing.size();
+        let (v, word) = gluing.locate(u).unwrap();
+        assert_eq!(gluing.violated(v), None);
+        let mut deck = gluing.identity().unwrap();
+        for k in &word {
+            deck = deck.then(gluing.faces()[*k].deck().unwrap());
+        }
+        assert!((deck.point(u) - v).length() < 1e-12, "{name}");
+    }
+}
+
+/// The elements of the group whose images of `x` lie within `reach` of `p`, by walking from copy to copy:
+/// an element is known by its image of the point inside.
+fn images(
+    gluing: &Gluing,
+    reach: impl Fn(&DeckTransformation) -> bool,
+    most: usize,
+) -> Vec<DeckTransformation> {
+    let mut found = vec![gluing.identity().unwrap()];
+    let mut places = vec![gluing.inside()];
+    let mut next = 0;
+    while next < found.len() && found.len() < most {
+        let element = found[next].clone();
+        next += 1;
+        for face in gluing.faces() {
+            let deck = face.deck().unwrap().then(&element);
+            let place = deck.point(gluing.inside());
+            let known = places.iter().any(|p| (*p - place).length() < 1e-7);
+            if !known && reach(&deck) {
+                places.push(place);
+                found.push(deck);
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn the_poincare_space_has_120_copies_and_seifert_webers_as_many_as_known() {
+    let space = asset("poincare");
+    let gluing = space.gluing().unwrap();
+    let lift = |u: DVec3| {
+        let r2 = u.length_squared();
+        (u * (2.0 / (1.0 + r2))).extend((1.0 - r2) / (1.0 + r2))
+    };
+    let all = images(gluing, |_| true, 1000);
+    // The antipode is at infinity of the chart: it may be missing, or there under a huge number.
+    assert!((119..=120).contains(&all.len()), "{}", all.len());
+    let (x, p) = (DVec3::new(-0.15, 0.03, 0.12), DVec3::new(0.1, 0.2, -0.05));
+    let unlift = |x: DVec3| x / (1.0 + (1.0 - x.length_squared()).sqrt());
+    let (x, p) = (unlift(x), unlift(p));
+    let mut distances: Vec<f64> = all
+        .iter()
+        .map(|g| lift(x).dot(lift(g.point(p))).acos())
+        .collect();
+    distances.sort_by(f64::total_cmp);
+    for (found, known) in distances.iter().zip([
+        0.348688219641,
+        0.373430251145,
+        0.418685684911,
+        0.420832380548,
+    ]) {
+        assert!((found - known).abs() < 1e-9, "{found} {known}");
+    }
+    let within = |d: f64| distances.iter().filter(|x| **x < d).count();
+    assert_eq!(
+        (
+            within(1.0),
+            within(std::f64::consts::FRAC_PI_2),
+            within(2.0)
+        ),
+        (24, 60, 94)
+    );
+    let sum: f64 = distances.iter().map(|d| d.sin().powi(-2)).sum();
+    assert!(
+        all.len() < 120 || (sum - 210.2510406304).abs() < 1e-6,
+        "{sum}"
+    );
+
+    let space = asset("seifert-weber");
+    let gluing = space.gluing().unwrap();
+    let lift = |u: DVec3| (u * 2.0, 1.0 + u.length_squared(), 1.0 - u.length_squared());
+    let distance = |a: DVec3, b: DVec3| {
+        let ((a, s, k), (b, t, l)) = (lift(a), lift(b));
+        ((s * t - a.dot(b)) / (k * l)).acosh()
+    };
+    let near = images(
+        gluing,
+        |g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < 4.0,
+        2000,
+    );
+    let count = |d: f64| {
+        near.iter()
+            .filter(|g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < d)
+            .count()
+    };
+    assert_eq!(count(4.0), 465);
+    assert_eq!((count(2.0), count(2.9), count(3.5)), (13, 73, 193));
+}
+
+/// The flat manifold of a cube of side 2 whose faces have these maps.
+fn flat(maps: [[&str; 3]; 6]) -> Manifold {
+    let faces = ["1 - x", "1 + x", "1 - y", "1 + y", "1 - z", "1 + z"];
+    let glue = |(face, [x, y, z]): (&str, [&str; 3])| {
+        format!("[[glue]]\nface = '{face}'\nmap = ['{x}', '{y}', '{z}']\n")
+    };
+    let text: String = faces.into_iter().zip(maps).map(glue).collect();
+    manifold(&format!("metric = {{ conformal = '1' }}\n{text}"))
+}
+
+#[test]
+fn flat_spaces_show_a_point_as_often_as_known() {
+    let x = [["x - 2", "y", "z"], ["x + 2", "y", "z"]];
+    let y = [["x", "y - 2", "z"], ["x", "y + 2", "z"]];
+    let with = |z: [[&'static str; 3]; 2]| [x[0], x[1], y[0], y[1], z[0], z[1]];
+    let cases = [
+        (
+            "torus",
+            with([["x", "y", "z - 2"], ["x", "y", "z + 2"]]),
+            (114, 14),
+        ),
+        (
+            "half turn",
+            with([["-x", "-y", "z - 2"], ["-x", "-y", "z + 2"]]),
+            (115, 14),
+        ),
+        (
+            "quarter turn",
+            with([["y", "-x", "z - 2"], ["-y", "x", "z + 2"]]),
+            (115, 14),
+        ),
+    ];
+    let (p, x) = (DVec3::new(0.3, 0.2, -0.4), DVec3::new(-0.1, 0.5, 0.6));
+    for (name, maps, (far, near)) in cases {
+        let space = flat(maps);
+        let gluing = space.gluing().unwrap();
+        let within = |d: f64| {
+            let reach = |g: &DeckTransformation| (g.point(p) - x).length() < d + 4.0;
+            let all = images(gluing, reach, 5000);
+            all.iter().filter(|g| (g.point(p) - x).length() < d).count()
+        };
+        assert_eq!((within(6.0), within(3.0)), (far, near), "{name}");
+    }
+}
+
+/// A group of matrices gives the same space as its faces.
+#[test]
+fn a_quotient_by_matrices_is_the_space_of_its_faces() {
+    let (s, c) = (0.8_f64, 0.6_f64);
+    // The lens space L(4, 1): turns by a quarter in two planes at once.
+    let text = "metric = { conformal = '2/(1 + r2)' }\n[let]\nr2 = 'x^2 + y^2 + z^2'\n[quotient]\nlift = ['2*x/(1 + r2)', '2*y/(1 + r2)', '2*z/(1 + r2)', '(1 - r2)/(1 + r2)']\ndrop = ['X/(1 + W)', 'Y/(1 + W)', 'Z/(1 + W)']\ngenerators = [[[0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, -1], [0, 0, 1, 0]]]\ncentre = [0.1, -0.2, 0.15]\n";
+    let space = manifold(text);
+    let gluing = space.gluing().unwrap();
+    assert_eq!(gluing.faces().len(), 2);
+    let (ray, path) = follow(
+        &space,
+        DVec3::new(0.1, 0.0, 0.1),
+        DVec3::new(0.0, s, c),
+        std::f64::consts::TAU,
+    );
+    let last = sample(&space, &ray, &path, std::f64::consts::TAU);
+    assert!(
+        (last.u - ray.u).length() < 1e-9 && last.crossings == 4,
+        "{last:?}"
+    );
+    // Flat space has no invariant form; the domain is that of distances.
+    let text = "metric = { xx = '1', yy = '1', zz = '1' }\n[quotient]\nlift = ['x', 'y', 'z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]], [[1,0,0,0],[0,1,0,2],[0,0,1,0],[0,0,0,1]], [[-1,0,0,0],[0,-1,0,0],[0,0,1,2],[0,0,0,1]]]\n";
+    let space = manifold(text);
+    let known = asset("half-turn");
+    let (u, d) = (DVec3::new(0.3, 0.2, -0.4), DVec3::new(0.5, 0.3, 0.8));
+    let (ray, path) = follow(&space, u, d, 20.0);
+    let last = sample(&space, &ray, &path, 20.0);
+    let (other, path) = follow(&known, u, d, 20.0);
+    let end = sample(&known, &other, &path, 20.0);
+    assert!((last.u - end.u).length() < 1e-10, "{} {}", last.u, end.u);
+    assert_eq!(space.gluing().unwrap().faces().len(), 6);
+}
+
+/// What is said about a file that begins with a flat metric.
+fn refusal(text: &str) -> String {
+    let text = format!(
+        "name = 'test'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\n{text}"
+    );
+    match Manifold::from_source(SourceText::new("test.toml", text), &[]) {
+        Err(error) => error.report(false),
+        Ok(_) => panic!("accepted"),
+    }
+}
+
+fn pair(face: &str, map: [&str; 3]) -> String {
+    let [x, y, z] = map;
+    format!("[[glue]]\nface = '{face}'\nmap = ['{x}', '{y}', '{z}']\n")
+}
+
+#[test]
+fn wrong_gluings_are_refused_with_the_face_and_the_place() {
+    let back = pair("1 + x", ["x + 2", "y", "z"]);
+    let y = pair("1 - y", ["x", "y - 2", "z"]) + &pair("1 + y", ["x", "y + 2", "z"]);
+    let cases = [
+        (
+            "stretches",
+            pair("1 - x", ["2*x - 3", "y", "z"]) + &back,
+            "face 1: its map is no isometry: at x =",
+        ),
+        (
+            "is not paired",
+            pair("1 - x", ["x - 1.5", "y", "z"]) + &back,
+            "no map leads back: x =",
+        ),
+        (
+            "has another way back",
+            pair("1 - x", ["x - 2", "-y", "-z"]) + &pair("1 + x", ["x + 2", "-z", "y"]),
+            "no map leads back: x =",
+        ),
+        (
+            "does not close",
+            pair("1 - x", ["x - 2", "y + 0.7", "z"])
+                + &pair("1 + x", ["x + 2", "y - 0.7", "z"])
+                + &pair("1 - y", ["-x", "y - 2", "z"])
+                + &pair("1 + y", ["-x", "y + 2", "z"]),
+            "does not close",
+        ),
+        (
+            "fixes an axis",
+            pair("x", ["-x", "-y", "z"]) + &y,
+            "its map fixes a point of the domain: x =",
+        ),
+        (
+            "leads nowhere",
+            pair("1 - x", ["x - 1.5", "y", "z"]) + &pair("1 + x", ["x + 1.5", "y", "z"]),
+            "its map leads to no face: x =",
+        ),
+        (
+            "has neither",
+            "[[glue]]\nface = '1 - x'\n".into(),
+            "a glued face needs `map`",
+        ),
+        (
+            "has both",
+            pair("1 - x", ["x", "y", "z"]) + "mirror = true\n",
+            "a face has a map or is a mirror",
+        ),
+        (
+            "goes farther out",
+            pair("1 - x", ["x + 2", "y", "z"]) + &pair("1 + x", ["x - 2", "y", "z"]),
+            "face",
+        ),
+        (
+            "is periodic too",
+            "[domain]\nx = [0, 1]\nperiodic = ['x']\n".to_string() + &back,
+            "not possible together",
+        ),
+        (
+            "has no inside",
+            pair("-1 - x^2", ["x - 2", "y", "z"]),
+            "face 1",
+        ),
+    ];
+    for (what, text, told) in cases {
+        let report = refusal(&text);
+        println!("{what}:\n{report}\n");
+        assert!(report.contains(told), "{what}:\n{report}");
+    }
+    let quotient = |m: &str| {
+        format!(
+            "[quotient]\nlift = ['x', 'y', 'z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [{m}]\n"
+        )
+    };
+    let turned = refusal(&quotient("[[-1,0,0,0],[0,-1,0,0],[0,0,1,0],[0,0,0,1]]"));
+    assert!(turned.contains("does not move the centre"), "{turned}");
+    let short = refusal(&quotient("[[1,0,0,2],[0,1,0,0],[0,0,1,0]]"));
+    assert!(short.contains("a matrix of 4 rows is needed"), "{short}");
+    let wrong = refusal(
+        "[quotient]\nlift = ['x', 'y', '2*z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]\n",
+    );
+    assert!(wrong.contains("`drop` does not undo `lift`"), "{wrong}");
+}
+
+/// A round mirror in flat space: the mirror equation, and what a reflection does to areas.
+#[test]
+fn a_curved_mirror_reflects_and_focuses_as_mirrors_do() {
+    // Inside of a ball of radius 2: a path through the centre comes back, and neighbours meet in the centre.
+    let space = manifold(
+        "metric = { conformal = '1' }\n[[glue]]\nface = '4 - x^2 - y^2 - z^2'\nmirror = true\n",
+    );
+    let (ray, path) = follow(&space, DVec3::ZERO, DVec3::new(0.3, 0.5, -0.7), 6.0);
+    let at = |s: f64| sample(&space, &ray, &path, s);
+    let back = at(4.0);
+    assert!(
+        back.u.length() < 1e-9 && back.area.unwrap() < 1e-8,
+        "{back:?}"
+    );
+    assert_eq!((back.crossings, back.reversed), (1, true));
+    // From a point 1.2 before the mirror: 1/1.2 + 1/b = 1 for a focal length of half the radius.
+    let (ray, path) = follow(&space, DVec3::new(0.8, 0.0, 0.0), DVec3::X, 1.2 + 3.5);
+    let (image, focus) = (6.0, 1.2);
+    let spread = |s: f64| focus * (1.0 - s / image) + 0.0 * s;
+    for s in [0.5, 1.5, 3.0] {
+        let area = sample(&space, &ray, &path, 1.2 + s).area.unwrap();
+        assert!(
+            (area - spread(s).powi(2)).abs() < 1e-8,
+            "{s}: {area} {}",
+            spread(s).powi(2)
+        );
+    }
+    // Off the axis: reflections keep the distance of the chords from the centre, and the plane.
+    let (ray, path) = follow(
+        &space,
+        DVec3::new(0.3, -0.4, 0.2),
+        DVec3::new(0.4, 0.7, 0.3),
+        30.0,
+    );
+    let moment = |s: f64| {
+        sample(&space, &ray, &path, s)
+            .u
+            .cross(sample(&space, &ray, &path, s).v)
+    };
+    assert!((moment(0.1) - moment(29.9)).length() < 1e-9);
+    let frame = sample(&space, &ray, &path, 29.9).frame.unwrap();
+    let off = frame.transpose() * frame - DMat3::IDENTITY;
+    assert!(off.to_cols_array().iter().all(|x| x.abs() < 1e-10));
+}
+
+/// Neighbouring rays by difference: areas behind a curved mirror off the axis.
+#[test]
+fn areas_behind_mirrors_are_those_of_neighbours() {
+    let space = manifold(
+        "metric = { conformal = '1 + 0.1*x^2' }\n[[glue]]\nface = '2 - x^2 - 0.5*y^2 - z^2'\nmirror = true\n",
+    );
+    let (u, d) = (
+        DVec3::new(0.3, -0.4, 0.2),
+        DVec3::new(0.4, 0.7, 0.3).normalize(),
+    );
+    let length = 3.3;
+    let ray = Ray::new(&space, u, d, length);
+    let path = paths(&space, settings(1e-13, true), [ray]).remove(0);
+    let found = path.steps.last().unwrap().deviation(length).unwrap();
+    let crossings = path.steps.last().unwrap().crossings;
+    assert!(crossings >= 1);
+    let frame = space.standard_frame(u);
+    for (k, j) in found.into_iter().enumerate() {
+        let e = frame.inverse() * ray.spread[k];
+        let end = |epsilon: f64| {
+            let (_, path) = follow(&space, u, d + e * epsilon, length);
+            path.steps.last().unwrap().position(length)
+        };
+        let slope = (end(1e-5) - end(-1e-5)) / 2e-5;
+        assert!((slope - j).length() < 1e-6 * j.length(), "{slope} {j}");
+    }
+}
+
+/// A doorway: two discs in flat space, one glued to the other.
+#[test]
+fn a_portal_is_there_only_where_its_opening_is() {
+    let space = manifold(
+        "metric = { conformal = '1' }\n[[glue]]\nface = '1 - x'\nmap = ['x - 4', 'y', 'z']\nopening = '0.25 - y^2 - z^2'\n",
+    );
+    let end = |y: f64| {
+        let (ray, path) = follow(&space, DVec3::new(0.0, y, 0.1), DVec3::X, 2.0);
+        sample(&space, &ray, &path, 2.0)
+    };
+    assert!((end(0.1).u - DVec3::new(-2.0, 0.1, 0.1)).length() < 1e-12);
+    assert!((end(0.6).u - DVec3::new(2.0, 0.6, 0.1)).length() < 1e-12);
+    assert_eq!((end(0.1).crossings, end(0.6).crossings), (1, 0));
+}
+
+#[test]
+fn rays_through_edges_and_corners_and_along_faces_go_on() {
+    let space = asset("half-turn");
+    let end = |u: DVec3, d: DVec3, length: f64| {
+        let (ray, path) = follow(&space, u, d, length);
+        assert_eq!(path.end, End::Length);
+        sample(&space, &ray, &path, path.length).u
+    };
+    // Through edges: x and y at once.
+    let t = 20.0 / 2.0_f64.sqrt() - 14.0;
+    let found = end(DVec3::ZERO, DVec3::new(1.0, 1.0, 0.0), 20.0);
+    assert!((found - DVec3::new(t, t, 0.0)).length() < 1e-10, "{found}");
+    // Through corners: six layers up, an even number of half turns.
+    let t = 20.0 / 3.0_f64.sqrt() - 12.0;
+    let found = end(DVec3::ZERO, DVec3::ONE, 20.0);
+    assert!((found - DVec3::splat(t)).length() < 1e-10, "{found}");
+    // Along a face, which rounding may put on either side.
+    let found = end(DVec3::new(1.0, 0.1, 0.2), DVec3::Y, 4.0);
+    assert!(
+        (found.x.abs() - 1.0).abs() < 1e-9 && (found.y - 0.1).abs() < 1e-9,
+        "{found}"
+    );
+}
+
+#[test]
+fn a_wind_blows_through_faces() {
+    let faces = pair("1 - x", ["x - 2", "y", "z"]) + &pair("1 + x", ["x + 2", "y", "z"]);
+    let space = manifold(&format!(
+        "metric = {{ conformal = '1' }}\nwind = ['0.3', '0', '0.1']\n{faces}"
+    ));
+    let (u, d) = (DVec3::new(0.2, 0.1, 0.0), DVec3::new(0.5, 0.2, -0.3));
+    let (ray, path) = follow(&space, u, d, 9.0);
+    let last = sample(&space, &ray, &path, 9.0);
+    // A line of sight runs into the past: against the wind.
+    let mut end = u + (d.normalize() - DVec3::new(0.3, 0.0, 0.1)) * 9.0;
+    end.x -= 2.0 * ((end.x + 1.0) / 2.0).floor();
+    assert!((last.u - end).length() < 1e-10, "{} {end}", last.u);
+    // A gluing that turns the wind round is refused.
+    let turned = pair("1 - x", ["x - 2", "-y", "-z"]) + &pair("1 + x", ["x + 2", "-y", "-z"]);
+    let text = format!(
+        "name = 'test'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\nwind = ['0.3', '0', '0.1']\n{turned}"
+    );
+    let error = Manifold::from_source(SourceText::new("test.toml", text), &[]).unwrap_err();
+    assert!(
+        error.report(false).contains("its map is no isometry"),
+        "{}",
+        error.report(false)
+    );
+}

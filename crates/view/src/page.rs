@@ -1,0 +1,189 @@
+//! A scene as a page that needs no server.
+//!
+//! In: where a space comes from and the viewer for browsers, compiled to WebAssembly. Out: one HTML file with
+//! everything inside, compressed and in base 64; or a folder with the same in files, for a static host. The page
+//! carries the files that the scene was loaded from, and loads them like the program does; it asks nobody for
+//! anything.
+
+use crate::{
+    LoadedSpace, Package, PageAbout, SpaceSource, encode_light,
+    ui::{self, single_script},
+};
+use base64::{Engine, engine::general_purpose::STANDARD};
+use geofan_core::{
+    Error, Result,
+    files::{check_output, make_output_folder, write_atomically},
+    reading::read_file,
+};
+use geofan_light::EVEN;
+use miniz_oxide::deflate::compress_to_vec;
+use std::{
+    io::Write,
+    path::{Path, PathBuf},
+};
+
+/// Compression of what a page carries: the strongest that pays.
+const LEVEL: u8 = 9;
+
+/// Most bytes of the viewer for browsers.
+const MOST_OF_WASM: u64 = 64 << 20;
+
+/// A page of a space, made and not yet written.
+pub struct Page {
+    title: String,
+    /// The viewer for browsers, compressed.
+    wasm: Vec<u8>,
+    /// The package of the space, compressed.
+    space: Vec<u8>,
+}
+
+impl Page {
+    /// Name of the viewer for browsers.
+    pub const WASM: &str = "geofan-web.wasm";
+
+    /// Makes the page of the space of `source`, with these parameters of its manifold; `wasm` is the file of the
+    /// viewer for browsers.
+    ///
+    /// # Errors
+    /// Whatever is wrong with any file.
+    pub fn new(source: &SpaceSource, settings: &[(String, f64)], wasm: &Path) -> Result<Self> {
+        let wasm = read_wasm(wasm)?;
+        let loaded = source.load_with_bundle(settings)?;
+        let package = pack(source, &loaded, settings)?;
+        let name = &loaded.session.manifold.name;
+        let escaped = name.replace('&', "&amp;").replace('<', "&lt;");
+        Ok(Self {
+            title: format!("{escaped} · geofan"),
+            wasm: compress_to_vec(&wasm, LEVEL),
+            space: compress_to_vec(&package.encode(), LEVEL),
+        })
+    }
+
+    /// Returns the page as one HTML text that has everything inside.
+    ///
+    /// # Errors
+    /// The user interface lacks a part that is to be replaced.
+    pub fn html(&self) -> Result<String> {
+        let html = with_head(&self.title, "'none'")?;
+        let html = replaced(&html, STYLE, &format!("<style>\n{}</style>", ui::STYLE))?;
+        let data = |id: &str, text: &str| {
+            format!("<script type=\"text/plain\" id=\"{id}\">{text}</script>\n")
+        };
+        let scripts = [
+            data("geofan-wasm", &STANDARD.encode(&self.wasm)),
+            data("geofan-space", &STANDARD.encode(&self.space)),
+            data("geofan-worker", &STANDARD.encode(ui::WORKER)),
+            format!("<script type=\"module\">\n{}</script>", single_script()),
+        ];
+        replaced(&html, SCRIPT, &scripts.concat())
+    }
+
+    /// Writes the page: one file where `output` is named `.html`, else a folder. Returns the bytes of all files.
+    ///
+    /// # Errors
+    /// The place cannot be written.
+    pub fn write(&self, output: &Path) -> Result<usize> {
+        let is_file = output
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("html"));
+        let files = match is_file {
+            true => {
+                check_output(output)?;
+                vec![(output.to_path_buf(), self.html()?.into_bytes())]
+            }
+            false => {
+                make_output_folder(output)?;
+                self.folder(output)?
+            }
+        };
+        for (path, bytes) in &files {
+            write_atomically(path, |out| out.write_all(bytes))?;
+        }
+        Ok(files.iter().map(|(_, bytes)| bytes.len()).sum())
+    }
+
+    /// Makes the files of a folder.
+    fn folder(&self, output: &Path) -> Result<Vec<(PathBuf, Vec<u8>)>> {
+        let named = |name: &str, bytes: Vec<u8>| (output.join(name), bytes);
+        let script = "<script type=\"module\" src=\"viewer.js\"></script>";
+        let index = replaced(&with_head(&self.title, "'self'")?, SCRIPT, script)?;
+        Ok(vec![
+            named("geofan-web.wasm.deflate", self.wasm.clone()),
+            named("space.deflate", self.space.clone()),
+            named("worker.js", ui::WORKER.into()),
+            named("style.css", ui::STYLE.into()),
+            named("viewer.js", single_script().into_bytes()),
+            named("index.html", index.into_bytes()),
+        ])
+    }
+}
+
+/// Reads the viewer for browsers.
+fn read_wasm(path: &Path) -> Result<Vec<u8>> {
+    let bytes = read_file(path, b"\0asm", MOST_OF_WASM)?;
+    match bytes.starts_with(b"\0asm") {
+        true => Ok(bytes),
+        false => Err(Error::input(
+            path.display().to_string(),
+            "is not WebAssembly",
+        )),
+    }
+}
+
+/// Packs all files of the space.
+fn pack(source: &SpaceSource, loaded: &LoadedSpace, settings: &[(String, f64)]) -> Result<Package> {
+    let made = loaded.made.iter().cloned();
+    let mut files: Vec<(PathBuf, Vec<u8>)> = Vec::new();
+    let scene_first = [&loaded.scene].into_iter().chain(&loaded.files);
+    for path in scene_first {
+        let known = files.iter().any(|(known, _)| known == path);
+        let on_disk = !loaded.made.iter().any(|(name, _)| name == path);
+        if !known && on_disk && source.bundle.as_ref() != Some(path) && path.is_file() {
+            files.push((path.clone(), read_file(path, &[], u64::MAX)?));
+        }
+    }
+    files.extend(made);
+    // The scene's name is that of the first.
+    files.sort_by_key(|(path, _)| *path != loaded.scene);
+    let (mut package, scene) = Package::of_files(files);
+    if let Some(bundle) = &source.bundle {
+        package.add(PageAbout::BUNDLE, read_file(bundle, &[], u64::MAX)?);
+    }
+    if let Some(light) = &loaded.draw.stage.world.light {
+        package.add(PageAbout::LIGHT, encode_light(light, EVEN));
+    }
+    let about = PageAbout {
+        scene,
+        settings: settings.to_vec(),
+        length: loaded.draw.length(),
+    };
+    package.add(PageAbout::NAME, about.encode());
+    Ok(package)
+}
+
+/// Returns the rights of a page: it may run its own content. A folder's page reads its own files, too.
+fn policy(connect: &str) -> String {
+    format!(
+        "default-src 'none'; script-src 'unsafe-inline' 'self' 'wasm-unsafe-eval' blob:; style-src 'unsafe-inline' 'self'; img-src data: blob:; worker-src blob: 'self'; connect-src {connect}; base-uri 'none'; form-action 'none'"
+    )
+}
+
+/// Replaces a part of the user interface's page that must be there.
+fn replaced(html: &str, part: &str, by: &str) -> Result<String> {
+    match html.contains(part) {
+        true => Ok(html.replacen(part, by, 1)),
+        false => Err(Error::input("index.html", format!("lacks {part}"))),
+    }
+}
+
+const TITLE: &str = "<title>geofan</title>";
+const STYLE: &str = r#"<link rel="stylesheet" href="style.css">"#;
+const SCRIPT: &str = r#"<script type="module" src="served.js"></script>"#;
+
+fn with_head(title: &str, connect: &str) -> Result<String> {
+    let head = format!(
+        "<meta http-equiv=\"Content-Security-Policy\" content=\"{}\">\n<title>{title}</title>",
+        policy(connect)
+    );
+    replaced(ui::HTML, TITLE, &head)
+}

@@ -1,0 +1,137 @@
+//! Tables of metrics that jump: glass seen from outside and from inside, with refraction and total reflection.
+
+mod support;
+
+use geofan_bundle::{Bundle, Tree};
+use geofan_core::{
+    geodesic::{Ray, Settings, paths},
+    manifold::Carried,
+};
+use glam::DVec3;
+use serde_json::Value;
+use support::Place;
+
+/// A ball of glass seen from a line beside it, or in it.
+const BALL: &str = r#"
+name = "ball of glass"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "if(x^2 + y^2 + z^2 < 1, 1.5, 1)" }
+[[exit]]
+name = "sky"
+when = "x^2 + y^2 + z^2 - 25"
+[symmetry]
+rotation = "origin"
+[cameras]
+parameters = { c = [2.0, 2.4] }
+at = ["c", "0", "0"]
+length = 12
+"#;
+
+/// The same with indices that change inside, so that frames turn on the way as well.
+fn from_inside() -> String {
+    BALL.replace("1.5, 1)", "1.5 - 0.2*x^2, 1)")
+        .replace("[2.0, 2.4]", "[0.1, 0.3]")
+        .replace("[symmetry]\nrotation = \"origin\"\n", "")
+        .replace("[\"c\", \"0\", \"0\"]", "[\"0.3\", \"0.1\", \"-0.2\"]")
+        .replace("parameters = { c = [0.1, 0.3] }\n", "")
+        .replace("- 25", "- 4")
+        .replace("length = 12", "length = 3")
+}
+
+fn number(report: &Value, path: &str) -> f64 {
+    report.pointer(path).unwrap().as_f64().unwrap()
+}
+
+/// Bakes `text` to 1 mrad; returns what that says, and the bundle.
+fn baked(text: &str) -> (Value, Bundle) {
+    let place = Place::with(&[("m.toml", text)]);
+    let line = "m.toml -o b.fan --max-error 1 --certify-rays 4000 --json";
+    let output = place.bake(line).success().get_output().stdout.clone();
+    let bundle = Bundle::read(&place.path("b.fan")).unwrap();
+    (serde_json::from_slice(&output).unwrap(), bundle)
+}
+
+/// Counts divisions at edges.
+fn divisions(tree: &Tree) -> usize {
+    match tree {
+        Tree::Leaf(_) | Tree::Flagged => 0,
+        Tree::Split { halves, .. } => halves.iter().map(divisions).sum(),
+        Tree::Faces(faces) => faces.iter().map(divisions).sum(),
+        Tree::Edge { parts, .. } => 1 + parts.iter().map(divisions).sum::<usize>(),
+    }
+}
+
+#[test]
+fn a_ball_of_glass_is_baked_with_the_edges_in_its_tree() {
+    let (report, bundle) = baked(BALL);
+    println!("{report}");
+    assert!(number(&report, "/screen_mrad/p99") <= 1.0);
+    assert!(number(&report, "/sky_mrad/p99") <= 1.0);
+    assert!(number(&report, "/flagged") <= 0.005);
+    assert!(number(&report, "/bytes") <= 20_000.0);
+    let trees = (0..bundle.table.chunks.len()).map(|chunk| bundle.table.tree(chunk).unwrap());
+    assert!(trees.map(divisions).sum::<usize>() >= 2);
+    // Deflected by 2 (asin b − asin(b/1.5)) in the plane of the ray.
+    let fan = bundle.fan(DVec3::new(1.32, -1.76, 0.0)).unwrap();
+    let (inwards, across) = (DVec3::new(-0.6, 0.8, 0.0), DVec3::Z);
+    for b in [0.3, 0.5, 0.8_f64] {
+        let sine = b / 2.2;
+        let path = fan.path(inwards * (1.0 - sine * sine).sqrt() + across * sine);
+        let (_, s) = path.first_event(12.0).unwrap();
+        let (_, v) = path.at(s).unwrap();
+        let direction = v.normalize();
+        let angle = across.dot(direction).atan2(inwards.dot(direction));
+        let bent = sine.asin() - angle;
+        let expected = 2.0 * (b.asin() - (b / 1.5).asin());
+        assert!((bent - expected).abs() < 2e-3, "{b}: {bent} {expected}");
+    }
+}
+
+#[test]
+fn frames_turn_at_the_edges_of_stored_paths_and_a_second_reading_says_the_same() {
+    let (report, bundle) = baked(&from_inside());
+    println!("{report}");
+    assert!(number(&report, "/screen_mrad/p99") <= 1.0);
+    assert!(number(&report, "/flagged") <= 0.05);
+    assert!(number(&report, "/rotation_mrad/p99") <= 5.0);
+    // One ray against the exact tracer, behind the edge.
+    let u = DVec3::new(0.3, 0.1, -0.2);
+    let d = DVec3::new(0.5, -0.3, 0.4).normalize();
+    let manifold = bundle.table.space.manifold();
+    let settings = Settings {
+        tolerance: 1e-11,
+        carried: Carried {
+            frame: true,
+            deviation: false,
+        },
+        events: false,
+    };
+    let exact = paths(manifold, settings, [Ray::new(manifold, u, d, 2.0)]).remove(0);
+    assert_eq!(exact.edges().count(), 1);
+    let fan = bundle.fan(u).unwrap();
+    let path = fan.path(d);
+    let step = exact.step_at(2.0).unwrap();
+    let (point, _) = path.at(2.0).unwrap();
+    assert!((point - step.position(2.0)).length() < 4e-3);
+    let [stored, exact] = [path.rotation(2.0).unwrap(), step.rotation(2.0).unwrap()];
+    assert!(exact.to_scaled_axis().length() > 0.05);
+    assert!(stored.angle_between(exact) < 3e-3);
+    // Bytes that an older reader does not know are a tree all the same.
+    for chunk in bundle.table.chunks.iter() {
+        let tree = chunk.tree().unwrap();
+        assert_eq!(tree.encode(), chunk.bytes());
+    }
+}
+
+#[test]
+fn a_metric_without_edges_has_none_in_its_tree() {
+    let text = BALL
+        .replace(
+            "if(x^2 + y^2 + z^2 < 1, 1.5, 1)",
+            "1 + max(0, 1 - x^2 - y^2 - z^2)",
+        )
+        .replace("12", "6");
+    let (_, bundle) = baked(&text);
+    let trees = (0..bundle.table.chunks.len()).map(|chunk| bundle.table.tree(chunk).unwrap());
+    assert_eq!(trees.map(divisions).sum::<usize>(), 0);
+}

@@ -1,0 +1,148 @@
+//! Every reader on mutations of valid files: no panic, whatever the bytes. The seeds are the files of
+//! `assets`, of `tests/golden`, `tests/data` and `tests/corpus`; mutations are the same in every run.
+//!
+//! `GEOFAN_FUZZ_RUNS=1000000 cargo test --release --workspace --test fuzzing -- --nocapture` runs longer, and
+//! `GEOFAN_FUZZ_KEY=2` others. With coverage: `cargo +nightly fuzz run bundle`, in this folder.
+
+#[path = "../fuzz/targets.rs"]
+mod targets;
+
+use geofan::random::Stream;
+use rayon::prelude::*;
+use std::{
+    fs,
+    panic::{AssertUnwindSafe, catch_unwind},
+    path::{Path, PathBuf},
+    time::{Duration, Instant},
+};
+use targets::{TARGETS, Target, change};
+
+/// Mutations of each target in an ordinary run: a few seconds each.
+const RUNS: [(&str, u64); 10] = [
+    ("bundle", 2000),
+    ("resealed", 1500),
+    ("hostile", 1500),
+    ("manifold", 1500),
+    ("scene", 3000),
+    ("mesh", 3000),
+    ("material", 2000),
+    ("picture", 3000),
+    ("camera_path", 3000),
+    ("message", 20_000),
+];
+
+/// Lists the files below `folder` with one of these extensions, and no more than a reader of mutations wants.
+fn files(folder: &str, extensions: &[&str]) -> Vec<Vec<u8>> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let mut folders = vec![root];
+    let mut found: Vec<PathBuf> = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).into_iter().flatten().flatten() {
+            let path = entry.path();
+            let extension = path.extension().unwrap_or_default().to_string_lossy();
+            if path.is_dir() {
+                folders.push(path);
+            } else if extensions.contains(&&*extension) {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    let read = found.iter().filter_map(|path| fs::read(path).ok());
+    read.filter(|bytes| bytes.len() <= 100_000).collect()
+}
+
+/// Returns valid inputs of a target.
+fn seeds(name: &str) -> Vec<Vec<u8>> {
+    let mut seeds = match name {
+        "bundle" | "resealed" | "hostile" => files("tests/golden", &["fan"]),
+        "manifold" => files("assets/manifolds", &["toml"]),
+        "scene" | "camera_path" => files("assets/scenes", &["toml"]),
+        "mesh" => files("tests/data", &["obj"]),
+        "material" => files("tests/data", &["mtl"]),
+        "picture" => files("tests/data/pictures", &["png", "jpg", "hdr", "exr"]),
+        _ => Vec::new(),
+    };
+    seeds.extend(files(
+        &format!("tests/corpus/{name}"),
+        &["fan", "toml", "obj", "mtl", "json", "bin"],
+    ));
+    seeds
+}
+
+/// Makes the input with this number.
+fn input(name: &str, seeds: &[Vec<u8>], number: u64) -> Vec<u8> {
+    let mut stream = Stream::new(&[key(), name.len() as u64, number]);
+    let mut bytes = seeds[(stream.bits() % seeds.len() as u64) as usize].clone();
+    match name {
+        // These change what is below the checksums themselves.
+        "resealed" => drop(bytes.splice(0..0, (0..9).map(|_| stream.bits() as u8))),
+        "hostile" => drop(bytes.splice(0..0, (0..8).map(|_| stream.bits() as u8))),
+        _ => (0..=stream.bits() % 8).for_each(|_| change(&mut bytes, &mut stream)),
+    }
+    bytes
+}
+
+/// Returns the key of this run's mutations.
+fn key() -> u64 {
+    let given = std::env::var("GEOFAN_FUZZ_KEY").ok();
+    given.and_then(|key| key.parse().ok()).unwrap_or(1)
+}
+
+/// Returns how many mutations a target gets.
+fn runs(name: &str) -> u64 {
+    let given = std::env::var("GEOFAN_FUZZ_RUNS")
+        .ok()
+        .and_then(|runs| runs.parse().ok());
+    let usual = RUNS.iter().find(|(target, _)| *target == name);
+    given.unwrap_or_else(|| usual.unwrap().1)
+}
+
+/// Runs a target on all its inputs; panics are counted and told with the number of their input.
+fn run((name, read): Target) {
+    let seeds = seeds(name);
+    assert!(!seeds.is_empty(), "{name} has no seeds");
+    for (number, seed) in seeds.iter().enumerate() {
+        let calm = catch_unwind(AssertUnwindSafe(|| read(seed))).is_ok();
+        assert!(calm, "{name}: seed {number}");
+    }
+    let one = |number: u64| {
+        let bytes = input(name, &seeds, number);
+        let began = Instant::now();
+        let calm = catch_unwind(AssertUnwindSafe(|| read(&bytes))).is_ok();
+        (number, bytes.len(), calm, began.elapsed())
+    };
+    let all: Vec<(u64, usize, bool, Duration)> = (0..runs(name)).into_par_iter().map(one).collect();
+    let slowest = all.iter().max_by_key(|one| one.3).unwrap();
+    println!(
+        "{name}: {} inputs, the slowest is {} ({} bytes): {:?}",
+        all.len(),
+        slowest.0,
+        slowest.1,
+        slowest.3
+    );
+    let fallen: Vec<u64> = all.iter().filter(|one| !one.2).map(|one| one.0).collect();
+    assert!(fallen.is_empty(), "{name}: inputs {fallen:?} panic");
+}
+
+macro_rules! targets {
+    ($($test:ident: $number:literal;)*) => { $(
+        #[test]
+        fn $test() {
+            run(TARGETS[$number]);
+        }
+    )* };
+}
+
+targets! {
+    changed_bundles_do_not_panic: 0;
+    bundles_changed_below_their_checksums_do_not_panic: 1;
+    hostile_tables_do_not_panic: 2;
+    changed_manifolds_do_not_panic: 3;
+    changed_scenes_do_not_panic: 4;
+    changed_meshes_do_not_panic: 5;
+    changed_materials_do_not_panic: 6;
+    changed_pictures_do_not_panic: 7;
+    changed_camera_paths_do_not_panic: 8;
+    changed_messages_do_not_panic: 9;
+}

@@ -1,0 +1,160 @@
+//! Pictures inside glued spaces against the same scenes unfolded by hand, and tables against exact paths.
+
+mod support;
+
+use geofan_bundle::Bundle;
+use geofan_render::{
+    ExactGridTracer, ExactTracer, Lookup, Seen, Stage, View,
+    frame::{Outcomes, Paths, offsets, trace},
+};
+use support::Place;
+
+const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
+
+/// A manifold of the catalogue, as text.
+fn catalogue(name: &str) -> String {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
+    std::fs::read_to_string(format!("{folder}/{name}.toml")).unwrap()
+}
+
+fn scene(manifold: &str, camera: &str, objects: &str) -> String {
+    format!("manifold = '{manifold}'\n[camera]\n{camera}\n{objects}")
+}
+
+fn object(at: [f64; 3], scale: f64, turn: f64) -> String {
+    format!(
+        "[[object]]\nmesh = 'square.obj'\nat = [{}, {}, {}]\nscale = {scale}\nrotate = {{ axis = [0, 0, 1], degrees = {turn} }}\n",
+        at[0], at[1], at[2]
+    )
+}
+
+/// Returns the share of samples that see alike: the same kind of thing, at the same arc length.
+fn alike(a: &Outcomes, b: &Outcomes, allowed: f32) -> f64 {
+    let same = |(a, b): &(&Seen, &Seen)| match (a, b) {
+        (Seen::Surface(a), Seen::Surface(b)) => (a.s - b.s).abs() <= allowed * a.s,
+        (Seen::Surface(_), _) | (_, Seen::Surface(_)) => false,
+        _ => true,
+    };
+    let count = a.iter().zip(b).filter(same).count();
+    count as f64 / a.len() as f64
+}
+
+/// What is seen by exact paths.
+fn exact(stage: &Stage, view: &View, length: f64) -> Outcomes {
+    let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, 1e-9);
+    trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1)).outcomes
+}
+
+fn stage(place: &Place, name: &str) -> (Stage, View) {
+    let stage =
+        Stage::load(&place.path(name), &[]).unwrap_or_else(|e| panic!("{}", e.report(false)));
+    let view = stage.view(&stage.scene.camera, (96, 64)).unwrap();
+    (stage, view)
+}
+
+fn surfaces(outcomes: &Outcomes) -> usize {
+    let surface = |seen: &&Seen| matches!(seen, Seen::Surface(_));
+    outcomes.iter().filter(surface).count()
+}
+
+#[test]
+fn a_half_turn_space_is_the_lattice_of_its_copies() {
+    // The square sticks out of the cube through two faces.
+    let (at, scale) = ([0.9, 0.2, 0.85], 0.3);
+    let mut copies = String::new();
+    for layer in -4..=4_i32 {
+        let odd = layer.rem_euclid(2) == 1;
+        let (sign, turn) = if odd { (-1.0, 180.0) } else { (1.0, 0.0) };
+        for i in -4..=4 {
+            for j in -4..=4 {
+                let place = [
+                    sign * at[0] + 2.0 * f64::from(i),
+                    sign * at[1] + 2.0 * f64::from(j),
+                    at[2] + 2.0 * f64::from(layer),
+                ];
+                copies += &object(place, scale, turn);
+            }
+        }
+    }
+    let camera = "at = [0.1, -0.4, -0.3]\nlook = [0.6, 0.5, 0.45]\nup = [0, 0, 1]\nfov = 100";
+    let flat = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n";
+    let place = Place::with(&[
+        ("square.obj", SQUARE),
+        ("glued.toml", &catalogue("half-turn")),
+        ("flat.toml", flat),
+        (
+            "glued-scene.toml",
+            &scene("glued.toml", camera, &object(at, scale, 0.0)),
+        ),
+        ("flat-scene.toml", &scene("flat.toml", camera, &copies)),
+    ]);
+    let length = 6.0;
+    let (glued, view) = stage(&place, "glued-scene.toml");
+    let (unfolded, flat_view) = stage(&place, "flat-scene.toml");
+    let seen = exact(&glued, &view, length);
+    let truth = exact(&unfolded, &flat_view, length);
+    assert!(surfaces(&truth) > 300, "{}", surfaces(&truth));
+    let share = alike(&seen, &truth, 1e-5);
+    assert!(share > 0.999, "exact: {share}");
+    // Interpolated paths of the cover, and the table.
+    let knots = ExactGridTracer::choose_knots(&glued.world.cover, view.u, length, 1e-7);
+    let grid = ExactGridTracer::new(&glued.world.cover, view.u, knots, 1e-7);
+    let fast = trace(
+        &glued.world,
+        &view,
+        Paths::Lattice(&grid, 5e-4),
+        &offsets(1),
+    )
+    .outcomes;
+    let share = alike(&fast, &truth, 1e-3);
+    assert!(share > 0.985, "lattice: {share}");
+    let direct = trace(&glued.world, &view, Paths::Direct(&grid), &offsets(1)).outcomes;
+    let share = alike(&direct, &truth, 1e-3);
+    assert!(share > 0.995, "one by one: {share}");
+}
+
+#[test]
+fn the_table_of_the_sphere_shows_poincares_space_as_exact_paths_do() {
+    let camera = "at = [0.05, -0.11, 0.03]\nlook = [-0.35, 1.0, -0.1]\nup = [0, 0, 1]\nfov = 90";
+    let text = catalogue("poincare");
+    // The sphere alone, with the same region.
+    let (from, to) = (
+        text.find("[[glue]]").unwrap(),
+        text.find("[domain]").unwrap(),
+    );
+    let sphere = format!("{}{}", &text[..from], &text[to..]);
+    let place = Place::with(&[
+        ("square.obj", SQUARE),
+        ("poincare.toml", &text),
+        ("sphere.toml", &sphere),
+        (
+            "scene.toml",
+            &scene(
+                "poincare.toml",
+                camera,
+                &(object([0.0, 0.05, 0.0], 0.05, 20.0) + &object([0.15, 0.02, 0.05], 0.05, 0.0)),
+            ),
+        ),
+    ]);
+    place
+        .bake("sphere.toml -o sphere.fan --max-error 0.2 --quiet")
+        .success();
+    let bundle = Bundle::read(&place.path("sphere.fan")).unwrap();
+    let (stage, view) = stage(&place, "scene.toml");
+    stage.check_bundle(&bundle).unwrap();
+    let truth = exact(&stage, &view, 3.0);
+    assert!(surfaces(&truth) > 500, "{}", surfaces(&truth));
+    let lookup = Lookup::new(&bundle.table, 2e-4, 1e-8);
+    let fan = bundle.fan(view.u).unwrap();
+    let tracer = lookup.tracer(&fan);
+    let fast = trace(
+        &stage.world,
+        &view,
+        Paths::Lattice(&tracer, 5e-4),
+        &offsets(1),
+    )
+    .outcomes;
+    let share = alike(&fast, &truth, 2e-3);
+    println!("{share} alike, {} surfaces", surfaces(&truth));
+    assert!(share > 0.97, "{share}");
+}
