@@ -12,7 +12,7 @@ import xxhash
 
 MAGIC = b"GEOFAN\r\n\x1a\n"
 VERSION = 11
-HEADER, CONTENTS, CHUNK = 1, 2, 3
+HEADER, CONTENTS, CHUNK, FIELD = 1, 2, 3, 5
 MOST_HEADER_BYTES = 1 << 24
 MOST_CHUNKS = 1 << 20
 
@@ -103,6 +103,8 @@ def read_container(data):
         blocks.append(read_block(cursor))
     require(len(blocks) >= 2, "header or contents are missing")
     header, contents, *chunks = blocks
+    fields = [block for block in chunks if block.kind == FIELD]
+    require(not fields, "this reader does not evaluate sampled fields")
     kinds = [header.kind, contents.kind] + [block.kind for block in chunks]
     require(kinds == [HEADER, CONTENTS] + [CHUNK] * len(chunks), "blocks are out of order")
     require(all(block.id == header.id for block in blocks), "blocks of several bundles")
