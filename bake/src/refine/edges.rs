@@ -3,7 +3,7 @@
 //! In: a box and its held-out rays, with the edges that each meets. Out: what becomes of the box because of them.
 //!
 //! Where all rays meet the same edges in the same sense, the place of the first is a polynomial of the ray
-//! ([`EdgeCrossing`]), and the box is divided there: what is before it and what is behind it is smooth again. Where
+//! ([`EdgeDivision`]), and the box is divided there: what is before it and what is behind it is smooth again. Where
 //! they do not (some miss a ball of glass, or are reflected totally), paths jump from ray to ray, and the box is
 //! halved to part them, as long as that pays ([`Decision::Mixed`]).
 
@@ -60,7 +60,7 @@ struct EdgePlace {
 
 /// An edge that all paths of a box meet first.
 #[derive(Debug)]
-pub struct EdgeCrossing {
+pub struct EdgeDivision {
     /// Its number: see [`geofan_core::geodesic::Step::edge`].
     edge: NonZeroU32,
     /// Its arc length, as the table stores it.
@@ -71,7 +71,7 @@ pub struct EdgeCrossing {
 
 impl EdgeBounds {
     /// Makes those of the part of `bounds` on one side of an edge.
-    pub fn beside(bounds: &ParameterBox, crossing: &EdgeCrossing, side: usize) -> Self {
+    pub fn beside(bounds: &ParameterBox, crossing: &EdgeDivision, side: usize) -> Self {
         let (mut piece, mut divisions) = match &bounds.edges {
             Some(edges) => (edges.piece.clone(), edges.divisions.clone()),
             None => (EdgePiece::default(), Vec::new()),
@@ -203,7 +203,7 @@ impl Refiner<'_> {
         bounds: &ParameterBox,
         edge: NonZeroU32,
         held_out: &HeldOutRays<'_>,
-    ) -> Result<EdgeCrossing, Vec<f64>> {
+    ) -> Result<EdgeDivision, Vec<f64>> {
         let piece = EdgePiece {
             next: Some(edge),
             ..bounds.piece()
@@ -229,7 +229,7 @@ impl Refiner<'_> {
             held_out.place_error(|points| tensor.at_many(points)) / most
         });
         let place = place.ok_or_else(|| parting(bounds, held_out.kinds()))?;
-        Ok(EdgeCrossing {
+        Ok(EdgeDivision {
             edge,
             place: Arc::new(place),
             share: held_out.share_before_edge(),

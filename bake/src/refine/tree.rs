@@ -9,7 +9,7 @@
 //! again. So the open boxes of a level may spend a share of the remaining error budget only
 //! ([`LEVEL_SHARES`]), and those that need not be divided leave more than their own part to the others.
 
-use super::edges::{EdgeBounds, EdgeCrossing};
+use super::edges::{EdgeBounds, EdgeDivision};
 use geofan_bundle::{
     MappedChebyshev, Tree, Variables,
     rays::{FACES, parallel},
@@ -66,7 +66,7 @@ impl ParameterBox {
     }
 
     /// Divides into the parts before and behind the edge that `crossing` tells of.
-    pub fn parts(&self, crossing: &EdgeCrossing) -> [Self; 2] {
+    pub fn parts(&self, crossing: &EdgeDivision) -> [Self; 2] {
         let rays = self.arc();
         from_fn(|side| {
             let share = match side {
@@ -173,7 +173,7 @@ pub enum Decision {
     /// Its paths do not meet the same edges, and the axis along which halving it parts them best.
     Mixed(usize),
     /// All its paths meet an edge, which divides them.
-    Edge(Box<EdgeCrossing>),
+    Edge(Box<EdgeDivision>),
 }
 
 /// The share of a chunk in boxes whose paths do not meet the same edges that is not worth halving any more.
