@@ -74,7 +74,12 @@ impl SpaceSource {
         let bundle = bundle.filter(|b| manifold.differences(&b.manifold).is_empty());
         let length = self.length.or(manifold.length).unwrap_or(LENGTH);
         let followed = bundle.as_ref().map_or(length, |b| b.table.length);
-        cache::light_up(&mut stage.world, self.bundle.as_deref(), followed, |_, _| {})?;
+        cache::light_up(
+            &mut stage.world,
+            self.bundle.as_deref(),
+            followed,
+            |_, _| {},
+        )?;
         let session = SessionSpace::new(&stage.scene, &manifold, bundle.as_ref(), length)?;
         let mut files = noted.borrow().clone();
         files.extend(self.bundle.clone());

@@ -22,11 +22,7 @@ pub struct PanelTracers<'a> {
 
 impl<'a> PanelTracers<'a> {
     /// Prepares the tracers of all parts.
-    pub fn new(
-        world: &'a World,
-        panels: &'a PicturePanels,
-        settings: PathTracerSettings,
-    ) -> Self {
+    pub fn new(world: &'a World, panels: &'a PicturePanels, settings: PathTracerSettings) -> Self {
         let mut tracers: Vec<PathTracer<'a>> = Vec::new();
         let mut before = 0;
         for PicturePanel { view, .. } in &panels.parts {
