@@ -166,7 +166,7 @@ fn pictures_show_objects_at_their_time_alone_and_in_animations() {
     };
     let name = |name: &str| file(name).display().to_string();
     render(&["-o", &name("start.png")]).assert().success();
-    render(&["--time", "3.0", "-o", &name("half.png")])
+    render(&["--at-time", "3.0", "-o", &name("half.png")])
         .assert()
         .success();
     let poses = file("still.toml");
@@ -196,7 +196,14 @@ fn pictures_show_objects_at_their_time_alone_and_in_animations() {
         .replace(ROUND, "at = [0.4, 0, 0]");
     fs::write(file(idle), still).unwrap();
     let refused = cargo_bin_cmd!("geofan")
-        .args(["render", &name(idle), "--time", "1", "-o", &name("x.png")])
+        .args([
+            "render",
+            &name(idle),
+            "--at-time",
+            "1",
+            "-o",
+            &name("x.png"),
+        ])
         .assert()
         .code(2);
     assert!(

@@ -47,7 +47,7 @@ pub struct RenderArgs {
         long,
         value_name = "P.toml",
         requires = "frames",
-        conflicts_with = "time"
+        conflicts_with = "at_time"
     )]
     camera_path: Option<PathBuf>,
     /// The animation's frames; those that are there already are kept if they are of this animation

@@ -44,7 +44,7 @@ pub struct SceneArgs {
     pub set: Vec<(String, f64)>,
     /// The time at which objects that move are shown [default: 0]
     #[arg(long, value_name = "T", allow_negative_numbers = true, value_parser = values::number)]
-    pub time: Option<f64>,
+    pub at_time: Option<f64>,
 }
 
 impl SceneArgs {
@@ -71,11 +71,11 @@ impl SceneArgs {
     /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
     pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
         let mut stage = Stage::load(&self.scene, &self.set)?;
-        if let Some(time) = self.time {
+        if let Some(time) = self.at_time {
             if !stage.scene.moves() {
                 let message =
                     "nothing in this scene moves; leave it out, or give an object a `path`";
-                return Err(Error::input("--time", message));
+                return Err(Error::input("--at-time", message));
             }
             stage.set_time(time)?;
         }
