@@ -35,6 +35,7 @@ fn killing(name: &str) -> Vec<Killing> {
         | "flamm-paraboloid"
         | "gaussian-bump"
         | "gaussian-lens"
+        | "glass-ball"
         | "interstellar-wormhole"
         | "luneburg"
         | "maxwell-fish-eye"
@@ -68,7 +69,7 @@ fn killing(name: &str) -> Vec<Killing> {
         "torus-s1xs2" => vec![turn_x, |u| {
             DVec3::new(0.0, (1.0 + u.y * u.y - u.z * u.z) / 2.0, u.y * u.z)
         }],
-        "three-bumps" => Vec::new(),
+        "three-bumps" | "road-mirage" => Vec::new(),
         "schwarzschild-polar" | "schwarzschild-rain" | "schwarzschild-river" => ROTATIONS.to_vec(),
         "kerr" | "kerr-ingoing" => vec![turn_z],
         "spinning-string" => vec![turn_z, along_z],

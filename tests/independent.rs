@@ -337,6 +337,10 @@ fn every_manifold_agrees_with_another_integrator_and_another_derivative() {
         if manifold.has_wind() {
             continue;
         }
+        // Samples have no formula; `sampled_fields.rs` samples one.
+        if !manifold.fields.is_empty() {
+            continue;
+        }
         let space = space(name);
         let mut stream = Stream::new(&[77, i as u64]);
         let (mut position, mut turned) = (0.0, 0.0);
