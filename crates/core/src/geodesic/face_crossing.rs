@@ -44,7 +44,7 @@ struct Aim {
     usual: f64,
 }
 
-/// Becomes of a trial step.
+/// Tells what becomes of a trial step.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Leaving {
     /// It is to be tried with this length, and then ends at a face.
@@ -246,7 +246,7 @@ impl<'m> FaceCrossings<'m> {
         }
         match self.gluing.faces()[k].is_mirror() {
             true => self.reflect(k, vector_at(rates, lane, 3), &mut there),
-            false => self.carry(lane, k, &mut there),
+            false => self.carry(k, &mut there),
         }
         let mut behind = [Wide([0.0]); MOST_ROWS];
         rates_at(self.flow, &mut self.rates, self.layout, &there, &mut behind);
@@ -262,7 +262,7 @@ impl<'m> FaceCrossings<'m> {
     }
 
     /// Carries a state by the map of face `k`.
-    fn carry(&self, _: usize, k: usize, there: &mut [Wide<f64, 1>; MOST_ROWS]) {
+    fn carry(&self, k: usize, there: &mut [Wide<f64, 1>; MOST_ROWS]) {
         let face = &self.gluing.faces()[k];
         let (u, v) = (vector(there, 0), vector(there, 3));
         let Some((image, d)) = face.carry(u) else {

@@ -228,7 +228,7 @@ impl Checks<'_> {
         complain(self.manifold, self.gluing, k, message)
     }
 
-    /// Every map must be an isometry, of one handedness.
+    /// Checks that every map is an isometry, of one handedness.
     fn isometries(&self) -> Result<()> {
         for (k, face) in self.gluing.faces.iter().enumerate() {
             for &u in self.points {
@@ -349,7 +349,7 @@ impl Checks<'_> {
             .into()
     }
 
-    /// From points beyond two or more faces, every order of maps must end in the same point.
+    /// Checks that from points beyond two or more faces every order of maps ends in the same point.
     fn edges(&self) -> Result<()> {
         let mut random = Stream::new(&[0x6564_6765]);
         let middle = self.gluing.inside;
@@ -424,7 +424,7 @@ impl Checks<'_> {
             .any(|(face, value)| value.abs() <= 100.0 * GUARD * face.slope * self.gluing.size)
     }
 
-    /// No map may fix a point of the domain, but a reflection those of its face.
+    /// Checks that no map fixes a point of the domain, but a reflection those of its face.
     fn fixed_points(&self) -> Result<()> {
         for (k, face) in self.gluing.faces.iter().enumerate() {
             let Some(deck) = face.deck().filter(|_| !face.is_portal()) else {

@@ -58,10 +58,10 @@ impl DeckTransformation {
 
     /// Takes maps given by tapes, all in the best form that holds at `points`.
     pub(super) fn of_tapes(tapes: &[Arc<Tape>], points: &[DVec3]) -> Vec<Self> {
-        let all = |rules: Option<Vec<Rule>>| rules;
-        let affine = all(tapes.iter().map(|tape| affine(tape, points)).collect());
-        let rules =
-            affine.or_else(|| all(tapes.iter().map(|tape| moebius(tape, points)).collect()));
+        let each = |form: fn(&Tape, &[DVec3]) -> Option<Rule>| -> Option<Vec<Rule>> {
+            tapes.iter().map(|tape| form(tape, points)).collect()
+        };
+        let rules = each(affine).or_else(|| each(moebius));
         let chains = || tapes.iter().map(|t| Rule::Tapes(vec![t.clone()])).collect();
         let rules = rules.unwrap_or_else(chains);
         let transformation = |rule| Self {
@@ -208,7 +208,7 @@ fn near(a: DVec3, b: DVec3) -> bool {
     (a - b).length() <= SAME_MAP * (1.0 + a.length())
 }
 
-/// The affine map that the tape agrees with at `points`, if it does.
+/// Finds the affine map that the tape agrees with at `points`, if it does.
 fn affine(tape: &Tape, points: &[DVec3]) -> Option<Rule> {
     let (image, a) = at_tape(tape, *points.first()?);
     let t = image - a * points[0];
@@ -216,7 +216,7 @@ fn affine(tape: &Tape, points: &[DVec3]) -> Option<Rule> {
     points.iter().all(agrees).then_some(Rule::Affine(a, t))
 }
 
-/// The Möbius transformation that the tape agrees with at `points`, if it does. Its conformal factor κ is one over
+/// Finds the Möbius transformation that the tape agrees with at `points`, if it does. Its conformal factor κ is one over
 /// a linear function of (u, |u|², 1), and κ⁻¹ (φ, |φ|², 1) is linear as well: five points decide.
 fn moebius(tape: &Tape, points: &[DVec3]) -> Option<Rule> {
     let stride = points.len() / 5;

@@ -51,7 +51,7 @@ struct Nearness<'m> {
 }
 
 impl Nearness<'_> {
-    /// A number that grows with the distance of the point `x` of the model from the centre.
+    /// Returns a number that grows with the distance of the point `x` of the model from the centre.
     fn of(&self, x: &[f64]) -> f64 {
         match &self.form {
             Some(form) => dot(form, x),
@@ -236,7 +236,7 @@ impl Known {
     }
 }
 
-/// The inverse of a matrix (by rows) by elimination; `None` for a singular one.
+/// Computes the inverse of a matrix (by rows) by elimination; `None` for a singular one.
 fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
     let mut rows: Vec<Vec<f64>> = (0..n)
         .map(|i| {
@@ -269,7 +269,7 @@ fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
     Some(rows.into_iter().flat_map(|row| row[n..].to_vec()).collect())
 }
 
-/// The elements that bound the domain: in each direction from the centre, the first beyond which a point is nearer
+/// Finds the elements that bound the domain: in each direction from the centre, the first beyond which a point is nearer
 /// to an image of the centre. With each comes its inverse.
 fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
     let n = nearness.model.dimension;
@@ -363,7 +363,7 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
     chosen.into_iter().map(face).collect()
 }
 
-/// The `i`-th of `count` directions spread evenly (Fibonacci's spiral).
+/// Returns the `i`-th of `count` directions spread evenly (Fibonacci's spiral).
 fn spiral(i: usize, count: usize) -> DVec3 {
     let z = 1.0 - 2.0 * (i as f64 + 0.5) / count as f64;
     let turn = i as f64 * std::f64::consts::PI * (3.0 - 5.0_f64.sqrt());

@@ -99,7 +99,7 @@ impl Loader<'_> {
         ])
     }
 
-    /// The faces of Dirichlet's domain of a group of matrices.
+    /// Reads the faces of Dirichlet's domain of a group of matrices.
     fn read_quotient(&mut self, item: &Item<'_>, metric: [NodeId; 6]) -> Reading<Vec<FaceNodes>> {
         let table = item.table()?;
         let lift = table.require("lift")?;
@@ -162,7 +162,7 @@ impl Loader<'_> {
         Ok(faces)
     }
 
-    /// `Σ aᵢ xᵢ`.
+    /// Builds `Σ aᵢ xᵢ`.
     fn combination(&mut self, row: &[f64], nodes: &[NodeId]) -> NodeId {
         let row: Vec<NodeId> = row.iter().map(|a| self.graph.constant(*a)).collect();
         self.graph.dot(&row, nodes)
@@ -216,7 +216,7 @@ impl Loader<'_> {
         }))
     }
 
-    /// `|φ(u) − c|² − |u − c|²` in the fixed metric `g` (xx, yy, zz, xy, xz, yz).
+    /// Builds `|φ(u) − c|² − |u − c|²` in the fixed metric `g` (xx, yy, zz, xy, xz, yz).
     fn nearer(&mut self, map: [NodeId; 3], centre: DVec3, g: &[f64; 6]) -> NodeId {
         let here = [0, 1, 2].map(|k| self.graph.input(k));
         let [there, here] = [map, here].map(|point| {
@@ -243,13 +243,13 @@ impl Loader<'_> {
     }
 }
 
-/// A truth value.
+/// Reads a truth value.
 fn truth(item: &Item<'_>) -> Reading<bool> {
     item.as_truth()
         .ok_or_else(|| item.complain("true or false is needed here"))
 }
 
-/// `drop` must undo `lift`.
+/// Checks that `drop` undoes `lift`.
 fn check_model(lift: &Item<'_>, model: &Arc<LinearModel>, centre: DVec3) -> Reading<()> {
     let off = |u: DVec3| {
         let lifted = model.lift.at(&u.to_array());
@@ -272,7 +272,7 @@ fn check_model(lift: &Item<'_>, model: &Arc<LinearModel>, centre: DVec3) -> Read
     Ok(())
 }
 
-/// The matrices of a list, by rows.
+/// Reads the matrices of a list, by rows.
 fn read_matrices(item: &Item<'_>, n: usize) -> Reading<Vec<Vec<f64>>> {
     let mut matrices = Vec::new();
     for matrix in item.list()? {
