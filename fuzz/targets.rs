@@ -140,7 +140,7 @@ fn hostile_chunk(axes: usize, stream: &mut Stream) -> Vec<u8> {
         integers += hostile_patch(&mut structure, axes, stream);
     }
     integers += hostile_patch(&mut structure, axes, stream);
-    let zeros = stream.bits() % 2 == 0;
+    let zeros = stream.bits().is_multiple_of(2);
     let words =
         (0..4 * (stream.bits() % 4000)).map(|_| if zeros { 0 } else { stream.bits() as u8 });
     let words: Vec<u8> = words.collect();

@@ -101,7 +101,7 @@ fn products_beyond_single_precision_are_refused() {
     // Noise instead of zeros.
     let cores: [Shape<'_>; 4] = [&[8, 4], &[8, 4], &[8, 4], &[8, 3, 1]];
     let noise: Vec<u8> = (0..4000_u32)
-        .map(|k| (k * 2_654_435_761 >> 13) as u8)
+        .map(|k| (k.wrapping_mul(2_654_435_761) >> 13) as u8)
         .collect();
     let refused = |step: i16| {
         let (structure, integers) = patch(&train(), step, &cores);
