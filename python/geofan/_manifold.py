@@ -562,6 +562,13 @@ class Manifold:
         Bundle._bake(self, os.fspath(out), options, progress)
         return Path(out)
 
+    def _path(self) -> str | None:
+        """Returns the file that it was read from, if that still says the same."""
+        name, text = self._native.source
+        path = Path(name)
+        same = path.is_file() and path.read_text(encoding="utf-8") == text
+        return os.path.abspath(name) if same else None
+
     def __repr__(self) -> str:
         set_to = "".join(f", {name}={value:g}" for name, value in self.parameters.items())
         return f"<manifold {self.name!r} over {', '.join(self.coordinates)}{set_to}>"

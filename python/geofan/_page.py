@@ -128,9 +128,9 @@ def _file_of(scene: Any, camera: Camera | None, folder: Path) -> tuple[str, list
     if camera is not None and not built:
         raise SceneError("camera: a scene file and a first scene have cameras of their own", subject="camera")
     if isinstance(scene, Manifold):
-        path = folder / "manifold.toml"
-        path.write_text(scene.text, encoding="utf-8")
-        return os.fspath(path), list(scene.parameters.items())
+        written = folder / "manifold.toml"
+        written.write_text(scene.text, encoding="utf-8")
+        return scene._path() or os.fspath(written), list(scene.parameters.items())
     if not isinstance(scene, Scene):
         return os.fspath(scene), []
     if scene._file is not None:

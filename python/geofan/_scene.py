@@ -355,7 +355,7 @@ class Scene:
             light = (" ".join(repr(float(x)) for x in three) for three in (color, emission))
             (folder / material).write_text("newmtl made\nKd {}\nKe {}\n".format(*light), encoding="utf-8")
         path = folder / "scene.toml"
-        path.write_text(self._written(camera.text, "manifold.toml"), encoding="utf-8")
+        path.write_text(self._written(camera.text, self.manifold._path() or "manifold.toml"), encoding="utf-8")
         return path
 
     def __reduce__(self) -> tuple[Any, ...]:

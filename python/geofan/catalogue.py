@@ -34,10 +34,13 @@ def names() -> list[str]:
 def __getattr__(name: str) -> Maker:
     if name.startswith("_") or name not in names():
         raise AttributeError(f"the catalogue has no space {name!r}; see catalogue.names()")
-    text = (_folder() / f"{name.replace('_', '-')}.toml").read_text(encoding="utf-8")
+    file = _folder() / f"{name.replace('_', '-')}.toml"
+    text = file.read_text(encoding="utf-8")
 
     def make(**parameters: float) -> Manifold:
-        return Manifold(text, parameters=parameters)
+        # By its file where there is one, as fields are files beside it.
+        with resources.as_file(file) as path:
+            return Manifold(path, parameters=parameters)
 
     make.__name__ = make.__qualname__ = name
     make.__doc__ = text.split("name =")[0].replace("# ", "").strip()
