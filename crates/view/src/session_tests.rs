@@ -25,6 +25,9 @@ pub(crate) fn bundle(name: &str) -> Bundle {
     Bundle::read(Path::new(&format!("{folder}/{name}.fan"))).unwrap()
 }
 
+/// The folder of the catalogue.
+const CATALOGUE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/manifolds");
+
 /// The first scene of a manifold, loaded.
 pub(crate) fn start_stage(manifold: &Arc<Manifold>, length: f64) -> Stage {
     let scene = StartScene::new(manifold, "m.toml", length).unwrap();
@@ -33,7 +36,9 @@ pub(crate) fn start_stage(manifold: &Arc<Manifold>, length: f64) -> Stage {
     files.push(("m.toml".into(), manifold.source.text.clone()));
     let source: FileSource = Rc::new(move |path| {
         let found = files.iter().find(|(name, _)| Path::new(name) == path);
-        found.map(|(_, text)| text.clone().into_bytes())
+        let found = found.map(|(_, text)| text.clone().into_bytes());
+        // Samples of fields lie where the catalogue has them.
+        found.or_else(|| std::fs::read(Path::new(CATALOGUE).join(path)).ok())
     });
     with_source(source, || Stage::load(Path::new("s.toml"), &[]))
         .unwrap_or_else(|e| panic!("{}: {}", manifold.name, e.report(false)))
