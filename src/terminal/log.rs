@@ -16,7 +16,7 @@ use std::{
     },
     time::{Duration, Instant},
 };
-use tracing_subscriber::{EnvFilter, fmt};
+use tracing_subscriber::{Layer, filter::Targets, fmt, prelude::*};
 
 /// Filter of the log when `RUST_LOG` does not say.
 const USUAL: &str = "warn,geofan=info,geofan_bake=info";
@@ -37,18 +37,18 @@ pub fn colour() -> bool {
 pub(super) fn start(quiet: bool) {
     let asked = env::var("RUST_LOG").ok().filter(|_| !quiet);
     let usual = if quiet { QUIET } else { USUAL };
-    let filter = EnvFilter::builder().parse_lossy(asked.as_deref().unwrap_or(usual));
-    let builder = fmt()
-        .with_env_filter(filter)
+    let asked = asked.and_then(|text| text.parse::<Targets>().ok());
+    let filter = asked.or_else(|| usual.parse().ok()).unwrap_or_default();
+    let lines = fmt::layer()
         .with_ansi(colour())
         .with_target(false)
         .with_writer(|| Stderr);
-    // Another subscriber is already at work when tests start this twice.
-    let _ = if io::stderr().is_terminal() {
-        builder.without_time().try_init()
-    } else {
-        builder.try_init()
+    let lines = match io::stderr().is_terminal() {
+        true => lines.without_time().with_filter(filter).boxed(),
+        false => lines.with_filter(filter).boxed(),
     };
+    // Another subscriber is already at work when tests start this twice.
+    let _ = tracing_subscriber::registry().with(lines).try_init();
 }
 
 /// Writes one line to stderr, above any bar. A closed stderr is no reason to stop.

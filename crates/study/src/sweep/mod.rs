@@ -34,10 +34,10 @@ mod timing;
 
 pub use sweep_options::{MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions};
 
-use geofan_core::{Error, Observer, Result, files::make_output_folder};
+use geofan_core::{Error, Observer, Result};
 #[cfg(feature = "sweep")]
 use {
-    geofan_core::Progress,
+    geofan_core::{Progress, files::make_output_folder},
     manifold_sweep::{ManifoldResults, ManifoldSweep},
 };
 
