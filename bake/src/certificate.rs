@@ -155,7 +155,8 @@ impl CertificateErrors {
                 let found = probe.deviation(u, path.rotation(probe.s));
                 self.mrad.push(found.mrad);
                 self.screen.push(found.screen_mrad);
-                if table.frames {
+                // A frame that cannot be carried is as wrong as one can be; those of flagged paths are integrated.
+                if table.frames && path.flagged_from() >= probe.s {
                     let unknown = 1e3 * std::f64::consts::PI;
                     self.rotation.push(found.rotation_mrad.unwrap_or(unknown));
                 }
