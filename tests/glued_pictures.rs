@@ -157,4 +157,17 @@ fn the_table_of_the_sphere_shows_poincares_space_as_exact_paths_do() {
     let share = alike(&fast, &truth, 2e-3);
     println!("{share} alike, {} surfaces", surfaces(&truth));
     assert!(share > 0.97, "{share}");
+    // The command measures the table by paths of the sphere: those of the glued space lie elsewhere.
+    let told = assert_cmd::Command::cargo_bin("geofan")
+        .unwrap()
+        .current_dir(place.path(""))
+        .args(
+            "compare scene.toml --bundle sphere.fan --out pictures --size 24x16 --spp 1".split(' '),
+        )
+        .args(["--frames", "1", "--json", "--quiet"])
+        .assert();
+    let told: serde_json::Value =
+        serde_json::from_slice(&told.success().get_output().stdout).unwrap();
+    let p99 = told["screen_mrad"]["p99"].as_f64().unwrap();
+    assert!(p99 < 0.3, "{p99}");
 }

@@ -21,6 +21,9 @@ use numpy::PyArray2;
 use pyo3::prelude::*;
 use std::{fmt::Write, path::Path, sync::Arc};
 
+/// Directions of pixels, a row each, and the numbers of columns and rows of the picture.
+type PixelDirections<'py> = (Bound<'py, PyArray2<f64>>, (usize, usize));
+
 /// A camera in a manifold.
 #[pyclass(frozen, module = "geofan._native")]
 #[derive(Clone)]
@@ -238,7 +241,7 @@ impl Camera {
         &self,
         py: Python<'py>,
         size: (usize, usize),
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, (usize, usize))> {
+    ) -> PyResult<PixelDirections<'py>> {
         room(py, "size", &[size.0, size.1, 3])?;
         let view = self.panels(size, None).and_then(PicturePanels::single);
         let view = view.map_err(|e| About::Input.raise(py, e))?;

@@ -119,6 +119,8 @@ pub(super) fn probe_pixels(
     options: CompareOptions,
 ) -> Vec<Probed> {
     let (width, height) = view.size;
+    // A table holds the paths of the space that covers a glued one.
+    let cover = world.manifold.cover();
     let rows: Vec<Vec<Probed>> = (0..height)
         .into_par_iter()
         .map(|y| {
@@ -126,7 +128,7 @@ pub(super) fn probe_pixels(
                 (0..width).map(|x| (view.u, middle(view, x, y))).collect();
             let tolerance = options.tolerance;
             probe(
-                &world.manifold,
+                &cover,
                 settings(tolerance),
                 table.length,
                 &rays,
