@@ -169,7 +169,7 @@ INTERRUPTED = """
         if work != "planning" and done:
             print("working", flush=True)
     try:
-        bump.bake(0.5, out=sys.argv[2], certify_rays=500, resume=len(sys.argv) > 3, progress=told)
+        bump.bake(0.02, out=sys.argv[2], certify_rays=500, resume=len(sys.argv) > 3, progress=told)
     except KeyboardInterrupt as error:
         print("interrupted", *getattr(error, "__notes__", []), flush=True)
 """
@@ -193,5 +193,5 @@ def test_ctrl_c_ends_a_bake_and_it_goes_on_where_it_was(tmp_path):
     assert not out.exists() and Path(f"{out}.parts").is_dir()
     # The same bake in one go has the same bytes.
     subprocess.run([*line, "resume"], check=True, stdout=subprocess.DEVNULL)
-    whole = gf.Manifold(path).bake(0.5, out=tmp_path / "whole.fan", certify_rays=500)
+    whole = gf.Manifold(path).bake(0.02, out=tmp_path / "whole.fan", certify_rays=500)
     assert out.read_bytes() == whole.path.read_bytes() and not Path(f"{out}.parts").exists()
