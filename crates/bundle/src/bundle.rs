@@ -10,7 +10,7 @@ use crate::container::{MAGIC, MOST_BYTES, too_large};
 use crate::{
     Certificate, TangentPromise,
     container::{self, Id},
-    decode::{BundleError, ByteReader, LookupError},
+    decode::{BundleError, ByteReader, LookupError, put_bytes},
     decode_budget::DecodeBudget,
     fan::Fan,
     header::{Header, PlanRecord, ShardRecord},
@@ -155,9 +155,8 @@ impl Contents {
 
 /// The payload of a field's block: the length of its name (u32), the name, and its samples, packed.
 fn field_bytes(field: &Field) -> Vec<u8> {
-    let name = field.name.as_bytes();
-    let mut bytes = (name.len() as u32).to_le_bytes().to_vec();
-    bytes.extend(name);
+    let mut bytes = Vec::new();
+    put_bytes(&mut bytes, field.name.as_bytes());
     bytes.extend(field.samples.pack());
     bytes
 }
@@ -166,8 +165,7 @@ fn field_bytes(field: &Field) -> Vec<u8> {
 fn read_field(payload: &[u8]) -> Result<(String, Arc<Samples>), BundleError> {
     let wrong = || BundleError::Invalid("the samples of a field");
     let mut input = ByteReader(payload);
-    let length = input.u32().map_err(|_| wrong())?;
-    let name = input.take(length as usize).map_err(|_| wrong())?;
+    let name = input.bytes().map_err(|_| wrong())?;
     let name = str::from_utf8(name).map_err(|_| wrong())?;
     let samples = Samples::unpack(input.0).map_err(|_| wrong())?;
     Ok((name.into(), Arc::new(samples)))

@@ -701,11 +701,8 @@ impl Stage {
     /// # Errors
     /// Says what differs.
     pub fn check_bundle(&self, bundle: &Bundle) -> Result<()> {
-        let differences = self
-            .world
-            .manifold
-            .cover()
-            .differences(&bundle.manifold.cover());
+        let own = &self.world.manifold;
+        let differences = own.differences_of_covers(&bundle.manifold);
         if differences.is_empty() {
             return Ok(());
         }

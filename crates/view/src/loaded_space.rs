@@ -71,8 +71,7 @@ impl SpaceSource {
             (None, None) => None,
         };
         let manifold = stage.world.manifold.clone();
-        let bundle =
-            bundle.filter(|b| manifold.cover().differences(&b.manifold.cover()).is_empty());
+        let bundle = bundle.filter(|b| manifold.differences_of_covers(&b.manifold).is_empty());
         let length = self.length.or(manifold.length).unwrap_or(LENGTH);
         let followed = bundle.as_ref().map_or(length, |b| b.table.length);
         cache::light_up(

@@ -77,7 +77,7 @@ impl PageAbout {
             .map(Bundle::from_bytes)
             .transpose();
         let bundle = bundle.map_err(|e| Error::input("bundle", e.to_string()))?;
-        Ok(bundle.filter(|b| manifold.cover().differences(&b.manifold.cover()).is_empty()))
+        Ok(bundle.filter(|b| manifold.differences_of_covers(&b.manifold).is_empty()))
     }
 
     /// Loads the scene of `package`, with other `settings` of its manifold if they are given. A bundle of

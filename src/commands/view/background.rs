@@ -78,10 +78,8 @@ fn table(
     let path = folder.join(format!("{}.fan", identity(&manifold, length)));
     let found = Bundle::read(&path).ok();
     let found = found.filter(|bundle| {
-        manifold
-            .cover()
-            .differences(&bundle.manifold.cover())
-            .is_empty()
+        let differences = manifold.differences_of_covers(&bundle.manifold);
+        differences.is_empty()
     });
     if let Some(bundle) = found {
         work.shared.set_table(bundle);

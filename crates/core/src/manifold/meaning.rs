@@ -14,6 +14,11 @@ pub(super) type Digest = [u8; 32];
 const COMPONENTS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];
 
 impl Manifold {
+    /// Says in what the spaces that cover this manifold and `other` differ; nothing if one table serves both.
+    pub fn differences_of_covers(&self, other: &Self) -> Vec<String> {
+        self.cover().differences(&other.cover())
+    }
+
     /// Says in what this manifold and `other` differ, one line each; nothing if they mean the same.
     pub fn differences(&self, other: &Self) -> Vec<String> {
         let (own, others) = (self.meaning(), other.meaning());

@@ -120,20 +120,16 @@ pub(super) fn probe_pixels(
 ) -> Vec<Probed> {
     let (width, height) = view.size;
     // A table holds the paths of the space that covers a glued one.
-    let cover = world.manifold.cover();
+    let cover = &world.cover;
     let rows: Vec<Vec<Probed>> = (0..height)
         .into_par_iter()
         .map(|y| {
             let rays: Vec<(DVec3, DVec3)> =
                 (0..width).map(|x| (view.u, middle(view, x, y))).collect();
             let tolerance = options.tolerance;
-            probe(
-                &cover,
-                settings(tolerance),
-                table.length,
-                &rays,
-                |_, end| vec![end],
-            )
+            probe(cover, settings(tolerance), table.length, &rays, |_, end| {
+                vec![end]
+            })
         })
         .collect();
     rows.into_iter().flatten().collect()

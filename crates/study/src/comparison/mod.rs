@@ -194,7 +194,7 @@ fn equal_error_exact(
     options: CompareOptions,
 ) -> EqualErrorExact {
     let (mut steps, mut screen_mrad) = (0, Quantiles::default());
-    for tried in rivals(&world.manifold.cover(), &[rays], length) {
+    for tried in rivals(&world.cover, &[rays], length) {
         (steps, screen_mrad) = tried;
         if screen_mrad.p99 <= goal {
             break;
