@@ -11,6 +11,7 @@ mod certificate;
 pub mod chunk_files;
 pub mod chunks;
 mod directions;
+mod ends;
 pub mod plan;
 pub mod refine;
 

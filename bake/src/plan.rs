@@ -11,6 +11,7 @@
 use crate::{
     USUAL_PROMISE,
     directions::{REFERENCE_SPHERE_WORK, reference_sphere, sphere_axes},
+    ends::rough_exits,
     refine::line_series::{LineSamples, SeriesTails},
 };
 use geofan_bundle::{
@@ -40,6 +41,18 @@ const STRETCH: f64 = 0.85;
 /// by them: they only shade what is met, and a change of 2 mrad in the angle at which light is reflected
 /// changes its brightness by less than a step of an eight-bit picture.
 const SHADING: f64 = 4.0;
+
+/// The like count of what is done where paths end at exits behind which they are rough; added for such spaces.
+const REFINEMENT_AT_ENDS: u32 = 1 << 17;
+
+/// Tells whether the paths of `plan` are divided at edges or ends.
+pub fn divides_paths(plan: &PlanRecord) -> bool {
+    plan.refinement >= REFINEMENT_AT_EDGES
+}
+
+/// Factor by which boxes of such spaces may be smaller: what parts paths that end from those that go on is a line among
+/// directions, and only small boxes beside it hold either.
+const LEAST_AT_ENDS: f64 = 0.25;
 
 /// Returns the promise of tangents when none is asked for: that of points where paths may end at a sky.
 pub fn usual_tangents(space: &RaySpace, max_error: f64) -> TangentPromise {
@@ -71,6 +84,12 @@ pub fn plan(
     watch.reach(MIRROR_WORK + CHART_WORK)?;
     plan.tolerance = needed_tolerance(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK + CHART_WORK + TOLERANCE_WORK)?;
+    let ends = rough_exits(&space, &plan, &watch)?;
+    if ends.contains(&true) {
+        plan.refinement += REFINEMENT_AT_ENDS;
+        plan.least_volume *= LEAST_AT_ENDS;
+    }
+    let space = space.ending_at(ends);
     plan.sphere = sphere_axes(&space, &plan);
     plan.focus = reference_sphere(&space, &plan, &watch)?;
     watch.reach(WORK)?;

@@ -2,6 +2,8 @@
 //!
 //! In: a box and its held-out rays, with the edges that each meets. Out: what becomes of the box because of them.
 //!
+//! An exit behind which paths get rough is one of them (see `EdgePiece` and `ends`).
+//!
 //! Where all rays meet the same edges in the same sense, the place of the first is a polynomial of the ray
 //! ([`EdgeDivision`]), and the box is divided there: what is before it and what is behind it is smooth again. Where
 //! they do not (some miss a ball of glass, or are reflected totally), paths jump from ray to ray, and the box is
@@ -14,12 +16,12 @@ use super::{
     resolution::{Resolution, tail},
     tree::{Decision, ParameterBox},
 };
+use crate::plan::divides_paths;
 use geofan_bundle::{
-    Polynomial, Tensor, Tree, divided_at_edge,
+    Polynomial, Step, Tensor, Train, Tree, divided_at_edge,
     rays::{BetweenEdges, EdgePiece},
 };
-use geofan_core::geodesic::{Ray, paths};
-use glam::DVec3;
+use geofan_core::geodesic::{Ray, Settings, paths};
 use ndarray::ArrayD;
 use rayon::prelude::*;
 use std::{collections::BTreeMap, num::NonZeroU32, sync::Arc, sync::atomic::Ordering};
@@ -32,8 +34,14 @@ const MOST_EDGES: usize = 6;
 /// it: they are fitted to where the table says that the edge is.
 const PLACE_SHARE: f64 = 0.1;
 
+/// The most that it may be off, as a share of the arc length: exits are found before the ends of paths.
+const MOST_PLACE_ERROR: f64 = 2e-4;
+
 /// Nodes along each axis that are tried first for the place of an edge.
 const FIRST_NODES: usize = 5;
+
+/// Nodes along each axis of rays of a patch behind the end of paths.
+const NODES_BEHIND: usize = 8;
 
 /// Rays followed at once to where they meet an edge.
 const BATCH: usize = 256;
@@ -133,7 +141,14 @@ impl Refiner<'_> {
         bounds: &ParameterBox,
         held_out: &mut HeldOutRays<'_>,
     ) -> Option<Decision> {
+        if !divides_paths(self.plan) {
+            return None;
+        }
         let piece = bounds.piece();
+        if !held_out.meets_edges() {
+            // A corner of the box may.
+            held_out.complete();
+        }
         if bounds.edges.is_none() && !held_out.meets_edges() {
             return None;
         }
@@ -208,7 +223,7 @@ impl Refiner<'_> {
             next: Some(edge),
             ..bounds.piece()
         };
-        let most = PLACE_SHARE * 1e-3 * self.plan.max_error;
+        let most = (PLACE_SHARE * 1e-3 * self.plan.max_error).min(MOST_PLACE_ERROR);
         let mut limits = self.most_nodes(bounds);
         limits[bounds.arc()] = 1;
         let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();
@@ -247,19 +262,19 @@ impl Refiner<'_> {
     ) -> Result<Polynomial, Vec<f64>> {
         let count: usize = nodes[..bounds.arc()].iter().product();
         let manifold = self.space.manifold();
-        let settings = self.settings();
+        // Nobody looks behind exits.
+        let settings = Settings {
+            events: self.space.ends_alike(),
+            ..self.settings()
+        };
         let grid = self.grid(chunk, bounds, nodes);
         let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
         let ends = starts.into_par_iter().flat_map_iter(|first| {
             let rays = grid(first..count.min(first + BATCH));
-            let rays = rays.into_iter().map(|(u, v)| Ray {
-                u,
-                v,
-                length: self.plan.length,
-                spread: [DVec3::ZERO; 2],
-            });
+            let rays = rays.into_iter();
+            let rays = rays.map(|(u, v)| Ray::without_spread(u, v, self.plan.length));
             let found = paths(manifold, settings, rays);
-            let ends = found.iter().map(|path| piece.end(path));
+            let ends = found.iter().map(|path| piece.end(self.space, path));
             ends.collect::<Vec<f64>>()
         });
         let ends: Vec<f64> = ends.collect();
@@ -273,6 +288,23 @@ impl Refiner<'_> {
         shape.extend([1, 1]);
         let samples = ArrayD::from_shape_vec(shape, ends).expect("one place for each node");
         Ok(Polynomial::fit(samples, 0, self.variables(bounds)))
+    }
+
+    /// Makes the patch of a box behind the end of its paths. Nobody looks there, but paths that are interpolated go on
+    /// across the end: straight on.
+    pub(super) fn straight_on(&self, chunk: usize, bounds: &ParameterBox) -> Tree {
+        let mut nodes = self.most_nodes(bounds);
+        nodes.iter_mut().for_each(|n| *n = NODES_BEHIND.min(*n));
+        nodes[bounds.arc()] = 1;
+        let polynomial = self.fit(chunk, bounds, &nodes).ok();
+        let step = Step::near(1e-3 * self.plan.max_error);
+        let tensor = polynomial.and_then(|polynomial| Train::plain(&polynomial).rounded(step));
+        let Some(tensor) = tensor else {
+            self.count_finished(bounds, 1);
+            return Tree::Flagged;
+        };
+        self.count_finished(bounds, tensor.bytes());
+        Tree::Leaf(Arc::new(tensor))
     }
 
     /// Returns the pieces of the paths of the rays with these parameters, to be sampled between edges; `None` of a

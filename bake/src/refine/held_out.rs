@@ -8,7 +8,7 @@ use geofan_bundle::{
     Polynomial, Tensor,
     measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
     path_coefficients,
-    rays::{CHANNELS, EdgePiece, Start},
+    rays::{CHANNELS, EdgePiece, Start, end_at},
 };
 use geofan_core::{geodesic::End, random::Stream};
 use rayon::prelude::*;
@@ -192,7 +192,12 @@ impl<'a> HeldOutRays<'a> {
         };
         let settings = stored_settings(refiner.space, refiner.plan.tolerance);
         let farthest = self.piece.reach(&intervals).min(length);
-        let probed = probe(manifold, settings, farthest, &rays, lengths);
+        let mut probed = probe(manifold, settings, farthest, &rays, lengths);
+        for path in &mut probed {
+            if let End::Exit(exit) = path.end {
+                path.edges.extend(end_at(refiner.space, exit, path.length));
+            }
+        }
         let tried = rays.len() as u64;
         refiner.tally.rays.fetch_add(tried, Ordering::Relaxed);
         // What was found about them.

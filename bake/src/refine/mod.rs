@@ -113,6 +113,9 @@ impl Refiner<'_> {
 
     /// Decides about a box whose error budget is `budget` times its volume's share.
     fn decide(&self, chunk: usize, bounds: &ParameterBox, budget: f64) -> Decision {
+        if bounds.piece().is_behind_end() {
+            return Decision::Unread(self.straight_on(chunk, bounds));
+        }
         let mut held_out = HeldOutRays::new(self, chunk, bounds, budget);
         if held_out.is_empty() && !held_out.singular {
             self.count_finished(bounds, 1);

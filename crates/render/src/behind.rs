@@ -14,7 +14,6 @@ use super::{
     tiles::{PixelSamples, SamplePlace},
 };
 use geofan_core::geodesic::Ray;
-use glam::DVec3;
 use ndarray::{Array3, ArrayView3, s};
 use rayon::prelude::*;
 
@@ -141,12 +140,7 @@ impl SeenBehind<'_> {
         let ray = |through: &Through| {
             let v = through.hit.v.as_dvec3();
             let off = OFFSET * (f64::from(through.hit.s) + 1e-2 * length);
-            Ray {
-                spread: [DVec3::ZERO; 2],
-                u: world.point(&through.hit) + v * off,
-                v,
-                length: length - through.s,
-            }
+            Ray::without_spread(world.point(&through.hit) + v * off, v, length - through.s)
         };
         let block = |open: &[Through]| {
             let rays: Vec<Ray> = open.iter().map(ray).collect();

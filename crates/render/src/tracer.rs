@@ -163,12 +163,9 @@ impl ExactTracer<'_> {
             carried: Carried::default(),
             events,
         };
-        let rays = starts.iter().map(|&(u, v)| Ray {
-            u,
-            v,
-            length: self.length,
-            spread: [DVec3::ZERO; 2],
-        });
+        let rays = starts
+            .iter()
+            .map(|&(u, v)| Ray::without_spread(u, v, self.length));
         let growing =
             |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Length, Stop::Smooth);
         let mut sink = CurveSink {

@@ -42,12 +42,7 @@ pub fn unfinished(
         return counted;
     }
     counted.followed(length, |length| {
-        let ray = |(u, v): (DVec3, DVec3)| Ray {
-            u,
-            v,
-            length,
-            spread: [DVec3::ZERO; 2],
-        };
+        let ray = |(u, v): (DVec3, DVec3)| Ray::without_spread(u, v, length);
         let sampled = sampled_starts(world, parts).into_iter().map(ray);
         let rays: Vec<Ray> = sampled.collect();
         let seen = rays

@@ -14,7 +14,6 @@ mod orbit;
 mod piece;
 mod position;
 mod sample;
-mod slowing;
 mod space;
 mod sphere;
 
@@ -23,7 +22,7 @@ pub use direction::FACES;
 pub use focus::ReferenceSphere;
 pub use mirror::{Image, Mirror};
 pub use orbit::ImpactParameter;
-pub use piece::EdgePiece;
+pub use piece::{EdgePiece, end_at, exit_met};
 pub use position::{ChartMap, Start};
 pub use sample::{BetweenEdges, CHANNELS, DISPLACEMENT, Sample, Samples, sample};
 pub use space::{Located, Orbit, Place, RaySpace, Reduction, StoredCamera};

@@ -5,14 +5,82 @@
 //!
 //! A path jumps in direction where it meets an edge, and no polynomial follows it across. Between two edges it
 //! is smooth, and so it is from ray to ray, as long as all of them meet the same edges in the same sense.
+//!
+//! An exit behind which paths get rough counts as an edge, too: nobody looks behind it, and what comes there takes many
+//! times the coefficients of all before it. Where only the metric bends light, paths come to rest near a horizon by
+//! themselves; in a wind they cross it, and are soon torn about a singularity. Behind such an *end* a table goes
+//! straight on.
 
 use super::RaySpace;
-use geofan_core::geodesic::{Path, Step, first_event};
+use geofan_core::geodesic::{End, Path, Step, first_event};
 use glam::DVec3;
 use std::num::NonZeroU32;
 
 /// Factor by which paths are followed farther than to an edge.
 const BEHIND_EDGE: f64 = 1.01;
+
+/// How far behind an exit an end is, as a share of the arc length: farther than its place in a table is off, so that
+/// exits are found before it.
+const BEHIND_EXIT: f64 = 1e-3;
+
+/// Numbers of ends begin here, beyond those of edges: one for each exit.
+const FIRST_END: u32 = 1 << 31;
+
+/// Where a path meets an edge, or its end.
+#[derive(Debug, Clone, Copy)]
+struct EdgeMet {
+    /// Arc length.
+    place: f64,
+    /// The edge, as [`Step::edge`] numbers it, or the end.
+    number: NonZeroU32,
+    /// The step behind an edge; of an end, the one in which it is.
+    step: usize,
+}
+
+/// Lists the edges that an exact path meets up to its end.
+fn edges_met(space: &RaySpace, path: &Path) -> Vec<EdgeMet> {
+    let steps = path.steps.iter().enumerate();
+    let edges = steps.filter_map(|(number, step)| {
+        Some(EdgeMet {
+            place: step.start,
+            number: step.edge?,
+            step: number,
+        })
+    });
+    match end_met(space, path) {
+        Some(end) => edges
+            .take_while(|edge| edge.place < end.place)
+            .chain([end])
+            .collect(),
+        None => edges.collect(),
+    }
+}
+
+/// Finds the end of a path, if it has one, whether or not it was followed past its exits.
+fn end_met(space: &RaySpace, path: &Path) -> Option<EdgeMet> {
+    let (exit, place) = match path.end {
+        _ if !space.has_ends() => return None,
+        End::Exit(exit) => (exit, path.length),
+        _ => exit_met(space, path, path.length)?,
+    };
+    let (place, number) = end_at(space, exit, place)?;
+    let after = path.steps.partition_point(|step| step.end < place);
+    Some(EdgeMet {
+        place,
+        number,
+        step: after.min(path.steps.len() - 1),
+    })
+}
+
+/// Returns the arc length and the number of the end of a path that meets the exit of a number at arc length `s`; `None`
+/// if paths have no end there.
+pub fn end_at(space: &RaySpace, exit: usize, s: f64) -> Option<(f64, NonZeroU32)> {
+    let number = FIRST_END.checked_add(u32::try_from(exit).ok()?)?;
+    let place = s * (1.0 + BEHIND_EXIT);
+    space
+        .is_end(exit)
+        .then_some((place, NonZeroU32::new(number)?))
+}
 
 /// A piece of paths that meet the same edges.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -24,6 +92,13 @@ pub struct EdgePiece {
 }
 
 impl EdgePiece {
+    /// Tells whether the piece is behind the end of its paths.
+    pub fn is_behind_end(&self) -> bool {
+        self.before
+            .last()
+            .is_some_and(|edge| edge.get() >= FIRST_END)
+    }
+
     /// Returns how far paths are to be followed on which the piece has these `intervals`: an edge that ends it is seen
     /// from a little behind where it should be.
     pub fn reach(&self, intervals: &[[f64; 2]]) -> f64 {
@@ -35,51 +110,60 @@ impl EdgePiece {
     }
 
     /// Returns the piece of a path that meets `edges`.
-    fn number(&self, edges: &[NonZeroU32]) -> Option<usize> {
+    fn number(&self, edges: &[EdgeMet]) -> Option<usize> {
         let count = self.before.len();
-        let same = edges.len() >= count && edges[..count] == self.before;
-        let ends = self.next.is_none() || edges.get(count).copied() == self.next;
+        let numbers = edges.iter().map(|edge| edge.number);
+        let same =
+            edges.len() >= count && numbers.clone().take(count).eq(self.before.iter().copied());
+        let ends = self.next.is_none() || numbers.clone().nth(count) == self.next;
         (same && ends).then_some(count)
     }
 
     /// Returns the place where a path meets the edge that ends the piece; not a number for one that meets others.
-    pub fn end(&self, path: &Path) -> f64 {
-        let (places, edges): (Vec<f64>, Vec<NonZeroU32>) = path.edges().unzip();
+    pub fn end(&self, space: &RaySpace, path: &Path) -> f64 {
+        let edges = edges_met(space, path);
         let end = self
             .number(&edges)
             .filter(|_| self.next.is_some())
-            .and_then(|number| places.get(number));
-        end.copied().unwrap_or(f64::NAN)
+            .and_then(|number| edges.get(number));
+        end.map_or(f64::NAN, |edge| edge.place)
     }
 
     /// Returns the numbers of the first step of the piece and of the first behind it; `None` if the path meets
     /// others, or more of them up to the arc length `end`.
     pub(super) fn steps(&self, space: &RaySpace, path: &Path, end: f64) -> Option<[usize; 2]> {
-        let met = path.steps.iter().enumerate();
-        let (starts, edges): (Vec<usize>, Vec<NonZeroU32>) = met
-            .filter_map(|(number, step)| Some((number, step.edge?)))
-            .unzip();
+        let edges = edges_met(space, path);
         let number = self.number(&edges)?;
         let first = match number {
             0 => 0,
-            _ => starts[number - 1],
+            _ => edges[number - 1].step,
         };
-        let Some(&last) = starts.get(number) else {
+        let Some(last) = edges.get(number) else {
             return Some([first, path.steps.len()]);
         };
         // Nobody looks at edges behind the end of a path.
-        let more = self.next.is_none() && path.steps[last].start < end;
-        (!more || ends_before(space, path, path.steps[last].start)).then_some([first, last])
+        let more = self.next.is_none() && last.place < end;
+        let kept = !more || exit_met(space, path, last.place).is_some();
+        // The step with an end in it goes on behind it.
+        let is_end = last.number.get() >= FIRST_END;
+        kept.then_some([first, last.step + usize::from(is_end)])
     }
 }
 
-/// Returns whether the domain ends a path before the arc length `s`, for all who see it.
-fn ends_before(space: &RaySpace, path: &Path, s: f64) -> bool {
+/// Finds the first exit that a path meets before the arc length `s`, and where, if all who see the path end there.
+pub fn exit_met(space: &RaySpace, path: &Path, s: f64) -> Option<(usize, f64)> {
+    if !space.ends_alike() {
+        return None;
+    }
     let curve = |s: f64| match path.step_at(s) {
         Some(step) => state_on(step, s),
         None => (DVec3::NAN, DVec3::NAN),
     };
-    space.ends_alike() && first_event(&space.manifold().domain, s, curve).is_some()
+    match first_event(&space.manifold().domain, s, curve)? {
+        (End::Exit(exit), place) => Some((exit, place)),
+        // The limits of the domain.
+        (_, place) => Some((usize::MAX, place)),
+    }
 }
 
 /// Returns point and tangent at arc length `s` on `step`, or straight on beside it.
@@ -133,8 +217,11 @@ length = 4.0
             before: vec![edges[0].1],
             next: None,
         };
-        assert!((before.end(&found[0]) - 1.25).abs() < 1e-9);
-        assert!(before.end(&found[1]).is_nan() && behind.steps(&space, &found[1], 4.0).is_none());
+        assert!((before.end(&space, &found[0]) - 1.25).abs() < 1e-9);
+        assert!(
+            before.end(&space, &found[1]).is_nan()
+                && behind.steps(&space, &found[1], 4.0).is_none()
+        );
         let [first, last] = behind.steps(&space, &found[0], 4.0).unwrap();
         assert_eq!(last, found[0].steps.len());
         assert_eq!(before.steps(&space, &found[0], 1.25), Some([0, first]));

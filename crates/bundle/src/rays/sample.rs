@@ -10,11 +10,10 @@
 use super::{
     ChartMap, RaySpace, Start,
     piece::{EdgePiece, state_on},
-    slowing::Slowing,
 };
 use crate::parallel::*;
 use geofan_core::{
-    geodesic::{End, Path, Ray, Settings, Sink, Step, first_event, follow, paths},
+    geodesic::{End, Path, Ray, Settings, Sink, Step, follow, paths},
     manifold::Carried,
 };
 use glam::{DVec3, DVec4};
@@ -34,9 +33,8 @@ const BLOCK: usize = 512;
 pub type Sample = [f64; CHANNELS];
 
 /// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
-/// samples them there, or `between` edges at shares of what is there. Exits are passed by; where the metric ends the last tangent is continued
-/// straight in the chart, unless a wind carries paths over their ends into it (see `slowing.rs`). NaN only
-/// where the very start is singular.
+/// samples them there, or `between` edges at shares of what is there. Exits are passed by; where the metric ends the
+/// last tangent is continued straight in the chart. NaN only where the very start is singular.
 pub fn sample(
     space: &RaySpace,
     tolerance: f64,
@@ -82,12 +80,6 @@ pub struct BetweenEdges<'a> {
 }
 
 impl Samples<'_> {
-    /// Tells whether paths may run into a singularity behind ends that all who see them share.
-    fn may_be_slowed(&self) -> bool {
-        let manifold = self.space.manifold();
-        manifold.has_wind() && manifold.domain.ends_rays() && self.space.ends_alike()
-    }
-
     /// Samples `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
     /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
     /// last running fastest.
@@ -122,8 +114,15 @@ impl Samples<'_> {
     ) {
         let intervals = &between.intervals[first..first + rays.len()];
         let farthest = between.piece.reach(intervals);
-        let starts = rays.iter().map(|&(u, v)| without_spread(u, v, farthest));
-        let found = paths(self.space.manifold(), self.settings(), starts);
+        let starts = rays
+            .iter()
+            .map(|&(u, v)| Ray::without_spread(u, v, farthest));
+        let behind_end = between.piece.is_behind_end();
+        let settings = Settings {
+            events: behind_end,
+            ..self.settings()
+        };
+        let found = paths(self.space.manifold(), settings, starts);
         let rows = samples.chunks_exact_mut((self.lengths.len() * self.width).max(1));
         let each = found.iter().zip(&rays).zip(intervals).zip(rows);
         for (((path, &(u, v)), interval), row) in each {
@@ -131,17 +130,23 @@ impl Samples<'_> {
                 continue;
             };
             let start = self.space.lift().start(u, v);
-            self.read_piece((path, steps), &start, *interval, |at, sample| {
-                keep(at, sample, &mut row[at * self.width..(at + 1) * self.width]);
-            });
+            self.read_piece(
+                (path, steps),
+                (&start, behind_end),
+                *interval,
+                |at, sample| {
+                    keep(at, sample, &mut row[at * self.width..(at + 1) * self.width]);
+                },
+            );
         }
     }
 
-    /// Samples the piece of `path` with the steps `first` up to `end`, whose arc lengths are `interval`.
+    /// Samples the piece of `path` with the steps `first` up to `end`, whose arc lengths are `interval`; one behind the
+    /// end of its path goes straight on.
     fn read_piece(
         &self,
         (path, [first, end]): (&Path, [usize; 2]),
-        start: &Start,
+        (start, behind_end): (&Start, bool),
         [low, high]: [f64; 2],
         mut put: impl FnMut(usize, &Sample),
     ) {
@@ -153,14 +158,16 @@ impl Samples<'_> {
             if steps.is_empty() {
                 return;
             }
-            let within = steps.partition_point(|step| step.end < s);
+            let known = if behind_end { low } else { s };
+            let within = steps.partition_point(|step| step.end < known);
             let step = first + within.min(steps.len() - 1);
             // Turns are counted step by step.
             for step in &path.steps[at..step] {
                 point = lift.continued(step.position(step.end), point);
             }
             at = step;
-            let (u, v) = state_on(&path.steps[step], s);
+            let (u, v) = state_on(&path.steps[step], known);
+            let u = u + v * (s - known);
             point = lift.continued(u, point);
             let mut sample = [0.0; CHANNELS];
             sample[..DISPLACEMENT].copy_from_slice(&lift.slope(start, u, v));
@@ -196,28 +203,14 @@ impl Samples<'_> {
             starts,
             next: vec![0; rays.len()],
             last: None,
-            kept: match self.may_be_slowed() {
-                true => vec![Vec::new(); rays.len()],
-                false => Vec::new(),
-            },
             keep,
             samples,
         };
         let farthest = self.lengths.last().copied().unwrap_or(0.0);
         let rays = rays
             .into_iter()
-            .map(|(u, v)| without_spread(u, v, farthest));
+            .map(|(u, v)| Ray::without_spread(u, v, farthest));
         follow(self.space.manifold(), settings, rays, &mut sampler);
-    }
-}
-
-/// Makes a ray whose neighbours do not matter.
-fn without_spread(u: DVec3, v: DVec3, length: f64) -> Ray {
-    Ray {
-        u,
-        v,
-        length,
-        spread: [DVec3::ZERO; 2],
     }
 }
 
@@ -233,8 +226,6 @@ struct Sampler<'a, K> {
     next: Vec<usize>,
     /// The end of the last step, if its ray has samples left.
     last: Option<Last>,
-    /// The steps of each ray, where only its end tells what becomes of them.
-    kept: Vec<Vec<Step>>,
     keep: K,
     samples: &'a mut [f64],
 }
@@ -260,19 +251,13 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
         self.next[ray] += 1;
     }
 
-    /// Samples `step`, with the arc lengths of the table changed by `slowing`.
-    fn read(&mut self, ray: usize, step: &Step, slowing: Option<Slowing>) {
+    /// Samples `step`.
+    fn read(&mut self, ray: usize, step: &Step) {
         while let Some(&s) = self.of.lengths.get(self.next[ray]) {
-            let (s, speed) = slowing.map_or((s, 1.0), |slowing| slowing.at(s));
             if s > step.end {
                 break;
             }
-            let v = step.tangent(s);
-            self.put(
-                ray,
-                step.position(s),
-                if speed < 1.0 { v * speed } else { v },
-            );
+            self.put(ray, step.position(s), step.tangent(s));
         }
         let (s, left) = (step.end, self.next[ray] < self.of.lengths.len());
         self.last = left.then(|| (s, step.position(s), step.tangent(s)));
@@ -280,57 +265,21 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
             self.points[ray] = ChartMap::Polar.continued(u, self.points[ray]);
         }
     }
-
-    /// Samples a ray that has ended as `end` at arc length `length`.
-    fn read_kept(&mut self, ray: usize, end: End, length: f64) {
-        let steps = std::mem::take(&mut self.kept[ray]);
-        let path = Path {
-            steps,
-            end,
-            length,
-            tried: 0,
-        };
-        let slowing = match end {
-            End::Singular => self.slowing(&path),
-            _ => None,
-        };
-        for step in &path.steps {
-            self.read(ray, step, slowing);
-        }
-    }
-
-    /// Returns the slowing of `path`, which runs into a singularity; `None` if it does not end for
-    /// all who see it before.
-    fn slowing(&self, path: &Path) -> Option<Slowing> {
-        let curve = |s: f64| match path.step_at(s) {
-            Some(step) => (step.position(s), step.tangent(s)),
-            None => (DVec3::NAN, DVec3::NAN),
-        };
-        let domain = &self.of.space.manifold().domain;
-        let (_, end) = first_event(domain, path.length, curve)?;
-        (end < path.length).then(|| Slowing::new(end, path.length))
-    }
 }
 
 impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
     fn wants(&self, ray: usize, to: f64) -> bool {
         let next = self.of.lengths.get(self.next[ray]);
         // Turns are counted step by step.
-        let counted = self.of.space.lift() == ChartMap::Polar || !self.kept.is_empty();
+        let counted = self.of.space.lift() == ChartMap::Polar;
         next.is_some_and(|s| *s <= to || counted)
     }
 
     fn step(&mut self, ray: usize, step: &Step) {
-        match self.kept.get_mut(ray) {
-            Some(kept) => kept.push(step.clone()),
-            None => self.read(ray, step, None),
-        }
+        self.read(ray, step);
     }
 
-    fn end(&mut self, ray: usize, end: End, reached: f64, _: usize) {
-        if !self.kept.is_empty() {
-            self.read_kept(ray, end, reached);
-        }
+    fn end(&mut self, ray: usize, _: End, reached: f64, _: usize) {
         // The step before was this ray's, unless it never took one.
         let last = self.last.take().filter(|_| reached > 0.0);
         while let (Some(&s), Some((end, u, v))) = (self.of.lengths.get(self.next[ray]), last) {

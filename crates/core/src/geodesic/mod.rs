@@ -69,6 +69,16 @@ impl Ray {
             spread: across.map(|e| local.frame * e),
         }
     }
+
+    /// Makes a ray from `u` with the tangent `v` whose neighbours do not matter: deviation must not be carried.
+    pub fn without_spread(u: DVec3, v: DVec3, length: f64) -> Self {
+        Self {
+            u,
+            v,
+            length,
+            spread: [DVec3::ZERO; 2],
+        }
+    }
 }
 
 /// The reason of a path's end.

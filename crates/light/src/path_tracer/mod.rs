@@ -207,12 +207,7 @@ impl<'w> PathTracer<'w> {
             Some(PathState {
                 pixel,
                 random,
-                ray: Ray {
-                    spread: [DVec3::ZERO; 2],
-                    u: start.u,
-                    v: start.v,
-                    length: self.settings.length,
-                },
+                ray: Ray::without_spread(start.u, start.v, self.settings.length),
                 throughput: DVec3::ONE,
                 bounce: 0,
                 from: start.u,
@@ -385,11 +380,12 @@ impl<'w> PathTracer<'w> {
         let reflected = surface.bsdf.reflectance(surface.wo, wi) * wi.z.max(0.0);
         let weight = balance(probability, surface.bsdf.probability(surface.wo, wi));
         let light = path.throughput * reflected * chosen.radiance * (weight / probability);
-        let probe = || Ray {
-            spread: [DVec3::ZERO; 2],
-            u: surface.beside(wi, self.offset(hit)),
-            v: surface.tangent(wi),
-            length: connection.s * (1.0 - SHORT),
+        let probe = || {
+            Ray::without_spread(
+                surface.beside(wi, self.offset(hit)),
+                surface.tangent(wi),
+                connection.s * (1.0 - SHORT),
+            )
         };
         (light.is_finite() && light != DVec3::ZERO).then(|| (light, probe()))
     }
@@ -428,12 +424,11 @@ impl<'w> PathTracer<'w> {
         path.from = surface.point.u;
         let spread = || surface.spread_to_sight(scattered.wi);
         path.scattered = scattered.probability.map(|p| (direction(), p / spread()));
-        path.ray = Ray {
-            spread: [DVec3::ZERO; 2],
-            u: surface.beside(scattered.wi, self.offset(&surface.hit)),
-            v: surface.tangent(scattered.wi),
+        path.ray = Ray::without_spread(
+            surface.beside(scattered.wi, self.offset(&surface.hit)),
+            surface.tangent(scattered.wi),
             length,
-        };
+        );
         (path.throughput.is_finite() && path.throughput != DVec3::ZERO).then_some(path)
     }
 }

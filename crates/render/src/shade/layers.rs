@@ -110,11 +110,8 @@ pub fn copies(
                 _ => None,
             });
             let hits: Vec<(usize, Hit)> = hits.collect();
-            let back = hits.iter().map(|(_, hit)| Ray {
-                u: world.point(hit),
-                v: -hit.v.as_dvec3(),
-                length: hit.s.into(),
-                spread: [DVec3::ZERO; 2],
+            let back = hits.iter().map(|(_, hit)| {
+                Ray::without_spread(world.point(hit), -hit.v.as_dvec3(), hit.s.into())
             });
             let ends = ends(&world.lamplight, settings, back);
             for ((x, _), end) in hits.iter().zip(ends) {

@@ -101,6 +101,8 @@ pub struct RaySpace {
     lift: ChartMap,
     /// Set if rays that the symmetry carries into each other end alike.
     ends_alike: bool,
+    /// The exits at which tables end paths.
+    ends: Vec<bool>,
     /// Set if skies turn with rays under rotation.
     skies_turn: bool,
     /// Discrete symmetries beside the one taken out.
@@ -154,6 +156,7 @@ impl RaySpace {
             orbits: ImpactParameter::default(),
             lift: ChartMap::None,
             ends_alike: true,
+            ends: Vec::new(),
             skies_turn: false,
             mirrors: Vec::new(),
             focus: ReferenceSphere::default(),
@@ -213,6 +216,16 @@ impl RaySpace {
         self.ends_alike
     }
 
+    /// Tells whether the exit of this number in [`Manifold::exits`] is an end of paths for tables.
+    pub fn is_end(&self, exit: usize) -> bool {
+        self.ends.get(exit).is_some_and(|end| *end)
+    }
+
+    /// Tells whether any exit is an end of paths for tables.
+    pub fn has_ends(&self) -> bool {
+        self.ends.contains(&true)
+    }
+
     /// Returns whether rays that rotations carry into each other look up the sky in directions that they carry into
     /// each other.
     pub fn skies_turn(&self) -> bool {
@@ -227,6 +240,12 @@ impl RaySpace {
     /// Returns these rays with chart points stored in another way.
     pub fn lifted(mut self, lift: ChartMap) -> Self {
         self.lift = lift;
+        self
+    }
+
+    /// Returns these rays, whose paths tables end at the exits that `ends` marks. Only who bakes needs to know.
+    pub fn ending_at(mut self, ends: Vec<bool>) -> Self {
+        self.ends = ends;
         self
     }
 
