@@ -34,8 +34,8 @@ const MOST_EDGES: usize = 6;
 /// it: they are fitted to where the table says that the edge is.
 const PLACE_SHARE: f64 = 0.1;
 
-/// The most that it may be off, as a share of the arc length: exits are found before the ends of paths.
-const MOST_PLACE_ERROR: f64 = 2e-4;
+/// The same for ends of paths, as a share of the arc length: all that matters is that exits are found before them.
+const END_PLACE_ERROR: f64 = 2e-4;
 
 /// Nodes along each axis that are tried first for the place of an edge.
 const FIRST_NODES: usize = 5;
@@ -223,7 +223,10 @@ impl Refiner<'_> {
             next: Some(edge),
             ..bounds.piece()
         };
-        let most = (PLACE_SHARE * 1e-3 * self.plan.max_error).min(MOST_PLACE_ERROR);
+        let most = match piece.is_at_end() {
+            true => END_PLACE_ERROR,
+            false => PLACE_SHARE * 1e-3 * self.plan.max_error,
+        };
         let mut limits = self.most_nodes(bounds);
         limits[bounds.arc()] = 1;
         let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();

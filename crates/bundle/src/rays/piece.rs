@@ -26,6 +26,11 @@ const BEHIND_EXIT: f64 = 1e-3;
 /// Numbers of ends begin here, beyond those of edges: one for each exit.
 const FIRST_END: u32 = 1 << 31;
 
+/// Tells whether an edge of this number is an end.
+fn is_end(number: NonZeroU32) -> bool {
+    number.get() >= FIRST_END
+}
+
 /// Where a path meets an edge, or its end.
 #[derive(Debug, Clone, Copy)]
 struct EdgeMet {
@@ -92,11 +97,14 @@ pub struct EdgePiece {
 }
 
 impl EdgePiece {
+    /// Tells whether the piece is up to the end of its paths.
+    pub fn is_at_end(&self) -> bool {
+        self.next.is_some_and(is_end)
+    }
+
     /// Tells whether the piece is behind the end of its paths.
     pub fn is_behind_end(&self) -> bool {
-        self.before
-            .last()
-            .is_some_and(|edge| edge.get() >= FIRST_END)
+        self.before.last().copied().is_some_and(is_end)
     }
 
     /// Returns how far paths are to be followed on which the piece has these `intervals`: an edge that ends it is seen
@@ -145,8 +153,7 @@ impl EdgePiece {
         let more = self.next.is_none() && last.place < end;
         let kept = !more || exit_met(space, path, last.place).is_some();
         // The step with an end in it goes on behind it.
-        let is_end = last.number.get() >= FIRST_END;
-        kept.then_some([first, last.step + usize::from(is_end)])
+        kept.then_some([first, last.step + usize::from(is_end(last.number))])
     }
 }
 
