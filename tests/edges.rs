@@ -1,10 +1,11 @@
-//! Tables of metrics that jump: glass seen from outside and from inside, with refraction and total reflection.
+//! Tables of metrics that jump: glass seen from outside and from inside, with refraction and total reflection. And of
+//! paths that are torn behind their ends.
 
 mod support;
 
 use geofan_bundle::{Bundle, Tree};
 use geofan_core::{
-    geodesic::{Ray, Settings, paths},
+    geodesic::{End, Ray, Settings, paths},
     manifold::Carried,
 };
 use glam::DVec3;
@@ -37,6 +38,29 @@ fn from_inside() -> String {
         .replace("- 25", "- 4")
         .replace("length = 12", "length = 3")
 }
+
+/// Space that flows out of a hole, faster than light below r = 2: lines of sight run over the horizon, and into the
+/// middle soon after.
+const RIVER: &str = r#"
+name = "river"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "1" }
+wind = ["x*flow/r", "y*flow/r", "z*flow/r"]
+[let]
+r = "sqrt(x^2 + y^2 + z^2)"
+flow = "sqrt(2/r)"
+[domain]
+inside = ["r - 1.5"]
+[[exit]]
+name = "horizon"
+when = "1.8 - r"
+[[exit]]
+name = "sky"
+when = "r - 15"
+[cameras]
+at = ["4.8", "0", "-6.4"]
+length = 40
+"#;
 
 fn number(report: &Value, path: &str) -> f64 {
     report.pointer(path).unwrap().as_f64().unwrap()
@@ -121,6 +145,42 @@ fn frames_turn_at_the_edges_of_stored_paths_and_a_second_reading_says_the_same()
         let tree = chunk.tree().unwrap();
         assert_eq!(tree.encode(), chunk.bytes());
     }
+}
+
+#[test]
+fn paths_that_are_torn_behind_a_horizon_end_there_in_the_tree() {
+    let text = RIVER.replace("[cameras]", "[symmetry]\nrotation = \"origin\"\n[cameras]");
+    let (report, bundle) = baked(&text);
+    println!("{report}");
+    assert!(number(&report, "/screen_mrad/p99") <= 1.0);
+    assert!(number(&report, "/sky_mrad/p99") <= 1.0);
+    assert!(number(&report, "/flagged") <= 0.02);
+    let trees = (0..bundle.table.chunks.len()).map(|chunk| bundle.table.tree(chunk).unwrap());
+    assert!(trees.map(divisions).sum::<usize>() >= 1);
+    // Rays that end at either exit do so where their exact paths do.
+    let manifold = bundle.table.space.manifold();
+    let settings = Settings {
+        tolerance: 1e-11,
+        carried: Carried::default(),
+        events: true,
+    };
+    let u = DVec3::new(4.8, 0.0, -6.4);
+    let (inwards, across) = (DVec3::new(-0.6, 0.0, 0.8), DVec3::Y);
+    let fan = bundle.fan(u).unwrap();
+    let mut ends = [0; 2];
+    for sine in [0.0, 0.1, 0.3, 0.6, 0.8, 0.92, 0.96, 0.99_f64] {
+        let d = inwards * (1.0 - sine * sine).sqrt() + across * sine;
+        let exact = paths(manifold, settings, [Ray::new(manifold, u, d, 40.0)]).remove(0);
+        let End::Exit(exit) = exact.end else {
+            panic!("{sine}: {:?}", exact.end)
+        };
+        ends[exit] += 1;
+        let (end, s) = fan.path(d).first_event(40.0).unwrap();
+        assert_eq!(end, exact.end, "{sine}");
+        // Errors along a path are not promised.
+        assert!((s / exact.length - 1.0).abs() < 4e-3, "{sine}: {s}");
+    }
+    assert!(ends[0] >= 2 && ends[1] >= 2, "{ends:?}");
 }
 
 #[test]

@@ -50,8 +50,8 @@ pub fn divides_paths(plan: &PlanRecord) -> bool {
     plan.refinement >= REFINEMENT_AT_EDGES
 }
 
-/// Factor by which boxes of such spaces may be smaller: what parts paths that end from those that go on is a line among
-/// directions, and only small boxes beside it hold either.
+/// Factor by which boxes of such spaces seen from one place may be smaller: what parts paths that end from those that go
+/// on is a line among directions, and only small boxes beside it hold either. Of more axes there would be too many.
 const LEAST_AT_ENDS: f64 = 0.25;
 
 /// Returns the promise of tangents when none is asked for: that of points where paths may end at a sky.
@@ -87,7 +87,9 @@ pub fn plan(
     let ends = rough_exits(&space, &plan, &watch)?;
     if ends.contains(&true) {
         plan.refinement += REFINEMENT_AT_ENDS;
-        plan.least_volume *= LEAST_AT_ENDS;
+        if space.cameras().is_empty() {
+            plan.least_volume *= LEAST_AT_ENDS;
+        }
     }
     let space = space.ending_at(ends);
     plan.sphere = sphere_axes(&space, &plan);

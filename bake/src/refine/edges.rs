@@ -147,7 +147,7 @@ impl Refiner<'_> {
         let piece = bounds.piece();
         if !held_out.meets_edges() {
             // A corner of the box may.
-            held_out.complete();
+            held_out.follow_drawn();
         }
         if bounds.edges.is_none() && !held_out.meets_edges() {
             return None;

@@ -91,6 +91,8 @@ pub struct HeldOutRays<'a> {
     /// Parameters of rays that have been drawn and not followed yet, and the key of their arc lengths.
     pending: Vec<Vec<f64>>,
     key: u64,
+    /// Set when as many have been followed as there can be.
+    completed: bool,
     /// The edges that bound the box.
     piece: EdgePiece,
     /// Share of comparisons that may exceed the promise.
@@ -120,6 +122,7 @@ impl<'a> HeldOutRays<'a> {
             rays: Vec::new(),
             pending: Vec::new(),
             key: 0,
+            completed: false,
             piece: bounds.piece(),
             exceeding: budget * usual,
             singular: false,
@@ -149,10 +152,15 @@ impl<'a> HeldOutRays<'a> {
         self.key = self.stream.bits();
     }
 
+    /// Follows all rays that have been drawn.
+    pub fn follow_drawn(&mut self) {
+        self.follow(usize::MAX);
+    }
+
     /// Follows all rays, and more, until enough of them get as far as the box's arc lengths or hardly any
     /// do.
     pub fn complete(&mut self) {
-        if self.pending.is_empty() {
+        if std::mem::replace(&mut self.completed, true) {
             return;
         }
         self.follow(usize::MAX);

@@ -18,6 +18,7 @@ mod resolution;
 pub mod tensor_train;
 mod tree;
 
+use crate::plan::divides_paths;
 use geofan_bundle::{
     Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, chebyshev, path_coefficients,
     rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
@@ -103,8 +104,9 @@ impl Refiner<'_> {
             };
             let decisions: Option<Vec<Decision>> = open.into_par_iter().map(decide).collect();
             let mut decisions = decisions?;
-            for _ in 0..tree.settle(&mut decisions) {
-                self.tally.patches.fetch_add(1, Ordering::Relaxed);
+            if divides_paths(self.plan) {
+                let given_up = tree.settle(&mut decisions) as u64;
+                self.tally.patches.fetch_add(given_up, Ordering::Relaxed);
             }
             tree.grow(decisions);
         }

@@ -179,9 +179,13 @@ pub enum Decision {
 /// The share of a chunk in boxes whose paths do not meet the same edges that is not worth halving any more.
 const LEAST_MIXED: f64 = 0.002;
 
-/// The most such boxes of a level that are halved. Those along a face of many dimensions get smaller slowly and ever
+/// The share of a chunk in all boxes that are not done which is not worth halving any more, where edges divide paths: the
+/// last ones, beside rays that circle for ever, take as many rays as all others and hold next to nothing.
+const LEAST_OPEN: f64 = 0.002;
+
+/// The most boxes of a level that are halved because their paths do not meet the same edges. Those along a face of many dimensions get smaller slowly and ever
 /// more.
-const MOST_MIXED: usize = 512;
+const MOST_MIXED: usize = 384;
 
 /// A tree of boxes that grows by levels.
 pub struct RefinementTree {
@@ -217,26 +221,34 @@ impl RefinementTree {
         (share * self.budget_left / volume).min(LARGEST_BUDGET)
     }
 
-    /// Decides about open boxes whose paths do not meet the same edges: they are halved while that pays, and given up
-    /// then. Returns how many are given up.
+    /// Decides about open boxes of a chunk whose paths edges may divide: those whose paths do not meet the same ones, and
+    /// the last of all, are halved while that pays, and given up then. Returns how many are given up.
     pub fn settle(&self, decisions: &mut [Decision]) -> usize {
-        let mixed = |decision: &Decision| matches!(decision, Decision::Mixed(_));
-        let boxes = self.open().zip(&*decisions);
-        let (mut count, mut share) = (0, 0.0);
-        for (bounds, _) in boxes.filter(|(_, decision)| mixed(decision)) {
-            count += 1;
-            share += bounds.share;
-        }
-        let pays = share > LEAST_MIXED && count <= MOST_MIXED;
+        let total = |counts: fn(&Decision) -> bool| {
+            let boxes = self.open().zip(&*decisions);
+            let shares = boxes.filter(|(_, decision)| counts(decision));
+            shares.fold((0, 0.0), |(count, share), (bounds, _)| {
+                (count + 1, share + bounds.share)
+            })
+        };
+        let (count, share) = total(|decision| matches!(decision, Decision::Mixed(_)));
+        let mixed = share > LEAST_MIXED && count <= MOST_MIXED;
+        let (_, share) =
+            total(|decision| matches!(decision, Decision::Halve(_) | Decision::Mixed(_)));
+        let any = share > LEAST_OPEN;
+        let mut given_up = 0;
         for decision in decisions.iter_mut() {
-            if let Decision::Mixed(axis) = decision {
-                *decision = match pays {
-                    true => Decision::Halve(*axis),
-                    false => Decision::Unread(Tree::Flagged),
-                };
-            }
+            *decision = match decision {
+                Decision::Halve(axis) if any => Decision::Halve(*axis),
+                Decision::Mixed(axis) if any && mixed => Decision::Halve(*axis),
+                Decision::Halve(_) | Decision::Mixed(_) => {
+                    given_up += 1;
+                    Decision::Unread(Tree::Flagged)
+                }
+                _ => continue,
+            };
         }
-        if pays { 0 } else { count }
+        given_up
     }
 
     /// Goes on to the boxes that the open ones are divided into.

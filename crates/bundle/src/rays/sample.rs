@@ -142,7 +142,7 @@ impl Samples<'_> {
     }
 
     /// Samples the piece of `path` with the steps `first` up to `end`, whose arc lengths are `interval`; one behind the
-    /// end of its path goes straight on.
+    /// end of its path goes on with the slopes that it has there.
     fn read_piece(
         &self,
         (path, [first, end]): (&Path, [usize; 2]),
@@ -167,7 +167,6 @@ impl Samples<'_> {
             }
             at = step;
             let (u, v) = state_on(&path.steps[step], known);
-            let u = u + v * (s - known);
             point = lift.continued(u, point);
             let mut sample = [0.0; CHANNELS];
             sample[..DISPLACEMENT].copy_from_slice(&lift.slope(start, u, v));
