@@ -85,13 +85,13 @@ pub fn plan(
     plan.tolerance = needed_tolerance(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK + CHART_WORK + TOLERANCE_WORK)?;
     let ends = rough_exits(&space, &plan, &watch)?;
-    if ends.contains(&true) {
+    if ends.iter().any(Option::is_some) {
         plan.refinement += REFINEMENT_AT_ENDS;
         if space.cameras().is_empty() {
             plan.least_volume *= LEAST_AT_ENDS;
         }
     }
-    let space = space.ending_at(ends);
+    let space = space.ending_behind(ends);
     plan.sphere = sphere_axes(&space, &plan);
     plan.focus = reference_sphere(&space, &plan, &watch)?;
     watch.reach(WORK)?;

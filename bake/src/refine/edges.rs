@@ -19,7 +19,7 @@ use super::{
 use crate::plan::divides_paths;
 use geofan_bundle::{
     Polynomial, Step, Tensor, Train, Tree, divided_at_edge,
-    rays::{BetweenEdges, EdgePiece},
+    rays::{BetweenEdges, EdgePiece, speed_behind_end},
 };
 use geofan_core::geodesic::{Ray, Settings, paths};
 use ndarray::ArrayD;
@@ -40,8 +40,10 @@ const END_PLACE_ERROR: f64 = 2e-4;
 /// Nodes along each axis that are tried first for the place of an edge.
 const FIRST_NODES: usize = 5;
 
-/// Nodes along each axis of rays of a patch behind the end of paths.
-const NODES_BEHIND: usize = 8;
+/// How far points behind the end of paths may be off, as a share of the way from the exit to the end, and slopes there,
+/// as a share of what they are.
+const STRAY_BEHIND_END: f64 = 0.2;
+const SLOPE_BEHIND_END: f64 = 0.1;
 
 /// Rays followed at once to where they meet an edge.
 const BATCH: usize = 256;
@@ -147,7 +149,7 @@ impl Refiner<'_> {
         let piece = bounds.piece();
         if !held_out.meets_edges() {
             // A corner of the box may.
-            held_out.follow_drawn();
+            held_out.look_closer();
         }
         if bounds.edges.is_none() && !held_out.meets_edges() {
             return None;
@@ -293,21 +295,33 @@ impl Refiner<'_> {
         Ok(Polynomial::fit(samples, 0, self.variables(bounds)))
     }
 
-    /// Makes the patch of a box behind the end of its paths. Nobody looks there, but paths that are interpolated go on
-    /// across the end: straight on.
-    pub(super) fn straight_on(&self, chunk: usize, bounds: &ParameterBox) -> Tree {
-        let mut nodes = self.most_nodes(bounds);
-        nodes.iter_mut().for_each(|n| *n = NODES_BEHIND.min(*n));
-        nodes[bounds.arc()] = 1;
-        let polynomial = self.fit(chunk, bounds, &nodes).ok();
-        let step = Step::near(1e-3 * self.plan.max_error);
-        let tensor = polynomial.and_then(|polynomial| Train::plain(&polynomial).rounded(step));
-        let Some(tensor) = tensor else {
-            self.count_finished(bounds, 1);
-            return Tree::Flagged;
+    /// Makes the patch of a box behind the end of its paths, which is `behind` their exit as a share of the arc length.
+    /// Nobody looks there, but who looks for the exit must find that paths are behind it.
+    pub(super) fn behind_end(&self, chunk: usize, bounds: &ParameterBox, behind: f64) -> Tree {
+        let middle = vec![0.0; bounds.arc()];
+        let interval = bounds.arc_intervals(&[middle], self.plan.length)[0];
+        let most = STRAY_BEHIND_END * behind * interval[0];
+        let step = Step::near(SLOPE_BEHIND_END * speed_behind_end(behind, interval));
+        let mut limits = self.most_nodes(bounds);
+        limits[bounds.arc()] = 1;
+        let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();
+        let mut resolution = Resolution::of_nodes(nodes);
+        let found = loop {
+            let Ok(polynomial) = self.fit(chunk, bounds, &resolution.nodes) else {
+                break None;
+            };
+            let mut spectra = polynomial.spectra();
+            spectra[bounds.arc()] = vec![0.0];
+            let left = spectra.iter().map(|s| tail(s)).sum::<f64>() / most;
+            if left <= 1.0 {
+                break Train::plain(&polynomial).rounded(step);
+            }
+            if !resolution.raise((&limits, self.most_rays(bounds)), &spectra, left) {
+                break None;
+            }
         };
-        self.count_finished(bounds, tensor.bytes());
-        Tree::Leaf(Arc::new(tensor))
+        self.count_finished(bounds, found.as_ref().map_or(1, Tensor::bytes));
+        found.map_or(Tree::Flagged, |tensor| Tree::Leaf(Arc::new(tensor)))
     }
 
     /// Returns the pieces of the paths of the rays with these parameters, to be sampled between edges; `None` of a

@@ -152,9 +152,10 @@ impl<'a> HeldOutRays<'a> {
         self.key = self.stream.bits();
     }
 
-    /// Follows all rays that have been drawn.
-    pub fn follow_drawn(&mut self) {
-        self.follow(usize::MAX);
+    /// Follows as many rays as judge a polynomial.
+    pub fn look_closer(&mut self) {
+        let first = self.count() - self.pending.len();
+        self.follow(JUDGES.saturating_sub(first));
     }
 
     /// Follows all rays, and more, until enough of them get as far as the box's arc lengths or hardly any

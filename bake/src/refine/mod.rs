@@ -115,8 +115,8 @@ impl Refiner<'_> {
 
     /// Decides about a box whose error budget is `budget` times its volume's share.
     fn decide(&self, chunk: usize, bounds: &ParameterBox, budget: f64) -> Decision {
-        if bounds.piece().is_behind_end() {
-            return Decision::Unread(self.straight_on(chunk, bounds));
+        if let Some(behind) = bounds.piece().behind_end(self.space) {
+            return Decision::Unread(self.behind_end(chunk, bounds, behind));
         }
         let mut held_out = HeldOutRays::new(self, chunk, bounds, budget);
         if held_out.is_empty() && !held_out.singular {

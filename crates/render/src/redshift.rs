@@ -20,9 +20,9 @@ use crate::{
 use geofan_core::{
     diagnostic::SourceText,
     error::Result,
-    manifold::{Manifold, PointFunctions},
+    manifold::{Frequencies, Manifold, PointFunctions},
 };
-use glam::{DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 use ndarray::{Array2, Axis};
 use rayon::prelude::*;
 use std::sync::{Arc, LazyLock};
@@ -73,12 +73,17 @@ impl ObjectState {
 fn compared(world: &World, view: &View, samples: &[(DVec2, Seen)]) -> Vec<f64> {
     let manifold = &world.manifold;
     let starts = starts(manifold, view, samples.iter().map(|(at, _)| *at));
+    // Most pictures are taken from one place.
+    let mut place: Option<(DVec3, DMat3, Frequencies)> = None;
     let g = |(start, (_, seen)): (Option<RayStart>, &(DVec2, Seen))| {
         let Some(RayStart { u, direction, .. }) = start else {
             return f64::NAN;
         };
-        let n = manifold.standard_frame(u) * direction;
-        let camera = manifold.normal_frequency(u, n) * view.blueshift(direction);
+        let (_, frame, frequencies) = match place.take() {
+            Some(known) if known.0 == u => place.insert(known),
+            _ => place.insert((u, manifold.standard_frame(u), manifold.frequencies(u))),
+        };
+        let camera = frequencies.normal(*frame * direction) * view.blueshift(direction);
         match seen {
             Seen::Surface(hit) => camera / sent(world, hit),
             Seen::Sky { .. } => camera,
@@ -90,15 +95,14 @@ fn compared(world: &World, view: &View, samples: &[(DVec2, Seen)]) -> Vec<f64> {
 
 /// Returns the frequency that a surface itself measures of the light, of energy 1, that it sends.
 fn sent(world: &World, hit: &Hit) -> f64 {
-    let manifold = &world.manifold;
     let u = world.point(hit);
-    let n = manifold.sight(u, hit.v.as_dvec3());
+    let frequencies = world.manifold.frequencies(u);
     // Tangents are kept in single precision.
-    let n = n / n.dot(manifold.metric(u) * n).sqrt();
+    let n = frequencies.sight(hit.v.as_dvec3());
     let velocity = world.state(hit).velocity(u).unwrap_or_default();
-    match manifold.is_slower_than_light(u, velocity) {
-        true => manifold.frequency(u, n, velocity),
-        false => manifold.normal_frequency(u, n),
+    match frequencies.is_slower_than_light(velocity) {
+        true => frequencies.moving(n, velocity),
+        false => frequencies.normal(n),
     }
 }
 
@@ -198,7 +202,7 @@ pub fn blackbody(kelvin: f64) -> [f32; 3] {
     if !(kelvin > 0.0) {
         return [0.0; 3];
     }
-    let DVec3 { x, y, z } = tristimulus(kelvin) * *UNIT;
+    let DVec3 { x, y, z } = tabulated_tristimulus(kelvin) * *UNIT;
     // IEC 61966-2-1.
     let rgb = [
         3.2406 * x - 1.5372 * y - 0.4986 * z,
@@ -206,6 +210,29 @@ pub fn blackbody(kelvin: f64) -> [f32; 3] {
         0.0557 * x - 0.2040 * y + 1.0570 * z,
     ];
     rgb.map(|light| light.max(0.0) as f32)
+}
+
+/// Temperatures (kelvin) between which the light of black bodies is tabulated, and how often: logarithms of it are linear
+/// from entry to entry to 1e-4.
+const TABULATED: [f64; 2] = [500.0, 200_000.0];
+const ENTRIES: usize = 2048;
+
+/// Returns [`tristimulus`], interpolated where it is tabulated.
+fn tabulated_tristimulus(kelvin: f64) -> DVec3 {
+    static LOGARITHMS: LazyLock<Vec<DVec3>> = LazyLock::new(|| {
+        let [low, high] = TABULATED;
+        let at = |k: usize| low * (high / low).powf(k as f64 / (ENTRIES - 1) as f64);
+        (0..ENTRIES)
+            .map(|k| tristimulus(at(k)).map(f64::ln))
+            .collect()
+    });
+    let [low, high] = TABULATED;
+    let place = (kelvin / low).ln() / (high / low).ln() * (ENTRIES - 1) as f64;
+    let first = place.floor();
+    match LOGARITHMS.get(first.max(0.0) as usize..) {
+        Some([a, b, ..]) if first >= 0.0 => a.lerp(*b, place - first).map(f64::exp),
+        _ => tristimulus(kelvin),
+    }
 }
 
 /// Integrates Planck's law at `kelvin` with the eye's sensitivities, up to a factor.
@@ -253,7 +280,8 @@ mod tests {
             (6504.0, 0.3135, 0.3237),
             (10_000.0, 0.2807, 0.2884),
         ] {
-            let found = tristimulus(kelvin);
+            let found = tabulated_tristimulus(kelvin);
+            assert!((found / tristimulus(kelvin) - 1.0).abs().max_element() < 1e-4);
             let found = found / (found.x + found.y + found.z);
             let off = (found.x - x).abs().max((found.y - y).abs());
             assert!(off < 3e-3, "{kelvin}: {found}");

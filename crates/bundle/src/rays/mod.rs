@@ -24,6 +24,6 @@ pub use mirror::{Image, Mirror};
 pub use orbit::ImpactParameter;
 pub use piece::{EdgePiece, end_at, exit_met};
 pub use position::{ChartMap, Start};
-pub use sample::{BetweenEdges, CHANNELS, DISPLACEMENT, Sample, Samples, sample};
+pub use sample::{BetweenEdges, CHANNELS, DISPLACEMENT, Sample, Samples, sample, speed_behind_end};
 pub use space::{Located, Orbit, Place, RaySpace, Reduction, StoredCamera};
 pub use sphere::{Sphere, parallel};

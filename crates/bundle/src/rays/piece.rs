@@ -8,8 +8,9 @@
 //!
 //! An exit behind which paths get rough counts as an edge, too: nobody looks behind it, and what comes there takes many
 //! times the coefficients of all before it. Where only the metric bends light, paths come to rest near a horizon by
-//! themselves; in a wind they cross it, and are soon torn about a singularity. Behind such an *end* a table goes
-//! straight on.
+//! themselves; in a wind they cross it, and are soon torn about a singularity. Behind such an *end*, which is a little
+//! behind the exit, paths of a table nearly stand still: there they are within what the exit bounds, and nobody who looks
+//! for it from knot to knot misses it.
 
 use super::RaySpace;
 use geofan_core::geodesic::{End, Path, Step, first_event};
@@ -18,10 +19,6 @@ use std::num::NonZeroU32;
 
 /// Factor by which paths are followed farther than to an edge.
 const BEHIND_EDGE: f64 = 1.01;
-
-/// How far behind an exit an end is, as a share of the arc length: farther than its place in a table is off, so that
-/// exits are found before it.
-const BEHIND_EXIT: f64 = 1e-3;
 
 /// Numbers of ends begin here, beyond those of edges: one for each exit.
 const FIRST_END: u32 = 1 << 31;
@@ -81,10 +78,8 @@ fn end_met(space: &RaySpace, path: &Path) -> Option<EdgeMet> {
 /// if paths have no end there.
 pub fn end_at(space: &RaySpace, exit: usize, s: f64) -> Option<(f64, NonZeroU32)> {
     let number = FIRST_END.checked_add(u32::try_from(exit).ok()?)?;
-    let place = s * (1.0 + BEHIND_EXIT);
-    space
-        .is_end(exit)
-        .then_some((place, NonZeroU32::new(number)?))
+    let share = space.end_behind(exit)?;
+    Some((s * (1.0 + share), NonZeroU32::new(number)?))
 }
 
 /// A piece of paths that meet the same edges.
@@ -102,9 +97,11 @@ impl EdgePiece {
         self.next.is_some_and(is_end)
     }
 
-    /// Tells whether the piece is behind the end of its paths.
-    pub fn is_behind_end(&self) -> bool {
-        self.before.last().copied().is_some_and(is_end)
+    /// Returns how far the end of the paths of `space` is behind their exit, as a share of the arc length; `None` if the
+    /// piece is not behind their end.
+    pub fn behind_end(&self, space: &RaySpace) -> Option<f64> {
+        let exit = self.before.last()?.get().checked_sub(FIRST_END)?;
+        space.end_behind(exit as usize)
     }
 
     /// Returns how far paths are to be followed on which the piece has these `intervals`: an edge that ends it is seen

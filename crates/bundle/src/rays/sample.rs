@@ -29,6 +29,16 @@ pub const DISPLACEMENT: usize = 4;
 /// Rays handed to one thread at once: long enough to keep lanes full, short enough to share.
 const BLOCK: usize = 512;
 
+/// How far paths of a table go on behind their end, as a share of the way from the exit to there: not at all would leave
+/// them without a direction.
+const WAY_BEHIND_END: f64 = 0.25;
+
+/// Returns the speed of paths behind their end, which is `behind` their exit as a share of the arc length, on a piece
+/// with this interval of arc lengths.
+pub fn speed_behind_end(behind: f64, [low, high]: [f64; 2]) -> f64 {
+    (WAY_BEHIND_END * behind * low / (high - low)).min(1.0)
+}
+
 /// State of a ray at one arc length: [`CHANNELS`] numbers.
 pub type Sample = [f64; CHANNELS];
 
@@ -117,9 +127,9 @@ impl Samples<'_> {
         let starts = rays
             .iter()
             .map(|&(u, v)| Ray::without_spread(u, v, farthest));
-        let behind_end = between.piece.is_behind_end();
+        let behind_end = between.piece.behind_end(self.space);
         let settings = Settings {
-            events: behind_end,
+            events: behind_end.is_some(),
             ..self.settings()
         };
         let found = paths(self.space.manifold(), settings, starts);
@@ -142,11 +152,11 @@ impl Samples<'_> {
     }
 
     /// Samples the piece of `path` with the steps `first` up to `end`, whose arc lengths are `interval`; one behind the
-    /// end of its path goes on with the slopes that it has there.
+    /// end of its path nearly stands still.
     fn read_piece(
         &self,
         (path, [first, end]): (&Path, [usize; 2]),
-        (start, behind_end): (&Start, bool),
+        (start, behind_end): (&Start, Option<f64>),
         [low, high]: [f64; 2],
         mut put: impl FnMut(usize, &Sample),
     ) {
@@ -158,7 +168,10 @@ impl Samples<'_> {
             if steps.is_empty() {
                 return;
             }
-            let known = if behind_end { low } else { s };
+            let (known, speed) = match behind_end {
+                Some(behind) => (low, speed_behind_end(behind, [low, high])),
+                None => (s, 1.0),
+            };
             let within = steps.partition_point(|step| step.end < known);
             let step = first + within.min(steps.len() - 1);
             // Turns are counted step by step.
@@ -169,7 +182,7 @@ impl Samples<'_> {
             let (u, v) = state_on(&path.steps[step], known);
             point = lift.continued(u, point);
             let mut sample = [0.0; CHANNELS];
-            sample[..DISPLACEMENT].copy_from_slice(&lift.slope(start, u, v));
+            sample[..DISPLACEMENT].copy_from_slice(&lift.slope(start, u, v * speed));
             sample[DISPLACEMENT..].copy_from_slice(&lift.displacement(start, point, s));
             put(number, &sample);
         }

@@ -138,6 +138,60 @@ struct Medium {
     slopes: DMat3,
 }
 
+/// Frequencies of light at a point, as observers there measure them.
+pub struct Frequencies {
+    metric: DMat3,
+    medium: Medium,
+    follows: Follows,
+}
+
+impl Frequencies {
+    /// Returns the direction `n = v − W` in which a path with tangent `v` of any length is seen, chart components, of
+    /// unit length.
+    pub fn sight(&self, v: DVec3) -> DVec3 {
+        let n = v - self.medium.wind;
+        n / n.dot(self.metric * n).sqrt()
+    }
+
+    /// Returns the frequency that the normal observer measures of light seen in the direction `n` (chart components,
+    /// unit), for light of energy 1: `1/(N (1 + ⟨W, n⟩))`.
+    pub fn normal(&self, n: DVec3) -> f64 {
+        1.0 / (self.medium.lapse * self.share(n))
+    }
+
+    /// Returns the same for an observer who moves with `dx/dt = velocity` (chart components); not a number if that is
+    /// faster than light.
+    pub fn moving(&self, n: DVec3, velocity: DVec3) -> f64 {
+        let (g, past) = (self.metric, self.past_normal(velocity));
+        let slowed = (1.0 - past.dot(g * past)).sqrt();
+        let seen = 1.0 - n.dot(g * (past + self.medium.wind)) / self.share(n);
+        seen / (self.medium.lapse * slowed)
+    }
+
+    /// Tells whether something with `dx/dt = velocity` (chart components) is slower than light.
+    pub fn is_slower_than_light(&self, velocity: DVec3) -> bool {
+        let past = self.past_normal(velocity);
+        past.dot(self.metric * past) < 1.0
+    }
+
+    /// Returns `1 + ⟨W, n⟩`: what a path gains on the clock of the spacetime for each unit that the normal observer sees it
+    /// go.
+    pub fn share(&self, n: DVec3) -> f64 {
+        1.0 + n.dot(self.metric * self.medium.wind)
+    }
+
+    /// Returns the velocity (chart components) at which what has `dx/dt = velocity` moves past the normal observer, along
+    /// the paths followed.
+    fn past_normal(&self, velocity: DVec3) -> DVec3 {
+        // Into the past everything moves the other way.
+        let velocity = match self.follows {
+            Follows::Sight => -velocity,
+            _ => velocity,
+        };
+        velocity / (1.0 - self.medium.drift.dot(velocity)) - self.medium.wind
+    }
+}
+
 impl Manifold {
     /// Returns whether light has unit speed against a wind, or drifts: paths then are no geodesics.
     pub fn has_wind(&self) -> bool {
@@ -215,20 +269,27 @@ impl Manifold {
         }
     }
 
-    /// Returns `1 + ⟨W, n⟩` for a path seen in the direction `n` (chart components): what a path gains on the
-    /// clock of the spacetime for each unit that the normal observer sees it go.
-    pub fn share(&self, u: DVec3, n: DVec3) -> f64 {
-        match self.wind(u) {
-            Some(wind) => 1.0 + n.dot(self.metric(u) * wind),
-            None => 1.0,
+    /// Returns what frequencies light has at `u`.
+    pub fn frequencies(&self, u: DVec3) -> Frequencies {
+        Frequencies {
+            metric: self.metric(u),
+            medium: self.medium(u),
+            follows: self.follows,
         }
     }
 
-    /// Returns the frequency that the normal observer at `u` measures of light seen in the direction `n`
-    /// (chart components, unit), for light of energy 1: `1/(N (1 + ⟨W, n⟩))`.
+    /// Returns [`Frequencies::share`] at `u`.
+    pub fn share(&self, u: DVec3, n: DVec3) -> f64 {
+        match self.has_wind() {
+            true => self.frequencies(u).share(n),
+            false => 1.0,
+        }
+    }
+
+    /// Returns [`Frequencies::normal`] at `u`.
     pub fn normal_frequency(&self, u: DVec3, n: DVec3) -> f64 {
         match &self.tapes.medium {
-            Some(_) => 1.0 / (self.medium(u).lapse * self.share(u, n)),
+            Some(_) => self.frequencies(u).normal(n),
             None => 1.0,
         }
     }
@@ -246,27 +307,9 @@ impl Manifold {
         })
     }
 
-    /// Returns [`Self::normal_frequency`] for an observer who moves with `dx/dt = velocity` (chart
-    /// components); not a number if that is faster than light.
+    /// Returns [`Frequencies::moving`] at `u`.
     pub fn frequency(&self, u: DVec3, n: DVec3, velocity: DVec3) -> f64 {
-        let g = self.metric(u);
-        let Medium { wind, lapse, .. } = self.medium(u);
-        let past = self.past_normal(u, velocity);
-        let share = 1.0 + n.dot(g * wind);
-        let slowed = (1.0 - past.dot(g * past)).sqrt();
-        (1.0 - n.dot(g * (past + wind)) / share) / (lapse * slowed)
-    }
-
-    /// Returns the velocity (chart components) at which what has `dx/dt = velocity` moves past the normal
-    /// observer at `u`, along the paths followed.
-    fn past_normal(&self, u: DVec3, velocity: DVec3) -> DVec3 {
-        let Medium { wind, drift, .. } = self.medium(u);
-        // Into the past everything moves the other way.
-        let velocity = match self.follows {
-            Follows::Sight => -velocity,
-            _ => velocity,
-        };
-        velocity / (1.0 - drift.dot(velocity)) - wind
+        self.frequencies(u).moving(n, velocity)
     }
 
     /// Returns the velocity at which something at rest in the chart moves by the normal observer at `u`,
@@ -281,10 +324,9 @@ impl Manifold {
         }
     }
 
-    /// Tells whether something at `u` with `dx/dt = velocity` (chart components) is slower than light.
+    /// Returns [`Frequencies::is_slower_than_light`] at `u`.
     pub fn is_slower_than_light(&self, u: DVec3, velocity: DVec3) -> bool {
-        let past = self.past_normal(u, velocity);
-        past.dot(self.metric(u) * past) < 1.0
+        self.frequencies(u).is_slower_than_light(velocity)
     }
 
     /// Returns the rate at which time runs along a path with tangent `v`: `1 + b(v)`.

@@ -31,7 +31,7 @@ pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing};
 pub use kin::Follows;
-pub use local_frame::LocalFrame;
+pub use local_frame::{Frequencies, LocalFrame};
 pub use point_functions::PointFunctions;
 pub use region::CameraRegion;
 pub use symmetry::{Isometry, Symmetry};

@@ -101,8 +101,8 @@ pub struct RaySpace {
     lift: ChartMap,
     /// Set if rays that the symmetry carries into each other end alike.
     ends_alike: bool,
-    /// The exits at which tables end paths.
-    ends: Vec<bool>,
+    /// How far behind each exit tables end paths.
+    ends: Vec<Option<f64>>,
     /// Set if skies turn with rays under rotation.
     skies_turn: bool,
     /// Discrete symmetries beside the one taken out.
@@ -216,14 +216,15 @@ impl RaySpace {
         self.ends_alike
     }
 
-    /// Tells whether the exit of this number in [`Manifold::exits`] is an end of paths for tables.
-    pub fn is_end(&self, exit: usize) -> bool {
-        self.ends.get(exit).is_some_and(|end| *end)
+    /// Returns how far behind the exit of this number in [`Manifold::exits`] tables end paths, as a share of their arc
+    /// length; `None` if they go on.
+    pub fn end_behind(&self, exit: usize) -> Option<f64> {
+        self.ends.get(exit).copied().flatten()
     }
 
-    /// Tells whether any exit is an end of paths for tables.
+    /// Tells whether tables end paths behind any exit.
     pub fn has_ends(&self) -> bool {
-        self.ends.contains(&true)
+        self.ends.iter().any(Option::is_some)
     }
 
     /// Returns whether rays that rotations carry into each other look up the sky in directions that they carry into
@@ -243,8 +244,9 @@ impl RaySpace {
         self
     }
 
-    /// Returns these rays, whose paths tables end at the exits that `ends` marks. Only who bakes needs to know.
-    pub fn ending_at(mut self, ends: Vec<bool>) -> Self {
+    /// Returns these rays, whose paths tables end so far behind each exit, as a share of their arc length. Only who bakes
+    /// needs to know.
+    pub fn ending_behind(mut self, ends: Vec<Option<f64>>) -> Self {
         self.ends = ends;
         self
     }
