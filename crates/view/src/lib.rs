@@ -23,9 +23,13 @@ mod error_map;
 mod feed;
 mod frame_plan;
 #[cfg(feature = "files")]
+mod letters;
+#[cfg(feature = "files")]
 mod loaded_space;
 mod motion;
 mod package;
+#[cfg(feature = "files")]
+mod packed_files;
 #[cfg(feature = "files")]
 mod page;
 mod page_about;

@@ -23,7 +23,8 @@ pub const MODULES: [(&str, &str); 6] = [
 pub const SERVED_MAIN: (&str, &str) = ("served.js", include_str!("../ui/served.js"));
 
 /// The engine of the page, and the module that begins there.
-pub const PAGE_MODULES: [(&str, &str); 2] = [
+pub const PAGE_MODULES: [(&str, &str); 3] = [
+    ("unpack.js", include_str!("../ui/unpack.js")),
     ("worker_engine.js", include_str!("../ui/worker_engine.js")),
     ("page.js", include_str!("../ui/page.js")),
 ];
