@@ -58,7 +58,8 @@ pub use page::Page;
 pub use page_about::{PageAbout, decode_light, encode_light};
 pub use panel::PanelData;
 pub use protocol::{
-    Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, ViewerEvent, Work,
+    Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent,
+    Work,
 };
 pub use recording::Recording;
 pub use resolution::ResolutionControl;

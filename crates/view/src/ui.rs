@@ -10,8 +10,9 @@ pub const HTML: &str = include_str!("../ui/index.html");
 pub const STYLE: &str = include_str!("../ui/style.css");
 
 /// Modules in the order of their imports: each imports earlier ones only.
-pub const MODULES: [(&str, &str); 6] = [
+pub const MODULES: [(&str, &str); 7] = [
     ("controls.js", include_str!("../ui/controls.js")),
+    ("exr.js", include_str!("../ui/exr.js")),
     ("display.js", include_str!("../ui/display.js")),
     ("chart_map.js", include_str!("../ui/chart_map.js")),
     ("panel.js", include_str!("../ui/panel.js")),
