@@ -585,6 +585,12 @@ fn random_event(random: &mut Stream) -> ViewerEvent {
     }
 }
 
+/// Random events of a session; `GEOFAN_VIEW_STEPS` asks for more, 60,000 are 30 minutes of the session's clock.
+fn steps() -> usize {
+    let asked = std::env::var("GEOFAN_VIEW_STEPS").ok();
+    asked.and_then(|steps| steps.parse().ok()).unwrap_or(250)
+}
+
 #[test]
 fn whatever_a_user_does_the_axes_stay_orthonormal_and_the_camera_inside() {
     let golden = bundle("three-bumps-rail");
@@ -604,7 +610,7 @@ fn whatever_a_user_does_the_axes_stay_orthonormal_and_the_camera_inside() {
         let mut session = session(bundle, &space);
         let mut machine = Machine::new(2e-7);
         let mut random = Stream::new(&[seed]);
-        for step in 0..250 {
+        for step in 0..steps() {
             let event = random_event(&mut random);
             session.handle(machine.now, event.clone());
             machine.run(&mut session, 0.03);
