@@ -457,7 +457,8 @@ fn other_skies_stand_beyond_every_exit_until_the_scene_s_come_back() {
     let mut draw = DrawSpace::new(stage, None, 10.0);
     let request = DrawRequest {
         frame: 1,
-        u: [0.0, 0.1, 0.2],
+        // Well before the sky in the line of sight, −z: paths are followed over 10.
+        u: [0.0, 0.1, -5.0],
         rotation: [0.0, 0.0, 0.0, 1.0],
         fov: 60.0,
         size: (24, 16),
