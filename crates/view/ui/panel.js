@@ -171,7 +171,7 @@ export function createPanel(root, send, act) {
 /** Controls for the picture that is saved: its size, its samples, its format. */
 function pictureChoice() {
   const [width, height] = ["Width", "Height"].map((word) => make("input", { type: "number", min: "1", max: "8192", placeholder: word.toLowerCase(), ariaLabel: `${word} of the saved picture` }));
-  const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...[1, 16, 64, 256].map((n) => make("option", { value: String(n), textContent: `${n} samples` })));
+  const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...[1, 16, 64, 256].map((n) => make("option", { value: String(n), textContent: n === 1 ? "1 sample" : `${n} samples` })));
   samples.value = "16";
   const format = make("select", { ariaLabel: "Format of the saved picture" }, ...["PNG", "EXR"].map((value) => make("option", { value, textContent: value })));
   const row = make("div", { className: "row" }, width, "×", height, samples, format);
