@@ -405,7 +405,7 @@ fn a_page_is_one_file_or_a_folder_that_asks_nobody_and_tells_nothing_of_the_disk
         "viewer.js",
         "worker.js",
         "style.css",
-        "space.deflate",
+        "space.lzma",
     ] {
         assert!(folder.path().join("site").join(file).is_file(), "{file}");
     }

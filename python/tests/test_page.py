@@ -44,7 +44,7 @@ def test_scenes_in_memory_and_bare_manifolds_have_pages(bump, table, wasm, tmp_p
     camera = bump.camera([2.5, 0, 0], [-1, 0, 0], fov=50)
     again = gf.Bundle.from_bytes(table.to_bytes())
     site = gf.page(scene, again, tmp_path / "site", camera=camera, wasm=wasm)
-    assert {path.name for path in site.iterdir()} > {"index.html", "viewer.js", "space.deflate"}
+    assert {path.name for path in site.iterdir()} > {"index.html", "viewer.js", "space.lzma"}
     assert "Bump · geofan" in (site / "index.html").read_text()
     # Its files are those that the scene was made of: read back, they draw the same picture.
     folder = tmp_path / "files"

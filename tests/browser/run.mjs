@@ -152,6 +152,32 @@ async function session(page, name) {
   await page.keyboard.press("KeyK");
   await (await picture).saveAs(path.join(out, `${name}-8-saved.png`));
   check(statSync(path.join(out, `${name}-8-saved.png`)).size > 10000, `${name}: a picture is saved`);
+  // Linear light at a size of its own, read again by the program as a sky.
+  await page.locator("summary", { hasText: "Picture to save" }).click();
+  await page.getByLabel("Width of the saved picture").fill("128");
+  await page.getByLabel("Height of the saved picture").fill("64");
+  await page.getByLabel("Samples of the saved picture").selectOption("1");
+  await page.getByLabel("Format of the saved picture").selectOption("EXR");
+  const light = page.waitForEvent("download", { timeout: 120000 });
+  await page.getByRole("button", { name: "Save picture" }).click();
+  await (await light).saveAs(path.join(path.dirname(copy), `${name}-light.exr`));
+  const lit = path.join(path.dirname(copy), `${name}-lit.toml`);
+  writeFileSync(lit, readFileSync(copy, "utf8").replace(/^near = .*$/m, `near = { image = "${name}-light.exr" }`));
+  execFileSync(geofan, ["render", lit, "--bundle", path.join(work, "b.fan"), "--size", "64x36", "-o", path.join(out, `${name}-lit.png`), "--quiet"]);
+  check(statSync(path.join(out, `${name}-lit.png`)).size > 300, `${name}: the program reads the saved EXR file`);
+  await page.locator("summary", { hasText: "Certificate" }).click();
+  const certificate = page.waitForEvent("download");
+  await page.getByText("Certificate as a file").click();
+  check(readFileSync(await (await certificate).path(), "utf8").includes("mrad"), `${name}: the certificate is linked`);
+  await page.getByLabel("Skies").selectOption("stars");
+  await until(page, () => globalThis.geofan.panel().sky === "stars");
+  await settled(page);
+  await shot(page, `${name}-9-stars`);
+  check(difference(start, await thumbnail(page)) > 3, `${name}: other skies look different`);
+  await page.getByLabel("Skies").selectOption("scene");
+  await settled(page);
+  check(difference(start, await thumbnail(page)) < 0.5, `${name}: the scene's own skies come back`);
+  await page.locator("#picture").focus();
   const address = await page.evaluate(() => new Promise((done) => setTimeout(() => done(location.hash), 1500)));
   check(address.includes("at=") && address.includes("show="), `${name}: the address holds the settings`);
 }
@@ -173,7 +199,7 @@ async function native(browser) {
   await until(page, () => globalThis.geofan.panel().trouble);
   const trouble = (await panel(page)).trouble;
   check(trouble.includes(path.basename(copy)) && trouble.includes("wide"), "native: a mistake is shown with its line");
-  await shot(page, "native-9-broken");
+  await shot(page, "native-10-broken");
   writeFileSync(copy, text);
   await until(page, () => !globalThis.geofan.panel().trouble);
   check(true, "native: and goes when it is mended");

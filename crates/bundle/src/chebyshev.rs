@@ -12,7 +12,7 @@
 //! converges faster than `tⁿ`, with `t = (1 − √(1−α²))/α`.
 
 use crate::matrix::product;
-use crate::parallel::*;
+use geofan_core::parallel::*;
 use geofan_expr::real::Real;
 use ndarray::{Array2, ArrayD};
 use serde::{Deserialize, Serialize};

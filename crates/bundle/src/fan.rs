@@ -6,13 +6,13 @@
 
 use crate::{
     contracted::Contracted,
-    parallel::*,
     path_coefficients::{Evaluate, PathCoefficients},
     rays::{FACES, Image, Located, Place, RaySpace},
     table::Table,
     table_path::TablePath,
     tree::{Tree, half},
 };
+use geofan_core::parallel::*;
 use glam::DVec3;
 use std::sync::Arc;
 

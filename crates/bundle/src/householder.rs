@@ -13,7 +13,8 @@
 //! all axes and right indices, one for each left index). The more numerous kind is stored
 //! ([`Orthogonality`]): of it the fewest numbers are free.
 
-use crate::{matrix::product, parallel::*};
+use crate::matrix::product;
+use geofan_core::parallel::*;
 use std::cmp::Reverse;
 
 /// Reflections that are multiplied together.

@@ -87,7 +87,6 @@ mod householder;
 mod matrix;
 pub mod measure;
 mod packed_matrix;
-mod parallel;
 pub mod path_coefficients;
 mod polynomial;
 pub mod rays;

@@ -5,12 +5,12 @@
 //! [`Variables`] say: by Chebyshev polynomials of a mapped variable, or, where directions are the whole
 //! sphere, by sines and cosines.
 
-use crate::parallel::*;
 use crate::{
     chebyshev::{self, MappedChebyshev},
     matrix::{added, product, summed},
     spherical,
 };
+use geofan_core::parallel::*;
 use geofan_expr::real::Real;
 use ndarray::{Array2, ArrayD, Axis, s};
 

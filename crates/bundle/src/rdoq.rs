@@ -13,8 +13,8 @@
 use crate::{
     context::{CLASSES, Context, MagnitudeModel},
     householder::reduced,
-    parallel::*,
 };
+use geofan_core::parallel::*;
 use geofan_expr::real::Real;
 use ndarray::{Array2, ArrayD};
 

@@ -11,8 +11,8 @@
 //! the values of the terms ([`azimuth_values`], [`polar_values`]). Parameters are those of
 //! [`Sphere`](crate::rays::Sphere), in [−1, 1].
 
-use crate::parallel::*;
 use crate::{chebyshev, matrix::product};
+use geofan_core::parallel::*;
 use geofan_expr::real::Real;
 use ndarray::{Array2, ArrayD};
 use std::f64::consts::{FRAC_PI_2, PI};

@@ -10,11 +10,11 @@ use crate::{
     decode::{DecodeError, LookupError},
     decode_budget::DecodeBudget,
     fan::{ContractedTree, FaceFan, Fan, contract},
-    parallel::*,
     polynomial::Variables,
     rays::{Image, Mirror, Place, RaySpace, cell},
     tree::{TensorShape, Tree},
 };
+use geofan_core::parallel::*;
 use glam::DVec3;
 use std::sync::{Arc, OnceLock};
 

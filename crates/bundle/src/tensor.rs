@@ -20,12 +20,12 @@ use crate::{
     decode::{ByteReader, DecodeError},
     decode_budget::DecodeBudget,
     matrix::{added, product},
-    parallel::*,
     polynomial::{TermWeights, Variables},
     rdoq::unweight,
     train_core::{Core, Factor, OpenMatrix, Power, Step, axis_along, matrix_chain},
     tree::TensorShape,
 };
+use geofan_core::parallel::*;
 use geofan_expr::real::Real;
 use std::sync::{Arc, OnceLock};
 

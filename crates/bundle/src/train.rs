@@ -2,7 +2,6 @@
 //!
 //! In: real cores, scaled so that one step serves all. Out: a [`Tensor`].
 
-use crate::parallel::*;
 use crate::{
     householder::Orthogonality,
     packed_matrix::Packing,
@@ -11,6 +10,7 @@ use crate::{
     tensor::{Layout, Tensor},
     train_core::{Core, Scale, Step, axis_along},
 };
+use geofan_core::parallel::*;
 use ndarray::{ArrayD, Axis};
 use std::sync::OnceLock;
 

@@ -9,8 +9,8 @@
 //! 3. [`geodesic`] follows rays: an adaptive integrator with dense output that carries the
 //!    transported frame and the geodesic deviation along.
 //!
-//! [`error`], [`observer`], [`quantiles`], [`random`], [`reading`] and, with the feature `files`, [`files`]
-//! serve every crate.
+//! [`error`], [`observer`], [`parallel`], [`quantiles`], [`random`], [`reading`] and, with the feature `files`,
+//! [`files`] serve every crate.
 
 pub mod diagnostic;
 pub mod document;
@@ -21,6 +21,7 @@ pub mod files;
 pub mod geodesic;
 pub mod manifold;
 pub mod observer;
+pub mod parallel;
 pub mod quantiles;
 pub mod random;
 pub mod reading;

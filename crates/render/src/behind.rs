@@ -14,8 +14,8 @@ use super::{
     tiles::{PixelSamples, SamplePlace},
 };
 use geofan_core::geodesic::Ray;
+use geofan_core::parallel::*;
 use ndarray::{Array3, ArrayView3, s};
-use rayon::prelude::*;
 
 /// Light below this share of a sample is not followed any farther: a quarter of the step of a file
 /// with eight bits.

@@ -18,10 +18,10 @@ use super::{
     picture::Picture,
     shade::Colours,
 };
+use geofan_core::parallel::*;
 use geofan_expr::vectorised;
 use glam::{DVec2, Vec3};
 use ndarray::{Array3, Axis, s};
-use rayon::prelude::*;
 use std::f64::consts::TAU;
 
 /// The change of a direction, or of texture coordinates, to the next samples.

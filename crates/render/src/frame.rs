@@ -13,9 +13,9 @@ use super::{
     view::View,
     world::World,
 };
+use geofan_core::parallel::*;
 use glam::DVec2;
 use ndarray::{Array3, Axis};
-use rayon::prelude::*;
 use std::time::Duration;
 
 /// The ends of all lines of sight of a picture, axes (row, column, sample).
@@ -182,7 +182,8 @@ pub fn trace_timed(
 
 /// Makes outcomes of which nothing is known yet; written by all threads, as it is megabytes.
 fn nothing((height, width, count): (usize, usize, usize)) -> Outcomes {
-    let all = rayon::iter::repeat_n(Seen::Nothing, height * width * count).collect();
+    let all = (0..height * width * count).into_par_iter();
+    let all = all.map(|_| Seen::Nothing).collect();
     Array3::from_shape_vec((height, width, count), all).expect("one for each sample")
 }
 

@@ -22,9 +22,9 @@ use super::{
     world::World,
 };
 use geofan_core::manifold::{DeckTransformation, LocalFrame};
+use geofan_core::parallel::*;
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{ArrayViewMut3, Axis};
-use rayon::prelude::*;
 
 /// Returns `(S R)ᵀ G (u − u_cam)`: `u` in the axes of the view's camera (right, up, backwards). In a
 /// wind, which has blown light off on its way, where it is seen.

@@ -17,6 +17,7 @@ use crate::{
     view::View,
     world::World,
 };
+use geofan_core::parallel::*;
 use geofan_core::{
     diagnostic::SourceText,
     error::Result,
@@ -24,7 +25,6 @@ use geofan_core::{
 };
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{Array2, Axis};
-use rayon::prelude::*;
 use std::sync::{Arc, LazyLock};
 
 /// Tells how an object moves and how hot it is.

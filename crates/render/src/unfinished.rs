@@ -11,8 +11,8 @@ use super::{
     world::World,
 };
 use geofan_core::geodesic::{Ray, UnfinishedPaths};
+use geofan_core::parallel::*;
 use glam::{DVec2, DVec3};
-use rayon::prelude::*;
 
 /// Counts the samples whose paths end by their length or where the metric ends; those without a path do not
 /// count.

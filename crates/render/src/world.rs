@@ -16,7 +16,10 @@ use super::{
     sky::Sky,
     view::{View, camera_point, camera_velocity},
 };
-use geofan_bundle::{Bundle, Contents, container::MAGIC};
+use geofan_bundle::{
+    Bundle, Contents,
+    container::{MAGIC, MOST_BYTES},
+};
 use geofan_core::{
     diagnostic::Diagnostic,
     error::{Error, Result},
@@ -620,10 +623,11 @@ fn load_skies(scene: &SceneFile, manifold: &Manifold) -> Result<Vec<Option<Sky>>
 /// Loads the manifold of a file, which may be a bundle: it has the text of its manifold in it.
 fn load_manifold(path: &Path, settings: &[(String, f64)]) -> Result<Manifold> {
     // Of another file this reads the first bytes only.
-    match read_file(path, MAGIC, u64::MAX) {
-        Ok(start) if start.starts_with(MAGIC) => {
+    match read_file(path, MAGIC, MOST_BYTES) {
+        Ok(bytes) if bytes.starts_with(MAGIC) => {
             let name = path.display().to_string();
-            Contents::read(path)?.manifold_with(&name, settings)
+            let contents = Contents::decode(&name, &bytes).map_err(|e| e.about(path))?;
+            contents.manifold_with(&name, settings)
         }
         _ => Manifold::load(path, settings),
     }

@@ -6,7 +6,7 @@
 
 use crate::{
     error_map,
-    protocol::{Answer, DrawRequest, PictureKind, RayQuery, RayReport, Work},
+    protocol::{Answer, DrawRequest, PictureKind, RayQuery, RayReport, SkyChoice, Work},
 };
 use geofan_bundle::{Bundle, Fan};
 use geofan_core::{Error, Result};
@@ -18,6 +18,7 @@ use geofan_render::{
     no_clock,
     picture::Picture,
     shade::Footprints,
+    sky::{Pattern, Sky},
 };
 use glam::DVec3;
 use ndarray::s;
@@ -34,6 +35,8 @@ pub struct DrawSpace {
     /// Knots of exact paths that are interpolated, chosen when first needed.
     knots: OnceLock<Arc<[f64]>>,
     fan: Mutex<Option<Fan>>,
+    /// The scene's skies, while others stand in for them.
+    own_skies: Option<Vec<Option<Sky>>>,
 }
 
 /// Local tolerance of exact paths, as that of `geofan render`.
@@ -66,6 +69,28 @@ impl DrawSpace {
             length,
             knots: OnceLock::new(),
             fan: Mutex::default(),
+            own_skies: None,
+        }
+    }
+
+    /// Shows other skies: a pattern beyond every exit with a direction, also where the scene has none, but where it
+    /// has one plain colour (the inside of a horizon).
+    pub fn dress(&mut self, sky: SkyChoice) {
+        let world = &mut self.stage.world;
+        if let Some(own) = self.own_skies.take() {
+            world.skies = own;
+        }
+        let pattern = match sky {
+            SkyChoice::Scene => return,
+            SkyChoice::Grid => Sky::Grid,
+            SkyChoice::Stars => Sky::from(Pattern::Stars),
+        };
+        self.own_skies = Some(world.skies.clone());
+        let exits = world.manifold.exits.iter().zip(&mut world.skies);
+        for (exit, sky) in exits {
+            if exit.has_direction() && !matches!(sky, Some(Sky::Colour(_))) {
+                *sky = Some(pattern.clone());
+            }
         }
     }
 

@@ -8,9 +8,9 @@ use geofan_bundle::{
     Fan,
     measure::{probe, settings},
 };
+use geofan_core::parallel::*;
 use geofan_render::View;
 use glam::DVec3;
-use rayon::prelude::*;
 
 /// Upper ends of the classes in mrad, their colours in sRGB, dark to light (the steps of the colour map
 /// *inferno*, even in lightness); the last is for paths that the table gave up on, which are integrated.

@@ -23,9 +23,13 @@ mod error_map;
 mod feed;
 mod frame_plan;
 #[cfg(feature = "files")]
+mod letters;
+#[cfg(feature = "files")]
 mod loaded_space;
 mod motion;
 mod package;
+#[cfg(feature = "files")]
+mod packed_files;
 #[cfg(feature = "files")]
 mod page;
 mod page_about;
@@ -54,7 +58,8 @@ pub use page::Page;
 pub use page_about::{PageAbout, decode_light, encode_light};
 pub use panel::PanelData;
 pub use protocol::{
-    Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, ViewerEvent, Work,
+    Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent,
+    Work,
 };
 pub use recording::Recording;
 pub use resolution::ResolutionControl;

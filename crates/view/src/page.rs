@@ -1,29 +1,31 @@
 //! A scene as a page that needs no server.
 //!
 //! In: where a space comes from and the viewer for browsers, compiled to WebAssembly. Out: one HTML file with
-//! everything inside, compressed and in base 64; or a folder with the same in files, for a static host. The page
-//! carries the files that the scene was loaded from, and loads them like the program does; it asks nobody for
-//! anything.
+//! everything inside, compressed by LZMA and written in letters ([`crate::letters`]); or a folder with the same in
+//! files, for a static host. The page carries the files that the scene was loaded from, and loads them like the
+//! program does; but meshes, pictures and samples are packed, so that it needs no readers of their formats. It asks
+//! nobody for anything.
 
 use crate::{
     LoadedSpace, Package, PageAbout, SpaceSource, encode_light,
+    letters::in_letters,
+    packed_files::packed,
     ui::{self, single_script},
 };
-use base64::{Engine, engine::general_purpose::STANDARD};
 use geofan_core::{
     Error, Result,
     files::{check_output, make_output_folder, write_atomically},
     reading::read_file,
 };
 use geofan_light::EVEN;
-use miniz_oxide::deflate::compress_to_vec;
+use lzma_rust2::{LzmaOptions, LzmaWriter};
 use std::{
     io::Write,
     path::{Path, PathBuf},
 };
 
-/// Compression of what a page carries: the strongest that pays.
-const LEVEL: u8 = 9;
+/// Compression of what a page carries: the strongest.
+const LEVEL: u32 = 9;
 
 /// Most bytes of the viewer for browsers.
 const MOST_OF_WASM: u64 = 64 << 20;
@@ -54,8 +56,8 @@ impl Page {
         let escaped = name.replace('&', "&amp;").replace('<', "&lt;");
         Ok(Self {
             title: format!("{escaped} · geofan"),
-            wasm: compress_to_vec(&wasm, LEVEL),
-            space: compress_to_vec(&package.encode(), LEVEL),
+            wasm: compressed(&wasm)?,
+            space: compressed(&package.encode())?,
         })
     }
 
@@ -70,9 +72,9 @@ impl Page {
             format!("<script type=\"text/plain\" id=\"{id}\">{text}</script>\n")
         };
         let scripts = [
-            data("geofan-wasm", &STANDARD.encode(&self.wasm)),
-            data("geofan-space", &STANDARD.encode(&self.space)),
-            data("geofan-worker", &STANDARD.encode(ui::WORKER)),
+            data("geofan-wasm", &in_letters(&self.wasm)),
+            data("geofan-space", &in_letters(&self.space)),
+            data("geofan-worker", ui::WORKER),
             format!("<script type=\"module\">\n{}</script>", single_script()),
         ];
         replaced(&html, SCRIPT, &scripts.concat())
@@ -108,14 +110,29 @@ impl Page {
         let script = "<script type=\"module\" src=\"viewer.js\"></script>";
         let index = replaced(&with_head(&self.title, "'self'")?, SCRIPT, script)?;
         Ok(vec![
-            named("geofan-web.wasm.deflate", self.wasm.clone()),
-            named("space.deflate", self.space.clone()),
+            named("geofan-web.wasm.lzma", self.wasm.clone()),
+            named("space.lzma", self.space.clone()),
             named("worker.js", ui::WORKER.into()),
             named("style.css", ui::STYLE.into()),
             named("viewer.js", single_script().into_bytes()),
             named("index.html", index.into_bytes()),
         ])
     }
+}
+
+/// Compresses bytes by LZMA, with the length in the head. Nothing in them is aligned to whole words, so that where
+/// a byte stands says nothing about it.
+fn compressed(bytes: &[u8]) -> Result<Vec<u8>> {
+    let failed = |e: std::io::Error| Error::input("page", format!("cannot be compressed: {e}"));
+    let options = LzmaOptions {
+        pb: 0,
+        ..LzmaOptions::with_preset(LEVEL)
+    };
+    let length = bytes.len() as u64;
+    let mut writer =
+        LzmaWriter::new_use_header(Vec::new(), &options, Some(length)).map_err(failed)?;
+    writer.write_all(bytes).map_err(failed)?;
+    writer.finish().map_err(failed)
 }
 
 /// Reads the viewer for browsers.
@@ -130,19 +147,9 @@ fn read_wasm(path: &Path) -> Result<Vec<u8>> {
     }
 }
 
-/// Packs all files of the space.
+/// Packs all files of the space that its page reads.
 fn pack(source: &SpaceSource, loaded: &LoadedSpace, settings: &[(String, f64)]) -> Result<Package> {
-    let made = loaded.made.iter().cloned();
-    let mut files: Vec<(PathBuf, Vec<u8>)> = Vec::new();
-    let scene_first = [&loaded.scene].into_iter().chain(&loaded.files);
-    for path in scene_first {
-        let known = files.iter().any(|(known, _)| known == path);
-        let on_disk = !loaded.made.iter().any(|(name, _)| name == path);
-        if !known && on_disk && source.bundle.as_ref() != Some(path) && path.is_file() {
-            files.push((path.clone(), read_file(path, &[], u64::MAX)?));
-        }
-    }
-    files.extend(made);
+    let mut files = packed(source, loaded)?;
     // The scene's name is that of the first.
     files.sort_by_key(|(path, _)| *path != loaded.scene);
     let (mut package, scene) = Package::of_files(files);

@@ -5,7 +5,7 @@
 
 use crate::{
     error_map::LEGEND,
-    protocol::{PictureKind, Pose, RayReport},
+    protocol::{PictureKind, Pose, RayReport, SkyChoice},
 };
 use geofan_core::quantiles::Quantiles;
 use serde::Serialize;
@@ -33,6 +33,8 @@ pub struct PanelData {
     pub promise: Option<f64>,
     /// The certificate of the table, in words.
     pub certificate: Option<String>,
+    /// What the skies show.
+    pub sky: SkyChoice,
     /// The camera may leave the table's region.
     pub beyond: bool,
     /// The camera is where the table knows all paths.

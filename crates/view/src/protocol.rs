@@ -23,6 +23,19 @@ pub enum PictureKind {
     Error,
 }
 
+/// What the skies show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SkyChoice {
+    /// What the scene says.
+    #[default]
+    Scene,
+    /// The lettered grid, beyond every exit.
+    Grid,
+    /// Stars, beyond every exit.
+    Stars,
+}
+
 /// An event of the user interface.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(tag = "type", rename_all = "kebab-case", deny_unknown_fields)]
@@ -83,6 +96,11 @@ pub enum ViewerEvent {
         /// In stops.
         stops: f64,
     },
+    /// Other skies. Engines dress what they draw ([`crate::DrawSpace::dress`]).
+    Sky {
+        /// Which.
+        sky: SkyChoice,
+    },
     /// The camera may or may not leave the table's region, beyond which paths are integrated.
     Beyond {
         /// It may.
@@ -129,6 +147,9 @@ pub enum ViewerEvent {
         height: u32,
         /// Samples of a pixel.
         samples: u16,
+        /// Linear light is sent, not what a screen shows.
+        #[serde(default)]
+        light: bool,
     },
     /// A parameter of the manifold; engines load the space again.
     Parameter {
@@ -289,17 +310,20 @@ pub struct Patch {
     pub block: Block,
     /// The picture is whole with them.
     pub last: bool,
-    /// Red, green, blue, opacity.
-    pub rgba: Vec<u8>,
+    /// Red, green, blue, opacity of each pixel; or, of linear light, red, green and blue as single-precision numbers.
+    pub pixels: Vec<u8>,
+    /// They are linear light.
+    pub light: bool,
 }
 
 impl Patch {
     /// Writes the message: eight numbers (u32: flags, frame, width and height of the picture, then x, y, width
     /// and height of the block), then the pixels.
     pub fn encode(&self) -> Vec<u8> {
-        let flags = u32::from(self.capture) + 2 * u32::from(self.last);
+        let flags = [self.capture, self.last, self.light];
+        let flags = (0..).zip(flags).map(|(k, set)| u32::from(set) << k).sum();
         let block = &self.block;
-        let head = [
+        let head: [u32; 8] = [
             flags,
             self.frame,
             self.size.0 as u32,
@@ -310,7 +334,7 @@ impl Patch {
             block.height as u32,
         ];
         let mut bytes: Vec<u8> = head.iter().flat_map(|x| x.to_le_bytes()).collect();
-        bytes.extend_from_slice(&self.rgba);
+        bytes.extend_from_slice(&self.pixels);
         bytes
     }
 }

@@ -7,7 +7,9 @@
 use crate::{
     frame_plan::{FrameContent, FramePlan, Purpose},
     panel::PanelData,
-    protocol::{Answer, Patch, PictureKind, Pose, RayQuery, RayReport, ViewerEvent, Work},
+    protocol::{
+        Answer, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent, Work,
+    },
     recording::Recording,
     resolution::ResolutionControl,
     session_space::SessionSpace,
@@ -71,6 +73,7 @@ pub struct Session {
     split: Option<PictureKind>,
     /// The user has chosen the kind: then a table that arrives does not change it.
     chosen: bool,
+    sky: SkyChoice,
     beyond: bool,
     still_samples: u16,
     display: (usize, usize),
@@ -78,6 +81,8 @@ pub struct Session {
     number: u32,
     plan: Option<FramePlan>,
     capture: Option<FramePlan>,
+    /// Linear light is captured.
+    capture_light: bool,
     /// The revision, the size and the samples of the last whole picture, and the seconds that it took.
     drawn: Option<(u64, (usize, usize), u16, f64)>,
     /// A revision of which a picture failed: it is not tried again.
@@ -125,6 +130,7 @@ impl Session {
             kind,
             split: None,
             chosen: false,
+            sky: SkyChoice::Scene,
             beyond: false,
             still_samples: 16,
             display: (640, 360),
@@ -132,6 +138,7 @@ impl Session {
             number: 0,
             plan: None,
             capture: None,
+            capture_light: false,
             drawn: None,
             failed: None,
             shown: ShownPicture::default(),
@@ -250,6 +257,12 @@ impl Session {
                 self.patches.extend(patches);
             }
             ViewerEvent::Exposure { .. } => {}
+            ViewerEvent::Sky { sky } => {
+                if sky != self.sky {
+                    self.sky = sky;
+                    self.changed_at(now);
+                }
+            }
             ViewerEvent::Beyond { allowed } => self.beyond = allowed,
             ViewerEvent::Still { samples } => self.still_samples = samples.clamp(1, 256),
             ViewerEvent::Hover { x, y } => self.pointer = Some((RayUse::Hover, [x, y])),
@@ -262,8 +275,9 @@ impl Session {
                 width,
                 height,
                 samples,
+                light,
             } => {
-                self.begin_capture((width as usize, height as usize), samples);
+                self.begin_capture((width as usize, height as usize), samples, light);
             }
             ViewerEvent::Shown { frame } => self.on_their_way.retain(|number| *number > frame),
             // Only an engine can load a space again.
@@ -331,13 +345,14 @@ impl Session {
         }
     }
 
-    fn begin_capture(&mut self, size: (usize, usize), samples: u16) {
+    fn begin_capture(&mut self, size: (usize, usize), samples: u16, light: bool) {
         let fits = size.0 >= 1 && size.1 >= 1 && size.0 <= SIDES[1] && size.1 <= SIDES[1];
         if !fits || size.0 * size.1 > MOST_CAPTURED {
             self.hint = Some(format!("a picture has at most {MOST_CAPTURED} pixels"));
             return;
         }
         let samples = samples.clamp(1, 256);
+        self.capture_light = light;
         let content = self.content();
         self.number += 1;
         let numbers = (self.number, self.revision);
@@ -520,7 +535,8 @@ impl Session {
             } => {
                 if let Some(plan) = self.capture.as_mut().filter(|plan| plan.number == frame) {
                     let (last, size) = (plan.returned(), plan.size);
-                    let patch = self.shown.captured((frame, size), block, &rgb, last);
+                    let form = (last, self.capture_light);
+                    let patch = self.shown.captured((frame, size), block, &rgb, form);
                     self.patches.push(patch);
                     if last {
                         self.capture = None;
@@ -603,6 +619,7 @@ impl Session {
             split: self.split,
             promise: table.map(|promise| promise.mrad),
             certificate: table.and_then(|promise| promise.certificate.clone()),
+            sky: self.sky,
             beyond: self.beyond,
             within_table: self.space.knows(self.camera.u),
             speed: self.speed,

@@ -395,6 +395,7 @@ fn a_captured_picture_has_its_own_size_and_does_not_disturb_the_display() {
             width: 300,
             height: 200,
             samples: 4,
+            light: false,
         },
     );
     machine.frames.clear();
@@ -412,9 +413,80 @@ fn a_captured_picture_has_its_own_size_and_does_not_disturb_the_display() {
             width: 8192,
             height: 8192,
             samples: 1,
+            light: false,
         },
     );
     assert!(session.panel(machine.now).hint.is_some());
+}
+
+#[test]
+fn captured_light_is_linear_whatever_the_exposure() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let (width, height) = (40, 30);
+    session.handle(0.0, ViewerEvent::Exposure { stops: 3.0 });
+    let light = ViewerEvent::Capture {
+        width,
+        height,
+        samples: 1,
+        light: true,
+    };
+    session.handle(0.0, light);
+    let Some(Work::Draw(request)) = session.next_work(0.0, 1) else {
+        panic!("a captured picture comes first");
+    };
+    let pixels = request.block.width * request.block.height;
+    let answer = Answer::Drawn {
+        frame: request.frame,
+        block: request.block,
+        rgb: vec![0.2; 3 * pixels],
+        errors: Vec::new(),
+    };
+    session.accept(0.1, answer);
+    let patch = session.take_patches().pop().unwrap();
+    assert!(patch.capture && patch.light && patch.last);
+    assert_eq!(patch.pixels.len(), 12 * pixels);
+    assert!(patch.pixels.chunks(4).all(|x| x == 0.2_f32.to_le_bytes()));
+    assert_eq!(patch.encode()[0], 7);
+}
+
+#[test]
+fn other_skies_stand_beyond_every_exit_until_the_scene_s_come_back() {
+    let flat = manifold(FLAT);
+    let stage = start_stage(&flat, 10.0);
+    let mut draw = DrawSpace::new(stage, None, 10.0);
+    let request = DrawRequest {
+        frame: 1,
+        // Well before the sky in the line of sight, −z: paths are followed over 10.
+        u: [0.0, 0.1, -5.0],
+        rotation: [0.0, 0.0, 0.0, 1.0],
+        fov: 60.0,
+        size: (24, 16),
+        block: Block {
+            x: 0,
+            y: 0,
+            width: 24,
+            height: 16,
+        },
+        margin: 0,
+        samples: 1,
+        kind: PictureKind::Exact,
+        each: true,
+    };
+    let mut picture = |sky: SkyChoice| {
+        draw.dress(sky);
+        draw.answer(&Work::Draw(request.clone()))
+    };
+    let scene = picture(SkyChoice::Scene);
+    let [stars, grid] = [SkyChoice::Stars, SkyChoice::Grid].map(&mut picture);
+    assert_ne!(stars, grid);
+    assert_eq!(picture(SkyChoice::Scene), scene);
+    let mut session = session(None, &flat);
+    let stars = ViewerEvent::Sky {
+        sky: SkyChoice::Stars,
+    };
+    session.handle(0.0, stars);
+    assert_eq!(session.panel(0.0).sky, SkyChoice::Stars);
 }
 
 #[test]
@@ -514,6 +586,12 @@ fn random_event(random: &mut Stream) -> ViewerEvent {
     }
 }
 
+/// Random events of a session; `GEOFAN_VIEW_STEPS` asks for more, 60,000 are 30 minutes of the session's clock.
+fn steps() -> usize {
+    let asked = std::env::var("GEOFAN_VIEW_STEPS").ok();
+    asked.and_then(|steps| steps.parse().ok()).unwrap_or(250)
+}
+
 #[test]
 fn whatever_a_user_does_the_axes_stay_orthonormal_and_the_camera_inside() {
     let golden = bundle("three-bumps-rail");
@@ -533,7 +611,7 @@ fn whatever_a_user_does_the_axes_stay_orthonormal_and_the_camera_inside() {
         let mut session = session(bundle, &space);
         let mut machine = Machine::new(2e-7);
         let mut random = Stream::new(&[seed]);
-        for step in 0..250 {
+        for step in 0..steps() {
             let event = random_event(&mut random);
             session.handle(machine.now, event.clone());
             machine.run(&mut session, 0.03);

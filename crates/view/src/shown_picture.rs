@@ -95,27 +95,33 @@ impl ShownPicture {
             size: light.size,
             block,
             last,
-            rgba,
+            pixels: rgba,
+            light: false,
         }
     }
 
-    /// Returns a block of a captured picture, which is not kept.
+    /// Returns a block of a captured picture, which is not kept: as the screen shows it, or its linear `light`
+    /// whatever the exposure.
     pub fn captured(
         &self,
         (frame, size): (u32, (usize, usize)),
         block: Block,
         rgb: &[f32],
-        last: bool,
+        (last, light): (bool, bool),
     ) -> Patch {
-        let mut rgba = Vec::new();
-        self.table.append(rgb, self.stops.exp2() as f32, &mut rgba);
+        let mut pixels = Vec::new();
+        match light {
+            true => pixels.extend(rgb.iter().flat_map(|x| x.to_le_bytes())),
+            false => (self.table).append(rgb, self.stops.exp2() as f32, &mut pixels),
+        }
         Patch {
             frame,
             capture: true,
             size,
             block,
             last,
-            rgba,
+            pixels,
+            light,
         }
     }
 }
@@ -146,7 +152,7 @@ mod tests {
         let patches = shown.expose(1.0);
         let frames: Vec<(u32, usize)> = patches.iter().map(|p| (p.frame, p.block.x)).collect();
         assert_eq!(frames, [(1, 0), (1, 2), (2, 2)]);
-        assert_eq!(patches[0].rgba[0], ToneTable::default().byte(0.2));
+        assert_eq!(patches[0].pixels[0], ToneTable::default().byte(0.2));
     }
 
     #[test]

@@ -10,8 +10,9 @@ pub const HTML: &str = include_str!("../ui/index.html");
 pub const STYLE: &str = include_str!("../ui/style.css");
 
 /// Modules in the order of their imports: each imports earlier ones only.
-pub const MODULES: [(&str, &str); 6] = [
+pub const MODULES: [(&str, &str); 7] = [
     ("controls.js", include_str!("../ui/controls.js")),
+    ("exr.js", include_str!("../ui/exr.js")),
     ("display.js", include_str!("../ui/display.js")),
     ("chart_map.js", include_str!("../ui/chart_map.js")),
     ("panel.js", include_str!("../ui/panel.js")),
@@ -23,7 +24,8 @@ pub const MODULES: [(&str, &str); 6] = [
 pub const SERVED_MAIN: (&str, &str) = ("served.js", include_str!("../ui/served.js"));
 
 /// The engine of the page, and the module that begins there.
-pub const PAGE_MODULES: [(&str, &str); 2] = [
+pub const PAGE_MODULES: [(&str, &str); 3] = [
+    ("unpack.js", include_str!("../ui/unpack.js")),
     ("worker_engine.js", include_str!("../ui/worker_engine.js")),
     ("page.js", include_str!("../ui/page.js")),
 ];

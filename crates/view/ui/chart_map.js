@@ -1,30 +1,36 @@
 // The picked path in the chart: seen along one of its coordinates.
 
+import { paperOf } from "./display.js";
+
 /** Pairs of coordinates across and up. */
 const PLANES = [[0, 1], [0, 2], [1, 2]];
+
+/** @typedef {import("./types").Panel} Panel */
 
 /** @param {HTMLElement} box @param {HTMLCanvasElement} canvas @param {HTMLElement} words */
 export function createMap(box, canvas, words) {
   let plane = 0;
+  /** @type {{ key: string, panel: Panel } | null} */
   let known = null;
   canvas.addEventListener("click", () => {
     plane = (plane + 1) % PLANES.length;
-    if (known) draw(known);
+    if (known) draw(known.panel);
   });
 
-  /** Shows the path of a panel, if it has one. */
+  /** Shows the path of a panel, if it has one. @param {Panel} panel */
   function update(panel) {
     box.hidden = !panel.picked;
     const now = JSON.stringify([panel.picked, panel.pose.at]);
     if (!panel.picked || known?.key === now) return;
     known = { key: now, panel };
-    draw(known);
+    draw(panel);
   }
 
-  function draw({ panel }) {
-    const { picked, pose, coordinates } = panel;
+  /** @param {Panel} panel */
+  function draw({ picked, pose, coordinates }) {
+    if (!picked) return;
     const [i, j] = PLANES[plane];
-    const paper = canvas.getContext("2d");
+    const paper = paperOf(canvas);
     const { width, height } = canvas;
     const points = picked.points.map((p) => [p[i], p[j]]);
     const all = [...points, [pose.at[i], pose.at[j]]];
@@ -32,7 +38,7 @@ export function createMap(box, canvas, words) {
     const high = [0, 1].map((k) => Math.max(...all.map((p) => p[k])));
     const extent = Math.max(high[0] - low[0], high[1] - low[1]) || 1;
     const scale = (width - 40) / extent;
-    const at = ([x, y]) => [
+    const at = (/** @type {number[]} */ [x, y]) => [
       width / 2 + (x - (low[0] + high[0]) / 2) * scale,
       height / 2 - (y - (low[1] + high[1]) / 2) * scale,
     ];
@@ -61,6 +67,7 @@ export function createMap(box, canvas, words) {
     words.textContent = `Path of length ${picked.length.toPrecision(4)} to ${picked.end}, at (${where}). ○ camera, ■ end; click the map to turn it.`;
   }
 
+  /** @param {CanvasRenderingContext2D} paper @param {number[]} place @param {string} colour @param {boolean} square */
   function mark(paper, [x, y], colour, square) {
     paper.fillStyle = colour;
     paper.beginPath();

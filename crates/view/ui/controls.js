@@ -1,21 +1,21 @@
 // Keys, mouse and touch to events. Keys are taken by where they are on the keyboard (event.code), so that W A S D
 // lie together on every layout; nothing uses Ctrl, Alt or Meta, which belong to the browser.
 
-/** What keys do while they are held: right, up, forwards; turn right, down; roll clockwise. */
+/** What keys do while they are held: right, up, forwards; turn right, down; roll clockwise. @type {Record<string, number[]>} */
 const HELD_KEYS = {
   KeyW: [0, 0, 1, 0, 0, 0], KeyS: [0, 0, -1, 0, 0, 0], KeyA: [-1, 0, 0, 0, 0, 0], KeyD: [1, 0, 0, 0, 0, 0],
   KeyQ: [0, -1, 0, 0, 0, 0], KeyE: [0, 1, 0, 0, 0, 0], ArrowLeft: [0, 0, 0, -1, 0, 0], ArrowRight: [0, 0, 0, 1, 0, 0],
   ArrowUp: [0, 0, 0, 0, -1, 0], ArrowDown: [0, 0, 0, 0, 1, 0], KeyZ: [0, 0, 0, 0, 0, -1], KeyC: [0, 0, 0, 0, 0, 1],
 };
 
-/** Keys that do something once: name of the action, and words for the help. */
+/** Keys that do something once: name of the action, and words for the help. @type {Record<string, [string, string]>} */
 export const ACTION_KEYS = {
   KeyX: ["swap", "Swap table and exact"], KeyV: ["split", "Split the screen: table and exact side by side"],
   KeyM: ["error", "Show the error of the table in mrad"], KeyG: ["flat", "Show the same scene in flat space"],
   KeyH: ["home", "Back to the start"], KeyT: ["follow", "Fly along the picked path"], Escape: ["halt", "Stop flying"],
   KeyB: ["beyond", "Let the camera leave the table's region"], BracketLeft: ["darker", "Darker"],
   BracketRight: ["brighter", "Brighter"], KeyR: ["record", "Begin or end a recording of the way"],
-  KeyP: ["replay", "Replay the way"], KeyK: ["capture", "Save a picture (PNG)"], KeyO: ["overlay", "Hide or show the numbers"],
+  KeyP: ["replay", "Replay the way"], KeyK: ["capture", "Save a picture (PNG, or EXR: size and samples are chosen)"], KeyO: ["overlay", "Hide or show the numbers"],
   Slash: ["help", "This help"],
 };
 
@@ -31,9 +31,10 @@ const CLICK_REACH = 5;
 /**
  * Listens to a canvas and to the pad's buttons.
  * @param {HTMLCanvasElement} canvas @param {HTMLElement} pad
- * @param {(event: object) => void} send @param {(action: string) => void} act
+ * @param {import("./types").Send} send @param {(action: string) => void} act
  */
 export function attachControls(canvas, pad, send, act) {
+  /** @type {Set<string>} */
   const keys = new Set();
   let fast = false;
   let padGo = [0, 0, 0];
@@ -42,6 +43,7 @@ export function attachControls(canvas, pad, send, act) {
   function tellHeld() {
     const sum = [...padGo, 0, 0, 0];
     for (const key of keys) HELD_KEYS[key].forEach((x, i) => (sum[i] += x));
+    /** @type {import("./types").ViewerEvent} */
     const event = { type: "hold", go: sum.slice(0, 3), turn: sum.slice(3, 5), roll: sum[5], fast };
     const text = JSON.stringify(event);
     if (text !== told) send(event);
@@ -85,20 +87,23 @@ export function attachControls(canvas, pad, send, act) {
   attachPointers(canvas, send);
 
   for (const button of pad.querySelectorAll("button")) {
-    const go = button.dataset.go.split(",").map(Number);
-    const press = (event) => { event.preventDefault(); padGo = go; tellHeld(); };
+    const go = (button.dataset.go ?? "0,0,0").split(",").map(Number);
+    const press = (/** @type {Event} */ event) => { event.preventDefault(); padGo = go; tellHeld(); };
     const lift = () => { padGo = [0, 0, 0]; tellHeld(); };
     button.addEventListener("pointerdown", press);
     for (const end of ["pointerup", "pointercancel", "pointerleave"]) button.addEventListener(end, lift);
   }
 }
 
-/** Drags turn, clicks pick, two fingers change the angle of view, and a resting pointer asks what it is on. */
+/**
+ * Drags turn, clicks pick, two fingers change the angle of view, and a resting pointer asks what it is on.
+ * @param {HTMLCanvasElement} canvas @param {import("./types").Send} send */
 function attachPointers(canvas, send) {
+  /** @type {Map<number, { x: number, y: number }>} */
   const down = new Map();
   let moved = 0;
   let spread = 0;
-  const share = (event) => {
+  const share = (/** @type {PointerEvent} */ event) => {
     const box = canvas.getBoundingClientRect();
     return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height];
   };
@@ -133,7 +138,7 @@ function attachPointers(canvas, send) {
       send({ type: "look", right: -dx / width, down: -dy / width });
     }
   });
-  const lift = (event) => {
+  const lift = (/** @type {PointerEvent} */ event) => {
     if (!down.delete(event.pointerId) || down.size > 0) return;
     if (event.type === "pointerup" && moved < CLICK_REACH) {
       const [x, y] = share(event);

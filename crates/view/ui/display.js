@@ -1,20 +1,28 @@
 // Pixels to the screen. A picture of the display's own size is put there block by block; a smaller one is
 // stretched when it is whole.
 
+import { createExr } from "./exr.js";
+
 /** Bytes of a patch before its pixels: eight numbers. */
 const PATCH_HEAD = 32;
 
 /** Most pixels of a display: beyond, its picture is stretched. */
 const MOST_PIXELS = 2560 * 1440;
 
-/**
- * @param {HTMLCanvasElement} canvas @param {(event: object) => void} send
- * @param {(blob: Blob) => void} save
- */
+/** The paper of a canvas. @param {HTMLCanvasElement} canvas @param {boolean} alpha */
+export function paperOf(canvas, alpha = true) {
+  const paper = canvas.getContext("2d", { alpha });
+  if (!paper) throw new Error("this browser draws no pictures on a canvas");
+  return paper;
+}
+
+/** @param {HTMLCanvasElement} canvas @param {import("./types").Send} send @param {import("./types").Save} save */
 export function createDisplay(canvas, send, save) {
-  const context = canvas.getContext("2d", { alpha: false });
+  const context = paperOf(canvas, false);
   const sheet = document.createElement("canvas");
   const captured = document.createElement("canvas");
+  /** @type {ReturnType<typeof createExr> | null} */
+  let capturedLight = null;
   let stats = { frames: 0, shown: "" };
 
   function fit() {
@@ -29,21 +37,30 @@ export function createDisplay(canvas, send, save) {
     if (before) {
       sheet.width = before.width;
       sheet.height = before.height;
-      sheet.getContext("2d").putImageData(before, 0, 0);
+      paperOf(sheet).putImageData(before, 0, 0);
       context.drawImage(sheet, 0, 0, width, height);
     }
     send({ type: "resize", width, height });
   }
 
-  /** Shows a patch: an ArrayBuffer as PROTOCOL.md tells. */
+  /** Shows a patch, as PROTOCOL.md tells. @param {ArrayBuffer} buffer */
   function show(buffer) {
     const head = new DataView(buffer, 0, PATCH_HEAD);
     const [flags, frame, width, height, x, y, w, h] = Array.from({ length: 8 }, (_, i) => head.getUint32(4 * i, true));
-    const image = new ImageData(new Uint8ClampedArray(buffer, PATCH_HEAD), w, h);
     const last = (flags & 2) !== 0;
+    if (flags & 4) {
+      capturedLight ??= createExr(width, height);
+      capturedLight.put(new Float32Array(buffer, PATCH_HEAD), [x, y, w, h]);
+      if (last) {
+        save("exr", capturedLight.file());
+        capturedLight = null;
+      }
+      return;
+    }
+    const image = new ImageData(new Uint8ClampedArray(buffer, PATCH_HEAD), w, h);
     if (flags & 1) {
       putOn(captured, width, height, image, x, y);
-      if (last) captured.toBlob((blob) => blob && save(blob), "image/png");
+      if (last) captured.toBlob((blob) => blob && save("png", blob), "image/png");
       return;
     }
     if (width === canvas.width && height === canvas.height) {
@@ -59,12 +76,16 @@ export function createDisplay(canvas, send, save) {
     else requestAnimationFrame(tell);
   }
 
+  /**
+   * @param {HTMLCanvasElement} target @param {number} width @param {number} height
+   * @param {ImageData} image @param {number} x @param {number} y
+   */
   function putOn(target, width, height, image, x, y) {
     if (target.width !== width || target.height !== height) {
       target.width = width;
       target.height = height;
     }
-    target.getContext("2d").putImageData(image, x, y);
+    paperOf(target).putImageData(image, x, y);
   }
 
   new ResizeObserver(fit).observe(canvas);

@@ -1,15 +1,28 @@
 // The panel's data in words and controls.
 
+import { paperOf } from "./display.js";
+
+/** @typedef {import("./types").Panel} Panel */
+
+/** @type {[import("./types").Kind, string][]} */
 const KINDS = [["table", "Table"], ["exact", "Exact"], ["flat", "Flat"], ["error", "Error"]];
 
-/** Makes an element with properties and children. */
+/** @type {[import("./types").Sky, string][]} */
+const SKIES = [["scene", "Skies of the scene"], ["grid", "Lettered grid"], ["stars", "Stars"]];
+
+/**
+ * Makes an element with properties and children.
+ * @template {keyof HTMLElementTagNameMap} Tag
+ * @param {Tag} tag @param {Partial<HTMLElementTagNameMap[Tag]>} properties @param {(Node | string)[]} children
+ * @returns {HTMLElementTagNameMap[Tag]}
+ */
 function make(tag, properties = {}, ...children) {
   const element = Object.assign(document.createElement(tag), properties);
   element.append(...children);
   return element;
 }
 
-/** A number in four digits. */
+/** A number in four digits. @param {number | null | undefined} x */
 function short(x) {
   if (x === null || x === undefined) return "–";
   return Math.abs(x) >= 1e4 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(2) : Number(x.toPrecision(4)).toString();
@@ -17,14 +30,15 @@ function short(x) {
 
 /**
  * Builds the panel.
- * @param {HTMLElement} root @param {(event: object) => void} send @param {(action: string) => void} act
+ * @param {HTMLElement} root @param {import("./types").Send} send @param {(action: string) => void} act
  */
 export function createPanel(root, send, act) {
   const kinds = KINDS.map(([kind, word]) => {
-    const button = make("button", { type: "button", textContent: word });
-    button.addEventListener("click", () => send({ type: "show", kind, split: null }));
-    return [kind, button];
+    const made = make("button", { type: "button", textContent: word });
+    made.addEventListener("click", () => send({ type: "show", kind, split: null }));
+    return { kind, made };
   });
+  /** @param {string} word @param {string} action */
   const button = (word, action) => {
     const made = make("button", { type: "button", textContent: word });
     made.addEventListener("click", () => act(action));
@@ -39,6 +53,8 @@ export function createPanel(root, send, act) {
   const samples = make("select", {}, ...[1, 4, 16, 64].map((n) => make("option", { value: String(n), textContent: `${n} samples when still` })));
   samples.value = "16";
   samples.addEventListener("change", () => send({ type: "still", samples: Number(samples.value) }));
+  const sky = make("select", { ariaLabel: "Skies" }, ...SKIES.map(([value, textContent]) => make("option", { value, textContent })));
+  sky.addEventListener("change", () => send({ type: "sky", sky: SKIES[sky.selectedIndex][0] }));
   const views = make("select");
   views.setAttribute("aria-label", "Views of the scene");
   views.addEventListener("change", () => {
@@ -47,27 +63,32 @@ export function createPanel(root, send, act) {
   });
   const way = make("input", { type: "file", accept: ".toml", ariaLabel: "Replay a camera path" });
   way.addEventListener("change", async () => {
-    const [file] = way.files;
+    const file = way.files?.[0];
     if (file) send({ type: "replay", text: await file.text() });
     way.value = "";
   });
   const [title, speed, state, parameters] = [make("h2"), make("p"), make("p"), make("div")];
+  const quantiles = make("p");
   const legend = make("div", { id: "legend" });
-  const errors = make("section", {}, make("h2", { textContent: "Screen error of the table" }), make("p"), legend);
+  const errors = make("section", {}, make("h2", { textContent: "Screen error of the table" }), quantiles, legend);
   const certificate = make("pre");
-  const details = make("details", {}, make("summary", { textContent: "Certificate of the table" }), certificate);
+  const certificateLink = make("a", { textContent: "Certificate as a file", download: "certificate.txt" });
+  const details = make("details", {}, make("summary", { textContent: "Certificate of the table" }), certificate, certificateLink);
+  const picture = pictureChoice();
   root.append(
-    title, make("div", { className: "row" }, ...kinds.map(([, b]) => b), split),
+    title, make("div", { className: "row" }, ...kinds.map(({ made }) => made), split),
     make("div", { className: "row" }, beyond), errors,
-    make("label", { className: "wide" }, "Exposure ", exposureWord, exposure),
+    make("label", { className: "wide" }, "Exposure ", exposureWord, exposure), make("div", { className: "row" }, sky),
     make("div", { className: "row" }, views, button("Home", "home"), samples), speed, parameters,
     make("div", { className: "row" }, button("Follow path", "follow"), record, button("Replay", "replay"), way),
     make("div", { className: "row" }, button("Save picture", "capture"), button("Copy address", "copy"), button("Help", "help")),
-    state, details,
+    picture.element, state, details,
   );
   let knownViews = "";
+  /** @type {Map<string, { slider: HTMLInputElement, word: HTMLElement }>} */
   const sliders = new Map();
 
+  /** @param {Panel["parameters"]} list */
   function updateParameters(list) {
     if ([...sliders.keys()].join() !== list.map(([name]) => name).join()) {
       sliders.clear();
@@ -83,25 +104,25 @@ export function createPanel(root, send, act) {
       }
     }
     for (const [name, value] of list) {
-      const { slider, word } = sliders.get(name);
-      if (document.activeElement === slider) continue;
-      slider.value = String(value);
-      word.textContent = short(value);
+      const made = sliders.get(name);
+      if (!made || document.activeElement === made.slider) continue;
+      made.slider.value = String(value);
+      made.word.textContent = short(value);
     }
   }
 
+  /** @param {Panel} panel */
   function updateErrors(panel) {
     errors.hidden = panel.kind !== "error";
     if (errors.hidden) return;
-    const text = errors.querySelector("p");
     if (panel.errors) {
       const [q, share] = panel.errors;
-      text.textContent = `mrad: median ${short(q.p50)}, 95 % ${short(q.p95)}, 99 % ${short(q.p99)}, largest sampled ${short(q.max)}; ${short(100 * share)} % given up and integrated`;
+      quantiles.textContent = `mrad: median ${short(q.p50)}, 95 % ${short(q.p95)}, 99 % ${short(q.p99)}, largest sampled ${short(q.max)}; ${short(100 * share)} % given up and integrated`;
     }
     if (legend.childElementCount) return;
     panel.legend.forEach(([most, [r, g, b]], i) => {
       const patch = make("canvas", { width: 22, height: 16 });
-      const paper = patch.getContext("2d");
+      const paper = paperOf(patch);
       paper.fillStyle = `rgb(${r},${g},${b})`;
       paper.fillRect(0, 0, 22, 16);
       const last = i === panel.legend.length - 1;
@@ -110,12 +131,12 @@ export function createPanel(root, send, act) {
     });
   }
 
-  /** Shows a panel. */
+  /** Shows a panel. @param {Panel} panel */
   function update(panel) {
     title.textContent = panel.manifold;
-    for (const [kind, b] of kinds) {
-      b.ariaPressed = String(panel.kind === kind);
-      b.disabled = (kind === "table" || kind === "error") && panel.promise === null;
+    for (const { kind, made } of kinds) {
+      made.ariaPressed = String(panel.kind === kind);
+      made.disabled = (kind === "table" || kind === "error") && panel.promise === null;
     }
     split.ariaPressed = String(panel.split !== null);
     split.disabled = panel.promise === null;
@@ -124,6 +145,7 @@ export function createPanel(root, send, act) {
     record.textContent = panel.recording === null ? "Record" : `Stop (${panel.recording.toFixed(0)} s)`;
     record.ariaPressed = String(panel.recording !== null);
     exposureWord.textContent = `${panel.exposure >= 0 ? "+" : ""}${panel.exposure} stops`;
+    if (document.activeElement !== sky) sky.value = panel.sky;
     if (document.activeElement !== exposure) exposure.value = String(panel.exposure);
     if (knownViews !== panel.views.join("\n")) {
       knownViews = panel.views.join("\n");
@@ -134,15 +156,37 @@ export function createPanel(root, send, act) {
     speed.textContent = `Speed ${short(panel.speed)} a second`;
     state.textContent = panel.background ?? "";
     details.hidden = panel.certificate === null;
-    certificate.textContent = panel.certificate ?? "";
+    if (certificate.textContent !== (panel.certificate ?? "")) {
+      certificate.textContent = panel.certificate ?? "";
+      URL.revokeObjectURL(certificateLink.href);
+      certificateLink.href = URL.createObjectURL(new Blob([certificate.textContent], { type: "text/plain" }));
+    }
     updateParameters(panel.parameters);
     updateErrors(panel);
   }
 
-  return { update };
+  return { update, picture: picture.chosen };
 }
 
-/** The numbers over the picture. */
+/** Controls for the picture that is saved: its size, its samples, its format. */
+function pictureChoice() {
+  const [width, height] = ["Width", "Height"].map((word) => make("input", { type: "number", min: "1", max: "8192", placeholder: word.toLowerCase(), ariaLabel: `${word} of the saved picture` }));
+  const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...[1, 16, 64, 256].map((n) => make("option", { value: String(n), textContent: n === 1 ? "1 sample" : `${n} samples` })));
+  samples.value = "16";
+  const format = make("select", { ariaLabel: "Format of the saved picture" }, ...["PNG", "EXR"].map((value) => make("option", { value, textContent: value })));
+  const row = make("div", { className: "row" }, width, "×", height, samples, format);
+  const element = make("details", {}, make("summary", { textContent: "Picture to save" }), row);
+  /** What is chosen; the display's size where nothing is. @param {HTMLCanvasElement} canvas */
+  const chosen = (canvas) => ({
+    width: width.valueAsNumber || canvas.width,
+    height: height.valueAsNumber || canvas.height,
+    samples: Number(samples.value),
+    light: format.value === "EXR",
+  });
+  return { element, chosen };
+}
+
+/** The numbers over the picture. @param {Panel} panel */
 export function overlayText(panel) {
   const { size, display, samples, seconds, rate, coordinates, pose } = panel;
   const why = panel.kind === "error" ? "every error takes an exact path" : "coarser while it moves";

@@ -5,10 +5,12 @@ const RETRY = 1000;
 
 /** Opens the connection; it comes back by itself when it is lost. */
 export function openSocketEngine() {
-  const engine = { send, onpatch: (_) => {}, onmessage: (_) => {}, onopen: () => {}, onlost: () => {} };
+  /** @type {import("./types").ViewEngine} */
+  const engine = { send, onpatch: () => {}, onmessage: () => {}, onopen: () => {}, onlost: () => {} };
   const address = new URL("socket", location.href);
   address.protocol = "ws:";
   address.hash = "";
+  /** @type {WebSocket | null} */
   let socket = null;
 
   function connect() {
@@ -25,6 +27,7 @@ export function openSocketEngine() {
     };
   }
 
+  /** @param {import("./types").ViewerEvent} event */
   function send(event) {
     if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(event));
   }

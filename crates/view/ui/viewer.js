@@ -8,13 +8,27 @@ import { createPanel, overlayText } from "./panel.js";
 /** Milliseconds between two writings of the address. */
 const ADDRESS_INTERVAL = 1000;
 
-/** Starts the viewer with an engine: `send`, and `onpatch`, `onmessage`, `onopen`, `onlost` to be set. */
+/** Finds an element of the page. @param {string} id */
+export function find(id) {
+  const found = document.getElementById(id);
+  if (!found) throw new Error(`the page has no ${id}`);
+  return found;
+}
+
+/**
+ * Starts the viewer with an engine, whose `onpatch`, `onmessage`, `onopen` and `onlost` are set here.
+ * @param {import("./types").ViewEngine} engine
+ */
 export function startViewer(engine) {
-  const find = (id) => document.getElementById(id);
-  const [canvas, overlay, hint, trouble] = ["picture", "overlay", "hint", "trouble"].map(find);
+  const canvas = /** @type {HTMLCanvasElement} */ (find("picture"));
+  const help = /** @type {HTMLDialogElement} */ (find("help"));
+  const [overlay, hint, trouble] = ["overlay", "hint", "trouble"].map(find);
+  /** @type {import("./types").Send} */
   const send = (event) => engine.send(event);
+  /** @type {import("./types").Panel | null} */
   let panel = null;
   let numbers = true;
+  /** @param {string} name @param {Blob} blob */
   const download = (name, blob) => {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(blob);
@@ -22,20 +36,27 @@ export function startViewer(engine) {
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   };
-  const display = createDisplay(canvas, send, (blob) => download("geofan.png", blob));
-  const map = createMap(find("map-box"), find("map"), find("map-text"));
+  const display = createDisplay(canvas, send, (kind, blob) => download(`geofan.${kind}`, blob));
+  const map = createMap(find("map-box"), /** @type {HTMLCanvasElement} */ (find("map")), find("map-text"));
   const words = createPanel(find("controls"), send, act);
   attachControls(canvas, find("pad"), send, act);
 
+  /** @typedef {import("./types").Kind} Kind */
+  /** @param {Kind} kind @param {Kind | null} split */
   function show(kind, split = null) {
     send({ type: "show", kind, split });
   }
 
-  /** Does what a key or a button stands for. */
+  /** Does what a key or a button stands for. @param {string} action */
   function act(action) {
-    if (!panel) return;
+    if (panel) actOn(action, panel);
+  }
+
+  /** @param {string} action @param {import("./types").Panel} panel */
+  function actOn(action, panel) {
     const usual = panel.promise === null ? "exact" : "table";
     const other = panel.kind === "table" ? "exact" : "table";
+    /** @type {Record<string, () => void>} */
     const actions = {
       swap: () => show(panel.promise === null ? "exact" : other),
       split: () => (panel.split ? show(panel.kind) : show("table", "exact")),
@@ -49,15 +70,16 @@ export function startViewer(engine) {
       brighter: () => send({ type: "exposure", stops: panel.exposure + 0.5 }),
       record: () => send({ type: "record", on: panel.recording === null }),
       replay: () => send({ type: "replay", text: "" }),
-      capture: () => send({ type: "capture", width: canvas.width, height: canvas.height, samples: 16 }),
+      capture: () => send({ type: "capture", ...words.picture(canvas) }),
       overlay: () => { numbers = !numbers; update(); },
       copy: () => { writeAddress(); navigator.clipboard?.writeText(location.href); },
-      help: () => find("help").showModal(),
+      help: () => help.showModal(),
     };
     actions[action]?.();
   }
 
   function update() {
+    if (!panel) return;
     overlay.textContent = numbers ? overlayText(panel) : "";
     hint.textContent = panel.hint ?? "";
     find("stage").classList.toggle("split", panel.split !== null);
@@ -70,10 +92,14 @@ export function startViewer(engine) {
   /** Sends what the address says, so that a copied address shows the same picture. */
   function readAddress() {
     const given = new URLSearchParams(location.hash.slice(1));
-    const vector = (name) => given.get(name)?.split(",").map(Number);
+    const vector = (/** @type {string} */ name) => given.get(name)?.split(",").map(Number);
     const [at, look, up] = ["at", "look", "up"].map(vector);
     if (at && look && up) send({ type: "place", at, look, up, fov: Number(given.get("fov") ?? 90) });
-    if (given.has("show")) show(given.get("show"), given.get("split") || null);
+    const kind = (/** @type {string} */ name) => /** @type {Kind | null} */ (given.get(name) || null);
+    const shown = kind("show");
+    if (shown) show(shown, kind("split"));
+    const sky = /** @type {import("./types").Sky | null} */ (given.get("sky"));
+    if (sky) send({ type: "sky", sky });
     if (given.has("exposure")) send({ type: "exposure", stops: Number(given.get("exposure")) });
     if (given.has("beyond")) send({ type: "beyond", allowed: given.get("beyond") === "1" });
     for (const [name, value] of given) {
@@ -84,11 +110,13 @@ export function startViewer(engine) {
   function writeAddress() {
     if (!panel) return;
     const given = new URLSearchParams(location.hash.slice(1));
-    for (const key of ["at", "look", "up"]) given.set(key, panel.pose[key].map((x) => Number(x.toPrecision(9))).join(","));
+    const { at, look, up } = panel.pose;
+    for (const [key, numbers] of Object.entries({ at, look, up })) given.set(key, numbers.map((x) => Number(x.toPrecision(9))).join(","));
     given.set("fov", panel.pose.fov.toPrecision(6));
     given.set("show", panel.kind);
     given.set("split", panel.split ?? "");
     given.set("exposure", String(panel.exposure));
+    given.set("sky", panel.sky);
     given.set("beyond", panel.beyond ? "1" : "0");
     const hash = `#${given.toString().replaceAll("%2C", ",")}`;
     if (hash !== location.hash) location.replace(hash);
@@ -112,9 +140,9 @@ export function startViewer(engine) {
   };
   display.fit();
   setInterval(writeAddress, ADDRESS_INTERVAL);
-  fillHelp(find("keys"));
+  fillHelp(/** @type {HTMLTableElement} */ (find("keys")));
   const fold = find("fold");
-  const setFold = (folded) => {
+  const setFold = (/** @type {boolean} */ folded) => {
     find("panel").classList.toggle("folded", folded);
     fold.ariaExpanded = String(!folded);
   };
@@ -122,9 +150,10 @@ export function startViewer(engine) {
   setFold(matchMedia("(max-width: 700px)").matches);
   canvas.focus();
   // For tests and for the curious: what is shown now.
-  globalThis.geofan = { panel: () => panel, stats: display.stats, send };
+  Object.assign(globalThis, { geofan: { panel: () => panel, stats: display.stats, send } });
 }
 
+/** @param {HTMLTableElement} table */
 function fillHelp(table) {
   const actions = Object.entries(ACTION_KEYS).map(([code, [, words]]) => [code.replace("Key", "").replace("Slash", "?").replace("BracketLeft", "[").replace("BracketRight", "]"), words]);
   for (const [keys, words] of [...HELD_HELP, ...actions]) {

@@ -19,6 +19,9 @@ onmessage = async ({ data }) => {
   } else if (data.settings) {
     give(data.settings);
     if (calls.geofan_set_drawing() !== 0) postMessage({ trouble: new TextDecoder().decode(take()) });
+  } else if (data.sky) {
+    give(data.sky);
+    calls.geofan_dress();
   } else if (data.work) {
     give(data.work);
     calls.geofan_work();

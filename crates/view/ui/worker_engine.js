@@ -1,13 +1,17 @@
 // The engine in the page itself: a session here, drawing in workers. Each has the same WebAssembly and its own
 // memory, so nothing is shared and no special headers are needed.
 
-/** Calls of one WebAssembly instance. */
-function instanceCalls(exports) {
+/**
+ * Calls of one WebAssembly instance.
+ * @param {WebAssembly.Exports} exported
+ */
+function instanceCalls(exported) {
+  const exports = /** @type {{ memory: WebAssembly.Memory } & Record<string, (...numbers: number[]) => number>} */ (/** @type {unknown} */ (exported));
   const encoder = new TextEncoder();
   const decoder = new TextDecoder();
   return {
     exports,
-    /** Gives bytes, or a text, to the next call. */
+    /** Gives bytes, or a text, to the next call. @param {Uint8Array | string} content */
     give(content) {
       const bytes = typeof content === "string" ? encoder.encode(content) : content;
       const place = exports.geofan_input(bytes.length);
@@ -21,17 +25,20 @@ function instanceCalls(exports) {
 
 /**
  * Opens the engine.
- * @param {Uint8Array} wasm @param {Uint8Array} space @param {string} worker the address of the workers' script
+ * @param {Uint8Array<ArrayBuffer>} wasm @param {Uint8Array} space @param {string} worker the address of the workers' script
  * @param {number} count of workers
  */
 export async function openWorkerEngine(wasm, space, worker, count) {
-  const engine = { send, onpatch: (_) => {}, onmessage: (_) => {}, onopen: () => {}, onlost: () => {} };
+  /** @type {import("./types").ViewEngine} */
+  const engine = { send, onpatch: () => {}, onmessage: () => {}, onopen: () => {}, onlost: () => {} };
   const module = await WebAssembly.compile(wasm);
   const session = instanceCalls((await WebAssembly.instantiate(module, {})).exports);
   session.give(space);
   if (session.exports.geofan_open_session() !== 0) throw new Error(session.takeText());
   const now = () => performance.now() / 1e3;
+  /** @type {Map<string, number>} */
   const settings = new Map();
+  /** @type {Worker[]} */
   const free = [];
   const workers = Array.from({ length: count }, () => {
     const made = new Worker(worker);
@@ -41,7 +48,10 @@ export async function openWorkerEngine(wasm, space, worker, count) {
     return made;
   });
 
-  /** Takes what a worker says: that it is ready, what was wrong, or an answer. */
+  /**
+   * Takes what a worker says: that it is ready, what was wrong, or an answer.
+   * @param {Worker} made @param {{ trouble?: string, answer?: Uint8Array }} data
+   */
   function answer(made, data) {
     if (data.trouble !== undefined) tellTrouble(data.trouble);
     if (data.answer) {
@@ -52,11 +62,13 @@ export async function openWorkerEngine(wasm, space, worker, count) {
     pump();
   }
 
+  /** @param {string} text */
   function tellTrouble(text) {
     session.give(text);
     session.exports.geofan_trouble();
   }
 
+  /** @param {import("./types").ViewerEvent} event */
   function send(event) {
     if (event.type === "parameter") {
       settings.set(event.name, event.value);
@@ -65,6 +77,7 @@ export async function openWorkerEngine(wasm, space, worker, count) {
       if (session.exports.geofan_set_session() !== 0) tellTrouble(session.takeText());
       else for (const made of workers) made.postMessage({ settings: text });
     } else {
+      if (event.type === "sky") for (const made of workers) made.postMessage({ sky: JSON.stringify(event.sky) });
       session.give(JSON.stringify(event));
       session.exports.geofan_event(now());
     }
@@ -76,7 +89,7 @@ export async function openWorkerEngine(wasm, space, worker, count) {
     while (session.exports.geofan_patch() !== 0) engine.onpatch(session.take().buffer);
     while (free.length > 0 && session.exports.geofan_next(now(), count) !== 0) {
       const work = session.take();
-      free.pop().postMessage({ work }, [work.buffer]);
+      free.pop()?.postMessage({ work }, [work.buffer]);
     }
     while (session.exports.geofan_message(now()) !== 0) engine.onmessage(JSON.parse(session.takeText()));
   }

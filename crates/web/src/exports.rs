@@ -6,6 +6,7 @@
 //! | `geofan_output()`, `geofan_output_length()` | | where the output is, and its length |
 //! | `geofan_open_session()`, `geofan_open_drawing()` | package | 0, or 1 and what was wrong |
 //! | `geofan_set_session()`, `geofan_set_drawing()` | parameters as JSON | 0, or 1 and what was wrong |
+//! | `geofan_dress()` | what skies show, as JSON | |
 //! | `geofan_event(now)` | an event | |
 //! | `geofan_trouble()` | a text | |
 //! | `geofan_next(now, workers)` | | 1 and work, or 0 |
@@ -33,7 +34,7 @@ fn told(call: impl FnOnce(&mut Instance) -> Result<()>) -> u32 {
     with(|instance| match call(instance) {
         Ok(()) => 0,
         Err(error) => {
-            instance.output = error.report(false).into_bytes();
+            instance.output = format!("error: {error}").into_bytes();
             1
         }
     })
@@ -83,6 +84,12 @@ pub extern "C" fn geofan_set_session() -> u32 {
 #[unsafe(no_mangle)]
 pub extern "C" fn geofan_set_drawing() -> u32 {
     told(Instance::set)
+}
+
+/// Shows other skies.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_dress() {
+    with(Instance::dress);
 }
 
 /// Takes an event.

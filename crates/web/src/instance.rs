@@ -2,7 +2,8 @@
 
 use geofan_core::{Error, Result};
 use geofan_view::{
-    Answer, DrawSpace, Package, PageAbout, PanelFeed, Session, SessionSpace, ViewerEvent, Work,
+    Answer, DrawSpace, Package, PageAbout, PanelFeed, Session, SessionSpace, SkyChoice,
+    ViewerEvent, Work,
 };
 
 /// The state of an instance.
@@ -18,6 +19,7 @@ pub struct Instance {
     messages: Vec<String>,
     patches: Vec<geofan_view::Patch>,
     drawing: Option<DrawSpace>,
+    sky: SkyChoice,
 }
 
 impl Instance {
@@ -56,9 +58,20 @@ impl Instance {
             }
         }
         if self.drawing.is_some() {
-            self.drawing = Some(PageAbout::open(&self.package, Some(&settings))?);
+            let mut drawing = PageAbout::open(&self.package, Some(&settings))?;
+            drawing.dress(self.sky);
+            self.drawing = Some(drawing);
         }
         Ok(())
+    }
+
+    /// Shows the skies in the input.
+    pub fn dress(&mut self) {
+        let sky = serde_json::from_slice::<SkyChoice>(&self.input);
+        if let (Some(drawing), Ok(sky)) = (&mut self.drawing, sky) {
+            self.sky = sky;
+            drawing.dress(sky);
+        }
     }
 
     /// Hands the event in the input to the session.

@@ -135,7 +135,12 @@ impl Connection {
         match message {
             Message::Text(text) => match serde_json::from_str(text.as_str()) {
                 Ok(ViewerEvent::Parameter { name, value }) => shared.set_parameter(&name, value),
-                Ok(event) => self.session.handle(now, event),
+                Ok(event) => {
+                    if let ViewerEvent::Sky { sky } = event {
+                        shared.set_sky(sky);
+                    }
+                    self.session.handle(now, event);
+                }
                 Err(_) => self.nonsense += 1,
             },
             Message::Close(_) => return false,

@@ -5,7 +5,7 @@
 
 use geofan_bundle::Bundle;
 use geofan_core::Result;
-use geofan_view::{LoadedSpace, SpaceSource};
+use geofan_view::{LoadedSpace, SkyChoice, SpaceSource};
 use std::{
     fs,
     path::PathBuf,
@@ -22,6 +22,7 @@ struct SpaceState {
     /// Counts the spaces.
     version: u64,
     settings: Vec<(String, f64)>,
+    sky: SkyChoice,
     /// A bundle that was baked or found in the cache.
     table: Option<Bundle>,
     trouble: Option<String>,
@@ -61,6 +62,7 @@ impl SharedSpace {
                 loaded: Arc::new(loaded),
                 version: 1,
                 settings,
+                sky: SkyChoice::Scene,
                 table: None,
                 trouble: None,
                 background: None,
@@ -90,6 +92,13 @@ impl SharedSpace {
             state.settings.push((name.into(), value));
             state.reload = true;
         }
+    }
+
+    /// Asks for the space with other skies.
+    pub fn set_sky(&self, sky: SkyChoice) {
+        let mut state = self.state();
+        state.reload |= state.sky != sky;
+        state.sky = sky;
     }
 
     /// Gives the space a table, if it is still that space.
@@ -137,14 +146,15 @@ impl SharedSpace {
 
     /// Loads the space again; the last good one stays if that fails.
     fn reload(&self) {
-        let (settings, table) = {
+        let (settings, table, sky) = {
             let state = self.state();
-            (state.settings.clone(), state.table.clone())
+            (state.settings.clone(), state.table.clone(), state.sky)
         };
         let loaded = self.source.load(&settings, table);
         let mut state = self.state();
         match loaded {
-            Ok(loaded) => {
+            Ok(mut loaded) => {
+                loaded.draw.dress(sky);
                 state.loaded = Arc::new(loaded);
                 state.version += 1;
                 state.trouble = None;

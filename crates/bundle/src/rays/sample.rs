@@ -11,7 +11,7 @@ use super::{
     ChartMap, RaySpace, Start,
     piece::{EdgePiece, state_on},
 };
-use crate::parallel::*;
+use geofan_core::parallel::*;
 use geofan_core::{
     geodesic::{End, Path, Ray, Settings, Sink, Step, follow, paths},
     manifold::Carried,

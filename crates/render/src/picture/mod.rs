@@ -5,10 +5,16 @@
 //! Arrays are (row, column), row 0 at the top; colours are linear with Rec.709 primaries and a D65
 //! white, 1 being the white of a screen, except where a name says sRGB.
 
+#[cfg(feature = "formats")]
 mod colour_space;
+#[cfg(feature = "formats")]
 pub mod exr;
+#[cfg(feature = "formats")]
 mod jpeg;
+pub mod packed;
+#[cfg(feature = "formats")]
 pub mod png;
+#[cfg(feature = "formats")]
 mod radiance;
 
 use geofan_core::{
@@ -18,9 +24,11 @@ use geofan_core::{
 use ndarray::{Array2, Array3, s};
 use std::{ops::Range, path::Path};
 
+#[cfg(feature = "formats")]
 pub use exr::{Precision, read_exr, write_exr};
 #[cfg(feature = "gltf")]
 pub use png::decode_bytes;
+#[cfg(feature = "formats")]
 pub use png::{read_png, write_png};
 
 /// The most pixels a file may have: a 16384 by 8192 sky. A damaged header can ask for any size, and
@@ -228,6 +236,7 @@ impl Format {
 
 /// Writes a picture in the format of the file name's ending: `.png` (8 bit sRGB, colours only) or
 /// `.exr` (colours in half floats, all layers, `metadata`; [`write_exr`] offers full floats).
+#[cfg(feature = "formats")]
 pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> {
     match Format::of(path) {
         Some(Format::Png) => write_png(path, picture),
@@ -236,8 +245,8 @@ pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> 
     }
 }
 
-/// Reads the linear light of a PNG, JPEG, Radiance or EXR file (whose layers come too); 8- and 16-bit
-/// files are taken as sRGB, and their opacity, if they have any, is the layer `A`. What is inside counts,
+/// Reads the linear light of a PNG, JPEG, Radiance or EXR file (whose layers come too), or of a packed picture; 8- and
+/// 16-bit files are taken as sRGB, and their opacity, if they have any, is the layer `A`. What is inside counts,
 /// not what the name says, because skies and textures from the net are often misnamed.
 pub fn read(path: &Path) -> Result<Picture> {
     if !READ.contains(&extension(path).as_str()) {
@@ -245,12 +254,42 @@ pub fn read(path: &Path) -> Result<Picture> {
         return Err(bad_input(path, message));
     }
     let bytes = read_bytes(path)?;
-    let picture = match &bytes {
+    if let Some(bytes) = bytes.strip_prefix(packed::MAGIC) {
+        return unpacked(bytes).ok_or_else(|| bad_input(path, "is a damaged packed picture"));
+    }
+    read_format(&bytes).map_err(|e| bad_input(path, e))
+}
+
+/// Packs the colours of a picture, for a file of its own.
+pub fn pack(picture: &Picture) -> Vec<u8> {
+    let pixels = packed::Pixels {
+        shape: picture.rgb.dim(),
+        values: picture.rgb.iter().copied().collect(),
+    };
+    [&packed::MAGIC[..], &pixels.pack()].concat()
+}
+
+/// Reads what [`pack`] wrote, without its first bytes.
+fn unpacked(bytes: &[u8]) -> Option<Picture> {
+    let pixels = packed::Pixels::unpack(bytes)?;
+    let rgb = Array3::from_shape_vec(pixels.shape, pixels.values).ok()?;
+    (rgb.dim().2 == 3 && rgb.len() / 3 <= MAX_PIXELS).then(|| Picture::new(rgb))
+}
+
+/// Reads a picture in a format that other programs write.
+#[cfg(not(feature = "formats"))]
+fn read_format(_: &[u8]) -> Result<Picture, String> {
+    Err("this build reads packed pictures only".into())
+}
+
+/// Reads a picture in a format that other programs write.
+#[cfg(feature = "formats")]
+fn read_format(bytes: &[u8]) -> Result<Picture, String> {
+    match bytes {
         bytes if exr::is_exr(bytes) => exr::decode(bytes).map(|(picture, _)| picture),
         bytes if radiance::is_radiance(bytes) => radiance::decode(bytes).map(Picture::new),
         bytes => png::decode_any(bytes),
-    };
-    picture.map_err(|e| bad_input(path, e))
+    }
 }
 
 /// The endings of the names of pictures that are read.
@@ -267,8 +306,14 @@ fn bad_input(path: &Path, message: impl Into<String>) -> Error {
     Error::input(path.display().to_string(), message)
 }
 
-/// The beginnings of the files that are read: PNG, JPEG, EXR, Radiance.
-const MAGICS: [&[u8]; 4] = [b"\x89PNG", b"\xff\xd8\xff", b"\x76\x2f\x31\x01", b"#?"];
+/// The beginnings of the files that are read: PNG, JPEG, EXR, Radiance, packed.
+const MAGICS: [&[u8]; 5] = [
+    b"\x89PNG",
+    b"\xff\xd8\xff",
+    b"\x76\x2f\x31\x01",
+    b"#?",
+    packed::MAGIC,
+];
 
 /// Reads the bytes of a picture file; of other files only the first.
 fn read_bytes(path: &Path) -> Result<Vec<u8>> {
@@ -285,6 +330,7 @@ pub(crate) fn digest(values: impl Iterator<Item = f32>) -> blake3::Hash {
 }
 
 /// Refuses pictures that no file format can hold.
+#[cfg(feature = "formats")]
 fn check_writable(path: &Path, picture: &Picture) -> Result<()> {
     let size = (picture.height(), picture.width());
     if size.0 * size.1 == 0 {

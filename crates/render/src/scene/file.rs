@@ -9,8 +9,8 @@
 
 use super::{
     camera::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
+    mesh::CREASE,
     motion::{CameraMotion, Formulas},
-    smoothing::CREASE,
     table::{self, Span, Table, Value},
     trajectory::{Trajectory, trajectory},
 };

@@ -7,7 +7,8 @@
 
 use super::{
     gltf_source::Source,
-    material::{Loaded, Material},
+    material::Material,
+    material_shelf::Loaded,
     texture::{Mapping, OpacityMap, TextureMap},
 };
 use crate::picture::srgb_encode;

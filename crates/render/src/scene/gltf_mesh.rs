@@ -5,9 +5,10 @@
 //! The format: *glTF 2.0 Specification*, Khronos Group, 2021.
 
 use super::{
+    draft::Draft,
     gltf_material::Materials,
     gltf_source::{Numbers, Source},
-    mesh::{Draft, Mesh, unit_or_none},
+    mesh::{Mesh, unit_or_none},
     smoothing::{FLAT, Share},
 };
 use geofan_core::error::{Error, Result};

@@ -4,7 +4,8 @@
 //! libraries may stand on a line, and names may hold spaces: the longest name that is there counts.
 
 use super::{
-    material::{Material, Shelf},
+    material::Material,
+    material_shelf::Shelf,
     mtl::{Entry, entries},
     text::{decoded, joined, without_comment},
 };

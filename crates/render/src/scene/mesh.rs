@@ -6,19 +6,21 @@
 
 #[cfg(feature = "gltf")]
 use super::gltf_mesh;
-use super::{
-    formats::Format,
-    material::Material,
-    obj_mesh, ply_mesh,
-    smoothing::{CREASE, Share, fill_normals},
-    text::decoded,
-};
+#[cfg(feature = "formats")]
+use super::{formats::Format, obj_mesh, ply_mesh, text::decoded};
+use super::{material::Material, packed_mesh};
+#[cfg(not(feature = "formats"))]
+use geofan_core::error::Error;
 use geofan_core::{
-    error::{Error, Result},
+    error::Result,
     reading::{MOST_OF_A_FILE, read_file},
 };
 use glam::DVec3;
 use std::path::Path;
+
+/// The angle (degrees) above which an edge is sharp unless something else is asked for: what
+/// modelling programs take. Round things of 12 sides and more are smooth.
+pub const CREASE: f64 = 30.0;
 
 /// A triangle mesh; `positions`, `normals` and `uvs` run in parallel.
 #[derive(Debug, Clone, Default)]
@@ -52,22 +54,40 @@ impl Mesh {
     /// Reads it as [`Mesh::load`] does, but edges are sharp that turn by more than `crease` degrees.
     pub fn load_creased(path: &Path, crease: f64) -> Result<Self> {
         let bytes = read_file(path, &[], MOST_OF_A_FILE)?;
+        match bytes.strip_prefix(packed_mesh::MAGIC) {
+            Some(packed) => packed_mesh::read(&path.display().to_string(), packed, crease),
+            None => Self::read_format(path, &bytes, crease),
+        }
+    }
+
+    /// Reads a file of a format that other programs write.
+    #[cfg(not(feature = "formats"))]
+    fn read_format(path: &Path, _: &[u8], _: f64) -> Result<Self> {
+        let message = "is no packed mesh, and this build reads no others";
+        Err(Error::input(path.display().to_string(), message))
+    }
+
+    /// Reads a file of a format that other programs write.
+    #[cfg(feature = "formats")]
+    fn read_format(path: &Path, bytes: &[u8], crease: f64) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let name = path.display().to_string();
-        match Format::of(path, &bytes)? {
+        match Format::of(path, bytes)? {
             #[cfg(feature = "gltf")]
-            Format::Gltf => gltf_mesh::read(&name, &bytes, folder)?.finished(&name, crease),
-            Format::Ply => ply_mesh::read(&name, &bytes, folder)?.finished(&name, crease),
-            Format::Obj => Self::parse_creased(&name, &decoded(&bytes), folder, crease),
+            Format::Gltf => gltf_mesh::read(&name, bytes, folder)?.finished(&name, crease),
+            Format::Ply => ply_mesh::read(&name, bytes, folder)?.finished(&name, crease),
+            Format::Obj => Self::parse_creased(&name, &decoded(bytes), folder, crease),
         }
     }
 
     /// Reads the OBJ text that the user calls `name`; other files are relative to `folder`.
+    #[cfg(feature = "formats")]
     pub fn parse(name: &str, text: &str, folder: &Path) -> Result<Self> {
         Self::parse_creased(name, text, folder, CREASE)
     }
 
     /// Reads it as [`Mesh::parse`] does, but edges are sharp that turn by more than `crease` degrees.
+    #[cfg(feature = "formats")]
     pub fn parse_creased(name: &str, text: &str, folder: &Path, crease: f64) -> Result<Self> {
         obj_mesh::read(name, text, folder)?.finished(name, crease)
     }
@@ -91,46 +111,6 @@ impl Mesh {
     }
 }
 
-/// A mesh as a file has it: normals may be missing (zero) and triangles have no area.
-#[derive(Default)]
-pub(super) struct Draft {
-    /// The mesh.
-    pub mesh: Mesh,
-    /// For each triangle, the normals it shares.
-    pub shares: Vec<Share>,
-}
-
-impl Draft {
-    /// Returns the finished mesh, without triangles that have no area and with all normals.
-    pub(super) fn finished(mut self, name: &str, crease: f64) -> Result<Mesh> {
-        let mesh = &mut self.mesh;
-        if mesh.positions.iter().any(|p| !p.is_finite()) {
-            return Err(Error::input(name, "has a vertex that is not finite"));
-        }
-        if u32::try_from(3 * mesh.triangles.len() + mesh.positions.len()).is_err() {
-            return Err(Error::input(name, "has more than 4294967295 corners"));
-        }
-        let keep: Vec<bool> = mesh
-            .triangles
-            .iter()
-            .map(|t| mesh.doubled_area(*t) != DVec3::ZERO)
-            .collect();
-        let degenerate = keep.iter().filter(|keep| !**keep).count();
-        if degenerate > 0 {
-            retain(&mut mesh.triangles, &keep);
-            retain(&mut mesh.material_of, &keep);
-            retain(&mut self.shares, &keep);
-            let note = format!("{name}: {degenerate} triangles without area left out");
-            mesh.warnings.push(note);
-        }
-        if mesh.triangles.is_empty() {
-            return Err(Error::input(name, "holds no triangle with an area"));
-        }
-        fill_normals(mesh, &self.shares, crease);
-        Ok(self.mesh)
-    }
-}
-
 /// Returns the unit vector along a normal; zero, for none, if it has no direction.
 pub(super) fn unit_or_none(normal: DVec3) -> DVec3 {
     match normal.is_finite() {
@@ -139,12 +119,6 @@ pub(super) fn unit_or_none(normal: DVec3) -> DVec3 {
     }
 }
 
-/// Keeps what is to be kept.
-fn retain<T>(of: &mut Vec<T>, keep: &[bool]) {
-    let mut next = keep.iter();
-    of.retain(|_| next.next().copied().unwrap_or(true));
-}
-
-#[cfg(test)]
+#[cfg(all(test, feature = "formats"))]
 #[path = "mesh_tests.rs"]
 mod tests;

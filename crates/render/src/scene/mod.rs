@@ -4,7 +4,10 @@
 
 mod camera;
 mod clip;
+#[cfg(feature = "formats")]
+mod draft;
 mod file;
+#[cfg(feature = "formats")]
 mod formats;
 #[cfg(feature = "gltf")]
 mod gltf_material;
@@ -12,25 +15,40 @@ mod gltf_material;
 mod gltf_mesh;
 #[cfg(feature = "gltf")]
 mod gltf_source;
+#[cfg(feature = "formats")]
 mod libraries;
 mod material;
+#[cfg(feature = "formats")]
+mod material_shelf;
 mod mesh;
 mod motion;
+#[cfg(feature = "formats")]
 mod mtl;
+#[cfg(feature = "formats")]
 mod obj;
+#[cfg(feature = "formats")]
 mod obj_mesh;
+mod packed_material;
+mod packed_mesh;
+mod packed_numbers;
 mod placement;
+#[cfg(feature = "formats")]
 mod ply_mesh;
+#[cfg(feature = "formats")]
 mod polygon;
 mod poses;
 mod reach;
+#[cfg(feature = "formats")]
 mod smoothing;
 mod subdivide;
 mod table;
+#[cfg(feature = "formats")]
 mod tally;
+#[cfg(feature = "formats")]
 mod text;
 mod texture;
 mod trajectory;
+#[cfg(feature = "formats")]
 mod vertex;
 
 pub use camera::{CameraProjection, Lens, Stereo, StereoLayout};
@@ -40,6 +58,7 @@ pub use file::{
 pub use material::Material;
 pub use mesh::Mesh;
 pub use motion::{CameraMotion, Formulas};
+pub use packed_mesh::pack as pack_meshes;
 pub(super) use placement::place;
 pub use poses::{KeyPose, PoseFile};
 pub(super) use subdivide::Points;

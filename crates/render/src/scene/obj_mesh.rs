@@ -5,9 +5,10 @@
 //! corners, and what it has no place for is put back: colours, materials, which faces are smooth.
 
 use super::{
+    draft::Draft,
     libraries::Libraries,
     material::Material,
-    mesh::{Draft, Mesh, unit_or_none},
+    mesh::{Mesh, unit_or_none},
     obj::{Obj, Triangulated},
     text::joined,
 };

@@ -14,12 +14,12 @@ use super::{
     reach::reach,
     subdivide::{MOST_OF_CLIPPED, MOST_TRIANGLES, Points, subdivided},
 };
+use geofan_core::parallel::*;
 use geofan_core::{
     geodesic::{Ray, Settings, ends, perpendiculars},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 use std::borrow::Cow;
 
 /// A mesh in the manifold.
@@ -213,8 +213,10 @@ impl Bend {
         let worst = |angles: &(dyn Fn(usize) -> f64 + Sync), count: usize| {
             let stride = count.div_ceil(LOOKED_AT).max(1);
             let chosen = (0..count.div_ceil(stride)).into_par_iter();
-            let all = chosen.map(|i| angles(i * stride));
-            all.filter(|x| x.is_finite()).reduce(|| 0.0, f64::max)
+            let all: Vec<f64> = chosen.map(|i| angles(i * stride)).collect();
+            all.into_iter()
+                .filter(|x| x.is_finite())
+                .fold(0.0, f64::max)
         };
         let edge = |i: usize| {
             let corners = mesh.triangles[i].map(|c| vertices[c as usize].0);

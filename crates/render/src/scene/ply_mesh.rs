@@ -8,8 +8,10 @@
 //! `ply-rs-bw` parses. The format: G. Turk, *The PLY Polygon File Format*, 1994.
 
 use super::{
-    material::{Material, Shelf},
-    mesh::{Draft, Mesh, unit_or_none},
+    draft::Draft,
+    material::Material,
+    material_shelf::Shelf,
+    mesh::{Mesh, unit_or_none},
     polygon::{Cutter, Outline},
     smoothing::Share,
 };

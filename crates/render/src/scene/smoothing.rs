@@ -11,16 +11,12 @@
 //! *Computing vertex normals from polygonal facets*, 1998).
 
 use super::Mesh;
+use geofan_core::parallel::*;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// The group of faces that are not smoothed (`s off` or `s 0` in OBJ).
 pub(super) const FLAT: u32 = 0;
-
-/// The angle (degrees) above which an edge is sharp unless something else is asked for: what
-/// modelling programs take. Round things of 12 sides and more are smooth.
-pub const CREASE: f64 = 30.0;
 
 /// With which others a triangle shares normals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -9,8 +9,8 @@
 
 use super::{Mesh, placement::bend};
 use geofan_core::manifold::Manifold;
+use geofan_core::parallel::*;
 use glam::DVec3;
-use rayon::prelude::*;
 use std::{
     borrow::Cow,
     collections::{HashMap, HashSet},

@@ -3,7 +3,10 @@
 //! In: pixels, and how a material lays them on a surface ([`Mapping`]). Out: colours and opacities at
 //! texture coordinates; colours averaged over what a sample stands for.
 
-use crate::{Footprint, picture::digest};
+use crate::{
+    Footprint,
+    picture::{digest, packed::Pixels},
+};
 use glam::Vec3;
 use ndarray::{Array2, Array3};
 use std::{fmt, sync::Arc};
@@ -37,6 +40,15 @@ impl Texture {
             levels.push(half);
         }
         Some(Self { levels })
+    }
+
+    /// Returns its pixels.
+    pub(super) fn pixels(&self) -> Pixels {
+        let pixels = &self.levels[0];
+        Pixels {
+            shape: pixels.dim(),
+            values: pixels.iter().copied().collect(),
+        }
     }
 
     /// Returns linear colour at `uv`, averaged over a footprint in texture widths; `wrap` says what is beside

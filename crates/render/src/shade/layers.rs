@@ -12,6 +12,7 @@ use crate::{
     view::View,
     world::World,
 };
+use geofan_core::parallel::*;
 use geofan_core::{
     geodesic::{Ray, Settings, ends, signed_area},
     manifold::{Carried, Gluing},
@@ -19,7 +20,6 @@ use geofan_core::{
 };
 use glam::{DVec2, DVec3};
 use ndarray::{Array2, ArrayView3, Axis};
-use rayon::prelude::*;
 
 /// Returns the normal of a hit in the standard frame there, unit, towards the camera.
 fn normal(world: &World, hit: &Hit) -> DVec3 {

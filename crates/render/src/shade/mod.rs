@@ -18,11 +18,11 @@ use super::{
     view::View,
     world::World,
 };
+use geofan_core::parallel::*;
 use glam::{DVec3, Vec3};
 use lamp::Lamp;
 pub use lamp::{diffuse, emission};
 use ndarray::{Array4, ArrayView3, Axis};
-use rayon::prelude::*;
 use skies::SkyRow;
 
 /// Colours of samples, axes (row, column, sample, channel).

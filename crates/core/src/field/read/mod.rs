@@ -54,6 +54,9 @@ impl SampleSource {
     /// # Errors
     /// The key that is at fault, and why.
     pub fn read(&self) -> Reading<Placed> {
+        if let Some(placed) = self.files.first().and_then(|file| packed(file)) {
+            return placed;
+        }
         let [file] = self.files.as_slice() else {
             return self.read_slices();
         };
@@ -163,6 +166,31 @@ impl SampleSource {
             false => Samples { shape, values },
         })
     }
+}
+
+/// Begins a file of packed samples.
+const PACKED: &[u8; 16] = b"geofan samples1\n";
+
+/// Packs samples with their places, as [`SampleSource::read`] reads them in place of any file: the magic, the first
+/// and the last place along each axis (f64, little-endian), and [`Samples::pack`].
+pub fn pack(samples: &Samples, limits: &[[f64; 2]; 3]) -> Vec<u8> {
+    let places = limits.iter().flatten().flat_map(|x| x.to_le_bytes());
+    let places: Vec<u8> = places.collect();
+    [&PACKED[..], &places, &samples.pack()].concat()
+}
+
+/// Reads packed samples; `None` if the file holds something else.
+fn packed(file: &Path) -> Option<Reading<Placed>> {
+    let bytes = read_file(file, PACKED, MOST_OF_A_FILE).ok()?;
+    let (places, samples) = bytes.strip_prefix(PACKED)?.split_at_checked(48)?;
+    let place = |k: usize| {
+        places[8 * k..8 * k + 8]
+            .try_into()
+            .map_or(0.0, f64::from_le_bytes)
+    };
+    let limits = [0, 1, 2].map(|k| [place(2 * k), place(2 * k + 1)]);
+    let samples = Samples::unpack(samples).map_err(|e| SampleFault::new("file", e.to_string()));
+    Some(samples.map(|samples| (samples, Some(limits))))
 }
 
 /// The kinds of files.

@@ -1,6 +1,7 @@
 //! Loops over many pieces of work: by all threads with the feature `parallel`, else one after the other.
 //!
-//! Without the feature the names of `rayon` stand for plain iterators, so that loops are written once.
+//! Without the feature the names of `rayon` that this project uses stand for plain iterators, so that loops are
+//! written once, and what a browser runs brings no threads along.
 
 #[cfg(feature = "parallel")]
 pub use rayon::{join, prelude::*};
@@ -17,7 +18,7 @@ mod sequential {
         (a(), b())
     }
 
-    /// Gives the methods of parallel iteration that this crate uses to everything that can be iterated over.
+    /// Gives the methods that begin a parallel iteration to everything that can be iterated over.
     pub trait InOrder {
         /// Iterates over the items of a range or a list.
         fn into_par_iter(self) -> Self::IntoIter
@@ -69,4 +70,59 @@ mod sequential {
     }
 
     impl<T: ?Sized> InOrder for T {}
+
+    /// Gives iterators the methods of parallel ones that they lack.
+    pub trait OneByOne: Iterator + Sized {
+        /// Leaves the iterator as it is.
+        fn par_bridge(self) -> Self {
+            self
+        }
+
+        /// Maps items with what `init` makes for each thread.
+        fn map_init<T, R>(
+            self,
+            init: impl FnOnce() -> T,
+            mut map: impl FnMut(&mut T, Self::Item) -> R,
+        ) -> impl Iterator<Item = R> {
+            let mut own = init();
+            self.map(move |item| map(&mut own, item))
+        }
+
+        /// Works on items with what `init` makes for each thread.
+        fn for_each_init<T>(
+            self,
+            init: impl FnOnce() -> T,
+            mut work: impl FnMut(&mut T, Self::Item),
+        ) {
+            let mut own = init();
+            self.for_each(|item| work(&mut own, item));
+        }
+
+        /// Maps each item to many.
+        fn flat_map_iter<I: IntoIterator>(
+            self,
+            map: impl FnMut(Self::Item) -> I,
+        ) -> impl Iterator<Item = I::Item> {
+            self.flat_map(map)
+        }
+    }
+
+    impl<I: Iterator> OneByOne for I {}
+
+    /// Gives slices the sorting of `rayon`.
+    pub trait SortedInPlace<T> {
+        /// Sorts; equal items may change places.
+        fn par_sort_unstable(&mut self)
+        where
+            T: Ord;
+    }
+
+    impl<T> SortedInPlace<T> for [T] {
+        fn par_sort_unstable(&mut self)
+        where
+            T: Ord,
+        {
+            self.sort_unstable();
+        }
+    }
 }

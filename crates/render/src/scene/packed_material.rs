@@ -1,0 +1,136 @@
+//! Materials of packed meshes.
+//!
+//! In: materials with their textures. Out: bytes, and the materials again. Layout of each, little-endian: its name
+//! (length u32, UTF-8), `Kd`, `Ks`, `Ke`, `Ns`, `d`, `Ni` (f32), the illumination model (u8), and three maps
+//! (`map_Kd`, `map_d`, `map_Ke`), each a u8 (0: none) and then: scale, offset, range (f32), clamped (u8), and the
+//! packed pixels ([`crate::picture::packed`], length u32).
+
+use super::{Mapping, Material, OpacityMap, Texture, TextureMap};
+use crate::picture::packed::Pixels;
+use geofan_bundle::put_bytes;
+use ndarray::{Array2, Array3};
+use std::sync::Arc;
+
+/// Writes materials.
+pub(super) fn put(bytes: &mut Vec<u8>, materials: &[Material]) {
+    for material in materials {
+        put_one(bytes, material);
+    }
+}
+
+fn put_one(bytes: &mut Vec<u8>, material: &Material) {
+    put_bytes(bytes, material.name.as_bytes());
+    let colours = [material.kd, material.ks, material.ke];
+    let numbers = [material.ns, material.dissolve, material.ni];
+    put_numbers(bytes, colours.as_flattened());
+    put_numbers(bytes, &numbers);
+    bytes.push(material.illumination);
+    let colours = |map: &TextureMap| (map.mapping, map.texture.pixels());
+    let opacity = |map: &OpacityMap| {
+        let (height, width) = map.values.dim();
+        let values = map.values.iter().copied().collect();
+        let shape = (height, width, 1);
+        (map.mapping, Pixels { shape, values })
+    };
+    put_map(bytes, material.map_kd.as_ref().map(colours));
+    put_map(bytes, material.map_d.as_ref().map(opacity));
+    put_map(bytes, material.map_ke.as_ref().map(colours));
+}
+
+fn put_numbers(bytes: &mut Vec<u8>, numbers: &[f32]) {
+    bytes.extend(numbers.iter().flat_map(|x| x.to_le_bytes()));
+}
+
+fn put_map(bytes: &mut Vec<u8>, map: Option<(Mapping, Pixels)>) {
+    bytes.push(map.is_some().into());
+    if let Some((mapping, pixels)) = map {
+        let numbers = [mapping.scale, mapping.offset, mapping.range];
+        put_numbers(bytes, numbers.as_flattened());
+        bytes.push(mapping.clamp.into());
+        put_bytes(bytes, &pixels.pack());
+    }
+}
+
+/// Reads so many materials.
+pub(super) fn take(bytes: &mut &[u8], count: usize) -> Option<Vec<Material>> {
+    (0..count).map(|_| take_one(bytes)).collect()
+}
+
+fn take_one(bytes: &mut &[u8]) -> Option<Material> {
+    let name = take_part(bytes)?;
+    let name = str::from_utf8(name).ok()?.to_owned();
+    let [kd, ks, ke, [ns, dissolve, ni]] = [
+        take_numbers(bytes)?,
+        take_numbers(bytes)?,
+        take_numbers(bytes)?,
+        take_numbers(bytes)?,
+    ];
+    let illumination = take_byte(bytes)?;
+    let [map_kd, map_d, map_ke] = [take_map(bytes)?, take_map(bytes)?, take_map(bytes)?];
+    let colours = |map: Option<(Mapping, Pixels)>| {
+        let Some((mapping, pixels)) = map else {
+            return Some(None);
+        };
+        let pixels = Array3::from_shape_vec(pixels.shape, pixels.values).ok()?;
+        let texture = Arc::new(Texture::new(pixels)?);
+        Some(Some(TextureMap { texture, mapping }))
+    };
+    let opacity = |(mapping, pixels): (Mapping, Pixels)| {
+        let (height, width, channels) = pixels.shape;
+        let shape = (channels == 1 && height * width > 0).then_some((height, width))?;
+        let values = Arc::new(Array2::from_shape_vec(shape, pixels.values).ok()?);
+        Some(OpacityMap { values, mapping })
+    };
+    let map_d = match map_d {
+        None => None,
+        Some(map) => Some(opacity(map)?),
+    };
+    Some(Material {
+        name,
+        kd,
+        ks,
+        ns,
+        ke,
+        dissolve,
+        ni,
+        illumination,
+        map_kd: colours(map_kd)?,
+        map_d,
+        map_ke: colours(map_ke)?,
+    })
+}
+
+fn take_byte(bytes: &mut &[u8]) -> Option<u8> {
+    let (byte, rest) = bytes.split_first()?;
+    *bytes = rest;
+    Some(*byte)
+}
+
+/// Reads bytes with their length before them.
+fn take_part<'b>(bytes: &mut &'b [u8]) -> Option<&'b [u8]> {
+    let (length, rest) = bytes.split_first_chunk::<4>()?;
+    let (part, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
+    *bytes = rest;
+    Some(part)
+}
+
+fn take_numbers<const N: usize>(bytes: &mut &[u8]) -> Option<[f32; N]> {
+    let (numbers, rest) = bytes.split_at_checked(4 * N)?;
+    *bytes = rest;
+    let (words, _) = numbers.as_chunks::<4>();
+    Some(std::array::from_fn(|k| f32::from_le_bytes(words[k])))
+}
+
+fn take_map(bytes: &mut &[u8]) -> Option<Option<(Mapping, Pixels)>> {
+    if take_byte(bytes)? == 0 {
+        return Some(None);
+    }
+    let mapping = Mapping {
+        scale: take_numbers(bytes)?,
+        offset: take_numbers(bytes)?,
+        range: take_numbers(bytes)?,
+        clamp: take_byte(bytes)? != 0,
+    };
+    let pixels = Pixels::unpack(take_part(bytes)?)?;
+    Some(Some((mapping, pixels)))
+}

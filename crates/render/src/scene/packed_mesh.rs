@@ -1,0 +1,204 @@
+//! Meshes in few bytes, for pages, which bring no readers of other formats along.
+//!
+//! In: a mesh as it was read by creases of several objects. Out: a file that stands in the place of the mesh's own,
+//! and from it the mesh: all positions, texture coordinates, colours and triangles as they were; normals too, where
+//! the file gave them with at most six decimals, else turned by less than 1e-7.
+//!
+//! Layout, little-endian: [`MAGIC`], then for each crease its degrees (f64), the length of what follows for it
+//! (u32), and: the numbers of vertices, of colours, of triangles and of materials (u32); positions, normals (after
+//! the power of ten that they are over, u8, or [`FINE`]), texture coordinates, colours
+//! ([`super::packed_numbers`]); the corners of triangles, as how far they are below the first number that is not
+//! used yet; the numbers of materials; the materials ([`super::packed_material`]).
+
+use super::{Mesh, mesh::unit_or_none, packed_material, packed_numbers as numbers};
+use geofan_core::error::{Error, Result};
+use glam::DVec3;
+
+/// Begins a file of packed meshes.
+pub(super) const MAGIC: &[u8; 16] = b"geofan meshes 1\n";
+
+/// Most decimals of normals that are tried.
+const MOST_DECIMALS: u8 = 6;
+
+/// Normals are over this where they have no decimals: each component is off by at most 3e-8.
+const FINE: (u8, f64) = (0x80, (1_u32 << 24) as f64);
+
+/// Packs meshes of one file with the creases (degrees) that they were read with.
+pub fn pack(meshes: &[(f64, &Mesh)]) -> Vec<u8> {
+    let mut bytes = MAGIC.to_vec();
+    for (crease, mesh) in meshes {
+        let body = body(mesh);
+        bytes.extend(crease.to_le_bytes());
+        bytes.extend((body.len() as u32).to_le_bytes());
+        bytes.extend(body);
+    }
+    bytes
+}
+
+/// Reads the mesh of `crease` from the file `name` that [`pack`] wrote, without its first bytes.
+pub(super) fn read(name: &str, mut bytes: &[u8], crease: f64) -> Result<Mesh> {
+    let damaged = || Error::input(name, "is a damaged packed mesh");
+    while !bytes.is_empty() {
+        let (known, rest) = bytes.split_first_chunk::<8>().ok_or_else(damaged)?;
+        let (length, rest) = rest.split_first_chunk::<4>().ok_or_else(damaged)?;
+        let length = u32::from_le_bytes(*length) as usize;
+        let (body, rest) = rest.split_at_checked(length).ok_or_else(damaged)?;
+        if f64::from_le_bytes(*known) == crease {
+            return mesh(body).ok_or_else(damaged);
+        }
+        bytes = rest;
+    }
+    Err(Error::input(
+        name,
+        format!("has no mesh of crease {crease}"),
+    ))
+}
+
+fn body(mesh: &Mesh) -> Vec<u8> {
+    let counts = [
+        mesh.positions.len(),
+        mesh.colours.len(),
+        mesh.triangles.len(),
+        mesh.materials.len(),
+    ];
+    let mut bytes: Vec<u8> = counts
+        .into_iter()
+        .flat_map(|n| (n as u32).to_le_bytes())
+        .collect();
+    numbers::put(&mut bytes, &columns(&mesh.positions, |p| p.to_array()));
+    put_normals(&mut bytes, &mesh.normals);
+    numbers::put(&mut bytes, &columns(&mesh.uvs, |t| t.map(f64::from)));
+    numbers::put(&mut bytes, &columns(&mesh.colours, |c| c.map(f64::from)));
+    numbers::put_whole(&mut bytes, &below_unused(&mesh.triangles));
+    let materials: Vec<i64> = mesh.material_of.iter().map(|m| i64::from(*m)).collect();
+    numbers::put_whole(&mut bytes, &materials);
+    packed_material::put(&mut bytes, &mesh.materials);
+    bytes
+}
+
+fn mesh(mut bytes: &[u8]) -> Option<Mesh> {
+    let mut count = || {
+        let (number, rest) = bytes.split_first_chunk::<4>()?;
+        bytes = rest;
+        Some(u32::from_le_bytes(*number) as usize)
+    };
+    let [vertices, colours, triangles, materials] = [count()?, count()?, count()?, count()?];
+    let bytes = &mut bytes;
+    let positions = rows(&numbers::take(bytes, 3, vertices)?, DVec3::from_array);
+    let normals = take_normals(bytes, vertices)?;
+    let single = |x: f64| x as f32;
+    let uvs = rows(&numbers::take(bytes, 2, vertices)?, |t: [f64; 2]| {
+        t.map(single)
+    });
+    let colours = rows(&numbers::take(bytes, 4, colours)?, |c: [f64; 4]| {
+        c.map(single)
+    });
+    let triangles = above(
+        &numbers::take_whole(bytes, triangles.checked_mul(3)?)?,
+        vertices,
+    )?;
+    let of = numbers::take_whole(bytes, triangles.len())?;
+    let material = |m: &i64| u32::try_from(*m).ok().filter(|m| (*m as usize) < materials);
+    let mesh = Mesh {
+        positions,
+        normals,
+        uvs,
+        colours,
+        triangles,
+        material_of: of.iter().map(material).collect::<Option<_>>()?,
+        materials: packed_material::take(bytes, materials)?,
+        warnings: Vec::new(),
+    };
+    let fits = mesh.colours.is_empty() || mesh.colours.len() == vertices;
+    (fits && bytes.is_empty() && !mesh.triangles.is_empty()).then_some(mesh)
+}
+
+/// Turns rows into columns.
+fn columns<T, const N: usize>(rows: &[T], row: impl Fn(&T) -> [f64; N]) -> Vec<Vec<f64>> {
+    (0..N)
+        .map(|k| rows.iter().map(|of| row(of)[k]).collect())
+        .collect()
+}
+
+/// Turns columns into rows.
+fn rows<T, const N: usize>(columns: &[Vec<f64>], row: impl Fn([f64; N]) -> T) -> Vec<T> {
+    let count = columns.first().map_or(0, Vec::len);
+    (0..count)
+        .map(|i| row(std::array::from_fn(|k| columns[k][i])))
+        .collect()
+}
+
+/// Finds whole numbers whose direction, over ten to the power of `decimals`, is exactly that of a unit normal.
+fn before_normalising(normal: DVec3, decimals: u8) -> Option<[i64; 3]> {
+    let power = 10_f64.powi(decimals.into());
+    let near = normal.to_array().map(|x| (x * power).round() as i64);
+    // The file's vector was not quite of length one: each number may have been the next one.
+    let shifts = (0..27).map(|k| [k % 3, k / 3 % 3, k / 9].map(|s| [0, 1, -1][s as usize]));
+    let shifted = shifts.map(|shift: [i64; 3]| [0, 1, 2].map(|k: usize| near[k] + shift[k]));
+    shifted
+        .into_iter()
+        .find(|whole| over(*whole, power) == normal)
+}
+
+/// Returns the unit vector along whole numbers over `power`.
+fn over(whole: [i64; 3], power: f64) -> DVec3 {
+    unit_or_none(DVec3::from_array(whole.map(|n| n as f64 / power)))
+}
+
+fn put_normals(bytes: &mut Vec<u8>, normals: &[DVec3]) {
+    let of = |d: u8| normals.iter().map(move |n| before_normalising(*n, d));
+    let exact = (0..=MOST_DECIMALS).find_map(|d| Some((d, of(d).collect::<Option<Vec<_>>>()?)));
+    let fine = |n: &DVec3| n.to_array().map(|x| (x * FINE.1).round() as i64);
+    let (kind, whole) = exact.unwrap_or_else(|| (FINE.0, normals.iter().map(fine).collect()));
+    bytes.push(kind);
+    for k in 0..3 {
+        let column: Vec<i64> = whole.iter().map(|n| n[k]).collect();
+        numbers::put_whole(bytes, &column);
+    }
+}
+
+fn take_normals(bytes: &mut &[u8], count: usize) -> Option<Vec<DVec3>> {
+    let (kind, rest) = bytes.split_first()?;
+    *bytes = rest;
+    let power = match *kind {
+        kind if kind == FINE.0 => FINE.1,
+        decimals if decimals <= MOST_DECIMALS => 10_f64.powi(decimals.into()),
+        _ => return None,
+    };
+    let mut column = || numbers::take_whole(bytes, count);
+    let [x, y, z] = [column()?, column()?, column()?];
+    let normal = |i: usize| over([x[i], y[i], z[i]], power);
+    Some((0..count).map(normal).collect())
+}
+
+/// Tells of each corner how far it is below the first vertex that no triangle has used yet.
+fn below_unused(triangles: &[[u32; 3]]) -> Vec<i64> {
+    let mut unused = 0;
+    let mut below = |corner: &u32| {
+        let corner = i64::from(*corner);
+        let told = unused - corner;
+        unused = unused.max(corner + 1);
+        told
+    };
+    triangles.iter().flatten().map(&mut below).collect()
+}
+
+/// Undoes [`below_unused`] for triangles of so many vertices.
+fn above(below: &[i64], vertices: usize) -> Option<Vec<[u32; 3]>> {
+    let mut unused = 0_i64;
+    let mut corner = |told: i64| {
+        let corner = unused.checked_sub(told)?;
+        unused = unused.max(corner.checked_add(1)?);
+        let corner = u32::try_from(corner).ok()?;
+        ((corner as usize) < vertices).then_some(corner)
+    };
+    let (triangles, []) = below.as_chunks::<3>() else {
+        return None;
+    };
+    let three = |[a, b, c]: &[i64; 3]| Some([corner(*a)?, corner(*b)?, corner(*c)?]);
+    triangles.iter().map(three).collect()
+}
+
+#[cfg(test)]
+#[path = "packed_mesh_tests.rs"]
+mod tests;

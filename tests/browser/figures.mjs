@@ -1,0 +1,153 @@
+// Figures of the viewer in a real browser: time to the first picture, moving pictures a second and their size, time
+// from an input to the picture that shows it, by the program and as a page with one and two workers; then minutes of
+// random input on the page, with its memory.
+//
+//   node figures.mjs GEOFAN SCENE BUNDLE [minutes=5] [seed=1] [chromium]
+
+import { chromium } from "playwright-core";
+import { spawn, execFileSync } from "node:child_process";
+import { mkdtempSync, readFileSync, readdirSync, statSync } from "node:fs";
+import { tmpdir } from "node:os";
+import path from "node:path";
+
+const [geofan, scene, bundle, minutes = "5", seed = "1", browserPath = "/usr/bin/chromium"] = process.argv.slice(2);
+const file = path.join(mkdtempSync(path.join(tmpdir(), "geofan-figures-")), "page.html");
+execFileSync(geofan, ["view", scene, "--bundle", bundle, "--page", file]);
+console.log(`page: ${statSync(file).size} bytes`);
+const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+  "--disable-background-networking", "--disable-component-update", "--disable-sync"];
+const middle = (list) => [...list].sort((a, b) => a - b)[list.length >> 1];
+
+/** The display is 640 × 360 beside the panel. */
+const VIEWPORT = { width: 930, height: 360 };
+
+async function open(browser, address) {
+  const page = await (await browser.newContext({ viewport: VIEWPORT })).newPage();
+  const errors = [];
+  page.on("pageerror", (error) => errors.push(error.message));
+  const began = performance.now();
+  await page.goto(address);
+  await page.waitForFunction(() => globalThis.geofan?.stats().frames > 0, null, { timeout: 60000, polling: 5 });
+  return { page, ready: performance.now() - began, errors };
+}
+
+/** Flies for some seconds; then answers inputs one by one. */
+async function figures(page, name) {
+  await page.waitForTimeout(1500);
+  await page.keyboard.down("KeyA");
+  const seen = [];
+  for (let i = 0; i < 60; i += 1) {
+    await page.waitForTimeout(100);
+    const panel = await page.evaluate(() => globalThis.geofan.panel());
+    if (i > 15 && panel.rate) seen.push([panel.rate, panel.size[0], panel.seconds]);
+    if (i === 30) { await page.keyboard.up("KeyA"); await page.keyboard.down("KeyD"); }
+  }
+  const waits = await page.evaluate(async () => {
+    const waits = [];
+    const soon = () => new Promise((done) => { const pair = new MessageChannel(); pair.port1.onmessage = done; pair.port2.postMessage(0); });
+    for (let k = 0; k < 60; k += 1) {
+      const began = performance.now();
+      const before = globalThis.geofan.stats().frames;
+      globalThis.geofan.send({ type: "look", right: k % 2 ? 0.02 : -0.02, down: 0 });
+      // The first picture that comes may have been begun before the input.
+      while (globalThis.geofan.stats().frames < before + 2 && performance.now() < began + 2000) await soon();
+      waits.push(performance.now() - began);
+      await new Promise((done) => setTimeout(done, 37));
+    }
+    return waits;
+  });
+  await page.keyboard.up("KeyD");
+  const at = (k) => middle(seen.map((x) => x[k]));
+  console.log(`${name}: ${at(0)?.toFixed(1)} pictures a second, ${at(1)} wide, each drawn in ${(1e3 * at(2)).toFixed(0)} ms; input to picture ${middle(waits).toFixed(0)} ms (median of ${waits.length}, of the second picture after it)`);
+}
+
+/** Resident bytes of all renderer processes of the browser. */
+function rendererMemory() {
+  let sum = 0;
+  for (const pid of readdirSync("/proc").filter((name) => /^\d+$/.test(name))) {
+    try {
+      if (!readFileSync(`/proc/${pid}/cmdline`, "utf8").includes("--type=renderer")) continue;
+      sum += Number(/Pss:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/smaps_rollup`, "utf8"))[1]) * 1024;
+    } catch {
+      // It has ended meanwhile.
+    }
+  }
+  return sum;
+}
+
+/** Random numbers that a seed gives (xorshift). */
+function stream(seed) {
+  let state = (Number(seed) * 2654435761) >>> 0 || 1;
+  return () => {
+    state ^= state << 13; state >>>= 0;
+    state ^= state >>> 17;
+    state ^= state << 5; state >>>= 0;
+    return state / 2 ** 32;
+  };
+}
+
+async function soak(browser, address) {
+  const empty = await (await browser.newContext()).newPage();
+  await empty.goto("about:blank");
+  const blank = rendererMemory();
+  const { page, errors } = await open(browser, address);
+  const random = stream(seed);
+  const keys = ["KeyW", "KeyS", "KeyA", "KeyD", "KeyQ", "KeyE", "KeyZ", "KeyC", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
+  const once = ["KeyX", "KeyV", "KeyM", "KeyG", "KeyH", "KeyT", "Escape", "KeyB", "BracketLeft", "BracketRight", "KeyO", "Enter", "Minus", "Equal"];
+  const end = performance.now() + 60e3 * Number(minutes);
+  const memory = [];
+  let [events, next] = [0, 0];
+  while (performance.now() < end) {
+    const pick = (list) => list[Math.floor(random() * list.length)];
+    const kind = random();
+    if (kind < 0.4) {
+      const key = pick(keys);
+      await page.keyboard.down(key);
+      await page.waitForTimeout(random() * 300);
+      await page.keyboard.up(key);
+    } else if (kind < 0.6) await page.keyboard.press(pick(once));
+    else if (kind < 0.75) await page.mouse.click(640 * random(), 360 * random());
+    else if (kind < 0.9) {
+      await page.mouse.move(640 * random(), 360 * random());
+      await page.mouse.down();
+      await page.mouse.move(640 * random(), 360 * random(), { steps: 4 });
+      await page.mouse.up();
+    } else if (kind < 0.95) await page.mouse.wheel(0, random() < 0.5 ? -120 : 120);
+    else await page.setViewportSize({ width: 600 + Math.floor(500 * random()), height: 300 + Math.floor(300 * random()) });
+    events += 1;
+    if (performance.now() > next) {
+      next = performance.now() + 15e3;
+      memory.push(Math.round((rendererMemory() - blank) / 1e6));
+      const panel = await page.evaluate(() => globalThis.geofan.panel());
+      if (![...panel.pose.at, ...panel.pose.look, ...panel.pose.up].every(Number.isFinite)) errors.push("the camera is nowhere");
+      if (panel.trouble) errors.push(panel.trouble);
+    }
+  }
+  console.log(`${events} random inputs in ${minutes} minutes (seed ${seed}): ${errors.length} errors; the page's memory above a blank one, MB: ${memory.join(" ")}`);
+  errors.forEach((error) => console.log(`  ${error}`));
+  return errors.length;
+}
+
+let wrong = 0;
+const browser = await chromium.launch({ executablePath: browserPath, args: flags });
+try {
+  const began = performance.now();
+  const viewer = spawn(geofan, ["view", scene, "--bundle", bundle, "--no-open"]);
+  const address = await new Promise((done) => viewer.stdout.on("data", (data) => done(String(data).trim())));
+  const serving = performance.now() - began;
+  const native = await open(browser, address);
+  console.log(`native: serves after ${serving.toFixed(0)} ms, first picture ${(performance.now() - began).toFixed(0)} ms after the command`);
+  await figures(native.page, "native");
+  await native.page.close();
+  viewer.kill();
+  for (const workers of [1, 2]) {
+    const own = await open(browser, `file://${file}#workers=${workers}`);
+    console.log(`page, ${workers} worker(s): first picture after ${own.ready.toFixed(0)} ms`);
+    await figures(own.page, `page, ${workers} worker(s)`);
+    await own.page.close();
+  }
+  if (Number(minutes) > 0) wrong = await soak(browser, `file://${file}`);
+} finally {
+  await browser.close();
+}
+process.exit(wrong ? 1 : 0);
