@@ -12,6 +12,7 @@ import base64
 import json
 import os
 import random
+import select
 import signal
 import socket
 import struct
@@ -36,7 +37,7 @@ class Page:
     def __init__(self, address):
         host, token = address.removeprefix("http://").strip().rstrip("/").split("/")
         name, port = host.split(":")
-        self.socket = socket.create_connection((name, int(port)), timeout=60)
+        self.socket = socket.create_connection((name, int(port)), timeout=300)
         key = base64.b64encode(os.urandom(16)).decode()
         head = f"GET /{token}/socket HTTP/1.1\r\nHost: {host}\r\nOrigin: http://{host}\r\nUpgrade: websocket\r\n"
         head += f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\nSec-WebSocket-Version: 13\r\n\r\n"
@@ -93,6 +94,10 @@ class Page:
         self.send({"type": "resize", "width": 640, "height": 360})
         last = 0
         while time.time() < until:
+            # When the picture is complete and nothing moves, nothing comes.
+            if not select.select([self.socket], [], [], 0.3)[0]:
+                self.send(self.event())
+                continue
             kind, data = self.message()
             if kind == 2:
                 frame = struct.unpack_from("<I", data, 4)[0]
@@ -132,20 +137,27 @@ def main():
         bumps = os.path.join(ROOT, "assets/manifolds/three-bumps.toml")
         bake = [*NICE, "bake", bumps, "-o", os.path.join(folder, "b.fan"), "--max-error", "0.1", "--quiet", "--threads", "1"]
         processes = [viewer, subprocess.Popen(path, **quiet), subprocess.Popen(bake, **quiet)]
-        print("| minute | viewer, MB | path tracer, MB | bake, MB |\n|---|---|---|---|", flush=True)
-        began, minute = time.time(), 0
-        while time.time() < until:
-            time.sleep(max(0.0, began + 60 * (minute + 1) - time.time()))
-            minute += 1
-            ended = [k for k, process in enumerate(processes) if process.poll() is not None]
-            if ended or not driver.is_alive() and time.time() < until:
-                sys.exit(f"ended early: {ended or 'the page'}")
-            cells = " | ".join(f"{resident(process):.0f}" for process in processes)
-            print(f"| {minute} | {cells} |", flush=True)
+        try:
+            watch(processes, driver, until)
+        finally:
+            for process in processes:
+                process.send_signal(signal.SIGTERM)
         print(f"\n{page.frames} frames shown, {page.events} messages sent", flush=True)
-        for process in processes:
-            process.send_signal(signal.SIGTERM)
         print("exit codes", [process.wait(60) for process in processes[1:]], flush=True)
+
+
+def watch(processes, driver, until):
+    """Prints a row for each minute while all of them live."""
+    print("| minute | viewer, MB | path tracer, MB | bake, MB |\n|---|---|---|---|", flush=True)
+    began, minute = time.time(), 0
+    while time.time() < until:
+        time.sleep(max(0.0, began + 60 * (minute + 1) - time.time()))
+        minute += 1
+        ended = [k for k, process in enumerate(processes) if process.poll() is not None]
+        if ended or not driver.is_alive() and time.time() < until:
+            sys.exit(f"ended early: {ended or 'the page'}")
+        cells = " | ".join(f"{resident(process):.0f}" for process in processes)
+        print(f"| {minute} | {cells} |", flush=True)
 
 
 if __name__ == "__main__":
