@@ -34,6 +34,7 @@ use std::{
 
 const ENOSPC: c_int = 28;
 const EIO: c_int = 5;
+const ENOMEM: c_int = 12;
 const O_ACCMODE: c_int = 3;
 const O_TRUNC: c_int = 0o1000;
 const O_DIRECTORY: c_int = 0o200000;
@@ -389,7 +390,11 @@ static FIRST_FAILING: AtomicU64 = AtomicU64::new(u64::MAX);
 /// Counts an allocation and tells whether it goes on. Without the layer's lock and memory of its own: these would
 /// allocate.
 fn allocates(bytes: usize) -> bool {
-    bytes < LARGE || ALLOCATIONS.fetch_add(1, Relaxed) + 1 < FIRST_FAILING.load(Relaxed)
+    let goes = bytes < LARGE || ALLOCATIONS.fetch_add(1, Relaxed) + 1 < FIRST_FAILING.load(Relaxed);
+    if !goes {
+        fail(ENOMEM);
+    }
+    goes
 }
 
 #[unsafe(no_mangle)]
@@ -418,7 +423,6 @@ unsafe extern "C" fn realloc(old: *mut c_void, bytes: usize) -> *mut c_void {
 
 #[unsafe(no_mangle)]
 unsafe extern "C" fn posix_memalign(place: *mut *mut c_void, alignment: usize, bytes: usize) -> c_int {
-    const ENOMEM: c_int = 12;
     let made = match allocates(bytes) {
         true => unsafe { __libc_memalign(alignment, bytes) },
         false => std::ptr::null_mut(),
