@@ -130,6 +130,40 @@ fn shards_merge_to_the_bytes_of_an_undivided_bake() {
     assert!(!place.path("no.fan").exists());
 }
 
+#[test]
+fn more_cells_are_more_chunks_of_a_table_as_good() {
+    let place = place();
+    lens(&place, "-o usual.fan").success();
+    lens(&place, "-o b.fan --cells 9").success();
+    let [usual, finer] =
+        ["usual.fan", "b.fan"].map(|name| Bundle::read(&place.path(name)).unwrap());
+    assert_eq!(4 * finer.table.chunks.len(), 9 * usual.table.chunks.len());
+    let fresh = certify(&finer.table, 500, 77, 1e-9, 2.0, |_| Ok(())).unwrap();
+    assert!(fresh.certificate.keeps(2.0), "{fresh:?}");
+    let none = place.bake("point.toml -o p.fan --cells 2").code(2);
+    assert!(stderr(&none).contains("no camera parameters"));
+    let many = place.bake("box.toml -o p.fan --cells 200").code(2);
+    assert!(stderr(&many).contains("48000000 chunks"));
+    assert!(!place.path("p.fan").exists());
+}
+
+#[test]
+fn chunks_in_each_others_places_under_new_checksums_are_found_by_a_check() {
+    let place = place();
+    lens(&place, "-o b.fan").success();
+    let mut contents = geofan_bundle::Contents::read(&place.path("b.fan")).unwrap();
+    let first = contents.chunks[0].1.clone();
+    contents.chunks[0].1 = std::mem::replace(&mut contents.chunks[2].1, first);
+    contents.write(&place.path("forged.fan")).unwrap();
+    let check = |name: &str| {
+        let mut command = assert_cmd::cargo::cargo_bin_cmd!("geofan");
+        let arguments = ["check", name, "--rays", "400", "--quiet"];
+        command.current_dir(place.path("")).args(arguments).assert()
+    };
+    check("b.fan").success();
+    check("forged.fan").code(1);
+}
+
 /// Leaves the parts of a finished bake in `b.fan.parts`, as an interruption would: a bake that
 /// cannot write its result keeps them.
 fn parts_of_a_bake(place: &Place) {

@@ -1,131 +1,45 @@
-//! What a full disk, a broken one, a killed process and lost power leave behind: the old file or the new one, and
-//! nothing that keeps the same command from ending well afterwards.
+//! What a full disk, a broken one, a killed process, lost power, files that cannot be read and memory that is not there
+//! leave behind: the old file or the new one, and nothing that keeps the same command from ending well afterwards.
 //!
 //! The program is run with `tests/faults/shim.rs` in front of the C library, which does this at one event: an
-//! opening for writing, a write, a sync, a rename. An ordinary run takes a few events of each command;
-//! `GEOFAN_FAULTS=all cargo test --release --workspace --test file_faults -- --nocapture` takes all.
+//! opening, a read, a write, a sync, a rename, a large allocation. An ordinary run takes a few events of each command;
+//! `GEOFAN_FAULTS=all cargo test --release --workspace --test file_faults -- --nocapture` takes all of files, and
+//! [`ALLOCATIONS`] of those of memory.
 
 #![cfg(all(target_os = "linux", target_env = "gnu"))]
 
-use assert_cmd::cargo::cargo_bin;
+#[path = "faults/commands.rs"]
+mod commands;
+
+use commands::{CASES, Case, Inputs, Wanted, done, geofan};
 use std::{
-    collections::BTreeMap,
     fs,
     os::unix::process::ExitStatusExt,
     path::{Path, PathBuf},
-    process::{Command, ExitStatus, Output},
+    process::{Command, Output},
     sync::OnceLock,
 };
 use tempfile::TempDir;
 
-const SPACE: &str = r#"name = "space"
-coordinates = ["x", "y", "z"]
-metric = { conformal = "exp(0.1*exp(-(x^2 + y^2 + z^2)/2))" }
-[[exit]]
-name = "sky"
-when = "x^2 + y^2 + z^2 - 30"
-[symmetry]
-rotation = "origin"
-[cameras]
-parameters = { c = [1, 2] }
-at = ["c", "0", "0"]
-length = 9.0
-"#;
-
-const SCENE: &str = r#"manifold = "space.toml"
-[camera]
-at = [1.5, 0, 0]
-look = [-1, 0, 0]
-up = [0, 0, 1]
-[[object]]
-mesh = "square.obj"
-at = [0, 0, 0]
-scale = 0.5
-[[light]]
-kind = "point"
-at = [1.0, 0.3, 0.4]
-intensity = [1, 1, 1]
-[sky]
-sky = { pattern = "grid" }
-"#;
-
-const POSES: &str = "[[pose]]\ntime = 0\nat = [1.5, 0, 0]\nlook = [-1, 0, 0]\nup = [0, 0, 1]\n\
-                     [[pose]]\ntime = 1\nat = [1.2, 0, 0]\nlook = [-1, 0, 0]\nup = [0, 0, 1]\n";
-
-/// A command, and what it leaves.
-struct Case {
-    name: &'static str,
-    /// Commands that make its inputs.
-    before: &'static [&'static str],
-    arguments: &'static str,
-    /// What is added when the command is given again after a fault.
-    again: &'static str,
-    outputs: &'static [&'static str],
-    /// Whether its outputs are the same bytes in every run; times of work are not.
-    steady: bool,
-    /// Whether it replaces outputs that are there; others are left alone or refused.
-    replaces: bool,
-}
-
-const CASES: [Case; 6] = [
-    Case {
-        name: "bake",
-        before: &[],
-        arguments: "bake space.toml -o b.fan --max-error 3 --certify-rays 100",
-        again: " --resume",
-        outputs: &["b.fan"],
-        steady: true,
-        replaces: true,
-    },
-    Case {
-        name: "merge",
-        before: &[
-            "bake space.toml -o 1.fan --max-error 3 --certify-rays 100 --shard 1/2",
-            "bake space.toml -o 2.fan --max-error 3 --certify-rays 100 --shard 2/2",
-        ],
-        arguments: "merge 1.fan 2.fan -o b.fan",
-        again: "",
-        outputs: &["b.fan"],
-        steady: true,
-        replaces: true,
-    },
-    Case {
-        name: "sweep",
-        before: &[],
-        arguments: "sweep space.toml --quick --out out --max-error 3 --cells 8 --rays 320",
-        again: "",
-        outputs: &["out/sweep.csv"],
-        steady: false,
-        replaces: false,
-    },
-    Case {
-        name: "animation",
-        before: &[],
-        arguments: "render scene.toml --size 12x8 --camera-path way.toml --frames 3 -o f-%02d.png",
-        again: "",
-        outputs: &["f-00.png", "f-01.png", "f-02.png"],
-        steady: true,
-        replaces: false,
-    },
-    Case {
-        name: "path tracing",
-        before: &[],
-        arguments: "render scene.toml --tracer path --size 12x8 --spp 4 -o p.png --resume",
-        again: "",
-        outputs: &["p.png"],
-        steady: true,
-        replaces: false,
-    },
-    Case {
-        name: "page",
-        before: &[],
-        arguments: "view scene.toml --page out.html --wasm any.wasm",
-        again: "",
-        outputs: &["out.html"],
-        steady: true,
-        replaces: true,
-    },
+/// What happens at an event, and which of the three counted kinds of events it is done to.
+const ACTIONS: [(&str, usize); 8] = [
+    ("full", 0),
+    ("failing", 0),
+    ("short", 0),
+    ("killed", 0),
+    ("power", 0),
+    ("undone", 0),
+    ("unreadable", 1),
+    ("memory", 2),
 ];
+
+const KINDS: [&str; 3] = ["writes, syncs and renames", "reads", "allocations"];
+
+/// Failing allocations tried of each command, evenly over its run, where all events are asked for.
+const ALLOCATIONS: u64 = 60;
+
+const SIGABRT: i32 = 6;
+const SIGKILL: i32 = 9;
 
 /// Compiles the layer once.
 fn shim() -> &'static Path {
@@ -136,15 +50,8 @@ fn shim() -> &'static Path {
         let source = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/faults/shim.rs");
         let rustc = std::env::var("RUSTC").unwrap_or_else(|_| "rustc".into());
         let compiled = Command::new(rustc)
-            .args([
-                "--edition",
-                "2024",
-                "--crate-type",
-                "cdylib",
-                "-O",
-                source,
-                "-o",
-            ])
+            .args(["--edition", "2024", "--crate-type", "cdylib", "-O"])
+            .args([source, "-o"])
             .arg(&path)
             .status();
         assert!(compiled.unwrap().success());
@@ -153,138 +60,100 @@ fn shim() -> &'static Path {
     &SHIM.get_or_init(compile).1
 }
 
-/// Makes a folder with all inputs of `case`, and old files where it has `old` outputs.
-fn folder(case: &Case, old: bool) -> TempDir {
-    let folder = TempDir::new().unwrap();
-    let write = |name: &str, text: &[u8]| fs::write(folder.path().join(name), text).unwrap();
-    write("space.toml", SPACE.as_bytes());
-    write("scene.toml", SCENE.as_bytes());
-    write("way.toml", POSES.as_bytes());
-    write(
-        "square.obj",
-        b"v 0 -1 -1\nv 0 1 -1\nv 0 1 1\nv 0 -1 1\nf 1 2 3 4\n",
-    );
-    write("any.wasm", b"\0asm\x01\0\0\0");
-    for before in case.before {
-        let made = run(folder.path(), before, None);
-        assert!(matches!(made.status.code(), Some(0 | 1)), "{made:?}");
-    }
-    if old && case.replaces {
-        case.outputs.iter().for_each(|name| write(name, b"old"));
-    }
-    folder
-}
-
 /// Runs the program in `folder`, with a fault.
-fn run(folder: &Path, arguments: &str, fault: Option<&str>) -> Output {
-    let mut command = Command::new(cargo_bin!("geofan"));
-    command
-        .current_dir(folder)
-        .args(["--quiet", "--threads", "1"])
-        .args(arguments.split(' '));
-    if let Some(fault) = fault {
-        command
-            .env("LD_PRELOAD", shim())
-            .env("GEOFAN_FAULT_FOLDER", folder.canonicalize().unwrap())
-            .env("GEOFAN_FAULT", fault)
-            .env("GEOFAN_FAULT_COUNT", folder.with_extension("count"));
-    }
-    command.output().unwrap()
+fn run(folder: &Path, arguments: &str, fault: &str) -> Output {
+    let folder = folder.canonicalize().unwrap();
+    let ran = geofan(&folder, arguments)
+        .env("LD_PRELOAD", shim())
+        .env("GEOFAN_FAULT_FOLDER", &folder)
+        .env("GEOFAN_FAULT", fault)
+        .env("GEOFAN_FAULT_COUNT", folder.with_extension("count"))
+        .output();
+    ran.unwrap()
 }
 
-/// Reads the outputs that are there.
-fn outputs(case: &Case, folder: &Path) -> BTreeMap<&'static str, Vec<u8>> {
-    let read = |name: &&'static str| Some((*name, fs::read(folder.join(name)).ok()?));
-    case.outputs.iter().filter_map(read).collect()
-}
-
-/// Lists all files below `folder`.
-fn names(folder: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    let mut folders = vec![folder.to_path_buf()];
-    while let Some(next) = folders.pop() {
-        for entry in fs::read_dir(&next).unwrap() {
-            let path = entry.unwrap().path();
-            match path.is_dir() {
-                true => folders.push(path),
-                false => found.push(path.strip_prefix(folder).unwrap().to_path_buf()),
-            }
+/// Removes what the layer keeps beside `folder`.
+fn sweep(folder: &Path) {
+    let name = folder.file_name().unwrap().to_string_lossy().into_owned();
+    for entry in fs::read_dir(folder.parent().unwrap()).unwrap().flatten() {
+        let other = entry.file_name().to_string_lossy().into_owned();
+        if other != name && other.starts_with(&name) {
+            let _ = fs::remove_file(entry.path());
         }
     }
-    found.sort();
-    found
-}
-
-/// Tells whether a run ended as one that does its work.
-fn done(status: ExitStatus) -> bool {
-    // 1: the table is there, and its few rays miss the promise.
-    matches!(status.code(), Some(0 | 1))
 }
 
 /// Runs `case` with faults at some of its events, or at all.
 fn survives(case: &Case) {
     // What it does where nothing fails.
-    let calm = folder(case, false);
-    let reference = run(calm.path(), case.arguments, Some("count"));
+    let inputs = Inputs::of(case);
+    let calm = inputs.copy(case, false);
+    let reference = run(calm.path(), case.arguments, "count");
     assert!(done(reference.status), "{}: {reference:?}", case.name);
     let count = fs::read_to_string(calm.path().with_extension("count")).unwrap();
-    let events: u64 = count.parse().unwrap();
-    assert!(events >= 3, "{}: {events} events", case.name);
-    let wanted = outputs(case, calm.path());
-    let files = names(calm.path());
-    assert_eq!(wanted.len(), case.outputs.len());
+    let events: Vec<u64> = count.split(' ').map(|n| n.parse().unwrap()).collect();
+    sweep(calm.path());
+    let enough = events.iter().all(|n| *n >= 3);
+    assert!(enough, "{}: {events:?} events", case.name);
+    let wanted = Wanted::of(case, calm.path());
     // The same with a fault, over old files and without.
-    let all = std::env::var("GEOFAN_FAULTS").is_ok_and(|which| which == "all");
-    let some = if case.steady { 3 } else { 1 };
-    let step = if all { 1 } else { events.div_ceil(some) };
-    for (k, action) in ["full", "failing", "short", "killed", "power"]
-        .into_iter()
-        .enumerate()
-    {
-        for number in (1..=events).rev().step_by(step as usize) {
+    let mut faults = 0;
+    for (k, (action, kind)) in ACTIONS.into_iter().enumerate() {
+        for number in (1..=events[kind])
+            .rev()
+            .step_by(step(case, kind, events[kind]))
+        {
             let old = (number + k as u64).is_multiple_of(2);
-            fails_well(case, &format!("{number}:{action}"), old, (&wanted, &files));
+            fails_well(case, &inputs, (action, number, old), &wanted);
+            faults += 1;
         }
     }
-    println!("{}: {events} events", case.name);
+    let told: Vec<String> = events
+        .iter()
+        .zip(KINDS)
+        .map(|(n, kind)| format!("{n} {kind}"))
+        .collect();
+    println!("{}: {}; {faults} faults", case.name, told.join(", "));
+}
+
+/// Every how-manieth of so many events of a kind is taken.
+fn step(case: &Case, kind: usize, events: u64) -> usize {
+    let all = std::env::var("GEOFAN_FAULTS").is_ok_and(|which| which == "all");
+    let some = match (all, kind) {
+        (true, 2) => ALLOCATIONS,
+        (true, _) => events,
+        (false, _) if case.slow => 1,
+        (false, _) => 2,
+    };
+    events.div_ceil(some) as usize
 }
 
 /// Runs `case` with one fault, and again without.
 fn fails_well(
     case: &Case,
-    fault: &str,
-    old: bool,
-    (wanted, files): (&BTreeMap<&str, Vec<u8>>, &[PathBuf]),
+    inputs: &Inputs,
+    (action, number, old): (&str, u64, bool),
+    wanted: &Wanted,
 ) {
-    let about = format!("{} {fault}", case.name);
-    let folder = folder(case, old);
-    let found = run(folder.path(), case.arguments, Some(fault));
+    let about = format!("{} {number}:{action}", case.name);
+    let folder = inputs.copy(case, old);
+    let found = run(folder.path(), case.arguments, &format!("{number}:{action}"));
     let said = String::from_utf8_lossy(&found.stderr);
-    let killed = found.status.signal() == Some(9);
+    // Rust ends a process whose allocation fails.
+    let gone = match action {
+        "memory" => found.status.signal() == Some(SIGABRT),
+        _ => found.status.signal() == Some(SIGKILL),
+    };
+    let done = done(found.status);
     assert!(
-        killed || done(found.status) || found.status.code() == Some(3),
+        gone || done || found.status.code() == Some(3),
         "{about}: {found:?}"
     );
-    assert!(
-        killed || done(found.status) || said.contains("error"),
-        "{about}: {said}"
-    );
-    for (name, bytes) in outputs(case, folder.path()) {
-        let new = !case.steady || bytes == wanted[name];
-        let kept = old && case.replaces && bytes == b"old";
-        assert!(new || kept, "{about}: {name} has {} bytes", bytes.len());
-        assert!(!done(found.status) || !kept, "{about}: {name} is old");
-    }
-    // The same command again.
-    let again = run(
-        folder.path(),
-        &format!("{}{}", case.arguments, case.again),
-        None,
-    );
-    assert!(done(again.status), "{about}, then {again:?}");
-    let ended = outputs(case, folder.path());
-    assert!(!case.steady || ended == *wanted, "{about}: another result");
-    assert_eq!(names(folder.path()), files, "{about}");
+    assert!(gone || done || said.contains("error"), "{about}: {said}");
+    assert!(!said.contains("panicked"), "{about}: {said}");
+    wanted.check_left(case, folder.path(), (old, done), &about);
+    wanted.check_again(case, folder.path(), &about);
+    sweep(folder.path());
 }
 
 macro_rules! cases {
@@ -303,4 +172,5 @@ cases! {
     an_animation_goes_on_after_every_fault: 3;
     a_path_traced_picture_goes_on_after_every_fault: 4;
     a_page_is_old_or_new: 5;
+    a_cache_of_light_is_old_or_new: 6;
 }

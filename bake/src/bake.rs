@@ -6,7 +6,7 @@ use crate::{
     assembly::{finish, write_shard},
     chunk_files::{BakedChunk, ChunkFiles},
     chunks::ChunkBaker,
-    plan::{plan, unmirrored, usual_tangents},
+    plan::{plan, plan_in_cells, unmirrored, usual_tangents},
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, TangentPromise, identity, rays::RaySpace};
 use geofan_core::{
@@ -44,6 +44,8 @@ pub struct BakeOptions {
     pub max_sky_error: Option<f64>,
     /// Set to leave out chunks that reflections or exchanges of coordinates carry into others.
     pub mirrors: bool,
+    /// Cells along each camera parameter, each with chunks of its own; `None` takes the usual number.
+    pub cells: Option<u32>,
     /// The share of the chunks to bake; all of them if `None`.
     pub share: Option<Share>,
     /// Set to use chunks that an interrupted bake left behind.
@@ -63,6 +65,7 @@ impl Default for BakeOptions {
             frames: true,
             max_sky_error: None,
             mirrors: true,
+            cells: None,
             share: None,
             resume: false,
             wait: false,
@@ -178,7 +181,11 @@ impl Bake<'_> {
     fn attempt(&self, promise: f64) -> Result<BakeResult> {
         // The plan, and the id that it gives the bundle.
         let (space, tangents) = (self.space.clone(), self.tangents(promise));
-        let (space, plan) = plan(space, self.length, promise, tangents, self.observer)?;
+        let (length, observer) = (self.length, self.observer);
+        let (space, plan) = match self.options.cells {
+            None => plan(space, length, promise, tangents, observer)?,
+            Some(cells) => plan_in_cells(space, (length, promise), tangents, cells, observer)?,
+        };
         let (space, plan) = match self.options.mirrors {
             true => (space, plan),
             false => unmirrored(space, plan),

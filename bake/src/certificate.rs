@@ -27,9 +27,9 @@ const KEY: u64 = 0x6365_7274_6966_7921;
 /// Cameras whose exact rays are followed together: those of one alone leave most lanes idle.
 const CAMERAS: usize = 16;
 
-/// Errors found on some rays, in mrad.
+/// Errors found on the rays of one camera, in mrad.
 #[derive(Default)]
-struct CertificateErrors {
+pub(crate) struct CertificateErrors {
     mrad: Vec<f64>,
     screen: Vec<f64>,
     sky: Vec<f64>,
@@ -55,77 +55,133 @@ pub fn certify(
     progress: impl Fn(u64) -> Result<()> + Sync,
 ) -> Result<Checked> {
     table.decode()?;
-    // The errors of groups of cameras.
-    let groups: Result<Vec<CertificateErrors>> = RandomRays::all(&table.space, rays, [KEY, seed])
-        .chunks(CAMERAS)
-        .map(|cameras| {
-            let cameras: Vec<RandomRays> = cameras.into_iter().collect::<Result<_>>()?;
-            let errors = at_cameras(table, &cameras, (tolerance, promise))?;
-            let count: usize = cameras.iter().map(|camera| camera.directions.len()).sum();
-            progress(count as u64)?;
-            Ok(errors)
-        })
-        .collect();
-    // All together, in order.
-    let mut all = CertificateErrors::default();
-    for mut errors in groups? {
-        all.mrad.append(&mut errors.mrad);
-        all.screen.append(&mut errors.screen);
-        all.sky.append(&mut errors.sky);
-        all.rotation.append(&mut errors.rotation);
-        all.flagged += errors.flagged;
-        all.far.append(&mut errors.far);
-        all.by_length.append(&mut errors.by_length);
-        all.singular += errors.singular;
-    }
-    // The worst rays, and the quantiles of all.
-    let far = all.far.len();
-    all.far
-        .sort_by(|a, b| b.screen_mrad.total_cmp(&a.screen_mrad));
-    all.far.truncate(MOST);
-    let certificate = Certificate {
-        mrad: Quantiles::of(&mut all.mrad),
-        screen_mrad: Quantiles::of(&mut all.screen),
-        sky_mrad: (!all.sky.is_empty()).then(|| Quantiles::of(&mut all.sky)),
-        rotation_mrad: (!all.rotation.is_empty()).then(|| Quantiles::of(&mut all.rotation)),
-        flagged: all.flagged as f64 / rays.max(1) as f64,
-        rays: rays as u64,
+    let rays = CertificateRays {
+        rays,
         seed,
         tolerance,
-        exact_rays_baked: 0,
+        promise,
     };
-    Ok(Checked {
-        certificate,
-        far,
-        unfinished: all.unfinished(table, rays, tolerance),
-        worst: all.far,
-    })
+    let cameras: Vec<usize> = (0..rays.cameras()).collect();
+    let errors = rays.compared(table, &cameras, progress)?;
+    Ok(rays.checked(table, errors))
 }
 
-/// Compares the rays of some cameras, all followed together.
-fn at_cameras(
-    table: &Table,
-    cameras: &[RandomRays],
-    (tolerance, promise): (f64, f64),
-) -> Result<CertificateErrors> {
-    let manifold = table.space.manifold();
-    let rays = cameras
-        .iter()
-        .flat_map(|camera| camera.directions.iter().map(|d| (camera.u, *d)));
-    let rays: Vec<(DVec3, DVec3)> = rays.collect();
-    let shares: Vec<f64> = cameras.iter().flat_map(|c| &c.shares).copied().collect();
-    let lengths = |ray: usize, end: f64| with_end(shares[ray], end);
-    let probed = probe(manifold, settings(tolerance), table.length, &rays, lengths);
-    let mut errors = CertificateErrors::default();
-    let mut probed = probed.into_iter();
-    for camera in cameras {
-        let exact = probed.by_ref().take(camera.directions.len());
-        errors.add(table, camera, exact, promise)?;
+/// The rays of a certificate, and what they are held to.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CertificateRays {
+    pub rays: usize,
+    pub seed: u64,
+    /// Local tolerance of the exact tracer.
+    pub tolerance: f64,
+    /// mrad.
+    pub promise: f64,
+}
+
+impl CertificateRays {
+    /// Counts the cameras.
+    pub fn cameras(&self) -> usize {
+        self.rays.div_ceil(DIRECTIONS)
     }
-    Ok(errors)
+
+    /// Draws the rays of one camera of `space`.
+    ///
+    /// # Errors
+    /// As of [`RandomRays::all`].
+    pub fn of(&self, space: &RaySpace, camera: usize) -> Result<RandomRays> {
+        RandomRays::of(space, self.rays, [KEY, self.seed], camera)
+    }
+
+    /// Compares `table` with exact paths of the rays of these `cameras`; one result for each, in order.
+    ///
+    /// # Errors
+    /// As of [`certify`].
+    pub fn compared(
+        &self,
+        table: &Table,
+        cameras: &[usize],
+        progress: impl Fn(u64) -> Result<()> + Sync,
+    ) -> Result<Vec<CertificateErrors>> {
+        let groups = cameras.par_chunks(CAMERAS).map(|group| {
+            let drawn = group.iter().map(|camera| self.of(&table.space, *camera));
+            let drawn: Vec<RandomRays> = drawn.collect::<Result<_>>()?;
+            let errors = self.at_cameras(table, &drawn)?;
+            let count: usize = drawn.iter().map(|camera| camera.directions.len()).sum();
+            progress(count as u64)?;
+            Ok(errors)
+        });
+        let groups: Result<Vec<_>> = groups.collect();
+        Ok(groups?.into_iter().flatten().collect())
+    }
+
+    /// Compares the rays of some cameras, all followed together.
+    fn at_cameras(&self, table: &Table, cameras: &[RandomRays]) -> Result<Vec<CertificateErrors>> {
+        let manifold = table.space.manifold();
+        let rays = cameras
+            .iter()
+            .flat_map(|camera| camera.directions.iter().map(|d| (camera.u, *d)));
+        let rays: Vec<(DVec3, DVec3)> = rays.collect();
+        let shares: Vec<f64> = cameras.iter().flat_map(|c| &c.shares).copied().collect();
+        let lengths = |ray: usize, end: f64| with_end(shares[ray], end);
+        let settings = settings(self.tolerance);
+        let probed = probe(manifold, settings, table.length, &rays, lengths);
+        let mut probed = probed.into_iter();
+        let errors = cameras.iter().map(|camera| {
+            let exact = probed.by_ref().take(camera.directions.len());
+            let mut errors = CertificateErrors::default();
+            errors.add(table, camera, exact, self.promise)?;
+            Ok(errors)
+        });
+        errors.collect()
+    }
+
+    /// Puts the errors at all cameras, in order, together to what is published of `table`, whose chunks are not
+    /// looked at.
+    pub fn checked(
+        &self,
+        table: &Table,
+        cameras: impl IntoIterator<Item = CertificateErrors>,
+    ) -> Checked {
+        let mut all = CertificateErrors::default();
+        cameras.into_iter().for_each(|errors| all.append(errors));
+        let rays = self.rays;
+        // The worst rays, and the quantiles of all.
+        let far = all.far.len();
+        all.far
+            .sort_by(|a, b| b.screen_mrad.total_cmp(&a.screen_mrad));
+        all.far.truncate(MOST);
+        let certificate = Certificate {
+            mrad: Quantiles::of(&mut all.mrad),
+            screen_mrad: Quantiles::of(&mut all.screen),
+            sky_mrad: (!all.sky.is_empty()).then(|| Quantiles::of(&mut all.sky)),
+            rotation_mrad: (!all.rotation.is_empty()).then(|| Quantiles::of(&mut all.rotation)),
+            flagged: all.flagged as f64 / rays.max(1) as f64,
+            rays: rays as u64,
+            seed: self.seed,
+            tolerance: self.tolerance,
+            exact_rays_baked: 0,
+        };
+        Checked {
+            certificate,
+            far,
+            unfinished: all.unfinished(table, rays, self.tolerance),
+            worst: all.far,
+        }
+    }
 }
 
 impl CertificateErrors {
+    /// Adds those at another camera.
+    fn append(&mut self, mut other: Self) {
+        self.mrad.append(&mut other.mrad);
+        self.screen.append(&mut other.screen);
+        self.sky.append(&mut other.sky);
+        self.rotation.append(&mut other.rotation);
+        self.flagged += other.flagged;
+        self.far.append(&mut other.far);
+        self.by_length.append(&mut other.by_length);
+        self.singular += other.singular;
+    }
+
     /// Adds the errors on the rays of `camera`, whose exact paths are `exact`.
     fn add(
         &mut self,
@@ -226,14 +282,17 @@ impl RandomRays {
         key: [u64; 2],
     ) -> impl IndexedParallelIterator<Item = Result<Self>> {
         let cameras = (0..rays.div_ceil(DIRECTIONS)).into_par_iter();
-        cameras.map(move |camera| {
-            let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
-            let mut stream = Stream::new(&[key[0], key[1], camera as u64]);
-            Ok(Self {
-                u: random_camera(space, &mut stream)?,
-                directions: (0..count).map(|_| stream.direction()).collect(),
-                shares: (0..count).map(|_| 1.0 - stream.uniform()).collect(),
-            })
+        cameras.map(move |camera| Self::of(space, rays, key, camera))
+    }
+
+    /// Draws those from the camera with this number.
+    fn of(space: &RaySpace, rays: usize, key: [u64; 2], camera: usize) -> Result<Self> {
+        let count = DIRECTIONS.min(rays - camera * DIRECTIONS);
+        let mut stream = Stream::new(&[key[0], key[1], camera as u64]);
+        Ok(Self {
+            u: random_camera(space, &mut stream)?,
+            directions: (0..count).map(|_| stream.direction()).collect(),
+            shares: (0..count).map(|_| 1.0 - stream.uniform()).collect(),
         })
     }
 }

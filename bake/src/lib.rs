@@ -12,9 +12,10 @@ pub mod chunk_files;
 pub mod chunks;
 mod directions;
 mod ends;
+mod merge;
 pub mod plan;
 pub mod refine;
 
-pub use assembly::merge;
 pub use bake::{BakeOptions, BakeResult, PROMISES, Share, USUAL_PROMISE, bake};
 pub use certificate::{RandomRays, certify};
+pub use merge::{Merged, merge};

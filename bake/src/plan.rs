@@ -15,7 +15,7 @@ use crate::{
     refine::line_series::{LineSamples, SeriesTails},
 };
 use geofan_bundle::{
-    MappedChebyshev, PlanRecord, TangentPromise, chebyshev,
+    MOST_CHUNKS, MappedChebyshev, PlanRecord, TangentPromise, chebyshev,
     measure::{Probed, probe, stored_settings},
     rays::{ChartMap, Mirror, RaySpace},
 };
@@ -73,8 +73,46 @@ pub fn plan(
     tangents: TangentPromise,
     observer: &dyn Observer,
 ) -> Result<(RaySpace, PlanRecord)> {
+    let first = first_plan(&space, length, max_error, tangents);
+    complete_plan(space, first, observer)
+}
+
+/// Plans like [`plan`] with so many cells along each camera parameter: more than usual are more chunks, smaller ones,
+/// so that more machines can share a long bake and less of it is lost when one fails.
+///
+/// # Errors
+/// There are no camera parameters, more chunks than a bundle can have, or the observer ends it.
+pub fn plan_in_cells(
+    space: RaySpace,
+    (length, max_error): (f64, f64),
+    tangents: TangentPromise,
+    cells: u32,
+    observer: &dyn Observer,
+) -> Result<(RaySpace, PlanRecord)> {
+    let wrong = |message: String| Err(Error::input("cells", message));
+    let cameras = space.cameras().len();
+    if cameras == 0 {
+        return wrong("the table has no camera parameters, so there is nothing to divide".into());
+    }
+    let chunks = u64::from(cells).saturating_pow(cameras as u32);
+    let chunks = chunks.saturating_mul(space.faces() as u64);
+    if !(1..=MOST_CHUNKS).contains(&chunks) {
+        return wrong(format!(
+            "{cells} along each of {cameras} parameters make {chunks} chunks; there are 1 to {MOST_CHUNKS}"
+        ));
+    }
+    let mut first = first_plan(&space, length, max_error, tangents);
+    first.cells = vec![cells; cameras];
+    complete_plan(space, first, observer)
+}
+
+/// Finds out by trial what a first plan leaves open.
+fn complete_plan(
+    space: RaySpace,
+    mut plan: PlanRecord,
+    observer: &dyn Observer,
+) -> Result<(RaySpace, PlanRecord)> {
     let watch = PlanWatch::new(observer);
-    let mut plan = first_plan(&space, length, max_error, tangents);
     plan.mirrors = mirrors(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK)?;
     if meets_edges(&space, &plan, &watch)? {
@@ -443,4 +481,75 @@ fn tracer_error(
     let mut errors: Vec<f64> = errors.collect();
     errors.sort_by(f64::total_cmp);
     Ok(errors.get(errors.len() * 99 / 100).map_or(0.0, |e| *e))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_core::{diagnostic::SourceText, manifold::Manifold};
+    use std::sync::{Arc, Mutex, atomic::AtomicBool};
+
+    /// With an edge and an exit, so that every phase of planning has something to do.
+    const SPACE: &str = r#"
+name = "step"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "if(x^2 + y^2 + z^2 < 1, 1.2, 1 + 0.1*exp(-x^2))" }
+[[exit]]
+name = "sky"
+when = "x^2 + y^2 + z^2 - 20"
+[cameras]
+parameters = { c = [1.5, 2] }
+at = ["c", "0.3", "0.1"]
+length = 6.0
+"#;
+
+    /// Ends the work after so many reports.
+    struct Patience {
+        left: AtomicU64,
+        over: AtomicBool,
+        told: Mutex<Vec<u64>>,
+    }
+
+    impl Observer for Patience {
+        fn progress(&self, progress: Progress<'_>) {
+            assert!(progress.work == "planning" && progress.done <= progress.total);
+            self.told.lock().unwrap().push(progress.done);
+            let left = self.left.fetch_sub(1, Ordering::Relaxed);
+            self.over.fetch_or(left <= 1, Ordering::Relaxed);
+        }
+
+        fn cancelled(&self) -> bool {
+            self.over.load(Ordering::Relaxed)
+        }
+    }
+
+    /// Plans with so many reports; returns how it ended and how much work was told.
+    fn planned(reports: u64) -> (Result<PlanRecord>, Vec<u64>) {
+        let source = SourceText::new("step.toml", SPACE);
+        let space = RaySpace::new(Arc::new(Manifold::from_source(source, &[]).unwrap())).unwrap();
+        let patience = Patience {
+            left: reports.into(),
+            over: AtomicBool::new(false),
+            told: Mutex::default(),
+        };
+        let promised = TangentPromise::AsPoints;
+        let planned = plan(space, 6.0, 3.0, promised, &patience).map(|(_, plan)| plan);
+        (planned, patience.told.into_inner().unwrap())
+    }
+
+    #[test]
+    fn planning_ends_wherever_the_user_ends_it_and_its_work_is_bounded() {
+        let (whole, told) = planned(u64::MAX);
+        assert!(whole.is_ok() && told.iter().max() == Some(&WORK));
+        let reports = told.len() as u64;
+        assert!(reports > 20, "{reports}");
+        for at in (1..reports).step_by(reports as usize / 7) {
+            let (ended, _) = planned(at);
+            assert_eq!(
+                ended.unwrap_err().exit_code(),
+                75,
+                "after {at} of {reports}"
+            );
+        }
+    }
 }

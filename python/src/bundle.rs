@@ -97,6 +97,7 @@ impl Bundle {
             length: Some(manifold.path_length(py, length)?),
             frames,
             mirrors,
+            cells: None,
             share: share.map(|(index, of)| Share { index, of }),
             resume,
             wait,
@@ -128,9 +129,11 @@ impl Bundle {
         if shards.is_empty() {
             return Err(refuse(py, "shards", "there is none"));
         }
-        let (bundle, _, unfinished) = work::watch(py, About::Input, progress.as_ref(), |o| {
-            merge(&shards, &output, o)
-        })?;
+        let merged = work::watch(py, About::Input, progress.as_ref(), |o| {
+            let merged = merge(&shards, &output, o)?;
+            Ok((table::Bundle::read(&output)?, merged.unfinished))
+        });
+        let (bundle, unfinished) = merged?;
         Ok(Self::made(bundle, &unfinished))
     }
 

@@ -7,7 +7,7 @@ use crate::terminal::{
     self, CommonArgs, Outcome, TerminalObserver, command_line, has_option, values,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
-use geofan_bundle::Bundle;
+use geofan_bundle::{Bundle, Header, MOST_CERTIFY_RAYS, rays::RaySpace};
 use geofan_core::{Error, Result, geodesic::UnfinishedPaths, manifold::Manifold};
 use serde_json::json;
 use std::{
@@ -83,6 +83,10 @@ pub struct BakeArgs {
     /// Store every chunk, also those that reflections or exchanges of coordinates carry into others
     #[arg(long)]
     pub no_mirrors: bool,
+    /// Cells along each camera parameter, each with chunks of its own [default: 2 or 4]: more are smaller chunks,
+    /// for long bakes on many machines
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub cells: Option<u32>,
     /// Bake the share I of N only (I from 1 to N) and write it as a shard for `merge`; `auto` or `auto/N` takes
     /// the number from Slurm, GNU parallel, Kubernetes, Grid Engine, PBS or LSF
     #[arg(long, value_name = "I/N", value_parser = shard::share)]
@@ -95,7 +99,7 @@ pub struct BakeArgs {
     pub wait: bool,
     /// Fresh random rays that the certificate takes
     #[arg(long, value_name = "RAYS", default_value_t = 20_000,
-          value_parser = clap::value_parser!(u64).range(1..=1_000_000_000))]
+          value_parser = clap::value_parser!(u64).range(1..=MOST_CERTIFY_RAYS))]
     pub certify_rays: u64,
 }
 
@@ -124,6 +128,7 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
         frames: !args.no_frames,
         max_sky_error: args.max_sky_error,
         mirrors: !args.no_mirrors,
+        cells: args.cells,
         share: args.shard,
         resume: args.resume,
         wait: args.wait,
@@ -135,7 +140,10 @@ pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
             bundle,
             bytes,
             unfinished,
-        } => report((&bundle, bytes, &unfinished), &args.output, started, common),
+        } => {
+            let made = MadeBundle::of(&bundle, (bytes, &unfinished), &args.output)?;
+            report(&made, &args.output, started, common)
+        }
         BakeResult::Shard {
             share,
             bytes,
@@ -187,8 +195,15 @@ pub struct MergeArgs {
 pub fn merge(args: &MergeArgs, common: &CommonArgs) -> Result<Outcome> {
     let started = Instant::now();
     let observer = TerminalObserver::new(common)?;
-    let (bundle, bytes, unfinished) = geofan_bake::merge(&args.shards, &args.output, &observer)?;
-    let outcome = report((&bundle, bytes, &unfinished), &args.output, started, common)?;
+    let merged = geofan_bake::merge(&args.shards, &args.output, &observer)?;
+    let made = MadeBundle {
+        header: &merged.header,
+        space: &merged.space,
+        bytes: merged.bytes,
+        boxes: (merged.patches, merged.flagged_boxes),
+        unfinished: &merged.unfinished,
+    };
+    let outcome = report(&made, &args.output, started, common)?;
     // The bundle is there: an engine must not take it for a task that failed.
     match args.strict {
         true => Ok(outcome),
@@ -217,24 +232,48 @@ fn report_shard(
     Ok(Outcome::Done)
 }
 
+/// A bundle that has been written, to be reported.
+struct MadeBundle<'a> {
+    header: &'a Header,
+    space: &'a RaySpace,
+    bytes: u64,
+    /// Patches and flagged boxes.
+    boxes: (usize, usize),
+    unfinished: &'a UnfinishedPaths,
+}
+
+impl<'a> MadeBundle<'a> {
+    /// Takes one that is in memory, whose file `path` has so many bytes.
+    fn of(
+        bundle: &'a Bundle,
+        (bytes, unfinished): (u64, &'a UnfinishedPaths),
+        path: &Path,
+    ) -> Result<Self> {
+        let boxes = bundle.table.counts();
+        Ok(Self {
+            header: &bundle.header,
+            space: &bundle.table.space,
+            bytes,
+            boxes: boxes.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?,
+            unfinished,
+        })
+    }
+}
+
 /// Prints what was made; the outcome says whether the promise holds.
-///
-/// # Errors
-/// stdout cannot be written.
-pub fn report(
-    (bundle, bytes, unfinished): (&Bundle, u64, &UnfinishedPaths),
+fn report(
+    made: &MadeBundle<'_>,
     path: &Path,
     started: Instant,
     common: &CommonArgs,
 ) -> Result<Outcome> {
-    let plan = &bundle.header.plan;
+    let plan = &made.header.plan;
     let missing = || Error::input(path.display().to_string(), "has no certificate");
-    let certificate = bundle.header.certificate.as_ref().ok_or_else(missing)?;
+    let certificate = made.header.certificate.as_ref().ok_or_else(missing)?;
     let holds = plan.is_kept(certificate);
-    let promises = plan.promises(&bundle.table.space);
-    let counts = bundle.table.counts();
-    let (patches, given_up) =
-        counts.map_err(|e| Error::input(path.display().to_string(), e.to_string()))?;
+    let promises = plan.promises(made.space);
+    let (patches, given_up) = made.boxes;
+    let (bytes, unfinished) = (made.bytes, made.unfinished);
     let seconds = started.elapsed().as_secs_f64();
     if common.json {
         terminal::print_json(&json!({
@@ -265,7 +304,7 @@ pub fn report(
             certificate.exact_rays_baked
         ))?;
     }
-    warn_unfinished(bundle, unfinished);
+    warn_unfinished(&made.space.manifold().glued(), unfinished);
     if holds {
         return Ok(Outcome::Done);
     }
@@ -280,8 +319,8 @@ pub fn report(
 }
 
 /// Warns where paths of a table of a space with exits are too short to get to them.
-pub fn warn_unfinished(bundle: &Bundle, found: &UnfinishedPaths) {
-    if bundle.manifold.domain.has_exits()
+pub fn warn_unfinished(manifold: &Manifold, found: &UnfinishedPaths) {
+    if manifold.domain.has_exits()
         && let Some(warning) = found.warning(
             "paths end before they leave",
             "bake with --length, or change `length` under [cameras]",

@@ -47,7 +47,7 @@ pub fn run(args: &CheckArgs, common: &CommonArgs) -> Result<Outcome> {
     )?;
     progress.finish();
     report(&found, (plan, &bundle.table.space), bytes, common)?;
-    warn_unfinished(&bundle, &found.unfinished);
+    warn_unfinished(&bundle.manifold, &found.unfinished);
     Ok(match plan.is_kept(&found.certificate) {
         true => Outcome::Done,
         false => Outcome::CheckFailed,

@@ -106,6 +106,7 @@ fn bundle(stage: &Stage, folder: &Path, common: &CommonArgs) -> Result<Bundle> {
         max_sky_error: None,
         no_frames: false,
         no_mirrors: false,
+        cells: None,
         shard: None,
         resume: true,
         wait: false,

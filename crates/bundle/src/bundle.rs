@@ -8,7 +8,7 @@
 #[cfg(feature = "files")]
 use crate::container::{MAGIC, MOST_BYTES, too_large};
 use crate::{
-    Certificate, TangentPromise,
+    Certificate,
     container::{self, Id},
     decode::{BundleError, ByteReader, LookupError, put_bytes},
     decode_budget::DecodeBudget,
@@ -29,8 +29,8 @@ use std::{borrow::Cow, sync::Arc};
 #[cfg(feature = "files")]
 use std::{fs, io::Write, path::Path};
 
-/// The most chunks of a bundle: far above any plan's.
-const MOST_CHUNKS: u64 = 1 << 20;
+/// The most chunks of a bundle, counted before mirrors: far above any usual plan's.
+pub const MOST_CHUNKS: u64 = 1 << 20;
 
 /// A baked table with everything that it was made from. A clone shares the table.
 #[derive(Debug, Clone)]
@@ -96,25 +96,12 @@ impl Contents {
     /// The bytes are not one.
     pub fn decode(name: &str, bytes: &[u8]) -> Result<Self, BundleError> {
         let (header_block, field_blocks, chunk_blocks) = container::decode(bytes)?;
-        // The header, and the rays that it says the table holds.
-        let header = Header::decode(header_block.payload)?;
-        check_chunk_count(&header)?;
-        let fields = field_blocks.iter().map(|block| read_field(block.payload));
-        let fields = fields.collect::<Result<Vec<_>, _>>()?;
-        let manifold = Arc::new(header.manifold_with(name, &fields, &[])?);
-        let space = RaySpace::new(manifold.clone())?;
-        header.check(&space)?;
-        let space = header.plan.applied(space);
-        if identity(&manifold, &header.plan)? != header_block.id {
-            return Err(BundleError::Invalid("its id is not that of its plan"));
-        }
-        // The chunks, all that there must be.
-        let total = header.plan.division(&space).chunks() as u64;
-        let expected = expected_chunks(total, header.shard)?;
-        let found = chunk_blocks.iter().map(|block| u64::from(block.index));
-        if !found.eq(expected) {
-            return Err(BundleError::Invalid("chunks are missing"));
-        }
+        let (header, space) = checked_header(
+            name,
+            (header_block.id, header_block.payload),
+            field_blocks.iter().map(|block| block.payload),
+            chunk_blocks.iter().map(|block| block.index),
+        )?;
         let chunks = chunk_blocks.iter().map(|b| (b.index, b.payload.to_vec()));
         Ok(Self {
             header,
@@ -147,10 +134,45 @@ impl Contents {
     /// The manifold's text is too long for a header.
     pub fn encode(&self) -> Result<Vec<u8>, BundleError> {
         let header = self.header.encode()?;
-        let fields = self.space.manifold().fields.iter().map(field_bytes);
-        let fields: Vec<_> = fields.collect();
+        let fields = field_payloads(&self.space);
         Ok(container::encode(self.id, &header, &fields, &self.chunks))
     }
+}
+
+/// Reads the header of the file called `name`, and the rays that it says the table holds; checks that they fit each
+/// other, the id, and the numbers of the file's chunks.
+///
+/// # Errors
+/// They do not.
+pub(crate) fn checked_header<'a>(
+    name: &str,
+    (id, header): (Id, &[u8]),
+    fields: impl Iterator<Item = &'a [u8]>,
+    chunks: impl Iterator<Item = u32>,
+) -> Result<(Header, RaySpace), BundleError> {
+    // The header, and the rays that it says the table holds.
+    let header = Header::decode(header)?;
+    check_chunk_count(&header)?;
+    let fields = fields.map(read_field).collect::<Result<Vec<_>, _>>()?;
+    let manifold = Arc::new(header.manifold_with(name, &fields, &[])?);
+    let space = RaySpace::new(manifold.clone())?;
+    header.check(&space)?;
+    let space = header.plan.applied(space);
+    if identity(&manifold, &header.plan)? != id {
+        return Err(BundleError::Invalid("its id is not that of its plan"));
+    }
+    // The chunks, all that there must be.
+    let total = header.plan.division(&space).chunks() as u64;
+    let expected = expected_chunks(total, header.shard)?;
+    match chunks.map(u64::from).eq(expected) {
+        true => Ok((header, space)),
+        false => Err(BundleError::Invalid("chunks are missing")),
+    }
+}
+
+/// The payloads of the blocks of the fields of a manifold.
+pub(crate) fn field_payloads(space: &RaySpace) -> Vec<Vec<u8>> {
+    space.manifold().fields.iter().map(field_bytes).collect()
 }
 
 /// The payload of a field's block: the length of its name (u32), the name, and its samples, packed.
@@ -246,13 +268,7 @@ impl Bundle {
             .map(|(_, bytes)| Chunk::new(bytes, shape, budget.clone()));
         Ok(Self {
             manifold: glued(space.manifold()),
-            table: Table {
-                division: header.plan.division(&space).into(),
-                length: header.plan.length,
-                frames: header.plan.tangents != TangentPromise::None,
-                space: space.into(),
-                chunks: chunks.collect(),
-            },
+            table: header.plan.table(space, chunks.collect()),
             header,
             id,
         })

@@ -108,10 +108,12 @@ fn mirror() -> crate::rays::Mirror {
     found.remove(0)
 }
 
+/// A change of a header.
+type Change = fn(&mut Header);
+
 #[test]
 fn headers_that_disagree_with_their_manifold_are_refused() {
-    type Change = fn(&mut Header);
-    let changes: [Change; 13] = [
+    let changes: [Change; 14] = [
         |h| h.cameras[0][1] = 2.0,
         |h| h.cameras.clear(),
         |h| h.faces = 1,
@@ -124,6 +126,7 @@ fn headers_that_disagree_with_their_manifold_are_refused() {
         |h| h.reduction = crate::rays::Reduction::Rotation,
         |h| h.manifold.parameters[0].1 = 2.0,
         |h| h.manifold.text = "name = \"".into(),
+        |h| h.manifold.name = "curved".into(),
         |h| {
             h.shard = Some(ShardRecord {
                 index: 9,
@@ -135,6 +138,110 @@ fn headers_that_disagree_with_their_manifold_are_refused() {
     assert!(Bundle::from_bytes(&forged(|_| {})).is_ok());
     for (i, change) in changes.into_iter().enumerate() {
         assert!(Bundle::from_bytes(&forged(change)).is_err(), "change {i}");
+    }
+}
+
+/// A certificate such as a bake finds.
+fn certificate() -> Certificate {
+    let quantiles = geofan_core::quantiles::Quantiles {
+        p50: 0.1,
+        p95: 0.2,
+        p99: 0.3,
+        max: f64::INFINITY,
+    };
+    Certificate {
+        mrad: quantiles,
+        screen_mrad: quantiles,
+        sky_mrad: Some(quantiles),
+        rotation_mrad: None,
+        flagged: 0.5,
+        rays: 100,
+        seed: 1,
+        tolerance: 1e-9,
+        exact_rays_baked: 7,
+    }
+}
+
+#[test]
+fn numbers_of_a_header_that_are_none_are_refused() {
+    let certified = |h: &mut Header, change: fn(&mut Certificate)| {
+        let mut certificate = certificate();
+        change(&mut certificate);
+        h.certificate = Some(certificate);
+    };
+    let good = forged(|h| certified(h, |_| {}));
+    assert!(Bundle::from_bytes(&good).is_ok());
+    let of_certificates: [fn(&mut Certificate); 9] = [
+        |c| c.mrad.p50 = f64::NAN,
+        |c| c.mrad.p95 = 0.0,
+        |c| c.screen_mrad.max = f64::NAN,
+        |c| c.screen_mrad.p50 = -0.1,
+        |c| {
+            c.sky_mrad = c
+                .sky_mrad
+                .map(|q| geofan_core::quantiles::Quantiles { p99: f64::NAN, ..q })
+        },
+        |c| {
+            c.rotation_mrad = c
+                .sky_mrad
+                .map(|q| geofan_core::quantiles::Quantiles { p99: 0.0, ..q })
+        },
+        |c| c.flagged = f64::NAN,
+        |c| c.flagged = 1.5,
+        |c| c.tolerance = f64::NAN,
+    ];
+    for (i, change) in of_certificates.into_iter().enumerate() {
+        let bytes = forged(|h| certified(h, change));
+        assert!(Bundle::from_bytes(&bytes).is_err(), "certificate {i}");
+    }
+    let of_plans: [Change; 14] = [
+        |h| h.plan.max_error = f64::NAN,
+        |h| h.plan.max_error = 0.0,
+        |h| h.plan.length = f64::INFINITY,
+        |h| h.plan.tolerance = f64::NAN,
+        |h| h.plan.tangents = TangentPromise::Own(f64::NAN),
+        |h| h.plan.nodes[1] = 0,
+        |h| h.plan.most_rays = 0,
+        |h| h.plan.least_volume = f64::NAN,
+        |h| h.plan.least_volume = 2.0,
+        |h| h.plan.stretch = MappedChebyshev::new(f64::NAN),
+        |h| h.plan.focus[1][2] = f64::NAN,
+        |h| h.plan.sphere = Some([[f64::NAN; 3]; 3]),
+        |h| h.plan.lift = crate::rays::ChartMap::Sphere { radius: f64::NAN },
+        |h| h.certify_rays = u64::MAX,
+    ];
+    for (i, change) in of_plans.into_iter().enumerate() {
+        assert!(Bundle::from_bytes(&forged(change)).is_err(), "plan {i}");
+    }
+    for camera in [f64::NAN, f64::INFINITY] {
+        assert!(Bundle::from_bytes(&forged(|h| h.cameras[0][0] = camera)).is_err());
+        assert!(Bundle::from_bytes(&forged(|h| h.manifold.parameters[0].1 = camera)).is_err());
+    }
+}
+
+#[test]
+fn a_plan_that_is_not_that_of_the_id_is_refused_whichever_number_differs() {
+    let changes: [Change; 14] = [
+        |h| h.plan.max_error = 0.25,
+        |h| h.plan.length = 4.0,
+        |h| h.plan.tangents = TangentPromise::None,
+        |h| h.plan.tolerance = 1e-8,
+        |h| h.plan.nodes[2] = 4,
+        |h| h.plan.most_rays += 1,
+        |h| h.plan.lift = crate::rays::ChartMap::Sphere { radius: 1.0 },
+        |h| h.plan.refinement += 1,
+        |h| h.plan.least_volume = 0.5,
+        |h| h.plan.most_arc_halvings += 1,
+        |h| h.plan.stretch = MappedChebyshev::NONE,
+        |h| h.plan.focus[0][0] = 0.2,
+        |h| h.plan.mirrors = vec![mirror()],
+        |h| h.plan.seed += 1,
+    ];
+    for (i, change) in changes.into_iter().enumerate() {
+        let mut contents = bundle(1).contents();
+        change(&mut contents.header);
+        let error = Bundle::from_bytes(&contents.encode().unwrap()).unwrap_err();
+        assert!(error.to_string().contains("id"), "{i}: {error}");
     }
 }
 

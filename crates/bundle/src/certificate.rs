@@ -44,6 +44,20 @@ impl Certificate {
         self.screen_mrad.p99 <= promise
     }
 
+    /// Tells whether all numbers are such as a comparison finds: errors from zero up, in order (infinite where one
+    /// could not be computed), a share, a tolerance.
+    pub(crate) fn is_valid(&self) -> bool {
+        let ordered = |q: &Quantiles| {
+            let all = [0.0, q.p50, q.p95, q.p99, q.max];
+            all.is_sorted() && all.iter().all(|x| !x.is_nan())
+        };
+        let some = [Some(self.mrad), Some(self.screen_mrad)];
+        let others = [self.sky_mrad, self.rotation_mrad];
+        let errors = some.iter().chain(&others).flatten().all(ordered);
+        let tolerance = self.tolerance > 0.0 && self.tolerance.is_finite();
+        errors && (0.0..=1.0).contains(&self.flagged) && tolerance
+    }
+
     /// Writes the errors as lines of a table for people.
     pub fn lines(&self) -> String {
         let mut text = format!(

@@ -14,7 +14,8 @@
 //! over all of it. The table of contents has index u32, offset u64 and length u64 of each chunk's
 //! payload.
 
-use crate::decode::{BundleError, ByteReader};
+use crate::decode::{BundleError, ByteReader, DecodeError};
+use std::convert::Infallible;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// The first bytes of a bundle.
@@ -30,13 +31,13 @@ pub const MOST_BYTES: u64 = 4 << 30;
 pub type Id = [u8; 16];
 
 /// Bytes of a block before its payload.
-const BLOCK_HEAD: usize = 1 + 4 + 8 + 16;
+pub(crate) const BLOCK_HEAD: usize = 1 + 4 + 8 + 16;
 /// Bytes of the checksum behind a payload.
-const CHECKSUM: usize = 8;
+pub(crate) const CHECKSUM: usize = 8;
 /// Bytes of the hash at the end of a file.
-const HASH: usize = 32;
+pub(crate) const HASH: usize = 32;
 /// Offset of the first block.
-const START: usize = MAGIC.len() + 4;
+pub(crate) const START: usize = MAGIC.len() + 4;
 /// Bytes of an entry of the table of contents.
 const ENTRY: usize = 4 + 8 + 8;
 
@@ -69,6 +70,50 @@ pub struct FileBlock<'a> {
     offset: usize,
 }
 
+/// What is said of a block before its payload, and where that lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct BlockPlace {
+    pub kind: u8,
+    pub index: u32,
+    pub id: Id,
+    /// Where the payload starts in the file, and its bytes.
+    pub offset: u64,
+    pub length: u64,
+}
+
+impl BlockPlace {
+    /// Reads the head of the block that begins at the byte `start` of a file.
+    ///
+    /// # Errors
+    /// There are fewer bytes.
+    pub fn read(head: &[u8], start: u64) -> Result<Self, DecodeError> {
+        let mut input = ByteReader(head);
+        let (kind, index, length) = (input.u8()?, input.u32()?, input.u64()?);
+        let mut id = Id::default();
+        id.copy_from_slice(input.take(size_of::<Id>())?);
+        let offset = start + BLOCK_HEAD as u64;
+        Ok(Self {
+            kind,
+            index,
+            id,
+            offset,
+            length,
+        })
+    }
+}
+
+impl FileBlock<'_> {
+    fn place(&self) -> BlockPlace {
+        BlockPlace {
+            kind: self.kind,
+            index: self.index,
+            id: self.id,
+            offset: self.offset as u64,
+            length: self.payload.len() as u64,
+        }
+    }
+}
+
 /// Appends one block to `out`.
 pub fn put_block(out: &mut Vec<u8>, kind: BlockKind, index: u32, id: Id, payload: &[u8]) {
     let start = out.len();
@@ -93,15 +138,10 @@ pub fn read_block(bytes: &[u8], kind: BlockKind, index: u32, id: Id) -> Option<&
 fn next_block<'a>(bytes: &'a [u8], at: &mut usize) -> Result<FileBlock<'a>, BundleError> {
     let cut = |_| BundleError::Truncated(bytes.len() as u64);
     let start = *at;
-    let mut input = ByteReader(&bytes[start..]);
-    // The head.
-    let kind = input.u8().map_err(cut)?;
-    let index = input.u32().map_err(cut)?;
-    let length = input.u64().map_err(cut)?;
-    let mut id = Id::default();
-    id.copy_from_slice(input.take(size_of::<Id>()).map_err(cut)?);
+    let place = BlockPlace::read(&bytes[start..], start as u64).map_err(cut)?;
     // The payload, however long a hostile file says it is.
-    let length = usize::try_from(length).unwrap_or(usize::MAX);
+    let length = usize::try_from(place.length).unwrap_or(usize::MAX);
+    let mut input = ByteReader(&bytes[start + BLOCK_HEAD..]);
     let payload = input.take(length).map_err(cut)?;
     let end = start + BLOCK_HEAD + length;
     let checksum = input.u64().map_err(cut)?;
@@ -110,45 +150,118 @@ fn next_block<'a>(bytes: &'a [u8], at: &mut usize) -> Result<FileBlock<'a>, Bund
     }
     *at = end + CHECKSUM;
     Ok(FileBlock {
-        kind,
-        index,
-        id,
+        kind: place.kind,
+        index: place.index,
+        id: place.id,
         payload,
         offset: start + BLOCK_HEAD,
     })
 }
 
+/// Writes a file block by block, for chunks that are not in memory together.
+pub struct BlockWriter<W> {
+    out: W,
+    hasher: blake3::Hasher,
+    id: Id,
+}
+
+impl<W: FnMut(&[u8]) -> Result<(), E>, E> BlockWriter<W> {
+    /// Begins a file with this id, header record and fields, whose chunks have these numbers and bytes, in
+    /// ascending order; `out` takes what is to be written.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn begin(
+        out: W,
+        id: Id,
+        (header, fields): (&[u8], &[Vec<u8>]),
+        chunks: &[(u32, u64)],
+    ) -> Result<Self, E> {
+        let mut start = MAGIC.to_vec();
+        start.extend(VERSION.to_le_bytes());
+        put_block(&mut start, BlockKind::Header, 0, id, header);
+        let between = fields
+            .iter()
+            .map(|field| BLOCK_HEAD + field.len() + CHECKSUM);
+        let contents = table_of_contents(header, between.sum(), chunks);
+        put_block(&mut start, BlockKind::Contents, 0, id, &contents);
+        for (index, payload) in (0..).zip(fields) {
+            put_block(&mut start, BlockKind::Field, index, id, payload);
+        }
+        let mut writer = Self {
+            out,
+            hasher: blake3::Hasher::new(),
+            id,
+        };
+        writer.put(&start).map(|()| writer)
+    }
+
+    /// Writes the next chunk.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn chunk(&mut self, index: u32, payload: &[u8]) -> Result<(), E> {
+        let mut block = Vec::with_capacity(BLOCK_HEAD + payload.len() + CHECKSUM);
+        put_block(&mut block, BlockKind::Chunk, index, self.id, payload);
+        self.put(&block)
+    }
+
+    /// Ends the file with its hash.
+    ///
+    /// # Errors
+    /// Those of `out`.
+    pub fn end(mut self) -> Result<(), E> {
+        (self.out)(self.hasher.finalize().as_bytes())
+    }
+
+    fn put(&mut self, bytes: &[u8]) -> Result<(), E> {
+        self.hasher.update(bytes);
+        (self.out)(bytes)
+    }
+}
+
+/// Returns the bytes of a file with this header record, fields and chunks.
+pub fn file_bytes(header: &[u8], fields: &[Vec<u8>], chunks: &[(u32, u64)]) -> u64 {
+    let fields = fields.iter().map(|field| field.len() as u64);
+    let contents = (chunks.len() * ENTRY) as u64;
+    let blocks = [header.len() as u64, contents].into_iter().chain(fields);
+    let blocks = blocks.chain(chunks.iter().map(|(_, length)| *length));
+    let around = (BLOCK_HEAD + CHECKSUM) as u64;
+    (START + HASH) as u64 + blocks.map(|length| length + around).sum::<u64>()
+}
+
 /// Makes the bytes of a file with this id, header record, fields and numbered chunks, these in ascending order.
 pub fn encode(id: Id, header: &[u8], fields: &[Vec<u8>], chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
-    let mut out = MAGIC.to_vec();
-    out.extend(VERSION.to_le_bytes());
-    put_block(&mut out, BlockKind::Header, 0, id, header);
-    let between = fields
+    let lengths: Vec<(u32, u64)> = chunks
         .iter()
-        .map(|field| BLOCK_HEAD + field.len() + CHECKSUM);
-    let contents = table_of_contents(header, between.sum(), chunks);
-    put_block(&mut out, BlockKind::Contents, 0, id, &contents);
-    for (index, payload) in (0..).zip(fields) {
-        put_block(&mut out, BlockKind::Field, index, id, payload);
-    }
-    for (index, payload) in chunks {
-        put_block(&mut out, BlockKind::Chunk, *index, id, payload);
-    }
-    let hash = blake3::hash(&out);
-    out.extend(hash.as_bytes());
-    out
+        .map(|(index, payload)| (*index, payload.len() as u64))
+        .collect();
+    let mut bytes = Vec::with_capacity(file_bytes(header, fields, &lengths) as usize);
+    let out = |part: &[u8]| -> Result<(), Infallible> {
+        bytes.extend(part);
+        Ok(())
+    };
+    let written = BlockWriter::begin(out, id, (header, fields), &lengths).and_then(|mut file| {
+        for (index, payload) in chunks {
+            file.chunk(*index, payload)?;
+        }
+        file.end()
+    });
+    let Ok(()) = written;
+    bytes
 }
 
 /// Lists the chunks; `between` is the number of bytes between the list and the first of them.
-fn table_of_contents(header: &[u8], between: usize, chunks: &[(u32, Vec<u8>)]) -> Vec<u8> {
+fn table_of_contents(header: &[u8], between: usize, chunks: &[(u32, u64)]) -> Vec<u8> {
     let contents = chunks.len() * ENTRY;
-    let mut offset = START + 3 * BLOCK_HEAD + 2 * CHECKSUM + header.len() + contents + between;
+    let start = START + 3 * BLOCK_HEAD + 2 * CHECKSUM + header.len() + contents + between;
+    let mut offset = start as u64;
     let mut out = Vec::with_capacity(contents);
-    for (index, payload) in chunks {
+    for (index, length) in chunks {
         out.extend(index.to_le_bytes());
-        out.extend((offset as u64).to_le_bytes());
-        out.extend((payload.len() as u64).to_le_bytes());
-        offset += payload.len() + CHECKSUM + BLOCK_HEAD;
+        out.extend(offset.to_le_bytes());
+        out.extend(length.to_le_bytes());
+        offset += length + (CHECKSUM + BLOCK_HEAD) as u64;
     }
     out
 }
@@ -178,13 +291,9 @@ pub fn decode(bytes: &[u8]) -> Result<FileBlocks<'_>, BundleError> {
     while at < bytes.len() {
         blocks.push(next_block(bytes, &mut at)?);
     }
-    let is_field = |block: &FileBlock<'_>| block.kind == BlockKind::Field as u8;
-    let fields = blocks
-        .iter()
-        .skip(2)
-        .take_while(|block| is_field(block))
-        .count();
-    check_order(&blocks, fields)?;
+    let places: Vec<BlockPlace> = blocks.iter().map(FileBlock::place).collect();
+    let listed = blocks.get(1).map_or(&[][..], |contents| contents.payload);
+    let fields = check_order(&places, listed)?;
     let chunks = blocks.split_off(2 + fields);
     let fields = blocks.split_off(2);
     Ok((blocks[0], fields, chunks))
@@ -200,7 +309,7 @@ pub(crate) fn too_large(found: u64) -> BundleError {
 }
 
 /// Checks that the file is a bundle of a format this version reads.
-fn check_start(bytes: &[u8]) -> Result<(), BundleError> {
+pub(crate) fn check_start(bytes: &[u8]) -> Result<(), BundleError> {
     let start = &bytes[..bytes.len().min(MAGIC.len())];
     if start != &MAGIC[..start.len()] || start.is_empty() {
         return Err(match bytes.starts_with(&MAGIC[..6]) {
@@ -232,9 +341,9 @@ fn first_damage(bytes: &[u8]) -> BundleError {
     }
 }
 
-/// Checks that whole blocks are the header, the table of contents, this number of fields and the chunks that
-/// are listed.
-fn check_order(blocks: &[FileBlock<'_>], fields: usize) -> Result<(), BundleError> {
+/// Checks that whole blocks are the header, the table of contents, fields and the chunks that are `listed` in the
+/// table of contents; returns the number of fields.
+pub(crate) fn check_order(blocks: &[BlockPlace], listed: &[u8]) -> Result<usize, BundleError> {
     let wrong = |what| Err(BundleError::Invalid(what));
     // The blocks that must be there, of one bundle.
     let [header, contents, rest @ ..] = blocks else {
@@ -250,26 +359,28 @@ fn check_order(blocks: &[FileBlock<'_>], fields: usize) -> Result<(), BundleErro
         return wrong("its blocks come from several bundles");
     }
     // Fields by their numbers, and the chunks where the table of contents says.
-    let (fields, chunks) = rest.split_at(fields);
-    if !fields
+    let is_field = |block: &&BlockPlace| block.kind == BlockKind::Field as u8;
+    let fields = rest.iter().take_while(is_field).count();
+    let (numbered, chunks) = rest.split_at(fields);
+    if !numbered
         .iter()
         .map(|block| block.index)
-        .eq(0..fields.len() as u32)
+        .eq(0..fields as u32)
     {
         return wrong("its fields are out of order");
     }
-    let mut entries = contents.payload.chunks_exact(ENTRY);
-    let listed = entries.by_ref().zip(chunks).all(|(entry, chunk)| {
+    let mut entries = listed.chunks_exact(ENTRY);
+    let agree = entries.by_ref().zip(chunks).all(|(entry, chunk)| {
         chunk.kind == BlockKind::Chunk as u8
             && entry[..4] == chunk.index.to_le_bytes()
-            && entry[4..12] == (chunk.offset as u64).to_le_bytes()
-            && entry[12..] == (chunk.payload.len() as u64).to_le_bytes()
+            && entry[4..12] == chunk.offset.to_le_bytes()
+            && entry[12..] == chunk.length.to_le_bytes()
     });
-    if !listed || contents.payload.len() != chunks.len() * ENTRY {
+    if !agree || listed.len() != chunks.len() * ENTRY {
         return wrong("its table of contents disagrees with its chunks");
     }
     match chunks.is_sorted_by(|a, b| a.index < b.index) {
-        true => Ok(()),
+        true => Ok(fields),
         false => wrong("its chunks are out of order"),
     }
 }
@@ -340,6 +451,41 @@ mod tests {
             bytes.extend(hash.as_bytes());
             assert_eq!(decode(&bytes).is_ok(), header + contents == 0);
         }
+    }
+
+    #[test]
+    fn blocks_in_each_others_places_are_refused_under_a_right_hash() {
+        let sealed = |chunks: &[(u32, Vec<u8>)], listed: &[(u32, u64)]| {
+            let mut bytes = Vec::new();
+            let out = |part: &[u8]| -> Result<(), Infallible> {
+                bytes.extend(part);
+                Ok(())
+            };
+            let Ok(()) =
+                BlockWriter::begin(out, [1; 16], (b"h", &[]), listed).and_then(|mut file| {
+                    for (index, payload) in chunks {
+                        file.chunk(*index, payload)?;
+                    }
+                    file.end()
+                });
+            bytes
+        };
+        let lengths = |chunks: &[(u32, Vec<u8>)]| -> Vec<(u32, u64)> {
+            chunks
+                .iter()
+                .map(|(k, payload)| (*k, payload.len() as u64))
+                .collect()
+        };
+        let right = [(0, vec![7; 9]), (1, vec![8; 9]), (2, vec![9; 9])];
+        assert!(decode(&sealed(&right, &lengths(&right))).is_ok());
+        // Blocks exchanged as they are, with a table of contents of either order.
+        let exchanged = [right[1].clone(), right[0].clone(), right[2].clone()];
+        assert!(decode(&sealed(&exchanged, &lengths(&right))).is_err());
+        assert!(decode(&sealed(&exchanged, &lengths(&exchanged))).is_err());
+        // One twice, in place of another.
+        let twice = [right[0].clone(), right[0].clone(), right[2].clone()];
+        assert!(decode(&sealed(&twice, &lengths(&right))).is_err());
+        assert!(decode(&sealed(&twice, &lengths(&twice))).is_err());
     }
 
     #[test]

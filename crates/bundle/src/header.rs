@@ -10,7 +10,7 @@ use crate::{
     decode::BundleError,
     measure::tangents_at_exits,
     rays::{ChartMap, Mirror, RaySpace, Reduction, ReferenceSphere, Sphere},
-    table::Division,
+    table::{Chunk, Division, Table},
 };
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
 use geofan_core::{diagnostic::SourceText, error::Error, field::Samples, manifold::Manifold};
@@ -20,10 +20,13 @@ use std::{path::Path, sync::Arc};
 
 /// The most bytes of a header: a manifold file is text, far smaller. Without a limit a hostile
 /// length aborts the process.
-const MOST_HEADER_BYTES: usize = 16 << 20;
+pub(crate) const MOST_HEADER_BYTES: usize = 16 << 20;
 
 /// The reflections and exchanges of three axes, without the one that changes nothing.
 const MOST_MIRRORS: usize = 47;
+
+/// The most rays of a certificate: more than anybody waits for.
+pub const MOST_CERTIFY_RAYS: u64 = 1_000_000_000;
 
 /// The samples of a manifold's fields, by the fields' names.
 pub type FieldSamples = [(String, Arc<Samples>)];
@@ -208,6 +211,16 @@ impl Header {
         if !plan.mirrors.iter().all(|mirror| mirror.fits(space)) {
             return wrong("its mirrors are not the manifold's");
         }
+        // What only describes the table, but is shown and trusted.
+        if self.manifold.name != space.manifold().name {
+            return wrong("its name is not the manifold's");
+        }
+        if self.certify_rays > MOST_CERTIFY_RAYS {
+            return wrong("its certificate takes more rays than there can be");
+        }
+        if !self.certificate.as_ref().is_none_or(Certificate::is_valid) {
+            return wrong("its certificate has numbers that are no errors");
+        }
         let sphere = plan.sphere();
         if sphere.is_some_and(|sphere| space.planar() || !sphere.is_valid()) {
             return wrong("its axes of directions are out of range");
@@ -293,6 +306,17 @@ impl PlanRecord {
         Division::new(cells, space.blocks(), space.mirrors())
     }
 
+    /// Makes the table of this plan over `space` of its chunks, in order.
+    pub fn table(&self, space: RaySpace, chunks: Arc<[Chunk]>) -> Table {
+        Table {
+            division: self.division(&space).into(),
+            length: self.length,
+            frames: self.tangents != TangentPromise::None,
+            space: space.into(),
+            chunks,
+        }
+    }
+
     /// Writes the bytes that stand for the plan in the bundle's id.
     ///
     /// # Errors
@@ -307,6 +331,10 @@ impl PlanRecord {
         let positive = |x: f64| x.is_finite() && x > 0.0;
         if !self.stretch.is_valid() || !self.focus.iter().flatten().all(|x| x.is_finite()) {
             return wrong("its stretch or its focus is out of range");
+        }
+        let volume = self.least_volume;
+        if self.nodes.contains(&0) || self.most_rays == 0 || !(volume > 0.0 && volume <= 1.0) {
+            return wrong("its plan has sizes of patches that are none");
         }
         if let ChartMap::Sphere { radius } = self.lift
             && !positive(radius)
@@ -327,7 +355,10 @@ const INTERVAL_ROUNDING: f64 = 1e-12;
 
 /// Compares intervals but for rounding.
 fn same_intervals(a: &[[f64; 2]], b: &[[f64; 2]]) -> bool {
-    let near = |(x, y): (&f64, &f64)| (x - y).abs() <= INTERVAL_ROUNDING * x.abs().max(y.abs());
+    // Where one is infinite, so would be what they may differ by.
+    let near = |(x, y): (&f64, &f64)| {
+        x.is_finite() && (x - y).abs() <= INTERVAL_ROUNDING * x.abs().max(y.abs())
+    };
     let same = |(a, b): (&[f64; 2], &[f64; 2])| a.iter().zip(b).all(near);
     a.len() == b.len() && a.iter().zip(b).all(same)
 }

@@ -92,6 +92,8 @@ mod polynomial;
 pub mod rays;
 mod rdoq;
 pub mod spherical;
+#[cfg(feature = "files")]
+mod stored;
 mod table;
 mod table_path;
 mod tangent_promise;
@@ -101,18 +103,22 @@ mod train;
 mod train_core;
 mod tree;
 
-pub use bundle::{Bundle, Contents, identity};
+pub use bundle::{Bundle, Contents, MOST_CHUNKS, identity};
 pub use certificate::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier};
 pub use chebyshev::MappedChebyshev;
 pub use contracted::Contracted;
 pub use decode::{BundleError, ByteReader, DecodeError, LookupError, put_bytes};
 pub use decode_budget::DecodeBudget;
 pub use fan::Fan;
-pub use header::{FieldSamples, Header, ManifoldRecord, PlanRecord, ShardRecord};
+pub use header::{
+    FieldSamples, Header, MOST_CERTIFY_RAYS, ManifoldRecord, PlanRecord, ShardRecord,
+};
 pub use matrix::product;
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
 pub use rdoq::{unweighted, weighted, weighted_in_order};
+#[cfg(feature = "files")]
+pub use stored::{StoredChunks, StoredContents, write_chunks};
 pub use table::{Chunk, Division, Table};
 pub use table_path::TablePath;
 pub use tangent_promise::TangentPromise;

@@ -152,15 +152,31 @@ impl Table {
     /// # Errors
     /// `u` is not in the camera region, or the patches there are damaged.
     pub fn fan(&self, u: DVec3) -> Result<Fan, LookupError> {
-        let place = self
-            .space
-            .place(u)
-            .map_err(|_| LookupError::OutsideRegion {
-                at: u.to_array(),
-                region: self.space.describe(),
-            })?;
+        let place = self.place(u)?;
         let faces = self.face_fans(&place)?;
         Ok(Fan::new(self.clone(), place, faces))
+    }
+
+    /// Lists the chunks that a fan from the camera position `u` is made of, in ascending order.
+    ///
+    /// # Errors
+    /// `u` is not in the camera region.
+    pub fn chunks_at(&self, u: DVec3) -> Result<Vec<usize>, LookupError> {
+        let place = self.place(u)?;
+        let faces = 0..self.space.faces();
+        let chunks = faces.map(|face| self.stored_face(&place, face).chunk);
+        let mut chunks: Vec<usize> = chunks.collect();
+        chunks.sort_unstable();
+        chunks.dedup();
+        Ok(chunks)
+    }
+
+    fn place(&self, u: DVec3) -> Result<Place, LookupError> {
+        let place = self.space.place(u);
+        place.map_err(|_| LookupError::OutsideRegion {
+            at: u.to_array(),
+            region: self.space.describe(),
+        })
     }
 
     /// Contracts the directions of each face from `place`. A chunk that no camera has needed before is

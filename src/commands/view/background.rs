@@ -93,6 +93,7 @@ fn table(
         length: Some(length),
         frames: true,
         mirrors: true,
+        cells: None,
         share: None,
         resume: true,
         wait: false,
