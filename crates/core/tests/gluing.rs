@@ -8,14 +8,7 @@ use geofan_core::{
     manifold::{DeckTransformation, Gluing, Manifold},
 };
 use glam::{DMat3, DVec3};
-use support::{manifold, settings};
-
-/// A manifold of the catalogue.
-fn asset(name: &str) -> Manifold {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/manifolds");
-    let file = std::path::Path::new(folder).join(format!("{name}.toml"));
-    Manifold::load(&file, &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
+use support::{asset, manifold, settings};
 
 /// Follows the ray from `u` in the direction `d` (standard frame).
 fn follow(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> (Ray, Path) {
