@@ -12,7 +12,7 @@ use super::{
 use geofan_core::manifold::{DeckTransformation, Development, Gluing, Manifold};
 use geofan_expr::vectorised;
 use glam::{DMat3, DVec3};
-use std::sync::Arc;
+use std::{ops::ControlFlow, sync::Arc};
 
 /// Most cells that one box is brought to: more means that it is as large as the space.
 const MOST_CELLS: usize = 256;
@@ -28,6 +28,9 @@ const WHOLE: f64 = 0.5;
 
 /// Most parts of a cubic.
 const MOST_PARTS: f64 = 64.0;
+
+/// Share of the domain's size within which two images of one point are the same.
+const SAME_PLACE: f64 = 1e-6;
 
 /// Places along each edge of a triangle that tell which cells it is in.
 const EDGE_PLACES: usize = 4;
@@ -148,9 +151,12 @@ impl CopySearch<'_> {
 
     /// Shows the transformations that bring what is in the box about `u` that reaches so far along each axis to
     /// parts of the scene.
-    pub fn around(&mut self, u: DVec3, half: DVec3, show: impl FnMut(&SceneCopy)) {
+    pub fn around(&mut self, u: DVec3, half: DVec3, mut show: impl FnMut(&SceneCopy)) {
         if self.locate(u).is_some() {
-            self.show_around(half, show);
+            let _ = self.visit(half, |copy| {
+                show(copy);
+                ControlFlow::Continue(())
+            });
         }
     }
 
@@ -163,12 +169,14 @@ impl CopySearch<'_> {
         if half.length() * stretch > self.way.gluing().size() {
             return true;
         }
-        let mut met = false;
-        self.show_around(half, |copy| {
+        let met = self.visit(half, |copy| {
             let (low, high) = copy.image_of_box(half);
-            met = met || touches(low, high);
+            match touches(low, high) {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            }
         });
-        met
+        met.is_break()
     }
 
     /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something.
@@ -205,47 +213,51 @@ impl CopySearch<'_> {
         Some(stretch)
     }
 
-    /// Does [`CopySearch::around`] for the point that was located last.
-    fn show_around(&mut self, half: DVec3, mut show: impl FnMut(&SceneCopy)) {
-        self.spread(half.length());
-        for path in &self.cells {
+    /// Does [`CopySearch::around`] for the point that was located last, until `show` has seen enough.
+    fn visit(
+        &mut self,
+        half: DVec3,
+        mut show: impl FnMut(&SceneCopy) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        let mut next = 0;
+        while next < self.cells.len() {
+            let path = self.cells[next].clone();
             let at_home = path.image_of_box(half);
             for (k, cell) in self.copies.cells.iter().enumerate() {
                 if !meet(at_home, cell.home) {
                     continue;
                 }
                 if k == 0 {
-                    show(path);
+                    show(&path)?;
                     continue;
                 }
                 let copy = path.then(&cell.deck);
                 if meet(copy.image_of_box(half), cell.bounds) {
-                    show(&copy);
+                    show(&copy)?;
                 }
             }
-        }
-    }
-
-    /// Adds the cells that what is within `reach` of the point that was located last may be in.
-    fn spread(&mut self, reach: f64) {
-        let gluing = self.way.gluing();
-        let mut next = 0;
-        while next < self.cells.len() && self.cells.len() < MOST_CELLS {
-            let cell = self.cells[next].clone();
-            let reach = BEND * reach * cell.stretch();
-            let cells = &mut self.cells;
-            self.way.within(cell.point, reach, |k| {
-                let Some(deck) = gluing.faces()[k].deck() else {
-                    return;
-                };
-                let beyond = cell.then(deck);
-                let known = |other: &SceneCopy| near(gluing, other.point, beyond.point);
-                if beyond.point.is_finite() && !cells.iter().any(known) {
-                    cells.push(beyond);
-                }
-            });
+            self.spread(&path, half);
             next += 1;
         }
+        ControlFlow::Continue(())
+    }
+
+    /// Adds the neighbours of a cell that what is in the box may be in.
+    fn spread(&mut self, cell: &SceneCopy, half: DVec3) {
+        let same = SAME_PLACE * self.way.gluing().size();
+        let cells = &mut self.cells;
+        self.way.within(
+            cell.point,
+            |g| cell.reach(g, half),
+            |deck| {
+                let point = deck.point(cell.point);
+                let known =
+                    |other: &SceneCopy| (other.point - point).length_squared() <= same * same;
+                if point.is_finite() && cells.len() < MOST_CELLS && !cells.iter().any(known) {
+                    cells.push(cell.then(deck));
+                }
+            },
+        );
     }
 }
 
@@ -275,6 +287,13 @@ impl SceneCopy {
         let reach = d.x_axis.abs() * half.x + d.y_axis.abs() * half.y + d.z_axis.abs() * half.z;
         let reach = reach * BEND;
         (self.point - reach, self.point + reach)
+    }
+
+    /// Returns by how much a function with the gradient `g` at the middle's image changes in the image of the box that
+    /// reaches so far along each axis.
+    fn reach(&self, g: DVec3, half: DVec3) -> f64 {
+        let along = self.differential.transpose() * g;
+        BEND * along.abs().dot(half)
     }
 
     /// Returns the most by which it stretches at the middle.
@@ -326,5 +345,5 @@ fn places(triangle: &[DVec3; 3]) -> Vec<DVec3> {
 }
 
 fn near(gluing: &Gluing, a: DVec3, b: DVec3) -> bool {
-    (a - b).length() <= 1e-6 * gluing.size()
+    (a - b).length() <= SAME_PLACE * gluing.size()
 }

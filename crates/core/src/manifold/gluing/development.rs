@@ -62,21 +62,33 @@ impl<'g> Development<'g> {
         registers
     }
 
-    /// Shows the bounding faces with maps that are within `reach` of the point `u` of the domain, in the chart.
-    pub fn within(&mut self, u: DVec3, reach: f64, mut show: impl FnMut(usize)) {
+    /// Shows the bounding faces with maps whose value at the point `u` of the domain is less than what `reach` says of
+    /// their gradient there.
+    #[inline]
+    pub fn within(
+        &mut self,
+        u: DVec3,
+        reach: impl Fn(DVec3) -> f64,
+        mut show: impl FnMut(&'g DeckTransformation),
+    ) {
         let gluing = self.gluing;
-        let mut compare = |k: usize, value: f64| {
+        let mut compare = |k: usize, value: f64, gradient: DVec3| {
             let face = &gluing.faces[k];
-            if value < reach * face.slope && !face.is_portal() && !face.is_mirror() {
-                show(k);
+            if value < reach(gradient)
+                && !face.is_portal()
+                && let Some(deck) = face.deck()
+            {
+                show(deck);
             }
         };
         let faces = 0..gluing.faces.len();
         match &gluing.spheres {
-            Some(spheres) => faces.for_each(|k| compare(k, spheres.value(k, u))),
+            Some(spheres) => {
+                faces.for_each(|k| compare(k, spheres.value(k, u), spheres.gradient(k, u)));
+            }
             None => {
                 let values = self.values(u);
-                faces.for_each(|k| compare(k, values.output(k)[0]));
+                faces.for_each(|k| compare(k, values.output(k)[0], gluing.gradient(k, u)));
             }
         }
     }

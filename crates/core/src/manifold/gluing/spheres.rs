@@ -58,6 +58,13 @@ impl Spheres {
         a * u.x + b * u.y + c * u.z + d * u.length_squared() + e
     }
 
+    /// Computes the gradient of face `k` at `u`.
+    #[inline(always)]
+    pub fn gradient(&self, k: usize, u: DVec3) -> DVec3 {
+        let [a, b, c, d, _] = self.0[k];
+        DVec3::new(a, b, c) + u * (2.0 * d)
+    }
+
     /// Returns by how much the value of face `k` at `u` may be off.
     fn rounding(&self, k: usize, u: DVec3) -> f64 {
         let terms = self.0[k].iter().zip(on_cone(u));
