@@ -179,8 +179,9 @@ impl CopySearch<'_> {
         met.is_break()
     }
 
-    /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something.
-    pub fn show_cubics(&mut self, piece: &Cubic, mut show: impl FnMut(Cubic)) {
+    /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something, until `show` has
+    /// seen enough.
+    pub fn show_cubics(&mut self, piece: &Cubic, mut show: impl FnMut(Cubic) -> ControlFlow<()>) {
         let (low, high) = piece.bounds();
         let Some(stretch) = self.locate(piece.middle()) else {
             return;
@@ -195,7 +196,11 @@ impl CopySearch<'_> {
             let (low, high) = part.bounds();
             let middle = part.middle();
             let half = (high - middle).max(middle - low);
-            self.around(middle, half, |copy| show(copy.cubic(&part)));
+            if self.locate(middle).is_some()
+                && self.visit(half, |copy| show(copy.cubic(&part))).is_break()
+            {
+                return;
+            }
         }
     }
 

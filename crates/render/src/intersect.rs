@@ -18,6 +18,7 @@ use geofan_core::{
     manifold::{Carried, Domain},
 };
 use glam::{DVec3, Vec3};
+use std::ops::ControlFlow;
 
 /// A point of a path on a triangle; its chart point is [`super::World::point`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,18 +80,16 @@ impl<'w> HitSearch<'w> {
     /// Finds the first hit of `piece` before arc length `limit`.
     pub fn first_hit(&mut self, piece: &Cubic, limit: f64) -> Option<Hit> {
         let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
-        let mut first: Option<Hit> = None;
-        let mut keep = |hit: Option<Hit>| {
-            if let Some(hit) = hit
-                && first.is_none_or(|first| hit.s < first.s)
-            {
-                first = Some(hit);
-            }
-        };
         if let Some(copies) = &mut self.copies {
+            let mut first: Option<Hit> = None;
             copies.show_cubics(piece, |cubic| {
+                if first.is_some_and(|first| f64::from(first.s) < cubic.s[0]) {
+                    return ControlFlow::Break(());
+                }
                 let bounds = cubic.bounds();
-                keep(hit_shifted(accelerator, &cubic, limit, DVec3::ZERO, bounds));
+                let hit = hit_shifted(accelerator, &cubic, limit, DVec3::ZERO, bounds);
+                first = nearer(first, hit);
+                ControlFlow::Continue(())
             });
             return first;
         }
@@ -98,10 +97,17 @@ impl<'w> HitSearch<'w> {
         if !is_glued(domain) {
             return hit_shifted(accelerator, piece, limit, DVec3::ZERO, (low, high));
         }
-        for shift in shifts(accelerator, domain, low, high) {
-            keep(hit_shifted(accelerator, piece, limit, shift, (low, high)));
-        }
-        first
+        let shifts = shifts(accelerator, domain, low, high).into_iter();
+        let hits = shifts.map(|shift| hit_shifted(accelerator, piece, limit, shift, (low, high)));
+        hits.fold(None, nearer)
+    }
+}
+
+/// Returns the nearer of two hits.
+fn nearer(first: Option<Hit>, other: Option<Hit>) -> Option<Hit> {
+    match (first, other) {
+        (Some(first), Some(other)) if other.s < first.s => Some(other),
+        (first, other) => first.or(other),
     }
 }
 
