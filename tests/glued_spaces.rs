@@ -3,6 +3,7 @@
 mod support;
 
 use geofan_bundle::Bundle;
+use geofan_core::manifold::Manifold;
 use glam::DVec3;
 use support::{Place, asset};
 
@@ -59,38 +60,123 @@ fn the_table_of_a_quotient_is_that_of_its_cover() {
     assert!(traced.samples.last().unwrap().crossings > 2);
 }
 
-#[test]
-fn a_lamp_has_as_many_images_as_the_group_says() {
-    let cases = [
-        (
-            "half-turn",
-            [-0.1, 0.5, 0.6],
-            [0.3, 0.2, -0.4],
-            6.0,
-            115,
+/// A flat space by the motions that generate its group.
+fn flat_quotient(generators: &str) -> Manifold {
+    support::manifold(&format!(
+        "metric = {{ conformal = '1' }}\n[quotient]\nlift = ['x', 'y', 'z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [{generators}]\n"
+    ))
+}
+
+/// A point, the lamp, a length, and how many geodesics up to that length join them, with the sum of the light that
+/// they bring (one over the area), and the shortest.
+struct Known {
+    name: &'static str,
+    space: Manifold,
+    points: [[f64; 3]; 2],
+    length: f64,
+    count: usize,
+    light: f64,
+    nearest: [f64; 2],
+}
+
+/// Numbers of group elements enumerated as matrices elsewhere.
+fn known_images() -> Vec<Known> {
+    let flat = [[0.3, 0.2, -0.4], [-0.1, 0.5, 0.6]];
+    let sphere = [
+        [0.05067406, 0.10134813, -0.02533703],
+        [-0.07572246, 0.01514449, 0.06057797],
+    ];
+    let ball = |x: [f64; 3]| {
+        let x = DVec3::from(x);
+        (x / (1.0 + (1.0 + x.length_squared()).sqrt())).to_array()
+    };
+    let hyperbolic = [ball([0.2, -0.1, 0.3]), ball([-0.25, 0.15, 0.05])];
+    let screws =
+        "[[1,0,0,1],[0,-1,0,1],[0,0,-1,0],[0,0,0,1]], [[-1,0,0,0],[0,1,0,1],[0,0,-1,1],[0,0,0,1]]";
+    let root = 3.0_f64.sqrt();
+    let (s, c) = (0.5 * root, 0.5);
+    let sixth = format!(
+        "[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]], [[1,0,0,1],[0,1,0,{root:?}],[0,0,1,0],[0,0,0,1]], [[{c:?},-{s:?},0,0],[{s:?},{c:?},0,0],[0,0,1,2],[0,0,0,1]]"
+    );
+    let known = |name, space, points, (length, count, light), nearest| Known {
+        name,
+        space,
+        points,
+        length,
+        count,
+        light,
+        nearest,
+    };
+    vec![
+        known(
+            "half turn",
+            asset("half-turn"),
+            flat,
+            (6.0, 115, 8.475922896533),
             [1.118033989, 1.236931688],
         ),
-        (
-            "poincare",
-            [-0.07572246, 0.01514449, 0.06057797],
-            [0.05067406, 0.10134813, -0.02533703],
-            2.0,
-            94,
+        known(
+            "sixth turn",
+            flat_quotient(&sixth),
+            flat,
+            (6.0, 133, 9.928218461391),
+            [1.012695099, 1.118033989],
+        ),
+        known(
+            "Hantzsche and Wendt",
+            flat_quotient(screws),
+            flat,
+            (5.0, 256, 28.22945806926),
+            [0.7, 1.063014581],
+        ),
+        known(
+            "Poincare",
+            asset("poincare"),
+            sphere,
+            (2.0, 94, 141.5522098031),
             [0.348688220, 0.373430251],
         ),
-    ];
-    for (name, from, to, length, count, nearest) in cases {
-        let cover = asset(name).cover().into_owned();
-        let [from, to] = [from, to].map(DVec3::from_array);
-        let fan = geofan_light::LightFan::new(&cover, from, length, (to, to));
+        known(
+            "L(5, 2)",
+            asset("lens-space"),
+            sphere,
+            (3.0, 5, 16.19189699915),
+            [0.348688220, 1.072857030],
+        ),
+        known(
+            "Seifert and Weber",
+            asset("seifert-weber"),
+            hyperbolic,
+            (3.0, 62, 4.6617693016),
+            [0.564221380, 1.525097820],
+        ),
+        known(
+            "mirrors",
+            asset("mirrored-dodecahedron"),
+            hyperbolic,
+            (3.0, 132, 7.9234925757),
+            [0.564221380, 1.440180390],
+        ),
+    ]
+}
+
+#[test]
+fn a_lamp_has_as_many_images_as_the_group_says_and_all_its_light() {
+    for known in known_images() {
+        let (name, cover) = (known.name, known.space.cover().into_owned());
+        let [to, from] = known.points.map(DVec3::from_array);
+        let fan = geofan_light::LightFan::new(&cover, from, known.length, (to, to));
         let (found, _) = fan.connections(&[to], 1e-10);
-        assert_eq!(found.len(), count, "{name}");
-        for ((_, connection), known) in found.iter().zip(nearest) {
+        assert_eq!(found.len(), known.count, "{name}");
+        for ((_, connection), s) in found.iter().zip(known.nearest) {
             assert!(
-                (connection.s - known).abs() < 1e-6,
-                "{name}: {} {known}",
+                (connection.s - s).abs() < 1e-6,
+                "{name}: {} {s}",
                 connection.s
             );
         }
+        let light: f64 = found.iter().map(|(_, c)| 1.0 / c.area.abs()).sum();
+        let off = (light / known.light - 1.0).abs();
+        assert!(off < 1e-5, "{name}: {light} {}", known.light);
     }
 }

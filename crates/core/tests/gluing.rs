@@ -5,17 +5,10 @@ mod support;
 use geofan_core::{
     diagnostic::SourceText,
     geodesic::{End, Path, Ray, paths, sample},
-    manifold::{DeckTransformation, Gluing, Manifold},
+    manifold::Manifold,
 };
 use glam::{DMat3, DVec3};
-use support::{manifold, settings};
-
-/// A manifold of the catalogue.
-fn asset(name: &str) -> Manifold {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/manifolds");
-    let file = std::path::Path::new(folder).join(format!("{name}.toml"));
-    Manifold::load(&file, &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
-}
+use support::{asset, manifold, settings};
 
 /// Follows the ray from `u` in the direction `d` (standard frame).
 fn follow(manifold: &Manifold, u: DVec3, d: DVec3, length: f64) -> (Ray, Path) {
@@ -136,140 +129,6 @@ fn points_inside_stay_and_points_outside_come_back_by_isometries() {
             deck = deck.then(gluing.faces()[*k].deck().unwrap());
         }
         assert!((deck.point(u) - v).length() < 1e-12, "{name}");
-    }
-}
-
-/// The elements of the group whose images of `x` lie within `reach` of `p`, by walking from copy to copy:
-/// an element is known by its image of the point inside.
-fn images(
-    gluing: &Gluing,
-    reach: impl Fn(&DeckTransformation) -> bool,
-    most: usize,
-) -> Vec<DeckTransformation> {
-    let mut found = vec![gluing.identity().unwrap()];
-    let mut places = vec![gluing.inside()];
-    let mut next = 0;
-    while next < found.len() && found.len() < most {
-        let element = found[next].clone();
-        next += 1;
-        for face in gluing.faces() {
-            let deck = face.deck().unwrap().then(&element);
-            let place = deck.point(gluing.inside());
-            let known = places.iter().any(|p| (*p - place).length() < 1e-7);
-            if !known && reach(&deck) {
-                places.push(place);
-                found.push(deck);
-            }
-        }
-    }
-    found
-}
-
-#[test]
-fn the_poincare_space_has_120_copies_and_seifert_webers_as_many_as_known() {
-    let space = asset("poincare");
-    let gluing = space.gluing().unwrap();
-    let lift = |u: DVec3| {
-        let r2 = u.length_squared();
-        (u * (2.0 / (1.0 + r2))).extend((1.0 - r2) / (1.0 + r2))
-    };
-    let all = images(gluing, |_| true, 1000);
-    // The antipode is at infinity of the chart: it may be missing, or there under a huge number.
-    assert!((119..=120).contains(&all.len()), "{}", all.len());
-    let (x, p) = (DVec3::new(-0.15, 0.03, 0.12), DVec3::new(0.1, 0.2, -0.05));
-    let unlift = |x: DVec3| x / (1.0 + (1.0 - x.length_squared()).sqrt());
-    let (x, p) = (unlift(x), unlift(p));
-    let mut distances: Vec<f64> = all
-        .iter()
-        .map(|g| lift(x).dot(lift(g.point(p))).acos())
-        .collect();
-    distances.sort_by(f64::total_cmp);
-    for (found, known) in distances.iter().zip([
-        0.348688219641,
-        0.373430251145,
-        0.418685684911,
-        0.420832380548,
-    ]) {
-        assert!((found - known).abs() < 1e-9, "{found} {known}");
-    }
-    let within = |d: f64| distances.iter().filter(|x| **x < d).count();
-    assert_eq!(
-        (
-            within(1.0),
-            within(std::f64::consts::FRAC_PI_2),
-            within(2.0)
-        ),
-        (24, 60, 94)
-    );
-    let sum: f64 = distances.iter().map(|d| d.sin().powi(-2)).sum();
-    assert!(
-        all.len() < 120 || (sum - 210.2510406304).abs() < 1e-6,
-        "{sum}"
-    );
-
-    let space = asset("seifert-weber");
-    let gluing = space.gluing().unwrap();
-    let lift = |u: DVec3| (u * 2.0, 1.0 + u.length_squared(), 1.0 - u.length_squared());
-    let distance = |a: DVec3, b: DVec3| {
-        let ((a, s, k), (b, t, l)) = (lift(a), lift(b));
-        ((s * t - a.dot(b)) / (k * l)).acosh()
-    };
-    let near = images(
-        gluing,
-        |g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < 4.0,
-        2000,
-    );
-    let count = |d: f64| {
-        near.iter()
-            .filter(|g| distance(DVec3::ZERO, g.point(DVec3::ZERO)) < d)
-            .count()
-    };
-    assert_eq!(count(4.0), 465);
-    assert_eq!((count(2.0), count(2.9), count(3.5)), (13, 73, 193));
-}
-
-/// The flat manifold of a cube of side 2 whose faces have these maps.
-fn flat(maps: [[&str; 3]; 6]) -> Manifold {
-    let faces = ["1 - x", "1 + x", "1 - y", "1 + y", "1 - z", "1 + z"];
-    let glue = |(face, [x, y, z]): (&str, [&str; 3])| {
-        format!("[[glue]]\nface = '{face}'\nmap = ['{x}', '{y}', '{z}']\n")
-    };
-    let text: String = faces.into_iter().zip(maps).map(glue).collect();
-    manifold(&format!("metric = {{ conformal = '1' }}\n{text}"))
-}
-
-#[test]
-fn flat_spaces_show_a_point_as_often_as_known() {
-    let x = [["x - 2", "y", "z"], ["x + 2", "y", "z"]];
-    let y = [["x", "y - 2", "z"], ["x", "y + 2", "z"]];
-    let with = |z: [[&'static str; 3]; 2]| [x[0], x[1], y[0], y[1], z[0], z[1]];
-    let cases = [
-        (
-            "torus",
-            with([["x", "y", "z - 2"], ["x", "y", "z + 2"]]),
-            (114, 14),
-        ),
-        (
-            "half turn",
-            with([["-x", "-y", "z - 2"], ["-x", "-y", "z + 2"]]),
-            (115, 14),
-        ),
-        (
-            "quarter turn",
-            with([["y", "-x", "z - 2"], ["-y", "x", "z + 2"]]),
-            (115, 14),
-        ),
-    ];
-    let (p, x) = (DVec3::new(0.3, 0.2, -0.4), DVec3::new(-0.1, 0.5, 0.6));
-    for (name, maps, (far, near)) in cases {
-        let space = flat(maps);
-        let gluing = space.gluing().unwrap();
-        let within = |d: f64| {
-            let reach = |g: &DeckTransformation| (g.point(p) - x).length() < d + 4.0;
-            let all = images(gluing, reach, 5000);
-            all.iter().filter(|g| (g.point(p) - x).length() < d).count()
-        };
-        assert_eq!((within(6.0), within(3.0)), (far, near), "{name}");
     }
 }
 

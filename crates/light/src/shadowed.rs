@@ -10,8 +10,8 @@ use geofan_core::{
     manifold::{LocalFrame, Manifold},
 };
 use geofan_render::{
-    SurfacePoint, World,
-    intersect::{Hit, first_hit, may_meet, region},
+    Cubic, SurfacePoint, World,
+    intersect::{Hit, HitSearch, may_meet, region},
     tracer::pieces,
 };
 use glam::DVec3;
@@ -83,6 +83,10 @@ pub(super) fn follow_shadowed(
         shadowed: false,
         through: 1.0,
         end: None,
+        search: match shadows {
+            Shadows::Ignored => None,
+            Shadows::Cast(world, _) => Some(HitSearch::new(world)),
+        },
     };
     let states = rays.iter().zip(numbers).map(state).collect();
     let mut sink = ShadowSink { states, shadows };
@@ -91,11 +95,11 @@ pub(super) fn follow_shadowed(
 }
 
 /// Adds the standard frames at the ends, all computed together.
-fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
-    let ends = |f: &RayState| f.end.map(|(u, ..)| u);
+fn with_frames(manifold: &Manifold, states: &[RayState<'_>]) -> Vec<FollowedRay> {
+    let ends = |f: &RayState<'_>| f.end.map(|(u, ..)| u);
     let ends: Vec<DVec3> = states.iter().filter_map(ends).collect();
     let mut locals = manifold.local_frames(&ends).into_iter();
-    let followed = |f: &RayState| match (f.shadowed, f.end) {
+    let followed = |f: &RayState<'_>| match (f.shadowed, f.end) {
         (true, _) => FollowedRay::Shadowed,
         (false, None) => FollowedRay::Ended,
         (false, Some((u, v, spread))) => {
@@ -113,7 +117,7 @@ fn with_frames(manifold: &Manifold, states: &[RayState]) -> Vec<FollowedRay> {
 }
 
 /// A ray being followed.
-struct RayState {
+struct RayState<'w> {
     length: f64,
     number: usize,
     /// Set once the surface of its point has been met.
@@ -124,11 +128,13 @@ struct RayState {
     through: f64,
     /// Point, tangent and deviations at its end.
     end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,
+    /// What it meets, if anything casts shadows.
+    search: Option<HitSearch<'w>>,
 }
 
 /// Intersects the integrator's steps with what casts shadows.
 struct ShadowSink<'a> {
-    states: Vec<RayState>,
+    states: Vec<RayState<'a>>,
     shadows: Shadows<'a>,
 }
 
@@ -175,7 +181,7 @@ impl Sink for ShadowSink<'_> {
     fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}
 }
 
-impl RayState {
+impl RayState<'_> {
     /// Tells whether the step meets the surface of the ray's point, or one before it that stops light;
     /// `None` if it meets neither.
     fn meets(&mut self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {
@@ -184,7 +190,7 @@ impl RayState {
         }
         for piece in pieces(step) {
             let mut rest = piece;
-            while let Some(hit) = first_hit(world, &rest, f64::INFINITY) {
+            while let Some(hit) = self.first_hit(&rest) {
                 let s = f64::from(hit.s);
                 let at_point = hit.triangle == points[self.number].triangle;
                 let own = at_point && s > (1.0 - GRAZING) * self.length;
@@ -201,6 +207,11 @@ impl RayState {
             }
         }
         None
+    }
+
+    /// Finds the first hit of a piece.
+    fn first_hit(&mut self, piece: &Cubic) -> Option<Hit> {
+        self.search.as_mut()?.first_hit(piece, f64::INFINITY)
     }
 
     /// Takes the share that a surface lets through; tells whether that is any.

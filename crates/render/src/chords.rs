@@ -7,7 +7,7 @@
 //! the scene's box is.
 
 use super::{
-    copies::SceneCopies,
+    copies::{CopySearch, SceneCopies},
     curve::CubicPacket,
     intersect::{MOST_CHORDS, is_glued, shifts},
     lanes::{BoxPacket, LANES, Mask, SingleLanes, SingleVectors, less, more, single_lane},
@@ -57,9 +57,11 @@ impl Candidates {
             || {
                 self.surround(paths, last, margin, slack);
                 let count = last.saturating_sub(1);
+                let mut meeting = MeetingTest::new(world);
                 for first in (0..count).step_by(LANES) {
-                    let met = met(world, &self.boxes(first));
-                    let pieces = (0..LANES.min(count - first)).filter(|l| met[*l]);
+                    let lanes = LANES.min(count - first);
+                    let met = meeting.met(&self.boxes(first), lanes);
+                    let pieces = (0..lanes).filter(|l| met[*l]);
                     self.pieces.extend(pieces.map(|l| first + l));
                 }
             },
@@ -68,10 +70,11 @@ impl Candidates {
 
     /// Marks for each of the pieces the `paths` that touch a leaf there, without a margin.
     pub fn by_path(&self, paths: &[PathView<'_>; LANES], world: &World, slack: f64) -> Vec<Mask> {
+        let mut meeting = MeetingTest::new(world);
         let touches = |k: &usize| {
             vectorised(
                 #[inline(always)]
-                || met(world, &boxes(paths, *k, slack)),
+                || meeting.met(&boxes(paths, *k, slack), LANES),
             )
         };
         self.pieces.iter().map(touches).collect()
@@ -186,39 +189,51 @@ fn boxes(paths: &[PathView<'_>; LANES], k: usize, slack: f64) -> BoxPacket {
     BoxPacket { low, high }
 }
 
-/// Marks which of sixteen boxes meet a leaf of the scene's tree, in any period.
-#[inline(always)]
-fn met(world: &World, boxes: &BoxPacket) -> Mask {
-    let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
-    if let Some(copies) = &world.copies {
-        return met_by_copies(world, copies, boxes);
-    }
-    if !is_glued(domain) {
-        return accelerator.touched(boxes);
-    }
-    std::array::from_fn(|l| {
-        let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
-        // A box that is inside out meets nothing.
-        let periods = match low.x <= high.x {
-            true => shifts(accelerator, domain, low, high),
-            false => Vec::new(),
-        };
-        let touches = |shift: &DVec3| accelerator.touches(low + *shift, high + *shift);
-        periods.iter().any(touches)
-    })
+/// Tells which boxes along paths meet a leaf of the scene's tree, in any period or copy of a glued domain.
+struct MeetingTest<'w> {
+    world: &'w World,
+    search: Option<CopySearch<'w>>,
 }
 
-/// Marks which of sixteen boxes meet a leaf of the scene's tree in any copy of a glued domain.
-fn met_by_copies(world: &World, copies: &SceneCopies, boxes: &BoxPacket) -> Mask {
-    let mut way = copies.search();
-    std::array::from_fn(|l| {
-        let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
-        let half = (high - low) * 0.5;
-        // A box that is inside out meets nothing.
-        let way = way.as_mut().filter(|_| low.x <= high.x);
-        let touches = |low, high| world.accelerator.touches(low, high);
-        way.is_some_and(|way| copies.may_meet(way, (low + half, half), touches))
-    })
+impl<'w> MeetingTest<'w> {
+    fn new(world: &'w World) -> Self {
+        let search = world.copies.as_ref().and_then(SceneCopies::search);
+        Self { world, search }
+    }
+
+    /// Marks which of the first `lanes` of sixteen boxes do.
+    #[inline(always)]
+    fn met(&mut self, boxes: &BoxPacket, lanes: usize) -> Mask {
+        let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        if self.world.copies.is_some() {
+            return self.met_by_copies(boxes, lanes);
+        }
+        if !is_glued(domain) {
+            return accelerator.touched(boxes);
+        }
+        std::array::from_fn(|l| {
+            let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
+            // A box that is inside out meets nothing.
+            let periods = match low.x <= high.x {
+                true => shifts(accelerator, domain, low, high),
+                false => Vec::new(),
+            };
+            let touches = |shift: &DVec3| accelerator.touches(low + *shift, high + *shift);
+            periods.iter().any(touches)
+        })
+    }
+
+    fn met_by_copies(&mut self, boxes: &BoxPacket, lanes: usize) -> Mask {
+        let (accelerator, search) = (&self.world.accelerator, &mut self.search);
+        std::array::from_fn(|l| {
+            let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
+            let half = (high - low) * 0.5;
+            // A box that is inside out meets nothing.
+            let search = search.as_mut().filter(|_| l < lanes && low.x <= high.x);
+            let touches = |low, high| accelerator.touches(low, high);
+            search.is_some_and(|search| search.may_meet((low + half, half), touches))
+        })
+    }
 }
 
 /// Chords of a patch's paths in order of arc length, and the subtrees that each can meet.
@@ -257,6 +272,7 @@ impl ChordList {
             }
             s.push(to);
         };
+        let mut meeting = MeetingTest::new(world);
         for &k in pieces {
             vectorised(
                 #[inline(always)]
@@ -265,7 +281,7 @@ impl ChordList {
                         &CubicPacket::new(paths, k),
                         tolerance,
                         slack,
-                        world,
+                        &mut meeting,
                         &mut show,
                     )
                 },
@@ -274,12 +290,13 @@ impl ChordList {
         let mut vertices = Vec::new();
         patch.vertices(tracer, &s, &mut vertices);
         let mut list = Self::default();
-        for from in 0..s.len().saturating_sub(1) {
-            if !begins.contains(&(from + 1)) {
-                match &world.copies {
-                    None => list.add(world, from, &vertices),
-                    Some(copies) => list.add_copies((world, copies), from, &mut vertices),
-                }
+        let whole = |from: &usize| !begins.contains(&(from + 1));
+        let chords = (0..s.len().saturating_sub(1)).filter(whole);
+        match world.copies.as_ref().and_then(SceneCopies::search) {
+            None => chords.for_each(|from| list.add(world, from, &vertices)),
+            Some(search) => {
+                let mut images = VertexImages::new(search);
+                chords.for_each(|from| list.add_copies(world, from, &mut images, &mut vertices));
             }
         }
         (vertices, list)
@@ -305,35 +322,49 @@ impl ChordList {
     /// something, with vertices of its own.
     fn add_copies(
         &mut self,
-        (world, copies): (&World, &SceneCopies),
+        world: &World,
         from: usize,
+        images: &mut VertexImages<'_>,
         vertices: &mut Vec<Vertex>,
     ) {
         let [a, b] = [from, from + 1].map(|v| vertices[v].point.bounds());
         let (low, high) = widened(around(a, b), TUBE_MARGIN);
         let half = (high - low) * 0.5;
-        let Some(mut way) = copies.search() else {
-            return;
-        };
-        for copy in copies.around(&mut way, low + half, half) {
+        let VertexImages {
+            search,
+            before,
+            after,
+            inside,
+        } = images;
+        search.around(low + half, half, |copy| {
             let (low, high) = copy.image_of_box(half);
             if !world.accelerator.touches(low, high) {
-                continue;
+                return;
             }
-            let images = [from, from + 1].map(|v| vertices[v].image(|u| copy.apply(u)));
-            let first = vertices.len();
-            let bounds = images.each_ref().map(|vertex| vertex.point.bounds());
-            let count = self.chords.len();
-            self.add_shifted(
-                world,
-                first,
-                (around(bounds[0], bounds[1]), DVec3::ZERO),
-                None,
-            );
+            let place = copy.place_of(*inside);
+            let known = before
+                .iter()
+                .find(|image| (image.of, image.place) == (from, place));
+            let start = match known {
+                Some(image) => vertices[image.number].clone(),
+                None => copy.vertex(&vertices[from]),
+            };
+            let ends = [start, copy.vertex(&vertices[from + 1])];
+            let bounds = ends.each_ref().map(|vertex| vertex.point.bounds());
+            let (first, count) = (vertices.len(), self.chords.len());
+            let bounds = (around(bounds[0], bounds[1]), DVec3::ZERO);
+            self.add_shifted(world, first, bounds, None);
             if self.chords.len() > count {
-                vertices.extend(images);
+                vertices.extend(ends);
+                after.push(VertexImage {
+                    of: from + 1,
+                    place,
+                    number: first + 1,
+                });
             }
-        }
+        });
+        std::mem::swap(before, after);
+        after.clear();
     }
 
     /// Adds the chord from vertex `from`, in the box from `low` to `high`, if it meets anything when moved by
@@ -398,6 +429,35 @@ impl ChordList {
     }
 }
 
+/// Carries the vertices of chords into copies of a scene, each only once.
+struct VertexImages<'w> {
+    search: CopySearch<'w>,
+    /// The ends of the images of the last chord, and of the present one.
+    before: Vec<VertexImage>,
+    after: Vec<VertexImage>,
+    /// A point of the domain.
+    inside: DVec3,
+}
+
+/// The image of a vertex.
+struct VertexImage {
+    of: usize,
+    /// Where its transformation takes the point of the domain.
+    place: DVec3,
+    number: usize,
+}
+
+impl<'w> VertexImages<'w> {
+    fn new(search: CopySearch<'w>) -> Self {
+        Self {
+            inside: search.inside(),
+            search,
+            before: Vec::new(),
+            after: Vec::new(),
+        }
+    }
+}
+
 /// Returns the box around two boxes.
 fn around(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
     (a.0.min(b.0), a.1.max(b.1))
@@ -417,7 +477,7 @@ fn cut(
     cubics: &CubicPacket,
     tolerance: f64,
     slack: f64,
-    world: &World,
+    meeting: &mut MeetingTest<'_>,
     mut show: impl FnMut([f64; 2]),
 ) {
     let [from, to] = cubics.s;
@@ -444,7 +504,7 @@ fn cut(
             }
             start = end;
         }
-        let met = met(world, &boxes);
+        let met = meeting.met(&boxes, chords);
         for j in (0..chords).filter(|l| met[*l]).map(|l| first + l) {
             show([along(j), along(j + 1)]);
         }

@@ -5,10 +5,14 @@
 //! into the domain; where it may cross a face, into all cells that it may come to; and where parts of objects
 //! stick out of the domain, on to where these are.
 
-use super::curve::Cubic;
+use super::{
+    curve::Cubic,
+    path_patch::{Offsets, Vertex},
+};
 use geofan_core::manifold::{DeckTransformation, Development, Gluing, Manifold};
+use geofan_expr::vectorised;
 use glam::{DMat3, DVec3};
-use std::sync::Arc;
+use std::{ops::ControlFlow, sync::Arc};
 
 /// Most cells that one box is brought to: more means that it is as large as the space.
 const MOST_CELLS: usize = 256;
@@ -25,10 +29,13 @@ const WHOLE: f64 = 0.5;
 /// Most parts of a cubic.
 const MOST_PARTS: f64 = 64.0;
 
+/// Share of the domain's size within which two images of one point are the same.
+const SAME_PLACE: f64 = 1e-6;
+
 /// Places along each edge of a triangle that tell which cells it is in.
 const EDGE_PLACES: usize = 4;
 
-/// Finds the copies of a scene.
+/// Knows the copies of a scene.
 #[derive(Debug, Clone)]
 pub struct SceneCopies {
     manifold: Arc<Manifold>,
@@ -42,8 +49,18 @@ struct SceneCell {
     deck: DeckTransformation,
     /// The image of the domain's point inside.
     place: DVec3,
-    /// The box around that part.
-    bounds: (DVec3, DVec3),
+    /// The box around the triangles that reach into it, and one around where these would be in the domain.
+    bounds: Bounds,
+    home: Bounds,
+}
+
+/// Finds the copies of a scene along a path, quickest for places next to each other.
+#[derive(Debug, Clone)]
+pub struct CopySearch<'w> {
+    copies: &'w SceneCopies,
+    way: Development<'w>,
+    /// The cells that the last box may be in.
+    cells: Vec<SceneCopy>,
 }
 
 /// A transformation that brings a part of a path to the scene.
@@ -55,8 +72,11 @@ pub struct SceneCopy {
     differential: DMat3,
 }
 
+/// The lowest and the highest corner of a box.
+type Bounds = (DVec3, DVec3);
+
 /// The box around nothing.
-const NOWHERE: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+const NOWHERE: Bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 impl SceneCopies {
     /// Prepares the copies of these triangles; `None` if nothing is glued.
@@ -66,32 +86,36 @@ impl SceneCopies {
             deck: gluing.identity()?,
             place: gluing.inside(),
             bounds: NOWHERE,
+            home: NOWHERE,
         }];
         for triangle in triangles {
-            let [a, b, c] = *triangle;
-            for u in places(triangle) {
-                let Some((_, word)) = gluing.locate(u) else {
+            let places = places(triangle);
+            let words = places.iter().filter_map(|u| gluing.locate(*u));
+            let mut words: Vec<Vec<usize>> = words.map(|(_, word)| word).collect();
+            words.sort();
+            words.dedup();
+            for word in words {
+                let (Some(back), Some(into)) = (gluing.way_back(&word), gluing.way_in(&word))
+                else {
                     continue;
                 };
-                let deck = match word.is_empty() {
-                    true => Some(cells[0].deck.clone()),
-                    false => gluing.way_back(&word),
-                };
-                let Some(deck) = deck else { continue };
-                let place = deck.point(gluing.inside());
+                let place = back.point(gluing.inside());
                 let known = cells
                     .iter()
                     .position(|cell| near(gluing, cell.place, place));
                 let number = known.unwrap_or(cells.len());
                 if known.is_none() && cells.len() < MOST_BESIDE {
                     cells.push(SceneCell {
-                        deck,
+                        deck: back,
                         place,
                         bounds: NOWHERE,
+                        home: NOWHERE,
                     });
                 }
-                if let Some(SceneCell { bounds, .. }) = cells.get_mut(number) {
-                    *bounds = (bounds.0.min(a.min(b).min(c)), bounds.1.max(a.max(b).max(c)));
+                if let Some(cell) = cells.get_mut(number) {
+                    cell.bounds = triangle.iter().fold(cell.bounds, with);
+                    let images = places.iter().map(|u| into.point(*u));
+                    cell.home = images.fold(cell.home, |bounds, u| with(bounds, &u));
                 }
             }
         }
@@ -109,72 +133,61 @@ impl SceneCopies {
             || gluing.is_some_and(|gluing| gluing.has_portals() || gluing.has_mirrors())
     }
 
-    /// Begins a search in the domain itself; it is quickest for places next to each other.
-    pub fn search(&self) -> Option<Development<'_>> {
-        self.manifold.gluing().and_then(Development::new)
+    /// Begins a search in the domain itself; `None` where all faces are mirrors.
+    pub fn search(&self) -> Option<CopySearch<'_>> {
+        Some(CopySearch {
+            copies: self,
+            way: self.manifold.gluing().and_then(Development::new)?,
+            cells: Vec::new(),
+        })
+    }
+}
+
+impl CopySearch<'_> {
+    /// Returns a point inside the domain.
+    pub fn inside(&self) -> DVec3 {
+        self.way.gluing().inside()
     }
 
-    /// Finds the transformations that bring what is in the box about `u` that reaches so far along each axis to parts
-    /// of the scene.
-    pub fn around(&self, way: &mut Development<'_>, u: DVec3, half: DVec3) -> Vec<SceneCopy> {
-        let mut copies = Vec::new();
-        for path in cells(way, u, half.length()) {
-            for (k, cell) in self.cells.iter().enumerate() {
-                let (point, d) = match k {
-                    0 => (path.point, DMat3::IDENTITY),
-                    _ => cell.deck.apply(path.point),
-                };
-                let mut copy = SceneCopy {
-                    deck: path.deck.clone(),
-                    point,
-                    differential: d * path.differential,
-                };
-                let (low, high) = copy.image_of_box(half);
-                if low.cmple(cell.bounds.1).all() && high.cmpge(cell.bounds.0).all() {
-                    if k > 0 {
-                        copy.deck = copy.deck.then(&cell.deck);
-                    }
-                    copies.push(copy);
-                }
-            }
+    /// Shows the transformations that bring what is in the box about `u` that reaches so far along each axis to
+    /// parts of the scene.
+    pub fn around(&mut self, u: DVec3, half: DVec3, mut show: impl FnMut(&SceneCopy)) {
+        if self.locate(u).is_some() {
+            let _ = self.visit(half, |copy| {
+                show(copy);
+                ControlFlow::Continue(())
+            });
         }
-        copies
     }
 
     /// Tells whether what is in the box about `u` that reaches so far along each axis may meet anything, where
     /// `touches` tells that of a box at the scene. Of a box as large as the space that is not known.
-    pub fn may_meet(
-        &self,
-        way: &mut Development<'_>,
-        (u, half): (DVec3, DVec3),
-        touches: impl Fn(DVec3, DVec3) -> bool,
-    ) -> bool {
-        let size = way.gluing().size();
-        let Some((_, d)) = way.advance(u) else {
+    pub fn may_meet(&mut self, (u, half): Bounds, touches: impl Fn(DVec3, DVec3) -> bool) -> bool {
+        let Some(stretch) = self.locate(u) else {
             return false;
         };
-        if half.length() * stretch(d) > size {
+        if half.length() * stretch > self.way.gluing().size() {
             return true;
         }
-        let touched = |copy: SceneCopy| {
+        let met = self.visit(half, |copy| {
             let (low, high) = copy.image_of_box(half);
-            touches(low, high)
-        };
-        self.around(way, u, half).into_iter().any(touched)
+            match touches(low, high) {
+                true => ControlFlow::Break(()),
+                false => ControlFlow::Continue(()),
+            }
+        });
+        met.is_break()
     }
 
-    /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something.
-    pub fn cubics(&self, piece: &Cubic) -> Vec<Cubic> {
+    /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something, until `show` has
+    /// seen enough.
+    pub fn show_cubics(&mut self, piece: &Cubic, mut show: impl FnMut(Cubic) -> ControlFlow<()>) {
         let (low, high) = piece.bounds();
-        let Some(mut way) = self.search() else {
-            return Vec::new();
+        let Some(stretch) = self.locate(piece.middle()) else {
+            return;
         };
-        let Some((_, d)) = way.advance(piece.middle()) else {
-            return Vec::new();
-        };
-        let size = (high - low).length() * stretch(d) / (WHOLE * way.gluing().size());
+        let size = (high - low).length() * stretch / (WHOLE * self.way.gluing().size());
         let count = size.ceil().clamp(1.0, MOST_PARTS);
-        let mut cubics = Vec::new();
         for i in 0..count as usize {
             let part = match count > 1.0 {
                 true => piece.between([i as f64 / count, (i + 1) as f64 / count]),
@@ -183,26 +196,124 @@ impl SceneCopies {
             let (low, high) = part.bounds();
             let middle = part.middle();
             let half = (high - middle).max(middle - low);
-            for copy in self.around(&mut way, middle, half) {
-                cubics.push(copy.cubic(&part));
+            if self.locate(middle).is_some()
+                && self.visit(half, |copy| show(copy.cubic(&part))).is_break()
+            {
+                return;
             }
         }
-        cubics
+    }
+
+    /// Goes to the cell of `u`; returns by how much its transformation stretches there.
+    fn locate(&mut self, u: DVec3) -> Option<f64> {
+        self.cells.clear();
+        let (point, differential) = self.way.advance(u)?;
+        let cell = SceneCopy {
+            deck: self.way.deck().clone(),
+            point,
+            differential,
+        };
+        let stretch = cell.stretch();
+        self.cells.push(cell);
+        Some(stretch)
+    }
+
+    /// Does [`CopySearch::around`] for the point that was located last, until `show` has seen enough.
+    fn visit(
+        &mut self,
+        half: DVec3,
+        mut show: impl FnMut(&SceneCopy) -> ControlFlow<()>,
+    ) -> ControlFlow<()> {
+        let mut next = 0;
+        while next < self.cells.len() {
+            let path = self.cells[next].clone();
+            let at_home = path.image_of_box(half);
+            for (k, cell) in self.copies.cells.iter().enumerate() {
+                if !meet(at_home, cell.home) {
+                    continue;
+                }
+                if k == 0 {
+                    show(&path)?;
+                    continue;
+                }
+                let copy = path.then(&cell.deck);
+                if meet(copy.image_of_box(half), cell.bounds) {
+                    show(&copy)?;
+                }
+            }
+            self.spread(&path, half);
+            next += 1;
+        }
+        ControlFlow::Continue(())
+    }
+
+    /// Adds the neighbours of a cell that what is in the box may be in.
+    fn spread(&mut self, cell: &SceneCopy, half: DVec3) {
+        let same = SAME_PLACE * self.way.gluing().size();
+        let cells = &mut self.cells;
+        self.way.within(
+            cell.point,
+            |g| cell.reach(g, half),
+            |deck| {
+                let point = deck.point(cell.point);
+                let known =
+                    |other: &SceneCopy| (other.point - point).length_squared() <= same * same;
+                if point.is_finite() && cells.len() < MOST_CELLS && !cells.iter().any(known) {
+                    cells.push(cell.then(deck));
+                }
+            },
+        );
     }
 }
 
 impl SceneCopy {
-    /// Returns the image of a point, and the differential there.
-    pub fn apply(&self, u: DVec3) -> (DVec3, DMat3) {
-        self.deck.apply(u)
+    /// Returns the place that the point `u` of the domain is brought to: it tells transformations apart.
+    pub fn place_of(&self, u: DVec3) -> DVec3 {
+        self.deck.point(u)
+    }
+
+    /// Returns the image of a vertex of sixteen paths.
+    pub fn vertex(&self, vertex: &Vertex) -> Vertex {
+        let [mut u, mut v] = [&vertex.point, &vertex.tangent].map(Offsets::points);
+        vectorised(
+            #[inline(always)]
+            || self.deck.carry_lanes(&mut u, &mut v),
+        );
+        Vertex {
+            s: vertex.s,
+            point: Offsets::of(&u),
+            tangent: Offsets::of(&v),
+        }
     }
 
     /// Returns a box around the image of the box around the middle that reaches so far along each axis.
-    pub fn image_of_box(&self, half: DVec3) -> (DVec3, DVec3) {
+    pub fn image_of_box(&self, half: DVec3) -> Bounds {
         let d = &self.differential;
         let reach = d.x_axis.abs() * half.x + d.y_axis.abs() * half.y + d.z_axis.abs() * half.z;
         let reach = reach * BEND;
         (self.point - reach, self.point + reach)
+    }
+
+    /// Returns by how much a function with the gradient `g` at the middle's image changes in the image of the box that
+    /// reaches so far along each axis.
+    fn reach(&self, g: DVec3, half: DVec3) -> f64 {
+        let along = self.differential.transpose() * g;
+        BEND * along.abs().dot(half)
+    }
+
+    /// Returns the most by which it stretches at the middle.
+    fn stretch(&self) -> f64 {
+        self.deck.stretch(self.differential)
+    }
+
+    /// Returns `next` after this one.
+    fn then(&self, next: &DeckTransformation) -> Self {
+        let (point, d) = next.apply(self.point);
+        Self {
+            deck: self.deck.then(next),
+            point,
+            differential: d * self.differential,
+        }
     }
 
     /// Returns the image of a cubic, by its ends.
@@ -219,6 +330,15 @@ impl SceneCopy {
     }
 }
 
+/// Widens a box to hold a point.
+fn with((low, high): Bounds, u: &DVec3) -> Bounds {
+    (low.min(*u), high.max(*u))
+}
+
+fn meet(a: Bounds, b: Bounds) -> bool {
+    a.0.cmple(b.1).all() && b.0.cmple(a.1).all()
+}
+
 /// Points of a triangle that tell where it is.
 fn places(triangle: &[DVec3; 3]) -> Vec<DVec3> {
     let [a, b, c] = *triangle;
@@ -230,51 +350,5 @@ fn places(triangle: &[DVec3; 3]) -> Vec<DVec3> {
 }
 
 fn near(gluing: &Gluing, a: DVec3, b: DVec3) -> bool {
-    (a - b).length() <= 1e-6 * gluing.size()
-}
-
-/// Finds the cells that what is within `reach` of `u` may be in, each as the transformation into the domain.
-fn cells(way: &mut Development<'_>, u: DVec3, reach: f64) -> Vec<SceneCopy> {
-    let gluing = way.gluing();
-    let Some((point, differential)) = way.advance(u) else {
-        return Vec::new();
-    };
-    let mut cells = vec![SceneCopy {
-        deck: way.deck().clone(),
-        point,
-        differential,
-    }];
-    let mut next = 0;
-    while next < cells.len() && cells.len() < MOST_CELLS {
-        let (point, differential) = (cells[next].point, cells[next].differential);
-        let reach = BEND * reach * stretch(differential);
-        for k in way.within(point, reach) {
-            let face = &gluing.faces()[k];
-            let Some((image, d)) = face.carry(point) else {
-                continue;
-            };
-            if image.is_finite() && !cells.iter().any(|cell| near(gluing, cell.point, image)) {
-                let deck = &cells[next].deck;
-                cells.push(SceneCopy {
-                    deck: face
-                        .deck()
-                        .map_or_else(|| deck.clone(), |then| deck.then(then)),
-                    point: image,
-                    differential: d * differential,
-                });
-            }
-        }
-        next += 1;
-    }
-    cells
-}
-
-/// Returns the most by which a map stretches, in the chart.
-fn stretch(d: DMat3) -> f64 {
-    let square = d.transpose() * d;
-    let mut v = DVec3::ONE;
-    for _ in 0..4 {
-        v = (square * v).normalize_or(DVec3::X);
-    }
-    (square * v).length().sqrt()
+    (a - b).length() <= SAME_PLACE * gluing.size()
 }

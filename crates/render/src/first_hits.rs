@@ -7,7 +7,7 @@ use super::{
     accel::PacketHits,
     chords::{Candidates, ChordList, PatchChord},
     curve::Ending,
-    intersect::{CHORD_ERROR, Hit, Seen, beyond, first_hit},
+    intersect::{CHORD_ERROR, Hit, HitSearch, Seen, beyond},
     lanes::{LANES, Lanes, Mask, SingleLanes, SingleVectors, each, range, single, single_lane},
     path_batch::{PathView, ROWS, knots_until},
     path_patch::{Bicubic, Offsets, PathPatch, Vertex},
@@ -275,10 +275,11 @@ impl SinglePaths {
             known: self.lengths.len(),
             ..path
         };
+        let mut search = HitSearch::new(world);
         for first in (0..closer.known).step_by(per_piece + 1) {
             for i in first..first + per_piece {
                 let piece = closer.piece(i);
-                if let Some(hit) = first_hit(world, &piece, limit) {
+                if let Some(hit) = search.first_hit(&piece, limit) {
                     return Seen::Surface(hit);
                 }
             }

@@ -8,7 +8,7 @@
 
 use super::{
     accel::Accelerator,
-    copies::SceneCopies,
+    copies::{CopySearch, SceneCopies},
     curve::{Cubic, Curve, Ending, ending_at},
     tracer::pieces,
     world::World,
@@ -18,6 +18,7 @@ use geofan_core::{
     manifold::{Carried, Domain},
 };
 use glam::{DVec3, Vec3};
+use std::ops::ControlFlow;
 
 /// A point of a path on a triangle; its chart point is [`super::World::point`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,48 +64,51 @@ pub const CHORD_ERROR: f64 = 5e-5;
 /// Most chords of one piece: pieces are short already, so more means a broken path.
 pub(super) const MOST_CHORDS: f64 = 64.0;
 
-/// Finds the first hit of `piece` before arc length `limit`.
-pub fn first_hit(world: &World, piece: &Cubic, limit: f64) -> Option<Hit> {
-    let (accelerator, domain) = (&world.accelerator, &world.manifold.domain);
-    if let Some(copies) = &world.copies {
-        return first_hit_of_copies(accelerator, copies, piece, limit);
-    }
-    let (low, high) = piece.bounds();
-    if !is_glued(domain) {
-        return hit_shifted(accelerator, piece, limit, DVec3::ZERO, (low, high));
-    }
-    let mut first: Option<Hit> = None;
-    for shift in shifts(accelerator, domain, low, high) {
-        let hit = hit_shifted(accelerator, piece, limit, shift, (low, high));
-        if let Some(hit) = hit
-            && first.is_none_or(|f| hit.s < f.s)
-        {
-            first = Some(hit);
-        }
-    }
-    first
+/// Finds the first hits of pieces of a path, quickest for pieces in order.
+pub struct HitSearch<'w> {
+    world: &'w World,
+    copies: Option<CopySearch<'w>>,
 }
 
-/// Finds the first hit of `piece` in a glued space.
-fn first_hit_of_copies(
-    accelerator: &Accelerator,
-    copies: &SceneCopies,
-    piece: &Cubic,
-    limit: f64,
-) -> Option<Hit> {
-    let mut first: Option<Hit> = None;
-    for cubic in copies.cubics(piece) {
-        if first.is_some_and(|first| f64::from(first.s) < cubic.s[0]) {
-            break;
-        }
-        let hit = hit_shifted(accelerator, &cubic, limit, DVec3::ZERO, cubic.bounds());
-        if let Some(hit) = hit
-            && first.is_none_or(|first| hit.s < first.s)
-        {
-            first = Some(hit);
-        }
+impl<'w> HitSearch<'w> {
+    /// Begins a search.
+    pub fn new(world: &'w World) -> Self {
+        let copies = world.copies.as_ref().and_then(SceneCopies::search);
+        Self { world, copies }
     }
-    first
+
+    /// Finds the first hit of `piece` before arc length `limit`.
+    pub fn first_hit(&mut self, piece: &Cubic, limit: f64) -> Option<Hit> {
+        let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        if let Some(copies) = &mut self.copies {
+            let mut first: Option<Hit> = None;
+            copies.show_cubics(piece, |cubic| {
+                if first.is_some_and(|first| f64::from(first.s) < cubic.s[0]) {
+                    return ControlFlow::Break(());
+                }
+                let bounds = cubic.bounds();
+                let hit = hit_shifted(accelerator, &cubic, limit, DVec3::ZERO, bounds);
+                first = nearer(first, hit);
+                ControlFlow::Continue(())
+            });
+            return first;
+        }
+        let (low, high) = piece.bounds();
+        if !is_glued(domain) {
+            return hit_shifted(accelerator, piece, limit, DVec3::ZERO, (low, high));
+        }
+        let shifts = shifts(accelerator, domain, low, high).into_iter();
+        let hits = shifts.map(|shift| hit_shifted(accelerator, piece, limit, shift, (low, high)));
+        hits.fold(None, nearer)
+    }
+}
+
+/// Returns the nearer of two hits.
+fn nearer(first: Option<Hit>, other: Option<Hit>) -> Option<Hit> {
+    match (first, other) {
+        (Some(first), Some(other)) if other.s < first.s => Some(other),
+        (first, other) => first.or(other),
+    }
 }
 
 /// Tells whether a path inside the box may meet anything: cheaper than to divide it into pieces.
@@ -192,10 +196,9 @@ fn hit_shifted(
 /// Returns what a whole path sees.
 pub fn seen_along(world: &World, curve: &Curve) -> Seen {
     let limit = curve.ending.limit();
-    let mut hits = curve
-        .pieces()
-        .filter_map(|piece| first_hit(world, &piece, limit));
-    match hits.next() {
+    let mut search = HitSearch::new(world);
+    let mut pieces = curve.pieces();
+    match pieces.find_map(|piece| search.first_hit(&piece, limit)) {
         Some(hit) => Seen::Surface(hit),
         None => beyond(&curve.ending),
     }
@@ -249,7 +252,8 @@ impl Sink for FirstSeen<'_> {
         let world = self.world;
         let (u, v, seen) = &mut self.rays[ray];
         if may_meet(world, step.bounds()) {
-            let hit = |piece| first_hit(world, &piece, f64::INFINITY);
+            let mut search = HitSearch::new(world);
+            let hit = |piece| search.first_hit(&piece, f64::INFINITY);
             if let Some(hit) = pieces(step).find_map(hit) {
                 *seen = Some(Seen::Surface(hit));
                 return;

@@ -14,7 +14,7 @@ use super::{
     curve::{Cubic, Ending},
     endings::EventLocator,
     frame::Outcomes,
-    intersect::{Hit, Seen, beyond, first_hit},
+    intersect::{Hit, HitSearch, Seen, beyond},
     path_batch::{PathBatch, PathOrigin},
     tiles::{PixelSamples, SamplePlace},
     tracer::even_knots,
@@ -285,7 +285,8 @@ impl<'w> StraightLines<'w> {
             u: [u, u + v * length],
             v: [v, v],
         };
-        first_hit(world, &piece, length).map(Seen::Surface)
+        let hit = HitSearch::new(world).first_hit(&piece, length);
+        hit.map(Seen::Surface)
     }
 
     /// Finds the sky at the end of that line.

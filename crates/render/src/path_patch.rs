@@ -11,7 +11,7 @@ use super::{
     tracer::GridTracer,
 };
 use geofan_expr::{real::Real, vectorised};
-use glam::{DMat3, DVec2, DVec3};
+use glam::{DVec2, DVec3};
 
 /// Sixteen paths of a batch, row by row over their tile.
 pub struct PathPatch<'a> {
@@ -133,25 +133,6 @@ pub struct Vertex {
     pub tangent: Offsets,
 }
 
-impl Vertex {
-    /// Carries points and tangents by a map of the chart, which gives an image and the differential.
-    pub fn image(&self, map: impl Fn(DVec3) -> (DVec3, DMat3)) -> Self {
-        let (mut point, mut tangent) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
-        for l in 0..LANES {
-            let (u, d) = map(self.point.lane(l));
-            let v = d * self.tangent.lane(l);
-            for c in 0..3 {
-                (point[c][l], tangent[c][l]) = (u[c], v[c]);
-            }
-        }
-        Self {
-            s: self.s,
-            point: Offsets::of(&point),
-            tangent: Offsets::of(&tangent),
-        }
-    }
-}
-
 /// Sixteen points as their differences from one of them: single precision is enough for those, and half
 /// as much work.
 #[derive(Debug, Clone, Default)]
@@ -180,10 +161,9 @@ impl Offsets {
         }
     }
 
-    /// Returns the point in lane `l`.
-    fn lane(&self, l: usize) -> DVec3 {
-        let off = [0, 1, 2].map(|c| f64::from(self.differences[c][l]));
-        self.middle + DVec3::from_array(off)
+    /// Returns the points.
+    pub fn points(&self) -> Vectors {
+        each_vector(|c, l| self.middle[c] + f64::from(self.differences[c][l]))
     }
 
     /// Returns the corners of the box around the points.

@@ -16,6 +16,13 @@ pub fn manifold(text: &str) -> Manifold {
         .unwrap_or_else(|e| panic!("{}", e.report(false)))
 }
 
+/// A manifold of the catalogue.
+pub fn asset(name: &str) -> Manifold {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../assets/manifolds");
+    let file = std::path::Path::new(folder).join(format!("{name}.toml"));
+    Manifold::load(&file, &[]).unwrap_or_else(|e| panic!("{}", e.report(false)))
+}
+
 /// Settings that carry everything.
 pub fn settings(tolerance: f64, events: bool) -> Settings {
     Settings {

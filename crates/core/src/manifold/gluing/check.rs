@@ -4,7 +4,7 @@
 //! form of its maps), or a complaint about a face and a place: a map that is no isometry, a face that comes to lie
 //! on no other, edges round which the maps do not close (Poincaré's condition), a point that a map fixes.
 
-use super::{DeckTransformation, GUARD, Gluing};
+use super::{DeckTransformation, GUARD, Gluing, Spheres};
 use crate::{
     diagnostic::Diagnostic,
     error::Result,
@@ -189,8 +189,9 @@ impl Gluing {
         self.inside = deepest.copied().unwrap_or(middle);
     }
 
-    /// Recognises the form of the maps, and which turn right into left.
+    /// Recognises the form of faces and maps, and which turn right into left.
     fn recognise(&mut self, points: &[DVec3]) {
+        self.spheres = Spheres::of(&self.values, self.faces.len(), points);
         let maps = self.faces.iter().filter_map(|face| face.map.as_ref());
         let matrices = maps.clone().all(|map| map.deck.is_linear());
         let tapes: Vec<_> = maps.map(|map| map.tape.clone()).collect();

@@ -146,7 +146,77 @@ impl DeckTransformation {
 
     /// Returns the image of `u`.
     pub fn point(&self, u: DVec3) -> DVec3 {
-        self.apply(u).0
+        match &self.rule {
+            Rule::Affine(a, t) => *a * u + *t,
+            Rule::Moebius(m) => {
+                let y = times(m, on_cone(u));
+                DVec3::new(y[0], y[1], y[2]) * (1.0 / y[4])
+            }
+            Rule::Linear(..) | Rule::Tapes(_) => self.apply(u).0,
+        }
+    }
+}
+
+impl DeckTransformation {
+    /// Carries the points and tangents of `W` lanes, chart components by rows.
+    #[inline(always)]
+    pub fn carry_lanes<const W: usize>(&self, u: &mut [[f64; W]; 3], v: &mut [[f64; W]; 3]) {
+        if let Rule::Moebius(m) = &self.rule {
+            return carry_by_moebius(m, u, v);
+        }
+        for l in 0..W {
+            let [at, along] = [&*u, &*v].map(|x| DVec3::new(x[0][l], x[1][l], x[2][l]));
+            let (image, d) = self.apply(at);
+            let along = d * along;
+            for c in 0..3 {
+                (u[c][l], v[c][l]) = (image[c], along[c]);
+            }
+        }
+    }
+
+    /// Returns the most by which its differential `d` somewhere stretches, in the chart.
+    pub fn stretch(&self, d: DMat3) -> f64 {
+        // Möbius transformations stretch alike in all directions.
+        if matches!(self.rule, Rule::Moebius(_)) {
+            return d.x_axis.length();
+        }
+        let square = d.transpose() * d;
+        let mut v = DVec3::ONE;
+        for _ in 0..4 {
+            v = (square * v).normalize_or(DVec3::X);
+        }
+        (square * v).length().sqrt()
+    }
+}
+
+/// Does [`DeckTransformation::carry_lanes`] for a Möbius transformation.
+#[inline(always)]
+fn carry_by_moebius<const W: usize>(m: &Lorentz, u: &mut [[f64; W]; 3], v: &mut [[f64; W]; 3]) {
+    let (mut cone, mut rate) = ([[1.0; W]; 5], [[0.0; W]; 5]);
+    (cone[3], rate[3]) = ([0.0; W], [0.0; W]);
+    for c in 0..3 {
+        (cone[c], rate[c]) = (u[c], v[c]);
+        for l in 0..W {
+            cone[3][l] += u[c][l] * u[c][l];
+            rate[3][l] += 2.0 * u[c][l] * v[c][l];
+        }
+    }
+    let (mut y, mut dy) = ([[0.0; W]; 5], [[0.0; W]; 5]);
+    for row in [0, 1, 2, 4] {
+        for k in 0..5 {
+            let entry = m[row][k];
+            for l in 0..W {
+                y[row][l] += entry * cone[k][l];
+                dy[row][l] += entry * rate[k][l];
+            }
+        }
+    }
+    for l in 0..W {
+        let share = 1.0 / y[4][l];
+        for c in 0..3 {
+            u[c][l] = y[c][l] * share;
+            v[c][l] = (dy[c][l] - u[c][l] * dy[4][l]) * share;
+        }
     }
 }
 
@@ -186,18 +256,30 @@ impl LinearModel {
 }
 
 /// Returns `(u, |u|², 1)`.
-fn on_cone(u: DVec3) -> [f64; 5] {
+#[inline(always)]
+pub(super) fn on_cone(u: DVec3) -> [f64; 5] {
     [u.x, u.y, u.z, u.length_squared(), 1.0]
 }
 
+/// Multiplies a matrix and a column.
+#[inline(always)]
+fn times(m: &Lorentz, x: [f64; 5]) -> [f64; 5] {
+    let mut y = [0.0; 5];
+    for (y, row) in y.iter_mut().zip(m) {
+        for k in 0..5 {
+            *y += row[k] * x[k];
+        }
+    }
+    y
+}
+
 fn apply_moebius(m: &Lorentz, u: DVec3) -> (DVec3, DMat3) {
-    let times = |x: [f64; 5]| m.map(|row| (0..5).map(|k| row[k] * x[k]).sum::<f64>());
-    let y = times(on_cone(u));
+    let y = times(m, on_cone(u));
     let share = 1.0 / y[4];
     let image = DVec3::new(y[0], y[1], y[2]) * share;
     let columns = [0, 1, 2].map(|k| {
         let e = DVec3::AXES[k];
-        let rate = times([e.x, e.y, e.z, 2.0 * u[k], 0.0]);
+        let rate = times(m, [e.x, e.y, e.z, 2.0 * u[k], 0.0]);
         (DVec3::new(rate[0], rate[1], rate[2]) - image * rate[4]) * share
     });
     (image, DMat3::from_cols(columns[0], columns[1], columns[2]))
@@ -239,7 +321,7 @@ fn moebius(tape: &Tape, points: &[DVec3]) -> Option<Rule> {
 }
 
 /// Solves `A X = B` for the rows `(A | B)` by Gauss's elimination with pivots; `None` for a singular `A`.
-fn solve(mut rows: [[f64; 10]; 5]) -> Option<[[f64; 5]; 5]> {
+pub(super) fn solve(mut rows: [[f64; 10]; 5]) -> Option<[[f64; 5]; 5]> {
     for k in 0..5 {
         let pivot = (k..5).max_by(|a, b| rows[*a][k].abs().total_cmp(&rows[*b][k].abs()))?;
         rows.swap(k, pivot);
@@ -308,6 +390,14 @@ mod tests {
             assert!((image - b).length() < 1e-12 * (1.0 + b.length()));
             let off = (d - db * da).to_cols_array();
             assert!(off.iter().all(|x| x.abs() < 1e-11 * (1.0 + b.length())));
+            let along = DVec3::new(0.3, -0.4, 0.7);
+            let lanes = |x: DVec3| x.to_array().map(|x| [x, x]);
+            let (mut at, mut tangent) = (lanes(u), lanes(along));
+            both.carry_lanes(&mut at, &mut tangent);
+            let [at, tangent] = [at, tangent].map(|x| DVec3::from(x.map(|x| x[1])));
+            assert!((at - image).length() < 1e-12 * (1.0 + b.length()));
+            assert!((tangent - d * along).length() < 1e-11 * (1.0 + b.length()));
+            assert!((d * along).length() < 1.0001 * both.stretch(d) * along.length());
         }
     }
 

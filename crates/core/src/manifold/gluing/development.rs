@@ -3,7 +3,7 @@
 //! In: the points of a path in the covering chart, in order. Out: the deck transformation that brings the path
 //! back into the domain there, and the faces that it has crossed.
 
-use super::{DeckTransformation, GUARD, Gluing, MOST_MAPS};
+use super::{DeckTransformation, Gluing, MOST_MAPS};
 use geofan_expr::Registers;
 use glam::{DMat3, DVec3};
 
@@ -13,7 +13,8 @@ pub struct Development<'g> {
     gluing: &'g Gluing,
     deck: DeckTransformation,
     crossed: Vec<usize>,
-    registers: Registers<f64, 1>,
+    /// Of the faces' tape, where it is needed.
+    registers: Option<Registers<f64, 1>>,
 }
 
 impl<'g> Development<'g> {
@@ -23,7 +24,7 @@ impl<'g> Development<'g> {
             gluing,
             deck: gluing.identity()?,
             crossed: Vec::new(),
-            registers: gluing.values.registers(),
+            registers: None,
         })
     }
 
@@ -31,9 +32,9 @@ impl<'g> Development<'g> {
     /// `None` where the path cannot be brought back.
     pub fn advance(&mut self, u: DVec3) -> Option<(DVec3, DMat3)> {
         for _ in 0..MOST_MAPS {
-            let (image, d) = self.deck.apply(u);
+            let image = self.deck.point(u);
             let Some(k) = self.violated(image) else {
-                return image.is_finite().then_some((image, d));
+                return image.is_finite().then(|| self.deck.apply(u));
             };
             self.deck = self.deck.then(self.gluing.faces[k].deck()?);
             self.crossed.push(k);
@@ -43,30 +44,53 @@ impl<'g> Development<'g> {
 
     /// Does [`Gluing::violated`] in registers of its own.
     fn violated(&mut self, u: DVec3) -> Option<usize> {
-        self.gluing
-            .values
-            .run_at(&mut self.registers, &u.to_array());
-        let mut deepest = (GUARD * self.gluing.size, None);
-        for (k, face) in self.gluing.faces.iter().enumerate() {
-            let depth = -self.registers.output(k)[0] / face.slope;
-            if !face.is_portal() && depth > deepest.0 {
-                deepest = (depth, Some(k));
+        let gluing = self.gluing;
+        match &gluing.spheres {
+            Some(spheres) => gluing.deepest(|k| spheres.value(k, u)),
+            None => {
+                let values = self.values(u);
+                gluing.deepest(|k| values.output(k)[0])
             }
         }
-        deepest.1
     }
 
-    /// Lists the bounding faces with maps that are within `reach` of the point `u` of the domain, in the chart.
-    pub fn within(&mut self, u: DVec3, reach: f64) -> Vec<usize> {
-        self.gluing
-            .values
-            .run_at(&mut self.registers, &u.to_array());
-        let near = |k: &usize| {
-            let face = &self.gluing.faces[*k];
-            let bounds = !face.is_portal() && !face.is_mirror();
-            bounds && self.registers.output(*k)[0] < reach * face.slope
+    /// Runs the tape of the faces.
+    fn values(&mut self, u: DVec3) -> &Registers<f64, 1> {
+        let values = &self.gluing.values;
+        let registers = self.registers.get_or_insert_with(|| values.registers());
+        values.run_at(registers, &u.to_array());
+        registers
+    }
+
+    /// Shows the bounding faces with maps whose value at the point `u` of the domain is less than what `reach` says of
+    /// their gradient there.
+    #[inline]
+    pub fn within(
+        &mut self,
+        u: DVec3,
+        reach: impl Fn(DVec3) -> f64,
+        mut show: impl FnMut(&'g DeckTransformation),
+    ) {
+        let gluing = self.gluing;
+        let mut compare = |k: usize, value: f64, gradient: DVec3| {
+            let face = &gluing.faces[k];
+            if value < reach(gradient)
+                && !face.is_portal()
+                && let Some(deck) = face.deck()
+            {
+                show(deck);
+            }
         };
-        (0..self.gluing.faces.len()).filter(near).collect()
+        let faces = 0..gluing.faces.len();
+        match &gluing.spheres {
+            Some(spheres) => {
+                faces.for_each(|k| compare(k, spheres.value(k, u), spheres.gradient(k, u)));
+            }
+            None => {
+                let values = self.values(u);
+                faces.for_each(|k| compare(k, values.output(k)[0], gluing.gradient(k, u)));
+            }
+        }
     }
 
     /// Returns the gluing.

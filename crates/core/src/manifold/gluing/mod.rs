@@ -12,6 +12,7 @@ mod check;
 mod deck;
 mod development;
 pub(super) mod quotient;
+mod spheres;
 
 pub use deck::DeckTransformation;
 pub(super) use deck::LinearModel;
@@ -24,7 +25,8 @@ use super::{
 use deck::at_tape;
 use geofan_expr::{Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};
-use std::{borrow::Cow, ops::Range, sync::Arc};
+use spheres::Spheres;
+use std::{borrow::Cow, collections::HashMap, ops::Range, sync::Arc};
 
 /// Share of the domain's size that a point must lie beyond a face to have left through it: rounding must not
 /// throw a path back and forth between two faces.
@@ -76,6 +78,8 @@ pub struct Gluing {
     faces: Vec<GluedFace>,
     /// u -> the value of each face.
     values: Tape,
+    /// The same where all faces are planes and spheres.
+    spheres: Option<Spheres>,
     /// u -> the gradient of each face (3).
     gradients: Tape,
     /// u -> the value of each opening.
@@ -141,6 +145,7 @@ impl Gluing {
         let mut gluing = Self {
             faces: Vec::new(),
             values: Tape::compile(graph, &values, 3)?,
+            spheres: None,
             gradients: Tape::compile(graph, &gradients, 3)?,
             openings: Tape::compile(graph, &openings, 3)?,
             size: 1.0,
@@ -226,17 +231,16 @@ impl Gluing {
         let Some(identity) = self.identity() else {
             return Vec::new();
         };
-        let (mut copies, mut places) = (vec![identity], vec![self.inside]);
+        let mut known = KnownPlaces::about(self);
+        known.add(self.inside);
+        let mut copies = vec![identity];
         let mut next = 0;
         while next < copies.len() && copies.len() < most {
             for face in self.faces.iter().filter(|face| !face.is_portal()) {
                 let Some(deck) = face.deck() else { continue };
                 let copy = deck.then(&copies[next]);
                 let (place, d) = copy.apply(self.inside);
-                let scale = 1e-7 * (self.size + place.length());
-                let known = places.iter().any(|p| (*p - place).length() <= scale);
-                if !known && place.is_finite() && reaches(place, d) {
-                    places.push(place);
+                if place.is_finite() && reaches(place, d) && known.add(place) {
                     copies.push(copy);
                 }
             }
@@ -247,13 +251,26 @@ impl Gluing {
 
     /// Finds the bounding face that `u` lies farthest beyond, by more than rounding. Portals bound nothing.
     pub fn violated(&self, u: DVec3) -> Option<usize> {
-        let values = self.values.at(&u.to_array());
-        let bounding = |k: &usize| !self.faces[*k].is_portal();
-        let depth = |k: usize| -values[k] / self.faces[k].slope;
-        let deepest = (0..self.faces.len())
-            .filter(bounding)
-            .max_by(|a, b| depth(*a).total_cmp(&depth(*b)))?;
-        (depth(deepest) > GUARD * self.size).then_some(deepest)
+        match &self.spheres {
+            Some(spheres) => self.deepest(|k| spheres.value(k, u)),
+            None => {
+                let values = self.values.at(&u.to_array());
+                self.deepest(|k| values[k])
+            }
+        }
+    }
+
+    /// Finds the bounding face with the least `value` for its slope, if that is beyond it by more than rounding.
+    #[inline(always)]
+    fn deepest(&self, value: impl Fn(usize) -> f64) -> Option<usize> {
+        let mut deepest = (GUARD * self.size, None);
+        for (k, face) in self.faces.iter().enumerate() {
+            let depth = -value(k) / face.slope;
+            if depth > deepest.0 && !face.is_portal() {
+                deepest = (depth, Some(k));
+            }
+        }
+        deepest.1
     }
 
     /// Finds the mirror that `u` lies behind.
@@ -270,6 +287,15 @@ impl Gluing {
     pub fn copy_of(&self, u: DVec3) -> Option<DVec3> {
         let (_, word) = self.locate(u)?;
         Some(self.way_back(&word)?.point(self.inside))
+    }
+
+    /// Returns the maps of the faces of `word` after each other.
+    pub fn way_in(&self, word: &[usize]) -> Option<DeckTransformation> {
+        let mut deck = self.identity()?;
+        for k in word {
+            deck = deck.then(self.faces[*k].deck()?);
+        }
+        Some(deck)
     }
 
     /// Returns the transformation that undoes the maps of the faces of `word`.
@@ -333,6 +359,39 @@ impl Gluing {
     /// Returns the number of face `k` as people count, for messages.
     fn name(k: usize) -> String {
         format!("face {}", k + 1)
+    }
+}
+
+/// Places of the chart, by their distance from the point inside.
+struct KnownPlaces<'g> {
+    gluing: &'g Gluing,
+    bins: HashMap<i64, Vec<DVec3>>,
+}
+
+impl<'g> KnownPlaces<'g> {
+    /// Relative difference up to which places are the same.
+    const SAME: f64 = 1e-7;
+
+    /// Bins to a doubling of the distance, much wider than [`Self::SAME`].
+    const BINS: f64 = 1e5;
+
+    fn about(gluing: &'g Gluing) -> Self {
+        let bins = HashMap::new();
+        Self { gluing, bins }
+    }
+
+    /// Adds a place; `false` if it is known.
+    fn add(&mut self, place: DVec3) -> bool {
+        let size = self.gluing.size;
+        let scale = Self::SAME * (size + place.length());
+        let distance = (place - self.gluing.inside).length();
+        let bin = (Self::BINS * (distance / size).asinh()).floor() as i64;
+        let near = (bin - 1..=bin + 1).filter_map(|bin| self.bins.get(&bin));
+        if near.flatten().any(|p| (*p - place).length() <= scale) {
+            return false;
+        }
+        self.bins.entry(bin).or_default().push(place);
+        true
     }
 }
 
