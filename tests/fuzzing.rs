@@ -148,7 +148,7 @@ fn most_memory() -> u64 {
 }
 
 /// An input that takes longer is timed again, so many times.
-const SLOW: Duration = Duration::from_millis(20);
+const SLOW: Duration = Duration::from_millis(200);
 const AGAIN: usize = 3;
 
 /// Reads an input: whether the reader stays calm, and how long it takes.
