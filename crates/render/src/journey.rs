@@ -108,19 +108,32 @@ impl Journey {
         [self.times[0], self.times[self.times.len() - 1]]
     }
 
-    /// Returns the camera at `time`, and its angle of view in degrees.
+    /// Returns the camera at `time`, in the domain of a glued space, and its angle of view in degrees.
     pub fn pose(&self, time: f64) -> (Camera, f64) {
+        let (camera, fov) = self.pose_in_cover(time);
+        (camera.brought_in(&self.space), fov)
+    }
+
+    /// Returns the camera at `time` where the way through the space that covers a glued one has led it, and its angle
+    /// of view in degrees.
+    pub fn pose_in_cover(&self, time: f64) -> (Camera, f64) {
         let (leg, share) = self.place(time);
         leg.pose(share)
     }
 
-    /// Returns the velocity of the camera past the normal observer at `time`, standard frame: between poses
-    /// with different motions, evenly from the one to the other.
+    /// Returns the velocity of the camera past the normal observer at `time`, in the standard frame where
+    /// [`Journey::pose`] is: between poses with different motions, evenly from the one to the other.
     pub fn velocity(&self, time: f64) -> DVec3 {
         let (leg, share) = self.place(time);
         let (u, _) = leg.carried(share);
         let [from, to] = leg.motion.map(|motion| motion.velocity(&self.space, u));
-        from.unwrap_or_default().lerp(to.unwrap_or_default(), share)
+        let velocity = from.unwrap_or_default().lerp(to.unwrap_or_default(), share);
+        // The same in the camera's axes.
+        let [there, here] = [self.pose_in_cover(time), self.pose(time)].map(|(c, _)| c.rotation);
+        match there == here {
+            true => velocity,
+            false => here * (there.inverse() * velocity),
+        }
     }
 
     /// Finds the leg at `time`, and the share of its way.

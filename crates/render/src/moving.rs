@@ -52,7 +52,7 @@ pub(super) fn at_time<'o>(
     let turned = turning_at(trajectory, manifold, source, time)?;
     let (at, carried) = match &course {
         KnownCourse::Journey(journey) => {
-            let camera = journey.pose(time).0;
+            let camera = journey.pose_in_cover(time).0;
             (camera.u, camera.rotation)
         }
         KnownCourse::Curve(curve) => {
@@ -101,7 +101,7 @@ fn check_inside(
         let t = from + (to - from) * i as f64 / PROBES as f64;
         let u: DVec3 = match course {
             KnownCourse::Curve(curve) => curve.at(t).0,
-            KnownCourse::Journey(journey) => journey.pose(t).0.u,
+            KnownCourse::Journey(journey) => journey.pose_in_cover(t).0.u,
         };
         if let Err(fault) = check_point(manifold, &format!("the object's path at t = {t}"), u) {
             let hint = "see [domain] in the manifold file; shorten `during`, or lead it elsewhere";
