@@ -73,8 +73,8 @@ impl DrawSpace {
         }
     }
 
-    /// Shows other skies: a pattern beyond every exit with a direction, also where the scene has none, but where it
-    /// has one plain colour (the inside of a horizon).
+    /// Shows other skies: a pattern beyond every exit that has a sky or says in which direction to look it up, but not
+    /// where the scene has one plain colour (the inside of a horizon).
     pub fn dress(&mut self, sky: SkyChoice) {
         let world = &mut self.stage.world;
         if let Some(own) = self.own_skies.take() {
@@ -88,7 +88,8 @@ impl DrawSpace {
         self.own_skies = Some(world.skies.clone());
         let exits = world.manifold.exits.iter().zip(&mut world.skies);
         for (exit, sky) in exits {
-            if exit.has_direction() && !matches!(sky, Some(Sky::Colour(_))) {
+            let looked_up = exit.has_direction() || sky.is_some();
+            if looked_up && !matches!(sky, Some(Sky::Colour(_))) {
                 *sky = Some(pattern.clone());
             }
         }

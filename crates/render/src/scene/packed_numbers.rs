@@ -116,7 +116,8 @@ pub(super) fn put_whole(bytes: &mut Vec<u8>, whole: &[i64]) {
     }
     let left: Vec<u64> = best.1.iter().map(|x| signed(*x)).collect();
     let largest = left.iter().copied().max().unwrap_or(0);
-    let width = (64 - largest.leading_zeros()).div_ceil(8);
+    // A byte a row at least: who reads them can trust that there are as many.
+    let width = (64 - largest.leading_zeros()).div_ceil(8).max(1);
     bytes.extend([best.0, width as u8]);
     for k in (0..width).rev() {
         bytes.extend(left.iter().map(|x| (x >> (8 * k)) as u8));
@@ -128,7 +129,7 @@ pub(super) fn take_whole(bytes: &mut &[u8], rows: usize) -> Option<Vec<i64>> {
     let ([order, width], rest) = bytes.split_first_chunk::<2>()?;
     let width = usize::from(*width);
     let (planes, rest) = rest.split_at_checked(width.checked_mul(rows)?)?;
-    if width > 8 || *order > MOST_DIFFERENCES {
+    if !(1..=8).contains(&width) || *order > MOST_DIFFERENCES {
         return None;
     }
     *bytes = rest;
@@ -177,7 +178,7 @@ mod tests {
             .iter()
             .map(|x| format!("{x:.3}").parse().unwrap())
             .collect();
-        let (found, few) = back(&[written.clone()]);
+        let (found, few) = back(std::slice::from_ref(&written));
         assert_eq!(found, [written]);
         let (found, more) = back(std::slice::from_ref(&decimals));
         assert_eq!(found, [decimals]);

@@ -40,7 +40,7 @@ impl Spheres {
         }
         let spheres = Self(rows);
         let middle = points.iter().sum::<DVec3>() / points.len() as f64;
-        let places = points.iter().flat_map(|u| {
+        let mut places = points.iter().flat_map(|u| {
             let pushed = |factor: &f64| middle + (*u - middle) * *factor;
             OUTSIDE.iter().map(pushed).collect::<Vec<_>>()
         });
@@ -48,7 +48,7 @@ impl Spheres {
             let values = values.at(&u.to_array());
             (0..faces).all(|k| (spheres.value(k, u) - values[k]).abs() <= spheres.rounding(k, u))
         };
-        places.map(agrees).all(|same| same).then_some(spheres)
+        places.all(agrees).then_some(spheres)
     }
 
     /// Computes the value of face `k` at `u`.
