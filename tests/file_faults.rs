@@ -8,6 +8,7 @@
 
 #![cfg(all(target_os = "linux", target_env = "gnu"))]
 
+#[macro_use]
 #[path = "faults/commands.rs"]
 mod commands;
 
@@ -154,15 +155,6 @@ fn fails_well(
     wanted.check_left(case, folder.path(), (old, done), &about);
     wanted.check_again(case, folder.path(), &about);
     sweep(folder.path());
-}
-
-macro_rules! cases {
-    ($($test:ident: $number:literal;)*) => { $(
-        #[test]
-        fn $test() {
-            survives(&CASES[$number]);
-        }
-    )* };
 }
 
 cases! {

@@ -7,6 +7,7 @@
 
 #![cfg(unix)]
 
+#[macro_use]
 #[path = "faults/commands.rs"]
 mod commands;
 
@@ -76,15 +77,6 @@ fn killed_after(command: &mut std::process::Command, after: Duration) -> std::pr
     // It may have ended: then there is nobody to kill.
     let _ = child.kill();
     child.wait().unwrap()
-}
-
-macro_rules! cases {
-    ($($test:ident: $number:literal;)*) => { $(
-        #[test]
-        fn $test() {
-            survives(&CASES[$number]);
-        }
-    )* };
 }
 
 cases! {

@@ -8,6 +8,16 @@ use std::{
 };
 use tempfile::TempDir;
 
+/// Makes a test of each of [`CASES`] by its number, which calls `survives` of the file that names it.
+macro_rules! cases {
+    ($($test:ident: $number:literal;)*) => { $(
+        #[test]
+        fn $test() {
+            survives(&CASES[$number]);
+        }
+    )* };
+}
+
 const SPACE: &str = r#"name = "space"
 coordinates = ["x", "y", "z"]
 metric = { conformal = "exp(0.1*exp(-(x^2 + y^2 + z^2)/2))" }
