@@ -200,7 +200,8 @@ impl<'a> HeldOutRays<'a> {
             within.chain((count > 0).then_some(end)).collect()
         };
         let settings = stored_settings(refiner.space, refiner.plan.tolerance);
-        let farthest = self.piece.reach(&intervals).min(length);
+        let reach = |interval: &[f64; 2]| self.piece.reach(refiner.space, *interval);
+        let farthest = intervals.iter().map(reach).fold(0.0, f64::max).min(length);
         let mut probed = probe(manifold, settings, farthest, &rays, lengths);
         for path in &mut probed {
             if let End::Exit(exit) = path.end {

@@ -78,6 +78,14 @@ pub enum Node {
 }
 
 impl Node {
+    /// Tells whether it takes one of its operands and leaves another.
+    pub(super) fn chooses(self) -> bool {
+        matches!(
+            self,
+            Node::Select(..) | Node::Binary(Binary::Min | Binary::Max, ..)
+        )
+    }
+
     /// The operands, in order.
     pub fn operands(self) -> impl Iterator<Item = NodeId> {
         let all = match self {

@@ -104,13 +104,13 @@ impl EdgePiece {
         space.end_behind(exit as usize)
     }
 
-    /// Returns how far paths are to be followed on which the piece has these `intervals`: an edge that ends it is seen
-    /// from a little behind where it should be.
-    pub fn reach(&self, intervals: &[[f64; 2]]) -> f64 {
-        let farthest = intervals.iter().map(|[_, end]| *end).fold(0.0, f64::max);
-        match self.next {
-            Some(_) => BEHIND_EDGE * farthest,
-            None => farthest,
+    /// Returns how far a path is to be followed on which the piece has the interval from `low` to `high`: an edge that
+    /// ends it is seen from a little behind where it should be, and behind the end of a path nobody looks.
+    pub fn reach(&self, space: &RaySpace, [low, high]: [f64; 2]) -> f64 {
+        match (self.behind_end(space), self.next) {
+            (Some(_), _) => BEHIND_EDGE * low,
+            (None, Some(_)) => BEHIND_EDGE * high,
+            (None, None) => high,
         }
     }
 

@@ -123,16 +123,11 @@ impl Samples<'_> {
         samples: &mut [f64],
     ) {
         let intervals = &between.intervals[first..first + rays.len()];
-        let farthest = between.piece.reach(intervals);
-        let starts = rays
-            .iter()
-            .map(|&(u, v)| Ray::without_spread(u, v, farthest));
         let behind_end = between.piece.behind_end(self.space);
-        let settings = Settings {
-            events: behind_end.is_some(),
-            ..self.settings()
-        };
-        let found = paths(self.space.manifold(), settings, starts);
+        let starts = rays.iter().zip(intervals).map(|(&(u, v), interval)| {
+            Ray::without_spread(u, v, between.piece.reach(self.space, *interval))
+        });
+        let found = paths(self.space.manifold(), self.settings(), starts);
         let rows = samples.chunks_exact_mut((self.lengths.len() * self.width).max(1));
         let each = found.iter().zip(&rays).zip(intervals).zip(rows);
         for (((path, &(u, v)), interval), row) in each {

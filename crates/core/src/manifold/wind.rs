@@ -9,7 +9,7 @@
 //!
 //! ```text
 //! G ṅ = ½ ∂(n̄ᵀG n̄) − ∂(q̄·W) − (v·∂)G n + c db(·, v) + κ q,     v̇ = ṅ + (v·∂)W
-//! κ   = W·½ ∂(n̄ᵀG n̄) + n·∂(q̄·W) − c db(n, v)
+//! κ   = ½ nᵀ((v·∂)G)n − n·(½ ∂(n̄ᵀG n̄) − ∂(q̄·W)) − c db(n, v)
 //! ```
 //!
 //! which is the conformal form of the 3+1 equation of F. Vincent, E. Gourgoulhon and J. Novak, Class.
@@ -24,7 +24,8 @@
 //! `−W` and `−b` for `W` and `b`.
 
 use super::geometry::{
-    Bare, Geometry, TANGENT, factor, finish, half_difference, in_frame, solve, symmetric,
+    Bare, Geometry, PAIRS, POINT, TANGENT, factor, finish, half_difference, in_frame, solve,
+    symmetric,
 };
 use geofan_expr::{Direction, Graph, NodeId};
 
@@ -92,11 +93,11 @@ pub(super) fn build(
 ) -> Geometry {
     let factors = factor(graph, g);
     let state = State::new(graph, g, medium);
-    let (force, along_n) = state.force(graph);
+    let (force, along_n) = state.force(graph, along);
     let turned = solve(graph, &factors, force);
     let acceleration = [0, 1, 2].map(|i| {
         let n_rate = graph.mul_add(along_n, state.n[i], turned[i]);
-        let change = state.wind_change(graph, state.v, i);
+        let change = graph.derivative(state.w[i], along);
         graph.add(n_rate, change)
     });
     let twist = PLANES.map(|(k, j)| {
@@ -180,28 +181,40 @@ impl State {
         graph.add(one, along)
     }
 
-    /// `G ṅ` without `κ q`, and `κ`.
-    fn force(&self, graph: &mut Graph) -> (Vector, NodeId) {
+    /// `G ṅ` without `κ q`, and `κ`; `along` is the direction of the tangent.
+    fn force(&self, graph: &mut Graph, along: &mut Direction) -> (Vector, NodeId) {
         let half = graph.constant(0.5);
-        let bends = [0, 1, 2].map(|k| [0, 1, 2].map(|i| self.bend(graph, self.n, k, i)));
-        let pull = bends.map(|bend| {
-            let square = graph.dot(&bend, &self.n);
-            graph.mul(half, square)
-        });
-        let drag = self.drag(graph);
-        let mut force = [0, 1, 2].map(|i| {
-            let change = graph.dot(&self.v, &bends.map(|bend| bend[i]));
-            let net = graph.sub(pull[i], drag[i]);
-            graph.sub(net, change)
-        });
-        let (carried, dragged) = (graph.dot(&self.w, &pull), graph.dot(&self.n, &drag));
-        let mut along = graph.add(carried, dragged);
+        let pull = self.pull(graph);
+        let rates = self.g.map(|g| graph.derivative(g, along));
+        let change = apply(graph, rates, self.n);
+        let mut force = difference(graph, pull, change);
+        let (bent, pulled) = (graph.dot(&self.n, &change), graph.dot(&self.n, &pull));
+        let bent = graph.mul(half, bent);
+        let mut along_n = graph.sub(bent, pulled);
         if let Some(push) = self.push(graph) {
             force = sum(graph, force, push);
             let part = graph.dot(&self.n, &push);
-            along = graph.sub(along, part);
+            along_n = graph.sub(along_n, part);
         }
-        (force, along)
+        (force, along_n)
+    }
+
+    /// `½ ∂(n̄ᵀG n̄) − ∂(q̄·W)`
+    fn pull(&self, graph: &mut Graph) -> Vector {
+        let half = graph.constant(0.5);
+        let squares = PAIRS.map(|(i, j)| {
+            let product = graph.mul(self.n[i], self.n[j]);
+            match i == j {
+                true => graph.mul(half, product),
+                false => product,
+            }
+        });
+        let drags = self.q.map(|q| graph.neg(q));
+        let roots = self.g.into_iter().chain(self.w);
+        let weighted: Vec<_> = roots.zip(squares.into_iter().chain(drags)).collect();
+        let inputs = [0, 1, 2].map(|k| graph.input((POINT + k) as u32));
+        let gradient = graph.gradient(&weighted, &inputs);
+        [gradient[0], gradient[1], gradient[2]]
     }
 
     /// `c db(·, v)`; `None` without drift.
