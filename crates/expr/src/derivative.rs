@@ -416,7 +416,10 @@ mod tests {
             tape.run(&mut registers);
             for k in 0..3 {
                 let [reverse, forward] = [k, k + 3].map(|i| registers.output(i)[0]);
-                assert!((reverse - forward).abs() <= 1e-13 * forward.abs(), "{k}: {reverse} {forward}");
+                assert!(
+                    (reverse - forward).abs() <= 1e-13 * forward.abs(),
+                    "{k}: {reverse} {forward}"
+                );
                 assert!(forward.abs() > 0.1);
             }
         }

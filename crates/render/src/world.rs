@@ -333,6 +333,11 @@ impl World {
         }
     }
 
+    /// Tells whether all that leaves through an exit sees the same light.
+    pub fn has_one_colour(&self, exit: usize) -> bool {
+        matches!(self.skies.get(exit), Some(None | Some(Sky::Colour(_))))
+    }
+
     /// Returns the chart point of a hit, inside the limits of glued coordinates.
     pub fn point(&self, hit: &Hit) -> DVec3 {
         let [a, b, c] = self.accelerator.triangles()[hit.triangle as usize];

@@ -132,10 +132,14 @@ struct Medium {
     wind: DVec3,
     lapse: f64,
     drift: DVec3,
+}
+
+/// How wind and drift change at a point.
+struct MediumSlopes {
     /// The exterior derivative of the drift, entries 12, 13, 23.
     exterior: DVec3,
     /// Columns: `∂_k W`.
-    slopes: DMat3,
+    wind: DMat3,
 }
 
 /// Frequencies of light at a point, as observers there measure them.
@@ -340,7 +344,7 @@ impl Manifold {
         if !self.has_wind() {
             return dv - self.parallel_rate(u, v, du);
         }
-        let Medium { wind, slopes, .. } = self.medium(u);
+        let (wind, slopes) = (self.medium(u).wind, self.medium_slopes(u).wind);
         dv - slopes * du - self.parallel_rate(u, du, v - wind)
     }
 
@@ -357,8 +361,7 @@ impl Manifold {
 
     /// Returns wind and the exterior derivative of the drift at `u`, by which symmetries are judged.
     pub(super) fn currents(&self, u: DVec3) -> (DVec3, DVec3) {
-        let medium = self.medium(u);
-        (medium.wind, medium.exterior)
+        (self.medium(u).wind, self.medium_slopes(u).exterior)
     }
 
     fn medium(&self, u: DVec3) -> Medium {
@@ -367,8 +370,6 @@ impl Manifold {
                 wind: DVec3::ZERO,
                 lapse: 1.0,
                 drift: DVec3::ZERO,
-                exterior: DVec3::ZERO,
-                slopes: DMat3::ZERO,
             };
         };
         let o = self.at_point(tape, u);
@@ -376,8 +377,20 @@ impl Manifold {
             wind: DVec3::from_slice(&o[..3]),
             lapse: o[3],
             drift: DVec3::from_slice(&o[4..7]),
-            exterior: DVec3::from_slice(&o[7..10]),
-            slopes: DMat3::from_cols_slice(&o[10..19]),
+        }
+    }
+
+    fn medium_slopes(&self, u: DVec3) -> MediumSlopes {
+        let Some(tape) = &self.tapes.medium_slopes else {
+            return MediumSlopes {
+                exterior: DVec3::ZERO,
+                wind: DMat3::ZERO,
+            };
+        };
+        let o = self.at_point(tape, u);
+        MediumSlopes {
+            exterior: DVec3::from_slice(&o[..3]),
+            wind: DMat3::from_cols_slice(&o[3..12]),
         }
     }
 }

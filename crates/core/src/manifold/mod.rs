@@ -272,7 +272,7 @@ impl Manifold {
     /// Registers for [`Manifold::sky_direction_in`] at an exit; `None` if it needs none.
     pub fn sky_registers(&self, exit: Option<usize>) -> Option<Registers<f64, 1>> {
         let tape = self.own_sky(exit).or(self.tapes.jacobian.as_ref());
-        tape.map(Tape::registers)
+        tape.or(self.wind_tape()).map(Tape::registers)
     }
 
     /// [`Manifold::sky_direction`] in registers made before.
@@ -283,20 +283,30 @@ impl Manifold {
         u: DVec3,
         v: DVec3,
     ) -> DVec3 {
-        let direction = match (self.own_sky(exit), &self.tapes.jacobian, registers) {
-            (Some(tape), _, Some(registers)) => {
+        let tapes = (self.own_sky(exit), &self.tapes.jacobian, self.wind_tape());
+        let direction = match (tapes, registers) {
+            ((Some(tape), ..), Some(registers)) => {
                 tape.run_at(registers, &[u.x, u.y, u.z, v.x, v.y, v.z]);
                 DVec3::from_array([0, 1, 2].map(|i| registers.output(i)[0]))
             }
-            (None, Some(jacobian), Some(registers)) => {
+            ((None, Some(jacobian), _), Some(registers)) => {
                 jacobian.run_at(registers, &u.to_array());
                 let j = |k: usize| registers.output(k)[0];
                 let v = self.sight(u, v);
                 DVec3::from_array([0, 3, 6].map(|i| j(i) * v.x + j(i + 1) * v.y + j(i + 2) * v.z))
             }
+            ((None, None, Some(wind)), Some(registers)) => {
+                wind.run_at(registers, &u.to_array());
+                v - DVec3::from_array([0, 1, 2].map(|i| registers.output(i)[0]))
+            }
             _ => self.sight(u, v),
         };
         direction.normalize_or_zero()
+    }
+
+    /// The tape whose first three outputs are the wind, where there is one.
+    fn wind_tape(&self) -> Option<&Tape> {
+        self.tapes.medium.as_ref().filter(|_| self.has_wind())
     }
 
     /// The directions by which an exit's own sky is looked up.

@@ -24,8 +24,10 @@ pub(super) struct Tapes {
     pub flows: [Tape; 4],
     /// u, v -> ω (3): in a medium for paths of light, else for any curve.
     pub turning: Tape,
-    /// u -> W (3), N (1), b (3), db (3: 12, 13, 23), ∂_k W (3 × 3), as light meets them; `None` without a medium.
+    /// u -> W (3), N (1), b (3), as light meets them; `None` without a medium.
     pub medium: Option<Tape>,
+    /// u -> db (3: 12, 13, 23), ∂_k W (3 × 3); `None` without a medium.
+    pub medium_slopes: Option<Tape>,
     /// Set if there is a wind or a drift.
     pub moving: bool,
     /// The parts that the medium has.
@@ -76,6 +78,7 @@ impl Tapes {
             flows: flows(&mut graph, &geometry)?,
             turning: Tape::compile(&graph, &geometry.turning, 6)?,
             medium: medium_tape(&mut graph, medium)?,
+            medium_slopes: medium_slopes(&mut graph, medium)?,
             moving: medium.moves(),
             pullback: pullback
                 .map(|pullback| Tape::compile(&graph, &pullback.nodes(), 3))
@@ -143,7 +146,7 @@ fn flows(graph: &mut Graph, geometry: &Geometry) -> Result<[Tape; 4], TapeTooLar
     ])
 }
 
-/// Wind, lapse, drift and its exterior derivative; `None` without a medium.
+/// Wind, lapse and drift; `None` without a medium.
 fn medium_tape(graph: &mut Graph, medium: &Medium) -> Result<Option<Tape>, TapeTooLarge> {
     if !medium.is_some() {
         return Ok(None);
@@ -152,9 +155,17 @@ fn medium_tape(graph: &mut Graph, medium: &Medium) -> Result<Option<Tape>, TapeT
     let one = graph.constant(1.0);
     let mut outputs = medium.wind.unwrap_or(still).to_vec();
     outputs.push(medium.lapse.unwrap_or(one));
-    let drift = medium.drift.unwrap_or(still);
-    outputs.extend(drift);
-    outputs.extend(wind::exterior(graph, drift));
+    outputs.extend(medium.drift.unwrap_or(still));
+    Tape::compile(graph, &outputs, 3).map(Some)
+}
+
+/// The drift's exterior derivative and the derivatives of the wind; `None` without a medium.
+fn medium_slopes(graph: &mut Graph, medium: &Medium) -> Result<Option<Tape>, TapeTooLarge> {
+    if !medium.is_some() {
+        return Ok(None);
+    }
+    let still = [graph.constant(0.0); 3];
+    let mut outputs = wind::exterior(graph, medium.drift.unwrap_or(still)).to_vec();
     let wind = medium.wind.unwrap_or(still);
     for k in 0..3 {
         let mut axis = Direction::of_input(graph, k);

@@ -85,8 +85,9 @@ impl<'a> Checks<'a> {
         [&self.patch.paths()[..], &self.truths].concat()
     }
 
-    /// Returns the largest error of the sky's direction; infinite if a check leaves elsewhere.
-    pub(super) fn sky(&self) -> f64 {
+    /// Returns the largest error of the sky's direction; infinite if a check leaves elsewhere, and zero where
+    /// the sky behind an exit is of `one_colour`.
+    pub(super) fn sky(&self, one_colour: impl Fn(usize) -> bool) -> f64 {
         let sky = |path: &PathView<'_>| match path.ending {
             Some(Ending::Exit { sky, .. }) => sky,
             _ => DVec3::ZERO,
@@ -96,7 +97,7 @@ impl<'a> Checks<'a> {
         if self.truths.iter().any(|truth| exit(truth) != first) {
             return f64::INFINITY;
         }
-        if first == Some(None) {
+        if first.is_some_and(|exit| exit.is_none_or(one_colour)) {
             return 0.0;
         }
         self.worst(sky, |_| (DVec3::ZERO, 1.0))

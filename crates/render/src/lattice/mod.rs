@@ -230,7 +230,11 @@ impl Lattice<'_> {
         let allowed = LATTICE_SHARE * self.budget;
         // The sky is cheap to compare and rules most tiles out.
         let each = || tile.side <= self.smallest && self.knows_end(tile, events);
-        let ends = ends(&patch, &checks, allowed, each)?;
+        let sky = match patch.exit() {
+            Some(_) => checks.sky(|exit| self.world.has_one_colour(exit)),
+            None => f64::INFINITY,
+        };
+        let ends = ends(&checks, [sky, allowed], each)?;
         let (last, slack) = (patch.last(), self.tracer.slack());
         // Between paths that end in all ways those that check them tell a little more.
         match ends {
@@ -260,18 +264,13 @@ impl Lattice<'_> {
     }
 }
 
-/// Returns the way in which the paths of a tile end, if what they see there is within `allowed` or `each`
-/// says that the end of each can be looked up.
+/// Returns the way in which the paths of a tile end, if the error of the `sky` that they see there is within what
+/// is `allowed` or `each` says that the end of each can be looked up.
 fn ends(
-    patch: &PathPatch<'_>,
     checks: &Checks<'_>,
-    allowed: f64,
+    [sky, allowed]: [f64; 2],
     each: impl FnOnce() -> bool,
 ) -> Option<Ends> {
-    let sky = match patch.exit() {
-        Some(_) => checks.sky(),
-        None => f64::INFINITY,
-    };
     if sky <= allowed {
         return Some(Ends::Alike);
     }

@@ -20,8 +20,9 @@ use glam::DVec3;
 use ndarray::Array2;
 use rayon::prelude::*;
 
-/// Measures the angles between sky directions of samples that leave through the same exit, mrad.
-pub(super) fn sky_errors(a: &Outcomes, b: &Outcomes) -> Quantiles {
+/// Measures the angles between sky directions of samples that leave through the same exit, mrad; of exits behind which
+/// all directions show the same, as horizons do, there is nothing to measure.
+pub(super) fn sky_errors(world: &World, a: &Outcomes, b: &Outcomes) -> Quantiles {
     let angle = |(a, b): (&Seen, &Seen)| match (*a, *b) {
         (
             Seen::Sky {
@@ -32,7 +33,9 @@ pub(super) fn sky_errors(a: &Outcomes, b: &Outcomes) -> Quantiles {
                 direction: d,
                 ..
             },
-        ) if exit == other => Some(1e3 * f64::from((direction - d).length())),
+        ) if exit == other && !world.has_one_colour(exit as usize) => {
+            Some(1e3 * f64::from((direction - d).length()))
+        }
         _ => None,
     };
     let mut angles: Vec<f64> = a.iter().zip(b).filter_map(angle).collect();
@@ -91,7 +94,7 @@ fn position(world: &World, seen: &Seen) -> Option<SeenPlace> {
     match *seen {
         Seen::Sky {
             exit, direction, ..
-        } => Some(SeenPlace {
+        } if !world.has_one_colour(exit as usize) => Some(SeenPlace {
             kind: (true, exit),
             at: direction.as_dvec3(),
             along: DVec3::ZERO,
@@ -106,7 +109,7 @@ fn position(world: &World, seen: &Seen) -> Option<SeenPlace> {
                 unit: f64::from(hit.s) * v.length(),
             })
         }
-        Seen::Nothing | Seen::Length | Seen::Singular => None,
+        Seen::Sky { .. } | Seen::Nothing | Seen::Length | Seen::Singular => None,
     }
 }
 

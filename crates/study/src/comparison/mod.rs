@@ -132,7 +132,7 @@ pub fn compare(
         mrad,
         screen_mrad,
         lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
-        sky_mrad: errors::sky_errors(&drawn.outcomes, &exact.outcomes),
+        sky_mrad: errors::sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
         unfinished: ends,
         paths_ns: frame_times::paths(world, view, tracers, budget),
