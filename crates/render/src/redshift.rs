@@ -25,7 +25,10 @@ use geofan_core::{
 };
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{Array2, Axis};
-use std::sync::{Arc, LazyLock};
+use std::{
+    collections::BTreeMap,
+    sync::{Arc, LazyLock},
+};
 
 /// Tells how an object moves and how hot it is.
 #[derive(Debug, Clone, Default)]
@@ -75,7 +78,10 @@ fn compared(world: &World, view: &View, samples: &[(DVec2, Seen)]) -> Vec<f64> {
     let starts = starts(manifold, view, samples.iter().map(|(at, _)| *at));
     // Most pictures are taken from one place.
     let mut place: Option<(DVec3, DMat3, Frequencies)> = None;
+    let seen = samples.iter().map(|(_, seen)| seen);
+    let mut sent = sent(world, &seen.filter_map(surface).collect::<Vec<_>>()).into_iter();
     let g = |(start, (_, seen)): (Option<RayStart>, &(DVec2, Seen))| {
+        let sent = surface(seen).and_then(|_| sent.next());
         let Some(RayStart { u, direction, .. }) = start else {
             return f64::NAN;
         };
@@ -85,7 +91,7 @@ fn compared(world: &World, view: &View, samples: &[(DVec2, Seen)]) -> Vec<f64> {
         };
         let camera = frequencies.normal(*frame * direction) * view.blueshift(direction);
         match seen {
-            Seen::Surface(hit) => camera / sent(world, hit),
+            Seen::Surface(_) => camera / sent.unwrap_or(f64::NAN),
             Seen::Sky { .. } => camera,
             Seen::Nothing | Seen::Length | Seen::Singular => f64::NAN,
         }
@@ -93,25 +99,62 @@ fn compared(world: &World, view: &View, samples: &[(DVec2, Seen)]) -> Vec<f64> {
     starts.into_iter().zip(samples).map(g).collect()
 }
 
-/// Returns the frequency that a surface itself measures of the light, of energy 1, that it sends.
-fn sent(world: &World, hit: &Hit) -> f64 {
-    let u = world.point(hit);
-    let frequencies = world.manifold.frequencies(u);
-    // Tangents are kept in single precision.
-    let n = frequencies.sight(hit.v.as_dvec3());
-    let velocity = world.state(hit).velocity(u).unwrap_or_default();
-    match frequencies.is_slower_than_light(velocity) {
-        true => frequencies.moving(n, velocity),
-        false => frequencies.normal(n),
+/// Returns the hit of a sample that sees a surface.
+fn surface(seen: &Seen) -> Option<Hit> {
+    match seen {
+        Seen::Surface(hit) => Some(*hit),
+        _ => None,
     }
 }
 
-impl World {
-    /// Tells how the object of a hit moves and how hot it is.
-    fn state(&self, hit: &Hit) -> &ObjectState {
-        &self.states[self.faces[hit.triangle as usize].object as usize]
-    }
+/// Returns the frequencies that surfaces themselves measure of the light, of energy 1, that they send.
+fn sent(world: &World, hits: &[Hit]) -> Vec<f64> {
+    let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
+    let velocities = told(world, hits, &points, |state| state.velocity.as_ref());
+    let frequencies = world.manifold.frequencies_at(&points).into_iter();
+    let each = frequencies.zip(hits).zip(velocities);
+    each.map(|((frequencies, hit), velocity)| {
+        // Tangents are kept in single precision.
+        let n = frequencies.sight(hit.v.as_dvec3());
+        let velocity = velocity.map_or(DVec3::ZERO, DVec3::from);
+        match frequencies.is_slower_than_light(velocity) {
+            true => frequencies.moving(n, velocity),
+            false => frequencies.normal(n),
+        }
+    })
+    .collect()
+}
 
+/// Computes what `functions` of the objects that were hit tell at these points, up to three numbers for each hit; `None`
+/// for objects that have none.
+fn told<'w>(
+    world: &'w World,
+    hits: &[Hit],
+    points: &[DVec3],
+    functions: impl Fn(&'w ObjectState) -> Option<&'w PointFunctions>,
+) -> Vec<Option<[f64; 3]>> {
+    let mut by_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+    for (i, hit) in hits.iter().enumerate() {
+        let object = world.faces[hit.triangle as usize].object;
+        by_object.entry(object).or_default().push(i);
+    }
+    let mut found = vec![None; hits.len()];
+    for (object, members) in by_object {
+        let Some(functions) = functions(&world.states[object as usize]) else {
+            continue;
+        };
+        let rows = functions.at_each(members.iter().map(|i| points[*i]));
+        let width = rows.len() / members.len();
+        for (i, row) in members.into_iter().zip(rows.chunks_exact(width)) {
+            let mut numbers = [0.0; 3];
+            numbers[..width].copy_from_slice(row);
+            found[i] = Some(numbers);
+        }
+    }
+    found
+}
+
+impl World {
     /// Tells whether the scene asks for colours that depend on frequencies.
     pub fn is_coloured_by_frequency(&self) -> bool {
         self.redshift || self.states.iter().any(ObjectState::glows)
@@ -148,9 +191,12 @@ pub(crate) fn shift_colours(
                 true => compared(world, view, &samples),
                 false => vec![1.0; samples.len()],
             };
-            let samples = samples.iter().zip(g);
-            for (mut colour, ((_, seen), g)) in row.lanes_mut(Axis(2)).into_iter().zip(samples) {
-                let light = shifted(world, seen, g, [0, 1, 2].map(|c| colour[c]));
+            let kelvin = temperatures(world, &samples);
+            let samples = samples.iter().zip(kelvin).zip(g);
+            for (mut colour, (((_, seen), kelvin), g)) in
+                row.lanes_mut(Axis(2)).into_iter().zip(samples)
+            {
+                let light = shifted(seen, kelvin, g, [0, 1, 2].map(|c| colour[c]));
                 for (c, light) in light.into_iter().enumerate() {
                     colour[c] = light;
                 }
@@ -158,17 +204,31 @@ pub(crate) fn shift_colours(
         });
 }
 
-/// Returns a sample's colour at frequencies that are `g` times those sent.
-fn shifted(world: &World, seen: &Seen, g: f64, colour: [f32; 3]) -> [f32; 3] {
-    let glow = match seen {
-        Seen::Nothing | Seen::Length | Seen::Singular => return colour,
-        Seen::Surface(hit) => world.state(hit).temperature.as_ref().map(|t| (hit, t)),
-        Seen::Sky { .. } => None,
+/// Returns the temperatures (kelvin) of what samples see; `None` for what does not glow.
+fn temperatures(world: &World, samples: &[(DVec2, Seen)]) -> Vec<Option<f64>> {
+    let hits: Vec<Hit> = samples
+        .iter()
+        .filter_map(|(_, seen)| surface(seen))
+        .collect();
+    let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
+    let found = told(world, &hits, &points, |state| state.temperature.as_ref());
+    let mut found = found.into_iter();
+    let next = |(_, seen): &(DVec2, Seen)| {
+        surface(seen)?;
+        found.next().flatten().map(|[kelvin, ..]| kelvin)
     };
+    samples.iter().map(next).collect()
+}
+
+/// Returns a sample's colour, of what glows at `kelvin` that of a black body, at frequencies that are `g` times those sent.
+fn shifted(seen: &Seen, kelvin: Option<f64>, g: f64, colour: [f32; 3]) -> [f32; 3] {
+    if let Seen::Nothing | Seen::Length | Seen::Singular = seen {
+        return colour;
+    }
     // Behind what no light can leave, nothing is seen.
     let g = if g > 0.0 { g } else { 0.0 };
-    match glow {
-        Some((hit, temperature)) => blackbody(g * temperature.at(world.point(hit))[0]),
+    match kelvin {
+        Some(kelvin) => blackbody(g * kelvin),
         None => colour.map(|light| light * g.powi(4) as f32),
     }
 }

@@ -7,7 +7,7 @@
 //! `n = v − W` in which the normal observer sees it. Lines of sight run into the past, and along them
 //! `n` points to where the light comes from and `W` is the wind reversed.
 
-use super::{Follows, Manifold};
+use super::{Follows, Manifold, metric_of};
 use glam::{DMat3, DVec3};
 
 /// Holds the standard frame at a point, and the wind there if there is one.
@@ -128,10 +128,29 @@ fn gram_schmidt(g: DMat3) -> DMat3 {
 }
 
 /// Wind, lapse and drift at a point, as the paths followed meet them.
+#[derive(Debug, Clone, Copy)]
 struct Medium {
     wind: DVec3,
     lapse: f64,
     drift: DVec3,
+}
+
+impl Medium {
+    /// Without wind, drift and lapse.
+    const NONE: Self = Self {
+        wind: DVec3::ZERO,
+        lapse: 1.0,
+        drift: DVec3::ZERO,
+    };
+
+    /// Reads the outputs of its tape.
+    fn of(outputs: &[f64]) -> Self {
+        Self {
+            wind: DVec3::from_slice(&outputs[..3]),
+            lapse: outputs[3],
+            drift: DVec3::from_slice(&outputs[4..7]),
+        }
+    }
 }
 
 /// How wind and drift change at a point.
@@ -233,11 +252,11 @@ impl Manifold {
     /// Returns [`Self::local_frame`] at many points.
     pub fn local_frames(&self, points: &[DVec3]) -> Vec<LocalFrame> {
         let frames = self.standard_frames(points).into_iter();
-        let local = |(frame, u): (DMat3, &DVec3)| LocalFrame {
+        let local = |(frame, medium): (DMat3, Medium)| LocalFrame {
             frame,
-            wind: self.wind(*u),
+            wind: self.has_wind().then_some(medium.wind),
         };
-        frames.zip(points).map(local).collect()
+        frames.zip(self.media(points)).map(local).collect()
     }
 
     /// Returns [`LocalFrame::rest_frame`] at many points.
@@ -280,6 +299,19 @@ impl Manifold {
             medium: self.medium(u),
             follows: self.follows,
         }
+    }
+
+    /// Returns [`Self::frequencies`] at many points.
+    pub fn frequencies_at(&self, points: &[DVec3]) -> Vec<Frequencies> {
+        let metrics = self.at_points(&self.tapes.metric, points);
+        let metrics = metrics.chunks_exact(self.tapes.metric.outputs());
+        let both = metrics.zip(self.media(points));
+        let both = both.map(|(row, medium)| Frequencies {
+            metric: metric_of(row),
+            medium,
+            follows: self.follows,
+        });
+        both.collect()
     }
 
     /// Returns [`Frequencies::share`] at `u`.
@@ -365,19 +397,19 @@ impl Manifold {
     }
 
     fn medium(&self, u: DVec3) -> Medium {
-        let Some(tape) = &self.tapes.medium else {
-            return Medium {
-                wind: DVec3::ZERO,
-                lapse: 1.0,
-                drift: DVec3::ZERO,
-            };
-        };
-        let o = self.at_point(tape, u);
-        Medium {
-            wind: DVec3::from_slice(&o[..3]),
-            lapse: o[3],
-            drift: DVec3::from_slice(&o[4..7]),
+        match &self.tapes.medium {
+            Some(tape) => Medium::of(&self.at_point(tape, u)),
+            None => Medium::NONE,
         }
+    }
+
+    /// [`Self::medium`] at many points.
+    fn media(&self, points: &[DVec3]) -> Vec<Medium> {
+        let Some(tape) = &self.tapes.medium else {
+            return vec![Medium::NONE; points.len()];
+        };
+        let rows = self.at_points(tape, points);
+        rows.chunks_exact(tape.outputs()).map(Medium::of).collect()
     }
 
     fn medium_slopes(&self, u: DVec3) -> MediumSlopes {

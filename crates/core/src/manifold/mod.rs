@@ -174,36 +174,14 @@ impl Manifold {
     /// `G(u)` and `S(u)`.
     pub fn metric_and_frame(&self, u: DVec3) -> (DMat3, DMat3) {
         let o = self.at_point(&self.tapes.metric, u);
-        let metric =
-            DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]]);
-        (metric, frame_of([o[6], o[7], o[8], o[9], o[10], o[11]]))
+        (metric_of(&o), frame_of(&o))
     }
 
-    /// `S(u)` at many points: a vector of them at a time, at a fraction of the cost.
+    /// `S(u)` at many points: at a fraction of the cost.
     pub fn standard_frames(&self, points: &[DVec3]) -> Vec<DMat3> {
-        const LANES: usize = 16;
-        if points.is_empty() {
-            return Vec::new();
-        }
-        let tape = &self.tapes.metric;
-        let mut registers = tape.registers::<f64, LANES>();
-        let mut frames = Vec::with_capacity(points.len());
-        for points in points.chunks(LANES) {
-            for (lane, u) in points.iter().enumerate() {
-                for k in 0..3 {
-                    registers.input(k)[lane] = u[k];
-                }
-            }
-            tape.run(&mut registers);
-            let frame = |lane| frame_of([6, 7, 8, 9, 10, 11].map(|k| registers.output(k)[lane]));
-            frames.extend((0..points.len()).map(|lane| match frame(lane) {
-                frame if self.is_pulled_back() && !frame.is_finite() => {
-                    self.standard_frame(points[lane])
-                }
-                frame => frame,
-            }));
-        }
-        frames
+        let rows = self.at_points(&self.tapes.metric, points);
+        let rows = rows.chunks_exact(self.tapes.metric.outputs());
+        rows.map(frame_of).collect()
     }
 
     /// Returns whether the space is written in textbook coordinates, which may have an axis where formulas fail
@@ -241,6 +219,18 @@ impl Manifold {
             return outputs;
         }
         around(u, |u| tape.at(&u.to_array()))
+    }
+
+    /// [`Self::at_point`] at many points, a row for each.
+    fn at_points(&self, tape: &Tape, points: &[DVec3]) -> Vec<f64> {
+        let mut rows = tape.at_each(points.iter().map(DVec3::to_array));
+        if self.is_pulled_back() {
+            let each = rows.chunks_exact_mut(tape.outputs()).zip(points);
+            for (row, u) in each.filter(|(row, _)| !row.iter().all(|x| x.is_finite())) {
+                row.copy_from_slice(&self.at_point(tape, *u));
+            }
+        }
+        rows
     }
 
     /// The tape u -> G (xx, yy, zz, xy, xz, yz), S (11, 22, 33, 12, 13, 23).
@@ -350,6 +340,11 @@ impl Manifold {
 }
 
 /// The upper triangular matrix with the entries 11, 22, 33, 12, 13, 23.
-fn frame_of([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> DMat3 {
-    DMat3::from_cols_array(&[xx, 0.0, 0.0, xy, yy, 0.0, xz, yz, zz])
+fn frame_of(o: &[f64]) -> DMat3 {
+    DMat3::from_cols_array(&[o[6], 0.0, 0.0, o[9], o[7], 0.0, o[10], o[11], o[8]])
+}
+
+/// The matrix of the metric from the outputs of the tape of metric and frame.
+fn metric_of(o: &[f64]) -> DMat3 {
+    DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]])
 }

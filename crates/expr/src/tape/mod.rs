@@ -158,6 +158,32 @@ impl Tape {
             .collect()
     }
 
+    /// The outputs at many points of three inputs, one row for each: a vector of them at a time, at a fraction of the
+    /// cost.
+    pub fn at_each(&self, points: impl ExactSizeIterator<Item = [f64; 3]>) -> Vec<f64> {
+        const LANES: usize = 16;
+        let mut rows = Vec::with_capacity(points.len() * self.outputs());
+        if points.len() == 0 {
+            return rows;
+        }
+        let mut registers = self.registers::<f64, LANES>();
+        let (mut points, mut left) = (points, LANES);
+        while left == LANES {
+            left = 0;
+            for point in points.by_ref().take(LANES) {
+                for (k, x) in point.into_iter().enumerate() {
+                    registers.input(k)[left] = x;
+                }
+                left += 1;
+            }
+            self.run(&mut registers);
+            for lane in 0..left {
+                rows.extend((0..self.outputs()).map(|k| registers.output(k)[lane]));
+            }
+        }
+        rows
+    }
+
     /// Runs at one point, in registers made before.
     pub fn run_at(&self, registers: &mut Registers<f64, 1>, inputs: &[f64]) {
         for (i, &value) in inputs.iter().enumerate() {
