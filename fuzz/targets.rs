@@ -15,7 +15,7 @@ use geofan::{
     view::ViewerEvent,
 };
 use glam::DVec3;
-use std::{cell::RefCell, fs, path::Path, sync::Arc};
+use std::{cell::RefCell, collections::HashMap, fs, path::Path, sync::Arc};
 use tempfile::TempDir;
 
 /// A reader, by name.
@@ -113,12 +113,35 @@ pub fn change(bytes: &mut Vec<u8>, stream: &mut Stream) {
     }
 }
 
+/// The most bundles that are kept decoded.
+const KEPT: usize = 32;
+
+thread_local! {
+    /// The bundles decoded last, by their bytes: hostile chunks are put into the same few again and again.
+    static DECODED: RefCell<HashMap<Vec<u8>, Contents>> = RefCell::default();
+}
+
+/// Decodes a bundle, or remembers it.
+fn decoded(bytes: &[u8]) -> Option<Contents> {
+    DECODED.with_borrow_mut(|known| {
+        if let Some(contents) = known.get(bytes) {
+            return Some(contents.clone());
+        }
+        let contents = Contents::decode("fuzz", bytes).ok()?;
+        if known.len() == KEPT {
+            known.clear();
+        }
+        known.insert(bytes.to_vec(), contents.clone());
+        Some(contents)
+    })
+}
+
 /// Writes chunks of valid coding around hostile sizes and numbers into a bundle, which is sealed again.
 pub fn hostile(bytes: &[u8]) {
     let Some((key, rest)) = bytes.split_first_chunk::<8>() else {
         return;
     };
-    let Ok(mut contents) = Contents::decode("fuzz", rest) else {
+    let Some(mut contents) = decoded(rest) else {
         return;
     };
     let mut stream = Stream::new(&[u64::from_le_bytes(*key)]);

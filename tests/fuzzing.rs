@@ -76,10 +76,25 @@ fn seeds(name: &str) -> Vec<Vec<u8>> {
     seeds
 }
 
+/// Seeds of more bytes are taken once in so many times by the targets that change what is below the checksums, because
+/// their tables take a hundred times as long to decode and have the same parts as small ones, only more of them.
+const LARGE: usize = 8000;
+const SELDOM: u64 = 32;
+
+/// Draws the seed of an input.
+fn seed<'s>(name: &str, seeds: &'s [Vec<u8>], stream: &mut Stream) -> &'s [u8] {
+    let below = ["resealed", "hostile"].contains(&name);
+    let large = below && stream.bits().is_multiple_of(SELDOM);
+    let fit = |seed: &&Vec<u8>| !below || (seed.len() > LARGE) == large;
+    let fitting = seeds.iter().filter(fit);
+    let place = stream.bits() % fitting.clone().count() as u64;
+    fitting.clone().nth(place as usize).unwrap()
+}
+
 /// Makes the input with this number.
 fn input(name: &str, seeds: &[Vec<u8>], number: u64) -> Vec<u8> {
     let mut stream = Stream::new(&[key(), name.len() as u64, number]);
-    let mut bytes = seeds[(stream.bits() % seeds.len() as u64) as usize].clone();
+    let mut bytes = seed(name, seeds, &mut stream).to_vec();
     match name {
         // These change what is below the checksums themselves.
         "resealed" => drop(bytes.splice(0..0, (0..9).map(|_| stream.bits() as u8))),
