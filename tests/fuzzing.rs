@@ -79,7 +79,7 @@ fn seeds(name: &str) -> Vec<Vec<u8>> {
 /// Seeds of more bytes are taken once in so many times by the targets that change what is below the checksums, because
 /// their tables take a hundred times as long to decode and have the same parts as small ones, only more of them.
 const LARGE: usize = 8000;
-const SELDOM: u64 = 32;
+const SELDOM: u64 = 128;
 
 /// Draws the seed of an input.
 fn seed<'s>(name: &str, seeds: &'s [Vec<u8>], stream: &mut Stream) -> &'s [u8] {
