@@ -72,7 +72,7 @@ fn a_chunk_ends_at_any_question_and_asks_between_pieces_of_a_second() {
     assert!(tree.is_some() && asked > 100, "{asked}");
     assert!(largest <= MOST, "{largest}");
     // Some of its questions, and with each the next one.
-    let some = (0..12).map(|k| 1 + k * (asked - 2) / 11);
+    let some = (0..8).map(|k| 1 + k * (asked - 2) / 7);
     let questions: BTreeSet<u64> = some.flat_map(|k| [k, k + 1]).collect();
     let mut before: Option<(u64, u64)> = None;
     for question in questions {
