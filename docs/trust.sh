@@ -48,15 +48,15 @@ mutations)
     done
     ;;
 count)
-    echo '| reader | inputs | keys | longest, bytes | slowest, ms | memory, MB |'
+    echo '| reader | inputs | parts | longest, bytes | slowest, ms | memory, MB |'
     echo '|---|---|---|---|---|---|'
     sed -nE 's/.*\b([a-z_]+): key ([0-9]+), ([0-9]+) inputs, longest ([0-9]+) bytes; slowest [0-9]+ \([0-9]+ bytes\) ([0-9.]+) ms; memory ([0-9]+) kB before, ([0-9]+) kB.*/\1 \2 \3 \4 \5 \6 \7/p' \
         "$out/mutations.log" | sort -k1,1 -k2,2n | awk '
-        { n[$1] += $3; keys[$1] = keys[$1] " " $2
+        { n[$1] += $3; keys[$1]++
           if ($4 > long[$1]) long[$1] = $4
           if ($5 > slow[$1]) slow[$1] = $5
           if ($7 - $6 > most[$1]) most[$1] = $7 - $6 }
-        END { for (k in n) printf "| %s | %d |%s | %d | %.1f | %.1f |\n", k, n[k], keys[k], long[k], slow[k], most[k] / 1000 }' | sort
+        END { for (k in n) printf "| %s | %d | %d | %d | %.1f | %.1f |\n", k, n[k], keys[k], long[k], slow[k], most[k] / 1000 }' | sort
     echo "panics: $(grep -cE 'panicked|FAILED' "$out/mutations.log" || true)"
     ;;
 kills)
