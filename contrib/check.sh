@@ -5,14 +5,15 @@
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 root=$PWD
-GEOFAN=$root/target/release/geofan
-export GEOFAN
 work=$(mktemp -d)
+# A copy: the program may be compiled again meanwhile.
+cp "$root/target/release/geofan" "$work/geofan"
+export GEOFAN=$work/geofan
 trap 'stop_slurm; sleep 1; rm -rf "$work"' EXIT
 manifold=$root/assets/manifolds/three-bumps.toml
 shards=4
-# A box of cameras in cells: shards of some seconds each, in which there is something to kill.
-options=(--max-error 10 --length 3 --certify-rays 2000)
+# A box of cameras in cells: shards of some seconds each, in chunks of half a second, so that there is something to kill.
+options=(--max-error 20 --length 1.5 --cells 3 --certify-rays 1000)
 
 install() { # command, packages
     command -v "$1" >/dev/null || { apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq "${@:2}" >/dev/null; }
@@ -27,7 +28,7 @@ python_engines() {
 # Kills the first bake of a shard that has begun to keep chunks.
 kill_one() { # folder
     local pid
-    for _ in $(seq 600); do
+    for _ in $(seq 6000); do
         if compgen -G "$1/*.parts/chunk-*" >/dev/null; then
             pid=$(pgrep -n -f "geofan bake .*$1/" || true)
             if [[ -n $pid ]] && kill -KILL "$pid" 2>/dev/null; then
@@ -86,13 +87,14 @@ slurm() {
     start_slurm
     contrib/slurm.sh "$manifold" "$work/slurm.fan" $shards "${options[@]}"
     # Slurm's own way to stop a task and start it again: the bake gets SIGTERM and keeps what it has.
-    for _ in $(seq 600); do
+    for _ in $(seq 6000); do
         compgen -G "$work/slurm.fan.shards/*.parts/chunk-*" >/dev/null && break
         sleep 0.1
     done
     local task
     task=$(squeue -h -t running -o %A -n geofan-bake | head -1)
-    scontrol requeue "$task" && echo "requeued task $task"
+    scontrol requeue "$task"
+    echo "requeued task $task"
     while squeue -h | grep -q .; do
         # A requeued task waits two minutes unless it is released.
         scontrol update jobid="$task" starttime=now 2>/dev/null || true
@@ -124,6 +126,7 @@ dask() {
 
 # The merge may miss its promise; the bytes count.
 "$GEOFAN" bake "$manifold" -o "$work/whole.fan" --quiet "${options[@]}" || [[ $? == 1 ]]
+echo "undivided: $(stat -c %s "$work/whole.fan") bytes"
 engines=("$@")
 [[ $# -gt 0 ]] || engines=(slurm parallel snakemake dask)
 for engine in "${engines[@]}"; do

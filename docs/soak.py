@@ -1,11 +1,13 @@
 #!/usr/bin/env python3
 """Memory of a viewer that is looked through, a path tracer and a bake, minute by minute: the table of docs/trust.md.
 
-    docs/soak.py MINUTES             needs `cargo build --release --workspace`
+    docs/soak.py MINUTES             needs `cargo build --release --workspace`, or GEOFAN=program
 
 The viewer turns, moves, picks, changes its way of drawing and its size without a pause, by messages as its page sends
-them. The path tracer adds samples to one picture; the bake is one, ended by SIGTERM. Written is the resident memory of
-each in MB, the first minute apart, in which they warm up.
+them. The path tracer adds samples to one picture. The bake is one of 64,000 chunks that are all alike, because its space
+looks the same from everywhere and does not say so: what it holds may grow by its finished chunks alone, some kilobytes
+each. All are ended by SIGTERM. Written is the resident memory of each in MB, the most that it has held so far where
+that is more, and what the bake's finished chunks take.
 """
 
 import base64
@@ -23,8 +25,22 @@ import threading
 import time
 
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-GEOFAN = os.path.join(ROOT, "target/release/geofan")
+GEOFAN = os.environ.get("GEOFAN", os.path.join(ROOT, "target/release/geofan"))
 NICE = ["nice", "-n", "19", GEOFAN]
+
+
+# A group with a metric that it leaves as it is, without the claim that would spare all cameras but one.
+ALIKE = """name = "Nil that claims no symmetry"
+coordinates = ["x", "y", "z"]
+metric = { xx = "1", yy = "1 + x^2", zz = "1", yz = "-x" }
+[[exit]]
+name = "sky"
+when = "x^2 + y^2 + z^2 - 400"
+[cameras]
+parameters = { cx = [-1.0, 1.0], cy = [-1.0, 1.0], cz = [-1.0, 1.0] }
+at = ["cx", "cy", "cz"]
+length = 4.0
+"""
 
 
 def scene(name):
@@ -110,11 +126,11 @@ class Page:
                 raise ConnectionError("the viewer closed the session")
 
 
-def resident(process):
-    """Megabytes that a process holds."""
+def held(process):
+    """Megabytes that a process holds, and the most that it has held."""
     with open(f"/proc/{process.pid}/status") as file:
-        lines = [line.split() for line in file if line.startswith("VmRSS")]
-    return int(lines[0][1]) / 1024 if lines else 0.0
+        lines = dict(line.split(":", 1) for line in file)
+    return [int(lines[name].split()[0]) / 1024 if name in lines else 0.0 for name in ("VmRSS", "VmHWM")]
 
 
 def main():
@@ -134,21 +150,26 @@ def main():
         driver.start()
         path = [*NICE, "render", scene("h3-lamp.toml"), "--tracer", "path", "--size", "800x600", "--spp", "4096"]
         path += ["-o", os.path.join(folder, "a.png"), "--quiet", "--threads", "1"]
-        bumps = os.path.join(ROOT, "assets/manifolds/three-bumps.toml")
-        bake = [*NICE, "bake", bumps, "-o", os.path.join(folder, "b.fan"), "--max-error", "0.1", "--quiet", "--threads", "1"]
+        alike = os.path.join(folder, "alike.toml")
+        with open(alike, "w") as file:
+            file.write(ALIKE)
+        baked = os.path.join(folder, "b.fan")
+        bake = [*NICE, "bake", alike, "-o", baked, "--max-error", "1", "--cells", "40", "--quiet", "--threads", "1"]
         processes = [viewer, subprocess.Popen(path, **quiet), subprocess.Popen(bake, **quiet)]
         try:
-            watch(processes, driver, until)
+            watch(processes, driver, until, baked + ".parts")
         finally:
-            for process in processes:
+            print(f"\n{page.frames} frames shown, {page.events} messages sent", flush=True)
+            for name, process in zip(("viewer", "path tracer", "bake"), processes):
+                before = time.time()
                 process.send_signal(signal.SIGTERM)
-        print(f"\n{page.frames} frames shown, {page.events} messages sent", flush=True)
-        print("exit codes", [process.wait(60) for process in processes[1:]], flush=True)
+                code = process.wait(300)
+                print(f"{name}: exit code {code}, {time.time() - before:.1f} s after SIGTERM", flush=True)
 
 
-def watch(processes, driver, until):
-    """Prints a row for each minute while all of them live."""
-    print("| minute | viewer, MB | path tracer, MB | bake, MB |\n|---|---|---|---|", flush=True)
+def watch(processes, driver, until, chunks):
+    """Prints a row for each minute while all of them live; `chunks` is the folder of the bake's finished ones."""
+    print("| minute | viewer, MB | path tracer, MB | bake, MB | its chunks, MB |\n|---|---|---|---|---|", flush=True)
     began, minute = time.time(), 0
     while time.time() < until:
         time.sleep(max(0.0, began + 60 * (minute + 1) - time.time()))
@@ -156,8 +177,9 @@ def watch(processes, driver, until):
         ended = [k for k, process in enumerate(processes) if process.poll() is not None]
         if ended or not driver.is_alive() and time.time() < until:
             sys.exit(f"ended early: {ended or 'the page'}")
-        cells = " | ".join(f"{resident(process):.0f}" for process in processes)
-        print(f"| {minute} | {cells} |", flush=True)
+        cells = " | ".join("{:.0f} (most {:.0f})".format(*held(process)) for process in processes)
+        finished = [entry.stat().st_size for entry in os.scandir(chunks) if entry.name.startswith("chunk-")]
+        print(f"| {minute} | {cells} | {sum(finished) / 1e6:.1f} ({len(finished)}) |", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,8 +2,8 @@
 //! `assets`, of `tests/golden`, `tests/data` and `tests/corpus`; mutations are the same in every run.
 //!
 //! `GEOFAN_FUZZ_RUNS=1000000 cargo test --release --workspace --test fuzzing -- --nocapture` runs longer, and
-//! `GEOFAN_FUZZ_KEY=2` others; `docs/trust.sh mutations` does both in parts. With coverage: `cargo +nightly fuzz run
-//! bundle`, in this folder.
+//! `GEOFAN_FUZZ_KEY=2` others; `docs/trust.sh mutations` does both in parts. `GEOFAN_FUZZ_ONE=16759` reads the input of
+//! that number alone and says where it is written. With coverage: `cargo +nightly fuzz run bundle`, in this folder.
 
 #[path = "../fuzz/targets.rs"]
 mod targets;
@@ -12,6 +12,7 @@ use geofan::random::Stream;
 use rayon::prelude::*;
 use std::{
     fs,
+    ops::Range,
     panic::{AssertUnwindSafe, catch_unwind},
     path::{Path, PathBuf},
     time::{Duration, Instant},
@@ -75,10 +76,25 @@ fn seeds(name: &str) -> Vec<Vec<u8>> {
     seeds
 }
 
+/// Seeds of more bytes are taken once in so many times by the targets that change what is below the checksums, because
+/// their tables take a hundred times as long to decode and have the same parts as small ones, only more of them.
+const LARGE: usize = 8000;
+const SELDOM: u64 = 128;
+
+/// Draws the seed of an input.
+fn seed<'s>(name: &str, seeds: &'s [Vec<u8>], stream: &mut Stream) -> &'s [u8] {
+    let below = ["resealed", "hostile"].contains(&name);
+    let large = below && stream.bits().is_multiple_of(SELDOM);
+    let fit = |seed: &&Vec<u8>| !below || (seed.len() > LARGE) == large;
+    let fitting = seeds.iter().filter(fit);
+    let place = stream.bits() % fitting.clone().count() as u64;
+    fitting.clone().nth(place as usize).unwrap()
+}
+
 /// Makes the input with this number.
 fn input(name: &str, seeds: &[Vec<u8>], number: u64) -> Vec<u8> {
     let mut stream = Stream::new(&[key(), name.len() as u64, number]);
-    let mut bytes = seeds[(stream.bits() % seeds.len() as u64) as usize].clone();
+    let mut bytes = seed(name, seeds, &mut stream).to_vec();
     match name {
         // These change what is below the checksums themselves.
         "resealed" => drop(bytes.splice(0..0, (0..9).map(|_| stream.bits() as u8))),
@@ -94,13 +110,22 @@ fn key() -> u64 {
     given.and_then(|key| key.parse().ok()).unwrap_or(1)
 }
 
-/// Returns how many mutations a target gets.
-fn runs(name: &str) -> u64 {
-    let given = std::env::var("GEOFAN_FUZZ_RUNS")
-        .ok()
-        .and_then(|runs| runs.parse().ok());
+/// Returns the numbers of the mutations that a target gets.
+fn numbers(name: &str) -> Range<u64> {
+    let given = |variable: &str| std::env::var(variable).ok()?.parse::<u64>().ok();
+    if let Some(one) = given("GEOFAN_FUZZ_ONE") {
+        return one..one + 1;
+    }
     let usual = RUNS.iter().find(|(target, _)| *target == name);
-    given.unwrap_or_else(|| usual.unwrap().1)
+    0..given("GEOFAN_FUZZ_RUNS").unwrap_or_else(|| usual.unwrap().1)
+}
+
+/// Writes the only input of a run for whoever looks for what is in it.
+fn keep(name: &str, number: u64, bytes: &[u8]) {
+    let file = format!("geofan-{name}-{}-{number}", key());
+    let path = std::env::temp_dir().join(file);
+    fs::write(&path, bytes).unwrap();
+    println!("{}", path.display());
 }
 
 /// What a run of a target found.
@@ -167,8 +192,13 @@ fn run((name, read): Target) {
         let calm = catch_unwind(AssertUnwindSafe(|| read(seed))).is_ok();
         assert!(calm, "{name}: seed {number}");
     }
+    let numbers = numbers(name);
+    let alone = numbers.end - numbers.start == 1;
     let one = |number: u64| {
         let bytes = input(name, &seeds, number);
+        if alone {
+            keep(name, number, &bytes);
+        }
         let (calm, mut time) = timed(read, &bytes);
         // The machine may have been busy.
         for _ in 0..AGAIN {
@@ -178,7 +208,7 @@ fn run((name, read): Target) {
         }
         (number, bytes.len(), calm, time)
     };
-    let inputs = (0..runs(name)).into_par_iter().map(one);
+    let inputs = numbers.into_par_iter().map(one);
     let found = inputs
         .fold(Findings::default, Findings::with)
         .reduce(Findings::default, Findings::and);

@@ -54,7 +54,12 @@ pub fn certify(
     promise: f64,
     progress: impl Fn(u64) -> Result<()> + Sync,
 ) -> Result<Checked> {
-    table.decode()?;
+    let chunks = (0..table.chunks.len()).into_par_iter();
+    chunks.try_for_each(|chunk| {
+        progress(0)?;
+        table.tree(chunk)?;
+        Ok::<(), Error>(())
+    })?;
     let rays = CertificateRays {
         rays,
         seed,
@@ -104,7 +109,7 @@ impl CertificateRays {
         let groups = cameras.par_chunks(CAMERAS).map(|group| {
             let drawn = group.iter().map(|camera| self.of(&table.space, *camera));
             let drawn: Vec<RandomRays> = drawn.collect::<Result<_>>()?;
-            let errors = self.at_cameras(table, &drawn)?;
+            let errors = self.at_cameras(table, &drawn, &progress)?;
             let count: usize = drawn.iter().map(|camera| camera.directions.len()).sum();
             progress(count as u64)?;
             Ok(errors)
@@ -113,8 +118,13 @@ impl CertificateRays {
         Ok(groups?.into_iter().flatten().collect())
     }
 
-    /// Compares the rays of some cameras, all followed together.
-    fn at_cameras(&self, table: &Table, cameras: &[RandomRays]) -> Result<Vec<CertificateErrors>> {
+    /// Compares the rays of some cameras, all followed together; asks `progress` before each, which may take a second.
+    fn at_cameras(
+        &self,
+        table: &Table,
+        cameras: &[RandomRays],
+        progress: impl Fn(u64) -> Result<()>,
+    ) -> Result<Vec<CertificateErrors>> {
         let manifold = table.space.manifold();
         let rays = cameras
             .iter()
@@ -127,6 +137,7 @@ impl CertificateRays {
         let mut probed = probed.into_iter();
         let errors = cameras.iter().map(|camera| {
             let exact = probed.by_ref().take(camera.directions.len());
+            progress(0)?;
             let mut errors = CertificateErrors::default();
             errors.add(table, camera, exact, self.promise)?;
             Ok(errors)
@@ -434,5 +445,13 @@ length = 5.0
     fn progress_can_stop_the_work() {
         let stop = |_| Err(Error::input("test", "stop"));
         assert!(certify(&table(0.0), 100, 1, 1e-9, 1.0, stop).is_err());
+        // It is asked before each of the six chunks and of the seven cameras, and behind all rays of those.
+        let asked = std::sync::atomic::AtomicU64::new(0);
+        let ask = |_| {
+            asked.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+            Ok(())
+        };
+        certify(&table(0.0), 100, 1, 1e-9, 1.0, ask).unwrap();
+        assert_eq!(asked.into_inner(), 6 + 7 + 1);
     }
 }

@@ -118,6 +118,10 @@ impl<'a> ChunkBaker<'a> {
     /// Returns the chunk at position `k` from its file, or bakes it; `None` if told to stop.
     fn chunk(&self, k: usize, files: &ChunkFiles) -> Result<Option<BakedChunk>> {
         let (chunk, tally) = (self.chunks[k], &self.tallies[k]);
+        // Reading it again takes as long as decoding it twice.
+        if !tally.stop.goes_on(0) {
+            return Ok(None);
+        }
         let shape = Table::tensor_shape(self.space, self.plan.stretch);
         if let Some(baked) = files.load(chunk, self.id, shape) {
             tally.volume.store(self.chunk_volume() as u64, Relaxed);
@@ -143,9 +147,7 @@ impl<'a> ChunkBaker<'a> {
 
     /// Tells all chunks to stop.
     fn stop(&self) {
-        self.tallies
-            .iter()
-            .for_each(|t| t.stop.store(true, Relaxed));
+        self.tallies.iter().for_each(|t| t.stop.tell());
     }
 
     /// Returns the volume of a chunk in the units of [`RefinementTally::volume`].

@@ -19,7 +19,7 @@ use geofan_core::{
 const PATHS: usize = 4096;
 
 /// Paths followed between two looks at the observer.
-const BATCH: usize = 512;
+const BATCH: usize = 64;
 
 /// Factor by which the least step of the integrator behind an exit must be smaller than that before it.
 const ROUGHER: f64 = 4.0;

@@ -62,7 +62,7 @@ fn merge_by(
     together: u64,
 ) -> Result<Merged> {
     check_output(output)?;
-    let shards = Shards::open(shards)?;
+    let shards = Shards::open(shards, observer)?;
     let (header, unfinished, counts) = Measuring::new(&shards, observer, together).measured()?;
     let parts = (&header, shards.id, &shards.space);
     let bytes = write_chunks(output, parts, &shards.chunks, |chunk| {
@@ -107,14 +107,17 @@ struct Shards {
 }
 
 impl Shards {
-    /// Opens them and checks that they are all shards of one bake.
-    fn open(paths: &[PathBuf]) -> Result<Self> {
+    /// Opens them and checks that they are all shards of one bake: each is read through.
+    fn open(paths: &[PathBuf], observer: &dyn Observer) -> Result<Self> {
         let wrong =
             |k: usize, message: String| Error::input(paths[k].display().to_string(), message);
         let mut first: Option<StoredContents> = None;
         let mut found: Vec<(u32, usize, StoredChunks)> = Vec::new();
         let mut exact_rays = 0_u64;
         for (k, path) in paths.iter().enumerate() {
+            if observer.cancelled() {
+                return Err(interrupted());
+            }
             let shard = StoredContents::open(path)?;
             let record = shard.header.shard;
             let record = record.ok_or_else(|| wrong(k, "is a whole bundle, not a shard".into()))?;
@@ -378,7 +381,7 @@ length = 1.5
                 assert_eq!((merged.bytes, &merged.header), (size, &bundle.header));
             }
             // The reflection of the only axis of cameras leaves one cell.
-            let batches = batches(&Shards::open(&shares).unwrap(), 1);
+            let batches = batches(&Shards::open(&shares, &Unobserved).unwrap(), 1);
             assert_eq!(batches, if mirrors { 1 } else { 2 });
         }
     }
@@ -410,7 +413,7 @@ length = 1.5
             change(&path, |contents| contents.header.certify_rays = 1);
             path
         });
-        let opened = Shards::open(&shards).unwrap();
+        let opened = Shards::open(&shards, &Unobserved).unwrap();
         let needs = Measuring::new(&opened, &Unobserved, 1).needs().unwrap();
         let mut all = 0..opened.chunks.len();
         let unmet = all.find(|chunk| !needs[0].0.contains(chunk)).unwrap();

@@ -24,7 +24,7 @@ use geofan_bundle::{
 use geofan_core::geodesic::{Ray, Settings, paths};
 use ndarray::ArrayD;
 use rayon::prelude::*;
-use std::{collections::BTreeMap, num::NonZeroU32, sync::Arc, sync::atomic::Ordering};
+use std::{collections::BTreeMap, num::NonZeroU32, sync::Arc};
 
 /// The most edges of a path that a table knows of: light that goes round in a ball of glass meets ever more, and
 /// each of its pieces is a patch of its own.
@@ -283,7 +283,9 @@ impl Refiner<'_> {
             ends.collect::<Vec<f64>>()
         });
         let ends: Vec<f64> = ends.collect();
-        self.tally.rays.fetch_add(count as u64, Ordering::Relaxed);
+        if self.tally.stop.told() {
+            return Err(vec![0.0; nodes.len()]);
+        }
         if ends.iter().any(|end| end.is_nan()) {
             let parameters = self.all_parameters(bounds, nodes);
             let kinds = ends.iter().map(|end| end.is_nan());

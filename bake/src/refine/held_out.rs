@@ -12,7 +12,7 @@ use geofan_bundle::{
 };
 use geofan_core::{geodesic::End, random::Stream};
 use rayon::prelude::*;
-use std::{num::NonZeroU32, sync::atomic::Ordering};
+use std::num::NonZeroU32;
 
 /// The fewest held-out rays of a box. Fewer miss narrow failures, and let steps pass that other rays
 /// would not (S³ and H³: 99th percentiles 0.98 of the promise with 48, 0.9 with 96; a lens from one point:
@@ -167,7 +167,8 @@ impl<'a> HeldOutRays<'a> {
         self.follow(usize::MAX);
         let enough = self.count() / 3;
         for _ in 1..BATCHES {
-            if self.singular || self.rays.len() >= enough {
+            let stopped = self.refiner.tally.stop.told();
+            if self.singular || self.rays.len() >= enough || stopped {
                 break;
             }
             self.draw();
@@ -189,6 +190,9 @@ impl<'a> HeldOutRays<'a> {
             .map(|x| refiner.ray(self.chunk, self.bounds, x))
             .collect();
         let intervals = self.bounds.arc_intervals(&parameters, length);
+        if !refiner.tally.go_on(rays.len()) {
+            return;
+        }
         // Random arc lengths in the box, and the end of the path.
         let key = self.key;
         let lengths = |ray: usize, length: f64| {
@@ -208,8 +212,6 @@ impl<'a> HeldOutRays<'a> {
                 path.edges.extend(end_at(refiner.space, exit, path.length));
             }
         }
-        let tried = rays.len() as u64;
-        refiner.tally.rays.fetch_add(tried, Ordering::Relaxed);
         // What was found about them.
         let ended = |(p, [start, end]): (&Probed, &[f64; 2])| {
             p.end == End::Singular && p.length >= *start && p.length <= *end
@@ -343,7 +345,13 @@ impl<'a> HeldOutRays<'a> {
         };
         let mut errors = self.errors_of(first, |points| read(tensor, points));
         let error = self.deciding_error(&errors);
-        if others.is_empty() || !(NEAR[0]..NEAR[1]).contains(&error) {
+        let goes_on = || {
+            self.refiner
+                .tally
+                .stop
+                .goes_on(others.len() * tensor.integers())
+        };
+        if others.is_empty() || !(NEAR[0]..NEAR[1]).contains(&error) || !goes_on() {
             return error;
         }
         errors.extend(self.errors_of(others, |points| read(tensor, points)));
@@ -370,6 +378,10 @@ impl<'a> HeldOutRays<'a> {
         while from < self.rays.len().min(JUDGES) {
             let to = (from + count).min(self.rays.len()).min(JUDGES);
             let rays = &self.rays[from..to];
+            let numbers = polynomial.coefficients.len();
+            if !self.refiner.tally.stop.goes_on(rays.len() * numbers) {
+                break;
+            }
             all.extend(self.errors_of(rays, |points| polynomial.at(points)));
             let failures = all.iter().map(|e| e.exceeding(most)).sum();
             if self.allowed() < failures {

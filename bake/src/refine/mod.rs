@@ -7,7 +7,8 @@
 //! is sampled at the tensor grid of Chebyshev nodes and fitted; its coefficients are rounded as
 //! coarsely as random held-out rays allow, measured as the certificate measures them (`held_out`,
 //! `quantise`). Otherwise it is halved along the axis that needs it most; one too small for that is
-//! flagged. Boxes whose paths meet edges of the metric are divided there (`edges`). The boxes of one level share an
+//! flagged. A box may take minutes: its work looks whether it goes on between pieces of a second and less
+//! ([`RefinementTally::stop`]). Boxes whose paths meet edges of the metric are divided there (`edges`). The boxes of one level share an
 //! error budget (`tree`).
 
 mod edges;
@@ -15,6 +16,8 @@ mod held_out;
 pub(crate) mod line_series;
 mod quantise;
 mod resolution;
+#[cfg(test)]
+mod stop_tests;
 pub mod tensor_train;
 mod tree;
 
@@ -23,7 +26,7 @@ use geofan_bundle::{
     Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, chebyshev, path_coefficients,
     rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
 };
-use geofan_core::{geodesic::Settings, manifold::Carried};
+use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
 use glam::DVec3;
 use held_out::HeldOutRays;
 use ndarray::ArrayD;
@@ -33,7 +36,7 @@ use std::{
     ops::Range,
     sync::{
         Arc,
-        atomic::{AtomicBool, AtomicU64, Ordering},
+        atomic::{AtomicU64, Ordering},
     },
 };
 use tree::{Decision, ParameterBox, RefinementTree};
@@ -68,8 +71,25 @@ pub struct RefinementTally {
     pub bytes: AtomicU64,
     /// Volume finished, in units of 2⁻³² of all chunks.
     pub volume: AtomicU64,
-    /// Set from outside to stop early.
-    pub stop: AtomicBool,
+    /// Told from outside to stop early.
+    pub stop: Stop,
+}
+
+/// Operations that following a ray takes: some dozens of steps of thousands each.
+const RAY: usize = 300_000;
+
+/// Operations for each sample that a polynomial is fitted to: its axes have some twenty nodes each.
+const FITTING: usize = 100;
+
+impl RefinementTally {
+    /// Counts so many rays that are to be followed together, if the work goes on.
+    fn go_on(&self, rays: usize) -> bool {
+        let goes_on = self.stop.goes_on(rays * RAY);
+        if goes_on {
+            self.rays.fetch_add(rays as u64, Ordering::Relaxed);
+        }
+        goes_on
+    }
 }
 
 /// Refines one chunk at a time.
@@ -99,11 +119,12 @@ impl Refiner<'_> {
             let budget = tree.error_budget();
             let open: Vec<&ParameterBox> = tree.open().collect();
             let decide = |bounds: &ParameterBox| {
-                let go_on = !self.tally.stop.load(Ordering::Relaxed);
+                let go_on = self.tally.stop.goes_on(0);
                 go_on.then(|| self.decide(chunk, bounds, budget))
             };
             let decisions: Option<Vec<Decision>> = open.into_par_iter().map(decide).collect();
-            let mut decisions = decisions?;
+            // Those in the midst of which it was stopped are none.
+            let mut decisions = decisions.filter(|_| !self.tally.stop.told())?;
             if divides_paths(self.plan) {
                 let given_up = tree.settle(&mut decisions) as u64;
                 self.tally.patches.fetch_add(given_up, Ordering::Relaxed);
@@ -324,7 +345,9 @@ impl Refiner<'_> {
             }
         };
         let samples = samples.of(count, self.grid(chunk, bounds, nodes), keep);
-        self.tally.rays.fetch_add(count as u64, Ordering::Relaxed);
+        if !self.tally.stop.goes_on(samples.len() * FITTING) {
+            return Err(vec![0.0; nodes.len()]);
+        }
         let width = samples.len() / count.max(1);
         if pieces.is_some() && samples.iter().step_by(width).any(|x| x.is_nan()) {
             let numbers = samples.iter().step_by(width).map(|x| x.is_nan());
@@ -414,7 +437,7 @@ impl Refiner<'_> {
     }
 
     /// Gives the rays of the tensor grid of `nodes` (chart point, unit tangent) by their number, the last
-    /// axis running fastest.
+    /// axis running fastest, and counts them; none when it is stopped.
     fn grid(
         &self,
         chunk: usize,
@@ -428,6 +451,9 @@ impl Refiner<'_> {
         let directions = cameras.split_off(self.space.cameras().len());
         let each: usize = directions.iter().map(Vec::len).product();
         move |numbers| {
+            if !self.tally.go_on(numbers.len()) {
+                return Vec::new();
+            }
             let mut rays = Vec::with_capacity(numbers.len());
             // Camera by camera, because each has one frame.
             for number in numbers.start / each..numbers.end.div_ceil(each) {

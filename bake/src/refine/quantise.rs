@@ -9,6 +9,7 @@ use super::{
     tensor_train::{best_layout, decompose},
 };
 use geofan_bundle::{Polynomial, Step, Tensor, Train};
+use geofan_core::Stop;
 
 /// Steps tried: this many, each the next coarser. The finest decides whether the box can be kept at
 /// all, the coarsest is 15 octaves above.
@@ -52,6 +53,9 @@ const MOST_RANKS: [usize; 2] = [500, 1500];
 /// fewer bytes as trains, and reading them at a ray takes as long as fitting them.
 const MOST_PLAIN: f64 = 3e5;
 
+/// Operations for each integer of a tensor that is read at the held-out rays.
+const READING: usize = 500;
+
 impl Refiner<'_> {
     /// Finds the smallest tensor of the polynomial that keeps the promise on the held-out rays.
     pub fn quantise(&self, polynomial: &Polynomial, held_out: &HeldOutRays<'_>) -> Option<Tensor> {
@@ -83,26 +87,30 @@ impl Refiner<'_> {
         error: impl Fn(&Tensor) -> f64,
     ) -> Option<Tensor> {
         let count = polynomial.coefficients.len() as f64;
-        let layout = best_layout(polynomial);
+        let stop = &self.tally.stop;
+        let layout = best_layout(polynomial, stop)?;
         let most_rank = MOST_RANKS[usize::from(count > MOST_PLAIN)];
         let train = finest.iter().find_map(|finest| {
             let threshold = (NEGLIGIBLE * finest, most_rank);
-            let train = decompose(polynomial, layout.clone(), threshold)?;
-            coarsest(&train, *finest, &error)
+            let train = decompose(polynomial, layout.clone(), threshold, stop)?;
+            coarsest(&train, *finest, &error, stop)
         });
         if count > MOST_PLAIN {
             return train.map(|(_, tensor)| tensor);
         }
         let plain = Train::plain(polynomial);
+        if stop.told() {
+            return None;
+        }
         let Some((step, train)) = train else {
-            return Some(coarsest(&plain, finest[0], &error)?.1);
+            return Some(coarsest(&plain, finest[0], &error, stop)?.1);
         };
         // At the same step plain coefficients round more often: if they are larger all the same,
         // there is no need to try them.
         let bytes = train.bytes();
         let promising = plain.rounded(step).is_some_and(|t| t.bytes() < bytes);
         let plain = promising
-            .then(|| coarsest(&plain, finest[0], &error))
+            .then(|| coarsest(&plain, finest[0], &error, stop))
             .flatten();
         match plain {
             Some((_, plain)) if plain.bytes() < bytes => Some(plain),
@@ -123,11 +131,21 @@ fn finest(polynomial: &Polynomial, unit: f64, on_sphere: bool) -> Vec<f64> {
     finest
 }
 
-/// Rounds `train` with the coarsest of the steps whose error keeps the promise.
-fn coarsest(train: &Train, finest: f64, error: &impl Fn(&Tensor) -> f64) -> Option<(Step, Tensor)> {
+/// Rounds `train` with the coarsest of the steps whose error keeps the promise; `None` if none does, or when it is
+/// stopped.
+fn coarsest(
+    train: &Train,
+    finest: f64,
+    error: &impl Fn(&Tensor) -> f64,
+    stop: &Stop,
+) -> Option<(Step, Tensor)> {
     coarsest_kept(|k| {
         let step = Step::near(finest).coarser(k);
-        let tensor = train.rounded(step)?;
+        let tensor = train.rounded_while(step, stop)?;
+        // Its cores are made real, and then multiplied by rays.
+        if !stop.goes_on(READING * tensor.integers()) {
+            return None;
+        }
         Some((error(&tensor), (step, tensor)))
     })
 }

@@ -12,7 +12,6 @@ use super::{
 };
 use geofan_core::random::Stream;
 use glam::DVec3;
-use std::sync::atomic::Ordering;
 
 /// Lines along each axis. With two, one in a flat part of the box hides what the other would show;
 /// four find hardly more than three.
@@ -86,8 +85,9 @@ impl Resolution {
                     .iter()
                     .map(|x| refiner.ray(chunk, bounds, x))
                     .collect();
-                let count = rays.len() as u64;
-                refiner.tally.rays.fetch_add(count, Ordering::Relaxed);
+                if !refiner.tally.go_on(rays.len()) {
+                    break;
+                }
                 let samples = samples_on(&points, &rays);
                 // Their series along the arc length, and along the line in both halves of it.
                 samples.along_paths(&mut along_arc);

@@ -11,7 +11,7 @@ mod large_matrices;
 
 use faer::{Mat, MatMut, MatRef, Side};
 use geofan_bundle::{Layout, Polynomial, Train, weighted_in_order};
-use geofan_core::random::Stream;
+use geofan_core::{Stop, random::Stream};
 use large_matrices::{gram, product, product_into, range, triangular_factor};
 use ndarray::{ArrayD, Order};
 use std::collections::{HashSet, VecDeque};
@@ -35,25 +35,36 @@ const SMALL: usize = 1000;
 /// a hundredth; smaller ones drown in rounding errors there, and take a triangular factor.
 const GRAM_LIMIT: f64 = 1e-7;
 
+/// Operations for each number of a polynomial that is evaluated at the nodes of some twenty along each of its axes.
+const SAMPLING: usize = 100;
+
+/// Operations that the singular values or eigenvectors of a square matrix take, in units of its size cubed.
+const DECOMPOSING: usize = 9;
+
 /// Finds the order of the ray axes of a polynomial (axes camera…, direction…, arc length, channel) whose
 /// cores are smallest.
 ///
 /// A core holds as many numbers as its axis is long, times the ranks of the bonds on either side, and the
 /// rank of a bond depends on nothing but which axes are on either side of it. Those ranks are estimated
 /// from small random parts of the matrices in question. The best order is then a shortest way from no axis
-/// to all.
-pub fn best_layout(polynomial: &Polynomial) -> Layout {
+/// to all. `None` when it is stopped.
+pub fn best_layout(polynomial: &Polynomial, stop: &Stop) -> Option<Layout> {
     let rays = polynomial.coefficients.ndim() - 2;
     if rays < FEWEST {
         let cameras = polynomial.variables.cameras;
-        return Layout::paired(cameras, rays - cameras);
+        return Some(Layout::paired(cameras, rays - cameras));
     }
     // The rank of the bond behind each set of axes.
+    if !stop.goes_on(SAMPLING * polynomial.coefficients.len()) {
+        return None;
+    }
     let samples = polynomial.samples();
     let all = (1_usize << rays) - 1;
-    let ranks: Vec<f64> = (0..=all)
-        .map(|set| bond_rank(&samples, rays, set))
-        .collect();
+    let bond = |set| {
+        stop.goes_on(DECOMPOSING * PART.pow(3))
+            .then(|| bond_rank(&samples, rays, set))
+    };
+    let ranks: Vec<f64> = (0..=all).map(bond).collect::<Option<_>>()?;
     // For each set of axes the smallest cores over them, and the last of them.
     let mut best = vec![(0.0, 0); all + 1];
     for set in 1..=all {
@@ -74,7 +85,7 @@ pub fn best_layout(polynomial: &Polynomial) -> Layout {
         set &= !(1 << last);
     }
     order.reverse();
-    Layout::Train(order)
+    Some(Layout::Train(order))
 }
 
 /// Estimates the rank, weighted with the bits of its singular values, of the matrix whose rows are the
@@ -136,12 +147,17 @@ pub fn rank_in_bits(part: &Mat<f64>) -> f64 {
 
 /// Decomposes `polynomial` (axes camera…, direction…, arc length, channel) into a train in the order of
 /// `layout`, without its singular values below the threshold of `limits`; `None` where a rank exceeds their
-/// second.
+/// second, or when it is stopped.
 ///
 /// Cores are taken off from both ends, those with the fewest numbers in a row first: each narrows what is
 /// left, and the largest matrices come last, when little is left of them. For boxes of five axes that takes
 /// 0.82 of the time of going from one end to the other.
-pub fn decompose(polynomial: &Polynomial, layout: Layout, limits: (f64, usize)) -> Option<Train> {
+pub fn decompose(
+    polynomial: &Polynomial,
+    layout: Layout,
+    limits: (f64, usize),
+    stop: &Stop,
+) -> Option<Train> {
     let coefficients = &polynomial.coefficients;
     let axes = layout.cores(coefficients.ndim() - 2);
     let order: Vec<usize> = axes.iter().flatten().copied().collect();
@@ -152,15 +168,18 @@ pub fn decompose(polynomial: &Polynomial, layout: Layout, limits: (f64, usize)) 
     let mut middle: VecDeque<Vec<usize>> = axes.iter().map(shape).collect();
     let (mut left, mut right) = (TrainEnd::default(), TrainEnd::default());
     while middle.len() > 1 {
+        if !stop.goes_on(rest.len()) {
+            return None;
+        }
         // The narrower of the two cores at the ends, with the bond behind it.
         let first: usize = middle[0].iter().product();
         let last: usize = middle[middle.len() - 1].iter().product();
         let rows = [left.rank() * first, last * right.rank()];
         if rows[0] <= rows[1] {
-            let split = SingularSplit::new(&rest, rows[0], Order::RowMajor, limits)?;
+            let split = SingularSplit::new(&rest, (rows[0], Order::RowMajor), limits, stop)?;
             rest = left.take(&middle.pop_front()?, split, Order::RowMajor)?;
         } else {
-            let split = SingularSplit::new(&rest, rows[1], Order::ColumnMajor, limits)?;
+            let split = SingularSplit::new(&rest, (rows[1], Order::ColumnMajor), limits, stop)?;
             rest = right.take(&middle.pop_back()?, split, Order::ColumnMajor)?;
         }
     }
@@ -221,9 +240,9 @@ impl SingularSplit {
     /// `flat`, without singular values below `threshold`; `None` where more than `most_rank` are left.
     fn new(
         flat: &[f64],
-        rows: usize,
-        order: Order,
+        (rows, order): (usize, Order),
         (threshold, most_rank): (f64, usize),
+        stop: &Stop,
     ) -> Option<Self> {
         let columns = flat.len() / rows;
         let a = match order {
@@ -231,11 +250,11 @@ impl SingularSplit {
             _ => MatRef::from_column_major_slice(flat, rows, columns),
         };
         if rows <= SMALL {
-            return Self::exact(a, None, threshold, order);
+            return Self::exact(a, None, (threshold, order), stop);
         }
-        let basis = range(a, (threshold, most_rank))?;
-        let within = product(basis.transpose(), a);
-        let split = Self::exact(within.as_ref(), Some(&basis), threshold, order)?;
+        let basis = range(a, (threshold, most_rank), stop)?;
+        let within = product(basis.transpose(), a, stop)?;
+        let split = Self::exact(within.as_ref(), Some(&basis), (threshold, order), stop)?;
         (split.singular.len() <= most_rank).then_some(split)
     }
 
@@ -243,11 +262,14 @@ impl SingularSplit {
     fn exact(
         a: MatRef<'_, f64>,
         basis: Option<&Mat<f64>>,
-        threshold: f64,
-        order: Order,
+        (threshold, order): (f64, Order),
+        stop: &Stop,
     ) -> Option<Self> {
-        let (u, singular) = left_vectors(a, threshold)?;
-        let all = basis.map_or_else(|| u.clone(), |basis| product(basis.as_ref(), u.as_ref()));
+        let (u, singular) = left_vectors(a, threshold, stop)?;
+        let all = match basis {
+            Some(basis) => product(basis.as_ref(), u.as_ref(), stop)?,
+            None => u.clone(),
+        };
         let signs = signs(all.as_ref());
         let signed = |u: Mat<f64>| Mat::from_fn(u.nrows(), u.ncols(), |i, j| signs[j] * u[(i, j)]);
         let (rank, columns) = (singular.len(), a.ncols());
@@ -256,7 +278,7 @@ impl SingularSplit {
             Order::RowMajor => MatMut::from_row_major_slice_mut(&mut rest, rank, columns),
             _ => MatMut::from_column_major_slice_mut(&mut rest, rank, columns),
         };
-        product_into(to, signed(u).transpose(), a);
+        product_into(to, signed(u).transpose(), a, stop)?;
         Some(Self {
             singular,
             vectors: signed(all),
@@ -277,14 +299,21 @@ impl SingularSplit {
 
 /// Finds the left singular vectors of `a` and their singular values, of those above `threshold`: from its
 /// Gram matrix or, where that is not accurate enough, from its triangular factor (LQ).
-fn left_vectors(a: MatRef<'_, f64>, threshold: f64) -> Option<(Mat<f64>, Vec<f64>)> {
-    let gram = gram(a);
+fn left_vectors(a: MatRef<'_, f64>, threshold: f64, stop: &Stop) -> Option<(Mat<f64>, Vec<f64>)> {
+    let gram = gram(a, stop)?;
     let size: f64 = (0..a.nrows()).map(|i| gram[(i, i)]).sum::<f64>().sqrt();
     if threshold < GRAM_LIMIT * size {
-        let svd = triangular_factor(a).transpose().thin_svd().ok()?;
+        let factor = triangular_factor(a, stop)?;
+        if !stop.goes_on(DECOMPOSING * a.nrows().pow(3)) {
+            return None;
+        }
+        let svd = factor.transpose().thin_svd().ok()?;
         let sizes = svd.S().column_vector().iter().copied();
         let large = above(sizes, threshold);
         return Some((svd.U().subcols(0, large.len()).to_owned(), large));
+    }
+    if !stop.goes_on(DECOMPOSING * a.nrows().pow(3)) {
+        return None;
     }
     let found = gram.self_adjoint_eigen(Side::Lower).ok()?;
     let squares = found.S().column_vector().iter().rev();
@@ -375,7 +404,7 @@ mod tests {
             };
             let step = Step::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);
-            let train = decompose(&polynomial, layout, (0.3e-5, 500))
+            let train = decompose(&polynomial, layout, (0.3e-5, 500), &Stop::default())
                 .unwrap()
                 .rounded(step)
                 .unwrap();
@@ -406,7 +435,8 @@ mod tests {
         let by_columns = count.map(|k| number(k % rows, k / rows));
         let flat = [by_rows.collect::<Vec<_>>(), by_columns.collect()];
         for (order, flat) in [Order::RowMajor, Order::ColumnMajor].into_iter().zip(&flat) {
-            let split = SingularSplit::new(flat, rows, order, (1e-7, 100)).unwrap();
+            let stop = Stop::default();
+            let split = SingularSplit::new(flat, (rows, order), (1e-7, 100), &stop).unwrap();
             let rank = split.singular.len();
             assert!(rank < 30);
             for (i, j) in [(0, 0), (17, 300), (149, 399), (80, 5)] {

@@ -14,11 +14,14 @@
 //! ([`Orthogonality`]): of it the fewest numbers are free.
 
 use crate::matrix::product;
-use geofan_core::parallel::*;
+use geofan_core::{Stop, parallel::*};
 use std::cmp::Reverse;
 
 /// Reflections that are multiplied together.
 const BLOCK: usize = 32;
+
+/// Operations as long as which it takes to round a number and to choose its model.
+const ROUNDING: usize = 64;
 
 /// Vectors that one thread reflects at once.
 const TOGETHER: usize = 8;
@@ -234,16 +237,22 @@ fn transposed<T: Copy>(matrix: &[T], width: usize) -> Vec<T> {
 }
 
 /// Makes integers of `vectors` (rows of `length` numbers). Those of each are made by `round`: it is told the
-/// vector, the pivots, where they must be zero, and all integers before, to which it adds its own.
+/// vector, the pivots, where they must be zero, and all integers before, to which it adds its own. `None` when it is
+/// stopped.
 pub(crate) fn reduced(
     vectors: &[f64],
     length: usize,
+    stop: &Stop,
     mut round: impl FnMut(&[f64], &Pivots, &mut Vec<i32>),
-) -> Vec<i32> {
+) -> Option<Vec<i32>> {
     let mut integers = Vec::with_capacity(vectors.len());
     let mut pivots = Pivots::none(length);
     let mut before: Vec<ReflectionBlock> = Vec::new();
     for vectors in vectors.chunks(BLOCK * length) {
+        // Each vector takes two products with all of those before, and as long as some dozens to be rounded.
+        if !stop.goes_on(2 * vectors.len() * (BLOCK * before.len() + ROUNDING)) {
+            return None;
+        }
         // By the blocks before, several vectors at once.
         let mut reflected = vectors.to_vec();
         reflected
@@ -260,7 +269,7 @@ pub(crate) fn reduced(
         }
         before.extend(ReflectionBlock::new(&own));
     }
-    integers
+    Some(integers)
 }
 
 /// Restores the vectors that [`reduced`] made these integers of, nearly.
@@ -328,13 +337,15 @@ mod tests {
             vectors.push(x);
         }
         let flat = vectors.concat();
-        let integers = reduced(&flat, length, |vector, pivots, integers| {
+        let stop = Stop::default();
+        let integers = reduced(&flat, length, &stop, |vector, pivots, integers| {
             let place = |(place, x): (usize, &f64)| match pivots.contains(place) {
                 true => 0,
                 false => x.round() as i32,
             };
             integers.extend(vector.iter().enumerate().map(place));
-        });
+        })
+        .unwrap();
         let back = restored(&integers, length);
         let errors = flat.iter().zip(&back).map(|(a, b)| (a - b).abs());
         let square: f64 = errors.clone().map(|e| e * e).sum::<f64>() / flat.len() as f64;

@@ -14,7 +14,7 @@ use crate::{
     context::{CLASSES, Context, MagnitudeModel},
     householder::reduced,
 };
-use geofan_core::parallel::*;
+use geofan_core::{Stop, parallel::*};
 use geofan_expr::real::Real;
 use ndarray::{Array2, ArrayD};
 
@@ -38,12 +38,18 @@ const MOST_BITS: [f64; COUNTED - 1] = [12.0, 6.0, 1.5];
 type DeadZone = [f64; COUNTED - 1];
 
 /// Makes the integers worth their bits of orthogonal vectors of this `length`, in units of the step, one
-/// after the other as a core of `shape`, as [`restored`](crate::householder::restored) takes them.
-pub(crate) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
+/// after the other as a core of `shape`, as [`restored`](crate::householder::restored) takes them; `None` when it is
+/// stopped.
+pub(crate) fn rounded(
+    shape: &[usize],
+    length: usize,
+    vectors: &[f64],
+    stop: &Stop,
+) -> Option<Vec<i32>> {
     // First the dead zones, then each number outside of its own.
     let zones = dead_zones(shape, vectors);
     let (mut context, mut magnitudes) = (Context::new(shape), MagnitudeModel::default());
-    reduced(vectors, length, |vector, pivots, integers| {
+    reduced(vectors, length, stop, |vector, pivots, integers| {
         for (place, x) in vector.iter().enumerate() {
             context.advance(integers);
             integers.push(match pivots.contains(place) {
@@ -61,8 +67,13 @@ pub(crate) fn rounded(shape: &[usize], length: usize, vectors: &[f64]) -> Vec<i3
 }
 
 /// Makes the nearest integers of such vectors.
-pub(crate) fn nearest(_: &[usize], length: usize, vectors: &[f64]) -> Vec<i32> {
-    reduced(vectors, length, |vector, pivots, integers| {
+pub(crate) fn nearest(
+    _: &[usize],
+    length: usize,
+    vectors: &[f64],
+    stop: &Stop,
+) -> Option<Vec<i32>> {
+    reduced(vectors, length, stop, |vector, pivots, integers| {
         let nearest = |(place, x): (usize, &f64)| match pivots.contains(place) {
             true => 0,
             false => x.round() as i32,
@@ -194,6 +205,11 @@ mod tests {
     use geofan_core::random::Stream;
     use ndarray::IxDyn;
 
+    /// Rounds one vector of all values.
+    fn rounded_all(shape: &[usize], values: &[f64]) -> Vec<i32> {
+        rounded(shape, values.len(), values, &Stop::default()).unwrap()
+    }
+
     #[test]
     fn numbers_are_rounded_to_one_of_their_neighbours_or_towards_zero() {
         let mut stream = Stream::new(&[3]);
@@ -202,7 +218,7 @@ mod tests {
         let values: Vec<f64> = (0..shape.iter().product())
             .map(|i| size(i) * stream.between(-1.0, 1.0))
             .collect();
-        let integers = rounded(&shape, values.len(), &values);
+        let integers = rounded_all(&shape, &values);
         let mut moved = 0;
         for (x, i) in values.iter().zip(&integers) {
             let (x, i) = (*x, f64::from(*i));
@@ -219,10 +235,10 @@ mod tests {
     #[test]
     fn expected_numbers_cost_little() {
         let alone = |i: usize| if i % 97 == 50 { 0.7 } else { 0.01 };
-        let lone = rounded(&[4000], 4000, &(0..4000).map(alone).collect::<Vec<_>>());
+        let lone = rounded_all(&[4000], &(0..4000).map(alone).collect::<Vec<_>>());
         assert!(lone.iter().all(|i| *i == 0));
         let among = |i: usize| if i.is_multiple_of(3) { 0.7 } else { 2.3 };
-        let common = rounded(&[4000], 4000, &(0..4000).map(among).collect::<Vec<_>>());
+        let common = rounded_all(&[4000], &(0..4000).map(among).collect::<Vec<_>>());
         assert!(common.iter().filter(|i| **i == 1).count() > 1000);
     }
 

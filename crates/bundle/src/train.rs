@@ -10,7 +10,7 @@ use crate::{
     tensor::{Layout, Tensor},
     train_core::{Core, Scale, Step, axis_along},
 };
-use geofan_core::parallel::*;
+use geofan_core::{Stop, parallel::*};
 use ndarray::{ArrayD, Axis};
 use std::sync::OnceLock;
 
@@ -45,16 +45,25 @@ impl Train {
     /// values. Zeros at the ends of axes and bonds are left out. `None` if a coefficient is too large for the
     /// step.
     pub fn rounded(&self, step: Step) -> Option<Tensor> {
-        self.rounded_by(step, rounded, WORTH_KEEPING)
+        self.rounded_while(step, &Stop::default())
+    }
+
+    /// Rounds like [`Train::rounded`], but gives up, and returns `None`, as soon as `stop` says so.
+    pub fn rounded_while(&self, step: Step, stop: &Stop) -> Option<Tensor> {
+        self.rounded_by(step, rounded, WORTH_KEEPING, stop)
     }
 
     /// Rounds to the nearest multiples: the fewest bytes for errors that hold for all values.
     pub fn nearest(&self, step: Step) -> Option<Tensor> {
-        self.rounded_by(step, nearest, 0.5)
+        self.rounded_by(step, nearest, 0.5, &Stop::default())
     }
 
     /// Rounds by `round`; vectors and degrees without a number of `least` steps are left out.
-    fn rounded_by(&self, step: Step, round: Round, least: f64) -> Option<Tensor> {
+    fn rounded_by(&self, step: Step, round: Round, least: f64, stop: &Stop) -> Option<Tensor> {
+        let numbers = self.cores.iter().map(ArrayD::len).sum();
+        if !stop.goes_on(numbers) {
+            return None;
+        }
         let unit = step.value();
         let fits = |core: &ArrayD<f64>| core.iter().all(|x| x.abs() < LARGEST * unit);
         if !self.cores.iter().all(fits) {
@@ -79,13 +88,14 @@ impl Train {
         let cores: Vec<_> = cores.zip(axes).collect();
         let cores = cores.into_par_iter().map(|((core, kinds, bonds), axes)| {
             let along = axis_along(&axes, self.variables.cameras);
-            rounded_core((core, along), kinds, bonds, round)
+            rounded_core((core, along), kinds, bonds, (round, stop))
         });
+        let cores: Option<Vec<Core>> = cores.collect();
         Some(Tensor {
             layout: self.layout.clone(),
             variables: self.variables,
             step,
-            cores: cores.collect(),
+            cores: cores?,
             rows: OnceLock::new(),
         })
     }
@@ -101,8 +111,8 @@ impl Train {
     }
 }
 
-/// Makes integers of the numbers of an array of this shape, vectors of this length.
-type Round = fn(shape: &[usize], length: usize, values: &[f64]) -> Vec<i32>;
+/// Makes integers of the numbers of an array of this shape, vectors of this length; `None` when it is stopped.
+type Round = fn(shape: &[usize], length: usize, values: &[f64], stop: &Stop) -> Option<Vec<i32>>;
 
 /// The fewest steps that are worth their bits in a vector or a degree that has nothing larger.
 const WORTH_KEEPING: f64 = 1.2;
@@ -147,13 +157,14 @@ impl Bond {
 }
 
 /// Rounds a core between these bonds, from the orthogonality of the core before and its own. The difference of
-/// scales from singular values is made good where it leaves the vectors that are stored orthogonal.
+/// scales from singular values is made good where it leaves the vectors that are stored orthogonal. `None` when it is
+/// stopped.
 fn rounded_core(
     (mut core, along): (ArrayD<f64>, usize),
     (kind_before, kind): (Option<Orthogonality>, Orthogonality),
     (before, behind): (&Bond, &Bond),
-    round: Round,
-) -> Core {
+    (round, stop): (Round, &Stop),
+) -> Option<Core> {
     let shape = core.shape().to_vec();
     // Make the difference good.
     if kind_before == Some(Orthogonality::Rows) {
@@ -164,9 +175,15 @@ fn rounded_core(
     }
     // Round.
     let vectors = kind.vectors(&shape, core.iter().copied().collect());
-    let integers = round(&kind.shape(&shape), kind.length(&shape), &vectors);
+    let integers = round(&kind.shape(&shape), kind.length(&shape), &vectors, stop)?;
     let scales = behind.scales.clone();
-    Core::new((shape, along), kind, integers, scales, Packing::Close)
+    Some(Core::new(
+        (shape, along),
+        kind,
+        integers,
+        scales,
+        Packing::Close,
+    ))
 }
 
 /// Multiplies the parts of `core` at each index of `axis`.

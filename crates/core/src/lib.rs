@@ -27,4 +27,4 @@ pub mod random;
 pub mod reading;
 
 pub use error::{Error, Result};
-pub use observer::{Muted, Observer, Progress, Unobserved};
+pub use observer::{Muted, Observer, Progress, Stop, Unobserved};

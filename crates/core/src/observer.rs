@@ -1,5 +1,7 @@
 //! Watching long work, and ending it.
 
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
+
 /// Tells how far long work is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Progress<'a> {
@@ -34,6 +36,54 @@ impl Observer for Muted<'_> {
 
     fn cancelled(&self) -> bool {
         self.0.cancelled()
+    }
+}
+
+/// Ends the pieces of long work. Each asks before it begins ([`Stop::goes_on`]) and returns at once if the work is not to
+/// go on: anything, because nobody reads it. It counts what it is asked, which tells how long an answer takes.
+#[derive(Debug, Default)]
+pub struct Stop {
+    told: AtomicBool,
+    asked: AtomicU64,
+    largest: AtomicU64,
+    /// The question at which to end the work; none if 0.
+    last: u64,
+}
+
+impl Stop {
+    /// Ends the work at the question of this number, from 1 on.
+    pub fn at_question(last: u64) -> Self {
+        Self {
+            last,
+            ..Self::default()
+        }
+    }
+
+    /// Ends the work.
+    pub fn tell(&self) {
+        self.told.store(true, Relaxed);
+    }
+
+    /// Tells whether the work is to end.
+    pub fn told(&self) -> bool {
+        self.told.load(Relaxed)
+    }
+
+    /// Tells whether the work goes on, before a piece of so many operations: products, or what takes as long.
+    pub fn goes_on(&self, operations: usize) -> bool {
+        if self.asked.fetch_add(1, Relaxed) + 1 == self.last {
+            self.tell();
+        }
+        let goes_on = !self.told();
+        if goes_on {
+            self.largest.fetch_max(operations as u64, Relaxed);
+        }
+        goes_on
+    }
+
+    /// Returns the number of questions, and the most operations of a piece that was begun.
+    pub fn counts(&self) -> (u64, u64) {
+        (self.asked.load(Relaxed), self.largest.load(Relaxed))
     }
 }
 

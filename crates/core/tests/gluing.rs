@@ -257,6 +257,15 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
     };
     let turned = refusal(&quotient("[[-1,0,0,0],[0,-1,0,0],[0,0,1,0],[0,0,0,1]]"));
     assert!(turned.contains("does not move the centre"), "{turned}");
+    // A map that is none of the space has no group worth looking for: it is refused before.
+    let stretches = refusal(&quotient("[[1,0,0,2],[0,1.001,0,0],[0,0,1,0],[0,0,0,1]]"));
+    assert!(
+        stretches.contains("generator 1 is no isometry"),
+        "{stretches}"
+    );
+    let many = vec!["[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"; 65].join(",");
+    let many = refusal(&quotient(&many));
+    assert!(many.contains("65 generators are too many"), "{many}");
     let short = refusal(&quotient("[[1,0,0,2],[0,1,0,0],[0,0,1,0]]"));
     assert!(short.contains("a matrix of 4 rows is needed"), "{short}");
     let wrong = refusal(

@@ -14,7 +14,7 @@ use faer::{
         triangular::{self, BlockStructure},
     },
 };
-use geofan_core::random::Stream;
+use geofan_core::{Stop, random::Stream};
 use rayon::prelude::*;
 
 /// Columns that one thread works on at once.
@@ -40,15 +40,20 @@ const STRIDE: usize = 64;
 /// ranks that remain, with this 1.4 times.
 const ENOUGH: f64 = 2.0;
 
-/// Multiplies `a b`.
-pub fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>) -> Mat<f64> {
+/// Multiplies `a b`; `None` when it is stopped.
+pub fn product(a: MatRef<'_, f64>, b: MatRef<'_, f64>, stop: &Stop) -> Option<Mat<f64>> {
     let mut all = Mat::zeros(a.nrows(), b.ncols());
-    product_into(all.as_mut(), a, b);
-    all
+    product_into(all.as_mut(), a, b, stop)?;
+    Some(all)
 }
 
-/// Computes `to = a b`, by parts of its columns.
-pub fn product_into(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>) {
+/// Computes `to = a b`, by parts of its columns; `None` when it is stopped.
+pub fn product_into(
+    to: MatMut<'_, f64>,
+    a: MatRef<'_, f64>,
+    b: MatRef<'_, f64>,
+    stop: &Stop,
+) -> Option<()> {
     let mut parts = Vec::new();
     let mut rest = to;
     for columns in parts_of(b, COLUMNS) {
@@ -58,7 +63,11 @@ pub fn product_into(to: MatMut<'_, f64>, a: MatRef<'_, f64>, b: MatRef<'_, f64>)
     }
     parts
         .into_par_iter()
-        .for_each(|(to, b)| matmul(to, Accum::Replace, a, b, 1.0, Par::Seq));
+        .map(|(to, b)| {
+            let goes_on = stop.goes_on(a.nrows() * a.ncols() * b.ncols());
+            goes_on.then(|| matmul(to, Accum::Replace, a, b, 1.0, Par::Seq))
+        })
+        .collect()
 }
 
 /// Divides `a` into parts of at most so many columns.
@@ -67,16 +76,20 @@ fn parts_of(a: MatRef<'_, f64>, most: usize) -> Vec<MatRef<'_, f64>> {
     (0..a.ncols()).step_by(most).map(part).collect()
 }
 
-/// Computes the lower triangle of `A Aᵀ`.
-pub fn gram(a: MatRef<'_, f64>) -> Mat<f64> {
+/// Computes the lower triangle of `A Aᵀ`; `None` when it is stopped.
+pub fn gram(a: MatRef<'_, f64>, stop: &Stop) -> Option<Mat<f64>> {
     let parts = parts_of(a, COLUMNS.max(8 * a.nrows()));
-    let grams: Vec<Mat<f64>> = parts.into_par_iter().map(gram_of_part).collect();
-    let mut grams = grams.into_iter();
+    let of_part = |part: MatRef<'_, f64>| {
+        let goes_on = stop.goes_on(part.ncols() * part.nrows().pow(2) / 2);
+        goes_on.then(|| gram_of_part(part))
+    };
+    let grams: Option<Vec<Mat<f64>>> = parts.into_par_iter().map(of_part).collect();
+    let mut grams = grams?.into_iter();
     let mut sum = grams
         .next()
         .unwrap_or_else(|| Mat::zeros(a.nrows(), a.nrows()));
     grams.for_each(|gram| sum += gram);
-    sum
+    Some(sum)
 }
 
 /// Computes the lower triangle of `A Aᵀ` on one thread.
@@ -98,12 +111,17 @@ fn gram_of_part(a: MatRef<'_, f64>) -> Mat<f64> {
 
 /// Computes the upper triangle R of Aᵀ = Q R: parts are made triangular one by one, and then all those
 /// triangles together (J. Demmel and others, *Communication-optimal parallel and sequential QR and LU
-/// factorizations*, SIAM J. Sci. Comput. 34 (2012)).
-pub fn triangular_factor(a: MatRef<'_, f64>) -> Mat<f64> {
-    let triangles: Vec<Mat<f64>> = parts_of(a, COLUMNS.max(8 * a.nrows()))
+/// factorizations*, SIAM J. Sci. Comput. 34 (2012)). `None` when it is stopped.
+pub fn triangular_factor(a: MatRef<'_, f64>, stop: &Stop) -> Option<Mat<f64>> {
+    let of_part = |part: MatRef<'_, f64>| {
+        let goes_on = stop.goes_on(part.ncols() * part.nrows().pow(2));
+        goes_on.then(|| part.transpose().to_owned().qr().thin_R().to_owned())
+    };
+    let triangles: Option<Vec<Mat<f64>>> = parts_of(a, COLUMNS.max(8 * a.nrows()))
         .into_par_iter()
-        .map(|part| part.transpose().to_owned().qr().thin_R().to_owned())
+        .map(of_part)
         .collect();
+    let triangles = triangles?;
     let rows = triangles.iter().map(|r| r.nrows()).sum();
     let mut stacked = Mat::zeros(rows, a.nrows());
     let mut first = 0;
@@ -113,30 +131,39 @@ pub fn triangular_factor(a: MatRef<'_, f64>) -> Mat<f64> {
             .copy_from(triangle);
         first += triangle.nrows();
     }
-    match triangles.len() {
+    let goes_on = stop.goes_on(rows * a.nrows().pow(2));
+    goes_on.then(|| match triangles.len() {
         1 => stacked,
         _ => stacked.qr().thin_R().to_owned(),
-    }
+    })
 }
 
 /// Finds an orthonormal basis (columns) of nearly all of the range of `a`, as wide as it takes to leave no
-/// singular value above `threshold`; `None` where that is more than `most_rank` and two strides.
-pub fn range(a: MatRef<'_, f64>, (threshold, most_rank): (f64, usize)) -> Option<Mat<f64>> {
+/// singular value above `threshold`; `None` where that is more than `most_rank` and two strides, or when it is stopped.
+pub fn range(
+    a: MatRef<'_, f64>,
+    (threshold, most_rank): (f64, usize),
+    stop: &Stop,
+) -> Option<Mat<f64>> {
     let mut stream = Stream::new(&[a.nrows() as u64, a.ncols() as u64]);
     let mut count = FIRST * STRIDE;
-    let mut sketched = sketch(a, count, &mut stream);
+    let mut sketched = sketch(a, count, &mut stream, stop);
     let mut basis: Mat<f64> = Mat::zeros(a.nrows(), 0);
     while basis.ncols() < a.nrows() {
         if sketched.is_some() && SKETCH * (basis.ncols() + STRIDE) > count {
             count *= 2;
-            sketched = sketch(a, count, &mut stream);
+            sketched = sketch(a, count, &mut stream, stop);
         }
         let from = sketched.as_ref().map_or(a, |s| s.as_ref());
         let width = STRIDE.min(a.nrows() - basis.ncols());
         // A stride makes of any vector one that is as long on average.
         let size = (3.0 / width as f64).sqrt();
         let random = Mat::from_fn(from.ncols(), width, |_, _| stream.between(-size, size));
-        let (new, largest) = outside(&basis, product(from, random.as_ref()))?;
+        let columns = product(from, random.as_ref(), stop)?;
+        if !stop.goes_on(4 * a.nrows() * width * (basis.ncols() + width)) {
+            return None;
+        }
+        let (new, largest) = outside(&basis, columns)?;
         // One stride at least: no basis is empty.
         if largest <= ENOUGH * threshold && basis.ncols() > 0 {
             return Some(basis);
@@ -173,8 +200,8 @@ fn side_by_side(a: &Mat<f64>, b: &Mat<f64>) -> Mat<f64> {
 /// Makes a matrix of `count` columns and nearly the same range: sums of columns with random signs; `None`
 /// where that is hardly fewer columns (D. P. Woodruff, *Sketching as a tool for numerical linear algebra*, 2014,
 /// section 2.1; J. Nelson, H. L. Nguyễn, *OSNAP*, FOCS 2013).
-fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f64>> {
-    if a.ncols() < 2 * count {
+fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream, stop: &Stop) -> Option<Mat<f64>> {
+    if a.ncols() < 2 * count || stop.told() {
         return None;
     }
     let size = 1.0 / (PLACES as f64).sqrt();
@@ -189,7 +216,11 @@ fn sketch(a: MatRef<'_, f64>, count: usize, stream: &mut Stream) -> Option<Mat<f
         .step_by(ROWS)
         .map(|first| {
             let rows = a.subrows(first, ROWS.min(a.nrows() - first));
-            sketch_band(rows, &places, count)
+            // What is left out of a sketch when it is stopped is not read.
+            match stop.goes_on(PLACES * rows.nrows() * a.ncols()) {
+                true => sketch_band(rows, &places, count),
+                false => vec![[0.0; ROWS]; count],
+            }
         })
         .collect();
     let at = |i: usize, j: usize| bands[i / ROWS][j][i % ROWS];

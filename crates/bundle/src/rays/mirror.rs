@@ -85,10 +85,15 @@ impl SignedPermutation {
 
     /// The one whose matrix `m` is, within rounding.
     fn near(m: DMat3) -> Option<Self> {
-        Self::all(3).into_iter().find(|p| {
-            let off = (p.matrix() - m).to_cols_array();
-            off.iter().all(|x| x.abs() <= ROUNDING)
-        })
+        let largest = |i: usize| {
+            let row = m.row(i);
+            let j = row.abs().max_position();
+            let number = j as i8 + 1;
+            if row[j] < 0.0 { -number } else { number }
+        };
+        let found = Self((0..3).map(largest).collect());
+        let off = (found.matrix() - m).to_cols_array();
+        (found.is_of(3) && off.iter().all(|x| x.abs() <= ROUNDING)).then_some(found)
     }
 }
 
@@ -406,6 +411,15 @@ mod tests {
             for b in &all {
                 assert_eq!(a.after(b).apply(&x), a.apply(&b.apply(&x)));
             }
+        }
+        for p in &all {
+            let off = DMat3::from_diagonal(DVec3::splat(1e-10));
+            assert_eq!(SignedPermutation::near(p.matrix() + off).as_ref(), Some(p));
+            assert_eq!(SignedPermutation::near(p.matrix() + 100.0 * off), None);
+        }
+        let onto_a_plane = SignedPermutation(vec![1, 1, 2]).matrix();
+        for none in [onto_a_plane, DMat3::ZERO, DMat3::NAN] {
+            assert_eq!(SignedPermutation::near(none), None);
         }
         for wrong in [vec![1, 1, 2], vec![0, 1, 2], vec![1, 2], vec![1, 2, -128]] {
             assert!(!SignedPermutation(wrong).is_of(3));

@@ -92,7 +92,7 @@ pub struct BetweenEdges<'a> {
 impl Samples<'_> {
     /// Samples `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
     /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
-    /// last running fastest.
+    /// last running fastest. Ranges for which `rays` gives none are left out.
     pub fn of(
         &self,
         count: usize,
@@ -106,6 +106,9 @@ impl Samples<'_> {
             samples.fill(f64::NAN);
             let first = block * BLOCK;
             let rays = rays(first..count.min(first + BLOCK));
+            if rays.is_empty() {
+                return;
+            }
             match self.between {
                 Some(between) => self.block_between(between, (first, rays), &keep, samples),
                 None => self.block(rays, &keep, samples),

@@ -26,7 +26,7 @@ use geofan_bundle::{
     unweighted, weighted,
 };
 use geofan_core::{
-    Error, Muted, Observer, Result,
+    Error, Muted, Observer, Result, Stop,
     files::{make_output_folder, write_atomically},
     manifold::Manifold,
 };
@@ -224,8 +224,9 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
         coefficients: unweighted(coefficients),
         variables: Variables::of_face(cameras, MappedChebyshev::NONE),
     };
-    let layout = best_layout(&polynomial);
-    let train = decompose(&polynomial, layout, (NEGLIGIBLE * error, MOST_RANK))?;
+    let stop = Stop::default();
+    let layout = best_layout(&polynomial, &stop)?;
+    let train = decompose(&polynomial, layout, (NEGLIGIBLE * error, MOST_RANK), &stop)?;
     let mut best = None;
     let (mut low, mut high) = (0, STEPS);
     while high > low {

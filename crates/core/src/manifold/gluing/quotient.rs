@@ -18,6 +18,20 @@ use std::{
 /// The most elements of the group that are made, in the order of how far they move the centre.
 const MOST_ELEMENTS: usize = 3000;
 
+/// The most generators: a dozen glue a dodecahedron.
+const MOST_GENERATORS: usize = 64;
+
+/// By how much a generator may change the metric, as a share of it: faces are checked to more digits.
+const OFF: f64 = 1e-6;
+
+/// Places about the centre at which generators and forms are looked at.
+const PLACES: [DVec3; 4] = [
+    DVec3::ZERO,
+    DVec3::new(0.02, -0.01, 0.03),
+    DVec3::new(-0.03, 0.02, 0.01),
+    DVec3::new(0.01, 0.04, -0.02),
+];
+
 /// The nearest elements, among which faces are looked for.
 const CANDIDATES: usize = 600;
 
@@ -45,7 +59,10 @@ pub(in crate::manifold) struct QuotientFace {
 struct Nearness<'m> {
     model: &'m LinearModel,
     centre: DVec3,
-    metric: [f64; 6],
+    /// The metric (xx, yy, zz, xy, xz, yz) at a point of the chart.
+    metric: &'m dyn Fn(DVec3) -> [f64; 6],
+    /// That at the centre.
+    at_centre: DMat3,
     /// `−Q X(c)`: times X it grows with the distance from the centre.
     form: Option<Vec<f64>>,
 }
@@ -57,11 +74,36 @@ impl Nearness<'_> {
             Some(form) => dot(form, x),
             None => {
                 let off = self.dropped(x) - self.centre;
-                let [xx, yy, zz, xy, xz, yz] = self.metric;
-                let g = DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz]);
-                off.dot(g * off)
+                off.dot(self.at_centre * off)
             }
         }
+    }
+
+    /// Measures by how much `matrix` changes lengths near the centre, as a share of them: a group of maps that do has no
+    /// end, and its domain, if any, would be refused. Points that the chart does not have are passed over.
+    fn stretch(&self, matrix: &[f64]) -> f64 {
+        let stretches = PLACES
+            .iter()
+            .map(|shift| self.stretch_at(matrix, self.centre + *shift));
+        stretches.filter(|x| x.is_finite()).fold(0.0, f64::max)
+    }
+
+    /// Measures this at the point `u` of the chart.
+    fn stretch_at(&self, matrix: &[f64], u: DVec3) -> f64 {
+        let n = self.model.dimension;
+        let lift = self.model.lift.at(&u.to_array());
+        let drop = self.model.drop.at(&times(matrix, &lift[..n]));
+        let column = |k: usize| {
+            let along = times(matrix, &lift[(k + 1) * n..(k + 2) * n]);
+            let terms = along.iter().zip(drop[3..].chunks_exact(3));
+            terms.fold(DVec3::ZERO, |sum, (x, row)| {
+                sum + DVec3::from_slice(row) * *x
+            })
+        };
+        let map = DMat3::from_cols(column(0), column(1), column(2));
+        let image = DVec3::from_slice(&drop[..3]);
+        let [here, there] = [u, image].map(|u| symmetric((self.metric)(u)));
+        largest(map.transpose() * there * map - here) / largest(here)
     }
 
     fn dropped(&self, x: &[f64]) -> DVec3 {
@@ -86,7 +128,20 @@ fn times(matrix: &[f64], x: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Finds the faces of the domain about `centre` of the group of `generators` (by rows).
+/// Returns the symmetric matrix of these entries (xx, yy, zz, xy, xz, yz).
+fn symmetric([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> DMat3 {
+    DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
+}
+
+/// Returns the size of the largest entry; not a number if one is none.
+fn largest(matrix: DMat3) -> f64 {
+    match matrix.is_nan() {
+        true => f64::NAN,
+        false => matrix.abs().to_cols_array().into_iter().fold(0.0, f64::max),
+    }
+}
+
+/// Finds the faces of the domain about `centre` of the group of `generators` (by rows) where the metric is `metric`.
 ///
 /// # Errors
 /// The reason why there is none.
@@ -94,9 +149,15 @@ pub(in crate::manifold) fn dirichlet(
     model: &LinearModel,
     generators: &[Vec<f64>],
     centre: DVec3,
-    metric: [f64; 6],
+    metric: &dyn Fn(DVec3) -> [f64; 6],
 ) -> Result<Vec<QuotientFace>, String> {
     let n = model.dimension;
+    if generators.len() > MOST_GENERATORS {
+        let count = generators.len();
+        return Err(format!(
+            "{count} generators are too many; {MOST_GENERATORS} are the most"
+        ));
+    }
     let mut steps = generators.to_vec();
     for (k, generator) in generators.iter().enumerate() {
         let inverse = inverse(generator, n)
@@ -107,8 +168,18 @@ pub(in crate::manifold) fn dirichlet(
         model,
         centre,
         metric,
+        at_centre: symmetric(metric(centre)),
         form: None,
     };
+    for (k, generator) in generators.iter().enumerate() {
+        let stretch = nearness.stretch(generator);
+        if stretch > OFF {
+            return Err(format!(
+                "generator {} is no isometry: it changes lengths near the centre by {stretch:.1e} of them",
+                k + 1
+            ));
+        }
+    }
     nearness.form = invariant_form(&nearness, &steps);
     let group = Elements::about(&nearness, &steps)?;
     Ok(faces(&nearness, &group.matrices))
@@ -117,15 +188,8 @@ pub(in crate::manifold) fn dirichlet(
 /// Finds a diagonal form of signs that the steps keep and that is constant on the space; returns `−Q X(c)`.
 fn invariant_form(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Option<Vec<f64>> {
     let n = nearness.model.dimension;
-    let points: Vec<Vec<f64>> = [
-        DVec3::ZERO,
-        DVec3::new(0.02, -0.01, 0.03),
-        DVec3::new(-0.03, 0.02, 0.01),
-        DVec3::new(0.01, 0.04, -0.02),
-    ]
-    .iter()
-    .map(|shift| nearness.lifted(nearness.centre + *shift))
-    .collect();
+    let places = PLACES.iter().map(|shift| nearness.centre + *shift);
+    let points: Vec<Vec<f64>> = places.map(|u| nearness.lifted(u)).collect();
     let signs = |mask: usize| -> Vec<f64> {
         let sign = |k: usize| if mask >> k & 1 == 1 { -1.0 } else { 1.0 };
         (0..n).map(sign).collect()
@@ -287,10 +351,14 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
         })
     };
     let rows: Vec<Option<Vec<f64>>> = candidates.iter().map(row).collect();
-    // Negative where the image of x is nearer to the centre than x.
-    let value = |k: usize, x: &[f64]| match &rows[k] {
+    // Negative where the image of x is nearer to the centre than x, which is as near as `here` says.
+    let here = |x: &[f64]| match nearness.form {
+        Some(_) => 0.0,
+        None => nearness.of(x),
+    };
+    let value = |k: usize, x: &[f64], here: f64| match &rows[k] {
         Some(row) => dot(row, x),
-        None => nearness.of(&times(&candidates[k], x)) - nearness.of(x),
+        None => nearness.of(&times(&candidates[k], x)) - here,
     };
     let start = nearness.lifted(nearness.centre);
     let Some(first) = candidates.first() else {
@@ -303,7 +371,8 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
         let at = |t: f64| nearness.lifted(nearness.centre + d * t);
         let inside = |t: f64, chosen: &[usize]| {
             let x = at(t);
-            x.iter().all(|x| x.is_finite()) && chosen.iter().all(|k| value(*k, &x) >= 0.0)
+            let here = here(&x);
+            x.iter().all(|x| x.is_finite()) && chosen.iter().all(|k| value(*k, &x, here) >= 0.0)
         };
         // Where the faces known so far end the line.
         let Some(mut high) = (1..=(20.0 * REACH) as usize)
@@ -323,9 +392,10 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
             }
             // A face that none of them is cuts it off before.
             let x = at(low);
+            let own = here(&x);
             let nearer = (0..candidates.len())
                 .filter(|k| !chosen.contains(k))
-                .map(|k| (value(k, &x), k))
+                .map(|k| (value(k, &x, own), k))
                 .min_by(|a, b| a.0.total_cmp(&b.0))
                 .filter(|(value, _)| *value < -1e-9 * nearness.of(&x).abs().max(1e-9));
             let Some((_, k)) = nearer else { break };
@@ -333,9 +403,10 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
             (low, high) = (0.0, low);
         }
         let x = at(high);
+        let own = here(&x);
         let last = chosen
             .iter()
-            .min_by(|a, b| value(**a, &x).total_cmp(&value(**b, &x)));
+            .min_by(|a, b| value(**a, &x, own).total_cmp(&value(**b, &x, own)));
         active.extend(last.filter(|k| !active.contains(k)));
     }
     // Inverses, which are faces as well.
@@ -358,7 +429,7 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
     let face = |k: usize| QuotientFace {
         matrix: candidates[k].clone(),
         row: rows[k].clone(),
-        metric: nearness.metric,
+        metric: (nearness.metric)(nearness.centre),
     };
     chosen.into_iter().map(face).collect()
 }

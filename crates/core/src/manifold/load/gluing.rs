@@ -129,9 +129,11 @@ impl Loader<'_> {
         // Its domain.
         let metric = Tape::compile(&self.graph, &metric, 3);
         let metric = metric.map_err(|e| item.complain(e.to_string()))?;
-        let entries = metric.at(&centre.to_array());
-        let metric = std::array::from_fn(|k| entries[k]);
-        let found = quotient::dirichlet(&model, &matrices, centre, metric);
+        let metric = |u: DVec3| {
+            let entries = metric.at(&u.to_array());
+            std::array::from_fn(|k| entries[k])
+        };
+        let found = quotient::dirichlet(&model, &matrices, centre, &metric);
         let found = found.map_err(|message| {
             generators.complain(message).with_hint(
                 "the group must be discrete, and no element but the identity may fix `centre`",
