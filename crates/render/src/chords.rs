@@ -225,7 +225,14 @@ impl<'w> MeetingTest<'w> {
 
     fn met_by_copies(&mut self, boxes: &BoxPacket, lanes: usize) -> Mask {
         let (accelerator, search) = (&self.world.accelerator, &mut self.search);
+        let maybe = match &self.world.copies {
+            Some(copies) => copies.touched(boxes),
+            None => [false; LANES],
+        };
         std::array::from_fn(|l| {
+            if !maybe[l] {
+                return false;
+            }
             let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
             let half = (high - low) * 0.5;
             // A box that is inside out meets nothing.

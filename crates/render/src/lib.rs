@@ -32,6 +32,7 @@ pub mod path_batch;
 mod path_patch;
 mod path_source;
 pub mod picture;
+mod placed_copies;
 pub mod redshift;
 pub mod scene;
 pub mod shade;
