@@ -90,6 +90,9 @@ impl SceneCopies {
     /// Prepares the copies of all triangles; `None` if nothing is glued.
     pub fn of(manifold: &Arc<Manifold>, accelerator: &Accelerator) -> Option<Self> {
         let gluing = manifold.gluing()?;
+        let identity = gluing.identity()?;
+        let mut ways = vec![[identity.clone(), identity]];
+        let mut all = true;
         let mut cells = vec![SceneCell {
             deck: gluing.identity()?,
             place: gluing.inside(),
@@ -112,7 +115,9 @@ impl SceneCopies {
                     .iter()
                     .position(|cell| near(gluing, cell.place, place));
                 let number = known.unwrap_or(cells.len());
+                all &= number < MOST_BESIDE;
                 if known.is_none() && cells.len() < MOST_BESIDE {
+                    ways.push([back.clone(), into.clone()]);
                     cells.push(SceneCell {
                         deck: back,
                         place,
@@ -127,9 +132,11 @@ impl SceneCopies {
                 }
             }
         }
+        let placed = || PlacedCopies::of(gluing, &ways, accelerator);
+        let placed = all.then(placed).flatten();
         Some(Self {
             manifold: manifold.clone(),
-            placed: PlacedCopies::of(gluing, accelerator),
+            placed,
             cells,
         })
     }

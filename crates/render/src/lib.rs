@@ -34,6 +34,7 @@ mod path_source;
 pub mod picture;
 mod placed_copies;
 pub mod redshift;
+mod restarts;
 pub mod scene;
 pub mod shade;
 pub mod shifted;

@@ -10,13 +10,19 @@ use super::{
 };
 use geofan_core::manifold::{DeckTransformation, Gluing};
 use glam::DVec3;
+use std::collections::HashSet;
 
-/// Most copies that are placed: a space of infinitely many has the nearest placed.
-const MOST_COPIES: usize = 1000;
+/// Most copies that are placed: of a space of infinitely many the nearest.
+const MOST_COPIES: usize = 4000;
 
-/// About how many boxes are made, and the most for one copy. Twice as many make frames of Poincaré's space no faster.
-const BOXES: usize = 8192;
-const MOST_PARTS: usize = 64;
+/// About how many boxes are made, and the most for one copy. Frames of Poincaré's space take as long with four times as
+/// many, which take ten milliseconds to make.
+const BOXES: usize = 16_000;
+const MOST_PARTS: usize = 16;
+
+/// Share of the domain's size within which two images of one point are the same. Where rounding takes them for two, a
+/// copy is looked at twice.
+const SAME_PLACE: f64 = 1e-6;
 
 /// Share of an image's extent by which a box's image may depart from that of the differential at its middle: it is
 /// divided beyond, so often at most.
@@ -34,8 +40,8 @@ pub struct PlacedCopies {
     tree: BoxTree<PlacedPart>,
     /// The copies of which a part reaches through the chart's infinity.
     endless: Vec<u32>,
-    /// All copies are placed of which anything is this near to the domain's point inside.
-    inside: DVec3,
+    /// All copies are placed of which anything is this near to the domain's middle.
+    middle: DVec3,
     reach: f64,
 }
 
@@ -48,32 +54,49 @@ struct PlacedPart {
 }
 
 impl PlacedCopies {
-    /// Places the scene's parts; `None` where nothing is certain to be all there is.
-    pub fn of(gluing: &Gluing, accelerator: &Accelerator) -> Option<Self> {
-        let (copies, reach) = gluing.nearest_copies(MOST_COPIES);
-        if copies.is_empty() || !(reach > 0.0) {
+    /// Places the scene's parts, which lie in `cells`: copies of the domain, each by the ways there and back. `None`
+    /// where nothing is certain to be all there is.
+    pub fn of(
+        gluing: &Gluing,
+        cells: &[[DeckTransformation; 2]],
+        scene: &Accelerator,
+    ) -> Option<Self> {
+        let nearest = gluing.nearest_copies();
+        let (copies, reach) = nearest.first(MOST_COPIES / cells.len());
+        if !(reach > 0.0) {
             return None;
         }
-        let parts = accelerator.parts((BOXES / copies.len()).clamp(1, MOST_PARTS));
+        let same = SAME_PLACE * gluing.size();
+        let mut ways: Vec<(DeckTransformation, DeckTransformation)> = Vec::new();
+        let mut places: HashSet<[i64; 3]> = HashSet::new();
+        for (cell, copy) in cells
+            .iter()
+            .flat_map(|cell| copies.iter().map(move |copy| (cell, copy)))
+        {
+            // What lies in the cell, as it is in the copy, and the way from there.
+            let [into, out] = cell;
+            let there = out.then(&copy.deck);
+            let place = there.point(gluing.inside()) / same;
+            if cells.len() == 1 || places.insert(place.to_array().map(|x| x.round() as i64)) {
+                ways.push((there, copy.back.then(into)));
+            }
+        }
+        let parts = scene.parts((BOXES / ways.len()).clamp(1, MOST_PARTS));
         let (mut placed, mut endless) = (Vec::new(), Vec::new());
-        let mut decks = Vec::with_capacity(copies.len());
-        for (copy, (deck, back)) in (0..).zip(copies) {
-            let images: Option<Vec<Bounds>> = parts
-                .iter()
-                .map(|part| image_of_box(&deck, *part, DIVISIONS))
-                .collect();
+        for (copy, (there, _)) in (0..).zip(&ways) {
+            let image = |part: &Bounds| image_of_box(there, *part, DIVISIONS);
+            let images: Option<Vec<Bounds>> = parts.iter().map(image).collect();
             let part = |(low, high)| PlacedPart { copy, low, high };
             match images {
                 Some(images) => placed.extend(images.into_iter().map(part)),
                 None => endless.push(copy),
             }
-            decks.push(back);
         }
         Some(Self {
-            decks,
+            decks: ways.into_iter().map(|(_, back)| back).collect(),
             tree: BoxTree::build(&placed, |part| (part.low, part.high)),
             endless,
-            inside: gluing.inside(),
+            middle: nearest.middle(),
             reach,
         })
     }
@@ -85,7 +108,7 @@ impl PlacedCopies {
 
     /// Tells whether everything in a box is known.
     pub fn knows(&self, (low, high): Bounds) -> bool {
-        let far = (low - self.inside).abs().max((high - self.inside).abs());
+        let far = (low - self.middle).abs().max((high - self.middle).abs());
         far.length() <= self.reach
     }
 
@@ -119,14 +142,14 @@ impl PlacedCopies {
         touched
     }
 
-    /// Returns the squares of the largest distances of points of boxes from the point inside.
+    /// Returns the squares of the largest distances of points of boxes from the domain's middle.
     #[inline(always)]
     fn squared_distances(&self, boxes: &BoxPacket) -> [f32; LANES] {
         let mut squared = [0.0; LANES];
         for c in 0..3 {
-            let inside = self.inside[c] as f32;
+            let middle = self.middle[c] as f32;
             for l in 0..LANES {
-                let far = more(boxes.high[c][l] - inside, inside - boxes.low[c][l]);
+                let far = more(boxes.high[c][l] - middle, middle - boxes.low[c][l]);
                 squared[l] += far * far;
             }
         }

@@ -11,12 +11,14 @@
 mod check;
 mod deck;
 mod development;
+mod nearest;
 pub(super) mod quotient;
 mod spheres;
 
 pub use deck::DeckTransformation;
 pub(super) use deck::LinearModel;
 pub use development::Development;
+pub use nearest::{NearCopy, NearestCopies};
 
 use super::{
     Manifold,
@@ -28,10 +30,9 @@ use glam::{DMat3, DVec3};
 use spheres::Spheres;
 use std::{
     borrow::Cow,
-    cmp::Reverse,
-    collections::{BinaryHeap, HashMap},
+    collections::HashMap,
     ops::Range,
-    sync::Arc,
+    sync::{Arc, OnceLock},
 };
 
 /// Share of the domain's size that a point must lie beyond a face to have left through it: rounding must not
@@ -40,34 +41,6 @@ const GUARD: f64 = 1e-8;
 
 /// The most maps that bring a point back. Far points need about as many as faces lie on the way.
 const MOST_MAPS: usize = 4000;
-
-/// Share of the domain's size to which the distances of copies are rounded.
-const DISTANCE_UNIT: f64 = 1e-6;
-
-/// Factor by which images of the domain are taken for wider than the differential at the point inside makes them, for
-/// the bend of maps and for corners between the directions that are looked in.
-const COPY_BEND: f64 = 1.3;
-
-/// Directions in which the ends of the domain are looked for: to the faces, edges and corners of a cube.
-const RADIUS_DIRECTIONS: [[f64; 3]; 26] = cube_directions();
-
-/// How far out the end of a domain is looked for, in its sizes.
-const FARTHEST_FACE: f64 = 1e3;
-
-/// Lists the directions from the middle of a cube to its faces, edges and corners.
-const fn cube_directions() -> [[f64; 3]; 26] {
-    let mut directions = [[0.0; 3]; 26];
-    let (mut code, mut count) = (0, 0);
-    while code < 27 {
-        let at = [code % 3, code / 3 % 3, code / 9];
-        if code != 13 {
-            directions[count] = [at[0] as f64 - 1.0, at[1] as f64 - 1.0, at[2] as f64 - 1.0];
-            count += 1;
-        }
-        code += 1;
-    }
-    directions
-}
 
 /// A face as a file gives it, as nodes of the manifold's graph.
 pub(super) struct FaceNodes {
@@ -122,6 +95,7 @@ pub struct Gluing {
     size: f64,
     /// A point inside.
     inside: DVec3,
+    nearest: OnceLock<Arc<NearestCopies>>,
 }
 
 impl GluedFace {
@@ -184,6 +158,7 @@ impl Gluing {
             openings: Tape::compile(graph, &openings, 3)?,
             size: 1.0,
             inside: DVec3::ZERO,
+            nearest: OnceLock::new(),
         };
         let mut portals = 0;
         for face in faces {
@@ -281,76 +256,6 @@ impl Gluing {
             next += 1;
         }
         copies
-    }
-
-    /// Makes the transformations from the domain to its nearest copies, each with the one that undoes it, at most so
-    /// many. Returns with them the distance from the point inside up to which they are all there are, in the chart:
-    /// infinite for a finite group.
-    pub fn nearest_copies(
-        &self,
-        most: usize,
-    ) -> (Vec<(DeckTransformation, DeckTransformation)>, f64) {
-        let (Some(identity), radius) = (self.identity(), self.radius()) else {
-            return (Vec::new(), 0.0);
-        };
-        let mut known = KnownPlaces::about(self);
-        known.add(self.inside);
-        let mut found = vec![(identity.clone(), identity)];
-        // By the least distance of a point of the copy, rounded down.
-        let unit = DISTANCE_UNIT * self.size;
-        let mut open = BinaryHeap::from([Reverse((i64::MIN, 0))]);
-        let mut copies = Vec::new();
-        while let Some(Reverse((distance, number))) = open.pop() {
-            if copies.len() == most {
-                return (copies, distance as f64 * unit);
-            }
-            let copy: &(DeckTransformation, DeckTransformation) = &found[number];
-            let (deck, back) = copy.clone();
-            copies.push(copy.clone());
-            for face in self.faces.iter().filter(|face| !face.is_portal()) {
-                let partner = face.partner.and_then(|k| self.faces[k].deck());
-                let (Some(map), Some(undo)) = (face.deck(), partner) else {
-                    continue;
-                };
-                let next = map.then(&deck);
-                let (place, d) = next.apply(self.inside);
-                if place.is_finite() && known.add(place) {
-                    let reach = COPY_BEND * next.stretch(d) * radius;
-                    let distance = ((place - self.inside).length() - reach) / unit;
-                    open.push(Reverse((distance.floor() as i64, found.len())));
-                    found.push((next, back.then(undo)));
-                }
-            }
-        }
-        (copies, f64::INFINITY)
-    }
-
-    /// Returns about how far the domain reaches from its point inside: infinite where faces do not bound it.
-    fn radius(&self) -> f64 {
-        let mut radius = 0.0_f64;
-        for direction in RADIUS_DIRECTIONS.map(DVec3::from_array) {
-            let along = direction.normalize();
-            let leaves = |t: f64| {
-                self.violated(self.inside + along * (t * self.size))
-                    .is_some()
-            };
-            let (mut low, mut high) = (0.0, 1.0);
-            while !leaves(high) {
-                (low, high) = (high, 2.0 * high);
-                if high > FARTHEST_FACE {
-                    return f64::INFINITY;
-                }
-            }
-            for _ in 0..20 {
-                let middle = 0.5 * (low + high);
-                (low, high) = match leaves(middle) {
-                    true => (low, middle),
-                    false => (middle, high),
-                };
-            }
-            radius = radius.max(high * self.size);
-        }
-        radius
     }
 
     /// Finds the bounding face that `u` lies farthest beyond, by more than rounding. Portals bound nothing.
