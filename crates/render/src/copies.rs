@@ -159,6 +159,12 @@ impl SceneCopies {
         })
     }
 
+    /// Tells whether what is in a box may meet anything: `false` is certain.
+    pub fn may_meet(&self, bounds: Bounds) -> bool {
+        let placed = self.placed.as_ref();
+        placed.is_none_or(|placed| placed.may_meet(bounds))
+    }
+
     /// Marks which of sixteen boxes may meet anything: of those that are not marked it is certain that they do not.
     #[inline(always)]
     pub fn touched(&self, boxes: &BoxPacket) -> Mask {

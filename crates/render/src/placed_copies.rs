@@ -112,6 +112,11 @@ impl PlacedCopies {
         far.length() <= self.reach
     }
 
+    /// Tells whether a box may meet anything, or not everything in it is known.
+    pub fn may_meet(&self, (low, high): Bounds) -> bool {
+        !self.endless.is_empty() || !self.knows((low, high)) || self.tree.touches(low, high)
+    }
+
     /// Puts into `copies`, emptied first, the copies that the box may meet, ascending.
     pub fn near(&self, (low, high): Bounds, copies: &mut Vec<u32>) {
         copies.clear();
