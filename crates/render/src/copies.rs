@@ -223,6 +223,16 @@ impl<'w> CopySearch<'w> {
         met.is_break()
     }
 
+    /// Tells whether more copies may be in the box about `u` that reaches so far along each axis than are looked at:
+    /// then [`CopySearch::around`] does not show all.
+    pub fn is_wide(&mut self, (u, half): Bounds) -> bool {
+        if self.placed_near(u, half).is_some() {
+            return self.near.len() > MOST_CELLS;
+        }
+        let stretch = self.locate(u);
+        stretch.is_none_or(|stretch| half.length() * stretch > self.way.gluing().size())
+    }
+
     /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something, until `show` has
     /// seen enough.
     pub fn show_cubics(&mut self, piece: &Cubic, mut show: impl FnMut(Cubic) -> ControlFlow<()>) {
