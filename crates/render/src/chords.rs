@@ -31,8 +31,8 @@ pub const TUBE_MARGIN: f64 = 0.15;
 pub struct Candidates {
     /// Their numbers, ascending.
     pub pieces: Vec<usize>,
-    /// The first of them whose box is so wide that not all copies of the scene in it are looked at.
-    pub wide: Option<usize>,
+    /// Set if the box of one of them is so wide that not all copies of the scene in it are looked at.
+    pub wide: bool,
     /// Boxes around all pieces: the least x, y and z of each, then the largest; whole vectors.
     sides: [Vec<f32>; ROWS],
     /// The margin by which each box is widened.
@@ -51,7 +51,7 @@ impl Candidates {
         slack: f64,
     ) {
         self.pieces.clear();
-        self.wide = None;
+        self.wide = false;
         if world.faces.is_empty() {
             return;
         }
@@ -67,9 +67,7 @@ impl Candidates {
                     let met = meeting.met(&boxes, lanes);
                     for l in (0..lanes).filter(|l| met[*l]) {
                         self.pieces.push(first + l);
-                        if self.wide.is_none() && meeting.is_wide(&boxes, l) {
-                            self.wide = Some(first + l);
-                        }
+                        self.wide = self.wide || meeting.is_wide(&boxes, l);
                     }
                 }
             },

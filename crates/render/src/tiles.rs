@@ -200,13 +200,9 @@ impl PixelSamples<'_> {
     ) {
         let place = |l: usize| places[l.min(places.len() - 1)];
         let at = std::array::from_fn(|l| self.fraction(leaf.tile, place(l)));
-        let (mut beyond, until) = (Vec::new(), leaf.until);
         let show = |l: usize, seen: Seen| {
-            let Some(place) = places.get(l) else { return };
-            match seen {
-                Seen::Surface(hit) if f64::from(hit.s) <= until => tile.put(*place, seen),
-                _ if until < f64::INFINITY => beyond.push(*place),
-                _ => tile.put(*place, seen),
+            if let Some(place) = places.get(l) {
+                tile.put(*place, seen);
             }
         };
         match &leaf.ends {
@@ -227,7 +223,6 @@ impl PixelSamples<'_> {
                 see_before(target, &at, chords, (&ends, show));
             }
         }
-        lost.extend(beyond);
     }
 
     /// Looks up how the samples at at most sixteen `places` end; those of which that is not known are `lost`.

@@ -139,8 +139,6 @@ pub struct Leaf {
     pub touched: Vec<usize>,
     /// The way in which its paths end.
     pub ends: Ends,
-    /// Arc length up to which what they may meet is known; beyond, they meet too many copies of a scene at once.
-    pub until: f64,
 }
 
 /// The way in which the paths of a tile end.
@@ -239,25 +237,22 @@ impl Lattice<'_> {
             Ends::Each => touched.find(&checks.all(), last, self.world, TUBE_MARGIN, slack),
             _ => touched.find(patch.paths(), last, self.world, TUBE_MARGIN, slack),
         }
-        // Smaller tiles are narrower.
-        let until = touched.wide.map(|k| self.tracer.knots()[k]);
-        if until.is_some_and(|s| tile.side > self.smallest || s <= 0.0) {
+        // Smaller tiles are narrower, single paths not wide at all.
+        if touched.wide {
             return None;
         }
-        let known = |k: &usize| touched.wide.is_none_or(|wide| *k < wide);
-        let pieces: Vec<usize> = touched.pieces.iter().copied().filter(known).collect();
+        let pieces = &touched.pieces;
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
             return None;
         }
-        if !(checks.path(&pieces) <= allowed) {
+        if !(checks.path(pieces) <= allowed) {
             return None;
         }
         Some(Leaf {
             tile,
             members,
-            touched: pieces,
+            touched: pieces.clone(),
             ends,
-            until: until.unwrap_or(f64::INFINITY),
         })
     }
 
