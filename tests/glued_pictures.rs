@@ -245,7 +245,7 @@ fn pictures_by_tables_have_all_the_small_copies_far_away() {
             &scene(
                 "space.toml",
                 camera,
-                &(object([0.1, 0.06, -0.06], 0.08, 30.0) + &object([-0.1, 0.3, 0.1], 0.08, 0.0)),
+                &(object([0.1, 0.06, -0.06], 0.25, 30.0) + &object([-0.1, 0.3, 0.1], 0.2, 0.0)),
             ),
         ),
     ]);
@@ -267,7 +267,7 @@ fn pictures_by_tables_have_all_the_small_copies_far_away() {
     .outcomes;
     let (share, count) = (alike(&fast, &truth, 2e-3), surfaces(&truth));
     println!("{share} alike, {} of {count} surfaces", surfaces(&fast));
-    assert!(count > 300 && share > 0.97, "{share}, {count}");
+    assert!(count > 200 && share > 0.97, "{share}, {count}");
     let far = |seen: &&Seen| matches!(seen, Seen::Surface(hit) if hit.s > 3.0);
     let [known, found] = [&truth, &fast].map(|seen| seen.iter().filter(far).count());
     assert!(
