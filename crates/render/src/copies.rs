@@ -226,8 +226,12 @@ impl<'w> CopySearch<'w> {
     /// Tells whether more copies may be in the box about `u` that reaches so far along each axis than are looked at:
     /// then [`CopySearch::around`] does not show all.
     pub fn is_wide(&mut self, (u, half): Bounds) -> bool {
-        if self.placed_near(u, half).is_some() {
-            return self.near.len() > MOST_CELLS;
+        let bounds = (u - half, u + half);
+        if let Some(placed) = self.copies.placed.as_ref().filter(|p| p.knows(bounds)) {
+            // Of few copies not even all are too many.
+            return placed.count() > MOST_CELLS
+                && self.placed_near(u, half).is_some()
+                && self.near.len() > MOST_CELLS;
         }
         let stretch = self.locate(u);
         stretch.is_none_or(|stretch| half.length() * stretch > self.way.gluing().size())

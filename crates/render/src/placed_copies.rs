@@ -101,6 +101,11 @@ impl PlacedCopies {
         })
     }
 
+    /// Returns the number of copies.
+    pub fn count(&self) -> usize {
+        self.decks.len()
+    }
+
     /// Returns the transformation from a copy to the scene.
     pub fn deck(&self, copy: u32) -> &DeckTransformation {
         &self.decks[copy as usize]
