@@ -6,7 +6,10 @@ use assert_cmd::cargo::cargo_bin_cmd;
 use geofan_core::geodesic::{Ray, paths};
 use glam::DVec3;
 use serde_json::Value;
-use std::{f64::consts::TAU, fs};
+use std::{
+    f64::consts::{PI, TAU},
+    fs,
+};
 use support::{asset, settings};
 
 const ASSETS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/assets");
@@ -164,6 +167,46 @@ fn open_curves_have_no_holonomy_and_glued_ones_close() {
     ]);
     assert_eq!(glued["closed"], true);
     assert!(glued["holonomy"]["angle"].as_f64().unwrap() < 1e-12);
+}
+
+#[test]
+fn curves_through_the_faces_of_a_glued_space_close() {
+    let carried = |space: &str, curve: &str, to: &str| {
+        json(&[
+            "transport",
+            space,
+            "--curve",
+            curve,
+            "--from",
+            "0",
+            "--to",
+            to,
+        ])
+    };
+    // Up through the top of the cube and in from below, turned by half.
+    let half_turn = manifold("half-turn");
+    let once = carried(&half_turn, "0.3*cos(t),0.2*cos(t),-0.4 + 2*t/pi", "pi");
+    assert_eq!(once["closed"], true);
+    let angle = once["holonomy"]["angle"].as_f64().unwrap();
+    assert!(off(angle, PI) < 1e-12, "{angle}");
+    let axis = vector(&once["holonomy"]["axis"]);
+    assert!(axis.cross(DVec3::Z).length() < 1e-12, "{axis}");
+    let twice = carried(&half_turn, "0.3*cos(t),0.2*cos(t),-0.4 + 2*t/pi", "2*pi");
+    assert!(twice["holonomy"]["angle"].as_f64().unwrap() < 1e-12);
+    let not = carried(&half_turn, "0.3,0.2,-0.4 + 2*t", "1");
+    assert_eq!(not["closed"], false);
+    // From a face to the point of another that stands for the same.
+    let along = carried(&half_turn, "2*t - 1,0.1,0.2", "1");
+    assert_eq!(along["closed"], true);
+    // A way that turns left into right: y is mirrored.
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("m.toml");
+    let text = "name = 'm'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n[[glue]]\nface = '1 - x'\nmap = ['x - 2', '-y', 'z']\n[[glue]]\nface = '1 + x'\nmap = ['x + 2', '-y', 'z']\n";
+    std::fs::write(&file, text).unwrap();
+    let mirrored = carried(file.to_str().unwrap(), "2*t - 0.4,0,0.1", "1");
+    assert_eq!(mirrored["holonomy"]["reflected"], true);
+    let axis = vector(&mirrored["holonomy"]["axis"]);
+    assert!(axis.cross(DVec3::Y).length() < 1e-12, "{axis}");
 }
 
 #[test]

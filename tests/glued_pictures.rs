@@ -234,6 +234,77 @@ fn all_120_images_of_a_mesh_are_in_one_picture_of_poincares_space() {
 }
 
 #[test]
+fn pictures_by_tables_have_all_the_small_copies_far_away() {
+    let camera = "at = [-0.25, -0.12, 0.08]\nlook = [1.0, 0.5, -0.25]\nup = [0, 0, 1]\nfov = 95";
+    let text = catalogue("seifert-weber");
+    let place = Place::with(&[
+        ("square.obj", SQUARE),
+        ("space.toml", &text),
+        (
+            "scene.toml",
+            &scene(
+                "space.toml",
+                camera,
+                &(object([0.1, 0.06, -0.06], 0.25, 30.0) + &object([-0.1, 0.3, 0.1], 0.2, 0.0)),
+            ),
+        ),
+    ]);
+    place
+        .bake("space.toml -o space.fan --max-error 0.2 --length 4.5 --quiet")
+        .success();
+    let bundle = Bundle::read(&place.path("space.fan")).unwrap();
+    let (stage, view) = stage(&place, "scene.toml");
+    let truth = exact(&stage, &view, 4.5);
+    let lookup = Lookup::new(&bundle.table, 2e-4, 1e-8);
+    let fan = bundle.fan(view.u).unwrap();
+    let tracer = lookup.tracer(&fan);
+    let fast = trace(
+        &stage.world,
+        &view,
+        Paths::Lattice(&tracer, 5e-4),
+        &offsets(1),
+    )
+    .outcomes;
+    let (share, count) = (alike(&fast, &truth, 2e-3), surfaces(&truth));
+    println!("{share} alike, {} of {count} surfaces", surfaces(&fast));
+    assert!(count > 200 && share > 0.97, "{share}, {count}");
+    let far = |seen: &&Seen| matches!(seen, Seen::Surface(hit) if hit.s > 3.0);
+    let [known, found] = [&truth, &fast].map(|seen| seen.iter().filter(far).count());
+    assert!(
+        known > 50 && 10 * found.abs_diff(known) < known,
+        "{found} of {known}"
+    );
+}
+
+/// An object that was carried out of the domain is where its image inside is.
+#[test]
+fn objects_far_outside_the_domain_are_seen_inside() {
+    let camera = "at = [0.1, -0.4, -0.3]\nlook = [0.6, 0.5, 0.45]\nup = [0, 0, 1]\nfov = 100";
+    let scene = |at: [f64; 3], turn: f64| scene("glued.toml", camera, &object(at, 0.3, turn));
+    let place = Place::with(&[
+        ("square.obj", SQUARE),
+        ("glued.toml", &catalogue("half-turn")),
+        ("near.toml", &scene([0.9, 0.2, 0.85], 0.0)),
+        // Three cells over and five up: turned by half.
+        ("far.toml", &scene([-0.9 + 6.0, -0.2, 0.85 + 10.0], 180.0)),
+    ]);
+    let (near, view) = stage(&place, "near.toml");
+    let (far, _) = stage(&place, "far.toml");
+    let truth = exact(&near, &view, 6.0);
+    let share = alike(&exact(&far, &view, 6.0), &truth, 1e-5);
+    assert!(surfaces(&truth) > 300 && share > 0.999, "{share}");
+    let knots = ExactGridTracer::choose_knots(&far.world.cover, view.u, 6.0, 1e-7);
+    let grid = ExactGridTracer::new(&far.world.cover, view.u, knots, 1e-7);
+    let paths = Paths::Lattice(&grid, 5e-4);
+    let share = alike(
+        &trace(&far.world, &view, paths, &offsets(1)).outcomes,
+        &truth,
+        1e-3,
+    );
+    assert!(share > 0.985, "{share}");
+}
+
+#[test]
 fn a_camera_on_its_way_through_a_face_comes_in_through_the_other() {
     let pose = |time: f64, at: &str| {
         format!("[[pose]]\ntime = {time}\nat = {at}\nlook = [0.3, 0.9, 0.1]\nup = [0, 0, 1]\n")

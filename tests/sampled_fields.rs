@@ -132,6 +132,7 @@ fn rays_through_a_sampled_lens_end_where_those_of_the_formula_do() {
     // Degree, samples an axis, the largest median and maximum, mrad.
     for (degree, n, most) in [
         (3, 33, [0.03, 0.11]),
+        (3, 65, [0.0032, 0.01]),
         (5, 17, [0.043, 0.1]),
         (5, 33, [0.0004, 0.0015]),
     ] {

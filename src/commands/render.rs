@@ -59,6 +59,9 @@ pub struct RenderArgs {
     pub(super) output: PathBuf,
 }
 
+/// What to do where `--length` does nothing.
+const LENGTH_OF_BUNDLE: &str = "the paths of a bundle have their length, but in a glued space, where they may be longer; leave it out, or give --tracer exact";
+
 /// Names what follows the paths.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum TracerKind {
@@ -97,8 +100,8 @@ impl RenderArgs {
             ),
             (
                 "--length",
-                self.length.is_some() && with_table,
-                "the paths of a bundle have their length; leave it out, or give --tracer exact",
+                self.length.is_some() && with_table && kind != TracerKind::Table,
+                LENGTH_OF_BUNDLE,
             ),
             (
                 "--error",
@@ -275,7 +278,15 @@ fn path_source<'b>(
             Err(Error::input("--tracer", message))
         }
         (None | Some(TracerKind::Table), Some(bundle)) => {
-            Ok(PathSource::table(bundle, args.scene.tolerance()))
+            let paths = PathSource::table(bundle, args.scene.tolerance());
+            let Some(length) = args.length else {
+                return Ok(paths);
+            };
+            let longer = length > bundle.table.length;
+            if !longer || stage.world.manifold.gluing().is_none() {
+                scenery::refuse_idle(&[("--length", true, LENGTH_OF_BUNDLE)])?;
+            }
+            Ok(paths.continued(length))
         }
         (Some(TracerKind::Local), Some(bundle)) => Ok(PathSource::Local(bundle.table.length)),
         (Some(TracerKind::Local), None) => Ok(PathSource::Local(length()?)),

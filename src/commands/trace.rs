@@ -65,6 +65,8 @@ struct Trace {
     steps: usize,
     /// Only exact paths know them.
     conjugate: Option<Vec<f64>>,
+    /// How often it was looked up again where the bundle's paths end.
+    restarts: usize,
     /// Set if a bundle left this ray to the integrator.
     flagged: bool,
 }
@@ -111,6 +113,7 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
         end: path.end,
         length: path.length,
         steps: path.tried,
+        restarts: 0,
         flagged: false,
     })
 }
@@ -121,14 +124,15 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         table, manifold, ..
     } = Bundle::read(file)?;
     let length = args.length.unwrap_or(table.length);
-    if length > table.length {
+    if length > table.length && !table.restarts() {
         let message = format!("the bundle's paths end at {}", table.length);
         return Err(Error::input("--length", message));
     }
     check_start(&manifold, "--at", args.at)?;
     table.space.place(args.at).map_err(about_at)?;
     let count = args.samples as usize;
-    let traced = geofan_bundle::trace(&table, args.at, args.dir, length, count, args.tolerance)?;
+    let traced = geofan_bundle::trace(&table, args.at, args.dir, length, count, args.tolerance);
+    let traced = traced.map_err(|error| about_restart(error, table.length))?;
     Ok(Trace {
         manifold,
         samples: traced.samples,
@@ -137,6 +141,7 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         length: traced.length,
         steps: traced.steps,
         conjugate: None,
+        restarts: traced.restarts,
         flagged: traced.exact,
     })
 }
@@ -149,6 +154,19 @@ fn about_at(error: Error) -> Error {
     }
 }
 
+/// Makes an error about a camera one about the place where a path of this bundle was to be looked up again.
+fn about_restart(error: Error, length: f64) -> Error {
+    match error {
+        Error::Input { message, .. } => {
+            let told = format!(
+                "the bundle's paths end at {length}, and from there it knows none: {message}"
+            );
+            Error::input("--length", told)
+        }
+        other => other,
+    }
+}
+
 /// A path as JSON.
 #[derive(Serialize)]
 struct TraceJson<'a> {
@@ -157,6 +175,8 @@ struct TraceJson<'a> {
     steps: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     conjugate: Option<&'a [f64]>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    restarts: Option<usize>,
     #[serde(skip_serializing_if = "Option::is_none")]
     exact: Option<bool>,
 }
@@ -230,6 +250,7 @@ impl Trace {
             end: self.end.name(&self.manifold),
             steps: self.steps,
             conjugate: self.conjugate.as_deref(),
+            restarts: (self.restarts > 0).then_some(self.restarts),
             exact: self.flagged.then_some(true),
         }
     }
@@ -258,6 +279,13 @@ impl Trace {
             let handedness = if last.reversed { "left" } else { "right" };
             let crossings = last.crossings;
             let _ = writeln!(text, "{crossings} faces crossed, {handedness}-handed");
+        }
+        if self.restarts > 0 {
+            let _ = writeln!(
+                text,
+                "looked up again {} times where the bundle's paths end",
+                self.restarts
+            );
         }
         if self.flagged {
             text += "the ray is flagged in the bundle and was followed exactly\n";

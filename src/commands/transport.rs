@@ -10,7 +10,7 @@ use geofan_core::{
     geodesic::{Transport, check_point, transport},
     manifold::{ChartCurve, Manifold},
 };
-use glam::{DMat3, DVec3};
+use glam::{DMat3, DQuat, DVec3};
 use serde_json::{Value, json};
 use std::{fmt::Write, path::PathBuf};
 
@@ -52,8 +52,31 @@ struct Carried {
     /// Parameter and point, of both ends.
     ends: [(f64, DVec3); 2],
     vectors: Vec<DVec3>,
-    /// Axis (standard frame) and angle by which a closed curve turns.
-    holonomy: Option<(DVec3, f64)>,
+    holonomy: Option<Holonomy>,
+}
+
+/// By what a closed curve turns.
+#[derive(Clone, Copy)]
+struct Holonomy {
+    /// Axis (standard frame at the start), and angle.
+    axis: DVec3,
+    angle: f64,
+    /// Set if left and right are exchanged: then everything is reflected in the point first.
+    reflected: bool,
+}
+
+impl Holonomy {
+    /// Takes the matrix from axes at the start to those that come back.
+    fn new(matrix: DMat3) -> Self {
+        let reflected = matrix.determinant() < 0.0;
+        let rotation = if reflected { -matrix } else { matrix };
+        let (axis, angle) = DQuat::from_mat3(&rotation).normalize().to_axis_angle();
+        Self {
+            axis,
+            angle,
+            reflected,
+        }
+    }
 }
 
 /// Carries the vectors along and prints them.
@@ -75,15 +98,44 @@ fn carry(args: &TransportArgs) -> Result<Carried> {
         .map_err(|e| Error::input("--curve", e.to_string()))?;
     let ends = way.map(|t| (t, curve.at(t).0));
     let [start, end] = ends.map(|(_, u)| manifold.domain.wrap(u));
-    let gap = manifold.standard_frame(start).inverse() * apart(&manifold, start, end);
-    let closed = gap.length() <= CLOSED * length;
+    let near = |gap: DVec3| {
+        let gap = manifold.standard_frame(start).inverse() * gap;
+        gap.length() <= CLOSED * length
+    };
+    // As it is where the curve begins.
+    let back = match near(apart(&manifold, start, end)) {
+        true => Some(transport.matrix() * manifold.standard_frame(ends[0].1)),
+        false => brought_back(&manifold, [start, end], &near)
+            .map(|back| back * transport.matrix() * manifold.standard_frame(ends[0].1)),
+    };
+    let frame = manifold.standard_frame(start);
     Ok(Carried {
-        holonomy: closed.then(|| transport.rotation.to_axis_angle()),
+        holonomy: back.map(|back| Holonomy::new(frame.inverse() * back)),
         transport,
         ends,
         vectors: args.vector.clone(),
         manifold,
     })
+}
+
+/// Finds the differential of the map of a glued space that takes the curve's end to its start; `None` if there is none
+/// that does.
+fn brought_back(
+    manifold: &Manifold,
+    [start, end]: [DVec3; 2],
+    near: impl Fn(DVec3) -> bool,
+) -> Option<DMat3> {
+    let gluing = manifold.gluing()?;
+    let (_, out) = gluing.locate(start)?;
+    let (inside, into) = gluing.locate(end)?;
+    let (way, out) = (gluing.way_in(&into)?, gluing.way_back(&out)?);
+    // A point on a face stands for others on faces.
+    let faces = gluing.faces().iter().filter_map(|face| face.deck());
+    let across = faces.filter(|deck| gluing.violated(deck.point(inside)).is_none());
+    let ways = std::iter::once(way.clone()).chain(across.map(|deck| way.then(deck)));
+    let mut ways = ways.map(|way| way.then(&out).apply(end));
+    let found = ways.find(|(image, _)| near(*image - start));
+    found.map(|(_, differential)| differential)
 }
 
 /// From one point to the other's nearest image.
@@ -149,9 +201,13 @@ impl Carried {
                 "standard_to": after,
             })
         };
-        let holonomy = self
-            .holonomy
-            .map(|(axis, angle)| json!({ "axis": axis.to_array(), "angle": angle }));
+        let holonomy = self.holonomy.map(|found| {
+            json!({
+                "axis": found.axis.to_array(),
+                "angle": found.angle,
+                "reflected": found.reflected,
+            })
+        });
         json!({
             "from": end(self.ends[0]),
             "to": end(self.ends[1]),
@@ -184,10 +240,18 @@ impl Carried {
             let _ = writeln!(text, "frame {}    becomes {axis}", k + 1);
         }
         match self.holonomy {
-            Some((axis, angle)) => {
+            Some(Holonomy {
+                axis,
+                angle,
+                reflected,
+            }) => {
+                let reflects = match reflected {
+                    true => "reflects in the point and ",
+                    false => "",
+                };
                 let _ = writeln!(
                     text,
-                    "holonomy   turns by {angle:.12} ({:.9}°) about {} of the standard frame",
+                    "holonomy   {reflects}turns by {angle:.12} ({:.9}°) about {} of the standard frame",
                     angle.to_degrees(),
                     numbers(axis)
                 );

@@ -91,6 +91,7 @@ pub mod path_coefficients;
 mod polynomial;
 pub mod rays;
 mod rdoq;
+mod restart;
 pub mod spherical;
 #[cfg(feature = "files")]
 mod stored;
@@ -117,6 +118,7 @@ pub use matrix::product;
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
 pub use rdoq::{unweighted, weighted, weighted_in_order};
+pub use restart::Restart;
 #[cfg(feature = "files")]
 pub use stored::{StoredChunks, StoredContents, write_chunks};
 pub use table::{Chunk, Division, Table};

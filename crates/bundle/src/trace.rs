@@ -24,6 +24,8 @@ pub struct Traced {
     pub length: f64,
     /// Steps integrated; none if the table has the whole path.
     pub steps: usize,
+    /// How often it was looked up again where the table ends.
+    pub restarts: usize,
     /// Set if the path was integrated, because its patch is flagged.
     pub exact: bool,
 }
@@ -31,8 +33,10 @@ pub struct Traced {
 /// The path from `u` in the direction `d` (standard frame, unit) over at most `length`, as `count`
 /// samples; `tolerance` is that of the exact tracer if it is needed.
 ///
+/// In a glued space it may be longer than the table's paths: it is looked up again where these end.
+///
 /// # Errors
-/// `u` is not in the camera region, or the patches there are damaged.
+/// `u`, or a point where the path is looked up again, is not in the camera region, or the patches there are damaged.
 pub fn trace(
     table: &Table,
     u: DVec3,
@@ -41,19 +45,38 @@ pub fn trace(
     count: usize,
     tolerance: f64,
 ) -> Result<Traced> {
-    Ok(trace_in(&table.fan(u)?, d, length, count, tolerance))
+    let fan = table.fan(u)?;
+    if length <= table.length || !table.restarts() {
+        return Ok(trace_in(&fan, d, length, count, tolerance));
+    }
+    let manifold = &*table.space.manifold().glued();
+    let exactly = || exactly(manifold, u, d, length, count, tolerance);
+    Ok(trace_on(fan, d, length, count)?.unwrap_or_else(exactly))
 }
 
-/// Does the same in a fan at hand.
+/// Does the same in a fan at hand, within the table's length.
 pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) -> Traced {
-    let (manifold, u) = (&*fan.space().manifold().glued(), fan.place.u);
+    let manifold = &*fan.space().manifold().glued();
     let path = fan.path(d);
+    match known_end(manifold, &path, length) {
+        None => exactly(manifold, fan.place.u, d, length, count, tolerance),
+        Some((end, length)) => Traced {
+            samples: samples_of(manifold, &path, places(length, count)),
+            end,
+            length,
+            steps: 0,
+            restarts: 0,
+            exact: false,
+        },
+    }
+}
+
+/// Finds how a path ends and where, at `length` at the latest; `None` where its table does not know that.
+fn known_end(manifold: &Manifold, path: &TablePath<'_>, length: f64) -> Option<(End, f64)> {
     let event = match manifold.gluing() {
         None => path.first_event(length),
         // Which way a path goes on at a portal or a mirror, the cover does not know.
-        Some(gluing) if gluing.has_portals() || gluing.has_mirrors() => {
-            return exactly(manifold, u, d, length, count, tolerance);
-        }
+        Some(gluing) if gluing.has_portals() || gluing.has_mirrors() => return None,
         Some(_) => first_event(&manifold.domain, length, |s| {
             let (u, v) = path.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
             let state = manifold.brought_in(u, v);
@@ -61,19 +84,94 @@ pub fn trace_in(fan: &Fan, d: DVec3, length: f64, count: usize, tolerance: f64) 
         }),
     };
     // A flagged part is only reached where nothing ends the ray before it.
-    if event.is_none() && path.flagged_from() < length {
-        return exactly(manifold, u, d, length, count, tolerance);
+    match event {
+        None if path.flagged_from() < length => None,
+        found => Some(found.unwrap_or((End::Length, length))),
     }
-    let (end, length) = event.unwrap_or((End::Length, length));
+}
+
+/// Spaces `count` places evenly from 0 to `length`.
+fn places(length: f64, count: usize) -> impl Iterator<Item = f64> {
     let last = count.max(2) - 1;
-    let places = (0..=last).map(|i| length * (i as f64 / last as f64));
-    Traced {
-        samples: samples_of(manifold, &path, places),
+    (0..=last).map(move |i| length * (i as f64 / last as f64))
+}
+
+/// A part of a path, from one look-up to the next.
+struct Part {
+    fan: Fan,
+    direction: DVec3,
+    /// Where it begins on the whole path, and the sample there.
+    from: f64,
+    start: Option<Sample>,
+}
+
+impl Part {
+    /// Makes the samples at these places of the whole path.
+    fn samples(&self, manifold: &Manifold, places: impl Iterator<Item = f64>) -> Vec<Sample> {
+        let path = self.fan.path(self.direction);
+        let places = places.map(|s| (s - self.from).max(0.0));
+        let mut samples = samples_of(manifold, &path, places);
+        for sample in &mut samples {
+            sample.s += self.from;
+            let Some(start) = &self.start else { continue };
+            let into = manifold.standard_frame(start.u).inverse();
+            let carried = sample.frame.zip(start.frame);
+            sample.frame = carried.map(|(frame, before)| frame * into * before);
+            sample.crossings += start.crossings;
+            sample.reversed ^= start.reversed;
+        }
+        samples
+    }
+}
+
+/// Traces a path of a glued space farther than its table reaches, by look-ups from where it has come to; `None` where
+/// a table gives up on it.
+fn trace_on(fan: Fan, direction: DVec3, length: f64, count: usize) -> Result<Option<Traced>> {
+    let table = fan.table.clone();
+    let (manifold, reach) = (&*table.space.manifold().glued(), table.length);
+    let mut parts = vec![Part {
+        fan,
+        direction,
+        from: 0.0,
+        start: None,
+    }];
+    let (end, length) = loop {
+        let part = &parts[parts.len() - 1];
+        let rest = length - part.from;
+        let path = part.fan.path(part.direction);
+        let Some((end, s)) = known_end(manifold, &path, rest.min(reach)) else {
+            return Ok(None);
+        };
+        if end != End::Length || rest <= reach {
+            break (end, part.from + s);
+        }
+        let from = part.from + reach;
+        let Some(start) = part.samples(manifold, std::iter::once(from)).pop() else {
+            return Ok(None);
+        };
+        let restart = table.restarted(start.u, start.v)?;
+        parts.push(Part {
+            fan: restart.fan,
+            direction: restart.direction,
+            from,
+            start: Some(start),
+        });
+    };
+    let all: Vec<f64> = places(length, count).collect();
+    let ends = parts.iter().skip(1).map(|part| part.from);
+    let ends: Vec<f64> = ends.chain([f64::INFINITY]).collect();
+    let of_part = |(part, until): (&Part, &f64)| {
+        let own = all.iter().filter(|s| (part.from..*until).contains(s));
+        part.samples(manifold, own.copied())
+    };
+    Ok(Some(Traced {
+        samples: parts.iter().zip(&ends).flat_map(of_part).collect(),
         end,
         length,
         steps: 0,
+        restarts: parts.len() - 1,
         exact: false,
-    }
+    }))
 }
 
 /// Places on a path of a glued space at which its crossings are looked for, on the way to each sample.
@@ -156,6 +254,7 @@ fn exactly(
         end: path.end,
         length: path.length,
         steps: path.tried,
+        restarts: 0,
         exact: true,
     }
 }

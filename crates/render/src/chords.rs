@@ -31,6 +31,8 @@ pub const TUBE_MARGIN: f64 = 0.15;
 pub struct Candidates {
     /// Their numbers, ascending.
     pub pieces: Vec<usize>,
+    /// Set if the box of one of them is so wide that not all copies of the scene in it are looked at.
+    pub wide: bool,
     /// Boxes around all pieces: the least x, y and z of each, then the largest; whole vectors.
     sides: [Vec<f32>; ROWS],
     /// The margin by which each box is widened.
@@ -49,6 +51,7 @@ impl Candidates {
         slack: f64,
     ) {
         self.pieces.clear();
+        self.wide = false;
         if world.faces.is_empty() {
             return;
         }
@@ -60,9 +63,12 @@ impl Candidates {
                 let mut meeting = MeetingTest::new(world);
                 for first in (0..count).step_by(LANES) {
                     let lanes = LANES.min(count - first);
-                    let met = meeting.met(&self.boxes(first), lanes);
-                    let pieces = (0..lanes).filter(|l| met[*l]);
-                    self.pieces.extend(pieces.map(|l| first + l));
+                    let boxes = self.boxes(first);
+                    let met = meeting.met(&boxes, lanes);
+                    for l in (0..lanes).filter(|l| met[*l]) {
+                        self.pieces.push(first + l);
+                        self.wide = self.wide || meeting.is_wide(&boxes, l);
+                    }
                 }
             },
         );
@@ -223,9 +229,24 @@ impl<'w> MeetingTest<'w> {
         })
     }
 
+    /// Tells whether more copies of the scene may be in one of the boxes than are looked at.
+    fn is_wide(&mut self, boxes: &BoxPacket, l: usize) -> bool {
+        let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
+        let half = (high - low) * 0.5;
+        let search = self.search.as_mut();
+        search.is_some_and(|search| search.is_wide((low + half, half)))
+    }
+
     fn met_by_copies(&mut self, boxes: &BoxPacket, lanes: usize) -> Mask {
         let (accelerator, search) = (&self.world.accelerator, &mut self.search);
+        let maybe = match &self.world.copies {
+            Some(copies) => copies.touched(boxes),
+            None => [false; LANES],
+        };
         std::array::from_fn(|l| {
+            if !maybe[l] {
+                return false;
+            }
             let [low, high] = [&boxes.low, &boxes.high].map(|of| single_lane(of, l).as_dvec3());
             let half = (high - low) * 0.5;
             // A box that is inside out meets nothing.

@@ -3,16 +3,20 @@
 //! In: a box around a part of a path, in the covering chart or in the domain. Out: [`SceneCopy`]s, the deck
 //! transformations that bring that part to where the scene's triangles are. A path of the cover is brought back
 //! into the domain; where it may cross a face, into all cells that it may come to; and where parts of objects
-//! stick out of the domain, on to where these are.
+//! stick out of the domain, on to where these are. Near the domain, where all copies are placed beforehand
+//! ([`PlacedCopies`]), none of that is needed.
 
 use super::{
+    accel::Accelerator,
     curve::Cubic,
+    lanes::{BoxPacket, LANES, Mask},
     path_patch::{Offsets, Vertex},
+    placed_copies::PlacedCopies,
 };
 use geofan_core::manifold::{DeckTransformation, Development, Gluing, Manifold};
 use geofan_expr::vectorised;
 use glam::{DMat3, DVec3};
-use std::{ops::ControlFlow, sync::Arc};
+use std::{borrow::Cow, ops::ControlFlow, sync::Arc};
 
 /// Most cells that one box is brought to: more means that it is as large as the space.
 const MOST_CELLS: usize = 256;
@@ -36,9 +40,11 @@ const SAME_PLACE: f64 = 1e-6;
 const EDGE_PLACES: usize = 4;
 
 /// Knows the copies of a scene.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct SceneCopies {
     manifold: Arc<Manifold>,
+    /// Those near the domain; `None` where it is not known which these are.
+    placed: Option<PlacedCopies>,
     /// From the domain to the cells in which parts of the scene lie, first to the domain itself.
     cells: Vec<SceneCell>,
 }
@@ -55,18 +61,20 @@ struct SceneCell {
 }
 
 /// Finds the copies of a scene along a path, quickest for places next to each other.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct CopySearch<'w> {
     copies: &'w SceneCopies,
     way: Development<'w>,
     /// The cells that the last box may be in.
-    cells: Vec<SceneCopy>,
+    cells: Vec<SceneCopy<'static>>,
+    /// The placed copies that it may meet.
+    near: Vec<u32>,
 }
 
 /// A transformation that brings a part of a path to the scene.
 #[derive(Debug, Clone)]
-pub struct SceneCopy {
-    deck: DeckTransformation,
+pub struct SceneCopy<'c> {
+    deck: Cow<'c, DeckTransformation>,
     /// The image of the part's middle, and the differential there.
     point: DVec3,
     differential: DMat3,
@@ -79,16 +87,19 @@ type Bounds = (DVec3, DVec3);
 const NOWHERE: Bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);
 
 impl SceneCopies {
-    /// Prepares the copies of these triangles; `None` if nothing is glued.
-    pub fn of(manifold: &Arc<Manifold>, triangles: &[[DVec3; 3]]) -> Option<Self> {
+    /// Prepares the copies of all triangles; `None` if nothing is glued.
+    pub fn of(manifold: &Arc<Manifold>, accelerator: &Accelerator) -> Option<Self> {
         let gluing = manifold.gluing()?;
+        let identity = gluing.identity()?;
+        let mut ways = vec![[identity.clone(), identity]];
+        let mut all = true;
         let mut cells = vec![SceneCell {
             deck: gluing.identity()?,
             place: gluing.inside(),
             bounds: NOWHERE,
             home: NOWHERE,
         }];
-        for triangle in triangles {
+        for triangle in accelerator.triangles() {
             let places = places(triangle);
             let words = places.iter().filter_map(|u| gluing.locate(*u));
             let mut words: Vec<Vec<usize>> = words.map(|(_, word)| word).collect();
@@ -104,7 +115,9 @@ impl SceneCopies {
                     .iter()
                     .position(|cell| near(gluing, cell.place, place));
                 let number = known.unwrap_or(cells.len());
+                all &= number < MOST_BESIDE;
                 if known.is_none() && cells.len() < MOST_BESIDE {
+                    ways.push([back.clone(), into.clone()]);
                     cells.push(SceneCell {
                         deck: back,
                         place,
@@ -119,8 +132,11 @@ impl SceneCopies {
                 }
             }
         }
+        let placed = || PlacedCopies::of(gluing, &ways, accelerator);
+        let placed = all.then(placed).flatten();
         Some(Self {
             manifold: manifold.clone(),
+            placed,
             cells,
         })
     }
@@ -139,11 +155,27 @@ impl SceneCopies {
             copies: self,
             way: self.manifold.gluing().and_then(Development::new)?,
             cells: Vec::new(),
+            near: Vec::new(),
         })
+    }
+
+    /// Tells whether what is in a box may meet anything: `false` is certain.
+    pub fn may_meet(&self, bounds: Bounds) -> bool {
+        let placed = self.placed.as_ref();
+        placed.is_none_or(|placed| placed.may_meet(bounds))
+    }
+
+    /// Marks which of sixteen boxes may meet anything: of those that are not marked it is certain that they do not.
+    #[inline(always)]
+    pub fn touched(&self, boxes: &BoxPacket) -> Mask {
+        match &self.placed {
+            Some(placed) => placed.touched(boxes),
+            None => [true; LANES],
+        }
     }
 }
 
-impl CopySearch<'_> {
+impl<'w> CopySearch<'w> {
     /// Returns a point inside the domain.
     pub fn inside(&self) -> DVec3 {
         self.way.gluing().inside()
@@ -151,8 +183,12 @@ impl CopySearch<'_> {
 
     /// Shows the transformations that bring what is in the box about `u` that reaches so far along each axis to
     /// parts of the scene.
-    pub fn around(&mut self, u: DVec3, half: DVec3, mut show: impl FnMut(&SceneCopy)) {
-        if self.locate(u).is_some() {
+    pub fn around(&mut self, u: DVec3, half: DVec3, mut show: impl FnMut(&SceneCopy<'_>)) {
+        if let Some(placed) = self.placed_near(u, half) {
+            for copy in &self.near {
+                show(&SceneCopy::at(placed.deck(*copy), u));
+            }
+        } else if self.locate(u).is_some() {
             let _ = self.visit(half, |copy| {
                 show(copy);
                 ControlFlow::Continue(())
@@ -163,10 +199,18 @@ impl CopySearch<'_> {
     /// Tells whether what is in the box about `u` that reaches so far along each axis may meet anything, where
     /// `touches` tells that of a box at the scene. Of a box as large as the space that is not known.
     pub fn may_meet(&mut self, (u, half): Bounds, touches: impl Fn(DVec3, DVec3) -> bool) -> bool {
+        let size = self.way.gluing().size();
+        if let Some(placed) = self.placed_near(u, half) {
+            return self.near.iter().any(|copy| {
+                let copy = SceneCopy::at(placed.deck(*copy), u);
+                let (low, high) = copy.image_of_box(half);
+                half.length() * copy.stretch() > size || touches(low, high)
+            });
+        }
         let Some(stretch) = self.locate(u) else {
             return false;
         };
-        if half.length() * stretch > self.way.gluing().size() {
+        if half.length() * stretch > size {
             return true;
         }
         let met = self.visit(half, |copy| {
@@ -179,29 +223,57 @@ impl CopySearch<'_> {
         met.is_break()
     }
 
+    /// Tells whether more copies may be in the box about `u` that reaches so far along each axis than are looked at:
+    /// then [`CopySearch::around`] does not show all.
+    pub fn is_wide(&mut self, (u, half): Bounds) -> bool {
+        let bounds = (u - half, u + half);
+        if let Some(placed) = self.copies.placed.as_ref().filter(|p| p.knows(bounds)) {
+            // Of few copies not even all are too many.
+            return placed.count() > MOST_CELLS
+                && self.placed_near(u, half).is_some()
+                && self.near.len() > MOST_CELLS;
+        }
+        let stretch = self.locate(u);
+        stretch.is_none_or(|stretch| half.length() * stretch > self.way.gluing().size())
+    }
+
     /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something, until `show` has
     /// seen enough.
     pub fn show_cubics(&mut self, piece: &Cubic, mut show: impl FnMut(Cubic) -> ControlFlow<()>) {
         let (low, high) = piece.bounds();
+        let whole = WHOLE * self.way.gluing().size() / (high - low).length();
+        if let Some(placed) = self.placed_near(0.5 * (low + high), 0.5 * (high - low)) {
+            let decks = || self.near.iter().map(|copy| placed.deck(*copy));
+            let stretches = decks().map(|deck| SceneCopy::at(deck, piece.middle()).stretch());
+            let stretch = stretches.fold(0.0, f64::max);
+            let _ = parts(piece, stretch / whole).try_for_each(|part| {
+                decks().try_for_each(|deck| show(image_of_cubic(deck, &part)))
+            });
+            return;
+        }
         let Some(stretch) = self.locate(piece.middle()) else {
             return;
         };
-        let size = (high - low).length() * stretch / (WHOLE * self.way.gluing().size());
-        let count = size.ceil().clamp(1.0, MOST_PARTS);
-        for i in 0..count as usize {
-            let part = match count > 1.0 {
-                true => piece.between([i as f64 / count, (i + 1) as f64 / count]),
-                false => *piece,
-            };
+        for part in parts(piece, stretch / whole) {
             let (low, high) = part.bounds();
             let middle = part.middle();
             let half = (high - middle).max(middle - low);
             if self.locate(middle).is_some()
-                && self.visit(half, |copy| show(copy.cubic(&part))).is_break()
+                && self
+                    .visit(half, |copy| show(image_of_cubic(&copy.deck, &part)))
+                    .is_break()
             {
                 return;
             }
         }
+    }
+
+    /// Finds the placed copies that the box about `u` that reaches so far may meet; `None` where not all are placed.
+    fn placed_near(&mut self, u: DVec3, half: DVec3) -> Option<&'w PlacedCopies> {
+        let bounds = (u - half, u + half);
+        let placed = self.copies.placed.as_ref().filter(|p| p.knows(bounds))?;
+        placed.near(bounds, &mut self.near);
+        Some(placed)
     }
 
     /// Goes to the cell of `u`; returns by how much its transformation stretches there.
@@ -209,7 +281,7 @@ impl CopySearch<'_> {
         self.cells.clear();
         let (point, differential) = self.way.advance(u)?;
         let cell = SceneCopy {
-            deck: self.way.deck().clone(),
+            deck: Cow::Owned(self.way.deck().clone()),
             point,
             differential,
         };
@@ -222,7 +294,7 @@ impl CopySearch<'_> {
     fn visit(
         &mut self,
         half: DVec3,
-        mut show: impl FnMut(&SceneCopy) -> ControlFlow<()>,
+        mut show: impl FnMut(&SceneCopy<'_>) -> ControlFlow<()>,
     ) -> ControlFlow<()> {
         let mut next = 0;
         while next < self.cells.len() {
@@ -248,7 +320,7 @@ impl CopySearch<'_> {
     }
 
     /// Adds the neighbours of a cell that what is in the box may be in.
-    fn spread(&mut self, cell: &SceneCopy, half: DVec3) {
+    fn spread(&mut self, cell: &SceneCopy<'_>, half: DVec3) {
         let same = SAME_PLACE * self.way.gluing().size();
         let cells = &mut self.cells;
         self.way.within(
@@ -257,7 +329,7 @@ impl CopySearch<'_> {
             |deck| {
                 let point = deck.point(cell.point);
                 let known =
-                    |other: &SceneCopy| (other.point - point).length_squared() <= same * same;
+                    |other: &SceneCopy<'_>| (other.point - point).length_squared() <= same * same;
                 if point.is_finite() && cells.len() < MOST_CELLS && !cells.iter().any(known) {
                     cells.push(cell.then(deck));
                 }
@@ -266,7 +338,17 @@ impl CopySearch<'_> {
     }
 }
 
-impl SceneCopy {
+impl<'c> SceneCopy<'c> {
+    /// Takes the transformation to the scene at the middle `u` of a part of a path.
+    fn at(deck: &'c DeckTransformation, u: DVec3) -> Self {
+        let (point, differential) = deck.apply(u);
+        Self {
+            deck: Cow::Borrowed(deck),
+            point,
+            differential,
+        }
+    }
+
     /// Returns the place that the point `u` of the domain is brought to: it tells transformations apart.
     pub fn place_of(&self, u: DVec3) -> DVec3 {
         self.deck.point(u)
@@ -307,26 +389,35 @@ impl SceneCopy {
     }
 
     /// Returns `next` after this one.
-    fn then(&self, next: &DeckTransformation) -> Self {
+    fn then(&self, next: &DeckTransformation) -> SceneCopy<'static> {
         let (point, d) = next.apply(self.point);
-        Self {
-            deck: self.deck.then(next),
+        SceneCopy {
+            deck: Cow::Owned(self.deck.then(next)),
             point,
             differential: d * self.differential,
         }
     }
+}
 
-    /// Returns the image of a cubic, by its ends.
-    fn cubic(&self, piece: &Cubic) -> Cubic {
-        let [a, b] = [0, 1].map(|end| {
-            let (u, d) = self.deck.apply(piece.u[end]);
-            (u, d * piece.v[end])
-        });
-        Cubic {
-            s: piece.s,
-            u: [a.0, b.0],
-            v: [a.1, b.1],
-        }
+/// Cuts a cubic into as many equal parts as it is `sizes` long, in order.
+fn parts(piece: &Cubic, sizes: f64) -> impl Iterator<Item = Cubic> {
+    let count = sizes.ceil().clamp(1.0, MOST_PARTS);
+    (0..count as usize).map(move |i| match count > 1.0 {
+        true => piece.between([i as f64 / count, (i + 1) as f64 / count]),
+        false => *piece,
+    })
+}
+
+/// Returns the image of a cubic, by its ends.
+fn image_of_cubic(deck: &DeckTransformation, piece: &Cubic) -> Cubic {
+    let [a, b] = [0, 1].map(|end| {
+        let (u, d) = deck.apply(piece.u[end]);
+        (u, d * piece.v[end])
+    });
+    Cubic {
+        s: piece.s,
+        u: [a.0, b.0],
+        v: [a.1, b.1],
     }
 }
 

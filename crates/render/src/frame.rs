@@ -250,6 +250,17 @@ fn trace_tiles(
             flagged.push(place);
         }
     }
+    if let Some(restarts) = tracer.restarts() {
+        let lost = restarts.go_on(samples, tracer, &mut outcomes);
+        work.pending += lost.len();
+        let (manifold, u) = (&samples.world.manifold, samples.view.u);
+        let tolerance = tracer.fallback().map_or(TOLERANCE, ExactTracer::tolerance);
+        let exact = ExactTracer::new(manifold, u, restarts.length(), tolerance);
+        for (place, seen) in trace_pending(samples, &exact, &lost) {
+            outcomes[place] = seen;
+            flagged.push(place);
+        }
+    }
     work.pending_time = (samples.clock)().saturating_sub(began);
     TracedSamples {
         outcomes,

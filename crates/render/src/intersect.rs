@@ -113,7 +113,10 @@ fn nearer(first: Option<Hit>, other: Option<Hit>) -> Option<Hit> {
 
 /// Tells whether a path inside the box may meet anything: cheaper than to divide it into pieces.
 pub fn may_meet(world: &World, (low, high): (DVec3, DVec3)) -> bool {
-    repeats(world) || world.accelerator.touches(low, high)
+    match &world.copies {
+        Some(copies) => copies.may_meet((low, high)),
+        None => is_glued(&world.manifold.domain) || world.accelerator.touches(low, high),
+    }
 }
 
 /// Returns the box outside which paths meet nothing; `None` if that is not known.

@@ -9,6 +9,7 @@ use super::{
     family::{FamilyPath, RayFamily, refine_sixteen},
     lanes::{LANES, Vectors},
     path_batch::{PathBatch, PathOrigin, PathView, stay},
+    restarts::Restarts,
     tracer::{ExactTracer, GridTracer, even_knots, refine_each},
 };
 use geofan_bundle::{Fan, PathCoefficients, Table, TablePath, rays::Orbit};
@@ -23,6 +24,8 @@ pub struct Lookup<'t> {
     pub table: &'t Table,
     knots: Arc<[f64]>,
     tolerance: f64,
+    /// How far paths are followed: beyond the table's length by looking them up again.
+    length: f64,
 }
 
 impl<'t> Lookup<'t> {
@@ -41,7 +44,20 @@ impl<'t> Lookup<'t> {
             table,
             knots,
             tolerance,
+            length: table.length,
         }
+    }
+
+    /// Follows paths of a glued space over `length`, however short the table's are.
+    #[must_use]
+    pub fn continued(self, length: f64) -> Self {
+        let length = length.max(self.table.length);
+        Self { length, ..self }
+    }
+
+    /// Returns how far paths are followed.
+    pub fn length(&self) -> f64 {
+        self.length
     }
 
     /// Returns the arc lengths at which paths are known.
@@ -62,13 +78,14 @@ impl<'t> Lookup<'t> {
     /// Returns the tracer of rays from `u` that the table gave up on.
     pub(super) fn exact(&self, u: DVec3) -> ExactTracer<'_> {
         let manifold = self.table.space.manifold();
-        ExactTracer::new(manifold, u, self.table.length, self.tolerance)
+        ExactTracer::new(manifold, u, self.length, self.tolerance)
     }
 
     /// Returns the tracer of one frame, from the camera of `fan`.
     pub fn tracer<'f>(&'f self, fan: &'f Fan) -> TableTracer<'f> {
         TableTracer {
             fan,
+            lookup: self,
             knots: &self.knots,
             exact: self.exact(fan.place.u),
             family: RayFamily::new(fan, &self.knots),
@@ -79,6 +96,7 @@ impl<'t> Lookup<'t> {
 /// Looks rays up in a fan.
 pub struct TableTracer<'f> {
     fan: &'f Fan,
+    lookup: &'f Lookup<'f>,
     knots: &'f Arc<[f64]>,
     exact: ExactTracer<'f>,
     family: Option<RayFamily<'f>>,
@@ -164,6 +182,12 @@ impl GridTracer for TableTracer<'_> {
 
     fn fallback(&self) -> Option<&ExactTracer<'_>> {
         Some(&self.exact)
+    }
+
+    fn restarts(&self) -> Option<Restarts<'_>> {
+        let length = self.lookup.length;
+        let farther = length > self.lookup.table.length;
+        farther.then(|| Restarts::new(self.lookup, length))
     }
 }
 

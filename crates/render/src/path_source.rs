@@ -71,6 +71,15 @@ impl<'b> PathSource<'b> {
         Self::Table(Lookup::new(&bundle.table, promise, tolerance))
     }
 
+    /// Follows paths of a table in a glued space over `length`, by looking them up again where the table's end.
+    #[must_use]
+    pub fn continued(self, length: f64) -> Self {
+        match self {
+            Self::Table(lookup) => Self::Table(lookup.continued(length)),
+            other => other,
+        }
+    }
+
     /// Names the tracer.
     pub fn name(&self) -> &'static str {
         match self {
@@ -89,7 +98,7 @@ impl<'b> PathSource<'b> {
         tolerance: f64,
     ) -> UnfinishedPaths {
         let length = match self {
-            Self::Table(lookup) => lookup.table.length,
+            Self::Table(lookup) => lookup.length(),
             Self::Exact(length) => *length,
             Self::Local(_) => return count_unfinished(parts.iter().map(|(_, seen)| seen)),
         };

@@ -9,6 +9,7 @@ use super::{
     endings::EventLocator,
     lanes::{LANES, Vectors},
     path_batch::{PathBatch, PathOrigin, PathView, ROWS, put},
+    restarts::Restarts,
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow, perpendiculars},
@@ -46,6 +47,11 @@ pub trait GridTracer: Sync {
 
     /// Returns the tracer of the paths that cannot be given.
     fn fallback(&self) -> Option<&ExactTracer<'_>>;
+
+    /// Returns how paths go on beyond the last knot; `None` where they are not asked for farther.
+    fn restarts(&self) -> Option<Restarts<'_>> {
+        None
+    }
 }
 
 /// Computes [`GridTracer::refine_sixteen`] path by path.

@@ -218,7 +218,7 @@ impl World {
             }
         }
         self.accelerator = Accelerator::build_with_holes(&triangles, self.holed());
-        self.copies = SceneCopies::of(&self.manifold, self.accelerator.triangles());
+        self.copies = SceneCopies::of(&self.manifold, &self.accelerator);
         self.clear = self.materials.iter().any(Material::is_clear)
             || self.colours.iter().flatten().any(|c| c[3] < 1.0);
         Ok(())

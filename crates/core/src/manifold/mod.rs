@@ -29,7 +29,7 @@ pub(crate) use axis::around;
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
-pub use gluing::{DeckTransformation, Development, GluedFace, Gluing};
+pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
 pub use kin::Follows;
 pub use local_frame::{Frequencies, LocalFrame};
 pub use point_functions::PointFunctions;

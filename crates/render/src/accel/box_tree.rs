@@ -79,18 +79,9 @@ impl<T: Clone + Default> BoxTree<T> {
 }
 
 impl<T> BoxTree<T> {
-    /// Chooses the topmost nodes: again and again the largest gives way to its children.
+    /// Chooses the topmost nodes.
     fn choose_topmost(&mut self) {
-        let mut open = vec![0_u32];
-        let area = |i: &u32| self.nodes[*i as usize].aabb().half_area();
-        while open.len() < LANES {
-            let inner = (0..open.len()).filter(|k| !self.nodes[open[*k] as usize].is_leaf());
-            let Some(k) = inner.max_by(|a, b| area(&open[*a]).total_cmp(&area(&open[*b]))) else {
-                break;
-            };
-            let first = self.nodes[open.swap_remove(k) as usize].first_index;
-            open.extend([first, first + 1]);
-        }
+        let open = self.largest_nodes(LANES);
         for (k, index) in open.iter().enumerate() {
             let aabb = self.nodes[*index as usize].aabb();
             for c in 0..3 {
@@ -99,6 +90,34 @@ impl<T> BoxTree<T> {
             }
         }
         self.topmost = open;
+    }
+
+    /// Lists at most so many nodes that together hold everything: again and again the largest gives way to its children.
+    fn largest_nodes(&self, most: usize) -> Vec<u32> {
+        let mut open = vec![0_u32];
+        let area = |i: &u32| self.nodes[*i as usize].aabb().half_area();
+        while open.len() < most {
+            let inner = (0..open.len()).filter(|k| !self.nodes[open[*k] as usize].is_leaf());
+            let Some(k) = inner.max_by(|a, b| area(&open[*a]).total_cmp(&area(&open[*b]))) else {
+                break;
+            };
+            let first = self.nodes[open.swap_remove(k) as usize].first_index;
+            open.extend([first, first + 1]);
+        }
+        open
+    }
+
+    /// Returns at most so many boxes, in the chart, that together hold all payloads; none if there are none.
+    pub(super) fn parts(&self, most: usize) -> Vec<(DVec3, DVec3)> {
+        if self.nodes.is_empty() {
+            return Vec::new();
+        }
+        let place = |p: Vec3A| self.centre + p.as_dvec3() * self.scale;
+        let part = |index: u32| {
+            let aabb = self.nodes[index as usize].aabb();
+            (place(aabb.min), place(aabb.max))
+        };
+        self.largest_nodes(most).into_iter().map(part).collect()
     }
 
     /// Returns the corners of the box around all payloads; `None` if there are none.
@@ -148,7 +167,7 @@ impl<T> BoxTree<T> {
     /// Marks which of sixteen boxes meet the box of any leaf, as [`BoxTree::touches`] does for one: those of
     /// neighbouring paths visit nearly the same nodes.
     #[inline(always)]
-    pub(super) fn touched(&self, boxes: &BoxPacket) -> Mask {
+    pub(crate) fn touched(&self, boxes: &BoxPacket) -> Mask {
         let mut touched = [false; LANES];
         let Some(mut boxes) = self.query_packet(boxes) else {
             return touched;

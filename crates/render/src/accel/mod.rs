@@ -99,6 +99,11 @@ impl Accelerator {
         self.tree.bounds()
     }
 
+    /// Returns at most so many boxes that together hold all usable triangles.
+    pub fn parts(&self, most: usize) -> Vec<(DVec3, DVec3)> {
+        self.tree.parts(most)
+    }
+
     /// Returns the triangles, in the order given to [`Self::build`]; empty if none was usable.
     pub fn triangles(&self) -> &[[DVec3; 3]] {
         &self.triangles

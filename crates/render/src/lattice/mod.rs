@@ -241,6 +241,10 @@ impl Lattice<'_> {
             Ends::Each => touched.find(&checks.all(), last, self.world, TUBE_MARGIN, slack),
             _ => touched.find(patch.paths(), last, self.world, TUBE_MARGIN, slack),
         }
+        // Smaller tiles are narrower, single paths not wide at all.
+        if touched.wide {
+            return None;
+        }
         let pieces = &touched.pieces;
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
             return None;

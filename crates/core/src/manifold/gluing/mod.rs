@@ -11,12 +11,14 @@
 mod check;
 mod deck;
 mod development;
+mod nearest;
 pub(super) mod quotient;
 mod spheres;
 
 pub use deck::DeckTransformation;
 pub(super) use deck::LinearModel;
 pub use development::Development;
+pub use nearest::{NearCopy, NearestCopies};
 
 use super::{
     Manifold,
@@ -26,7 +28,12 @@ use deck::at_tape;
 use geofan_expr::{Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};
 use spheres::Spheres;
-use std::{borrow::Cow, collections::HashMap, ops::Range, sync::Arc};
+use std::{
+    borrow::Cow,
+    collections::HashMap,
+    ops::Range,
+    sync::{Arc, OnceLock},
+};
 
 /// Share of the domain's size that a point must lie beyond a face to have left through it: rounding must not
 /// throw a path back and forth between two faces.
@@ -88,6 +95,7 @@ pub struct Gluing {
     size: f64,
     /// A point inside.
     inside: DVec3,
+    nearest: OnceLock<Arc<NearestCopies>>,
 }
 
 impl GluedFace {
@@ -150,6 +158,7 @@ impl Gluing {
             openings: Tape::compile(graph, &openings, 3)?,
             size: 1.0,
             inside: DVec3::ZERO,
+            nearest: OnceLock::new(),
         };
         let mut portals = 0;
         for face in faces {

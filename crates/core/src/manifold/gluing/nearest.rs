@@ -1,0 +1,159 @@
+//! The copies of a glued domain that are nearest to it in the covering chart.
+//!
+//! In: the faces and their maps. Out: [`NearestCopies`], with the distance up to which they are all there are. Cells
+//! that meet a ball hang together by faces; so those found by going on from the nearest again and again are all
+//! that meet it, once every other that is known of lies beyond.
+
+use super::{DeckTransformation, Gluing, KnownPlaces};
+use glam::DVec3;
+use std::{cmp::Reverse, collections::BinaryHeap, sync::Arc};
+
+/// Most copies that are looked for, nearest first.
+const MOST: usize = 2000;
+
+/// Share of the domain's size to which distances are rounded, down.
+const UNIT: f64 = 1e-6;
+
+/// Factor by which the domain is taken for wider than the directions in which its ends are looked for show.
+const WIDER: f64 = 1.3;
+
+/// How far out the end of a domain is looked for, in its sizes.
+const FARTHEST_FACE: f64 = 1e3;
+
+/// Halvings by which an end is found.
+const HALVINGS: usize = 20;
+
+/// A copy of the domain.
+#[derive(Debug, Clone)]
+pub struct NearCopy {
+    /// From the domain to the copy.
+    pub deck: DeckTransformation,
+    /// From the copy to the domain.
+    pub back: DeckTransformation,
+    /// All that is nearer to the middle lies in the copies before this one; in units of [`UNIT`].
+    before: i64,
+}
+
+/// The nearest copies of a glued domain, first the domain itself.
+#[derive(Debug, Clone)]
+pub struct NearestCopies {
+    copies: Vec<NearCopy>,
+    /// The middle of the domain in the chart.
+    middle: DVec3,
+    /// The distance from it up to which these are all; infinite for a finite group.
+    reach: f64,
+    unit: f64,
+}
+
+impl NearestCopies {
+    /// Returns the first so many copies, and the distance from the middle up to which they are all there are.
+    pub fn first(&self, most: usize) -> (&[NearCopy], f64) {
+        match self.copies.get(most) {
+            Some(next) => (&self.copies[..most], next.before as f64 * self.unit),
+            None => (&self.copies, self.reach),
+        }
+    }
+
+    /// Returns the middle of the domain in the chart.
+    pub fn middle(&self) -> DVec3 {
+        self.middle
+    }
+
+    /// Looks for the copies of a domain.
+    fn of(gluing: &Gluing) -> Self {
+        let (middle, radius) = gluing.extent();
+        let unit = UNIT * gluing.size;
+        let mut nearest = Self {
+            copies: Vec::new(),
+            middle,
+            reach: f64::INFINITY,
+            unit,
+        };
+        let Some(identity) = gluing.identity().filter(|_| radius.is_finite()) else {
+            nearest.reach = 0.0;
+            return nearest;
+        };
+        let mut known = KnownPlaces::about(gluing);
+        known.add(gluing.inside);
+        let mut found = vec![(identity.clone(), identity)];
+        // By the least distance that a point of the copy may have.
+        let mut open = BinaryHeap::from([Reverse((i64::MIN, 0))]);
+        while let Some(Reverse((before, number))) = open.pop() {
+            if nearest.copies.len() == MOST {
+                nearest.reach = before as f64 * unit;
+                break;
+            }
+            let (deck, back): (DeckTransformation, DeckTransformation) = found[number].clone();
+            for (next, back) in gluing.neighbours(&deck, &back) {
+                let place = next.point(gluing.inside);
+                if place.is_finite() && known.add(place) {
+                    let (there, d) = next.apply(middle);
+                    let distance = (there - middle).length() - next.stretch(d) * radius;
+                    open.push(Reverse(((distance / unit).floor() as i64, found.len())));
+                    found.push((next, back));
+                }
+            }
+            nearest.copies.push(NearCopy { deck, back, before });
+        }
+        nearest
+    }
+}
+
+impl Gluing {
+    /// Returns the copies of the domain that are nearest to it in the chart.
+    pub fn nearest_copies(&self) -> &NearestCopies {
+        self.nearest
+            .get_or_init(|| Arc::new(NearestCopies::of(self)))
+    }
+
+    /// Lists the copies behind the faces of a copy, each with the way from it and back.
+    fn neighbours(
+        &self,
+        deck: &DeckTransformation,
+        back: &DeckTransformation,
+    ) -> Vec<(DeckTransformation, DeckTransformation)> {
+        let bounding = self.faces.iter().filter(|face| !face.is_portal());
+        let neighbour = |face: &super::GluedFace| {
+            let undo = self.faces[face.partner?].deck()?;
+            Some((face.deck()?.then(deck), back.then(undo)))
+        };
+        bounding.filter_map(neighbour).collect()
+    }
+
+    /// Returns the middle of the domain and about how far it reaches from there: infinite where faces do not bound
+    /// it.
+    fn extent(&self) -> (DVec3, f64) {
+        let ends: Vec<DVec3> = (0..27)
+            .map(|code| [code % 3, code / 3 % 3, code / 9].map(|k| f64::from(k) - 1.0))
+            .map(DVec3::from_array)
+            .filter(|direction| *direction != DVec3::ZERO)
+            .map(|direction| self.end_along(direction.normalize()))
+            .collect();
+        let (low, high) = ends.iter().fold((self.inside, self.inside), |(a, b), end| {
+            (a.min(*end), b.max(*end))
+        });
+        let middle = 0.5 * (low + high);
+        let far = ends.iter().map(|end| (*end - middle).length());
+        (middle, WIDER * far.fold(0.0, f64::max))
+    }
+
+    /// Finds where the domain ends in a direction from its point inside; infinitely far if nowhere.
+    fn end_along(&self, direction: DVec3) -> DVec3 {
+        let at = |t: f64| self.inside + direction * (t * self.size);
+        let (mut low, mut high) = (0.0, 1.0);
+        while self.violated(at(high)).is_none() {
+            (low, high) = (high, 2.0 * high);
+            if high > FARTHEST_FACE {
+                return DVec3::INFINITY;
+            }
+        }
+        for _ in 0..HALVINGS {
+            let middle = 0.5 * (low + high);
+            (low, high) = match self.violated(at(middle)) {
+                Some(_) => (low, middle),
+                None => (middle, high),
+            };
+        }
+        at(high)
+    }
+}
