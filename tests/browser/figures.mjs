@@ -31,9 +31,8 @@ async function open(browser, address) {
   return { page, ready: performance.now() - began, errors };
 }
 
-/** Flies for some seconds; then answers inputs one by one. */
-async function figures(page, name) {
-  await page.waitForTimeout(1500);
+/** Flies for some seconds to and fro, and returns the medians of what the panel tells meanwhile. */
+async function flight(page) {
   await page.keyboard.down("KeyA");
   const seen = [];
   for (let i = 0; i < 60; i += 1) {
@@ -42,23 +41,50 @@ async function figures(page, name) {
     if (i > 15 && panel.rate) seen.push([panel.rate, panel.size[0], panel.seconds]);
     if (i === 30) { await page.keyboard.up("KeyA"); await page.keyboard.down("KeyD"); }
   }
-  const waits = await page.evaluate(async () => {
-    const waits = [];
-    const soon = () => new Promise((done) => { const pair = new MessageChannel(); pair.port1.onmessage = done; pair.port2.postMessage(0); });
-    for (let k = 0; k < 60; k += 1) {
-      const began = performance.now();
-      const before = globalThis.geofan.stats().frames;
-      globalThis.geofan.send({ type: "look", right: k % 2 ? 0.02 : -0.02, down: 0 });
-      // The first picture that comes may have been begun before the input.
-      while (globalThis.geofan.stats().frames < before + 2 && performance.now() < began + 2000) await soon();
-      waits.push(performance.now() - began);
-      await new Promise((done) => setTimeout(done, 37));
-    }
-    return waits;
-  });
-  await page.keyboard.up("KeyD");
   const at = (k) => middle(seen.map((x) => x[k]));
-  console.log(`${name}: ${at(0)?.toFixed(1)} pictures a second, ${at(1)} wide, each drawn in ${(1e3 * at(2)).toFixed(0)} ms; input to picture ${middle(waits).toFixed(0)} ms (median of ${waits.length}, of the second picture after it)`);
+  return `${at(0)?.toFixed(1)} pictures a second, ${at(1)} wide, each drawn in ${(1e3 * at(2)).toFixed(0)} ms`;
+}
+
+/** Turns the head again and again while the camera flies, and waits for the picture of each turn. */
+async function inputs(page) {
+  const waits = await page.evaluate(async () => {
+    const canvas = document.getElementById("picture");
+    // The first picture that comes may have been begun before the input.
+    const second = () => new Promise((done) => {
+      let count = 0;
+      const take = () => {
+        count += 1;
+        if (count < 2) return;
+        canvas.removeEventListener("picture", take);
+        done(true);
+      };
+      canvas.addEventListener("picture", take);
+      setTimeout(() => done(false), 2000);
+    });
+    const waits = [];
+    for (let k = 0; k < 80; k += 1) {
+      const began = performance.now();
+      const shown = second();
+      globalThis.geofan.send({ type: "look", right: k % 2 ? 0.02 : -0.02, down: 0 });
+      waits.push((await shown) ? performance.now() - began : Infinity);
+      // At no fixed time of a picture.
+      await new Promise((done) => setTimeout(done, 20 + (37 * k) % 41));
+    }
+    return waits.sort((a, b) => a - b);
+  });
+  const at = (share) => waits[Math.floor(share * (waits.length - 1))].toFixed(0);
+  return `input to picture ${at(0.5)} ms (median of ${waits.length}; 95 %: ${at(0.95)}, longest ${at(1)}), of the second picture after it`;
+}
+
+/** Flies, and answers inputs, as large as the machine can; then at the display's own size. */
+async function figures(page, name) {
+  await page.waitForTimeout(1500);
+  console.log(`${name}: ${await flight(page)}; ${await inputs(page)}`);
+  await page.keyboard.up("KeyD");
+  await page.evaluate(() => globalThis.geofan.send({ type: "home" }));
+  await page.evaluate(() => globalThis.geofan.send({ type: "resolution", share: 1 }));
+  console.log(`${name}, whole: ${await flight(page)}`);
+  await page.keyboard.up("KeyD");
 }
 
 /** Resident bytes of all renderer processes of the browser. */

@@ -179,9 +179,29 @@ async function session(page, name) {
   await until(page, () => globalThis.geofan.panel().sky === "scene");
   await settled(page);
   check(difference(own, await thumbnail(page)) < 0.5, `${name}: the scene's own skies come back`);
+  await traced(page, name);
   await page.locator("#picture").focus();
   const address = await page.evaluate(() => new Promise((done) => setTimeout(() => done(location.hash), 1500)));
   check(address.includes("at=") && address.includes("show="), `${name}: the address holds the settings`);
+}
+
+/** Light by path tracing takes the place of the refined picture; in a small window, because it takes its time. */
+async function traced(page, name) {
+  const before = page.viewportSize();
+  await page.setViewportSize({ width: 300, height: 120 });
+  await settled(page);
+  const refined = await thumbnail(page);
+  await page.evaluate(() => globalThis.geofan.send({ type: "paths", passes: 6 }));
+  await until(page, () => globalThis.geofan.panel().settled && globalThis.geofan.panel().passes[0] === 6, null, 300000);
+  await page.waitForTimeout(300);
+  await shot(page, `${name}-10-traced`);
+  const light = difference(refined, await thumbnail(page));
+  check(light > 1, `${name}: traced light takes the place of the picture, mean difference ${light.toFixed(1)}`);
+  await page.evaluate(() => globalThis.geofan.send({ type: "paths", passes: 0 }));
+  await until(page, () => globalThis.geofan.panel().passes[1] === 0);
+  await settled(page);
+  check(difference(refined, await thumbnail(page)) < 0.5, `${name}: and gives it back`);
+  await page.setViewportSize(before);
 }
 
 let viewer = null;
@@ -201,7 +221,7 @@ async function native(browser) {
   await until(page, () => globalThis.geofan.panel().trouble);
   const trouble = (await panel(page)).trouble;
   check(trouble.includes(path.basename(copy)) && trouble.includes("wide"), "native: a mistake is shown with its line");
-  await shot(page, "native-10-broken");
+  await shot(page, "native-11-broken");
   writeFileSync(copy, text);
   await until(page, () => !globalThis.geofan.panel().trouble);
   check(true, "native: and goes when it is mended");

@@ -75,8 +75,9 @@ pub fn product_of_first<T: Real>(
 /// bytes. Eight or twelve in the 32 registers of 64 bytes were no faster.
 const ROWS: usize = 6;
 
-/// Rows of `b` for which the ends of slices are checked once.
-const STRIDE: usize = 8;
+/// Rows of `b` for which the ends of slices are checked once. In a page, which carries every copy of the loops along,
+/// they are few.
+const STRIDE: usize = if cfg!(target_family = "wasm") { 2 } else { 8 };
 
 /// Columns of a product that are one vector wide, or its last.
 struct ColumnBlock<'b, T> {

@@ -49,6 +49,11 @@ impl Chunk {
         &self.bytes
     }
 
+    /// Tells whether somebody has decoded the tree, or has tried.
+    pub fn is_decoded(&self) -> bool {
+        self.tree.get().is_some()
+    }
+
     /// Decodes the tree, if nobody has yet.
     ///
     /// # Errors

@@ -4,7 +4,7 @@
 //! written once, and what a browser runs brings no threads along.
 
 #[cfg(feature = "parallel")]
-pub use rayon::{join, prelude::*};
+pub use rayon::{current_num_threads as threads, join, prelude::*};
 
 #[cfg(not(feature = "parallel"))]
 pub use sequential::*;
@@ -16,6 +16,11 @@ mod sequential {
     /// Does `a`, then `b`.
     pub fn join<A, B>(a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
         (a(), b())
+    }
+
+    /// Returns how many threads work.
+    pub fn threads() -> usize {
+        1
     }
 
     /// Gives the methods that begin a parallel iteration to everything that can be iterated over.

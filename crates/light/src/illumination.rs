@@ -6,13 +6,12 @@
 //! light changes.
 
 use crate::{Connection, LightFan, Shadows};
-use geofan_core::manifold::Manifold;
+use geofan_core::{manifold::Manifold, parallel::*};
 use geofan_render::{
     PointLight, SurfacePoint, World,
     lightmap::{FacetLayout, Light, Lightmap},
 };
 use glam::{DMat3, DVec3};
-use rayon::prelude::*;
 
 /// Caustics: no geodesic brings more than this many times the irradiance that it would bring over
 /// the same arc length in flat space, `I cosθ / s²`. In terms of energy: of a beam whose cross-section

@@ -10,6 +10,7 @@
 //! geodesics add up. At a caustic the area is zero and the irradiance infinite, though the energy
 //! that arrives is not; see [`MOST_GAIN`].
 
+#[cfg(feature = "files")]
 pub mod cache;
 mod connection;
 mod illumination;

@@ -13,10 +13,10 @@ use crate::segment::{BeamSegment, Guess};
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
     manifold::{Carried, DeckTransformation, LocalFrame, Manifold},
+    parallel::*,
 };
 use geofan_render::accel::BoxTree;
 use glam::{DMat3, DVec3, Vec3};
-use rayon::prelude::*;
 use std::collections::HashMap;
 
 /// A box of the chart, by its lowest and highest corner.

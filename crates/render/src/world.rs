@@ -388,9 +388,11 @@ impl World {
         self.check_extent(scene, object, &placed.vertices)?;
         self.warnings.extend(placed.warnings);
         let name = object.mesh.display().to_string();
-        let corners = placed.vertices.iter().map(|(u, _)| *u);
-        self.warnings
-            .extend(out_of_sight(&self.manifold, &name, corners));
+        if object.cuts.is_none() {
+            let corners = placed.vertices.iter().map(|(u, _)| *u);
+            let warning = out_of_sight(&self.manifold, &name, corners);
+            self.warnings.extend(warning);
+        }
         self.add_state(scene, object, &placed.vertices)?;
         self.add(index, &placed.mesh, &placed.vertices, triangles);
         Ok(())
@@ -652,7 +654,14 @@ impl Stage {
     /// # Errors
     /// Whatever is wrong with any of its files.
     pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
-        let scene = SceneFile::load(path)?;
+        Self::of_scene(SceneFile::load(path)?, settings)
+    }
+
+    /// Loads all that `scene` names; `settings` replace parameters of its manifold.
+    ///
+    /// # Errors
+    /// As [`Stage::load`].
+    pub fn of_scene(scene: SceneFile, settings: &[(String, f64)]) -> Result<Self> {
         let manifold = load_manifold(&scene.manifold, settings).map_err(|e| match e {
             // A missing file is the scene's fault, and the scene says where it is named.
             Error::Input { message, .. } if !scene.manifold.exists() => Diagnostic::new(

@@ -6,10 +6,12 @@
 
 use crate::{
     error_map,
+    frame_plan::Block,
     protocol::{Answer, DrawRequest, PictureKind, RayQuery, RayReport, SkyChoice, Work},
 };
 use geofan_bundle::{Bundle, Fan};
 use geofan_core::{Error, Result};
+use geofan_light::path_tracer::{Estimator, PathTracer, PathTracerSettings};
 use geofan_render::{
     ExactGridTracer, ExactTracer, Lookup, Stage, View,
     drawing::draw,
@@ -138,6 +140,9 @@ impl DrawSpace {
             rgb,
             errors,
         };
+        if let Some(pass) = request.pass {
+            return Ok(answer(self.light_pass(&whole, block, pass)?, Vec::new()));
+        }
         if request.kind == PictureKind::Error {
             let exact = block.x..block.x + block.width;
             let part = whole.cropped(exact, block.y..block.y + block.height);
@@ -181,6 +186,28 @@ impl DrawSpace {
             COARSE_TOLERANCE,
         );
         Ok(by(Paths::Lattice(&tracer, BUDGET)))
+    }
+
+    /// Follows light at random: one sample of each pixel of a block of `view`, those of `geofan render --tracer path`.
+    fn light_pass(&self, view: &View, block: Block, pass: u64) -> Result<Vec<f32>> {
+        let world = &self.stage.world;
+        if world.is_coloured_by_frequency() {
+            let message = "it knows neither `redshift` nor `temperature` of the scene";
+            return Err(Error::input("path tracing", message));
+        }
+        let settings = PathTracerSettings {
+            seed: 0,
+            length: self.length,
+            tolerance: TOLERANCE,
+            bounces: u32::MAX,
+            estimator: Estimator::Connected,
+        };
+        let columns = block.x..block.x + block.width;
+        let row = |y: usize| columns.clone().map(move |x| y * view.size.0 + x);
+        let pixels: Vec<usize> = (block.y..block.y + block.height).flat_map(row).collect();
+        let light = PathTracer::new(world, view, settings).part(&pixels, pass, || false);
+        let light = light.into_iter().flatten();
+        Ok(light.flat_map(|x| x.to_array()).map(|x| x as f32).collect())
     }
 
     /// Returns the knots of exact paths.

@@ -31,6 +31,8 @@ pub enum Purpose {
     Moving,
     /// To be looked at.
     Still,
+    /// One random sample of each pixel, to be added to those before.
+    Pass,
     /// To be kept.
     Capture,
 }
@@ -40,6 +42,9 @@ const MARGIN: usize = 2;
 
 /// Sides of the blocks of a still picture: with their margins whole tiles of the lattice.
 const STILL_BLOCK: (usize, usize) = (4 * LARGEST_TILE - 2 * MARGIN, 2 * LARGEST_TILE - 2 * MARGIN);
+
+/// The same for random samples, where several workers have a block each: one takes a fifth of a second.
+const PASS_BLOCK: (usize, usize) = (64, 32);
 
 /// A picture being drawn.
 #[derive(Debug, Clone)]
@@ -74,6 +79,8 @@ pub struct FrameContent {
     pub kind: PictureKind,
     /// The way of the right half, if it has its own.
     pub split: Option<PictureKind>,
+    /// The number of the random sample of each pixel, if it is one.
+    pub pass: Option<u64>,
 }
 
 impl FramePlan {
@@ -102,11 +109,14 @@ impl FramePlan {
             };
             let blocks = match purpose {
                 Purpose::Moving => bands(area, workers),
-                Purpose::Still | Purpose::Capture => blocks(area),
+                Purpose::Still | Purpose::Capture => blocks(area, STILL_BLOCK),
+                // One worker with all threads takes blocks that are worth dividing.
+                Purpose::Pass if workers == 1 => blocks(area, STILL_BLOCK),
+                Purpose::Pass => blocks(area, PASS_BLOCK),
             };
             waiting.extend(blocks.into_iter().map(|block| (block, kind)));
         }
-        if purpose == Purpose::Still {
+        if matches!(purpose, Purpose::Still | Purpose::Pass) {
             // What is looked at most first.
             let middle = (size.0 / 2, size.1 / 2);
             waiting.make_contiguous().sort_by_key(|(b, _)| {
@@ -143,14 +153,14 @@ impl FramePlan {
             fov: self.content.fov,
             size: self.size,
             block,
-            margin: if self.purpose == Purpose::Moving {
-                0
-            } else {
-                MARGIN
+            margin: match self.purpose {
+                Purpose::Moving | Purpose::Pass => 0,
+                Purpose::Still | Purpose::Capture => MARGIN,
             },
             samples: self.samples,
             kind,
             each: self.purpose != Purpose::Moving,
+            pass: self.content.pass,
         })
     }
 
@@ -176,16 +186,16 @@ fn bands(area: Block, workers: usize) -> Vec<Block> {
         .collect()
 }
 
-/// Divides `area` into blocks of [`STILL_BLOCK`].
-fn blocks(area: Block) -> Vec<Block> {
+/// Divides `area` into blocks of these sides.
+fn blocks(area: Block, (width, height): (usize, usize)) -> Vec<Block> {
     let mut blocks = Vec::new();
-    for y in (0..area.height).step_by(STILL_BLOCK.1) {
-        for x in (0..area.width).step_by(STILL_BLOCK.0) {
+    for y in (0..area.height).step_by(height) {
+        for x in (0..area.width).step_by(width) {
             blocks.push(Block {
                 x: area.x + x,
                 y: area.y + y,
-                width: STILL_BLOCK.0.min(area.width - x),
-                height: STILL_BLOCK.1.min(area.height - y),
+                width: width.min(area.width - x),
+                height: height.min(area.height - y),
             });
         }
     }
@@ -203,13 +213,19 @@ mod tests {
             fov: 90.0,
             kind: PictureKind::Table,
             split: split.then_some(PictureKind::Exact),
+            pass: None,
         };
         FramePlan::new((1, 1), purpose, content, (size, 1), workers)
     }
 
     #[test]
     fn blocks_cover_every_pixel_once_in_the_way_of_its_half() {
-        for purpose in [Purpose::Moving, Purpose::Still, Purpose::Capture] {
+        for purpose in [
+            Purpose::Moving,
+            Purpose::Still,
+            Purpose::Pass,
+            Purpose::Capture,
+        ] {
             for (size, split, workers) in [
                 ((640, 360), false, 1),
                 ((641, 359), true, 3),

@@ -18,12 +18,14 @@
 //!
 //! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
+mod cells_ahead;
 mod draw_space;
 mod error_map;
 mod feed;
 mod frame_plan;
 #[cfg(feature = "files")]
 mod letters;
+mod light_passes;
 #[cfg(feature = "files")]
 mod loaded_space;
 mod motion;
@@ -34,6 +36,7 @@ mod packed_files;
 mod page;
 mod page_about;
 mod panel;
+mod planning;
 mod protocol;
 mod recording;
 mod resolution;

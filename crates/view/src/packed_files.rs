@@ -12,7 +12,7 @@ use geofan_core::{
 };
 use geofan_render::{
     picture,
-    scene::{Mesh, SceneFile, SkyEntry, pack_meshes},
+    scene::{Cuts, Mesh, ObjectEntry, SceneFile, SkyEntry, cuts_of, pack_meshes},
 };
 use std::{
     path::{Path, PathBuf},
@@ -55,6 +55,20 @@ fn reading<T>(loaded: &LoadedSpace, work: impl FnOnce() -> Result<T>) -> Result<
     let done = with_source(stands_before, work)?;
     let noted = noted.borrow().clone();
     Ok((done, noted))
+}
+
+/// Finds how the meshes of the scene's objects are cut where they are placed, of all that do not move.
+pub fn cuts(loaded: &LoadedSpace) -> Result<Vec<Option<Cuts>>> {
+    let objects = &loaded.draw.stage.scene.objects;
+    let cut = |object: &ObjectEntry| -> Result<Option<Cuts>> {
+        if object.path.is_some() {
+            return Ok(None);
+        }
+        let mesh = Mesh::load_creased(&object.mesh, object.crease)?;
+        Ok(cuts_of(&loaded.session.manifold, object, &mesh))
+    };
+    let all = || objects.iter().map(cut).collect();
+    reading(loaded, all).map(|(cuts, _)| cuts)
 }
 
 /// Packs the meshes of the scene's objects, each file once.

@@ -9,8 +9,8 @@
 use crate::{
     LoadedSpace, Package, PageAbout, SpaceSource, encode_light,
     letters::in_letters,
-    packed_files::packed,
-    ui::{self, single_script},
+    packed_files::{cuts, packed},
+    ui::{self, single_script, worker_script},
 };
 use geofan_core::{
     Error, Result,
@@ -18,6 +18,7 @@ use geofan_core::{
     reading::read_file,
 };
 use geofan_light::EVEN;
+use geofan_render::scene::pack_cuts;
 use lzma_rust2::{LzmaOptions, LzmaWriter};
 use std::{
     io::Write,
@@ -74,7 +75,7 @@ impl Page {
         let scripts = [
             data("geofan-wasm", &in_letters(&self.wasm)),
             data("geofan-space", &in_letters(&self.space)),
-            data("geofan-worker", ui::WORKER),
+            data("geofan-worker", &worker_script()),
             format!("<script type=\"module\">\n{}</script>", single_script()),
         ];
         replaced(&html, SCRIPT, &scripts.concat())
@@ -112,7 +113,7 @@ impl Page {
         Ok(vec![
             named("geofan-web.wasm.lzma", self.wasm.clone()),
             named("space.lzma", self.space.clone()),
-            named("worker.js", ui::WORKER.into()),
+            named("worker.js", worker_script().into_bytes()),
             named("style.css", ui::STYLE.into()),
             named("viewer.js", single_script().into_bytes()),
             named("index.html", index.into_bytes()),
@@ -159,6 +160,7 @@ fn pack(source: &SpaceSource, loaded: &LoadedSpace, settings: &[(String, f64)]) 
     if let Some(light) = &loaded.draw.stage.world.light {
         package.add(PageAbout::LIGHT, encode_light(light, EVEN));
     }
+    package.add(PageAbout::CUTS, pack_cuts(&cuts(loaded)?));
     let about = PageAbout {
         scene,
         settings: settings.to_vec(),

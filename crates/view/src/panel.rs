@@ -39,14 +39,20 @@ pub struct PanelData {
     pub beyond: bool,
     /// The camera is where the table knows all paths.
     pub within_table: bool,
+    /// The table's cell here is not decoded yet: exact paths stand in for it.
+    pub decoding: bool,
     /// Length a second.
     pub speed: f64,
+    /// Share of the display's sides that moving pictures have; 0: as large as the machine draws in time.
+    pub moving_share: f64,
     /// Stops.
     pub exposure: f64,
     /// Columns and rows of the last whole picture, and its samples a pixel.
     pub size: (usize, usize),
     /// See `size`.
     pub samples: u16,
+    /// Samples of a pixel by path tracing, and how many are wanted.
+    pub passes: (u32, u32),
     /// Nothing moves, and nothing is left to be refined.
     pub settled: bool,
     /// Columns and rows of the display.

@@ -111,6 +111,16 @@ pub enum ViewerEvent {
         /// Their number.
         samples: u16,
     },
+    /// Moving pictures have this share of the display's sides; 0: as large as the machine draws in time.
+    Resolution {
+        /// The share, up to 1.
+        share: f64,
+    },
+    /// Samples of a pixel by path tracing, once nothing moves and the picture is refined; 0 for none.
+    Paths {
+        /// Their number.
+        passes: u32,
+    },
     /// The pointer is here, in shares of the picture's width and height.
     Hover {
         /// From the left.
@@ -231,6 +241,8 @@ pub struct DrawRequest {
     pub kind: PictureKind,
     /// Exact paths are integrated pixel by pixel, not interpolated.
     pub each: bool,
+    /// Light is followed from surface to surface at random instead: the sample of each pixel with this number.
+    pub pass: Option<u64>,
 }
 
 impl DrawRequest {

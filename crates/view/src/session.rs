@@ -5,7 +5,9 @@
 //! older revision is given up. A change that does not (exposure, hints, the pointer) keeps all that is drawn.
 
 use crate::{
-    frame_plan::{FrameContent, FramePlan, Purpose},
+    cells_ahead::CellsAhead,
+    frame_plan::{Block, FramePlan, Purpose},
+    light_passes::LightPasses,
     panel::PanelData,
     protocol::{
         Answer, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent, Work,
@@ -41,11 +43,8 @@ const SIDES: [usize; 2] = [16, 8192];
 /// Most pixels of a captured picture: a quarter gigabyte of linear light would be four times that.
 const MOST_CAPTURED: usize = 1 << 24;
 
-/// Pixels of an error picture, moving and still: every pixel takes an exact path with its deviation.
-const ERROR_PIXELS: [usize; 2] = [2_500, 25_000];
-
-/// Whole moving pictures that may be on their way to the display.
-const AHEAD: usize = 2;
+/// Samples of a pixel by path tracing before they are shown: fewer are noise over a picture without any.
+const FIRST_SHOWN: u32 = 4;
 
 /// Reasons for which a ray is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,28 +68,37 @@ pub struct Session {
     pub(crate) stepped: Option<f64>,
     /// Until then the picture counts as moving.
     pub(crate) active_until: f64,
-    kind: PictureKind,
-    split: Option<PictureKind>,
+    pub(crate) kind: PictureKind,
+    pub(crate) split: Option<PictureKind>,
     /// The user has chosen the kind: then a table that arrives does not change it.
     chosen: bool,
     sky: SkyChoice,
     beyond: bool,
-    still_samples: u16,
-    display: (usize, usize),
-    control: ResolutionControl,
-    number: u32,
+    pub(crate) still_samples: u16,
+    /// Samples of a pixel by path tracing that are wanted, and those that there are.
+    pub(crate) wanted_passes: u32,
+    pub(crate) passes: LightPasses,
+    /// Chunks of the table that are decoded, or have been asked for.
+    pub(crate) cells: CellsAhead,
+    /// Exact paths have stood in for the table, whose cell here was not decoded.
+    pub(crate) stood_in: bool,
+    pub(crate) display: (usize, usize),
+    pub(crate) control: ResolutionControl,
+    /// Share of the display's sides that moving pictures have, if the user says.
+    pub(crate) moving_share: Option<f64>,
+    pub(crate) number: u32,
     plan: Option<FramePlan>,
     capture: Option<FramePlan>,
     /// Linear light is captured.
     capture_light: bool,
     /// The revision, the size and the samples of the last whole picture, and the seconds that it took.
-    drawn: Option<(u64, (usize, usize), u16, f64)>,
+    pub(crate) drawn: Option<(u64, (usize, usize), u16, f64)>,
     /// A revision of which a picture failed: it is not tried again.
-    failed: Option<u64>,
+    pub(crate) failed: Option<u64>,
     shown: ShownPicture,
     patches: Vec<Patch>,
     /// Whole frames that the user interface has not shown yet.
-    on_their_way: VecDeque<u32>,
+    pub(crate) on_their_way: VecDeque<u32>,
     finished: VecDeque<f64>,
     ray_number: u32,
     rays: Vec<(u32, RayUse)>,
@@ -98,12 +106,14 @@ pub struct Session {
     hover: Option<(String, f64)>,
     pub(crate) picked: Option<(RayQuery, RayReport)>,
     asked: Option<RayQuery>,
-    errors: Vec<f64>,
-    given_up: usize,
+    pub(crate) errors: Vec<f64>,
+    pub(crate) given_up: usize,
     error_report: Option<(Quantiles, f64)>,
     recorded: String,
     trouble: Option<String>,
     background: Option<String>,
+    /// Another space is to come.
+    loading: bool,
     curvature: Option<(DVec3, Option<f64>)>,
 }
 
@@ -133,8 +143,13 @@ impl Session {
             sky: SkyChoice::Scene,
             beyond: false,
             still_samples: 16,
+            wanted_passes: 0,
+            passes: LightPasses::default(),
+            cells: CellsAhead::default(),
+            stood_in: false,
             display: (640, 360),
             control: ResolutionControl::default(),
+            moving_share: None,
             number: 0,
             plan: None,
             capture: None,
@@ -157,6 +172,7 @@ impl Session {
             recorded: String::new(),
             trouble: None,
             background: None,
+            loading: false,
             curvature: None,
         }
     }
@@ -178,6 +194,7 @@ impl Session {
         }
         self.travel = Travel::None;
         (self.picked, self.hover, self.curvature) = (None, None, None);
+        self.cells = CellsAhead::default();
         self.control.forget();
         self.changed();
     }
@@ -185,6 +202,11 @@ impl Session {
     /// Says what is wrong with a file; `None` when all is well again.
     pub fn set_trouble(&mut self, trouble: Option<String>) {
         self.trouble = trouble;
+    }
+
+    /// Says whether another space is to come: until then nothing is settled.
+    pub fn set_loading(&mut self, loading: bool) {
+        self.loading = loading;
     }
 
     /// Says what goes on behind; `None` when nothing does.
@@ -265,6 +287,8 @@ impl Session {
             }
             ViewerEvent::Beyond { allowed } => self.beyond = allowed,
             ViewerEvent::Still { samples } => self.still_samples = samples.clamp(1, 256),
+            ViewerEvent::Resolution { share } => self.set_moving_share(share),
+            ViewerEvent::Paths { passes } => self.trace_paths(now, passes),
             ViewerEvent::Hover { x, y } => self.pointer = Some((RayUse::Hover, [x, y])),
             ViewerEvent::Pick { x, y } => self.pointer = Some((RayUse::Pick, [x, y])),
             ViewerEvent::Follow => self.follow(),
@@ -365,15 +389,6 @@ impl Session {
         ));
     }
 
-    fn content(&self) -> FrameContent {
-        FrameContent {
-            camera: self.camera,
-            fov: self.fov,
-            kind: self.kind,
-            split: self.split,
-        }
-    }
-
     /// Makes the picture another one.
     pub(crate) fn changed(&mut self) {
         self.revision += 1;
@@ -403,75 +418,6 @@ impl Session {
         }
         self.plan = self.next_plan(now, workers.max(1));
         self.plan.as_mut()?.next(now).map(Work::Draw)
-    }
-
-    /// Plans the next picture, if the display lacks one.
-    fn next_plan(&mut self, now: f64, workers: usize) -> Option<FramePlan> {
-        if self.failed == Some(self.revision) {
-            return None;
-        }
-        let known = self
-            .drawn
-            .filter(|(revision, ..)| *revision == self.revision);
-        let (purpose, size, samples) = match self.is_moving(now) {
-            true => {
-                if known.is_some() || self.on_their_way.len() > AHEAD {
-                    return None;
-                }
-                (Purpose::Moving, self.moving_size(), 1)
-            }
-            false => {
-                let size = self.still_size();
-                let best = self.best_samples();
-                let levels = [1, 4.min(best), best];
-                let whole = known.filter(|(_, drawn, ..)| *drawn == size);
-                let have = whole.map_or(0, |(_, _, samples, _)| samples);
-                let next = levels.into_iter().find(|samples| *samples > have)?;
-                (Purpose::Still, size, next)
-            }
-        };
-        self.number += 1;
-        if self.kind == PictureKind::Error {
-            (self.errors, self.given_up) = (Vec::new(), 0);
-        }
-        let numbers = (self.number, self.revision);
-        Some(FramePlan::new(
-            numbers,
-            purpose,
-            self.content(),
-            (size, samples),
-            workers,
-        ))
-    }
-
-    /// Returns the samples of a pixel of the best picture.
-    fn best_samples(&self) -> u16 {
-        match self.kind {
-            PictureKind::Error => 1,
-            _ => self.still_samples,
-        }
-    }
-
-    /// Tells whether the display shows the best picture.
-    fn is_refined(&self) -> bool {
-        self.drawn.is_some_and(|(revision, size, samples, _)| {
-            let whole = revision == self.revision && size == self.still_size();
-            whole && samples >= self.best_samples()
-        })
-    }
-
-    fn moving_size(&mut self) -> (usize, usize) {
-        match self.kind {
-            PictureKind::Error => within(self.display, ERROR_PIXELS[0]),
-            _ => self.control.size(self.display),
-        }
-    }
-
-    fn still_size(&self) -> (usize, usize) {
-        match self.kind {
-            PictureKind::Error => within(self.display, ERROR_PIXELS[1]),
-            _ => self.display,
-        }
     }
 
     /// Returns a ray to be followed, if the pointer asks for one.
@@ -523,8 +469,10 @@ impl Session {
                 {
                     self.capture = None;
                 }
-                if let Some(plan) = self.plan.take_if(|plan| plan.number == frame) {
-                    self.failed = Some(plan.revision);
+                match self.plan.take_if(|plan| plan.number == frame) {
+                    Some(plan) if plan.purpose == Purpose::Pass => self.wanted_passes = 0,
+                    Some(plan) => self.failed = Some(plan.revision),
+                    None => {}
                 }
             }
             Answer::Drawn {
@@ -546,8 +494,7 @@ impl Session {
                     let known = errors.into_iter().filter(|e| !e.is_nan());
                     self.errors.extend(known.map(f64::from));
                     let last = plan.returned();
-                    let patch = self.shown.accept((frame, plan.size), block, &rgb, last);
-                    self.patches.extend(patch);
+                    self.show_block(&plan, block, rgb, last);
                     match last {
                         true => self.finish(now, &plan),
                         false => self.plan = Some(plan),
@@ -557,8 +504,31 @@ impl Session {
         }
     }
 
+    /// Puts a block on the display; of random samples the mean, once there are enough.
+    fn show_block(&mut self, plan: &FramePlan, block: Block, light: Vec<f32>, last: bool) {
+        let light = match plan.content.pass {
+            None => light,
+            Some(pass) => {
+                let about = (plan.revision, plan.size);
+                let mean = self.passes.add(about, block, &light);
+                let shown = pass + 1 >= FIRST_SHOWN.min(self.wanted_passes).into();
+                let Some(mean) = mean.filter(|_| shown) else {
+                    return;
+                };
+                mean
+            }
+        };
+        let frame = (plan.number, plan.size);
+        self.patches
+            .extend(self.shown.accept(frame, block, &light, last));
+    }
+
     /// Takes note that a picture is whole.
     fn finish(&mut self, now: f64, plan: &FramePlan) {
+        if plan.purpose == Purpose::Pass {
+            self.passes.finish();
+            return;
+        }
         let seconds = (now - plan.started).max(0.0);
         let pixels = plan.size.0 * plan.size.1;
         // Its own kind: the user may have chosen another one since.
@@ -623,10 +593,17 @@ impl Session {
             beyond: self.beyond,
             within_table: self.space.knows(self.camera.u),
             speed: self.speed,
+            moving_share: self.moving_share.unwrap_or(0.0),
             exposure: self.shown.exposure(),
             size: drawn.map_or((0, 0), |(_, size, ..)| size),
             samples: drawn.map_or(0, |(_, _, samples, _)| samples),
-            settled: !moving && self.is_refined(),
+            passes: (self.passes_done(), self.wanted_passes),
+            decoding: self.stood_in,
+            settled: !self.loading
+                && !moving
+                && !self.stood_in
+                && self.is_refined()
+                && self.next_pass().is_none(),
             display: self.display,
             seconds: drawn.map(|(.., seconds)| seconds),
             rate: self.rate(now),
@@ -657,13 +634,6 @@ impl Session {
 /// Tells whether something can be multiplied by this.
 fn is_factor(factor: f64) -> bool {
     factor.is_finite() && factor > 0.0
-}
-
-/// Returns the size of a picture of at most so many pixels with about the sides of `display`.
-fn within((width, height): (usize, usize), pixels: usize) -> (usize, usize) {
-    let share = (pixels as f64 / (width * height) as f64).sqrt().min(1.0);
-    let side = |length: usize| ((length as f64 * share) as usize).max(1);
-    (side(width), side(height))
 }
 
 #[cfg(test)]

@@ -9,6 +9,7 @@ use geofan_core::{
     random::Stream,
     reading::{FileSource, with_source},
 };
+use geofan_light::path_tracer::{Estimator, PathTracer, PathTracerSettings};
 use geofan_render::Stage;
 use std::{path::Path, rc::Rc, sync::Arc};
 
@@ -185,6 +186,143 @@ fn moving_pictures_get_as_small_as_the_machine_needs_and_still_ones_are_refined(
     assert!(machine.frames.is_empty());
     let panel = session.panel(machine.now);
     assert!(panel.samples == 16 && panel.settled);
+}
+
+#[test]
+fn the_very_first_picture_is_a_small_one_however_late_the_engine_is() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-6);
+    machine.now = 5.0;
+    machine.run(&mut session, 0.05);
+    let first = &machine.frames[0];
+    assert!(first.size.0 <= 320 && !first.each, "{:?}", first.size);
+    machine.run(&mut session, 5.0);
+    assert_eq!(machine.frames.last().unwrap().size, (640, 360));
+}
+
+#[test]
+fn light_is_traced_in_place_of_the_refined_picture_and_any_change_begins_it_anew() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Paths { passes: 6 });
+    machine.run(&mut session, 5.0);
+    let passes: Vec<u64> = machine.frames.iter().filter_map(|f| f.pass).collect();
+    assert!(passes.is_sorted() && passes.first() == Some(&0) && passes.last() == Some(&5));
+    // Not before the picture has all its samples.
+    let first = machine
+        .frames
+        .iter()
+        .position(|f| f.pass.is_some())
+        .unwrap();
+    assert_eq!(machine.frames[first - 1].samples, 16);
+    let pixels = |frames: &[DrawRequest], pass: u64| -> usize {
+        let of_pass = frames.iter().filter(|f| f.pass == Some(pass));
+        of_pass.map(|f| f.block.width * f.block.height).sum()
+    };
+    assert!((0..6).all(|pass| pixels(&machine.frames, pass) == 640 * 360));
+    let panel = session.panel(machine.now);
+    assert!(panel.settled && panel.passes == (6, 6));
+    // More of them go on from those that there are.
+    machine.frames.clear();
+    session.handle(machine.now, ViewerEvent::Paths { passes: 8 });
+    machine.run(&mut session, 2.0);
+    assert_eq!(machine.frames[0].pass, Some(6));
+    // A head that turns throws them away.
+    machine.frames.clear();
+    session.handle(
+        machine.now,
+        ViewerEvent::Look {
+            right: 0.01,
+            down: 0.0,
+        },
+    );
+    machine.run(&mut session, 5.0);
+    assert_eq!(machine.frames[0].pass, None);
+    assert_eq!(session.panel(machine.now).passes, (8, 8));
+    // Without them the picture that they were put over is drawn again.
+    machine.frames.clear();
+    session.handle(machine.now, ViewerEvent::Paths { passes: 0 });
+    machine.run(&mut session, 5.0);
+    assert!(machine.frames.iter().all(|f| f.pass.is_none()) && !machine.frames.is_empty());
+    assert_eq!(session.panel(machine.now).samples, 16);
+}
+
+#[test]
+fn the_first_samples_of_traced_light_are_not_shown_alone() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    machine.run(&mut session, 5.0);
+    session.handle(machine.now, ViewerEvent::Paths { passes: 64 });
+    let mut shown = 0;
+    for k in 0.. {
+        let Some(Work::Draw(request)) = session.next_work(machine.now, 1) else {
+            panic!("samples are wanted")
+        };
+        let pixels = 3 * request.block.width * request.block.height;
+        let answer = Answer::Drawn {
+            frame: request.frame,
+            block: request.block,
+            rgb: vec![k as f32; pixels],
+            errors: Vec::new(),
+        };
+        session.accept(machine.now, answer);
+        shown += session.take_patches().len();
+        match request.pass {
+            Some(pass) if pass < 3 => assert_eq!(shown, 0),
+            Some(4) => break,
+            _ => {}
+        }
+    }
+    assert!(shown > 0);
+}
+
+#[test]
+fn the_cells_of_a_camera_and_before_it_are_decoded_first_and_exact_paths_stand_in_until_then() {
+    let bundle = bundle("three-bumps-rail");
+    let mut session = session(Some(&bundle), &bundle.manifold.clone());
+    let at = |x: f64| [x, 0.3, 0.2];
+    let cell = |x: f64| bundle.table.chunks_at(DVec3::from_array(at(x))).unwrap();
+    let (here, ahead) = (cell(1.0), cell(-1.0));
+    assert!(here.len() == 1 && ahead.len() == 1 && here != ahead);
+    let pose = Pose {
+        at: at(1.0),
+        look: [-1.0, 0.0, 0.0],
+        up: [0.0, 0.0, 1.0],
+        fov: 90.0,
+    };
+    session.handle(0.0, ViewerEvent::Place(pose));
+    // Whatever their order in the file: the camera's own, then the other; each once.
+    assert_eq!(session.next_chunk(0.0), Some(here[0]));
+    assert_eq!(session.next_chunk(0.0), Some(ahead[0]));
+    assert_eq!(session.next_chunk(0.0), None);
+    let mut machine = Machine::new(1e-8);
+    machine.run(&mut session, 2.0);
+    // Exact paths between which is interpolated, and nothing that would take long.
+    let stands_in = |f: &DrawRequest| f.kind == PictureKind::Exact && !f.each;
+    assert!(!machine.frames.is_empty() && machine.frames.iter().all(stands_in));
+    assert!(session.panel(machine.now).decoding && !session.panel(machine.now).settled);
+    machine.frames.clear();
+    session.chunk_decoded(here[0]);
+    machine.run(&mut session, 2.0);
+    let by_table = |f: &DrawRequest| f.kind == PictureKind::Table;
+    assert!(!machine.frames.is_empty() && machine.frames.iter().all(by_table));
+    assert!(session.panel(machine.now).settled);
+    // Over the edge of the cell into one that is not decoded, and no picture waits for it.
+    machine.frames.clear();
+    session.handle(machine.now, hold(1.0));
+    machine.run(&mut session, 2.5);
+    assert!(session.camera().u.x < 0.0);
+    for frame in &machine.frames {
+        let is_here = bundle.table.chunks_at(DVec3::from_array(frame.u)).unwrap() == here;
+        assert_eq!(by_table(frame), is_here, "{:?}", frame.u);
+    }
+    session.chunk_decoded(ahead[0]);
+    machine.frames.clear();
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.iter().all(by_table));
 }
 
 #[test]
@@ -472,6 +610,7 @@ fn other_skies_stand_beyond_every_exit_until_the_scene_s_come_back() {
         samples: 1,
         kind: PictureKind::Exact,
         each: true,
+        pass: None,
     };
     let mut picture = |sky: SkyChoice| {
         draw.dress(sky);
@@ -527,7 +666,7 @@ fn random_event(random: &mut Stream) -> ViewerEvent {
             (2.0 * x - 1.0) * scale
         }
     };
-    match (number(1.0).abs().min(0.999) * 22.0) as usize {
+    match (number(1.0).abs().min(0.999) * 24.0) as usize {
         0..=5 => ViewerEvent::Hold {
             go: [number(1.2), number(1.2), number(1.2)],
             turn: [number(1.0), number(1.0)],
@@ -577,6 +716,10 @@ fn random_event(random: &mut Stream) -> ViewerEvent {
             width: number(900.0).abs() as u32,
             height: number(900.0).abs() as u32,
         },
+        21 => ViewerEvent::Paths {
+            passes: number(9.0).abs() as u32,
+        },
+        22 => ViewerEvent::Resolution { share: number(2.0) },
         _ => ViewerEvent::Place(Pose {
             at: [number(3.0), number(3.0), number(3.0)],
             look: [number(1.0), number(1.0), number(1.0)],
@@ -615,6 +758,10 @@ fn whatever_a_user_does_the_axes_stay_orthonormal_and_the_camera_inside() {
             let event = random_event(&mut random);
             session.handle(machine.now, event.clone());
             machine.run(&mut session, 0.03);
+            let chunk = session.next_chunk(machine.now);
+            if let Some(chunk) = chunk.filter(|_| random.uniform() < 0.5) {
+                session.chunk_decoded(chunk);
+            }
             let camera = session.camera();
             let axes = camera.axes(&space);
             let gram = axes.transpose() * space.metric(camera.u) * axes;
@@ -647,8 +794,15 @@ fn a_block_drawn_alone_is_the_part_of_the_whole_picture() {
         },
     );
     let drawer = DrawSpace::new(stage, Some(bundle), 3.0);
-    let Some(Work::Draw(whole)) = session.next_work(0.0, 1) else {
+    let Some(Work::Draw(first)) = session.next_work(0.0, 1) else {
         panic!("a picture is wanted")
+    };
+    // A still one, not the first, which is small.
+    let whole = DrawRequest {
+        size: (320, 192),
+        margin: 2,
+        each: true,
+        ..first
     };
     let light = |request: DrawRequest| match drawer.answer(&Work::Draw(request)) {
         Answer::Drawn { rgb, .. } => rgb,
@@ -708,6 +862,38 @@ fn a_block_drawn_alone_is_the_part_of_the_whole_picture() {
             rgb.iter().all(|x| x.is_finite()) && rgb.iter().any(|x| *x > 0.0),
             "{kind:?}"
         );
+    }
+    // Traced light is that of the path tracer, sample by sample, in whatever block a pixel is.
+    let (block, pass) = (
+        Block {
+            x: 5,
+            y: 3,
+            width: 9,
+            height: 7,
+        },
+        Some(2),
+    );
+    let size = (32, 16);
+    let traced = light(DrawRequest {
+        block,
+        size,
+        pass,
+        ..whole.clone()
+    });
+    let view = View::of_camera(&whole.camera(), whole.fov, size);
+    let settings = PathTracerSettings {
+        seed: 0,
+        length: drawer.length(),
+        tolerance: 1e-8,
+        bounces: u32::MAX,
+        estimator: Estimator::Connected,
+    };
+    let tracer = PathTracer::new(&drawer.stage.world, &view, settings);
+    let all = tracer.pass(2, || false).unwrap();
+    for (i, pixel) in traced.chunks_exact(3).enumerate() {
+        let at = (block.y + i / block.width) * size.0 + block.x + i % block.width;
+        let known = all[at].to_array().map(|x| x as f32);
+        assert_eq!(*pixel, known, "{i}");
     }
     let query = RayQuery {
         number: 1,

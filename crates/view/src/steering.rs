@@ -62,6 +62,12 @@ const TURNING: f64 = 1.2;
 /// Times as fast with the key for fast.
 const FAST: f64 = 4.0;
 
+/// Seconds ahead for which the camera's cells are looked up: the last is what a large cell takes to be decoded.
+const AHEAD: [f64; 6] = [0.25, 0.5, 1.0, 1.5, 2.0, 3.0];
+
+/// Seconds in any direction for which they are.
+const AROUND: f64 = 1.0;
+
 /// Share of a picked path that is followed: its very end is on a surface or in an exit.
 const FOLLOWED: f64 = 0.9;
 
@@ -94,6 +100,38 @@ impl Session {
             self.changed_at(now);
         }
         self.note_way(now, false);
+    }
+
+    /// Lists where the camera is and will soon be as it moves now, then where it could be in any direction.
+    pub(crate) fn places_ahead(&self, now: f64) -> Vec<DVec3> {
+        let fast = if self.held.fast { FAST } else { 1.0 };
+        let moves = |by: DVec3| {
+            let manifold = &self.space.manifold;
+            let by = by.clamp_length_max(self.space.length);
+            moved(manifold, self.holding_table(), &self.camera, by)
+                .camera
+                .u
+        };
+        let mut places = vec![self.camera.u];
+        let later = AHEAD.iter();
+        match &self.travel {
+            Travel::Replay(journey, began) => {
+                let [from, to] = journey.interval();
+                let at = |s: &f64| journey.pose((from + now - began + s).min(to)).0.u;
+                places.extend(later.map(at).map(|u| self.space.manifold.domain.wrap(u)));
+            }
+            Travel::Follow(direction, left) => {
+                places.extend(later.map(|s| moves(*direction * (self.speed * s).min(*left))));
+            }
+            Travel::None if self.held.go != DVec3::ZERO => {
+                places.extend(later.map(|s| moves(self.held.go * (self.speed * fast * s))));
+            }
+            Travel::None => {}
+        }
+        for axis in [DVec3::NEG_Z, DVec3::X, DVec3::Y] {
+            places.extend([1.0, -1.0].map(|sign| moves(axis * (sign * self.speed * AROUND))));
+        }
+        places
     }
 
     /// Takes note of the way, if it is recorded.

@@ -30,16 +30,26 @@ pub const PAGE_MODULES: [(&str, &str); 3] = [
     ("page.js", include_str!("../ui/page.js")),
 ];
 
-/// The script of the page's workers.
-pub const WORKER: &str = include_str!("../ui/worker.js");
+/// What a worker of the page does.
+const WORKER: &str = include_str!("../ui/worker.js");
 
 /// Joins the page's modules to one script: names are unique among them, so imports and exports fall away.
 pub fn single_script() -> String {
     let modules = MODULES
         .iter()
         .filter(|(name, _)| *name != "socket_engine.js");
+    joined(modules.chain(&PAGE_MODULES).map(|(_, text)| *text))
+}
+
+/// Joins the script of the page's workers, which unpack, too.
+pub fn worker_script() -> String {
+    let unpack = PAGE_MODULES.iter().filter(|(name, _)| *name == "unpack.js");
+    joined(unpack.map(|(_, text)| *text).chain([WORKER]))
+}
+
+fn joined<'t>(texts: impl Iterator<Item = &'t str>) -> String {
     let mut script = String::new();
-    for (_, text) in modules.chain(&PAGE_MODULES) {
+    for text in texts {
         for line in text.lines().filter(|line| !line.starts_with("import ")) {
             script.push_str(line.strip_prefix("export ").unwrap_or(line));
             script.push('\n');

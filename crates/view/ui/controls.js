@@ -12,7 +12,7 @@ const HELD_KEYS = {
 export const ACTION_KEYS = {
   KeyX: ["swap", "Swap table and exact"], KeyV: ["split", "Split the screen: table and exact side by side"],
   KeyM: ["error", "Show the error of the table in mrad"], KeyG: ["flat", "Show the same scene in flat space"],
-  KeyH: ["home", "Back to the start"], KeyT: ["follow", "Fly along the picked path"], Escape: ["halt", "Stop flying"],
+  KeyL: ["paths", "Trace light from surface to surface when nothing moves"], KeyH: ["home", "Back to the start"], KeyT: ["follow", "Fly along the picked path"], Escape: ["halt", "Stop flying"],
   KeyB: ["beyond", "Let the camera leave the table's region"], BracketLeft: ["darker", "Darker"],
   BracketRight: ["brighter", "Brighter"], KeyR: ["record", "Begin or end a recording of the way"],
   KeyP: ["replay", "Replay the way"], KeyK: ["capture", "Save a picture (PNG, or EXR: size and samples are chosen)"], KeyO: ["overlay", "Hide or show the numbers"],

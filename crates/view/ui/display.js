@@ -71,6 +71,7 @@ export function createDisplay(canvas, send, save) {
     }
     if (!last) return;
     stats = { frames: stats.frames + 1, shown: `${width}×${height}` };
+    canvas.dispatchEvent(new CustomEvent("picture", { detail: frame }));
     const tell = () => send({ type: "shown", frame });
     if (document.hidden) tell();
     else requestAnimationFrame(tell);

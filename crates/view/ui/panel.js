@@ -10,6 +10,12 @@ const KINDS = [["table", "Table"], ["exact", "Exact"], ["flat", "Flat"], ["error
 /** @type {[import("./types").Sky, string][]} */
 const SKIES = [["scene", "Skies of the scene"], ["grid", "Lettered grid"], ["stars", "Stars"]];
 
+/** Shares of the display's sides that moving pictures can have; 0: as the machine can. */
+const SHARES = [0, 1, 0.5, 0.25];
+
+/** Samples of a pixel by path tracing that can be chosen. */
+const PASSES = [0, 16, 64, 256, 1024];
+
 /**
  * Makes an element with properties and children.
  * @template {keyof HTMLElementTagNameMap} Tag
@@ -53,6 +59,10 @@ export function createPanel(root, send, act) {
   const samples = make("select", {}, ...[1, 4, 16, 64].map((n) => make("option", { value: String(n), textContent: `${n} samples when still` })));
   samples.value = "16";
   samples.addEventListener("change", () => send({ type: "still", samples: Number(samples.value) }));
+  const moving = make("select", { ariaLabel: "Resolution while it moves" }, ...SHARES.map((n) => make("option", { value: String(n), textContent: n ? `${100 * n} % while it moves` : "As sharp as it can move" })));
+  moving.addEventListener("change", () => send({ type: "resolution", share: Number(moving.value) }));
+  const paths = make("select", { ariaLabel: "Path tracing" }, ...PASSES.map((n) => make("option", { value: String(n), textContent: n ? `Path tracing, ${n} samples` : "No path tracing" })));
+  paths.addEventListener("change", () => send({ type: "paths", passes: Number(paths.value) }));
   const sky = make("select", { ariaLabel: "Skies" }, ...SKIES.map(([value, textContent]) => make("option", { value, textContent })));
   sky.addEventListener("change", () => send({ type: "sky", sky: SKIES[sky.selectedIndex][0] }));
   const views = make("select");
@@ -78,7 +88,7 @@ export function createPanel(root, send, act) {
   root.append(
     title, make("div", { className: "row" }, ...kinds.map(({ made }) => made), split),
     make("div", { className: "row" }, beyond), errors,
-    make("label", { className: "wide" }, "Exposure ", exposureWord, exposure), make("div", { className: "row" }, sky),
+    make("label", { className: "wide" }, "Exposure ", exposureWord, exposure), make("div", { className: "row" }, sky, paths, moving),
     make("div", { className: "row" }, views, button("Home", "home"), samples), speed, parameters,
     make("div", { className: "row" }, button("Follow path", "follow"), record, button("Replay", "replay"), way),
     make("div", { className: "row" }, button("Save picture", "capture"), button("Copy address", "copy"), button("Help", "help")),
@@ -146,6 +156,8 @@ export function createPanel(root, send, act) {
     record.ariaPressed = String(panel.recording !== null);
     exposureWord.textContent = `${panel.exposure >= 0 ? "+" : ""}${panel.exposure} stops`;
     if (document.activeElement !== sky) sky.value = panel.sky;
+    if (document.activeElement !== moving) moving.value = String(panel.moving_share);
+    if (document.activeElement !== paths) paths.value = String(panel.passes[1]);
     if (document.activeElement !== exposure) exposure.value = String(panel.exposure);
     if (knownViews !== panel.views.join("\n")) {
       knownViews = panel.views.join("\n");
@@ -188,17 +200,19 @@ function pictureChoice() {
 
 /** The numbers over the picture. @param {Panel} panel */
 export function overlayText(panel) {
-  const { size, display, samples, seconds, rate, coordinates, pose } = panel;
+  const { size, display, samples, passes, seconds, rate, coordinates, pose } = panel;
   const why = panel.kind === "error" ? "every error takes an exact path" : "coarser while it moves";
   const reduced = size[0] < display[0] ? ` of ${display[0]}×${display[1]}: ${why}` : "";
   const pace = rate ? `${rate.toFixed(0)} frames a second` : seconds === null ? "" : `drawn in ${(1e3 * seconds).toFixed(0)} ms`;
   const where = coordinates.map((name, k) => `${name} ${short(pose.at[k])}`).join("  ");
   const ways = { table: "table", exact: "exact paths", flat: "flat space", error: "errors" };
   const way = panel.split ? `${ways[panel.kind]} | ${ways[panel.split]}` : ways[panel.kind];
-  const fallback = panel.kind === "table" && !panel.within_table ? " (outside: exact paths)" : "";
+  const outside = panel.kind === "table" && !panel.within_table;
+  const fallback = outside ? " (outside: exact paths)" : panel.decoding ? " (being decoded here: exact paths until then)" : "";
+  const traced = passes[0] > 0 ? `, ${passes[0]} of ${passes[1]} by path tracing` : "";
   const lines = [
     `${way}${fallback} · ${pace}`,
-    `${size[0]}×${size[1]}${reduced}, ${samples} sample${samples === 1 ? "" : "s"} a pixel`,
+    `${size[0]}×${size[1]}${reduced}, ${samples} sample${samples === 1 ? "" : "s"} a pixel${traced}`,
     `${where}   scalar curvature ${short(panel.curvature)}`,
   ];
   if (panel.hover) lines.push(`under the pointer: ${panel.hover[0]}, ${short(panel.hover[1])} away`);

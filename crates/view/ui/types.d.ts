@@ -18,6 +18,8 @@ export type ViewerEvent =
   | { type: "sky"; sky: Sky }
   | { type: "beyond"; allowed: boolean }
   | { type: "still"; samples: number }
+  | { type: "paths"; passes: number }
+  | { type: "resolution"; share: number }
   | { type: "hover" | "pick"; x: number; y: number }
   | { type: "record"; on: boolean }
   | { type: "replay"; text: string }
@@ -42,10 +44,13 @@ export interface Panel {
   sky: Sky;
   beyond: boolean;
   within_table: boolean;
+  decoding: boolean;
   speed: number;
+  moving_share: number;
   exposure: number;
   size: [number, number];
   samples: number;
+  passes: [number, number];
   settled: boolean;
   display: [number, number];
   seconds: number | null;

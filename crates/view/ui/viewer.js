@@ -8,6 +8,9 @@ import { createPanel, overlayText } from "./panel.js";
 /** Milliseconds between two writings of the address. */
 const ADDRESS_INTERVAL = 1000;
 
+/** Samples of a pixel by path tracing that the key asks for. */
+const USUAL_PASSES = 256;
+
 /** Finds an element of the page. @param {string} id */
 export function find(id) {
   const found = document.getElementById(id);
@@ -62,6 +65,7 @@ export function startViewer(engine) {
       split: () => (panel.split ? show(panel.kind) : show("table", "exact")),
       error: () => show(panel.kind === "error" ? usual : "error"),
       flat: () => show(panel.kind === "flat" ? usual : "flat"),
+      paths: () => send({ type: "paths", passes: panel.passes[1] ? 0 : USUAL_PASSES }),
       home: () => send({ type: "home" }),
       follow: () => send({ type: "follow" }),
       halt: () => send({ type: "halt" }),
@@ -100,6 +104,8 @@ export function startViewer(engine) {
     if (shown) show(shown, kind("split"));
     const sky = /** @type {import("./types").Sky | null} */ (given.get("sky"));
     if (sky) send({ type: "sky", sky });
+    if (given.has("moving")) send({ type: "resolution", share: Number(given.get("moving")) });
+    if (given.has("paths")) send({ type: "paths", passes: Number(given.get("paths")) });
     if (given.has("exposure")) send({ type: "exposure", stops: Number(given.get("exposure")) });
     if (given.has("beyond")) send({ type: "beyond", allowed: given.get("beyond") === "1" });
     for (const [name, value] of given) {
@@ -117,6 +123,8 @@ export function startViewer(engine) {
     given.set("split", panel.split ?? "");
     given.set("exposure", String(panel.exposure));
     given.set("sky", panel.sky);
+    given.set("moving", String(panel.moving_share));
+    given.set("paths", String(panel.passes[1]));
     given.set("beyond", panel.beyond ? "1" : "0");
     const hash = `#${given.toString().replaceAll("%2C", ",")}`;
     if (hash !== location.hash) location.replace(hash);

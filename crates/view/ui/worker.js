@@ -1,4 +1,6 @@
-// A worker of the page: draws what it is asked for.
+// A worker of the page: unpacks and draws what it is asked for.
+
+import { bytesOfText, lzmaDecoded } from "./unpack.js";
 
 let calls = null;
 
@@ -11,9 +13,20 @@ function give(content) {
 const take = () => new Uint8Array(calls.memory.buffer, calls.geofan_output(), calls.geofan_output_length()).slice();
 
 onmessage = async ({ data }) => {
-  if (data.module) {
+  if (data.packed) {
+    const unpacked = lzmaDecoded(typeof data.packed === "string" ? bytesOfText(data.packed) : data.packed);
+    postMessage({ unpacked }, [unpacked.buffer]);
+  } else if (data.module) {
     calls = (await WebAssembly.instantiate(data.module, {})).exports;
     give(data.space);
+    const failed = calls.geofan_place(data.number, data.of) !== 0;
+    const share = take();
+    postMessage(failed ? { trouble: new TextDecoder().decode(share) } : { share });
+  } else if (data.shares) {
+    for (const share of data.shares) {
+      give(share);
+      calls.geofan_add_share();
+    }
     if (calls.geofan_open_drawing() !== 0) postMessage({ trouble: new TextDecoder().decode(take()) });
     else postMessage({});
   } else if (data.settings) {
@@ -22,6 +35,9 @@ onmessage = async ({ data }) => {
   } else if (data.sky) {
     give(data.sky);
     calls.geofan_dress();
+  } else if (data.chunk !== undefined) {
+    calls.geofan_decode(data.chunk);
+    postMessage({ chunk: data.chunk });
   } else if (data.work) {
     give(data.work);
     calls.geofan_work();

@@ -25,14 +25,19 @@ function instanceCalls(exported) {
 
 /**
  * Opens the engine.
- * @param {Uint8Array<ArrayBuffer>} wasm @param {Uint8Array} space @param {string} worker the address of the workers' script
- * @param {number} count of workers
+ * @param {WebAssembly.Module} module @param {Uint8Array} space @param {Worker[]} workers which have nothing to do yet
  */
-export async function openWorkerEngine(wasm, space, worker, count) {
+export async function openWorkerEngine(module, space, workers) {
   /** @type {import("./types").ViewEngine} */
   const engine = { send, onpatch: () => {}, onmessage: () => {}, onopen: () => {}, onlost: () => {} };
-  const module = await WebAssembly.compile(wasm);
+  const count = workers.length;
   const session = instanceCalls((await WebAssembly.instantiate(module, {})).exports);
+  // They make their drawings while the session is made here; what they say comes when this function is done.
+  workers.forEach((made, number) => {
+    made.onmessage = ({ data }) => answer(made, data);
+    made.onerror = (event) => engine.onmessage({ type: "broken", text: event.message });
+    made.postMessage({ module, space, number, of: count });
+  });
   session.give(space);
   if (session.exports.geofan_open_session() !== 0) throw new Error(session.takeText());
   const now = () => performance.now() / 1e3;
@@ -40,23 +45,39 @@ export async function openWorkerEngine(wasm, space, worker, count) {
   const settings = new Map();
   /** @type {Worker[]} */
   const free = [];
-  const workers = Array.from({ length: count }, () => {
-    const made = new Worker(worker);
-    made.onmessage = ({ data }) => answer(made, data);
-    made.onerror = (event) => engine.onmessage({ type: "broken", text: event.message });
-    made.postMessage({ module, space });
-    return made;
-  });
+  /** A chunk of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], busy: boolean } | null} */
+  let chunk = null;
+  let drawn = false;
+  /** What each worker has placed of the scene. @type {Map<Worker, Uint8Array>} */
+  const shares = new Map();
 
   /**
-   * Takes what a worker says: that it is ready, what was wrong, or an answer.
-   * @param {Worker} made @param {{ trouble?: string, answer?: Uint8Array }} data
+   * Takes what a worker says: its share of the scene, that it is ready, what was wrong, an answer, or a chunk that it has
+   * decoded.
+   * @param {Worker} made @param {{ share?: Uint8Array, trouble?: string, answer?: Uint8Array, chunk?: number }} data
    */
   function answer(made, data) {
+    if (data.share) {
+      shares.set(made, data.share);
+      if (shares.size === count) {
+        const all = workers.map((worker) => shares.get(worker));
+        for (const worker of workers) worker.postMessage({ shares: all });
+        shares.clear();
+      }
+      return;
+    }
     if (data.trouble !== undefined) tellTrouble(data.trouble);
     if (data.answer) {
       session.give(data.answer);
       session.exports.geofan_accept(now());
+      drawn = true;
+    }
+    if (data.chunk !== undefined && chunk) {
+      chunk.busy = false;
+      if (chunk.left.length === 0) {
+        session.exports.geofan_decoded(chunk.number);
+        chunk = null;
+      }
     }
     if (!free.includes(made)) free.push(made);
     pump();
@@ -87,11 +108,30 @@ export async function openWorkerEngine(wasm, space, worker, count) {
   /** Hands work to free workers, and pixels and panels on. */
   function pump() {
     while (session.exports.geofan_patch() !== 0) engine.onpatch(session.take().buffer);
+    decodeAhead(count > 1);
     while (free.length > 0 && session.exports.geofan_next(now(), count) !== 0) {
       const work = session.take();
       free.pop()?.postMessage({ work }, [work.buffer]);
     }
+    decodeAhead(true);
     while (session.exports.geofan_message(now()) !== 0) engine.onmessage(JSON.parse(session.takeText()));
+  }
+
+  /** Gives the next chunk to a free worker, unless one decodes already. @param {boolean} allowed */
+  function decodeAhead(allowed) {
+    if (!allowed || !drawn || chunk?.busy) return;
+    if (!chunk) {
+      const number = session.exports.geofan_next_chunk(now());
+      if (number < 0) return;
+      chunk = { number, left: [...workers], busy: false };
+    }
+    const { number, left } = chunk;
+    const at = left.findIndex((made) => free.includes(made));
+    if (at < 0) return;
+    const [made] = left.splice(at, 1);
+    free.splice(free.indexOf(made), 1);
+    chunk.busy = true;
+    made.postMessage({ chunk: number });
   }
 
   const beat = () => {

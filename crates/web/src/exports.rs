@@ -4,7 +4,10 @@
 //! |---|---|---|
 //! | `geofan_input(length)` | | room for so many bytes; returns where |
 //! | `geofan_output()`, `geofan_output_length()` | | where the output is, and its length |
-//! | `geofan_open_session()`, `geofan_open_drawing()` | package | 0, or 1 and what was wrong |
+//! | `geofan_open_session()` | package | 0, or 1 and what was wrong |
+//! | `geofan_place(number, of)` | package | 0 and a share of its vertices, placed; or 1 and what was wrong |
+//! | `geofan_add_share()` | a share | |
+//! | `geofan_open_drawing()` | | 0, or 1 and what was wrong |
 //! | `geofan_set_session()`, `geofan_set_drawing()` | parameters as JSON | 0, or 1 and what was wrong |
 //! | `geofan_dress()` | what skies show, as JSON | |
 //! | `geofan_event(now)` | an event | |
@@ -12,6 +15,9 @@
 //! | `geofan_next(now, workers)` | | 1 and work, or 0 |
 //! | `geofan_work()` | work | the answer |
 //! | `geofan_accept(now)` | an answer | |
+//! | `geofan_next_chunk(now)` | | a chunk to be decoded in every drawing, or −1 |
+//! | `geofan_decode(chunk)` | | |
+//! | `geofan_decoded(chunk)` | | |
 //! | `geofan_patch()`, `geofan_message(now)` | | 1 and pixels or a message, or 0 |
 
 // Exporting a function by its name counts as unsafe, because names must be unique; nothing else here is.
@@ -68,7 +74,19 @@ pub extern "C" fn geofan_open_session() -> u32 {
     told(Instance::open_session)
 }
 
-/// Opens a package for drawing.
+/// Takes over a package for drawing, and places one of so many shares of its vertices.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_place(number: u32, of: u32) -> u32 {
+    told(|instance| instance.place(number as usize, of as usize))
+}
+
+/// Takes over the next share of vertices.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_add_share() {
+    with(Instance::add_share);
+}
+
+/// Opens the package for drawing, whose vertices are placed if all shares of them have been given.
 #[unsafe(no_mangle)]
 pub extern "C" fn geofan_open_drawing() -> u32 {
     told(Instance::open_drawing)
@@ -122,6 +140,24 @@ pub extern "C" fn geofan_accept(now: f64) {
     with(|instance| instance.accept(now));
 }
 
+/// Gives out a chunk of the table that every drawing is to decode.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_next_chunk(now: f64) -> i32 {
+    with(|instance| instance.next_chunk(now))
+}
+
+/// Decodes a chunk of the drawing's table.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_decode(chunk: u32) {
+    with(|instance| instance.decode(chunk as usize));
+}
+
+/// Tells the session that all drawings have decoded a chunk.
+#[unsafe(no_mangle)]
+pub extern "C" fn geofan_decoded(chunk: u32) {
+    with(|instance| instance.decoded(chunk as usize));
+}
+
 /// Gives out pixels.
 #[unsafe(no_mangle)]
 pub extern "C" fn geofan_patch() -> u32 {
@@ -157,6 +193,9 @@ mod tests {
             instance.input = package.encode();
         }
         session.open_session().unwrap();
+        drawing.place(0, 1).unwrap();
+        drawing.input = drawing.output.clone();
+        drawing.add_share();
         drawing.open_drawing().unwrap();
         session.input = br#"{"type":"resize","width":64,"height":48}"#.to_vec();
         session.event(0.0);
@@ -178,6 +217,6 @@ mod tests {
         assert!(pictures >= 2);
         assert!(session.message(now));
         drawing.input = b"no package".to_vec();
-        assert!(drawing.open_drawing().is_err());
+        assert!(drawing.place(0, 1).is_err());
     }
 }

@@ -14,6 +14,8 @@ pub struct Instance {
     /// Read by the page.
     pub output: Vec<u8>,
     package: Package,
+    /// Shares of the scene's vertices, placed by all workers.
+    shares: Vec<Vec<u8>>,
     session: Option<Session>,
     feed: PanelFeed,
     messages: Vec<String>,
@@ -23,10 +25,22 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// Opens the package in the input to draw its scene.
-    pub fn open_drawing(&mut self) -> Result<()> {
+    /// Takes over the package in the input, and puts one of so many shares of its vertices, placed, into the output.
+    pub fn place(&mut self, number: usize, of: usize) -> Result<()> {
         self.package = self.read_package()?;
-        self.drawing = Some(PageAbout::open(&self.package, None)?);
+        self.output = PageAbout::place_share(&self.package, (number, of))?;
+        Ok(())
+    }
+
+    /// Takes over the next share of the vertices, from the input.
+    pub fn add_share(&mut self) {
+        self.shares.push(std::mem::take(&mut self.input));
+    }
+
+    /// Opens the package to draw its scene.
+    pub fn open_drawing(&mut self) -> Result<()> {
+        let shares = std::mem::take(&mut self.shares);
+        self.drawing = Some(PageAbout::open(&self.package, None, &shares)?);
         Ok(())
     }
 
@@ -58,7 +72,7 @@ impl Instance {
             }
         }
         if self.drawing.is_some() {
-            let mut drawing = PageAbout::open(&self.package, Some(&settings))?;
+            let mut drawing = PageAbout::open(&self.package, Some(&settings), &[])?;
             drawing.dress(self.sky);
             self.drawing = Some(drawing);
         }
@@ -120,6 +134,29 @@ impl Instance {
     pub fn accept(&mut self, now: f64) {
         if let (Some(session), Some(answer)) = (&mut self.session, Answer::decode(&self.input)) {
             session.accept(now, answer);
+        }
+    }
+
+    /// Returns a chunk of the table to be decoded in every drawing; −1 if there is none.
+    pub fn next_chunk(&mut self, now: f64) -> i32 {
+        let session = self.session.as_mut();
+        let chunk = session.and_then(|session| session.next_chunk(now));
+        chunk.and_then(|c| i32::try_from(c).ok()).unwrap_or(-1)
+    }
+
+    /// Decodes a chunk of the drawing's table.
+    pub fn decode(&self, chunk: usize) {
+        let table = self.drawing.as_ref().and_then(DrawSpace::bundle);
+        if let Some(bundle) = table.filter(|bundle| chunk < bundle.table.chunks.len()) {
+            // A damaged chunk is complained of when a camera needs it.
+            let _ = bundle.table.tree(chunk);
+        }
+    }
+
+    /// Takes note that all drawings have decoded a chunk.
+    pub fn decoded(&mut self, chunk: usize) {
+        if let Some(session) = &mut self.session {
+            session.chunk_decoded(chunk);
         }
     }
 

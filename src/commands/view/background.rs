@@ -18,6 +18,9 @@ use std::{
 /// Time between two looks at whether the space is another one.
 const LOOK: Duration = Duration::from_millis(300);
 
+/// Time between two looks at whether a chunk is to be decoded.
+const PAUSE: Duration = Duration::from_millis(4);
+
 /// Rays of the certificate, as for `geofan bake`.
 const CERTIFY_RAYS: u64 = 20_000;
 
@@ -44,27 +47,12 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
     }
 }
 
-/// Decodes the chunks of every table one after another, until the viewer ends: a camera that comes into a new
-/// cell then does not wait for its chunks.
+/// Decodes chunks of the table as viewers ask for them, ahead of their cameras, until the viewer ends.
 pub fn decode_ahead(shared: &SharedSpace) {
-    let mut decoded = 0;
     while !shared.has_ended() {
-        let (version, loaded, ..) = shared.present();
-        if version != decoded {
-            decoded = version;
-            let table = loaded.draw.bundle().map(|bundle| &bundle.table);
-            for (table, chunk) in table
-                .iter()
-                .flat_map(|t| (0..t.chunks.len()).map(move |c| (t, c)))
-            {
-                if shared.has_ended() || shared.present().0 != version {
-                    break;
-                }
-                // A damaged chunk is complained of when a camera needs it.
-                let _ = table.tree(chunk);
-            }
+        if !shared.decode_chunk() {
+            std::thread::sleep(PAUSE);
         }
-        std::thread::sleep(LOOK);
     }
 }
 

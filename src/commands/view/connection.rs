@@ -4,14 +4,9 @@
 //! with all threads, and writes; so nothing is locked while a picture is drawn. Messages are bounded, and a
 //! client that sends nonsense again and again is left.
 
-use super::loading::SharedSpace;
-use geofan_view::{PanelFeed, Session, ViewerEvent};
-use std::{
-    io,
-    net::TcpStream,
-    sync::Arc,
-    time::{Duration, Instant},
-};
+use super::{driver::Driver, loading::SharedSpace};
+use geofan_view::PanelFeed;
+use std::{io, net::TcpStream, sync::Arc, time::Duration};
 use tungstenite::{
     Error, Message, WebSocket,
     protocol::{Role, WebSocketConfig},
@@ -35,14 +30,11 @@ pub fn run(stream: TcpStream, part: Vec<u8>, shared: &Arc<SharedSpace>) {
         .max_message_size(Some(MOST_OF_A_MESSAGE))
         .max_frame_size(Some(MOST_OF_A_MESSAGE));
     let socket = WebSocket::from_partially_read(stream, part, Role::Server, Some(config));
-    let (version, loaded, ..) = shared.present();
     let mut connection = Connection {
         socket,
-        session: Session::new(loaded.session.clone()),
+        driver: Driver::new(shared),
         feed: PanelFeed::default(),
-        version,
         nonsense: 0,
-        began: Instant::now(),
     };
     while !shared.has_ended() {
         match connection.turn(shared) {
@@ -56,46 +48,26 @@ pub fn run(stream: TcpStream, part: Vec<u8>, shared: &Arc<SharedSpace>) {
 
 struct Connection {
     socket: WebSocket<TcpStream>,
-    session: Session,
+    driver: Driver,
     feed: PanelFeed,
-    /// The space's version that the session knows.
-    version: u64,
     nonsense: usize,
-    began: Instant,
 }
 
 impl Connection {
-    fn now(&self) -> f64 {
-        self.began.elapsed().as_secs_f64()
-    }
-
     /// Does one turn: events, one piece of work, what it gave. Tells whether to go on.
     fn turn(&mut self, shared: &SharedSpace) -> Result<bool, Error> {
         if !self.read(shared)? {
             return Ok(false);
         }
-        let (version, loaded, trouble, background) = shared.present();
-        if version != self.version {
-            self.version = version;
-            self.session.replace_space(loaded.session.clone());
-        }
-        self.session.set_trouble(trouble);
-        self.session.set_background(background);
-        let now = self.now();
-        let work = self.session.next_work(now, 1);
-        if let Some(work) = &work {
-            let answer = loaded.draw.answer(work);
-            let now = self.now();
-            self.session.accept(now, answer);
-        }
-        for patch in self.session.take_patches() {
+        let worked = self.driver.turn(shared);
+        for patch in self.driver.session.take_patches() {
             self.socket.send(Message::Binary(patch.encode().into()))?;
         }
-        let now = self.now();
-        for text in self.feed.next(&mut self.session, now) {
+        let now = self.driver.now();
+        for text in self.feed.next(&mut self.driver.session, now) {
             self.socket.send(Message::Text(text.into()))?;
         }
-        if work.is_none() {
+        if !worked {
             return self.wait(shared);
         }
         Ok(true)
@@ -131,16 +103,9 @@ impl Connection {
 
     /// Takes a message. Tells whether the client is still there.
     fn take(&mut self, message: Message, shared: &SharedSpace) -> bool {
-        let now = self.now();
         match message {
             Message::Text(text) => match serde_json::from_str(text.as_str()) {
-                Ok(ViewerEvent::Parameter { name, value }) => shared.set_parameter(&name, value),
-                Ok(event) => {
-                    if let ViewerEvent::Sky { sky } = event {
-                        shared.set_sky(sky);
-                    }
-                    self.session.handle(now, event);
-                }
+                Ok(event) => self.driver.handle(event, shared),
                 Err(_) => self.nonsense += 1,
             },
             Message::Close(_) => return false,

@@ -28,6 +28,12 @@ struct SpaceState {
     trouble: Option<String>,
     background: Option<String>,
     reload: bool,
+    /// The space is being loaded again.
+    loading: bool,
+    /// A chunk of the table to be decoded: the version of the space, and its number.
+    chunk: Option<(u64, usize)>,
+    /// Somebody decodes one.
+    decoding: bool,
 }
 
 /// The space that all viewers share.
@@ -67,6 +73,9 @@ impl SharedSpace {
                 trouble: None,
                 background: None,
                 reload: false,
+                loading: false,
+                chunk: None,
+                decoding: false,
             }),
             ended: AtomicBool::new(false),
         }))
@@ -81,6 +90,12 @@ impl SharedSpace {
         let state = self.state();
         let (trouble, background) = (state.trouble.clone(), state.background.clone());
         (state.version, state.loaded.clone(), trouble, background)
+    }
+
+    /// Tells whether another space is to come: asked before [`Self::present`], no means that this is the newest.
+    pub fn is_loading(&self) -> bool {
+        let state = self.state();
+        state.reload || state.loading
     }
 
     /// Asks for the space with another value of a parameter.
@@ -108,6 +123,39 @@ impl SharedSpace {
         state.reload = true;
     }
 
+    /// Tells whether another chunk of the table could be decoded behind.
+    pub fn wants_chunk(&self) -> bool {
+        let state = self.state();
+        state.chunk.is_none() && !state.decoding
+    }
+
+    /// Asks for a chunk of the table to be decoded, in the space of this version.
+    pub fn set_chunk(&self, version: u64, chunk: usize) {
+        self.state().chunk = Some((version, chunk));
+    }
+
+    /// Decodes the chunk that was asked for, if there is one. Tells whether there was.
+    pub fn decode_chunk(&self) -> bool {
+        let (loaded, asked) = {
+            let mut state = self.state();
+            let Some((version, chunk)) = state.chunk.take() else {
+                return false;
+            };
+            if version != state.version {
+                return true;
+            }
+            state.decoding = true;
+            (state.loaded.clone(), chunk)
+        };
+        let table = loaded.draw.bundle().map(|bundle| &bundle.table);
+        if let Some(table) = table.filter(|table| asked < table.chunks.len()) {
+            // A damaged chunk is complained of when a camera needs it.
+            let _ = table.tree(asked);
+        }
+        self.state().decoding = false;
+        true
+    }
+
     /// Says what goes on behind.
     pub fn set_background(&self, text: Option<String>) {
         self.state().background = text;
@@ -130,7 +178,11 @@ impl SharedSpace {
         while !self.has_ended() {
             std::thread::sleep(BEAT);
             since_look += BEAT;
-            let mut reload = std::mem::take(&mut self.state().reload);
+            let mut reload = {
+                let mut state = self.state();
+                state.loading = std::mem::take(&mut state.reload);
+                state.loading
+            };
             if since_look >= LOOK {
                 since_look = Duration::ZERO;
                 let now = times(&self.present().1.files);
@@ -152,6 +204,7 @@ impl SharedSpace {
         };
         let loaded = self.source.load(&settings, table);
         let mut state = self.state();
+        state.loading = false;
         match loaded {
             Ok(mut loaded) => {
                 loaded.draw.dress(sky);

@@ -3,12 +3,20 @@
 //! In: a scene file, or a bare manifold file, and perhaps a bundle. Out: the viewer's user interface on a local
 //! address, until a signal ends it; or a page. The viewer's rules and its pages are in `geofan-view`; here are its
 //! threads, clocks and sockets: [`loading`] watches files, [`background`] bakes, [`server`] answers requests of
-//! which it checks everything, [`connection`] drives one session.
+//! which it checks everything, [`connection`] has one session, which [`driver`] drives; with the feature `window` that may
+//! have a native window instead.
 
 mod background;
 mod connection;
+mod driver;
 mod loading;
 mod server;
+#[cfg(feature = "window")]
+mod window;
+#[cfg(feature = "window")]
+mod window_keys;
+#[cfg(feature = "window")]
+mod window_picture;
 
 use crate::terminal::{self, CommonArgs, Outcome, TerminalObserver, values};
 use clap::Args;
@@ -49,6 +57,10 @@ pub struct ViewArgs {
     /// Write a page that needs no server instead: one file (out.html), or a folder for a static host
     #[arg(long, value_name = "out.html|DIR", conflicts_with_all = ["listen", "no_open"])]
     page: Option<PathBuf>,
+    /// Show it in a window of its own, without a browser
+    #[cfg(feature = "window")]
+    #[arg(long, conflicts_with_all = ["listen", "no_open", "page"])]
+    window: bool,
     /// The viewer for pages, as `.ci/page.sh` builds it [default: geofan-web.wasm beside this program]
     #[arg(long, value_name = "FILE", requires = "page")]
     wasm: Option<PathBuf>,
@@ -73,6 +85,10 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
     }
     let observer = TerminalObserver::new(common)?;
     let shared = loading::SharedSpace::open(source, args.set.clone())?;
+    #[cfg(feature = "window")]
+    if args.window {
+        return run_window(args, &shared, &observer);
+    }
     let server = Server::bind(listen, shared.clone())?;
     announce(&server, args, common)?;
     std::thread::scope(|threads| {
@@ -88,6 +104,26 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
         shared.end();
         server.wake();
     });
+    Ok(Outcome::Done)
+}
+
+/// Runs the viewer in a window of its own.
+#[cfg(feature = "window")]
+fn run_window(
+    args: &ViewArgs,
+    shared: &std::sync::Arc<loading::SharedSpace>,
+    observer: &TerminalObserver,
+) -> Result<Outcome> {
+    std::thread::scope(|threads| {
+        threads.spawn(|| shared.watch());
+        if !args.no_bake {
+            threads.spawn(|| background::bake_tables(shared));
+        }
+        threads.spawn(|| background::decode_ahead(shared));
+        let done = window::run(shared, || observer.cancelled());
+        shared.end();
+        done
+    })?;
     Ok(Outcome::Done)
 }
 

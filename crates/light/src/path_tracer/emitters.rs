@@ -50,6 +50,9 @@ impl Emitters {
         for (i, face) in world.faces.iter().enumerate() {
             let ke = world.materials[face.material as usize].ke;
             let bright: f64 = ke.iter().map(|k| f64::from(*k)).sum();
+            if bright == 0.0 {
+                continue;
+            }
             let [p, q, r] = world.accelerator.triangles()[i];
             let power = bright * square_area(world, i as u32, (p + q + r) / 3.0);
             if power > 0.0 && power.is_finite() {

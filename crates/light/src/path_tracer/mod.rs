@@ -20,6 +20,8 @@ mod bsdf;
 mod emitters;
 mod ggx;
 mod panel_tracers;
+#[cfg(feature = "files")]
+mod passes_file;
 mod surface;
 
 pub use accumulator::PassAccumulator;
@@ -28,13 +30,12 @@ pub use panel_tracers::PanelTracers;
 use crate::{Connection, Lamps};
 use bsdf::balance;
 use emitters::{EmitterPoint, Emitters, is_same_geodesic, principal_connections};
-use geofan_core::{geodesic::Ray, random::Stream};
+use geofan_core::{geodesic::Ray, parallel::*, random::Stream};
 use geofan_render::{
     Footprint, Hit, Seen, SurfacePoint, View, World, first_seen,
     starts::{RayStart, starts},
 };
 use glam::{DVec2, DVec3, Vec3};
-use rayon::prelude::*;
 use std::sync::{
     Arc,
     atomic::{AtomicU64, Ordering},
@@ -165,9 +166,20 @@ impl<'w> PathTracer<'w> {
     pub fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
         let (width, height) = self.view.size;
         let pixels: Vec<usize> = (0..width * height).collect();
+        self.part(&pixels, number, stop)
+    }
+
+    /// Renders one sample of each of these `pixels`, in ascending order of their numbers row by row: the same light as
+    /// [`Self::pass`] gives them.
+    pub fn part(
+        &self,
+        pixels: &[usize],
+        number: u64,
+        stop: impl Fn() -> bool + Sync,
+    ) -> Option<Vec<DVec3>> {
         // A pixel's light does not depend on those that go with it.
-        let threads = rayon::current_num_threads() * BLOCKS_OF_A_THREAD;
-        let block = (pixels.len() / threads).clamp(BLOCKS[0], BLOCKS[1]);
+        let blocks = threads() * BLOCKS_OF_A_THREAD;
+        let block = (pixels.len() / blocks).clamp(BLOCKS[0], BLOCKS[1]);
         let blocks: Option<Vec<Vec<DVec3>>> = pixels
             .par_chunks(block)
             .map(|pixels| (!stop()).then(|| self.block(pixels, number)))
@@ -175,15 +187,16 @@ impl<'w> PathTracer<'w> {
         Some(blocks?.concat())
     }
 
-    /// Renders consecutive pixels.
+    /// Renders pixels in ascending order.
     fn block(&self, pixels: &[usize], pass: u64) -> Vec<DVec3> {
-        let mut light = vec![DVec3::ZERO; pixels.len()];
-        let mut paths = self.start(pixels, pass);
         let first = pixels.first().copied().unwrap_or(0);
+        let end = pixels.last().map_or(0, |last| last + 1);
+        let mut light = vec![DVec3::ZERO; end - first];
+        let mut paths = self.start(pixels, pass);
         while !paths.is_empty() {
             paths = self.bounce(paths, &mut |pixel, part| light[pixel - first] += part);
         }
-        light
+        pixels.iter().map(|pixel| light[pixel - first]).collect()
     }
 
     /// Starts paths at random places of those pixels that show something.

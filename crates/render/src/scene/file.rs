@@ -8,6 +8,7 @@
 //! point, angles degrees, light linear.
 
 use super::{
+    Cuts, Points,
     camera::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
     mesh::CREASE,
     motion::{CameraMotion, Formulas},
@@ -107,6 +108,11 @@ pub struct ObjectEntry {
     pub temperature: Option<Formulas>,
     /// Edges that turn by more than this are sharp where the mesh gives no normals, degrees.
     pub crease: f64,
+    /// How its mesh is cut, where that is known from another time: it is then placed without a word about whether its
+    /// placement suits it.
+    pub cuts: Option<Arc<Cuts>>,
+    /// The vertices of the mesh so cut, where they have been placed elsewhere.
+    pub vertices: Option<Arc<Points>>,
     /// Where the entry stands.
     pub span: Span,
 }
@@ -332,6 +338,8 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
         crease: table
             .optional("crease")
             .map_or(Ok(CREASE), |v| crease(&v))?,
+        cuts: None,
+        vertices: None,
         span: table.span(),
     })
 }

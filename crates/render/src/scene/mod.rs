@@ -4,6 +4,7 @@
 
 mod camera;
 mod clip;
+mod cuts;
 #[cfg(feature = "formats")]
 mod draft;
 mod file;
@@ -52,6 +53,7 @@ mod trajectory;
 mod vertex;
 
 pub use camera::{CameraProjection, Lens, Stereo, StereoLayout};
+pub use cuts::{Cuts, pack_cuts, read_cuts};
 pub use file::{
     CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
 };
@@ -60,7 +62,8 @@ pub use mesh::Mesh;
 pub use motion::{CameraMotion, Formulas};
 pub use packed_mesh::pack as pack_meshes;
 pub(super) use placement::place;
+pub use placement::{cuts_of, joined_shares, vertex_share};
 pub use poses::{KeyPose, PoseFile};
-pub(super) use subdivide::Points;
+pub use subdivide::Points;
 pub use texture::{Mapping, OpacityMap, Texture, TextureMap};
 pub use trajectory::{Course, Trajectory};

@@ -9,10 +9,10 @@
 //! columns of geodesic deviation at the end of the path.
 
 use super::{
-    Mesh, ObjectEntry, Placement,
+    Cuts, Mesh, ObjectEntry, Placement,
     clip::clipped,
     reach::reach,
-    subdivide::{MOST_OF_CLIPPED, MOST_TRIANGLES, Points, subdivided},
+    subdivide::{MOST_OF_CLIPPED, MOST_TRIANGLES, Points, Subdivided, cut_again, subdivided},
 };
 use geofan_core::parallel::*;
 use geofan_core::{
@@ -30,6 +30,13 @@ pub struct Placed<'m> {
     pub vertices: Points,
     /// A warning about its placement.
     pub warnings: Vec<String>,
+    /// How the mesh was cut.
+    pub cuts: Cuts,
+}
+
+/// Finds how the mesh of `object`, which does not move, is cut where it is placed; `None` if it cannot be placed.
+pub fn cuts_of(manifold: &Manifold, object: &ObjectEntry, mesh: &Mesh) -> Option<Cuts> {
+    place(manifold, object, mesh).map(|placed| placed.cuts)
 }
 
 /// Places `mesh` as `object` says; `None` if a geodesic that places it does not get there.
@@ -38,27 +45,33 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
     let manifold = &*manifold.cover();
     let manifold = &*manifold.still();
     match object.placement {
+        Placement::Linear if object.cuts.is_some() => Some(Placed::uncut(
+            mesh,
+            linear(manifold.standard_frame(object.at), object, mesh),
+        )),
         Placement::Linear => {
             let vertices = linear(manifold.standard_frame(object.at), object, mesh);
             let bend = Bend::of(manifold, object, mesh, &vertices);
             Some(Placed {
-                mesh: Cow::Borrowed(mesh),
                 warnings: bend.warning(object).into_iter().collect(),
-                vertices,
+                ..Placed::uncut(mesh, vertices)
             })
         }
-        Placement::Chart => Some(Placed {
-            vertices: linear(DMat3::IDENTITY, object, mesh),
-            mesh: Cow::Borrowed(mesh),
-            warnings: Vec::new(),
-        }),
+        Placement::Chart => Some(Placed::uncut(mesh, linear(DMat3::IDENTITY, object, mesh))),
         Placement::Exponential => {
+            let known = object.cuts.as_ref();
+            if let Some(placed) = known.and_then(|cuts| placed_as_cut(manifold, object, mesh, cuts))
+            {
+                return Some(placed);
+            }
             let points = |x: &[DVec3], n: &[DVec3]| exponential(manifold, object, x, n);
             let name = object.mesh.display();
             let mut warnings = Vec::new();
             let (mut mesh, mut radius) = (Cow::Borrowed(mesh), radius(object, mesh));
             let (most, mut triangles) = (reach(manifold, object.at, radius), MOST_TRIANGLES);
+            let mut within = f64::INFINITY;
             if radius > most {
+                within = most;
                 triangles = MOST_OF_CLIPPED;
                 mesh = Cow::Owned(clipped(&mesh, most / object.scale));
                 let left = if mesh.triangles.is_empty() {
@@ -73,7 +86,12 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
                 ));
                 radius = self::radius(object, &mesh);
             }
-            let (mesh, vertices, left) = subdivided(manifold, mesh, (radius, triangles), points)?;
+            let Subdivided {
+                mesh,
+                vertices,
+                rounds,
+                left,
+            } = subdivided(manifold, mesh, (radius, triangles), points)?;
             if left > 0 {
                 let note = "edges are still bent after the last subdivision allowed";
                 warnings.push(format!("{name}: {left} {note}"));
@@ -82,7 +100,91 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
                 mesh,
                 vertices,
                 warnings,
+                cuts: Cuts { within, rounds },
             })
+        }
+    }
+}
+
+impl<'m> Placed<'m> {
+    /// A mesh as it is, with its vertices.
+    fn uncut(mesh: &'m Mesh, vertices: Points) -> Self {
+        Self {
+            mesh: Cow::Borrowed(mesh),
+            vertices,
+            warnings: Vec::new(),
+            cuts: Cuts {
+                within: f64::INFINITY,
+                rounds: Vec::new(),
+            },
+        }
+    }
+}
+
+/// Places by geodesics a mesh that is cut as is known; `None` if those are not cuts of this mesh.
+fn placed_as_cut<'m>(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    mesh: &'m Mesh,
+    cuts: &Cuts,
+) -> Option<Placed<'m>> {
+    let mesh = cut_mesh(object, mesh, cuts)?;
+    let told = object.vertices.as_ref();
+    let vertices = match told.filter(|all| all.len() == mesh.positions.len()) {
+        Some(all) => all.to_vec(),
+        None => exponential(manifold, object, &mesh.positions, &mesh.normals)?,
+    };
+    Some(Placed {
+        mesh,
+        vertices,
+        warnings: Vec::new(),
+        cuts: cuts.clone(),
+    })
+}
+
+/// Clips and cuts a mesh as is known; `None` if those are not cuts of this mesh.
+fn cut_mesh<'m>(object: &ObjectEntry, mesh: &'m Mesh, cuts: &Cuts) -> Option<Cow<'m, Mesh>> {
+    let mesh = match cuts.within.is_finite() {
+        true => Cow::Owned(clipped(mesh, cuts.within / object.scale)),
+        false => Cow::Borrowed(mesh),
+    };
+    cut_again(mesh, &cuts.rounds)
+}
+
+/// Places a share of the vertices of an object whose cuts are known, that of the `number`-th of so many who place
+/// them together; `None` if it is placed in a way that takes no time, or cannot be placed.
+pub fn vertex_share(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    mesh: &Mesh,
+    (number, of): (usize, usize),
+) -> Option<Points> {
+    let cuts = object.cuts.as_ref()?;
+    if object.placement != Placement::Exponential {
+        return None;
+    }
+    let manifold = &*manifold.cover();
+    let manifold = &*manifold.still();
+    let mesh = cut_mesh(object, mesh, cuts)?;
+    let blocks = mesh.positions.chunks(BLOCK).zip(mesh.normals.chunks(BLOCK));
+    let own = blocks.skip(number).step_by(of.max(1));
+    let placed: Option<Vec<Points>> = own
+        .map(|(x, n)| exponential_block(manifold, object, x, n))
+        .collect();
+    Some(placed?.concat())
+}
+
+/// Joins the shares of all, in their order.
+pub fn joined_shares(shares: &[Points]) -> Points {
+    let mut blocks: Vec<_> = shares.iter().map(|share| share.chunks(BLOCK)).collect();
+    let mut all = Points::new();
+    loop {
+        let before = all.len();
+        for own in &mut blocks {
+            all.extend(own.next().unwrap_or_default());
+        }
+        if all.len() == before {
+            return all;
         }
     }
 }

@@ -21,6 +21,8 @@ fn object(placement: Placement, scale: f64) -> ObjectEntry {
         velocity: None,
         temperature: None,
         crease: 30.0,
+        cuts: None,
+        vertices: None,
         span: 0..0,
     }
 }
@@ -31,6 +33,20 @@ fn square() -> Mesh {
     Mesh::parse("square.obj", text, std::path::Path::new("")).unwrap()
 }
 
+/// A square of so many vertices along each side.
+fn grid(side: usize) -> Mesh {
+    let mut text = String::from("vn 0 0 1\n");
+    for k in 0..side * side {
+        let [x, y] = [k % side, k / side].map(|i| 2.0 * i as f64 / (side - 1) as f64 - 1.0);
+        text.push_str(&format!("v {x} {y} 0\n"));
+    }
+    for k in (0..side * (side - 1)).filter(|k| (k + 1) % side != 0) {
+        let [a, b, c, d] = [k + 1, k + 2, k + side + 2, k + side + 1];
+        text.push_str(&format!("f {a}//1 {b}//1 {c}//1 {d}//1\n"));
+    }
+    Mesh::parse("grid.obj", &text, std::path::Path::new("")).unwrap()
+}
+
 /// Distance on the three-sphere, from the chart.
 fn distance(a: DVec3, b: DVec3) -> f64 {
     let ambient = |u: DVec3| {
@@ -38,6 +54,57 @@ fn distance(a: DVec3, b: DVec3) -> f64 {
         (2.0 * u / (1.0 + r2)).extend((r2 - 1.0) / (1.0 + r2))
     };
     2.0 * (0.5 * (ambient(a) - ambient(b)).length()).asin()
+}
+
+#[test]
+fn a_mesh_that_is_cut_as_is_known_is_placed_like_one_whose_cuts_are_sought() {
+    let (s3, mesh) = (sphere(), square());
+    for placement in [Placement::Exponential, Placement::Linear, Placement::Chart] {
+        let sought = object(placement, 0.7);
+        let placed = place(&s3, &sought, &mesh).unwrap();
+        let known = ObjectEntry {
+            cuts: Some(placed.cuts.clone().into()),
+            ..object(placement, 0.7)
+        };
+        let again = place(&s3, &known, &mesh).unwrap();
+        assert_eq!(again.vertices, placed.vertices);
+        assert_eq!(again.mesh.triangles, placed.mesh.triangles);
+        assert_eq!(again.mesh.uvs, placed.mesh.uvs);
+        assert!(again.warnings.is_empty());
+    }
+    // By several that have a share each, and for one that is told what they found.
+    let (sought, mesh) = (object(Placement::Exponential, 0.7), grid(60));
+    let placed = place(&s3, &sought, &mesh).unwrap();
+    assert!(
+        placed.vertices.len() > 2 * BLOCK,
+        "{}",
+        placed.vertices.len()
+    );
+    let mut known = ObjectEntry {
+        cuts: Some(placed.cuts.clone().into()),
+        ..sought
+    };
+    for of in 1..4 {
+        let share = |number| vertex_share(&s3, &known, &mesh, (number, of)).unwrap();
+        let shares: Vec<Points> = (0..of).map(share).collect();
+        assert_eq!(joined_shares(&shares), placed.vertices);
+    }
+    known.vertices = Some(vec![(DVec3::X, DVec3::Y); placed.vertices.len()].into());
+    let told = place(&s3, &known, &mesh).unwrap();
+    assert_eq!(told.vertices[7], (DVec3::X, DVec3::Y));
+    known.vertices = Some(vec![(DVec3::X, DVec3::Y)].into());
+    assert_eq!(place(&s3, &known, &mesh).unwrap().vertices, placed.vertices);
+    // Cuts of another mesh are no use: they are sought anew.
+    let foreign = Cuts {
+        within: f64::INFINITY,
+        rounds: vec![vec![[0, 99]]],
+    };
+    let object = ObjectEntry {
+        cuts: Some(foreign.into()),
+        ..object(Placement::Exponential, 0.7)
+    };
+    let mesh = square();
+    assert!(place(&s3, &object, &mesh).unwrap().mesh.triangles.len() > 16);
 }
 
 #[test]

@@ -32,16 +32,28 @@ pub(super) const MOST_TRIANGLES: usize = 4_000_000;
 /// exponentially no number is enough.
 pub(super) const MOST_OF_CLIPPED: usize = 200_000;
 
-/// The subdivided mesh, its vertices, and the number of edges that should be split still. `radius`
-/// is the object's, in the metric, and it may have at most `most_triangles`; `place` turns mesh points and normals into [`Points`], or fails.
+/// A subdivided mesh.
+pub(super) struct Subdivided<'m> {
+    pub mesh: Cow<'m, Mesh>,
+    /// Its vertices, placed.
+    pub vertices: Points,
+    /// The edges split in each round.
+    pub rounds: Vec<Vec<Edge>>,
+    /// The number of edges that should be split still.
+    pub left: usize,
+}
+
+/// Subdivides a mesh. `radius` is the object's, in the metric, and it may have at most `most_triangles`; `place` turns
+/// mesh points and normals into [`Points`], or fails.
 pub(super) fn subdivided<'m>(
     manifold: &Manifold,
     mut mesh: Cow<'m, Mesh>,
     (radius, most_triangles): (f64, usize),
     place: impl Fn(&[DVec3], &[DVec3]) -> Option<Points>,
-) -> Option<(Cow<'m, Mesh>, Points, usize)> {
+) -> Option<Subdivided<'m>> {
     let mut vertices = place(&mesh.positions, &mesh.normals)?;
     let mut fate: HashMap<Edge, Fate> = HashMap::new();
+    let mut rounds = Vec::new();
     let departures = |middles: &Middles, vertices: &Points| -> Option<Vec<f64>> {
         let placed = place(&middles.positions, &middles.normals)?;
         let of = |(edge, middle): (&Edge, &(DVec3, DVec3))| {
@@ -67,7 +79,12 @@ pub(super) fn subdivided<'m>(
         let left = split.iter().filter(|s| **s).count();
         let full = mesh.triangles.len() + 3 * left > most_triangles;
         if left == 0 || round == MOST_ROUNDS || full {
-            return Some((mesh, vertices, left));
+            return Some(Subdivided {
+                mesh,
+                vertices,
+                rounds,
+                left,
+            });
         }
         for (edge, _) in middles
             .edges
@@ -84,18 +101,40 @@ pub(super) fn subdivided<'m>(
             .filter(|(_, split)| **split);
         let middles = Middles::of(&mesh, with_longest(&mesh, bent.map(|(e, _)| *e).collect()));
         let placed = place(&middles.positions, &middles.normals)?;
-        let owned = mesh.to_mut();
-        for (i, edge) in middles.edges.iter().enumerate() {
-            vertices.push(placed[i]);
-            fate.insert(*edge, Some(middles.append(i, owned)));
-        }
-        cut(owned, &fate);
+        vertices.extend(placed);
+        split_edges(mesh.to_mut(), &middles, &mut fate);
+        rounds.push(middles.edges);
     }
     None
 }
 
+/// Cuts a mesh by edges that were split another time; `None` if it has other vertices.
+pub(super) fn cut_again<'m>(
+    mut mesh: Cow<'m, Mesh>,
+    rounds: &[Vec<Edge>],
+) -> Option<Cow<'m, Mesh>> {
+    let mut fate: HashMap<Edge, Fate> = HashMap::new();
+    for edges in rounds {
+        let known = |edge: &Edge| edge.iter().all(|v| (*v as usize) < mesh.positions.len());
+        if !edges.iter().all(known) {
+            return None;
+        }
+        let middles = Middles::of(&mesh, edges.clone());
+        split_edges(mesh.to_mut(), &middles, &mut fate);
+    }
+    Some(mesh)
+}
+
+/// Makes the middles of edges vertices, and cuts the triangles at them.
+fn split_edges(mesh: &mut Mesh, middles: &Middles, fate: &mut HashMap<Edge, Fate>) {
+    for (i, edge) in middles.edges.iter().enumerate() {
+        fate.insert(*edge, Some(middles.append(i, mesh)));
+    }
+    cut(mesh, fate);
+}
+
 /// Two vertices, the lower first.
-type Edge = [u32; 2];
+pub(super) type Edge = [u32; 2];
 
 /// The vertex in the middle of an edge that is split.
 type Fate = Option<u32>;

@@ -1,0 +1,355 @@
+//! The viewer in a native window, for those without a browser: the same session, and the keys of the user interface.
+//!
+//! In: the space that all viewers share, and the window's keyboard and mouse. Out: pictures in the window, and in its
+//! title what the panel tells of them. The session has a thread of its own; the window's thread shows what that
+//! sends, and sends it events. Saved pictures and recorded ways are written into the current folder.
+
+use super::{driver::Driver, loading::SharedSpace, window_keys, window_picture::WindowPicture};
+use geofan_core::{Error, Result};
+use geofan_view::{PanelData, Patch, ViewerEvent};
+use softbuffer::{Context, Surface};
+use std::{
+    io,
+    num::NonZeroU32,
+    rc::Rc,
+    sync::{
+        Arc,
+        mpsc::{Receiver, Sender, channel},
+    },
+    time::Duration,
+};
+use winit::{
+    application::ApplicationHandler,
+    dpi::{LogicalSize, PhysicalPosition},
+    event::{ElementState, MouseButton, MouseScrollDelta, WindowEvent},
+    event_loop::{ActiveEventLoop, EventLoop, EventLoopProxy},
+    keyboard::{KeyCode, PhysicalKey},
+    window::{Window, WindowId},
+};
+
+/// The time that the session waits for an event when there is nothing to do.
+const PAUSE: Duration = Duration::from_millis(4);
+
+/// A press that moved less than this, in pixels, is a click.
+const CLICK_REACH: f64 = 5.0;
+
+/// First size of the window, in pixels of usual density.
+const SIZE: (f64, f64) = (960.0, 540.0);
+
+/// What the session tells the window.
+enum Update {
+    Patch(Patch),
+    Panel(Box<PanelData>),
+    Recorded(String),
+    End,
+}
+
+/// Shows the space in a window until that is closed or the program is to end.
+///
+/// # Errors
+/// There is no display, or no window can be opened on it.
+pub fn run(shared: &Arc<SharedSpace>, ended: impl Fn() -> bool + Send) -> Result<()> {
+    let events = EventLoop::<Update>::with_user_event().build();
+    let events = events.map_err(|e| failed(&e.to_string()))?;
+    let (send, receive) = channel();
+    let proxy = events.create_proxy();
+    let mut app = WindowApp {
+        send,
+        shown: None,
+        picture: WindowPicture::default(),
+        panel: None,
+        held: Vec::new(),
+        pointer: PhysicalPosition::default(),
+        press: None,
+        trouble: None,
+    };
+    let done = std::thread::scope(|threads| {
+        threads.spawn(move || drive(shared, &receive, &proxy, ended));
+        let done = events.run_app(&mut app);
+        shared.end();
+        done
+    });
+    done.map_err(|e| failed(&e.to_string()))?;
+    app.trouble.map_or(Ok(()), |trouble| Err(failed(&trouble)))
+}
+
+fn failed(message: &str) -> Error {
+    Error::Environment {
+        path: "window".into(),
+        source: io::Error::other(message.to_string()),
+    }
+}
+
+/// Drives the session.
+fn drive(
+    shared: &SharedSpace,
+    events: &Receiver<ViewerEvent>,
+    window: &EventLoopProxy<Update>,
+    ended: impl Fn() -> bool,
+) {
+    let mut driver = Driver::new(shared);
+    let (mut recorded, mut told) = (String::new(), f64::NEG_INFINITY);
+    while !shared.has_ended() && !ended() {
+        for event in events.try_iter() {
+            driver.handle(event, shared);
+        }
+        let worked = driver.turn(shared);
+        let mut updates: Vec<Update> = Vec::new();
+        updates.extend(driver.session.take_patches().into_iter().map(Update::Patch));
+        let now = driver.now();
+        if now - told > 0.1 {
+            told = now;
+            updates.push(Update::Panel(Box::new(driver.session.panel(now))));
+        }
+        if driver.session.recorded() != recorded {
+            recorded = driver.session.recorded().into();
+            updates.push(Update::Recorded(recorded.clone()));
+        }
+        for update in updates {
+            if window.send_event(update).is_err() {
+                return;
+            }
+        }
+        if !worked && let Ok(event) = events.recv_timeout(PAUSE) {
+            driver.handle(event, shared);
+        }
+    }
+    let _ = window.send_event(Update::End);
+}
+
+/// A window with what is drawn into it.
+struct Shown {
+    window: Rc<Window>,
+    surface: Surface<Rc<Window>, Rc<Window>>,
+}
+
+/// The window's side.
+struct WindowApp {
+    send: Sender<ViewerEvent>,
+    shown: Option<Shown>,
+    picture: WindowPicture,
+    panel: Option<Box<PanelData>>,
+    /// Keys that are held down.
+    held: Vec<KeyCode>,
+    pointer: PhysicalPosition<f64>,
+    /// How far the pointer has moved since the button went down.
+    press: Option<f64>,
+    trouble: Option<String>,
+}
+
+impl ApplicationHandler<Update> for WindowApp {
+    fn resumed(&mut self, events: &ActiveEventLoop) {
+        if self.shown.is_some() {
+            return;
+        }
+        match open(events) {
+            Ok(shown) => {
+                let (width, height) = shown.window.inner_size().into();
+                self.tell(ViewerEvent::Resize { width, height });
+                self.shown = Some(shown);
+            }
+            Err(trouble) => {
+                self.trouble = Some(trouble);
+                events.exit();
+            }
+        }
+    }
+
+    fn user_event(&mut self, events: &ActiveEventLoop, update: Update) {
+        match update {
+            Update::End => events.exit(),
+            Update::Panel(panel) => {
+                if let Some(shown) = &self.shown {
+                    shown.window.set_title(&title(&panel));
+                }
+                self.panel = Some(panel);
+            }
+            Update::Recorded(way) if !way.is_empty() => {
+                self.note(std::fs::write("camera-path.toml", way));
+            }
+            Update::Recorded(_) => {}
+            Update::Patch(patch) => self.take(&patch),
+        }
+    }
+
+    fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        match event {
+            WindowEvent::CloseRequested => events.exit(),
+            WindowEvent::RedrawRequested => self.redraw(),
+            WindowEvent::Resized(size) => self.tell(ViewerEvent::Resize {
+                width: size.width,
+                height: size.height,
+            }),
+            WindowEvent::Focused(false) => {
+                self.held.clear();
+                self.tell_held();
+            }
+            WindowEvent::KeyboardInput { event, .. } => {
+                if let PhysicalKey::Code(key) = event.physical_key {
+                    self.press_key(key, event.state.is_pressed(), event.repeat);
+                }
+            }
+            WindowEvent::CursorMoved { position, .. } => self.point(position),
+            WindowEvent::MouseInput {
+                state,
+                button: MouseButton::Left,
+                ..
+            } => self.press_button(state),
+            WindowEvent::MouseWheel { delta, .. } => {
+                let lines = match delta {
+                    MouseScrollDelta::LineDelta(_, y) => f64::from(y),
+                    MouseScrollDelta::PixelDelta(at) => at.y,
+                };
+                let factor = (0.2 * lines.signum()).exp();
+                self.tell(ViewerEvent::Speed { factor });
+            }
+            _ => {}
+        }
+    }
+}
+
+impl WindowApp {
+    /// Sends an event. A session that is gone has ended the window, too.
+    fn tell(&self, event: ViewerEvent) {
+        let _ = self.send.send(event);
+    }
+
+    fn size(&self) -> (f64, f64) {
+        let size = self.shown.as_ref().map(|shown| shown.window.inner_size());
+        size.map_or((1.0, 1.0), |s| {
+            (f64::from(s.width.max(1)), f64::from(s.height.max(1)))
+        })
+    }
+
+    /// Says in the log what went wrong with a file.
+    fn note(&self, done: io::Result<()>) {
+        if let Err(error) = done {
+            tracing::warn!("{error}");
+        }
+    }
+
+    /// Takes pixels: for the window, or of a picture that is saved.
+    fn take(&mut self, patch: &Patch) {
+        if let Some(file) = self.picture.take(patch) {
+            match file {
+                Ok(name) => tracing::info!("{name}"),
+                Err(error) => tracing::warn!("{error}"),
+            }
+        }
+        if patch.last && !patch.capture {
+            self.tell(ViewerEvent::Shown { frame: patch.frame });
+        }
+        if let Some(shown) = &self.shown {
+            shown.window.request_redraw();
+        }
+    }
+
+    fn redraw(&mut self) {
+        let Some(shown) = &mut self.shown else { return };
+        let size = shown.window.inner_size();
+        let sides = NonZeroU32::new(size.width).zip(NonZeroU32::new(size.height));
+        let Some((width, height)) = sides else { return };
+        if shown.surface.resize(width, height).is_err() {
+            return;
+        }
+        if let Ok(mut buffer) = shown.surface.buffer_mut() {
+            let size = (size.width as usize, size.height as usize);
+            self.picture.draw(size, &mut buffer);
+            let _ = buffer.present();
+        }
+    }
+
+    fn press_key(&mut self, key: KeyCode, down: bool, again: bool) {
+        if window_keys::is_held(key) {
+            self.held.retain(|held| *held != key);
+            if down {
+                self.held.push(key);
+            }
+            self.tell_held();
+        } else if let Some(panel) = self.panel.as_ref().filter(|_| down) {
+            let size = self
+                .shown
+                .as_ref()
+                .map_or((1, 1), |s| s.window.inner_size().into());
+            if let Some(event) = window_keys::event(key, again, panel, size) {
+                self.tell(event);
+            }
+        }
+    }
+
+    fn tell_held(&self) {
+        self.tell(window_keys::hold(&self.held));
+    }
+
+    fn point(&mut self, at: PhysicalPosition<f64>) {
+        let (dx, dy) = (at.x - self.pointer.x, at.y - self.pointer.y);
+        self.pointer = at;
+        let (width, height) = self.size();
+        match &mut self.press {
+            Some(moved) => {
+                *moved += dx.abs() + dy.abs();
+                // The picture is dragged: what was under the pointer stays there.
+                if *moved >= CLICK_REACH {
+                    let (right, down) = (-dx / width, -dy / width);
+                    self.tell(ViewerEvent::Look { right, down });
+                }
+            }
+            None => self.tell(ViewerEvent::Hover {
+                x: at.x / width,
+                y: at.y / height,
+            }),
+        }
+    }
+
+    fn press_button(&mut self, state: ElementState) {
+        let moved = self.press.take();
+        if state.is_pressed() {
+            self.press = Some(0.0);
+        } else if moved.is_some_and(|moved| moved < CLICK_REACH) {
+            let (width, height) = self.size();
+            self.tell(ViewerEvent::Pick {
+                x: self.pointer.x / width,
+                y: self.pointer.y / height,
+            });
+        }
+    }
+}
+
+/// Opens the window.
+fn open(events: &ActiveEventLoop) -> std::result::Result<Shown, String> {
+    let wanted = Window::default_attributes()
+        .with_title("geofan")
+        .with_inner_size(LogicalSize::new(SIZE.0, SIZE.1));
+    let window = Rc::new(events.create_window(wanted).map_err(|e| e.to_string())?);
+    let context = Context::new(window.clone()).map_err(|e| e.to_string())?;
+    let surface = Surface::new(&context, window.clone()).map_err(|e| e.to_string())?;
+    Ok(Shown { window, surface })
+}
+
+/// Tells what the overlay of the user interface does, in one line.
+fn title(panel: &PanelData) -> String {
+    let (width, height) = panel.size;
+    let (whole, _) = panel.display;
+    let reduced = if width < whole {
+        " (coarser while it moves)"
+    } else {
+        ""
+    };
+    let pace = match (panel.rate, panel.seconds) {
+        (Some(rate), _) => format!("{rate:.0} frames a second"),
+        (None, Some(seconds)) => format!("drawn in {:.0} ms", 1e3 * seconds),
+        (None, None) => "…".into(),
+    };
+    let kind = format!("{:?}", panel.kind).to_lowercase();
+    let passes = match panel.passes {
+        (0, _) => String::new(),
+        (done, wanted) => format!(" · {done} of {wanted} samples by path tracing"),
+    };
+    let said = [&panel.trouble, &panel.hint, &panel.background];
+    let said = said.into_iter().flatten().next();
+    let said = said.map_or(String::new(), |text| {
+        format!(" · {}", text.lines().next().unwrap_or_default())
+    });
+    let name = &panel.manifold;
+    format!("{name} · {kind} · {pace} · {width}×{height}{reduced}{passes}{said}")
+}
