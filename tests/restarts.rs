@@ -136,12 +136,15 @@ fn paths_are_looked_up_again_where_a_short_table_ends() {
     }
 }
 
-/// Where matrices take paths of six spheres' and hyperboloids' lengths, from tables much shorter.
+/// A space, a table's length, a start, where a path of length 6 ends, and the faces that it crosses.
+type Known = (&'static str, f64, [f64; 3], [f64; 3], u32);
+
+/// Where matrices take paths of length 6, by tables much shorter.
 #[test]
 fn short_tables_lead_where_matrices_do() {
     let place = place(&["poincare", "seifert-weber"]);
     let d = DVec3::new(0.3, 0.8, -0.5).normalize();
-    let known: [(&str, f64, [f64; 3], [f64; 3], u32); 2] = [
+    let known: [Known; 2] = [
         (
             "poincare",
             1.5,
