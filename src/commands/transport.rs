@@ -105,7 +105,7 @@ fn carry(args: &TransportArgs) -> Result<Carried> {
     // As it is where the curve begins.
     let back = match near(apart(&manifold, start, end)) {
         true => Some(transport.matrix() * manifold.standard_frame(ends[0].1)),
-        false => brought_back(&manifold, [start, end], &near)
+        false => brought_back(&manifold, [start, end], near)
             .map(|back| back * transport.matrix() * manifold.standard_frame(ends[0].1)),
     };
     let frame = manifold.standard_frame(start);
