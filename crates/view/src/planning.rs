@@ -19,7 +19,7 @@ const MOST_PASSES: u32 = 4096;
 const LEAST_SHARE: f64 = 0.05;
 
 /// Whole moving pictures that may be on their way to the display.
-const AHEAD: usize = 2;
+pub(crate) const AHEAD: usize = 2;
 
 /// What a picture is for, its size, the samples of a pixel, and the number of its sample of traced light.
 type WantedPicture = (Purpose, (usize, usize), u16, Option<u64>);
