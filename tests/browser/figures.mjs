@@ -41,12 +41,16 @@ async function flight(page) {
     if (i > 15 && panel.rate) seen.push([panel.rate, panel.size[0], panel.seconds]);
     if (i === 30) { await page.keyboard.up("KeyA"); await page.keyboard.down("KeyD"); }
   }
+  await page.keyboard.up("KeyD");
   const at = (k) => middle(seen.map((x) => x[k]));
   return `${at(0)?.toFixed(1)} pictures a second, ${at(1)} wide, each drawn in ${(1e3 * at(2)).toFixed(0)} ms`;
 }
 
 /** Turns the head again and again while the camera flies, and waits for the picture of each turn. */
 async function inputs(page) {
+  // So slowly that it does not come to the edge of the table's region, where nothing would move any more.
+  await page.evaluate(() => [{ type: "home" }, { type: "speed", factor: 0.1 }].forEach(globalThis.geofan.send));
+  await page.keyboard.down("KeyW");
   const waits = await page.evaluate(async () => {
     const canvas = document.getElementById("picture");
     // The first picture that comes may have been begun before the input.
@@ -72,6 +76,8 @@ async function inputs(page) {
     }
     return waits.sort((a, b) => a - b);
   });
+  await page.keyboard.up("KeyW");
+  await page.evaluate(() => [{ type: "home" }, { type: "speed", factor: 10 }].forEach(globalThis.geofan.send));
   const at = (share) => waits[Math.floor(share * (waits.length - 1))].toFixed(0);
   return `input to picture ${at(0.5)} ms (median of ${waits.length}; 95 %: ${at(0.95)}, longest ${at(1)}), of the second picture after it`;
 }
@@ -79,12 +85,10 @@ async function inputs(page) {
 /** Flies, and answers inputs, as large as the machine can; then at the display's own size. */
 async function figures(page, name) {
   await page.waitForTimeout(1500);
-  console.log(`${name}: ${await flight(page)}; ${await inputs(page)}`);
-  await page.keyboard.up("KeyD");
-  await page.evaluate(() => globalThis.geofan.send({ type: "home" }));
+  const flown = await flight(page);
+  console.log(`${name}: ${flown}; ${await inputs(page)}`);
   await page.evaluate(() => globalThis.geofan.send({ type: "resolution", share: 1 }));
   console.log(`${name}, whole: ${await flight(page)}`);
-  await page.keyboard.up("KeyD");
 }
 
 /** Resident bytes of all renderer processes of the browser. */

@@ -30,12 +30,10 @@ impl CellsAhead {
         let urgent = places
             .into_iter()
             .flat_map(|u| table.chunks_at(u).unwrap_or_default());
-        for chunk in urgent.chain(0..count) {
-            if !std::mem::replace(&mut self.asked[chunk], true) && !self.has(table, chunk) {
-                return Some(chunk);
-            }
-        }
-        None
+        urgent.chain(0..count).find(|&chunk| {
+            let asked = std::mem::replace(&mut self.asked[chunk], true);
+            !asked && !self.has(table, chunk)
+        })
     }
 
     /// Tells whether any chunk is left to be asked for.

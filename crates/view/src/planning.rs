@@ -19,7 +19,10 @@ const MOST_PASSES: u32 = 4096;
 const LEAST_SHARE: f64 = 0.05;
 
 /// Whole moving pictures that may be on their way to the display.
-const AHEAD: usize = 2;
+pub(crate) const AHEAD: usize = 2;
+
+/// What a picture is for, its size, the samples of a pixel, and the number of its sample of traced light.
+type WantedPicture = (Purpose, (usize, usize), u16, Option<u64>);
 
 impl Session {
     /// Plans the next picture, if the display lacks one.
@@ -50,8 +53,8 @@ impl Session {
         ))
     }
 
-    /// Finds what the next picture is for, its size, the samples of a pixel, and the number of its sample of traced light.
-    fn next_picture(&mut self, now: f64) -> Option<(Purpose, (usize, usize), u16, Option<u64>)> {
+    /// Finds what the next picture is.
+    fn next_picture(&mut self, now: f64) -> Option<WantedPicture> {
         let known = self
             .drawn
             .filter(|(revision, ..)| *revision == self.revision);

@@ -409,7 +409,7 @@ fn a_display_that_falls_behind_is_waited_for() {
     machine.shows = false;
     session.handle(0.0, hold(1.0));
     machine.run(&mut session, 1.0);
-    assert!(machine.frames.len() <= AHEAD + 1);
+    assert!(machine.frames.len() <= crate::planning::AHEAD + 1);
 }
 
 #[test]
