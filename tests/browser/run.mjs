@@ -104,6 +104,7 @@ async function session(page, name) {
   const exact = difference(start, await thumbnail(page));
   check(exact < 2, `${name}: exact paths show the same, mean difference ${exact.toFixed(3)} code values`);
   await page.keyboard.press("KeyX");
+  await until(page, () => globalThis.geofan.panel().kind === "table");
   await page.keyboard.press("KeyV");
   await until(page, () => globalThis.geofan.panel().split === "exact");
   await settled(page);
@@ -114,12 +115,16 @@ async function session(page, name) {
   await shot(page, `${name}-5-error`);
   const errors = (await panel(page)).errors[0];
   check(errors.p99 < 5 && errors.p99 > 0, `${name}: errors are told, p99 ${errors.p99.toFixed(3)} mrad`);
+  // Keys turn off what the panel last said, so each waits for it.
   await page.keyboard.press("KeyM");
+  await until(page, () => globalThis.geofan.panel().kind === "table");
   await page.keyboard.press("KeyG");
+  await until(page, () => globalThis.geofan.panel().kind === "flat");
   await settled(page);
   await shot(page, `${name}-6-flat`);
   check(difference(start, await thumbnail(page)) > 3, `${name}: flat space looks different`);
   await page.keyboard.press("KeyG");
+  await until(page, () => globalThis.geofan.panel().kind === "table");
 
   const box = await page.locator("#picture").boundingBox();
   await page.mouse.click(box.x + 0.62 * box.width, box.y + 0.42 * box.height);
