@@ -240,23 +240,22 @@ fn trace_tiles(
         work += tile.work;
         pending.extend(tile.pending);
     }
-    // The samples that the tracer could not give.
+    // The samples that the tracer could not give, those among them whose paths it could not go on with.
     let began = (samples.clock)();
-    work.pending = pending.len();
-    let mut flagged = Vec::new();
-    if let Some(tracer) = tracer.fallback() {
-        for (place, seen) in trace_pending(samples, tracer, &pending) {
-            outcomes[place] = seen;
-            flagged.push(place);
-        }
+    let restarts = tracer.restarts();
+    if let Some(restarts) = &restarts {
+        pending.extend(restarts.go_on(samples, tracer, &mut outcomes));
     }
-    if let Some(restarts) = tracer.restarts() {
-        let lost = restarts.go_on(samples, tracer, &mut outcomes);
-        work.pending += lost.len();
+    // Paths so long are integrated where they lie in the glued space, not far out in its cover.
+    let glued = restarts.map(|restarts| {
         let (manifold, u) = (&samples.world.manifold, samples.view.u);
         let tolerance = tracer.fallback().map_or(TOLERANCE, ExactTracer::tolerance);
-        let exact = ExactTracer::new(manifold, u, restarts.length(), tolerance);
-        for (place, seen) in trace_pending(samples, &exact, &lost) {
+        ExactTracer::new(manifold, u, restarts.length(), tolerance)
+    });
+    work.pending = pending.len();
+    let mut flagged = Vec::new();
+    if let Some(tracer) = glued.as_ref().or(tracer.fallback()) {
+        for (place, seen) in trace_pending(samples, tracer, &pending) {
             outcomes[place] = seen;
             flagged.push(place);
         }
