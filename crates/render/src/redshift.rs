@@ -72,14 +72,18 @@ impl ObjectState {
 }
 
 /// Returns `g` of samples at points of a picture and of what they see, in order; not a number where nothing
-/// is seen.
-fn compared(world: &World, view: &View, samples: &[(DVec2, Seen)]) -> Vec<f64> {
+/// is seen. `surfaces` are those that they see.
+fn compared(
+    world: &World,
+    view: &View,
+    samples: &[(DVec2, Seen)],
+    surfaces: &SurfacesSeen<'_>,
+) -> Vec<f64> {
     let manifold = &world.manifold;
     let starts = starts(manifold, view, samples.iter().map(|(at, _)| *at));
     // Most pictures are taken from one place.
     let mut place: Option<(DVec3, DMat3, Frequencies)> = None;
-    let seen = samples.iter().map(|(_, seen)| seen);
-    let mut sent = sent(world, &seen.filter_map(surface).collect::<Vec<_>>()).into_iter();
+    let mut sent = surfaces.sent().into_iter();
     let g = |(start, (_, seen)): (Option<RayStart>, &(DVec2, Seen))| {
         let sent = surface(seen).and_then(|_| sent.next());
         let Some(RayStart { u, direction, .. }) = start else {
@@ -107,51 +111,74 @@ fn surface(seen: &Seen) -> Option<Hit> {
     }
 }
 
-/// Returns the frequencies that surfaces themselves measure of the light, of energy 1, that they send.
-fn sent(world: &World, hits: &[Hit]) -> Vec<f64> {
-    let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
-    let velocities = told(world, hits, &points, |state| state.velocity.as_ref());
-    let frequencies = world.manifold.frequencies_at(&points).into_iter();
-    let each = frequencies.zip(hits).zip(velocities);
-    each.map(|((frequencies, hit), velocity)| {
-        // Tangents are kept in single precision.
-        let n = frequencies.sight(hit.v.as_dvec3());
-        let velocity = velocity.map_or(DVec3::ZERO, DVec3::from);
-        match frequencies.is_slower_than_light(velocity) {
-            true => frequencies.moving(n, velocity),
-            false => frequencies.normal(n),
-        }
-    })
-    .collect()
+/// The surfaces that samples see, in order.
+struct SurfacesSeen<'w> {
+    world: &'w World,
+    hits: Vec<Hit>,
+    /// Where they are hit.
+    points: Vec<DVec3>,
 }
 
-/// Computes what `functions` of the objects that were hit tell at these points, up to three numbers for each hit; `None`
-/// for objects that have none.
-fn told<'w>(
-    world: &'w World,
-    hits: &[Hit],
-    points: &[DVec3],
-    functions: impl Fn(&'w ObjectState) -> Option<&'w PointFunctions>,
-) -> Vec<Option<[f64; 3]>> {
-    let mut by_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-    for (i, hit) in hits.iter().enumerate() {
-        let object = world.faces[hit.triangle as usize].object;
-        by_object.entry(object).or_default().push(i);
-    }
-    let mut found = vec![None; hits.len()];
-    for (object, members) in by_object {
-        let Some(functions) = functions(&world.states[object as usize]) else {
-            continue;
-        };
-        let rows = functions.at_each(members.iter().map(|i| points[*i]));
-        let width = rows.len() / members.len();
-        for (i, row) in members.into_iter().zip(rows.chunks_exact(width)) {
-            let mut numbers = [0.0; 3];
-            numbers[..width].copy_from_slice(row);
-            found[i] = Some(numbers);
+impl<'w> SurfacesSeen<'w> {
+    fn of(world: &'w World, samples: &[(DVec2, Seen)]) -> Self {
+        let hits = samples.iter().filter_map(|(_, seen)| surface(seen));
+        let hits: Vec<Hit> = hits.collect();
+        Self {
+            world,
+            points: hits.iter().map(|hit| world.point(hit)).collect(),
+            hits,
         }
     }
-    found
+
+    /// Returns the frequencies that they themselves measure of the light, of energy 1, that they send.
+    fn sent(&self) -> Vec<f64> {
+        let velocities = self.told(|state| state.velocity.as_ref());
+        let frequencies = self.world.manifold.frequencies_at(&self.points);
+        let each = frequencies.into_iter().zip(&self.hits).zip(velocities);
+        each.map(|((frequencies, hit), velocity)| {
+            // Tangents are kept in single precision.
+            let n = frequencies.sight(hit.v.as_dvec3());
+            let velocity = velocity.map_or(DVec3::ZERO, DVec3::from);
+            match frequencies.is_slower_than_light(velocity) {
+                true => frequencies.moving(n, velocity),
+                false => frequencies.normal(n),
+            }
+        })
+        .collect()
+    }
+
+    /// Returns their temperatures (kelvin); `None` for what does not glow.
+    fn temperatures(&self) -> Vec<Option<f64>> {
+        let told = self.told(|state| state.temperature.as_ref()).into_iter();
+        told.map(|row| row.map(|[kelvin, ..]| kelvin)).collect()
+    }
+
+    /// Computes what `functions` of their objects tell, up to three numbers for each; `None` for objects that have
+    /// none.
+    fn told(
+        &self,
+        functions: impl Fn(&'w ObjectState) -> Option<&'w PointFunctions>,
+    ) -> Vec<Option<[f64; 3]>> {
+        let mut by_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
+        for (i, hit) in self.hits.iter().enumerate() {
+            let object = self.world.faces[hit.triangle as usize].object;
+            by_object.entry(object).or_default().push(i);
+        }
+        let mut found = vec![None; self.hits.len()];
+        for (object, members) in by_object {
+            let Some(functions) = functions(&self.world.states[object as usize]) else {
+                continue;
+            };
+            let rows = functions.at_each(members.iter().map(|i| self.points[*i]));
+            let width = rows.len() / members.len();
+            for (i, row) in members.into_iter().zip(rows.chunks_exact(width)) {
+                let mut numbers = [0.0; 3];
+                numbers[..width].copy_from_slice(row);
+                found[i] = Some(numbers);
+            }
+        }
+        found
+    }
 }
 
 impl World {
@@ -187,37 +214,21 @@ pub(crate) fn shift_colours(
             let at = |(x, k): (usize, usize)| DVec2::new(x as f64, y as f64) + offsets[k];
             let samples = seen.indexed_iter().map(|(place, seen)| (at(place), *seen));
             let samples: Vec<_> = samples.collect();
+            let surfaces = SurfacesSeen::of(world, &samples);
             let g = match world.redshift {
-                true => compared(world, view, &samples),
+                true => compared(world, view, &samples, &surfaces),
                 false => vec![1.0; samples.len()],
             };
-            let kelvin = temperatures(world, &samples);
-            let samples = samples.iter().zip(kelvin).zip(g);
-            for (mut colour, (((_, seen), kelvin), g)) in
-                row.lanes_mut(Axis(2)).into_iter().zip(samples)
-            {
+            let mut temperatures = surfaces.temperatures().into_iter();
+            let samples = samples.iter().zip(g);
+            for (mut colour, ((_, seen), g)) in row.lanes_mut(Axis(2)).into_iter().zip(samples) {
+                let kelvin = surface(seen).and_then(|_| temperatures.next()?);
                 let light = shifted(seen, kelvin, g, [0, 1, 2].map(|c| colour[c]));
                 for (c, light) in light.into_iter().enumerate() {
                     colour[c] = light;
                 }
             }
         });
-}
-
-/// Returns the temperatures (kelvin) of what samples see; `None` for what does not glow.
-fn temperatures(world: &World, samples: &[(DVec2, Seen)]) -> Vec<Option<f64>> {
-    let hits: Vec<Hit> = samples
-        .iter()
-        .filter_map(|(_, seen)| surface(seen))
-        .collect();
-    let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
-    let found = told(world, &hits, &points, |state| state.temperature.as_ref());
-    let mut found = found.into_iter();
-    let next = |(_, seen): &(DVec2, Seen)| {
-        surface(seen)?;
-        found.next().flatten().map(|[kelvin, ..]| kelvin)
-    };
-    samples.iter().map(next).collect()
 }
 
 /// Returns a sample's colour, of what glows at `kelvin` that of a black body, at frequencies that are `g` times those sent.
@@ -242,7 +253,9 @@ pub fn redshifts(world: &World, view: &View, outcomes: &Outcomes, offset: DVec2)
         let at = |x: usize| DVec2::new(x as f64, y as f64) + offset;
         let samples = first.row(y).into_iter().enumerate();
         let samples: Vec<_> = samples.map(|(x, seen)| (at(x), *seen)).collect();
-        for (slot, g) in row.iter_mut().zip(compared(world, view, &samples)) {
+        let surfaces = SurfacesSeen::of(world, &samples);
+        let g = compared(world, view, &samples, &surfaces);
+        for (slot, g) in row.iter_mut().zip(g) {
             *slot = g as f32;
         }
     });
