@@ -344,7 +344,7 @@ fn frame_of(o: &[f64]) -> DMat3 {
     DMat3::from_cols_array(&[o[6], 0.0, 0.0, o[9], o[7], 0.0, o[10], o[11], o[8]])
 }
 
-/// The matrix of the metric from the outputs of the tape of metric and frame.
+/// The matrix of the metric from its entries xx, yy, zz, xy, xz, yz, as the tape of metric and frame begins.
 fn metric_of(o: &[f64]) -> DMat3 {
     DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]])
 }

@@ -9,6 +9,7 @@
 //! space; the domain then is one of representatives all the same, each the nearest of its orbit.
 
 use super::{LinearModel, deck::product};
+use crate::manifold::metric_of;
 use glam::{DMat3, DVec3};
 use std::{
     cmp::Reverse,
@@ -102,7 +103,7 @@ impl Nearness<'_> {
         };
         let map = DMat3::from_cols(column(0), column(1), column(2));
         let image = DVec3::from_slice(&drop[..3]);
-        let [here, there] = [u, image].map(|u| symmetric((self.metric)(u)));
+        let [here, there] = [u, image].map(|u| metric_of(&(self.metric)(u)));
         largest(map.transpose() * there * map - here) / largest(here)
     }
 
@@ -126,11 +127,6 @@ fn times(matrix: &[f64], x: &[f64]) -> Vec<f64> {
         .chunks_exact(x.len())
         .map(|row| dot(row, x))
         .collect()
-}
-
-/// Returns the symmetric matrix of these entries (xx, yy, zz, xy, xz, yz).
-fn symmetric([xx, yy, zz, xy, xz, yz]: [f64; 6]) -> DMat3 {
-    DMat3::from_cols_array(&[xx, xy, xz, xy, yy, yz, xz, yz, zz])
 }
 
 /// Returns the size of the largest entry; not a number if one is none.
@@ -168,7 +164,7 @@ pub(in crate::manifold) fn dirichlet(
         model,
         centre,
         metric,
-        at_centre: symmetric(metric(centre)),
+        at_centre: metric_of(&metric(centre)),
         form: None,
     };
     for (k, generator) in generators.iter().enumerate() {
