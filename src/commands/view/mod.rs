@@ -92,11 +92,7 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
     let server = Server::bind(listen, shared.clone())?;
     announce(&server, args, common)?;
     std::thread::scope(|threads| {
-        threads.spawn(|| shared.watch());
-        if !args.no_bake {
-            threads.spawn(|| background::bake_tables(&shared));
-        }
-        threads.spawn(|| background::decode_ahead(&shared));
+        spawn_helpers(threads, args, &shared);
         threads.spawn(|| server.serve());
         while !observer.cancelled() {
             std::thread::sleep(Duration::from_millis(50));
@@ -107,6 +103,19 @@ pub fn run(args: &ViewArgs, common: &CommonArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
+/// Starts the threads that watch files, bake tables and decode them behind, until the space's end.
+fn spawn_helpers<'s>(
+    threads: &'s std::thread::Scope<'s, '_>,
+    args: &ViewArgs,
+    shared: &'s std::sync::Arc<loading::SharedSpace>,
+) {
+    threads.spawn(|| shared.watch());
+    if !args.no_bake {
+        threads.spawn(|| background::bake_tables(shared));
+    }
+    threads.spawn(|| background::decode_ahead(shared));
+}
+
 /// Runs the viewer in a window of its own.
 #[cfg(feature = "window")]
 fn run_window(
@@ -115,11 +124,7 @@ fn run_window(
     observer: &TerminalObserver,
 ) -> Result<Outcome> {
     std::thread::scope(|threads| {
-        threads.spawn(|| shared.watch());
-        if !args.no_bake {
-            threads.spawn(|| background::bake_tables(shared));
-        }
-        threads.spawn(|| background::decode_ahead(shared));
+        spawn_helpers(threads, args, shared);
         let done = window::run(shared, || observer.cancelled());
         shared.end();
         done
