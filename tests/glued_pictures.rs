@@ -8,15 +8,9 @@ use geofan_render::{
     frame::{Outcomes, Paths, offsets, trace},
     scene::PoseFile,
 };
-use support::Place;
+use support::{Place, catalogue_text};
 
 const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
-
-/// A manifold of the catalogue, as text.
-fn catalogue(name: &str) -> String {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
-    std::fs::read_to_string(format!("{folder}/{name}.toml")).unwrap()
-}
 
 fn scene(manifold: &str, camera: &str, objects: &str) -> String {
     format!("manifold = '{manifold}'\n[camera]\n{camera}\n{objects}")
@@ -44,6 +38,15 @@ fn alike(a: &Outcomes, b: &Outcomes, allowed: f32) -> f64 {
 fn exact(stage: &Stage, view: &View, length: f64) -> Outcomes {
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, 1e-9);
     trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1)).outcomes
+}
+
+/// What is seen by paths of a table, interpolated.
+fn by_table(stage: &Stage, view: &View, bundle: &Bundle) -> Outcomes {
+    let lookup = Lookup::new(&bundle.table, 2e-4, 1e-8);
+    let fan = bundle.fan(view.u).unwrap();
+    let tracer = lookup.tracer(&fan);
+    let paths = Paths::Lattice(&tracer, 5e-4);
+    trace(&stage.world, view, paths, &offsets(1)).outcomes
 }
 
 fn stage(place: &Place, name: &str) -> (Stage, View) {
@@ -81,7 +84,7 @@ fn a_half_turn_space_is_the_lattice_of_its_copies() {
     let flat = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n";
     let place = Place::with(&[
         ("square.obj", SQUARE),
-        ("glued.toml", &catalogue("half-turn")),
+        ("glued.toml", &catalogue_text("half-turn")),
         ("flat.toml", flat),
         (
             "glued-scene.toml",
@@ -117,7 +120,7 @@ fn a_half_turn_space_is_the_lattice_of_its_copies() {
 #[test]
 fn the_table_of_the_sphere_shows_poincares_space_as_exact_paths_do() {
     let camera = "at = [0.05, -0.11, 0.03]\nlook = [-0.35, 1.0, -0.1]\nup = [0, 0, 1]\nfov = 90";
-    let text = catalogue("poincare");
+    let text = catalogue_text("poincare");
     // The sphere alone, with the same region.
     let (from, to) = (
         text.find("[[glue]]").unwrap(),
@@ -145,16 +148,7 @@ fn the_table_of_the_sphere_shows_poincares_space_as_exact_paths_do() {
     stage.check_bundle(&bundle).unwrap();
     let truth = exact(&stage, &view, 3.0);
     assert!(surfaces(&truth) > 500, "{}", surfaces(&truth));
-    let lookup = Lookup::new(&bundle.table, 2e-4, 1e-8);
-    let fan = bundle.fan(view.u).unwrap();
-    let tracer = lookup.tracer(&fan);
-    let fast = trace(
-        &stage.world,
-        &view,
-        Paths::Lattice(&tracer, 5e-4),
-        &offsets(1),
-    )
-    .outcomes;
+    let fast = by_table(&stage, &view, &bundle);
     let share = alike(&fast, &truth, 2e-3);
     println!("{share} alike, {} surfaces", surfaces(&truth));
     assert!(share > 0.97, "{share}");
@@ -178,7 +172,7 @@ fn the_table_of_the_sphere_shows_poincares_space_as_exact_paths_do() {
 
 #[test]
 fn all_120_images_of_a_mesh_are_in_one_picture_of_poincares_space() {
-    let text = catalogue("poincare");
+    let text = catalogue_text("poincare");
     let (from, to) = (
         text.find("[[glue]]").unwrap(),
         text.find("[domain]").unwrap(),
@@ -236,7 +230,7 @@ fn all_120_images_of_a_mesh_are_in_one_picture_of_poincares_space() {
 #[test]
 fn pictures_by_tables_have_all_the_small_copies_far_away() {
     let camera = "at = [-0.25, -0.12, 0.08]\nlook = [1.0, 0.5, -0.25]\nup = [0, 0, 1]\nfov = 95";
-    let text = catalogue("seifert-weber");
+    let text = catalogue_text("seifert-weber");
     let place = Place::with(&[
         ("square.obj", SQUARE),
         ("space.toml", &text),
@@ -255,16 +249,7 @@ fn pictures_by_tables_have_all_the_small_copies_far_away() {
     let bundle = Bundle::read(&place.path("space.fan")).unwrap();
     let (stage, view) = stage(&place, "scene.toml");
     let truth = exact(&stage, &view, 4.5);
-    let lookup = Lookup::new(&bundle.table, 2e-4, 1e-8);
-    let fan = bundle.fan(view.u).unwrap();
-    let tracer = lookup.tracer(&fan);
-    let fast = trace(
-        &stage.world,
-        &view,
-        Paths::Lattice(&tracer, 5e-4),
-        &offsets(1),
-    )
-    .outcomes;
+    let fast = by_table(&stage, &view, &bundle);
     let (share, count) = (alike(&fast, &truth, 2e-3), surfaces(&truth));
     println!("{share} alike, {} of {count} surfaces", surfaces(&fast));
     assert!(count > 200 && share > 0.97, "{share}, {count}");
@@ -283,7 +268,7 @@ fn objects_far_outside_the_domain_are_seen_inside() {
     let scene = |at: [f64; 3], turn: f64| scene("glued.toml", camera, &object(at, 0.3, turn));
     let place = Place::with(&[
         ("square.obj", SQUARE),
-        ("glued.toml", &catalogue("half-turn")),
+        ("glued.toml", &catalogue_text("half-turn")),
         ("near.toml", &scene([0.9, 0.2, 0.85], 0.0)),
         // Three cells over and five up: turned by half.
         ("far.toml", &scene([-0.9 + 6.0, -0.2, 0.85 + 10.0], 180.0)),
@@ -310,7 +295,7 @@ fn a_camera_on_its_way_through_a_face_comes_in_through_the_other() {
         format!("[[pose]]\ntime = {time}\nat = {at}\nlook = [0.3, 0.9, 0.1]\nup = [0, 0, 1]\n")
     };
     let place = Place::with(&[
-        ("poincare.toml", &catalogue("poincare")),
+        ("poincare.toml", &catalogue_text("poincare")),
         (
             "poses.toml",
             &(pose(0.0, "[0.05, -0.11, 0.03]") + &pose(1.0, "[0.02, 0.32, 0.03]")),

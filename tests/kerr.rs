@@ -11,7 +11,7 @@ use geofan_core::{
 };
 use glam::DVec3;
 use std::f64::consts::PI;
-use support::settings;
+use support::{catalogue_text, settings};
 
 /// A file of the catalogue with this angular momentum, and its sky at `far` M.
 fn hole(name: &str, a: f64, far: f64) -> Manifold {
@@ -20,11 +20,9 @@ fn hole(name: &str, a: f64, far: f64) -> Manifold {
 
 /// A file of the catalogue with the second text of each pair for the first.
 fn edited(name: &str, a: f64, edits: &[(&str, &str)]) -> Manifold {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
-    let text = std::fs::read_to_string(format!("{folder}/{name}.toml")).unwrap();
-    let text = edits
-        .iter()
-        .fold(text, |text, (old, new)| text.replace(old, new));
+    let text = edits.iter().fold(catalogue_text(name), |text, (old, new)| {
+        text.replace(old, new)
+    });
     Manifold::from_source(SourceText::new(name, text), &[("a".into(), a)]).unwrap()
 }
 

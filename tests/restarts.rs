@@ -14,13 +14,7 @@ use geofan_render::{
     frame::{Outcomes, Paths, offsets, trace as frame},
 };
 use glam::{DMat3, DVec3, DVec4};
-use support::{Place, asset, random_point, settings};
-
-/// A manifold of the catalogue, as text.
-fn catalogue(name: &str) -> String {
-    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
-    std::fs::read_to_string(format!("{folder}/{name}.toml")).unwrap()
-}
+use support::{Place, asset, catalogue_text, random_point, settings};
 
 /// The bundle of a manifold of the catalogue with paths of this length.
 fn baked(place: &Place, name: &str, options: &str) -> Bundle {
@@ -33,7 +27,7 @@ fn baked(place: &Place, name: &str, options: &str) -> Bundle {
 fn place(names: &[&str]) -> Place {
     let files: Vec<(String, String)> = names
         .iter()
-        .map(|name| (format!("{name}.toml"), catalogue(name)))
+        .map(|name| (format!("{name}.toml"), catalogue_text(name)))
         .collect();
     let files: Vec<(&str, &str)> = files
         .iter()
@@ -185,7 +179,7 @@ fn short_tables_lead_where_matrices_do() {
 
 #[test]
 fn a_table_whose_cameras_are_elsewhere_says_so() {
-    let text = catalogue("poincare").replace("{ c = [0.0, 0.2] }", "{ c = [0.0, 0.06] }");
+    let text = catalogue_text("poincare").replace("{ c = [0.0, 0.2] }", "{ c = [0.0, 0.06] }");
     let place = Place::with(&[("m.toml", &text)]);
     place.bake("m.toml -o m.fan --length 1 --quiet").success();
     let told = assert_cmd::Command::cargo_bin("geofan")
@@ -212,7 +206,7 @@ fn a_frame_of_a_short_table_shows_what_exact_paths_do_far_away() {
     let scene = "manifold = 'poincare.toml'\n[camera]\nat = [0.05, -0.11, 0.03]\nlook = [-0.35, 1.0, -0.1]\nup = [0, 0, 1]\nfov = 90\n[[object]]\nmesh = 'square.obj'\nat = [0.0, 0.05, 0.0]\nscale = 0.04\n";
     let place = Place::with(&[
         ("square.obj", square),
-        ("poincare.toml", &catalogue("poincare")),
+        ("poincare.toml", &catalogue_text("poincare")),
         ("scene.toml", scene),
     ]);
     let bundle = baked(&place, "poincare", "--length 1 --max-error 0.1");
@@ -224,22 +218,13 @@ fn a_frame_of_a_short_table_shows_what_exact_paths_do_far_away() {
     let lookup = Lookup::new(&bundle.table, 1e-4, 1e-8).continued(length);
     let fan = bundle.fan(view.u).unwrap();
     let tracer = lookup.tracer(&fan);
-    let traced = frame(
-        &stage.world,
-        &view,
-        Paths::Lattice(&tracer, 5e-4),
-        &offsets(1),
-    );
+    let by = |paths| frame(&stage.world, &view, paths, &offsets(1));
+    let traced = by(Paths::Lattice(&tracer, 5e-4));
     let near = Lookup::new(&bundle.table, 1e-4, 1e-8);
     let near = near.tracer(&fan);
-    let near = frame(
-        &stage.world,
-        &view,
-        Paths::Lattice(&near, 5e-4),
-        &offsets(1),
-    );
+    let near = by(Paths::Lattice(&near, 5e-4));
     let exact = ExactTracer::new(&stage.world.manifold, view.u, length, 1e-9);
-    let truth = frame(&stage.world, &view, Paths::Exact(&exact), &offsets(1)).outcomes;
+    let truth = by(Paths::Exact(&exact)).outcomes;
     let all = surfaces(&truth);
     assert!(all > 2 * surfaces(&near.outcomes), "{all}");
     assert!(traced.flagged.is_empty());

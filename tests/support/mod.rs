@@ -32,6 +32,12 @@ pub fn catalogue() -> Vec<String> {
     names
 }
 
+/// The text of a manifold of the catalogue.
+pub fn catalogue_text(name: &str) -> String {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");
+    std::fs::read_to_string(format!("{folder}/{name}.toml")).unwrap()
+}
+
 /// A manifold of the catalogue.
 pub fn asset(name: &str) -> Manifold {
     let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/assets/manifolds");

@@ -1,0 +1,258 @@
+//! What a session draws, and when: moving pictures, refined ones, samples of traced light, error pictures.
+
+use super::*;
+
+#[test]
+fn moving_pictures_get_as_small_as_the_machine_needs_and_still_ones_are_refined() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(3e-7);
+    session.handle(
+        0.0,
+        ViewerEvent::Resize {
+            width: 1280,
+            height: 720,
+        },
+    );
+    session.handle(0.0, hold(1.0));
+    machine.run(&mut session, 2.0);
+    let moving = machine.frames.last().unwrap().clone();
+    assert!(moving.size.0 <= 640 && !moving.each, "{:?}", moving.size);
+    session.handle(machine.now, hold(0.0));
+    machine.frames.clear();
+    machine.run(&mut session, 20.0);
+    let samples: Vec<u16> = machine.frames.iter().map(|f| f.samples).collect();
+    assert!(samples.is_sorted() && samples.contains(&1) && *samples.last().unwrap() == 16);
+    let still: Vec<_> = machine.frames.iter().filter(|f| f.each).collect();
+    assert!(still.iter().all(|f| f.size == (1280, 720)));
+    // When all is done there is nothing more to do.
+    machine.frames.clear();
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.is_empty());
+    let panel = session.panel(machine.now);
+    assert!(panel.samples == 16 && panel.settled);
+}
+
+#[test]
+fn the_very_first_picture_is_a_small_one_however_late_the_engine_is() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-6);
+    machine.now = 5.0;
+    machine.run(&mut session, 0.05);
+    let first = &machine.frames[0];
+    assert!(first.size.0 <= 320 && !first.each, "{:?}", first.size);
+    machine.run(&mut session, 5.0);
+    assert_eq!(machine.frames.last().unwrap().size, (640, 360));
+}
+
+#[test]
+fn light_is_traced_in_place_of_the_refined_picture_and_any_change_begins_it_anew() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Paths { passes: 6 });
+    machine.run(&mut session, 5.0);
+    let passes: Vec<u64> = machine.frames.iter().filter_map(|f| f.pass).collect();
+    assert!(passes.is_sorted() && passes.first() == Some(&0) && passes.last() == Some(&5));
+    // Not before the picture has all its samples.
+    let first = machine
+        .frames
+        .iter()
+        .position(|f| f.pass.is_some())
+        .unwrap();
+    assert_eq!(machine.frames[first - 1].samples, 16);
+    let pixels = |frames: &[DrawRequest], pass: u64| -> usize {
+        let of_pass = frames.iter().filter(|f| f.pass == Some(pass));
+        of_pass.map(|f| f.block.width * f.block.height).sum()
+    };
+    assert!((0..6).all(|pass| pixels(&machine.frames, pass) == 640 * 360));
+    let panel = session.panel(machine.now);
+    assert!(panel.settled && panel.passes == (6, 6));
+    // More of them go on from those that there are.
+    machine.frames.clear();
+    session.handle(machine.now, ViewerEvent::Paths { passes: 8 });
+    machine.run(&mut session, 2.0);
+    assert_eq!(machine.frames[0].pass, Some(6));
+    // A head that turns throws them away.
+    machine.frames.clear();
+    session.handle(
+        machine.now,
+        ViewerEvent::Look {
+            right: 0.01,
+            down: 0.0,
+        },
+    );
+    machine.run(&mut session, 5.0);
+    assert_eq!(machine.frames[0].pass, None);
+    assert_eq!(session.panel(machine.now).passes, (8, 8));
+    // Without them the picture that they were put over is drawn again.
+    machine.frames.clear();
+    session.handle(machine.now, ViewerEvent::Paths { passes: 0 });
+    machine.run(&mut session, 5.0);
+    assert!(machine.frames.iter().all(|f| f.pass.is_none()) && !machine.frames.is_empty());
+    assert_eq!(session.panel(machine.now).samples, 16);
+}
+
+#[test]
+fn the_first_samples_of_traced_light_are_not_shown_alone() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    machine.run(&mut session, 5.0);
+    session.handle(machine.now, ViewerEvent::Paths { passes: 64 });
+    let mut shown = 0;
+    for k in 0.. {
+        let Some(Work::Draw(request)) = session.next_work(machine.now, 1) else {
+            panic!("samples are wanted")
+        };
+        let pixels = 3 * request.block.width * request.block.height;
+        let answer = Answer::Drawn {
+            frame: request.frame,
+            block: request.block,
+            rgb: vec![k as f32; pixels],
+            errors: Vec::new(),
+        };
+        session.accept(machine.now, answer);
+        shown += session.take_patches().len();
+        match request.pass {
+            Some(pass) if pass < 3 => assert_eq!(shown, 0),
+            Some(4) => break,
+            _ => {}
+        }
+    }
+    assert!(shown > 0);
+}
+
+#[test]
+fn the_cells_of_a_camera_and_before_it_are_decoded_first_and_exact_paths_stand_in_until_then() {
+    let bundle = bundle("three-bumps-rail");
+    let mut session = session(Some(&bundle), &bundle.manifold.clone());
+    let at = |x: f64| [x, 0.3, 0.2];
+    let cell = |x: f64| bundle.table.chunks_at(DVec3::from_array(at(x))).unwrap();
+    let (here, ahead) = (cell(1.0), cell(-1.0));
+    assert!(here.len() == 1 && ahead.len() == 1 && here != ahead);
+    let pose = Pose {
+        at: at(1.0),
+        look: [-1.0, 0.0, 0.0],
+        up: [0.0, 0.0, 1.0],
+        fov: 90.0,
+    };
+    session.handle(0.0, ViewerEvent::Place(pose));
+    // Whatever their order in the file: the camera's own, then the other; each once.
+    assert_eq!(session.next_chunk(0.0), Some(here[0]));
+    assert_eq!(session.next_chunk(0.0), Some(ahead[0]));
+    assert_eq!(session.next_chunk(0.0), None);
+    let mut machine = Machine::new(1e-8);
+    machine.run(&mut session, 2.0);
+    // Exact paths between which is interpolated, and nothing that would take long.
+    let stands_in = |f: &DrawRequest| f.kind == PictureKind::Exact && !f.each;
+    assert!(!machine.frames.is_empty() && machine.frames.iter().all(stands_in));
+    assert!(session.panel(machine.now).decoding && !session.panel(machine.now).settled);
+    machine.frames.clear();
+    session.chunk_decoded(here[0]);
+    machine.run(&mut session, 2.0);
+    let by_table = |f: &DrawRequest| f.kind == PictureKind::Table;
+    assert!(!machine.frames.is_empty() && machine.frames.iter().all(by_table));
+    assert!(session.panel(machine.now).settled);
+    // Over the edge of the cell into one that is not decoded, and no picture waits for it.
+    machine.frames.clear();
+    session.handle(machine.now, hold(1.0));
+    machine.run(&mut session, 2.5);
+    assert!(session.camera().u.x < 0.0);
+    for frame in &machine.frames {
+        let is_here = bundle.table.chunks_at(DVec3::from_array(frame.u)).unwrap() == here;
+        assert_eq!(by_table(frame), is_here, "{:?}", frame.u);
+    }
+    session.chunk_decoded(ahead[0]);
+    machine.frames.clear();
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.iter().all(by_table));
+}
+
+#[test]
+fn exposure_and_the_pointer_throw_no_work_away() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-7);
+    machine.run(&mut session, 30.0);
+    machine.frames.clear();
+    session.handle(machine.now, ViewerEvent::Exposure { stops: 1.0 });
+    let patches = session.take_patches();
+    assert!(!patches.is_empty() && patches.last().unwrap().last);
+    session.handle(machine.now, ViewerEvent::Hover { x: 0.5, y: 0.5 });
+    session.handle(machine.now, ViewerEvent::Beyond { allowed: true });
+    session.handle(machine.now, ViewerEvent::Speed { factor: 2.0 });
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.is_empty());
+    assert_eq!(session.panel(machine.now).hover, Some(("sky".into(), 1.0)));
+}
+
+#[test]
+fn errors_are_told_of_error_pictures_only() {
+    let bundle = bundle("s3");
+    let mut session = session(Some(&bundle), &bundle.manifold.clone());
+    session.handle(
+        0.0,
+        ViewerEvent::Look {
+            right: 0.1,
+            down: 0.0,
+        },
+    );
+    // A picture of another kind is still being drawn when errors are asked for.
+    let Some(Work::Draw(request)) = session.next_work(0.0, 1) else {
+        panic!("a picture is wanted")
+    };
+    let show = ViewerEvent::Show {
+        kind: PictureKind::Error,
+        split: None,
+    };
+    session.handle(0.01, show);
+    let answer = |request: &DrawRequest, error: f32| {
+        let pixels = request.block.width * request.block.height;
+        let of_errors = request.kind == PictureKind::Error;
+        Answer::Drawn {
+            frame: request.frame,
+            block: request.block,
+            rgb: vec![0.2; 3 * pixels],
+            errors: vec![error; if of_errors { pixels } else { 0 }],
+        }
+    };
+    session.accept(0.02, answer(&request, 0.0));
+    assert!(session.panel(0.02).errors.is_none());
+    let Some(Work::Draw(request)) = session.next_work(0.03, 1) else {
+        panic!("an error picture is wanted")
+    };
+    session.accept(0.04, answer(&request, 0.5));
+    let (quantiles, given_up) = session.panel(0.04).errors.unwrap();
+    assert_eq!((quantiles.p50, given_up), (0.5, 0.0));
+}
+
+#[test]
+fn an_event_ends_the_refinement_after_the_block_that_is_being_drawn() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-6);
+    machine.run(&mut session, 1.0);
+    session.handle(
+        machine.now,
+        ViewerEvent::Look {
+            right: 0.01,
+            down: 0.0,
+        },
+    );
+    machine.frames.clear();
+    machine.run(&mut session, 0.05);
+    assert!(!machine.frames[0].each, "the next picture is a moving one");
+}
+
+#[test]
+fn a_display_that_falls_behind_is_waited_for() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-8);
+    machine.shows = false;
+    session.handle(0.0, hold(1.0));
+    machine.run(&mut session, 1.0);
+    assert!(machine.frames.len() <= crate::planning::AHEAD + 1);
+}
