@@ -2,7 +2,8 @@
 //!
 //! In: a node and the rates of the inputs along some direction. Out: the node's rate along it
 //! (forward-mode automatic differentiation, carried out once on the graph instead of at every
-//! point). Applied twice it gives second derivatives.
+//! point). Applied twice it gives second derivatives. Of a weighted sum of nodes [`Graph::gradient`] gives the rates along
+//! many inputs at once (reverse mode).
 //!
 //! # Where branches meet
 //!
