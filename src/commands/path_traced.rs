@@ -66,10 +66,6 @@ pub fn run(
     panels: &PicturePanels,
     common: &CommonArgs,
 ) -> Result<Outcome> {
-    if stage.world.is_coloured_by_frequency() {
-        let message = "`path` knows neither `redshift` nor `temperature` of the scene; draw it by another tracer, or take them out";
-        return Err(Error::input("--tracer", message));
-    }
     let length = stage.world.manifold.length_or(args.length)?;
     let settings = PathTracerSettings {
         seed: args.path.seed.unwrap_or(0),

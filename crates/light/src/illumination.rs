@@ -10,6 +10,7 @@ use geofan_core::{manifold::Manifold, parallel::*};
 use geofan_render::{
     PointLight, SurfacePoint, World,
     lightmap::{FacetLayout, Light, Lightmap},
+    redshift::SurfaceState,
 };
 use glam::{DMat3, DVec3};
 
@@ -89,14 +90,53 @@ impl<'w> Lamps<'w> {
             rays += followed;
             let places: Vec<DVec3> = connections.iter().map(|(i, _)| points[*i].u).collect();
             let frames = self.world.manifold.rest_frames(&places);
-            let brought = |((index, connection), frame): ((usize, Connection), DMat3)| {
+            let brighter = self.brighter(light, points, &connections);
+            let brought = |(k, ((index, connection), frame)): (usize, ((usize, _), DMat3))| {
                 let connection = carried_back(self.world, points[index].u, connection);
                 let share = irradiance_in(frame, points[index].normal, &connection);
-                (index, IncidentLight::new(light, share, connection.v))
+                let brighter = brighter.as_ref().map_or(1.0, |each| each[k]);
+                (
+                    index,
+                    IncidentLight::new(light, share * brighter, connection.v),
+                )
             };
-            incident.extend(connections.into_iter().zip(frames).map(brought));
+            incident.extend(connections.into_iter().zip(frames).enumerate().map(brought));
         }
         (incident, rays)
+    }
+}
+
+/// Frequencies of the light of lamps.
+impl Lamps<'_> {
+    /// Computes the factors by which `connections` of a lamp bring more light because it arrives at another frequency, if
+    /// the scene asks for that: `g² (N_lamp/N)²`, because what a solid angle at the lamp sends stays together, and
+    /// intensity and area are those of the metric, which are `1/N²` of what clocks and rods there measure. A lamp sends
+    /// as the normal observer: it is a small surface at rest there.
+    fn brighter(
+        &self,
+        light: &PointLight,
+        points: &[SurfacePoint],
+        connections: &[(usize, Connection)],
+    ) -> Option<Vec<f64>> {
+        if !self.world.redshift {
+            return None;
+        }
+        let places = connections.iter().map(|(i, _)| &points[*i]);
+        let places: Vec<(DVec3, u32)> = places.map(|p| (p.u, p.triangle)).collect();
+        let states = self.world.surface_states(&places)?;
+        let lamplight = &self.world.lamplight;
+        let (frame, lamp) = (
+            lamplight.standard_frame(light.u),
+            lamplight.frequencies(light.u),
+        );
+        let factor = |(state, (index, c)): (SurfaceState, &(usize, Connection))| {
+            let c = carried_back(self.world, points[*index].u, *c);
+            // Lines of sight run against the light.
+            let g = state.frequency(-c.v) / lamp.normal(frame * c.direction);
+            let g = if g > 0.0 { g } else { 0.0 };
+            (g * lamp.lapse() / state.lapse()).powi(2)
+        };
+        Some(states.into_iter().zip(connections).map(factor).collect())
     }
 }
 

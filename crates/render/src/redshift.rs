@@ -2,7 +2,8 @@
 //!
 //! In: outcomes of samples, and what the scene says of motion and heat. Out: the ratio
 //! `g = ν_camera/ν_emitter`, and colours in which radiance is weighed with g⁴ and glowing bodies, whose
-//! light of temperature T is seen as that of `g T`, have the colours of black bodies.
+//! light of temperature T is seen as that of `g T`, have the colours of black bodies. Who follows light from surface to
+//! surface asks for the [`SurfaceState`] of each.
 //!
 //! Surfaces send with the velocity that the scene gives them, else at rest in the chart, and where nothing
 //! can be at rest as the normal observer. Skies are infinitely far: what is at rest there has the clock of
@@ -71,6 +72,64 @@ impl ObjectState {
     }
 }
 
+/// Tells how a surface moves where light meets it, and how hot it is there.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfaceState {
+    frequencies: Frequencies,
+    /// `dx/dt`, chart components, of what is slower than light; else the surface sends as the normal observer.
+    velocity: Option<DVec3>,
+    /// Kelvin, of what glows.
+    temperature: Option<f64>,
+}
+
+impl SurfaceState {
+    /// Describes a surface that has the `velocity` and the `temperature` that its scene gives, if it does.
+    fn new(frequencies: Frequencies, velocity: Option<[f64; 3]>, temperature: Option<f64>) -> Self {
+        let velocity = velocity.map_or(DVec3::ZERO, DVec3::from);
+        let slower = frequencies.is_slower_than_light(velocity);
+        Self {
+            frequencies,
+            velocity: slower.then_some(velocity),
+            temperature,
+        }
+    }
+
+    /// Returns the frequency that the surface measures of light of energy 1 on a path with the tangent `v` (chart
+    /// components, any length).
+    pub fn frequency(&self, v: DVec3) -> f64 {
+        let n = self.frequencies.sight(v);
+        match self.velocity {
+            Some(velocity) => self.frequencies.moving(n, velocity),
+            None => self.frequencies.normal(n),
+        }
+    }
+
+    /// Returns the lapse there.
+    pub fn lapse(&self) -> f64 {
+        self.frequencies.lapse()
+    }
+
+    /// Returns how far (chart components) it moves for each unit of arc length of lines of sight.
+    pub fn pace(&self) -> DVec3 {
+        let velocity = self.velocity.unwrap_or(DVec3::ZERO);
+        self.frequencies.along_paths(velocity)
+    }
+
+    /// Returns the light that it gives off at `g` times its frequencies: that of a black body if it glows, which then
+    /// reflects nothing, else `radiance`.
+    pub fn sent(&self, radiance: DVec3, g: f64) -> DVec3 {
+        match self.temperature {
+            Some(kelvin) => DVec3::from_array(blackbody(g * kelvin).map(f64::from)),
+            None => radiance * brighter(g),
+        }
+    }
+
+    /// Tells whether it glows.
+    pub fn glows(&self) -> bool {
+        self.temperature.is_some()
+    }
+}
+
 /// Returns `g` of samples at points of a picture and of what they see, in order; not a number where nothing
 /// is seen. `surfaces` are those that they see.
 fn compared(
@@ -113,38 +172,53 @@ fn surface(seen: &Seen) -> Option<Hit> {
 
 /// The surfaces that samples see, in order.
 struct SurfacesSeen<'w> {
-    world: &'w World,
     hits: Vec<Hit>,
     /// Where they are hit.
+    places: SurfacePlaces<'w>,
+}
+
+/// Points of surfaces, in order.
+struct SurfacePlaces<'w> {
+    world: &'w World,
+    /// Chart points.
     points: Vec<DVec3>,
+    triangles: Vec<u32>,
 }
 
 impl<'w> SurfacesSeen<'w> {
     fn of(world: &'w World, samples: &[(DVec2, Seen)]) -> Self {
         let hits = samples.iter().filter_map(|(_, seen)| surface(seen));
         let hits: Vec<Hit> = hits.collect();
-        Self {
+        let places = SurfacePlaces {
             world,
             points: hits.iter().map(|hit| world.point(hit)).collect(),
-            hits,
-        }
+            triangles: hits.iter().map(|hit| hit.triangle).collect(),
+        };
+        Self { hits, places }
     }
 
     /// Returns the frequencies that they themselves measure of the light, of energy 1, that they send.
     fn sent(&self) -> Vec<f64> {
-        let velocities = self.told(|state| state.velocity.as_ref());
-        let frequencies = self.world.manifold.frequencies_at(&self.points);
+        let velocities = self.places.told(|state| state.velocity.as_ref());
+        let frequencies = self.places.frequencies();
         let each = frequencies.into_iter().zip(&self.hits).zip(velocities);
         each.map(|((frequencies, hit), velocity)| {
             // Tangents are kept in single precision.
-            let n = frequencies.sight(hit.v.as_dvec3());
-            let velocity = velocity.map_or(DVec3::ZERO, DVec3::from);
-            match frequencies.is_slower_than_light(velocity) {
-                true => frequencies.moving(n, velocity),
-                false => frequencies.normal(n),
-            }
+            SurfaceState::new(frequencies, velocity, None).frequency(hit.v.as_dvec3())
         })
         .collect()
+    }
+
+    /// Returns their temperatures.
+    fn temperatures(&self) -> Vec<Option<f64>> {
+        self.places.temperatures()
+    }
+}
+
+impl<'w> SurfacePlaces<'w> {
+    /// Returns what frequencies light has there.
+    fn frequencies(&self) -> Vec<Frequencies> {
+        self.world.manifold.frequencies_at(&self.points)
     }
 
     /// Returns their temperatures (kelvin); `None` for what does not glow.
@@ -160,11 +234,11 @@ impl<'w> SurfacesSeen<'w> {
         functions: impl Fn(&'w ObjectState) -> Option<&'w PointFunctions>,
     ) -> Vec<Option<[f64; 3]>> {
         let mut by_object: BTreeMap<u32, Vec<usize>> = BTreeMap::new();
-        for (i, hit) in self.hits.iter().enumerate() {
-            let object = self.world.faces[hit.triangle as usize].object;
+        for (i, triangle) in self.triangles.iter().enumerate() {
+            let object = self.world.faces[*triangle as usize].object;
             by_object.entry(object).or_default().push(i);
         }
-        let mut found = vec![None; self.hits.len()];
+        let mut found = vec![None; self.points.len()];
         for (object, members) in by_object {
             let Some(functions) = functions(&self.world.states[object as usize]) else {
                 continue;
@@ -185,6 +259,30 @@ impl World {
     /// Tells whether the scene asks for colours that depend on frequencies.
     pub fn is_coloured_by_frequency(&self) -> bool {
         self.redshift || self.states.iter().any(ObjectState::glows)
+    }
+
+    /// Tells whether a triangle is of an object that glows.
+    pub fn glows(&self, triangle: u32) -> bool {
+        self.states[self.faces[triangle as usize].object as usize].glows()
+    }
+
+    /// Returns the states of surfaces at chart points of triangles; `None` if the scene says nothing of frequencies, heat
+    /// or motion.
+    pub fn surface_states(&self, places: &[(DVec3, u32)]) -> Option<Vec<SurfaceState>> {
+        let moves = || self.states.iter().any(|state| state.velocity.is_some());
+        (self.is_coloured_by_frequency() || moves()).then(|| {
+            let (points, triangles) = places.iter().copied().unzip();
+            let places = SurfacePlaces {
+                world: self,
+                points,
+                triangles,
+            };
+            let velocities = places.told(|state| state.velocity.as_ref());
+            let told = velocities.into_iter().zip(places.temperatures());
+            let each = places.frequencies().into_iter().zip(told);
+            each.map(|(at, (velocity, kelvin))| SurfaceState::new(at, velocity, kelvin))
+                .collect()
+        })
     }
 
     /// Tells whether light reaches the camera of `view` at other frequencies than it was sent with.
@@ -236,12 +334,16 @@ fn shifted(seen: &Seen, kelvin: Option<f64>, g: f64, colour: [f32; 3]) -> [f32; 
     if let Seen::Nothing | Seen::Length | Seen::Singular = seen {
         return colour;
     }
-    // Behind what no light can leave, nothing is seen.
-    let g = if g > 0.0 { g } else { 0.0 };
     match kelvin {
         Some(kelvin) => blackbody(g * kelvin),
-        None => colour.map(|light| light * g.powi(4) as f32),
+        None => colour.map(|light| light * brighter(g) as f32),
     }
+}
+
+/// Returns the factor by which radiance grows where frequencies are `g` times as high. Behind what no light can leave,
+/// nothing is seen.
+pub fn brighter(g: f64) -> f64 {
+    if g > 0.0 { g.powi(4) } else { 0.0 }
 }
 
 /// Computes `g` of the first sample of every pixel; not a number where nothing is seen.

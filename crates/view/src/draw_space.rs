@@ -191,10 +191,6 @@ impl DrawSpace {
     /// Follows light at random: one sample of each pixel of a block of `view`, those of `geofan render --tracer path`.
     fn light_pass(&self, view: &View, block: Block, pass: u64) -> Result<Vec<f32>> {
         let world = &self.stage.world;
-        if world.is_coloured_by_frequency() {
-            let message = "it knows neither `redshift` nor `temperature` of the scene";
-            return Err(Error::input("path tracing", message));
-        }
         let settings = PathTracerSettings {
             seed: 0,
             length: self.length,

@@ -65,6 +65,15 @@ impl LocalFrame {
         gram_schmidt(g + across * (1.0 / slow))
     }
 
+    /// Describes the same point in coordinates that move by `pace` (chart components) for each unit of arc length of the
+    /// paths followed: tangents there are less by `pace`, and what moves so is at rest.
+    pub fn moving(self, pace: DVec3) -> Self {
+        Self {
+            wind: Some(self.wind.unwrap_or(DVec3::ZERO) - pace),
+            ..self
+        }
+    }
+
     /// Returns the tangent of the path that runs along `x` (chart components, any length but zero).
     pub fn along(&self, g: DMat3, x: DVec3) -> DVec3 {
         let Some(wind) = self.wind else {
@@ -162,6 +171,7 @@ struct MediumSlopes {
 }
 
 /// Frequencies of light at a point, as observers there measure them.
+#[derive(Debug, Clone, Copy)]
 pub struct Frequencies {
     metric: DMat3,
     medium: Medium,
@@ -169,6 +179,11 @@ pub struct Frequencies {
 }
 
 impl Frequencies {
+    /// Returns the lapse `N`.
+    pub fn lapse(&self) -> f64 {
+        self.medium.lapse
+    }
+
     /// Returns the direction `n = v − W` in which a path with tangent `v` of any length is seen, chart components, of
     /// unit length.
     pub fn sight(&self, v: DVec3) -> DVec3 {
@@ -203,15 +218,21 @@ impl Frequencies {
         1.0 + n.dot(self.metric * self.medium.wind)
     }
 
-    /// Returns the velocity (chart components) at which what has `dx/dt = velocity` moves past the normal observer, along
-    /// the paths followed.
-    fn past_normal(&self, velocity: DVec3) -> DVec3 {
+    /// Returns how far (chart components) what moves with `dx/dt = velocity` gets for each unit of arc length of the
+    /// paths followed.
+    pub fn along_paths(&self, velocity: DVec3) -> DVec3 {
         // Into the past everything moves the other way.
         let velocity = match self.follows {
             Follows::Sight => -velocity,
             _ => velocity,
         };
-        velocity / (1.0 - self.medium.drift.dot(velocity)) - self.medium.wind
+        velocity / (1.0 - self.medium.drift.dot(velocity))
+    }
+
+    /// Returns the velocity (chart components) at which what has `dx/dt = velocity` moves past the normal observer, along
+    /// the paths followed.
+    fn past_normal(&self, velocity: DVec3) -> DVec3 {
+        self.along_paths(velocity) - self.medium.wind
     }
 }
 

@@ -87,6 +87,16 @@ impl Bsdf {
         Self { through, ..self }
     }
 
+    /// Takes away all that it reflects; what goes through still does.
+    pub fn black(self) -> Self {
+        Self {
+            diffuse: DVec3::ZERO,
+            specular: DVec3::ZERO,
+            specular_model: SpecularModel::Glossy(1.0),
+            ..self
+        }
+    }
+
     /// Returns the share of light that does not go through unturned.
     pub fn solid(&self) -> f64 {
         1.0 - self.through

@@ -13,7 +13,7 @@ use geofan_core::random::Stream;
 use geofan_render::{Footprint, Hit, World, shade};
 use glam::{DMat3, DVec3, Vec3};
 
-/// Chooses among the emitting triangles of a world.
+/// Chooses among the emitting triangles of a world, but those that glow as black bodies: their light is met by chance.
 pub struct Emitters {
     triangles: Vec<u32>,
     /// Sums of the probabilities up to each and with it.
@@ -50,7 +50,7 @@ impl Emitters {
         for (i, face) in world.faces.iter().enumerate() {
             let ke = world.materials[face.material as usize].ke;
             let bright: f64 = ke.iter().map(|k| f64::from(*k)).sum();
-            if bright == 0.0 {
+            if bright == 0.0 || world.glows(i as u32) {
                 continue;
             }
             let [p, q, r] = world.accelerator.triangles()[i];
@@ -68,6 +68,11 @@ impl Emitters {
     /// Tells whether there are none.
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
+    }
+
+    /// Tells whether `triangle` is one of them.
+    pub fn has(&self, triangle: u32) -> bool {
+        self.triangles.binary_search(&triangle).is_ok()
     }
 
     /// Chooses a point at random.
@@ -104,11 +109,8 @@ impl Emitters {
     }
 
     /// Returns the probability by solid angle at the start of `connection`, a principal one that ends
-    /// at `hit`, with which it would be chosen; zero if the surface there gives off nothing.
+    /// at `hit`, on one of them, with which it would be chosen.
     pub fn probability(&self, world: &World, hit: &Hit, connection: &Connection) -> f64 {
-        if self.triangles.binary_search(&hit.triangle).is_err() {
-            return 0.0;
-        }
         let chosen = self.at(world, hit.triangle, world.point(hit));
         chosen.by_solid_angle(world, connection)
     }

@@ -10,7 +10,8 @@
 //! directly: from point lights through every geodesic that connects them to the surface ([`crate`]),
 //! from surfaces with `Ke` through the one that Newton's method finds from a chart-straight guess
 //! (`emitters`). Radiance does not change along a geodesic; only the area that a solid angle covers
-//! does.
+//! does. Where the scene asks for it, radiance goes with the fourth power of the frequency, from each surface to the
+//! next and to the camera.
 //!
 //! Every sample depends on nothing but the seed, its pixel and its number, and pixels are summed
 //! pass by pass: the same picture comes from any number of threads and from any interruptions.
@@ -33,6 +34,7 @@ use emitters::{EmitterPoint, Emitters, is_same_geodesic, principal_connections};
 use geofan_core::{geodesic::Ray, parallel::*, random::Stream};
 use geofan_render::{
     Footprint, Hit, Seen, SurfacePoint, View, World, first_seen,
+    redshift::{SurfaceState, brighter},
     starts::{RayStart, starts},
 };
 use glam::{DVec2, DVec3, Vec3};
@@ -108,6 +110,12 @@ struct PathState {
     random: Stream,
     ray: Ray,
     throughput: DVec3,
+    /// How many times the frequency of light at the end of the ray's path is what the camera measures, in three parts: of
+    /// the pieces before this ray; what its start measures of light of energy 1 along it; and up to the surface that it
+    /// has met. All are 1 where frequencies do not matter.
+    shift: f64,
+    received: f64,
+    shift_at_surface: f64,
     bounce: u32,
     /// The surface point (chart) that the path comes from; the camera's at first.
     from: DVec3,
@@ -222,12 +230,25 @@ impl<'w> PathTracer<'w> {
                 random,
                 ray: Ray::without_spread(start.u, start.v, self.settings.length),
                 throughput: DVec3::ONE,
+                shift: 1.0,
+                received: self.received(&start),
+                shift_at_surface: 1.0,
                 bounce: 0,
                 from: start.u,
                 scattered: None,
             })
         };
         shown.into_iter().zip(starts).filter_map(path).collect()
+    }
+
+    /// Returns the frequency that the camera measures of light of energy 1 along a ray from `start`, if frequencies matter.
+    fn received(&self, start: &RayStart) -> f64 {
+        if !self.world.redshift {
+            return 1.0;
+        }
+        let manifold = &self.world.manifold;
+        let n = manifold.standard_frame(start.u) * start.direction;
+        manifold.normal_frequency(start.u, n) * self.view.blueshift(start.direction)
     }
 
     /// Follows rays to the first thing that each sees.
@@ -246,13 +267,15 @@ impl<'w> PathTracer<'w> {
                 Seen::Surface(hit) => met.push((path, hit)),
                 Seen::Sky {
                     exit, direction, ..
-                } => add(
-                    path.pixel,
-                    path.throughput * self.sky(exit as usize, direction),
-                ),
+                } => {
+                    let light = self.sky(exit as usize, direction);
+                    let brighter = brighter(path.shift * path.received);
+                    add(path.pixel, path.throughput * light * brighter);
+                }
                 Seen::Nothing | Seen::Length | Seen::Singular => {
                     let nowhere = self.world.skies.len() - 1;
-                    add(path.pixel, path.throughput * self.sky(nowhere, Vec3::Z));
+                    let light = self.sky(nowhere, Vec3::Z) * brighter(path.shift);
+                    add(path.pixel, path.throughput * light);
                 }
             }
         }
@@ -278,7 +301,21 @@ impl<'w> PathTracer<'w> {
         let hits: Vec<Hit> = met.iter().map(|(_, hit)| *hit).collect();
         let surfaces = SurfaceInteraction::of_hits(self.world, &hits);
         let paths = met.into_iter().map(|(path, _)| path);
-        paths.zip(surfaces).collect()
+        let shifted = |(mut path, surface): MetSurface| {
+            let sent = self.frequency(surface.state.as_ref(), surface.hit.v.as_dvec3());
+            path.shift_at_surface = path.shift * path.received / sent;
+            (path, surface)
+        };
+        paths.zip(surfaces).map(shifted).collect()
+    }
+
+    /// Returns the frequency that a surface in this `state` measures of light of energy 1 along the tangent `v`; 1 where
+    /// frequencies do not matter.
+    fn frequency(&self, state: Option<&SurfaceState>, v: DVec3) -> f64 {
+        match state {
+            Some(state) if self.world.redshift => state.frequency(v),
+            _ => 1.0,
+        }
     }
 
     /// Looks a sky up, averaged over a pixel.
@@ -293,18 +330,21 @@ impl<'w> PathTracer<'w> {
     /// Adds light of surfaces that paths have met by chance, weighed against having been connected to.
     fn add_emitted(&self, met: &[MetSurface], add: &mut dyn FnMut(usize, DVec3)) {
         let mut weighed: Vec<(&MetSurface, (DVec3, f64))> = Vec::new();
-        for one in met.iter().filter(|(_, s)| s.emitted != DVec3::ZERO) {
+        let emitted = |(path, surface): &MetSurface| surface.emitted(path.shift_at_surface);
+        for one in met.iter().filter(|one| emitted(one) != DVec3::ZERO) {
             let (path, surface) = one;
             match (path.scattered, &self.emitters) {
-                (Some(scattered), Some(_)) => weighed.push((one, scattered)),
-                _ => add(path.pixel, path.throughput * surface.emitted),
+                (Some(scattered), Some(emitters)) if emitters.has(surface.hit.triangle) => {
+                    weighed.push((one, scattered));
+                }
+                _ => add(path.pixel, path.throughput * emitted(one)),
             }
         }
         let pairs = weighed.iter().map(|((p, s), _)| (p.from, s.point.u));
         let pairs: Vec<(DVec3, DVec3)> = pairs.collect();
         let connections = self.principal(&pairs);
-        for (((path, surface), (direction, probability)), c) in weighed.into_iter().zip(connections)
-        {
+        for ((one, (direction, probability)), c) in weighed.into_iter().zip(connections) {
+            let (path, surface) = one;
             // Only a principal connection could have been chosen.
             let hit = &surface.hit;
             let chosen = match (c, &self.emitters) {
@@ -314,7 +354,7 @@ impl<'w> PathTracer<'w> {
                 _ => 0.0,
             };
             let weight = balance(probability, chosen);
-            add(path.pixel, path.throughput * surface.emitted * weight);
+            add(path.pixel, path.throughput * emitted(one) * weight);
         }
     }
 
@@ -339,7 +379,8 @@ impl<'w> PathTracer<'w> {
             let wi = surface.direction(-light.v);
             if surface.is_possible(wi) {
                 let reflected = surface.bsdf.reflectance(surface.wo, wi);
-                let irradiance = DVec3::from_array(light.irradiance);
+                let irradiance =
+                    DVec3::from_array(light.irradiance) * brighter(path.shift_at_surface);
                 add(path.pixel, path.throughput * reflected * irradiance);
             }
         }
@@ -360,8 +401,12 @@ impl<'w> PathTracer<'w> {
         let pairs: Vec<(DVec3, DVec3)> = pairs.collect();
         // Pixels with their light, if nothing casts a shadow on the way of the probe.
         let (mut lights, mut probes) = (Vec::new(), Vec::new());
-        for ((met, chosen), connection) in chosen.iter().zip(self.principal(&pairs)) {
-            let lit = connection.and_then(|c| self.lit(met, chosen, &c));
+        let ends: Vec<(DVec3, u32)> = chosen.iter().map(|(_, c)| (c.u, c.triangle)).collect();
+        let states = self.world.surface_states(&ends);
+        let connected = chosen.iter().zip(self.principal(&pairs)).enumerate();
+        for (i, ((met, chosen), connection)) in connected {
+            let state = states.as_ref().map(|states| &states[i]);
+            let lit = connection.and_then(|c| self.lit(met, (chosen, state), &c));
             if let Some((light, probe)) = lit {
                 lights.push((met.0.pixel, light));
                 probes.push(probe);
@@ -379,7 +424,7 @@ impl<'w> PathTracer<'w> {
     fn lit(
         &self,
         (path, surface): &MetSurface,
-        chosen: &EmitterPoint,
+        (chosen, state): (&EmitterPoint, Option<&SurfaceState>),
         connection: &Connection,
     ) -> Option<(DVec3, Ray)> {
         let hit = &surface.hit;
@@ -392,7 +437,10 @@ impl<'w> PathTracer<'w> {
             chosen.by_solid_angle(self.world, connection) * surface.spread_to_sight(wi);
         let reflected = surface.bsdf.reflectance(surface.wo, wi) * wi.z.max(0.0);
         let weight = balance(probability, surface.bsdf.probability(surface.wo, wi));
-        let light = path.throughput * reflected * chosen.radiance * (weight / probability);
+        let received = self.frequency(surface.state.as_ref(), surface.tangent(wi));
+        let g = path.shift_at_surface * received / self.frequency(state, connection.v);
+        let radiance = chosen.radiance * brighter(g);
+        let light = path.throughput * reflected * radiance * (weight / probability);
         let probe = || {
             Ray::without_spread(
                 surface.beside(wi, self.offset(hit)),
@@ -433,13 +481,18 @@ impl<'w> PathTracer<'w> {
             }
             path.throughput /= survival;
         }
+        let tangent = surface.tangent(scattered.wi);
+        if !scattered.unturned {
+            path.shift = path.shift_at_surface;
+            path.received = self.frequency(surface.state.as_ref(), tangent);
+        }
         let direction = || surface.sight_of(scattered.wi);
         path.from = surface.point.u;
         let spread = || surface.spread_to_sight(scattered.wi);
         path.scattered = scattered.probability.map(|p| (direction(), p / spread()));
         path.ray = Ray::without_spread(
             surface.beside(scattered.wi, self.offset(&surface.hit)),
-            surface.tangent(scattered.wi),
+            tangent,
             length,
         );
         (path.throughput.is_finite() && path.throughput != DVec3::ZERO).then_some(path)

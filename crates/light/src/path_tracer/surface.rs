@@ -1,11 +1,12 @@
 //! A point of a surface as light meets it.
 //!
 //! In: a hit. Out: a [`SurfaceInteraction`]: frames, normals on the side from which the ray came, the light
-//! it gives off and its scattering.
+//! it gives off and its scattering. Light is scattered in the frame of the surface: of what moves, in coordinates that
+//! move with it.
 
 use super::bsdf::{Bsdf, ShadingFrame};
 use geofan_core::manifold::LocalFrame;
-use geofan_render::{Footprint, Hit, SurfacePoint, World, shade};
+use geofan_render::{Footprint, Hit, SurfacePoint, World, redshift::SurfaceState, shade};
 use glam::{DMat3, DVec3};
 
 /// Describes a surface where a ray has met it.
@@ -15,12 +16,15 @@ pub struct SurfaceInteraction {
     pub hit: Hit,
     /// The point, for lamps.
     pub point: SurfacePoint,
-    /// The observer there, and the metric.
+    /// The normal observer there, the same in coordinates that move with the surface, and the metric.
     local: LocalFrame,
+    moving: LocalFrame,
     metric: DMat3,
-    /// The frame of what is at rest there, as surfaces are, and its inverse.
+    /// The frame of the surface, and its inverse.
     frame: DMat3,
     inverse: DMat3,
+    /// How far the surface moves for each unit of arc length of lines of sight, chart components.
+    pace: DVec3,
     /// Directions around the normal, on the side of the ray.
     pub around: ShadingFrame,
     /// Towards where the ray came from, around the normal.
@@ -29,8 +33,10 @@ pub struct SurfaceInteraction {
     pub outside: bool,
     /// The flat triangle's normal on that side, around the shading normal.
     flat: DVec3,
-    /// Radiance given off.
-    pub emitted: DVec3,
+    /// Radiance given off, but as a black body.
+    emitted: DVec3,
+    /// How it moves and how hot it is; `None` where frequencies of light and motion do not matter.
+    pub state: Option<SurfaceState>,
     pub bsdf: Bsdf,
 }
 
@@ -39,22 +45,39 @@ impl SurfaceInteraction {
     pub fn of_hits(world: &World, hits: &[Hit]) -> Vec<Self> {
         let points: Vec<DVec3> = hits.iter().map(|hit| world.point(hit)).collect();
         let locals = world.manifold.local_frames(&points);
-        let surface = |((hit, u), local)| Self::new(world, hit, u, local);
-        hits.iter().zip(points).zip(locals).map(surface).collect()
+        let triangles = hits.iter().map(|hit| hit.triangle);
+        let places: Vec<(DVec3, u32)> = points.iter().copied().zip(triangles).collect();
+        let states = world.surface_states(&places);
+        let observers = points.into_iter().zip(locals).enumerate();
+        let surface = |(hit, (i, (u, local)))| {
+            let state = states.as_ref().map(|states| states[i]);
+            Self::new(world, hit, (u, local), state)
+        };
+        hits.iter().zip(observers).map(surface).collect()
     }
 
-    /// Describes what `hit` met, at the chart point `u` with this `local`.
-    fn new(world: &World, hit: &Hit, u: DVec3, local: LocalFrame) -> Self {
-        let metric = match local.wind {
+    /// Describes what `hit` met, at the chart point `u` with this `local`, and in this `state`.
+    fn new(
+        world: &World,
+        hit: &Hit,
+        (u, local): (DVec3, LocalFrame),
+        state: Option<SurfaceState>,
+    ) -> Self {
+        let pace = state.map_or(DVec3::ZERO, |state| state.pace());
+        let moving = match pace == DVec3::ZERO {
+            true => local,
+            false => local.moving(pace),
+        };
+        let metric = match moving.wind {
             Some(_) => world.manifold.metric(u),
             None => DMat3::IDENTITY,
         };
-        let frame = local.rest_frame(metric);
+        let frame = moving.rest_frame(metric);
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
         let covector = world.covector(hit);
         let inverse = frame.inverse();
-        let back = -(inverse * hit.v.as_dvec3()).normalize_or_zero();
+        let back = -(inverse * (hit.v.as_dvec3() - pace)).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
         let across = (frame.transpose() * (q - p).cross(r - p)).normalize_or_zero();
         let flat = if across.dot(back) < 0.0 {
@@ -71,6 +94,7 @@ impl SurfaceInteraction {
         let emitted = shade::emission(world, hit, &Footprint::POINT);
         let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
             .covering(f64::from(world.coverage(hit)));
+        let glows = state.is_some_and(|state| state.glows());
         Self {
             hit: *hit,
             point: SurfacePoint {
@@ -79,35 +103,48 @@ impl SurfaceInteraction {
                 triangle: hit.triangle,
             },
             local,
+            moving,
             metric,
             frame,
             inverse,
+            pace,
             wo: around.local(back),
             flat: around.local(flat),
             around,
             outside,
-            emitted: DVec3::from_array(emitted.map(f64::from)) * bsdf.solid(),
-            bsdf,
+            emitted: DVec3::from_array(emitted.map(f64::from)),
+            state,
+            bsdf: if glows { bsdf.black() } else { bsdf },
         }
     }
 
-    /// Returns the direction (around the normal) of a chart vector.
+    /// Returns the radiance that it gives off, seen at `g` times the frequencies that it has there.
+    pub fn emitted(&self, g: f64) -> DVec3 {
+        let light = match &self.state {
+            Some(state) => state.sent(self.emitted, g),
+            None => self.emitted,
+        };
+        light * self.bsdf.solid()
+    }
+
+    /// Returns the direction (around the normal) of a path with the tangent `v`, of any length.
     pub fn direction(&self, v: DVec3) -> DVec3 {
-        self.around.local((self.inverse * v).normalize_or_zero())
+        let along = self.inverse * (v - self.pace);
+        self.around.local(along.normalize_or_zero())
     }
 
     /// Returns the tangent of the path in a direction around the normal.
     pub fn tangent(&self, w: DVec3) -> DVec3 {
         let along = self.frame * self.around.global(w);
-        match self.local.wind {
-            Some(_) => self.local.along(self.metric, along),
+        match self.moving.wind {
+            Some(_) => self.moving.along(self.metric, along) + self.pace,
             None => along,
         }
     }
 
     /// Returns the direction around the normal that the normal observer sees as `d` (standard frame).
     pub fn around_normal(&self, d: DVec3) -> DVec3 {
-        match self.local.wind {
+        match self.moving.wind {
             Some(_) => self.direction(self.local.tangent(d)),
             None => self.around.local(d),
         }
@@ -115,7 +152,7 @@ impl SurfaceInteraction {
 
     /// Inverts [`Self::around_normal`].
     pub fn sight_of(&self, w: DVec3) -> DVec3 {
-        match self.local.wind {
+        match self.moving.wind {
             Some(_) => self.local.direction(self.tangent(w)),
             None => self.around.global(w),
         }
@@ -123,8 +160,9 @@ impl SurfaceInteraction {
 
     /// Tells how much larger a solid angle around the direction `w` is to the normal observer.
     pub fn spread_to_sight(&self, w: DVec3) -> f64 {
-        match self.local.wind {
-            Some(_) => self.local.spread_against_rest(self.metric, self.tangent(w)),
+        let tangent = || self.tangent(w) - self.pace;
+        match self.moving.wind {
+            Some(_) => self.moving.spread_against_rest(self.metric, tangent()),
             None => 1.0,
         }
     }
