@@ -113,12 +113,12 @@ fn in_equilibrium_light_is_as_hot_as_tolman_says_whatever_walls_reflect_and_howe
     }
 }
 
-/// A floor in a spacetime at rest around (0.1, 0.2, 0.6), where a lamp is.
+/// A floor that moves, in a spacetime at rest around (0.1, 0.2, 0.6), where a lamp is.
 fn floor(light: &str, more: &[(&str, &str)]) -> Stage {
     let space = "name = 'above a floor'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1.1 + 0.1*z' }\nwind = ['0.3*(z - 0.6)', '0.2*(z - 0.6)', '0']\nlapse = 'exp(0.5*z)'\n[cameras]\nlength = 8\n";
     let square = "mtllib floor.mtl\nusemtl m\ns off\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n";
     let scene = format!(
-        "manifold = 'space.toml'\nredshift = true\n[camera]\nat = [-0.7, 0.1, 0.3]\nlook = [0.7, 0, -0.8]\nup = [0, 0, 1]\nfov = 40\n[[object]]\nmesh = 'floor.obj'\nplacement = 'chart'\nat = [0, 0, -0.5]\n{light}"
+        "manifold = 'space.toml'\nredshift = true\n[camera]\nat = [-0.7, 0.1, 0.3]\nlook = [0.7, 0, -0.8]\nup = [0, 0, 1]\nfov = 40\n[[object]]\nmesh = 'floor.obj'\nplacement = 'chart'\nat = [0, 0, -0.5]\nvelocity = [0.45, -0.3, 0]\n{light}"
     );
     let mut files = vec![
         ("space.toml", space),

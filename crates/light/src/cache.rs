@@ -118,6 +118,9 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
         numbers(&light.intensity.map(f64::from));
     }
     hasher.update(&world.geometry_fingerprint());
+    if let Some(told) = world.said_of_frequencies() {
+        hasher.update(told.as_bytes());
+    }
     *hasher.finalize().as_bytes()
 }
 

@@ -28,13 +28,15 @@ pub const MOST_GAIN: f64 = 1e4;
 /// on the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
     let frames = manifold.rest_frames(&[u]);
-    irradiance_in(frames[0], normal, connection)
+    irradiance_in((frames[0], DVec3::ZERO), normal, connection)
 }
 
-/// Computes [`irradiance`] where the frame of those at rest at the point is known: surfaces do not move.
-fn irradiance_in(frame: DMat3, normal: DVec3, connection: &Connection) -> f64 {
+/// Computes [`irradiance`] where the frame of the surface is known, and how far it moves (chart components) for each unit of
+/// arc length of lines of sight.
+fn irradiance_in((frame, pace): (DMat3, DVec3), normal: DVec3, connection: &Connection) -> f64 {
     let n = (frame.transpose() * normal).normalize_or_zero();
-    let v = (frame.inverse() * connection.v).normalize_or_zero();
+    // Lines of sight run against the light.
+    let v = (frame.inverse() * (connection.v + pace)).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
     -n.dot(v) * connection.through / connection.area.abs().max(least)
 }
@@ -88,55 +90,65 @@ impl<'w> Lamps<'w> {
             let places = points.iter().map(|p| p.u);
             let (connections, followed) = fan.connected(places, self.tolerance, shadows);
             rays += followed;
-            let places: Vec<DVec3> = connections.iter().map(|(i, _)| points[*i].u).collect();
-            let frames = self.world.manifold.rest_frames(&places);
-            let brighter = self.brighter(light, points, &connections);
-            let brought = |(k, ((index, connection), frame)): (usize, ((usize, _), DMat3))| {
+            let places = connections.iter().map(|(i, _)| &points[*i]);
+            let places: Vec<(DVec3, u32)> = places.map(|p| (p.u, p.triangle)).collect();
+            let states = self.world.surface_states(&places);
+            let frames = self.frames(&places, states.as_deref());
+            for (k, (index, connection)) in connections.into_iter().enumerate() {
                 let connection = carried_back(self.world, points[index].u, connection);
-                let share = irradiance_in(frame, points[index].normal, &connection);
-                let brighter = brighter.as_ref().map_or(1.0, |each| each[k]);
-                (
-                    index,
-                    IncidentLight::new(light, share * brighter, connection.v),
-                )
-            };
-            incident.extend(connections.into_iter().zip(frames).enumerate().map(brought));
+                let share = irradiance_in(frames[k], points[index].normal, &connection);
+                let state = states.as_ref().map(|states| &states[k]);
+                let brighter = self.brighter(light, state, &connection);
+                let light = IncidentLight::new(light, share * brighter, connection.v);
+                incident.push((index, light));
+            }
         }
         (incident, rays)
     }
 }
 
-/// Frequencies of the light of lamps.
+/// Surfaces that move, and frequencies of light.
 impl Lamps<'_> {
-    /// Computes the factors by which `connections` of a lamp bring more light because it arrives at another frequency, if
-    /// the scene asks for that: `g² (N_lamp/N)²`, because what a solid angle at the lamp sends stays together, and
-    /// intensity and area are those of the metric, which are `1/N²` of what clocks and rods there measure. A lamp sends
-    /// as the normal observer: it is a small surface at rest there.
+    /// Returns the frames of surfaces in these `states` at chart points of triangles, and how far each moves for each unit of
+    /// arc length of lines of sight; of those at rest if there are no states.
+    fn frames(
+        &self,
+        places: &[(DVec3, u32)],
+        states: Option<&[SurfaceState]>,
+    ) -> Vec<(DMat3, DVec3)> {
+        let manifold = &self.world.manifold;
+        let points: Vec<DVec3> = places.iter().map(|(u, _)| *u).collect();
+        let Some(states) = states else {
+            let frames = manifold.rest_frames(&points).into_iter();
+            return frames.map(|frame| (frame, DVec3::ZERO)).collect();
+        };
+        let moving = |(u, state): (&DVec3, &SurfaceState)| {
+            let local = manifold.local_frame(*u).moving(state.pace());
+            (local.rest_frame(manifold.metric(*u)), state.pace())
+        };
+        points.iter().zip(states).map(moving).collect()
+    }
+
+    /// Computes the factor by which `connection` of a lamp brings more light because it arrives at another frequency at a
+    /// surface in this `state`, if the scene asks for that: `g² (N_lamp/N)²`, because what a solid angle at the lamp sends
+    /// stays together, and intensity and area are those of the metric, which are `1/N²` of what clocks and rods there
+    /// measure. A lamp sends as the normal observer: it is a small surface at rest there.
     fn brighter(
         &self,
         light: &PointLight,
-        points: &[SurfacePoint],
-        connections: &[(usize, Connection)],
-    ) -> Option<Vec<f64>> {
-        if !self.world.redshift {
-            return None;
-        }
-        let places = connections.iter().map(|(i, _)| &points[*i]);
-        let places: Vec<(DVec3, u32)> = places.map(|p| (p.u, p.triangle)).collect();
-        let states = self.world.surface_states(&places)?;
-        let lamplight = &self.world.lamplight;
-        let (frame, lamp) = (
-            lamplight.standard_frame(light.u),
-            lamplight.frequencies(light.u),
-        );
-        let factor = |(state, (index, c)): (SurfaceState, &(usize, Connection))| {
-            let c = carried_back(self.world, points[*index].u, *c);
-            // Lines of sight run against the light.
-            let g = state.frequency(-c.v) / lamp.normal(frame * c.direction);
-            let g = if g > 0.0 { g } else { 0.0 };
-            (g * lamp.lapse() / state.lapse()).powi(2)
+        state: Option<&SurfaceState>,
+        connection: &Connection,
+    ) -> f64 {
+        let Some(state) = state.filter(|_| self.world.redshift) else {
+            return 1.0;
         };
-        Some(states.into_iter().zip(connections).map(factor).collect())
+        let lamplight = &self.world.lamplight;
+        let lamp = lamplight.frequencies(light.u);
+        let n = lamplight.standard_frame(light.u) * connection.direction;
+        // Lines of sight run against the light.
+        let g = state.frequency(-connection.v) / lamp.normal(n);
+        let g = if g > 0.0 { g } else { 0.0 };
+        (g * lamp.lapse() / state.lapse()).powi(2)
     }
 }
 

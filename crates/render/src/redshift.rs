@@ -285,6 +285,13 @@ impl World {
         })
     }
 
+    /// Writes down all that the scene says of frequencies, heat and motion, to be hashed; `None` if colours do not depend on
+    /// it.
+    pub fn said_of_frequencies(&self) -> Option<String> {
+        let told = || format!("{:?}", (self.redshift, &self.states));
+        self.is_coloured_by_frequency().then(told)
+    }
+
     /// Tells whether light reaches the camera of `view` at other frequencies than it was sent with.
     pub fn has_redshift(&self, view: &View) -> bool {
         self.manifold.has_redshift()

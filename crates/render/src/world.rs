@@ -317,9 +317,8 @@ impl World {
             &self.skies,
         );
         write!(hasher, "{seen:?}").expect("a hash takes everything");
-        if self.is_coloured_by_frequency() {
-            let told = (self.redshift, &self.states);
-            write!(hasher, "{told:?}").expect("a hash takes everything");
+        if let Some(told) = self.said_of_frequencies() {
+            hasher.update(told.as_bytes());
         }
         *hasher.finalize().as_bytes()
     }
