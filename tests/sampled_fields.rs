@@ -10,7 +10,6 @@ use geofan_core::{
     manifold::Manifold,
     random::Stream,
 };
-use geofan_expr::spline::Spline;
 use glam::{DMat3, DVec3};
 use ode_solvers::{Dopri5, OutputType, SVector, System};
 use std::{fmt::Write as _, fs, path::Path as FilePath};
@@ -184,10 +183,13 @@ fn a_quintic_field_costs_no_step_more_than_the_formula_and_keeps_the_integrators
 
 type State = SVector<f64, 6>;
 
-/// Rays of the index `exp(log n)`, by the arc length of its metric: a place and a Euclidean unit vector.
-struct Eikonal<F>(F);
+/// `log n` and its gradient.
+type Medium = dyn Fn([f64; 3]) -> [f64; 4];
 
-impl<F: Fn([f64; 3]) -> [f64; 4]> System<f64, State> for Eikonal<F> {
+/// Rays of an index by the arc length of its metric: a place and a Euclidean unit vector.
+struct Eikonal<'m>(&'m Medium);
+
+impl System<f64, State> for Eikonal<'_> {
     fn system(&self, _: f64, y: &State, dy: &mut State) {
         let [log_n, x, y_, z] = (self.0)([y[0], y[1], y[2]]);
         let (slope, way) = (DVec3::new(x, y_, z), DVec3::new(y[3], y[4], y[5]));
@@ -199,8 +201,8 @@ impl<F: Fn([f64; 3]) -> [f64; 4]> System<f64, State> for Eikonal<F> {
     }
 }
 
-/// The end of a ray and the evaluations that it took, by an integrator of other people.
-fn eikonal(medium: impl Fn([f64; 3]) -> [f64; 4], ray: &Ray, tolerance: f64) -> (DVec3, u32) {
+/// The end of a ray, its way there and the evaluations that it took, by an integrator of other people.
+fn eikonal(medium: &Medium, ray: &Ray, tolerance: f64) -> (DVec3, DVec3, u32) {
     let way = ray.v.normalize();
     let start = State::from([ray.u.x, ray.u.y, ray.u.z, way.x, way.y, way.z]);
     let mut solver = Dopri5::from_param(
@@ -223,7 +225,8 @@ fn eikonal(medium: impl Fn([f64; 3]) -> [f64; 4], ray: &Ray, tolerance: f64) -> 
     );
     let told = solver.integrate().expect("the ray is followed");
     let end = solver.y_out().last().unwrap();
-    (DVec3::new(end[0], end[1], end[2]), told.num_eval)
+    let [u, way] = [0, 3].map(|k| DVec3::new(end[k], end[k + 1], end[k + 2]));
+    (u, way.normalize(), told.num_eval)
 }
 
 #[test]
@@ -233,8 +236,8 @@ fn a_trilinear_field_would_be_far_off_and_dear_and_metrics_refuse_it_for_that() 
     let section = format!("{BOX}\ndegree = 1");
     let rest = format!("{TRUTH}\n[[exit]]\nname = \"thin\"\nwhen = \"0.02 - logn(x, y, z)\"");
     let space = sampled.manifold(&section, &rest);
-    let spline: &Spline = &space.fields[0].spline;
-    let trilinear = |u: [f64; 3]| {
+    let spline = space.fields[0].spline.clone();
+    let trilinear = move |u: [f64; 3]| {
         [[0; 3], [1, 0, 0], [0, 1, 0], [0, 0, 1]].map(|orders| spline.derivative(orders, u))
     };
     let formula = |u: [f64; 3]| {
@@ -244,9 +247,10 @@ fn a_trilinear_field_would_be_far_off_and_dear_and_metrics_refuse_it_for_that() 
     };
     let (mut errors, mut evaluations) = (Vec::new(), [0; 2]);
     for ray in rays(&space) {
-        let ((end, dear), (right, cheap)) =
-            (eikonal(trilinear, &ray, 1e-8), eikonal(formula, &ray, 1e-8));
-        errors.push((end - right).length() * log_index(right, 0.0).exp() / ray.length * 1e3);
+        let [(end, _, dear), (right, way, cheap)] =
+            [&trilinear as &Medium, &formula].map(|medium| eikonal(medium, &ray, 1e-8));
+        let across = (end - right).reject_from_normalized(way);
+        errors.push(across.length() * log_index(right, 0.0).exp() / ray.length * 1e3);
         evaluations[0] += dear / 24;
         evaluations[1] += cheap / 24;
     }
@@ -254,7 +258,7 @@ fn a_trilinear_field_would_be_far_off_and_dear_and_metrics_refuse_it_for_that() 
     let (p50, max) = (median(&errors), errors[23]);
     println!("degree 1, 129 samples: {p50:.3} / {max:.3} mrad, {evaluations:?} evaluations");
     assert!((0.17..0.7).contains(&p50), "{p50}");
-    assert!((0.6..2.7).contains(&max), "{max}");
+    assert!((0.6..5.4).contains(&max), "{max}");
     assert!(evaluations[0] > 30 * evaluations[1], "{evaluations:?}");
     // Three orders worse than a quintic of a quarter of the samples an axis.
     let quintic = Sampled::new(33, |u| log_index(u, 0.0)).manifold(BOX, LENS);
@@ -265,7 +269,7 @@ fn a_trilinear_field_would_be_far_off_and_dear_and_metrics_refuse_it_for_that() 
     let path = paths(&space, settings(1e-9, true), [ray]).remove(0);
     assert_eq!(path.end.name(&space), "thin");
     let at = path.steps.last().unwrap().position(path.length);
-    assert!((trilinear(at.to_array())[0] - 0.02).abs() < 1e-9);
+    assert!((space.fields[0].spline.derivative([0; 3], at.to_array()) - 0.02).abs() < 1e-9);
 }
 
 #[test]
