@@ -356,3 +356,55 @@ fn in_flat_space_the_first_order_is_exact() {
     let nowhere = refusal(&["project", &scene, "--point", "1,2"]);
     assert!(nowhere.contains("three numbers"));
 }
+
+/// Light takes the Killing time s to go along a path of the parameter s, so that what it shows at the time t left at
+/// t − s: through faces, and with and against the wind, as long as to the image that stands alone in the cover.
+#[test]
+fn light_of_every_image_in_a_glued_wind_has_been_under_way_as_long_as_the_lattice_says() {
+    let (folder, wind, length) = (tempfile::tempdir().unwrap(), 0.4, 4.0);
+    let glued = |face: &str, map: &str| format!("[[glue]]\nface = \"{face}\"\nmap = [{map}]\n");
+    let faces = [
+        glued("1 - z", "\"-x\", \"-y\", \"z - 2\""),
+        glued("1 + z", "\"-x\", \"-y\", \"z + 2\""),
+        glued("1 - x", "\"x - 2\", \"y\", \"z\""),
+        glued("1 + x", "\"x + 2\", \"y\", \"z\""),
+    ];
+    let text = format!(
+        "name = \"wind\"\ncoordinates = [\"x\", \"y\", \"z\"]\nmetric = {{ conformal = \"1\" }}\nwind = [\"0\", \"0\", \"{wind}\"]\n{}",
+        faces.concat()
+    );
+    fs::write(folder.path().join("wind.toml"), text).unwrap();
+    let (camera, point) = (DVec3::new(0.1, 0.1, 0.05), DVec3::new(0.2, 0.5, -0.3));
+    let scene = folder.path().join("scene.toml");
+    let text = "manifold = \"wind.toml\"\n[camera]\nat = [0.1, 0.1, 0.05]\nlook = [0, 1, 0]\nup = [0, 0, 1]\n";
+    fs::write(&scene, text).unwrap();
+    let found = json(&[
+        "project",
+        &scene.display().to_string(),
+        "--point",
+        "0.2,0.5,-0.3",
+        "--length",
+        "4",
+    ]);
+    // From each image q a straight way with the wind: |camera − q − W s| = s.
+    let mut expected = Vec::new();
+    for (k, m) in (-6..=6).flat_map(|k| (-6..=6).map(move |m| (k, m))) {
+        let turned = if k % 2 == 0 { 1.0 } else { -1.0 };
+        let image = point * DVec3::new(turned, turned, 1.0)
+            + 2.0 * DVec3::new(f64::from(m), 0.0, f64::from(k));
+        let (off, rest) = (image - camera, 1.0 - wind * wind);
+        let along = wind * off.z;
+        let s = (along + (along * along + rest * off.length_squared()).sqrt()) / rest;
+        expected.push((s, (off + DVec3::Z * (wind * s)) / s));
+    }
+    expected.retain(|(s, _)| *s < length);
+    expected.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let images = found["images"].as_array().unwrap();
+    assert_eq!(images.len(), expected.len());
+    assert_eq!(images.len(), 12);
+    for (image, (s, direction)) in images.iter().zip(expected) {
+        let own = image["distance"].as_f64().unwrap();
+        assert!((own - s).abs() < 1e-9, "{own} {s}");
+        assert!((vector(&image["direction"]) - direction).length() < 1e-9);
+    }
+}

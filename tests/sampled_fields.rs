@@ -11,6 +11,7 @@ use geofan_core::{
     random::Stream,
 };
 use glam::{DMat3, DVec3};
+use ode_solvers::{Dopri5, OutputType, SVector, System};
 use std::{fmt::Write as _, fs, path::Path as FilePath};
 use support::settings;
 
@@ -178,6 +179,155 @@ fn a_quintic_field_costs_no_step_more_than_the_formula_and_keeps_the_integrators
         rates.iter().all(|rate| (11.0..23.0).contains(rate)),
         "{rates:?}"
     );
+}
+
+type State = SVector<f64, 6>;
+
+/// `log n` and its gradient.
+type Medium = dyn Fn([f64; 3]) -> [f64; 4];
+
+/// Rays of an index by the arc length of its metric: a place and a Euclidean unit vector.
+struct Eikonal<'m>(&'m Medium);
+
+impl System<f64, State> for Eikonal<'_> {
+    fn system(&self, _: f64, y: &State, dy: &mut State) {
+        let [log_n, x, y_, z] = (self.0)([y[0], y[1], y[2]]);
+        let (slope, way) = (DVec3::new(x, y_, z), DVec3::new(y[3], y[4], y[5]));
+        let bend = slope - way * slope.dot(way);
+        for k in 0..3 {
+            dy[k] = way[k] * (-log_n).exp();
+            dy[3 + k] = bend[k] * (-log_n).exp();
+        }
+    }
+}
+
+/// The end of a ray, its way there and the evaluations that it took, by an integrator of other people.
+fn eikonal(medium: &Medium, ray: &Ray, tolerance: f64) -> (DVec3, DVec3, u32) {
+    let way = ray.v.normalize();
+    let start = State::from([ray.u.x, ray.u.y, ray.u.z, way.x, way.y, way.z]);
+    let mut solver = Dopri5::from_param(
+        Eikonal(medium),
+        0.0,
+        ray.length,
+        ray.length,
+        start,
+        tolerance,
+        tolerance,
+        0.9,
+        0.04,
+        0.2,
+        10.0,
+        ray.length,
+        0.0,
+        1_000_000,
+        1_000_000,
+        OutputType::Sparse,
+    );
+    let told = solver.integrate().expect("the ray is followed");
+    let end = solver.y_out().last().unwrap();
+    let [u, way] = [0, 3].map(|k| DVec3::new(end[k], end[k + 1], end[k + 2]));
+    (u, way.normalize(), told.num_eval)
+}
+
+#[test]
+fn a_trilinear_field_would_be_far_off_and_dear_and_metrics_refuse_it_for_that() {
+    // Where a path ends, a field of degree 1 will do; the same field is then taken as an index.
+    let sampled = Sampled::new(129, |u| log_index(u, 0.0));
+    let section = format!("{BOX}\ndegree = 1");
+    let rest = format!("{TRUTH}\n[[exit]]\nname = \"thin\"\nwhen = \"0.02 - logn(x, y, z)\"");
+    let space = sampled.manifold(&section, &rest);
+    let spline = space.fields[0].spline.clone();
+    let trilinear = move |u: [f64; 3]| {
+        [[0; 3], [1, 0, 0], [0, 1, 0], [0, 0, 1]].map(|orders| spline.derivative(orders, u))
+    };
+    let formula = |u: [f64; 3]| {
+        let u = DVec3::from(u);
+        let value = log_index(u, 0.0);
+        [value, -u.x * value, -u.y * value, -u.z * value]
+    };
+    let (mut errors, mut evaluations) = (Vec::new(), [0; 2]);
+    for ray in rays(&space) {
+        let [(end, _, dear), (right, way, cheap)] =
+            [&trilinear as &Medium, &formula].map(|medium| eikonal(medium, &ray, 1e-8));
+        let across = (end - right).reject_from_normalized(way);
+        errors.push(across.length() * log_index(right, 0.0).exp() / ray.length * 1e3);
+        evaluations[0] += dear / 24;
+        evaluations[1] += cheap / 24;
+    }
+    errors.sort_by(f64::total_cmp);
+    let (p50, max) = (median(&errors), errors[23]);
+    println!("degree 1, 129 samples: {p50:.3} / {max:.3} mrad, {evaluations:?} evaluations");
+    assert!((0.17..0.7).contains(&p50), "{p50}");
+    assert!((0.6..5.4).contains(&max), "{max}");
+    assert!(evaluations[0] > 30 * evaluations[1], "{evaluations:?}");
+    // Three orders worse than a quintic of a quarter of the samples an axis.
+    let quintic = Sampled::new(33, |u| log_index(u, 0.0)).manifold(BOX, LENS);
+    let (fine, _) = self::errors(&quintic, &truth(), 1e-8);
+    assert!(p50 > 500.0 * median(&fine), "{p50} {fine:?}");
+    // The path ends where the trilinear field says.
+    let ray = Ray::new(&space, DVec3::new(1.0, 0.4, 0.2), DVec3::X, 9.0);
+    let path = paths(&space, settings(1e-9, true), [ray]).remove(0);
+    assert_eq!(path.end.name(&space), "thin");
+    let at = path.steps.last().unwrap().position(path.length);
+    assert!((space.fields[0].spline.derivative([0; 3], at.to_array()) - 0.02).abs() < 1e-9);
+}
+
+#[test]
+fn a_trilinear_field_is_refused_wherever_it_would_be_differentiated() {
+    let sampled = Sampled::new(17, |u| log_index(u, 0.0));
+    let flat = "metric = { conformal = \"1\" }";
+    let call = "0.3*logn(x, y, z)";
+    let cases = [
+        (
+            "a metric",
+            format!("[metric]\nxx = \"1 + logn(x, y, z)\"\nyy = \"1\"\nzz = \"1\""),
+        ),
+        (
+            "a metric",
+            "metric = { conformal = \"n\" }\n[let]\nn = \"exp(logn(x, y, z))\"".into(),
+        ),
+        (
+            "a metric",
+            format!("{flat}\nlapse = \"exp({call})\"\nshift = [\"0\", \"0\", \"0\"]"),
+        ),
+        (
+            "a metric",
+            format!("[spacetime]\ntt = \"-exp({call})\"\nxx = \"1\"\nyy = \"1\"\nzz = \"1\""),
+        ),
+        (
+            "an embedding",
+            format!("embedding = [\"x\", \"y\", \"z\", \"{call}\"]"),
+        ),
+        (
+            "a wind or a drift",
+            format!("{flat}\nwind = [\"{call}\", \"0\", \"0\"]"),
+        ),
+        (
+            "a wind or a drift",
+            format!("{flat}\ndrift = [\"0\", \"{call}\", \"0\"]"),
+        ),
+        (
+            "a mirror",
+            format!("{flat}\n[[glue]]\nface = \"2 - z + {call}\"\nmirror = true"),
+        ),
+        (
+            "the map of a face",
+            format!("{flat}\n[[glue]]\nface = \"2 - z\"\nmap = [\"x\", \"y + {call}\", \"z - 4\"]"),
+        ),
+    ];
+    for (what, rest) in cases {
+        let report = sampled
+            .load(&format!("{BOX}\ndegree = 1"), &rest)
+            .expect_err(&rest);
+        let told = format!("field `logn` of degree 1 is not smooth enough for {what}: ");
+        assert!(report.contains(&told), "{rest}\n{report}");
+        assert!(report.contains("degree = 1"), "{rest}\n{report}");
+        assert!(report.contains("take degree"), "{rest}\n{report}");
+    }
+    // What is only evaluated may be as rough as it likes.
+    let rest =
+        format!("{flat}\nlapse = \"exp({call})\"\n[domain]\ninside = [\"1 - logn(x, y, z)\"]\n");
+    sampled.manifold(&format!("{BOX}\ndegree = 1"), &rest);
 }
 
 #[test]

@@ -8,6 +8,7 @@ use geofan_core::{
     manifold::Manifold,
 };
 use glam::{DMat3, DVec3};
+use std::f64::consts::TAU;
 use support::{asset, manifold, settings};
 
 /// Follows the ray from `u` in the direction `d` (standard frame).
@@ -240,6 +241,11 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
             "not possible together",
         ),
         (
+            "has no value",
+            pair("1 - x", ["x - 2 + sqrt(-1 - x^2)", "y", "z"]) + &back,
+            "face 1: its map has no value at x =",
+        ),
+        (
             "has no inside",
             pair("-1 - x^2", ["x - 2", "y", "z"]),
             "face 1",
@@ -263,6 +269,13 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
         stretches.contains("generator 1 is no isometry"),
         "{stretches}"
     );
+    let dense = refusal(&quotient(
+        "[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]], [[1,0,0,1.4142135623],[0,1,0,0],[0,0,1,0],[0,0,0,1]]",
+    ));
+    assert!(
+        dense.contains("their group discrete") && dense.contains("generators = "),
+        "{dense}"
+    );
     let many = vec!["[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]"; 65].join(",");
     let many = refusal(&quotient(&many));
     assert!(many.contains("65 generators are too many"), "{many}");
@@ -272,6 +285,72 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
         "[quotient]\nlift = ['x', 'y', '2*z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]\n",
     );
     assert!(wrong.contains("`drop` does not undo `lift`"), "{wrong}");
+}
+
+/// A lens of the three-sphere between two great spheres, the upper glued to the lower after a fifth of a turn; a tenth
+/// or another share of the full angle lies between them.
+fn lens(share: f64) -> Result<Manifold, String> {
+    let (turn, angle) = (TAU / 5.0, TAU * share);
+    let map = |sign: f64| {
+        let ((s, c), (t, d)) = ((sign * turn).sin_cos(), (sign * angle).sin_cos());
+        let w = format!("(1 + ({t:?})*Z + ({d:?})*W)");
+        [
+            format!("(({c:?})*X - ({s:?})*Y)/{w}"),
+            format!("(({s:?})*X + ({c:?})*Y)/{w}"),
+            format!("(({d:?})*Z - ({t:?})*W)/{w}"),
+        ]
+    };
+    let (s, c) = (0.5 * angle).sin_cos();
+    let faces: String = [1.0, -1.0]
+        .map(|sign| {
+            let [x, y, z] = map(sign);
+            pair(&format!("({s:?})*W - ({:?})*Z", sign * c), [&x, &y, &z])
+        })
+        .concat();
+    let text = format!(
+        "name = 'lens'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '2/(1 + r2)' }}\n[let]\nr2 = 'x^2 + y^2 + z^2'\n\
+         X = '2*x/(1 + r2)'\nY = '2*y/(1 + r2)'\nZ = '2*z/(1 + r2)'\nW = '(1 - r2)/(1 + r2)'\n{faces}"
+    );
+    Manifold::from_source(SourceText::new("test.toml", text), &[]).map_err(|e| e.report(false))
+}
+
+/// Poincaré's condition: no map of these fixes a point, and every order of maps ends in the same point, but where the
+/// angles round an edge are a part of the full one, space has a cone, where they are a multiple, cells overlap.
+#[test]
+fn edges_that_close_with_another_angle_than_the_full_one_are_refused() {
+    assert!(lens(0.2).is_ok(), "the lens space L(5, 1)");
+    for (share, angle) in [(0.1, "180"), (0.2 / 3.0, "120")] {
+        let report = lens(share).expect_err("a cone");
+        let told = format!(
+            "face 1: space closes after {angle}.0 degrees round its edge with face 2, at x ="
+        );
+        assert!(report.contains(&told), "{report}");
+        assert!(report.contains("space would have a cone there"), "{report}");
+    }
+    let other = lens(0.17).expect_err("no part of the full angle");
+    assert!(other.contains("does not close"), "{other}");
+    // A prism over a regular octagon, opposite sides glued: its eight edges are one, with three times the full angle.
+    let faces: String = (0..8)
+        .map(|k| {
+            let (s, c) = (TAU * f64::from(k) / 8.0).sin_cos();
+            pair(
+                &format!("1 - ({c:?})*x - ({s:?})*y"),
+                [
+                    &format!("x - ({:?})", 2.0 * c),
+                    &format!("y - ({:?})", 2.0 * s),
+                    "z",
+                ],
+            )
+        })
+        .collect();
+    let octagon = refusal(&faces);
+    assert!(octagon.contains("does not close"), "{octagon}");
+    // Corners between reflections are no cones: a room of mirrors, 45 degrees between two of its walls.
+    let reflection = |face: &str, map: [&str; 3]| pair(face, map);
+    let wedge = reflection("y", ["x", "-y", "z"])
+        + &reflection("x - y", ["y", "x", "z"])
+        + &reflection("1 - x", ["2 - x", "y", "z"]);
+    manifold(&format!("metric = {{ conformal = '1' }}\n{wedge}"));
 }
 
 /// A round mirror in flat space: the mirror equation, and what a reflection does to areas.

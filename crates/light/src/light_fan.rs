@@ -116,19 +116,22 @@ impl<'m> LightFan<'m> {
         };
         fan.choose_arc_lengths();
         let triangles = fan.refine();
-        let (segments, boxes): (Vec<BeamSegment>, Vec<Region>) = triangles
+        let (segments, boxes): (Vec<BeamSegment>, Vec<Vec<Region>>) = triangles
             .par_iter()
             .flat_map_iter(|corners| fan.segments_of(*corners))
             .unzip();
-        let numbered: Vec<(u32, Region)> = (0..).zip(boxes).collect();
+        let numbered = (0..).zip(boxes);
+        let numbered: Vec<(u32, Region)> = numbered
+            .flat_map(|(number, boxes)| boxes.into_iter().map(move |region| (number, region)))
+            .collect();
         fan.boxes = BoxTree::build(&numbered, |(_, region)| *region);
         fan.segments = segments;
         fan.copies = fan.copies_in_reach();
         fan
     }
 
-    /// Cuts the beam between three rays into segments; returns those that matter, with their boxes.
-    fn segments_of(&self, corners: [usize; 3]) -> Vec<(BeamSegment, Region)> {
+    /// Cuts the beam between three rays into segments; returns those that matter, with the boxes around them.
+    fn segments_of(&self, corners: [usize; 3]) -> Vec<(BeamSegment, Vec<Region>)> {
         let rays = corners.map(|i| &self.rays[i]);
         let reach = rays.iter().map(|r| r.len()).min().unwrap_or(0);
         let starts = (0..reach.saturating_sub(2)).step_by(2);
@@ -136,12 +139,15 @@ impl<'m> LightFan<'m> {
         let sound = starts.filter(|k| rays.iter().all(|r| cubic_miss(r, *k, half) <= BROKEN));
         let segments = sound.map(|k| {
             let segment = BeamSegment::new(self, corners, k);
-            let bounds = segment.bounds(self);
-            (segment, bounds)
+            let mut boxes = Vec::with_capacity(1);
+            segment.bounds(self, |bounds| {
+                if meet(bounds, self.region) {
+                    boxes.push(bounds);
+                }
+            });
+            (segment, boxes)
         });
-        segments
-            .filter(|(_, bounds)| meet(*bounds, self.region))
-            .collect()
+        segments.filter(|(_, boxes)| !boxes.is_empty()).collect()
     }
 
     /// Returns `count` equal intervals of the fan's length, by their ends.
@@ -297,7 +303,7 @@ impl<'m> LightFan<'m> {
             for image in self.images(x) {
                 around.clear();
                 self.boxes.visit(image, image, |(number, region)| {
-                    if holds(*region, image) {
+                    if holds(*region, image) && !around.contains(number) {
                         around.push(*number);
                     }
                 });

@@ -63,6 +63,8 @@ pub(super) struct BeamSegment {
     /// of [`SegmentMap::oriented_box`].
     middle: Vec3,
     inverse: Mat3,
+    /// The affine map of [`SegmentMap::oriented_box`] as well, where the linear map lets in what is far away.
+    cube: Option<Box<(Vec3, Mat3)>>,
 }
 
 /// Where a lamp's ray might reach a point.
@@ -111,6 +113,7 @@ impl BeamSegment {
             smooth: true,
             middle: Vec3::ZERO,
             inverse: Mat3::ZERO,
+            cube: None,
         };
         segment.smooth = segment.map(fan).is_smooth();
         let map = segment.map(fan);
@@ -122,6 +125,10 @@ impl BeamSegment {
             }
         };
         (segment.middle, segment.inverse) = (middle.as_vec3(), inverse.as_mat3());
+        if !folded && map.is_uneven() {
+            let (middle, into_cube) = map.oriented_box(MARGIN, LAST);
+            segment.cube = Some(Box::new((middle.as_vec3(), into_cube.as_mat3())));
+        }
         segment
     }
 
@@ -139,9 +146,13 @@ impl BeamSegment {
         fan.arc_lengths[knot + 2] - fan.arc_lengths[knot]
     }
 
-    /// Returns a box around everything that the segment may be asked about.
-    pub fn bounds(&self, fan: &LightFan<'_>) -> (DVec3, DVec3) {
-        self.map(fan).bounds(self.margin())
+    /// Shows boxes that together hold everything that the segment may be asked about.
+    pub fn bounds(&self, fan: &LightFan<'_>, mut show: impl FnMut((DVec3, DVec3))) {
+        let map = self.map(fan);
+        match self.cube {
+            Some(_) => map.parts(MARGIN, LAST).into_iter().for_each(show),
+            None => show(map.bounds(self.margin())),
+        }
     }
 
     fn margin(&self) -> f64 {
@@ -154,6 +165,11 @@ impl BeamSegment {
         let offset = self.inverse * (x.as_vec3() - self.middle);
         if self.folded {
             return (!(offset.abs().max_element() > 1.0)).then_some(MIDDLE);
+        }
+        if let Some(cube) = &self.cube
+            && (cube.1 * (x.as_vec3() - cube.0)).abs().max_element() > 1.0
+        {
+            return None;
         }
         let third = FAR + 1.0 / 3.0;
         let outside = offset.x < -third

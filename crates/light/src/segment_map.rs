@@ -37,6 +37,9 @@ pub(super) struct SegmentMap<'f> {
 /// segment is larger than what bends the rays.
 const BROKEN: f64 = 1.0;
 
+/// See [`SegmentMap::is_uneven`].
+const UNEVEN: f64 = 1.5;
+
 /// Returns the weights of both ends and their tangents in a cubic at t.
 fn cubic_weights(t: f64, width: f64) -> [f64; 4] {
     let r = 1.0 - t;
@@ -133,6 +136,17 @@ impl<'f> SegmentMap<'f> {
         miss <= BROKEN * side
     }
 
+    /// Tells whether rays cross the chart at one place this many times as fast as at another, as they do towards its
+    /// infinity: a linear map says little about such a segment, and neither do the distances of its corners.
+    pub fn is_uneven(&self) -> bool {
+        let knots = self.rays.iter().flat_map(|ray| &ray[..3]);
+        let speeds = knots.map(|knot| knot.v.length());
+        let (least, most) = speeds.fold((f64::INFINITY, 0.0_f64), |(a, b), speed| {
+            (a.min(speed), b.max(speed))
+        });
+        most > UNEVEN * least
+    }
+
     /// Returns a box around the segment and `margin` of its size on all sides.
     pub fn bounds(&self, margin: f64) -> (DVec3, DVec3) {
         let (third, rays) = (self.width / 3.0, self.rays);
@@ -193,6 +207,9 @@ impl<'f> SegmentMap<'f> {
 /// [`SLACK`].
 const PARTS: usize = 4;
 
+/// The box around nothing.
+const NOWHERE: (DVec3, DVec3) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+
 /// Share of its extent by which an oriented box is widened.
 const SLACK: f64 = 0.05;
 
@@ -207,18 +224,42 @@ impl SegmentMap<'_> {
     pub fn oriented_box(&self, margin: f64, near: f64) -> (DVec3, DMat3) {
         let (_, slope) = self.map(MIDDLE);
         let axes = box_axes(slope);
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        let mut size = 0.0_f64;
-        for at in lattice(margin) {
-            let (u, slope) = self.map(at);
-            let p = axes.transpose() * u;
-            (low, high) = (low.min(p), high.max(p));
-            size = size.max(slope.x_axis.length().max(slope.y_axis.length()));
-        }
+        let (layers, size) = self.layers(axes, margin);
+        let (low, high) = layers.into_iter().fold(NOWHERE, around);
         let half = (high - low) * (0.5 + SLACK) + near * size;
         let shrunk = DMat3::from_diagonal(half.max(DVec3::splat(f64::MIN_POSITIVE)).recip());
         (axes * (0.5 * (low + high)), shrunk * axes.transpose())
     }
+
+    /// Returns boxes along the chart's axes, one behind the other along the rays, that together hold the same points.
+    pub fn parts(&self, margin: f64, near: f64) -> [(DVec3, DVec3); PARTS] {
+        let (layers, size) = self.layers(DMat3::IDENTITY, margin);
+        let (low, high) = layers.into_iter().fold(NOWHERE, around);
+        let slack = (high - low) * SLACK + near * size;
+        std::array::from_fn(|k| {
+            let (low, high) = around(layers[k], layers[k + 1]);
+            (low - slack, high + slack)
+        })
+    }
+
+    /// Returns boxes along `axes`, in these, around samples of the segment with `margin` around it, at one arc
+    /// length each; and the segment's size.
+    fn layers(&self, axes: DMat3, margin: f64) -> ([(DVec3, DVec3); PARTS + 1], f64) {
+        let mut layers = [NOWHERE; PARTS + 1];
+        let mut size = 0.0_f64;
+        for (k, at) in lattice(margin) {
+            let (u, slope) = self.map(at);
+            let p = axes.transpose() * u;
+            layers[k] = around(layers[k], (p, p));
+            size = size.max(slope.x_axis.length().max(slope.y_axis.length()));
+        }
+        (layers, size)
+    }
+}
+
+/// Returns the box around two boxes.
+fn around(a: (DVec3, DVec3), b: (DVec3, DVec3)) -> (DVec3, DVec3) {
+    (a.0.min(b.0), a.1.max(b.1))
 }
 
 /// Returns the direction of the rays, the longest axis across them, and the third.
@@ -233,14 +274,14 @@ fn box_axes(slope: DMat3) -> DMat3 {
     DMat3::from_cols(along, across, along.cross(across))
 }
 
-/// Returns places (b, c, t) all over a segment with `margin` around it.
-fn lattice(margin: f64) -> impl Iterator<Item = DVec3> {
+/// Returns places (b, c, t) all over a segment with `margin` around it, with the number of each arc length.
+fn lattice(margin: f64) -> impl Iterator<Item = (usize, DVec3)> {
     let part = |i: usize| i as f64 / PARTS as f64;
     let across = move |i: usize| part(i) * (1.0 + 3.0 * margin) - margin;
     let along = move |k: usize| part(k) * (1.0 + 2.0 * margin) - margin;
     let pairs = (0..=PARTS).flat_map(|i| (0..=PARTS - i).map(move |j| (i, j)));
     pairs.flat_map(move |(i, j)| {
-        (0..=PARTS).map(move |k| DVec3::new(across(i), across(j), along(k)))
+        (0..=PARTS).map(move |k| (k, DVec3::new(across(i), across(j), along(k))))
     })
 }
 

@@ -6,7 +6,8 @@ use super::{NumberType, Reading, total};
 use crate::field::{SampleFault, Samples};
 
 fn damaged(what: &str) -> SampleFault {
-    SampleFault::new("file", format!("is not an array of numpy: {what}"))
+    SampleFault::new("file", format!("the file is no array of numpy: {what}"))
+        .hint("write it by numpy.save or numpy.savez")
 }
 
 /// Reads a `.npy` file.

@@ -31,13 +31,10 @@ const SIGHTS: u32 = 24;
 
 /// Points beyond several faces that are brought back in every order, and how far out they lie at most.
 const EDGE_TESTS: usize = 400;
-const FARTHEST_OUT: f64 = 1.8;
+pub(super) const FARTHEST_OUT: f64 = 1.8;
 
 /// How far apart two images of one point may be, as a share of the domain's size, and their differentials.
 const WORST_IMAGE: f64 = 1e-7;
-
-/// Rounds of Newton's method for fixed points.
-const ROUNDS: usize = 40;
 
 /// Completes and checks the gluing of `manifold`.
 pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
@@ -51,9 +48,11 @@ pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
         points: &points,
     };
     checks.isometries()?;
-    let partners = checks.partners()?;
-    checks.edges()?;
+    let borders = checks.face_points();
+    let partners = checks.partners(&borders)?;
+    checks.edges(&borders)?;
     checks.fixed_points()?;
+    checks.edge_cones(&borders)?;
     for (face, partner) in gluing.faces.iter_mut().zip(partners) {
         face.partner = partner;
     }
@@ -71,7 +70,7 @@ fn complain(manifold: &Manifold, gluing: &Gluing, k: usize, message: String) -> 
 }
 
 /// Returns whether the space is regular at `u`.
-fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
+pub(super) fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
     let (g, s) = manifold.metric_and_frame(u);
     u.is_finite() && is_positive(g, s) && manifold.domain.violation(u).is_none()
 }
@@ -212,26 +211,27 @@ impl Gluing {
 
 /// A point of a face, where a line leaves the domain.
 #[derive(Debug, Clone, Copy)]
-struct FacePoint {
+pub(super) struct FacePoint {
     face: usize,
-    u: DVec3,
+    pub(super) u: DVec3,
 }
 
 /// What the checks look at.
-struct Checks<'a> {
-    manifold: &'a Manifold,
-    gluing: &'a Gluing,
-    points: &'a [DVec3],
+pub(super) struct Checks<'a> {
+    pub(super) manifold: &'a Manifold,
+    pub(super) gluing: &'a Gluing,
+    pub(super) points: &'a [DVec3],
 }
 
 impl Checks<'_> {
-    fn complain(&self, k: usize, message: String) -> Diagnostic {
+    pub(super) fn complain(&self, k: usize, message: String) -> Diagnostic {
         complain(self.manifold, self.gluing, k, message)
     }
 
     /// Checks that every map is an isometry, of one handedness.
     fn isometries(&self) -> Result<()> {
         for (k, face) in self.gluing.faces.iter().enumerate() {
+            self.has_values(k)?;
             for &u in self.points {
                 let Some((image, d)) = face.carry(u) else {
                     continue;
@@ -256,6 +256,25 @@ impl Checks<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Checks that the map of face `k` has a value somewhere in the domain.
+    fn has_values(&self, k: usize) -> Result<()> {
+        let image = |u: &DVec3| self.gluing.faces[k].carry(*u).map(|(image, _)| image);
+        if self
+            .points
+            .iter()
+            .any(|u| image(u).is_none_or(DVec3::is_finite))
+        {
+            return Ok(());
+        }
+        let here = point(self.manifold, self.points[0]);
+        let complaint = self.complain(k, format!("its map has no value at {here}"));
+        Err(complaint
+            .with_hint(
+                "a root or a logarithm of a negative number, or a division by zero, has none",
+            )
+            .into())
     }
 
     /// Finds points of the bounding faces, on lines of the chart from points inside.
@@ -297,10 +316,10 @@ impl Checks<'_> {
 
     /// Finds the partner of every face, on which each of its points must come to lie, and whose map leads back. It
     /// may come to lie beyond other faces, where the domain is no Dirichlet domain.
-    fn partners(&self) -> Result<Vec<Option<usize>>> {
+    fn partners(&self, borders: &[FacePoint]) -> Result<Vec<Option<usize>>> {
         let faces = &self.gluing.faces;
         let mut partners: Vec<Option<usize>> = vec![None; faces.len()];
-        for FacePoint { face: k, u } in self.face_points() {
+        for &FacePoint { face: k, u } in borders {
             let Some((image, d)) = faces[k].carry(u) else {
                 continue;
             };
@@ -330,12 +349,17 @@ impl Checks<'_> {
                     return Err(self.unpaired(k, message));
                 }
                 None => {
-                    let message = format!(
-                        "no map leads back: {} goes to {}, which is on {}",
-                        here(u),
-                        here(image),
-                        Gluing::name(on[0])
-                    );
+                    let name = Gluing::name(on[0]);
+                    let back = match faces[on[0]].carry(image) {
+                        Some((back, _)) if (back - u).length() > WORST_IMAGE * self.gluing.size => {
+                            format!(", whose map takes it to {}", here(back))
+                        }
+                        Some(_) => ", whose map turns what is there".into(),
+                        None => ", a mirror".into(),
+                    };
+                    let (from, to) = (here(u), here(image));
+                    let message =
+                        format!("no map leads back: {from} goes to {to}, which is on {name}{back}");
                     return Err(self.unpaired(k, message));
                 }
             }
@@ -344,17 +368,24 @@ impl Checks<'_> {
     }
 
     fn unpaired(&self, k: usize, message: String) -> crate::error::Error {
-        let complaint = self.complain(k, message);
-        complaint
-            .with_hint("faces come in pairs: each map must bring its face onto another face (or itself), whose map brings it back")
-            .into()
+        let of_group = self.gluing.faces[k]
+            .deck()
+            .is_some_and(DeckTransformation::is_linear);
+        let hint = match of_group {
+            true => {
+                "these are the faces of Dirichlet's domain: the generators must be exact, and their group discrete"
+            }
+            false => {
+                "faces come in pairs: each map must bring its face onto another face (or itself), whose map brings it back"
+            }
+        };
+        self.complain(k, message).with_hint(hint).into()
     }
 
     /// Checks that from points beyond two or more faces every order of maps ends in the same point.
-    fn edges(&self) -> Result<()> {
+    fn edges(&self, borders: &[FacePoint]) -> Result<()> {
         let mut random = Stream::new(&[0x6564_6765]);
         let middle = self.gluing.inside;
-        let borders = self.face_points();
         if borders.is_empty() {
             return Ok(());
         }
@@ -396,7 +427,7 @@ impl Checks<'_> {
     }
 
     /// Lists the faces with maps that `u` is beyond.
-    fn beyond(&self, u: DVec3) -> Vec<usize> {
+    pub(super) fn beyond(&self, u: DVec3) -> Vec<usize> {
         let values = self.gluing.values.at(&u.to_array());
         let faces = self.gluing.faces.iter().enumerate();
         let beyond = faces.filter(|(k, face)| {
@@ -424,38 +455,6 @@ impl Checks<'_> {
             .filter(|(face, _)| !face.is_portal())
             .any(|(face, value)| value.abs() <= 100.0 * GUARD * face.slope * self.gluing.size)
     }
-
-    /// Checks that no map fixes a point of the domain, but a reflection those of its face.
-    fn fixed_points(&self) -> Result<()> {
-        for (k, face) in self.gluing.faces.iter().enumerate() {
-            let Some(deck) = face.deck().filter(|_| !face.is_portal()) else {
-                continue;
-            };
-            for &start in self.points {
-                let Some(u) = fixed_point(deck, start, self.gluing.size) else {
-                    continue;
-                };
-                let values = self.gluing.values.at(&u.to_array());
-                let least = self.gluing.faces.iter().zip(values);
-                let least = least
-                    .filter(|(face, _)| !face.is_portal())
-                    .map(|(face, value)| value / (face.slope * self.gluing.size))
-                    .fold(f64::INFINITY, f64::min);
-                let margin = if deck.reverses() { 1e-4 } else { -1e-6 };
-                if least > margin && is_regular(self.manifold, u) {
-                    let message = format!(
-                        "its map fixes a point of the domain: {}",
-                        point(self.manifold, u)
-                    );
-                    let complaint = self.complain(k, message);
-                    return Err(complaint
-                        .with_hint("space would have a cone there; only reflections may fix points, those of their own face")
-                        .into());
-                }
-            }
-        }
-        Ok(())
-    }
 }
 
 /// Returns whether the metric at an image can be compared: it may lie outside limits, where the formulas still hold.
@@ -469,30 +468,7 @@ fn is_identity(m: DMat3) -> bool {
 }
 
 /// Returns whether a matrix is the identity up to `allowed`.
-fn is_identity_to(m: DMat3, allowed: f64) -> bool {
+pub(super) fn is_identity_to(m: DMat3, allowed: f64) -> bool {
     let off = (m - DMat3::IDENTITY).to_cols_array();
     off.iter().all(|x| x.abs() <= allowed)
-}
-
-/// Finds a fixed point near `start` by Newton's method, with the least steps where fixed points form lines.
-fn fixed_point(deck: &DeckTransformation, start: DVec3, size: f64) -> Option<DVec3> {
-    let mut u = start;
-    for _ in 0..ROUNDS {
-        let (image, d) = deck.apply(u);
-        let off = image - u;
-        if off.length() <= 1e-12 * size {
-            return Some(u);
-        }
-        let a = d - DMat3::IDENTITY;
-        let normal = a.transpose() * a;
-        let scale = normal.x_axis.x + normal.y_axis.y + normal.z_axis.z;
-        let damped = normal + DMat3::from_diagonal(DVec3::splat(1e-9 * scale));
-        let step = damped.inverse() * (a.transpose() * off);
-        if !step.is_finite() || step.length() > 100.0 * size {
-            return None;
-        }
-        u -= step;
-    }
-    let off = deck.point(u) - u;
-    (off.length() <= 1e-7 * size).then_some(u)
 }

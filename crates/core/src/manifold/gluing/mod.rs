@@ -9,6 +9,7 @@
 //! they bound nothing. Walls that are mirrors have no map: light is reflected there in the metric.
 
 mod check;
+mod cones;
 mod deck;
 mod development;
 mod nearest;

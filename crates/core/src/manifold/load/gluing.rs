@@ -68,8 +68,15 @@ impl Loader<'_> {
             .map(|item| self.position_expression(&item.text()?))
             .transpose()?;
         let map = match (map, mirror.unwrap_or(false)) {
-            (Some(map), false) => Some(self.read_map(&map)?),
-            (None, true) => None,
+            (Some(map), false) => {
+                let map = self.read_map(&map)?;
+                self.refuse_rough(&map, "the map of a face", 2)?;
+                Some(map)
+            }
+            (None, true) => {
+                self.refuse_rough(&[value], "a mirror", 2)?;
+                None
+            }
             (Some(map), true) => {
                 return Err(map
                     .complain("a face has a map or is a mirror")
