@@ -61,7 +61,7 @@ pub use material::Material;
 pub use mesh::Mesh;
 pub use motion::{CameraMotion, Formulas};
 pub use packed_mesh::pack as pack_meshes;
-pub(super) use placement::place;
+pub(super) use placement::{Placed, place};
 pub use placement::{cuts_of, joined_shares, vertex_share};
 pub use poses::{KeyPose, PoseFile};
 pub use subdivide::Points;
