@@ -32,6 +32,7 @@ mod obj_mesh;
 mod packed_material;
 mod packed_mesh;
 mod packed_numbers;
+mod packed_points;
 mod placement;
 #[cfg(feature = "formats")]
 mod ply_mesh;
@@ -61,8 +62,9 @@ pub use material::Material;
 pub use mesh::Mesh;
 pub use motion::{CameraMotion, Formulas};
 pub use packed_mesh::pack as pack_meshes;
+pub use packed_points::{pack_points, read_points};
+pub use placement::placed_once;
 pub(super) use placement::{Placed, place};
-pub use placement::{cuts_of, joined_shares, vertex_share};
 pub use poses::{KeyPose, PoseFile};
 pub use subdivide::Points;
 pub use texture::{Mapping, OpacityMap, Texture, TextureMap};
