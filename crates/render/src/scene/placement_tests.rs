@@ -33,20 +33,6 @@ fn square() -> Mesh {
     Mesh::parse("square.obj", text, std::path::Path::new("")).unwrap()
 }
 
-/// A square of so many vertices along each side.
-fn grid(side: usize) -> Mesh {
-    let mut text = String::from("vn 0 0 1\n");
-    for k in 0..side * side {
-        let [x, y] = [k % side, k / side].map(|i| 2.0 * i as f64 / (side - 1) as f64 - 1.0);
-        text.push_str(&format!("v {x} {y} 0\n"));
-    }
-    for k in (0..side * (side - 1)).filter(|k| (k + 1) % side != 0) {
-        let [a, b, c, d] = [k + 1, k + 2, k + side + 2, k + side + 1];
-        text.push_str(&format!("f {a}//1 {b}//1 {c}//1 {d}//1\n"));
-    }
-    Mesh::parse("grid.obj", &text, std::path::Path::new("")).unwrap()
-}
-
 /// Distance on the three-sphere, from the chart.
 fn distance(a: DVec3, b: DVec3) -> f64 {
     let ambient = |u: DVec3| {
