@@ -91,19 +91,23 @@ async function figures(page, name) {
   console.log(`${name}, whole: ${await flight(page)}`);
 }
 
-/** Resident bytes of all renderer processes of the browser. */
+/** Resident bytes of the largest renderer process of the browser: that of the page, as others wait for pages. */
 function rendererMemory() {
-  let sum = 0;
+  let most = 0;
   for (const pid of readdirSync("/proc").filter((name) => /^\d+$/.test(name))) {
     try {
       if (!readFileSync(`/proc/${pid}/cmdline`, "utf8").includes("--type=renderer")) continue;
-      sum += Number(/Pss:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/smaps_rollup`, "utf8"))[1]) * 1024;
+      most = Math.max(most, Number(/Pss:\s+(\d+)/.exec(readFileSync(`/proc/${pid}/smaps_rollup`, "utf8"))[1]) * 1024);
     } catch {
       // It has ended meanwhile.
     }
   }
-  return sum;
+  return most;
 }
+
+/** Bytes of the memories of the page's workers, MB. */
+const workerMemories = (page) => Promise.all(page.workers().map((worker) =>
+  worker.evaluate(() => Math.round(calls.memory.buffer.byteLength / 1e6))));
 
 /** Random numbers that a seed gives (xorshift). */
 function stream(seed) {
@@ -153,7 +157,7 @@ async function soak(browser, address) {
       if (panel.trouble) errors.push(panel.trouble);
     }
   }
-  console.log(`${events} random inputs in ${minutes} minutes (seed ${seed}): ${errors.length} errors; the page's memory above a blank one, MB: ${memory.join(" ")}`);
+  console.log(`${events} random inputs in ${minutes} minutes (seed ${seed}): ${errors.length} errors; the page's memory above a blank one, MB: ${memory.join(" ")}; its workers' at last: ${(await workerMemories(page)).join(" ")}`);
   errors.forEach((error) => console.log(`  ${error}`));
   return errors.length;
 }

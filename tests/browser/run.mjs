@@ -115,14 +115,22 @@ async function session(page, name) {
   await shot(page, `${name}-5-error`);
   const errors = (await panel(page)).errors[0];
   check(errors.p99 < 5 && errors.p99 > 0, `${name}: errors are told, p99 ${errors.p99.toFixed(3)} mrad`);
-  // Keys turn off what the panel last said, so each waits for it.
   await page.keyboard.press("KeyM");
   await until(page, () => globalThis.geofan.panel().kind === "table");
+  // Between two panels, which tell what holds.
+  await page.keyboard.press("KeyV");
+  await page.keyboard.press("KeyV");
+  await page.waitForTimeout(500);
+  check((await panel(page)).split === null, `${name}: a key pressed twice at once does and undoes`);
   await page.keyboard.press("KeyG");
   await until(page, () => globalThis.geofan.panel().kind === "flat");
   await settled(page);
   await shot(page, `${name}-6-flat`);
   check(difference(start, await thumbnail(page)) > 3, `${name}: flat space looks different`);
+  await page.keyboard.press("KeyL");
+  await until(page, () => globalThis.geofan.panel().hint?.includes("light is traced"));
+  check(true, `${name}: where no light is traced a hint says so`);
+  await page.keyboard.press("KeyL");
   await page.keyboard.press("KeyG");
   await until(page, () => globalThis.geofan.panel().kind === "table");
 

@@ -65,4 +65,4 @@ pub use tiles::Scratch;
 pub use tracer::{ExactTracer, FixedTracer, GridTracer};
 pub use unfinished::{count_unfinished, unfinished};
 pub use view::{Optics, PictureRay, View, camera_point};
-pub use world::{Face, PointLight, Stage, World};
+pub use world::{Face, FaceCorner, PointLight, Stage, World};

@@ -290,7 +290,7 @@ fn surface_point(world: &World, triangle: usize, (b, c): (f64, f64)) -> SurfaceP
     let mix = |[p, q, r]: [DVec3; 3]| p * (1.0 - b - c) + q * b + r * c;
     SurfacePoint {
         u: mix([p, q, r]),
-        normal: mix(world.faces[triangle].normals),
+        normal: mix(world.normals(triangle)),
         triangle: triangle as u32,
     }
 }

@@ -26,15 +26,35 @@ pub struct PathBatch {
     knots: Arc<[f64]>,
     /// Directions at the camera, in the standard frame.
     directions: Vec<DVec3>,
-    /// Six rows for each path, each as long as `knots`; behind the last path is the rest of earlier ones.
-    values: Vec<f64>,
-    /// [`PathView::boxes`] of each path.
-    boxes: Vec<f32>,
+    /// Their rows; behind the last path is the rest of earlier ones.
+    blocks: Vec<RowBlock>,
     known: Vec<usize>,
     endings: Vec<Option<Ending>>,
     /// Coefficients that a tracer took from its table for some of the paths.
     coefficients: PathCoefficients,
     sources: Vec<PathOrigin>,
+}
+
+/// Paths of a [`RowBlock`].
+const BLOCK: usize = 32;
+
+/// Room for the rows of [`BLOCK`] paths. Thousands of paths take megabytes: in one list they would be copied whenever
+/// it grows, and take up to three times as much while that is done.
+#[derive(Debug, Clone)]
+struct RowBlock {
+    /// Six rows for each path, each as long as there are knots.
+    values: Vec<f64>,
+    /// [`PathView::boxes`] of each path.
+    boxes: Vec<f32>,
+}
+
+impl RowBlock {
+    fn new(knots: usize) -> Self {
+        Self {
+            values: vec![0.0; BLOCK * ROWS * knots],
+            boxes: vec![0.0; BLOCK * ROWS * pieces_row(knots)],
+        }
+    }
 }
 
 /// The place that a tracer took a path from, to take more from there.
@@ -74,8 +94,7 @@ impl PathBatch {
         Self {
             knots,
             directions: Vec::new(),
-            values: Vec::new(),
-            boxes: Vec::new(),
+            blocks: Vec::new(),
             known: Vec::new(),
             endings: Vec::new(),
             coefficients: PathCoefficients::default(),
@@ -117,11 +136,9 @@ impl PathBatch {
 
     /// Makes room for `count` more.
     pub fn reserve(&mut self, count: usize) {
-        let (count, knots) = (self.len() + count, self.knots.len());
-        if count * ROWS * knots > self.values.len() {
-            self.values.resize(count * ROWS * knots, 0.0);
-            self.boxes.resize(count * ROWS * pieces_row(knots), 0.0);
-        }
+        let (blocks, knots) = ((self.len() + count).div_ceil(BLOCK), self.knots.len());
+        let blocks = blocks.max(self.blocks.len());
+        self.blocks.resize_with(blocks, || RowBlock::new(knots));
     }
 
     /// Adds the path in `direction`, which comes from `source`: `fill` writes its rows and returns the
@@ -134,17 +151,18 @@ impl PathBatch {
     ) {
         self.reserve(1);
         // The rows, and boxes around what is between them.
-        let [values, boxes] = self.places(self.len());
-        let rows = &mut self.values[values.clone()];
+        let (block, [values, boxes]) = self.place(self.len());
+        let block = &mut self.blocks[block];
+        let rows = &mut block.values[values.clone()];
         let known = fill(&self.knots, rows);
         stay(rows, self.knots.len(), known);
-        surround(&self.knots, rows, &mut self.boxes[boxes.clone()]);
+        surround(&self.knots, rows, &mut block.boxes[boxes.clone()]);
         // The ending, found on the path as it is so far.
         let path = PathView {
             knots: &self.knots,
             direction,
-            rows: &self.values[values],
-            boxes: &self.boxes[boxes],
+            rows: &block.values[values],
+            boxes: &block.boxes[boxes],
             known,
             ending: None,
             source: (&self.coefficients, &source),
@@ -160,20 +178,23 @@ impl PathBatch {
         &self.knots
     }
 
-    /// Returns the places of the rows and the boxes of the path numbered `i`.
-    fn places(&self, i: usize) -> [Range<usize>; 2] {
-        let knots = self.knots.len();
-        [knots, pieces_row(knots)].map(|row| i * ROWS * row..(i + 1) * ROWS * row)
+    /// Returns the block of the path numbered `i`, and there the places of its rows and its boxes.
+    fn place(&self, i: usize) -> (usize, [Range<usize>; 2]) {
+        let (knots, within) = (self.knots.len(), i % BLOCK);
+        let places = [knots, pieces_row(knots)];
+        let places = places.map(|row| within * ROWS * row..(within + 1) * ROWS * row);
+        (i / BLOCK, places)
     }
 
     /// Returns the path numbered `i`.
     pub fn path(&self, i: usize) -> PathView<'_> {
-        let [values, boxes] = self.places(i);
+        let (block, [values, boxes]) = self.place(i);
+        let block = &self.blocks[block];
         PathView {
             knots: &self.knots,
             direction: self.directions[i],
-            rows: &self.values[values],
-            boxes: &self.boxes[boxes],
+            rows: &block.values[values],
+            boxes: &block.boxes[boxes],
             known: self.known[i],
             ending: self.endings[i],
             source: (&self.coefficients, &self.sources[i]),

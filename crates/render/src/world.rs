@@ -12,7 +12,9 @@ use super::{
     moving::at_time,
     panels::{Part, PicturePanels},
     redshift::ObjectState,
-    scene::{CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Points, SceneFile, place},
+    scene::{
+        CameraEntry, LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place,
+    },
     sky::Sky,
     view::{View, camera_point, camera_velocity},
 };
@@ -29,22 +31,30 @@ use geofan_core::{
 };
 use glam::DVec3;
 use std::{
+    fmt::Debug,
     io::Write,
     path::{Path, PathBuf},
     sync::Arc,
 };
 
-/// The corners of a triangle as shading needs them.
+/// A triangle as shading needs it.
 #[derive(Debug, Clone)]
 pub struct Face {
     /// Index of the object in the scene file.
     pub object: u32,
     /// Index into [`World::materials`].
     pub material: u32,
-    /// Normals at the corners, as covectors of the chart (not of unit length).
-    pub normals: [DVec3; 3],
-    /// Texture coordinates at the corners.
-    pub uvs: [[f32; 2]; 3],
+    /// Indices into [`World::corners`].
+    pub corners: [u32; 3],
+}
+
+/// A corner of triangles as shading needs it: most are shared by six.
+#[derive(Debug, Clone)]
+pub struct FaceCorner {
+    /// Normal, as a covector of the chart (not of unit length).
+    pub normal: DVec3,
+    /// Texture coordinates.
+    pub uv: [f32; 2],
 }
 
 /// A light without extent that shines equally in all directions.
@@ -70,6 +80,8 @@ pub struct World {
     pub accelerator: Accelerator,
     /// One for each triangle.
     pub faces: Vec<Face>,
+    /// The corners of all triangles.
+    pub corners: Vec<FaceCorner>,
     /// Linear red, green, blue and opacity at the corners of each triangle, times those of its
     /// material; empty where no mesh has any.
     pub colours: Vec<[[f32; 4]; 3]>,
@@ -131,6 +143,7 @@ impl World {
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),
+            corners: Vec::new(),
             colours: Vec::new(),
             materials: Vec::new(),
             states: Vec::new(),
@@ -160,12 +173,13 @@ impl World {
     /// on them ([`World::light`]) is to be computed anew.
     ///
     /// # Errors
-    /// An object cannot be placed there; the objects after it are missing then.
+    /// An object cannot be placed there; all are missing then.
     pub fn set_time(&mut self, scene: &SceneFile, time: f64) -> Result<()> {
         if !scene.moves() {
             return Ok(());
         }
         self.faces.clear();
+        self.corners.clear();
         self.colours.clear();
         self.materials.clear();
         self.states.clear();
@@ -210,14 +224,25 @@ impl World {
 
     /// Places all objects as they are at `time`.
     fn furnish(&mut self, scene: &SceneFile, time: f64) -> Result<()> {
-        let mut triangles = Vec::new();
-        for (index, object) in scene.objects.iter().enumerate() {
+        let meshes: Vec<_> = scene.objects.iter().map(|o| self.mesh_of(o)).collect();
+        let mut all = Vec::new();
+        for ((index, object), mesh) in scene.objects.iter().enumerate().zip(&meshes) {
             let object = &*at_time(object, &self.manifold, &scene.source, time)?;
-            if let Some(mesh) = self.mesh_of(object) {
-                self.place(scene, index as u32, object, &mesh, &mut triangles)?;
+            if let Some(mesh) = mesh {
+                all.push((index as u32, self.place(scene, object, mesh)?));
             }
         }
-        self.accelerator = Accelerator::build_with_holes(&triangles, self.holed());
+        // Lists that grow by themselves would be twice as long while they do.
+        let count = all.iter().map(|(_, placed)| placed.mesh.triangles.len());
+        let count = count.sum();
+        let mut triangles = Vec::with_capacity(count);
+        self.faces.reserve_exact(count);
+        let corners = all.iter().map(|(_, placed)| placed.vertices.len());
+        self.corners.reserve_exact(corners.sum());
+        for (index, placed) in all {
+            self.add(index, &placed.mesh, &placed.vertices, &mut triangles);
+        }
+        self.accelerator = Accelerator::build_with_holes(triangles, self.holed());
         self.copies = SceneCopies::of(&self.manifold, &self.accelerator);
         self.clear = self.materials.iter().any(Material::is_clear)
             || self.colours.iter().flatten().any(|c| c[3] < 1.0);
@@ -236,7 +261,7 @@ impl World {
             let map = self.materials[face.material as usize].map_d.clone()?;
             Some(HoledTriangle {
                 triangle: i as u32,
-                uvs: face.uvs,
+                uvs: self.uvs(i),
                 map,
             })
         });
@@ -262,7 +287,7 @@ impl World {
     pub fn coverage(&self, hit: &Hit) -> f32 {
         let face = &self.faces[hit.triangle as usize];
         let map = &self.materials[face.material as usize].map_d;
-        let [p, q, r] = face.uvs;
+        let [p, q, r] = self.uvs(hit.triangle as usize);
         let [b, c] = hit.barycentric;
         let uv = [0, 1].map(|k| p[k] * (1.0 - b - c) + q[k] * b + r[k] * c);
         map.as_ref().map_or(1.0, |map| map.at(uv)) * self.colour(hit)[3]
@@ -271,10 +296,10 @@ impl World {
     /// Returns a hash of the triangles, their normals and their opacity.
     pub fn geometry_fingerprint(&self) -> [u8; 32] {
         let mut hasher = blake3::Hasher::new();
-        for (corners, face) in self.accelerator.triangles().iter().zip(&self.faces) {
+        for (i, corners) in self.accelerator.triangles().iter().enumerate() {
             for x in corners
                 .iter()
-                .chain(&face.normals)
+                .chain(&self.normals(i))
                 .flat_map(|p| p.to_array())
             {
                 hasher.update(&x.to_le_bytes());
@@ -292,7 +317,7 @@ impl World {
         for (i, face) in self.faces.iter().enumerate() {
             let material = &self.materials[face.material as usize];
             let colours = self.colours.get(i).map(|all| all.map(|c| c[3]));
-            let told = (material.dissolve, colours, face.uvs, face.material);
+            let told = (material.dissolve, colours, self.uvs(i), face.material);
             hasher.update(format!("{told:?}").as_bytes());
         }
         for map in self.materials.iter().filter_map(|m| m.map_d.as_ref()) {
@@ -310,7 +335,7 @@ impl World {
         hasher.update(&self.geometry_fingerprint());
         // Of pictures a digest of their pixels is written.
         let seen = (
-            &self.faces,
+            self.written_faces(),
             &self.colours,
             &self.materials,
             &self.lights,
@@ -321,6 +346,38 @@ impl World {
             hasher.update(told.as_bytes());
         }
         *hasher.finalize().as_bytes()
+    }
+
+    /// Returns the faces with their corners, as they are written into a hash.
+    fn written_faces(&self) -> impl Debug {
+        #[derive(Debug)]
+        #[expect(dead_code, reason = "they are only written")]
+        struct Face {
+            object: u32,
+            material: u32,
+            normals: [DVec3; 3],
+            uvs: [[f32; 2]; 3],
+        }
+        let faces = self.faces.iter().enumerate();
+        let written = faces.map(|(i, face)| Face {
+            object: face.object,
+            material: face.material,
+            normals: self.normals(i),
+            uvs: self.uvs(i),
+        });
+        written.collect::<Vec<_>>()
+    }
+
+    /// Returns the normals at the corners of a triangle, as covectors of the chart (not of unit length).
+    pub fn normals(&self, triangle: usize) -> [DVec3; 3] {
+        let corners = self.faces[triangle].corners;
+        corners.map(|corner| self.corners[corner as usize].normal)
+    }
+
+    /// Returns the texture coordinates at the corners of a triangle.
+    pub fn uvs(&self, triangle: usize) -> [[f32; 2]; 3] {
+        let corners = self.faces[triangle].corners;
+        corners.map(|corner| self.corners[corner as usize].uv)
     }
 
     /// Tells whether anything is there where a line of sight ends: a surface, or a sky that the scene gives.
@@ -347,7 +404,7 @@ impl World {
 
     /// Returns the normal of a hit as a covector of the chart, not of unit length.
     pub fn covector(&self, hit: &Hit) -> DVec3 {
-        let [a, b, c] = self.faces[hit.triangle as usize].normals;
+        let [a, b, c] = self.normals(hit.triangle as usize);
         let [y, z] = hit.barycentric.map(f64::from);
         a * (1.0 - y - z) + b * y + c * z
     }
@@ -355,7 +412,7 @@ impl World {
     /// Returns the change of texture coordinates on the plane of a triangle along the displacement `way`.
     pub fn texture_change(&self, triangle: u32, way: DVec3) -> [f32; 2] {
         let [a, b, c] = self.accelerator.triangles()[triangle as usize];
-        let uvs = self.faces[triangle as usize].uvs;
+        let uvs = self.uvs(triangle as usize);
         let (e, f) = (b - a, c - a);
         let (ee, ef, ff) = (e.dot(e), e.dot(f), f.dot(f));
         let (we, wf) = (way.dot(e), way.dot(f));
@@ -371,21 +428,19 @@ impl World {
         }
     }
 
-    /// Places an object: its triangles, their faces and materials.
-    fn place(
+    /// Places an object, and adds its motion and its warnings.
+    fn place<'m>(
         &mut self,
         scene: &SceneFile,
-        index: u32,
         object: &ObjectEntry,
-        mesh: &Mesh,
-        triangles: &mut Vec<[DVec3; 3]>,
-    ) -> Result<()> {
+        mesh: &'m Mesh,
+    ) -> Result<Placed<'m>> {
         self.check_place(scene, object)?;
-        let Some(placed) = place(&self.manifold, object, mesh) else {
+        let Some(mut placed) = place(&self.manifold, object, mesh) else {
             return Err(self.unreachable(scene, object));
         };
         self.check_extent(scene, object, &placed.vertices)?;
-        self.warnings.extend(placed.warnings);
+        self.warnings.append(&mut placed.warnings);
         let name = object.mesh.display().to_string();
         if object.cuts.is_none() {
             let corners = placed.vertices.iter().map(|(u, _)| *u);
@@ -393,8 +448,7 @@ impl World {
             self.warnings.extend(warning);
         }
         self.add_state(scene, object, &placed.vertices)?;
-        self.add(index, &placed.mesh, &placed.vertices, triangles);
-        Ok(())
+        Ok(placed)
     }
 
     /// Adds motion and heat of an object; none of its vertices may be as fast as light.
@@ -426,6 +480,13 @@ impl World {
     fn add(&mut self, index: u32, mesh: &Mesh, vertices: &Points, triangles: &mut Vec<[DVec3; 3]>) {
         let first = self.materials.len() as u32;
         self.materials.extend(mesh.materials.iter().cloned());
+        let first_corner = self.corners.len() as u32;
+        let corners = vertices.iter().zip(&mesh.uvs);
+        self.corners
+            .extend(corners.map(|((_, normal), uv)| FaceCorner {
+                normal: *normal,
+                uv: *uv,
+            }));
         for (corners, material) in mesh.triangles.iter().zip(&mesh.material_of) {
             let corner = corners.map(|c| c as usize);
             let colours = corner.map(|c| mesh.colours.get(c).copied().unwrap_or([1.0; 4]));
@@ -441,8 +502,7 @@ impl World {
             self.faces.push(Face {
                 object: index,
                 material: first + material,
-                normals: corner.map(|c| vertices[c].1),
-                uvs: corner.map(|c| mesh.uvs[c]),
+                corners: corners.map(|c| first_corner + c),
             });
         }
     }

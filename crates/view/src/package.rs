@@ -15,10 +15,10 @@ use std::{
 
 const MAGIC: &[u8; 16] = b"geofan package1\n";
 
-/// Files by name.
+/// Files by name; copies of it share their contents.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Package {
-    files: Vec<(String, Vec<u8>)>,
+    files: Vec<(String, Rc<[u8]>)>,
 }
 
 /// Faults of the bytes of a package.
@@ -93,13 +93,13 @@ impl Package {
     /// Adds a file; an earlier one of that name is replaced.
     pub fn add(&mut self, name: &str, bytes: Vec<u8>) {
         self.files.retain(|(known, _)| known != name);
-        self.files.push((name.into(), bytes));
+        self.files.push((name.into(), bytes.into()));
     }
 
     /// Returns the content of a file.
     pub fn get(&self, name: &str) -> Option<&[u8]> {
         let found = self.files.iter().find(|(known, _)| known == name);
-        found.map(|(_, bytes)| bytes.as_slice())
+        found.map(|(_, bytes)| &**bytes)
     }
 
     /// Makes a source of the files.
@@ -114,7 +114,7 @@ impl Package {
     pub fn encode(&self) -> Vec<u8> {
         let mut body = (self.files.len() as u32).to_le_bytes().to_vec();
         for (name, content) in &self.files {
-            for part in [name.as_bytes(), content] {
+            for part in [name.as_bytes(), content.as_ref()] {
                 body.extend_from_slice(&(part.len() as u32).to_le_bytes());
                 body.extend_from_slice(part);
             }
@@ -148,7 +148,7 @@ impl Package {
         for _ in 0..u32::from_le_bytes(*count) {
             let (name, content) = part().zip(part()).ok_or(PackageError::Damaged)?;
             let name = str::from_utf8(name).map_err(|_| PackageError::Damaged)?;
-            package.files.push((name.into(), content.to_vec()));
+            package.files.push((name.into(), content.into()));
         }
         Ok(package)
     }

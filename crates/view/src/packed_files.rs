@@ -12,7 +12,7 @@ use geofan_core::{
 };
 use geofan_render::{
     picture,
-    scene::{Cuts, Mesh, ObjectEntry, SceneFile, SkyEntry, cuts_of, pack_meshes},
+    scene::{Cuts, Mesh, ObjectEntry, Points, SceneFile, SkyEntry, pack_meshes, placed_once},
 };
 use std::{
     path::{Path, PathBuf},
@@ -57,18 +57,20 @@ fn reading<T>(loaded: &LoadedSpace, work: impl FnOnce() -> Result<T>) -> Result<
     Ok((done, noted))
 }
 
-/// Finds how the meshes of the scene's objects are cut where they are placed, of all that do not move.
-pub fn cuts(loaded: &LoadedSpace) -> Result<Vec<Option<Cuts>>> {
+/// Finds of all objects of the scene that do not move how their meshes are cut where they are placed, and the vertices
+/// of those that take long to be placed.
+pub fn placements(loaded: &LoadedSpace) -> Result<Vec<(Option<Cuts>, Option<Points>)>> {
     let objects = &loaded.draw.stage.scene.objects;
-    let cut = |object: &ObjectEntry| -> Result<Option<Cuts>> {
+    let placement = |object: &ObjectEntry| -> Result<(Option<Cuts>, Option<Points>)> {
         if object.path.is_some() {
-            return Ok(None);
+            return Ok((None, None));
         }
         let mesh = Mesh::load_creased(&object.mesh, object.crease)?;
-        Ok(cuts_of(&loaded.session.manifold, object, &mesh))
+        let placed = placed_once(&loaded.session.manifold, object, &mesh);
+        Ok(placed.map_or((None, None), |(cuts, points)| (Some(cuts), points)))
     };
-    let all = || objects.iter().map(cut).collect();
-    reading(loaded, all).map(|(cuts, _)| cuts)
+    let all = || objects.iter().map(placement).collect();
+    reading(loaded, all).map(|(all, _)| all)
 }
 
 /// Packs the meshes of the scene's objects, each file once.

@@ -9,7 +9,7 @@
 use crate::{
     LoadedSpace, Package, PageAbout, SpaceSource, encode_light,
     letters::in_letters,
-    packed_files::{cuts, packed},
+    packed_files::{packed, placements},
     ui::{self, single_script, worker_script},
 };
 use geofan_core::{
@@ -18,7 +18,7 @@ use geofan_core::{
     reading::read_file,
 };
 use geofan_light::EVEN;
-use geofan_render::scene::pack_cuts;
+use geofan_render::scene::{pack_cuts, pack_points};
 use lzma_rust2::{LzmaOptions, LzmaWriter};
 use std::{
     io::Write,
@@ -160,7 +160,9 @@ fn pack(source: &SpaceSource, loaded: &LoadedSpace, settings: &[(String, f64)]) 
     if let Some(light) = &loaded.draw.stage.world.light {
         package.add(PageAbout::LIGHT, encode_light(light, EVEN));
     }
-    package.add(PageAbout::CUTS, pack_cuts(&cuts(loaded)?));
+    let (cuts, points): (Vec<_>, Vec<_>) = placements(loaded)?.into_iter().unzip();
+    package.add(PageAbout::CUTS, pack_cuts(&cuts));
+    package.add(PageAbout::POINTS, pack_points(&points));
     let about = PageAbout {
         scene,
         settings: settings.to_vec(),

@@ -1,7 +1,7 @@
 //! Contents of a page's package besides the scene's files.
 //!
 //! In and out: the settings that the scene is loaded with, as JSON; how its meshes are cut where they are placed
-//! ([`geofan_render::scene::pack_cuts`]); and the light of its lamps, as numbers: the
+//! ([`geofan_render::scene::pack_cuts`]) and their vertices ([`geofan_render::scene::pack_points`]); and the light of its lamps, as numbers: the
 //! points of the even layout asked for, the facets divided and the points (u32 each), the facets divided (u32),
 //! six f32 a point; little-endian.
 
@@ -11,9 +11,8 @@ use geofan_core::{Error, Result, manifold::Manifold, reading::with_source};
 use geofan_render::{
     Lightmap, Stage, World,
     lightmap::{FacetLayout, Light},
-    scene::{Mesh, Points, SceneFile, joined_shares, read_cuts, vertex_share},
+    scene::{SceneFile, read_cuts, read_points},
 };
-use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use std::{path::Path, sync::Arc};
 
@@ -37,6 +36,8 @@ impl PageAbout {
     pub const LIGHT: &str = "?light";
     /// Name of the cuts of meshes.
     pub const CUTS: &str = "?cuts";
+    /// Name of the vertices of objects that take long to be placed.
+    pub const POINTS: &str = "?points";
 
     /// Writes the settings.
     pub fn encode(&self) -> Vec<u8> {
@@ -84,40 +85,12 @@ impl PageAbout {
         Ok(bundle.filter(|b| manifold.differences_of_covers(&b.manifold).is_empty()))
     }
 
-    /// Places one of so many shares of what takes long to be placed in the scene of `package`: the vertices of meshes along
-    /// geodesics, for each object their number (u32) and six f64 of each, little-endian.
-    ///
-    /// # Errors
-    /// Whatever is wrong with any of its files.
-    pub fn place_share(package: &Package, share: (usize, usize)) -> Result<Vec<u8>> {
-        let about = Self::of(package)?;
-        let place = || {
-            let mut scene = SceneFile::load(Path::new(&about.scene))?;
-            Self::give_cuts(package, &mut scene);
-            let manifold = Manifold::load(&scene.manifold, &about.settings)?;
-            let mut bytes = Vec::new();
-            for object in &scene.objects {
-                let mesh = Mesh::load_creased(&object.mesh, object.crease)?;
-                let own = vertex_share(&manifold, object, &mesh, share).unwrap_or_default();
-                bytes.extend((own.len() as u32).to_le_bytes());
-                let numbers = own.iter().flat_map(|(u, n)| [u.to_array(), n.to_array()]);
-                bytes.extend(numbers.flatten().flat_map(f64::to_le_bytes));
-            }
-            Ok(bytes)
-        };
-        with_source(package.clone().source(), place)
-    }
-
     /// Loads the scene of `package`, with other `settings` of its manifold if they are given. A bundle of
-    /// another manifold is left out. Where all `shares` of its vertices are given, they are not placed again.
+    /// another manifold is left out.
     ///
     /// # Errors
     /// Whatever is wrong with any of its files.
-    pub fn open(
-        package: &Package,
-        settings: Option<&[(String, f64)]>,
-        shares: &[Vec<u8>],
-    ) -> Result<DrawSpace> {
+    pub fn open(package: &Package, settings: Option<&[(String, f64)]>) -> Result<DrawSpace> {
         let about = Self::of(package)?;
         let settings = settings.unwrap_or(&about.settings);
         let scene = Path::new(&about.scene);
@@ -125,55 +98,33 @@ impl PageAbout {
         let load = || {
             let mut scene = SceneFile::load(scene)?;
             if as_packed {
-                Self::give_cuts(package, &mut scene);
-                give_vertices(shares, &mut scene);
+                Self::give_placements(package, &mut scene);
             }
             Stage::of_scene(scene, settings)
         };
         let mut stage = with_source(package.clone().source(), load)?;
+        for object in &mut stage.scene.objects {
+            object.vertices = None;
+        }
         let light = package.get(Self::LIGHT).filter(|_| as_packed);
         stage.world.light = light.and_then(|bytes| decode_light(&stage.world, bytes));
         let bundle = Self::bundle(package, &stage.world.manifold)?;
         Ok(DrawSpace::new(stage, bundle, about.length))
     }
 
-    /// Tells the objects of the package's scene how their meshes are cut.
-    fn give_cuts(package: &Package, scene: &mut SceneFile) {
-        let bytes = package.get(Self::CUTS);
-        let cuts = bytes.and_then(|bytes| read_cuts(bytes, scene.objects.len()));
-        let objects = scene.objects.iter_mut();
-        for (object, cuts) in objects.zip(cuts.into_iter().flatten()) {
+    /// Tells the objects of the package's scene how their meshes are cut, and their vertices where those are known.
+    fn give_placements(package: &Package, scene: &mut SceneFile) {
+        let count = scene.objects.len();
+        let known = |name: &str| package.get(name);
+        let cuts = known(Self::CUTS).and_then(|bytes| read_cuts(bytes, count));
+        for (object, cuts) in scene.objects.iter_mut().zip(cuts.into_iter().flatten()) {
             object.cuts = cuts.map(Arc::new);
         }
+        let points = known(Self::POINTS).and_then(|bytes| read_points(bytes, count));
+        for (object, points) in scene.objects.iter_mut().zip(points.into_iter().flatten()) {
+            object.vertices = points.map(Arc::new);
+        }
     }
-}
-
-/// Tells the objects of a scene their vertices, if these are shares of them.
-fn give_vertices(shares: &[Vec<u8>], scene: &mut SceneFile) {
-    let objects = scene.objects.len();
-    let read = |share: &Vec<u8>| -> Option<Vec<Points>> {
-        let mut bytes = share.as_slice();
-        (0..objects).map(|_| take_points(&mut bytes)).collect()
-    };
-    let shares: Vec<Vec<Points>> = shares.iter().filter_map(read).collect();
-    for (i, object) in scene.objects.iter_mut().enumerate() {
-        let own: Vec<Points> = shares.iter().map(|share| share[i].clone()).collect();
-        let all = joined_shares(&own);
-        object.vertices = Some(all).filter(|all| !all.is_empty()).map(Arc::new);
-    }
-}
-
-fn take_points(bytes: &mut &[u8]) -> Option<Points> {
-    let (count, rest) = bytes.split_first_chunk::<4>()?;
-    let length = (u32::from_le_bytes(*count) as usize).checked_mul(48)?;
-    let (numbers, rest) = rest.split_at_checked(length)?;
-    *bytes = rest;
-    let (numbers, _) = numbers.as_chunks::<8>();
-    let vector = |three: &[[u8; 8]]| -> DVec3 {
-        DVec3::from_array(std::array::from_fn(|k| f64::from_le_bytes(three[k])))
-    };
-    let point = |six: &[[u8; 8]]| (vector(&six[..3]), vector(&six[3..]));
-    Some(numbers.chunks_exact(6).map(point).collect())
 }
 
 /// Writes the light of a world whose even layout was asked for with `even` points.

@@ -139,6 +139,9 @@ impl Session {
     /// they have been put over is drawn again.
     pub(crate) fn trace_paths(&mut self, now: f64, passes: u32) {
         self.wanted_passes = passes.min(MOST_PASSES);
+        if self.wanted_passes > 0 && !self.shows_light() {
+            self.hint = Some("light is traced where the table or exact paths are shown, undivided: choose one of them".into());
+        }
         if self.wanted_passes == 0 && self.passes_done() > 0 {
             self.passes.forget();
             self.changed_at(now);
@@ -152,10 +155,14 @@ impl Session {
 
     /// Returns the number of the next sample by path tracing, if one is wanted.
     pub(crate) fn next_pass(&self) -> Option<u64> {
-        let shows_light = matches!(self.kind, PictureKind::Table | PictureKind::Exact);
         let done = self.passes_done();
-        let wanted = shows_light && self.split.is_none() && done < self.wanted_passes;
+        let wanted = self.shows_light() && done < self.wanted_passes;
         wanted.then_some(done.into())
+    }
+
+    /// Tells whether the picture is one of which light can be traced.
+    fn shows_light(&self) -> bool {
+        matches!(self.kind, PictureKind::Table | PictureKind::Exact) && self.split.is_none()
     }
 
     /// Returns a chunk of the table that is to be decoded while pictures are drawn; an engine asks when it has

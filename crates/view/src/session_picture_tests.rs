@@ -95,6 +95,21 @@ fn light_is_traced_in_place_of_the_refined_picture_and_any_change_begins_it_anew
 }
 
 #[test]
+fn where_no_light_can_be_traced_a_hint_says_so() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let show = |kind: PictureKind| ViewerEvent::Show { kind, split: None };
+    session.handle(0.0, show(PictureKind::Flat));
+    session.handle(0.0, ViewerEvent::Paths { passes: 6 });
+    let hint = session.panel(0.0).hint.unwrap_or_default();
+    assert!(hint.contains("choose one of them"), "{hint}");
+    session.handle(0.0, show(PictureKind::Exact));
+    assert_eq!(session.panel(0.0).hint, None);
+    session.handle(0.0, ViewerEvent::Paths { passes: 8 });
+    assert_eq!(session.panel(0.0).hint, None);
+}
+
+#[test]
 fn the_first_samples_of_traced_light_are_not_shown_alone() {
     let flat = manifold(FLAT);
     let mut session = session(None, &flat);

@@ -57,6 +57,10 @@ impl ShownPicture {
         }
         light.done.push(block);
         light.whole = last;
+        if last {
+            // Nothing of it is to be seen any more.
+            self.base = Light::default();
+        }
         Some(self.patch(&self.current, block, last))
     }
 

@@ -10,7 +10,8 @@ pub const HTML: &str = include_str!("../ui/index.html");
 pub const STYLE: &str = include_str!("../ui/style.css");
 
 /// Modules in the order of their imports: each imports earlier ones only.
-pub const MODULES: [(&str, &str); 7] = [
+pub const MODULES: [(&str, &str); 8] = [
+    ("asked.js", include_str!("../ui/asked.js")),
     ("controls.js", include_str!("../ui/controls.js")),
     ("exr.js", include_str!("../ui/exr.js")),
     ("display.js", include_str!("../ui/display.js")),

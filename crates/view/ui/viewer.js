@@ -1,5 +1,6 @@
 // The viewer: engine, display, controls and panel put together.
 
+import { createAsked } from "./asked.js";
 import { attachControls, ACTION_KEYS, HELD_HELP } from "./controls.js";
 import { createDisplay } from "./display.js";
 import { createMap } from "./chart_map.js";
@@ -26,8 +27,12 @@ export function startViewer(engine) {
   const canvas = /** @type {HTMLCanvasElement} */ (find("picture"));
   const help = /** @type {HTMLDialogElement} */ (find("help"));
   const [overlay, hint, trouble] = ["overlay", "hint", "trouble"].map(find);
+  const asked = createAsked();
   /** @type {import("./types").Send} */
-  const send = (event) => engine.send(event);
+  const send = (event) => {
+    asked.note(event);
+    engine.send(event);
+  };
   /** @type {import("./types").Panel | null} */
   let panel = null;
   let numbers = true;
@@ -57,22 +62,23 @@ export function startViewer(engine) {
 
   /** @param {string} action @param {import("./types").Panel} panel */
   function actOn(action, panel) {
+    const now = asked.now(panel);
     const usual = panel.promise === null ? "exact" : "table";
-    const other = panel.kind === "table" ? "exact" : "table";
+    const other = now.kind === "table" ? "exact" : "table";
     /** @type {Record<string, () => void>} */
     const actions = {
       swap: () => show(panel.promise === null ? "exact" : other),
-      split: () => (panel.split ? show(panel.kind) : show("table", "exact")),
-      error: () => show(panel.kind === "error" ? usual : "error"),
-      flat: () => show(panel.kind === "flat" ? usual : "flat"),
-      paths: () => send({ type: "paths", passes: panel.passes[1] ? 0 : USUAL_PASSES }),
+      split: () => (now.split ? show(now.kind) : show("table", "exact")),
+      error: () => show(now.kind === "error" ? usual : "error"),
+      flat: () => show(now.kind === "flat" ? usual : "flat"),
+      paths: () => send({ type: "paths", passes: now.passes ? 0 : USUAL_PASSES }),
       home: () => send({ type: "home" }),
       follow: () => send({ type: "follow" }),
       halt: () => send({ type: "halt" }),
-      beyond: () => send({ type: "beyond", allowed: !panel.beyond }),
-      darker: () => send({ type: "exposure", stops: panel.exposure - 0.5 }),
-      brighter: () => send({ type: "exposure", stops: panel.exposure + 0.5 }),
-      record: () => send({ type: "record", on: panel.recording === null }),
+      beyond: () => send({ type: "beyond", allowed: !now.beyond }),
+      darker: () => send({ type: "exposure", stops: now.exposure - 0.5 }),
+      brighter: () => send({ type: "exposure", stops: now.exposure + 0.5 }),
+      record: () => send({ type: "record", on: !now.recording }),
       replay: () => send({ type: "replay", text: "" }),
       capture: () => send({ type: "capture", ...words.picture(canvas) }),
       overlay: () => { numbers = !numbers; update(); },
@@ -144,6 +150,7 @@ export function startViewer(engine) {
     }
     if (message.type !== "panel") return;
     panel = message.panel;
+    asked.settle(panel);
     update();
   };
   display.fit();

@@ -19,14 +19,6 @@ onmessage = async ({ data }) => {
   } else if (data.module) {
     calls = (await WebAssembly.instantiate(data.module, {})).exports;
     give(data.space);
-    const failed = calls.geofan_place(data.number, data.of) !== 0;
-    const share = take();
-    postMessage(failed ? { trouble: new TextDecoder().decode(share) } : { share });
-  } else if (data.shares) {
-    for (const share of data.shares) {
-      give(share);
-      calls.geofan_add_share();
-    }
     if (calls.geofan_open_drawing() !== 0) postMessage({ trouble: new TextDecoder().decode(take()) });
     else postMessage({});
   } else if (data.settings) {

@@ -33,11 +33,12 @@ export async function openWorkerEngine(module, space, workers) {
   const count = workers.length;
   const session = instanceCalls((await WebAssembly.instantiate(module, {})).exports);
   // They make their drawings while the session is made here; what they say comes when this function is done.
-  workers.forEach((made, number) => {
+  // (No function in here uses module or space, because it would keep them as long as the engine.)
+  for (const made of workers) {
     made.onmessage = ({ data }) => answer(made, data);
     made.onerror = (event) => engine.onmessage({ type: "broken", text: event.message });
-    made.postMessage({ module, space, number, of: count });
-  });
+    made.postMessage({ module, space });
+  }
   session.give(space);
   if (session.exports.geofan_open_session() !== 0) throw new Error(session.takeText());
   const now = () => performance.now() / 1e3;
@@ -48,24 +49,12 @@ export async function openWorkerEngine(module, space, workers) {
   /** A chunk of the table that workers decode one after another, while the others draw. @type {{ number: number, left: Worker[], busy: boolean } | null} */
   let chunk = null;
   let drawn = false;
-  /** What each worker has placed of the scene. @type {Map<Worker, Uint8Array>} */
-  const shares = new Map();
 
   /**
-   * Takes what a worker says: its share of the scene, that it is ready, what was wrong, an answer, or a chunk that it has
-   * decoded.
-   * @param {Worker} made @param {{ share?: Uint8Array, trouble?: string, answer?: Uint8Array, chunk?: number }} data
+   * Takes what a worker says: that it is ready, what was wrong, an answer, or a chunk that it has decoded.
+   * @param {Worker} made @param {{ trouble?: string, answer?: Uint8Array, chunk?: number }} data
    */
   function answer(made, data) {
-    if (data.share) {
-      shares.set(made, data.share);
-      if (shares.size === count) {
-        const all = workers.map((worker) => shares.get(worker));
-        for (const worker of workers) worker.postMessage({ shares: all });
-        shares.clear();
-      }
-      return;
-    }
     if (data.trouble !== undefined) tellTrouble(data.trouble);
     if (data.answer) {
       session.give(data.answer);

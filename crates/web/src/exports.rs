@@ -5,9 +5,7 @@
 //! | `geofan_input(length)` | | room for so many bytes; returns where |
 //! | `geofan_output()`, `geofan_output_length()` | | where the output is, and its length |
 //! | `geofan_open_session()` | package | 0, or 1 and what was wrong |
-//! | `geofan_place(number, of)` | package | 0 and a share of its vertices, placed; or 1 and what was wrong |
-//! | `geofan_add_share()` | a share | |
-//! | `geofan_open_drawing()` | | 0, or 1 and what was wrong |
+//! | `geofan_open_drawing()` | package | 0, or 1 and what was wrong |
 //! | `geofan_set_session()`, `geofan_set_drawing()` | parameters as JSON | 0, or 1 and what was wrong |
 //! | `geofan_dress()` | what skies show, as JSON | |
 //! | `geofan_event(now)` | an event | |
@@ -74,19 +72,7 @@ pub extern "C" fn geofan_open_session() -> u32 {
     told(Instance::open_session)
 }
 
-/// Takes over a package for drawing, and places one of so many shares of its vertices.
-#[unsafe(no_mangle)]
-pub extern "C" fn geofan_place(number: u32, of: u32) -> u32 {
-    told(|instance| instance.place(number as usize, of as usize))
-}
-
-/// Takes over the next share of vertices.
-#[unsafe(no_mangle)]
-pub extern "C" fn geofan_add_share() {
-    with(Instance::add_share);
-}
-
-/// Opens the package for drawing, whose vertices are placed if all shares of them have been given.
+/// Opens a package for drawing.
 #[unsafe(no_mangle)]
 pub extern "C" fn geofan_open_drawing() -> u32 {
     told(Instance::open_drawing)
@@ -193,9 +179,6 @@ mod tests {
             instance.input = package.encode();
         }
         session.open_session().unwrap();
-        drawing.place(0, 1).unwrap();
-        drawing.input = drawing.output.clone();
-        drawing.add_share();
         drawing.open_drawing().unwrap();
         session.input = br#"{"type":"resize","width":64,"height":48}"#.to_vec();
         session.event(0.0);
@@ -217,6 +200,6 @@ mod tests {
         assert!(pictures >= 2);
         assert!(session.message(now));
         drawing.input = b"no package".to_vec();
-        assert!(drawing.place(0, 1).is_err());
+        assert!(drawing.open_drawing().is_err());
     }
 }

@@ -14,8 +14,6 @@ pub struct Instance {
     /// Read by the page.
     pub output: Vec<u8>,
     package: Package,
-    /// Shares of the scene's vertices, placed by all workers.
-    shares: Vec<Vec<u8>>,
     session: Option<Session>,
     feed: PanelFeed,
     messages: Vec<String>,
@@ -25,22 +23,10 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// Takes over the package in the input, and puts one of so many shares of its vertices, placed, into the output.
-    pub fn place(&mut self, number: usize, of: usize) -> Result<()> {
-        self.package = self.read_package()?;
-        self.output = PageAbout::place_share(&self.package, (number, of))?;
-        Ok(())
-    }
-
-    /// Takes over the next share of the vertices, from the input.
-    pub fn add_share(&mut self) {
-        self.shares.push(std::mem::take(&mut self.input));
-    }
-
-    /// Opens the package to draw its scene.
+    /// Opens the package in the input to draw its scene.
     pub fn open_drawing(&mut self) -> Result<()> {
-        let shares = std::mem::take(&mut self.shares);
-        self.drawing = Some(PageAbout::open(&self.package, None, &shares)?);
+        self.package = self.read_package()?;
+        self.drawing = Some(PageAbout::open(&self.package, None)?);
         Ok(())
     }
 
@@ -51,8 +37,10 @@ impl Instance {
         Ok(())
     }
 
-    fn read_package(&self) -> Result<Package> {
-        Package::decode(&self.input).map_err(|e| Error::input("page", e.to_string()))
+    /// Takes the package out of the input.
+    fn read_package(&mut self) -> Result<Package> {
+        let bytes = std::mem::take(&mut self.input);
+        Package::decode(&bytes).map_err(|e| Error::input("page", e.to_string()))
     }
 
     /// Loads what a session has to know; the scene's meshes are the workers' matter.
@@ -72,7 +60,7 @@ impl Instance {
             }
         }
         if self.drawing.is_some() {
-            let mut drawing = PageAbout::open(&self.package, Some(&settings), &[])?;
+            let mut drawing = PageAbout::open(&self.package, Some(&settings))?;
             drawing.dress(self.sky);
             self.drawing = Some(drawing);
         }

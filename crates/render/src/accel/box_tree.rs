@@ -49,12 +49,27 @@ pub struct BoxTree<T> {
 impl<T: Clone + Default> BoxTree<T> {
     /// Sorts payloads, of which `box_of` returns the boxes; one whose box is not finite is left out.
     pub fn build(payloads: &[T], box_of: impl Fn(&T) -> (DVec3, DVec3)) -> Self {
+        let payload = |i: usize| payloads[i].clone();
+        Self::of_boxes(payloads.len(), |i| box_of(&payloads[i]), payload)
+    }
+}
+
+impl<T: Default> BoxTree<T> {
+    /// Sorts the payloads of so many boxes, given by number; one whose box is not finite is left out. Payloads are
+    /// made where they belong, because a second list of them would take as much memory as the tree.
+    pub(super) fn of_boxes(
+        count: usize,
+        box_of: impl Fn(usize) -> (DVec3, DVec3),
+        payload: impl Fn(usize) -> T,
+    ) -> Self {
         // What there is, and the box around it.
-        let finite = |(_, (low, high)): &(&T, (DVec3, DVec3))| is_usable(*low) && is_usable(*high);
-        let boxes = payloads.iter().map(|payload| (payload, box_of(payload)));
-        let boxes: Vec<(&T, (DVec3, DVec3))> = boxes.filter(finite).collect();
-        let bounds = boxes.iter().map(|(_, bounds)| *bounds);
-        let bounds = bounds.reduce(|(min, max), (low, high)| (low.min(min), high.max(max)));
+        let finite = |i: &usize| {
+            let (low, high) = box_of(*i);
+            is_usable(low) && is_usable(high)
+        };
+        let finite: Vec<u32> = (0..count).filter(finite).map(|i| i as u32).collect();
+        let boxes = || finite.iter().map(|i| box_of(*i as usize));
+        let bounds = boxes().reduce(|(min, max), (low, high)| (low.min(min), high.max(max)));
         let Some((min, max)) = bounds else {
             return Self::default();
         };
@@ -68,9 +83,8 @@ impl<T: Clone + Default> BoxTree<T> {
             ..Self::default()
         };
         // The tree in them.
-        let in_tree: Vec<Aabb> = boxes.iter().map(|(_, b)| built.tree_box(*b)).collect();
-        let tree = build_tree(&in_tree);
-        let payload = |slot: u32| boxes[slot as usize].0.clone();
+        let tree = build_tree(&boxes().map(|b| built.tree_box(b)).collect::<Vec<Aabb>>());
+        let payload = |slot: u32| payload(finite[slot as usize] as usize);
         built.leaves = tree.primitive_indices.into_iter().map(payload).collect();
         built.nodes = tree.nodes;
         built.choose_topmost();

@@ -58,33 +58,35 @@ impl Accelerator {
     /// # Panics
     /// If there are more than `u32::MAX` triangles.
     pub fn build(triangles: &[[DVec3; 3]]) -> Self {
-        Self::build_with_holes(triangles, Vec::new())
+        Self::build_with_holes(triangles.to_vec(), Vec::new())
     }
 
     /// Sorts the triangles, some of which have holes.
     ///
     /// # Panics
     /// As [`Self::build`].
-    pub fn build_with_holes(triangles: &[[DVec3; 3]], holed: Vec<HoledTriangle>) -> Self {
+    pub fn build_with_holes(triangles: Vec<[DVec3; 3]>, holed: Vec<HoledTriangle>) -> Self {
         assert!(
             u32::try_from(triangles.len()).is_ok(),
             "more than 2³² triangles"
         );
         let holes = Holes::new(holed);
-        let numbered = |(number, corners): (usize, &[DVec3; 3])| LeafTriangle {
-            corners: *corners,
+        let bounds = |number: usize| match triangles[number].iter().all(|p| is_usable(*p)) {
+            true => box_of(&triangles[number]),
+            false => (DVec3::NAN, DVec3::NAN),
+        };
+        let leaf = |number: usize| LeafTriangle {
+            corners: triangles[number],
             number: number as u32,
             holed: holes.of(number as u32).is_some(),
         };
-        let usable = |triangle: &LeafTriangle| triangle.corners.iter().all(|p| is_usable(*p));
-        let leaves = triangles.iter().enumerate().map(numbered);
-        let leaves: Vec<LeafTriangle> = leaves.filter(usable).collect();
-        if leaves.is_empty() {
+        let tree = BoxTree::of_boxes(triangles.len(), bounds, leaf);
+        if tree.bounds().is_none() {
             return Self::default();
         }
         Self {
-            triangles: triangles.to_vec(),
-            tree: BoxTree::build(&leaves, |triangle| box_of(&triangle.corners)),
+            triangles,
+            tree,
             holes,
         }
     }

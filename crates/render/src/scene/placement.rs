@@ -34,9 +34,16 @@ pub struct Placed<'m> {
     pub cuts: Cuts,
 }
 
-/// Finds how the mesh of `object`, which does not move, is cut where it is placed; `None` if it cannot be placed.
-pub fn cuts_of(manifold: &Manifold, object: &ObjectEntry, mesh: &Mesh) -> Option<Cuts> {
-    place(manifold, object, mesh).map(|placed| placed.cuts)
+/// Finds how the mesh of `object`, which does not move, is cut where it is placed, and its vertices if it takes long
+/// to place them; `None` if it cannot be placed.
+pub fn placed_once(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    mesh: &Mesh,
+) -> Option<(Cuts, Option<Points>)> {
+    let placed = place(manifold, object, mesh)?;
+    let slow = object.placement == Placement::Exponential;
+    Some((placed.cuts, slow.then_some(placed.vertices)))
 }
 
 /// Places `mesh` as `object` says; `None` if a geodesic that places it does not get there.
@@ -149,44 +156,6 @@ fn cut_mesh<'m>(object: &ObjectEntry, mesh: &'m Mesh, cuts: &Cuts) -> Option<Cow
         false => Cow::Borrowed(mesh),
     };
     cut_again(mesh, &cuts.rounds)
-}
-
-/// Places a share of the vertices of an object whose cuts are known, that of the `number`-th of so many who place
-/// them together; `None` if it is placed in a way that takes no time, or cannot be placed.
-pub fn vertex_share(
-    manifold: &Manifold,
-    object: &ObjectEntry,
-    mesh: &Mesh,
-    (number, of): (usize, usize),
-) -> Option<Points> {
-    let cuts = object.cuts.as_ref()?;
-    if object.placement != Placement::Exponential {
-        return None;
-    }
-    let manifold = &*manifold.cover();
-    let manifold = &*manifold.still();
-    let mesh = cut_mesh(object, mesh, cuts)?;
-    let blocks = mesh.positions.chunks(BLOCK).zip(mesh.normals.chunks(BLOCK));
-    let own = blocks.skip(number).step_by(of.max(1));
-    let placed: Option<Vec<Points>> = own
-        .map(|(x, n)| exponential_block(manifold, object, x, n))
-        .collect();
-    Some(placed?.concat())
-}
-
-/// Joins the shares of all, in their order.
-pub fn joined_shares(shares: &[Points]) -> Points {
-    let mut blocks: Vec<_> = shares.iter().map(|share| share.chunks(BLOCK)).collect();
-    let mut all = Points::new();
-    loop {
-        let before = all.len();
-        for own in &mut blocks {
-            all.extend(own.next().unwrap_or_default());
-        }
-        if all.len() == before {
-            return all;
-        }
-    }
 }
 
 /// Places by `u0 + S R x`, `(S R)⁻ᵀ n` for a `frame` S.

@@ -158,7 +158,7 @@ fn material<'w>(world: &'w World, hit: &Hit) -> &'w Material {
 
 /// Returns the texture coordinates of a hit.
 fn uv(world: &World, hit: &Hit) -> [f32; 2] {
-    let uvs = world.faces[hit.triangle as usize].uvs;
+    let uvs = world.uvs(hit.triangle as usize);
     let [b, c] = hit.barycentric;
     [0, 1].map(|k| uvs[0][k] * (1.0 - b - c) + uvs[1][k] * b + uvs[2][k] * c)
 }

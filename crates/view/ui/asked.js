@@ -1,0 +1,51 @@
+// What the user has asked for and the panel does not tell yet: a panel comes ten times a second, so a key that is
+// pressed twice between two of them must not do the same thing twice.
+
+/** Milliseconds in which the panel tells what was asked for; else it was refused. */
+const PATIENCE = 1000;
+
+/** @typedef {import("./types").Panel} Panel */
+/** What keys change by what it is now. @typedef {Pick<Panel, "kind" | "split" | "beyond" | "exposure"> & { passes: number, recording: boolean }} Choices */
+
+/** What a panel tells of them. @param {Panel} panel @returns {Choices} */
+const toldBy = ({ kind, split, beyond, exposure, passes, recording }) =>
+  ({ kind, split, beyond, exposure, passes: passes[1], recording: recording !== null });
+
+/** What an event asks for. @param {import("./types").ViewerEvent} event @returns {Partial<Choices>} */
+function askedBy(event) {
+  switch (event.type) {
+    case "show": return { kind: event.kind, split: event.split };
+    case "beyond": return { beyond: event.allowed };
+    case "exposure": return { exposure: event.stops };
+    case "paths": return { passes: event.passes };
+    case "record": return { recording: event.on };
+    default: return {};
+  }
+}
+
+/** Remembers what has been asked for. */
+export function createAsked() {
+  /** @type {Partial<Choices>} */
+  let asked = {};
+  let since = 0;
+
+  /** Takes note of an event that is sent. @param {import("./types").ViewerEvent} event */
+  function note(event) {
+    const more = askedBy(event);
+    if (Object.keys(more).length === 0) return;
+    asked = { ...asked, ...more };
+    since = performance.now();
+  }
+
+  /** Takes note of a panel: what it tells is no longer only asked for. @param {Panel} panel */
+  function settle(panel) {
+    const told = toldBy(panel);
+    const same = Object.entries(asked).every(([name, value]) => told[/** @type {keyof Choices} */ (name)] === value);
+    if (same || performance.now() - since > PATIENCE) asked = {};
+  }
+
+  /** What holds, or will when the engine has done what it was asked for. @param {Panel} panel @returns {Choices} */
+  const now = (panel) => ({ ...toldBy(panel), ...asked });
+
+  return { note, settle, now };
+}
