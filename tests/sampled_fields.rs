@@ -280,7 +280,7 @@ fn a_trilinear_field_is_refused_wherever_it_would_be_differentiated() {
     let cases = [
         (
             "a metric",
-            format!("[metric]\nxx = \"1 + logn(x, y, z)\"\nyy = \"1\"\nzz = \"1\""),
+            "[metric]\nxx = \"1 + logn(x, y, z)\"\nyy = \"1\"\nzz = \"1\"".into(),
         ),
         (
             "a metric",
