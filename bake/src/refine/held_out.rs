@@ -4,6 +4,7 @@
 //! promise, measured as the certificate measures it. It holds the promise where it is at most 1.
 
 use super::{Refiner, line_series::channel_weights, tree::ParameterBox};
+use crate::plan::divides_paths;
 use geofan_bundle::{
     Polynomial, Tensor,
     measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
@@ -24,6 +25,10 @@ const FEWEST: usize = 144;
 /// with 480, to 1.04 with 960.
 const MOST: usize = 960;
 const FITTED_EACH: usize = 40;
+
+/// The same where edges and ends divide paths: there are many small boxes, whose misses the promise counts together, and
+/// their held-out rays, with what is carried along, take as long as those that they are fitted to.
+const FITTED_EACH_DIVIDED: usize = 2 * FITTED_EACH;
 
 /// Factor by which the whole sphere of directions has more, and the most: it stands for six faces.
 const ON_SPHERE: usize = 3;
@@ -137,7 +142,11 @@ impl<'a> HeldOutRays<'a> {
 
     /// Returns the number of rays drawn at once.
     fn count(&self) -> usize {
-        let count = (self.refiner.plan.most_rays as usize / FITTED_EACH).clamp(FEWEST, MOST);
+        let each = match divides_paths(self.refiner.plan) {
+            true => FITTED_EACH_DIVIDED,
+            false => FITTED_EACH,
+        };
+        let count = (self.refiner.plan.most_rays as usize / each).clamp(FEWEST, MOST);
         match self.bounds.face {
             Some(_) => count,
             None => (ON_SPHERE * count).min(MOST_ON_SPHERE),
