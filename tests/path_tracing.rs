@@ -1,5 +1,7 @@
 //! The path tracer against what must come out whatever the space is.
 
+mod support;
+
 use geofan_light::{
     cache,
     path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings},
@@ -17,6 +19,7 @@ use std::{
     f64::consts::{PI, TAU},
     path::Path,
 };
+use support::{film, mean};
 
 const FLAT: &str = "metric = { conformal = '1' }";
 const SPHERE: &str = "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }";
@@ -100,31 +103,6 @@ fn settings(estimator: Estimator) -> PathTracerSettings {
         bounces: u32::MAX,
         estimator,
     }
-}
-
-fn film(stage: &Stage, view: &View, settings: PathTracerSettings, passes: u64) -> PassAccumulator {
-    let tracer = PathTracer::new(&stage.world, view, settings);
-    let mut film = PassAccumulator::new(view.size);
-    for pass in 0..passes {
-        film.add(&tracer.pass(pass, || false).unwrap());
-    }
-    film
-}
-
-/// Mean over a rectangle of pixels (green) and its standard error.
-fn mean(
-    film: &PassAccumulator,
-    columns: std::ops::Range<usize>,
-    rows: std::ops::Range<usize>,
-) -> (f64, f64) {
-    let (mut sum, mut variance, mut n) = (0.0, 0.0, 0.0);
-    for y in rows {
-        for x in columns.clone() {
-            let (mean, of_mean) = film.pixel(x, y);
-            (sum, variance, n) = (sum + mean.y, variance + of_mean.y, n + 1.0);
-        }
-    }
-    (sum / n, f64::sqrt(variance) / n)
 }
 
 fn view(stage: &Stage, size: (usize, usize)) -> View {

@@ -3,7 +3,10 @@
 
 mod support;
 
-use geofan_light::path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings};
+use geofan_light::{
+    cache::{self, LightmapSource},
+    path_tracer::{Estimator, PathTracerSettings},
+};
 use geofan_render::{
     ExactTracer, Stage, View,
     drawing::draw,
@@ -11,7 +14,7 @@ use geofan_render::{
     shade::Footprints,
 };
 use glam::DVec3;
-use support::Place;
+use support::{Place, film, mean};
 
 /// Walls at x = −1 and x = 1 of a space that is glued along y and z; the frequency of light depends on x alone.
 const SPACE: &str = "name = 'between walls'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1.2 + 0.1*x' }\nwind = ['0.2 + 0.1*x', '0.15', '0.05*x']\nlapse = 'exp(0.2*x)'\n[domain]\nx = [-2, 2]\ny = [-1, 1]\nz = [-1, 1]\nperiodic = ['y', 'z']\n[cameras]\nlength = 60\n";
@@ -44,15 +47,6 @@ fn settings(estimator: Estimator, length: f64) -> PathTracerSettings {
         bounces: u32::MAX,
         estimator,
     }
-}
-
-fn film(stage: &Stage, view: &View, settings: PathTracerSettings, passes: u64) -> PassAccumulator {
-    let tracer = PathTracer::new(&stage.world, view, settings);
-    let mut film = PassAccumulator::new(view.size);
-    for pass in 0..passes {
-        film.add(&tracer.pass(pass, || false).unwrap());
-    }
-    film
 }
 
 /// Walls of albedo `albedo` that move with `u` along y and are as hot as the others and light between them.
@@ -113,12 +107,14 @@ fn in_equilibrium_light_is_as_hot_as_tolman_says_whatever_walls_reflect_and_howe
     }
 }
 
+const LAMP: &str = "[[light]]\nkind = 'point'\nat = [0.1, 0.2, 0.6]\nintensity = [1, 1, 1]\n";
+
 /// A floor that moves, in a spacetime at rest around (0.1, 0.2, 0.6), where a lamp is.
-fn floor(light: &str, more: &[(&str, &str)]) -> Stage {
+fn floor(velocity: f64, light: &str, more: &[(&str, &str)]) -> Stage {
     let space = "name = 'above a floor'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1.1 + 0.1*z' }\nwind = ['0.3*(z - 0.6)', '0.2*(z - 0.6)', '0']\nlapse = 'exp(0.5*z)'\n[cameras]\nlength = 8\n";
     let square = "mtllib floor.mtl\nusemtl m\ns off\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3\nf 1 3 4\n";
     let scene = format!(
-        "manifold = 'space.toml'\nredshift = true\n[camera]\nat = [-0.7, 0.1, 0.3]\nlook = [0.7, 0, -0.8]\nup = [0, 0, 1]\nfov = 40\n[[object]]\nmesh = 'floor.obj'\nplacement = 'chart'\nat = [0, 0, -0.5]\nvelocity = [0.45, -0.3, 0]\n{light}"
+        "manifold = 'space.toml'\nredshift = true\n[camera]\nat = [-0.7, 0.1, 0.3]\nlook = [0.7, 0, -0.8]\nup = [0, 0, 1]\nfov = 40\n[[object]]\nmesh = 'floor.obj'\nplacement = 'chart'\nat = [0, 0, -0.5]\nvelocity = [{velocity}, -0.3, 0]\n{light}"
     );
     let mut files = vec![
         ("space.toml", space),
@@ -138,18 +134,12 @@ fn direct(stage: &Stage, passes: u64) -> (f64, f64) {
         bounces: 1,
         ..settings(Estimator::Connected, 8.0)
     };
-    let film = film(stage, &view, settings, passes);
-    let pixels = (0..96).map(|i| film.pixel(i % 12, i / 12));
-    let (sum, variance) = pixels.fold((0.0, 0.0), |(sum, variance), (mean, of_mean)| {
-        (sum + mean.y, variance + of_mean.y)
-    });
-    (sum / 96.0, f64::sqrt(variance) / 96.0)
+    mean(&film(stage, &view, settings, passes), 0..12, 0..8)
 }
 
 #[test]
 fn a_lamp_is_as_bright_as_a_small_surface_at_rest_where_it_is() {
-    let lamp = "[[light]]\nkind = 'point'\nat = [0.1, 0.2, 0.6]\nintensity = [1, 1, 1]\n";
-    let (point, _) = direct(&floor(lamp, &[]), 4);
+    let (point, _) = direct(&floor(0.45, LAMP, &[]), 4);
     // An octahedron with edges of √2 h has the surface 4 √3 h² and sends a quarter of it in the mean of all directions; the
     // metric makes it (1.1 + 0.1 z)² as large.
     let half: f64 = 0.02;
@@ -166,7 +156,7 @@ fn a_lamp_is_as_bright_as_a_small_surface_at_rest_where_it_is() {
             "[[object]]\nmesh = 'lamp.obj'\nplacement = 'chart'\nat = [0.1, 0.2, 0.6]\nscale = {half}\nrotate = {{ axis = [{axis}], degrees = {degrees} }}\n"
         );
         let material = format!("newmtl m\nKd 0\nKe {}\nillum 1\n", 4.0 / surface);
-        let stage = floor(&light, &[("lamp.obj", body), ("lamp.mtl", &material)]);
+        let stage = floor(0.45, &light, &[("lamp.obj", body), ("lamp.mtl", &material)]);
         areas.push(direct(&stage, 60));
     }
     let area = areas.iter().map(|(mean, _)| mean).sum::<f64>() / areas.len() as f64;
@@ -176,6 +166,21 @@ fn a_lamp_is_as_bright_as_a_small_surface_at_rest_where_it_is() {
     // From one direction an octahedron shows 0.8 to 1.15 times as much as in the mean.
     let off = (area / point - 1.0).abs();
     assert!(off < 0.06 + 4.0 * error / area, "{area} ± {error}, {point}");
+}
+
+#[test]
+fn kept_light_is_of_the_motion_of_surfaces_also_where_nobody_asks_for_frequencies() {
+    let place = Place::with(&[]);
+    let path = place.path("scene.light");
+    let source = |velocity: f64| {
+        let mut stage = floor(velocity, LAMP, &[]);
+        stage.world.redshift = false;
+        let kept = cache::light(&stage.world, 8.0, 1e-6, Some(&path), |_, _| {});
+        kept.unwrap().1
+    };
+    assert_eq!(source(0.45), LightmapSource::Computed);
+    assert_eq!(source(0.1), LightmapSource::Outdated);
+    assert_eq!(source(0.1), LightmapSource::File);
 }
 
 #[test]

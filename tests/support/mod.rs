@@ -3,10 +3,12 @@
 // Each test uses a part of it.
 #![allow(dead_code, unused_imports)]
 
+mod film;
 #[path = "../../crates/core/tests/support/mod.rs"]
 mod manifolds;
 mod place;
 
+pub use film::{film, mean};
 pub use manifolds::{manifold, settings};
 pub use place::Place;
 

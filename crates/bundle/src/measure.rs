@@ -134,12 +134,12 @@ pub fn settings(tolerance: f64) -> Settings {
 /// rotations are not compared; in a wind they would take a third of the time, elsewhere next to nothing.
 pub fn stored_settings(space: &RaySpace, tolerance: f64) -> Settings {
     Settings {
+        tolerance,
         carried: Carried {
             frame: !space.manifold().has_wind(),
             deviation: true,
         },
         events: space.ends_alike(),
-        ..settings(tolerance)
     }
 }
 

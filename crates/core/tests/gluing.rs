@@ -346,10 +346,9 @@ fn edges_that_close_with_another_angle_than_the_full_one_are_refused() {
     let octagon = refusal(&faces);
     assert!(octagon.contains("does not close"), "{octagon}");
     // Corners between reflections are no cones: a room of mirrors, 45 degrees between two of its walls.
-    let reflection = |face: &str, map: [&str; 3]| pair(face, map);
-    let wedge = reflection("y", ["x", "-y", "z"])
-        + &reflection("x - y", ["y", "x", "z"])
-        + &reflection("1 - x", ["2 - x", "y", "z"]);
+    let wedge = pair("y", ["x", "-y", "z"])
+        + &pair("x - y", ["y", "x", "z"])
+        + &pair("1 - x", ["2 - x", "y", "z"]);
     manifold(&format!("metric = {{ conformal = '1' }}\n{wedge}"));
 }
 

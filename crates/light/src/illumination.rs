@@ -6,7 +6,10 @@
 //! light changes.
 
 use crate::{Connection, LightFan, Shadows};
-use geofan_core::{manifold::Manifold, parallel::*};
+use geofan_core::{
+    manifold::{Frequencies, Manifold},
+    parallel::*,
+};
 use geofan_render::{
     PointLight, SurfacePoint, World,
     lightmap::{FacetLayout, Light, Lightmap},
@@ -94,12 +97,13 @@ impl<'w> Lamps<'w> {
             let places: Vec<(DVec3, u32)> = places.map(|p| (p.u, p.triangle)).collect();
             let states = self.world.surface_states(&places);
             let frames = self.frames(&places, states.as_deref());
+            let sent = SentLight::of(self.world, light);
             for (k, (index, connection)) in connections.into_iter().enumerate() {
                 let connection = carried_back(self.world, points[index].u, connection);
                 let share = irradiance_in(frames[k], points[index].normal, &connection);
-                let state = states.as_ref().map(|states| &states[k]);
-                let brighter = self.brighter(light, state, &connection);
-                let light = IncidentLight::new(light, share * brighter, connection.v);
+                let gain = sent.as_ref().zip(states.as_ref());
+                let gain = gain.map_or(1.0, |(sent, states)| sent.gain(&states[k], &connection));
+                let light = IncidentLight::new(light, share * gain, connection.v);
                 incident.push((index, light));
             }
         }
@@ -122,33 +126,38 @@ impl Lamps<'_> {
             let frames = manifold.rest_frames(&points).into_iter();
             return frames.map(|frame| (frame, DVec3::ZERO)).collect();
         };
-        let moving = |(u, state): (&DVec3, &SurfaceState)| {
-            let local = manifold.local_frame(*u).moving(state.pace());
-            (local.rest_frame(manifold.metric(*u)), state.pace())
-        };
-        points.iter().zip(states).map(moving).collect()
+        let locals = manifold.local_frames(&points).into_iter();
+        let moving = |(local, state): (_, &SurfaceState)| (state.frame(local), state.pace());
+        locals.zip(states).map(moving).collect()
+    }
+}
+
+/// Compares the light that a lamp sends with what arrives, where the scene asks for frequencies. A lamp sends as the
+/// normal observer: it is a small surface at rest there.
+struct SentLight {
+    frame: DMat3,
+    frequencies: Frequencies,
+}
+
+impl SentLight {
+    /// Prepares to compare that of a lamp; `None` where frequencies do not matter.
+    fn of(world: &World, light: &PointLight) -> Option<Self> {
+        let lamplight = &world.lamplight;
+        world.redshift.then(|| Self {
+            frame: lamplight.standard_frame(light.u),
+            frequencies: lamplight.frequencies(light.u),
+        })
     }
 
-    /// Computes the factor by which `connection` of a lamp brings more light because it arrives at another frequency at a
-    /// surface in this `state`, if the scene asks for that: `g² (N_lamp/N)²`, because what a solid angle at the lamp sends
-    /// stays together, and intensity and area are those of the metric, which are `1/N²` of what clocks and rods there
-    /// measure. A lamp sends as the normal observer: it is a small surface at rest there.
-    fn brighter(
-        &self,
-        light: &PointLight,
-        state: Option<&SurfaceState>,
-        connection: &Connection,
-    ) -> f64 {
-        let Some(state) = state.filter(|_| self.world.redshift) else {
-            return 1.0;
-        };
-        let lamplight = &self.world.lamplight;
-        let lamp = lamplight.frequencies(light.u);
-        let n = lamplight.standard_frame(light.u) * connection.direction;
+    /// Computes the factor by which `connection` brings more light because it arrives at another frequency at a surface in
+    /// this `state`: `g² (N_lamp/N)²`, because what a solid angle at the lamp sends stays together, and intensity and area
+    /// are those of the metric, which are `1/N²` of what clocks and rods there measure.
+    fn gain(&self, state: &SurfaceState, connection: &Connection) -> f64 {
+        let sent = self.frequencies.normal(self.frame * connection.direction);
         // Lines of sight run against the light.
-        let g = state.frequency(-connection.v) / lamp.normal(n);
+        let g = state.frequency(-connection.v) / sent;
         let g = if g > 0.0 { g } else { 0.0 };
-        (g * lamp.lapse() / state.lapse()).powi(2)
+        (g * self.frequencies.lapse() / state.lapse()).powi(2)
     }
 }
 

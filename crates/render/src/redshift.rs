@@ -22,7 +22,7 @@ use geofan_core::parallel::*;
 use geofan_core::{
     diagnostic::SourceText,
     error::Result,
-    manifold::{Frequencies, Manifold, PointFunctions},
+    manifold::{Frequencies, LocalFrame, Manifold, PointFunctions},
 };
 use glam::{DMat3, DVec2, DVec3};
 use ndarray::{Array2, Axis};
@@ -70,6 +70,11 @@ impl ObjectState {
     pub fn glows(&self) -> bool {
         self.temperature.is_some()
     }
+
+    /// Tells whether the scene gives it a velocity.
+    fn moves(&self) -> bool {
+        self.velocity.is_some()
+    }
 }
 
 /// Tells how a surface moves where light meets it, and how hot it is there.
@@ -104,6 +109,14 @@ impl SurfaceState {
         }
     }
 
+    /// Returns the frame of the surface, of which `local` is the normal observer there: that of those at rest in coordinates
+    /// that move with it.
+    pub fn frame(&self, local: LocalFrame) -> DMat3 {
+        local
+            .moving(self.pace())
+            .rest_frame(self.frequencies.metric())
+    }
+
     /// Returns the lapse there.
     pub fn lapse(&self) -> f64 {
         self.frequencies.lapse()
@@ -117,10 +130,10 @@ impl SurfaceState {
 
     /// Returns the light that it gives off at `g` times its frequencies: that of a black body if it glows, which then
     /// reflects nothing, else `radiance`.
-    pub fn sent(&self, radiance: DVec3, g: f64) -> DVec3 {
+    pub fn sent(&self, radiance: [f32; 3], g: f64) -> [f32; 3] {
         match self.temperature {
-            Some(kelvin) => DVec3::from_array(blackbody(g * kelvin).map(f64::from)),
-            None => radiance * brighter(g),
+            Some(kelvin) => blackbody(g * kelvin),
+            None => radiance.map(|light| light * brighter(g) as f32),
         }
     }
 
@@ -131,20 +144,21 @@ impl SurfaceState {
 }
 
 /// Returns `g` of samples at points of a picture and of what they see, in order; not a number where nothing
-/// is seen. `surfaces` are those that they see.
+/// is seen. `states` are those of the surfaces that they see.
 fn compared(
     world: &World,
     view: &View,
     samples: &[(DVec2, Seen)],
-    surfaces: &SurfacesSeen<'_>,
+    states: &[SurfaceState],
 ) -> Vec<f64> {
     let manifold = &world.manifold;
     let starts = starts(manifold, view, samples.iter().map(|(at, _)| *at));
     // Most pictures are taken from one place.
     let mut place: Option<(DVec3, DMat3, Frequencies)> = None;
-    let mut sent = surfaces.sent().into_iter();
+    let mut states = states.iter();
     let g = |(start, (_, seen)): (Option<RayStart>, &(DVec2, Seen))| {
-        let sent = surface(seen).and_then(|_| sent.next());
+        // Tangents are kept in single precision.
+        let sent = surface(seen).and_then(|hit| Some(states.next()?.frequency(hit.v.as_dvec3())));
         let Some(RayStart { u, direction, .. }) = start else {
             return f64::NAN;
         };
@@ -170,11 +184,11 @@ fn surface(seen: &Seen) -> Option<Hit> {
     }
 }
 
-/// The surfaces that samples see, in order.
-struct SurfacesSeen<'w> {
-    hits: Vec<Hit>,
-    /// Where they are hit.
-    places: SurfacePlaces<'w>,
+/// Returns the states of the surfaces that samples see, in order.
+fn states_seen(world: &World, samples: &[(DVec2, Seen)]) -> Vec<SurfaceState> {
+    let hits = samples.iter().filter_map(|(_, seen)| surface(seen));
+    let places = hits.map(|hit| (world.point(&hit), hit.triangle));
+    SurfacePlaces::new(world, places).states()
 }
 
 /// Points of surfaces, in order.
@@ -185,46 +199,26 @@ struct SurfacePlaces<'w> {
     triangles: Vec<u32>,
 }
 
-impl<'w> SurfacesSeen<'w> {
-    fn of(world: &'w World, samples: &[(DVec2, Seen)]) -> Self {
-        let hits = samples.iter().filter_map(|(_, seen)| surface(seen));
-        let hits: Vec<Hit> = hits.collect();
-        let places = SurfacePlaces {
-            world,
-            points: hits.iter().map(|hit| world.point(hit)).collect(),
-            triangles: hits.iter().map(|hit| hit.triangle).collect(),
-        };
-        Self { hits, places }
-    }
-
-    /// Returns the frequencies that they themselves measure of the light, of energy 1, that they send.
-    fn sent(&self) -> Vec<f64> {
-        let velocities = self.places.told(|state| state.velocity.as_ref());
-        let frequencies = self.places.frequencies();
-        let each = frequencies.into_iter().zip(&self.hits).zip(velocities);
-        each.map(|((frequencies, hit), velocity)| {
-            // Tangents are kept in single precision.
-            SurfaceState::new(frequencies, velocity, None).frequency(hit.v.as_dvec3())
-        })
-        .collect()
-    }
-
-    /// Returns their temperatures.
-    fn temperatures(&self) -> Vec<Option<f64>> {
-        self.places.temperatures()
-    }
-}
-
 impl<'w> SurfacePlaces<'w> {
-    /// Returns what frequencies light has there.
-    fn frequencies(&self) -> Vec<Frequencies> {
-        self.world.manifold.frequencies_at(&self.points)
+    fn new(world: &'w World, places: impl Iterator<Item = (DVec3, u32)>) -> Self {
+        let (points, triangles) = places.unzip();
+        Self {
+            world,
+            points,
+            triangles,
+        }
     }
 
-    /// Returns their temperatures (kelvin); `None` for what does not glow.
-    fn temperatures(&self) -> Vec<Option<f64>> {
-        let told = self.told(|state| state.temperature.as_ref()).into_iter();
-        told.map(|row| row.map(|[kelvin, ..]| kelvin)).collect()
+    /// Returns the states of the surfaces there.
+    fn states(&self) -> Vec<SurfaceState> {
+        let velocities = self.told(|state| state.velocity.as_ref()).into_iter();
+        let temperatures = self.told(|state| state.temperature.as_ref());
+        let told = velocities.zip(temperatures);
+        let each = self.world.manifold.frequencies_at(&self.points);
+        let state = |(at, (velocity, kelvin)): (_, (_, Option<[f64; 3]>))| {
+            SurfaceState::new(at, velocity, kelvin.map(|[kelvin, ..]| kelvin))
+        };
+        each.into_iter().zip(told).map(state).collect()
     }
 
     /// Computes what `functions` of their objects tell, up to three numbers for each; `None` for objects that have
@@ -269,34 +263,26 @@ impl World {
     /// Returns the states of surfaces at chart points of triangles; `None` if the scene says nothing of frequencies, heat
     /// or motion.
     pub fn surface_states(&self, places: &[(DVec3, u32)]) -> Option<Vec<SurfaceState>> {
-        let moves = || self.states.iter().any(|state| state.velocity.is_some());
-        (self.is_coloured_by_frequency() || moves()).then(|| {
-            let (points, triangles) = places.iter().copied().unzip();
-            let places = SurfacePlaces {
-                world: self,
-                points,
-                triangles,
-            };
-            let velocities = places.told(|state| state.velocity.as_ref());
-            let told = velocities.into_iter().zip(places.temperatures());
-            let each = places.frequencies().into_iter().zip(told);
-            each.map(|(at, (velocity, kelvin))| SurfaceState::new(at, velocity, kelvin))
-                .collect()
-        })
+        let places = || SurfacePlaces::new(self, places.iter().copied());
+        self.has_surface_states().then(|| places().states())
     }
 
-    /// Writes down all that the scene says of frequencies, heat and motion, to be hashed; `None` if colours do not depend on
-    /// it.
+    /// Tells whether the scene says anything of frequencies, heat or motion.
+    fn has_surface_states(&self) -> bool {
+        self.is_coloured_by_frequency() || self.states.iter().any(ObjectState::moves)
+    }
+
+    /// Writes down all that the scene says of frequencies, heat and motion, to be hashed; `None` if that is nothing.
     pub fn said_of_frequencies(&self) -> Option<String> {
         let told = || format!("{:?}", (self.redshift, &self.states));
-        self.is_coloured_by_frequency().then(told)
+        self.has_surface_states().then(told)
     }
 
     /// Tells whether light reaches the camera of `view` at other frequencies than it was sent with.
     pub fn has_redshift(&self, view: &View) -> bool {
         self.manifold.has_redshift()
             || view.velocity() != DVec3::ZERO
-            || self.states.iter().any(|state| state.velocity.is_some())
+            || self.states.iter().any(ObjectState::moves)
     }
 }
 
@@ -319,16 +305,16 @@ pub(crate) fn shift_colours(
             let at = |(x, k): (usize, usize)| DVec2::new(x as f64, y as f64) + offsets[k];
             let samples = seen.indexed_iter().map(|(place, seen)| (at(place), *seen));
             let samples: Vec<_> = samples.collect();
-            let surfaces = SurfacesSeen::of(world, &samples);
+            let states = states_seen(world, &samples);
             let g = match world.redshift {
-                true => compared(world, view, &samples, &surfaces),
+                true => compared(world, view, &samples, &states),
                 false => vec![1.0; samples.len()],
             };
-            let mut temperatures = surfaces.temperatures().into_iter();
+            let mut states = states.iter();
             let samples = samples.iter().zip(g);
             for (mut colour, ((_, seen), g)) in row.lanes_mut(Axis(2)).into_iter().zip(samples) {
-                let kelvin = surface(seen).and_then(|_| temperatures.next()?);
-                let light = shifted(seen, kelvin, g, [0, 1, 2].map(|c| colour[c]));
+                let state = surface(seen).and_then(|_| states.next());
+                let light = shifted(seen, state, g, [0, 1, 2].map(|c| colour[c]));
                 for (c, light) in light.into_iter().enumerate() {
                     colour[c] = light;
                 }
@@ -336,14 +322,12 @@ pub(crate) fn shift_colours(
         });
 }
 
-/// Returns a sample's colour, of what glows at `kelvin` that of a black body, at frequencies that are `g` times those sent.
-fn shifted(seen: &Seen, kelvin: Option<f64>, g: f64, colour: [f32; 3]) -> [f32; 3] {
-    if let Seen::Nothing | Seen::Length | Seen::Singular = seen {
-        return colour;
-    }
-    match kelvin {
-        Some(kelvin) => blackbody(g * kelvin),
-        None => colour.map(|light| light * brighter(g) as f32),
+/// Returns a sample's colour at frequencies that are `g` times those sent by what it sees, a surface in this `state`.
+fn shifted(seen: &Seen, state: Option<&SurfaceState>, g: f64, colour: [f32; 3]) -> [f32; 3] {
+    match (seen, state) {
+        (Seen::Nothing | Seen::Length | Seen::Singular, _) => colour,
+        (_, Some(state)) => state.sent(colour, g),
+        (_, None) => colour.map(|light| light * brighter(g) as f32),
     }
 }
 
@@ -362,8 +346,7 @@ pub fn redshifts(world: &World, view: &View, outcomes: &Outcomes, offset: DVec2)
         let at = |x: usize| DVec2::new(x as f64, y as f64) + offset;
         let samples = first.row(y).into_iter().enumerate();
         let samples: Vec<_> = samples.map(|(x, seen)| (at(x), *seen)).collect();
-        let surfaces = SurfacesSeen::of(world, &samples);
-        let g = compared(world, view, &samples, &surfaces);
+        let g = compared(world, view, &samples, &states_seen(world, &samples));
         for (slot, g) in row.iter_mut().zip(g) {
             *slot = g as f32;
         }

@@ -115,12 +115,13 @@ impl PageAbout {
     /// Tells the objects of the package's scene how their meshes are cut, and their vertices where those are known.
     fn give_placements(package: &Package, scene: &mut SceneFile) {
         let count = scene.objects.len();
-        let known = |name: &str| package.get(name);
-        let cuts = known(Self::CUTS).and_then(|bytes| read_cuts(bytes, count));
+        let cuts = package.get(Self::CUTS);
+        let cuts = cuts.and_then(|bytes| read_cuts(bytes, count));
         for (object, cuts) in scene.objects.iter_mut().zip(cuts.into_iter().flatten()) {
             object.cuts = cuts.map(Arc::new);
         }
-        let points = known(Self::POINTS).and_then(|bytes| read_points(bytes, count));
+        let points = package.get(Self::POINTS);
+        let points = points.and_then(|bytes| read_points(bytes, count));
         for (object, points) in scene.objects.iter_mut().zip(points.into_iter().flatten()) {
             object.vertices = points.map(Arc::new);
         }

@@ -179,6 +179,11 @@ pub struct Frequencies {
 }
 
 impl Frequencies {
+    /// Returns the metric.
+    pub fn metric(&self) -> DMat3 {
+        self.metric
+    }
+
     /// Returns the lapse `N`.
     pub fn lapse(&self) -> f64 {
         self.medium.lapse

@@ -329,21 +329,22 @@ impl<'w> PathTracer<'w> {
 
     /// Adds light of surfaces that paths have met by chance, weighed against having been connected to.
     fn add_emitted(&self, met: &[MetSurface], add: &mut dyn FnMut(usize, DVec3)) {
-        let mut weighed: Vec<(&MetSurface, (DVec3, f64))> = Vec::new();
-        let emitted = |(path, surface): &MetSurface| surface.emitted(path.shift_at_surface);
-        for one in met.iter().filter(|one| emitted(one) != DVec3::ZERO) {
+        let mut weighed: Vec<(&MetSurface, DVec3, (DVec3, f64))> = Vec::new();
+        for one in met {
             let (path, surface) = one;
+            let light = path.throughput * surface.emitted(path.shift_at_surface);
             match (path.scattered, &self.emitters) {
+                _ if light == DVec3::ZERO => {}
                 (Some(scattered), Some(emitters)) if emitters.has(surface.hit.triangle) => {
-                    weighed.push((one, scattered));
+                    weighed.push((one, light, scattered));
                 }
-                _ => add(path.pixel, path.throughput * emitted(one)),
+                _ => add(path.pixel, light),
             }
         }
-        let pairs = weighed.iter().map(|((p, s), _)| (p.from, s.point.u));
+        let pairs = weighed.iter().map(|((p, s), ..)| (p.from, s.point.u));
         let pairs: Vec<(DVec3, DVec3)> = pairs.collect();
         let connections = self.principal(&pairs);
-        for ((one, (direction, probability)), c) in weighed.into_iter().zip(connections) {
+        for ((one, light, (direction, probability)), c) in weighed.into_iter().zip(connections) {
             let (path, surface) = one;
             // Only a principal connection could have been chosen.
             let hit = &surface.hit;
@@ -354,7 +355,7 @@ impl<'w> PathTracer<'w> {
                 _ => 0.0,
             };
             let weight = balance(probability, chosen);
-            add(path.pixel, path.throughput * emitted(one) * weight);
+            add(path.pixel, light * weight);
         }
     }
 
@@ -437,14 +438,15 @@ impl<'w> PathTracer<'w> {
             chosen.by_solid_angle(self.world, connection) * surface.spread_to_sight(wi);
         let reflected = surface.bsdf.reflectance(surface.wo, wi) * wi.z.max(0.0);
         let weight = balance(probability, surface.bsdf.probability(surface.wo, wi));
-        let received = self.frequency(surface.state.as_ref(), surface.tangent(wi));
+        let tangent = surface.tangent(wi);
+        let received = self.frequency(surface.state.as_ref(), tangent);
         let g = path.shift_at_surface * received / self.frequency(state, connection.v);
         let radiance = chosen.radiance * brighter(g);
         let light = path.throughput * reflected * radiance * (weight / probability);
         let probe = || {
             Ray::without_spread(
                 surface.beside(wi, self.offset(hit)),
-                surface.tangent(wi),
+                tangent,
                 connection.s * (1.0 - SHORT),
             )
         };

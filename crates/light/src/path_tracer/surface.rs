@@ -34,7 +34,7 @@ pub struct SurfaceInteraction {
     /// The flat triangle's normal on that side, around the shading normal.
     flat: DVec3,
     /// Radiance given off, but as a black body.
-    emitted: DVec3,
+    emitted: [f32; 3],
     /// How it moves and how hot it is; `None` where frequencies of light and motion do not matter.
     pub state: Option<SurfaceState>,
     pub bsdf: Bsdf,
@@ -112,7 +112,7 @@ impl SurfaceInteraction {
             flat: around.local(flat),
             around,
             outside,
-            emitted: DVec3::from_array(emitted.map(f64::from)),
+            emitted,
             state,
             bsdf: if glows { bsdf.black() } else { bsdf },
         }
@@ -124,7 +124,7 @@ impl SurfaceInteraction {
             Some(state) => state.sent(self.emitted, g),
             None => self.emitted,
         };
-        light * self.bsdf.solid()
+        DVec3::from_array(light.map(f64::from)) * self.bsdf.solid()
     }
 
     /// Returns the direction (around the normal) of a path with the tangent `v`, of any length.
