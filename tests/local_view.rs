@@ -2,6 +2,7 @@
 
 use geofan_render::{
     Seen, Stage,
+    accel::TimedChord,
     frame::{Paths, offsets, trace},
     local::projection,
 };
@@ -75,10 +76,11 @@ fn depths_and_weights_are_those_of_the_straight_lines() {
         let v = stage.world.manifold.standard_frame(view.u) * d;
         // Weights and arc lengths are in single precision.
         assert!((view.u + v * f64::from(hit.s) - stage.world.point(&hit)).length() < 1e-6);
-        let nearer = stage
-            .world
-            .accelerator
-            .first_hit_on_chord(view.u, view.u + v * (f64::from(hit.s) * 1.001));
+        let chord = TimedChord {
+            ends: [view.u, view.u + v * (f64::from(hit.s) * 1.001)],
+            s: [0.0, f64::from(hit.s) * 1.001],
+        };
+        let nearer = stage.world.accelerator.first_hit_on_chord(&chord);
         let nearer = nearer.expect("the triangle is on the line");
         assert!((nearer.t * 1.001 - 1.0).abs() < 1e-7, "{x} {y}");
     }

@@ -162,7 +162,7 @@ impl Stage {
             let scene = SceneFile::parse(SourceText::new("scene", text), &folder)?;
             let made: Vec<PathBuf> = shelf.iter().map(|(path, _)| path.clone()).collect();
             scene.check_files(&made)?;
-            let world = World::furnished(&scene, manifold.space.clone(), shelf)?;
+            let world = World::furnished(&scene, (manifold.space.clone(), 0.0), shelf)?;
             Ok(render::Stage { scene, world })
         };
         let stage = work::watch(py, About::Scene, None, |_| Ok(furnish()))?;

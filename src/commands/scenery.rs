@@ -11,8 +11,10 @@ use geofan_core::{
 };
 use geofan_light::cache::{self, LightmapSource};
 use geofan_render::{
-    DrawingOptions, Part, PicturePanels, Stage, View, World, camera_point, picture::Format,
-    scene::Lens, usual_size,
+    DrawingOptions, Part, PicturePanels, Stage, View, World, camera_point,
+    picture::Format,
+    scene::{Lens, SceneFile},
+    usual_size,
 };
 use std::path::{Path, PathBuf};
 
@@ -70,15 +72,12 @@ impl SceneArgs {
 
     /// Loads the scene; its manifold must mean the same as the one that `bundle` was baked from.
     pub fn stage(&self, bundle: Option<&Bundle>) -> Result<Stage> {
-        let mut stage = Stage::load(&self.scene, &self.set)?;
-        if let Some(time) = self.at_time {
-            if !stage.scene.moves() {
-                let message =
-                    "nothing in this scene moves; leave it out, or give an object a `path`";
-                return Err(Error::input("--at-time", message));
-            }
-            stage.set_time(time)?;
+        let scene = SceneFile::load(&self.scene)?;
+        if self.at_time.is_some() && !scene.moves() {
+            let message = "nothing in this scene moves; leave it out, or give an object a `path`";
+            return Err(Error::input("--at-time", message));
         }
+        let stage = Stage::of_scene(scene, &self.set, self.at_time.unwrap_or(0.0))?;
         bundle.map_or(Ok(()), |bundle| stage.check_bundle(bundle))?;
         for warning in &stage.world.warnings {
             tracing::warn!("{warning}");

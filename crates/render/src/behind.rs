@@ -50,13 +50,20 @@ pub(super) struct SeenBehind<'a> {
 /// A sample that sees through surfaces.
 struct Through {
     place: SamplePlace,
-    /// The last surface, at arc length `s` in all.
+    /// The last surface, and the arc length between it and what was before it.
     hit: Hit,
-    s: f64,
+    way: f64,
     /// Number of surfaces passed.
     passed: usize,
     /// Share of light that they let through.
     share: f32,
+}
+
+impl Through {
+    /// Returns the arc length from the camera.
+    fn s(&self) -> f64 {
+        self.hit.s.into()
+    }
 }
 
 impl SeenBehind<'_> {
@@ -84,7 +91,7 @@ impl SeenBehind<'_> {
             shift_colours(world, view, &layer, self.samples.offsets, &mut lit);
             let mut next = Vec::new();
             for (through, seen) in open.iter().zip(&seen) {
-                let before = (through.place, through.s, through.passed, through.share);
+                let before = (through.place, through.s(), through.passed, through.share);
                 let share = self.pass(before, seen, &mut next);
                 let (y, x, k) = through.place;
                 add(colours, through.place, |c, own| {
@@ -114,7 +121,7 @@ impl SeenBehind<'_> {
         open.push(Through {
             place,
             hit: *hit,
-            s: s + f64::from(hit.s),
+            way: f64::from(hit.s) - s,
             passed: passed + 1,
             share: rest,
         });
@@ -139,11 +146,13 @@ impl SeenBehind<'_> {
         let world = self.samples.world;
         let ray = |through: &Through| {
             let v = through.hit.v.as_dvec3();
-            let off = OFFSET * (f64::from(through.hit.s) + 1e-2 * length);
-            Ray::without_spread(world.point(&through.hit) + v * off, v, length - through.s)
+            let off = OFFSET * (through.way + 1e-2 * length);
+            let u = world.point(&through.hit) + v * off;
+            let s = through.s();
+            (Ray::without_spread(u, v, length - s), s)
         };
         let block = |open: &[Through]| {
-            let rays: Vec<Ray> = open.iter().map(ray).collect();
+            let rays: Vec<(Ray, f64)> = open.iter().map(ray).collect();
             first_seen(world, &rays, tolerance)
         };
         open.par_chunks(BLOCK).flat_map(block).collect()

@@ -99,8 +99,8 @@ impl SceneCopies {
             bounds: NOWHERE,
             home: NOWHERE,
         }];
-        for triangle in accelerator.triangles() {
-            let places = places(triangle);
+        for triangle in accelerator.outlines() {
+            let places = places(&triangle);
             let words = places.iter().filter_map(|u| gluing.locate(*u));
             let mut words: Vec<Vec<usize>> = words.map(|(_, word)| word).collect();
             words.sort();

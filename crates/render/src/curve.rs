@@ -39,6 +39,18 @@ impl Ending {
         }
     }
 
+    /// Returns the ending of the same path with so much before it.
+    pub fn farther(self, before: f64) -> Self {
+        match self {
+            Ending::Exit { exit, s, sky } => Ending::Exit {
+                exit,
+                s: before + s,
+                sky,
+            },
+            other => other,
+        }
+    }
+
     /// Returns the index of the exit.
     pub fn exit(&self) -> Option<usize> {
         match self {

@@ -126,7 +126,8 @@ impl<'a> InterpolatedPaths<'a> {
             let roots = chords.roots(chord);
             let accelerator = &self.world.accelerator;
             let ends = [&points[from % 2], &points[to % 2]];
-            if let Some(hits) = accelerator.first_hits(roots, ends, chord.shift, &most) {
+            let chords = (ends, [s, next]);
+            if let Some(hits) = accelerator.first_hits(roots, chords, chord.shift, &most) {
                 self.keep(mixing, chord, &hits, &mut first);
             }
         }

@@ -7,7 +7,7 @@
 //! input of shading, and what rays from anywhere see ([`first_seen`]).
 
 use super::{
-    accel::Accelerator,
+    accel::{Accelerator, TimedChord},
     copies::{CopySearch, SceneCopies},
     curve::{Cubic, Curve, Ending, ending_at},
     tracer::pieces,
@@ -68,18 +68,39 @@ pub(super) const MOST_CHORDS: f64 = 64.0;
 pub struct HitSearch<'w> {
     world: &'w World,
     copies: Option<CopySearch<'w>>,
+    /// Arc length from the camera to where the pieces' own begins.
+    before: f64,
 }
 
 impl<'w> HitSearch<'w> {
-    /// Begins a search.
+    /// Begins a search along paths from a camera.
     pub fn new(world: &'w World) -> Self {
         let copies = world.copies.as_ref().and_then(SceneCopies::search);
-        Self { world, copies }
+        Self {
+            world,
+            copies,
+            before: 0.0,
+        }
     }
 
-    /// Finds the first hit of `piece` before arc length `limit`.
+    /// Goes on along paths that begin at this arc length from a camera.
+    pub fn go_on_from(&mut self, before: f64) {
+        self.before = before;
+    }
+
+    /// Finds the first hit of `piece` before arc length `limit` of its own; that of the hit is from the camera.
     pub fn first_hit(&mut self, piece: &Cubic, limit: f64) -> Option<Hit> {
+        let hit = self.first_hit_on(piece, limit)?;
+        let s = (self.before + f64::from(hit.s)) as f32;
+        Some(Hit { s, ..hit })
+    }
+
+    fn first_hit_on(&mut self, piece: &Cubic, limit: f64) -> Option<Hit> {
         let (accelerator, domain) = (&self.world.accelerator, &self.world.manifold.domain);
+        let before = self.before;
+        let hit_shifted = |piece: &Cubic, shift: DVec3, bounds: (DVec3, DVec3)| {
+            hit_shifted(accelerator, piece, (before, limit), shift, bounds)
+        };
         if let Some(copies) = &mut self.copies {
             let mut first: Option<Hit> = None;
             copies.show_cubics(piece, |cubic| {
@@ -87,7 +108,7 @@ impl<'w> HitSearch<'w> {
                     return ControlFlow::Break(());
                 }
                 let bounds = cubic.bounds();
-                let hit = hit_shifted(accelerator, &cubic, limit, DVec3::ZERO, bounds);
+                let hit = hit_shifted(&cubic, DVec3::ZERO, bounds);
                 first = nearer(first, hit);
                 ControlFlow::Continue(())
             });
@@ -95,10 +116,10 @@ impl<'w> HitSearch<'w> {
         }
         let (low, high) = piece.bounds();
         if !is_glued(domain) {
-            return hit_shifted(accelerator, piece, limit, DVec3::ZERO, (low, high));
+            return hit_shifted(piece, DVec3::ZERO, (low, high));
         }
         let shifts = shifts(accelerator, domain, low, high).into_iter();
-        let hits = shifts.map(|shift| hit_shifted(accelerator, piece, limit, shift, (low, high)));
+        let hits = shifts.map(|shift| hit_shifted(piece, shift, (low, high)));
         hits.fold(None, nearer)
     }
 }
@@ -159,11 +180,11 @@ pub fn shifts(accelerator: &Accelerator, domain: &Domain, low: DVec3, high: DVec
     shifts
 }
 
-/// Finds the first hit of `piece`, whose box is known, moved by `shift`.
+/// Finds the first hit of `piece`, whose box is known and which begins at an arc length from the camera, moved by `shift`.
 fn hit_shifted(
     accelerator: &Accelerator,
     piece: &Cubic,
-    limit: f64,
+    (before, limit): (f64, f64),
     shift: DVec3,
     (low, high): (DVec3, DVec3),
 ) -> Option<Hit> {
@@ -178,10 +199,15 @@ fn hit_shifted(
         .clamp(1.0, MOST_CHORDS);
     // The first that hits decides.
     let mut from = piece.u[0] + shift;
+    let arc = |i: usize| before + piece.s[0] + (piece.s[1] - piece.s[0]) * (i as f64 / chords);
     for i in 0..chords as usize {
         let end = (i + 1) as f64 / chords;
         let to = piece.position(end) + shift;
-        if let Some(hit) = accelerator.first_hit_on_chord(from, to) {
+        let chord = TimedChord {
+            ends: [from, to],
+            s: [arc(i), arc(i + 1)],
+        };
+        if let Some(hit) = accelerator.first_hit_on_chord(&chord) {
             let t = (i as f64 + hit.t) / chords;
             let s = piece.arc(t);
             return (s <= limit).then(|| Hit {
@@ -222,28 +248,47 @@ pub fn beyond(ending: &Ending) -> Seen {
 
 /// Follows `rays` at a local tolerance, each exactly until it meets the scene, leaves, or is used up, and
 /// returns what each sees. Rays run over the lanes of the integrator and are given up at their first hit,
-/// so a short one costs little.
-pub fn first_seen(world: &World, rays: &[Ray], tolerance: f64) -> Vec<Seen> {
+/// so a short one costs little. Each begins at an arc length from the camera, 0 or, if its light has come farther,
+/// more; what it sees is as far from the camera.
+pub fn first_seen(world: &World, rays: &[(Ray, f64)], tolerance: f64) -> Vec<Seen> {
     let settings = Settings {
         tolerance,
         carried: Carried::default(),
         events: true,
     };
-    let state = |ray: &Ray| (ray.u, ray.v, None);
+    let state = |(ray, before): &(Ray, f64)| FollowedRay {
+        before: *before,
+        u: ray.u,
+        v: ray.v,
+        seen: None,
+    };
     let mut sink = FirstSeen {
         world,
         rays: rays.iter().map(state).collect(),
     };
-    follow(&world.manifold, settings, rays.iter().copied(), &mut sink);
-    let seen = |(_, _, seen): (DVec3, DVec3, Option<Seen>)| seen.unwrap_or(Seen::Length);
-    sink.rays.into_iter().map(seen).collect()
+    let all = rays.iter().map(|(ray, _)| *ray);
+    follow(&world.manifold, settings, all, &mut sink);
+    let followed = sink.rays.into_iter();
+    followed
+        .map(|ray| ray.seen.unwrap_or(Seen::Length))
+        .collect()
 }
 
 /// Holds the steps of rays against the scene.
 struct FirstSeen<'w> {
     world: &'w World,
-    /// Point and tangent at the end of the last step, and what is seen, once that is known.
-    rays: Vec<(DVec3, DVec3, Option<Seen>)>,
+    rays: Vec<FollowedRay>,
+}
+
+/// A ray on its way.
+struct FollowedRay {
+    /// Arc length from the camera to its start.
+    before: f64,
+    /// Point and tangent at the end of the last step.
+    u: DVec3,
+    v: DVec3,
+    /// What it sees, once that is known.
+    seen: Option<Seen>,
 }
 
 impl Sink for FirstSeen<'_> {
@@ -253,26 +298,28 @@ impl Sink for FirstSeen<'_> {
 
     fn step(&mut self, ray: usize, step: &Step) {
         let world = self.world;
-        let (u, v, seen) = &mut self.rays[ray];
+        let ray = &mut self.rays[ray];
         if may_meet(world, step.bounds()) {
             let mut search = HitSearch::new(world);
+            search.go_on_from(ray.before);
             let hit = |piece| search.first_hit(&piece, f64::INFINITY);
             if let Some(hit) = pieces(step).find_map(hit) {
-                *seen = Some(Seen::Surface(hit));
+                ray.seen = Some(Seen::Surface(hit));
                 return;
             }
         }
-        (*u, *v) = (step.position(step.end), step.tangent(step.end));
+        (ray.u, ray.v) = (step.position(step.end), step.tangent(step.end));
     }
 
     fn wants_more(&self, ray: usize) -> bool {
-        self.rays[ray].2.is_none()
+        self.rays[ray].seen.is_none()
     }
 
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
-        let (u, v, seen) = &mut self.rays[ray];
-        if seen.is_none() {
-            *seen = Some(beyond(&ending_at(&self.world.manifold, end, s, *u, *v)));
+        let ray = &mut self.rays[ray];
+        if ray.seen.is_none() {
+            let ending = ending_at(&self.world.manifold, end, s, ray.u, ray.v);
+            ray.seen = Some(beyond(&ending.farther(ray.before)));
         }
     }
 }

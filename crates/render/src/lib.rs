@@ -12,6 +12,7 @@ mod chart_skies;
 mod chords;
 mod copies;
 mod curve;
+mod delayed;
 pub mod drawing;
 pub mod endings;
 mod exact_grid;

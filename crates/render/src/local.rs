@@ -11,6 +11,7 @@
 //! too.
 
 use super::{
+    accel::TimedChord,
     curve::{Cubic, Ending},
     endings::EventLocator,
     frame::Outcomes,
@@ -43,9 +44,9 @@ pub(super) fn trace_straight(samples: &PixelSamples<'_>, length: f64) -> Outcome
     let (width, height) = samples.view.size;
     let straight = StraightLines::new(world, samples.view);
     let mut picture = Projection::new(world, samples.view);
-    // Triangles have straight sides on a plane only.
+    // Triangles have straight sides on a plane only, and where they do not move while light is on its way.
     let flat = matches!(samples.view.optics(), Optics::Perspective { .. });
-    if flat && samples.view.is_central() {
+    if flat && samples.view.is_central() && !world.accelerator.moves() {
         picture.flatten();
     }
     let picture = &picture;
@@ -317,8 +318,11 @@ impl<'w> StraightLines<'w> {
         let mut found = None;
         for _ in 0..=passed {
             let hits = neighbouring_periods(world).into_iter().filter_map(|shift| {
-                let (a, b) = (start.lerp(end, from) - shift, end - shift);
-                world.accelerator.first_hit_on_chord(a, b)
+                let chord = TimedChord {
+                    ends: [start.lerp(end, from) - shift, end - shift],
+                    s: [from * reach, reach],
+                };
+                world.accelerator.first_hit_on_chord(&chord)
             });
             let hit = hits.min_by(|a, b| a.t.total_cmp(&b.t))?;
             let t = from + hit.t * (1.0 - from);

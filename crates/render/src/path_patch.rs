@@ -6,7 +6,10 @@
 
 use super::{
     curve::Ending,
-    lanes::{LANES, Lanes, SingleLanes, SingleVectors, Vectors, each, each_vector, lane, range},
+    lanes::{
+        LANES, Lanes, SingleLanes, SingleVectors, Vectors, each, each_vector, lane, range,
+        single_lane,
+    },
     path_batch::{PathBatch, PathView, knots_until},
     tracer::GridTracer,
 };
@@ -159,6 +162,11 @@ impl Offsets {
             middle,
             differences,
         }
+    }
+
+    /// Returns the point in one lane.
+    pub fn point(&self, l: usize) -> DVec3 {
+        self.middle + single_lane(&self.differences, l).as_dvec3()
     }
 
     /// Returns the points.

@@ -8,7 +8,7 @@ use super::{
     curve::Ending,
     endings::EventLocator,
     frame::Outcomes,
-    intersect::{Hit, HitSearch, Seen, beyond},
+    intersect::{HitSearch, Seen, beyond},
     lookup::{Lookup, ending},
     path_batch::{PathBatch, PathOrigin, PathView, ROWS, stay},
     tiles::{PixelSamples, SamplePlace},
@@ -140,17 +140,14 @@ impl<'f> Restarts<'f> {
             let end = ending(&path, view, events)?;
             let limit = end.limit().min(self.length - from);
             let pieces = (0..known - 1).take_while(|k| s[*k] < limit);
+            search.go_on_from(from);
             let mut hits = pieces.filter_map(|k| search.first_hit(&view.piece(k), limit));
             if let Some(hit) = hits.next() {
-                let s = (f64::from(hit.s) + from) as f32;
-                return Some(Seen::Surface(Hit { s, ..hit }));
+                return Some(Seen::Surface(hit));
             }
             match end {
                 Ending::Length => {}
-                Ending::Exit { exit, s, sky } if s <= limit => {
-                    let s = s + from;
-                    return Some(beyond(&Ending::Exit { exit, s, sky }));
-                }
+                Ending::Exit { s, .. } if s <= limit => return Some(beyond(&end.farther(from))),
                 Ending::Exit { .. } => return Some(Seen::Length),
                 Ending::Singular => return Some(Seen::Singular),
             }

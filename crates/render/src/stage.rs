@@ -45,19 +45,19 @@ pub struct Stage {
 }
 
 impl Stage {
-    /// Loads the scene at `path`; `settings` replace parameters of its manifold.
+    /// Loads the scene at `path` as it is at the time 0; `settings` replace parameters of its manifold.
     ///
     /// # Errors
     /// Whatever is wrong with any of its files.
     pub fn load(path: &Path, settings: &[(String, f64)]) -> Result<Self> {
-        Self::of_scene(SceneFile::load(path)?, settings)
+        Self::of_scene(SceneFile::load(path)?, settings, 0.0)
     }
 
-    /// Loads all that `scene` names; `settings` replace parameters of its manifold.
+    /// Loads all that `scene` names, as it is at `time`; `settings` replace parameters of its manifold.
     ///
     /// # Errors
     /// As [`Stage::load`].
-    pub fn of_scene(scene: SceneFile, settings: &[(String, f64)]) -> Result<Self> {
+    pub fn of_scene(scene: SceneFile, settings: &[(String, f64)], time: f64) -> Result<Self> {
         let manifold = load_manifold(&scene.manifold, settings).map_err(|e| match e {
             // A missing file is the scene's fault, and the scene says where it is named.
             Error::Input { message, .. } if !scene.manifold.exists() => Diagnostic::new(
@@ -69,7 +69,7 @@ impl Stage {
             .into(),
             other => other,
         })?;
-        let mut world = World::new(&scene, Arc::new(manifold))?;
+        let mut world = World::new(&scene, Arc::new(manifold), time)?;
         if let Ok(u) = camera_point(&world.manifold, &scene.source, &scene.camera) {
             world.warnings.extend(sky_warnings(&world, u));
         }

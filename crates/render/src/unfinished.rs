@@ -42,9 +42,9 @@ pub fn unfinished(
         return counted;
     }
     counted.followed(length, |length| {
-        let ray = |(u, v): (DVec3, DVec3)| Ray::without_spread(u, v, length);
+        let ray = |(u, v): (DVec3, DVec3)| (Ray::without_spread(u, v, length), 0.0);
         let sampled = sampled_starts(world, parts).into_iter().map(ray);
-        let rays: Vec<Ray> = sampled.collect();
+        let rays: Vec<(Ray, f64)> = sampled.collect();
         let seen = rays
             .par_chunks(BLOCK)
             .flat_map_iter(|rays| first_seen(world, rays, tolerance));

@@ -6,9 +6,10 @@
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
     copies::SceneCopies,
+    delayed::DelayedObject,
     intersect::{Hit, Seen},
     lightmap::Lightmap,
-    moving::at_time,
+    moving::{ObjectPath, at_time},
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
@@ -95,12 +96,12 @@ pub struct World {
 const LENGTH: &str = "length";
 
 impl World {
-    /// Loads meshes and skies of `scene` and places them in `manifold`.
+    /// Loads meshes and skies of `scene` and places them in `manifold`, objects that move as they are at `time`.
     ///
     /// # Errors
     /// Files that cannot be read, objects outside the domain, skies of exits that do not exist.
-    pub fn new(scene: &SceneFile, manifold: Arc<Manifold>) -> Result<Self> {
-        Self::furnished(scene, manifold, Vec::new())
+    pub fn new(scene: &SceneFile, manifold: Arc<Manifold>, time: f64) -> Result<Self> {
+        Self::furnished(scene, (manifold, time), Vec::new())
     }
 
     /// Does so where `shelf` has the meshes of some objects already, by the paths that the scene gives them.
@@ -109,11 +110,12 @@ impl World {
     /// As [`World::new`].
     pub fn furnished(
         scene: &SceneFile,
-        manifold: Arc<Manifold>,
+        (manifold, time): (Arc<Manifold>, f64),
         shelf: Vec<(PathBuf, Arc<Mesh>)>,
     ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
+        check_delay(scene, &manifold)?;
         let cover = match manifold.gluing() {
             Some(_) => Arc::new(manifold.cover().into_owned()),
             None => manifold.clone(),
@@ -147,7 +149,7 @@ impl World {
         for object in &scene.objects {
             world.load_mesh(object, &shelf)?;
         }
-        world.furnish(scene, 0.0)?;
+        world.furnish(scene, time)?;
         if !scene.moves() {
             world.meshes = Vec::new();
         }
@@ -207,27 +209,54 @@ impl World {
         found.map(|(.., mesh)| mesh.clone())
     }
 
-    /// Places all objects as they are at `time`.
+    /// Places all objects as they are at `time`, or as light brings them then to a camera.
     fn furnish(&mut self, scene: &SceneFile, time: f64) -> Result<()> {
         let meshes: Vec<_> = scene.objects.iter().map(|o| self.mesh_of(o)).collect();
-        let mut all = Vec::new();
+        let manifold = self.manifold.clone();
+        let (mut still, mut delayed) = (Vec::new(), Vec::new());
         for ((index, object), mesh) in scene.objects.iter().enumerate().zip(&meshes) {
-            let object = &*at_time(object, &self.manifold, &scene.source, time)?;
-            if let Some(mesh) = mesh {
-                all.push((index as u32, self.place(scene, object, mesh)?));
-            }
+            let path = ObjectPath::of(object, &manifold, &scene.source)?;
+            let object = &*at_time(object, path.as_ref(), time)?;
+            let Some(mesh) = mesh else { continue };
+            let placed = self.place(scene, object, mesh)?;
+            // What has not begun to move stands still for all light.
+            let path = path.filter(|path| scene.delay.is_some() && time > path.during()[0]);
+            let Some(path) = path else {
+                still.push((index as u32, placed));
+                continue;
+            };
+            let object = DelayedObject {
+                path: &path,
+                manifold: &manifold,
+                mesh,
+                cuts: Arc::new(placed.cuts),
+                triangles: placed.mesh.triangles.len(),
+                time,
+            };
+            delayed.push((index as u32, placed.mesh, object.intervals()?));
         }
         // Lists that grow by themselves would be twice as long while they do.
-        let count = all.iter().map(|(_, placed)| placed.mesh.triangles.len());
+        let count = still.iter().map(|(_, placed)| placed.mesh.triangles.len());
         let count = count.sum();
         let mut triangles = Vec::with_capacity(count);
         self.faces.reserve_exact(count);
-        let corners = all.iter().map(|(_, placed)| placed.vertices.len());
+        let corners = still.iter().map(|(_, placed)| placed.vertices.len());
         self.corners.reserve_exact(corners.sum());
-        for (index, placed) in all {
-            self.add(index, &placed.mesh, &placed.vertices, &mut triangles);
+        for (index, placed) in still {
+            let material = self.add_materials(&placed.mesh);
+            let vertices = &placed.vertices;
+            self.add((index, material), &placed.mesh, vertices, &mut triangles);
         }
-        self.accelerator = Accelerator::build_with_holes(triangles, self.holed());
+        let mut moving = Vec::new();
+        for (index, mesh, intervals) in delayed {
+            let material = self.add_materials(&mesh);
+            for interval in intervals {
+                let middle = &interval.middle;
+                self.add((index, material), &mesh, middle, &mut triangles);
+                moving.extend(kept(&mesh).map(|k| interval.triangle(mesh.triangles[k])));
+            }
+        }
+        self.accelerator = Accelerator::build_all(triangles, moving, self.holed());
         self.copies = SceneCopies::of(&self.manifold, &self.accelerator);
         self.clear = self.materials.iter().any(Material::is_clear)
             || self.colours.iter().flatten().any(|c| c[3] < 1.0);
@@ -289,6 +318,9 @@ impl World {
             {
                 hasher.update(&x.to_le_bytes());
             }
+        }
+        for moving in (0..self.faces.len()).filter_map(|i| self.accelerator.motion(i as u32)) {
+            hasher.update(format!("{moving:?}").as_bytes());
         }
         self.hash_opacity(&mut hasher);
         *hasher.finalize().as_bytes()
@@ -381,7 +413,7 @@ impl World {
 
     /// Returns the chart point of a hit, inside the limits of glued coordinates.
     pub fn point(&self, hit: &Hit) -> DVec3 {
-        let [a, b, c] = self.accelerator.triangles()[hit.triangle as usize];
+        let [a, b, c] = self.accelerator.corners(hit.triangle, hit.s.into());
         let [y, z] = hit.barycentric.map(f64::from);
         let u = a * (1.0 - y - z) + b * y + c * z;
         self.manifold.domain.wrap(u)
@@ -461,10 +493,22 @@ impl World {
         Ok(())
     }
 
-    /// Adds the triangles of a placed mesh, but for those that are not there at all.
-    fn add(&mut self, index: u32, mesh: &Mesh, vertices: &Points, triangles: &mut Vec<[DVec3; 3]>) {
+    /// Adds the materials of a mesh; returns the index of the first.
+    fn add_materials(&mut self, mesh: &Mesh) -> u32 {
         let first = self.materials.len() as u32;
         self.materials.extend(mesh.materials.iter().cloned());
+        first
+    }
+
+    /// Adds the triangles of a placed mesh of an object, the first of whose materials has this index, but for those that
+    /// are not there at all.
+    fn add(
+        &mut self,
+        (object, first): (u32, u32),
+        mesh: &Mesh,
+        vertices: &Points,
+        triangles: &mut Vec<[DVec3; 3]>,
+    ) {
         let first_corner = self.corners.len() as u32;
         let corners = vertices.iter().zip(&mesh.uvs);
         self.corners
@@ -472,20 +516,15 @@ impl World {
                 normal: *normal,
                 uv: *uv,
             }));
-        for (corners, material) in mesh.triangles.iter().zip(&mesh.material_of) {
-            let corner = corners.map(|c| c as usize);
-            let colours = corner.map(|c| mesh.colours.get(c).copied().unwrap_or([1.0; 4]));
-            let alpha = colours.iter().fold(0.0, |most: f32, c| most.max(c[3]));
-            if mesh.materials[*material as usize].solid() * alpha < OPEN {
-                continue;
-            }
+        for k in kept(mesh) {
+            let (corners, material) = (mesh.triangles[k], mesh.material_of[k]);
             if !(mesh.colours.is_empty() && self.colours.is_empty()) {
                 self.colours.resize(self.faces.len(), [[1.0; 4]; 3]);
-                self.colours.push(colours);
+                self.colours.push(colours(mesh, k));
             }
-            triangles.push(corner.map(|c| vertices[c].0));
+            triangles.push(corners.map(|c| vertices[c as usize].0));
             self.faces.push(Face {
-                object: index,
+                object,
                 material: first + material,
                 corners: corners.map(|c| first_corner + c),
             });
@@ -567,6 +606,47 @@ impl World {
         .with_hint("make it smaller or move it away from the edge of the domain")
         .into()
     }
+}
+
+/// Returns the colours at the corners of a mesh's triangle.
+fn colours(mesh: &Mesh, triangle: usize) -> [[f32; 4]; 3] {
+    let colour = |c: u32| mesh.colours.get(c as usize).copied();
+    mesh.triangles[triangle].map(|c| colour(c).unwrap_or([1.0; 4]))
+}
+
+/// Returns the numbers of a mesh's triangles but for those that are not there at all.
+fn kept(mesh: &Mesh) -> impl Iterator<Item = usize> {
+    (0..mesh.triangles.len()).filter(|k| {
+        let alpha = colours(mesh, *k);
+        let alpha = alpha.iter().fold(0.0, |most: f32, c| most.max(c[3]));
+        mesh.materials[mesh.material_of[*k] as usize].solid() * alpha >= OPEN
+    })
+}
+
+/// Refuses that light takes time where that is not known.
+fn check_delay(scene: &SceneFile, manifold: &Manifold) -> Result<()> {
+    let Some(span) = &scene.delay else {
+        return Ok(());
+    };
+    let refused = |message: &str, hint: &str| {
+        let complaint = Diagnostic::new(&scene.source, span.clone(), message);
+        Err(complaint.with_hint(hint).into())
+    };
+    if manifold.has_drift() {
+        let message = "`delay`: in a space with `drift` time is not the arc length of paths";
+        return refused(
+            message,
+            "take it away: objects are then shown as they are at one time",
+        );
+    }
+    if !scene.lights.is_empty() {
+        let message = "`delay`: the light of lamps is not followed in time";
+        return refused(
+            message,
+            "take the lamps away (`Ke` in a material glows), or `delay`",
+        );
+    }
+    Ok(())
 }
 
 /// Warns of lamps beyond an exit.

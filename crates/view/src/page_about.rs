@@ -100,7 +100,7 @@ impl PageAbout {
             if as_packed {
                 Self::give_placements(package, &mut scene);
             }
-            Stage::of_scene(scene, settings)
+            Stage::of_scene(scene, settings, 0.0)
         };
         let mut stage = with_source(package.clone().source(), load)?;
         for object in &mut stage.scene.objects {

@@ -40,7 +40,8 @@ pub struct EmitterPoint {
 const SAME: f64 = 5e-3;
 
 impl Emitters {
-    /// Lists those of `world`, each chosen in proportion to its area and brightness.
+    /// Lists those of `world`, each chosen in proportion to its area and brightness. What moves while light is on its way is
+    /// met by chance.
     pub fn new(world: &World) -> Self {
         let mut found = Self {
             triangles: Vec::new(),
@@ -50,7 +51,8 @@ impl Emitters {
         for (i, face) in world.faces.iter().enumerate() {
             let ke = world.materials[face.material as usize].ke;
             let bright: f64 = ke.iter().map(|k| f64::from(*k)).sum();
-            if bright == 0.0 || world.glows(i as u32) {
+            let moves = world.accelerator.motion(i as u32).is_some();
+            if bright == 0.0 || moves || world.glows(i as u32) {
                 continue;
             }
             let [p, q, r] = world.accelerator.triangles()[i];

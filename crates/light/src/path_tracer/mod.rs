@@ -117,11 +117,20 @@ struct PathState {
     received: f64,
     shift_at_surface: f64,
     bounce: u32,
+    /// Arc length from the camera to the ray's start, where it matters when light was sent; else 0.
+    before: f64,
     /// The surface point (chart) that the path comes from; the camera's at first.
     from: DVec3,
     /// Direction in the standard frame there, and its probability by solid angle; `None` if light had
     /// no other direction to go.
     scattered: Option<(DVec3, f64)>,
+}
+
+impl PathState {
+    /// Returns the arc length of the ray to the surface that it has met.
+    fn way_to(&self, hit: &Hit) -> f64 {
+        f64::from(hit.s) - self.before
+    }
 }
 
 /// A path with the surface that it has met.
@@ -234,6 +243,7 @@ impl<'w> PathTracer<'w> {
                 received: self.received(&start),
                 shift_at_surface: 1.0,
                 bounce: 0,
+                before: 0.0,
                 from: start.u,
                 scattered: None,
             })
@@ -252,14 +262,15 @@ impl<'w> PathTracer<'w> {
     }
 
     /// Follows rays to the first thing that each sees.
-    fn seen(&self, probes: &[Ray]) -> Vec<Seen> {
+    fn seen(&self, probes: &[(Ray, f64)]) -> Vec<Seen> {
         self.rays.fetch_add(probes.len() as u64, Ordering::Relaxed);
         first_seen(self.world, probes, self.settings.tolerance)
     }
 
     /// Takes all paths to the next surface; returns those that go on. `add` takes a pixel and light.
     fn bounce(&self, paths: Vec<PathState>, add: &mut dyn FnMut(usize, DVec3)) -> Vec<PathState> {
-        let probes: Vec<Ray> = paths.iter().map(|w| w.ray).collect();
+        let probes = paths.iter().map(|path| (path.ray, path.before));
+        let probes: Vec<(Ray, f64)> = probes.collect();
         let mut met: Vec<(PathState, Hit)> = Vec::new();
         // Paths that leave the space bring the light of its sky.
         for (path, seen) in paths.into_iter().zip(self.seen(&probes)) {
@@ -349,7 +360,7 @@ impl<'w> PathTracer<'w> {
             // Only a principal connection could have been chosen.
             let hit = &surface.hit;
             let chosen = match (c, &self.emitters) {
-                (Some(c), Some(emitters)) if is_same_geodesic(&c, direction, hit.s.into()) => {
+                (Some(c), Some(emitters)) if is_same_geodesic(&c, direction, path.way_to(hit)) => {
                     emitters.probability(self.world, hit, &c)
                 }
                 _ => 0.0,
@@ -427,7 +438,7 @@ impl<'w> PathTracer<'w> {
         (path, surface): &MetSurface,
         (chosen, state): (&EmitterPoint, Option<&SurfaceState>),
         connection: &Connection,
-    ) -> Option<(DVec3, Ray)> {
+    ) -> Option<(DVec3, (Ray, f64))> {
         let hit = &surface.hit;
         let wi = surface.around_normal(connection.direction);
         let same = chosen.triangle == hit.triangle;
@@ -444,18 +455,24 @@ impl<'w> PathTracer<'w> {
         let radiance = chosen.radiance * brighter(g);
         let light = path.throughput * reflected * radiance * (weight / probability);
         let probe = || {
-            Ray::without_spread(
-                surface.beside(wi, self.offset(hit)),
-                tangent,
-                connection.s * (1.0 - SHORT),
-            )
+            let start = surface.beside(wi, self.offset(path.way_to(hit)));
+            let ray = Ray::without_spread(start, tangent, connection.s * (1.0 - SHORT));
+            (ray, self.before(hit))
         };
         (light.is_finite() && light != DVec3::ZERO).then(|| (light, probe()))
     }
 
-    /// Returns the distance from a surface at which rays start.
-    fn offset(&self, hit: &Hit) -> f64 {
-        OFFSET * (f64::from(hit.s) + 1e-2 * self.settings.length)
+    /// Returns the distance from a surface at which rays start, at the end of a ray of arc length `s`.
+    fn offset(&self, s: f64) -> f64 {
+        OFFSET * (s + 1e-2 * self.settings.length)
+    }
+
+    /// Returns the arc length from the camera to a surface, where it matters when light was sent; else 0.
+    fn before(&self, hit: &Hit) -> f64 {
+        match self.world.accelerator.moves() {
+            true => hit.s.into(),
+            false => 0.0,
+        }
     }
 
     /// Sends the path on from the surface; `None` if it ends there.
@@ -467,9 +484,10 @@ impl<'w> PathTracer<'w> {
             return None;
         }
         path.throughput *= scattered.weight;
+        let way = path.way_to(&surface.hit);
         let mut length = self.settings.length;
         if scattered.unturned {
-            length = path.ray.length - f64::from(surface.hit.s);
+            length = path.ray.length - way;
         } else if self.goes_on(&path) {
             path.bounce += 1;
         } else {
@@ -492,11 +510,9 @@ impl<'w> PathTracer<'w> {
         path.from = surface.point.u;
         let spread = || surface.spread_to_sight(scattered.wi);
         path.scattered = scattered.probability.map(|p| (direction(), p / spread()));
-        path.ray = Ray::without_spread(
-            surface.beside(scattered.wi, self.offset(&surface.hit)),
-            tangent,
-            length,
-        );
+        let start = surface.beside(scattered.wi, self.offset(way));
+        path.ray = Ray::without_spread(start, tangent, length);
+        path.before = self.before(&surface.hit);
         (path.throughput.is_finite() && path.throughput != DVec3::ZERO).then_some(path)
     }
 }

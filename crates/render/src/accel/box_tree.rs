@@ -253,6 +253,46 @@ impl<T> BoxTree<T> {
         }
     }
 
+    /// Shows the payloads of leaves along the chord from `a` to `b` to `leaf`, the nearer first, as far as the place on it
+    /// that this returns: where the nearest of them so far is.
+    pub(super) fn along_chord(
+        &self,
+        [a, b]: [DVec3; 2],
+        mut leaf: impl FnMut(&[T]) -> Option<f64>,
+    ) {
+        let Some((start, end)) = self.cut(a, b) else {
+            return;
+        };
+        let ray = TreeRay::new(
+            self.tree_point(a.lerp(b, start)),
+            self.tree_point(a.lerp(b, end)),
+        );
+        // The tree sees the cut chord, along which `tau` runs from 0 to 1.
+        let length = (end - start).max(f64::MIN_POSITIVE);
+        let tau = |t: f64| ((t - start) / length) as f32 + ray.slack;
+        // The nearer child first; the far one only if nothing nearer has been met.
+        let mut limit = 1.0 + ray.slack;
+        let mut stack = Stack::default();
+        let mut next = (ray.enter(self.nodes[0].aabb()) <= limit).then_some((0, 0.0));
+        while let Some((index, entry)) = next {
+            let node: &Bvh2Node = &self.nodes[index as usize];
+            if entry <= limit && node.is_leaf() {
+                limit = leaf(self.leaf(node)).map_or(limit, tau);
+            } else if entry <= limit {
+                let children = [node.first_index, node.first_index + 1];
+                let [left, right] = children.map(|i| (i, ray.enter(self.nodes[i as usize].aabb())));
+                let (near, far) = if left.1 <= right.1 {
+                    (left, right)
+                } else {
+                    (right, left)
+                };
+                stack.push_if(far.1 <= limit, far);
+                stack.push_if(near.1 <= limit, near);
+            }
+            next = stack.pop();
+        }
+    }
+
     /// Returns the payloads of a leaf.
     pub(super) fn leaf(&self, node: &Bvh2Node) -> &[T] {
         &self.leaves[node.first_index as usize..][..node.prim_count as usize]
@@ -327,6 +367,42 @@ impl<T> BoxTree<T> {
             }
         }
         Some(inside)
+    }
+}
+
+/// A cut chord in tree coordinates, for slab tests in single precision.
+struct TreeRay {
+    start: Vec3A,
+    inverse: Vec3A,
+    /// `MARGIN` as a part of the ray's length.
+    slack: f32,
+}
+
+impl TreeRay {
+    fn new(start: Vec3, end: Vec3) -> Self {
+        let way = end - start;
+        // A component that is zero would turn 0 · ∞ into NaN; one of 1e-30 moves nothing.
+        let safe = |x: f32| {
+            if x.abs() < 1e-30 {
+                1e-30_f32.copysign(x)
+            } else {
+                x
+            }
+        };
+        Self {
+            start: start.into(),
+            inverse: Vec3A::new(safe(way.x), safe(way.y), safe(way.z)).recip(),
+            slack: MARGIN / way.length().max(MARGIN),
+        }
+    }
+
+    /// Returns where the ray enters the box, 0 if it starts inside; infinite if it misses.
+    fn enter(&self, b: &Aabb) -> f32 {
+        let to_min = (b.min - self.start) * self.inverse;
+        let to_max = (b.max - self.start) * self.inverse;
+        let enter = to_min.min(to_max).max_element().max(0.0);
+        let leave = to_min.max(to_max).min_element();
+        if enter <= leave { enter } else { f32::INFINITY }
     }
 }
 

@@ -7,27 +7,32 @@
 //! Two precisions: a tree of boxes in single precision ([`BoxTree`]) throws out what is far, and each
 //! surviving triangle is tested in double precision on its original vertices. A chord is cut to the
 //! tree's box in double precision before it is rounded, so a far camera costs no accuracy. Sixteen
-//! neighbouring chords are held against the tree together (`packet`).
+//! neighbouring chords are held against the tree together (`packet`). Triangles that move while light is on its
+//! way ([`MovingTriangle`]) have trees of their own.
 
 mod box_tree;
 mod holes;
+mod moving;
 mod packet;
 
 pub use box_tree::BoxTree;
 pub use holes::{HoledTriangle, OPEN};
+pub use moving::{MovingTriangle, TimedChord};
 pub use packet::PacketHits;
 
 use crate::lanes::{BoxPacket, Mask};
 use box_tree::{MARGIN, Stack, boxes_meet, is_usable};
-use glam::{DVec3, Vec3, Vec3A};
+use glam::DVec3;
 use holes::Holes;
-use obvhs::{aabb::Aabb, bvh2::node::Bvh2Node};
+use moving::{Meeting, MovingTriangles};
 
 /// A set of triangles, sorted for questions about what a chord or a box meets.
 #[derive(Clone, Default)]
 pub struct Accelerator {
     triangles: Vec<[DVec3; 3]>,
     tree: BoxTree<LeafTriangle>,
+    /// How the last of the triangles move, which are not in the tree.
+    moving: MovingTriangles,
     holes: Holes,
 }
 
@@ -58,19 +63,24 @@ impl Accelerator {
     /// # Panics
     /// If there are more than `u32::MAX` triangles.
     pub fn build(triangles: &[[DVec3; 3]]) -> Self {
-        Self::build_with_holes(triangles.to_vec(), Vec::new())
+        Self::build_all(triangles.to_vec(), Vec::new(), Vec::new())
     }
 
-    /// Sorts the triangles, some of which have holes.
+    /// Sorts the triangles, of which the last ones are `moving`, and some have holes.
     ///
     /// # Panics
-    /// As [`Self::build`].
-    pub fn build_with_holes(triangles: Vec<[DVec3; 3]>, holed: Vec<HoledTriangle>) -> Self {
+    /// As [`Self::build`]; or if more are moving than there are.
+    pub fn build_all(
+        triangles: Vec<[DVec3; 3]>,
+        moving: Vec<MovingTriangle>,
+        holed: Vec<HoledTriangle>,
+    ) -> Self {
         assert!(
             u32::try_from(triangles.len()).is_ok(),
             "more than 2³² triangles"
         );
         let holes = Holes::new(holed);
+        let still = triangles.len() - moving.len();
         let bounds = |number: usize| match triangles[number].iter().all(|p| is_usable(*p)) {
             true => box_of(&triangles[number]),
             false => (DVec3::NAN, DVec3::NAN),
@@ -80,14 +90,40 @@ impl Accelerator {
             number: number as u32,
             holed: holes.of(number as u32).is_some(),
         };
-        let tree = BoxTree::of_boxes(triangles.len(), bounds, leaf);
-        if tree.bounds().is_none() {
+        let tree = BoxTree::of_boxes(still, bounds, leaf);
+        let moving = MovingTriangles::new(moving, still as u32);
+        if tree.bounds().is_none() && !moving.any() {
             return Self::default();
         }
         Self {
             triangles,
             tree,
+            moving,
             holes,
+        }
+    }
+
+    /// Returns how a triangle moves, if it does.
+    pub fn motion(&self, triangle: u32) -> Option<&MovingTriangle> {
+        self.moving.get(triangle)
+    }
+
+    /// Tells whether anything moves.
+    pub fn moves(&self) -> bool {
+        self.moving.any()
+    }
+
+    /// Lists the corners of all triangles, of those that move also at both ends of their way.
+    pub fn outlines(&self) -> impl Iterator<Item = [DVec3; 3]> {
+        let ends = self.moving.all().iter().flat_map(|moving| moving.corners);
+        self.triangles.iter().copied().chain(ends)
+    }
+
+    /// Returns the corners of a triangle as it is seen at arc length `s`.
+    pub fn corners(&self, triangle: u32, s: f64) -> [DVec3; 3] {
+        match self.motion(triangle) {
+            Some(moving) => moving.corners_at(s),
+            None => self.triangles[triangle as usize],
         }
     }
 
@@ -98,67 +134,48 @@ impl Accelerator {
 
     /// Returns the corners of the box around all usable triangles; `None` if there are none.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
-        self.tree.bounds()
+        let both = [self.tree.bounds(), self.moving.bounds()];
+        let both = both.into_iter().flatten();
+        both.reduce(|(a, b), (low, high)| (a.min(low), b.max(high)))
     }
 
-    /// Returns at most so many boxes that together hold all usable triangles.
+    /// Returns at most so many boxes that together hold all usable triangles, and one for each way of what moves.
     pub fn parts(&self, most: usize) -> Vec<(DVec3, DVec3)> {
-        self.tree.parts(most)
+        let mut parts = self.tree.parts(most);
+        parts.extend(self.moving.parts());
+        parts
     }
 
-    /// Returns the triangles, in the order given to [`Self::build`]; empty if none was usable.
+    /// Returns the triangles, in the order given to [`Self::build`], those that move as in the middle of their way;
+    /// empty if none was usable.
     pub fn triangles(&self) -> &[[DVec3; 3]] {
         &self.triangles
     }
 
-    /// Finds the first triangle on the chord from `a` to `b`, from either side. Of several at the same
-    /// place, the one with the lowest number.
-    pub fn first_hit_on_chord(&self, a: DVec3, b: DVec3) -> Option<ChordHit> {
+    /// Finds the first triangle on a chord, from either side. Of several at the same place, the one with the lowest
+    /// number.
+    pub fn first_hit_on_chord(&self, timed: &TimedChord) -> Option<ChordHit> {
+        let [a, b] = timed.ends;
         let chord = Chord::new(a, b)?;
-        let (start, end) = self.tree.cut(a, b)?;
-        let ray = TreeRay::new(
-            self.tree.tree_point(a.lerp(b, start)),
-            self.tree.tree_point(a.lerp(b, end)),
-        );
-        // The tree sees the cut chord, along which `tau` runs from 0 to 1.
-        let length = (end - start).max(f64::MIN_POSITIVE);
-        let tau = |t: f64| ((t - start) / length) as f32 + ray.slack;
-        // The nearer child first; the far one only if nothing nearer has been met.
         let mut best: Option<ChordHit> = None;
-        let mut limit = 1.0 + ray.slack;
-        let mut stack = Stack::default();
-        let mut next = (ray.enter(self.tree.nodes[0].aabb()) <= limit).then_some((0, 0.0));
-        while let Some((index, entry)) = next {
-            let node: &Bvh2Node = &self.tree.nodes[index as usize];
-            if entry <= limit && node.is_leaf() {
-                best = self.nearest(best, &chord, self.tree.leaf(node).iter().copied());
-                limit = best.map_or(limit, |hit| tau(hit.t));
-            } else if entry <= limit {
-                let children = [node.first_index, node.first_index + 1];
-                let [left, right] =
-                    children.map(|i| (i, ray.enter(self.tree.nodes[i as usize].aabb())));
-                let (near, far) = if left.1 <= right.1 {
-                    (left, right)
-                } else {
-                    (right, left)
-                };
-                stack.push_if(far.1 <= limit, far);
-                stack.push_if(near.1 <= limit, near);
-            }
-            next = stack.pop();
+        self.tree.along_chord([a, b], |leaf| {
+            best = self.nearest(best, &chord, leaf.iter().copied());
+            best.map(|hit| hit.t)
+        });
+        match self.moving.any() {
+            true => self.moving.first_hit(timed, &self.holes, best),
+            false => best,
         }
-        best
     }
 
     /// Finds the first triangle on a chord among those numbered in `candidates` only, without the tree.
     pub fn first_hit_among(&self, candidates: &[u32], a: DVec3, b: DVec3) -> Option<ChordHit> {
         let numbered = |&number: &u32| {
             let corners = *self.triangles.get(number as usize)?;
-            let holed = self.holes.of(number).is_some();
             Some(LeafTriangle {
                 corners,
                 number,
-                holed,
+                holed: self.holes.of(number).is_some(),
             })
         };
         let candidates = candidates.iter().filter_map(numbered);
@@ -168,20 +185,24 @@ impl Accelerator {
     /// Tells whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
     #[inline(always)]
     pub fn touches(&self, min: DVec3, max: DVec3) -> bool {
-        self.tree.touches(min, max)
+        self.tree.touches(min, max) || self.moving.touches(min, max)
     }
 
     /// Marks which of sixteen boxes meet the box of any leaf, as [`Accelerator::touches`] does for one.
     #[inline(always)]
     pub fn touched(&self, boxes: &BoxPacket) -> Mask {
-        self.tree.touched(boxes)
+        let touched = self.tree.touched(boxes);
+        match self.moving.any() {
+            true => self.moving.touched(boxes, touched),
+            false => touched,
+        }
     }
 
     /// Appends the roots of a few subtrees that together hold every leaf whose box meets the given one;
-    /// tells whether there are any. Where it is a part of a box of which the roots are known, they are
+    /// tells whether there are any, or anything that moves is near. Where it is a part of a box of which the roots are known, they are
     /// found below `those`.
     pub fn roots(&self, bounds: (DVec3, DVec3), those: Option<&[u32]>, out: &mut Vec<u32>) -> bool {
-        self.tree.roots(bounds, those, out)
+        self.tree.roots(bounds, those, out) || self.moving.touches(bounds.0, bounds.1)
     }
 
     /// Puts into `out`, emptied first, the numbers of all triangles whose boxes meet the box.
@@ -258,7 +279,7 @@ impl Chord {
     }
 
     /// Finds where the chord meets the triangle: place on the chord, weights of corners two and three.
-    fn meet(&self, corners: &[DVec3; 3]) -> Option<(f64, (f64, f64))> {
+    fn meet(&self, corners: &[DVec3; 3]) -> Option<Meeting> {
         let [a, b, c] = corners.map(|p| self.sheared(p));
         let edges = DVec3::new(
             c.x * b.y - c.y * b.x,
@@ -280,42 +301,6 @@ impl Chord {
         let p = p - self.start;
         let [x, y, z] = self.axes.map(|axis| p[axis]);
         DVec3::new(x - self.shear.x * z, y - self.shear.y * z, self.shear.z * z)
-    }
-}
-
-/// A cut chord in tree coordinates, for slab tests in single precision.
-struct TreeRay {
-    start: Vec3A,
-    inverse: Vec3A,
-    /// `MARGIN` as a part of the ray's length.
-    slack: f32,
-}
-
-impl TreeRay {
-    fn new(start: Vec3, end: Vec3) -> Self {
-        let way = end - start;
-        // A component that is zero would turn 0 · ∞ into NaN; one of 1e-30 moves nothing.
-        let safe = |x: f32| {
-            if x.abs() < 1e-30 {
-                1e-30_f32.copysign(x)
-            } else {
-                x
-            }
-        };
-        Self {
-            start: start.into(),
-            inverse: Vec3A::new(safe(way.x), safe(way.y), safe(way.z)).recip(),
-            slack: MARGIN / way.length().max(MARGIN),
-        }
-    }
-
-    /// Returns where the ray enters the box, 0 if it starts inside; infinite if it misses.
-    fn enter(&self, b: &Aabb) -> f32 {
-        let to_min = (b.min - self.start) * self.inverse;
-        let to_max = (b.max - self.start) * self.inverse;
-        let enter = to_min.min(to_max).max_element().max(0.0);
-        let leave = to_min.max(to_max).min_element();
-        if enter <= leave { enter } else { f32::INFINITY }
     }
 }
 

@@ -11,7 +11,7 @@
 //! test of one chord): two triangles that share an edge compute the same number for it with
 //! opposite sign, so no chord slips between them.
 
-use super::{Accelerator, MARGIN, Stack, holes::Holes};
+use super::{Accelerator, MARGIN, Stack, holes::Holes, moving::PacketChords};
 use crate::{
     lanes::{LANES, SingleLanes, SingleVectors, any, less, more, range, single},
     path_patch::Offsets,
@@ -29,6 +29,17 @@ pub struct PacketHits {
     pub triangle: [u32; LANES],
     /// Weights of the triangle's second and third corner.
     pub weights: [SingleLanes; 2],
+}
+
+impl Default for PacketHits {
+    /// Nothing is met.
+    fn default() -> Self {
+        Self {
+            t: [f32::INFINITY; LANES],
+            triangle: [0; LANES],
+            weights: [[0.0; LANES]; 2],
+        }
+    }
 }
 
 /// Sixteen chords in tree units.
@@ -59,10 +70,29 @@ const SLAB_ERROR: f32 = 10.0 * 0.5 * f32::EPSILON;
 const END_MARGIN: f32 = 8.0 * f32::EPSILON;
 
 impl Accelerator {
-    /// Finds the first triangle on each chord from `a` to `b`, both moved by `shift`, at most at `limit`
-    /// (negative: nothing is asked of this lane) below the nodes `roots`; `None` if there are none.
+    /// Finds the first triangle on each chord from `a` to `b`, both moved by `shift`, where arc lengths are `s`, at
+    /// most at `limit` (negative: nothing is asked of this lane) below the nodes `roots`, and of those that move;
+    /// `None` if there are none.
     #[inline(always)]
     pub fn first_hits(
+        &self,
+        roots: &[u32],
+        (ends, s): ([&Offsets; 2], [f64; 2]),
+        shift: DVec3,
+        limit: &SingleLanes,
+    ) -> Option<PacketHits> {
+        let still = self.first_still_hits(roots, ends, shift, limit);
+        match self.moving.any() {
+            true => {
+                let chords = PacketChords { ends, s, shift };
+                self.moving.first_hits(&chords, &self.holes, limit, still)
+            }
+            false => still,
+        }
+    }
+
+    #[inline(always)]
+    fn first_still_hits(
         &self,
         roots: &[u32],
         [a, b]: [&Offsets; 2],
@@ -80,11 +110,7 @@ impl Accelerator {
         let chords = self.chords(a, b, shift);
         let near = self.box_from(chords.origin, &around);
         let unit = self.tree.unit();
-        let mut hits = PacketHits {
-            t: [f32::INFINITY; LANES],
-            triangle: [0; LANES],
-            weights: [[0.0; LANES]; 2],
-        };
+        let mut hits = PacketHits::default();
         let mut reach = *limit;
         let mut stack = Stack::default();
         for root in roots {

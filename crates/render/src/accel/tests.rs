@@ -3,12 +3,13 @@ use crate::{
     lanes::{BoxPacket, LANES, SingleVectors, each_vector},
     path_patch::Offsets,
 };
+use glam::Vec3;
 
 /// A small deterministic generator of numbers in [0, 1).
-struct Random(u64);
+pub(super) struct Random(pub u64);
 
 impl Random {
-    fn next(&mut self) -> f64 {
+    pub fn next(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut x = self.0;
         x = (x ^ (x >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -16,7 +17,7 @@ impl Random {
         ((x ^ (x >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    fn point(&mut self) -> DVec3 {
+    pub fn point(&mut self) -> DVec3 {
         DVec3::new(self.next(), self.next(), self.next()) * 2.0 - 1.0
     }
 }
@@ -29,8 +30,16 @@ fn soup(random: &mut Random, count: usize, size: f64, place: DVec3, scale: f64) 
     (0..count).map(|_| triangle()).collect()
 }
 
+/// A chord whose arc lengths nothing asks for.
+fn chord(a: DVec3, b: DVec3) -> TimedChord {
+    TimedChord {
+        ends: [a, b],
+        s: [0.0, 1.0],
+    }
+}
+
 /// An octahedron's faces cut into `n²` pieces each and blown up to the unit sphere.
-fn sphere(n: i32) -> Vec<[DVec3; 3]> {
+pub(super) fn sphere(n: i32) -> Vec<[DVec3; 3]> {
     let mut triangles = Vec::new();
     for signs in 0..8 {
         let sign = |bit: i32| if signs >> bit & 1 == 0 { 1.0 } else { -1.0 };
@@ -70,7 +79,11 @@ fn the_tree_agrees_with_trying_every_triangle() {
                 let half = scale * reach * random.point();
                 let (a, b) = (middle - half, middle + half);
                 let expected = accelerator.first_hit_among(&all, a, b);
-                assert_eq!(accelerator.first_hit_on_chord(a, b), expected, "{a} {b}");
+                assert_eq!(
+                    accelerator.first_hit_on_chord(&chord(a, b)),
+                    expected,
+                    "{a} {b}"
+                );
                 hits += usize::from(expected.is_some());
             }
         }
@@ -94,7 +107,7 @@ fn the_triangle_test_agrees_with_cramer() {
         if edge.into_iter().fold(1.0, f64::min) < 1e-6 {
             continue;
         }
-        let hit = Accelerator::build(&[corners]).first_hit_on_chord(a, b);
+        let hit = Accelerator::build(&[corners]).first_hit_on_chord(&chord(a, b));
         assert_eq!(hit.is_some(), inside);
         if let Some(hit) = hit {
             hits += 1;
@@ -120,9 +133,13 @@ fn a_closed_surface_has_no_cracks() {
             _ => random.point().normalize(),
         };
         let outside = inside + (aim - inside) * (1.5 + 20.0 * random.next());
-        let hit = accelerator.first_hit_on_chord(inside, outside);
+        let hit = accelerator.first_hit_on_chord(&chord(inside, outside));
         assert!(hit.is_some(), "{inside} {outside}");
-        assert!(accelerator.first_hit_on_chord(outside, inside).is_some());
+        assert!(
+            accelerator
+                .first_hit_on_chord(&chord(outside, inside))
+                .is_some()
+        );
     }
 }
 
@@ -132,20 +149,26 @@ fn a_path_of_many_chords_loses_no_hit_at_the_joints() {
     let mut random = Random(4);
     for _ in 0..2_000 {
         let (start, way) = (random.point() * 0.3, random.point().normalize() * 1.5);
-        let whole = accelerator.first_hit_on_chord(start, start + way).unwrap();
+        let whole = accelerator
+            .first_hit_on_chord(&chord(start, start + way))
+            .unwrap();
         // The joint is put exactly on the surface.
         let joint = start + whole.t * way;
-        let first = accelerator.first_hit_on_chord(start, joint);
-        let second = accelerator.first_hit_on_chord(joint, start + way);
+        let first = accelerator.first_hit_on_chord(&chord(start, joint));
+        let second = accelerator.first_hit_on_chord(&chord(joint, start + way));
         assert!(first.is_some() || second.is_some());
     }
 }
 
-/// The first hits of sixteen chords on any triangle.
-fn packet(accelerator: &Accelerator, a: &[DVec3; 16], b: &[DVec3; 16]) -> Option<PacketHits> {
+/// The first hits of sixteen chords, at whose ends arc lengths are `s`, on any triangle.
+pub(super) fn packet(
+    accelerator: &Accelerator,
+    (a, b): (&[DVec3; 16], &[DVec3; 16]),
+    s: [f64; 2],
+) -> Option<PacketHits> {
     let spread = |p: &[DVec3; 16]| Offsets::of(&each_vector(|c, l| p[l][c]));
     let (a, b) = (spread(a), spread(b));
-    accelerator.first_hits(&[0], [&a, &b], DVec3::ZERO, &[1.0; 16])
+    accelerator.first_hits(&[0], ([&a, &b], s), DVec3::ZERO, &[1.0; 16])
 }
 
 #[test]
@@ -159,10 +182,10 @@ fn sixteen_chords_meet_what_each_does_by_itself() {
             let mut point = |at: DVec3, spread: f64| at + scale * (3.0 + spread * random.point());
             let middles = [0; 2].map(|_| point(DVec3::ZERO, 1.0) - 3.0 * scale);
             let [a, b] = middles.map(|middle| [0; 16].map(|_| point(middle, 0.05)));
-            let found = packet(&accelerator, &a, &b);
+            let found = packet(&accelerator, (&a, &b), [0.0, 1.0]);
             let t = |l: usize| found.as_ref().map_or(f32::INFINITY, |found| found.t[l]);
             for l in 0..16 {
-                let alone = accelerator.first_hit_on_chord(a[l], b[l]);
+                let alone = accelerator.first_hit_on_chord(&chord(a[l], b[l]));
                 let expected = alone.map_or(f32::INFINITY, |hit| hit.t as f32);
                 hits += usize::from(alone.is_some());
                 // At an edge either answer is right.
@@ -188,11 +211,12 @@ fn sixteen_chords_find_no_cracks_and_lose_nothing_at_joints() {
         let aim = random.point().normalize();
         let starts = [0; 16].map(|_| start + 0.01 * random.point());
         let ends = [0; 16].map(|_| 2.0 * (aim + 0.01 * random.point()));
-        let whole = packet(&accelerator, &starts, &ends).expect("a closed surface");
+        let whole = packet(&accelerator, (&starts, &ends), [0.0, 1.0]).expect("a closed surface");
         // The joints are put on the surface.
         let joints = std::array::from_fn(|l| starts[l].lerp(ends[l], whole.t[l].into()));
         let [first, second] = [(&starts, &joints), (&joints, &ends)];
-        let [first, second] = [first, second].map(|(a, b)| packet(&accelerator, a, b));
+        let [first, second] =
+            [first, second].map(|(a, b)| packet(&accelerator, (a, b), [0.0, 1.0]));
         let is_hit = |found: &Option<PacketHits>, l: usize| {
             found.as_ref().is_some_and(|found| found.t[l].is_finite())
         };
@@ -258,20 +282,22 @@ fn axis_parallel_chords_and_flat_sets_work() {
     };
     let accelerator = Accelerator::build(&[square(0.0)]);
     let hit = accelerator
-        .first_hit_on_chord(DVec3::Z, DVec3::NEG_Z)
+        .first_hit_on_chord(&chord(DVec3::Z, DVec3::NEG_Z))
         .unwrap();
     assert_eq!((hit.t, hit.triangle), (0.5, 0));
     assert!(
         accelerator
-            .first_hit_on_chord(DVec3::NEG_X, DVec3::X)
+            .first_hit_on_chord(&chord(DVec3::NEG_X, DVec3::X))
             .is_none()
     );
     let stacked = Accelerator::build(&[square(0.25), square(-0.5), square(-0.5), square(0.5)]);
-    let up = stacked.first_hit_on_chord(DVec3::NEG_Z, DVec3::Z).unwrap();
+    let up = stacked
+        .first_hit_on_chord(&chord(DVec3::NEG_Z, DVec3::Z))
+        .unwrap();
     assert_eq!((up.t, up.triangle), (0.25, 1));
     assert_eq!(
         stacked
-            .first_hit_on_chord(DVec3::Z, DVec3::NEG_Z)
+            .first_hit_on_chord(&chord(DVec3::Z, DVec3::NEG_Z))
             .unwrap()
             .triangle,
         3
@@ -350,7 +376,7 @@ fn an_empty_set_is_never_hit() {
         assert!(accelerator.bounds().is_none());
         assert!(
             accelerator
-                .first_hit_on_chord(DVec3::ZERO, DVec3::ONE)
+                .first_hit_on_chord(&chord(DVec3::ZERO, DVec3::ONE))
                 .is_none()
         );
         assert!(!accelerator.touches(DVec3::NEG_INFINITY, DVec3::INFINITY));
@@ -370,11 +396,15 @@ fn what_is_not_finite_or_has_no_size_is_never_met() {
         [DVec3::ZERO, DVec3::X, DVec3::X * 2.0],
     ];
     let accelerator = Accelerator::build(&odd);
-    let down = |a: DVec3| accelerator.first_hit_on_chord(a + DVec3::Z, a - DVec3::Z);
+    let down = |a: DVec3| accelerator.first_hit_on_chord(&chord(a + DVec3::Z, a - DVec3::Z));
     assert_eq!(down(DVec3::new(0.2, 0.2, 0.0)).unwrap().triangle, 1);
     assert!(down(DVec3::new(1.5, 0.0, 0.0)).is_none());
     for end in [DVec3::NAN, DVec3::INFINITY, DVec3::ZERO] {
-        assert!(accelerator.first_hit_on_chord(DVec3::ZERO, end).is_none());
+        assert!(
+            accelerator
+                .first_hit_on_chord(&chord(DVec3::ZERO, end))
+                .is_none()
+        );
         assert!(
             accelerator
                 .first_hit_among(&[0, 1, 2, 3, 99], DVec3::ZERO, end)
@@ -384,7 +414,7 @@ fn what_is_not_finite_or_has_no_size_is_never_met() {
     let all_in_one_point = Accelerator::build(&[[DVec3::X; 3]; 9]);
     assert!(
         all_in_one_point
-            .first_hit_on_chord(DVec3::ZERO, DVec3::X * 2.0)
+            .first_hit_on_chord(&chord(DVec3::ZERO, DVec3::X * 2.0))
             .is_none()
     );
     assert!(all_in_one_point.touches(DVec3::ZERO, DVec3::X));
@@ -404,7 +434,11 @@ fn speed_of_queries() {
         let end = |a: DVec3, b: DVec3| a + (b - a) * length;
         let hits = chords
             .iter()
-            .filter(|(a, b)| accelerator.first_hit_on_chord(*a, end(*a, *b)).is_some())
+            .filter(|(a, b)| {
+                accelerator
+                    .first_hit_on_chord(&chord(*a, end(*a, *b)))
+                    .is_some()
+            })
             .count();
         let each = start.elapsed() / chords.len() as u32;
         println!("{count} triangles, {name} chords: {each:?} each, {hits} hits");

@@ -46,6 +46,9 @@ pub struct SceneFile {
     pub lights: Vec<LightEntry>,
     /// Set if light is to be weighed with what happens to its frequency on the way.
     pub redshift: bool,
+    /// Where it is asked that light take the time of its way, so that objects that move are seen where they were when they
+    /// sent it; `None` if all are seen where they are.
+    pub delay: Option<Span>,
     /// Exit name, where it is named, and its sky, in the order of the file.
     pub skies: Vec<(String, Span, SkyEntry)>,
 }
@@ -159,7 +162,7 @@ pub enum SkyEntry {
 }
 
 const ROOT_KEYS: &[&str] = &[
-    "manifold", "redshift", "camera", "view", "object", "light", "sky",
+    "manifold", "redshift", "delay", "camera", "view", "object", "light", "sky",
 ];
 const OBJECT_KEYS: &[&str] = &[
     "mesh",
@@ -219,6 +222,7 @@ impl SceneFile {
             objects: each(&root, "object", |t| object(&t, folder))?,
             lights: each(&root, "light", |t| light(&t))?,
             redshift: root.optional("redshift").map_or(Ok(false), |v| v.truth())?,
+            delay: delay(&root)?,
             skies: skies(&root, folder)?,
             source: source.clone(),
         };
@@ -249,6 +253,13 @@ pub(super) fn each<'a, T>(
     let items = array.array(AN_ARRAY_OF_TABLES)?;
     let table = |v: Value<'a>| read(v.table(format!("[[{key}]]"), "a table")?);
     items.into_iter().map(table).collect()
+}
+
+fn delay(root: &Table) -> Result<Option<Span>> {
+    let Some(delay) = root.optional("delay") else {
+        return Ok(None);
+    };
+    Ok(delay.truth()?.then(|| delay.span()))
 }
 
 fn camera(root: &Table) -> Result<CameraEntry> {

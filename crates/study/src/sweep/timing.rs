@@ -211,7 +211,7 @@ pub fn default_view(manifold: &Arc<Manifold>) -> Result<Option<(World, View)>> {
         "manifold = \"-\"\n[camera]\nat = [0, 0, 0]\nlook = [-1, 0, 0]\nup = [0, 0, 1]\n[sky]\n{skies}"
     );
     let scene = SceneFile::parse(SourceText::new("default view", text), Path::new("."))?;
-    let world = World::new(&scene, manifold.clone())?;
+    let world = World::new(&scene, manifold.clone(), 0.0)?;
     let view = View::of_camera(&camera, 90.0, (WIDTH, HEIGHT));
     Ok(Some((world, view)))
 }
