@@ -36,11 +36,11 @@ const MOST_TRIANGLES: usize = 4_000_000;
 
 /// An object as it is seen at arc lengths of an interval.
 pub(super) struct SeenInterval {
-    /// Its ends; infinite is the second where the object has not begun to move.
+    /// Its ends; the second is infinite where the object has not begun to move.
     s: [f64; 2],
-    /// Vertices at the ends, and between them.
+    /// Vertices at the ends.
     ends: [Arc<Points>; 2],
-    /// Those between them.
+    /// Vertices in the middle.
     pub middle: Arc<Points>,
 }
 
@@ -61,7 +61,7 @@ pub(super) struct DelayedObject<'a> {
     pub path: &'a ObjectPath<'a>,
     /// The manifold.
     pub manifold: &'a Manifold,
-    /// Its mesh as loaded, and how that is cut at all times.
+    /// Its mesh as loaded.
     pub mesh: &'a Mesh,
     /// How that is cut at all times.
     pub cuts: Arc<Cuts>,
@@ -71,7 +71,7 @@ pub(super) struct DelayedObject<'a> {
     pub time: f64,
 }
 
-/// Places where the object is seen at an arc length.
+/// The object where it is seen at an arc length.
 #[derive(Clone)]
 struct SeenAt {
     s: f64,
