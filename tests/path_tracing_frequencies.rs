@@ -8,7 +8,7 @@ use geofan_light::{
     path_tracer::{Estimator, PathTracerSettings},
 };
 use geofan_render::{
-    ExactTracer, Stage, View,
+    ExactTracer, Stage,
     drawing::draw,
     frame::{Paths, no_clock},
     shade::Footprints,
