@@ -4,12 +4,12 @@ use crate::{
     arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
     columns::Columns,
     errors::{About, refuse},
-    manifold::{Manifold, places},
+    manifold::{PyManifold, places},
     trace::{BLOCK, Places, TraceArrays, end_number, known_to_tables, write_end, write_sample},
     work,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
-use geofan_bundle::{self as table, Fan, TablePath, TangentPromise, container::VERSION, trace_in};
+use geofan_bundle::{Bundle, Fan, TablePath, TangentPromise, container::VERSION, trace_in};
 use geofan_core::{
     Error, Observer, Progress, Result,
     geodesic::{End, Ray, Settings, UnfinishedPaths, check_point, paths},
@@ -29,10 +29,10 @@ use std::{
 };
 
 /// A bundle.
-#[pyclass(frozen, module = "geofan._native")]
-pub struct Bundle {
+#[pyclass(frozen, name = "Bundle", module = "geofan._native")]
+pub struct PyBundle {
     /// The library's.
-    pub bundle: Arc<table::Bundle>,
+    pub bundle: Arc<Bundle>,
 }
 
 /// Numbers of the columns of `paths`.
@@ -44,18 +44,18 @@ const DIRECTION: usize = 1;
 const LENGTH: usize = 2;
 
 #[pymethods]
-impl Bundle {
+impl PyBundle {
     /// Reads a bundle file.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let bundle = work::watch(py, About::Input, None, |_| table::Bundle::read(&path))?;
+        let bundle = work::watch(py, About::Input, None, |_| Bundle::read(&path))?;
         Ok(Self::new(bundle))
     }
 
     /// Reads the bytes of a bundle file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
-        let bundle = table::Bundle::from_bytes(bytes);
+        let bundle = Bundle::from_bytes(bytes);
         Ok(Self::new(
             bundle.map_err(|e| refuse(py, "bundle", e.to_string()))?,
         ))
@@ -67,7 +67,7 @@ impl Bundle {
     #[allow(clippy::too_many_arguments)]
     fn bake(
         py: Python<'_>,
-        manifold: &Manifold,
+        manifold: &PyManifold,
         output: PathBuf,
         promises: (Option<f64>, Option<f64>),
         max_size: Option<u64>,
@@ -131,7 +131,7 @@ impl Bundle {
         }
         let merged = work::watch(py, About::Input, progress.as_ref(), |o| {
             let merged = merge(&shards, &output, o)?;
-            Ok((table::Bundle::read(&output)?, merged.unfinished))
+            Ok((Bundle::read(&output)?, merged.unfinished))
         });
         let (bundle, unfinished) = merged?;
         Ok(Self::made(bundle, &unfinished))
@@ -155,8 +155,8 @@ impl Bundle {
 
     /// Returns the manifold.
     #[getter]
-    fn manifold(&self) -> Manifold {
-        Manifold {
+    fn manifold(&self) -> PyManifold {
+        PyManifold {
             space: self.bundle.manifold.clone(),
         }
     }
@@ -385,15 +385,15 @@ impl Bundle {
     }
 }
 
-impl Bundle {
-    fn new(bundle: table::Bundle) -> Self {
+impl PyBundle {
+    fn new(bundle: Bundle) -> Self {
         Self {
             bundle: Arc::new(bundle),
         }
     }
 
     /// Wraps what was baked, with what the user should know of it.
-    fn made(bundle: table::Bundle, unfinished: &UnfinishedPaths) -> (Option<Self>, Vec<String>) {
+    fn made(bundle: Bundle, unfinished: &UnfinishedPaths) -> (Option<Self>, Vec<String>) {
         let plan = &bundle.header.plan;
         let short = "bake with a greater `length`";
         let short = unfinished.warning("paths end before they leave", short);
@@ -474,7 +474,7 @@ fn go_on(observer: &dyn Observer) -> Result<()> {
 
 /// Paths to be read one by one.
 struct TableTrace<'a> {
-    bundle: &'a table::Bundle,
+    bundle: &'a Bundle,
     at: &'a Vectors<'a>,
     directions: &'a Vectors<'a>,
     length: f64,

@@ -13,7 +13,7 @@ use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
     geodesic::{check_point, transport},
-    manifold::{self as space, Carried, ChartCurve, Curvature},
+    manifold::{Carried, ChartCurve, Curvature, Manifold},
 };
 use glam::{DMat3, DVec3};
 use numpy::{
@@ -24,10 +24,10 @@ use rayon::prelude::*;
 use std::{path::PathBuf, sync::Arc};
 
 /// A manifold.
-#[pyclass(frozen, module = "geofan._native")]
-pub struct Manifold {
+#[pyclass(frozen, name = "Manifold", module = "geofan._native")]
+pub struct PyManifold {
     /// The library's.
-    pub space: Arc<space::Manifold>,
+    pub space: Arc<Manifold>,
 }
 
 /// Quantities at a point, by the names of the methods that return them.
@@ -69,7 +69,7 @@ impl Quantity {
     }
 
     /// Writes it at a point.
-    fn write(self, manifold: &space::Manifold, u: DVec3, out: &mut [f64]) -> Result<()> {
+    fn write(self, manifold: &Manifold, u: DVec3, out: &mut [f64]) -> Result<()> {
         let curvature = || -> Result<Curvature> { manifold.curvature(u) };
         match self {
             Self::Metric => out.copy_from_slice(&rows(manifold.metric(u))),
@@ -100,11 +100,11 @@ fn rows(m: DMat3) -> [f64; 9] {
 }
 
 #[pymethods]
-impl Manifold {
+impl PyManifold {
     /// Reads a manifold file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, settings: Vec<(String, f64)>) -> PyResult<Self> {
-        let loaded = py.detach(|| space::Manifold::load(&path, &settings));
+        let loaded = py.detach(|| Manifold::load(&path, &settings));
         Self::made(py, loaded)
     }
 
@@ -120,7 +120,7 @@ impl Manifold {
             return Err(refuse(py, &name, "is not text: it holds NUL bytes"));
         }
         let source = SourceText::new(name, text);
-        let loaded = py.detach(|| space::Manifold::from_source(source, &settings));
+        let loaded = py.detach(|| Manifold::from_source(source, &settings));
         Self::made(py, loaded)
     }
 
@@ -400,9 +400,9 @@ impl Manifold {
     }
 }
 
-impl Manifold {
+impl PyManifold {
     /// Wraps what was loaded.
-    fn made(py: Python<'_>, loaded: Result<space::Manifold>) -> PyResult<Self> {
+    fn made(py: Python<'_>, loaded: Result<Manifold>) -> PyResult<Self> {
         let space = loaded.map_err(|error| About::Manifold.raise(py, error))?;
         Ok(Self {
             space: Arc::new(space),

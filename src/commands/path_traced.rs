@@ -14,7 +14,7 @@ use geofan_light::path_tracer::{Estimator, PanelTracers, PassAccumulator, PathTr
 use geofan_render::{
     ExactTracer, PicturePanels, Stage, View,
     frame::{Paths, offsets, trace},
-    picture::{self, Format, Precision, write_exr},
+    picture::{self, PictureFormat, Precision, write_exr},
     unfinished,
 };
 use serde_json::json;
@@ -217,7 +217,7 @@ fn write(
         );
     }
     let notes = metadata(stage, panels, "path").with("samples", film.passes().to_string());
-    if Format::of(&args.output) != Some(Format::Exr) {
+    if PictureFormat::of(&args.output) != Some(PictureFormat::Exr) {
         return picture::write(&args.output, &picture, &notes);
     }
     let layers = tracers.layered(picture);

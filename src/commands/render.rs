@@ -15,7 +15,7 @@ use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
 use geofan_render::{
     DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Stage, View, count_unfinished,
     frame::Outcomes,
-    picture::{self, Format, Metadata, Picture},
+    picture::{self, Metadata, Picture, PictureFormat},
     scene::PoseFile,
 };
 use serde_json::json;
@@ -318,7 +318,7 @@ fn draw_parts(
     panels: &PicturePanels,
 ) -> Result<DrawnPanels> {
     let options = DrawingOptions {
-        layers: Format::of(&args.output) == Some(Format::Exr),
+        layers: PictureFormat::of(&args.output) == Some(PictureFormat::Exr),
         ..args.scene.drawing()
     };
     paths.draw_panels(&stage.world, panels, options, &geofan_study::clock)

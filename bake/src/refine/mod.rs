@@ -24,7 +24,7 @@ mod tree;
 use crate::plan::divides_paths;
 use geofan_bundle::{
     Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, chebyshev, path_coefficients,
-    rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
+    rays::{DISPLACEMENT, FACES, RaySpace, Sample, SamplingPlan, StoredCamera, cell},
 };
 use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
 use glam::DVec3;
@@ -331,7 +331,7 @@ impl Refiner<'_> {
         lengths.extend(self.arc_lengths(bounds, nodes[bounds.arc()]));
         // Exact samples: slopes at the nodes, and the displacement that they add to.
         let channels = self.space.channels();
-        let samples = Samples {
+        let samples = SamplingPlan {
             space: self.space,
             tolerance: self.plan.tolerance,
             lengths: &lengths,

@@ -8,7 +8,7 @@
 //! [`ChartMap::displacement`]: super::ChartMap::displacement
 
 use super::{
-    ChartMap, RaySpace, Start,
+    ChartMap, LiftedStart, RaySpace,
     piece::{EdgePiece, state_on},
 };
 use geofan_core::parallel::*;
@@ -51,7 +51,7 @@ pub fn sample(
     rays: &[(DVec3, DVec3)],
     (lengths, between): (&[f64], Option<BetweenEdges<'_>>),
 ) -> Array3<f64> {
-    let samples = Samples {
+    let samples = SamplingPlan {
         space,
         tolerance,
         lengths,
@@ -64,9 +64,9 @@ pub fn sample(
     Array3::from_shape_vec(shape, samples).expect("a sample of each ray at each length")
 }
 
-/// Samples of which only a part is kept.
+/// What is sampled of rays, and how much of each sample is kept.
 #[derive(Debug, Clone, Copy)]
-pub struct Samples<'a> {
+pub struct SamplingPlan<'a> {
     /// The rays.
     pub space: &'a RaySpace,
     /// The tolerance of the exact tracer.
@@ -89,7 +89,7 @@ pub struct BetweenEdges<'a> {
     pub intervals: &'a [[f64; 2]],
 }
 
-impl Samples<'_> {
+impl SamplingPlan<'_> {
     /// Samples `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
     /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
     /// last running fastest. Ranges for which `rays` gives none are left out.
@@ -154,7 +154,7 @@ impl Samples<'_> {
     fn read_piece(
         &self,
         (path, [first, end]): (&Path, [usize; 2]),
-        (start, behind_end): (&Start, Option<f64>),
+        (start, behind_end): (&LiftedStart, Option<f64>),
         [low, high]: [f64; 2],
         mut put: impl FnMut(usize, &Sample),
     ) {
@@ -206,7 +206,7 @@ impl Samples<'_> {
     ) {
         let settings = self.settings();
         let starts = rays.iter().map(|&(u, v)| self.space.lift().start(u, v));
-        let starts: Vec<Start> = starts.collect();
+        let starts: Vec<LiftedStart> = starts.collect();
         let mut sampler = Sampler {
             of: *self,
             points: starts.iter().map(|start| start.x).collect(),
@@ -228,8 +228,8 @@ impl Samples<'_> {
 type Last = (f64, DVec3, DVec3);
 
 struct Sampler<'a, K> {
-    of: Samples<'a>,
-    starts: Vec<Start>,
+    of: SamplingPlan<'a>,
+    starts: Vec<LiftedStart>,
     /// The last lifted point of each ray.
     points: Vec<DVec4>,
     /// The next arc length to be sampled, for each ray.
@@ -243,7 +243,7 @@ struct Sampler<'a, K> {
 impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
     fn put(&mut self, ray: usize, u: DVec3, v: DVec3) {
         let at = self.next[ray];
-        let Samples {
+        let SamplingPlan {
             space,
             lengths,
             width,

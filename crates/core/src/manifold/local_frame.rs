@@ -138,13 +138,13 @@ fn gram_schmidt(g: DMat3) -> DMat3 {
 
 /// Wind, lapse and drift at a point, as the paths followed meet them.
 #[derive(Debug, Clone, Copy)]
-struct Medium {
+struct LocalMedium {
     wind: DVec3,
     lapse: f64,
     drift: DVec3,
 }
 
-impl Medium {
+impl LocalMedium {
     /// Without wind, drift and lapse.
     const NONE: Self = Self {
         wind: DVec3::ZERO,
@@ -174,7 +174,7 @@ struct MediumSlopes {
 #[derive(Debug, Clone, Copy)]
 pub struct Frequencies {
     metric: DMat3,
-    medium: Medium,
+    medium: LocalMedium,
     follows: Follows,
 }
 
@@ -278,7 +278,7 @@ impl Manifold {
     /// Returns [`Self::local_frame`] at many points.
     pub fn local_frames(&self, points: &[DVec3]) -> Vec<LocalFrame> {
         let frames = self.standard_frames(points).into_iter();
-        let local = |(frame, medium): (DMat3, Medium)| LocalFrame {
+        let local = |(frame, medium): (DMat3, LocalMedium)| LocalFrame {
             frame,
             wind: self.has_wind().then_some(medium.wind),
         };
@@ -422,20 +422,22 @@ impl Manifold {
         (self.medium(u).wind, self.medium_slopes(u).exterior)
     }
 
-    fn medium(&self, u: DVec3) -> Medium {
+    fn medium(&self, u: DVec3) -> LocalMedium {
         match &self.tapes.medium {
-            Some(tape) => Medium::of(&self.at_point(tape, u)),
-            None => Medium::NONE,
+            Some(tape) => LocalMedium::of(&self.at_point(tape, u)),
+            None => LocalMedium::NONE,
         }
     }
 
     /// [`Self::medium`] at many points.
-    fn media(&self, points: &[DVec3]) -> Vec<Medium> {
+    fn media(&self, points: &[DVec3]) -> Vec<LocalMedium> {
         let Some(tape) = &self.tapes.medium else {
-            return vec![Medium::NONE; points.len()];
+            return vec![LocalMedium::NONE; points.len()];
         };
         let rows = self.at_points(tape, points);
-        rows.chunks_exact(tape.outputs()).map(Medium::of).collect()
+        rows.chunks_exact(tape.outputs())
+            .map(LocalMedium::of)
+            .collect()
     }
 
     fn medium_slopes(&self, u: DVec3) -> MediumSlopes {

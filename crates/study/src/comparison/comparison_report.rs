@@ -3,7 +3,7 @@
 //! In: drawings with their times. Out: [`FrameTimes`], in seconds, and the [`ComparisonReport`].
 
 use geofan_core::{geodesic::UnfinishedPaths, quantiles::Quantiles};
-use geofan_render::{drawing::Drawing, frame::Work};
+use geofan_render::{drawing::Drawing, frame::FrameStatistics};
 use serde::Serialize;
 use std::fmt;
 
@@ -113,8 +113,8 @@ pub struct LatticeCounts {
     pub pending: usize,
 }
 
-impl From<Work> for LatticeCounts {
-    fn from(work: Work) -> Self {
+impl From<FrameStatistics> for LatticeCounts {
+    fn from(work: FrameStatistics) -> Self {
         Self {
             paths: work.paths,
             interpolated: work.interpolated,

@@ -60,8 +60,8 @@ impl SampleSource {
         let [file] = self.files.as_slice() else {
             return self.read_slices();
         };
-        let kind = kind(file);
-        if kind != Kind::Raw
+        let format = FieldFormat::of(file);
+        if format != FieldFormat::Raw
             && let Some(key) = self.raw_key()
         {
             return Err(
@@ -69,23 +69,25 @@ impl SampleSource {
                     .hint("take it away: this kind of file tells it"),
             );
         }
-        match kind {
-            Kind::Npy => {
+        match format {
+            FieldFormat::Npy => {
                 self.refuse_array("a .npy file holds one array")?;
                 npy::array(&bytes(file)?).map(|samples| (samples, None))
             }
-            Kind::Raw => {
+            FieldFormat::Raw => {
                 self.refuse_array("a file without a head holds one array")?;
                 self.raw(&bytes(file)?).map(|samples| (samples, None))
             }
             #[cfg(feature = "samples")]
-            Kind::Npz => npy::archive(bytes(file)?, self.array.as_deref()).map(|s| (s, None)),
+            FieldFormat::Npz => {
+                npy::archive(bytes(file)?, self.array.as_deref()).map(|s| (s, None))
+            }
             #[cfg(feature = "samples")]
-            Kind::Vti => vti::image(&bytes(file)?, self.array.as_deref()),
+            FieldFormat::Vti => vti::image(&bytes(file)?, self.array.as_deref()),
             #[cfg(feature = "samples")]
-            Kind::Exr => self.read_slices(),
+            FieldFormat::Exr => self.read_slices(),
             #[cfg(not(feature = "samples"))]
-            Kind::Npz | Kind::Vti | Kind::Exr => Err(SampleFault::new(
+            FieldFormat::Npz | FieldFormat::Vti | FieldFormat::Exr => Err(SampleFault::new(
                 "file",
                 "this build of geofan reads samples from .npy files and files without a head only",
             )),
@@ -94,7 +96,11 @@ impl SampleSource {
 
     #[cfg(feature = "samples")]
     fn read_slices(&self) -> Reading<Placed> {
-        if let Some(other) = self.files.iter().find(|file| kind(file) != Kind::Exr) {
+        if let Some(other) = self
+            .files
+            .iter()
+            .find(|file| FieldFormat::of(file) != FieldFormat::Exr)
+        {
             return Err(
                 SampleFault::new("file", format!("{} is no slice", other.display()))
                     .hint("a list names .exr files, one for each z"),
@@ -193,9 +199,9 @@ fn packed(file: &Path) -> Option<Reading<Placed>> {
     Some(samples.map(|samples| (samples, Some(limits))))
 }
 
-/// The kinds of files.
+/// The formats of files of samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum FieldFormat {
     Npy,
     Npz,
     Vti,
@@ -203,15 +209,17 @@ enum Kind {
     Raw,
 }
 
-/// Tells the kind of a file by its name.
-fn kind(file: &Path) -> Kind {
-    let end = file.extension().unwrap_or_default().to_string_lossy();
-    match end.to_ascii_lowercase().as_str() {
-        "npy" => Kind::Npy,
-        "npz" => Kind::Npz,
-        "vti" => Kind::Vti,
-        "exr" => Kind::Exr,
-        _ => Kind::Raw,
+impl FieldFormat {
+    /// Tells the format of a file by its name.
+    fn of(file: &Path) -> Self {
+        let end = file.extension().unwrap_or_default().to_string_lossy();
+        match end.to_ascii_lowercase().as_str() {
+            "npy" => Self::Npy,
+            "npz" => Self::Npz,
+            "vti" => Self::Vti,
+            "exr" => Self::Exr,
+            _ => Self::Raw,
+        }
     }
 }
 

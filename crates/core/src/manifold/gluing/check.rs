@@ -42,7 +42,7 @@ pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
     let points = points_inside(manifold, &gluing)?;
     gluing.measure(&points);
     gluing.recognise(&points);
-    let checks = Checks {
+    let checks = GluingChecks {
         manifold,
         gluing: &gluing,
         points: &points,
@@ -217,13 +217,13 @@ pub(super) struct FacePoint {
 }
 
 /// What the checks look at.
-pub(super) struct Checks<'a> {
+pub(super) struct GluingChecks<'a> {
     pub(super) manifold: &'a Manifold,
     pub(super) gluing: &'a Gluing,
     pub(super) points: &'a [DVec3],
 }
 
-impl Checks<'_> {
+impl GluingChecks<'_> {
     pub(super) fn complain(&self, k: usize, message: String) -> Diagnostic {
         complain(self.manifold, self.gluing, k, message)
     }

@@ -3,7 +3,7 @@
 use super::{Loader, Reading};
 use crate::{
     diagnostic::Diagnostic,
-    document::{Item, Table, Text},
+    document::{Item, Text, TomlTable},
     manifold::{Domain, EventKind},
 };
 use geofan_expr::{NodeId, Tape};
@@ -44,7 +44,7 @@ impl Loader<'_> {
         Ok(limits)
     }
 
-    fn read_glued(&self, table: &Table<'_>, limits: &mut Limits) -> Reading<()> {
+    fn read_glued(&self, table: &TomlTable<'_>, limits: &mut Limits) -> Reading<()> {
         let Some(list) = table.get("periodic") else {
             return Ok(());
         };

@@ -18,7 +18,7 @@ mod symmetry;
 use super::{Follows, Manifold, geometry, kin::Kin, pullback::Pullback, tapes::Tapes};
 use crate::{
     diagnostic::{Diagnostic, SourceText},
-    document::{self, Item, Table, Text},
+    document::{self, Item, Text, TomlTable},
     error::{Error, Result},
     field::Samples,
 };
@@ -71,7 +71,7 @@ pub(super) fn from_source(
             format!("{name}={value} is not finite"),
         ));
     }
-    let read = |root: Table<'_>| Loader::new(source, samples).load(&root, settings);
+    let read = |root: TomlTable<'_>| Loader::new(source, samples).load(&root, settings);
     let manifold = document::read(source, read)?;
     for (name, _) in settings {
         refuse_unless_known(name, &manifold.parameters)?;
@@ -129,7 +129,7 @@ impl<'s> Loader<'s> {
         }
     }
 
-    fn load(mut self, root: &Table<'_>, settings: &[(String, f64)]) -> Reading<Manifold> {
+    fn load(mut self, root: &TomlTable<'_>, settings: &[(String, f64)]) -> Reading<Manifold> {
         refuse_unknown_keys(root)?;
         let name = root.require("name")?.text()?.value;
         self.coordinates = self.read_coordinates(&root.require("coordinates")?)?;
@@ -213,7 +213,7 @@ impl<'s> Loader<'s> {
 }
 
 /// First of all, so that a misspelt key is named and not the absence of the right one.
-fn refuse_unknown_keys(root: &Table<'_>) -> Reading<()> {
+fn refuse_unknown_keys(root: &TomlTable<'_>) -> Reading<()> {
     for key in KEYS {
         root.get(key);
     }
