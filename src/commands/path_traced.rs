@@ -102,9 +102,24 @@ pub fn run(
         std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
     }
     let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length).0);
+    let speeds = [tracers.rays() as f64 / seconds, exact_speed];
+    print(
+        args,
+        (panels, &tracers, &film),
+        (seconds, speeds, ends),
+        common,
+    )
+}
+
+/// Prints what came of a picture: the time, rays a second of this tracer and of the exact one, and how paths end.
+fn print(
+    args: &RenderArgs,
+    (panels, tracers, film): (&PicturePanels, &PanelTracers<'_>, &PassAccumulator),
+    (seconds, [speed, exact_speed], ends): (f64, [f64; 2], UnfinishedPaths),
+    common: &CommonArgs,
+) -> Result<Outcome> {
     let output = args.output.display().to_string();
     let (spp, rays, (width, height)) = (film.passes(), tracers.rays(), panels.size);
-    let speed = rays as f64 / seconds;
     if common.json {
         // Rays: geodesics from the camera, from surfaces, and all that were tried to find those that connect
         // to lights; for most connections two, the first without deviation.

@@ -151,15 +151,8 @@ impl<'s> Loader<'s> {
         let field_exits = self.field_exits(&[definition.nodes(), &medium_nodes].concat());
         let too_large = |e: TapeTooLarge| place.complain(e.to_string());
         let pullback = self.pullback.as_ref().map(|p| p.1.clone());
-        let kin = medium.moves().then(|| {
-            Kin::new(
-                self.graph.clone(),
-                definition.clone(),
-                medium,
-                pullback.clone(),
-            )
-        });
-        let kin = kin.transpose().map_err(too_large)?.map(Arc::new);
+        let kin = Kin::new(&self.graph, &definition, medium, pullback.as_ref());
+        let kin = kin.map_err(too_large)?;
         let seen = match &kin {
             Some(_) => medium.reversed(&mut self.graph),
             None => medium,
