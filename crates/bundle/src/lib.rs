@@ -118,7 +118,6 @@ pub use matrix::product;
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
 pub use rdoq::{unweighted, weighted, weighted_in_order};
-pub use restart::Restart;
 #[cfg(feature = "files")]
 pub use stored::{StoredChunks, StoredContents, write_chunks};
 pub use table::{Chunk, Division, Table};

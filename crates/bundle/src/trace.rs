@@ -149,10 +149,10 @@ fn trace_on(fan: Fan, direction: DVec3, length: f64, count: usize) -> Result<Opt
         let Some(start) = part.samples(manifold, std::iter::once(from)).pop() else {
             return Ok(None);
         };
-        let restart = table.restarted(start.u, start.v)?;
+        let (fan, direction) = table.restarted(start.u, start.v)?;
         parts.push(Part {
-            fan: restart.fan,
-            direction: restart.direction,
+            fan,
+            direction,
             from,
             start: Some(start),
         });

@@ -16,6 +16,7 @@ use super::{
 use geofan_core::parallel::*;
 use glam::DVec2;
 use ndarray::{Array3, Axis};
+use serde::Serialize;
 use std::time::Duration;
 
 /// The ends of all lines of sight of a picture, axes (row, column, sample).
@@ -40,8 +41,9 @@ pub fn offsets(n: usize) -> Vec<DVec2> {
         .collect()
 }
 
-/// Work done for a frame and time spent. Times are sums over threads, but for the samples that were put off.
-#[derive(Debug, Clone, Copy, Default)]
+/// Work done for a frame and time spent. Times are sums over threads, but for the samples that were put off; reports have
+/// their own.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
 pub struct FrameStatistics {
     /// Paths looked up or followed at common knots.
     pub paths: usize,
@@ -52,12 +54,16 @@ pub struct FrameStatistics {
     /// Samples that the tracer could not give.
     pub pending: usize,
     /// Time for paths and for dividing tiles.
+    #[serde(skip)]
     pub lattice: Duration,
     /// Time for tubes and chords.
+    #[serde(skip)]
     pub tiles: Duration,
     /// Time for samples.
+    #[serde(skip)]
     pub pixels: Duration,
     /// Time for the samples that the tracer could not give, by the clock.
+    #[serde(skip)]
     pub pending_time: Duration,
 }
 

@@ -116,8 +116,8 @@ impl<'f> Restarts<'f> {
         let mut from = reach;
         while from < self.length {
             let (u, v, _) = world.manifold.brought_in(state.0, state.1)?;
-            let restart = self.lookup.table.restarted(u, v).ok()?;
-            let path = restart.fan.path(restart.direction);
+            let (fan, direction) = self.lookup.table.restarted(u, v).ok()?;
+            let path = fan.path(direction);
             let RestartScratch {
                 events,
                 search,
@@ -130,7 +130,7 @@ impl<'f> Restarts<'f> {
             stay(rows, s.len(), known);
             let view = PathView {
                 knots: s,
-                direction: restart.direction,
+                direction,
                 rows,
                 boxes: &[],
                 known,

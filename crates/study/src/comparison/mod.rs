@@ -13,9 +13,7 @@ mod errors;
 mod frame_times;
 mod local_view;
 
-pub use comparison_report::{
-    ComparisonReport, EqualErrorExact, FrameTimes, LatticeCounts, PathTimes,
-};
+pub use comparison_report::{ComparisonReport, EqualErrorExact, FrameTimes, PathTimes};
 pub use local_view::{DistanceErrors, LocalReport, compare_local};
 
 use crate::{
@@ -126,7 +124,7 @@ pub fn compare(
         table: table_times,
         exact: exact_times,
         equal_error,
-        lattice: drawn.work.into(),
+        lattice: drawn.work,
     };
     let screen = errors::screen_map(view, &errors);
     let error = error_picture(&flip, "FLIP", "table against exact");
