@@ -320,7 +320,7 @@ fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
 
 /// Finds the elements that bound the domain. With each comes its inverse.
 fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
-    let candidates = Candidates::new(nearness, &elements[..elements.len().min(CANDIDATES)]);
+    let candidates = FaceCandidates::new(nearness, &elements[..elements.len().min(CANDIDATES)]);
     let mut chosen = candidates.with_inverses(candidates.seen_from_centre());
     chosen.sort_unstable();
     let face = |k: usize| QuotientFace {
@@ -332,14 +332,14 @@ fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
 }
 
 /// The elements among which those that bound the domain are found, by their numbers.
-struct Candidates<'a> {
+struct FaceCandidates<'a> {
     nearness: &'a Nearness<'a>,
     elements: &'a [Vec<f64>],
     /// The face of each as a linear function in the model, where there is an invariant form.
     rows: Vec<Option<Vec<f64>>>,
 }
 
-impl<'a> Candidates<'a> {
+impl<'a> FaceCandidates<'a> {
     fn new(nearness: &'a Nearness<'a>, elements: &'a [Vec<f64>]) -> Self {
         let n = nearness.model.dimension;
         let row = |matrix: &Vec<f64>| {
