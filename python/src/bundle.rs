@@ -1,7 +1,7 @@
 //! Bundles: reading, baking, checking, and paths of many rays.
 
 use crate::{
-    arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
+    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
     columns::Columns,
     errors::{About, refuse},
     manifold::{PyManifold, places},
@@ -257,8 +257,8 @@ impl PyBundle {
         samples: usize,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let at = Vectors::new(py, "at", &at)?;
-        let directions = Vectors::new(py, "direction", &direction)?;
+        let at = VectorRows::new(py, "at", &at)?;
+        let directions = VectorRows::new(py, "direction", &direction)?;
         same_length(py, &at, &directions)?;
         let count = places(py, samples, None).map(|places| Places::count(&places))?;
         let request = TableTrace {
@@ -294,7 +294,7 @@ impl PyBundle {
         s: PyReadonlyArray1<'py, f64>,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let directions = Vectors::new(py, "directions", &directions)?;
+        let directions = VectorRows::new(py, "directions", &directions)?;
         let s = arc_lengths(py, &s)?;
         let (rays, samples) = (directions.len(), s.len());
         self.length_within(py, s.last().copied().filter(|s| *s > 0.0))?;
@@ -343,7 +343,7 @@ impl PyBundle {
         directions: PyReadonlyArray2<'py, f64>,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let directions = Vectors::new(py, "directions", &directions)?;
+        let directions = VectorRows::new(py, "directions", &directions)?;
         let (rays, accuracy) = (directions.len(), tolerance(py, accuracy)?);
         room(py, "directions", &[rays, 3])?;
         let widths = [3, 3, 1];
@@ -475,8 +475,8 @@ fn go_on(observer: &dyn Observer) -> Result<()> {
 /// Paths to be read one by one.
 struct TableTrace<'a> {
     bundle: &'a Bundle,
-    at: &'a Vectors<'a>,
-    directions: &'a Vectors<'a>,
+    at: &'a VectorRows<'a>,
+    directions: &'a VectorRows<'a>,
     length: f64,
     samples: usize,
     tolerance: f64,
@@ -520,7 +520,7 @@ impl TableTrace<'_> {
 /// Looks up the rays of a block at the arc lengths `s`; those that the table gives up on are integrated.
 fn look_up(
     fan: &Fan,
-    (directions, first): (&Vectors<'_>, usize),
+    (directions, first): (&VectorRows<'_>, usize),
     s: &[f64],
     tolerance: f64,
     mut columns: Columns<'_, 2, 1>,
@@ -588,7 +588,7 @@ fn exact_settings(tolerance: f64, events: bool) -> Settings {
 /// Tells how the rays of a block end.
 fn see_skies(
     fan: &Fan,
-    (directions, first): (&Vectors<'_>, usize),
+    (directions, first): (&VectorRows<'_>, usize),
     length: f64,
     tolerance: f64,
     mut columns: Columns<'_, 3, 1>,

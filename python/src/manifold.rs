@@ -1,7 +1,7 @@
 //! Manifolds: reading, geometry at many points, transport, exact paths.
 
 use crate::{
-    arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
+    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
     connect,
     errors::{About, refuse},
     trace::{self, BLOCK, Places, TraceRequest},
@@ -249,7 +249,7 @@ impl PyManifold {
         quantity: &str,
         u: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points = Vectors::new(py, "u", &u)?;
+        let points = VectorRows::new(py, "u", &u)?;
         let Some(quantity) = Quantity::named(quantity) else {
             return Err(refuse(py, "quantity", format!("`{quantity}` is not known")));
         };
@@ -316,7 +316,7 @@ impl PyManifold {
         accuracy: f64,
     ) -> PyResult<[[f64; 3]; 3]> {
         let accuracy = tolerance(py, accuracy)?;
-        let curve = Vectors::new(py, "curve", &points)?;
+        let curve = VectorRows::new(py, "curve", &points)?;
         let moved = work::run(py, About::Input, curve.len(), |_| {
             for row in 0..curve.len() {
                 check_point(&self.space, &curve.label(row), curve.at(row))?;
@@ -349,8 +349,8 @@ impl PyManifold {
         carried: (bool, bool),
         conjugate: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let at = Vectors::new(py, "at", &at)?;
-        let directions = Vectors::new(py, "direction", &direction)?;
+        let at = VectorRows::new(py, "at", &at)?;
+        let directions = VectorRows::new(py, "direction", &direction)?;
         same_length(py, &at, &directions)?;
         let places = places(py, samples, s.as_ref())?;
         let asked = length.or_else(|| match &places {
@@ -387,7 +387,7 @@ impl PyManifold {
         length: Option<f64>,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let points = Vectors::new(py, "q", &q)?;
+        let points = VectorRows::new(py, "q", &q)?;
         let (length, accuracy) = (self.path_length(py, length)?, tolerance(py, accuracy)?);
         connect::connect(
             py,

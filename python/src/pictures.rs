@@ -4,7 +4,7 @@ use crate::errors::{About, refuse};
 use geofan_core::{Result, geodesic::UnfinishedPaths};
 use geofan_render::{
     PicturePanels, World,
-    picture::{self, PictureFormat, Frame, LayerValues, Metadata, Picture, read_exr},
+    picture::{self, Frame, LayerValues, Metadata, Picture, PictureFormat, read_exr},
 };
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::{prelude::*, types::PyDict};

@@ -23,8 +23,9 @@ mod tree;
 
 use crate::plan::divides_paths;
 use geofan_bundle::{
-    Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, chebyshev, path_coefficients,
-    rays::{DISPLACEMENT, FACES, RaySpace, Sample, SamplingPlan, StoredCamera, cell},
+    Division, PlanRecord, Polynomial, StepSize, Train, Tree, Variables, chebyshev,
+    path_coefficients,
+    rays::{DISPLACEMENT, FACES, RaySpace, SampleNumbers, SamplingPlan, StoredCamera, cell},
 };
 use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
 use glam::DVec3;
@@ -263,7 +264,7 @@ impl Refiner<'_> {
             variables: self.variables(bounds),
         };
         let straight = Train::plain(&straight);
-        let rounded = straight.rounded(Step::near(1.0));
+        let rounded = straight.rounded(StepSize::near(1.0));
         Tree::Leaf(Arc::new(rounded.expect("zeros")))
     }
 
@@ -338,7 +339,7 @@ impl Refiner<'_> {
             width: channels.len(),
             between: pieces.as_ref().map(edges::between),
         };
-        let keep = |at: usize, sample: &Sample, to: &mut [f64]| {
+        let keep = |at: usize, sample: &SampleNumbers, to: &mut [f64]| {
             let first = if at < starts { DISPLACEMENT } else { 0 };
             for (to, channel) in to.iter_mut().zip(channels) {
                 *to = sample[first + channel];

@@ -126,5 +126,5 @@ pub use tangent_promise::TangentPromise;
 pub use tensor::{Layout, Tensor};
 pub use trace::{Traced, trace, trace_in};
 pub use train::Train;
-pub use train_core::{Power, Scale, Step};
+pub use train_core::{Power, Scale, StepSize};
 pub use tree::{TensorShape, Tree, divided_at_edge};

@@ -11,7 +11,7 @@
 //! are stored and not departures, because tangents keep the promise too.
 
 use crate::{
-    contracted::{Contracted, EMPTY_ROW, Row},
+    contracted::{CoefficientRow, Contracted, EMPTY_ROW},
     fan::ContractedTree,
     rays::{LiftedStart, Located, RaySpace},
     table::Table,
@@ -24,7 +24,7 @@ use glam::DVec3;
 use std::ops::Range;
 
 /// Takes the coefficients of one direction from a patch.
-pub(crate) type Evaluate = for<'r> fn(&Contracted, f64, f64, &'r mut Row) -> &'r [f64];
+pub(crate) type Evaluate = for<'r> fn(&Contracted, f64, f64, &'r mut CoefficientRow) -> &'r [f64];
 
 /// Paths of a fan, side by side, as polynomials in the arc length.
 #[derive(Debug, Clone, Default)]

@@ -11,7 +11,8 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-type Reading<T> = Result<T, Diagnostic>;
+/// What is read, or a complaint at its place.
+pub(crate) type Reading<T> = Result<T, Diagnostic>;
 
 /// Parses `source` and hands the root table to `read`.
 pub fn read<T>(

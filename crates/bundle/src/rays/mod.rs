@@ -25,7 +25,7 @@ pub use orbit::ImpactParameter;
 pub use piece::{EdgePiece, end_at, exit_met};
 pub use position::{ChartMap, LiftedStart};
 pub use sample::{
-    BetweenEdges, CHANNELS, DISPLACEMENT, Sample, SamplingPlan, sample, speed_behind_end,
+    BetweenEdges, CHANNELS, DISPLACEMENT, SampleNumbers, SamplingPlan, sample, speed_behind_end,
 };
 pub use space::{Located, Orbit, Place, RaySpace, Reduction, StoredCamera};
 pub use sphere::{Sphere, parallel};

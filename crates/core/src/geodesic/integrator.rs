@@ -36,7 +36,7 @@ pub fn follow<S: Sink>(
     if rays.peek().is_none() {
         return;
     }
-    let mut lanes = Lanes::new(manifold, settings, sink.region());
+    let mut lanes = RayLanes::new(manifold, settings, sink.region());
     loop {
         lanes.refill(&mut rays, sink);
         if lanes.ray.iter().all(Option::is_none) {
@@ -51,7 +51,7 @@ pub fn follow<S: Sink>(
     }
 }
 
-struct Lanes<'m> {
+struct RayLanes<'m> {
     layout: StateLayout,
     flow: &'m Tape,
     registers: Registers<f64, LANES>,
@@ -75,7 +75,7 @@ struct Lanes<'m> {
     k: [Vec<Row>; STAGES],
 }
 
-impl<'m> Lanes<'m> {
+impl<'m> RayLanes<'m> {
     fn new(manifold: &'m Manifold, settings: Settings, region: Option<(DVec3, DVec3)>) -> Self {
         let flow = manifold.flow(settings.carried);
         let bare = manifold.flow(Carried::default());

@@ -44,16 +44,16 @@ pub struct SampleSource {
 }
 
 /// Samples, and their places if the file says where they are.
-pub type Placed = (Samples, Option<[[f64; 2]; 3]>);
+pub type PlacedSamples = (Samples, Option<[[f64; 2]; 3]>);
 
-type Reading<T> = Result<T, SampleFault>;
+type SampleReading<T> = Result<T, SampleFault>;
 
 impl SampleSource {
     /// Reads the samples.
     ///
     /// # Errors
     /// The key that is at fault, and why.
-    pub fn read(&self) -> Reading<Placed> {
+    pub fn read(&self) -> SampleReading<PlacedSamples> {
         if let Some(placed) = self.files.first().and_then(|file| packed(file)) {
             return placed;
         }
@@ -95,7 +95,7 @@ impl SampleSource {
     }
 
     #[cfg(feature = "samples")]
-    fn read_slices(&self) -> Reading<Placed> {
+    fn read_slices(&self) -> SampleReading<PlacedSamples> {
         if let Some(other) = self
             .files
             .iter()
@@ -119,7 +119,7 @@ impl SampleSource {
     }
 
     #[cfg(not(feature = "samples"))]
-    fn read_slices(&self) -> Reading<Placed> {
+    fn read_slices(&self) -> SampleReading<PlacedSamples> {
         Err(SampleFault::new(
             "file",
             "this build of geofan reads no slices",
@@ -139,7 +139,7 @@ impl SampleSource {
             .map(|(key, _)| key)
     }
 
-    fn refuse_array(&self, why: &str) -> Reading<()> {
+    fn refuse_array(&self, why: &str) -> SampleReading<()> {
         match &self.array {
             None => Ok(()),
             Some(_) => Err(SampleFault::new("array", why).hint("take `array` away")),
@@ -147,7 +147,7 @@ impl SampleSource {
     }
 
     /// Numbers without a head.
-    fn raw(&self, bytes: &[u8]) -> Reading<Samples> {
+    fn raw(&self, bytes: &[u8]) -> SampleReading<Samples> {
         let Some(shape) = self.shape else {
             let message =
                 "a file without a head needs `shape`, the numbers of samples along x, y, z";
@@ -186,7 +186,7 @@ pub fn pack(samples: &Samples, limits: &[[f64; 2]; 3]) -> Vec<u8> {
 }
 
 /// Reads packed samples; `None` if the file holds something else.
-fn packed(file: &Path) -> Option<Reading<Placed>> {
+fn packed(file: &Path) -> Option<SampleReading<PlacedSamples>> {
     let bytes = read_file(file, PACKED, MOST_OF_A_FILE).ok()?;
     let (places, samples) = bytes.strip_prefix(PACKED)?.split_at_checked(48)?;
     let place = |k: usize| {
@@ -224,7 +224,7 @@ impl FieldFormat {
 }
 
 /// The bytes of a file.
-fn bytes(file: &Path) -> Reading<Vec<u8>> {
+fn bytes(file: &Path) -> SampleReading<Vec<u8>> {
     read_file(file, &[], MOST_OF_A_FILE).map_err(|error| {
         let fault = SampleFault::new("file", format!("the samples cannot be read: {error}"));
         match error {
@@ -235,7 +235,7 @@ fn bytes(file: &Path) -> Reading<Vec<u8>> {
 }
 
 /// The number of samples in a grid of this `shape`.
-fn total(key: &'static str, shape: [usize; 3]) -> Reading<usize> {
+fn total(key: &'static str, shape: [usize; 3]) -> SampleReading<usize> {
     checked_total(shape).ok_or_else(|| {
         let [x, y, z] = shape;
         let most = super::MOST_SAMPLES;
@@ -248,7 +248,7 @@ fn total(key: &'static str, shape: [usize; 3]) -> Reading<usize> {
 
 /// The complaint about an array that is not there, or not named.
 #[cfg(feature = "samples")]
-fn choose<'n>(asked: Option<&str>, names: &'n [String], things: &str) -> Reading<&'n String> {
+fn choose<'n>(asked: Option<&str>, names: &'n [String], things: &str) -> SampleReading<&'n String> {
     let all = names.join(", ");
     match (asked, names) {
         (_, []) => Err(SampleFault::new(

@@ -18,7 +18,7 @@ mod symmetry;
 use super::{Follows, Manifold, geometry, kin::Kin, pullback::Pullback, tapes::Tapes};
 use crate::{
     diagnostic::{Diagnostic, SourceText},
-    document::{self, Item, Text, TomlTable},
+    document::{self, Item, Reading, Text, TomlTable},
     error::{Error, Result},
     field::Samples,
 };
@@ -30,8 +30,6 @@ use geofan_expr::{
     spelling::nearest,
 };
 use std::sync::Arc;
-
-type Reading<T> = Result<T, Diagnostic>;
 
 /// The keys that a manifold file may have at its top.
 const KEYS: [&str; 19] = [
