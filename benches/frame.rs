@@ -7,7 +7,7 @@
 use criterion::{Criterion, criterion_group, criterion_main};
 use geofan_bundle::Bundle;
 use geofan_render::{
-    EventLocator, GridTracer, Lookup, PathBatch, Scratch, Stage,
+    EventLocator, GridTracer, Lookup, PathBatch, Stage, TileScratch,
     drawing::draw,
     frame::{Paths, offsets, trace},
     lattice::{Divided, LARGEST_TILE, Lattice, smallest_tile},
@@ -94,7 +94,7 @@ fn steps(criterion: &mut Criterion) {
         });
     });
     group.bench_function("pixels", |b| {
-        let mut scratch = Scratch::new(&world.manifold, tracer.knots());
+        let mut scratch = TileScratch::new(&world.manifold, tracer.knots());
         b.iter(|| {
             let mut tiles = TileOutcomes::split(&mut traced.outcomes);
             for (divided, tile) in divided.iter().zip(&mut tiles) {

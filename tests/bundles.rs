@@ -3,8 +3,8 @@
 use assert_cmd::{Command, assert::Assert, cargo::cargo_bin_cmd};
 use geofan_bake::certify;
 use geofan_bundle::{
-    Bundle, Contents, MappedChebyshev, PlanRecord, Polynomial, Step, TangentPromise, Train, Tree,
-    Variables, rays::RaySpace,
+    Bundle, Contents, MappedChebyshev, PlanRecord, Polynomial, StepSize, TangentPromise, Train,
+    Tree, Variables, rays::RaySpace,
 };
 use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 use ndarray::{ArrayD, IxDyn};
@@ -36,7 +36,7 @@ fn leaf(wrong: f64) -> Tree {
         coefficients: samples,
         variables: Variables::of_face(1, MappedChebyshev::NONE),
     };
-    let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
+    let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-8));
     Tree::Leaf(Arc::new(tensor.unwrap()))
 }
 

@@ -6,7 +6,7 @@
 #![cfg(target_os = "linux")]
 
 use geofan_bundle::{
-    Contents, PlanRecord, Polynomial, ShardRecord, Step, Train, Tree, Variables, rays::RaySpace,
+    Contents, PlanRecord, Polynomial, ShardRecord, StepSize, Train, Tree, Variables, rays::RaySpace,
 };
 use geofan_core::{diagnostic::SourceText, manifold::Manifold, random::Stream};
 use ndarray::{ArrayD, IxDyn};
@@ -37,7 +37,7 @@ fn chunk(plan: &PlanRecord) -> Vec<u8> {
         coefficients: ArrayD::from_shape_simple_fn(IxDyn(&shape), || 1e-4 * stream.uniform()),
         variables: Variables::of_face(1, plan.stretch),
     };
-    let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
+    let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-8));
     Tree::Leaf(Arc::new(tensor.unwrap())).encode()
 }
 

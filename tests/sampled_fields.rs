@@ -627,7 +627,7 @@ fn what_cannot_be_a_field_is_refused_at_its_place() {
 #[test]
 fn a_bundle_brings_its_samples_along() {
     use geofan_bundle::{
-        Bundle, Contents, PlanRecord, Polynomial, Step, Train, Tree, Variables, rays::RaySpace,
+        Bundle, Contents, PlanRecord, Polynomial, StepSize, Train, Tree, Variables, rays::RaySpace,
     };
     use ndarray::{ArrayD, IxDyn};
     use std::sync::Arc;
@@ -642,7 +642,9 @@ fn a_bundle_brings_its_samples_along() {
         coefficients: ArrayD::zeros(IxDyn(&[1, 1, 1, 1, 3])),
         variables: Variables::of_face(1, plan.stretch),
     };
-    let tensor = Train::plain(&polynomial).rounded(Step::near(1e-6)).unwrap();
+    let tensor = Train::plain(&polynomial)
+        .rounded(StepSize::near(1e-6))
+        .unwrap();
     let chunk = Tree::Leaf(Arc::new(tensor)).encode();
     let chunks = (0..6).map(|face| (face, chunk.clone())).collect();
     let bytes = Contents::new(space, plan, 0, chunks)

@@ -361,7 +361,8 @@ fn moved(
 mod tests {
     use super::*;
     use geofan_bundle::{
-        Chunk, DecodeBudget, Division, MappedChebyshev, Polynomial, Step, Train, Tree, Variables,
+        Chunk, DecodeBudget, Division, MappedChebyshev, Polynomial, StepSize, Train, Tree,
+        Variables,
     };
     use geofan_core::diagnostic::SourceText;
     use ndarray::{ArrayD, IxDyn};
@@ -388,7 +389,7 @@ length = 5.0
             coefficients: samples,
             variables: Variables::of_face(0, MappedChebyshev::NONE),
         };
-        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-8));
+        let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-8));
         let leaf = Tree::Leaf(Arc::new(tensor.unwrap()));
         let mut chunks = vec![leaf; 6];
         chunks[0] = Tree::Flagged;

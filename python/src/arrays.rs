@@ -15,12 +15,12 @@ use pyo3::prelude::*;
 
 /// Rows of three numbers with the name of their argument.
 #[derive(Clone, Copy)]
-pub struct Vectors<'a> {
+pub struct VectorRows<'a> {
     name: &'a str,
     rows: ArrayView2<'a, f64>,
 }
 
-impl<'a> Vectors<'a> {
+impl<'a> VectorRows<'a> {
     /// Wraps the argument `name`.
     pub fn new(
         py: Python<'_>,
@@ -83,7 +83,7 @@ impl<'a> Vectors<'a> {
 }
 
 /// Checks that two arrays have as many rows.
-pub fn same_length(py: Python<'_>, a: &Vectors<'_>, b: &Vectors<'_>) -> PyResult<()> {
+pub fn same_length(py: Python<'_>, a: &VectorRows<'_>, b: &VectorRows<'_>) -> PyResult<()> {
     match a.len() == b.len() {
         true => Ok(()),
         false => Err(refuse(

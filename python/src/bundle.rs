@@ -1,15 +1,15 @@
 //! Bundles: reading, baking, checking, and paths of many rays.
 
 use crate::{
-    arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
+    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
     columns::Columns,
     errors::{About, refuse},
-    manifold::{Manifold, places},
+    manifold::{PyManifold, places},
     trace::{BLOCK, Places, TraceArrays, end_number, known_to_tables, write_end, write_sample},
     work,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
-use geofan_bundle::{self as table, Fan, TablePath, TangentPromise, container::VERSION, trace_in};
+use geofan_bundle::{Bundle, Fan, TablePath, TangentPromise, container::VERSION, trace_in};
 use geofan_core::{
     Error, Observer, Progress, Result,
     geodesic::{End, Ray, Settings, UnfinishedPaths, check_point, paths},
@@ -29,10 +29,10 @@ use std::{
 };
 
 /// A bundle.
-#[pyclass(frozen, module = "geofan._native")]
-pub struct Bundle {
+#[pyclass(frozen, name = "Bundle", module = "geofan._native")]
+pub struct PyBundle {
     /// The library's.
-    pub bundle: Arc<table::Bundle>,
+    pub bundle: Arc<Bundle>,
 }
 
 /// Numbers of the columns of `paths`.
@@ -44,18 +44,18 @@ const DIRECTION: usize = 1;
 const LENGTH: usize = 2;
 
 #[pymethods]
-impl Bundle {
+impl PyBundle {
     /// Reads a bundle file.
     #[staticmethod]
     fn read(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let bundle = work::watch(py, About::Input, None, |_| table::Bundle::read(&path))?;
+        let bundle = work::watch(py, About::Input, None, |_| Bundle::read(&path))?;
         Ok(Self::new(bundle))
     }
 
     /// Reads the bytes of a bundle file.
     #[staticmethod]
     fn from_bytes(py: Python<'_>, bytes: &[u8]) -> PyResult<Self> {
-        let bundle = table::Bundle::from_bytes(bytes);
+        let bundle = Bundle::from_bytes(bytes);
         Ok(Self::new(
             bundle.map_err(|e| refuse(py, "bundle", e.to_string()))?,
         ))
@@ -67,7 +67,7 @@ impl Bundle {
     #[allow(clippy::too_many_arguments)]
     fn bake(
         py: Python<'_>,
-        manifold: &Manifold,
+        manifold: &PyManifold,
         output: PathBuf,
         promises: (Option<f64>, Option<f64>),
         max_size: Option<u64>,
@@ -131,7 +131,7 @@ impl Bundle {
         }
         let merged = work::watch(py, About::Input, progress.as_ref(), |o| {
             let merged = merge(&shards, &output, o)?;
-            Ok((table::Bundle::read(&output)?, merged.unfinished))
+            Ok((Bundle::read(&output)?, merged.unfinished))
         });
         let (bundle, unfinished) = merged?;
         Ok(Self::made(bundle, &unfinished))
@@ -155,8 +155,8 @@ impl Bundle {
 
     /// Returns the manifold.
     #[getter]
-    fn manifold(&self) -> Manifold {
-        Manifold {
+    fn manifold(&self) -> PyManifold {
+        PyManifold {
             space: self.bundle.manifold.clone(),
         }
     }
@@ -257,8 +257,8 @@ impl Bundle {
         samples: usize,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let at = Vectors::new(py, "at", &at)?;
-        let directions = Vectors::new(py, "direction", &direction)?;
+        let at = VectorRows::new(py, "at", &at)?;
+        let directions = VectorRows::new(py, "direction", &direction)?;
         same_length(py, &at, &directions)?;
         let count = places(py, samples, None).map(|places| Places::count(&places))?;
         let request = TableTrace {
@@ -294,7 +294,7 @@ impl Bundle {
         s: PyReadonlyArray1<'py, f64>,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let directions = Vectors::new(py, "directions", &directions)?;
+        let directions = VectorRows::new(py, "directions", &directions)?;
         let s = arc_lengths(py, &s)?;
         let (rays, samples) = (directions.len(), s.len());
         self.length_within(py, s.last().copied().filter(|s| *s > 0.0))?;
@@ -343,7 +343,7 @@ impl Bundle {
         directions: PyReadonlyArray2<'py, f64>,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let directions = Vectors::new(py, "directions", &directions)?;
+        let directions = VectorRows::new(py, "directions", &directions)?;
         let (rays, accuracy) = (directions.len(), tolerance(py, accuracy)?);
         room(py, "directions", &[rays, 3])?;
         let widths = [3, 3, 1];
@@ -385,15 +385,15 @@ impl Bundle {
     }
 }
 
-impl Bundle {
-    fn new(bundle: table::Bundle) -> Self {
+impl PyBundle {
+    fn new(bundle: Bundle) -> Self {
         Self {
             bundle: Arc::new(bundle),
         }
     }
 
     /// Wraps what was baked, with what the user should know of it.
-    fn made(bundle: table::Bundle, unfinished: &UnfinishedPaths) -> (Option<Self>, Vec<String>) {
+    fn made(bundle: Bundle, unfinished: &UnfinishedPaths) -> (Option<Self>, Vec<String>) {
         let plan = &bundle.header.plan;
         let short = "bake with a greater `length`";
         let short = unfinished.warning("paths end before they leave", short);
@@ -474,9 +474,9 @@ fn go_on(observer: &dyn Observer) -> Result<()> {
 
 /// Paths to be read one by one.
 struct TableTrace<'a> {
-    bundle: &'a table::Bundle,
-    at: &'a Vectors<'a>,
-    directions: &'a Vectors<'a>,
+    bundle: &'a Bundle,
+    at: &'a VectorRows<'a>,
+    directions: &'a VectorRows<'a>,
     length: f64,
     samples: usize,
     tolerance: f64,
@@ -520,7 +520,7 @@ impl TableTrace<'_> {
 /// Looks up the rays of a block at the arc lengths `s`; those that the table gives up on are integrated.
 fn look_up(
     fan: &Fan,
-    (directions, first): (&Vectors<'_>, usize),
+    (directions, first): (&VectorRows<'_>, usize),
     s: &[f64],
     tolerance: f64,
     mut columns: Columns<'_, 2, 1>,
@@ -588,7 +588,7 @@ fn exact_settings(tolerance: f64, events: bool) -> Settings {
 /// Tells how the rays of a block end.
 fn see_skies(
     fan: &Fan,
-    (directions, first): (&Vectors<'_>, usize),
+    (directions, first): (&VectorRows<'_>, usize),
     length: f64,
     tolerance: f64,
     mut columns: Columns<'_, 3, 1>,

@@ -3,17 +3,17 @@
 use crate::{
     arrays::{positive, room},
     errors::{About, refuse},
-    manifold::{Manifold, vectors},
+    manifold::{PyManifold, vectors},
     work,
 };
 use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
     geodesic::check_start,
-    manifold as space,
+    manifold::Manifold,
 };
 use geofan_render::{
-    self as render, Part, PicturePanels, camera_point,
+    Camera, Part, PicturePanels, camera_point,
     scene::{CameraEntry, CameraMotion, CameraProjection, Lens, SceneFile},
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -25,11 +25,11 @@ use std::{fmt::Write, path::Path, sync::Arc};
 type PixelDirections<'py> = (Bound<'py, PyArray2<f64>>, (usize, usize));
 
 /// A camera in a manifold.
-#[pyclass(frozen, module = "geofan._native")]
+#[pyclass(frozen, name = "Camera", module = "geofan._native")]
 #[derive(Clone)]
-pub struct Camera {
-    space: Arc<space::Manifold>,
-    placed: render::Camera,
+pub struct PyCamera {
+    space: Arc<Manifold>,
+    placed: Camera,
     /// Angle of view, degrees.
     fov: f64,
     /// Projection, eyes and crop.
@@ -37,10 +37,10 @@ pub struct Camera {
     motion: CameraMotion,
 }
 
-impl Camera {
+impl PyCamera {
     /// Takes a camera of a text, from which paths must be able to start.
     pub fn of_entry(
-        space: &Arc<space::Manifold>,
+        space: &Arc<Manifold>,
         source: &Arc<SourceText>,
         entry: &CameraEntry,
     ) -> Result<Self> {
@@ -51,7 +51,7 @@ impl Camera {
         check_start(space, "the camera", u).map_err(complain)?;
         Ok(Self {
             space: space.clone(),
-            placed: render::Camera::looking(u, entry.look, entry.up),
+            placed: Camera::looking(u, entry.look, entry.up),
             fov: entry.fov_degrees,
             lens: entry.lens,
             motion: entry.motion,
@@ -60,8 +60,8 @@ impl Camera {
 
     /// Takes a camera of a journey that moves with `velocity` (standard frame); it draws as `like` does.
     pub fn on_the_way(
-        space: &Arc<space::Manifold>,
-        (placed, fov): (render::Camera, f64),
+        space: &Arc<Manifold>,
+        (placed, fov): (Camera, f64),
         velocity: DVec3,
         like: Option<&Self>,
     ) -> Self {
@@ -131,10 +131,10 @@ impl Camera {
 }
 
 #[pymethods]
-impl Camera {
+impl PyCamera {
     /// Reads the text of a scene file that has nothing but a camera.
     #[staticmethod]
-    fn read(py: Python<'_>, manifold: &Manifold, text: String) -> PyResult<Self> {
+    fn read(py: Python<'_>, manifold: &PyManifold, text: String) -> PyResult<Self> {
         let source = SourceText::new("camera", text);
         let read = || {
             let scene = SceneFile::parse(source, Path::new(""))?;
@@ -255,9 +255,9 @@ impl Camera {
     }
 }
 
-impl Camera {
+impl PyCamera {
     /// Puts it elsewhere.
-    fn with(&self, placed: render::Camera) -> Self {
+    fn with(&self, placed: Camera) -> Self {
         Self {
             placed,
             ..self.clone()

@@ -1,6 +1,6 @@
 //! All geodesics between points.
 
-use crate::{arrays::Vectors, errors::About, manifold::vectors, work};
+use crate::{arrays::VectorRows, errors::About, manifold::vectors, work};
 use geofan_core::{geodesic::check_point, manifold::Manifold};
 use geofan_light::LightFan;
 use glam::DVec3;
@@ -13,7 +13,7 @@ pub fn connect<'py>(
     py: Python<'py>,
     manifold: &Manifold,
     p: DVec3,
-    q: &Vectors<'_>,
+    q: &VectorRows<'_>,
     length: f64,
     tolerance: f64,
 ) -> PyResult<Bound<'py, PyDict>> {

@@ -1,9 +1,9 @@
 //! Cameras on their way through key poses.
 
 use crate::{
-    camera::Camera,
+    camera::PyCamera,
     errors::{About, refuse},
-    manifold::Manifold,
+    manifold::PyManifold,
     work,
 };
 use geofan_core::diagnostic::SourceText;
@@ -18,11 +18,11 @@ const MOST_FRAMES: usize = 1_000_000;
 #[pyfunction]
 pub fn journey(
     py: Python<'_>,
-    manifold: &Manifold,
+    manifold: &PyManifold,
     text: (String, String),
     frames: usize,
-    like: Option<&Camera>,
-) -> PyResult<Vec<Camera>> {
+    like: Option<&PyCamera>,
+) -> PyResult<Vec<PyCamera>> {
     if !(2..=MOST_FRAMES).contains(&frames) {
         let message = format!("{frames} is not between 2 and {MOST_FRAMES}");
         return Err(refuse(py, "frames", message));
@@ -36,7 +36,7 @@ pub fn journey(
             let share = number as f64 / (frames - 1) as f64;
             let time = from + (to - from) * share;
             let (placed, fov) = journey.pose(time);
-            Camera::on_the_way(&manifold.space, (placed, fov), journey.velocity(time), like)
+            PyCamera::on_the_way(&manifold.space, (placed, fov), journey.velocity(time), like)
         };
         Ok((0..frames).map(camera).collect())
     })

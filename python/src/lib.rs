@@ -30,10 +30,10 @@ const fn is_aligned<T: PyClass>() -> bool {
 }
 
 const _: () = {
-    assert!(is_aligned::<bundle::Bundle>());
-    assert!(is_aligned::<camera::Camera>());
-    assert!(is_aligned::<manifold::Manifold>());
-    assert!(is_aligned::<scene::Stage>());
+    assert!(is_aligned::<bundle::PyBundle>());
+    assert!(is_aligned::<camera::PyCamera>());
+    assert!(is_aligned::<manifold::PyManifold>());
+    assert!(is_aligned::<scene::PyStage>());
 };
 
 /// Geodesics, tables and pictures of curved spaces, without the conveniences of the package around it.
@@ -41,13 +41,13 @@ const _: () = {
 mod _native {
     #[pymodule_export]
     use super::{
-        bundle::Bundle,
-        camera::Camera,
+        bundle::PyBundle,
+        camera::PyCamera,
         journey::journey,
-        manifold::Manifold,
+        manifold::PyManifold,
         page::page,
         pictures::{read_picture, write_picture},
-        scene::Stage,
+        scene::PyStage,
         study::sweep,
         threads::{pop_threads, push_threads, thread_count},
     };

@@ -1,7 +1,7 @@
 //! Manifolds: reading, geometry at many points, transport, exact paths.
 
 use crate::{
-    arrays::{Vectors, arc_lengths, positive, room, same_length, tolerance},
+    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
     connect,
     errors::{About, refuse},
     trace::{self, BLOCK, Places, TraceRequest},
@@ -13,7 +13,7 @@ use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
     geodesic::{check_point, transport},
-    manifold::{self as space, Carried, ChartCurve, Curvature},
+    manifold::{Carried, ChartCurve, Curvature, Manifold},
 };
 use glam::{DMat3, DVec3};
 use numpy::{
@@ -24,10 +24,10 @@ use rayon::prelude::*;
 use std::{path::PathBuf, sync::Arc};
 
 /// A manifold.
-#[pyclass(frozen, module = "geofan._native")]
-pub struct Manifold {
+#[pyclass(frozen, name = "Manifold", module = "geofan._native")]
+pub struct PyManifold {
     /// The library's.
-    pub space: Arc<space::Manifold>,
+    pub space: Arc<Manifold>,
 }
 
 /// Quantities at a point, by the names of the methods that return them.
@@ -69,7 +69,7 @@ impl Quantity {
     }
 
     /// Writes it at a point.
-    fn write(self, manifold: &space::Manifold, u: DVec3, out: &mut [f64]) -> Result<()> {
+    fn write(self, manifold: &Manifold, u: DVec3, out: &mut [f64]) -> Result<()> {
         let curvature = || -> Result<Curvature> { manifold.curvature(u) };
         match self {
             Self::Metric => out.copy_from_slice(&rows(manifold.metric(u))),
@@ -100,11 +100,11 @@ fn rows(m: DMat3) -> [f64; 9] {
 }
 
 #[pymethods]
-impl Manifold {
+impl PyManifold {
     /// Reads a manifold file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, settings: Vec<(String, f64)>) -> PyResult<Self> {
-        let loaded = py.detach(|| space::Manifold::load(&path, &settings));
+        let loaded = py.detach(|| Manifold::load(&path, &settings));
         Self::made(py, loaded)
     }
 
@@ -120,7 +120,7 @@ impl Manifold {
             return Err(refuse(py, &name, "is not text: it holds NUL bytes"));
         }
         let source = SourceText::new(name, text);
-        let loaded = py.detach(|| space::Manifold::from_source(source, &settings));
+        let loaded = py.detach(|| Manifold::from_source(source, &settings));
         Self::made(py, loaded)
     }
 
@@ -249,7 +249,7 @@ impl Manifold {
         quantity: &str,
         u: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points = Vectors::new(py, "u", &u)?;
+        let points = VectorRows::new(py, "u", &u)?;
         let Some(quantity) = Quantity::named(quantity) else {
             return Err(refuse(py, "quantity", format!("`{quantity}` is not known")));
         };
@@ -316,7 +316,7 @@ impl Manifold {
         accuracy: f64,
     ) -> PyResult<[[f64; 3]; 3]> {
         let accuracy = tolerance(py, accuracy)?;
-        let curve = Vectors::new(py, "curve", &points)?;
+        let curve = VectorRows::new(py, "curve", &points)?;
         let moved = work::run(py, About::Input, curve.len(), |_| {
             for row in 0..curve.len() {
                 check_point(&self.space, &curve.label(row), curve.at(row))?;
@@ -349,8 +349,8 @@ impl Manifold {
         carried: (bool, bool),
         conjugate: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let at = Vectors::new(py, "at", &at)?;
-        let directions = Vectors::new(py, "direction", &direction)?;
+        let at = VectorRows::new(py, "at", &at)?;
+        let directions = VectorRows::new(py, "direction", &direction)?;
         same_length(py, &at, &directions)?;
         let places = places(py, samples, s.as_ref())?;
         let asked = length.or_else(|| match &places {
@@ -387,7 +387,7 @@ impl Manifold {
         length: Option<f64>,
         accuracy: f64,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let points = Vectors::new(py, "q", &q)?;
+        let points = VectorRows::new(py, "q", &q)?;
         let (length, accuracy) = (self.path_length(py, length)?, tolerance(py, accuracy)?);
         connect::connect(
             py,
@@ -400,9 +400,9 @@ impl Manifold {
     }
 }
 
-impl Manifold {
+impl PyManifold {
     /// Wraps what was loaded.
-    fn made(py: Python<'_>, loaded: Result<space::Manifold>) -> PyResult<Self> {
+    fn made(py: Python<'_>, loaded: Result<Manifold>) -> PyResult<Self> {
         let space = loaded.map_err(|error| About::Manifold.raise(py, error))?;
         Ok(Self {
             space: Arc::new(space),

@@ -4,7 +4,7 @@ use crate::errors::{About, refuse};
 use geofan_core::{Result, geodesic::UnfinishedPaths};
 use geofan_render::{
     PicturePanels, World,
-    picture::{self, Format, Frame, LayerValues, Metadata, Picture, read_exr},
+    picture::{self, Frame, LayerValues, Metadata, Picture, PictureFormat, read_exr},
 };
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::{prelude::*, types::PyDict};
@@ -89,7 +89,7 @@ pub fn write_picture(
     window: PictureWindow,
 ) -> PyResult<()> {
     let name = path.display().to_string();
-    if Format::of(&path).is_none() {
+    if PictureFormat::of(&path).is_none() {
         return Err(refuse(py, &name, "pictures are .png or .exr"));
     }
     let rgb = rgb.as_array();
@@ -134,8 +134,8 @@ type ReadPicture<'py> = (
 /// Reads a PNG, HDR or EXR file as linear light, with its layers and notes.
 #[pyfunction]
 pub fn read_picture<'py>(py: Python<'py>, path: PathBuf) -> PyResult<ReadPicture<'py>> {
-    let found = py.detach(|| match Format::of(&path) {
-        Some(Format::Exr) => read_exr(&path),
+    let found = py.detach(|| match PictureFormat::of(&path) {
+        Some(PictureFormat::Exr) => read_exr(&path),
         _ => picture::read(&path).map(|picture| (picture, Metadata::default())),
     });
     let (picture, notes) = found.map_err(|e| About::Input.raise(py, e))?;

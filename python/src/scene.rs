@@ -2,10 +2,10 @@
 
 use crate::{
     arrays::{positive, tolerance},
-    bundle::Bundle,
-    camera::Camera,
+    bundle::PyBundle,
+    camera::PyCamera,
     errors::{About, refuse},
-    manifold::Manifold,
+    manifold::PyManifold,
     pictures::{DrawnPicture, arrays},
     work,
 };
@@ -17,7 +17,7 @@ use geofan_light::{
     path_tracer::{Estimator, PanelTracers, PassAccumulator, PathTracerSettings},
 };
 use geofan_render::{
-    self as render, DrawingOptions, Part, PathSource, PicturePanels, World,
+    DrawingOptions, Part, PathSource, PicturePanels, Stage, World,
     scene::{Mesh, SceneFile},
     usual_size,
 };
@@ -35,8 +35,8 @@ use std::{
 };
 
 /// A scene with everything it names.
-#[pyclass(frozen, module = "geofan._native")]
-pub struct Stage {
+#[pyclass(frozen, name = "Stage", module = "geofan._native")]
+pub struct PyStage {
     /// The library's, and over which length its surfaces are lit. In a box, as its vectors are aligned as Python's
     /// objects are not.
     staged: Mutex<Box<Staged>>,
@@ -101,7 +101,7 @@ impl PictureRequest {
     }
 
     /// Divides the picture of `camera`, or of the view that is named.
-    fn panels(&self, stage: &render::Stage, camera: Option<&Camera>) -> Result<PicturePanels> {
+    fn panels(&self, stage: &Stage, camera: Option<&PyCamera>) -> Result<PicturePanels> {
         let camera = match camera {
             Some(camera) => camera.clone(),
             None => scene_camera(stage, self.view.as_deref())?,
@@ -127,18 +127,18 @@ fn part([x, y, width, height]: [usize; 4]) -> Result<Part> {
 }
 
 /// Returns one of a scene's cameras.
-fn scene_camera(stage: &render::Stage, name: Option<&str>) -> Result<Camera> {
+fn scene_camera(stage: &Stage, name: Option<&str>) -> Result<PyCamera> {
     let entry = stage.camera(name)?;
-    Camera::of_entry(&stage.world.manifold, &stage.scene.source, entry)
+    PyCamera::of_entry(&stage.world.manifold, &stage.scene.source, entry)
 }
 
 #[pymethods]
-impl Stage {
+impl PyStage {
     /// Reads a scene file.
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf, settings: Vec<(String, f64)>) -> PyResult<Self> {
         let stage = work::watch(py, About::Scene, None, |_| {
-            Ok(render::Stage::load(&path, &settings))
+            Ok(Stage::load(&path, &settings))
         })?;
         Self::made(py, stage)
     }
@@ -149,7 +149,7 @@ impl Stage {
         py: Python<'_>,
         text: String,
         folder: PathBuf,
-        manifold: &Manifold,
+        manifold: &PyManifold,
         meshes: Vec<MadeMesh<'_>>,
     ) -> PyResult<Self> {
         let mut shelf = Vec::new();
@@ -163,7 +163,7 @@ impl Stage {
             let made: Vec<PathBuf> = shelf.iter().map(|(path, _)| path.clone()).collect();
             scene.check_files(&made)?;
             let world = World::furnished(&scene, (manifold.space.clone(), 0.0), shelf)?;
-            Ok(render::Stage { scene, world })
+            Ok(Stage { scene, world })
         };
         let stage = work::watch(py, About::Scene, None, |_| Ok(furnish()))?;
         Self::made(py, stage)
@@ -177,8 +177,8 @@ impl Stage {
 
     /// Returns the manifold.
     #[getter]
-    fn manifold(&self) -> Manifold {
-        Manifold {
+    fn manifold(&self) -> PyManifold {
+        PyManifold {
             space: self.lock().0.world.manifold.clone(),
         }
     }
@@ -198,7 +198,7 @@ impl Stage {
     }
 
     /// Returns one of the scene's cameras.
-    fn camera(&self, py: Python<'_>, name: Option<String>) -> PyResult<Camera> {
+    fn camera(&self, py: Python<'_>, name: Option<String>) -> PyResult<PyCamera> {
         let camera = scene_camera(&self.lock().0, name.as_deref());
         camera.map_err(|e| About::Scene.raise(py, e))
     }
@@ -208,10 +208,10 @@ impl Stage {
     fn render<'py>(
         &self,
         py: Python<'py>,
-        camera: Option<&Camera>,
+        camera: Option<&PyCamera>,
         request: PictureRequest,
         tracer: Option<String>,
-        bundle: Option<&Bundle>,
+        bundle: Option<&PyBundle>,
         light_file: Option<PathBuf>,
         layers: bool,
         progress: Option<Py<PyAny>>,
@@ -253,7 +253,7 @@ impl Stage {
     fn path_trace<'py>(
         &self,
         py: Python<'py>,
-        camera: Option<&Camera>,
+        camera: Option<&PyCamera>,
         request: PictureRequest,
         seed: u64,
         bounces: Option<u32>,
@@ -305,9 +305,9 @@ impl Stage {
     fn compare<'py>(
         &self,
         py: Python<'py>,
-        camera: Option<&Camera>,
+        camera: Option<&PyCamera>,
         request: PictureRequest,
-        bundle: &Bundle,
+        bundle: &PyBundle,
         light_file: Option<PathBuf>,
         frames: usize,
     ) -> PyResult<Compared<'py>> {
@@ -338,7 +338,7 @@ impl Stage {
     fn compare_local<'py>(
         &self,
         py: Python<'py>,
-        camera: Option<&Camera>,
+        camera: Option<&PyCamera>,
         request: PictureRequest,
     ) -> PyResult<Compared<'py>> {
         let request = request.checked(py)?;
@@ -396,10 +396,10 @@ fn drawing_warnings(
     panels.warning().into_iter().chain(black).collect()
 }
 
-type Staged = (render::Stage, Option<f64>);
+type Staged = (Stage, Option<f64>);
 
-impl Stage {
-    fn made(py: Python<'_>, stage: Result<render::Stage>) -> PyResult<Self> {
+impl PyStage {
+    fn made(py: Python<'_>, stage: Result<Stage>) -> PyResult<Self> {
         let stage = stage.map_err(|error| {
             let about = match &error {
                 Error::Source(found) if is_manifold(&found.source) => About::Manifold,
@@ -429,9 +429,9 @@ fn is_manifold(source: &SourceText) -> bool {
 /// Chooses where paths come from.
 fn source<'b>(
     request: &PictureRequest,
-    stage: &render::Stage,
+    stage: &Stage,
     tracer: Option<&str>,
-    bundle: Option<&'b Bundle>,
+    bundle: Option<&'b PyBundle>,
 ) -> Result<PathSource<'b>> {
     let length = || stage.world.manifold.length_or(request.length);
     if bundle.is_some() && request.length.is_some() && tracer != Some("exact") {

@@ -4,7 +4,7 @@
 //! samples tell, written by all threads. A path's samples are those of `geofan trace`.
 
 use crate::{
-    arrays::{Vectors, room},
+    arrays::{VectorRows, room},
     columns::Columns,
     errors::About,
     work,
@@ -170,8 +170,8 @@ pub fn end_number(end: End, manifold: &Manifold) -> i32 {
 pub fn trace<'py>(
     py: Python<'py>,
     request: &TraceRequest<'_>,
-    at: &Vectors<'_>,
-    directions: &Vectors<'_>,
+    at: &VectorRows<'_>,
+    directions: &VectorRows<'_>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let (rays, samples) = (at.len(), request.places.count());
     let manifold = request.manifold;
@@ -204,8 +204,8 @@ impl TraceRequest<'_> {
     fn block(
         &self,
         first: usize,
-        at: &Vectors<'_>,
-        directions: &Vectors<'_>,
+        at: &VectorRows<'_>,
+        directions: &VectorRows<'_>,
         mut columns: TraceColumns<'_>,
         observer: &dyn Observer,
     ) -> Result<Vec<Vec<f64>>> {

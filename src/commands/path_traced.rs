@@ -14,7 +14,7 @@ use geofan_light::path_tracer::{Estimator, PanelTracers, PassAccumulator, PathTr
 use geofan_render::{
     ExactTracer, PicturePanels, Stage, View,
     frame::{Paths, offsets, trace},
-    picture::{self, Format, Precision, write_exr},
+    picture::{self, PictureFormat, Precision, write_exr},
     unfinished,
 };
 use serde_json::json;
@@ -102,9 +102,24 @@ pub fn run(
         std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
     }
     let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length).0);
+    let speeds = [tracers.rays() as f64 / seconds, exact_speed];
+    print(
+        args,
+        (panels, &tracers, &film),
+        (seconds, speeds, ends),
+        common,
+    )
+}
+
+/// Prints what came of a picture: the time, rays a second of this tracer and of the exact one, and how paths end.
+fn print(
+    args: &RenderArgs,
+    (panels, tracers, film): (&PicturePanels, &PanelTracers<'_>, &PassAccumulator),
+    (seconds, [speed, exact_speed], ends): (f64, [f64; 2], UnfinishedPaths),
+    common: &CommonArgs,
+) -> Result<Outcome> {
     let output = args.output.display().to_string();
     let (spp, rays, (width, height)) = (film.passes(), tracers.rays(), panels.size);
-    let speed = rays as f64 / seconds;
     if common.json {
         // Rays: geodesics from the camera, from surfaces, and all that were tried to find those that connect
         // to lights; for most connections two, the first without deviation.
@@ -217,7 +232,7 @@ fn write(
         );
     }
     let notes = metadata(stage, panels, "path").with("samples", film.passes().to_string());
-    if Format::of(&args.output) != Some(Format::Exr) {
+    if PictureFormat::of(&args.output) != Some(PictureFormat::Exr) {
         return picture::write(&args.output, &picture, &notes);
     }
     let layers = tracers.layered(picture);

@@ -15,7 +15,7 @@ use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
 use geofan_render::{
     DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Stage, View, count_unfinished,
     frame::Outcomes,
-    picture::{self, Format, Metadata, Picture},
+    picture::{self, Metadata, Picture, PictureFormat},
     scene::PoseFile,
 };
 use serde_json::json;
@@ -173,35 +173,63 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         moves: stage.scene.moves(),
         key: key(args, &stage, &paths)?,
     };
-    let mut worst = WorstFrame::default();
-    // Objects go where they are at the frame's time, and light falls on them there.
-    let show = |stage: &mut Stage, time: f64| match stage.scene.moves() {
-        true => {
-            stage.set_time(time)?;
-            light_up(args, stage, bundle.as_ref(), common)
-        }
-        false => Ok(()),
-    };
+    let mut worst = Vec::new();
+    let go_to = |stage: &mut Stage, time| go_to(args, stage, bundle.as_ref(), time, common);
     let drawn = match &target {
         AnimationTarget::Frames(..) => {
             animation.write_frames(&target, common, |(panels, time), path| {
-                show(&mut stage, time)?;
+                go_to(&mut stage, time)?;
                 let drawn = draw_parts(args, &stage, &paths, panels)?;
                 write(&stage, panels, &paths, &drawn.picture, path)?;
-                worst.note(drawn.parts);
+                keep_worse(&mut worst, drawn.parts);
                 Ok(())
             })
         }
         AnimationTarget::Video(path) => animation.write_video(path, common, |(panels, time)| {
-            show(&mut stage, time)?;
+            go_to(&mut stage, time)?;
             let drawn = draw_parts(args, &stage, &paths, panels)?;
-            worst.note(drawn.parts);
+            keep_worse(&mut worst, drawn.parts);
             Ok(drawn.picture)
         }),
     }?;
-    let ends = (!worst.0.is_empty()).then(|| tell_ends(args, &stage, &paths, &worst.0));
-    let (output, tracer, kept) = (args.output.display(), paths.name(), frames - drawn);
+    let ends = (!worst.is_empty()).then(|| tell_ends(args, &stage, &paths, &worst));
     let seconds = began.elapsed().as_secs_f64();
+    print_animation(args, paths.name(), ([frames, drawn], seconds, ends), common)
+}
+
+/// Puts objects where they are at the time of a frame, and computes the light that falls on them there.
+fn go_to(
+    args: &RenderArgs,
+    stage: &mut Stage,
+    bundle: Option<&Bundle>,
+    time: f64,
+    common: &CommonArgs,
+) -> Result<()> {
+    if !stage.scene.moves() {
+        return Ok(());
+    }
+    stage.set_time(time)?;
+    light_up(args, stage, bundle, common)
+}
+
+/// Keeps the parts of the frame with the most paths that end by their length; none if no path does.
+fn keep_worse(worst: &mut Vec<(View, Outcomes)>, parts: Vec<(View, Outcomes)>) {
+    let share = |parts: &[(View, Outcomes)]| {
+        count_unfinished(parts.iter().map(|(_, outcomes)| outcomes)).length
+    };
+    if share(&parts) > share(worst) {
+        *worst = parts;
+    }
+}
+
+/// Prints what came of an animation: its frames and those drawn now, the time, and how paths end in the worst frame.
+fn print_animation(
+    args: &RenderArgs,
+    tracer: &str,
+    ([frames, drawn], seconds, ends): ([usize; 2], f64, Option<UnfinishedPaths>),
+    common: &CommonArgs,
+) -> Result<Outcome> {
+    let (output, kept) = (args.output.display(), frames - drawn);
     if common.json {
         terminal::print_json(&json!({
             "output": output.to_string(), "tracer": tracer, "frames": frames,
@@ -214,22 +242,6 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
         ))?;
     }
     Ok(Outcome::Done)
-}
-
-/// The parts of the frame with the most paths that end by their length; none if no path does.
-#[derive(Default)]
-struct WorstFrame(Vec<(View, Outcomes)>);
-
-impl WorstFrame {
-    /// Keeps the parts of a frame if it is worse than all before.
-    fn note(&mut self, parts: Vec<(View, Outcomes)>) {
-        let share = |parts: &[(View, Outcomes)]| {
-            count_unfinished(parts.iter().map(|(_, outcomes)| outcomes)).length
-        };
-        if share(&parts) > share(&self.0) {
-            self.0 = parts;
-        }
-    }
 }
 
 /// Hashes everything that decides the frames of an animation besides their cameras.
@@ -318,7 +330,7 @@ fn draw_parts(
     panels: &PicturePanels,
 ) -> Result<DrawnPanels> {
     let options = DrawingOptions {
-        layers: Format::of(&args.output) == Some(Format::Exr),
+        layers: PictureFormat::of(&args.output) == Some(PictureFormat::Exr),
         ..args.scene.drawing()
     };
     paths.draw_panels(&stage.world, panels, options, &geofan_study::clock)

@@ -12,7 +12,7 @@ use geofan_core::{
 use geofan_light::cache::{self, LightmapSource};
 use geofan_render::{
     DrawingOptions, Part, PicturePanels, Stage, View, World, camera_point,
-    picture::Format,
+    picture::PictureFormat,
     scene::{Lens, SceneFile},
     usual_size,
 };
@@ -146,7 +146,7 @@ pub fn warn_unfinished(world: &World, found: &UnfinishedPaths, longer: &str) {
 
 /// Refuses an output that could not be written, before work is spent on it.
 pub fn check_output(path: &Path) -> Result<()> {
-    if Format::of(path).is_none() {
+    if PictureFormat::of(path).is_none() {
         return Err(Error::input(
             path.display().to_string(),
             "pictures are .png or .exr",

@@ -46,7 +46,7 @@ const PROBES: usize = 256;
 const CLOSED: f64 = 1e-9;
 
 /// A transport to be printed.
-struct Carried {
+struct TransportReport {
     manifold: Manifold,
     transport: Transport,
     /// Parameter and point, of both ends.
@@ -89,7 +89,7 @@ pub fn run(args: &TransportArgs, common: &CommonArgs) -> Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-fn carry(args: &TransportArgs) -> Result<Carried> {
+fn carry(args: &TransportArgs) -> Result<TransportReport> {
     let manifold = Manifold::load(&args.manifold, &args.set)?;
     let curve = read_curve(&manifold, &args.curve)?;
     let way = [args.from, args.to];
@@ -109,7 +109,7 @@ fn carry(args: &TransportArgs) -> Result<Carried> {
             .map(|back| back * transport.matrix() * manifold.standard_frame(ends[0].1)),
     };
     let frame = manifold.standard_frame(start);
-    Ok(Carried {
+    Ok(TransportReport {
         holonomy: back.map(|back| Holonomy::new(frame.inverse() * back)),
         transport,
         ends,
@@ -177,7 +177,7 @@ fn check_curve(manifold: &Manifold, curve: &ChartCurve, [from, to]: [f64; 2]) ->
     Ok(length)
 }
 
-impl Carried {
+impl TransportReport {
     /// The vectors in the standard frames at the start and at the end.
     fn in_frames(&self, w: DVec3) -> [DVec3; 2] {
         let into = |u: DVec3| self.manifold.standard_frame(u).inverse();

@@ -3,6 +3,7 @@
 // Each test uses a part of it.
 #![allow(dead_code, unused_imports)]
 
+pub mod camera_scene;
 mod film;
 #[path = "../../crates/core/tests/support/mod.rs"]
 mod manifolds;

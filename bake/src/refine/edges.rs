@@ -18,7 +18,7 @@ use super::{
 };
 use crate::plan::divides_paths;
 use geofan_bundle::{
-    Polynomial, Step, Tensor, Train, Tree, divided_at_edge,
+    Polynomial, StepSize, Tensor, Train, Tree, divided_at_edge,
     rays::{BetweenEdges, EdgePiece, speed_behind_end},
 };
 use geofan_core::geodesic::{Ray, Settings, paths};
@@ -311,7 +311,7 @@ impl Refiner<'_> {
         let middle = vec![0.0; bounds.arc()];
         let interval = bounds.arc_intervals(&[middle], self.plan.length)[0];
         let most = STRAY_BEHIND_END * behind * interval[0];
-        let step = Step::near(SLOPE_BEHIND_END * speed_behind_end(behind, interval));
+        let step = StepSize::near(SLOPE_BEHIND_END * speed_behind_end(behind, interval));
         let mut limits = self.most_nodes(bounds);
         limits[bounds.arc()] = 1;
         let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();

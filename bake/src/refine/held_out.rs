@@ -9,7 +9,7 @@ use geofan_bundle::{
     Polynomial, Tensor,
     measure::{Probe, Probed, probe, stored_settings, tangents_at_exits},
     path_coefficients,
-    rays::{CHANNELS, EdgePiece, Start, end_at},
+    rays::{CHANNELS, EdgePiece, LiftedStart, end_at},
 };
 use geofan_core::{geodesic::End, random::Stream};
 use rayon::prelude::*;
@@ -76,7 +76,7 @@ const LEAST_SHARE: f64 = 0.01;
 struct HeldOutRay {
     /// Parameters in [−1, 1] of the box: camera…, direction….
     parameters: Vec<f64>,
-    start: Start,
+    start: LiftedStart,
     /// Its arc lengths in the box.
     interval: [f64; 2],
     probes: Vec<Probe>,

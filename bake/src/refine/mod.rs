@@ -23,8 +23,9 @@ mod tree;
 
 use crate::plan::divides_paths;
 use geofan_bundle::{
-    Division, PlanRecord, Polynomial, Step, Train, Tree, Variables, chebyshev, path_coefficients,
-    rays::{DISPLACEMENT, FACES, RaySpace, Sample, Samples, StoredCamera, cell},
+    Division, PlanRecord, Polynomial, StepSize, Train, Tree, Variables, chebyshev,
+    path_coefficients,
+    rays::{DISPLACEMENT, FACES, RaySpace, SampleNumbers, SamplingPlan, StoredCamera, cell},
 };
 use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
 use glam::DVec3;
@@ -263,7 +264,7 @@ impl Refiner<'_> {
             variables: self.variables(bounds),
         };
         let straight = Train::plain(&straight);
-        let rounded = straight.rounded(Step::near(1.0));
+        let rounded = straight.rounded(StepSize::near(1.0));
         Tree::Leaf(Arc::new(rounded.expect("zeros")))
     }
 
@@ -331,14 +332,14 @@ impl Refiner<'_> {
         lengths.extend(self.arc_lengths(bounds, nodes[bounds.arc()]));
         // Exact samples: slopes at the nodes, and the displacement that they add to.
         let channels = self.space.channels();
-        let samples = Samples {
+        let samples = SamplingPlan {
             space: self.space,
             tolerance: self.plan.tolerance,
             lengths: &lengths,
             width: channels.len(),
             between: pieces.as_ref().map(edges::between),
         };
-        let keep = |at: usize, sample: &Sample, to: &mut [f64]| {
+        let keep = |at: usize, sample: &SampleNumbers, to: &mut [f64]| {
             let first = if at < starts { DISPLACEMENT } else { 0 };
             for (to, channel) in to.iter_mut().zip(channels) {
                 *to = sample[first + channel];

@@ -8,7 +8,7 @@ use super::{
     held_out::HeldOutRays,
     tensor_train::{best_layout, decompose},
 };
-use geofan_bundle::{Polynomial, Step, Tensor, Train};
+use geofan_bundle::{Polynomial, StepSize, Tensor, Train};
 use geofan_core::Stop;
 
 /// Steps tried: this many, each the next coarser. The finest decides whether the box can be kept at
@@ -138,9 +138,9 @@ fn coarsest(
     finest: f64,
     error: &impl Fn(&Tensor) -> f64,
     stop: &Stop,
-) -> Option<(Step, Tensor)> {
+) -> Option<(StepSize, Tensor)> {
     coarsest_kept(|k| {
-        let step = Step::near(finest).coarser(k);
+        let step = StepSize::near(finest).coarser(k);
         let tensor = train.rounded_while(step, stop)?;
         // Its cores are made real, and then multiplied by rays.
         if !stop.goes_on(READING * tensor.integers()) {

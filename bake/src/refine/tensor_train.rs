@@ -349,7 +349,7 @@ fn signs(u: MatRef<'_, f64>) -> Vec<f64> {
 mod tests {
     use super::*;
     use geofan_bundle::{
-        DecodeBudget, MappedChebyshev, Step, Tensor, TensorShape, Tree, Variables,
+        DecodeBudget, MappedChebyshev, StepSize, Tensor, TensorShape, Tree, Variables,
     };
     use ndarray::IxDyn;
     use std::sync::Arc;
@@ -402,13 +402,15 @@ mod tests {
                 coefficients: coefficients(shape),
                 variables: Variables::of_face(cameras, MappedChebyshev::new(0.6)),
             };
-            let step = Step::near(1e-5);
+            let step = StepSize::near(1e-5);
             let layout = Layout::paired(cameras, shape.len() - 2 - cameras);
             let train = decompose(&polynomial, layout, (0.3e-5, 500), &Stop::default())
                 .unwrap()
                 .rounded(step)
                 .unwrap();
-            let plain = Train::plain(&polynomial).rounded(Step::near(2e-6)).unwrap();
+            let plain = Train::plain(&polynomial)
+                .rounded(StepSize::near(2e-6))
+                .unwrap();
             let x = vec![0.3; shape.len() - 2];
             let (a, b) = (train.at(&x), plain.at(&x));
             let read = read_again(&train, &polynomial, shape).at(&x);

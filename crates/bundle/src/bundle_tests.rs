@@ -1,5 +1,5 @@
 use super::*;
-use crate::{MappedChebyshev, Polynomial, Step, TangentPromise, Train, Tree, Variables};
+use crate::{MappedChebyshev, Polynomial, StepSize, TangentPromise, Train, Tree, Variables};
 use geofan_core::{diagnostic::SourceText, random::Stream};
 use ndarray::{ArrayD, IxDyn};
 
@@ -36,7 +36,7 @@ fn bundle(nodes: usize) -> Bundle {
             coefficients: ArrayD::from_shape_simple_fn(shape, || stream.uniform()),
             variables: Variables::of_face(1, plan().stretch),
         };
-        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-6));
+        let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-6));
         Tree::Leaf(Arc::new(tensor.unwrap()))
     };
     let chunks = (0..6).map(|face| match face {

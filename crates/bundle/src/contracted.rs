@@ -119,7 +119,7 @@ impl Contracted {
 
     /// Writes the coefficients in the arc length at direction parameters (p, q), rows of channels, to the front
     /// of `row`, and returns them; numbers behind them there are undefined.
-    pub fn direction<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
+    pub fn direction<'r>(&self, p: f64, q: f64, row: &'r mut CoefficientRow) -> &'r [f64] {
         self.sum(self.variables_at([p, q]), row)
     }
 
@@ -139,7 +139,7 @@ impl Contracted {
     }
 
     /// Evaluates [`Contracted::direction`] at variables of the polynomials.
-    fn sum<'r>(&self, [p, q]: [f64; 2], row: &'r mut Row) -> &'r [f64] {
+    fn sum<'r>(&self, [p, q]: [f64; 2], row: &'r mut CoefficientRow) -> &'r [f64] {
         let [np, nq] = self.degrees;
         let mut tp = [0.0; MOST_TERMS];
         let mut tq = [[0.0; MOST_TERMS]; 2];
@@ -166,7 +166,7 @@ impl Contracted {
 
     /// Evaluates like [`Contracted::direction`] for one of many directions close together: by the local
     /// expansion around it, without the coefficients that do not count there.
-    pub fn nearby<'r>(&self, p: f64, q: f64, row: &'r mut Row) -> &'r [f64] {
+    pub fn nearby<'r>(&self, p: f64, q: f64, row: &'r mut CoefficientRow) -> &'r [f64] {
         let variables = self.variables_at([p, q]);
         let local = self.local.as_ref();
         match local.and_then(|local| local.at(self, variables)) {
@@ -189,10 +189,10 @@ fn padded(values: &[f32], row: usize) -> Vec<f32> {
 
 /// Room for the coefficients of one path in any patch: every degree and the start, four channels, whole
 /// [`BLOCK`]s.
-pub type Row = [f64; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
+pub type CoefficientRow = [f64; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 
 /// An empty one.
-pub const EMPTY_ROW: Row = [0.0; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
+pub const EMPTY_ROW: CoefficientRow = [0.0; (4 * (MOST_DEGREES + 1)).next_multiple_of(BLOCK)];
 
 /// Sums by [`weigh`] in vector instructions, and returns the sums.
 fn weighed<'s>(table: &[f32], p: &[f64], q: [&[f64]; 2], sum: &'s mut [f64]) -> &'s [f64] {
@@ -423,7 +423,7 @@ mod tests {
     use super::*;
     use crate::{
         chebyshev::MappedChebyshev, polynomial::Polynomial, tensor::Tensor, train::Train,
-        train_core::Step,
+        train_core::StepSize,
     };
     use ndarray::{ArrayD, IxDyn};
 
@@ -474,7 +474,9 @@ mod tests {
                 sphere: true,
             },
         };
-        Train::plain(&polynomial).rounded(Step::near(1e-7)).unwrap()
+        Train::plain(&polynomial)
+            .rounded(StepSize::near(1e-7))
+            .unwrap()
     }
 
     #[test]

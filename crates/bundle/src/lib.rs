@@ -118,7 +118,6 @@ pub use matrix::product;
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};
 pub use rdoq::{unweighted, weighted, weighted_in_order};
-pub use restart::Restart;
 #[cfg(feature = "files")]
 pub use stored::{StoredChunks, StoredContents, write_chunks};
 pub use table::{Chunk, Division, Table};
@@ -127,5 +126,5 @@ pub use tangent_promise::TangentPromise;
 pub use tensor::{Layout, Tensor};
 pub use trace::{Traced, trace, trace_in};
 pub use train::Train;
-pub use train_core::{Power, Scale, Step};
+pub use train_core::{Power, Scale, StepSize};
 pub use tree::{TensorShape, Tree, divided_at_edge};

@@ -11,9 +11,9 @@
 //! are stored and not departures, because tangents keep the promise too.
 
 use crate::{
-    contracted::{Contracted, EMPTY_ROW, Row},
+    contracted::{CoefficientRow, Contracted, EMPTY_ROW},
     fan::ContractedTree,
-    rays::{Located, RaySpace, Start},
+    rays::{LiftedStart, Located, RaySpace},
     table::Table,
     train_core::MOST_DEGREES,
     tree::{Tree, divided_at_edge, half},
@@ -24,7 +24,7 @@ use glam::DVec3;
 use std::ops::Range;
 
 /// Takes the coefficients of one direction from a patch.
-pub(crate) type Evaluate = for<'r> fn(&Contracted, f64, f64, &'r mut Row) -> &'r [f64];
+pub(crate) type Evaluate = for<'r> fn(&Contracted, f64, f64, &'r mut CoefficientRow) -> &'r [f64];
 
 /// Paths of a fan, side by side, as polynomials in the arc length.
 #[derive(Debug, Clone, Default)]
@@ -39,7 +39,7 @@ pub struct PathCoefficients {
 /// The stored ray of a path, and its pieces.
 #[derive(Debug, Clone)]
 pub(crate) struct StoredRay {
-    pub start: Start,
+    pub start: LiftedStart,
     /// Its chart point and tangent at the start.
     pub u: DVec3,
     pub v: DVec3,
@@ -309,7 +309,7 @@ fn plus<const W: usize>(sum: &[f64; W], value: &[f64; W], x: f64) -> [f64; W] {
 #[inline]
 pub fn state<const W: usize>(
     space: &RaySpace,
-    start: &Start,
+    start: &LiftedStart,
     sums: &ArcSums<W>,
     lane: usize,
     s: f64,

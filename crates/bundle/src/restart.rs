@@ -9,15 +9,6 @@
 use crate::{Fan, LookupError, Table};
 use glam::DVec3;
 
-/// A path of a glued space where it is looked up again.
-#[derive(Debug, Clone)]
-pub struct Restart {
-    /// All paths from there.
-    pub fan: Fan,
-    /// Its direction there, in the standard frame; unit.
-    pub direction: DVec3,
-}
-
 impl Table {
     /// Tells whether paths can be looked up again where the table ends: in glued spaces whose paths the cover knows.
     pub fn restarts(&self) -> bool {
@@ -25,14 +16,14 @@ impl Table {
         gluing.is_some_and(|gluing| !gluing.has_portals() && !gluing.has_mirrors())
     }
 
-    /// Looks up where the path that has come to the point `u` of the domain with the tangent `v` goes on.
+    /// Looks up where the path that has come to the point `u` of the domain with the tangent `v` goes on: in the fan of all
+    /// paths from there, in this direction (standard frame, unit).
     ///
     /// # Errors
     /// `u` is not in the camera region, or the patches there are damaged.
-    pub fn restarted(&self, u: DVec3, v: DVec3) -> Result<Restart, LookupError> {
+    pub fn restarted(&self, u: DVec3, v: DVec3) -> Result<(Fan, DVec3), LookupError> {
         let fan = self.fan(u)?;
         let direction = self.space.manifold().local_frame(u).direction(v);
-        let direction = direction.normalize_or_zero();
-        Ok(Restart { fan, direction })
+        Ok((fan, direction.normalize_or_zero()))
     }
 }

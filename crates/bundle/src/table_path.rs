@@ -177,7 +177,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Computes points and tangents at sixteen arc lengths of one piece.
-    fn sixteen(&self, piece: &PathPiece, s: &[f64; LANES]) -> State<LANES> {
+    fn sixteen(&self, piece: &PathPiece, s: &[f64; LANES]) -> ChartStates<LANES> {
         match self.fan.table.space.channels().len() {
             1 => self.sixteen_of::<1>(piece, s),
             2 => self.sixteen_of::<2>(piece, s),
@@ -187,7 +187,11 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Does so for `K` channels: all in one, sums need not go through memory.
-    fn sixteen_of<const K: usize>(&self, piece: &PathPiece, s: &[f64; LANES]) -> State<LANES> {
+    fn sixteen_of<const K: usize>(
+        &self,
+        piece: &PathPiece,
+        s: &[f64; LANES],
+    ) -> ChartStates<LANES> {
         let rows = self.coefficients.borrow().rows(piece);
         vectorised(
             #[inline(always)]
@@ -207,7 +211,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
 
     /// Computes points and tangents of the stored ray from [`TablePath::sums`].
     #[inline(always)]
-    fn stored_state<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> State<W> {
+    fn stored_state<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> ChartStates<W> {
         let space = &self.fan.table.space;
         let stored = space.channels();
         match space.lift() {
@@ -234,7 +238,11 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
 
     /// Computes them where points are stored in polar coordinates.
     #[inline(always)]
-    fn polar<const W: usize>(&self, [departure, slope]: &ArcSums<W>, s: &[f64; W]) -> State<W> {
+    fn polar<const W: usize>(
+        &self,
+        [departure, slope]: &ArcSums<W>,
+        s: &[f64; W],
+    ) -> ChartStates<W> {
         let (x, rate) = (self.ray().start.x, self.ray().start.slope);
         let mut state = [[[0.0; W]; 3]; 2];
         for l in 0..W {
@@ -252,7 +260,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Computes them where points are stored on a sphere.
-    fn projected<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> State<W> {
+    fn projected<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> ChartStates<W> {
         let space = &self.fan.table.space;
         let mut state = [[[0.0; W]; 3]; 2];
         for l in 0..W {
@@ -266,7 +274,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
     }
 
     /// Computes chart points and tangents of the true ray from [`TablePath::sums`].
-    fn state<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> State<W> {
+    fn state<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> ChartStates<W> {
         vectorised(
             #[inline(always)]
             || carried(&self.ray().isometry, self.stored_state(sums, s)),
@@ -276,7 +284,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
 
 /// Values and their slopes in the arc length, or points and tangents: three components each, at `W`
 /// arc lengths.
-type State<const W: usize> = [[[f64; W]; 3]; 2];
+type ChartStates<const W: usize> = [[[f64; W]; 3]; 2];
 
 /// Returns one lane of three components.
 fn lane<const W: usize>(lanes: &[[f64; W]; 3], lane: usize) -> DVec3 {
@@ -285,7 +293,7 @@ fn lane<const W: usize>(lanes: &[[f64; W]; 3], lane: usize) -> DVec3 {
 
 /// Carries points and tangents by an isometry.
 #[inline(always)]
-fn carried<const W: usize>(isometry: &Isometry, state: State<W>) -> State<W> {
+fn carried<const W: usize>(isometry: &Isometry, state: ChartStates<W>) -> ChartStates<W> {
     match isometry {
         Isometry::Identity => state,
         Isometry::Affine(q, t) => moved((q, *t), &state),
@@ -297,14 +305,14 @@ fn carried<const W: usize>(isometry: &Isometry, state: State<W>) -> State<W> {
 
 /// Carries points and tangents by `u -> Q u + t`.
 #[inline(always)]
-fn moved<const W: usize>((q, t): (&DMat3, DVec3), state: &State<W>) -> State<W> {
+fn moved<const W: usize>((q, t): (&DMat3, DVec3), state: &ChartStates<W>) -> ChartStates<W> {
     [affine(q, t, &state[0]), affine(q, DVec3::ZERO, &state[1])]
 }
 
 /// Carries points and tangents by the left translation by `p`: the tape gives the image and then
 /// the rows of the differential.
 #[inline(always)]
-fn translated<const W: usize>(p: DVec3, tape: &Tape, state: &State<W>) -> State<W> {
+fn translated<const W: usize>(p: DVec3, tape: &Tape, state: &ChartStates<W>) -> ChartStates<W> {
     // The inputs: points, and the element of the group.
     let mut registers = tape.registers::<f64, W>();
     for c in 0..3 {

@@ -22,7 +22,7 @@ use crate::{
     matrix::{added, product},
     polynomial::{TermWeights, Variables},
     rdoq::unweight,
-    train_core::{Core, Factor, OpenMatrix, Power, Step, axis_along, matrix_chain},
+    train_core::{Core, Factor, OpenMatrix, Power, StepSize, axis_along, matrix_chain},
     tree::TensorShape,
 };
 use geofan_core::parallel::*;
@@ -34,7 +34,7 @@ use std::sync::{Arc, OnceLock};
 pub struct Tensor {
     pub(crate) layout: Layout,
     pub(crate) variables: Variables,
-    pub(crate) step: Step,
+    pub(crate) step: StepSize,
     pub(crate) cores: Vec<Core>,
     /// The last core as cameras take it, once one has asked for it.
     pub(crate) rows: OnceLock<Arc<[f32]>>,
@@ -505,7 +505,7 @@ mod single_rays_tests {
         chebyshev::MappedChebyshev,
         polynomial::{Polynomial, Variables},
         train::Train,
-        train_core::Step,
+        train_core::StepSize,
     };
     use geofan_core::random::Stream;
     use ndarray::{ArrayD, IxDyn};
@@ -528,7 +528,7 @@ mod single_rays_tests {
             cores,
             singular: scales,
         };
-        train.rounded(Step::near(1e-5)).unwrap()
+        train.rounded(StepSize::near(1e-5)).unwrap()
     }
 
     #[test]
@@ -548,7 +548,7 @@ mod single_rays_tests {
                 coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, 4, 3]), 0.5),
                 variables,
             };
-            let plain = Train::plain(&plain).rounded(Step::near(1e-3)).unwrap();
+            let plain = Train::plain(&plain).rounded(StepSize::near(1e-3)).unwrap();
             let trains = orders.map(|order| train(&order, variables));
             for tensor in trains.iter().chain([&plain]) {
                 let found = [tensor.at_many(&points), tensor.at_many_in_single(&points)];

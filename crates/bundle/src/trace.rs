@@ -97,7 +97,7 @@ fn places(length: f64, count: usize) -> impl Iterator<Item = f64> {
 }
 
 /// A part of a path, from one look-up to the next.
-struct Part {
+struct TracedPart {
     fan: Fan,
     direction: DVec3,
     /// Where it begins on the whole path, and the sample there.
@@ -105,7 +105,7 @@ struct Part {
     start: Option<Sample>,
 }
 
-impl Part {
+impl TracedPart {
     /// Makes the samples at these places of the whole path.
     fn samples(&self, manifold: &Manifold, places: impl Iterator<Item = f64>) -> Vec<Sample> {
         let path = self.fan.path(self.direction);
@@ -129,7 +129,7 @@ impl Part {
 fn trace_on(fan: Fan, direction: DVec3, length: f64, count: usize) -> Result<Option<Traced>> {
     let table = fan.table.clone();
     let (manifold, reach) = (&*table.space.manifold().glued(), table.length);
-    let mut parts = vec![Part {
+    let mut parts = vec![TracedPart {
         fan,
         direction,
         from: 0.0,
@@ -149,10 +149,10 @@ fn trace_on(fan: Fan, direction: DVec3, length: f64, count: usize) -> Result<Opt
         let Some(start) = part.samples(manifold, std::iter::once(from)).pop() else {
             return Ok(None);
         };
-        let restart = table.restarted(start.u, start.v)?;
-        parts.push(Part {
-            fan: restart.fan,
-            direction: restart.direction,
+        let (fan, direction) = table.restarted(start.u, start.v)?;
+        parts.push(TracedPart {
+            fan,
+            direction,
             from,
             start: Some(start),
         });
@@ -160,7 +160,7 @@ fn trace_on(fan: Fan, direction: DVec3, length: f64, count: usize) -> Result<Opt
     let all: Vec<f64> = places(length, count).collect();
     let ends = parts.iter().skip(1).map(|part| part.from);
     let ends: Vec<f64> = ends.chain([f64::INFINITY]).collect();
-    let of_part = |(part, until): (&Part, &f64)| {
+    let of_part = |(part, until): (&TracedPart, &f64)| {
         let own = all.iter().filter(|s| (part.from..*until).contains(s));
         part.samples(manifold, own.copied())
     };

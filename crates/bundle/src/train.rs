@@ -8,7 +8,7 @@ use crate::{
     polynomial::{Polynomial, Variables},
     rdoq::{nearest, rounded, weighted},
     tensor::{Layout, Tensor},
-    train_core::{Core, Scale, Step, axis_along},
+    train_core::{Core, Scale, StepSize, axis_along},
 };
 use geofan_core::{Stop, parallel::*};
 use ndarray::{ArrayD, Axis};
@@ -44,22 +44,22 @@ impl Train {
     /// Rounds to multiples of `step` that are worth their bits: the fewest bytes for errors that hold for most
     /// values. Zeros at the ends of axes and bonds are left out. `None` if a coefficient is too large for the
     /// step.
-    pub fn rounded(&self, step: Step) -> Option<Tensor> {
+    pub fn rounded(&self, step: StepSize) -> Option<Tensor> {
         self.rounded_while(step, &Stop::default())
     }
 
     /// Rounds like [`Train::rounded`], but gives up, and returns `None`, as soon as `stop` says so.
-    pub fn rounded_while(&self, step: Step, stop: &Stop) -> Option<Tensor> {
+    pub fn rounded_while(&self, step: StepSize, stop: &Stop) -> Option<Tensor> {
         self.rounded_by(step, rounded, WORTH_KEEPING, stop)
     }
 
     /// Rounds to the nearest multiples: the fewest bytes for errors that hold for all values.
-    pub fn nearest(&self, step: Step) -> Option<Tensor> {
+    pub fn nearest(&self, step: StepSize) -> Option<Tensor> {
         self.rounded_by(step, nearest, 0.5, &Stop::default())
     }
 
     /// Rounds by `round`; vectors and degrees without a number of `least` steps are left out.
-    fn rounded_by(&self, step: Step, round: Round, least: f64, stop: &Stop) -> Option<Tensor> {
+    fn rounded_by(&self, step: StepSize, round: Round, least: f64, stop: &Stop) -> Option<Tensor> {
         let numbers = self.cores.iter().map(ArrayD::len).sum();
         if !stop.goes_on(numbers) {
             return None;

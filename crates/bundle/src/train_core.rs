@@ -36,7 +36,7 @@ pub type Scale = Power<4>;
 
 /// The unit that numbers are rounded to multiples of. As coarse as scales, steps would be on average
 /// 9 % finer than they need to be; one step of 4 % was 2.3 % of the bytes of a patch of the floor.
-pub type Step = Power<32>;
+pub type StepSize = Power<32>;
 
 impl<const N: i16> Power<N> {
     /// Finds the power nearest to `x`, clamped to the range of 16 bits.
@@ -61,7 +61,7 @@ impl<const N: i16> Power<N> {
     }
 }
 
-impl Step {
+impl StepSize {
     /// Returns the step coarser by `2^(times/32)`.
     pub fn coarser(self, times: i16) -> Self {
         Self(self.0.saturating_add(times))
@@ -185,7 +185,7 @@ impl Core {
     }
 
     /// Writes lengths of axes to `out` and all integers to `integers`.
-    pub fn encode(&self, out: &mut Vec<u8>, integers: &mut IntegerEncoder, step: Step) {
+    pub fn encode(&self, out: &mut Vec<u8>, integers: &mut IntegerEncoder, step: StepSize) {
         let lengths = self.shape[1..].iter();
         lengths.for_each(|n| out.extend((*n as u32).to_le_bytes()));
         let length = self.orthogonality.length(&self.shape);
@@ -212,7 +212,7 @@ impl Core {
         integers: &mut IntegerDecoder,
         (before, last): (Option<&Self>, bool),
         (axes, along): (usize, usize),
-        (step, budget): (Step, &DecodeBudget),
+        (step, budget): (StepSize, &DecodeBudget),
     ) -> Result<Self, DecodeError> {
         let left = before.map_or(1, |core| core.scales.len());
         // The shape, and the vectors that are stored.
@@ -418,10 +418,10 @@ mod tests {
     #[test]
     fn steps_and_scales_are_near_what_they_stand_for() {
         for x in [1e-9, 3e-4, 1.0, 7.0, 1e6] {
-            assert!((Step::near(x).value() / x).log2().abs() <= 1.0 / 64.0 + 1e-12);
+            assert!((StepSize::near(x).value() / x).log2().abs() <= 1.0 / 64.0 + 1e-12);
             assert!((Scale::near(x).value() / x).log2().abs() <= 1.0 / 8.0 + 1e-12);
-            assert!((Step::near(x).scale().value() / x).log2().abs() <= 0.3);
-            let twice = Step::near(x).coarser(32).value() / Step::near(x).value();
+            assert!((StepSize::near(x).scale().value() / x).log2().abs() <= 0.3);
+            let twice = StepSize::near(x).coarser(32).value() / StepSize::near(x).value();
             assert!((twice - 2.0).abs() < 1e-12);
         }
     }

@@ -257,7 +257,7 @@ mod hostile_tests;
 mod tests {
     use super::*;
     use crate::{
-        chebyshev::MappedChebyshev, polynomial::Polynomial, train::Train, train_core::Step,
+        chebyshev::MappedChebyshev, polynomial::Polynomial, train::Train, train_core::StepSize,
     };
     use ndarray::{ArrayD, IxDyn};
 
@@ -282,7 +282,7 @@ mod tests {
             coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, 4, 3]), 0.5),
             variables: shape(sphere).variables,
         };
-        let tensor = Train::plain(&polynomial).rounded(Step::near(1e-3));
+        let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-3));
         Tree::Leaf(Arc::new(tensor.unwrap()))
     }
 
@@ -319,7 +319,7 @@ mod tests {
                 coefficients: ArrayD::from_elem(IxDyn(&[2, 3, 2, lengths, 1]), 0.5),
                 variables: shape(false).variables,
             };
-            let place = Train::plain(&polynomial).rounded(Step::near(1e-3));
+            let place = Train::plain(&polynomial).rounded(StepSize::near(1e-3));
             Tree::Edge {
                 place: Arc::new(place.unwrap()),
                 parts: Box::new([leaf(false), Tree::Flagged]),

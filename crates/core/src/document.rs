@@ -1,6 +1,6 @@
 //! Typed reading of a TOML text whose every complaint points at a place.
 //!
-//! In: a [`SourceText`]. Out: [`Table`]s and [`Item`]s that give up their content only as the type
+//! In: a [`SourceText`]. Out: [`TomlTable`]s and [`Item`]s that give up their content only as the type
 //! asked for, or a [`Diagnostic`] with the span underlined.
 
 use crate::diagnostic::{Diagnostic, SourceText};
@@ -11,15 +11,19 @@ use toml::{
     de::{DeTable, DeValue},
 };
 
-type Reading<T> = Result<T, Diagnostic>;
+/// What is read, or a complaint at its place.
+pub(crate) type Reading<T> = Result<T, Diagnostic>;
 
 /// Parses `source` and hands the root table to `read`.
-pub fn read<T>(source: &Arc<SourceText>, read: impl FnOnce(Table<'_>) -> Reading<T>) -> Reading<T> {
+pub fn read<T>(
+    source: &Arc<SourceText>,
+    read: impl FnOnce(TomlTable<'_>) -> Reading<T>,
+) -> Reading<T> {
     let root = DeTable::parse(&source.text).map_err(|e| {
         Diagnostic::new(source, e.span().unwrap_or(0..0), e.message().to_string())
             .with_hint("the file is TOML: key = value lines and [table] headings")
     })?;
-    read(Table::root(source, &root))
+    read(TomlTable::root(source, &root))
 }
 
 /// A string with its place.
@@ -118,8 +122,8 @@ impl<'d> Item<'d> {
     }
 
     /// The table that it is.
-    pub fn as_table(&self) -> Option<Table<'d>> {
-        Some(Table {
+    pub fn as_table(&self) -> Option<TomlTable<'d>> {
+        Some(TomlTable {
             source: self.source,
             span: self.span.clone(),
             entries: self.value.as_table()?,
@@ -206,7 +210,7 @@ impl<'d> Item<'d> {
     }
 
     /// The value as a table.
-    pub fn table(&self) -> Reading<Table<'d>> {
+    pub fn table(&self) -> Reading<TomlTable<'d>> {
         self.as_table().ok_or_else(|| self.wrong_type("a table"))
     }
 
@@ -216,10 +220,10 @@ impl<'d> Item<'d> {
     }
 }
 
-/// A table of the document. It remembers the keys asked for, so that [`Table::finish`] can refuse
+/// A table of the document. It remembers the keys asked for, so that [`TomlTable::finish`] can refuse
 /// the others.
 #[derive(Debug, Clone)]
-pub struct Table<'d> {
+pub struct TomlTable<'d> {
     source: &'d Arc<SourceText>,
     /// Its bytes in the source (empty for the root).
     pub span: Range<usize>,
@@ -227,7 +231,7 @@ pub struct Table<'d> {
     known: RefCell<Vec<String>>,
 }
 
-impl<'d> Table<'d> {
+impl<'d> TomlTable<'d> {
     /// All of a parsed text.
     pub fn root(source: &'d Arc<SourceText>, document: &'d Spanned<DeTable<'d>>) -> Self {
         Self {

@@ -16,4 +16,4 @@ mod tape;
 
 pub use derivative::Direction;
 pub use graph::{Binary, FieldId, Graph, Node, NodeId, TooManyFields, Unary};
-pub use tape::{Registers, Tape, TapeTooLarge, Wide, vectorised};
+pub use tape::{Digest, Registers, Tape, TapeTooLarge, Wide, vectorised};

@@ -81,7 +81,7 @@ pub struct SceneCopy<'c> {
 }
 
 /// The lowest and the highest corner of a box.
-type Bounds = (DVec3, DVec3);
+pub(super) type Bounds = (DVec3, DVec3);
 
 /// The box around nothing.
 const NOWHERE: Bounds = (DVec3::INFINITY, DVec3::NEG_INFINITY);

@@ -6,7 +6,7 @@
 use super::{
     behind::SeenBehind,
     filter::Film,
-    frame::{Clock, Outcomes, Paths, Work, offsets, trace_timed},
+    frame::{Clock, FrameStatistics, Outcomes, Paths, offsets, trace_timed},
     intersect::Seen,
     picture::Picture,
     redshift::shift_colours,
@@ -28,7 +28,7 @@ pub struct Drawing {
     /// Those that the table gave up on.
     pub flagged: Vec<SamplePlace>,
     /// Work on paths and pixels.
-    pub work: Work,
+    pub work: FrameStatistics,
     /// Time for paths and what they meet.
     pub paths: Duration,
     /// Time for colours and pixels.
@@ -72,7 +72,7 @@ pub fn draw(
     let all = offsets(samples);
     let mut film = Film::new(view.size, samples);
     let mut first = None;
-    let mut work = Work::default();
+    let mut work = FrameStatistics::default();
     let mut times = [Duration::ZERO; 2];
     for offsets in all.chunks(PASS) {
         let began = clock();

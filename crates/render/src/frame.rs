@@ -8,7 +8,7 @@ use super::{
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
     starts::starts,
-    tiles::{PixelSamples, SamplePlace, Scratch, TileOutcomes},
+    tiles::{PixelSamples, SamplePlace, TileOutcomes, TileScratch},
     tracer::{ExactTracer, GridTracer},
     view::View,
     world::World,
@@ -16,6 +16,7 @@ use super::{
 use geofan_core::parallel::*;
 use glam::DVec2;
 use ndarray::{Array3, Axis};
+use serde::Serialize;
 use std::time::Duration;
 
 /// The ends of all lines of sight of a picture, axes (row, column, sample).
@@ -40,9 +41,10 @@ pub fn offsets(n: usize) -> Vec<DVec2> {
         .collect()
 }
 
-/// Work done for a frame and time spent. Times are sums over threads, but for the samples that were put off.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Work {
+/// Work done for a frame and time spent. Times are sums over threads, but for the samples that were put off; reports have
+/// their own.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub struct FrameStatistics {
     /// Paths looked up or followed at common knots.
     pub paths: usize,
     /// Samples interpolated.
@@ -52,16 +54,20 @@ pub struct Work {
     /// Samples that the tracer could not give.
     pub pending: usize,
     /// Time for paths and for dividing tiles.
+    #[serde(skip)]
     pub lattice: Duration,
     /// Time for tubes and chords.
+    #[serde(skip)]
     pub tiles: Duration,
     /// Time for samples.
+    #[serde(skip)]
     pub pixels: Duration,
     /// Time for the samples that the tracer could not give, by the clock.
+    #[serde(skip)]
     pub pending_time: Duration,
 }
 
-impl std::ops::AddAssign for Work {
+impl std::ops::AddAssign for FrameStatistics {
     fn add_assign(&mut self, other: Self) {
         self.paths += other.paths;
         self.interpolated += other.interpolated;
@@ -81,7 +87,7 @@ pub struct TracedSamples {
     /// The samples that the tracer could not give and that were integrated exactly.
     pub flagged: Vec<SamplePlace>,
     /// The work.
-    pub work: Work,
+    pub work: FrameStatistics,
 }
 
 /// The way in which the paths of samples are made.
@@ -153,7 +159,7 @@ pub fn trace_timed(
         Paths::Straight(length) => TracedSamples {
             outcomes: trace_straight(&samples, length),
             flagged: Vec::new(),
-            work: Work::default(),
+            work: FrameStatistics::default(),
         },
         Paths::Direct(tracer) => trace_tiles(&samples, tracer, |scratch, tile| {
             let places = samples.places(tile.tile());
@@ -203,9 +209,9 @@ fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSa
                 row[(x, k)] = seen;
             }
         });
-    let work = Work {
+    let work = FrameStatistics {
         traced: outcomes.len(),
-        ..Work::default()
+        ..FrameStatistics::default()
     };
     TracedSamples {
         outcomes,
@@ -218,7 +224,7 @@ fn trace_exact(samples: &PixelSamples<'_>, tracer: &ExactTracer<'_>) -> TracedSa
 fn trace_tiles(
     samples: &PixelSamples<'_>,
     tracer: &dyn GridTracer,
-    work_on: impl Fn(&mut Scratch<'_>, &mut TileOutcomes<'_>) + Sync,
+    work_on: impl Fn(&mut TileScratch<'_>, &mut TileOutcomes<'_>) + Sync,
 ) -> TracedSamples {
     let (width, height) = samples.view.size;
     let mut outcomes = nothing((height, width, samples.offsets.len()));
@@ -231,10 +237,10 @@ fn trace_tiles(
         .collect();
     order.sort_by_key(|tile| tile.tile().squared_distance((width / 2, height / 2)));
     order.into_iter().par_bridge().for_each_init(
-        || Scratch::new(&samples.world.manifold, tracer.knots()),
+        || TileScratch::new(&samples.world.manifold, tracer.knots()),
         |scratch, tile| work_on(scratch, tile),
     );
-    let mut work = Work::default();
+    let mut work = FrameStatistics::default();
     let mut pending = Vec::new();
     for tile in tiles {
         work += tile.work;

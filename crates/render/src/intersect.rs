@@ -256,7 +256,7 @@ pub fn first_seen(world: &World, rays: &[(Ray, f64)], tolerance: f64) -> Vec<See
         carried: Carried::default(),
         events: true,
     };
-    let state = |(ray, before): &(Ray, f64)| FollowedRay {
+    let state = |(ray, before): &(Ray, f64)| RayProgress {
         before: *before,
         u: ray.u,
         v: ray.v,
@@ -277,11 +277,11 @@ pub fn first_seen(world: &World, rays: &[(Ray, f64)], tolerance: f64) -> Vec<See
 /// Holds the steps of rays against the scene.
 struct FirstSeen<'w> {
     world: &'w World,
-    rays: Vec<FollowedRay>,
+    rays: Vec<RayProgress>,
 }
 
 /// A ray on its way.
-struct FollowedRay {
+struct RayProgress {
     /// Arc length from the camera to its start.
     before: f64,
     /// Point and tangent at the end of the last step.

@@ -64,7 +64,7 @@ pub use path_batch::{PathBatch, PathView};
 pub use path_source::{DrawingOptions, DrawnPanels, PathSource};
 pub use shifted::ShiftedTracer;
 pub use stage::Stage;
-pub use tiles::Scratch;
+pub use tiles::TileScratch;
 pub use tracer::{ExactTracer, FixedTracer, GridTracer};
 pub use unfinished::{count_unfinished, unfinished};
 pub use view::{Optics, PictureRay, View, camera_point};

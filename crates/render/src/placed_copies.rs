@@ -6,6 +6,7 @@
 
 use super::{
     accel::{Accelerator, BoxTree},
+    copies::Bounds,
     lanes::{BoxPacket, LANES, Mask, more},
 };
 use geofan_core::manifold::{DeckTransformation, Gluing};
@@ -28,9 +29,6 @@ const SAME_PLACE: f64 = 1e-6;
 /// divided beyond, so often at most.
 const BENT: f64 = 0.25;
 const DIVISIONS: usize = 2;
-
-/// The lowest and the highest corner of a box.
-type Bounds = (DVec3, DVec3);
 
 /// The nearest copies of a scene.
 #[derive(Clone)]

@@ -36,7 +36,7 @@ pub struct Restarts<'f> {
 }
 
 /// Memory for one thread.
-struct Scratch<'w> {
+struct RestartScratch<'w> {
     events: EventLocator<'w>,
     search: HitSearch<'w>,
     rows: Vec<f64>,
@@ -86,7 +86,7 @@ impl<'f> Restarts<'f> {
         let world = samples.world;
         let addresses: Vec<DVec3> = places.iter().map(|p| samples.address(*p)).collect();
         let knots = tracer.knots();
-        let mut scratch = Scratch {
+        let mut scratch = RestartScratch {
             events: EventLocator::new(&world.manifold),
             search: HitSearch::new(world),
             rows: Vec::new(),
@@ -110,15 +110,15 @@ impl<'f> Restarts<'f> {
         &self,
         world: &World,
         mut state: (DVec3, DVec3),
-        scratch: &mut Scratch<'_>,
+        scratch: &mut RestartScratch<'_>,
     ) -> Option<Seen> {
         let reach = self.lookup.table.length;
         let mut from = reach;
         while from < self.length {
             let (u, v, _) = world.manifold.brought_in(state.0, state.1)?;
-            let restart = self.lookup.table.restarted(u, v).ok()?;
-            let path = restart.fan.path(restart.direction);
-            let Scratch {
+            let (fan, direction) = self.lookup.table.restarted(u, v).ok()?;
+            let path = fan.path(direction);
+            let RestartScratch {
                 events,
                 search,
                 rows,
@@ -130,7 +130,7 @@ impl<'f> Restarts<'f> {
             stay(rows, s.len(), known);
             let view = PathView {
                 knots: s,
-                direction: restart.direction,
+                direction,
                 rows,
                 boxes: &[],
                 known,

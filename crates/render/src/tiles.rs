@@ -1,7 +1,7 @@
 //! Samples of one of the largest tiles: what they see.
 //!
 //! In: a divided tile of the lattice, or directions alone, and memory that a thread works with
-//! ([`Scratch`]). Out: outcomes, and the samples that the tracer cannot give, put off so that they are
+//! ([`TileScratch`]). Out: outcomes, and the samples that the tracer cannot give, put off so that they are
 //! traced together.
 
 use super::{
@@ -9,7 +9,7 @@ use super::{
     curve::Ending,
     endings::{EventLocator, last_vertices},
     first_hits::{InterpolatedPaths, SinglePaths},
-    frame::{Clock, Work},
+    frame::{Clock, FrameStatistics},
     intersect::{Seen, beyond},
     lanes::LANES,
     lattice::{Divided, Ends, LARGEST_TILE, Leaf, Tile},
@@ -29,7 +29,7 @@ use std::sync::Arc;
 pub type SamplePlace = (usize, usize, usize);
 
 /// Memory that one thread works with on tile after tile: made once, as memory for paths is slow to get.
-pub struct Scratch<'m> {
+pub struct TileScratch<'m> {
     /// Finds how paths end.
     pub events: EventLocator<'m>,
     /// Paths of a lattice.
@@ -40,7 +40,7 @@ pub struct Scratch<'m> {
     single_paths: SinglePaths,
 }
 
-impl<'m> Scratch<'m> {
+impl<'m> TileScratch<'m> {
     /// Makes it for paths in `manifold` with these knots.
     pub fn new(manifold: &'m Manifold, knots: &Arc<[f64]>) -> Self {
         Self {
@@ -74,7 +74,7 @@ pub struct TileOutcomes<'o> {
     /// Samples put off.
     pub pending: Vec<SamplePlace>,
     /// Work and time.
-    pub work: Work,
+    pub work: FrameStatistics,
 }
 
 impl<'o> TileOutcomes<'o> {
@@ -84,7 +84,7 @@ impl<'o> TileOutcomes<'o> {
             corner,
             outcomes,
             pending: Vec::new(),
-            work: Work::default(),
+            work: FrameStatistics::default(),
         }
     }
 
@@ -124,7 +124,7 @@ impl PixelSamples<'_> {
         &self,
         divided: &Divided,
         tracer: &dyn GridTracer,
-        scratch: &mut Scratch<'_>,
+        scratch: &mut TileScratch<'_>,
         tile: &mut TileOutcomes<'_>,
     ) {
         tile.work.paths += divided.paths.len();
@@ -249,12 +249,12 @@ impl PixelSamples<'_> {
         &self,
         places: &[SamplePlace],
         tracer: &dyn GridTracer,
-        scratch: &mut Scratch<'_>,
+        scratch: &mut TileScratch<'_>,
         tile: &mut TileOutcomes<'_>,
     ) {
         let began = (self.clock)();
         let addresses: Vec<DVec3> = places.iter().map(|place| self.address(*place)).collect();
-        let Scratch {
+        let TileScratch {
             events,
             singles,
             single_paths,

@@ -132,15 +132,13 @@ impl ExactTracer<'_> {
     fn follow_beside_poles(&self, starts: &[(DVec3, DVec3)], events: bool) -> Vec<Curve> {
         let mut curves = self.follow_all(starts, events);
         for side in 0..2 {
-            let lost: Vec<usize> = (0..curves.len())
-                .filter(|i| curves[*i].4 == Stop::Broken)
-                .collect();
+            let lost: Vec<usize> = (0..curves.len()).filter(|i| curves[*i].4).collect();
             if lost.is_empty() {
                 break;
             }
             let turned: Vec<_> = lost.iter().map(|i| self.turned(starts[*i], side)).collect();
             for (i, curve) in lost.into_iter().zip(self.follow_all(&turned, events)) {
-                if curve.4 == Stop::Smooth {
+                if !curve.4 {
                     curves[i] = curve;
                 }
             }
@@ -173,7 +171,7 @@ impl ExactTracer<'_> {
             .iter()
             .map(|&(u, v)| Ray::without_spread(u, v, self.length));
         let growing =
-            |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Length, Stop::Smooth);
+            |&(u, v): &(DVec3, DVec3)| (vec![0.0], vec![u], vec![v], Ending::Length, false);
         let mut sink = CurveSink {
             manifold: self.manifold,
             crossings: vec![0; starts.len()],
@@ -188,17 +186,8 @@ impl ExactTracer<'_> {
 /// and 8000 pixels across. A smaller one passes the pole closer, in more steps, and shows nothing.
 const BESIDE_POLE: f64 = 1e-5;
 
-/// Tells whether the chart goes on where a curve stopped.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Stop {
-    /// The curve ended as curves do.
-    Smooth,
-    /// The metric broke down.
-    Broken,
-}
-
-/// A curve being made: arc lengths, points, tangents, and how it ends.
-type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending, Stop);
+/// A curve being made: arc lengths, points, tangents, how it ends, and whether that is at a pole of the chart.
+type Growing = (Vec<f64>, Vec<DVec3>, Vec<DVec3>, Ending, bool);
 
 /// Collects the steps of rays as cubics.
 struct CurveSink<'m> {
@@ -228,11 +217,9 @@ impl Sink for CurveSink<'_> {
     }
 
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
-        let (_, u, v, ending, stop) = &mut self.curves[ray];
+        let (_, u, v, ending, at_pole) = &mut self.curves[ray];
         let (u, v) = (u[u.len() - 1], v[v.len() - 1]);
-        if meets_pole(self.manifold, end, u) {
-            *stop = Stop::Broken;
-        }
+        *at_pole = meets_pole(self.manifold, end, u);
         *ending = ending_at(self.manifold, end, s, u, v);
     }
 }

@@ -54,7 +54,7 @@ pub use feed::PanelFeed;
 pub use frame_plan::Block;
 #[cfg(feature = "files")]
 pub use loaded_space::{LoadedSpace, SpaceSource};
-pub use motion::{Movement, Stop, moved};
+pub use motion::{Movement, StopReason, moved};
 pub use package::{Package, PackageError, noting_source};
 #[cfg(feature = "files")]
 pub use page::Page;

@@ -19,12 +19,12 @@ pub struct Movement {
     /// The camera where it is now.
     pub camera: Camera,
     /// The reason for which it came less far than was asked for.
-    pub stop: Option<Stop>,
+    pub stop: Option<StopReason>,
 }
 
 /// Reasons for which a camera stops.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stop {
+pub enum StopReason {
     /// The exit with this index in [`Manifold::exits`], or a limit of the chart.
     Exit(usize),
     /// The metric allows no further step.
@@ -52,7 +52,7 @@ pub fn moved(manifold: &Manifold, table: Option<&Table>, camera: &Camera, by: DV
     let held = along_region(manifold, table, camera, free.camera.u);
     Movement {
         camera: held.unwrap_or_else(|| up_to_edge(manifold, table, camera, by)),
-        stop: Some(Stop::Region),
+        stop: Some(StopReason::Region),
     }
 }
 
@@ -78,23 +78,27 @@ fn within_domain(manifold: &Manifold, camera: &Camera, by: DVec3) -> Movement {
     };
     match check_point(manifold, "the camera", camera.u) {
         Ok(()) if camera.rotation.is_finite() => Movement { camera, stop },
-        _ => stay(stop.or(Some(Stop::Metric))),
+        _ => stay(stop.or(Some(StopReason::Metric))),
     }
 }
 
 /// Finds what ended a move at `u`: the event of the domain whose value is nearest to its zero there.
-fn what_ended(manifold: &Manifold, u: DVec3) -> Stop {
+fn what_ended(manifold: &Manifold, u: DVec3) -> StopReason {
     let values = manifold.domain.events().at(&[u.x, u.y, u.z, 0.0, 0.0, 0.0]);
     let kinds = manifold.domain.kinds.iter().zip(values);
     let nearest = kinds
         .filter(|(_, value)| value.is_finite())
         .min_by(|a, b| a.1.abs().total_cmp(&b.1.abs()));
-    let named = |name: &str| manifold.exit_named(name).map_or(Stop::Metric, Stop::Exit);
+    let named = |name: &str| {
+        manifold
+            .exit_named(name)
+            .map_or(StopReason::Metric, StopReason::Exit)
+    };
     match nearest {
-        Some((EventKind::Exit(exit), _)) => Stop::Exit(*exit),
+        Some((EventKind::Exit(exit), _)) => StopReason::Exit(*exit),
         Some((EventKind::Limit, _)) => named("limit"),
         Some((EventKind::Inside, _)) => named("inside"),
-        None => Stop::Metric,
+        None => StopReason::Metric,
     }
 }
 
@@ -166,7 +170,10 @@ mod tests {
         let start = camera(DVec3::ZERO);
         let ahead = DVec3::NEG_Z;
         let end = moved(&flat, None, &start, ahead * 5.0);
-        assert_eq!(end.stop, Some(Stop::Exit(flat.exit_named("out").unwrap())));
+        assert_eq!(
+            end.stop,
+            Some(StopReason::Exit(flat.exit_named("out").unwrap()))
+        );
         assert!(end.camera.u.x > 1.9 && end.camera.u.x < 2.0);
         let mut stuck = end.camera;
         for _ in 0..50 {
@@ -222,7 +229,7 @@ mod tests {
                 &now,
                 DVec3::NEG_Z * 0.02,
             );
-            stopped |= went.stop == Some(Stop::Region);
+            stopped |= went.stop == Some(StopReason::Region);
             now = went.camera;
             assert!(bundle.table.space.place(now.u).is_ok());
         }

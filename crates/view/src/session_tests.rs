@@ -4,7 +4,11 @@
 mod pictures;
 
 use super::*;
-use crate::{DrawSpace, StartScene, frame_plan::Block, protocol::DrawRequest};
+use crate::{
+    DrawSpace, StartScene,
+    frame_plan::Block,
+    protocol::{DrawRequest, ViewerEvent},
+};
 use geofan_bundle::Bundle;
 use geofan_core::{
     diagnostic::SourceText,

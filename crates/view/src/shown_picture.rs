@@ -7,7 +7,7 @@ use crate::{frame_plan::Block, protocol::Patch, tone::ToneTable};
 
 /// Linear light of a picture, as far as it is drawn.
 #[derive(Debug, Clone, Default)]
-struct Light {
+struct ShownLight {
     frame: u32,
     size: (usize, usize),
     rgb: Vec<f32>,
@@ -21,8 +21,8 @@ pub struct ShownPicture {
     table: ToneTable,
     stops: f64,
     /// The last whole picture, and the one that is being drawn over it.
-    base: Light,
-    current: Light,
+    base: ShownLight,
+    current: ShownLight,
 }
 
 impl ShownPicture {
@@ -43,11 +43,11 @@ impl ShownPicture {
             if self.current.whole {
                 self.base = std::mem::take(&mut self.current);
             }
-            self.current = Light {
+            self.current = ShownLight {
                 frame,
                 size,
                 rgb: vec![0.0; 3 * size.0 * size.1],
-                ..Light::default()
+                ..ShownLight::default()
             };
         }
         let light = &mut self.current;
@@ -59,7 +59,7 @@ impl ShownPicture {
         light.whole = last;
         if last {
             // Nothing of it is to be seen any more.
-            self.base = Light::default();
+            self.base = ShownLight::default();
         }
         Some(self.patch(&self.current, block, last))
     }
@@ -85,7 +85,7 @@ impl ShownPicture {
         patches
     }
 
-    fn patch(&self, light: &Light, block: Block, last: bool) -> Patch {
+    fn patch(&self, light: &ShownLight, block: Block, last: bool) -> Patch {
         let mut rgba = Vec::new();
         let gain = self.stops.exp2() as f32;
         for y in block.y..block.y + block.height {

@@ -5,7 +5,7 @@
 //! ahead stays straight ahead. Turning changes the axes alone.
 
 use crate::{
-    motion::{Stop, moved},
+    motion::{StopReason, moved},
     session::Session,
 };
 use geofan_core::diagnostic::SourceText;
@@ -148,13 +148,13 @@ impl Session {
         let went = moved(manifold, self.holding_table(), &self.camera, by);
         self.hint = match went.stop {
             None => None,
-            Some(Stop::Exit(exit)) => Some(match manifold.exits[exit].name.as_str() {
+            Some(StopReason::Exit(exit)) => Some(match manifold.exits[exit].name.as_str() {
                 "limit" => "the chart ends here".into(),
                 "inside" => "the space ends here".into(),
                 name => format!("this is the exit `{name}`: the space ends here"),
             }),
-            Some(Stop::Metric) => Some("the metric allows no way on".into()),
-            Some(Stop::Region) => Some(
+            Some(StopReason::Metric) => Some("the metric allows no way on".into()),
+            Some(StopReason::Region) => Some(
                 "the table knows no paths from further on; allow the camera beyond to go on with exact paths"
                     .into(),
             ),

@@ -30,7 +30,7 @@ pub fn run(stream: TcpStream, part: Vec<u8>, shared: &Arc<SharedSpace>) {
         .max_message_size(Some(MOST_OF_A_MESSAGE))
         .max_frame_size(Some(MOST_OF_A_MESSAGE));
     let socket = WebSocket::from_partially_read(stream, part, Role::Server, Some(config));
-    let mut connection = Connection {
+    let mut connection = ViewerConnection {
         socket,
         driver: Driver::new(shared),
         feed: PanelFeed::default(),
@@ -46,14 +46,14 @@ pub fn run(stream: TcpStream, part: Vec<u8>, shared: &Arc<SharedSpace>) {
     let _ = connection.socket.flush();
 }
 
-struct Connection {
+struct ViewerConnection {
     socket: WebSocket<TcpStream>,
     driver: Driver,
     feed: PanelFeed,
     nonsense: usize,
 }
 
-impl Connection {
+impl ViewerConnection {
     /// Does one turn: events, one piece of work, what it gave. Tells whether to go on.
     fn turn(&mut self, shared: &SharedSpace) -> Result<bool, Error> {
         if !self.read(shared)? {

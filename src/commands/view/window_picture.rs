@@ -13,7 +13,7 @@ const NAME: &str = "geofan";
 
 /// Pixels of a picture, row by row, as the window takes them: red, green and blue in the lowest bytes.
 #[derive(Debug, Clone, Default)]
-struct Pixels {
+struct WindowPixels {
     size: (usize, usize),
     rgb: Vec<u32>,
 }
@@ -22,9 +22,9 @@ struct Pixels {
 #[derive(Debug, Default)]
 pub struct WindowPicture {
     /// The last whole picture with what has come of the next one over it, if that has its size.
-    shown: Pixels,
+    shown: WindowPixels,
     /// A picture of another size, until it is whole.
-    coming: Pixels,
+    coming: WindowPixels,
     /// Linear light of a picture that is saved.
     saved: Vec<f32>,
 }
@@ -40,7 +40,7 @@ impl WindowPicture {
             false => &mut self.coming,
         };
         if to.size != patch.size {
-            *to = Pixels {
+            *to = WindowPixels {
                 size: patch.size,
                 rgb: vec![0; patch.size.0 * patch.size.1],
             };
@@ -104,7 +104,7 @@ fn free_name() -> PathBuf {
         .unwrap_or_default()
 }
 
-impl Pixels {
+impl WindowPixels {
     /// Draws the pixels into a window of another size, linearly between them.
     fn stretch(&self, (width, height): (usize, usize), window: &mut [u32]) {
         let places = |count: usize, most: usize| -> Vec<(usize, usize, u32)> {

@@ -23,7 +23,9 @@ pub use focus::ReferenceSphere;
 pub use mirror::{Image, Mirror};
 pub use orbit::ImpactParameter;
 pub use piece::{EdgePiece, end_at, exit_met};
-pub use position::{ChartMap, Start};
-pub use sample::{BetweenEdges, CHANNELS, DISPLACEMENT, Sample, Samples, sample, speed_behind_end};
+pub use position::{ChartMap, LiftedStart};
+pub use sample::{
+    BetweenEdges, CHANNELS, DISPLACEMENT, SampleNumbers, SamplingPlan, sample, speed_behind_end,
+};
 pub use space::{Located, Orbit, Place, RaySpace, Reduction, StoredCamera};
 pub use sphere::{Sphere, parallel};

@@ -40,7 +40,7 @@ pub enum ChartMap {
 
 /// The start of a path, lifted.
 #[derive(Debug, Clone, Copy)]
-pub struct Start {
+pub struct LiftedStart {
     /// The point.
     pub x: DVec4,
     /// The tangent.
@@ -113,20 +113,20 @@ impl ChartMap {
     }
 
     /// The path's start at chart point `u` with tangent `v`.
-    pub fn start(self, u: DVec3, v: DVec3) -> Start {
-        Start {
+    pub fn start(self, u: DVec3, v: DVec3) -> LiftedStart {
+        LiftedStart {
             x: self.point(u),
             slope: self.tangent(u, v),
         }
     }
 
     /// The slope of the departure at chart point `u` with tangent `v`: what is stored.
-    pub fn slope(self, start: &Start, u: DVec3, v: DVec3) -> [f64; 4] {
+    pub fn slope(self, start: &LiftedStart, u: DVec3, v: DVec3) -> [f64; 4] {
         (self.tangent(u, v) - start.slope).to_array()
     }
 
     /// The departure of the lifted point `x` at arc length `s`, over `s`.
-    pub fn displacement(self, start: &Start, x: DVec4, s: f64) -> [f64; 4] {
+    pub fn displacement(self, start: &LiftedStart, x: DVec4, s: f64) -> [f64; 4] {
         ((x - start.x) / s - start.slope).to_array()
     }
 
@@ -143,7 +143,7 @@ impl ChartMap {
     /// Chart point and tangent at arc length `s` of a departure and its slope.
     pub fn state(
         self,
-        start: &Start,
+        start: &LiftedStart,
         departure: [f64; 4],
         slope: [f64; 4],
         s: f64,
@@ -176,7 +176,7 @@ mod tests {
     ];
 
     /// In the plane that is the only one where all lifts are.
-    fn start(lift: ChartMap) -> Start {
+    fn start(lift: ChartMap) -> LiftedStart {
         lift.start(DVec3::new(0.3, -1.2, 0.0), DVec3::new(0.2, 0.9, 0.0))
     }
 

@@ -8,7 +8,7 @@
 //! [`ChartMap::displacement`]: super::ChartMap::displacement
 
 use super::{
-    ChartMap, RaySpace, Start,
+    ChartMap, LiftedStart, RaySpace,
     piece::{EdgePiece, state_on},
 };
 use geofan_core::parallel::*;
@@ -40,7 +40,7 @@ pub fn speed_behind_end(behind: f64, [low, high]: [f64; 2]) -> f64 {
 }
 
 /// State of a ray at one arc length: [`CHANNELS`] numbers.
-pub type Sample = [f64; CHANNELS];
+pub type SampleNumbers = [f64; CHANNELS];
 
 /// Follows `rays` (chart point, unit tangent) to the last of `lengths` (ascending, positive) and
 /// samples them there, or `between` edges at shares of what is there. Exits are passed by; where the metric ends the
@@ -51,22 +51,22 @@ pub fn sample(
     rays: &[(DVec3, DVec3)],
     (lengths, between): (&[f64], Option<BetweenEdges<'_>>),
 ) -> Array3<f64> {
-    let samples = Samples {
+    let samples = SamplingPlan {
         space,
         tolerance,
         lengths,
         width: CHANNELS,
         between,
     };
-    let all = |_: usize, sample: &Sample, to: &mut [f64]| to.copy_from_slice(sample);
+    let all = |_: usize, sample: &SampleNumbers, to: &mut [f64]| to.copy_from_slice(sample);
     let samples = samples.of(rays.len(), |block| rays[block].to_vec(), all);
     let shape = (rays.len(), lengths.len(), CHANNELS);
     Array3::from_shape_vec(shape, samples).expect("a sample of each ray at each length")
 }
 
-/// Samples of which only a part is kept.
+/// What is sampled of rays, and how much of each sample is kept.
 #[derive(Debug, Clone, Copy)]
-pub struct Samples<'a> {
+pub struct SamplingPlan<'a> {
     /// The rays.
     pub space: &'a RaySpace,
     /// The tolerance of the exact tracer.
@@ -89,7 +89,7 @@ pub struct BetweenEdges<'a> {
     pub intervals: &'a [[f64; 2]],
 }
 
-impl Samples<'_> {
+impl SamplingPlan<'_> {
     /// Samples `count` rays, as `rays` gives those of a range of numbers (chart point, unit tangent), what
     /// `keep` writes for the sample at the arc length of a number: (ray, arc length, number kept), the
     /// last running fastest. Ranges for which `rays` gives none are left out.
@@ -97,7 +97,7 @@ impl Samples<'_> {
         &self,
         count: usize,
         rays: impl Fn(Range<usize>) -> Vec<(DVec3, DVec3)> + Sync,
-        keep: impl Fn(usize, &Sample, &mut [f64]) + Sync,
+        keep: impl Fn(usize, &SampleNumbers, &mut [f64]) + Sync,
     ) -> Vec<f64> {
         let row = self.lengths.len() * self.width;
         let mut samples = vec![0.0; count * row];
@@ -122,7 +122,7 @@ impl Samples<'_> {
         &self,
         between: BetweenEdges<'_>,
         (first, rays): (usize, Vec<(DVec3, DVec3)>),
-        keep: impl Fn(usize, &Sample, &mut [f64]),
+        keep: impl Fn(usize, &SampleNumbers, &mut [f64]),
         samples: &mut [f64],
     ) {
         let intervals = &between.intervals[first..first + rays.len()];
@@ -154,9 +154,9 @@ impl Samples<'_> {
     fn read_piece(
         &self,
         (path, [first, end]): (&Path, [usize; 2]),
-        (start, behind_end): (&Start, Option<f64>),
+        (start, behind_end): (&LiftedStart, Option<f64>),
         [low, high]: [f64; 2],
-        mut put: impl FnMut(usize, &Sample),
+        mut put: impl FnMut(usize, &SampleNumbers),
     ) {
         let lift = self.space.lift();
         let (mut point, mut at) = (start.x, 0);
@@ -201,12 +201,12 @@ impl Samples<'_> {
     fn block(
         &self,
         rays: Vec<(DVec3, DVec3)>,
-        keep: impl Fn(usize, &Sample, &mut [f64]),
+        keep: impl Fn(usize, &SampleNumbers, &mut [f64]),
         samples: &mut [f64],
     ) {
         let settings = self.settings();
         let starts = rays.iter().map(|&(u, v)| self.space.lift().start(u, v));
-        let starts: Vec<Start> = starts.collect();
+        let starts: Vec<LiftedStart> = starts.collect();
         let mut sampler = Sampler {
             of: *self,
             points: starts.iter().map(|start| start.x).collect(),
@@ -225,25 +225,25 @@ impl Samples<'_> {
 }
 
 /// Arc length, point and tangent.
-type Last = (f64, DVec3, DVec3);
+type LastState = (f64, DVec3, DVec3);
 
 struct Sampler<'a, K> {
-    of: Samples<'a>,
-    starts: Vec<Start>,
+    of: SamplingPlan<'a>,
+    starts: Vec<LiftedStart>,
     /// The last lifted point of each ray.
     points: Vec<DVec4>,
     /// The next arc length to be sampled, for each ray.
     next: Vec<usize>,
     /// The end of the last step, if its ray has samples left.
-    last: Option<Last>,
+    last: Option<LastState>,
     keep: K,
     samples: &'a mut [f64],
 }
 
-impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
+impl<K: Fn(usize, &SampleNumbers, &mut [f64])> Sampler<'_, K> {
     fn put(&mut self, ray: usize, u: DVec3, v: DVec3) {
         let at = self.next[ray];
-        let Samples {
+        let SamplingPlan {
             space,
             lengths,
             width,
@@ -277,7 +277,7 @@ impl<K: Fn(usize, &Sample, &mut [f64])> Sampler<'_, K> {
     }
 }
 
-impl<K: Fn(usize, &Sample, &mut [f64])> Sink for Sampler<'_, K> {
+impl<K: Fn(usize, &SampleNumbers, &mut [f64])> Sink for Sampler<'_, K> {
     fn wants(&self, ray: usize, to: f64) -> bool {
         let next = self.of.lengths.get(self.next[ray]);
         // Turns are counted step by step.

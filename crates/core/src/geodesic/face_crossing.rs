@@ -12,7 +12,7 @@
 use super::{
     LANES, NIL, Row, Settings, Sink, Step, crossing,
     refraction::{EdgeSide, reflect},
-    state::{Layout, MOST_ROWS, rates_at},
+    state::{MOST_ROWS, StateLayout, rates_at},
     step::Curves,
 };
 use crate::manifold::{Gluing, Manifold};
@@ -59,7 +59,7 @@ pub(super) enum Leaving {
 pub(super) struct FaceCrossings<'m> {
     manifold: &'m Manifold,
     gluing: &'m Gluing,
-    layout: Layout,
+    layout: StateLayout,
     flow: &'m Tape,
     rates: Registers<f64, 1>,
     lanes: Registers<f64, LANES>,
@@ -83,7 +83,7 @@ impl<'m> FaceCrossings<'m> {
         Some(Self {
             manifold,
             gluing,
-            layout: Layout::of(settings),
+            layout: StateLayout::of(settings),
             flow,
             rates: flow.registers(),
             lanes: gluing.values().registers(),

@@ -68,14 +68,14 @@ pub fn fixed_steps<R: Real>(
 }
 
 /// Chart points and tangents of `W` rays.
-type State<R, const W: usize = LANES> = [[R; W]; 6];
+type LaneStates<R, const W: usize = LANES> = [[R; W]; 6];
 
 /// One step of the classical method.
 #[inline(always)]
 fn step<R: Real, const W: usize>(
     flow: &Tape,
     registers: &mut Registers<R, W>,
-    y: &mut State<R, W>,
+    y: &mut LaneStates<R, W>,
     h: R,
 ) {
     let [half, third, sixth] = [0.5, 1.0 / 3.0, 1.0 / 6.0].map(|w| R::from_f64(w) * h);
@@ -93,7 +93,11 @@ fn step<R: Real, const W: usize>(
 
 /// `y + h k`
 #[inline(always)]
-fn moved<R: Real, const W: usize>(y: &State<R, W>, k: &State<R, W>, h: R) -> State<R, W> {
+fn moved<R: Real, const W: usize>(
+    y: &LaneStates<R, W>,
+    k: &LaneStates<R, W>,
+    h: R,
+) -> LaneStates<R, W> {
     let mut moved = *y;
     for row in 0..6 {
         for l in 0..W {
@@ -108,8 +112,8 @@ fn moved<R: Real, const W: usize>(y: &State<R, W>, k: &State<R, W>, h: R) -> Sta
 fn rates<R: Real, const W: usize>(
     flow: &Tape,
     registers: &mut Registers<R, W>,
-    y: &State<R, W>,
-) -> State<R, W> {
+    y: &LaneStates<R, W>,
+) -> LaneStates<R, W> {
     for (k, row) in y.iter().enumerate() {
         *registers.input(k) = *row;
     }
@@ -159,7 +163,7 @@ impl<'m, R: Real> Edges<'m, R> {
 
     /// Replaces the ends `after` of steps of length `h` from `before` that cross an edge; the first `count`
     /// lanes are rays.
-    fn mend(&mut self, before: &State<R>, after: &mut State<R>, count: usize, h: f64) {
+    fn mend(&mut self, before: &LaneStates<R>, after: &mut LaneStates<R>, count: usize, h: f64) {
         for (registers, state) in self.lanes.iter_mut().zip([before, &*after]) {
             for c in 0..3 {
                 *registers.input(c) = state[c];

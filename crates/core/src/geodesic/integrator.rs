@@ -15,8 +15,8 @@ use super::{
     events::Events,
     face_crossing::{FaceCrossings, Leaving},
     rows::{larger, multiply, norm2, take_where, vector},
-    starts::{Start, Starts},
-    state::{Layout, Rest, rates_at},
+    starts::{LaneStart, Starts},
+    state::{Rest, StateLayout, rates_at},
     step::{Curves, Trial},
     switching::{Meeting, SwitchingSurfaces},
     weighted,
@@ -36,7 +36,7 @@ pub fn follow<S: Sink>(
     if rays.peek().is_none() {
         return;
     }
-    let mut lanes = Lanes::new(manifold, settings, sink.region());
+    let mut lanes = RayLanes::new(manifold, settings, sink.region());
     loop {
         lanes.refill(&mut rays, sink);
         if lanes.ray.iter().all(Option::is_none) {
@@ -51,8 +51,8 @@ pub fn follow<S: Sink>(
     }
 }
 
-struct Lanes<'m> {
-    layout: Layout,
+struct RayLanes<'m> {
+    layout: StateLayout,
     flow: &'m Tape,
     registers: Registers<f64, LANES>,
     rest: Rest,
@@ -75,11 +75,11 @@ struct Lanes<'m> {
     k: [Vec<Row>; STAGES],
 }
 
-impl<'m> Lanes<'m> {
+impl<'m> RayLanes<'m> {
     fn new(manifold: &'m Manifold, settings: Settings, region: Option<(DVec3, DVec3)>) -> Self {
         let flow = manifold.flow(settings.carried);
         let bare = manifold.flow(Carried::default());
-        let layout = Layout::of(settings);
+        let layout = StateLayout::of(settings);
         let rows = || vec![NIL; layout.rows];
         Self {
             layout,
@@ -121,7 +121,7 @@ impl<'m> Lanes<'m> {
         }
     }
 
-    fn start(&mut self, lane: usize, start: &Start, step: f64) {
+    fn start(&mut self, lane: usize, start: &LaneStart, step: f64) {
         self.ray[lane] = Some(start.ray);
         self.control.start(lane, start.length, step);
         for row in 0..self.layout.rows {

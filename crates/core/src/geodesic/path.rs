@@ -44,7 +44,7 @@ pub fn paths(
     settings: Settings,
     rays: impl IntoIterator<Item = Ray>,
 ) -> Vec<Path> {
-    let mut kept = Kept(Vec::new());
+    let mut kept = KeptPaths(Vec::new());
     follow(manifold, settings, rays, &mut kept);
     kept.0
 }
@@ -56,14 +56,14 @@ pub fn ends(
     settings: Settings,
     rays: impl IntoIterator<Item = Ray>,
 ) -> Vec<Option<(Step, f64)>> {
-    let mut last = Last(Vec::new());
+    let mut last = LastSteps(Vec::new());
     follow(manifold, settings, rays, &mut last);
     last.0
 }
 
-struct Last(Vec<Option<(Step, f64)>>);
+struct LastSteps(Vec<Option<(Step, f64)>>);
 
-impl Sink for Last {
+impl Sink for LastSteps {
     fn wants(&self, _: usize, _: f64) -> bool {
         false
     }
@@ -82,9 +82,9 @@ impl Sink for Last {
     }
 }
 
-struct Kept(Vec<Path>);
+struct KeptPaths(Vec<Path>);
 
-impl Kept {
+impl KeptPaths {
     fn path(&mut self, ray: usize) -> &mut Path {
         while self.0.len() <= ray {
             self.0.push(Path {
@@ -98,7 +98,7 @@ impl Kept {
     }
 }
 
-impl Sink for Kept {
+impl Sink for KeptPaths {
     fn step(&mut self, ray: usize, step: &Step) {
         self.path(ray).steps.push(step.clone());
     }

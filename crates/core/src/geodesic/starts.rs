@@ -1,12 +1,12 @@
 //! Rays about to be followed: a block of them, with the rates at their starts computed at once.
 //!
-//! In: an iterator of [`Ray`]s. Out: [`Start`]s, one for each lane that becomes free, and the rows
+//! In: an iterator of [`Ray`]s. Out: [`LaneStart`]s, one for each lane that becomes free, and the rows
 //! of their states.
 
 use super::{
     LANES, NIL, Ray, Row, Settings,
     events::Events,
-    state::{Layout, Rest, rates_at},
+    state::{Rest, StateLayout, rates_at},
 };
 use crate::manifold::{Manifold, around};
 use geofan_expr::{Registers, Tape, Wide, real::Real};
@@ -14,7 +14,7 @@ use glam::DVec3;
 
 /// A ray at its start.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Start {
+pub(super) struct LaneStart {
     /// Its number among all rays.
     pub ray: usize,
     /// Its column in the block's rows.
@@ -27,7 +27,7 @@ pub(super) struct Start {
 
 /// The block of rays that are next.
 pub(super) struct Starts<'m> {
-    layout: Layout,
+    layout: StateLayout,
     flow: &'m Tape,
     rest: Rest,
     pulled_back: bool,
@@ -45,7 +45,7 @@ pub(super) struct Starts<'m> {
 
 impl<'m> Starts<'m> {
     pub fn new(manifold: &'m Manifold, settings: Settings) -> Self {
-        let layout = Layout::of(settings);
+        let layout = StateLayout::of(settings);
         let flow = manifold.flow(settings.carried);
         Self {
             layout,
@@ -67,14 +67,14 @@ impl<'m> Starts<'m> {
         &mut self,
         rays: &mut impl Iterator<Item = (usize, Ray)>,
         events: Option<&mut Events<'_>>,
-    ) -> Option<Start> {
+    ) -> Option<LaneStart> {
         if self.taken == self.rays.len() {
             self.refill(rays, events);
         }
         let (number, ray) = self.rays.get(self.taken)?;
         self.taken += 1;
         let column = self.taken - 1;
-        Some(Start {
+        Some(LaneStart {
             ray: *number,
             column,
             length: ray.length,

@@ -14,7 +14,7 @@ pub(super) const MOST_ROWS: usize = 22;
 
 /// Where the rows of a state are.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Layout {
+pub(super) struct StateLayout {
     /// The quaternion's first row.
     pub turn: Option<usize>,
     /// The first row of the first deviation.
@@ -23,7 +23,7 @@ pub(super) struct Layout {
     pub rows: usize,
 }
 
-impl Layout {
+impl StateLayout {
     /// The layout for what `settings` carry.
     pub fn of(settings: Settings) -> Self {
         let turn = settings.carried.frame.then_some(6);
@@ -37,7 +37,7 @@ impl Layout {
         }
     }
 
-    /// The state at the start of `ray`; only the first [`Layout::rows`] count.
+    /// The state at the start of `ray`; only the first [`StateLayout::rows`] count.
     pub fn start(self, ray: &Ray) -> [f64; MOST_ROWS] {
         let mut state = [0.0; MOST_ROWS];
         state[..3].copy_from_slice(&ray.u.to_array());
@@ -58,7 +58,7 @@ impl Layout {
 pub(super) fn rates_at<const W: usize>(
     flow: &Tape,
     registers: &mut Registers<f64, W>,
-    layout: Layout,
+    layout: StateLayout,
     y: &[Wide<f64, W>],
     rates: &mut [Wide<f64, W>],
 ) {

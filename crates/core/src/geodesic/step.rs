@@ -9,7 +9,7 @@ use super::{
     dormand_prince::{DENSE, Dense, Quintic, STAGES},
     each,
     face_crossing::carried_frame,
-    state::Layout,
+    state::StateLayout,
 };
 use geofan_expr::real::Real;
 use glam::{DMat3, DQuat, DVec3};
@@ -103,7 +103,7 @@ const TURN: usize = 20;
 /// The ends of the trial steps of all lanes.
 #[derive(Clone, Copy)]
 pub(super) struct Trial<'a> {
-    pub layout: Layout,
+    pub layout: StateLayout,
     /// Length of the steps.
     pub h: &'a Row,
     /// States at the start and at the end.
@@ -121,7 +121,7 @@ pub(super) struct Curves {
 }
 
 impl Curves {
-    pub fn new(layout: Layout) -> Self {
+    pub fn new(layout: StateLayout) -> Self {
         Self {
             path: vec![NIL; QUINTIC],
             turn: vec![NIL; layout.turn.map_or(0, |_| TURN)],
@@ -379,7 +379,7 @@ mod tests {
         let mut k: [Vec<Row>; STAGES] = std::array::from_fn(|_| vec![NIL; 6]);
         k[0] = rows([v(s0), a(s0)]);
         k[STAGES - 1] = rows([v(s1), a(s1)]);
-        let layout = Layout::of(Settings {
+        let layout = StateLayout::of(Settings {
             tolerance: 1.0,
             carried: Carried::default(),
             events: false,

@@ -13,7 +13,7 @@
 use super::{
     LANES, NIL, Row, Settings, Step, crossing,
     refraction::{EdgeCrossing, EdgeSide, deflect, turn},
-    state::{Layout, MOST_ROWS, rates_at},
+    state::{MOST_ROWS, StateLayout, rates_at},
 };
 use crate::manifold::Manifold;
 use geofan_expr::{Registers, Tape, Wide};
@@ -39,7 +39,7 @@ pub(super) struct SwitchingSurfaces<'m> {
     tape: &'m Tape,
     lanes: Registers<f64, LANES>,
     single: Registers<f64, 1>,
-    layout: Layout,
+    layout: StateLayout,
     flow: &'m Tape,
     rates: Registers<f64, 1>,
     /// The functions' values, and their rates along the path, at the last place looked at.
@@ -123,7 +123,7 @@ impl<'m> SwitchingSurfaces<'m> {
             tape,
             lanes: tape.registers(),
             single: tape.registers(),
-            layout: Layout::of(settings),
+            layout: StateLayout::of(settings),
             flow,
             rates: flow.registers(),
             before: vec![[NIL; 2]; tape.outputs() / 4],

@@ -43,26 +43,29 @@ pub(super) struct Kin {
 }
 
 impl Kin {
-    /// For light in `medium`, which moves.
+    /// For light in `medium`; `None` if that does not move.
     pub fn new(
-        graph: Graph,
-        definition: Definition,
+        graph: &Graph,
+        definition: &Definition,
         medium: Medium,
-        pullback: Option<Pullback>,
-    ) -> Result<Self, TapeTooLarge> {
+        pullback: Option<&Pullback>,
+    ) -> Result<Option<Arc<Self>>, TapeTooLarge> {
+        if !medium.moves() {
+            return Ok(None);
+        }
         let alone = Medium {
             lapse: medium.lapse,
             ..Medium::default()
         };
-        let geodesics = compiled(graph.clone(), &definition, &alone, pullback.as_ref())?;
-        Ok(Self {
-            graph,
-            definition,
+        let geodesics = compiled(graph.clone(), definition, &alone, pullback)?;
+        Ok(Some(Arc::new(Self {
+            graph: graph.clone(),
+            definition: definition.clone(),
             medium,
-            pullback,
+            pullback: pullback.cloned(),
             light: OnceLock::new(),
             geodesics,
-        })
+        })))
     }
 
     fn light(&self) -> Result<Arc<Tapes>, TapeTooLarge> {

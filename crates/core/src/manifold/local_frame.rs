@@ -138,13 +138,13 @@ fn gram_schmidt(g: DMat3) -> DMat3 {
 
 /// Wind, lapse and drift at a point, as the paths followed meet them.
 #[derive(Debug, Clone, Copy)]
-struct Medium {
+struct LocalMedium {
     wind: DVec3,
     lapse: f64,
     drift: DVec3,
 }
 
-impl Medium {
+impl LocalMedium {
     /// Without wind, drift and lapse.
     const NONE: Self = Self {
         wind: DVec3::ZERO,
@@ -162,19 +162,11 @@ impl Medium {
     }
 }
 
-/// How wind and drift change at a point.
-struct MediumSlopes {
-    /// The exterior derivative of the drift, entries 12, 13, 23.
-    exterior: DVec3,
-    /// Columns: `∂_k W`.
-    wind: DMat3,
-}
-
 /// Frequencies of light at a point, as observers there measure them.
 #[derive(Debug, Clone, Copy)]
 pub struct Frequencies {
     metric: DMat3,
-    medium: Medium,
+    medium: LocalMedium,
     follows: Follows,
 }
 
@@ -244,22 +236,22 @@ impl Frequencies {
 impl Manifold {
     /// Returns whether light has unit speed against a wind, or drifts: paths then are no geodesics.
     pub fn has_wind(&self) -> bool {
-        self.tapes.moving
+        self.tapes.parts.moves()
     }
 
     /// Returns whether there is a wind, beside which there may be a drift.
     pub fn blows(&self) -> bool {
-        self.tapes.parts.wind
+        self.tapes.parts.wind.is_some()
     }
 
     /// Tells whether clocks of normal observers run at rates of their own.
     pub fn has_lapse(&self) -> bool {
-        self.tapes.parts.lapse
+        self.tapes.parts.lapse.is_some()
     }
 
     /// Returns whether time is not what paths of light are measured by.
     pub fn has_drift(&self) -> bool {
-        self.tapes.parts.drift
+        self.tapes.parts.drift.is_some()
     }
 
     /// Returns whether light may change its frequency: there is a wind, a drift or a lapse.
@@ -278,7 +270,7 @@ impl Manifold {
     /// Returns [`Self::local_frame`] at many points.
     pub fn local_frames(&self, points: &[DVec3]) -> Vec<LocalFrame> {
         let frames = self.standard_frames(points).into_iter();
-        let local = |(frame, medium): (DMat3, Medium)| LocalFrame {
+        let local = |(frame, medium): (DMat3, LocalMedium)| LocalFrame {
             frame,
             wind: self.has_wind().then_some(medium.wind),
         };
@@ -402,7 +394,7 @@ impl Manifold {
         if !self.has_wind() {
             return dv - self.parallel_rate(u, v, du);
         }
-        let (wind, slopes) = (self.medium(u).wind, self.medium_slopes(u).wind);
+        let (wind, slopes) = (self.medium(u).wind, self.medium_slopes(u).1);
         dv - slopes * du - self.parallel_rate(u, du, v - wind)
     }
 
@@ -419,36 +411,37 @@ impl Manifold {
 
     /// Returns wind and the exterior derivative of the drift at `u`, by which symmetries are judged.
     pub(super) fn currents(&self, u: DVec3) -> (DVec3, DVec3) {
-        (self.medium(u).wind, self.medium_slopes(u).exterior)
+        (self.medium(u).wind, self.medium_slopes(u).0)
     }
 
-    fn medium(&self, u: DVec3) -> Medium {
+    fn medium(&self, u: DVec3) -> LocalMedium {
         match &self.tapes.medium {
-            Some(tape) => Medium::of(&self.at_point(tape, u)),
-            None => Medium::NONE,
+            Some(tape) => LocalMedium::of(&self.at_point(tape, u)),
+            None => LocalMedium::NONE,
         }
     }
 
     /// [`Self::medium`] at many points.
-    fn media(&self, points: &[DVec3]) -> Vec<Medium> {
+    fn media(&self, points: &[DVec3]) -> Vec<LocalMedium> {
         let Some(tape) = &self.tapes.medium else {
-            return vec![Medium::NONE; points.len()];
+            return vec![LocalMedium::NONE; points.len()];
         };
         let rows = self.at_points(tape, points);
-        rows.chunks_exact(tape.outputs()).map(Medium::of).collect()
+        rows.chunks_exact(tape.outputs())
+            .map(LocalMedium::of)
+            .collect()
     }
 
-    fn medium_slopes(&self, u: DVec3) -> MediumSlopes {
+    /// Returns the exterior derivative of the drift at `u` (entries 12, 13, 23), and the derivatives `∂_k W` of the wind
+    /// as columns.
+    fn medium_slopes(&self, u: DVec3) -> (DVec3, DMat3) {
         let Some(tape) = &self.tapes.medium_slopes else {
-            return MediumSlopes {
-                exterior: DVec3::ZERO,
-                wind: DMat3::ZERO,
-            };
+            return (DVec3::ZERO, DMat3::ZERO);
         };
         let o = self.at_point(tape, u);
-        MediumSlopes {
-            exterior: DVec3::from_slice(&o[..3]),
-            wind: DMat3::from_cols_slice(&o[3..12]),
-        }
+        (
+            DVec3::from_slice(&o[..3]),
+            DMat3::from_cols_slice(&o[3..12]),
+        )
     }
 }

@@ -5,10 +5,7 @@
 //! not part of the meaning.
 
 use super::{Carried, EventKind, Manifold};
-use geofan_expr::Tape;
-
-/// Hash of a part of the meaning.
-pub(super) type Digest = [u8; 32];
+use geofan_expr::{Digest, Tape};
 
 /// Names of the metric's components in the order of its tape.
 const COMPONENTS: [[usize; 2]; 6] = [[0, 0], [1, 1], [2, 2], [0, 1], [0, 2], [1, 2]];

@@ -28,10 +28,8 @@ pub(super) struct Tapes {
     pub medium: Option<Tape>,
     /// u -> db (3: 12, 13, 23), ∂_k W (3 × 3); `None` without a medium.
     pub medium_slopes: Option<Tape>,
-    /// Set if there is a wind or a drift.
-    pub moving: bool,
-    /// The parts that the medium has.
-    pub parts: Parts,
+    /// The expressions of the medium's parts, as far as it has them.
+    pub parts: Medium,
     /// u -> the differential of the textbook coordinates (by rows) and its determinant, where the space is
     /// written in them.
     pub pullback: Option<Tape>,
@@ -39,14 +37,6 @@ pub(super) struct Tapes {
     /// its gradient (4); `None` for a smooth definition.
     pub switching: Option<Tape>,
     jet: Arc<Jet>,
-}
-
-/// The parts that a medium has.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Parts {
-    pub wind: bool,
-    pub drift: bool,
-    pub lapse: bool,
 }
 
 /// An expression left to compile, and the result once it is.
@@ -79,15 +69,10 @@ impl Tapes {
             turning: Tape::compile(&graph, &geometry.turning, 6)?,
             medium: medium_tape(&mut graph, medium)?,
             medium_slopes: medium_slopes(&mut graph, medium)?,
-            moving: medium.moves(),
             pullback: pullback
                 .map(|pullback| Tape::compile(&graph, &pullback.nodes(), 3))
                 .transpose()?,
-            parts: Parts {
-                wind: medium.wind.is_some(),
-                drift: medium.drift.is_some(),
-                lapse: medium.lapse.is_some(),
-            },
+            parts: *medium,
             switching: switching(&mut graph, definition, medium)?,
             jet: Arc::new(Jet {
                 graph,

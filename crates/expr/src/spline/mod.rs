@@ -2,7 +2,7 @@
 //!
 //! In: samples with the places of the first and the last along each axis. Out: a [`Spline`], which takes the
 //! samples' values at their places and has continuous derivatives up to its degree less one, and its
-//! derivatives at any point. [`Lookup`] is how a tape evaluates it: all derivatives wanted at once.
+//! derivatives at any point. [`SplineEvaluator`] is how a tape evaluates it: all derivatives wanted at once.
 //!
 //! On cell i of an axis, at `t` in [0, 1] from its first sample, the function is `Σ_m c[i + m] w_m(t)`, where
 //! the weights of degree d follow from those of degree d − 1 (C. de Boor, *A Practical Guide to Splines*
@@ -12,10 +12,10 @@
 //! w_m = ((t + d − m) w'_(m−1) + (1 + m − t) w'_m) / d,      dw_m/dt = w'_(m−1) − w'_m
 //! ```
 
-mod lookup;
+mod evaluator;
 mod prefilter;
 
-pub use lookup::Lookup;
+pub use evaluator::SplineEvaluator;
 use prefilter::interpolated;
 use std::{any::Any, sync::OnceLock};
 

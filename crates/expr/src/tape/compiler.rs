@@ -8,7 +8,7 @@ use super::{
 };
 use crate::{
     graph::{Binary, FieldId, Graph, Node, NodeId},
-    spline::Lookup,
+    spline::SplineEvaluator,
 };
 use std::collections::HashMap;
 
@@ -257,7 +257,7 @@ impl<'g> Compiler<'g> {
             to.push(register);
         }
         self.fields.push(FieldLookup {
-            lookup: Lookup::new(self.graph.field(field).clone(), orders),
+            evaluator: SplineEvaluator::new(self.graph.field(field).clone(), orders),
             to,
         });
         Ok(Instruction {

@@ -3,7 +3,7 @@
 use crate::{
     graph::{Binary, Unary},
     real::Real,
-    spline::Lookup,
+    spline::SplineEvaluator,
 };
 use std::ops::{Deref, DerefMut};
 
@@ -92,7 +92,7 @@ impl Operation {
 #[derive(Debug, Clone)]
 pub struct FieldLookup {
     /// Computes them.
-    pub lookup: Lookup,
+    pub evaluator: SplineEvaluator,
     /// The register of each.
     pub to: Vec<u16>,
 }
@@ -101,10 +101,10 @@ pub struct FieldLookup {
 #[inline(never)]
 fn look_up<R: Real, const W: usize>(r: &mut [Wide<R, W>], i: &Instruction, fields: &[FieldLookup]) {
     let [x, y, z, field, ..] = i.operands.map(usize::from);
-    let FieldLookup { lookup, to } = &fields[field];
+    let FieldLookup { evaluator, to } = &fields[field];
     // Copied, because results may take the place of arguments.
     let at = [x, y, z].map(|k| r[k].0);
-    lookup.evaluate(at.each_ref(), |k, lanes| {
+    evaluator.evaluate(at.each_ref(), |k, lanes| {
         r[usize::from(to[k])] = Wide(lanes)
     });
 }

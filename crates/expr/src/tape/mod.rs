@@ -99,7 +99,7 @@ impl Tape {
         self.code
             .iter()
             .fold((0, 0), |(plain, heavy), i| match i.operation {
-                Operation::Sample => (plain + self.field_of(i).lookup.arithmetic(), heavy),
+                Operation::Sample => (plain + self.field_of(i).evaluator.arithmetic(), heavy),
                 heavy_one if heavy_one.is_transcendental() => (plain, heavy + 1),
                 other => (plain + other.arithmetic(), heavy),
             })
@@ -236,12 +236,12 @@ impl Tape {
         }
         for instruction in &self.code {
             if instruction.operation == Operation::Sample {
-                let FieldLookup { lookup, to } = self.field_of(instruction);
+                let FieldLookup { evaluator, to } = self.field_of(instruction);
                 let [x, y, z, ..] = instruction.operands.map(usize::from);
                 let at = [x, y, z].map(|r| registers[r]);
-                for (orders, register) in lookup.orders().iter().zip(to) {
+                for (orders, register) in evaluator.orders().iter().zip(to) {
                     let which = leaf("derivative", orders);
-                    let parts = [*lookup.spline().identity(), which, at[0], at[1], at[2]];
+                    let parts = [*evaluator.spline().identity(), which, at[0], at[1], at[2]];
                     registers[usize::from(*register)] = node("Sample", &parts);
                 }
                 continue;

@@ -55,7 +55,7 @@ fn cubic_slope(t: f64) -> [f64; 4] {
 }
 
 /// A patch and the paths that it is compared with.
-pub(super) struct Checks<'a> {
+pub(super) struct PatchChecks<'a> {
     patch: &'a PathPatch<'a>,
     truths: [PathView<'a>; CHECKS.len()],
     /// The angle of the tile's side.
@@ -64,7 +64,7 @@ pub(super) struct Checks<'a> {
     reach: Option<f64>,
 }
 
-impl<'a> Checks<'a> {
+impl<'a> PatchChecks<'a> {
     /// Compares `patch` with the paths numbered `truths`.
     pub(super) fn new(
         patch: &'a PathPatch<'a>,

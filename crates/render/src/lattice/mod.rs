@@ -22,7 +22,7 @@ use super::{
     view::View,
     world::World,
 };
-use check::Checks;
+use check::PatchChecks;
 pub use check::{LATTICE_SHARE, angle as seen_angle};
 use nodes::Nodes;
 use std::ops::Range;
@@ -226,7 +226,7 @@ impl Lattice<'_> {
             return None;
         }
         let angle = self.view.pixel_angle() * tile.side as f64;
-        let checks = Checks::new(&patch, nodes.checks(tile)?, angle, self.view.reach());
+        let checks = PatchChecks::new(&patch, nodes.checks(tile)?, angle, self.view.reach());
         let allowed = LATTICE_SHARE * self.budget;
         // The sky is cheap to compare and rules most tiles out.
         let each = || tile.side <= self.smallest && self.knows_end(tile, events);
@@ -271,7 +271,7 @@ impl Lattice<'_> {
 /// Returns the way in which the paths of a tile end, if the error of the `sky` that they see there is within what
 /// is `allowed` or `each` says that the end of each can be looked up.
 fn ends(
-    checks: &Checks<'_>,
+    checks: &PatchChecks<'_>,
     [sky, allowed]: [f64; 2],
     each: impl FnOnce() -> bool,
 ) -> Option<Ends> {

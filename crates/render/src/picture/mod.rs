@@ -216,14 +216,14 @@ pub fn displayable(linear: f32) -> f32 {
 
 /// The formats that pictures are written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
+pub enum PictureFormat {
     /// 8 bit sRGB, colours only.
     Png,
     /// Linear light, with layers.
     Exr,
 }
 
-impl Format {
+impl PictureFormat {
     /// The format that the ending of a file's name asks for, in capitals or not.
     pub fn of(path: &Path) -> Option<Self> {
         match extension(path).as_str() {
@@ -238,9 +238,9 @@ impl Format {
 /// `.exr` (colours in half floats, all layers, `metadata`; [`write_exr`] offers full floats).
 #[cfg(feature = "formats")]
 pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> {
-    match Format::of(path) {
-        Some(Format::Png) => write_png(path, picture),
-        Some(Format::Exr) => write_exr(path, picture, metadata, Precision::Half),
+    match PictureFormat::of(path) {
+        Some(PictureFormat::Png) => write_png(path, picture),
+        Some(PictureFormat::Exr) => write_exr(path, picture, metadata, Precision::Half),
         None => Err(bad_input(path, "a picture's name ends in .png or .exr")),
     }
 }

@@ -18,7 +18,7 @@ pub(super) fn is_radiance(bytes: &[u8]) -> bool {
 
 /// Holds what a header says.
 #[derive(Debug, Clone, PartialEq)]
-struct Header {
+struct RadianceHeader {
     /// Rows or columns first: axis (0 down, 1 across), whether it runs upwards or to the left, length.
     major: (usize, bool, usize),
     minor: (usize, bool, usize),
@@ -32,7 +32,7 @@ struct Header {
 
 /// Reads the linear light in the bytes of a file.
 pub(super) fn decode(bytes: &[u8]) -> Result<Array3<f32>, String> {
-    let header = Header::read(bytes)?;
+    let header = RadianceHeader::read(bytes)?;
     let (rows, columns) = (header.major.2, header.minor.2);
     if rows.saturating_mul(columns) > MAX_PIXELS {
         return Err(format!("{columns}x{rows} pixels are too many"));
@@ -50,7 +50,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Array3<f32>, String> {
     header.put_right(rgb)
 }
 
-impl Header {
+impl RadianceHeader {
     fn read(bytes: &[u8]) -> Result<Self, String> {
         let mut lines = Lines { bytes, at: 0 };
         let (mut xyz, mut gain) = (false, [1.0; 3]);

@@ -19,7 +19,7 @@
 use super::{
     file::{CameraEntry, position},
     motion::CameraMotion,
-    table::{Table, Value},
+    table::{NamedTable, NamedValue},
 };
 use geofan_core::error::Result;
 
@@ -115,7 +115,7 @@ impl CameraProjection {
 }
 
 /// Reads the keys that all cameras share. One of [`LENS_KEYS`] is read where it is allowed.
-pub(super) fn camera_entry(table: &Table) -> Result<CameraEntry> {
+pub(super) fn camera_entry(table: &NamedTable) -> Result<CameraEntry> {
     let (position, position_span) = position(table)?;
     let look = table
         .required("look", "look = [-1.0, 0.0, 0.0]")?
@@ -150,7 +150,7 @@ pub(super) fn camera_entry(table: &Table) -> Result<CameraEntry> {
     })
 }
 
-fn projection(table: &Table) -> Result<CameraProjection> {
+fn projection(table: &NamedTable) -> Result<CameraProjection> {
     // The width is read below.
     let orthographic = CameraProjection::Orthographic { width: 0.0 };
     let choices = [
@@ -179,7 +179,7 @@ fn projection(table: &Table) -> Result<CameraProjection> {
     }
 }
 
-fn fov(table: &Table, projection: CameraProjection) -> Result<f64> {
+fn fov(table: &NamedTable, projection: CameraProjection) -> Result<f64> {
     let value = table.optional("fov");
     match (projection, value) {
         (CameraProjection::Fisheye, None) => Ok(180.0),
@@ -214,7 +214,7 @@ fn fov(table: &Table, projection: CameraProjection) -> Result<f64> {
     }
 }
 
-fn stereo(table: &Table, projection: CameraProjection) -> Result<Option<Stereo>> {
+fn stereo(table: &NamedTable, projection: CameraProjection) -> Result<Option<Stereo>> {
     let Some(value) = table.optional("stereo") else {
         return Ok(None);
     };
@@ -250,9 +250,12 @@ fn stereo(table: &Table, projection: CameraProjection) -> Result<Option<Stereo>>
     Ok(Some(stereo))
 }
 
-fn crop(value: &Value) -> Result<[f64; 4]> {
+fn crop(value: &NamedValue) -> Result<[f64; 4]> {
     let parts = value.array("four numbers such as [0.25, 0.25, 0.5, 0.5]")?;
-    let numbers: Vec<f64> = parts.iter().map(Value::number).collect::<Result<_>>()?;
+    let numbers: Vec<f64> = parts
+        .iter()
+        .map(NamedValue::number)
+        .collect::<Result<_>>()?;
     let inside = |start: f64, size: f64| start >= 0.0 && size > 0.0 && start + size <= 1.0 + 1e-12;
     match numbers[..] {
         [x, y, width, height] if inside(x, width) && inside(y, height) => Ok([x, y, width, height]),
@@ -267,7 +270,7 @@ fn crop(value: &Value) -> Result<[f64; 4]> {
 }
 
 /// Reads a number greater than 0; `meaning` says what it is for.
-fn positive(value: &Value, meaning: &str) -> Result<f64> {
+fn positive(value: &NamedValue, meaning: &str) -> Result<f64> {
     match value.number()? {
         number if number > 0.0 => Ok(number),
         _ => Err(value

@@ -4,7 +4,7 @@
 
 use super::{
     Mesh,
-    smoothing::{Share, fill_normals},
+    smoothing::{SmoothingKey, fill_normals},
 };
 use geofan_core::error::{Error, Result};
 use glam::DVec3;
@@ -15,7 +15,7 @@ pub(super) struct Draft {
     /// The mesh.
     pub mesh: Mesh,
     /// For each triangle, the normals it shares.
-    pub shares: Vec<Share>,
+    pub smoothing: Vec<SmoothingKey>,
 }
 
 impl Draft {
@@ -37,14 +37,14 @@ impl Draft {
         if degenerate > 0 {
             retain(&mut mesh.triangles, &keep);
             retain(&mut mesh.material_of, &keep);
-            retain(&mut self.shares, &keep);
+            retain(&mut self.smoothing, &keep);
             let note = format!("{name}: {degenerate} triangles without area left out");
             mesh.warnings.push(note);
         }
         if mesh.triangles.is_empty() {
             return Err(Error::input(name, "holds no triangle with an area"));
         }
-        fill_normals(mesh, &self.shares, crease);
+        fill_normals(mesh, &self.smoothing, crease);
         Ok(self.mesh)
     }
 }

@@ -12,7 +12,7 @@ use super::{
     camera::{LENS_KEYS, Lens, PLACE_KEYS, camera_entry},
     mesh::CREASE,
     motion::{CameraMotion, Formulas},
-    table::{self, Span, Table, Value},
+    table::{self, NamedTable, NamedValue, Span},
     trajectory::{Trajectory, trajectory},
 };
 use crate::sky::Pattern;
@@ -211,7 +211,7 @@ impl SceneFile {
     /// Checks the scene file `source`; paths in it are relative to `folder`.
     pub fn parse(source: Arc<SourceText>, folder: &Path) -> Result<Self> {
         let document = table::parse(&source)?;
-        let root = Table::root(&source, &document);
+        let root = NamedTable::root(&source, &document);
         root.allow_only(ROOT_KEYS)?;
         let manifold = root.required("manifold", "manifold = \"../manifolds/flat.toml\"")?;
         let scene = Self {
@@ -243,26 +243,26 @@ impl SceneFile {
 
 /// Reads every table of the array of tables `key`.
 pub(super) fn each<'a, T>(
-    root: &Table<'a>,
+    root: &NamedTable<'a>,
     key: &str,
-    read: impl Fn(Table<'a>) -> Result<T>,
+    read: impl Fn(NamedTable<'a>) -> Result<T>,
 ) -> Result<Vec<T>> {
     let Some(array) = root.optional(key) else {
         return Ok(Vec::new());
     };
     let items = array.array(AN_ARRAY_OF_TABLES)?;
-    let table = |v: Value<'a>| read(v.table(format!("[[{key}]]"), "a table")?);
+    let table = |v: NamedValue<'a>| read(v.table(format!("[[{key}]]"), "a table")?);
     items.into_iter().map(table).collect()
 }
 
-fn delay(root: &Table) -> Result<Option<Span>> {
+fn delay(root: &NamedTable) -> Result<Option<Span>> {
     let Some(delay) = root.optional("delay") else {
         return Ok(None);
     };
     Ok(delay.truth()?.then(|| delay.span()))
 }
 
-fn camera(root: &Table) -> Result<CameraEntry> {
+fn camera(root: &NamedTable) -> Result<CameraEntry> {
     let example = "[camera]` with `at = [3.0, 0.0, 0.0]";
     let value = root.required("camera", example)?;
     let table = value.table(String::from("[camera]"), "a table")?;
@@ -271,8 +271,8 @@ fn camera(root: &Table) -> Result<CameraEntry> {
 }
 
 /// The `[[view]]`s, whose names must differ.
-fn views<'a>(root: &Table<'a>) -> Result<Vec<CameraEntry>> {
-    let views = each(root, "view", |table: Table<'a>| {
+fn views<'a>(root: &NamedTable<'a>) -> Result<Vec<CameraEntry>> {
+    let views = each(root, "view", |table: NamedTable<'a>| {
         table.allow_only(&[&["name"], &PLACE_KEYS[..], &LENS_KEYS].concat())?;
         let name = table.required("name", "name = \"near\"")?;
         let mut camera = camera_entry(&table)?;
@@ -293,13 +293,13 @@ fn views<'a>(root: &Table<'a>) -> Result<Vec<CameraEntry>> {
 }
 
 /// `at` or `parameters`, exactly one.
-pub(super) fn position(table: &Table) -> Result<(CameraPosition, Span)> {
+pub(super) fn position(table: &NamedTable) -> Result<(CameraPosition, Span)> {
     let hint = "give either `at = [x, y, z]` or `parameters = { c = 3.0 }`";
     match (table.optional("at"), table.optional("parameters")) {
         (Some(at), None) => Ok((CameraPosition::Chart(at.vector()?), at.span())),
         (None, Some(value)) => {
             let given = value.table(String::from("parameters"), "a table such as { c = 3.0 }")?;
-            let number = |(name, _, value): (String, Span, Value)| Ok((name, value.number()?));
+            let number = |(name, _, value): (String, Span, NamedValue)| Ok((name, value.number()?));
             let values = given.entries().map(number).collect::<Result<_>>()?;
             Ok((CameraPosition::Parameters(values), value.span()))
         }
@@ -316,7 +316,7 @@ pub(super) fn position(table: &Table) -> Result<(CameraPosition, Span)> {
     }
 }
 
-fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
+fn object(table: &NamedTable, folder: &Path) -> Result<ObjectEntry> {
     table.allow_only(OBJECT_KEYS)?;
     let mesh = table.required("mesh", "mesh = \"../meshes/teapot.obj\"")?;
     let path = trajectory(table, folder)?;
@@ -356,7 +356,7 @@ fn object(table: &Table, folder: &Path) -> Result<ObjectEntry> {
 }
 
 /// `at`, which an object with a path does not have.
-fn object_place(table: &Table, path: Option<&Trajectory>) -> Result<(DVec3, Span)> {
+fn object_place(table: &NamedTable, path: Option<&Trajectory>) -> Result<(DVec3, Span)> {
     match (path, table.optional("at")) {
         (None, _) => {
             let at = table.required("at", "at = [0.0, 0.0, 0.0]")?;
@@ -371,7 +371,7 @@ fn object_place(table: &Table, path: Option<&Trajectory>) -> Result<(DVec3, Span
     }
 }
 
-fn scale(value: &Value) -> Result<f64> {
+fn scale(value: &NamedValue) -> Result<f64> {
     let scale = value.number()?;
     if scale > 0.0 {
         return Ok(scale);
@@ -382,7 +382,7 @@ fn scale(value: &Value) -> Result<f64> {
         .into())
 }
 
-fn crease(value: &Value) -> Result<f64> {
+fn crease(value: &NamedValue) -> Result<f64> {
     let degrees = value.number()?;
     if (0.0..=180.0).contains(&degrees) {
         return Ok(degrees);
@@ -394,7 +394,7 @@ fn crease(value: &Value) -> Result<f64> {
         .into())
 }
 
-fn rotation(value: &Value) -> Result<DQuat> {
+fn rotation(value: &NamedValue) -> Result<DQuat> {
     let expected = "a table such as { axis = [0, 0, 1], degrees = 30 }";
     let table = value.table(String::from("rotate"), expected)?;
     table.allow_only(&["axis", "degrees"])?;
@@ -403,7 +403,7 @@ fn rotation(value: &Value) -> Result<DQuat> {
     Ok(DQuat::from_axis_angle(axis, degrees.to_radians()))
 }
 
-fn light(table: &Table) -> Result<LightEntry> {
+fn light(table: &NamedTable) -> Result<LightEntry> {
     table.allow_only(LIGHT_KEYS)?;
     let kind = table.required("kind", "kind = \"point\"")?;
     let at = table.required("at", "at = [0.0, 2.0, 0.0]")?;
@@ -417,23 +417,24 @@ fn light(table: &Table) -> Result<LightEntry> {
     })
 }
 
-fn skies(root: &Table, folder: &Path) -> Result<Vec<(String, Span, SkyEntry)>> {
+fn skies(root: &NamedTable, folder: &Path) -> Result<Vec<(String, Span, SkyEntry)>> {
     let Some(value) = root.optional("sky") else {
         return Ok(Vec::new());
     };
     let table = value.table(String::from("[sky]"), "a table of exit names")?;
-    let read = |(name, span, value): (String, Span, Value)| Ok((name, span, sky(&value, folder)?));
+    let read =
+        |(name, span, value): (String, Span, NamedValue)| Ok((name, span, sky(&value, folder)?));
     table.entries().map(read).collect()
 }
 
 /// `{ image = … }`, `{ pattern = … }` or `{ color = … }`; a colour may also stand under `pattern`.
-fn sky(value: &Value, folder: &Path) -> Result<SkyEntry> {
+fn sky(value: &NamedValue, folder: &Path) -> Result<SkyEntry> {
     let table = value.table(
         String::from("a sky"),
         "a table such as { pattern = \"grid\" }",
     )?;
     table.allow_only(&["image", "pattern", "color"])?;
-    let mut given: Vec<(String, Span, Value)> = table.entries().collect();
+    let mut given: Vec<(String, Span, NamedValue)> = table.entries().collect();
     let (Some((key, _, value)), true) = (given.pop(), given.is_empty()) else {
         return Err(table
             .complain(String::from(
@@ -452,7 +453,7 @@ fn sky(value: &Value, folder: &Path) -> Result<SkyEntry> {
     }
 }
 
-fn pattern(value: &Value) -> Result<Pattern> {
+fn pattern(value: &NamedValue) -> Result<Pattern> {
     if value.is_string() {
         return value.choice(&[("grid", Pattern::Grid), ("stars", Pattern::Stars)]);
     }

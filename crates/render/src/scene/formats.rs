@@ -1,6 +1,6 @@
 //! Which kind of file a mesh comes in, by what is in it.
 //!
-//! In: the bytes of a file and its name. Out: a [`Format`] that can be read, or an error that names
+//! In: the bytes of a file and its name. Out: a [`MeshFormat`] that can be read, or an error that names
 //! the format and says what to do. Names lie more often than contents do.
 
 use geofan_core::error::{Error, Result};
@@ -8,7 +8,7 @@ use std::path::Path;
 
 /// Formats that are read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Format {
+pub(super) enum MeshFormat {
     /// Wavefront OBJ.
     Obj,
     /// Stanford's polygon format.
@@ -63,7 +63,7 @@ const KNOWN: &[(&[u8], &str, &str)] = &[
 const SAVE_AS_UTF_8: &str = "save it as UTF-8 (most editors offer that under `Save as`)";
 const UNPACK: &str = "unpack it, or export the mesh as OBJ";
 
-impl Format {
+impl MeshFormat {
     /// Returns the format of the file with these first bytes.
     pub(super) fn of(path: &Path, bytes: &[u8]) -> Result<Self> {
         if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
@@ -132,7 +132,7 @@ mod tests {
     use super::*;
 
     fn told(bytes: &[u8]) -> String {
-        let found = Format::of(Path::new("a.obj"), bytes);
+        let found = MeshFormat::of(Path::new("a.obj"), bytes);
         found.map_or_else(|e| e.to_string(), |f| format!("{f:?}"))
     }
 

@@ -23,7 +23,7 @@ use std::{collections::HashMap, sync::Arc};
 const DIELECTRIC: f32 = 0.04;
 
 /// The materials of a file as they come into use.
-pub(super) struct Materials<'s> {
+pub(super) struct GltfMaterials<'s> {
     source: &'s Source,
     pictures: HashMap<usize, Option<Loaded>>,
 }
@@ -34,7 +34,7 @@ struct Laid {
     mapping: Mapping,
 }
 
-impl<'s> Materials<'s> {
+impl<'s> GltfMaterials<'s> {
     /// Prepares the materials of `source`.
     pub(super) fn new(source: &'s Source) -> Self {
         Self {

@@ -6,10 +6,10 @@
 
 use super::{
     draft::Draft,
-    gltf_material::Materials,
+    gltf_material::GltfMaterials,
     gltf_source::{Numbers, Source},
     mesh::{Mesh, unit_or_none},
-    smoothing::{FLAT, Share},
+    smoothing::{FLAT, SmoothingKey},
 };
 use geofan_core::error::{Error, Result};
 use glam::{DMat3, DMat4, DVec3};
@@ -22,9 +22,9 @@ use std::{
 /// Reads the file that the user calls `name`; what it names is in `folder`.
 pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
     let source = Source::read(name, bytes, folder)?;
-    let mut building = Building {
+    let mut builder = GltfMeshBuilder {
         source: &source,
-        materials: Materials::new(&source),
+        materials: GltfMaterials::new(&source),
         numbers: HashMap::new(),
         draft: Draft::default(),
         left_out: [0; 3],
@@ -35,13 +35,13 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
     let placed = match scene {
         Some(scene) => scene
             .nodes()
-            .try_for_each(|n| building.node(&n, DMat4::IDENTITY)),
+            .try_for_each(|n| builder.node(&n, DMat4::IDENTITY)),
         None => roots(&source)
             .into_iter()
-            .try_for_each(|n| building.node(&n, DMat4::IDENTITY)),
+            .try_for_each(|n| builder.node(&n, DMat4::IDENTITY)),
     };
     placed.map_err(|message| Error::input(name, message))?;
-    Ok(building.finish())
+    Ok(builder.finish())
 }
 
 /// Returns the nodes that are no children.
@@ -56,9 +56,9 @@ fn roots(source: &Source) -> Vec<Node<'_>> {
 const MOST_NODES: usize = 4096;
 
 /// A mesh being made.
-struct Building<'s> {
+struct GltfMeshBuilder<'s> {
     source: &'s Source,
-    materials: Materials<'s>,
+    materials: GltfMaterials<'s>,
     /// Numbers of materials that are in use.
     numbers: HashMap<Option<usize>, u32>,
     draft: Draft,
@@ -67,7 +67,7 @@ struct Building<'s> {
     visited: HashSet<usize>,
 }
 
-impl Building<'_> {
+impl GltfMeshBuilder<'_> {
     /// Adds the meshes of a node, which `above` puts in its place, and of its children.
     fn node(&mut self, node: &Node<'_>, above: DMat4) -> Result<(), String> {
         if !self.visited.insert(node.index()) || self.visited.len() > MOST_NODES {
@@ -119,14 +119,14 @@ impl Building<'_> {
         for [a, b, c] in triangles {
             let mesh = &mut self.draft.mesh;
             let [b, c] = if mirrored { [c, b] } else { [b, c] };
-            let share = Share {
+            let key = SmoothingKey {
                 face: mesh.triangles.len() as u32,
                 // Without normals faces are flat, by the specification.
                 group: flat.then_some(FLAT),
             };
             mesh.triangles.push([a, b, c].map(|i| base + i as u32));
             mesh.material_of.push(material);
-            self.draft.shares.push(share);
+            self.draft.smoothing.push(key);
         }
         Ok(())
     }

@@ -145,16 +145,17 @@ impl Source {
     pub(super) fn numbers(&self, accessor: &Accessor<'_>) -> Result<Numbers, String> {
         let early = || format!("accessor {}: its data ends too early", accessor.index());
         let width = accessor.dimensions().multiplicity();
-        let kind = Kind {
+        let format = AccessorFormat {
             of: accessor.data_type(),
             normalized: accessor.normalized(),
         };
         let count = accessor.count();
         let mut values = match accessor.view() {
             Some(view) => {
-                let stride = view.stride().unwrap_or(kind.of.size() * width);
+                let stride = view.stride().unwrap_or(format.of.size() * width);
                 let bytes = self.view(&view).and_then(|b| b.get(accessor.offset()..));
-                kind.items(bytes.ok_or_else(early)?, stride, width, count)
+                format
+                    .items(bytes.ok_or_else(early)?, stride, width, count)
                     .ok_or_else(early)?
             }
             None if count > MOST_ZEROS => return Err(early()),
@@ -162,7 +163,7 @@ impl Source {
         };
         if let Some(sparse) = accessor.sparse() {
             let (places, items) = (sparse.indices(), sparse.values());
-            let index = Kind {
+            let index = AccessorFormat {
                 of: match places.index_type() {
                     gltf::accessor::sparse::IndexType::U8 => DataType::U8,
                     gltf::accessor::sparse::IndexType::U16 => DataType::U16,
@@ -170,13 +171,14 @@ impl Source {
                 },
                 normalized: false,
             };
-            let read = |view: buffer::View<'_>, offset: usize, kind: Kind, width: usize| {
-                let stride = view.stride().unwrap_or(kind.of.size() * width);
-                let bytes = self.view(&view)?.get(offset..)?;
-                kind.items(bytes, stride, width, sparse.count())
-            };
+            let read =
+                |view: buffer::View<'_>, offset: usize, format: AccessorFormat, width: usize| {
+                    let stride = view.stride().unwrap_or(format.of.size() * width);
+                    let bytes = self.view(&view)?.get(offset..)?;
+                    format.items(bytes, stride, width, sparse.count())
+                };
             let places = read(places.view(), places.offset(), index, 1).ok_or_else(early)?;
-            let items = read(items.view(), items.offset(), kind, width).ok_or_else(early)?;
+            let items = read(items.view(), items.offset(), format, width).ok_or_else(early)?;
             for (place, item) in places.iter().zip(items.chunks_exact(width)) {
                 let at = *place as usize * width;
                 values
@@ -208,14 +210,14 @@ fn complete(json: &mut gltf::json::Root) -> Result<(), String> {
     Ok(())
 }
 
-/// Number format of an accessor.
+/// How the numbers of an accessor are stored.
 #[derive(Clone, Copy)]
-struct Kind {
+struct AccessorFormat {
     of: DataType,
     normalized: bool,
 }
 
-impl Kind {
+impl AccessorFormat {
     /// Reads so many items of `width` numbers, `stride` bytes apart; `None` if there are not enough bytes.
     fn items(self, bytes: &[u8], stride: usize, width: usize, count: usize) -> Option<Vec<f64>> {
         let size = self.of.size();

@@ -1,13 +1,13 @@
 //! Meshes: triangles with normals, texture coordinates and materials.
 //!
-//! In: a file of a known format ([`Format`]) and the files that it names. Out: [`Mesh`] in the mesh's
+//! In: a file of a known format ([`MeshFormat`]) and the files that it names. Out: [`Mesh`] in the mesh's
 //! own units, or an error that names the file and the place; what could be mended is listed in
 //! [`Mesh::warnings`].
 
 #[cfg(feature = "gltf")]
 use super::gltf_mesh;
 #[cfg(feature = "formats")]
-use super::{formats::Format, obj_mesh, ply_mesh, text::decoded};
+use super::{formats::MeshFormat, obj_mesh, ply_mesh, text::decoded};
 use super::{material::Material, packed_mesh};
 #[cfg(not(feature = "formats"))]
 use geofan_core::error::Error;
@@ -72,11 +72,11 @@ impl Mesh {
     fn read_format(path: &Path, bytes: &[u8], crease: f64) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let name = path.display().to_string();
-        match Format::of(path, bytes)? {
+        match MeshFormat::of(path, bytes)? {
             #[cfg(feature = "gltf")]
-            Format::Gltf => gltf_mesh::read(&name, bytes, folder)?.finished(&name, crease),
-            Format::Ply => ply_mesh::read(&name, bytes, folder)?.finished(&name, crease),
-            Format::Obj => Self::parse_creased(&name, &decoded(bytes), folder, crease),
+            MeshFormat::Gltf => gltf_mesh::read(&name, bytes, folder)?.finished(&name, crease),
+            MeshFormat::Ply => ply_mesh::read(&name, bytes, folder)?.finished(&name, crease),
+            MeshFormat::Obj => Self::parse_creased(&name, &decoded(bytes), folder, crease),
         }
     }
 

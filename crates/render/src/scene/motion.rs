@@ -4,7 +4,7 @@
 //! [`CameraMotion`], and [`Formulas`] of the chart point, numbers or expressions, that are read where the
 //! manifold is known.
 
-use super::table::{Span, Table, Value};
+use super::table::{NamedTable, NamedValue, Span};
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
     error::Result,
@@ -28,7 +28,7 @@ pub enum CameraMotion {
 
 impl CameraMotion {
     /// Reads `rest` or `velocity`, of which a camera may have one.
-    pub(super) fn read(table: &Table) -> Result<(Self, Span)> {
+    pub(super) fn read(table: &NamedTable) -> Result<(Self, Span)> {
         match (table.optional("rest"), table.optional("velocity")) {
             (None, None) => Ok((Self::Normal, table.span())),
             (Some(rest), None) => {
@@ -77,7 +77,7 @@ pub struct Formulas {
 
 impl Formulas {
     /// Reads one formula.
-    pub(super) fn one(value: &Value) -> Result<Self> {
+    pub(super) fn one(value: &NamedValue) -> Result<Self> {
         let (text, span) = formula(value)?;
         Ok(Self {
             texts: vec![text],
@@ -87,7 +87,7 @@ impl Formulas {
     }
 
     /// Reads three formulas.
-    pub(super) fn three(value: &Value) -> Result<Self> {
+    pub(super) fn three(value: &NamedValue) -> Result<Self> {
         let expected = "three numbers or expressions such as [\"-y*w\", \"x*w\", 0]";
         let items = value.array(expected)?;
         if items.len() != 3 {
@@ -136,7 +136,7 @@ impl Formulas {
 }
 
 /// Reads a number or an expression, with its place.
-fn formula(value: &Value) -> Result<(String, Span)> {
+fn formula(value: &NamedValue) -> Result<(String, Span)> {
     let text = match value.is_string() {
         true => value.string()?.to_owned(),
         false => format!("({:?})", value.number()?),

@@ -13,7 +13,7 @@
 
 use super::{
     polygon::{Cutter, Outline},
-    smoothing::{FLAT, Share},
+    smoothing::{FLAT, SmoothingKey},
     tally::Tally,
     text::{PAINT, Statement, statements},
     vertex::{Vertices, number},
@@ -26,7 +26,7 @@ type Corner = [u32; 3];
 
 /// A face as the text has it.
 #[derive(Debug, Clone, Copy)]
-struct Face {
+struct ObjFace {
     /// Where its corners end.
     end: usize,
     line: usize,
@@ -53,7 +53,7 @@ pub(super) struct Obj<'a> {
     /// The largest index used of each, and its line.
     largest: [(usize, usize); 3],
     corners: Vec<Corner>,
-    faces: Vec<Face>,
+    faces: Vec<ObjFace>,
     material: Option<u32>,
     group: Option<u32>,
     /// Lines of texture coordinates and of normals.
@@ -68,7 +68,7 @@ pub(super) struct Triangulated {
     /// Number of the name of each triangle's material.
     pub material_of: Vec<Option<u32>>,
     /// For each triangle, the normals it shares.
-    pub shares: Vec<Share>,
+    pub smoothing: Vec<SmoothingKey>,
 }
 
 const KINDS: [&str; 3] = ["vertices", "texture coordinates", "normals"];
@@ -163,7 +163,7 @@ impl<'a> Obj<'a> {
         if self.corners[first..].iter().any(|c| c[2] == 0) {
             self.corners[first..].iter_mut().for_each(|c| c[2] = 0);
         }
-        self.faces.push(Face {
+        self.faces.push(ObjFace {
             end: self.corners.len(),
             line,
             material: self.material,
@@ -236,7 +236,7 @@ impl<'a> Obj<'a> {
         let mut made = Triangulated {
             text: self.vertices.lines(),
             material_of: Vec::with_capacity(self.faces.len()),
-            shares: Vec::with_capacity(self.faces.len()),
+            smoothing: Vec::with_capacity(self.faces.len()),
         };
         let used = |kind: usize| self.corners.iter().any(|c| c[kind] != 0);
         let columns = [used(1), used(2)];
@@ -272,7 +272,7 @@ impl<'a> Obj<'a> {
                 }
                 made.text.push('\n');
                 made.material_of.push(face.material);
-                made.shares.push(Share {
+                made.smoothing.push(SmoothingKey {
                     face: number as u32,
                     group: face.group,
                 });

@@ -22,14 +22,14 @@ pub(super) fn read(name: &str, text: &str, folder: &Path) -> Result<Draft> {
     let mut obj = Obj::of(name, &text)?;
     let colours = obj.colours();
     let triangulated = obj.triangulated();
-    if triangulated.shares.is_empty() && obj.tally.has_free_form() {
+    if triangulated.smoothing.is_empty() && obj.tally.has_free_form() {
         let message = "holds free-form surfaces and no faces: export it as polygons";
         return Err(Error::input(name, message));
     }
     let mut mesh = vertices(name, &triangulated, &colours)?;
     let mut warnings = obj.tally.warnings(name);
     let mut libraries = Libraries::load(&obj.libraries, folder, &mut warnings);
-    let mut materials = Materials {
+    let mut materials = ObjMaterials {
         mesh: &mut mesh,
         numbers: vec![None; obj.names.len()],
         plain: None,
@@ -50,7 +50,7 @@ pub(super) fn read(name: &str, text: &str, folder: &Path) -> Result<Draft> {
     mesh.warnings = warnings;
     Ok(Draft {
         mesh,
-        shares: triangulated.shares,
+        smoothing: triangulated.smoothing,
     })
 }
 
@@ -88,14 +88,14 @@ fn vertices(name: &str, from: &Triangulated, colours: &[[f32; 4]]) -> Result<Mes
     };
     let triangles = part.indices.chunks_exact(3);
     mesh.triangles.extend(triangles.map(|t| [t[0], t[1], t[2]]));
-    match mesh.triangles.len() == from.shares.len() {
+    match mesh.triangles.len() == from.smoothing.len() {
         true => Ok(mesh),
         false => Err(Error::input(name, "its faces could not be told apart")),
     }
 }
 
 /// The materials of a mesh as they come into use.
-struct Materials<'m> {
+struct ObjMaterials<'m> {
     mesh: &'m mut Mesh,
     /// Those of the names after `usemtl` that have been asked for.
     numbers: Vec<Option<u32>>,
@@ -103,7 +103,7 @@ struct Materials<'m> {
     plain: Option<u32>,
 }
 
-impl Materials<'_> {
+impl ObjMaterials<'_> {
     /// Returns the number of the material with the name of number `name`, which `find` finds.
     fn number(&mut self, name: Option<u32>, find: impl FnOnce(usize) -> Option<Material>) -> u32 {
         let Some(name) = name.map(|name| name as usize) else {

@@ -13,7 +13,7 @@ use super::{
     material_shelf::Shelf,
     mesh::{Mesh, unit_or_none},
     polygon::{Cutter, Outline},
-    smoothing::Share,
+    smoothing::SmoothingKey,
 };
 use crate::picture::srgb_decode;
 use geofan_core::error::{Error, Result};
@@ -137,13 +137,13 @@ pub(super) fn read(name: &str, bytes: &[u8], folder: &Path) -> Result<Draft> {
         let message = "holds points and no faces: make a surface of them first, for example in MeshLab (Filters, Remeshing, Surface Reconstruction)";
         return Err(Error::input(name, message));
     }
-    let mut building = Building::new(&vertices, &faces);
+    let mut builder = PlyMeshBuilder::new(&vertices, &faces);
     for (number, face) in faces.iter().enumerate() {
-        let added = building.add(number, face);
+        let added = builder.add(number, face);
         added.map_err(|message| Error::input(name, format!("face {number}: {message}")))?;
     }
     let textures = header.comments.iter().filter_map(|c| texture_name(c));
-    Ok(building.finish(name, &textures.collect::<Vec<_>>(), folder))
+    Ok(builder.finish(name, &textures.collect::<Vec<_>>(), folder))
 }
 
 /// Returns the file that a comment names as a texture.
@@ -175,7 +175,7 @@ fn strip_triangles(strip: &Element) -> Vec<Element> {
 type Own = ([u32; 2], [u32; 4]);
 
 /// A mesh being made.
-struct Building<'a> {
+struct PlyMeshBuilder<'a> {
     vertices: &'a [Element],
     /// Set if vertices, or faces, have colours.
     coloured: [bool; 2],
@@ -187,7 +187,7 @@ struct Building<'a> {
     crossing: usize,
 }
 
-impl<'a> Building<'a> {
+impl<'a> PlyMeshBuilder<'a> {
     fn new(vertices: &'a [Element], faces: &[Element]) -> Self {
         let coloured = |all: &[Element]| all.iter().any(|e| e.colour[..3] != [None; 3]);
         Self {
@@ -227,7 +227,7 @@ impl<'a> Building<'a> {
             mesh.triangles.push(corners);
             mesh.material_of
                 .push(u32::try_from(face.texture).unwrap_or(u32::MAX));
-            self.draft.shares.push(Share {
+            self.draft.smoothing.push(SmoothingKey {
                 face: number as u32,
                 group: None,
             });

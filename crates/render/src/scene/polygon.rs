@@ -50,7 +50,7 @@ impl Cutter {
             triangles.push([0, 1, 2]);
             return Outline::Simple;
         }
-        let face = Face::new(corners);
+        let face = ScaledPolygon::new(corners);
         if face.doubled_area.length() <= FLAT || corners.len() > MOST_CORNERS {
             fan(corners.len(), triangles);
             return face.outline_of(triangles);
@@ -68,7 +68,7 @@ impl Cutter {
     }
 
     /// Clips the ears of a face.
-    fn clip(&mut self, face: &Face, triangles: &mut Vec<Triangle>) {
+    fn clip(&mut self, face: &ScaledPolygon, triangles: &mut Vec<Triangle>) {
         self.plane.clear();
         self.plane.extend(face.plane().map(|p| p.to_array()));
         let flat = self.plane.iter().copied();
@@ -88,13 +88,13 @@ fn fan(corners: usize, triangles: &mut Vec<Triangle>) {
 }
 
 /// A face moved and scaled to be one unit large at its first corner.
-struct Face {
+struct ScaledPolygon {
     corners: Vec<DVec3>,
     /// The Newell normal: twice the area long.
     doubled_area: DVec3,
 }
 
-impl Face {
+impl ScaledPolygon {
     fn new(corners: &[DVec3]) -> Self {
         let first = corners[0];
         let from_first = corners.iter().map(|p| (*p - first).abs().max_element());
@@ -268,7 +268,7 @@ mod tests {
                 let (triangles, outline) = cut(&corners);
                 assert_eq!(outline, Outline::Simple);
                 assert!((area(&corners, &triangles) - 0.76).abs() < 1e-12);
-                let normal = Face::new(&corners).doubled_area;
+                let normal = ScaledPolygon::new(&corners).doubled_area;
                 for t in triangles {
                     let [a, b, c] = t.map(|i| corners[i as usize]);
                     assert!((b - a).cross(c - a).dot(normal) > 0.0);

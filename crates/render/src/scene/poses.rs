@@ -22,7 +22,7 @@
 use super::{
     camera::camera_entry,
     file::{CameraEntry, each},
-    table::{Span, Table, parse},
+    table::{NamedTable, Span, parse},
 };
 use geofan_core::{diagnostic::SourceText, error::Result, reading::read_text};
 use std::{path::Path, sync::Arc};
@@ -75,7 +75,7 @@ impl PoseFile {
     pub fn parse(source: Arc<SourceText>) -> Result<Self> {
         let poses = {
             let document = parse(&source)?;
-            let root = Table::root(&source, &document);
+            let root = NamedTable::root(&source, &document);
             root.allow_only(&["pose"])?;
             let poses = each(&root, "pose", |table| pose(&table))?;
             if poses.len() < 2 {
@@ -104,7 +104,7 @@ impl PoseFile {
 }
 
 /// A pose and where its time stands.
-fn pose(table: &Table<'_>) -> Result<(KeyPose, Span)> {
+fn pose(table: &NamedTable<'_>) -> Result<(KeyPose, Span)> {
     table.allow_only(POSE_KEYS)?;
     let time = table.required("time", "time = 0.0")?;
     let camera = camera_entry(table)?;

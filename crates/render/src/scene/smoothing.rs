@@ -1,6 +1,6 @@
 //! The normals that a file leaves out.
 //!
-//! In: a mesh, and which of its triangles share normals ([`Share`]). Out: a normal for every vertex
+//! In: a mesh, and which of its triangles share normals ([`SmoothingKey`]). Out: a normal for every vertex
 //! that lacks one; a vertex gets copies where its faces do not share theirs.
 //!
 //! Two triangles that meet in an edge share the normals at its ends if they are parts of one face, if
@@ -20,16 +20,16 @@ pub(super) const FLAT: u32 = 0;
 
 /// With which others a triangle shares normals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Share {
+pub(super) struct SmoothingKey {
     /// The face that it is a part of.
     pub face: u32,
     /// Its smoothing group; `None` where the file has not named one.
     pub group: Option<u32>,
 }
 
-/// Gives the vertices of `mesh` without a normal (zero) theirs; `shares` has one for each triangle,
+/// Gives the vertices of `mesh` without a normal (zero) theirs; `smoothing` has one for each triangle,
 /// and edges that turn by more than `crease` degrees are sharp.
-pub(super) fn fill_normals(mesh: &mut Mesh, shares: &[Share], crease: f64) {
+pub(super) fn fill_normals(mesh: &mut Mesh, smoothing: &[SmoothingKey], crease: f64) {
     let lacks = |t: &[u32; 3]| t.iter().any(|v| mesh.normals[*v as usize] == DVec3::ZERO);
     if !mesh.triangles.iter().any(lacks) {
         return;
@@ -37,7 +37,7 @@ pub(super) fn fill_normals(mesh: &mut Mesh, shares: &[Share], crease: f64) {
     let corners = Corners::of(mesh);
     let mut fans = Fans::new(3 * mesh.triangles.len());
     let smooth = Smooth {
-        shares,
+        smoothing,
         corners: &corners,
         least: match crease < 180.0 {
             // Rounding must not make an edge of just this angle sharp.
@@ -156,7 +156,7 @@ const MOST_AROUND: usize = 16;
 
 /// Across which edges normals are shared.
 struct Smooth<'a> {
-    shares: &'a [Share],
+    smoothing: &'a [SmoothingKey],
     corners: &'a Corners,
     /// The least cosine between the normals of triangles that share theirs.
     least: f64,
@@ -190,7 +190,7 @@ impl Smooth<'_> {
         if self.corners.places[a] == self.corners.places[b] {
             return false;
         }
-        let [one, other] = [a, b].map(|corner| self.shares[corner / 3]);
+        let [one, other] = [a, b].map(|corner| self.smoothing[corner / 3]);
         let normals = [a, b].map(|corner| self.corners.normals[corner / 3]);
         one.face == other.face
             || match (one.group, other.group) {

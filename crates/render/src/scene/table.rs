@@ -20,14 +20,14 @@ pub(super) type Span = Range<usize>;
 
 /// A table of the document under the name the user knows it by.
 #[derive(Clone)]
-pub(super) struct Table<'a> {
+pub(super) struct NamedTable<'a> {
     name: String,
-    table: document::Table<'a>,
+    table: document::TomlTable<'a>,
 }
 
 /// A value of the document under the name the user knows it by.
 #[derive(Clone)]
-pub(super) struct Value<'a> {
+pub(super) struct NamedValue<'a> {
     name: String,
     item: Item<'a>,
 }
@@ -44,12 +44,12 @@ pub(super) fn parse(source: &Arc<SourceText>) -> Result<Spanned<DeTable<'_>>> {
     })
 }
 
-impl<'a> Table<'a> {
+impl<'a> NamedTable<'a> {
     /// The document itself.
     pub(super) fn root(source: &'a Arc<SourceText>, document: &'a Spanned<DeTable<'a>>) -> Self {
         Self {
             name: String::from("the scene file"),
-            table: document::Table::root(source, document),
+            table: document::TomlTable::root(source, document),
         }
     }
 
@@ -77,15 +77,15 @@ impl<'a> Table<'a> {
     }
 
     /// The value of `key`, if it is there.
-    pub(super) fn optional(&self, key: &str) -> Option<Value<'a>> {
-        Some(Value {
+    pub(super) fn optional(&self, key: &str) -> Option<NamedValue<'a>> {
+        Some(NamedValue {
             name: key.to_owned(),
             item: self.table.get(key)?,
         })
     }
 
     /// The value of `key`, which must be there; `example` shows how it could look.
-    pub(super) fn required(&self, key: &str, example: &str) -> Result<Value<'a>> {
+    pub(super) fn required(&self, key: &str, example: &str) -> Result<NamedValue<'a>> {
         self.optional(key).ok_or_else(|| {
             self.complain(format!("{} has no `{key}`", self.name))
                 .with_label(format!("`{key}` is missing"))
@@ -95,15 +95,15 @@ impl<'a> Table<'a> {
     }
 
     /// All entries in the order of the file, named by their keys, with the keys' spans.
-    pub(super) fn entries(&self) -> impl Iterator<Item = (String, Span, Value<'a>)> {
+    pub(super) fn entries(&self) -> impl Iterator<Item = (String, Span, NamedValue<'a>)> {
         self.table.entries().into_iter().map(|(key, item)| {
             let name = key.value.clone();
-            (key.value, key.span, Value { name, item })
+            (key.value, key.span, NamedValue { name, item })
         })
     }
 }
 
-impl<'a> Value<'a> {
+impl<'a> NamedValue<'a> {
     /// Where the value stands.
     pub(super) fn span(&self) -> Span {
         self.item.span.clone()
@@ -153,10 +153,10 @@ impl<'a> Value<'a> {
     }
 
     /// The value as an array.
-    pub(super) fn array(&self, expected: &str) -> Result<Vec<Value<'a>>> {
+    pub(super) fn array(&self, expected: &str) -> Result<Vec<NamedValue<'a>>> {
         let list = self.item.as_list();
         let items = list.ok_or_else(|| self.wrong_type(expected))?;
-        let named = |(i, item)| Value {
+        let named = |(i, item)| NamedValue {
             name: format!("{}[{i}]", self.name),
             item,
         };
@@ -205,10 +205,10 @@ impl<'a> Value<'a> {
     }
 
     /// The value as a table that `name` describes to the user.
-    pub(super) fn table(&self, name: String, expected: &str) -> Result<Table<'a>> {
+    pub(super) fn table(&self, name: String, expected: &str) -> Result<NamedTable<'a>> {
         let table = self.item.as_table();
         let table = table.ok_or_else(|| self.wrong_type(expected))?;
-        Ok(Table { name, table })
+        Ok(NamedTable { name, table })
     }
 
     /// Returns whether the value is a string (several keys take a word or a table).

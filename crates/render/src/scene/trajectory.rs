@@ -12,7 +12,7 @@
 use super::{
     motion::Formulas,
     poses::PoseFile,
-    table::{Span, Table, Value},
+    table::{NamedTable, NamedValue, Span},
 };
 use geofan_core::{error::Result, reading};
 use glam::DVec3;
@@ -41,7 +41,7 @@ pub struct Trajectory {
 }
 
 /// Reads the keys of an object's path, if it has one; files are relative to `folder`.
-pub(super) fn trajectory(table: &Table, folder: &Path) -> Result<Option<Trajectory>> {
+pub(super) fn trajectory(table: &NamedTable, folder: &Path) -> Result<Option<Trajectory>> {
     let [path, during, turning] = ["path", "during", "turning"].map(|key| table.optional(key));
     let Some(path) = path else {
         return match during.or(turning) {
@@ -76,7 +76,11 @@ pub(super) fn trajectory(table: &Table, folder: &Path) -> Result<Option<Trajecto
     }))
 }
 
-fn read_poses(path: &Value, during: Option<&Value>, folder: &Path) -> Result<(Course, [f64; 2])> {
+fn read_poses(
+    path: &NamedValue,
+    during: Option<&NamedValue>,
+    folder: &Path,
+) -> Result<(Course, [f64; 2])> {
     if let Some(during) = during {
         return Err(during
             .complain(String::from("a file of poses has times of its own"))
@@ -97,7 +101,7 @@ fn read_poses(path: &Value, during: Option<&Value>, folder: &Path) -> Result<(Co
     Ok((Course::Poses(Arc::new(poses)), during))
 }
 
-fn read_interval(value: &Value) -> Result<[f64; 2]> {
+fn read_interval(value: &NamedValue) -> Result<[f64; 2]> {
     let expected = "two times, the earlier first, such as [0, 10]";
     let items = value.array(expected)?;
     match items.as_slice() {
@@ -115,7 +119,7 @@ fn read_interval(value: &Value) -> Result<[f64; 2]> {
     }
 }
 
-fn read_turning(value: &Value) -> Result<(DVec3, Formulas)> {
+fn read_turning(value: &NamedValue) -> Result<(DVec3, Formulas)> {
     let expected = "a table such as { axis = [0, 0, 1], degrees = \"90*t\" }";
     let table = value.table(String::from("turning"), expected)?;
     table.allow_only(&["axis", "degrees"])?;

@@ -29,11 +29,9 @@ impl Star {
     }
 }
 
-/// Right ascension and declination in degrees, magnitude, colour index B−V.
-type Entry = (f32, f32, f32, f32);
-
-/// Bright stars of constellations that everyone knows and that have no mirror symmetry.
-const CONSTELLATIONS: &[Entry] = &[
+/// Bright stars of constellations that everyone knows and that have no mirror symmetry: right ascension and declination in
+/// degrees, magnitude, colour index B−V.
+const CONSTELLATIONS: &[(f32, f32, f32, f32)] = &[
     // Big Dipper.
     (165.93, 61.75, 1.8, 1.1),
     (165.46, 56.38, 2.3, 0.0),

@@ -3,7 +3,7 @@
 //! In: drawings with their times. Out: [`FrameTimes`], in seconds, and the [`ComparisonReport`].
 
 use geofan_core::{geodesic::UnfinishedPaths, quantiles::Quantiles};
-use geofan_render::{drawing::Drawing, frame::Work};
+use geofan_render::{drawing::Drawing, frame::FrameStatistics};
 use serde::Serialize;
 use std::fmt;
 
@@ -100,30 +100,6 @@ pub struct PathTimes {
     pub equal_error_lattice: f64,
 }
 
-/// Counts the work of the lattice.
-#[derive(Debug, Clone, Copy, Serialize)]
-pub struct LatticeCounts {
-    /// Paths looked up, those of single samples included.
-    pub paths: usize,
-    /// Samples interpolated from them.
-    pub interpolated: usize,
-    /// Samples traced by themselves.
-    pub traced: usize,
-    /// Samples that the table gave up on.
-    pub pending: usize,
-}
-
-impl From<Work> for LatticeCounts {
-    fn from(work: Work) -> Self {
-        Self {
-            paths: work.paths,
-            interpolated: work.interpolated,
-            traced: work.traced,
-            pending: work.pending,
-        }
-    }
-}
-
 /// Tells the outcome of a comparison.
 #[derive(Debug, Clone, Serialize)]
 pub struct ComparisonReport {
@@ -152,7 +128,7 @@ pub struct ComparisonReport {
     /// Paths alone.
     pub paths_ns: PathTimes,
     /// The work of the lattice.
-    pub lattice: LatticeCounts,
+    pub lattice: FrameStatistics,
     /// Exact frame over table frame.
     pub speedup: f64,
     /// Equal-error frame over table frame.

@@ -18,7 +18,7 @@ use geofan_render::{
     lookup::Lookup,
     path_batch::PathBatch,
     shade::Footprints,
-    tiles::Scratch,
+    tiles::TileScratch,
     tracer::{ExactTracer, FixedTracer, GridTracer},
     view::View,
     world::World,
@@ -176,14 +176,14 @@ fn lattice_time(world: &World, view: &View, tracer: &dyn GridTracer, budget: f64
         .collect();
     let began = Instant::now();
     corners.iter().par_bridge().for_each_init(
-        || Scratch::new(&world.manifold, tracer.knots()),
+        || TileScratch::new(&world.manifold, tracer.knots()),
         |scratch, corner| divide(&lattice, *corner, scratch),
     );
     1e9 * began.elapsed().as_secs_f64() / (width * height) as f64
 }
 
 /// Finds all paths of one of the largest tiles.
-fn divide(lattice: &Lattice<'_>, corner: (usize, usize), scratch: &mut Scratch<'_>) {
+fn divide(lattice: &Lattice<'_>, corner: (usize, usize), scratch: &mut TileScratch<'_>) {
     let spare = scratch.paths.take();
     let divided = lattice.refine(corner, spare, &mut scratch.events);
     for tile in &divided.lost {

@@ -13,9 +13,7 @@ mod errors;
 mod frame_times;
 mod local_view;
 
-pub use comparison_report::{
-    ComparisonReport, EqualErrorExact, FrameTimes, LatticeCounts, PathTimes,
-};
+pub use comparison_report::{ComparisonReport, EqualErrorExact, FrameTimes, PathTimes};
 pub use local_view::{DistanceErrors, LocalReport, compare_local};
 
 use crate::{
@@ -28,7 +26,7 @@ use geofan_core::{
     quantiles::Quantiles,
 };
 use geofan_render::{
-    drawing::draw,
+    drawing::{Drawing, draw},
     frame::Paths,
     lookup::Lookup,
     picture::{Picture, write_png},
@@ -88,53 +86,37 @@ pub fn compare(
     table: &Table,
     options: CompareOptions,
 ) -> Result<Comparison<ComparisonReport>> {
-    if !view.is_central() {
-        let message = "each pixel of an orthographic picture, and of an eye that sees all around, has a position of its own, and a table is made ready for one";
-        return Err(Error::input("the camera", message));
-    }
+    refuse_many_positions(view)?;
     // Both pictures.
     let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
     let budget = 1e-3 * options.error;
     let table_times = frame_times::moving(world, view, &lookup, options)?;
     let fan = table.fan(view.u)?;
     let tracer = lookup.tracer(&fan);
-    let by = |paths: Paths<'_>| {
-        draw(
-            world,
-            view,
-            paths,
-            options.samples,
-            Footprints::Filtered,
-            &crate::clock,
-        )
-    };
-    let drawn = by(Paths::Lattice(&tracer, budget));
+    let drawn = drawn_by(world, view, Paths::Lattice(&tracer, budget), options);
     let exact_tracer = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
-    let exact = by(Paths::Exact(&exact_tracer));
+    let exact = drawn_by(world, view, Paths::Exact(&exact_tracer), options);
     // The table's errors, and the rival that has no larger ones.
     let probed = errors::probe_pixels(world, view, table, options);
     let errors = errors::table_errors(&fan, view, &probed);
     let [mrad, screen_mrad] = errors::quantiles(&errors);
     let goal = rival_goal(view, &probed, &errors);
     let equal_error = equal_error_exact(world, view, goal, table.length, options);
-    let steps = equal_error.steps;
-    let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, steps);
+    let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
     // The differences.
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
-    let psnr = psnr(&exact.picture, &drawn.picture)?;
     let exact_times = comparison_report::frame_times(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
     let seen = [(view.clone(), exact.outcomes.clone())];
-    let ends = unfinished(world, &seen, (table.length, options.tolerance));
     let report = ComparisonReport {
-        psnr: psnr.is_finite().then_some(psnr),
+        psnr: Some(psnr(&exact.picture, &drawn.picture)?).filter(|x| x.is_finite()),
         flip: mean_flip(&flip),
         mrad,
         screen_mrad,
         lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
         sky_mrad: errors::sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
-        unfinished: ends,
+        unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
         paths_ns: frame_times::paths(world, view, tracers, budget),
         speedup: exact_times.frame / table_times.frame,
         speedup_equal_error: equal_error.times.frame / table_times.frame,
@@ -142,22 +124,36 @@ pub fn compare(
         table: table_times,
         exact: exact_times,
         equal_error,
-        lattice: drawn.work.into(),
+        lattice: drawn.work,
     };
     let screen = errors::screen_map(view, &errors);
     let error = error_picture(&flip, "FLIP", "table against exact");
     let mrad = error_picture(&screen, "mrad", "screen error of the table");
-    let pictures = vec![
-        ("table", drawn.picture),
-        ("exact", exact.picture),
-        ("error", error),
-        ("mrad", mrad),
-    ];
     Ok(Comparison {
         report,
         flip,
-        pictures,
+        pictures: vec![
+            ("table", drawn.picture),
+            ("exact", exact.picture),
+            ("error", error),
+            ("mrad", mrad),
+        ],
     })
+}
+
+/// Refuses a view whose rays start at several places.
+fn refuse_many_positions(view: &View) -> Result<()> {
+    if view.is_central() {
+        return Ok(());
+    }
+    let message = "each pixel of an orthographic picture, and of an eye that sees all around, has a position of its own, and a table is made ready for one";
+    Err(Error::input("the camera", message))
+}
+
+/// Draws the view along `paths`.
+fn drawn_by(world: &World, view: &View, paths: Paths<'_>, options: CompareOptions) -> Drawing {
+    let filter = Footprints::Filtered;
+    draw(world, view, paths, options.samples, filter, &crate::clock)
 }
 
 /// Pixels on which the rival's steps are chosen: every so many along both sides.

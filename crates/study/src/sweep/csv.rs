@@ -12,7 +12,7 @@ use serde_json::Value;
 use std::{io::Write, path::Path};
 
 /// The cells of a row, with their columns' names.
-type Row = Vec<(String, Value)>;
+type CsvRow = Vec<(String, Value)>;
 
 /// Writes all points to the CSV file `path`.
 ///
@@ -52,20 +52,20 @@ fn text(value: &Value) -> String {
 }
 
 /// Adds a cell; an `Option` may be empty.
-fn put(row: &mut Row, column: &str, value: impl Into<Value>) {
+fn put(row: &mut CsvRow, column: &str, value: impl Into<Value>) {
     row.push((column.into(), value.into()));
 }
 
 /// Adds the cells of one kind of error.
-fn put_quantiles(row: &mut Row, error: &str, q: Option<Quantiles>) {
+fn put_quantiles(row: &mut CsvRow, error: &str, q: Option<Quantiles>) {
     put(row, &format!("{error}_p50_mrad"), q.map(|q| q.p50));
     put(row, &format!("{error}_p95_mrad"), q.map(|q| q.p95));
     put(row, &format!("{error}_p99_mrad"), q.map(|q| q.p99));
     put(row, &format!("{error}_max_mrad"), q.map(|q| q.max));
 }
 
-fn row(results: &ManifoldResults, point: &SweepPoint) -> Row {
-    let mut row = Row::new();
+fn row(results: &ManifoldResults, point: &SweepPoint) -> CsvRow {
+    let mut row = CsvRow::new();
     put_table(&mut row, results, point);
     put_measurement(&mut row, point);
     put_rival(&mut row, results, point);
@@ -77,7 +77,7 @@ fn row(results: &ManifoldResults, point: &SweepPoint) -> Row {
 }
 
 /// Adds the cells that say which table it is.
-fn put_table(row: &mut Row, results: &ManifoldResults, point: &SweepPoint) {
+fn put_table(row: &mut CsvRow, results: &ManifoldResults, point: &SweepPoint) {
     let (conditions, spec) = (&results.conditions, &point.spec);
     let (promise, cells) = match spec {
         TableSpec::Patches { promise, .. } => (Some(*promise), None),
@@ -103,7 +103,7 @@ fn put_table(row: &mut Row, results: &ManifoldResults, point: &SweepPoint) {
 }
 
 /// Adds sizes, errors and costs.
-fn put_measurement(row: &mut Row, point: &SweepPoint) {
+fn put_measurement(row: &mut CsvRow, point: &SweepPoint) {
     let m = point.measured();
     put(row, "disk_bytes", m.map(|m| m.disk));
     put(row, "memory_bytes", m.map(|m| m.memory));
@@ -124,7 +124,7 @@ fn put_measurement(row: &mut Row, point: &SweepPoint) {
 }
 
 /// Adds the cells about equal steps that are as exact.
-fn put_rival(row: &mut Row, results: &ManifoldResults, point: &SweepPoint) {
+fn put_rival(row: &mut CsvRow, results: &ManifoldResults, point: &SweepPoint) {
     let m = point.measured();
     let rival = m.and_then(|m| equal_error(&results.rivals, m.errors.screen.p99));
     put(row, "exact_steps", rival.map(|r| r.steps));

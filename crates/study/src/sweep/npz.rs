@@ -21,7 +21,7 @@ use geofan_bake::{
     refine::tensor_train::{best_layout, decompose},
 };
 use geofan_bundle::{
-    MappedChebyshev, Polynomial, Step, Tensor, Train, Tree, Variables, chebyshev,
+    MappedChebyshev, Polynomial, StepSize, Tensor, Train, Tree, Variables, chebyshev,
     rays::{DISPLACEMENT, RaySpace, ReferenceSphere},
     unweighted, weighted,
 };
@@ -231,7 +231,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
     let (mut low, mut high) = (0, STEPS);
     while high > low {
         let middle = (low + high) / 2;
-        let step = Step::near(error).coarser(-middle);
+        let step = StepSize::near(error).coarser(-middle);
         match rounded(&train, step, coefficients, error) {
             Some(bytes) => (best, high) = (Some(bytes), middle),
             None => low = middle + 1,
@@ -241,7 +241,7 @@ fn smallest(coefficients: &ArrayD<f64>, cameras: usize, error: f64) -> Option<us
 }
 
 /// Counts the bytes of `train` rounded with `step`; `None` if a number is off by more than `error`.
-fn rounded(train: &Train, step: Step, exact: &ArrayD<f64>, error: f64) -> Option<usize> {
+fn rounded(train: &Train, step: StepSize, exact: &ArrayD<f64>, error: f64) -> Option<usize> {
     let tensor = train.nearest(step)?;
     // The changes by rounding, at the nodes.
     let kept = unpacked(&tensor)?;

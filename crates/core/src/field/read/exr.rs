@@ -1,6 +1,6 @@
 //! Slices of constant z in OpenEXR files: columns are x, rows y, the first row the first y.
 
-use super::{Reading, choose, total};
+use super::{SampleReading, choose, total};
 use crate::field::{SampleFault, Samples};
 use ::exr::prelude::{MetaData, ReadChannels, ReadLayers, read};
 use std::io::Cursor;
@@ -13,7 +13,7 @@ fn damaged(what: impl std::fmt::Display) -> SampleFault {
 }
 
 /// Reads the channel `asked` of every layer, in the order of the file.
-pub fn layers(bytes: &[u8], asked: Option<&str>) -> Reading<Vec<Slice>> {
+pub fn layers(bytes: &[u8], asked: Option<&str>) -> SampleReading<Vec<Slice>> {
     let heads = MetaData::read_from_buffered(Cursor::new(bytes), false).map_err(damaged)?;
     for head in &heads.headers {
         let (width, height) = (head.layer_size.width(), head.layer_size.height());
@@ -53,7 +53,7 @@ pub fn layers(bytes: &[u8], asked: Option<&str>) -> Reading<Vec<Slice>> {
 }
 
 /// Puts slices of one size on each other.
-pub fn stack(slices: Vec<Slice>) -> Reading<Samples> {
+pub fn stack(slices: Vec<Slice>) -> SampleReading<Samples> {
     let Some(([width, height], _)) = slices.first() else {
         return Err(SampleFault::new("file", "there are no slices"));
     };

@@ -44,24 +44,24 @@ pub struct SampleSource {
 }
 
 /// Samples, and their places if the file says where they are.
-pub type Placed = (Samples, Option<[[f64; 2]; 3]>);
+pub type PlacedSamples = (Samples, Option<[[f64; 2]; 3]>);
 
-type Reading<T> = Result<T, SampleFault>;
+type SampleReading<T> = Result<T, SampleFault>;
 
 impl SampleSource {
     /// Reads the samples.
     ///
     /// # Errors
     /// The key that is at fault, and why.
-    pub fn read(&self) -> Reading<Placed> {
+    pub fn read(&self) -> SampleReading<PlacedSamples> {
         if let Some(placed) = self.files.first().and_then(|file| packed(file)) {
             return placed;
         }
         let [file] = self.files.as_slice() else {
             return self.read_slices();
         };
-        let kind = kind(file);
-        if kind != Kind::Raw
+        let format = FieldFormat::of(file);
+        if format != FieldFormat::Raw
             && let Some(key) = self.raw_key()
         {
             return Err(
@@ -69,23 +69,25 @@ impl SampleSource {
                     .hint("take it away: this kind of file tells it"),
             );
         }
-        match kind {
-            Kind::Npy => {
+        match format {
+            FieldFormat::Npy => {
                 self.refuse_array("a .npy file holds one array")?;
                 npy::array(&bytes(file)?).map(|samples| (samples, None))
             }
-            Kind::Raw => {
+            FieldFormat::Raw => {
                 self.refuse_array("a file without a head holds one array")?;
                 self.raw(&bytes(file)?).map(|samples| (samples, None))
             }
             #[cfg(feature = "samples")]
-            Kind::Npz => npy::archive(bytes(file)?, self.array.as_deref()).map(|s| (s, None)),
+            FieldFormat::Npz => {
+                npy::archive(bytes(file)?, self.array.as_deref()).map(|s| (s, None))
+            }
             #[cfg(feature = "samples")]
-            Kind::Vti => vti::image(&bytes(file)?, self.array.as_deref()),
+            FieldFormat::Vti => vti::image(&bytes(file)?, self.array.as_deref()),
             #[cfg(feature = "samples")]
-            Kind::Exr => self.read_slices(),
+            FieldFormat::Exr => self.read_slices(),
             #[cfg(not(feature = "samples"))]
-            Kind::Npz | Kind::Vti | Kind::Exr => Err(SampleFault::new(
+            FieldFormat::Npz | FieldFormat::Vti | FieldFormat::Exr => Err(SampleFault::new(
                 "file",
                 "this build of geofan reads samples from .npy files and files without a head only",
             )),
@@ -93,8 +95,12 @@ impl SampleSource {
     }
 
     #[cfg(feature = "samples")]
-    fn read_slices(&self) -> Reading<Placed> {
-        if let Some(other) = self.files.iter().find(|file| kind(file) != Kind::Exr) {
+    fn read_slices(&self) -> SampleReading<PlacedSamples> {
+        if let Some(other) = self
+            .files
+            .iter()
+            .find(|file| FieldFormat::of(file) != FieldFormat::Exr)
+        {
             return Err(
                 SampleFault::new("file", format!("{} is no slice", other.display()))
                     .hint("a list names .exr files, one for each z"),
@@ -113,7 +119,7 @@ impl SampleSource {
     }
 
     #[cfg(not(feature = "samples"))]
-    fn read_slices(&self) -> Reading<Placed> {
+    fn read_slices(&self) -> SampleReading<PlacedSamples> {
         Err(SampleFault::new(
             "file",
             "this build of geofan reads no slices",
@@ -133,7 +139,7 @@ impl SampleSource {
             .map(|(key, _)| key)
     }
 
-    fn refuse_array(&self, why: &str) -> Reading<()> {
+    fn refuse_array(&self, why: &str) -> SampleReading<()> {
         match &self.array {
             None => Ok(()),
             Some(_) => Err(SampleFault::new("array", why).hint("take `array` away")),
@@ -141,7 +147,7 @@ impl SampleSource {
     }
 
     /// Numbers without a head.
-    fn raw(&self, bytes: &[u8]) -> Reading<Samples> {
+    fn raw(&self, bytes: &[u8]) -> SampleReading<Samples> {
         let Some(shape) = self.shape else {
             let message =
                 "a file without a head needs `shape`, the numbers of samples along x, y, z";
@@ -180,7 +186,7 @@ pub fn pack(samples: &Samples, limits: &[[f64; 2]; 3]) -> Vec<u8> {
 }
 
 /// Reads packed samples; `None` if the file holds something else.
-fn packed(file: &Path) -> Option<Reading<Placed>> {
+fn packed(file: &Path) -> Option<SampleReading<PlacedSamples>> {
     let bytes = read_file(file, PACKED, MOST_OF_A_FILE).ok()?;
     let (places, samples) = bytes.strip_prefix(PACKED)?.split_at_checked(48)?;
     let place = |k: usize| {
@@ -193,9 +199,9 @@ fn packed(file: &Path) -> Option<Reading<Placed>> {
     Some(samples.map(|samples| (samples, Some(limits))))
 }
 
-/// The kinds of files.
+/// The formats of files of samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+enum FieldFormat {
     Npy,
     Npz,
     Vti,
@@ -203,20 +209,22 @@ enum Kind {
     Raw,
 }
 
-/// Tells the kind of a file by its name.
-fn kind(file: &Path) -> Kind {
-    let end = file.extension().unwrap_or_default().to_string_lossy();
-    match end.to_ascii_lowercase().as_str() {
-        "npy" => Kind::Npy,
-        "npz" => Kind::Npz,
-        "vti" => Kind::Vti,
-        "exr" => Kind::Exr,
-        _ => Kind::Raw,
+impl FieldFormat {
+    /// Tells the format of a file by its name.
+    fn of(file: &Path) -> Self {
+        let end = file.extension().unwrap_or_default().to_string_lossy();
+        match end.to_ascii_lowercase().as_str() {
+            "npy" => Self::Npy,
+            "npz" => Self::Npz,
+            "vti" => Self::Vti,
+            "exr" => Self::Exr,
+            _ => Self::Raw,
+        }
     }
 }
 
 /// The bytes of a file.
-fn bytes(file: &Path) -> Reading<Vec<u8>> {
+fn bytes(file: &Path) -> SampleReading<Vec<u8>> {
     read_file(file, &[], MOST_OF_A_FILE).map_err(|error| {
         let fault = SampleFault::new("file", format!("the samples cannot be read: {error}"));
         match error {
@@ -227,7 +235,7 @@ fn bytes(file: &Path) -> Reading<Vec<u8>> {
 }
 
 /// The number of samples in a grid of this `shape`.
-fn total(key: &'static str, shape: [usize; 3]) -> Reading<usize> {
+fn total(key: &'static str, shape: [usize; 3]) -> SampleReading<usize> {
     checked_total(shape).ok_or_else(|| {
         let [x, y, z] = shape;
         let most = super::MOST_SAMPLES;
@@ -240,7 +248,7 @@ fn total(key: &'static str, shape: [usize; 3]) -> Reading<usize> {
 
 /// The complaint about an array that is not there, or not named.
 #[cfg(feature = "samples")]
-fn choose<'n>(asked: Option<&str>, names: &'n [String], things: &str) -> Reading<&'n String> {
+fn choose<'n>(asked: Option<&str>, names: &'n [String], things: &str) -> SampleReading<&'n String> {
     let all = names.join(", ");
     match (asked, names) {
         (_, []) => Err(SampleFault::new(

@@ -2,7 +2,7 @@
 //!
 //! Format: numpy's `numpy.lib.format`, versions 1 to 3.
 
-use super::{NumberType, Reading, total};
+use super::{NumberType, SampleReading, total};
 use crate::field::{SampleFault, Samples};
 
 fn damaged(what: &str) -> SampleFault {
@@ -11,7 +11,7 @@ fn damaged(what: &str) -> SampleFault {
 }
 
 /// Reads a `.npy` file.
-pub fn array(bytes: &[u8]) -> Reading<Samples> {
+pub fn array(bytes: &[u8]) -> SampleReading<Samples> {
     let (head, data) = split(bytes)?;
     let value = |key: &str| value(head, key).ok_or_else(|| damaged(&format!("no `{key}`")));
     let descr = value("descr")?;
@@ -30,7 +30,7 @@ pub fn array(bytes: &[u8]) -> Reading<Samples> {
 }
 
 /// The head and the data.
-fn split(bytes: &[u8]) -> Reading<(&str, &[u8])> {
+fn split(bytes: &[u8]) -> SampleReading<(&str, &[u8])> {
     let rest = bytes
         .strip_prefix(b"\x93NUMPY")
         .ok_or_else(|| damaged("its first bytes are others"))?;
@@ -55,7 +55,7 @@ fn value<'h>(head: &'h str, key: &str) -> Option<&'h str> {
     found.1.trim_start().strip_prefix(':').map(str::trim_start)
 }
 
-fn shape(text: &str) -> Reading<[usize; 3]> {
+fn shape(text: &str) -> SampleReading<[usize; 3]> {
     let list = text.strip_prefix('(').and_then(|text| text.split_once(')'));
     let list = list.ok_or_else(|| damaged("its shape is no tuple"))?.0;
     let numbers: Result<Vec<usize>, _> = list
@@ -72,7 +72,7 @@ fn shape(text: &str) -> Reading<[usize; 3]> {
     })
 }
 
-fn number_type(descr: &str) -> Reading<(NumberType, bool)> {
+fn number_type(descr: &str) -> SampleReading<(NumberType, bool)> {
     let name = descr.trim_start_matches(['\'', '"']);
     let name = name.split(['\'', '"']).next().unwrap_or_default();
     let (order, name) = name.split_at_checked(1).unwrap_or_default();
@@ -95,7 +95,7 @@ fn number_type(descr: &str) -> Reading<(NumberType, bool)> {
 
 /// Reads an array of a `.npz` file.
 #[cfg(feature = "samples")]
-pub fn archive(bytes: Vec<u8>, asked: Option<&str>) -> Reading<Samples> {
+pub fn archive(bytes: Vec<u8>, asked: Option<&str>) -> SampleReading<Samples> {
     use crate::reading::MOST_OF_A_FILE;
     use std::io::{Cursor, Read};
     let damaged = |e: String| SampleFault::new("file", format!("is not an archive of numpy: {e}"));

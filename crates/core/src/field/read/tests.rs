@@ -49,7 +49,7 @@ fn doubles(values: &[f64]) -> Vec<u8> {
 }
 
 /// Reads a file of this name and content.
-fn read(name: &str, content: &[u8], source: &SampleSource) -> Reading<Placed> {
+fn read(name: &str, content: &[u8], source: &SampleSource) -> SampleReading<PlacedSamples> {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(name);
     fs::write(&path, content).unwrap();

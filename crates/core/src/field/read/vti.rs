@@ -3,7 +3,7 @@
 //!
 //! Format: *VTK File Formats*, "XML file formats", `ImageData`. Only what stands before the appended data is XML.
 
-use super::{NumberType, Placed, Reading, choose, total};
+use super::{NumberType, PlacedSamples, SampleReading, choose, total};
 use crate::field::{SampleFault, Samples};
 use base64::{
     Engine,
@@ -43,7 +43,7 @@ impl<'f> Tag<'f> {
         }
     }
 
-    fn numbers<T: std::str::FromStr, const N: usize>(&self, key: &str) -> Reading<[T; N]> {
+    fn numbers<T: std::str::FromStr, const N: usize>(&self, key: &str) -> SampleReading<[T; N]> {
         let text = self.get(key).unwrap_or_default();
         let numbers = text
             .split_whitespace()
@@ -93,7 +93,7 @@ struct Storage<'f> {
 }
 
 /// Reads the array `asked`, and where the image is.
-pub fn image(bytes: &[u8], asked: Option<&str>) -> Reading<Placed> {
+pub fn image(bytes: &[u8], asked: Option<&str>) -> SampleReading<PlacedSamples> {
     let tags = tags(bytes);
     let tag = |name: &str| {
         let found = tags.iter().find(|tag| tag.name == name);
@@ -135,7 +135,7 @@ pub fn image(bytes: &[u8], asked: Option<&str>) -> Reading<Placed> {
 }
 
 /// Places of the first and the last samples.
-fn limits(image: &Tag<'_>, extent: [i64; 6]) -> Reading<[[f64; 2]; 3]> {
+fn limits(image: &Tag<'_>, extent: [i64; 6]) -> SampleReading<[[f64; 2]; 3]> {
     if let Some(direction) = image.get("Direction") {
         let entries: Vec<f64> = direction
             .split_whitespace()
@@ -155,7 +155,7 @@ fn limits(image: &Tag<'_>, extent: [i64; 6]) -> Reading<[[f64; 2]; 3]> {
 }
 
 impl<'f> Storage<'f> {
-    fn of(bytes: &'f [u8], file: &Tag<'_>, tags: &[Tag<'_>]) -> Reading<Self> {
+    fn of(bytes: &'f [u8], file: &Tag<'_>, tags: &[Tag<'_>]) -> SampleReading<Self> {
         let compressed = match file.get("compressor") {
             None | Some("") => false,
             Some("vtkZLibDataCompressor") => true,
@@ -184,7 +184,7 @@ impl<'f> Storage<'f> {
         })
     }
 
-    fn values(&self, array: &Tag<'_>, count: usize) -> Reading<Vec<f64>> {
+    fn values(&self, array: &Tag<'_>, count: usize) -> SampleReading<Vec<f64>> {
         let number = match array.get("type").unwrap_or_default() {
             "Float32" => NumberType::F32,
             "Float64" => NumberType::F64,
@@ -234,7 +234,7 @@ impl<'f> Storage<'f> {
     }
 
     /// Numbers behind their lengths.
-    fn unwrapped(&self, data: &[u8], most: usize) -> Reading<Vec<u8>> {
+    fn unwrapped(&self, data: &[u8], most: usize) -> SampleReading<Vec<u8>> {
         let cut = || damaged("its data are cut off");
         let length = |k: usize| {
             let bytes = data
@@ -272,13 +272,13 @@ impl<'f> Storage<'f> {
     }
 }
 
-fn ascii(text: &[u8], count: usize) -> Reading<Vec<f64>> {
+fn ascii(text: &[u8], count: usize) -> SampleReading<Vec<f64>> {
     let text = str::from_utf8(text).map_err(damaged)?;
     let numbers = text.split_whitespace().map(|word| {
         let number = word.parse::<f64>();
         number.map_err(|_| damaged(format!("`{word}` is not a number")))
     });
-    let numbers: Vec<f64> = numbers.collect::<Reading<_>>()?;
+    let numbers: Vec<f64> = numbers.collect::<SampleReading<_>>()?;
     match numbers.len() == count {
         true => Ok(numbers),
         false => Err(damaged(format!(
@@ -293,7 +293,7 @@ fn is_base64(byte: u8) -> bool {
 }
 
 /// Decodes base64 in which paddings stand wherever a part ended: lengths are encoded apart from what follows.
-fn from_base64(text: &[u8]) -> Reading<Vec<u8>> {
+fn from_base64(text: &[u8]) -> SampleReading<Vec<u8>> {
     let config =
         GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
     let engine = GeneralPurpose::new(&STANDARD, config);

@@ -5,12 +5,12 @@ use super::{
         End, LANES, Sink, Step,
         dormand_prince::{Dense, Quintic},
     },
-    Lanes,
+    RayLanes,
 };
 use geofan_expr::vectorised;
 use glam::DVec3;
 
-impl Lanes<'_> {
+impl RayLanes<'_> {
     /// Hands on the accepted steps that `sink` wants, and ends rays.
     pub(super) fn report(&mut self, sink: &mut impl Sink) {
         let mut carried_made = false;

@@ -42,7 +42,7 @@ pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
     let points = points_inside(manifold, &gluing)?;
     gluing.measure(&points);
     gluing.recognise(&points);
-    let checks = Checks {
+    let checks = GluingChecks {
         manifold,
         gluing: &gluing,
         points: &points,
@@ -79,46 +79,17 @@ pub(super) fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
 /// brought in. A chart may hold the space twice, so only those count that see the first one along a line of
 /// the chart.
 fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
-    let (mut points, mut lost) = (Vec::new(), None);
-    let middle = manifold
-        .domain
-        .limits
-        .map(|l| l.map_or(0.0, |[low, high]| 0.5 * (low + high)));
-    let camera = manifold
-        .cameras
-        .as_ref()
-        .map(|region| region.at(&region.lerp(&[0.5; 3])));
-    let firsts = [camera, Some(DVec3::from_array(middle))];
-    let first = firsts
-        .into_iter()
-        .flatten()
-        .filter(|u| is_regular(manifold, *u));
-    points.extend(
-        first
-            .filter_map(|u| gluing.locate(u))
-            .map(|(u, _)| u)
-            .next(),
-    );
+    let mut points: Vec<DVec3> = first_point(manifold, gluing).into_iter().collect();
+    let mut lost = None;
     for scale in [1.0, 0.3, 0.1, 3.0, 0.03, 10.0] {
-        let limits = manifold.domain.limits.map(|l| l.unwrap_or([-scale, scale]));
-        for i in 0..POINTS {
-            let t = halton(i);
-            let u = DVec3::from_array(
-                [0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]),
-            );
-            if !is_regular(manifold, u) {
-                continue;
-            }
+        for u in regular_points(manifold, scale) {
             match gluing.locate(u) {
-                Some((u, _)) if is_regular(manifold, u) => {
-                    if points
-                        .first()
-                        .is_none_or(|first| gluing.holds_between(*first, u))
-                    {
+                Some((u, _)) => {
+                    let sees_first = |first: &DVec3| gluing.holds_between(*first, u);
+                    if is_regular(manifold, u) && points.first().is_none_or(sees_first) {
                         points.push(u);
                     }
                 }
-                Some(_) => {}
                 None => lost = lost.or(gluing.violated(u).map(|k| (k, u))),
             }
         }
@@ -126,25 +97,55 @@ fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
             return Ok(points);
         }
     }
+    match points.len() >= FEWEST_POINTS {
+        true => Ok(points),
+        false => Err(no_points(manifold, gluing, lost).into()),
+    }
+}
+
+/// Brings in a camera, or else the middle of the chart.
+fn first_point(manifold: &Manifold, gluing: &Gluing) -> Option<DVec3> {
+    let cameras = manifold.cameras.as_ref();
+    let camera = cameras.map(|region| region.at(&region.lerp(&[0.5; 3])));
+    let limits = manifold.domain.limits;
+    let middle = limits.map(|l| l.map_or(0.0, |[low, high]| 0.5 * (low + high)));
+    [camera, Some(DVec3::from_array(middle))]
+        .into_iter()
+        .flatten()
+        .filter(|u| is_regular(manifold, *u))
+        .find_map(|u| gluing.locate(u))
+        .map(|(u, _)| u)
+}
+
+/// Lists regular points spread over the chart's limits, or as far as `scale` where it has none.
+fn regular_points(manifold: &Manifold, scale: f64) -> impl Iterator<Item = DVec3> {
+    let limits = manifold.domain.limits.map(|l| l.unwrap_or([-scale, scale]));
+    let at = move |i| {
+        let t = halton(i);
+        DVec3::from_array([0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]))
+    };
+    (0..POINTS)
+        .map(at)
+        .filter(move |u| is_regular(manifold, *u))
+}
+
+/// Says why too few points were found: `lost` is one that is not brought in, with the face that it is beyond.
+fn no_points(manifold: &Manifold, gluing: &Gluing, lost: Option<(usize, DVec3)>) -> Diagnostic {
     match lost {
-        _ if points.len() >= FEWEST_POINTS => Ok(points),
         Some((k, u)) if !gluing.faces[k].is_mirror() => {
             let message = format!(
                 "points beyond it are not brought back into the domain: {}",
                 point(manifold, u)
             );
-            let complaint = complain(manifold, gluing, k, message);
-            Err(complaint
+            complain(manifold, gluing, k, message)
                 .with_label("its map is applied where this is negative")
                 .with_hint("a map must lead from beyond its face back inside")
-                .into())
         }
         _ => {
             let message = "no points were found where all faces are positive".to_string();
-            let complaint = complain(manifold, gluing, 0, message);
-            Err(complaint
-                .with_hint("faces must be positive inside the domain; it should surround the origin of the chart, or lie in the limits of [domain]")
-                .into())
+            complain(manifold, gluing, 0, message).with_hint(
+                "faces must be positive inside the domain; it should surround the origin of the chart, or lie in the limits of [domain]",
+            )
         }
     }
 }
@@ -217,13 +218,13 @@ pub(super) struct FacePoint {
 }
 
 /// What the checks look at.
-pub(super) struct Checks<'a> {
+pub(super) struct GluingChecks<'a> {
     pub(super) manifold: &'a Manifold,
     pub(super) gluing: &'a Gluing,
     pub(super) points: &'a [DVec3],
 }
 
-impl Checks<'_> {
+impl GluingChecks<'_> {
     pub(super) fn complain(&self, k: usize, message: String) -> Diagnostic {
         complain(self.manifold, self.gluing, k, message)
     }

@@ -6,7 +6,7 @@
 
 use super::{
     DeckTransformation, Gluing,
-    check::{Checks, FARTHEST_OUT, FacePoint, is_identity_to, is_regular},
+    check::{FARTHEST_OUT, FacePoint, GluingChecks, is_identity_to, is_regular},
 };
 use crate::{error::Result, manifold::probe::point, random::Stream};
 use glam::{DMat3, DVec2, DVec3};
@@ -27,7 +27,7 @@ const SAME: f64 = 1e-6;
 const HINT: &str =
     "space would have a cone there; only reflections may fix points, those of their own face";
 
-impl Checks<'_> {
+impl GluingChecks<'_> {
     /// Checks that no map fixes a point of the domain, but a reflection those of its face.
     pub(super) fn fixed_points(&self) -> Result<()> {
         for (k, face) in self.gluing.faces.iter().enumerate() {

@@ -21,12 +21,9 @@ pub(super) use deck::LinearModel;
 pub use development::Development;
 pub use nearest::{NearCopy, NearestCopies};
 
-use super::{
-    Manifold,
-    meaning::{Digest, digests},
-};
+use super::{Manifold, meaning::digests};
 use deck::at_tape;
-use geofan_expr::{Direction, Graph, NodeId, Tape, TapeTooLarge};
+use geofan_expr::{Digest, Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};
 use spheres::Spheres;
 use std::{

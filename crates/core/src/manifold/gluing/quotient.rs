@@ -177,8 +177,8 @@ pub(in crate::manifold) fn dirichlet(
         }
     }
     nearness.form = invariant_form(&nearness, &steps);
-    let group = Elements::about(&nearness, &steps)?;
-    Ok(faces(&nearness, &group.matrices))
+    let elements = elements(&nearness, &steps)?;
+    Ok(faces(&nearness, &elements))
 }
 
 /// Finds a diagonal form of signs that the steps keep and that is constant on the space; returns `−Q X(c)`.
@@ -211,11 +211,6 @@ fn invariant_form(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Option<Vec<f64
     })
 }
 
-/// Elements of a group, by how far they move the centre, without the identity.
-struct Elements {
-    matrices: Vec<Vec<f64>>,
-}
-
 /// A number to sort by.
 #[derive(PartialEq, PartialOrd)]
 struct Key(f64);
@@ -229,47 +224,41 @@ impl Ord for Key {
     }
 }
 
-impl Elements {
-    /// Makes products of `steps`, those first that move the centre least.
-    fn about(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Self, String> {
-        let n = nearness.model.dimension;
-        let start = nearness.lifted(nearness.centre);
-        let identity: Vec<f64> = (0..n * n)
-            .map(|k| f64::from(u8::from(k / n == k % n)))
-            .collect();
-        let rest = nearness.of(&start);
-        let mut known = Known::default();
-        known.add(rest, &identity);
-        let mut all = vec![identity];
-        let mut queue = BinaryHeap::from([Reverse((Key(rest), 0))]);
-        let mut found = Vec::new();
-        while let Some(Reverse((Key(value), index))) = queue.pop() {
-            if index > 0 {
-                let off =
-                    (nearness.dropped(&times(&all[index], &start)) - nearness.centre).length();
-                if !(off > 1e-6 * (1.0 + nearness.centre.length())) {
-                    return Err("an element of the group does not move the centre".into());
-                }
-                found.push((value, index));
+/// Makes products of `steps`, those first that move the centre least, without the identity.
+fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>, String> {
+    let n = nearness.model.dimension;
+    let start = nearness.lifted(nearness.centre);
+    let identity: Vec<f64> = (0..n * n)
+        .map(|k| f64::from(u8::from(k / n == k % n)))
+        .collect();
+    let rest = nearness.of(&start);
+    let mut known = Known::default();
+    known.add(rest, &identity);
+    let mut all = vec![identity];
+    let mut queue = BinaryHeap::from([Reverse((Key(rest), 0))]);
+    let mut found = Vec::new();
+    while let Some(Reverse((Key(value), index))) = queue.pop() {
+        if index > 0 {
+            let off = (nearness.dropped(&times(&all[index], &start)) - nearness.centre).length();
+            if !(off > 1e-6 * (1.0 + nearness.centre.length())) {
+                return Err("an element of the group does not move the centre".into());
             }
-            if found.len() >= MOST_ELEMENTS {
-                break;
-            }
-            for step in steps {
-                let next = product(step, &all[index], n);
-                let value = nearness.of(&times(&next, &start));
-                if value.is_finite() && known.add(value, &next) {
-                    queue.push(Reverse((Key(value), all.len())));
-                    all.push(next);
-                }
+            found.push((value, index));
+        }
+        if found.len() >= MOST_ELEMENTS {
+            break;
+        }
+        for step in steps {
+            let next = product(step, &all[index], n);
+            let value = nearness.of(&times(&next, &start));
+            if value.is_finite() && known.add(value, &next) {
+                queue.push(Reverse((Key(value), all.len())));
+                all.push(next);
             }
         }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        let matrices = found.into_iter().map(|(_, k)| all[k].clone());
-        Ok(Self {
-            matrices: matrices.collect(),
-        })
     }
+    found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    Ok(found.into_iter().map(|(_, k)| all[k].clone()).collect())
 }
 
 /// Matrices known already, by how far they move the centre.
@@ -329,105 +318,150 @@ fn inverse(matrix: &[f64], n: usize) -> Option<Vec<f64>> {
     Some(rows.into_iter().flat_map(|row| row[n..].to_vec()).collect())
 }
 
-/// Finds the elements that bound the domain: in each direction from the centre, the first beyond which a point is nearer
-/// to an image of the centre. With each comes its inverse.
+/// Finds the elements that bound the domain. With each comes its inverse.
 fn faces(nearness: &Nearness<'_>, elements: &[Vec<f64>]) -> Vec<QuotientFace> {
-    let n = nearness.model.dimension;
-    let candidates = &elements[..elements.len().min(CANDIDATES)];
-    let row = |matrix: &Vec<f64>| {
-        nearness.form.as_ref().map(|form| {
-            let moved: Vec<f64> = (0..n)
-                .map(|j| (0..n).map(|i| form[i] * matrix[i * n + j]).sum())
-                .collect();
-            moved
-                .iter()
-                .zip(form)
-                .map(|(a, b)| a - b)
-                .collect::<Vec<f64>>()
-        })
+    let candidates = FaceCandidates::new(nearness, &elements[..elements.len().min(CANDIDATES)]);
+    let mut chosen = candidates.with_inverses(candidates.seen_from_centre());
+    chosen.sort_unstable();
+    let face = |k: usize| QuotientFace {
+        matrix: candidates.elements[k].clone(),
+        row: candidates.rows[k].clone(),
+        metric: (nearness.metric)(nearness.centre),
     };
-    let rows: Vec<Option<Vec<f64>>> = candidates.iter().map(row).collect();
-    // Negative where the image of x is nearer to the centre than x, which is as near as `here` says.
-    let here = |x: &[f64]| match nearness.form {
-        Some(_) => 0.0,
-        None => nearness.of(x),
-    };
-    let value = |k: usize, x: &[f64], here: f64| match &rows[k] {
-        Some(row) => dot(row, x),
-        None => nearness.of(&times(&candidates[k], x)) - here,
-    };
-    let start = nearness.lifted(nearness.centre);
-    let Some(first) = candidates.first() else {
-        return Vec::new();
-    };
-    let step = (nearness.dropped(&times(first, &start)) - nearness.centre).length();
-    let (mut chosen, mut active): (Vec<usize>, Vec<usize>) = (vec![0], Vec::new());
-    for i in 0..DIRECTIONS {
-        let d = spiral(i, DIRECTIONS);
-        let at = |t: f64| nearness.lifted(nearness.centre + d * t);
-        let inside = |t: f64, chosen: &[usize]| {
-            let x = at(t);
-            let here = here(&x);
-            x.iter().all(|x| x.is_finite()) && chosen.iter().all(|k| value(*k, &x, here) >= 0.0)
+    chosen.into_iter().map(face).collect()
+}
+
+/// The elements among which those that bound the domain are found, by their numbers.
+struct FaceCandidates<'a> {
+    nearness: &'a Nearness<'a>,
+    elements: &'a [Vec<f64>],
+    /// The face of each as a linear function in the model, where there is an invariant form.
+    rows: Vec<Option<Vec<f64>>>,
+}
+
+impl<'a> FaceCandidates<'a> {
+    fn new(nearness: &'a Nearness<'a>, elements: &'a [Vec<f64>]) -> Self {
+        let n = nearness.model.dimension;
+        let row = |matrix: &Vec<f64>| {
+            nearness.form.as_ref().map(|form| {
+                let moved =
+                    (0..n).map(|j| (0..n).map(|i| form[i] * matrix[i * n + j]).sum::<f64>());
+                moved.zip(form).map(|(a, b)| a - b).collect()
+            })
         };
+        Self {
+            nearness,
+            elements,
+            rows: elements.iter().map(row).collect(),
+        }
+    }
+
+    /// Returns the number with which values at `x` are compared.
+    fn own_value(&self, x: &[f64]) -> f64 {
+        match self.nearness.form {
+            Some(_) => 0.0,
+            None => self.nearness.of(x),
+        }
+    }
+
+    /// Returns a number that is negative where element `k` brings `x`, whose own value is `own`, nearer to the centre.
+    fn value(&self, k: usize, x: &[f64], own: f64) -> f64 {
+        match &self.rows[k] {
+            Some(row) => dot(row, x),
+            None => self.nearness.of(&times(&self.elements[k], x)) - own,
+        }
+    }
+
+    /// Returns whether none of the elements `known` brings `x` nearer to the centre.
+    fn is_inside(&self, x: &[f64], known: &[usize]) -> bool {
+        let own = self.own_value(x);
+        x.iter().all(|x| x.is_finite()) && known.iter().all(|k| self.value(*k, x, own) >= 0.0)
+    }
+
+    /// Finds the element, none of `known`, that brings `x` nearest to the centre; `None` if all take it away.
+    fn nearest(&self, x: &[f64], known: &[usize]) -> Option<usize> {
+        let own = self.own_value(x);
+        let least = -1e-9 * self.nearness.of(x).abs().max(1e-9);
+        (0..self.elements.len())
+            .filter(|k| !known.contains(k))
+            .map(|k| (self.value(k, x, own), k))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .and_then(|(value, k)| (value < least).then_some(k))
+    }
+
+    /// Finds the elements of the faces that are first in some direction from the centre.
+    fn seen_from_centre(&self) -> Vec<usize> {
+        let nearness = self.nearness;
+        let Some(first) = self.elements.first() else {
+            return Vec::new();
+        };
+        let moved = times(first, &nearness.lifted(nearness.centre));
+        let step = 0.05 * (nearness.dropped(&moved) - nearness.centre).length();
+        let (mut known, mut seen) = (vec![0], Vec::new());
+        for i in 0..DIRECTIONS {
+            let d = spiral(i, DIRECTIONS);
+            let line = |t: f64| nearness.lifted(nearness.centre + d * t);
+            let face = self.first_face(line, step, &mut known);
+            seen.extend(face.filter(|k| !seen.contains(k)));
+        }
+        seen
+    }
+
+    /// Finds the element whose face is the first on a line from the centre, and adds those looked at on the way to
+    /// `known`. `None` if nothing known ends the line where steps of length `step` along it are tried.
+    fn first_face(
+        &self,
+        line: impl Fn(f64) -> Vec<f64>,
+        step: f64,
+        known: &mut Vec<usize>,
+    ) -> Option<usize> {
         // Where the faces known so far end the line.
-        let Some(mut high) = (1..=(20.0 * REACH) as usize)
-            .map(|j| 0.05 * step * j as f64)
-            .find(|t| !inside(*t, &chosen))
-        else {
-            continue;
-        };
-        let mut low = high - 0.05 * step;
+        let mut high = (1..=(20.0 * REACH) as usize)
+            .map(|j| step * j as f64)
+            .find(|t| !self.is_inside(&line(*t), known))?;
+        let mut low = high - step;
         loop {
             for _ in 0..32 {
                 let middle = 0.5 * (low + high);
-                match inside(middle, &chosen) {
+                match self.is_inside(&line(middle), known) {
                     true => low = middle,
                     false => high = middle,
                 }
             }
             // A face that none of them is cuts it off before.
-            let x = at(low);
-            let own = here(&x);
-            let nearer = (0..candidates.len())
-                .filter(|k| !chosen.contains(k))
-                .map(|k| (value(k, &x, own), k))
-                .min_by(|a, b| a.0.total_cmp(&b.0))
-                .filter(|(value, _)| *value < -1e-9 * nearness.of(&x).abs().max(1e-9));
-            let Some((_, k)) = nearer else { break };
-            chosen.push(k);
+            let Some(k) = self.nearest(&line(low), known) else {
+                break;
+            };
+            known.push(k);
             (low, high) = (0.0, low);
         }
-        let x = at(high);
-        let own = here(&x);
-        let last = chosen
+        let x = line(high);
+        let own = self.own_value(&x);
+        let value = |k: usize| self.value(k, &x, own);
+        known
             .iter()
-            .min_by(|a, b| value(**a, &x, own).total_cmp(&value(**b, &x, own)));
-        active.extend(last.filter(|k| !active.contains(k)));
+            .copied()
+            .min_by(|a, b| value(*a).total_cmp(&value(*b)))
     }
-    // Inverses, which are faces as well.
-    let mut chosen = active;
-    for k in chosen.clone() {
-        let Some(back) = inverse(&candidates[k], n) else {
-            continue;
-        };
-        let same = |other: &Vec<f64>| {
-            let pairs = other.iter().zip(&back);
-            pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) <= 1e-6
-        };
-        if let Some(j) = candidates.iter().position(same)
-            && !chosen.contains(&j)
-        {
-            chosen.push(j);
+
+    /// Adds the inverses of `chosen`, whose faces bound the domain as well.
+    fn with_inverses(&self, mut chosen: Vec<usize>) -> Vec<usize> {
+        for k in chosen.clone() {
+            let Some(back) = inverse(&self.elements[k], self.nearness.model.dimension) else {
+                continue;
+            };
+            let same = |other: &Vec<f64>| {
+                let pairs = other.iter().zip(&back);
+                pairs.fold(0.0, |most: f64, (a, b)| most.max((a - b).abs())) <= 1e-6
+            };
+            if let Some(j) = self.elements.iter().position(same)
+                && !chosen.contains(&j)
+            {
+                chosen.push(j);
+            }
         }
+        chosen
     }
-    chosen.sort_unstable();
-    let face = |k: usize| QuotientFace {
-        matrix: candidates[k].clone(),
-        row: rows[k].clone(),
-        metric: (nearness.metric)(nearness.centre),
-    };
-    chosen.into_iter().map(face).collect()
 }
 
 /// Returns the `i`-th of `count` directions spread evenly (Fibonacci's spiral).

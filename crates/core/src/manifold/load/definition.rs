@@ -2,7 +2,7 @@
 
 use super::{Loader, Reading};
 use crate::{
-    document::{Item, Table},
+    document::{Item, TomlTable},
     manifold::{
         Form,
         geometry::{Definition, PAIRS},
@@ -27,7 +27,7 @@ pub(super) struct Given<'d> {
 
 impl Loader<'_> {
     /// The definition with its medium.
-    pub(super) fn read_definition<'d>(&mut self, root: &Table<'d>) -> Reading<Given<'d>> {
+    pub(super) fn read_definition<'d>(&mut self, root: &TomlTable<'d>) -> Reading<Given<'d>> {
         let kinds = ["embedding", "metric", "spacetime"].map(|key| root.get(key));
         match kinds {
             [Some(place), None, None] => {
@@ -69,7 +69,7 @@ impl Loader<'_> {
         Ok(Definition::Embedding(components?))
     }
 
-    fn read_metric(&mut self, table: &Table<'_>) -> Reading<Definition> {
+    fn read_metric(&mut self, table: &TomlTable<'_>) -> Reading<Definition> {
         let zero = self.graph.constant(0.0);
         if let Some(item) = table.get("conformal") {
             table.finish().map_err(|complaint| {
@@ -100,7 +100,7 @@ impl Loader<'_> {
     /// The entries of a symmetric matrix, and which diagonal one is missing.
     pub(super) fn read_entries(
         &mut self,
-        table: &Table<'_>,
+        table: &TomlTable<'_>,
     ) -> Reading<([NodeId; 6], Option<usize>)> {
         let mut entries = [self.graph.constant(0.0); 6];
         let mut missing = None;
@@ -124,7 +124,12 @@ impl Loader<'_> {
         [name(a, b), name(b, a), name(x, y), name(y, x)]
     }
 
-    fn metric_entry<'d>(&self, table: &Table<'d>, i: usize, j: usize) -> Reading<Option<Item<'d>>> {
+    fn metric_entry<'d>(
+        &self,
+        table: &TomlTable<'d>,
+        i: usize,
+        j: usize,
+    ) -> Reading<Option<Item<'d>>> {
         let mut names = self.entry_names(i, j).to_vec();
         let own_xyz = ["x", "y", "z"]
             .iter()

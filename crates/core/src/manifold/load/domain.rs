@@ -3,7 +3,7 @@
 use super::{Loader, Reading};
 use crate::{
     diagnostic::Diagnostic,
-    document::{Item, Table, Text},
+    document::{Item, Text, TomlTable},
     manifold::{Domain, EventKind},
 };
 use geofan_expr::{NodeId, Tape};
@@ -24,7 +24,7 @@ impl Limits {
 }
 
 /// Events with what each stands for.
-type Events = Vec<(EventKind, NodeId)>;
+type EventNodes = Vec<(EventKind, NodeId)>;
 
 impl Loader<'_> {
     pub(super) fn read_domain(&self, item: Option<Item<'_>>) -> Reading<Limits> {
@@ -44,7 +44,7 @@ impl Loader<'_> {
         Ok(limits)
     }
 
-    fn read_glued(&self, table: &Table<'_>, limits: &mut Limits) -> Reading<()> {
+    fn read_glued(&self, table: &TomlTable<'_>, limits: &mut Limits) -> Reading<()> {
         let Some(list) = table.get("periodic") else {
             return Ok(());
         };
@@ -68,7 +68,7 @@ impl Loader<'_> {
         conditions: Vec<NodeId>,
     ) -> Reading<Domain> {
         let exits = exits.into_iter().enumerate();
-        let mut events: Events = exits.map(|(i, e)| (EventKind::Exit(i), e)).collect();
+        let mut events: EventNodes = exits.map(|(i, e)| (EventKind::Exit(i), e)).collect();
         for k in 0..3 {
             if let (Some(interval), None) = (limits.intervals[k], limits.glued(k)) {
                 events.extend(self.limit_events(k, interval));
@@ -92,7 +92,7 @@ impl Loader<'_> {
         })
     }
 
-    fn limit_events(&mut self, k: usize, [low, high]: [f64; 2]) -> Events {
+    fn limit_events(&mut self, k: usize, [low, high]: [f64; 2]) -> EventNodes {
         let u = self.graph.input(k as u32);
         let (low, high) = (self.graph.constant(low), self.graph.constant(high));
         let beyond = [self.graph.sub(low, u), self.graph.sub(u, high)];

@@ -2,7 +2,7 @@
 
 use super::{Loader, Reading, three_texts};
 use crate::{
-    document::{Item, Table},
+    document::{Item, TomlTable},
     manifold::Exit,
 };
 use geofan_expr::{NodeId, Tape};
@@ -47,7 +47,7 @@ impl Loader<'_> {
 
     fn read_exit(
         &mut self,
-        table: &Table<'_>,
+        table: &TomlTable<'_>,
         earlier: &[Exit],
         fields: &[(String, NodeId)],
     ) -> Reading<Exit> {

@@ -6,7 +6,7 @@
 use super::{Loader, Reading};
 use crate::{
     diagnostic::Diagnostic,
-    document::{Item, Table, Text},
+    document::{Item, Text, TomlTable},
     field::{
         Field, FieldPlan, Outside, SampleFault, Samples,
         read::{NumberType, SampleSource},
@@ -46,7 +46,7 @@ impl Loader<'_> {
         Ok(())
     }
 
-    fn read_field(&mut self, name: &Text, table: &Table<'_>) -> Reading<()> {
+    fn read_field(&mut self, name: &Text, table: &TomlTable<'_>) -> Reading<()> {
         // Unknown keys first.
         const KEYS: [&str; 10] = [
             "file", "array", "box", "degree", "outside", "smooth", "shape", "type", "order",
@@ -100,7 +100,7 @@ impl Loader<'_> {
         Ok(())
     }
 
-    fn read_degree(&self, table: &Table<'_>) -> Reading<usize> {
+    fn read_degree(&self, table: &TomlTable<'_>) -> Reading<usize> {
         let Some(item) = table.get("degree") else {
             return Ok(5);
         };
@@ -124,11 +124,11 @@ impl Loader<'_> {
         }
     }
 
-    fn on_axis<'d>(&self, table: &Table<'d>, k: usize) -> Option<Item<'d>> {
+    fn on_axis<'d>(&self, table: &TomlTable<'d>, k: usize) -> Option<Item<'d>> {
         self.axis_keys(k).into_iter().find_map(|key| table.get(key))
     }
 
-    fn read_outside(&self, table: &Table<'_>) -> Reading<[Outside; 3]> {
+    fn read_outside(&self, table: &TomlTable<'_>) -> Reading<[Outside; 3]> {
         let one = |item: &Item<'_>| {
             let text = item.text()?;
             match text.value.as_str() {
@@ -159,7 +159,7 @@ impl Loader<'_> {
     /// Places of the first and last samples: those of the file's own, if no box is given.
     fn read_box(
         &self,
-        table: &Table<'_>,
+        table: &TomlTable<'_>,
         name: &Text,
         samples: &Samples,
         own: Option<[[f64; 2]; 3]>,
@@ -263,7 +263,7 @@ impl Loader<'_> {
 }
 
 /// The files that samples are in.
-fn read_files(table: &Table<'_>) -> Reading<Vec<String>> {
+fn read_files(table: &TomlTable<'_>) -> Reading<Vec<String>> {
     let item = table.require("file")?;
     match item.as_list() {
         None => Ok(vec![item.text()?.value]),
@@ -273,7 +273,7 @@ fn read_files(table: &Table<'_>) -> Reading<Vec<String>> {
 }
 
 /// What is said about the files.
-fn read_source(table: &Table<'_>, files: Vec<std::path::PathBuf>) -> Reading<SampleSource> {
+fn read_source(table: &TomlTable<'_>, files: Vec<std::path::PathBuf>) -> Reading<SampleSource> {
     let word = |key: &str| table.get(key).map(|item| item.text()).transpose();
     let one_of = |key: &str, words: [&str; 2]| match word(key)? {
         None => Ok(false),
@@ -311,7 +311,7 @@ fn read_shape(item: &Item<'_>) -> Reading<[usize; 3]> {
     }
 }
 
-fn read_smooth(table: &Table<'_>) -> Reading<f64> {
+fn read_smooth(table: &TomlTable<'_>) -> Reading<f64> {
     let Some(item) = table.get("smooth") else {
         return Ok(0.0);
     };

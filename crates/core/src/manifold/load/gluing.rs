@@ -118,22 +118,10 @@ impl Loader<'_> {
             Some(item) => DVec3::from_array(item.numbers()?),
             None => DVec3::ZERO,
         };
-        // The model.
-        let texts = lift.texts()?;
-        if !DIMENSIONS.contains(&texts.len()) {
-            return Err(lift.complain(format!(
-                "{} components are not possible here, 3 to 12 are",
-                texts.len()
-            )));
-        }
-        let mut lifted = Vec::new();
-        for text in &texts {
-            lifted.push(self.position_expression(text)?);
-        }
+        let lifted = self.read_lift(&lift)?;
         let model = self.linear_model(&lift, &lifted, &drop)?;
         check_model(&lift, &model, centre)?;
         let matrices = read_matrices(&generators, lifted.len())?;
-        // Its domain.
         let metric = Tape::compile(&self.graph, &metric, 3);
         let metric = metric.map_err(|e| item.complain(e.to_string()))?;
         let metric = |u: DVec3| {
@@ -169,6 +157,21 @@ impl Loader<'_> {
             });
         }
         Ok(faces)
+    }
+
+    /// Reads the components of a point of the model.
+    fn read_lift(&mut self, lift: &Item<'_>) -> Reading<Vec<NodeId>> {
+        let texts = lift.texts()?;
+        if !DIMENSIONS.contains(&texts.len()) {
+            return Err(lift.complain(format!(
+                "{} components are not possible here, 3 to 12 are",
+                texts.len()
+            )));
+        }
+        texts
+            .iter()
+            .map(|text| self.position_expression(text))
+            .collect()
     }
 
     /// Builds `Σ aᵢ xᵢ`.

@@ -5,7 +5,7 @@
 
 use super::{Loader, Reading, definition::Given, three_texts};
 use crate::{
-    document::{Item, Table},
+    document::{Item, TomlTable},
     manifold::{
         Form,
         geometry::Definition,
@@ -22,7 +22,7 @@ impl Loader<'_> {
     /// Reads what stands beside a metric or an embedding.
     pub(super) fn read_medium<'d>(
         &mut self,
-        root: &Table<'d>,
+        root: &TomlTable<'d>,
         form: Form,
         mut definition: Definition,
         place: Item<'d>,
@@ -50,7 +50,7 @@ impl Loader<'_> {
     /// The `[spacetime]` section.
     pub(super) fn read_spacetime<'d>(
         &mut self,
-        root: &Table<'d>,
+        root: &TomlTable<'d>,
         place: Item<'d>,
     ) -> Reading<Given<'d>> {
         if let Some(item) = KEYS.iter().find_map(|key| root.get(key)) {
@@ -76,7 +76,7 @@ impl Loader<'_> {
         Ok(given)
     }
 
-    fn read_spacetime_entries(&mut self, table: &Table<'_>) -> Reading<Entries> {
+    fn read_spacetime_entries(&mut self, table: &TomlTable<'_>) -> Reading<Entries> {
         let names = self.written_in().clone();
         if names.iter().any(|name| name == "t") {
             return Err(table
@@ -169,7 +169,7 @@ fn slices(definition: &Definition, shift: &Item<'_>, medium: &Medium) -> Reading
 }
 
 /// Whose directions `[spacetime]` speaks of.
-fn read_observers(table: &Table<'_>) -> Reading<Form> {
+fn read_observers(table: &TomlTable<'_>) -> Reading<Form> {
     let Some(item) = table.get("observers") else {
         return Ok(Form::Normal);
     };

@@ -18,7 +18,7 @@ mod symmetry;
 use super::{Follows, Manifold, geometry, kin::Kin, pullback::Pullback, tapes::Tapes};
 use crate::{
     diagnostic::{Diagnostic, SourceText},
-    document::{self, Item, Table, Text},
+    document::{self, Item, Reading, Text, TomlTable},
     error::{Error, Result},
     field::Samples,
 };
@@ -30,8 +30,6 @@ use geofan_expr::{
     spelling::nearest,
 };
 use std::sync::Arc;
-
-type Reading<T> = Result<T, Diagnostic>;
 
 /// The keys that a manifold file may have at its top.
 const KEYS: [&str; 19] = [
@@ -71,7 +69,7 @@ pub(super) fn from_source(
             format!("{name}={value} is not finite"),
         ));
     }
-    let read = |root: Table<'_>| Loader::new(source, samples).load(&root, settings);
+    let read = |root: TomlTable<'_>| Loader::new(source, samples).load(&root, settings);
     let manifold = document::read(source, read)?;
     for (name, _) in settings {
         refuse_unless_known(name, &manifold.parameters)?;
@@ -129,7 +127,7 @@ impl<'s> Loader<'s> {
         }
     }
 
-    fn load(mut self, root: &Table<'_>, settings: &[(String, f64)]) -> Reading<Manifold> {
+    fn load(mut self, root: &TomlTable<'_>, settings: &[(String, f64)]) -> Reading<Manifold> {
         refuse_unknown_keys(root)?;
         let name = root.require("name")?.text()?.value;
         self.coordinates = self.read_coordinates(&root.require("coordinates")?)?;
@@ -151,15 +149,8 @@ impl<'s> Loader<'s> {
         let field_exits = self.field_exits(&[definition.nodes(), &medium_nodes].concat());
         let too_large = |e: TapeTooLarge| place.complain(e.to_string());
         let pullback = self.pullback.as_ref().map(|p| p.1.clone());
-        let kin = medium.moves().then(|| {
-            Kin::new(
-                self.graph.clone(),
-                definition.clone(),
-                medium,
-                pullback.clone(),
-            )
-        });
-        let kin = kin.transpose().map_err(too_large)?.map(Arc::new);
+        let kin = Kin::new(&self.graph, &definition, medium, pullback.as_ref());
+        let kin = kin.map_err(too_large)?;
         let seen = match &kin {
             Some(_) => medium.reversed(&mut self.graph),
             None => medium,
@@ -213,7 +204,7 @@ impl<'s> Loader<'s> {
 }
 
 /// First of all, so that a misspelt key is named and not the absence of the right one.
-fn refuse_unknown_keys(root: &Table<'_>) -> Reading<()> {
+fn refuse_unknown_keys(root: &TomlTable<'_>) -> Reading<()> {
     for key in KEYS {
         root.get(key);
     }

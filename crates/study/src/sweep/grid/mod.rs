@@ -19,7 +19,7 @@ pub use grid_samples::{
 pub use stencil::{FEWEST, Interpolation};
 
 use crate::sweep::timing::TimeSpent;
-use geofan_bundle::rays::{Located, Place, RaySpace, Start};
+use geofan_bundle::rays::{LiftedStart, Located, Place, RaySpace};
 use geofan_core::{Result, geodesic::carry};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
@@ -257,7 +257,7 @@ const TRANSPORT_TOLERANCE: f64 = 1e-6;
 pub struct GridPath<'f, 'g> {
     fan: &'f GridFan<'g>,
     located: Located,
-    start: Start,
+    start: LiftedStart,
     row: Vec<f32>,
     /// The departure at every node of the arc length, in cells.
     sums: Vec<Channels>,

@@ -17,14 +17,14 @@ const TOGETHER: usize = 20;
 
 /// Evaluates derivatives of one spline.
 #[derive(Debug, Clone)]
-pub struct Lookup {
+pub struct SplineEvaluator {
     spline: Arc<Spline>,
     orders: Vec<[u8; 3]>,
     /// The highest sum of orders.
     highest: usize,
 }
 
-impl Lookup {
+impl SplineEvaluator {
     /// Sets up the derivatives of these orders along the three axes.
     pub fn new(spline: Arc<Spline>, orders: Vec<[u8; 3]>) -> Self {
         let highest = orders.iter().map(|o| total(*o)).max().unwrap_or(0);

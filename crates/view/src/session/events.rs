@@ -1,0 +1,198 @@
+//! What the events of a user interface do to a session.
+//!
+//! In: a [`ViewerEvent`] and its time. Out: another state of the [`Session`]: its display, its camera, what it shows and
+//! how. What an event asks for is kept between limits, or refused with a hint.
+
+use super::{RayUse, Session};
+use crate::{
+    frame_plan::{FramePlan, Purpose},
+    protocol::{PictureKind, Pose, ViewerEvent},
+    recording::Recording,
+    steering::{Held, Travel},
+};
+use geofan_core::geodesic::check_point;
+use geofan_render::Camera;
+
+/// Angles of view, degrees: outside them a picture on a plane shows nothing that can be recognised.
+const FOVS: [f64; 2] = [2.0, 150.0];
+
+/// Speeds, as shares of the length of paths a second.
+const SPEEDS: [f64; 2] = [1e-5, 10.0];
+
+/// Sides of a display, and of a captured picture.
+const SIDES: [usize; 2] = [16, 8192];
+
+/// Most pixels of a captured picture: a quarter gigabyte of linear light would be four times that.
+const MOST_CAPTURED: usize = 1 << 24;
+
+impl Session {
+    /// Takes note of an event at the time `now`.
+    pub fn handle(&mut self, now: f64, event: ViewerEvent) {
+        self.advance(now);
+        match event {
+            ViewerEvent::Resize { width, height } => self.resize(now, [width, height]),
+            ViewerEvent::Hold {
+                go,
+                turn,
+                roll,
+                fast,
+            } => self.held = Held::new(go, turn, roll, fast),
+            ViewerEvent::Look { right, down } => self.look(now, right, down),
+            ViewerEvent::Speed { factor } => self.speed_up(factor),
+            ViewerEvent::Zoom { factor } => self.zoom(now, factor),
+            ViewerEvent::Home => {
+                let pose = self.space.cameras[0].1;
+                self.place(now, &pose);
+            }
+            ViewerEvent::View { name } => self.go_to_view(now, &name),
+            ViewerEvent::Place(pose) => self.place(now, &pose),
+            ViewerEvent::Show { kind, split } => self.show(now, kind, split),
+            ViewerEvent::Exposure { stops } => self.expose(stops),
+            ViewerEvent::Sky { sky } => {
+                if sky != self.sky {
+                    self.sky = sky;
+                    self.changed_at(now);
+                }
+            }
+            ViewerEvent::Beyond { allowed } => self.beyond = allowed,
+            ViewerEvent::Still { samples } => self.still_samples = samples.clamp(1, 256),
+            ViewerEvent::Resolution { share } => self.set_moving_share(share),
+            ViewerEvent::Paths { passes } => self.trace_paths(now, passes),
+            ViewerEvent::Hover { x, y } => self.pointer = Some((RayUse::Hover, [x, y])),
+            ViewerEvent::Pick { x, y } => self.pointer = Some((RayUse::Pick, [x, y])),
+            ViewerEvent::Follow => self.follow(),
+            ViewerEvent::Halt => self.travel = Travel::None,
+            ViewerEvent::Record { on } => self.record(now, on),
+            ViewerEvent::Replay { text } => self.replay(now, &text),
+            ViewerEvent::Capture {
+                width,
+                height,
+                samples,
+                light,
+            } => self.begin_capture((width as usize, height as usize), samples, light),
+            ViewerEvent::Shown { frame } => self.on_their_way.retain(|number| *number > frame),
+            // Only an engine can load a space again.
+            ViewerEvent::Parameter { .. } => {}
+        }
+    }
+
+    /// Takes another size of the display.
+    fn resize(&mut self, now: f64, sides: [u32; 2]) {
+        let [width, height] = sides.map(|x| (x as usize).clamp(SIDES[0], SIDES[1]));
+        self.display = (width, height);
+        self.changed_at(now);
+    }
+
+    /// Multiplies the speed.
+    fn speed_up(&mut self, factor: f64) {
+        if is_factor(factor) {
+            let [slowest, fastest] = SPEEDS.map(|share| share * self.space.length);
+            self.speed = (self.speed * factor).clamp(slowest, fastest);
+        }
+    }
+
+    /// Multiplies the angle of view.
+    fn zoom(&mut self, now: f64, factor: f64) {
+        if is_factor(factor) {
+            self.fov = (self.fov * factor).clamp(FOVS[0], FOVS[1]);
+            self.changed_at(now);
+        }
+    }
+
+    /// Shows light `2^stops` times as bright.
+    fn expose(&mut self, stops: f64) {
+        if stops.is_finite() {
+            let patches = self.shown.expose(stops.clamp(-20.0, 20.0));
+            self.patches.extend(patches);
+        }
+    }
+
+    /// Goes to a view that the scene gives.
+    fn go_to_view(&mut self, now: f64, name: &str) {
+        let found = self.space.cameras.iter().skip(1).find(|(n, _)| n == name);
+        match found.map(|(_, pose)| *pose) {
+            Some(pose) => self.place(now, &pose),
+            None => self.hint = Some(format!("the scene has no view `{name}`")),
+        }
+    }
+
+    /// Goes to a pose, if a camera can be there.
+    fn place(&mut self, now: f64, pose: &Pose) {
+        let Some(camera) = pose.camera().filter(|_| pose.fov.is_finite()) else {
+            self.hint = Some("this is no place for a camera: it looks nowhere".into());
+            return;
+        };
+        let u = self.space.manifold.domain.wrap(camera.u);
+        if let Err(error) = check_point(&self.space.manifold, "the camera", u) {
+            self.hint = Some(error.to_string());
+            return;
+        }
+        self.travel = Travel::None;
+        self.hint = None;
+        self.camera = Camera { u, ..camera };
+        self.fov = pose.fov.clamp(FOVS[0], FOVS[1]);
+        self.changed_at(now);
+    }
+
+    /// Shows another kind of picture, or two side by side.
+    fn show(&mut self, now: f64, kind: PictureKind, split: Option<PictureKind>) {
+        let needs_table =
+            |kind: &PictureKind| matches!(kind, PictureKind::Table | PictureKind::Error);
+        if self.space.table.is_none()
+            && (needs_table(&kind) || split.as_ref().is_some_and(needs_table))
+        {
+            self.hint = Some("there is no table yet".into());
+            return;
+        }
+        if (kind, split) == (self.kind, self.split) {
+            return;
+        }
+        // Error pictures are of another size: they share no picture with others.
+        let split = split.filter(|second| *second != kind && *second != PictureKind::Error);
+        (self.kind, self.split, self.chosen) =
+            (kind, split.filter(|_| kind != PictureKind::Error), true);
+        self.hint = None;
+        self.control.forget();
+        self.changed_at(now);
+    }
+
+    /// Begins or ends a recording.
+    fn record(&mut self, now: f64, on: bool) {
+        if on {
+            self.recording = Some(Recording::begin(now));
+        }
+        self.note_way(now, !on);
+        if !on && let Some(recording) = self.recording.take() {
+            self.recorded = recording.text();
+            if self.recorded.is_empty() {
+                self.hint = Some("the recording is too short to be a way".into());
+            }
+        }
+    }
+
+    /// Begins to draw a picture that is saved.
+    fn begin_capture(&mut self, size: (usize, usize), samples: u16, light: bool) {
+        let fits = size.0 >= 1 && size.1 >= 1 && size.0 <= SIDES[1] && size.1 <= SIDES[1];
+        if !fits || size.0 * size.1 > MOST_CAPTURED {
+            self.hint = Some(format!("a picture has at most {MOST_CAPTURED} pixels"));
+            return;
+        }
+        let samples = samples.clamp(1, 256);
+        self.capture_light = light;
+        let content = self.content();
+        self.number += 1;
+        let numbers = (self.number, self.revision);
+        self.capture = Some(FramePlan::new(
+            numbers,
+            Purpose::Capture,
+            content,
+            (size, samples),
+            1,
+        ));
+    }
+}
+
+/// Tells whether something can be multiplied by this.
+fn is_factor(factor: f64) -> bool {
+    factor.is_finite() && factor > 0.0
+}
