@@ -358,6 +358,50 @@ fn copies_of_a_glued_space_are_seen_at_earlier_times_the_farther_they_are() {
 }
 
 #[test]
+fn copies_beyond_glued_faces_are_as_late_as_those_of_the_same_space_unfolded() {
+    let camera = "at = [0.1, -0.8, 0.15]\nlook = [0.3, 1, 0.5]\nup = [0, 0, 1]\nfov = 80";
+    let flight = |layer: i32, i: i32, j: i32| {
+        let sign = if layer % 2 == 0 { "" } else { "-" };
+        format!(
+            "path = ['{sign}(0.3 + 0.2*t) + {}', '{sign}0.4*sin(t) + {}', '-0.2 - 0.13*t + {}']\nduring = [-4, 6]\nscale = 0.3\n",
+            2 * i,
+            2 * j,
+            2 * layer
+        )
+    };
+    let mesh = sphere(3, 1.0);
+    let space = catalogue_text("half-turn");
+    let glued = Flight::new(&space, camera, &flight(0, 0, 0), &mesh, 4.0);
+    let mut copies = String::new();
+    for layer in -2..=2 {
+        for (i, j) in (-2..=2).flat_map(|i| (-2..=2).map(move |j| (i, j))) {
+            let first = if copies.is_empty() {
+                ""
+            } else {
+                "[[object]]\nmesh = 'sphere.obj'\nplacement = 'chart'\n"
+            };
+            copies += &(first.to_owned() + &flight(layer, i, j));
+        }
+    }
+    let unfolded = Flight::new(FLAT, camera, &copies, &mesh, 4.0);
+    // The path has left the cube by then.
+    let (stage, view) = glued.stage(5.0);
+    let (flat, flat_view) = unfolded.stage(5.0);
+    let truth = unfolded.exact(&flat, &flat_view);
+    let seen = |seen: &&Seen| matches!(seen, Seen::Surface(_));
+    assert!(truth.iter().filter(seen).count() > 500);
+    let knots = ExactGridTracer::choose_knots(&stage.world.cover, view.u, 4.0, 1e-7);
+    let grid = ExactGridTracer::new(&stage.world.cover, view.u, knots, 1e-7);
+    let interpolated = Paths::Lattice(&grid, 5e-4);
+    let interpolated = trace(&stage.world, &view, interpolated, &offsets(1)).outcomes;
+    for found in [glued.exact(&stage, &view), interpolated] {
+        let other = truth.iter().zip(&found).filter(|(a, b)| !alike(a, b));
+        let other = other.count();
+        assert!(other <= 12, "{other}");
+    }
+}
+
+#[test]
 fn what_is_behind_glass_and_what_paths_are_traced_to_is_seen_as_late() {
     let object = "path = ['0', '6', '0.5*t']\nduring = [-40, 40]\nscale = 1";
     let camera = "at = [0, 0, 0]\nlook = [0, 1, -0.45]\nup = [0, 0, 1]\nfov = 50";

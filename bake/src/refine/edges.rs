@@ -397,7 +397,7 @@ const HALVINGS: f64 = 2.0;
 /// Factor by which boxes of three and more axes of rays whose paths do not meet the same edges may be larger than others
 /// when they are given up: what parts paths is a surface there, and halving all boxes along it takes half as much work
 /// again and leaves four fifths of it.
-const MIXED_OF_MANY_AXES: f64 = 32.0;
+const MIXED_OF_MANY_AXES: f64 = 16.0;
 
 /// The gain, as a share of all that could be gained, that twice the width of a box outweighs.
 const LEAST_GAIN: f64 = 0.1;

@@ -183,6 +183,10 @@ const LEAST_MIXED: f64 = 0.002;
 /// last ones, beside rays that circle for ever, take as many rays as all others and hold next to nothing.
 const LEAST_OPEN: f64 = 0.002;
 
+/// The like share where rays have three and more axes: what is left beside edges there lies along a surface, and to halve
+/// its share takes four times as many boxes.
+const LEAST_OPEN_OF_MANY_AXES: f64 = 0.02;
+
 /// The most boxes of a level that are halved because their paths do not meet the same edges. Those along a face of many dimensions get smaller slowly and ever
 /// more.
 const MOST_MIXED: usize = 384;
@@ -235,7 +239,11 @@ impl RefinementTree {
         let mixed = share > LEAST_MIXED && count <= MOST_MIXED;
         let (_, share) =
             total(|decision| matches!(decision, Decision::Halve(_) | Decision::Mixed(_)));
-        let any = share > LEAST_OPEN;
+        let least = match self.open().next().map_or(0, ParameterBox::arc) {
+            ..3 => LEAST_OPEN,
+            _ => LEAST_OPEN_OF_MANY_AXES,
+        };
+        let any = share > least;
         let mut given_up = 0;
         for decision in decisions.iter_mut() {
             *decision = match decision {

@@ -45,13 +45,13 @@ pub(super) fn sky_errors(world: &World, a: &Outcomes, b: &Outcomes) -> Quantiles
 /// Measures the angles at the camera, mrad, by which the lattice at the middle of every pixel misses the path
 /// that the table has there: of the sky's direction or of the point met. Pixels that see another
 /// exit or another object are left out: an edge between pixels moves by less than a pixel there, and
-/// no angle tells by how much.
+/// no angle tells by how much. Beside them, the share of those measured that are off by more than four budgets.
 pub(super) fn lattice_errors(
     world: &World,
     view: &View,
     tracer: &dyn GridTracer,
     budget: f64,
-) -> Quantiles {
+) -> (Quantiles, f64) {
     // Both as they are seen at every pixel.
     let offsets = offsets(1);
     let by = |paths| trace(world, view, paths, &offsets).outcomes;
@@ -76,8 +76,13 @@ pub(super) fn lattice_errors(
                 .then(|| 1e3 * seen_angle(found.at - here.at, [right, down], here.along, here.unit))
         })
         .collect();
-    Quantiles::of(&mut errors)
+    let beyond = errors.iter().filter(|e| **e > BEYOND * 1e3 * budget);
+    let beyond = beyond.count() as f64 / errors.len().max(1) as f64;
+    (Quantiles::of(&mut errors), beyond)
 }
+
+/// Number of budgets beyond which a pixel counts as missed: what fewer do is still less than two pixels of a usual picture.
+const BEYOND: f64 = 4.0;
 
 /// Gives what a sample sees as a vector that can be compared with another's.
 struct SeenPlace {

@@ -104,6 +104,7 @@ pub fn compare(
     let equal_error = equal_error_exact(world, view, goal, table.length, options);
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
     // The differences.
+    let (lattice_mrad, lattice_beyond) = errors::lattice_errors(world, view, &tracer, budget);
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let exact_times = comparison_report::frame_times(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
@@ -113,7 +114,8 @@ pub fn compare(
         flip: mean_flip(&flip),
         mrad,
         screen_mrad,
-        lattice_mrad: errors::lattice_errors(world, view, &tracer, budget),
+        lattice_mrad,
+        lattice_beyond,
         sky_mrad: errors::sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
