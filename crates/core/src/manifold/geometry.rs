@@ -213,12 +213,9 @@ fn by_metric(
         half_difference(graph, forth, back)
     });
     let factors = factor(graph, g);
-    let zero = graph.constant(0.0);
-    let acceleration = match g {
-        [xx, yy, zz, off @ ..] if xx == yy && xx == zz && off == [zero; 3] => {
-            conformal(graph, xx, v, axes)
-        }
-        _ => solve(graph, &factors, force),
+    let acceleration = match is_conformal(graph, g) {
+        true => conformal(graph, g[0], v, axes),
+        false => solve(graph, &factors, force),
     };
     let bare = Bare {
         metric: g,
@@ -227,6 +224,12 @@ fn by_metric(
         twist,
     };
     finish(graph, bare, along, None)
+}
+
+/// Tells whether the metric with these entries is a factor times the unit matrix.
+pub(super) fn is_conformal(graph: &mut Graph, [xx, yy, zz, off @ ..]: [NodeId; 6]) -> bool {
+    let zero = graph.constant(0.0);
+    xx == yy && xx == zz && off == [zero; 3]
 }
 
 /// The acceleration where `G = g 1`: `a = |v|² q − 2 (q·v) v` with `q = ∇g / 2g`, half as many

@@ -238,6 +238,11 @@ impl Manifold {
         &self.tapes.metric
     }
 
+    /// Tells whether angles are those of the chart's coordinates: the metric is a factor times their own.
+    pub fn is_conformal(&self) -> bool {
+        self.tapes.conformal
+    }
+
     /// The tape (u, v, δu₁, δv₁, δu₂, δv₂) -> acceleration (3), then the turning rate (3) if the frame
     /// is carried, then the deviation's acceleration (3 + 3) if it is, and as the rest
     /// ([`Tape::run_rest`]) the metric (6) and, where [`Manifold::has_wind`], the wind (3).

@@ -18,6 +18,8 @@ use std::sync::{Arc, OnceLock};
 pub(super) struct Tapes {
     /// u -> G (6), S (6).
     pub metric: Tape,
+    /// Set if G is a factor times the unit matrix.
+    pub conformal: bool,
     /// u -> the first three rows of the Jacobian, for an embedding.
     pub jacobian: Option<Tape>,
     /// Flows by [`Carried::index`].
@@ -74,6 +76,7 @@ impl Tapes {
                 .transpose()?,
             parts: *medium,
             switching: switching(&mut graph, definition, medium)?,
+            conformal: geometry::is_conformal(&mut graph, geometry.metric),
             jet: Arc::new(Jet {
                 graph,
                 metric: geometry.metric,

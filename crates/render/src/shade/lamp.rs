@@ -60,35 +60,45 @@ impl<'w> Lamp<'w> {
         self.waiting.clear();
     }
 
-    /// Lights hits by the lamp at the camera.
+    /// Lights hits by the lamp at the camera. Of a conformal metric cosines do not ask the factor.
     fn by_lamp(&mut self, waiting: &[(usize, Hit, Footprint)], row: &mut [f32]) {
+        let (world, manifold) = (self.world, &*self.world.manifold);
+        let asked = !manifold.has_wind() && !manifold.is_conformal();
         for sixteen in waiting.chunks(LANES) {
-            for (lane, (_, hit, _)) in sixteen.iter().enumerate() {
-                let u = self.world.point(hit);
-                for c in 0..3 {
-                    self.registers.input(c)[lane] = u[c];
-                }
+            if asked {
+                self.ask_metric(sixteen);
             }
-            let tape = self.world.manifold.metric_tape();
-            vectorised(
-                #[inline(always)]
-                || tape.run(&mut self.registers),
-            );
             for (lane, (index, hit, footprint)) in sixteen.iter().enumerate() {
-                let cosine = self.cosine(lane, hit);
+                let (n, v) = (world.covector(hit), hit.v.as_dvec3());
+                let cosine = match asked {
+                    true => self.by_metric(lane, n, v),
+                    false if manifold.has_wind() => at_rest(world, hit, n, v),
+                    false => cosine(n.dot(v), n.length() * v.length()),
+                };
                 put(row, *index, self.surface(hit, footprint, cosine as f32));
             }
         }
     }
 
+    /// Evaluates the metric at sixteen hits.
+    fn ask_metric(&mut self, sixteen: &[(usize, Hit, Footprint)]) {
+        for (lane, (_, hit, _)) in sixteen.iter().enumerate() {
+            let u = self.world.point(hit);
+            for c in 0..3 {
+                self.registers.input(c)[lane] = u[c];
+            }
+        }
+        let tape = self.world.manifold.metric_tape();
+        vectorised(
+            #[inline(always)]
+            || tape.run(&mut self.registers),
+        );
+    }
+
     /// Computes the cosine between ray and normal, from the metric (outputs 0 to 5: xx, yy, zz, xy, xz, yz)
     /// and the frame (6 to 11: 11, 22, 33, 12, 13, 23) in `lane`.
-    fn cosine(&self, lane: usize, hit: &Hit) -> f64 {
+    fn by_metric(&self, lane: usize, n: DVec3, v: DVec3) -> f64 {
         let o = |k: usize| self.registers.output(k)[lane];
-        let (n, v) = (self.world.covector(hit), hit.v.as_dvec3());
-        if self.world.manifold.has_wind() {
-            return at_rest(self.world, hit, n, v);
-        }
         let across = DVec3::new(
             o(6) * n.x,
             o(9) * n.x + o(7) * n.y,
@@ -98,12 +108,7 @@ impl<'w> Lamp<'w> {
             + o(1) * v.y * v.y
             + o(2) * v.z * v.z
             + 2.0 * (o(3) * v.x * v.y + o(4) * v.x * v.z + o(5) * v.y * v.z);
-        let cosine = n.dot(v).abs() / (across.length() * squared.sqrt());
-        if cosine.is_finite() {
-            cosine.min(1.0)
-        } else {
-            0.0
-        }
+        cosine(n.dot(v), across.length() * squared.sqrt())
     }
 
     /// Returns the colour of a surface that the lamp meets at this cosine.
@@ -129,7 +134,12 @@ impl<'w> Lamp<'w> {
 fn at_rest(world: &World, hit: &Hit, n: DVec3, v: DVec3) -> f64 {
     let frame = world.manifold.rest_frames(&[world.point(hit)])[0];
     let (across, along) = (frame.transpose() * n, frame.inverse() * v);
-    let cosine = across.dot(along).abs() / (across.length() * along.length());
+    cosine(across.dot(along), across.length() * along.length())
+}
+
+/// Returns the magnitude of a cosine by a product and lengths; 0 where that is no number.
+fn cosine(product: f64, lengths: f64) -> f64 {
+    let cosine = product.abs() / lengths;
     if cosine.is_finite() {
         cosine.min(1.0)
     } else {
