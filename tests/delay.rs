@@ -371,10 +371,10 @@ fn copies_beyond_glued_faces_are_as_late_as_those_of_the_same_space_unfolded() {
     };
     let mesh = sphere(3, 1.0);
     let space = catalogue_text("half-turn");
-    let glued = Flight::new(&space, camera, &flight(0, 0, 0), &mesh, 4.0);
+    let glued = Flight::new(&space, camera, &flight(0, 0, 0), &mesh, 2.6);
     let mut copies = String::new();
-    for layer in -2..=2 {
-        for (i, j) in (-2..=2).flat_map(|i| (-2..=2).map(move |j| (i, j))) {
+    for layer in -1..=1 {
+        for (i, j) in (-2..=1).flat_map(|i| (-2..=1).map(move |j| (i, j))) {
             let first = if copies.is_empty() {
                 ""
             } else {
@@ -383,21 +383,21 @@ fn copies_beyond_glued_faces_are_as_late_as_those_of_the_same_space_unfolded() {
             copies += &(first.to_owned() + &flight(layer, i, j));
         }
     }
-    let unfolded = Flight::new(FLAT, camera, &copies, &mesh, 4.0);
+    let unfolded = Flight::new(FLAT, camera, &copies, &mesh, 2.6);
     // The path has left the cube by then.
     let (stage, view) = glued.stage(5.0);
     let (flat, flat_view) = unfolded.stage(5.0);
     let truth = unfolded.exact(&flat, &flat_view);
     let seen = |seen: &&Seen| matches!(seen, Seen::Surface(_));
-    assert!(truth.iter().filter(seen).count() > 500);
-    let knots = ExactGridTracer::choose_knots(&stage.world.cover, view.u, 4.0, 1e-7);
+    assert!(truth.iter().filter(seen).count() > 150);
+    let knots = ExactGridTracer::choose_knots(&stage.world.cover, view.u, 2.6, 1e-7);
     let grid = ExactGridTracer::new(&stage.world.cover, view.u, knots, 1e-7);
     let interpolated = Paths::Lattice(&grid, 5e-4);
     let interpolated = trace(&stage.world, &view, interpolated, &offsets(1)).outcomes;
     for found in [glued.exact(&stage, &view), interpolated] {
         let other = truth.iter().zip(&found).filter(|(a, b)| !alike(a, b));
         let other = other.count();
-        assert!(other <= 12, "{other}");
+        assert!(other <= 6, "{other}");
     }
 }
 
