@@ -1,9 +1,9 @@
 //! Objects that are far larger than their space: clipped to what light reaches, with a word, in any
-//! placement and in a time that anybody waits for.
+//! placement and in no more triangles than anybody waits for.
 
 use geofan_render::{ExactTracer, Seen, Stage, frame::Paths, frame::trace};
 use glam::DVec2;
-use std::{path::Path, time::Instant};
+use std::path::Path;
 
 /// Loads a scene with a square of side 2 across the x axis at x = −1, so many times as large.
 fn stage(folder: &Path, space: &str, placement: &str, scale: f64) -> Result<Stage, String> {
@@ -22,10 +22,12 @@ fn stage(folder: &Path, space: &str, placement: &str, scale: f64) -> Result<Stag
          [[object]]\nmesh = 'square.obj'\nat = [-1, 0.1, 0.2]\nscale = {scale}\nplacement = '{placement}'\n"
     );
     write("scene.toml", &scene);
-    let began = Instant::now();
     let loaded = Stage::load(&folder.join("scene.toml"), &[]);
-    assert!(began.elapsed().as_secs() < 60, "{space}, {placement}");
-    loaded.map_err(|error| error.report(false))
+    let stage = loaded.map_err(|error| error.report(false))?;
+    // What takes long is to place triangles.
+    let count = stage.world.faces.len();
+    assert!(count < 200_000, "{space}, {placement}: {count}");
+    Ok(stage)
 }
 
 /// The share of a small picture that sees the object, and its mean distance there.
@@ -105,11 +107,6 @@ fn where_lengths_grow_exponentially_triangles_do_not() {
     let half = "metric = { conformal = '1/(z + 2)' }\ndomain = { z = [-1.999, 1000] }\n\
                 cameras = { length = 9 }\n";
     let stage = stage(folder.path(), half, "exponential", 1e5).unwrap();
-    assert!(
-        stage.world.faces.len() < 200_000,
-        "{}",
-        stage.world.faces.len()
-    );
     let told = &stage.world.warnings;
     assert!(told.iter().any(|w| w.contains("far beyond")), "{told:?}");
 }
