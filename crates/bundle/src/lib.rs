@@ -44,7 +44,7 @@
 //!     coefficients: ArrayD::zeros(IxDyn(&[1, 1, 1, 1, 3])),
 //!     variables: Variables::of_face(1, plan.stretch),
 //! };
-//! let tensor = Train::plain(&polynomial).rounded(Step::near(1e-6)).expect("zeros are small");
+//! let tensor = Train::plain(&polynomial).rounded(StepSize::near(1e-6)).expect("zeros are small");
 //! let chunk = Tree::Leaf(Arc::new(tensor)).encode();
 //! let chunks = (0..6).map(|face| (face, chunk.clone())).collect();
 //! let bytes = Contents::new(space, plan, 0, chunks)?.encode()?;
