@@ -18,7 +18,7 @@
 //!
 //! ```
 //! use geofan_bundle::{
-//!     Bundle, Contents, LookupError, PlanRecord, Polynomial, Step, Train, Tree, Variables, rays::RaySpace,
+//!     Bundle, Contents, LookupError, PlanRecord, Polynomial, StepSize, Train, Tree, Variables, rays::RaySpace,
 //! };
 //! use geofan_core::{diagnostic::SourceText, manifold::Manifold};
 //! use glam::DVec3;

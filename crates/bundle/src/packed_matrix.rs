@@ -164,15 +164,20 @@ fn in_panels(values: &[f64], axes: PanelAxes, per_step: f64) -> Vec<Lane16<i32>>
     } = axes;
     let mut integers = vec![[0; LANES]; axes.rows() * axes.panels_per_row() * along];
     // Row by row, each to its place in all panels across it.
-    for (row, numbers) in values.chunks_exact(columns).enumerate() {
-        let (before, k, after) = (row / after / along, row / after % along, row % after);
-        let first = (before * axes.after + after) * axes.panels_per_row();
-        for (panel, numbers) in numbers.chunks(LANES).enumerate() {
-            let to = &mut integers[(first + panel) * along + k];
-            let pairs = to.iter_mut().zip(numbers);
-            pairs.for_each(|(to, x)| *to = (x * per_step).round() as i32);
-        }
-    }
+    vectorised(
+        #[inline(always)]
+        || {
+            for (row, numbers) in values.chunks_exact(columns).enumerate() {
+                let (before, k, after) = (row / after / along, row / after % along, row % after);
+                let first = (before * axes.after + after) * axes.panels_per_row();
+                for (panel, numbers) in numbers.chunks(LANES).enumerate() {
+                    let to = &mut integers[(first + panel) * along + k];
+                    let pairs = to.iter_mut().zip(numbers);
+                    pairs.for_each(|(to, x)| *to = (x * per_step).round() as i32);
+                }
+            }
+        },
+    );
     integers
 }
 

@@ -22,7 +22,7 @@ use crate::{
     matrix::{added, product},
     polynomial::{TermWeights, Variables},
     rdoq::unweight,
-    train_core::{Core, Factor, OpenMatrix, Power, StepSize, axis_along, matrix_chain},
+    train_core::{Core, Factor, OpenMatrix, Power, StepSize, StoredCore, axis_along, matrix_chain},
     tree::TensorShape,
 };
 use geofan_core::parallel::*;
@@ -239,54 +239,6 @@ impl Tensor {
         }
     }
 
-    /// Reads what [`Tensor::encode`] wrote: a tensor of this `shape`.
-    ///
-    /// # Errors
-    /// It is not one.
-    pub(crate) fn decode(
-        input: &mut ByteReader<'_>,
-        integers: &mut IntegerDecoder,
-        shape: TensorShape,
-        budget: &DecodeBudget,
-    ) -> Result<Self, DecodeError> {
-        let TensorShape {
-            variables,
-            directions,
-            channels,
-        } = shape;
-        let rays = variables.cameras + directions;
-        // Layout and step.
-        let layout = Layout::of_code(input.u8()?, rays);
-        let layout = layout.ok_or(DecodeError("layout of a tensor"))?;
-        let step = Power(input.i16()?).within_range("step")?;
-        // The cores, each behind the one before.
-        let mut cores: Vec<Core> = Vec::new();
-        let axes = layout.cores(rays);
-        for (k, axes_of_core) in axes.iter().enumerate() {
-            let last = k + 1 == axes.len();
-            let along = axis_along(axes_of_core, variables.cameras);
-            let read = (axes_of_core.len(), along);
-            let core = Core::decode(input, integers, (cores.last(), last), read, (step, budget))?;
-            if last && core.shape[axes_of_core.len()] != channels {
-                return Err(DecodeError("number of channels"));
-            }
-            cores.push(core);
-        }
-        let tensor = Self {
-            layout,
-            variables,
-            step,
-            cores,
-            rows: OnceLock::new(),
-        };
-        // A camera opens all directions of the tensor at once, in single precision.
-        budget.take_memory(tensor.opened(variables.cameras).saturating_mul(4))?;
-        match tensor.is_finite() {
-            true => Ok(tensor),
-            false => Err(DecodeError("size of coefficients")),
-        }
-    }
-
     /// Tells whether products of neighbouring cores, in any order, stay far from the end of single precision.
     fn is_finite(&self) -> bool {
         let sizes = self.cores.iter().map(|core| core.largest_sum);
@@ -310,6 +262,106 @@ impl Tensor {
         };
         rays.iter()
             .fold(width as u64, |all, n| all.saturating_mul(*n as u64))
+    }
+}
+
+/// A tensor whose cores are being restored.
+#[derive(Debug)]
+pub(crate) struct StoredTensor {
+    layout: Layout,
+    variables: Variables,
+    step: StepSize,
+    /// Number of terms along the arc length.
+    lengths: usize,
+    cores: Vec<Arc<OnceLock<Result<Core, DecodeError>>>>,
+}
+
+/// Restores cores while the next ones are read.
+#[derive(Clone, Copy)]
+pub(crate) struct Restoring<'r, 's> {
+    /// Takes the work.
+    pub scope: &'r Scope<'s>,
+    /// What the tensors of a table may ask for.
+    pub budget: &'s DecodeBudget,
+}
+
+impl StoredTensor {
+    /// Reads what [`Tensor::encode`] wrote: a tensor of this `shape`.
+    ///
+    /// # Errors
+    /// It is not one.
+    pub fn decode(
+        input: &mut ByteReader<'_>,
+        integers: &mut IntegerDecoder,
+        shape: TensorShape,
+        Restoring { scope, budget }: Restoring<'_, '_>,
+    ) -> Result<Self, DecodeError> {
+        let TensorShape {
+            variables,
+            directions,
+            channels,
+        } = shape;
+        let rays = variables.cameras + directions;
+        // Layout and step.
+        let layout = Layout::of_code(input.u8()?, rays);
+        let layout = layout.ok_or(DecodeError("layout of a tensor"))?;
+        let step = Power(input.i16()?).within_range("step")?;
+        // The cores, each behind the one before.
+        let (mut cores, mut before, mut lengths) = (Vec::new(), None, 0);
+        let axes = layout.cores(rays);
+        for (k, axes_of_core) in axes.iter().enumerate() {
+            let last = k + 1 == axes.len();
+            let along = axis_along(axes_of_core, variables.cameras);
+            let read = (axes_of_core.len(), along);
+            let core = StoredCore::decode(input, integers, (before, last), read, (step, budget))?;
+            if last && core.length(axes_of_core.len() - 1) != channels {
+                return Err(DecodeError("number of channels"));
+            }
+            if last {
+                lengths = core.length(axes_of_core.len() - 2);
+            }
+            before = Some(core.before());
+            let place = Arc::new(OnceLock::new());
+            cores.push(place.clone());
+            scope.spawn(move |_| _ = place.set(core.restored(budget)));
+        }
+        Ok(Self {
+            layout,
+            variables,
+            step,
+            lengths,
+            cores,
+        })
+    }
+
+    /// Returns the number of terms along the arc length.
+    pub fn lengths(&self) -> usize {
+        self.lengths
+    }
+
+    /// Returns the tensor, once all its cores are restored.
+    ///
+    /// # Errors
+    /// Its numbers are too large, or more than is left of the budget.
+    pub fn restored(self, budget: &DecodeBudget) -> Result<Tensor, DecodeError> {
+        let core = |place| {
+            let place = Arc::into_inner(place).and_then(OnceLock::into_inner);
+            place.unwrap_or(Err(DecodeError("order of cores")))
+        };
+        let tensor = Tensor {
+            cores: self.cores.into_iter().map(core).collect::<Result<_, _>>()?,
+            layout: self.layout,
+            variables: self.variables,
+            step: self.step,
+            rows: OnceLock::new(),
+        };
+        // A camera opens all directions of the tensor at once, in single precision.
+        let opened = tensor.opened(tensor.variables.cameras);
+        budget.take_memory(opened.saturating_mul(4))?;
+        match tensor.is_finite() {
+            true => Ok(tensor),
+            false => Err(DecodeError("size of coefficients")),
+        }
     }
 }
 

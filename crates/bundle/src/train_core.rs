@@ -12,7 +12,7 @@ use crate::{
     matrix::{product, summed},
     packed_matrix::{PackedMatrix, Packing, PaddedSums, PanelAxes},
 };
-use geofan_expr::real::Real;
+use geofan_expr::{real::Real, vectorised};
 
 /// The most coefficients along the arc length.
 pub const MOST_DEGREES: usize = 64;
@@ -116,9 +116,7 @@ impl Core {
             true => vec![1.0; row(&shape)],
             false => scales.iter().map(|scale| 1.0 / scale.value()).collect(),
         };
-        let columns = values.chunks_exact(factors.len());
-        let products = columns.flat_map(|row| row.iter().zip(&factors).map(|(x, f)| (x * f).abs()));
-        let largest = products.fold(0.0, f64::max);
+        let largest = largest_product(&values, &factors);
         let summed = shape[..shape.len() - 1].iter().product::<usize>();
         Self {
             largest_sum: largest * summed as f64,
@@ -201,7 +199,26 @@ impl Core {
         let scales: Vec<i32> = scales.collect();
         integers.put(&[scales.len()], scales.len(), &scales);
     }
+}
 
+/// A core as it is read, before its values are restored.
+#[derive(Debug)]
+pub(crate) struct StoredCore {
+    shape: Vec<usize>,
+    along: usize,
+    orthogonality: Orthogonality,
+    integers: Vec<i32>,
+    scales: Vec<Scale>,
+}
+
+/// What the next core has to know of one.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CoreBefore {
+    orthogonality: Orthogonality,
+    ranks: usize,
+}
+
+impl StoredCore {
     /// Reads what [`Core::encode`] wrote: a core of so many `axes`, read along the axis `along`, behind
     /// another, and whether it is the last.
     ///
@@ -210,11 +227,11 @@ impl Core {
     pub fn decode(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
-        (before, last): (Option<&Self>, bool),
+        (before, last): (Option<CoreBefore>, bool),
         (axes, along): (usize, usize),
         (step, budget): (StepSize, &DecodeBudget),
     ) -> Result<Self, DecodeError> {
-        let left = before.map_or(1, |core| core.scales.len());
+        let left = before.map_or(1, |core| core.ranks);
         // The shape, and the vectors that are stored.
         let shape = decode_shape(input, left, axes, last)?;
         let orthogonality = Orthogonality::behind(before.map(|c| c.orthogonality), &shape);
@@ -235,11 +252,55 @@ impl Core {
                     .within_range("scale of a rank")
             });
         let scales = scales.collect::<Result<_, _>>()?;
-        let packing = Packing::Small;
-        let core = Self::new((shape, along), orthogonality, stored, scales, packing);
+        Ok(Self {
+            shape,
+            along,
+            orthogonality,
+            integers: stored,
+            scales,
+        })
+    }
+
+    /// Returns what the next core has to know.
+    pub fn before(&self) -> CoreBefore {
+        CoreBefore {
+            orthogonality: self.orthogonality,
+            ranks: self.scales.len(),
+        }
+    }
+
+    /// Returns the length of an axis of the core.
+    pub fn length(&self, axis: usize) -> usize {
+        self.shape[1 + axis]
+    }
+
+    /// Restores the values.
+    ///
+    /// # Errors
+    /// They need more memory than is left of the budget.
+    pub fn restored(self, budget: &DecodeBudget) -> Result<Core, DecodeError> {
+        let shape = (self.shape, self.along);
+        let (kind, packing) = (self.orthogonality, Packing::Small);
+        let core = Core::new(shape, kind, self.integers, self.scales, packing);
         budget.take_memory(core.values.bytes() as u64)?;
         Ok(core)
     }
+}
+
+/// Finds the largest magnitude of rows of `values` multiplied by `factors`.
+fn largest_product(values: &[f64], factors: &[f64]) -> f64 {
+    let mut largest = vec![0.0_f64; factors.len()];
+    vectorised(
+        #[inline(always)]
+        || {
+            for row in values.chunks_exact(factors.len()) {
+                for ((largest, x), factor) in largest.iter_mut().zip(row).zip(factors) {
+                    *largest = largest.max((x * factor).abs());
+                }
+            }
+        },
+    );
+    largest.into_iter().fold(0.0, f64::max)
 }
 
 /// Returns the sizes of a core of this shape, its vectors of this `length`.

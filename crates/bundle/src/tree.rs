@@ -12,8 +12,9 @@ use crate::{
     decode_budget::DecodeBudget,
     polynomial::Variables,
     rays::FACES,
-    tensor::Tensor,
+    tensor::{Restoring, StoredTensor, Tensor},
 };
+use geofan_core::parallel::*;
 use std::sync::Arc;
 
 /// A box of the table, divided or not; `P` is a patch.
@@ -91,6 +92,38 @@ impl<P> Tree<P> {
             Tree::Edge { parts, .. } => counts(parts.as_slice()),
         }
     }
+
+    /// Makes another patch of each.
+    ///
+    /// # Errors
+    /// The first that `map` meets.
+    fn mapped<Q, E>(self, map: &impl Fn(P) -> Result<Q, E>) -> Result<Tree<Q>, E> {
+        Ok(match self {
+            Tree::Flagged => Tree::Flagged,
+            Tree::Leaf(patch) => Tree::Leaf(map(patch)?),
+            Tree::Split { axis, halves } => Tree::Split {
+                axis,
+                halves: all_mapped(*halves, map)?,
+            },
+            Tree::Faces(faces) => Tree::Faces(all_mapped(*faces, map)?),
+            Tree::Edge { place, parts } => Tree::Edge {
+                place: map(place)?,
+                parts: all_mapped(*parts, map)?,
+            },
+        })
+    }
+}
+
+/// Makes other patches of all `parts`.
+fn all_mapped<P, Q, E, const N: usize>(
+    parts: [Tree<P>; N],
+    map: &impl Fn(P) -> Result<Q, E>,
+) -> Result<Box<[Tree<Q>; N]>, E> {
+    let mut all = [const { Tree::Flagged }; N];
+    for (to, part) in all.iter_mut().zip(parts) {
+        *to = part.mapped(map)?;
+    }
+    Ok(Box::new(all))
 }
 
 /// Counts the patches and flagged boxes of all `parts`.
@@ -167,16 +200,23 @@ impl Tree {
         let mut integers = decoder(&mut input)?;
         let mut structure = ByteReader(input.bytes()?);
         input.finish()?;
-        let tree = Self::take(&mut structure, &mut integers, (shape, budget), 0)?;
+        // Integers can only be read one after the other, by this thread: one of those that pictures wait for would be
+        // gone for long. Those restore what has been read meanwhile.
+        let tree = scope(|scope| {
+            let restoring = Restoring { scope, budget };
+            Tree::take(&mut structure, &mut integers, (shape, restoring), 0)
+        })?;
         structure.finish()?;
         integers.finish()?;
-        Ok(tree)
+        tree.mapped(&|tensor| Ok(Arc::new(tensor.restored(budget)?)))
     }
+}
 
+impl Tree<StoredTensor> {
     fn take(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
-        (shape, budget): (TensorShape, &DecodeBudget),
+        (shape, restoring): (TensorShape, Restoring<'_, '_>),
         depth: usize,
     ) -> Result<Self, DecodeError> {
         if depth > DEEPEST {
@@ -185,13 +225,13 @@ impl Tree {
         match input.u8()? {
             FLAGGED => Ok(Tree::Flagged),
             PATCH => {
-                let tensor = Tensor::decode(input, integers, shape, budget)?;
-                Ok(Tree::Leaf(Arc::new(tensor)))
+                let tensor = StoredTensor::decode(input, integers, shape, restoring)?;
+                Ok(Tree::Leaf(tensor))
             }
             // The sphere may be parted into faces once.
             PARTED if shape.variables.sphere => {
                 let shape = shape.of_a_face();
-                let face = |_| Self::take(input, integers, (shape, budget), depth + 1);
+                let face = |_| Self::take(input, integers, (shape, restoring), depth + 1);
                 let faces: Result<Vec<Self>, DecodeError> = (0..FACES).map(face).collect();
                 let faces = faces?.try_into();
                 Ok(Tree::Faces(
@@ -200,20 +240,21 @@ impl Tree {
             }
             // Where paths meet edges the directions of each face are apart.
             BROKEN if !shape.variables.sphere => {
-                let place = Tensor::decode(input, integers, shape.of_a_place(), budget)?;
-                if place.shape()[shape.arc()] != 1 {
+                let own = shape.of_a_place();
+                let place = StoredTensor::decode(input, integers, own, restoring)?;
+                if place.lengths() != 1 {
                     return Err(DecodeError("place of an edge"));
                 }
-                let before = Self::take(input, integers, (shape, budget), depth + 1)?;
-                let behind = Self::take(input, integers, (shape, budget), depth + 1)?;
+                let before = Self::take(input, integers, (shape, restoring), depth + 1)?;
+                let behind = Self::take(input, integers, (shape, restoring), depth + 1)?;
                 Ok(Tree::Edge {
-                    place: Arc::new(place),
+                    place,
                     parts: Box::new([before, behind]),
                 })
             }
             axis if shape.may_halve(usize::from(axis)) => {
-                let low = Self::take(input, integers, (shape, budget), depth + 1)?;
-                let high = Self::take(input, integers, (shape, budget), depth + 1)?;
+                let low = Self::take(input, integers, (shape, restoring), depth + 1)?;
+                let high = Self::take(input, integers, (shape, restoring), depth + 1)?;
                 Ok(Tree::Split {
                     axis: usize::from(axis),
                     halves: Box::new([low, high]),

@@ -4,18 +4,36 @@
 //! written once, and what a browser runs brings no threads along.
 
 #[cfg(feature = "parallel")]
-pub use rayon::{current_num_threads as threads, join, prelude::*};
+pub use rayon::{Scope, current_num_threads as threads, in_place_scope as scope, join, prelude::*};
 
 #[cfg(not(feature = "parallel"))]
 pub use sequential::*;
 
 #[cfg(not(feature = "parallel"))]
 mod sequential {
-    use std::slice::{Chunks, ChunksExactMut, ChunksMut, Iter, IterMut};
+    use std::{
+        marker::PhantomData,
+        slice::{Chunks, ChunksExactMut, ChunksMut, Iter, IterMut},
+    };
 
     /// Does `a`, then `b`.
     pub fn join<A, B>(a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
         (a(), b())
+    }
+
+    /// Does work that hands pieces of it to a [`Scope`], and returns when all are done.
+    pub fn scope<'s, T>(work: impl FnOnce(&Scope<'s>) -> T) -> T {
+        work(&Scope(PhantomData))
+    }
+
+    /// Takes pieces of work.
+    pub struct Scope<'s>(PhantomData<&'s ()>);
+
+    impl<'s> Scope<'s> {
+        /// Does a piece of work.
+        pub fn spawn(&self, piece: impl FnOnce(&Self) + 's) {
+            piece(self);
+        }
     }
 
     /// Returns how many threads work.
