@@ -206,9 +206,10 @@ impl Tree {
             let restoring = Restoring { scope, budget };
             Tree::take(&mut structure, &mut integers, (shape, restoring), 0)
         })?;
+        let tree = tree.mapped(&|tensor| Ok(Arc::new(tensor.restored(budget)?)))?;
         structure.finish()?;
         integers.finish()?;
-        tree.mapped(&|tensor| Ok(Arc::new(tensor.restored(budget)?)))
+        Ok(tree)
     }
 }
 
