@@ -9,7 +9,7 @@ use geofan_core::{
 };
 use geofan_light::path_tracer::{Estimator, PathTracerSettings};
 use geofan_render::{
-    ExactGridTracer, ExactTracer, Lookup, Seen, Stage, View,
+    ExactGridTracer, ExactTracer, Seen, Stage, View,
     drawing::draw,
     frame::{Outcomes, Paths, offsets, trace},
     no_clock,
@@ -17,7 +17,7 @@ use geofan_render::{
     starts::{RayStart, starts},
 };
 use glam::{DMat3, DVec2, DVec3};
-use support::{Place, catalogue_text, film};
+use support::{Place, by_table, catalogue_text, film};
 
 /// The unit sphere as a mesh, an octahedron's faces cut into `n²` pieces each, stretched along z.
 fn sphere(n: usize, stretch: f64) -> String {
@@ -253,11 +253,7 @@ fn a_star_about_a_hole_is_seen_where_it_was_in_each_of_its_images() {
     let grid = ExactGridTracer::new(&stage.world.cover, view.u, knots, 1e-7);
     for paths in [Paths::Lattice(&grid, 5e-4), Paths::Direct(&grid)] {
         let fast = trace(&stage.world, &view, paths, &offsets(1)).outcomes;
-        let other = outcomes
-            .iter()
-            .zip(&fast)
-            .filter(|(a, b)| !alike(a, b))
-            .count();
+        let other = differing(&outcomes, &fast);
         assert!(other <= 6, "{other}");
     }
 }
@@ -269,6 +265,12 @@ fn alike(a: &Seen, b: &Seen) -> bool {
         (Seen::Surface(_), _) | (_, Seen::Surface(_)) => false,
         _ => true,
     }
+}
+
+/// Counts the samples that do not see one place.
+fn differing(a: &Outcomes, b: &Outcomes) -> usize {
+    let other = a.iter().zip(b).filter(|(a, b)| !alike(a, b));
+    other.count()
 }
 
 #[test]
@@ -286,16 +288,7 @@ fn a_table_shows_the_star_where_exact_paths_do() {
         .success();
     let bundle = Bundle::from_bytes(&flight.place.bytes("space.fan")).unwrap();
     let (stage, view) = flight.stage(47.0);
-    let lookup = Lookup::new(&bundle.table, 2e-4, 1e-8);
-    let fan = bundle.fan(view.u).unwrap();
-    let tracer = lookup.tracer(&fan);
-    let seen = trace(
-        &stage.world,
-        &view,
-        Paths::Lattice(&tracer, 5e-4),
-        &offsets(1),
-    )
-    .outcomes;
+    let seen = by_table(&stage, &view, &bundle, 2e-4);
     let hits = check(
         &flight,
         (&stage, &view, 47.0),
@@ -305,11 +298,7 @@ fn a_table_shows_the_star_where_exact_paths_do() {
     );
     assert!(hits.len() > 30, "{}", hits.len());
     let exact = flight.exact(&stage, &view);
-    let other = exact
-        .iter()
-        .zip(&seen)
-        .filter(|(a, b)| !alike(a, b))
-        .count();
+    let other = differing(&exact, &seen);
     assert!(other <= 8, "{other}");
 }
 
@@ -395,8 +384,7 @@ fn copies_beyond_glued_faces_are_as_late_as_those_of_the_same_space_unfolded() {
     let interpolated = Paths::Lattice(&grid, 5e-4);
     let interpolated = trace(&stage.world, &view, interpolated, &offsets(1)).outcomes;
     for found in [glued.exact(&stage, &view), interpolated] {
-        let other = truth.iter().zip(&found).filter(|(a, b)| !alike(a, b));
-        let other = other.count();
+        let other = differing(&truth, &found);
         assert!(other <= 6, "{other}");
     }
 }

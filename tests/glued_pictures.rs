@@ -4,11 +4,11 @@ mod support;
 
 use geofan_bundle::Bundle;
 use geofan_render::{
-    ExactGridTracer, ExactTracer, Journey, Lookup, Seen, Stage, View,
+    ExactGridTracer, ExactTracer, Journey, Seen, Stage, View,
     frame::{Outcomes, Paths, offsets, trace},
     scene::PoseFile,
 };
-use support::{Place, catalogue_text};
+use support::{Place, by_table, catalogue_text};
 
 const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
 
@@ -38,15 +38,6 @@ fn alike(a: &Outcomes, b: &Outcomes, allowed: f32) -> f64 {
 fn exact(stage: &Stage, view: &View, length: f64) -> Outcomes {
     let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, 1e-9);
     trace(&stage.world, view, Paths::Exact(&tracer), &offsets(1)).outcomes
-}
-
-/// What is seen by paths of a table, interpolated.
-fn by_table(stage: &Stage, view: &View, bundle: &Bundle) -> Outcomes {
-    let lookup = Lookup::new(&bundle.table, 2e-4, 1e-8);
-    let fan = bundle.fan(view.u).unwrap();
-    let tracer = lookup.tracer(&fan);
-    let paths = Paths::Lattice(&tracer, 5e-4);
-    trace(&stage.world, view, paths, &offsets(1)).outcomes
 }
 
 fn stage(place: &Place, name: &str) -> (Stage, View) {
@@ -148,7 +139,7 @@ fn the_table_of_the_sphere_shows_poincares_space_as_exact_paths_do() {
     stage.check_bundle(&bundle).unwrap();
     let truth = exact(&stage, &view, 3.0);
     assert!(surfaces(&truth) > 500, "{}", surfaces(&truth));
-    let fast = by_table(&stage, &view, &bundle);
+    let fast = by_table(&stage, &view, &bundle, 2e-4);
     let share = alike(&fast, &truth, 2e-3);
     println!("{share} alike, {} surfaces", surfaces(&truth));
     assert!(share > 0.97, "{share}");
@@ -195,16 +186,7 @@ fn all_120_images_of_a_mesh_are_in_one_picture_of_poincares_space() {
     let stage = Stage::load(&place.path("scene.toml"), &[])
         .unwrap_or_else(|e| panic!("{}", e.report(false)));
     let view = stage.view(&stage.scene.camera, (1024, 512)).unwrap();
-    let lookup = Lookup::new(&bundle.table, 5e-4, 1e-8);
-    let fan = bundle.fan(view.u).unwrap();
-    let tracer = lookup.tracer(&fan);
-    let seen = trace(
-        &stage.world,
-        &view,
-        Paths::Lattice(&tracer, 5e-4),
-        &offsets(1),
-    )
-    .outcomes;
+    let seen = by_table(&stage, &view, &bundle, 5e-4);
     // Every geodesic from the camera to the globe's middle ends on its surface, a radius before.
     let point = glam::DVec3::from(middle);
     let around = geofan_light::LightFan::new(&stage.world.cover, view.u, 3.0, (point, point));
@@ -249,7 +231,7 @@ fn pictures_by_tables_have_all_the_small_copies_far_away() {
     let bundle = Bundle::read(&place.path("space.fan")).unwrap();
     let (stage, view) = stage(&place, "scene.toml");
     let truth = exact(&stage, &view, 4.5);
-    let fast = by_table(&stage, &view, &bundle);
+    let fast = by_table(&stage, &view, &bundle, 2e-4);
     let (share, count) = (alike(&fast, &truth, 2e-3), surfaces(&truth));
     println!("{share} alike, {} of {count} surfaces", surfaces(&fast));
     assert!(count > 200 && share > 0.97, "{share}, {count}");

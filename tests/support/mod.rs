@@ -3,12 +3,14 @@
 // Each test uses a part of it.
 #![allow(dead_code, unused_imports)]
 
+mod by_table;
 pub mod camera_scene;
 mod film;
 #[path = "../../crates/core/tests/support/mod.rs"]
 mod manifolds;
 mod place;
 
+pub use by_table::by_table;
 pub use film::{film, mean};
 pub use manifolds::{manifold, settings};
 pub use place::Place;

@@ -280,7 +280,7 @@ pub(crate) struct StoredTensor {
 #[derive(Clone, Copy)]
 pub(crate) struct Restoring<'r, 's> {
     /// Takes the work.
-    pub scope: &'r Scope<'s>,
+    pub scope: &'r TaskScope<'s>,
     /// What the tensors of a table may ask for.
     pub budget: &'s DecodeBudget,
 }

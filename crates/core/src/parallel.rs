@@ -4,7 +4,9 @@
 //! written once, and what a browser runs brings no threads along.
 
 #[cfg(feature = "parallel")]
-pub use rayon::{Scope, current_num_threads as threads, in_place_scope as scope, join, prelude::*};
+pub use rayon::{
+    Scope as TaskScope, current_num_threads as threads, in_place_scope as scope, join, prelude::*,
+};
 
 #[cfg(not(feature = "parallel"))]
 pub use sequential::*;
@@ -21,15 +23,15 @@ mod sequential {
         (a(), b())
     }
 
-    /// Does work that hands pieces of it to a [`Scope`], and returns when all are done.
-    pub fn scope<'s, T>(work: impl FnOnce(&Scope<'s>) -> T) -> T {
-        work(&Scope(PhantomData))
+    /// Does work that hands pieces of it to a [`TaskScope`], and returns when all are done.
+    pub fn scope<'s, T>(work: impl FnOnce(&TaskScope<'s>) -> T) -> T {
+        work(&TaskScope(PhantomData))
     }
 
     /// Takes pieces of work.
-    pub struct Scope<'s>(PhantomData<&'s ()>);
+    pub struct TaskScope<'s>(PhantomData<&'s ()>);
 
-    impl<'s> Scope<'s> {
+    impl<'s> TaskScope<'s> {
         /// Does a piece of work.
         pub fn spawn(&self, piece: impl FnOnce(&Self) + 's) {
             piece(self);

@@ -34,6 +34,7 @@ mod path_patch;
 mod path_source;
 pub mod picture;
 mod placed_copies;
+mod placement_checks;
 pub mod redshift;
 mod restarts;
 pub mod scene;

@@ -1,8 +1,8 @@
 //! Objects that move: where they are at a time, and how what they carry is turned.
 //!
-//! In: an [`ObjectEntry`] with a path ([`ObjectPath`]), and a time. Out: the entry as it is then. Along a curve of the chart the
-//! object's frame is carried by parallel transport, from the standard frame at the path's start on; a closed path
-//! brings it back turned by the holonomy of the loop. Along key poses it goes as a camera does ([`Journey`]).
+//! In: an [`ObjectEntry`] with a path ([`ObjectPath`]), and a time. Out: the entry as it is then. Along a curve of the
+//! chart the object's frame is carried by parallel transport, from the standard frame at the path's start on; a closed
+//! path brings it back turned by the holonomy of the loop. Along key poses it goes as a camera does ([`Journey`]).
 
 use super::{
     journey::Journey,

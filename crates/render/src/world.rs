@@ -6,22 +6,20 @@
 use super::{
     accel::{Accelerator, HoledTriangle, OPEN},
     copies::SceneCopies,
-    delayed::DelayedObject,
+    delayed::{DelayedObject, SeenInterval},
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     moving::{ObjectPath, at_time},
+    placement_checks::{PlacementChecks, lamps_out_of_sight, out_of_sight},
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
 };
 use geofan_core::{
-    diagnostic::Diagnostic,
-    error::{Error, Result},
-    geodesic::check_point,
-    manifold::Manifold,
+    diagnostic::Diagnostic, error::Result, geodesic::check_point, manifold::Manifold,
 };
 use glam::DVec3;
-use std::{fmt::Debug, io::Write, path::PathBuf, sync::Arc};
+use std::{borrow::Cow, fmt::Debug, io::Write, path::PathBuf, sync::Arc};
 
 /// A triangle as shading needs it.
 #[derive(Debug, Clone)]
@@ -92,6 +90,32 @@ pub struct World {
     meshes: Vec<(PathBuf, f64, Arc<Mesh>)>,
 }
 
+/// An object of the scene file where it is seen.
+struct PlacedObject<'m> {
+    /// Its number there.
+    index: u32,
+    mesh: Cow<'m, Mesh>,
+    poses: Poses,
+}
+
+/// The vertices of an object.
+enum Poses {
+    /// At one place for all light.
+    Still(Points),
+    /// Wherever light that takes time comes from.
+    Delayed(Vec<SeenInterval>),
+}
+
+impl Poses {
+    /// Returns the number of places.
+    fn count(&self) -> usize {
+        match self {
+            Self::Still(_) => 1,
+            Self::Delayed(intervals) => intervals.len(),
+        }
+    }
+}
+
 /// The key under `[sky]` for paths that end by their length.
 const LENGTH: &str = "length";
 
@@ -115,7 +139,11 @@ impl World {
     ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
-        check_delay(scene, &manifold)?;
+        let checks = PlacementChecks {
+            manifold: &manifold,
+            scene,
+        };
+        checks.delay()?;
         let cover = match manifold.gluing() {
             Some(_) => Arc::new(manifold.cover().into_owned()),
             None => manifold.clone(),
@@ -212,48 +240,27 @@ impl World {
     /// Places all objects as they are at `time`, or as light brings them then to a camera.
     fn furnish(&mut self, scene: &SceneFile, time: f64) -> Result<()> {
         let meshes: Vec<_> = scene.objects.iter().map(|o| self.mesh_of(o)).collect();
-        let manifold = self.manifold.clone();
-        let (mut still, mut delayed) = (Vec::new(), Vec::new());
-        for ((index, object), mesh) in scene.objects.iter().enumerate().zip(&meshes) {
-            let path = ObjectPath::of(object, &manifold, &scene.source)?;
-            let object = &*at_time(object, path.as_ref(), time)?;
-            let Some(mesh) = mesh else { continue };
-            let placed = self.place(scene, object, mesh)?;
-            // What has not begun to move stands still for all light.
-            let path = path.filter(|path| scene.delay.is_some() && time > path.during()[0]);
-            let Some(path) = path else {
-                still.push((index as u32, placed));
-                continue;
-            };
-            let object = DelayedObject {
-                path: &path,
-                manifold: &manifold,
-                mesh,
-                cuts: Arc::new(placed.cuts),
-                triangles: placed.mesh.triangles.len(),
-                time,
-            };
-            delayed.push((index as u32, placed.mesh, object.intervals()?));
-        }
+        let mut objects = self.placed(scene, &meshes, time)?;
+        // The last triangles are those that move.
+        objects.sort_by_key(|object| matches!(object.poses, Poses::Delayed(_)));
         // Lists that grow by themselves would be twice as long while they do.
-        let count = still.iter().map(|(_, placed)| placed.mesh.triangles.len());
-        let count = count.sum();
+        let counts = |of: fn(&PlacedObject<'_>) -> usize| objects.iter().map(of).sum();
+        let count = counts(|object| object.mesh.triangles.len() * object.poses.count());
         let mut triangles = Vec::with_capacity(count);
         self.faces.reserve_exact(count);
-        let corners = still.iter().map(|(_, placed)| placed.vertices.len());
-        self.corners.reserve_exact(corners.sum());
-        for (index, placed) in still {
-            let material = self.add_materials(&placed.mesh);
-            let vertices = &placed.vertices;
-            self.add((index, material), &placed.mesh, vertices, &mut triangles);
-        }
+        let corners = counts(|object| object.mesh.positions.len() * object.poses.count());
+        self.corners.reserve_exact(corners);
         let mut moving = Vec::new();
-        for (index, mesh, intervals) in delayed {
-            let material = self.add_materials(&mesh);
-            for interval in intervals {
-                let middle = &interval.middle;
-                self.add((index, material), &mesh, middle, &mut triangles);
-                moving.extend(kept(&mesh).map(|k| interval.triangle(mesh.triangles[k])));
+        for PlacedObject { index, mesh, poses } in objects {
+            let object = (index, self.add_materials(&mesh));
+            match poses {
+                Poses::Still(vertices) => self.add(object, &mesh, &vertices, &mut triangles),
+                Poses::Delayed(intervals) => {
+                    for interval in intervals {
+                        self.add(object, &mesh, &interval.middle, &mut triangles);
+                        moving.extend(kept(&mesh).map(|k| interval.triangle(mesh.triangles[k])));
+                    }
+                }
             }
         }
         self.accelerator = Accelerator::build_all(triangles, moving, self.holed());
@@ -261,6 +268,42 @@ impl World {
         self.clear = self.materials.iter().any(Material::is_clear)
             || self.colours.iter().flatten().any(|c| c[3] < 1.0);
         Ok(())
+    }
+
+    /// Finds where all objects, which have these meshes, are seen at `time`.
+    fn placed<'m>(
+        &mut self,
+        scene: &SceneFile,
+        meshes: &'m [Option<Arc<Mesh>>],
+        time: f64,
+    ) -> Result<Vec<PlacedObject<'m>>> {
+        let manifold = self.manifold.clone();
+        let mut all = Vec::new();
+        for ((index, object), mesh) in scene.objects.iter().enumerate().zip(meshes) {
+            let path = ObjectPath::of(object, &manifold, &scene.source)?;
+            let object = &*at_time(object, path.as_ref(), time)?;
+            let Some(mesh) = mesh else { continue };
+            let placed = self.place(scene, object, mesh)?;
+            // What has not begun to move stands still for all light.
+            let path = path.filter(|path| scene.delay.is_some() && time > path.during()[0]);
+            let delayed = path.as_ref().map(|path| DelayedObject {
+                path,
+                manifold: &manifold,
+                mesh,
+                cuts: Arc::new(placed.cuts),
+                triangles: placed.mesh.triangles.len(),
+                time,
+            });
+            all.push(PlacedObject {
+                index: index as u32,
+                mesh: placed.mesh,
+                poses: match delayed {
+                    Some(delayed) => Poses::Delayed(delayed.intervals()?),
+                    None => Poses::Still(placed.vertices),
+                },
+            });
+        }
+        Ok(all)
     }
 
     /// Tells whether the scene has a sky for paths that end by their length.
@@ -452,11 +495,15 @@ impl World {
         object: &ObjectEntry,
         mesh: &'m Mesh,
     ) -> Result<Placed<'m>> {
-        self.check_place(scene, object)?;
-        let Some(mut placed) = place(&self.manifold, object, mesh) else {
-            return Err(self.unreachable(scene, object));
+        let checks = PlacementChecks {
+            manifold: &self.manifold,
+            scene,
         };
-        self.check_extent(scene, object, &placed.vertices)?;
+        checks.place(object)?;
+        let Some(mut placed) = place(&self.manifold, object, mesh) else {
+            return Err(checks.unreachable(object));
+        };
+        checks.extent(object, &placed.vertices)?;
         self.warnings.append(&mut placed.warnings);
         let name = object.mesh.display().to_string();
         if object.cuts.is_none() {
@@ -530,82 +577,6 @@ impl World {
             });
         }
     }
-
-    /// Refuses a place outside the domain, or where the chart breaks down or all but does.
-    fn check_place(&self, scene: &SceneFile, object: &ObjectEntry) -> Result<()> {
-        let refused = |message: String, hint: &str| -> Result<()> {
-            let place = object.at_span.clone();
-            Err(Diagnostic::new(&scene.source, place, message)
-                .with_hint(hint)
-                .into())
-        };
-        if let Err(fault) = check_point(&self.manifold, "the object", object.at) {
-            let hint =
-                "see [domain] in the manifold file, or move it from where the chart breaks down";
-            return refused(fault.to_string(), hint);
-        }
-        if is_near_singular(&self.manifold, object.at) {
-            let message = "the object: the chart is all but singular there, so directions are lost to rounding";
-            let hint = "move it away, or describe the space in other coordinates";
-            return refused(message.into(), hint);
-        }
-        Ok(())
-    }
-
-    /// Refuses an object of which a part lies nowhere or which goes round and round the space: both
-    /// come of a place where the chart is all but singular.
-    fn check_extent(
-        &self,
-        scene: &SceneFile,
-        object: &ObjectEntry,
-        vertices: &Points,
-    ) -> Result<()> {
-        let refused = |message: String| -> Result<()> {
-            Err(
-                Diagnostic::new(&scene.source, object.at_span.clone(), message)
-                    .with_hint("make it smaller, or move it from where the chart breaks down")
-                    .into(),
-            )
-        };
-        if vertices.iter().any(|(u, _)| !u.is_finite()) {
-            return refused(String::from(
-                "a part of the object has no place in the chart",
-            ));
-        }
-        let times = self.times_around(vertices);
-        let copies: f64 = times.iter().map(|times| times + 1.0).product();
-        let k = DVec3::from_array(times).max_position();
-        if copies > MOST_COPIES {
-            let (times, name) = (times[k], &self.manifold.coordinates[k]);
-            return refused(format!(
-                "the object goes {times:.0} times around in `{name}`"
-            ));
-        }
-        Ok(())
-    }
-
-    /// Computes how many times an object goes around the space in each glued coordinate; 0 in the others.
-    fn times_around(&self, vertices: &Points) -> [f64; 3] {
-        [0, 1, 2].map(|k| {
-            let all = vertices.iter().map(|(u, _)| u[k]);
-            let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
-                (a.min(x), b.max(x))
-            });
-            let period = self.manifold.domain.period(k);
-            period.map_or(0.0, |period| ((most - least) / period).max(0.0))
-        })
-    }
-
-    /// Complains about an object that cannot be placed.
-    fn unreachable(&self, scene: &SceneFile, object: &ObjectEntry) -> Error {
-        Diagnostic::new(
-            &scene.source,
-            object.span.clone(),
-            "the geodesics that place this object leave the manifold",
-        )
-        .with_hint("make it smaller or move it away from the edge of the domain")
-        .into()
-    }
 }
 
 /// Returns the colours at the corners of a mesh's triangle.
@@ -621,93 +592,6 @@ fn kept(mesh: &Mesh) -> impl Iterator<Item = usize> {
         let alpha = alpha.iter().fold(0.0, |most: f32, c| most.max(c[3]));
         mesh.materials[mesh.material_of[*k] as usize].solid() * alpha >= OPEN
     })
-}
-
-/// Refuses that light takes time where that is not known.
-fn check_delay(scene: &SceneFile, manifold: &Manifold) -> Result<()> {
-    let Some(span) = &scene.delay else {
-        return Ok(());
-    };
-    let refused = |message: &str, hint: &str| {
-        let complaint = Diagnostic::new(&scene.source, span.clone(), message);
-        Err(complaint.with_hint(hint).into())
-    };
-    if manifold.has_drift() {
-        let message = "`delay`: in a space with `drift` time is not the arc length of paths";
-        return refused(
-            message,
-            "take it away: objects are then shown as they are at one time",
-        );
-    }
-    if !scene.lights.is_empty() {
-        let message = "`delay`: the light of lamps is not followed in time";
-        return refused(
-            message,
-            "take the lamps away (`Ke` in a material glows), or `delay`",
-        );
-    }
-    Ok(())
-}
-
-/// Warns of lamps beyond an exit.
-fn lamps_out_of_sight(manifold: &Manifold, lamps: &[PointLight]) -> Vec<String> {
-    let numbered = lamps.iter().enumerate();
-    let warning = |(k, lamp): (usize, &PointLight)| {
-        out_of_sight(manifold, &format!("light {}", k + 1), [lamp.u].into_iter())
-    };
-    numbered.filter_map(warning).collect()
-}
-
-/// The most corners of an object that are looked at, evenly chosen: a part beyond an exit that falls between
-/// them is too small to be missed.
-const CORNERS: usize = 4096;
-
-/// Warns of what is beyond an exit, where no path of a camera gets: how much of the thing at these `points`.
-fn out_of_sight(
-    manifold: &Manifold,
-    name: &str,
-    points: impl ExactSizeIterator<Item = DVec3>,
-) -> Option<String> {
-    let stride = points.len().div_ceil(CORNERS).max(1);
-    let chosen = points.step_by(stride);
-    let (mut looked_at, mut beyond, mut first) = (0, 0, None);
-    for u in chosen {
-        looked_at += 1;
-        if let Some((exit, value)) = manifold.domain.exit_beyond(manifold.domain.wrap(u)) {
-            beyond += 1;
-            first.get_or_insert((exit, value, u));
-        }
-    }
-    let (exit, value, u) = first?;
-    let part = match beyond == looked_at {
-        true => "all of it".into(),
-        false => format!(
-            "{:.1} % of its corners",
-            100.0 * beyond as f64 / looked_at as f64
-        ),
-    };
-    let [x, y, z] = &manifold.coordinates;
-    Some(format!(
-        "{name}: {part} lies beyond the exit `{}`, where paths end before they get there: its `when` is {value:.6} at {x} = {:.6}, {y} = {:.6}, {z} = {:.6}; move it to this side of the exit",
-        manifold.exits[exit].name, u.x, u.y, u.z
-    ))
-}
-
-/// Most places that an object may have beside itself because it goes around the space: each costs
-/// another search for what a ray meets.
-const MOST_COPIES: f64 = 64.0;
-
-/// Largest ratio of the lengths of a standard frame's axes: of sixteen digits, four are left for
-/// directions.
-const MOST_STRETCH: f64 = 1e12;
-
-/// Tells whether the standard frame at `u` is so uneven that directions are lost.
-fn is_near_singular(manifold: &Manifold, u: DVec3) -> bool {
-    let frame = manifold.standard_frame(u);
-    let lengths = [0, 1, 2].map(|k| frame.col(k).length());
-    let [least, most] =
-        [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of).unwrap_or(1.0));
-    !(most <= MOST_STRETCH * least)
 }
 
 /// Returns the lights of `scene`, all inside the domain.

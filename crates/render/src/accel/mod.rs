@@ -198,9 +198,9 @@ impl Accelerator {
         }
     }
 
-    /// Appends the roots of a few subtrees that together hold every leaf whose box meets the given one;
-    /// tells whether there are any, or anything that moves is near. Where it is a part of a box of which the roots are known, they are
-    /// found below `those`.
+    /// Appends the roots of a few subtrees that together hold every leaf whose box meets the given one; tells whether
+    /// there are any, or anything that moves is near. Where it is a part of a box of which the roots are known, they
+    /// are found below `those`.
     pub fn roots(&self, bounds: (DVec3, DVec3), those: Option<&[u32]>, out: &mut Vec<u32>) -> bool {
         self.tree.roots(bounds, those, out) || self.moving.touches(bounds.0, bounds.1)
     }

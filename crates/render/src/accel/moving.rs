@@ -208,7 +208,7 @@ impl MovingTriangles {
         marked
     }
 
-    /// Shows the triangles that chords may meet which are inside a box, with arc lengths `s` at their ends.
+    /// Shows the groups that chords inside a box may meet which have the arc lengths `s` at their ends.
     fn groups_near<'a>(
         &'a self,
         (low, high): (DVec3, DVec3),

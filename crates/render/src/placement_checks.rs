@@ -1,0 +1,184 @@
+//! What is refused or warned of where objects and lamps are placed.
+//!
+//! In: a scene and its manifold, and what is placed. Out: nothing, or a complaint with the place in the scene's text; or
+//! warnings of what no camera can see.
+
+use super::{
+    scene::{ObjectEntry, Points, SceneFile},
+    world::PointLight,
+};
+use geofan_core::{
+    diagnostic::Diagnostic,
+    error::{Error, Result},
+    geodesic::check_point,
+    manifold::Manifold,
+};
+use glam::DVec3;
+
+/// Checks what a scene places in a manifold.
+pub(super) struct PlacementChecks<'a> {
+    /// The manifold.
+    pub manifold: &'a Manifold,
+    /// The scene, for complaints.
+    pub scene: &'a SceneFile,
+}
+
+impl PlacementChecks<'_> {
+    /// Refuses a place outside the domain, or where the chart breaks down or all but does.
+    pub fn place(&self, object: &ObjectEntry) -> Result<()> {
+        let refused = |message: String, hint: &str| -> Result<()> {
+            let place = object.at_span.clone();
+            Err(Diagnostic::new(&self.scene.source, place, message)
+                .with_hint(hint)
+                .into())
+        };
+        if let Err(fault) = check_point(self.manifold, "the object", object.at) {
+            let hint =
+                "see [domain] in the manifold file, or move it from where the chart breaks down";
+            return refused(fault.to_string(), hint);
+        }
+        if is_near_singular(self.manifold, object.at) {
+            let message = "the object: the chart is all but singular there, so directions are lost to rounding";
+            let hint = "move it away, or describe the space in other coordinates";
+            return refused(message.into(), hint);
+        }
+        Ok(())
+    }
+
+    /// Refuses an object of which a part lies nowhere or which goes round and round the space: both
+    /// come of a place where the chart is all but singular.
+    pub fn extent(&self, object: &ObjectEntry, vertices: &Points) -> Result<()> {
+        let refused = |message: String| -> Result<()> {
+            Err(
+                Diagnostic::new(&self.scene.source, object.at_span.clone(), message)
+                    .with_hint("make it smaller, or move it from where the chart breaks down")
+                    .into(),
+            )
+        };
+        if vertices.iter().any(|(u, _)| !u.is_finite()) {
+            return refused(String::from(
+                "a part of the object has no place in the chart",
+            ));
+        }
+        let times = self.times_around(vertices);
+        let copies: f64 = times.iter().map(|times| times + 1.0).product();
+        let k = DVec3::from_array(times).max_position();
+        if copies > MOST_COPIES {
+            let (times, name) = (times[k], &self.manifold.coordinates[k]);
+            return refused(format!(
+                "the object goes {times:.0} times around in `{name}`"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Computes how many times an object goes around the space in each glued coordinate; 0 in the others.
+    fn times_around(&self, vertices: &Points) -> [f64; 3] {
+        [0, 1, 2].map(|k| {
+            let all = vertices.iter().map(|(u, _)| u[k]);
+            let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+                (a.min(x), b.max(x))
+            });
+            let period = self.manifold.domain.period(k);
+            period.map_or(0.0, |period| ((most - least) / period).max(0.0))
+        })
+    }
+
+    /// Complains about an object that cannot be placed.
+    pub fn unreachable(&self, object: &ObjectEntry) -> Error {
+        Diagnostic::new(
+            &self.scene.source,
+            object.span.clone(),
+            "the geodesics that place this object leave the manifold",
+        )
+        .with_hint("make it smaller or move it away from the edge of the domain")
+        .into()
+    }
+
+    /// Refuses that light takes time where that is not known.
+    pub fn delay(&self) -> Result<()> {
+        let Some(span) = &self.scene.delay else {
+            return Ok(());
+        };
+        let refused = |message: &str, hint: &str| {
+            let complaint = Diagnostic::new(&self.scene.source, span.clone(), message);
+            Err(complaint.with_hint(hint).into())
+        };
+        if self.manifold.has_drift() {
+            let message = "`delay`: in a space with `drift` time is not the arc length of paths";
+            return refused(
+                message,
+                "take it away: objects are then shown as they are at one time",
+            );
+        }
+        if !self.scene.lights.is_empty() {
+            let message = "`delay`: the light of lamps is not followed in time";
+            return refused(
+                message,
+                "take the lamps away (`Ke` in a material glows), or `delay`",
+            );
+        }
+        Ok(())
+    }
+}
+
+/// Warns of lamps beyond an exit.
+pub(super) fn lamps_out_of_sight(manifold: &Manifold, lamps: &[PointLight]) -> Vec<String> {
+    let numbered = lamps.iter().enumerate();
+    let warning = |(k, lamp): (usize, &PointLight)| {
+        out_of_sight(manifold, &format!("light {}", k + 1), [lamp.u].into_iter())
+    };
+    numbered.filter_map(warning).collect()
+}
+
+/// The most corners of an object that are looked at, evenly chosen: a part beyond an exit that falls between
+/// them is too small to be missed.
+const CORNERS: usize = 4096;
+
+/// Warns of what is beyond an exit, where no path of a camera gets: how much of the thing at these `points`.
+pub(super) fn out_of_sight(
+    manifold: &Manifold,
+    name: &str,
+    points: impl ExactSizeIterator<Item = DVec3>,
+) -> Option<String> {
+    let stride = points.len().div_ceil(CORNERS).max(1);
+    let chosen = points.step_by(stride);
+    let (mut looked_at, mut beyond, mut first) = (0, 0, None);
+    for u in chosen {
+        looked_at += 1;
+        if let Some((exit, value)) = manifold.domain.exit_beyond(manifold.domain.wrap(u)) {
+            beyond += 1;
+            first.get_or_insert((exit, value, u));
+        }
+    }
+    let (exit, value, u) = first?;
+    let part = match beyond == looked_at {
+        true => "all of it".into(),
+        false => format!(
+            "{:.1} % of its corners",
+            100.0 * beyond as f64 / looked_at as f64
+        ),
+    };
+    let [x, y, z] = &manifold.coordinates;
+    Some(format!(
+        "{name}: {part} lies beyond the exit `{}`, where paths end before they get there: its `when` is {value:.6} at {x} = {:.6}, {y} = {:.6}, {z} = {:.6}; move it to this side of the exit",
+        manifold.exits[exit].name, u.x, u.y, u.z
+    ))
+}
+
+/// Most places that an object may have beside itself because it goes around the space: each costs
+/// another search for what a ray meets.
+const MOST_COPIES: f64 = 64.0;
+
+/// Largest ratio of the lengths of a standard frame's axes: of sixteen digits, four are left for
+/// directions.
+const MOST_STRETCH: f64 = 1e12;
+
+/// Tells whether the standard frame at `u` is so uneven that directions are lost.
+fn is_near_singular(manifold: &Manifold, u: DVec3) -> bool {
+    let frame = manifold.standard_frame(u);
+    let lengths = [0, 1, 2].map(|k| frame.col(k).length());
+    let [least, most] =
+        [f64::min, f64::max].map(|of| lengths.into_iter().reduce(of).unwrap_or(1.0));
+    !(most <= MOST_STRETCH * least)
+}
