@@ -5,12 +5,13 @@ mod support;
 
 use geofan_light::{
     cache::{self, LightmapSource},
-    path_tracer::{Estimator, PathTracerSettings},
+    path_tracer::{Estimator, PassAccumulator, PathTracerSettings},
 };
 use geofan_render::{
-    ExactTracer, Stage,
+    ExactTracer, Stage, View,
     drawing::draw,
     frame::{Paths, no_clock},
+    redshift::blackbody,
     shade::Footprints,
 };
 use glam::DVec3;
@@ -49,19 +50,27 @@ fn settings(estimator: Estimator, length: f64) -> PathTracerSettings {
     }
 }
 
-/// Walls of albedo `albedo` that move with `u` along y and are as hot as the others and light between them.
-fn furnace(albedo: f64, u: f64) -> Place {
+/// A wall at `x`: its material, and what its object says besides its place.
+type Wall = (f64, String, String);
+
+/// A wall of albedo `albedo` that moves with `u` along y and is as hot as others and light between them.
+fn grey_wall(x: f64, albedo: f64, u: f64) -> Wall {
+    let emitted = (1.0 - albedo) / killing(x, u).powi(2);
+    let material = format!("newmtl m\nKd {albedo}\nKe {emitted}\nillum 1\n");
+    (x, material, format!("velocity = [0, {u}, 0]\n"))
+}
+
+/// The space between two walls.
+fn furnace(walls: [Wall; 2]) -> Place {
     let mut scene = String::from(
         "manifold = 'space.toml'\nredshift = true\n[camera]\nat = [0.3, 0.1, -0.2]\nlook = [1, 0.2, 0.1]\nup = [0, 0, 1]\nfov = 100\n",
     );
     let mut files = vec![("space.toml".to_string(), SPACE.to_string())];
-    for (name, x) in [("left", -1.0), ("right", 1.0)] {
-        let emitted = (1.0 - albedo) / killing(x, u).powi(2);
-        let material = format!("newmtl m\nKd {albedo}\nKe {emitted}\nillum 1\n");
+    for (name, (x, material, more)) in ["left", "right"].into_iter().zip(walls) {
         files.push((format!("{name}.mtl"), material));
         files.push((format!("{name}.obj"), WALL.replace("wall", name)));
         scene += &format!(
-            "[[object]]\nmesh = '{name}.obj'\nplacement = 'chart'\nat = [{x}, 0, 0]\nvelocity = [0, {u}, 0]\n"
+            "[[object]]\nmesh = '{name}.obj'\nplacement = 'chart'\nat = [{x}, 0, 0]\n{more}"
         );
     }
     files.push(("scene.toml".to_string(), scene));
@@ -69,21 +78,24 @@ fn furnace(albedo: f64, u: f64) -> Place {
     Place::with(&files)
 }
 
+/// The frequency that the normal observer at the camera of a [`furnace`] measures of light that he sees at a pixel, as a
+/// multiple of that of the same light at rest where the Killing vector of walls that move with `u` has the length 1.
+fn shift(view: &View, u: f64, x: usize, y: usize) -> f64 {
+    let (factor, wind, lapse) = medium(view.u.x);
+    // The light goes against the line of sight.
+    let d = -view.direction(x as f64 + 0.5, y as f64 + 0.5);
+    let share = 1.0 + factor * d.dot(wind);
+    let momentum = factor * d.y / share;
+    1.0 / (lapse * share * (1.0 - u * momentum))
+}
+
 #[test]
 fn in_equilibrium_light_is_as_hot_as_tolman_says_whatever_walls_reflect_and_however_they_move() {
     for (albedo, u) in [(0.6, 0.0), (0.6, 0.35)] {
-        let place = furnace(albedo, u);
-        let stage = stage(&place);
+        let walls = [-1.0, 1.0].map(|x| grey_wall(x, albedo, u));
+        let stage = stage(&furnace(walls));
         let view = stage.view(&stage.scene.camera, (10, 10)).unwrap();
-        // What light of temperature 1 at rest looks like to the normal observer at the camera.
-        let (factor, wind, lapse) = medium(view.u.x);
-        let expected = |x: usize, y: usize| {
-            // The light goes against the line of sight.
-            let d = -view.direction(x as f64 + 0.5, y as f64 + 0.5);
-            let share = 1.0 + factor * d.dot(wind);
-            let momentum = factor * d.y / share;
-            (1.0 / (lapse * share * (1.0 - u * momentum))).powi(4)
-        };
+        let expected = |x: usize, y: usize| shift(&view, u, x, y).powi(4);
         for estimator in [Estimator::Connected, Estimator::Scattered] {
             let film = film(&stage, &view, settings(estimator, 60.0), 40);
             let (mut sum, mut variance) = (0.0, 0.0);
@@ -105,6 +117,80 @@ fn in_equilibrium_light_is_as_hot_as_tolman_says_whatever_walls_reflect_and_howe
             );
         }
     }
+}
+
+#[test]
+fn light_of_a_glowing_wall_that_a_white_one_reflects_has_the_colour_of_the_glowing_one() {
+    // A black wall that glows, and one that reflects all light: there is equilibrium between them.
+    let (u, kelvin) = (0.35, 3000.0);
+    let local = kelvin / killing(-1.0, u).sqrt();
+    let glowing = (
+        -1.0,
+        "newmtl m\nKd 0\nillum 1\n".to_string(),
+        format!("velocity = [0, {u}, 0]\ntemperature = '{local} + 0*x'\n"),
+    );
+    let white = (
+        1.0,
+        "newmtl m\nKd 1\nillum 1\n".to_string(),
+        format!("velocity = [0, {u}, 0]\n"),
+    );
+    let stage = stage(&furnace([glowing, white]));
+    // Towards the white wall.
+    let view = stage.view(&stage.scene.camera, (10, 10)).unwrap();
+    let middle = |film: &PassAccumulator, c: usize| {
+        let (mut sum, mut variance) = (0.0, 0.0);
+        for (x, y) in (0..100).map(|i| (i % 10, i / 10)) {
+            let (mean, of_mean) = film.pixel(x, y);
+            let should = f64::from(blackbody(kelvin * shift(&view, u, x, y))[c]);
+            sum += mean[c] / should / 100.0;
+            variance += of_mean[c] / (should * should) / 1e4;
+        }
+        (sum, variance.sqrt())
+    };
+    for estimator in [Estimator::Connected, Estimator::Scattered] {
+        let film = film(&stage, &view, settings(estimator, 60.0), 40);
+        for c in 0..3 {
+            let (mean, error) = middle(&film, c);
+            let off = (mean - 1.0).abs();
+            assert!(error < 0.02, "{estimator:?}, {c}: {error}");
+            assert!(
+                off < 4.0 * error + 5e-3,
+                "{estimator:?}, {c}: {mean} ± {error}"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_small_glowing_body_lights_a_floor_as_one_that_shines_with_its_colour_and_with_little_noise() {
+    let body =
+        "mtllib lamp.mtl\nusemtl m\ns off\nv 1 0 0\nv -0.5 0.8 0.1\nv -0.5 -0.8 0.2\nf 1 2 3\n";
+    let lamp = |more: &str| {
+        format!(
+            "[[object]]\nmesh = 'lamp.obj'\nplacement = 'chart'\nat = [0.1, 0.2, 0.6]\nscale = 0.05\n{more}"
+        )
+    };
+    let [r, g, b] = blackbody(9000.0);
+    let ke = format!("newmtl m\nKd 0\nKe {r} {g} {b}\nillum 1\n");
+    let dark = "newmtl m\nKd 0\nillum 1\n";
+    let stage = |more: &str, material: &str| {
+        // Floor and body are at rest, where lapse and wind are such that frequencies differ.
+        let mut stage = floor(
+            0.0,
+            &lamp(more),
+            &[("lamp.obj", body), ("lamp.mtl", material)],
+        );
+        stage.world.redshift = false;
+        stage
+    };
+    let (shining, error_of_shining) = direct(&stage("", &ke), 40);
+    let (glowing, error) = direct(&stage("temperature = '9000 + 0*x'\n", dark), 40);
+    assert!(error < 0.02 * glowing, "{glowing} ± {error}");
+    let off = (glowing - shining).abs();
+    assert!(
+        off < 4.0 * error.hypot(error_of_shining),
+        "{glowing}, {shining}"
+    );
 }
 
 const LAMP: &str = "[[light]]\nkind = 'point'\nat = [0.1, 0.2, 0.6]\nintensity = [1, 1, 1]\n";

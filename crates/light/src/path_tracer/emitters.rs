@@ -10,10 +10,10 @@
 
 use crate::{Connection, Shadows, ShootingStart, connect};
 use geofan_core::random::Stream;
-use geofan_render::{Footprint, Hit, World, shade};
+use geofan_render::{Footprint, Hit, World, redshift::SurfaceState, shade};
 use glam::{DMat3, DVec3, Vec3};
 
-/// Chooses among the emitting triangles of a world, but those that glow as black bodies: their light is met by chance.
+/// Chooses among the emitting triangles of a world.
 pub struct Emitters {
     triangles: Vec<u32>,
     /// Sums of the probabilities up to each and with it.
@@ -25,8 +25,10 @@ pub struct Emitters {
 pub struct EmitterPoint {
     /// Chart point.
     pub u: DVec3,
-    /// Radiance, of what the surface stops if it is not solid.
-    pub radiance: DVec3,
+    /// Radiance given off, but as a black body.
+    emitted: [f32; 3],
+    /// Share of light that the surface stops there.
+    solid: f32,
     /// The flat triangle's normal covector.
     pub normal: DVec3,
     /// Probability by area.
@@ -48,18 +50,16 @@ impl Emitters {
             sums: Vec::new(),
         };
         let mut sum = 0.0;
-        for (i, face) in world.faces.iter().enumerate() {
-            let ke = world.materials[face.material as usize].ke;
-            let bright: f64 = ke.iter().map(|k| f64::from(*k)).sum();
-            let moves = world.accelerator.motion(i as u32).is_some();
-            if bright == 0.0 || moves || world.glows(i as u32) {
-                continue;
-            }
-            let [p, q, r] = world.accelerator.triangles()[i];
-            let power = bright * square_area(world, i as u32, (p + q + r) / 3.0);
+        let shining = shining(world);
+        let states = world.surface_states(&shining);
+        for (k, (middle, triangle)) in shining.into_iter().enumerate() {
+            let ke = ke(world, triangle);
+            let sent = states.as_ref().map_or(ke, |states| states[k].sent(ke, 1.0));
+            let bright: f64 = sent.iter().map(|k| f64::from(*k)).sum();
+            let power = bright * square_area(world, triangle, middle);
             if power > 0.0 && power.is_finite() {
                 sum += power;
-                found.triangles.push(i as u32);
+                found.triangles.push(triangle);
                 found.sums.push(sum);
             }
         }
@@ -89,20 +89,27 @@ impl Emitters {
         }
         let [p, q, r] = world.accelerator.triangles()[triangle as usize];
         let mut chosen = self.at(world, triangle, p * (1.0 - b - c) + q * b + r * c);
-        chosen.radiance = radiance(world, triangle, [b as f32, c as f32]);
+        let here = Hit {
+            s: 0.0,
+            v: Vec3::ZERO,
+            triangle,
+            barycentric: [b as f32, c as f32],
+        };
+        chosen.emitted = shade::emission(world, &here, &Footprint::POINT);
+        chosen.solid *= world.coverage(&here);
         chosen
     }
 
     /// Describes the point `u` of an emitting triangle.
     fn at(&self, world: &World, triangle: u32, u: DVec3) -> EmitterPoint {
         let [p, q, r] = world.accelerator.triangles()[triangle as usize];
-        let face = &world.faces[triangle as usize];
-        let ke = world.materials[face.material as usize].ke;
+        let material = world.faces[triangle as usize].material;
         let i = self.triangles.partition_point(|t| *t < triangle);
         let share = self.sums[i] - if i > 0 { self.sums[i - 1] } else { 0.0 };
         EmitterPoint {
             u,
-            radiance: DVec3::from_array(ke.map(f64::from)),
+            emitted: ke(world, triangle),
+            solid: world.materials[material as usize].solid(),
             normal: (q - p).cross(r - p),
             // Uniform over the half unit square of coordinates, whose image is stretched.
             by_area: 2.0 * share / square_area(world, triangle, u),
@@ -119,6 +126,12 @@ impl Emitters {
 }
 
 impl EmitterPoint {
+    /// Returns the radiance given off at `g` times the frequencies of the surface, which is in this `state`.
+    pub fn radiance(&self, state: Option<&SurfaceState>, g: f64) -> DVec3 {
+        let light = state.map_or(self.emitted, |state| state.sent(self.emitted, g));
+        DVec3::from_array(light.map(|x| f64::from(x * self.solid)))
+    }
+
     /// Returns the cosine between the emitter's normal and the geodesic that arrives.
     pub fn cosine(&self, world: &World, connection: &Connection) -> f64 {
         let frame = rest_frame(world, self.u);
@@ -134,18 +147,21 @@ impl EmitterPoint {
     }
 }
 
-/// Computes what an emitter gives off where its second and third corner have these weights.
-fn radiance(world: &World, triangle: u32, barycentric: [f32; 2]) -> DVec3 {
-    let material = world.faces[triangle as usize].material;
-    let here = Hit {
-        s: 0.0,
-        v: Vec3::ZERO,
-        triangle,
-        barycentric,
+/// Lists the triangles that give off light, with their middles, but those that move while light is on its way.
+fn shining(world: &World) -> Vec<(DVec3, u32)> {
+    let triangles = world.accelerator.triangles();
+    let shines = |i: &u32| {
+        let moves = world.accelerator.motion(*i).is_some();
+        !moves && (world.glows(*i) || ke(world, *i) != [0.0; 3])
     };
-    let solid = world.materials[material as usize].solid() * world.coverage(&here);
-    let emitted = shade::emission(world, &here, &Footprint::POINT);
-    DVec3::from_array(emitted.map(|x| f64::from(x * solid)))
+    let found = (0..world.faces.len() as u32).filter(shines);
+    let middle = |i: u32| triangles[i as usize].iter().sum::<DVec3>() / 3.0;
+    found.map(|i| (middle(i), i)).collect()
+}
+
+/// Returns what the material of a triangle gives off, but as a black body.
+fn ke(world: &World, triangle: u32) -> [f32; 3] {
+    world.materials[world.faces[triangle as usize].material as usize].ke
 }
 
 /// Returns the area, in the metric at `u`, that the unit square of a triangle's barycentric

@@ -6,9 +6,9 @@
 //! A path starts at the camera and is reflected at random (`bsdf`); between surfaces it follows
 //! exact geodesics. The paths of a block of pixels go from surface to surface together: all rays of a
 //! bounce are traced in one batch over the integrator's lanes, then all geodesics that connect to
-//! lamps, then all shadow rays. Light is gathered where a path meets a surface with `Ke` or a sky, and
+//! lamps, then all shadow rays. Light is gathered where a path meets a surface that gives it off or a sky, and
 //! directly: from point lights through every geodesic that connects them to the surface ([`crate`]),
-//! from surfaces with `Ke` through the one that Newton's method finds from a chart-straight guess
+//! from surfaces that shine or glow through the one that Newton's method finds from a chart-straight guess
 //! (`emitters`). Radiance does not change along a geodesic; only the area that a solid angle covers
 //! does. Where the scene asks for it, radiance goes with the fourth power of the frequency, from each surface to the
 //! next and to the camera.
@@ -452,7 +452,7 @@ impl<'w> PathTracer<'w> {
         let tangent = surface.tangent(wi);
         let received = self.frequency(surface.state.as_ref(), tangent);
         let g = path.shift_at_surface * received / self.frequency(state, connection.v);
-        let radiance = chosen.radiance * brighter(g);
+        let radiance = chosen.radiance(state, g);
         let light = path.throughput * reflected * radiance * (weight / probability);
         let probe = || {
             let start = surface.beside(wi, self.offset(path.way_to(hit)));
