@@ -461,3 +461,24 @@ fn files_that_are_no_text() {
     reports.push(format!("# a zero byte\n{}\n", said(&file)));
     shown("files_that_are_no_text", reports.join("\n"));
 }
+
+#[test]
+fn space_may_end_anywhere_but_at_the_one_place_of_a_camera() {
+    // Neither is a metric on the whole of the box about the origin: the one ends at an exit, the other nowhere.
+    let bodies = [
+        "metric = { conformal = \"(1 + 0.5/r)^3/(1 - 0.5/r)\" }\n[let]\nr = \"sqrt(x^2 + y^2 + z^2)\"\n[[exit]]\nname = \"horizon\"\nwhen = \"0.51 - r\"\n",
+        "metric = { conformal = \"sqrt(x^2 - 0.3)\" }\n",
+    ];
+    for body in bodies {
+        let file = |at: &str| {
+            format!(
+                "name = \"test\"\ncoordinates = [\"x\", \"y\", \"z\"]\n{body}[cameras]\nat = {at}\nlength = 5\n"
+            )
+        };
+        let good = SourceText::new("m.toml", file("[\"6\", \"1\", \"2\"]"));
+        if let Err(error) = Manifold::from_source(good, &[]) {
+            panic!("{}", error.report(false));
+        }
+        refusal(&file("[\"0.2\", \"0.1\", \"0\"]"), &[]);
+    }
+}

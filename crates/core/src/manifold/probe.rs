@@ -59,7 +59,8 @@ pub(super) fn halton(i: usize) -> [f64; 3] {
 }
 
 /// Points to probe, and whether each is a camera position: the camera region, else (in the
-/// absence of one, or for its group) a box about the origin as far as it lies in the domain.
+/// absence of one, or for its group) a box about the origin as far as paths come there. Where the file names one place for
+/// cameras, space may end anywhere else: of the box only points at which it does not are taken.
 fn probe_points(manifold: &Manifold) -> Vec<(DVec3, bool)> {
     let mut points = Vec::new();
     if let Some(region) = &manifold.cameras {
@@ -67,6 +68,7 @@ fn probe_points(manifold: &Manifold) -> Vec<(DVec3, bool)> {
         points.extend((0..count).map(|i| (region.at(&region.lerp(&halton(i))), true)));
     }
     if points.len() < PROBES {
+        let one_place = !points.is_empty() && manifold.symmetry.group.is_none();
         let limits = manifold.domain.limits.map(|l| l.unwrap_or([-1.0, 1.0]));
         let inside = (0..PROBES)
             .map(halton)
@@ -75,10 +77,18 @@ fn probe_points(manifold: &Manifold) -> Vec<(DVec3, bool)> {
                     [0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]),
                 )
             })
-            .filter(|u| manifold.domain.violation(*u).is_none());
+            .filter(|u| manifold.domain.violation(*u).is_none())
+            .filter(|u| manifold.domain.exit_beyond(*u).is_none())
+            .filter(|u| !one_place || is_space(manifold, *u));
         points.extend(inside.map(|u| (u, false)));
     }
     points
+}
+
+/// Returns whether metric, wind and lapse are good at `u`.
+fn is_space(manifold: &Manifold, u: DVec3) -> bool {
+    let checks = [check_lapse, check_metric, check_wind];
+    checks.iter().all(|check| check(manifold, u).is_ok())
 }
 
 /// A complaint at the first line that starts with one of `keys`, in that order.
