@@ -27,7 +27,8 @@ const MOST_BESIDE: usize = 512;
 /// Factor by which images of boxes are widened for the bend of their maps.
 const BEND: f64 = 1.3;
 
-/// Share of the domain's size up to which a cubic is carried whole: beyond, it is cut.
+/// Share of the domain's size up to which a cubic is carried whole: beyond, it is cut. Boxes beyond are taken to meet
+/// something: to look through all cells that they may be in takes longer than to look at the path.
 const WHOLE: f64 = 0.5;
 
 /// Most parts of a cubic.
@@ -65,8 +66,9 @@ struct SceneCell {
 pub struct CopySearch<'w> {
     copies: &'w SceneCopies,
     way: Development<'w>,
-    /// The cells that the last box may be in.
+    /// The cells that the last box may be in, and the images of its middle in them, which tell them apart.
     cells: Vec<SceneCopy<'static>>,
+    places: Vec<DVec3>,
     /// The placed copies that it may meet.
     near: Vec<u32>,
 }
@@ -155,6 +157,7 @@ impl SceneCopies {
             copies: self,
             way: self.manifold.gluing().and_then(Development::new)?,
             cells: Vec::new(),
+            places: Vec::new(),
             near: Vec::new(),
         })
     }
@@ -188,7 +191,7 @@ impl<'w> CopySearch<'w> {
             for copy in &self.near {
                 show(&SceneCopy::at(placed.deck(*copy), u));
             }
-        } else if self.locate(u).is_some() {
+        } else if self.locate(u, half).is_some() {
             let _ = self.visit(half, |copy| {
                 show(copy);
                 ControlFlow::Continue(())
@@ -204,13 +207,13 @@ impl<'w> CopySearch<'w> {
             return self.near.iter().any(|copy| {
                 let copy = SceneCopy::at(placed.deck(*copy), u);
                 let (low, high) = copy.image_of_box(half);
-                half.length() * copy.stretch() > size || touches(low, high)
+                copy.extent(half) > size || touches(low, high)
             });
         }
-        let Some(stretch) = self.locate(u) else {
+        let Some(extent) = self.locate(u, half) else {
             return false;
         };
-        if half.length() * stretch > size {
+        if extent > WHOLE * size {
             return true;
         }
         let met = self.visit(half, |copy| {
@@ -233,32 +236,33 @@ impl<'w> CopySearch<'w> {
                 && self.placed_near(u, half).is_some()
                 && self.near.len() > MOST_CELLS;
         }
-        let stretch = self.locate(u);
-        stretch.is_none_or(|stretch| half.length() * stretch > self.way.gluing().size())
+        let extent = self.locate(u, half);
+        extent.is_none_or(|extent| extent > self.way.gluing().size())
     }
 
     /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something, until `show` has
     /// seen enough.
     pub fn show_cubics(&mut self, piece: &Cubic, mut show: impl FnMut(Cubic) -> ControlFlow<()>) {
         let (low, high) = piece.bounds();
-        let whole = WHOLE * self.way.gluing().size() / (high - low).length();
-        if let Some(placed) = self.placed_near(0.5 * (low + high), 0.5 * (high - low)) {
+        let half = 0.5 * (high - low);
+        let whole = 0.5 * WHOLE * self.way.gluing().size();
+        if let Some(placed) = self.placed_near(0.5 * (low + high), half) {
             let decks = || self.near.iter().map(|copy| placed.deck(*copy));
-            let stretches = decks().map(|deck| SceneCopy::at(deck, piece.middle()).stretch());
-            let stretch = stretches.fold(0.0, f64::max);
-            let _ = parts(piece, stretch / whole).try_for_each(|part| {
+            let extents = decks().map(|deck| SceneCopy::at(deck, piece.middle()).extent(half));
+            let extent = extents.fold(0.0, f64::max);
+            let _ = parts(piece, extent / whole).try_for_each(|part| {
                 decks().try_for_each(|deck| show(image_of_cubic(deck, &part)))
             });
             return;
         }
-        let Some(stretch) = self.locate(piece.middle()) else {
+        let Some(extent) = self.locate(piece.middle(), half) else {
             return;
         };
-        for part in parts(piece, stretch / whole) {
+        for part in parts(piece, extent / whole) {
             let (low, high) = part.bounds();
             let middle = part.middle();
             let half = (high - middle).max(middle - low);
-            if self.locate(middle).is_some()
+            if self.locate(middle, half).is_some()
                 && self
                     .visit(half, |copy| show(image_of_cubic(&copy.deck, &part)))
                     .is_break()
@@ -276,18 +280,20 @@ impl<'w> CopySearch<'w> {
         Some(placed)
     }
 
-    /// Goes to the cell of `u`; returns by how much its transformation stretches there.
-    fn locate(&mut self, u: DVec3) -> Option<f64> {
+    /// Goes to the cell of `u`; returns how far the image of the box about it reaches that reaches so far along each axis.
+    fn locate(&mut self, u: DVec3, half: DVec3) -> Option<f64> {
         self.cells.clear();
+        self.places.clear();
         let (point, differential) = self.way.advance(u)?;
         let cell = SceneCopy {
             deck: Cow::Owned(self.way.deck().clone()),
             point,
             differential,
         };
-        let stretch = cell.stretch();
+        let extent = cell.extent(half);
         self.cells.push(cell);
-        Some(stretch)
+        self.places.push(point);
+        Some(extent)
     }
 
     /// Does [`CopySearch::around`] for the point that was located last, until `show` has seen enough.
@@ -322,16 +328,16 @@ impl<'w> CopySearch<'w> {
     /// Adds the neighbours of a cell that what is in the box may be in.
     fn spread(&mut self, cell: &SceneCopy<'_>, half: DVec3) {
         let same = SAME_PLACE * self.way.gluing().size();
-        let cells = &mut self.cells;
+        let (cells, places) = (&mut self.cells, &mut self.places);
         self.way.within(
             cell.point,
             |g| cell.reach(g, half),
             |deck| {
                 let point = deck.point(cell.point);
-                let known =
-                    |other: &SceneCopy<'_>| (other.point - point).length_squared() <= same * same;
-                if point.is_finite() && cells.len() < MOST_CELLS && !cells.iter().any(known) {
+                let known = |other: &DVec3| (*other - point).length_squared() <= same * same;
+                if point.is_finite() && cells.len() < MOST_CELLS && !places.iter().any(known) {
                     cells.push(cell.then(deck));
+                    places.push(point);
                 }
             },
         );
@@ -370,10 +376,22 @@ impl<'c> SceneCopy<'c> {
 
     /// Returns a box around the image of the box around the middle that reaches so far along each axis.
     pub fn image_of_box(&self, half: DVec3) -> Bounds {
-        let d = &self.differential;
-        let reach = d.x_axis.abs() * half.x + d.y_axis.abs() * half.y + d.z_axis.abs() * half.z;
-        let reach = reach * BEND;
+        let reach = self.half_of_image(half) * BEND;
         (self.point - reach, self.point + reach)
+    }
+
+    /// Returns how far the image of that box reaches from the middle's along each axis, if the map does not bend.
+    fn half_of_image(&self, half: DVec3) -> DVec3 {
+        let d = &self.differential;
+        d.x_axis.abs() * half.x + d.y_axis.abs() * half.y + d.z_axis.abs() * half.z
+    }
+
+    /// Returns how far the image of that box reaches from the middle's: not farther than the box's half diagonal stretched, nor
+    /// than the half diagonal of the box around the image, the smaller one by far where one axis is stretched and
+    /// another pressed.
+    fn extent(&self, half: DVec3) -> f64 {
+        let stretched = half.length() * self.deck.stretch(self.differential);
+        stretched.min(self.half_of_image(half).length())
     }
 
     /// Returns by how much a function with the gradient `g` at the middle's image changes in the image of the box that
@@ -381,11 +399,6 @@ impl<'c> SceneCopy<'c> {
     fn reach(&self, g: DVec3, half: DVec3) -> f64 {
         let along = self.differential.transpose() * g;
         BEND * along.abs().dot(half)
-    }
-
-    /// Returns the most by which it stretches at the middle.
-    fn stretch(&self) -> f64 {
-        self.deck.stretch(self.differential)
     }
 
     /// Returns `next` after this one.
