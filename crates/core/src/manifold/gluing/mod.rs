@@ -10,18 +10,16 @@
 
 mod check;
 mod cones;
+mod cover;
 mod deck;
-mod development;
-mod nearest;
 pub(super) mod quotient;
 mod spheres;
 
+pub use cover::{Development, NearCopy, NearestCopies};
 pub use deck::DeckTransformation;
 pub(super) use deck::LinearModel;
-pub use development::Development;
-pub use nearest::{NearCopy, NearestCopies};
 
-use super::{Manifold, meaning::digests};
+use super::{Manifold, description::digests};
 use deck::at_tape;
 use geofan_expr::{Digest, Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};

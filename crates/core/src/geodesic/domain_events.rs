@@ -8,7 +8,9 @@
 //! An event counts where its value becomes positive; one that is positive already, because the ray starts
 //! beyond it, counts as soon as its value rises. [`crossing`] is the root finder of all of them.
 
-use super::{End, LANES, NIL, Row, Step, control::Control, each, rows::take_where, step::Curves};
+use super::{
+    End, LANES, NIL, Row, Step, dormand_prince::Control, each, state::take_where, step::Curves,
+};
 use crate::manifold::{Domain, EventKind};
 use geofan_expr::{Registers, Wide, real::Real};
 use glam::DVec3;
