@@ -1,11 +1,12 @@
 //! Bundles: reading, baking, checking, and paths of many rays.
 
 use crate::{
-    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
-    columns::Columns,
-    errors::{About, refuse},
+    arrays::{Columns, VectorRows, arc_lengths, positive, room, same_length, tolerance},
+    exact_paths::{
+        BLOCK, Places, TraceArrays, end_number, known_to_tables, write_end, write_sample,
+    },
+    exceptions::{About, refuse},
     manifold::{PyManifold, places},
-    trace::{BLOCK, Places, TraceArrays, end_number, known_to_tables, write_end, write_sample},
     work,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
