@@ -9,8 +9,6 @@
 
 pub mod read;
 mod samples;
-#[cfg(test)]
-mod tests;
 
 pub use samples::{MOST_SAMPLES, SampleFault, Samples, UnpackError};
 
@@ -244,3 +242,6 @@ fn around(line: &[f64], i: usize, weights: &[f64], periodic: bool) -> f64 {
     let sides = (1..weights.len()).map(|k| weights[k] * (before(k) + after(k)));
     weights[0] * line[i] + sides.sum::<f64>()
 }
+
+#[cfg(test)]
+mod tests;

@@ -48,9 +48,9 @@ pub fn paths(
     settings: Settings,
     rays: impl IntoIterator<Item = Ray>,
 ) -> Vec<Path> {
-    let mut kept = KeptPaths(Vec::new());
+    let mut kept = Vec::new();
     follow(manifold, settings, rays, &mut kept);
-    kept.0
+    kept
 }
 
 /// Follows `rays` and keeps the last step of each, with the arc length at which it ended; `None`
@@ -86,31 +86,30 @@ impl Sink for LastSteps {
     }
 }
 
-struct KeptPaths(Vec<Path>);
-
-impl KeptPaths {
-    fn path(&mut self, ray: usize) -> &mut Path {
-        while self.0.len() <= ray {
-            self.0.push(Path {
-                steps: Vec::new(),
-                end: End::Length,
-                length: 0.0,
-                tried: 0,
-            });
-        }
-        &mut self.0[ray]
-    }
-}
-
-impl Sink for KeptPaths {
+/// A list keeps whole paths, each at the number of its ray.
+impl Sink for Vec<Path> {
     fn step(&mut self, ray: usize, step: &Step) {
-        self.path(ray).steps.push(step.clone());
+        path_of(self, ray).steps.push(step.clone());
     }
 
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize) {
-        let path = self.path(ray);
+        let path = path_of(self, ray);
         (path.end, path.length, path.tried) = (end, s, steps);
     }
+}
+
+/// Returns the path of a ray among those kept, empty at first.
+fn path_of(kept: &mut Vec<Path>, ray: usize) -> &mut Path {
+    let nothing = || Path {
+        steps: Vec::new(),
+        end: End::Length,
+        length: 0.0,
+        tried: 0,
+    };
+    if kept.len() <= ray {
+        kept.resize_with(ray + 1, nothing);
+    }
+    &mut kept[ray]
 }
 
 /// State of a path at one arc length.

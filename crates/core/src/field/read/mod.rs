@@ -11,10 +11,8 @@
 //! | other | numbers of one type ([`NumberType`]) without a head, in the `shape` and `order` given |
 
 #[cfg(feature = "samples")]
-mod exr;
+mod exr_slices;
 mod npy;
-#[cfg(test)]
-mod tests;
 #[cfg(feature = "samples")]
 mod vti;
 
@@ -108,13 +106,15 @@ impl SampleSource {
         let mut slices = Vec::new();
         for file in &self.files {
             slices.extend(
-                exr::layers(&bytes(file)?, self.array.as_deref()).map_err(|fault| SampleFault {
-                    message: format!("{}: {}", file.display(), fault.message),
-                    ..fault
+                exr_slices::layers(&bytes(file)?, self.array.as_deref()).map_err(|fault| {
+                    SampleFault {
+                        message: format!("{}: {}", file.display(), fault.message),
+                        ..fault
+                    }
                 })?,
             );
         }
-        exr::stack(slices).map(|samples| (samples, None))
+        exr_slices::stack(slices).map(|samples| (samples, None))
     }
 
     #[cfg(not(feature = "samples"))]
@@ -355,3 +355,6 @@ fn read<const N: usize>(
     };
     whole.iter().map(one).collect()
 }
+
+#[cfg(test)]
+mod tests;

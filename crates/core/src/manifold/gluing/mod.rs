@@ -8,10 +8,10 @@
 //! The domain is where all faces are positive. Faces with an opening are there only where the opening is positive;
 //! they bound nothing. Walls that are mirrors have no map: light is reflected there in the metric.
 
-mod check;
 mod cones;
 mod cover;
 mod deck;
+mod gluing_checks;
 pub(super) mod quotient;
 mod spheres;
 
@@ -495,7 +495,7 @@ impl Manifold {
     /// Completes and checks the gluing of a manifold as read.
     pub(super) fn with_checked_gluing(mut self) -> crate::error::Result<Self> {
         if let Some(gluing) = &self.gluing {
-            let gluing = check::checked(&self, gluing)?;
+            let gluing = gluing_checks::checked(&self, gluing)?;
             self.gluing = Some(Arc::new(gluing));
         }
         Ok(self)
