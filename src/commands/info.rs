@@ -184,7 +184,7 @@ fn bundle_text(contents: &Contents, (patches, flagged): (usize, usize), bytes: u
 }
 
 /// Describes the manifold.
-pub fn describe_manifold(args: &InfoArgs, common: &CommonArgs) -> Result<()> {
+fn describe_manifold(args: &InfoArgs, common: &CommonArgs) -> Result<()> {
     let manifold = Manifold::load(&args.file, &args.set)?;
     let at = args.at.map(|u| PointGeometry::new(&manifold, u));
     let at = at.transpose()?;

@@ -3,8 +3,8 @@
 //! In: a scene file, or a bare manifold file, and perhaps a bundle. Out: the viewer's user interface on a local
 //! address, until a signal ends it; or a page. The viewer's rules and its pages are in `geofan-view`; here are its
 //! threads, clocks and sockets: [`loading`] watches files, [`background`] bakes, [`server`] answers requests of
-//! which it checks everything, [`driver`] has one session behind a WebSocket; with the feature `window` that may have a native window
-//! instead.
+//! which it checks everything, [`driver`] has one session behind a WebSocket; with the feature `window` that may
+//! have a native window instead.
 
 mod background;
 mod driver;

@@ -195,13 +195,13 @@ const LOOKS: u32 = 256;
 
 /// Returns whether an event with these values at two places is met between them.
 #[inline(always)]
-pub(super) fn is_met(before: f64, now: f64) -> bool {
+fn is_met(before: f64, now: f64) -> bool {
     (now > 0.0) & (now > before)
 }
 
 /// The first event between the arc lengths `from` and `to`; `ends` gives the values of an event at
 /// both, `value` that of an event at an arc length between.
-pub(super) fn first_between(
+fn first_between(
     domain: &Domain,
     [from, to]: [f64; 2],
     ends: impl Fn(usize) -> [f64; 2],

@@ -13,17 +13,15 @@ mod cover;
 mod deck;
 mod gluing_checks;
 pub(super) mod quotient;
-mod spheres;
 
 pub use cover::{Development, NearCopy, NearestCopies};
 pub use deck::DeckTransformation;
 pub(super) use deck::LinearModel;
 
 use super::{Manifold, description::digests};
-use deck::at_tape;
+use deck::{Spheres, at_tape};
 use geofan_expr::{Digest, Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};
-use spheres::Spheres;
 use std::{
     borrow::Cow,
     collections::HashMap,
