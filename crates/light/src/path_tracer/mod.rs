@@ -20,6 +20,8 @@ mod bsdf;
 mod emitters;
 mod ggx;
 mod passes;
+#[cfg(feature = "files")]
+mod passes_file;
 mod surface;
 
 pub use passes::{PanelTracers, PassAccumulator};
