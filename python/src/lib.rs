@@ -14,6 +14,7 @@ mod manifold;
 mod pictures;
 mod scene;
 mod study;
+mod table_paths;
 mod work;
 
 use pyo3::{PyClass, prelude::*};

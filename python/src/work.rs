@@ -102,6 +102,16 @@ pub fn watch_in<T: Send>(
     }
 }
 
+/// Ends work that has been cancelled.
+pub fn go_on(observer: &dyn Observer) -> Result<()> {
+    match observer.cancelled() {
+        true => Err(Error::Interrupted {
+            resume: "nothing is kept".into(),
+        }),
+        false => Ok(()),
+    }
+}
+
 /// The payload of a panic.
 type Panic = Box<dyn Any + Send>;
 
