@@ -319,37 +319,6 @@ fn note_signals() -> Result<Arc<AtomicBool>> {
     Ok(signalled)
 }
 
-#[cfg(all(test, unix))]
-mod tests {
-    use super::*;
-    use signal_hook::low_level::raise;
-    use std::process::{Command, Stdio};
-
-    const VARIABLE: &str = "GEOFAN_TEST_SIGNALS";
-
-    /// Signals concern the whole process, so this test runs itself again in a process of its own.
-    #[test]
-    fn the_first_signal_is_noted_and_the_second_quits() {
-        if std::env::var_os(VARIABLE).is_some() {
-            let signalled = note_signals().unwrap();
-            assert!(!signalled.load(Ordering::Relaxed));
-            raise(SIGTERM).unwrap();
-            assert!(signalled.load(Ordering::Relaxed));
-            raise(SIGINT).unwrap();
-            unreachable!("the second signal quits");
-        }
-        let name = "terminal::log::tests::the_first_signal_is_noted_and_the_second_quits";
-        let status = Command::new(std::env::current_exe().unwrap())
-            .args(["--exact", name])
-            .env(VARIABLE, "1")
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .status()
-            .unwrap();
-        assert_eq!(status.code(), Some(QUIT));
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -389,5 +358,34 @@ mod tests {
             unreachable!()
         };
         assert_eq!(lines.done.load(Ordering::Relaxed), 4000);
+    }
+
+    #[cfg(unix)]
+    const VARIABLE: &str = "GEOFAN_TEST_SIGNALS";
+
+    /// Signals concern the whole process, so this test runs itself again in a process of its own.
+    #[test]
+    #[cfg(unix)]
+    fn the_first_signal_is_noted_and_the_second_quits() {
+        use signal_hook::low_level::raise;
+        use std::process::{Command, Stdio};
+
+        if std::env::var_os(VARIABLE).is_some() {
+            let signalled = note_signals().unwrap();
+            assert!(!signalled.load(Ordering::Relaxed));
+            raise(SIGTERM).unwrap();
+            assert!(signalled.load(Ordering::Relaxed));
+            raise(SIGINT).unwrap();
+            unreachable!("the second signal quits");
+        }
+        let name = "terminal::log::tests::the_first_signal_is_noted_and_the_second_quits";
+        let status = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", name])
+            .env(VARIABLE, "1")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .unwrap();
+        assert_eq!(status.code(), Some(QUIT));
     }
 }
