@@ -1,17 +1,31 @@
-//! The chunks of one plan, baked in parallel.
+//! The chunks of one plan, baked in parallel, and the files in which finished ones are kept while a bake is under way.
 //!
 //! In: a space, its plan, and the files of chunks that are finished already. Out: all chunks in order, or
 //! none when stopped. Every chunk has a [`RefinementTally`] of its own, so the number of rays a chunk took
 //! is as reproducible as the chunk.
+//!
+//! In: chunks as they are finished. Out: the chunks again after an interruption ([`ChunkFiles`]). Each is an immutable
+//! file `B.fan.parts/chunk-000123`, written whole or not at all, one checksummed block with the bundle's
+//! id: a damaged file, or one of another bake, is as good as none.
+//!
+//! One bake at a time has the folder: it holds a lock on the file `lock` in it, which says who it is and
+//! ends with the process. Without, two bakes of one output would remove each other's chunks.
 
 use crate::{
-    bake::Share,
-    chunk_files::{BakedChunk, ChunkFiles},
+    attempts::Share,
     refine::{RefinementTally, Refiner},
 };
-use geofan_bundle::{Division, PlanRecord, Table, container::Id, rays::RaySpace};
-use geofan_core::{Observer, Progress, Result};
+use geofan_bundle::{
+    ByteReader, DecodeBudget, Division, PlanRecord, Table, TensorShape, Tree,
+    container::{BlockKind, Id, put_block, read_block},
+    put_bytes,
+    rays::RaySpace,
+};
+use geofan_core::{Error, Observer, Progress, Result, files::write_atomically};
 use std::{
+    fs::{self, File, TryLockError},
+    io::{self, Seek, Write},
+    path::{Path, PathBuf},
     sync::{
         OnceLock,
         atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed},
@@ -194,6 +208,294 @@ impl<'a> ChunkBaker<'a> {
             done: (share * PARTS_OF_VOLUME as f64) as u64,
             total: PARTS_OF_VOLUME,
             detail: &format!("{patches} patches, {kilobytes:.0} kB, {kilorays:.0}k rays/s"),
+        });
+    }
+}
+
+/// A chunk and the rays that it took.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BakedChunk {
+    /// The coded tree.
+    pub tree: Vec<u8>,
+    /// Rays integrated for it.
+    pub rays: u64,
+}
+
+/// The folder beside one output file with its finished chunks.
+#[derive(Debug)]
+pub struct ChunkFiles {
+    folder: PathBuf,
+    /// Held open, and with it the lock.
+    _lock: File,
+}
+
+/// Chunks of another version are baked again: its refinement may differ.
+const GENERATOR: &str = env!("CARGO_PKG_VERSION");
+
+/// Beginnings of the names of all files that belong here; the last is that of a write cut off.
+const NAMES: [&str; 3] = ["chunk-", "exceeds-", ".geofan-"];
+
+/// Name of the file that whoever bakes holds a lock on.
+const LOCK: &str = "lock";
+
+/// Time between two tries to get the lock: short enough for a signal, long enough to cost nothing.
+const BETWEEN_TRIES: Duration = Duration::from_millis(200);
+
+impl ChunkFiles {
+    /// Opens the folder beside `output`, and makes it if need be; the one that `output` lies in exists.
+    ///
+    /// # Errors
+    /// It cannot be made, or another process bakes into it.
+    pub fn open(output: &Path) -> Result<Self> {
+        let folder = folder_beside(output);
+        match Self::try_open(&folder)? {
+            Ok(files) => Ok(files),
+            Err(holder) => {
+                let message = format!("{holder} bakes it; wait for that with --wait");
+                Err(Error::Environment {
+                    path: output.display().to_string(),
+                    source: io::Error::new(io::ErrorKind::WouldBlock, message),
+                })
+            }
+        }
+    }
+
+    /// Opens the folder like [`ChunkFiles::open`] as soon as no other process bakes into it.
+    ///
+    /// # Errors
+    /// It cannot be made, or the observer ends the waiting.
+    pub fn open_when_free(output: &Path, observer: &dyn Observer) -> Result<Self> {
+        let folder = folder_beside(output);
+        let mut told = String::new();
+        loop {
+            let holder = match Self::try_open(&folder)? {
+                Ok(files) => return Ok(files),
+                Err(holder) => holder,
+            };
+            if holder != told {
+                tracing::info!("waiting: {holder} bakes {}", output.display());
+                told = holder;
+            }
+            if observer.cancelled() {
+                let resume = "it was waiting for another bake; nothing was begun".into();
+                return Err(Error::Interrupted { resume });
+            }
+            std::thread::sleep(BETWEEN_TRIES);
+        }
+    }
+
+    /// Makes the folder and locks it; or says in the inner result who has it.
+    fn try_open(folder: &Path) -> Result<Result<Self, String>> {
+        let failed = |source| Error::Environment {
+            path: folder.display().to_string(),
+            source,
+        };
+        let path = folder.join(LOCK);
+        loop {
+            match fs::create_dir(folder) {
+                Err(e) if !folder.is_dir() => return Err(failed(e)),
+                _ => {}
+            }
+            let options = File::options()
+                .create(true)
+                .truncate(false)
+                .read(true)
+                .write(true)
+                .open(&path);
+            let mut lock = match options {
+                Ok(lock) => lock,
+                // Its last holder has just removed the folder.
+                Err(e) if e.kind() == io::ErrorKind::NotFound => continue,
+                Err(e) => return Err(failed(e)),
+            };
+            match lock.try_lock() {
+                Ok(()) => {}
+                Err(TryLockError::WouldBlock) => {
+                    let holder = fs::read_to_string(&path).unwrap_or_default();
+                    return Ok(Err(match holder.trim() {
+                        "" => "another process".into(),
+                        holder => holder.into(),
+                    }));
+                }
+                // Some network file systems have no locks.
+                Err(TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => {
+                    tracing::warn!("{} cannot be locked: {e}", path.display());
+                }
+                Err(TryLockError::Error(e)) => return Err(failed(e)),
+            }
+            // The lock counts only on the file that is still there.
+            let current = same_file::Handle::from_path(&path).ok();
+            let own = lock.try_clone().and_then(same_file::Handle::from_file).ok();
+            if current != own {
+                continue;
+            }
+            let written = lock.set_len(0).and_then(|()| lock.rewind());
+            written
+                .and_then(|()| lock.write_all(this_process().as_bytes()))
+                .map_err(failed)?;
+            return Ok(Ok(Self {
+                folder: folder.into(),
+                _lock: lock,
+            }));
+        }
+    }
+
+    /// Returns the folder.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// Returns the name of the file of `chunk`.
+    fn path(&self, chunk: u32) -> PathBuf {
+        self.folder.join(format!("chunk-{chunk:06}"))
+    }
+
+    /// Reads a finished chunk, if it is there, whole, and of the bundle `id` with tensors of this `shape`.
+    pub fn load(&self, chunk: u32, id: Id, shape: TensorShape) -> Option<BakedChunk> {
+        let bytes = fs::read(self.path(chunk)).ok()?;
+        let payload = read_block(&bytes, BlockKind::Part, chunk, id)?;
+        let mut input = ByteReader(payload);
+        if input.bytes().ok()? != GENERATOR.as_bytes() {
+            return None;
+        }
+        let rays = u64::from_le_bytes(input.bytes().ok()?.try_into().ok()?);
+        let tree = input.0.to_vec();
+        // Only what this version would have written: the same bytes again.
+        let budget = DecodeBudget::for_bytes(tree.len());
+        let again = Tree::decode(&tree, shape, &budget).ok()?.encode();
+        (again == tree).then_some(BakedChunk { tree, rays })
+    }
+
+    /// Writes a finished chunk.
+    ///
+    /// # Errors
+    /// The disk is full or the folder is gone.
+    pub fn store(&self, chunk: u32, id: Id, baked: &BakedChunk) -> Result<()> {
+        let mut payload = Vec::new();
+        put_bytes(&mut payload, GENERATOR.as_bytes());
+        put_bytes(&mut payload, &baked.rays.to_le_bytes());
+        payload.extend(&baked.tree);
+        let mut block = Vec::new();
+        put_block(&mut block, BlockKind::Part, chunk, id, &payload);
+        write_atomically(&self.path(chunk), |out| out.write_all(&block))
+    }
+
+    /// Notes that the bundle `id` takes more than `bytes`.
+    ///
+    /// # Errors
+    /// As [`ChunkFiles::store`].
+    pub fn note_size(&self, id: Id, bytes: u64) -> Result<()> {
+        write_atomically(&self.note(id), |out| out.write_all(&bytes.to_le_bytes()))
+    }
+
+    /// Returns the size that the bundle `id` was noted to exceed.
+    pub fn noted_size(&self, id: Id) -> Option<u64> {
+        let bytes = fs::read(self.note(id)).ok()?;
+        Some(u64::from_le_bytes(bytes.try_into().ok()?))
+    }
+
+    /// Returns the name of the note about the bundle `id`.
+    fn note(&self, id: Id) -> PathBuf {
+        let name: String = id.iter().map(|b| format!("{b:02x}")).collect();
+        self.folder.join(format!("exceeds-{name}"))
+    }
+
+    /// Removes all chunks, of any bake; returns how many there were.
+    ///
+    /// # Errors
+    /// A file cannot be removed.
+    pub fn discard(&self) -> Result<usize> {
+        let failed = |e| Error::io(&self.folder, e);
+        let mut chunks = 0;
+        for entry in fs::read_dir(&self.folder).map_err(failed)? {
+            let entry = entry.map_err(failed)?;
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if NAMES.iter().any(|start| name.starts_with(start)) {
+                fs::remove_file(entry.path()).map_err(|e| Error::io(&entry.path(), e))?;
+                chunks += usize::from(name.starts_with(NAMES[0]));
+            }
+        }
+        Ok(chunks)
+    }
+
+    /// Removes the folder with all chunks; other files in it stay, and it with them.
+    ///
+    /// # Errors
+    /// As [`ChunkFiles::discard`].
+    pub fn remove(&self) -> Result<()> {
+        self.discard()?;
+        // Only now may another process lock the folder.
+        let lock = self.folder.join(LOCK);
+        fs::remove_file(&lock).map_err(|e| Error::io(&lock, e))?;
+        if let Err(error) = fs::remove_dir(&self.folder) {
+            tracing::warn!("{} stays: {error}", self.folder.display());
+        }
+        Ok(())
+    }
+}
+
+/// Returns the folder for the chunks of `output`.
+fn folder_beside(output: &Path) -> PathBuf {
+    let mut name = output.as_os_str().to_owned();
+    name.push(".parts");
+    name.into()
+}
+
+/// Names this process for others: its number and, where the system says it, its machine.
+fn this_process() -> String {
+    let number = std::process::id();
+    match fs::read_to_string("/proc/sys/kernel/hostname") {
+        Ok(machine) => format!("process {number} on {}", machine.trim()),
+        Err(_) => format!("process {number}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use geofan_core::Progress;
+
+    #[test]
+    fn one_bake_at_a_time_has_the_folder() {
+        let place = tempfile::tempdir().unwrap();
+        let output = place.path().join("b.fan");
+        let first = ChunkFiles::open(&output).unwrap();
+        let second = ChunkFiles::open(&output).unwrap_err();
+        assert_eq!(second.exit_code(), 3);
+        let holder = format!("process {}", std::process::id());
+        assert!(second.to_string().contains(&holder), "{second}");
+        first.remove().unwrap();
+        assert!(!place.path().join("b.fan.parts").exists());
+        let third = ChunkFiles::open(&output).unwrap();
+        // An interrupted bake leaves its folder, and no lock.
+        drop(third);
+        ChunkFiles::open(&output).unwrap();
+    }
+
+    /// Ends waiting at the first look.
+    struct Impatient;
+
+    impl Observer for Impatient {
+        fn progress(&self, _: Progress<'_>) {}
+        fn cancelled(&self) -> bool {
+            true
+        }
+    }
+
+    #[test]
+    fn waiting_ends_with_the_other_bake_or_by_the_user() {
+        let place = tempfile::tempdir().unwrap();
+        let output = place.path().join("b.fan");
+        let first = ChunkFiles::open(&output).unwrap();
+        let ended = ChunkFiles::open_when_free(&output, &Impatient).unwrap_err();
+        assert_eq!(ended.exit_code(), 75);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                std::thread::sleep(BETWEEN_TRIES / 2);
+                first.remove().unwrap();
+                drop(first);
+            });
+            ChunkFiles::open_when_free(&output, &geofan_core::Unobserved).unwrap();
         });
     }
 }

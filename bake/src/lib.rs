@@ -2,13 +2,11 @@
 //!
 //! In: a manifold file and a promise. Out: a bundle with its certificate. A bake is a fixed list of
 //! chunks, each a pure function of manifold, [`plan`] and chunk number ([`refine`]); finished chunks
-//! are immutable files ([`chunk_files`]) joined in order ([`chunks`]). Resuming, shards and equal bytes
+//! are immutable files joined in order ([`chunks`]). Resuming, shards and equal bytes
 //! for any number of threads follow from that.
 
-mod assembly;
-mod bake;
-mod certificate;
-pub mod chunk_files;
+mod attempts;
+mod certify;
 pub mod chunks;
 mod directions;
 mod ends;
@@ -16,6 +14,6 @@ mod merge;
 pub mod plan;
 pub mod refine;
 
-pub use bake::{BakeOptions, BakeResult, PROMISES, Share, USUAL_PROMISE, bake};
-pub use certificate::{RandomRays, certify};
+pub use attempts::{BakeOptions, BakeResult, PROMISES, Share, USUAL_PROMISE, bake};
+pub use certify::{RandomRays, certify};
 pub use merge::{Merged, merge};

@@ -5,8 +5,8 @@
 //! order of the chunks that they need, and once for the file. In memory are [`TOGETHER`] bytes of them at a time.
 
 use crate::{
-    assembly::tell_certified,
-    certificate::{CertificateErrors, CertificateRays},
+    attempts::tell_certified,
+    certify::{CertificateErrors, CertificateRays},
 };
 use geofan_bundle::{
     Chunk, DecodeBudget, Header, StoredChunks, StoredContents, Table, Tree,

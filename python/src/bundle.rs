@@ -1,19 +1,18 @@
-//! Bundles: reading, baking, checking, and paths of many rays.
+//! Bundles: reading, baking, checking; paths of many rays are looked up in `table_paths`.
 
 use crate::{
-    arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
-    columns::Columns,
-    errors::{About, refuse},
+    arrays::{Columns, VectorRows, arc_lengths, positive, room, same_length, tolerance},
+    exact_paths::{BLOCK, Places, TraceArrays, known_to_tables},
+    exceptions::{About, refuse},
     manifold::{PyManifold, places},
-    trace::{BLOCK, Places, TraceArrays, end_number, known_to_tables, write_end, write_sample},
+    table_paths::{TableTrace, U, V, look_up, see_skies},
     work,
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake, certify, merge};
-use geofan_bundle::{Bundle, Fan, TablePath, TangentPromise, container::VERSION, trace_in};
+use geofan_bundle::{Bundle, Fan, TangentPromise, container::VERSION};
 use geofan_core::{
-    Error, Observer, Progress, Result,
-    geodesic::{End, Ray, Settings, UnfinishedPaths, check_point, paths},
-    manifold::Carried,
+    Observer, Progress, Result,
+    geodesic::{UnfinishedPaths, check_point},
 };
 use glam::DVec3;
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -34,14 +33,6 @@ pub struct PyBundle {
     /// The library's.
     pub bundle: Arc<Bundle>,
 }
-
-/// Numbers of the columns of `paths`.
-const U: usize = 0;
-const V: usize = 1;
-
-/// Numbers of the columns of `sky`.
-const DIRECTION: usize = 1;
-const LENGTH: usize = 2;
 
 #[pymethods]
 impl PyBundle {
@@ -459,188 +450,5 @@ fn tell(observer: &dyn Observer, done: &AtomicU64, count: u64, total: u64) -> Re
         total,
         detail: "",
     });
-    go_on(observer)
-}
-
-/// Ends work that has been cancelled.
-fn go_on(observer: &dyn Observer) -> Result<()> {
-    match observer.cancelled() {
-        true => Err(Error::Interrupted {
-            resume: "nothing is kept".into(),
-        }),
-        false => Ok(()),
-    }
-}
-
-/// Paths to be read one by one.
-struct TableTrace<'a> {
-    bundle: &'a Bundle,
-    at: &'a VectorRows<'a>,
-    directions: &'a VectorRows<'a>,
-    length: f64,
-    samples: usize,
-    tolerance: f64,
-}
-
-impl TableTrace<'_> {
-    /// Reads the paths of a block; tells which were integrated. Rays from one camera share its fan.
-    fn block(
-        &self,
-        first: usize,
-        mut columns: Columns<'_, 8, 2>,
-        observer: &dyn Observer,
-    ) -> Result<Vec<bool>> {
-        go_on(observer)?;
-        let manifold = &self.bundle.manifold;
-        let mut known: Option<Fan> = None;
-        let mut exact = Vec::new();
-        for row in 0..columns.integers[0].len() {
-            let u = self.at.at(first + row);
-            let fan = match known.take() {
-                Some(fan) if fan.place.u == u => fan,
-                _ => {
-                    check_point(manifold, &self.at.label(first + row), u)?;
-                    self.bundle.fan(u)?
-                }
-            };
-            let direction = self.directions.direction(first + row)?;
-            let traced = trace_in(&fan, direction, self.length, self.samples, self.tolerance);
-            for (i, sample) in traced.samples.iter().enumerate() {
-                write_sample(row, i, sample, &mut columns);
-            }
-            let end = end_number(traced.end, manifold);
-            write_end(row, (end, traced.length, traced.steps), &mut columns);
-            exact.push(traced.exact);
-            known = Some(fan);
-        }
-        Ok(exact)
-    }
-}
-
-/// Looks up the rays of a block at the arc lengths `s`; those that the table gives up on are integrated.
-fn look_up(
-    fan: &Fan,
-    (directions, first): (&VectorRows<'_>, usize),
-    s: &[f64],
-    tolerance: f64,
-    mut columns: Columns<'_, 2, 1>,
-    observer: &dyn Observer,
-) -> Result<()> {
-    go_on(observer)?;
-    let mut rows = vec![0.0; 6 * s.len()];
-    let mut given_up = Vec::new();
-    for row in 0..columns.integers[0].len() {
-        let direction = directions.direction(first + row)?;
-        let known = fan.path(direction).sample_into(s, &mut rows);
-        for (column, rows) in rows.chunks_exact(3 * s.len()).enumerate() {
-            for i in 0..known {
-                let values = [0, 1, 2].map(|k| rows[k * s.len() + i]);
-                columns.put(column, row, 3 * i, &values);
-            }
-        }
-        if known < s.len() {
-            given_up.push((row, direction));
-        }
-    }
-    integrate(fan, &given_up, s, tolerance, &mut columns);
-    Ok(())
-}
-
-/// Follows exactly what a table gives up on, past exits as tables do.
-fn integrate(
-    fan: &Fan,
-    rays: &[(usize, DVec3)],
-    s: &[f64],
-    tolerance: f64,
-    columns: &mut Columns<'_, 2, 1>,
-) {
-    let Some(length) = s.last().copied().filter(|_| !rays.is_empty()) else {
-        return;
-    };
-    let (manifold, settings) = (fan.space().manifold(), exact_settings(tolerance, false));
-    let starts = rays
-        .iter()
-        .map(|(_, d)| Ray::new(manifold, fan.place.u, *d, length));
-    for ((row, _), path) in rays.iter().zip(paths(manifold, settings, starts)) {
-        columns.integers[0][*row] = 1;
-        for (i, s) in s.iter().enumerate() {
-            let step = path.step_at(*s).filter(|_| *s <= path.length);
-            let Some(step) = step else {
-                columns.blank(U, *row, 3 * i);
-                columns.blank(V, *row, 3 * i);
-                break;
-            };
-            columns.put(U, *row, 3 * i, &step.position(*s).to_array());
-            columns.put(V, *row, 3 * i, &step.tangent(*s).to_array());
-        }
-    }
-}
-
-/// Follows paths alone.
-fn exact_settings(tolerance: f64, events: bool) -> Settings {
-    Settings {
-        tolerance,
-        carried: Carried::default(),
-        events,
-    }
-}
-
-/// Tells how the rays of a block end.
-fn see_skies(
-    fan: &Fan,
-    (directions, first): (&VectorRows<'_>, usize),
-    length: f64,
-    tolerance: f64,
-    mut columns: Columns<'_, 3, 1>,
-    observer: &dyn Observer,
-) -> Result<()> {
-    go_on(observer)?;
-    let manifold = fan.space().manifold();
-    for row in 0..columns.integers[0].len() {
-        let direction = directions.direction(first + row)?;
-        let path = fan.path(direction);
-        let found =
-            ending(&path, length).or_else(|| exact_ending(fan, direction, length, tolerance));
-        let Some((end, s, u, v)) = found else {
-            columns.put(U, row, 0, &fan.place.u.to_array());
-            columns.put(DIRECTION, row, 0, &[f64::NAN; 3]);
-            columns.integers[0][row] = end_number(End::Singular, manifold);
-            continue;
-        };
-        let exit = match end {
-            End::Exit(k) => Some(k),
-            _ => None,
-        };
-        let u = manifold.domain.wrap(u);
-        let sky = manifold.sky_direction(exit, u, v);
-        columns.put(U, row, 0, &u.to_array());
-        columns.put(DIRECTION, row, 0, &sky.to_array());
-        columns.put(LENGTH, row, 0, &[s]);
-        columns.integers[0][row] = end_number(end, manifold);
-    }
-    Ok(())
-}
-
-/// How, where and in which direction a path ends.
-type PathEnd = (End, f64, DVec3, DVec3);
-
-/// Finds the end of a path in the table; `None` if the table gives up before.
-fn ending(path: &TablePath<'_>, length: f64) -> Option<PathEnd> {
-    let (end, s) = match path.first_event(length) {
-        Some(found) => found,
-        None if path.flagged_from() < length => return None,
-        None => (End::Length, length),
-    };
-    let (u, v) = path.at(s)?;
-    Some((end, s, u, v))
-}
-
-/// Finds it by integration; `None` for a path that ends where it starts.
-fn exact_ending(fan: &Fan, d: DVec3, length: f64, tolerance: f64) -> Option<PathEnd> {
-    let manifold = fan.space().manifold();
-    let ray = Ray::new(manifold, fan.place.u, d, length);
-    let path = paths(manifold, exact_settings(tolerance, true), [ray]).remove(0);
-    let step = path.steps.last()?;
-    let s = path.length;
-    Some((path.end, s, step.position(s), step.tangent(s)))
+    work::go_on(observer)
 }

@@ -1,8 +1,8 @@
-//! Cameras: their place, their axes, and how they move.
+//! Cameras: their place, their axes, how they move, and those on their way through key poses.
 
 use crate::{
     arrays::{positive, room},
-    errors::{About, refuse},
+    exceptions::{About, refuse},
     manifold::{PyManifold, vectors},
     work,
 };
@@ -13,8 +13,8 @@ use geofan_core::{
     manifold::Manifold,
 };
 use geofan_render::{
-    Camera, Part, PicturePanels, camera_point,
-    scene::{CameraEntry, CameraMotion, CameraProjection, Lens, SceneFile},
+    Camera, Journey, Part, PicturePanels, camera_point,
+    scene::{CameraEntry, CameraMotion, CameraProjection, Lens, PoseFile, SceneFile},
 };
 use glam::{DMat3, DQuat, DVec3};
 use numpy::PyArray2;
@@ -263,4 +263,36 @@ impl PyCamera {
             ..self.clone()
         }
     }
+}
+
+/// The most frames of an animation.
+const MOST_FRAMES: usize = 1_000_000;
+
+/// Returns the cameras of so many frames, evenly in time, of the text of a file of key poses; `like` says how they
+/// draw.
+#[pyfunction]
+pub fn journey(
+    py: Python<'_>,
+    manifold: &PyManifold,
+    text: (String, String),
+    frames: usize,
+    like: Option<&PyCamera>,
+) -> PyResult<Vec<PyCamera>> {
+    if !(2..=MOST_FRAMES).contains(&frames) {
+        let message = format!("{frames} is not between 2 and {MOST_FRAMES}");
+        return Err(refuse(py, "frames", message));
+    }
+    let (name, text) = text;
+    work::watch(py, About::Scene, None, |_| {
+        let poses = PoseFile::parse(SourceText::new(name, text))?;
+        let journey = Journey::new(&manifold.space, &poses)?;
+        let [from, to] = journey.interval();
+        let camera = |number: usize| {
+            let share = number as f64 / (frames - 1) as f64;
+            let time = from + (to - from) * share;
+            let (placed, fov) = journey.pose(time);
+            PyCamera::on_the_way(&manifold.space, (placed, fov), journey.velocity(time), like)
+        };
+        Ok((0..frames).map(camera).collect())
+    })
 }

@@ -2,23 +2,19 @@
 //!
 //! In: numpy arrays, texts and paths from the package's Python files, which hold the documented classes. Out:
 //! arrays, JSON texts and exceptions. No mathematics: every number comes from the library crates. Work runs
-//! without the GIL, on threads of this process ([`threads`]); long work tells its progress and ends on Ctrl-C
-//! ([`work`]). Inputs are checked here, so that no input can make the libraries panic.
+//! without the GIL, on threads of this process; long work tells its progress and ends on Ctrl-C ([`work`]).
+//! Inputs are checked here, so that no input can make the libraries panic.
 
 mod arrays;
 mod bundle;
 mod camera;
-mod columns;
-mod connect;
-mod errors;
-mod journey;
+mod exact_paths;
+mod exceptions;
 mod manifold;
-mod page;
 mod pictures;
 mod scene;
 mod study;
-mod threads;
-mod trace;
+mod table_paths;
 mod work;
 
 use pyo3::{PyClass, prelude::*};
@@ -42,14 +38,12 @@ mod _native {
     #[pymodule_export]
     use super::{
         bundle::PyBundle,
-        camera::PyCamera,
-        journey::journey,
+        camera::{PyCamera, journey},
         manifold::PyManifold,
-        page::page,
-        pictures::{read_picture, write_picture},
+        pictures::{page, read_picture, write_picture},
         scene::PyStage,
         study::sweep,
-        threads::{pop_threads, push_threads, thread_count},
+        work::{pop_threads, push_threads, thread_count},
     };
     use pyo3::prelude::*;
 

@@ -2,9 +2,8 @@
 
 use crate::{
     arrays::{VectorRows, arc_lengths, positive, room, same_length, tolerance},
-    connect,
-    errors::{About, refuse},
-    trace::{self, BLOCK, Places, TraceRequest},
+    exact_paths::{self, BLOCK, Places, TraceRequest},
+    exceptions::{About, refuse},
     work,
 };
 use geofan_bake::plan::discrete_symmetries;
@@ -375,7 +374,7 @@ impl PyManifold {
             },
             conjugate,
         };
-        trace::trace(py, &request, &at, &directions)
+        exact_paths::trace(py, &request, &at, &directions)
     }
 
     /// Finds all geodesics from a point to others.
@@ -389,7 +388,7 @@ impl PyManifold {
     ) -> PyResult<Bound<'py, PyDict>> {
         let points = VectorRows::new(py, "q", &q)?;
         let (length, accuracy) = (self.path_length(py, length)?, tolerance(py, accuracy)?);
-        connect::connect(
+        exact_paths::connect(
             py,
             &self.space,
             DVec3::from_array(p),

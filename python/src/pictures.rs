@@ -1,11 +1,15 @@
-//! Pictures as arrays: what the renderer made, and files.
+//! Pictures as arrays, what the renderer made and files; and pages of scenes, for browsers and notebooks.
 
-use crate::errors::{About, refuse};
+use crate::{
+    exceptions::{About, refuse},
+    work,
+};
 use geofan_core::{Result, geodesic::UnfinishedPaths};
 use geofan_render::{
     PicturePanels, World,
     picture::{self, Frame, LayerValues, Metadata, Picture, PictureFormat, read_exr},
 };
+use geofan_view::{Page, SpaceSource};
 use numpy::{PyArray2, PyArray3, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::{prelude::*, types::PyDict};
 use std::path::PathBuf;
@@ -142,4 +146,35 @@ pub fn read_picture<'py>(py: Python<'py>, path: PathBuf) -> PyResult<ReadPicture
     let (rgb, layers) = arrays(py, picture)?;
     let frame = notes.frame.map(|frame| (frame.size, frame.corner));
     Ok((rgb, layers, notes.notes, (frame, notes.screen_width)))
+}
+
+/// Makes the page of a scene or manifold file, as `geofan view --page` does. Returns the bytes of the files written
+/// to `output`; without one, the HTML text.
+#[pyfunction]
+pub fn page(
+    py: Python<'_>,
+    file: PathBuf,
+    bundle: Option<PathBuf>,
+    length: Option<f64>,
+    settings: Vec<(String, f64)>,
+    wasm: PathBuf,
+    output: Option<PathBuf>,
+) -> PyResult<(usize, Option<String>)> {
+    let source = SpaceSource {
+        file,
+        bundle,
+        length,
+    };
+    // The files that a page reads are noted by its thread, which must not take up the work of others meanwhile.
+    let own = work::fresh(py)?;
+    work::watch_in(py, About::Scene, None, &own, |_| {
+        let page = Page::new(&source, &settings, &wasm)?;
+        match output {
+            Some(output) => Ok((page.write(&output)?, None)),
+            None => {
+                let html = page.html()?;
+                Ok((html.len(), Some(html)))
+            }
+        }
+    })
 }

@@ -4,7 +4,7 @@ use crate::{
     arrays::{positive, tolerance},
     bundle::PyBundle,
     camera::PyCamera,
-    errors::{About, refuse},
+    exceptions::{About, refuse},
     manifold::PyManifold,
     pictures::{DrawnPicture, arrays},
     work,

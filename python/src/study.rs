@@ -1,7 +1,7 @@
 //! Accuracy against table size.
 
 use crate::{
-    errors::{About, refuse},
+    exceptions::{About, refuse},
     work,
 };
 use geofan_bake::PROMISES;

@@ -10,7 +10,6 @@ mod path_traced;
 mod project;
 mod render;
 mod scenery;
-mod shard;
 mod sweep;
 mod trace;
 mod transport;

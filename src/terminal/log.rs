@@ -1,18 +1,26 @@
-//! Text on stderr: log lines and the progress of long work, prevented from writing into each other.
+//! What the user is told of work under way: log lines and the progress of long work on stderr, prevented from writing
+//! into each other; and what the user tells it, by signals.
 //!
 //! In: tracing events, lines, counts from any thread. Out: text on stderr, coloured on a terminal unless
 //! `NO_COLOR` is set; progress is a bar on a terminal, a plain line every few seconds in a log, nothing
 //! when quiet.
+//!
+//! In: reports of progress, SIGINT and SIGTERM ([`TerminalObserver`]). Out: progress; the first signal asks the work to
+//! end, the second ends the process at once.
 
 use super::CommonArgs;
-use geofan_core::Progress;
+use geofan_core::{Error, Observer, Progress, Result};
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use signal_hook::{
+    consts::{SIGINT, SIGTERM},
+    flag,
+};
 use std::{
     env,
     io::{self, IsTerminal, Write},
     sync::{
-        LazyLock, Mutex,
-        atomic::{AtomicU64, Ordering},
+        Arc, LazyLock, Mutex,
+        atomic::{AtomicBool, AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
@@ -250,6 +258,67 @@ fn duration(seconds: f64) -> String {
     }
 }
 
+/// The exit code of a process that quits at once, by the shells' convention for Ctrl-C.
+const QUIT: i32 = 130;
+
+/// Shows progress on the terminal, and ends work when the user asks.
+#[derive(Debug)]
+pub struct TerminalObserver {
+    common: CommonArgs,
+    signalled: Arc<AtomicBool>,
+    /// Name of the work under way and its display.
+    shown: Mutex<Option<(String, ProgressDisplay)>>,
+}
+
+impl TerminalObserver {
+    /// Begins to listen to signals.
+    ///
+    /// # Errors
+    /// The system refuses the handlers.
+    pub fn new(common: &CommonArgs) -> Result<Self> {
+        Ok(Self {
+            common: common.clone(),
+            signalled: note_signals()?,
+            shown: Mutex::default(),
+        })
+    }
+}
+
+impl Observer for TerminalObserver {
+    fn progress(&self, progress: Progress<'_>) {
+        let mut shown = self.shown.lock().unwrap_or_else(|e| e.into_inner());
+        let display = match shown.take() {
+            Some((work, display)) if work == progress.work => display,
+            _ if progress.done >= progress.total && progress.total == 0 => return,
+            _ => ProgressDisplay::new(&self.common, progress.work, progress.total),
+        };
+        display.update(progress);
+        match progress.done >= progress.total {
+            true => display.finish(),
+            false => *shown = Some((progress.work.into(), display)),
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.signalled.load(Ordering::Relaxed)
+    }
+}
+
+/// Notes the first SIGINT or SIGTERM from now on, and lets a second one end the process.
+fn note_signals() -> Result<Arc<AtomicBool>> {
+    let signalled = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // The order matters: the second signal finds the flag set before it is set again.
+        flag::register_conditional_shutdown(signal, QUIT, signalled.clone())
+            .and_then(|_| flag::register(signal, signalled.clone()))
+            .map_err(|source| Error::Environment {
+                path: "signal handlers".into(),
+                source,
+            })?;
+    }
+    Ok(signalled)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -289,5 +358,34 @@ mod tests {
             unreachable!()
         };
         assert_eq!(lines.done.load(Ordering::Relaxed), 4000);
+    }
+
+    #[cfg(unix)]
+    const VARIABLE: &str = "GEOFAN_TEST_SIGNALS";
+
+    /// Signals concern the whole process, so this test runs itself again in a process of its own.
+    #[test]
+    #[cfg(unix)]
+    fn the_first_signal_is_noted_and_the_second_quits() {
+        use signal_hook::low_level::raise;
+        use std::process::{Command, Stdio};
+
+        if std::env::var_os(VARIABLE).is_some() {
+            let signalled = note_signals().unwrap();
+            assert!(!signalled.load(Ordering::Relaxed));
+            raise(SIGTERM).unwrap();
+            assert!(signalled.load(Ordering::Relaxed));
+            raise(SIGINT).unwrap();
+            unreachable!("the second signal quits");
+        }
+        let name = "terminal::log::tests::the_first_signal_is_noted_and_the_second_quits";
+        let status = Command::new(std::env::current_exe().unwrap())
+            .args(["--exact", name])
+            .env(VARIABLE, "1")
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .status()
+            .unwrap();
+        assert_eq!(status.code(), Some(QUIT));
     }
 }

@@ -4,11 +4,9 @@
 //! (logs, progress, errors), and the exit code of a run.
 
 mod log;
-mod observer;
 pub mod values;
 
-pub use log::{ProgressDisplay, colour, line};
-pub use observer::TerminalObserver;
+pub use log::{ProgressDisplay, TerminalObserver, colour, line};
 
 use geofan_core::error::{Error, Result};
 use serde::Serialize;

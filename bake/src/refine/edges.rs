@@ -12,9 +12,9 @@
 use super::{
     Refiner,
     held_out::HeldOutRays,
+    line_series::{Resolution, tail},
     most_urgent,
-    resolution::{Resolution, tail},
-    tree::{Decision, ParameterBox},
+    refinement_tree::{Decision, ParameterBox},
 };
 use crate::plan::divides_paths;
 use geofan_bundle::{

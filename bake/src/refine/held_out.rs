@@ -3,7 +3,7 @@
 //! In: a box and its error budget. Out: the error of a polynomial or tensor on the rays, in units of the
 //! promise, measured as the certificate measures it. It holds the promise where it is at most 1.
 
-use super::{Refiner, line_series::channel_weights, tree::ParameterBox};
+use super::{Refiner, line_series::channel_weights, refinement_tree::ParameterBox};
 use crate::plan::divides_paths;
 use geofan_bundle::{
     Polynomial, Tensor,

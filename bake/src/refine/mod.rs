@@ -3,23 +3,22 @@
 //! In: a plan and a chunk number. Out: its [`Tree`], a pure function of both: neither threads nor
 //! other chunks matter.
 //!
-//! A few lines through a box tell how many nodes it needs (`resolution`). If the plan allows as many it
+//! A few lines through a box tell how many nodes it needs (`line_series`). If the plan allows as many it
 //! is sampled at the tensor grid of Chebyshev nodes and fitted; its coefficients are rounded as
 //! coarsely as random held-out rays allow, measured as the certificate measures them (`held_out`,
 //! `quantise`). Otherwise it is halved along the axis that needs it most; one too small for that is
 //! flagged. A box may take minutes: its work looks whether it goes on between pieces of a second and less
 //! ([`RefinementTally::stop`]). Boxes whose paths meet edges of the metric are divided there (`edges`). The boxes of one level share an
-//! error budget (`tree`).
+//! error budget (`refinement_tree`).
 
 mod edges;
 mod held_out;
 pub(crate) mod line_series;
 mod quantise;
-mod resolution;
+mod refinement_tree;
 #[cfg(test)]
 mod stop_tests;
 pub mod tensor_train;
-mod tree;
 
 use crate::plan::divides_paths;
 use geofan_bundle::{
@@ -30,9 +29,10 @@ use geofan_bundle::{
 use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
 use glam::DVec3;
 use held_out::HeldOutRays;
+use line_series::{Resolution, tail};
 use ndarray::ArrayD;
 use rayon::prelude::*;
-use resolution::{Resolution, tail};
+use refinement_tree::{Decision, ParameterBox, RefinementTree};
 use std::{
     ops::Range,
     sync::{
@@ -40,7 +40,6 @@ use std::{
         atomic::{AtomicU64, Ordering},
     },
 };
-use tree::{Decision, ParameterBox, RefinementTree};
 
 /// Factor by which the smallest boxes may exceed the promise along lines and still be fitted: the
 /// quantile often forgives it.

@@ -10,8 +10,7 @@ use crate::container::{MAGIC, MOST_BYTES, too_large};
 use crate::{
     Certificate,
     container::{self, Id},
-    decode::{BundleError, ByteReader, LookupError, put_bytes},
-    decode_budget::DecodeBudget,
+    decode::{BundleError, ByteReader, DecodeBudget, LookupError, put_bytes},
     fan::Fan,
     header::{Header, PlanRecord, ShardRecord},
     rays::RaySpace,

@@ -1,20 +1,26 @@
-//! All paths from one camera position.
+//! All paths from one camera position, and one of them.
 //!
 //! In: the chunks of a table around a camera. Out: a [`Fan`]: the chunks contracted to polynomials in
-//! direction and arc length, and from it single [`TablePath`]s. The contraction takes about a
-//! millisecond, a path about a microsecond; turning the head needs no new fan.
+//! direction and arc length, and from it single [`TablePath`]s: position, tangent and transported rotation at
+//! any arc length. The contraction takes about a millisecond, a path about a microsecond; turning the head needs
+//! no new fan. Points come from the stored ray, in the coordinates in which the table stores them, and
+//! are carried by the isometry that takes this ray to the true one.
 
 use crate::{
     contracted::Contracted,
-    path_coefficients::{Evaluate, PathCoefficients},
-    rays::{FACES, Image, Located, Place, RaySpace},
+    path_coefficients::{self, ArcSums, Evaluate, PathCoefficients, PathPiece, StoredRay},
+    rays::{ChartMap, FACES, Image, Located, Place, RaySpace},
     table::Table,
-    table_path::TablePath,
     tree::{Tree, half},
 };
-use geofan_core::parallel::*;
-use glam::DVec3;
-use std::sync::Arc;
+use geofan_core::{
+    geodesic::{End, carry, first_event, turn_at_edge},
+    manifold::Isometry,
+    parallel::*,
+};
+use geofan_expr::{Tape, real::Real, vectorised};
+use glam::{DMat3, DQuat, DVec3};
+use std::{borrow::Borrow, ops::Range, sync::Arc};
 
 /// A chunk at one camera: only direction (axes 0, 1) and arc length (axis 2) are left.
 pub(crate) type ContractedTree = Tree<Contracted>;
@@ -135,4 +141,334 @@ impl Fan {
         let located = located.carried(face.image.as_ref());
         coefficients.add(&self.table, &face.tree, located, evaluate)
     }
+}
+
+/// Arc lengths summed at once.
+const LANES: usize = 16;
+
+/// The most that one step of a transport along a stored path may be off, radians: far below any
+/// promise.
+const TRANSPORT_TOLERANCE: f64 = 1e-7;
+
+/// Distances from an edge, as shares of the arc length up to it, at which frames before it and behind it are
+/// looked at: the table is off by a thousandth or less.
+const BESIDE_EDGE: [f64; 4] = [1e-6, 1e-4, 1e-3, 4e-3];
+
+/// Difference from 1 of the length of a tangent that is believed to be on its own side of an edge: where the metric
+/// jumps by less, sides are alike.
+const OFF_SPEED: f64 = 0.01;
+
+/// One path of a fan, which owns its coefficients or is one of many.
+#[derive(Debug, Clone)]
+pub struct TablePath<'f, C = PathCoefficients> {
+    fan: &'f Fan,
+    coefficients: C,
+    number: usize,
+}
+
+impl<'f, C> TablePath<'f, C> {
+    /// Takes the path of `fan` that has this number among `coefficients`.
+    pub(crate) fn new(fan: &'f Fan, coefficients: C, number: usize) -> Self {
+        Self {
+            fan,
+            coefficients,
+            number,
+        }
+    }
+}
+
+impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
+    fn ray(&self) -> &StoredRay {
+        self.coefficients.borrow().ray(self.number)
+    }
+
+    fn pieces(&self) -> &[PathPiece] {
+        self.coefficients.borrow().pieces(self.number)
+    }
+
+    /// Returns the first arc length at which the table gives up; infinite if it never does.
+    pub fn flagged_from(&self) -> f64 {
+        let first = self.pieces().iter().find(|piece| piece.is_flagged());
+        first.map_or(f64::INFINITY, |piece| piece.interval[0])
+    }
+
+    /// Finds the piece that holds the arc length `s`; `None` where flagged.
+    fn piece(&self, s: f64) -> Option<&PathPiece> {
+        let pieces = self.pieces();
+        let after = pieces.partition_point(|piece| piece.interval[1] < s);
+        let piece = pieces.get(after.min(pieces.len() - 1))?;
+        (!piece.is_flagged()).then_some(piece)
+    }
+
+    /// Computes chart point and tangent (chart components) at arc length `s`; `None` where flagged.
+    pub fn at(&self, s: f64) -> Option<(DVec3, DVec3)> {
+        let state = self.state(&self.sums(self.piece(s)?, &[s]), &[s]);
+        Some((lane(&state[0], 0), lane(&state[1], 0)))
+    }
+
+    /// Computes chart points and tangents at the ascending arc lengths `s`. The list ends early where the
+    /// table gives up.
+    pub fn sample(&self, s: &[f64]) -> Vec<(DVec3, DVec3)> {
+        let mut rows = vec![0.0; 6 * s.len()];
+        let known = self.sample_into(s, &mut rows);
+        let triple = |first: usize, i: usize| {
+            let component = |c: usize| rows[(first + c) * s.len() + i];
+            DVec3::new(component(0), component(1), component(2))
+        };
+        (0..known).map(|i| (triple(0, i), triple(3, i))).collect()
+    }
+
+    /// Writes chart points and tangents at the ascending arc lengths `s` into `rows`: x, y, z and the
+    /// tangent's three components, each as many as there are lengths. Returns how many are known:
+    /// the table may give up before the last.
+    pub fn sample_into(&self, s: &[f64], rows: &mut [f64]) -> usize {
+        let mut known = 0;
+        for piece in self.pieces() {
+            let last = piece.interval[1] >= self.fan.table.length;
+            let end = match last {
+                true => s.len(),
+                false => known + s[known..].partition_point(|s| *s <= piece.interval[1]),
+            };
+            match piece.is_flagged() {
+                true if end > known => return known,
+                true => {}
+                false => self.fill(piece, s, known..end, rows),
+            }
+            known = end;
+        }
+        known
+    }
+
+    /// Wraps the path as a curve s -> (chart point, tangent); not numbers where flagged.
+    fn curve(&self) -> impl Fn(f64) -> (DVec3, DVec3) {
+        |s| self.at(s).unwrap_or((DVec3::NAN, DVec3::NAN))
+    }
+
+    /// Finds how and at which arc length the domain ends the path before `length` and before the table
+    /// gives up; `None` if it does not.
+    pub fn first_event(&self, length: f64) -> Option<(End, f64)> {
+        let known = self.flagged_from().min(length);
+        first_event(&self.fan.table.space.manifold().domain, known, self.curve())
+    }
+
+    /// Computes the transported rotation at `s` relative to the standard frames, by transport along the
+    /// path; `None` where flagged, or where the table does not promise tangents.
+    pub fn rotation(&self, s: f64) -> Option<DQuat> {
+        let table = &self.fan.table;
+        if !table.frames || self.flagged_from() < s {
+            return None;
+        }
+        let manifold = table.space.manifold();
+        let carried = |interval: [f64; 2]| {
+            let carried = carry(manifold, self.curve(), interval, TRANSPORT_TOLERANCE);
+            Some(carried.ok()?.rotation)
+        };
+        // From edge to edge, and over them.
+        let (mut from, mut turned) = (0.0, DQuat::IDENTITY);
+        for piece in self.pieces() {
+            let at = piece.interval[0];
+            if piece.behind_edge && at < s {
+                turned = self.turn_at_edge(at)? * carried([from, at])? * turned;
+                from = at;
+            }
+        }
+        Some(carried([from, s])? * turned)
+    }
+
+    /// Computes the rotation of a frame over the edge at `s`: from the nearest points on both sides at which the
+    /// tangent has the length that the metric there asks for. The table does not know the edge exactly.
+    fn turn_at_edge(&self, s: f64) -> Option<DQuat> {
+        let manifold = self.fan.table.space.manifold();
+        let nearest = |side: f64| {
+            let states = BESIDE_EDGE.map(|share| self.at((1.0 + side * share) * s));
+            let off = |(u, v): (DVec3, DVec3)| (manifold.speed(u, v) - 1.0).abs();
+            let mut states = states.into_iter().flatten();
+            let last = states.clone().last();
+            states.find(|state| off(*state) < OFF_SPEED).or(last)
+        };
+        Some(turn_at_edge(manifold, nearest(-1.0)?, nearest(1.0)?))
+    }
+
+    /// Fills the rows of [`TablePath::sample_into`] at the lengths of `range`, all in `piece`.
+    fn fill(&self, piece: &PathPiece, s: &[f64], range: Range<usize>, rows: &mut [f64]) {
+        for start in range.clone().step_by(LANES) {
+            let count = LANES.min(range.end - start);
+            let mut lengths = [s[start]; LANES];
+            lengths[..count].copy_from_slice(&s[start..start + count]);
+            let state = self.sixteen(piece, &lengths);
+            for (row, lanes) in rows.chunks_exact_mut(s.len()).zip(state.as_flattened()) {
+                row[start..start + count].copy_from_slice(&lanes[..count]);
+            }
+        }
+    }
+
+    /// Computes points and tangents at sixteen arc lengths of one piece.
+    fn sixteen(&self, piece: &PathPiece, s: &[f64; LANES]) -> ChartStates<LANES> {
+        match self.fan.table.space.channels().len() {
+            1 => self.sixteen_of::<1>(piece, s),
+            2 => self.sixteen_of::<2>(piece, s),
+            3 => self.sixteen_of::<3>(piece, s),
+            _ => self.sixteen_of::<4>(piece, s),
+        }
+    }
+
+    /// Does so for `K` channels: all in one, sums need not go through memory.
+    fn sixteen_of<const K: usize>(
+        &self,
+        piece: &PathPiece,
+        s: &[f64; LANES],
+    ) -> ChartStates<LANES> {
+        let rows = self.coefficients.borrow().rows(piece);
+        vectorised(
+            #[inline(always)]
+            || {
+                let sums = path_coefficients::sums_inline::<K, LANES>(rows, piece.interval, s);
+                carried(&self.ray().isometry, self.stored_state(&sums, s))
+            },
+        )
+    }
+
+    /// Sums departures and slopes at `W` arc lengths of one piece.
+    fn sums<const W: usize>(&self, piece: &PathPiece, s: &[f64; W]) -> ArcSums<W> {
+        let rows = self.coefficients.borrow().rows(piece);
+        let channels = self.fan.table.space.channels().len();
+        path_coefficients::sums(rows, channels, piece.interval, s)
+    }
+
+    /// Computes points and tangents of the stored ray from [`TablePath::sums`].
+    #[inline(always)]
+    fn stored_state<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> ChartStates<W> {
+        let space = &self.fan.table.space;
+        let stored = space.channels();
+        match space.lift() {
+            ChartMap::None => {}
+            ChartMap::Polar => return self.polar(sums, s),
+            ChartMap::Sphere { .. } => return self.projected(sums, s),
+        }
+        // Plain coordinates: a straight line and the departures from it.
+        let (from, along) = (self.ray().u, self.ray().v);
+        let mut state = [[[0.0; W]; 3]; 2];
+        for c in 0..3 {
+            let channel = stored.iter().position(|channel| *channel == c);
+            let [values, slopes] = match channel {
+                Some(k) => [sums[0][k], sums[1][k]],
+                None => [[0.0; W]; 2],
+            };
+            for l in 0..W {
+                state[0][c][l] = from[c] + along[c] * s[l] + values[l];
+                state[1][c][l] = along[c] + slopes[l];
+            }
+        }
+        state
+    }
+
+    /// Computes them where points are stored in polar coordinates.
+    #[inline(always)]
+    fn polar<const W: usize>(
+        &self,
+        [departure, slope]: &ArcSums<W>,
+        s: &[f64; W],
+    ) -> ChartStates<W> {
+        let (x, rate) = (self.ray().start.x, self.ray().start.slope);
+        let mut state = [[[0.0; W]; 3]; 2];
+        for l in 0..W {
+            let angle = x.x + rate.x * s[l] + departure[0][l];
+            let radius = Real::exp(x.w + rate.w * s[l] + departure[1][l]);
+            let (along, across) = (rate.w + slope[1][l], rate.x + slope[0][l]);
+            let u = [radius * Real::cos(angle), radius * Real::sin(angle)];
+            for c in 0..2 {
+                state[0][c][l] = u[c];
+            }
+            state[1][0][l] = along * u[0] - across * u[1];
+            state[1][1][l] = along * u[1] + across * u[0];
+        }
+        state
+    }
+
+    /// Computes them where points are stored on a sphere.
+    fn projected<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> ChartStates<W> {
+        let space = &self.fan.table.space;
+        let mut state = [[[0.0; W]; 3]; 2];
+        for l in 0..W {
+            let (u, v) = path_coefficients::state(space, &self.ray().start, sums, l, s[l]);
+            for c in 0..3 {
+                state[0][c][l] = u[c];
+                state[1][c][l] = v[c];
+            }
+        }
+        state
+    }
+
+    /// Computes chart points and tangents of the true ray from [`TablePath::sums`].
+    fn state<const W: usize>(&self, sums: &ArcSums<W>, s: &[f64; W]) -> ChartStates<W> {
+        vectorised(
+            #[inline(always)]
+            || carried(&self.ray().isometry, self.stored_state(sums, s)),
+        )
+    }
+}
+
+/// Values and their slopes in the arc length, or points and tangents: three components each, at `W`
+/// arc lengths.
+type ChartStates<const W: usize> = [[[f64; W]; 3]; 2];
+
+/// Returns one lane of three components.
+fn lane<const W: usize>(lanes: &[[f64; W]; 3], lane: usize) -> DVec3 {
+    DVec3::new(lanes[0][lane], lanes[1][lane], lanes[2][lane])
+}
+
+/// Carries points and tangents by an isometry.
+#[inline(always)]
+fn carried<const W: usize>(isometry: &Isometry, state: ChartStates<W>) -> ChartStates<W> {
+    match isometry {
+        Isometry::Identity => state,
+        Isometry::Affine(q, t) => moved((q, *t), &state),
+        Isometry::Left { p, first, tape } => {
+            translated(*p, tape, &moved((&first.0, first.1), &state))
+        }
+    }
+}
+
+/// Carries points and tangents by `u -> Q u + t`.
+#[inline(always)]
+fn moved<const W: usize>((q, t): (&DMat3, DVec3), state: &ChartStates<W>) -> ChartStates<W> {
+    [affine(q, t, &state[0]), affine(q, DVec3::ZERO, &state[1])]
+}
+
+/// Carries points and tangents by the left translation by `p`: the tape gives the image and then
+/// the rows of the differential.
+#[inline(always)]
+fn translated<const W: usize>(p: DVec3, tape: &Tape, state: &ChartStates<W>) -> ChartStates<W> {
+    // The inputs: points, and the element of the group.
+    let mut registers = tape.registers::<f64, W>();
+    for c in 0..3 {
+        *registers.input(c) = state[0][c];
+        *registers.input(3 + c) = [p[c]; W];
+    }
+    // The outputs: the image, and the rows of the differential.
+    tape.run(&mut registers);
+    let mut image = [[[0.0; W]; 3]; 2];
+    for c in 0..3 {
+        image[0][c] = *registers.output(c);
+        for j in 0..3 {
+            let slope = registers.output(3 + 3 * c + j);
+            for l in 0..W {
+                image[1][c][l] += slope[l] * state[1][j][l];
+            }
+        }
+    }
+    image
+}
+
+/// Computes `Q x + t` lane by lane.
+#[inline(always)]
+fn affine<const W: usize>(q: &DMat3, t: DVec3, x: &[[f64; W]; 3]) -> [[f64; W]; 3] {
+    let mut image = [[0.0; W]; 3];
+    for c in 0..3 {
+        let row = q.row(c);
+        for l in 0..W {
+            image[c][l] = row.x * x[0][l] + row.y * x[1][l] + row.z * x[2][l] + t[c];
+        }
+    }
+    image
 }

@@ -80,7 +80,6 @@ pub mod container;
 mod context;
 mod contracted;
 mod decode;
-mod decode_budget;
 mod fan;
 mod header;
 mod householder;
@@ -91,26 +90,22 @@ pub mod path_coefficients;
 mod polynomial;
 pub mod rays;
 mod rdoq;
-mod restart;
 pub mod spherical;
 #[cfg(feature = "files")]
 mod stored;
 mod table;
-mod table_path;
-mod tangent_promise;
 mod tensor;
-mod trace;
+mod traced;
 mod train;
 mod train_core;
 mod tree;
 
 pub use bundle::{Bundle, Contents, MOST_CHUNKS, identity};
-pub use certificate::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier};
+pub use certificate::{BoxPlace, Certificate, Checked, FAR, MOST, Outlier, TangentPromise};
 pub use chebyshev::MappedChebyshev;
 pub use contracted::Contracted;
-pub use decode::{BundleError, ByteReader, DecodeError, LookupError, put_bytes};
-pub use decode_budget::DecodeBudget;
-pub use fan::Fan;
+pub use decode::{BundleError, ByteReader, DecodeBudget, DecodeError, LookupError, put_bytes};
+pub use fan::{Fan, TablePath};
 pub use header::{
     FieldSamples, Header, MOST_CERTIFY_RAYS, ManifoldRecord, PlanRecord, ShardRecord,
 };
@@ -121,10 +116,8 @@ pub use rdoq::{unweighted, weighted, weighted_in_order};
 #[cfg(feature = "files")]
 pub use stored::{StoredChunks, StoredContents, write_chunks};
 pub use table::{Chunk, Division, Table};
-pub use table_path::TablePath;
-pub use tangent_promise::TangentPromise;
 pub use tensor::{Layout, Tensor};
-pub use trace::{Traced, trace, trace_in};
+pub use traced::{Traced, trace, trace_in};
 pub use train::Train;
 pub use train_core::{Power, Scale, StepSize};
 pub use tree::{TensorShape, Tree, divided_at_edge};

@@ -7,8 +7,7 @@
 
 use crate::{
     MappedChebyshev,
-    decode::{DecodeError, LookupError},
-    decode_budget::DecodeBudget,
+    decode::{DecodeBudget, DecodeError, LookupError},
     fan::{ContractedTree, FaceFan, Fan, contract},
     polynomial::Variables,
     rays::{Image, Mirror, Place, RaySpace, cell},

@@ -6,8 +6,7 @@
 
 use crate::{
     coder::{IntegerDecoder, IntegerEncoder},
-    decode::{ByteReader, DecodeError},
-    decode_budget::{CoreSizes, DecodeBudget},
+    decode::{ByteReader, CoreSizes, DecodeBudget, DecodeError},
     householder::{Orthogonality, restored},
     matrix::{product, summed},
     packed_matrix::{PackedMatrix, Packing, PaddedSums, PanelAxes},

@@ -8,8 +8,7 @@
 
 use crate::{
     coder::{IntegerDecoder, IntegerEncoder},
-    decode::{ByteReader, DecodeError, put_bytes},
-    decode_budget::DecodeBudget,
+    decode::{ByteReader, DecodeBudget, DecodeError, put_bytes},
     polynomial::Variables,
     rays::FACES,
     tensor::{Restoring, StoredTensor, Tensor},

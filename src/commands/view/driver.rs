@@ -1,11 +1,24 @@
-//! A session in the program: it decides, all threads draw, and what it shows is taken away.
+//! A session in the program: it decides, all threads draw, and what it shows is taken away; and one viewer, which has
+//! a session behind a WebSocket.
 //!
 //! In: the space that all viewers share, and events. Out: one turn after another, each with at most one piece of work;
 //! between them patches and the panel. Nothing is locked while a picture is drawn.
+//!
+//! In: messages of the user interface. Out: pixels and panels. One thread reads, lets the session decide, draws
+//! with all threads, and writes. Messages are bounded, and a client that sends nonsense again and again is left.
 
 use super::loading::SharedSpace;
-use geofan_view::{Session, ViewerEvent};
-use std::time::Instant;
+use geofan_view::{PanelFeed, Session, ViewerEvent};
+use std::{
+    io,
+    net::TcpStream,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+use tungstenite::{
+    Error, Message, WebSocket,
+    protocol::{Role, WebSocketConfig},
+};
 
 /// A session and its clock.
 pub struct Driver {
@@ -69,4 +82,114 @@ impl Driver {
         self.session.accept(now, answer);
         true
     }
+}
+
+/// Most bytes of a message: a camera path of an hour is below two megabytes.
+const MOST_OF_A_MESSAGE: usize = 4 << 20;
+
+/// Messages taken before the session goes on.
+const MOST_AT_ONCE: usize = 256;
+
+/// Messages that are not events, after which a client is left.
+const MOST_NONSENSE: usize = 100;
+
+/// The time that is waited for a message when there is nothing to do.
+const PAUSE: Duration = Duration::from_millis(5);
+
+/// Runs a session until its client goes or the viewer ends; `part` was read from the stream already.
+pub fn run(stream: TcpStream, part: Vec<u8>, shared: &Arc<SharedSpace>) {
+    let config = WebSocketConfig::default()
+        .max_message_size(Some(MOST_OF_A_MESSAGE))
+        .max_frame_size(Some(MOST_OF_A_MESSAGE));
+    let socket = WebSocket::from_partially_read(stream, part, Role::Server, Some(config));
+    let mut connection = ViewerConnection {
+        socket,
+        driver: Driver::new(shared),
+        feed: PanelFeed::default(),
+        nonsense: 0,
+    };
+    while !shared.has_ended() {
+        match connection.turn(shared) {
+            Ok(true) => {}
+            Ok(false) | Err(_) => return,
+        }
+    }
+    let _ = connection.socket.close(None);
+    let _ = connection.socket.flush();
+}
+
+struct ViewerConnection {
+    socket: WebSocket<TcpStream>,
+    driver: Driver,
+    feed: PanelFeed,
+    nonsense: usize,
+}
+
+impl ViewerConnection {
+    /// Does one turn: events, one piece of work, what it gave. Tells whether to go on.
+    fn turn(&mut self, shared: &SharedSpace) -> Result<bool, Error> {
+        if !self.read(shared)? {
+            return Ok(false);
+        }
+        let worked = self.driver.turn(shared);
+        for patch in self.driver.session.take_patches() {
+            self.socket.send(Message::Binary(patch.encode().into()))?;
+        }
+        let now = self.driver.now();
+        for text in self.feed.next(&mut self.driver.session, now) {
+            self.socket.send(Message::Text(text.into()))?;
+        }
+        if !worked {
+            return self.wait(shared);
+        }
+        Ok(true)
+    }
+
+    /// Reads what has come. Tells whether the client is still there.
+    fn read(&mut self, shared: &SharedSpace) -> Result<bool, Error> {
+        self.socket.get_ref().set_nonblocking(true)?;
+        let mut here = true;
+        for _ in 0..MOST_AT_ONCE {
+            match self.socket.read() {
+                Ok(message) => here = self.take(message, shared),
+                Err(error) if is_nothing_yet(&error) => break,
+                Err(error) => return Err(error),
+            }
+            if !here {
+                break;
+            }
+        }
+        self.socket.get_ref().set_nonblocking(false)?;
+        Ok(here)
+    }
+
+    /// Waits for a message.
+    fn wait(&mut self, shared: &SharedSpace) -> Result<bool, Error> {
+        self.socket.get_ref().set_read_timeout(Some(PAUSE))?;
+        match self.socket.read() {
+            Ok(message) => Ok(self.take(message, shared)),
+            Err(error) if is_nothing_yet(&error) => Ok(true),
+            Err(error) => Err(error),
+        }
+    }
+
+    /// Takes a message. Tells whether the client is still there.
+    fn take(&mut self, message: Message, shared: &SharedSpace) -> bool {
+        match message {
+            Message::Text(text) => match serde_json::from_str(text.as_str()) {
+                Ok(event) => self.driver.handle(event, shared),
+                Err(_) => self.nonsense += 1,
+            },
+            Message::Close(_) => return false,
+            Message::Binary(_) => self.nonsense += 1,
+            Message::Ping(_) | Message::Pong(_) | Message::Frame(_) => {}
+        }
+        self.nonsense < MOST_NONSENSE
+    }
+}
+
+/// Tells whether there is only nothing to be read yet.
+fn is_nothing_yet(error: &Error) -> bool {
+    matches!(error, Error::Io(e)
+        if matches!(e.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut | io::ErrorKind::Interrupted))
 }

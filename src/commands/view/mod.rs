@@ -3,11 +3,10 @@
 //! In: a scene file, or a bare manifold file, and perhaps a bundle. Out: the viewer's user interface on a local
 //! address, until a signal ends it; or a page. The viewer's rules and its pages are in `geofan-view`; here are its
 //! threads, clocks and sockets: [`loading`] watches files, [`background`] bakes, [`server`] answers requests of
-//! which it checks everything, [`connection`] has one session, which [`driver`] drives; with the feature `window` that may
+//! which it checks everything, [`driver`] has one session behind a WebSocket; with the feature `window` that may
 //! have a native window instead.
 
 mod background;
-mod connection;
 mod driver;
 mod loading;
 mod server;

@@ -1,12 +1,12 @@
 //! The viewer's little server: static files and the doors to sessions, for this machine's own browser only.
 //!
 //! In: connections to a loopback address. Out: the user interface's files, and WebSocket connections handed to
-//! [`super::connection`]. Any page in the browser, and any process of the machine, can connect; so whatever
+//! [`super::driver`]. Any page in the browser, and any process of the machine, can connect; so whatever
 //! does must know the token of this run, which is in the address; must name this very server as its host (a
 //! name that was bound to 127.0.0.1 afterwards does not); and a WebSocket must come from a page of this server.
 //! Heads, messages, connections and waiting are bounded.
 
-use super::{connection, loading::SharedSpace};
+use super::{driver, loading::SharedSpace};
 use geofan_core::{Error, Result};
 use geofan_view::ui;
 use std::{
@@ -209,7 +209,7 @@ impl Server {
             "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {}\r\n\r\n",
             derive_accept_key(key.as_bytes())
         )?;
-        connection::run(stream, request.rest.clone(), &self.shared);
+        driver::run(stream, request.rest.clone(), &self.shared);
         Ok(())
     }
 }

@@ -1,11 +1,35 @@
-//! Directions over the sphere as parameters on cube faces, both ways.
+//! Directions as parameters, both ways: on cube faces, over the whole sphere, and by what they aim at.
+//!
+//! # Cube faces
 //!
 //! In: a unit direction `d` (standard frame). Out: a face 0..6 and (p, q) in [−1, 1]², and back.
 //! The tangent warp makes equal steps of p and q nearly equal angles (within a factor √2 over a
 //! face), so that polynomials in p and q spend their freedom evenly.
+//!
+//! # The whole sphere
+//!
+//! In: a unit vector in the standard frame. Out: parameters (a, b) in [−1, 1]²: the azimuth `φ = π a`
+//! about the pole and the polar angle `θ = π (b + 1)/2` from it, and back ([`Sphere`]). At the poles, and where the
+//! azimuth jumps from 1 to −1, nothing is special about a direction: smooth functions of it continue over
+//! a pole on the opposite meridian, and around the circle.
+//!
+//! # What they aim at
+//!
+//! In: a direction d and where its camera is. Out: the direction d₀ that a table knows it by, and back
+//! ([`ReferenceSphere`]).
+//!
+//! Things near by are seen in other directions from each camera. In a table over cameras and
+//! directions they then lie aslant, and what lies aslant takes tensor trains of high rank. A ray from
+//! the camera at u is therefore named by the direction d₀ in which the middle m of the camera's cell
+//! sees the point that the ray aims at on a sphere about m: `d ∝ d₀ − w`, with the parallax
+//! `w = W (u − m)`. What is as far away as the sphere stays where it is when the camera moves. In flat
+//! space with Cartesian coordinates that is exact for W = 1/R on the sphere of radius R. Elsewhere
+//! `d₀ ↦ d` is a map of the sphere of directions onto itself all the same, for any |w| < 1, and all that
+//! is lost is rank.
 
-use glam::{DVec2, DVec3};
-use std::f64::consts::FRAC_PI_4;
+use super::cell;
+use glam::{DMat3, DVec2, DVec3};
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 /// The number of faces.
 pub const FACES: usize = 6;
@@ -36,6 +60,101 @@ pub fn face_and_parameters(d: DVec3) -> (usize, DVec2) {
     (2 * axis + usize::from(d[axis] < 0.0), pq)
 }
 
+/// A pole and where azimuths are counted from.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sphere {
+    /// Columns: the directions of azimuths 0 and π/2, and the pole.
+    axes: DMat3,
+}
+
+impl Sphere {
+    /// With these axes (orthonormal columns): the directions of azimuths 0 and π/2, and the pole.
+    pub fn new(axes: DMat3) -> Self {
+        Self { axes }
+    }
+
+    /// Returns whether the axes are orthonormal: files may hold anything.
+    pub fn is_valid(self) -> bool {
+        let off = self.axes.transpose() * self.axes - DMat3::IDENTITY;
+        off.to_cols_array().iter().all(|x| x.abs() < 1e-9)
+    }
+
+    /// The unit vector at (a, b).
+    pub fn direction(self, [a, b]: [f64; 2]) -> DVec3 {
+        let (sin, cos) = (PI * a).sin_cos();
+        let (across, along) = (FRAC_PI_2 * (b + 1.0)).sin_cos();
+        self.axes * DVec3::new(across * cos, across * sin, along)
+    }
+
+    /// The parameters of a unit vector: the inverse of [`Sphere::direction`].
+    pub fn parameters(self, direction: DVec3) -> [f64; 2] {
+        let d = self.axes.transpose() * direction;
+        let theta = d.truncate().length().atan2(d.z);
+        [d.y.atan2(d.x) / PI, theta / FRAC_PI_2 - 1.0]
+    }
+}
+
+/// The polar parameter of the parallel at height `z` in [−1, 1] over the equator: even steps of z are
+/// even shares of the sphere.
+pub fn parallel(z: f64) -> f64 {
+    z.clamp(-1.0, 1.0).acos() / FRAC_PI_2 - 1.0
+}
+
+/// The largest parallax: at 1 a direction would be lost.
+const FARTHEST: f64 = 0.9;
+
+/// The sphere that directions of a space aim at: nearby cameras then see alike in equal parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReferenceSphere {
+    /// W: from chart coordinates to the standard frame; zero if directions are named by themselves.
+    parallax: DMat3,
+    /// Cells along each stored camera parameter.
+    cells: Vec<usize>,
+}
+
+impl Default for ReferenceSphere {
+    /// Directions named by themselves.
+    fn default() -> Self {
+        Self::new(DMat3::ZERO, Vec::new())
+    }
+}
+
+impl ReferenceSphere {
+    /// With the `parallax` W of cameras in `cells`.
+    pub fn new(parallax: DMat3, cells: Vec<usize>) -> Self {
+        Self { parallax, cells }
+    }
+
+    /// The parameters in the middle of the cell that holds `camera`; `None` without parallax.
+    pub(super) fn middle(&self, intervals: &[[f64; 2]], camera: &[f64]) -> Option<Vec<f64>> {
+        if self.parallax == DMat3::ZERO || camera.is_empty() {
+            return None;
+        }
+        let (cell, inner) = cell::locate(&self.cells, intervals, camera);
+        let middle = vec![0.0; inner.len()];
+        Some(cell::parameters(&self.cells, intervals, &cell, &middle))
+    }
+
+    /// The parallax of a camera at `offset` from the middle of its cell (chart coordinates).
+    pub(super) fn parallax(&self, offset: DVec3) -> DVec3 {
+        (self.parallax * offset).clamp_length_max(FARTHEST)
+    }
+}
+
+/// The direction of a ray that is known as `aim`, a unit vector.
+pub fn direction_of(aim: DVec3, parallax: DVec3) -> DVec3 {
+    (aim - parallax).normalize()
+}
+
+/// The unit vector that a ray in the direction `d`, of any length, is known by: the inverse of
+/// [`direction_of`].
+pub fn aim_of(d: DVec3, parallax: DVec3) -> DVec3 {
+    let d = d.normalize();
+    let along = d.dot(parallax);
+    let t = (along * along + 1.0 - parallax.length_squared()).sqrt() - along;
+    d * t + parallax
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -53,6 +172,50 @@ mod tests {
                     assert!((found - pq).length() < 1e-14);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn directions_and_parameters_are_inverse() {
+        let axes = DMat3::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 2.0);
+        let sphere = Sphere::new(axes);
+        assert!(sphere.is_valid() && !Sphere::new(axes * 1.1).is_valid());
+        for i in 0..20 {
+            for j in 0..=20 {
+                let given = [f64::from(i) / 10.0 - 0.97, f64::from(j) / 10.0 - 1.0];
+                let d = sphere.direction(given);
+                assert!((d.length() - 1.0).abs() < 1e-15);
+                let back = sphere.direction(sphere.parameters(d));
+                assert!((d - back).length() < 1e-14);
+            }
+        }
+        let z = (axes.transpose() * sphere.direction([0.2, parallel(0.3)])).z;
+        assert!((z - 0.3).abs() < 1e-15);
+    }
+
+    #[test]
+    fn directions_come_back() {
+        for (parallax, d) in [
+            (DVec3::ZERO, DVec3::new(0.3, -0.4, 0.8)),
+            (DVec3::new(0.1, 0.5, -0.2), DVec3::new(0.3, -0.4, 0.8)),
+            (DVec3::new(0.9, 0.0, 0.0), DVec3::new(2.0, 1e-3, 0.0)),
+            (DVec3::new(0.9, 0.0, 0.0), DVec3::new(-2.0, 1e-3, 0.0)),
+        ] {
+            let aim = aim_of(d, parallax);
+            assert!((aim.length() - 1.0).abs() < 1e-14);
+            assert!((direction_of(aim, parallax) - d.normalize()).length() < 1e-14);
+        }
+    }
+
+    /// In flat space all cameras of a cell aim at the same point of the sphere.
+    #[test]
+    fn cameras_aim_at_points_of_a_sphere() {
+        let focus = ReferenceSphere::new(DMat3::from_diagonal(DVec3::splat(0.5)), vec![1]);
+        let target = 2.0 * DVec3::new(0.6, 0.0, 0.8);
+        for offset in [DVec3::ZERO, DVec3::new(0.3, -0.7, 0.1)] {
+            let d = (target - offset).normalize();
+            let aim = aim_of(d, focus.parallax(offset));
+            assert!((aim - target / 2.0).length() < 1e-14);
         }
     }
 }

@@ -6,10 +6,7 @@
 //! carry into each other only one has to be stored. No file claims them: they are looked for, and used
 //! where the metric has them.
 
-use super::{
-    ends::end_together,
-    space::{Located, RaySpace, Reduction},
-};
+use super::space::{Located, RaySpace, Reduction, end_together};
 use geofan_core::{manifold::Isometry, random::Stream};
 use glam::{DMat3, DVec3};
 use serde::{Deserialize, Serialize};
@@ -333,12 +330,10 @@ impl Located {
 #[cfg(test)]
 mod tests {
     use super::{
-        super::{
-            direction::{FACES, direction},
-            focus::ReferenceSphere,
-        },
+        super::direction::{FACES, direction},
         *,
     };
+    use crate::rays::direction::ReferenceSphere;
     use geofan_core::{diagnostic::SourceText, manifold::Manifold};
     use glam::DVec2;
     use std::sync::Arc;

@@ -1,9 +1,15 @@
-//! The Dormand–Prince pair of orders 5 and 4, its dense output, and quintic Hermite interpolation.
+//! The Dormand–Prince pair of orders 5 and 4: its coefficients, the control of its steps, its dense output, and
+//! quintic Hermite interpolation.
+//!
+//! In: the error of a trial step against the tolerance, and its length. Out: whether it is accepted, how long
+//! the next one is, and polynomials over it.
 //!
 //! Coefficients: J. R. Dormand and P. J. Prince, J. Comput. Appl. Math. 6 (1980) 19–26; dense
 //! output: E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential Equations I*, II.6
 //! (the program `dopri5`).
 
+use super::{LANES, NIL, Row};
+use geofan_expr::real::Real;
 use glam::DVec3;
 
 /// Stages; the last is the first of the next step.
@@ -125,6 +131,201 @@ impl Quintic {
         let c = &self.coefficients;
         (c[1] + (c[2] * 2.0 + (c[3] * 3.0 + (c[4] * 4.0 + c[5] * (5.0 * t)) * t) * t) * t) / self.h
     }
+}
+
+/// Most steps of one ray; more than any honest path needs at the tightest tolerance, few enough that
+/// a ray caught in rounding noise ends in a second.
+const MOST_STEPS: f64 = 200_000.0;
+
+/// A step below this share of the arc length already followed cannot advance in double precision.
+const SHORTEST_STEP: f64 = 1e-13;
+
+/// No step is longer than this share of the ray, and a step longer than half of it is looked at once
+/// more between its stages, where they leave the widest gap.
+///
+/// Where space is exactly flat (around a lens, far from a bump) the estimate of the error is zero,
+/// and steps that only grow leap over what lies ahead without a stage inside it: without a limit,
+/// rays missed the whole of a Luneburg lens. With it, no gap between two evaluations is wider than
+/// 1/64 of the ray. The same gap without the look between needs steps of 1/32, and nearly twice the
+/// evaluations of a lone bump at a tolerance of 1e-6.
+const LONGEST_STEP: f64 = 1.0 / 16.0;
+
+/// Where a long step is looked at: the middle of the gap between the stages at 0.3 and 0.8.
+pub(super) const LOOK: f64 = 0.55;
+
+/// A look that finds an acceleration which bends the tangent over the step by more than the tolerance
+/// *and* this many times the step's error estimate has found what the stages missed. Both fall with
+/// the fifth power of the step; over the catalogue their ratio is 7 in the middle, 71 at the 99th
+/// percentile and 103 at the 99.9th. A tenth of this would repeat many honest steps; ten times as much
+/// would overlook weak lenses where the space around is not flat.
+const SURPRISE: f64 = 100.0;
+
+/// A step that cannot be made shorter is taken all the same if its error is below this: that is a
+/// kink of the metric, over which the tangent bends by a bounded rate times the step. Where the
+/// metric ends, the error is of order one.
+const KINK: f64 = 1e-9;
+
+/// Most growth from one step to the next: more than the error estimate can be trusted for.
+const MOST_GROWTH: f64 = 5.0;
+
+/// Step-size control of all lanes: the arc lengths reached and the decisions on trial steps.
+pub(super) struct Control {
+    tolerance: f64,
+    /// Arc length to follow, arc length followed, and the step to try.
+    pub length: Row,
+    pub s: Row,
+    pub h: Row,
+    /// The squared error of the trial (radians), and vᵀGv at its end.
+    pub error2: Row,
+    pub speed2: Row,
+    /// The squared bend (radians) that a look at a long step found beside what the step knows.
+    pub unforeseen2: Row,
+    /// Steps tried.
+    pub steps: Row,
+    /// Most growth of the next step.
+    growth: Row,
+    /// 1 where the trial is accepted, else 0.
+    pub accepted: Row,
+    /// 1 where the path is complete, else 0.
+    pub complete: Row,
+    /// 1 where no further step is possible, else 0.
+    pub stuck: Row,
+    /// Arc length and step after the trial.
+    next_s: Row,
+    next_h: Row,
+}
+
+impl Control {
+    pub fn new(tolerance: f64) -> Self {
+        Self {
+            tolerance,
+            length: NIL,
+            s: NIL,
+            h: NIL,
+            error2: NIL,
+            speed2: NIL,
+            unforeseen2: NIL,
+            steps: NIL,
+            growth: NIL,
+            accepted: NIL,
+            complete: NIL,
+            stuck: NIL,
+            next_s: NIL,
+            next_h: NIL,
+        }
+    }
+
+    /// Begins a ray in `lane`.
+    pub fn start(&mut self, lane: usize, length: f64, step: f64) {
+        self.length[lane] = length;
+        self.s[lane] = 0.0;
+        self.h[lane] = step.min(LONGEST_STEP * length);
+        self.steps[lane] = 0.0;
+        self.growth[lane] = MOST_GROWTH;
+    }
+
+    /// Nobody follows a ray in `lane` any more.
+    pub fn stop(&mut self, lane: usize) {
+        self.accepted[lane] = 0.0;
+        self.length[lane] = 0.0;
+        self.next_h[lane] = 0.0;
+    }
+
+    /// Returns whether the ray in `lane` may be given another step.
+    pub fn may_go_on(&self, lane: usize) -> bool {
+        self.steps[lane] < MOST_STEPS
+    }
+
+    /// Replaces the judgement of the trial in `lane`: it is not accepted, and `h` is tried instead.
+    pub fn try_instead(&mut self, lane: usize, h: f64) {
+        self.accepted[lane] = 0.0;
+        self.complete[lane] = 0.0;
+        self.stuck[lane] = 0.0;
+        self.next_s[lane] = self.s[lane];
+        self.next_h[lane] = h.min(self.length[lane] - self.s[lane]);
+    }
+
+    /// Replaces the judgement of the trial in `lane`: no further step is possible.
+    pub fn end_here(&mut self, lane: usize) {
+        self.accepted[lane] = 0.0;
+        self.complete[lane] = 0.0;
+        self.stuck[lane] = 1.0;
+    }
+
+    /// Replaces the step after the accepted trial in `lane`.
+    pub fn go_on_with(&mut self, lane: usize, h: f64) {
+        self.stuck[lane] = 0.0;
+        self.next_h[lane] = h.min(self.length[lane] - self.next_s[lane]);
+    }
+
+    /// Returns whether the step of `lane` is so long that it needs more than its stages.
+    #[inline(always)]
+    pub fn is_long(&self, lane: usize) -> bool {
+        self.h[lane] > 0.5 * LONGEST_STEP * self.length[lane]
+    }
+
+    /// Returns whether any step is so long.
+    #[inline(always)]
+    pub fn any_is_long(&self) -> bool {
+        let mut longs = 0;
+        for l in 0..LANES {
+            longs += i64::from(self.is_long(l));
+        }
+        longs > 0
+    }
+
+    /// Judges all trials.
+    #[inline(always)]
+    pub fn judge(&mut self) {
+        let scale = 1.0 / (self.tolerance * self.tolerance);
+        let kink2 = KINK * KINK;
+        for l in 0..LANES {
+            let (s, h, length) = (self.s[l], self.h[l], self.length[l]);
+            let error2 = self.error2[l] * scale;
+            let kink = (h <= 8.0 * SHORTEST_STEP * s) & (self.error2[l] <= kink2);
+            let unforeseen2 = self.unforeseen2[l];
+            // A NaN counts as a surprise.
+            let surprised = self.is_long(l)
+                & !((unforeseen2 * scale <= 1.0)
+                    | (unforeseen2 <= SURPRISE * SURPRISE * self.error2[l]));
+            let accepted = ((error2 <= 1.0) | kink) & (self.speed2[l] > 0.0) & !surprised;
+            // A NaN asks for the shortest.
+            let wanted = Real::max(0.9 * inverse_tenth_root(error2), 0.2);
+            let factor = Real::min(wanted, self.growth[l]);
+            let shrunk = Real::min(factor, f64::select(surprised, 0.5, 0.9));
+            let factor = f64::select(kink, MOST_GROWTH, factor);
+            let next = h * f64::select(accepted, factor, shrunk);
+            let next_s = f64::select(accepted, s + h, s);
+            let steps = self.steps[l] + 1.0;
+            let complete = accepted & (next_s >= length * (1.0 - 1e-15));
+            // What is left may be shorter than the shortest step, and is no sign of trouble.
+            let stuck = (next <= SHORTEST_STEP * next_s)
+                | !(next >= f64::MIN_POSITIVE)
+                | (steps >= MOST_STEPS);
+            self.steps[l] = steps;
+            self.growth[l] = f64::select(accepted, MOST_GROWTH, 1.0);
+            self.accepted[l] = f64::select(accepted, 1.0, 0.0);
+            self.complete[l] = f64::select(complete, 1.0, 0.0);
+            self.stuck[l] = f64::select(stuck, 1.0, 0.0);
+            self.next_s[l] = next_s;
+            self.next_h[l] = Real::min(Real::min(next, LONGEST_STEP * length), length - next_s);
+        }
+    }
+
+    /// Moves on to the next step.
+    #[inline(always)]
+    pub fn commit(&mut self) {
+        self.s = self.next_s;
+        self.h = self.next_h;
+    }
+}
+
+/// `x^(−1/10)` to single precision: the error of a step falls with the fifth power of its length,
+/// and `x` is its square. Below 1e-20 the number is that of 1e-20; a NaN gives NaN.
+#[inline(always)]
+fn inverse_tenth_root(x: f64) -> f64 {
+    let x = f32::max(1e-20, x as f32);
+    f64::from(Real::exp(-0.1 * Real::ln(x)))
 }
 
 #[cfg(test)]

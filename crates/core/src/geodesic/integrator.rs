@@ -9,14 +9,13 @@ mod report;
 
 use super::{
     End, LANES, NIL, Ray, Row, Settings, Sink,
-    control::{Control, LOOK},
-    dormand_prince::{A, ERROR, STAGES},
+    domain_events::Events,
+    dormand_prince::{A, Control, ERROR, LOOK, STAGES},
     each,
-    events::Events,
     face_crossing::{FaceCrossings, Leaving},
-    rows::{larger, multiply, norm2, take_where, vector},
-    starts::{LaneStart, Starts},
-    state::{Rest, StateLayout, rates_at},
+    state::{
+        LaneStart, Rest, Starts, StateLayout, larger, multiply, norm2, rates_at, take_where, vector,
+    },
     step::{Curves, Trial},
     switching::{Meeting, SwitchingSurfaces},
     weighted,

@@ -1,43 +1,40 @@
 //! Geodesics of a manifold: integrators, transport, deviation, paths with dense output.
 //!
-//! In: a [`Manifold`] and [`Ray`]s. Out: [`Step`]s given to a [`Sink`], or whole [`Path`]s.
+//! In: a [`Manifold`] and [`Ray`]s, which start where [`check_start`] finds nothing wrong. Out: [`Step`]s given
+//! to a [`Sink`], or whole [`Path`]s.
 //! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
-//! any curve ([`transport`]), and the exponential map with its differential ([`exponential()`]).
+//! any curve ([`transport()`]), and the exponential map with its differential ([`exponential()`]).
 
-mod control;
-mod departure;
 mod deviation;
+mod domain_events;
 mod dormand_prince;
-mod events;
-mod exponential;
 mod face_crossing;
 mod fixed;
 mod integrator;
+mod parallel_transport;
 mod path;
 mod refraction;
-mod rows;
-mod starts;
 mod state;
 mod step;
 mod switching;
-mod transport;
-mod unfinished;
+mod unfinished_paths;
 
-pub use departure::{TOLERANCES, beyond_exit, check_point, check_start, depart, unit};
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
-pub use events::{crossing, first_event};
-pub use exponential::{Exponential, exponential};
+pub use domain_events::{crossing, first_event};
 pub use fixed::fixed_steps;
 pub use integrator::follow;
-pub use path::{Path, Sample, elapsed, ends, paths, sample, samples};
+pub use parallel_transport::{Transport, TransportFailed, carry, transport};
+pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample, samples};
 pub use refraction::turn_at_edge;
 pub use step::Step;
-pub use transport::{Transport, TransportFailed, carry, transport};
-pub use unfinished::{UnfinishedPaths, end_lengths};
+pub use unfinished_paths::{UnfinishedPaths, end_lengths};
 
-use crate::manifold::{Carried, LocalFrame, Manifold};
-use glam::DVec3;
-use rows::{LANES, NIL, Row, each, weighted};
+use crate::{
+    error::{Error, Result},
+    manifold::{Carried, EventKind, Gluing, LocalFrame, Manifold},
+};
+use glam::{DMat3, DVec3};
+use state::{LANES, NIL, Row, each, weighted};
 
 /// A geodesic to follow.
 #[derive(Debug, Clone, Copy)]
@@ -145,4 +142,110 @@ pub trait Sink {
     }
     /// `ray` has ended at arc length `s` after `steps` steps tried.
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize);
+}
+
+/// The ray from `u` in the direction `d` (standard frame, unit); `subject` names where the point
+/// came from, for the complaint.
+///
+/// # Errors
+/// As [`check_start`].
+pub fn depart(manifold: &Manifold, subject: &str, u: DVec3, d: DVec3, length: f64) -> Result<Ray> {
+    check_start(manifold, subject, u)?;
+    Ok(Ray::new(manifold, u, d, length))
+}
+
+/// The tightest and the loosest local error of a step that the integrator is asked for: below the
+/// first, rounding decides; above the second, steps skip over what they should see.
+pub const TOLERANCES: std::ops::RangeInclusive<f64> = 1e-14..=1e-1;
+
+/// Returns `v` at unit length; `None` if it is zero or not finite.
+pub fn unit(v: DVec3) -> Option<DVec3> {
+    // Scaled first, so that no square overflows or vanishes.
+    let largest = v.abs().max_element();
+    (v.is_finite() && largest > 0.0).then(|| (v / largest).normalize())
+}
+
+/// Refuses a point outside the domain, or where the metric is not finite and positive definite.
+///
+/// # Errors
+/// [`Error::Input`] about `subject`.
+pub fn check_point(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
+    match fault(manifold, u) {
+        None => Ok(()),
+        Some(fault) => Err(Error::input(
+            subject,
+            format!("{}: {fault}", named(manifold, u)),
+        )),
+    }
+}
+
+/// Refuses a point from which no path can be seen: as [`check_point`], and beyond an exit.
+///
+/// # Errors
+/// [`Error::Input`] about `subject`.
+pub fn check_start(manifold: &Manifold, subject: &str, u: DVec3) -> Result<()> {
+    check_point(manifold, subject, u)?;
+    match beyond_exit(manifold, u) {
+        None => Ok(()),
+        Some(fault) => Err(Error::input(
+            subject,
+            format!("{}: {fault}; start on this side of it", named(manifold, u)),
+        )),
+    }
+}
+
+/// Says which exit a point lies beyond, and the value of its formula there; `None` if it lies beyond none.
+pub fn beyond_exit(manifold: &Manifold, u: DVec3) -> Option<String> {
+    let (exit, value) = manifold.domain.exit_beyond(u)?;
+    let name = &manifold.exits[exit].name;
+    Some(format!(
+        "the point lies beyond the exit `{name}`, whose `when` is {value:.6} there (a path leaves where it becomes positive)"
+    ))
+}
+
+fn fault(manifold: &Manifold, u: DVec3) -> Option<String> {
+    if !u.is_finite() {
+        return Some("the point is not finite".into());
+    }
+    match manifold.domain.violation(u) {
+        Some(EventKind::Limit) => return Some(limit_fault(manifold, u)),
+        Some(_) => return Some("the point violates a condition of `inside`".into()),
+        None => {}
+    }
+    if let Some(gluing) = manifold.gluing() {
+        match gluing.locate(u) {
+            Some(_) => {}
+            None => return Some(gluing_fault(gluing, u)),
+        }
+    }
+    let (g, s) = manifold.metric_and_frame(u);
+    let finite = |m: DMat3| m.to_cols_array().iter().all(|x| x.is_finite());
+    if !finite(g) {
+        return Some("the metric is not finite there".into());
+    }
+    let positive = finite(s) && (0..3).all(|k| s.col(k)[k] > 0.0);
+    (!positive).then(|| "the metric is not positive definite there".into())
+}
+
+fn gluing_fault(gluing: &Gluing, u: DVec3) -> String {
+    match gluing.behind_mirror(u) {
+        Some(k) => format!("the point lies behind the mirror of face {}", k + 1),
+        None => "the point cannot be brought into the glued domain".into(),
+    }
+}
+
+fn limit_fault(manifold: &Manifold, u: DVec3) -> String {
+    let domain = &manifold.domain;
+    let beyond = (0..3).find_map(|k| {
+        let [low, high] = domain.limits[k].filter(|_| !domain.periodic[k])?;
+        let name = &manifold.coordinates[k];
+        (!(low..=high).contains(&u[k]))
+            .then(|| format!("`{name}` must lie in its limits [{low}, {high}]"))
+    });
+    beyond.unwrap_or_else(|| "the point is outside a coordinate limit".into())
+}
+
+fn named(manifold: &Manifold, u: DVec3) -> String {
+    let [x, y, z] = &manifold.coordinates;
+    format!("{x} = {}, {y} = {}, {z} = {}", u.x, u.y, u.z)
 }

@@ -1,12 +1,16 @@
-//! Whole geodesics with dense output, their samples, and the time that light takes along them.
+//! Whole geodesics with dense output: their samples, the time that light takes along them, and where they arrive.
 //!
 //! In: [`Ray`]s. Out: [`Path`]s; equally spaced [`Sample`]s of one, from arc length 0 to the path's end, both
 //! included, vectors in chart components, glued coordinates inside their limits; the time of the spacetime
 //! that passes along it.
+//!
+//! The exponential map takes a tangent vector `w` at a chart point `u` to where the geodesic with velocity `w`
+//! arrives after unit time, `exp_u(w)`. Its differential by `w` comes from the geodesic deviation: along `w` it is
+//! the tangent, across it `J/|w|` (M. do Carmo, *Riemannian Geometry*, ch. 5, cor. 2.5).
 
 use super::{End, Ray, Settings, Sink, Step, follow, signed_area};
-use crate::manifold::Manifold;
-use glam::{DMat3, DVec3};
+use crate::manifold::{Carried, Manifold};
+use glam::{DMat3, DQuat, DVec3};
 use std::num::NonZeroU32;
 
 /// A geodesic as its steps.
@@ -44,9 +48,9 @@ pub fn paths(
     settings: Settings,
     rays: impl IntoIterator<Item = Ray>,
 ) -> Vec<Path> {
-    let mut kept = KeptPaths(Vec::new());
+    let mut kept = Vec::new();
     follow(manifold, settings, rays, &mut kept);
-    kept.0
+    kept
 }
 
 /// Follows `rays` and keeps the last step of each, with the arc length at which it ended; `None`
@@ -82,31 +86,30 @@ impl Sink for LastSteps {
     }
 }
 
-struct KeptPaths(Vec<Path>);
-
-impl KeptPaths {
-    fn path(&mut self, ray: usize) -> &mut Path {
-        while self.0.len() <= ray {
-            self.0.push(Path {
-                steps: Vec::new(),
-                end: End::Length,
-                length: 0.0,
-                tried: 0,
-            });
-        }
-        &mut self.0[ray]
-    }
-}
-
-impl Sink for KeptPaths {
+/// A list keeps whole paths, each at the number of its ray.
+impl Sink for Vec<Path> {
     fn step(&mut self, ray: usize, step: &Step) {
-        self.path(ray).steps.push(step.clone());
+        path_of(self, ray).steps.push(step.clone());
     }
 
     fn end(&mut self, ray: usize, end: End, s: f64, steps: usize) {
-        let path = self.path(ray);
+        let path = path_of(self, ray);
         (path.end, path.length, path.tried) = (end, s, steps);
     }
+}
+
+/// Returns the path of a ray among those kept, empty at first.
+fn path_of(kept: &mut Vec<Path>, ray: usize) -> &mut Path {
+    let nothing = || Path {
+        steps: Vec::new(),
+        end: End::Length,
+        length: 0.0,
+        tried: 0,
+    };
+    if kept.len() <= ray {
+        kept.resize_with(ray + 1, nothing);
+    }
+    &mut kept[ray]
 }
 
 /// State of a path at one arc length.
@@ -201,4 +204,62 @@ pub fn elapsed(manifold: &Manifold, path: &Path, s: f64) -> f64 {
         }
     }
     time
+}
+
+/// `exp_u(w)` and what belongs to it. Vectors are in chart components.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exponential {
+    /// The point reached. A glued coordinate is not brought back inside its limits.
+    pub point: DVec3,
+    /// The velocity on arrival: as long as `w`.
+    pub velocity: DVec3,
+    /// `∂point/∂w`; singular where the point is conjugate to `u`.
+    pub differential: DMat3,
+    /// The transported rotation, relative to the standard frames.
+    pub rotation: DQuat,
+}
+
+/// `exp_u(w)`, each step exact to `tolerance`; `None` where the geodesic ends before. Exits do not end
+/// it, and no wind blows it off.
+pub fn exponential(manifold: &Manifold, u: DVec3, w: DVec3, tolerance: f64) -> Option<Exponential> {
+    let manifold = &*manifold.still();
+    let s = manifold.standard_frame(u);
+    let components = s.inverse() * w;
+    let length = components.length();
+    if length == 0.0 {
+        return Some(Exponential {
+            point: u,
+            velocity: w,
+            differential: DMat3::IDENTITY,
+            rotation: DQuat::IDENTITY,
+        });
+    }
+    let ray = Ray::new(manifold, u, components / length, length);
+    let settings = Settings {
+        tolerance,
+        carried: Carried {
+            frame: true,
+            deviation: true,
+        },
+        events: false,
+    };
+    let path = paths(manifold, settings, [ray]).pop()?;
+    match (path.end, path.steps.last()) {
+        (End::Length, Some(step)) => arrival(&ray, step),
+        _ => None,
+    }
+}
+
+fn arrival(ray: &Ray, step: &Step) -> Option<Exponential> {
+    let s = ray.length;
+    let (v, j) = (step.tangent(s), step.deviation(s)?);
+    // Columns: how the end moves with w along the ray, and across it.
+    let moved = DMat3::from_cols(v, j[0] / s, j[1] / s);
+    let start = DMat3::from_cols(ray.v, ray.spread[0], ray.spread[1]);
+    Some(Exponential {
+        point: step.position(s),
+        velocity: v * s,
+        differential: moved * start.inverse(),
+        rotation: step.rotation(s)?,
+    })
 }

@@ -1,13 +1,100 @@
-//! The state of rays, and its rates.
+//! The states of rays in lanes: rows of numbers, the rates of states, and rays about to be followed.
 //!
-//! Rows: u (3), v (3), then the transported quaternion q (x, y, z, w) if the frame is carried, then
+//! In: an iterator of [`Ray`]s. Out: [`LaneStart`]s, one for each lane that becomes free, with the rates at
+//! their starts computed for a block of rays at once; the rates of all lanes at any stage of a step. A [`Row`]
+//! has one number for every lane; sums, products and choices work on all lanes at once.
+//!
+//! Rows of a state: u (3), v (3), then the transported quaternion q (x, y, z, w) if the frame is carried, then
 //! (δu, δv) of two deviations if deviation is. Equations: the formulas of [`Manifold::flow`].
-//!
-//! [`Manifold::flow`]: crate::manifold::Manifold::flow
 
-use super::{Ray, Settings};
-use crate::manifold::Manifold;
+use super::{Ray, Settings, domain_events::Events};
+use crate::manifold::{Manifold, around};
 use geofan_expr::{Registers, Tape, Wide, real::Real};
+use glam::DVec3;
+
+/// Lanes: four of the widest vectors. With half of them the dispatch of a tape's instructions costs as
+/// much as their arithmetic (a quarter more time for a lone bump); with twice as many, registers and
+/// stages no longer stay in the first-level cache.
+pub(super) const LANES: usize = 32;
+
+/// One number for every lane.
+pub(super) type Row = Wide<f64, LANES>;
+
+/// Zero in every lane.
+pub(super) const NIL: Row = Wide([0.0; LANES]);
+
+/// `row *= by`
+#[inline(always)]
+pub(super) fn multiply(row: &mut Row, by: &Row) {
+    for l in 0..LANES {
+        row[l] *= by[l];
+    }
+}
+
+/// The three rows of the vector that begins at row `at`.
+#[inline(always)]
+pub(super) fn vector(rows: &[Row], at: usize) -> [&Row; 3] {
+    [&rows[at], &rows[at + 1], &rows[at + 2]]
+}
+
+/// `xᵀGx`; metric entries in the order xx, yy, zz, xy, xz, yz.
+#[inline(always)]
+pub(super) fn norm2(metric: [&[f64; LANES]; 6], [x, y, z]: [&Row; 3]) -> Row {
+    let [xx, yy, zz, xy, xz, yz] = metric;
+    each(|l| {
+        let [a, b, c] = [x[l], y[l], z[l]];
+        let mixed = a * b * xy[l] + a * c * xz[l] + b * c * yz[l];
+        a * a * xx[l] + b * b * yy[l] + c * c * zz[l] + 2.0 * mixed
+    })
+}
+
+/// The larger of two numbers; NaN wins, so that a broken estimate is never accepted.
+#[inline(always)]
+pub(super) fn larger(a: f64, b: f64) -> f64 {
+    if (a < b) | b.is_nan() { b } else { a }
+}
+
+/// Copies the lanes of `from` where `mask` is 1.
+// A vector at a time through local arrays, all of it read first: a choice between two places in
+// memory would be a branch for each lane.
+#[inline(always)]
+pub(super) fn take_where(mask: &Row, from: &[Row], to: &mut [Row]) {
+    let (masks, _) = mask.as_chunks::<8>();
+    for (from, to) in from.iter().zip(to) {
+        let ((from, _), (to, _)) = (from.as_chunks::<8>(), to.as_chunks_mut::<8>());
+        for ((mask, new), to) in masks.iter().zip(from).zip(to) {
+            let (mask, new, old) = (*mask, *new, *to);
+            let mut chosen = old;
+            for l in 0..8 {
+                chosen[l] = f64::select(mask[l] > 0.0, new[l], old[l]);
+            }
+            *to = chosen;
+        }
+    }
+}
+
+/// One number for each lane.
+#[inline(always)]
+pub(super) fn each(f: impl Fn(usize) -> f64) -> Row {
+    let mut row = NIL;
+    for l in 0..LANES {
+        row[l] = f(l);
+    }
+    row
+}
+
+/// `Σ wⱼ kⱼ` of one row of the stages' rates.
+#[inline(always)]
+pub(super) fn weighted(weights: &[f64], k: &[Vec<Row>], row: usize) -> Row {
+    let mut sum = NIL;
+    for (&w, k) in weights.iter().zip(k).filter(|(w, _)| **w != 0.0) {
+        let k = &k[row];
+        for l in 0..LANES {
+            sum[l] += w * k[l];
+        }
+    }
+    sum
+}
 
 /// Rows of the largest state.
 pub(super) const MOST_ROWS: usize = 22;
@@ -155,5 +242,146 @@ fn turn_rates<const W: usize>(
         dy[l] = b * w + c * x - a * z;
         dz[l] = c * w + a * y - b * x;
         dw[l] = -(a * x + b * y + c * z);
+    }
+}
+
+/// A ray at its start.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LaneStart {
+    /// Its number among all rays.
+    pub ray: usize,
+    /// Its column in the block's rows.
+    pub column: usize,
+    /// Arc length to follow it to.
+    pub length: f64,
+    /// The first step to try; `None` where the metric allows none.
+    pub step: Option<f64>,
+}
+
+/// The block of rays that are next.
+pub(super) struct Starts<'m> {
+    layout: StateLayout,
+    flow: &'m Tape,
+    rest: Rest,
+    pulled_back: bool,
+    registers: Registers<f64, LANES>,
+    /// (number, ray) of those in the block, and how many have been handed out.
+    rays: Vec<(usize, Ray)>,
+    taken: usize,
+    /// States, their rates, and the events' values.
+    pub y: Vec<Row>,
+    pub rates: Vec<Row>,
+    pub events: Vec<Row>,
+    /// Half the tolerance's fifth root: the share of the radius of curvature that a first step is.
+    reach: f64,
+}
+
+impl<'m> Starts<'m> {
+    pub fn new(manifold: &'m Manifold, settings: Settings) -> Self {
+        let layout = StateLayout::of(settings);
+        let flow = manifold.flow(settings.carried);
+        Self {
+            layout,
+            flow,
+            rest: Rest::of(manifold, flow),
+            pulled_back: manifold.is_pulled_back(),
+            registers: flow.registers(),
+            rays: Vec::with_capacity(LANES),
+            taken: 0,
+            y: vec![NIL; layout.rows],
+            rates: vec![NIL; layout.rows],
+            events: Vec::new(),
+            reach: 0.5 * Real::pow(settings.tolerance, 0.2),
+        }
+    }
+
+    /// The next ray; `None` when `rays` has no more.
+    pub fn next(
+        &mut self,
+        rays: &mut impl Iterator<Item = (usize, Ray)>,
+        events: Option<&mut Events<'_>>,
+    ) -> Option<LaneStart> {
+        if self.taken == self.rays.len() {
+            self.refill(rays, events);
+        }
+        let (number, ray) = self.rays.get(self.taken)?;
+        self.taken += 1;
+        let column = self.taken - 1;
+        Some(LaneStart {
+            ray: *number,
+            column,
+            length: ray.length,
+            step: self.first_step(column, ray),
+        })
+    }
+
+    fn refill(
+        &mut self,
+        rays: &mut impl Iterator<Item = (usize, Ray)>,
+        events: Option<&mut Events<'_>>,
+    ) {
+        self.taken = 0;
+        self.rays.clear();
+        self.rays.extend(rays.take(LANES));
+        for (column, (_, ray)) in self.rays.iter().enumerate() {
+            for (row, value) in self.y.iter_mut().zip(self.layout.start(ray)) {
+                row[column] = value;
+            }
+        }
+        if self.rays.is_empty() {
+            return;
+        }
+        rates_at(
+            self.flow,
+            &mut self.registers,
+            self.layout,
+            &self.y,
+            &mut self.rates,
+        );
+        if self.pulled_back {
+            self.mend();
+        }
+        if self.rest.has_wind() {
+            self.flow.run_rest(&mut self.registers);
+        }
+        if let Some(events) = events {
+            events.values(&self.y[..6], &mut self.events);
+        }
+    }
+
+    /// Gives rays that start on the axis of textbook coordinates the rates that those around it tend to.
+    fn mend(&mut self) {
+        for column in 0..self.rays.len() {
+            if self.rates.iter().all(|row| row[column].is_finite()) {
+                continue;
+            }
+            let mut y: Vec<Wide<f64, 1>> = self.y.iter().map(|row| Wide([row[column]])).collect();
+            let mut registers = self.flow.registers();
+            let mended = around(self.rays[column].1.u, |u| {
+                let mut rates = vec![Wide([0.0]); y.len()];
+                for k in 0..3 {
+                    y[k][0] = u[k];
+                }
+                rates_at(self.flow, &mut registers, self.layout, &y, &mut rates);
+                rates.iter().map(|rate| rate[0]).collect()
+            });
+            for (row, rate) in self.rates.iter_mut().zip(mended) {
+                row[column] = rate;
+            }
+        }
+    }
+
+    fn first_step(&self, column: usize, ray: &Ray) -> Option<f64> {
+        let acceleration = DVec3::from_array([3, 4, 5].map(|row| self.rates[row][column]));
+        if !acceleration.is_finite() || !ray.v.is_finite() {
+            return None;
+        }
+        // Curvature of the chart line against the chart's unit; the controller corrects the guess.
+        let speed = match self.rest.wind(&self.registers) {
+            None => ray.v.length(),
+            Some(wind) => (ray.v - DVec3::from_array(wind.map(|w| w[column]))).length(),
+        };
+        let bend = acceleration.length() / speed.max(f64::MIN_POSITIVE);
+        Some(self.reach / bend.max(1.0 / ray.length))
     }
 }

@@ -4,37 +4,33 @@
 //! Out: a [`Manifold`], immutable and shared between threads, whose tapes evaluate everything that
 //! later stages need; [`Manifold::curvature`] tells connection and curvature at a point. Chart points
 //! `u` and tangents `v` are in coordinates; lengths are in the metric's unit.
+//!
+//! One definition of a stationary spacetime makes three manifolds, told apart by the paths that they have
+//! ([`Follows`]): lines of sight (light followed into the past), light followed into the future, and geodesics of
+//! the metric, along which things are carried and distances measured. Without wind and drift all are the same.
 
-mod axis;
+mod chart_expressions;
 mod curvature;
-mod curve;
 mod description;
 mod domain;
 mod geometry;
 mod gluing;
-mod kin;
+mod isometry;
 mod load;
 mod local_frame;
-mod meaning;
-mod point_functions;
 mod probe;
 mod pullback;
-mod region;
-mod spacetime;
-mod symmetry;
 mod tapes;
 mod wind;
 
-pub(crate) use axis::around;
+pub(crate) use pullback::around;
+
+pub use chart_expressions::{CameraRegion, ChartCurve, PointFunctions};
 pub use curvature::{Curvature, Rank3, Rank4};
-pub use curve::ChartCurve;
 pub use domain::{Domain, EventKind};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
-pub use kin::Follows;
+pub use isometry::{Isometry, Symmetry};
 pub use local_frame::{Frequencies, LocalFrame};
-pub use point_functions::PointFunctions;
-pub use region::CameraRegion;
-pub use symmetry::{Isometry, Symmetry};
 
 use crate::{
     diagnostic::SourceText,
@@ -42,11 +38,17 @@ use crate::{
     field::{Field, Samples},
     reading::read_text,
 };
-use geofan_expr::{Registers, Tape};
+use geofan_expr::{Graph, Registers, Tape, TapeTooLarge};
+use geometry::Definition;
 use glam::{DMat3, DVec3};
-use kin::Kin;
-use std::{path::Path, sync::Arc};
+use pullback::Pullback;
+use std::{
+    borrow::Cow,
+    path::Path,
+    sync::{Arc, OnceLock},
+};
 use tapes::Tapes;
+use wind::Medium;
 
 /// A way out of the manifold, with its own sky.
 #[derive(Debug, Clone)]
@@ -352,4 +354,119 @@ fn frame_of(o: &[f64]) -> DMat3 {
 /// The matrix of the metric from its entries xx, yy, zz, xy, xz, yz, as the tape of metric and frame begins.
 fn metric_of(o: &[f64]) -> DMat3 {
     DMat3::from_cols_array(&[o[0], o[3], o[4], o[3], o[1], o[5], o[4], o[5], o[2]])
+}
+
+/// The paths that a manifold follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Follows {
+    /// Light into the past, as an eye does.
+    #[default]
+    Sight,
+    /// Light into the future, from a lamp.
+    Light,
+    /// Geodesics of the metric.
+    Geodesics,
+}
+
+/// The sources of the tapes for other paths.
+#[derive(Debug)]
+struct Kin {
+    graph: Graph,
+    definition: Definition,
+    medium: Medium,
+    pullback: Option<Pullback>,
+    light: OnceLock<Result<Arc<Tapes>, TapeTooLarge>>,
+    /// The connection of the metric, without which nothing can be said of errors.
+    pub geodesics: Arc<Tapes>,
+}
+
+impl Kin {
+    /// For light in `medium`; `None` if that does not move.
+    pub fn new(
+        graph: &Graph,
+        definition: &Definition,
+        medium: Medium,
+        pullback: Option<&Pullback>,
+    ) -> Result<Option<Arc<Self>>, TapeTooLarge> {
+        if !medium.moves() {
+            return Ok(None);
+        }
+        let alone = Medium {
+            lapse: medium.lapse,
+            ..Medium::default()
+        };
+        let geodesics = compiled(graph.clone(), definition, &alone, pullback)?;
+        Ok(Some(Arc::new(Self {
+            graph: graph.clone(),
+            definition: definition.clone(),
+            medium,
+            pullback: pullback.cloned(),
+            light: OnceLock::new(),
+            geodesics,
+        })))
+    }
+
+    fn light(&self) -> Result<Arc<Tapes>, TapeTooLarge> {
+        let pullback = self.pullback.as_ref();
+        let graph = || self.graph.clone();
+        let compile = || compiled(graph(), &self.definition, &self.medium, pullback);
+        self.light.get_or_init(compile).clone()
+    }
+}
+
+/// The tapes for paths of light in `medium`.
+fn compiled(
+    mut graph: Graph,
+    definition: &Definition,
+    medium: &Medium,
+    pullback: Option<&Pullback>,
+) -> Result<Arc<Tapes>, TapeTooLarge> {
+    let geometry = geometry::build(&mut graph, definition, medium);
+    Tapes::compile(graph, definition, medium, geometry, pullback).map(Arc::new)
+}
+
+impl Manifold {
+    /// Returns the kind of paths that it follows.
+    pub fn follows(&self) -> Follows {
+        self.follows
+    }
+
+    /// Returns this space with light followed into the future.
+    ///
+    /// # Errors
+    /// Its expressions are too large to be compiled.
+    pub fn forward(&self) -> Result<Cow<'_, Self>> {
+        let Some(kin) = &self.kin else {
+            return Ok(Cow::Borrowed(self));
+        };
+        let tapes = kin.light().map_err(|e| {
+            let subject = self.source.name.clone();
+            Error::input(subject, format!("light cannot be followed forward: {e}"))
+        })?;
+        Ok(Cow::Owned(self.with(Follows::Light, tapes)))
+    }
+
+    /// Returns this space without wind and drift: geodesics of the metric.
+    pub fn still(&self) -> Cow<'_, Self> {
+        match &self.kin {
+            Some(kin) => Cow::Owned(self.with(Follows::Geodesics, kin.geodesics.clone())),
+            None => Cow::Borrowed(self),
+        }
+    }
+
+    fn with(&self, follows: Follows, tapes: Arc<Tapes>) -> Self {
+        Self {
+            follows,
+            tapes,
+            ..self.clone()
+        }
+    }
+
+    /// The tapes of the metric's own connection.
+    fn levi_civita(&self) -> &Tapes {
+        match &self.kin {
+            Some(kin) => &kin.geodesics,
+            None => &self.tapes,
+        }
+    }
 }

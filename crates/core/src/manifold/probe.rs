@@ -4,7 +4,7 @@
 //! a camera region outside the domain, a metric that is not positive definite or differs where limits
 //! are glued, a false symmetry claim.
 
-use super::{EventKind, Form, Isometry, Manifold, symmetry::largest};
+use super::{EventKind, Form, Isometry, Manifold, isometry::largest};
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},

@@ -16,17 +16,15 @@
 //! Every sample depends on nothing but the seed, its pixel and its number, and pixels are summed
 //! pass by pass: the same picture comes from any number of threads and from any interruptions.
 
-mod accumulator;
 mod bsdf;
 mod emitters;
 mod ggx;
-mod panel_tracers;
+mod passes;
 #[cfg(feature = "files")]
 mod passes_file;
 mod surface;
 
-pub use accumulator::PassAccumulator;
-pub use panel_tracers::PanelTracers;
+pub use passes::{PanelTracers, PassAccumulator};
 
 use crate::{Connection, Lamps};
 use bsdf::balance;

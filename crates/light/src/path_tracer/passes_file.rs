@@ -69,7 +69,7 @@ impl PassAccumulator {
 
 #[cfg(test)]
 mod tests {
-    use super::super::accumulator::tests::sums;
+    use super::super::passes::tests::sums;
     use super::*;
 
     #[test]

@@ -9,8 +9,7 @@ use crate::sweep::{
     timing::{self, TimeSpent},
 };
 use geofan_bake::{
-    chunk_files::{BakedChunk, ChunkFiles},
-    chunks::ChunkBaker,
+    chunks::{BakedChunk, ChunkBaker, ChunkFiles},
     plan::{plan, usual_tangents},
 };
 use geofan_bundle::{Bundle, Contents, PlanRecord, Table, Tree, identity};

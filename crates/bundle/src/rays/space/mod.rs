@@ -20,25 +20,24 @@
 //! | group | the identity | the sphere |
 
 mod place;
-mod ranges;
+mod reduction;
 
 pub use place::{Located, Orbit, Place};
+pub use reduction::Axis;
+pub(super) use reduction::end_together;
 
 use super::{
-    axis::Axis,
-    direction::{FACES, direction},
-    ends::{follow_symmetry, skies_turn},
-    focus::{ReferenceSphere, direction_of},
+    direction::{FACES, ReferenceSphere, Sphere, direction, direction_of},
+    impact_parameter::{ImpactParameter, Radius},
     mirror::Mirror,
-    orbit::{ImpactParameter, Radius},
     position::ChartMap,
-    sphere::Sphere,
 };
 use geofan_core::{
     error::{Error, Result},
     manifold::{Manifold, Symmetry},
 };
 use glam::{DVec2, DVec3};
+use reduction::{follow_symmetry, skies_turn};
 use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 

@@ -4,10 +4,7 @@
 //! [`Located`] ray of the other, with the [`Isometry`] that carries the stored ray to the true one.
 
 use super::{RaySpace, Reduction, StoredCamera};
-use crate::rays::{
-    direction::{direction, face_and_parameters},
-    focus::aim_of,
-};
+use crate::rays::direction::{aim_of, direction, face_and_parameters};
 use geofan_core::{
     error::{Error, Result},
     manifold::Isometry,

@@ -8,16 +8,13 @@
 //! | `.npy`, `.npz` | an array of numpy with axes x, y, z; in an archive that called `array` |
 //! | `.vti` | an image of VTK: point data called `array`; places come from the file unless a box is given |
 //! | `.exr` | slices of constant z, one a file or one a layer; columns are x, rows y; the channel `array` |
-//! | other | numbers of one `type` without a head, in the `shape` and `order` given |
+//! | other | numbers of one type ([`NumberType`]) without a head, in the `shape` and `order` given |
 
 #[cfg(feature = "samples")]
-mod exr;
+mod exr_slices;
 mod npy;
-mod numbers;
 #[cfg(feature = "samples")]
 mod vti;
-
-pub use numbers::NumberType;
 
 use super::{SampleFault, Samples, samples::checked_total};
 use crate::{
@@ -109,13 +106,15 @@ impl SampleSource {
         let mut slices = Vec::new();
         for file in &self.files {
             slices.extend(
-                exr::layers(&bytes(file)?, self.array.as_deref()).map_err(|fault| SampleFault {
-                    message: format!("{}: {}", file.display(), fault.message),
-                    ..fault
+                exr_slices::layers(&bytes(file)?, self.array.as_deref()).map_err(|fault| {
+                    SampleFault {
+                        message: format!("{}: {}", file.display(), fault.message),
+                        ..fault
+                    }
                 })?,
             );
         }
-        exr::stack(slices).map(|samples| (samples, None))
+        exr_slices::stack(slices).map(|samples| (samples, None))
     }
 
     #[cfg(not(feature = "samples"))]
@@ -268,6 +267,93 @@ fn choose<'n>(asked: Option<&str>, names: &'n [String], things: &str) -> SampleR
             fault.hint(format!("it has {all}"))
         }),
     }
+}
+
+/// The type of the numbers of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[allow(missing_docs)]
+pub enum NumberType {
+    F32,
+    F64,
+    I8,
+    U8,
+    I16,
+    U16,
+    I32,
+    U32,
+}
+
+/// All types with their names.
+const NAMES: [(NumberType, &str); 8] = [
+    (NumberType::F32, "f32"),
+    (NumberType::F64, "f64"),
+    (NumberType::I8, "i8"),
+    (NumberType::U8, "u8"),
+    (NumberType::I16, "i16"),
+    (NumberType::U16, "u16"),
+    (NumberType::I32, "i32"),
+    (NumberType::U32, "u32"),
+];
+
+impl NumberType {
+    /// Finds the type called `name`.
+    pub fn named(name: &str) -> Option<Self> {
+        NAMES.iter().find(|(_, n)| *n == name).map(|(t, _)| *t)
+    }
+
+    /// Returns its name.
+    pub fn name(self) -> &'static str {
+        NAMES
+            .iter()
+            .find(|(t, _)| *t == self)
+            .map_or("", |(_, n)| *n)
+    }
+
+    /// Lists the names of all types.
+    pub fn names() -> Vec<&'static str> {
+        NAMES.iter().map(|(_, name)| *name).collect()
+    }
+
+    /// Returns the bytes that a number takes.
+    pub fn width(self) -> usize {
+        match self {
+            Self::I8 | Self::U8 => 1,
+            Self::I16 | Self::U16 => 2,
+            Self::F32 | Self::I32 | Self::U32 => 4,
+            Self::F64 => 8,
+        }
+    }
+
+    /// Reads numbers; bytes that do not make up a whole one are left out.
+    pub fn numbers(self, bytes: &[u8], big_endian: bool) -> Vec<f64> {
+        match self {
+            Self::F32 => read(bytes, big_endian, |b| f64::from(f32::from_le_bytes(b))),
+            Self::F64 => read(bytes, big_endian, f64::from_le_bytes),
+            Self::I8 => read(bytes, big_endian, |b| f64::from(i8::from_le_bytes(b))),
+            Self::U8 => read(bytes, big_endian, |b| f64::from(u8::from_le_bytes(b))),
+            Self::I16 => read(bytes, big_endian, |b| f64::from(i16::from_le_bytes(b))),
+            Self::U16 => read(bytes, big_endian, |b| f64::from(u16::from_le_bytes(b))),
+            Self::I32 => read(bytes, big_endian, |b| f64::from(i32::from_le_bytes(b))),
+            Self::U32 => read(bytes, big_endian, |b| f64::from(u32::from_le_bytes(b))),
+        }
+    }
+}
+
+/// Numbers of `N` bytes each.
+fn read<const N: usize>(
+    bytes: &[u8],
+    big_endian: bool,
+    number: impl Fn([u8; N]) -> f64,
+) -> Vec<f64> {
+    let (whole, _) = bytes.as_chunks::<N>();
+    let one = |bytes: &[u8; N]| {
+        let mut bytes = *bytes;
+        if big_endian {
+            bytes.reverse();
+        }
+        number(bytes)
+    };
+    whole.iter().map(one).collect()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 
 use super::{
     DeckTransformation, Gluing,
-    check::{FARTHEST_OUT, FacePoint, GluingChecks, is_identity_to, is_regular},
+    gluing_checks::{FARTHEST_OUT, FacePoint, GluingChecks, is_identity_to, is_regular},
 };
 use crate::{error::Result, manifold::probe::point, random::Stream};
 use glam::{DMat3, DVec2, DVec3};

@@ -8,24 +8,20 @@
 //! The domain is where all faces are positive. Faces with an opening are there only where the opening is positive;
 //! they bound nothing. Walls that are mirrors have no map: light is reflected there in the metric.
 
-mod check;
 mod cones;
+mod cover;
 mod deck;
-mod development;
-mod nearest;
+mod gluing_checks;
 pub(super) mod quotient;
-mod spheres;
 
+pub use cover::{Development, NearCopy, NearestCopies};
 pub use deck::DeckTransformation;
 pub(super) use deck::LinearModel;
-pub use development::Development;
-pub use nearest::{NearCopy, NearestCopies};
 
-use super::{Manifold, meaning::digests};
-use deck::at_tape;
+use super::{Manifold, description::digests};
+use deck::{Spheres, at_tape};
 use geofan_expr::{Digest, Direction, Graph, NodeId, Tape, TapeTooLarge};
 use glam::{DMat3, DVec3};
-use spheres::Spheres;
 use std::{
     borrow::Cow,
     collections::HashMap,
@@ -497,7 +493,7 @@ impl Manifold {
     /// Completes and checks the gluing of a manifold as read.
     pub(super) fn with_checked_gluing(mut self) -> crate::error::Result<Self> {
         if let Some(gluing) = &self.gluing {
-            let gluing = check::checked(&self, gluing)?;
+            let gluing = gluing_checks::checked(&self, gluing)?;
             self.gluing = Some(Arc::new(gluing));
         }
         Ok(self)

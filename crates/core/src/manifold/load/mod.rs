@@ -1,21 +1,18 @@
 //! The text of a manifold file -> [`Manifold`], with every complaint at its place.
 //!
 //! In: the file as TOML and values that replace its parameters. Out: a [`Manifold`] of which nothing
-//! numerical is checked yet. Each section of the file has a file here, in the order of reading:
-//! [`names`] (coordinates, parameters, textbook coordinates, lets), [`domain`], [`fields`], [`definition`]
-//! (embedding, metric or spacetime), [`medium`] (wind and drift), [`exits`], [`gluing`], [`symmetry`], [`cameras`].
+//! numerical is checked yet. Sections of the file have files here, in the order of reading:
+//! [`names`] (coordinates, parameters, textbook coordinates, lets), [`domain_and_exits`], [`fields`], [`definition`]
+//! (embedding, metric or spacetime, wind and drift), [`gluing`], [`symmetry_and_cameras`].
 
-mod cameras;
 mod definition;
-mod domain;
-mod exits;
+mod domain_and_exits;
 mod fields;
 mod gluing;
-mod medium;
 mod names;
-mod symmetry;
+mod symmetry_and_cameras;
 
-use super::{Follows, Manifold, geometry, kin::Kin, pullback::Pullback, tapes::Tapes};
+use super::{Follows, Kin, Manifold, geometry, pullback::Pullback, tapes::Tapes};
 use crate::{
     diagnostic::{Diagnostic, SourceText},
     document::{self, Item, Reading, Text, TomlTable},

@@ -3,7 +3,7 @@
 //! In: the sections that declare names. Out: scopes in which later sections are read. A name may be
 //! declared once, before its use: what a let names must stand above it.
 
-use super::{Loader, Reading, at_expression, domain::Limits, three_texts};
+use super::{Loader, Reading, at_expression, domain_and_exits::Limits, three_texts};
 use crate::{
     diagnostic::Diagnostic,
     document::{Item, Text},

@@ -8,7 +8,9 @@
 //! An event counts where its value becomes positive; one that is positive already, because the ray starts
 //! beyond it, counts as soon as its value rises. [`crossing`] is the root finder of all of them.
 
-use super::{End, LANES, NIL, Row, Step, control::Control, each, rows::take_where, step::Curves};
+use super::{
+    End, LANES, NIL, Row, Step, dormand_prince::Control, each, state::take_where, step::Curves,
+};
 use crate::manifold::{Domain, EventKind};
 use geofan_expr::{Registers, Wide, real::Real};
 use glam::DVec3;
@@ -193,13 +195,13 @@ const LOOKS: u32 = 256;
 
 /// Returns whether an event with these values at two places is met between them.
 #[inline(always)]
-pub(super) fn is_met(before: f64, now: f64) -> bool {
+fn is_met(before: f64, now: f64) -> bool {
     (now > 0.0) & (now > before)
 }
 
 /// The first event between the arc lengths `from` and `to`; `ends` gives the values of an event at
 /// both, `value` that of an event at an arc length between.
-pub(super) fn first_between(
+fn first_between(
     domain: &Domain,
     [from, to]: [f64; 2],
     ends: impl Fn(usize) -> [f64; 2],

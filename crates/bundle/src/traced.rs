@@ -1,11 +1,16 @@
-//! One path from the table, ended where its ray leaves.
+//! One path from the table, ended where its ray leaves, or looked up again where the table ends.
 //!
 //! In: a [`Table`], a camera position, a direction, a length. Out: a [`Traced`]: equally spaced
 //! samples up to the end of the path, which is found on the interpolated path. A ray of which the
 //! table gives up a part before its end is integrated exactly. In a glued space the table has paths of the cover;
 //! samples are brought back into the domain.
+//!
+//! Beyond the table's length a path of a glued space goes on with the fan of where it has come to, if the table's
+//! cameras are there ([`Table::restarted`]): of a space whose domain is in the region of cameras, a short table has
+//! paths of any length. A part's points are as far off as the table promises, as seen from where the part begins;
+//! its first direction is off by what the tangent at the end of the part before is. Along a path these add up.
 
-use crate::{Fan, Table, TablePath};
+use crate::{Fan, LookupError, Table, TablePath};
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Sample, Settings, first_event, paths, samples},
@@ -256,5 +261,24 @@ fn exactly(
         steps: path.tried,
         restarts: 0,
         exact: true,
+    }
+}
+
+impl Table {
+    /// Tells whether paths can be looked up again where the table ends: in glued spaces whose paths the cover knows.
+    pub fn restarts(&self) -> bool {
+        let gluing = self.space.manifold().gluing_below();
+        gluing.is_some_and(|gluing| !gluing.has_portals() && !gluing.has_mirrors())
+    }
+
+    /// Looks up where the path that has come to the point `u` of the domain with the tangent `v` goes on: in the fan of all
+    /// paths from there, in this direction (standard frame, unit).
+    ///
+    /// # Errors
+    /// `u` is not in the camera region, or the patches there are damaged.
+    pub fn restarted(&self, u: DVec3, v: DVec3) -> Result<(Fan, DVec3), LookupError> {
+        let fan = self.fan(u)?;
+        let direction = self.space.manifold().local_frame(u).direction(v);
+        Ok((fan, direction.normalize_or_zero()))
     }
 }

@@ -1,9 +1,16 @@
-//! Where cameras may be: 0 to 3 parameters in intervals, mapped to chart points.
+//! Expressions over the chart that a user gives besides the space itself: where cameras may be, curves, and functions
+//! of a point.
 //!
-//! In: intervals and a tape of expressions. Out: [`CameraRegion`]: the map [`CameraRegion::at`] and
-//! its inverse [`CameraRegion::locate`].
+//! In: expressions of parameters, of a curve's one parameter, or of the coordinates; all may name the manifold's own
+//! parameters. Out: [`CameraRegion`], 0 to 3 parameters in intervals mapped to chart points ([`CameraRegion::at`])
+//! and back ([`CameraRegion::locate`]); [`ChartCurve`], point and velocity at any parameter, the velocity exact;
+//! [`PointFunctions`], the values of what a scene gives as numbers of the point: velocities, temperatures.
 
-use geofan_expr::Tape;
+use super::Manifold;
+use geofan_expr::{
+    Direction, Graph, Tape,
+    parse::{Binding, ExpressionError, Scope, parse},
+};
 use glam::DVec3;
 
 /// A region of camera positions.
@@ -152,4 +159,92 @@ fn least_squares(columns: &[DVec3], b: DVec3) -> Option<Vec<f64>> {
         x[i] = (q[i].dot(b) - known) / r[i][i];
     }
     Some(x)
+}
+
+/// A curve `t -> u(t)`.
+#[derive(Debug, Clone)]
+pub struct ChartCurve {
+    /// t -> u (3), u̇ (3).
+    tape: Tape,
+}
+
+impl ChartCurve {
+    /// The curve whose coordinates are `components`, expressions of `parameter` and of the parameters
+    /// of `manifold` (as set); `parameter` hides one of the same name.
+    ///
+    /// # Errors
+    /// A component's index (0 to 2) and what is wrong with it.
+    pub fn parse(
+        manifold: &Manifold,
+        parameter: &str,
+        components: [&str; 3],
+    ) -> Result<Self, (usize, ExpressionError)> {
+        let (mut graph, mut scope) = (Graph::new(), Scope::default());
+        for (name, value) in &manifold.parameters {
+            scope.bind(name, Binding::fixed(graph.constant(*value)));
+        }
+        scope.bind(parameter, Binding::fixed(graph.input(0)));
+        let mut outputs = Vec::new();
+        for (i, text) in components.iter().enumerate() {
+            outputs.push(parse(text, &scope, &mut graph).map_err(|e| (i, e))?.node);
+        }
+        let mut along = Direction::of_input(&mut graph, 0);
+        for i in 0..3 {
+            outputs.push(graph.derivative(outputs[i], &mut along));
+        }
+        let too_large = |e: geofan_expr::TapeTooLarge| {
+            let whole = 0..components[0].len();
+            (0, ExpressionError::new(whole, e.to_string()))
+        };
+        let tape = Tape::compile(&graph, &outputs, 1).map_err(too_large)?;
+        Ok(Self { tape })
+    }
+
+    /// Point and velocity at `t`, chart components.
+    pub fn at(&self, t: f64) -> (DVec3, DVec3) {
+        let o = self.tape.at(&[t]);
+        (DVec3::from_slice(&o[..3]), DVec3::from_slice(&o[3..]))
+    }
+}
+
+/// Evaluates expressions of the chart point.
+#[derive(Debug, Clone)]
+pub struct PointFunctions {
+    tape: Tape,
+}
+
+impl PointFunctions {
+    /// Reads `texts`, expressions of the coordinates and the parameters of `manifold` (as set).
+    ///
+    /// # Errors
+    /// The index of a text and what is wrong with it.
+    pub fn parse(manifold: &Manifold, texts: &[&str]) -> Result<Self, (usize, ExpressionError)> {
+        let (mut graph, mut scope) = (Graph::new(), Scope::default());
+        for (name, value) in &manifold.parameters {
+            scope.bind(name, Binding::fixed(graph.constant(*value)));
+        }
+        for (k, name) in manifold.coordinates.iter().enumerate() {
+            scope.bind(name, Binding::fixed(graph.input(k as u32)));
+        }
+        let mut outputs = Vec::new();
+        for (i, text) in texts.iter().enumerate() {
+            outputs.push(parse(text, &scope, &mut graph).map_err(|e| (i, e))?.node);
+        }
+        let too_large = |e: geofan_expr::TapeTooLarge| {
+            let whole = 0..texts.first().map_or(0, |text| text.len());
+            (0, ExpressionError::new(whole, e.to_string()))
+        };
+        let tape = Tape::compile(&graph, &outputs, 3).map_err(too_large)?;
+        Ok(Self { tape })
+    }
+
+    /// Computes the values at `u`, in the order of the texts.
+    pub fn at(&self, u: DVec3) -> Vec<f64> {
+        self.tape.at(&u.to_array())
+    }
+
+    /// Computes the values at many points, a row for each, at a fraction of the cost.
+    pub fn at_each(&self, points: impl ExactSizeIterator<Item = DVec3>) -> Vec<f64> {
+        self.tape.at_each(points.map(|u| u.to_array()))
+    }
 }

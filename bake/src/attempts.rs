@@ -1,18 +1,28 @@
-//! A bake of one manifold: options, and attempts until the promise is met and the size fits.
+//! A bake of one manifold: options, attempts until the promise is met and the size fits, and the files that it makes.
 //!
-//! In: a manifold and [`BakeOptions`]. Out: a bundle or a shard, or why there is none.
+//! In: a manifold and [`BakeOptions`]. Out: a bundle with its certificate ([`finish`]) or a shard, a file of some
+//! chunks that knows which share it is ([`write_shard`]); or why there is none. How shards are joined is in `merge`.
 
 use crate::{
-    assembly::{finish, write_shard},
-    chunk_files::{BakedChunk, ChunkFiles},
-    chunks::ChunkBaker,
+    certify::certify,
+    chunks::{BakedChunk, ChunkBaker, ChunkFiles},
     plan::{plan, plan_in_cells, unmirrored, usual_tangents},
 };
-use geofan_bundle::{Bundle, Contents, PlanRecord, TangentPromise, identity, rays::RaySpace};
-use geofan_core::{
-    Error, Observer, Result, files::check_output, geodesic::UnfinishedPaths, manifold::Manifold,
+use geofan_bundle::{
+    Bundle, Contents, PlanRecord, ShardRecord, TangentPromise, identity, rays::RaySpace,
 };
-use std::{ops::RangeInclusive, path::Path, sync::Arc};
+use geofan_core::{
+    Error, Observer, Progress, Result, files::check_output, geodesic::UnfinishedPaths,
+    manifold::Manifold,
+};
+use std::{
+    ops::RangeInclusive,
+    path::Path,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+};
 
 /// The promise when none is asked for, mrad: half a pixel of a 1920-wide view of 90°.
 pub const USUAL_PROMISE: f64 = 0.5;
@@ -284,6 +294,74 @@ fn too_large(promise: f64, limit: u64, bytes: u64, share: f64) -> BakeResult {
     BakeResult::TooLarge(format!(
         "{promise:.4} mrad takes more than {limit} bytes ({bytes} for {percent:.0} % of the table)"
     ))
+}
+
+/// Measures the table of `contents` and writes it, certificate included, to `path`; returns the bundle, the
+/// size of its file, and how the paths of the certificate's rays end.
+///
+/// # Errors
+/// Interrupted (`resume` says how to go on), or the place cannot be written.
+fn finish(
+    contents: Contents,
+    exact_rays: u64,
+    path: &Path,
+    resume: &str,
+    observer: &dyn Observer,
+) -> Result<(Bundle, u64, UnfinishedPaths)> {
+    let bundle = Bundle::from_contents(contents).map_err(|e| e.about(path))?;
+    let (plan, rays) = (&bundle.header.plan, bundle.header.certify_rays);
+    let certified = AtomicU64::new(0);
+    let tell = |count| tell_certified(observer, (&certified, count, rays), resume);
+    let checked = certify(
+        &bundle.table,
+        rays as usize,
+        plan.seed,
+        plan.tolerance,
+        plan.max_error,
+        tell,
+    )?;
+    let mut certificate = checked.certificate;
+    certificate.exact_rays_baked = exact_rays;
+    let bundle = bundle.certified(certificate);
+    let bytes = bundle.write(path)?;
+    Ok((bundle, bytes, checked.unfinished))
+}
+
+/// Writes the chunks of `share`; returns the size of the file.
+///
+/// # Errors
+/// The place cannot be written.
+fn write_shard(mut contents: Contents, share: Share, exact_rays: u64, path: &Path) -> Result<u64> {
+    let Share { index, of } = share;
+    contents.header.shard = Some(ShardRecord {
+        index,
+        of,
+        exact_rays,
+    });
+    contents.write(path)
+}
+
+/// Tells the observer that `count` more of `rays` rays are compared.
+///
+/// # Errors
+/// It ends the work; `resume` says how to go on.
+pub(crate) fn tell_certified(
+    observer: &dyn Observer,
+    (certified, count, rays): (&AtomicU64, u64, u64),
+    resume: &str,
+) -> Result<()> {
+    observer.progress(Progress {
+        work: "certifying",
+        done: certified.fetch_add(count, Relaxed) + count,
+        total: rays,
+        detail: "",
+    });
+    match observer.cancelled() {
+        true => Err(Error::Interrupted {
+            resume: resume.into(),
+        }),
+        false => Ok(()),
+    }
 }
 
 #[cfg(test)]

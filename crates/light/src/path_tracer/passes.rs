@@ -1,0 +1,167 @@
+//! Passes over a picture: those of all its parts, eyes or faces of a cube, and sums over them.
+//!
+//! In: a world and the parts of a picture. Out: passes over all of it, and the layers of what its cameras' rays meet
+//! first ([`PanelTracers`]).
+//!
+//! In: passes, in order. Out: mean radiance of every pixel, and the variance of that mean ([`PassAccumulator`]).
+
+use super::{PathTracer, PathTracerSettings};
+use geofan_render::{
+    ExactTracer, PicturePanel, PicturePanels, World,
+    frame::{Paths, offsets, trace},
+    picture::Picture,
+    shade::with_layers,
+};
+use glam::DVec3;
+use ndarray::{Array2, Array3};
+
+/// One tracer for each part of a picture.
+pub struct PanelTracers<'a> {
+    world: &'a World,
+    panels: &'a PicturePanels,
+    settings: PathTracerSettings,
+    tracers: Vec<PathTracer<'a>>,
+}
+
+impl<'a> PanelTracers<'a> {
+    /// Prepares the tracers of all parts.
+    pub fn new(world: &'a World, panels: &'a PicturePanels, settings: PathTracerSettings) -> Self {
+        let mut tracers: Vec<PathTracer<'a>> = Vec::new();
+        let mut before = 0;
+        for PicturePanel { view, .. } in &panels.parts {
+            let tracer = match tracers.first() {
+                Some(first) => first.through(view, before),
+                None => PathTracer::new(world, view, settings),
+            };
+            before += (view.size.0 * view.size.1) as u64;
+            tracers.push(tracer);
+        }
+        Self {
+            world,
+            panels,
+            settings,
+            tracers,
+        }
+    }
+
+    /// Returns the number of geodesics followed so far.
+    pub fn rays(&self) -> u64 {
+        self.tracers.first().map_or(0, PathTracer::rays)
+    }
+
+    /// Renders one sample of every pixel of the whole picture as radiance; `None` if `stop` said so.
+    pub fn pass(&self, number: u64, stop: impl Fn() -> bool + Sync) -> Option<Vec<DVec3>> {
+        let (width, height) = self.panels.size;
+        let mut all = vec![DVec3::ZERO; width * height];
+        for (tracer, PicturePanel { view, at }) in self.tracers.iter().zip(&self.panels.parts) {
+            let light = tracer.pass(number, &stop)?;
+            for (row, line) in light.chunks_exact(view.size.0).enumerate() {
+                let start = (at.1 + row) * width + at.0;
+                all[start..start + line.len()].copy_from_slice(line);
+            }
+        }
+        Some(all)
+    }
+
+    /// Adds the layers of what the cameras' rays meet first to a picture of all parts; its own layers, such as its
+    /// variance, come first.
+    pub fn layered(&self, picture: Picture) -> Picture {
+        let PathTracerSettings {
+            length, tolerance, ..
+        } = self.settings;
+        let layered = |(number, PicturePanel { view, .. }): (usize, &PicturePanel)| {
+            let tracer = ExactTracer::new(&self.world.manifold, view.u, length, tolerance);
+            let traced = trace(self.world, view, Paths::Exact(&tracer), &offsets(1));
+            let part = self.panels.cut(&picture, number);
+            with_layers(part, self.world, traced.outcomes.view(), &[])
+        };
+        let parts = self.panels.parts.iter().enumerate().map(layered).collect();
+        let mut whole = self.panels.join(parts);
+        whole.layers.splice(0..0, picture.layers);
+        whole
+    }
+}
+
+/// Accumulates passes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PassAccumulator {
+    pub(super) size: (usize, usize),
+    /// Sum of radiance and of its squares of each pixel, row by row.
+    pub(super) sums: Vec<[DVec3; 2]>,
+    pub(super) passes: u64,
+}
+
+impl PassAccumulator {
+    /// Begins without passes, of a width and height.
+    pub fn new(size: (usize, usize)) -> Self {
+        Self {
+            size,
+            sums: vec![[DVec3::ZERO; 2]; size.0 * size.1],
+            passes: 0,
+        }
+    }
+
+    /// Returns the number of passes taken.
+    pub fn passes(&self) -> u64 {
+        self.passes
+    }
+
+    /// Adds the next pass.
+    pub fn add(&mut self, pass: &[DVec3]) {
+        for (sums, light) in self.sums.iter_mut().zip(pass) {
+            sums[0] += *light;
+            sums[1] += *light * *light;
+        }
+        self.passes += 1;
+    }
+
+    /// Returns the mean radiance of a pixel, and the variance of that mean (infinite after a single pass).
+    pub fn pixel(&self, x: usize, y: usize) -> (DVec3, DVec3) {
+        let [sum, squares] = self.sums[y * self.size.0 + x];
+        let n = self.passes.max(1) as f64;
+        let mean = sum / n;
+        let spread = (squares / n - mean * mean).max(DVec3::ZERO);
+        let variance = match self.passes {
+            0 | 1 => DVec3::INFINITY,
+            _ => spread / (n - 1.0),
+        };
+        (mean, variance)
+    }
+
+    /// Returns the picture of the means, with layers `variance.R`, `variance.G`, `variance.B` of their variance.
+    pub fn picture(&self) -> Picture {
+        let (width, height) = self.size;
+        let mean = |(y, x, k): (usize, usize, usize)| self.pixel(x, y).0[k] as f32;
+        let picture = Picture::new(Array3::from_shape_fn((height, width, 3), mean));
+        ["R", "G", "B"]
+            .into_iter()
+            .enumerate()
+            .fold(picture, |picture, (k, name)| {
+                let variance = |(y, x): (usize, usize)| self.pixel(x, y).1[k] as f32;
+                picture.with_float(
+                    format!("variance.{name}"),
+                    Array2::from_shape_fn((height, width), variance),
+                )
+            })
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub(in crate::path_tracer) fn sums() -> PassAccumulator {
+        let mut sums = PassAccumulator::new((2, 1));
+        sums.add(&[DVec3::new(1.0, 2.0, 3.0), DVec3::ZERO]);
+        sums.add(&[DVec3::new(3.0, 2.0, 1.0), DVec3::ONE]);
+        sums
+    }
+
+    #[test]
+    fn means_and_their_variance_are_those_of_the_passes() {
+        let (mean, variance) = sums().pixel(0, 0);
+        assert_eq!(mean, DVec3::splat(2.0));
+        // Sample variance 2 over two samples.
+        assert_eq!(variance, DVec3::new(1.0, 0.0, 1.0));
+    }
+}
