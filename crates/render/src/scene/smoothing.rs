@@ -10,7 +10,7 @@
 //! angle there, which does not depend on how faces are cut into triangles (G. Thürmer, C. Wüthrich,
 //! *Computing vertex normals from polygonal facets*, 1998).
 
-use super::Mesh;
+use super::{Mesh, counting_sort::sorted};
 use geofan_core::parallel::*;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -141,35 +141,14 @@ impl Corners {
 
     /// Returns the sides of all triangles, those in one place one after another.
     fn sides(&self) -> Vec<Side> {
-        let count = 3 * self.places.len();
-        let ends = |corner: usize| {
+        let side = |corner: usize| {
             let [from, to] = [corner, next(corner)].map(|c| self.place(c));
-            [from.min(to), from.max(to)]
+            Side {
+                ends: [from.min(to), from.max(to)],
+                corner: corner as u32,
+            }
         };
-        // Sorted by their first ends by counting, and among those, which are few, by comparing.
-        let mut begins = vec![0_u32; 1];
-        for corner in 0..count {
-            let place = ends(corner)[0] as usize + 1;
-            begins.resize(begins.len().max(place + 1), 0);
-            begins[place] += 1;
-        }
-        let mut sum = 0;
-        for begin in &mut begins {
-            sum += *begin;
-            *begin = sum;
-        }
-        let mut sides = vec![Side::default(); count];
-        for corner in 0..count {
-            let ends = ends(corner);
-            let slot = &mut begins[ends[0] as usize];
-            let corner = corner as u32;
-            sides[*slot as usize] = Side { ends, corner };
-            *slot += 1;
-        }
-        for first in sides.chunk_by_mut(|a, b| a.ends[0] == b.ends[0]) {
-            first.sort_unstable();
-        }
-        sides
+        sorted(3 * self.places.len(), side, |side| side.ends[0])
     }
 }
 
