@@ -1,6 +1,6 @@
 //! `geofan compare`: a view by table and by exact integration, with errors and times of one run.
 //!
-//! In: a scene and a bundle. Out: `table.png`, `exact.png`, `error.png` (FLIP) and `mrad.png`
+//! In: a scene and a bundle. Out: `table.png`, `exact.png`, `error.png` (FLIP), `lattice.png` and `mrad.png`
 //! (screen error of the table's paths) in a folder, and a report as text or JSON. With `--tracer
 //! local` the local view takes the table's place.
 

@@ -26,8 +26,8 @@ const BLOCK: usize = 1024;
 /// Points of a mesh from which on polynomials are tried. Smaller meshes take a tenth of a second at most by geodesics alone.
 const MANY: usize = 50_000;
 
-/// Points in a cube from which on a polynomial pays: its nodes take as long as 250 geodesics with their deviation.
-const WORTHWHILE: usize = 1024;
+/// Points in a cube from which on a polynomial pays: its nodes and its checks take as long as 140 geodesics with their deviation.
+const WORTHWHILE: usize = 400;
 
 /// Degree of the polynomials. With six nodes along an axis three Gaussian bumps, a torus among them, take 1.7 times the
 /// geodesics, with ten as many.

@@ -113,8 +113,10 @@ pub struct ComparisonReport {
     pub screen_mrad: Quantiles,
     /// Error that the lattice adds to the table's, as seen.
     pub lattice_mrad: Quantiles,
-    /// Share of pixels to whose error the lattice adds more than four times its budget.
+    /// Share of pixels to whose error the lattice adds more than four times its budget, but for those at edges.
     pub lattice_beyond: f64,
+    /// Share of those at edges: there the picture itself jumps as far within four budgets.
+    pub lattice_edges: f64,
     /// Angle between the directions in which the two pictures' samples look up the same sky.
     pub sky_mrad: Quantiles,
     /// Share of samples that the table gave up on.
@@ -181,10 +183,10 @@ impl ComparisonReport {
                 "{name:20} {a:.3} / {b:.3} / {c:.3} / {d:.3} (p50 / p95 / p99 / max)"
             )?;
         }
-        let beyond = 1e2 * self.lattice_beyond;
+        let [beyond, edges] = [self.lattice_beyond, self.lattice_edges].map(|share| 1e2 * share);
         writeln!(
             f,
-            "lattice off by more  {beyond:.4} % of pixels, than four times its budget"
+            "lattice off by more  {beyond:.4} % of pixels, than four times its budget; beside edges {edges:.4} %"
         )?;
         let flagged = 1e2 * self.flagged;
         writeln!(

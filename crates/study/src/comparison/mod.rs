@@ -11,6 +11,7 @@
 mod comparison_report;
 mod errors;
 mod frame_times;
+mod lattice_errors;
 mod local_view;
 
 pub use comparison_report::{ComparisonReport, EqualErrorExact, FrameTimes, PathTimes};
@@ -76,7 +77,7 @@ pub fn write_pictures<R>(comparison: &Comparison<R>, folder: &Path, prefix: &str
 }
 
 /// Compares the picture of a table with the exact one. The comparison has the pictures `table`,
-/// `exact`, `error` (FLIP) and `mrad` (screen error of the paths).
+/// `exact`, `error` (FLIP), `mrad` (screen error of the paths) and `lattice` (what the lattice adds to it).
 ///
 /// # Errors
 /// The camera is not in the table's region, or rays of the view start elsewhere.
@@ -104,7 +105,7 @@ pub fn compare(
     let equal_error = equal_error_exact(world, view, goal, table.length, options);
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
     // The differences.
-    let (lattice_mrad, lattice_beyond) = errors::lattice_errors(world, view, &tracer, budget);
+    let lattice = lattice_errors::lattice_errors(world, view, &tracer, budget);
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let exact_times = comparison_report::frame_times(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
@@ -114,8 +115,9 @@ pub fn compare(
         flip: mean_flip(&flip),
         mrad,
         screen_mrad,
-        lattice_mrad,
-        lattice_beyond,
+        lattice_mrad: lattice.mrad,
+        lattice_beyond: lattice.beyond,
+        lattice_edges: lattice.edges,
         sky_mrad: errors::sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
@@ -131,6 +133,7 @@ pub fn compare(
     let screen = errors::screen_map(view, &errors);
     let error = error_picture(&flip, "FLIP", "table against exact");
     let mrad = error_picture(&screen, "mrad", "screen error of the table");
+    let between = error_picture(&lattice.map, "mrad", "error of the lattice");
     Ok(Comparison {
         report,
         flip,
@@ -139,6 +142,7 @@ pub fn compare(
             ("exact", exact.picture),
             ("error", error),
             ("mrad", mrad),
+            ("lattice", between),
         ],
     })
 }
