@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
 # How far interpolation between paths keeps its budget (0.5 mrad) in every scene of the gallery: a row of a table for each,
 # with the errors that the lattice adds at the middles of all pixels, the share of pixels that are off by more than four
-# budgets, and the share of those that only edges are moved at. Usage: docs/lattice.sh [-k FOLDER] [SCENE...]; needs
-# `cargo build --release --workspace` and jq. Bakes what it needs, some minutes in all; -k keeps bundles and pictures of the errors.
+# budgets, and the share of those that are so because an edge is moved, by two budgets at most. Usage:
+# docs/lattice.sh [-k FOLDER] [SCENE...]; needs `cargo build --release --workspace` and jq. Pictures are 640 × 360, or SIZE.
+# Bakes what it needs, some minutes in all; -k keeps bundles and pictures of the errors.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=''
@@ -35,8 +36,8 @@ row() { # scene, bundle, name of the row, arguments of compare
     local scene=$1 bundle=$2 name=$3
     shift 3
     target/release/geofan compare "assets/scenes/$scene.toml" --bundle "$out/$bundle.fan" --out "$out/$name" --size "$size" \
-        --spp 1 --frames 1 --quiet --json "$@" 2>/dev/null |
-        jq -r --arg n "$name" 'def percent: 1e5 * . | round / 1e3;
+        --lattice --quiet --json "$@" 2>/dev/null |
+        jq -r --arg n "$name" 'def percent: 1e6 * . | round / 1e4;
             "| \($n) | \(.lattice_mrad.p50 * 100 | round / 100), \(.lattice_mrad.p99 * 100 | round / 100), \(.lattice_mrad.max * 10 | round / 10) | \(.lattice_beyond | percent) | \(.lattice_edges | percent) |"'
 }
 

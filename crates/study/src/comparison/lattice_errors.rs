@@ -4,15 +4,19 @@
 //! pixel's path misses the one that the tracer has there, as seen. Pixels that see another exit or another object are left
 //! out: an edge between pixels moves by less than a pixel there, and no angle tells by how much. Edges of one object
 //! before itself, and places where light turns back, are told from errors by displacing the pixel: where the tracer's own picture
-//! jumps as far within [`BEYOND`] budgets, the lattice has moved an edge, and by no more than that.
+//! jumps as far within [`EDGE`] budgets, the lattice has moved an edge, and by no more than that.
 
-use geofan_core::quantiles::Quantiles;
+use super::CompareOptions;
+use crate::picture::error_picture;
+use geofan_bundle::Table;
+use geofan_core::{error::Result, quantiles::Quantiles};
 use geofan_render::{
-    TileScratch,
+    Lookup, TileScratch,
     frame::{Outcomes, Paths, offsets, trace},
     intersect::Seen,
     lattice::seen_angle,
     no_clock,
+    picture::Picture,
     tiles::{PixelSamples, SamplePlace, TileOutcomes},
     tracer::GridTracer,
     view::View,
@@ -21,36 +25,70 @@ use geofan_render::{
 use glam::{DVec2, DVec3};
 use ndarray::Array2;
 use rayon::prelude::*;
+use serde::Serialize;
+use std::fmt;
 
 /// Number of budgets beyond which a pixel counts as missed: what fewer do is still less than two pixels of a usual picture.
 const BEYOND: f64 = 4.0;
 
-/// Share of an error that the picture must change by within [`BEYOND`] budgets to be an edge there. Where it changes evenly it does
-/// so only for errors up to 4/3 of them.
+/// Number of budgets within which the picture must jump for an error to be one of an edge, and the share of the error that it
+/// must jump by: where it changes evenly, an error of [`BEYOND`] budgets is twice as large as its changes there.
+const EDGE: f64 = 2.0;
 const JUMP: f64 = 0.75;
 
 /// Places around a pixel where its picture is looked at: so many at half of the distance, and as many at all of it.
 const AROUND: usize = 8;
 
-/// The errors of the lattice of a view.
-pub(super) struct LatticeErrors {
-    /// Of all pixels whose error is known, mrad.
-    pub mrad: Quantiles,
-    /// Share of those that are off by more than [`BEYOND`] budgets, but for edges.
-    pub beyond: f64,
-    /// Share of those that are off by more, at edges.
-    pub edges: f64,
-    /// The error of each pixel, mrad; NaN where it is not known.
-    pub map: Array2<f32>,
+/// Tells the errors that the lattice of a view adds to those of its paths.
+#[derive(Debug, Clone, Copy, Serialize)]
+pub struct LatticeErrors {
+    /// Of all pixels whose error is known, as seen.
+    pub lattice_mrad: Quantiles,
+    /// Share of those to whose error the lattice adds more than four times its budget, but for those at edges.
+    pub lattice_beyond: f64,
+    /// Share of those at edges: there the picture itself jumps as far within two budgets.
+    pub lattice_edges: f64,
 }
 
-/// Measures the errors of the lattice at the middle of every pixel.
+impl fmt::Display for LatticeErrors {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [beyond, edges] = [self.lattice_beyond, self.lattice_edges].map(|share| 1e2 * share);
+        writeln!(
+            f,
+            "lattice off by more  {beyond:.4} % of pixels, than four times its budget; beside edges {edges:.4} %"
+        )
+    }
+}
+
+/// Measures only the errors of the lattice of a view by a table; the picture shows them.
+///
+/// # Errors
+/// As [`super::compare`].
+pub fn compare_lattice(
+    world: &World,
+    view: &View,
+    table: &Table,
+    options: CompareOptions,
+) -> Result<(LatticeErrors, Picture)> {
+    super::refuse_many_positions(view)?;
+    let lookup = Lookup::new(table, 1e-3 * options.promise, options.tolerance);
+    let fan = table.fan(view.u)?;
+    let (errors, map) = lattice_errors(world, view, &lookup.tracer(&fan), 1e-3 * options.error);
+    Ok((errors, lattice_picture(&map)))
+}
+
+/// Draws the errors of the lattice.
+pub(super) fn lattice_picture(map: &Array2<f32>) -> Picture {
+    error_picture(map, "mrad", "error of the lattice")
+}
+
+/// Measures the errors of the lattice at the middle of every pixel; also that of each, mrad, not a number where it is not known.
 pub(super) fn lattice_errors(
     world: &World,
     view: &View,
     tracer: &dyn GridTracer,
     budget: f64,
-) -> LatticeErrors {
+) -> (LatticeErrors, Array2<f32>) {
     // Both as they are seen at every pixel.
     let offsets = offsets(1);
     let by = |paths| trace(world, view, paths, &offsets).outcomes;
@@ -68,18 +106,17 @@ pub(super) fn lattice_errors(
     let map = Array2::from_shape_fn((height, width), |(y, x)| {
         all[y * width + x].map_or(f32::NAN, |e| e as f32)
     });
-    let limit = BEYOND * budget;
-    let missed = (0..all.len()).filter(|i| all[*i].is_some_and(|e| e > 1e3 * limit));
+    let missed = (0..all.len()).filter(|i| all[*i].is_some_and(|e| e > 1e3 * BEYOND * budget));
     let missed: Vec<(usize, usize)> = missed.map(|i| (i / width, i % width)).collect();
-    let edges = both.edges(tracer, &missed, limit);
+    let edges = both.edges(tracer, &missed, EDGE * budget);
     let mut errors: Vec<f64> = all.into_iter().flatten().collect();
     let share = |count: usize| count as f64 / errors.len().max(1) as f64;
-    LatticeErrors {
-        beyond: share(missed.len() - edges),
-        edges: share(edges),
-        mrad: Quantiles::of(&mut errors),
-        map,
-    }
+    let found = LatticeErrors {
+        lattice_beyond: share(missed.len() - edges),
+        lattice_edges: share(edges),
+        lattice_mrad: Quantiles::of(&mut errors),
+    };
+    (found, map)
 }
 
 /// What every pixel sees by the tracer and by the lattice.

@@ -15,7 +15,10 @@ mod lattice_errors;
 mod local_view;
 
 pub use comparison_report::{ComparisonReport, EqualErrorExact, FrameTimes, PathTimes};
+pub use lattice_errors::{LatticeErrors, compare_lattice};
 pub use local_view::{DistanceErrors, LocalReport, compare_local};
+
+use lattice_errors::{lattice_errors, lattice_picture};
 
 use crate::{
     picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr},
@@ -105,7 +108,7 @@ pub fn compare(
     let equal_error = equal_error_exact(world, view, goal, table.length, options);
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
     // The differences.
-    let lattice = lattice_errors::lattice_errors(world, view, &tracer, budget);
+    let (lattice_errors, lattice_map) = lattice_errors(world, view, &tracer, budget);
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let exact_times = comparison_report::frame_times(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
@@ -115,9 +118,7 @@ pub fn compare(
         flip: mean_flip(&flip),
         mrad,
         screen_mrad,
-        lattice_mrad: lattice.mrad,
-        lattice_beyond: lattice.beyond,
-        lattice_edges: lattice.edges,
+        lattice_errors,
         sky_mrad: errors::sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
@@ -133,7 +134,6 @@ pub fn compare(
     let screen = errors::screen_map(view, &errors);
     let error = error_picture(&flip, "FLIP", "table against exact");
     let mrad = error_picture(&screen, "mrad", "screen error of the table");
-    let between = error_picture(&lattice.map, "mrad", "error of the lattice");
     Ok(Comparison {
         report,
         flip,
@@ -142,7 +142,7 @@ pub fn compare(
             ("exact", exact.picture),
             ("error", error),
             ("mrad", mrad),
-            ("lattice", between),
+            ("lattice", lattice_picture(&lattice_map)),
         ],
     })
 }
