@@ -1,8 +1,8 @@
 //! `geofan compare`: a view by table and by exact integration, with errors and times of one run.
 //!
-//! In: a scene and a bundle. Out: `table.png`, `exact.png`, `error.png` (FLIP) and `mrad.png`
+//! In: a scene and a bundle. Out: `table.png`, `exact.png`, `error.png` (FLIP), `lattice.png` and `mrad.png`
 //! (screen error of the table's paths) in a folder, and a report as text or JSON. With `--tracer
-//! local` the local view takes the table's place.
+//! local` the local view takes the table's place; with `--lattice` only errors between the table's paths are measured.
 
 use super::scenery::{
     LONGER_PATHS, LONGER_TABLE, SceneArgs, light_up, refuse_idle, warn_unfinished,
@@ -11,7 +11,10 @@ use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::Args;
 use geofan_bundle::Bundle;
 use geofan_core::{Result, files::make_output_folder};
-use geofan_study::comparison::{CompareOptions, compare, compare_local, write_pictures};
+use geofan_render::picture::write_png;
+use geofan_study::comparison::{
+    CompareOptions, compare, compare_lattice, compare_local, write_pictures,
+};
 use serde::Serialize;
 use std::{fmt::Display, path::PathBuf};
 
@@ -29,6 +32,9 @@ pub struct CompareArgs {
     /// Arc length of the paths of the local view [default: the manifold's]
     #[arg(long, value_name = "L", requires = "tracer", value_parser = values::positive)]
     length: Option<f64>,
+    /// Measure only what interpolation between the table's paths adds to their errors
+    #[arg(long, requires = "bundle")]
+    lattice: bool,
     /// The folder for the pictures; made if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -70,7 +76,9 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let bundle = Bundle::read(path)?;
     let mut stage = args.scene.stage(Some(&bundle))?;
     let view = args.scene.view(&stage)?;
-    light_up(&mut stage, Some(path), bundle.table.length, common)?;
+    if !args.lattice {
+        light_up(&mut stage, Some(path), bundle.table.length, common)?;
+    }
     let options = CompareOptions {
         samples: usize::from(args.scene.spp),
         promise: bundle.header.plan.max_error,
@@ -78,6 +86,11 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
         tolerance: args.scene.tolerance(),
         frames: usize::from(args.frames),
     };
+    if args.lattice {
+        let (errors, picture) = compare_lattice(&stage.world, &view, &bundle.table, options)?;
+        write_png(&args.out.join("lattice.png"), &picture)?;
+        return print(&errors, common);
+    }
     let comparison = compare(&stage.world, &view, &bundle.table, options)?;
     write_pictures(&comparison, &args.out, "")?;
     warn_unfinished(&stage.world, &comparison.report.unfinished, LONGER_TABLE);

@@ -4,9 +4,11 @@
 
 mod camera;
 mod clip;
+mod counting_sort;
 mod cuts;
 #[cfg(feature = "formats")]
 mod draft;
+mod exponential;
 mod file;
 #[cfg(feature = "formats")]
 mod formats;

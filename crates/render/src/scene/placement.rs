@@ -5,20 +5,17 @@
 //!
 //! With `A = S(u0) R · scale`, linear placement is `u = u0 + A x` with covectors `A⁻ᵀ n`, placement in the
 //! chart the same with `A = R · scale`, and
-//! exponential placement is `u = exp_{u0}(A x)`, whose differential is the tangent and the two
-//! columns of geodesic deviation at the end of the path.
+//! exponential placement is `u = exp_{u0}(A x)` (see [`super::exponential`]).
 
 use super::{
     Cuts, Mesh, ObjectEntry, Placement,
     clip::clipped,
+    exponential::ExponentialMap,
     reach::reach,
     subdivide::{MOST_OF_CLIPPED, MOST_TRIANGLES, Points, Subdivided, cut_again, subdivided},
 };
+use geofan_core::manifold::{Carried, Manifold};
 use geofan_core::parallel::*;
-use geofan_core::{
-    geodesic::{Ray, Settings, ends, perpendiculars},
-    manifold::{Carried, Manifold},
-};
 use glam::{DMat3, DVec3};
 use std::borrow::Cow;
 
@@ -71,7 +68,6 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
             {
                 return Some(placed);
             }
-            let points = |x: &[DVec3], n: &[DVec3]| exponential(manifold, object, x, n);
             let name = object.mesh.display();
             let mut warnings = Vec::new();
             let (mut mesh, mut radius) = (Cow::Borrowed(mesh), radius(object, mesh));
@@ -93,6 +89,8 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
                 ));
                 radius = self::radius(object, &mesh);
             }
+            let map = ExponentialMap::new(manifold, object, &mesh.positions);
+            let points = |x: &[DVec3], n: &[DVec3]| map.place(x, n);
             let Subdivided {
                 mesh,
                 vertices,
@@ -135,11 +133,20 @@ fn placed_as_cut<'m>(
     mesh: &'m Mesh,
     cuts: &Cuts,
 ) -> Option<Placed<'m>> {
-    let mesh = cut_mesh(object, mesh, cuts)?;
+    let whole = match cuts.within.is_finite() {
+        true => Cow::Owned(clipped(mesh, cuts.within / object.scale)),
+        false => Cow::Borrowed(mesh),
+    };
+    let uncut = whole.positions.len();
+    let mesh = cut_again(whole, &cuts.rounds)?;
     let told = object.vertices.as_ref();
     let vertices = match told.filter(|all| all.len() == mesh.positions.len()) {
         Some(all) => all.to_vec(),
-        None => exponential(manifold, object, &mesh.positions, &mesh.normals)?,
+        None => {
+            // The same polynomials as when the cuts were sought.
+            let map = ExponentialMap::new(manifold, object, &mesh.positions[..uncut]);
+            map.place(&mesh.positions, &mesh.normals)?
+        }
     };
     Some(Placed {
         mesh,
@@ -147,15 +154,6 @@ fn placed_as_cut<'m>(
         warnings: Vec::new(),
         cuts: cuts.clone(),
     })
-}
-
-/// Clips and cuts a mesh as is known; `None` if those are not cuts of this mesh.
-fn cut_mesh<'m>(object: &ObjectEntry, mesh: &'m Mesh, cuts: &Cuts) -> Option<Cow<'m, Mesh>> {
-    let mesh = match cuts.within.is_finite() {
-        true => Cow::Owned(clipped(mesh, cuts.within / object.scale)),
-        false => Cow::Borrowed(mesh),
-    };
-    cut_again(mesh, &cuts.rounds)
 }
 
 /// Places by `u0 + S R x`, `(S R)⁻ᵀ n` for a `frame` S.
@@ -176,75 +174,6 @@ fn radius(object: &ObjectEntry, mesh: &Mesh) -> f64 {
 /// Rounds a length to four digits, for people.
 fn short(length: f64) -> f64 {
     format!("{length:.3e}").parse().unwrap_or(length)
-}
-
-/// Tolerance of the geodesics that carry exponentially placed vertices.
-const TOLERANCE: f64 = 1e-9;
-
-/// Vertices placed by one thread at a time.
-const BLOCK: usize = 1024;
-
-/// `exp(S R x)` for every mesh point, and its normal by the inverse transpose of the differential.
-fn exponential(
-    manifold: &Manifold,
-    object: &ObjectEntry,
-    x: &[DVec3],
-    n: &[DVec3],
-) -> Option<Points> {
-    let blocks: Option<Vec<Points>> = x
-        .par_chunks(BLOCK)
-        .zip(n.par_chunks(BLOCK))
-        .map(|(x, n)| exponential_block(manifold, object, x, n))
-        .collect();
-    Some(blocks?.concat())
-}
-
-fn exponential_block(
-    manifold: &Manifold,
-    object: &ObjectEntry,
-    x: &[DVec3],
-    n: &[DVec3],
-) -> Option<Points> {
-    let turned = x.iter().map(|x| object.rotation * *x * object.scale);
-    let turned: Vec<DVec3> = turned.collect();
-    let settings = Settings {
-        tolerance: TOLERANCE,
-        carried: Carried {
-            frame: false,
-            deviation: true,
-        },
-        events: false,
-    };
-    let rays = turned.iter().map(|x| {
-        let d = x.try_normalize().unwrap_or(DVec3::X);
-        Ray::new(manifold, object.at, d, x.length())
-    });
-    let ends = ends(manifold, settings, rays);
-    let axes = manifold.standard_frame(object.at);
-    let mut placed = Vec::new();
-    for (i, x) in turned.iter().enumerate() {
-        let n = object.rotation * n[i];
-        let length = x.length();
-        let Some((step, reached)) = ends.get(i).and_then(Option::as_ref) else {
-            placed.push((object.at, axes.inverse().transpose() * n));
-            continue;
-        };
-        if *reached < length {
-            return None;
-        }
-        let d = *x / length;
-        let [e1, e2] = perpendiculars(d);
-        let [j1, j2] = step.deviation(length)?;
-        let to = DMat3::from_cols(step.tangent(length), j1 / length, j2 / length);
-        let from = DMat3::from_cols(d, e1, e2);
-        // The differential takes d, e1, e2 to the columns of `to`; covectors go by its inverse
-        // transpose.
-        placed.push((
-            step.position(length),
-            to.inverse().transpose() * (from.transpose() * n),
-        ));
-    }
-    Some(placed)
 }
 
 /// The angle (radians) by which the chart's straight line from `a` to `b` turns against parallel

@@ -10,7 +10,7 @@
 //! angle there, which does not depend on how faces are cut into triangles (G. Thürmer, C. Wüthrich,
 //! *Computing vertex normals from polygonal facets*, 1998).
 
-use super::Mesh;
+use super::{Mesh, counting_sort::sorted};
 use geofan_core::parallel::*;
 use glam::DVec3;
 use std::collections::HashMap;
@@ -49,9 +49,11 @@ pub(super) fn fill_normals(mesh: &mut Mesh, smoothing: &[SmoothingKey], crease: 
     let roots: Vec<u32> = (0..fans.parents.len() as u32)
         .map(|c| fans.root(c))
         .collect();
+    let angles = |t: &[u32; 3]| Corners::angles(mesh, t);
+    let angles: Vec<[f64; 3]> = mesh.triangles.par_iter().map(angles).collect();
     let mut sums = vec![DVec3::ZERO; roots.len()];
     for (corner, root) in roots.iter().enumerate() {
-        sums[*root as usize] += corners.normals[corner / 3] * corners.angle(mesh, corner);
+        sums[*root as usize] += corners.normals[corner / 3] * angles[corner / 3][corner % 3];
     }
     hand_out(mesh, &roots, &sums);
 }
@@ -84,55 +86,69 @@ fn hand_out(mesh: &mut Mesh, roots: &[u32], sums: &[DVec3]) {
     lost.for_each(|n| *n = DVec3::Z);
 }
 
-/// The corners of all triangles, three each.
+/// The corners of all triangles.
 struct Corners {
     /// Unit normal of each triangle.
     normals: Vec<DVec3>,
-    /// The place of each corner: vertices in one place are one, because seams of texture split them.
-    places: Vec<u32>,
+    /// The places of its corners: vertices in one place are one, because seams of texture split them.
+    places: Vec<[u32; 3]>,
+}
+
+/// Returns the place of each point: the lowest number of a point that is there.
+fn places(points: &[DVec3]) -> Vec<u32> {
+    let point = |i: usize| {
+        // Adding zero turns -0 into 0, which has other bits but is the same place.
+        let bits = (points[i] + DVec3::ZERO).to_array().map(f64::to_bits);
+        (bits, i as u32)
+    };
+    let mut sorted: Vec<([u64; 3], u32)> = (0..points.len()).into_par_iter().map(point).collect();
+    sorted.par_sort_unstable();
+    let mut places = vec![0; points.len()];
+    for there in sorted.chunk_by(|a, b| a.0 == b.0) {
+        for (_, i) in there {
+            places[*i as usize] = there[0].1;
+        }
+    }
+    places
 }
 
 impl Corners {
     fn of(mesh: &Mesh) -> Self {
-        let mut numbers: HashMap<[u64; 3], u32> = HashMap::with_capacity(mesh.positions.len());
-        let mut place = |p: &DVec3| {
-            // Adding zero turns -0 into 0, which has other bits but is the same place.
-            let bits = (*p + DVec3::ZERO).to_array().map(f64::to_bits);
-            let next = numbers.len() as u32;
-            *numbers.entry(bits).or_insert(next)
-        };
-        let of_vertex: Vec<u32> = mesh.positions.iter().map(&mut place).collect();
-        let corners = mesh.triangles.iter().flatten();
+        let of_vertex = places(&mesh.positions);
         let normal = |t: &[u32; 3]| {
             let across = mesh.doubled_area(*t);
             // Dividing by the largest component first keeps squares from underflowing.
             (across / across.abs().max_element()).normalize_or_zero()
         };
+        let place = |t: &[u32; 3]| t.map(|v| of_vertex[v as usize]);
         Self {
-            normals: mesh.triangles.iter().map(normal).collect(),
-            places: corners.map(|v| of_vertex[*v as usize]).collect(),
+            normals: mesh.triangles.par_iter().map(normal).collect(),
+            places: mesh.triangles.par_iter().map(place).collect(),
         }
     }
 
-    /// Returns the angle of a triangle at a corner.
-    fn angle(&self, mesh: &Mesh, corner: usize) -> f64 {
-        let triangle = mesh.triangles[corner / 3];
-        let at = |k: usize| mesh.positions[triangle[(corner + k) % 3] as usize];
-        (at(1) - at(0)).angle_between(at(2) - at(0))
+    /// Returns the place of a corner.
+    fn place(&self, corner: usize) -> u32 {
+        self.places[corner / 3][corner % 3]
+    }
+
+    /// Returns the angles of a triangle at its corners.
+    fn angles(mesh: &Mesh, triangle: &[u32; 3]) -> [f64; 3] {
+        let at = triangle.map(|v| mesh.positions[v as usize]);
+        let angle = |k: usize| (at[(k + 1) % 3] - at[k]).angle_between(at[(k + 2) % 3] - at[k]);
+        [0, 1, 2].map(angle)
     }
 
     /// Returns the sides of all triangles, those in one place one after another.
     fn sides(&self) -> Vec<Side> {
         let side = |corner: usize| {
-            let [from, to] = [corner, next(corner)].map(|c| self.places[c]);
+            let [from, to] = [corner, next(corner)].map(|c| self.place(c));
             Side {
                 ends: [from.min(to), from.max(to)],
                 corner: corner as u32,
             }
         };
-        let mut sides: Vec<Side> = (0..self.places.len()).map(side).collect();
-        sides.par_sort_unstable();
-        sides
+        sorted(3 * self.places.len(), side, |side| side.ends[0])
     }
 }
 
@@ -142,7 +158,7 @@ fn next(corner: usize) -> usize {
 }
 
 /// A side of a triangle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord)]
 struct Side {
     /// The places at its ends, the lower number first.
     ends: [u32; 2],
@@ -187,7 +203,7 @@ impl Smooth<'_> {
     /// Tells whether the triangles with sides that begin at these corners share normals across them.
     fn between(&self, a: usize, b: usize) -> bool {
         // Sides of neighbours run against each other, or one of them is inside out.
-        if self.corners.places[a] == self.corners.places[b] {
+        if self.corners.place(a) == self.corners.place(b) {
             return false;
         }
         let [one, other] = [a, b].map(|corner| self.smoothing[corner / 3]);

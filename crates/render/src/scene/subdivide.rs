@@ -7,7 +7,7 @@
 //! An edge is split for both triangles at it, so no gap opens; where the mesh has two edges in one
 //! place (a seam of texture), a gap is at most as wide as the tolerance. A triangle is cut by the middles of those of its edges that are split.
 
-use super::{Mesh, placement::bend};
+use super::{Mesh, counting_sort::sorted, placement::bend};
 use geofan_core::manifold::Manifold;
 use geofan_core::parallel::*;
 use glam::DVec3;
@@ -62,7 +62,8 @@ pub(super) fn subdivided<'m>(
         };
         Some(middles.edges.par_iter().zip(&placed).map(of).collect())
     };
-    let sample = Middles::of(&mesh, sampled(all_edges(&mesh)));
+    let mut edges = all_edges(&mesh);
+    let sample = Middles::of(&mesh, sampled(&edges));
     let found = departures(&sample, &vertices)?;
     let rates = found.iter().zip(&sample.edges);
     let rate = rates
@@ -73,7 +74,7 @@ pub(super) fn subdivided<'m>(
             let expected = SAFETY * rate * squared_length(&mesh, e);
             !fate.contains_key(e) && !(expected <= SAG * radius)
         };
-        let middles = Middles::of(&mesh, all_edges(&mesh).into_iter().filter(new).collect());
+        let middles = Middles::of(&mesh, edges.into_par_iter().filter(new).collect());
         let found = departures(&middles, &vertices)?;
         let split: Vec<bool> = found.iter().map(|d| !(*d <= SAG * radius)).collect();
         let left = split.iter().filter(|s| **s).count();
@@ -104,6 +105,7 @@ pub(super) fn subdivided<'m>(
         vertices.extend(placed);
         split_edges(mesh.to_mut(), &middles, &mut fate);
         rounds.push(middles.edges);
+        edges = all_edges(&mesh);
     }
     None
 }
@@ -184,8 +186,11 @@ fn with_longest(mesh: &Mesh, mut split: HashSet<Edge>) -> Vec<Edge> {
 
 /// All edges, each once, in order.
 fn all_edges(mesh: &Mesh) -> Vec<Edge> {
-    let mut all: Vec<Edge> = mesh.triangles.iter().flat_map(|t| edges(*t)).collect();
-    all.par_sort_unstable();
+    let of = |side: usize| {
+        let triangle = mesh.triangles[side / 3];
+        edge(triangle[side % 3], triangle[(side + 1) % 3])
+    };
+    let mut all = sorted(3 * mesh.triangles.len(), of, |edge| edge[0]);
     all.dedup();
     all
 }
@@ -198,9 +203,9 @@ const SAMPLED: usize = 4096;
 /// Factor by which the rate of another edge may exceed the largest sampled one: the rate of another edge might be.
 const SAFETY: f64 = 4.0;
 
-fn sampled(edges: Vec<Edge>) -> Vec<Edge> {
+fn sampled(edges: &[Edge]) -> Vec<Edge> {
     let stride = edges.len().div_ceil(SAMPLED).max(1);
-    edges.into_iter().step_by(stride).collect()
+    edges.iter().step_by(stride).copied().collect()
 }
 
 fn squared_length(mesh: &Mesh, [a, b]: &Edge) -> f64 {

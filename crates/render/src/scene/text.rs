@@ -8,15 +8,15 @@ use std::borrow::Cow;
 /// Returns the text in the bytes: without the mark that some editors put in front, with line feeds for the
 /// line ends of other systems. Bytes that are not UTF-8 are read as Latin-1, which has a character
 /// for each, so that names of materials and files stay apart.
-pub(super) fn decoded(bytes: &[u8]) -> String {
+pub(super) fn decoded(bytes: &[u8]) -> Cow<'_, str> {
     let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     let text = match std::str::from_utf8(bytes) {
         Ok(text) => Cow::Borrowed(text),
         Err(_) => bytes.iter().map(|b| char::from(*b)).collect(),
     };
     match text.contains('\r') {
-        true => text.replace("\r\n", "\n").replace('\r', "\n"),
-        false => text.into_owned(),
+        true => Cow::Owned(text.replace("\r\n", "\n").replace('\r', "\n")),
+        false => text,
     }
 }
 
@@ -28,7 +28,7 @@ pub(super) fn joined(text: &str) -> Cow<'_, str> {
         let part = line.trim_end().strip_suffix('\\')?;
         (!part.contains('#')).then_some(part.len())
     };
-    if !text.lines().any(|line| part(line).is_some()) {
+    if !text.contains('\\') || !text.lines().any(|line| part(line).is_some()) {
         return Cow::Borrowed(text);
     }
     let mut whole = String::with_capacity(text.len() + 1);

@@ -1,6 +1,6 @@
 //! The `v` lines of an OBJ text: positions, weights and colours.
 //!
-//! In: words. Out: positions in double precision as lines for `tobj`, and colours in linear light.
+//! In: words. Out: positions, and colours in linear light.
 //!
 //! | numbers | meaning |
 //! |---|---|
@@ -12,7 +12,7 @@
 //! them as a screen shows them (sRGB), in [0, 1] or as bytes; ZBrush in comments of its own, eight
 //! hexadecimal digits a vertex: mask, red, green, blue.
 
-use super::{obj::write, tally::Tally};
+use super::tally::Tally;
 use crate::picture::srgb_decode;
 use glam::DVec3;
 
@@ -78,22 +78,6 @@ impl Vertices {
     /// Returns the position of the vertex `index`, counted from 1.
     pub(super) fn position(&self, index: u32) -> DVec3 {
         self.positions[index as usize - 1]
-    }
-
-    /// Returns a line for each; where there are colours, with the vertex's number in place of one.
-    pub(super) fn lines(&self) -> String {
-        let numbered = !self.colours.is_empty() || !self.painted.is_empty();
-        let mut text = String::with_capacity(32 * self.positions.len());
-        for (number, DVec3 { x, y, z }) in self.positions.iter().enumerate() {
-            match numbered {
-                true => write(
-                    &mut text,
-                    format_args!("v {x:?} {y:?} {z:?} {number} 0 0\n"),
-                ),
-                false => write(&mut text, format_args!("v {x:?} {y:?} {z:?}\n")),
-            }
-        }
-        text
     }
 
     /// Returns linear red, green, blue and opacity of every vertex, if any has a colour.

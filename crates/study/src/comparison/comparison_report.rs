@@ -2,6 +2,7 @@
 //!
 //! In: drawings with their times. Out: [`FrameTimes`], in seconds, and the [`ComparisonReport`].
 
+use super::LatticeErrors;
 use geofan_core::{geodesic::UnfinishedPaths, quantiles::Quantiles};
 use geofan_render::{drawing::Drawing, frame::FrameStatistics};
 use serde::Serialize;
@@ -111,10 +112,9 @@ pub struct ComparisonReport {
     pub mrad: Quantiles,
     /// Screen error of the table's paths.
     pub screen_mrad: Quantiles,
-    /// Error that the lattice adds to the table's, as seen.
-    pub lattice_mrad: Quantiles,
-    /// Share of pixels to whose error the lattice adds more than four times its budget.
-    pub lattice_beyond: f64,
+    /// What the lattice adds to the errors of the table's paths.
+    #[serde(flatten)]
+    pub lattice_errors: LatticeErrors,
     /// Angle between the directions in which the two pictures' samples look up the same sky.
     pub sky_mrad: Quantiles,
     /// Share of samples that the table gave up on.
@@ -171,7 +171,7 @@ impl ComparisonReport {
         let rows = [
             ("error, mrad", &self.mrad),
             ("screen error, mrad", &self.screen_mrad),
-            ("lattice adds, mrad", &self.lattice_mrad),
+            ("lattice adds, mrad", &self.lattice_errors.lattice_mrad),
             ("sky direction, mrad", &self.sky_mrad),
         ];
         for (name, q) in rows {
@@ -181,11 +181,7 @@ impl ComparisonReport {
                 "{name:20} {a:.3} / {b:.3} / {c:.3} / {d:.3} (p50 / p95 / p99 / max)"
             )?;
         }
-        let beyond = 1e2 * self.lattice_beyond;
-        writeln!(
-            f,
-            "lattice off by more  {beyond:.4} % of pixels, than four times its budget"
-        )?;
+        write!(f, "{}", self.lattice_errors)?;
         let flagged = 1e2 * self.flagged;
         writeln!(
             f,

@@ -11,10 +11,14 @@
 mod comparison_report;
 mod errors;
 mod frame_times;
+mod lattice_errors;
 mod local_view;
 
 pub use comparison_report::{ComparisonReport, EqualErrorExact, FrameTimes, PathTimes};
+pub use lattice_errors::{LatticeErrors, compare_lattice};
 pub use local_view::{DistanceErrors, LocalReport, compare_local};
+
+use lattice_errors::{lattice_errors, lattice_picture};
 
 use crate::{
     picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr},
@@ -76,7 +80,7 @@ pub fn write_pictures<R>(comparison: &Comparison<R>, folder: &Path, prefix: &str
 }
 
 /// Compares the picture of a table with the exact one. The comparison has the pictures `table`,
-/// `exact`, `error` (FLIP) and `mrad` (screen error of the paths).
+/// `exact`, `error` (FLIP), `mrad` (screen error of the paths) and `lattice` (what the lattice adds to it).
 ///
 /// # Errors
 /// The camera is not in the table's region, or rays of the view start elsewhere.
@@ -104,7 +108,7 @@ pub fn compare(
     let equal_error = equal_error_exact(world, view, goal, table.length, options);
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
     // The differences.
-    let (lattice_mrad, lattice_beyond) = errors::lattice_errors(world, view, &tracer, budget);
+    let (lattice_errors, lattice_map) = lattice_errors(world, view, &tracer, budget);
     let flip = flip(&exact.picture, &drawn.picture, DEFAULT_PIXELS_PER_DEGREE)?;
     let exact_times = comparison_report::frame_times(&exact);
     let tracers = (&lookup, &fan, &exact_tracer, &rival_tracer);
@@ -114,8 +118,7 @@ pub fn compare(
         flip: mean_flip(&flip),
         mrad,
         screen_mrad,
-        lattice_mrad,
-        lattice_beyond,
+        lattice_errors,
         sky_mrad: errors::sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
@@ -139,6 +142,7 @@ pub fn compare(
             ("exact", exact.picture),
             ("error", error),
             ("mrad", mrad),
+            ("lattice", lattice_picture(&lattice_map)),
         ],
     })
 }
