@@ -1,8 +1,10 @@
 // Figures of the viewer in a real browser: time to the first picture, moving pictures a second and their size, time
-// from an input to the picture that shows it, by the program and as a page with one and two workers; then minutes of
-// random input on the page, with its memory.
+// from an input to the picture that shows it, by the program and as a page with one and two workers; times between
+// pictures of a flight through a table with a box of cameras; then minutes of random input on the page, with its memory.
 //
-//   node figures.mjs GEOFAN SCENE BUNDLE [minutes=5] [seed=1] [chromium]
+//   node figures.mjs GEOFAN SCENE BUNDLE BOX_SCENE BOX_BUNDLE [minutes=5] [seed=1] [chromium]
+//
+// The camera of BOX_SCENE is in the box. ONLY=opening, box or random does one of the three parts.
 
 import { chromium } from "playwright-core";
 import { spawn, execFileSync } from "node:child_process";
@@ -10,10 +12,20 @@ import { mkdtempSync, readFileSync, readdirSync, statSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
 
-const [geofan, scene, bundle, minutes = "5", seed = "1", browserPath = "/usr/bin/chromium"] = process.argv.slice(2);
-const file = path.join(mkdtempSync(path.join(tmpdir(), "geofan-figures-")), "page.html");
-execFileSync(geofan, ["view", scene, "--bundle", bundle, "--page", file]);
-console.log(`page: ${statSync(file).size} bytes`);
+const [geofan, scene, bundle, boxScene, boxBundle, minutes = "5", seed = "1", browserPath = "/usr/bin/chromium"] = process.argv.slice(2);
+if (!boxBundle) {
+  console.error("usage: node figures.mjs GEOFAN SCENE BUNDLE BOX_SCENE BOX_BUNDLE [minutes=5] [seed=1] [chromium]");
+  process.exit(2);
+}
+const work = mkdtempSync(path.join(tmpdir(), "geofan-figures-"));
+
+/** Writes the page of a scene with its table. @param {string} name @param {string} scene @param {string} bundle */
+function pageOf(name, scene, bundle) {
+  const file = path.join(work, `${name}.html`);
+  execFileSync(geofan, ["view", scene, "--bundle", bundle, "--page", file]);
+  console.log(`${name}: page of ${statSync(file).size} bytes`);
+  return `file://${file}`;
+}
 const flags = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
   "--disable-background-networking", "--disable-component-update", "--disable-sync"];
 const middle = (list) => [...list].sort((a, b) => a - b)[list.length >> 1];
@@ -91,6 +103,31 @@ async function figures(page, name) {
   console.log(`${name}, whole: ${await flight(page)}`);
 }
 
+/** Turns and flies through the table's region for some seconds, and tells the times between pictures. */
+async function boxFlight(page, name, seconds = 12) {
+  await page.evaluate(() => {
+    const seen = (globalThis.seen = []);
+    document.getElementById("picture").addEventListener("picture", () => seen.push(performance.now()));
+  });
+  // Turning all the time, so that there is something new to see at the region's edge too.
+  await page.keyboard.down("ArrowRight");
+  await page.keyboard.down("KeyW");
+  let [looks, without, stoodIn] = [0, 0, 0];
+  for (const end = performance.now() + 1e3 * seconds; performance.now() < end; looks += 1) {
+    await page.waitForTimeout(250);
+    const panel = await page.evaluate(() => globalThis.geofan.panel());
+    without += !panel.within_table;
+    stoodIn += panel.decoding;
+  }
+  await page.keyboard.up("KeyW");
+  await page.keyboard.up("ArrowRight");
+  const seen = await page.evaluate(() => globalThis.seen);
+  const waits = seen.slice(1).map((at, i) => at - seen[i]).sort((a, b) => a - b);
+  const at = (share) => waits[Math.floor(share * (waits.length - 1))]?.toFixed(0);
+  const late = waits.filter((wait) => wait > 50).length;
+  console.log(`${name}: ${seen.length} pictures in ${seconds} s, between them ${at(0.5)} ms (median; 95 %: ${at(0.95)}, longest ${at(1)}), ${late} times over 50 ms; of ${looks} looks ${stoodIn} at exact paths that stood in for the table, ${without} outside of it`);
+}
+
 /** Resident bytes of the largest renderer process of the browser: that of the page, as others wait for pages. */
 function rendererMemory() {
   let most = 0;
@@ -130,6 +167,8 @@ async function soak(browser, address) {
   const once = ["KeyX", "KeyV", "KeyM", "KeyG", "KeyH", "KeyT", "Escape", "KeyB", "BracketLeft", "BracketRight", "KeyO", "Enter", "Minus", "Equal"];
   const end = performance.now() + 60e3 * Number(minutes);
   const memory = [];
+  // What a slider's value does that no space has is told in the window, and is no error of the page.
+  const told = new Set();
   let [events, next] = [0, 0];
   while (performance.now() < end) {
     const pick = (list) => list[Math.floor(random() * list.length)];
@@ -154,33 +193,57 @@ async function soak(browser, address) {
       memory.push(Math.round((rendererMemory() - blank) / 1e6));
       const panel = await page.evaluate(() => globalThis.geofan.panel());
       if (![...panel.pose.at, ...panel.pose.look, ...panel.pose.up].every(Number.isFinite)) errors.push("the camera is nowhere");
-      if (panel.trouble) errors.push(panel.trouble);
+      if (panel.trouble) told.add(panel.trouble);
     }
   }
   console.log(`${events} random inputs in ${minutes} minutes (seed ${seed}): ${errors.length} errors; the page's memory above a blank one, MB: ${memory.join(" ")}; its workers' at last: ${(await workerMemories(page)).join(" ")}`);
+  told.forEach((text) => console.log(`  told: ${text}`));
   errors.forEach((error) => console.log(`  ${error}`));
   return errors.length;
 }
 
-let wrong = 0;
-const browser = await chromium.launch({ executablePath: browserPath, args: flags });
-try {
+/** Starts the program's server for a scene with its table, and opens it. */
+async function served(browser, scene, bundle) {
   const began = performance.now();
   const viewer = spawn(geofan, ["view", scene, "--bundle", bundle, "--no-open"]);
   const address = await new Promise((done) => viewer.stdout.on("data", (data) => done(String(data).trim())));
   const serving = performance.now() - began;
-  const native = await open(browser, address);
-  console.log(`native: serves after ${serving.toFixed(0)} ms, first picture ${(performance.now() - began).toFixed(0)} ms after the command`);
+  const opened = await open(browser, address);
+  return { ...opened, viewer, serving, ready: performance.now() - began };
+}
+
+async function opening(browser) {
+  const native = await served(browser, scene, bundle);
+  console.log(`native: serves after ${native.serving.toFixed(0)} ms, first picture ${native.ready.toFixed(0)} ms after the command`);
   await figures(native.page, "native");
   await native.page.close();
-  viewer.kill();
+  native.viewer.kill();
+  const address = pageOf("gallery", scene, bundle);
   for (const workers of [1, 2]) {
-    const own = await open(browser, `file://${file}#workers=${workers}`);
+    const own = await open(browser, `${address}#workers=${workers}`);
     console.log(`page, ${workers} worker(s): first picture after ${own.ready.toFixed(0)} ms`);
     await figures(own.page, `page, ${workers} worker(s)`);
     await own.page.close();
   }
-  if (Number(minutes) > 0) wrong = await soak(browser, `file://${file}`);
+}
+
+async function box(browser) {
+  const native = await served(browser, boxScene, boxBundle);
+  await boxFlight(native.page, "box, native");
+  await native.page.close();
+  native.viewer.kill();
+  const own = await open(browser, `${pageOf("box", boxScene, boxBundle)}#workers=2`);
+  await boxFlight(own.page, "box, page, 2 workers");
+  await own.page.close();
+}
+
+let wrong = 0;
+const browser = await chromium.launch({ executablePath: browserPath, args: flags });
+const only = process.env.ONLY;
+try {
+  if (!only || only === "opening") await opening(browser);
+  if (!only || only === "box") await box(browser);
+  if (Number(minutes) > 0 && (!only || only === "random")) wrong = await soak(browser, pageOf("random input", scene, bundle));
 } finally {
   await browser.close();
 }

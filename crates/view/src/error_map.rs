@@ -27,8 +27,9 @@ pub const LEGEND: [(f32, [u8; 3]); 7] = [
 /// Local tolerance of the exact paths: far below the errors of tables.
 const TOLERANCE: f64 = 1e-9;
 
-/// Rays probed by one thread at a time.
-const BLOCK: usize = 256;
+/// Rays probed by one thread at a time: more keep all lanes busy for longer, but the steps of each stay in memory until
+/// the last has ended, a tenth of a megabyte a ray.
+const BLOCK: usize = 64;
 
 /// Computes the screen errors of the paths through the middles of the pixels of `view`; NaN where the table
 /// gave up on the path.

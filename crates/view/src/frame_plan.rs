@@ -43,9 +43,9 @@ const MARGIN: usize = 2;
 /// Sides of the blocks of a still picture: with their margins whole tiles of the lattice.
 const STILL_BLOCK: (usize, usize) = (4 * LARGEST_TILE - 2 * MARGIN, 2 * LARGEST_TILE - 2 * MARGIN);
 
-/// The same with more than [`FEW_SAMPLES`] for each pixel: one takes an eighth of a second, and the memory for
-/// half as many samples, which a worker of a page keeps.
-const FINE_BLOCK: (usize, usize) = (STILL_BLOCK.1, STILL_BLOCK.1);
+/// The same with more than [`FEW_SAMPLES`] for each pixel, so that 16 samples take the memory that 4 do in a large block,
+/// because a worker of a page keeps what it has once needed: an eighth of a megabyte a thousand samples.
+const FINE_BLOCK: (usize, usize) = (STILL_BLOCK.1, LARGEST_TILE - 2 * MARGIN);
 
 /// Samples of a pixel that are drawn in large blocks.
 const FEW_SAMPLES: u16 = 4;

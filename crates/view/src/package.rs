@@ -67,7 +67,7 @@ impl Package {
     pub fn of_files(files: Vec<(PathBuf, Vec<u8>)>) -> (Self, String) {
         let files: Vec<(PathBuf, Vec<u8>)> = files
             .into_iter()
-            .map(|(path, bytes)| (plain(&path), bytes))
+            .map(|(path, bytes)| (plain(&std::path::absolute(&path).unwrap_or(path)), bytes))
             .collect();
         let mut common = files
             .first()
@@ -104,10 +104,20 @@ impl Package {
 
     /// Makes a source of the files.
     pub fn source(self) -> FileSource {
-        Rc::new(move |path: &Path| {
-            let name = plain(path).to_string_lossy().replace('\\', "/");
-            self.get(&name).map(<[u8]>::to_vec)
-        })
+        Rc::new(move |path: &Path| self.named_by(path).map(<[u8]>::to_vec))
+    }
+
+    /// Returns the content of the file that a text in here calls `path`: one from the root of the disk may end in a
+    /// name, because the folders before it are not told.
+    fn named_by(&self, path: &Path) -> Option<&[u8]> {
+        let asked = plain(path);
+        if !asked.has_root() {
+            return self.get(&asked.to_string_lossy().replace('\\', "/"));
+        }
+        let ending = |(name, _): &&(String, Rc<[u8]>)| asked.ends_with(name);
+        let found = self.files.iter().filter(ending);
+        let found = found.max_by_key(|(name, _)| name.len());
+        found.map(|(_, bytes)| &**bytes)
     }
 
     /// Writes the bytes.
@@ -176,6 +186,35 @@ mod tests {
             assert_eq!(read("scenes/s.toml"), b"scene");
             assert_eq!(read("scenes/../manifolds/m.toml"), b"manifold");
         });
+    }
+
+    #[test]
+    fn a_file_named_from_the_root_of_the_disk_is_found_too() {
+        let files = [
+            ("/a/b/s.toml", "scene"),
+            ("/a/b/m.obj", "near"),
+            ("/a/m.obj", "far"),
+        ];
+        let files = files.map(|(path, text)| (PathBuf::from(path), text.into()));
+        let source = Package::of_files(files.to_vec()).0.source();
+        let read =
+            |path: &str| source(Path::new(path)).map(|bytes| String::from_utf8(bytes).unwrap());
+        assert_eq!(read("/a/b/m.obj").as_deref(), Some("near"));
+        assert_eq!(read("/a/b/../m.obj").as_deref(), Some("far"));
+        assert_eq!(read("/a/b/n.obj"), None);
+        assert_eq!(read("n.obj"), None);
+    }
+
+    #[test]
+    fn files_named_from_here_and_from_the_root_have_one_common_folder() {
+        let here = std::env::current_dir().unwrap();
+        let files = [
+            (PathBuf::from("x/s.toml"), vec![]),
+            (here.join("y/m.obj"), vec![1]),
+        ];
+        let (package, scene) = Package::of_files(files.to_vec());
+        assert_eq!(scene, "x/s.toml");
+        assert_eq!(package.get("y/m.obj"), Some(&[1][..]));
     }
 
     #[test]

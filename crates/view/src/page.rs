@@ -53,6 +53,8 @@ impl Page {
         let wasm = read_wasm(wasm)?;
         let loaded = source.load_with_bundle(settings)?;
         let package = pack(source, &loaded, settings)?;
+        // Whoever writes a page that would not open is told here.
+        PageAbout::open(&package, None)?;
         let name = &loaded.session.manifold.name;
         let escaped = name.replace('&', "&amp;").replace('<', "&lt;");
         Ok(Self {

@@ -345,7 +345,8 @@ impl Patch {
             block.width as u32,
             block.height as u32,
         ];
-        let mut bytes: Vec<u8> = head.iter().flat_map(|x| x.to_le_bytes()).collect();
+        let mut bytes = Vec::with_capacity(size_of_val(&head) + self.pixels.len());
+        bytes.extend(head.iter().flat_map(|x| x.to_le_bytes()));
         bytes.extend_from_slice(&self.pixels);
         bytes
     }
@@ -403,10 +404,14 @@ impl Answer {
             }
         };
         let json = serde_json::to_vec(&head).unwrap_or_default();
-        let mut bytes = (json.len() as u32).to_le_bytes().to_vec();
+        let count: usize = numbers.iter().map(|list| list.len()).sum();
+        // Of its final length at once: a list that grows needs twice the memory.
+        let mut bytes = Vec::with_capacity(4 + json.len() + 4 * count);
+        bytes.extend_from_slice(&(json.len() as u32).to_le_bytes());
         bytes.extend_from_slice(&json);
-        let numbers = numbers.into_iter().flatten();
-        bytes.extend(numbers.flat_map(|x| x.to_le_bytes()));
+        for number in numbers.into_iter().flatten() {
+            bytes.extend_from_slice(&number.to_le_bytes());
+        }
         bytes
     }
 

@@ -48,8 +48,9 @@ fn told(call: impl FnOnce(&mut Instance) -> Result<()>) -> u32 {
 #[unsafe(no_mangle)]
 pub extern "C" fn geofan_input(length: usize) -> *mut u8 {
     with(|instance| {
-        instance.input.clear();
-        instance.input.resize(length, 0);
+        // The last input goes first: a page's memory keeps the most that was ever in use.
+        instance.input = Vec::new();
+        instance.input = vec![0; length];
         instance.input.as_mut_ptr()
     })
 }

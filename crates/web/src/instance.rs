@@ -108,6 +108,8 @@ impl Instance {
     /// Does the work in the input and puts the answer into the output.
     pub fn work(&mut self) {
         let work = serde_json::from_slice::<Work>(&self.input);
+        // The page has the last answer.
+        self.output = Vec::new();
         let answer = match (&self.drawing, work) {
             (Some(drawing), Ok(work)) => drawing.answer(&work),
             _ => Answer::Failed {
@@ -120,7 +122,10 @@ impl Instance {
 
     /// Hands the answer in the input to the session.
     pub fn accept(&mut self, now: f64) {
-        if let (Some(session), Some(answer)) = (&mut self.session, Answer::decode(&self.input)) {
+        let input = std::mem::take(&mut self.input);
+        let answer = Answer::decode(&input);
+        drop(input);
+        if let (Some(session), Some(answer)) = (&mut self.session, answer) {
             session.accept(now, answer);
         }
     }
