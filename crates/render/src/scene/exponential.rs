@@ -289,7 +289,7 @@ impl Polynomial {
         let mut all = values;
         for axis in 0..3 {
             let stride = NODES.pow(2 - axis);
-            for line in (0..all.len()).filter(|i| i / stride % NODES == 0) {
+            for line in (0..all.len()).filter(|i| (i / stride).is_multiple_of(NODES)) {
                 let values: [DVec3; NODES] = std::array::from_fn(|k| all[line + k * stride]);
                 for m in 0..NODES {
                     let term = |k: usize| {
