@@ -12,7 +12,7 @@
 //! w_m = ((t + d − m) w'_(m−1) + (1 + m − t) w'_m) / d,      dw_m/dt = w'_(m−1) − w'_m
 //! ```
 //!
-//! Samples become coefficients along one axis at a time ([`interpolated`]). Inside the grid the spline takes the
+//! Samples become coefficients along one axis at a time (`interpolated`). Inside the grid the spline takes the
 //! samples' values. That leaves d − 1 numbers free; they make the polynomials of the outermost cells one ("not a
 //! knot": de Boor, ch. IV), so that the spline is as accurate at the edge as in the middle. Mirrored samples, the
 //! habit of image processing, would flatten the function there.

@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
-# How far interpolation between paths keeps its budget (0.5 mrad) in every scene of the gallery: a row of a table for each,
-# with the errors that the lattice adds at the middles of all pixels, the share of pixels that are off by more than four
-# budgets, and the share of those that are so because an edge is moved, by two budgets at most. Usage:
-# docs/lattice.sh [-k FOLDER] [SCENE...]; needs `cargo build --release --workspace` and jq. Pictures are 640 × 360, or SIZE.
-# Bakes what it needs, some minutes in all; -k keeps bundles and pictures of the errors.
+# A row of a table for every scene of the gallery, one sample a pixel. `lattice`: how far interpolation between paths keeps
+# its budget (0.5 mrad): the errors that it adds at the middles of all pixels, the share of pixels that are off by more than four
+# budgets, and the share of those that only edges are moved at. `frames`: what a frame takes by table, exact, equal-error
+# exact and that with a lattice of its own, how many times as long as the table that is, and nanoseconds a pixel for the
+# table's paths. Usage: docs/gallery.sh [-k FOLDER] lattice|frames [SCENE...]; needs `cargo build --release --workspace` and jq. Bakes what
+# it needs, some minutes in all; -k keeps bundles and pictures.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 out=''
@@ -14,6 +15,8 @@ while getopts k: option; do
     esac
 done
 shift $((OPTIND - 1))
+what=${1:?lattice or frames}
+shift
 if [[ -z $out ]]; then
     out=$(mktemp -d)
     trap 'rm -rf "$out"' EXIT
@@ -33,12 +36,21 @@ bake() { # name, arguments
 }
 
 row() { # scene, bundle, name of the row, arguments of compare
-    local scene=$1 bundle=$2 name=$3
+    local scene=$1 bundle=$2 name=$3 program
     shift 3
+    case $what in
+    lattice)
+        set -- --lattice "$@"
+        program='"| \($n) | \(.lattice_mrad.p50 | places(100)), \(.lattice_mrad.p99 | places(100)), \(.lattice_mrad.max | places(10)) | \(100 * .lattice_beyond | places(1e4)) | \(100 * .lattice_edges | places(1e4)) |"'
+        ;;
+    *)
+        set -- --spp 1 "$@"
+        program='"| \($n) | \(.table.frame | ms) | \(.exact.frame | ms) | \(.equal_error.times.frame | ms) | \(.equal_error.lattice_times.frame | ms) | \(.equal_error.lattice_times.frame / .table.frame | places(10)) | \(.paths_ns.table | round) |"'
+        ;;
+    esac
     target/release/geofan compare "assets/scenes/$scene.toml" --bundle "$out/$bundle.fan" --out "$out/$name" --size "$size" \
-        --lattice --quiet --json "$@" 2>/dev/null |
-        jq -r --arg n "$name" 'def percent: 1e6 * . | round / 1e4;
-            "| \($n) | \(.lattice_mrad.p50 * 100 | round / 100), \(.lattice_mrad.p99 * 100 | round / 100), \(.lattice_mrad.max * 10 | round / 10) | \(.lattice_beyond | percent) | \(.lattice_edges | percent) |"'
+        --quiet --json "$@" 2>/dev/null |
+        jq -r --arg n "$name" "def places(\$by): . * \$by | round / \$by; def ms: 1e4 * . | round / 10; $program"
 }
 
 make() {
@@ -58,7 +70,9 @@ make() {
     half-turn-carried) bake half-turn && row "$1" half-turn "$1" ;;
     poincare-letters) bake poincare && row "$1" poincare "$1" ;;
     kerr-disc) bake kerr && row "$1" kerr "$1" ;;
-    glass-ball | seifert-weber | road-mirage | portal) bake "$1" && row "$1" "$1" "$1" ;;
+    glass-ball | seifert-weber | road-mirage | portal | lens-space | mirrored-dodecahedron | nil-torus | sol-cat)
+        bake "$1" && row "$1" "$1" "$1"
+        ;;
     *)
         echo "there is no scene $1" >&2
         exit 2
@@ -69,8 +83,17 @@ make() {
 if [[ $# -eq 0 ]]; then
     # Kerr's region takes an hour to bake.
     set -- wormhole three-bumps nil-twist s3-own-back s3-lamp s3-carried h3-lamp black-hole-ring black-hole-planet black-hole-fall \
-        bump-caustic half-turn-carried poincare-letters glass-ball seifert-weber road-mirage portal
+        bump-caustic half-turn-carried poincare-letters glass-ball seifert-weber road-mirage portal \
+        lens-space mirrored-dodecahedron nil-torus
 fi
-echo '| scene | p50, p99, largest, mrad | off by more than four budgets, % | at edges, % |'
-echo '|---|---|---|---|'
+case $what in
+lattice)
+    echo '| scene | p50, p99, largest, mrad | off by more than four budgets, % | at edges, % |'
+    echo '|---|---|---|---|'
+    ;;
+*)
+    echo '| scene | table, ms | exact | equal-error exact | the same with a lattice | times the table | paths, ns |'
+    echo '|---|---|---|---|---|---|---|'
+    ;;
+esac
 for scene in "$@"; do make "$scene"; done
