@@ -160,26 +160,34 @@ impl<'m> Space<'m> {
         longest: f64,
     ) -> Result<(State, Stats), IntegrationError> {
         let (s, t) = (self.length, tolerance);
-        // The solvers' own defaults, apart from the longest step and that a rail of steps is enough.
+        // The solvers' own defaults, apart from the longest step, and with patience for many.
+        macro_rules! followed {
+            ($solver:ident, $beta:literal, $least:literal, $most:literal) => {{
+                let mut solver = $solver::from_param(
+                    self,
+                    0.0,
+                    s,
+                    s,
+                    *start,
+                    t,
+                    t,
+                    0.9,
+                    $beta,
+                    $least,
+                    $most,
+                    longest,
+                    0.0,
+                    20_000,
+                    30_000,
+                    OutputType::Sparse,
+                );
+                let stats = solver.integrate()?;
+                Ok((last(solver.y_out()), stats))
+            }};
+        }
         match pair {
-            Pair::FiveFour => {
-                let sparse = OutputType::Sparse;
-                let mut solver = Dopri5::from_param(
-                    self, 0.0, s, s, *start, t, t, 0.9, 0.04, 0.2, 10.0, longest, 0.0, 20_000,
-                    30_000, sparse,
-                );
-                let stats = solver.integrate()?;
-                Ok((last(solver.y_out()), stats))
-            }
-            Pair::EightFiveThree => {
-                let sparse = OutputType::Sparse;
-                let mut solver = Dop853::from_param(
-                    self, 0.0, s, s, *start, t, t, 0.9, 0.0, 0.333, 6.0, longest, 0.0, 20_000,
-                    30_000, sparse,
-                );
-                let stats = solver.integrate()?;
-                Ok((last(solver.y_out()), stats))
-            }
+            Pair::FiveFour => followed!(Dopri5, 0.04, 0.2, 10.0),
+            Pair::EightFiveThree => followed!(Dop853, 0.0, 0.333, 6.0),
         }
     }
 

@@ -33,7 +33,7 @@ pub struct CompareArgs {
     #[arg(long, value_name = "L", requires = "tracer", value_parser = values::positive)]
     length: Option<f64>,
     /// Measure only what interpolation between the table's paths adds to their errors
-    #[arg(long, requires = "bundle")]
+    #[arg(long, requires = "bundle", conflicts_with_all = ["frames", "spp"])]
     lattice: bool,
     /// The folder for the pictures; made if missing
     #[arg(long, value_name = "DIR")]

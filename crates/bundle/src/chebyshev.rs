@@ -36,6 +36,21 @@ pub fn values(x: f64, values: &mut [f64]) {
     }
 }
 
+/// Returns `T_0(x) … T_(N−1)(x)` with their derivatives.
+pub fn values_and_slopes<const N: usize>(x: f64) -> [(f64, f64); N] {
+    let mut all = [(1.0, 0.0); N];
+    for k in 1..N {
+        all[k] = match k {
+            1 => (x, 1.0),
+            _ => {
+                let ((t, dt), before) = (all[k - 1], all[k - 2]);
+                (2.0 * x * t - before.0, 2.0 * (t + x * dt) - before.1)
+            }
+        };
+    }
+    all
+}
+
 /// Returns the matrix that takes `n` samples at [`nodes`] to coefficients.
 pub fn transform(n: usize) -> Array2<f64> {
     let nodes = nodes(n);
@@ -205,6 +220,18 @@ mod tests {
             values(y, &mut ty);
             let sum: f64 = c.indexed_iter().map(|(i, c)| c * tx[i[0]] * ty[i[1]]).sum();
             assert!((sum - f(x, y)).abs() < 1e-13);
+        }
+    }
+
+    #[test]
+    fn slopes_are_those_of_cosines() {
+        // T_k(cos a) = cos(k a), so its derivative is k sin(k a)/sin a.
+        for a in [0.3_f64, 1.1, 2.9] {
+            for (k, (t, slope)) in values_and_slopes::<8>(a.cos()).into_iter().enumerate() {
+                let angle = k as f64 * a;
+                assert!((t - angle.cos()).abs() < 1e-14);
+                assert!((slope - k as f64 * angle.sin() / a.sin()).abs() < 1e-12);
+            }
         }
     }
 }

@@ -386,9 +386,9 @@ impl<'c> SceneCopy<'c> {
         d.x_axis.abs() * half.x + d.y_axis.abs() * half.y + d.z_axis.abs() * half.z
     }
 
-    /// Returns how far the image of that box reaches from the middle's: not farther than the box's half diagonal stretched, nor
-    /// than the half diagonal of the box around the image, the smaller one by far where one axis is stretched and
-    /// another pressed.
+    /// Returns how far the image of that box reaches from the middle's: at most as far as the box's half diagonal
+    /// stretched, and as the half diagonal of the box around the image. The latter is by far the smaller where one axis
+    /// is stretched and another pressed.
     fn extent(&self, half: DVec3) -> f64 {
         let stretched = half.length() * self.deck.stretch(self.differential);
         stretched.min(self.half_of_image(half).length())

@@ -10,12 +10,14 @@
 //! the polynomial is off ([`ExponentialMap::polynomial`]) is divided, and where too few points are left geodesics are followed to each.
 
 use super::{ObjectEntry, subdivide::Points};
+use geofan_bundle::chebyshev;
 use geofan_core::parallel::*;
 use geofan_core::{
     geodesic::{Ray, Settings, ends, perpendiculars},
     manifold::{Carried, Manifold},
 };
 use glam::{DMat3, DVec3, DVec4};
+use ndarray::ArrayD;
 
 /// Tolerance of the geodesics.
 const TOLERANCE: f64 = 1e-9;
@@ -23,7 +25,8 @@ const TOLERANCE: f64 = 1e-9;
 /// Points placed by one thread at a time.
 const BLOCK: usize = 1024;
 
-/// Points of a mesh from which on polynomials are tried. Smaller meshes take a tenth of a second at most by geodesics alone.
+/// Points of a mesh from which on polynomials are tried. Smaller meshes take a tenth of a second at most by geodesics alone,
+/// and pages, which read no meshes, have the places of all vertices with them.
 const MANY: usize = 50_000;
 
 /// Points in a cube from which on a polynomial pays: its nodes and its checks take as long as 140 geodesics with their deviation.
@@ -66,7 +69,7 @@ struct Cube {
 enum Cell {
     /// Its eight parts, by [`Cube::part_of`].
     Divided(Vec<Cell>),
-    Polynomial(Box<Polynomial>),
+    Polynomial(Box<CubePolynomial>),
     /// Nothing: geodesics are followed.
     Unknown,
 }
@@ -79,7 +82,7 @@ impl<'m> ExponentialMap<'m> {
             object,
             cube: None,
         };
-        if points.len() >= MANY {
+        if cfg!(feature = "formats") && points.len() >= MANY {
             let points: Vec<DVec3> = points.iter().map(|x| map.tangent(*x)).collect();
             let reach = points.iter().map(|x| x.abs().max_element());
             let cube = Cube {
@@ -190,9 +193,9 @@ impl<'m> ExponentialMap<'m> {
 
     /// Finds the polynomial of a cube; `None` if it is off by more than `error` at some of the points, or if what it
     /// leaves out says so: no check between kinks would.
-    fn polynomial(&self, cube: Cube, points: &[DVec3], error: f64) -> Option<Polynomial> {
+    fn polynomial(&self, cube: Cube, points: &[DVec3], error: f64) -> Option<CubePolynomial> {
         let ends = self.ends(&cube.nodes())?;
-        let (found, left_out) = Polynomial::of(ends);
+        let (found, left_out) = CubePolynomial::of(&ends);
         if !(left_out <= error) {
             return None;
         }
@@ -248,9 +251,10 @@ impl Cube {
 
     /// Lists the Chebyshev nodes of the cube, the last axis fastest.
     fn nodes(self) -> Vec<DVec3> {
+        let nodes = chebyshev::nodes(NODES);
         let node = |k: usize| {
             let [i, j, k] = [k / (NODES * NODES), k / NODES % NODES, k % NODES];
-            self.middle + self.half * DVec3::new(node(i), node(j), node(k))
+            self.middle + self.half * DVec3::new(nodes[i], nodes[j], nodes[k])
         };
         (0..NODES * NODES * NODES).map(node).collect()
     }
@@ -258,7 +262,7 @@ impl Cube {
 
 impl Cell {
     /// Finds the polynomial at a point of the cube.
-    fn at(&self, cube: Cube, x: DVec3) -> Option<(Cube, &Polynomial)> {
+    fn at(&self, cube: Cube, x: DVec3) -> Option<(Cube, &CubePolynomial)> {
         let (mut cell, mut cube) = (self, cube);
         while let Self::Divided(parts) = cell {
             let part = cube.part_of(x);
@@ -271,38 +275,23 @@ impl Cell {
     }
 }
 
-/// Returns the place of a Chebyshev node in [-1, 1].
-fn node(number: usize) -> f64 {
-    (std::f64::consts::PI * (number as f64 + 0.5) / NODES as f64).cos()
-}
-
 /// Chart points in a cube: `Σ c_ijk T_i(x) T_j(y) T_k(z)` over `i + j + k ≤ DEGREE` of places in [-1, 1]³.
-struct Polynomial {
+struct CubePolynomial {
     /// The coefficients, k fastest, then j; the fourth component is not used.
     coefficients: Vec<DVec4>,
 }
 
-impl Polynomial {
+impl CubePolynomial {
     /// Interpolates between the values at the nodes of a cube, and leaves out what is beyond the degree: the root of the
     /// sum of its squares is returned too.
-    fn of(values: Vec<DVec3>) -> (Self, f64) {
-        let mut all = values;
-        for axis in 0..3 {
-            let stride = NODES.pow(2 - axis);
-            for line in (0..all.len()).filter(|i| (i / stride).is_multiple_of(NODES)) {
-                let values: [DVec3; NODES] = std::array::from_fn(|k| all[line + k * stride]);
-                for m in 0..NODES {
-                    let term = |k: usize| {
-                        let angle = (m * (2 * k + 1)) as f64 / (2 * NODES) as f64;
-                        values[k] * (std::f64::consts::PI * angle).cos()
-                    };
-                    let factor = if m == 0 { 1.0 } else { 2.0 } / NODES as f64;
-                    all[line + m * stride] = factor * (0..NODES).map(term).sum::<DVec3>();
-                }
-            }
-        }
+    fn of(values: &[DVec3]) -> (Self, f64) {
+        let samples = values.iter().flat_map(|u| u.to_array()).collect();
+        let shape = vec![NODES, NODES, NODES, 3];
+        let samples =
+            ArrayD::from_shape_vec(shape, samples).expect("a number for each axis at each node");
+        let (all, _) = chebyshev::coefficients(samples, 3).into_raw_vec_and_offset();
         let (mut coefficients, mut left_out) = (Vec::new(), 0.0);
-        for (number, c) in all.into_iter().enumerate() {
+        for (number, c) in all.chunks_exact(3).map(DVec3::from_slice).enumerate() {
             let order = number / (NODES * NODES) + number / NODES % NODES + number % NODES;
             match order <= DEGREE {
                 true => coefficients.push(c.extend(0.0)),
@@ -315,7 +304,7 @@ impl Polynomial {
     /// Places the end `x` of a tangent vector in the cube, with a normal there.
     fn place(&self, cube: Cube, x: DVec3, normal: DVec3) -> (DVec3, DVec3) {
         let place = (x - cube.middle) / cube.half;
-        let [x, y, z] = place.to_array().map(chebyshev);
+        let [x, y, z] = place.to_array().map(chebyshev::values_and_slopes::<NODES>);
         let mut value = DVec4::ZERO;
         let mut slopes = [DVec4::ZERO; 3];
         let mut rest = self.coefficients.as_slice();
@@ -338,17 +327,6 @@ impl Polynomial {
         let covector = DMat3::from_cols(a, b, c).inverse().transpose() * normal;
         (value.truncate(), covector)
     }
-}
-
-/// Computes the Chebyshev polynomials at `x` with their derivatives.
-fn chebyshev(x: f64) -> [(f64, f64); NODES] {
-    let mut all = [(1.0, 0.0); NODES];
-    all[1] = (x, 1.0);
-    for k in 2..NODES {
-        let ((t, dt), before) = (all[k - 1], all[k - 2]);
-        all[k] = (2.0 * x * t - before.0, 2.0 * (t + x * dt) - before.1);
-    }
-    all
 }
 
 #[cfg(test)]

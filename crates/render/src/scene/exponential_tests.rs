@@ -1,7 +1,6 @@
 use super::*;
-use crate::scene::Placement;
+use crate::scene::{Placement, placement};
 use geofan_core::{diagnostic::SourceText, random::Stream};
-use glam::DQuat;
 
 fn space(metric: &str) -> Manifold {
     let text = format!("name = 'a'\ncoordinates = ['x', 'y', 'z']\n{metric}");
@@ -9,22 +8,7 @@ fn space(metric: &str) -> Manifold {
 }
 
 fn object() -> ObjectEntry {
-    ObjectEntry {
-        path: None,
-        mesh: "cloud.obj".into(),
-        mesh_span: 0..0,
-        at: DVec3::new(0.3, -0.2, 0.1),
-        at_span: 0..0,
-        scale: 0.4,
-        rotation: DQuat::from_xyzw(0.1, -0.4, 0.2, 0.8).normalize(),
-        placement: Placement::Exponential,
-        velocity: None,
-        temperature: None,
-        crease: 30.0,
-        cuts: None,
-        vertices: None,
-        span: 0..0,
-    }
+    placement::tests::object(Placement::Exponential, 0.4)
 }
 
 /// As many points of a unit sphere as polynomials need.

@@ -247,4 +247,4 @@ impl Bend {
 
 #[cfg(test)]
 #[path = "placement_tests.rs"]
-mod tests;
+pub(super) mod tests;

@@ -8,7 +8,8 @@ fn sphere() -> Manifold {
     Manifold::from_source(SourceText::new("s3", text), &[]).unwrap()
 }
 
-fn object(placement: Placement, scale: f64) -> ObjectEntry {
+/// An object off every axis.
+pub(in crate::scene) fn object(placement: Placement, scale: f64) -> ObjectEntry {
     ObjectEntry {
         path: None,
         mesh: "square.obj".into(),
