@@ -25,8 +25,10 @@ const TOLERANCE: f64 = 1e-9;
 /// Points placed by one thread at a time.
 const BLOCK: usize = 1024;
 
-/// Points of a mesh from which on polynomials are tried. Smaller meshes take a tenth of a second at most by geodesics alone,
-/// and pages, which read no meshes, have the places of all vertices with them.
+/// Whether polynomials are tried at all: pages, which read no meshes, have the places of all vertices with them.
+const USED: bool = cfg!(feature = "formats");
+
+/// Points of a mesh from which on they are. Smaller meshes take a tenth of a second at most by geodesics alone.
 const MANY: usize = 50_000;
 
 /// Points in a cube from which on a polynomial pays: its nodes and its checks take as long as 140 geodesics with their deviation.
@@ -82,7 +84,7 @@ impl<'m> ExponentialMap<'m> {
             object,
             cube: None,
         };
-        if cfg!(feature = "formats") && points.len() >= MANY {
+        if USED && points.len() >= MANY {
             let points: Vec<DVec3> = points.iter().map(|x| map.tangent(*x)).collect();
             let reach = points.iter().map(|x| x.abs().max_element());
             let cube = Cube {
@@ -114,7 +116,7 @@ impl<'m> ExponentialMap<'m> {
         let tangents: Vec<DVec3> = points.iter().map(|x| self.tangent(*x)).collect();
         let turned = normals.iter().map(|n| self.object.rotation * *n);
         let normals: Vec<DVec3> = turned.collect();
-        let Some((cube, cell)) = &self.cube else {
+        let Some((cube, cell)) = self.cube.as_ref().filter(|_| USED) else {
             return self.by_geodesics(&tangents, &normals);
         };
         let mut placed = vec![(DVec3::ZERO, DVec3::ZERO); tangents.len()];
