@@ -1,8 +1,8 @@
 //! The steps of a frame, one by one: contract, lattice, tiles, pixels, shade; and whole frames.
 //!
-//! In: a bundle of the Ellis wormhole, `demo/ellis-wormhole.fan` as `geofan-bake demo` leaves it, or
-//! the file that `GEOFAN_BENCH_BUNDLE` names. Without one there is nothing to measure. Each step
-//! works on one thread on the whole picture of 640 × 360 pixels.
+//! In: a bundle of the Ellis wormhole, `demo/ellis-wormhole.fan` as `geofan-bake demo` leaves it, and the wormhole
+//! gallery; or the files that `GEOFAN_BENCH_BUNDLE` and `GEOFAN_BENCH_SCENE` name. Without a bundle there is nothing
+//! to measure. Each step works on one thread on the whole picture of 640 × 360 pixels.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use geofan_bundle::Bundle;
@@ -25,17 +25,20 @@ const BUDGET: f64 = 5e-4;
 /// The default tolerance of the exact tracer.
 const TOLERANCE: f64 = 1e-8;
 
+/// Returns the file that an environment variable names, or else `usual`.
+fn file(variable: &str, usual: &str) -> PathBuf {
+    std::env::var_os(variable).map_or_else(|| PathBuf::from(usual), PathBuf::from)
+}
+
 fn bundle() -> Option<Bundle> {
-    let path = std::env::var_os("GEOFAN_BENCH_BUNDLE")
-        .map_or_else(|| PathBuf::from("demo/ellis-wormhole.fan"), PathBuf::from);
-    Bundle::read(&path)
+    Bundle::read(&file("GEOFAN_BENCH_BUNDLE", "demo/ellis-wormhole.fan"))
         .map_err(|e| eprintln!("nothing measured: {e}"))
         .ok()
 }
 
 fn steps(criterion: &mut Criterion) {
     let Some(bundle) = bundle() else { return };
-    let scene = PathBuf::from("assets/scenes/wormhole-gallery.toml");
+    let scene = file("GEOFAN_BENCH_SCENE", "assets/scenes/wormhole-gallery.toml");
     let stage = Stage::load(&scene, &[]).expect("the scene of the repository");
     let (world, camera) = (&stage.world, &stage.scene.camera);
     let view = stage.view(camera, SIZE).expect("a camera in the domain");

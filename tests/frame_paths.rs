@@ -3,8 +3,12 @@
 mod support;
 
 use geofan_bundle::Bundle;
-use geofan_render::{Ending, EventLocator, GridTracer, Lookup, PathBatch};
+use geofan_render::{
+    Ending, EventLocator, ExactTracer, GridTracer, Lookup, PathBatch, Seen, Stage,
+    intersect::{seen_along, seen_from},
+};
 use glam::DVec3;
+use std::path::Path;
 use support::Place;
 
 /// A wormhole: some paths go through it, some turn back near its throat, at an exit each.
@@ -114,6 +118,94 @@ fn sixteen_are_as_each(tracer: &impl GridTracer, strands: &PathBatch) {
                     );
                 }
             }
+        }
+    }
+}
+
+/// Schwarzschild's hole; paths that fall in are slow in the chart where they end.
+const HOLE: &str = r#"
+name = "hole"
+coordinates = ["x", "y", "z"]
+metric = { conformal = "(1 + 1/(2*rho))^3/(1 - 1/(2*rho))" }
+[let]
+rho = "sqrt(x^2 + y^2 + z^2)"
+[domain]
+inside = ["rho - 0.5005"]
+[[exit]]
+name = "horizon"
+when = "0.51 - rho"
+[[exit]]
+name = "sky"
+when = "rho - 10"
+[symmetry]
+rotation = "origin"
+[cameras]
+at = ["5.7", "0.3", "-0.2"]
+length = 50.0
+"#;
+
+#[test]
+fn the_ends_of_paths_that_fall_into_a_hole_are_known_without_the_paths() {
+    let place = Place::with(&[("hole.toml", HOLE)]);
+    place
+        .bake("hole.toml -o h.fan --max-error 0.5 --quiet")
+        .success();
+    let bundle = Bundle::read(&place.path("h.fan")).unwrap();
+    let lookup = Lookup::new(&bundle.table, 5e-4, 1e-8);
+    let fan = bundle.table.fan(DVec3::new(5.7, 0.3, -0.2)).unwrap();
+    let tracer = lookup.tracer(&fan);
+    let mut events = EventLocator::new(bundle.table.space.manifold());
+    // All around the middle of the shadow.
+    let inward: Vec<DVec3> = directions()
+        .into_iter()
+        .map(|d| (d - DVec3::new(0.0, 0.45, 0.31)).normalize())
+        .collect();
+    let known = tracer.endings(&inward, &mut events);
+    let (mut found, mut away) = (0, 0);
+    for (d, known) in inward.iter().zip(known) {
+        let path = fan.path(*d);
+        let Some((_, s)) = path.first_event(bundle.table.length) else {
+            continue;
+        };
+        let falls = path.at(s).is_some_and(|(u, _)| u.length() < 1.0);
+        match known {
+            Some(Ending::Exit { exit, s: end, .. }) => {
+                assert!((end - s).abs() < 1e-3 * s, "{d}: {end} {s}");
+                assert_eq!(exit == 0, falls, "{d}");
+                (found, away) = (found + usize::from(falls), away + usize::from(!falls));
+            }
+            other => assert!(other.is_none(), "{d}: {other:?}"),
+        }
+    }
+    assert!(found > 10, "{found} that fall in, {away} others");
+}
+
+#[test]
+fn exact_rays_that_end_at_what_they_meet_see_what_whole_ones_do() {
+    for scene in [
+        "wormhole-gallery",
+        "poincare-letters",
+        "three-bumps-gallery",
+    ] {
+        let file = Path::new("assets/scenes")
+            .join(scene)
+            .with_extension("toml");
+        let stage = Stage::load(&file, &[]).unwrap();
+        let view = stage.view(&stage.scene.camera, (24, 13)).unwrap();
+        let (world, u) = (&stage.world, view.u);
+        let tracer = ExactTracer::new(&world.manifold, u, 6.0, 1e-7);
+        let points = (0..13).flat_map(|y| (0..24).map(move |x| (x, y)));
+        let local = world.manifold.local_frame(u);
+        let starts: Vec<(DVec3, DVec3)> = points
+            .map(|(x, y)| view.address(f64::from(x) + 0.37, f64::from(y) + 0.61))
+            .map(|d| (u, local.tangent(d)))
+            .collect();
+        let seen = seen_from(world, &tracer, &starts);
+        let whole = tracer.trace_from(&starts);
+        let met = seen.iter().filter(|seen| matches!(seen, Seen::Surface(_)));
+        assert!(met.count() > 10, "{scene}");
+        for (i, (seen, curve)) in seen.iter().zip(&whole).enumerate() {
+            assert_eq!(*seen, seen_along(world, curve), "{scene} {i}");
         }
     }
 }

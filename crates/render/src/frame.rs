@@ -4,7 +4,7 @@
 //! steps. Shading is [`super::shade`]. All tracers share everything after the paths.
 
 use super::{
-    intersect::{Seen, seen_along},
+    intersect::{Seen, seen_from},
     lattice::{Lattice, smallest_tile},
     local::trace_straight,
     starts::starts,
@@ -302,7 +302,6 @@ fn trace_each(
     let (places, starts): (Vec<SamplePlace>, Vec<_>) = known
         .filter_map(|(place, start)| start.map(|start| (*place, (start.u, start.v))))
         .unzip();
-    let curves = tracer.trace_from(&starts).into_iter();
-    let seen = curves.map(|curve| seen_along(world, &curve));
+    let seen = seen_from(world, tracer, &starts);
     places.into_iter().zip(seen).collect()
 }

@@ -10,12 +10,12 @@ use super::{
     accel::{Accelerator, TimedChord},
     copies::{CopySearch, SceneCopies},
     curve::{Cubic, Curve, Ending, ending_at},
-    tracer::pieces,
+    tracer::{ExactTracer, meets_pole, pieces},
     world::World,
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Carried, Domain},
+    manifold::{Carried, Domain, Manifold},
 };
 use glam::{DVec3, Vec3};
 use std::ops::ControlFlow;
@@ -251,6 +251,33 @@ pub fn beyond(ending: &Ending) -> Seen {
 /// so a short one costs little. Each begins at an arc length from the camera, 0 or, if its light has come farther,
 /// more; what it sees is as far from the camera.
 pub fn first_seen(world: &World, rays: &[(Ray, f64)], tolerance: f64) -> Vec<Seen> {
+    let followed = follow_until_seen(world, &world.manifold, rays, tolerance).into_iter();
+    followed.map(|(seen, _)| seen).collect()
+}
+
+/// Returns what `tracer` sees along the curves from chart points with unit tangents, each followed until it meets the
+/// scene or ends. What a curve sees that meets a pole of the chart is told by its neighbour ([`ExactTracer::trace_from`]).
+pub fn seen_from(world: &World, tracer: &ExactTracer<'_>, starts: &[(DVec3, DVec3)]) -> Vec<Seen> {
+    let ray = |&(u, v): &(DVec3, DVec3)| (Ray::without_spread(u, v, tracer.length()), 0.0);
+    let rays: Vec<_> = starts.iter().map(ray).collect();
+    let followed = follow_until_seen(world, tracer.manifold(), &rays, tracer.tolerance());
+    let (mut seen, at_pole): (Vec<_>, Vec<_>) = followed.into_iter().unzip();
+    let lost: Vec<usize> = (0..seen.len()).filter(|i| at_pole[*i]).collect();
+    let starts: Vec<_> = lost.iter().map(|i| starts[*i]).collect();
+    for (i, curve) in lost.into_iter().zip(tracer.trace_from(&starts)) {
+        seen[i] = seen_along(world, &curve);
+    }
+    seen
+}
+
+/// Follows `rays` through `manifold`, that of the world or its cover, as [`first_seen`] does, and tells which of
+/// those that see nothing met a pole of the chart.
+fn follow_until_seen(
+    world: &World,
+    manifold: &Manifold,
+    rays: &[(Ray, f64)],
+    tolerance: f64,
+) -> Vec<(Seen, bool)> {
     let settings = Settings {
         tolerance,
         carried: Carried::default(),
@@ -261,22 +288,25 @@ pub fn first_seen(world: &World, rays: &[(Ray, f64)], tolerance: f64) -> Vec<See
         u: ray.u,
         v: ray.v,
         seen: None,
+        at_pole: false,
     };
     let mut sink = FirstSeen {
         world,
+        manifold,
         rays: rays.iter().map(state).collect(),
     };
     let all = rays.iter().map(|(ray, _)| *ray);
-    follow(&world.manifold, settings, all, &mut sink);
+    follow(manifold, settings, all, &mut sink);
     let followed = sink.rays.into_iter();
     followed
-        .map(|ray| ray.seen.unwrap_or(Seen::Length))
+        .map(|ray| (ray.seen.unwrap_or(Seen::Length), ray.at_pole))
         .collect()
 }
 
 /// Holds the steps of rays against the scene.
 struct FirstSeen<'w> {
     world: &'w World,
+    manifold: &'w Manifold,
     rays: Vec<RayProgress>,
 }
 
@@ -289,6 +319,8 @@ struct RayProgress {
     v: DVec3,
     /// What it sees, once that is known.
     seen: Option<Seen>,
+    /// Set if it ended at a pole of the chart.
+    at_pole: bool,
 }
 
 impl Sink for FirstSeen<'_> {
@@ -318,7 +350,8 @@ impl Sink for FirstSeen<'_> {
     fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
         let ray = &mut self.rays[ray];
         if ray.seen.is_none() {
-            let ending = ending_at(&self.world.manifold, end, s, ray.u, ray.v);
+            let ending = ending_at(self.manifold, end, s, ray.u, ray.v);
+            ray.at_pole = meets_pole(self.manifold, end, ray.u);
             ray.seen = Some(beyond(&ending.farther(ray.before)));
         }
     }

@@ -23,6 +23,8 @@ pub struct Lookup<'t> {
     /// The table.
     pub table: &'t Table,
     knots: Arc<[f64]>,
+    /// The table's promise.
+    error: f64,
     tolerance: f64,
     /// How far paths are followed: beyond the table's length by looking them up again.
     length: f64,
@@ -32,18 +34,19 @@ impl<'t> Lookup<'t> {
     /// Chooses knots for a table whose promise is `error` in radians. Rays that it gave up on are
     /// integrated at `tolerance`, or at a small share of the promise if that is wider.
     pub fn new(table: &'t Table, error: f64, tolerance: f64) -> Self {
-        let tolerance = tolerance.max(FALLBACK_SHARE * error);
         let manifold = table.space.manifold();
-        let knots = choose_knots(manifold, DVec3::NAN, [table.length, tolerance, KNOT_ERROR]);
-        Self::at_knots(table, knots, tolerance)
+        let integrated = tolerance.max(FALLBACK_SHARE * error);
+        let knots = choose_knots(manifold, DVec3::NAN, [table.length, integrated, KNOT_ERROR]);
+        Self::at_knots(table, knots, error, tolerance)
     }
 
-    /// Takes the [`Lookup::knots`] and the [`Lookup::tolerance`] that were chosen for this table before.
-    pub fn at_knots(table: &'t Table, knots: Arc<[f64]>, tolerance: f64) -> Self {
+    /// Does so at the [`Lookup::knots`] that were chosen for this table before.
+    pub fn at_knots(table: &'t Table, knots: Arc<[f64]>, error: f64, tolerance: f64) -> Self {
         Self {
             table,
             knots,
-            tolerance,
+            error,
+            tolerance: tolerance.max(FALLBACK_SHARE * error),
             length: table.length,
         }
     }
@@ -88,7 +91,7 @@ impl<'t> Lookup<'t> {
             lookup: self,
             knots: &self.knots,
             exact: self.exact(fan.place.u),
-            family: RayFamily::new(fan, &self.knots),
+            family: RayFamily::new(fan, &self.knots, self.error),
         }
     }
 }

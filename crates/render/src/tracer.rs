@@ -101,6 +101,11 @@ impl<'m> ExactTracer<'m> {
 }
 
 impl ExactTracer<'_> {
+    /// Returns the space that it follows rays through.
+    pub fn manifold(&self) -> &Manifold {
+        self.manifold
+    }
+
     /// Returns how far it follows rays.
     pub fn length(&self) -> f64 {
         self.length
@@ -230,7 +235,7 @@ const POLE_STRETCH: f64 = 1e6;
 
 /// Tells whether a curve that ended at `u` met a pole of the chart: the metric broke down, or did so where
 /// the coordinates have their limit.
-fn meets_pole(manifold: &Manifold, end: End, u: DVec3) -> bool {
+pub(super) fn meets_pole(manifold: &Manifold, end: End, u: DVec3) -> bool {
     match end {
         End::Singular => true,
         End::Exit(k) if manifold.exits[k].name == "limit" => {

@@ -30,8 +30,8 @@ use std::sync::{Arc, Mutex, OnceLock};
 pub struct DrawSpace {
     /// The scene.
     pub stage: Stage,
-    /// The table, with the lookup's knots and tolerance.
-    table: Option<(Bundle, Arc<[f64]>, f64)>,
+    /// The table, with the lookup's knots.
+    table: Option<(Bundle, Arc<[f64]>)>,
     /// Arc length over which exact paths are followed.
     length: f64,
     /// Knots of exact paths that are interpolated, chosen when first needed.
@@ -53,18 +53,22 @@ const BUDGET: f64 = 5e-4;
 /// Points of a path that is drawn on a map.
 const POINTS: usize = 128;
 
+/// Returns the promise of a bundle's table, radians.
+fn promise(bundle: &Bundle) -> f64 {
+    1e-3 * bundle.header.plan.max_error
+}
+
 impl DrawSpace {
     /// Takes over a scene; exact paths are followed over `length`, or over the table's.
     pub fn new(stage: Stage, bundle: Option<Bundle>, length: f64) -> Self {
         let table = bundle.map(|bundle| {
-            let promise = 1e-3 * bundle.header.plan.max_error;
-            let lookup = Lookup::new(&bundle.table, promise, TOLERANCE);
-            let (knots, tolerance) = (lookup.knots().clone(), lookup.tolerance());
-            (bundle, knots, tolerance)
+            let lookup = Lookup::new(&bundle.table, promise(&bundle), TOLERANCE);
+            let knots = lookup.knots().clone();
+            (bundle, knots)
         });
         let length = table
             .as_ref()
-            .map_or(length, |(bundle, ..)| bundle.table.length);
+            .map_or(length, |(bundle, _)| bundle.table.length);
         Self {
             stage,
             table,
@@ -99,7 +103,7 @@ impl DrawSpace {
 
     /// Returns the bundle.
     pub fn bundle(&self) -> Option<&Bundle> {
-        self.table.as_ref().map(|(bundle, ..)| bundle)
+        self.table.as_ref().map(|(bundle, _)| bundle)
     }
 
     /// Returns how far paths are followed.
@@ -168,10 +172,10 @@ impl DrawSpace {
         if request.kind == PictureKind::Flat {
             return Ok(by(Paths::Straight(self.length)));
         }
-        if let (PictureKind::Table, Some((bundle, knots, tolerance))) = (request.kind, &self.table)
+        if let (PictureKind::Table, Some((bundle, knots))) = (request.kind, &self.table)
             && bundle.table.space.place(view.u).is_ok()
         {
-            let lookup = Lookup::at_knots(&bundle.table, knots.clone(), *tolerance);
+            let lookup = Lookup::at_knots(&bundle.table, knots.clone(), promise(bundle), TOLERANCE);
             let fan = self.fan(bundle, view.u)?;
             return Ok(by(Paths::Lattice(&lookup.tracer(&fan), BUDGET)));
         }
@@ -232,7 +236,7 @@ impl DrawSpace {
     }
 
     fn errors(&self, view: &View) -> Result<Vec<f32>> {
-        let Some((bundle, ..)) = &self.table else {
+        let Some((bundle, _)) = &self.table else {
             return Err(Error::input("errors", "there is no table yet"));
         };
         let fan = self.fan(bundle, view.u)?;

@@ -10,7 +10,7 @@ use crate::{
     curve::Ending,
     endings::{Event, EventLocator},
     lanes::{LANES, Lanes, SingleLanes, Vectors, each, single},
-    path_batch::{PathOrigin, PathView, ROWS, put},
+    path_batch::{PathOrigin, PathView, ROWS, knots_until, put},
 };
 use geofan_bundle::{Fan, PathCoefficients, TablePath, chebyshev, product, rays::Orbit};
 use geofan_expr::vectorised;
@@ -24,6 +24,13 @@ const NODES: usize = 8;
 /// Bound of the last two coefficients, as an angle at the camera: a small part of any promise, and the
 /// next ones are smaller still.
 const TOLERANCE: f64 = 1e-5;
+
+/// Rounding of a path's slope by sums in single precision, as a share of the largest slope: measured on infalling
+/// paths, whose points and directions at a horizon are off by up to this.
+const ROUNDING: f64 = 8.0 * f32::EPSILON as f64;
+
+/// Most of the table's promise that rounding may take without being searched any closer.
+const NOISE_SHARE: f64 = 0.4;
 
 /// Number of components that differ from zero in the stored plane: x, y and those of the tangent.
 const PLANE: usize = 4;
@@ -80,12 +87,12 @@ pub(crate) struct FamilyPath<'p, 'f> {
 }
 
 impl<'f> FamilyInterval<'f> {
-    /// Makes the interval `parameters` of a face of `fan`; `None` if its polynomials have not converged, or
-    /// the table gave up on one of its paths.
+    /// Makes the interval `parameters` of a face of `fan`, whose table makes this promise, at these knots; `None` if
+    /// its polynomials have not converged, or the table gave up on one of its paths.
     pub(super) fn new(
         fan: &'f Fan,
         (face, parameters): (usize, [f64; 2]),
-        knots: &Arc<[f64]>,
+        (knots, promise): (&Arc<[f64]>, f64),
         events: &mut EventLocator<'_>,
     ) -> Option<Self> {
         // The paths at the nodes, and polynomials through them.
@@ -96,20 +103,25 @@ impl<'f> FamilyInterval<'f> {
         let sampled: Option<Vec<Vec<f64>>> = paths.iter().map(|path| sample(path, knots)).collect();
         let sampled = sampled?;
         let coefficients = transformed(&in_plane(&sampled));
-        if !has_converged(&coefficients, knots) {
+        let allowed = tolerances(&coefficients, n, promise);
+        let converged = converged_knots(&coefficients, knots, &allowed);
+        // Nothing is promised of paths behind their ends, so that those have to be known first.
+        let ends_alike = fan.space().ends_alike();
+        if converged < n && !ends_alike {
             return None;
         }
         // How they end.
-        let end = match fan.space().ends_alike() {
-            true => {
-                let both = paths.iter().zip(&sampled);
-                let met: Vec<_> = both
-                    .map(|(path, rows)| first_event(path, knots, rows, events))
-                    .collect();
-                FamilyEnd::of(&met, fan.space().skies_turn().then_some(events))
-            }
-            false => None,
-        };
+        let both = paths.iter().zip(&sampled);
+        let met: Option<Vec<Option<Event>>> = ends_alike.then(|| {
+            both.map(|(path, rows)| first_event(path, knots, rows, events))
+                .collect()
+        });
+        let last = met.as_ref().map_or(n, |met| needed_knots(met, knots));
+        if converged < last {
+            return None;
+        }
+        let skies = fan.space().skies_turn().then_some(events);
+        let end = met.and_then(|met| FamilyEnd::of(&met, skies, allowed[last - 1]));
         Some(Self {
             face,
             parameters,
@@ -249,18 +261,39 @@ fn transformed(values: &[f64]) -> Vec<f64> {
     product(&TRANSFORM, NODES, values)
 }
 
-/// Tells whether points and tangents at all knots are known within the tolerance.
-fn has_converged(coefficients: &[f64], knots: &[f64]) -> bool {
+/// Returns the angle that the last two coefficients may have at each of `n` knots: the tolerance, or what sums of the
+/// table's numbers in single precision leave unknown of paths that have become slow in the chart, which more
+/// intervals would not tell either.
+fn tolerances(coefficients: &[f64], n: usize, promise: f64) -> Vec<f64> {
+    let speed = |k: usize| coefficients[2 * n + k].hypot(coefficients[3 * n + k]);
+    let most = (0..n).map(speed).fold(0.0, f64::max);
+    let noise = |k: usize| ROUNDING * most / speed(k);
+    (0..n)
+        .map(|k| TOLERANCE.max(noise(k).min(NOISE_SHARE * promise)))
+        .collect()
+}
+
+/// Returns up to which of the knots points and tangents are known within the angles `allowed`.
+fn converged_knots(coefficients: &[f64], knots: &[f64], allowed: &[f64]) -> usize {
     let n = knots.len();
     let at = |degree: usize, c: usize, k: usize| coefficients[(degree * PLANE + c) * n + k];
     let tail = |c: usize, k: usize| at(NODES - 1, c, k).abs().max(at(NODES - 2, c, k).abs());
-    (0..n).all(|k| {
-        let speed = at(0, 2, k).hypot(at(0, 3, k));
-        let allowed = TOLERANCE * speed;
+    let is_known = |k: &usize| {
+        let k = *k;
+        let allowed = allowed[k] * at(0, 2, k).hypot(at(0, 3, k));
         // At the camera itself all paths are at one point.
         tail(0, k).max(tail(1, k)) <= allowed * knots[k].max(knots[1])
             && tail(2, k).max(tail(3, k)) <= allowed
-    })
+    };
+    (0..n).take_while(is_known).count()
+}
+
+/// Returns how many of the knots matter to paths with these events.
+fn needed_knots(events: &[Option<Event>], knots: &[f64]) -> usize {
+    let limits = events
+        .iter()
+        .map(|event| event.as_ref().map_or(f64::INFINITY, |event| event.s));
+    knots_until(knots, limits.fold(0.0, f64::max))
 }
 
 impl KnotBlock {
@@ -317,7 +350,11 @@ fn first_event(
 impl FamilyEnd {
     /// Makes the end from the events at the nodes: by skies, if those turn with paths and can be looked up;
     /// `None` if paths end in different ways.
-    fn of(events: &[Option<Event>], skies: Option<&mut EventLocator<'_>>) -> Option<Self> {
+    fn of(
+        events: &[Option<Event>],
+        skies: Option<&mut EventLocator<'_>>,
+        allowed: f64,
+    ) -> Option<Self> {
         let kinds = || events.iter().map(|event| event.as_ref().map(|e| e.kind));
         let first = kinds().next()?;
         if kinds().any(|kind| kind != first) {
@@ -330,14 +367,14 @@ impl FamilyEnd {
         match skies {
             Some(skies) => {
                 let endings: Vec<Ending> = events.map(|e| skies.ending_of(e)).collect();
-                Self::by_skies(&endings)
+                Self::by_skies(&endings, allowed)
             }
-            None => Self::by_states(kind, events),
+            None => Self::by_states(kind, events, allowed),
         }
     }
 
     /// Makes the end from the endings at the nodes.
-    fn by_skies(endings: &[Ending]) -> Option<Self> {
+    fn by_skies(endings: &[Ending], allowed: f64) -> Option<Self> {
         let Some(exit) = endings[0].exit() else {
             return Some(Self::Length);
         };
@@ -347,19 +384,23 @@ impl FamilyEnd {
         });
         let (rows, tails) = expanded(columns);
         let good =
-            tails[0] <= TOLERANCE * rows[0][0] && tails[1..].iter().all(|tail| *tail <= TOLERANCE);
+            tails[0] <= allowed * rows[0][0] && tails[1..].iter().all(|tail| *tail <= allowed);
         good.then_some(Self::Exit(exit, rows))
     }
 
     /// Makes the end from the events at the nodes, all of one kind.
-    fn by_states<'e>(kind: usize, events: impl Iterator<Item = &'e Event>) -> Option<Self> {
+    fn by_states<'e>(
+        kind: usize,
+        events: impl Iterator<Item = &'e Event>,
+        allowed: f64,
+    ) -> Option<Self> {
         let columns = events.map(|e| [e.s, e.u.x, e.u.y, e.v.x, e.v.y]);
         let (rows, tails) = expanded(columns);
         let [s, _, _, vx, vy] = rows[0];
         let speed = vx.hypot(vy);
-        let good = tails[0] <= TOLERANCE * s
-            && tails[1].max(tails[2]) <= TOLERANCE * s * speed
-            && tails[3].max(tails[4]) <= TOLERANCE * speed;
+        let good = tails[0] <= allowed * s
+            && tails[1].max(tails[2]) <= allowed * s * speed
+            && tails[3].max(tails[4]) <= allowed * speed;
         good.then_some(Self::Event(kind, rows))
     }
 }

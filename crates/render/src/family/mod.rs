@@ -23,6 +23,8 @@ const DEPTHS: [u32; 2] = [3, 11];
 pub(super) struct RayFamily<'f> {
     fan: &'f Fan,
     knots: Arc<[f64]>,
+    /// The table's promise.
+    promise: f64,
     faces: Vec<OnceLock<ParameterTree<'f>>>,
 }
 
@@ -38,12 +40,13 @@ enum ParameterTree<'f> {
 pub(super) type Nearby<'p, 'f> = Option<&'p FamilyInterval<'f>>;
 
 impl<'f> RayFamily<'f> {
-    /// Makes the family of `fan`; `None` if directions have two parameters.
-    pub(super) fn new(fan: &'f Fan, knots: &Arc<[f64]>) -> Option<Self> {
+    /// Makes the family of `fan`, whose table promises this error; `None` if directions have two parameters.
+    pub(super) fn new(fan: &'f Fan, knots: &Arc<[f64]>, promise: f64) -> Option<Self> {
         let space = fan.space();
         space.planar().then(|| Self {
             fan,
             knots: knots.clone(),
+            promise,
             faces: (0..space.faces()).map(|_| OnceLock::new()).collect(),
         })
     }
@@ -133,8 +136,9 @@ impl<'f> RayFamily<'f> {
         events: &mut EventLocator<'_>,
     ) -> ParameterTree<'f> {
         let [least, most] = DEPTHS;
+        let from = (&self.knots, self.promise);
         let interval = match depth >= least {
-            true => FamilyInterval::new(self.fan, (face, parameters), &self.knots, events),
+            true => FamilyInterval::new(self.fan, (face, parameters), from, events),
             false => None,
         };
         let ends_alike = self.fan.space().ends_alike();
