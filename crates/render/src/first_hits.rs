@@ -217,6 +217,14 @@ fn finer(slack: f64) -> usize {
     (slack / CHORD_ERROR).max(1.0).powf(0.25).ceil() as usize
 }
 
+/// Returns how many knots matter to a path: up to its end, or, if that is not known, as far as it is.
+fn last_knot(path: &PathView<'_>) -> usize {
+    match path.ending {
+        Some(ending) => knots_until(path.knots, ending.limit()),
+        None => path.known,
+    }
+}
+
 /// Finds what single paths see.
 ///
 /// The pieces of several paths close together whose boxes meet leaves of the scene's tree are looked at
@@ -241,27 +249,38 @@ impl SinglePaths {
         tracer: &dyn GridTracer,
         world: &World,
     ) {
-        let limits = paths.iter().filter_map(|path| path.ending);
-        let limit = limits.map(|ending| ending.limit()).fold(0.0, f64::max);
-        let last = knots_until(tracer.knots(), limit);
+        let lasts = paths.iter().map(last_knot);
+        let last = lasts.max().unwrap_or(0);
         self.together.find(paths, last, world, 0.0, tracer.slack());
         self.touching = self.together.by_path(paths, world, tracer.slack());
     }
 
-    /// Returns what the path in lane `l`, whose ending is known, sees in `world`.
+    /// Returns what the path in lane `l` sees in `world`; `None` where its ending is not known and it meets nothing as
+    /// far as it is.
     pub fn seen(
         &mut self,
         (l, path): (usize, PathView<'_>),
-        ending: &Ending,
         tracer: &dyn GridTracer,
         world: &World,
-    ) -> Seen {
-        if self.together.pieces.is_empty() {
-            return beyond(ending);
-        }
+    ) -> Option<Seen> {
+        let hit = match self.together.pieces.is_empty() {
+            true => None,
+            false => self.first_hit((l, path), tracer, world),
+        };
+        hit.map(Seen::Surface)
+            .or_else(|| path.ending.as_ref().map(beyond))
+    }
+
+    /// Returns where the path in lane `l` first meets something.
+    fn first_hit(
+        &mut self,
+        (l, path): (usize, PathView<'_>),
+        tracer: &dyn GridTracer,
+        world: &World,
+    ) -> Option<Hit> {
         // Its own pieces, sampled.
-        let limit = ending.limit();
-        let last = knots_until(path.knots, limit);
+        let limit = path.ending.map_or(f64::INFINITY, |ending| ending.limit());
+        let last = last_knot(&path);
         let pieces = self.together.pieces.iter().zip(&self.touching);
         let own = pieces.filter(|(k, touching)| touching[l] && **k + 1 < last);
         self.touched.clear();
@@ -277,15 +296,10 @@ impl SinglePaths {
             ..path
         };
         let mut search = HitSearch::new(world);
-        for first in (0..closer.known).step_by(per_piece + 1) {
-            for i in first..first + per_piece {
-                let piece = closer.piece(i);
-                if let Some(hit) = search.first_hit(&piece, limit) {
-                    return Seen::Surface(hit);
-                }
-            }
-        }
-        beyond(ending)
+        (0..closer.known)
+            .step_by(per_piece + 1)
+            .flat_map(|first| first..first + per_piece)
+            .find_map(|i| search.first_hit(&closer.piece(i), limit))
     }
 
     /// Samples the path at the ends of the finer cubics, so many for each of its touched pieces.

@@ -287,12 +287,9 @@ impl PixelSamples<'_> {
             std::array::from_fn(|l| batch.path(first + l.min(places.len() - 1)));
         single_paths.surround(&all, tracer, self.world);
         for (path, (l, place)) in all.into_iter().zip(places.iter().enumerate()) {
-            match path.ending {
+            match single_paths.seen((l, path), tracer, self.world) {
                 None => tile.pending.push(*place),
-                Some(ending) => {
-                    let seen = single_paths.seen((l, path), &ending, tracer, self.world);
-                    tile.put(*place, seen);
-                }
+                Some(seen) => tile.put(*place, seen),
             }
         }
     }

@@ -282,8 +282,11 @@ impl Manifold {
         if !self.has_wind() {
             return self.standard_frames(points);
         }
-        let rest = |u: &DVec3| self.local_frame(*u).rest_frame(self.metric(*u));
-        points.iter().map(rest).collect()
+        let metrics = self.at_points(&self.tapes.metric, points);
+        let metrics = metrics.chunks_exact(self.tapes.metric.outputs());
+        let both = self.local_frames(points).into_iter().zip(metrics);
+        both.map(|(local, row)| local.rest_frame(metric_of(row)))
+            .collect()
     }
 
     /// Returns `W(u)` as the paths followed meet it: reversed for lines of sight. `None` without a wind.

@@ -10,7 +10,7 @@ use crate::{
     world::World,
 };
 use geofan_expr::{Registers, real::Real, vectorised};
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::f32::consts::FRAC_1_PI;
 
 /// The share of light that reaches surfaces from all sides.
@@ -64,16 +64,25 @@ impl<'w> Lamp<'w> {
     fn by_lamp(&mut self, waiting: &[(usize, Hit, Footprint)], row: &mut [f32]) {
         let (world, manifold) = (self.world, &*self.world.manifold);
         let asked = !manifold.has_wind() && !manifold.is_conformal();
+        // In a wind the surface is at rest and the metric's frame is not.
+        let mut frames = match manifold.has_wind() {
+            true => {
+                let points = waiting.iter().map(|(_, hit, _)| world.point(hit));
+                manifold.rest_frames(&points.collect::<Vec<_>>())
+            }
+            false => Vec::new(),
+        }
+        .into_iter();
         for sixteen in waiting.chunks(LANES) {
             if asked {
                 self.ask_metric(sixteen);
             }
             for (lane, (index, hit, footprint)) in sixteen.iter().enumerate() {
                 let (n, v) = (world.covector(hit), hit.v.as_dvec3());
-                let cosine = match asked {
-                    true => self.by_metric(lane, n, v),
-                    false if manifold.has_wind() => at_rest(world, hit, n, v),
-                    false => cosine(n.dot(v), n.length() * v.length()),
+                let cosine = match frames.next() {
+                    Some(frame) => in_frame(frame, n, v),
+                    None if asked => self.by_metric(lane, n, v),
+                    None => cosine(n.dot(v), n.length() * v.length()),
                 };
                 put(row, *index, self.surface(hit, footprint, cosine as f32));
             }
@@ -130,9 +139,8 @@ impl<'w> Lamp<'w> {
     }
 }
 
-/// Computes the cosine in a wind, to which the surface is at rest and the metric's frame is not.
-fn at_rest(world: &World, hit: &Hit, n: DVec3, v: DVec3) -> f64 {
-    let frame = world.manifold.rest_frames(&[world.point(hit)])[0];
+/// Computes the cosine between the covector `n` and the tangent `v` in a frame.
+fn in_frame(frame: DMat3, n: DVec3, v: DVec3) -> f64 {
     let (across, along) = (frame.transpose() * n, frame.inverse() * v);
     cosine(across.dot(along), across.length() * along.length())
 }
