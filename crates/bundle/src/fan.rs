@@ -423,8 +423,8 @@ fn carried<const W: usize>(isometry: &Isometry, state: ChartStates<W>) -> ChartS
     match isometry {
         Isometry::Identity => state,
         Isometry::Affine(q, t) => moved((q, *t), &state),
-        Isometry::Left { p, first, tape } => {
-            translated(*p, tape, &moved((&first.0, first.1), &state))
+        Isometry::Left { p, first, law } => {
+            translated(*p, &law.tape, &moved((&first.0, first.1), &state))
         }
     }
 }

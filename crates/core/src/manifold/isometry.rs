@@ -17,8 +17,26 @@ pub struct Symmetry {
     pub axis: Option<usize>,
     /// Nothing depends on these coordinates.
     pub translation: [bool; 3],
-    /// Left translation: (u, p) -> u' (3), ∂u'/∂u (9, by rows).
-    pub group: Option<Arc<Tape>>,
+    /// Left translations.
+    pub group: Option<Arc<GroupLaw>>,
+}
+
+/// The left translations of a group, `u -> p·u`.
+#[derive(Debug, Clone)]
+pub struct GroupLaw {
+    /// (u, p) -> p·u (3), ∂(p·u)/∂u (9, by rows).
+    pub tape: Tape,
+    /// Set if the differential is the same at all `u`.
+    pub is_affine: bool,
+}
+
+impl GroupLaw {
+    /// Returns `p·u` and the differential there.
+    fn translated(&self, p: DVec3, u: DVec3) -> (DVec3, DMat3) {
+        let o = self.tape.at(&[u.x, u.y, u.z, p.x, p.y, p.z]);
+        let rows = DMat3::from_cols_slice(&o[3..12]);
+        (DVec3::from_slice(&o[..3]), rows.transpose())
+    }
 }
 
 /// A map of the chart that keeps all lengths.
@@ -26,16 +44,16 @@ pub struct Symmetry {
 pub enum Isometry {
     /// Everything stays.
     Identity,
-    /// `u -> Q u + t`, with `Q` orthogonal.
+    /// `u -> A u + t`.
     Affine(DMat3, DVec3),
-    /// `u -> p·(Q u + t)`, by the group's tape.
+    /// `u -> p·(A u + t)`, by the group's tape.
     Left {
         /// The translation.
         p: DVec3,
-        /// `Q` and `t`.
+        /// `A` and `t`.
         first: (DMat3, DVec3),
-        /// The tape of [`Symmetry::group`].
-        tape: Arc<Tape>,
+        /// See [`Symmetry::group`].
+        law: Arc<GroupLaw>,
     },
 }
 
@@ -50,13 +68,17 @@ impl Isometry {
         Self::Affine(DMat3::IDENTITY, t)
     }
 
-    /// `u -> p·u`, by the group's tape.
-    pub fn left(p: DVec3, tape: Arc<Tape>) -> Self {
+    /// `u -> p·u`: one matrix where the law is affine, which costs a fraction of its tape.
+    pub fn left(p: DVec3, law: Arc<GroupLaw>) -> Self {
+        if law.is_affine {
+            let (t, a) = law.translated(p, DVec3::ZERO);
+            return Self::Affine(a, t);
+        }
         let first = (DMat3::IDENTITY, DVec3::ZERO);
-        Self::Left { p, first, tape }
+        Self::Left { p, first, law }
     }
 
-    /// This after `u -> Q u + t`.
+    /// This after `u -> A u + t`.
     pub fn after(&self, (q, t): (DMat3, DVec3)) -> Self {
         let both = |a: DMat3, b: DVec3| (a * q, a * t + b);
         match self {
@@ -65,10 +87,10 @@ impl Isometry {
                 let (q, t) = both(*a, *b);
                 Self::Affine(q, t)
             }
-            Self::Left { p, first, tape } => Self::Left {
+            Self::Left { p, first, law } => Self::Left {
                 p: *p,
                 first: both(first.0, first.1),
-                tape: tape.clone(),
+                law: law.clone(),
             },
         }
     }
@@ -78,11 +100,9 @@ impl Isometry {
         match self {
             Self::Identity => (u, DMat3::IDENTITY),
             Self::Affine(q, t) => (*q * u + *t, *q),
-            Self::Left { p, first, tape } => {
-                let u = first.0 * u + first.1;
-                let o = tape.at(&[u.x, u.y, u.z, p.x, p.y, p.z]);
-                let rows = DMat3::from_cols_slice(&o[3..12]);
-                (DVec3::from_slice(&o[..3]), rows.transpose() * first.0)
+            Self::Left { p, first, law } => {
+                let (image, differential) = law.translated(*p, first.0 * u + first.1);
+                (image, differential * first.0)
             }
         }
     }

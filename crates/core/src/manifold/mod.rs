@@ -29,7 +29,7 @@ pub use chart_expressions::{CameraRegion, ChartCurve, PointFunctions};
 pub use curvature::{Curvature, Rank3, Rank4};
 pub use domain::{Domain, EventKind};
 pub use gluing::{DeckTransformation, Development, GluedFace, Gluing, NearCopy, NearestCopies};
-pub use isometry::{Isometry, Symmetry};
+pub use isometry::{GroupLaw, Isometry, Symmetry};
 pub use local_frame::{Frequencies, LocalFrame};
 
 use crate::{

@@ -270,10 +270,10 @@ fn check_glued(manifold: &Manifold, u: DVec3) -> Result<()> {
 
 /// Left translation by p = 0 must leave everything, and bring u = 0 to p.
 fn check_identity(manifold: &Manifold, u: DVec3) -> Result<()> {
-    let Some(tape) = &manifold.symmetry.group else {
+    let Some(law) = &manifold.symmetry.group else {
         return Ok(());
     };
-    let by = |p: DVec3, u: DVec3| Isometry::left(p, tape.clone()).apply(u).0;
+    let by = |p: DVec3, u: DVec3| Isometry::left(p, law.clone()).apply(u).0;
     let (same, moved) = (by(DVec3::ZERO, u), by(u, DVec3::ZERO));
     let off = (same - u).length().max((moved - u).length());
     if off <= WORST_DISCREPANCY * (1.0 + u.length()) {
@@ -342,9 +342,9 @@ fn claimed(manifold: &Manifold, points: &[(DVec3, bool)]) -> Vec<(&'static str, 
                 claims.push(("translation", Isometry::shift(shift), u));
             }
         }
-        if let Some(tape) = &manifold.symmetry.group {
+        if let Some(law) = &manifold.symmetry.group {
             let p = points[(i + points.len() / 2) % points.len()].0;
-            claims.push(("group", Isometry::left(p, tape.clone()), u));
+            claims.push(("group", Isometry::left(p, law.clone()), u));
         }
     }
     claims.retain(|(_, isometry, u)| {

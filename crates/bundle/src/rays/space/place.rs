@@ -88,8 +88,8 @@ impl RaySpace {
             Reduction::Whole | Reduction::Rotation => Isometry::Identity,
             Reduction::Translation => Isometry::shift(u - stored.u),
             Reduction::Group => {
-                let tape = self.manifold.symmetry.group.clone();
-                tape.map_or(Isometry::Identity, |tape| Isometry::left(u, tape))
+                let law = self.manifold.symmetry.group.clone();
+                law.map_or(Isometry::Identity, |law| Isometry::left(u, law))
             }
             Reduction::Axis => {
                 let (axis, translated) = self.axis();

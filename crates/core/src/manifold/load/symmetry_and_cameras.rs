@@ -9,7 +9,7 @@ use super::{
 use crate::{
     diagnostic::Diagnostic,
     document::{Item, Text},
-    manifold::{CameraRegion, Domain, Symmetry},
+    manifold::{CameraRegion, Domain, GroupLaw, Symmetry},
 };
 use geofan_expr::{
     Direction, NodeId, Tape, TapeTooLarge,
@@ -49,8 +49,8 @@ impl Loader<'_> {
         Ok(symmetry)
     }
 
-    /// (u, p) -> p·u and its differential in u.
-    fn read_group(&mut self, item: &Item<'_>) -> Reading<Tape> {
+    /// The law p·u and its differential in u.
+    fn read_group(&mut self, item: &Item<'_>) -> Reading<GroupLaw> {
         let mut scope = self.scope.clone();
         for (k, name) in self.coordinates.iter().enumerate() {
             // Group laws hold on the covering chart: no wrapping here.
@@ -69,7 +69,16 @@ impl Loader<'_> {
                 nodes.push(self.graph.derivative(nodes[row], &mut axis));
             }
         }
-        Tape::compile(&self.graph, &nodes, 6).map_err(|e| item.complain(e.to_string()))
+        // Where the differential's own derivatives vanish, as expressions, it is the same everywhere.
+        let is_affine = (0..3).all(|k| {
+            let mut axis = Direction::of_input(&mut self.graph, k);
+            let mut bends = |node: &NodeId| self.graph.derivative(*node, &mut axis);
+            let bends: Vec<NodeId> = nodes[3..].iter().map(&mut bends).collect();
+            bends.iter().all(|node| self.graph.is(*node, 0.0))
+        });
+        let tape = Tape::compile(&self.graph, &nodes, 6);
+        let law = |tape| GroupLaw { tape, is_affine };
+        tape.map(law).map_err(|e| item.complain(e.to_string()))
     }
 }
 
