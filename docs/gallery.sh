@@ -27,11 +27,19 @@ bake() { # name, arguments
     local name=$1 manifold=assets/manifolds/$1.toml
     shift
     [[ -e $out/$name.fan ]] && return
-    if [[ $name == three-bumps ]]; then # a rail through the scene's camera
+    case $name in
+    three-bumps) # a rail through the scene's camera
         manifold=$out/three-bumps.toml
         sed -e 's|^parameters = { c.*|parameters = { c = [-2.0, 2.0] }|' -e 's|^at = \["c.*|at = ["c", "0.2", "0.3"]|' \
             assets/manifolds/three-bumps.toml >"$manifold"
-    fi
+        ;;
+    kerr) # the scene's camera
+        manifold=$out/kerr.toml
+        sed -e '/^parameters = { r/d' \
+            -e 's|^at = \["sqrt.*|at = ["sqrt(24^2 + a^2)*sqrt(1 - 0.17^2)", "0", "24*0.17"]|' \
+            assets/manifolds/kerr.toml >"$manifold"
+        ;;
+    esac
     target/release/geofan-bake "$manifold" -o "$out/$name.fan" --max-error 0.5 --certify-rays 2000 --quiet "$@" >/dev/null || true
 }
 
