@@ -287,6 +287,7 @@ fn follow_until_seen(
         before: *before,
         u: ray.u,
         v: ray.v,
+        search: None,
         seen: None,
         at_pole: false,
     };
@@ -307,16 +308,18 @@ fn follow_until_seen(
 struct FirstSeen<'w> {
     world: &'w World,
     manifold: &'w Manifold,
-    rays: Vec<RayProgress>,
+    rays: Vec<RayProgress<'w>>,
 }
 
 /// A ray on its way.
-struct RayProgress {
+struct RayProgress<'w> {
     /// Arc length from the camera to its start.
     before: f64,
     /// Point and tangent at the end of the last step.
     u: DVec3,
     v: DVec3,
+    /// Begun where it may first meet something.
+    search: Option<HitSearch<'w>>,
     /// What it sees, once that is known.
     seen: Option<Seen>,
     /// Set if it ended at a pole of the chart.
@@ -332,7 +335,7 @@ impl Sink for FirstSeen<'_> {
         let world = self.world;
         let ray = &mut self.rays[ray];
         if may_meet(world, step.bounds()) {
-            let mut search = HitSearch::new(world);
+            let search = ray.search.get_or_insert_with(|| HitSearch::new(world));
             search.go_on_from(ray.before);
             let hit = |piece| search.first_hit(&piece, f64::INFINITY);
             if let Some(hit) = pieces(step).find_map(hit) {
