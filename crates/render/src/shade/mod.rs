@@ -37,7 +37,8 @@ pub enum Footprints {
     Points,
 }
 
-/// Computes the colours of `outcomes`, which are a part of `samples` for each pixel.
+/// Computes the colours of `outcomes`, which are a part of `samples` for each pixel. Bodies that glow stay dark: their light is
+/// a matter of frequencies alone ([`super::redshift`]).
 pub fn shade(
     world: &World,
     view: &View,
@@ -100,7 +101,9 @@ impl Shader<'_> {
             self.light_skies([&above, &here, &below], row);
             for &i in here.surfaces() {
                 let at = (y, i / count, i % count);
-                if let Seen::Surface(hit) = self.outcomes[at] {
+                if let Seen::Surface(hit) = self.outcomes[at]
+                    && !self.world.glows(hit.triangle)
+                {
                     lamp.add(i, hit, self.texture_footprint(at, &hit));
                 }
             }
