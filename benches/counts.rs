@@ -70,7 +70,7 @@ fn frames() -> Result {
     stage.scene.camera.position = CameraPosition::Chart(CAMERA);
     let view = stage.view(&stage.scene.camera, (640, 360))?;
     let bundle = Bundle::read(&file(RAIL))?;
-    let lookup = Lookup::new(&bundle.table, 1e-3 * bundle.header.plan.max_error, 1e-8);
+    let lookup = Lookup::new(&bundle.table, bundle.promise(), 1e-8);
     bundle.table.fan(CAMERA)?;
     counted(|| {
         let fan = bundle.table.fan(CAMERA)?;

@@ -42,8 +42,7 @@ fn steps(criterion: &mut Criterion) {
     let stage = Stage::load(&scene, &[]).expect("the scene of the repository");
     let (world, camera) = (&stage.world, &stage.scene.camera);
     let view = stage.view(camera, SIZE).expect("a camera in the domain");
-    let promise = 1e-3 * bundle.header.plan.max_error;
-    let lookup = Lookup::new(&bundle.table, promise, TOLERANCE);
+    let lookup = Lookup::new(&bundle.table, bundle.promise(), TOLERANCE);
     let fan = bundle.table.fan(view.u).expect("a camera in the table");
     let tracer = lookup.tracer(&fan);
     let offsets = offsets(1);

@@ -77,7 +77,7 @@ fn path_traced(stage: &Stage, view: &View, length: f64) -> Picture {
 }
 
 fn by_table(stage: &Stage, view: &View, bundle: &Bundle) -> Picture {
-    let lookup = Lookup::new(&bundle.table, 1e-3 * bundle.header.plan.max_error, 1e-6);
+    let lookup = Lookup::new(&bundle.table, bundle.promise(), 1e-6);
     let fan = bundle.table.fan(view.u).unwrap();
     let tracer = lookup.tracer(&fan);
     let paths = Paths::Lattice(&tracer, 0.5e-3);

@@ -273,6 +273,11 @@ impl Bundle {
         })
     }
 
+    /// Returns the screen error that the bundle promises, radians.
+    pub fn promise(&self) -> f64 {
+        1e-3 * self.header.plan.max_error
+    }
+
     /// Contracts the table to all paths from the camera position `u` (a chart point).
     ///
     /// # Errors

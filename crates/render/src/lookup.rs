@@ -68,11 +68,6 @@ impl<'t> Lookup<'t> {
         &self.knots
     }
 
-    /// Returns the local tolerance of the rays that the table gave up on.
-    pub fn tolerance(&self) -> f64 {
-        self.tolerance
-    }
-
     /// Returns the angle at the camera by which cubics between the knots may miss the path.
     pub(super) fn slack(&self) -> f64 {
         KNOT_ERROR

@@ -67,8 +67,7 @@ pub enum PathSource<'b> {
 impl<'b> PathSource<'b> {
     /// Takes paths from `bundle`; those that it gives up on are integrated at `tolerance`.
     pub fn table(bundle: &'b Bundle, tolerance: f64) -> Self {
-        let promise = 1e-3 * bundle.header.plan.max_error;
-        Self::Table(Lookup::new(&bundle.table, promise, tolerance))
+        Self::Table(Lookup::new(&bundle.table, bundle.promise(), tolerance))
     }
 
     /// Follows paths of a table in a glued space over `length`, by looking them up again where the table's end.

@@ -53,16 +53,11 @@ const BUDGET: f64 = 5e-4;
 /// Points of a path that is drawn on a map.
 const POINTS: usize = 128;
 
-/// Returns the promise of a bundle's table, radians.
-fn promise(bundle: &Bundle) -> f64 {
-    1e-3 * bundle.header.plan.max_error
-}
-
 impl DrawSpace {
     /// Takes over a scene; exact paths are followed over `length`, or over the table's.
     pub fn new(stage: Stage, bundle: Option<Bundle>, length: f64) -> Self {
         let table = bundle.map(|bundle| {
-            let lookup = Lookup::new(&bundle.table, promise(&bundle), TOLERANCE);
+            let lookup = Lookup::new(&bundle.table, bundle.promise(), TOLERANCE);
             let knots = lookup.knots().clone();
             (bundle, knots)
         });
@@ -175,7 +170,8 @@ impl DrawSpace {
         if let (PictureKind::Table, Some((bundle, knots))) = (request.kind, &self.table)
             && bundle.table.space.place(view.u).is_ok()
         {
-            let lookup = Lookup::at_knots(&bundle.table, knots.clone(), promise(bundle), TOLERANCE);
+            let lookup =
+                Lookup::at_knots(&bundle.table, knots.clone(), bundle.promise(), TOLERANCE);
             let fan = self.fan(bundle, view.u)?;
             return Ok(by(Paths::Lattice(&lookup.tracer(&fan), BUDGET)));
         }

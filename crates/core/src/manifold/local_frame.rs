@@ -7,7 +7,7 @@
 //! `n = v − W` in which the normal observer sees it. Lines of sight run into the past, and along them
 //! `n` points to where the light comes from and `W` is the wind reversed.
 
-use super::{Follows, Manifold, metric_of};
+use super::{Follows, Manifold};
 use glam::{DMat3, DVec3};
 
 /// Holds the standard frame at a point, and the wind there if there is one.
@@ -282,11 +282,12 @@ impl Manifold {
         if !self.has_wind() {
             return self.standard_frames(points);
         }
-        let metrics = self.at_points(&self.tapes.metric, points);
-        let metrics = metrics.chunks_exact(self.tapes.metric.outputs());
-        let both = self.local_frames(points).into_iter().zip(metrics);
-        both.map(|(local, row)| local.rest_frame(metric_of(row)))
-            .collect()
+        let known = self.metrics_and_frames(points).into_iter();
+        let rest = |((metric, frame), medium): ((DMat3, DMat3), LocalMedium)| {
+            let wind = Some(medium.wind);
+            LocalFrame { frame, wind }.rest_frame(metric)
+        };
+        known.zip(self.media(points)).map(rest).collect()
     }
 
     /// Returns `W(u)` as the paths followed meet it: reversed for lines of sight. `None` without a wind.
@@ -324,11 +325,10 @@ impl Manifold {
 
     /// Returns [`Self::frequencies`] at many points.
     pub fn frequencies_at(&self, points: &[DVec3]) -> Vec<Frequencies> {
-        let metrics = self.at_points(&self.tapes.metric, points);
-        let metrics = metrics.chunks_exact(self.tapes.metric.outputs());
-        let both = metrics.zip(self.media(points));
-        let both = both.map(|(row, medium)| Frequencies {
-            metric: metric_of(row),
+        let known = self.metrics_and_frames(points).into_iter();
+        let both = known.zip(self.media(points));
+        let both = both.map(|((metric, _), medium)| Frequencies {
+            metric,
             medium,
             follows: self.follows,
         });

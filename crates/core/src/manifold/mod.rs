@@ -181,9 +181,15 @@ impl Manifold {
 
     /// `S(u)` at many points: at a fraction of the cost.
     pub fn standard_frames(&self, points: &[DVec3]) -> Vec<DMat3> {
+        let both = self.metrics_and_frames(points).into_iter();
+        both.map(|(_, frame)| frame).collect()
+    }
+
+    /// `G(u)` and `S(u)` at many points.
+    fn metrics_and_frames(&self, points: &[DVec3]) -> Vec<(DMat3, DMat3)> {
         let rows = self.at_points(&self.tapes.metric, points);
         let rows = rows.chunks_exact(self.tapes.metric.outputs());
-        rows.map(frame_of).collect()
+        rows.map(|row| (metric_of(row), frame_of(row))).collect()
     }
 
     /// Returns whether the space is written in textbook coordinates, which may have an axis where formulas fail

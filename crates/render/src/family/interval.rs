@@ -106,22 +106,22 @@ impl<'f> FamilyInterval<'f> {
         let allowed = tolerances(&coefficients, n, promise);
         let converged = converged_knots(&coefficients, knots, &allowed);
         // Nothing is promised of paths behind their ends, so that those have to be known first.
-        let ends_alike = fan.space().ends_alike();
-        if converged < n && !ends_alike {
-            return None;
-        }
-        // How they end.
-        let both = paths.iter().zip(&sampled);
-        let met: Option<Vec<Option<Event>>> = ends_alike.then(|| {
-            both.map(|(path, rows)| first_event(path, knots, rows, events))
-                .collect()
-        });
-        let last = met.as_ref().map_or(n, |met| needed_knots(met, knots));
-        if converged < last {
-            return None;
-        }
-        let skies = fan.space().skies_turn().then_some(events);
-        let end = met.and_then(|met| FamilyEnd::of(&met, skies, allowed[last - 1]));
+        let end = match fan.space().ends_alike() {
+            true => {
+                let mut met = Vec::with_capacity(NODES);
+                for (path, rows) in paths.iter().zip(&sampled) {
+                    met.push(first_event(path, knots, rows, events));
+                    if converged < needed_knots(&met, knots) {
+                        return None;
+                    }
+                }
+                let skies = fan.space().skies_turn().then_some(events);
+                let last = needed_knots(&met, knots) - 1;
+                FamilyEnd::of(&met, skies, allowed[last])
+            }
+            false if converged < n => return None,
+            false => None,
+        };
         Some(Self {
             face,
             parameters,

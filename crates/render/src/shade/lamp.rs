@@ -65,14 +65,9 @@ impl<'w> Lamp<'w> {
         let (world, manifold) = (self.world, &*self.world.manifold);
         let asked = !manifold.has_wind() && !manifold.is_conformal();
         // In a wind the surface is at rest and the metric's frame is not.
-        let mut frames = match manifold.has_wind() {
-            true => {
-                let points = waiting.iter().map(|(_, hit, _)| world.point(hit));
-                manifold.rest_frames(&points.collect::<Vec<_>>())
-            }
-            false => Vec::new(),
-        }
-        .into_iter();
+        let windy = waiting.iter().filter(|_| manifold.has_wind());
+        let points: Vec<DVec3> = windy.map(|(_, hit, _)| world.point(hit)).collect();
+        let mut frames = manifold.rest_frames(&points).into_iter();
         for sixteen in waiting.chunks(LANES) {
             if asked {
                 self.ask_metric(sixteen);
