@@ -170,7 +170,9 @@ fn open_files(output: &Path, options: &BakeOptions, observer: &dyn Observer) -> 
     if !options.resume {
         match files.discard()? {
             0 => {}
-            n => tracing::info!("discarded {n} chunks of an earlier bake; --resume would use them"),
+            n => tracing::info!(
+                "discarded {n} chunks, finished or begun, of an earlier bake; --resume would use them"
+            ),
         }
     }
     Ok(files)
@@ -282,9 +284,9 @@ impl Bake<'_> {
         })
     }
 
-    /// Says where finished chunks are.
+    /// Says where the work so far is.
     fn resume(&self) -> String {
-        format!("finished chunks are in {}", self.files.folder().display())
+        format!("what is finished is in {}", self.files.folder().display())
     }
 }
 

@@ -6,14 +6,15 @@
 //!
 //! In: chunks as they are finished. Out: the chunks again after an interruption ([`ChunkFiles`]). Each is an immutable
 //! file `B.fan.parts/chunk-000123`, written whole or not at all, one checksummed block with the bundle's
-//! id: a damaged file, or one of another bake, is as good as none.
+//! id: a damaged file, or one of another bake, is as good as none. Of a chunk under way what is decided about its boxes
+//! is kept in `boxes-000123` ([`DecisionLog`]).
 //!
 //! One bake at a time has the folder: it holds a lock on the file `lock` in it, which says who it is and
 //! ends with the process. Without, two bakes of one output would remove each other's chunks.
 
 use crate::{
     attempts::Share,
-    refine::{RefinementTally, Refiner},
+    refine::{DecisionLog, RefinementTally, Refiner, WorkCounts},
 };
 use geofan_bundle::{
     ByteReader, DecodeBudget, Division, PlanRecord, Table, TensorShape, Tree,
@@ -28,7 +29,7 @@ use std::{
     path::{Path, PathBuf},
     sync::{
         OnceLock,
-        atomic::{AtomicU64, AtomicUsize, Ordering::Relaxed},
+        atomic::{AtomicUsize, Ordering::Relaxed},
         mpsc::{self, RecvTimeoutError},
     },
     time::{Duration, Instant},
@@ -49,7 +50,7 @@ pub struct ChunkBaker<'a> {
     division: Division,
     /// Numbers of the chunks, and what is counted of each.
     chunks: Vec<u32>,
-    tallies: Vec<RefinementTally>,
+    tallies: Vec<RefinementTally<'static>>,
     /// Bytes of patches at which to give up.
     most_bytes: u64,
 }
@@ -105,8 +106,7 @@ impl<'a> ChunkBaker<'a> {
 
     /// Bakes chunk by chunk, as many at once as there are threads; `None` for those not finished.
     fn all_chunks(&self, files: &ChunkFiles) -> Result<Vec<Option<BakedChunk>>> {
-        // One waiting thread for each working one, so that only so many chunks are under way: what
-        // they have of unfinished chunks is lost in an interruption. Work itself is in the pool.
+        // One waiting thread for each working one, so that only so many chunks are under way. Work itself is in the pool.
         let next = AtomicUsize::new(0);
         let count = self.chunks.len();
         let results: Vec<OnceLock<Result<Option<BakedChunk>>>> =
@@ -133,27 +133,32 @@ impl<'a> ChunkBaker<'a> {
     fn chunk(&self, k: usize, files: &ChunkFiles) -> Result<Option<BakedChunk>> {
         let (chunk, tally) = (self.chunks[k], &self.tallies[k]);
         // Reading it again takes as long as decoding it twice.
-        if !tally.stop.goes_on(0) {
+        if !tally.stop().goes_on(0) {
             return Ok(None);
         }
         let shape = Table::tensor_shape(self.space, self.plan.stretch);
         if let Some(baked) = files.load(chunk, self.id, shape) {
-            tally.volume.store(self.chunk_volume() as u64, Relaxed);
-            tally.bytes.store(baked.tree.len() as u64, Relaxed);
+            tally.add(WorkCounts {
+                volume: self.chunk_volume() as u64,
+                bytes: baked.tree.len() as u64,
+                ..WorkCounts::default()
+            });
             return Ok(Some(baked));
         }
+        let log = files.decisions(chunk, self.id, shape)?;
         let refiner = Refiner {
             space: self.space,
             plan: self.plan,
             division: &self.division,
             tally,
+            log: Some(&log),
         };
         let Some(tree) = refiner.chunk(chunk as usize) else {
             return Ok(None);
         };
         let baked = BakedChunk {
             tree: tree.encode(),
-            rays: tally.rays.load(Relaxed),
+            rays: tally.counts().rays,
         };
         files.store(chunk, self.id, &baked)?;
         Ok(Some(baked))
@@ -161,28 +166,28 @@ impl<'a> ChunkBaker<'a> {
 
     /// Tells all chunks to stop.
     fn stop(&self) {
-        self.tallies.iter().for_each(|t| t.stop.tell());
+        self.tallies.iter().for_each(|t| t.stop().tell());
     }
 
-    /// Returns the volume of a chunk in the units of [`RefinementTally::volume`].
+    /// Returns the volume of a chunk in the units of [`WorkCounts::volume`].
     fn chunk_volume(&self) -> f64 {
         f64::from(u32::MAX) / self.division.chunks() as f64
     }
 
     /// Sums up one count over all chunks.
-    fn sum(&self, count: impl Fn(&RefinementTally) -> &AtomicU64) -> u64 {
-        self.tallies.iter().map(|t| count(t).load(Relaxed)).sum()
+    fn sum(&self, count: impl Fn(WorkCounts) -> u64) -> u64 {
+        self.tallies.iter().map(|t| count(t.counts())).sum()
     }
 
     /// Returns the bytes of the patches so far.
     pub fn bytes(&self) -> u64 {
-        self.sum(|t| &t.bytes)
+        self.sum(|counts| counts.bytes)
     }
 
     /// Returns the share of the volume that is done.
     pub fn share_done(&self) -> f64 {
         let volume = self.chunk_volume() * self.chunks.len() as f64;
-        (self.sum(|t| &t.volume) as f64 / volume).min(1.0)
+        (self.sum(|counts| counts.volume) as f64 / volume).min(1.0)
     }
 
     /// Tells progress, and stops the work when the user asks or the limit is reached, until the
@@ -200,8 +205,8 @@ impl<'a> ChunkBaker<'a> {
 
     /// Tells that `share` of the volume is done.
     fn tell(&self, share: f64, started: Instant, observer: &dyn Observer) {
-        let rays = self.sum(|t| &t.rays) as f64 / started.elapsed().as_secs_f64();
-        let patches = self.sum(|t| &t.patches);
+        let rays = self.sum(|counts| counts.rays) as f64 / started.elapsed().as_secs_f64();
+        let patches = self.sum(|counts| counts.patches);
         let (kilorays, kilobytes) = (rays / 1e3, self.bytes() as f64 / 1e3);
         observer.progress(Progress {
             work: "baking",
@@ -232,8 +237,9 @@ pub struct ChunkFiles {
 /// Chunks of another version are baked again: its refinement may differ.
 const GENERATOR: &str = env!("CARGO_PKG_VERSION");
 
-/// Beginnings of the names of all files that belong here; the last is that of a write cut off.
-const NAMES: [&str; 3] = ["chunk-", "exceeds-", ".geofan-"];
+/// Beginnings of the names of all files that belong here, first those of finished chunks and of decisions about those under
+/// way; the last is that of a write cut off.
+const NAMES: [&str; 4] = ["chunk-", "boxes-", "exceeds-", ".geofan-"];
 
 /// Name of the file that whoever bakes holds a lock on.
 const LOCK: &str = "lock";
@@ -366,7 +372,20 @@ impl ChunkFiles {
         (again == tree).then_some(BakedChunk { tree, rays })
     }
 
-    /// Writes a finished chunk.
+    /// Opens the file of the decisions about `chunk` of the bundle `id`, whose tensors have this `shape`.
+    ///
+    /// # Errors
+    /// The disk is full or the folder is gone.
+    pub fn decisions(&self, chunk: u32, id: Id, shape: TensorShape) -> Result<DecisionLog> {
+        DecisionLog::open(&self.decisions_path(chunk), chunk, id, shape)
+    }
+
+    /// Returns the name of the file of the decisions about `chunk`.
+    fn decisions_path(&self, chunk: u32) -> PathBuf {
+        self.folder.join(format!("{}{chunk:06}", NAMES[1]))
+    }
+
+    /// Writes a finished chunk, and removes the decisions about it.
     ///
     /// # Errors
     /// The disk is full or the folder is gone.
@@ -377,7 +396,12 @@ impl ChunkFiles {
         payload.extend(&baked.tree);
         let mut block = Vec::new();
         put_block(&mut block, BlockKind::Part, chunk, id, &payload);
-        write_atomically(&self.path(chunk), |out| out.write_all(&block))
+        write_atomically(&self.path(chunk), |out| out.write_all(&block))?;
+        let decisions = self.decisions_path(chunk);
+        match fs::remove_file(&decisions) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => Err(Error::io(&decisions, e)),
+            _ => Ok(()),
+        }
     }
 
     /// Notes that the bundle `id` takes more than `bytes`.
@@ -400,7 +424,7 @@ impl ChunkFiles {
         self.folder.join(format!("exceeds-{name}"))
     }
 
-    /// Removes all chunks, of any bake; returns how many there were.
+    /// Removes all chunks, of any bake, finished or under way; returns how many there were.
     ///
     /// # Errors
     /// A file cannot be removed.
@@ -412,7 +436,7 @@ impl ChunkFiles {
             let name = entry.file_name().to_string_lossy().into_owned();
             if NAMES.iter().any(|start| name.starts_with(start)) {
                 fs::remove_file(entry.path()).map_err(|e| Error::io(&entry.path(), e))?;
-                chunks += usize::from(name.starts_with(NAMES[0]));
+                chunks += usize::from(NAMES[..2].iter().any(|start| name.starts_with(start)));
             }
         }
         Ok(chunks)

@@ -189,7 +189,7 @@ def test_ctrl_c_ends_a_bake_and_it_goes_on_where_it_was(tmp_path):
     assert child.stdout is not None and "working" in child.stdout.readline()
     child.send_signal(signal.SIGINT)
     rest = child.stdout.read()
-    assert child.wait() == 0 and "interrupted" in rest and "finished chunks are in" in rest
+    assert child.wait() == 0 and "interrupted" in rest and "what is finished is in" in rest
     assert not out.exists() and Path(f"{out}.parts").is_dir()
     # The same bake in one go has the same bytes.
     subprocess.run([*line, "resume"], check=True, stdout=subprocess.DEVNULL)

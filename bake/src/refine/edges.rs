@@ -72,7 +72,7 @@ struct EdgePlace {
 #[derive(Debug)]
 pub struct EdgeDivision {
     /// Its number: see [`geofan_core::geodesic::Step::edge`].
-    edge: NonZeroU32,
+    pub edge: NonZeroU32,
     /// Its arc length, as the table stores it.
     pub place: Arc<Tensor>,
     /// The part of the box's arc lengths before it, in the mean.
@@ -291,7 +291,7 @@ impl Refiner<'_> {
             ends.collect::<Vec<f64>>()
         });
         let ends: Vec<f64> = ends.collect();
-        if self.tally.stop.told() {
+        if self.tally.stop().told() {
             return Err(vec![0.0; nodes.len()]);
         }
         if ends.iter().any(|end| end.is_nan()) {

@@ -176,7 +176,7 @@ impl<'a> HeldOutRays<'a> {
         self.follow(usize::MAX);
         let enough = self.count() / 3;
         for _ in 1..BATCHES {
-            let stopped = self.refiner.tally.stop.told();
+            let stopped = self.refiner.tally.stop().told();
             if self.singular || self.rays.len() >= enough || stopped {
                 break;
             }
@@ -357,7 +357,7 @@ impl<'a> HeldOutRays<'a> {
         let goes_on = || {
             self.refiner
                 .tally
-                .stop
+                .stop()
                 .goes_on(others.len() * tensor.integers())
         };
         if others.is_empty() || !(NEAR[0]..NEAR[1]).contains(&error) || !goes_on() {
@@ -388,7 +388,7 @@ impl<'a> HeldOutRays<'a> {
             let to = (from + count).min(self.rays.len()).min(JUDGES);
             let rays = &self.rays[from..to];
             let numbers = polynomial.coefficients.len();
-            if !self.refiner.tally.stop.goes_on(rays.len() * numbers) {
+            if !self.refiner.tally.stop().goes_on(rays.len() * numbers) {
                 break;
             }
             all.extend(self.errors_of(rays, |points| polynomial.at(points)));

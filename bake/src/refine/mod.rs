@@ -8,9 +8,11 @@
 //! coarsely as random held-out rays allow, measured as the certificate measures them (`held_out`,
 //! `quantise`). Otherwise it is halved along the axis that needs it most; one too small for that is
 //! flagged. A box may take minutes: its work looks whether it goes on between pieces of a second and less
-//! ([`RefinementTally::stop`]). Boxes whose paths meet edges of the metric are divided there (`edges`). The boxes of one level share an
+//! ([`RefinementTally::stop`]), and what is decided is kept for after an
+//! interruption (`decision_log`). Boxes whose paths meet edges of the metric are divided there (`edges`). The boxes of one level share an
 //! error budget (`refinement_tree`).
 
+mod decision_log;
 mod edges;
 mod held_out;
 pub(crate) mod line_series;
@@ -18,7 +20,11 @@ mod quantise;
 mod refinement_tree;
 #[cfg(test)]
 mod stop_tests;
+mod tally;
 pub mod tensor_train;
+
+pub use decision_log::DecisionLog;
+pub use tally::{RefinementTally, WorkCounts};
 
 use crate::plan::divides_paths;
 use geofan_bundle::{
@@ -26,20 +32,14 @@ use geofan_bundle::{
     path_coefficients,
     rays::{DISPLACEMENT, FACES, RaySpace, SampleNumbers, SamplingPlan, StoredCamera, cell},
 };
-use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
+use geofan_core::{geodesic::Settings, manifold::Carried};
 use glam::DVec3;
 use held_out::HeldOutRays;
 use line_series::{Resolution, tail};
 use ndarray::ArrayD;
 use rayon::prelude::*;
 use refinement_tree::{Decision, ParameterBox, RefinementTree};
-use std::{
-    ops::Range,
-    sync::{
-        Arc,
-        atomic::{AtomicU64, Ordering},
-    },
-};
+use std::{ops::Range, sync::Arc};
 
 /// Factor by which the smallest boxes may exceed the promise along lines and still be fitted: the
 /// quantile often forgives it.
@@ -60,37 +60,8 @@ const MOST_ALONG_ARC: usize = 60;
 /// The most rays that a patch of the whole sphere is fitted to: they take so much memory.
 const MOST_RAYS: usize = 1_000_000;
 
-/// Counts the work of refinement while it runs, and stops it.
-#[derive(Debug, Default)]
-pub struct RefinementTally {
-    /// Rays integrated.
-    pub rays: AtomicU64,
-    /// Patches finished.
-    pub patches: AtomicU64,
-    /// Bytes of them.
-    pub bytes: AtomicU64,
-    /// Volume finished, in units of 2⁻³² of all chunks.
-    pub volume: AtomicU64,
-    /// Told from outside to stop early.
-    pub stop: Stop,
-}
-
-/// Operations that following a ray takes: some dozens of steps of thousands each.
-const RAY: usize = 300_000;
-
 /// Operations for each sample that a polynomial is fitted to: its axes have some twenty nodes each.
 const FITTING: usize = 100;
-
-impl RefinementTally {
-    /// Counts so many rays that are to be followed together, if the work goes on.
-    fn go_on(&self, rays: usize) -> bool {
-        let goes_on = self.stop.goes_on(rays * RAY);
-        if goes_on {
-            self.rays.fetch_add(rays as u64, Ordering::Relaxed);
-        }
-        goes_on
-    }
-}
 
 /// Refines one chunk at a time.
 pub struct Refiner<'a> {
@@ -101,7 +72,9 @@ pub struct Refiner<'a> {
     /// Division of the table into chunks.
     pub division: &'a Division,
     /// Progress.
-    pub tally: &'a RefinementTally,
+    pub tally: &'a RefinementTally<'a>,
+    /// Keeps decisions for after an interruption.
+    pub log: Option<&'a DecisionLog>,
 }
 
 /// Decisions about boxes.
@@ -118,20 +91,43 @@ impl Refiner<'_> {
         while tree.open().len() > 0 {
             let budget = tree.error_budget();
             let open: Vec<&ParameterBox> = tree.open().collect();
-            let decide = |bounds: &ParameterBox| {
-                let go_on = self.tally.stop.goes_on(0);
-                go_on.then(|| self.decide(chunk, bounds, budget))
-            };
+            let decide = |bounds: &ParameterBox| self.decide_once(chunk, bounds, budget);
             let decisions: Option<Vec<Decision>> = open.into_par_iter().map(decide).collect();
             // Those in the midst of which it was stopped are none.
-            let mut decisions = decisions.filter(|_| !self.tally.stop.told())?;
+            let mut decisions = decisions.filter(|_| !self.tally.stop().told())?;
             if divides_paths(self.plan) {
                 let given_up = tree.settle(&mut decisions) as u64;
-                self.tally.patches.fetch_add(given_up, Ordering::Relaxed);
+                self.tally.add(WorkCounts {
+                    patches: given_up,
+                    ..WorkCounts::default()
+                });
             }
             tree.grow(decisions);
         }
         Some(tree.into_tree())
+    }
+
+    /// Decides about a box like [`Refiner::decide`], or as an earlier run did; `None` if told to stop.
+    fn decide_once(&self, chunk: usize, bounds: &ParameterBox, budget: f64) -> Option<Decision> {
+        if let Some((decision, counts)) = self.log.and_then(|log| log.earlier(bounds, budget)) {
+            self.tally.add(counts);
+            return Some(decision);
+        }
+        if !self.tally.stop().goes_on(0) {
+            return None;
+        }
+        let tally = self.tally.of_box();
+        let refiner = Refiner {
+            tally: &tally,
+            ..*self
+        };
+        let decision = refiner.decide(chunk, bounds, budget);
+        // One that was stopped in the midst of it is none, and that of a whole chunk is kept as the chunk.
+        let whole = bounds.share == 1.0 && matches!(decision, Decision::Fitted(_));
+        if let Some(log) = self.log.filter(|_| !whole && !tally.stop().told()) {
+            log.add(bounds, budget, &decision, tally.counts());
+        }
+        Some(decision)
     }
 
     /// Decides about a box whose error budget is `budget` times its volume's share.
@@ -271,9 +267,12 @@ impl Refiner<'_> {
     fn count_finished(&self, bounds: &ParameterBox, bytes: usize) {
         let chunks = self.division.chunks() as f64;
         let share = bounds.share / chunks * f64::from(u32::MAX);
-        self.tally.volume.fetch_add(share as u64, Ordering::Relaxed);
-        self.tally.patches.fetch_add(1, Ordering::Relaxed);
-        self.tally.bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+        self.tally.add(WorkCounts {
+            rays: 0,
+            patches: 1,
+            bytes: bytes as u64,
+            volume: share as u64,
+        });
     }
 
     /// Tells along which axes the box may be halved.
@@ -345,7 +344,7 @@ impl Refiner<'_> {
             }
         };
         let samples = samples.of(count, self.grid(chunk, bounds, nodes), keep);
-        if !self.tally.stop.goes_on(samples.len() * FITTING) {
+        if !self.tally.stop().goes_on(samples.len() * FITTING) {
             return Err(vec![0.0; nodes.len()]);
         }
         let width = samples.len() / count.max(1);

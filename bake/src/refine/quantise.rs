@@ -87,7 +87,7 @@ impl Refiner<'_> {
         error: impl Fn(&Tensor) -> f64,
     ) -> Option<Tensor> {
         let count = polynomial.coefficients.len() as f64;
-        let stop = &self.tally.stop;
+        let stop = self.tally.stop();
         let layout = best_layout(polynomial, stop)?;
         let most_rank = MOST_RANKS[usize::from(count > MOST_PLAIN)];
         let train = finest.iter().find_map(|finest| {

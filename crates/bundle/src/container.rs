@@ -54,6 +54,8 @@ pub enum BlockKind {
     Part = 4,
     /// The samples of a field of the manifold.
     Field = 5,
+    /// What was decided about one box of a chunk, in a file of its own while a bake is under way.
+    Decision = 6,
 }
 
 /// A block of a file, checked.
@@ -128,10 +130,17 @@ pub fn put_block(out: &mut Vec<u8>, kind: BlockKind, index: u32, id: Id, payload
 
 /// Returns the payload of `bytes`, if they are exactly the undamaged block of this kind, index and id.
 pub fn read_block(bytes: &[u8], kind: BlockKind, index: u32, id: Id) -> Option<&[u8]> {
+    let (payload, rest) = first_block(bytes, kind, index, id)?;
+    rest.is_empty().then_some(payload)
+}
+
+/// Returns the payload of the block that `bytes` begin with and what follows it, if that is an undamaged one of this kind,
+/// index and id.
+pub fn first_block(bytes: &[u8], kind: BlockKind, index: u32, id: Id) -> Option<(&[u8], &[u8])> {
     let mut at = 0;
     let block = next_block(bytes, &mut at).ok()?;
     let same = block.kind == kind as u8 && block.index == index && block.id == id;
-    (same && at == bytes.len()).then_some(block.payload)
+    same.then_some((block.payload, &bytes[at..]))
 }
 
 /// Reads the block at `at` and checks it; `at` moves behind it.
