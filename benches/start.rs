@@ -1,15 +1,20 @@
-//! What a scene with a mesh of a million triangles waits for: its file is read, it is placed, and its tree is built.
+//! What a scene with a mesh of a million triangles waits for: its file is read, it is placed, and its tree is built; and
+//! when it starts again, with what was kept of that.
 //!
 //! `cargo bench --bench start`. A bumpy torus as OBJ stands in a wormhole, where it is placed by one matrix, and among three
 //! bumps and in the three-sphere, where vertices are placed along geodesics.
 
 use criterion::{Criterion, criterion_group, criterion_main};
+use geofan_core::keeping::{ResultKey, ResultStore, with_store};
 use geofan_render::{Stage, accel::Accelerator, scene::Mesh};
 use std::{
+    cell::RefCell,
+    collections::HashMap,
     f64::consts::TAU,
     fmt::Write,
     hint::black_box,
     path::{Path, PathBuf},
+    rc::Rc,
 };
 
 /// Quads around the torus, and around its tube.
@@ -36,6 +41,20 @@ const SCENES: [(&str, &str, &str, &str); 3] = [
         "at = [0, 0, 0]\nscale = 0.5\nplacement = 'exponential'",
     ),
 ];
+
+/// Keeps results in memory.
+#[derive(Default)]
+struct Memory(RefCell<HashMap<ResultKey, Vec<u8>>>);
+
+impl ResultStore for Memory {
+    fn get(&self, key: &ResultKey) -> Option<Vec<u8>> {
+        self.0.borrow().get(key).cloned()
+    }
+
+    fn put(&self, key: &ResultKey, bytes: Vec<u8>) {
+        self.0.borrow_mut().insert(*key, bytes);
+    }
+}
 
 /// A torus with bumps, as OBJ.
 fn torus() -> String {
@@ -91,6 +110,11 @@ fn start(criterion: &mut Criterion) {
         let scene = scene(folder.path(), name, manifold, camera, object);
         group.bench_function(name, |b| {
             b.iter(|| black_box(Stage::load(&scene, &[]).expect("a scene")));
+        });
+        let store = Rc::new(Memory::default());
+        group.bench_function(format!("{name}, again"), |b| {
+            let load = || Stage::load(&scene, &[]).expect("a scene");
+            b.iter(|| black_box(with_store(store.clone(), load)));
         });
     }
     group.finish();

@@ -25,7 +25,7 @@
 //! 8. [`view`] lets people look around: sessions, without the threads, clocks and sockets that drive them.
 //! 9. [`study`] compares pictures and tables with their rivals.
 //!
-//! [`error`], [`files`], [`observer`], [`quantiles`] and [`random`] serve every stage.
+//! [`error`], [`files`], [`keeping`], [`observer`], [`quantiles`] and [`random`] serve every stage.
 //!
 //! # Example
 //!
@@ -100,8 +100,8 @@
 pub use geofan_bake as bake;
 pub use geofan_bundle as bundle;
 pub use geofan_core::{
-    Error, Result, diagnostic, document, error, files, geodesic, manifold, observer, quantiles,
-    random, reading,
+    Error, Result, diagnostic, document, error, files, geodesic, keeping, manifold, observer,
+    quantiles, random, reading,
 };
 pub use geofan_expr as expr;
 pub use geofan_light as light;
@@ -116,3 +116,5 @@ mod commands;
 pub mod program;
 #[cfg(feature = "program")]
 mod terminal;
+#[cfg(feature = "program")]
+mod user_cache;

@@ -4,6 +4,7 @@
 use crate::{
     commands::Command,
     terminal::{self, CommonArgs},
+    user_cache::with_kept_results,
 };
 use clap::CommandFactory;
 use std::{ffi::OsString, process::ExitCode};
@@ -41,7 +42,9 @@ pub fn geofan_bake() -> ExitCode {
 /// Runs a command line.
 fn run(arguments: impl IntoIterator<Item = OsString>) -> ExitCode {
     let parsed: Geofan = terminal::parse(arguments);
-    terminal::run(&parsed.common, || parsed.command.run(&parsed.common))
+    terminal::run(&parsed.common, || {
+        with_kept_results(|| parsed.command.run(&parsed.common))
+    })
 }
 
 /// Turns the arguments of `geofan-bake` into those of `geofan bake`.

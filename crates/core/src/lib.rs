@@ -9,7 +9,7 @@
 //! 3. [`geodesic`] follows rays: an adaptive integrator with dense output that carries the
 //!    transported frame and the geodesic deviation along.
 //!
-//! [`error`], [`observer`], [`parallel`], [`quantiles`], [`random`], [`reading`] and, with the feature `files`,
+//! [`error`], [`keeping`], [`observer`], [`parallel`], [`quantiles`], [`random`], [`reading`] and, with the feature `files`,
 //! [`files`] serve every crate.
 
 pub mod diagnostic;
@@ -19,6 +19,7 @@ pub mod field;
 #[cfg(feature = "files")]
 pub mod files;
 pub mod geodesic;
+pub mod keeping;
 pub mod manifold;
 pub mod observer;
 pub mod parallel;

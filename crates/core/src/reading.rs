@@ -7,7 +7,14 @@ use crate::{
     diagnostic::SourceText,
     error::{Error, Result},
 };
-use std::{cell::RefCell, fs::File, io::Read, path::Path, rc::Rc, sync::Arc};
+use std::{
+    cell::RefCell,
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+    rc::Rc,
+    sync::Arc,
+};
 
 /// The most bytes that are read from anything but a plain file, such as a pipe.
 const MOST_OF_A_STREAM: u64 = 256 << 20;
@@ -34,6 +41,22 @@ pub fn with_source<T>(source: FileSource, work: impl FnOnce() -> T) -> T {
     let done = work();
     SOURCE.set(before);
     done
+}
+
+/// Does `work`; also returns the files that this thread asked for in it, whether they are there or not.
+pub fn noting<T>(work: impl FnOnce() -> T) -> (T, Vec<PathBuf>) {
+    let paths: Rc<RefCell<Vec<PathBuf>>> = Rc::default();
+    let (noted, before) = (paths.clone(), SOURCE.with_borrow(Clone::clone));
+    let source: FileSource = Rc::new(move |path: &Path| {
+        let mut noted = noted.borrow_mut();
+        if !noted.iter().any(|known| known == path) {
+            noted.push(path.to_path_buf());
+        }
+        before.as_ref().and_then(|before| before(path))
+    });
+    let done = with_source(source, work);
+    let noted = paths.take();
+    (done, noted)
 }
 
 /// Returns the bytes that the caller's source has of a file.
@@ -170,5 +193,20 @@ mod tests {
                 2
             );
         }
+    }
+
+    #[test]
+    fn what_is_read_is_noted_once_and_comes_from_the_source_before() {
+        let source: FileSource =
+            Rc::new(|path: &Path| path.ends_with("made").then(|| b"x".to_vec()));
+        let work = || {
+            for _ in 0..2 {
+                assert!(read_file(Path::new("no/such/file"), &[], 9).is_err());
+            }
+            read_file(Path::new("made"), &[], 9).unwrap()
+        };
+        let (read, noted) = with_source(source, || noting(work));
+        assert_eq!(read, b"x");
+        assert_eq!(noted, ["no/such/file", "made"].map(PathBuf::from));
     }
 }

@@ -22,6 +22,7 @@ mod first_hits;
 pub mod frame;
 pub mod intersect;
 mod journey;
+mod kept;
 mod lanes;
 pub mod lattice;
 pub mod lightmap;

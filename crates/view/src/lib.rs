@@ -55,7 +55,7 @@ pub use frame_plan::Block;
 #[cfg(feature = "files")]
 pub use loaded_space::{LoadedSpace, SpaceSource};
 pub use motion::{Movement, StopReason, moved};
-pub use package::{Package, PackageError, noting_source};
+pub use package::{Package, PackageError};
 #[cfg(feature = "files")]
 pub use page::Page;
 pub use page_about::{PageAbout, decode_light, encode_light};

@@ -3,12 +3,12 @@
 //! In: the paths of a scene or manifold file and perhaps of a bundle. Out: a [`LoadedSpace`]: what draws, what
 //! sessions are told, and every file that was read for it.
 
-use crate::{DrawSpace, SessionSpace, StartScene, noting_source};
+use crate::{DrawSpace, SessionSpace, StartScene};
 use geofan_bundle::Bundle;
 use geofan_core::{
     Error, Result,
     manifold::Manifold,
-    reading::{FileSource, read_text, with_source},
+    reading::{FileSource, noting, read_text, with_source},
 };
 use geofan_light::cache;
 use geofan_render::Stage;
@@ -54,17 +54,21 @@ impl SpaceSource {
     /// # Errors
     /// Whatever is wrong with any of its files.
     pub fn load(&self, settings: &[(String, f64)], table: Option<Bundle>) -> Result<LoadedSpace> {
-        let (noting, noted) = noting_source();
-        let made = self.start_scene(settings, &noting)?;
+        let (made, mut files) = noting(|| self.start_scene(settings));
+        let made = made?;
         let scene = made.first().map_or(&self.file, |(path, _)| path).clone();
+        let is_made = |path: &Path| made.iter().any(|(name, _)| name == path);
         let known = made.clone();
         let source: FileSource = Rc::new(move |path: &Path| {
             let found = known.iter().find(|(name, _)| name == path);
-            found
-                .map(|(_, bytes)| bytes.clone())
-                .or_else(|| noting(path))
+            found.map(|(_, bytes)| bytes.clone())
         });
-        let mut stage = with_source(source, || Stage::load(&scene, settings))?;
+        let load = || noting(|| Stage::load(&scene, settings));
+        let (stage, read) = with_source(source, load);
+        let mut stage = stage?;
+        let new = |path: &PathBuf| !is_made(path) && !files.contains(path);
+        let read: Vec<PathBuf> = read.into_iter().filter(new).collect();
+        files.extend(read);
         let bundle = match (table, &self.bundle) {
             (Some(table), _) => Some(table),
             (None, Some(path)) => Some(Bundle::read(path)?),
@@ -81,7 +85,6 @@ impl SpaceSource {
             |_, _| {},
         )?;
         let session = SessionSpace::new(&stage.scene, &manifold, bundle.as_ref(), length)?;
-        let mut files = noted.borrow().clone();
         files.extend(self.bundle.clone());
         Ok(LoadedSpace {
             draw: DrawSpace::new(stage, bundle, length),
@@ -106,12 +109,8 @@ impl SpaceSource {
     }
 
     /// Makes the files of a first scene, the scene's first, if the file is a manifold's; else none.
-    fn start_scene(
-        &self,
-        settings: &[(String, f64)],
-        noting: &FileSource,
-    ) -> Result<Vec<(PathBuf, Vec<u8>)>> {
-        let text = with_source(noting.clone(), || read_text(&self.file))?;
+    fn start_scene(&self, settings: &[(String, f64)]) -> Result<Vec<(PathBuf, Vec<u8>)>> {
+        let text = read_text(&self.file)?;
         if !StartScene::is_manifold(&text.text) {
             return Ok(Vec::new());
         }

@@ -8,7 +8,6 @@
 
 use geofan_core::reading::FileSource;
 use std::{
-    cell::RefCell,
     path::{Component, Path, PathBuf},
     rc::Rc,
 };
@@ -30,20 +29,6 @@ pub enum PackageError {
     /// The bytes have changed.
     #[error("is damaged")]
     Damaged,
-}
-
-/// Makes a source that has no file, so that the disk is read, and notes the path of every file asked for.
-pub fn noting_source() -> (FileSource, Rc<RefCell<Vec<PathBuf>>>) {
-    let paths: Rc<RefCell<Vec<PathBuf>>> = Rc::default();
-    let noted = paths.clone();
-    let source: FileSource = Rc::new(move |path: &Path| {
-        let mut noted = noted.borrow_mut();
-        if !noted.iter().any(|known| known == path) {
-            noted.push(path.to_path_buf());
-        }
-        None
-    });
-    (source, paths)
 }
 
 /// Removes `.` and `name/..` from a path without asking the disk.
@@ -230,16 +215,5 @@ mod tests {
             assert!(Package::decode(&damaged).is_err());
             assert!(Package::decode(&bytes[..i]).is_err());
         }
-    }
-
-    #[test]
-    fn what_is_read_is_noted_once() {
-        let (source, noted) = noting_source();
-        with_source(source, || {
-            for _ in 0..2 {
-                assert!(read_file(Path::new("no/such/file"), &[], 9).is_err());
-            }
-        });
-        assert_eq!(*noted.borrow(), [PathBuf::from("no/such/file")]);
     }
 }

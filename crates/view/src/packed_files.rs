@@ -4,11 +4,11 @@
 //! ([`geofan_render::scene::pack_meshes`], [`geofan_render::picture::pack`], [`geofan_core::field::read::pack`]), all
 //! others as they are. What only made the packed ones (materials, textures, further slices of samples) is left out.
 
-use crate::{LoadedSpace, SpaceSource, noting_source};
+use crate::{LoadedSpace, SpaceSource};
 use geofan_core::{
     Result,
     field::read::pack as pack_samples,
-    reading::{FileSource, exists, read_file, with_source},
+    reading::{FileSource, exists, noting, read_file, with_source},
 };
 use geofan_render::{
     picture,
@@ -46,15 +46,13 @@ pub fn packed(source: &SpaceSource, loaded: &LoadedSpace) -> Result<Vec<Named>> 
 
 /// Does `work` with the files before the disk that are on none; tells which files it read.
 fn reading<T>(loaded: &LoadedSpace, work: impl FnOnce() -> Result<T>) -> Result<(T, Vec<PathBuf>)> {
-    let (noting, noted) = noting_source();
     let made = loaded.made.clone();
     let stands_before: FileSource = Rc::new(move |path: &Path| {
         let found = made.iter().find(|(name, _)| name == path);
-        noting(path).or_else(|| found.map(|(_, bytes)| bytes.clone()))
+        found.map(|(_, bytes)| bytes.clone())
     });
-    let done = with_source(stands_before, work)?;
-    let noted = noted.borrow().clone();
-    Ok((done, noted))
+    let (done, noted) = with_source(stands_before, || noting(work));
+    Ok((done?, noted))
 }
 
 /// Finds of all objects of the scene that do not move how their meshes are cut where they are placed, and the vertices

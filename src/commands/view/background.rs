@@ -5,15 +5,11 @@
 //! that space comes back. Half of the threads bake: the picture comes first.
 
 use super::loading::SharedSpace;
+use crate::user_cache;
 use geofan_bake::{BakeOptions, BakeResult, bake};
 use geofan_bundle::Bundle;
 use geofan_core::{Observer, Progress, manifold::Manifold};
-use std::{
-    fs,
-    path::{Path, PathBuf},
-    sync::Arc,
-    time::Duration,
-};
+use std::{fs, path::Path, sync::Arc, time::Duration};
 
 /// Time between two looks at whether the space is another one.
 const LOOK: Duration = Duration::from_millis(300);
@@ -26,7 +22,7 @@ const CERTIFY_RAYS: u64 = 20_000;
 
 /// Bakes a table for every space that has none, until the viewer ends.
 pub fn bake_tables(shared: &Arc<SharedSpace>) {
-    let Some(folder) = cache_folder() else {
+    let Some(folder) = user_cache::folder("tables") else {
         return;
     };
     let threads = rayon::current_num_threads().div_ceil(2);
@@ -104,20 +100,6 @@ fn identity(manifold: &Manifold, length: f64) -> String {
     hasher.update(&manifold.cover().meaning_digest());
     hasher.update(&length.to_le_bytes());
     hasher.finalize().to_hex()[..32].to_string()
-}
-
-/// Returns the folder for tables in the user's cache.
-fn cache_folder() -> Option<PathBuf> {
-    let set = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty());
-    let base = match std::env::consts::OS {
-        "windows" => PathBuf::from(set("LOCALAPPDATA")?),
-        "macos" => PathBuf::from(set("HOME")?).join("Library/Caches"),
-        _ => match set("XDG_CACHE_HOME") {
-            Some(folder) => PathBuf::from(folder),
-            None => PathBuf::from(set("HOME")?).join(".cache"),
-        },
-    };
-    Some(base.join("geofan").join("tables"))
 }
 
 /// Watches a bake for the viewers.

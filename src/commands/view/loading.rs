@@ -3,6 +3,7 @@
 //! In: where it comes from. Out: a [`LoadedSpace`], which stays as it is; in its place a new one when a file or a
 //! parameter changes. A change that cannot work leaves the last good one and becomes a text with the source line.
 
+use crate::user_cache::with_kept_results;
 use geofan_bundle::Bundle;
 use geofan_core::Result;
 use geofan_view::{LoadedSpace, SkyChoice, SpaceSource};
@@ -190,7 +191,7 @@ impl SharedSpace {
                 known = now;
             }
             if reload {
-                self.reload();
+                with_kept_results(|| self.reload());
                 known = times(&self.present().1.files);
             }
         }

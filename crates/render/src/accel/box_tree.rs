@@ -6,13 +6,16 @@
 //! The tree lives in *tree coordinates*, the chart moved and scaled so that everything fits in [-1, 1]³: an
 //! absolute margin then means the same for an object 1e-3 large as for one 100 large.
 
-use crate::lanes::{BoxPacket, LANES, Mask, any};
+use crate::{
+    kept::{self, SortedBoxes},
+    lanes::{BoxPacket, LANES, Mask, any},
+};
 use geofan_core::parallel::*;
 use glam::{DVec3, Vec3, Vec3A};
 use obvhs::{
     BvhBuildParams,
     aabb::Aabb,
-    bvh2::{Bvh2, leaf_collapser::collapse, node::Bvh2Node, reinsertion::ReinsertionOptimizer},
+    bvh2::{leaf_collapser::collapse, node::Bvh2Node, reinsertion::ReinsertionOptimizer},
     ploc::PlocBuilder,
 };
 
@@ -92,10 +95,11 @@ impl<T: Default + Send + Sync> BoxTree<T> {
         };
         // The tree in them.
         let tree_box = |i: &u32| built.tree_box(box_of(*i as usize));
-        let tree = build_tree(&finite.par_iter().map(tree_box).collect::<Vec<Aabb>>());
+        let boxes: Vec<Aabb> = finite.par_iter().map(tree_box).collect();
+        let (nodes, order) = kept::tree(&boxes, || build_tree(&boxes));
         let payload = |slot: &u32| payload(finite[*slot as usize] as usize);
-        built.leaves = tree.primitive_indices.par_iter().map(payload).collect();
-        built.nodes = tree.nodes;
+        built.leaves = order.par_iter().map(payload).collect();
+        built.nodes = nodes;
         built.choose_topmost();
         built
     }
@@ -447,7 +451,7 @@ const MOST_MOVED: f32 = 10_000.0;
 
 /// Builds obvhs's medium tree step by step: its convenience function does the same, but moves as many nodes as there are
 /// and reads the clock.
-fn build_tree(boxes: &[Aabb]) -> Bvh2 {
+fn build_tree(boxes: &[Aabb]) -> SortedBoxes {
     let config = BvhBuildParams::medium_build();
     let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
         config.ploc_search_distance,
@@ -467,7 +471,7 @@ fn build_tree(boxes: &[Aabb]) -> Bvh2 {
     );
     let again = config.post_collapse_reinsertion_batch_ratio_multiplier;
     optimizer.run(&mut tree, ratio * again, None);
-    tree
+    (tree.nodes, tree.primitive_indices)
 }
 
 /// Number of nodes that fit the array of a [`Stack`], which is cleared for every question.

@@ -84,6 +84,13 @@ fn foretold(values: &[u32], i: usize, channels: usize, row: usize) -> u32 {
 }
 
 impl Pixels {
+    /// Tells whether all numbers are code values of 8 bits, which come back exactly.
+    #[cfg(feature = "formats")]
+    pub fn is_coded(&self) -> bool {
+        let mut codings = [SRGB, LINEAR].into_iter();
+        codings.any(|coding| coded(&self.values, coding).is_some())
+    }
+
     /// Packs the numbers.
     pub fn pack(&self) -> Vec<u8> {
         let (height, width, channels) = self.shape;

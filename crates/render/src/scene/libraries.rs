@@ -9,7 +9,7 @@ use super::{
     mtl::{Entry, entries},
     text::{decoded, joined, without_comment},
 };
-use geofan_core::reading::{MOST_OF_A_FILE, read_file};
+use geofan_core::reading::{MOST_OF_A_FILE, exists, read_file};
 use std::{
     collections::{HashMap, HashSet},
     path::{Path, PathBuf},
@@ -136,7 +136,7 @@ pub(super) fn located(name: &str, folders: &[&Path]) -> Option<PathBuf> {
             .flat_map(|name| folders.iter().map(move |f| f.join(name)))
     };
     paths()
-        .find(|path| path.is_file())
+        .find(|path| exists(path) && path.is_file())
         .or_else(|| paths().find_map(|path| in_capitals(&path)))
 }
 

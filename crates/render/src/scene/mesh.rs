@@ -9,6 +9,8 @@ use super::gltf_mesh;
 #[cfg(feature = "formats")]
 use super::{formats::MeshFormat, obj_mesh, ply_mesh, text::decoded};
 use super::{material::Material, packed_mesh};
+#[cfg(feature = "formats")]
+use crate::kept;
 #[cfg(not(feature = "formats"))]
 use geofan_core::error::Error;
 use geofan_core::{
@@ -67,9 +69,17 @@ impl Mesh {
         Err(Error::input(path.display().to_string(), message))
     }
 
-    /// Reads a file of a format that other programs write.
+    /// Reads a file of a format that other programs write, or takes what was kept of it.
     #[cfg(feature = "formats")]
     fn read_format(path: &Path, bytes: &[u8], crease: f64) -> Result<Self> {
+        kept::mesh(path, bytes, crease, || {
+            Self::parse_format(path, bytes, crease)
+        })
+    }
+
+    /// Reads a file of a format that other programs write.
+    #[cfg(feature = "formats")]
+    fn parse_format(path: &Path, bytes: &[u8], crease: f64) -> Result<Self> {
         let folder = path.parent().unwrap_or(Path::new(""));
         let name = path.display().to_string();
         match MeshFormat::of(path, bytes)? {

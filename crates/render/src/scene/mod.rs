@@ -63,6 +63,10 @@ pub use file::{
 pub use material::Material;
 pub use mesh::Mesh;
 pub use motion::{CameraMotion, Formulas};
+#[cfg(feature = "formats")]
+pub(super) use packed_material::{
+    are_exact as materials_are_exact, put as put_materials, take as take_materials,
+};
 pub use packed_mesh::pack as pack_meshes;
 pub use packed_points::{pack_points, read_points};
 pub use placement::placed_once;

@@ -12,10 +12,34 @@ use ndarray::{Array2, Array3};
 use std::sync::Arc;
 
 /// Writes materials.
-pub(super) fn put(bytes: &mut Vec<u8>, materials: &[Material]) {
+pub(crate) fn put(bytes: &mut Vec<u8>, materials: &[Material]) {
     for material in materials {
         put_one(bytes, material);
     }
+}
+
+/// Tells whether materials come back exactly.
+#[cfg(feature = "formats")]
+pub(crate) fn are_exact(materials: &[Material]) -> bool {
+    materials.iter().all(|material| {
+        let colours = [&material.map_kd, &material.map_ke].into_iter().flatten();
+        let opacity = material.map_d.as_ref().map(opacity);
+        let mut all = colours.map(colours_of).chain(opacity);
+        all.all(|(_, pixels)| pixels.is_coded())
+    })
+}
+
+/// Returns the pixels of a map of colours.
+fn colours_of(map: &TextureMap) -> (Mapping, Pixels) {
+    (map.mapping, map.texture.pixels())
+}
+
+/// Returns the pixels of a map of opacities.
+fn opacity(map: &OpacityMap) -> (Mapping, Pixels) {
+    let (height, width) = map.values.dim();
+    let values = map.values.iter().copied().collect();
+    let shape = (height, width, 1);
+    (map.mapping, Pixels { shape, values })
 }
 
 fn put_one(bytes: &mut Vec<u8>, material: &Material) {
@@ -25,16 +49,9 @@ fn put_one(bytes: &mut Vec<u8>, material: &Material) {
     put_numbers(bytes, colours.as_flattened());
     put_numbers(bytes, &numbers);
     bytes.push(material.illumination);
-    let colours = |map: &TextureMap| (map.mapping, map.texture.pixels());
-    let opacity = |map: &OpacityMap| {
-        let (height, width) = map.values.dim();
-        let values = map.values.iter().copied().collect();
-        let shape = (height, width, 1);
-        (map.mapping, Pixels { shape, values })
-    };
-    put_map(bytes, material.map_kd.as_ref().map(colours));
+    put_map(bytes, material.map_kd.as_ref().map(colours_of));
     put_map(bytes, material.map_d.as_ref().map(opacity));
-    put_map(bytes, material.map_ke.as_ref().map(colours));
+    put_map(bytes, material.map_ke.as_ref().map(colours_of));
 }
 
 fn put_numbers(bytes: &mut Vec<u8>, numbers: &[f32]) {
@@ -52,7 +69,7 @@ fn put_map(bytes: &mut Vec<u8>, map: Option<(Mapping, Pixels)>) {
 }
 
 /// Reads so many materials.
-pub(super) fn take(bytes: &mut &[u8], count: usize) -> Option<Vec<Material>> {
+pub(crate) fn take(bytes: &mut &[u8], count: usize) -> Option<Vec<Material>> {
     (0..count).map(|_| take_one(bytes)).collect()
 }
 

@@ -14,6 +14,7 @@ use super::{
     reach::reach,
     subdivide::{MOST_OF_CLIPPED, MOST_TRIANGLES, Points, Subdivided, cut_again, subdivided},
 };
+use crate::kept;
 use geofan_core::manifold::{Carried, Manifold};
 use geofan_core::parallel::*;
 use glam::{DMat3, DVec3};
@@ -64,51 +65,85 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
         Placement::Chart => Some(Placed::uncut(mesh, linear(DMat3::IDENTITY, object, mesh))),
         Placement::Exponential => {
             let known = object.cuts.as_ref();
-            if let Some(placed) = known.and_then(|cuts| placed_as_cut(manifold, object, mesh, cuts))
-            {
-                return Some(placed);
-            }
-            let name = object.mesh.display();
-            let mut warnings = Vec::new();
-            let (mut mesh, mut radius) = (Cow::Borrowed(mesh), radius(object, mesh));
-            let (most, mut triangles) = (reach(manifold, object.at, radius), MOST_TRIANGLES);
-            let mut within = f64::INFINITY;
-            if radius > most {
-                within = most;
-                triangles = MOST_OF_CLIPPED;
-                mesh = Cow::Owned(clipped(&mesh, most / object.scale));
-                let left = if mesh.triangles.is_empty() {
-                    "all of it"
-                } else {
-                    "what is beyond"
-                };
-                warnings.push(format!(
-                    "{name}: reaches {} from its middle, far beyond the space; clipped at {}, {left} is left out",
-                    short(radius),
-                    short(most),
-                ));
-                radius = self::radius(object, &mesh);
-            }
-            let map = ExponentialMap::new(manifold, object, &mesh.positions);
-            let points = |x: &[DVec3], n: &[DVec3]| map.place(x, n);
-            let Subdivided {
-                mesh,
-                vertices,
-                rounds,
-                left,
-            } = subdivided(manifold, mesh, (radius, triangles), points)?;
-            if left > 0 {
-                let note = "edges are still bent after the last subdivision allowed";
-                warnings.push(format!("{name}: {left} {note}"));
-            }
-            Some(Placed {
-                mesh,
-                vertices,
-                warnings,
-                cuts: Cuts { within, rounds },
-            })
+            let known = known.and_then(|cuts| placed_as_cut(manifold, object, mesh, cuts));
+            known.or_else(|| along_geodesics(manifold, object, mesh))
         }
     }
+}
+
+/// Places by geodesics, and finds how the mesh has to be cut for that; large meshes as they were placed before.
+fn along_geodesics<'m>(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    mesh: &'m Mesh,
+) -> Option<Placed<'m>> {
+    let mut found = None;
+    let (cuts, vertices, warnings) = kept::placed((manifold, object, mesh), || {
+        let placed = cut_and_placed(manifold, object, mesh)?;
+        found = Some(placed.mesh);
+        Some((placed.cuts, placed.vertices, placed.warnings))
+    })?;
+    let cut = match found {
+        Some(mesh) => mesh,
+        None => cut_mesh(object, mesh, &cuts)?.0,
+    };
+    if vertices.len() != cut.positions.len() {
+        return cut_and_placed(manifold, object, mesh);
+    }
+    Some(Placed {
+        mesh: cut,
+        vertices,
+        warnings,
+        cuts,
+    })
+}
+
+/// Places by geodesics, and finds how the mesh has to be cut for that.
+fn cut_and_placed<'m>(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    mesh: &'m Mesh,
+) -> Option<Placed<'m>> {
+    let name = object.mesh.display();
+    let mut warnings = Vec::new();
+    let (mut mesh, mut radius) = (Cow::Borrowed(mesh), radius(object, mesh));
+    let (most, mut triangles) = (reach(manifold, object.at, radius), MOST_TRIANGLES);
+    let mut within = f64::INFINITY;
+    // What is far beyond the space cannot be placed.
+    if radius > most {
+        within = most;
+        triangles = MOST_OF_CLIPPED;
+        mesh = Cow::Owned(clipped(&mesh, most / object.scale));
+        let left = match mesh.triangles.is_empty() {
+            true => "all of it",
+            false => "what is beyond",
+        };
+        warnings.push(format!(
+            "{name}: reaches {} from its middle, far beyond the space; clipped at {}, {left} is left out",
+            short(radius),
+            short(most),
+        ));
+        radius = self::radius(object, &mesh);
+    }
+    // What is left, edges halved until they follow geodesics.
+    let map = ExponentialMap::new(manifold, object, &mesh.positions);
+    let points = |x: &[DVec3], n: &[DVec3]| map.place(x, n);
+    let Subdivided {
+        mesh,
+        vertices,
+        rounds,
+        left,
+    } = subdivided(manifold, mesh, (radius, triangles), points)?;
+    if left > 0 {
+        let note = "edges are still bent after the last subdivision allowed";
+        warnings.push(format!("{name}: {left} {note}"));
+    }
+    Some(Placed {
+        mesh,
+        vertices,
+        warnings,
+        cuts: Cuts { within, rounds },
+    })
 }
 
 impl<'m> Placed<'m> {
@@ -133,12 +168,7 @@ fn placed_as_cut<'m>(
     mesh: &'m Mesh,
     cuts: &Cuts,
 ) -> Option<Placed<'m>> {
-    let whole = match cuts.within.is_finite() {
-        true => Cow::Owned(clipped(mesh, cuts.within / object.scale)),
-        false => Cow::Borrowed(mesh),
-    };
-    let uncut = whole.positions.len();
-    let mesh = cut_again(whole, &cuts.rounds)?;
+    let (mesh, uncut) = cut_mesh(object, mesh, cuts)?;
     let told = object.vertices.as_ref();
     let vertices = match told.filter(|all| all.len() == mesh.positions.len()) {
         Some(all) => all.to_vec(),
@@ -154,6 +184,21 @@ fn placed_as_cut<'m>(
         warnings: Vec::new(),
         cuts: cuts.clone(),
     })
+}
+
+/// Cuts the mesh of an object as is known; also returns the number of vertices before. `None` if those are not cuts of this
+/// mesh.
+fn cut_mesh<'m>(
+    object: &ObjectEntry,
+    mesh: &'m Mesh,
+    cuts: &Cuts,
+) -> Option<(Cow<'m, Mesh>, usize)> {
+    let whole = match cuts.within.is_finite() {
+        true => Cow::Owned(clipped(mesh, cuts.within / object.scale)),
+        false => Cow::Borrowed(mesh),
+    };
+    let uncut = whole.positions.len();
+    Some((cut_again(whole, &cuts.rounds)?, uncut))
 }
 
 /// Places by `u0 + S R x`, `(S R)⁻ᵀ n` for a `frame` S.
