@@ -16,7 +16,7 @@ pub(crate) use tree::{SortedBoxes, tree};
 
 use glam::DVec3;
 
-/// Fewest triangles of what is kept: of fewer it is made in less than a tenth of a second.
+/// Fewest triangles of meshes and trees that are kept: fewer are read and sorted in less than a tenth of a second.
 const LARGE: usize = 50_000;
 
 /// Appends the number of `words` (u64, little-endian) and then these.

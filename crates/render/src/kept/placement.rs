@@ -1,7 +1,7 @@
-//! Where the vertices of large meshes are that are placed along geodesics, and how the meshes are cut for that.
+//! Where the vertices of meshes are that are placed along geodesics, and how the meshes are cut for that.
 
 use super::{
-    LARGE, joined, part, put, put_texts, put_triangles, put_vectors, take, take_texts, vector,
+    joined, part, put, put_texts, put_triangles, put_vectors, take, take_texts, vector,
     vector_bytes,
 };
 use crate::scene::{Cuts, Mesh, ObjectEntry, Points, pack_cuts, read_cuts};
@@ -9,6 +9,9 @@ use geofan_core::{
     keeping::{Keeping, ResultKey, kept},
     manifold::Manifold,
 };
+
+/// Fewest triangles of a mesh that is worth looking for: geodesics to fewer take a few milliseconds.
+const FEWEST: usize = 1_000;
 
 /// How a mesh is cut, its vertices, and warnings about its placement.
 pub(crate) type PlacedPoints = (Cuts, Points, Vec<String>);
@@ -19,7 +22,7 @@ pub(crate) fn placed(
     (manifold, object, mesh): (&Manifold, &ObjectEntry, &Mesh),
     place: impl FnOnce() -> Option<PlacedPoints>,
 ) -> Option<PlacedPoints> {
-    if mesh.triangles.len() < LARGE {
+    if mesh.triangles.len() < FEWEST {
         return place();
     }
     let keeping = Keeping {
