@@ -88,7 +88,7 @@ fn a_half_turn_space_is_the_lattice_of_its_copies() {
     let (unfolded, flat_view) = stage(&place, "flat-scene.toml");
     let seen = exact(&glued, &view, length);
     let truth = exact(&unfolded, &flat_view, length);
-    assert!(surfaces(&truth) > 300, "{}", surfaces(&truth));
+    assert!(surfaces(&truth) > 80, "{}", surfaces(&truth));
     let share = alike(&seen, &truth, 1e-5);
     assert!(share > 0.999, "exact: {share}");
     // Interpolated paths of the cover, and the table.
@@ -301,4 +301,78 @@ fn a_camera_on_its_way_through_a_face_comes_in_through_the_other() {
         assert!(off.iter().all(|x| x.abs() < 1e-9), "{time}: {off:?}");
     }
     assert!(crossed > 5, "{crossed}");
+}
+
+/// Flat space with a wall at x = 1 that is a mirror, or turns what goes through it round, which is the same.
+fn beside_a_wall(wall: &str) -> String {
+    format!(
+        "name = 'wall'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\n\
+         [[glue]]\nface = '1 - x'\n{wall}\n\
+         [[exit]]\nname = 'sky'\nwhen = 'x^2 + y^2 + z^2 - 36'\n\
+         [cameras]\nparameters = {{ c = [-0.5, 0.5] }}\nat = ['c', '0.1', '0.2']\nlength = 14\n"
+    )
+}
+
+const MIRROR: &str = "mirror = true";
+const TURNED_ROUND: &str = "map = ['2 - x', 'y', 'z']";
+
+#[test]
+fn a_mirror_shows_what_the_reflection_in_it_does() {
+    let objects = object([-1.0, 0.3, 0.4], 0.4, 0.0) + &object([0.5, -0.6, -0.2], 0.2, 0.0);
+    let camera = "parameters = { c = 0.1 }\nlook = [1, 0.1, 0]\nup = [0, 0, 1]\nfov = 110";
+    let text = |wall| scene(wall, camera, &objects);
+    let place = Place::with(&[
+        ("mirror.toml", &beside_a_wall(MIRROR)),
+        ("turned.toml", &beside_a_wall(TURNED_ROUND)),
+        ("square.obj", SQUARE),
+        ("scene.toml", &text("mirror.toml")),
+        ("other.toml", &text("turned.toml")),
+    ]);
+    place
+        .bake("mirror.toml -o mirror.fan --max-error 0.5 --quiet")
+        .success();
+    let bundle = Bundle::read(&place.path("mirror.fan")).unwrap();
+    let (mirrored, view) = stage(&place, "scene.toml");
+    let (turned, other_view) = stage(&place, "other.toml");
+    let truth = exact(&turned, &other_view, 14.0);
+    assert!(surfaces(&truth) > 80, "{}", surfaces(&truth));
+    let shown = exact(&mirrored, &view, 14.0);
+    assert_eq!(alike(&shown, &truth, 1e-6), 1.0);
+    // A table knows nothing of mirrors: its pictures are of exact paths.
+    let by_table = by_table(&mirrored, &view, &bundle, 5e-4);
+    assert_eq!(alike(&by_table, &truth, 1e-6), 1.0);
+}
+
+/// The light of a lamp at `lamp` on a square about `at`, and what is said.
+fn light_on(space: &str, lamp: &str, at: [f64; 3]) -> (f64, String) {
+    let camera = "at = [-0.5, 0.1, 0.2]\nlook = [1, 0, 0]\nup = [0, 0, 1]\nfov = 90";
+    let lamp = format!("[[light]]\nkind = 'point'\nat = {lamp}\nintensity = [1, 1, 1]\n");
+    let text = scene("space.toml", camera, &(object(at, 0.1, 0.0) + &lamp));
+    let place = Place::with(&[
+        ("space.toml", space),
+        ("square.obj", SQUARE),
+        ("scene.toml", &text),
+    ]);
+    let (mut stage, _) = stage(&place, "scene.toml");
+    geofan_light::cache::light_up(&mut stage.world, None, 6.0, |_, _| {}).unwrap();
+    let values = &stage.world.light.as_ref().unwrap().values;
+    let all = values.iter().map(|light| f64::from(light[0] + light[3]));
+    let mean = all.sum::<f64>() / values.len() as f64;
+    (mean, stage.world.warnings.join(" "))
+}
+
+#[test]
+fn lamps_light_what_is_in_their_sight_beside_mirrors_and_nothing_behind_one() {
+    let flat = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n";
+    let at = [-0.5, 0.3, -0.4];
+    let (bare, said) = light_on(flat, "[-0.4, 0.2, 0.5]", at);
+    assert!(bare > 0.5 && said.is_empty(), "{bare} {said}");
+    let (beside, said) = light_on(&beside_a_wall(MIRROR), "[-0.4, 0.2, 0.5]", at);
+    assert!((beside / bare - 1.0).abs() < 1e-6, "{beside} {bare}");
+    assert!(said.contains("mirrors is left out"), "{said}");
+    // A ball that is a mirror stands between.
+    let ball = format!("{flat}[[glue]]\nface = 'x^2 + y^2 + z^2 - 0.09'\nmirror = true\n");
+    let (behind, _) = light_on(&ball, "[0, 0, 1]", [0.0, 0.0, -1.0]);
+    let (aside, _) = light_on(&ball, "[1, 0, 1]", [1.0, 0.0, -1.0]);
+    assert!(behind == 0.0 && aside > 0.1, "{behind} {aside}");
 }

@@ -81,7 +81,7 @@ fn known_end(manifold: &Manifold, path: &TablePath<'_>, length: f64) -> Option<(
     let event = match manifold.gluing() {
         None => path.first_event(length),
         // Which way a path goes on at a portal or a mirror, the cover does not know.
-        Some(gluing) if gluing.has_portals() || gluing.has_mirrors() => return None,
+        Some(gluing) if !gluing.follows_cover() => return None,
         Some(_) => first_event(&manifold.domain, length, |s| {
             let (u, v) = path.at(s).unwrap_or((DVec3::NAN, DVec3::NAN));
             let state = manifold.brought_in(u, v);
@@ -187,7 +187,7 @@ fn samples_of(
     path: &TablePath<'_>,
     places: impl Iterator<Item = f64>,
 ) -> Vec<Sample> {
-    let mut way = manifold.gluing().and_then(Development::new);
+    let mut way = manifold.gluing().map(Development::new);
     let mut before = 0.0;
     let mut samples = Vec::new();
     for s in places {
@@ -268,7 +268,7 @@ impl Table {
     /// Tells whether paths can be looked up again where the table ends: in glued spaces whose paths the cover knows.
     pub fn restarts(&self) -> bool {
         let gluing = self.space.manifold().gluing_below();
-        gluing.is_some_and(|gluing| !gluing.has_portals() && !gluing.has_mirrors())
+        gluing.is_some_and(|gluing| gluing.follows_cover())
     }
 
     /// Looks up where the path that has come to the point `u` of the domain with the tangent `v` goes on: in the fan of all

@@ -92,11 +92,11 @@ impl SceneCopies {
     /// Prepares the copies of all triangles; `None` if nothing is glued.
     pub fn of(manifold: &Arc<Manifold>, accelerator: &Accelerator) -> Option<Self> {
         let gluing = manifold.gluing()?;
-        let identity = gluing.identity()?;
+        let identity = gluing.identity();
         let mut ways = vec![[identity.clone(), identity]];
         let mut all = true;
         let mut cells = vec![SceneCell {
-            deck: gluing.identity()?,
+            deck: gluing.identity(),
             place: gluing.inside(),
             bounds: NOWHERE,
             home: NOWHERE,
@@ -147,15 +147,14 @@ impl SceneCopies {
     /// mirrors, and where they leave, paths of the cover do not tell.
     pub fn need_exact_paths(&self) -> bool {
         let gluing = self.manifold.gluing();
-        self.manifold.domain.has_exits()
-            || gluing.is_some_and(|gluing| gluing.has_portals() || gluing.has_mirrors())
+        self.manifold.domain.has_exits() || gluing.is_some_and(|gluing| !gluing.follows_cover())
     }
 
-    /// Begins a search in the domain itself; `None` where all faces are mirrors.
+    /// Begins a search in the domain itself; `None` if nothing is glued.
     pub fn search(&self) -> Option<CopySearch<'_>> {
         Some(CopySearch {
             copies: self,
-            way: self.manifold.gluing().and_then(Development::new)?,
+            way: self.manifold.gluing().map(Development::new)?,
             cells: Vec::new(),
             places: Vec::new(),
             near: Vec::new(),

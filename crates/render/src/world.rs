@@ -10,7 +10,7 @@ use super::{
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     moving::{ObjectPath, at_time},
-    placement_checks::{PlacementChecks, lamps_out_of_sight, out_of_sight},
+    placement_checks::{PlacementChecks, lamps_out_of_sight, missing_light, out_of_sight},
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
@@ -155,6 +155,7 @@ impl World {
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
         let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
         warnings.extend(lamps_out_of_sight(&manifold, &lights));
+        warnings.extend(missing_light(&manifold, &lights));
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),

@@ -73,10 +73,11 @@ impl NearestCopies {
             reach: f64::INFINITY,
             unit,
         };
-        let Some(identity) = gluing.identity().filter(|_| radius.is_finite()) else {
+        if !radius.is_finite() {
             nearest.reach = 0.0;
             return nearest;
-        };
+        }
+        let identity = gluing.identity();
         let mut known = KnownPlaces::about(gluing);
         known.add(gluing.inside);
         let mut found = vec![(identity.clone(), identity)];
@@ -173,14 +174,14 @@ pub struct Development<'g> {
 }
 
 impl<'g> Development<'g> {
-    /// Begins in the domain itself; `None` where all faces are mirrors.
-    pub fn new(gluing: &'g Gluing) -> Option<Self> {
-        Some(Self {
+    /// Begins in the domain itself.
+    pub fn new(gluing: &'g Gluing) -> Self {
+        Self {
             gluing,
-            deck: gluing.identity()?,
+            deck: gluing.identity(),
             crossed: Vec::new(),
             registers: None,
-        })
+        }
     }
 
     /// Moves on to the point `u` of the covering chart. Returns its image in the domain and the differential there;

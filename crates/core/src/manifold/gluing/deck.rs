@@ -93,6 +93,14 @@ impl DeckTransformation {
         matches!(self.rule, Rule::Linear(..))
     }
 
+    /// Makes the one transformation of a space whose faces have no maps: it moves nothing.
+    pub(super) fn alone() -> Self {
+        Self {
+            rule: Rule::Tapes(Vec::new()),
+            reverses: false,
+        }
+    }
+
     /// Returns the transformation of the same kind that moves nothing.
     pub fn identity(&self) -> Self {
         let rule = match &self.rule {

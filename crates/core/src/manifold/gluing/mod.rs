@@ -208,20 +208,18 @@ impl Gluing {
         opening.is_none_or(|k| self.openings.at(&u.to_array())[k] > 0.0)
     }
 
-    /// Returns whether faces bound the domain, or are portals only.
-    pub fn has_portals(&self) -> bool {
-        self.faces.iter().any(GluedFace::is_portal)
+    /// Tells whether paths of the covering chart tell how all paths go on: not where a face is a portal or a mirror.
+    pub fn follows_cover(&self) -> bool {
+        !self
+            .faces
+            .iter()
+            .any(|face| face.is_portal() || face.is_mirror())
     }
 
-    /// Returns whether any face is a mirror.
-    pub fn has_mirrors(&self) -> bool {
-        self.faces.iter().any(GluedFace::is_mirror)
-    }
-
-    /// Returns the deck transformation that moves nothing; `None` where all faces are mirrors.
-    pub fn identity(&self) -> Option<DeckTransformation> {
-        let mut decks = self.faces.iter().filter_map(GluedFace::deck);
-        decks.next().map(DeckTransformation::identity)
+    /// Returns the deck transformation that moves nothing.
+    pub fn identity(&self) -> DeckTransformation {
+        let deck = self.faces.iter().find_map(GluedFace::deck);
+        deck.map_or_else(DeckTransformation::alone, DeckTransformation::identity)
     }
 
     /// Makes the transformations from the domain to its copies, nearest first by the number of faces between, as
@@ -231,12 +229,9 @@ impl Gluing {
         reaches: impl Fn(DVec3, DMat3) -> bool,
         most: usize,
     ) -> Vec<DeckTransformation> {
-        let Some(identity) = self.identity() else {
-            return Vec::new();
-        };
         let mut known = KnownPlaces::about(self);
         known.add(self.inside);
-        let mut copies = vec![identity];
+        let mut copies = vec![self.identity()];
         let mut next = 0;
         while next < copies.len() && copies.len() < most {
             for face in self.faces.iter().filter(|face| !face.is_portal()) {
@@ -276,6 +271,18 @@ impl Gluing {
         deepest.1
     }
 
+    /// Tells whether the way from a point of the domain to one next to it crosses a mirror or a portal, behind which paths of
+    /// the covering chart do not go on.
+    pub fn parts(&self, [from, to]: [DVec3; 2]) -> bool {
+        let [before, behind] = [from, to].map(|u| self.values.at(&u.to_array()));
+        (0..self.faces.len()).any(|k| {
+            let face = &self.faces[k];
+            let crosses = before[k] >= 0.0 && behind[k] < 0.0;
+            let place = || from.lerp(to, before[k] / (before[k] - behind[k]));
+            crosses && (face.is_mirror() || face.is_portal()) && self.is_open(k, place())
+        })
+    }
+
     /// Finds the mirror that `u` lies behind.
     pub fn behind_mirror(&self, u: DVec3) -> Option<usize> {
         let values = self.values.at(&u.to_array());
@@ -294,7 +301,7 @@ impl Gluing {
 
     /// Returns the maps of the faces of `word` after each other.
     pub fn way_in(&self, word: &[usize]) -> Option<DeckTransformation> {
-        let mut deck = self.identity()?;
+        let mut deck = self.identity();
         for k in word {
             deck = deck.then(self.faces[*k].deck()?);
         }
@@ -303,7 +310,7 @@ impl Gluing {
 
     /// Returns the transformation that undoes the maps of the faces of `word`.
     pub fn way_back(&self, word: &[usize]) -> Option<DeckTransformation> {
-        let mut deck = self.identity()?;
+        let mut deck = self.identity();
         for k in word.iter().rev() {
             deck = deck.then(self.faces[self.faces[*k].partner?].deck()?);
         }
