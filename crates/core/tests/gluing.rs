@@ -125,7 +125,7 @@ fn points_inside_stay_and_points_outside_come_back_by_isometries() {
         let u = gluing.inside() + DVec3::new(0.41, -0.35, 0.28) * gluing.size();
         let (v, word) = gluing.locate(u).unwrap();
         assert_eq!(gluing.violated(v), None);
-        let mut deck = gluing.identity().unwrap();
+        let mut deck = gluing.identity();
         for k in &word {
             deck = deck.then(gluing.faces()[*k].deck().unwrap());
         }
@@ -164,6 +164,57 @@ fn a_quotient_by_matrices_is_the_space_of_its_faces() {
     let end = sample(&known, &other, &path, 20.0);
     assert!((last.u - end.u).length() < 1e-10, "{} {}", last.u, end.u);
     assert_eq!(space.gluing().unwrap().faces().len(), 6);
+}
+
+/// Groups that take the default centre to the one point that the stereographic chart lacks.
+#[test]
+fn quotients_by_the_antipode_have_their_domain_about_the_origin() {
+    let minus = "[[-1,0,0,0],[0,-1,0,0],[0,0,-1,0],[0,0,0,-1]]";
+    let quarter = "[[0,-1,0,0],[1,0,0,0],[0,0,0,-1],[0,0,1,0]]";
+    for (generator, faces, order) in [(minus, 1, 2), (quarter, 2, 4)] {
+        let text = format!(
+            "metric = {{ conformal = '2/(1 + r2)' }}\n[let]\nr2 = 'x^2 + y^2 + z^2'\n[quotient]\nlift = ['2*x/(1 + r2)', '2*y/(1 + r2)', '2*z/(1 + r2)', '(1 - r2)/(1 + r2)']\ndrop = ['X/(1 + W)', 'Y/(1 + W)', 'Z/(1 + W)']\ngenerators = [{generator}]\n"
+        );
+        let space = manifold(&text);
+        assert_eq!(space.gluing().unwrap().faces().len(), faces, "{order}");
+        // A geodesic closes after the circle's share; along the turns of the quarter every direction does.
+        let length = std::f64::consts::TAU;
+        let (u, d) = (DVec3::new(0.1, 0.05, 0.1), DVec3::new(0.2, 0.8, 0.6));
+        let (ray, path) = follow(&space, u, d, length);
+        let last = sample(&space, &ray, &path, length);
+        assert!((last.u - ray.u).length() < 1e-9, "{order}: {last:?}");
+        assert_eq!(last.crossings, order, "{last:?}");
+    }
+}
+
+/// A hyperbolic surface of genus 2 times a circle, whose maps fix points of the ideal boundary alone.
+#[test]
+fn points_infinitely_far_out_are_no_cones() {
+    // Opposite sides of the regular octagon with right angles of 45 degrees: translations along its four diameters.
+    let half = 1.0 + 2.0_f64.sqrt();
+    let (c, s) = (
+        2.0 * half * half - 1.0,
+        2.0 * half * (half * half - 1.0).sqrt(),
+    );
+    let translation = |k: usize| {
+        let (y, x) = (std::f64::consts::FRAC_PI_4 * k as f64).sin_cos();
+        let (xx, yy, xy) = (
+            1.0 + (c - 1.0) * x * x,
+            1.0 + (c - 1.0) * y * y,
+            (c - 1.0) * x * y,
+        );
+        let (sx, sy) = (s * x, s * y);
+        format!(
+            "[[{xx},{xy},0,{sx},0],[{xy},{yy},0,{sy},0],[0,0,1,0,0],[{sx},{sy},0,{c},0],[0,0,0,0,1]]"
+        )
+    };
+    let all: Vec<String> = (0..4).map(translation).collect();
+    let text = format!(
+        "metric = {{ xx = 's^2', yy = 's^2', zz = '1' }}\n[let]\nr2 = 'x^2 + y^2'\ns = '2/(1 - r2)'\n[quotient]\nlift = ['2*x/(1 - r2)', '2*y/(1 - r2)', 'z', '(1 + r2)/(1 - r2)', '1']\ndrop = ['X/(1 + W)', 'Y/(1 + W)', 'Z']\ngenerators = [{}, [[1,0,0,0,0],[0,1,0,0,0],[0,0,1,0,2],[0,0,0,1,0],[0,0,0,0,1]]]\n",
+        all.join(", ")
+    );
+    // Eight sides and two ends, and what touches the domain at its corners.
+    assert!(manifold(&text).gluing().unwrap().faces().len() >= 10);
 }
 
 /// What is said about a file that begins with a flat metric.

@@ -24,6 +24,9 @@ const BESIDE: f64 = 1e-3;
 /// How far apart, as a share of the domain's size, two images of one point of an edge may be.
 const SAME: f64 = 1e-6;
 
+/// How far, as a share of the domain's size in the metric, a point is moved that counts as fixed.
+const STAYING: f64 = 1e-4;
+
 const HINT: &str =
     "space would have a cone there; only reflections may fix points, those of their own face";
 
@@ -45,7 +48,7 @@ impl GluingChecks<'_> {
                     .map(|(face, value)| value / (face.slope * self.gluing.size))
                     .fold(f64::INFINITY, f64::min);
                 let margin = if deck.reverses() { 1e-4 } else { -1e-6 };
-                if least > margin && is_regular(self.manifold, u) {
+                if least > margin && is_regular(self.manifold, u) && self.stays(deck, u) {
                     let message = format!(
                         "its map fixes a point of the domain: {}",
                         point(self.manifold, u)
@@ -56,6 +59,15 @@ impl GluingChecks<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Tells whether a map moves `u` by next to nothing in the metric: infinitely far out points stay in the chart alone.
+    fn stays(&self, deck: &DeckTransformation, u: DVec3) -> bool {
+        let length = |u: DVec3, w: DVec3| (self.manifold.standard_frame(u).inverse() * w).length();
+        let size = DVec3::splat(self.gluing.size);
+        // What is less than the rounding of coordinates nobody knows.
+        let off = (deck.point(u) - u).abs() + u.abs() * f64::EPSILON;
+        length(u, off) <= STAYING * length(self.gluing.inside, size)
     }
 
     /// Checks that round every edge space closes with the full angle, or is a corner between reflections.

@@ -240,7 +240,8 @@ fn elements(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Result<Vec<Vec<f64>>
     while let Some(Reverse((Key(value), index))) = queue.pop() {
         if index > 0 {
             let off = (nearness.dropped(&times(&all[index], &start)) - nearness.centre).length();
-            if !(off > 1e-6 * (1.0 + nearness.centre.length())) {
+            // A place that the chart lacks, such as the antipode, is another one.
+            if off <= 1e-6 * (1.0 + nearness.centre.length()) {
                 return Err("an element of the group does not move the centre".into());
             }
             found.push((value, index));
@@ -392,11 +393,16 @@ impl<'a> FaceCandidates<'a> {
     /// Finds the elements of the faces that are first in some direction from the centre.
     fn seen_from_centre(&self) -> Vec<usize> {
         let nearness = self.nearness;
-        let Some(first) = self.elements.first() else {
+        if self.elements.is_empty() {
             return Vec::new();
-        };
-        let moved = times(first, &nearness.lifted(nearness.centre));
-        let step = 0.05 * (nearness.dropped(&moved) - nearness.centre).length();
+        }
+        let start = nearness.lifted(nearness.centre);
+        let moved = self.elements.iter().map(|element| {
+            let moved = nearness.dropped(&times(element, &start));
+            (moved - nearness.centre).length()
+        });
+        // Where all take the centre to places that the chart lacks, its own unit will do.
+        let step = 0.05 * moved.into_iter().find(|far| far.is_finite()).unwrap_or(1.0);
         let (mut known, mut seen) = (vec![0], Vec::new());
         for i in 0..DIRECTIONS {
             let d = spiral(i, DIRECTIONS);
