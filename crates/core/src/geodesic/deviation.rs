@@ -165,10 +165,20 @@ fn project(across: [DVec3; 2], e: DVec3) -> DVec2 {
     DVec2::new(across[0].dot(e), across[1].dot(e))
 }
 
-/// Share below which `det J⊥` must fall against `|J⊥|²` of its neighbourhood for a reversal to count as a
+/// Share below which `det J⊥` must fall against its neighbourhood for a reversal to count as a
 /// double point. An honest one reaches the square of the tolerance; a mere quick turn of `J⊥`
 /// leaves about 1.
 const FOCUSED: f64 = 1e-3;
+
+/// Share of `|J⊥|²` below which `det J⊥` is rounding and the error of its path: where neighbours part by ten million times
+/// more in one direction than in the other, nothing is known of the other.
+const NOISE: f64 = 1e-7;
+
+/// Tells whether `det J⊥` is negative; `None` where that is not known.
+fn is_negative(j: DMat2) -> Option<bool> {
+    let determinant = j.determinant();
+    (determinant.abs() > NOISE * inner(j, j)).then_some(determinant < 0.0)
+}
 
 /// The conjugate points of `path`, which must be the path of `ray`, in order; empty when frame or
 /// deviation was not carried.
@@ -178,6 +188,8 @@ pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64>
     let mut found = Vec::new();
     // J⊥/s at the start.
     let mut before = DMat2::IDENTITY;
+    // The last known sign of its determinant.
+    let mut negative = false;
     for step in &path.steps {
         let field = |s: f64| transverse(manifold, step, across, s);
         // Across an edge of the metric `J⊥` jumps; a reflection turns it round without a focus.
@@ -186,6 +198,7 @@ pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64>
             && !near(start, before)
         {
             before = start;
+            negative = is_negative(start).unwrap_or(negative);
         }
         let middle = 0.5 * (step.start + step.end);
         for (low, high) in [(step.start, middle), (middle, step.end)] {
@@ -198,9 +211,11 @@ pub fn conjugate_points(manifold: &Manifold, ray: &Ray, path: &Path) -> Vec<f64>
                 high,
                 before,
                 after,
+                negative,
             };
             found.extend(piece.conjugate_points());
             before = after;
+            negative = is_negative(after).unwrap_or(negative);
         }
     }
     found
@@ -212,7 +227,8 @@ fn near(a: DMat2, b: DMat2) -> bool {
     size(a - b) <= 1e-6 * size(b)
 }
 
-/// Computes `J⊥` at `s` in the transported frame, in the directions `across` of the start.
+/// Computes `J⊥` at `s` in the transported frame, in the directions `across` of the start; of no numbers where the path nearly
+/// runs within its wave front.
 fn transverse(manifold: &Manifold, step: &Step, across: [DVec3; 2], s: f64) -> Option<DMat2> {
     let u = step.position(s);
     let frame = manifold.standard_frame(u) * step.frame(s)?;
@@ -222,13 +238,17 @@ fn transverse(manifold: &Manifold, step: &Step, across: [DVec3; 2], s: f64) -> O
         let v = step.tangent(s);
         let n = inverse * manifold.sight(u, v);
         let path = inverse * v;
-        (n, path / n.dot(path))
+        let along = n.dot(path);
+        match along.abs() > LEAST_ALONG * path.length() {
+            true => (n, path / along),
+            false => (n, DVec3::NAN),
+        }
     });
     let columns = step.deviation(s)?.map(|j| {
         let e = inverse * j;
         let e = match slant {
-            Some((n, path)) if path.is_finite() => e - path * n.dot(e),
-            _ => e,
+            Some((n, path)) => e - path * n.dot(e),
+            None => e,
         };
         DVec2::new(across[0].dot(e), across[1].dot(e))
     });
@@ -242,13 +262,18 @@ struct Piece<'a> {
     high: f64,
     before: DMat2,
     after: DMat2,
+    /// The last known sign of `det J⊥` before.
+    negative: bool,
 }
 
 impl Piece<'_> {
     fn conjugate_points(&self) -> Vec<f64> {
         let determinant = |s: f64| (self.field)(s).determinant();
-        let negative = self.before.determinant() < 0.0;
-        if (self.after.determinant() < 0.0) != negative {
+        let negative = self.negative;
+        let Some(after) = is_negative(self.after) else {
+            return Vec::new();
+        };
+        if after != negative {
             return vec![crossing(determinant, self.low, self.high, negative)];
         }
         if inner(self.before, self.after) >= 0.0 {
@@ -261,15 +286,15 @@ impl Piece<'_> {
             self.high,
             false,
         );
-        let there = determinant(turn);
-        let size = inner(self.before, self.before).max(inner(self.after, self.after));
-        if (there < 0.0) != negative {
+        let there = (self.field)(turn);
+        if is_negative(there).is_some_and(|there| there != negative) {
             return vec![
                 crossing(determinant, self.low, turn, negative),
                 crossing(determinant, turn, self.high, !negative),
             ];
         }
-        match there.abs() <= FOCUSED * size {
+        let beside = [self.before, self.after].map(|j| j.determinant().abs());
+        match there.determinant().abs() <= FOCUSED * beside[0].max(beside[1]) {
             true => vec![turn; 2],
             false => Vec::new(),
         }
@@ -369,6 +394,20 @@ mod tests {
         for (s, expected) in found.iter().zip([pi, pi, 2.0 * pi, 2.0 * pi]) {
             assert!((s - expected).abs() < 1e-7, "{found:?}");
         }
+    }
+
+    #[test]
+    fn nothing_focuses_where_one_direction_parts_exponentially() {
+        let s = "2/(1 - x^2 - y^2)";
+        let text = format!(
+            "name = 'h2xr'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ xx = '({s})^2', yy = '({s})^2', zz = '1' }}"
+        );
+        let (u, d) = (DVec3::new(0.1, 0.0, 0.0), DVec3::new(0.3, 1.0, 0.9));
+        assert_eq!(conjugates(&text, u, d, 30.0), Vec::<f64>::new());
+        // A ray that hugs the horizon of a drain runs within its wave front at last.
+        let text = "name = 'drain'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\nwind = ['(-0.6*y - 0.4*x)/(x^2 + y^2)', '(0.6*x - 0.4*y)/(x^2 + y^2)', '0']\n[domain]\ninside = ['x^2 + y^2 - 0.02']\n[cameras]\nat = ['3', '0', '0']";
+        let (u, d) = (DVec3::new(3.0, 0.0, 0.0), DVec3::new(-1.0, 0.8, -0.1));
+        assert_eq!(conjugates(text, u, d, 18.0), Vec::<f64>::new());
     }
 
     #[test]

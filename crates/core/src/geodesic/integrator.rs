@@ -24,6 +24,9 @@ use crate::manifold::{Carried, Manifold};
 use geofan_expr::{Registers, Tape, vectorised};
 use glam::DVec3;
 
+/// Squared length of a deviation from which on it is not followed exactly any more: it soon leaves all numbers.
+const OVERFLOWING: f64 = 1e280;
+
 /// Follows all `rays`, telling `sink`.
 pub fn follow<S: Sink>(
     manifold: &Manifold,
@@ -339,7 +342,13 @@ impl<'m> RayLanes<'m> {
                 let size = norm2(metric, vector(trial, column + 3));
                 worst = each(|l| {
                     let e = larger(du[l] * inverse2[l], dv[l]);
-                    larger(worst[l], e / larger(1.0, size[l]))
+                    // Beyond all numbers the path itself goes on.
+                    let e = if size[l] < OVERFLOWING {
+                        e / larger(1.0, size[l])
+                    } else {
+                        0.0
+                    };
+                    larger(worst[l], e)
                 });
             }
         }
