@@ -66,6 +66,13 @@ fn probe_points(manifold: &Manifold) -> Vec<(DVec3, bool)> {
     if let Some(region) = &manifold.cameras {
         let count = if region.dimension() == 0 { 1 } else { PROBES };
         points.extend((0..count).map(|i| (region.at(&region.lerp(&halton(i))), true)));
+        // Where a file says how far cameras go, it is likeliest to say too far.
+        let corners = match region.written {
+            true => 0..1 << region.dimension(),
+            false => 0..0,
+        };
+        let corner = |i: usize| [0, 1, 2].map(|k| (i >> k & 1) as f64);
+        points.extend(corners.map(|i| (region.at(&region.lerp(&corner(i))), true)));
     }
     if points.len() < PROBES {
         let one_place = !points.is_empty() && manifold.symmetry.group.is_none();
