@@ -54,6 +54,11 @@ pub fn divides_paths(plan: &PlanRecord) -> bool {
 /// on is a line among directions, and only small boxes beside it hold either. Of more axes there would be too many.
 const LEAST_AT_ENDS: f64 = 0.25;
 
+/// The most rays that a patch of such spaces is fitted to where rays have four axes: boxes beside what divides paths are
+/// fitted to many and fail. Up to the eighth halving of the region about Kerr's hole, as many boxes are fitted as with
+/// 400,000, by two fifths of the rays.
+const MOST_RAYS_DIVIDED: u32 = 50_000;
+
 /// Returns the promise of tangents when none is asked for: that of points where paths may end at a sky.
 pub fn usual_tangents(space: &RaySpace, max_error: f64) -> TangentPromise {
     match space.manifold().domain.ends_rays() {
@@ -123,6 +128,10 @@ fn complete_plan(
     plan.tolerance = needed_tolerance(&space, &plan, &watch)?;
     watch.reach(MIRROR_WORK + CHART_WORK + TOLERANCE_WORK)?;
     let ends = rough_exits(&space, &plan, &watch)?;
+    let divided = divides_paths(&plan) || ends.iter().any(Option::is_some);
+    if divided && plan.nodes.len() == 5 {
+        plan.most_rays = MOST_RAYS_DIVIDED;
+    }
     if ends.iter().any(Option::is_some) {
         plan.refinement += REFINEMENT_AT_ENDS;
         if space.cameras().is_empty() {
