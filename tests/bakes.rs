@@ -277,6 +277,7 @@ fn wrong_flags_and_files_are_bad_input() {
         "none.toml -o b.fan",
         "lens.toml -o nowhere/b.fan",
         "lens.toml -o .",
+        "lens.toml -o ./lens.toml",
         "lens.toml -o b.fan --max-error 0",
         "lens.toml -o b.fan --max-size many",
         "lens.toml -o b.fan --shard 0/3",

@@ -153,7 +153,7 @@ fn resuming_a_finished_picture_says_so_and_leaves_it_alone() {
     let drawn = place.bytes("a.png");
     assert!(!place.path("a.png.passes").exists());
     let (code, said) = render(&place, &path.replace("--spp 3", "--spp 9"));
-    assert!(code == 0 && said.contains("is finished"), "{said}");
+    assert!(code == 0 && said.contains("taken to be finished"), "{said}");
     assert_eq!(place.bytes("a.png"), drawn);
     let (code, said) = render(&place, &format!("--json {path}"));
     assert!(code == 0 && said.contains("\"finished\":true"), "{said}");

@@ -10,7 +10,10 @@ use crate::terminal::{
 };
 use geofan_bake::{BakeOptions, BakeResult, PROMISES, Share, bake};
 use geofan_bundle::{Bundle, Header, MOST_CERTIFY_RAYS, rays::RaySpace};
-use geofan_core::{Error, Result, geodesic::UnfinishedPaths, manifold::Manifold};
+use geofan_core::{
+    Error, Result, files::check_not_read, geodesic::UnfinishedPaths, manifold::Manifold,
+    reading::noting,
+};
 use serde_json::json;
 use std::{
     path::{Path, PathBuf},
@@ -122,7 +125,9 @@ pub fn promise(text: &str) -> Result<f64, String> {
 pub fn run(args: &BakeArgs, common: &CommonArgs) -> Result<Outcome> {
     let started = Instant::now();
     let observer = TerminalObserver::new(common)?;
-    let manifold = Manifold::load(&args.manifold, &args.set)?;
+    let (manifold, read) = noting(|| Manifold::load(&args.manifold, &args.set));
+    let manifold = manifold?;
+    check_not_read(&args.output, &read)?;
     let options = BakeOptions {
         max_error: args.max_error,
         max_size: args.max_size,
@@ -297,7 +302,7 @@ fn report(
             "unfinished": unfinished,
             "seconds": seconds,
         }))?;
-    } else {
+    } else if !common.quiet {
         let (path, lines) = (path.display(), certificate.lines());
         terminal::print(&format!(
             "{path}: {bytes} bytes, {patches} patches, {given_up} flagged boxes\n\

@@ -6,7 +6,7 @@
 use super::bake::warn_unfinished;
 use crate::terminal::{self, CommonArgs, Outcome, ProgressDisplay};
 use geofan_bake::certify;
-use geofan_bundle::{Bundle, Checked, FAR, Outlier, PlanRecord, rays::RaySpace};
+use geofan_bundle::{Bundle, Certificate, Checked, FAR, Outlier, PlanRecord, rays::RaySpace};
 use geofan_core::{Error, Result};
 use serde_json::json;
 use std::path::PathBuf;
@@ -89,12 +89,24 @@ fn report(
         false => "NOT KEPT",
     };
     terminal::print(&format!(
-        "{}ends       {}\n{bytes} bytes\npromise: {}: {verdict}\n",
+        "{}ends       {}\n{bytes} bytes\npromise: {}: {verdict}\n{}",
         found.lines(),
         checked.unfinished,
-        plan.promises(space)
+        plan.promises(space),
+        sky_excess(plan, found)
     ))?;
     outliers(checked)
+}
+
+/// Says that sky errors exceed what was promised of them on the rays that steered the bake, if they do.
+fn sky_excess(plan: &PlanRecord, found: &Certificate) -> String {
+    match (plan.tangents.mrad(plan.max_error), found.sky_mrad) {
+        (Some(promise), Some(sky)) if sky.p99 > promise => format!(
+            "sky errors of these rays exceed it: p99 {:.3} mrad, among those that end where directions are promised\n",
+            sky.p99
+        ),
+        _ => String::new(),
+    }
 }
 
 /// Prints the worst rays, and why they are.

@@ -30,7 +30,7 @@ pub struct PathArgs {
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
     /// Path tracer: stop after this time although fewer than --spp samples are done
-    #[arg(long, value_name = "SECONDS", value_parser = values::positive)]
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = values::positive)]
     time: Option<f64>,
     /// Path tracer: go on with an interrupted picture, or add samples to one that --time ended; one that is
     /// finished is left alone
@@ -80,7 +80,7 @@ pub fn run(
     };
     let begun = checkpoint.path.exists();
     if args.path.resume && !begun && args.output.exists() {
-        return already_finished(args, common);
+        return already_finished(args, panels, common);
     }
     let mut film = match args.path.resume && begun {
         true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, panels.size)?,
@@ -138,14 +138,26 @@ fn print(
 }
 
 /// Tells that there is nothing to go on with.
-fn already_finished(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
+fn already_finished(
+    args: &RenderArgs,
+    panels: &PicturePanels,
+    common: &CommonArgs,
+) -> Result<Outcome> {
     let output = args.output.display().to_string();
+    let (height, width, _) = picture::read(&args.output)?.rgb.dim();
+    if (width, height) != panels.size {
+        let (wanted_width, wanted_height) = panels.size;
+        let message = format!(
+            "is another picture: it has {width}x{height} pixels, this one {wanted_width}x{wanted_height}; remove it, or name another output"
+        );
+        return Err(Error::input(output, message));
+    }
     if common.json {
         let answer = json!({ "output": output, "tracer": "path", "finished": true });
         terminal::print_json(&answer)?;
     } else if !common.quiet {
         terminal::print(&format!(
-            "{output} is finished, and left alone; remove it to draw it again, with more samples if wanted\n"
+            "{output} is there, with no samples to go on from: it is taken to be finished, and left alone; remove it to draw it again, with more samples if wanted\n"
         ))?;
     }
     Ok(Outcome::Done)

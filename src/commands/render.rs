@@ -11,7 +11,9 @@ use super::{
 use crate::terminal::{self, CommonArgs, Outcome, values};
 use clap::{Args, ValueEnum};
 use geofan_bundle::Bundle;
-use geofan_core::{Error, Result, geodesic::UnfinishedPaths};
+use geofan_core::{
+    Error, Result, files::check_not_read, geodesic::UnfinishedPaths, reading::noting,
+};
 use geofan_render::{
     DrawingOptions, DrawnPanels, Journey, PathSource, PicturePanels, Stage, View, count_unfinished,
     frame::Outcomes,
@@ -67,11 +69,12 @@ const LENGTH_OF_BUNDLE: &str = "the paths of a bundle have their length, but in 
 enum TracerKind {
     /// Lookup in a bundle
     Table,
-    /// Integration for every sample
+    /// Integration for every sample. Like `table`, it shades by lights alone: surfaces that glow or mirror show no
+    /// light on others
     Exact,
     /// Straight lines of the chart: at once, and right near the camera
     Local,
-    /// Light by Monte Carlo along exact paths
+    /// Light from surface to surface, by Monte Carlo along exact paths
     Path,
 }
 
@@ -126,7 +129,10 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
     }
     scenery::check_output(&args.output)?;
     let bundle = args.bundle.as_deref().map(Bundle::read).transpose()?;
-    let mut stage = args.scene.stage(bundle.as_ref())?;
+    let (stage, mut read) = noting(|| args.scene.stage(bundle.as_ref()));
+    let mut stage = stage?;
+    read.extend(args.bundle.clone());
+    check_not_read(&args.output, &read)?;
     let panels = args.scene.panels(&stage)?;
     if args.tracer == Some(TracerKind::Path) {
         return path_traced::run(args, &stage, &panels, common);

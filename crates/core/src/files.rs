@@ -35,11 +35,33 @@ pub fn check_output(path: &Path) -> Result<()> {
         })
 }
 
+/// Refuses an output that is one of the `files` that are read for it: it would take their place.
+///
+/// # Errors
+/// Names it.
+pub fn check_not_read(output: &Path, files: &[PathBuf]) -> Result<()> {
+    let Ok(target) = fs::canonicalize(output) else {
+        return Ok(());
+    };
+    let same = |file: &PathBuf| fs::canonicalize(file).is_ok_and(|file| file == target);
+    match files.iter().any(same) {
+        true => Err(Error::input(
+            output.display().to_string(),
+            "is read for this, and would be replaced; name another output",
+        )),
+        false => Ok(()),
+    }
+}
+
 /// Makes a folder for outputs, if it is not there, and removes what killed processes left in it.
 ///
 /// # Errors
 /// It cannot be made.
 pub fn make_output_folder(folder: &Path) -> Result<()> {
+    if folder.exists() && !folder.is_dir() {
+        let name = folder.display().to_string();
+        return Err(Error::input(name, "is a file; a folder is needed"));
+    }
     fs::create_dir_all(folder).map_err(|e| Error::io(folder, e))?;
     remove_unfinished(folder);
     Ok(())

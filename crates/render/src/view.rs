@@ -531,7 +531,14 @@ fn by_parameters(manifold: &Manifold, given: &[(String, f64)]) -> Result<DVec3, 
         }
     }
     if !region.contains(&values) {
-        return Err("the camera parameters are outside their intervals".into());
+        let mut parameters = region.names.iter().zip(&region.intervals).zip(&values);
+        let outside = parameters.find(|((_, [low, high]), value)| !(low..=high).contains(value));
+        return Err(match outside {
+            Some(((name, [low, high]), value)) => format!(
+                "the camera parameter `{name}` is {value}, outside its interval from {low} to {high}"
+            ),
+            None => "the camera parameters are outside their intervals".into(),
+        });
     }
     Ok(region.at(&values))
 }

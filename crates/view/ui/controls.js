@@ -58,8 +58,7 @@ export function attachControls(canvas, pad, send, act) {
   }
 
   addEventListener("keydown", (event) => {
-    const inField = event.target instanceof Element && event.target.closest("input, select, textarea, dialog, button, summary");
-    if (event.ctrlKey || event.altKey || event.metaKey || inField) return;
+    if (event.ctrlKey || event.altKey || event.metaKey || isFor(event.target, event.code)) return;
     fast = event.shiftKey;
     if (event.code in HELD_KEYS) keys.add(event.code);
     else if (event.code in ACTION_KEYS) { if (!event.repeat) act(ACTION_KEYS[event.code][0]); }
@@ -78,6 +77,7 @@ export function attachControls(canvas, pad, send, act) {
     tellHeld();
   });
   addEventListener("blur", release);
+  blurChosen();
   document.addEventListener("visibilitychange", () => document.hidden && release());
 
   canvas.addEventListener("wheel", (event) => {
@@ -93,6 +93,31 @@ export function attachControls(canvas, pad, send, act) {
     button.addEventListener("pointerdown", press);
     for (const end of ["pointerup", "pointercancel", "pointerleave"]) button.addEventListener(end, lift);
   }
+}
+
+/** Keys that a button or a slider answers itself. */
+const OF_BUTTONS = ["Space", "Enter", "NumpadEnter", "Tab", "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "Home", "End"];
+
+/**
+ * Tells whether a key is for the element that has the focus, and not for the camera. Escape gives the focus back.
+ * @param {EventTarget | null} target @param {string} code */
+function isFor(target, code) {
+  if (!(target instanceof HTMLElement)) return false;
+  if (target.closest("dialog")) return true;
+  const pressed = target.closest("button, summary, input[type=range], input[type=checkbox]");
+  const written = !pressed && target.closest("input, select, textarea");
+  if ((pressed || written) && code === "Escape") target.blur();
+  return Boolean(written) || Boolean(pressed && OF_BUTTONS.includes(code));
+}
+
+/** Gives the focus back when something was chosen from a list by a pointer. */
+function blurChosen() {
+  let byPointer = false;
+  addEventListener("pointerdown", () => { byPointer = true; }, true);
+  addEventListener("keydown", () => { byPointer = false; }, true);
+  addEventListener("change", (event) => {
+    if (byPointer && event.target instanceof HTMLSelectElement) event.target.blur();
+  });
 }
 
 /**
