@@ -299,11 +299,17 @@ impl<'m> LightFan<'m> {
         // Buffers of the segments around a point, with its place in each, and of their guesses.
         let (mut around, mut places, mut known) = (Vec::new(), Vec::new(), Vec::new());
         let mut guesses = Vec::new();
+        // For each segment the last question for which it was found: it may have several boxes.
+        let mut found = vec![0_u32; self.segments.len()];
+        let mut question = 0;
         for (index, x) in points.enumerate() {
             for image in self.images(x) {
                 around.clear();
+                question += 1;
                 self.boxes.visit(image, image, |(number, region)| {
-                    if holds(*region, image) && !around.contains(number) {
+                    let last = &mut found[*number as usize];
+                    if *last != question && holds(*region, image) {
+                        *last = question;
                         around.push(*number);
                     }
                 });

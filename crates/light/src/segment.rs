@@ -41,6 +41,9 @@ const NEAR_FOLD: f64 = 0.05;
 const ALIKE: f64 = 0.2;
 const ROUGHLY_ALIKE: f64 = 0.4;
 
+/// Parts of a segment in each of which a triangle of rays that are torn apart sweeps over a point once at most.
+const SWEEPS: usize = 10;
+
 /// Where a search starts if rays fold: the middle of one search may lie on the wrong side of the fold.
 const STARTS: [DVec3; 5] = [
     DVec3::new(0.1, 0.1, 0.5),
@@ -198,6 +201,15 @@ impl BeamSegment {
             }
         }
         let map = self.map(fan);
+        if self.folded && !self.smooth {
+            for (at, slope) in self.crossings(&map, x) {
+                let guess = self.guess(fan, &map, at, slope);
+                if !known.iter().any(|g| g.is_like(&guess)) {
+                    known.push(guess);
+                }
+            }
+            return;
+        }
         let starts: &[DVec3] = match self.folded {
             false => &[at],
             true => &STARTS,
@@ -214,6 +226,36 @@ impl BeamSegment {
                 }
             }
         }
+    }
+
+    /// Finds where the map is `x`, or comes close, between rays whose own linear maps say nothing: it is linear between them
+    /// then, so the triangle of the three sweeps over `x` where the volume between both changes its sign.
+    fn crossings(&self, map: &SegmentMap<'_>, x: DVec3) -> impl Iterator<Item = (DVec3, DMat3)> {
+        let (start, width) = (-FOLD_MARGIN, 1.0 + 2.0 * FOLD_MARGIN);
+        let time = |k: usize| start + width * k as f64 / SWEEPS as f64;
+        let volume = |t: f64| map.triangle(t).volume(x);
+        let mut volumes = [0.0; SWEEPS + 1];
+        for (k, v) in volumes.iter_mut().enumerate() {
+            *v = volume(time(k));
+        }
+        let crossing = |k: usize| {
+            let [low, high] = [volumes[k], volumes[k + 1]];
+            if (low < 0.0) != (high < 0.0) {
+                return Some(root(&volume, [time(k), time(k + 1)], [low, high]));
+            }
+            // It comes near and turns back.
+            let least = k > 0 && low.abs() < high.abs() && low.abs() < volumes[k - 1].abs();
+            least.then(|| time(k))
+        };
+        let found: [Option<(DVec3, DMat3)>; SWEEPS] = std::array::from_fn(|k| {
+            let t = crossing(k)?;
+            let at = map.triangle(t).weights(x).extend(t);
+            let (u, slope) = map.map(at);
+            let size = slope.x_axis.length().max(slope.y_axis.length());
+            let near = (x - u).length() <= NEAR_FOLD * size;
+            (near && outside(at) <= self.margin()).then_some((at, slope))
+        });
+        found.into_iter().flatten()
     }
 
     /// Finds the (b, c, t) at which the map is `x`, or comes close where it folds, with the slope
@@ -271,6 +313,28 @@ impl BeamSegment {
         let width = self.width(fan);
         (fan.arc_lengths[self.knot as usize] + at.z * width).max(1e-3 * width)
     }
+}
+
+/// Finds where `value` is zero between two places where its signs differ, to [`SETTLED`], by false position (with half the value at
+/// an end that stays, the Illinois rule).
+fn root(
+    value: impl Fn(f64) -> f64,
+    [mut a, mut b]: [f64; 2],
+    [mut at_a, mut at_b]: [f64; 2],
+) -> f64 {
+    for _ in 0..STEPS {
+        let t = (a * at_b - b * at_a) / (at_b - at_a);
+        let here = value(t);
+        if !((t - b).abs() > SETTLED) || here == 0.0 {
+            return t;
+        }
+        match (here < 0.0) != (at_b < 0.0) {
+            true => (a, at_a) = (b, at_b),
+            false => at_a *= 0.5,
+        }
+        (b, at_b) = (t, here);
+    }
+    b
 }
 
 /// Returns how far outside its segment a place lies, in b, c, t or 1 − b − c.

@@ -16,6 +16,26 @@ use crate::light_fan::RayKnot;
 use geofan_core::geodesic::perpendiculars;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
+/// The points of three rays at one arc length.
+pub(super) struct RayTriangle([DVec3; 3]);
+
+impl RayTriangle {
+    /// Returns six times the volume between it and `x`, which has a sign.
+    pub fn volume(&self, x: DVec3) -> f64 {
+        let [p, q, o] = self.0;
+        (q - p).cross(o - p).dot(x - p)
+    }
+
+    /// Returns the weights of the second and third point where `x` is, or is nearest to their plane.
+    pub fn weights(&self, x: DVec3) -> DVec2 {
+        let [p, q, o] = self.0;
+        let normal = (q - p).cross(o - p);
+        let b = (x - p).cross(o - p).dot(normal);
+        let c = (q - p).cross(x - p).dot(normal);
+        DVec2::new(b, c) / normal.length_squared()
+    }
+}
+
 /// The middle of a segment in b, c and t.
 pub(super) const MIDDLE: DVec3 = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5);
 
@@ -93,6 +113,13 @@ impl<'f> SegmentMap<'f> {
             width,
             share: if smooth { 0.5 } else { 0.0 },
         }
+    }
+
+    /// Returns the points of the rays at t.
+    #[inline(always)]
+    pub fn triangle(&self, t: f64) -> RayTriangle {
+        let weights = cubic_weights(t, self.width);
+        RayTriangle(self.rays.map(|ray| point(weights, ray)))
     }
 
     /// Returns the angle between two of the rays.
