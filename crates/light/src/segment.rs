@@ -241,7 +241,7 @@ impl BeamSegment {
         let crossing = |k: usize| {
             let [low, high] = [volumes[k], volumes[k + 1]];
             if (low < 0.0) != (high < 0.0) {
-                return Some(root(&volume, [time(k), time(k + 1)], [low, high]));
+                return Some(root(volume, [time(k), time(k + 1)], [low, high]));
             }
             // It comes near and turns back.
             let least = k > 0 && low.abs() < high.abs() && low.abs() < volumes[k - 1].abs();
