@@ -5,7 +5,8 @@
 //! are written while the work goes on, and those that were not asked for longest go when there are too many.
 
 use geofan_core::{
-    files::remove_unfinished,
+    Error, Result,
+    files::{make_output_folder, write_without_waiting},
     keeping::{ResultKey, ResultStore, with_store},
 };
 use std::{
@@ -83,7 +84,7 @@ struct CacheFolder {
     folder: PathBuf,
     build: blake3::Hash,
     /// Files that are being written.
-    writes: RefCell<Vec<JoinHandle<io::Result<()>>>>,
+    writes: RefCell<Vec<JoinHandle<Result<()>>>>,
 }
 
 impl CacheFolder {
@@ -122,20 +123,13 @@ impl ResultStore for CacheFolder {
 }
 
 /// Writes a result, and makes room for it.
-fn write(path: &Path, folder: &Path, bytes: &[u8]) -> io::Result<()> {
-    fs::create_dir_all(folder)?;
-    remove_unfinished(folder);
-    let mut file = tempfile::Builder::new()
-        .prefix(".geofan-")
-        .suffix(".part")
-        .tempfile_in(folder)?;
-    // Nobody removes it while it is locked.
-    file.as_file().lock()?;
-    file.write_all(bytes)?;
-    file.write_all(&xxh3_64(bytes).to_le_bytes())?;
-    // After a loss of power it may be damaged, which its checksum tells: it need not be on the disk now.
-    file.persist(path)?;
-    make_room(folder, MOST_BYTES)
+fn write(path: &Path, folder: &Path, bytes: &[u8]) -> Result<()> {
+    make_output_folder(folder)?;
+    write_without_waiting(path, |out| {
+        out.write_all(bytes)?;
+        out.write_all(&xxh3_64(bytes).to_le_bytes())
+    })?;
+    make_room(folder, MOST_BYTES).map_err(|e| Error::io(folder, e))
 }
 
 /// Removes the files that were not asked for longest, until all together have at most so many bytes.

@@ -14,7 +14,7 @@
 
 use crate::{
     attempts::Share,
-    refine::{DecisionLog, RefinementTally, Refiner, WorkCounts},
+    refine::{DecisionLog, GENERATOR, RefinementTally, Refiner, WorkCounts},
 };
 use geofan_bundle::{
     ByteReader, DecodeBudget, Division, PlanRecord, Table, TensorShape, Tree,
@@ -233,9 +233,6 @@ pub struct ChunkFiles {
     /// Held open, and with it the lock.
     _lock: File,
 }
-
-/// Chunks of another version are baked again: its refinement may differ.
-const GENERATOR: &str = env!("CARGO_PKG_VERSION");
 
 /// Beginnings of the names of all files that belong here, first those of finished chunks and of decisions about those under
 /// way; the last is that of a write cut off.

@@ -8,7 +8,7 @@
 //! A decision is stored as the [`Tree`] that it makes of its box, in which parts that are still open are given up.
 
 use super::{
-    WorkCounts,
+    GENERATOR, WorkCounts,
     edges::EdgeDivision,
     refinement_tree::{Decision, ParameterBox},
 };
@@ -27,9 +27,6 @@ use std::{
     path::Path,
     sync::{Mutex, MutexGuard, PoisonError},
 };
-
-/// Decisions of another version are taken again: its refinement may differ.
-const GENERATOR: &str = env!("CARGO_PKG_VERSION");
 
 /// Keeps the decisions about the boxes of one chunk.
 #[derive(Debug)]
@@ -134,7 +131,7 @@ fn box_name(input: &mut ByteReader<'_>) -> Result<Vec<u64>, DecodeError> {
     if input.bytes()? != GENERATOR.as_bytes() {
         return Err(DecodeError("version"));
     }
-    let numbers = ByteReader(input.bytes()?).0.chunks_exact(size_of::<u64>());
+    let numbers = input.bytes()?.chunks_exact(size_of::<u64>());
     numbers.map(|number| ByteReader(number).u64()).collect()
 }
 

@@ -41,6 +41,9 @@ use rayon::prelude::*;
 use refinement_tree::{Decision, ParameterBox, RefinementTree};
 use std::{ops::Range, sync::Arc};
 
+/// Names the version of refinement: what another one has decided or finished is baked again.
+pub const GENERATOR: &str = env!("CARGO_PKG_VERSION");
+
 /// Factor by which the smallest boxes may exceed the promise along lines and still be fitted: the
 /// quantile often forgives it.
 const HOPE: f64 = 4.0;

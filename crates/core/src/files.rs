@@ -94,9 +94,27 @@ pub fn write_atomically(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> Result<()> {
+    write_and_rename(path, true, write)
+}
+
+/// Writes a file like [`write_atomically`], but does not wait for the disk: for what tells when it is damaged, and can be made
+/// again.
+pub fn write_without_waiting(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+) -> Result<()> {
+    write_and_rename(path, false, write)
+}
+
+/// Writes a file through a temporary neighbour; `waits` until it is on the disk.
+fn write_and_rename(
+    path: &Path,
+    waits: bool,
+    write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+) -> Result<()> {
     let target = resolved_target(path)?;
     let folder = existing_folder(path, &target)?;
-    write_and_rename(&target, folder, write).map_err(|source| Error::Environment {
+    rename_written(&target, folder, waits, write).map_err(|source| Error::Environment {
         path: path.display().to_string(),
         source,
     })
@@ -149,9 +167,10 @@ fn containing_folder(path: &Path) -> &Path {
 }
 
 /// Writes beside the target, forces the bytes to the disk, renames, and forces the rename too.
-fn write_and_rename(
+fn rename_written(
     target: &Path,
     folder: &Path,
+    waits: bool,
     write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
 ) -> io::Result<()> {
     let mut temporary = new_temporary(folder)?;
@@ -159,13 +178,18 @@ fn write_and_rename(
     write(&mut writer)?;
     writer.flush()?;
     drop(writer);
-    temporary.as_file().sync_all()?;
+    if waits {
+        temporary.as_file().sync_all()?;
+    }
     // The file stays open, and with it its lock, until it has its name.
     let (_file, own_path) = temporary.keep().map_err(|e| e.error)?;
     fs::rename(&own_path, target).inspect_err(|_| {
         let _ = fs::remove_file(&own_path);
     })?;
-    sync_folder(folder)
+    match waits {
+        true => sync_folder(folder),
+        false => Ok(()),
+    }
 }
 
 /// Makes a temporary file that is locked as long as it is open, so that [`remove_unfinished`] leaves it

@@ -4,7 +4,8 @@
 //! read from what an earlier run kept ([`kept`]). Without the feature `files` nothing is kept.
 
 #[cfg(feature = "files")]
-use std::{cell::RefCell, rc::Rc};
+use std::cell::RefCell;
+use std::rc::Rc;
 
 /// Names a result: equal for equal input.
 pub type ResultKey = [u8; 32];
@@ -33,6 +34,14 @@ pub fn with_store<T>(store: Rc<dyn ResultStore>, work: impl FnOnce() -> T) -> T 
     done
 }
 
+/// Returns where this thread keeps results.
+fn store() -> Option<Rc<dyn ResultStore>> {
+    #[cfg(feature = "files")]
+    return STORE.with_borrow(Clone::clone);
+    #[cfg(not(feature = "files"))]
+    None
+}
+
 /// Says how a result is kept.
 pub struct Keeping<K, R, W> {
     /// Makes its key.
@@ -47,7 +56,6 @@ pub struct Keeping<K, R, W> {
 ///
 /// # Errors
 /// Those of `make`; nothing is kept of them.
-#[cfg(feature = "files")]
 pub fn kept<T, E>(
     keeping: Keeping<
         impl FnOnce() -> ResultKey,
@@ -56,7 +64,7 @@ pub fn kept<T, E>(
     >,
     make: impl FnOnce() -> Result<T, E>,
 ) -> Result<T, E> {
-    let Some(store) = STORE.with_borrow(Clone::clone) else {
+    let Some(store) = store() else {
         return make();
     };
     let key = (keeping.key)();
@@ -68,22 +76,6 @@ pub fn kept<T, E>(
         store.put(&key, bytes);
     }
     Ok(result)
-}
-
-/// Returns what `make` makes.
-///
-/// # Errors
-/// Those of `make`.
-#[cfg(not(feature = "files"))]
-pub fn kept<T, E>(
-    _: Keeping<
-        impl FnOnce() -> ResultKey,
-        impl FnOnce(&[u8]) -> Option<T>,
-        impl FnOnce(&T) -> Option<Vec<u8>>,
-    >,
-    make: impl FnOnce() -> Result<T, E>,
-) -> Result<T, E> {
-    make()
 }
 
 #[cfg(all(test, feature = "files"))]

@@ -92,6 +92,13 @@ impl Guess {
         !other.folded && self.is_near(other.direction, other.s, ALIKE)
     }
 
+    /// Adds it to what is `known`, unless that has one of the same geodesic.
+    fn add_to(self, known: &mut Vec<Self>) {
+        if !known.iter().any(|guess| guess.is_like(&self)) {
+            known.push(self);
+        }
+    }
+
     /// Tells whether nothing folds and a geodesic is within this share of the segment.
     fn is_near(&self, direction: DVec3, s: f64, share: f64) -> bool {
         let close = (self.direction - direction).length() < share * self.angle
@@ -203,10 +210,7 @@ impl BeamSegment {
         let map = self.map(fan);
         if self.folded && !self.smooth {
             for (at, slope) in self.crossings(&map, x) {
-                let guess = self.guess(fan, &map, at, slope);
-                if !known.iter().any(|g| g.is_like(&guess)) {
-                    known.push(guess);
-                }
+                self.guess(fan, &map, at, slope).add_to(known);
             }
             return;
         }
@@ -220,10 +224,7 @@ impl BeamSegment {
                 && !found.iter().any(|other| (*other - at).length() < 0.05)
             {
                 found[i] = at;
-                let guess = self.guess(fan, &map, at, slope);
-                if !known.iter().any(|g| g.is_like(&guess)) {
-                    known.push(guess);
-                }
+                self.guess(fan, &map, at, slope).add_to(known);
             }
         }
     }

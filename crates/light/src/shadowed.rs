@@ -7,7 +7,7 @@
 
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Development, LocalFrame, Manifold},
+    manifold::{Development, Gluing, LocalFrame, Manifold},
 };
 use geofan_render::{
     Cubic, SurfacePoint, World,
@@ -87,7 +87,7 @@ pub(super) fn follow_shadowed(
             Shadows::Ignored => None,
             Shadows::Cast(world, _) => Some(HitSearch::new(world)),
         },
-        wall: shadows.wall(),
+        wall: shadows.walls().map(WallSearch::new),
     };
     let states = rays.iter().zip(numbers).map(state).collect();
     let mut sink = ShadowSink { states, shadows };
@@ -142,12 +142,20 @@ struct WallSearch<'w> {
     last: Option<DVec3>,
 }
 
-impl WallSearch<'_> {
+impl<'w> WallSearch<'w> {
+    /// Begins at the start of a path in the domain.
+    fn new(gluing: &'w Gluing) -> Self {
+        Self {
+            way: Development::new(gluing),
+            last: None,
+        }
+    }
+
     /// Goes on to the next point of the path, near the last one; tells whether there is a wall between.
     fn meets(&mut self, u: DVec3) -> bool {
         let gluing = self.way.gluing();
         let wall = match self.last {
-            Some(last) => gluing.parts([last, self.way.deck().point(u)]),
+            Some(last) => gluing.has_wall_between([last, self.way.deck().point(u)]),
             None => false,
         };
         self.last = self.way.advance(u).map(|(image, _)| image);
@@ -156,17 +164,13 @@ impl WallSearch<'_> {
 }
 
 impl<'w> Shadows<'w> {
-    /// Begins to look for walls, where there are any.
-    fn wall(self) -> Option<WallSearch<'w>> {
+    /// Returns the gluing whose walls cast shadows, if it has any.
+    fn walls(self) -> Option<&'w Gluing> {
         let Self::Cast(world, _) = self else {
             return None;
         };
         let gluing = world.manifold.gluing();
-        let gluing = gluing.filter(|gluing| !gluing.follows_cover())?;
-        Some(WallSearch {
-            way: Development::new(gluing),
-            last: None,
-        })
+        gluing.filter(|gluing| !gluing.follows_cover())
     }
 }
 
@@ -185,7 +189,7 @@ impl Sink for ShadowSink<'_> {
         match self.shadows {
             Shadows::Ignored => None,
             // Walls may be anywhere.
-            Shadows::Cast(..) if self.shadows.wall().is_some() => None,
+            Shadows::Cast(..) if self.shadows.walls().is_some() => None,
             Shadows::Cast(world, _) => region(world),
         }
     }

@@ -273,7 +273,7 @@ impl Gluing {
 
     /// Tells whether the way from a point of the domain to one next to it crosses a mirror or a portal, behind which paths of
     /// the covering chart do not go on.
-    pub fn parts(&self, [from, to]: [DVec3; 2]) -> bool {
+    pub fn has_wall_between(&self, [from, to]: [DVec3; 2]) -> bool {
         let [before, behind] = [from, to].map(|u| self.values.at(&u.to_array()));
         (0..self.faces.len()).any(|k| {
             let face = &self.faces[k];
