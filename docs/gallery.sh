@@ -78,7 +78,7 @@ make() {
     half-turn-carried) bake half-turn && row "$1" half-turn "$1" ;;
     poincare-letters) bake poincare && row "$1" poincare "$1" ;;
     kerr-disc) bake kerr && row "$1" kerr "$1" ;;
-    glass-ball | seifert-weber | road-mirage | portal | lens-space | mirrored-dodecahedron | nil-torus | sol-cat)
+    glass-ball | seifert-weber | figure-eight | road-mirage | portal | lens-space | mirrored-dodecahedron | nil-torus | sol-cat)
         bake "$1" && row "$1" "$1" "$1"
         ;;
     *)
@@ -91,7 +91,7 @@ make() {
 if [[ $# -eq 0 ]]; then
     # Kerr's region takes an hour to bake.
     set -- wormhole three-bumps nil-twist s3-own-back s3-lamp s3-carried h3-lamp black-hole-ring black-hole-planet black-hole-fall \
-        bump-caustic half-turn-carried poincare-letters glass-ball seifert-weber road-mirage portal \
+        bump-caustic half-turn-carried poincare-letters glass-ball seifert-weber figure-eight road-mirage portal \
         lens-space mirrored-dodecahedron nil-torus
 fi
 case $what in

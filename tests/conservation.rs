@@ -43,6 +43,7 @@ fn killing(name: &str) -> Vec<Killing> {
         | "schwarzschild"
         | "s3-graph"
         | "h3-ball"
+        | "figure-eight"
         | "seifert-weber"
         | "mirrored-dodecahedron" => ROTATIONS.to_vec(),
         "flat" | "half-turn" | "portal" => [ROTATIONS, SHIFTS].concat(),

@@ -53,7 +53,7 @@ fn space(name: &str) -> Space {
         }),
         "grin-rod" => Metric(|[x, y, _]| conformal((-(x * x + y * y) + 1.0).sqrt() * 1.5)),
         "h2xr" => Metric(|[_, y, _]| diagonal((y * -2.0).exp(), y * 0.0 + 1.0, y * 0.0 + 1.0)),
-        "h3-ball" | "seifert-weber" | "mirrored-dodecahedron" => {
+        "h3-ball" | "figure-eight" | "seifert-weber" | "mirrored-dodecahedron" => {
             Metric(|u| conformal((-r2(u) + 1.0).recip() * 2.0))
         }
         "h3-half-space" => Metric(|u| conformal(u[2].recip())),

@@ -7,6 +7,7 @@ mod support;
 
 use geofan_core::manifold::{DeckTransformation, Gluing, Manifold};
 use glam::{DMat3, DMat4, DVec3, DVec4};
+use num_complex::Complex64;
 use std::{
     collections::{HashMap, VecDeque},
     f64::consts::{FRAC_PI_2, PI, TAU},
@@ -369,6 +370,60 @@ fn the_space_of_seifert_and_weber_is_that_of_screws_by_three_tenths() {
         assert_eq!(found, count, "within {d}");
         assert!((sum - light).abs() < 1e-9, "{sum} {light}");
     }
+}
+
+/// How the matrix (a b; c d) of determinant 1 moves the hyperboloid: as `m H m*` does Hermitian matrices
+/// H = (w + z, x + iy; x - iy, w - z).
+fn moving(m: [Complex64; 4]) -> DMat4 {
+    let times = |[a, b, c, d]: [Complex64; 4], [e, f, g, h]: [Complex64; 4]| {
+        [a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h]
+    };
+    let column = |x: DVec4| {
+        let [first, last] = [x.w + x.z, x.w - x.z].map(Complex64::from);
+        let [right, left] = [x.y, -x.y].map(|y| Complex64::new(x.x, y));
+        let hermitian = [first, right, left, last];
+        let adjoint = [m[0].conj(), m[2].conj(), m[1].conj(), m[3].conj()];
+        let [p, q, _, s] = times(times(m, hermitian), adjoint);
+        DVec4::new(q.re, q.im, 0.5 * (p.re - s.re), 0.5 * (p.re + s.re))
+    };
+    let [x, y, z, w] = DVec4::AXES.map(column);
+    DMat4::from_cols(x, y, z, w)
+}
+
+#[test]
+fn the_complement_of_the_figure_eight_knot_is_that_of_two_parabolics() {
+    let (model, space) = (Model::Hyperboloid, asset("figure-eight"));
+    let [zero, one] = [0.0, 1.0].map(Complex64::from);
+    let root = Complex64::new(-0.5, 0.75_f64.sqrt());
+    let steps = [
+        [one, one, zero, one],
+        [one, -one, zero, one],
+        [one, zero, -root, one],
+        [one, zero, root, one],
+    ];
+    let all = group(&steps.map(moving), |m| m.w_axis.w < 5.0_f64.cosh());
+    let points = [[0.15, -0.05, 0.1], [-0.12, 0.1, 0.05]];
+    let seen = compare(
+        "images",
+        (model, &space),
+        &all,
+        points.map(|u| model.lift(DVec3::from(u))),
+        3.0,
+    );
+    // Counted elsewhere in exact numbers: integers of the field of the third roots of one.
+    let nearest = [
+        0.467_085_509_519,
+        0.635_046_673_934,
+        0.948_785_257_484,
+        1.024_840_450_647,
+        1.099_194_149_211,
+    ];
+    for (found, known) in seen.iter().zip(nearest) {
+        assert!((found.0 - known).abs() < 1e-10, "{} {known}", found.0);
+    }
+    assert_eq!([2.0, 3.0].map(|d| within(model, &seen, d).0), [41, 317]);
+    let light = within(model, &seen, 3.0).2;
+    assert!((light - 20.234_701_317).abs() < 1e-8, "{light}");
 }
 
 #[test]

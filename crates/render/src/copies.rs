@@ -24,6 +24,9 @@ const MOST_CELLS: usize = 256;
 /// Most transformations for what sticks out of the domain.
 const MOST_BESIDE: usize = 512;
 
+/// Most maps that bring a box from behind a face into a cell that it may be in.
+const MOST_WAYS: usize = 64;
+
 /// Factor by which images of boxes are widened for the bend of their maps.
 const BEND: f64 = 1.3;
 
@@ -69,6 +72,8 @@ pub struct CopySearch<'w> {
     /// The cells that the last box may be in, and the images of its middle in them, which tell them apart.
     cells: Vec<SceneCopy<'static>>,
     places: Vec<DVec3>,
+    /// The maps of the faces of a cell that the box may reach beyond.
+    behind: Vec<&'w DeckTransformation>,
     /// The placed copies that it may meet.
     near: Vec<u32>,
 }
@@ -157,6 +162,7 @@ impl SceneCopies {
             way: self.manifold.gluing().map(Development::new)?,
             cells: Vec::new(),
             places: Vec::new(),
+            behind: Vec::new(),
             near: Vec::new(),
         })
     }
@@ -326,20 +332,39 @@ impl<'w> CopySearch<'w> {
 
     /// Adds the neighbours of a cell that what is in the box may be in.
     fn spread(&mut self, cell: &SceneCopy<'_>, half: DVec3) {
+        let mut behind = std::mem::take(&mut self.behind);
+        behind.clear();
+        let reach = |g| cell.reach(g, half);
+        self.way.within(cell.point, reach, |deck| behind.push(deck));
+        for deck in &behind {
+            if self.is_new(deck.point(cell.point))
+                && let Some(next) = self.settled(cell.then(deck), half)
+                && self.is_new(next.point)
+            {
+                self.places.push(next.point);
+                self.cells.push(next);
+            }
+        }
+        self.behind = behind;
+    }
+
+    /// Goes on from a cell that all of the box lies beyond to one that it may be in: where a domain is no Dirichlet
+    /// domain, what is behind one face may lie far beyond others.
+    fn settled(&mut self, mut cell: SceneCopy<'static>, half: DVec3) -> Option<SceneCopy<'static>> {
+        for _ in 0..MOST_WAYS {
+            match self.way.beyond(cell.point, |g| cell.reach(g, half)) {
+                Some(deck) => cell = cell.then(deck),
+                None => return Some(cell),
+            }
+        }
+        None
+    }
+
+    /// Tells whether another cell may be listed in which the middle comes to lie at `point`.
+    fn is_new(&self, point: DVec3) -> bool {
         let same = SAME_PLACE * self.way.gluing().size();
-        let (cells, places) = (&mut self.cells, &mut self.places);
-        self.way.within(
-            cell.point,
-            |g| cell.reach(g, half),
-            |deck| {
-                let point = deck.point(cell.point);
-                let known = |other: &DVec3| (*other - point).length_squared() <= same * same;
-                if point.is_finite() && cells.len() < MOST_CELLS && !places.iter().any(known) {
-                    cells.push(cell.then(deck));
-                    places.push(point);
-                }
-            },
-        );
+        let known = |other: &DVec3| (*other - point).length_squared() <= same * same;
+        point.is_finite() && self.cells.len() < MOST_CELLS && !self.places.iter().any(known)
     }
 }
 

@@ -64,6 +64,8 @@ pub(super) struct FaceCrossings<'m> {
     rates: Registers<f64, 1>,
     lanes: Registers<f64, LANES>,
     single: Registers<f64, 1>,
+    /// The values of all faces, one after the other, at the start of a step and at [`PLACES`] on it.
+    along: Vec<f64>,
     /// 1 where a trial may leave, else 0.
     outside: Row,
     /// Set where the next step is looked at whatever it seems.
@@ -88,6 +90,7 @@ impl<'m> FaceCrossings<'m> {
             rates: flow.registers(),
             lanes: gluing.values().registers(),
             single: gluing.values().registers(),
+            along: Vec::new(),
             outside: NIL,
             doubtful: [false; LANES],
             aims: [None; LANES],
@@ -164,6 +167,7 @@ impl<'m> FaceCrossings<'m> {
 
     /// Finds where `step` first crosses a face, and which: of several at one place that which it lies farthest beyond.
     fn first(&mut self, step: &Step) -> Option<(f64, usize)> {
+        self.look_along(step);
         let mut first: Option<(f64, f64, usize)> = None;
         for k in 0..self.gluing.faces().len() {
             let Some(s) = self.crossed(k, step) else {
@@ -181,18 +185,29 @@ impl<'m> FaceCrossings<'m> {
         first.map(|(s, _, k)| (s, k))
     }
 
-    /// Finds where `step` first crosses face `k` from inside.
+    /// Computes the values of all faces at the start of `step` and at [`PLACES`] on it.
+    fn look_along(&mut self, step: &Step) {
+        self.along.clear();
+        let places = PLACES.map(|place| place_on(step, place));
+        for s in [step.start].into_iter().chain(places) {
+            self.run_at(step.position(s));
+            let faces = 0..self.gluing.faces().len();
+            self.along.extend(faces.map(|k| self.single.output(k)[0]));
+        }
+    }
+
+    /// Finds where `step`, along which the values are known, first crosses face `k` from inside.
     fn crossed(&mut self, k: usize, step: &Step) -> Option<f64> {
         let face = &self.gluing.faces()[k];
         let (bounds, guard) = (!face.is_portal(), self.gluing.guard(k));
-        let length = step.end - step.start;
-        let mut before = (step.start, self.value(k, step, step.start));
+        let faces = self.gluing.faces().len();
+        let mut before = (step.start, self.along[k]);
         if bounds && before.1 < -guard {
             return Some(step.start);
         }
-        for place in PLACES {
-            let s = step.start + length * place;
-            let now = (s, self.value(k, step, s));
+        for (place, row) in PLACES.iter().zip(1..) {
+            let s = place_on(step, *place);
+            let now = (s, self.along[row * faces + k]);
             if now.1 < -guard {
                 let inside = match before.1 > 0.0 {
                     true => Some(before.0),
@@ -222,9 +237,13 @@ impl<'m> FaceCrossings<'m> {
     }
 
     fn value(&mut self, k: usize, step: &Step, s: f64) -> f64 {
-        let u = step.position(s);
-        self.gluing.values().run_at(&mut self.single, &u.to_array());
+        self.run_at(step.position(s));
         self.single.output(k)[0]
+    }
+
+    /// Computes the values of all faces at `u`.
+    fn run_at(&mut self, u: DVec3) {
+        self.gluing.values().run_at(&mut self.single, &u.to_array());
     }
 
     /// Takes the face that the ray in `lane` stands on and is to cross.
@@ -332,6 +351,11 @@ impl<'m> FaceCrossings<'m> {
         }
         reflect(&EdgeSide::at(self.manifold, u), gradient, v)
     }
+}
+
+/// Returns the arc length at a fraction of a step.
+fn place_on(step: &Step, fraction: f64) -> f64 {
+    step.start + (step.end - step.start) * fraction
 }
 
 /// Turns the quaternion that begins at row `at` by an orthogonal matrix, which may be a mirroring.

@@ -20,6 +20,7 @@ use compiler::Compiler;
 use fearless_simd::{Level, Simd, dispatch};
 pub use instruction::Wide;
 use instruction::{FieldLookup, Instruction, Operation, carry_out};
+use std::cell::Cell;
 
 /// Runs `work` with the widest vector instructions this machine has. `work` and what it calls must
 /// be `#[inline(always)]` to profit.
@@ -122,10 +123,8 @@ impl Tape {
 
     /// Registers for this tape, constants set.
     pub fn registers<R: Real, const W: usize>(&self) -> Registers<R, W> {
-        let mut values = vec![Wide([R::ZERO; W]); self.registers];
-        for &(register, value) in &self.constants {
-            values[register as usize] = Wide([R::from_f64(value); W]);
-        }
+        let mut values = Vec::new();
+        self.prepare(&mut values);
         Registers {
             values,
             inputs: self.inputs,
@@ -133,29 +132,47 @@ impl Tape {
         }
     }
 
+    /// Makes `values` the registers of this tape, constants set.
+    fn prepare<R: Real, const W: usize>(&self, values: &mut Vec<Wide<R, W>>) {
+        values.clear();
+        values.resize(self.registers, Wide([R::ZERO; W]));
+        for &(register, value) in &self.constants {
+            values[register as usize] = Wide([R::from_f64(value); W]);
+        }
+    }
+
     /// Computes all outputs from the inputs in `registers` (which must be of this tape), with the
     /// widest vector instructions there are.
     pub fn run<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        self.interpret(&self.code, registers);
+        self.interpret(&self.code, &mut registers.values);
     }
 
     /// [`Tape::run`] for the first part of the outputs only.
     pub fn run_first<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        self.interpret(&self.code[..self.first], registers);
+        self.interpret(&self.code[..self.first], &mut registers.values);
     }
 
     /// Computes the rest of the outputs after [`Tape::run_first`], for the same inputs.
     pub fn run_rest<R: Real, const W: usize>(&self, registers: &mut Registers<R, W>) {
-        self.interpret(&self.code[self.first..], registers);
+        self.interpret(&self.code[self.first..], &mut registers.values);
     }
 
     /// The outputs at one point, in double precision.
     pub fn at(&self, inputs: &[f64]) -> Vec<f64> {
-        let mut registers = self.registers();
-        self.run_at(&mut registers, inputs);
-        (0..self.outputs())
-            .map(|k| registers.output(k)[0])
-            .collect()
+        // Kept from call to call: to make registers takes as long as to run a short tape.
+        thread_local! {
+            static REGISTERS: Cell<Vec<Wide<f64, 1>>> = const { Cell::new(Vec::new()) };
+        }
+        let mut values = REGISTERS.take();
+        self.prepare(&mut values);
+        for (register, input) in values.iter_mut().zip(inputs) {
+            register[0] = *input;
+        }
+        self.interpret(&self.code, &mut values);
+        let outputs = self.outputs.iter();
+        let outputs = outputs.map(|r| values[usize::from(*r)][0]).collect();
+        REGISTERS.set(values);
+        outputs
     }
 
     /// The outputs at many points of three inputs, one row for each: a vector of them at a time, at a fraction of the
@@ -200,14 +217,13 @@ impl Tape {
     fn interpret<R: Real, const W: usize>(
         &self,
         code: &[Instruction],
-        registers: &mut Registers<R, W>,
+        registers: &mut [Wide<R, W>],
     ) {
         vectorised(
             #[inline(always)]
             || {
-                let r = registers.values.as_mut_slice();
                 for i in code {
-                    carry_out(r, i, &self.fields);
+                    carry_out(registers, i, &self.fields);
                 }
             },
         );

@@ -227,24 +227,50 @@ impl<'g> Development<'g> {
         reach: impl Fn(DVec3) -> f64,
         mut show: impl FnMut(&'g DeckTransformation),
     ) {
+        self.compare(u, |deck, value, gradient| {
+            if value < reach(gradient) {
+                show(deck);
+            }
+        });
+    }
+
+    /// Finds the map of the bounding face that `u` lies farthest beyond, as multiples of what `reach` says of its gradient
+    /// there; `None` where that is less than once.
+    pub fn beyond(
+        &mut self,
+        u: DVec3,
+        reach: impl Fn(DVec3) -> f64,
+    ) -> Option<&'g DeckTransformation> {
+        let mut farthest = (-1.0, None);
+        self.compare(u, |deck, value, gradient| {
+            let depth = value / reach(gradient);
+            if depth < farthest.0 {
+                farthest = (depth, Some(deck));
+            }
+        });
+        farthest.1
+    }
+
+    /// Shows the maps of the bounding faces that have one, with the faces' values and gradients at `u`.
+    #[inline]
+    fn compare(&mut self, u: DVec3, mut show: impl FnMut(&'g DeckTransformation, f64, DVec3)) {
         let gluing = self.gluing;
-        let mut compare = |k: usize, value: f64, gradient: DVec3| {
+        let mut show = |k: usize, value: f64, gradient: DVec3| {
             let face = &gluing.faces[k];
-            if value < reach(gradient)
-                && !face.is_portal()
+            if !face.is_portal()
                 && let Some(deck) = face.deck()
             {
-                show(deck);
+                show(deck, value, gradient);
             }
         };
         let faces = 0..gluing.faces.len();
         match &gluing.spheres {
             Some(spheres) => {
-                faces.for_each(|k| compare(k, spheres.value(k, u), spheres.gradient(k, u)));
+                faces.for_each(|k| show(k, spheres.value(k, u), spheres.gradient(k, u)));
             }
             None => {
                 let values = self.values(u);
-                faces.for_each(|k| compare(k, values.output(k)[0], gluing.gradient(k, u)));
+                faces.for_each(|k| show(k, values.output(k)[0], gluing.gradient(k, u)));
             }
         }
     }

@@ -8,8 +8,8 @@
 //! their tapes.
 //!
 //! In: the tape of all faces. Out: [`Spheres`] where every value is linear in (u, |u|², 1), as those of most spaces
-//! are: their values without a tape. Points are brought back into a domain many times for every pixel; so each time
-//! costs a tenth.
+//! are, or is so for its share of the metric's scale, as those of Dirichlet's domains are in conformal charts: their
+//! values without a tape. Points are brought back into a domain many times for every pixel; so each time costs a tenth.
 
 use geofan_expr::Tape;
 use glam::{DMat3, DVec3};
@@ -62,19 +62,25 @@ impl DeckTransformation {
         }
     }
 
-    /// Takes maps given by tapes, all in the best form that holds at `points`.
-    pub(super) fn of_tapes(tapes: &[Arc<Tape>], points: &[DVec3]) -> Vec<Self> {
+    /// Takes a map given by a tape.
+    pub(super) fn chain(tape: Arc<Tape>) -> Self {
+        Self {
+            rule: Rule::Tapes(vec![tape]),
+            reverses: false,
+        }
+    }
+
+    /// Finds the form, affine or Möbius, that the maps given by tapes all have at `points`; `None` if neither is.
+    pub(super) fn recognised(tapes: &[Arc<Tape>], points: &[DVec3]) -> Option<Vec<Self>> {
         let each = |form: fn(&Tape, &[DVec3]) -> Option<Rule>| -> Option<Vec<Rule>> {
             tapes.iter().map(|tape| form(tape, points)).collect()
         };
-        let rules = each(affine).or_else(|| each(moebius));
-        let chains = || tapes.iter().map(|t| Rule::Tapes(vec![t.clone()])).collect();
-        let rules = rules.unwrap_or_else(chains);
+        let rules = each(affine).or_else(|| each(moebius))?;
         let transformation = |rule| Self {
             rule,
             reverses: false,
         };
-        rules.into_iter().map(transformation).collect()
+        Some(rules.into_iter().map(transformation).collect())
     }
 
     /// Tells which way round it turns things.
@@ -86,11 +92,6 @@ impl DeckTransformation {
     /// Returns whether it turns right into left.
     pub fn reverses(&self) -> bool {
         self.reverses
-    }
-
-    /// Returns whether it is a matrix in a model that the file names.
-    pub(super) fn is_linear(&self) -> bool {
-        matches!(self.rule, Rule::Linear(..))
     }
 
     /// Makes the one transformation of a space whose faces have no maps: it moves nothing.
@@ -188,18 +189,16 @@ impl DeckTransformation {
         }
     }
 
-    /// Returns the most by which its differential `d` somewhere stretches, in the chart.
+    /// Bounds from above by how much its differential `d` somewhere stretches, in the chart: `σ² <= ‖dᵀd‖∞`, which is
+    /// equal for rotations and for stretches along axes.
     pub fn stretch(&self, d: DMat3) -> f64 {
         // Möbius transformations stretch alike in all directions.
         if matches!(self.rule, Rule::Moebius(_)) {
             return d.x_axis.length();
         }
         let square = d.transpose() * d;
-        let mut v = DVec3::ONE;
-        for _ in 0..4 {
-            v = (square * v).normalize_or(DVec3::X);
-        }
-        (square * v).length().sqrt()
+        let sums = square.x_axis.abs() + square.y_axis.abs() + square.z_axis.abs();
+        sums.max_element().sqrt()
     }
 }
 
@@ -252,13 +251,15 @@ impl LinearModel {
     fn apply(&self, matrix: &[f64], u: DVec3) -> (DVec3, DMat3) {
         let n = self.dimension;
         let lifted = self.lift.at(&u.to_array());
-        let moved = |column: &[f64]| -> Vec<f64> {
-            let entry = |row: &[f64]| row.iter().zip(column).map(|(a, b)| a * b).sum();
-            matrix.chunks_exact(n).map(entry).collect()
-        };
-        let dropped = self.drop.at(&moved(&lifted[..n]));
-        let columns = [0, 1, 2].map(|k| {
-            let rates = moved(&lifted[n + k * n..n + (k + 1) * n]);
+        // X, then ∂X/∂u_k.
+        let mut moved = Vec::with_capacity(4 * n);
+        for column in lifted.chunks_exact(n) {
+            let entry = |row: &[f64]| row.iter().zip(column).map(|(a, b)| a * b).sum::<f64>();
+            moved.extend(matrix.chunks_exact(n).map(entry));
+        }
+        let dropped = self.drop.at(&moved[..n]);
+        let columns = [1, 2, 3].map(|k| {
+            let rates = &moved[k * n..(k + 1) * n];
             let parts = rates.iter().zip(dropped[3..].chunks_exact(3));
             parts.fold(DVec3::ZERO, |sum, (rate, part)| {
                 sum + DVec3::from_slice(part) * *rate
@@ -368,13 +369,18 @@ const OUTSIDE: [f64; 4] = [1.0, 1.7, 4.0, 30.0];
 pub(super) struct Spheres(Vec<[f64; 5]>);
 
 impl Spheres {
-    /// Finds the functions that the tape agrees with at `points` in general position and farther out, if it does.
-    pub fn of(values: &Tape, faces: usize, points: &[DVec3]) -> Option<Self> {
+    /// Finds the functions that `values`, of as many faces, agrees with at `points` in general position and farther out,
+    /// wherever it has values, if it does.
+    pub fn of(
+        values: impl Fn(DVec3) -> Option<Vec<f64>>,
+        faces: usize,
+        points: &[DVec3],
+    ) -> Option<Self> {
         let stride = points.len() / 5;
         let chosen: Vec<DVec3> = (0..5)
             .map(|i| points.get(i * stride).copied())
             .collect::<Option<_>>()?;
-        let at: Vec<Vec<f64>> = chosen.iter().map(|u| values.at(&u.to_array())).collect();
+        let at: Vec<Vec<f64>> = chosen.iter().map(|u| values(*u)).collect::<Option<_>>()?;
         let mut rows = Vec::with_capacity(faces);
         for first in (0..faces).step_by(5) {
             let mut system = [[0.0; 10]; 5];
@@ -395,8 +401,10 @@ impl Spheres {
             OUTSIDE.iter().map(pushed).collect::<Vec<_>>()
         });
         let agrees = |u: DVec3| {
-            let values = values.at(&u.to_array());
-            (0..faces).all(|k| (spheres.value(k, u) - values[k]).abs() <= spheres.rounding(k, u))
+            values(u).is_none_or(|values| {
+                (0..faces)
+                    .all(|k| (spheres.value(k, u) - values[k]).abs() <= spheres.rounding(k, u))
+            })
         };
         places.all(agrees).then_some(spheres)
     }
@@ -459,7 +467,15 @@ mod tests {
     /// The composition of two maps is that of their tapes, with its differential.
     fn check_composition(texts: [[&str; 3]; 2], is_right_form: fn(&Rule) -> bool) {
         let tapes = texts.map(tape);
-        let maps = DeckTransformation::of_tapes(&tapes, &points());
+        let recognised = DeckTransformation::recognised(&tapes, &points());
+        let chains = || {
+            tapes
+                .iter()
+                .cloned()
+                .map(DeckTransformation::chain)
+                .collect()
+        };
+        let maps: Vec<DeckTransformation> = recognised.unwrap_or_else(chains);
         assert!(maps.iter().all(|m| is_right_form(&m.rule)));
         let both = maps[0].then(&maps[1]).then(&maps[1].identity());
         for u in points() {

@@ -41,7 +41,7 @@ pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
     let mut gluing = gluing.clone();
     let points = points_inside(manifold, &gluing)?;
     gluing.measure(&points);
-    gluing.recognise(&points);
+    gluing.recognise(manifold, &points);
     let checks = GluingChecks {
         manifold,
         gluing: &gluing,
@@ -190,24 +190,43 @@ impl Gluing {
     }
 
     /// Recognises the form of faces and maps, and which turn right into left.
-    fn recognise(&mut self, points: &[DVec3]) {
-        self.spheres = Spheres::of(&self.values, self.faces.len(), points);
+    fn recognise(&mut self, manifold: &Manifold, points: &[DVec3]) {
+        self.spheres = self.find_spheres(manifold, points);
         let maps = self.faces.iter().filter_map(|face| face.map.as_ref());
-        let matrices = maps.clone().all(|map| map.deck.is_linear());
         let tapes: Vec<_> = maps.map(|map| map.tape.clone()).collect();
-        let decks = match matrices {
-            true => Vec::new(),
-            false => DeckTransformation::of_tapes(&tapes, points),
-        };
-        let mut decks = decks.into_iter();
+        let recognised = DeckTransformation::recognised(&tapes, points);
+        let mut recognised = recognised.into_iter().flatten();
         for map in self.faces.iter_mut().filter_map(|face| face.map.as_mut()) {
-            if let Some(deck) = decks.next() {
+            if let Some(deck) = recognised.next() {
                 map.deck = deck;
             }
             let (_, d) = super::at_tape(&map.tape, points[0]);
             map.deck = map.deck.clone().reversing(d.determinant() < 0.0);
         }
     }
+
+    /// Finds the planes and spheres that the faces are: by their values, or else by these for the metric's scale, the sixth
+    /// root of its determinant. Linear functions of the light cone's model of a conformally flat space are that scale
+    /// times linear functions of (u, |u|², 1).
+    fn find_spheres(&self, manifold: &Manifold, points: &[DVec3]) -> Option<Spheres> {
+        let values = |u: DVec3| self.values.at(&u.to_array());
+        let own = Spheres::of(|u| Some(values(u)), self.faces.len(), points);
+        own.or_else(|| {
+            let scale = |u: DVec3| metric_scale(manifold, u);
+            let unit = scale(self.inside);
+            let for_scale = |u: DVec3| {
+                let share = is_regular(manifold, u).then(|| unit / scale(u))?;
+                Some(values(u).into_iter().map(|value| value * share).collect())
+            };
+            Spheres::of(for_scale, self.faces.len(), points)
+        })
+    }
+}
+
+/// Computes the sixth root of the metric's determinant: the scale of a conformally flat one.
+fn metric_scale(manifold: &Manifold, u: DVec3) -> f64 {
+    let (g, _) = manifold.metric_and_frame(u);
+    g.determinant().powf(1.0 / 6.0)
 }
 
 /// A point of a face, where a line leaves the domain.
@@ -293,7 +312,8 @@ impl GluingChecks<'_> {
         found
     }
 
-    /// Finds where the line from `from` along `d` leaves the domain, if it does within [`PLACES`] steps.
+    /// Finds where the line from `from` along `d` leaves the domain through a face, if it does within [`PLACES`] steps:
+    /// not where the space ends before, as at an ideal boundary that the domain reaches.
     fn leaves(&self, from: DVec3, d: DVec3) -> Option<FacePoint> {
         let faces = &self.gluing.faces;
         let value = |k: usize, t: f64| self.gluing.values.at(&(from + d * t).to_array())[k];
@@ -305,11 +325,11 @@ impl GluingChecks<'_> {
             }
             let left = (0..faces.len()).filter(|k| !faces[*k].is_portal() && values[*k] < 0.0);
             let places = left.map(|k| (crossing(t - 1.0, t, |t| -value(k, t)), k));
-            if let Some((t, face)) = places.min_by(|a, b| a.0.total_cmp(&b.0)) {
-                return Some(FacePoint {
-                    face,
-                    u: from + d * t,
-                });
+            let place = places.min_by(|a, b| a.0.total_cmp(&b.0));
+            let u = from + d * place.map_or(t, |(t, _)| t);
+            if place.is_some() || !is_regular(self.manifold, u) {
+                let (_, face) = place.filter(|_| is_regular(self.manifold, u))?;
+                return Some(FacePoint { face, u });
             }
         }
         None
@@ -369,9 +389,8 @@ impl GluingChecks<'_> {
     }
 
     fn unpaired(&self, k: usize, message: String) -> crate::error::Error {
-        let of_group = self.gluing.faces[k]
-            .deck()
-            .is_some_and(DeckTransformation::is_linear);
+        let map = self.gluing.faces[k].map.as_ref();
+        let of_group = map.is_some_and(|map| map.is_of_group);
         let hint = match of_group {
             true => {
                 "these are the faces of Dirichlet's domain: the generators must be exact, and their group discrete"

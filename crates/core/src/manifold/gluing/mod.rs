@@ -57,6 +57,8 @@ struct FaceMap {
     /// u, a, b -> d²φ(a, b) (3).
     bend: Tape,
     deck: DeckTransformation,
+    /// Set if it is a matrix of a group that the file gives.
+    is_of_group: bool,
 }
 
 /// A face of a glued domain.
@@ -426,11 +428,13 @@ impl FaceMap {
             let rate = graph.derivative(node, &mut along);
             graph.derivative(rate, &mut across)
         });
+        let is_of_group = matrix.is_some();
         let deck = match matrix {
             Some((matrix, model)) => DeckTransformation::linear(matrix, model),
-            None => DeckTransformation::of_tapes(std::slice::from_ref(&tape), &[]).remove(0),
+            None => DeckTransformation::chain(tape.clone()),
         };
         Ok(Self {
+            is_of_group,
             bend: Tape::compile(graph, &bend, 9)?,
             tape,
             deck,
