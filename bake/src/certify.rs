@@ -6,7 +6,7 @@
 //! its exact path.
 
 use geofan_bundle::{
-    Certificate, Checked, FAR, MOST, Outlier, Table,
+    Certificate, Checked, FAR, MOST, Outlier, Table, TablePath,
     measure::{Probe, Probed, probe, settings, with_end},
     rays::{Axis, RaySpace, Reduction},
 };
@@ -26,6 +26,9 @@ const KEY: u64 = 0x6365_7274_6966_7921;
 
 /// Cameras whose exact rays are followed together: those of one alone leave most lanes idle.
 const CAMERAS: usize = 16;
+
+/// Error in mrad where a table shows no direction at all: as wrong as one can be.
+const NOTHING_SEEN: f64 = 1e3 * PI;
 
 /// Errors found on the rays of one camera, in mrad.
 #[derive(Default)]
@@ -211,7 +214,11 @@ impl CertificateErrors {
             let path = fan.path(*d);
             let known = |probe: &Probe| path.at(probe.s);
             if let Some(tangent) = exact.tangent().filter(|_| table.frames) {
-                let error = |(_, v)| tangent.sky_mrad(v - tangent.v);
+                let misses = matches!(exact.end, End::Exit(_)) && !leaves(table, &path, tangent.s);
+                let error = |(_, v)| match misses {
+                    true => NOTHING_SEEN,
+                    false => tangent.sky_mrad(v - tangent.v),
+                };
                 self.sky.extend(known(tangent).map(error));
             }
             if let Some(probe) = exact.probes.first() {
@@ -224,8 +231,8 @@ impl CertificateErrors {
                 self.screen.push(found.screen_mrad);
                 // A frame that cannot be carried is as wrong as one can be; those of flagged paths are integrated.
                 if table.frames && path.flagged_from() >= probe.s {
-                    let unknown = 1e3 * std::f64::consts::PI;
-                    self.rotation.push(found.rotation_mrad.unwrap_or(unknown));
+                    let rotation = found.rotation_mrad.unwrap_or(NOTHING_SEEN);
+                    self.rotation.push(rotation);
                 }
                 if !(found.screen_mrad <= FAR * promise) {
                     let (place, s) = (&fan.place, (probe.s, exact.length));
@@ -264,6 +271,29 @@ impl CertificateErrors {
 /// they end is told to two digits.
 const FARTHER_TOLERANCE: f64 = 1e-8;
 const FARTHER_BLOCK: usize = 64;
+
+/// Tells whether a path of `table` meets an exit, as the exact one does at the arc length `s`; of one that the table gives
+/// up on exact paths tell.
+fn leaves(table: &Table, path: &TablePath<'_>, s: f64) -> bool {
+    let manifold = table.space.manifold();
+    if !table.space.ends_alike() || path.flagged_from() <= table.length {
+        return true;
+    }
+    let is_beyond = |s: f64| {
+        path.at(s).is_some_and(|(u, v)| {
+            let state = [u.to_array(), v.to_array()].concat();
+            let events = manifold.domain.events().at(&state);
+            events.iter().any(|value| *value > 0.0)
+        })
+    };
+    // A little behind, or at its end, most are beyond it.
+    is_beyond((BEHIND_EXIT * s).min(table.length))
+        || is_beyond(table.length)
+        || path.first_event(table.length).is_some()
+}
+
+/// Factor of the arc length of an exit behind which most paths are beyond it.
+const BEHIND_EXIT: f64 = 1.02;
 
 /// Random rays from one camera.
 #[derive(Debug, Clone)]

@@ -3,7 +3,8 @@
 //! In: a [`PathView`], or points and tangents of sixteen paths side by side. Out: the [`Ending`] of each: the
 //! first event of the domain on the cubics between the knots. An event counts where its value is positive
 //! and larger than before: a ray leaves where an exit's condition *becomes* positive. Between two places its
-//! value is taken to be a parabola, whose root is found from values alone.
+//! value is taken to be a parabola, whose root is found from values alone; where the values at three bend as at a
+//! summit that may be positive, more are looked at.
 
 use super::{
     curve::{Cubic, Ending},
@@ -12,7 +13,10 @@ use super::{
     path_patch::{Bicubic, PathPatch, Vertex},
     tracer::GridTracer,
 };
-use geofan_core::{geodesic::End, manifold::Manifold};
+use geofan_core::{
+    geodesic::{End, may_rise_between},
+    manifold::Manifold,
+};
 use geofan_expr::{Registers, vectorised};
 use glam::DVec3;
 use std::ops::Range;
@@ -30,13 +34,42 @@ pub struct Event {
     pub v: DVec3,
 }
 
+/// Most times that an event is looked for between sixteen points of a piece: each time they are fifteen times nearer.
+const CLOSER_LOOKS: usize = 3;
+
+/// Share to which the tangent of a path shrinks from one point to the next where it comes to a stop.
+const STOP: f64 = 0.3;
+
+/// Tells whether a path with these tangents at two points near each other comes to a stop between them.
+pub fn comes_to_a_stop([before, after]: [DVec3; 2]) -> bool {
+    after.length_squared() < STOP * STOP * before.length_squared()
+}
+
+/// Two pieces of a path on which an event may rise and fall again.
+#[derive(Debug, Clone, Copy)]
+struct Passed {
+    /// The number of the first of them.
+    piece: usize,
+    /// Index of the domain's event.
+    kind: usize,
+    /// By how much its values at the three knots bend.
+    bend: f64,
+}
+
+/// Share of what an event bends by between knots that its value may fall short of zero on the cubics where it rises on the
+/// path itself: cubics are off by less than a quarter of the way between knots.
+const SHORT: f64 = 0.15;
+
 /// Finds how paths end.
 #[derive(Clone)]
 pub struct EventLocator<'m> {
     manifold: &'m Manifold,
     registers: Registers<f64, LANES>,
-    /// The events' values at the knot before.
+    /// The events' values at the knot before, and at the one before that.
     before: Vec<f64>,
+    earlier: Vec<f64>,
+    /// Where one may rise and fall again.
+    passed: Vec<Passed>,
     /// Their values at both ends of the piece on which the first event was found last, and at the knot
     /// after it.
     rise: Vec<[f64; 3]>,
@@ -63,6 +96,8 @@ impl<'m> EventLocator<'m> {
             manifold,
             registers: manifold.domain.events().registers(),
             before: vec![f64::NAN; manifold.domain.kinds.len()],
+            earlier: vec![f64::NAN; manifold.domain.kinds.len()],
+            passed: Vec::new(),
             rise: vec![[f64::NAN; 3]; manifold.domain.kinds.len()],
             skies: (0..manifold.exits.len())
                 .map(|exit| manifold.sky_registers(Some(exit)))
@@ -83,7 +118,7 @@ impl<'m> EventLocator<'m> {
     pub fn refined_ending(
         &mut self,
         path: PathView<'_>,
-        sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
+        sample: impl Fn(&[f64], &mut [f64]) -> usize,
     ) -> Option<Ending> {
         let event = self.refined_event(path, sample)?;
         Some(self.ending_of(&event))
@@ -94,22 +129,75 @@ impl<'m> EventLocator<'m> {
     pub fn refined_event(
         &mut self,
         path: PathView<'_>,
-        sample: impl FnOnce(&[f64], &mut [f64]) -> usize,
+        sample: impl Fn(&[f64], &mut [f64]) -> usize,
     ) -> Option<Event> {
-        let piece = self.last_piece(path)?;
-        let last = (LANES - 1) as f64;
-        let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
-        let mut rows = [0.0; ROWS * LANES];
-        let known = sample(&knots, &mut rows);
-        let closer = self.last_piece(PathView {
-            knots: &knots,
-            rows: &rows,
-            boxes: &[],
-            known,
-            ..path
+        let last = self.last_piece(path);
+        let rise = last.and_then(|_| earliest(self.rise.iter().copied()));
+        let passed = std::mem::take(&mut self.passed);
+        let found = passed.iter().find_map(|two| {
+            let pieces = [two.piece, two.piece + 1].map(|k| path.piece(k));
+            let near = self.comes_near(two, &pieces);
+            let pieces = pieces.into_iter().filter(|_| near);
+            pieces
+                .filter_map(|piece| self.event_between(piece, path, &sample))
+                .next()
         });
-        // At the very end of the piece rounding may hide the event from the points between.
-        let piece = closer.unwrap_or(piece);
+        self.passed = passed;
+        let on_last = || {
+            let piece = path.piece(last?);
+            // At the very end of the piece rounding may hide the event from the points between.
+            self.event_between(piece, path, &sample).or_else(|| {
+                let (t, kind) = rise?;
+                Some(Event::on(&piece, t, kind))
+            })
+        };
+        found.or_else(on_last)
+    }
+
+    /// Tells whether an event may rise on these two pieces, by sixteen points on their cubics.
+    fn comes_near(&mut self, passed: &Passed, pieces: &[Cubic; 2]) -> bool {
+        let half = LANES / 2;
+        for l in 0..LANES {
+            let (piece, t) = (&pieces[l / half], (l % half) as f64 + 0.5);
+            let t = t / half as f64;
+            let (u, v) = (piece.position(t), piece.tangent(t));
+            for c in 0..3 {
+                self.registers.input(c)[l] = u[c];
+                self.registers.input(3 + c)[l] = v[c];
+            }
+        }
+        self.manifold.domain.events().run(&mut self.registers);
+        let short = SHORT * passed.bend;
+        let mut values = self.registers.output(passed.kind).iter();
+        values.any(|value| *value > short)
+    }
+
+    /// Finds the first event between two of sixteen points of a piece of the path, and between sixteen of these two where the
+    /// path comes to a stop between them: a table's paths do a little behind an exit, and a cubic across is none of the
+    /// path.
+    fn event_between(
+        &mut self,
+        mut piece: Cubic,
+        path: PathView<'_>,
+        sample: impl Fn(&[f64], &mut [f64]) -> usize,
+    ) -> Option<Event> {
+        let last = (LANES - 1) as f64;
+        for _ in 0..CLOSER_LOOKS {
+            let knots: [f64; LANES] = std::array::from_fn(|l| piece.arc(l as f64 / last));
+            let mut rows = [0.0; ROWS * LANES];
+            let known = sample(&knots, &mut rows);
+            let closer = PathView {
+                knots: &knots,
+                rows: &rows,
+                boxes: &[],
+                known,
+                ..path
+            };
+            piece = closer.piece(self.last_piece(closer)?);
+            if !comes_to_a_stop(piece.v) {
+                break;
+            }
+        }
         let (t, kind) = earliest(self.rise.iter().copied())?;
         Some(Event::on(&piece, t, kind))
     }
@@ -129,17 +217,20 @@ impl<'m> EventLocator<'m> {
         }
     }
 
-    /// Finds the piece on which the first event happens; `None` if there is none.
-    fn last_piece(&mut self, path: PathView<'_>) -> Option<Cubic> {
+    /// Finds the number of the piece at whose end the first event has risen; `None` if there is none. Lists those
+    /// before it on which one may rise and fall again.
+    fn last_piece(&mut self, path: PathView<'_>) -> Option<usize> {
+        self.passed.clear();
         if self.before.is_empty() {
             return None;
         }
         // Nothing rises beyond this: at the first knot no event counts.
         self.before.fill(f64::INFINITY);
+        self.earlier.fill(f64::INFINITY);
         for first in (0..path.known).step_by(LANES) {
             let count = LANES.min(path.known - first);
             if let Some(lane) = self.rising(&path, first, count) {
-                return Some(path.piece(first + lane - 1));
+                return Some(first + lane - 1);
             }
         }
         None
@@ -171,6 +262,7 @@ impl<'m> EventLocator<'m> {
             },
         );
         let lane = lanes::first(&counts);
+        self.note_passed(first, lane.unwrap_or(count));
         // Their values around it, or those at the last knot for the next sixteen.
         for (k, before) in self.before.iter_mut().enumerate() {
             let values = self.registers.output(k);
@@ -182,10 +274,43 @@ impl<'m> EventLocator<'m> {
                     let line = 2.0 * values[lane] - earlier;
                     self.rise[k] = [earlier, values[lane], next.copied().unwrap_or(line)];
                 }
-                None => *before = values[count - 1],
+                None => {
+                    self.earlier[k] = if count > 1 {
+                        values[count - 2]
+                    } else {
+                        *before
+                    };
+                    *before = values[count - 1];
+                }
             }
         }
         lane
+    }
+
+    /// Lists where an event may rise and fall again about the knots up to the first `count` of sixteen, the first of which
+    /// has this number.
+    fn note_passed(&mut self, first: usize, count: usize) {
+        let known = self.passed.len();
+        for (kind, (before, earlier)) in self.before.iter().zip(&self.earlier).enumerate() {
+            let values = self.registers.output(kind);
+            let at = |l: usize| match l {
+                0 => *earlier,
+                1 => *before,
+                _ => values[l - 2],
+            };
+            for l in 0..count {
+                let three = [at(l), at(l + 1), at(l + 2)];
+                if may_rise_between(three) {
+                    self.passed.push(Passed {
+                        // Between the knots l - 2, l - 1 and l of these.
+                        piece: first + l - 2,
+                        kind,
+                        bend: three[0] - 2.0 * three[1] + three[2],
+                    });
+                }
+            }
+        }
+        self.passed[known..].sort_unstable_by_key(|passed| passed.piece);
     }
 }
 
@@ -295,39 +420,72 @@ impl EventLocator<'_> {
         tangent: impl Fn(usize) -> Vectors,
     ) -> [Ending; LANES] {
         let path = (&point, &tangent);
-        let ends = (0..=pieces * per_piece).step_by(per_piece);
-        let roughly = self.first_of_sixteen(ends, path);
+        let ends = (0..pieces * per_piece + 1).step_by(per_piece);
+        let suspected = self.suspected(ends, path);
         let mut endings = [Ending::Length; LANES];
-        for piece in 0..pieces {
-            if roughly.iter().flatten().all(|(k, _)| *k != piece) {
-                continue;
-            }
+        for piece in (0..pieces).filter(|piece| suspected[*piece]) {
             let inside = piece * per_piece..(piece + 1) * per_piece + 1;
             let events = self.first_of_sixteen(inside, path);
             for (ending, event) in endings.iter_mut().zip(events) {
-                if let (Ending::Length, Some((_, event))) = (&ending, event) {
+                if let (Ending::Length, Some(event)) = (&ending, event) {
                     *ending = self.ending_of(&event);
                 }
+            }
+            if endings.iter().all(|ending| *ending != Ending::Length) {
+                break;
             }
         }
         endings
     }
 
-    /// Finds the first event of each of sixteen paths on the cubics between vertices with these numbers, and
-    /// the number of the interval between those.
+    /// Marks the pieces between vertices with these numbers in which an event of one of sixteen paths has risen at the
+    /// end, or may rise and fall again.
+    #[inline(always)]
+    fn suspected<P: Fn(usize) -> (f64, Vectors), V: Fn(usize) -> Vectors>(
+        &mut self,
+        numbers: impl ExactSizeIterator<Item = usize>,
+        (point, tangent): (&P, &V),
+    ) -> Vec<bool> {
+        let tape = self.manifold.domain.events();
+        let needs_tangents = (3..ROWS).any(|c| tape.reads(c));
+        let nothing = vec![[f64::INFINITY; LANES]; self.before.len()];
+        let (mut earlier, mut before) = (nothing.clone(), nothing);
+        let mut suspected = vec![false; numbers.len().saturating_sub(1)];
+        for (end, number) in numbers.enumerate() {
+            self.put(0, &point(number).1);
+            if needs_tangents {
+                self.put(3, &tangent(number));
+            }
+            tape.run(&mut self.registers);
+            if end > 0 {
+                suspected[end - 1] |= any(&counting(&self.registers, &before, |before, _| *before));
+            }
+            for (k, (earlier, before)) in earlier.iter_mut().zip(&mut before).enumerate() {
+                let now = self.registers.output(k);
+                if end > 1 && (0..LANES).any(|l| may_rise_between([earlier[l], before[l], now[l]]))
+                {
+                    suspected[end - 2..end].fill(true);
+                }
+                (*earlier, *before) = (*before, *now);
+            }
+        }
+        suspected
+    }
+
+    /// Finds the first event of each of sixteen paths on the cubics between vertices with these numbers.
     #[inline(always)]
     fn first_of_sixteen<P: Fn(usize) -> (f64, Vectors), V: Fn(usize) -> Vectors>(
         &mut self,
         numbers: impl Iterator<Item = usize>,
         (point, tangent): (&P, &V),
-    ) -> [Option<(usize, Event)>; LANES] {
+    ) -> [Option<Event>; LANES] {
         let tape = self.manifold.domain.events();
         // Few domains end where a path runs in a certain direction, and tangents are half the work.
         let needs_tangents = (3..ROWS).any(|c| tape.reads(c));
         let mut events = [None; LANES];
         let mut before: Option<(usize, f64, Vectors)> = None;
         let mut earlier = vec![[f64::INFINITY; LANES]; self.before.len()];
-        for (end, number) in numbers.enumerate() {
+        for number in numbers {
             // The events' values at this vertex.
             let (s, points) = point(number);
             self.put(0, &points);
@@ -338,8 +496,7 @@ impl EventLocator<'_> {
             // Those that count since the one before.
             let here = (number, s, points);
             if let Some(before) = &before {
-                let interval = (end - 1, [before, &here]);
-                self.note(interval, tangent, &earlier, &mut events);
+                self.note([before, &here], tangent, &earlier, &mut events);
                 if events.iter().all(Option::is_some) {
                     break;
                 }
@@ -353,14 +510,14 @@ impl EventLocator<'_> {
     }
 
     /// Notes the events that count since they were `earlier` of the paths without one, where the interval is
-    /// known by its number and its ends: vertex, arc length and points.
+    /// known by its ends: vertex, arc length and points.
     #[inline(always)]
     fn note<V: Fn(usize) -> Vectors>(
         &self,
-        (number, [from, to]): (usize, [&(usize, f64, Vectors); 2]),
+        [from, to]: [&(usize, f64, Vectors); 2],
         tangent: &V,
         earlier: &[Lanes],
-        events: &mut [Option<(usize, Event)>; LANES],
+        events: &mut [Option<Event>; LANES],
     ) {
         let mut counts = counting(&self.registers, earlier, |before, _| *before);
         for l in 0..LANES {
@@ -381,7 +538,7 @@ impl EventLocator<'_> {
                     u: [lane(&from.2, l), lane(&to.2, l)],
                     v: [lane(&tangents[0], l), lane(&tangents[1], l)],
                 };
-                events[l] = Some((number, Event::on(&piece, t, kind)));
+                events[l] = Some(Event::on(&piece, t, kind));
             }
         }
     }

@@ -2,8 +2,9 @@
 //!
 //! In: trial states of all lanes, then the accepted [`Step`] of one; or the events' values at the ends of a
 //! stretch; or any curve s -> (u, v). Out: the [`End`] and its arc length, found on the curve to rounding,
-//! not to the step. Events are looked at at the end of a step and at one or three places inside it, so one
-//! that comes and goes between two of them is missed: at most 1/64 of the ray lies between.
+//! not to the step. Events are looked at at the end of a step and at one or three places inside it, at most 1/64 of
+//! the ray apart. One that comes and goes between two of them is found where the values bend as at a summit
+//! ([`may_rise_between`]): those of a ball do, however small it is.
 //!
 //! An event counts where its value becomes positive; one that is positive already, because the ray starts
 //! beyond it, counts as soon as its value rises. [`crossing`] is the root finder of all of them.
@@ -17,6 +18,12 @@ use glam::DVec3;
 
 /// Where events are looked at, as fractions of a step; short steps only at every second place.
 const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+
+/// The number of the middle among them.
+const MIDDLE: usize = 1;
+
+/// Looks for a place where an event is positive, near its summit.
+const SUMMIT_LOOKS: usize = 24;
 
 /// Finds events on the steps of the rays in all lanes.
 pub(super) struct Events<'m> {
@@ -32,6 +39,8 @@ pub(super) struct Events<'m> {
     long: Row,
     /// The largest value of any event at any place.
     most: Row,
+    /// 1 where an event may rise and fall again between places, else 0.
+    summits: Row,
 }
 
 impl<'m> Events<'m> {
@@ -47,6 +56,7 @@ impl<'m> Events<'m> {
             at: std::array::from_fn(|_| tape.registers()),
             long: NIL,
             most: NIL,
+            summits: NIL,
         })
     }
 
@@ -89,6 +99,7 @@ impl<'m> Events<'m> {
         }
         self.look_at_state(ends);
         self.note(PLACES.len() - 1);
+        self.note_summits();
     }
 
     #[inline(always)]
@@ -122,9 +133,23 @@ impl<'m> Events<'m> {
         self.most = most;
     }
 
+    /// Marks the lanes in which an event may rise and fall again between its start, its middle and its end.
+    #[inline(always)]
+    fn note_summits(&mut self) {
+        let mut summits = NIL;
+        for (k, before) in self.before.iter().enumerate() {
+            let [middle, end] = [MIDDLE, PLACES.len() - 1].map(|place| self.at[place].output(k));
+            summits = each(|l| {
+                let may_rise = may_rise_between([before[l], middle[l], end[l]]);
+                if may_rise { 1.0 } else { summits[l] }
+            });
+        }
+        self.summits = summits;
+    }
+
     /// Returns whether an event may be met within the step tried in `lane`.
     pub fn may_be_met(&self, lane: usize) -> bool {
-        self.most[lane] > 0.0
+        self.most[lane] > 0.0 || self.summits[lane] > 0.0
     }
 
     /// Moves on where `accepted` is 1.
@@ -138,6 +163,19 @@ impl<'m> Events<'m> {
 
     /// The first event on the accepted step of `lane`, with its arc length.
     pub fn first_in(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
+        let between = self.first_at_places(lane, step);
+        let passed = match self.summits[lane] > 0.0 {
+            true => self.first_passed(lane, step),
+            false => None,
+        };
+        [between, passed]
+            .into_iter()
+            .flatten()
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// The first event that has risen at one of [`PLACES`].
+    fn first_at_places(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
         let Self {
             domain,
             single,
@@ -158,18 +196,46 @@ impl<'m> Events<'m> {
             };
             let ends = |k: usize| [value(from.1, k), value(Some(place), k)];
             let first = first_between(domain, [from.0, to], ends, |k, s| {
-                let (u, v) = (step.position(s), step.tangent(s));
-                for c in 0..3 {
-                    *single.input(c) = [u[c]];
-                    *single.input(3 + c) = [v[c]];
-                }
-                domain.events().run(single);
-                single.output(k)[0]
+                value_on(domain, single, step, (k, s))
             });
             from = (to, Some(place));
             first
         })
     }
+
+    /// The first event that rises and falls again between the step's start, its middle and its end.
+    fn first_passed(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
+        let Self {
+            domain,
+            single,
+            before,
+            at,
+            ..
+        } = self;
+        let known = |k: usize| {
+            let [middle, end] = [MIDDLE, PLACES.len() - 1].map(|place| at[place].output(k)[lane]);
+            [before[k][lane], middle, end]
+        };
+        first_passed(domain, [step.start, step.end], known, |k, s| {
+            value_on(domain, single, step, (k, s))
+        })
+    }
+}
+
+/// The value of event `k` at the arc length `s` of a step.
+fn value_on(
+    domain: &Domain,
+    registers: &mut Registers<f64, 1>,
+    step: &Step,
+    (k, s): (usize, f64),
+) -> f64 {
+    let (u, v) = (step.position(s), step.tangent(s));
+    for c in 0..3 {
+        *registers.input(c) = [u[c]];
+        *registers.input(3 + c) = [v[c]];
+    }
+    domain.events().run(registers);
+    registers.output(k)[0]
 }
 
 impl End {
@@ -197,6 +263,83 @@ const LOOKS: u32 = 256;
 #[inline(always)]
 fn is_met(before: f64, now: f64) -> bool {
     (now > 0.0) & (now > before)
+}
+
+/// Tells whether an event with these values at three places, equally far apart and none positive, may be positive
+/// between them: the parabola through them has its summit there, no lower than half of what it bends by. So what rises
+/// and falls along straight lines, as a cone, is always told of, whatever of it lies between the places.
+#[inline(always)]
+pub fn may_rise_between([a, b, c]: [f64; 3]) -> bool {
+    let (bend, slope) = (a - 2.0 * b + c, c - a);
+    let none_positive = (a <= 0.0) & (b <= 0.0) & (c <= 0.0);
+    // Times −8 bend, which is positive: summit - 0.5 bend > 0.
+    let high = (4.0 * bend - 8.0 * b) * bend + slope * slope > 0.0;
+    none_positive & (bend < 0.0) & (slope.abs() <= -2.0 * bend) & high
+}
+
+/// The first event that rises and falls again between the arc lengths `from` and `to`; `known` gives the values of an
+/// event at both and in the middle, `value` that of an event at an arc length between.
+fn first_passed(
+    domain: &Domain,
+    [from, to]: [f64; 2],
+    known: impl Fn(usize) -> [f64; 3],
+    mut value: impl FnMut(usize, f64) -> f64,
+) -> Option<(End, f64)> {
+    let mut first: Option<(f64, usize)> = None;
+    for k in 0..domain.kinds.len() {
+        let values = known(k);
+        if !may_rise_between(values) {
+            continue;
+        }
+        let Some(summit) = summit([from, to], values, |s| value(k, s)) else {
+            continue;
+        };
+        let s = crossing(from, summit, |s| value(k, s));
+        if first.is_none_or(|(earlier, _)| s < earlier) {
+            first = Some((s, k));
+        }
+    }
+    first.map(|(s, k)| (End::of_event(domain, domain.kinds[k]), s))
+}
+
+/// Looks between two places for one where `value` is positive, from its values at both and in the middle: at the summit
+/// of the parabola through the three best places, or halfway where that tells nothing new.
+fn summit(
+    [from, to]: [f64; 2],
+    values: [f64; 3],
+    mut value: impl FnMut(f64) -> f64,
+) -> Option<f64> {
+    let middle = 0.5 * (from + to);
+    // (place, value), the highest in the middle where it lies inside.
+    let [mut low, mut best, mut high] = [(from, values[0]), (middle, values[1]), (to, values[2])];
+    for look in 0..SUMMIT_LOOKS {
+        let [before, behind] = [best.0 - low.0, high.0 - best.0];
+        let (rise, fall) = ((best.1 - low.1) * behind, (best.1 - high.1) * before);
+        let vertex = best.0 + 0.5 * (rise * behind - fall * before) / (rise + fall);
+        let wider = match before > behind {
+            true => low.0 + 0.5 * before,
+            false => best.0 + 0.5 * behind,
+        };
+        let inside = vertex > low.0 && vertex < high.0 && vertex != best.0;
+        let s = if inside && look % 2 == 0 {
+            vertex
+        } else {
+            wider
+        };
+        if !(s > low.0 && s < high.0 && s != best.0) {
+            return None;
+        }
+        let now = (s, value(s));
+        if now.1 > 0.0 {
+            return Some(s);
+        }
+        let (left, right) = if s < best.0 { (now, best) } else { (best, now) };
+        (low, best, high) = match left.1 > right.1 {
+            true => (low, left, right),
+            false => (left, right, high),
+        };
+    }
+    None
 }
 
 /// The first event between the arc lengths `from` and `to`; `ends` gives the values of an event at
@@ -238,14 +381,20 @@ pub fn first_event(
         domain.events().at(&[u.x, u.y, u.z, v.x, v.y, v.z])
     };
     let place = |i: u32| length * f64::from(i) / f64::from(LOOKS);
-    let mut before = values(0.0);
+    let (mut earlier, mut before) = (None::<Vec<f64>>, values(0.0));
     (0..LOOKS).find_map(|i| {
         let stretch = [place(i), place(i + 1)];
         let now = values(stretch[1]);
         let ends = |k: usize| [before[k], now[k]];
+        let passed = earlier.take().and_then(|earlier| {
+            let around = [place(i - 1), stretch[1]];
+            let known = |k: usize| [earlier[k], before[k], now[k]];
+            first_passed(domain, around, known, |k, s| values(s)[k])
+        });
         let first = first_between(domain, stretch, ends, |k, s| values(s)[k]);
-        before = now;
-        first
+        earlier = Some(std::mem::replace(&mut before, now));
+        let both = [passed, first].into_iter().flatten();
+        both.min_by(|a, b| a.1.total_cmp(&b.1))
     })
 }
 
@@ -295,6 +444,33 @@ pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Balls and cones of any size that a line passes at any distance are met between places far apart.
+    #[test]
+    fn what_lies_between_places_is_found_at_its_summit() {
+        for radius in [1e-4, 0.02, 0.3, 0.9] {
+            for share in [0.0, 0.3, 0.99] {
+                for middle in [0.01, 0.6, 1.3, 1.99] {
+                    let r2 =
+                        |s: f64| (s - middle) * (s - middle) + (share * radius) * (share * radius);
+                    let ball = |s: f64| radius * radius - r2(s);
+                    let cone = |s: f64| radius - r2(s).sqrt();
+                    // The edge of a tiny cone's shadow is looked for in vain: what is left of it is smaller still.
+                    let cones = (radius > 0.01).then_some(&cone as &dyn Fn(f64) -> f64);
+                    for value in [&ball as &dyn Fn(f64) -> f64].into_iter().chain(cones) {
+                        let values = [0.0, 1.0, 2.0].map(value);
+                        if values.iter().all(|value| *value <= 0.0) {
+                            assert!(may_rise_between(values), "{radius} {share} {middle}");
+                            let found = summit([0.0, 2.0], values, value).expect("a summit");
+                            assert!(value(found) > 0.0);
+                        }
+                    }
+                }
+            }
+        }
+        assert!(!may_rise_between([-4.0, -3.0, -1.0]));
+        assert!(!may_rise_between([-1.0, -2.0, -1.0]));
+    }
 
     #[test]
     fn crossings_are_found_to_rounding() {

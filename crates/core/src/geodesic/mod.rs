@@ -20,7 +20,7 @@ mod switching;
 mod unfinished_paths;
 
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
-pub use domain_events::{crossing, first_event};
+pub use domain_events::{crossing, first_event, may_rise_between};
 pub use fixed::fixed_steps;
 pub use integrator::follow;
 pub use parallel_transport::{Transport, TransportFailed, carry, transport};

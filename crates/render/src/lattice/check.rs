@@ -6,6 +6,7 @@
 use super::nodes::CHECKS;
 use crate::{
     curve::Ending,
+    endings::comes_to_a_stop,
     lanes::Lanes,
     path_batch::{PathView, knots_until},
     path_patch::{PathPatch, cubic},
@@ -85,9 +86,9 @@ impl<'a> PatchChecks<'a> {
         [&self.patch.paths()[..], &self.truths].concat()
     }
 
-    /// Returns the largest error of the sky's direction; infinite if a check leaves elsewhere, and zero where
-    /// the sky behind an exit is of `one_colour`.
-    pub(super) fn sky(&self, one_colour: impl Fn(usize) -> bool) -> f64 {
+    /// Returns the largest error of the sky's direction; infinite if a check leaves elsewhere, and zero unless it
+    /// `is_compared`.
+    pub(super) fn sky(&self, is_compared: bool) -> f64 {
         let sky = |path: &PathView<'_>| match path.ending {
             Some(Ending::Exit { sky, .. }) => sky,
             _ => DVec3::ZERO,
@@ -97,7 +98,7 @@ impl<'a> PatchChecks<'a> {
         if self.truths.iter().any(|truth| exit(truth) != first) {
             return f64::INFINITY;
         }
-        if first.is_some_and(|exit| exit.is_none_or(one_colour)) {
+        if !is_compared {
             return 0.0;
         }
         self.worst(sky, |_| (DVec3::ZERO, 1.0))
@@ -118,8 +119,17 @@ impl<'a> PatchChecks<'a> {
     }
 
     /// Returns the largest error of the paths and of their directions in `pieces`: as much as the event that
-    /// ends them and the sky there may be off.
+    /// ends them and the sky there may be off; infinite where a path comes to a stop.
     pub(super) fn endings(&self, pieces: &Range<usize>) -> f64 {
+        let stops = |path: &PathView<'_>| {
+            let mut pairs = pieces
+                .clone()
+                .map(|k| [path.tangent(k), path.tangent(k + 1)]);
+            pairs.any(comes_to_a_stop)
+        };
+        if self.all().iter().any(stops) {
+            return f64::INFINITY;
+        }
         let mut worst = 0.0;
         for k in pieces.start.max(1)..=pieces.end {
             let direction = |path: &PathView<'_>| path.tangent(k).normalize_or_zero();
@@ -129,9 +139,9 @@ impl<'a> PatchChecks<'a> {
         worst
     }
 
-    /// Returns the largest error of the points at both ends of the `pieces` of the path. Where nothing can
-    /// be met and no sky tells, the last point stands for the path.
-    pub(super) fn path(&self, pieces: &[usize]) -> f64 {
+    /// Returns the largest error of the points at both ends of the `pieces` of the path, and, unless their sky
+    /// `is_compared`, of the last before their end: tubes around paths that nothing is known of may miss what these meet.
+    pub(super) fn path(&self, pieces: &[usize], is_compared: bool) -> f64 {
         let known = self.truths.iter().map(|t| t.known).min().unwrap_or(0);
         let last = self.patch.last().min(known);
         let mut worst = 0.0;
@@ -144,8 +154,16 @@ impl<'a> PatchChecks<'a> {
                 checked = k;
             }
         }
-        if checked == 0 && last > 1 && self.patch.exit() == Some(None) {
-            worst = self.at_knot(last - 1);
+        if !is_compared {
+            // The last knot lies behind an exit, where the chart may end.
+            let back = if self.patch.exit() == Some(None) {
+                1
+            } else {
+                2
+            };
+            if last > back {
+                worst = larger(worst, self.at_knot(last - back));
+            }
         }
         worst
     }

@@ -31,6 +31,10 @@ use std::ops::Range;
 /// measured: smaller ones share fewer paths, larger ones keep fewer threads busy.
 pub const LARGEST_TILE: usize = 64;
 
+/// Angle of the widest tile, radians: its paths are a third of it apart, and what is smaller in space itself, such as a ball
+/// of glass, they may all miss. Of a small picture each tile is wide.
+const WIDEST_TILE: f64 = 0.25;
+
 /// A tile brings nine paths of its own (the others serve its neighbours too), so one with fewer
 /// samples than this is not worth its paths. Measured on the wormhole gallery, 16 takes as long: what
 /// smaller tiles save in single paths they cost in paths of their own.
@@ -220,18 +224,23 @@ impl Lattice<'_> {
         events: &mut EventLocator<'_>,
         touched: &mut Candidates,
     ) -> Option<Leaf> {
+        let angle = self.view.pixel_angle() * tile.side as f64;
+        if angle > WIDEST_TILE {
+            return None;
+        }
         let members = nodes.members(tile)?;
         let patch = PathPatch::new(nodes.paths(), &members);
         if !patch.is_known() {
             return None;
         }
-        let angle = self.view.pixel_angle() * tile.side as f64;
         let checks = PatchChecks::new(&patch, nodes.checks(tile)?, angle, self.view.reach());
         let allowed = LATTICE_SHARE * self.budget;
         // The sky is cheap to compare and rules most tiles out.
         let each = || tile.side <= self.smallest && self.knows_end(tile, events);
+        let one_colour = |exit: Option<usize>| exit.is_none_or(|k| self.world.has_one_colour(k));
+        let is_compared = !patch.exit().is_some_and(one_colour);
         let sky = match patch.exit() {
-            Some(_) => checks.sky(|exit| self.world.has_one_colour(exit)),
+            Some(_) => checks.sky(is_compared),
             None => f64::INFINITY,
         };
         let ends = ends(&checks, [sky, allowed], each)?;
@@ -249,7 +258,7 @@ impl Lattice<'_> {
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
             return None;
         }
-        if !(checks.path(pieces) <= allowed) {
+        if !(checks.path(pieces, is_compared) <= allowed) {
             return None;
         }
         Some(Leaf {
