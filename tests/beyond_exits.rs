@@ -147,7 +147,10 @@ fn objects_and_lamps_beyond_an_exit_are_told_and_the_picture_is_drawn() {
     let whole = render("at = [3, 0, 0]", &object(8.0), 0);
     assert_all(
         &whole,
-        &["square.obj: all of it lies beyond the exit `sky`", "2.5"],
+        &[
+            "square.obj: every corner of it lies beyond the exit `sky`",
+            "2.5",
+        ],
     );
     let half = render("at = [3, 0, 0]", &object(4.9), 0);
     assert_all(&half, &["50.0 % of its corners lies beyond the exit `sky`"]);
@@ -156,6 +159,6 @@ fn objects_and_lamps_beyond_an_exit_are_told_and_the_picture_is_drawn() {
     let found = render("at = [3, 0, 0]", lamp, 0);
     assert_all(
         &found,
-        &["light 1: all of it lies beyond the exit `sky`", "1.250000"],
+        &["light 1: it lies beyond the exit `sky`", "1.250000"],
     );
 }

@@ -200,7 +200,9 @@ impl<'a> ChunkBaker<'a> {
             }
             self.tell(self.share_done(), started, observer);
         }
-        self.tell(1.0, started, observer);
+        let is_whole = self.tallies.iter().all(|tally| tally.stop().goes_on(0));
+        let share = if is_whole { 1.0 } else { self.share_done() };
+        self.tell(share, started, observer);
     }
 
     /// Tells that `share` of the volume is done.

@@ -44,13 +44,17 @@ impl AnimationTarget {
             let message = "an animation needs a place for the number, such as frame-%04d.png, or a video (.mp4, .mkv, .webm, .mov)";
             Error::input(text.clone(), message)
         };
-        let (before, rest) = text.split_once('%').ok_or_else(refuse)?;
+        // Folders may have any name.
+        let (before, rest) = text.rsplit_once('%').ok_or_else(refuse)?;
+        let begins_twice = Path::new(before)
+            .file_name()
+            .is_some_and(|name| !before.ends_with('/') && name.to_string_lossy().contains('%'));
         let (digits, after) = rest.split_once('d').ok_or_else(refuse)?;
         let digits = match digits {
             "" => 1,
             digits => digits.parse::<usize>().map_err(|_| refuse())?,
         };
-        if digits > 9 || after.contains('%') {
+        if digits > 9 || begins_twice || after.contains('/') {
             return Err(refuse());
         }
         Ok(Self::Frames(before.into(), digits, after.into()))

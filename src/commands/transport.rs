@@ -42,6 +42,10 @@ pub struct TransportArgs {
 /// The number of points at which a curve is looked at before anything is carried along it.
 const PROBES: usize = 256;
 
+/// Halvings by which a jump is told from a kink or a steep part, and the share of the length that is none.
+const HALVINGS: usize = 40;
+const JUMP: f64 = 1e-6;
+
 /// A curve whose ends are nearer than this share of its length (in the metric, by chords) is closed.
 const CLOSED: f64 = 1e-9;
 
@@ -94,6 +98,7 @@ fn carry(args: &TransportArgs) -> Result<TransportReport> {
     let curve = read_curve(&manifold, &args.curve)?;
     let way = [args.from, args.to];
     let length = check_curve(&manifold, &curve, way)?;
+    check_jumps(&manifold, &curve, way, length)?;
     let transport = transport(&manifold, |t| curve.at(t), way, args.tolerance)
         .map_err(|e| Error::input("--curve", e.to_string()))?;
     let ends = way.map(|t| (t, curve.at(t).0));
@@ -175,6 +180,45 @@ fn check_curve(manifold: &Manifold, curve: &ChartCurve, [from, to]: [f64; 2]) ->
         last = Some(u);
     }
     Ok(length)
+}
+
+/// Refuses a curve that jumps: that goes farther than its velocity takes it, however short the way. `length` is the
+/// curve's.
+fn check_jumps(
+    manifold: &Manifold,
+    curve: &ChartCurve,
+    [from, to]: [f64; 2],
+    length: f64,
+) -> Result<()> {
+    let place = |i: usize| from + (to - from) * i as f64 / PROBES as f64;
+    for i in 0..PROBES {
+        let (mut a, mut b) = (place(i), place(i + 1));
+        let mut gap = unexplained(manifold, curve, [a, b]);
+        for _ in 0..HALVINGS {
+            if gap <= JUMP * length {
+                break;
+            }
+            let middle = 0.5 * (a + b);
+            let halves = [[a, middle], [middle, b]].map(|way| unexplained(manifold, curve, way));
+            (a, b, gap) = match halves[0] > halves[1] {
+                true => (a, middle, halves[0]),
+                false => (middle, b, halves[1]),
+            };
+        }
+        if gap > JUMP * length {
+            let message = format!("it jumps at t = {a}, and nothing is carried across a jump");
+            return Err(Error::input("--curve", message));
+        }
+    }
+    Ok(())
+}
+
+/// Returns how far the curve gets in the chart other than by its velocity (Simpson's rule).
+fn unexplained(manifold: &Manifold, curve: &ChartCurve, [a, b]: [f64; 2]) -> f64 {
+    let [start, middle, end] = [a, 0.5 * (a + b), b].map(|t| curve.at(t));
+    let by_velocity = (start.1 + middle.1 * 4.0 + end.1) * ((b - a) / 6.0);
+    let gap = (apart(manifold, start.0, end.0) - by_velocity).length();
+    if gap.is_finite() { gap } else { f64::INFINITY }
 }
 
 impl TransportReport {

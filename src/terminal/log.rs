@@ -16,6 +16,7 @@ use signal_hook::{
     flag,
 };
 use std::{
+    collections::VecDeque,
     env,
     io::{self, IsTerminal, Write},
     sync::{
@@ -199,6 +200,9 @@ pub struct ProgressLines {
     done: AtomicU64,
     total: AtomicU64,
     message: Mutex<String>,
+    /// What was done when lines of the latter half of the time were written: the hardest work often comes last, and what
+    /// is taken over from before takes no time at all.
+    recent: Mutex<VecDeque<(Duration, u64)>>,
 }
 
 impl ProgressLines {
@@ -209,6 +213,7 @@ impl ProgressLines {
             done: AtomicU64::new(0),
             total: AtomicU64::new(total),
             message: Mutex::new(message),
+            recent: Mutex::default(),
         }
     }
 
@@ -235,10 +240,23 @@ impl ProgressLines {
         let mut line = format!("{message}: {done}/{total}, {} a second", significant(rate));
         if done >= total {
             line += &format!(", took {}", duration(elapsed.as_secs_f64()));
-        } else if done > 0 {
-            line += &format!(", {} left", duration((total - done) as f64 / rate));
+        } else if let Some(left) = self.left(elapsed, [done, total]) {
+            line += &format!(", {} left", duration(left));
         }
         line
+    }
+
+    /// Estimates the seconds left from the rate of the latter half of the time; `None` if nothing was done in it.
+    fn left(&self, elapsed: Duration, [done, total]: [u64; 2]) -> Option<f64> {
+        let mut recent = self.recent.lock().unwrap_or_else(|e| e.into_inner());
+        while recent.len() > 1 && recent[1].0 <= elapsed / 2 {
+            recent.pop_front();
+        }
+        let half = recent.front().filter(|(at, _)| *at <= elapsed / 2);
+        let (from, before) = half.copied().unwrap_or_default();
+        recent.push_back((elapsed, done));
+        let rate = done.checked_sub(before)? as f64 / (elapsed - from).as_secs_f64().max(1e-3);
+        (rate > 0.0).then(|| (total - done) as f64 / rate)
     }
 }
 

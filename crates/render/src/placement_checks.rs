@@ -167,7 +167,8 @@ pub(super) fn out_of_sight(
     }
     let (exit, value, u) = first?;
     let part = match beyond == looked_at {
-        true => "all of it".into(),
+        true if looked_at == 1 => "it".into(),
+        true => "every corner of it".into(),
         false => format!(
             "{:.1} % of its corners",
             100.0 * beyond as f64 / looked_at as f64

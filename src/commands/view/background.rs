@@ -8,8 +8,8 @@ use super::loading::SharedSpace;
 use crate::user_cache;
 use geofan_bake::{BakeOptions, BakeResult, bake};
 use geofan_bundle::Bundle;
-use geofan_core::{Observer, Progress, manifold::Manifold};
-use std::{fs, path::Path, sync::Arc, time::Duration};
+use geofan_core::{Error, Observer, Progress, Result, manifold::Manifold};
+use std::{fs, io, path::Path, sync::Arc, time::Duration};
 
 /// Time between two looks at whether the space is another one.
 const LOOK: Duration = Duration::from_millis(300);
@@ -37,7 +37,15 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
             let manifold = loaded.session.manifold.clone();
             let work = BehindBake { shared, version };
             let made = pool.install(|| table(&folder, manifold, loaded.draw.length(), &work));
-            shared.set_background(made.err());
+            let told = made.err().map(|error| match is_baked_elsewhere(&error) {
+                true => {
+                    // It is there as soon as the other is done.
+                    tried = 0;
+                    "another viewer bakes the table".to_string()
+                }
+                false => format!("no table: {error}"),
+            });
+            shared.set_background(told);
         }
         std::thread::sleep(LOOK);
     }
@@ -53,12 +61,7 @@ pub fn decode_ahead(shared: &SharedSpace) {
 }
 
 /// Finds the table of a manifold in the cache, or bakes it there, and gives it to the space.
-fn table(
-    folder: &Path,
-    manifold: Arc<Manifold>,
-    length: f64,
-    work: &BehindBake<'_>,
-) -> Result<(), String> {
+fn table(folder: &Path, manifold: Arc<Manifold>, length: f64, work: &BehindBake<'_>) -> Result<()> {
     let path = folder.join(format!("{}.fan", identity(&manifold, length)));
     let found = Bundle::read(&path).ok();
     let found = found.filter(|bundle| {
@@ -69,7 +72,10 @@ fn table(
         work.shared.set_table(bundle);
         return Ok(());
     }
-    fs::create_dir_all(folder).map_err(|e| format!("no table: {}: {e}", folder.display()))?;
+    fs::create_dir_all(folder).map_err(|source| Error::Environment {
+        path: folder.display().to_string(),
+        source,
+    })?;
     let options = BakeOptions {
         max_sky_error: None,
         max_error: None,
@@ -90,8 +96,13 @@ fn table(
         }
         Ok(_) => Ok(()),
         Err(_) if work.cancelled() => Ok(()),
-        Err(error) => Err(format!("no table: {error}")),
+        Err(error) => Err(error),
     }
+}
+
+/// Tells whether a bake did not begin because another process makes the same bundle.
+fn is_baked_elsewhere(error: &Error) -> bool {
+    matches!(error, Error::Environment { source, .. } if source.kind() == io::ErrorKind::WouldBlock)
 }
 
 /// Returns the name of a manifold's table: equal for equal geometry and length.

@@ -5,7 +5,7 @@
 
 use crate::user_cache::with_kept_results;
 use geofan_bundle::Bundle;
-use geofan_core::Result;
+use geofan_core::{Result, reading::noting};
 use geofan_view::{LoadedSpace, SkyChoice, SpaceSource};
 use std::{
     fs,
@@ -40,6 +40,8 @@ struct SpaceState {
 /// The space that all viewers share.
 pub struct SharedSpace {
     source: SpaceSource,
+    /// When loading began.
+    opened: SystemTime,
     state: Mutex<SpaceState>,
     ended: AtomicBool,
 }
@@ -59,6 +61,7 @@ impl SharedSpace {
     /// # Errors
     /// As [`SpaceSource::load_with_bundle`].
     pub fn open(source: SpaceSource, settings: Vec<(String, f64)>) -> Result<Arc<Self>> {
+        let opened = SystemTime::now();
         let loaded = source.load_with_bundle(&settings)?;
         // Of things that the viewer has put there itself nobody needs to be warned.
         let made = |warning: &str| {
@@ -73,6 +76,7 @@ impl SharedSpace {
         }
         Ok(Arc::new(Self {
             source,
+            opened,
             state: Mutex::new(SpaceState {
                 loaded: Arc::new(loaded),
                 version: 1,
@@ -182,7 +186,7 @@ impl SharedSpace {
 
     /// Loads the space again whenever a file or a parameter has changed, until the viewer ends.
     pub fn watch(&self) {
-        let mut known = times(&self.present().1.files);
+        let mut files = WatchedFiles::since(self.opened, self.present().1.files.clone(), &[]);
         let mut since_look = Duration::ZERO;
         while !self.has_ended() {
             std::thread::sleep(BEAT);
@@ -194,24 +198,25 @@ impl SharedSpace {
             };
             if since_look >= LOOK {
                 since_look = Duration::ZERO;
-                let now = times(&self.present().1.files);
-                reload |= now != known;
-                known = now;
+                reload |= files.have_changed();
             }
             if reload {
-                with_kept_results(|| self.reload());
-                known = times(&self.present().1.files);
+                let begun = SystemTime::now();
+                let before = files.stamped();
+                let read = with_kept_results(|| self.reload());
+                files = WatchedFiles::since(begun, read, &before);
             }
         }
     }
 
-    /// Loads the space again; the last good one stays if that fails.
-    fn reload(&self) {
+    /// Loads the space again; the last good one stays if that fails. Returns the files that it is of, and of a failure
+    /// those that were asked for as well: one of them is to be mended.
+    fn reload(&self) -> Vec<PathBuf> {
         let (settings, table, sky) = {
             let state = self.state();
             (state.settings.clone(), state.table.clone(), state.sky)
         };
-        let loaded = self.source.load(&settings, table);
+        let (loaded, asked) = noting(|| self.source.load(&settings, table));
         let mut state = self.state();
         state.loading = false;
         match loaded {
@@ -220,17 +225,58 @@ impl SharedSpace {
                 state.loaded = Arc::new(loaded);
                 state.version += 1;
                 state.trouble = None;
+                state.loaded.files.clone()
             }
-            Err(error) => state.trouble = Some(error.report(false)),
+            Err(error) => {
+                state.trouble = Some(error.report(false));
+                let mut files = state.loaded.files.clone();
+                files.extend(asked);
+                files.sort_unstable();
+                files.dedup();
+                files
+            }
         }
     }
 }
 
-/// Returns when files were last changed, and their lengths.
-fn times(files: &[PathBuf]) -> Vec<Option<(SystemTime, u64)>> {
-    let time = |path: &PathBuf| {
-        let about = fs::metadata(path).ok()?;
-        Some((about.modified().ok()?, about.len()))
-    };
-    files.iter().map(time).collect()
+/// When a file was last changed, and its length; `None` of one that is not there.
+type Stamp = Option<(SystemTime, u64)>;
+
+/// Files, and their stamps when they were read.
+struct WatchedFiles {
+    files: Vec<PathBuf>,
+    stamps: Vec<Stamp>,
+}
+
+impl WatchedFiles {
+    /// Watches `files`, which were read after `begun`: those with a stamp from `before` it by that, and others that
+    /// were changed since as if they had not been there.
+    fn since(begun: SystemTime, files: Vec<PathBuf>, before: &[(PathBuf, Stamp)]) -> Self {
+        let stamp_of = |file: &PathBuf| {
+            let known = before.iter().find(|(known, _)| known == file);
+            let unchanged = |stamp: &(SystemTime, u64)| stamp.0 < begun;
+            known.map_or_else(|| stamp(file).filter(unchanged), |(_, stamp)| *stamp)
+        };
+        let stamps = files.iter().map(stamp_of).collect();
+        Self { files, stamps }
+    }
+
+    /// Returns the files with their present stamps.
+    fn stamped(&self) -> Vec<(PathBuf, Stamp)> {
+        let files = self.files.iter();
+        files.map(|file| (file.clone(), stamp(file))).collect()
+    }
+
+    /// Tells whether one has changed since this was last asked.
+    fn have_changed(&mut self) -> bool {
+        let now: Vec<Stamp> = self.files.iter().map(stamp).collect();
+        let changed = now != self.stamps;
+        self.stamps = now;
+        changed
+    }
+}
+
+fn stamp(file: &PathBuf) -> Stamp {
+    let about = fs::metadata(file).ok()?;
+    Some((about.modified().ok()?, about.len()))
 }

@@ -180,12 +180,16 @@ fn viewer(asked: Option<&Path>) -> Result<PathBuf> {
 
 /// Says what was written.
 fn report_page(output: &Path, bytes: usize, common: &CommonArgs) -> Result<Outcome> {
+    let use_of = match output.is_dir() {
+        true => "for a web server; a browser opens no folder by itself",
+        false => "opens without a server",
+    };
     let output = output.display().to_string();
     if common.json {
         terminal::print_json(&json!({ "output": output, "bytes": bytes }))?;
     } else if !common.quiet {
         let size = bytes as f64 / 1e6;
-        terminal::print(&format!("{output}: {size:.2} MB, opens without a server\n"))?;
+        terminal::print(&format!("{output}: {size:.2} MB, {use_of}\n"))?;
     }
     Ok(Outcome::Done)
 }

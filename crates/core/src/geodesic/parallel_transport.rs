@@ -37,7 +37,9 @@ impl Transport {
 
 /// Says how far a transport got.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error("the metric allows no transport along the curve beyond t = {at}")]
+#[error(
+    "the metric and the curve allow no transport beyond t = {at}: one of them is not finite there, or changes too fast"
+)]
 pub struct TransportFailed {
     /// The parameter up to which it went.
     pub at: f64,
