@@ -213,11 +213,15 @@ fn check_jumps(
     Ok(())
 }
 
-/// Returns how far the curve gets in the chart other than by its velocity (Simpson's rule).
+/// Returns how far the curve gets in the chart other than by its velocity (Gauss's rule of three points, none at an end,
+/// where a velocity may be infinite).
 fn unexplained(manifold: &Manifold, curve: &ChartCurve, [a, b]: [f64; 2]) -> f64 {
-    let [start, middle, end] = [a, 0.5 * (a + b), b].map(|t| curve.at(t));
-    let by_velocity = (start.1 + middle.1 * 4.0 + end.1) * ((b - a) / 6.0);
-    let gap = (apart(manifold, start.0, end.0) - by_velocity).length();
+    let [from, to] = [a, b].map(|t| curve.at(t).0);
+    let off = 0.5 * 0.6_f64.sqrt();
+    let nodes = [(0.5 - off, 5.0), (0.5, 8.0), (0.5 + off, 5.0)];
+    let velocities = nodes.map(|(share, weight)| curve.at(a + (b - a) * share).1 * weight);
+    let by_velocity = velocities.into_iter().sum::<DVec3>() * ((b - a) / 18.0);
+    let gap = (apart(manifold, from, to) - by_velocity).length();
     if gap.is_finite() { gap } else { f64::INFINITY }
 }
 
