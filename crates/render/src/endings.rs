@@ -45,6 +45,9 @@ pub fn comes_to_a_stop([before, after]: [DVec3; 2]) -> bool {
     after.length_squared() < STOP * STOP * before.length_squared()
 }
 
+/// Samples a path at arc lengths into rows, as [`PathView::sample`], but returns how many points are known.
+pub type Sampling<'a> = dyn Fn(&[f64], &mut [f64]) -> usize + 'a;
+
 /// Two pieces of a path on which an event may rise and fall again.
 #[derive(Debug, Clone, Copy)]
 struct Passed {
@@ -107,30 +110,21 @@ impl<'m> EventLocator<'m> {
 
     /// Finds the ending on the cubics of the known part of `path`; `None` if there is no event.
     pub fn ending(&mut self, path: PathView<'_>) -> Option<Ending> {
-        self.refined_ending(path, |s, rows| {
+        self.refined_ending(path, &|s, rows| {
             path.sample(s, rows);
             s.len()
         })
     }
 
-    /// Finds the ending on the path itself, which `sample` knows better than the cubics (as
-    /// [`PathView::sample`], but returns how many points are known).
-    pub fn refined_ending(
-        &mut self,
-        path: PathView<'_>,
-        sample: impl Fn(&[f64], &mut [f64]) -> usize,
-    ) -> Option<Ending> {
+    /// Finds the ending on the path itself, which `sample` knows better than the cubics.
+    pub fn refined_ending(&mut self, path: PathView<'_>, sample: &Sampling<'_>) -> Option<Ending> {
         let event = self.refined_event(path, sample)?;
         Some(self.ending_of(&event))
     }
 
     /// Finds the event of [`EventLocator::refined_ending`]: between two knots of the path, then between two
     /// of sixteen points there.
-    pub fn refined_event(
-        &mut self,
-        path: PathView<'_>,
-        sample: impl Fn(&[f64], &mut [f64]) -> usize,
-    ) -> Option<Event> {
+    pub fn refined_event(&mut self, path: PathView<'_>, sample: &Sampling<'_>) -> Option<Event> {
         let last = self.last_piece(path);
         let rise = last.and_then(|_| earliest(self.rise.iter().copied()));
         let passed = std::mem::take(&mut self.passed);
@@ -139,14 +133,14 @@ impl<'m> EventLocator<'m> {
             let near = self.comes_near(two, &pieces);
             let pieces = pieces.into_iter().filter(|_| near);
             pieces
-                .filter_map(|piece| self.event_between(piece, path, &sample))
+                .filter_map(|piece| self.event_between(piece, path, sample))
                 .next()
         });
         self.passed = passed;
         let on_last = || {
             let piece = path.piece(last?);
             // At the very end of the piece rounding may hide the event from the points between.
-            self.event_between(piece, path, &sample).or_else(|| {
+            self.event_between(piece, path, sample).or_else(|| {
                 let (t, kind) = rise?;
                 Some(Event::on(&piece, t, kind))
             })
@@ -179,7 +173,7 @@ impl<'m> EventLocator<'m> {
         &mut self,
         mut piece: Cubic,
         path: PathView<'_>,
-        sample: impl Fn(&[f64], &mut [f64]) -> usize,
+        sample: &Sampling<'_>,
     ) -> Option<Event> {
         let last = (LANES - 1) as f64;
         for _ in 0..CLOSER_LOOKS {

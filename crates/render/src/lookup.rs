@@ -230,7 +230,7 @@ pub(super) fn ending<C: Borrow<PathCoefficients>>(
     view: PathView<'_>,
     events: &mut EventLocator<'_>,
 ) -> Option<Ending> {
-    match events.refined_ending(view, |s, rows| path.sample_into(s, rows)) {
+    match events.refined_ending(view, &|s, rows| path.sample_into(s, rows)) {
         Some(ending) => Some(ending),
         // A path that the table gave up on might still end before anything is met.
         None if view.known < view.knots.len() => None,

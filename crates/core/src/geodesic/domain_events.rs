@@ -216,7 +216,7 @@ impl<'m> Events<'m> {
             let [middle, end] = [MIDDLE, PLACES.len() - 1].map(|place| at[place].output(k)[lane]);
             [before[k][lane], middle, end]
         };
-        first_passed(domain, [step.start, step.end], known, |k, s| {
+        first_passed(domain, [step.start, step.end], &known, &mut |k, s| {
             value_on(domain, single, step, (k, s))
         })
     }
@@ -282,8 +282,8 @@ pub fn may_rise_between([a, b, c]: [f64; 3]) -> bool {
 fn first_passed(
     domain: &Domain,
     [from, to]: [f64; 2],
-    known: impl Fn(usize) -> [f64; 3],
-    mut value: impl FnMut(usize, f64) -> f64,
+    known: &dyn Fn(usize) -> [f64; 3],
+    value: &mut dyn FnMut(usize, f64) -> f64,
 ) -> Option<(End, f64)> {
     let mut first: Option<(f64, usize)> = None;
     for k in 0..domain.kinds.len() {
@@ -291,7 +291,7 @@ fn first_passed(
         if !may_rise_between(values) {
             continue;
         }
-        let Some(summit) = summit([from, to], values, |s| value(k, s)) else {
+        let Some(summit) = summit([from, to], values, &mut |s| value(k, s)) else {
             continue;
         };
         let s = crossing(from, summit, |s| value(k, s));
@@ -307,7 +307,7 @@ fn first_passed(
 fn summit(
     [from, to]: [f64; 2],
     values: [f64; 3],
-    mut value: impl FnMut(f64) -> f64,
+    value: &mut dyn FnMut(f64) -> f64,
 ) -> Option<f64> {
     let middle = 0.5 * (from + to);
     // (place, value), the highest in the middle where it lies inside.
@@ -389,7 +389,7 @@ pub fn first_event(
         let passed = earlier.take().and_then(|earlier| {
             let around = [place(i - 1), stretch[1]];
             let known = |k: usize| [earlier[k], before[k], now[k]];
-            first_passed(domain, around, known, |k, s| values(s)[k])
+            first_passed(domain, around, &known, &mut |k, s| values(s)[k])
         });
         let first = first_between(domain, stretch, ends, |k, s| values(s)[k]);
         earlier = Some(std::mem::replace(&mut before, now));
@@ -461,7 +461,8 @@ mod tests {
                         let values = [0.0, 1.0, 2.0].map(value);
                         if values.iter().all(|value| *value <= 0.0) {
                             assert!(may_rise_between(values), "{radius} {share} {middle}");
-                            let found = summit([0.0, 2.0], values, value).expect("a summit");
+                            let found =
+                                summit([0.0, 2.0], values, &mut |s| value(s)).expect("a summit");
                             assert!(value(found) > 0.0);
                         }
                     }

@@ -344,7 +344,7 @@ fn first_event(
         ending: None,
         source: (&PathCoefficients::default(), &PathOrigin::Knots),
     };
-    events.refined_event(view, |s, rows| path.sample_into(s, rows))
+    events.refined_event(view, &|s, rows| path.sample_into(s, rows))
 }
 
 impl FamilyEnd {

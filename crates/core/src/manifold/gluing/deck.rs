@@ -372,7 +372,7 @@ impl Spheres {
     /// Finds the functions that `values`, of as many faces, agrees with at `points` in general position and farther out,
     /// wherever it has values, if it does.
     pub fn of(
-        values: impl Fn(DVec3) -> Option<Vec<f64>>,
+        values: &dyn Fn(DVec3) -> Option<Vec<f64>>,
         faces: usize,
         points: &[DVec3],
     ) -> Option<Self> {

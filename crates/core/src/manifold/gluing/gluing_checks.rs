@@ -210,7 +210,7 @@ impl Gluing {
     /// times linear functions of (u, |u|², 1).
     fn find_spheres(&self, manifold: &Manifold, points: &[DVec3]) -> Option<Spheres> {
         let values = |u: DVec3| self.values.at(&u.to_array());
-        let own = Spheres::of(|u| Some(values(u)), self.faces.len(), points);
+        let own = Spheres::of(&|u| Some(values(u)), self.faces.len(), points);
         own.or_else(|| {
             let scale = |u: DVec3| metric_scale(manifold, u);
             let unit = scale(self.inside);
@@ -218,7 +218,7 @@ impl Gluing {
                 let share = is_regular(manifold, u).then(|| unit / scale(u))?;
                 Some(values(u).into_iter().map(|value| value * share).collect())
             };
-            Spheres::of(for_scale, self.faces.len(), points)
+            Spheres::of(&for_scale, self.faces.len(), points)
         })
     }
 }
