@@ -90,7 +90,7 @@ fn counts(both: &[Outcomes; 2], is_it: impl Fn(&Seen) -> bool) -> [usize; 2] {
 fn exact_paths_meet_balls_however_small() {
     let from = DVec3::new(3.1, 0.4, -0.2);
     for radius in [0.5, 0.03, 1e-3] {
-        let source = SourceText::new("ball.toml", &ball(radius));
+        let source = SourceText::new("ball.toml", ball(radius));
         let space = Manifold::from_source(source, &[]).unwrap();
         let aside = from.cross(DVec3::new(0.2, -0.7, 0.4)).normalize();
         // So far from the middle, in radii.

@@ -223,3 +223,38 @@ fn the_differential_of_the_exponential_map_is_its_derivative() {
         assert!((length(found.velocity, found.point) - length(w, u)).abs() < 1e-11);
     }
 }
+
+#[test]
+fn the_program_carries_nothing_across_a_jump() {
+    let space = format!("{}/assets/manifolds/s3.toml", env!("CARGO_MANIFEST_DIR"));
+    let carried = |curve: &str| {
+        let mut command = assert_cmd::cargo::cargo_bin_cmd!("geofan");
+        let flags = ["--from", "0", "--to", "1", "--vector", "1,0,0"];
+        command
+            .args(["transport", &space, "--curve", curve])
+            .args(flags);
+        let output = command.output().unwrap();
+        (
+            output.status.code(),
+            String::from_utf8(output.stderr).unwrap(),
+        )
+    };
+    // Steps, poles, and the branch of an angle.
+    for curve in [
+        "if(t < 1/3, 0, 1),0,0",
+        "0,tan(5*t),0",
+        "atan2(0.2, t - 0.7) - atan2(0.2*(0.6 - t), t - 0.7),0,0",
+    ] {
+        let (code, said) = carried(curve);
+        assert!(code == Some(2) && said.contains("jumps"), "{curve}: {said}");
+    }
+    // Kinks, steep parts and fast turns are none.
+    for curve in [
+        "abs(t - 0.3),0,0",
+        "0,0.3*tanh(900*(t - 0.4)),0",
+        "0,0,0.1*sin(60*t)",
+    ] {
+        let (code, said) = carried(curve);
+        assert!(code == Some(0), "{curve}: {said}");
+    }
+}

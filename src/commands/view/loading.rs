@@ -280,3 +280,35 @@ fn stamp(file: &PathBuf) -> Stamp {
     let about = fs::metadata(file).ok()?;
     Some((about.modified().ok()?, about.len()))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::UNIX_EPOCH;
+
+    #[test]
+    fn what_changes_while_files_are_read_counts_as_changed() {
+        let folder = tempfile::tempdir().unwrap();
+        let [old, new, missing] = ["old", "new", "missing"].map(|name| folder.path().join(name));
+        fs::write(&old, "1").unwrap();
+        let mut files = WatchedFiles::since(UNIX_EPOCH, vec![old.clone()], &[]);
+        assert!(files.have_changed() && !files.have_changed());
+        // Loading begins; meanwhile one file is saved, another appears that nobody knew of.
+        let (begun, before) = (SystemTime::now(), files.stamped());
+        fs::write(&old, "22").unwrap();
+        fs::write(&new, "3").unwrap();
+        let later = begun + Duration::from_secs(1);
+        let file = fs::File::options().write(true).open(&new).unwrap();
+        file.set_modified(later).unwrap();
+        let read = vec![old.clone(), missing.clone()];
+        let mut files = WatchedFiles::since(begun, read, &before);
+        assert!(files.have_changed() && !files.have_changed());
+        let mut files = WatchedFiles::since(begun, vec![new], &before);
+        assert!(files.have_changed());
+        // A file that is looked for and comes.
+        let mut files = WatchedFiles::since(begun, vec![missing.clone()], &[]);
+        assert!(!files.have_changed());
+        fs::write(&missing, "4").unwrap();
+        assert!(files.have_changed() && !files.have_changed());
+    }
+}
