@@ -150,17 +150,20 @@ impl<'m> EventLocator<'m> {
 
     /// Tells whether an event may rise on these two pieces, by sixteen points on their cubics.
     fn comes_near(&mut self, passed: &Passed, pieces: &[Cubic; 2]) -> bool {
+        let tape = self.manifold.domain.events();
+        let needs_tangents = (3..ROWS).any(|c| tape.reads(c));
         let half = LANES / 2;
         for l in 0..LANES {
             let (piece, t) = (&pieces[l / half], (l % half) as f64 + 0.5);
             let t = t / half as f64;
-            let (u, v) = (piece.position(t), piece.tangent(t));
-            for c in 0..3 {
-                self.registers.input(c)[l] = u[c];
-                self.registers.input(3 + c)[l] = v[c];
+            let u = piece.position(t);
+            (0..3).for_each(|c| self.registers.input(c)[l] = u[c]);
+            if needs_tangents {
+                let v = piece.tangent(t);
+                (0..3).for_each(|c| self.registers.input(3 + c)[l] = v[c]);
             }
         }
-        self.manifold.domain.events().run(&mut self.registers);
+        tape.run(&mut self.registers);
         let short = SHORT * passed.bend;
         let mut values = self.registers.output(passed.kind).iter();
         values.any(|value| *value > short)
@@ -248,15 +251,19 @@ impl<'m> EventLocator<'m> {
         // The events of all knots at once, and the first knot at which one counts.
         let tape = self.manifold.domain.events();
         let (registers, before) = (&mut self.registers, &self.before);
-        let counts = vectorised(
+        let earlier = &self.earlier;
+        let (counts, summits) = vectorised(
             #[inline(always)]
             || {
                 tape.run(registers);
-                counting(registers, before, after)
+                let counts = counting(registers, before, after);
+                (counts, have_summits(registers, before, earlier))
             },
         );
         let lane = lanes::first(&counts);
-        self.note_passed(first, lane.unwrap_or(count));
+        if summits {
+            self.note_passed(first, lane.unwrap_or(count));
+        }
         // Their values around it, or those at the last knot for the next sixteen.
         for (k, before) in self.before.iter_mut().enumerate() {
             let values = self.registers.output(k);
@@ -355,6 +362,21 @@ fn counting<T>(
         }
     }
     counts
+}
+
+/// Tells whether an event may rise and fall again about one of sixteen knots, with its values at the two before.
+#[inline(always)]
+fn have_summits(events: &Registers<f64, LANES>, before: &[f64], earlier: &[f64]) -> bool {
+    let mut any = false;
+    for (k, (before, earlier)) in before.iter().zip(earlier).enumerate() {
+        let values = events.output(k);
+        let one = after(before, values);
+        let two = after(earlier, &one);
+        for l in 0..LANES {
+            any |= may_rise_between([two[l], one[l], values[l]]);
+        }
+    }
+    any
 }
 
 /// Returns the values one lane before: `before` for the first.

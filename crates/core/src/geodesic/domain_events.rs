@@ -265,16 +265,13 @@ fn is_met(before: f64, now: f64) -> bool {
     (now > 0.0) & (now > before)
 }
 
-/// Tells whether an event with these values at three places, equally far apart and none positive, may be positive
-/// between them: the parabola through them has its summit there, no lower than half of what it bends by. So what rises
-/// and falls along straight lines, as a cone, is always told of, whatever of it lies between the places.
+/// Tells whether an event with these values at three places, equally far apart and none positive, may be positive between
+/// them. What bends one way lies below the lines through two of the places, beyond these: so a ball, a cone or whatever
+/// else that rises and falls once is told of, however little of it lies between the places.
 #[inline(always)]
 pub fn may_rise_between([a, b, c]: [f64; 3]) -> bool {
-    let (bend, slope) = (a - 2.0 * b + c, c - a);
     let none_positive = (a <= 0.0) & (b <= 0.0) & (c <= 0.0);
-    // Times −8 bend, which is positive: summit - 0.5 bend > 0.
-    let high = (4.0 * bend - 8.0 * b) * bend + slope * slope > 0.0;
-    none_positive & (bend < 0.0) & (slope.abs() <= -2.0 * bend) & high
+    none_positive & ((2.0 * b > a) | (2.0 * b > c))
 }
 
 /// The first event that rises and falls again between the arc lengths `from` and `to`; `known` gives the values of an
@@ -303,32 +300,34 @@ fn first_passed(
 }
 
 /// Looks between two places for one where `value` is positive, from its values at both and in the middle: at the summit
-/// of the parabola through the three best places, or halfway where that tells nothing new.
+/// of the parabola through the three best places, or halfway in the wider part. `None` as soon as what bends one way is
+/// negative everywhere.
 fn summit(
     [from, to]: [f64; 2],
     values: [f64; 3],
     value: &mut dyn FnMut(f64) -> f64,
 ) -> Option<f64> {
     let middle = 0.5 * (from + to);
-    // (place, value), the highest in the middle where it lies inside.
     let [mut low, mut best, mut high] = [(from, values[0]), (middle, values[1]), (to, values[2])];
     for look in 0..SUMMIT_LOOKS {
         let [before, behind] = [best.0 - low.0, high.0 - best.0];
-        let (rise, fall) = ((best.1 - low.1) * behind, (best.1 - high.1) * before);
-        let vertex = best.0 + 0.5 * (rise * behind - fall * before) / (rise + fall);
-        let wider = match before > behind {
+        let (rise, fall) = (best.1 - low.1, best.1 - high.1);
+        // The lines through the best and the one, at the other.
+        let most = (best.1 + rise * behind / before).max(best.1 + fall * before / behind);
+        if !(most > 0.0) {
+            return None;
+        }
+        let [steep, flat] = [rise * behind, fall * before];
+        let vertex = best.0 + 0.5 * (steep * behind - flat * before) / (steep + flat);
+        let halfway = match before > behind {
             true => low.0 + 0.5 * before,
             false => best.0 + 0.5 * behind,
         };
         let inside = vertex > low.0 && vertex < high.0 && vertex != best.0;
-        let s = if inside && look % 2 == 0 {
-            vertex
-        } else {
-            wider
+        let s = match inside && look % 2 == 0 {
+            true => vertex,
+            false => halfway,
         };
-        if !(s > low.0 && s < high.0 && s != best.0) {
-            return None;
-        }
         let now = (s, value(s));
         if now.1 > 0.0 {
             return Some(s);
@@ -455,7 +454,7 @@ mod tests {
                         |s: f64| (s - middle) * (s - middle) + (share * radius) * (share * radius);
                     let ball = |s: f64| radius * radius - r2(s);
                     let cone = |s: f64| radius - r2(s).sqrt();
-                    // The edge of a tiny cone's shadow is looked for in vain: what is left of it is smaller still.
+                    // Of a tiny cone not all is found within so many looks.
                     let cones = (radius > 0.01).then_some(&cone as &dyn Fn(f64) -> f64);
                     for value in [&ball as &dyn Fn(f64) -> f64].into_iter().chain(cones) {
                         let values = [0.0, 1.0, 2.0].map(value);
