@@ -272,6 +272,9 @@ impl CertificateErrors {
 const FARTHER_TOLERANCE: f64 = 1e-8;
 const FARTHER_BLOCK: usize = 64;
 
+/// Factor of the arc length of an exit behind which most paths are beyond it.
+const BEHIND_EXIT: f64 = 1.02;
+
 /// Tells whether a path of `table` meets an exit, as the exact one does at the arc length `s`; of one that the table gives
 /// up on exact paths tell.
 fn leaves(table: &Table, path: &TablePath<'_>, s: f64) -> bool {
@@ -291,9 +294,6 @@ fn leaves(table: &Table, path: &TablePath<'_>, s: f64) -> bool {
         || is_beyond(table.length)
         || path.first_event(table.length).is_some()
 }
-
-/// Factor of the arc length of an exit behind which most paths are beyond it.
-const BEHIND_EXIT: f64 = 1.02;
 
 /// Random rays from one camera.
 #[derive(Debug, Clone)]

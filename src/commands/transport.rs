@@ -166,12 +166,17 @@ fn read_curve(manifold: &Manifold, texts: &[String; 3]) -> Result<ChartCurve> {
     })
 }
 
+/// Returns the parameter of the `i`-th place at which a curve is looked at.
+fn probe([from, to]: [f64; 2], i: usize) -> f64 {
+    from + (to - from) * i as f64 / PROBES as f64
+}
+
 /// Refuses a curve that leaves the domain; returns its length by chords.
-fn check_curve(manifold: &Manifold, curve: &ChartCurve, [from, to]: [f64; 2]) -> Result<f64> {
+fn check_curve(manifold: &Manifold, curve: &ChartCurve, way: [f64; 2]) -> Result<f64> {
     let mut length = 0.0;
     let mut last: Option<DVec3> = None;
     for i in 0..=PROBES {
-        let t = from + (to - from) * i as f64 / PROBES as f64;
+        let t = probe(way, i);
         let u = curve.at(t).0;
         check_point(manifold, &format!("--curve at t = {t}"), u)?;
         if let Some(last) = last {
@@ -184,15 +189,9 @@ fn check_curve(manifold: &Manifold, curve: &ChartCurve, [from, to]: [f64; 2]) ->
 
 /// Refuses a curve that jumps: that goes farther than its velocity takes it, however short the way. `length` is the
 /// curve's.
-fn check_jumps(
-    manifold: &Manifold,
-    curve: &ChartCurve,
-    [from, to]: [f64; 2],
-    length: f64,
-) -> Result<()> {
-    let place = |i: usize| from + (to - from) * i as f64 / PROBES as f64;
+fn check_jumps(manifold: &Manifold, curve: &ChartCurve, way: [f64; 2], length: f64) -> Result<()> {
     for i in 0..PROBES {
-        let (mut a, mut b) = (place(i), place(i + 1));
+        let (mut a, mut b) = (probe(way, i), probe(way, i + 1));
         let mut gap = unexplained(manifold, curve, [a, b]);
         for _ in 0..HALVINGS {
             if gap <= JUMP * length {

@@ -8,8 +8,10 @@ use super::loading::SharedSpace;
 use crate::user_cache;
 use geofan_bake::{BakeOptions, BakeResult, bake};
 use geofan_bundle::Bundle;
-use geofan_core::{Error, Observer, Progress, Result, manifold::Manifold};
-use std::{fs, io, path::Path, sync::Arc, time::Duration};
+use geofan_core::{
+    Error, Observer, Progress, Result, files::make_output_folder, manifold::Manifold,
+};
+use std::{io, path::Path, sync::Arc, time::Duration};
 
 /// Time between two looks at whether the space is another one.
 const LOOK: Duration = Duration::from_millis(300);
@@ -72,10 +74,7 @@ fn table(folder: &Path, manifold: Arc<Manifold>, length: f64, work: &BehindBake<
         work.shared.set_table(bundle);
         return Ok(());
     }
-    fs::create_dir_all(folder).map_err(|source| Error::Environment {
-        path: folder.display().to_string(),
-        source,
-    })?;
+    make_output_folder(folder)?;
     let options = BakeOptions {
         max_sky_error: None,
         max_error: None,

@@ -22,7 +22,7 @@ const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// The number of the middle among them.
 const MIDDLE: usize = 1;
 
-/// Looks for a place where an event is positive, near its summit.
+/// Most looks for a place near its summit where an event is positive.
 const SUMMIT_LOOKS: usize = 24;
 
 /// Finds events on the steps of the rays in all lanes.
@@ -164,14 +164,10 @@ impl<'m> Events<'m> {
     /// The first event on the accepted step of `lane`, with its arc length.
     pub fn first_in(&mut self, lane: usize, step: &Step) -> Option<(End, f64)> {
         let between = self.first_at_places(lane, step);
-        let passed = match self.summits[lane] > 0.0 {
-            true => self.first_passed(lane, step),
-            false => None,
-        };
-        [between, passed]
-            .into_iter()
-            .flatten()
-            .min_by(|a, b| a.1.total_cmp(&b.1))
+        match self.summits[lane] > 0.0 {
+            true => earlier(between, self.first_passed(lane, step)),
+            false => between,
+        }
     }
 
     /// The first event that has risen at one of [`PLACES`].
@@ -282,21 +278,12 @@ fn first_passed(
     known: &dyn Fn(usize) -> [f64; 3],
     value: &mut dyn FnMut(usize, f64) -> f64,
 ) -> Option<(End, f64)> {
-    let mut first: Option<(f64, usize)> = None;
-    for k in 0..domain.kinds.len() {
+    earliest(domain, |k| {
         let values = known(k);
-        if !may_rise_between(values) {
-            continue;
-        }
-        let Some(summit) = summit([from, to], values, &mut |s| value(k, s)) else {
-            continue;
-        };
-        let s = crossing(from, summit, |s| value(k, s));
-        if first.is_none_or(|(earlier, _)| s < earlier) {
-            first = Some((s, k));
-        }
-    }
-    first.map(|(s, k)| (End::of_event(domain, domain.kinds[k]), s))
+        let summit = may_rise_between(values)
+            .then(|| summit([from, to], values, &mut |s| value(k, s)))??;
+        Some(crossing(from, summit, |s| value(k, s)))
+    })
 }
 
 /// Looks between two places for one where `value` is positive, from its values at both and in the middle: at the summit
@@ -349,21 +336,26 @@ fn first_between(
     ends: impl Fn(usize) -> [f64; 2],
     mut value: impl FnMut(usize, f64) -> f64,
 ) -> Option<(End, f64)> {
-    let mut first: Option<(f64, usize)> = None;
-    for k in 0..domain.kinds.len() {
+    earliest(domain, |k| {
         let [before, now] = ends(k);
-        if !is_met(before, now) {
-            continue;
-        }
-        let s = match before > 0.0 {
+        is_met(before, now).then(|| match before > 0.0 {
             true => from,
             false => crossing(from, to, |s| value(k, s)),
-        };
-        if first.is_none_or(|(earlier, _)| s < earlier) {
-            first = Some((s, k));
-        }
-    }
+        })
+    })
+}
+
+/// The first of all events, each of which is met at an arc length, or not.
+fn earliest(domain: &Domain, mut met: impl FnMut(usize) -> Option<f64>) -> Option<(End, f64)> {
+    let places = (0..domain.kinds.len()).filter_map(|k| Some((met(k)?, k)));
+    let first = places.min_by(|a, b| a.0.total_cmp(&b.0));
     first.map(|(s, k)| (End::of_event(domain, domain.kinds[k]), s))
+}
+
+/// The earlier of two ends, where there are any.
+fn earlier(one: Option<(End, f64)>, other: Option<(End, f64)>) -> Option<(End, f64)> {
+    let both = [one, other].into_iter().flatten();
+    both.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// The first event on a curve s -> (u, v), chart components, for s from 0 to `length`.
@@ -380,20 +372,19 @@ pub fn first_event(
         domain.events().at(&[u.x, u.y, u.z, v.x, v.y, v.z])
     };
     let place = |i: u32| length * f64::from(i) / f64::from(LOOKS);
-    let (mut earlier, mut before) = (None::<Vec<f64>>, values(0.0));
+    let (mut at_first, mut before) = (None::<Vec<f64>>, values(0.0));
     (0..LOOKS).find_map(|i| {
         let stretch = [place(i), place(i + 1)];
         let now = values(stretch[1]);
         let ends = |k: usize| [before[k], now[k]];
-        let passed = earlier.take().and_then(|earlier| {
+        let passed = at_first.take().and_then(|at_first| {
             let around = [place(i - 1), stretch[1]];
-            let known = |k: usize| [earlier[k], before[k], now[k]];
+            let known = |k: usize| [at_first[k], before[k], now[k]];
             first_passed(domain, around, &known, &mut |k, s| values(s)[k])
         });
         let first = first_between(domain, stretch, ends, |k, s| values(s)[k]);
-        earlier = Some(std::mem::replace(&mut before, now));
-        let both = [passed, first].into_iter().flatten();
-        both.min_by(|a, b| a.1.total_cmp(&b.1))
+        at_first = Some(std::mem::replace(&mut before, now));
+        earlier(passed, first)
     })
 }
 

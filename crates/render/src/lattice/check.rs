@@ -63,17 +63,22 @@ pub(super) struct PatchChecks<'a> {
     side: f64,
     /// Length by which one radian moves a path in flat space, if it is equal at all arc lengths.
     reach: Option<f64>,
+    /// Set if the sky that all paths end in tells where they go: not one of a single colour.
+    sky_tells: bool,
 }
 
 impl<'a> PatchChecks<'a> {
-    /// Compares `patch` with the paths numbered `truths`.
+    /// Compares `patch` with the paths numbered `truths`, where the skies behind some exits are of `one_colour`.
     pub(super) fn new(
         patch: &'a PathPatch<'a>,
         truths: [usize; CHECKS.len()],
         side: f64,
         reach: Option<f64>,
+        one_colour: impl Fn(usize) -> bool,
     ) -> Self {
+        let tells_nothing = |exit: Option<usize>| exit.is_none_or(one_colour);
         Self {
+            sky_tells: !patch.exit().is_some_and(tells_nothing),
             patch,
             truths: truths.map(|i| patch.in_batch(i)),
             side,
@@ -86,19 +91,19 @@ impl<'a> PatchChecks<'a> {
         [&self.patch.paths()[..], &self.truths].concat()
     }
 
-    /// Returns the largest error of the sky's direction; infinite if a check leaves elsewhere, and zero unless it
-    /// `is_compared`.
-    pub(super) fn sky(&self, is_compared: bool) -> f64 {
+    /// Returns the largest error of the sky's direction; infinite if paths leave in several ways, and zero where the sky
+    /// tells nothing.
+    pub(super) fn sky(&self) -> f64 {
         let sky = |path: &PathView<'_>| match path.ending {
             Some(Ending::Exit { sky, .. }) => sky,
             _ => DVec3::ZERO,
         };
         let exit = |path: &PathView<'_>| path.ending.map(|ending| ending.exit());
-        let first = exit(&self.patch.paths()[0]);
-        if self.truths.iter().any(|truth| exit(truth) != first) {
+        let first = self.patch.exit();
+        if first.is_none() || self.truths.iter().any(|truth| exit(truth) != first) {
             return f64::INFINITY;
         }
-        if !is_compared {
+        if !self.sky_tells {
             return 0.0;
         }
         self.worst(sky, |_| (DVec3::ZERO, 1.0))
@@ -127,7 +132,7 @@ impl<'a> PatchChecks<'a> {
                 .map(|k| [path.tangent(k), path.tangent(k + 1)]);
             pairs.any(comes_to_a_stop)
         };
-        if self.all().iter().any(stops) {
+        if self.patch.paths().iter().chain(&self.truths).any(stops) {
             return f64::INFINITY;
         }
         let mut worst = 0.0;
@@ -139,9 +144,9 @@ impl<'a> PatchChecks<'a> {
         worst
     }
 
-    /// Returns the largest error of the points at both ends of the `pieces` of the path, and, unless their sky
-    /// `is_compared`, of the last before their end: tubes around paths that nothing is known of may miss what these meet.
-    pub(super) fn path(&self, pieces: &[usize], is_compared: bool) -> f64 {
+    /// Returns the largest error of the points at both ends of the `pieces` of the path, and, where the sky tells nothing,
+    /// of the last before their end: tubes around paths that nothing is known of may miss what these meet.
+    pub(super) fn path(&self, pieces: &[usize]) -> f64 {
         let known = self.truths.iter().map(|t| t.known).min().unwrap_or(0);
         let last = self.patch.last().min(known);
         let mut worst = 0.0;
@@ -154,13 +159,9 @@ impl<'a> PatchChecks<'a> {
                 checked = k;
             }
         }
-        if !is_compared {
+        if !self.sky_tells {
             // The last knot lies behind an exit, where the chart may end.
-            let back = if self.patch.exit() == Some(None) {
-                1
-            } else {
-                2
-            };
+            let back = 1 + usize::from(self.patch.exit() != Some(None));
             if last > back {
                 worst = larger(worst, self.at_knot(last - back));
             }

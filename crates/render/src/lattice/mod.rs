@@ -191,7 +191,14 @@ impl Lattice<'_> {
         let mut nodes = Nodes::new(root, self.smallest, spare);
         let mut divided = (Vec::new(), Vec::new());
         let mut touched = Candidates::default();
-        let mut level = vec![root];
+        let widest = self.widest_side();
+        let parts = root.parts(widest.max(self.smallest));
+        let mut level: Vec<Tile> = parts
+            .filter(|part| !part.is_outside(self.view.size))
+            .collect();
+        if widest < self.smallest {
+            divided.1.append(&mut level);
+        }
         while !level.is_empty() {
             nodes.trace(&level, self, events);
             let mut next = Vec::new();
@@ -216,6 +223,16 @@ impl Lattice<'_> {
         }
     }
 
+    /// Returns the side of the widest tiles, in pixels; 0 if a pixel is wider.
+    fn widest_side(&self) -> usize {
+        let most = WIDEST_TILE / self.view.pixel_angle();
+        let mut side = LARGEST_TILE;
+        while side as f64 > most {
+            side /= 2;
+        }
+        side
+    }
+
     /// Returns the tile's paths, if they can be interpolated within the budget.
     fn leaf(
         &self,
@@ -225,25 +242,18 @@ impl Lattice<'_> {
         touched: &mut Candidates,
     ) -> Option<Leaf> {
         let angle = self.view.pixel_angle() * tile.side as f64;
-        if angle > WIDEST_TILE {
-            return None;
-        }
         let members = nodes.members(tile)?;
         let patch = PathPatch::new(nodes.paths(), &members);
         if !patch.is_known() {
             return None;
         }
-        let checks = PatchChecks::new(&patch, nodes.checks(tile)?, angle, self.view.reach());
+        let (truths, reach) = (nodes.checks(tile)?, self.view.reach());
+        let one_colour = |exit| self.world.has_one_colour(exit);
+        let checks = PatchChecks::new(&patch, truths, angle, reach, one_colour);
         let allowed = LATTICE_SHARE * self.budget;
         // The sky is cheap to compare and rules most tiles out.
         let each = || tile.side <= self.smallest && self.knows_end(tile, events);
-        let one_colour = |exit: Option<usize>| exit.is_none_or(|k| self.world.has_one_colour(k));
-        let is_compared = !patch.exit().is_some_and(one_colour);
-        let sky = match patch.exit() {
-            Some(_) => checks.sky(is_compared),
-            None => f64::INFINITY,
-        };
-        let ends = ends(&checks, [sky, allowed], each)?;
+        let ends = ends(&checks, [checks.sky(), allowed], each)?;
         let (last, slack) = (patch.last(), self.tracer.slack());
         // Between paths that end in all ways those that check them tell a little more.
         match ends {
@@ -258,7 +268,7 @@ impl Lattice<'_> {
         if ends == Ends::Each && pieces.len() > EACH_PIECES {
             return None;
         }
-        if !(checks.path(pieces, is_compared) <= allowed) {
+        if !(checks.path(pieces) <= allowed) {
             return None;
         }
         Some(Leaf {
