@@ -408,3 +408,49 @@ fn light_of_every_image_in_a_glued_wind_has_been_under_way_as_long_as_the_lattic
         assert!((vector(&image["direction"]) - direction).length() < 1e-9);
     }
 }
+
+/// Between walls that are mirrors a point has the images of a kaleidoscope: two parallel ones, and one across.
+#[test]
+fn images_in_mirrors_are_those_of_the_kaleidoscope() {
+    let folder = tempfile::tempdir().unwrap();
+    let mirror = |face: &str| format!("[[glue]]\nface = \"{face}\"\nmirror = true\n");
+    let text = format!(
+        "name = \"room\"\ncoordinates = [\"x\", \"y\", \"z\"]\nmetric = {{ conformal = \"1\" }}\n{}",
+        ["1 - x", "1.5 + x", "y + 0.8"].map(mirror).concat()
+    );
+    fs::write(folder.path().join("room.toml"), text).unwrap();
+    let scene = folder.path().join("scene.toml");
+    let text = "manifold = \"room.toml\"\n[camera]\nat = [0.1, 0.3, 0.05]\nlook = [0, 1, 0]\nup = [0, 0, 1]\n";
+    fs::write(&scene, text).unwrap();
+    let scene = scene.display().to_string();
+    let point = "0.2,0.5,-0.3";
+    let found = json(&["project", &scene, "--point", point, "--length", "9"]);
+    let (camera, point) = (DVec3::new(0.1, 0.3, 0.05), DVec3::new(0.2, 0.5, -0.3));
+    // Two walls 2.5 apart: shifts by 5, and the reflections in one of them; and in the third.
+    let across = (-3..=3).flat_map(|k| {
+        [
+            (5.0 * f64::from(k) + point.x, 0),
+            (5.0 * f64::from(k) + 2.0 - point.x, 1),
+        ]
+    });
+    let images =
+        across.flat_map(|(x, turns)| [(x, point.y, turns), (x, -1.6 - point.y, turns + 1)]);
+    let mut expected: Vec<(DVec3, bool)> = images
+        .map(|(x, y, turns)| (DVec3::new(x, y, point.z) - camera, turns % 2 == 1))
+        .filter(|(way, _)| way.length() < 9.0)
+        .collect();
+    expected.sort_by(|a, b| a.0.length().total_cmp(&b.0.length()));
+    let images = found["images"].as_array().unwrap();
+    assert_eq!(images.len(), expected.len());
+    assert!(images.len() > 12, "{}", images.len());
+    for (image, (way, mirrored)) in images.iter().zip(expected) {
+        let [distance, area] = ["distance", "area"].map(|name| image[name].as_f64().unwrap());
+        assert!((distance - way.length()).abs() < 1e-9, "{distance} {way}");
+        assert!(
+            (area / way.length_squared() - 1.0).abs() < 1e-6,
+            "{area} {way}"
+        );
+        assert_eq!(image["mirrored"], mirrored);
+        assert!((vector(&image["direction"]) - way.normalize()).length() < 1e-9);
+    }
+}

@@ -8,6 +8,7 @@ use geofan_render::{
     frame::{Outcomes, Paths, offsets, trace},
     scene::PoseFile,
 };
+use glam::DVec3;
 use support::{Place, by_table, catalogue_text};
 
 const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
@@ -361,18 +362,90 @@ fn light_on(space: &str, lamp: &str, at: [f64; 3]) -> (f64, String) {
     (mean, stage.world.warnings.join(" "))
 }
 
+/// Irradiance of a unit lamp at `lamp` on a level surface at `u`, as if the space were flat and empty.
+fn bare(lamp: [f64; 3], u: [f64; 3]) -> f64 {
+    let way = DVec3::from(lamp) - DVec3::from(u);
+    way.z.abs() / way.length().powi(3)
+}
+
 #[test]
-fn lamps_light_what_is_in_their_sight_beside_mirrors_and_nothing_behind_one() {
+fn lamps_light_by_way_of_mirrors_and_portals_as_their_images_do() {
     let flat = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n";
-    let at = [-0.5, 0.3, -0.4];
-    let (bare, said) = light_on(flat, "[-0.4, 0.2, 0.5]", at);
-    assert!(bare > 0.5 && said.is_empty(), "{bare} {said}");
-    let (beside, said) = light_on(&beside_a_wall(MIRROR), "[-0.4, 0.2, 0.5]", at);
-    assert!((beside / bare - 1.0).abs() < 1e-6, "{beside} {bare}");
-    assert!(said.contains("mirrors is left out"), "{said}");
-    // A ball that is a mirror stands between.
+    let (at, lamp) = ([-0.5, 0.3, -0.4], [-0.4, 0.2, 0.5]);
+    let lit = |space: &str| {
+        let (mean, said) = light_on(space, &format!("{lamp:?}"), at);
+        assert!(said.is_empty(), "{said}");
+        mean
+    };
+    // A square of two tenths is small: means over it are those of its middle to second order.
+    let alone = lit(flat);
+    let size = alone / bare(lamp, at);
+    assert!((size - 1.0).abs() < 0.02, "{size}");
+    let mirrored = lit(&beside_a_wall(MIRROR));
+    let image = bare([2.4, 0.2, 0.5], at);
+    assert!(
+        ((mirrored - alone) / image - 1.0).abs() < 0.01,
+        "{mirrored} {alone}"
+    );
+    // The same by the map that turns what comes round.
+    let turned = lit(&beside_a_wall(TURNED_ROUND));
+    assert!(
+        (mirrored / turned - 1.0).abs() < 1e-6,
+        "{mirrored} {turned}"
+    );
+    // Two mirrors: three images.
+    let two = lit(&(beside_a_wall(MIRROR) + "[[glue]]\nface = '1.2 + y'\nmirror = true\n"));
+    let images = [[2.4, 0.2, 0.5], [-0.4, -2.6, 0.5], [2.4, -2.6, 0.5]];
+    let images: f64 = images.map(|image| bare(image, at)).into_iter().sum();
+    assert!(((two - alone) / images - 1.0).abs() < 0.01, "{two} {alone}");
+    // A portal above the square leads to where the lamp is another time, from below.
+    let portal = "[[glue]]\nface = '0.1 - z'\nmap = ['x', 'y', 'z + 3']\nopening = '0.16 - (x + 0.45)^2 - (y - 0.25)^2'\n\
+                  [[glue]]\nface = 'z - 3.1'\nmap = ['x', 'y', 'z - 3']\nopening = '0.16 - (x + 0.45)^2 - (y - 0.25)^2'\n";
+    let (through, _) = light_on(&(flat.to_owned() + portal), "[-0.4, 0.2, 3.5]", at);
+    assert!((through / alone - 1.0).abs() < 1e-6, "{through} {alone}");
+}
+
+#[test]
+fn a_mirror_stands_in_the_way_of_a_lamp() {
+    let flat = "name = 'flat'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = '1' }\n";
     let ball = format!("{flat}[[glue]]\nface = 'x^2 + y^2 + z^2 - 0.09'\nmirror = true\n");
     let (behind, _) = light_on(&ball, "[0, 0, 1]", [0.0, 0.0, -1.0]);
     let (aside, _) = light_on(&ball, "[1, 0, 1]", [1.0, 0.0, -1.0]);
     assert!(behind == 0.0 && aside > 0.1, "{behind} {aside}");
+    // Half a unit off the axis the ball, a convex mirror, adds its share to the lamp's own.
+    let (beside, _) = light_on(&ball, "[1, 0, 0]", [0.0, 0.0, 1.0]);
+    let image = by_ball(0.3, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    let own = bare([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
+    assert!(
+        (beside / (own + image) - 1.0).abs() < 0.02,
+        "{beside} {own} {image}"
+    );
+}
+
+/// Irradiance of a unit lamp on a level surface by way of a ball that is a mirror, both as far from its middle: the
+/// path meets it on the way between; areas are followed by differences of neighbouring rays.
+fn by_ball(radius: f64, lamp: [f64; 3], u: [f64; 3]) -> f64 {
+    let (lamp, u) = (DVec3::from(lamp), DVec3::from(u));
+    let met = (lamp + u).normalize() * radius;
+    let toward = (met - lamp).normalize();
+    // Where a ray meets the plane through `u` across the reflected one.
+    let n = met.normalize();
+    let out = toward - n * (2.0 * n.dot(toward));
+    let end = |d: DVec3| {
+        let (half, rest) = (lamp.dot(d), lamp.length_squared() - radius * radius);
+        let at = lamp + d * (-half - (half * half - rest).sqrt());
+        let n = at.normalize();
+        let back = d - n * (2.0 * n.dot(d));
+        at + back * ((u - at).dot(out) / back.dot(out))
+    };
+    let [e1, e2] = [
+        toward.any_orthonormal_vector(),
+        toward.cross(toward.any_orthonormal_vector()),
+    ];
+    const STEP: f64 = 1e-5;
+    let [a, b] = [e1, e2].map(|e| {
+        let [ahead, back] = [1.0, -1.0].map(|sign| end((toward + e * (sign * STEP)).normalize()));
+        (ahead - back) / (2.0 * STEP)
+    });
+    out.z.abs() / a.cross(b).length()
 }

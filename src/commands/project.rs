@@ -4,11 +4,7 @@
 //! every geodesic by which the camera sees it, whatever stands in between.
 
 use crate::terminal::{self, CommonArgs, Outcome, values};
-use geofan_core::{
-    Error, Result,
-    geodesic::{Ray, Settings, check_point, paths},
-    manifold::{Carried, Manifold},
-};
+use geofan_core::{Error, Result, geodesic::check_point};
 use geofan_light::{Connection, LightFan};
 use geofan_render::{Stage, View, local::projection, usual_size};
 use glam::{DQuat, DVec3};
@@ -43,9 +39,6 @@ pub struct ProjectArgs {
 /// The box about the point for which rays are spread finely, as a share of its distance in the chart.
 const NEIGHBOURHOOD: f64 = 0.25;
 
-/// How far off the end of an image's path may be, as a share of lengths.
-const SAME_PLACE: f64 = 1e-6;
-
 /// A point's places in a picture.
 struct Projected {
     view: View,
@@ -71,7 +64,7 @@ fn project(args: &ProjectArgs) -> Result<Projected> {
     let size = args.size.unwrap_or(usual_size(&stage.camera(name)?.lens));
     let view = stage.view_of(name, size)?;
     // Of a glued space the cover: the point has an image in every copy.
-    let manifold = stage.world.cover.clone();
+    let manifold = stage.world.manifold.developed();
     check_point(&manifold, "--point", args.point)?;
     if args.point == view.u {
         return Err(Error::input("--point", "is where the camera is"));
@@ -81,34 +74,13 @@ fn project(args: &ProjectArgs) -> Result<Projected> {
     let region = (args.point - margin, args.point + margin);
     let fan = LightFan::new(&manifold, view.u, length, region);
     let (found, _) = fan.connections(&[args.point], args.tolerance);
-    let mut images: Vec<Connection> = found.into_iter().map(|(_, image)| image).collect();
-    if let Some(gluing) = stage.world.manifold.gluing()
-        && !gluing.follows_cover()
-    {
-        tracing::warn!("images through portals and in mirrors are not looked for");
-        images.retain(|image| arrives(&stage.world.manifold, view.u, image, args));
-    }
+    let images = found.into_iter().map(|(_, image)| image).collect();
     Ok(Projected {
         local: projection(&stage.world, &view, args.point),
         images,
         length,
         view,
     })
-}
-
-/// Tells whether the path of an image in the covering chart is one of a glued space: it comes to the point.
-fn arrives(manifold: &Manifold, camera: DVec3, image: &Connection, args: &ProjectArgs) -> bool {
-    let settings = Settings {
-        tolerance: args.tolerance,
-        carried: Carried::default(),
-        events: true,
-    };
-    let ray = Ray::new(manifold, camera, image.direction, image.s);
-    let found = paths(manifold, settings, [ray]);
-    let last = found.first().and_then(|path| path.steps.last());
-    let end = last.filter(|last| last.end >= image.s * (1.0 - SAME_PLACE));
-    let off = end.map(|last| (last.position(image.s) - args.point).length());
-    off.is_some_and(|off| off <= SAME_PLACE * (1.0 + args.point.length()))
 }
 
 impl Projected {

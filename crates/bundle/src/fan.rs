@@ -178,6 +178,11 @@ impl<'f, C> TablePath<'f, C> {
 }
 
 impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
+    /// Borrows the coefficients, so that there is one copy of the loops over them.
+    fn one_of_many(&self) -> TablePath<'_, &PathCoefficients> {
+        TablePath::new(self.fan, self.coefficients.borrow(), self.number)
+    }
+
     fn ray(&self) -> &StoredRay {
         self.coefficients.borrow().ray(self.number)
     }
@@ -202,7 +207,8 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
 
     /// Computes chart point and tangent (chart components) at arc length `s`; `None` where flagged.
     pub fn at(&self, s: f64) -> Option<(DVec3, DVec3)> {
-        let state = self.state(&self.sums(self.piece(s)?, &[s]), &[s]);
+        let one = self.one_of_many();
+        let state = one.state(&one.sums(one.piece(s)?, &[s]), &[s]);
         Some((lane(&state[0], 0), lane(&state[1], 0)))
     }
 
@@ -232,7 +238,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
             match piece.is_flagged() {
                 true if end > known => return known,
                 true => {}
-                false => self.fill(piece, s, known..end, rows),
+                false => self.one_of_many().fill(piece, s, known..end, rows),
             }
             known = end;
         }
@@ -288,7 +294,9 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         };
         Some(turn_at_edge(manifold, nearest(-1.0)?, nearest(1.0)?))
     }
+}
 
+impl TablePath<'_, &PathCoefficients> {
     /// Fills the rows of [`TablePath::sample_into`] at the lengths of `range`, all in `piece`.
     fn fill(&self, piece: &PathPiece, s: &[f64], range: Range<usize>, rows: &mut [f64]) {
         for start in range.clone().step_by(LANES) {
@@ -318,7 +326,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
         piece: &PathPiece,
         s: &[f64; LANES],
     ) -> ChartStates<LANES> {
-        let rows = self.coefficients.borrow().rows(piece);
+        let rows = self.coefficients.rows(piece);
         vectorised(
             #[inline(always)]
             || {
@@ -330,7 +338,7 @@ impl<C: Borrow<PathCoefficients>> TablePath<'_, C> {
 
     /// Sums departures and slopes at `W` arc lengths of one piece.
     fn sums<const W: usize>(&self, piece: &PathPiece, s: &[f64; W]) -> ArcSums<W> {
-        let rows = self.coefficients.borrow().rows(piece);
+        let rows = self.coefficients.rows(piece);
         let channels = self.fan.table.space.channels().len();
         path_coefficients::sums(rows, channels, piece.interval, s)
     }

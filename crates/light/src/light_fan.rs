@@ -11,13 +11,13 @@
 
 use crate::segment::{BeamSegment, Guess};
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, follow, signed_area},
-    manifold::{Carried, DeckTransformation, LocalFrame, Manifold},
+    geodesic::{End, Ray, Settings, Sink, Step, follow, perpendiculars, signed_area},
+    manifold::{Carried, DeckTransformation, GluedFace, LocalFrame, Manifold},
     parallel::*,
 };
 use geofan_render::accel::BoxTree;
 use glam::{DMat3, DVec3, Vec3};
-use std::collections::HashMap;
+use std::{collections::HashMap, ops::Range};
 
 /// A box of the chart, by its lowest and highest corner.
 pub type Region = (DVec3, DVec3);
@@ -54,6 +54,11 @@ const MOST_INTERVALS: usize = 256;
 /// Rays traced by one thread at a time.
 const BLOCK: usize = 64;
 
+/// Knots beyond the end of a ray, and on both sides of a face: of neighbours that are not much closer to it the last
+/// segment reaches up to it.
+const KNOTS_BEYOND_END: usize = 2;
+const KNOTS_BEYOND: usize = 4;
+
 /// How far from the image of a point inside a copy of a glued domain may reach, in sizes of the domain.
 const COPY_REACH: f64 = 3.0;
 
@@ -74,6 +79,62 @@ pub(super) struct RayKnot {
     pub reversed: bool,
 }
 
+/// A ray of a lamp from one face of a glued space to the next; all of it where it crosses none.
+#[derive(Debug, Clone)]
+pub(super) struct RayLeg {
+    /// The ray's direction at the lamp.
+    pub direction: DVec3,
+    /// The faces behind which it begins, from the end of the leg before.
+    faces: Vec<usize>,
+    /// The number of its first knot.
+    first: usize,
+    knots: Vec<RayKnot>,
+}
+
+impl RayLeg {
+    /// Returns the numbers of its knots.
+    fn numbers(&self) -> Range<usize> {
+        self.first..self.first + self.knots.len()
+    }
+
+    /// Returns the knot of this number.
+    pub fn knot(&self, number: usize) -> &RayKnot {
+        &self.knots[number - self.first]
+    }
+
+    /// Returns the three knots of the interval that begins at this one.
+    pub fn interval(&self, number: usize) -> &[RayKnot] {
+        let at = number - self.first;
+        &self.knots[at..at + 3]
+    }
+
+    /// Goes on straight to the next `count` knots.
+    fn extend(&mut self, arc_lengths: &[f64], count: usize) {
+        let at = self.numbers().end - 1;
+        let last = self.knots[at - self.first];
+        for s in arc_lengths.iter().skip(at + 1).take(count) {
+            let u = last.u + last.v * (s - arc_lengths[at]);
+            self.knots.push(RayKnot { u, ..last });
+        }
+    }
+
+    /// Makes the leg of the ray in a direction nearby, by this one's deviations.
+    fn beside(&self, direction: DVec3) -> Self {
+        let [x, y] = perpendiculars(self.direction).map(|e| e.dot(direction - self.direction));
+        let moved = |knot: &RayKnot| {
+            let [jx, jy] = knot.spread.map(|j| j.as_dvec3());
+            let u = knot.u + jx * x + jy * y;
+            RayKnot { u, ..*knot }
+        };
+        Self {
+            direction,
+            faces: self.faces.clone(),
+            first: self.first,
+            knots: self.knots.iter().map(moved).collect(),
+        }
+    }
+}
+
 /// The rays of a lamp, ready to be connected with points.
 pub struct LightFan<'m> {
     pub(super) manifold: &'m Manifold,
@@ -85,10 +146,11 @@ pub struct LightFan<'m> {
     pub length: f64,
     /// Where connections are asked for.
     region: Region,
-    /// The rays' directions, and each ray at the arc lengths it reaches. The last two knots may be
-    /// extrapolated, so that the segments reach as far as the space does.
-    pub(super) directions: Vec<DVec3>,
-    pub(super) rays: Vec<Vec<RayKnot>>,
+    /// The rays' legs at the arc lengths they reach. The last knots may be extrapolated, so that the segments reach
+    /// as far as the space does, or beyond a face, and so may the first behind a face.
+    pub(super) legs: Vec<RayLeg>,
+    /// The numbers of the legs of each ray, and its direction.
+    rays: Vec<(Range<usize>, DVec3)>,
     /// Arc lengths of the knots: the ends of intervals and, in between, their middles.
     pub(super) arc_lengths: Vec<f64>,
     segments: Vec<BeamSegment>,
@@ -107,7 +169,7 @@ impl<'m> LightFan<'m> {
             local: manifold.local_frame(u),
             length,
             region: widened(manifold, region),
-            directions: Vec::new(),
+            legs: Vec::new(),
             rays: Vec::new(),
             arc_lengths: Vec::new(),
             segments: Vec::new(),
@@ -116,7 +178,8 @@ impl<'m> LightFan<'m> {
         };
         fan.choose_arc_lengths();
         let triangles = fan.refine();
-        let (segments, boxes): (Vec<BeamSegment>, Vec<Vec<Region>>) = triangles
+        let beams = fan.beams(&triangles);
+        let (segments, boxes): (Vec<BeamSegment>, Vec<Vec<Region>>) = beams
             .par_iter()
             .flat_map_iter(|corners| fan.segments_of(*corners))
             .unzip();
@@ -130,13 +193,72 @@ impl<'m> LightFan<'m> {
         fan
     }
 
-    /// Cuts the beam between three rays into segments; returns those that matter, with the boxes around them.
+    /// Returns the beams between neighbouring rays, by the legs of three rays that bound each. Where a triangle's rays
+    /// cross different faces, each leg bounds a beam with legs nearby that are made of it.
+    fn beams(&mut self, triangles: &[[usize; 3]]) -> Vec<[usize; 3]> {
+        let mut beams = Vec::new();
+        // From which leg on each ray is parted from others, and the widest of the triangles.
+        let mut parted: Vec<(usize, f64)> = vec![(usize::MAX, 0.0); self.rays.len()];
+        for rays in triangles {
+            let shared = self.shared(*rays);
+            let starts = rays.map(|ray| self.rays[ray].0.start);
+            beams.extend((0..shared).map(|n| starts.map(|start| start + n)));
+            let [p, q, o] = rays.map(|ray| self.rays[ray].1);
+            let width = (q - p).length().max((o - q).length()).max((p - o).length());
+            for ray in rays {
+                let (from, widest) = &mut parted[*ray];
+                if shared < self.rays[*ray].0.len() {
+                    (*from, *widest) = ((*from).min(shared), widest.max(width));
+                }
+            }
+        }
+        for (ray, (from, width)) in parted.into_iter().enumerate() {
+            for leg in self.rays[ray].0.clone().skip(from) {
+                if self.is_of_interest(&self.legs[leg], 2.0 * width) {
+                    beams.push(self.surround(leg, width));
+                }
+            }
+        }
+        beams
+    }
+
+    /// Makes three legs around a leg, so that all directions within `angle` of it are between them.
+    fn surround(&mut self, leg: usize, angle: f64) -> [usize; 3] {
+        let (sin, cos) = (std::f64::consts::TAU / 3.0).sin_cos();
+        [(1.0, 0.0), (cos, sin), (cos, -sin)].map(|(x, y)| {
+            let leg = &self.legs[leg];
+            let [e1, e2] = perpendiculars(leg.direction);
+            let turn = (e1 * x + e2 * y) * (2.0 * angle);
+            self.legs.push(leg.beside(leg.direction + turn));
+            self.legs.len() - 1
+        })
+    }
+
+    /// Returns how many legs of three rays are behind the same faces.
+    fn shared(&self, rays: [usize; 3]) -> usize {
+        let [p, q, o] = rays.map(|ray| &self.legs[self.rays[ray].0.clone()]);
+        let all = p.iter().zip(q).zip(o);
+        all.take_while(|((p, q), o)| p.faces == q.faces && p.faces == o.faces)
+            .count()
+    }
+
+    /// Tells whether rays in directions within `angle` of a leg come to where connections are asked for, as far as its
+    /// deviations tell.
+    fn is_of_interest(&self, leg: &RayLeg, angle: f64) -> bool {
+        leg.knots.iter().any(|knot| {
+            let [x, y] = knot.spread.map(|j| f64::from(j.length()));
+            let around = DVec3::splat(angle * x.max(y));
+            meet((knot.u - around, knot.u + around), self.region)
+        })
+    }
+
+    /// Cuts the beam between three legs into segments; returns those that matter, with the boxes around them.
     fn segments_of(&self, corners: [usize; 3]) -> Vec<(BeamSegment, Vec<Region>)> {
-        let rays = corners.map(|i| &self.rays[i]);
-        let reach = rays.iter().map(|r| r.len()).min().unwrap_or(0);
-        let starts = (0..reach.saturating_sub(2)).step_by(2);
+        let legs = corners.map(|i| &self.legs[i]);
+        let [first, end] = common(legs);
+        let starts = (first.next_multiple_of(2)..end.saturating_sub(2)).step_by(2);
         let half = self.arc_lengths[1];
-        let sound = starts.filter(|k| rays.iter().all(|r| cubic_miss(r, *k, half) <= BROKEN));
+        let sound = starts.filter(|k| legs.iter().all(|leg| cubic_miss(leg, *k, half) <= BROKEN));
         let segments = sound.map(|k| {
             let segment = BeamSegment::new(self, corners, k);
             let mut boxes = Vec::with_capacity(1);
@@ -165,11 +287,7 @@ impl<'m> LightFan<'m> {
             self.arc_lengths = self.even_arc_lengths(2 * count);
             let rays = self.trace(&directions);
             // Only what happens where connections are asked for counts.
-            let coarse = |ray: &&Vec<RayKnot>| {
-                let starts = (0..ray.len().saturating_sub(3)).step_by(2);
-                let mut inside = starts.filter(|k| holds(self.region, ray[*k].u));
-                inside.any(|k| cubic_miss(ray, k, self.arc_lengths[1]) > BEND)
-            };
+            let coarse = |legs: &&Vec<RayLeg>| legs.iter().any(|leg| self.is_coarse(leg));
             let bad = rays.iter().filter(coarse).count();
             if 10 * bad <= directions.len() || 2 * count > MOST_INTERVALS {
                 return;
@@ -178,11 +296,19 @@ impl<'m> LightFan<'m> {
         }
     }
 
+    /// Tells whether a cubic over an interval of the leg misses it.
+    fn is_coarse(&self, leg: &RayLeg) -> bool {
+        let Range { start, end } = leg.numbers();
+        let starts = (start.next_multiple_of(2)..end.saturating_sub(3)).step_by(2);
+        let mut inside = starts.filter(|k| holds(self.region, leg.knot(*k).u));
+        inside.any(|k| cubic_miss(leg, k, self.arc_lengths[1]) > BEND)
+    }
+
     /// Traces rays over finer and finer triangles; returns the triangles by the numbers of their rays.
     fn refine(&mut self) -> Vec<[usize; 3]> {
-        self.directions = icosahedron_corners();
-        self.rays = self.trace(&self.directions);
-        let mut open = icosahedron_faces(&self.directions);
+        let corners = icosahedron_corners();
+        self.add(&corners);
+        let mut open = icosahedron_faces(&corners);
         let mut middles: HashMap<[usize; 2], usize> = HashMap::new();
         let mut done = Vec::new();
         for level in 1..=LAST_LEVEL {
@@ -204,6 +330,15 @@ impl<'m> LightFan<'m> {
         done
     }
 
+    /// Traces the rays in `directions`, and adds them to those there are.
+    fn add(&mut self, directions: &[DVec3]) {
+        for (legs, direction) in self.trace(directions).into_iter().zip(directions) {
+            let start = self.legs.len();
+            self.legs.extend(legs);
+            self.rays.push((start..self.legs.len(), *direction));
+        }
+    }
+
     /// Traces the middles of all edges that have none yet.
     fn trace_middles(
         &mut self,
@@ -214,15 +349,13 @@ impl<'m> LightFan<'m> {
         for [a, b, c] in triangles {
             for (i, j) in [(*a, *b), (*b, *c), (*c, *a)] {
                 middles.entry(edge(i, j)).or_insert_with(|| {
-                    let middle = self.directions[i] + self.directions[j];
+                    let middle = self.rays[i].1 + self.rays[j].1;
                     directions.push(middle.normalize());
-                    self.directions.len() + directions.len() - 1
+                    self.rays.len() + directions.len() - 1
                 });
             }
         }
-        let rays = self.trace(&directions);
-        self.directions.extend(directions);
-        self.rays.extend(rays);
+        self.add(&directions);
     }
 
     /// Tells whether interpolation between the triangle's rays is close to the rays through the
@@ -233,28 +366,43 @@ impl<'m> LightFan<'m> {
         middles: &HashMap<[usize; 2], usize>,
         level: usize,
     ) -> bool {
+        let last = level >= LAST_EDGE_LEVEL;
         [(a, b), (b, c), (c, a)].into_iter().all(|(i, j)| {
-            let [p, q, m] = [i, j, middles[&edge(i, j)]].map(|k| &self.rays[k]);
-            let reach = [p, q, m].map(|r| r.len());
-            let (least, most) = reach
-                .iter()
-                .fold((usize::MAX, 0), |(a, b), r| (a.min(*r), b.max(*r)));
-            let mut inside =
-                (1..least).filter(|k| [p, q, m].iter().any(|ray| holds(self.region, ray[*k].u)));
-            // Rays that end together, with the same orientation all along, may be interpolated.
-            let whole = level >= LAST_EDGE_LEVEL
-                || most - least <= 4.max(most / 10)
-                    && inside.clone().all(|k| p[k].reversed == q[k].reversed);
-            whole
-                && inside.all(|k| {
-                    let [p, q, m] = [p, q, m].map(|ray| ray[k].u);
-                    (0.5 * (p + q) - m).length() <= BEND * (p - q).length()
-                })
+            let rays = [i, j, middles[&edge(i, j)]];
+            let shared = self.shared(rays);
+            let [p, q, m] = rays.map(|ray| &self.legs[self.rays[ray].0.clone()]);
+            let mut parted = [p, q, m].into_iter().flat_map(|legs| &legs[shared..]);
+            let width = (self.rays[i].1 - self.rays[j].1).length();
+            (last || !parted.any(|leg| self.is_of_interest(leg, width)))
+                && (0..shared).all(|n| self.is_even([&p[n], &q[n], &m[n]], last))
         })
     }
 
+    /// Tells whether the middle of two legs lies close to the third, as far as they are in the region. Unless such rays are
+    /// halved no more, they are to have the same orientation all along, and to begin and end together.
+    fn is_even(&self, legs: [&RayLeg; 3], last: bool) -> bool {
+        let [first, end] = common(legs);
+        let [p, q, m] = legs;
+        let holds_any = |k: &usize| legs.iter().any(|leg| holds(self.region, leg.knot(*k).u));
+        let mut inside = (first.max(1)..end).filter(holds_any);
+        let late = legs.iter().map(|leg| leg.first - first.min(leg.first));
+        let reach = legs
+            .iter()
+            .map(|leg| leg.numbers().end)
+            .max()
+            .unwrap_or(end);
+        let apart = late.max().unwrap_or(0).max(reach - end);
+        let together = apart <= 4.max(reach / 10);
+        let turned = |k: usize| p.knot(k).reversed != q.knot(k).reversed;
+        (last || together && !inside.clone().any(turned))
+            && inside.all(|k| {
+                let [p, q, m] = [p, q, m].map(|leg| leg.knot(k).u);
+                (0.5 * (p + q) - m).length() <= BEND * (p - q).length()
+            })
+    }
+
     /// Integrates the rays in `directions` and samples them at the knots.
-    fn trace(&self, directions: &[DVec3]) -> Vec<Vec<RayKnot>> {
+    fn trace(&self, directions: &[DVec3]) -> Vec<Vec<RayLeg>> {
         let settings = Settings {
             tolerance: TOLERANCE,
             carried: Carried {
@@ -263,30 +411,37 @@ impl<'m> LightFan<'m> {
             },
             events: true,
         };
-        let block = |directions: &[DVec3]| -> Vec<Vec<RayKnot>> {
+        let block = |directions: &[DVec3]| -> Vec<Vec<RayLeg>> {
             let mut sampler = KnotSampler {
                 fan: self,
-                rays: directions
-                    .iter()
-                    .map(|d| vec![self.first_knot(*d)])
-                    .collect(),
+                rays: directions.iter().map(|d| self.first_leg(*d)).collect(),
             };
             let rays = directions
                 .iter()
                 .map(|d| Ray::seen_by(&self.local, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
-            sampler.rays
+            sampler.rays.into_iter().map(|ray| ray.legs).collect()
         };
         directions.par_chunks(BLOCK).flat_map(block).collect()
     }
 
-    /// Returns the knot at the lamp itself.
-    fn first_knot(&self, direction: DVec3) -> RayKnot {
-        RayKnot {
-            u: self.u,
-            v: self.local.tangent(direction),
-            spread: [Vec3::ZERO; 2],
-            reversed: false,
+    /// Begins a ray with the knot at the lamp itself.
+    fn first_leg(&self, direction: DVec3) -> SampledRay {
+        let leg = RayLeg {
+            direction,
+            faces: Vec::new(),
+            first: 0,
+            knots: vec![RayKnot {
+                u: self.u,
+                v: self.local.tangent(direction),
+                spread: [Vec3::ZERO; 2],
+                reversed: false,
+            }],
+        };
+        SampledRay {
+            legs: vec![leg],
+            next: 1,
+            faces: Vec::new(),
         }
     }
 
@@ -337,6 +492,10 @@ impl<'m> LightFan<'m> {
         else {
             return Vec::new();
         };
+        // Paths that go on elsewhere stay in the domain.
+        if self.manifold.gluing().is_some() {
+            return vec![gluing.identity()];
+        }
         let reaches = |place: DVec3, d: DMat3| {
             let size = [0, 1, 2]
                 .map(|k| d.col(k).length())
@@ -376,20 +535,32 @@ impl<'m> LightFan<'m> {
     }
 }
 
+/// Returns the first knot that all of three legs have, and that behind their last.
+fn common(legs: [&RayLeg; 3]) -> [usize; 2] {
+    let numbers = legs.map(RayLeg::numbers);
+    let first = numbers.iter().map(|range| range.start).max();
+    let end = numbers.iter().map(|range| range.end).min();
+    [first.unwrap_or(0), end.unwrap_or(0)]
+}
+
 /// Returns by how much the cubic over the interval from knot `k` misses the ray in the middle, as a
 /// share of the interval's chord; `half` is half the interval's arc length.
-fn cubic_miss(ray: &[RayKnot], k: usize, half: f64) -> f64 {
-    let [p, m, q] = [k, k + 1, k + 2].map(|k| &ray[k]);
+fn cubic_miss(leg: &RayLeg, k: usize, half: f64) -> f64 {
+    let [p, m, q] = [k, k + 1, k + 2].map(|k| leg.knot(k));
     let cubic = 0.5 * (p.u + q.u) + (p.v - q.v) * (0.25 * half);
     (cubic - m.u).length() / (q.u - p.u).length()
 }
 
-/// Adds half the region's size around it, and makes it endless along glued coordinates.
+/// Adds half the region's size around it, and makes it endless along glued coordinates and where faces bring points
+/// into the domain.
 fn widened(manifold: &Manifold, (low, high): Region) -> Region {
     let margin = 0.5 * (high - low).max_element();
     let mut wide = (low - margin, high + margin);
-    let repeats =
-        |k: &usize| manifold.gluing_below().is_some() || manifold.domain.period(*k).is_some();
+    let brings_in = manifold.gluing_below().is_some_and(|gluing| {
+        let bounds = |face: &GluedFace| !face.is_portal() && !face.is_mirror();
+        gluing.faces().iter().any(bounds)
+    });
+    let repeats = |k: &usize| brings_in || manifold.domain.period(*k).is_some();
     for k in (0..3).filter(repeats) {
         (wide.0[k], wide.1[k]) = (f64::NEG_INFINITY, f64::INFINITY);
     }
@@ -418,35 +589,83 @@ fn children([a, b, c]: [usize; 3], middles: &HashMap<[usize; 2], usize>) -> [[us
 /// Samples the integrator's steps at the fan's knots.
 struct KnotSampler<'f, 'm> {
     fan: &'f LightFan<'m>,
-    rays: Vec<Vec<RayKnot>>,
+    rays: Vec<SampledRay>,
+}
+
+/// A ray on its way.
+struct SampledRay {
+    legs: Vec<RayLeg>,
+    /// The number of the next knot.
+    next: usize,
+    /// The faces that it has crossed since its last leg.
+    faces: Vec<usize>,
+}
+
+impl SampledRay {
+    fn leg(&mut self) -> &mut RayLeg {
+        self.legs.last_mut().expect("a ray begins with a leg")
+    }
+}
+
+impl LightFan<'_> {
+    /// Makes the knot at an arc length of a step.
+    fn knot(&self, step: &Step, s: f64) -> RayKnot {
+        let (u, v) = (step.position(s), step.tangent(s));
+        let local = self.manifold.local_frame(u);
+        let spread = step.deviation(s).unwrap_or_default();
+        RayKnot {
+            u,
+            v,
+            spread: spread.map(|j| j.as_vec3()),
+            reversed: signed_area(&local, v, spread) < 0.0,
+        }
+    }
+
+    /// Begins the leg of `ray` that `step`, behind faces, is the first of: with knots before it, straight back.
+    fn begin_leg(&self, ray: &mut SampledRay, step: &Step) {
+        let start = self.knot(step, step.start);
+        let first = ray.next.saturating_sub(KNOTS_BEYOND);
+        let back = self.arc_lengths[first..ray.next].iter().map(|s| {
+            let u = start.u + start.v * (s - step.start);
+            RayKnot { u, ..start }
+        });
+        let leg = RayLeg {
+            direction: ray.leg().direction,
+            faces: std::mem::take(&mut ray.faces),
+            first,
+            knots: back.collect(),
+        };
+        ray.legs.push(leg);
+    }
 }
 
 impl Sink for KnotSampler<'_, '_> {
     fn step(&mut self, ray: usize, step: &Step) {
         let ray = &mut self.rays[ray];
-        while let Some(&s) = self.fan.arc_lengths.get(ray.len())
+        if !ray.faces.is_empty() {
+            self.fan.begin_leg(ray, step);
+        }
+        while let Some(&s) = self.fan.arc_lengths.get(ray.next)
             && s <= step.end
         {
-            let (u, v) = (step.position(s), step.tangent(s));
-            let local = self.fan.manifold.local_frame(u);
-            let spread = step.deviation(s).unwrap_or_default();
-            ray.push(RayKnot {
-                u,
-                v,
-                spread: spread.map(|j| j.as_vec3()),
-                reversed: signed_area(&local, v, spread) < 0.0,
-            });
+            let knot = self.fan.knot(step, s);
+            ray.leg().knots.push(knot);
+            ray.next += 1;
         }
     }
 
-    /// Goes on straight to the next two knots.
+    fn crossed(&mut self, ray: usize, face: usize) {
+        let ray = &mut self.rays[ray];
+        if ray.faces.is_empty() {
+            ray.leg().extend(&self.fan.arc_lengths, KNOTS_BEYOND);
+        }
+        ray.faces.push(face);
+    }
+
     fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
         let ray = &mut self.rays[ray];
-        let at = ray.len() - 1;
-        let last = ray[at];
-        for s in self.fan.arc_lengths.iter().skip(at + 1).take(2) {
-            let u = last.u + last.v * (s - self.fan.arc_lengths[at]);
-            ray.push(RayKnot { u, ..last });
+        if ray.faces.is_empty() {
+            ray.leg().extend(&self.fan.arc_lengths, KNOTS_BEYOND_END);
         }
     }
 }

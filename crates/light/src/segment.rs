@@ -55,7 +55,7 @@ const STARTS: [DVec3; 5] = [
 
 /// Finds where a point lies between three rays over one interval.
 pub(super) struct BeamSegment {
-    /// The numbers of the rays, and of the first knot.
+    /// The numbers of the rays' legs, and of the first knot.
     corners: [u32; 3],
     knot: u32,
     /// Set if the rays fold inside: then the point may be met more than once.
@@ -110,7 +110,7 @@ impl Guess {
 impl BeamSegment {
     /// Takes the segment between the rays numbered `corners` that starts at a knot.
     pub fn new(fan: &LightFan<'_>, corners: [usize; 3], knot: usize) -> Self {
-        let reversed = |i: usize, k: usize| fan.rays[i][k].reversed;
+        let reversed = |i: usize, k: usize| fan.legs[i].knot(k).reversed;
         let first = reversed(corners[0], knot + 1);
         // At the lamp itself all areas are zero and their signs mean nothing.
         let looked_at = [knot.max(1), knot + 1];
@@ -145,8 +145,8 @@ impl BeamSegment {
     /// Makes the segment's map from the fan's rays.
     fn map<'f>(&self, fan: &'f LightFan<'_>) -> SegmentMap<'f> {
         let knot = self.knot as usize;
-        let directions = self.corners.map(|i| fan.directions[i as usize]);
-        let rays = self.corners.map(|i| &fan.rays[i as usize][knot..knot + 3]);
+        let directions = self.corners.map(|i| fan.legs[i as usize].direction);
+        let rays = self.corners.map(|i| fan.legs[i as usize].interval(knot));
         SegmentMap::new(directions, rays, self.width(fan), self.smooth)
     }
 
@@ -200,7 +200,7 @@ impl BeamSegment {
     pub fn guesses(&self, fan: &LightFan<'_>, x: DVec3, at: DVec3, known: &mut Vec<Guess>) {
         // A neighbour has found the only geodesic there is.
         if !(self.folded || known.is_empty()) {
-            let [p, q, o] = self.corners.map(|i| fan.directions[i as usize]);
+            let [p, q, o] = self.corners.map(|i| fan.legs[i as usize].direction);
             let direction = (p * (1.0 - at.x - at.y) + q * at.x + o * at.y).normalize();
             let s = self.arc_length(fan, at);
             if known.iter().any(|g| g.is_near(direction, s, ROUGHLY_ALIKE)) {

@@ -7,7 +7,7 @@
 
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Development, Gluing, LocalFrame, Manifold},
+    manifold::{LocalFrame, Manifold},
 };
 use geofan_render::{
     Cubic, SurfacePoint, World,
@@ -87,7 +87,6 @@ pub(super) fn follow_shadowed(
             Shadows::Ignored => None,
             Shadows::Cast(world, _) => Some(HitSearch::new(world)),
         },
-        wall: shadows.walls().map(WallSearch::new),
     };
     let states = rays.iter().zip(numbers).map(state).collect();
     let mut sink = ShadowSink { states, shadows };
@@ -131,47 +130,6 @@ struct RayState<'w> {
     end: Option<(DVec3, DVec3, Option<[DVec3; 2]>)>,
     /// What it meets, if anything casts shadows.
     search: Option<HitSearch<'w>>,
-    /// Where it comes to mirrors and portals, behind which it does not go on.
-    wall: Option<WallSearch<'w>>,
-}
-
-/// Finds the walls of a glued space that end a path of its cover: mirrors and portals.
-struct WallSearch<'w> {
-    way: Development<'w>,
-    /// The last point, brought into the domain.
-    last: Option<DVec3>,
-}
-
-impl<'w> WallSearch<'w> {
-    /// Begins at the start of a path in the domain.
-    fn new(gluing: &'w Gluing) -> Self {
-        Self {
-            way: Development::new(gluing),
-            last: None,
-        }
-    }
-
-    /// Goes on to the next point of the path, near the last one; tells whether there is a wall between.
-    fn meets(&mut self, u: DVec3) -> bool {
-        let gluing = self.way.gluing();
-        let wall = match self.last {
-            Some(last) => gluing.has_wall_between([last, self.way.deck().point(u)]),
-            None => false,
-        };
-        self.last = self.way.advance(u).map(|(image, _)| image);
-        wall || self.last.is_none()
-    }
-}
-
-impl<'w> Shadows<'w> {
-    /// Returns the gluing whose walls cast shadows, if it has any.
-    fn walls(self) -> Option<&'w Gluing> {
-        let Self::Cast(world, _) = self else {
-            return None;
-        };
-        let gluing = world.manifold.gluing();
-        gluing.filter(|gluing| !gluing.follows_cover())
-    }
 }
 
 /// Intersects the integrator's steps with what casts shadows.
@@ -188,8 +146,6 @@ impl Sink for ShadowSink<'_> {
     fn region(&self) -> Option<(DVec3, DVec3)> {
         match self.shadows {
             Shadows::Ignored => None,
-            // Walls may be anywhere.
-            Shadows::Cast(..) if self.shadows.walls().is_some() => None,
             Shadows::Cast(world, _) => region(world),
         }
     }
@@ -203,10 +159,6 @@ impl Sink for ShadowSink<'_> {
         if let Shadows::Cast(world, points) = self.shadows
             && !state.met
         {
-            if state.meets_wall(step) {
-                state.shadowed = true;
-                return;
-            }
             match state.meets(world, points, step) {
                 Some(true) => state.met = true,
                 Some(false) => {
@@ -230,18 +182,6 @@ impl Sink for ShadowSink<'_> {
 }
 
 impl RayState<'_> {
-    /// Tells whether the step comes to a wall before the ray's end.
-    fn meets_wall(&mut self, step: &Step) -> bool {
-        let Some(wall) = &mut self.wall else {
-            return false;
-        };
-        pieces(step).any(|piece| {
-            let [start, end] = piece.s.map(|s| s.min(self.length));
-            (wall.last.is_none() && wall.meets(step.position(start)))
-                || wall.meets(step.position(end))
-        })
-    }
-
     /// Tells whether the step meets the surface of the ray's point, or one before it that stops light;
     /// `None` if it meets neither.
     fn meets(&mut self, world: &World, points: &[SurfacePoint], step: &Step) -> Option<bool> {

@@ -131,20 +131,6 @@ pub(super) fn lamps_out_of_sight(manifold: &Manifold, lamps: &[PointLight]) -> V
     numbered.filter_map(warning).collect()
 }
 
-/// Warns of light of `lamps` that is missing: what comes through faces that are portals, or is reflected by those that are
-/// mirrors.
-pub(super) fn missing_light(manifold: &Manifold, lamps: &[PointLight]) -> Option<String> {
-    let gluing = manifold.gluing().filter(|gluing| !gluing.follows_cover())?;
-    (!lamps.is_empty()).then(|| {
-        let faces = gluing.faces();
-        let what = match faces.iter().any(|face| face.is_mirror()) {
-            true => "is reflected by mirrors",
-            false => "goes through portals",
-        };
-        format!("lights shine directly only: what {what} is left out")
-    })
-}
-
 /// The most corners of an object that are looked at, evenly chosen: a part beyond an exit that falls between
 /// them is too small to be missed.
 const CORNERS: usize = 4096;

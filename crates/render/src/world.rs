@@ -10,7 +10,7 @@ use super::{
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     moving::{ObjectPath, at_time},
-    placement_checks::{PlacementChecks, lamps_out_of_sight, missing_light, out_of_sight},
+    placement_checks::{PlacementChecks, lamps_out_of_sight, out_of_sight},
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
@@ -54,7 +54,7 @@ pub struct PointLight {
 pub struct World {
     /// The manifold.
     pub manifold: Arc<Manifold>,
-    /// The covering space with light followed from lamps into the future.
+    /// The space with light followed from lamps into the future: its cover, where that tells how paths go on.
     pub lamplight: Arc<Manifold>,
     /// The space that covers a glued one, else the same.
     pub cover: Arc<Manifold>,
@@ -148,14 +148,15 @@ impl World {
             Some(_) => Arc::new(manifold.cover().into_owned()),
             None => manifold.clone(),
         };
-        let lamplight = match manifold.has_wind() {
-            true => Arc::new(cover.forward()?.into_owned()),
-            false => cover.clone(),
+        let developed = manifold.developed();
+        let lamplight = match (manifold.has_wind(), &developed) {
+            (true, _) => Arc::new(developed.forward()?.into_owned()),
+            (false, Cow::Owned(_)) => cover.clone(),
+            (false, Cow::Borrowed(_)) => manifold.clone(),
         };
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
         let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
         warnings.extend(lamps_out_of_sight(&manifold, &lights));
-        warnings.extend(missing_light(&manifold, &lights));
         let mut world = Self {
             accelerator: Accelerator::build(&[]),
             faces: Vec::new(),

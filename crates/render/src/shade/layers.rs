@@ -93,6 +93,7 @@ pub fn copies(
     tolerance: f64,
 ) -> Option<Array2<u32>> {
     let gluing = world.manifold.gluing()?;
+    let cover = world.lamplight.cover();
     let (height, width, _) = outcomes.dim();
     let settings = Settings {
         tolerance,
@@ -113,7 +114,7 @@ pub fn copies(
             let back = hits.iter().map(|(_, hit)| {
                 Ray::without_spread(world.point(hit), -hit.v.as_dvec3(), hit.s.into())
             });
-            let ends = ends(&world.lamplight, settings, back);
+            let ends = ends(&cover, settings, back);
             for ((x, _), end) in hits.iter().zip(ends) {
                 let place = end.and_then(|(step, s)| gluing.copy_of(step.position(s)));
                 row[*x] = place.map_or(0, |place| copy_number(place, gluing));

@@ -273,18 +273,6 @@ impl Gluing {
         deepest.1
     }
 
-    /// Tells whether the way from a point of the domain to one next to it crosses a mirror or a portal, behind which paths of
-    /// the covering chart do not go on.
-    pub fn has_wall_between(&self, [from, to]: [DVec3; 2]) -> bool {
-        let [before, behind] = [from, to].map(|u| self.values.at(&u.to_array()));
-        (0..self.faces.len()).any(|k| {
-            let face = &self.faces[k];
-            let crosses = before[k] >= 0.0 && behind[k] < 0.0;
-            let place = || from.lerp(to, before[k] / (before[k] - behind[k]));
-            crosses && (face.is_mirror() || face.is_portal()) && self.is_open(k, place())
-        })
-    }
-
     /// Finds the mirror that `u` lies behind.
     pub fn behind_mirror(&self, u: DVec3) -> Option<usize> {
         let values = self.values.at(&u.to_array());
@@ -456,6 +444,15 @@ impl Manifold {
     /// Returns the space that covers this one: the chart without its gluing.
     pub fn cover(&self) -> Cow<'_, Self> {
         self.folded(false)
+    }
+
+    /// Returns the chart on which paths go on without faces: the cover, but where a face is a portal or a mirror, which
+    /// the cover knows nothing of, the space itself.
+    pub fn developed(&self) -> Cow<'_, Self> {
+        match self.gluing().is_none_or(Gluing::follows_cover) {
+            true => self.cover(),
+            false => Cow::Borrowed(self),
+        }
     }
 
     /// Returns the space of the file, of which this may be the cover.
