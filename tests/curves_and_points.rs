@@ -454,3 +454,48 @@ fn images_in_mirrors_are_those_of_the_kaleidoscope() {
         assert!((vector(&image["direction"]) - way.normalize()).length() < 1e-9);
     }
 }
+
+/// Nothing depends on the unit of length, nor on where the chart's origin is.
+#[test]
+fn images_do_not_depend_on_the_unit_of_length_or_on_the_origin() {
+    let images = |unit: f64, shift: f64| {
+        let folder = tempfile::tempdir().unwrap();
+        let text = format!(
+            "name = \"lens\"\ncoordinates = [\"x\", \"y\", \"z\"]\n\
+             metric = {{ conformal = \"1 + 1.2*exp(-((x - {shift})^2 + y^2 + z^2)/{unit}^2)\" }}\n"
+        );
+        fs::write(folder.path().join("lens.toml"), text).unwrap();
+        let scene = folder.path().join("scene.toml");
+        let text = format!(
+            "manifold = \"lens.toml\"\n[camera]\nat = [{}, {}, 0]\nlook = [-1, 0, 0]\nup = [0, 0, 1]\n",
+            shift + 3.0 * unit,
+            0.2 * unit
+        );
+        fs::write(&scene, text).unwrap();
+        let point = format!("{},{},{}", shift - 3.0 * unit, -0.3 * unit, -0.1 * unit);
+        let found = json(&[
+            "project",
+            &scene.display().to_string(),
+            &format!("--point={point}"),
+            &format!("--length={}", 12.0 * unit),
+        ]);
+        let images = found["images"].as_array().unwrap().iter();
+        let image = |image: &Value| {
+            (
+                image["distance"].as_f64().unwrap() / unit,
+                vector(&image["direction"]),
+            )
+        };
+        images.map(image).collect::<Vec<_>>()
+    };
+    let plain = images(1.0, 0.0);
+    assert!(plain.len() > 2, "{}", plain.len());
+    for (unit, shift) in [(1e9, 0.0), (1e-9, 0.0), (1.0, 1e7)] {
+        let other = images(unit, shift);
+        assert_eq!(other.len(), plain.len(), "{unit} {shift}");
+        for ((s, d), (other_s, other_d)) in plain.iter().zip(other) {
+            assert!((s / other_s - 1.0).abs() < 1e-7, "{s} {other_s}");
+            assert!((*d - other_d).length() < 1e-6, "{d} {other_d}");
+        }
+    }
+}

@@ -284,7 +284,7 @@ fn a_camera_on_its_way_through_a_face_comes_in_through_the_other() {
             &(pose(0.0, "[0.05, -0.11, 0.03]") + &pose(1.0, "[0.02, 0.32, 0.03]")),
         ),
     ]);
-    let poses = PoseFile::load(&place.path("poses.toml")).unwrap();
+    let poses = PoseFile::load(&place.path("poses.toml"), 90.0).unwrap();
     let space = support::asset("poincare");
     let gluing = space.gluing().unwrap();
     let journey = Journey::new(&space, &poses).unwrap();

@@ -14,7 +14,7 @@ use geofan_core::{
 };
 use geofan_render::{
     Camera, Journey, Part, PicturePanels, camera_point,
-    scene::{CameraEntry, CameraMotion, CameraProjection, Lens, PoseFile, SceneFile},
+    scene::{CameraEntry, CameraMotion, CameraProjection, Lens, PoseFile, SceneFile, USUAL_FOV},
 };
 use glam::{DMat3, DQuat, DVec3};
 use numpy::PyArray2;
@@ -284,7 +284,8 @@ pub fn journey(
     }
     let (name, text) = text;
     work::watch(py, About::Scene, None, |_| {
-        let poses = PoseFile::parse(SourceText::new(name, text))?;
+        let usual_fov = like.map_or(USUAL_FOV, |like| like.fov);
+        let poses = PoseFile::parse(SourceText::new(name, text), usual_fov)?;
         let journey = Journey::new(&manifold.space, &poses)?;
         let [from, to] = journey.interval();
         let camera = |number: usize| {

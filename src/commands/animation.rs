@@ -21,8 +21,8 @@ use std::{
 
 /// Where the frames of an animation go.
 pub enum AnimationTarget {
-    /// One file each: what stands before the number, its digits, and after.
-    Frames(String, usize, String),
+    /// One file each: their folder, and in their names what stands before the number, its digits, and after.
+    Frames(PathBuf, String, usize, String),
     /// One video.
     Video(PathBuf),
 }
@@ -33,7 +33,6 @@ const VIDEOS: [&str; 4] = ["mp4", "mkv", "webm", "mov"];
 impl AnimationTarget {
     /// Reads a pattern or the name of a video.
     pub fn of(output: &Path) -> Result<Self> {
-        let text = output.display().to_string();
         let extension = output
             .extension()
             .map(|e| e.to_string_lossy().to_lowercase());
@@ -42,29 +41,29 @@ impl AnimationTarget {
         }
         let refuse = || {
             let message = "an animation needs a place for the number, such as frame-%04d.png, or a video (.mp4, .mkv, .webm, .mov)";
-            Error::input(text.clone(), message)
+            Error::input(output.display().to_string(), message)
         };
         // Folders may have any name.
-        let (before, rest) = text.rsplit_once('%').ok_or_else(refuse)?;
-        let begins_twice = Path::new(before)
-            .file_name()
-            .is_some_and(|name| !before.ends_with('/') && name.to_string_lossy().contains('%'));
+        let name = output.file_name().ok_or_else(refuse)?;
+        let name = name.to_str().ok_or_else(refuse)?;
+        let (before, rest) = name.split_once('%').ok_or_else(refuse)?;
         let (digits, after) = rest.split_once('d').ok_or_else(refuse)?;
         let digits = match digits {
             "" => 1,
             digits => digits.parse::<usize>().map_err(|_| refuse())?,
         };
-        if digits > 9 || begins_twice || after.contains('/') {
+        if digits > 9 || after.contains('%') {
             return Err(refuse());
         }
-        Ok(Self::Frames(before.into(), digits, after.into()))
+        let folder = output.with_file_name("");
+        Ok(Self::Frames(folder, before.into(), digits, after.into()))
     }
 
     /// Returns the file of the frames' keys.
     fn keys(&self) -> Option<PathBuf> {
         match self {
-            Self::Frames(before, digits, after) => {
-                Some(format!("{before}%0{digits}d{after}.keys").into())
+            Self::Frames(folder, before, digits, after) => {
+                Some(folder.join(format!("{before}%0{digits}d{after}.keys")))
             }
             Self::Video(_) => None,
         }
@@ -73,8 +72,8 @@ impl AnimationTarget {
     /// Returns the file of a frame.
     fn frame(&self, number: usize) -> Option<PathBuf> {
         match self {
-            Self::Frames(before, digits, after) => {
-                Some(format!("{before}{number:0digits$}{after}").into())
+            Self::Frames(folder, before, digits, after) => {
+                Some(folder.join(format!("{before}{number:0digits$}{after}")))
             }
             Self::Video(_) => None,
         }

@@ -14,7 +14,7 @@ use geofan_light::path_tracer::{Estimator, PanelTracers, PassAccumulator, PathTr
 use geofan_render::{
     ExactTracer, PicturePanels, Stage, View,
     frame::{Paths, offsets, trace},
-    picture::{self, PictureFormat, Precision, write_exr},
+    picture::{self, Metadata, PictureFormat, Precision, write_exr},
     unfinished,
 };
 use serde_json::json;
@@ -150,6 +150,15 @@ fn already_finished(
         let message = format!(
             "is another picture: it has {width}x{height} pixels, this one {wanted_width}x{wanted_height}; remove it, or name another output"
         );
+        return Err(Error::input(output, message));
+    }
+    let notes = match PictureFormat::of(&args.output) {
+        Some(PictureFormat::Exr) => picture::read_exr(&args.output)?.1,
+        _ => Metadata::default(),
+    };
+    if let Some(tracer) = notes.note("tracer").filter(|tracer| *tracer != "path") {
+        let message =
+            format!("is a picture of the {tracer} tracer; remove it, or name another output");
         return Err(Error::input(output, message));
     }
     if common.json {

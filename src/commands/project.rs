@@ -7,7 +7,7 @@ use crate::terminal::{self, CommonArgs, Outcome, values};
 use geofan_core::{Error, Result, geodesic::check_point};
 use geofan_light::{Connection, LightFan};
 use geofan_render::{Stage, View, local::projection, usual_size};
-use glam::{DQuat, DVec3};
+use glam::DVec3;
 use serde_json::{Value, json};
 use std::{fmt::Write, path::PathBuf};
 
@@ -91,8 +91,7 @@ impl Projected {
 
     /// The first-order place in the picture.
     fn local_pixel(&self) -> Option<[f64; 2]> {
-        let rotation: DQuat = self.view.camera().rotation;
-        self.pixel((rotation * self.local).normalize())
+        self.view.pixel_of(self.local).map(|(x, y)| [x, y])
     }
 
     fn as_json(&self) -> Value {
@@ -153,6 +152,6 @@ impl Projected {
 fn place(pixel: Option<[f64; 2]>) -> String {
     match pixel {
         Some([x, y]) => format!("pixel ({x:.3}, {y:.3})"),
-        None => "not in the picture's plane".into(),
+        None => "no place in the picture".into(),
     }
 }

@@ -43,8 +43,8 @@ pub struct RenderArgs {
     /// Arc length of exact paths [default: the manifold's]
     #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
     pub(super) length: Option<f64>,
-    /// An animation: the file of its key poses (`[[pose]]` tables with `time` and what a scene's
-    /// `[camera]` has)
+    /// An animation: the file of its key poses (`[[pose]]` tables with `time`, `at` or `parameters`, `look`, `up`, and
+    /// perhaps `fov`, `rest` or `velocity`; all else is the scene's camera's)
     #[arg(
         long,
         value_name = "P.toml",
@@ -165,8 +165,9 @@ fn animate(args: &RenderArgs, poses: &Path, frames: usize, common: &CommonArgs) 
     let mut stage = args.scene.stage(bundle.as_ref())?;
     let paths = path_source(args, &stage, bundle.as_ref())?;
     light_up(args, &mut stage, bundle.as_ref(), common)?;
-    let journey = Journey::new(&stage.world.manifold, &PoseFile::load(poses)?)?;
     let camera = stage.camera(args.scene.view.as_deref())?;
+    let poses = PoseFile::load(poses, camera.fov_degrees)?;
+    let journey = Journey::new(&stage.world.manifold, &poses)?;
     let manifold = stage.world.manifold.clone();
     let animation = Animation {
         journey: &journey,

@@ -166,6 +166,8 @@ impl ProgressDisplay {
     pub fn finish(&self) {
         match self {
             Self::Bar(bar) => bar.finish_and_clear(),
+            // Of work that was there already nothing is told.
+            Self::Lines(lines) if lines.total.load(Ordering::Relaxed) == 0 => {}
             Self::Lines(lines) => line(&lines.describe(lines.started.elapsed())),
             Self::Silent => {}
         }

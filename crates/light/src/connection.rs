@@ -297,10 +297,13 @@ fn stepped(d: DVec3, s: f64, step: DVec3) -> (DVec3, f64) {
 }
 
 /// Returns the smallest solution of `slope x = miss`, damped by rounding's share of the arc length so
-/// that it stays finite at caustics.
+/// that it stays finite at caustics. The change of the arc length counts by its share of that, as angles do, so
+/// that nothing depends on the unit of length.
 fn least_squares(slope: DMat3, miss: DVec3, s: f64) -> DVec3 {
-    let normal = slope.transpose() * slope + DMat3::from_diagonal(DVec3::splat(1e-14 * s * s));
-    normal.inverse() * (slope.transpose() * miss)
+    let relative = DMat3::from_cols(slope.x_axis, slope.y_axis, slope.z_axis * s);
+    let damping = DMat3::from_diagonal(DVec3::splat(1e-14 * s * s));
+    let normal = relative.transpose() * relative + damping;
+    normal.inverse() * (relative.transpose() * miss) * DVec3::new(1.0, 1.0, s)
 }
 
 /// Shortens a step to the largest turn and stretch.

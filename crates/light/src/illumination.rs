@@ -207,11 +207,13 @@ pub fn bake_light(
     done: impl Fn(usize, usize) + Sync,
 ) -> Lightmap {
     let most = layout.len() + added;
-    let done = |more: usize| done(more, most);
+    let more = |more: usize| done(more, most);
     let mut values = Vec::new();
     loop {
-        values.extend(lit(lamps, &layout.points[values.len()..], &done));
+        values.extend(lit(lamps, &layout.points[values.len()..], &more));
         if !layout.refine(&values, most) {
+            // There may be fewer than were allowed.
+            done(0, values.len());
             return Lightmap::new(layout, values).expect("every point has been lit");
         }
     }

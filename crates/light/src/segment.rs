@@ -8,7 +8,7 @@ use crate::{
     light_fan::LightFan,
     segment_map::{MIDDLE, SegmentMap},
 };
-use glam::{DMat3, DVec3, Mat3, Vec3};
+use glam::{DMat3, DVec3, Mat3};
 
 /// Distance outside its segment, in b, c and t, up to which a point is still guessed from it:
 /// neighbours agree about a point to a hundredth of a segment, except where rays fold. A wider margin
@@ -64,10 +64,10 @@ pub(super) struct BeamSegment {
     smooth: bool,
     /// The segment's middle, and the inverse of the map's slope there; where rays fold, the affine map
     /// of [`SegmentMap::oriented_box`].
-    middle: Vec3,
+    middle: DVec3,
     inverse: Mat3,
     /// The affine map of [`SegmentMap::oriented_box`] as well, where the linear map lets in what is far away.
-    cube: Option<Box<(Vec3, Mat3)>>,
+    cube: Option<Box<(DVec3, Mat3)>>,
 }
 
 /// Where a lamp's ray might reach a point.
@@ -121,7 +121,7 @@ impl BeamSegment {
             knot: knot as u32,
             folded,
             smooth: true,
-            middle: Vec3::ZERO,
+            middle: DVec3::ZERO,
             inverse: Mat3::ZERO,
             cube: None,
         };
@@ -134,10 +134,10 @@ impl BeamSegment {
                 (middle, slope.inverse())
             }
         };
-        (segment.middle, segment.inverse) = (middle.as_vec3(), inverse.as_mat3());
+        (segment.middle, segment.inverse) = (middle, inverse.as_mat3());
         if !folded && map.is_uneven() {
             let (middle, into_cube) = map.oriented_box(MARGIN, LAST);
-            segment.cube = Some(Box::new((middle.as_vec3(), into_cube.as_mat3())));
+            segment.cube = Some(Box::new((middle, into_cube.as_mat3())));
         }
         segment
     }
@@ -172,12 +172,12 @@ impl BeamSegment {
     /// Returns the b, c and t of `x`, as far as the linear map of the middle can tell, or the middle
     /// where rays fold; `None` if `x` is not in the segment.
     pub fn locate(&self, x: DVec3) -> Option<DVec3> {
-        let offset = self.inverse * (x.as_vec3() - self.middle);
+        let offset = self.inverse * (x - self.middle).as_vec3();
         if self.folded {
             return (!(offset.abs().max_element() > 1.0)).then_some(MIDDLE);
         }
         if let Some(cube) = &self.cube
-            && (cube.1 * (x.as_vec3() - cube.0)).abs().max_element() > 1.0
+            && (cube.1 * (x - cube.0).as_vec3()).abs().max_element() > 1.0
         {
             return None;
         }

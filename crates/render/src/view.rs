@@ -266,6 +266,17 @@ impl View {
         Some((x + middle_x, y + middle_y))
     }
 
+    /// Finds the point of the picture at which a camera of parallel rays shows what lies at `p` in its axes (right, up,
+    /// backwards), lengths of the metric; another camera, what lies in that direction.
+    pub fn pixel_of(&self, p: DVec3) -> Option<(f64, f64)> {
+        if !matches!(self.optics, Optics::Orthographic { .. }) {
+            return self.pixel((self.camera().rotation * p).normalize());
+        }
+        let (middle_x, middle_y) = self.middle();
+        let (x, y) = (p.x / self.pixel, -p.y / self.pixel);
+        (self.turning.is_none() && p.z < 0.0).then(|| (middle_x + x, middle_y + y))
+    }
+
     /// Finds the point of the picture in `direction` as the camera sees it, in motion or not.
     pub(crate) fn own_pixel(&self, direction: DVec3) -> Option<(f64, f64)> {
         if !matches!(self.optics, Optics::Perspective { .. }) {

@@ -102,7 +102,7 @@ mod tests {
             recording.note(&flat, 10.0 + t, (&at(t), 80.0), k == 100);
         }
         let text = recording.text();
-        let file = PoseFile::parse(SourceText::new("path.toml", text)).unwrap();
+        let file = PoseFile::parse(SourceText::new("path.toml", text), 80.0).unwrap();
         let journey = Journey::new(&flat, &file).unwrap();
         assert_eq!(journey.interval(), [0.0, recording.seconds()]);
         let (middle, _) = journey.pose(1.0);

@@ -223,7 +223,7 @@ impl Session {
             self.hint = Some("nothing has been recorded yet".into());
             return;
         }
-        let poses = PoseFile::parse(SourceText::new("camera path", text));
+        let poses = PoseFile::parse(SourceText::new("camera path", text), self.fov);
         match poses.and_then(|poses| Journey::new(&self.space.manifold, &poses)) {
             Ok(journey) => {
                 self.hint = None;

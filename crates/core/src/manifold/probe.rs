@@ -330,6 +330,11 @@ fn check_symmetry(manifold: &Manifold, points: &[(DVec3, bool)]) -> Result<()> {
 /// Isometries to try, each with its claim's key and a point whose image is in the domain.
 fn claimed(manifold: &Manifold, points: &[(DVec3, bool)]) -> Vec<(&'static str, Isometry, DVec3)> {
     let mut claims = Vec::new();
+    let all = || points.iter().map(|(u, _)| *u);
+    let (low, high) = (all().reduce(DVec3::min), all().reduce(DVec3::max));
+    let spread = low
+        .zip(high)
+        .map_or(1.0, |(low, high)| (high - low).length());
     for (i, &(u, _)) in points.iter().enumerate() {
         let t = halton(i + PROBES);
         if manifold.symmetry.rotation {
@@ -343,10 +348,19 @@ fn claimed(manifold: &Manifold, points: &[(DVec3, bool)]) -> Vec<(&'static str, 
         }
         for k in 0..3 {
             if manifold.symmetry.translation[k] {
-                let [low, high] = manifold.domain.limits[k].unwrap_or([u[k] - 2.0, u[k] + 3.0]);
-                let mut shift = DVec3::ZERO;
-                shift[k] = low + (high - low) * t[k] - u[k];
-                claims.push(("translation", Isometry::shift(shift), u));
+                let shift = |[low, high]: [f64; 2]| {
+                    let mut shift = DVec3::ZERO;
+                    shift[k] = low + (high - low) * t[k] - u[k];
+                    ("translation", Isometry::shift(shift), u)
+                };
+                let limits = manifold.domain.limits[k];
+                claims.push(shift(limits.unwrap_or([u[k] - 2.0, u[k] + 3.0])));
+                // Of a space that is much larger, or smaller, as far as its cameras go.
+                let farther = shift([u[k] - 2.0 * spread, u[k] + 3.0 * spread]);
+                let is_seen = |u| manifold.domain.exit_beyond(u).is_none();
+                if limits.is_none() && is_seen(farther.1.apply(u).0) {
+                    claims.push(farther);
+                }
             }
         }
         if let Some(law) = &manifold.symmetry.group {

@@ -38,6 +38,21 @@ pub enum Precision {
     Float,
 }
 
+impl Precision {
+    /// Chooses half floats, unless light is brighter than they go.
+    pub fn of(picture: &Picture) -> Self {
+        let largest = f16::MAX.to_f32();
+        match picture
+            .rgb
+            .iter()
+            .any(|value| value.is_finite() && value.abs() > largest)
+        {
+            true => Self::Float,
+            false => Self::Half,
+        }
+    }
+}
+
 /// Before the keys of notes, so that no key can be one of OpenEXR's own attribute names.
 const NOTE_PREFIX: &str = "geofan.";
 

@@ -98,6 +98,12 @@ impl Metadata {
         self.notes.push((key.into(), text.into()));
         self
     }
+
+    /// Returns the last note of a key.
+    pub fn note(&self, key: &str) -> Option<&str> {
+        let mut notes = self.notes.iter().rev();
+        notes.find_map(|(of, text)| (of == key).then_some(text.as_str()))
+    }
 }
 
 impl Picture {
@@ -235,12 +241,12 @@ impl PictureFormat {
 }
 
 /// Writes a picture in the format of the file name's ending: `.png` (8 bit sRGB, colours only) or
-/// `.exr` (colours in half floats, all layers, `metadata`; [`write_exr`] offers full floats).
+/// `.exr` (colours in half floats, or in full ones where some are larger than these; all layers, `metadata`).
 #[cfg(feature = "formats")]
 pub fn write(path: &Path, picture: &Picture, metadata: &Metadata) -> Result<()> {
     match PictureFormat::of(path) {
         Some(PictureFormat::Png) => write_png(path, picture),
-        Some(PictureFormat::Exr) => write_exr(path, picture, metadata, Precision::Half),
+        Some(PictureFormat::Exr) => write_exr(path, picture, metadata, Precision::of(picture)),
         None => Err(bad_input(path, "a picture's name ends in .png or .exr")),
     }
 }

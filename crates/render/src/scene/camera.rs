@@ -179,11 +179,14 @@ fn projection(table: &NamedTable) -> Result<CameraProjection> {
     }
 }
 
+/// The angle of view of cameras that give none, degrees.
+pub const USUAL_FOV: f64 = 90.0;
+
 fn fov(table: &NamedTable, projection: CameraProjection) -> Result<f64> {
     let value = table.optional("fov");
     match (projection, value) {
         (CameraProjection::Fisheye, None) => Ok(180.0),
-        (_, None) => Ok(90.0),
+        (_, None) => Ok(USUAL_FOV),
         (CameraProjection::Perspective, Some(value)) => match value.number()? {
             degrees if degrees > 0.0 && degrees < 180.0 => Ok(degrees),
             _ => Err(value

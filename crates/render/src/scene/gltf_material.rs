@@ -83,6 +83,19 @@ impl<'s> GltfMaterials<'s> {
         let strength = from.emissive_strength().unwrap_or(1.0);
         let opacity = base.as_ref().and_then(|laid| opacity(from, laid, alpha));
         let dissolve = dissolve(from, alpha, opacity.is_some());
+        // What is unlit shines as it is coloured, and in no other light.
+        if from.unlit() {
+            return Material {
+                kd: [0.0; 3],
+                ks: [0.0; 3],
+                ke: colour,
+                dissolve,
+                map_d: opacity,
+                map_ke: base.map(Laid::colours),
+                name,
+                ..Material::default()
+            };
+        }
         Material {
             kd: colour.map(|c| c * (1.0 - metallic)),
             ks: [0, 1, 2].map(|k| DIELECTRIC * (1.0 - metallic) + colour[k] * mean[k] * metallic),

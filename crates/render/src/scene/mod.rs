@@ -55,7 +55,7 @@ mod trajectory;
 #[cfg(feature = "formats")]
 mod vertex;
 
-pub use camera::{CameraProjection, Lens, Stereo, StereoLayout};
+pub use camera::{CameraProjection, Lens, Stereo, StereoLayout, USUAL_FOV};
 pub use cuts::{Cuts, pack_cuts, read_cuts};
 pub use file::{
     CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,

@@ -1,8 +1,8 @@
 //! Reading a camera path: key poses of an animation.
 //!
 //! In: the text of a TOML file of `[[pose]]` tables, each with `time` (seconds, ascending) and what
-//! a scene's `[camera]` has: `at` or `parameters`, `look`, `up`, `fov`; how the camera draws is the
-//! scene's. Out: [`PoseFile`].
+//! a scene's `[camera]` has: `at` or `parameters`, `look`, `up`, `fov`, `rest` or `velocity`; how the camera draws is the
+//! scene's, and so is the `fov` of poses without one. Out: [`PoseFile`].
 //!
 //! ```toml
 //! [[pose]]
@@ -59,25 +59,25 @@ pub struct KeyPose {
 }
 
 impl PoseFile {
-    /// Reads the file at `path`.
+    /// Reads the file at `path`; poses without `fov` have this one, degrees.
     ///
     /// # Errors
     /// A file that cannot be read, fewer than two poses, times that do not ascend, or whatever is
     /// wrong with a camera.
-    pub fn load(path: &Path) -> Result<Self> {
-        Self::parse(read_text(path)?)
+    pub fn load(path: &Path, usual_fov: f64) -> Result<Self> {
+        Self::parse(read_text(path)?, usual_fov)
     }
 
     /// Reads the text of such a file.
     ///
     /// # Errors
     /// As [`PoseFile::load`], but for reading.
-    pub fn parse(source: Arc<SourceText>) -> Result<Self> {
+    pub fn parse(source: Arc<SourceText>, usual_fov: f64) -> Result<Self> {
         let poses = {
             let document = parse(&source)?;
             let root = NamedTable::root(&source, &document);
             root.allow_only(&["pose"])?;
-            let poses = each(&root, "pose", |table| pose(&table))?;
+            let poses = each(&root, "pose", |table| pose(&table, usual_fov))?;
             if poses.len() < 2 {
                 return Err(root
                     .complain("an animation needs at least two `[[pose]]` tables".into())
@@ -104,10 +104,13 @@ impl PoseFile {
 }
 
 /// A pose and where its time stands.
-fn pose(table: &NamedTable<'_>) -> Result<(KeyPose, Span)> {
+fn pose(table: &NamedTable<'_>, usual_fov: f64) -> Result<(KeyPose, Span)> {
     table.allow_only(POSE_KEYS)?;
     let time = table.required("time", "time = 0.0")?;
-    let camera = camera_entry(table)?;
+    let mut camera = camera_entry(table)?;
+    if table.optional("fov").is_none() {
+        camera.fov_degrees = usual_fov;
+    }
     let pose = KeyPose {
         time: time.number()?,
         camera,
@@ -124,7 +127,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("p.toml");
         std::fs::write(&path, text).unwrap();
-        PoseFile::load(&path)
+        PoseFile::load(&path, 90.0)
     }
 
     fn pose(time: f64) -> String {

@@ -195,10 +195,10 @@ impl<'a> NamedValue<'a> {
         if colour.min_element() < 0.0 || colour.max_element() > f64::from(f32::MAX) {
             return Err(self
                 .complain(format!(
-                    "`{}` must be red, green, blue from 0 up",
+                    "`{}` must be red, green, blue from 0 to 3e38",
                     self.name
                 ))
-                .with_label("linear light is never negative")
+                .with_label("linear light is never negative, and kept in single precision")
                 .into());
         }
         Ok(colour.as_vec3().to_array())

@@ -10,6 +10,7 @@
 //! ```
 
 use super::{
+    camera::USUAL_FOV,
     motion::Formulas,
     poses::PoseFile,
     table::{NamedTable, NamedValue, Span},
@@ -95,7 +96,7 @@ fn read_poses(
             .with_hint("paths are relative to the scene file")
             .into());
     }
-    let poses = PoseFile::load(&file)?;
+    let poses = PoseFile::load(&file, USUAL_FOV)?;
     let times = [poses.poses.first(), poses.poses.last()];
     let during = times.map(|pose| pose.map_or(0.0, |pose| pose.time));
     Ok((Course::Poses(Arc::new(poses)), during))

@@ -21,6 +21,9 @@ use glam::{DMat3, DVec3};
 const POINTS: usize = 48;
 const FEWEST_POINTS: usize = 8;
 
+/// Powers of ten up to which the sizes of boxes go, in both directions, where other sizes found too few.
+const DECADES: i32 = 15;
+
 /// Lines from points of the domain on which faces are looked for, and places on each: faces are met where a line
 /// leaves the domain.
 const LINES: usize = 600;
@@ -81,7 +84,8 @@ pub(super) fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
 fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
     let mut points: Vec<DVec3> = first_point(manifold, gluing).into_iter().collect();
     let mut lost = None;
-    for scale in [1.0, 0.3, 0.1, 3.0, 0.03, 10.0] {
+    let decades = (1..=DECADES).flat_map(|k| [0.1_f64.powi(k), 10.0_f64.powi(k)]);
+    for scale in [1.0, 0.3, 0.1, 3.0, 0.03, 10.0].into_iter().chain(decades) {
         for u in regular_points(manifold, scale) {
             match gluing.locate(u) {
                 Some((u, _)) => {
