@@ -310,8 +310,9 @@ impl Refiner<'_> {
     pub(super) fn behind_end(&self, chunk: usize, bounds: &ParameterBox, behind: f64) -> Tree {
         let middle = vec![0.0; bounds.arc()];
         let interval = bounds.arc_intervals(&[middle], self.plan.length)[0];
-        let most = STRAY_BEHIND_END * behind * interval[0];
-        let step = StepSize::near(SLOPE_BEHIND_END * speed_behind_end(behind, interval));
+        let speed = self.lifted_speed(chunk, bounds, interval[0]);
+        let most = STRAY_BEHIND_END * behind * speed;
+        let step = StepSize::near(SLOPE_BEHIND_END * speed_behind_end(behind, interval) * speed);
         let mut limits = self.most_nodes(bounds);
         limits[bounds.arc()] = 1;
         let nodes = limits.iter().map(|most| FIRST_NODES.min(*most)).collect();
@@ -332,6 +333,23 @@ impl Refiner<'_> {
         };
         self.count_finished(bounds, found.as_ref().map_or(1, Tensor::bytes));
         found.map_or(Tree::Flagged, |tensor| Tree::Leaf(Arc::new(tensor)))
+    }
+
+    /// Returns how fast points, as they are stored, move at the arc length `s` of the box's middle ray.
+    fn lifted_speed(&self, chunk: usize, bounds: &ParameterBox, s: f64) -> f64 {
+        let one = vec![1; bounds.arc() + 1];
+        let middle = self.grid(chunk, bounds, &one)(0..1).into_iter();
+        let rays = middle.map(|(u, v)| Ray::without_spread(u, v, s));
+        let settings = Settings {
+            events: false,
+            ..self.settings()
+        };
+        let found = paths(self.space.manifold(), settings, rays);
+        let last = found.first().and_then(|path| path.steps.last());
+        last.map_or(1.0, |step| {
+            let (u, v) = (step.position(step.end), step.tangent(step.end));
+            self.space.lift().speed(u, v)
+        })
     }
 
     /// Returns the pieces of the paths of the rays with these parameters, to be sampled between edges; `None` of a

@@ -125,6 +125,11 @@ impl ChartMap {
         (self.tangent(u, v) - start.slope).to_array()
     }
 
+    /// How fast lifted points move with the tangent `v` at `u`.
+    pub fn speed(self, u: DVec3, v: DVec3) -> f64 {
+        self.tangent(u, v).length()
+    }
+
     /// The departure of the lifted point `x` at arc length `s`, over `s`.
     pub fn displacement(self, start: &LiftedStart, x: DVec4, s: f64) -> [f64; 4] {
         ((x - start.x) / s - start.slope).to_array()
