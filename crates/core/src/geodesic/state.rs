@@ -377,10 +377,11 @@ impl<'m> Starts<'m> {
             return None;
         }
         // Curvature of the chart line against the chart's unit; the controller corrects the guess.
-        let speed = match self.rest.wind(&self.registers) {
-            None => ray.v.length(),
-            Some(wind) => (ray.v - DVec3::from_array(wind.map(|w| w[column]))).length(),
-        };
+        let wind = self.rest.wind(&self.registers);
+        let wind = wind.map(|wind| DVec3::from_array(wind.map(|w| w[column])));
+        // On the axis of textbook coordinates the wind is no number.
+        let wind = wind.filter(|wind| wind.is_finite()).unwrap_or_default();
+        let speed = (ray.v - wind).length();
         let bend = acceleration.length() / speed.max(f64::MIN_POSITIVE);
         Some(self.reach / bend.max(1.0 / ray.length))
     }
