@@ -4,8 +4,9 @@ mod support;
 
 use geofan_bundle::Bundle;
 use geofan_render::{
-    ExactGridTracer, ExactTracer, Journey, Seen, Stage, View,
+    Cubic, ExactGridTracer, ExactTracer, Journey, Seen, Stage, View,
     frame::{Outcomes, Paths, offsets, trace},
+    intersect::HitSearch,
     scene::PoseFile,
 };
 use glam::DVec3;
@@ -448,4 +449,71 @@ fn by_ball(radius: f64, lamp: [f64; 3], u: [f64; 3]) -> f64 {
         (ahead - back) / (2.0 * STEP)
     });
     out.z.abs() / a.cross(b).length()
+}
+
+/// The chart point and the tangent where a great circle of the three-sphere is after the arc length `s`.
+fn on_great_circle(p: [f64; 4], v: [f64; 4], s: f64) -> (DVec3, DVec3) {
+    let (sin, cos) = s.sin_cos();
+    let at: [f64; 4] = std::array::from_fn(|k| p[k] * cos + v[k] * sin);
+    let way: [f64; 4] = std::array::from_fn(|k| v[k] * cos - p[k] * sin);
+    let [u, du] = [at, way].map(|x| DVec3::new(x[0], x[1], x[2]));
+    let scale = 1.0 / (1.0 + at[3]);
+    (u * scale, du * scale - u * (way[3] * scale * scale))
+}
+
+#[test]
+fn paths_by_the_missing_point_of_a_chart_meet_what_their_short_pieces_do() {
+    // Beside the point of the domain that is the missing one.
+    let about = support::asset("lens-space").located(DVec3::new(1e7, 2e7, -1e7));
+    let at = |by: [f64; 3]| (about + DVec3::from(by)).to_array();
+    let objects =
+        object(at([0.01, 0.02, 0.03]), 0.04, 20.0) + &object(at([-0.03, 0.0, -0.02]), 0.03, 0.0);
+    let camera = "at = [0.2, -0.05, 0.1]\nlook = [0, 1, 0]\nup = [0, 0, 1]";
+    let text = scene("space.toml", camera, &objects);
+    let place = Place::with(&[
+        ("space.toml", &catalogue_text("lens-space")),
+        ("square.obj", SQUARE),
+        ("scene.toml", &text),
+    ]);
+    let (stage, _) = stage(&place, "scene.toml");
+    let mut random = geofan_core::random::Stream::new(&[7]);
+    let mut unit = || {
+        let x: [f64; 4] = std::array::from_fn(|_| random.uniform() - 0.5);
+        let length = x.iter().map(|x| x * x).sum::<f64>().sqrt();
+        x.map(|x| x / length)
+    };
+    let (mut hits, mut parted) = (0, 0);
+    for _ in 0..400 {
+        // From a point near the missing one, a short way before and behind.
+        let (off, v) = (unit(), unit());
+        let p: [f64; 4] = std::array::from_fn(|k| 0.03 * off[k] - f64::from(u8::from(k == 3)));
+        let length = p.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let p = p.map(|x| x / length);
+        let along = (0..4).map(|k| p[k] * v[k]).sum::<f64>();
+        let v: [f64; 4] = std::array::from_fn(|k| v[k] - along * p[k]);
+        let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let v = v.map(|x| x / length);
+        let first = |count: usize| {
+            let mut search = HitSearch::new(&stage.world);
+            let ends = |k: usize| [k, k + 1].map(|k| 0.4 * (k as f64 / count as f64 - 0.5));
+            let piece = |k: usize| {
+                let [a, b] = ends(k).map(|s| on_great_circle(p, v, s));
+                Cubic {
+                    s: ends(k).map(|s| s + 1.0),
+                    u: [a.0, b.0],
+                    v: [a.1, b.1],
+                }
+            };
+            (0..count).find_map(|k| search.first_hit(&piece(k), f64::INFINITY))
+        };
+        let (long, short) = (first(3), first(400));
+        hits += usize::from(short.is_some());
+        let alike = match (long, short) {
+            (Some(long), Some(short)) => (long.s - short.s).abs() < 2e-3,
+            (long, short) => long.is_none() == short.is_none(),
+        };
+        parted += usize::from(!alike);
+    }
+    // A few graze an edge.
+    assert!(hits > 40 && parted <= 1, "{hits} hits, {parted} parted");
 }

@@ -69,6 +69,8 @@ struct SceneCell {
 pub struct CopySearch<'w> {
     copies: &'w SceneCopies,
     way: Development<'w>,
+    /// Brings pieces of a path into the domain.
+    home: Development<'w>,
     /// The cells that the last box may be in, and the images of its middle in them, which tell them apart.
     cells: Vec<SceneCopy<'static>>,
     places: Vec<DVec3>,
@@ -157,9 +159,11 @@ impl SceneCopies {
 
     /// Begins a search in the domain itself; `None` if nothing is glued.
     pub fn search(&self) -> Option<CopySearch<'_>> {
+        let gluing = self.manifold.gluing()?;
         Some(CopySearch {
             copies: self,
-            way: self.manifold.gluing().map(Development::new)?,
+            way: Development::new(gluing),
+            home: Development::new(gluing),
             cells: Vec::new(),
             places: Vec::new(),
             behind: Vec::new(),
@@ -248,6 +252,7 @@ impl<'w> CopySearch<'w> {
     /// Brings a cubic to the scene: its parts, in order, each as often as it may meet something, until `show` has
     /// seen enough.
     pub fn show_cubics(&mut self, piece: &Cubic, mut show: impl FnMut(Cubic) -> ControlFlow<()>) {
+        let piece = &self.brought_in(piece);
         let (low, high) = piece.bounds();
         let half = 0.5 * (high - low);
         let whole = 0.5 * WHOLE * self.way.gluing().size();
@@ -274,6 +279,15 @@ impl<'w> CopySearch<'w> {
             {
                 return;
             }
+        }
+    }
+
+    /// Brings a cubic to where its start is in the domain: far out in the chart, as about its missing point, a cubic between
+    /// the same ends is none of the path.
+    fn brought_in(&mut self, piece: &Cubic) -> Cubic {
+        match self.home.advance(piece.u[0]) {
+            Some(_) => image_of_cubic(self.home.deck(), piece),
+            None => *piece,
         }
     }
 
