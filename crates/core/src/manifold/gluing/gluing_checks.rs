@@ -21,8 +21,8 @@ use glam::{DMat3, DVec3};
 const POINTS: usize = 48;
 const FEWEST_POINTS: usize = 8;
 
-/// Powers of ten up to which the sizes of boxes go, in both directions, where other sizes found too few.
-const DECADES: i32 = 15;
+/// Sizes of boxes from which points are brought in.
+const SIZES: [f64; 6] = [1.0, 0.3, 0.1, 3.0, 0.03, 10.0];
 
 /// Lines from points of the domain on which faces are looked for, and places on each: faces are met where a line
 /// leaves the domain.
@@ -79,14 +79,38 @@ pub(super) fn is_regular(manifold: &Manifold, u: DVec3) -> bool {
 }
 
 /// Finds points inside the domain: a camera or the middle of the chart, and points of boxes of several sizes,
-/// brought in. A chart may hold the space twice, so only those count that see the first one along a line of
-/// the chart.
+/// brought in: about the origin, and where these are too few, about the first point, as large as faces are far.
 fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
-    let mut points: Vec<DVec3> = first_point(manifold, gluing).into_iter().collect();
+    let first = first_point(manifold, gluing);
     let mut lost = None;
-    let decades = (1..=DECADES).flat_map(|k| [0.1_f64.powi(k), 10.0_f64.powi(k)]);
-    for scale in [1.0, 0.3, 0.1, 3.0, 0.03, 10.0].into_iter().chain(decades) {
-        for u in regular_points(manifold, scale) {
+    let mut most = Vec::new();
+    let here = first.map(|u| (u, SIZES.map(|size| size * gluing.least_distance(u))));
+    for (middle, sizes) in [Some((DVec3::ZERO, SIZES)), here].into_iter().flatten() {
+        let points = points_of_boxes(manifold, gluing, (first, &mut lost), (middle, sizes));
+        if points.len() >= POINTS / 2 {
+            return Ok(points);
+        }
+        if points.len() > most.len() {
+            most = points;
+        }
+    }
+    match most.len() >= FEWEST_POINTS {
+        true => Ok(most),
+        false => Err(no_points(manifold, gluing, lost).into()),
+    }
+}
+
+/// Brings in points of boxes about a middle, until there are enough. A chart may hold the space twice, so only those count
+/// that see the first one along a line of the chart.
+fn points_of_boxes(
+    manifold: &Manifold,
+    gluing: &Gluing,
+    (first, lost): (Option<DVec3>, &mut Option<(usize, DVec3)>),
+    (middle, sizes): (DVec3, [f64; SIZES.len()]),
+) -> Vec<DVec3> {
+    let mut points: Vec<DVec3> = first.into_iter().collect();
+    for size in sizes {
+        for u in regular_points(manifold, (middle, size)) {
             match gluing.locate(u) {
                 Some((u, _)) => {
                     let sees_first = |first: &DVec3| gluing.holds_between(*first, u);
@@ -94,17 +118,14 @@ fn points_inside(manifold: &Manifold, gluing: &Gluing) -> Result<Vec<DVec3>> {
                         points.push(u);
                     }
                 }
-                None => lost = lost.or(gluing.violated(u).map(|k| (k, u))),
+                None => *lost = lost.or(gluing.violated(u).map(|k| (k, u))),
             }
         }
         if points.len() >= POINTS / 2 {
-            return Ok(points);
+            break;
         }
     }
-    match points.len() >= FEWEST_POINTS {
-        true => Ok(points),
-        false => Err(no_points(manifold, gluing, lost).into()),
-    }
+    points
 }
 
 /// Brings in a camera, or else the middle of the chart.
@@ -121,9 +142,13 @@ fn first_point(manifold: &Manifold, gluing: &Gluing) -> Option<DVec3> {
         .map(|(u, _)| u)
 }
 
-/// Lists regular points spread over the chart's limits, or as far as `scale` where it has none.
-fn regular_points(manifold: &Manifold, scale: f64) -> impl Iterator<Item = DVec3> {
-    let limits = manifold.domain.limits.map(|l| l.unwrap_or([-scale, scale]));
+/// Lists regular points spread over the chart's limits, or as far as `size` from the middle where it has none.
+fn regular_points(
+    manifold: &Manifold,
+    (middle, size): (DVec3, f64),
+) -> impl Iterator<Item = DVec3> {
+    let around = |k: usize| [middle[k] - size, middle[k] + size];
+    let limits = [0, 1, 2].map(|k| manifold.domain.limits[k].unwrap_or(around(k)));
     let at = move |i| {
         let t = halton(i);
         DVec3::from_array([0, 1, 2].map(|k| limits[k][0] + (limits[k][1] - limits[k][0]) * t[k]))
@@ -155,6 +180,14 @@ fn no_points(manifold: &Manifold, gluing: &Gluing, lost: Option<(usize, DVec3)>)
 }
 
 impl Gluing {
+    /// Estimates how far the nearest bounding face is from `u`, by its value and its gradient.
+    fn least_distance(&self, u: DVec3) -> f64 {
+        let values = self.values.at(&u.to_array());
+        let bounding = (0..self.faces.len()).filter(|k| !self.faces[*k].is_portal());
+        let distances = bounding.map(|k| values[k].abs() / self.gradient(k, u).length());
+        distances.filter(|d| *d > 0.0).fold(f64::INFINITY, f64::min)
+    }
+
     /// Returns whether the chart's line between two points stays inside all bounding faces.
     fn holds_between(&self, a: DVec3, b: DVec3) -> bool {
         let inside = |t: f64| {
