@@ -17,7 +17,7 @@ use geofan_core::{
 };
 use geofan_render::accel::BoxTree;
 use glam::{DMat3, DVec3, Vec3};
-use std::{collections::HashMap, ops::Range};
+use std::{collections::HashMap, num::NonZeroU32, ops::Range};
 
 /// A box of the chart, by its lowest and highest corner.
 pub type Region = (DVec3, DVec3);
@@ -32,6 +32,10 @@ const LAST_LEVEL: usize = 7;
 /// Most halvings because rays fold or end at different places: directions 2° apart. Such halving has
 /// no natural end, because the edges of caustics and shadows cross triangles of any size.
 const LAST_EDGE_LEVEL: usize = 5;
+
+/// Most halvings because rays meet different borders: directions 1° apart. Light that goes its own way between
+/// narrower ones is faint.
+const LAST_PARTED_LEVEL: usize = 6;
 
 /// Rays of one fan beyond which it is refined no further, for its memory: about 5 kB each.
 const MOST_RAYS: usize = 12_000;
@@ -54,7 +58,7 @@ const MOST_INTERVALS: usize = 256;
 /// Rays traced by one thread at a time.
 const BLOCK: usize = 64;
 
-/// Knots beyond the end of a ray, and on both sides of a face: of neighbours that are not much closer to it the last
+/// Knots beyond the end of a ray, and on both sides of a border: of neighbours that are not much closer to it the last
 /// segment reaches up to it.
 const KNOTS_BEYOND_END: usize = 2;
 const KNOTS_BEYOND: usize = 4;
@@ -79,13 +83,22 @@ pub(super) struct RayKnot {
     pub reversed: bool,
 }
 
-/// A ray of a lamp from one face of a glued space to the next; all of it where it crosses none.
+/// What a ray meets behind which neighbours may go on otherwise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Border {
+    /// A face of a glued space, by its number.
+    Face(usize),
+    /// An edge of the metric, where it is refracted or reflected (see [`Step::edge`]).
+    Edge(NonZeroU32),
+}
+
+/// A ray of a lamp from one border to the next; all of it where it meets none.
 #[derive(Debug, Clone)]
 pub(super) struct RayLeg {
     /// The ray's direction at the lamp.
     pub direction: DVec3,
-    /// The faces behind which it begins, from the end of the leg before.
-    faces: Vec<usize>,
+    /// What is between the end of the leg before and its beginning.
+    borders: Vec<Border>,
     /// The number of its first knot.
     first: usize,
     knots: Vec<RayKnot>,
@@ -128,7 +141,7 @@ impl RayLeg {
         };
         Self {
             direction,
-            faces: self.faces.clone(),
+            borders: self.borders.clone(),
             first: self.first,
             knots: self.knots.iter().map(moved).collect(),
         }
@@ -147,7 +160,7 @@ pub struct LightFan<'m> {
     /// Where connections are asked for.
     region: Region,
     /// The rays' legs at the arc lengths they reach. The last knots may be extrapolated, so that the segments reach
-    /// as far as the space does, or beyond a face, and so may the first behind a face.
+    /// as far as the space does, or beyond a border, and so may the first behind one.
     pub(super) legs: Vec<RayLeg>,
     /// The numbers of the legs of each ray, and its direction.
     rays: Vec<(Range<usize>, DVec3)>,
@@ -194,7 +207,7 @@ impl<'m> LightFan<'m> {
     }
 
     /// Returns the beams between neighbouring rays, by the legs of three rays that bound each. Where a triangle's rays
-    /// cross different faces, each leg bounds a beam with legs nearby that are made of it.
+    /// meet different borders, each leg bounds a beam with legs nearby that are made of it.
     fn beams(&mut self, triangles: &[[usize; 3]]) -> Vec<[usize; 3]> {
         let mut beams = Vec::new();
         // From which leg on each ray is parted from others, and the widest of the triangles.
@@ -234,11 +247,11 @@ impl<'m> LightFan<'m> {
         })
     }
 
-    /// Returns how many legs of three rays are behind the same faces.
+    /// Returns how many legs of three rays are behind the same borders.
     fn shared(&self, rays: [usize; 3]) -> usize {
         let [p, q, o] = rays.map(|ray| &self.legs[self.rays[ray].0.clone()]);
         let all = p.iter().zip(q).zip(o);
-        all.take_while(|((p, q), o)| p.faces == q.faces && p.faces == o.faces)
+        all.take_while(|((p, q), o)| p.borders == q.borders && p.borders == o.borders)
             .count()
     }
 
@@ -373,7 +386,7 @@ impl<'m> LightFan<'m> {
             let [p, q, m] = rays.map(|ray| &self.legs[self.rays[ray].0.clone()]);
             let mut parted = [p, q, m].into_iter().flat_map(|legs| &legs[shared..]);
             let width = (self.rays[i].1 - self.rays[j].1).length();
-            (last || !parted.any(|leg| self.is_of_interest(leg, width)))
+            (level >= LAST_PARTED_LEVEL || !parted.any(|leg| self.is_of_interest(leg, width)))
                 && (0..shared).all(|n| self.is_even([&p[n], &q[n], &m[n]], last))
         })
     }
@@ -429,7 +442,7 @@ impl<'m> LightFan<'m> {
     fn first_leg(&self, direction: DVec3) -> SampledRay {
         let leg = RayLeg {
             direction,
-            faces: Vec::new(),
+            borders: Vec::new(),
             first: 0,
             knots: vec![RayKnot {
                 u: self.u,
@@ -441,7 +454,7 @@ impl<'m> LightFan<'m> {
         SampledRay {
             legs: vec![leg],
             next: 1,
-            faces: Vec::new(),
+            borders: Vec::new(),
         }
     }
 
@@ -597,8 +610,8 @@ struct SampledRay {
     legs: Vec<RayLeg>,
     /// The number of the next knot.
     next: usize,
-    /// The faces that it has crossed since its last leg.
-    faces: Vec<usize>,
+    /// What it has met since its last leg.
+    borders: Vec<Border>,
 }
 
 impl SampledRay {
@@ -621,7 +634,7 @@ impl LightFan<'_> {
         }
     }
 
-    /// Begins the leg of `ray` that `step`, behind faces, is the first of: with knots before it, straight back.
+    /// Begins the leg of `ray` that `step`, behind borders, is the first of: with knots before it, straight back.
     fn begin_leg(&self, ray: &mut SampledRay, step: &Step) {
         let start = self.knot(step, step.start);
         let first = ray.next.saturating_sub(KNOTS_BEYOND);
@@ -631,7 +644,7 @@ impl LightFan<'_> {
         });
         let leg = RayLeg {
             direction: ray.leg().direction,
-            faces: std::mem::take(&mut ray.faces),
+            borders: std::mem::take(&mut ray.borders),
             first,
             knots: back.collect(),
         };
@@ -639,10 +652,24 @@ impl LightFan<'_> {
     }
 }
 
+impl KnotSampler<'_, '_> {
+    /// Ends the leg of `ray` at a border.
+    fn meet(&mut self, ray: usize, border: Border) {
+        let ray = &mut self.rays[ray];
+        if ray.borders.is_empty() {
+            ray.leg().extend(&self.fan.arc_lengths, KNOTS_BEYOND);
+        }
+        ray.borders.push(border);
+    }
+}
+
 impl Sink for KnotSampler<'_, '_> {
     fn step(&mut self, ray: usize, step: &Step) {
+        if let Some(edge) = step.edge {
+            self.meet(ray, Border::Edge(edge));
+        }
         let ray = &mut self.rays[ray];
-        if !ray.faces.is_empty() {
+        if !ray.borders.is_empty() {
             self.fan.begin_leg(ray, step);
         }
         while let Some(&s) = self.fan.arc_lengths.get(ray.next)
@@ -655,16 +682,12 @@ impl Sink for KnotSampler<'_, '_> {
     }
 
     fn crossed(&mut self, ray: usize, face: usize) {
-        let ray = &mut self.rays[ray];
-        if ray.faces.is_empty() {
-            ray.leg().extend(&self.fan.arc_lengths, KNOTS_BEYOND);
-        }
-        ray.faces.push(face);
+        self.meet(ray, Border::Face(face));
     }
 
     fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
         let ray = &mut self.rays[ray];
-        if ray.faces.is_empty() {
+        if ray.borders.is_empty() {
             ray.leg().extend(&self.fan.arc_lengths, KNOTS_BEYOND_END);
         }
     }
