@@ -85,17 +85,9 @@ impl Manifold {
             return DVec3::ZERO;
         };
         let tape = &self.levi_civita().flows[Carried::default().index()];
-        let mut registers = tape.registers::<f64, 4>();
-        for k in 0..3 {
-            *registers.input(k) = [u[k]; 4];
-            *registers.input(3 + k) = [v_unit[k] + w_unit[k], v_unit[k], w_unit[k], 0.0];
-        }
-        tape.run(&mut registers);
-        let rate = [0, 1, 2].map(|k| {
-            let [both, v, w, _] = *registers.output(k);
-            0.5 * (both - v - w)
-        });
-        DVec3::from_array(rate) * (v.length() * w.length())
+        let [both, v_rate, w_rate] =
+            [v_unit + w_unit, v_unit, w_unit].map(|velocity| rate_at(tape, u, velocity));
+        (both - v_rate - w_rate) * (0.5 * v.length() * w.length())
     }
 }
 
