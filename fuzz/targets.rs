@@ -280,7 +280,7 @@ pub fn picture(bytes: &[u8]) {
 /// Reads poses of a camera.
 pub fn camera_path(bytes: &[u8]) {
     if let Some(source) = text(bytes) {
-        let _ = PoseFile::parse(source);
+        let _ = PoseFile::parse(source, 90.0);
     }
 }
 
