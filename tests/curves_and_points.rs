@@ -425,6 +425,25 @@ fn images_in_mirrors_are_those_of_the_kaleidoscope() {
     let scene = scene.display().to_string();
     let point = "0.2,0.5,-0.3";
     let found = json(&["project", &scene, "--point", point, "--length", "9"]);
+    // The same by maps that are reflections, in the cover.
+    let map = |face: &str, map: &str| format!("[[glue]]\nface = \"{face}\"\nmap = [{map}]\n");
+    let maps = [
+        map("1 - x", "\"2 - x\", \"y\", \"z\""),
+        map("1.5 + x", "\"-3 - x\", \"y\", \"z\""),
+        map("y + 0.8", "\"x\", \"-1.6 - y\", \"z\""),
+    ];
+    let text = format!(
+        "name = \"room\"\ncoordinates = [\"x\", \"y\", \"z\"]\nmetric = {{ conformal = \"1\" }}\n{}",
+        maps.concat()
+    );
+    fs::write(folder.path().join("room.toml"), text).unwrap();
+    let by_maps = json(&["project", &scene, "--point", point, "--length", "9"]);
+    let sides = |found: &Value| {
+        let images = found["images"].as_array().unwrap().iter();
+        let image = |image: &Value| image["mirrored"].as_bool().unwrap();
+        images.map(image).collect::<Vec<_>>()
+    };
+    assert_eq!(sides(&found), sides(&by_maps));
     let (camera, point) = (DVec3::new(0.1, 0.3, 0.05), DVec3::new(0.2, 0.5, -0.3));
     // Two walls 2.5 apart: shifts by 5, and the reflections in one of them; and in the third.
     let across = (-3..=3).flat_map(|k| {

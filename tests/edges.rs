@@ -195,3 +195,28 @@ fn a_metric_without_edges_has_none_in_its_tree() {
     let trees = (0..bundle.table.chunks.len()).map(|chunk| bundle.table.tree(chunk).unwrap());
     assert_eq!(trees.map(divisions).sum::<usize>(), 0);
 }
+
+/// Behind a horizon tables are as good in any unit of length, so that who looks for the horizon between two knots far apart
+/// finds that paths are behind it.
+#[test]
+fn behind_a_horizon_no_path_is_given_up_in_any_unit_of_length() {
+    let text = RIVER
+        .replace("sqrt(2/r)", "sqrt(2e-4/r)")
+        .replace("r - 1.5", "r - 1.5e-4")
+        .replace("1.8 - r", "1.8e-4 - r")
+        .replace("r - 15", "r - 15e-4")
+        .replace("length = 40", "length = 40e-4")
+        .replace(
+            "at = [\"4.8\", \"0\", \"-6.4\"]",
+            "parameters = { c = [7.5, 8.5] }\nat = [\"c*1e-4\", \"0\", \"0\"]",
+        )
+        + "[symmetry]\nrotation = \"origin\"\n";
+    let (report, bundle) = baked(&text);
+    assert!(number(&report, "/flagged") <= 0.01, "{report}");
+    let fan = bundle.fan(DVec3::new(4.8e-4, 0.0, -6.4e-4)).unwrap();
+    let inwards = DVec3::new(-0.6, 0.0, 0.8);
+    for across in [0.0, 0.05, 0.1] {
+        let path = fan.path((inwards + DVec3::Y * across).normalize());
+        assert_eq!(path.flagged_from(), f64::INFINITY, "{across}");
+    }
+}

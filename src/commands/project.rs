@@ -4,7 +4,7 @@
 //! every geodesic by which the camera sees it, whatever stands in between.
 
 use crate::terminal::{self, CommonArgs, Outcome, values};
-use geofan_core::{Error, Result, geodesic::check_point};
+use geofan_core::{Error, Result, geodesic::check_point, manifold::Manifold};
 use geofan_light::{Connection, LightFan};
 use geofan_render::{Stage, View, local::projection, usual_size};
 use glam::DVec3;
@@ -45,7 +45,33 @@ struct Projected {
     length: f64,
     /// In the camera's axes (right, up, backwards), to first order.
     local: DVec3,
-    images: Vec<Connection>,
+    images: Vec<Image>,
+}
+
+/// An image of the point.
+struct Image {
+    connection: Connection,
+    /// Set if it shows left for right.
+    mirrored: bool,
+}
+
+impl Image {
+    /// Takes the image that a geodesic of `manifold`, perhaps the cover of a glued space, brings.
+    fn of(manifold: &Manifold, connection: Connection) -> Self {
+        let gluing = manifold
+            .gluing_below()
+            .filter(|_| manifold.gluing().is_none());
+        let turns = gluing.and_then(|gluing| {
+            let (_, word) = gluing.locate(connection.u)?;
+            let reverses = word.iter().filter(|k| gluing.faces()[**k].reverses());
+            Some(reverses.count())
+        });
+        let reversed = turns.unwrap_or(0) % 2 == 1;
+        Self {
+            connection,
+            mirrored: (connection.area < 0.0) != reversed,
+        }
+    }
 }
 
 /// Finds the point and prints where it is.
@@ -74,7 +100,9 @@ fn project(args: &ProjectArgs) -> Result<Projected> {
     let region = (args.point - margin, args.point + margin);
     let fan = LightFan::new(&manifold, view.u, length, region);
     let (found, _) = fan.connections(&[args.point], args.tolerance);
-    let images = found.into_iter().map(|(_, image)| image).collect();
+    let images = found.into_iter();
+    let images = images.map(|(_, connection)| Image::of(&manifold, connection));
+    let images = images.collect();
     Ok(Projected {
         local: projection(&stage.world, &view, args.point),
         images,
@@ -95,12 +123,15 @@ impl Projected {
     }
 
     fn as_json(&self) -> Value {
-        let image = |image: &Connection| {
+        let image = |Image {
+                         connection: image,
+                         mirrored,
+                     }: &Image| {
             json!({
                 "direction": image.direction.to_array(),
                 "distance": image.s,
                 "area": image.area.abs(),
-                "mirrored": image.area < 0.0,
+                "mirrored": mirrored,
                 "pixel": self.pixel(image.direction),
                 "u": image.u.to_array(),
                 "v": image.v.to_array(),
@@ -130,9 +161,13 @@ impl Projected {
             self.length,
             self.images.len()
         );
-        for image in &self.images {
+        for Image {
+            connection: image,
+            mirrored,
+        } in &self.images
+        {
             let d = image.direction;
-            let side = if image.area < 0.0 { ", mirrored" } else { "" };
+            let side = if *mirrored { ", mirrored" } else { "" };
             let _ = writeln!(
                 text,
                 "  distance {:.9}, area {:.9}, direction ({:.9}, {:.9}, {:.9}), {}{side}",

@@ -4,7 +4,7 @@
 mod support;
 
 use geofan_core::{
-    geodesic::{End, Path, Ray, exponential, fixed_steps, paths},
+    geodesic::{End, Path, Ray, exponential, fixed_steps, paths, signed_area},
     manifold::Manifold,
     random::Stream,
 };
@@ -348,5 +348,78 @@ fn equal_steps_are_refracted_too() {
         };
         assert!(off(64) < 1e-4, "case {case}: {}", off(64));
         assert!(off(1024) < 1e-8, "case {case}: {}", off(1024));
+    }
+}
+
+/// Conditions on what jumps itself say nothing about where its surface is.
+#[test]
+fn a_ball_told_by_masks_is_the_ball() {
+    let tellings = [
+        "if(r2 < 1, 1.5, 1)",
+        "if(if(r2 < 1, 1, 0) > 0.5, 1.5, 1)",
+        "if(if(r2 < 1, 1, 0) >= 1, 1.5, 1)",
+        "max(1, if(r2 < 1, 1.5, 0.3))",
+        "min(1.5, if(r2 < 1, 9, 1))",
+        "abs(if(r2 < 1, 1.5, -1))",
+        "1 + 0.5*max(if(r2 < 1, 1, 0), if((x - 9)^2 + y^2 + z^2 < 1, 1, 0))",
+    ];
+    let followed = tellings.map(|index| {
+        let ball = format!("metric = {{ conformal = '{index}' }}\n[let]\nr2 = 'x^2 + y^2 + z^2'");
+        let ball = manifold(&ball);
+        let path = follow(
+            &ball,
+            DVec3::new(-3.0, 0.5, 0.0),
+            DVec3::new(1.0, 0.025, 0.02),
+            7.0,
+        );
+        let ((u, v), last) = (arrival(&path), path.steps.last().unwrap());
+        let spread = last.deviation(path.length).unwrap();
+        let area = signed_area(&ball.local_frame(u), last.tangent(path.length), spread);
+        ((u, v), area)
+    });
+    let ((u, v), area) = followed[0];
+    assert!(u.x > 2.0, "{u}");
+    for (told, ((other, w), other_area)) in tellings.iter().zip(followed) {
+        assert!(
+            (other - u).length() < 1e-10 && (w - v).length() < 1e-10,
+            "{told}: {other} {u}"
+        );
+        assert!(
+            (other_area / area - 1.0).abs() < 1e-6,
+            "{told}: {other_area} {area}"
+        );
+    }
+}
+
+/// An exit is where its condition becomes positive, also where that is zero before.
+#[test]
+fn an_exit_may_be_zero_before_it_is_met() {
+    let conditions = [
+        "r2 - 15",
+        "max(r2 - 15, 0)",
+        "if(r2 < 15, 0, 1)",
+        "r2 - 15 + abs(r2 - 15)",
+    ];
+    let lengths = conditions.map(|when| {
+        let space = manifold(&format!(
+            "metric = {{ conformal = '1 + 0.3*exp(-r2)' }}\n[let]\nr2 = 'x^2 + y^2 + z^2'\n\
+             [[exit]]\nname = 'sky'\nwhen = '{when}'"
+        ));
+        let ray = Ray::new(
+            &space,
+            DVec3::new(0.1, 0.2, -0.3),
+            DVec3::new(0.6, 0.64, 0.48),
+            20.0,
+        );
+        let path = paths(&space, settings(1e-12, true), [ray]).remove(0);
+        assert!(matches!(path.end, End::Exit(_)), "{when}: {:?}", path.end);
+        path.length
+    });
+    for (when, length) in conditions.iter().zip(lengths) {
+        assert!(
+            (length - lengths[0]).abs() < 1e-11,
+            "{when}: {length} {}",
+            lengths[0]
+        );
     }
 }

@@ -193,7 +193,10 @@ impl<'m> EventLocator<'m> {
                 ..path
             };
             piece = closer.piece(self.last_piece(closer)?);
-            if !comes_to_a_stop(piece.v) {
+            // A condition that is zero up to its event says no more than between which points it is.
+            let mut rises = self.rise.iter();
+            let flat = rises.any(|[before, here, _]| *before == 0.0 && *here > 0.0);
+            if !(flat || comes_to_a_stop(piece.v)) {
                 break;
             }
         }

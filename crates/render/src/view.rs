@@ -274,7 +274,7 @@ impl View {
         }
         let (middle_x, middle_y) = self.middle();
         let (x, y) = (p.x / self.pixel, -p.y / self.pixel);
-        (self.turning.is_none() && p.z < 0.0).then(|| (middle_x + x, middle_y + y))
+        (self.turning.is_none() && p.z < 0.0).then_some((middle_x + x, middle_y + y))
     }
 
     /// Finds the point of the picture in `direction` as the camera sees it, in motion or not.

@@ -397,6 +397,8 @@ pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
     let (mut below, mut above) = (value(low).min(-0.0), value(high));
     let mut width = high - low;
     let mut was_above = None;
+    // Set where the value is zero for a while before it becomes positive, of which a line through it says nothing.
+    let mut flat = false;
     for round in 1..100 {
         // Never nearer to an end than this: once a side has come close, one look across the crossing
         // closes the interval.
@@ -409,7 +411,7 @@ pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
             width = high - low;
         }
         let share = (below / (below - above)).clamp(0.0, 1.0);
-        let share = if share.is_finite() && !crawls {
+        let share = if share.is_finite() && !crawls && !(flat && below == 0.0) {
             share
         } else {
             0.5
@@ -423,7 +425,10 @@ pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
             (low, below) = (s, v.min(-0.0));
             above *= if was_above == Some(false) { 0.5 } else { 1.0 };
             if v == 0.0 {
-                return s;
+                if value(s + least) > 0.0 {
+                    return s;
+                }
+                flat = true;
             }
         }
         was_above = Some(v > 0.0);
@@ -470,6 +475,13 @@ mod tests {
         let late = crossing(0.0, 1.0, |s| (s - 0.999).powi(9));
         assert!((late - 0.999).abs() < 1e-2);
         assert_eq!(crossing(0.0, 4.0, |s| s - 3.0), 3.0);
+        // Zero for a while before.
+        for at in [0.4, 3.0 / 7.0, 0.9] {
+            let found = crossing(0.0, 1.0, |s| (s - at).max(0.0));
+            assert!((found - at).abs() < 1e-14, "{found} {at}");
+            let found = crossing(0.0, 1.0, |s| f64::from(s > at));
+            assert!((found - at).abs() < 1e-14, "{found} {at}");
+        }
         let mut looks = 0;
         let root = crossing(7.0, 7.8, |s| {
             looks += 1;

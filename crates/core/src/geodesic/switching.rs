@@ -30,6 +30,9 @@ const ASIDE: f64 = 2e-14;
 /// jumps, the path ends.
 const GRAZING: f64 = 1e-4;
 
+/// A function that changes by so many times what its rates tell jumps.
+const JUMP: f64 = 16.0;
+
 /// More than the numbers of edges of any one metric, for those of two at the same place.
 const EDGES: u32 = 4096;
 
@@ -318,10 +321,24 @@ impl<'m> SwitchingSurfaces<'m> {
     /// Finds the first surface on the trial `step`, if there is one.
     pub fn meeting(&mut self, step: &Step) -> Option<Meeting> {
         let functions = self.tape.outputs() / 4;
-        let crossed = (0..functions).filter_map(|k| Some((self.crossed(k, step)?, k)));
-        let ((at, grazing), k) = crossed.min_by(|a, b| a.0.0.total_cmp(&b.0.0))?;
+        let mut crossed: Vec<((f64, bool), usize)> = (0..functions)
+            .filter_map(|k| Some((self.crossed(k, step)?, k)))
+            .collect();
+        crossed.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
         let (u, v) = (step.position(step.start), step.tangent(step.start));
         let aside = aside(step, u, v);
+        // A function of what jumps jumps where that does, and says nothing about the surface.
+        let first = crossed.first()?.0.0;
+        let here = crossed
+            .iter()
+            .take_while(|((at, _), _)| *at <= first + aside);
+        let vanishing = match crossed.len() {
+            1 => None,
+            _ => here
+                .into_iter()
+                .find(|((at, _), k)| !self.jumps(*k, step, [at - aside, at + aside])),
+        };
+        let ((at, grazing), k) = *vanishing.unwrap_or(&crossed[0]);
         let before = at - step.start - aside;
         // On an axis of textbook coordinates their cuts meet, and a little beside it rounding spoils all rates.
         if !(before > aside) && self.manifold.is_on_axis(u) {
@@ -332,6 +349,15 @@ impl<'m> SwitchingSurfaces<'m> {
             false if grazing => Meeting::Grazing,
             false => Meeting::Here(self.over(k, u, v, before + 2.0 * aside)),
         })
+    }
+
+    /// Returns whether function `k` changes between two arc lengths by far more than its rates there tell.
+    fn jumps(&mut self, k: usize, step: &Step, ends: [f64; 2]) -> bool {
+        let [a, b] = ends.map(|s| {
+            let surface = self.surface(k, step.position(s));
+            (surface.value, surface.gradient.dot(step.tangent(s)))
+        });
+        (b.0 - a.0).abs() > JUMP * (a.1.abs() + b.1.abs()) * (ends[1] - ends[0])
     }
 
     /// Returns the crossing that moves at least `least` along the tangent: farther for a surface that is met at a small angle,
