@@ -45,17 +45,17 @@ struct Projected {
     length: f64,
     /// In the camera's axes (right, up, backwards), to first order.
     local: DVec3,
-    images: Vec<Image>,
+    images: Vec<PointImage>,
 }
 
 /// An image of the point.
-struct Image {
+struct PointImage {
     connection: Connection,
     /// Set if it shows left for right.
     mirrored: bool,
 }
 
-impl Image {
+impl PointImage {
     /// Takes the image that a geodesic of `manifold`, perhaps the cover of a glued space, brings.
     fn of(manifold: &Manifold, connection: Connection) -> Self {
         let gluing = manifold
@@ -101,7 +101,7 @@ fn project(args: &ProjectArgs) -> Result<Projected> {
     let fan = LightFan::new(&manifold, view.u, length, region);
     let (found, _) = fan.connections(&[args.point], args.tolerance);
     let images = found.into_iter();
-    let images = images.map(|(_, connection)| Image::of(&manifold, connection));
+    let images = images.map(|(_, connection)| PointImage::of(&manifold, connection));
     let images = images.collect();
     Ok(Projected {
         local: projection(&stage.world, &view, args.point),
@@ -123,10 +123,10 @@ impl Projected {
     }
 
     fn as_json(&self) -> Value {
-        let image = |Image {
+        let image = |PointImage {
                          connection: image,
                          mirrored,
-                     }: &Image| {
+                     }: &PointImage| {
             json!({
                 "direction": image.direction.to_array(),
                 "distance": image.s,
@@ -161,7 +161,7 @@ impl Projected {
             self.length,
             self.images.len()
         );
-        for Image {
+        for PointImage {
             connection: image,
             mirrored,
         } in &self.images
