@@ -16,6 +16,7 @@ mod connection;
 mod illumination;
 mod light_fan;
 pub mod path_tracer;
+mod ray_leg;
 mod segment;
 mod segment_map;
 mod shadowed;

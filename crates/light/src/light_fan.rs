@@ -9,15 +9,18 @@
 //! Symbols: `u` chart point, `v` unit tangent (chart components), `s` arc length, `d` direction
 //! (standard frame at the lamp, unit).
 
-use crate::segment::{BeamSegment, Guess};
+use crate::{
+    ray_leg::{KnotSampler, RayLeg, common},
+    segment::{BeamSegment, Guess},
+};
 use geofan_core::{
-    geodesic::{End, Ray, Settings, Sink, Step, follow, perpendiculars, signed_area},
+    geodesic::{Ray, Settings, follow, perpendiculars},
     manifold::{Carried, DeckTransformation, GluedFace, LocalFrame, Manifold},
     parallel::*,
 };
 use geofan_render::accel::BoxTree;
-use glam::{DMat3, DVec3, Vec3};
-use std::{collections::HashMap, num::NonZeroU32, ops::Range};
+use glam::{DMat3, DVec3};
+use std::{collections::HashMap, ops::Range};
 
 /// A box of the chart, by its lowest and highest corner.
 pub type Region = (DVec3, DVec3);
@@ -58,11 +61,6 @@ const MOST_INTERVALS: usize = 256;
 /// Rays traced by one thread at a time.
 const BLOCK: usize = 64;
 
-/// Knots beyond the end of a ray, and on both sides of a border: of neighbours that are not much closer to it the last
-/// segment reaches up to it.
-const KNOTS_BEYOND_END: usize = 2;
-const KNOTS_BEYOND: usize = 4;
-
 /// How far from the image of a point inside a copy of a glued domain may reach, in sizes of the domain.
 const COPY_REACH: f64 = 3.0;
 
@@ -71,82 +69,6 @@ const MOST_COPIES: usize = 20_000;
 
 /// Tolerance of the fan's rays; they serve as guesses only.
 const TOLERANCE: f64 = 1e-6;
-
-/// A ray at one arc length; all that a segment needs of it lies together in memory.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct RayKnot {
-    pub u: DVec3,
-    pub v: DVec3,
-    /// Derivative of `u` when the direction turns towards each of its perpendiculars.
-    pub spread: [Vec3; 2],
-    /// Set if the area is negative: the ray has passed an odd number of caustics.
-    pub reversed: bool,
-}
-
-/// What a ray meets behind which neighbours may go on otherwise.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Border {
-    /// A face of a glued space, by its number.
-    Face(usize),
-    /// An edge of the metric, where it is refracted or reflected (see [`Step::edge`]).
-    Edge(NonZeroU32),
-}
-
-/// A ray of a lamp from one border to the next; all of it where it meets none.
-#[derive(Debug, Clone)]
-pub(super) struct RayLeg {
-    /// The ray's direction at the lamp.
-    pub direction: DVec3,
-    /// What is between the end of the leg before and its beginning.
-    borders: Vec<Border>,
-    /// The number of its first knot.
-    first: usize,
-    knots: Vec<RayKnot>,
-}
-
-impl RayLeg {
-    /// Returns the numbers of its knots.
-    fn numbers(&self) -> Range<usize> {
-        self.first..self.first + self.knots.len()
-    }
-
-    /// Returns the knot of this number.
-    pub fn knot(&self, number: usize) -> &RayKnot {
-        &self.knots[number - self.first]
-    }
-
-    /// Returns the three knots of the interval that begins at this one.
-    pub fn interval(&self, number: usize) -> &[RayKnot] {
-        let at = number - self.first;
-        &self.knots[at..at + 3]
-    }
-
-    /// Goes on straight to the next `count` knots.
-    fn extend(&mut self, arc_lengths: &[f64], count: usize) {
-        let at = self.numbers().end - 1;
-        let last = self.knots[at - self.first];
-        for s in arc_lengths.iter().skip(at + 1).take(count) {
-            let u = last.u + last.v * (s - arc_lengths[at]);
-            self.knots.push(RayKnot { u, ..last });
-        }
-    }
-
-    /// Makes the leg of the ray in a direction nearby, by this one's deviations.
-    fn beside(&self, direction: DVec3) -> Self {
-        let [x, y] = perpendiculars(self.direction).map(|e| e.dot(direction - self.direction));
-        let moved = |knot: &RayKnot| {
-            let [jx, jy] = knot.spread.map(|j| j.as_dvec3());
-            let u = knot.u + jx * x + jy * y;
-            RayKnot { u, ..*knot }
-        };
-        Self {
-            direction,
-            borders: self.borders.clone(),
-            first: self.first,
-            knots: self.knots.iter().map(moved).collect(),
-        }
-    }
-}
 
 /// The rays of a lamp, ready to be connected with points.
 pub struct LightFan<'m> {
@@ -271,7 +193,7 @@ impl<'m> LightFan<'m> {
         let [first, end] = common(legs);
         let starts = (first.next_multiple_of(2)..end.saturating_sub(2)).step_by(2);
         let half = self.arc_lengths[1];
-        let sound = starts.filter(|k| legs.iter().all(|leg| cubic_miss(leg, *k, half) <= BROKEN));
+        let sound = starts.filter(|k| legs.iter().all(|leg| leg.cubic_miss(*k, half) <= BROKEN));
         let segments = sound.map(|k| {
             let segment = BeamSegment::new(self, corners, k);
             let mut boxes = Vec::with_capacity(1);
@@ -314,7 +236,7 @@ impl<'m> LightFan<'m> {
         let Range { start, end } = leg.numbers();
         let starts = (start.next_multiple_of(2)..end.saturating_sub(3)).step_by(2);
         let mut inside = starts.filter(|k| holds(self.region, leg.knot(*k).u));
-        inside.any(|k| cubic_miss(leg, k, self.arc_lengths[1]) > BEND)
+        inside.any(|k| leg.cubic_miss(k, self.arc_lengths[1]) > BEND)
     }
 
     /// Traces rays over finer and finer triangles; returns the triangles by the numbers of their rays.
@@ -398,7 +320,7 @@ impl<'m> LightFan<'m> {
         let [p, q, m] = legs;
         let holds_any = |k: &usize| legs.iter().any(|leg| holds(self.region, leg.knot(*k).u));
         let mut inside = (first.max(1)..end).filter(holds_any);
-        let late = legs.iter().map(|leg| leg.first - first.min(leg.first));
+        let late = legs.iter().map(|leg| first - leg.first);
         let reach = legs
             .iter()
             .map(|leg| leg.numbers().end)
@@ -425,37 +347,15 @@ impl<'m> LightFan<'m> {
             events: true,
         };
         let block = |directions: &[DVec3]| -> Vec<Vec<RayLeg>> {
-            let mut sampler = KnotSampler {
-                fan: self,
-                rays: directions.iter().map(|d| self.first_leg(*d)).collect(),
-            };
+            let space = (self.manifold, &self.arc_lengths[..]);
+            let mut sampler = KnotSampler::new(space, (self.u, &self.local), directions);
             let rays = directions
                 .iter()
                 .map(|d| Ray::seen_by(&self.local, self.u, *d, self.length));
             follow(self.manifold, settings, rays, &mut sampler);
-            sampler.rays.into_iter().map(|ray| ray.legs).collect()
+            sampler.into_legs()
         };
         directions.par_chunks(BLOCK).flat_map(block).collect()
-    }
-
-    /// Begins a ray with the knot at the lamp itself.
-    fn first_leg(&self, direction: DVec3) -> SampledRay {
-        let leg = RayLeg {
-            direction,
-            borders: Vec::new(),
-            first: 0,
-            knots: vec![RayKnot {
-                u: self.u,
-                v: self.local.tangent(direction),
-                spread: [Vec3::ZERO; 2],
-                reversed: false,
-            }],
-        };
-        SampledRay {
-            legs: vec![leg],
-            next: 1,
-            borders: Vec::new(),
-        }
     }
 
     /// Guesses all geodesics to each of the chart `points`: the number of the point, the image of it
@@ -548,22 +448,6 @@ impl<'m> LightFan<'m> {
     }
 }
 
-/// Returns the first knot that all of three legs have, and that behind their last.
-fn common(legs: [&RayLeg; 3]) -> [usize; 2] {
-    let numbers = legs.map(RayLeg::numbers);
-    let first = numbers.iter().map(|range| range.start).max();
-    let end = numbers.iter().map(|range| range.end).min();
-    [first.unwrap_or(0), end.unwrap_or(0)]
-}
-
-/// Returns by how much the cubic over the interval from knot `k` misses the ray in the middle, as a
-/// share of the interval's chord; `half` is half the interval's arc length.
-fn cubic_miss(leg: &RayLeg, k: usize, half: f64) -> f64 {
-    let [p, m, q] = [k, k + 1, k + 2].map(|k| leg.knot(k));
-    let cubic = 0.5 * (p.u + q.u) + (p.v - q.v) * (0.25 * half);
-    (cubic - m.u).length() / (q.u - p.u).length()
-}
-
 /// Adds half the region's size around it, and makes it endless along glued coordinates and where faces bring points
 /// into the domain.
 fn widened(manifold: &Manifold, (low, high): Region) -> Region {
@@ -597,100 +481,6 @@ fn edge(i: usize, j: usize) -> [usize; 2] {
 fn children([a, b, c]: [usize; 3], middles: &HashMap<[usize; 2], usize>) -> [[usize; 3]; 4] {
     let [m, n, o] = [edge(a, b), edge(b, c), edge(c, a)].map(|e| middles[&e]);
     [[a, m, o], [m, b, n], [o, n, c], [m, n, o]]
-}
-
-/// Samples the integrator's steps at the fan's knots.
-struct KnotSampler<'f, 'm> {
-    fan: &'f LightFan<'m>,
-    rays: Vec<SampledRay>,
-}
-
-/// A ray on its way.
-struct SampledRay {
-    legs: Vec<RayLeg>,
-    /// The number of the next knot.
-    next: usize,
-    /// What it has met since its last leg.
-    borders: Vec<Border>,
-}
-
-impl SampledRay {
-    fn leg(&mut self) -> &mut RayLeg {
-        self.legs.last_mut().expect("a ray begins with a leg")
-    }
-}
-
-impl LightFan<'_> {
-    /// Makes the knot at an arc length of a step.
-    fn knot(&self, step: &Step, s: f64) -> RayKnot {
-        let (u, v) = (step.position(s), step.tangent(s));
-        let local = self.manifold.local_frame(u);
-        let spread = step.deviation(s).unwrap_or_default();
-        RayKnot {
-            u,
-            v,
-            spread: spread.map(|j| j.as_vec3()),
-            reversed: signed_area(&local, v, spread) < 0.0,
-        }
-    }
-
-    /// Begins the leg of `ray` that `step`, behind borders, is the first of: with knots before it, straight back.
-    fn begin_leg(&self, ray: &mut SampledRay, step: &Step) {
-        let start = self.knot(step, step.start);
-        let first = ray.next.saturating_sub(KNOTS_BEYOND);
-        let back = self.arc_lengths[first..ray.next].iter().map(|s| {
-            let u = start.u + start.v * (s - step.start);
-            RayKnot { u, ..start }
-        });
-        let leg = RayLeg {
-            direction: ray.leg().direction,
-            borders: std::mem::take(&mut ray.borders),
-            first,
-            knots: back.collect(),
-        };
-        ray.legs.push(leg);
-    }
-}
-
-impl KnotSampler<'_, '_> {
-    /// Ends the leg of `ray` at a border.
-    fn meet(&mut self, ray: usize, border: Border) {
-        let ray = &mut self.rays[ray];
-        if ray.borders.is_empty() {
-            ray.leg().extend(&self.fan.arc_lengths, KNOTS_BEYOND);
-        }
-        ray.borders.push(border);
-    }
-}
-
-impl Sink for KnotSampler<'_, '_> {
-    fn step(&mut self, ray: usize, step: &Step) {
-        if let Some(edge) = step.edge {
-            self.meet(ray, Border::Edge(edge));
-        }
-        let ray = &mut self.rays[ray];
-        if !ray.borders.is_empty() {
-            self.fan.begin_leg(ray, step);
-        }
-        while let Some(&s) = self.fan.arc_lengths.get(ray.next)
-            && s <= step.end
-        {
-            let knot = self.fan.knot(step, s);
-            ray.leg().knots.push(knot);
-            ray.next += 1;
-        }
-    }
-
-    fn crossed(&mut self, ray: usize, face: usize) {
-        self.meet(ray, Border::Face(face));
-    }
-
-    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
-        let ray = &mut self.rays[ray];
-        if ray.borders.is_empty() {
-            ray.leg().extend(&self.fan.arc_lengths, KNOTS_BEYOND_END);
-        }
-    }
 }
 
 /// Returns the corners of an icosahedron on the unit sphere: the most even coarse mesh of directions.
