@@ -412,32 +412,37 @@ fn light_of_every_image_in_a_glued_wind_has_been_under_way_as_long_as_the_lattic
 /// Between walls that are mirrors a point has the images of a kaleidoscope: two parallel ones, and one across.
 #[test]
 fn images_in_mirrors_are_those_of_the_kaleidoscope() {
-    let folder = tempfile::tempdir().unwrap();
+    let found_in = |faces: String| {
+        let folder = tempfile::tempdir().unwrap();
+        let text = format!(
+            "name = \"room\"\ncoordinates = [\"x\", \"y\", \"z\"]\nmetric = {{ conformal = \"1\" }}\n{faces}"
+        );
+        fs::write(folder.path().join("room.toml"), text).unwrap();
+        let scene = folder.path().join("scene.toml");
+        let text = "manifold = \"room.toml\"\n[camera]\nat = [0.1, 0.3, 0.05]\nlook = [0, 1, 0]\nup = [0, 0, 1]\n";
+        fs::write(&scene, text).unwrap();
+        let scene = scene.display().to_string();
+        json(&[
+            "project",
+            &scene,
+            "--point",
+            "0.2,0.5,-0.3",
+            "--length",
+            "9",
+        ])
+    };
+    let faces = ["1 - x", "1.5 + x", "y + 0.8"];
     let mirror = |face: &str| format!("[[glue]]\nface = \"{face}\"\nmirror = true\n");
-    let text = format!(
-        "name = \"room\"\ncoordinates = [\"x\", \"y\", \"z\"]\nmetric = {{ conformal = \"1\" }}\n{}",
-        ["1 - x", "1.5 + x", "y + 0.8"].map(mirror).concat()
-    );
-    fs::write(folder.path().join("room.toml"), text).unwrap();
-    let scene = folder.path().join("scene.toml");
-    let text = "manifold = \"room.toml\"\n[camera]\nat = [0.1, 0.3, 0.05]\nlook = [0, 1, 0]\nup = [0, 0, 1]\n";
-    fs::write(&scene, text).unwrap();
-    let scene = scene.display().to_string();
-    let point = "0.2,0.5,-0.3";
-    let found = json(&["project", &scene, "--point", point, "--length", "9"]);
+    let found = found_in(faces.map(mirror).concat());
     // The same by maps that are reflections, in the cover.
-    let map = |face: &str, map: &str| format!("[[glue]]\nface = \"{face}\"\nmap = [{map}]\n");
-    let maps = [
-        map("1 - x", "\"2 - x\", \"y\", \"z\""),
-        map("1.5 + x", "\"-3 - x\", \"y\", \"z\""),
-        map("y + 0.8", "\"x\", \"-1.6 - y\", \"z\""),
+    let images = [
+        "\"2 - x\", \"y\", \"z\"",
+        "\"-3 - x\", \"y\", \"z\"",
+        "\"x\", \"-1.6 - y\", \"z\"",
     ];
-    let text = format!(
-        "name = \"room\"\ncoordinates = [\"x\", \"y\", \"z\"]\nmetric = {{ conformal = \"1\" }}\n{}",
-        maps.concat()
-    );
-    fs::write(folder.path().join("room.toml"), text).unwrap();
-    let by_maps = json(&["project", &scene, "--point", point, "--length", "9"]);
+    let maps = faces.iter().zip(images);
+    let maps = maps.map(|(face, map)| format!("[[glue]]\nface = \"{face}\"\nmap = [{map}]\n"));
+    let by_maps = found_in(maps.collect());
     let sides = |found: &Value| {
         let images = found["images"].as_array().unwrap().iter();
         let image = |image: &Value| image["mirrored"].as_bool().unwrap();

@@ -9,7 +9,7 @@ use geofan_render::{
     intersect::HitSearch,
     scene::PoseFile,
 };
-use glam::DVec3;
+use glam::{DVec3, DVec4};
 use support::{Place, by_table, catalogue_text};
 
 const SQUARE: &str = "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
@@ -413,7 +413,7 @@ fn a_mirror_stands_in_the_way_of_a_lamp() {
     let (behind, _) = light_on(&ball, "[0, 0, 1]", [0.0, 0.0, -1.0]);
     let (aside, _) = light_on(&ball, "[1, 0, 1]", [1.0, 0.0, -1.0]);
     assert!(behind == 0.0 && aside > 0.1, "{behind} {aside}");
-    // Half a unit off the axis the ball, a convex mirror, adds its share to the lamp's own.
+    // Beside the ball, a convex mirror, its share is added to the lamp's own.
     let (beside, _) = light_on(&ball, "[1, 0, 0]", [0.0, 0.0, 1.0]);
     let image = by_ball(0.3, [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
     let own = bare([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]);
@@ -439,10 +439,7 @@ fn by_ball(radius: f64, lamp: [f64; 3], u: [f64; 3]) -> f64 {
         let back = d - n * (2.0 * n.dot(d));
         at + back * ((u - at).dot(out) / back.dot(out))
     };
-    let [e1, e2] = [
-        toward.any_orthonormal_vector(),
-        toward.cross(toward.any_orthonormal_vector()),
-    ];
+    let (e1, e2) = toward.any_orthonormal_pair();
     const STEP: f64 = 1e-5;
     let [a, b] = [e1, e2].map(|e| {
         let [ahead, back] = [1.0, -1.0].map(|sign| end((toward + e * (sign * STEP)).normalize()));
@@ -452,13 +449,12 @@ fn by_ball(radius: f64, lamp: [f64; 3], u: [f64; 3]) -> f64 {
 }
 
 /// The chart point and the tangent where a great circle of the three-sphere is after the arc length `s`.
-fn on_great_circle(p: [f64; 4], v: [f64; 4], s: f64) -> (DVec3, DVec3) {
+fn on_great_circle([p, v]: [DVec4; 2], s: f64) -> (DVec3, DVec3) {
     let (sin, cos) = s.sin_cos();
-    let at: [f64; 4] = std::array::from_fn(|k| p[k] * cos + v[k] * sin);
-    let way: [f64; 4] = std::array::from_fn(|k| v[k] * cos - p[k] * sin);
-    let [u, du] = [at, way].map(|x| DVec3::new(x[0], x[1], x[2]));
-    let scale = 1.0 / (1.0 + at[3]);
-    (u * scale, du * scale - u * (way[3] * scale * scale))
+    let (at, way) = (p * cos + v * sin, v * cos - p * sin);
+    let scale = 1.0 / (1.0 + at.w);
+    let u = at.truncate() * scale;
+    (u, (way.truncate() - u * way.w) * scale)
 }
 
 #[test]
@@ -477,27 +473,18 @@ fn paths_by_the_missing_point_of_a_chart_meet_what_their_short_pieces_do() {
     ]);
     let (stage, _) = stage(&place, "scene.toml");
     let mut random = geofan_core::random::Stream::new(&[7]);
-    let mut unit = || {
-        let x: [f64; 4] = std::array::from_fn(|_| random.uniform() - 0.5);
-        let length = x.iter().map(|x| x * x).sum::<f64>().sqrt();
-        x.map(|x| x / length)
-    };
+    let mut unit =
+        || DVec4::from_array(std::array::from_fn(|_| random.uniform() - 0.5)).normalize();
     let (mut hits, mut parted) = (0, 0);
     for _ in 0..400 {
         // From a point near the missing one, a short way before and behind.
-        let (off, v) = (unit(), unit());
-        let p: [f64; 4] = std::array::from_fn(|k| 0.03 * off[k] - f64::from(u8::from(k == 3)));
-        let length = p.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let p = p.map(|x| x / length);
-        let along = (0..4).map(|k| p[k] * v[k]).sum::<f64>();
-        let v: [f64; 4] = std::array::from_fn(|k| v[k] - along * p[k]);
-        let length = v.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let v = v.map(|x| x / length);
+        let p = (unit() * 0.03 - DVec4::W).normalize();
+        let v = unit().reject_from_normalized(p).normalize();
         let first = |count: usize| {
             let mut search = HitSearch::new(&stage.world);
             let ends = |k: usize| [k, k + 1].map(|k| 0.4 * (k as f64 / count as f64 - 0.5));
             let piece = |k: usize| {
-                let [a, b] = ends(k).map(|s| on_great_circle(p, v, s));
+                let [a, b] = ends(k).map(|s| on_great_circle([p, v], s));
                 Cubic {
                     s: ends(k).map(|s| s + 1.0),
                     u: [a.0, b.0],

@@ -144,7 +144,11 @@ fn already_finished(
     common: &CommonArgs,
 ) -> Result<Outcome> {
     let output = args.output.display().to_string();
-    let (height, width, _) = picture::read(&args.output)?.rgb.dim();
+    let (found, notes) = match PictureFormat::of(&args.output) {
+        Some(PictureFormat::Exr) => picture::read_exr(&args.output)?,
+        _ => (picture::read(&args.output)?, Metadata::default()),
+    };
+    let (height, width, _) = found.rgb.dim();
     if (width, height) != panels.size {
         let (wanted_width, wanted_height) = panels.size;
         let message = format!(
@@ -152,10 +156,6 @@ fn already_finished(
         );
         return Err(Error::input(output, message));
     }
-    let notes = match PictureFormat::of(&args.output) {
-        Some(PictureFormat::Exr) => picture::read_exr(&args.output)?.1,
-        _ => Metadata::default(),
-    };
     if let Some(tracer) = notes.note("tracer").filter(|tracer| *tracer != "path") {
         let message =
             format!("is a picture of the {tracer} tracer; remove it, or name another output");

@@ -61,12 +61,10 @@ impl PointImage {
         let gluing = manifold
             .gluing_below()
             .filter(|_| manifold.gluing().is_none());
-        let turns = gluing.and_then(|gluing| {
-            let (_, word) = gluing.locate(connection.u)?;
-            let reverses = word.iter().filter(|k| gluing.faces()[**k].reverses());
-            Some(reverses.count())
+        let reversed = gluing.is_some_and(|gluing| {
+            let found = gluing.locate(connection.u);
+            found.is_some_and(|(_, word)| gluing.reverses(&word))
         });
-        let reversed = turns.unwrap_or(0) % 2 == 1;
         Self {
             connection,
             mirrored: (connection.area < 0.0) != reversed,

@@ -84,8 +84,8 @@ pub struct LightFan<'m> {
     /// The rays' legs at the arc lengths they reach. The last knots may be extrapolated, so that the segments reach
     /// as far as the space does, or beyond a border, and so may the first behind one.
     pub(super) legs: Vec<RayLeg>,
-    /// The numbers of the legs of each ray, and its direction.
-    rays: Vec<(Range<usize>, DVec3)>,
+    /// The numbers of the legs of each ray.
+    rays: Vec<Range<usize>>,
     /// Arc lengths of the knots: the ends of intervals and, in between, their middles.
     pub(super) arc_lengths: Vec<f64>,
     segments: Vec<BeamSegment>,
@@ -136,19 +136,19 @@ impl<'m> LightFan<'m> {
         let mut parted: Vec<(usize, f64)> = vec![(usize::MAX, 0.0); self.rays.len()];
         for rays in triangles {
             let shared = self.shared(*rays);
-            let starts = rays.map(|ray| self.rays[ray].0.start);
+            let starts = rays.map(|ray| self.rays[ray].start);
             beams.extend((0..shared).map(|n| starts.map(|start| start + n)));
-            let [p, q, o] = rays.map(|ray| self.rays[ray].1);
+            let [p, q, o] = rays.map(|ray| self.direction(ray));
             let width = (q - p).length().max((o - q).length()).max((p - o).length());
             for ray in rays {
                 let (from, widest) = &mut parted[*ray];
-                if shared < self.rays[*ray].0.len() {
+                if shared < self.rays[*ray].len() {
                     (*from, *widest) = ((*from).min(shared), widest.max(width));
                 }
             }
         }
         for (ray, (from, width)) in parted.into_iter().enumerate() {
-            for leg in self.rays[ray].0.clone().skip(from) {
+            for leg in self.rays[ray].clone().skip(from) {
                 if self.is_of_interest(&self.legs[leg], 2.0 * width) {
                     beams.push(self.surround(leg, width));
                 }
@@ -169,9 +169,19 @@ impl<'m> LightFan<'m> {
         })
     }
 
+    /// Returns the legs of a ray.
+    fn legs_of(&self, ray: usize) -> &[RayLeg] {
+        &self.legs[self.rays[ray].clone()]
+    }
+
+    /// Returns the direction of a ray.
+    fn direction(&self, ray: usize) -> DVec3 {
+        self.legs[self.rays[ray].start].direction
+    }
+
     /// Returns how many legs of three rays are behind the same borders.
     fn shared(&self, rays: [usize; 3]) -> usize {
-        let [p, q, o] = rays.map(|ray| &self.legs[self.rays[ray].0.clone()]);
+        let [p, q, o] = rays.map(|ray| self.legs_of(ray));
         let all = p.iter().zip(q).zip(o);
         all.take_while(|((p, q), o)| p.borders == q.borders && p.borders == o.borders)
             .count()
@@ -267,10 +277,10 @@ impl<'m> LightFan<'m> {
 
     /// Traces the rays in `directions`, and adds them to those there are.
     fn add(&mut self, directions: &[DVec3]) {
-        for (legs, direction) in self.trace(directions).into_iter().zip(directions) {
+        for legs in self.trace(directions) {
             let start = self.legs.len();
             self.legs.extend(legs);
-            self.rays.push((start..self.legs.len(), *direction));
+            self.rays.push(start..self.legs.len());
         }
     }
 
@@ -284,7 +294,7 @@ impl<'m> LightFan<'m> {
         for [a, b, c] in triangles {
             for (i, j) in [(*a, *b), (*b, *c), (*c, *a)] {
                 middles.entry(edge(i, j)).or_insert_with(|| {
-                    let middle = self.rays[i].1 + self.rays[j].1;
+                    let middle = self.direction(i) + self.direction(j);
                     directions.push(middle.normalize());
                     self.rays.len() + directions.len() - 1
                 });
@@ -305,9 +315,9 @@ impl<'m> LightFan<'m> {
         [(a, b), (b, c), (c, a)].into_iter().all(|(i, j)| {
             let rays = [i, j, middles[&edge(i, j)]];
             let shared = self.shared(rays);
-            let [p, q, m] = rays.map(|ray| &self.legs[self.rays[ray].0.clone()]);
+            let [p, q, m] = rays.map(|ray| self.legs_of(ray));
             let mut parted = [p, q, m].into_iter().flat_map(|legs| &legs[shared..]);
-            let width = (self.rays[i].1 - self.rays[j].1).length();
+            let width = (self.direction(i) - self.direction(j)).length();
             (level >= LAST_PARTED_LEVEL || !parted.any(|leg| self.is_of_interest(leg, width)))
                 && (0..shared).all(|n| self.is_even([&p[n], &q[n], &m[n]], last))
         })

@@ -149,10 +149,9 @@ impl World {
             None => manifold.clone(),
         };
         let developed = manifold.developed();
-        let lamplight = match (manifold.has_wind(), &developed) {
-            (true, _) => Arc::new(developed.forward()?.into_owned()),
-            (false, Cow::Owned(_)) => cover.clone(),
-            (false, Cow::Borrowed(_)) => manifold.clone(),
+        let lamplight = match manifold.has_wind() {
+            true => developed.forward()?.into_owned(),
+            false => developed.into_owned(),
         };
         let shapes = skies.iter().flatten().filter_map(Sky::warning);
         let mut warnings: Vec<String> = shapes.map(str::to_owned).collect();
@@ -168,7 +167,7 @@ impl World {
             skies,
             lights,
             light: None,
-            lamplight,
+            lamplight: Arc::new(lamplight),
             cover,
             copies: None,
             clear: false,

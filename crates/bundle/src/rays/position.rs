@@ -125,7 +125,7 @@ impl ChartMap {
         (self.tangent(u, v) - start.slope).to_array()
     }
 
-    /// How fast lifted points move with the tangent `v` at `u`.
+    /// Computes how fast lifted points move with the tangent `v` at `u`.
     pub fn speed(self, u: DVec3, v: DVec3) -> f64 {
         self.tangent(u, v).length()
     }

@@ -425,6 +425,7 @@ pub fn crossing(low: f64, high: f64, mut value: impl FnMut(f64) -> f64) -> f64 {
             (low, below) = (s, v.min(-0.0));
             above *= if was_above == Some(false) { 0.5 } else { 1.0 };
             if v == 0.0 {
+                // A root, unless the value stays zero.
                 if value(s + least) > 0.0 {
                     return s;
                 }

@@ -320,25 +320,9 @@ impl<'m> SwitchingSurfaces<'m> {
 
     /// Finds the first surface on the trial `step`, if there is one.
     pub fn meeting(&mut self, step: &Step) -> Option<Meeting> {
-        let functions = self.tape.outputs() / 4;
-        let mut crossed: Vec<((f64, bool), usize)> = (0..functions)
-            .filter_map(|k| Some((self.crossed(k, step)?, k)))
-            .collect();
-        crossed.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
         let (u, v) = (step.position(step.start), step.tangent(step.start));
         let aside = aside(step, u, v);
-        // A function of what jumps jumps where that does, and says nothing about the surface.
-        let first = crossed.first()?.0.0;
-        let here = crossed
-            .iter()
-            .take_while(|((at, _), _)| *at <= first + aside);
-        let vanishing = match crossed.len() {
-            1 => None,
-            _ => here
-                .into_iter()
-                .find(|((at, _), k)| !self.jumps(*k, step, [at - aside, at + aside])),
-        };
-        let ((at, grazing), k) = *vanishing.unwrap_or(&crossed[0]);
+        let ((at, grazing), k) = self.first_crossed(step, aside)?;
         let before = at - step.start - aside;
         // On an axis of textbook coordinates their cuts meet, and a little beside it rounding spoils all rates.
         if !(before > aside) && self.manifold.is_on_axis(u) {
@@ -349,6 +333,26 @@ impl<'m> SwitchingSurfaces<'m> {
             false if grazing => Meeting::Grazing,
             false => Meeting::Here(self.over(k, u, v, before + 2.0 * aside)),
         })
+    }
+
+    /// Finds the function that is first crossed on `step`, where, and whether it is an edge that the path grazes. Of several
+    /// within `aside` of each other it is one that vanishes there: a function of what jumps jumps where that does, and says
+    /// nothing about the surface.
+    fn first_crossed(&mut self, step: &Step, aside: f64) -> Option<((f64, bool), usize)> {
+        let functions = self.tape.outputs() / 4;
+        let mut crossed: Vec<_> = (0..functions)
+            .filter_map(|k| Some((self.crossed(k, step)?, k)))
+            .collect();
+        crossed.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
+        let first = *crossed.first()?;
+        crossed.retain(|((at, _), _)| *at <= first.0.0 + aside);
+        if crossed.len() == 1 {
+            return Some(first);
+        }
+        let mut crossed = crossed.into_iter();
+        let vanishing =
+            crossed.find(|((at, _), k)| !self.jumps(*k, step, [at - aside, at + aside]));
+        Some(vanishing.unwrap_or(first))
     }
 
     /// Returns whether function `k` changes between two arc lengths by far more than its rates there tell.
