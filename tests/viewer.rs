@@ -395,7 +395,12 @@ fn a_page_is_one_file_or_a_folder_that_asks_nobody_and_tells_nothing_of_the_disk
         let (code, text) = refused(&arguments, folder.path());
         assert_eq!(code, 0, "{text}");
     }
-    let page = fs::read_to_string(folder.path().join("out.html")).unwrap();
+    let bytes = fs::read(folder.path().join("out.html")).unwrap();
+    assert!(bytes.starts_with(&[0xFF, 0xFE]) && bytes.len() % 2 == 0);
+    let units = bytes[2..]
+        .chunks(2)
+        .map(|two| u16::from_le_bytes([two[0], two[1]]));
+    let page = String::from_utf16(&units.collect::<Vec<_>>()).unwrap();
     assert!(page.contains("connect-src 'none'") && page.contains("id=\"geofan-space\""));
     let named = page.replace("href=\"data:,\"", "");
     assert!(!named.contains("src=\"") && !named.contains("href=\""));

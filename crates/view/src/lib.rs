@@ -23,8 +23,6 @@ mod draw_space;
 mod error_map;
 mod feed;
 mod frame_plan;
-#[cfg(feature = "files")]
-mod letters;
 mod light_passes;
 #[cfg(feature = "files")]
 mod loaded_space;
@@ -35,6 +33,8 @@ mod packed_files;
 #[cfg(feature = "files")]
 mod page;
 mod page_about;
+#[cfg(feature = "files")]
+mod page_text;
 mod panel;
 mod planning;
 mod protocol;

@@ -1,16 +1,16 @@
 //! A scene as a page that needs no server.
 //!
 //! In: where a space comes from and the viewer for browsers, compiled to WebAssembly. Out: one HTML file with
-//! everything inside, compressed by LZMA and written in letters ([`crate::letters`]); or a folder with the same in
+//! everything inside, compressed by LZMA and written as text ([`crate::page_text`]); or a folder with the same in
 //! files, for a static host. The page carries the files that the scene was loaded from, and loads them like the
 //! program does; but meshes, pictures and samples are packed, so that it needs no readers of their formats. It asks
 //! nobody for anything.
 
 use crate::{
     LoadedSpace, Package, PageAbout, SpaceSource, encode_light,
-    letters::in_letters,
     packed_files::{packed, placements},
-    ui::{self, single_script, worker_script},
+    page_text::{in_code_units, in_letters, utf16_file},
+    ui::{self, opening_script, single_script, worker_script},
 };
 use geofan_core::{
     Error, Result,
@@ -64,23 +64,37 @@ impl Page {
         })
     }
 
-    /// Returns the page as one HTML text that has everything inside.
+    /// Returns the page as one HTML text that has everything inside, in letters that other texts carry, too.
     ///
     /// # Errors
     /// The user interface lacks a part that is to be replaced.
     pub fn html(&self) -> Result<String> {
+        let scripts = scripts().map(|(id, kind, text)| script(id, kind, &text));
+        self.whole(in_letters, &scripts.concat())
+    }
+
+    /// Returns the bytes of the page as one HTML file, in UTF-16. Letters take two bytes there, and compressed bytes
+    /// hardly more than one; so the scripts are compressed, but for the one that unpacks them.
+    fn file(&self) -> Result<Vec<u8>> {
+        let listed = serde_json::to_vec(&scripts()).expect("texts are JSON");
+        let packed = script(
+            "geofan-scripts",
+            "text/plain",
+            &in_code_units(&compressed(&listed)?),
+        );
+        let opening = script("geofan-opening", "module", &opening_script());
+        Ok(utf16_file(
+            &self.whole(in_code_units, &(packed + &opening))?,
+        ))
+    }
+
+    /// Returns the page with everything inside: what is compressed as text, and its scripts.
+    fn whole(&self, text: impl Fn(&[u8]) -> String, scripts: &str) -> Result<String> {
         let html = with_head(&self.title, "'none'")?;
         let html = replaced(&html, STYLE, &format!("<style>\n{}</style>", ui::STYLE))?;
-        let data = |id: &str, text: &str| {
-            format!("<script type=\"text/plain\" id=\"{id}\">{text}</script>\n")
-        };
-        let scripts = [
-            data("geofan-wasm", &in_letters(&self.wasm)),
-            data("geofan-space", &in_letters(&self.space)),
-            data("geofan-worker", &worker_script()),
-            format!("<script type=\"module\">\n{}</script>", single_script()),
-        ];
-        replaced(&html, SCRIPT, &scripts.concat())
+        let data = |id: &str, bytes: &[u8]| script(id, "text/plain", &text(bytes));
+        let parts = data("geofan-wasm", &self.wasm) + &data("geofan-space", &self.space) + scripts;
+        replaced(&html, SCRIPT, &parts)
     }
 
     /// Writes the page: one file where `output` is named `.html`, else a folder. Returns the bytes of all files.
@@ -94,7 +108,7 @@ impl Page {
         let files = match is_file {
             true => {
                 check_output(output)?;
-                vec![(output.to_path_buf(), self.html()?.into_bytes())]
+                vec![(output.to_path_buf(), self.file()?)]
             }
             false => {
                 make_output_folder(output)?;
@@ -121,6 +135,20 @@ impl Page {
             named("index.html", index.into_bytes()),
         ])
     }
+}
+
+/// Returns what runs in a page of one file: the text of its workers, and its own script. Of each an identity, the kind of
+/// script, and the text.
+fn scripts() -> [(&'static str, &'static str, String); 2] {
+    [
+        ("geofan-worker", "text/plain", worker_script()),
+        ("geofan-viewer", "module", single_script()),
+    ]
+}
+
+/// Writes a script of a page.
+fn script(id: &str, kind: &str, text: &str) -> String {
+    format!("<script type=\"{kind}\" id=\"{id}\">{text}</script>\n")
 }
 
 /// Compresses bytes by LZMA, with the length in the head. Nothing in them is aligned to whole words, so that where

@@ -7,6 +7,10 @@
 use crate::frame_plan::Block;
 use geofan_render::Camera;
 use glam::{DQuat, DVec3};
+use bincode::{
+    config::legacy,
+    serde::{decode_from_slice, encode_to_vec},
+};
 use serde::{Deserialize, Serialize};
 
 /// The ways in which a picture is made.
@@ -210,12 +214,24 @@ impl Pose {
 
 /// Work that a session asks for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(tag = "work", rename_all = "kebab-case")]
 pub enum Work {
     /// A block of a picture.
     Draw(DrawRequest),
     /// One path.
     Ray(RayQuery),
+}
+
+impl Work {
+    /// Writes work as bytes, for a worker with the same code.
+    pub fn encode(&self) -> Vec<u8> {
+        encode_to_vec(self, legacy()).unwrap_or_default()
+    }
+
+    /// Reads what [`Work::encode`] wrote; `None` if it is something else.
+    pub fn decode(bytes: &[u8]) -> Option<Self> {
+        let (work, length) = decode_from_slice(bytes, legacy()).ok()?;
+        (length == bytes.len()).then_some(work)
+    }
 }
 
 /// A block of a picture to be drawn.
@@ -354,7 +370,6 @@ impl Patch {
 
 /// The part of an answer that is not numbers.
 #[derive(Debug, Serialize, Deserialize)]
-#[serde(tag = "answer", rename_all = "kebab-case")]
 enum AnswerHead {
     Drawn {
         frame: u32,
@@ -372,7 +387,7 @@ enum AnswerHead {
 }
 
 impl Answer {
-    /// Writes an answer as bytes: the length of the JSON (u32), the JSON, then single-precision numbers.
+    /// Writes an answer as bytes: the part that is not numbers, then single-precision numbers.
     pub fn encode(&self) -> Vec<u8> {
         let (head, numbers): (AnswerHead, [&[f32]; 2]) = match self {
             Self::Drawn {
@@ -403,12 +418,11 @@ impl Answer {
                 (head, [&[], &[]])
             }
         };
-        let json = serde_json::to_vec(&head).unwrap_or_default();
+        let head = encode_to_vec(&head, legacy()).unwrap_or_default();
         let count: usize = numbers.iter().map(|list| list.len()).sum();
         // Of its final length at once: a list that grows needs twice the memory.
-        let mut bytes = Vec::with_capacity(4 + json.len() + 4 * count);
-        bytes.extend_from_slice(&(json.len() as u32).to_le_bytes());
-        bytes.extend_from_slice(&json);
+        let mut bytes = Vec::with_capacity(head.len() + 4 * count);
+        bytes.extend_from_slice(&head);
         for number in numbers.into_iter().flatten() {
             bytes.extend_from_slice(&number.to_le_bytes());
         }
@@ -417,12 +431,11 @@ impl Answer {
 
     /// Reads what [`Answer::encode`] wrote; `None` if it is something else.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
-        let (length, rest) = bytes.split_first_chunk::<4>()?;
-        let (json, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-        let (words, []) = rest.as_chunks::<4>() else {
+        let (head, length) = decode_from_slice(bytes, legacy()).ok()?;
+        let (words, []) = bytes[length..].as_chunks::<4>() else {
             return None;
         };
-        Some(match serde_json::from_slice(json).ok()? {
+        Some(match head {
             AnswerHead::Ray { number, report } => Self::Ray { number, report },
             AnswerHead::Failed { frame, message } => Self::Failed { frame, message },
             AnswerHead::Drawn {
@@ -479,6 +492,21 @@ mod tests {
                 assert_eq!(Answer::decode(&bytes[..length]), None);
             }
         }
+    }
+
+    #[test]
+    fn work_comes_back_as_it_went() {
+        let work = Work::Ray(RayQuery {
+            number: 4,
+            u: [1.0, f64::MAX, -0.0],
+            direction: [0.6, 0.0, 0.8],
+        });
+        let bytes = work.encode();
+        assert_eq!(Work::decode(&bytes), Some(work));
+        for length in 0..bytes.len() {
+            assert_eq!(Work::decode(&bytes[..length]), None);
+        }
+        assert_eq!(Work::decode(&[bytes, vec![0]].concat()), None);
     }
 
     #[test]

@@ -31,6 +31,9 @@ pub const PAGE_MODULES: [(&str, &str); 3] = [
     ("page.js", include_str!("../ui/page.js")),
 ];
 
+/// The module that begins where the page's scripts are compressed.
+const OPENING: &str = include_str!("../ui/opening.js");
+
 /// What a worker of the page does.
 const WORKER: &str = include_str!("../ui/worker.js");
 
@@ -44,8 +47,17 @@ pub fn single_script() -> String {
 
 /// Joins the script of the page's workers, which unpack, too.
 pub fn worker_script() -> String {
+    unpacking(WORKER)
+}
+
+/// Joins the script that unpacks the others of a page.
+pub fn opening_script() -> String {
+    unpacking(OPENING)
+}
+
+fn unpacking(main: &str) -> String {
     let unpack = PAGE_MODULES.iter().filter(|(name, _)| *name == "unpack.js");
-    joined(unpack.map(|(_, text)| *text).chain([WORKER]))
+    joined(unpack.map(|(_, text)| *text).chain([main]))
 }
 
 fn joined<'t>(texts: impl Iterator<Item = &'t str>) -> String {

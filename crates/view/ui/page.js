@@ -7,24 +7,24 @@ import { find, startViewer } from "./viewer.js";
 /** Most workers: each has a copy of the scene in its memory. */
 const MOST_WORKERS = 4;
 
-/** Returns the letters that are in the page under an id, or the bytes of a file beside it. @param {string} id @param {string} file */
+/** Returns the bytes that are in the page under an id, or in a file beside it. @param {string} id @param {string} file */
 async function pagePart(id, file) {
   const inside = document.getElementById(id);
   if (!inside) return new Uint8Array(await (await fetch(file)).arrayBuffer());
   const text = inside.textContent ?? "";
   inside.remove();
-  return text;
+  return bytesOfText(text);
 }
 
 /**
  * Has a worker unpack a part, while this thread does something else.
- * @param {Worker} worker @param {string | Uint8Array} packed @returns {Promise<Uint8Array>}
+ * @param {Worker} worker @param {Uint8Array} packed @returns {Promise<Uint8Array>}
  */
 function unpackedBy(worker, packed) {
   return new Promise((done, failed) => {
     worker.onmessage = ({ data }) => done(data.unpacked);
     worker.onerror = (event) => failed(new Error(event.message));
-    worker.postMessage({ packed });
+    worker.postMessage({ packed }, [packed.buffer]);
   });
 }
 
@@ -36,7 +36,7 @@ async function startPage() {
   const workers = Array.from({ length: count }, () => new Worker(script));
   const space = unpackedBy(workers[0], await pagePart("geofan-space", "space.lzma"));
   const wasm = await pagePart("geofan-wasm", "geofan-web.wasm.lzma");
-  const module = WebAssembly.compile(lzmaDecoded(typeof wasm === "string" ? bytesOfText(wasm) : wasm));
+  const module = WebAssembly.compile(lzmaDecoded(wasm));
   startViewer(await openWorkerEngine(await module, await space, workers));
 }
 

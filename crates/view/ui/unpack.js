@@ -1,11 +1,33 @@
-// What the page carries, made into bytes again: text of 91 letters, and LZMA, which browsers have no stream for.
-// Formats: Igor Pavlov, "LZMA specification" (2015); the letters are those of the page's writer, two for 13 bits.
+// What the page carries, made into bytes again: text, and LZMA, which browsers have no stream for.
+// Formats: Igor Pavlov, "LZMA specification" (2015); the texts are those of the page's writer (page_text.rs): two
+// letters for 13 bits, or, in a page in UTF-16, a code unit for two bytes.
 
 /** Letters of the text, in the order of their values: what can be printed, without what HTML has a use for. */
 const LETTERS = Array.from({ length: 94 }, (_, i) => String.fromCharCode(33 + i)).filter((letter) => !"\"&<".includes(letter));
 
-/** Returns the bytes that a text stands for: the least bits first. @param {string} text */
+/** Stands before a code unit with its highest bit turned, which HTML would not carry as it is. */
+const ESCAPE = 0xe000;
+
+/** Returns the bytes that a text of the page stands for. @param {string} text */
 export function bytesOfText(text) {
+  return document.characterSet === "UTF-16LE" ? bytesOfCodeUnits(text) : bytesOfLetters(text);
+}
+
+/** @param {string} text */
+function bytesOfCodeUnits(text) {
+  const bytes = new Uint8Array(2 * text.length);
+  let at = 0;
+  for (let i = 0; i < text.length; i += 1) {
+    let unit = text.charCodeAt(i);
+    if (unit === ESCAPE) unit = text.charCodeAt((i += 1)) ^ 0x8000;
+    bytes[at++] = unit & 255;
+    bytes[at++] = unit >> 8;
+  }
+  return bytes.subarray(0, at);
+}
+
+/** The least bits come first. @param {string} text */
+function bytesOfLetters(text) {
   const values = new Uint8Array(128);
   LETTERS.forEach((letter, i) => (values[letter.charCodeAt(0)] = i));
   const bytes = new Uint8Array(Math.floor((text.length / 2) * 13 / 8));

@@ -1,6 +1,6 @@
 // A worker of the page: unpacks and draws what it is asked for.
 
-import { bytesOfText, lzmaDecoded } from "./unpack.js";
+import { lzmaDecoded } from "./unpack.js";
 
 let calls = null;
 
@@ -14,7 +14,7 @@ const take = () => new Uint8Array(calls.memory.buffer, calls.geofan_output(), ca
 
 onmessage = async ({ data }) => {
   if (data.packed) {
-    const unpacked = lzmaDecoded(typeof data.packed === "string" ? bytesOfText(data.packed) : data.packed);
+    const unpacked = lzmaDecoded(data.packed);
     postMessage({ unpacked }, [unpacked.buffer]);
   } else if (data.module) {
     calls = (await WebAssembly.instantiate(data.module, {})).exports;

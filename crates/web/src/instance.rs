@@ -98,7 +98,7 @@ impl Instance {
         let work = session.and_then(|session| session.next_work(now, workers as usize));
         match work {
             Some(work) => {
-                self.output = serde_json::to_vec(&work).unwrap_or_default();
+                self.output = work.encode();
                 true
             }
             None => false,
@@ -107,11 +107,11 @@ impl Instance {
 
     /// Does the work in the input and puts the answer into the output.
     pub fn work(&mut self) {
-        let work = serde_json::from_slice::<Work>(&self.input);
+        let work = Work::decode(&self.input);
         // The page has the last answer.
         self.output = Vec::new();
         let answer = match (&self.drawing, work) {
-            (Some(drawing), Ok(work)) => drawing.answer(&work),
+            (Some(drawing), Some(work)) => drawing.answer(&work),
             _ => Answer::Failed {
                 frame: None,
                 message: "this worker has nothing to draw".into(),
