@@ -28,9 +28,20 @@ export function createAsked() {
   /** @type {Partial<Choices>} */
   let asked = {};
   let since = 0;
+  /** Values of parameters that no panel tells yet, however long the space takes to load. @type {Map<string, number>} */
+  const untold = new Map();
+  /** Parameters that were set from here. @type {Set<string>} */
+  const moved = new Set();
+  /** Samples at rest, which no panel tells. @type {number | null} */
+  let still = null;
 
   /** Takes note of an event that is sent. @param {import("./types").ViewerEvent} event */
   function note(event) {
+    if (event.type === "still") still = event.samples;
+    if (event.type === "parameter") {
+      untold.set(event.name, event.value);
+      moved.add(event.name);
+    }
     const more = askedBy(event);
     if (Object.keys(more).length === 0) return;
     asked = { ...asked, ...more };
@@ -39,6 +50,7 @@ export function createAsked() {
 
   /** Takes note of a panel: what it tells is no longer only asked for. @param {Panel} panel */
   function settle(panel) {
+    for (const [name, value] of panel.parameters) if (untold.get(name) === value) untold.delete(name);
     const told = toldBy(panel);
     const same = Object.entries(asked).every(([name, value]) => told[/** @type {keyof Choices} */ (name)] === value);
     if (same || performance.now() - since > PATIENCE) asked = {};
@@ -47,5 +59,8 @@ export function createAsked() {
   /** What holds, or will when the engine has done what it was asked for. @param {Panel} panel @returns {Choices} */
   const now = (panel) => ({ ...toldBy(panel), ...asked });
 
-  return { note, settle, now };
+  /** The parameters: what the panel tells, what is asked for besides, and whether they were set from here. @param {Panel} panel */
+  const parameters = (panel) => panel.parameters.map(([name, told]) => ({ name, told, asked: untold.get(name), own: moved.has(name) }));
+
+  return { note, settle, now, parameters, still: () => still };
 }

@@ -37,12 +37,13 @@ export function attachControls(canvas, pad, send, act) {
   /** @type {Set<string>} */
   const keys = new Set();
   let fast = false;
-  let padGo = [0, 0, 0];
+  /** What the pad's buttons do, by the pointer that holds each. @type {Map<number, number[]>} */
+  const pressed = new Map();
   let told = "";
 
   function tellHeld() {
-    const sum = [...padGo, 0, 0, 0];
-    for (const key of keys) HELD_KEYS[key].forEach((x, i) => (sum[i] += x));
+    const sum = [0, 0, 0, 0, 0, 0];
+    for (const held of [...pressed.values(), ...[...keys].map((key) => HELD_KEYS[key])]) held.forEach((x, i) => (sum[i] += x));
     /** @type {import("./types").ViewerEvent} */
     const event = { type: "hold", go: sum.slice(0, 3), turn: sum.slice(3, 5), roll: sum[5], fast };
     const text = JSON.stringify(event);
@@ -52,7 +53,7 @@ export function attachControls(canvas, pad, send, act) {
 
   function release() {
     keys.clear();
-    padGo = [0, 0, 0];
+    pressed.clear();
     fast = false;
     tellHeld();
   }
@@ -88,10 +89,15 @@ export function attachControls(canvas, pad, send, act) {
 
   for (const button of pad.querySelectorAll("button")) {
     const go = (button.dataset.go ?? "0,0,0").split(",").map(Number);
-    const press = (/** @type {Event} */ event) => { event.preventDefault(); padGo = go; tellHeld(); };
-    const lift = () => { padGo = [0, 0, 0]; tellHeld(); };
-    button.addEventListener("pointerdown", press);
-    for (const end of ["pointerup", "pointercancel", "pointerleave"]) button.addEventListener(end, lift);
+    const lift = (/** @type {PointerEvent} */ event) => { if (pressed.delete(event.pointerId)) tellHeld(); };
+    button.addEventListener("pointerdown", (event) => {
+      event.preventDefault();
+      pressed.set(event.pointerId, go);
+      tellHeld();
+    });
+    button.addEventListener("pointerup", lift);
+    button.addEventListener("pointercancel", lift);
+    button.addEventListener("pointerleave", lift);
   }
 }
 
@@ -137,6 +143,8 @@ function attachPointers(canvas, send) {
     return Math.hypot(a.x - b.x, a.y - b.y);
   };
   canvas.addEventListener("pointerdown", (event) => {
+    // The other buttons of a mouse are the browser's.
+    if (event.button !== 0) return;
     canvas.focus({ preventScroll: true });
     canvas.setPointerCapture(event.pointerId);
     down.set(event.pointerId, { x: event.clientX, y: event.clientY });

@@ -21,7 +21,7 @@ export function createDisplay(canvas, send, save) {
   const context = paperOf(canvas, false);
   const sheet = document.createElement("canvas");
   const captured = document.createElement("canvas");
-  /** @type {ReturnType<typeof createExr> | null} */
+  /** Linear light of a captured picture, block by block. @type {{ key: string, exr: ReturnType<typeof createExr> } | null} */
   let capturedLight = null;
   let stats = { frames: 0, shown: "" };
 
@@ -49,10 +49,10 @@ export function createDisplay(canvas, send, save) {
     const [flags, frame, width, height, x, y, w, h] = Array.from({ length: 8 }, (_, i) => head.getUint32(4 * i, true));
     const last = (flags & 2) !== 0;
     if (flags & 4) {
-      capturedLight ??= createExr(width, height);
-      capturedLight.put(new Float32Array(buffer, PATCH_HEAD), [x, y, w, h]);
+      const exr = lightOf(frame, width, height);
+      exr.put(new Float32Array(buffer, PATCH_HEAD), [x, y, w, h]);
       if (last) {
-        save("exr", capturedLight.file());
+        save("exr", exr.file());
         capturedLight = null;
       }
       return;
@@ -75,6 +75,16 @@ export function createDisplay(canvas, send, save) {
     const tell = () => send({ type: "shown", frame });
     if (document.hidden) tell();
     else requestAnimationFrame(tell);
+  }
+
+  /**
+   * The light of the picture that a block is of. One that was left before it was whole never comes to its end, so
+   * another picture takes its place. @param {number} frame @param {number} width @param {number} height
+   */
+  function lightOf(frame, width, height) {
+    const key = `${frame}: ${width}×${height}`;
+    if (capturedLight?.key !== key) capturedLight = { key, exr: createExr(width, height) };
+    return capturedLight.exr;
   }
 
   /**

@@ -3,6 +3,7 @@
 import { paperOf } from "./display.js";
 
 /** @typedef {import("./types").Panel} Panel */
+/** @typedef {ReturnType<typeof import("./asked.js").createAsked>} Asked */
 
 /** @type {[import("./types").Kind, string][]} */
 const KINDS = [["table", "Table"], ["exact", "Exact"], ["flat", "Flat"], ["error", "Error"]];
@@ -28,17 +29,41 @@ function make(tag, properties = {}, ...children) {
   return element;
 }
 
+/** Most columns or rows of a saved picture, and most pixels: more is refused. */
+const [MOST_SIDE, MOST_SAVED] = [8192, 2 ** 24];
+
+/** Most bytes of a message that the program takes. */
+const MOST_SENT = 4 << 20;
+
+/** Bytes of a message besides the text that it carries, with room to spare. */
+const AROUND_TEXT = 100;
+
 /** A number in four digits. @param {number | null | undefined} x */
 function short(x) {
   if (x === null || x === undefined) return "–";
   return Math.abs(x) >= 1e4 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(2) : Number(x.toPrecision(4)).toString();
 }
 
+/** Moves a slider, which reaches farther where the value does. @param {HTMLInputElement} slider @param {number} value */
+function slideTo(slider, value) {
+  if (value < Number(slider.min)) slider.min = String(Math.floor(value));
+  if (value > Number(slider.max)) slider.max = String(Math.ceil(value));
+  slider.value = String(value);
+}
+
+/** Reads a camera path; null if it is too long for a message. @param {File} file */
+async function wayOf(file) {
+  if (file.size > MOST_SENT) return null;
+  const text = await file.text();
+  return new Blob([JSON.stringify(text)]).size + AROUND_TEXT > MOST_SENT ? null : text;
+}
+
 /**
  * Builds the panel.
  * @param {HTMLElement} root @param {import("./types").Send} send @param {(action: string) => void} act
+ * @param {import("./types").Say} say
  */
-export function createPanel(root, send, act) {
+export function createPanel(root, send, act, say) {
   const kinds = KINDS.map(([kind, word]) => {
     const made = make("button", { type: "button", textContent: word });
     made.addEventListener("click", () => send({ type: "show", kind, split: null }));
@@ -74,8 +99,13 @@ export function createPanel(root, send, act) {
   const way = make("input", { type: "file", accept: ".toml", ariaLabel: "Replay a camera path" });
   way.addEventListener("change", async () => {
     const file = way.files?.[0];
-    if (file) send({ type: "replay", text: await file.text() });
+    const text = file && await wayOf(file);
     way.value = "";
+    if (!file) return;
+    if (text) send({ type: "replay", text });
+    // An empty text would stand for the last recording.
+    const wrong = text === "" ? "is empty" : `is too long for a camera path: it has more than ${MOST_SENT >> 20} MiB`;
+    say(text ? "" : `${file.name} ${wrong}`);
   });
   const [title, speed, state, parameters] = [make("h2"), make("p"), make("p"), make("div")];
   const quantiles = make("p");
@@ -84,7 +114,7 @@ export function createPanel(root, send, act) {
   const certificate = make("pre");
   const certificateLink = make("a", { textContent: "Certificate as a file", download: "certificate.txt" });
   const details = make("details", {}, make("summary", { textContent: "Certificate of the table" }), certificate, certificateLink);
-  const picture = pictureChoice();
+  const picture = pictureChoice(say);
   root.append(
     title, make("div", { className: "row" }, ...kinds.map(({ made }) => made), split),
     make("div", { className: "row" }, beyond), errors,
@@ -116,7 +146,7 @@ export function createPanel(root, send, act) {
     for (const [name, value] of list) {
       const made = sliders.get(name);
       if (!made || document.activeElement === made.slider) continue;
-      made.slider.value = String(value);
+      slideTo(made.slider, value);
       made.word.textContent = short(value);
     }
   }
@@ -141,8 +171,8 @@ export function createPanel(root, send, act) {
     });
   }
 
-  /** Shows a panel. @param {Panel} panel */
-  function update(panel) {
+  /** Shows a panel, and what is asked for. @param {Panel} panel @param {Asked} asked */
+  function update(panel, asked) {
     title.textContent = panel.manifold;
     for (const { kind, made } of kinds) {
       made.ariaPressed = String(panel.kind === kind);
@@ -158,7 +188,9 @@ export function createPanel(root, send, act) {
     if (document.activeElement !== sky) sky.value = panel.sky;
     if (document.activeElement !== moving) moving.value = String(panel.moving_share);
     if (document.activeElement !== paths) paths.value = String(panel.passes[1]);
-    if (document.activeElement !== exposure) exposure.value = String(panel.exposure);
+    // What is asked for is where a drag has come to, too.
+    slideTo(exposure, asked.now(panel).exposure);
+    if (document.activeElement !== samples && asked.still() !== null) samples.value = String(asked.still());
     if (knownViews !== panel.views.join("\n")) {
       knownViews = panel.views.join("\n");
       const options = panel.views.map((name) => make("option", { value: name, textContent: name }));
@@ -180,21 +212,30 @@ export function createPanel(root, send, act) {
   return { update, picture: picture.chosen };
 }
 
-/** Controls for the picture that is saved: its size, its samples, its format. */
-function pictureChoice() {
-  const [width, height] = ["Width", "Height"].map((word) => make("input", { type: "number", min: "1", max: "8192", placeholder: word.toLowerCase(), ariaLabel: `${word} of the saved picture` }));
+/** Controls for the picture that is saved: its size, its samples, its format. @param {import("./types").Say} say */
+function pictureChoice(say) {
+  const [width, height] = ["Width", "Height"].map((word) => make("input", { type: "number", min: "1", max: String(MOST_SIDE), placeholder: word.toLowerCase(), ariaLabel: `${word} of the saved picture` }));
   const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...[1, 16, 64, 256].map((n) => make("option", { value: String(n), textContent: n === 1 ? "1 sample" : `${n} samples` })));
   samples.value = "16";
   const format = make("select", { ariaLabel: "Format of the saved picture" }, ...["PNG", "EXR"].map((value) => make("option", { value, textContent: value })));
   const row = make("div", { className: "row" }, width, "×", height, samples, format);
   const element = make("details", {}, make("summary", { textContent: "Picture to save" }), row);
-  /** What is chosen; the display's size where nothing is. @param {HTMLCanvasElement} canvas */
-  const chosen = (canvas) => ({
-    width: width.valueAsNumber || canvas.width,
-    height: height.valueAsNumber || canvas.height,
-    samples: Number(samples.value),
-    light: format.value === "EXR",
-  });
+  /** A side; the display's where nothing is written. @param {HTMLInputElement} field @param {number} usual */
+  const side = ({ value, validity, valueAsNumber }, usual) => (value === "" && !validity.badInput ? usual : valueAsNumber);
+
+  /** What is chosen; null, in words, if it is no picture. @param {HTMLCanvasElement} canvas */
+  function chosen(canvas) {
+    const sides = [side(width, canvas.width), side(height, canvas.height)];
+    if (!sides.every((n) => Number.isInteger(n) && n >= 1 && n <= MOST_SIDE)) {
+      say(`width and height of a saved picture are whole numbers from 1 to ${MOST_SIDE}`);
+      return null;
+    }
+    if (sides[0] * sides[1] > MOST_SAVED) {
+      say(`a saved picture has at most ${MOST_SAVED} pixels: ${sides.join("×")} are ${sides[0] * sides[1]}`);
+      return null;
+    }
+    return { width: sides[0], height: sides[1], samples: Number(samples.value), light: format.value === "EXR" };
+  }
   return { element, chosen };
 }
 

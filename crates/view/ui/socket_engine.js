@@ -3,6 +3,22 @@
 /** Milliseconds before another try when the connection is lost. */
 const RETRY = 1000;
 
+/** Milliseconds in which a program that is there says so. */
+const ANSWER = 3000;
+
+/**
+ * Why there is no connection. A WebSocket does not tell; whoever serves this page does.
+ * @param {boolean} opened it was there before
+ */
+async function reasonOfLoss(opened) {
+  const page = location.href.split("#")[0];
+  const status = await fetch(page, { cache: "no-store", signal: AbortSignal.timeout(ANSWER) }).then((answer) => answer.status, () => 0);
+  if (status === 403) return "this address belongs to an earlier viewer: open the one that the program printed";
+  // The page itself is never refused for that, only the connection.
+  if (status === 503 || (status === 200 && !opened)) return "too many viewers are open; waiting";
+  return status === 200 ? "the connection was lost; trying again" : "the viewer is not running any more; waiting for it";
+}
+
 /** Opens the connection; it comes back by itself when it is lost. */
 export function openSocketEngine() {
   /** @type {import("./types").ViewEngine} */
@@ -14,15 +30,19 @@ export function openSocketEngine() {
   let socket = null;
 
   function connect() {
+    let opened = false;
     socket = new WebSocket(address);
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => engine.onopen();
+    socket.onopen = () => {
+      opened = true;
+      engine.onopen();
+    };
     socket.onmessage = ({ data }) => {
       if (typeof data === "string") engine.onmessage(JSON.parse(data));
       else engine.onpatch(data);
     };
-    socket.onclose = () => {
-      engine.onlost();
+    socket.onclose = async () => {
+      engine.onlost(await reasonOfLoss(opened));
       setTimeout(connect, RETRY);
     };
   }

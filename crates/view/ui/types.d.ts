@@ -78,8 +78,10 @@ export interface ViewEngine {
   onpatch(buffer: ArrayBuffer): void;
   onmessage(message: Message): void;
   onopen(): void;
-  onlost(): void;
+  /** `why`: in words. */
+  onlost(why: string): void;
 }
 
 export type Send = (event: ViewerEvent) => void;
+export type Say = (words: string) => void;
 export type Save = (kind: "png" | "exr", blob: Blob) => void;

@@ -12,6 +12,12 @@ const ADDRESS_INTERVAL = 1000;
 /** Samples of a pixel by path tracing that the key asks for. */
 const USUAL_PASSES = 256;
 
+/** Milliseconds for which words of the user interface itself stand there. */
+const SAID = 6000;
+
+/** Stops that a session takes, darker or brighter. */
+const MOST_STOPS = 20;
+
 /** Finds an element of the page. @param {string} id */
 export function find(id) {
   const found = document.getElementById(id);
@@ -36,6 +42,11 @@ export function startViewer(engine) {
   /** @type {import("./types").Panel | null} */
   let panel = null;
   let numbers = true;
+  /** Words of the user interface itself, and why there is no engine. */
+  let [said, lost] = ["", ""];
+  let saying = 0;
+  /** The address's settings as they were read or written last: others were put there by somebody. */
+  let known = "";
   /** @param {string} name @param {Blob} blob */
   const download = (name, blob) => {
     const link = document.createElement("a");
@@ -46,7 +57,7 @@ export function startViewer(engine) {
   };
   const display = createDisplay(canvas, send, (kind, blob) => download(`geofan.${kind}`, blob));
   const map = createMap(find("map-box"), /** @type {HTMLCanvasElement} */ (find("map")), find("map-text"));
-  const words = createPanel(find("controls"), send, act);
+  const words = createPanel(find("controls"), send, act, say);
   attachControls(canvas, find("pad"), send, act);
 
   /** @typedef {import("./types").Kind} Kind */
@@ -55,9 +66,29 @@ export function startViewer(engine) {
     send({ type: "show", kind, split });
   }
 
+  /** Shows words for a while. @param {string} text */
+  function say(text) {
+    said = text;
+    clearTimeout(saying);
+    if (text) saying = setTimeout(() => say(""), SAID);
+    showHint();
+  }
+
+  function showHint() {
+    hint.textContent = lost || said || (panel?.hint ?? "");
+  }
+
+  /** Saves the picture that is chosen. */
+  function capture() {
+    const picture = words.picture(canvas);
+    if (picture) send({ type: "capture", ...picture });
+  }
+
   /** Does what a key or a button stands for. @param {string} action */
   function act(action) {
-    if (panel) actOn(action, panel);
+    if (!panel) return;
+    say("");
+    actOn(action, panel);
   }
 
   /** @param {string} action @param {import("./types").Panel} panel */
@@ -76,11 +107,11 @@ export function startViewer(engine) {
       follow: () => send({ type: "follow" }),
       halt: () => send({ type: "halt" }),
       beyond: () => send({ type: "beyond", allowed: !now.beyond }),
-      darker: () => send({ type: "exposure", stops: now.exposure - 0.5 }),
-      brighter: () => send({ type: "exposure", stops: now.exposure + 0.5 }),
+      darker: () => send({ type: "exposure", stops: Math.max(-MOST_STOPS, now.exposure - 0.5) }),
+      brighter: () => send({ type: "exposure", stops: Math.min(MOST_STOPS, now.exposure + 0.5) }),
       record: () => send({ type: "record", on: !now.recording }),
       replay: () => send({ type: "replay", text: "" }),
-      capture: () => send({ type: "capture", ...words.picture(canvas) }),
+      capture,
       overlay: () => { numbers = !numbers; update(); },
       copy: () => { writeAddress(); navigator.clipboard?.writeText(location.href); },
       help: () => help.showModal(),
@@ -91,17 +122,18 @@ export function startViewer(engine) {
   function update() {
     if (!panel) return;
     overlay.textContent = numbers ? overlayText(panel) : "";
-    hint.textContent = panel.hint ?? "";
+    showHint();
     find("stage").classList.toggle("split", panel.split !== null);
     trouble.hidden = panel.trouble === null;
     trouble.textContent = panel.trouble ?? "";
     map.update(panel);
-    words.update(panel);
+    words.update(panel, asked);
   }
 
   /** Sends what the address says, so that a copied address shows the same picture. */
   function readAddress() {
     const given = new URLSearchParams(location.hash.slice(1));
+    known = location.hash;
     const vector = (/** @type {string} */ name) => given.get(name)?.split(",").map(Number);
     const [at, look, up] = ["at", "look", "up"].map(vector);
     if (at && look && up) send({ type: "place", at, look, up, fov: Number(given.get("fov") ?? 90) });
@@ -110,17 +142,33 @@ export function startViewer(engine) {
     if (shown) show(shown, kind("split"));
     const sky = /** @type {import("./types").Sky | null} */ (given.get("sky"));
     if (sky) send({ type: "sky", sky });
-    if (given.has("moving")) send({ type: "resolution", share: Number(given.get("moving")) });
-    if (given.has("paths")) send({ type: "paths", passes: Number(given.get("paths")) });
-    if (given.has("exposure")) send({ type: "exposure", stops: Number(given.get("exposure")) });
+    /** @param {string} name @param {(x: number) => import("./types").ViewerEvent} event */
+    const withNumber = (name, event) => {
+      const x = Number(given.get(name) || NaN);
+      if (Number.isFinite(x)) send(event(x));
+    };
+    withNumber("moving", (share) => ({ type: "resolution", share }));
+    withNumber("still", (samples) => ({ type: "still", samples }));
+    withNumber("paths", (passes) => ({ type: "paths", passes }));
+    withNumber("exposure", (stops) => ({ type: "exposure", stops }));
     if (given.has("beyond")) send({ type: "beyond", allowed: given.get("beyond") === "1" });
-    for (const [name, value] of given) {
-      if (name.startsWith("set.")) send({ type: "parameter", name: name.slice(4), value: Number(value) });
+  }
+
+  /**
+   * Sends the address's parameters, but for those that hold: the space is loaded again, for all who look at it.
+   * @param {import("./types").Panel} panel
+   */
+  function readParameters(panel) {
+    const given = new URLSearchParams(location.hash.slice(1));
+    for (const { name, told, asked: other } of asked.parameters(panel)) {
+      const value = Number(given.get(`set.${name}`) || NaN);
+      if (Number.isFinite(value) && (value !== told || other !== undefined)) send({ type: "parameter", name, value });
     }
   }
 
+  /** Writes what is shown into the address, unless somebody has just put another one there, which is read first. */
   function writeAddress() {
-    if (!panel) return;
+    if (!panel || location.hash !== known) return;
     const given = new URLSearchParams(location.hash.slice(1));
     const { at, look, up } = panel.pose;
     for (const [key, numbers] of Object.entries({ at, look, up })) given.set(key, numbers.map((x) => Number(x.toPrecision(9))).join(","));
@@ -132,15 +180,39 @@ export function startViewer(engine) {
     given.set("moving", String(panel.moving_share));
     given.set("paths", String(panel.passes[1]));
     given.set("beyond", panel.beyond ? "1" : "0");
+    const still = asked.still();
+    if (still !== null) given.set("still", String(still));
+    // The file's own values are left out: they would stay when the file is changed.
+    for (const { name, told, asked: value, own } of asked.parameters(panel)) {
+      if (own || given.has(`set.${name}`)) given.set(`set.${name}`, String(value ?? told));
+    }
     const hash = `#${given.toString().replaceAll("%2C", ",")}`;
-    if (hash !== location.hash) location.replace(hash);
+    // Whole, because in a frame an address is not completed by the document's own.
+    if (hash !== location.hash) history.replaceState(null, "", location.href.split("#")[0] + hash);
+    known = location.hash;
+  }
+
+  /** Takes an address that was put there while the viewer runs. What it asks for is told a little later. */
+  function takeAddress() {
+    if (location.hash === known) return;
+    if (panel) readParameters(panel);
+    readAddress();
+    clearInterval(writing);
+    writing = setInterval(writeAddress, ADDRESS_INTERVAL);
   }
 
   engine.onopen = () => {
+    lost = "";
+    const before = panel;
     send({ type: "resize", width: canvas.width, height: canvas.height });
+    // Again what was asked for while nobody was there. At first they wait for a panel, which tells what holds.
+    if (before) readParameters(before);
     readAddress();
   };
-  engine.onlost = () => (hint.textContent = "the viewer is not running any more; waiting for it");
+  engine.onlost = (why) => {
+    lost = why;
+    showHint();
+  };
   engine.onpatch = (buffer) => display.show(buffer);
   engine.onmessage = (message) => {
     if (message.type === "recorded" && message.text) download("camera-path.toml", new Blob([message.text], { type: "application/toml" }));
@@ -149,12 +221,15 @@ export function startViewer(engine) {
       trouble.textContent = `A worker has failed: ${message.text}. Reload the page.`;
     }
     if (message.type !== "panel") return;
+    const first = panel === null;
     panel = message.panel;
     asked.settle(panel);
+    if (first) readParameters(panel);
     update();
   };
   display.fit();
-  setInterval(writeAddress, ADDRESS_INTERVAL);
+  let writing = setInterval(writeAddress, ADDRESS_INTERVAL);
+  addEventListener("hashchange", takeAddress);
   fillHelp(/** @type {HTMLTableElement} */ (find("keys")));
   const fold = find("fold");
   const setFold = (/** @type {boolean} */ folded) => {
@@ -162,7 +237,9 @@ export function startViewer(engine) {
     fold.ariaExpanded = String(!folded);
   };
   fold.addEventListener("click", () => setFold(!find("panel").classList.contains("folded")));
-  setFold(matchMedia("(max-width: 700px)").matches);
+  const narrow = matchMedia("(max-width: 700px)");
+  narrow.addEventListener("change", () => setFold(narrow.matches));
+  setFold(narrow.matches);
   canvas.focus();
   // For tests and for the curious: what is shown now.
   Object.assign(globalThis, { geofan: { panel: () => panel, stats: display.stats, send } });
