@@ -205,13 +205,17 @@ fn without_resume_parts_are_discarded_with_a_note() {
 }
 
 #[test]
-fn parts_of_another_promise_are_not_used() {
+fn parts_of_another_promise_are_neither_used_nor_lost() {
     let place = place();
     place
         .bake("lens.toml --max-error 0.3 --certify-rays 400 --max-size 1200 -o b.fan")
         .code(1);
     lens(&place, "-o whole.fan").success();
-    lens(&place, "--resume -o b.fan").success();
+    let refused = lens(&place, "--resume -o b.fan").code(2);
+    let text = stderr(&refused);
+    assert!(text.contains("with other options"), "{text}");
+    assert!(place.path("b.fan.parts/chunk-000000").exists());
+    lens(&place, "-o b.fan").success();
     assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
 }
 

@@ -188,3 +188,65 @@ fn both_kinds_of_lens_focus_with_the_area_of_their_closed_form() {
     let (near, far) = (beam(4.0), beam(9.0));
     assert!((near / far - 1.0).abs() < 1e-9, "{near} {far}");
 }
+
+/// R. K. Luneburg, *Mathematical Theory of Optics* (1944), §29: light along `d` meets in the ball's point opposite.
+#[test]
+fn rays_from_far_away_and_long_ones_do_not_leap_over_a_ball() {
+    let manifold = asset("luneburg");
+    let d = DVec3::new(-3.0, 0.6, 0.1).normalize();
+    for (length, tolerance) in [
+        (9.0, 1e-8),
+        (100.0, 1e-8),
+        (300.0, 1e-10),
+        (1000.0, 1e-6),
+        (1000.0, 1e-8),
+        (1e4, 1e-10),
+        (1e7, 1e-8),
+    ] {
+        for beside in [0.05, 0.6, 0.9] {
+            let u = beside * d.cross(DVec3::Z).normalize() - 3.0 * d;
+            let ray = Ray::new(&manifold, u, d, length);
+            let path = paths(&manifold, settings(tolerance, true), [ray]).remove(0);
+            let (step, s) = (path.steps.last().unwrap(), path.length);
+            let off = (step.position(s) - d).cross(step.tangent(s).normalize());
+            let most = 1e3 * tolerance;
+            assert!(off.length() < most, "{length} {tolerance} {beside}: {off}");
+        }
+    }
+}
+
+/// By scipy's DOP853 at a tolerance of 1e-11.
+#[test]
+fn long_rays_do_not_leap_over_what_lies_before_an_exit() {
+    let gauss = "metric = { conformal = '1 + 0.5*exp(-(x^2 + 1.5*y^2 + 2*z^2)/2)' }\n\
+                 exit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 25' }]";
+    let cubed = "metric = { conformal = '1 + 0.5*max(0, 1 - x^2 - y^2 - z^2)^3' }\n\
+                 exit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 3600' }]";
+    let cases = [
+        (
+            gauss,
+            DVec3::ZERO,
+            DVec3::new(0.79, 0.13, -0.6),
+            [7.0, 3000.0, 1e4, 1e8],
+            DVec3::new(0.8780, 0.1216, -0.4629),
+        ),
+        (
+            cubed,
+            DVec3::X * 10.0,
+            DVec3::new(-10.0, 0.7, 0.0),
+            [80.0, 100.0, 300.0, 1e5],
+            DVec3::new(-0.81721, -0.57634, 0.0),
+        ),
+    ];
+    for (text, u, d, lengths, behind) in cases {
+        let manifold = manifold(text);
+        for length in lengths {
+            for tolerance in [1e-6, 1e-8, 1e-10] {
+                let ray = Ray::new(&manifold, u, d.normalize(), length);
+                let path = paths(&manifold, settings(tolerance, true), [ray]).remove(0);
+                let v = path.steps.last().unwrap().tangent(path.length);
+                assert!(v.abs_diff_eq(behind, 1e-4), "{length} {tolerance}: {v}");
+            }
+        }
+    }
+}

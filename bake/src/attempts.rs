@@ -145,9 +145,11 @@ pub fn bake(
         length,
         files: open_files(output, options, observer)?,
     };
-    let mut promise = options.max_error.unwrap_or(USUAL_PROMISE);
+    let first = options.max_error.unwrap_or(USUAL_PROMISE);
+    let mut promise = first;
     loop {
-        let reason = match bake.attempt(promise)? {
+        // What a first attempt finds is of an earlier bake.
+        let reason = match bake.attempt(promise, promise == first)? {
             BakeResult::TooLarge(reason) => reason,
             ended => return Ok(ended),
         };
@@ -189,8 +191,8 @@ struct Bake<'a> {
 }
 
 impl Bake<'_> {
-    /// Bakes at one promise.
-    fn attempt(&self, promise: f64) -> Result<BakeResult> {
+    /// Bakes at one promise, the `first` of this bake or a looser one.
+    fn attempt(&self, promise: f64, first: bool) -> Result<BakeResult> {
         // The plan, and the id that it gives the bundle.
         let (space, tangents) = (self.space.clone(), self.tangents(promise));
         let (length, observer) = (self.length, self.observer);
@@ -211,6 +213,7 @@ impl Bake<'_> {
         {
             return Ok(too_large(promise, limit, size, 1.0));
         }
+        self.files.begin(id, self.options.resume && first)?;
         let share = self.options.share;
         let baker = ChunkBaker::new(&space, &plan, id, share, self.options.max_size);
         let Some(chunks) = baker.run(&self.files, self.observer)? else {

@@ -403,6 +403,25 @@ impl ChunkFiles {
         }
     }
 
+    /// Notes that chunks of the bundle `id` are baked here. To `resume`, they must not be there of other bundles alone.
+    ///
+    /// # Errors
+    /// All that is there belongs to another space, or to other options; or as [`ChunkFiles::store`].
+    pub fn begin(&self, id: Id, resume: bool) -> Result<()> {
+        let own = self.named(NAMES[3], id);
+        let names = self.names()?;
+        let count = |start: &str| names.iter().filter(|name| name.starts_with(start)).count();
+        let chunks = count(NAMES[0]) + count(NAMES[1]);
+        if resume && chunks > 0 && count(NAMES[3]) > 0 && !own.exists() {
+            let message = format!(
+                "holds {chunks} chunks, finished or begun, of a bake of another space or with other options; go on with what that \
+                 was begun with, name another output, or leave out --resume, which discards them"
+            );
+            return Err(Error::input(self.folder.display().to_string(), message));
+        }
+        write_atomically(&own, |_| Ok(()))
+    }
+
     /// Notes that the bundle `id` takes more than `bytes`.
     ///
     /// # Errors
@@ -417,10 +436,29 @@ impl ChunkFiles {
         Some(u64::from_le_bytes(bytes.try_into().ok()?))
     }
 
-    /// Returns the name of the note about the bundle `id`.
+    /// Returns the name of the note about the size of the bundle `id`.
     fn note(&self, id: Id) -> PathBuf {
+        self.named(NAMES[2], id)
+    }
+
+    /// Returns the name of a file about the bundle `id`.
+    fn named(&self, start: &str, id: Id) -> PathBuf {
         let name: String = id.iter().map(|b| format!("{b:02x}")).collect();
-        self.folder.join(format!("exceeds-{name}"))
+        self.folder.join(format!("{start}{name}"))
+    }
+
+    /// Lists the names of the folder's files.
+    fn names(&self) -> Result<Vec<String>> {
+        let failed = |e| Error::io(&self.folder, e);
+        let entries = fs::read_dir(&self.folder).map_err(failed)?;
+        let name = |entry: io::Result<fs::DirEntry>| {
+            Ok(entry
+                .map_err(failed)?
+                .file_name()
+                .to_string_lossy()
+                .into_owned())
+        };
+        entries.map(name).collect()
     }
 
     /// Removes all chunks, of any bake, finished or under way; returns how many there were.
@@ -428,13 +466,11 @@ impl ChunkFiles {
     /// # Errors
     /// A file cannot be removed.
     pub fn discard(&self) -> Result<usize> {
-        let failed = |e| Error::io(&self.folder, e);
         let mut chunks = 0;
-        for entry in fs::read_dir(&self.folder).map_err(failed)? {
-            let entry = entry.map_err(failed)?;
-            let name = entry.file_name().to_string_lossy().into_owned();
+        for name in self.names()? {
             if NAMES.iter().any(|start| name.starts_with(start)) {
-                fs::remove_file(entry.path()).map_err(|e| Error::io(&entry.path(), e))?;
+                let path = self.folder.join(&name);
+                fs::remove_file(&path).map_err(|e| Error::io(&path, e))?;
                 chunks += usize::from(NAMES[..2].iter().any(|start| name.starts_with(start)));
             }
         }

@@ -5,12 +5,12 @@
 //! anything.
 
 use crate::frame_plan::Block;
-use geofan_render::Camera;
-use glam::{DQuat, DVec3};
 use bincode::{
     config::legacy,
     serde::{decode_from_slice, encode_to_vec},
 };
+use geofan_render::Camera;
+use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
 /// The ways in which a picture is made.

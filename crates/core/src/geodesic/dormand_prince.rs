@@ -140,7 +140,7 @@ const MOST_STEPS: f64 = 200_000.0;
 /// A step below this share of the arc length already followed cannot advance in double precision.
 const SHORTEST_STEP: f64 = 1e-13;
 
-/// No step is longer than this share of the ray, and a step longer than half of it is looked at once
+/// No step is longer than this share of the ray (of the way to its exit, where that was found to be much shorter), and a step longer than half of it is looked at once
 /// more between its stages, where they leave the widest gap.
 ///
 /// Where space is exactly flat (around a lens, far from a bump) the estimate of the error is zero,
@@ -149,6 +149,13 @@ const SHORTEST_STEP: f64 = 1e-13;
 /// 1/64 of the ray. The same gap without the look between needs steps of 1/32, and nearly twice the
 /// evaluations of a lone bump at a tolerance of 1e-6.
 const LONGEST_STEP: f64 = 1.0 / 16.0;
+
+/// A step whose error is below this share of the tolerance looks straight: its stages have seen nothing that bends it.
+const STRAIGHT: f64 = 1e-6;
+
+/// A step that looks straight and meets an exit is tried again where the ray is longer than the way to the exit by more than
+/// this factor: its stages lay far beyond the exit, and then no step may be longer than a share of that way.
+const FAR_BEYOND: f64 = 4.0;
 
 /// Where a long step is looked at: the middle of the gap between the stages at 0.3 and 0.8.
 pub(super) const LOOK: f64 = 0.55;
@@ -175,6 +182,8 @@ pub(super) struct Control {
     pub length: Row,
     pub s: Row,
     pub h: Row,
+    /// The arc length of which no step is longer than a share: that of the ray, or of the way to where it ends, if that is known.
+    reach: Row,
     /// The squared error of the trial (radians), and vᵀGv at its end.
     pub error2: Row,
     pub speed2: Row,
@@ -202,6 +211,7 @@ impl Control {
             length: NIL,
             s: NIL,
             h: NIL,
+            reach: NIL,
             error2: NIL,
             speed2: NIL,
             unforeseen2: NIL,
@@ -218,6 +228,7 @@ impl Control {
     /// Begins a ray in `lane`.
     pub fn start(&mut self, lane: usize, length: f64, step: f64) {
         self.length[lane] = length;
+        self.reach[lane] = length;
         self.s[lane] = 0.0;
         self.h[lane] = step.min(LONGEST_STEP * length);
         self.steps[lane] = 0.0;
@@ -245,6 +256,24 @@ impl Control {
         self.next_h[lane] = h.min(self.length[lane] - self.s[lane]);
     }
 
+    /// Returns whether the trial in `lane` looks straight.
+    pub fn looks_straight(&self, lane: usize) -> bool {
+        self.error2[lane] <= (STRAIGHT * self.tolerance).powi(2)
+    }
+
+    /// Replaces the judgement of the trial in `lane`, which meets an exit at the arc length `end`, where it looks straight and
+    /// its stages lie far beyond: a shorter one is tried. Returns whether it did.
+    pub fn try_nearer(&mut self, lane: usize, end: f64) -> bool {
+        let far = self.looks_straight(lane) && self.reach[lane] > FAR_BEYOND * end;
+        let shorter = LONGEST_STEP * end;
+        if !far || !(self.h[lane] > shorter) {
+            return false;
+        }
+        self.reach[lane] = end;
+        self.try_instead(lane, shorter);
+        true
+    }
+
     /// Replaces the judgement of the trial in `lane`: no further step is possible.
     pub fn end_here(&mut self, lane: usize) {
         self.accepted[lane] = 0.0;
@@ -261,7 +290,7 @@ impl Control {
     /// Returns whether the step of `lane` is so long that it needs more than its stages.
     #[inline(always)]
     pub fn is_long(&self, lane: usize) -> bool {
-        self.h[lane] > 0.5 * LONGEST_STEP * self.length[lane]
+        self.h[lane] > 0.5 * LONGEST_STEP * self.reach[lane]
     }
 
     /// Returns whether any step is so long.
@@ -308,7 +337,10 @@ impl Control {
             self.complete[l] = f64::select(complete, 1.0, 0.0);
             self.stuck[l] = f64::select(stuck, 1.0, 0.0);
             self.next_s[l] = next_s;
-            self.next_h[l] = Real::min(Real::min(next, LONGEST_STEP * length), length - next_s);
+            self.next_h[l] = Real::min(
+                Real::min(next, LONGEST_STEP * self.reach[l]),
+                length - next_s,
+            );
         }
     }
 

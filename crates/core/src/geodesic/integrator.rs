@@ -255,8 +255,9 @@ impl<'m> RayLanes<'m> {
                 continue;
             }
             let (s, h) = (self.control.s[lane], self.control.h[lane]);
+            let straight = self.control.looks_straight(lane);
             let meeting = match surfaces.is_crossed(lane) {
-                true => surfaces.meeting(&self.curves.step(lane, s, h)),
+                true => surfaces.meeting(&self.curves.step(lane, s, h), straight),
                 false => None,
             };
             if let Some(meeting) = meeting {

@@ -318,11 +318,12 @@ impl<'m> SwitchingSurfaces<'m> {
         rates
     }
 
-    /// Finds the first surface on the trial `step`, if there is one.
-    pub fn meeting(&mut self, step: &Step) -> Option<Meeting> {
+    /// Finds the first surface on the trial `step`, if there is one. Of a step that looks `straight` the control of the error has
+    /// seen nothing between two crossings of a surface.
+    pub fn meeting(&mut self, step: &Step, straight: bool) -> Option<Meeting> {
         let (u, v) = (step.position(step.start), step.tangent(step.start));
         let aside = aside(step, u, v);
-        let ((at, grazing), k) = self.first_crossed(step, aside)?;
+        let ((at, grazing), k) = self.first_crossed(step, aside, straight)?;
         let before = at - step.start - aside;
         // On an axis of textbook coordinates their cuts meet, and a little beside it rounding spoils all rates.
         if !(before > aside) && self.manifold.is_on_axis(u) {
@@ -338,10 +339,15 @@ impl<'m> SwitchingSurfaces<'m> {
     /// Finds the function that is first crossed on `step`, where, and whether it is an edge that the path grazes. Of several
     /// within `aside` of each other it is one that vanishes there: a function of what jumps jumps where that does, and says
     /// nothing about the surface.
-    fn first_crossed(&mut self, step: &Step, aside: f64) -> Option<((f64, bool), usize)> {
+    fn first_crossed(
+        &mut self,
+        step: &Step,
+        aside: f64,
+        straight: bool,
+    ) -> Option<((f64, bool), usize)> {
         let functions = self.tape.outputs() / 4;
         let mut crossed: Vec<_> = (0..functions)
-            .filter_map(|k| Some((self.crossed(k, step)?, k)))
+            .filter_map(|k| Some((self.crossed(k, step, straight)?, k)))
             .collect();
         crossed.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
         let first = *crossed.first()?;
@@ -383,19 +389,20 @@ impl<'m> SwitchingSurfaces<'m> {
     }
 
     /// Finds where surface `k` is first crossed on `step`, and whether it is an edge that the path grazes.
-    fn crossed(&mut self, k: usize, step: &Step) -> Option<(f64, bool)> {
+    fn crossed(&mut self, k: usize, step: &Step, straight: bool) -> Option<(f64, bool)> {
         let middle = 0.5 * (step.start + step.end);
-        let first = self.crossed_between(k, step, [step.start, middle]);
-        first.or_else(|| self.crossed_between(k, step, [middle, step.end]))
+        let first = self.crossed_between(k, step, [step.start, middle], straight);
+        first.or_else(|| self.crossed_between(k, step, [middle, step.end], straight))
     }
 
     /// Finds the first crossing within half a step. A surface that is met at a small angle, or crossed twice,
-    /// is left to the control of the error unless it is an edge.
+    /// is left to the control of the error unless it is an edge, or the step looks `straight`.
     fn crossed_between(
         &mut self,
         k: usize,
         step: &Step,
         [low, high]: [f64; 2],
+        straight: bool,
     ) -> Option<(f64, bool)> {
         let [start, end] = [low, high].map(|s| step.position(s));
         let (before, after) = (self.surface(k, start), self.surface(k, end));
@@ -410,7 +417,9 @@ impl<'m> SwitchingSurfaces<'m> {
                 return None;
             }
             let at = crossing(low, nearest, |s| value(self, s));
-            return self.edge_at(k, step, at);
+            let edge = self.edge_at(k, step, at);
+            let clear = straight && self.slope(k, step, at) >= GRAZING;
+            return edge.or(clear.then_some((at, false)));
         }
         let at = crossing(low, high, |s| value(self, s));
         let steepest = after.gradient.length().max(before.gradient.length());

@@ -227,7 +227,7 @@ impl Manifold {
 
 /// Hashes each output of a tape.
 pub(super) fn digests(tape: &Tape) -> Vec<Digest> {
-    tape.digests(|bytes| *blake3::hash(bytes).as_bytes())
+    tape.digests(&|bytes| *blake3::hash(bytes).as_bytes())
 }
 
 /// Hashes all outputs of a tape together.

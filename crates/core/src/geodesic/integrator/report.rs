@@ -38,6 +38,11 @@ impl RayLanes<'_> {
                 true => self.events.as_mut().and_then(|e| e.first_in(lane, &step)),
                 false => None,
             };
+            if let Some((_, s)) = event
+                && self.control.try_nearer(lane, s)
+            {
+                continue;
+            }
             let end = match event {
                 Some(met) => Some(met),
                 None => over.then(|| self.natural_end(lane, complete, &step)),
