@@ -150,8 +150,10 @@ const SHORTEST_STEP: f64 = 1e-13;
 /// evaluations of a lone bump at a tolerance of 1e-6.
 const LONGEST_STEP: f64 = 1.0 / 16.0;
 
-/// A step whose error is below this share of the tolerance looks straight: its stages have seen nothing that bends it.
+/// A step whose error is below this share of the tolerance, or no more than rounding, looks straight: its stages have seen
+/// nothing that bends it.
 const STRAIGHT: f64 = 1e-6;
+const ROUNDED: f64 = 1e-14;
 
 /// A step that looks straight and meets an exit is tried again where the ray is longer than the way to the exit by more than
 /// this factor: its stages lay far beyond the exit, and then no step may be longer than a share of that way.
@@ -258,7 +260,7 @@ impl Control {
 
     /// Returns whether the trial in `lane` looks straight.
     pub fn looks_straight(&self, lane: usize) -> bool {
-        self.error2[lane] <= (STRAIGHT * self.tolerance).powi(2)
+        self.error2[lane] <= (STRAIGHT * self.tolerance).max(ROUNDED).powi(2)
     }
 
     /// Replaces the judgement of the trial in `lane`, which meets an exit at the arc length `end`, where it looks straight and
