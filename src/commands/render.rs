@@ -293,7 +293,7 @@ fn path_source<'b>(
     let length = || stage.world.manifold.length_or(args.length);
     match (args.tracer, bundle) {
         (Some(TracerKind::Table), None) => {
-            let message = "`table` needs --bundle FILE; bake one with geofan-bake";
+            let message = "`table` needs --bundle FILE; bake one with `geofan bake`";
             Err(Error::input("--tracer", message))
         }
         (None | Some(TracerKind::Table), Some(bundle)) => {

@@ -58,6 +58,10 @@ impl Error {
             io::ErrorKind::NotFound => Self::input(path, "no such file or folder"),
             io::ErrorKind::IsADirectory => Self::input(path, "is a folder, a file is needed"),
             io::ErrorKind::InvalidData => Self::input(path, "is not UTF-8 text"),
+            _ if path.contains('\0') => Self::input(
+                path.escape_default().to_string(),
+                "is no name of a file: it holds a NUL character",
+            ),
             _ => Self::Environment { path, source },
         }
     }
