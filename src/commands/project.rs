@@ -87,6 +87,10 @@ fn project(args: &ProjectArgs) -> Result<Projected> {
     let name = args.view.as_deref();
     let size = args.size.unwrap_or(usual_size(&stage.camera(name)?.lens));
     let view = stage.view_of(name, size)?;
+    if !view.is_central() {
+        let message = "parallel rays do not start at one point, and this takes images along geodesics from the camera; `geofan render` draws them";
+        return Err(Error::input("the camera", message));
+    }
     // Of a glued space the cover: the point has an image in every copy.
     let manifold = stage.world.manifold.developed();
     check_point(&manifold, "--point", args.point)?;
