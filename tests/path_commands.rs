@@ -145,6 +145,31 @@ fn the_local_view_is_drawn_and_compared() {
 }
 
 #[test]
+fn requests_that_cannot_be_met_are_refused_as_such() {
+    let folder = tempfile::tempdir().unwrap();
+    write_scene(folder.path());
+    let scene = std::fs::read_to_string(folder.path().join("scene.toml")).unwrap();
+    let write = |name: &str, from: &str, to: &str| {
+        std::fs::write(folder.path().join(name), scene.replace(from, to)).unwrap();
+    };
+    write("nul.toml", "'space.toml'", "\"a\\u0000b.toml\"");
+    let parallel = "up = [0, 0, 1]\nprojection = 'orthographic'\nwidth = 2";
+    write("parallel.toml", "up = [0, 0, 1]", parallel);
+    for (arguments, told) in [
+        ("render nul.toml -o a.png", "NUL"),
+        ("render scene.toml -o a.png --length 1e101", "longer than"),
+        ("project parallel.toml --point 0,0,0.1", "parallel rays"),
+        ("render scene.toml -o a.png --tracer table", "`geofan bake`"),
+    ] {
+        let (code, said) = geofan(folder.path(), arguments);
+        assert!(
+            code == Some(2) && said.contains(told),
+            "{arguments}: {said}"
+        );
+    }
+}
+
+#[test]
 fn a_light_outside_the_space_is_underlined() {
     let folder = tempfile::tempdir().unwrap();
     write_scene(folder.path());

@@ -30,7 +30,7 @@ pub struct CompareArgs {
     #[arg(long, value_parser = ["local"], conflicts_with = "bundle")]
     tracer: Option<String>,
     /// Arc length of the paths of the local view [default: the manifold's]
-    #[arg(long, value_name = "L", requires = "tracer", value_parser = values::positive)]
+    #[arg(long, value_name = "L", requires = "tracer", value_parser = values::length)]
     length: Option<f64>,
     /// Measure only what interpolation between the table's paths adds to their errors
     #[arg(long, requires = "bundle", conflicts_with_all = ["frames", "spp"])]

@@ -26,7 +26,7 @@ pub struct ProjectArgs {
     #[arg(long, value_name = "WxH", value_parser = values::picture_size)]
     size: Option<(usize, usize)>,
     /// Arc length up to which images are looked for [default: the manifold file's]
-    #[arg(long, value_name = "L", value_parser = values::positive)]
+    #[arg(long, value_name = "L", value_parser = values::length)]
     length: Option<f64>,
     /// Local tolerance of geodesics
     #[arg(long, value_name = "T", default_value = "1e-11", value_parser = values::tolerance)]

@@ -41,7 +41,7 @@ pub struct RenderArgs {
     #[arg(long, value_enum)]
     tracer: Option<TracerKind>,
     /// Arc length of exact paths [default: the manifold's]
-    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
+    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::length)]
     pub(super) length: Option<f64>,
     /// An animation: the file of its key poses (`[[pose]]` tables with `time`, `at` or `parameters`, `look`, `up`, and
     /// perhaps `fov`, `rest` or `velocity`; all else is the scene's camera's)

@@ -37,7 +37,7 @@ pub struct TraceArgs {
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = values::direction)]
     dir: DVec3,
     /// Arc length of the path [default: the manifold file's, the bundle's]
-    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::positive)]
+    #[arg(long, value_name = "L", allow_negative_numbers = true, value_parser = values::length)]
     length: Option<f64>,
     /// Number of samples to print, equally spaced from the start to the end
     #[arg(long, value_name = "N", default_value_t = 2,

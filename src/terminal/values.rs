@@ -96,6 +96,20 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// The longest arc length that can be asked for: its powers, which integration takes, are finite.
+const LONGEST: f64 = 1e100;
+
+/// Reads an arc length.
+///
+/// # Errors
+/// A message for the user.
+pub fn length(text: &str) -> Result<f64, String> {
+    match positive(text)? {
+        length if length <= LONGEST => Ok(length),
+        length => Err(format!("{length:e} is longer than {LONGEST:e}")),
+    }
+}
+
 /// Reads an integration tolerance.
 ///
 /// # Errors
