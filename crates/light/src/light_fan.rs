@@ -67,6 +67,10 @@ const COPY_REACH: f64 = 3.0;
 /// Most copies of a glued domain into which light is followed.
 const MOST_COPIES: usize = 20_000;
 
+/// Rays are followed at least this many times as far as the first of them go, if they are to be followed so far: knots at
+/// arc lengths that no ray reaches leave fewer for those before, and up to here that costs nothing.
+const SPARE: f64 = 4.0;
+
 /// Tolerance of the fan's rays; they serve as guesses only.
 const TOLERANCE: f64 = 1e-6;
 
@@ -79,6 +83,8 @@ pub struct LightFan<'m> {
     pub(super) local: LocalFrame,
     /// Arc length over which its light is followed.
     pub length: f64,
+    /// Arc length up to which there are knots: less where all rays end long before `length`.
+    reach: f64,
     /// Where connections are asked for.
     region: Region,
     /// The rays' legs at the arc lengths they reach. The last knots may be extrapolated, so that the segments reach
@@ -103,6 +109,7 @@ impl<'m> LightFan<'m> {
             u,
             local: manifold.local_frame(u),
             length,
+            reach: length,
             region: widened(manifold, region),
             legs: Vec::new(),
             rays: Vec::new(),
@@ -111,8 +118,15 @@ impl<'m> LightFan<'m> {
             copies: Vec::new(),
             boxes: BoxTree::default(),
         };
-        fan.choose_arc_lengths();
-        let triangles = fan.refine();
+        fan.choose_reach();
+        let triangles = loop {
+            fan.choose_arc_lengths();
+            let triangles = fan.refine();
+            if !fan.has_unfinished_rays() {
+                break triangles;
+            }
+            fan.go_farther();
+        };
         let beams = fan.beams(&triangles);
         let (segments, boxes): (Vec<BeamSegment>, Vec<Vec<Region>>) = beams
             .par_iter()
@@ -217,10 +231,34 @@ impl<'m> LightFan<'m> {
         segments.filter(|(_, boxes)| !boxes.is_empty()).collect()
     }
 
-    /// Returns `count` equal intervals of the fan's length, by their ends.
+    /// Sets the reach to several times as far as rays in the directions of the coarsest mesh go.
+    fn choose_reach(&mut self) {
+        self.arc_lengths = vec![0.0, self.length];
+        let rays = self.trace(&icosahedron_corners());
+        let ends = rays.iter().flatten().filter_map(|leg| leg.end);
+        let farthest = ends.map(|end| end.s).fold(0.0, f64::max);
+        if farthest > 0.0 {
+            self.reach = self.length.min(SPARE * farthest);
+        }
+    }
+
+    /// Tells whether rays have been followed less far than was asked for, and not to their ends.
+    fn has_unfinished_rays(&self) -> bool {
+        let mut ends = self.legs.iter().filter_map(|leg| leg.end);
+        self.reach < self.length && ends.any(|end| end.unfinished)
+    }
+
+    /// Begins anew with rays that are followed farther.
+    fn go_farther(&mut self) {
+        self.reach = self.length.min(SPARE * self.reach);
+        self.legs.clear();
+        self.rays.clear();
+    }
+
+    /// Returns `count` equal intervals of the fan's reach, by their ends.
     fn even_arc_lengths(&self, count: usize) -> Vec<f64> {
         (0..=count)
-            .map(|k| self.length * k as f64 / count as f64)
+            .map(|k| self.reach * k as f64 / count as f64)
             .collect()
     }
 
@@ -361,7 +399,7 @@ impl<'m> LightFan<'m> {
             let mut sampler = KnotSampler::new(space, (self.u, &self.local), directions);
             let rays = directions
                 .iter()
-                .map(|d| Ray::seen_by(&self.local, self.u, *d, self.length));
+                .map(|d| Ray::seen_by(&self.local, self.u, *d, self.reach));
             follow(self.manifold, settings, rays, &mut sampler);
             sampler.into_legs()
         };

@@ -46,6 +46,17 @@ pub(super) struct RayLeg {
     /// The number of its first knot.
     pub first: usize,
     pub knots: Vec<RayKnot>,
+    /// Where the ray ends, by arc length, if it ends on this leg.
+    pub end: Option<RayEnding>,
+}
+
+/// The end of a ray.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RayEnding {
+    /// Its arc length.
+    pub s: f64,
+    /// Set if it goes on, farther than it is followed.
+    pub unfinished: bool,
 }
 
 impl RayLeg {
@@ -96,6 +107,7 @@ impl RayLeg {
             borders: self.borders.clone(),
             first: self.first,
             knots: self.knots.iter().map(moved).collect(),
+            end: self.end,
         }
     }
 }
@@ -149,6 +161,7 @@ impl<'f> KnotSampler<'f> {
                 borders: Vec::new(),
                 first: 0,
                 knots: vec![knot],
+                end: None,
             };
             SampledRay {
                 legs: vec![leg],
@@ -204,6 +217,7 @@ impl<'f> KnotSampler<'f> {
             borders: std::mem::take(&mut ray.borders),
             first,
             knots: back.collect(),
+            end: None,
         };
         ray.legs.push(leg);
     }
@@ -230,8 +244,10 @@ impl Sink for KnotSampler<'_> {
         self.meet(ray, Border::Face(face));
     }
 
-    fn end(&mut self, ray: usize, _: End, _: f64, _: usize) {
+    fn end(&mut self, ray: usize, end: End, s: f64, _: usize) {
         let ray = &mut self.rays[ray];
+        let unfinished = end == End::Length;
+        ray.leg().end = Some(RayEnding { s, unfinished });
         if ray.borders.is_empty() {
             ray.leg().extend(self.arc_lengths, KNOTS_BEYOND_END);
         }
