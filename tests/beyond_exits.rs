@@ -155,6 +155,12 @@ fn objects_and_lamps_beyond_an_exit_are_told_and_the_picture_is_drawn() {
     let half = render("at = [3, 0, 0]", &object(4.9), 0);
     assert_all(&half, &["50.0 % of its corners lies beyond the exit `sky`"]);
     assert!(!render("at = [3, 0, 0]", &object(2.0), 0).contains("beyond"));
+    // The floor goes through the world, and its corners are outside.
+    let floor = "[[object]]\nmesh = 'square.obj'\nat = [0, 0, -1]\nscale = 1e4";
+    assert!(!render("at = [3, 0, 0]", floor, 0).contains("beyond"));
+    let far = "[[object]]\nmesh = 'square.obj'\nat = [0, 0, -6]\nscale = 1e200";
+    let found = render("at = [3, 0, 0]", far, 0);
+    assert_all(&found, &["every corner of it lies beyond", "e200"]);
     let lamp = "[[light]]\nkind = 'point'\nat = [0, 0, 6.25]\nintensity = [1, 1, 1]";
     let found = render("at = [3, 0, 0]", lamp, 0);
     assert_all(

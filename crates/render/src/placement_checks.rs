@@ -126,7 +126,8 @@ impl PlacementChecks<'_> {
 pub(super) fn lamps_out_of_sight(manifold: &Manifold, lamps: &[PointLight]) -> Vec<String> {
     let numbered = lamps.iter().enumerate();
     let warning = |(k, lamp): (usize, &PointLight)| {
-        out_of_sight(manifold, &format!("light {}", k + 1), [lamp.u].into_iter())
+        let name = format!("light {}", k + 1);
+        out_of_sight(manifold, &name, [lamp.u].into_iter(), || false)
     };
     numbered.filter_map(warning).collect()
 }
@@ -135,11 +136,13 @@ pub(super) fn lamps_out_of_sight(manifold: &Manifold, lamps: &[PointLight]) -> V
 /// them is too small to be missed.
 const CORNERS: usize = 4096;
 
-/// Warns of what is beyond an exit, where no path of a camera gets: how much of the thing at these `points`.
+/// Warns of what is beyond an exit, where no path of a camera gets: how much of the thing at these `points`. Where that is all
+/// of them, `may_reach` is asked whether something between them is on this side; then nothing is warned of.
 pub(super) fn out_of_sight(
     manifold: &Manifold,
     name: &str,
     points: impl ExactSizeIterator<Item = DVec3>,
+    may_reach: impl FnOnce() -> bool,
 ) -> Option<String> {
     let stride = points.len().div_ceil(CORNERS).max(1);
     let chosen = points.step_by(stride);
@@ -152,6 +155,9 @@ pub(super) fn out_of_sight(
         }
     }
     let (exit, value, u) = first?;
+    if beyond == looked_at && may_reach() {
+        return None;
+    }
     let part = match beyond == looked_at {
         true if looked_at == 1 => "it".into(),
         true => "every corner of it".into(),
@@ -162,9 +168,85 @@ pub(super) fn out_of_sight(
     };
     let [x, y, z] = &manifold.coordinates;
     Some(format!(
-        "{name}: {part} lies beyond the exit `{}`, where paths end before they get there: its `when` is {value:.6} at {x} = {:.6}, {y} = {:.6}, {z} = {:.6}; move it to this side of the exit",
-        manifold.exits[exit].name, u.x, u.y, u.z
+        "{name}: {part} lies beyond the exit `{}`, where paths end before they get there: its `when` is {} at {x} = {}, {y} = {}, {z} = {}; move it to this side of the exit",
+        manifold.exits[exit].name,
+        short(value),
+        short(u.x),
+        short(u.y),
+        short(u.z)
     ))
+}
+
+/// Writes a number with six decimals, or with a power of ten where that is long.
+fn short(x: f64) -> String {
+    match x.abs() < 1e9 {
+        true => format!("{x:.6}"),
+        false => format!("{x:.6e}"),
+    }
+}
+
+/// The most triangles in which a place on this side of an exit is looked for, the largest of an object: others go hardly
+/// farther than their corners.
+const TRIANGLES: usize = 256;
+
+/// Tells whether a part of one of the triangles between `vertices` is on this side of all exits.
+pub(super) fn any_reaches(manifold: &Manifold, vertices: &Points, triangles: &[[u32; 3]]) -> bool {
+    let corners = |t: &[u32; 3]| t.map(|i| vertices[i as usize].0);
+    let mut all: Vec<[DVec3; 3]> = triangles.iter().map(corners).collect();
+    let size = |[p, q, r]: &[DVec3; 3]| (*q - *p).length().max((*r - *p).length());
+    if all.len() > TRIANGLES {
+        all.select_nth_unstable_by(TRIANGLES, |a, b| size(b).total_cmp(&size(a)));
+        all.truncate(TRIANGLES);
+    }
+    all.iter().any(|corners| reaches(manifold, *corners))
+}
+
+/// Halvings of the steps by which [`reaches`] looks for the least value of an exit's formula in a triangle: what is left of
+/// the first is a millionth.
+const HALVINGS: usize = 20;
+
+/// Steps of one size at most: along a valley of a long triangle there are many.
+const STEPS: usize = 8;
+
+/// Tells whether a part of a triangle is on this side of all exits, by going from its middle to where the value of the exit's
+/// formula is less, by smaller and smaller steps.
+fn reaches(manifold: &Manifold, [p, q, r]: [DVec3; 3]) -> bool {
+    // Of weights of two corners outside the triangle nothing is known.
+    let value = |[b, c]: [f64; 2]| match b >= 0.0 && c >= 0.0 && b + c <= 1.0 {
+        true => {
+            let u = manifold.domain.wrap(p * (1.0 - b - c) + q * b + r * c);
+            manifold.domain.exit_beyond(u).map_or(0.0, |(_, v)| v)
+        }
+        false => f64::INFINITY,
+    };
+    let ways = [
+        [1.0, 0.0],
+        [0.0, 1.0],
+        [1.0, -1.0],
+        [-1.0, 0.0],
+        [0.0, -1.0],
+        [-1.0, 1.0],
+    ];
+    let mut at = [1.0 / 3.0; 2];
+    let mut least = value(at);
+    for halving in 0..HALVINGS {
+        let step = 0.25 * 0.5_f64.powi(halving as i32);
+        for _ in 0..STEPS {
+            let next = ways.map(|[x, y]| [at[0] + x * step, at[1] + y * step]);
+            let next = next.map(|at| (value(at), at));
+            let Some((less, there)) = next.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                break;
+            };
+            if !(less < least) {
+                break;
+            }
+            (least, at) = (less, there);
+        }
+        if least <= 0.0 {
+            return true;
+        }
+    }
+    false
 }
 
 /// Most places that an object may have beside itself because it goes around the space: each costs

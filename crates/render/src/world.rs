@@ -10,7 +10,7 @@ use super::{
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     moving::{ObjectPath, at_time},
-    placement_checks::{PlacementChecks, lamps_out_of_sight, out_of_sight},
+    placement_checks::{PlacementChecks, any_reaches, lamps_out_of_sight, out_of_sight},
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
@@ -509,7 +509,9 @@ impl World {
         let name = object.mesh.display().to_string();
         if object.cuts.is_none() {
             let corners = placed.vertices.iter().map(|(u, _)| *u);
-            let warning = out_of_sight(&self.manifold, &name, corners);
+            let (manifold, vertices) = (&self.manifold, &placed.vertices);
+            let between = || any_reaches(manifold, vertices, &placed.mesh.triangles);
+            let warning = out_of_sight(manifold, &name, corners, between);
             self.warnings.extend(warning);
         }
         self.add_state(scene, object, &placed.vertices)?;
