@@ -3,11 +3,11 @@
 use assert_cmd::cargo::cargo_bin_cmd;
 use geofan_bundle::Bundle;
 use geofan_light::{
-    cache,
+    cache::{self, LightmapSource},
     path_tracer::{Estimator, PassAccumulator, PathTracer, PathTracerSettings},
 };
 use geofan_render::{
-    Lookup, Stage, View,
+    ExactTracer, Lookup, Stage, View,
     frame::{Paths, offsets, trace},
     picture::Picture,
     shade::{Footprints, shade},
@@ -39,13 +39,15 @@ at = ["0.6", "0", "0"]
 length = 3.0
 "#;
 
-/// A matt floor with a matt square above it that casts a shadow, under a black sky: light of the sky
+const MATT: &str = "Kd 0.6 0.5 0.4\nillum 1\n";
+const GLOSSY: &str = "Kd 0.3 0.2 0.1\nKs 0.8 0.5 0.4\nNs 20\n";
+
+/// A floor with a square above it that casts a shadow, of this material, under a black sky: light of the sky
 /// would be direct light, too, and is not baked.
-fn scene(folder: &Path, camera: f64) -> Stage {
+fn scene(folder: &Path, camera: f64, material: &str) -> Stage {
     let square = "mtllib s.mtl\nusemtl m\nv -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nf 1 2 3 4\n";
     fs::write(folder.join("square.obj"), square).unwrap();
-    let material = "newmtl m\nKd 0.6 0.5 0.4\nillum 1\n";
-    fs::write(folder.join("s.mtl"), material).unwrap();
+    fs::write(folder.join("s.mtl"), format!("newmtl m\n{material}")).unwrap();
     let text = format!(
         "manifold = 'space.toml'\n\
          [camera]\nat = [{camera}, 0, 0]\nlook = [-1, 0.1, -0.35]\nup = [0, 0, 1]\nfov = 60\n\
@@ -80,7 +82,10 @@ fn by_table(stage: &Stage, view: &View, bundle: &Bundle) -> Picture {
     let lookup = Lookup::new(&bundle.table, bundle.promise(), 1e-6);
     let fan = bundle.table.fan(view.u).unwrap();
     let tracer = lookup.tracer(&fan);
-    let paths = Paths::Lattice(&tracer, 0.5e-3);
+    drawn(stage, view, Paths::Lattice(&tracer, 0.5e-3))
+}
+
+fn drawn(stage: &Stage, view: &View, paths: Paths<'_>) -> Picture {
     let outcomes = trace(&stage.world, view, paths, &offsets(SAMPLES)).outcomes;
     let outcomes = outcomes.view();
     let colours = shade(&stage.world, view, outcomes, SAMPLES, Footprints::Filtered);
@@ -108,7 +113,7 @@ fn a_table_with_baked_light_shows_what_the_path_tracer_does() {
             .assert()
             .success();
         let bundle = Bundle::read(&folder.path().join("b.fan")).unwrap();
-        let mut stage = scene(folder.path(), camera);
+        let mut stage = scene(folder.path(), camera, MATT);
         let view = stage.view(&stage.scene.camera, (48, 32)).unwrap();
         let length = bundle.table.length;
         let reference = path_traced(&stage, &view, length);
@@ -119,6 +124,28 @@ fn a_table_with_baked_light_shows_what_the_path_tracer_does() {
         let lit = pixels.filter(|(x, y)| reference.pixel(*x, *y).iter().sum::<f32>() > 0.05);
         let lit = lit.count();
         assert!(lit > 150, "{manifold}: only {lit} pixels are lit");
+        assert!(found >= 38.0, "{manifold}: {found} dB");
+    }
+}
+
+#[test]
+fn gloss_shows_lamps_as_the_path_tracer_does() {
+    for (manifold, camera, length) in [(LENS, 1.5, 6.0), (SPHERE, 0.6, 3.0)] {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("space.toml"), manifold).unwrap();
+        let mut stage = scene(folder.path(), camera, GLOSSY);
+        let view = stage.view(&stage.scene.camera, (48, 32)).unwrap();
+        let reference = path_traced(&stage, &view, length);
+        let file = folder.path().join("s.light");
+        let bake = || cache::light(&stage.world, length, 1e-6, Some(&file), |_, _| {}).unwrap();
+        let (light, _) = bake();
+        assert_eq!(bake(), (light.clone(), LightmapSource::File));
+        stage.world.light = Some(light);
+        let tracer = ExactTracer::new(&stage.world.manifold, view.u, length, 1e-6);
+        let picture = drawn(&stage, &view, Paths::Exact(&tracer));
+        let found = psnr(&reference, &picture).unwrap();
+        let brightest = reference.rgb.iter().fold(0.0_f32, |most, x| most.max(*x));
+        println!("{found:.1} dB, up to {brightest}");
         assert!(found >= 38.0, "{manifold}: {found} dB");
     }
 }

@@ -3,13 +3,15 @@
 //! In: a world with lamps. Out: its light, from the file if that is whole and of this very world,
 //! else computed and written there. Layout, little-endian: the magic, a fingerprint (32 bytes) of
 //! everything that the light depends on, the numbers of facets divided and of points (8 bytes each),
-//! the facets divided (u32), six f32 a point, and a checksum (XXH3, 8 bytes) of all that comes before.
+//! the facets divided (u32), six f32 a point, the directions that light comes from ([`DirectedLights`]), and a checksum (XXH3,
+//! 8 bytes) of all that comes before.
 
 use crate::{ADDED, EVEN, Lamps, bake_light};
 use geofan_core::{error::Result, files::write_atomically};
 use geofan_render::{
     World,
-    lightmap::{CONTRAST, FacetLayout, Light, Lightmap},
+    lightmap::{CONTRAST, DirectedLights, FacetLayout, Light, Lightmap},
+    shade::{is_glossy, is_glossy_triangle},
 };
 use std::{
     io::Write,
@@ -83,8 +85,9 @@ pub fn light(
     let fingerprint = fingerprint(world, length, tolerance);
     let stored = path.and_then(|path| std::fs::read(path).ok());
     let source = match stored.as_deref().map(|bytes| decode(bytes, &fingerprint)) {
-        Some(Ok((divided, values))) => {
-            if let Some(lightmap) = Lightmap::from_values(layout.clone(), &divided, values) {
+        Some(Ok((divided, values, directed))) => {
+            let lightmap = Lightmap::from_values(layout.clone(), &divided, values);
+            if let Some(lightmap) = lightmap.and_then(|light| light.with_directions(directed)) {
                 return Ok((lightmap, LightmapSource::File));
             }
             LightmapSource::Damaged
@@ -118,6 +121,12 @@ fn fingerprint(world: &World, length: f64, tolerance: f64) -> [u8; 32] {
         numbers(&light.intensity.map(f64::from));
     }
     hasher.update(&world.geometry_fingerprint());
+    // Of these, directions are kept.
+    if world.materials.iter().any(is_glossy) {
+        let triangles = 0..world.faces.len() as u32;
+        let glossy = triangles.map(|i| u8::from(is_glossy_triangle(world, i)));
+        hasher.update(&glossy.collect::<Vec<u8>>());
+    }
     if let Some(told) = world.said_of_frequencies() {
         hasher.update(told.as_bytes());
     }
@@ -133,12 +142,16 @@ fn encode(lightmap: &Lightmap, fingerprint: &[u8; 32]) -> Vec<u8> {
     bytes.extend(lightmap.divided().iter().flat_map(|x| x.to_le_bytes()));
     let numbers = lightmap.values.iter().flatten();
     bytes.extend(numbers.flat_map(|x| x.to_le_bytes()));
+    bytes.extend(lightmap.directed().to_bytes());
     bytes.extend(xxh3_64(&bytes).to_le_bytes());
     bytes
 }
 
-/// Reads the facets divided and the values from `bytes`, undoing [`encode`]; else says why not.
-fn decode(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<(Vec<u32>, Vec<Light>), LightmapSource> {
+/// The facets divided, the values, and where light comes from.
+type Stored = (Vec<u32>, Vec<Light>, DirectedLights);
+
+/// Reads what is stored in `bytes`, undoing [`encode`]; else says why not.
+fn decode(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<Stored, LightmapSource> {
     let (body, sum) = bytes
         .split_last_chunk::<8>()
         .ok_or(LightmapSource::Damaged)?;
@@ -155,16 +168,20 @@ fn decode(bytes: &[u8], fingerprint: &[u8; 32]) -> Result<(Vec<u32>, Vec<Light>)
     let [divided, points] = [counts[0], counts[1]].map(u64::from_le_bytes);
     // Both are at most as many as bytes follow, so the sum does not overflow once that is known.
     let most = rest.len() as u64;
-    if divided > most || points > most || 4 * divided + 24 * points != most {
+    if divided > most || points > most || 4 * divided + 24 * points > most {
         return Err(LightmapSource::Damaged);
     }
-    let (divided, numbers) = rest.split_at(4 * divided as usize);
+    let (divided, rest) = rest.split_at(4 * divided as usize);
+    let (numbers, rest) = rest.split_at(24 * points as usize);
+    let directed = DirectedLights::from_bytes(rest, points as usize);
+    let directed = directed.ok_or(LightmapSource::Damaged)?;
     let word = |b: &[u8]| [b[0], b[1], b[2], b[3]];
     let point = |b: &[u8]| std::array::from_fn(|k| f32::from_le_bytes(word(&b[4 * k..])));
     let divided = divided.chunks_exact(4).map(|b| u32::from_le_bytes(word(b)));
     Ok((
         divided.collect(),
         numbers.chunks_exact(24).map(point).collect(),
+        directed,
     ))
 }
 
@@ -186,7 +203,7 @@ mod tests {
             bytes
         };
         let bytes = sealed(MAGIC, [3, 2]);
-        let known = (divided.clone(), values.clone());
+        let known = (divided.clone(), values.clone(), DirectedLights::default());
         assert_eq!(decode(&bytes, &[7; 32]), Ok(known));
         assert_eq!(decode(&bytes, &[8; 32]), Err(LightmapSource::Outdated));
         let older = sealed(b"geofan light 1\r\n", [3, 2]);

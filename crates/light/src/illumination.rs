@@ -12,8 +12,9 @@ use geofan_core::{
 };
 use geofan_render::{
     PointLight, SurfacePoint, World,
-    lightmap::{FacetLayout, Light, Lightmap},
+    lightmap::{DirectedLight, DirectedLights, FacetLayout, Light, Lightmap},
     redshift::SurfaceState,
+    shade::is_glossy_triangle,
 };
 use glam::{DMat3, DVec3};
 
@@ -54,6 +55,8 @@ pub struct Lamps<'w> {
 /// Light that reaches a point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct IncidentLight {
+    /// The number of the lamp that sends it.
+    pub lamp: usize,
     /// Irradiance, red, green and blue; not negative.
     pub irradiance: [f64; 3],
     /// Set if it falls on the side to which the normal points.
@@ -88,7 +91,7 @@ impl<'w> Lamps<'w> {
     /// tells how many geodesics were followed to find it.
     pub fn incident_light(&self, points: &[SurfacePoint]) -> (Vec<(usize, IncidentLight)>, usize) {
         let (mut incident, mut rays) = (Vec::new(), 0);
-        for (light, fan) in &self.lamps {
+        for (lamp, (light, fan)) in self.lamps.iter().enumerate() {
             let shadows = Shadows::Cast(self.world, points);
             let places = points.iter().map(|p| p.u);
             let (connections, followed) = fan.connected(places, self.tolerance, shadows);
@@ -96,39 +99,18 @@ impl<'w> Lamps<'w> {
             let places = connections.iter().map(|(i, _)| &points[*i]);
             let places: Vec<(DVec3, u32)> = places.map(|p| (p.u, p.triangle)).collect();
             let states = self.world.surface_states(&places);
-            let frames = self.frames(&places, states.as_deref());
+            let frames = self.world.surface_frames(&places, states.as_deref());
             let sent = SentLight::of(self.world, light);
             for (k, (index, connection)) in connections.into_iter().enumerate() {
                 let connection = carried_back(self.world, points[index].u, connection);
                 let share = irradiance_in(frames[k], points[index].normal, &connection);
                 let gain = sent.as_ref().zip(states.as_ref());
                 let gain = gain.map_or(1.0, |(sent, states)| sent.gain(&states[k], &connection));
-                let light = IncidentLight::new(light, share * gain, connection.v);
+                let light = IncidentLight::new((lamp, light), share * gain, connection.v);
                 incident.push((index, light));
             }
         }
         (incident, rays)
-    }
-}
-
-/// Surfaces that move, and frequencies of light.
-impl Lamps<'_> {
-    /// Returns the frames of surfaces in these `states` at chart points of triangles, and how far each moves for each unit of
-    /// arc length of lines of sight; of those at rest if there are no states.
-    fn frames(
-        &self,
-        places: &[(DVec3, u32)],
-        states: Option<&[SurfaceState]>,
-    ) -> Vec<(DMat3, DVec3)> {
-        let manifold = &self.world.manifold;
-        let points: Vec<DVec3> = places.iter().map(|(u, _)| *u).collect();
-        let Some(states) = states else {
-            let frames = manifold.rest_frames(&points).into_iter();
-            return frames.map(|frame| (frame, DVec3::ZERO)).collect();
-        };
-        let locals = manifold.local_frames(&points).into_iter();
-        let moving = |(local, state): (_, &SurfaceState)| (state.frame(local), state.pace());
-        locals.zip(states).map(moving).collect()
     }
 }
 
@@ -178,11 +160,22 @@ fn carried_back(world: &World, u: DVec3, connection: Connection) -> Connection {
 
 impl IncidentLight {
     /// Takes `share` of the lamp's intensity, positive on the front, along the tangent `v` of the light.
-    fn new(light: &PointLight, share: f64, v: DVec3) -> Self {
+    fn new((lamp, light): (usize, &PointLight), share: f64, v: DVec3) -> Self {
         Self {
+            lamp,
             irradiance: light.intensity.map(|i| f64::from(i) * share.abs()),
             front: share > 0.0,
             v,
+        }
+    }
+
+    /// Returns what gloss asks of it.
+    fn directed(&self) -> DirectedLight {
+        DirectedLight {
+            lamp: self.lamp as u32,
+            front: self.front,
+            v: self.v.as_vec3(),
+            irradiance: self.irradiance.map(|x| x as f32),
         }
     }
 }
@@ -208,29 +201,47 @@ pub fn bake_light(
 ) -> Lightmap {
     let most = layout.len() + added;
     let more = |more: usize| done(more, most);
-    let mut values = Vec::new();
+    let (mut values, mut directed) = (Vec::new(), DirectedLights::default());
     loop {
-        values.extend(lit(lamps, &layout.points[values.len()..], &more));
+        let glossy = layout.points_on(|triangle| is_glossy_triangle(lamps.world, triangle));
+        let new = values.len()..;
+        for (light, images) in lit(lamps, (&layout.points[new.clone()], &glossy[new]), &more) {
+            values.push(light);
+            directed.push(images);
+        }
         if !layout.refine(&values, most) {
             // There may be fewer than were allowed.
             done(0, values.len());
-            return Lightmap::new(layout, values).expect("every point has been lit");
+            let light = Lightmap::new(layout, values);
+            let light = light.and_then(|light| light.with_directions(directed));
+            return light.expect("every point has been lit");
         }
     }
 }
 
-/// Lights points; `done` is told how many more are finished.
-fn lit(lamps: &Lamps<'_>, points: &[SurfacePoint], done: &(impl Fn(usize) + Sync)) -> Vec<Light> {
-    let block = |points: &[SurfacePoint]| -> Vec<Light> {
-        let mut sums = vec![[0.0_f64; 6]; points.len()];
+/// Lights points, those that are `glossy` with the images that their light comes from; `done` is told how many more are
+/// finished.
+fn lit(
+    lamps: &Lamps<'_>,
+    (points, glossy): (&[SurfacePoint], &[bool]),
+    done: &(impl Fn(usize) + Sync),
+) -> Vec<(Light, Vec<DirectedLight>)> {
+    let block = |(points, glossy): (&[SurfacePoint], &[bool])| -> Vec<_> {
+        let mut sums = vec![([0.0_f64; 6], Vec::new()); points.len()];
         for (index, incident) in lamps.incident_light(points).0 {
             let side = if incident.front { 0 } else { 3 };
+            let (sum, images) = &mut sums[index];
             for k in 0..3 {
-                sums[index][side + k] += incident.irradiance[k];
+                sum[side + k] += incident.irradiance[k];
+            }
+            if glossy[index] {
+                images.push(incident.directed());
             }
         }
         done(points.len());
-        sums.into_iter().map(|s| s.map(|x| x as f32)).collect()
+        let rounded = |(sum, images): ([f64; 6], _)| (sum.map(|x| x as f32), images);
+        sums.into_iter().map(rounded).collect()
     };
-    points.par_chunks(BLOCK).flat_map_iter(block).collect()
+    let blocks = points.par_chunks(BLOCK).zip(glossy.par_chunks(BLOCK));
+    blocks.flat_map_iter(block).collect()
 }

@@ -267,6 +267,23 @@ impl World {
         self.has_surface_states().then(|| places().states())
     }
 
+    /// Returns the frames of surfaces in these `states` at chart points of triangles, and how far each moves (chart components)
+    /// for each unit of arc length of lines of sight; of those at rest if there are no states.
+    pub fn surface_frames(
+        &self,
+        places: &[(DVec3, u32)],
+        states: Option<&[SurfaceState]>,
+    ) -> Vec<(DMat3, DVec3)> {
+        let points: Vec<DVec3> = places.iter().map(|(u, _)| *u).collect();
+        let Some(states) = states else {
+            let frames = self.manifold.rest_frames(&points).into_iter();
+            return frames.map(|frame| (frame, DVec3::ZERO)).collect();
+        };
+        let locals = self.manifold.local_frames(&points).into_iter();
+        let moving = |(local, state): (_, &SurfaceState)| (state.frame(local), state.pace());
+        locals.zip(states).map(moving).collect()
+    }
+
     /// Tells whether the scene says anything of frequencies, heat or motion.
     fn has_surface_states(&self) -> bool {
         self.is_coloured_by_frequency() || self.states.iter().any(ObjectState::moves)

@@ -10,7 +10,7 @@ use geofan_bundle::Bundle;
 use geofan_core::{Error, Result, manifold::Manifold, reading::with_source};
 use geofan_render::{
     Lightmap, Stage, World,
-    lightmap::{FacetLayout, Light},
+    lightmap::{DirectedLights, FacetLayout, Light},
     scene::{SceneFile, read_cuts, read_points},
 };
 use serde::{Deserialize, Serialize};
@@ -135,6 +135,7 @@ pub fn encode_light(light: &Lightmap, even: usize) -> Vec<u8> {
     let mut bytes: Vec<u8> = counts.collect();
     bytes.extend(light.divided().iter().flat_map(|x| x.to_le_bytes()));
     bytes.extend(light.values.iter().flatten().flat_map(|x| x.to_le_bytes()));
+    bytes.extend(light.directed().to_bytes());
     bytes
 }
 
@@ -146,16 +147,16 @@ pub fn decode_light(world: &World, bytes: &[u8]) -> Option<Lightmap> {
     let ([even, divided, points], rest) = words.split_first_chunk::<3>()?;
     let count = |word: &[u8; 4]| u32::from_le_bytes(*word) as usize;
     let (divided, values) = rest.split_at_checked(count(divided))?;
-    if values.len() != count(points).checked_mul(6)? {
-        return None;
-    }
+    let (values, rest) = values.split_at_checked(count(points).checked_mul(6)?)?;
+    let directed = DirectedLights::from_bytes(rest.as_flattened(), count(points))?;
     let divided: Vec<u32> = divided
         .iter()
         .map(|word| u32::from_le_bytes(*word))
         .collect();
     let light = |six: &[[u8; 4]]| -> Light { std::array::from_fn(|k| f32::from_le_bytes(six[k])) };
     let values = values.chunks_exact(6).map(light).collect();
-    Lightmap::from_values(FacetLayout::new(world, count(even)), &divided, values)
+    let layout = FacetLayout::new(world, count(even));
+    Lightmap::from_values(layout, &divided, values)?.with_directions(directed)
 }
 
 #[cfg(test)]

@@ -17,7 +17,13 @@
 
 use crate::path_tracer::ggx;
 use geofan_core::{geodesic::perpendiculars, random::Stream};
-use geofan_render::scene::Material;
+use geofan_render::{
+    scene::Material,
+    shade::{
+        Reflectances,
+        ggx::{lobe, roughness},
+    },
+};
 use glam::{DVec2, DVec3};
 use std::f64::consts::{FRAC_1_PI, TAU};
 
@@ -57,25 +63,22 @@ pub struct Scattered {
 impl Bsdf {
     /// Takes `material` where its diffuse reflectance is `kd`.
     pub fn new(material: &Material, kd: [f32; 3]) -> Self {
-        let colour = |c: [f32; 3]| DVec3::from_array(c.map(f64::from));
         let specular_model = match material.illumination {
             3 | 4 | 5 | 8 => SpecularModel::Mirror,
             _ if material.is_glass() => SpecularModel::Glass(f64::from(material.ni).max(1e-3)),
-            _ => SpecularModel::Glossy(ggx::roughness(f64::from(material.ns))),
+            _ => SpecularModel::Glossy(roughness(f64::from(material.ns))),
         };
         let glass = matches!(specular_model, SpecularModel::Glass(_));
-        let specular = match material.illumination {
-            0 | 1 => DVec3::ZERO,
-            _ => colour(material.ks),
-        };
-        let most = (colour(kd) + specular).max_element().max(1.0);
-        Self {
-            diffuse: if glass {
-                DVec3::ZERO
-            } else {
-                colour(kd) / most
+        let Reflectances { diffuse, specular } = match glass {
+            true => Reflectances {
+                diffuse: DVec3::ZERO,
+                specular: DVec3::ONE,
             },
-            specular: if glass { DVec3::ONE } else { specular / most },
+            false => Reflectances::new(material, kd),
+        };
+        Self {
+            diffuse,
+            specular,
             specular_model,
             through: 1.0 - f64::from(material.solid()),
         }
@@ -117,7 +120,7 @@ impl Bsdf {
         }
         let glossy = match self.specular_model {
             SpecularModel::Glossy(alpha) if self.specular != DVec3::ZERO => {
-                self.specular * ggx::lobe(wo, wi, alpha)
+                self.specular * lobe(wo, wi, alpha)
             }
             _ => DVec3::ZERO,
         };

@@ -1,40 +1,12 @@
-//! The glossy lobe: microfacets distributed after Trowbridge and Reitz (GGX), with Smith's
-//! height-correlated masking.
+//! Directions of the glossy lobe ([`geofan_render::shade::ggx`]) at random.
 //!
-//! In: unit vectors in a frame whose z is the normal, and the roughness α. Out: distribution,
-//! masking, and microfacet normals drawn from those that are visible (E. Heitz, *Sampling the GGX
-//! Distribution of Visible Normals*, JCGT 2018).
+//! In: unit vectors in a frame whose z is the normal, and the roughness α. Out: directions by microfacet normals
+//! drawn from those that are visible (E. Heitz, *Sampling the GGX Distribution of Visible Normals*, JCGT 2018), and their
+//! probability.
 
+use geofan_render::shade::ggx::{distribution, lambda};
 use glam::{DVec2, DVec3};
-use std::f64::consts::{PI, TAU};
-
-/// Returns the roughness of a Phong exponent: the lobes are equally wide for `α² = 2 / (Ns + 2)` (B. Walter
-/// et al., *Microfacet Models for Refraction through Rough Surfaces*, EGSR 2007). Not below 1e-3: a
-/// sharper lobe is a mirror, and has a model of its own.
-pub fn roughness(exponent: f64) -> f64 {
-    (2.0 / (exponent.max(0.0) + 2.0)).sqrt().max(1e-3)
-}
-
-/// Returns the density of microfacets with the normal `m`.
-fn distribution(m: DVec3, alpha: f64) -> f64 {
-    let a2 = alpha * alpha;
-    let d = m.z * m.z * (a2 - 1.0) + 1.0;
-    a2 / (PI * d * d)
-}
-
-/// Computes Smith's Λ.
-fn lambda(w: DVec3, alpha: f64) -> f64 {
-    let z2 = w.z * w.z;
-    let tan2 = (1.0 - z2).max(0.0) / z2.max(f64::MIN_POSITIVE);
-    0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
-}
-
-/// Computes the lobe without Fresnel's factor, `D G / (4 cosθ cosθ')`; both directions above the surface.
-pub fn lobe(wo: DVec3, wi: DVec3, alpha: f64) -> f64 {
-    let m = (wo + wi).normalize_or_zero();
-    let masking = 1.0 / (1.0 + lambda(wo, alpha) + lambda(wi, alpha));
-    distribution(m, alpha) * masking / (4.0 * wo.z * wi.z)
-}
+use std::f64::consts::TAU;
 
 /// Returns the probability by solid angle with which [`sample`] gives `wi`.
 pub fn probability(wo: DVec3, wi: DVec3, alpha: f64) -> f64 {
@@ -68,6 +40,7 @@ pub fn sample(wo: DVec3, alpha: f64, random: DVec2) -> DVec3 {
 mod tests {
     use super::*;
     use geofan_core::random::Stream;
+    use geofan_render::shade::ggx::lobe;
 
     #[test]
     fn the_samples_are_as_probable_as_said() {

@@ -1,12 +1,17 @@
 //! Surfaces lit by the world's baked light, or without it by a lamp at the camera.
 //!
-//! In: hits. Out: colours. Baked light is reflected by matt surfaces: radiance `Kd E / π`, for the
-//! irradiance `E` on the side of the surface that the ray meets. For the lamp, the cosine between ray and
-//! normal is taken in the metric at the hit, `|n·v| / (|Sᵀn| |v|)` for a covector `n` and tangent `v`; the
-//! metric of sixteen hits is evaluated at once.
+//! In: hits. Out: colours. Baked light is reflected by what is matt as radiance `Kd E / π`, for the irradiance `E` on the
+//! side of the surface that the ray meets, and by what is glossy image by image (`gloss`). For the lamp, the cosine between
+//! ray and normal is taken in the metric at the hit, `|n·v| / (|Sᵀn| |v|)` for a covector `n` and tangent `v`; the metric
+//! of sixteen hits is evaluated at once.
 
+use super::gloss::{Reflectances, SurfaceFrame, glossy_frames, highlights, is_glossy_triangle};
 use crate::{
-    filter::Footprint, intersect::Hit, lanes::LANES, lightmap::Lightmap, scene::Material,
+    filter::Footprint,
+    intersect::Hit,
+    lanes::LANES,
+    lightmap::{LampImage, Lightmap},
+    scene::Material,
     world::World,
 };
 use geofan_expr::{Registers, real::Real, vectorised};
@@ -28,6 +33,8 @@ pub(super) struct Lamp<'w> {
     registers: Registers<f64, LANES>,
     /// The place of each in the row, the hit, and the footprint of its texture.
     waiting: Vec<(usize, Hit, Footprint)>,
+    /// Images of lamps at one of them.
+    images: Vec<LampImage>,
 }
 
 impl<'w> Lamp<'w> {
@@ -37,6 +44,7 @@ impl<'w> Lamp<'w> {
             world,
             registers: world.manifold.metric_tape().registers(),
             waiting: Vec::new(),
+            images: Vec::new(),
         }
     }
 
@@ -49,15 +57,23 @@ impl<'w> Lamp<'w> {
     pub(super) fn light(&mut self, row: &mut [f32]) {
         let waiting = std::mem::take(&mut self.waiting);
         match &self.world.light {
-            Some(light) => {
-                for (index, hit, footprint) in &waiting {
-                    put(row, *index, by_baked(self.world, light, hit, footprint));
-                }
-            }
+            Some(light) => self.by_baked(light, &waiting, row),
             None => self.by_lamp(&waiting, row),
         }
         self.waiting = waiting;
         self.waiting.clear();
+    }
+
+    /// Lights hits by baked light.
+    fn by_baked(&mut self, light: &Lightmap, waiting: &[(usize, Hit, Footprint)], row: &mut [f32]) {
+        let world = self.world;
+        let mut frames = glossy_frames(world, waiting.iter().map(|(_, hit, _)| hit)).into_iter();
+        for (index, hit, footprint) in waiting {
+            let glossy = is_glossy_triangle(world, hit.triangle);
+            let frame = glossy.then(|| frames.next()).flatten();
+            let colour = reflected(world, light, (hit, footprint, frame), &mut self.images);
+            put(row, *index, colour);
+        }
     }
 
     /// Lights hits by the lamp at the camera. Of a conformal metric cosines do not ask the factor.
@@ -155,13 +171,26 @@ fn put(row: &mut [f32], index: usize, colour: [f32; 3]) {
     row[3 * index..3 * index + 3].copy_from_slice(&colour);
 }
 
-/// Returns the reflected light that was baked, and the light that the surface emits itself.
-fn by_baked(world: &World, light: &Lightmap, hit: &Hit, footprint: &Footprint) -> [f32; 3] {
+/// Returns the reflected light that was baked, and the light that the surface emits itself. Where it is glossy, its frame
+/// is given.
+fn reflected(
+    world: &World,
+    light: &Lightmap,
+    (hit, footprint, frame): (&Hit, &Footprint, Option<SurfaceFrame>),
+    images: &mut Vec<LampImage>,
+) -> [f32; 3] {
     let front = world.covector(hit).dot(hit.v.as_dvec3()) <= 0.0;
     let irradiance = light.at(hit.triangle, hit.barycentric, front);
-    let diffuse = diffuse(world, hit, footprint);
+    let mut diffuse = diffuse(world, hit, footprint);
+    let mut gloss = [0.0; 3];
+    if let Some(frame) = frame {
+        let both = Reflectances::new(material(world, hit), diffuse);
+        diffuse = both.diffuse.as_vec3().to_array();
+        let highlights = highlights(world, (hit, front), frame, images);
+        gloss = (both.specular * highlights).as_vec3().to_array();
+    }
     let emitted = emission(world, hit, footprint);
-    std::array::from_fn(|k| diffuse[k] * irradiance[k] * FRAC_1_PI + emitted[k])
+    std::array::from_fn(|k| diffuse[k] * irradiance[k] * FRAC_1_PI + gloss[k] + emitted[k])
 }
 
 /// Returns the material of a hit.

@@ -5,10 +5,13 @@
 //! footprint, measured from the samples beside and below that leave through the same exit or meet
 //! the same object.
 
+pub mod ggx;
+mod gloss;
 mod lamp;
 mod layers;
 mod skies;
 
+pub use gloss::{Reflectances, is_glossy, is_glossy_triangle};
 pub use layers::{area, copies, with_layers};
 
 use super::{

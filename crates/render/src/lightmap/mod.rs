@@ -5,8 +5,12 @@
 //! much into four, again and again. Light is linear on a facet that is not divided. A small triangle is
 //! one facet, and shares its corners with neighbours of the same normal.
 
+mod directed;
+
+pub use directed::{DirectedLight, DirectedLights, LampImage};
+
 use crate::World;
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 use std::collections::HashMap;
 
 /// Most parts of a triangle's side before facets are divided.
@@ -153,6 +157,17 @@ impl FacetLayout {
     /// Returns the facets that have been divided, in order.
     pub fn divided(&self) -> &[u32] {
         &self.divided
+    }
+
+    /// Tells of each point whether it is on one of the triangles that are `chosen`.
+    pub fn points_on(&self, chosen: impl Fn(u32) -> bool) -> Vec<bool> {
+        let mut on = vec![false; self.points.len()];
+        for facet in self.facets.iter().filter(|facet| chosen(facet.triangle)) {
+            for corner in facet.corners {
+                on[corner as usize] = true;
+            }
+        }
+        on
     }
 
     /// Divides a facet into four; `None` if there is no such facet or it is divided already.
@@ -308,12 +323,47 @@ pub struct Lightmap {
     layout: FacetLayout,
     /// Irradiance on the front (red, green, blue), then on the back, one for each point.
     pub values: Vec<Light>,
+    /// The same by the directions that it comes from, at points of glossy surfaces; else none.
+    directed: DirectedLights,
 }
 
 impl Lightmap {
     /// Puts `values`, one for each point of `layout`, on it; `None` if they do not fit.
     pub fn new(layout: FacetLayout, values: Vec<Light>) -> Option<Self> {
-        (values.len() == layout.len()).then_some(Self { layout, values })
+        (values.len() == layout.len()).then_some(Self {
+            layout,
+            values,
+            directed: DirectedLights::default(),
+        })
+    }
+
+    /// Adds the directions that light comes from, of every point or none; `None` if they do not fit.
+    pub fn with_directions(self, directed: DirectedLights) -> Option<Self> {
+        let fits = directed.is_empty() || directed.points() == self.layout.len();
+        fits.then_some(Self { directed, ..self })
+    }
+
+    /// Returns the directions that light comes from.
+    pub fn directed(&self) -> &DirectedLights {
+        &self.directed
+    }
+
+    /// Puts the images of lamps that light the place with weights `barycentric` of `triangle`, on the front or the back, into
+    /// `images`; see [`DirectedLights::between`].
+    pub fn images(
+        &self,
+        (triangle, barycentric): (u32, [f32; 2]),
+        front: bool,
+        frame: (DMat3, DVec3),
+        images: &mut Vec<LampImage>,
+    ) {
+        match self.directed.is_empty() {
+            true => images.clear(),
+            false => {
+                let around = self.layout.around(triangle, barycentric);
+                self.directed.between(around, front, frame, images);
+            }
+        }
     }
 
     /// Puts known values on a layout after dividing it; `None` if they do not fit.
