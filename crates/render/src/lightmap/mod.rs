@@ -339,8 +339,14 @@ impl Lightmap {
 
     /// Adds the directions that light comes from, of every point or none; `None` if they do not fit.
     pub fn with_directions(self, directed: DirectedLights) -> Option<Self> {
-        let fits = directed.is_empty() || directed.points() == self.layout.len();
-        fits.then_some(Self { directed, ..self })
+        // Points without light are not kept in files either.
+        if directed.is_empty() {
+            return Some(Self {
+                directed: DirectedLights::default(),
+                ..self
+            });
+        }
+        (directed.points() == self.layout.len()).then_some(Self { directed, ..self })
     }
 
     /// Returns the directions that light comes from.
