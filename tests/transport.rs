@@ -166,7 +166,7 @@ fn a_curve_that_leaves_the_manifold_is_refused() {
     );
     let curve = ChartCurve::parse(&pole, "t", ["1 - t", "t", "0"]).unwrap();
     let failed = transport(&pole, |t| curve.at(t), [0.0, 2.0], 1e-10).unwrap_err();
-    assert!(failed.at > 0.9 && failed.at <= 1.0, "{failed}");
+    assert!(failed.at() > 0.9 && failed.at() <= 1.0, "{failed}");
 }
 
 #[test]

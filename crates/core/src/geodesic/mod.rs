@@ -5,6 +5,7 @@
 //! Arc length is measured in the metric; tangents have unit length. Besides: parallel transport along
 //! any curve ([`transport()`]), and the exponential map with its differential ([`exponential()`]).
 
+mod curve_edges;
 mod deviation;
 mod domain_events;
 mod dormand_prince;
@@ -19,11 +20,12 @@ mod step;
 mod switching;
 mod unfinished_paths;
 
+pub use curve_edges::EdgeFault;
 pub use deviation::{JacobiField, conjugate_points, perpendiculars, signed_area};
 pub use domain_events::{crossing, first_event, may_rise_between};
 pub use fixed::fixed_steps;
 pub use integrator::follow;
-pub use parallel_transport::{Transport, TransportFailed, carry, transport};
+pub use parallel_transport::{Transport, TransportFailed, carry, transport, transport_piece};
 pub use path::{Exponential, Path, Sample, elapsed, ends, exponential, paths, sample, samples};
 pub use refraction::turn_at_edge;
 pub use step::Step;

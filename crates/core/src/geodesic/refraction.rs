@@ -65,10 +65,7 @@ impl EdgeSide {
         if !(self.inverse.is_finite() && other.inverse.is_finite()) {
             return false;
         }
-        let entries = (self.metric - other.metric).to_cols_array();
-        let most = entries.iter().fold(0.0, |most: f64, e| most.max(e.abs()));
-        let size = self.metric.to_cols_array().map(f64::abs).into_iter();
-        most > LEAST_JUMP * size.fold(0.0, f64::max)
+        metrics_differ(self.metric, other.metric)
             || (self.wind - other.wind).length() > LEAST_JUMP * (1.0 + self.wind.length())
             || (self.drift - other.drift).length() > LEAST_JUMP * (1.0 + self.drift.length())
     }
@@ -97,6 +94,17 @@ impl EdgeSide {
         let v = self.inverse * p / length + self.wind;
         (length > 0.0 && v.is_finite()).then_some(v)
     }
+}
+
+/// Returns whether the metric jumps from `a` to `b`, on both sides of a surface; not where one of them is not finite.
+pub(super) fn metrics_differ(a: DMat3, b: DMat3) -> bool {
+    let largest = |m: DMat3| {
+        m.to_cols_array()
+            .into_iter()
+            .map(f64::abs)
+            .fold(0.0, f64::max)
+    };
+    largest(a - b) > LEAST_JUMP * largest(a)
 }
 
 /// Refracts or reflects a ray that arrives with the tangent `v` at an edge between `near` and `far`.

@@ -50,6 +50,11 @@ use std::{
 use tapes::Tapes;
 use wind::Medium;
 
+/// The most by which textbook coordinates change within a few roundings of a point that is not beside an axis: at a
+/// distance ρ from one slopes are 1/ρ, and errors of the metric some roundings over ρ. At 1e-5 they are below what counts as
+/// a jump ([`crate::geodesic`]); farther out, true edges would be overlooked.
+const MOST_CHANGE: f64 = 1e-8;
+
 /// A way out of the manifold, with its own sky.
 #[derive(Debug, Clone)]
 pub struct Exit {
@@ -217,6 +222,18 @@ impl Manifold {
             .as_ref()
             .map(|tape| tape.at(&u.to_array()));
         rows.is_some_and(|rows| rows.iter().any(|x| !x.is_finite()))
+    }
+
+    /// Tells whether textbook coordinates change by much within `reach` of `u`: there is an axis so near that rounding
+    /// spoils the metric, on which all of their cuts meet.
+    pub(crate) fn is_beside_axis(&self, u: DVec3, reach: f64) -> bool {
+        let rows = self
+            .tapes
+            .pullback
+            .as_ref()
+            .map(|tape| tape.at(&u.to_array()));
+        let steep = |slope: &f64| !(slope.abs() * reach <= MOST_CHANGE);
+        rows.is_some_and(|rows| rows[..9].iter().any(steep))
     }
 
     /// The outputs of a tape of the point alone; on the axis of textbook coordinates, what those around it
