@@ -11,7 +11,7 @@ use geofan_bundle::rays::RaySpace;
 use geofan_core::{
     Error, Result,
     diagnostic::{Diagnostic, SourceText},
-    geodesic::{check_point, transport},
+    geodesic::{check_point, transport, transport_piece},
     manifold::{Carried, ChartCurve, Curvature, Manifold},
 };
 use glam::{DMat3, DVec3};
@@ -324,7 +324,8 @@ impl PyManifold {
             for row in 1..curve.len() {
                 let (from, along) = (curve.at(row - 1), curve.at(row) - curve.at(row - 1));
                 let line = |t: f64| (from + along * t, along);
-                let found = transport(&self.space, line, [0.0, 1.0], accuracy);
+                let pieces = curve.len() - 1;
+                let found = transport_piece(&self.space, line, [0.0, 1.0], accuracy, pieces);
                 let found = found.map_err(|e| Error::input(curve.label(row), e.to_string()))?;
                 moved = found.matrix() * moved;
             }
