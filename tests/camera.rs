@@ -1,7 +1,9 @@
 //! The camera against what is known of parallel transport: holonomy is area times curvature.
 
+mod support;
+
 use geofan_core::{diagnostic::SourceText, manifold::Manifold};
-use geofan_render::Camera;
+use geofan_render::{Camera, Journey, scene::PoseFile};
 use glam::{DQuat, DVec3};
 use std::f64::consts::PI;
 
@@ -147,4 +149,82 @@ fn turning_is_in_the_cameras_own_axes() {
     // A quarter turn to the left about its own upward axis: it now looks where its left was.
     let left = camera.turned(DQuat::from_rotation_y(PI / 2.0));
     assert!((left.rotation * -DVec3::Z).abs_diff_eq(DVec3::Y, 1e-15));
+}
+
+#[test]
+fn a_camera_goes_through_a_portal_and_round_its_edge_past_it() {
+    let space = support::asset("portal");
+    let start = Camera::looking(DVec3::new(0.9, 0.1, 0.1), DVec3::X, DVec3::Z);
+    let through = start.moved(&space, DVec3::NEG_Z * 0.215).camera;
+    assert!(
+        through.u.abs_diff_eq(DVec3::new(-3.885, 0.1, 0.1), 1e-9),
+        "{}",
+        through.u
+    );
+    assert!(through.rotation.angle_between(start.rotation) < 1e-9);
+    let back = through.moved(&space, DVec3::Z * 0.215).camera;
+    assert!(back.u.abs_diff_eq(start.u, 1e-9), "{}", back.u);
+    let beside = Camera {
+        u: DVec3::new(0.9, 1.1, 0.1),
+        ..start
+    };
+    let past = beside.moved(&space, DVec3::NEG_Z * 0.215).camera;
+    assert!(
+        past.u.abs_diff_eq(DVec3::new(1.115, 1.1, 0.1), 1e-9),
+        "{}",
+        past.u
+    );
+}
+
+#[test]
+fn a_way_recorded_through_a_portal_leads_through_it_and_none_leads_through_the_disc() {
+    let space = support::asset("portal");
+    let pose = |time: f64, x: f64| {
+        format!("[[pose]]\ntime = {time}\nat = [{x}, 0.1, 0.1]\nlook = [1, 0, 0]\nup = [0, 0, 1]\n")
+    };
+    let read = |text: String| PoseFile::parse(SourceText::new("way.toml", text), 90.0).unwrap();
+    let way = read(
+        [
+            pose(0.0, 0.5),
+            pose(1.0, 0.9),
+            pose(2.0, -3.9),
+            pose(3.0, -3.5),
+        ]
+        .concat(),
+    );
+    let journey = Journey::new(&space, &way).unwrap();
+    let mut before = journey.pose(0.0).0.u.x;
+    for k in 1..=60 {
+        let x = journey.pose(f64::from(k) * 0.05).0.u.x;
+        // Ahead, by small steps; at x = 1 on at x = −4.
+        let jump = if before > 0.0 && x < 0.0 { 5.0 } else { 0.0 };
+        assert!((0.0..0.1).contains(&(x + jump - before)), "{before} {x}");
+        before = x;
+    }
+    assert!((before + 3.5).abs() < 1e-6);
+    let behind = read(pose(0.0, 0.9) + &pose(1.0, 1.1));
+    assert!(Journey::new(&space, &behind).is_err());
+}
+
+#[test]
+fn a_journey_joined_as_time_goes_by_is_the_same_bit_for_bit() {
+    let s3 = sphere();
+    let pose = |k: i32| {
+        let a = 0.4 * f64::from(k);
+        format!(
+            "[[pose]]\ntime = {k}\nat = [{}, {}, 0.1]\nlook = [{}, 1, 0]\nup = [0, 0, 1]\n",
+            0.5 * a.cos(),
+            0.5 * a.sin(),
+            a.sin()
+        )
+    };
+    let text: String = (0..12).map(pose).collect();
+    let poses = PoseFile::parse(SourceText::new("way.toml", text), 90.0).unwrap();
+    let whole = Journey::new(&s3, &poses).unwrap();
+    let mut growing = Journey::begin(&s3, &poses).unwrap();
+    for k in 0..=44 {
+        let time = f64::from(k) * 0.25;
+        growing.reach(time).unwrap();
+        assert_eq!(growing.pose(time), whole.pose(time), "{time}");
+    }
 }

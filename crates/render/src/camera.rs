@@ -11,7 +11,7 @@ use geofan_bundle::Table;
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Carried, Manifold},
+    manifold::{Carried, Gluing, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
 
@@ -29,7 +29,7 @@ pub struct Camera {
 pub struct Moved {
     /// The camera where it is now.
     pub camera: Camera,
-    /// Arc length that it came: less than asked for if the space ended.
+    /// Arc length that it came: less than asked for if the space ended, or right and left would change places.
     pub length: f64,
 }
 
@@ -42,19 +42,23 @@ const TOLERANCE: f64 = 1e-12;
 /// integrator's steps are limited to a share (1/32) of the ray, and a small move should be one step.
 const ROOM: f64 = 32.0;
 
-/// Keeps the step on which the wanted length is reached.
+/// Keeps the step on which the wanted length is reached, or the last before right and left change places.
 struct Way {
     wanted: f64,
     last: Option<Step>,
+    reversed: bool,
 }
 
 impl Sink for Way {
     fn step(&mut self, _: usize, step: &Step) {
-        self.last = Some(step.clone());
+        match step.reversed {
+            true => self.reversed = true,
+            false => self.last = Some(step.clone()),
+        }
     }
 
     fn wants_more(&self, _: usize) -> bool {
-        self.last.as_ref().is_none_or(|step| step.end < self.wanted)
+        !self.reversed && self.last.as_ref().is_none_or(|step| step.end < self.wanted)
     }
 
     fn end(&mut self, _: usize, _: End, _: f64, _: usize) {}
@@ -88,8 +92,8 @@ impl Camera {
     }
 
     /// The camera moved by `by` (in its own axes, length in the metric): along the geodesic in that
-    /// direction, its axes transported in parallel. It stops where the geodesic leaves the domain
-    /// or meets an exit; glued coordinates are brought back between their limits.
+    /// direction, its axes transported in parallel, also through portals. It stops where the geodesic leaves the
+    /// domain, meets an exit or a mirror; glued coordinates are brought back between their limits.
     pub fn moved(&self, manifold: &Manifold, by: DVec3) -> Moved {
         let stay = Moved {
             camera: *self,
@@ -108,10 +112,14 @@ impl Camera {
         };
         let wanted = by.length();
         // A wind blows light, and no camera.
-        let cover = manifold.cover();
-        let still = cover.still();
+        let developed = manifold.developed();
+        let still = developed.still();
         let ray = Ray::new(&still, self.u, direction, ROOM * wanted);
-        let mut way = Way { wanted, last: None };
+        let mut way = Way {
+            wanted,
+            last: None,
+            reversed: false,
+        };
         follow(&still, settings, [ray], &mut way);
         let Some(step) = way.last else { return stay };
         let length = wanted.min(step.end);
@@ -152,13 +160,15 @@ impl Camera {
     /// Moves it by table: point and transported rotation are read from the path that starts at the
     /// camera, as exact as the table's certificate says, and nothing is integrated but the turning
     /// along that path. Where the table gives up before the end of the move, does not promise
-    /// tangents, or has paths of light in a wind, it is [`Camera::moved`].
+    /// tangents, has paths of light in a wind, or knows nothing of portals and mirrors, it is [`Camera::moved`].
     ///
     /// # Errors
     /// The camera is not in the table's region, or the table is damaged there.
     pub fn moved_by(&self, table: &Table, by: DVec3) -> Result<Moved> {
-        let manifold = table.space.manifold();
-        if manifold.has_wind() {
+        let glued = table.space.manifold().glued();
+        let manifold = &*glued;
+        let by_cover = manifold.gluing().is_none_or(Gluing::follows_cover);
+        if manifold.has_wind() || !by_cover {
             return Ok(self.moved(manifold, by));
         }
         let fan = table.fan(self.u)?;
@@ -178,7 +188,7 @@ impl Camera {
             rotation: (turn * self.rotation).normalize(),
         };
         Ok(Moved {
-            camera: camera.brought_in(&manifold.glued()),
+            camera: camera.brought_in(manifold),
             length,
         })
     }

@@ -1,7 +1,7 @@
 //! A camera's journey through key poses.
 //!
 //! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`Camera`] at any time. Neighbouring
-//! poses are joined by a geodesic; the camera is carried along it by parallel transport, and what is
+//! poses are joined by a geodesic, all at once or as time goes by; the camera is carried along it by parallel transport, and what is
 //! then missing to the next pose is turned evenly on the way. Speed (arc length plus angle turned)
 //! is a monotone cubic of time through all poses (F. N. Fritsch and R. E. Carlson, *Monotone
 //! piecewise cubic interpolation*, 1980), at rest at both ends.
@@ -25,6 +25,20 @@ const TOLERANCE: f64 = 1e-9;
 /// Distance to the next pose at which the geodesic has reached it, as a share of the whole distance.
 const CLOSE: f64 = 1e-7;
 
+/// Distance from the next pose at which a path through faces has reached it, as a share of the size of the domain: far
+/// above the error of the path, far below what lies between two poses.
+const ARRIVED: f64 = 1e-6;
+
+/// Settings of the geodesics along which a camera is carried.
+const WITH_FRAME: Settings = Settings {
+    tolerance: TOLERANCE,
+    carried: Carried {
+        frame: true,
+        deviation: false,
+    },
+    events: false,
+};
+
 /// Places on the way between two poses at which cameras are checked that are to be at rest.
 const MOTION_CHECKS: usize = 256;
 
@@ -45,8 +59,15 @@ struct Leg {
 pub struct Journey {
     /// The space with its wind, past which cameras move.
     space: Manifold,
-    legs: Vec<Leg>,
+    /// The same without wind: the chart in which geodesics between poses are looked for, and the space in which they
+    /// go on through portals.
+    cover: Manifold,
+    developed: Manifold,
+    file: PoseFile,
+    points: Vec<DVec3>,
     times: Vec<f64>,
+    /// The ways from pose to pose, as far as they are joined.
+    legs: Vec<Leg>,
     /// Arc length plus angle up to each pose.
     progress: Vec<f64>,
     /// Speeds there.
@@ -60,47 +81,113 @@ impl Journey {
     /// A pose outside the domain, two that no geodesic was found between, or a camera that is to be at rest
     /// where nothing can be.
     pub fn new(space: &Manifold, file: &PoseFile) -> Result<Self> {
+        let mut journey = Self::begin(space, file)?;
+        journey.reach(f64::INFINITY)?;
+        Ok(journey)
+    }
+
+    /// Checks the places of all poses of `file` and joins the first of them; [`Journey::reach`] joins the others.
+    ///
+    /// # Errors
+    /// As [`Journey::new`], of the poses that are joined.
+    pub fn begin(space: &Manifold, file: &PoseFile) -> Result<Self> {
         // Past the faces of a glued domain on a straight way through the cover.
-        let cover = space.cover();
-        let manifold = &*cover.still();
+        let cover = space.cover().still().into_owned();
         let points = file
             .poses
             .iter()
-            .map(|pose| camera_point(manifold, &file.source, &pose.camera));
-        let points = points.collect::<Result<Vec<DVec3>>>()?;
-        let mut legs = Vec::new();
-        for (i, pair) in file.poses.windows(2).enumerate() {
-            let leg = Leg::new(manifold, [&pair[0], &pair[1]], [points[i], points[i + 1]]);
-            legs.push(leg.ok_or_else(|| {
-                Diagnostic::new(
-                    &file.source,
-                    pair[1].span.clone(),
-                    "no geodesic was found from the pose before to this one",
-                )
-                .with_hint("put another pose between them")
-            })?);
+            .map(|pose| camera_point(&cover, &file.source, &pose.camera));
+        let mut journey = Self {
+            space: space.clone(),
+            points: points.collect::<Result<_>>()?,
+            cover,
+            developed: space.developed().still().into_owned(),
+            file: file.clone(),
+            times: file.poses.iter().map(|pose| pose.time).collect(),
+            legs: Vec::new(),
+            progress: vec![0.0],
+            speed: Vec::new(),
+        };
+        journey.reach(f64::NEG_INFINITY)?;
+        Ok(journey)
+    }
+
+    /// Joins the poses that decide where the camera is up to `time`, seconds.
+    ///
+    /// # Errors
+    /// As [`Journey::new`], of those poses.
+    pub fn reach(&mut self, time: f64) -> Result<()> {
+        // The speed at a pose depends on the ways to it and from it.
+        let wanted = (self.leg_at(time) + 2).min(self.points.len() - 1);
+        if self.legs.len() >= wanted {
+            return Ok(());
         }
-        for (leg, pair) in legs.iter().zip(file.poses.windows(2)) {
-            for k in 0..=MOTION_CHECKS {
-                let (u, _) = leg.carried(k as f64 / MOTION_CHECKS as f64);
-                for pose in pair {
-                    camera_velocity(space, &file.source, &pose.camera, u)?;
-                }
+        while self.legs.len() < wanted {
+            let leg = self.join(self.legs.len())?;
+            self.progress
+                .push(self.progress[self.legs.len()] + leg.measure());
+            self.legs.push(leg);
+        }
+        self.speed = monotone_slopes(&self.times[..self.progress.len()], &self.progress);
+        Ok(())
+    }
+
+    /// Joins pose `i` with the next.
+    fn join(&self, i: usize) -> Result<Leg> {
+        let (source, pair) = (&self.file.source, &self.file.poses[i..i + 2]);
+        let way = self.way(self.points[i], self.points[i + 1]);
+        let leg = way.map(|path| Leg::new(path, [&pair[0], &pair[1]], self.points[i]));
+        let leg = leg.ok_or_else(|| {
+            Diagnostic::new(
+                source,
+                pair[1].span.clone(),
+                "no geodesic was found from the pose before to this one",
+            )
+            .with_hint(match self.developed.gluing() {
+                None => "put another pose between them",
+                Some(_) => "put other poses between them, so that no two have more than one face between them",
+            })
+        })?;
+        for k in 0..=MOTION_CHECKS {
+            let (u, _) = leg.carried(k as f64 / MOTION_CHECKS as f64);
+            for pose in pair {
+                camera_velocity(&self.space, source, &pose.camera, u)?;
             }
         }
-        let times: Vec<f64> = file.poses.iter().map(|pose| pose.time).collect();
-        let mut progress = vec![0.0];
-        for leg in &legs {
-            progress.push(progress[progress.len() - 1] + leg.measure());
+        Ok(leg)
+    }
+
+    /// Finds the geodesic from `a` to `b`; where the cover does not tell how paths go on, the shortest that crosses one
+    /// face or none. Returns it with its length; `Some(None)` if they are the same point, `None` if none is found.
+    fn way(&self, a: DVec3, b: DVec3) -> Option<Option<(Path, f64)>> {
+        if a == b {
+            return Some(None);
         }
-        let speed = monotone_slopes(&times, &progress);
-        Ok(Self {
-            space: space.clone(),
-            legs,
-            times,
-            progress,
-            speed,
-        })
+        let follow = |target: DVec3| {
+            let ray = join(&self.cover, a, target)?;
+            let path = paths(&self.developed, WITH_FRAME, [ray]).pop()?;
+            Some((path, ray.length))
+        };
+        let Some(gluing) = self.developed.gluing() else {
+            return follow(b).map(Some);
+        };
+        // Straight on behind a face, `b` is where the face's partner takes it.
+        let faces = gluing.faces();
+        let partners = faces
+            .iter()
+            .filter_map(|face| Some(&faces[face.partner()?]));
+        let images = partners.filter_map(|partner| Some(partner.carry(b)?.0));
+        let arrives = |(path, length): &(Path, f64)| {
+            path.steps.last().is_some_and(|step| {
+                let off = (step.position(*length) - b).length();
+                !step.reversed && off <= ARRIVED * gluing.size()
+            })
+        };
+        let found = [b].into_iter().chain(images).filter_map(follow);
+        let shortest = found
+            .filter(arrives)
+            .min_by(|one, other| one.1.total_cmp(&other.1));
+        shortest.map(Some)
     }
 
     /// Returns the first and the last time, seconds.
@@ -108,7 +195,8 @@ impl Journey {
         [self.times[0], self.times[self.times.len() - 1]]
     }
 
-    /// Returns the camera at `time`, in the domain of a glued space, and its angle of view in degrees.
+    /// Returns the camera at `time`, which must have been reached, in the domain of a glued space, and its angle of view
+    /// in degrees.
     pub fn pose(&self, time: f64) -> (Camera, f64) {
         let (camera, fov) = self.pose_in_cover(time);
         (camera.brought_in(&self.space), fov)
@@ -138,8 +226,7 @@ impl Journey {
 
     /// Finds the leg at `time`, and the share of its way.
     fn place(&self, time: f64) -> (&Leg, f64) {
-        let next = self.times.partition_point(|t| *t <= time);
-        let k = next.clamp(1, self.legs.len()) - 1;
+        let k = self.leg_at(time).min(self.legs.len() - 1);
         let h = self.times[k + 1] - self.times[k];
         let t = ((time - self.times[k]) / h).clamp(0.0, 1.0);
         let r = 1.0 - t;
@@ -153,30 +240,23 @@ impl Journey {
         };
         (&self.legs[k], share)
     }
+
+    /// Returns the number of the way that leads past `time`.
+    fn leg_at(&self, time: f64) -> usize {
+        let next = self.times.partition_point(|t| *t <= time);
+        next.clamp(1, self.times.len() - 1) - 1
+    }
 }
 
 impl Leg {
-    /// Joins two poses at these points; `None` if no geodesic is found.
-    fn new(manifold: &Manifold, poses: [&KeyPose; 2], u: [DVec3; 2]) -> Option<Self> {
+    /// Leads from the first of two poses, at `u`, along a path of some length to the second; without one it stays.
+    fn new(path: Option<(Path, f64)>, poses: [&KeyPose; 2], u: DVec3) -> Self {
         let [from, to] = poses.map(rotation);
-        let (path, length) = match join(manifold, u[0], u[1])? {
-            None => (None, 0.0),
-            Some(ray) => {
-                let settings = Settings {
-                    tolerance: TOLERANCE,
-                    carried: Carried {
-                        frame: true,
-                        deviation: false,
-                    },
-                    events: false,
-                };
-                (paths(manifold, settings, [ray]).pop(), ray.length)
-            }
-        };
+        let (path, length) = path.unzip();
         let mut leg = Self {
             path,
-            length,
-            u: u[0],
+            length: length.unwrap_or(0.0),
+            u,
             from,
             turn: DQuat::IDENTITY,
             fov: poses.map(|pose| pose.camera.fov_degrees),
@@ -188,7 +268,7 @@ impl Leg {
             // The shorter way round.
             leg.turn = -leg.turn;
         }
-        Some(leg)
+        leg
     }
 
     /// Returns arc length plus angle turned.
@@ -228,12 +308,8 @@ const AIMS: usize = 16;
 const ROUNDS: usize = 8;
 
 /// Finds a geodesic from `a` to `b`: Newton's method on its initial direction times its length, while the
-/// aim moves along the chart's straight line. `Some(None)` if they are the same point, `None` if it
-/// does not converge.
-fn join(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Option<Ray>> {
-    if a == b {
-        return Some(None);
-    }
+/// aim moves along the chart's straight line. `None` if it does not converge.
+fn join(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Ray> {
     let inverse = manifold.standard_frame(a).inverse();
     let mut w = inverse * (b - a) / AIMS as f64;
     for aim in 1..=AIMS {
@@ -253,7 +329,7 @@ fn join(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Option<Ray>> {
         if aim == AIMS {
             let close = off <= CLOSE * (b - a).length();
             let d = w.try_normalize()?;
-            return close.then(|| Some(Ray::new(manifold, a, d, w.length())));
+            return close.then(|| Ray::new(manifold, a, d, w.length()));
         }
         w *= (aim + 1) as f64 / aim as f64;
     }
@@ -319,7 +395,7 @@ metric = { conformal = "2/(1 + x^2 + y^2 + z^2)" }
                 .extend((1.0 - u.length_squared()) / (1.0 + u.length_squared()))
         };
         let (a, b) = (DVec3::new(0.3, -0.2, 0.5), DVec3::new(-0.7, 0.9, 0.4));
-        let ray = join(&manifold, a, b).unwrap().unwrap();
+        let ray = join(&manifold, a, b).unwrap();
         let angle = lift(a).dot(lift(b)).acos();
         assert!((ray.length - angle).abs() < 1e-6, "{} {angle}", ray.length);
     }

@@ -8,7 +8,7 @@
 use geofan_bundle::Table;
 use geofan_core::{
     geodesic::check_point,
-    manifold::{EventKind, Manifold},
+    manifold::{EventKind, Gluing, Manifold},
 };
 use geofan_render::Camera;
 use glam::DVec3;
@@ -29,6 +29,8 @@ pub enum StopReason {
     Exit(usize),
     /// The metric allows no further step.
     Metric,
+    /// A mirror, or a face behind which right and left have changed places.
+    Mirror,
     /// The edge of the region in which the table knows all paths.
     Region,
 }
@@ -82,8 +84,14 @@ fn within_domain(manifold: &Manifold, camera: &Camera, by: DVec3) -> Movement {
     }
 }
 
-/// Finds what ended a move at `u`: the event of the domain whose value is nearest to its zero there.
+/// Finds what ended a move at `u`: a mirror, or the event of the domain whose value is nearest to its zero there.
 fn what_ended(manifold: &Manifold, u: DVec3) -> StopReason {
+    if manifold
+        .gluing()
+        .is_some_and(|gluing| is_on_mirror(gluing, u))
+    {
+        return StopReason::Mirror;
+    }
     let values = manifold.domain.events().at(&[u.x, u.y, u.z, 0.0, 0.0, 0.0]);
     let kinds = manifold.domain.kinds.iter().zip(values);
     let nearest = kinds
@@ -100,6 +108,15 @@ fn what_ended(manifold: &Manifold, u: DVec3) -> StopReason {
         Some((EventKind::Inside, _)) => named("inside"),
         None => StopReason::Metric,
     }
+}
+
+/// Tells whether `u` is on a face that turns right into left.
+fn is_on_mirror(gluing: &Gluing, u: DVec3) -> bool {
+    let values = gluing.values().at(&u.to_array());
+    let faces = gluing.faces().iter().zip(values).enumerate();
+    faces.into_iter().any(|(k, (face, value))| {
+        face.reverses() && value.abs() <= gluing.guard(k) && gluing.is_open(k, u)
+    })
 }
 
 /// Moves to the place of the region that is nearest to `target`, where the region is given by its parameters
@@ -193,6 +210,23 @@ mod tests {
             now = went.camera;
             assert!(cone.domain.violation(now.u).is_none());
         }
+    }
+
+    #[test]
+    fn a_mirror_stops_the_camera_before_it_and_lets_it_go_back() {
+        let hall = manifold(
+            "metric = { conformal = '1' }\nexit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 36' }]\n[[glue]]\nface = '1 - x'\nmirror = true",
+        );
+        let mut now = camera(DVec3::new(0.5, 0.1, 0.2));
+        for _ in 0..20 {
+            let went = moved(&hall, None, &now, DVec3::NEG_Z * 0.3);
+            now = went.camera;
+            assert_eq!(went.stop.is_some(), now.u.x > 0.9);
+            assert!(went.stop.is_none_or(|stop| stop == StopReason::Mirror));
+        }
+        assert!(now.u.x > 0.99 && now.u.x <= 1.0, "{}", now.u);
+        let back = moved(&hall, None, &now, DVec3::Z);
+        assert!(back.stop.is_none() && back.camera.u.x < 0.1);
     }
 
     #[test]

@@ -154,6 +154,9 @@ impl Session {
                 name => format!("this is the exit `{name}`: the space ends here"),
             }),
             Some(StopReason::Metric) => Some("the metric allows no way on".into()),
+            Some(StopReason::Mirror) => {
+                Some("a mirror stands here: a camera cannot be turned from right to left".into())
+            }
             Some(StopReason::Region) => Some(
                 "the table knows no paths from further on; allow the camera beyond to go on with exact paths"
                     .into(),
@@ -224,7 +227,7 @@ impl Session {
             return;
         }
         let poses = PoseFile::parse(SourceText::new("camera path", text), self.fov);
-        match poses.and_then(|poses| Journey::new(&self.space.manifold, &poses)) {
+        match poses.and_then(|poses| Journey::begin(&self.space.manifold, &poses)) {
             Ok(journey) => {
                 self.hint = None;
                 self.travel = Travel::Replay(Box::new(journey), now);
@@ -234,9 +237,13 @@ impl Session {
     }
 
     /// Goes on along a way.
-    fn replay_on(&mut self, journey: Box<Journey>, began: f64, now: f64) {
+    fn replay_on(&mut self, mut journey: Box<Journey>, began: f64, now: f64) {
         let [from, to] = journey.interval();
         let time = (from + now - began).min(to);
+        if let Err(error) = journey.reach(time + AHEAD[AHEAD.len() - 1]) {
+            self.hint = Some(error.to_string());
+            return;
+        }
         let (mut camera, fov) = journey.pose(time);
         camera.u = self.space.manifold.domain.wrap(camera.u);
         let manifold = &self.space.manifold;
