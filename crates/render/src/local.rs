@@ -12,7 +12,7 @@
 
 use super::{
     accel::TimedChord,
-    curve::{Cubic, Ending},
+    curve::{Cubic, Curve, Ending},
     endings::EventLocator,
     frame::Outcomes,
     intersect::{Hit, HitSearch, Seen, beyond},
@@ -293,21 +293,7 @@ impl<'w> StraightLines<'w> {
     /// Finds the sky at the end of that line.
     fn sky(&self, at: DVec2, lines: &mut PathBatch, events: &mut EventLocator<'_>) -> Seen {
         let direction = self.view.direction(at.x, at.y);
-        let (u, v) = self.line(at);
-        let fill = |knots: &[f64], rows: &mut [f64]| {
-            let n = knots.len();
-            for (k, s) in knots.iter().enumerate() {
-                for c in 0..3 {
-                    (rows[c * n + k], rows[(3 + c) * n + k]) = (u[c] + v[c] * s, v[c]);
-                }
-            }
-            n
-        };
-        lines.clear();
-        lines.push((direction, PathOrigin::Knots), fill, |line| {
-            events.ending(line)
-        });
-        beyond(&lines.path(0).ending.unwrap_or(Ending::Length))
+        beyond(&ending_of(self.line(at), direction, lines, events))
     }
 
     /// Finds the surface on the line through `at` behind so many others, as far as `reach`.
@@ -335,6 +321,44 @@ impl<'w> StraightLines<'w> {
             from = t + BEYOND;
         }
         found
+    }
+}
+
+/// Finds the ending of the chart's straight line from `u` with the tangent `v`, which begins in `direction`.
+fn ending_of(
+    (u, v): (DVec3, DVec3),
+    direction: DVec3,
+    lines: &mut PathBatch,
+    events: &mut EventLocator<'_>,
+) -> Ending {
+    let fill = |knots: &[f64], rows: &mut [f64]| {
+        let n = knots.len();
+        for (k, s) in knots.iter().enumerate() {
+            for c in 0..3 {
+                (rows[c * n + k], rows[(3 + c) * n + k]) = (u[c] + v[c] * s, v[c]);
+            }
+        }
+        n
+    };
+    lines.clear();
+    lines.push((direction, PathOrigin::Knots), fill, |line| {
+        events.ending(line)
+    });
+    lines.path(0).ending.unwrap_or(Ending::Length)
+}
+
+/// Returns the chart's straight line from `u` in `direction` (standard frame, unit) as a path over `length`, with the
+/// ending that the local view shows.
+pub fn straight_curve(world: &World, u: DVec3, direction: DVec3, length: f64) -> Curve {
+    let v = world.manifold.local_frame(u).tangent(direction);
+    let s = even_knots(length, INTERVALS);
+    let mut lines = PathBatch::new(s.clone());
+    let mut events = EventLocator::new(&world.manifold);
+    Curve {
+        ending: ending_of((u, v), direction, &mut lines, &mut events),
+        u: s.iter().map(|s| u + v * s).collect(),
+        v: vec![v; s.len()],
+        s,
     }
 }
 

@@ -17,6 +17,7 @@ use geofan_render::{
     drawing::draw,
     frame::Paths,
     intersect::{Seen, seen_along},
+    local::straight_curve,
     no_clock,
     picture::Picture,
     shade::Footprints,
@@ -249,8 +250,14 @@ impl DrawSpace {
         let Some(direction) = direction.try_normalize().filter(|_| u.is_finite()) else {
             return Err(Error::input("ray", "has no direction"));
         };
-        let tracer = ExactTracer::new(&world.manifold, u, self.length, TOLERANCE);
-        let Some(curve) = tracer.trace(&[direction]).pop() else {
+        let curve = match query.kind {
+            PictureKind::Flat => Some(straight_curve(world, u, direction, self.length)),
+            _ => {
+                let tracer = ExactTracer::new(&world.manifold, u, self.length, TOLERANCE);
+                tracer.trace(&[direction]).pop()
+            }
+        };
+        let Some(curve) = curve else {
             return Err(Error::input("ray", "cannot be followed"));
         };
         let reached = curve.s.last().copied().unwrap_or_default();

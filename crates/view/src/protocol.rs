@@ -276,6 +276,8 @@ impl DrawRequest {
 pub struct RayQuery {
     /// Number of the question.
     pub number: u32,
+    /// The kind of the picture that is pointed at.
+    pub kind: PictureKind,
     /// Chart point of the camera.
     pub u: [f64; 3],
     /// Direction in the standard frame.
@@ -498,6 +500,7 @@ mod tests {
     fn work_comes_back_as_it_went() {
         let work = Work::Ray(RayQuery {
             number: 4,
+            kind: PictureKind::Flat,
             u: [1.0, f64::MAX, -0.0],
             direction: [0.6, 0.0, 0.8],
         });

@@ -279,6 +279,10 @@ impl Session {
         self.rays.push((self.ray_number, wanted));
         let query = RayQuery {
             number: self.ray_number,
+            kind: match self.split {
+                Some(second) if x >= 0.5 => second,
+                _ => self.kind,
+            },
             u: self.camera.u.to_array(),
             direction: view.direction(x * width, y * height).to_array(),
         };

@@ -6,6 +6,7 @@
 
 use crate::{
     motion::{StopReason, moved},
+    protocol::PictureKind,
     session::Session,
 };
 use geofan_core::diagnostic::SourceText;
@@ -198,6 +199,13 @@ impl Session {
         };
         if DVec3::from_array(query.u) != self.camera.u {
             self.hint = Some("the camera has moved since the point was picked: pick again".into());
+            return;
+        }
+        if query.kind == PictureKind::Flat {
+            self.hint = Some(
+                "this line is straight in the chart only: pick where paths are curved to follow one"
+                    .into(),
+            );
             return;
         }
         let direction = self.camera.rotation.inverse() * DVec3::from_array(query.direction);
