@@ -50,6 +50,10 @@ const FINE_BLOCK: (usize, usize) = (STILL_BLOCK.1, LARGEST_TILE - 2 * MARGIN);
 /// Samples of a pixel that are drawn in large blocks.
 const FEW_SAMPLES: u16 = 4;
 
+/// The same where exact paths take long, with few samples and with more: an event waits for no more than seconds.
+/// Pixels of exact paths are the same in blocks of any size; the margins cost a fifth and a half more.
+const SLOW_BLOCKS: [(usize, usize); 2] = [(60, 28), (28, 12)];
+
 /// The same for random samples, where several workers have a block each: one takes a fifth of a second.
 const PASS_BLOCK: (usize, usize) = (64, 32);
 
@@ -88,6 +92,8 @@ pub struct FrameContent {
     pub split: Option<PictureKind>,
     /// The number of the random sample of each pixel, if it is one.
     pub pass: Option<u64>,
+    /// Its pixels take long.
+    pub slow: bool,
 }
 
 impl FramePlan {
@@ -116,6 +122,9 @@ impl FramePlan {
             };
             let blocks = match purpose {
                 Purpose::Moving => bands(area, workers),
+                Purpose::Still | Purpose::Capture if content.slow && kind == PictureKind::Exact => {
+                    blocks(area, SLOW_BLOCKS[usize::from(samples > FEW_SAMPLES)])
+                }
                 Purpose::Still | Purpose::Capture if samples > FEW_SAMPLES => {
                     blocks(area, FINE_BLOCK)
                 }
@@ -224,6 +233,7 @@ mod tests {
             kind: PictureKind::Table,
             split: split.then_some(PictureKind::Exact),
             pass: None,
+            slow: split,
         };
         FramePlan::new((1, 1), purpose, content, (size, 1), workers)
     }

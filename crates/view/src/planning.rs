@@ -12,6 +12,10 @@ use crate::{
 /// Pixels of an error picture, moving and still: every pixel takes an exact path with its deviation.
 const ERROR_PIXELS: [usize; 2] = [2_500, 25_000];
 
+/// Pixels of the very first picture: it must appear soon also where a pixel takes a thousand times as long as usual, and
+/// before the size of the display is known.
+const FIRST_PIXELS: usize = 6_000;
+
 /// Most samples of a pixel by path tracing: noise falls with the root of their number.
 const MOST_PASSES: u32 = 4096;
 
@@ -102,6 +106,7 @@ impl Session {
             PictureKind::Error => within(self.display, ERROR_PIXELS[0]),
             _ => match self.moving_share {
                 Some(share) => scaled(self.display, share),
+                None if self.drawn.is_none() => within(self.display, FIRST_PIXELS),
                 None => self.control.size(self.display),
             },
         }
@@ -123,9 +128,10 @@ impl Session {
         FrameContent {
             camera: self.camera,
             fov: self.fov,
-            kind: kind(self.kind),
+            kind: kind(self.shown_kind()),
             split: self.split.map(kind),
             pass: None,
+            slow: self.control.is_slow(),
         }
     }
 

@@ -26,7 +26,10 @@ const NEWEST: f64 = 0.3;
 /// Sizes tell the two times apart when their deviation is at least this share of their mean.
 const APART: f64 = 0.1;
 
-/// Pixels of the very first picture, of which nothing is known: it appears at once on any machine.
+/// Seconds a pixel from which on a large block of a still picture takes longer than an event may wait.
+const SLOW: f64 = 1e-5;
+
+/// Pixels of the first picture of a kind, of which nothing is known: it appears at once on usual machines.
 const FIRST: f64 = 320.0 * 180.0;
 
 /// Running means of pixels `x`, seconds `y`, `x²` and `xy`.
@@ -81,6 +84,12 @@ impl ResolutionControl {
     /// Forgets what is known: another way of drawing costs something else.
     pub fn forget(&mut self) {
         *self = Self::default();
+    }
+
+    /// Tells whether a pixel takes so long that still pictures must be drawn in small blocks.
+    pub fn is_slow(&self) -> bool {
+        self.means
+            .is_some_and(|means| means.y > SLOW * means.x + self.fixed)
     }
 
     /// Returns the seconds that a picture of `pixels` is expected to take.
