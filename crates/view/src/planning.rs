@@ -44,7 +44,7 @@ impl Session {
             ..self.content()
         };
         self.number += 1;
-        if self.kind == PictureKind::Error {
+        if self.shown_kind() == PictureKind::Error {
             (self.errors, self.given_up) = (Vec::new(), 0);
         }
         let numbers = (self.number, self.revision);
@@ -87,7 +87,7 @@ impl Session {
 
     /// Returns the samples of a pixel of the best picture.
     pub(crate) fn best_samples(&self) -> u16 {
-        match self.kind {
+        match self.shown_kind() {
             PictureKind::Error => 1,
             _ => self.still_samples,
         }
@@ -101,8 +101,16 @@ impl Session {
         })
     }
 
-    pub(crate) fn moving_size(&mut self) -> (usize, usize) {
+    /// Returns the kind of the picture: where the table knows no paths, the exact picture stands for its errors.
+    pub(crate) fn shown_kind(&self) -> PictureKind {
         match self.kind {
+            PictureKind::Error if !self.space.knows(self.camera.u) => PictureKind::Exact,
+            kind => kind,
+        }
+    }
+
+    pub(crate) fn moving_size(&mut self) -> (usize, usize) {
+        match self.shown_kind() {
             PictureKind::Error => within(self.display, ERROR_PIXELS[0]),
             _ => match self.moving_share {
                 Some(share) => scaled(self.display, share),
@@ -113,7 +121,7 @@ impl Session {
     }
 
     pub(crate) fn still_size(&self) -> (usize, usize) {
-        match self.kind {
+        match self.shown_kind() {
             PictureKind::Error => within(self.display, ERROR_PIXELS[1]),
             _ => self.display,
         }

@@ -35,6 +35,10 @@ const FIRST_SPEED: f64 = 1.0 / 12.0;
 /// Samples of a pixel by path tracing before they are shown: fewer are noise over a picture without any.
 const FIRST_SHOWN: u32 = 4;
 
+/// The hint where an error picture gives way to an exact one.
+const NO_ERRORS_HERE: &str =
+    "the table knows no paths from here: exact paths are shown in place of its errors";
+
 /// Reasons for which a ray is followed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum RayUse {
@@ -421,6 +425,10 @@ impl Session {
         let drawn = self.drawn;
         let table = self.space.table.as_ref();
         let views = self.space.cameras.iter().skip(1);
+        let behind = self.capture.as_ref().map(Capture::progress);
+        let behind: Vec<String> = behind.into_iter().chain(self.background.clone()).collect();
+        let shown = self.shown_kind();
+        let told = (shown != self.kind).then(|| NO_ERRORS_HERE.to_string());
         PanelData {
             manifold: manifold.name.clone(),
             coordinates: manifold.coordinates.clone(),
@@ -453,12 +461,10 @@ impl Session {
             display: self.display,
             seconds: drawn.map(|(.., seconds)| seconds),
             rate: self.rate(now),
-            hint: self.hint.clone(),
+            hint: self.hint.clone().or(told),
             trouble: self.trouble.clone(),
-            background: self.background.clone(),
-            errors: self
-                .error_report
-                .filter(|_| self.kind == PictureKind::Error),
+            background: (!behind.is_empty()).then(|| behind.join("; ")),
+            errors: self.error_report.filter(|_| shown == PictureKind::Error),
             legend: PanelData::legend(),
             hover: self.hover.clone(),
             picked: self.picked.as_ref().map(|(_, report)| report.clone()),

@@ -244,6 +244,31 @@ fn errors_are_told_of_error_pictures_only() {
 }
 
 #[test]
+fn where_the_table_knows_no_paths_the_exact_picture_stands_for_its_errors() {
+    let bundle = bundle("s3");
+    let mut session = session(Some(&bundle), &bundle.manifold.clone());
+    let mut machine = Machine::new(1e-8);
+    session.handle(0.0, ViewerEvent::Beyond { allowed: true });
+    let show = ViewerEvent::Show {
+        kind: PictureKind::Error,
+        split: None,
+    };
+    session.handle(0.0, show);
+    session.handle(0.0, hold(-1.0));
+    while session.panel(machine.now).within_table && machine.now < 20.0 {
+        machine.run(&mut session, 0.5);
+    }
+    session.handle(machine.now, hold(0.0));
+    machine.frames.clear();
+    machine.run(&mut session, 10.0);
+    let panel = session.panel(machine.now);
+    assert!(!panel.within_table && panel.settled && panel.errors.is_none());
+    assert!(panel.hint.unwrap().contains("exact paths"));
+    let mut frames = machine.frames.iter();
+    assert!(frames.all(|frame| frame.kind == PictureKind::Exact));
+}
+
+#[test]
 fn an_event_ends_the_refinement_after_the_block_that_is_being_drawn() {
     let flat = manifold(FLAT);
     let mut session = session(None, &flat);
