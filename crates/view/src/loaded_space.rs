@@ -49,7 +49,8 @@ const LENGTH: f64 = 10.0;
 const START_SCENE: &str = "geofan-start-scene.toml";
 
 impl SpaceSource {
-    /// Loads the space with these parameters of its manifold. A `table` stands in for the bundle's file.
+    /// Loads the space with these parameters of its manifold. A `table` stands in for the bundle's file where that is
+    /// of another manifold, or where there is none.
     ///
     /// # Errors
     /// Whatever is wrong with any of its files.
@@ -69,13 +70,10 @@ impl SpaceSource {
         let new = |path: &PathBuf| !is_made(path) && !files.contains(path);
         let read: Vec<PathBuf> = read.into_iter().filter(new).collect();
         files.extend(read);
-        let bundle = match (table, &self.bundle) {
-            (Some(table), _) => Some(table),
-            (None, Some(path)) => Some(Bundle::read(path)?),
-            (None, None) => None,
-        };
+        let own = self.bundle.as_ref().map(|path| Bundle::read(path));
         let manifold = stage.world.manifold.clone();
-        let bundle = bundle.filter(|b| manifold.differences_of_covers(&b.manifold).is_empty());
+        let fits = |b: &Bundle| manifold.differences_of_covers(&b.manifold).is_empty();
+        let bundle = own.transpose()?.filter(fits).or(table.filter(fits));
         let length = self.length.or(manifold.length).unwrap_or(LENGTH);
         let followed = bundle.as_ref().map_or(length, |b| b.table.length);
         cache::light_up(
