@@ -147,7 +147,8 @@ impl Server {
     fn check<'r>(&self, request: &'r Request) -> Result<&'r str, Reply> {
         let refuse = |why: &str| Err(("403 Forbidden", TEXT, why.to_string()));
         let host = request.header("host").unwrap_or_default();
-        if !self.hosts().iter().any(|known| known == host) {
+        let hosts = names_of(self.port);
+        if !hosts.iter().any(|known| known == host) {
             return refuse("this address is served under its own name only");
         }
         let path = request.path.strip_prefix('/').unwrap_or_default();
@@ -157,8 +158,8 @@ impl Server {
             return refuse("open the address that geofan printed");
         }
         if let Some(origin) = request.header("origin") {
-            let own = self.hosts().map(|host| format!("http://{host}"));
-            if !own.iter().any(|known| known == origin) {
+            let from = origin.strip_prefix("http://").unwrap_or_default();
+            if !hosts.iter().any(|known| known == from) {
                 return refuse("another site's page has no business here");
             }
         } else if name == "socket" {
@@ -167,19 +168,12 @@ impl Server {
         Ok(name)
     }
 
-    /// Returns the names under which this server may be asked.
-    fn hosts(&self) -> [String; 2] {
-        [
-            self.port.to_string(),
-            format!("localhost:{}", self.port.port()),
-        ]
-    }
-
     /// Returns what the user interface's pages may do: nothing but talk to this server.
     fn policy(&self) -> String {
-        let [host, local] = self.hosts();
+        let sockets = names_of(self.port).into_iter();
+        let sockets: String = sockets.map(|host| format!(" ws://{host}")).collect();
         format!(
-            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self' ws://{host} ws://{local}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+            "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob: data:; connect-src 'self'{sockets}; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
         )
     }
 
@@ -212,6 +206,15 @@ impl Server {
         driver::run(stream, request.rest.clone(), &self.shared);
         Ok(())
     }
+}
+
+/// Lists the names under which a server at `address` may be asked.
+fn names_of(address: SocketAddr) -> Vec<String> {
+    let whole = [address.to_string(), format!("localhost:{}", address.port())];
+    // Browsers leave the port of HTTP out.
+    let short = whole.iter().filter_map(|name| name.strip_suffix(":80"));
+    let short: Vec<String> = short.map(String::from).collect();
+    whole.into_iter().chain(short).collect()
 }
 
 /// Counts a connection down when it ends.
@@ -300,6 +303,18 @@ fn reply(stream: &mut TcpStream, (status, kind, content): Reply, policy: &str) -
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_port_of_http_may_be_left_out_and_no_other() {
+        let names = |address: &str| names_of(address.parse().unwrap());
+        let all = ["127.0.0.1:80", "localhost:80", "127.0.0.1", "localhost"];
+        assert_eq!(names("127.0.0.1:80"), all);
+        assert_eq!(names("[::1]:80")[2], "[::1]");
+        assert_eq!(
+            names("127.0.0.1:8080"),
+            ["127.0.0.1:8080", "localhost:8080"]
+        );
+    }
 
     #[test]
     fn only_plain_requests_to_read_are_requests() {
