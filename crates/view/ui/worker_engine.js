@@ -81,11 +81,15 @@ export async function openWorkerEngine(module, space, workers) {
   /** @param {import("./types").ViewerEvent} event */
   function send(event) {
     if (event.type === "parameter") {
+      const before = settings.get(event.name);
       settings.set(event.name, event.value);
       const text = JSON.stringify([...settings]);
       session.give(text);
-      if (session.exports.geofan_set_session() !== 0) tellTrouble(session.takeText());
-      else for (const made of workers) made.postMessage({ settings: text });
+      if (session.exports.geofan_set_session() !== 0) {
+        tellTrouble(session.takeText());
+        if (before === undefined) settings.delete(event.name);
+        else settings.set(event.name, before);
+      } else for (const made of workers) made.postMessage({ settings: text });
     } else {
       if (event.type === "sky") for (const made of workers) made.postMessage({ sky: JSON.stringify(event.sky) });
       session.give(JSON.stringify(event));

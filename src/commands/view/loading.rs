@@ -22,7 +22,9 @@ struct SpaceState {
     loaded: Arc<LoadedSpace>,
     /// Counts the spaces.
     version: u64,
+    /// Parameters that are asked for, and those of the space.
     settings: Vec<(String, f64)>,
+    loaded_settings: Vec<(String, f64)>,
     sky: SkyChoice,
     /// A bundle that was baked or found in the cache.
     table: Option<Bundle>,
@@ -80,6 +82,7 @@ impl SharedSpace {
             state: Mutex::new(SpaceState {
                 loaded: Arc::new(loaded),
                 version: 1,
+                loaded_settings: settings.clone(),
                 settings,
                 sky: SkyChoice::Scene,
                 table: None,
@@ -209,7 +212,7 @@ impl SharedSpace {
         }
     }
 
-    /// Loads the space again; the last good one stays if that fails. Returns the files that it is of, and of a failure
+    /// Loads the space again; the last good one with its parameters stays if that fails. Returns the files that it is of, and of a failure
     /// those that were asked for as well: one of them is to be mended.
     fn reload(&self) -> Vec<PathBuf> {
         let (settings, table, sky) = {
@@ -223,17 +226,33 @@ impl SharedSpace {
             Ok(mut loaded) => {
                 loaded.draw.dress(sky);
                 state.loaded = Arc::new(loaded);
+                state.loaded_settings = settings;
                 state.version += 1;
                 state.trouble = None;
                 state.loaded.files.clone()
             }
             Err(error) => {
                 state.trouble = Some(error.report(false));
+                state.forget_refused(&settings);
                 let mut files = state.loaded.files.clone();
                 files.extend(asked);
                 files.sort_unstable();
                 files.dedup();
                 files
+            }
+        }
+    }
+}
+
+impl SpaceState {
+    /// Puts the parameters of the present space in the place of those that were `refused`; others, asked for since, stay.
+    fn forget_refused(&mut self, refused: &[(String, f64)]) {
+        let good = &self.loaded_settings;
+        self.settings
+            .retain(|asked| good.contains(asked) || !refused.contains(asked));
+        for (name, value) in good {
+            if self.settings.iter().all(|(known, _)| known != name) {
+                self.settings.push((name.clone(), *value));
             }
         }
     }
@@ -285,6 +304,38 @@ fn stamp(file: &PathBuf) -> Stamp {
 mod tests {
     use super::*;
     use std::time::UNIX_EPOCH;
+
+    #[test]
+    fn a_refused_parameter_is_forgotten_and_what_was_asked_for_since_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("space.toml");
+        let text = "name = 'two'\ncoordinates = ['x', 'y', 'z']\nmetric = { conformal = 'a*b/(a - 2)' }\n\
+                    [parameters]\na = 3\nb = 1\n[cameras]\nparameters = { c = [0, 1] }\nat = ['c', '0.1', '0']\nlength = 5\n";
+        fs::write(&file, text).unwrap();
+        let source = SpaceSource {
+            file,
+            bundle: None,
+            length: None,
+        };
+        let shared = SharedSpace::open(source, vec![("b".into(), 1.5)]).unwrap();
+        shared.set_parameter("a", 2.0);
+        let refused = shared.state().settings.clone();
+        shared.set_parameter("b", 4.0);
+        shared.state().forget_refused(&refused);
+        assert_eq!(shared.state().settings, [("b".to_string(), 4.0)]);
+        shared.set_parameter("a", 2.0);
+        shared.reload();
+        assert!(shared.present().trouble.is_some());
+        shared.set_parameter("b", 5.0);
+        shared.reload();
+        let present = shared.present();
+        assert_eq!(present.trouble, None);
+        let parameters = &present.loaded.session.manifold.parameters;
+        assert_eq!(
+            parameters[..],
+            [("a".to_string(), 3.0), ("b".to_string(), 5.0)]
+        );
+    }
 
     #[test]
     fn what_changes_while_files_are_read_counts_as_changed() {
