@@ -202,6 +202,15 @@ impl Session {
         self.loading = loading;
     }
 
+    /// Says which skies are shown, to this viewer as to all others.
+    pub fn set_sky(&mut self, sky: SkyChoice) {
+        if sky != self.sky {
+            self.give_capture_up(SCENE_HAS_CHANGED);
+            self.sky = sky;
+            self.changed();
+        }
+    }
+
     /// Says what goes on behind; `None` when nothing does.
     pub fn set_background(&mut self, background: Option<String>) {
         self.background = background;

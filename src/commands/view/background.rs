@@ -4,7 +4,7 @@
 //! the space. A space that changes ends the bake of the one before; what was done is kept and gone on with when
 //! that space comes back. Half of the threads bake: the picture comes first.
 
-use super::loading::SharedSpace;
+use super::loading::{PresentSpace, SharedSpace};
 use crate::user_cache;
 use geofan_bake::{BakeOptions, BakeResult, bake};
 use geofan_bundle::Bundle;
@@ -33,7 +33,9 @@ pub fn bake_tables(shared: &Arc<SharedSpace>) {
     };
     let mut tried = 0;
     while !shared.has_ended() {
-        let (version, loaded, ..) = shared.present();
+        let PresentSpace {
+            version, loaded, ..
+        } = shared.present();
         if version != tried && loaded.draw.bundle().is_none() {
             tried = version;
             let manifold = loaded.session.manifold.clone();
@@ -131,6 +133,6 @@ impl Observer for BehindBake<'_> {
     }
 
     fn cancelled(&self) -> bool {
-        self.shared.has_ended() || self.shared.present().0 != self.version
+        self.shared.has_ended() || self.shared.present().version != self.version
     }
 }

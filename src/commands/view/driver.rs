@@ -7,7 +7,7 @@
 //! In: messages of the user interface. Out: pixels and panels. One thread reads, lets the session decide, draws
 //! with all threads, and writes. Messages are bounded, and a client that sends nonsense again and again is left.
 
-use super::loading::SharedSpace;
+use super::loading::{PresentSpace, SharedSpace};
 use geofan_view::{PanelFeed, Session, ViewerEvent};
 use std::{
     io,
@@ -32,10 +32,12 @@ pub struct Driver {
 impl Driver {
     /// Begins a session in the present space.
     pub fn new(shared: &SharedSpace) -> Self {
-        let (version, loaded, ..) = shared.present();
+        let present = shared.present();
+        let mut session = Session::new(present.loaded.session.clone());
+        session.set_sky(present.sky);
         Self {
-            session: Session::new(loaded.session.clone()),
-            version,
+            session,
+            version: present.version,
             began: Instant::now(),
         }
     }
@@ -60,7 +62,13 @@ impl Driver {
     /// Does the next piece of work. Tells whether there was any.
     pub fn turn(&mut self, shared: &SharedSpace) -> bool {
         let loading = shared.is_loading();
-        let (version, loaded, trouble, background) = shared.present();
+        let PresentSpace {
+            version,
+            loaded,
+            trouble,
+            background,
+            sky,
+        } = shared.present();
         if version != self.version {
             self.version = version;
             self.session.replace_space(loaded.session.clone());
@@ -68,6 +76,7 @@ impl Driver {
         self.session.set_loading(loading);
         self.session.set_trouble(trouble);
         self.session.set_background(background);
+        self.session.set_sky(sky);
         let now = self.now();
         if shared.wants_chunk()
             && let Some(chunk) = self.session.next_chunk(now)
@@ -84,7 +93,7 @@ impl Driver {
     }
 }
 
-/// Most bytes of a message: a camera path of an hour is below two megabytes.
+/// Most bytes of a message: a camera path of an hour is below three megabytes.
 const MOST_OF_A_MESSAGE: usize = 4 << 20;
 
 /// Messages taken before the session goes on.

@@ -54,8 +54,18 @@ const LOOK: Duration = Duration::from_millis(200);
 /// Seconds between two looks at whether a parameter has changed.
 const BEAT: Duration = Duration::from_millis(20);
 
-/// A viewer's knowledge of the space: its version, the space, the trouble and the work behind.
-pub type PresentSpace = (u64, Arc<LoadedSpace>, Option<String>, Option<String>);
+/// A viewer's knowledge of the space.
+pub struct PresentSpace {
+    /// Its version.
+    pub version: u64,
+    pub loaded: Arc<LoadedSpace>,
+    /// A mistake in a file.
+    pub trouble: Option<String>,
+    /// Work behind.
+    pub background: Option<String>,
+    /// The skies that are asked for.
+    pub sky: SkyChoice,
+}
 
 impl SharedSpace {
     /// Loads the space.
@@ -104,8 +114,13 @@ impl SharedSpace {
     /// Returns the present space.
     pub fn present(&self) -> PresentSpace {
         let state = self.state();
-        let (trouble, background) = (state.trouble.clone(), state.background.clone());
-        (state.version, state.loaded.clone(), trouble, background)
+        PresentSpace {
+            version: state.version,
+            loaded: state.loaded.clone(),
+            trouble: state.trouble.clone(),
+            background: state.background.clone(),
+            sky: state.sky,
+        }
     }
 
     /// Tells whether another space is to come: asked before [`Self::present`], no means that this is the newest.
@@ -189,7 +204,7 @@ impl SharedSpace {
 
     /// Loads the space again whenever a file or a parameter has changed, until the viewer ends.
     pub fn watch(&self) {
-        let mut files = WatchedFiles::since(self.opened, self.present().1.files.clone(), &[]);
+        let mut files = WatchedFiles::since(self.opened, self.present().loaded.files.clone(), &[]);
         let mut since_look = Duration::ZERO;
         while !self.has_ended() {
             std::thread::sleep(BEAT);
