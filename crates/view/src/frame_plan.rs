@@ -183,6 +183,11 @@ impl FramePlan {
         })
     }
 
+    /// Returns the number of blocks that have not come back yet.
+    pub fn left(&self) -> usize {
+        self.waiting.len() + self.outstanding
+    }
+
     /// Takes note that a block has come back; tells whether it was the last.
     pub fn returned(&mut self) -> bool {
         self.outstanding = self.outstanding.saturating_sub(1);

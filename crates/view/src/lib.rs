@@ -18,6 +18,7 @@
 //!
 //! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
+mod capture;
 mod cells_ahead;
 mod draw_space;
 mod error_map;

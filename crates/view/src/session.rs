@@ -8,11 +8,14 @@
 mod events;
 
 use crate::{
+    capture::{Capture, SCENE_HAS_CHANGED},
     cells_ahead::CellsAhead,
     frame_plan::{Block, FramePlan, Purpose},
     light_passes::LightPasses,
     panel::PanelData,
-    protocol::{Answer, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work},
+    protocol::{
+        Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work,
+    },
     recording::Recording,
     resolution::ResolutionControl,
     session_space::SessionSpace,
@@ -81,15 +84,13 @@ pub struct Session {
     pub(crate) moving_share: Option<f64>,
     pub(crate) number: u32,
     plan: Option<FramePlan>,
-    capture: Option<FramePlan>,
-    /// Linear light is captured.
-    capture_light: bool,
+    pub(crate) capture: Option<Capture>,
     /// The revision, the size and the samples of the last whole picture, and the seconds that it took.
     pub(crate) drawn: Option<(u64, (usize, usize), u16, f64)>,
     /// A revision of which a picture failed: it is not tried again.
     pub(crate) failed: Option<u64>,
-    shown: ShownPicture,
-    patches: Vec<Patch>,
+    pub(crate) shown: ShownPicture,
+    pub(crate) patches: Vec<Patch>,
     /// Whole frames that the user interface has not shown yet.
     pub(crate) on_their_way: VecDeque<u32>,
     finished: VecDeque<f64>,
@@ -146,7 +147,6 @@ impl Session {
             number: 0,
             plan: None,
             capture: None,
-            capture_light: false,
             drawn: None,
             failed: None,
             shown: ShownPicture::default(),
@@ -173,6 +173,7 @@ impl Session {
     /// Takes another space in place of the present one, after a change of its files: the camera stays where it
     /// is if it can.
     pub fn replace_space(&mut self, space: SessionSpace) {
+        self.give_capture_up(SCENE_HAS_CHANGED);
         let stays = check_point(&space.manifold, "the camera", self.camera.u).is_ok();
         self.space = space;
         if !stays {
@@ -261,18 +262,22 @@ impl Session {
         if let Some(query) = self.next_ray(now) {
             return Some(Work::Ray(query));
         }
-        if let Some(request) = self.capture.as_mut().and_then(|plan| plan.next(now)) {
-            return Some(Work::Draw(request));
-        }
+        let mut request = self.captured_in_turn(now);
+        request = request.or_else(|| self.next_shown(now, workers));
+        request.or_else(|| self.next_captured(now)).map(Work::Draw)
+    }
+
+    /// Returns the next block of the picture on the display.
+    fn next_shown(&mut self, now: f64, workers: usize) -> Option<DrawRequest> {
         if let Some(plan) = &mut self.plan {
             if plan.purpose == Purpose::Moving || plan.revision == self.revision {
                 // A picture that is waited for: blocks of the next one would come in between.
-                return plan.next(now).map(Work::Draw);
+                return plan.next(now);
             }
             self.plan = None;
         }
         self.plan = self.next_plan(now, workers.max(1));
-        self.plan.as_mut()?.next(now).map(Work::Draw)
+        self.plan.as_mut()?.next(now)
     }
 
     /// Returns a ray to be followed, if the pointer asks for one.
@@ -321,11 +326,7 @@ impl Session {
                 message,
             } => {
                 self.hint = Some(message);
-                if self
-                    .capture
-                    .as_ref()
-                    .is_some_and(|plan| plan.number == frame)
-                {
+                if self.captures(frame) {
                     self.capture = None;
                 }
                 match self.plan.take_if(|plan| plan.number == frame) {
@@ -340,14 +341,8 @@ impl Session {
                 rgb,
                 errors,
             } => {
-                if let Some(plan) = self.capture.as_mut().filter(|plan| plan.number == frame) {
-                    let (last, size) = (plan.returned(), plan.size);
-                    let form = (last, self.capture_light);
-                    let patch = self.shown.captured((frame, size), block, &rgb, form);
-                    self.patches.push(patch);
-                    if last {
-                        self.capture = None;
-                    }
+                if self.captures(frame) {
+                    self.accept_captured(block, &rgb);
                 } else if let Some(mut plan) = self.plan.take_if(|plan| plan.number == frame) {
                     self.given_up += errors.iter().filter(|e| e.is_nan()).count();
                     let known = errors.into_iter().filter(|e| !e.is_nan());
@@ -361,6 +356,12 @@ impl Session {
                 }
             }
         }
+    }
+
+    /// Tells whether a frame is the picture that is saved.
+    fn captures(&self, frame: u32) -> bool {
+        let capture = self.capture.as_ref();
+        capture.is_some_and(|capture| capture.number() == frame)
     }
 
     /// Puts a block on the display; of random samples the mean, once there are enough.

@@ -309,6 +309,91 @@ fn a_captured_picture_has_its_own_size_and_does_not_disturb_the_display() {
     assert!(session.panel(machine.now).hint.is_some());
 }
 
+/// Asks for a saved picture of several blocks.
+fn capture() -> ViewerEvent {
+    ViewerEvent::Capture {
+        width: 600,
+        height: 400,
+        samples: 1,
+        light: false,
+    }
+}
+
+#[test]
+fn a_captured_picture_keeps_the_exposure_that_it_was_asked_for_at_and_the_display_goes_on() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    session.handle(0.0, capture());
+    let draw = |session: &mut Session, light: f32| {
+        let Some(Work::Draw(request)) = session.next_work(0.0, 1) else {
+            panic!("a picture is wanted");
+        };
+        let (frame, block) = (request.frame, request.block);
+        let rgb = vec![light; 3 * block.width * block.height];
+        let errors = Vec::new();
+        let answer = Answer::Drawn {
+            frame,
+            block,
+            rgb,
+            errors,
+        };
+        session.accept(0.0, answer);
+        session.take_patches().pop().unwrap()
+    };
+    let first = draw(&mut session, 0.1);
+    let told = session.panel(0.0).background.unwrap();
+    assert!(told.starts_with("saving a picture: 1 of"), "{told}");
+    session.handle(0.0, ViewerEvent::Exposure { stops: 2.0 });
+    let display = draw(&mut session, 0.1);
+    let second = draw(&mut session, 0.1);
+    assert!(first.capture && !display.capture && second.capture);
+    assert_eq!(first.pixels[0], second.pixels[0]);
+    assert_ne!(first.pixels[0], display.pixels[0]);
+}
+
+#[test]
+fn a_captured_picture_is_given_up_with_a_hint_when_it_would_show_two_states() {
+    let flat = manifold(FLAT);
+    let stars = ViewerEvent::Sky {
+        sky: SkyChoice::Stars,
+    };
+    for event in [Some(stars), Some(ViewerEvent::Halt), None] {
+        let mut session = session(None, &flat);
+        session.handle(0.0, capture());
+        assert!(session.panel(0.0).background.is_some());
+        match event {
+            Some(event) => session.handle(0.0, event),
+            None => session.replace_space(session.space().clone()),
+        }
+        let panel = session.panel(0.0);
+        assert!(panel.hint.unwrap().contains("given up") && panel.background.is_none());
+    }
+}
+
+#[test]
+fn a_point_of_the_flat_picture_is_where_the_straight_line_leads() {
+    let sphere = manifold(
+        "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n[cameras]\nparameters = { c = [0.2, 0.4] }\nat = ['c', '0.1', '0']\nlength = 3",
+    );
+    let drawer = DrawSpace::new(start_stage(&sphere, 3.0), None, 3.0);
+    let ends = [PictureKind::Flat, PictureKind::Exact].map(|kind| {
+        let query = RayQuery {
+            number: 1,
+            kind,
+            u: [0.2, 0.1, 0.0],
+            direction: [0.0, 0.6, 0.8],
+        };
+        let Answer::Ray { report, .. } = drawer.answer(&Work::Ray(query)) else {
+            panic!("a path is told")
+        };
+        let (first, last) = (report.points[0], report.points[report.points.len() - 1]);
+        (DVec3::from_array(last) - DVec3::from_array(first)).normalize()
+    });
+    let straight = DVec3::new(0.0, 0.6, 0.8);
+    assert!(ends[0].abs_diff_eq(straight, 1e-9), "{}", ends[0]);
+    assert!(!ends[1].abs_diff_eq(straight, 1e-2), "{}", ends[1]);
+}
+
 #[test]
 fn captured_light_is_linear_whatever_the_exposure() {
     let flat = manifold(FLAT);
@@ -649,6 +734,7 @@ fn a_block_drawn_alone_is_the_part_of_the_whole_picture() {
     }
     let query = RayQuery {
         number: 1,
+        kind: PictureKind::Exact,
         u: whole.u,
         direction: [1.0, 0.0, 0.0],
     };

@@ -104,19 +104,19 @@ impl ShownPicture {
         }
     }
 
-    /// Returns a block of a captured picture, which is not kept: as the screen shows it, or its linear `light`
-    /// whatever the exposure.
+    /// Returns a block of a captured picture, which is not kept: as the screen shows it at an exposure in stops, or
+    /// its linear light if there is none.
     pub fn captured(
         &self,
         (frame, size): (u32, (usize, usize)),
         block: Block,
         rgb: &[f32],
-        (last, light): (bool, bool),
+        (last, stops): (bool, Option<f64>),
     ) -> Patch {
         let mut pixels = Vec::new();
-        match light {
-            true => pixels.extend(rgb.iter().flat_map(|x| x.to_le_bytes())),
-            false => (self.table).append(rgb, self.stops.exp2() as f32, &mut pixels),
+        match stops {
+            None => pixels.extend(rgb.iter().flat_map(|x| x.to_le_bytes())),
+            Some(stops) => (self.table).append(rgb, stops.exp2() as f32, &mut pixels),
         }
         Patch {
             frame,
@@ -125,7 +125,7 @@ impl ShownPicture {
             block,
             last,
             pixels,
-            light,
+            light: stops.is_none(),
         }
     }
 }

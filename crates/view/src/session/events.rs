@@ -5,6 +5,7 @@
 
 use super::{RayUse, Session};
 use crate::{
+    capture::Capture,
     frame_plan::{FramePlan, Purpose},
     protocol::{PictureKind, Pose, ViewerEvent},
     recording::Recording,
@@ -50,7 +51,7 @@ impl Session {
             ViewerEvent::Exposure { stops } => self.expose(stops),
             ViewerEvent::Sky { sky } => {
                 if sky != self.sky {
-                    self.sky = sky;
+                    self.set_sky(sky);
                     self.changed_at(now);
                 }
             }
@@ -61,7 +62,10 @@ impl Session {
             ViewerEvent::Hover { x, y } => self.pointer = Some((RayUse::Hover, [x, y])),
             ViewerEvent::Pick { x, y } => self.pointer = Some((RayUse::Pick, [x, y])),
             ViewerEvent::Follow => self.follow(),
-            ViewerEvent::Halt => self.travel = Travel::None,
+            ViewerEvent::Halt => {
+                self.travel = Travel::None;
+                self.give_capture_up("");
+            }
             ViewerEvent::Record { on } => self.record(now, on),
             ViewerEvent::Replay { text } => self.replay(now, &text),
             ViewerEvent::Capture {
@@ -178,17 +182,12 @@ impl Session {
             return;
         }
         let samples = samples.clamp(1, 256);
-        self.capture_light = light;
         let content = self.content();
         self.number += 1;
         let numbers = (self.number, self.revision);
-        self.capture = Some(FramePlan::new(
-            numbers,
-            Purpose::Capture,
-            content,
-            (size, samples),
-            1,
-        ));
+        let plan = FramePlan::new(numbers, Purpose::Capture, content, (size, samples), 1);
+        let stops = (!light).then(|| self.shown.exposure());
+        self.capture = Some(Capture::new(plan, stops));
     }
 }
 
