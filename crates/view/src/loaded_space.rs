@@ -125,3 +125,22 @@ impl SpaceSource {
             .collect())
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::tests::bundle;
+
+    #[test]
+    fn the_users_bundle_comes_before_a_table_of_another_space() {
+        let golden = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/golden"));
+        let source = SpaceSource {
+            file: golden.join("s3.toml"),
+            bundle: Some(golden.join("s3.fan")),
+            length: None,
+        };
+        let loaded = source.load(&[], Some(bundle("three-bumps-rail"))).unwrap();
+        let known = loaded.draw.bundle().unwrap();
+        assert_eq!(known.table.length, bundle("s3").table.length);
+    }
+}
