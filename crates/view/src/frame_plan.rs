@@ -50,8 +50,9 @@ const FINE_BLOCK: (usize, usize) = (STILL_BLOCK.1, LARGEST_TILE - 2 * MARGIN);
 /// Samples of a pixel that are drawn in large blocks.
 const FEW_SAMPLES: u16 = 4;
 
-/// The same where exact paths take long, with few samples and with more: an event waits for no more than seconds.
-/// Pixels of exact paths are the same in blocks of any size; the margins cost a fifth and a half more.
+/// The same where exact paths take long, with few samples and with more: an event waits for seconds at most. Smaller
+/// ones would be margin for the most part: these have a fifth, and a half, more pixels with it. Exact paths, each
+/// integrated, show the same in blocks of any size.
 const SLOW_BLOCKS: [(usize, usize); 2] = [(60, 28), (28, 12)];
 
 /// The same for random samples, where several workers have a block each: one takes a fifth of a second.
