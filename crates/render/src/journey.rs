@@ -171,12 +171,9 @@ impl Journey {
         let Some(gluing) = self.developed.gluing() else {
             return follow(b).map(Some);
         };
-        // Straight on behind a face, `b` is where the face's partner takes it.
-        let faces = gluing.faces();
-        let partners = faces
-            .iter()
-            .filter_map(|face| Some(&faces[face.partner()?]));
-        let images = partners.filter_map(|partner| Some(partner.carry(b)?.0));
+        // Straight on behind a face, `b` is where the map of the way back takes it: which that is, the arrival tells.
+        let faces = gluing.faces().iter();
+        let images = faces.filter_map(|face| Some(face.carry(b)?.0));
         let arrives = |(path, length): &(Path, f64)| {
             path.steps.last().is_some_and(|step| {
                 let off = (step.position(*length) - b).length();
