@@ -248,7 +248,7 @@ export function overlayText(panel) {
   const where = coordinates.map((name, k) => `${name} ${short(pose.at[k])}`).join("  ");
   const ways = { table: "table", exact: "exact paths", flat: "flat space", error: "errors" };
   const way = panel.split ? `${ways[panel.kind]} | ${ways[panel.split]}` : ways[panel.kind];
-  const outside = panel.kind === "table" && !panel.within_table;
+  const outside = ["table", "error"].includes(panel.kind) && !panel.within_table;
   const fallback = outside ? " (outside: exact paths)" : panel.decoding ? " (being decoded here: exact paths until then)" : "";
   const traced = passes[0] > 0 ? `, ${passes[0]} of ${passes[1]} by path tracing` : "";
   const lines = [
