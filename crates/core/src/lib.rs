@@ -12,6 +12,8 @@
 //! [`error`], [`keeping`], [`observer`], [`parallel`], [`quantiles`], [`random`], [`reading`] and, with the feature `files`,
 //! [`files`] serve every crate.
 
+#![cfg_attr(small, feature(optimize_attribute))]
+
 pub mod diagnostic;
 pub mod document;
 pub mod error;

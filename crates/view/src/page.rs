@@ -70,28 +70,29 @@ impl Page {
     /// The user interface lacks a part that is to be replaced.
     pub fn html(&self) -> Result<String> {
         let scripts = scripts().map(|(id, kind, text)| script(id, kind, &text));
-        self.whole(in_letters, &scripts.concat())
+        self.whole(in_letters, ui::STYLE, &scripts.concat())
     }
 
     /// Returns the bytes of the page as one HTML file, in UTF-16. Letters take two bytes there, and compressed bytes
-    /// hardly more than one; so the scripts are compressed, but for the one that unpacks them.
+    /// hardly more than one; so style sheet and scripts are compressed, but for the one that unpacks them.
     fn file(&self) -> Result<Vec<u8>> {
-        let listed = serde_json::to_vec(&scripts()).expect("texts are JSON");
+        let style = ("", "text/css", ui::STYLE.to_owned());
+        let parts: Vec<_> = [style].into_iter().chain(scripts()).collect();
+        let listed = serde_json::to_vec(&parts).expect("texts are JSON");
         let packed = script(
             "geofan-scripts",
             "text/plain",
             &in_code_units(&compressed(&listed)?),
         );
         let opening = script("geofan-opening", "module", &opening_script());
-        Ok(utf16_file(
-            &self.whole(in_code_units, &(packed + &opening))?,
-        ))
+        let page = self.whole(in_code_units, UNSTYLED, &(packed + &opening))?;
+        Ok(utf16_file(&page))
     }
 
-    /// Returns the page with everything inside: what is compressed as text, and its scripts.
-    fn whole(&self, text: impl Fn(&[u8]) -> String, scripts: &str) -> Result<String> {
+    /// Returns the page with everything inside: what is compressed as text, its style sheet and its scripts.
+    fn whole(&self, text: impl Fn(&[u8]) -> String, style: &str, scripts: &str) -> Result<String> {
         let html = with_head(&self.title, "'none'")?;
-        let html = replaced(&html, STYLE, &format!("<style>\n{}</style>", ui::STYLE))?;
+        let html = replaced(&html, STYLE, &format!("<style>\n{style}</style>"))?;
         let data = |id: &str, bytes: &[u8]| script(id, "text/plain", &text(bytes));
         let parts = data("geofan-wasm", &self.wasm) + &data("geofan-space", &self.space) + scripts;
         replaced(&html, SCRIPT, &parts)
@@ -216,6 +217,9 @@ fn replaced(html: &str, part: &str, by: &str) -> Result<String> {
         false => Err(Error::input("index.html", format!("lacks {part}"))),
     }
 }
+
+/// What a page looks like before its style sheet is unpacked: nothing is seen but the background.
+const UNSTYLED: &str = "html { visibility: hidden; background: #000; }";
 
 const TITLE: &str = "<title>geofan</title>";
 const STYLE: &str = r#"<link rel="stylesheet" href="style.css">"#;

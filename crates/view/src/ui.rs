@@ -50,9 +50,19 @@ pub fn worker_script() -> String {
     unpacking(WORKER)
 }
 
-/// Joins the script that unpacks the others of a page.
+/// Joins the script that unpacks the others of a page; without its comments, because nothing of it is compressed.
 pub fn opening_script() -> String {
-    unpacking(OPENING)
+    let script = unpacking(OPENING);
+    let is_code = |line: &&str| {
+        !["//", "/*", "*"]
+            .iter()
+            .any(|c| line.trim_start().starts_with(c))
+    };
+    script
+        .lines()
+        .filter(is_code)
+        .flat_map(|line| [line, "\n"])
+        .collect()
 }
 
 fn unpacking(main: &str) -> String {

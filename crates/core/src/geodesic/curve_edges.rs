@@ -128,6 +128,7 @@ impl Side {
 
 /// Computes the turn of frames over an edge with the normal covector `gradient` along the tangent `v`, relative to
 /// the standard frames of both sides; `None` where it depends on the profile of the edge.
+#[cfg_attr(small, optimize(size))]
 fn turn_over(near: &Side, far: &Side, gradient: DVec3, v: DVec3) -> Option<DQuat> {
     let ratio = near.metric.inverse() * far.metric;
     let scale = (ratio.x_axis.x + ratio.y_axis.y + ratio.z_axis.z) / 3.0;
@@ -155,6 +156,7 @@ fn turn_over(near: &Side, far: &Side, gradient: DVec3, v: DVec3) -> Option<DQuat
 
 /// Finds the surfaces that `curve` meets, looked at in `places` cells. `offset` is the largest parameter of the
 /// curve over the width of its interval, whose rounding counts like that of points.
+#[cfg_attr(small, optimize(size))]
 pub(super) fn crossings(
     manifold: &Manifold,
     curve: impl Fn(f64) -> (DVec3, DVec3),
@@ -188,6 +190,7 @@ struct CurveSurfaces<'m, C> {
 
 impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     /// Evaluates all functions.
+    #[cfg_attr(small, optimize(size))]
     fn look(&mut self, s: f64) -> Vec<Look> {
         let (u, v) = (self.curve)(s);
         self.tape.run_at(&mut self.registers, &u.to_array());
@@ -216,6 +219,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     }
 
     /// Finds all surfaces that are met.
+    #[cfg_attr(small, optimize(size))]
     fn look_everywhere(&mut self, places: usize) -> Result<(), EdgeMet> {
         let mut before = self.look(0.0);
         let mut along_before = self.run_along(0.0, &before)?;
@@ -237,6 +241,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     ///
     /// # Errors
     /// One of them is an edge.
+    #[cfg_attr(small, optimize(size))]
     fn run_along(&self, s: f64, looks: &[Look]) -> Result<Vec<bool>, EdgeMet> {
         let (u, v) = (self.curve)(s);
         let reach = self.aside(s) * v.length();
@@ -284,6 +289,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
 
     /// Finds the surfaces met between two places, but for those `ignored`. What is found divides the stretch: between
     /// the kinks of functions they are smooth, and thin layers are seen.
+    #[cfg_attr(small, optimize(size))]
     fn search(
         &mut self,
         [(low, before), (high, after)]: [(f64, &[Look]); 2],
@@ -322,6 +328,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
 
     /// Finds a place between two at which function `k` changes its sign: there, or where it comes towards zero and
     /// turns back. `None` if there is none.
+    #[cfg_attr(small, optimize(size))]
     fn met_between(&mut self, k: usize, [low, high]: [f64; 2], ends: [Look; 2]) -> Option<f64> {
         let [before, after] = ends;
         if !(before.value.is_finite() && after.value.is_finite()) {
@@ -342,6 +349,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     }
 
     /// Joins surfaces that are met at one place, and finds what they do to frames.
+    #[cfg_attr(small, optimize(size))]
     fn resolved(mut self) -> Result<Vec<Crossing>, EdgeMet> {
         let mut met = std::mem::take(&mut self.met);
         met.sort_by(|a, b| a.s.total_cmp(&b.s));
@@ -350,6 +358,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
         groups.map(|group| self.resolve(group)).collect()
     }
 
+    #[cfg_attr(small, optimize(size))]
     fn resolve(&mut self, group: &[Met]) -> Result<Crossing, EdgeMet> {
         let ends = |beside: fn(&Met) -> f64| {
             let low = group.iter().map(|met| met.s - beside(met));

@@ -121,6 +121,7 @@ pub fn transport(
 ///
 /// # Errors
 /// As [`transport()`].
+#[cfg_attr(small, optimize(size))]
 pub fn transport_piece(
     manifold: &Manifold,
     curve: impl Fn(f64) -> (DVec3, DVec3),
@@ -237,6 +238,7 @@ fn between(manifold: &Manifold, ends: [DVec3; 2], rotation: DQuat, steps: usize)
 
 /// Turns a frame at `rate`; returns its rotation and the number of steps. `look` is the rate for places between those
 /// that steps are made of; where it is not a number nothing is overlooked.
+#[cfg_attr(small, optimize(size))]
 fn follow(
     rate: &impl Fn(f64) -> DVec3,
     look: &impl Fn(f64) -> DVec3,
@@ -282,6 +284,7 @@ const HIDDEN: f64 = 100.0;
 
 /// Returns whether the Gauss points `parts` of the two halves of the `step` from `t` to `after` overlook something: at one of
 /// the places looked at the rate is off the polynomial through all six by more than [`HIDDEN`] over the gap at an end.
+#[cfg_attr(small, optimize(size))]
 fn overlooks(
     look: &impl Fn(f64) -> DVec3,
     [t, after, step]: [f64; 3],

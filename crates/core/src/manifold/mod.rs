@@ -158,6 +158,7 @@ impl Manifold {
     ///
     /// # Errors
     /// As [`Manifold::load`].
+    #[cfg_attr(small, optimize(size))]
     pub fn with_samples(
         source: Arc<SourceText>,
         settings: &[(String, f64)],

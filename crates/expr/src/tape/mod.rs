@@ -235,7 +235,7 @@ pub type Digest = [u8; 32];
 
 impl Tape {
     /// Digests every output, with `hash` as the hash function.
-    // By pointers: inlined at all the places that ask for a hash, the function would be a hundredth of a page's viewer.
+    #[cfg_attr(small, optimize(size))]
     pub fn digests(&self, hash: &dyn Fn(&[u8]) -> Digest) -> Vec<Digest> {
         let node = |name: &str, operands: &[Digest]| {
             let mut bytes = name.as_bytes().to_vec();
@@ -274,6 +274,7 @@ impl Tape {
 
 impl Operation {
     /// Digests what it makes of operands with these digests; sums of products as their single steps.
+    #[cfg_attr(small, optimize(size))]
     fn digest(
         self,
         [a, b, c, d, e, f]: [Digest; 6],
