@@ -396,7 +396,7 @@ fn a_page_is_one_file_or_a_folder_that_asks_nobody_and_tells_nothing_of_the_disk
         assert_eq!(code, 0, "{text}");
     }
     let bytes = fs::read(folder.path().join("out.html")).unwrap();
-    assert!(bytes.starts_with(&[0xFF, 0xFE]) && bytes.len() % 2 == 0);
+    assert!(bytes.starts_with(&[0xFF, 0xFE]) && bytes.len().is_multiple_of(2));
     let units = bytes[2..]
         .chunks(2)
         .map(|two| u16::from_le_bytes([two[0], two[1]]));
