@@ -32,7 +32,7 @@ def test_a_page_has_the_bytes_of_the_command_line_s(command, bump, table, wasm, 
     assert found.read_bytes() == (tmp_path / "told.html").read_bytes() and found.stat().st_size == told["bytes"]
     inline = gf.view(tmp_path / "scene.toml", table, wasm=wasm)
     # A file is in UTF-16, which carries more in a byte; a notebook's texts are in UTF-8. Its head is the same.
-    head = found.read_text(encoding="utf-16").split("<script", 1)[0]
+    head = found.read_text(encoding="utf-16").split("<style", 1)[0]
     assert inline.html.startswith(head) and "<title>Bump" in head
     frame = re.fullmatch(r'<iframe sandbox="([^"]*)" [^>]*srcdoc="([^"]*)"></iframe>', inline._repr_html_())
     assert frame is not None and html.unescape(frame[2]) == inline.html and "same-origin" not in frame[1]
