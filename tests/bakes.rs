@@ -188,6 +188,15 @@ fn resuming_uses_whole_parts_and_bakes_damaged_missing_and_foreign_ones_again() 
     fs::write(part(1), damaged).unwrap();
     fs::copy(part(3), part(2)).unwrap();
     fs::write(place.path("b.fan.parts/.geofan-x.part"), "cut off").unwrap();
+    // Earlier versions did not note whose chunks they are.
+    let files = fs::read_dir(place.path("b.fan.parts")).unwrap();
+    let notes = files.map(|file| file.unwrap()).filter(|file| {
+        let name = file.file_name();
+        name.to_string_lossy().starts_with("plan-")
+    });
+    let notes: Vec<_> = notes.map(|note| note.path()).collect();
+    assert_eq!(notes.len(), 1);
+    fs::remove_file(&notes[0]).unwrap();
     lens(&place, "--resume -o b.fan").success();
     assert!(place.bytes("whole.fan") == place.bytes("b.fan"));
     assert!(!place.path("b.fan.parts").exists());

@@ -236,9 +236,13 @@ pub struct ChunkFiles {
     _lock: File,
 }
 
-/// Beginnings of the names of all files that belong here, first those of finished chunks and of decisions about those under
-/// way; the last is that of a write cut off.
-const NAMES: [&str; 4] = ["chunk-", "boxes-", "exceeds-", ".geofan-"];
+/// Beginnings of the names of all files that belong here: of finished chunks; of decisions about those under way; of notes
+/// that a bundle is larger than so many bytes, and that its chunks are baked here; and of a write cut off.
+const CHUNK: &str = "chunk-";
+const BOXES: &str = "boxes-";
+const EXCEEDS: &str = "exceeds-";
+const PLAN: &str = "plan-";
+const CUT_OFF: &str = ".geofan-";
 
 /// Name of the file that whoever bakes holds a lock on.
 const LOCK: &str = "lock";
@@ -352,7 +356,7 @@ impl ChunkFiles {
 
     /// Returns the name of the file of `chunk`.
     fn path(&self, chunk: u32) -> PathBuf {
-        self.folder.join(format!("chunk-{chunk:06}"))
+        self.folder.join(format!("{CHUNK}{chunk:06}"))
     }
 
     /// Reads a finished chunk, if it is there, whole, and of the bundle `id` with tensors of this `shape`.
@@ -381,7 +385,7 @@ impl ChunkFiles {
 
     /// Returns the name of the file of the decisions about `chunk`.
     fn decisions_path(&self, chunk: u32) -> PathBuf {
-        self.folder.join(format!("{}{chunk:06}", NAMES[1]))
+        self.folder.join(format!("{BOXES}{chunk:06}"))
     }
 
     /// Writes a finished chunk, and removes the decisions about it.
@@ -408,11 +412,11 @@ impl ChunkFiles {
     /// # Errors
     /// All that is there belongs to another space, or to other options; or as [`ChunkFiles::store`].
     pub fn begin(&self, id: Id, resume: bool) -> Result<()> {
-        let own = self.named(NAMES[3], id);
+        let own = self.named(PLAN, id);
         let names = self.names()?;
         let count = |start: &str| names.iter().filter(|name| name.starts_with(start)).count();
-        let chunks = count(NAMES[0]) + count(NAMES[1]);
-        if resume && chunks > 0 && count(NAMES[3]) > 0 && !own.exists() {
+        let chunks = count(CHUNK) + count(BOXES);
+        if resume && chunks > 0 && count(PLAN) > 0 && !own.exists() {
             let message = format!(
                 "holds {chunks} chunks, finished or begun, of a bake of another space or with other options; go on with what that \
                  was begun with, name another output, or leave out --resume, which discards them"
@@ -438,7 +442,7 @@ impl ChunkFiles {
 
     /// Returns the name of the note about the size of the bundle `id`.
     fn note(&self, id: Id) -> PathBuf {
-        self.named(NAMES[2], id)
+        self.named(EXCEEDS, id)
     }
 
     /// Returns the name of a file about the bundle `id`.
@@ -468,10 +472,11 @@ impl ChunkFiles {
     pub fn discard(&self) -> Result<usize> {
         let mut chunks = 0;
         for name in self.names()? {
-            if NAMES.iter().any(|start| name.starts_with(start)) {
+            let is = |starts: &[&str]| starts.iter().any(|start| name.starts_with(start));
+            if is(&[CHUNK, BOXES, EXCEEDS, PLAN, CUT_OFF]) {
                 let path = self.folder.join(&name);
                 fs::remove_file(&path).map_err(|e| Error::io(&path, e))?;
-                chunks += usize::from(NAMES[..2].iter().any(|start| name.starts_with(start)));
+                chunks += usize::from(is(&[CHUNK, BOXES]));
             }
         }
         Ok(chunks)
