@@ -15,9 +15,9 @@ fi
 
 # The standard library is built too, so that a panic, of which a page tells nothing but that the viewer has ended, ends
 # it without a text: a twentieth of the bytes less. A stable compiler takes these settings by RUSTC_BOOTSTRAP.
-# Functions marked for it are compiled for size (cfg small), and paths of this machine are no part of the result.
+# Paths of this machine are no part of the result.
 export RUSTC_BOOTSTRAP=1
-export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128 --cfg small \
+export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128 \
     -Z unstable-options -C panic=immediate-abort --remap-path-prefix=$PWD=. \
     --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo --remap-path-prefix=$sysroot=rust"
 cargo build --locked --profile web -p geofan-web --target "$target" -Z build-std=std,panic_abort

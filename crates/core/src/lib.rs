@@ -12,8 +12,6 @@
 //! [`error`], [`keeping`], [`observer`], [`parallel`], [`quantiles`], [`random`], [`reading`] and, with the feature `files`,
 //! [`files`] serve every crate.
 
-#![cfg_attr(small, feature(optimize_attribute))]
-
 pub mod diagnostic;
 pub mod document;
 pub mod error;

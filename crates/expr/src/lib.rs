@@ -5,8 +5,6 @@
 //! derivatives to the same graph; [`Tape::compile`] turns the nodes wanted into instructions. Functions
 //! given by samples are [`spline`]s; a tape computes all derivatives of one at a point together.
 
-#![cfg_attr(small, feature(optimize_attribute))]
-
 mod derivative;
 mod graph;
 mod kernels;

@@ -372,7 +372,7 @@ fn tapes_of_different_fields_have_different_digests_and_graphs_tell_what_is_used
         assert_eq!(graph.fields_below(&[value]), [(field, 0)]);
         assert_eq!(graph.calls_below(&[value]), [(field, inputs)]);
         assert_eq!(graph.calls_below(&[inputs[0]]), []);
-        Tape::compile(&graph, &[value], 3).unwrap().digests(&hash)[0]
+        Tape::compile(&graph, &[value], 3).unwrap().digests(hash)[0]
     };
     assert_eq!(digest(1), digest(1));
     assert_ne!(digest(1), digest(2));

@@ -235,8 +235,7 @@ pub type Digest = [u8; 32];
 
 impl Tape {
     /// Digests every output, with `hash` as the hash function.
-    #[cfg_attr(small, optimize(size))]
-    pub fn digests(&self, hash: &dyn Fn(&[u8]) -> Digest) -> Vec<Digest> {
+    pub fn digests(&self, hash: impl Fn(&[u8]) -> Digest) -> Vec<Digest> {
         let node = |name: &str, operands: &[Digest]| {
             let mut bytes = name.as_bytes().to_vec();
             operands.iter().for_each(|operand| bytes.extend(operand));
@@ -274,11 +273,10 @@ impl Tape {
 
 impl Operation {
     /// Digests what it makes of operands with these digests; sums of products as their single steps.
-    #[cfg_attr(small, optimize(size))]
     fn digest(
         self,
         [a, b, c, d, e, f]: [Digest; 6],
-        node: &dyn Fn(&str, &[Digest]) -> Digest,
+        node: &impl Fn(&str, &[Digest]) -> Digest,
     ) -> Digest {
         let either_order = |name: &str, x: Digest, y: Digest| node(name, &[x.min(y), x.max(y)]);
         let add = |x, y| either_order("Add", x, y);
@@ -337,7 +335,7 @@ mod tests {
             parse(first, &scope, &mut graph).unwrap();
         }
         let node = parse(text, &scope, &mut graph).unwrap().node;
-        Tape::compile(&graph, &[node], 3).unwrap().digests(&hash)[0]
+        Tape::compile(&graph, &[node], 3).unwrap().digests(hash)[0]
     }
 
     #[test]

@@ -141,7 +141,6 @@ fn largest(matrix: DMat3) -> f64 {
 ///
 /// # Errors
 /// The reason why there is none.
-#[cfg_attr(small, optimize(size))]
 pub(in crate::manifold) fn dirichlet(
     model: &LinearModel,
     generators: &[Vec<f64>],
