@@ -1,7 +1,7 @@
 //! Places at which a curve meets surfaces where the metric switches, and the turn of frames over edges there.
 //!
-//! In: a manifold and a curve `s -> (u, du/ds)` with `s`, the share of the way, in [0, 1]. Out: its [`Crossing`]s, in
-//! order, or the [`EdgeMet`] over which nothing can be carried.
+//! In: a manifold and a curve `s -> (u, du/ds)` with `s`, the share of the way, in [0, 1]. Out: its [`CurveCrossing`]s, in
+//! order, or the [`RefusedEdge`] over which nothing can be carried.
 //!
 //! Across an edge `φ(u) = 0` the metric jumps from `G₁` to `G₂`. Transport over it is the limit of transport over soft
 //! edges, as far as that does not depend on their profile: it does not in two cases.
@@ -11,18 +11,14 @@
 //! - Both metrics agree along the edge, as where an embedding is folded: vectors along the edge stay what they are, and
 //!   the unit normal becomes the unit normal.
 
-use super::{domain_events::crossing, refraction::metrics_differ};
+use super::{
+    domain_events::crossing,
+    refraction::metrics_differ,
+    switching::{ASIDE, GRAZING},
+};
 use crate::manifold::Manifold;
 use geofan_expr::{Registers, Tape};
 use glam::{DMat3, DQuat, DVec3};
-
-/// Share of the way beside a surface that counts as on it, for a way as long as the curve's distance from the chart's
-/// origin: as where rays cross ([`super::switching`]), some hundred roundings.
-pub(super) const ASIDE: f64 = 2e-14;
-
-/// A curve that meets a surface at a smaller angle (its sine, in the chart) runs along it: rounding in the
-/// surface's place turns frames by 1e-16 over the square of the angle.
-const GRAZING: f64 = 1e-4;
 
 /// The farthest from a surface (share of the way) that its sides are looked at, where a curve stands still.
 const FARTHEST: f64 = 1e-9;
@@ -36,7 +32,7 @@ const DEEPEST: usize = 64;
 
 /// Surfaces that a curve meets, and what they do to frames.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Crossing {
+pub(super) struct CurveCrossing {
     /// Shares of the way just before and just behind.
     pub between: [f64; 2],
     /// The turn relative to the standard frames; none where the metric does not jump.
@@ -65,7 +61,7 @@ pub enum EdgeFault {
 
 /// An edge over which nothing can be carried.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct EdgeMet {
+pub(super) struct RefusedEdge {
     /// Share of the way.
     pub s: f64,
     pub fault: EdgeFault,
@@ -104,12 +100,12 @@ struct Met {
 
 /// Metric and standard frame on one side of an edge.
 #[derive(Debug, Clone, Copy)]
-struct Side {
+struct MetricSide {
     metric: DMat3,
     frame: DMat3,
 }
 
-impl Side {
+impl MetricSide {
     fn at(manifold: &Manifold, u: DVec3) -> Self {
         let (metric, frame) = manifold.metric_and_frame(u);
         Self { metric, frame }
@@ -128,8 +124,7 @@ impl Side {
 
 /// Computes the turn of frames over an edge with the normal covector `gradient` along the tangent `v`, relative to
 /// the standard frames of both sides; `None` where it depends on the profile of the edge.
-#[cfg_attr(small, optimize(size))]
-fn turn_over(near: &Side, far: &Side, gradient: DVec3, v: DVec3) -> Option<DQuat> {
+fn turn_over(near: &MetricSide, far: &MetricSide, gradient: DVec3, v: DVec3) -> Option<DQuat> {
     let ratio = near.metric.inverse() * far.metric;
     let scale = (ratio.x_axis.x + ratio.y_axis.y + ratio.z_axis.z) / 3.0;
     if !metrics_differ(near.metric * scale, far.metric) {
@@ -156,13 +151,12 @@ fn turn_over(near: &Side, far: &Side, gradient: DVec3, v: DVec3) -> Option<DQuat
 
 /// Finds the surfaces that `curve` meets, looked at in `places` cells. `offset` is the largest parameter of the
 /// curve over the width of its interval, whose rounding counts like that of points.
-#[cfg_attr(small, optimize(size))]
 pub(super) fn crossings(
     manifold: &Manifold,
     curve: impl Fn(f64) -> (DVec3, DVec3),
     places: usize,
     offset: f64,
-) -> Result<Vec<Crossing>, EdgeMet> {
+) -> Result<Vec<CurveCrossing>, RefusedEdge> {
     let Some(tape) = manifold.switching_functions() else {
         return Ok(Vec::new());
     };
@@ -190,7 +184,6 @@ struct CurveSurfaces<'m, C> {
 
 impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     /// Evaluates all functions.
-    #[cfg_attr(small, optimize(size))]
     fn look(&mut self, s: f64) -> Vec<Look> {
         let (u, v) = (self.curve)(s);
         self.tape.run_at(&mut self.registers, &u.to_array());
@@ -207,20 +200,19 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
         looks.collect()
     }
 
-    /// Returns the share of the way that rounding of points and parameters makes uncertain.
+    /// Returns the share of the way that rounding of points and parameters makes uncertain, as where rays cross surfaces.
     fn aside(&self, s: f64) -> f64 {
         let (u, v) = (self.curve)(s);
         let aside = ASIDE * (1.0 + self.offset + u.length() / v.length());
         aside.min(FARTHEST)
     }
 
-    fn side(&self, s: f64) -> Side {
-        Side::at(self.manifold, (self.curve)(s).0)
+    fn side(&self, s: f64) -> MetricSide {
+        MetricSide::at(self.manifold, (self.curve)(s).0)
     }
 
     /// Finds all surfaces that are met.
-    #[cfg_attr(small, optimize(size))]
-    fn look_everywhere(&mut self, places: usize) -> Result<(), EdgeMet> {
+    fn look_everywhere(&mut self, places: usize) -> Result<(), RefusedEdge> {
         let mut before = self.look(0.0);
         let mut along_before = self.run_along(0.0, &before)?;
         self.note_end(0.0, &before);
@@ -241,8 +233,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     ///
     /// # Errors
     /// One of them is an edge.
-    #[cfg_attr(small, optimize(size))]
-    fn run_along(&self, s: f64, looks: &[Look]) -> Result<Vec<bool>, EdgeMet> {
+    fn run_along(&self, s: f64, looks: &[Look]) -> Result<Vec<bool>, RefusedEdge> {
         let (u, v) = (self.curve)(s);
         let reach = self.aside(s) * v.length();
         let mut along = vec![false; looks.len()];
@@ -252,10 +243,10 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
                 continue;
             }
             let beside = look.gradient.normalize() * (2.0 * reach);
-            let [a, b] = [u - beside, u + beside].map(|u| Side::at(self.manifold, u));
+            let [a, b] = [u - beside, u + beside].map(|u| MetricSide::at(self.manifold, u));
             if a.differs(&b) && !self.manifold.is_beside_axis(u, reach) {
                 let fault = EdgeFault::Along;
-                return Err(EdgeMet { s, fault });
+                return Err(RefusedEdge { s, fault });
             }
             *along = true;
         }
@@ -289,13 +280,12 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
 
     /// Finds the surfaces met between two places, but for those `ignored`. What is found divides the stretch: between
     /// the kinks of functions they are smooth, and thin layers are seen.
-    #[cfg_attr(small, optimize(size))]
     fn search(
         &mut self,
         [(low, before), (high, after)]: [(f64, &[Look]); 2],
         ignored: &[bool],
         depth: usize,
-    ) -> Result<(), EdgeMet> {
+    ) -> Result<(), RefusedEdge> {
         let mut functions = (0..before.len()).filter(|k| !ignored[*k]);
         let found = functions.find_map(|k| {
             let s = self.met_between(k, [low, high], [before[k], after[k]])?;
@@ -306,7 +296,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
         };
         if depth == 0 || self.met.len() >= MOST {
             let fault = EdgeFault::Often;
-            return Err(EdgeMet { s, fault });
+            return Err(RefusedEdge { s, fault });
         }
         let look = self.look(s)[function];
         let met = self.meeting(s, function, &look);
@@ -328,7 +318,6 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
 
     /// Finds a place between two at which function `k` changes its sign: there, or where it comes towards zero and
     /// turns back. `None` if there is none.
-    #[cfg_attr(small, optimize(size))]
     fn met_between(&mut self, k: usize, [low, high]: [f64; 2], ends: [Look; 2]) -> Option<f64> {
         let [before, after] = ends;
         if !(before.value.is_finite() && after.value.is_finite()) {
@@ -349,8 +338,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     }
 
     /// Joins surfaces that are met at one place, and finds what they do to frames.
-    #[cfg_attr(small, optimize(size))]
-    fn resolved(mut self) -> Result<Vec<Crossing>, EdgeMet> {
+    fn resolved(mut self) -> Result<Vec<CurveCrossing>, RefusedEdge> {
         let mut met = std::mem::take(&mut self.met);
         met.sort_by(|a, b| a.s.total_cmp(&b.s));
         let apart = |a: &Met, b: &Met| b.s - b.clear <= a.s + a.clear + a.aside;
@@ -358,8 +346,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
         groups.map(|group| self.resolve(group)).collect()
     }
 
-    #[cfg_attr(small, optimize(size))]
-    fn resolve(&mut self, group: &[Met]) -> Result<Crossing, EdgeMet> {
+    fn resolve(&mut self, group: &[Met]) -> Result<CurveCrossing, RefusedEdge> {
         let ends = |beside: fn(&Met) -> f64| {
             let low = group.iter().map(|met| met.s - beside(met));
             let high = group.iter().map(|met| met.s + beside(met));
@@ -371,11 +358,11 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
         let clear = ends(|met| met.clear);
         let [near, far] = clear.map(|s| self.side(s));
         Ok(match near.differs(&far) {
-            true => Crossing {
+            true => CurveCrossing {
                 between: clear,
                 turn: self.turn(group, clear, [near, far])?,
             },
-            false => Crossing {
+            false => CurveCrossing {
                 between: ends(|met| met.aside),
                 turn: DQuat::IDENTITY,
             },
@@ -387,10 +374,10 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
         &mut self,
         group: &[Met],
         ends: [f64; 2],
-        [near, far]: [Side; 2],
-    ) -> Result<DQuat, EdgeMet> {
+        [near, far]: [MetricSide; 2],
+    ) -> Result<DQuat, RefusedEdge> {
         let s = group[0].s;
-        let refused = |fault| EdgeMet { s, fault };
+        let refused = |fault| RefusedEdge { s, fault };
         let v = (self.curve)(s).1;
         let [before, behind] = ends.map(|s| (self.curve)(s).1.normalize());
         let looks = self.look(s);
@@ -416,7 +403,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
     /// Returns whether the metric jumps at the surface of `look`, and at no other: the function vanishes (a function of
     /// what jumps does not), and beside the curve, along the surface, both sides are as on the curve, unless that ends on
     /// the surface itself.
-    fn is_surface(&self, look: &Look, ends: [f64; 2], sides: [(f64, &Side); 2]) -> bool {
+    fn is_surface(&self, look: &Look, ends: [f64; 2], sides: [(f64, &MetricSide); 2]) -> bool {
         let [a, b] = ends.map(|s| (self.curve)(s).0);
         let width = (b - a).length();
         let (across, up) = look.gradient.normalize().any_orthonormal_pair();
@@ -428,7 +415,7 @@ impl<C: Fn(f64) -> (DVec3, DVec3)> CurveSurfaces<'_, C> {
                 .filter(|(s, _)| 0.0 < *s && *s < 1.0)
                 .all(|(s, side)| {
                     let u = (self.curve)(*s).0;
-                    let mut others = beside.iter().map(|e| Side::at(self.manifold, u + *e));
+                    let mut others = beside.iter().map(|e| MetricSide::at(self.manifold, u + *e));
                     others.all(|other| !side.differs(&other))
                 })
     }

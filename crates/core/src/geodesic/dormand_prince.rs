@@ -140,8 +140,8 @@ const MOST_STEPS: f64 = 200_000.0;
 /// A step below this share of the arc length already followed cannot advance in double precision.
 const SHORTEST_STEP: f64 = 1e-13;
 
-/// No step is longer than this share of the ray (of the way to its exit, where that was found to be much shorter), and a step longer than half of it is looked at once
-/// more between its stages, where they leave the widest gap.
+/// No step is longer than this share of the ray (of the way to its exit, where that was found to be much shorter), and
+/// a step longer than half of it is looked at once more between its stages, where they leave the widest gap.
 ///
 /// Where space is exactly flat (around a lens, far from a bump) the estimate of the error is zero,
 /// and steps that only grow leap over what lies ahead without a stage inside it: without a limit,
@@ -184,7 +184,8 @@ pub(super) struct Control {
     pub length: Row,
     pub s: Row,
     pub h: Row,
-    /// The arc length of which no step is longer than a share: that of the ray, or of the way to where it ends, if that is known.
+    /// The arc length of which no step is longer than a share: that of the ray, or of the way to where it ends, if that
+    /// is known.
     reach: Row,
     /// The squared error of the trial (radians), and vᵀGv at its end.
     pub error2: Row,

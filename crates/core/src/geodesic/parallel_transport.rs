@@ -9,7 +9,10 @@
 //! expansion and some of its applications*, Phys. Rep. 470 (2009) 151, eq. 253 and 257. In so(3) the
 //! commutator of two rates is their cross product.
 
-use super::curve_edges::{ASIDE, Crossing, EdgeFault, crossings};
+use super::{
+    curve_edges::{CurveCrossing, EdgeFault, crossings},
+    switching::ASIDE,
+};
 use crate::manifold::Manifold;
 use glam::{DMat3, DQuat, DVec3};
 
@@ -121,7 +124,6 @@ pub fn transport(
 ///
 /// # Errors
 /// As [`transport()`].
-#[cfg_attr(small, optimize(size))]
 pub fn transport_piece(
     manifold: &Manifold,
     curve: impl Fn(f64) -> (DVec3, DVec3),
@@ -170,7 +172,7 @@ pub fn transport_piece(
     };
     // From surface to surface, and over them.
     let (mut start, mut q, mut steps) = (from, DQuat::IDENTITY, 0);
-    for Crossing { between, turn } in crossings {
+    for CurveCrossing { between, turn } in crossings {
         let [before, behind] = between.map(parameter);
         let (carried, taken) = follow(&rate, &look, [start, before], care)?;
         (start, q, steps) = (behind, (turn * carried * q).normalize(), steps + taken);
@@ -238,7 +240,6 @@ fn between(manifold: &Manifold, ends: [DVec3; 2], rotation: DQuat, steps: usize)
 
 /// Turns a frame at `rate`; returns its rotation and the number of steps. `look` is the rate for places between those
 /// that steps are made of; where it is not a number nothing is overlooked.
-#[cfg_attr(small, optimize(size))]
 fn follow(
     rate: &impl Fn(f64) -> DVec3,
     look: &impl Fn(f64) -> DVec3,
@@ -284,7 +285,6 @@ const HIDDEN: f64 = 100.0;
 
 /// Returns whether the Gauss points `parts` of the two halves of the `step` from `t` to `after` overlook something: at one of
 /// the places looked at the rate is off the polynomial through all six by more than [`HIDDEN`] over the gap at an end.
-#[cfg_attr(small, optimize(size))]
 fn overlooks(
     look: &impl Fn(f64) -> DVec3,
     [t, after, step]: [f64; 3],

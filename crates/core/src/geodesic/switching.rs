@@ -20,15 +20,15 @@ use geofan_expr::{Registers, Tape, Wide};
 use glam::{DQuat, DVec3};
 use std::num::NonZeroU32;
 
-/// Distance before a surface at which a step ends, and beyond it to which a ray is moved, as a share of the arc length and of the distance
-/// from the chart's origin. Rounding in `φ` moves the crossing by 1e-16 to 1e-15 of them, and both ends
+/// Distance before a surface at which a step ends, and beyond it to which a ray is moved, as a share of the arc length and
+/// of the distance from the chart's origin. Rounding in `φ` moves the crossing by 1e-16 to 1e-15 of them, and both ends
 /// of the move must not lie on one side; it is an error of the position.
-const ASIDE: f64 = 2e-14;
+pub(super) const ASIDE: f64 = 2e-14;
 
 /// A path that meets a surface at a smaller angle than this runs along it, and rounding decides on
 /// which side; nothing can be said about a jump then, and no step ends there. Where the metric itself
-/// jumps, the path ends.
-const GRAZING: f64 = 1e-4;
+/// jumps, the path ends; of frames carried over it, rounding would turn by 1e-16 over the square of the angle.
+pub(super) const GRAZING: f64 = 1e-4;
 
 /// A function that changes by so many times what its rates tell jumps.
 const JUMP: f64 = 16.0;

@@ -158,7 +158,6 @@ impl Manifold {
     ///
     /// # Errors
     /// As [`Manifold::load`].
-    #[cfg_attr(small, optimize(size))]
     pub fn with_samples(
         source: Arc<SourceText>,
         settings: &[(String, f64)],
@@ -204,35 +203,32 @@ impl Manifold {
         self.tapes.pullback.is_some()
     }
 
+    /// Computes the nine slopes of textbook coordinates at `u`, row by row, and their determinant; none without such.
+    fn pullback_slopes(&self, u: DVec3) -> Option<Vec<f64>> {
+        let tape = self.tapes.pullback.as_ref();
+        tape.map(|tape| tape.at(&u.to_array()))
+    }
+
     /// Whether textbook coordinates are of no use at `u`: where not one of them is regular, or one depends
     /// on the others. On an axis, where only some fail, the space can be told from what is around.
     fn is_pullback_singular(&self, u: DVec3) -> bool {
-        let Some(tape) = &self.tapes.pullback else {
+        let Some(found) = self.pullback_slopes(u) else {
             return false;
         };
-        let found = tape.at(&u.to_array());
         let regular = |row: &[f64]| row.iter().all(|x| x.is_finite());
         found[9] == 0.0 || !found[..9].chunks_exact(3).any(regular)
     }
 
     /// Tells whether `u` is on an axis of textbook coordinates, where their formulas give no numbers.
     pub(crate) fn is_on_axis(&self, u: DVec3) -> bool {
-        let rows = self
-            .tapes
-            .pullback
-            .as_ref()
-            .map(|tape| tape.at(&u.to_array()));
+        let rows = self.pullback_slopes(u);
         rows.is_some_and(|rows| rows.iter().any(|x| !x.is_finite()))
     }
 
     /// Tells whether textbook coordinates change by much within `reach` of `u`: there is an axis so near that rounding
     /// spoils the metric, on which all of their cuts meet.
     pub(crate) fn is_beside_axis(&self, u: DVec3, reach: f64) -> bool {
-        let rows = self
-            .tapes
-            .pullback
-            .as_ref()
-            .map(|tape| tape.at(&u.to_array()));
+        let rows = self.pullback_slopes(u);
         let steep = |slope: &f64| !(slope.abs() * reach <= MOST_CHANGE);
         rows.is_some_and(|rows| rows[..9].iter().any(steep))
     }
