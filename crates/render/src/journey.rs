@@ -1,9 +1,9 @@
 //! A camera's journey through key poses.
 //!
 //! In: a [`PoseFile`] and its manifold. Out: a [`Journey`], the [`Camera`] at any time. Neighbouring
-//! poses are joined by a geodesic, all at once or as time goes by; the camera is carried along it by parallel transport, and what is
-//! then missing to the next pose is turned evenly on the way. Speed (arc length plus angle turned)
-//! is a monotone cubic of time through all poses (F. N. Fritsch and R. E. Carlson, *Monotone
+//! poses are joined by a geodesic, all at once or as time goes by; the camera is carried along it by
+//! parallel transport, and what is then missing to the next pose is turned evenly on the way. Speed (arc length plus
+//! angle turned) is a monotone cubic of time through all poses (F. N. Fritsch and R. E. Carlson, *Monotone
 //! piecewise cubic interpolation*, 1980), at rest at both ends.
 
 use super::{
@@ -164,7 +164,7 @@ impl Journey {
             return Some(None);
         }
         let follow = |target: DVec3| {
-            let ray = join(&self.cover, a, target)?;
+            let ray = geodesic_between(&self.cover, a, target)?;
             let path = paths(&self.developed, WITH_FRAME, [ray]).pop()?;
             Some((path, ray.length))
         };
@@ -306,7 +306,7 @@ const ROUNDS: usize = 8;
 
 /// Finds a geodesic from `a` to `b`: Newton's method on its initial direction times its length, while the
 /// aim moves along the chart's straight line. `None` if it does not converge.
-fn join(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Ray> {
+fn geodesic_between(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Ray> {
     let inverse = manifold.standard_frame(a).inverse();
     let mut w = inverse * (b - a) / AIMS as f64;
     for aim in 1..=AIMS {
@@ -392,7 +392,7 @@ metric = { conformal = "2/(1 + x^2 + y^2 + z^2)" }
                 .extend((1.0 - u.length_squared()) / (1.0 + u.length_squared()))
         };
         let (a, b) = (DVec3::new(0.3, -0.2, 0.5), DVec3::new(-0.7, 0.9, 0.4));
-        let ray = join(&manifold, a, b).unwrap();
+        let ray = geodesic_between(&manifold, a, b).unwrap();
         let angle = lift(a).dot(lift(b)).acos();
         assert!((ray.length - angle).abs() < 1e-6, "{} {angle}", ray.length);
     }

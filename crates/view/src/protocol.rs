@@ -1,7 +1,7 @@
 //! Messages between user interface, session and drawing.
 //!
-//! In and out: JSON for what is small, little-endian binary for pixels; the layouts are told in
-//! `ui/PROTOCOL.md`. Everything that comes from a user interface is checked where it is used: numbers may be
+//! In and out: JSON for what the user interface says and is told, little-endian binary for pixels; the layouts are told
+//! in `ui/PROTOCOL.md`. Work and answers, which only this code reads again, are in bincode. Everything that comes from a user interface is checked where it is used: numbers may be
 //! anything.
 
 use crate::frame_plan::Block;

@@ -1,4 +1,4 @@
-//! What a session draws, and when: moving pictures, refined ones, samples of traced light, error pictures.
+//! What a session draws, and when: moving pictures, refined ones, samples of traced light, error pictures, saved ones.
 
 use super::*;
 
@@ -295,4 +295,132 @@ fn a_display_that_falls_behind_is_waited_for() {
     session.handle(0.0, hold(1.0));
     machine.run(&mut session, 1.0);
     assert!(machine.frames.len() <= crate::planning::AHEAD + 1);
+}
+
+#[test]
+fn a_captured_picture_has_its_own_size_and_does_not_disturb_the_display() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let mut machine = Machine::new(1e-9);
+    machine.run(&mut session, 5.0);
+    session.handle(
+        machine.now,
+        ViewerEvent::Capture {
+            width: 300,
+            height: 200,
+            samples: 4,
+            light: false,
+        },
+    );
+    machine.frames.clear();
+    machine.run(&mut session, 1.0);
+    assert!(
+        machine
+            .frames
+            .iter()
+            .all(|f| f.size == (300, 200) && f.samples == 4)
+    );
+    assert_eq!(session.panel(machine.now).size, (640, 360));
+    session.handle(
+        machine.now,
+        ViewerEvent::Capture {
+            width: 8192,
+            height: 8192,
+            samples: 1,
+            light: false,
+        },
+    );
+    assert!(session.panel(machine.now).hint.is_some());
+}
+
+/// Asks for a saved picture of several blocks.
+fn capture() -> ViewerEvent {
+    ViewerEvent::Capture {
+        width: 600,
+        height: 400,
+        samples: 1,
+        light: false,
+    }
+}
+
+#[test]
+fn a_captured_picture_keeps_the_exposure_that_it_was_asked_for_at_and_the_display_goes_on() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    session.handle(0.0, capture());
+    let draw = |session: &mut Session, light: f32| {
+        let Some(Work::Draw(request)) = session.next_work(0.0, 1) else {
+            panic!("a picture is wanted");
+        };
+        let (frame, block) = (request.frame, request.block);
+        let rgb = vec![light; 3 * block.width * block.height];
+        let errors = Vec::new();
+        let answer = Answer::Drawn {
+            frame,
+            block,
+            rgb,
+            errors,
+        };
+        session.accept(0.0, answer);
+        session.take_patches().pop().unwrap()
+    };
+    let first = draw(&mut session, 0.1);
+    let told = session.panel(0.0).background.unwrap();
+    assert!(told.starts_with("saving a picture: 1 of"), "{told}");
+    session.handle(0.0, ViewerEvent::Exposure { stops: 2.0 });
+    let display = draw(&mut session, 0.1);
+    let second = draw(&mut session, 0.1);
+    assert!(first.capture && !display.capture && second.capture);
+    assert_eq!(first.pixels[0], second.pixels[0]);
+    assert_ne!(first.pixels[0], display.pixels[0]);
+}
+
+#[test]
+fn a_captured_picture_is_given_up_with_a_hint_when_it_would_show_two_states() {
+    let flat = manifold(FLAT);
+    let stars = ViewerEvent::Sky {
+        sky: SkyChoice::Stars,
+    };
+    for event in [Some(stars), Some(ViewerEvent::Halt), None] {
+        let mut session = session(None, &flat);
+        session.handle(0.0, capture());
+        assert!(session.panel(0.0).background.is_some());
+        match event {
+            Some(event) => session.handle(0.0, event),
+            None => session.replace_space(session.space().clone()),
+        }
+        let panel = session.panel(0.0);
+        assert!(panel.hint.unwrap().contains("given up") && panel.background.is_none());
+    }
+}
+
+#[test]
+fn captured_light_is_linear_whatever_the_exposure() {
+    let flat = manifold(FLAT);
+    let mut session = session(None, &flat);
+    let (width, height) = (40, 30);
+    session.handle(0.0, ViewerEvent::Exposure { stops: 3.0 });
+    let light = ViewerEvent::Capture {
+        width,
+        height,
+        samples: 1,
+        light: true,
+    };
+    session.handle(0.0, light);
+    let Some(Work::Draw(request)) = session.next_work(0.0, 1) else {
+        panic!("a captured picture comes first");
+    };
+    let pixels = request.block.width * request.block.height;
+    let answer = Answer::Drawn {
+        frame: request.frame,
+        block: request.block,
+        rgb: vec![0.2; 3 * pixels],
+        errors: Vec::new(),
+    };
+    session.accept(0.1, answer);
+    let patch = session.take_patches().pop().unwrap();
+    assert!(patch.capture && patch.light && patch.last);
+    assert_eq!(patch.pixels.len(), 12 * pixels);
+    assert!(patch.pixels.chunks(4).all(|x| x == 0.2_f32.to_le_bytes()));
+    assert_eq!(patch.encode()[0], 7);
 }

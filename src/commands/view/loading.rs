@@ -227,8 +227,8 @@ impl SharedSpace {
         }
     }
 
-    /// Loads the space again; the last good one with its parameters stays if that fails. Returns the files that it is of, and of a failure
-    /// those that were asked for as well: one of them is to be mended.
+    /// Loads the space again; the last good one with its parameters stays if that fails. Returns the files that it is of,
+    /// and of a failure those that were asked for as well: one of them is to be mended.
     fn reload(&self) -> Vec<PathBuf> {
         let (settings, table, sky) = {
             let state = self.state();
