@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The table "Accuracy and size" of the README: bakes each row, then checks it with 100,000 fresh
+# The table "Accuracy and size" of docs/results.md: bakes each row, then checks it with 100,000 fresh
 # rays. Usage: docs/accuracy.sh [ROW...]; needs `cargo build --release --workspace` and jq.
 # Three minutes; the floor of three bumps, two more, and their box, seven minutes or more, are made
 # only when they are named.

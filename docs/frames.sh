@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The table "Speed" of the README: frames of a moving, turning camera by table against exact ones and
+# The table "Speed" of docs/results.md: frames of a moving, turning camera by table against exact ones and
 # against equal-error exact, one sample a pixel. Usage: docs/frames.sh [ROW...]; needs
 # `cargo build --release --workspace` and jq. Bakes what it needs, a minute in all.
 set -euo pipefail

@@ -104,7 +104,9 @@ def read_container(data):
     require(len(blocks) >= 2, "header or contents are missing")
     header, contents, *chunks = blocks
     fields = [block for block in chunks if block.kind == FIELD]
-    require(not fields, "this reader does not evaluate sampled fields")
+    names = [Cursor(block.payload) for block in fields]
+    names = ", ".join(f"[field.{cursor.take(cursor.u32()).decode()}]" for cursor in names)
+    require(not fields, f"this reader does not evaluate sampled fields: {names}")
     kinds = [header.kind, contents.kind] + [block.kind for block in chunks]
     require(kinds == [HEADER, CONTENTS] + [CHUNK] * len(chunks), "blocks are out of order")
     require(all(block.id == header.id for block in blocks), "blocks of several bundles")
@@ -202,7 +204,7 @@ read_before_plan = record_of(
         text=string,
         parameters=list_of(lambda cursor: (string(cursor), cursor.f64())),
     ),
-    reduction=enumeration("none", "rotation", "translation", "group"),
+    reduction=enumeration("none", "rotation", "translation", "group", "axis"),
     cameras=list_of(array_of(2, f64)),
     faces=u32,
 )

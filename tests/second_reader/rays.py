@@ -5,7 +5,7 @@ parameters there, the start of its path, and the isometry that carries it to the
 """
 
 from dataclasses import dataclass
-from math import asin, atan, atan2, floor, log, pi, sqrt
+from math import asin, atan, atan2, floor, hypot, log, pi, sqrt
 
 import numpy as np
 
@@ -97,6 +97,43 @@ class Mirror:
         return parameters
 
 
+class Axis:
+    """Rotations about a coordinate axis, and perhaps translations along it: section 4.1."""
+
+    def __init__(self, manifold):
+        self.k = manifold.axis
+        self.i, self.j = (self.k + 1) % 3, (self.k + 2) % 3
+        self.translated = manifold.translated[self.k]
+
+    def invariants(self, u):
+        """Gives the distance from the axis, and the place along it unless that is translated."""
+        both = [hypot(u[self.i], u[self.j]), u[self.k]]
+        return np.array(both[:1] if self.translated else both)
+
+    def changes(self, u, slopes):
+        """Gives the invariants and their derivatives by the parameters on which u depends."""
+        rho = hypot(u[self.i], u[self.j])
+        outwards = u[self.i] * slopes[self.i] + u[self.j] * slopes[self.j]
+        both = [outwards / rho if rho > 0 else 0 * outwards, slopes[self.k]]
+        return self.invariants(u), np.array(both[:1] if self.translated else both)
+
+    def stored(self, distance, along):
+        point = np.zeros(3)
+        point[self.i], point[self.k] = distance, along
+        return point
+
+    def isometry(self, u, stored):
+        """Gives the rotation and the shift that take the stored point to u."""
+        rho = hypot(u[self.i], u[self.j])
+        cos, sin = (u[self.i] / rho, u[self.j] / rho) if rho > 0 else (1.0, 0.0)
+        q, t = np.eye(3), np.zeros(3)
+        plane = np.ix_([self.i, self.j], [self.i, self.j])
+        q[plane] = [[cos, -sin], [sin, cos]]
+        if self.translated:
+            t[self.k] = u[self.k] - stored[self.k]
+        return q, t
+
+
 class RaySpace:
     """All rays of a bundle."""
 
@@ -107,6 +144,7 @@ class RaySpace:
         self.cells = plan["cells"]
         self.parallax = np.array(plan["parallax"]).T
         self.axes = None if plan["sphere"] is None else np.array(plan["sphere"]).T
+        self.axis = Axis(manifold) if self.reduction == "axis" else None
         self.by_region = self.has_region_parameters()
         middle = [0.5 * (low + high) for low, high in self.cameras]
         self.mirrors = [Mirror(m, self.stored_point(middle)) for m in plan["mirrors"]]
@@ -121,6 +159,8 @@ class RaySpace:
             return count == 0 or (count == 1 and self.radius_is_monotonic())
         if self.reduction == "translation":
             return count <= self.manifold.translated.count(False)
+        if self.reduction == "axis":
+            return count <= (1 if self.axis.translated else 2)
         return self.reduction == "none"
 
     def radius_is_monotonic(self):
@@ -134,12 +174,18 @@ class RaySpace:
             return np.zeros(3)
         if self.by_region:
             point = self.region.at(parameters)
+        elif self.reduction == "axis":
+            along = self.region.middle()[self.axis.k] if self.axis.translated else parameters[1]
+            point = self.axis.stored(parameters[0], along)
         elif self.reduction == "rotation":
             point = np.array([parameters[0], 0, 0])
         else:
             point = self.with_kept(parameters)
         if self.reduction == "rotation":
             return np.array([np.linalg.norm(point), 0, 0])
+        if self.reduction == "axis":
+            distance = hypot(point[self.axis.i], point[self.axis.j])
+            return self.axis.stored(distance, point[self.axis.k])
         return point
 
     def with_kept(self, values):
@@ -159,13 +205,28 @@ class RaySpace:
             return self.place_by_radius(np.linalg.norm(u))
         if self.reduction == "translation":
             kept = self.kept(u)
-            return self.region.locate(self.with_kept(kept)) if self.by_region else kept
+            if self.by_region:
+                return self.region.locate(self.with_kept(kept))
+            return self.within_intervals(kept)
+        if self.reduction == "axis":
+            values = self.axis.invariants(u)
+            if self.by_region:
+                return self.region.locate(values, self.axis.changes)
+            return self.within_intervals(list(values))
         return self.region.locate(u)
+
+    def within_intervals(self, values):
+        for x, (low, high) in zip(values, self.cameras):
+            slack = 1e-9 * (high - low) + 1e-12 * abs(x)
+            require(low - slack <= x <= high + slack, "the camera is not in the region")
+        return values
 
     def place_by_radius(self, rho):
         if not self.by_region:
-            return [rho]
+            return self.within_intervals([rho])
         if not self.cameras:
+            own = np.linalg.norm(self.region.at([]))
+            require(abs(rho - own) <= 1e-9 * own, "the camera is not in the region")
             return []
         (low, high), = self.region.intervals
         radius = lambda p: np.linalg.norm(self.region.at([p]))
@@ -183,12 +244,19 @@ class RaySpace:
 
     # Rotation: section 4.3.
 
-    def areal_radius(self, u):
-        return u[0] * sqrt(self.manifold.metric(u)[1, 1])
+    def radius_and_wind(self, u):
+        """Gives the areal radius and the outward part of the wind at a stored point."""
+        metric, wind = self.manifold.geometry(u)
+        return u[0] * sqrt(metric[1, 1]), wind[0] * sqrt(metric[0, 0])
+
+    def largest_impact(self, u):
+        """Gives the largest impact parameter of the rays from a stored point; 0 where none is the largest."""
+        radius, wind = self.radius_and_wind(u)
+        return radius / sqrt(1 - wind * wind) if abs(wind) < 1 else 0.0
 
     def find_least_radius(self):
-        """Finds R₀, or 0 where it is negligible."""
-        radius = lambda x: self.areal_radius(self.stored_point(x))
+        """Finds b₀, or 0 where it is negligible."""
+        radius = lambda x: self.largest_impact(self.stored_point(x))
         if not self.cameras:
             return radius([])
         (low, high), = self.cameras
@@ -208,29 +276,38 @@ class RaySpace:
         return least if least > 1e-6 * max(values) else 0.0
 
     def rotated_ray(self, u, d, parameters):
-        v = self.manifold.frame(u) @ d
-        outwards = u / np.linalg.norm(u) if np.any(u) else v / np.linalg.norm(v)
-        across = v - outwards * (outwards @ v)
-        if across @ across <= 1e-30 * (v @ v):
+        n = self.manifold.frame(u) @ d
+        v = n + self.manifold.geometry(u)[1]
+        outwards = u / np.linalg.norm(u) if np.any(u) else n / np.linalg.norm(n)
+        across = n - outwards * (outwards @ n)
+        if across @ across <= 1e-30 * (n @ n):
             across = np.cross(outwards, np.eye(3)[int(np.argmin(np.abs(outwards)))])
         across /= np.linalg.norm(across)
         q = np.array([outwards, across, np.cross(outwards, across)]).T
         stored = self.stored_point(parameters)
-        planar = np.array([outwards @ v, across @ v, 0])
+        planar = np.array([outwards @ n, across @ n, 0])
         x, y, _ = np.linalg.solve(self.manifold.frame(stored), planar)
-        face, parameter = self.orbit(x, y, self.areal_radius(stored))
+        face, parameter = self.orbit(x, y, *self.radius_and_wind(stored))
         return face, parameter, stored, q.T @ v, q
 
-    def orbit(self, x, y, radius):
-        """Finds face and parameter of the direction (x, y) at an areal radius."""
-        least, theta = self.least_radius, atan2(y, x)
-        b = radius * y / sqrt(x * x + y * y)
+    def orbit(self, x, y, radius, wind):
+        """Finds face and parameter of the direction (x, y) at an areal radius and an outward wind."""
+        least, length = self.least_radius, sqrt(x * x + y * y)
+        b = radius * (y / length) / (1 + wind * x / length) if least > 0 else 0.0
         if least > 0 and b <= least:
-            face, t = int(x >= 0), asin(b / least) / (pi / 2)
+            face, t = int(x >= -wind * length), asin(b / least) / (pi / 2)
         else:
-            cone = asin(min(1, least / radius)) if radius > 0 else 0.0
-            face, t = (2 if least > 0 else 0), (theta - cone) / (pi - 2 * cone)
+            low, width = self.across(radius, wind)
+            face, t = (2 if least > 0 else 0), (atan2(y, x) - low) / width
         return face, 2 * min(max(t, 0), 1) - 1
+
+    def across(self, radius, wind):
+        """Gives the first angle of the rays across and the width of all."""
+        if not radius > 0:
+            return 0.0, pi
+        turn, size = atan2(self.least_radius * wind, radius), hypot(radius, self.least_radius * wind)
+        inner = asin(min(1, self.least_radius / size))
+        return turn + inner, max(pi - 2 * inner, 1e-300)
 
     # Chunks: section 5.
 
@@ -289,8 +366,11 @@ class RaySpace:
             return Ray(face, [parameter], None, stored, v, chunk, cameras, affine(q, np.zeros(3)))
         stored = self.stored_point(parameters)
         isometry = self.isometry(u, stored)
-        v = np.linalg.solve(isometry(stored)[1], self.manifold.frame(u) @ d)
-        aim = self.aim(np.linalg.solve(self.manifold.frame(stored), v), stored, cell)
+        n = self.manifold.frame(u) @ d
+        differential = isometry(stored)[1]
+        v = np.linalg.solve(differential, n + self.manifold.geometry(u)[1])
+        n = np.linalg.solve(differential, n)
+        aim = self.aim(np.linalg.solve(self.manifold.frame(stored), n), stored, cell)
         face, direction = face_of(aim)
         block = 0 if self.axes is not None else face
         chunk, mirror = self.stored[self.number(cell, block)]
@@ -302,6 +382,8 @@ class RaySpace:
             return lambda x: self.manifold.left_translation(x, u)
         if self.reduction == "translation":
             return affine(np.eye(3), u - stored)
+        if self.reduction == "axis":
+            return affine(*self.axis.isometry(u, stored))
         return affine(*IDENTITY)
 
     def aim(self, d, stored, cell):
