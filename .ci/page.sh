@@ -20,7 +20,8 @@ export RUSTC_BOOTSTRAP=1
 export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128 \
     -Z unstable-options -C panic=immediate-abort --remap-path-prefix=$PWD=. \
     --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo --remap-path-prefix=$sysroot=rust"
-cargo build --locked --profile web -p geofan-web --target "$target" -Z build-std=std,panic_abort
+cargo build --locked --profile web -p geofan-web --target "$target" -Z build-std=std,panic_abort \
+    -Z build-std-features=optimize_for_size
 
 folder="${CARGO_TARGET_DIR:-target}"
 built="$folder/$target/web/geofan_web.wasm"

@@ -59,7 +59,7 @@ function rangeDecoder(input, start) {
   /** @param {Uint16Array} chances @param {number} i */
   function bit(chances, i) {
     const chance = chances[i];
-    const bound = (held[0] >>> 11) * chance;
+    const bound = Math.imul(held[0] >>> 11, chance) >>> 0;
     let value = 0;
     if (held[1] < bound) {
       held[0] = bound;

@@ -1,7 +1,8 @@
 //! Where the vertices of placed objects are, for pages, which then need not follow a geodesic to each.
 //!
 //! In: chart points and normal covectors of objects, or the bytes of a page. Out: bytes, or points and covectors again:
-//! each component within 2⁻²⁵ of the extent of its object, which no picture shows.
+//! each component within 2⁻²⁵ of the extent of its object (of covectors, which shade and place nothing, 2⁻¹⁸), which no
+//! picture shows.
 //!
 //! Bytes, little-endian, for each object: the number of its vertices (u32; 0 where nothing is known), then points and
 //! covectors, each as the least component along every axis (three f64), the length that whole numbers are over (f64),
@@ -10,8 +11,9 @@
 use super::{Points, packed_numbers as numbers};
 use glam::DVec3;
 
-/// Steps along the extent of an object.
+/// Steps along the extent of an object, and of its covectors: a step of these turns a normal by less than a shade.
 const STEPS: f64 = (1_u32 << 24) as f64;
+const COVECTOR_STEPS: f64 = (1_u32 << 17) as f64;
 
 /// Writes the vertices of objects.
 pub fn pack_points(all: &[Option<Points>]) -> Vec<u8> {
@@ -21,14 +23,9 @@ pub fn pack_points(all: &[Option<Points>]) -> Vec<u8> {
         let points: &[_] = points.as_ref().filter(finite).map_or(&[], |points| points);
         bytes.extend((points.len() as u32).to_le_bytes());
         if !points.is_empty() {
-            put(
-                &mut bytes,
-                &points.iter().map(|(u, _)| *u).collect::<Vec<_>>(),
-            );
-            put(
-                &mut bytes,
-                &points.iter().map(|(_, n)| *n).collect::<Vec<_>>(),
-            );
+            let (places, covectors): (Vec<_>, Vec<_>) = points.iter().copied().unzip();
+            put(&mut bytes, &places, STEPS);
+            put(&mut bytes, &covectors, COVECTOR_STEPS);
         }
     }
     bytes
@@ -49,7 +46,7 @@ pub fn read_points(mut bytes: &[u8], objects: usize) -> Option<Vec<Option<Points
     bytes.is_empty().then_some(all)
 }
 
-fn put(bytes: &mut Vec<u8>, vectors: &[DVec3]) {
+fn put(bytes: &mut Vec<u8>, vectors: &[DVec3], steps: f64) {
     let low = vectors
         .iter()
         .copied()
@@ -60,7 +57,7 @@ fn put(bytes: &mut Vec<u8>, vectors: &[DVec3]) {
         .copied()
         .reduce(DVec3::max)
         .unwrap_or_default();
-    let step = (high - low).max_element() / STEPS;
+    let step = (high - low).max_element() / steps;
     let step = if step > 0.0 { step } else { 1.0 };
     bytes.extend(
         low.to_array()
@@ -113,7 +110,7 @@ mod tests {
         assert_eq!(back[2], Some(vec![point(7)]));
         for ((u, n), (v, m)) in known.iter().zip(back[1].as_ref().unwrap()) {
             assert!((*u - *v).abs().max_element() <= 2.0 / (2.0 * STEPS));
-            assert!((*n - *m).abs().max_element() <= 2.0 / (2.0 * STEPS));
+            assert!((*n - *m).abs().max_element() <= 2.0 / (2.0 * COVECTOR_STEPS));
         }
         for length in 0..bytes.len() {
             assert!(read_points(&bytes[..length], 3).is_none());
