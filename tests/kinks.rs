@@ -222,6 +222,8 @@ fn long_rays_do_not_leap_over_what_lies_before_an_exit() {
                  exit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 25' }]";
     let cubed = "metric = { conformal = '1 + 0.5*max(0, 1 - x^2 - y^2 - z^2)^3' }\n\
                  exit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 3600' }]";
+    let far = "metric = { conformal = '1 + 0.5*exp(-(x^2 + y^2 + z^2)/2)' }\n\
+               exit = [{ name = 'sky', when = 'x^2 + y^2 + z^2 - 1e4' }]";
     let cases = [
         (
             gauss,
@@ -236,6 +238,13 @@ fn long_rays_do_not_leap_over_what_lies_before_an_exit() {
             DVec3::new(-10.0, 0.7, 0.0),
             [80.0, 100.0, 300.0, 1e5],
             DVec3::new(-0.81721, -0.57634, 0.0),
+        ),
+        (
+            far,
+            DVec3::X * 60.0,
+            DVec3::new(-60.0, 0.7, 0.2),
+            [200.0, 1500.0, 1e5, 1e9],
+            DVec3::new(-0.883646, -0.450143, -0.128612),
         ),
     ];
     for (text, u, d, lengths, behind) in cases {

@@ -22,6 +22,10 @@ const PLACES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// The number of the middle among them.
 const MIDDLE: usize = 1;
 
+/// Most halvings of a ray's length that are looked at for where a line meets an event, and halvings of what is left then.
+const STRAIGHT_HALVINGS: usize = 48;
+const STRAIGHT_REFINEMENTS: usize = 3;
+
 /// Most looks for a place near its summit where an event is positive.
 const SUMMIT_LOOKS: usize = 24;
 
@@ -67,6 +71,57 @@ impl<'m> Events<'m> {
         for (k, row) in values.iter_mut().enumerate() {
             **row = *self.at[PLACES.len() - 1].output(k);
         }
+    }
+
+    /// Estimates in which arc length the lines from the states (u, v), straight in the chart, meet an event that is not
+    /// positive among the `values` there, where that is at most a `share` of `lengths`; infinity elsewhere. At most a tenth
+    /// too long.
+    pub fn straight_ends(
+        &mut self,
+        (state, values): (&[Row], &[Row]),
+        lengths: &Row,
+        share: f64,
+    ) -> Row {
+        let mut ends = each(|_| f64::INFINITY);
+        let mut way = each(|l| share * lengths[l]);
+        for _ in 0..STRAIGHT_HALVINGS {
+            let met = self.met_on_lines((state, values), &way);
+            if met.iter().all(|met| *met == 0.0) {
+                break;
+            }
+            ends = each(|l| if met[l] > 0.0 { way[l] } else { ends[l] });
+            way = each(|l| 0.5 * way[l]);
+        }
+        // Where the event is not met yet, by halving what is between.
+        let mut before = each(|l| 0.5 * ends[l]);
+        if ends.iter().all(|end| end.is_infinite()) {
+            return ends;
+        }
+        for _ in 0..STRAIGHT_REFINEMENTS {
+            let middle = each(|l| 0.5 * (before[l] + ends[l]));
+            let met = self.met_on_lines((state, values), &middle);
+            before = each(|l| if met[l] > 0.0 { before[l] } else { middle[l] });
+            ends = each(|l| if met[l] > 0.0 { middle[l] } else { ends[l] });
+        }
+        ends
+    }
+
+    /// Returns 1 where an event that is not positive among the `values` of the states is so a `way` along their lines, else 0.
+    fn met_on_lines(&mut self, (state, values): (&[Row], &[Row]), way: &Row) -> Row {
+        let mut on_line: Vec<Row> = state[..6].to_vec();
+        for c in 0..3 {
+            on_line[c] = each(|l| state[c][l] + way[l] * state[3 + c][l]);
+        }
+        self.look_at_state(&on_line);
+        let mut met = NIL;
+        for (k, before) in values.iter().enumerate() {
+            let now = self.at[PLACES.len() - 1].output(k);
+            met = each(|l| match before[l] <= 0.0 && now[l] > 0.0 {
+                true => 1.0,
+                false => met[l],
+            });
+        }
+        met
     }
 
     /// Begins a ray in `lane`, where events have the values in `column` of `values`.

@@ -8,7 +8,7 @@
 //! output: E. Hairer, S. P. Nørsett, G. Wanner, *Solving Ordinary Differential Equations I*, II.6
 //! (the program `dopri5`).
 
-use super::{LANES, NIL, Row};
+use super::{LANES, NIL, Row, each};
 use geofan_expr::real::Real;
 use glam::DVec3;
 
@@ -157,7 +157,10 @@ const ROUNDED: f64 = 1e-14;
 
 /// A step that looks straight and meets an exit is tried again where the ray is longer than the way to the exit by more than
 /// this factor: its stages lay far beyond the exit, and then no step may be longer than a share of that way.
-const FAR_BEYOND: f64 = 4.0;
+pub(super) const FAR_BEYOND: f64 = 4.0;
+
+/// Where the first stage behind the start is, as a share of a step.
+const FIRST_STAGE: f64 = 0.2;
 
 /// Where a long step is looked at: the middle of the gap between the stages at 0.3 and 0.8.
 pub(super) const LOOK: f64 = 0.55;
@@ -187,6 +190,9 @@ pub(super) struct Control {
     /// The arc length of which no step is longer than a share: that of the ray, or of the way to where it ends, if that
     /// is known.
     reach: Row,
+    /// The arc length in which the ray would meet an exit if it were straight, where that is much shorter and no step has
+    /// been held against it yet; else infinite.
+    straight_end: Row,
     /// The squared error of the trial (radians), and vᵀGv at its end.
     pub error2: Row,
     pub speed2: Row,
@@ -215,6 +221,7 @@ impl Control {
             s: NIL,
             h: NIL,
             reach: NIL,
+            straight_end: each(|_| f64::INFINITY),
             error2: NIL,
             speed2: NIL,
             unforeseen2: NIL,
@@ -228,10 +235,11 @@ impl Control {
         }
     }
 
-    /// Begins a ray in `lane`.
-    pub fn start(&mut self, lane: usize, length: f64, step: f64) {
+    /// Begins a ray in `lane` that is followed to an arc length, and would meet an exit in another if it were straight.
+    pub fn start(&mut self, lane: usize, [length, straight_end]: [f64; 2], step: f64) {
         self.length[lane] = length;
         self.reach[lane] = length;
+        self.straight_end[lane] = straight_end;
         self.s[lane] = 0.0;
         self.h[lane] = step.min(LONGEST_STEP * length);
         self.steps[lane] = 0.0;
@@ -274,6 +282,21 @@ impl Control {
         }
         self.reach[lane] = end;
         self.try_instead(lane, shorter);
+        true
+    }
+
+    /// Replaces the judgement of a trial in `lane` that is long beside the way to the exit straight ahead, and looks straight
+    /// or has all of its stages behind the exit: what is as small as that way asks for could lie between them, so a shorter
+    /// one is tried. Returns whether it did.
+    pub fn try_before_exit(&mut self, lane: usize) -> bool {
+        let (h, way) = (self.h[lane], self.straight_end[lane]);
+        let leaps = FIRST_STAGE * h > way || self.looks_straight(lane);
+        if !(h > LONGEST_STEP * way && leaps) {
+            return false;
+        }
+        self.reach[lane] = way;
+        self.straight_end[lane] = f64::INFINITY;
+        self.try_instead(lane, LONGEST_STEP * way);
         true
     }
 
@@ -341,7 +364,8 @@ impl Control {
             self.stuck[l] = f64::select(stuck, 1.0, 0.0);
             self.next_s[l] = next_s;
             self.next_h[l] = Real::min(
-                Real::min(next, LONGEST_STEP * self.reach[l]),
+                // Behind where the exit was thought to be, the way so far says as much.
+                Real::min(next, LONGEST_STEP * Real::max(self.reach[l], next_s)),
                 length - next_s,
             );
         }

@@ -125,7 +125,8 @@ impl<'m> RayLanes<'m> {
 
     fn start(&mut self, lane: usize, start: &LaneStart, step: f64) {
         self.ray[lane] = Some(start.ray);
-        self.control.start(lane, start.length, step);
+        let lengths = [start.length, start.straight_end];
+        self.control.start(lane, lengths, step);
         for row in 0..self.layout.rows {
             self.y[row][lane] = self.starts.y[row][start.column];
             self.k[0][row][lane] = self.starts.rates[row][start.column];

@@ -7,7 +7,7 @@
 //! Rows of a state: u (3), v (3), then the transported quaternion q (x, y, z, w) if the frame is carried, then
 //! (δu, δv) of two deviations if deviation is. Equations: the formulas of [`Manifold::flow`].
 
-use super::{Ray, Settings, domain_events::Events};
+use super::{Ray, Settings, domain_events::Events, dormand_prince::FAR_BEYOND};
 use crate::manifold::{Manifold, around};
 use geofan_expr::{Registers, Tape, Wide, real::Real};
 use glam::DVec3;
@@ -256,6 +256,8 @@ pub(super) struct LaneStart {
     pub length: f64,
     /// The first step to try; `None` where the metric allows none.
     pub step: Option<f64>,
+    /// Arc length in which it would meet an exit if it were straight in the chart, where that is much less.
+    pub straight_end: f64,
 }
 
 /// The block of rays that are next.
@@ -272,6 +274,8 @@ pub(super) struct Starts<'m> {
     pub y: Vec<Row>,
     pub rates: Vec<Row>,
     pub events: Vec<Row>,
+    /// Arc lengths at which lines that are straight in the chart meet an exit far before the ray's length is over.
+    straight_ends: Row,
     /// Half the tolerance's fifth root: the share of the radius of curvature that a first step is.
     reach: f64,
 }
@@ -291,6 +295,7 @@ impl<'m> Starts<'m> {
             y: vec![NIL; layout.rows],
             rates: vec![NIL; layout.rows],
             events: Vec::new(),
+            straight_ends: each(|_| f64::INFINITY),
             reach: 0.5 * Real::pow(settings.tolerance, 0.2),
         }
     }
@@ -312,6 +317,7 @@ impl<'m> Starts<'m> {
             column,
             length: ray.length,
             step: self.first_step(column, ray),
+            straight_end: self.straight_ends[column],
         })
     }
 
@@ -346,6 +352,9 @@ impl<'m> Starts<'m> {
         }
         if let Some(events) = events {
             events.values(&self.y[..6], &mut self.events);
+            let lengths = each(|l| self.rays.get(l).map_or(0.0, |(_, ray)| ray.length));
+            let start = (&self.y[..6], &self.events[..]);
+            self.straight_ends = events.straight_ends(start, &lengths, 1.0 / FAR_BEYOND);
         }
     }
 

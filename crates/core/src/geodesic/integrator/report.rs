@@ -19,6 +19,9 @@ impl RayLanes<'_> {
                 continue;
             };
             let accepted = self.control.accepted[lane] > 0.0;
+            if accepted && self.control.try_before_exit(lane) {
+                continue;
+            }
             let complete = self.control.complete[lane] > 0.0;
             let over = complete || self.control.stuck[lane] > 0.0;
             let met = accepted && self.events.as_ref().is_some_and(|e| e.may_be_met(lane));
