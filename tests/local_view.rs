@@ -87,6 +87,32 @@ fn depths_and_weights_are_those_of_the_straight_lines() {
     assert!(hits > 1000, "{hits}");
 }
 
+/// An object may be written at any of its images.
+#[test]
+fn objects_of_glued_spaces_are_near_wherever_they_were_put() {
+    let seen = |at: [f64; 3]| {
+        let folder = tempfile::tempdir().unwrap();
+        let glued = |face: &str, map: &str| format!("[[glue]]\nface = '{face}'\nmap = [{map}]\n");
+        let metric = "metric = { conformal = '1' }\n".to_owned()
+            + &glued("1 - x", "'x - 2', 'y', 'z'")
+            + &glued("1 + x", "'x + 2', 'y', 'z'")
+            + &glued("1 - z", "'-x', '-y', 'z - 2'")
+            + &glued("1 + z", "'-x', '-y', 'z + 2'");
+        let object = format!(
+            "[[object]]\nmesh = 'square.obj'\nat = {at:?}\nscale = 0.2\nrotate = {{ axis = [0, 1, 0], degrees = 80 }}\n"
+        );
+        let stage = stage(folder.path(), &metric, &object);
+        let view = stage.view(&stage.scene.camera, (60, 40)).unwrap();
+        let outcomes = trace(&stage.world, &view, Paths::Straight(6.0), &offsets(1)).outcomes;
+        let surface = |seen: &&Seen| matches!(seen, Seen::Surface(_));
+        outcomes.iter().filter(surface).count()
+    };
+    let near = seen([0.9, -0.1, 0.2]);
+    assert!(near > 100, "{near}");
+    // Three cells over and four up.
+    assert_eq!(seen([0.9 + 6.0, -0.1, 0.2 + 8.0]), near);
+}
+
 #[test]
 fn the_local_views_error_grows_in_proportion_to_the_distance() {
     let folder = tempfile::tempdir().unwrap();

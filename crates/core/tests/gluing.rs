@@ -214,7 +214,11 @@ fn points_infinitely_far_out_are_no_cones() {
         all.join(", ")
     );
     // Eight sides and two ends, and what touches the domain at its corners.
-    assert!(manifold(&text).gluing().unwrap().faces().len() >= 10);
+    let space = manifold(&text);
+    let gluing = space.gluing().unwrap();
+    assert!(gluing.faces().len() >= 10);
+    let (home, _) = gluing.locate(DVec3::new(0.1, -0.2, 7.3)).unwrap();
+    assert!(home.distance(DVec3::new(0.1, -0.2, -0.7)) < 1e-9, "{home}");
 }
 
 /// What is said about a file that begins with a flat metric.
@@ -336,6 +340,68 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
         "[quotient]\nlift = ['x', 'y', '2*z', '1']\ndrop = ['X', 'Y', 'Z']\ngenerators = [[[1,0,0,2],[0,1,0,0],[0,0,1,0],[0,0,0,1]]]\n",
     );
     assert!(wrong.contains("`drop` does not undo `lift`"), "{wrong}");
+}
+
+/// The product of the sphere and the line, in the chart u = eᵗ n: distances in the chart find no nearest image, because
+/// images gather at u = 0. A group of two matrices would be glued by the square of the first.
+#[test]
+fn groups_without_a_domain_of_nearest_points_are_refused() {
+    let product = |generators: &str| {
+        let text = format!(
+            "name = 'q'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1/sqrt(x^2 + y^2 + z^2)' }}\n[quotient]\n\
+             lift = ['x', 'y', 'z']\ndrop = ['X', 'Y', 'Z']\ncentre = [1, 0, 0]\ngenerators = [{generators}]\n\
+             [domain]\ninside = ['log(x^2 + y^2 + z^2) + 24', '24 - log(x^2 + y^2 + z^2)']\n"
+        );
+        let read = Manifold::from_source(SourceText::new("q.toml", text), &[]);
+        read.expect_err("a subgroup").report(false)
+    };
+    for generators in [
+        "[[-2.4596,0,0],[0,-2.4596,0],[0,0,-2.4596]]",
+        "[[-3.6,0,0],[0,-3.6,0],[0,0,3.6]]",
+    ] {
+        let report = product(generators);
+        assert!(report.contains("no nearest image to `centre`"), "{report}");
+    }
+    let identity = product("[[1,0,0],[0,1,0],[0,0,1]]");
+    assert!(
+        identity.contains("leave every point where it is"),
+        "{identity}"
+    );
+}
+
+/// Two faces of this domain are triangles a fiftieth as large as the others.
+#[test]
+fn the_smallest_faces_have_partners() {
+    let space = manifold(
+        "metric = { conformal = '1' }\n[quotient]\nlift = ['x', 'y', 'z', '1']\ndrop = ['X', 'Y', 'Z']\n\
+         centre = [0.23, 0.31, 0.17]\ngenerators = [[[1,0,0,0.85],[0,-1,0,0],[0,0,1,0],[0,0,0,1]],\n\
+         [[-1,0,0,0],[0,-1,0,0.65],[0,0,1,0.45],[0,0,0,1]], [[1,0,0,0],[0,1,0,1.3],[0,0,1,0],[0,0,0,1]]]\n",
+    );
+    let gluing = space.gluing().unwrap();
+    assert_eq!(gluing.faces().len(), 16);
+    assert!(gluing.faces().iter().all(|face| face.partner().is_some()));
+    // The same point by way of either.
+    let u = DVec3::new(0.5, -0.91, 0.15);
+    let copy = gluing.copy_of(u).unwrap();
+    assert!(
+        copy.distance(gluing.inside() - DVec3::Y * 1.3) < 1e-9,
+        "{copy}"
+    );
+}
+
+/// Clocks that do not agree where space is glued would show as a jump of frequencies.
+#[test]
+fn a_lapse_must_be_that_of_the_place_to_which_a_face_leads() {
+    let faces = pair("1 - x", ["x - 2", "y", "z"]) + &pair("1 + x", ["x + 2", "y", "z"]);
+    let text = |lapse: &str| {
+        format!(
+            "name = 'q'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\nlapse = '{lapse}'\n{faces}"
+        )
+    };
+    let read = |lapse: &str| Manifold::from_source(SourceText::new("q.toml", text(lapse)), &[]);
+    let report = read("2 + 0.1*x").expect_err("a jump").report(false);
+    assert!(report.contains("clocks differ"), "{report}");
+    assert!(read("2 + 0.1*cos(3.14159265358979324*x)").is_ok());
 }
 
 /// A lens of the three-sphere between two great spheres, the upper glued to the lower after a fifth of a turn; a tenth
@@ -477,6 +543,32 @@ fn areas_behind_mirrors_are_those_of_neighbours() {
 }
 
 /// A doorway: two discs in flat space, one glued to the other.
+/// Whoever goes through a portal of the catalogue and turns back comes back, from either side of both discs.
+#[test]
+fn ways_through_portals_lead_back() {
+    let portal = asset("portal");
+    let mut crossed = 0;
+    for (u, d) in [
+        ([2.5, 0.1, 0.2], [-1.0, 1e-4, 0.0]),
+        ([0.0, 0.1, 0.2], [1.0, 1e-4, 0.0]),
+        ([-1.0, 0.1, 0.2], [1.0, 0.05, 0.02]),
+        ([-1.0, 0.1, 0.2], [-1.0, 0.05, 0.02]),
+        ([-6.0, -0.4, 0.2], [0.9, 0.03, -0.07]),
+        ([3.0, -0.4, 0.2], [-0.9, 0.01, -0.02]),
+    ] {
+        let (u, length) = (DVec3::from(u), 17.0);
+        let (ray, there) = follow(&portal, u, DVec3::from(d), length);
+        assert!(there.length == length && there.tried < 200, "{there:?}");
+        let end = sample(&portal, &ray, &there, length);
+        crossed += end.crossings;
+        let (ray, back) = follow(&portal, end.u, -end.v, length);
+        let home = sample(&portal, &ray, &back, length);
+        assert!(home.u.distance(u) < 1e-9, "{u}: {}", home.u);
+        assert_eq!(home.crossings, end.crossings);
+    }
+    assert!(crossed >= 8, "{crossed}");
+}
+
 #[test]
 fn a_portal_is_there_only_where_its_opening_is() {
     let space = manifold(

@@ -57,6 +57,8 @@ pub struct SceneCopies {
 #[derive(Debug, Clone)]
 struct SceneCell {
     deck: DeckTransformation,
+    /// Brings what lies there into the domain.
+    into: DeckTransformation,
     /// The image of the domain's point inside.
     place: DVec3,
     /// The box around the triangles that reach into it, and one around where these would be in the domain.
@@ -104,6 +106,7 @@ impl SceneCopies {
         let mut all = true;
         let mut cells = vec![SceneCell {
             deck: gluing.identity(),
+            into: gluing.identity(),
             place: gluing.inside(),
             bounds: NOWHERE,
             home: NOWHERE,
@@ -129,6 +132,7 @@ impl SceneCopies {
                     ways.push([back.clone(), into.clone()]);
                     cells.push(SceneCell {
                         deck: back,
+                        into: into.clone(),
                         place,
                         bounds: NOWHERE,
                         home: NOWHERE,
@@ -148,6 +152,25 @@ impl SceneCopies {
             placed,
             cells,
         })
+    }
+
+    /// Returns the transformations that bring parts of the scene from where they lie to the domain and its neighbours.
+    pub(super) fn beside_domain(&self) -> Vec<DeckTransformation> {
+        let Some(gluing) = self.manifold.gluing() else {
+            return Vec::new();
+        };
+        let neighbours = gluing.copies(|_, _| true, gluing.faces().len() + 1);
+        let mut found: Vec<(DVec3, DeckTransformation)> = Vec::new();
+        for cell in self.cells.iter().filter(|cell| cell.bounds != NOWHERE) {
+            for neighbour in &neighbours {
+                let deck = cell.into.then(neighbour);
+                let place = deck.point(gluing.inside());
+                if !found.iter().any(|(known, _)| near(gluing, *known, place)) {
+                    found.push((place, deck));
+                }
+            }
+        }
+        found.into_iter().map(|(_, deck)| deck).collect()
     }
 
     /// Tells whether pictures must be of paths that are integrated one by one: which way they go on at portals and

@@ -442,12 +442,11 @@ fn cut_at(polygon: &[(DVec3, DVec2)], near: f64) -> Vec<(DVec3, DVec2)> {
 /// Carries a point of the chart.
 type PointMap = Box<dyn Fn(DVec3) -> DVec3 + Sync>;
 
-/// Returns the maps to the copies next to the camera's: by whole periods, or behind the faces of a glued domain.
+/// Returns the maps to the copies next to the camera's: by whole periods, or into a glued domain and behind its faces.
 fn neighbouring_images(world: &World) -> Vec<PointMap> {
-    if let Some(gluing) = world.manifold.gluing() {
-        let copies = gluing.copies(|_, _| true, gluing.faces().len() + 1);
+    if let Some(copies) = &world.copies {
         let map = |deck: DeckTransformation| -> PointMap { Box::new(move |u| deck.point(u)) };
-        return copies.into_iter().map(map).collect();
+        return copies.beside_domain().into_iter().map(map).collect();
     }
     let shifts = neighbouring_periods(world).into_iter();
     let map = |shift: DVec3| -> PointMap { Box::new(move |u| u + shift) };

@@ -36,6 +36,10 @@ const SIGHTS: u32 = 24;
 const EDGE_TESTS: usize = 400;
 pub(super) const FARTHEST_OUT: f64 = 1.8;
 
+/// Halvings by which a place is looked for where the metric is infinite, and how much larger it is taken to be there.
+const POLE_STEPS: usize = 40;
+const POLE: f64 = 1e6;
+
 /// How far apart two images of one point may be, as a share of the domain's size, and their differentials.
 const WORST_IMAGE: f64 = 1e-7;
 
@@ -52,7 +56,8 @@ pub(super) fn checked(manifold: &Manifold, gluing: &Gluing) -> Result<Gluing> {
     };
     checks.isometries()?;
     let borders = checks.face_points();
-    let partners = checks.partners(&borders)?;
+    let mut partners = checks.partners(&borders)?;
+    checks.find_missed_partners(&mut partners);
     checks.edges(&borders)?;
     checks.fixed_points()?;
     checks.edge_cones(&borders)?;
@@ -296,17 +301,18 @@ impl GluingChecks<'_> {
                 if !is_regular_or_outside(self.manifold, image) {
                     continue;
                 }
-                let found = self.manifold.discrepancy_by((image, d), u);
+                let clocks = self.manifold.lapse_discrepancy(image, u);
+                let found = self.manifold.discrepancy_by((image, d), u).max(clocks);
                 if found > WORST_DISCREPANCY {
                     let message = format!(
-                        "its map is no isometry: at {} and its image {} lengths or velocities differ by {found:.2e}",
+                        "its map is no isometry: at {} and its image {} lengths, velocities or clocks differ by {found:.2e}",
                         point(self.manifold, u),
                         point(self.manifold, image),
                     );
                     let complaint = self.complain(k, message);
                     return Err(complaint
                         .with_hint(
-                            "the metric (and a wind) must be the same at a point and at its image",
+                            "the metric (and wind, drift and lapse) must be the same at a point and at its image",
                         )
                         .into());
                 }
@@ -370,6 +376,24 @@ impl GluingChecks<'_> {
             }
         }
         None
+    }
+
+    /// Finds the partners of faces so small that no line has met them: those whose maps undo theirs.
+    fn find_missed_partners(&self, partners: &mut [Option<usize>]) {
+        let faces = &self.gluing.faces;
+        let undone = |k: usize, j: usize, u: DVec3| {
+            let (image, d) = faces[k].carry(u)?;
+            let (back, e) = faces[j].carry(image)?;
+            let same_place = (back - u).length() <= WORST_IMAGE * self.gluing.size;
+            Some(same_place && is_identity(e * d))
+        };
+        for (k, partner) in partners.iter_mut().enumerate() {
+            if partner.is_none() && !faces[k].is_portal() {
+                let undoes =
+                    |j: &usize| self.points.iter().all(|u| undone(k, *j, *u) == Some(true));
+                *partner = (0..faces.len()).find(undoes);
+            }
+        }
     }
 
     /// Finds the partner of every face, on which each of its points must come to lie, and whose map leads back. It
@@ -465,7 +489,8 @@ impl GluingChecks<'_> {
                 };
                 let off = (end.0 - v).length() / self.gluing.size;
                 let turned = !is_identity_to(d.inverse() * end.1, 1e-5);
-                if (off > 10.0 * WORST_IMAGE || turned) && !self.is_border(end.0) {
+                let differs = (off > 10.0 * WORST_IMAGE || turned) && !self.is_border(end.0);
+                if differs && !self.ends_between(border, u) {
                     let message = format!(
                         "its edge with {} does not close: {} comes to {} by way of the one and to {} by way of the other",
                         Gluing::name(j),
@@ -481,6 +506,32 @@ impl GluingChecks<'_> {
             }
         }
         Ok(())
+    }
+
+    /// Returns whether space ends infinitely far away between two points of the chart, as at the ideal boundary of
+    /// hyperbolic space, behind which formulas may hold again: whether the metric grows without end there.
+    fn ends_between(&self, a: DVec3, b: DVec3) -> bool {
+        let scale = |t: f64| metric_scale(self.manifold, a.lerp(b, t));
+        let grown = |t: f64| {
+            if scale(t).is_nan() {
+                f64::INFINITY
+            } else {
+                scale(t)
+            }
+        };
+        let mut step = 1.0 / f64::from(SIGHTS);
+        let places = (1..SIGHTS).map(|i| f64::from(i) * step);
+        let mut at = places
+            .max_by(|a, b| grown(*a).total_cmp(&grown(*b)))
+            .unwrap_or(0.5);
+        for _ in 0..POLE_STEPS {
+            step *= 0.5;
+            let beside = [at - step, at, at + step].into_iter();
+            at = beside
+                .max_by(|a, b| grown(*a).total_cmp(&grown(*b)))
+                .unwrap_or(at);
+        }
+        grown(at) > POLE * (scale(0.0) + scale(1.0))
     }
 
     /// Lists the faces with maps that `u` is beyond.

@@ -12,6 +12,7 @@ mod cones;
 mod cover;
 mod deck;
 mod gluing_checks;
+mod invariant_form;
 pub(super) mod quotient;
 
 pub use cover::{Development, NearCopy, NearestCopies};

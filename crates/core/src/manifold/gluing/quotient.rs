@@ -4,11 +4,12 @@
 //! nearer to the centre than to any of its images, each with its matrix.
 //!
 //! Nearness is measured by an invariant form of the model where there is one: a diagonal form of signs that the
-//! generators keep and that is constant on the space, as for spheres and hyperboloids. Faces are then linear in the
+//! generators keep and that is constant on the space, as for spheres and hyperboloids; and in products of these with
+//! lines, by that of one factor and the distance along the other. Faces are then linear in the
 //! model. Otherwise it is measured in the chart by the metric at the centre, which is the distance in flat
 //! space; the domain then is one of representatives all the same, each the nearest of its orbit.
 
-use super::{LinearModel, deck::product};
+use super::{LinearModel, deck::product, invariant_form::InvariantForm};
 use crate::manifold::metric_of;
 use glam::{DMat3, DVec3};
 use std::{
@@ -40,7 +41,7 @@ const CANDIDATES: usize = 600;
 const DIRECTIONS: usize = 1500;
 
 /// Relative difference up to which matrices are the same.
-const SAME: f64 = 1e-7;
+pub(super) const SAME: f64 = 1e-7;
 
 /// Distance in the chart up to which a domain without end is followed, as a multiple of the smallest
 /// displacement of the centre.
@@ -64,15 +65,14 @@ struct Nearness<'m> {
     metric: &'m dyn Fn(DVec3) -> [f64; 6],
     /// That at the centre.
     at_centre: DMat3,
-    /// `−Q X(c)`: times X it grows with the distance from the centre.
-    form: Option<Vec<f64>>,
+    form: Option<InvariantForm>,
 }
 
 impl Nearness<'_> {
     /// Returns a number that grows with the distance of the point `x` of the model from the centre.
     fn of(&self, x: &[f64]) -> f64 {
         match &self.form {
-            Some(form) => dot(form, x),
+            Some(form) => form.of(x),
             None => {
                 let off = self.dropped(x) - self.centre;
                 off.dot(self.at_centre * off)
@@ -118,7 +118,7 @@ impl Nearness<'_> {
     }
 }
 
-fn dot(a: &[f64], b: &[f64]) -> f64 {
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
@@ -176,38 +176,67 @@ pub(in crate::manifold) fn dirichlet(
             ));
         }
     }
-    nearness.form = invariant_form(&nearness, &steps);
+    let places = PLACES.iter().map(|shift| nearness.lifted(centre + *shift));
+    nearness.form = InvariantForm::find(&places.collect::<Vec<_>>(), &steps);
     let elements = elements(&nearness, &steps)?;
-    Ok(faces(&nearness, &elements))
+    if elements.is_empty() {
+        return Err("the generators leave every point where it is".into());
+    }
+    let faces = faces(&nearness, &elements);
+    match steps.iter().all(|step| leads_back(&nearness, &faces, step)) {
+        true => Ok(faces),
+        false => Err(NO_DOMAIN.into()),
+    }
 }
 
-/// Finds a diagonal form of signs that the steps keep and that is constant on the space; returns `−Q X(c)`.
-fn invariant_form(nearness: &Nearness<'_>, steps: &[Vec<f64>]) -> Option<Vec<f64>> {
-    let n = nearness.model.dimension;
-    let places = PLACES.iter().map(|shift| nearness.centre + *shift);
-    let points: Vec<Vec<f64>> = places.map(|u| nearness.lifted(u)).collect();
-    let signs = |mask: usize| -> Vec<f64> {
-        let sign = |k: usize| if mask >> k & 1 == 1 { -1.0 } else { 1.0 };
-        (0..n).map(sign).collect()
+/// The reason why a group that nothing invariant is known of has no domain here.
+const NO_DOMAIN: &str = "by distances in this chart points have no nearest image to `centre`, or several: is their group discrete? \
+    If it is, take a model in which it keeps a form, or write faces as [[glue]]";
+
+/// Places about the centre that every element must bring back, as shares of the way to the nearest face.
+const SHARES: [f64; 3] = [0.15, 0.4, 0.7];
+
+/// Directions of these places, and the most maps that bring one back.
+const WAYS: usize = 12;
+const MOST_MAPS: usize = 4000;
+
+/// Tells whether the faces bring the images under `step` of places in the domain back to these: it holds no two points of
+/// one orbit.
+fn leads_back(nearness: &Nearness<'_>, faces: &[QuotientFace], step: &[f64]) -> bool {
+    let near = |x: &[f64]| nearness.of(x);
+    let start = nearness.lifted(nearness.centre);
+    let ways = faces.iter().map(|face| {
+        (nearness.dropped(&times(&face.matrix, &start)) - nearness.centre).length() * 0.5
+    });
+    let way = ways
+        .filter(|way| way.is_finite())
+        .fold(f64::INFINITY, f64::min);
+    if !way.is_finite() {
+        return true;
+    }
+    let home = |mut x: Vec<f64>| -> Option<Vec<f64>> {
+        for _ in 0..MOST_MAPS {
+            let nearer = faces.iter().map(|face| times(&face.matrix, &x));
+            let nearest = nearer.min_by(|a, b| near(a).total_cmp(&near(b)))?;
+            if !(near(&nearest) < near(&x)) {
+                return Some(x);
+            }
+            x = nearest;
+        }
+        None
     };
-    (0..1_usize << n).map(signs).find_map(|q| {
-        let form = |a: &[f64], b: &[f64]| -> f64 { (0..n).map(|k| q[k] * a[k] * b[k]).sum() };
-        let kept = steps.iter().all(|m| {
-            (0..n).all(|i| {
-                (0..n).all(|j| {
-                    let wanted = if i == j { q[i] } else { 0.0 };
-                    let got: f64 = (0..n).map(|k| q[k] * m[k * n + i] * m[k * n + j]).sum();
-                    (got - wanted).abs() <= SAME
-                })
-            })
-        });
-        let level = form(&points[0], &points[0]);
-        let constant = points
+    let places = SHARES
+        .iter()
+        .flat_map(|share| (0..WAYS).map(move |i| (*share, i)));
+    let mut places = places.map(|(share, i)| nearness.centre + spiral(i, WAYS) * (share * way));
+    places.all(|u| {
+        let x = nearness.lifted(u);
+        let is_inside = faces
             .iter()
-            .all(|x| (form(x, x) - level).abs() <= 1e-9 * (1.0 + level.abs()));
-        // Near the centre the form must fall.
-        let falls = points[1..].iter().all(|x| form(x, &points[0]) < level);
-        (kept && constant && falls).then(|| (0..n).map(|k| -q[k] * points[0][k]).collect())
+            .all(|face| near(&times(&face.matrix, &x)) > near(&x));
+        let comes_back =
+            |x: Vec<f64>| (nearness.dropped(&x) - u).length() <= 1e-6 * (way + u.length());
+        !is_inside || home(times(step, &x)).is_some_and(comes_back)
     })
 }
 
@@ -342,14 +371,7 @@ struct FaceCandidates<'a> {
 
 impl<'a> FaceCandidates<'a> {
     fn new(nearness: &'a Nearness<'a>, elements: &'a [Vec<f64>]) -> Self {
-        let n = nearness.model.dimension;
-        let row = |matrix: &Vec<f64>| {
-            nearness.form.as_ref().map(|form| {
-                let moved =
-                    (0..n).map(|j| (0..n).map(|i| form[i] * matrix[i * n + j]).sum::<f64>());
-                moved.zip(form).map(|(a, b)| a - b).collect()
-            })
-        };
+        let row = |matrix: &Vec<f64>| nearness.form.as_ref().map(|form| form.growth(matrix));
         Self {
             nearness,
             elements,
