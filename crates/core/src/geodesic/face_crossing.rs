@@ -200,6 +200,8 @@ impl<'m> FaceCrossings<'m> {
     fn crossed(&mut self, k: usize, step: &Step) -> Option<f64> {
         let face = &self.gluing.faces()[k];
         let (bounds, guard) = (!face.is_portal(), self.gluing.guard(k));
+        // What comes out of a portal is not inside its other side, in front of which it is by rounding.
+        let least = if bounds { 0.0 } else { guard };
         let faces = self.gluing.faces().len();
         let mut before = (step.start, self.along[k]);
         if bounds && before.1 < -guard {
@@ -209,9 +211,11 @@ impl<'m> FaceCrossings<'m> {
             let s = place_on(step, *place);
             let now = (s, self.along[row * faces + k]);
             if now.1 < -guard {
-                let inside = match before.1 > 0.0 {
+                let inside = match before.1 > least {
                     true => Some(before.0),
-                    false if before.1 >= -guard => self.inside_between(k, step, before.0, s),
+                    false if before.1 >= -guard => {
+                        self.inside_between((k, least), step, before.0, s)
+                    }
                     false => None,
                 };
                 let at = match inside {
@@ -228,12 +232,19 @@ impl<'m> FaceCrossings<'m> {
         None
     }
 
-    /// Finds a place inside face `k` on a step that is on it at `low` and beyond it at `high`.
-    fn inside_between(&mut self, k: usize, step: &Step, low: f64, high: f64) -> Option<f64> {
+    /// Finds a place where the value of face `k` is more than `least`, on a step that is on it at `low` and beyond it at
+    /// `high`.
+    fn inside_between(
+        &mut self,
+        (k, least): (usize, f64),
+        step: &Step,
+        low: f64,
+        high: f64,
+    ) -> Option<f64> {
         let place = |i: i32| low + (high - low) * 0.5_f64.powi(i);
         (1..HALVINGS)
             .map(place)
-            .find(|s| self.value(k, step, *s) > 0.0)
+            .find(|s| self.value(k, step, *s) > least)
     }
 
     fn value(&mut self, k: usize, step: &Step, s: f64) -> f64 {
