@@ -216,6 +216,11 @@ fn velocities_faster_than_light_and_formulas_that_mean_nothing_are_refused_at_th
     let fast = report("velocity = [\"0.9*x/x\", 0.5, 0]");
     assert!(fast.contains("not below that of light"), "{fast}");
     assert!(fast.contains("scene.toml:14:12"), "{fast}");
+    for nothing in ["-5", "sqrt(-1)", "1/(z - z)"] {
+        let cold = report(&format!("temperature = \"{nothing}\""));
+        assert!(cold.contains("this is no temperature at"), "{cold}");
+        assert!(cold.contains("scene.toml:14:"), "{cold}");
+    }
     let unknown = report("temperature = \"1000*rr\"");
     assert!(unknown.contains("scene.toml:14:21"), "{unknown}");
     let short = report("velocity = [0.1, 0.2]");
@@ -235,4 +240,51 @@ fn velocities_faster_than_light_and_formulas_that_mean_nothing_are_refused_at_th
         let report = stage("flat", &format!("{camera}{line}")).err().unwrap();
         assert!(report.contains(message), "{report}");
     }
+}
+
+/// A drift that is a gradient is another clock, t = s + 0.4 x: what moves with u by the one moves with u/(1 − 0.4 u_x) by
+/// the other, and the surface that has the normal N at one t has N − (N·u) b at one s.
+#[test]
+fn surfaces_that_move_across_themselves_are_lit_the_same_by_any_clock() {
+    let space = |drift: &str| {
+        format!(
+            "name = 'clock'\ncoordinates = ['x', 'y', 'z']\nmetric = {{ conformal = '1' }}\n{drift}\n\
+             [[exit]]\nname = 'sky'\nwhen = 'x^2 + y^2 + z^2 - 144'\n[cameras]\nlength = 25\n"
+        )
+    };
+    let square = |slope: f64| {
+        format!(
+            "mtllib white.mtl\nusemtl white\nv -2 -2 {0}\nv 2 -2 {1}\nv 2 2 {1}\nv -2 2 {0}\nf 1 2 3 4\n",
+            -2.0 * slope,
+            2.0 * slope
+        )
+    };
+    let lit = |drift: &str, slope: f64, velocity: [f64; 3]| {
+        let scene = format!(
+            "manifold = 'space.toml'\n[camera]\nat = [1, -1, 6]\nlook = [-0.17, 0.17, -1]\nup = [0, 1, 0]\nfov = 20\n\
+             [[object]]\nmesh = 'square.obj'\nat = [0, 0, 0]\nplacement = 'chart'\nvelocity = {velocity:?}\n\
+             [[light]]\nkind = 'point'\nat = [3, 2, 4]\nintensity = [100, 100, 100]\n"
+        );
+        let place = Place::with(&[
+            ("space.toml", &space(drift)),
+            ("square.obj", &square(slope)),
+            ("white.mtl", "newmtl white\nKd 0.8 0.8 0.8\n"),
+            ("scene.toml", &scene),
+        ]);
+        let mut stage = Stage::load(&place.path("scene.toml"), &[]).unwrap();
+        let view = view(&stage, (9, 9));
+        let (light, _) =
+            geofan_light::cache::light(&stage.world, 25.0, 1e-9, None, |_, _| {}).unwrap();
+        stage.world.light = Some(light);
+        let tracer = ExactTracer::new(&stage.world.manifold, view.u, 25.0, 1e-9);
+        let paths = Paths::Exact(&tracer);
+        let drawn = draw(&stage.world, &view, paths, 1, Footprints::Points, &no_clock);
+        f64::from(drawn.picture.pixel(4, 4)[0])
+    };
+    let (drift, slower) = ("drift = ['0.4', '0', '0']", 1.0 - 0.4 * 0.3);
+    let tilted = lit("", 0.16, [0.3 / slower, 0.0, 0.4 / slower]);
+    let found = lit(drift, 0.0, [0.3, 0.0, 0.4]);
+    assert!((found / tilted - 1.0).abs() < 2e-3, "{found} {tilted}");
+    let flat = lit("", 0.0, [0.3 / slower, 0.0, 0.4 / slower]);
+    assert!((found / flat - 1.0).abs() > 0.1, "{found} {flat}");
 }

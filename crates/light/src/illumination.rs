@@ -13,7 +13,7 @@ use geofan_core::{
 use geofan_render::{
     PointLight, SurfacePoint, World,
     lightmap::{DirectedLight, DirectedLights, FacetLayout, Light, Lightmap},
-    redshift::SurfaceState,
+    redshift::{SurfaceFrame, SurfaceState},
     shade::is_glossy_triangle,
 };
 use glam::{DMat3, DVec3};
@@ -32,15 +32,14 @@ pub const MOST_GAIN: f64 = 1e4;
 /// on the other.
 pub fn irradiance(manifold: &Manifold, u: DVec3, normal: DVec3, connection: &Connection) -> f64 {
     let frames = manifold.rest_frames(&[u]);
-    irradiance_in((frames[0], DVec3::ZERO), normal, connection)
+    irradiance_in(SurfaceFrame::at_rest(frames[0]), normal, connection)
 }
 
-/// Computes [`irradiance`] where the frame of the surface is known, and how far it moves (chart components) for each unit of
-/// arc length of lines of sight.
-fn irradiance_in((frame, pace): (DMat3, DVec3), normal: DVec3, connection: &Connection) -> f64 {
-    let n = (frame.transpose() * normal).normalize_or_zero();
+/// Computes [`irradiance`] where the frame of the surface is known.
+fn irradiance_in(surface: SurfaceFrame, normal: DVec3, connection: &Connection) -> f64 {
+    let n = surface.normal(normal);
     // Lines of sight run against the light.
-    let v = (frame.inverse() * (connection.v + pace)).normalize_or_zero();
+    let v = (surface.frame.inverse() * (connection.v + surface.pace)).normalize_or_zero();
     let least = connection.s * connection.s / MOST_GAIN;
     -n.dot(v) * connection.through / connection.area.abs().max(least)
 }

@@ -66,6 +66,11 @@ impl ObjectState {
         Some(DVec3::from_slice(&velocity))
     }
 
+    /// Returns its temperature (kelvin) at `u`, if the scene gives it.
+    pub(crate) fn temperature(&self, u: DVec3) -> Option<f64> {
+        self.temperature.as_ref()?.at(u).first().copied()
+    }
+
     /// Tells whether the object glows.
     pub fn glows(&self) -> bool {
         self.temperature.is_some()
@@ -75,6 +80,41 @@ impl ObjectState {
     fn moves(&self) -> bool {
         self.velocity.is_some()
     }
+}
+
+/// The frame of a surface where light meets it.
+#[derive(Debug, Clone, Copy)]
+pub struct SurfaceFrame {
+    /// That of those at rest in coordinates that move with it.
+    pub frame: DMat3,
+    /// How far it moves (chart components) for each unit of arc length of lines of sight.
+    pub pace: DVec3,
+    /// The drift there, chart components of a covector.
+    drift: DVec3,
+}
+
+impl SurfaceFrame {
+    /// Describes a surface at rest in the chart, by the frame of those who are at rest there.
+    pub fn at_rest(frame: DMat3) -> Self {
+        Self {
+            frame,
+            pace: DVec3::ZERO,
+            drift: DVec3::ZERO,
+        }
+    }
+
+    /// Returns the unit normal in the frame of the surface that has the normal `covector` in the chart at one of its times.
+    pub fn normal(&self, covector: DVec3) -> DVec3 {
+        let covector = tilted(covector, self.pace, self.drift);
+        (self.frame.transpose() * covector).normalize_or_zero()
+    }
+}
+
+/// Turns the normal covector `N` of a surface at one time of the chart into that at one time of the lines of sight. With
+/// `t = s + b·x` the points `N·(x − u t) = 0` have the covector `N − (N·u) b` for one s, and the velocity `u` is the pace
+/// over `1 + b·pace`.
+fn tilted(covector: DVec3, pace: DVec3, drift: DVec3) -> DVec3 {
+    covector - drift * (covector.dot(pace) / (1.0 + drift.dot(pace)))
 }
 
 /// Tells how a surface moves where light meets it, and how hot it is there.
@@ -109,12 +149,25 @@ impl SurfaceState {
         }
     }
 
-    /// Returns the frame of the surface, of which `local` is the normal observer there: that of those at rest in coordinates
-    /// that move with it.
-    pub fn frame(&self, local: LocalFrame) -> DMat3 {
-        local
-            .moving(self.pace())
-            .rest_frame(self.frequencies.metric())
+    /// Returns the frame of the surface, of which `local` is the normal observer there.
+    fn frame(&self, local: LocalFrame) -> SurfaceFrame {
+        let moving = local.moving(self.pace());
+        SurfaceFrame {
+            frame: moving.rest_frame(self.frequencies.metric()),
+            pace: self.pace(),
+            drift: self.frequencies.drift(),
+        }
+    }
+
+    /// Returns the normal covector at one time of the lines of sight of a surface that has `covector` at one time of the
+    /// chart.
+    pub fn tilted(&self, covector: DVec3) -> DVec3 {
+        tilted(covector, self.pace(), self.frequencies.drift())
+    }
+
+    /// Undoes [`SurfaceState::tilted`].
+    pub fn untilted(&self, covector: DVec3) -> DVec3 {
+        covector + self.frequencies.drift() * covector.dot(self.pace())
     }
 
     /// Returns the lapse there.
@@ -267,20 +320,20 @@ impl World {
         self.has_surface_states().then(|| places().states())
     }
 
-    /// Returns the frames of surfaces in these `states` at chart points of triangles, and how far each moves (chart components)
-    /// for each unit of arc length of lines of sight; of those at rest if there are no states.
+    /// Returns the frames of surfaces in these `states` at chart points of triangles; of those at rest if there are no
+    /// states.
     pub fn surface_frames(
         &self,
         places: &[(DVec3, u32)],
         states: Option<&[SurfaceState]>,
-    ) -> Vec<(DMat3, DVec3)> {
+    ) -> Vec<SurfaceFrame> {
         let points: Vec<DVec3> = places.iter().map(|(u, _)| *u).collect();
         let Some(states) = states else {
             let frames = self.manifold.rest_frames(&points).into_iter();
-            return frames.map(|frame| (frame, DVec3::ZERO)).collect();
+            return frames.map(SurfaceFrame::at_rest).collect();
         };
         let locals = self.manifold.local_frames(&points).into_iter();
-        let moving = |(local, state): (_, &SurfaceState)| (state.frame(local), state.pace());
+        let moving = |(local, state): (_, &SurfaceState)| state.frame(local);
         locals.zip(states).map(moving).collect()
     }
 
@@ -392,6 +445,11 @@ pub fn blackbody(kelvin: f64) -> [f32; 3] {
         0.0557 * x - 0.2040 * y + 1.0570 * z,
     ];
     rgb.map(|light| light.max(0.0) as f32)
+}
+
+/// Tells whether something can have the temperature `kelvin`.
+pub(crate) fn is_temperature(kelvin: f64) -> bool {
+    kelvin >= 0.0 && kelvin.is_finite()
 }
 
 /// Temperatures (kelvin) between which the light of black bodies is tabulated, and how often: logarithms of it are linear

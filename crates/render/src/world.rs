@@ -11,7 +11,7 @@ use super::{
     lightmap::Lightmap,
     moving::{ObjectPath, at_time},
     placement_checks::{PlacementChecks, any_reaches, lamps_out_of_sight, out_of_sight},
-    redshift::ObjectState,
+    redshift::{ObjectState, is_temperature},
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
 };
@@ -518,7 +518,7 @@ impl World {
         Ok(placed)
     }
 
-    /// Adds motion and heat of an object; none of its vertices may be as fast as light.
+    /// Adds motion and heat of an object; none of its vertices may be as fast as light, or of no temperature.
     fn add_state(
         &mut self,
         scene: &SceneFile,
@@ -536,6 +536,20 @@ impl World {
             return Err(
                 Diagnostic::new(&scene.source, formulas.span.clone(), message)
                     .with_hint("it is dx/dt in chart components, with the time of the spacetime")
+                    .into(),
+            );
+        }
+        let no_temperature = |u: &DVec3| {
+            state
+                .temperature(*u)
+                .is_some_and(|kelvin| !is_temperature(kelvin))
+        };
+        let mut points = vertices.iter().map(|(u, _)| *u);
+        if let (Some(u), Some(formulas)) = (points.find(no_temperature), &object.temperature) {
+            let message = format!("this is no temperature at {u}");
+            return Err(
+                Diagnostic::new(&scene.source, formulas.span.clone(), message)
+                    .with_hint("it is in kelvin: a number, 0 or more, at every point of the object")
                     .into(),
             );
         }

@@ -181,6 +181,11 @@ impl Frequencies {
         self.medium.lapse
     }
 
+    /// Returns the drift `b`, chart components of a covector, as the paths followed meet it.
+    pub fn drift(&self) -> DVec3 {
+        self.medium.drift
+    }
+
     /// Returns the direction `n = v − W` in which a path with tangent `v` of any length is seen, chart components, of
     /// unit length.
     pub fn sight(&self, v: DVec3) -> DVec3 {

@@ -75,11 +75,12 @@ impl SurfaceInteraction {
         let frame = moving.rest_frame(metric);
         let face = &world.faces[hit.triangle as usize];
         let material = &world.materials[face.material as usize];
-        let covector = world.covector(hit);
+        let tilted = |covector: DVec3| state.map_or(covector, |state| state.tilted(covector));
+        let covector = tilted(world.covector(hit));
         let inverse = frame.inverse();
         let back = -(inverse * (hit.v.as_dvec3() - pace)).normalize_or_zero();
         let [p, q, r] = world.accelerator.triangles()[hit.triangle as usize];
-        let across = (frame.transpose() * (q - p).cross(r - p)).normalize_or_zero();
+        let across = (frame.transpose() * tilted((q - p).cross(r - p))).normalize_or_zero();
         let flat = if across.dot(back) < 0.0 {
             -across
         } else {
@@ -91,6 +92,7 @@ impl SurfaceInteraction {
         // A smoothed normal that looks away from the viewer is not used.
         let normal = if facing.dot(back) > 0.0 { facing } else { flat };
         let around = ShadingFrame::new(normal);
+        let chosen = inverse.transpose() * normal;
         let emitted = shade::emission(world, hit, &Footprint::POINT);
         let bsdf = Bsdf::new(material, shade::diffuse(world, hit, &Footprint::POINT))
             .covering(f64::from(world.coverage(hit)));
@@ -99,7 +101,7 @@ impl SurfaceInteraction {
             hit: *hit,
             point: SurfacePoint {
                 u,
-                normal: inverse.transpose() * normal,
+                normal: state.map_or(chosen, |state| state.untilted(chosen)),
                 triangle: hit.triangle,
             },
             local,

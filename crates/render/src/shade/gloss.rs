@@ -4,7 +4,9 @@
 //! is the model of the path tracer's direct light (`geofan-light`): microfacets of the roughness that `Ns` asks for.
 
 use super::ggx;
-use crate::{intersect::Hit, lightmap::LampImage, scene::Material, world::World};
+use crate::{
+    intersect::Hit, lightmap::LampImage, redshift::SurfaceFrame, scene::Material, world::World,
+};
 use geofan_core::geodesic::perpendiculars;
 use glam::{DMat3, DVec3};
 
@@ -49,9 +51,6 @@ pub fn is_glossy_triangle(world: &World, triangle: u32) -> bool {
     is_glossy(material(world, triangle))
 }
 
-/// The frame of a surface, and how far it moves (chart components) for each unit of arc length of lines of sight.
-pub(super) type SurfaceFrame = (DMat3, DVec3);
-
 /// Returns the frames of the surfaces at those `hits` that are glossy, in order.
 pub(super) fn glossy_frames<'a>(
     world: &World,
@@ -68,14 +67,14 @@ pub(super) fn glossy_frames<'a>(
 pub(super) fn highlights(
     world: &World,
     (hit, front): (&Hit, bool),
-    (frame, pace): SurfaceFrame,
+    surface: SurfaceFrame,
     images: &mut Vec<LampImage>,
 ) -> DVec3 {
     let Some(light) = &world.light else {
         return DVec3::ZERO;
     };
-    let inverse = frame.inverse();
-    let smooth = (frame.transpose() * world.covector(hit)).normalize_or_zero();
+    let (inverse, pace) = (surface.frame.inverse(), surface.pace);
+    let smooth = surface.normal(world.covector(hit));
     let normal = if front { smooth } else { -smooth };
     let [x, y] = perpendiculars(normal);
     let around = DMat3::from_cols(x, y, normal).transpose();

@@ -5,12 +5,13 @@
 //! ray and normal is taken in the metric at the hit, `|n·v| / (|Sᵀn| |v|)` for a covector `n` and tangent `v`; the metric
 //! of sixteen hits is evaluated at once.
 
-use super::gloss::{Reflectances, SurfaceFrame, glossy_frames, highlights, is_glossy_triangle};
+use super::gloss::{Reflectances, glossy_frames, highlights, is_glossy_triangle};
 use crate::{
     filter::Footprint,
     intersect::Hit,
     lanes::LANES,
     lightmap::{LampImage, Lightmap},
+    redshift::SurfaceFrame,
     scene::Material,
     world::World,
 };
