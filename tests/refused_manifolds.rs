@@ -271,10 +271,26 @@ fn domains_that_cannot_be() {
         ),
     ]);
     reports += "\n";
-    reports += &refusals(&[(
-        "values that do not meet where they are glued",
-        glued("1 + x"),
-    )]);
+    let seam = |medium: &str| format!("{medium}\n{}", glued("1"));
+    reports += &refusals(&[
+        (
+            "values that do not meet where they are glued",
+            glued("1 + x"),
+        ),
+        (
+            "a wind that does not",
+            seam("wind = [\"0\", \"0.2*x\", \"0\"]"),
+        ),
+        (
+            "a drift that does not",
+            seam("drift = [\"0\", \"0.2*x^2\", \"0\"]"),
+        ),
+        ("a lapse that does not", seam("lapse = \"2 + x\"")),
+        (
+            "a claim inside of an inline table",
+            "symmetry = { rotation = \"origin\" }\nmetric = { conformal = \"1 + 0.1*x\" }\n".into(),
+        ),
+    ]);
     shown("domains_that_cannot_be", reports);
 }
 

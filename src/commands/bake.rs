@@ -231,7 +231,7 @@ fn report_shard(
         terminal::print_json(&json!({
             "path": name, "bytes": bytes, "shard": index, "of": of, "chunks": chunks,
         }))?;
-    } else {
+    } else if !common.quiet {
         terminal::print(&format!(
             "{name}: {bytes} bytes, shard {index} of {of} with {chunks} chunks\n"
         ))?;

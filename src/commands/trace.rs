@@ -58,7 +58,7 @@ pub struct TraceArgs {
 struct Trace {
     manifold: Arc<Manifold>,
     samples: Vec<Sample>,
-    /// The time at each sample, from the start on; only exact paths through a drift have one.
+    /// The time at each sample, from the start on, where it is not the arc length: in a drift.
     times: Option<Vec<f64>>,
     end: End,
     length: f64,
@@ -131,12 +131,21 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
     check_start(&manifold, "--at", args.at)?;
     table.space.place(args.at).map_err(about_at)?;
     let count = args.samples as usize;
-    let traced = geofan_bundle::trace(&table, args.at, args.dir, length, count, args.tolerance);
-    let traced = traced.map_err(|error| about_restart(error, table.length))?;
+    let follow = |count: usize| {
+        let traced = geofan_bundle::trace(&table, args.at, args.dir, length, count, args.tolerance);
+        traced.map_err(|error| about_restart(error, table.length))
+    };
+    let traced = follow(count)?;
+    let times = || {
+        let parts = TIME_PLACES.div_ceil(count - 1).next_multiple_of(2);
+        let places = follow((count - 1) * parts + 1)?.samples;
+        Ok::<_, Error>(times_along(&manifold, &places, parts))
+    };
+    let times = manifold.has_drift().then(times).transpose()?;
     Ok(Trace {
         manifold,
         samples: traced.samples,
-        times: None,
+        times,
         end: traced.end,
         length: traced.length,
         steps: traced.steps,
@@ -144,6 +153,27 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
         restarts: traced.restarts,
         flagged: traced.exact,
     })
+}
+
+/// Places along a bundle's path at which the rate of time is looked at, at least.
+const TIME_PLACES: usize = 512;
+
+/// Integrates the time along a path that is known at equally spaced places, by Simpson's rule; returns it at the first of
+/// every so many parts, which must be an even number, and at the end.
+fn times_along(manifold: &Manifold, places: &[Sample], parts: usize) -> Vec<f64> {
+    let rates: Vec<f64> = places
+        .iter()
+        .map(|x| manifold.time_rate(x.u, x.v))
+        .collect();
+    let step = places.last().map_or(0.0, |last| last.s) / (places.len() - 1) as f64;
+    let two_steps = rates.windows(3).step_by(2);
+    let mut time = 0.0;
+    let mut times = vec![0.0];
+    times.extend(two_steps.map(|rates| {
+        time += step / 3.0 * (rates[0] + 4.0 * rates[1] + rates[2]);
+        time
+    }));
+    times.into_iter().step_by(parts / 2).collect()
 }
 
 /// Makes an error one about the option that gave the camera.

@@ -25,7 +25,7 @@ pub struct CommonArgs {
     #[arg(long, global = true, value_name = "N", default_value_t = 0,
           value_parser = clap::value_parser!(u16).range(..=4096), hide_default_value = true)]
     pub threads: u16,
-    /// Print errors only
+    /// Print no progress, no warnings and no summary of what was written: errors and asked-for results only
     #[arg(long, short, global = true)]
     pub quiet: bool,
     /// Print results as JSON on stdout

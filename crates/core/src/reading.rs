@@ -136,6 +136,10 @@ pub fn read_text(path: &Path) -> Result<Arc<SourceText>> {
     match String::from_utf8(bytes) {
         Ok(text) if !text.contains('\0') => Ok(SourceText::new(name, text)),
         Ok(_) => Err(Error::input(name, "is not text: it holds NUL bytes")),
+        Err(_) if path.extension().is_some_and(|e| e == "fan") => Err(Error::input(
+            name,
+            "is no text; if it is a bundle, give it with --bundle, or look at it with `geofan info`",
+        )),
         Err(_) => Err(Error::input(name, "is not UTF-8 text")),
     }
 }

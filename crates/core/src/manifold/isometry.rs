@@ -118,10 +118,13 @@ impl Manifold {
     /// Measures the same for a map with this image of `u` and this differential there.
     pub(super) fn discrepancy_by(&self, map: (DVec3, DMat3), u: DVec3) -> f64 {
         let metric = self.metric_discrepancy_by(map, u);
-        match self.has_wind() {
-            true => metric.max(self.wind_discrepancy_by(map, u)),
-            false => metric,
-        }
+        metric.max(self.wind_discrepancy_by(map, u))
+    }
+
+    /// Measures how far the lapse at `image` is from that at `u`, as a share of it.
+    pub(super) fn lapse_discrepancy(&self, image: DVec3, u: DVec3) -> f64 {
+        let [here, there] = [u, self.domain.wrap(image)].map(|u| self.frequencies(u).lapse());
+        (there / here - 1.0).abs()
     }
 
     /// Measures how far the metric at `u` is from the metric pulled back by `isometry`: the largest entry of
@@ -130,7 +133,7 @@ impl Manifold {
         self.metric_discrepancy_by(isometry.apply(u), u)
     }
 
-    fn metric_discrepancy_by(&self, (image, d): (DVec3, DMat3), u: DVec3) -> f64 {
+    pub(super) fn metric_discrepancy_by(&self, (image, d): (DVec3, DMat3), u: DVec3) -> f64 {
         let (g, s) = self.metric_and_frame(u);
         let pulled = d.transpose() * self.metric(self.domain.wrap(image)) * d;
         largest(s.transpose() * (pulled - g) * s)
@@ -142,7 +145,10 @@ impl Manifold {
         self.wind_discrepancy_by(isometry.apply(u), u)
     }
 
-    fn wind_discrepancy_by(&self, (image, d): (DVec3, DMat3), u: DVec3) -> f64 {
+    pub(super) fn wind_discrepancy_by(&self, (image, d): (DVec3, DMat3), u: DVec3) -> f64 {
+        if !self.has_wind() {
+            return 0.0;
+        }
         let s = self.standard_frame(u);
         let (wind, exterior) = self.currents(u);
         let (there, exterior_there) = self.currents(self.domain.wrap(image));

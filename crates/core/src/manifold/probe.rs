@@ -4,7 +4,7 @@
 //! a camera region outside the domain, a metric that is not positive definite or differs where limits
 //! are glued, a false symmetry claim.
 
-use super::{EventKind, Form, Isometry, Manifold, isometry::largest};
+use super::{EventKind, Form, Isometry, Manifold};
 use crate::{
     diagnostic::Diagnostic,
     error::{Error, Result},
@@ -98,21 +98,39 @@ fn is_space(manifold: &Manifold, u: DVec3) -> bool {
     checks.iter().all(|check| check(manifold, u).is_ok())
 }
 
-/// A complaint at the first line that starts with one of `keys`, in that order.
+/// A complaint at the first of `keys` that the file has, in that order: at its line, or inside an inline table.
 fn complain(manifold: &Manifold, keys: &[&str], message: String) -> Diagnostic {
     let text = &manifold.source.text;
-    let line = keys.iter().find_map(|key| {
+    let place = keys.iter().find_map(|key| {
         let mut start = 0;
-        text.split_inclusive('\n').find_map(|line| {
-            let here = start;
+        let mut lines = text.split_inclusive('\n').map(|line| {
             start += line.len();
-            line.trim_start().starts_with(key).then(|| {
-                let indent = line.len() - line.trim_start().len();
-                here + indent..here + line.trim_end().len()
-            })
+            (start - line.len(), line.trim_end())
+        });
+        lines.find_map(|(start, line)| {
+            let (at, end) = place_of_key(line, key)?;
+            Some(start + at..start + end)
         })
     });
-    Diagnostic::new(&manifold.source, line.unwrap_or(0..0), message)
+    Diagnostic::new(&manifold.source, place.unwrap_or(0..0), message)
+}
+
+/// Finds where `key`, a key or the head of a table, begins and what belongs to it ends in a line: at its start, or in an
+/// inline table.
+fn place_of_key(line: &str, key: &str) -> Option<(usize, usize)> {
+    let indent = line.len() - line.trim_start().len();
+    if line[indent..].starts_with(key) {
+        return Some((indent, line.len()));
+    }
+    let name = key.trim_matches(['[', ']']);
+    let code = line.split('#').next().unwrap_or_default();
+    let mut found = code.match_indices(name).map(|(at, _)| at);
+    let at = found.find(|at| {
+        let before = code[..*at].chars().next_back();
+        let after = code[at + name.len()..].trim_start();
+        before.is_none_or(|c| " {,\t".contains(c)) && after.starts_with('=')
+    })?;
+    Some((at, line.trim_end_matches([' ', '}']).len().max(at)))
 }
 
 /// Writes a point for people.
@@ -242,8 +260,8 @@ fn check_metric(manifold: &Manifold, u: DVec3) -> Result<()> {
     .into())
 }
 
-/// The metric must be the same at both limits of a glued coordinate. Its slope need not be: that is a
-/// kink like any other.
+/// Metric, wind, drift and lapse must be the same at both limits of a glued coordinate. Their slopes need not be: that
+/// is a kink like any other.
 fn check_glued(manifold: &Manifold, u: DVec3) -> Result<()> {
     for k in 0..3 {
         let (Some(period), Some([low, _])) = (manifold.domain.period(k), manifold.domain.limits[k])
@@ -257,12 +275,24 @@ fn check_glued(manifold: &Manifold, u: DVec3) -> Result<()> {
             near
         };
         let (first, last) = (at(SEAM), at(1.0 - SEAM));
-        let (g, s) = manifold.metric_and_frame(first);
-        let found = largest(s.transpose() * (manifold.metric(last) - g) * s);
-        if found > WORST_SEAM {
+        let same = (last, DMat3::IDENTITY);
+        let differing = [
+            (
+                "metric",
+                "lengths",
+                manifold.metric_discrepancy_by(same, first),
+            ),
+            (
+                "wind or drift",
+                "velocities",
+                manifold.wind_discrepancy_by(same, first),
+            ),
+            ("lapse", "clocks", manifold.lapse_discrepancy(last, first)),
+        ];
+        if let Some((what, of, found)) = differing.into_iter().find(|(.., off)| *off > WORST_SEAM) {
             let name = &manifold.coordinates[k];
             let message = format!(
-                "the metric is not the same at both glued limits of `{name}`: at {} and {} lengths differ by {found:.2e}",
+                "the {what} is not the same at both glued limits of `{name}`: at {} and {} {of} differ by {found:.2e}",
                 point(manifold, first),
                 point(manifold, last),
             );

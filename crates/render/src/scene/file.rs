@@ -180,6 +180,17 @@ const OBJECT_KEYS: &[&str] = &[
 const LIGHT_KEYS: &[&str] = &["kind", "at", "intensity"];
 const AN_ARRAY_OF_TABLES: &str = "an array of tables, each under its own double-bracket header";
 
+/// Refuses the file of a manifold, which has no `manifold` but `coordinates`.
+fn refuse_manifold(root: &NamedTable<'_>) -> Result<()> {
+    match (root.optional("manifold"), root.optional("coordinates")) {
+        (None, Some(coordinates)) => Err(coordinates
+            .complain("this is a manifold, not a scene".into())
+            .with_hint("a scene names its manifold: manifold = \"…\"; `geofan view` shows manifolds without one")
+            .into()),
+        _ => Ok(()),
+    }
+}
+
 impl SceneFile {
     /// Reads and checks the scene file at `path`; paths in it are relative to its folder.
     pub fn load(path: &Path) -> Result<Self> {
@@ -212,6 +223,7 @@ impl SceneFile {
     pub fn parse(source: Arc<SourceText>, folder: &Path) -> Result<Self> {
         let document = table::parse(&source)?;
         let root = NamedTable::root(&source, &document);
+        refuse_manifold(&root)?;
         root.allow_only(ROOT_KEYS)?;
         let manifold = root.required("manifold", "manifold = \"../manifolds/flat.toml\"")?;
         let scene = Self {

@@ -131,6 +131,7 @@ impl SampleSource {
             ("shape", self.shape.is_some()),
             ("type", self.number.is_some()),
             ("order", self.x_fastest),
+            ("endian", self.big_endian),
         ];
         given
             .into_iter()

@@ -202,6 +202,11 @@ impl<'s> Loader<'s> {
 
 /// First of all, so that a misspelt key is named and not the absence of the right one.
 fn refuse_unknown_keys(root: &TomlTable<'_>) -> Reading<()> {
+    if let (Some(item), None) = (root.get("manifold"), root.get("coordinates")) {
+        return Err(item
+            .complain("this is a scene, not a manifold")
+            .with_hint("its manifold is the file that it names here; `geofan render` and `geofan view` take scenes"));
+    }
     for key in KEYS {
         root.get(key);
     }
