@@ -352,7 +352,7 @@ fn copies_beyond_glued_faces_are_as_late_as_those_of_the_same_space_unfolded() {
     let flight = |layer: i32, i: i32, j: i32| {
         let sign = if layer % 2 == 0 { "" } else { "-" };
         format!(
-            "path = ['{sign}(0.3 + 0.2*t) + {}', '{sign}0.4*sin(t) + {}', '-0.2 - 0.13*t + {}']\nduring = [-4, 6]\nscale = 0.3\n",
+            "path = ['{sign}(0.3 + 0.2*t) + {}', '{sign}0.4*sin(t) + {}', '-0.2 - 0.13*t + {}']\nduring = [2, 5.5]\nscale = 0.3\n",
             2 * i,
             2 * j,
             2 * layer
