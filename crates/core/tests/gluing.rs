@@ -369,6 +369,26 @@ fn groups_without_a_domain_of_nearest_points_are_refused() {
     );
 }
 
+/// The same product in its linear model: the antipode and a step along the line, told as [quotient].
+#[test]
+fn a_product_of_the_sphere_and_the_line_has_its_faces_in_its_linear_model() {
+    let space = manifold(
+        "metric = { conformal = '1/r' }\n[let]\nr = 'sqrt(x^2 + y^2 + z^2)'\n[quotient]\n\
+         lift = ['x/r', 'y/r', 'z/r', 'log(r)', '1']\ndrop = ['X*exp(W)', 'Y*exp(W)', 'Z*exp(W)']\ncentre = [1, 0, 0]\n\
+         generators = [[[-1,0,0,0,0],[0,-1,0,0,0],[0,0,-1,0,0],[0,0,0,1,0.9],[0,0,0,0,1]]]\n\
+         [domain]\ninside = ['log(r) + 12', '12 - log(r)']\n[cameras]\nat = ['1', '0', '0']\n",
+    );
+    let gluing = space.gluing().unwrap();
+    assert!(gluing.faces().iter().any(|face| face.reverses()));
+    let u = DVec3::new(1.1, -0.2, 0.3);
+    for (k, sign) in [(1, -1.0), (2, 1.0), (-3, -1.0)] {
+        let image = sign * u * (0.9 * f64::from(k)).exp();
+        let (home, word) = gluing.locate(image).unwrap();
+        assert!(home.distance(u) < 1e-9, "{k}: {home}");
+        assert_eq!(gluing.reverses(&word), k % 2 != 0);
+    }
+}
+
 /// Two faces of this domain are triangles a fiftieth as large as the others.
 #[test]
 fn the_smallest_faces_have_partners() {

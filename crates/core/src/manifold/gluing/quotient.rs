@@ -47,6 +47,9 @@ pub(super) const SAME: f64 = 1e-7;
 /// displacement of the centre.
 const REACH: f64 = 50.0;
 
+/// Doublings of a step within which lines are looked at that no face known so far ends.
+const DOUBLINGS: u32 = 10;
+
 /// A face of the domain.
 pub(in crate::manifold) struct QuotientFace {
     /// The element that brings back what leaves here, by rows.
@@ -443,11 +446,13 @@ impl<'a> FaceCandidates<'a> {
         step: f64,
         known: &mut Vec<usize>,
     ) -> Option<usize> {
-        // Where the faces known so far end the line.
-        let mut high = (1..=(20.0 * REACH) as usize)
+        // Where the faces known so far end the line, or else others.
+        let ended = (1..=(20.0 * REACH) as usize)
             .map(|j| step * j as f64)
-            .find(|t| !self.is_inside(&line(*t), known))?;
-        let mut low = high - step;
+            .find(|t| !self.is_inside(&line(*t), known))
+            .map(|t| (t - step, t));
+        let others = || Some((0.0, self.ended_by_others(&line, step, known)?));
+        let (mut low, mut high) = ended.or_else(others)?;
         loop {
             for _ in 0..32 {
                 let middle = 0.5 * (low + high);
@@ -470,6 +475,23 @@ impl<'a> FaceCandidates<'a> {
             .iter()
             .copied()
             .min_by(|a, b| value(*a).total_cmp(&value(*b)))
+    }
+
+    /// Finds a place on a line, farther and farther out, that an element which is none of `known` brings nearer to the centre,
+    /// and adds that element to them.
+    fn ended_by_others(
+        &self,
+        line: impl Fn(f64) -> Vec<f64>,
+        step: f64,
+        known: &mut Vec<usize>,
+    ) -> Option<f64> {
+        let places = (1..=DOUBLINGS).map(|j| step * f64::from(1 << j));
+        let ended = |t: f64| Some((t, self.nearest(&line(t), known)?));
+        let (t, k) = places
+            .filter(|t| line(*t).iter().all(|x| x.is_finite()))
+            .find_map(ended)?;
+        known.push(k);
+        Some(t)
     }
 
     /// Adds the inverses of `chosen`, whose faces bound the domain as well.
