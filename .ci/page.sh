@@ -17,6 +17,8 @@ fi
 # it without a text: a twentieth of the bytes less. A stable compiler takes these settings by RUSTC_BOOTSTRAP.
 # Paths of this machine are no part of the result.
 export RUSTC_BOOTSTRAP=1
+# Pieces compiled by themselves come out larger.
+export CARGO_INCREMENTAL=0
 export CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS="-C target-feature=+simd128 \
     -Z unstable-options -C panic=immediate-abort --remap-path-prefix=$PWD=. \
     --remap-path-prefix=${CARGO_HOME:-$HOME/.cargo}=cargo --remap-path-prefix=$sysroot=rust"
