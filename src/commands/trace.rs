@@ -131,21 +131,19 @@ fn from_bundle(args: &TraceArgs, file: &Path) -> Result<Trace> {
     check_start(&manifold, "--at", args.at)?;
     table.space.place(args.at).map_err(about_at)?;
     let count = args.samples as usize;
-    let follow = |count: usize| {
-        let traced = geofan_bundle::trace(&table, args.at, args.dir, length, count, args.tolerance);
-        traced.map_err(|error| about_restart(error, table.length))
+    // In a drift the path is looked at in places between the samples, too: between two of them so many parts.
+    let parts = match manifold.has_drift() {
+        true => TIME_PLACES.div_ceil(count - 1).next_multiple_of(2),
+        false => 1,
     };
-    let traced = follow(count)?;
-    let times = || {
-        let parts = TIME_PLACES.div_ceil(count - 1).next_multiple_of(2);
-        let places = follow((count - 1) * parts + 1)?.samples;
-        Ok::<_, Error>(times_along(&manifold, &places, parts))
-    };
-    let times = manifold.has_drift().then(times).transpose()?;
+    let places = (count - 1) * parts + 1;
+    let traced = geofan_bundle::trace(&table, args.at, args.dir, length, places, args.tolerance);
+    let traced = traced.map_err(|error| about_restart(error, table.length))?;
+    let times = || times_along(&manifold, &traced.samples, parts);
     Ok(Trace {
+        times: manifold.has_drift().then(times),
         manifold,
-        samples: traced.samples,
-        times,
+        samples: traced.samples.into_iter().step_by(parts).collect(),
         end: traced.end,
         length: traced.length,
         steps: traced.steps,

@@ -562,7 +562,6 @@ fn areas_behind_mirrors_are_those_of_neighbours() {
     }
 }
 
-/// A doorway: two discs in flat space, one glued to the other.
 /// Whoever goes through a portal of the catalogue and turns back comes back, from either side of both discs.
 #[test]
 fn ways_through_portals_lead_back() {
@@ -589,6 +588,7 @@ fn ways_through_portals_lead_back() {
     assert!(crossed >= 8, "{crossed}");
 }
 
+/// A doorway: two discs in flat space, one glued to the other.
 #[test]
 fn a_portal_is_there_only_where_its_opening_is() {
     let space = manifold(

@@ -12,7 +12,7 @@
 use crate::{
     frame::Outcomes,
     intersect::{Hit, Seen},
-    scene::{Formulas, ObjectEntry},
+    scene::{Formulas, ObjectEntry, Points},
     shade::Colours,
     starts::{RayStart, starts},
     view::View,
@@ -20,7 +20,7 @@ use crate::{
 };
 use geofan_core::parallel::*;
 use geofan_core::{
-    diagnostic::SourceText,
+    diagnostic::{Diagnostic, SourceText},
     error::Result,
     manifold::{Frequencies, LocalFrame, Manifold, PointFunctions},
 };
@@ -61,13 +61,56 @@ impl ObjectState {
     }
 
     /// Returns `dx/dt` at `u`, if the scene gives it.
-    pub(crate) fn velocity(&self, u: DVec3) -> Option<DVec3> {
+    fn velocity(&self, u: DVec3) -> Option<DVec3> {
         let velocity = self.velocity.as_ref()?.at(u);
         Some(DVec3::from_slice(&velocity))
     }
 
+    /// Refuses an object of which a vertex would be as fast as light, or of no temperature, at the place in `source` that
+    /// says so.
+    pub(crate) fn check(
+        &self,
+        object: &ObjectEntry,
+        manifold: &Manifold,
+        source: &Arc<SourceText>,
+        vertices: &Points,
+    ) -> Result<()> {
+        let first = |is_bad: &dyn Fn(DVec3) -> bool| {
+            let mut points = vertices.iter().map(|(u, _)| *u);
+            points.find(|u| is_bad(*u))
+        };
+        let too_fast = first(&|u| {
+            let velocity = self.velocity(u);
+            velocity.is_some_and(|velocity| !manifold.is_slower_than_light(u, velocity))
+        });
+        let no_temperature = first(&|u| {
+            let kelvin = self.temperature(u);
+            kelvin.is_some_and(|kelvin| !(kelvin >= 0.0 && kelvin.is_finite()))
+        });
+        let refusals = [
+            (
+                too_fast.zip(object.velocity.as_ref()),
+                "this velocity is not below that of light",
+                "it is dx/dt in chart components, with the time of the spacetime",
+            ),
+            (
+                no_temperature.zip(object.temperature.as_ref()),
+                "this is no temperature",
+                "it is in kelvin: a number, 0 or more, at every point of the object",
+            ),
+        ];
+        for (place, what, hint) in refusals {
+            if let Some((u, formulas)) = place {
+                let complaint =
+                    Diagnostic::new(source, formulas.span.clone(), format!("{what} at {u}"));
+                return Err(complaint.with_hint(hint).into());
+            }
+        }
+        Ok(())
+    }
+
     /// Returns its temperature (kelvin) at `u`, if the scene gives it.
-    pub(crate) fn temperature(&self, u: DVec3) -> Option<f64> {
+    fn temperature(&self, u: DVec3) -> Option<f64> {
         self.temperature.as_ref()?.at(u).first().copied()
     }
 
@@ -445,11 +488,6 @@ pub fn blackbody(kelvin: f64) -> [f32; 3] {
         0.0557 * x - 0.2040 * y + 1.0570 * z,
     ];
     rgb.map(|light| light.max(0.0) as f32)
-}
-
-/// Tells whether something can have the temperature `kelvin`.
-pub(crate) fn is_temperature(kelvin: f64) -> bool {
-    kelvin >= 0.0 && kelvin.is_finite()
 }
 
 /// Temperatures (kelvin) between which the light of black bodies is tabulated, and how often: logarithms of it are linear

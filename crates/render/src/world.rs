@@ -11,7 +11,7 @@ use super::{
     lightmap::Lightmap,
     moving::{ObjectPath, at_time},
     placement_checks::{PlacementChecks, any_reaches, lamps_out_of_sight, out_of_sight},
-    redshift::{ObjectState, is_temperature},
+    redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
 };
@@ -526,33 +526,7 @@ impl World {
         vertices: &Points,
     ) -> Result<()> {
         let state = ObjectState::new(object, &self.manifold, &scene.source)?;
-        let too_fast = |u: &DVec3| match state.velocity(*u) {
-            Some(velocity) => !self.manifold.is_slower_than_light(*u, velocity),
-            None => false,
-        };
-        let mut points = vertices.iter().map(|(u, _)| *u);
-        if let (Some(u), Some(formulas)) = (points.find(too_fast), &object.velocity) {
-            let message = format!("this velocity is not below that of light at {u}");
-            return Err(
-                Diagnostic::new(&scene.source, formulas.span.clone(), message)
-                    .with_hint("it is dx/dt in chart components, with the time of the spacetime")
-                    .into(),
-            );
-        }
-        let no_temperature = |u: &DVec3| {
-            state
-                .temperature(*u)
-                .is_some_and(|kelvin| !is_temperature(kelvin))
-        };
-        let mut points = vertices.iter().map(|(u, _)| *u);
-        if let (Some(u), Some(formulas)) = (points.find(no_temperature), &object.temperature) {
-            let message = format!("this is no temperature at {u}");
-            return Err(
-                Diagnostic::new(&scene.source, formulas.span.clone(), message)
-                    .with_hint("it is in kelvin: a number, 0 or more, at every point of the object")
-                    .into(),
-            );
-        }
+        state.check(object, &self.manifold, &scene.source, vertices)?;
         self.states.push(state);
         Ok(())
     }

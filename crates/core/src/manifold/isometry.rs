@@ -165,7 +165,7 @@ fn skew(e: DVec3) -> DMat3 {
 }
 
 /// The largest entry by size; infinite if one is not a number.
-pub(super) fn largest(m: DMat3) -> f64 {
+fn largest(m: DMat3) -> f64 {
     let sizes = m.to_cols_array().map(f64::abs);
     sizes.into_iter().fold(0.0, |a, b| match b.is_nan() {
         true => f64::INFINITY,

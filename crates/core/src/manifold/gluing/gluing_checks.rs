@@ -511,27 +511,23 @@ impl GluingChecks<'_> {
     /// Returns whether space ends infinitely far away between two points of the chart, as at the ideal boundary of
     /// hyperbolic space, behind which formulas may hold again: whether the metric grows without end there.
     fn ends_between(&self, a: DVec3, b: DVec3) -> bool {
-        let scale = |t: f64| metric_scale(self.manifold, a.lerp(b, t));
-        let grown = |t: f64| {
-            if scale(t).is_nan() {
-                f64::INFINITY
-            } else {
-                scale(t)
-            }
+        let scale = |t: f64| match metric_scale(self.manifold, a.lerp(b, t)) {
+            scale if scale.is_nan() => f64::INFINITY,
+            scale => scale,
+        };
+        let largest = |places: Vec<f64>| {
+            let scales = places.into_iter().map(|t| (scale(t), t));
+            scales
+                .max_by(|a, b| a.0.total_cmp(&b.0))
+                .unwrap_or_default()
         };
         let mut step = 1.0 / f64::from(SIGHTS);
-        let places = (1..SIGHTS).map(|i| f64::from(i) * step);
-        let mut at = places
-            .max_by(|a, b| grown(*a).total_cmp(&grown(*b)))
-            .unwrap_or(0.5);
+        let mut found = largest((1..SIGHTS).map(|i| f64::from(i) * step).collect());
         for _ in 0..POLE_STEPS {
             step *= 0.5;
-            let beside = [at - step, at, at + step].into_iter();
-            at = beside
-                .max_by(|a, b| grown(*a).total_cmp(&grown(*b)))
-                .unwrap_or(at);
+            found = largest(vec![found.1 - step, found.1, found.1 + step]);
         }
-        grown(at) > POLE * (scale(0.0) + scale(1.0))
+        found.0 > POLE * (scale(0.0) + scale(1.0))
     }
 
     /// Lists the faces with maps that `u` is beyond.

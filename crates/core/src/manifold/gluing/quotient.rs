@@ -68,6 +68,7 @@ struct Nearness<'m> {
     metric: &'m dyn Fn(DVec3) -> [f64; 6],
     /// That at the centre.
     at_centre: DMat3,
+    /// What the group keeps, if that is known.
     form: Option<InvariantForm>,
 }
 
