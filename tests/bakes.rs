@@ -167,7 +167,7 @@ fn chunks_in_each_others_places_under_new_checksums_are_found_by_a_check() {
 /// Leaves the parts of a finished bake in `b.fan.parts`, as an interruption would: a bake that
 /// cannot write its result keeps them.
 fn parts_of_a_bake(place: &Place) {
-    lens(place, "--max-size 100 -o b.fan").code(1);
+    lens(place, "--max-size 1200 -o b.fan").code(1);
     assert!(place.path("b.fan.parts/chunk-000000").exists());
 }
 
@@ -244,6 +244,13 @@ fn a_size_limit_loosens_the_promise_and_refuses_an_explicit_one() {
         "{text}"
     );
     assert!(!place.path("b.fan").exists());
+    // Below what no promise reaches, nothing is baked.
+    let hopeless = place.bake("lens.toml -o d.fan --max-size 100").code(1);
+    assert!(stderr(&hopeless).contains("without any paths"));
+    assert_eq!(
+        fs::read_dir(place.path("d.fan.parts")).map_or(0, Iterator::count),
+        0
+    );
     let loosened = place
         .bake(&format!(
             "lens.toml -o c.fan --certify-rays 4000 --max-size {limit} --json"

@@ -16,7 +16,7 @@ use geofan_core::{
     manifold::Manifold,
 };
 use std::{
-    ops::RangeInclusive,
+    ops::{ControlFlow, RangeInclusive},
     path::Path,
     sync::{
         Arc,
@@ -150,8 +150,8 @@ pub fn bake(
     loop {
         // What a first attempt finds is of an earlier bake.
         let reason = match bake.attempt(promise, promise == first)? {
-            BakeResult::TooLarge(reason) => reason,
-            ended => return Ok(ended),
+            Attempt::Continue(reason) => reason,
+            Attempt::Break(ended) => return Ok(ended),
         };
         let next = promise * LOOSENING;
         if options.max_error.is_some() || next > *PROMISES.end() {
@@ -180,6 +180,9 @@ fn open_files(output: &Path, options: &BakeOptions, observer: &dyn Observer) -> 
     Ok(files)
 }
 
+/// How the bake ends, or why it goes on with a looser promise if it may.
+type Attempt = ControlFlow<BakeResult, String>;
+
 /// A bake of one manifold into one file, at any promise.
 struct Bake<'a> {
     options: &'a BakeOptions,
@@ -192,7 +195,7 @@ struct Bake<'a> {
 
 impl Bake<'_> {
     /// Bakes at one promise, the `first` of this bake or a looser one.
-    fn attempt(&self, promise: f64, first: bool) -> Result<BakeResult> {
+    fn attempt(&self, promise: f64, first: bool) -> Result<Attempt> {
         // The plan, and the id that it gives the bundle.
         let (space, tangents) = (self.space.clone(), self.tangents(promise));
         let (length, observer) = (self.length, self.observer);
@@ -207,11 +210,16 @@ impl Bake<'_> {
         let manifold = space.manifold();
         let id =
             identity(manifold, &plan).map_err(|e| e.about(Path::new(&manifold.source.name)))?;
+        if let Some(limit) = self.options.max_size
+            && let Some(reason) = hopeless(limit, &space, &plan)?
+        {
+            return Ok(Attempt::Break(BakeResult::TooLarge(reason)));
+        }
         // An earlier attempt may have found it too large.
         if let (Some(size), Some(limit)) = (self.files.noted_size(id), self.options.max_size)
             && size > limit
         {
-            return Ok(too_large(promise, limit, size, 1.0));
+            return Ok(Attempt::Continue(too_large(promise, limit, size, 1.0)));
         }
         self.files.begin(id, self.options.resume && first)?;
         let share = self.options.share;
@@ -232,12 +240,12 @@ impl Bake<'_> {
     }
 
     /// Says why not all chunks were baked.
-    fn stopped(&self, baker: &ChunkBaker<'_>, promise: f64) -> Result<BakeResult> {
+    fn stopped(&self, baker: &ChunkBaker<'_>, promise: f64) -> Result<Attempt> {
         let (bytes, share) = (baker.bytes(), baker.share_done());
         match self.options.max_size {
             Some(limit) if bytes > limit => {
                 self.files.note_size(baker.id, bytes)?;
-                Ok(too_large(promise, limit, bytes, share))
+                Ok(Attempt::Continue(too_large(promise, limit, bytes, share)))
             }
             _ => Err(Error::Interrupted {
                 resume: self.resume(),
@@ -251,7 +259,7 @@ impl Bake<'_> {
         space: RaySpace,
         plan: PlanRecord,
         chunks: Vec<(u32, BakedChunk)>,
-    ) -> Result<BakeResult> {
+    ) -> Result<Attempt> {
         let output = self.output;
         let rays = chunks.iter().map(|(_, baked)| baked.rays).sum();
         let chunks = chunks.into_iter().map(|(chunk, baked)| (chunk, baked.tree));
@@ -263,11 +271,11 @@ impl Bake<'_> {
             let chunks = contents.chunks.len();
             let bytes = write_shard(contents, share, rays, output)?;
             self.files.remove()?;
-            return Ok(BakeResult::Shard {
+            return Ok(Attempt::Break(BakeResult::Shard {
                 share,
                 bytes,
                 chunks,
-            });
+            }));
         }
         // All of them are a bundle.
         let size = contents.encode().map_err(|e| e.about(output))?.len() as u64;
@@ -275,16 +283,16 @@ impl Bake<'_> {
             && size + CERTIFICATE_ROOM > limit
         {
             self.files.note_size(contents.id, size + CERTIFICATE_ROOM)?;
-            return Ok(too_large(max_error, limit, size, 1.0));
+            return Ok(Attempt::Continue(too_large(max_error, limit, size, 1.0)));
         }
         let (bundle, bytes, unfinished) =
             finish(contents, rays, output, &self.resume(), self.observer)?;
         self.files.remove()?;
-        Ok(BakeResult::Bundle {
+        Ok(Attempt::Break(BakeResult::Bundle {
             bundle: Box::new(bundle),
             bytes,
             unfinished,
-        })
+        }))
     }
 
     /// Says where the work so far is.
@@ -294,11 +302,26 @@ impl Bake<'_> {
 }
 
 /// Says that a table is too large: `bytes` for a share of it.
-fn too_large(promise: f64, limit: u64, bytes: u64, share: f64) -> BakeResult {
+fn too_large(promise: f64, limit: u64, bytes: u64, share: f64) -> String {
     let percent = 100.0 * share;
-    BakeResult::TooLarge(format!(
+    format!(
         "{promise:.4} mrad takes more than {limit} bytes ({bytes} for {percent:.0} % of the table)"
-    ))
+    )
+}
+
+/// Says why no promise makes a table short enough, if its file is longer than `limit` without any chunk.
+///
+/// # Errors
+/// The manifold's text is too long for a header.
+fn hopeless(limit: u64, space: &RaySpace, plan: &PlanRecord) -> Result<Option<String>> {
+    let empty = Contents::new(space.clone(), plan.clone(), 0, Vec::new());
+    let bytes = empty.and_then(|contents| contents.encode());
+    let name = Path::new(&space.manifold().source.name);
+    let least = bytes.map_err(|e| e.about(name))?.len() as u64 + CERTIFICATE_ROOM;
+    let reason = || {
+        format!("a file of this manifold takes {least} bytes without any paths, more than {limit}")
+    };
+    Ok((least > limit).then(reason))
 }
 
 /// Measures the table of `contents` and writes it, certificate included, to `path`; returns the bundle, the
