@@ -276,6 +276,13 @@ fn wrong_gluings_are_refused_with_the_face_and_the_place() {
             "its map leads to no face: x =",
         ),
         (
+            "meets a mirror that ends there",
+            pair("1 - x", ["x - 2", "y", "z"])
+                + &back
+                + "[[glue]]\nface = '1 - y - 0.3*x'\nmirror = true\n",
+            "a mirror: x =",
+        ),
+        (
             "has neither",
             "[[glue]]\nface = '1 - x'\n".into(),
             "a glued face needs `map`",

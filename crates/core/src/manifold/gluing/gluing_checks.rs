@@ -420,6 +420,7 @@ impl GluingChecks<'_> {
                 .filter(bounding)
                 .filter(|j| depth(*j).abs() <= 10.0 * WORST_IMAGE);
             let on: Vec<usize> = on.collect();
+            self.meets_mirrors(k, u, image)?;
             match on.iter().copied().find(back) {
                 Some(j) => partners[k] = partners[k].or(Some(j)),
                 None if on.is_empty() => {
@@ -447,6 +448,21 @@ impl GluingChecks<'_> {
             }
         }
         Ok(partners)
+    }
+
+    /// Checks that the image by face `k` of a point `u` of it is behind no mirror: where a mirror ends at that face, another
+    /// must go on.
+    fn meets_mirrors(&self, k: usize, u: DVec3, image: DVec3) -> Result<()> {
+        let Some(j) = self.gluing.behind_mirror(image) else {
+            return Ok(());
+        };
+        let (from, to) = (point(self.manifold, u), point(self.manifold, image));
+        let mirror = Gluing::name(j);
+        let message = format!("its map leads behind {mirror}, a mirror: {from} goes to {to}");
+        let complaint = self.complain(k, message);
+        Err(complaint
+            .with_hint("where a mirror ends at a glued face, a mirror must go on at its partner")
+            .into())
     }
 
     fn unpaired(&self, k: usize, message: String) -> crate::error::Error {
