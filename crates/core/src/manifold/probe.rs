@@ -249,13 +249,16 @@ fn check_metric(manifold: &Manifold, u: DVec3) -> Result<()> {
     let entries = [
         g.x_axis.x, g.y_axis.y, g.z_axis.z, g.y_axis.x, g.z_axis.x, g.z_axis.y,
     ];
+    let [x, y, z] = &manifold.coordinates;
     let message = format!("{what} at {}", point(manifold, u));
     Err(complain(
         manifold,
         &["metric", "[metric]", "embedding", "[spacetime]"],
         message,
     )
-    .with_label(format!("xx, yy, zz, xy, xz, yz = {entries:.3?} there"))
+    .with_label(format!(
+        "{x}{x}, {y}{y}, {z}{z}, {x}{y}, {x}{z}, {y}{z} = {entries:.3?} there"
+    ))
     .with_hint("restrict the region with [domain] or [cameras], or mend the expressions")
     .into())
 }

@@ -128,6 +128,13 @@ impl Loader<'_> {
         [name(a, b), name(b, a), name(x, y), name(y, x)]
     }
 
+    /// Tells whether x, y and z in keys mean the first, second and third coordinate, whatever these are called. Where
+    /// coordinates are called x, y or z, keys mean the names, never the places.
+    fn takes_places(&self) -> bool {
+        let is_place = |name: &String| ["x", "y", "z"].contains(&name.as_str());
+        !self.coordinates.iter().any(is_place) && self.pullback.is_none()
+    }
+
     fn metric_entry<'d>(
         &self,
         table: &TomlTable<'d>,
@@ -135,11 +142,7 @@ impl Loader<'_> {
         j: usize,
     ) -> Reading<Option<Item<'d>>> {
         let mut names = self.entry_names(i, j).to_vec();
-        let own_xyz = ["x", "y", "z"]
-            .iter()
-            .any(|n| self.coordinates.iter().any(|c| c == n));
-        if own_xyz || self.pullback.is_some() {
-            // Where coordinates are called x, y or z, keys mean the names, never the places.
+        if !self.takes_places() {
             names.truncate(2);
         }
         names.dedup();
@@ -225,16 +228,20 @@ impl Loader<'_> {
         let entry = |loader: &mut Self, item: Item<'_>| loader.position_expression(&item.text()?);
         let time = table.get("tt");
         let mut mixed = [self.graph.constant(0.0); 3];
-        for (slot, name) in mixed.iter_mut().zip(&names) {
-            let keys = [format!("t{name}"), format!("{name}t")];
-            match keys.each_ref().map(|key| table.get(key)) {
-                [Some(_), Some(second)] => {
+        for ((slot, name), place) in mixed.iter_mut().zip(&names).zip(["x", "y", "z"]) {
+            let mut keys = vec![format!("t{name}"), format!("{name}t")];
+            if self.takes_places() {
+                keys.extend([format!("t{place}"), format!("{place}t")]);
+            }
+            let mut found = keys.iter().filter_map(|key| table.get(key));
+            match (found.next(), found.next()) {
+                (Some(_), Some(second)) => {
                     return Err(second
                         .complain("this entry of the symmetric metric is given twice")
                         .with_hint(format!("give one of {} and {}", keys[0], keys[1])));
                 }
-                [Some(item), None] | [None, Some(item)] => *slot = entry(self, item)?,
-                [None, None] => {}
+                (Some(item), None) => *slot = entry(self, item)?,
+                (None, _) => {}
             }
         }
         let (space, missing) = self.read_entries(table)?;
