@@ -123,7 +123,15 @@ fn an_exr_of_the_path_tracer_has_its_variance() {
     let (code, said) = geofan(folder.path(), arguments);
     assert_eq!(code, Some(0), "{said}");
     let (picture, _) = geofan_render::picture::read_exr(&folder.path().join("a.exr")).unwrap();
-    for name in ["variance.R", "variance.G", "variance.B", "Z", "N.X", "id"] {
+    for name in [
+        "variance.R",
+        "variance.G",
+        "variance.B",
+        "Z",
+        "N.X",
+        "id",
+        "area",
+    ] {
         assert!(picture.layer(name).is_some(), "no layer {name}");
     }
 }

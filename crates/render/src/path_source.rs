@@ -5,12 +5,11 @@
 
 use super::{
     drawing::{Drawing, draw},
-    frame::{Clock, Outcomes, Paths, offsets},
+    frame::{Clock, Outcomes, Paths},
     lookup::Lookup,
     panels::{PicturePanel, PicturePanels},
     picture::Picture,
-    redshift::redshifts,
-    shade::{Footprints, area, copies, with_layers},
+    shade::{Footprints, with_layers},
     shifted::ShiftedTracer,
     tracer::ExactTracer,
     unfinished::{count_unfinished, unfinished},
@@ -168,7 +167,10 @@ impl<'b> PathSource<'b> {
             samples += drawing.outcomes.len();
             drawn.shows |= drawing.outcomes.iter().any(|seen| world.shows(seen));
             pictures.push(match options.layers {
-                true => drawing.layered(world, view, options),
+                true => {
+                    let seen = (&drawing.outcomes, &drawing.flagged[..]);
+                    with_layers(drawing.picture, world, view, seen, options.tolerance)
+                }
                 false => drawing.picture,
             });
             drawn.parts.push((view.clone(), drawing.outcomes));
@@ -176,24 +178,5 @@ impl<'b> PathSource<'b> {
         drawn.flagged /= samples as f64;
         drawn.picture = panels.join(pictures);
         Ok(drawn)
-    }
-}
-
-impl Drawing {
-    /// Returns the picture with the layers of an EXR file, `area` by exact paths.
-    pub fn layered(&self, world: &World, view: &View, options: DrawingOptions) -> Picture {
-        let outcomes = self.outcomes.view();
-        let picture = with_layers(self.picture.clone(), world, outcomes, &self.flagged);
-        let area = area(world, view, outcomes, options.tolerance);
-        let picture = picture.with_float("area", area);
-        let picture = match copies(world, outcomes, options.tolerance) {
-            Some(copies) => picture.with_index("copy", copies),
-            None => picture,
-        };
-        if !world.has_redshift(view) {
-            return picture;
-        }
-        let g = redshifts(world, view, &self.outcomes, offsets(options.samples)[0]);
-        picture.with_float("g", g)
     }
 }

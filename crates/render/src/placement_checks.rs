@@ -95,6 +95,15 @@ impl PlacementChecks<'_> {
         .into()
     }
 
+    /// Warns of an object that moves along a path in a scene with `redshift`, which only `velocity` tells.
+    pub fn unshifted(&self, object: &ObjectEntry) -> Option<String> {
+        let untold = self.scene.redshift && object.path.is_some() && object.velocity.is_none();
+        let name = object.mesh.display();
+        untold.then(|| {
+            format!("{name} moves along its path, but its light has the frequencies of a body at rest: `velocity` beside `path` tells how fast it is")
+        })
+    }
+
     /// Refuses that light takes time where that is not known.
     pub fn delay(&self) -> Result<()> {
         let Some(span) = &self.scene.delay else {

@@ -506,6 +506,7 @@ impl World {
         };
         checks.extent(object, &placed.vertices)?;
         self.warnings.append(&mut placed.warnings);
+        self.warnings.extend(checks.unshifted(object));
         let name = object.mesh.display().to_string();
         if object.cuts.is_none() {
             let corners = placed.vertices.iter().map(|(u, _)| *u);

@@ -73,7 +73,7 @@ impl<'a> PanelTracers<'a> {
             let tracer = ExactTracer::new(&self.world.manifold, view.u, length, tolerance);
             let traced = trace(self.world, view, Paths::Exact(&tracer), &offsets(1));
             let part = self.panels.cut(&picture, number);
-            with_layers(part, self.world, traced.outcomes.view(), &[])
+            with_layers(part, self.world, view, (&traced.outcomes, &[]), tolerance)
         };
         let parts = self.panels.parts.iter().enumerate().map(layered).collect();
         let mut whole = self.panels.join(parts);

@@ -1,12 +1,13 @@
 //! Outcomes to the layers of an EXR file.
 //!
-//! In: what every sample sees. Out: arc lengths, chart points, normals, numbers of objects and exits
-//! of the first sample of every pixel, and on demand the area to which a unit solid angle has spread.
+//! In: what every sample sees. Out: arc lengths, chart points, normals, numbers of objects, exits and copies
+//! of the first sample of every pixel, the area to which a unit solid angle has spread, and frequencies.
 
 use crate::{
-    frame::offsets,
+    frame::{Outcomes, offsets},
     intersect::{Hit, Seen},
     picture::Picture,
+    redshift::redshifts,
     starts::starts,
     tiles::SamplePlace,
     view::View,
@@ -33,10 +34,32 @@ fn normal(world: &World, hit: &Hit) -> DVec3 {
     }
 }
 
-/// Adds the layers that readers of EXR expect, except `area`, from the first sample of every pixel: `Z` (arc
-/// length), `P` (chart point), `N` (unit normal in the standard frame), `id` (object from 1, 0 for
-/// none), `exit` (from 1, 0 for none), `flagged` (1 for those samples).
+/// Adds the layers of an EXR file, from the first sample of every pixel: those that [`with_seen`] adds, `area` by exact
+/// paths of this `tolerance`, `copy` in a glued space, and `g` where frequencies change.
 pub fn with_layers(
+    picture: Picture,
+    world: &World,
+    view: &View,
+    (outcomes, flagged): (&Outcomes, &[SamplePlace]),
+    tolerance: f64,
+) -> Picture {
+    let seen = outcomes.view();
+    let picture = with_seen(picture, world, seen, flagged);
+    let picture = picture.with_float("area", area(world, view, seen, tolerance));
+    let picture = match copies(world, seen, tolerance) {
+        Some(copies) => picture.with_index("copy", copies),
+        None => picture,
+    };
+    if !world.has_redshift(view) {
+        return picture;
+    }
+    let offset = offsets(seen.dim().2)[0];
+    picture.with_float("g", redshifts(world, view, outcomes, offset))
+}
+
+/// Adds `Z` (arc length), `P` (chart point), `N` (unit normal in the standard frame), `id` (object from 1, 0 for
+/// none), `exit` (from 1, 0 for none), `flagged` (1 for those samples).
+fn with_seen(
     picture: Picture,
     world: &World,
     outcomes: ArrayView3<'_, Seen>,
@@ -87,11 +110,7 @@ pub fn with_layers(
 /// Computes which copy of a glued domain the camera is in as seen from where the first sample of each pixel ends:
 /// 0 for none, 1 for the domain itself, else a number that is the same for the same copy in every picture. Each takes
 /// an exact path back to the camera. `None` if nothing is glued.
-pub fn copies(
-    world: &World,
-    outcomes: ArrayView3<'_, Seen>,
-    tolerance: f64,
-) -> Option<Array2<u32>> {
+fn copies(world: &World, outcomes: ArrayView3<'_, Seen>, tolerance: f64) -> Option<Array2<u32>> {
     let gluing = world.manifold.gluing()?;
     let cover = world.lamplight.cover();
     let (height, width, _) = outcomes.dim();
@@ -138,12 +157,7 @@ fn copy_number(place: DVec3, gluing: &Gluing) -> u32 {
 
 /// Computes the area by which a unit solid angle has spread where the first sample of each pixel ends: an
 /// exact path with deviation for each; NaN where nothing is seen.
-pub fn area(
-    world: &World,
-    view: &View,
-    outcomes: ArrayView3<'_, Seen>,
-    tolerance: f64,
-) -> Array2<f32> {
+fn area(world: &World, view: &View, outcomes: ArrayView3<'_, Seen>, tolerance: f64) -> Array2<f32> {
     let (height, width, samples) = outcomes.dim();
     let offset = offsets(samples)[0];
     let settings = Settings {

@@ -12,7 +12,7 @@ mod layers;
 mod skies;
 
 pub use gloss::{Reflectances, is_glossy, is_glossy_triangle};
-pub use layers::{area, copies, with_layers};
+pub use layers::with_layers;
 
 use super::{
     filter::Footprint,
