@@ -26,6 +26,19 @@ pub fn read<T>(
     read(TomlTable::root(source, &root))
 }
 
+/// Writes a string as TOML has it, quotes included.
+pub fn quoted(text: &str) -> String {
+    let mut written = String::from('"');
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => written.extend(['\\', c]),
+            c if c.is_control() => written += &format!("\\u{:04X}", c as u32),
+            c => written.push(c),
+        }
+    }
+    written + "\""
+}
+
 /// A string with its place.
 #[derive(Debug, Clone)]
 pub struct Text {
@@ -47,17 +60,26 @@ impl Text {
         Diagnostic::new(&self.source, self.place_of(part), message)
     }
 
-    /// Where the bytes `part` of the string lie in the source. A string with escapes cannot be
-    /// followed byte by byte; its whole span is the answer then.
     fn place_of(&self, part: Range<usize>) -> Range<usize> {
-        let raw = self.source.text.get(self.span.clone()).unwrap_or_default();
-        match raw.find(&self.value) {
-            Some(offset) if !self.value.is_empty() => {
-                let start = self.span.start + offset;
-                start + part.start..start + part.end
-            }
-            _ => self.span.clone(),
+        place_in_string(&self.source, &self.span, &self.value, part)
+    }
+}
+
+/// Returns where the bytes `part` of a string lie in the source, of which `span` is the string with its quotes. A string
+/// with escapes cannot be followed byte by byte; its whole span is the answer then.
+pub fn place_in_string(
+    source: &SourceText,
+    span: &Range<usize>,
+    value: &str,
+    part: Range<usize>,
+) -> Range<usize> {
+    let raw = source.text.get(span.clone()).unwrap_or_default();
+    match raw.find(value) {
+        Some(offset) if !value.is_empty() => {
+            let start = span.start + offset;
+            start + part.start..start + part.end
         }
+        _ => span.clone(),
     }
 }
 

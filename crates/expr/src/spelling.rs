@@ -3,14 +3,14 @@
 /// Finds the one of `known` that looks most like `name`, if any is close and shares a letter with it.
 pub fn nearest<'a>(name: &str, known: impl Iterator<Item = &'a str>) -> Option<String> {
     let length = name.chars().count();
-    known
-        .map(|k| (edit_distance(name, k), k))
-        .filter(|(d, k)| {
-            let shorter = length.min(k.chars().count());
-            *d < shorter && *d <= 1.max(shorter / 3)
-        })
-        .min()
-        .map(|(_, k)| k.to_string())
+    let close = |k: &'a str| {
+        let (own, shorter) = (k.chars().count(), length.min(k.chars().count()));
+        let most = 1.max(shorter / 3);
+        // Names much longer than any known one are not compared letter by letter.
+        let distance = (length.abs_diff(own) <= most).then(|| edit_distance(name, k))?;
+        (distance < shorter && distance <= most).then_some((distance, k))
+    };
+    known.filter_map(close).min().map(|(_, k)| k.to_string())
 }
 
 /// Advises on an unknown `name`: names the known one that it looks like, or else all of them.

@@ -7,7 +7,11 @@
 //! 8 bytes) of all that comes before.
 
 use crate::{ADDED, EVEN, Lamps, bake_light};
-use geofan_core::{error::Result, files::write_atomically};
+use geofan_core::{
+    error::Result,
+    files::write_atomically,
+    reading::{MOST_OF_A_FILE, read_file},
+};
 use geofan_render::{
     World,
     lightmap::{CONTRAST, DirectedLights, FacetLayout, Light, Lightmap},
@@ -83,7 +87,7 @@ pub fn light(
 ) -> Result<(Lightmap, LightmapSource)> {
     let layout = FacetLayout::new(world, EVEN);
     let fingerprint = fingerprint(world, length, tolerance);
-    let stored = path.and_then(|path| std::fs::read(path).ok());
+    let stored = path.and_then(|path| read_file(path, NAME, MOST_OF_A_FILE).ok());
     let source = match stored.as_deref().map(|bytes| decode(bytes, &fingerprint)) {
         Some(Ok((divided, values, directed))) => {
             let lightmap = Lightmap::from_values(layout.clone(), &divided, values);

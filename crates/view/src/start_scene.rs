@@ -6,6 +6,7 @@
 
 use geofan_core::{
     Error, Result,
+    document::quoted,
     geodesic::check_point,
     manifold::{EventKind, Manifold},
 };
@@ -68,7 +69,8 @@ impl StartScene {
         })?;
         let (look, up) = line_of_sight(manifold, camera);
         let mut text = format!(
-            "manifold = {file:?}\n[camera]\nat = {:?}\n",
+            "manifold = {}\n[camera]\nat = {:?}\n",
+            quoted(file),
             camera.to_array()
         );
         // Writing to a string does not fail.
@@ -92,7 +94,7 @@ impl StartScene {
                 ("limit", _) | (_, 0) => "{ pattern = \"grid\" }",
                 _ => "{ pattern = \"stars\" }",
             };
-            let _ = writeln!(text, "{:?} = {sky}", exit.name);
+            let _ = writeln!(text, "{} = {sky}", quoted(&exit.name));
         }
         let meshes = (0..COLOURS.len()).map(|kind| (mesh_name(kind), globe(kind)));
         let materials = (MATERIALS.to_string(), materials());

@@ -176,21 +176,12 @@ impl Samples {
     /// # Errors
     /// The bytes are something else.
     pub fn unpack(bytes: &[u8]) -> Result<Self, UnpackError> {
-        let (head, stream) = bytes.split_first_chunk::<13>().ok_or(UnpackError)?;
+        let (head, stream) = bytes.split_first_chunk().ok_or(UnpackError)?;
         let width = match head[0] {
             width @ (4 | 8) => usize::from(width),
             _ => return Err(UnpackError),
         };
-        let count = |k: usize| {
-            let bytes = [
-                head[4 * k + 1],
-                head[4 * k + 2],
-                head[4 * k + 3],
-                head[4 * k + 4],
-            ];
-            u32::from_le_bytes(bytes) as usize
-        };
-        let shape = [0, 1, 2].map(count);
+        let shape = packed_shape(head);
         let total = checked_total(shape).ok_or(UnpackError)?;
         let mut planes = Vec::new();
         let most = (total * width) as u64;
@@ -217,15 +208,20 @@ impl Samples {
         }
         samples.values = match width {
             4 => ordered
-                .iter()
-                .map(|x| f64::from(f32::from_bits(disorder_32(*x as u32))))
+                .into_iter()
+                .map(|x| f64::from(f32::from_bits(disorder_32(x as u32))))
                 .collect(),
             _ => ordered
-                .iter()
-                .map(|x| f64::from_bits(disorder_64(*x)))
+                .into_iter()
+                .map(|x| f64::from_bits(disorder_64(x)))
                 .collect(),
         };
         Ok(samples)
+    }
+
+    /// Returns how many numbers [`Samples::pack`] wrote into `bytes`, if they are a grid that may be.
+    pub fn packed_count(bytes: &[u8]) -> Option<usize> {
+        checked_total(packed_shape(bytes.first_chunk()?))
     }
 
     /// The prediction of a number from its neighbours before it, exact for `f(x, y) + g(y, z) + h(z, x)`.
@@ -248,6 +244,14 @@ impl Samples {
         }
         sum
     }
+}
+
+/// The numbers of samples along the axes, in the bytes before packed samples: the width of a number, then these.
+fn packed_shape(head: &[u8; 13]) -> [usize; 3] {
+    [1, 5, 9].map(|at| {
+        let bytes = [head[at], head[at + 1], head[at + 2], head[at + 3]];
+        u32::from_le_bytes(bytes) as usize
+    })
 }
 
 /// The number of samples of a grid, if it is one that may be.

@@ -383,7 +383,8 @@ impl Control {
 /// and `x` is its square. Below 1e-20 the number is that of 1e-20; a NaN gives NaN.
 #[inline(always)]
 fn inverse_tenth_root(x: f64) -> f64 {
-    let x = f32::max(1e-20, x as f32);
+    // In this order a NaN stays one.
+    let x = Real::max(1e-20, x as f32);
     f64::from(Real::exp(-0.1 * Real::ln(x)))
 }
 
@@ -399,5 +400,12 @@ mod tests {
         }
         assert!(ERROR.iter().sum::<f64>().abs() < 1e-15);
         assert!(DENSE.iter().sum::<f64>().abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_tenth_root_of_no_number_is_none() {
+        assert!((inverse_tenth_root(1024.0) - 0.5).abs() < 1e-6);
+        assert!((inverse_tenth_root(0.0) - 100.0).abs() < 1e-3);
+        assert!(inverse_tenth_root(f64::NAN).is_nan());
     }
 }

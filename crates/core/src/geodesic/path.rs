@@ -122,9 +122,10 @@ pub struct Sample {
     /// Tangent, of unit length (against the wind, where there is one).
     pub v: DVec3,
     /// Columns: the transported vectors that start as the standard frame. `None` when the frame
-    /// was not carried.
+    /// was not carried, but for a path that ended where it starts.
     pub frame: Option<DMat3>,
-    /// The area by which a unit solid angle has spread. `None` when deviation was not carried.
+    /// The area by which a unit solid angle has spread. `None` when deviation was not carried, but for a path that ended
+    /// where it starts.
     pub area: Option<f64>,
     /// Faces of a glued domain crossed up to here.
     pub crossings: u32,

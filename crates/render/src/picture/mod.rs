@@ -26,8 +26,6 @@ use std::{ops::Range, path::Path};
 
 #[cfg(feature = "formats")]
 pub use exr::{Precision, read_exr, write_exr};
-#[cfg(feature = "gltf")]
-pub use png::decode_bytes;
 #[cfg(feature = "formats")]
 pub use png::{read_png, write_png};
 
@@ -263,7 +261,7 @@ pub fn read(path: &Path) -> Result<Picture> {
     if let Some(bytes) = bytes.strip_prefix(packed::MAGIC) {
         return unpacked(bytes).ok_or_else(|| bad_input(path, "is a damaged packed picture"));
     }
-    read_format(&bytes).map_err(|e| bad_input(path, e))
+    decode(&bytes).map_err(|e| bad_input(path, e))
 }
 
 /// Packs the colours of a picture, for a file of its own.
@@ -282,15 +280,15 @@ fn unpacked(bytes: &[u8]) -> Option<Picture> {
     (rgb.dim().2 == 3 && rgb.len() / 3 <= MAX_PIXELS).then(|| Picture::new(rgb))
 }
 
-/// Reads a picture in a format that other programs write.
+/// Decodes a picture in a format that other programs write, or says what is wrong with it.
 #[cfg(not(feature = "formats"))]
-fn read_format(_: &[u8]) -> Result<Picture, String> {
+pub(crate) fn decode(_: &[u8]) -> Result<Picture, String> {
     Err("this build reads packed pictures only".into())
 }
 
-/// Reads a picture in a format that other programs write.
+/// Decodes a picture in a format that other programs write, or says what is wrong with it.
 #[cfg(feature = "formats")]
-fn read_format(bytes: &[u8]) -> Result<Picture, String> {
+pub(crate) fn decode(bytes: &[u8]) -> Result<Picture, String> {
     match bytes {
         bytes if exr::is_exr(bytes) => exr::decode(bytes).map(|(picture, _)| picture),
         bytes if radiance::is_radiance(bytes) => radiance::decode(bytes).map(Picture::new),

@@ -5,7 +5,7 @@
 //! Layout, little-endian: width and height (u32), channels (u8), the coding (u8), then for each byte of a value,
 //! the highest first, that byte of all values. A value is a whole number: a code value of 8 bits in sRGB (coding 0)
 //! or linear (1) where all numbers are such, which keeps them exactly; else (2) a single-precision number without
-//! its last 12 bits, rounded: at most 2⁻¹² of itself off. Of each value what the Paeth predictor of PNG foretells is
+//! its last 12 bits, rounded: at most 2⁻¹² of itself off, if it is above 1e-38. Of each value what the Paeth predictor of PNG foretells is
 //! taken away (W3C, *PNG Specification*, filter type 4).
 
 use super::srgb_decode;
@@ -52,9 +52,10 @@ fn coded(values: &[f32], coding: u8) -> Option<Vec<u32>> {
 /// Returns a number's first bits.
 fn rounded(x: f32) -> u32 {
     let bits = x.to_bits();
-    // Infinities would become something else.
-    match x.is_finite() {
-        true => bits.saturating_add(1 << (LEFT_OUT - 1)) >> LEFT_OUT,
+    let nearest = bits.saturating_add(1 << (LEFT_OUT - 1)) >> LEFT_OUT;
+    // Infinities would become something else, and the largest numbers infinities.
+    match x.is_finite() && f32::from_bits(nearest << LEFT_OUT).is_finite() {
+        true => nearest,
         false => bits >> LEFT_OUT,
     }
 }

@@ -40,16 +40,6 @@ pub(super) fn decode_any(bytes: &[u8]) -> Result<Picture, String> {
     }
 }
 
-/// Reads a PNG, JPEG or Radiance HDR out of a file that holds more, or says what is wrong with it.
-#[cfg(feature = "gltf")]
-pub fn decode_bytes(bytes: &[u8]) -> Result<Picture, String> {
-    let format = image::guess_format(bytes);
-    decode(
-        bytes,
-        format.map_err(|_| "is not a PNG, JPEG or Radiance HDR picture")?,
-    )
-}
-
 impl Picture {
     /// The colours as 8-bit sRGB, row by row from the top, three bytes for each pixel.
     pub fn bytes(&self) -> Vec<u8> {

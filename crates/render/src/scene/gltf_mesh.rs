@@ -55,6 +55,9 @@ fn roots(source: &Source) -> Vec<Node<'_>> {
 /// Most nodes: each may stand below the other, and each takes its room on the stack.
 const MOST_NODES: usize = 4096;
 
+/// Most vertices, and most triangles, of all nodes together: each node may show a large mesh again.
+const MOST_ITEMS: usize = 1 << 26;
+
 /// A mesh being made.
 struct GltfMeshBuilder<'s> {
     source: &'s Source,
@@ -111,7 +114,14 @@ impl GltfMeshBuilder<'_> {
             self.left_out[0] += 1;
             return Ok(());
         };
-        let base = self.draft.mesh.positions.len() as u32;
+        let mesh = &self.draft.mesh;
+        let full = |have: usize, more: usize| have + more > MOST_ITEMS;
+        if full(mesh.positions.len(), count) || full(mesh.triangles.len(), triangles.len()) {
+            return Err(format!(
+                "its nodes show more than {MOST_ITEMS} vertices or triangles"
+            ));
+        }
+        let base = mesh.positions.len() as u32;
         let flat = self.vertices(primitive, &positions, placed)?;
         let material = self.material(primitive);
         // A mirrored node turns faces round.

@@ -54,7 +54,7 @@ const KNOWN: &[&str] = &[
     "KHR_mesh_quantization",
 ];
 
-/// Most items of an accessor without bytes of its own: any number costs a damaged file nothing.
+/// Most numbers of an accessor without bytes of its own: any number costs a damaged file nothing.
 const MOST_ZEROS: usize = 1 << 26;
 
 impl Source {
@@ -127,11 +127,11 @@ impl Source {
             let view = self.document.views().nth(view.value());
             let bytes = view.and_then(|view| self.view(&view));
             let bytes = bytes.ok_or_else(|| wrong(String::from("its data ends too early")))?;
-            return picture::decode_bytes(bytes).map_err(wrong);
+            return picture::decode(bytes).map_err(wrong);
         }
         let uri = image.uri.as_deref().unwrap_or_default();
         if uri.starts_with("data:") {
-            return picture::decode_bytes(&self.file(uri).map_err(wrong)?).map_err(wrong);
+            return picture::decode(&self.file(uri).map_err(wrong)?).map_err(wrong);
         }
         picture::read(&self.path(uri))
     }
@@ -158,7 +158,7 @@ impl Source {
                     .items(bytes.ok_or_else(early)?, stride, width, count)
                     .ok_or_else(early)?
             }
-            None if count > MOST_ZEROS => return Err(early()),
+            None if count.saturating_mul(width) > MOST_ZEROS => return Err(early()),
             None => vec![0.0; count * width],
         };
         if let Some(sparse) = accessor.sparse() {
@@ -261,6 +261,7 @@ fn unescaped(uri: &str) -> String {
     let mut i = 0;
     while i < bytes.len() {
         let digits = uri.get(i + 1..i + 3).filter(|_| bytes[i] == b'%');
+        let digits = digits.filter(|two| two.bytes().all(|c| c.is_ascii_hexdigit()));
         match digits.and_then(|two| u8::from_str_radix(two, 16).ok()) {
             Some(byte) => {
                 found.push(byte);

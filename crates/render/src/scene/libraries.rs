@@ -89,6 +89,9 @@ const MOST_LIBRARIES: usize = 64;
 const MOST_WORDS: usize = 256;
 const MOST_IN_A_NAME: usize = 16;
 
+/// Most folders of a path from another machine under which a file is looked for.
+const MOST_FOLDERS: usize = 64;
+
 /// Returns the files that `names` means.
 fn paths(names: &str, folder: &Path) -> Vec<PathBuf> {
     let whole = names.trim().trim_matches('"');
@@ -125,7 +128,8 @@ pub(super) fn located(name: &str, folders: &[&Path]) -> Option<PathBuf> {
     if parts.last().is_none_or(|last| last.is_empty()) {
         return None;
     }
-    let shorter = (1..parts.len()).map(|from| parts[from..].join("/"));
+    let deepest = parts.len().saturating_sub(MOST_FOLDERS).max(1);
+    let shorter = (deepest..parts.len()).map(|from| parts[from..].join("/"));
     let names: Vec<String> = std::iter::once(name.clone())
         .chain(shorter)
         .filter(|n| !n.is_empty())

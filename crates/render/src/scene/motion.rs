@@ -7,6 +7,7 @@
 use super::table::{NamedTable, NamedValue, Span};
 use geofan_core::{
     diagnostic::{Diagnostic, SourceText},
+    document::place_in_string,
     error::Result,
     manifold::{ChartCurve, Manifold, PointFunctions},
 };
@@ -124,9 +125,7 @@ impl Formulas {
 
     /// The complaint about the formula with number `i`.
     fn complain(&self, source: &Arc<SourceText>, i: usize, error: ExpressionError) -> Diagnostic {
-        // Behind the opening quote.
-        let first = self.spans[i].start + 1;
-        let place = first + error.span.start..first + error.span.end;
+        let place = place_in_string(source, &self.spans[i], &self.texts[i], error.span);
         let diagnostic = Diagnostic::new(source, place, error.message);
         match error.hint {
             Some(hint) => diagnostic.with_hint(hint),

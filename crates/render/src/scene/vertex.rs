@@ -66,6 +66,7 @@ impl Vertices {
         let digits = digits.trim().as_bytes().chunks_exact(8);
         let byte = |two: &[u8]| {
             let two = std::str::from_utf8(two).ok();
+            let two = two.filter(|two| !two.starts_with('+'));
             two.and_then(|two| u8::from_str_radix(two, 16).ok())
         };
         for eight in digits {

@@ -301,19 +301,44 @@ fn picture_level(texels: f32, last: f32) -> f32 {
     (Real::ln(texels.max(1.0)) * LOG2_E).min(last)
 }
 
+/// The pixels of a row or column that one of half the number covers, and their shares of it.
+type Covered = Vec<(usize, f32)>;
+
+/// Lists what each of half as many pixels covers of a row or column of `side`.
+fn covered(side: usize) -> Vec<Covered> {
+    let half = side / 2;
+    let border = |i: usize| (i * side) as f64 / half as f64;
+    let of = |i: usize| {
+        let (from, to) = (border(i), border(i + 1));
+        let share = |k: usize| (to.min(k as f64 + 1.0) - from.max(k as f64)) / (to - from);
+        let pixels = from as usize..(to.ceil() as usize).min(side);
+        pixels.map(|k| (k, share(k) as f32)).collect()
+    };
+    (0..half).map(of).collect()
+}
+
 impl Level {
-    /// Reduces to half the size, by means of 2 × 2 pixels; `None` when a side is odd.
+    /// Reduces to half the size, odd sides to the half rounded down, by means of the pixels that each new one covers;
+    /// `None` when a side is a single pixel.
     fn halved(&self) -> Option<Self> {
         let (width, height) = (self.width / 2, self.height / 2);
-        if !self.width.is_multiple_of(2) || !self.height.is_multiple_of(2) {
+        if width == 0 || height == 0 {
             return None;
         }
-        let mean = |i: usize| {
-            let first = 2 * (i / width) * self.width + 2 * (i % width);
-            let four = [first, first + 1, first + self.width, first + self.width + 1];
-            0.25 * four.into_iter().map(|i| self.pixels[i]).sum::<Vec3>()
+        let (columns, rows) = (covered(self.width), covered(self.height));
+        let mean = |(row, column): (&Covered, &Covered)| {
+            let mut sum = Vec3::ZERO;
+            for (y, high) in row {
+                for (x, wide) in column {
+                    sum += (high * wide) * self.pixels[y * self.width + x];
+                }
+            }
+            sum
         };
-        let pixels = (0..width * height).map(mean).collect();
+        let places = rows
+            .iter()
+            .flat_map(|row| columns.iter().map(move |column| (row, column)));
+        let pixels = places.map(mean).collect();
         Some(Self {
             width,
             height,

@@ -59,7 +59,7 @@ impl Session {
             ViewerEvent::Still { samples } => self.still_samples = samples.clamp(1, 256),
             ViewerEvent::Resolution { share } => self.set_moving_share(share),
             ViewerEvent::Paths { passes } => self.trace_paths(now, passes),
-            ViewerEvent::Hover { x, y } => self.pointer = Some((RayUse::Hover, [x, y])),
+            ViewerEvent::Hover { x, y } => self.hover([x, y]),
             ViewerEvent::Pick { x, y } => self.pointer = Some((RayUse::Pick, [x, y])),
             ViewerEvent::Follow => self.follow(),
             ViewerEvent::Halt => {
@@ -85,6 +85,13 @@ impl Session {
         let [width, height] = sides.map(|x| (x as usize).clamp(SIDES[0], SIDES[1]));
         self.display = (width, height);
         self.changed_at(now);
+    }
+
+    /// Asks what is under the pointer, unless a click waits for that.
+    fn hover(&mut self, place: [f64; 2]) {
+        if !matches!(self.pointer, Some((RayUse::Pick, _))) {
+            self.pointer = Some((RayUse::Hover, place));
+        }
     }
 
     /// Multiplies the speed.
