@@ -2,7 +2,7 @@
 //!
 //! In: work to be done. Out: its result; what it keeps ([`geofan_core::keeping`]) is in files that a later run of the
 //! same program finds. Each has its bytes and their checksum (XXH3, 8 bytes); one that is damaged is as good as none. Files
-//! are written while the work goes on, and those that were not asked for longest go when there are too many.
+//! are written while the work goes on, and the least recently used ones go when there are too many.
 
 use geofan_core::{
     Error, Result,
@@ -132,7 +132,7 @@ fn write(path: &Path, folder: &Path, bytes: &[u8]) -> Result<()> {
     make_room(folder, MOST_BYTES).map_err(|e| Error::io(folder, e))
 }
 
-/// Removes the files that were not asked for longest, until all together have at most so many bytes.
+/// Removes the least recently used files, until all together have at most `most` bytes.
 fn make_room(folder: &Path, most: u64) -> io::Result<()> {
     let mut files = Vec::new();
     for entry in fs::read_dir(folder)? {

@@ -54,7 +54,7 @@ pub fn merge(shards: &[PathBuf], output: &Path, observer: &dyn Observer) -> Resu
     merge_by(shards, output, observer, TOGETHER)
 }
 
-/// Joins shards with so many bytes of chunks in memory together.
+/// Joins shards; at most `together` bytes of their chunks are in memory at once.
 fn merge_by(
     shards: &[PathBuf],
     output: &Path,

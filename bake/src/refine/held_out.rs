@@ -477,7 +477,7 @@ impl HeldOutErrors {
     }
 }
 
-/// Counts how many of so many comparisons a share of them is, rounded down.
+/// Returns a `share` of a number of comparisons, rounded down.
 fn allowed(share: f64, comparisons: usize) -> usize {
     (share * comparisons as f64) as usize
 }

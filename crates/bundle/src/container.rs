@@ -308,7 +308,7 @@ pub fn decode(bytes: &[u8]) -> Result<FileBlocks<'_>, BundleError> {
     Ok((blocks[0], fields, chunks))
 }
 
-/// Makes the error for a file of so many bytes.
+/// Makes the error for a file of this many bytes.
 pub(crate) fn too_large(found: u64) -> BundleError {
     BundleError::Limit {
         what: "bytes",

@@ -40,7 +40,7 @@ const BLOCK: usize = 16;
 
 impl Contracted {
     /// Takes coefficients with axes `shape` = (direction…, arc length, channel), the last running fastest; with
-    /// `rows`, those of the last two axes are instead sums of these, by `coefficients`.
+    /// `rows`, the coefficients are weights: each vector over the last two axes is a sum of rows times them.
     pub fn new(
         shape: &[usize],
         coefficients: &[f32],

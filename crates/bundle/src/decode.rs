@@ -207,7 +207,7 @@ const CORE: Allowance = Allowance {
     per_byte: 20,
 };
 
-/// Integers restored from vectors cost a multiplication for each vector before; so many count as one number.
+/// Integers restored from vectors cost a multiplication for each vector before; this many multiplications count as one number.
 const MULTIPLICATIONS: u64 = 64;
 
 /// Holds what the chunks of a table may still ask for. All share one, so that a file of many small chunks gets
@@ -238,7 +238,7 @@ impl Allowance {
 }
 
 impl DecodeBudget {
-    /// Returns the budget of a file of so many bytes.
+    /// Returns the budget of a file of this many bytes.
     pub fn for_bytes(bytes: usize) -> Self {
         Self {
             work: WORK.of_bytes(bytes).into(),
@@ -272,7 +272,7 @@ impl DecodeBudget {
         self.take_memory(integers.saturating_mul(4))
     }
 
-    /// Takes so many bytes out that stay in memory.
+    /// Charges the budget for bytes that stay in memory.
     ///
     /// # Errors
     /// Fewer are left.
@@ -283,7 +283,7 @@ impl DecodeBudget {
 
 const TOO_MUCH: DecodeError = DecodeError("number of coefficients for its size");
 
-/// Takes so many units out of what is left.
+/// Subtracts `units` from what is left.
 fn take(left: &AtomicU64, units: u64) -> Result<(), DecodeError> {
     let less = |left: u64| left.checked_sub(units);
     let taken = left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);

@@ -259,7 +259,7 @@ impl Scan {
         Ok(())
     }
 
-    /// Reads so many bytes, which the file has.
+    /// Reads the next `count` bytes, which the file has.
     fn bytes(&mut self, count: u64) -> Result<Vec<u8>, Found> {
         let mut bytes = Vec::new();
         let input = self.input.by_ref().take(count);
@@ -275,7 +275,7 @@ impl Scan {
         Ok(bytes)
     }
 
-    /// Reads so many bytes into nothing but the sums.
+    /// Passes over the next bytes, which only the checksums see.
     fn skip(&mut self, count: u64, sum: &mut Xxh3) -> Result<(), Found> {
         let mut left = count;
         while left > 0 {

@@ -418,7 +418,7 @@ impl Layout {
         Self::Train(order)
     }
 
-    /// Lists the axes of each core of a tensor of so many ray axes.
+    /// Lists the axes of each core of a tensor with this many ray axes.
     pub fn cores(&self, rays: usize) -> Vec<Vec<usize>> {
         match self {
             Self::Plain => vec![(0..rays + 2).collect()],

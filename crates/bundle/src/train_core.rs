@@ -218,7 +218,7 @@ pub(crate) struct CoreBefore {
 }
 
 impl StoredCore {
-    /// Reads what [`Core::encode`] wrote: a core of so many `axes`, read along the axis `along`, behind
+    /// Reads what [`Core::encode`] wrote: a core with `axes` axes, read along the axis `along`, behind
     /// another, and whether it is the last.
     ///
     /// # Errors

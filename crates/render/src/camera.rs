@@ -39,7 +39,7 @@ pub struct Moved {
 const TOLERANCE: f64 = 1e-12;
 
 /// The ray of a move is longer than the move by this factor and given up when the move is done: the
-/// integrator's steps are limited to a share (1/32) of the ray, and a small move should be one step.
+/// integrator's steps are limited to a share (1/16) of the ray, and a small move should be one step.
 const ROOM: f64 = 32.0;
 
 /// Keeps the step on which the wanted length is reached, or the last before right and left change places.

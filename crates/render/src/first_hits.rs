@@ -302,7 +302,7 @@ impl SinglePaths {
             .find_map(|i| search.first_hit(&closer.piece(i), limit))
     }
 
-    /// Samples the path at the ends of the finer cubics, so many for each of its touched pieces.
+    /// Samples the path at the ends of the finer cubics, `per_piece` of them for each piece that may be hit.
     fn sample(&mut self, path: PathView<'_>, tracer: &dyn GridTracer, per_piece: usize) {
         self.lengths.clear();
         for &k in &self.touched {

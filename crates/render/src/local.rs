@@ -365,7 +365,7 @@ pub fn straight_curve(world: &World, u: DVec3, direction: DVec3, length: f64) ->
 /// Distance beyond a surface from which the next is looked for, as a share of the whole line: more than rounding.
 const BEYOND: f64 = 1e-9;
 
-/// Finds what `samples` at these places see along straight lines behind so many surfaces; lines are
+/// Finds what `samples` at these places see along straight lines, each behind as many surfaces as it has `passed`; lines are
 /// followed over `length` to the skies.
 pub(super) fn straight_behind(
     samples: &PixelSamples<'_>,

@@ -216,7 +216,7 @@ pub fn stay(rows: &mut [f64], knots: usize, known: usize) {
     }
 }
 
-/// Returns the length of a row with a number for each piece between so many knots: whole vectors.
+/// Returns the length of a row with a number for each piece between `knots` knots, padded to whole vectors.
 pub fn pieces_row(knots: usize) -> usize {
     knots.saturating_sub(1).next_multiple_of(LANES)
 }

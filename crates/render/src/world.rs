@@ -128,7 +128,7 @@ impl World {
         Self::furnished(scene, (manifold, time), Vec::new())
     }
 
-    /// Does so where `shelf` has the meshes of some objects already, by the paths that the scene gives them.
+    /// As [`World::new`], but takes the meshes that `shelf` has, by the paths that the scene gives them, from there.
     ///
     /// # Errors
     /// As [`World::new`].

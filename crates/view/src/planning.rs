@@ -22,7 +22,7 @@ const MOST_PASSES: u32 = 4096;
 /// Least share of the display's sides that a moving picture may have.
 const LEAST_SHARE: f64 = 0.05;
 
-/// Whole moving pictures that may be on their way to the display.
+/// With more whole moving pictures than this on their way to the display, no other is begun.
 pub(crate) const AHEAD: usize = 2;
 
 /// What a picture is for, its size, the samples of a pixel, and the number of its sample of traced light.

@@ -237,7 +237,7 @@ impl Session {
         std::mem::take(&mut self.patches)
     }
 
-    /// Tells whether the camera is held in the table's region.
+    /// Returns the table in whose region the camera is held, if it is.
     pub(crate) fn holding_table(&self) -> Option<&Table> {
         let by_table = |kind: PictureKind| matches!(kind, PictureKind::Table | PictureKind::Error);
         let held = !self.beyond && (by_table(self.kind) || self.split.is_some_and(by_table));

@@ -120,7 +120,7 @@ fn is_free(manifold: &Manifold, u: DVec3) -> bool {
 }
 
 /// Finds a place for the camera: in the region towards its end, where most is in front; else in the middle of
-/// the chart's limits or near its origin.
+/// the chart's limits, else around its origin, farther and farther out.
 fn camera_place(manifold: &Manifold) -> Option<DVec3> {
     let region = manifold.cameras.iter();
     let region =

@@ -9,7 +9,7 @@ pub const HTML: &str = include_str!("../ui/index.html");
 /// The style sheet.
 pub const STYLE: &str = include_str!("../ui/style.css");
 
-/// Modules in the order of their imports: each imports earlier ones only.
+/// Modules, each behind those that it imports.
 pub const MODULES: [(&str, &str); 8] = [
     ("asked.js", include_str!("../ui/asked.js")),
     ("controls.js", include_str!("../ui/controls.js")),

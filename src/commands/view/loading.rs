@@ -48,10 +48,10 @@ pub struct SharedSpace {
     ended: AtomicBool,
 }
 
-/// Seconds between two looks at the files.
+/// Time between two checks of the dates of the files.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// Seconds between two looks at whether a parameter has changed.
+/// Time between two checks of whether a parameter has changed.
 const BEAT: Duration = Duration::from_millis(20);
 
 /// A viewer's knowledge of the space.

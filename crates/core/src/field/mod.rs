@@ -15,7 +15,7 @@ pub use samples::{MOST_SAMPLES, SampleFault, Samples, UnpackError};
 use geofan_expr::spline::{SampledAxis, Spline};
 use std::sync::Arc;
 
-/// The use of a field beyond its samples.
+/// How a field is continued outside its grid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Outside {
     /// As at the nearest point of the grid.

@@ -30,7 +30,7 @@ pub(super) const ASIDE: f64 = 2e-14;
 /// jumps, the path ends; of frames carried over it, rounding would turn by 1e-16 over the square of the angle.
 pub(super) const GRAZING: f64 = 1e-4;
 
-/// A function that changes by so many times what its rates tell jumps.
+/// A function that changes by more than this multiple of what its derivatives predict has a jump.
 const JUMP: f64 = 16.0;
 
 /// More than the numbers of edges of any one metric, for those of two at the same place.

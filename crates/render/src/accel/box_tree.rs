@@ -62,7 +62,7 @@ impl<T: Clone + Default + Send + Sync> BoxTree<T> {
 const BLOCK: usize = 16_384;
 
 impl<T: Default + Send + Sync> BoxTree<T> {
-    /// Sorts the payloads of so many boxes, given by number; one whose box is not finite is left out. Payloads are
+    /// Builds the tree over `count` boxes, given by number; one whose box is not finite is left out. Payloads are
     /// made where they belong, because a second list of them would take as much memory as the tree.
     pub(super) fn of_boxes(
         count: usize,
@@ -134,7 +134,7 @@ impl<T> BoxTree<T> {
         open
     }
 
-    /// Returns at most so many boxes, in the chart, that together hold all payloads; none if there are none.
+    /// Returns at most `most` boxes of the chart that together enclose all payloads; none if there are none.
     pub(super) fn parts(&self, most: usize) -> Vec<(DVec3, DVec3)> {
         if self.nodes.is_empty() {
             return Vec::new();

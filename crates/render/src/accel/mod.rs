@@ -139,7 +139,7 @@ impl Accelerator {
         both.reduce(|(a, b), (low, high)| (a.min(low), b.max(high)))
     }
 
-    /// Returns at most so many boxes that together hold all usable triangles, and one for each way of what moves.
+    /// Returns at most `most` boxes that together enclose all usable triangles, and one for each way of what moves.
     pub fn parts(&self, most: usize) -> Vec<(DVec3, DVec3)> {
         let mut parts = self.tree.parts(most);
         parts.extend(self.moving.parts());

@@ -60,7 +60,7 @@ fn rounded(x: f32) -> u32 {
     }
 }
 
-/// Foretells a value by those to the left, above, and above to the left.
+/// Predicts a value from its left, upper and upper-left neighbours.
 fn paeth(left: u32, above: u32, corner: u32) -> u32 {
     let [a, b, c] = [left, above, corner].map(i64::from);
     let guess = a + b - c;
@@ -72,7 +72,7 @@ fn paeth(left: u32, above: u32, corner: u32) -> u32 {
     }
 }
 
-/// Foretells the value number `i` of `values`, of which those before are known.
+/// Predicts value number `i` of `values` from those before it.
 fn foretold(values: &[u32], i: usize, channels: usize, row: usize) -> u32 {
     let at = |back: usize| i.checked_sub(back).map_or(0, |k| values[k]);
     let left = if i % row < channels { 0 } else { at(channels) };

@@ -68,7 +68,7 @@ pub struct CameraEntry {
     pub up: DVec3,
     /// Horizontal angle of view, degrees, in (0, 180); of a fisheye across its circle, up to 360.
     pub fov_degrees: f64,
-    /// CameraProjection, eyes and crop.
+    /// Projection, eyes and crop.
     pub lens: Lens,
     /// How it moves.
     pub motion: CameraMotion,

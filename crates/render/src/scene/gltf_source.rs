@@ -27,7 +27,7 @@ pub(super) struct Source {
     folder: PathBuf,
 }
 
-/// The numbers of an accessor, so many for each item.
+/// The numbers of an accessor, `width` for each item.
 pub(super) struct Numbers {
     /// Numbers of an item.
     pub width: usize,
@@ -218,7 +218,7 @@ struct AccessorFormat {
 }
 
 impl AccessorFormat {
-    /// Reads so many items of `width` numbers, `stride` bytes apart; `None` if there are not enough bytes.
+    /// Reads `count` items of `width` numbers, `stride` bytes apart; `None` if there are not enough bytes.
     fn items(self, bytes: &[u8], stride: usize, width: usize, count: usize) -> Option<Vec<f64>> {
         let size = self.of.size();
         if stride < size * width {

@@ -98,7 +98,7 @@ fn list<T>(property: &Property, of: impl Fn(f64) -> T) -> Vec<T> {
     }
 }
 
-/// Returns a part of a colour in [0, 1]: whole numbers are shares of the largest of their type.
+/// Returns a part of a colour in [0, 1]: whole numbers are shares of the largest of their type, of bytes of 255.
 fn share(property: &Property) -> f32 {
     let full = match property {
         Property::UChar(_) | Property::Char(_) => 255.0,

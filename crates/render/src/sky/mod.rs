@@ -161,7 +161,7 @@ impl From<Pattern> for Sky {
     }
 }
 
-/// A picture of the whole sphere with its reductions to half, a quarter, … of the size.
+/// A picture of the whole sphere with its reductions to half, a quarter, … of the size, down to a side of one pixel.
 #[derive(Debug, Clone)]
 pub struct Equirectangular {
     levels: Vec<Level>,

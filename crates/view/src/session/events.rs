@@ -23,7 +23,7 @@ const SPEEDS: [f64; 2] = [1e-5, 10.0];
 /// Sides of a display, and of a captured picture.
 const SIDES: [usize; 2] = [16, 8192];
 
-/// Most pixels of a captured picture: a quarter gigabyte of linear light would be four times that.
+/// Most pixels of a captured picture: a fifth of a gigabyte of linear light.
 const MOST_CAPTURED: usize = 1 << 24;
 
 impl Session {
