@@ -251,3 +251,39 @@ fn frames_are_kept_only_if_they_are_of_the_same_animation() {
         "{red:?} {blue:?}"
     );
 }
+
+#[cfg(unix)]
+#[test]
+fn a_video_takes_its_name_only_when_it_is_whole() {
+    use std::os::unix::fs::PermissionsExt;
+    let place = place(SKY);
+    // A program that writes what it reads, and may fail then.
+    let film = |status: u8| {
+        let program = place.path("bin/ffmpeg");
+        fs::create_dir_all(place.path("bin")).unwrap();
+        let text = format!("#!/bin/sh\nfor last; do :; done\ncat > \"$last\"\nexit {status}\n");
+        fs::write(&program, text).unwrap();
+        fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).unwrap();
+        let found = std::env::var("PATH").unwrap_or_default();
+        let arguments = "render scene.toml --size 12x8 --tracer exact --camera-path way.toml --frames 3 -o way.mp4";
+        let output = assert_cmd::Command::cargo_bin("geofan")
+            .unwrap()
+            .current_dir(place.path(""))
+            .env("PATH", format!("{}:{found}", place.path("bin").display()))
+            .args(arguments.split(' '))
+            .output()
+            .unwrap();
+        let files = fs::read_dir(place.path("")).unwrap();
+        let names = files.map(|file| file.unwrap().file_name());
+        assert!(
+            names
+                .into_iter()
+                .all(|name| !name.to_string_lossy().starts_with(".geofan-"))
+        );
+        output.status.code()
+    };
+    assert_eq!(film(1), Some(3));
+    assert!(!place.path("way.mp4").exists());
+    assert_eq!(film(0), Some(0));
+    assert_eq!(place.bytes("way.mp4").len(), 3 * 12 * 8 * 3);
+}

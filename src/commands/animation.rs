@@ -6,7 +6,10 @@
 
 use crate::terminal::{CommonArgs, ProgressDisplay, TerminalObserver};
 use geofan_core::{
-    Error, Observer, Result, files::write_atomically, manifold::Manifold, reading::read_text,
+    Error, Observer, Result,
+    files::{containing_folder, write_atomically},
+    manifold::Manifold,
+    reading::read_text,
 };
 use geofan_render::{
     Journey, Part, PicturePanels,
@@ -200,38 +203,66 @@ impl Animation<'_> {
         Ok(drawn)
     }
 
-    /// Sends all frames to ffmpeg; `draw` draws a view at its time. Returns the number of frames drawn.
+    /// Draws all frames by `draw`, each view at its time, as a video, which takes its name when it is whole. Returns the
+    /// number of frames drawn.
     pub fn write_video(
         &self,
         output: &Path,
         common: &CommonArgs,
-        mut draw: impl FnMut((&PicturePanels, f64)) -> Result<Picture>,
+        draw: impl FnMut((&PicturePanels, f64)) -> Result<Picture>,
     ) -> Result<usize> {
-        let observer = TerminalObserver::new(common)?;
-        let (mut child, mut pipe) = self.ffmpeg(output)?;
-        let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         let failed = |source| environment(output, source);
+        // ffmpeg tells the format by the ending of the name.
+        let (Some(name), folder) = (output.file_name(), containing_folder(output)) else {
+            return Err(Error::input(
+                output.display().to_string(),
+                "is not the name of a file",
+            ));
+        };
+        let beside = tempfile::Builder::new().prefix(".geofan-");
+        let beside = { beside }.tempdir_in(folder).map_err(failed)?;
+        let unfinished = beside.path().join(name);
+        let (mut child, pipe) = self.ffmpeg(output, &unfinished)?;
+        if let Err(fault) = self.send(pipe, output, common, draw) {
+            // What it has written goes with its folder.
+            let _ = child.kill();
+            let _ = child.wait();
+            return Err(fault);
+        }
+        if !child.wait().map_err(failed)?.success() {
+            let message = "ffmpeg could not write the video";
+            return Err(failed(std::io::Error::other(message)));
+        }
+        std::fs::rename(&unfinished, output).map_err(failed)?;
+        Ok(self.frames)
+    }
+
+    /// Sends all frames to ffmpeg.
+    fn send(
+        &self,
+        mut pipe: ChildStdin,
+        output: &Path,
+        common: &CommonArgs,
+        mut draw: impl FnMut((&PicturePanels, f64)) -> Result<Picture>,
+    ) -> Result<()> {
+        let observer = TerminalObserver::new(common)?;
+        let progress = ProgressDisplay::new(common, "frames", self.frames as u64);
         for number in 0..self.frames {
             if observer.cancelled() {
                 let resume = "videos are not resumed; numbered frames are".into();
                 return Err(Error::Interrupted { resume });
             }
             let picture = draw((&self.panels(number)?, self.time(number)))?;
-            pipe.write_all(&picture.bytes()).map_err(failed)?;
+            let sent = pipe.write_all(&picture.bytes());
+            sent.map_err(|source| environment(output, source))?;
             progress.inc(1);
         }
         progress.finish();
-        drop(pipe);
-        match child.wait().map_err(failed)?.success() {
-            true => Ok(self.frames),
-            false => Err(failed(std::io::Error::other(
-                "ffmpeg could not write the video",
-            ))),
-        }
+        Ok(())
     }
 
-    /// Starts ffmpeg.
-    fn ffmpeg(&self, output: &Path) -> Result<(Child, ChildStdin)> {
+    /// Starts ffmpeg, which writes the file `unfinished` of the video `output`.
+    fn ffmpeg(&self, output: &Path, unfinished: &Path) -> Result<(Child, ChildStdin)> {
         let (width, height) = self.panels(0)?.size;
         let mut child = Command::new("ffmpeg")
             .args([
@@ -258,7 +289,7 @@ impl Animation<'_> {
                 "-pix_fmt",
                 "yuv420p",
             ])
-            .arg(output)
+            .arg(unfinished)
             .stdin(Stdio::piped())
             .spawn()
             .map_err(|e| {

@@ -159,7 +159,7 @@ fn existing_folder<'t>(path: &Path, target: &'t Path) -> Result<&'t Path> {
 }
 
 /// Returns the folder of `path`; a bare name lies in the current folder.
-fn containing_folder(path: &Path) -> &Path {
+pub fn containing_folder(path: &Path) -> &Path {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),

@@ -200,16 +200,17 @@ impl World {
         self.materials.clear();
         self.states.clear();
         self.light = None;
-        let mut told = std::mem::take(&mut self.warnings);
-        self.furnish(scene, time)?;
-        let new = std::mem::take(&mut self.warnings);
-        told.extend(
-            new.into_iter()
-                .filter(|new| !told.contains(new))
-                .collect::<Vec<_>>(),
-        );
-        self.warnings = told;
-        Ok(())
+        self.accelerator = Accelerator::default();
+        self.copies = None;
+        let told = std::mem::take(&mut self.warnings);
+        let placed = self.furnish(scene, time);
+        let new = std::mem::replace(&mut self.warnings, told);
+        for warning in new {
+            if !self.warnings.contains(&warning) {
+                self.warnings.push(warning);
+            }
+        }
+        placed
     }
 
     /// Loads the mesh of an object, unless it is known, or on the `shelf`.
