@@ -219,8 +219,9 @@ impl Animation<'_> {
                 "is not the name of a file",
             ));
         };
-        let beside = tempfile::Builder::new().prefix(".geofan-");
-        let beside = { beside }.tempdir_in(folder).map_err(failed)?;
+        let mut beside = tempfile::Builder::new();
+        let beside = beside.prefix(".geofan-").tempdir_in(folder);
+        let beside = beside.map_err(failed)?;
         let unfinished = beside.path().join(name);
         let (mut child, pipe) = self.ffmpeg(output, &unfinished)?;
         if let Err(fault) = self.send(pipe, output, common, draw) {
