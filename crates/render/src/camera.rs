@@ -11,7 +11,7 @@ use geofan_bundle::Table;
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Carried, Gluing, Manifold},
+    manifold::{Carried, DeckTransformation, Gluing, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
 
@@ -151,6 +151,17 @@ impl Camera {
         let carry = |u: DVec3, k: &usize| gluing.faces()[*k].carry(u).map_or(u, |(u, _)| u);
         let u = word.iter().fold(self.u, carry);
         let own = manifold.standard_frame(u).inverse() * axes;
+        Self {
+            u,
+            rotation: DQuat::from_mat3(&own).normalize(),
+        }
+    }
+
+    /// Returns the camera as a deck transformation carries it, turned by its differential.
+    #[must_use]
+    pub fn carried_by(&self, manifold: &Manifold, deck: &DeckTransformation) -> Self {
+        let (u, d) = deck.apply(self.u);
+        let own = manifold.standard_frame(u).inverse() * (d * self.axes(manifold));
         Self {
             u,
             rotation: DQuat::from_mat3(&own).normalize(),

@@ -3,8 +3,9 @@
 //! In: cameras at times. Out: the text of a camera path, as `geofan render --camera-path` takes it.
 
 use crate::protocol::Pose;
-use geofan_core::manifold::Manifold;
+use geofan_core::manifold::{DeckTransformation, Gluing, Manifold};
 use geofan_render::Camera;
+use glam::DVec3;
 use std::fmt::Write;
 
 /// Seconds between key poses: between them the way is a geodesic and the turn is even, which follows a hand
@@ -19,14 +20,16 @@ const MOST: usize = 14_400;
 pub struct Recording {
     poses: Vec<(f64, Pose)>,
     began: f64,
+    /// The faces of a glued domain that the camera has gone through.
+    word: Vec<usize>,
 }
 
 impl Recording {
     /// Begins at the time `now`.
     pub fn begin(now: f64) -> Self {
         Self {
-            poses: Vec::new(),
             began: now,
+            ..Self::default()
         }
     }
 
@@ -45,16 +48,43 @@ impl Recording {
         if self.poses.len() >= MOST || !(due || end && later) {
             return;
         }
-        let mut pose = Pose::of(camera, fov);
-        if let Some((_, before)) = last {
-            // A glued coordinate goes on past its limit, so that the way does not lead back across the chart.
+        let before = last.map(|(_, before)| DVec3::from(before.at));
+        // Where the camera has gone through faces, the way goes on in the cover, so that it does not lead back across the
+        // chart; so does a glued coordinate past its limit.
+        let camera = self.in_cover(manifold, camera, before);
+        let mut pose = Pose::of(&camera, fov);
+        if let Some(before) = before {
             for k in 0..3 {
                 if let Some(period) = manifold.domain.period(k) {
-                    pose.at[k] += period * ((before.at[k] - pose.at[k]) / period).round();
+                    pose.at[k] += period * ((before[k] - pose.at[k]) / period).round();
                 }
             }
         }
         self.poses.push((time, pose));
+    }
+
+    /// Returns the camera where the way through the cover has led it: through the faces so far, and those, two at most,
+    /// that bring it nearest to the pose `before`.
+    fn in_cover(&mut self, manifold: &Manifold, camera: &Camera, before: Option<DVec3>) -> Camera {
+        let gluing = manifold.gluing().filter(|gluing| gluing.follows_cover());
+        let Some((gluing, before)) = gluing.zip(before) else {
+            return *camera;
+        };
+        let Some(so_far) = gluing.way_back(&self.word) else {
+            return *camera;
+        };
+        let distance = |deck: &DeckTransformation| (deck.point(camera.u) - before).length();
+        let mut nearest = (distance(&so_far), Vec::new(), so_far.clone());
+        for (more, deck) in crossings(gluing) {
+            let deck = deck.then(&so_far);
+            // A camera cannot be mirrored.
+            if !deck.reverses() && distance(&deck) < nearest.0 {
+                nearest = (distance(&deck), more, deck);
+            }
+        }
+        let (_, more, deck) = nearest;
+        self.word.extend(more);
+        camera.carried_by(manifold, &deck)
     }
 
     /// Returns the seconds from its first pose to its last.
@@ -78,6 +108,15 @@ impl Recording {
         }
         text
     }
+}
+
+/// Lists the ways through one face or two, each with the transformation that undoes it.
+fn crossings(gluing: &Gluing) -> Vec<(Vec<usize>, DeckTransformation)> {
+    let faces = 0..gluing.faces().len();
+    let one = faces.clone().map(|k| vec![k]);
+    let two = { faces.clone() }.flat_map(|k| faces.clone().map(move |j| vec![k, j]));
+    let undone = |word: Vec<usize>| gluing.way_back(&word).map(|deck| (word, deck));
+    one.chain(two).filter_map(undone).collect()
 }
 
 #[cfg(test)]
@@ -111,6 +150,39 @@ mod tests {
             "{}",
             middle.u
         );
+    }
+
+    #[test]
+    fn a_recording_goes_on_through_the_faces_of_a_glued_domain() {
+        // Through the ceiling half a turn about z.
+        let room = manifold(
+            "metric = { conformal = '1' }\n[[glue]]\nface = '1 - z'\nmap = ['-x', '-y', 'z - 2']\n[[glue]]\nface = '1 + z'\nmap = ['-x', '-y', 'z + 2']",
+        );
+        let at = |t: f64| {
+            let u = DVec3::new(0.6, 0.3 + 0.01 * t, 0.2 + 0.5 * t);
+            Camera::looking(u, DVec3::new(1.0, 0.1 * t, 0.3).normalize(), DVec3::Z)
+        };
+        let mut recording = Recording::begin(0.0);
+        for k in 0..=400 {
+            let t = f64::from(k) * 0.02;
+            recording.note(&room, t, (&at(t).brought_in(&room), 80.0), k == 400);
+        }
+        let text = recording.text();
+        let file = PoseFile::parse(SourceText::new("path.toml", text), 80.0).unwrap();
+        let journey = Journey::new(&room, &file).unwrap();
+        for k in 10..70 {
+            let t = 0.1 * f64::from(k) + 0.013;
+            let (replayed, flown) = (journey.pose_in_cover(t).0, at(t));
+            assert!(
+                (replayed.u - flown.u).length() < 2e-2,
+                "{t}: {}",
+                replayed.u
+            );
+            assert!(
+                replayed.rotation.angle_between(flown.rotation) < 1e-2,
+                "{t}"
+            );
+        }
     }
 
     #[test]

@@ -23,7 +23,7 @@ use crate::{
     steering::{Held, Travel},
 };
 use geofan_bundle::Table;
-use geofan_core::{geodesic::check_point, quantiles::Quantiles};
+use geofan_core::{geodesic::check_start, quantiles::Quantiles};
 use geofan_render::{Camera, View};
 use glam::DVec3;
 use std::collections::VecDeque;
@@ -121,12 +121,12 @@ impl Session {
         };
         Self {
             speed: FIRST_SPEED * space.length,
+            hint: space.unshown.clone(),
             space,
             camera,
             fov,
             held: Held::default(),
             travel: Travel::None,
-            hint: None,
             recording: None,
             revision: 1,
             stepped: None,
@@ -174,7 +174,7 @@ impl Session {
     /// is if it can.
     pub fn replace_space(&mut self, space: SessionSpace) {
         self.give_capture_up(SCENE_HAS_CHANGED);
-        let stays = check_point(&space.manifold, "the camera", self.camera.u).is_ok();
+        let stays = check_start(&space.manifold, "the camera", self.camera.u).is_ok();
         self.space = space;
         if !stays {
             (self.camera, self.fov) = self.space.home();

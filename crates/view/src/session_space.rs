@@ -8,7 +8,7 @@ use geofan_bundle::{Bundle, Table};
 use geofan_core::{Result, geodesic::check_point, manifold::Manifold};
 use geofan_render::{
     Camera, camera_point,
-    scene::{CameraEntry, SceneFile},
+    scene::{CameraEntry, CameraMotion, CameraProjection, SceneFile},
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -47,6 +47,8 @@ pub struct SessionSpace {
     pub cameras: Vec<(String, Pose)>,
     /// Arc length over which paths are followed.
     pub length: f64,
+    /// What the scene's camera asks for that a viewer's does not do, in words.
+    pub unshown: Option<String>,
 }
 
 impl SessionSpace {
@@ -73,6 +75,7 @@ impl SessionSpace {
             table: bundle.map(TablePromise::of),
             cameras: cameras.map(pose).collect::<Result<_>>()?,
             length,
+            unshown: unshown(&scene.camera),
         })
     }
 
@@ -88,4 +91,31 @@ impl SessionSpace {
         let table = self.table.as_ref();
         table.is_some_and(|promise| promise.table.space.place(u).is_ok())
     }
+}
+
+/// Says what `camera` asks for that a viewer's camera, which is the normal observer's and sees in perspective, does not do.
+fn unshown(camera: &CameraEntry) -> Option<String> {
+    let asked = [
+        (
+            camera.motion != CameraMotion::Normal,
+            "motion (`rest`, `velocity`)",
+        ),
+        (
+            camera.lens.projection != CameraProjection::Perspective,
+            "projection",
+        ),
+        (camera.lens.stereo.is_some(), "stereo"),
+        (camera.lens.crop.is_some(), "crop"),
+    ];
+    let names: Vec<&str> = asked
+        .iter()
+        .filter(|(is, _)| *is)
+        .map(|(_, name)| *name)
+        .collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "the scene's camera has its own {}: `geofan render` shows that, here it is at rest and sees in perspective",
+            names.join(", ")
+        )
+    })
 }

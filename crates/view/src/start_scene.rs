@@ -62,7 +62,7 @@ impl StartScene {
     /// # Errors
     /// No place for a camera is found.
     pub fn new(manifold: &Manifold, file: &str, length: f64) -> Result<Self> {
-        let camera = camera_place(manifold).ok_or_else(|| {
+        let camera = camera_place(manifold, length).ok_or_else(|| {
             let message =
                 "no place for a camera was found; say where cameras may be under [cameras]";
             Error::input(manifold.source.name.clone(), message)
@@ -120,11 +120,14 @@ fn is_free(manifold: &Manifold, u: DVec3) -> bool {
 }
 
 /// Finds a place for the camera: in the region towards its end, where most is in front; else in the middle of
-/// the chart's limits, else around its origin, farther and farther out.
-fn camera_place(manifold: &Manifold) -> Option<DVec3> {
+/// the chart's limits or around its origin, as near to these as there is room for paths of this `length`.
+fn camera_place(manifold: &Manifold, length: f64) -> Option<DVec3> {
     let region = manifold.cameras.iter();
-    let region =
+    let mut region =
         region.flat_map(|region| [0.8, 0.6, 0.5, 0.3].map(|t| region.at(&region.lerp(&[t; 3]))));
+    if let Some(place) = region.find(|u| is_free(manifold, *u)) {
+        return Some(place);
+    }
     let middle = DVec3::from_array([0, 1, 2].map(|k| match manifold.domain.limits[k] {
         Some([low, high]) if low.is_finite() && high.is_finite() => 0.5 * (low + high),
         _ => 0.0,
@@ -132,7 +135,24 @@ fn camera_place(manifold: &Manifold) -> Option<DVec3> {
     // Off every plane of symmetry, farther and farther away.
     let around = [0.0, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
     let around = around.map(|r| middle + DVec3::new(0.8, 0.5, 0.3) * r);
-    region.chain(around).find(|u| is_free(manifold, *u))
+    let free = around.into_iter().filter(|u| is_free(manifold, *u));
+    let rooms: Vec<(DVec3, f64)> = free.map(|u| (u, room(manifold, u, length))).collect();
+    let largest = rooms
+        .iter()
+        .fold(0.0, |most: f64, (_, room)| most.max(*room));
+    let mut roomy = rooms.iter().filter(|(_, room)| *room >= ROOMY * largest);
+    roomy.next().map(|(u, _)| *u)
+}
+
+/// Share of the largest room that is enough.
+const ROOMY: f64 = 0.7;
+
+/// Returns how far paths from `u` get along the axes on both sides, all together; each at most `length`.
+fn room(manifold: &Manifold, u: DVec3, length: f64) -> f64 {
+    let axes = DVec3::AXES.into_iter().chain(DVec3::AXES.map(|axis| -axis));
+    let tracer = ExactTracer::new(manifold, u, length, 1e-6);
+    let curves = tracer.trace(&axes.collect::<Vec<_>>());
+    curves.iter().map(|curve| curve.ending.limit()).sum()
 }
 
 /// Returns where the camera looks, towards the middle of its region or the chart's origin, and which way is up;

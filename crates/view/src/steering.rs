@@ -255,7 +255,7 @@ impl Session {
         let (mut camera, fov) = journey.pose(time);
         camera.u = self.space.manifold.domain.wrap(camera.u);
         let manifold = &self.space.manifold;
-        if geofan_core::geodesic::check_point(manifold, "the camera", camera.u).is_err() {
+        if geofan_core::geodesic::check_start(manifold, "the camera", camera.u).is_err() {
             self.hint = Some("the way leaves the space".into());
             return;
         }

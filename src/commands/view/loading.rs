@@ -42,6 +42,8 @@ struct SpaceState {
 /// The space that all viewers share.
 pub struct SharedSpace {
     source: SpaceSource,
+    /// The parameters that the command gives.
+    given: Vec<(String, f64)>,
     /// When loading began.
     opened: SystemTime,
     state: Mutex<SpaceState>,
@@ -88,6 +90,7 @@ impl SharedSpace {
         }
         Ok(Arc::new(Self {
             source,
+            given: settings.clone(),
             opened,
             state: Mutex::new(SpaceState {
                 loaded: Arc::new(loaded),
@@ -230,11 +233,18 @@ impl SharedSpace {
     /// Loads the space again; the last good one with its parameters stays if that fails. Returns the files that it is of,
     /// and of a failure those that were asked for as well: one of them is to be mended.
     fn reload(&self) -> Vec<PathBuf> {
-        let (settings, table, sky) = {
+        let (mut settings, table, sky) = {
             let state = self.state();
             (state.settings.clone(), state.table.clone(), state.sky)
         };
-        let (loaded, asked) = noting(|| self.source.load(&settings, table));
+        let (mut loaded, mut asked) = noting(|| self.source.load(&settings, table.clone()));
+        if loaded.is_err()
+            && let Some(known) = self.without_unknown(&settings, table.clone())
+        {
+            self.state().settings.clone_from(&known);
+            settings = known;
+            (loaded, asked) = noting(|| self.source.load(&settings, table));
+        }
         let mut state = self.state();
         state.loading = false;
         match loaded {
@@ -256,6 +266,22 @@ impl SharedSpace {
                 files
             }
         }
+    }
+}
+
+impl SharedSpace {
+    /// Returns the settings without those of parameters that the manifold, as its file is now, does not have any more: a
+    /// viewer's choice of them goes with them. `None` if there are none, or if the file cannot be loaded anyway.
+    fn without_unknown(
+        &self,
+        settings: &[(String, f64)],
+        table: Option<Bundle>,
+    ) -> Option<Vec<(String, f64)>> {
+        let loaded = self.source.load(&self.given, table).ok()?;
+        let parameters = &loaded.session.manifold.parameters;
+        let known = |(name, _): &&(String, f64)| parameters.iter().any(|(known, _)| known == name);
+        let kept: Vec<_> = settings.iter().filter(known).cloned().collect();
+        (kept.len() < settings.len()).then_some(kept)
     }
 }
 

@@ -11,7 +11,7 @@ use crate::{
     recording::Recording,
     steering::{Held, Travel},
 };
-use geofan_core::geodesic::check_point;
+use geofan_core::geodesic::check_start;
 use geofan_render::Camera;
 
 /// Angles of view, degrees: outside them a picture on a plane shows nothing that can be recognised.
@@ -44,6 +44,7 @@ impl Session {
             ViewerEvent::Home => {
                 let pose = self.space.cameras[0].1;
                 self.place(now, &pose);
+                self.hint = self.hint.take().or_else(|| self.space.unshown.clone());
             }
             ViewerEvent::View { name } => self.go_to_view(now, &name),
             ViewerEvent::Place(pose) => self.place(now, &pose),
@@ -134,7 +135,7 @@ impl Session {
             return;
         };
         let u = self.space.manifold.domain.wrap(camera.u);
-        if let Err(error) = check_point(&self.space.manifold, "the camera", u) {
+        if let Err(error) = check_start(&self.space.manifold, "the camera", u) {
             self.hint = Some(error.to_string());
             return;
         }
