@@ -136,6 +136,8 @@ pub fn bake(
     observer: &dyn Observer,
 ) -> Result<BakeResult> {
     let length = manifold.length_or(options.length)?;
+    let first = options.max_error.unwrap_or(USUAL_PROMISE);
+    refuse_unresolved(&manifold, length, 1e-3 * first)?;
     let space = RaySpace::new(manifold)?;
     let bake = Bake {
         options,
@@ -145,7 +147,6 @@ pub fn bake(
         length,
         files: open_files(output, options, observer)?,
     };
-    let first = options.max_error.unwrap_or(USUAL_PROMISE);
     let mut promise = first;
     loop {
         // What a first attempt finds is of an earlier bake.
@@ -160,6 +161,27 @@ pub fn bake(
         tracing::info!("{reason}; going on with {next:.4} mrad");
         promise = next;
     }
+}
+
+/// Roundings of a camera's coordinates by which the end of a path may be off.
+const ROUNDINGS: f64 = 20.0;
+
+/// Refuses paths so short that the rounding of coordinates alone, seen from the camera, is more than the `promise`
+/// (radians): no subdivision helps there.
+fn refuse_unresolved(manifold: &Manifold, length: f64, promise: f64) -> Result<()> {
+    let Some(region) = &manifold.cameras else {
+        return Ok(());
+    };
+    let u = region.at(&region.lerp(&[0.5; 3]));
+    let rounding = manifold.standard_frame(u).inverse() * (u * f64::EPSILON);
+    let shortest = ROUNDINGS * rounding.length() / promise;
+    if !(length < shortest) {
+        return Ok(());
+    }
+    let message = format!(
+        "paths of length {length:e} are lost in the rounding of the coordinates at the cameras, where {shortest:.1e} is the shortest that can keep the promise; give a longer --length, or put the origin of the coordinates there"
+    );
+    Err(Error::input(manifold.source.name.clone(), message))
 }
 
 /// Opens the folder of finished chunks beside `output`, empty unless the bake is to be resumed.

@@ -76,6 +76,8 @@ pub fn run(args: &CompareArgs, common: &CommonArgs) -> Result<Outcome> {
     let bundle = Bundle::read(path)?;
     let mut stage = args.scene.stage(Some(&bundle))?;
     let view = args.scene.view(&stage)?;
+    let camera = stage.camera(args.scene.view.as_deref())?;
+    stage.check_region(&bundle.table, camera, [&view])?;
     if !args.lattice {
         light_up(&mut stage, Some(path), bundle.table.length, common)?;
     }

@@ -138,8 +138,18 @@ pub fn run(args: &RenderArgs, common: &CommonArgs) -> Result<Outcome> {
         return path_traced::run(args, &stage, &panels, common);
     }
     let paths = path_source(args, &stage, bundle.as_ref())?;
+    if let PathSource::Table(lookup) = &paths {
+        let camera = stage.camera(args.scene.view.as_deref())?;
+        let views = panels.parts.iter().map(|part| &part.view);
+        stage.check_region(lookup.table, camera, views)?;
+    }
     light_up(args, &mut stage, bundle.as_ref(), common)?;
     let drawn = draw_parts(args, &stage, &paths, &panels)?;
+    if drawn.flagged >= 0.5 {
+        tracing::warn!(
+            "the table knows less than half of this picture's paths; the others, which it gave up or which start outside its camera region, were integrated"
+        );
+    }
     if !drawn.shows {
         tracing::warn!(
             "nothing can be seen in this picture: no path meets an object, and none ends in a sky that the scene gives"

@@ -324,6 +324,17 @@ impl Observer for TerminalObserver {
     }
 }
 
+/// Lets a write that makes a file longer than the system allows fail, where the signal for that would end the process.
+#[cfg(unix)]
+pub fn survive_long_files() {
+    // Without the handler the process ends as it would anyway.
+    let _ = flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
+}
+
+/// Nothing of that kind is sent here.
+#[cfg(not(unix))]
+pub fn survive_long_files() {}
+
 /// Notes the first SIGINT or SIGTERM from now on, and lets a second one end the process.
 fn note_signals() -> Result<Arc<AtomicBool>> {
     let signalled = Arc::new(AtomicBool::new(false));

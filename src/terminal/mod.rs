@@ -62,6 +62,7 @@ pub fn parse<C: clap::Parser>(arguments: impl IntoIterator<Item = OsString>) -> 
 /// underlined, with `--json` on stdout as well. Panics go through.
 pub fn run(common: &CommonArgs, main: impl FnOnce() -> Result<Outcome>) -> ExitCode {
     log::start(common.quiet);
+    log::survive_long_files();
     match start_threads(common.threads).and_then(|()| main()) {
         Ok(Outcome::Done) => ExitCode::SUCCESS,
         Ok(Outcome::CheckFailed) => ExitCode::from(1),

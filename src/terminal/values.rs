@@ -9,6 +9,7 @@ use geofan_expr::{
     parse::{Scope, parse},
 };
 use glam::DVec3;
+use std::ops::RangeInclusive;
 
 /// Reads three finite numbers, `a,b,c`.
 ///
@@ -96,8 +97,8 @@ pub fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// The longest arc length that can be asked for: its powers, which integration takes, are finite.
-const LONGEST: f64 = 1e100;
+/// The shortest and the longest arc length that can be asked for: their powers, which integration takes, are numbers.
+const LENGTHS: RangeInclusive<f64> = 1e-100..=1e100;
 
 /// Reads an arc length.
 ///
@@ -105,8 +106,12 @@ const LONGEST: f64 = 1e100;
 /// A message for the user.
 pub fn length(text: &str) -> Result<f64, String> {
     match positive(text)? {
-        length if length <= LONGEST => Ok(length),
-        length => Err(format!("{length:e} is longer than {LONGEST:e}")),
+        length if LENGTHS.contains(&length) => Ok(length),
+        length => Err(format!(
+            "{length:e} is no length between {:e} and {:e}",
+            LENGTHS.start(),
+            LENGTHS.end()
+        )),
     }
 }
 

@@ -11,7 +11,7 @@ use super::{
     world::World,
 };
 use geofan_bundle::{
-    Bundle, Contents,
+    Bundle, Contents, Table,
     container::{MAGIC, MOST_BYTES},
 };
 use geofan_core::{
@@ -127,6 +127,36 @@ impl Stage {
             differences.join(", ")
         );
         Err(Error::input("--bundle", message))
+    }
+
+    /// Refuses a camera of this scene of which a view is outside of the region that `table` knows; where each ray has a
+    /// place of its own, only the camera's counts.
+    ///
+    /// # Errors
+    /// Says where, at the camera's place in the scene.
+    pub fn check_region<'v>(
+        &self,
+        table: &Table,
+        camera: &CameraEntry,
+        views: impl IntoIterator<Item = &'v View>,
+    ) -> Result<()> {
+        let source = &self.scene.source;
+        let own = camera_point(&self.world.manifold, source, camera)?;
+        for view in views {
+            let Err(fault) = table.space.place(view.u) else {
+                continue;
+            };
+            let complaint =
+                Diagnostic::new(source, camera.position_span.clone(), fault.to_string());
+            let complaint = match (view.u - own).length() > 0.0 && camera.lens.stereo.is_some() {
+                true => complaint.with_label("an eye of its `stereo` pair"),
+                false => complaint,
+            };
+            return Err(complaint
+                .with_hint("draw it with --tracer exact, move the camera, or bake a larger region (`[cameras]` in the manifold file)")
+                .into());
+        }
+        Ok(())
     }
 
     /// Returns the view of the camera called `name`, or of the main one, where a path can start.
