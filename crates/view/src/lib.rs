@@ -19,12 +19,8 @@
 //! With the feature `files`, spaces are loaded from the disk ([`SpaceSource`]) and written as pages ([`Page`]).
 
 mod capture;
-mod cells_ahead;
 mod draw_space;
-mod error_map;
-mod feed;
 mod frame_plan;
-mod light_passes;
 #[cfg(feature = "files")]
 mod loaded_space;
 mod motion;
@@ -46,12 +42,9 @@ mod session_space;
 mod shown_picture;
 mod start_scene;
 mod steering;
-mod tone;
 pub mod ui;
 
-pub use draw_space::DrawSpace;
-pub use error_map::LEGEND;
-pub use feed::PanelFeed;
+pub use draw_space::{DrawSpace, LEGEND};
 pub use frame_plan::Block;
 #[cfg(feature = "files")]
 pub use loaded_space::{LoadedSpace, SpaceSource};
@@ -60,7 +53,7 @@ pub use package::{Package, PackageError};
 #[cfg(feature = "files")]
 pub use page::Page;
 pub use page_about::{PageAbout, decode_light, encode_light};
-pub use panel::PanelData;
+pub use panel::{PanelData, PanelFeed};
 pub use protocol::{
     Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, ViewerEvent,
     Work,
@@ -69,5 +62,5 @@ pub use recording::Recording;
 pub use resolution::ResolutionControl;
 pub use session::Session;
 pub use session_space::{SessionSpace, TablePromise};
+pub use shown_picture::ToneTable;
 pub use start_scene::StartScene;
-pub use tone::ToneTable;

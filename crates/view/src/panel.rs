@@ -1,14 +1,17 @@
-//! The panel's contents, as data.
+//! The panel's contents, as data, and when they are told.
 //!
-//! In: nothing but numbers and names of a session. Out: [`PanelData`], which a user interface turns into words
-//! and controls. Fields that have no value now are null.
+//! In: numbers and names of a session, and the time. Out: [`PanelData`], which a user interface turns into words and
+//! controls (fields that have no value now are null); and the JSON messages of an engine besides pixels ([`PanelFeed`]):
+//! the panel when it has changed, a few times a second at most, and the text of a recording when one has ended.
 
 use crate::{
-    error_map::LEGEND,
+    draw_space::LEGEND,
     protocol::{PictureKind, Pose, RayReport, SkyChoice},
+    session::Session,
 };
 use geofan_core::quantiles::Quantiles;
 use serde::Serialize;
+use serde_json::json;
 
 /// Everything that a panel shows.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -88,5 +91,37 @@ impl PanelData {
     pub fn legend() -> Vec<(Option<f32>, [u8; 3])> {
         let class = |(most, colour): (f32, [u8; 3])| (most.is_finite().then_some(most), colour);
         LEGEND.map(class).to_vec()
+    }
+}
+
+/// Seconds between two panels: a number that changes faster cannot be read.
+const INTERVAL: f64 = 0.1;
+
+/// Remembers what has been told.
+#[derive(Debug, Clone, Default)]
+pub struct PanelFeed {
+    panel: String,
+    recorded: String,
+    told: Option<f64>,
+}
+
+impl PanelFeed {
+    /// Returns the messages that are due.
+    pub fn next(&mut self, session: &mut Session, now: f64) -> Vec<String> {
+        let mut messages = Vec::new();
+        if session.recorded() != self.recorded {
+            self.recorded = session.recorded().into();
+            messages.push(json!({ "type": "recorded", "text": self.recorded }).to_string());
+        }
+        if self.told.is_some_and(|told| now < told + INTERVAL) {
+            return messages;
+        }
+        self.told = Some(now);
+        let panel = json!({ "type": "panel", "panel": session.panel(now) }).to_string();
+        if panel != self.panel {
+            messages.push(panel.clone());
+            self.panel = panel;
+        }
+        messages
     }
 }

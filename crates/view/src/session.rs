@@ -9,17 +9,16 @@ mod events;
 
 use crate::{
     capture::{Capture, SCENE_HAS_CHANGED},
-    cells_ahead::CellsAhead,
     frame_plan::{Block, FramePlan, Purpose},
-    light_passes::LightPasses,
     panel::PanelData,
+    planning::CellsAhead,
     protocol::{
         Answer, DrawRequest, Patch, PictureKind, Pose, RayQuery, RayReport, SkyChoice, Work,
     },
     recording::Recording,
     resolution::ResolutionControl,
     session_space::SessionSpace,
-    shown_picture::ShownPicture,
+    shown_picture::{LightPasses, ShownPicture},
     steering::{Held, Travel},
 };
 use geofan_bundle::Table;

@@ -1,9 +1,16 @@
-//! The picture on the display, in linear light.
+//! The picture on the display, in linear light, and as the bytes of a screen.
 //!
-//! In: blocks of light as they are drawn. Out: [`Patch`]es in code values; and again with another exposure,
-//! without drawing anything again. While a picture is not whole, the last whole one lies beneath it.
+//! In: blocks of light as they are drawn, and an exposure in stops; or the light of blocks by path tracing, one sample of
+//! each pixel after another. Out: [`Patch`]es in code values (8-bit sRGB with full opacity, the same as a PNG of the
+//! render), and again with another exposure, without drawing anything again; for samples, the mean of all of a block so
+//! far, in linear light, which begins anew with another state of the session. While a picture is not whole, the last
+//! whole one lies beneath it.
+//!
+//! A power for every channel would take longer than drawing; so the least light of every code value is found once, and a
+//! value is held against those.
 
-use crate::{frame_plan::Block, protocol::Patch, tone::ToneTable};
+use crate::{frame_plan::Block, protocol::Patch};
+use geofan_render::picture::srgb_shown;
 
 /// Linear light of a picture, as far as it is drawn.
 #[derive(Debug, Clone, Default)]
@@ -130,6 +137,138 @@ impl ShownPicture {
     }
 }
 
+/// Intervals of the light from 0 to 1 for which the first guess is kept: then a guess is off by a few codes at
+/// the very dark end, by none or one elsewhere.
+const GUESSES: usize = 4096;
+
+/// The least light of every code value.
+#[derive(Debug, Clone)]
+pub struct ToneTable {
+    /// `least[k]` is the smallest number that is shown as at least `k`.
+    least: Vec<f32>,
+    guess: Vec<u8>,
+}
+
+impl Default for ToneTable {
+    fn default() -> Self {
+        let least: Vec<f32> = (0..=255).map(least_of).collect();
+        let guess = (0..=GUESSES).map(|i| code(i as f32 / GUESSES as f32));
+        Self {
+            least,
+            guess: guess.collect(),
+        }
+    }
+}
+
+/// Computes the code value that a picture's file has.
+fn code(linear: f32) -> u8 {
+    (255.0 * srgb_shown(linear)).round() as u8
+}
+
+/// Finds the smallest number shown as at least `wanted`, by halving among all numbers from 0 to 1: those of
+/// one sign are in the order of their bits.
+fn least_of(wanted: u8) -> f32 {
+    let (mut below, mut enough) = (0_u32, 1.0_f32.to_bits());
+    if wanted == 0 {
+        return 0.0;
+    }
+    while enough - below > 1 {
+        let middle = below + (enough - below) / 2;
+        match code(f32::from_bits(middle)) >= wanted {
+            true => enough = middle,
+            false => below = middle,
+        }
+    }
+    f32::from_bits(enough)
+}
+
+impl ToneTable {
+    /// Returns the code value of linear light.
+    pub fn byte(&self, linear: f32) -> u8 {
+        // Written so that what is not a number becomes black.
+        let x = linear.clamp(0.0, 1.0).max(0.0);
+        let mut k = self.guess[(x * GUESSES as f32) as usize];
+        while k < 255 && x >= self.least[usize::from(k) + 1] {
+            k += 1;
+        }
+        while x < self.least[usize::from(k)] {
+            k -= 1;
+        }
+        k
+    }
+
+    /// Appends red, green, blue and full opacity of linear light `rgb`, each pixel's three numbers, times
+    /// `gain`.
+    pub fn append(&self, rgb: &[f32], gain: f32, bytes: &mut Vec<u8>) {
+        bytes.reserve(rgb.len() / 3 * 4);
+        for pixel in rgb.chunks_exact(3) {
+            let [r, g, b] = [pixel[0], pixel[1], pixel[2]].map(|x| self.byte(gain * x));
+            bytes.extend_from_slice(&[r, g, b, 255]);
+        }
+    }
+}
+
+/// Means of the samples of one picture.
+#[derive(Debug, Clone, Default)]
+pub struct LightPasses {
+    /// The state of the session that they show, and the size of the picture.
+    about: Option<(u64, (usize, usize))>,
+    mean: Vec<f32>,
+    passes: u32,
+}
+
+impl LightPasses {
+    /// Returns the number of samples of each pixel of the picture of this revision and size.
+    pub fn count(&self, revision: u64, size: (usize, usize)) -> u32 {
+        match self.about {
+            Some(about) if about == (revision, size) => self.passes,
+            _ => 0,
+        }
+    }
+
+    /// Takes the light of a block of the next sample, three numbers a pixel, and returns the mean with it; `None` if it
+    /// does not fit.
+    pub fn add(
+        &mut self,
+        (revision, size): (u64, (usize, usize)),
+        block: Block,
+        light: &[f32],
+    ) -> Option<Vec<f32>> {
+        let inside = block.x + block.width <= size.0 && block.y + block.height <= size.1;
+        if !inside || block.width == 0 || light.len() != 3 * block.width * block.height {
+            return None;
+        }
+        if self.about != Some((revision, size)) {
+            *self = Self {
+                about: Some((revision, size)),
+                mean: vec![0.0; 3 * size.0 * size.1],
+                passes: 0,
+            };
+        }
+        let weight = 1.0 / (self.passes + 1) as f32;
+        let mut means = Vec::with_capacity(light.len());
+        for (row, values) in light.chunks_exact(3 * block.width).enumerate() {
+            let start = 3 * ((block.y + row) * size.0 + block.x);
+            let known = &mut self.mean[start..start + values.len()];
+            for (mean, value) in known.iter_mut().zip(values) {
+                *mean += weight * (value - *mean);
+            }
+            means.extend_from_slice(known);
+        }
+        Some(means)
+    }
+
+    /// Takes note that the sample has come back for all pixels.
+    pub fn finish(&mut self) {
+        self.passes += 1;
+    }
+
+    /// Forgets all samples.
+    pub fn forget(&mut self) {
+        *self = Self::default();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -176,5 +315,57 @@ mod tests {
             height: 1,
         };
         assert!(shown.accept((1, (4, 1)), block, &[0.0; 5], true).is_none());
+    }
+
+    #[test]
+    fn code_values_are_those_of_a_png() {
+        let table = ToneTable::default();
+        for i in 0..200_000_u32 {
+            let x = i as f32 / 180_000.0 - 0.02;
+            assert_eq!(table.byte(x), code(x), "{x}");
+        }
+        for k in 1..=255 {
+            let edge = least_of(k);
+            assert_eq!(table.byte(edge), k);
+            assert_eq!(table.byte(f32::from_bits(edge.to_bits() - 1)), k - 1);
+        }
+        for odd in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.0, 1e-40] {
+            assert_eq!(table.byte(odd), code(odd), "{odd}");
+        }
+    }
+
+    #[test]
+    fn a_gain_of_two_is_one_stop() {
+        let mut bytes = Vec::new();
+        let table = ToneTable::default();
+        table.append(&[0.1, 0.2, 0.4], 2.0, &mut bytes);
+        assert_eq!(bytes, [code(0.2), code(0.4), code(0.8), 255]);
+    }
+
+    #[test]
+    fn means_are_those_of_all_samples_and_another_picture_begins_anew() {
+        let block = |x| Block {
+            x,
+            y: 0,
+            width: 1,
+            height: 1,
+        };
+        let mut passes = LightPasses::default();
+        let about = (7, (2, 1));
+        for light in [1.0, 2.0, 6.0] {
+            passes.add(about, block(0), &[light; 3]).unwrap();
+            let mean = passes.add(about, block(1), &[2.0 * light; 3]).unwrap();
+            passes.finish();
+            if light == 6.0 {
+                assert_eq!(mean, [6.0; 3]);
+            }
+        }
+        assert_eq!(passes.count(7, (2, 1)), 3);
+        assert_eq!((passes.count(8, (2, 1)), passes.count(7, (1, 1))), (0, 0));
+        assert!(passes.add(about, block(2), &[0.0; 3]).is_none());
+        assert!(passes.add(about, block(0), &[0.0; 2]).is_none());
+        let mean = passes.add((8, (2, 1)), block(0), &[0.5; 3]).unwrap();
+        assert_eq!(mean, [0.5; 3]);
+        assert_eq!(passes.count(8, (2, 1)), 0);
     }
 }
