@@ -18,7 +18,6 @@
 
 mod bsdf;
 mod emitters;
-mod ggx;
 mod passes;
 #[cfg(feature = "files")]
 mod passes_file;

@@ -1,14 +1,16 @@
 //! Gloss: what a material reflects of the light of lamps besides what is matt.
 //!
-//! In: a material, where it is met, and images of lamps with where their light comes from. Out: reflectances, and radiance. It
-//! is the model of the path tracer's direct light (`geofan-light`): microfacets of the roughness that `Ns` asks for.
+//! In: a material, where it is met, and images of lamps with where their light comes from. Out: reflectances, and
+//! radiance. It is the model of the path tracer's direct light (`geofan-light`): microfacets distributed after
+//! Trowbridge and Reitz (GGX), with Smith's height-correlated masking, of the roughness that `Ns` asks for. Their
+//! functions take unit vectors in a frame whose z is the normal, and the roughness α.
 
-use super::ggx;
 use crate::{
     intersect::Hit, lightmap::LampImage, redshift::SurfaceFrame, scene::Material, world::World,
 };
 use geofan_core::geodesic::perpendiculars;
 use glam::{DMat3, DVec3};
+use std::f64::consts::PI;
 
 /// What a surface reflects in all.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -79,7 +81,7 @@ pub(super) fn highlights(
     let [x, y] = perpendiculars(normal);
     let around = DMat3::from_cols(x, y, normal).transpose();
     let wo = around * -(inverse * (hit.v.as_dvec3() - pace)).normalize_or_zero();
-    let alpha = ggx::roughness(f64::from(material(world, hit.triangle).ns));
+    let alpha = roughness(f64::from(material(world, hit.triangle).ns));
     light.images(
         (hit.triangle, hit.barycentric),
         front,
@@ -90,8 +92,36 @@ pub(super) fn highlights(
     for image in images.iter() {
         let wi = around * image.towards();
         if wo.z > 0.0 && wi.z > 0.0 {
-            sum += image.irradiance() * ggx::lobe(wo, wi, alpha);
+            sum += image.irradiance() * lobe(wo, wi, alpha);
         }
     }
     sum
+}
+
+/// Returns the roughness of a Phong exponent: the lobes are equally wide for `α² = 2 / (Ns + 2)` (B. Walter
+/// et al., *Microfacet Models for Refraction through Rough Surfaces*, EGSR 2007). Not below 1e-3: a
+/// sharper lobe is a mirror, and has a model of its own.
+pub fn roughness(exponent: f64) -> f64 {
+    (2.0 / (exponent.max(0.0) + 2.0)).sqrt().max(1e-3)
+}
+
+/// Returns the density of microfacets with the normal `m`.
+pub fn distribution(m: DVec3, alpha: f64) -> f64 {
+    let a2 = alpha * alpha;
+    let d = m.z * m.z * (a2 - 1.0) + 1.0;
+    a2 / (PI * d * d)
+}
+
+/// Computes Smith's Λ.
+pub fn lambda(w: DVec3, alpha: f64) -> f64 {
+    let z2 = w.z * w.z;
+    let tan2 = (1.0 - z2).max(0.0) / z2.max(f64::MIN_POSITIVE);
+    0.5 * ((1.0 + alpha * alpha * tan2).sqrt() - 1.0)
+}
+
+/// Computes the lobe without Fresnel's factor, `D G / (4 cosθ cosθ')`; both directions above the surface.
+pub fn lobe(wo: DVec3, wi: DVec3, alpha: f64) -> f64 {
+    let m = (wo + wi).normalize_or_zero();
+    let masking = 1.0 / (1.0 + lambda(wo, alpha) + lambda(wi, alpha));
+    distribution(m, alpha) * masking / (4.0 * wo.z * wi.z)
 }

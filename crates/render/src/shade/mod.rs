@@ -5,8 +5,7 @@
 //! footprint, measured from the samples beside and below that leave through the same exit or meet
 //! the same object.
 
-pub mod ggx;
-mod gloss;
+pub mod gloss;
 mod lamp;
 mod layers;
 mod skies;
