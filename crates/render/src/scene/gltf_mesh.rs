@@ -5,11 +5,10 @@
 //! The format: *glTF 2.0 Specification*, Khronos Group, 2021.
 
 use super::{
-    draft::Draft,
     gltf_material::GltfMaterials,
     gltf_source::{Numbers, Source},
     mesh::{Mesh, unit_or_none},
-    smoothing::{FLAT, SmoothingKey},
+    smoothing::{Draft, FLAT, SmoothingKey},
 };
 use geofan_core::error::{Error, Result};
 use glam::{DMat3, DMat4, DVec3};

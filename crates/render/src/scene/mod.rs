@@ -4,10 +4,6 @@
 
 mod camera;
 mod clip;
-mod counting_sort;
-mod cuts;
-#[cfg(feature = "formats")]
-mod draft;
 mod exponential;
 mod file;
 #[cfg(feature = "formats")]
@@ -34,29 +30,23 @@ mod obj_mesh;
 mod packed_material;
 mod packed_mesh;
 mod packed_numbers;
-mod packed_points;
+mod packed_placement;
 mod placement;
 #[cfg(feature = "formats")]
 mod ply_mesh;
 #[cfg(feature = "formats")]
 mod polygon;
 mod poses;
-mod reach;
 #[cfg(feature = "formats")]
 mod smoothing;
 mod subdivide;
 mod table;
 #[cfg(feature = "formats")]
-mod tally;
-#[cfg(feature = "formats")]
 mod text;
 mod texture;
 mod trajectory;
-#[cfg(feature = "formats")]
-mod vertex;
 
 pub use camera::{CameraProjection, Lens, Stereo, StereoLayout, USUAL_FOV};
-pub use cuts::{Cuts, pack_cuts, read_cuts};
 pub use file::{
     CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
 };
@@ -68,7 +58,7 @@ pub(super) use packed_material::{
     are_exact as materials_are_exact, put as put_materials, take as take_materials,
 };
 pub use packed_mesh::pack as pack_meshes;
-pub use packed_points::{pack_points, read_points};
+pub use packed_placement::{Cuts, pack_cuts, pack_points, read_cuts, read_points};
 pub use placement::placed_once;
 pub(super) use placement::{Placed, place};
 pub use poses::{KeyPose, PoseFile};

@@ -1,24 +1,37 @@
 //! OBJ texts as triangles, in one pass.
 //!
-//! In: the text. Out: [`Obj`]: its vertices, and its faces as triangles with single vertices for what stands at their
-//! corners ([`Triangulated`]); or an error at the first line that makes the mesh meaningless (a number that is not
-//! finite, an index that points nowhere).
+//! In: the text. Out: [`Obj`]: its vertices, with colours in linear light, and its faces as triangles with single
+//! vertices for what stands at their corners ([`Triangulated`]); or an error at the first line that makes the mesh
+//! meaningless (a number that is not finite, an index that points nowhere).
 //!
-//! Exporters write much that means nothing, and it does not stop the reading: see [`super::tally`]. Faces are cut as
-//! they should be (see [`super::polygon`]). A million triangles are read in a third of a second.
+//! Exporters write much that means nothing, and it does not stop the reading: what is left out or mended is counted in
+//! a [`Tally`], a line for each kind, however often it occurs. Faces are cut as they should be (see
+//! [`super::polygon`]). A million triangles are read in a third of a second.
 //!
-//! What statements mean: *Advanced Visualizer Manual*, appendix B1, Wavefront Technologies, 1992.
+//! What statements mean: *Advanced Visualizer Manual*, appendix B1, Wavefront Technologies, 1992. Of `v` lines:
+//!
+//! | numbers | meaning |
+//! |---|---|
+//! | 3 | position |
+//! | 4 | position and weight: homogeneous coordinates, to be divided by the last |
+//! | 6, 7 | position and red, green, blue, perhaps opacity |
+//!
+//! Colours are no part of the format's specification. MeshLab, Blender, Meshmixer and ZBrush write
+//! them as a screen shows them (sRGB), in [0, 1] or as bytes; ZBrush in comments of its own, eight
+//! hexadecimal digits a vertex: mask, red, green, blue.
 
 use super::{
     polygon::{Cutter, Outline},
     smoothing::{FLAT, SmoothingKey},
-    tally::Tally,
     text::{PAINT, Statement, statements},
-    vertex::{Vertices, number},
 };
+use crate::picture::srgb_decode;
 use geofan_core::error::{Error, Result};
 use glam::DVec3;
-use std::{collections::HashMap, num::NonZero};
+use std::{
+    collections::{BTreeMap, HashMap},
+    num::NonZero,
+};
 
 /// Vertex, texture coordinates and normal of a corner, counted from 1; 0 for none.
 pub(super) type Corner = [u32; 3];
@@ -325,4 +338,219 @@ fn smoothing_group(words: &str) -> u32 {
         None | Some("off") => FLAT,
         Some(number) => number.parse().unwrap_or(1),
     }
+}
+
+/// Red, green and blue as a screen shows them, and opacity.
+type Colour = [f32; 4];
+
+const WHITE: Colour = [1.0; 4];
+
+/// Vertices as they come.
+#[derive(Default)]
+pub(super) struct Vertices {
+    positions: Vec<DVec3>,
+    /// One a vertex as long as any has a colour; white where there is none.
+    colours: Vec<Colour>,
+    /// From comments of ZBrush.
+    painted: Vec<Colour>,
+}
+
+impl Vertices {
+    /// Adds the vertex with these words, which stand in line `line`.
+    pub(super) fn add(
+        &mut self,
+        words: &str,
+        line: usize,
+        tally: &mut Tally,
+    ) -> Result<(), String> {
+        let (numbers, count) = numbers(words)?;
+        let [x, y, z, w, ..] = numbers;
+        let mut position = DVec3::new(x, y, z);
+        let mut colour = None;
+        match count {
+            0..3 => return Err(String::from("a vertex needs three numbers")),
+            3 => {}
+            4 if w == 0.0 => return Err(String::from("a vertex of weight 0 lies nowhere")),
+            4 => position /= w,
+            6 | 7 => {
+                colour = Some([3, 4, 5, 6].map(|i| if i < count { numbers[i] as f32 } else { 1.0 }))
+            }
+            _ => tally.odd_vertex(line),
+        }
+        self.positions.push(position);
+        if colour.is_some() || !self.colours.is_empty() {
+            self.colours.resize(self.positions.len() - 1, WHITE);
+            self.colours.push(colour.unwrap_or(WHITE));
+        }
+        Ok(())
+    }
+
+    /// Adds the colours in a comment of ZBrush, after its `#MRGB`.
+    pub(super) fn paint(&mut self, digits: &str) {
+        let digits = digits.trim().as_bytes().chunks_exact(8);
+        let byte = |two: &[u8]| {
+            let two = std::str::from_utf8(two).ok();
+            let two = two.filter(|two| !two.starts_with('+'));
+            two.and_then(|two| u8::from_str_radix(two, 16).ok())
+        };
+        for eight in digits {
+            let [red, green, blue] = [2, 4, 6].map(|i| byte(&eight[i..i + 2]).unwrap_or(255));
+            let colour = [red, green, blue].map(|c| f32::from(c) / 255.0);
+            self.painted.push([colour[0], colour[1], colour[2], 1.0]);
+        }
+    }
+
+    /// Returns the position of the vertex `index`, counted from 1.
+    pub(super) fn position(&self, index: u32) -> DVec3 {
+        self.positions[index as usize - 1]
+    }
+
+    /// Returns linear red, green, blue and opacity of every vertex, if any has a colour.
+    pub(super) fn colours(&self, tally: &mut Tally) -> Vec<[f32; 4]> {
+        let mut colours = self.colours.clone();
+        if colours.is_empty() && !self.painted.is_empty() {
+            tally.unpainted = self.positions.len().saturating_sub(self.painted.len());
+            colours.clone_from(&self.painted);
+            colours.resize(self.positions.len(), WHITE);
+        }
+        let most = colours
+            .iter()
+            .flat_map(|c| &c[..3])
+            .fold(0.0_f32, |a, b| a.max(*b));
+        let full = if most > 1.0 { 255.0 } else { 1.0 };
+        let opaque = colours.iter().fold(0.0_f32, |a, c| a.max(c[3]));
+        let full_alpha = if opaque > 1.0 { 255.0 } else { 1.0 };
+        let linear = |[r, g, b, a]: [f32; 4]| {
+            let [r, g, b] = [r, g, b].map(|x| srgb_decode((x / full).clamp(0.0, 1.0)));
+            [r, g, b, (a / full_alpha).clamp(0.0, 1.0)]
+        };
+        colours.into_iter().map(linear).collect()
+    }
+}
+
+/// Reads up to eight numbers, and counts the words: eight if one after the third is no number.
+fn numbers(words: &str) -> Result<([f64; 8], usize), String> {
+    let mut numbers = [0.0; 8];
+    let mut count = 0;
+    for word in words.split_whitespace().take(8) {
+        match finite_number(word) {
+            Ok(x) => numbers[count] = x,
+            Err(message) if count < 3 => return Err(message),
+            Err(_) => return Ok((numbers, 8)),
+        }
+        count += 1;
+    }
+    Ok((numbers, count))
+}
+
+/// Returns the number that a word is.
+pub(super) fn number(word: &str) -> Result<f64, String> {
+    word.parse().map_err(|_| match word.contains(',') {
+        true => format!("`{word}` is not a number; decimals are written with a point"),
+        false => format!("`{word}` is not a number"),
+    })
+}
+
+fn finite_number(word: &str) -> Result<f64, String> {
+    let found = number(word)?;
+    match found.is_finite() {
+        true => Ok(found),
+        false => Err(format!("`{word}` is not a finite number")),
+    }
+}
+
+/// Counts of what the user should know although the mesh is usable.
+#[derive(Default)]
+pub(super) struct Tally {
+    /// Faces of fewer than three corners.
+    pub slivers: usize,
+    /// Vertices that a painted mesh has no colour for.
+    pub unpainted: usize,
+    /// Number and first line of each kind of statement that is left out.
+    left_out: BTreeMap<&'static str, (usize, usize)>,
+    /// Faces that cross themselves: their number, and the first.
+    crossing: (usize, usize),
+    /// Vertices with words that mean nothing: their number, and the first.
+    odd_vertices: (usize, usize),
+}
+
+/// Statements with a meaning that is lost, and what they are.
+const MEANT: &[(&str, &str)] = &[
+    ("p", "points"),
+    ("l", "lines"),
+    ("curv", FREE_FORM),
+    ("curv2", FREE_FORM),
+    ("surf", FREE_FORM),
+    ("call", "other files (`call`)"),
+    ("csh", "commands (`csh`)"),
+];
+
+const FREE_FORM: &str = "curves and free-form surfaces";
+
+impl Tally {
+    /// Notes a statement that is not read; most of those mean nothing for a picture.
+    pub(super) fn leave_out(&mut self, key: &str, line: usize) {
+        if let Some((_, what)) = MEANT.iter().find(|(known, _)| *known == key) {
+            count(self.left_out.entry(what).or_default(), line);
+        }
+    }
+
+    /// Notes a face that crosses itself.
+    pub(super) fn cross(&mut self, line: usize) {
+        count(&mut self.crossing, line);
+    }
+
+    /// Notes a vertex with words that mean nothing.
+    pub(super) fn odd_vertex(&mut self, line: usize) {
+        count(&mut self.odd_vertices, line);
+    }
+
+    /// Tells whether there are surfaces that could be exported as faces.
+    pub(super) fn has_free_form(&self) -> bool {
+        self.left_out.contains_key(FREE_FORM)
+    }
+
+    /// Returns what to say about the text that the user calls `name`.
+    pub(super) fn warnings(&self, name: &str) -> Vec<String> {
+        let mut warnings = Vec::new();
+        for (what, (count, line)) in &self.left_out {
+            warnings.push(format!(
+                "{name}:{line}: {count} {what} left out; faces alone are drawn"
+            ));
+        }
+        let mut say = |(count, line): (usize, usize), text: &str| {
+            if count > 0 {
+                warnings.push(format!("{name}:{line}: {count} {text}"));
+            }
+        };
+        say(
+            self.crossing,
+            "faces cross themselves, from this line on; their inside is a guess: divide them",
+        );
+        say(
+            self.odd_vertices,
+            "vertices have words that mean nothing, from this line on; their positions are used",
+        );
+        if self.slivers > 0 {
+            let count = self.slivers;
+            warnings.push(format!(
+                "{name}: {count} faces of fewer than three corners left out"
+            ));
+        }
+        if self.unpainted > 0 {
+            let count = self.unpainted;
+            warnings.push(format!(
+                "{name}: {count} vertices have no colour in its #MRGB lines"
+            ));
+        }
+        warnings
+    }
+}
+
+/// Counts one more of a kind, in line `line`.
+fn count((number, first): &mut (usize, usize), line: usize) {
+    if *number == 0 {
+        *first = line;
+    }
+    *number += 1;
 }

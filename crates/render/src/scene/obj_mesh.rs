@@ -4,11 +4,11 @@
 //! materials from the libraries that it names.
 
 use super::{
-    draft::Draft,
     libraries::Libraries,
     material::Material,
     mesh::{Mesh, unit_or_none},
     obj::{Corner, Obj},
+    smoothing::Draft,
     text::joined,
 };
 use geofan_core::error::{Error, Result};

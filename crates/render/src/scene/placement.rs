@@ -3,20 +3,23 @@
 //! In: an [`ObjectEntry`] and its [`Mesh`]. Out: [`Placed`]: the mesh, subdivided where the space
 //! asks for it, with a chart point and a normal covector for every vertex.
 //!
-//! With `A = S(u0) R · scale`, linear placement is `u = u0 + A x` with covectors `A⁻ᵀ n`, placement in the
-//! chart the same with `A = R · scale`, and
-//! exponential placement is `u = exp_{u0}(A x)` (see [`super::exponential`]).
+//! With `A = S(u0) R · scale`, linear placement is `u = u0 + A x` with covectors `A⁻ᵀ n`, placement in the chart the
+//! same with `A = R · scale`, and exponential placement is `u = exp_{u0}(A x)` (see [`super::exponential`]). What
+//! nothing is seen of is not placed along geodesics: geodesics in many directions are followed until they leave the
+//! space, or are as long as its paths are.
 
 use super::{
     Cuts, Mesh, ObjectEntry, Placement,
     clip::clipped,
     exponential::ExponentialMap,
-    reach::reach,
     subdivide::{MOST_OF_CLIPPED, MOST_TRIANGLES, Points, Subdivided, cut_again, subdivided},
 };
-use crate::kept;
-use geofan_core::manifold::{Carried, Manifold};
-use geofan_core::parallel::*;
+use crate::{kept, lookup::fibonacci_direction};
+use geofan_core::{
+    geodesic::{End, Ray, Settings, Sink, Step, follow},
+    manifold::{Carried, Manifold},
+    parallel::*,
+};
 use glam::{DMat3, DVec3};
 use std::borrow::Cow;
 
@@ -287,6 +290,69 @@ impl Bend {
                 NOTICED.to_degrees(),
             )
         })
+    }
+}
+
+/// Geodesics that are followed: neighbours are 0.2 rad apart.
+const REACH_DIRECTIONS: usize = 256;
+
+/// Between them the space may go on by so much: a corner of a box at 0.1 rad from a geodesic is a tenth
+/// farther away than where that leaves the box.
+const BETWEEN_DIRECTIONS: f64 = 1.25;
+
+/// A camera sees from as far away as paths are long, and as far on the other side.
+const BOTH_SIDES: f64 = 2.0;
+
+/// Steps after which a geodesic has gone far enough: those of pictures take some hundred. To go as far with
+/// every vertex of a mesh must not take for ever.
+const MOST_REACH_STEPS: usize = 4096;
+
+/// Tolerance of the geodesics: their lengths need few digits.
+const REACH_TOLERANCE: f64 = 1e-6;
+
+/// Finds how far light gets from `at`, at most `most`.
+pub(super) fn reach(manifold: &Manifold, at: DVec3, most: f64) -> f64 {
+    let length = manifold.length.map_or(most, |length| length.min(most));
+    let events = manifold.domain.events();
+    let events = events.at(&[at.x, at.y, at.z, 0.0, 0.0, 0.0]);
+    let settings = Settings {
+        tolerance: REACH_TOLERANCE,
+        carried: Carried::default(),
+        // The point may be beyond an exit, and a part of what is around it not.
+        events: events.iter().all(|event| *event <= 0.0),
+    };
+    let directions = (0..REACH_DIRECTIONS).map(|i| fibonacci_direction(i, REACH_DIRECTIONS));
+    let rays = directions.map(|d| Ray::new(manifold, at, d, length));
+    let mut sink = ReachSink {
+        steps: vec![0; REACH_DIRECTIONS],
+        farthest: 0.0,
+    };
+    follow(manifold, settings, rays, &mut sink);
+    (BETWEEN_DIRECTIONS * sink.farthest).min(most)
+}
+
+/// Keeps how far the farthest ray has come.
+struct ReachSink {
+    /// Steps of each ray.
+    steps: Vec<usize>,
+    farthest: f64,
+}
+
+impl Sink for ReachSink {
+    fn step(&mut self, ray: usize, _: &Step) {
+        self.steps[ray] += 1;
+    }
+
+    fn wants_more(&self, ray: usize) -> bool {
+        self.steps[ray] < MOST_REACH_STEPS
+    }
+
+    fn end(&mut self, _: usize, end: End, s: f64, _: usize) {
+        let s = match end {
+            End::Length => BOTH_SIDES * s,
+            End::Exit(_) | End::Singular => s,
+        };
+        self.farthest = self.farthest.max(s);
     }
 }
 

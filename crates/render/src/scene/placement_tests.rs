@@ -168,3 +168,34 @@ fn the_bend_of_a_chart_line_is_its_angle_against_great_circles() {
     let found = bend(&s3, a, b, 64);
     assert!((found / expected - 1.0).abs() < 1e-3, "{found} {expected}");
 }
+
+fn farthest_light(space: &str, at: DVec3, most: f64) -> f64 {
+    let text = format!("name = 'a'\ncoordinates = ['x', 'y', 'z']\n{space}");
+    let manifold = Manifold::from_source(SourceText::new("a.toml", text), &[]).unwrap();
+    reach(&manifold, at, most)
+}
+
+#[test]
+fn light_gets_to_the_farthest_corner_of_a_box_and_not_much_farther() {
+    let space = "metric = { conformal = '2' }\n\
+                 domain = { x = [-1, 3], y = [-1, 3], z = [-2, 2] }\n";
+    for at in [DVec3::ZERO, DVec3::new(-0.9, 2.5, 1.9), DVec3::ONE] {
+        let farthest = (at - DVec3::new(1.0, 1.0, 0.0)).abs() + 2.0;
+        let farthest = 2.0 * farthest.length();
+        let found = farthest_light(space, at, 1e5);
+        assert!(
+            found >= farthest && found < 1.3 * farthest,
+            "{found} {farthest}"
+        );
+    }
+}
+
+#[test]
+fn without_an_end_the_length_of_paths_counts_and_never_more_than_is_asked_for() {
+    let space = "metric = { conformal = '1' }\ncameras = { length = 3 }\n";
+    assert_eq!(farthest_light(space, DVec3::ZERO, 1e5), 7.5);
+    assert_eq!(farthest_light(space, DVec3::ZERO, 2.0), 2.0);
+    let alone = "metric = { conformal = '2/(1 + x^2 + y^2 + z^2)' }\n";
+    let far = farthest_light(alone, DVec3::new(0.3, 0.2, 0.1), 1e9);
+    assert!(far < 1e5, "{far}");
+}

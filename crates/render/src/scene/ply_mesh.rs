@@ -8,12 +8,11 @@
 //! `ply-rs-bw` parses. The format: G. Turk, *The PLY Polygon File Format*, 1994.
 
 use super::{
-    draft::Draft,
     material::Material,
     material_shelf::Shelf,
     mesh::{Mesh, unit_or_none},
     polygon::{Cutter, Outline},
-    smoothing::SmoothingKey,
+    smoothing::{Draft, SmoothingKey},
 };
 use crate::picture::srgb_decode;
 use geofan_core::error::{Error, Result};

@@ -1,7 +1,8 @@
-//! The normals that a file leaves out.
+//! Meshes as files have them, and the normals that files leave out.
 //!
-//! In: a mesh, and which of its triangles share normals ([`SmoothingKey`]). Out: a normal for every vertex
-//! that lacks one; a vertex gets copies where its faces do not share theirs.
+//! In: a [`Draft`]: a mesh with normals that may be missing and triangles that may have no area, and which of its
+//! triangles share normals ([`SmoothingKey`]). Out: a finished [`Mesh`], with a normal for every vertex; a vertex gets
+//! copies where its faces do not share theirs.
 //!
 //! Two triangles that meet in an edge share the normals at its ends if they are parts of one face, if
 //! the file puts both into one smoothing group, or, where it says nothing about groups, if the
@@ -10,10 +11,59 @@
 //! angle there, which does not depend on how faces are cut into triangles (G. Thürmer, C. Wüthrich,
 //! *Computing vertex normals from polygonal facets*, 1998).
 
-use super::{Mesh, counting_sort::sorted};
-use geofan_core::parallel::*;
+use super::{Mesh, subdivide::sorted};
+use geofan_core::{
+    error::{Error, Result},
+    parallel::*,
+};
 use glam::DVec3;
 use std::collections::HashMap;
+
+/// A mesh as a file has it: normals may be missing (zero) and triangles have no area.
+#[derive(Default)]
+pub(super) struct Draft {
+    /// The mesh.
+    pub mesh: Mesh,
+    /// For each triangle, the normals it shares.
+    pub smoothing: Vec<SmoothingKey>,
+}
+
+impl Draft {
+    /// Returns the finished mesh, without triangles that have no area and with all normals.
+    pub(super) fn finished(mut self, name: &str, crease: f64) -> Result<Mesh> {
+        let mesh = &mut self.mesh;
+        if mesh.positions.iter().any(|p| !p.is_finite()) {
+            return Err(Error::input(name, "has a vertex that is not finite"));
+        }
+        if u32::try_from(3 * mesh.triangles.len() + mesh.positions.len()).is_err() {
+            return Err(Error::input(name, "has more than 4294967295 corners"));
+        }
+        let keep: Vec<bool> = mesh
+            .triangles
+            .iter()
+            .map(|t| mesh.doubled_area(*t) != DVec3::ZERO)
+            .collect();
+        let degenerate = keep.iter().filter(|keep| !**keep).count();
+        if degenerate > 0 {
+            retain(&mut mesh.triangles, &keep);
+            retain(&mut mesh.material_of, &keep);
+            retain(&mut self.smoothing, &keep);
+            let note = format!("{name}: {degenerate} triangles without area left out");
+            mesh.warnings.push(note);
+        }
+        if mesh.triangles.is_empty() {
+            return Err(Error::input(name, "holds no triangle with an area"));
+        }
+        fill_normals(mesh, &self.smoothing, crease);
+        Ok(self.mesh)
+    }
+}
+
+/// Keeps what is to be kept.
+fn retain<T>(of: &mut Vec<T>, keep: &[bool]) {
+    let mut next = keep.iter();
+    of.retain(|_| next.next().copied().unwrap_or(true));
+}
 
 /// The group of faces that are not smoothed (`s off` or `s 0` in OBJ).
 pub(super) const FLAT: u32 = 0;

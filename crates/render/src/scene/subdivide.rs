@@ -4,12 +4,13 @@
 //! straight in the chart, depart from the geodesic between their ends, and from the image of the
 //! straight edge, by at most [`SAG`] of the object's size.
 //!
-//! An edge is split for both triangles at it, so no gap opens; where the mesh has two edges in one
-//! place (a seam of texture), a gap is at most as wide as the tolerance. A triangle is cut by the middles of those of its edges that are split.
+//! An edge is split for both triangles at it, so no gap opens; where the mesh has two edges in one place (a seam of
+//! texture), a gap is at most as wide as the tolerance. A triangle is cut by the middles of those of its edges that are
+//! split. The sides of triangles are sorted by their vertices: counting takes a third of the time that comparing takes
+//! on two threads.
 
-use super::{Mesh, counting_sort::sorted, placement::bend};
-use geofan_core::manifold::Manifold;
-use geofan_core::parallel::*;
+use super::{Mesh, placement::bend};
+use geofan_core::{manifold::Manifold, parallel::*};
 use glam::DVec3;
 use std::{
     borrow::Cow,
@@ -284,9 +285,37 @@ fn parts([a, b, c]: [u32; 3], middles: [Option<u32>; 3]) -> Vec<[u32; 3]> {
     }
 }
 
+/// Sorts `count` items, of which `item` makes each from its place, by their numbers and, where those are equal, by
+/// comparing: numbers must come first in the order of items.
+pub(super) fn sorted<T: Copy + Default + Ord>(
+    count: usize,
+    item: impl Fn(usize) -> T,
+    number: impl Fn(&T) -> u32,
+) -> Vec<T> {
+    let of = |i: usize| number(&item(i)) as usize;
+    let numbers = (0..count).map(of).max().map_or(0, |most| most + 1);
+    // Where the items of each number begin, then where the next of them goes.
+    let mut next = vec![0_u32; numbers + 1];
+    (0..count).for_each(|i| next[of(i) + 1] += 1);
+    for k in 1..next.len() {
+        next[k] += next[k - 1];
+    }
+    let mut sorted = vec![T::default(); count];
+    for item in (0..count).map(item) {
+        let slot = &mut next[number(&item) as usize];
+        sorted[*slot as usize] = item;
+        *slot += 1;
+    }
+    for equal in sorted.chunk_by_mut(|a, b| number(a) == number(b)) {
+        equal.sort_unstable();
+    }
+    sorted
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use geofan_core::random::Stream;
 
     #[test]
     fn every_way_of_cutting_keeps_area_and_orientation() {
@@ -309,6 +338,18 @@ mod tests {
             };
             assert!(found.iter().all(|t| doubled(t) > 0.0), "{mask}: {found:?}");
             assert_eq!(found.iter().map(doubled).sum::<f64>(), 1.0);
+        }
+    }
+
+    #[test]
+    fn items_are_sorted_as_by_comparing() {
+        let mut random = Stream::new(&[3]);
+        let pair = |random: &mut Stream| [0; 2].map(|_| random.between(0.0, 50.0) as u32);
+        for count in [0, 1, 2, 1000] {
+            let pairs: Vec<[u32; 2]> = (0..count).map(|_| pair(&mut random)).collect();
+            let mut compared = pairs.clone();
+            compared.sort_unstable();
+            assert_eq!(sorted(count, |i| pairs[i], |p| p[0]), compared);
         }
     }
 }
