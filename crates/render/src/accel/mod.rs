@@ -9,21 +9,24 @@
 //! tree's box in double precision before it is rounded, so a far camera costs no accuracy. Sixteen
 //! neighbouring chords are held against the tree together (`packet`). Triangles that move while light is on its
 //! way ([`MovingTriangle`]) have trees of their own.
+//!
+//! Triangles have holes where the opacity of their material is zero ([`HoledTriangle`]). What is open is not met by
+//! anything: not by paths of any tracer, and not by light on its way to a surface.
 
 mod box_tree;
-mod holes;
 mod moving;
 mod packet;
 
 pub use box_tree::BoxTree;
-pub use holes::{HoledTriangle, OPEN};
 pub use moving::{MovingTriangle, TimedChord};
 pub use packet::PacketHits;
 
-use crate::lanes::{BoxPacket, Mask};
+use crate::{
+    lanes::{BoxPacket, Mask},
+    scene::OpacityMap,
+};
 use box_tree::{MARGIN, Stack, boxes_meet, is_usable};
 use glam::DVec3;
-use holes::Holes;
 use moving::{Meeting, MovingTriangles};
 
 /// A set of triangles, sorted for questions about what a chord or a box meets.
@@ -301,6 +304,54 @@ impl Chord {
         let p = p - self.start;
         let [x, y, z] = self.axes.map(|axis| p[axis]);
         DVec3::new(x - self.shear.x * z, y - self.shear.y * z, self.shear.z * z)
+    }
+}
+
+/// Opacities below this are none: half a step of a file with eight bits.
+pub const OPEN: f32 = 0.5 / 255.0;
+
+/// A triangle with an opacity map.
+#[derive(Debug, Clone)]
+pub struct HoledTriangle {
+    /// The triangle's number.
+    pub triangle: u32,
+    /// Texture coordinates at its corners.
+    pub uvs: [[f32; 2]; 3],
+    /// Its opacity.
+    pub map: OpacityMap,
+}
+
+impl HoledTriangle {
+    /// Returns the opacity where the second and third corner have these weights.
+    pub fn opacity(&self, [b, c]: [f32; 2]) -> f32 {
+        let [p, q, r] = self.uvs;
+        self.map
+            .at([0, 1].map(|k| p[k] * (1.0 - b - c) + q[k] * b + r[k] * c))
+    }
+}
+
+/// All triangles of a set that have opacity maps, by number.
+#[derive(Debug, Clone, Default)]
+struct Holes(Vec<HoledTriangle>);
+
+impl Holes {
+    /// Sorts them.
+    fn new(mut all: Vec<HoledTriangle>) -> Self {
+        all.sort_by_key(|holed| holed.triangle);
+        Self(all)
+    }
+
+    /// Returns the opacity map of a triangle, if it has one.
+    fn of(&self, triangle: u32) -> Option<&HoledTriangle> {
+        let found = self.0.binary_search_by_key(&triangle, |h| h.triangle);
+        found.ok().map(|i| &self.0[i])
+    }
+
+    /// Tells whether a triangle is open where its second and third corner have these weights.
+    #[cold]
+    fn is_open(&self, triangle: u32, weights: [f32; 2]) -> bool {
+        let holed = self.of(triangle);
+        holed.is_some_and(|holed| holed.opacity(weights) < OPEN)
     }
 }
 

@@ -1,10 +1,10 @@
 //! Triangles that move while light is on its way.
 //!
 //! In: the corners of a triangle at two arc lengths of lines of sight, between which they move evenly (what is farther
-//! away is seen earlier); a chord with the arc lengths at its ends. Out: where the chord meets the triangle as it was when
-//! it sent the light that comes along the chord.
+//! away is seen earlier); a chord with the arc lengths at its ends. Out: where the chord meets the triangle as it was
+//! when it sent the light that comes along the chord.
 
-use super::{BoxTree, ChordHit, END_MARGIN, PacketHits, box_of, holes::Holes};
+use super::{BoxTree, ChordHit, END_MARGIN, Holes, PacketHits, box_of};
 use crate::{
     lanes::{BoxPacket, LANES, Mask, SingleLanes},
     path_patch::Offsets,

@@ -11,7 +11,7 @@
 //! test of one chord): two triangles that share an edge compute the same number for it with
 //! opposite sign, so no chord slips between them.
 
-use super::{Accelerator, MARGIN, Stack, holes::Holes, moving::PacketChords};
+use super::{Accelerator, Holes, MARGIN, Stack, moving::PacketChords};
 use crate::{
     lanes::{LANES, SingleLanes, SingleVectors, any, less, more, range, single},
     path_patch::Offsets,
