@@ -10,7 +10,6 @@
 //! level.
 
 mod check;
-mod nodes;
 
 use super::{
     chords::{Candidates, TUBE_MARGIN},
@@ -22,9 +21,8 @@ use super::{
     view::View,
     world::World,
 };
-use check::PatchChecks;
 pub use check::{LATTICE_SHARE, angle as seen_angle};
-use nodes::Nodes;
+use check::{Nodes, PatchChecks};
 use std::ops::Range;
 
 /// Pixels along a side of the largest tiles: the pieces in which threads share a picture. Chosen, not
