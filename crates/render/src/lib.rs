@@ -8,7 +8,6 @@
 pub mod accel;
 mod behind;
 mod camera;
-mod chart_skies;
 mod chords;
 mod copies;
 mod curve;
@@ -40,13 +39,11 @@ pub mod redshift;
 mod restarts;
 pub mod scene;
 pub mod shade;
-pub mod shifted;
 pub mod sky;
 mod stage;
 pub mod starts;
 pub mod tiles;
 pub mod tracer;
-mod unfinished;
 pub mod view;
 pub mod world;
 
@@ -63,11 +60,11 @@ pub use lightmap::{Lightmap, SurfacePoint};
 pub use lookup::{Lookup, TableTracer};
 pub use panels::{Part, PicturePanel, PicturePanels, usual_size};
 pub use path_batch::{PathBatch, PathView};
-pub use path_source::{DrawingOptions, DrawnPanels, PathSource};
-pub use shifted::ShiftedTracer;
+pub use path_source::{
+    DrawingOptions, DrawnPanels, PathSource, ShiftedTracer, count_unfinished, unfinished,
+};
 pub use stage::Stage;
 pub use tiles::TileScratch;
 pub use tracer::{ExactTracer, FixedTracer, GridTracer};
-pub use unfinished::{count_unfinished, unfinished};
 pub use view::{Optics, PictureRay, View, camera_point};
 pub use world::{Face, FaceCorner, PointLight, World};

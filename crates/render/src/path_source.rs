@@ -1,25 +1,36 @@
 //! Where the paths of a picture come from: a table, the integrator, or straight lines of the chart.
 //!
-//! In: a choice ([`PathSource`]) and [`DrawingOptions`]. Out: a [`Drawing`], its picture with the layers of an
-//! EXR file, and the paths that were not followed far enough.
+//! In: a choice ([`PathSource`]) and [`DrawingOptions`]. Out: a [`Drawing`], its picture with the layers of an EXR
+//! file, and the paths that were not followed far enough ([`UnfinishedPaths`]): of samples that see nothing for that
+//! reason, with the length with which they would see something where the scene has no sky for them.
+//!
+//! Where rays do not start at the camera ([`View::is_central`]), each path comes from a fan of its own. That takes a
+//! contraction of the table for every path, which only a lattice makes few enough; the paths are kept on finer knots,
+//! because no fan is there any more when they are refined.
 
 use super::{
     drawing::{Drawing, draw},
-    frame::{Clock, Outcomes, Paths},
-    lookup::Lookup,
+    endings::EventLocator,
+    frame::{Clock, Outcomes, Paths, offsets},
+    intersect::{Seen, first_seen},
+    lookup::{Lookup, ending},
     panels::{PicturePanel, PicturePanels},
+    path_batch::{PathBatch, PathOrigin, PathView},
     picture::Picture,
     shade::{Footprints, with_layers},
-    shifted::ShiftedTracer,
-    tracer::ExactTracer,
-    unfinished::{count_unfinished, unfinished},
+    starts::starts,
+    tracer::{ExactTracer, GridTracer, even_knots},
     view::View,
     world::World,
 };
 use geofan_bundle::{Bundle, Fan};
-use geofan_core::{error::Result, geodesic::UnfinishedPaths};
-use glam::DVec3;
-use std::time::Duration;
+use geofan_core::{
+    error::Result,
+    geodesic::{Ray, UnfinishedPaths},
+    parallel::*,
+};
+use glam::{DVec2, DVec3};
+use std::{sync::Arc, time::Duration};
 
 /// Says how finely to draw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -179,4 +190,130 @@ impl<'b> PathSource<'b> {
         drawn.picture = panels.join(pictures);
         Ok(drawn)
     }
+}
+
+/// Looks up each path from where it starts.
+pub struct ShiftedTracer<'f, 't> {
+    lookup: &'f Lookup<'t>,
+    view: &'f View,
+    knots: Arc<[f64]>,
+    exact: ExactTracer<'f>,
+}
+
+/// Knots for each of those of a table's paths: cubics between them then miss by less than chords may, as
+/// their error falls with the fourth power.
+const FINER: usize = 4;
+
+impl<'f, 't> ShiftedTracer<'f, 't> {
+    /// Makes the tracer of one picture.
+    pub fn new(lookup: &'f Lookup<'t>, view: &'f View) -> Self {
+        let intervals = FINER * (lookup.knots().len() - 1);
+        Self {
+            lookup,
+            view,
+            knots: even_knots(lookup.table.length, intervals),
+            exact: lookup.exact(view.u),
+        }
+    }
+}
+
+impl GridTracer for ShiftedTracer<'_, '_> {
+    fn knots(&self) -> &Arc<[f64]> {
+        &self.knots
+    }
+
+    /// Adds the paths of points of the picture (see [`View::address`]). Those that start outside the table's
+    /// region, or outside the space, are not given.
+    fn add(&self, addresses: &[DVec3], events: &mut EventLocator<'_>, batch: &mut PathBatch) {
+        let table = self.lookup.table;
+        let manifold = table.space.manifold();
+        let points = addresses.iter().map(|at| DVec2::new(at.x, at.y));
+        batch.reserve(addresses.len());
+        for (address, start) in addresses.iter().zip(starts(manifold, self.view, points)) {
+            let source = (*address, PathOrigin::Knots);
+            let known = start.and_then(|start| Some((start, table.fan(start.u).ok()?)));
+            match known {
+                Some((start, fan)) => {
+                    let path = fan.path(start.direction);
+                    let fill = |knots: &[f64], rows: &mut [f64]| path.sample_into(knots, rows);
+                    batch.push(source, fill, |view| ending(&path, view, events));
+                }
+                None => batch.push(source, |_, _| 0, |_| None),
+            }
+        }
+    }
+
+    fn refine(&self, path: PathView<'_>, s: &[f64], rows: &mut [f64]) {
+        path.sample(s, rows);
+    }
+
+    fn slack(&self) -> f64 {
+        self.lookup.slack() / FINER.pow(4) as f64
+    }
+
+    fn fallback(&self) -> Option<&ExactTracer<'_>> {
+        Some(&self.exact)
+    }
+}
+
+/// Counts the samples whose paths end by their length or where the metric ends; those without a path do not
+/// count.
+pub fn count_unfinished<'o>(outcomes: impl IntoIterator<Item = &'o Outcomes>) -> UnfinishedPaths {
+    let (mut by_length, mut singular, mut all) = (0, 0, 0);
+    for seen in outcomes.into_iter().flatten() {
+        by_length += usize::from(*seen == Seen::Length);
+        singular += usize::from(*seen == Seen::Singular);
+        all += usize::from(*seen != Seen::Nothing);
+    }
+    UnfinishedPaths::counted(by_length, singular, all)
+}
+
+/// Paths followed farther by one thread at a time: two fillings of the integrator's lanes.
+const BLOCK: usize = 64;
+
+/// Counts the samples likewise, and finds the length that would do by following some of them farther than
+/// `length`, exactly at a local `tolerance`, if the scene has no sky for them. The outcomes of each part of the
+/// picture are of the first samples of each pixel, out of any number.
+pub fn unfinished(
+    world: &World,
+    parts: &[(View, Outcomes)],
+    (length, tolerance): (f64, f64),
+) -> UnfinishedPaths {
+    let counted = count_unfinished(parts.iter().map(|(_, outcomes)| outcomes));
+    if world.has_length_sky() {
+        return counted;
+    }
+    counted.followed(length, |length| {
+        let ray = |(u, v): (DVec3, DVec3)| (Ray::without_spread(u, v, length), 0.0);
+        let sampled = sampled_starts(world, parts).into_iter().map(ray);
+        let rays: Vec<(Ray, f64)> = sampled.collect();
+        let seen = rays
+            .par_chunks(BLOCK)
+            .flat_map_iter(|rays| first_seen(world, rays, tolerance));
+        let end = |seen: Seen| match seen {
+            Seen::Surface(hit) => Some(f64::from(hit.s)),
+            Seen::Sky { s, .. } => Some(f64::from(s)),
+            Seen::Nothing | Seen::Length | Seen::Singular => None,
+        };
+        seen.map(end).collect()
+    })
+}
+
+/// Finds the starts (chart point, tangent) of some of the samples that end by length, evenly.
+fn sampled_starts(world: &World, parts: &[(View, Outcomes)]) -> Vec<(DVec3, DVec3)> {
+    let places = parts.iter().enumerate().flat_map(|(part, (_, outcomes))| {
+        let by_length = outcomes.indexed_iter();
+        let by_length = by_length.filter(|(_, seen)| **seen == Seen::Length);
+        by_length.map(move |(place, _)| (part, place))
+    });
+    let places: Vec<_> = places.collect();
+    let sample = UnfinishedPaths::sample(&places);
+    let in_part = |(part, (view, outcomes)): (usize, &(View, Outcomes))| {
+        let offsets = offsets(outcomes.dim().2);
+        let own = sample.iter().filter(|(of, _)| *of == part);
+        let points = own.map(|(_, (y, x, k))| DVec2::new(*x as f64, *y as f64) + offsets[*k]);
+        starts(&world.manifold, view, points)
+    };
+    let found = parts.iter().enumerate().flat_map(in_part).flatten();
+    found.map(|start| (start.u, start.v)).collect()
 }
