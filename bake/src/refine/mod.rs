@@ -3,14 +3,13 @@
 //! In: a plan and a chunk number. Out: its [`Tree`], a pure function of both: neither threads nor
 //! other chunks matter.
 //!
-//! A few lines through a box tell how many nodes it needs (`line_series`). If the plan allows as many it
-//! is sampled at the tensor grid of Chebyshev nodes and fitted; its coefficients are rounded as
-//! coarsely as random held-out rays allow, measured as the certificate measures them (`held_out`,
-//! `quantise`). Otherwise it is halved along the axis that needs it most; one too small for that is
-//! flagged. A box may take minutes: its work looks whether it goes on between pieces of a second and less
-//! ([`RefinementTally::stop`]), and what is decided is kept for after an
-//! interruption (`decision_log`). Boxes whose paths meet edges of the metric are divided there (`edges`). The boxes of one level share an
-//! error budget (`refinement_tree`).
+//! A few lines through a box tell how many nodes it needs (`line_series`). If the plan allows as many it is sampled at
+//! the tensor grid of Chebyshev nodes and fitted; its coefficients are rounded as coarsely as random held-out rays
+//! allow, measured as the certificate measures them (`held_out`, `quantise`). Otherwise it is halved along the axis
+//! that needs it most; one too small for that is flagged. A box may take minutes: its work looks whether it goes on
+//! between pieces of a second and less ([`RefinementTally::stop`], which also counts it), and what is decided is kept
+//! for after an interruption (`decision_log`). Boxes whose paths meet edges of the metric are divided there (`edges`).
+//! The boxes of one level share an error budget (`refinement_tree`).
 
 mod decision_log;
 mod edges;
@@ -20,11 +19,9 @@ mod quantise;
 mod refinement_tree;
 #[cfg(test)]
 mod stop_tests;
-mod tally;
 pub mod tensor_train;
 
 pub use decision_log::DecisionLog;
-pub use tally::{RefinementTally, WorkCounts};
 
 use crate::plan::divides_paths;
 use geofan_bundle::{
@@ -32,14 +29,20 @@ use geofan_bundle::{
     path_coefficients,
     rays::{DISPLACEMENT, FACES, RaySpace, SampleNumbers, SamplingPlan, StoredCamera, cell},
 };
-use geofan_core::{geodesic::Settings, manifold::Carried};
+use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
 use glam::DVec3;
 use held_out::HeldOutRays;
 use line_series::{Resolution, tail};
 use ndarray::ArrayD;
 use rayon::prelude::*;
 use refinement_tree::{Decision, ParameterBox, RefinementTree};
-use std::{ops::Range, sync::Arc};
+use std::{
+    ops::Range,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+};
 
 /// Names the version of refinement: what another one has decided or finished is baked again.
 pub const GENERATOR: &str = env!("CARGO_PKG_VERSION");
@@ -489,4 +492,88 @@ fn most_urgent(urgency: &[f64], allowed: &[bool]) -> Option<usize> {
     (0..urgency.len())
         .filter(|&axis| allowed[axis])
         .max_by(|&a, &b| urgency[a].total_cmp(&urgency[b]).then(b.cmp(&a)))
+}
+
+/// Operations that following a ray takes: some dozens of steps of thousands each.
+const RAY: usize = 300_000;
+
+/// Says how much work was done.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub struct WorkCounts {
+    /// Rays integrated.
+    pub rays: u64,
+    /// Patches finished.
+    pub patches: u64,
+    /// Bytes of them.
+    pub bytes: u64,
+    /// Volume finished, in units of 2⁻³² of all chunks.
+    pub volume: u64,
+}
+
+/// Counts the work of refinement while it runs, and stops it.
+#[derive(Debug, Default)]
+pub struct RefinementTally<'a> {
+    rays: AtomicU64,
+    patches: AtomicU64,
+    bytes: AtomicU64,
+    volume: AtomicU64,
+    stop: Stop,
+    /// That of the whole chunk, if this is a box's.
+    whole: Option<&'a RefinementTally<'a>>,
+}
+
+impl RefinementTally<'_> {
+    /// Counts the work on a chunk that `stop` ends.
+    pub fn new(stop: Stop) -> Self {
+        Self {
+            stop,
+            ..Self::default()
+        }
+    }
+
+    /// Counts the work on one box by itself; this tally counts it, too.
+    pub fn of_box(&self) -> RefinementTally<'_> {
+        RefinementTally {
+            whole: Some(self),
+            ..RefinementTally::default()
+        }
+    }
+
+    /// Returns what ends the work.
+    pub fn stop(&self) -> &Stop {
+        self.whole.map_or(&self.stop, RefinementTally::stop)
+    }
+
+    /// Counts so many rays that are to be followed together, if the work goes on.
+    pub fn go_on(&self, rays: usize) -> bool {
+        let goes_on = self.stop().goes_on(rays * RAY);
+        if goes_on {
+            self.add(WorkCounts {
+                rays: rays as u64,
+                ..WorkCounts::default()
+            });
+        }
+        goes_on
+    }
+
+    /// Adds work that was done.
+    pub fn add(&self, counts: WorkCounts) {
+        self.rays.fetch_add(counts.rays, Relaxed);
+        self.patches.fetch_add(counts.patches, Relaxed);
+        self.bytes.fetch_add(counts.bytes, Relaxed);
+        self.volume.fetch_add(counts.volume, Relaxed);
+        if let Some(whole) = self.whole {
+            whole.add(counts);
+        }
+    }
+
+    /// Returns what was counted so far.
+    pub fn counts(&self) -> WorkCounts {
+        WorkCounts {
+            rays: self.rays.load(Relaxed),
+            patches: self.patches.load(Relaxed),
+            bytes: self.bytes.load(Relaxed),
+            volume: self.volume.load(Relaxed),
+        }
+    }
 }
