@@ -1,15 +1,14 @@
 //! One view by a table or by first order, against exact integration: pictures, errors and times from
 //! one run.
 //!
-//! In: a world, a view, a bundle's table. Out: a [`Comparison`] of its frame with those of two rivals:
-//! the adaptive integrator in double precision, and *equal-error exact* (`rival`): equal steps
-//! in single precision, the fewest whose 99th percentile of screen error is no worse than the table's
-//! on the same rays. Steps after the paths are the same code for all. The table's frame is drawn from a
-//! camera that moves and turns a little each time, and its times are medians (`frame_times`). [`compare_local`]
-//! holds the local view against the exact one.
+//! In: a world, a view, a bundle's table. Out: a [`Comparison`] of its frame with those of two rivals: the adaptive
+//! integrator in double precision, and *equal-error exact* (`rival`): equal steps in single precision, the fewest whose
+//! 99th percentile of screen error is no worse than the table's on the same rays. Errors, of the table's paths and of
+//! the skies, are angles at the camera, mrad. Steps after the paths are the same code for all. The table's frame is
+//! drawn from a camera that moves and turns a little each time, and its times are medians (`frame_times`).
+//! [`compare_local`] holds the local view against the exact one.
 
 mod comparison_report;
-mod errors;
 mod frame_times;
 mod lattice_errors;
 mod local_view;
@@ -18,20 +17,22 @@ pub use comparison_report::{ComparisonReport, EqualErrorExact, FrameTimes, PathT
 pub use lattice_errors::{LatticeErrors, compare_lattice};
 pub use local_view::{DistanceErrors, LocalReport, compare_local};
 
-use lattice_errors::{lattice_errors, lattice_picture};
-
 use crate::{
     picture::{DEFAULT_PIXELS_PER_DEGREE, error_picture, flip, mean_flip, psnr},
     rival::{ProbedFan, rivals},
 };
-use geofan_bundle::{Table, measure::Probed};
+use geofan_bundle::{
+    Fan, PathCoefficients, Table,
+    measure::{Probed, probe, settings},
+};
 use geofan_core::{
     error::{Error, Result},
     quantiles::Quantiles,
 };
 use geofan_render::{
     drawing::{Drawing, draw},
-    frame::Paths,
+    frame::{Outcomes, Paths},
+    intersect::Seen,
     lookup::Lookup,
     picture::{Picture, write_png},
     shade::Footprints,
@@ -40,7 +41,10 @@ use geofan_render::{
     view::View,
     world::World,
 };
+use glam::DVec3;
+use lattice_errors::{lattice_errors, lattice_picture};
 use ndarray::Array2;
+use rayon::prelude::*;
 use std::path::Path;
 
 /// Says how to compare.
@@ -101,9 +105,9 @@ pub fn compare(
     let exact_tracer = ExactTracer::new(&world.manifold, view.u, table.length, options.tolerance);
     let exact = drawn_by(world, view, Paths::Exact(&exact_tracer), options);
     // The table's errors, and the rival that has no larger ones.
-    let probed = errors::probe_pixels(world, view, table, options);
-    let errors = errors::table_errors(&fan, view, &probed);
-    let [mrad, screen_mrad] = errors::quantiles(&errors);
+    let probed = probe_pixels(world, view, table, options);
+    let errors = table_errors(&fan, view, &probed);
+    let [mrad, screen_mrad] = error_quantiles(&errors);
     let goal = rival_goal(view, &probed, &errors);
     let equal_error = equal_error_exact(world, view, goal, table.length, options);
     let rival_tracer = FixedTracer::new(&world.manifold, view.u, table.length, equal_error.steps);
@@ -119,7 +123,7 @@ pub fn compare(
         mrad,
         screen_mrad,
         lattice_errors,
-        sky_mrad: errors::sky_errors(world, &drawn.outcomes, &exact.outcomes),
+        sky_mrad: sky_errors(world, &drawn.outcomes, &exact.outcomes),
         flagged: drawn.flagged_share(),
         unfinished: unfinished(world, &seen, (table.length, options.tolerance)),
         paths_ns: frame_times::paths(world, view, tracers, budget),
@@ -131,7 +135,7 @@ pub fn compare(
         equal_error,
         lattice: drawn.work,
     };
-    let screen = errors::screen_map(view, &errors);
+    let screen = screen_map(view, &errors);
     let error = error_picture(&flip, "FLIP", "table against exact");
     let mrad = error_picture(&screen, "mrad", "screen error of the table");
     Ok(Comparison {
@@ -176,7 +180,7 @@ fn rival_goal(view: &View, probed: &[Probed], errors: &[Option<(f64, f64)>]) -> 
     for (x, y) in pixels {
         let i = y * width + x;
         if let (Some(error), Some(probe)) = (errors[i], probed[i].probes.first()) {
-            probes.push((errors::middle(view, x, y), *probe));
+            probes.push((pixel_middle(view, x, y), *probe));
             screen.push(error.1);
         }
     }
@@ -223,4 +227,94 @@ fn equal_error_exact(
         times: frames(Paths::Direct(&tracer)),
         lattice_times: frames(Paths::Lattice(&tracer, 1e-3 * options.error)),
     }
+}
+
+/// Measures the angles between sky directions of samples that leave through the same exit, mrad; of exits behind which
+/// all directions show the same, as horizons do, there is nothing to measure.
+fn sky_errors(world: &World, a: &Outcomes, b: &Outcomes) -> Quantiles {
+    let angle = |(a, b): (&Seen, &Seen)| match (*a, *b) {
+        (
+            Seen::Sky {
+                exit, direction, ..
+            },
+            Seen::Sky {
+                exit: other,
+                direction: d,
+                ..
+            },
+        ) if exit == other && !world.has_one_colour(exit as usize) => {
+            Some(1e3 * f64::from((direction - d).length()))
+        }
+        _ => None,
+    };
+    let mut angles: Vec<f64> = a.iter().zip(b).filter_map(angle).collect();
+    Quantiles::of(&mut angles)
+}
+
+/// Computes the exact state where the ray through the middle of every pixel ends (surfaces left out: paths
+/// go on behind them), row by row.
+fn probe_pixels(world: &World, view: &View, table: &Table, options: CompareOptions) -> Vec<Probed> {
+    let (width, height) = view.size;
+    // A table holds the paths of the space that covers a glued one.
+    let cover = &world.cover;
+    let rows: Vec<Vec<Probed>> = (0..height)
+        .into_par_iter()
+        .map(|y| {
+            let rays: Vec<(DVec3, DVec3)> = (0..width)
+                .map(|x| (view.u, pixel_middle(view, x, y)))
+                .collect();
+            let tolerance = options.tolerance;
+            probe(cover, settings(tolerance), table.length, &rays, |_, end| {
+                vec![end]
+            })
+        })
+        .collect();
+    rows.into_iter().flatten().collect()
+}
+
+/// Returns the direction through the middle of a pixel.
+fn pixel_middle(view: &View, x: usize, y: usize) -> DVec3 {
+    view.direction(x as f64 + 0.5, y as f64 + 0.5)
+}
+
+/// Measures the table's error at every pixel, (mrad, screen mrad); `None` where it gives up or nothing
+/// is known.
+fn table_errors(fan: &Fan, view: &View, probed: &[Probed]) -> Vec<Option<(f64, f64)>> {
+    let width = view.size.0;
+    probed
+        .par_iter()
+        .enumerate()
+        .map(|(i, probed)| {
+            let probe = probed.probes.first()?;
+            // As the renderer looks it up.
+            let mut coefficients = PathCoefficients::default();
+            let number = fan.add(
+                fan.locate(pixel_middle(view, i % width, i / width)),
+                &mut coefficients,
+            );
+            let path = fan.among(&coefficients, number);
+            if path.flagged_from() < probe.s {
+                return None;
+            }
+            let deviation = probe.deviation(path.at(probe.s)?.0, None);
+            Some((deviation.mrad, deviation.screen_mrad))
+        })
+        .collect()
+}
+
+/// Returns the quantiles of both errors of [`table_errors`].
+fn error_quantiles(errors: &[Option<(f64, f64)>]) -> [Quantiles; 2] {
+    let of = |pick: fn(&(f64, f64)) -> f64| {
+        let mut all: Vec<f64> = errors.iter().flatten().map(pick).collect();
+        Quantiles::of(&mut all)
+    };
+    [of(|e| e.0), of(|e| e.1)]
+}
+
+/// Arranges the screen errors as a picture; NaN where there is none.
+fn screen_map(view: &View, errors: &[Option<(f64, f64)>]) -> Array2<f32> {
+    let (width, height) = view.size;
+    Array2::from_shape_fn((height, width), |(y, x)| {
+        errors[y * width + x].map_or(f32::NAN, |e| e.1 as f32)
+    })
 }

@@ -8,11 +8,11 @@ use crate::{
     rival::rivals,
     sweep::{
         Spacing, SweepOptions,
-        bundles::{PatchDivision, interrupted},
         error_maps::{ErrorMap, MapRays, map_rays},
         exact_rays::{ExactFan, FanTable, TableErrors, exact_fans, probed},
         grid::{FEWEST, GridAxes, GridSamples, balanced, cells, slope_channels},
         point::{Conditions, PointOutcome, PointStore, SweepPoint, TableLimits, TableSpec},
+        tables::{PatchDivision, interrupted},
         timing,
     },
 };

@@ -1,15 +1,13 @@
 //! Accuracy against table size, for any manifolds.
 //!
-//! In: manifold files. Out, in a folder: `sweep.csv` (one row for each table measured), figures, and a
-//! page. Tables are bundles at several promises and uniform grids of several sizes (`grid`); all
-//! are measured on one set of fresh exact rays (`exact_rays`), beside an integrator that is as accurate
-//! (`crate::rival`). Points that were measured before are kept (`point`). Instead, the sampled fans can
-//! be written as tensors for numpy (`npz`).
+//! In: manifold files, and what is asked for ([`SweepOptions`]). Out, in a folder: `sweep.csv` (one row for each table
+//! measured), figures, and a page. Tables are bundles at several promises and uniform grids of several sizes (`grid`);
+//! all are measured on one set of fresh exact rays (`exact_rays`), beside an integrator that is as accurate
+//! (`crate::rival`). Points that were measured before are kept (`point`). Instead, the sampled fans can be written as
+//! tensors for numpy (`npz`).
 //!
 //! Without the feature `sweep` there are the options alone, and [`run`] says that it is missing.
 
-#[cfg(feature = "sweep")]
-mod bundles;
 #[cfg(feature = "sweep")]
 mod csv;
 #[cfg(feature = "sweep")]
@@ -19,8 +17,6 @@ mod exact_rays;
 #[cfg(feature = "sweep")]
 pub mod grid;
 #[cfg(feature = "sweep")]
-mod grids;
-#[cfg(feature = "sweep")]
 mod manifold_sweep;
 #[cfg(feature = "sweep")]
 pub mod npz;
@@ -28,18 +24,81 @@ pub mod npz;
 mod point;
 #[cfg(feature = "sweep")]
 mod report;
-mod sweep_options;
+#[cfg(feature = "sweep")]
+mod tables;
 #[cfg(feature = "sweep")]
 mod timing;
 
-pub use sweep_options::{MOST_CELLS, Spacing, SweepOptions, SweepSummary, TensorOptions};
-
 use geofan_core::{Error, Observer, Result};
+use std::path::PathBuf;
 #[cfg(feature = "sweep")]
 use {
     geofan_core::{Progress, files::make_output_folder},
     manifold_sweep::{ManifoldResults, ManifoldSweep},
 };
+
+/// Says what a sweep measures, and where its results go.
+#[derive(Debug, Clone)]
+pub struct SweepOptions {
+    /// The manifold files.
+    pub manifolds: Vec<PathBuf>,
+    /// The folder for the results; made if missing.
+    pub out: PathBuf,
+    /// Set if fewer and smaller tables are measured: minutes instead of hours.
+    pub quick: bool,
+    /// Promises of bundles, mrad; empty for the usual ones.
+    pub max_error: Vec<f64>,
+    /// Mean numbers of cells of grids, at most [`MOST_CELLS`]; empty for the usual ones.
+    pub cells: Vec<f64>,
+    /// Fresh rays on which tables are measured; `None` for the usual number.
+    pub rays: Option<usize>,
+    /// Set if the fans sampled for every grid are written as NPZ, too.
+    pub export_npz: bool,
+    /// Seed of the fresh rays.
+    pub seed: u64,
+    /// One tensor for each manifold instead of a sweep.
+    pub tensor: Option<TensorOptions>,
+    /// The command that repeats the sweep, for the page.
+    pub command: String,
+}
+
+/// The most cells along an axis of a grid, on average.
+pub const MOST_CELLS: f64 = 4096.0;
+
+/// Says which nodes of a fan a tensor has.
+#[derive(Debug, Clone)]
+pub struct TensorOptions {
+    /// Nodes along every camera parameter, every direction parameter and the arc length.
+    pub nodes: [usize; 3],
+    /// Placing of the nodes.
+    pub spacing: Spacing,
+    /// The only face of directions; all of them if `None`.
+    pub face: Option<usize>,
+    /// Set if slopes are written, which tell tangents and with them the transported frames.
+    pub frames: bool,
+    /// Errors for which to tell how many bytes the tensor takes as one quantised train, as in a bundle.
+    pub trains: Vec<f64>,
+}
+
+/// Placing of the nodes of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Spacing {
+    /// Equally spaced, both ends included.
+    Uniform,
+    /// At the roots of a Chebyshev polynomial, ends not included.
+    Chebyshev,
+}
+
+/// Counts what a sweep has done.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SweepSummary {
+    /// Lines about tensors that were written.
+    pub lines: Vec<String>,
+    /// Number of points of the sweep.
+    pub points: usize,
+    /// Number of them that were measured; the others were skipped for their size or time.
+    pub measured: usize,
+}
 
 /// Says that sweeps are missing.
 ///
@@ -69,7 +128,7 @@ pub fn run(options: &SweepOptions, observer: &dyn Observer) -> Result<SweepSumma
     check_names(&sweeps)?;
     let all = measured(&sweeps, observer).map_err(|error| match error {
         // Wherever it was interrupted: points that were measured are kept.
-        Error::Interrupted { .. } => bundles::interrupted(),
+        Error::Interrupted { .. } => tables::interrupted(),
         other => other,
     })?;
     csv::write(&options.out.join("sweep.csv"), &all)?;

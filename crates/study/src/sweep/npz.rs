@@ -13,8 +13,8 @@
 
 use crate::sweep::{
     Spacing, TensorOptions,
-    bundles::interrupted,
     grid::{GridAxes, GridSamples, displacement_channels, slope_channels},
+    tables::interrupted,
 };
 use geofan_bake::{
     plan::{plan, usual_tangents},

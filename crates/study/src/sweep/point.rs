@@ -6,10 +6,10 @@
 //! counts only if everything that the measurement depends on is the same.
 
 use crate::sweep::{
-    bundles::PatchDivision,
     error_maps::ErrorMap,
     exact_rays::TableErrors,
     grid::{Interpolation, NumberFormat},
+    tables::PatchDivision,
     timing::TimeSpent,
 };
 use geofan_core::{

@@ -3,7 +3,6 @@
 //! In: [`ManifoldResults`] of all manifolds. Out: figures as SVG and PNG in `figures/`, and `index.html`,
 //! which stands alone: its pictures are inside it.
 
-mod analysis;
 mod figures;
 mod map_figures;
 
@@ -15,9 +14,8 @@ use crate::sweep::{
     point::{PointOutcome, TableKind, TableMeasurement},
     timing::{HEIGHT, POINTS, WIDTH},
 };
-use analysis::{byte_slopes, frames_to_pay, paths_to_pay, size_ratio, spacing_orders};
 use base64::{Engine, prelude::BASE64_STANDARD};
-use figures::Figure;
+use figures::{Figure, byte_slopes, frames_to_pay, paths_to_pay, size_ratio, spacing_orders};
 use geofan_core::{
     Result,
     files::{make_output_folder, write_atomically},

@@ -1,15 +1,15 @@
 //! Figures of made-up points, of which everything is known.
 
 use super::{
-    analysis::{byte_slopes, frames_to_pay, paths_to_pay, size_ratio, spacing_orders},
+    figures::{byte_slopes, frames_to_pay, paths_to_pay, size_ratio, spacing_orders},
     page, short,
 };
 use crate::sweep::{
-    bundles::PatchDivision,
     exact_rays::TableErrors,
     grid::{Interpolation, NumberFormat},
     manifold_sweep::{ManifoldResults, Rival, equal_error},
     point::{Conditions, PointOutcome, SweepPoint, TableKind, TableMeasurement, TableSpec},
+    tables::PatchDivision,
     timing::TimeSpent,
 };
 use geofan_core::quantiles::Quantiles;
