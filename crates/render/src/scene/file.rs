@@ -132,18 +132,9 @@ pub enum Placement {
     Chart,
 }
 
-/// The shape of a light.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LightKind {
-    /// No extent, equal in all directions.
-    Point,
-}
-
-/// A light.
+/// A light without extent, equal in all directions.
 #[derive(Debug, Clone)]
 pub struct LightEntry {
-    /// Its shape.
-    pub kind: LightKind,
     /// Chart coordinates.
     pub at: DVec3,
     /// Where `at` is given.
@@ -419,8 +410,8 @@ fn light(table: &NamedTable) -> Result<LightEntry> {
     table.allow_only(LIGHT_KEYS)?;
     let kind = table.required("kind", "kind = \"point\"")?;
     let at = table.required("at", "at = [0.0, 2.0, 0.0]")?;
+    kind.choice(&[("point", ())])?;
     Ok(LightEntry {
-        kind: kind.choice(&[("point", LightKind::Point)])?,
         at: at.vector()?,
         at_span: at.span(),
         intensity: table

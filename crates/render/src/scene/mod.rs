@@ -48,7 +48,7 @@ mod trajectory;
 
 pub use camera::{CameraProjection, Lens, Stereo, StereoLayout, USUAL_FOV};
 pub use file::{
-    CameraEntry, CameraPosition, LightEntry, LightKind, ObjectEntry, Placement, SceneFile, SkyEntry,
+    CameraEntry, CameraPosition, LightEntry, ObjectEntry, Placement, SceneFile, SkyEntry,
 };
 pub use material::Material;
 pub use mesh::Mesh;
