@@ -49,7 +49,7 @@ pub use frame_plan::Block;
 #[cfg(feature = "files")]
 pub use loaded_space::{LoadedSpace, SpaceSource};
 pub use motion::{Movement, StopReason, moved};
-pub use package::{Package, PackageError};
+pub use package::Package;
 #[cfg(feature = "files")]
 pub use page::Page;
 pub use page_about::{PageAbout, decode_light, encode_light};

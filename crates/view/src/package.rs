@@ -6,7 +6,7 @@
 //! length of its content (u32), and the content. Names are those of
 //! paths from a common folder, so that a package tells nothing about the disk that it was made on.
 
-use geofan_core::reading::FileSource;
+use geofan_core::{Error, Result, reading::FileSource};
 use std::{
     path::{Component, Path, PathBuf},
     rc::Rc,
@@ -18,17 +18,6 @@ const MAGIC: &[u8; 16] = b"geofan package1\n";
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Package {
     files: Vec<(String, Rc<[u8]>)>,
-}
-
-/// Faults of the bytes of a package.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum PackageError {
-    /// The bytes begin with something else.
-    #[error("is not a package of this version")]
-    Magic,
-    /// The bytes have changed.
-    #[error("is damaged")]
-    Damaged,
 }
 
 /// Removes `.` and `name/..` from a path without asking the disk.
@@ -124,16 +113,17 @@ impl Package {
     ///
     /// # Errors
     /// They are something else, or have changed.
-    pub fn decode(bytes: &[u8]) -> Result<Self, PackageError> {
-        let rest = bytes.strip_prefix(MAGIC).ok_or(PackageError::Magic)?;
-        let (sum, body) = rest
-            .split_first_chunk::<32>()
-            .ok_or(PackageError::Damaged)?;
+    pub fn decode(bytes: &[u8]) -> Result<Self> {
+        let wrong = |message: &str| Error::input("page", message);
+        let damaged = || wrong("is damaged");
+        let other = || wrong("is not a package of this version");
+        let rest = bytes.strip_prefix(MAGIC).ok_or_else(other)?;
+        let (sum, body) = rest.split_first_chunk::<32>().ok_or_else(damaged)?;
         if blake3::hash(body).as_bytes() != sum {
-            return Err(PackageError::Damaged);
+            return Err(damaged());
         }
         let mut package = Self::default();
-        let (count, mut rest) = body.split_first_chunk::<4>().ok_or(PackageError::Damaged)?;
+        let (count, mut rest) = body.split_first_chunk::<4>().ok_or_else(damaged)?;
         let mut part = || {
             let (length, after) = rest.split_first_chunk::<4>()?;
             let (part, after) = after.split_at_checked(u32::from_le_bytes(*length) as usize)?;
@@ -141,8 +131,8 @@ impl Package {
             Some(part)
         };
         for _ in 0..u32::from_le_bytes(*count) {
-            let (name, content) = part().zip(part()).ok_or(PackageError::Damaged)?;
-            let name = str::from_utf8(name).map_err(|_| PackageError::Damaged)?;
+            let (name, content) = part().zip(part()).ok_or_else(damaged)?;
+            let name = str::from_utf8(name).map_err(|_| damaged())?;
             package.files.push((name.into(), content.into()));
         }
         Ok(package)
@@ -208,7 +198,7 @@ mod tests {
         package.add("a", vec![1, 2, 3]);
         package.add("b", vec![]);
         let bytes = package.encode();
-        assert_eq!(Package::decode(&bytes), Ok(package));
+        assert_eq!(Package::decode(&bytes).unwrap(), package);
         for i in 0..bytes.len() {
             let mut damaged = bytes.clone();
             damaged[i] ^= 4;

@@ -39,8 +39,7 @@ impl Instance {
 
     /// Takes the package out of the input.
     fn read_package(&mut self) -> Result<Package> {
-        let bytes = std::mem::take(&mut self.input);
-        Package::decode(&bytes).map_err(|e| Error::input("page", e.to_string()))
+        Package::decode(&std::mem::take(&mut self.input))
     }
 
     /// Loads what a session has to know; the scene's meshes are the workers' matter.
