@@ -13,7 +13,7 @@ use crate::{
     table::{Chunk, Division, Table},
 };
 use bincode::config::{Configuration, Fixint, Limit, LittleEndian, legacy};
-use geofan_core::{diagnostic::SourceText, error::Error, field::Samples, manifold::Manifold};
+use geofan_core::{diagnostic::SourceText, error::Error, field::NamedSamples, manifold::Manifold};
 use glam::DMat3;
 use serde::{Deserialize, Serialize};
 use std::{path::Path, sync::Arc};
@@ -27,9 +27,6 @@ const MOST_MIRRORS: usize = 47;
 
 /// The most rays of a certificate: more than anybody waits for.
 pub const MOST_CERTIFY_RAYS: u64 = 1_000_000_000;
-
-/// The samples of a manifold's fields, by the fields' names.
-pub type FieldSamples = [(String, Arc<Samples>)];
 
 /// Everything about a bundle except its chunks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -179,7 +176,7 @@ impl Header {
     pub fn manifold_with(
         &self,
         file: &str,
-        samples: &FieldSamples,
+        samples: &NamedSamples,
         settings: &[(String, f64)],
     ) -> Result<Manifold, Error> {
         let name = format!("{file}: manifold text");

@@ -106,9 +106,7 @@ pub use chebyshev::MappedChebyshev;
 pub use contracted::Contracted;
 pub use decode::{BundleError, ByteReader, DecodeBudget, DecodeError, LookupError, put_bytes};
 pub use fan::{Fan, TablePath};
-pub use header::{
-    FieldSamples, Header, MOST_CERTIFY_RAYS, ManifoldRecord, PlanRecord, ShardRecord,
-};
+pub use header::{Header, MOST_CERTIFY_RAYS, ManifoldRecord, PlanRecord, ShardRecord};
 pub use matrix::product;
 pub use path_coefficients::PathCoefficients;
 pub use polynomial::{Polynomial, Variables};

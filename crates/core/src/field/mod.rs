@@ -10,7 +10,7 @@
 pub mod read;
 mod samples;
 
-pub use samples::{MOST_SAMPLES, SampleFault, Samples, UnpackError};
+pub use samples::{MOST_SAMPLES, NamedSamples, SampleFault, Samples, UnpackError};
 
 use geofan_expr::spline::{SampledAxis, Spline};
 use std::sync::Arc;

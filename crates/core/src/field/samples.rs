@@ -8,7 +8,10 @@
 //! bytes, and so on.
 
 use flate2::{Compression, read::ZlibDecoder, write::ZlibEncoder};
-use std::io::{Read, Write};
+use std::{
+    io::{Read, Write},
+    sync::Arc,
+};
 
 /// The most samples of a field.
 pub const MOST_SAMPLES: usize = 1 << 27;
@@ -49,6 +52,9 @@ impl SampleFault {
         self
     }
 }
+
+/// Samples of fields, by the fields' names.
+pub type NamedSamples = [(String, Arc<Samples>)];
 
 /// The bytes are no packed samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

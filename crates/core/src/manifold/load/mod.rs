@@ -17,7 +17,7 @@ use crate::{
     diagnostic::{Diagnostic, SourceText},
     document::{self, Item, Reading, Text, TomlTable},
     error::{Error, Result},
-    field::Samples,
+    field::NamedSamples,
 };
 use definition::Given;
 use fields::LoadedField;
@@ -51,14 +51,11 @@ const KEYS: [&str; 19] = [
     "cameras",
 ];
 
-/// Samples of fields, by the fields' names.
-pub(super) type KnownSamples = [(String, Arc<Samples>)];
-
 /// Reads the file; nothing numerical is checked yet. Fields in `samples` need no files.
 pub(super) fn from_source(
     source: &Arc<SourceText>,
     settings: &[(String, f64)],
-    samples: &KnownSamples,
+    samples: &NamedSamples,
 ) -> Result<Manifold> {
     if let Some((name, value)) = settings.iter().find(|(_, v)| !v.is_finite()) {
         return Err(Error::input(
@@ -105,12 +102,12 @@ struct Loader<'s> {
     /// The coordinates in which the space is written, where they are not those of the chart.
     pullback: Option<([String; 3], Pullback)>,
     /// Samples that need not be read.
-    samples: &'s KnownSamples,
+    samples: &'s NamedSamples,
     fields: Vec<LoadedField>,
 }
 
 impl<'s> Loader<'s> {
-    fn new(source: &'s Arc<SourceText>, samples: &'s KnownSamples) -> Self {
+    fn new(source: &'s Arc<SourceText>, samples: &'s NamedSamples) -> Self {
         Self {
             source,
             graph: Graph::new(),
