@@ -74,16 +74,15 @@ pub fn run(
         bounces: args.path.bounces.unwrap_or(u32::MAX),
         estimator: Estimator::Connected,
     };
-    let checkpoint = Checkpoint {
-        path: passes_file(&args.output),
-        key: key(args, stage, panels, settings),
-    };
-    let begun = checkpoint.path.exists();
+    // The file of passes, and the key of the picture that it must belong to.
+    let file = passes_file(&args.output);
+    let key = key(args, stage, panels, settings);
+    let begun = file.exists();
     if args.path.resume && !begun && args.output.exists() {
         return already_finished(args, panels, common);
     }
     let mut film = match args.path.resume && begun {
-        true => PassAccumulator::load(&checkpoint.path, &checkpoint.key, panels.size)?,
+        true => PassAccumulator::load(&file, &key, panels.size)?,
         false => PassAccumulator::new(panels.size),
     };
     let tracers = PanelTracers::new(&stage.world, panels, settings);
@@ -93,13 +92,13 @@ pub fn run(
     scenery::warn_unfinished(&stage.world, &ends, scenery::LONGER_PATHS);
     let began = Instant::now();
     let passes = u64::from(args.scene.spp);
-    let complete = accumulate(args, &tracers, &mut film, passes, &checkpoint, common)?;
+    let complete = accumulate(args, &tracers, &mut film, passes, (&file, &key), common)?;
     let seconds = began.elapsed().as_secs_f64();
     // First, so that a picture that cannot be written loses no samples.
-    film.save(&checkpoint.path, &checkpoint.key)?;
+    film.save(&file, &key)?;
     write(args, stage, panels, (&tracers, &film))?;
     if complete {
-        std::fs::remove_file(&checkpoint.path).map_err(|e| Error::io(&checkpoint.path, e))?;
+        std::fs::remove_file(&file).map_err(|e| Error::io(&file, e))?;
     }
     let exact_speed = 0.5 * (exact_before + exact_speed(args, stage, view, length).0);
     let speeds = [tracers.rays() as f64 / seconds, exact_speed];
@@ -172,19 +171,13 @@ fn already_finished(
     Ok(Outcome::Done)
 }
 
-/// The file of passes and the key of the picture that it must belong to.
-struct Checkpoint {
-    path: PathBuf,
-    key: [u8; 32],
-}
-
 /// Adds passes until there are enough (then true) or the time is up.
 fn accumulate(
     args: &RenderArgs,
     tracers: &PanelTracers<'_>,
     film: &mut PassAccumulator,
     passes: u64,
-    checkpoint: &Checkpoint,
+    (file, key): (&Path, &[u8; 32]),
     common: &CommonArgs,
 ) -> Result<bool> {
     let observer = TerminalObserver::new(common)?;
@@ -195,7 +188,7 @@ fn accumulate(
     while film.passes() < passes {
         let pass = tracers.pass(film.passes(), || observer.cancelled());
         let Some(pass) = pass else {
-            film.save(&checkpoint.path, &checkpoint.key)?;
+            film.save(file, key)?;
             return Err(Error::Interrupted {
                 resume: format!(
                     "{} of {passes} samples are kept; give the same command with --resume",
@@ -210,7 +203,7 @@ fn accumulate(
             break;
         }
         if saved.elapsed() > BETWEEN_CHECKPOINTS {
-            film.save(&checkpoint.path, &checkpoint.key)?;
+            film.save(file, key)?;
             saved = Instant::now();
         }
     }
