@@ -234,7 +234,7 @@ impl BeamSegment {
     fn crossings(&self, map: &SegmentMap<'_>, x: DVec3) -> impl Iterator<Item = (DVec3, DMat3)> {
         let (start, width) = (-FOLD_MARGIN, 1.0 + 2.0 * FOLD_MARGIN);
         let time = |k: usize| start + width * k as f64 / SWEEPS as f64;
-        let volume = |t: f64| map.triangle(t).volume(x);
+        let volume = |t: f64| map.volume(t, x);
         let mut volumes = [0.0; SWEEPS + 1];
         for (k, v) in volumes.iter_mut().enumerate() {
             *v = volume(time(k));
@@ -250,7 +250,7 @@ impl BeamSegment {
         };
         let found: [Option<(DVec3, DMat3)>; SWEEPS] = std::array::from_fn(|k| {
             let t = crossing(k)?;
-            let at = map.triangle(t).weights(x).extend(t);
+            let at = map.weights(t, x).extend(t);
             let (u, slope) = map.map(at);
             let size = slope.x_axis.length().max(slope.y_axis.length());
             let near = (x - u).length() <= NEAR_FOLD * size;

@@ -16,26 +16,6 @@ use crate::ray_leg::RayKnot;
 use geofan_core::geodesic::perpendiculars;
 use glam::{DMat2, DMat3, DVec2, DVec3};
 
-/// The points of three rays at one arc length.
-pub(super) struct RayTriangle([DVec3; 3]);
-
-impl RayTriangle {
-    /// Returns six times the volume between it and `x`, which has a sign.
-    pub fn volume(&self, x: DVec3) -> f64 {
-        let [p, q, o] = self.0;
-        (q - p).cross(o - p).dot(x - p)
-    }
-
-    /// Returns the weights of the second and third point where `x` is, or is nearest to their plane.
-    pub fn weights(&self, x: DVec3) -> DVec2 {
-        let [p, q, o] = self.0;
-        let normal = (q - p).cross(o - p);
-        let b = (x - p).cross(o - p).dot(normal);
-        let c = (q - p).cross(x - p).dot(normal);
-        DVec2::new(b, c) / normal.length_squared()
-    }
-}
-
 /// The middle of a segment in b, c and t.
 pub(super) const MIDDLE: DVec3 = DVec3::new(1.0 / 3.0, 1.0 / 3.0, 0.5);
 
@@ -117,9 +97,24 @@ impl<'f> SegmentMap<'f> {
 
     /// Returns the points of the rays at t.
     #[inline(always)]
-    pub fn triangle(&self, t: f64) -> RayTriangle {
+    fn triangle(&self, t: f64) -> [DVec3; 3] {
         let weights = cubic_weights(t, self.width);
-        RayTriangle(self.rays.map(|ray| point(weights, ray)))
+        self.rays.map(|ray| point(weights, ray))
+    }
+
+    /// Returns six times the volume between the rays at t and `x`, which has a sign.
+    pub fn volume(&self, t: f64, x: DVec3) -> f64 {
+        let [p, q, o] = self.triangle(t);
+        (q - p).cross(o - p).dot(x - p)
+    }
+
+    /// Returns the weights of the second and third ray at t where `x` is, or is nearest to their plane.
+    pub fn weights(&self, t: f64, x: DVec3) -> DVec2 {
+        let [p, q, o] = self.triangle(t);
+        let normal = (q - p).cross(o - p);
+        let b = (x - p).cross(o - p).dot(normal);
+        let c = (q - p).cross(x - p).dot(normal);
+        DVec2::new(b, c) / normal.length_squared()
     }
 
     /// Returns the angle between two of the rays.
