@@ -6,7 +6,7 @@
 
 use super::{
     DeckTransformation, Gluing,
-    gluing_checks::{FARTHEST_OUT, FacePoint, GluingChecks, is_identity_to, is_regular},
+    gluing_checks::{FARTHEST_OUT, GluingChecks, is_identity_to, is_regular},
 };
 use crate::{error::Result, manifold::probe::point, random::Stream};
 use glam::{DMat3, DVec2, DVec3};
@@ -71,11 +71,11 @@ impl GluingChecks<'_> {
     }
 
     /// Checks that round every edge space closes with the full angle, or is a corner between reflections.
-    pub(super) fn edge_cones(&self, borders: &[FacePoint]) -> Result<()> {
+    pub(super) fn edge_cones(&self, borders: &[(usize, DVec3)]) -> Result<()> {
         let mut random = Stream::new(&[0x636f_6e65]);
         let middle = self.gluing.inside;
-        for border in borders.iter().take(BORDERS) {
-            let u = middle + (border.u - middle) * random.between(1.001, FARTHEST_OUT);
+        for (_, border) in borders.iter().take(BORDERS) {
+            let u = middle + (*border - middle) * random.between(1.001, FARTHEST_OUT);
             let beyond = self.beyond(u);
             let [a, b, ..] = beyond[..] else { continue };
             let Some(edge) = self.edge_near(u, [a, b]) else {

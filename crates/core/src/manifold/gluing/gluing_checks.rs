@@ -271,13 +271,6 @@ fn metric_scale(manifold: &Manifold, u: DVec3) -> f64 {
     g.determinant().powf(1.0 / 6.0)
 }
 
-/// A point of a face, where a line leaves the domain.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct FacePoint {
-    face: usize,
-    pub(super) u: DVec3,
-}
-
 /// What the checks look at.
 pub(super) struct GluingChecks<'a> {
     pub(super) manifold: &'a Manifold,
@@ -340,8 +333,8 @@ impl GluingChecks<'_> {
             .into())
     }
 
-    /// Finds points of the bounding faces, on lines of the chart from points inside.
-    fn face_points(&self) -> Vec<FacePoint> {
+    /// Finds points of the bounding faces, each with the face, on lines of the chart from points inside.
+    fn face_points(&self) -> Vec<(usize, DVec3)> {
         let mut random = Stream::new(&[0x0067_6c75_6564]);
         let mut found = Vec::new();
         for i in 0..LINES {
@@ -357,7 +350,7 @@ impl GluingChecks<'_> {
 
     /// Finds where the line from `from` along `d` leaves the domain through a face, if it does within [`PLACES`] steps:
     /// not where the space ends before, as at an ideal boundary that the domain reaches.
-    fn leaves(&self, from: DVec3, d: DVec3) -> Option<FacePoint> {
+    fn leaves(&self, from: DVec3, d: DVec3) -> Option<(usize, DVec3)> {
         let faces = &self.gluing.faces;
         let value = |k: usize, t: f64| self.gluing.values.at(&(from + d * t).to_array())[k];
         for i in 1..=PLACES {
@@ -372,7 +365,7 @@ impl GluingChecks<'_> {
             let u = from + d * place.map_or(t, |(t, _)| t);
             if place.is_some() || !is_regular(self.manifold, u) {
                 let (_, face) = place.filter(|_| is_regular(self.manifold, u))?;
-                return Some(FacePoint { face, u });
+                return Some((face, u));
             }
         }
         None
@@ -398,10 +391,10 @@ impl GluingChecks<'_> {
 
     /// Finds the partner of every face, on which each of its points must come to lie, and whose map leads back. It
     /// may come to lie beyond other faces, where the domain is no Dirichlet domain.
-    fn partners(&self, borders: &[FacePoint]) -> Result<Vec<Option<usize>>> {
+    fn partners(&self, borders: &[(usize, DVec3)]) -> Result<Vec<Option<usize>>> {
         let faces = &self.gluing.faces;
         let mut partners: Vec<Option<usize>> = vec![None; faces.len()];
-        for &FacePoint { face: k, u } in borders {
+        for &(k, u) in borders {
             let Some((image, d)) = faces[k].carry(u) else {
                 continue;
             };
@@ -480,14 +473,14 @@ impl GluingChecks<'_> {
     }
 
     /// Checks that from points beyond two or more faces every order of maps ends in the same point.
-    fn edges(&self, borders: &[FacePoint]) -> Result<()> {
+    fn edges(&self, borders: &[(usize, DVec3)]) -> Result<()> {
         let mut random = Stream::new(&[0x6564_6765]);
         let middle = self.gluing.inside;
         if borders.is_empty() {
             return Ok(());
         }
         for i in 0..EDGE_TESTS {
-            let border = borders[i % borders.len()].u;
+            let (_, border) = borders[i % borders.len()];
             let out = random.between(1.001, FARTHEST_OUT);
             let u = middle + (border - middle) * out;
             let beyond = self.beyond(u);
