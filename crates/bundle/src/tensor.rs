@@ -275,25 +275,17 @@ pub(crate) struct StoredTensor {
     cores: Vec<Arc<OnceLock<Result<Core, DecodeError>>>>,
 }
 
-/// Restores cores while the next ones are read.
-#[derive(Clone, Copy)]
-pub(crate) struct Restoring<'r, 's> {
-    /// Takes the work.
-    pub scope: &'r TaskScope<'s>,
-    /// What the tensors of a table may ask for.
-    pub budget: &'s DecodeBudget,
-}
-
 impl StoredTensor {
-    /// Reads what [`Tensor::encode`] wrote: a tensor of this `shape`.
+    /// Reads what [`Tensor::encode`] wrote: a tensor of this `shape`. `scope` restores cores while the next ones are read,
+    /// and `budget` is what the tensors of a table may ask for.
     ///
     /// # Errors
     /// It is not one.
-    pub fn decode(
+    pub fn decode<'s>(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
         shape: TensorShape,
-        Restoring { scope, budget }: Restoring<'_, '_>,
+        (scope, budget): (&TaskScope<'s>, &'s DecodeBudget),
     ) -> Result<Self, DecodeError> {
         let TensorShape {
             variables,

@@ -210,13 +210,6 @@ pub(crate) struct StoredCore {
     scales: Vec<Scale>,
 }
 
-/// What the next core has to know of one.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct CoreBefore {
-    orthogonality: Orthogonality,
-    ranks: usize,
-}
-
 impl StoredCore {
     /// Reads what [`Core::encode`] wrote: a core with `axes` axes, read along the axis `along`, behind
     /// another, and whether it is the last.
@@ -226,14 +219,15 @@ impl StoredCore {
     pub fn decode(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
-        (before, last): (Option<CoreBefore>, bool),
+        (before, last): (Option<(Orthogonality, usize)>, bool),
         (axes, along): (usize, usize),
         (step, budget): (StepSize, &DecodeBudget),
     ) -> Result<Self, DecodeError> {
-        let left = before.map_or(1, |core| core.ranks);
+        let left = before.map_or(1, |(_, ranks)| ranks);
         // The shape, and the vectors that are stored.
         let shape = decode_shape(input, left, axes, last)?;
-        let orthogonality = Orthogonality::behind(before.map(|c| c.orthogonality), &shape);
+        let orthogonality =
+            Orthogonality::behind(before.map(|(orthogonality, _)| orthogonality), &shape);
         let length = orthogonality.length(&shape);
         budget.take_core(core_sizes(&shape, along, length))?;
         let stored = integers.take(&orthogonality.shape(&shape), length)?;
@@ -260,12 +254,9 @@ impl StoredCore {
         })
     }
 
-    /// Returns what the next core has to know.
-    pub fn before(&self) -> CoreBefore {
-        CoreBefore {
-            orthogonality: self.orthogonality,
-            ranks: self.scales.len(),
-        }
+    /// Returns what the next core has to know: how this one is orthogonal, and the number of its ranks.
+    pub fn before(&self) -> (Orthogonality, usize) {
+        (self.orthogonality, self.scales.len())
     }
 
     /// Returns the length of an axis of the core.

@@ -1,9 +1,9 @@
 //! The tree of boxes over one chunk of the table.
 //!
-//! A chunk covers one cell of camera parameters, one face of directions or all of them, and all arc
-//! lengths, all in [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one
-//! axis at a time down to patches, and divides paths where they meet edges of the metric. Axes are numbered camera…, direction…, arc length. In: boxes. Out: the
-//! bytes of a chunk, and back. The same tree holds what is left of its patches at a fixed camera
+//! A chunk covers one cell of camera parameters, one face of directions or all of them, and all arc lengths, all in
+//! [−1, 1]. [`Tree`] parts the sphere of directions into faces and halves boxes along one axis at a time down to
+//! patches, and divides paths where they meet edges of the metric. Axes are numbered camera…, direction…, arc length.
+//! In: boxes. Out: the bytes of a chunk, and back. The same tree holds what is left of its patches at a fixed camera
 //! ([`crate::Fan`]).
 
 use crate::{
@@ -11,7 +11,7 @@ use crate::{
     decode::{ByteReader, DecodeBudget, DecodeError, put_bytes},
     polynomial::Variables,
     rays::FACES,
-    tensor::{Restoring, StoredTensor, Tensor},
+    tensor::{StoredTensor, Tensor},
 };
 use geofan_core::parallel::*;
 use std::sync::Arc;
@@ -202,7 +202,7 @@ impl Tree {
         // Integers can only be read one after the other, by this thread: one of those that pictures wait for would be
         // gone for long. Those restore what has been read meanwhile.
         let tree = scope(|scope| {
-            let restoring = Restoring { scope, budget };
+            let restoring = (scope, budget);
             Tree::take(&mut structure, &mut integers, (shape, restoring), 0)
         })?;
         let tree = tree.mapped(&|tensor| Ok(Arc::new(tensor.restored(budget)?)))?;
@@ -213,10 +213,10 @@ impl Tree {
 }
 
 impl Tree<StoredTensor> {
-    fn take(
+    fn take<'s>(
         input: &mut ByteReader<'_>,
         integers: &mut IntegerDecoder,
-        (shape, restoring): (TensorShape, Restoring<'_, '_>),
+        (shape, restoring): (TensorShape, (&TaskScope<'s>, &'s DecodeBudget)),
         depth: usize,
     ) -> Result<Self, DecodeError> {
         if depth > DEEPEST {
