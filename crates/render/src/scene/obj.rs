@@ -21,7 +21,7 @@
 //! hexadecimal digits a vertex: mask, red, green, blue.
 
 use super::{
-    polygon::{Cutter, Outline},
+    polygon::Cutter,
     smoothing::{FLAT, SmoothingKey},
     text::{PAINT, Statement, statements},
 };
@@ -285,7 +285,7 @@ impl<'a> Obj<'a> {
             begin = face.end;
             points.clear();
             points.extend(corners.iter().map(|c| self.vertices.position(c[0])));
-            if cutter.cut(&points, &mut triangles) == Outline::Crossing {
+            if !cutter.cut(&points, &mut triangles) {
                 self.tally.cross(face.line);
             }
             for triangle in &triangles {

@@ -11,7 +11,7 @@ use super::{
     material::Material,
     material_shelf::Shelf,
     mesh::{Mesh, unit_or_none},
-    polygon::{Cutter, Outline},
+    polygon::Cutter,
     smoothing::{Draft, SmoothingKey},
 };
 use crate::picture::srgb_decode;
@@ -170,17 +170,14 @@ fn strip_triangles(strip: &Element) -> Vec<Element> {
     triangles
 }
 
-/// Attributes of a corner besides its vertex: texture coordinates and a colour, as bits.
-type Own = ([u32; 2], [u32; 4]);
-
 /// A mesh being made.
 struct PlyMeshBuilder<'a> {
     vertices: &'a [Element],
     /// Set if vertices, or faces, have colours.
     coloured: [bool; 2],
     draft: Draft,
-    /// Vertices of the mesh by those of the file and what else the corner has.
-    known: HashMap<(u32, Own), u32>,
+    /// Vertices of the mesh by those of the file and what else the corner has: texture coordinates and a colour, as bits.
+    known: HashMap<(u32, [u32; 2], [u32; 4]), u32>,
     cutter: Cutter,
     cut: Vec<[u32; 3]>,
     crossing: usize,
@@ -217,7 +214,7 @@ impl<'a> PlyMeshBuilder<'a> {
             .map(|i| self.vertices[*i].position.into())
             .collect();
         let mut cut = std::mem::take(&mut self.cut);
-        if self.cutter.cut(&points, &mut cut) == Outline::Crossing {
+        if !self.cutter.cut(&points, &mut cut) {
             self.crossing += 1;
         }
         for triangle in &cut {
@@ -252,7 +249,8 @@ impl<'a> PlyMeshBuilder<'a> {
         let colour = [r, g, b, a];
         let key = (
             vertex as u32,
-            (uv.map(f32::to_bits), colour.map(f32::to_bits)),
+            uv.map(f32::to_bits),
+            colour.map(f32::to_bits),
         );
         let mesh = &mut self.draft.mesh;
         let coloured = self.coloured[0] || self.coloured[1];

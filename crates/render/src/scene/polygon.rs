@@ -1,11 +1,10 @@
 //! Faces with any number of corners to triangles.
 //!
-//! In: the corners of a face, in order. Out: triangles that cover it once and turn the same way, and
-//! whether that is possible ([`Outline`]). A convex face is cut from its first corner; any other by
-//! clipping ears (crate `earcut`) in its own plane, which is across its Newell normal: half the sum
-//! of `pᵢ × pᵢ₊₁` is the area vector whether or not the corners lie in a plane (M. Newell; see
-//! I. Sutherland, R. Sproull, R. Schumacker, *A characterization of ten hidden-surface algorithms*,
-//! 1974).
+//! In: the corners of a face, in order. Out: triangles that cover it once and turn the same way, and whether that is
+//! possible: not where a face crosses itself, so that its inside is not known. A convex face is cut from its first
+//! corner; any other by clipping ears (crate `earcut`) in its own plane, which is across its Newell normal: half the
+//! sum of `pᵢ × pᵢ₊₁` is the area vector whether or not the corners lie in a plane (M. Newell; see I. Sutherland, R.
+//! Sproull, R. Schumacker, *A characterization of ten hidden-surface algorithms*, 1974).
 
 use earcut::Earcut;
 use glam::{DVec2, DVec3};
@@ -13,15 +12,6 @@ use std::collections::HashMap;
 
 /// Corners of a triangle as numbers of the face's corners.
 type Triangle = [u32; 3];
-
-/// The kind of outline that a face has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outline {
-    /// The triangles cover the face once.
-    Simple,
-    /// It crosses itself, so that its inside is not known.
-    Crossing,
-}
 
 /// An area is none where it is below this share of the square of the face's size: rounding leaves
 /// 1e-16 of that, and a sliver of 1e-9 of the width is nothing to be seen.
@@ -43,28 +33,28 @@ pub(super) struct Cutter {
 }
 
 impl Cutter {
-    /// Puts the triangles of the face with these corners into `triangles`, emptied first.
-    pub(super) fn cut(&mut self, corners: &[DVec3], triangles: &mut Vec<Triangle>) -> Outline {
+    /// Puts the triangles of the face with these corners into `triangles`, emptied first; tells whether they cover it once.
+    pub(super) fn cut(&mut self, corners: &[DVec3], triangles: &mut Vec<Triangle>) -> bool {
         triangles.clear();
         if corners.len() == 3 {
             triangles.push([0, 1, 2]);
-            return Outline::Simple;
+            return true;
         }
         let face = ScaledPolygon::new(corners);
         if face.doubled_area.length() <= FLAT || corners.len() > MOST_CORNERS {
             fan(corners.len(), triangles);
-            return face.outline_of(triangles);
+            return face.is_covered_by(triangles);
         }
         if face.is_convex() {
             fan(corners.len(), triangles);
-            return Outline::Simple;
+            return true;
         }
         self.clip(&face, triangles);
-        let outline = face.outline_of(triangles);
-        if outline == Outline::Simple {
+        let covered = face.is_covered_by(triangles);
+        if covered {
             insert_skipped(corners.len(), triangles);
         }
-        outline
+        covered
     }
 
     /// Clips the ears of a face.
@@ -138,7 +128,7 @@ impl ScaledPolygon {
     }
 
     /// Tells whether the triangles have the area of the face, as they do if they cover it once.
-    fn outline_of(&self, triangles: &[Triangle]) -> Outline {
+    fn is_covered_by(&self, triangles: &[Triangle]) -> bool {
         let normal = self.doubled_area.normalize_or_zero();
         let doubled = |t: &Triangle| {
             let [a, b, c] = t.map(|i| self.corners[i as usize]);
@@ -150,10 +140,7 @@ impl ScaledPolygon {
         };
         let covered: f64 = triangles.iter().map(doubled).sum();
         let area = self.doubled_area.length();
-        match (covered - area).abs() <= AREA_ERROR * area.max(AREA_ERROR) {
-            true => Outline::Simple,
-            false => Outline::Crossing,
-        }
+        (covered - area).abs() <= AREA_ERROR * area.max(AREA_ERROR)
     }
 }
 
@@ -226,10 +213,10 @@ fn split_side(
 mod tests {
     use super::*;
 
-    fn cut(corners: &[DVec3]) -> (Vec<Triangle>, Outline) {
+    fn cut(corners: &[DVec3]) -> (Vec<Triangle>, bool) {
         let mut triangles = Vec::new();
-        let outline = Cutter::default().cut(corners, &mut triangles);
-        (triangles, outline)
+        let covered = Cutter::default().cut(corners, &mut triangles);
+        (triangles, covered)
     }
 
     fn flat(corners: &[[f64; 2]]) -> Vec<DVec3> {
@@ -265,8 +252,8 @@ mod tests {
                     turned.reverse();
                 }
                 let corners = flat(&turned);
-                let (triangles, outline) = cut(&corners);
-                assert_eq!(outline, Outline::Simple);
+                let (triangles, covered) = cut(&corners);
+                assert!(covered);
                 assert!((area(&corners, &triangles) - 0.76).abs() < 1e-12);
                 let normal = ScaledPolygon::new(&corners).doubled_area;
                 for t in triangles {
@@ -287,8 +274,8 @@ mod tests {
         }
         outline.push([0.0, -1.0]);
         let corners: Vec<DVec3> = flat(&outline).iter().map(|p| *p + 4e6).collect();
-        let (triangles, found) = cut(&corners);
-        assert_eq!(found, Outline::Simple);
+        let (triangles, covered) = cut(&corners);
+        assert!(covered);
         let known = f64::from(teeth) * (1.0 + 1.5);
         assert!((area(&corners, &triangles) / known - 1.0).abs() < 1e-8);
     }
@@ -306,8 +293,8 @@ mod tests {
         for first in 0..6 {
             let mut turned = corners.clone();
             turned.rotate_left(first);
-            let (triangles, outline) = cut(&turned);
-            assert_eq!((outline, triangles.len()), (Outline::Simple, 4));
+            let (triangles, covered) = cut(&turned);
+            assert_eq!((covered, triangles.len()), (true, 4));
             assert!((area(&turned, &triangles) - 3.0).abs() < 1e-12);
             assert!((0..6).all(|i| triangles.iter().flatten().any(|c| *c == i)));
         }
@@ -328,8 +315,8 @@ mod tests {
             [1.0, 1.0],
         ];
         let corners = flat(&ring);
-        let (triangles, outline) = cut(&corners);
-        assert_eq!(outline, Outline::Simple);
+        let (triangles, covered) = cut(&corners);
+        assert!(covered);
         assert!((area(&corners, &triangles) - 8.0).abs() < 1e-12);
     }
 
@@ -343,14 +330,14 @@ mod tests {
         let uneven = [[0.0, 0.0], [2.0, 2.0], [2.0, 0.0], [0.0, 1.0]];
         let star = [star(0), star(1), star(2), star(3), star(4)];
         for corners in [&bow_tie[..], &uneven, &star] {
-            assert_eq!(cut(&flat(corners)).1, Outline::Crossing, "{corners:?}");
+            assert!(!cut(&flat(corners)).1, "{corners:?}");
         }
     }
 
     #[test]
     fn faces_without_area_or_with_absurd_corners_do_not_stop_it() {
         let line = flat(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [3.0, 0.0]]);
-        assert_eq!(cut(&line).1, Outline::Simple);
+        assert!(cut(&line).1);
         assert_eq!(cut(&[DVec3::ONE; 5]).0.len(), 3);
         let far = [DVec3::MAX, DVec3::MIN, DVec3::X, DVec3::Y, DVec3::Z];
         let _ = cut(&far);
