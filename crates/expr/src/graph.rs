@@ -7,7 +7,7 @@
 //! `0*x` is `0` even where `x` is infinite, and `a/b` is `a*(1/b)`, one rounding more, so that
 //! divisions by the same thing are shared.
 
-use super::{real::Real, spline::Spline};
+use super::{real::Real, spline::Spline, tape::TapeTooLarge};
 use std::{collections::HashMap, sync::Arc};
 
 /// A node of a [`Graph`].
@@ -107,11 +107,6 @@ pub struct Graph {
     /// What fields are asked for: the value, and the arguments before they are clamped.
     calls: Vec<(FieldId, NodeId, [NodeId; 3])>,
 }
-
-/// The graph has as many fields as it can hold.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("more than {} fields", u16::MAX)]
-pub struct TooManyFields;
 
 impl Unary {
     /// The value of the function, by the same kernels that tapes use.
@@ -487,8 +482,8 @@ impl Graph {
     ///
     /// # Errors
     /// There are too many.
-    pub fn add_field(&mut self, spline: Arc<Spline>) -> Result<FieldId, TooManyFields> {
-        let id = u16::try_from(self.fields.len()).map_err(|_| TooManyFields)?;
+    pub fn add_field(&mut self, spline: Arc<Spline>) -> Result<FieldId, TapeTooLarge> {
+        let id = u16::try_from(self.fields.len()).map_err(|_| TapeTooLarge::Fields)?;
         self.fields.push(spline);
         Ok(FieldId(id))
     }

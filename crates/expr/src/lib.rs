@@ -15,5 +15,5 @@ pub mod spline;
 mod tape;
 
 pub use derivative::Direction;
-pub use graph::{Binary, FieldId, Graph, Node, NodeId, TooManyFields, Unary};
+pub use graph::{Binary, FieldId, Graph, Node, NodeId, Unary};
 pub use tape::{Digest, Registers, Tape, TapeTooLarge, Wide, vectorised};

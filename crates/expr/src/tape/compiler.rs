@@ -97,7 +97,7 @@ impl<'g> Compiler<'g> {
 
     fn fresh(&mut self) -> Result<u16, TapeTooLarge> {
         if self.next >= MOST_REGISTERS {
-            return Err(TapeTooLarge);
+            return Err(TapeTooLarge::Values);
         }
         self.next += 1;
         Ok(self.next as u16 - 1)
@@ -240,7 +240,7 @@ impl<'g> Compiler<'g> {
         for (operand, node) in operands.iter_mut().zip(at) {
             *operand = self.register[node.0 as usize];
         }
-        operands[3] = u16::try_from(self.fields.len()).map_err(|_| TapeTooLarge)?;
+        operands[3] = u16::try_from(self.fields.len()).map_err(|_| TapeTooLarge::Values)?;
         let (mut orders, mut to) = (Vec::new(), Vec::new());
         for id in nodes {
             if let Node::Sample(_, these, _) = self.graph.node(NodeId(*id as u32)) {

@@ -71,10 +71,16 @@ impl<R: Real, const W: usize> Registers<R, W> {
 /// The most registers a tape may have: their numbers are 16 bits wide.
 const MOST_REGISTERS: usize = u16::MAX as usize;
 
-/// The tape would need more registers than there are; the expressions are too large.
+/// The expressions are too large for a tape.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("the expressions need more than {MOST_REGISTERS} intermediate values at once")]
-pub struct TapeTooLarge;
+pub enum TapeTooLarge {
+    /// It would need more registers than there are.
+    #[error("the expressions need more than {MOST_REGISTERS} intermediate values at once")]
+    Values,
+    /// The graph has as many fields as it can hold.
+    #[error("more than {} fields", u16::MAX)]
+    Fields,
+}
 
 impl Tape {
     /// Compiles `outputs` of `graph`, whose inputs are numbered below `inputs`.
