@@ -1,7 +1,7 @@
 //! What is refused or warned of where objects and lamps are placed.
 //!
-//! In: a scene and its manifold, and what is placed. Out: nothing, or a complaint with the place in the scene's text; or
-//! warnings of what no camera can see.
+//! In: a scene and its manifold, and what is placed. Out: nothing, or a complaint with the place in the scene's text;
+//! or warnings of what no camera can see.
 
 use super::{
     scene::{ObjectEntry, Points, SceneFile},
@@ -15,120 +15,119 @@ use geofan_core::{
 };
 use glam::DVec3;
 
-/// Checks what a scene places in a manifold.
-pub(super) struct PlacementChecks<'a> {
-    /// The manifold.
-    pub manifold: &'a Manifold,
-    /// The scene, for complaints.
-    pub scene: &'a SceneFile,
+/// Refuses a place outside the domain, or where the chart breaks down or all but does.
+pub(super) fn check_place(
+    scene: &SceneFile,
+    manifold: &Manifold,
+    object: &ObjectEntry,
+) -> Result<()> {
+    let refused = |message: String, hint: &str| -> Result<()> {
+        let place = object.at_span.clone();
+        Err(Diagnostic::new(&scene.source, place, message)
+            .with_hint(hint)
+            .into())
+    };
+    if let Err(fault) = check_point(manifold, "the object", object.at) {
+        let hint = "see [domain] in the manifold file, or move it from where the chart breaks down";
+        return refused(fault.to_string(), hint);
+    }
+    if is_near_singular(manifold, object.at) {
+        let message =
+            "the object: the chart is all but singular there, so directions are lost to rounding";
+        let hint = "move it away, or describe the space in other coordinates";
+        return refused(message.into(), hint);
+    }
+    Ok(())
 }
 
-impl PlacementChecks<'_> {
-    /// Refuses a place outside the domain, or where the chart breaks down or all but does.
-    pub fn place(&self, object: &ObjectEntry) -> Result<()> {
-        let refused = |message: String, hint: &str| -> Result<()> {
-            let place = object.at_span.clone();
-            Err(Diagnostic::new(&self.scene.source, place, message)
-                .with_hint(hint)
-                .into())
-        };
-        if let Err(fault) = check_point(self.manifold, "the object", object.at) {
-            let hint =
-                "see [domain] in the manifold file, or move it from where the chart breaks down";
-            return refused(fault.to_string(), hint);
-        }
-        if is_near_singular(self.manifold, object.at) {
-            let message = "the object: the chart is all but singular there, so directions are lost to rounding";
-            let hint = "move it away, or describe the space in other coordinates";
-            return refused(message.into(), hint);
-        }
-        Ok(())
-    }
-
-    /// Refuses an object of which a part lies nowhere or which goes round and round the space: both
-    /// come of a place where the chart is all but singular.
-    pub fn extent(&self, object: &ObjectEntry, vertices: &Points) -> Result<()> {
-        let refused = |message: String| -> Result<()> {
-            Err(
-                Diagnostic::new(&self.scene.source, object.at_span.clone(), message)
-                    .with_hint("make it smaller, or move it from where the chart breaks down")
-                    .into(),
-            )
-        };
-        if vertices.iter().any(|(u, _)| !u.is_finite()) {
-            return refused(String::from(
-                "a part of the object has no place in the chart",
-            ));
-        }
-        let times = self.times_around(vertices);
-        let copies: f64 = times.iter().map(|times| times + 1.0).product();
-        let k = DVec3::from_array(times).max_position();
-        if copies > MOST_COPIES {
-            let (times, name) = (times[k], &self.manifold.coordinates[k]);
-            return refused(format!(
-                "the object goes {times:.0} times around in `{name}`"
-            ));
-        }
-        Ok(())
-    }
-
-    /// Computes how many times an object goes around the space in each glued coordinate; 0 in the others.
-    fn times_around(&self, vertices: &Points) -> [f64; 3] {
-        [0, 1, 2].map(|k| {
-            let all = vertices.iter().map(|(u, _)| u[k]);
-            let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
-                (a.min(x), b.max(x))
-            });
-            let period = self.manifold.domain.period(k);
-            period.map_or(0.0, |period| ((most - least) / period).max(0.0))
-        })
-    }
-
-    /// Complains about an object that cannot be placed.
-    pub fn unreachable(&self, object: &ObjectEntry) -> Error {
-        Diagnostic::new(
-            &self.scene.source,
-            object.span.clone(),
-            "the geodesics that place this object leave the manifold",
+/// Refuses an object of which a part lies nowhere or which goes round and round the space: both
+/// come of a place where the chart is all but singular.
+pub(super) fn check_extent(
+    scene: &SceneFile,
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    vertices: &Points,
+) -> Result<()> {
+    let refused = |message: String| -> Result<()> {
+        Err(
+            Diagnostic::new(&scene.source, object.at_span.clone(), message)
+                .with_hint("make it smaller, or move it from where the chart breaks down")
+                .into(),
         )
-        .with_hint("make it smaller or move it away from the edge of the domain")
-        .into()
+    };
+    if vertices.iter().any(|(u, _)| !u.is_finite()) {
+        return refused(String::from(
+            "a part of the object has no place in the chart",
+        ));
     }
+    let times = times_around(manifold, vertices);
+    let copies: f64 = times.iter().map(|times| times + 1.0).product();
+    let k = DVec3::from_array(times).max_position();
+    if copies > MOST_COPIES {
+        let (times, name) = (times[k], &manifold.coordinates[k]);
+        return refused(format!(
+            "the object goes {times:.0} times around in `{name}`"
+        ));
+    }
+    Ok(())
+}
 
-    /// Warns of an object that moves along a path in a scene with `redshift`, which only `velocity` tells.
-    pub fn unshifted(&self, object: &ObjectEntry) -> Option<String> {
-        let untold = self.scene.redshift && object.path.is_some() && object.velocity.is_none();
-        let name = object.mesh.display();
-        untold.then(|| {
-            format!("{name} moves along its path, but its light has the frequencies of a body at rest: `velocity` beside `path` tells how fast it is")
-        })
-    }
+/// Computes how many times an object goes around the space in each glued coordinate; 0 in the others.
+fn times_around(manifold: &Manifold, vertices: &Points) -> [f64; 3] {
+    [0, 1, 2].map(|k| {
+        let all = vertices.iter().map(|(u, _)| u[k]);
+        let (least, most) = all.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| {
+            (a.min(x), b.max(x))
+        });
+        let period = manifold.domain.period(k);
+        period.map_or(0.0, |period| ((most - least) / period).max(0.0))
+    })
+}
 
-    /// Refuses that light takes time where that is not known.
-    pub fn delay(&self) -> Result<()> {
-        let Some(span) = &self.scene.delay else {
-            return Ok(());
-        };
-        let refused = |message: &str, hint: &str| {
-            let complaint = Diagnostic::new(&self.scene.source, span.clone(), message);
-            Err(complaint.with_hint(hint).into())
-        };
-        if self.manifold.has_drift() {
-            let message = "`delay`: in a space with `drift` time is not the arc length of paths";
-            return refused(
-                message,
-                "take it away: objects are then shown as they are at one time",
-            );
-        }
-        if !self.scene.lights.is_empty() {
-            let message = "`delay`: the light of lamps is not followed in time";
-            return refused(
-                message,
-                "take the lamps away (`Ke` in a material glows), or `delay`",
-            );
-        }
-        Ok(())
+/// Complains about an object that cannot be placed.
+pub(super) fn unreachable(scene: &SceneFile, object: &ObjectEntry) -> Error {
+    Diagnostic::new(
+        &scene.source,
+        object.span.clone(),
+        "the geodesics that place this object leave the manifold",
+    )
+    .with_hint("make it smaller or move it away from the edge of the domain")
+    .into()
+}
+
+/// Warns of an object that moves along a path in a scene with `redshift`, which only `velocity` tells.
+pub(super) fn unshifted(scene: &SceneFile, object: &ObjectEntry) -> Option<String> {
+    let untold = scene.redshift && object.path.is_some() && object.velocity.is_none();
+    let name = object.mesh.display();
+    untold.then(|| {
+        format!("{name} moves along its path, but its light has the frequencies of a body at rest: `velocity` beside `path` tells how fast it is")
+    })
+}
+
+/// Refuses that light takes time where that is not known.
+pub(super) fn check_delay(scene: &SceneFile, manifold: &Manifold) -> Result<()> {
+    let Some(span) = &scene.delay else {
+        return Ok(());
+    };
+    let refused = |message: &str, hint: &str| {
+        let complaint = Diagnostic::new(&scene.source, span.clone(), message);
+        Err(complaint.with_hint(hint).into())
+    };
+    if manifold.has_drift() {
+        let message = "`delay`: in a space with `drift` time is not the arc length of paths";
+        return refused(
+            message,
+            "take it away: objects are then shown as they are at one time",
+        );
     }
+    if !scene.lights.is_empty() {
+        let message = "`delay`: the light of lamps is not followed in time";
+        return refused(
+            message,
+            "take the lamps away (`Ke` in a material glows), or `delay`",
+        );
+    }
+    Ok(())
 }
 
 /// Warns of lamps beyond an exit.

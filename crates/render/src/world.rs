@@ -10,7 +10,10 @@ use super::{
     intersect::{Hit, Seen},
     lightmap::Lightmap,
     moving::{ObjectPath, at_time},
-    placement_checks::{PlacementChecks, any_reaches, lamps_out_of_sight, out_of_sight},
+    placement_checks::{
+        any_reaches, check_delay, check_extent, check_place, lamps_out_of_sight, out_of_sight,
+        unreachable, unshifted,
+    },
     redshift::ObjectState,
     scene::{LightEntry, Material, Mesh, ObjectEntry, Placed, Points, SceneFile, place},
     sky::Sky,
@@ -139,11 +142,7 @@ impl World {
     ) -> Result<Self> {
         let skies = load_skies(scene, &manifold)?;
         let lights = lights(scene, &manifold)?;
-        let checks = PlacementChecks {
-            manifold: &manifold,
-            scene,
-        };
-        checks.delay()?;
+        check_delay(scene, &manifold)?;
         let cover = match manifold.gluing() {
             Some(_) => Arc::new(manifold.cover().into_owned()),
             None => manifold.clone(),
@@ -497,17 +496,13 @@ impl World {
         object: &ObjectEntry,
         mesh: &'m Mesh,
     ) -> Result<Placed<'m>> {
-        let checks = PlacementChecks {
-            manifold: &self.manifold,
-            scene,
-        };
-        checks.place(object)?;
+        check_place(scene, &self.manifold, object)?;
         let Some(mut placed) = place(&self.manifold, object, mesh) else {
-            return Err(checks.unreachable(object));
+            return Err(unreachable(scene, object));
         };
-        checks.extent(object, &placed.vertices)?;
+        check_extent(scene, &self.manifold, object, &placed.vertices)?;
         self.warnings.append(&mut placed.warnings);
-        self.warnings.extend(checks.unshifted(object));
+        self.warnings.extend(unshifted(scene, object));
         let name = object.mesh.display().to_string();
         if object.cuts.is_none() {
             let corners = placed.vertices.iter().map(|(u, _)| *u);

@@ -59,9 +59,9 @@ pub fn place<'m>(manifold: &Manifold, object: &ObjectEntry, mesh: &'m Mesh) -> O
         )),
         Placement::Linear => {
             let vertices = linear(manifold.standard_frame(object.at), object, mesh);
-            let bend = Bend::of(manifold, object, mesh, &vertices);
+            let warning = bend_warning(manifold, object, mesh, &vertices);
             Some(Placed {
-                warnings: bend.warning(object).into_iter().collect(),
+                warnings: warning.into_iter().collect(),
                 ..Placed::uncut(mesh, vertices)
             })
         }
@@ -241,12 +241,6 @@ pub(super) fn bend(manifold: &Manifold, a: DVec3, b: DVec3, pieces: usize) -> f6
     (0..pieces).map(at).sum::<f64>() / pieces as f64
 }
 
-/// The angle by which linear placement bends straight parts of the mesh, radians.
-struct Bend {
-    edges: f64,
-    spokes: f64,
-}
-
 /// A line of 100 pixels that bends by this angle leaves its geodesic by 100 · 2°/8 = 0.4 pixels: a
 /// smaller bend is not seen, one a few times larger is.
 const NOTICED: f64 = 2.0 * std::f64::consts::PI / 180.0;
@@ -255,42 +249,40 @@ const NOTICED: f64 = 2.0 * std::f64::consts::PI / 180.0;
 /// milliseconds.
 const LOOKED_AT: usize = 4096;
 
-impl Bend {
-    /// Measures the edges, and the lines from the mesh's origin to its vertices.
-    fn of(manifold: &Manifold, object: &ObjectEntry, mesh: &Mesh, vertices: &Points) -> Self {
-        let worst = |angles: &(dyn Fn(usize) -> f64 + Sync), count: usize| {
-            let stride = count.div_ceil(LOOKED_AT).max(1);
-            let chosen = (0..count.div_ceil(stride)).into_par_iter();
-            let all: Vec<f64> = chosen.map(|i| angles(i * stride)).collect();
-            all.into_iter()
-                .filter(|x| x.is_finite())
-                .fold(0.0, f64::max)
-        };
-        let edge = |i: usize| {
-            let corners = mesh.triangles[i].map(|c| vertices[c as usize].0);
-            let sides = [(0, 1), (1, 2), (2, 0)];
-            let bends = sides.map(|(j, k)| bend(manifold, corners[j], corners[k], 1));
-            bends.into_iter().fold(0.0, f64::max)
-        };
-        let spoke = |i: usize| bend(manifold, object.at, vertices[i].0, 8);
-        Self {
-            edges: worst(&edge, mesh.triangles.len()),
-            spokes: worst(&spoke, vertices.len()),
-        }
-    }
-
-    fn warning(&self, object: &ObjectEntry) -> Option<String> {
-        let worst = self.edges.max(self.spokes);
-        (worst > NOTICED).then(|| {
-            format!(
-                "{}: linear placement bends edges by up to {:.1}° and straight lines from its middle by up to {:.1}° (more than {:.0}° is seen); `placement = \"exponential\"` keeps those lines straight",
-                object.mesh.display(),
-                self.edges.to_degrees(),
-                self.spokes.to_degrees().min(360.0),
-                NOTICED.to_degrees(),
-            )
-        })
-    }
+/// Warns of the angle by which linear placement bends straight parts of the mesh: the edges, and the lines from the
+/// mesh's origin to its vertices.
+fn bend_warning(
+    manifold: &Manifold,
+    object: &ObjectEntry,
+    mesh: &Mesh,
+    vertices: &Points,
+) -> Option<String> {
+    let worst = |angles: &(dyn Fn(usize) -> f64 + Sync), count: usize| {
+        let stride = count.div_ceil(LOOKED_AT).max(1);
+        let chosen = (0..count.div_ceil(stride)).into_par_iter();
+        let all: Vec<f64> = chosen.map(|i| angles(i * stride)).collect();
+        all.into_iter()
+            .filter(|x| x.is_finite())
+            .fold(0.0, f64::max)
+    };
+    let edge = |i: usize| {
+        let corners = mesh.triangles[i].map(|c| vertices[c as usize].0);
+        let sides = [(0, 1), (1, 2), (2, 0)];
+        let bends = sides.map(|(j, k)| bend(manifold, corners[j], corners[k], 1));
+        bends.into_iter().fold(0.0, f64::max)
+    };
+    let spoke = |i: usize| bend(manifold, object.at, vertices[i].0, 8);
+    let edges: f64 = worst(&edge, mesh.triangles.len());
+    let spokes: f64 = worst(&spoke, vertices.len());
+    (edges.max(spokes) > NOTICED).then(|| {
+        format!(
+            "{}: linear placement bends edges by up to {:.1}° and straight lines from its middle by up to {:.1}° (more than {:.0}° is seen); `placement = \"exponential\"` keeps those lines straight",
+            object.mesh.display(),
+            edges.to_degrees(),
+            spokes.to_degrees().min(360.0),
+            NOTICED.to_degrees(),
+        )
+    })
 }
 
 /// Geodesics that are followed: neighbours are 0.2 rad apart.
