@@ -1,8 +1,9 @@
 //! Files of chunks that are never in memory together.
 //!
 //! In: the path of a bundle or shard of any size. Out: its header, checked like that of a file that is read whole, and
-//! single chunks ([`StoredContents`]); and back, a file of chunks that come one by one ([`write_chunks`]). A file is read through once when it is opened, so that damage anywhere is found before work is spent on
-//! it; in memory are then its header, the samples of its fields and the places of its chunks.
+//! single chunks ([`StoredContents`]); and back, a file of chunks that come one by one ([`write_chunks`]). A file is
+//! read through once when it is opened, so that damage anywhere is found before work is spent on it; in memory are then
+//! its header, the samples of its fields and the places of its chunks.
 
 use crate::{
     bundle::{checked_header, field_payloads},
@@ -59,18 +60,17 @@ impl StoredContents {
             let message = "is not a plain file, whose chunks can be read one by one";
             return Err(Error::input(path.display().to_string(), message));
         }
-        let scan = Scan::new(file, found.len());
-        let blocks = scan.blocks().map_err(|found| match found {
-            Found::Unreadable(e) => failed(e),
-            Found::Wrong(e) => e.about(path),
-        })?;
-        Self::of_blocks(path, blocks).map_err(|e| e.about(path))
+        let (places, payloads) = Scan::new(path, file, found.len()).blocks()?;
+        Self::of_blocks(path, &places, &payloads).map_err(|e| e.about(path))
     }
 
-    fn of_blocks(path: &Path, blocks: ScannedBlocks) -> Result<Self, BundleError> {
-        let ScannedBlocks { places, payloads } = blocks;
+    fn of_blocks(
+        path: &Path,
+        places: &[BlockPlace],
+        payloads: &[Vec<u8>],
+    ) -> Result<Self, BundleError> {
         let listed = payloads.get(1).map_or(&[][..], Vec::as_slice);
-        let fields = check_order(&places, listed)?;
+        let fields = check_order(places, listed)?;
         let id = places[0].id;
         let chunks = StoredChunks {
             path: path.into(),
@@ -163,77 +163,71 @@ pub fn write_chunks(
     }
 }
 
-/// The blocks of a file: where all are, and the payloads of all but chunks.
-struct ScannedBlocks {
-    places: Vec<BlockPlace>,
-    payloads: Vec<Vec<u8>>,
-}
-
-/// What ends the reading of a file.
-enum Found {
-    Unreadable(io::Error),
-    Wrong(BundleError),
-}
-
-impl From<BundleError> for Found {
-    fn from(error: BundleError) -> Self {
-        Self::Wrong(error)
-    }
-}
-
 /// Reads through a file, and hashes it on the way.
-struct Scan {
+struct Scan<'p> {
+    path: &'p Path,
     input: BufReader<File>,
     /// Bytes of the file, read and in all.
     at: u64,
     size: u64,
     hasher: blake3::Hasher,
+    /// Where all blocks are, and the payloads of all but chunks.
+    places: Vec<BlockPlace>,
+    payloads: Vec<Vec<u8>>,
 }
 
-impl Scan {
-    fn new(file: File, size: u64) -> Self {
+impl<'p> Scan<'p> {
+    fn new(path: &'p Path, file: File, size: u64) -> Self {
         Self {
+            path,
             input: BufReader::with_capacity(PART, file),
             at: 0,
             size,
             hasher: blake3::Hasher::new(),
+            places: Vec::new(),
+            payloads: Vec::new(),
         }
     }
 
-    /// Reads all blocks and checks their checksums and the hash of all.
-    fn blocks(mut self) -> Result<ScannedBlocks, Found> {
+    /// Tells what is wrong with the file.
+    fn wrong<T>(&self, error: BundleError) -> Result<T, Error> {
+        Err(error.about(self.path))
+    }
+
+    /// Reads all blocks and checks their checksums and the hash of all; returns where they are, and the payloads of all but
+    /// chunks.
+    fn blocks(mut self) -> Result<(Vec<BlockPlace>, Vec<Vec<u8>>), Error> {
         // A file that is shorter than its start may still be told from other kinds of files.
         let start = self.bytes(self.size.min(START as u64))?;
-        check_start(&start)?;
+        check_start(&start).or_else(|e| self.wrong(e))?;
         let body = self.size.checked_sub(HASH as u64);
-        let body = body.filter(|body| *body >= START as u64);
-        let body = body.ok_or(BundleError::Truncated(self.size))?;
-        let mut blocks = ScannedBlocks {
-            places: Vec::new(),
-            payloads: Vec::new(),
+        let Some(body) = body.filter(|body| *body >= START as u64) else {
+            return self.wrong(BundleError::Truncated(self.size));
         };
         while self.at < body {
-            self.block(body, &mut blocks)?;
+            self.block(body)?;
         }
         let hash = self.hasher.finalize();
         match self.bytes(HASH as u64)? == hash.as_bytes() {
-            true => Ok(blocks),
-            false => Err(BundleError::Hash.into()),
+            true => Ok((self.places, self.payloads)),
+            false => self.wrong(BundleError::Hash),
         }
     }
 
     /// Reads the block that begins here, in a file whose blocks end at `body`.
-    fn block(&mut self, body: u64, blocks: &mut ScannedBlocks) -> Result<(), Found> {
+    fn block(&mut self, body: u64) -> Result<(), Error> {
         let start = self.at;
         let cut = BundleError::Truncated(self.size);
         let around = (BLOCK_HEAD + CHECKSUM) as u64;
         let Some(room) = (body - start).checked_sub(around) else {
-            return Err(cut.into());
+            return self.wrong(cut);
         };
         let head = self.bytes(BLOCK_HEAD as u64)?;
-        let place = BlockPlace::read(&head, start).map_err(|_| BundleError::Block(start))?;
+        let Ok(place) = BlockPlace::read(&head, start) else {
+            return self.wrong(BundleError::Block(start));
+        };
         if place.length > room {
-            return Err(cut.into());
+            return self.wrong(cut);
         }
         let mut sum = Xxh3::new();
         sum.update(&head);
@@ -241,34 +235,33 @@ impl Scan {
             self.skip(place.length, &mut sum)?;
         } else {
             if place.kind == BlockKind::Header as u8 && place.length > MOST_HEADER_BYTES as u64 {
-                return Err(BundleError::Limit {
+                return self.wrong(BundleError::Limit {
                     what: "bytes of its header",
                     found: place.length,
                     most: MOST_HEADER_BYTES as u64,
-                }
-                .into());
+                });
             }
             let payload = self.bytes(place.length)?;
             sum.update(&payload);
-            blocks.payloads.push(payload);
+            self.payloads.push(payload);
         }
         if self.bytes(CHECKSUM as u64)? != sum.digest().to_le_bytes() {
-            return Err(BundleError::Block(start).into());
+            return self.wrong(BundleError::Block(start));
         }
-        blocks.places.push(place);
+        self.places.push(place);
         Ok(())
     }
 
     /// Reads the next `count` bytes, which the file has.
-    fn bytes(&mut self, count: u64) -> Result<Vec<u8>, Found> {
+    fn bytes(&mut self, count: u64) -> Result<Vec<u8>, Error> {
         let mut bytes = Vec::new();
         let input = self.input.by_ref().take(count);
         { input }
             .read_to_end(&mut bytes)
-            .map_err(Found::Unreadable)?;
+            .map_err(|e| Error::io(self.path, e))?;
         // Somebody may shorten it meanwhile.
         if (bytes.len() as u64) < count {
-            return Err(BundleError::Truncated(self.at + bytes.len() as u64).into());
+            return self.wrong(BundleError::Truncated(self.at + bytes.len() as u64));
         }
         self.hasher.update(&bytes);
         self.at += count;
@@ -276,7 +269,7 @@ impl Scan {
     }
 
     /// Passes over the next bytes, which only the checksums see.
-    fn skip(&mut self, count: u64, sum: &mut Xxh3) -> Result<(), Found> {
+    fn skip(&mut self, count: u64, sum: &mut Xxh3) -> Result<(), Error> {
         let mut left = count;
         while left > 0 {
             let part = self.bytes(left.min(PART as u64))?;
