@@ -1,10 +1,10 @@
 //! What a session draws next, and what is made ready for that.
 //!
-//! In: the state of a session, and places where its camera is or may soon be, the most urgent first. Out: pictures to be
-//! drawn: hasty ones while something moves, then the same refined, then samples of traced light; and meanwhile chunks of
-//! the table to be decoded, one after another, each once, and whether the paths from a place can be looked up without
-//! waiting for that. A chunk that nobody has decoded takes as long as many pictures. Where it is decoded, and when that is
-//! done, is the engine's matter.
+//! In: the state of a session, and places where its camera is or may soon be, the most urgent first. Out: pictures to
+//! be drawn: hasty ones while something moves, then the same refined, then samples of traced light; and meanwhile
+//! chunks of the table to be decoded, one after another, each once, and whether the paths from a place can be looked up
+//! without waiting for that. A chunk that nobody has decoded takes as long as many pictures. Where it is decoded, and
+//! when that is done, is the engine's matter.
 
 use crate::{
     frame_plan::{FrameContent, FramePlan, Purpose},

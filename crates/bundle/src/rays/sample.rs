@@ -224,9 +224,6 @@ impl SamplingPlan<'_> {
     }
 }
 
-/// Arc length, point and tangent.
-type LastState = (f64, DVec3, DVec3);
-
 struct Sampler<'a, K> {
     of: SamplingPlan<'a>,
     starts: Vec<LiftedStart>,
@@ -234,8 +231,8 @@ struct Sampler<'a, K> {
     points: Vec<DVec4>,
     /// The next arc length to be sampled, for each ray.
     next: Vec<usize>,
-    /// The end of the last step, if its ray has samples left.
-    last: Option<LastState>,
+    /// The end of the last step, if its ray has samples left: arc length, point and tangent.
+    last: Option<(f64, DVec3, DVec3)>,
     keep: K,
     samples: &'a mut [f64],
 }

@@ -41,13 +41,6 @@ const STORED: [usize; PLANE] = [0, 1, 3, 4];
 /// Coefficients of a point and a tangent, axes (degree, [`PLANE`]).
 type Coefficients = [[f64; PLANE]; NODES];
 
-/// Coefficients at sixteen arc lengths.
-type Between = Box<[Coefficients; LANES]>;
-
-/// Coefficients at both ends of a cubic, and Hermite's weights of point and tangent at both ends, for the
-/// point and for the tangent.
-type OnCubic<'a> = ([&'a Coefficients; 2], [[f64; 4]; 2]);
-
 /// Coefficients at the knots of a block, axes (degree, [`PLANE`], knot).
 #[repr(align(64))]
 #[derive(Clone)]
@@ -64,7 +57,7 @@ pub(crate) struct FamilyInterval<'f> {
     /// Coefficients at the knots, a block of them after the other.
     table: Vec<KnotBlock>,
     /// Coefficients at sixteen arc lengths from each knot to the next.
-    between: Box<[OnceLock<Between>]>,
+    between: Box<[OnceLock<Box<[Coefficients; LANES]>>]>,
     end: Option<FamilyEnd>,
 }
 
@@ -158,8 +151,8 @@ impl<'f> FamilyInterval<'f> {
     }
 
     /// Finds ascending arc lengths on cubics between sixteen points from each knot to the next: the error of
-    /// cubics between knots falls by fifteen to the fourth.
-    fn along(&self, s: &[f64]) -> impl Iterator<Item = OnCubic<'_>> {
+    /// cubics between knots falls by fifteen to the fourth. See [`FamilyInterval::cubic`].
+    fn along(&self, s: &[f64]) -> impl Iterator<Item = ([&Coefficients; 2], [[f64; 4]; 2])> {
         let mut known: Option<usize> = None;
         s.iter().map(move |&at| {
             // What ends a piece belongs to it, what begins one does not ask for the piece before.
@@ -173,8 +166,9 @@ impl<'f> FamilyInterval<'f> {
         })
     }
 
-    /// Finds arc length `at` on the cubic between two of sixteen points from knot `k` to the next.
-    fn cubic(&self, k: usize, at: f64) -> OnCubic<'_> {
+    /// Finds arc length `at` on the cubic between two of sixteen points from knot `k` to the next: the coefficients at both
+    /// ends of the cubic, and Hermite's weights of point and tangent at both ends, for the point and for the tangent.
+    fn cubic(&self, k: usize, at: f64) -> ([&Coefficients; 2], [[f64; 4]; 2]) {
         let [from, to] = [self.knots[k], self.knots[k + 1]];
         let width = (to - from) / (LANES - 1) as f64;
         let place = (at - from) / width;
@@ -185,7 +179,7 @@ impl<'f> FamilyInterval<'f> {
     }
 
     /// Returns the coefficients at sixteen arc lengths evenly from knot `k` to the next.
-    fn between(&self, k: usize) -> &Between {
+    fn between(&self, k: usize) -> &[Coefficients; LANES] {
         self.between[k].get_or_init(|| {
             let piece = [self.knots[k], self.knots[k + 1]];
             let s: [f64; LANES] = std::array::from_fn(|l| {

@@ -36,9 +36,6 @@ enum ParameterTree<'f> {
     Bare,
 }
 
-/// The interval where the last path was found, and most likely the next will be.
-pub(super) type Nearby<'p, 'f> = Option<&'p FamilyInterval<'f>>;
-
 impl<'f> RayFamily<'f> {
     /// Makes the family of `fan`, whose table promises this error; `None` if directions have two parameters.
     pub(super) fn new(fan: &'f Fan, knots: &Arc<[f64]>, promise: f64) -> Option<Self> {
@@ -59,11 +56,12 @@ impl<'f> RayFamily<'f> {
         self.fan.space().orbits(&self.fan.place, &sixteen)
     }
 
-    /// Returns a path; `None` where intervals do not pay.
+    /// Returns a path; `None` where intervals do not pay. `near` is the interval where the last path was found, and most
+    /// likely the next will be.
     pub(super) fn path<'p>(
         &'p self,
         orbit: &Orbit,
-        near: &mut Nearby<'p, 'f>,
+        near: &mut Option<&'p FamilyInterval<'f>>,
         events: &mut EventLocator<'_>,
     ) -> Option<FamilyPath<'p, 'f>> {
         self.path_by(orbit, near, |tree, parameters, depth| {
@@ -75,7 +73,7 @@ impl<'f> RayFamily<'f> {
     pub(super) fn known_path<'p>(
         &'p self,
         orbit: &Orbit,
-        near: &mut Nearby<'p, 'f>,
+        near: &mut Option<&'p FamilyInterval<'f>>,
     ) -> Option<FamilyPath<'p, 'f>> {
         self.path_by(orbit, near, |tree, _, _| tree.get())
     }
@@ -85,7 +83,7 @@ impl<'f> RayFamily<'f> {
     fn path_by<'p>(
         &'p self,
         orbit: &Orbit,
-        near: &mut Nearby<'p, 'f>,
+        near: &mut Option<&'p FamilyInterval<'f>>,
         open: impl FnMut(
             &'p OnceLock<ParameterTree<'f>>,
             [f64; 2],

@@ -49,12 +49,10 @@ pub struct TableErrors {
     pub flagged: f64,
 }
 
-/// Chart point with tangent, and the transported rotation of a table that has one.
-pub type PathValue = ((DVec3, DVec3), Option<DQuat>);
-
-/// A table's paths from one camera: the value in a direction at an arc length, `None` where the table
-/// gives up, and the arc length from which on it does.
-pub type FanValues<'a> = Box<dyn Fn(DVec3, f64) -> (Option<PathValue>, f64) + 'a>;
+/// A table's paths from one camera: the value in a direction at an arc length (chart point with tangent, and the transported
+/// rotation of a table that has one), `None` where the table gives up, and the arc length from which on it does.
+pub type FanValues<'a> =
+    Box<dyn Fn(DVec3, f64) -> (Option<((DVec3, DVec3), Option<DQuat>)>, f64) + 'a>;
 
 /// Gives paths from any camera of a region.
 pub trait FanTable: Sync {

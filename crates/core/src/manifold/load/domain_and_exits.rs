@@ -23,9 +23,6 @@ impl Limits {
     }
 }
 
-/// Events with what each stands for.
-type EventNodes = Vec<(EventKind, NodeId)>;
-
 impl Loader<'_> {
     pub(super) fn read_domain(&self, item: Option<Item<'_>>) -> Reading<Limits> {
         let mut limits = Limits::default();
@@ -68,7 +65,7 @@ impl Loader<'_> {
         conditions: Vec<NodeId>,
     ) -> Reading<Domain> {
         let exits = exits.into_iter().enumerate();
-        let mut events: EventNodes = exits.map(|(i, e)| (EventKind::Exit(i), e)).collect();
+        let mut events: Vec<_> = exits.map(|(i, e)| (EventKind::Exit(i), e)).collect();
         for k in 0..3 {
             if let (Some(interval), None) = (limits.intervals[k], limits.glued(k)) {
                 events.extend(self.limit_events(k, interval));
@@ -92,11 +89,11 @@ impl Loader<'_> {
         })
     }
 
-    fn limit_events(&mut self, k: usize, [low, high]: [f64; 2]) -> EventNodes {
+    fn limit_events(&mut self, k: usize, [low, high]: [f64; 2]) -> [(EventKind, NodeId); 2] {
         let u = self.graph.input(k as u32);
         let (low, high) = (self.graph.constant(low), self.graph.constant(high));
         let beyond = [self.graph.sub(low, u), self.graph.sub(u, high)];
-        beyond.map(|node| (EventKind::Limit, node)).to_vec()
+        beyond.map(|node| (EventKind::Limit, node))
     }
 }
 
