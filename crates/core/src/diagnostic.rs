@@ -28,14 +28,18 @@ impl SourceText {
 
     /// Line and column, both from 1, of the byte offset `at` (columns count characters).
     pub fn line_column(&self, at: usize) -> (usize, usize) {
-        let at = (0..=at.min(self.text.len()))
-            .rev()
-            .find(|&i| self.text.is_char_boundary(i))
-            .unwrap_or(0);
-        let before = &self.text[..at];
+        let before = &self.text[..self.floor(at)];
         let line_start = before.rfind('\n').map_or(0, |i| i + 1);
         let line = before.matches('\n').count() + 1;
         (line, before[line_start..].chars().count() + 1)
+    }
+
+    /// Returns the byte offset of the last boundary of characters that is not beyond `at`.
+    fn floor(&self, at: usize) -> usize {
+        (0..=at.min(self.text.len()))
+            .rev()
+            .find(|&i| self.text.is_char_boundary(i))
+            .unwrap_or(0)
     }
 }
 
@@ -103,15 +107,8 @@ impl Diagnostic {
     /// make the renderer panic.
     #[cfg(feature = "report")]
     fn safe_span(&self) -> Range<usize> {
-        let text = &self.source.text;
-        let floor = |at: usize| {
-            (0..=at.min(text.len()))
-                .rev()
-                .find(|&i| text.is_char_boundary(i))
-                .unwrap_or(0)
-        };
-        let start = floor(self.span.start);
-        start..floor(self.span.end).max(start)
+        let start = self.source.floor(self.span.start);
+        start..self.source.floor(self.span.end).max(start)
     }
 }
 
