@@ -427,6 +427,14 @@ impl Graph {
             .fold(zero, |sum, (&x, &y)| self.mul_add(x, y, sum))
     }
 
+    /// `a × b`
+    pub fn cross(&mut self, a: [NodeId; 3], b: [NodeId; 3]) -> [NodeId; 3] {
+        [(1, 2), (2, 0), (0, 1)].map(|(i, j)| {
+            let (forth, back) = (self.mul(a[i], b[j]), self.mul(a[j], b[i]));
+            self.sub(forth, back)
+        })
+    }
+
     /// `a^n` for an integer `n`, by squaring.
     pub fn powi(&mut self, a: NodeId, n: i32) -> NodeId {
         let mut result = self.constant(1.0);

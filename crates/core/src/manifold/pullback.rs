@@ -25,7 +25,7 @@ impl Pullback {
     pub fn new(graph: &mut Graph, coordinates: [NodeId; 3]) -> Self {
         let mut axes = [0, 1, 2].map(|k| Direction::of_input(graph, k));
         let rows = coordinates.map(|r| axes.each_mut().map(|axis| graph.derivative(r, axis)));
-        let cofactors = [(1, 2), (2, 0), (0, 1)].map(|(a, b)| cross(graph, rows[a], rows[b]));
+        let cofactors = [(1, 2), (2, 0), (0, 1)].map(|(a, b)| graph.cross(rows[a], rows[b]));
         let determinant = graph.dot(&rows[0], &cofactors[0]);
         Self {
             rows,
@@ -67,13 +67,6 @@ impl Pullback {
     pub fn covector(&self, graph: &mut Graph, b: [NodeId; 3]) -> [NodeId; 3] {
         [0, 1, 2].map(|k| graph.dot(&b, &self.rows.map(|row| row[k])))
     }
-}
-
-fn cross(graph: &mut Graph, a: [NodeId; 3], b: [NodeId; 3]) -> [NodeId; 3] {
-    [(1, 2), (2, 0), (0, 1)].map(|(i, j)| {
-        let (forth, back) = (graph.mul(a[i], b[j]), graph.mul(a[j], b[i]));
-        graph.sub(forth, back)
-    })
 }
 
 /// How far the nearest points are from the one asked for, as shares of its distance from the chart's

@@ -309,7 +309,7 @@ impl State {
         let n = raised(graph, frame, self.q);
         let strained = self.strained(graph);
         let strained = raised(graph, frame, strained);
-        let tilt = cross(graph, n, strained);
+        let tilt = graph.cross(n, strained);
         let spin = difference(graph, curl, tilt);
         match self.drift {
             None => spin,
@@ -394,13 +394,6 @@ fn raised(graph: &mut Graph, frame: [NodeId; 6], q: Vector) -> Vector {
 fn curl(graph: &mut Graph, frame: [NodeId; 6], exterior: Vector) -> Vector {
     let [d12, d13, d23] = in_frame(graph, frame, exterior);
     [d23, graph.neg(d13), d12]
-}
-
-fn cross(graph: &mut Graph, a: Vector, b: Vector) -> Vector {
-    [(1, 2), (2, 0), (0, 1)].map(|(i, j)| {
-        let (forth, back) = (graph.mul(a[i], b[j]), graph.mul(a[j], b[i]));
-        graph.sub(forth, back)
-    })
 }
 
 fn sum(graph: &mut Graph, a: Vector, b: Vector) -> Vector {
