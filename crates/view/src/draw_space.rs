@@ -131,7 +131,7 @@ impl DrawSpace {
     /// Draws a block.
     fn draw(&self, request: &DrawRequest) -> Result<Answer> {
         let ((width, height), block) = (request.size, request.block);
-        if block.width == 0 || block.x + block.width > width || block.y + block.height > height {
+        if block.width == 0 || !block.is_within((width, height)) {
             return Err(Error::input("block", "is not a part of the picture"));
         }
         let whole = View::of_camera(&request.camera(), request.fov, request.size);
@@ -150,8 +150,7 @@ impl DrawSpace {
             return Ok(answer(self.light_pass(&whole, block, pass)?, Vec::new()));
         }
         if request.kind == PictureKind::Error {
-            let exact = block.x..block.x + block.width;
-            let part = whole.cropped(exact, block.y..block.y + block.height);
+            let part = whole.cropped(block.columns(), block.rows());
             let errors = self.errors(&part)?;
             let rgb = errors.iter().flat_map(|e| error_colour(*e)).collect();
             return Ok(answer(rgb, errors));
@@ -205,9 +204,8 @@ impl DrawSpace {
             bounces: u32::MAX,
             estimator: Estimator::Connected,
         };
-        let columns = block.x..block.x + block.width;
-        let row = |y: usize| columns.clone().map(move |x| y * view.size.0 + x);
-        let pixels: Vec<usize> = (block.y..block.y + block.height).flat_map(row).collect();
+        let row = |y: usize| block.columns().map(move |x| y * view.size.0 + x);
+        let pixels: Vec<usize> = block.rows().flat_map(row).collect();
         let light = PathTracer::new(world, view, settings).part(&pixels, pass, || false);
         let light = light.into_iter().flatten();
         Ok(light.flat_map(|x| x.to_array()).map(|x| x as f32).collect())

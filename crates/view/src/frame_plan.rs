@@ -9,7 +9,7 @@ use crate::protocol::{DrawRequest, PictureKind};
 use geofan_render::Camera;
 use geofan_render::lattice::LARGEST_TILE;
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
+use std::{collections::VecDeque, ops::Range};
 
 /// A part of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,6 +22,23 @@ pub struct Block {
     pub width: usize,
     /// Rows.
     pub height: usize,
+}
+
+impl Block {
+    /// Tells whether it lies within a picture of this size.
+    pub fn is_within(&self, (width, height): (usize, usize)) -> bool {
+        self.x + self.width <= width && self.y + self.height <= height
+    }
+
+    /// Returns its columns in the picture.
+    pub fn columns(&self) -> Range<usize> {
+        self.x..self.x + self.width
+    }
+
+    /// Returns its rows in the picture.
+    pub fn rows(&self) -> Range<usize> {
+        self.y..self.y + self.height
+    }
 }
 
 /// Purposes of pictures.

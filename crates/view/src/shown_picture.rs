@@ -42,8 +42,7 @@ impl ShownPicture {
         rgb: &[f32],
         last: bool,
     ) -> Option<Patch> {
-        let inside = block.x + block.width <= size.0 && block.y + block.height <= size.1;
-        if !inside || rgb.len() != 3 * block.width * block.height {
+        if !block.is_within(size) || rgb.len() != 3 * block.width * block.height {
             return None;
         }
         if self.current.frame != frame || self.current.size != size {
@@ -58,8 +57,8 @@ impl ShownPicture {
             };
         }
         let light = &mut self.current;
-        for (row, values) in rgb.chunks_exact(3 * block.width).enumerate() {
-            let start = 3 * ((block.y + row) * size.0 + block.x);
+        for (y, values) in block.rows().zip(rgb.chunks_exact(3 * block.width)) {
+            let start = 3 * (y * size.0 + block.x);
             light.rgb[start..start + values.len()].copy_from_slice(values);
         }
         light.done.push(block);
@@ -95,7 +94,7 @@ impl ShownPicture {
     fn patch(&self, light: &ShownLight, block: Block, last: bool) -> Patch {
         let mut rgba = Vec::new();
         let gain = self.stops.exp2() as f32;
-        for y in block.y..block.y + block.height {
+        for y in block.rows() {
             let start = 3 * (y * light.size.0 + block.x);
             let row = &light.rgb[start..start + 3 * block.width];
             self.table.append(row, gain, &mut rgba);
@@ -234,8 +233,10 @@ impl LightPasses {
         block: Block,
         light: &[f32],
     ) -> Option<Vec<f32>> {
-        let inside = block.x + block.width <= size.0 && block.y + block.height <= size.1;
-        if !inside || block.width == 0 || light.len() != 3 * block.width * block.height {
+        if !block.is_within(size)
+            || block.width == 0
+            || light.len() != 3 * block.width * block.height
+        {
             return None;
         }
         if self.about != Some((revision, size)) {
@@ -247,8 +248,8 @@ impl LightPasses {
         }
         let weight = 1.0 / (self.passes + 1) as f32;
         let mut means = Vec::with_capacity(light.len());
-        for (row, values) in light.chunks_exact(3 * block.width).enumerate() {
-            let start = 3 * ((block.y + row) * size.0 + block.x);
+        for (y, values) in block.rows().zip(light.chunks_exact(3 * block.width)) {
+            let start = 3 * (y * size.0 + block.x);
             let known = &mut self.mean[start..start + values.len()];
             for (mean, value) in known.iter_mut().zip(values) {
                 *mean += weight * (value - *mean);
