@@ -235,11 +235,6 @@ impl<'d> Item<'d> {
     pub fn table(&self) -> Reading<TomlTable<'d>> {
         self.as_table().ok_or_else(|| self.wrong_type("a table"))
     }
-
-    /// Returns whether the value is a table.
-    pub fn is_table(&self) -> bool {
-        self.value.is_table()
-    }
 }
 
 /// A table of the document. It remembers the keys asked for, so that [`TomlTable::finish`] can refuse

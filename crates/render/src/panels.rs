@@ -166,11 +166,6 @@ impl PicturePanels {
         }
     }
 
-    /// Tells if all rays of every part start at its camera.
-    pub fn are_central(&self) -> bool {
-        self.parts.iter().all(|panel| panel.view.is_central())
-    }
-
     /// Puts the file together from one picture for each part, in order. Layers are those of the first.
     pub fn join(&self, mut pictures: Vec<Picture>) -> Picture {
         if let [panel] = &self.parts[..]

@@ -171,20 +171,6 @@ impl Accelerator {
         }
     }
 
-    /// Finds the first triangle on a chord among those numbered in `candidates` only, without the tree.
-    pub fn first_hit_among(&self, candidates: &[u32], a: DVec3, b: DVec3) -> Option<ChordHit> {
-        let numbered = |&number: &u32| {
-            let corners = *self.triangles.get(number as usize)?;
-            Some(LeafTriangle {
-                corners,
-                number,
-                holed: self.holes.of(number).is_some(),
-            })
-        };
-        let candidates = candidates.iter().filter_map(numbered);
-        self.nearest(None, &Chord::new(a, b)?, candidates)
-    }
-
     /// Tells whether the box meets the box of any leaf. `false` is certain; `true` may be a near miss.
     #[inline(always)]
     pub fn touches(&self, min: DVec3, max: DVec3) -> bool {

@@ -5,6 +5,22 @@ use crate::{
 };
 use glam::Vec3;
 
+impl Accelerator {
+    /// Finds the first triangle on a chord among those numbered in `candidates` only, without the tree.
+    fn first_hit_among(&self, candidates: &[u32], a: DVec3, b: DVec3) -> Option<ChordHit> {
+        let numbered = |&number: &u32| {
+            let corners = *self.triangles.get(number as usize)?;
+            Some(LeafTriangle {
+                corners,
+                number,
+                holed: self.holes.of(number).is_some(),
+            })
+        };
+        let candidates = candidates.iter().filter_map(numbered);
+        self.nearest(None, &Chord::new(a, b)?, candidates)
+    }
+}
+
 /// A small deterministic generator of numbers in [0, 1).
 pub(super) struct Random(pub u64);
 

@@ -73,7 +73,8 @@ impl Texture {
     }
 
     /// Returns linear colour at `(u, v)`, bilinear and repeating; `v` grows upwards as OBJ has it.
-    pub fn sample(&self, u: f64, v: f64) -> [f32; 3] {
+    #[cfg(test)]
+    pub(super) fn sample(&self, u: f64, v: f64) -> [f32; 3] {
         self.sample_level(0, u, v, repeating)
     }
 
