@@ -8,7 +8,7 @@ use geofan::{
     bake::{BakeOptions, bake},
     bundle::Bundle,
     geodesic::{Ray, Settings, ends},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
     observer::Unobserved,
     random::Stream,
     render::{
@@ -123,11 +123,7 @@ fn rays() -> Result {
         Ray::new(&manifold, u.into(), random.direction(), length)
     };
     let rays: Vec<Ray> = (0..100_000).map(&mut ray).collect();
-    let settings = Settings {
-        tolerance: 1e-6,
-        carried: Carried::default(),
-        events: true,
-    };
+    let settings = Settings::bare(1e-6).with_events();
     counted(|| {
         black_box(ends(&manifold, settings, rays.iter().copied()));
         Ok(())

@@ -36,7 +36,7 @@
 //! use geofan::{
 //!     diagnostic::SourceText,
 //!     geodesic::{Ray, Settings, paths},
-//!     manifold::{Carried, Manifold},
+//!     manifold::Manifold,
 //! };
 //! use glam::DVec3;
 //! use std::f64::consts::PI;
@@ -50,7 +50,7 @@
 //!
 //! let start = DVec3::new(0.5, 0.0, 0.0);
 //! let direction = DVec3::new(0.2, 0.9, -0.3).normalize(); // in the standard frame at `start`
-//! let settings = Settings { tolerance: 1e-11, carried: Carried::default(), events: true };
+//! let settings = Settings::bare(1e-11).with_events();
 //! let found = paths(&sphere, settings, [Ray::new(&sphere, start, direction, PI)]);
 //!
 //! let last = found[0].steps.last().expect("a path of positive length has steps");

@@ -3,10 +3,7 @@
 mod support;
 
 use geofan_bundle::Bundle;
-use geofan_core::{
-    geodesic::{Path, Ray, Settings, paths},
-    manifold::Carried,
-};
+use geofan_core::geodesic::{Path, Ray, Settings, paths};
 use geofan_light::path_tracer::{Estimator, PathTracerSettings};
 use geofan_render::{
     ExactGridTracer, ExactTracer, Seen, Stage, View,
@@ -96,11 +93,7 @@ impl Flight {
         let starts = starts(manifold, view, middles.iter().copied());
         let ray = |start: RayStart| Ray::without_spread(start.u, start.v, self.length);
         let rays: Vec<Ray> = starts.into_iter().flatten().map(ray).collect();
-        let settings = Settings {
-            tolerance: 1e-10,
-            carried: Carried::default(),
-            events: true,
-        };
+        let settings = Settings::bare(1e-10).with_events();
         middles
             .into_iter()
             .zip(paths(manifold, settings, rays))

@@ -4,10 +4,7 @@
 mod support;
 
 use geofan_bundle::{Bundle, Tree};
-use geofan_core::{
-    geodesic::{End, Ray, Settings, paths},
-    manifold::Carried,
-};
+use geofan_core::geodesic::{End, Ray, Settings, paths};
 use glam::DVec3;
 use serde_json::Value;
 use support::Place;
@@ -122,14 +119,7 @@ fn frames_turn_at_the_edges_of_stored_paths_and_a_second_reading_says_the_same()
     let u = DVec3::new(0.3, 0.1, -0.2);
     let d = DVec3::new(0.5, -0.3, 0.4).normalize();
     let manifold = bundle.table.space.manifold();
-    let settings = Settings {
-        tolerance: 1e-11,
-        carried: Carried {
-            frame: true,
-            deviation: false,
-        },
-        events: false,
-    };
+    let settings = Settings::bare(1e-11).with_frame();
     let exact = paths(manifold, settings, [Ray::new(manifold, u, d, 2.0)]).remove(0);
     assert_eq!(exact.edges().count(), 1);
     let fan = bundle.fan(u).unwrap();
@@ -159,11 +149,7 @@ fn paths_that_are_torn_behind_a_horizon_end_there_in_the_tree() {
     assert!(trees.map(divisions).sum::<usize>() >= 1);
     // Rays that end at either exit do so where their exact paths do.
     let manifold = bundle.table.space.manifold();
-    let settings = Settings {
-        tolerance: 1e-11,
-        carried: Carried::default(),
-        events: true,
-    };
+    let settings = Settings::bare(1e-11).with_events();
     let u = DVec3::new(4.8, 0.0, -6.4);
     let (inwards, across) = (DVec3::new(-0.6, 0.0, 0.8), DVec3::Y);
     let fan = bundle.fan(u).unwrap();

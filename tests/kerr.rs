@@ -6,7 +6,7 @@ mod support;
 use geofan_core::{
     diagnostic::SourceText,
     geodesic::{End, Path, Ray, Settings, Step, paths, signed_area},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
     random::Stream,
 };
 use glam::DVec3;
@@ -281,10 +281,7 @@ fn edge(hole: &Manifold, u: DVec3, d: DVec3) -> DVec3 {
     let centre = centre.normalize();
     let aside = d.reject_from(centre).normalize();
     let at = |angle: f64| centre * angle.cos() + aside * angle.sin();
-    let settings = Settings {
-        carried: Carried::default(),
-        ..settings(1e-12, true)
-    };
+    let settings = Settings::bare(1e-12).with_events();
     let known = aside.dot(d).atan2(centre.dot(d));
     let (mut low, mut high) = (known - 1e-4, known + 1e-4);
     // As many rays as the integrator has lanes, then the interval between two of them.

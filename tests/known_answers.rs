@@ -5,7 +5,7 @@ mod support;
 
 use geofan_core::{
     geodesic::{End, Path, Ray, Settings, paths},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
     random::Stream,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -129,11 +129,7 @@ r2 = "(x - 0.3)^2 + (y + 0.2)^2 + (z - 0.1)^2"
         let from = random.between(0.2, 1.5);
         let u = centre + side - d * from;
         for tolerance in [1e-4, 1e-6, 1e-9] {
-            let settings = Settings {
-                tolerance,
-                carried: Carried::default(),
-                events: false,
-            };
+            let settings = Settings::bare(tolerance);
             let path = paths(&manifold, settings, [Ray::new(&manifold, u, d, length)]).remove(0);
             let out = path.steps.last().unwrap().tangent(path.length);
             assert!(

@@ -3,7 +3,7 @@
 use geofan_core::{
     diagnostic::SourceText,
     geodesic::{Ray, Settings, paths},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
     random::Stream,
 };
 use geofan_light::{Connection, LightFan, MOST_GAIN, cache, irradiance};
@@ -238,11 +238,7 @@ fn brute_force(space: &Manifold, from: DVec3, to: DVec3, length: f64) -> Vec<f64
     let y = (to - x * x.dot(to)).normalize();
     let goal = DVec2::new(to.dot(x), to.dot(y));
     let count = 2000;
-    let settings = Settings {
-        tolerance: 1e-6,
-        carried: Carried::default(),
-        events: true,
-    };
+    let settings = Settings::bare(1e-6).with_events();
     let frame = space.standard_frame(from);
     let rays = (0..count).map(|i| {
         let d = DVec2::from_angle(TAU * (i as f64 + 0.37) / count as f64);

@@ -122,15 +122,8 @@ fn the_local_views_error_grows_in_proportion_to_the_distance() {
     let manifold = &stage.world.manifold;
     // Where a geodesic is after the length s, against the direction in which it left.
     let error = |d: DVec3, s: f64| {
-        use geofan_core::{
-            geodesic::{Ray, Settings, ends},
-            manifold::Carried,
-        };
-        let settings = Settings {
-            tolerance: 1e-12,
-            carried: Carried::default(),
-            events: false,
-        };
+        use geofan_core::geodesic::{Ray, Settings, ends};
+        let settings = Settings::bare(1e-12);
         let (step, reached) = ends(manifold, settings, [Ray::new(manifold, view.u, d, s)])
             .remove(0)
             .unwrap();

@@ -5,7 +5,7 @@ mod support;
 
 use geofan_core::{
     geodesic::{Path, Ray, Settings, fixed_steps, paths},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
 };
 use glam::DVec3;
 use support::{asset, settings};
@@ -185,14 +185,10 @@ fn paths_are_as_exact_inside_their_steps_as_at_the_ends() {
 #[test]
 fn a_ray_followed_alone_is_the_ray_followed_among_others_to_the_last_bit() {
     for (manifold, ray) in cases() {
-        let settings = Settings {
-            tolerance: 1e-7,
-            carried: Carried {
-                frame: true,
-                deviation: true,
-            },
-            events: true,
-        };
+        let settings = Settings::bare(1e-7)
+            .with_frame()
+            .with_deviation()
+            .with_events();
         let company = (1..=100).map(|k| Ray {
             length: ray.length * f64::from(k) / 100.0,
             ..Ray::new(

@@ -5,7 +5,7 @@ mod support;
 
 use geofan_core::{
     geodesic::{Path, Ray, Settings, elapsed, paths},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
     random::Stream,
 };
 use geofan_render::{Ending, ExactTracer, Stage};
@@ -83,10 +83,7 @@ fn light_passes_over_a_pole_as_anywhere() {
             let sine = b / 50.0 * (1.0_f64 - 2.0 / 50.0).sqrt();
             let d = DVec3::NEG_X * (1.0 - sine * sine).sqrt() + across * sine;
             let ray = Ray::new(&hole, u, d, 400.0);
-            let bare = Settings {
-                carried: Carried::default(),
-                ..settings(1e-12, true)
-            };
+            let bare = Settings::bare(1e-12).with_events();
             let path = paths(&hole, bare, [ray]).remove(0);
             assert_eq!(path.end.name(&hole), "sky", "{b} {across}");
             assert!(path.tried < 3000, "{}", path.tried);

@@ -6,7 +6,7 @@ mod support;
 
 use geofan_core::{
     geodesic::{End, Path, Ray, Settings, Step, elapsed, paths, signed_area},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
     random::Stream,
 };
 use glam::{DMat3, DQuat, DVec3};
@@ -131,10 +131,7 @@ fn tilted(angle: f64) -> DVec3 {
 /// The angle at which rays begin to escape, by bisection.
 fn edge(space: &Manifold, u: DVec3, length: f64, direction: impl Fn(f64) -> DVec3) -> f64 {
     let sky = End::Exit(space.exit_named("sky").unwrap());
-    let settings = Settings {
-        carried: Carried::default(),
-        ..settings(1e-12, true)
-    };
+    let settings = Settings::bare(1e-12).with_events();
     let (mut low, mut high) = (1e-3, PI - 1e-3);
     // As many rays as the integrator has lanes, then the interval between two of them.
     while high - low > 1e-11 {

@@ -109,15 +109,8 @@ fn light_that_reaches_the_ergosphere_of_observers_at_rest_ends_there() {
         .replace("[spacetime]\n", "[spacetime]\nobservers = \"static\"\n");
     let text = text.replace("r = [1.0, 12.0]", "r = [3.0, 12.0]");
     let hole = Manifold::from_source(SourceText::new("kerr", text), &[]).unwrap();
-    use geofan_core::{
-        geodesic::{Ray, Settings, paths},
-        manifold::Carried,
-    };
-    let settings = Settings {
-        tolerance: 1e-9,
-        carried: Carried::default(),
-        events: true,
-    };
+    use geofan_core::geodesic::{Ray, Settings, paths};
+    let settings = Settings::bare(1e-9).with_events();
     let ray = |d: [f64; 3]| {
         let d = glam::DVec3::from(d).normalize();
         Ray::new(&hole, glam::DVec3::X * 8.0, d, 60.0)

@@ -12,7 +12,6 @@ use geofan_bundle::{
 use geofan_core::{
     Result,
     geodesic::{End, Path, Ray, Settings, Step, paths},
-    manifold::Carried,
 };
 
 /// Random paths that are followed past their exits: some are to meet a hole that takes a hundredth of the sky.
@@ -47,11 +46,7 @@ pub fn rough_exits(
     if !manifold.has_wind() || !manifold.domain.ends_rays() || !space.ends_alike() {
         return Ok(Vec::new());
     }
-    let settings = Settings {
-        tolerance: plan.tolerance,
-        carried: Carried::default(),
-        events: false,
-    };
+    let settings = Settings::bare(plan.tolerance);
     // Paths through each exit, and how far behind it they get rough.
     let mut found = vec![(0, Vec::new()); manifold.exits.len()];
     for batch in random_stored_rays(space, PATHS).chunks(BATCH) {

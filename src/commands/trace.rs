@@ -11,7 +11,7 @@ use geofan_core::{
     geodesic::{
         End, Sample, Settings, check_start, conjugate_points, depart, elapsed, paths, samples,
     },
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
 };
 use glam::DVec3;
 use serde::Serialize;
@@ -94,14 +94,10 @@ fn exact(args: &TraceArgs, file: &Path) -> Result<Trace> {
     }
     let length = manifold.length_or(args.length)?;
     let ray = depart(&manifold, "--at", args.at, args.dir, length)?;
-    let settings = Settings {
-        tolerance: args.tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: true,
-    };
+    let settings = Settings::bare(args.tolerance)
+        .with_frame()
+        .with_deviation()
+        .with_events();
     let path = paths(&manifold, settings, [ray]).remove(0);
     let samples = samples(&manifold, &ray, &path, args.samples as usize);
     let times = |s: &Sample| elapsed(&manifold, &path, s.s);

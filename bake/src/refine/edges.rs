@@ -278,7 +278,7 @@ impl Refiner<'_> {
         // Nobody looks behind exits.
         let settings = Settings {
             events: self.space.ends_alike(),
-            ..self.settings()
+            ..Settings::bare(self.plan.tolerance)
         };
         let grid = self.grid(chunk, bounds, nodes);
         let starts: Vec<usize> = (0..count).step_by(BATCH).collect();
@@ -340,10 +340,7 @@ impl Refiner<'_> {
         let one = vec![1; bounds.arc() + 1];
         let middle = self.grid(chunk, bounds, &one)(0..1).into_iter();
         let rays = middle.map(|(u, v)| Ray::without_spread(u, v, s));
-        let settings = Settings {
-            events: false,
-            ..self.settings()
-        };
+        let settings = Settings::bare(self.plan.tolerance);
         let found = paths(self.space.manifold(), settings, rays);
         let last = found.first().and_then(|path| path.steps.last());
         last.map_or(1.0, |step| {

@@ -29,7 +29,7 @@ use geofan_bundle::{
     path_coefficients,
     rays::{DISPLACEMENT, FACES, RaySpace, SampleNumbers, SamplingPlan, StoredCamera, cell},
 };
-use geofan_core::{Stop, geodesic::Settings, manifold::Carried};
+use geofan_core::Stop;
 use glam::DVec3;
 use held_out::HeldOutRays;
 use line_series::{Resolution, tail};
@@ -430,15 +430,6 @@ impl Refiner<'_> {
         let along = |(axis, n): (usize, &usize)| variables.places(axis, *n);
         let axes: Vec<Vec<f64>> = inputs.iter().enumerate().map(along).collect();
         (0..count).map(|number| grid_node(&axes, number)).collect()
-    }
-
-    /// Returns the settings under which paths are followed to where they meet edges.
-    fn settings(&self) -> Settings {
-        Settings {
-            tolerance: self.plan.tolerance,
-            carried: Carried::default(),
-            events: false,
-        }
     }
 
     /// Gives the rays of the tensor grid of `nodes` (chart point, unit tangent) by their number, the last

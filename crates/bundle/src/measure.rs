@@ -120,14 +120,10 @@ pub fn with_end(share: f64, end: f64) -> Vec<f64> {
 
 /// Everything carried, ending at exits, to the local `tolerance`.
 pub fn settings(tolerance: f64) -> Settings {
-    Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
-        events: true,
-    }
+    Settings::bare(tolerance)
+        .with_frame()
+        .with_deviation()
+        .with_events()
 }
 
 /// Returns the settings for the stored rays of `space`, which end only where every ray does that they stand for. Their

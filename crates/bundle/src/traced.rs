@@ -14,7 +14,7 @@ use crate::{Fan, LookupError, Table, TablePath};
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Sample, Settings, first_event, paths, samples},
-    manifold::{Carried, Development, Manifold},
+    manifold::{Development, Manifold},
 };
 use glam::{DMat3, DVec3};
 
@@ -242,14 +242,7 @@ fn exactly(
     count: usize,
     tolerance: f64,
 ) -> Traced {
-    let settings = Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: false,
-        },
-        events: true,
-    };
+    let settings = Settings::bare(tolerance).with_frame().with_events();
     let ray = Ray::new(manifold, u, d, length);
     let path = paths(manifold, settings, [ray]).remove(0);
     let mut samples = samples(manifold, &ray, &path, count);

@@ -14,7 +14,7 @@ use crate::{
 };
 use geofan_core::{
     geodesic::{Ray, Settings, perpendiculars, signed_area},
-    manifold::{Carried, LocalFrame, Manifold},
+    manifold::{LocalFrame, Manifold},
 };
 use glam::{DMat3, DVec3};
 
@@ -131,18 +131,6 @@ fn allowed(tolerance: f64) -> f64 {
     ARRIVED * tolerance.sqrt()
 }
 
-/// Carries deviation or not, and ends rays at exits or not.
-fn settings(tolerance: f64, deviation: bool, events: bool) -> Settings {
-    Settings {
-        tolerance,
-        carried: Carried {
-            frame: false,
-            deviation,
-        },
-        events,
-    }
-}
-
 /// Follows the rays that the states try now.
 fn followed(
     manifold: &Manifold,
@@ -164,8 +152,8 @@ fn approached(
     let (bare, others): (Vec<ShootingState>, Vec<ShootingState>) =
         states.into_iter().partition(|s| s.bare);
     let mut open = Vec::with_capacity(bare.len() + others.len());
-    for (states, deviation) in [(bare, false), (others, true)] {
-        let settings = settings(tolerance, deviation, false);
+    let settings = Settings::bare(tolerance);
+    for (states, settings) in [(bare, settings), (others, settings.with_deviation())] {
         let rays = followed(manifold, settings, &states, Shadows::Ignored);
         let next = |(state, ray): (ShootingState, FollowedRay)| {
             let shot = state.shot(&ray);
@@ -184,7 +172,12 @@ fn arrived(
     [tolerance, allowed]: [f64; 2],
     shadows: Shadows<'_>,
 ) -> (Vec<(usize, Connection)>, Vec<ShootingState>) {
-    let rays = followed(manifold, settings(tolerance, true, true), &states, shadows);
+    let rays = followed(
+        manifold,
+        Settings::bare(tolerance).with_deviation().with_events(),
+        &states,
+        shadows,
+    );
     let (mut found, mut others) = (Vec::new(), Vec::new());
     for (state, ray) in states.into_iter().zip(rays) {
         if matches!(ray, FollowedRay::Shadowed) {

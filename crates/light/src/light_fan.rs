@@ -15,7 +15,7 @@ use crate::{
 };
 use geofan_core::{
     geodesic::{Ray, Settings, follow, perpendiculars},
-    manifold::{Carried, DeckTransformation, GluedFace, LocalFrame, Manifold},
+    manifold::{DeckTransformation, GluedFace, LocalFrame, Manifold},
     parallel::*,
 };
 use geofan_render::accel::BoxTree;
@@ -386,14 +386,7 @@ impl<'m> LightFan<'m> {
 
     /// Integrates the rays in `directions` and samples them at the knots.
     fn trace(&self, directions: &[DVec3]) -> Vec<Vec<RayLeg>> {
-        let settings = Settings {
-            tolerance: TOLERANCE,
-            carried: Carried {
-                frame: false,
-                deviation: true,
-            },
-            events: true,
-        };
+        let settings = Settings::bare(TOLERANCE).with_deviation().with_events();
         let block = |directions: &[DVec3]| -> Vec<Vec<RayLeg>> {
             let space = (self.manifold, &self.arc_lengths[..]);
             let mut sampler = KnotSampler::new(space, (self.u, &self.local), directions);

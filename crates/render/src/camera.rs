@@ -11,7 +11,7 @@ use geofan_bundle::Table;
 use geofan_core::{
     error::Result,
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Carried, DeckTransformation, Gluing, Manifold},
+    manifold::{DeckTransformation, Gluing, Manifold},
 };
 use glam::{DMat3, DQuat, DVec3};
 
@@ -102,14 +102,7 @@ impl Camera {
         let Some(direction) = (self.rotation * by).try_normalize() else {
             return stay;
         };
-        let settings = Settings {
-            tolerance: TOLERANCE,
-            carried: Carried {
-                frame: true,
-                deviation: false,
-            },
-            events: true,
-        };
+        let settings = Settings::bare(TOLERANCE).with_frame().with_events();
         let wanted = by.length();
         // A wind blows light, and no camera.
         let developed = manifold.developed();

@@ -15,7 +15,7 @@ use super::{
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, follow},
-    manifold::{Carried, Domain, Manifold},
+    manifold::{Domain, Manifold},
 };
 use glam::{DVec3, Vec3};
 use std::ops::ControlFlow;
@@ -278,11 +278,7 @@ fn follow_until_seen(
     rays: &[(Ray, f64)],
     tolerance: f64,
 ) -> Vec<(Seen, bool)> {
-    let settings = Settings {
-        tolerance,
-        carried: Carried::default(),
-        events: true,
-    };
+    let settings = Settings::bare(tolerance).with_events();
     let state = |(ray, before): &(Ray, f64)| RayProgress {
         before: *before,
         u: ray.u,

@@ -15,7 +15,7 @@ use geofan_core::{
     diagnostic::Diagnostic,
     error::Result,
     geodesic::{Path, Ray, Settings, ends, paths, perpendiculars},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
 };
 use glam::{DMat3, DQuat, DVec3};
 
@@ -30,14 +30,7 @@ const CLOSE: f64 = 1e-7;
 const ARRIVED: f64 = 1e-6;
 
 /// Settings of the geodesics along which a camera is carried.
-const WITH_FRAME: Settings = Settings {
-    tolerance: TOLERANCE,
-    carried: Carried {
-        frame: true,
-        deviation: false,
-    },
-    events: false,
-};
+const WITH_FRAME: Settings = Settings::bare(TOLERANCE).with_frame();
 
 /// Places on the way between two poses at which cameras are checked that are to be at rest.
 const MOTION_CHECKS: usize = 256;
@@ -336,14 +329,7 @@ fn geodesic_between(manifold: &Manifold, a: DVec3, b: DVec3) -> Option<Ray> {
 /// Follows the geodesic with initial direction times length `w` (standard frame). Returns its end, and the
 /// derivative of that point by `w`.
 fn shoot(manifold: &Manifold, a: DVec3, w: DVec3) -> Option<(DVec3, DMat3)> {
-    let settings = Settings {
-        tolerance: TOLERANCE,
-        carried: Carried {
-            frame: false,
-            deviation: true,
-        },
-        events: false,
-    };
+    let settings = Settings::bare(TOLERANCE).with_deviation();
     let length = w.length();
     let d = w.try_normalize()?;
     let end = ends(manifold, settings, [Ray::new(manifold, a, d, length)]).pop()??;

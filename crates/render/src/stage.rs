@@ -19,7 +19,7 @@ use geofan_core::{
     diagnostic::Diagnostic,
     error::{Error, Result},
     geodesic::{self, End, Ray, Settings, check_point, paths},
-    manifold::{Carried, Form, Manifold},
+    manifold::{Form, Manifold},
     reading::read_file,
 };
 use glam::{DMat3, DVec3};
@@ -243,11 +243,7 @@ fn ends(manifold: &Manifold, u: DVec3) -> Vec<(usize, DVec3)> {
         rest.map(|(y, z)| DVec3::new(*x, y, z))
     });
     let rays = directions.filter_map(|d| Some(Ray::new(manifold, u, d.try_normalize()?, length)));
-    let settings = Settings {
-        tolerance: TOLERANCE,
-        carried: Carried::default(),
-        events: true,
-    };
+    let settings = Settings::bare(TOLERANCE).with_events();
     let end = |path: geodesic::Path| match path.end {
         End::Exit(exit) => Some((exit, path.steps.last()?.position(path.length))),
         _ => None,

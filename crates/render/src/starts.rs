@@ -6,7 +6,7 @@
 use super::view::{PictureRay, View};
 use geofan_core::{
     geodesic::{Ray, Settings, Step, ends},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
 };
 use glam::{DQuat, DVec2, DVec3};
 
@@ -56,14 +56,7 @@ fn moved(manifold: &Manifold, u: DVec3, rays: &[PictureRay]) -> Vec<Option<(DVec
     // A wind blows light, and no camera.
     let cover = manifold.cover();
     let still = cover.still();
-    let settings = Settings {
-        tolerance: TOLERANCE,
-        carried: Carried {
-            frame: true,
-            deviation: false,
-        },
-        events: true,
-    };
+    let settings = Settings::bare(TOLERANCE).with_frame().with_events();
     let local = still.local_frame(u);
     let ways = rays.iter().map(|ray| {
         let d = ray.offset.try_normalize().unwrap_or(DVec3::X);

@@ -13,7 +13,7 @@ use super::{
 };
 use geofan_core::{
     geodesic::{End, Ray, Settings, Sink, Step, fixed_steps, follow, perpendiculars},
-    manifold::{Carried, LocalFrame, Manifold},
+    manifold::{LocalFrame, Manifold},
 };
 use glam::DVec3;
 use std::sync::Arc;
@@ -168,9 +168,8 @@ impl ExactTracer<'_> {
     /// Follows the curves from these starts.
     fn follow_all(&self, starts: &[(DVec3, DVec3)], events: bool) -> Vec<Growing> {
         let settings = Settings {
-            tolerance: self.tolerance,
-            carried: Carried::default(),
             events,
+            ..Settings::bare(self.tolerance)
         };
         let rays = starts
             .iter()

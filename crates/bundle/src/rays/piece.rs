@@ -183,7 +183,7 @@ mod tests {
     use geofan_core::{
         diagnostic::SourceText,
         geodesic::{Ray, Settings, paths},
-        manifold::{Carried, Manifold},
+        manifold::Manifold,
     };
     use std::sync::Arc;
 
@@ -201,11 +201,7 @@ length = 4.0
         let manifold = Manifold::from_source(SourceText::new("slab", SLAB), &[]).unwrap();
         let space = RaySpace::new(Arc::new(manifold)).unwrap();
         let manifold = space.manifold();
-        let settings = Settings {
-            tolerance: 1e-9,
-            carried: Carried::default(),
-            events: false,
-        };
+        let settings = Settings::bare(1e-9);
         let ray = |d: DVec3| Ray::new(manifold, DVec3::ZERO, d.normalize(), 4.0);
         let rays = [ray(DVec3::new(0.8, 0.6, 0.0)), ray(DVec3::NEG_X)];
         let found = paths(manifold, settings, rays);

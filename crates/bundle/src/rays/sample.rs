@@ -11,11 +11,8 @@ use super::{
     ChartMap, LiftedStart, RaySpace,
     piece::{EdgePiece, state_on},
 };
+use geofan_core::geodesic::{End, Path, Ray, Settings, Sink, Step, follow, paths};
 use geofan_core::parallel::*;
-use geofan_core::{
-    geodesic::{End, Path, Ray, Settings, Sink, Step, follow, paths},
-    manifold::Carried,
-};
 use glam::{DVec3, DVec4};
 use ndarray::Array3;
 use std::ops::Range;
@@ -130,7 +127,11 @@ impl SamplingPlan<'_> {
         let starts = rays.iter().zip(intervals).map(|(&(u, v), interval)| {
             Ray::without_spread(u, v, between.piece.reach(self.space, *interval))
         });
-        let found = paths(self.space.manifold(), self.settings(), starts);
+        let found = paths(
+            self.space.manifold(),
+            Settings::bare(self.tolerance),
+            starts,
+        );
         let rows = samples.chunks_exact_mut((self.lengths.len() * self.width).max(1));
         let each = found.iter().zip(&rays).zip(intervals).zip(rows);
         for (((path, &(u, v)), interval), row) in each {
@@ -186,25 +187,13 @@ impl SamplingPlan<'_> {
         }
     }
 
-    /// Returns the settings under which paths are sampled.
-    fn settings(&self) -> Settings {
-        Settings {
-            tolerance: self.tolerance,
-            carried: Carried {
-                frame: false,
-                deviation: false,
-            },
-            events: false,
-        }
-    }
-
     fn block(
         &self,
         rays: Vec<(DVec3, DVec3)>,
         keep: impl Fn(usize, &SampleNumbers, &mut [f64]),
         samples: &mut [f64],
     ) {
-        let settings = self.settings();
+        let settings = Settings::bare(self.tolerance);
         let starts = rays.iter().map(|&(u, v)| self.space.lift().start(u, v));
         let starts: Vec<LiftedStart> = starts.collect();
         let mut sampler = Sampler {

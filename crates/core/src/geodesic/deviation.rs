@@ -329,7 +329,6 @@ mod tests {
     use crate::{
         diagnostic::SourceText,
         geodesic::{Settings, paths},
-        manifold::Carried,
     };
 
     #[test]
@@ -368,14 +367,10 @@ mod tests {
     fn conjugates(text: &str, u: DVec3, d: DVec3, length: f64) -> Vec<f64> {
         let manifold = Manifold::from_source(SourceText::new("test", text), &[]).unwrap();
         let ray = Ray::new(&manifold, u, d.normalize(), length);
-        let settings = Settings {
-            tolerance: 1e-10,
-            carried: Carried {
-                frame: true,
-                deviation: true,
-            },
-            events: true,
-        };
+        let settings = Settings::bare(1e-10)
+            .with_frame()
+            .with_deviation()
+            .with_events();
         let path = paths(&manifold, settings, [ray]).remove(0);
         conjugate_points(&manifold, &ray, &path)
     }

@@ -114,6 +114,38 @@ pub struct Settings {
     pub events: bool,
 }
 
+impl Settings {
+    /// Carries nothing along and ends rays nowhere.
+    pub const fn bare(tolerance: f64) -> Self {
+        Self {
+            tolerance,
+            carried: Carried {
+                frame: false,
+                deviation: false,
+            },
+            events: false,
+        }
+    }
+
+    /// Carries the frame along, too.
+    pub const fn with_frame(mut self) -> Self {
+        self.carried.frame = true;
+        self
+    }
+
+    /// Carries geodesic deviation along, too.
+    pub const fn with_deviation(mut self) -> Self {
+        self.carried.deviation = true;
+        self
+    }
+
+    /// Ends rays at exits and at the end of the domain.
+    pub const fn with_events(mut self) -> Self {
+        self.events = true;
+        self
+    }
+}
+
 /// Takes the steps of many rays as they are made.
 pub trait Sink {
     /// Returns whether the step of `ray` that ends at arc length `to` is to be made into a curve and given to

@@ -363,7 +363,7 @@ fn turn_terms(h: f64, y: f64, end: f64, k: [f64; STAGES]) -> [f64; 5] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{geodesic::Settings, manifold::Carried};
+    use crate::geodesic::Settings;
 
     #[test]
     fn quintic_reproduces_a_quintic() {
@@ -379,11 +379,7 @@ mod tests {
         let mut k: [Vec<Row>; STAGES] = std::array::from_fn(|_| vec![NIL; 6]);
         k[0] = rows([v(s0), a(s0)]);
         k[STAGES - 1] = rows([v(s1), a(s1)]);
-        let layout = StateLayout::of(Settings {
-            tolerance: 1.0,
-            carried: Carried::default(),
-            events: false,
-        });
+        let layout = StateLayout::of(Settings::bare(1.0));
         let mut curves = Curves::new(layout);
         let width = each(|_| h);
         curves.make_path(Trial {

@@ -5,7 +5,7 @@
 //! have met farther on is not known, so that a picture shows nothing there.
 
 use super::{End, Ray, Settings, Sink, Step, follow};
-use crate::manifold::{Carried, Manifold};
+use crate::manifold::Manifold;
 use serde::Serialize;
 use std::fmt;
 
@@ -119,11 +119,7 @@ fn rounded_up(x: f64) -> f64 {
 
 /// Follows `rays` and returns the arc length at which each meets an exit; `None` for one that does not.
 pub fn end_lengths(manifold: &Manifold, rays: &[Ray], tolerance: f64) -> Vec<Option<f64>> {
-    let settings = Settings {
-        tolerance,
-        carried: Carried::default(),
-        events: true,
-    };
+    let settings = Settings::bare(tolerance).with_events();
     let mut sink = EndLengths(vec![None; rays.len()]);
     follow(manifold, settings, rays.iter().copied(), &mut sink);
     sink.0

@@ -3,11 +3,7 @@
 // Each test uses a part of it.
 #![allow(dead_code)]
 
-use geofan_core::{
-    diagnostic::SourceText,
-    geodesic::Settings,
-    manifold::{Carried, Manifold},
-};
+use geofan_core::{diagnostic::SourceText, geodesic::Settings, manifold::Manifold};
 
 /// The manifold of a file with this text after its name and the coordinates x, y, z.
 pub fn manifold(text: &str) -> Manifold {
@@ -26,11 +22,7 @@ pub fn asset(name: &str) -> Manifold {
 /// Settings that carry everything.
 pub fn settings(tolerance: f64, events: bool) -> Settings {
     Settings {
-        tolerance,
-        carried: Carried {
-            frame: true,
-            deviation: true,
-        },
         events,
+        ..Settings::bare(tolerance).with_frame().with_deviation()
     }
 }

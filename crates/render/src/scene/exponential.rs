@@ -14,7 +14,7 @@ use geofan_bundle::chebyshev;
 use geofan_core::parallel::*;
 use geofan_core::{
     geodesic::{Ray, Settings, ends, perpendiculars},
-    manifold::{Carried, Manifold},
+    manifold::Manifold,
 };
 use glam::{DMat3, DVec3, DVec4};
 use ndarray::ArrayD;
@@ -137,7 +137,11 @@ impl<'m> ExponentialMap<'m> {
 
     /// Places the ends of tangent vectors by a geodesic each.
     fn by_geodesics(&self, tangents: &[DVec3], normals: &[DVec3]) -> Option<Points> {
-        let ends = ends(self.manifold, settings(true), self.rays(tangents));
+        let ends = ends(
+            self.manifold,
+            Settings::bare(TOLERANCE).with_deviation(),
+            self.rays(tangents),
+        );
         let axes = self.manifold.standard_frame(self.object.at);
         let mut placed = Vec::new();
         for (i, x) in tangents.iter().enumerate() {
@@ -215,24 +219,17 @@ impl<'m> ExponentialMap<'m> {
 
     /// Finds the ends of tangent vectors; `None` if a geodesic does not get to one.
     fn ends(&self, tangents: &[DVec3]) -> Option<Vec<DVec3>> {
-        let ends = ends(self.manifold, settings(false), self.rays(tangents));
+        let ends = ends(
+            self.manifold,
+            Settings::bare(TOLERANCE),
+            self.rays(tangents),
+        );
         let end = |(i, x): (usize, &DVec3)| match ends.get(i).and_then(Option::as_ref) {
             None => Some(self.object.at),
             Some((_, reached)) if *reached < x.length() => None,
             Some((step, _)) => Some(step.position(x.length())),
         };
         tangents.iter().enumerate().map(end).collect()
-    }
-}
-
-fn settings(deviation: bool) -> Settings {
-    Settings {
-        tolerance: TOLERANCE,
-        carried: Carried {
-            frame: false,
-            deviation,
-        },
-        events: false,
     }
 }
 

@@ -308,10 +308,9 @@ pub(super) fn reach(manifold: &Manifold, at: DVec3, most: f64) -> f64 {
     let events = manifold.domain.events();
     let events = events.at(&[at.x, at.y, at.z, 0.0, 0.0, 0.0]);
     let settings = Settings {
-        tolerance: REACH_TOLERANCE,
-        carried: Carried::default(),
         // The point may be beyond an exit, and a part of what is around it not.
         events: events.iter().all(|event| *event <= 0.0),
+        ..Settings::bare(REACH_TOLERANCE)
     };
     let directions = (0..REACH_DIRECTIONS).map(|i| fibonacci_direction(i, REACH_DIRECTIONS));
     let rays = directions.map(|d| Ray::new(manifold, at, d, length));

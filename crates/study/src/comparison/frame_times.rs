@@ -8,7 +8,6 @@ use geofan_bundle::Fan;
 use geofan_core::{
     error::Result,
     geodesic::{Ray, Settings, ends},
-    manifold::Carried,
 };
 use geofan_render::{
     drawing::draw,
@@ -80,11 +79,7 @@ fn ahead(world: &World, view: &View, length: f64) -> Option<DVec3> {
     if length == 0.0 {
         return Some(view.u);
     }
-    let settings = Settings {
-        tolerance: 1e-8,
-        carried: Carried::default(),
-        events: false,
-    };
+    let settings = Settings::bare(1e-8);
     let ray = Ray::new(&world.manifold, view.u, view.look(), length);
     let end = ends(&world.manifold, settings, [ray]).pop()??;
     (end.1 >= length).then(|| end.0.position(length))
