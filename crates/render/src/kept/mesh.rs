@@ -7,7 +7,7 @@ use super::{
     LARGE, joined, part, put, put_texts, put_triangles, put_vectors, take, take_texts,
     take_triangles, take_vectors,
 };
-use crate::scene::{Mesh, materials_are_exact, put_materials, take_materials};
+use crate::scene::{Mesh, materials_are_exact, put_materials, take_chunk, take_materials};
 use geofan_core::{
     Result,
     keeping::{Keeping, ResultKey, kept},
@@ -116,9 +116,8 @@ fn decode(mut bytes: &[u8]) -> Option<(Mesh, Vec<PathBuf>)> {
         .iter()
         .map(|m| u32::from_le_bytes(*m))
         .collect();
-    let (count, rest) = bytes.split_first_chunk::<4>()?;
-    *bytes = rest;
-    let materials = take_materials(bytes, u32::from_le_bytes(*count) as usize)?;
+    let count = u32::from_le_bytes(take_chunk(bytes)?);
+    let materials = take_materials(bytes, count as usize)?;
     let all = [normals.len(), uvs.len()].iter().all(|n| *n == vertices);
     let coloured = colours.is_empty() || colours.len() == vertices;
     let known = material_of.iter().all(|m| (*m as usize) < materials.len());

@@ -10,7 +10,7 @@ mod mesh;
 #[cfg(feature = "formats")]
 pub(crate) use mesh::mesh;
 
-use crate::scene::{Cuts, Mesh, ObjectEntry, Points, pack_cuts, read_cuts};
+use crate::scene::{Cuts, Mesh, ObjectEntry, Points, pack_cuts, read_cuts, take_chunk};
 use geofan_core::{
     keeping::{Keeping, ResultKey, kept},
     manifold::Manifold,
@@ -31,11 +31,8 @@ fn put<const W: usize>(bytes: &mut Vec<u8>, words: impl ExactSizeIterator<Item =
 
 /// Reads what [`put`] wrote.
 fn take<'b, const W: usize>(bytes: &mut &'b [u8]) -> Option<&'b [[u8; W]]> {
-    let (count, rest) = bytes.split_first_chunk::<8>()?;
-    let count = usize::try_from(u64::from_le_bytes(*count)).ok()?;
-    let (words, rest) = rest.split_at_checked(count.checked_mul(W)?)?;
-    *bytes = rest;
-    Some(words.as_chunks().0)
+    let count = usize::try_from(u64::from_le_bytes(take_chunk(bytes)?)).ok()?;
+    Some(bytes.split_off(..count.checked_mul(W)?)?.as_chunks().0)
 }
 
 /// Returns the bytes of `N` numbers of `W` bytes together.
@@ -64,6 +61,7 @@ fn put_vectors(bytes: &mut Vec<u8>, vectors: &[DVec3]) {
     put(bytes, vectors.iter().map(|v| vector_bytes(*v)));
 }
 
+#[cfg(feature = "formats")]
 fn take_vectors(bytes: &mut &[u8]) -> Option<Vec<DVec3>> {
     Some(take(bytes)?.iter().map(vector).collect())
 }
@@ -91,13 +89,12 @@ fn put_texts(bytes: &mut Vec<u8>, texts: &[String]) {
 }
 
 fn take_texts(bytes: &mut &[u8]) -> Option<Vec<String>> {
-    let (count, rest) = bytes.split_first_chunk::<8>()?;
-    *bytes = rest;
+    let count = u64::from_le_bytes(take_chunk(bytes)?);
     let text = |_| {
         let text = take::<1>(bytes)?.as_flattened().to_vec();
         String::from_utf8(text).ok()
     };
-    (0..u64::from_le_bytes(*count)).map(text).collect()
+    (0..count).map(text).collect()
 }
 
 /// Fewest triangles of a mesh that is worth looking for: geodesics to fewer take a few milliseconds.

@@ -58,6 +58,7 @@ pub(super) use packed_material::{
     are_exact as materials_are_exact, put as put_materials, take as take_materials,
 };
 pub use packed_mesh::pack as pack_meshes;
+pub(super) use packed_numbers::take_chunk;
 pub use packed_placement::{Cuts, pack_cuts, pack_points, read_cuts, read_points};
 pub use placement::placed_once;
 pub(super) use placement::{Placed, place};

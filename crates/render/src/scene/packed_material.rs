@@ -5,7 +5,7 @@
 //! (`map_Kd`, `map_d`, `map_Ke`), each a u8 (0: none) and then: scale, offset, range (f32), clamped (u8), and the
 //! packed pixels ([`crate::picture::packed`], length u32).
 
-use super::{Mapping, Material, OpacityMap, Texture, TextureMap};
+use super::{Mapping, Material, OpacityMap, Texture, TextureMap, packed_numbers::take_chunk};
 use crate::picture::packed::Pixels;
 use geofan_bundle::put_bytes;
 use ndarray::{Array2, Array3};
@@ -82,7 +82,7 @@ fn take_one(bytes: &mut &[u8]) -> Option<Material> {
         take_numbers(bytes)?,
         take_numbers(bytes)?,
     ];
-    let illumination = take_byte(bytes)?;
+    let illumination = *bytes.split_off_first()?;
     let [map_kd, map_d, map_ke] = [take_map(bytes)?, take_map(bytes)?, take_map(bytes)?];
     let colours = |map: Option<(Mapping, Pixels)>| {
         let Some((mapping, pixels)) = map else {
@@ -117,36 +117,26 @@ fn take_one(bytes: &mut &[u8]) -> Option<Material> {
     })
 }
 
-fn take_byte(bytes: &mut &[u8]) -> Option<u8> {
-    let (byte, rest) = bytes.split_first()?;
-    *bytes = rest;
-    Some(*byte)
-}
-
 /// Reads bytes with their length before them.
 fn take_part<'b>(bytes: &mut &'b [u8]) -> Option<&'b [u8]> {
-    let (length, rest) = bytes.split_first_chunk::<4>()?;
-    let (part, rest) = rest.split_at_checked(u32::from_le_bytes(*length) as usize)?;
-    *bytes = rest;
-    Some(part)
+    let length = u32::from_le_bytes(take_chunk(bytes)?);
+    bytes.split_off(..length as usize)
 }
 
 fn take_numbers<const N: usize>(bytes: &mut &[u8]) -> Option<[f32; N]> {
-    let (numbers, rest) = bytes.split_at_checked(4 * N)?;
-    *bytes = rest;
-    let (words, _) = numbers.as_chunks::<4>();
+    let (words, _) = bytes.split_off(..4 * N)?.as_chunks::<4>();
     Some(std::array::from_fn(|k| f32::from_le_bytes(words[k])))
 }
 
 fn take_map(bytes: &mut &[u8]) -> Option<Option<(Mapping, Pixels)>> {
-    if take_byte(bytes)? == 0 {
+    if *bytes.split_off_first()? == 0 {
         return Some(None);
     }
     let mapping = Mapping {
         scale: take_numbers(bytes)?,
         offset: take_numbers(bytes)?,
         range: take_numbers(bytes)?,
-        clamp: take_byte(bytes)? != 0,
+        clamp: *bytes.split_off_first()? != 0,
     };
     let pixels = Pixels::unpack(take_part(bytes)?)?;
     Some(Some((mapping, pixels)))

@@ -39,14 +39,13 @@ pub fn pack(meshes: &[(f64, &Mesh)]) -> Vec<u8> {
 pub(super) fn read(name: &str, mut bytes: &[u8], crease: f64) -> Result<Mesh> {
     let damaged = || Error::input(name, "is a damaged packed mesh");
     while !bytes.is_empty() {
-        let (known, rest) = bytes.split_first_chunk::<8>().ok_or_else(damaged)?;
-        let (length, rest) = rest.split_first_chunk::<4>().ok_or_else(damaged)?;
-        let length = u32::from_le_bytes(*length) as usize;
-        let (body, rest) = rest.split_at_checked(length).ok_or_else(damaged)?;
-        if f64::from_le_bytes(*known) == crease {
+        let known = numbers::take_chunk(&mut bytes).ok_or_else(damaged)?;
+        let length = numbers::take_chunk(&mut bytes).ok_or_else(damaged)?;
+        let length = u32::from_le_bytes(length) as usize;
+        let body = bytes.split_off(..length).ok_or_else(damaged)?;
+        if f64::from_le_bytes(known) == crease {
             return mesh(body).ok_or_else(damaged);
         }
-        bytes = rest;
     }
     Err(Error::input(
         name,
@@ -77,13 +76,9 @@ fn body(mesh: &Mesh) -> Vec<u8> {
 }
 
 fn mesh(mut bytes: &[u8]) -> Option<Mesh> {
-    let mut count = || {
-        let (number, rest) = bytes.split_first_chunk::<4>()?;
-        bytes = rest;
-        Some(u32::from_le_bytes(*number) as usize)
-    };
-    let [vertices, colours, triangles, materials] = [count()?, count()?, count()?, count()?];
     let bytes = &mut bytes;
+    let mut count = || Some(u32::from_le_bytes(numbers::take_chunk(bytes)?) as usize);
+    let [vertices, colours, triangles, materials] = [count()?, count()?, count()?, count()?];
     let positions = rows(&numbers::take(bytes, 3, vertices)?, DVec3::from_array);
     let normals = take_normals(bytes, vertices)?;
     let single = |x: f64| x as f32;
@@ -158,9 +153,7 @@ fn put_normals(bytes: &mut Vec<u8>, normals: &[DVec3]) {
 }
 
 fn take_normals(bytes: &mut &[u8], count: usize) -> Option<Vec<DVec3>> {
-    let (kind, rest) = bytes.split_first()?;
-    *bytes = rest;
-    let power = match *kind {
+    let power = match *bytes.split_off_first()? {
         kind if kind == FINE.0 => FINE.1,
         decimals if decimals <= MOST_DECIMALS => 10_f64.powi(decimals.into()),
         _ => return None,

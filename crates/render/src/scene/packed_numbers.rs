@@ -47,9 +47,8 @@ pub(super) fn put(bytes: &mut Vec<u8>, columns: &[Vec<f64>]) {
 
 /// Reads a list of so many columns and rows.
 pub(super) fn take(bytes: &mut &[u8], columns: usize, rows: usize) -> Option<Vec<Vec<f64>>> {
-    let (kind, rest) = bytes.split_first()?;
-    *bytes = rest;
-    let number = |n: i64| number(n, *kind);
+    let kind = *bytes.split_off_first()?;
+    let number = |n: i64| number(n, kind);
     (0..columns)
         .map(|_| take_whole(bytes, rows)?.into_iter().map(number).collect())
         .collect()
@@ -126,22 +125,28 @@ pub(super) fn put_whole(bytes: &mut Vec<u8>, whole: &[i64]) {
 
 /// Reads so many whole numbers.
 pub(super) fn take_whole(bytes: &mut &[u8], rows: usize) -> Option<Vec<i64>> {
-    let ([order, width], rest) = bytes.split_first_chunk::<2>()?;
-    let width = usize::from(*width);
-    let (planes, rest) = rest.split_at_checked(width.checked_mul(rows)?)?;
-    if !(1..=8).contains(&width) || *order > MOST_DIFFERENCES {
+    let [order, width] = take_chunk(bytes)?;
+    let width = usize::from(width);
+    let planes = bytes.split_off(..width.checked_mul(rows)?)?;
+    if !(1..=8).contains(&width) || order > MOST_DIFFERENCES {
         return None;
     }
-    *bytes = rest;
     let part =
         |i: usize| (0..width).fold(0, |sum: u64, k| sum << 8 | u64::from(planes[k * rows + i]));
     let mut whole: Vec<i64> = (0..rows).map(|i| unsigned(part(i))).collect();
-    for _ in 0..*order {
+    for _ in 0..order {
         for i in 1..rows {
             whole[i] = whole[i].wrapping_add(whole[i - 1]);
         }
     }
     Some(whole)
+}
+
+/// Reads so many bytes.
+pub(crate) fn take_chunk<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
+    let (chunk, rest) = bytes.split_first_chunk()?;
+    *bytes = rest;
+    Some(*chunk)
 }
 
 /// Puts the sign into the lowest bit.

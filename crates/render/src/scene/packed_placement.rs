@@ -14,7 +14,10 @@
 //! points and covectors, each as the least component along every axis (three f64), the length that whole numbers are
 //! over (f64), and three columns of whole numbers.
 
-use super::{Points, packed_numbers as numbers};
+use super::{
+    Points,
+    packed_numbers::{self as numbers, take_chunk},
+};
 use glam::DVec3;
 
 /// How a mesh was cut.
@@ -48,14 +51,10 @@ pub fn pack_cuts(all: &[Option<Cuts>]) -> Vec<u8> {
 /// Reads what [`pack_cuts`] wrote for so many objects; `None` if it is something else.
 pub fn read_cuts(mut bytes: &[u8], objects: usize) -> Option<Vec<Option<Cuts>>> {
     let all = (0..objects)
-        .map(|_| {
-            let (known, rest) = bytes.split_first()?;
-            bytes = rest;
-            match known {
-                0 => Some(None),
-                1 => Some(Some(take_cuts(&mut bytes)?)),
-                _ => None,
-            }
+        .map(|_| match bytes.split_off_first()? {
+            0 => Some(None),
+            1 => Some(Some(take_cuts(&mut bytes)?)),
+            _ => None,
         })
         .collect::<Option<Vec<_>>>()?;
     bytes.is_empty().then_some(all)
@@ -155,12 +154,6 @@ fn take_vectors(bytes: &mut &[u8], count: usize) -> Option<Vec<DVec3>> {
     let [x, y, z] = [column()?, column()?, column()?];
     let at = |i: usize| low + step * DVec3::new(x[i] as f64, y[i] as f64, z[i] as f64);
     Some((0..count).map(at).collect())
-}
-
-fn take_chunk<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
-    let (chunk, rest) = bytes.split_first_chunk::<N>()?;
-    *bytes = rest;
-    Some(*chunk)
 }
 
 #[cfg(test)]
