@@ -27,7 +27,7 @@ use std::{ops::Range, path::Path};
 #[cfg(feature = "formats")]
 pub use exr::{Precision, read_exr, write_exr};
 #[cfg(feature = "formats")]
-pub use png::{read_png, write_png};
+pub use png::write_png;
 
 /// The most pixels a file may have: a 16384 by 8192 sky. A damaged header can ask for any size, and
 /// memory that is not there ends the process instead of giving a message.

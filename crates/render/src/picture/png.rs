@@ -3,9 +3,7 @@
 //! In: a picture. Out: 8-bit sRGB, rounded to the nearest code value without dither, so that equal
 //! pictures give equal bytes. Reading turns both into linear light.
 
-use super::{
-    MAX_PIXELS, Picture, bad_input, check_writable, jpeg, read_bytes, srgb_decode, srgb_shown,
-};
+use super::{MAX_PIXELS, Picture, bad_input, check_writable, jpeg, srgb_decode, srgb_shown};
 use geofan_core::{error::Result, files::write_atomically};
 use image::{
     DynamicImage, ImageEncoder, ImageFormat, ImageReader, Limits, codecs::png::PngEncoder,
@@ -21,11 +19,6 @@ pub fn write_png(path: &Path, picture: &Picture) -> Result<()> {
     check_writable(path, picture)?;
     let bytes = encode(picture).map_err(|e| bad_input(path, e.to_string()))?;
     write_atomically(path, |out| out.write_all(&bytes))
-}
-
-/// Reads a PNG of any depth as linear light.
-pub fn read_png(path: &Path) -> Result<Picture> {
-    decode(&read_bytes(path)?, ImageFormat::Png).map_err(|e| bad_input(path, e))
 }
 
 /// The picture in the bytes of a PNG or JPEG file, or what is wrong with them.

@@ -34,7 +34,7 @@ fn normal(world: &World, hit: &Hit) -> DVec3 {
     }
 }
 
-/// Adds the layers of an EXR file, from the first sample of every pixel: those that [`with_seen`] adds, `area` by exact
+/// Adds the layers of an EXR file, from the first sample of every pixel: those of what is seen, `area` by exact
 /// paths of this `tolerance`, `copy` in a glued space, and `g` where frequencies change.
 pub fn with_layers(
     picture: Picture,
