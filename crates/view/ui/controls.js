@@ -1,5 +1,6 @@
-// Keys, mouse and touch to events. Keys are taken by where they are on the keyboard (event.code), so that W A S D
-// lie together on every layout; nothing uses Ctrl, Alt or Meta, which belong to the browser.
+// Keys, mouse and touch to events. Keys that move or set something are taken by where they are on the keyboard
+// (event.code), so that W A S D lie together on every layout; letters that name a thing by what they write (event.key).
+// Nothing uses Ctrl, Alt or Meta, which belong to the browser.
 
 /** What keys do while they are held: right, up, forwards; turn right, down; roll clockwise. @type {Record<string, number[]>} */
 const HELD_KEYS = {
@@ -8,22 +9,42 @@ const HELD_KEYS = {
   ArrowUp: [0, 0, 0, 0, -1, 0], ArrowDown: [0, 0, 0, 0, 1, 0], KeyZ: [0, 0, 0, 0, 0, -1], KeyC: [0, 0, 0, 0, 0, 1],
 };
 
-/** Keys that do something once: name of the action, and words for the help. @type {Record<string, [string, string]>} */
-export const ACTION_KEYS = {
-  KeyX: ["swap", "Swap table and exact"], KeyV: ["split", "Split the screen: table and exact side by side"],
-  KeyM: ["error", "Show the error of the table in mrad"], KeyG: ["flat", "Show the same scene in flat space"],
-  KeyL: ["paths", "Trace light from surface to surface when nothing moves"], KeyH: ["home", "Back to the start"], KeyT: ["follow", "Fly along the picked path"], Escape: ["halt", "Stop flying"],
-  KeyB: ["beyond", "Let the camera leave the table's region"], BracketLeft: ["darker", "Darker"],
-  BracketRight: ["brighter", "Brighter"], KeyR: ["record", "Begin or end a recording of the way"],
-  KeyP: ["replay", "Replay the way"], KeyK: ["capture", "Save a picture (PNG, or EXR: size and samples are chosen)"], KeyO: ["overlay", "Hide or show the numbers"],
-  Slash: ["help", "This help"],
+/** Keys that do something once, by what they write: name of the action, and words for the help. @type {Record<string, [string, string]>} */
+const NAMED_KEYS = {
+  x: ["swap", "Swap table and exact"], v: ["split", "Split the screen: table and exact side by side"],
+  m: ["error", "Show the error of the table in mrad"], g: ["flat", "Show the same scene in flat space"],
+  l: ["paths", "Trace light from surface to surface when nothing moves"], h: ["home", "Back to the start"], t: ["follow", "Fly along the picked path"],
+  b: ["beyond", "Let the camera leave the table's region"], r: ["record", "Begin or end a recording of the way"],
+  p: ["replay", "Replay the way"], k: ["capture", "Save a picture (PNG, or EXR: size and samples are chosen)"], o: ["overlay", "Hide or show the numbers"],
+  "?": ["help", "This help"],
 };
 
-/** Words for the keys that are held, for the help. */
-export const HELD_HELP = [
-  ["W A S D", "Move"], ["Q E", "Down, up"], ["Z C", "Roll"], ["← → ↑ ↓, drag", "Turn"], ["Shift", "Faster"],
-  ["Wheel, − +", "Speed"], ["Click, Enter", "Draw the path to what is there (Enter: in the middle)"], ["Pinch, , .", "Angle of view"],
+/** Those that do so by where they lie: signs, which some layouts write with several keys or not at all. @type {Record<string, string>} */
+const PLACED_KEYS = { Escape: "halt", BracketLeft: "darker", BracketRight: "brighter" };
+
+/** The help, in groups: what unites the keys of a group, then keys and words. @type {[string, [string, string][]][]} */
+export const HELP_GROUPS = [
+  ["Places on the keyboard, named as on a US keyboard; mouse and touch", [
+    ["W A S D", "Move"], ["Q E", "Down, up"], ["Z C", "Roll"], ["← → ↑ ↓, drag", "Turn"], ["Shift", "Faster"],
+    ["Wheel, − +", "Speed"], ["Click, Enter", "Draw the path to what is there (Enter: in the middle)"], ["Pinch, , .", "Angle of view"],
+    ["[ ]", "Darker, brighter"], ["Escape", "Stop flying"],
+  ]],
+  ["Letters, wherever the keyboard has them", Object.entries(NAMED_KEYS).map(([name, [, words]]) => [name.toUpperCase(), words])],
 ];
+
+/**
+ * What a key writes that goes by that: a sign of ASCII or a Latin letter. Other alphabets go by places, as do keys that
+ * write nothing yet; and the stroke, because on a US keyboard the question mark is above it.
+ */
+const PLAIN = /^[!-.0-~\p{Script=Latin}]$/u;
+
+/** What a key does once, if anything. @param {KeyboardEvent} event */
+function actionOf({ key, code }) {
+  if (key === "?") return NAMED_KEYS[key][0];
+  if (code in HELD_KEYS) return undefined;
+  const name = PLAIN.test(key) ? key : code.replace("Key", "").replace("Slash", "?");
+  return NAMED_KEYS[name.toLowerCase()]?.[0] ?? PLACED_KEYS[code];
+}
 
 /** A press that moved less than this, in pixels, is a click. */
 const CLICK_REACH = 5;
@@ -61,8 +82,9 @@ export function attachControls(canvas, pad, send, act) {
   addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.altKey || event.metaKey || isFor(event.target, event.code)) return;
     fast = event.shiftKey;
-    if (event.code in HELD_KEYS) keys.add(event.code);
-    else if (event.code in ACTION_KEYS) { if (!event.repeat) act(ACTION_KEYS[event.code][0]); }
+    const action = actionOf(event);
+    if (action) { if (!event.repeat) act(action); }
+    else if (event.code in HELD_KEYS) keys.add(event.code);
     else if (event.code === "Minus" || event.code === "NumpadSubtract") send({ type: "speed", factor: 0.8 });
     else if (event.code === "Equal" || event.code === "NumpadAdd") send({ type: "speed", factor: 1.25 });
     else if (event.code === "Comma") send({ type: "zoom", factor: 0.95 });

@@ -1,7 +1,7 @@
 // The viewer: engine, display, controls and panel put together.
 
 import { createAsked } from "./asked.js";
-import { attachControls, ACTION_KEYS, HELD_HELP } from "./controls.js";
+import { attachControls, HELP_GROUPS } from "./controls.js";
 import { createDisplay } from "./display.js";
 import { createMap } from "./chart_map.js";
 import { createPanel, overlayText } from "./panel.js";
@@ -247,12 +247,16 @@ export function startViewer(engine) {
 
 /** @param {HTMLTableElement} table */
 function fillHelp(table) {
-  const actions = Object.entries(ACTION_KEYS).map(([code, [, words]]) => [code.replace("Key", "").replace("Slash", "?").replace("BracketLeft", "[").replace("BracketRight", "]"), words]);
-  for (const [keys, words] of [...HELD_HELP, ...actions]) {
-    const row = table.insertRow();
-    const kbd = document.createElement("kbd");
-    kbd.textContent = keys;
-    row.insertCell().append(kbd);
-    row.insertCell().textContent = words;
+  for (const [title, rows] of HELP_GROUPS) {
+    const head = document.createElement("th");
+    [head.colSpan, head.scope, head.textContent] = [2, "colgroup", title];
+    table.createTBody().insertRow().append(head);
+    for (const [keys, words] of rows) {
+      const row = table.insertRow();
+      const kbd = document.createElement("kbd");
+      kbd.textContent = keys;
+      row.insertCell().append(kbd);
+      row.insertCell().textContent = words;
+    }
   }
 }

@@ -1,4 +1,5 @@
-//! Keys of the native window: those of the user interface in the browser (`controls.js`), by where they are.
+//! Keys of the native window: those of the user interface in the browser (`controls.js`), all by where they are on a US
+//! keyboard.
 //!
 //! In: keys. Out: events.
 
