@@ -99,6 +99,16 @@ export function createDisplay(canvas, send, save) {
     paperOf(target).putImageData(image, x, y);
   }
 
+  /** Fits when the pixels of the screen become others under the same layout: a window goes to another screen. */
+  function watchDensity() {
+    const refit = () => {
+      fit();
+      watchDensity();
+    };
+    matchMedia(`(resolution: ${devicePixelRatio}dppx)`).addEventListener("change", refit, { once: true });
+  }
+
   new ResizeObserver(fit).observe(canvas);
+  watchDensity();
   return { show, fit, stats: () => stats };
 }
