@@ -26,6 +26,14 @@ export function find(id) {
 }
 
 /**
+ * Writes a text if it is another one: screen readers read what is written again, too.
+ * @param {HTMLElement} element @param {string} text
+ */
+function writeText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/**
  * Starts the viewer with an engine, whose `onpatch`, `onmessage`, `onopen` and `onlost` are set here.
  * @param {import("./types").ViewEngine} engine
  */
@@ -75,7 +83,7 @@ export function startViewer(engine) {
   }
 
   function showHint() {
-    hint.textContent = lost || said || (panel?.hint ?? "");
+    writeText(hint, lost || said || (panel?.hint ?? ""));
   }
 
   /** Saves the picture that is chosen. */
@@ -121,11 +129,11 @@ export function startViewer(engine) {
 
   function update() {
     if (!panel) return;
-    overlay.textContent = numbers ? overlayText(panel) : "";
+    writeText(overlay, numbers ? overlayText(panel) : "");
     showHint();
     find("stage").classList.toggle("split", panel.split !== null);
     trouble.hidden = panel.trouble === null;
-    trouble.textContent = panel.trouble ?? "";
+    writeText(trouble, panel.trouble ?? "");
     map.update(panel);
     words.update(panel, asked);
   }
