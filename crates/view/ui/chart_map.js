@@ -12,9 +12,17 @@ export function createMap(box, canvas, words) {
   let plane = 0;
   /** @type {{ key: string, panel: Panel } | null} */
   let known = null;
-  canvas.addEventListener("click", () => {
+  function turn() {
     plane = (plane + 1) % PLANES.length;
     if (known) draw(known.panel);
+  }
+  canvas.addEventListener("click", turn);
+  // A click leaves the focus, and with it the keys, where they are.
+  canvas.addEventListener("mousedown", (event) => event.preventDefault());
+  canvas.addEventListener("keydown", (event) => {
+    if (event.repeat || !["Enter", "NumpadEnter", "Space"].includes(event.code)) return;
+    event.preventDefault();
+    turn();
   });
 
   /** Shows the path of a panel, if it has one. @param {Panel} panel */
@@ -62,9 +70,10 @@ export function createMap(box, canvas, words) {
     paper.font = "13px system-ui";
     paper.fillText(`${coordinates[i]} →`, width - 40, height - 8);
     paper.fillText(`${coordinates[j]} ↑`, 6, 16);
+    canvas.ariaLabel = `The picked path in the chart, ${coordinates[i]} to the right and ${coordinates[j]} up. Turn the map`;
     const end = picked.points[picked.points.length - 1] ?? [];
     const where = end.map((x) => x.toPrecision(4)).join(", ");
-    words.textContent = `Path of length ${picked.length.toPrecision(4)} to ${picked.end}, at (${where}). ○ camera, ■ end; click the map to turn it.`;
+    words.textContent = `Path of length ${picked.length.toPrecision(4)} to ${picked.end}, at (${where}). ○ camera, ■ end; click the map, or press Enter on it, to turn it.`;
   }
 
   /** @param {CanvasRenderingContext2D} paper @param {number[]} place @param {string} colour @param {boolean} square */

@@ -123,7 +123,7 @@ export function attachControls(canvas, pad, send, act) {
   }
 }
 
-/** Keys that a button or a slider answers itself. */
+/** Keys that a button, the map or a slider answers itself. */
 const OF_BUTTONS = ["Space", "Enter", "NumpadEnter", "Tab", "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight", "Home", "End"];
 
 /**
@@ -132,7 +132,7 @@ const OF_BUTTONS = ["Space", "Enter", "NumpadEnter", "Tab", "ArrowUp", "ArrowDow
 function isFor(target, code) {
   if (!(target instanceof HTMLElement)) return false;
   if (target.closest("dialog")) return true;
-  const pressed = target.closest("button, summary, input[type=range], input[type=checkbox]");
+  const pressed = target.closest("button, [role=button], summary, input[type=range], input[type=checkbox]");
   const written = !pressed && target.closest("input, select, textarea");
   if ((pressed || written) && code === "Escape") target.blur();
   return Boolean(written) || Boolean(pressed && OF_BUTTONS.includes(code));
