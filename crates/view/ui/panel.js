@@ -44,6 +44,9 @@ function short(x) {
   return Math.abs(x) >= 1e4 || (x !== 0 && Math.abs(x) < 1e-3) ? x.toExponential(2) : Number(x.toPrecision(4)).toString();
 }
 
+/** A number of samples, in words. @param {number} n */
+const inSamples = (n) => `${n} sample${n === 1 ? "" : "s"}`;
+
 /** Moves a slider, which reaches farther where the value does. @param {HTMLInputElement} slider @param {number} value */
 function slideTo(slider, value) {
   if (value < Number(slider.min)) slider.min = String(Math.floor(value));
@@ -81,7 +84,7 @@ export function createPanel(root, send, act, say) {
   const exposure = make("input", { type: "range", min: "-6", max: "6", step: "0.25", value: "0" });
   exposure.addEventListener("input", () => send({ type: "exposure", stops: Number(exposure.value) }));
   const exposureWord = make("span");
-  const samples = make("select", {}, ...[1, 4, 16, 64].map((n) => make("option", { value: String(n), textContent: `${n} samples when still` })));
+  const samples = make("select", { ariaLabel: "Samples when still" }, ...[1, 4, 16, 64].map((n) => make("option", { value: String(n), textContent: `${inSamples(n)} when still` })));
   samples.value = "16";
   samples.addEventListener("change", () => send({ type: "still", samples: Number(samples.value) }));
   const moving = make("select", { ariaLabel: "Resolution while it moves" }, ...SHARES.map((n) => make("option", { value: String(n), textContent: n ? `${100 * n} % while it moves` : "As sharp as it can move" })));
@@ -215,7 +218,7 @@ export function createPanel(root, send, act, say) {
 /** Controls for the picture that is saved: its size, its samples, its format. @param {import("./types").Say} say */
 function pictureChoice(say) {
   const [width, height] = ["Width", "Height"].map((word) => make("input", { type: "number", min: "1", max: String(MOST_SIDE), placeholder: word.toLowerCase(), ariaLabel: `${word} of the saved picture` }));
-  const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...[1, 16, 64, 256].map((n) => make("option", { value: String(n), textContent: n === 1 ? "1 sample" : `${n} samples` })));
+  const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...[1, 16, 64, 256].map((n) => make("option", { value: String(n), textContent: inSamples(n) })));
   samples.value = "16";
   const format = make("select", { ariaLabel: "Format of the saved picture" }, ...["PNG", "EXR"].map((value) => make("option", { value, textContent: value })));
   const row = make("div", { className: "row" }, width, "×", height, samples, format);
@@ -253,7 +256,7 @@ export function overlayText(panel) {
   const traced = passes[0] > 0 ? `, ${passes[0]} of ${passes[1]} by path tracing` : "";
   const lines = [
     `${way}${fallback} · ${pace}`,
-    `${size[0]}×${size[1]}${reduced}, ${samples} sample${samples === 1 ? "" : "s"} a pixel${traced}`,
+    `${size[0]}×${size[1]}${reduced}, ${inSamples(samples)} a pixel${traced}`,
     `${where}   scalar curvature ${short(panel.curvature)}`,
   ];
   if (panel.hover) lines.push(`under the pointer: ${panel.hover[0]}, ${short(panel.hover[1])} away`);
