@@ -92,6 +92,12 @@ export function startViewer(engine) {
     if (picture) send({ type: "capture", ...picture });
   }
 
+  /** Copies the address, which a browser may refuse: to pages without a secure origin, and in frames. */
+  async function copyAddress() {
+    const copied = await navigator.clipboard?.writeText(location.href).then(() => true, () => false);
+    say(copied ? "the address is copied" : "this browser does not let the page copy its address: take it from the address bar");
+  }
+
   /** Does what a key or a button stands for. @param {string} action */
   function act(action) {
     if (!panel) return;
@@ -121,7 +127,7 @@ export function startViewer(engine) {
       replay: () => send({ type: "replay", text: "" }),
       capture,
       overlay: () => { numbers = !numbers; update(); },
-      copy: () => { writeAddress(); navigator.clipboard?.writeText(location.href); },
+      copy: () => { writeAddress(); copyAddress(); },
       help: () => help.showModal(),
     };
     actions[action]?.();
