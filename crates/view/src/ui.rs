@@ -10,13 +10,14 @@ pub const HTML: &str = include_str!("../ui/index.html");
 pub const STYLE: &str = include_str!("../ui/style.css");
 
 /// Modules, each behind those that it imports.
-pub const MODULES: [(&str, &str); 8] = [
+pub const MODULES: [(&str, &str); 9] = [
     ("asked.js", include_str!("../ui/asked.js")),
     ("controls.js", include_str!("../ui/controls.js")),
     ("exr.js", include_str!("../ui/exr.js")),
     ("display.js", include_str!("../ui/display.js")),
     ("chart_map.js", include_str!("../ui/chart_map.js")),
     ("panel.js", include_str!("../ui/panel.js")),
+    ("address.js", include_str!("../ui/address.js")),
     ("socket_engine.js", include_str!("../ui/socket_engine.js")),
     ("viewer.js", include_str!("../ui/viewer.js")),
 ];

@@ -6,10 +6,10 @@ import { paperOf } from "./display.js";
 /** @typedef {ReturnType<typeof import("./asked.js").createAsked>} Asked */
 
 /** @type {[import("./types").Kind, string][]} */
-const KINDS = [["table", "Table"], ["exact", "Exact"], ["flat", "Flat"], ["error", "Error"]];
+export const KINDS = [["table", "Table"], ["exact", "Exact"], ["flat", "Flat"], ["error", "Error"]];
 
 /** @type {[import("./types").Sky, string][]} */
-const SKIES = [["scene", "Skies of the scene"], ["grid", "Lettered grid"], ["stars", "Stars"]];
+export const SKIES = [["scene", "Skies of the scene"], ["grid", "Lettered grid"], ["stars", "Stars"]];
 
 /** Shares of the display's sides that moving pictures can have; 0: as the machine can. */
 const SHARES = [0, 1, 0.5, 0.25];

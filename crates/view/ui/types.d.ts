@@ -67,6 +67,24 @@ export interface Panel {
   travelling: boolean;
 }
 
+/** Settings in the page's address; those of the manifold's parameters besides. */
+export interface Settings {
+  at?: number[];
+  look?: number[];
+  up?: number[];
+  fov?: number;
+  show?: Kind;
+  split?: Kind | null;
+  sky?: Sky;
+  exposure?: number;
+  moving?: number;
+  still?: number;
+  paths?: number;
+  beyond?: boolean;
+  /** Workers of a page, which it reads itself when it begins. */
+  workers?: number;
+}
+
 /** From the engine, besides pixels. */
 export type Message =
   | { type: "panel"; panel: Panel }

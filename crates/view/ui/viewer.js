@@ -1,5 +1,6 @@
 // The viewer: engine, display, controls and panel put together.
 
+import { PARAMETER, settingsIn } from "./address.js";
 import { createAsked } from "./asked.js";
 import { attachControls, HELP_GROUPS } from "./controls.js";
 import { createDisplay } from "./display.js";
@@ -55,6 +56,10 @@ export function startViewer(engine) {
   let saying = 0;
   /** The address's settings as they were read or written last: others were put there by somebody. */
   let known = "";
+  /** A panel has come since the connection was opened: before, what is known is that of an earlier one. */
+  let fresh = false;
+  /** What is to be done with the first. @type {((panel: import("./types").Panel) => void)[]} */
+  let waiting = [];
   /** @param {string} name @param {Blob} blob */
   const download = (name, blob) => {
     const link = document.createElement("a");
@@ -144,40 +149,52 @@ export function startViewer(engine) {
     words.update(panel, asked);
   }
 
+  /** Does something with a panel: this one, or the first that the engine tells. @param {(panel: import("./types").Panel) => void} use */
+  function withPanel(use) {
+    if (panel && fresh) use(panel);
+    else waiting.push(use);
+  }
+
+  /** Says which settings of the address have been left out. @param {string[]} names */
+  function tellLeftOut(names) {
+    if (names.length > 0) say(`settings of the address that mean nothing here and are left out: ${names.join(", ")}`);
+  }
+
   /** Sends what the address says, so that a copied address shows the same picture. */
   function readAddress() {
-    const given = new URLSearchParams(location.hash.slice(1));
     known = location.hash;
-    const vector = (/** @type {string} */ name) => given.get(name)?.split(",").map(Number);
-    const [at, look, up] = ["at", "look", "up"].map(vector);
-    if (at && look && up) send({ type: "place", at, look, up, fov: Number(given.get("fov") ?? 90) });
-    const kind = (/** @type {string} */ name) => /** @type {Kind | null} */ (given.get(name) || null);
-    const shown = kind("show");
-    if (shown) show(shown, kind("split"));
-    const sky = /** @type {import("./types").Sky | null} */ (given.get("sky"));
+    const { settings, parameters, wrong } = settingsIn(known);
+    withPanel((panel) => {
+      wrong.push(...sendParameters(panel, parameters));
+      tellLeftOut(wrong);
+    });
+    const { at, look, up, fov, show: kind, split, sky, moving, still, paths, exposure, beyond } = settings;
+    const place = at && look && up && { at, look, up };
+    if (place && fov) send({ type: "place", ...place, fov });
+    else if (place || fov) withPanel(({ pose }) => send({ type: "place", ...pose, ...place, fov: fov ?? pose.fov }));
+    if (kind) show(kind, split);
+    else if (split) withPanel((panel) => show(panel.kind, split));
     if (sky) send({ type: "sky", sky });
-    /** @param {string} name @param {(x: number) => import("./types").ViewerEvent} event */
-    const withNumber = (name, event) => {
-      const x = Number(given.get(name) || NaN);
-      if (Number.isFinite(x)) send(event(x));
-    };
-    withNumber("moving", (share) => ({ type: "resolution", share }));
-    withNumber("still", (samples) => ({ type: "still", samples }));
-    withNumber("paths", (passes) => ({ type: "paths", passes }));
-    withNumber("exposure", (stops) => ({ type: "exposure", stops }));
-    if (given.has("beyond")) send({ type: "beyond", allowed: given.get("beyond") === "1" });
+    if (moving !== undefined) send({ type: "resolution", share: moving });
+    if (still !== undefined) send({ type: "still", samples: still });
+    if (paths !== undefined) send({ type: "paths", passes: paths });
+    if (exposure !== undefined) send({ type: "exposure", stops: exposure });
+    if (beyond !== undefined) send({ type: "beyond", allowed: beyond });
   }
 
   /**
-   * Sends the address's parameters, but for those that hold: the space is loaded again, for all who look at it.
-   * @param {import("./types").Panel} panel
+   * Sends the address's parameters, but for those that hold: the space is loaded again, for all who look at it. Returns
+   * the names of those that the manifold does not have.
+   * @param {import("./types").Panel} panel @param {Map<string, number>} given
    */
-  function readParameters(panel) {
-    const given = new URLSearchParams(location.hash.slice(1));
-    for (const { name, told, asked: other } of asked.parameters(panel)) {
-      const value = Number(given.get(`set.${name}`) || NaN);
-      if (Number.isFinite(value) && (value !== told || other !== undefined)) send({ type: "parameter", name, value });
+  function sendParameters(panel, given) {
+    const all = asked.parameters(panel);
+    for (const { name, told, asked: other } of all) {
+      const value = given.get(name);
+      if (value !== undefined && (value !== told || other !== undefined)) send({ type: "parameter", name, value });
     }
+    const names = all.map(({ name }) => name);
+    return [...given.keys()].filter((name) => !names.includes(name)).map((name) => PARAMETER + name);
   }
 
   /** Writes what is shown into the address, unless somebody has just put another one there, which is read first. */
@@ -195,10 +212,11 @@ export function startViewer(engine) {
     given.set("paths", String(panel.passes[1]));
     given.set("beyond", panel.beyond ? "1" : "0");
     const still = asked.still();
-    if (still !== null) given.set("still", String(still));
+    if (still === null) given.delete("still");
+    else given.set("still", String(still));
     // The file's own values are left out: they would stay when the file is changed.
     for (const { name, told, asked: value, own } of asked.parameters(panel)) {
-      if (own || given.has(`set.${name}`)) given.set(`set.${name}`, String(value ?? told));
+      if (own || given.has(PARAMETER + name)) given.set(PARAMETER + name, String(value ?? told));
     }
     const hash = `#${given.toString().replaceAll("%2C", ",")}`;
     // Whole, because in a frame an address is not completed by the document's own.
@@ -209,7 +227,6 @@ export function startViewer(engine) {
   /** Takes an address that was put there while the viewer runs. What it asks for is told a little later. */
   function takeAddress() {
     if (location.hash === known) return;
-    if (panel) readParameters(panel);
     readAddress();
     clearInterval(writing);
     writing = setInterval(writeAddress, ADDRESS_INTERVAL);
@@ -217,10 +234,9 @@ export function startViewer(engine) {
 
   engine.onopen = () => {
     lost = "";
-    const before = panel;
+    [fresh, waiting] = [false, []];
     send({ type: "resize", width: canvas.width, height: canvas.height });
-    // Again what was asked for while nobody was there. At first they wait for a panel, which tells what holds.
-    if (before) readParameters(before);
+    // Again what was asked for while nobody was there.
     readAddress();
   };
   engine.onlost = (why) => {
@@ -235,10 +251,10 @@ export function startViewer(engine) {
       trouble.textContent = `A worker has failed: ${message.text}. Reload the page.`;
     }
     if (message.type !== "panel") return;
-    const first = panel === null;
     panel = message.panel;
+    fresh = true;
     asked.settle(panel);
-    if (first) readParameters(panel);
+    for (const use of waiting.splice(0)) use(panel);
     update();
   };
   display.fit();
