@@ -1,6 +1,6 @@
 // The settings in the page's address. In: the part behind the #. Out: what it says, and the names of what means nothing.
 
-import { KINDS, SKIES } from "./panel.js";
+import { KINDS, MOST_SIDE, SAVED_SAMPLES, SKIES } from "./panel.js";
 
 /** @typedef {import("./types").Settings} Settings */
 
@@ -57,6 +57,9 @@ const READERS = {
   at: triple, look: triple, up: triple, fov: positive,
   show: kindNamed, split: (text) => (text === "" ? null : kindNamed(text)), sky: oneOf(SKIES.map(([sky]) => sky)),
   exposure: finite, moving: share, still: whole(1, 2 ** 16 - 1), paths: whole(0, 2 ** 32 - 1), beyond: flag,
+  speed: positive, overlay: flag,
+  "save.width": whole(1, MOST_SIDE), "save.height": whole(1, MOST_SIDE),
+  "save.samples": (text) => SAVED_SAMPLES.find((n) => String(n) === text), "save.format": oneOf(["png", "exr"]),
   workers: whole(1, Infinity),
 };
 

@@ -30,7 +30,11 @@ function make(tag, properties = {}, ...children) {
 }
 
 /** Most columns or rows of a saved picture, and most pixels: more is refused. */
-const [MOST_SIDE, MOST_SAVED] = [8192, 2 ** 24];
+export const MOST_SIDE = 8192;
+const MOST_SAVED = 2 ** 24;
+
+/** Samples of a saved picture that can be chosen. */
+export const SAVED_SAMPLES = [1, 16, 64, 256];
 
 /** Most bytes of a message that the program takes. */
 const MOST_SENT = 4 << 20;
@@ -80,6 +84,7 @@ export function createPanel(root, send, act, say) {
   };
   const split = button("Split", "split");
   const beyond = button("Beyond the table", "beyond");
+  const overlay = button("Numbers", "overlay");
   const record = button("Record", "record");
   const exposure = make("input", { type: "range", min: "-6", max: "6", step: "0.25", value: "0" });
   exposure.addEventListener("input", () => send({ type: "exposure", stops: Number(exposure.value) }));
@@ -120,7 +125,7 @@ export function createPanel(root, send, act, say) {
   const picture = pictureChoice(say);
   root.append(
     title, make("div", { className: "row" }, ...kinds.map(({ made }) => made), split),
-    make("div", { className: "row" }, beyond), errors,
+    make("div", { className: "row" }, beyond, overlay), errors,
     make("label", { className: "wide" }, "Exposure ", exposureWord, exposure), make("div", { className: "row" }, sky, paths, moving),
     make("div", { className: "row" }, views, button("Home", "home"), samples), speed, parameters,
     make("div", { className: "row" }, button("Follow path", "follow"), record, button("Replay", "replay"), way),
@@ -174,8 +179,8 @@ export function createPanel(root, send, act, say) {
     });
   }
 
-  /** Shows a panel, and what is asked for. @param {Panel} panel @param {Asked} asked */
-  function update(panel, asked) {
+  /** Shows a panel, what is asked for, and whether the numbers are shown. @param {Panel} panel @param {Asked} asked @param {boolean} numbers */
+  function update(panel, asked, numbers) {
     title.textContent = panel.manifold;
     for (const { kind, made } of kinds) {
       made.ariaPressed = String(panel.kind === kind);
@@ -185,6 +190,7 @@ export function createPanel(root, send, act, say) {
     split.disabled = panel.promise === null;
     beyond.ariaPressed = String(panel.beyond);
     beyond.disabled = panel.promise === null;
+    overlay.ariaPressed = String(numbers);
     record.textContent = panel.recording === null ? "Record" : `Stop (${panel.recording.toFixed(0)} s)`;
     record.ariaPressed = String(panel.recording !== null);
     exposureWord.textContent = `${panel.exposure >= 0 ? "+" : ""}${panel.exposure} stops`;
@@ -212,13 +218,13 @@ export function createPanel(root, send, act, say) {
     updateErrors(panel);
   }
 
-  return { update, picture: picture.chosen };
+  return { update, picture };
 }
 
 /** Controls for the picture that is saved: its size, its samples, its format. @param {import("./types").Say} say */
 function pictureChoice(say) {
   const [width, height] = ["Width", "Height"].map((word) => make("input", { type: "number", min: "1", max: String(MOST_SIDE), placeholder: word.toLowerCase(), ariaLabel: `${word} of the saved picture` }));
-  const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...[1, 16, 64, 256].map((n) => make("option", { value: String(n), textContent: inSamples(n) })));
+  const samples = make("select", { ariaLabel: "Samples of the saved picture" }, ...SAVED_SAMPLES.map((n) => make("option", { value: String(n), textContent: inSamples(n) })));
   samples.value = "16";
   const format = make("select", { ariaLabel: "Format of the saved picture" }, ...["PNG", "EXR"].map((value) => make("option", { value, textContent: value })));
   const row = make("div", { className: "row" }, width, "×", height, samples, format);
@@ -239,7 +245,21 @@ function pictureChoice(say) {
     }
     return { width: sides[0], height: sides[1], samples: Number(samples.value), light: format.value === "EXR" };
   }
-  return { element, chosen };
+
+  /** What is written into the address; nothing for a side that is the display's, or none. */
+  const settings = () => ({
+    "save.width": width.validity.valid ? width.value : "", "save.height": height.validity.valid ? height.value : "",
+    "save.samples": samples.value, "save.format": format.value.toLowerCase(),
+  });
+
+  /** Takes what the address says. @param {import("./types").Settings} given */
+  function choose(given) {
+    width.value = String(given["save.width"] ?? width.value);
+    height.value = String(given["save.height"] ?? height.value);
+    samples.value = String(given["save.samples"] ?? samples.value);
+    format.value = given["save.format"]?.toUpperCase() ?? format.value;
+  }
+  return { element, chosen, settings, choose };
 }
 
 /** The numbers over the picture. @param {Panel} panel */

@@ -81,6 +81,14 @@ export interface Settings {
   still?: number;
   paths?: number;
   beyond?: boolean;
+  speed?: number;
+  /** The numbers over the picture are shown. */
+  overlay?: boolean;
+  /** Columns and rows of the picture to save, if they are not the display's. */
+  "save.width"?: number;
+  "save.height"?: number;
+  "save.samples"?: number;
+  "save.format"?: "png" | "exr";
   /** Workers of a page, which it reads itself when it begins. */
   workers?: number;
 }

@@ -93,7 +93,7 @@ export function startViewer(engine) {
 
   /** Saves the picture that is chosen. */
   function capture() {
-    const picture = words.picture(canvas);
+    const picture = words.picture.chosen(canvas);
     if (picture) send({ type: "capture", ...picture });
   }
 
@@ -146,7 +146,7 @@ export function startViewer(engine) {
     trouble.hidden = panel.trouble === null;
     writeText(trouble, panel.trouble ?? "");
     map.update(panel);
-    words.update(panel, asked);
+    words.update(panel, asked, numbers);
   }
 
   /** Does something with a panel: this one, or the first that the engine tells. @param {(panel: import("./types").Panel) => void} use */
@@ -168,7 +168,7 @@ export function startViewer(engine) {
       wrong.push(...sendParameters(panel, parameters));
       tellLeftOut(wrong);
     });
-    const { at, look, up, fov, show: kind, split, sky, moving, still, paths, exposure, beyond } = settings;
+    const { at, look, up, fov, show: kind, split, sky, moving, still, paths, exposure, beyond, speed, overlay } = settings;
     const place = at && look && up && { at, look, up };
     if (place && fov) send({ type: "place", ...place, fov });
     else if (place || fov) withPanel(({ pose }) => send({ type: "place", ...pose, ...place, fov: fov ?? pose.fov }));
@@ -180,6 +180,10 @@ export function startViewer(engine) {
     if (paths !== undefined) send({ type: "paths", passes: paths });
     if (exposure !== undefined) send({ type: "exposure", stops: exposure });
     if (beyond !== undefined) send({ type: "beyond", allowed: beyond });
+    if (speed) withPanel((panel) => send({ type: "speed", factor: speed / panel.speed }));
+    numbers = overlay ?? numbers;
+    words.picture.choose(settings);
+    update();
   }
 
   /**
@@ -211,6 +215,12 @@ export function startViewer(engine) {
     given.set("moving", String(panel.moving_share));
     given.set("paths", String(panel.passes[1]));
     given.set("beyond", panel.beyond ? "1" : "0");
+    given.set("speed", String(Number(panel.speed.toPrecision(6))));
+    given.set("overlay", numbers ? "1" : "0");
+    for (const [key, value] of Object.entries(words.picture.settings())) {
+      if (value) given.set(key, value);
+      else given.delete(key);
+    }
     const still = asked.still();
     if (still === null) given.delete("still");
     else given.set("still", String(still));
