@@ -195,6 +195,35 @@ fn the_user_interface_comes_to_who_knows_the_token_and_to_nobody_else() {
 }
 
 #[test]
+fn the_address_without_its_last_slash_leads_to_the_whole_one_whoever_may_see_it() {
+    let viewer = Viewer::start();
+    let short = format!("/{}", viewer.token);
+    let location = format!("\r\nLocation: {short}/\r\n");
+    let led = viewer.get(&short, &viewer.host);
+    assert!(led.starts_with("HTTP/1.1 308") && led.contains(&location));
+    assert!(led.contains("default-src 'none'") && led.contains("no-store"));
+    let page = viewer.get(&format!("{short}/"), &viewer.host);
+    assert!(page.starts_with("HTTP/1.1 200"), "{page}");
+    let asked_by = |origin: &str| {
+        let host = &viewer.host;
+        viewer.ask(&format!(
+            "GET {short} HTTP/1.1\r\nHost: {host}\r\nOrigin: {origin}\r\n\r\n"
+        ))
+    };
+    assert!(asked_by(&viewer.origin()).starts_with("HTTP/1.1 308"));
+    for refused in [
+        viewer.get(&short, "evil.example"),
+        viewer.get(&short[..short.len() - 1], &viewer.host),
+        viewer.get("/0123456789abcdef0123456789abcdef", &viewer.host),
+        asked_by("http://evil.example"),
+    ] {
+        assert!(refused.starts_with("HTTP/1.1 403"), "{refused}");
+        assert!(!refused.contains("Location") && !refused.contains(&viewer.token));
+    }
+    viewer.lives();
+}
+
+#[test]
 fn sessions_are_opened_by_the_viewer_s_own_page_only() {
     let viewer = Viewer::start();
     for origin in [

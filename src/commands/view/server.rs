@@ -138,13 +138,14 @@ impl Server {
         };
         match self.check(&request) {
             Err(refusal) => reply(&mut stream, refusal, ""),
-            Ok("socket") => self.open_session(stream, &request),
-            Ok(name) => reply(&mut stream, file(name), &self.policy()),
+            Ok(None) => self.lead_on(&mut stream),
+            Ok(Some("socket")) => self.open_session(stream, &request),
+            Ok(Some(name)) => reply(&mut stream, file(name), &self.policy()),
         }
     }
 
-    /// Checks who asks; returns what is asked for, without the token.
-    fn check<'r>(&self, request: &'r Request) -> Result<&'r str, Reply> {
+    /// Checks who asks; returns what is asked for, without the token, or nothing where no slash is behind that.
+    fn check<'r>(&self, request: &'r Request) -> Result<Option<&'r str>, Reply> {
         let refuse = |why: &str| Err(("403 Forbidden", TEXT, why.to_string()));
         let host = request.header("host").unwrap_or_default();
         let hosts = names_of(self.port);
@@ -152,7 +153,10 @@ impl Server {
             return refuse("this address is served under its own name only");
         }
         let path = request.path.strip_prefix('/').unwrap_or_default();
-        let (token, name) = path.split_once('/').unwrap_or((path, ""));
+        let (token, name) = match path.split_once('/') {
+            Some((token, name)) => (token, Some(name)),
+            None => (path, None),
+        };
         // Hashes are compared, so that the time that it takes says nothing about the token.
         if blake3::hash(token.as_bytes()) != blake3::hash(self.token.as_bytes()) {
             return refuse("open the address that geofan printed");
@@ -162,10 +166,18 @@ impl Server {
             if !hosts.iter().any(|known| known == from) {
                 return refuse("another site's page has no business here");
             }
-        } else if name == "socket" {
+        } else if name == Some("socket") {
             return refuse("a page must say where it comes from");
         }
         Ok(name)
+    }
+
+    /// Leads to the user interface, whose files would be looked for without the token if the address lacked its last
+    /// slash.
+    fn lead_on(&self, stream: &mut TcpStream) -> io::Result<()> {
+        let there = format!("Location: /{}/\r\n", self.token);
+        let moved = ("308 Permanent Redirect", TEXT, String::new());
+        reply_with(stream, moved, "", &there)
     }
 
     /// Returns what the user interface's pages may do: nothing but talk to this server.
@@ -286,7 +298,17 @@ fn file(name: &str) -> Reply {
 }
 
 /// Writes an answer and ends the connection.
-fn reply(stream: &mut TcpStream, (status, kind, content): Reply, policy: &str) -> io::Result<()> {
+fn reply(stream: &mut TcpStream, reply: Reply, policy: &str) -> io::Result<()> {
+    reply_with(stream, reply, policy, "")
+}
+
+/// Does so with more lines in its head.
+fn reply_with(
+    stream: &mut TcpStream,
+    (status, kind, content): Reply,
+    policy: &str,
+    more: &str,
+) -> io::Result<()> {
     let policy = if policy.is_empty() {
         "default-src 'none'"
     } else {
@@ -294,7 +316,7 @@ fn reply(stream: &mut TcpStream, (status, kind, content): Reply, policy: &str) -
     };
     write!(
         stream,
-        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nContent-Security-Policy: {policy}\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCross-Origin-Opener-Policy: same-origin\r\nCross-Origin-Resource-Policy: same-origin\r\nCache-Control: no-store\r\nConnection: close\r\n\r\n{content}",
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\nContent-Security-Policy: {policy}\r\nX-Content-Type-Options: nosniff\r\nReferrer-Policy: no-referrer\r\nCross-Origin-Opener-Policy: same-origin\r\nCross-Origin-Resource-Policy: same-origin\r\nCache-Control: no-store\r\nConnection: close\r\n{more}\r\n{content}",
         content.len()
     )?;
     stream.flush()
