@@ -419,12 +419,13 @@ fn a_page_is_one_file_or_a_folder_that_asks_nobody_and_tells_nothing_of_the_disk
     fs::write(folder.path().join("m.toml"), FLAT).unwrap();
     // Not a viewer, but it begins like one: a page is written, whatever it is.
     fs::write(folder.path().join("any.wasm"), b"\0asm\x01\0\0\0").unwrap();
-    for output in ["out.html", "site"] {
+    for output in ["out.html", "OUT.HTM", "site"] {
         let arguments = ["m.toml", "--page", output, "--wasm", "any.wasm"];
         let (code, text) = refused(&arguments, folder.path());
         assert_eq!(code, 0, "{text}");
     }
     let bytes = fs::read(folder.path().join("out.html")).unwrap();
+    assert_eq!(fs::read(folder.path().join("OUT.HTM")).unwrap(), bytes);
     assert!(bytes.starts_with(&[0xFF, 0xFE]) && bytes.len().is_multiple_of(2));
     let units = bytes[2..]
         .chunks(2)

@@ -39,7 +39,7 @@ def page(
     bundle : Bundle, optional
         The table to look paths up in; without, paths are exact.
     out : path
-        One file, if it ends in ``.html``; else a folder for a static host.
+        One file, if it ends in ``.html`` or ``.htm``; else a folder for a static host.
     camera : Camera, optional
         Where one stands first, in a scene that was built in code. A scene file says it itself.
     length : float, optional

@@ -98,14 +98,16 @@ impl Page {
         replaced(&html, SCRIPT, &parts)
     }
 
-    /// Writes the page: one file where `output` is named `.html`, else a folder. Returns the bytes of all files.
+    /// Writes the page: one file where `output` is named `.html` or `.htm`, else a folder. Returns the bytes of all files.
     ///
     /// # Errors
     /// The place cannot be written.
     pub fn write(&self, output: &Path) -> Result<usize> {
-        let is_file = output
-            .extension()
-            .is_some_and(|e| e.eq_ignore_ascii_case("html"));
+        let named = |ending: &str| {
+            let extension = output.extension();
+            extension.is_some_and(|e| e.eq_ignore_ascii_case(ending))
+        };
+        let is_file = named("html") || named("htm");
         let files = match is_file {
             true => {
                 check_output(output)?;
