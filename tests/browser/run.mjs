@@ -198,6 +198,69 @@ async function session(page, name) {
   check(address.includes("at=") && address.includes("show="), `${name}: the address holds the settings`);
 }
 
+/** A key of any layout, by what it writes and where it lies; the driver knows the US layout only. */
+const pressOther = (page, key, code, shiftKey = false) => page.evaluate((init) => {
+  for (const type of ["keydown", "keyup"]) document.activeElement.dispatchEvent(new KeyboardEvent(type, init));
+}, { key, code, shiftKey, bubbles: true, cancelable: true });
+
+/** Keys of other layouts, the address, and what a screen reader is told. */
+async function forAll(page, address, context) {
+  await page.locator("#picture").focus();
+  const before = await panel(page);
+  for (const [layout, code] of [["German", "Minus"], ["French", "KeyM"], ["Russian", "Digit7"]]) {
+    await pressOther(page, "?", code, true);
+    const helps = await page.evaluate(() => {
+      const help = document.getElementById("help");
+      const { open } = help;
+      help.close();
+      return open;
+    });
+    check(helps, `native: a ${layout} question mark opens the help`);
+  }
+  await page.waitForTimeout(500);
+  const after = await panel(page);
+  check(after.speed === before.speed && after.kind === before.kind, "native: and does nothing else");
+  for (const [layout, key, code] of [["Dvorak", "g", "KeyI"], ["Russian", "п", "KeyG"]]) {
+    await pressOther(page, key, code);
+    await until(page, () => globalThis.geofan.panel().kind === "flat");
+    await pressOther(page, key, code);
+    await until(page, (kind) => globalThis.geofan.panel().kind === kind, before.kind);
+    check(true, `native: a ${layout} letter does what it names`);
+  }
+  await pressOther(page, "-", "Minus");
+  await pressOther(page, "o", "KeyO");
+  await until(page, (speed) => globalThis.geofan.panel().speed < speed, before.speed);
+  const written = await page.evaluate(() => new Promise((done) => setTimeout(() => done(location.hash), 1500)));
+  const other = await open(address + written, context);
+  await until(other.page, (speed) => Math.abs(globalThis.geofan.panel().speed / speed - 1) < 1e-4, (await panel(page)).speed);
+  const chosen = await other.page.evaluate(() => ["Width", "Height", "Samples", "Format"].map((word) => document.querySelector(`[aria-label="${word} of the saved picture"]`).value));
+  check(chosen.join() === "128,64,1,EXR", `native: the picture to save is in the address, ${chosen}`);
+  check(await other.page.locator("#overlay").textContent() === "", "native: so is whether the numbers are shown, and the speed");
+  await other.page.evaluate(() => { location.hash = "at=1,2&show=nix&still=-2&fov=abc&exposure=1&set.nobody=1"; });
+  await until(other.page, () => globalThis.geofan.panel().exposure === 1);
+  const hint = await other.page.locator("#hint").textContent();
+  check(["at", "show", "still", "fov", "set.nobody"].every((name) => hint.includes(name)) && !hint.includes("exposure"), `native: a hint names what means nothing in an address: ${hint}`);
+  await other.page.close();
+  await page.keyboard.press("KeyO");
+  const live = await page.evaluate(() => {
+    globalThis.written = 0;
+    new MutationObserver((list) => { globalThis.written += list.length; }).observe(document.getElementById("hint"), { childList: true });
+    return document.querySelector("output, #overlay:not([aria-live=off])");
+  });
+  await page.keyboard.down("ArrowRight");
+  await page.waitForTimeout(1000);
+  await page.keyboard.up("ArrowRight");
+  check(live === null && await page.evaluate(() => globalThis.written) <= 1, "native: a screen reader is not told the numbers again and again");
+  await page.evaluate(() => globalThis.geofan.send({ type: "pick", x: 0.5, y: 0.5 }));
+  await until(page, () => !document.getElementById("map-box").hidden);
+  const label = () => page.locator("#map").getAttribute("aria-label");
+  const first = await label();
+  await page.locator("#map").focus();
+  await page.keyboard.press("Enter");
+  check(await label() !== first, "native: Enter turns the map that has the focus");
+  await page.locator("#picture").focus();
+}
+
 /** Light by path tracing takes the place of the refined picture; in a small window, because it takes its time. */
 async function traced(page, name) {
   const before = page.viewportSize();
@@ -228,6 +291,7 @@ async function native(browser) {
   console.log(`      native: ${(performance.now() - began).toFixed(0)} ms from the command to the first picture, ${ready.toFixed(0)} of them in the browser`);
   check(asked.every((url) => url.startsWith(new URL(address).origin) || url.startsWith("blob:")), "native: only its own server is asked");
   await session(page, "native");
+  await forAll(page, address, context);
 
   const text = readFileSync(copy, "utf8");
   writeFileSync(copy, text.replace(/^look = .*$/m, "look = \"wide\""));
