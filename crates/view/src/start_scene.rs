@@ -10,7 +10,7 @@ use geofan_core::{
     geodesic::check_point,
     manifold::{EventKind, Manifold},
 };
-use geofan_render::ExactTracer;
+use geofan_render::{Curve, ExactTracer};
 use glam::{DVec3, USizeVec3};
 use std::{
     f64::consts::{PI, TAU},
@@ -152,7 +152,11 @@ fn room(manifold: &Manifold, u: DVec3, length: f64) -> f64 {
     let axes = DVec3::AXES.into_iter().chain(DVec3::AXES.map(|axis| -axis));
     let tracer = ExactTracer::new(manifold, u, length, 1e-6);
     let curves = tracer.trace(&axes.collect::<Vec<_>>());
-    curves.iter().map(|curve| curve.ending.limit()).sum()
+    let ended = |curve: &Curve| {
+        let last = curve.s.last().copied().unwrap_or(0.0);
+        curve.ending.limit().min(last)
+    };
+    curves.iter().map(ended).sum()
 }
 
 /// Returns where the camera looks, towards the middle of its region or the chart's origin, and which way is up;
@@ -294,5 +298,14 @@ mod tests {
         assert!(!StartScene::is_manifold(
             "manifold = \"../manifolds/coordinates.toml\"\n"
         ));
+    }
+
+    #[test]
+    fn the_first_camera_has_room_around_it() {
+        let text = "name = 'half'\ncoordinates = ['x', 'y', 'z']\nmetric = { xx = '1/y^2', yy = '1/y^2', zz = '1/y^2' }\n[domain]\ninside = ['y - 0.01']\n";
+        let manifold = Manifold::from_source(SourceText::new("half.toml", text), &[]).unwrap();
+        let place = camera_place(&manifold, 10.0).unwrap();
+        // The edge is log(y/0.01) away.
+        assert!(place.y > 0.5, "{place}");
     }
 }
